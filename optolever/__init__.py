@@ -1,0 +1,23 @@
+"""optolever: patterns on a surface, a mirror that deforms, a camera; from the frames the height of the mirror.
+
+The parts, floor by floor (imports run downward only):
+
+| floor | part          | what it does                                                             |
+|-------|---------------|--------------------------------------------------------------------------|
+| 5     | `cli`         | commands and progress                                                    |
+| 4     | `experiments` | demo, paper tables, benchmarks, report                                   |
+| 3     | `reconstruct` | Correspondence + Scene -> HeightMap                                      |
+| 2     | `projector`   | shows a Sequence, brings frames back: virtual sensor, folder             |
+| 2     | `decode`      | frames + Sequence -> Correspondence                                      |
+| 1     | `patterns`    | codes: Frame, Sequence                                                   |
+| 1     | `scene`       | what is physically there, and its exact ray tracing                      |
+| 0     | `errors`, `files`, `blocks` | one-line input errors, atomic files, row blocks on threads |
+"""
+
+from importlib.metadata import version as _version
+
+from optolever.errors import InputError
+
+__version__ = _version("optolever")
+
+__all__ = ["InputError", "__version__"]
