@@ -54,7 +54,8 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
 def save_arrays(path: str | Path, arrays: Mapping[str, Any]) -> None:
     """Write arrays as an uncompressed .npz; None values are left out."""
     with atomic_file(path) as temporary, temporary.open("wb") as stream:
-        np.savez(stream, **{name: np.asarray(value) for name, value in arrays.items() if value is not None})
+        present = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
+        np.savez(stream, allow_pickle=False, **present)
 
 
 def load_arrays(path: str | Path, required: Sequence[str]) -> dict[str, NDArray[Any]]:
