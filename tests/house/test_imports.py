@@ -1,0 +1,111 @@
+"""The architecture as tests: imports run downward, across parts through the face only, never by bare names."""
+
+import ast
+import importlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+FLOOR = {
+    "optolever": 0,
+    "patterns": 1,
+    "scene": 1,
+    "decode": 2,
+    "projector": 2,
+    "reconstruct": 3,
+    "experiments": 4,
+    "cli": 5,
+}
+PARTS = [part for part in FLOOR if part != "optolever"]
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def imports(path: Path) -> Iterator[tuple[int, int, str, list[str]]]:
+    """(line, level, module, names) of every import statement in a file, wherever it stands."""
+    for node in ast.walk(ast.parse(path.read_text(), str(path))):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield node.lineno, 0, alias.name, []
+        elif isinstance(node, ast.ImportFrom):
+            yield node.lineno, node.level, node.module or "", [alias.name for alias in node.names]
+
+
+def faults(path: Path, part: str, depth: int) -> Iterator[str]:
+    """What is wrong with the imports of a file that lies `depth` folders inside `part`."""
+    for line, level, module, names in imports(path):
+        where = f"{path.relative_to(ROOT)}:{line}"
+        head, _, rest = module.partition(".")
+        if level > 0:
+            if level > depth + 1:
+                yield f"{where}: a relative import leaves {part}/"
+        elif head in PARTS:
+            yield f"{where}: bare import of {module}; say optolever.{module}"
+        elif head == "optolever":
+            targets = [rest] if rest else [name for name in names if name in PARTS]
+            for target in targets:
+                top, _, inner = target.partition(".")
+                if top not in PARTS:
+                    continue
+                if top == part:
+                    yield f"{where}: {part}/ imports itself by its full name; use a relative import"
+                elif inner:
+                    yield f"{where}: optolever.{target} reaches behind the face of {top}/"
+                elif FLOOR[top] >= FLOOR[part]:
+                    yield f"{where}: {part}/ on floor {FLOOR[part]} imports upward: {top}/ on {FLOOR[top]}"
+
+
+@pytest.mark.parametrize("part", FLOOR)
+def test_imports_run_downward_and_through_faces(part: str) -> None:
+    files = sorted((ROOT / part).rglob("*.py"))
+    assert files
+    found = [
+        fault for path in files for fault in faults(path, part, len(path.relative_to(ROOT / part).parts) - 1)
+    ]
+    assert not found, "\n".join(found)
+
+
+def test_tests_use_the_installed_name() -> None:
+    """`import patterns` from the repository's root would load a second copy of the part."""
+    found = [
+        f"{path.relative_to(ROOT)}:{line}: {module}"
+        for path in sorted((ROOT / "tests").rglob("*.py"))
+        for line, level, module, _ in imports(path)
+        if level == 0 and module.partition(".")[0] in PARTS
+    ]
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_faces_have_a_map_and_a_complete_all(part: str) -> None:
+    face = importlib.import_module(f"optolever.{part}")
+    assert face.__doc__
+    assert face.__all__ == sorted(set(face.__all__), key=face.__all__.index), "a name stands twice"
+    missing = [name for name in face.__all__ if not hasattr(face, name)]
+    assert not missing
+    unmapped = [
+        path.stem
+        for path in (ROOT / part).glob("*.py")
+        if path.stem != "__init__" and path.stem.lstrip("_") not in face.__doc__
+    ]
+    assert not unmapped, f"the docstring of {part}/__init__.py does not name {unmapped}"
+
+
+def test_the_scan_finds_what_it_forbids(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(globals(), "ROOT", tmp_path)
+    bad = {
+        "import patterns": "bare",
+        "from decode import Flag": "bare",
+        "import optolever.cli": "upward",
+        "from optolever import projector": "upward",
+        "from optolever.patterns.codes import x": "behind the face",
+        "from optolever.decode import Flag": "itself",
+        "from .. import x": "leaves",
+    }
+    path = tmp_path / "decode" / "module.py"
+    path.parent.mkdir()
+    for text, word in bad.items():
+        path.write_text(text)
+        assert [word in fault for fault in faults(path, "decode", 0)] == [True], text
+    path.write_text("from optolever.patterns import Sequence\nfrom . import codes\nimport numpy\n")
+    assert not list(faults(path, "decode", 0))

@@ -1,0 +1,114 @@
+"""The wheel: every part folder is a package of it, and everything that a part reads travels inside."""
+
+import shutil
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+NOT_PARTS = {"tests", "typings", "out", "build", "dist"}
+
+
+def pyproject(root: Path) -> dict[str, Any]:
+    return tomllib.loads((root / "pyproject.toml").read_text())
+
+
+def part_folders(root: Path) -> list[str]:
+    """Folders at the root that hold Python, apart from tests and tools."""
+    return sorted(
+        path.name
+        for path in root.iterdir()
+        if path.is_dir()
+        and path.name not in NOT_PARTS
+        and not path.name.startswith(".")
+        and any(path.glob("*.py"))
+    )
+
+
+def test_every_folder_is_a_package_with_mapping_and_stub(root: Path) -> None:
+    """A folder missing from the list works in an editable install and is absent from the wheel."""
+    tool = pyproject(root)["tool"]["setuptools"]
+    folders = part_folders(root)
+    names = sorted(folder if folder == "optolever" else f"optolever.{folder}" for folder in folders)
+    assert sorted(tool["packages"]) == names
+    assert tool["package-dir"] == {name: name.rpartition(".")[2] for name in names}
+    assert tool["include-package-data"] is False
+    for folder in folders:
+        assert (root / folder / "__init__.py").is_file()
+        assert (root / folder / "py.typed").is_file()
+        if folder != "optolever":
+            assert (root / "typings/optolever" / f"{folder}.pyi").read_text() == f"from {folder} import *\n"
+
+
+def test_no_part_has_subfolders_with_python(root: Path) -> None:
+    """A sub-package would need its own lines in pyproject.toml; flat parts cannot be forgotten."""
+    nested = [
+        str(path.relative_to(root))
+        for folder in part_folders(root)
+        for path in (root / folder).rglob("*.py")
+        if path.parent != root / folder
+    ]
+    assert not nested
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory, root: Path) -> Path:
+    """The wheel, built from a copy of the tree without network."""
+    pytest.importorskip("setuptools", reason="setuptools is not installed: the wheel cannot be built offline")
+    source = tmp_path_factory.mktemp("source") / "optolever"
+    source.mkdir()
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(root / name, source)
+    for folder in part_folders(root):
+        shutil.copytree(root / folder, source / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    target = tmp_path_factory.mktemp("wheel")
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "wheel",
+        "--quiet",
+        "--no-deps",
+        "--no-build-isolation",
+        "--no-index",
+    ]
+    run = subprocess.run(
+        [*command, "--wheel-dir", str(target), str(source)], capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr
+    (path,) = target.glob("*.whl")
+    return path
+
+
+def test_the_wheel_holds_every_file_of_every_part(wheel: Path, root: Path) -> None:
+    """Python, py.typed, shaders, presets, report assets: what lies in a part folder is there to be used."""
+    inside = set(zipfile.ZipFile(wheel).namelist())
+    expected = {
+        ("" if folder == "optolever" else "optolever/") + str(path.relative_to(root))
+        for folder in part_folders(root)
+        for path in (root / folder).rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+    assert not expected - inside
+
+
+def test_the_installed_wheel_works_without_the_checkout(wheel: Path, tmp_path: Path) -> None:
+    """Unpacked elsewhere, every part imports from there and the presets load."""
+    target = tmp_path / "site"
+    zipfile.ZipFile(wheel).extractall(target)
+    script = (
+        "import sys, pathlib, importlib; sys.path.insert(0, sys.argv[1]); import optolever; "
+        "names = ['cli','decode','experiments','patterns','projector','reconstruct','scene']; "
+        "parts = [importlib.import_module('optolever.' + name) for name in names]; "
+        "assert all(pathlib.Path(p.__file__).is_relative_to(sys.argv[1]) for p in [optolever, *parts]); "
+        "from optolever.scene import load, preset_names; print(*[load(n).name for n in preset_names()])"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", script, str(target)], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr
+    assert "paper-simulation" in run.stdout
