@@ -1,0 +1,200 @@
+"""The paper's equations and recursion against an exact, independent simulation of a prism cut by ray tracing."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+from optolever.reconstruct.paper import PaperGeometry, recursion, series
+from optolever.reconstruct.paper_equations import (
+    angle_increment,
+    capture_position,
+    height_increment,
+    mirror_position,
+    pattern_angle,
+    pattern_position,
+    slope_angle,
+)
+
+Array = NDArray[np.float64]
+LENGTH, PEAK, ANGLE = 1637.0, 13.0, np.pi / 4
+PRISM = PaperGeometry(ANGLE, ANGLE, LENGTH)
+FACE = LENGTH * np.cos(ANGLE)
+
+
+def smooth_depth(l: Array) -> Array:
+    return PEAK / 2 * (1 - np.cos(2 * np.pi * l / LENGTH))
+
+
+def smooth_slope(l: Array) -> Array:
+    return PEAK * np.pi / LENGTH * np.sin(2 * np.pi * l / LENGTH)
+
+
+def reflected_position(l: Array, sign: int) -> Array:
+    """Where the ray of the camera at infinity that meets the mirror at l reaches the pattern face, by
+    vectors.
+
+    The camera looks along (-sin b0, -cos b0) in (l, d); sign -1 lets the mirror turn the ray the other way.
+    """
+    slope = sign * smooth_slope(l)
+    normal = np.stack([-slope, np.ones_like(l)]) / np.hypot(slope, 1.0)
+    ray = np.array([-np.sin(ANGLE), -np.cos(ANGLE)])[:, None]
+    mirrored = ray - 2 * (ray * normal).sum(axis=0) * normal
+    # (l, d) + t mirrored = m (cos a0, sin a0)
+    along, across = np.array([np.cos(ANGLE), np.sin(ANGLE)]), np.array([-np.sin(ANGLE), np.cos(ANGLE)])
+    place = np.stack([l, smooth_depth(l)])
+    t = -(across @ place) / (across @ mirrored)
+    return along @ (place + t * mirrored)
+
+
+def seen_position(l: Array) -> Array:
+    """Where that ray leaves the capture face: the distance from R0 along (-cos b0, sin b0)."""
+    return (LENGTH - l) * np.cos(ANGLE) + smooth_depth(l) * np.sin(ANGLE)
+
+
+def invert(rising: Callable[[Array], Array], values: Array) -> Array:
+    """Bisection of a rising function on (0, L0), to the last bit."""
+    low, high = np.zeros_like(values), np.full_like(values, LENGTH)
+    for _ in range(70):
+        middle = (low + high) / 2
+        below = rising(middle) < values
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return (low + high) / 2
+
+
+def middles(count: int) -> Array:
+    return FACE * (np.arange(count) + 0.5) / count
+
+
+def lattice_lines(sign: int) -> tuple[Array, Array, Array]:
+    """64 lines equally spaced on the pattern: m, w, true depth."""
+    m = middles(64)
+    l = invert(lambda x: reflected_position(x, sign), m)
+    return m, seen_position(l), smooth_depth(l)
+
+
+def every_pixel(sign: int) -> tuple[Array, Array, Array]:
+    """1637 camera pixels, equally spaced on the capture face: m, w, true depth."""
+    w = middles(1637)[::-1]
+    l = invert(lambda x: -seen_position(x), -w)
+    return reflected_position(l, sign), w, smooth_depth(l)
+
+
+def errors(m: Array, w: Array, depth: Array, sign: int, gamma: bool) -> tuple[Array, float]:
+    """Rms over the peak of drops, rises, mean; the mean's largest error over the peak."""
+    result = recursion(m, w, PRISM, sign=sign, gamma=gamma)
+    rms = [np.sqrt(np.mean((p.d - depth) ** 2)) / PEAK for p in (result.drops, result.rises, result.mean)]
+    return np.array(rms), float(np.max(np.abs(result.mean.d - depth)) / PEAK)
+
+
+class TestPublishedTable:
+    """PAPER.md's table, to half a unit of its last printed digit (.6445 is printed there as .65)."""
+
+    @pytest.mark.parametrize(
+        ("sign", "gamma", "expected", "unit"),
+        [
+            (1, False, (0.235, 0.66, 0.32), (1e-3, 1e-2, 1e-2)),
+            (1, True, (0.029, 0.28, 0.145), (1e-3, 1e-2, 1e-3)),
+            (-1, False, (0.645, 0.32, 0.34), (1e-3, 1e-2, 1e-2)),
+            (-1, True, (0.033, 0.035, 0.0030), (1e-3, 1e-3, 1e-4)),
+        ],
+    )
+    def test_lattice(
+        self, sign: int, gamma: bool, expected: tuple[float, ...], unit: tuple[float, ...]
+    ) -> None:
+        rms, _ = errors(*lattice_lines(sign), sign, gamma)
+        assert np.all(np.abs(rms - expected) <= 0.51 * np.array(unit)), rms
+
+    def test_about_one_percent_with_the_printed_sign_in_both_directions(self) -> None:
+        _, largest = errors(*lattice_lines(-1), -1, True)
+        assert largest == pytest.approx(0.0098, abs=5e-5)
+
+    def test_every_pixel(self) -> None:
+        rms, _ = errors(*every_pixel(1), 1, True)
+        assert np.all(np.abs(rms - (1.3e-3, 3.7e-2, 1.9e-2)) <= (0.5e-4, 0.5e-3, 0.5e-3)), rms
+
+
+class TestEquations:
+    def test_reflection_law_has_the_positive_sign(self) -> None:
+        l = np.linspace(100, 1500, 29)
+        alpha = pattern_angle(ANGLE, np.arctan(smooth_slope(l)), 1)
+        assert_allclose(
+            pattern_position(l, smooth_depth(l), alpha, ANGLE), reflected_position(l, 1), rtol=1e-13
+        )
+
+    def test_printed_sign_is_the_mirrored_slope(self) -> None:
+        l = np.linspace(100, 1500, 29)
+        alpha = pattern_angle(ANGLE, np.arctan(smooth_slope(l)), -1)
+        assert_allclose(
+            pattern_position(l, smooth_depth(l), alpha, ANGLE), reflected_position(l, -1), rtol=1e-13
+        )
+
+    def test_capture_position_and_its_inverse(self) -> None:
+        l, beta0 = np.linspace(100, 1500, 29), 0.7
+        d = smooth_depth(l)
+        w = capture_position(l, d, beta0, beta0, LENGTH)
+        assert_allclose(w, (LENGTH - l) * np.cos(beta0) + d * np.sin(beta0), rtol=1e-13)
+        assert_allclose(mirror_position(w, d, beta0, LENGTH), l, rtol=1e-12)
+
+    @pytest.mark.parametrize("sign", [1, -1])
+    def test_angles_round_trip(self, sign: int) -> None:
+        theta = np.linspace(-0.3, 0.3, 7)
+        assert_allclose(slope_angle(pattern_angle(0.8, theta, sign), 0.8, sign), theta, atol=1e-15)
+
+    @pytest.mark.parametrize("dtheta", [0.0, 1e-9, -9.9e-5, 1.01e-4, 0.02, -0.5])
+    def test_height_increment_is_the_integral_of_the_tangent(self, dtheta: float) -> None:
+        theta, dl = 0.2, 3.0
+        nodes, weights = np.polynomial.legendre.leggauss(20)
+        integral = dl * np.sum(weights * np.tan(theta + dtheta * (nodes + 1) / 2)) / 2
+        assert height_increment(dl, theta, dtheta) == pytest.approx(integral, rel=1e-12)
+
+    @pytest.mark.parametrize("alpha0", [0.6, ANGLE, 0.9])
+    def test_angle_increment_is_of_second_order(self, alpha0: float) -> None:
+        """With gamma kept the error falls with the cube of the angle; the flat mirror is exact."""
+        l, d = 800.0, 40.0
+        truth = np.array([0.0, 0.01, 0.02, 0.04])
+        m = pattern_position(l, d, alpha0 + truth, alpha0)
+        # the expansion is about alpha = alpha0, so it is m there that must come back exactly
+        error = np.abs(angle_increment(l, d, m, alpha0) - truth)
+        assert error[0] < 1e-14
+        assert error[2] / error[1] == pytest.approx(8, rel=0.25)
+        assert error[3] / error[2] == pytest.approx(8, rel=0.25)
+
+    def test_the_root_is_always_real_and_solves_the_quadratic(self) -> None:
+        rng = np.random.default_rng(1)
+        l, m, a = rng.uniform(1, 1000, 500), rng.uniform(0.1, 3000, 500), rng.uniform(0.1, 1.4, 500)
+        x = np.array([angle_increment(l[i], 0.0, m[i], a[i], gamma=False) for i in range(500)])
+        square = l**2
+        value = (
+            (square * np.cos(2 * a) - m**2) * x**2 + square * np.sin(2 * a) * x + m**2 - (l * np.cos(a)) ** 2
+        )
+        assert_allclose(value / (square + m**2), 0, atol=1e-12)
+
+
+class TestRecursion:
+    def test_flat_mirror_is_flat(self) -> None:
+        w = middles(50)[::-1]
+        result = recursion(FACE - w, w, PRISM)
+        assert_allclose(result.mean.d, 0, atol=1e-9)
+        assert_allclose(result.mean.theta, 0, atol=1e-12)
+
+    def test_lines_march_independently(self) -> None:
+        m, w, _ = lattice_lines(1)
+        flat = FACE - w
+        both = recursion(np.stack([m, flat]), np.stack([w, w]), PRISM)
+        assert_allclose(both.drops.d[0], recursion(m, w, PRISM).drops.d, rtol=1e-12)
+        assert_allclose(both.rises.d[1], 0, atol=1e-9)
+
+    def test_missing_points_stay_missing_and_are_stepped_over(self) -> None:
+        m, w, depth = every_pixel(1)
+        holed = m.copy()
+        holed[[0, 1, 700, 701]] = np.nan
+        result = recursion(holed, w, PRISM)
+        assert np.array_equal(np.isnan(result.drops.d), np.isnan(holed))
+        error = result.drops.d - depth
+        assert np.sqrt(np.nanmean(error**2)) / PEAK < 2e-3
+
+    def test_all_missing(self) -> None:
+        nothing = np.full((2, 5), np.nan)
+        assert np.isnan(series(nothing, np.ones((2, 5)), PRISM).d).all()
