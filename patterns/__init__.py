@@ -1,1 +1,32 @@
-"""(being built)"""
+"""What a surface shows: codes, frames, sequences. The decoder goes by these descriptions, never by position.
+
+| file        | holds                                                                 |
+|-------------|-----------------------------------------------------------------------|
+| `frame`     | `Frame`, one image described completely, to and from TOML types        |
+| `codes`     | binary code words: binary, Gray, XOR-Gray, min-stripe Gray             |
+| `levels`    | the 1-D tables of grey values of a frame, per axis                     |
+| `sequence`  | `Sequence`: frames and surface size; images, PNG export                |
+| `named`     | `sequence("gray+phase", rows, cols, ...)` and its command-line form    |
+
+Pattern coordinates: u along columns, v along rows, integer = pixel centre.
+"""
+
+from .codes import BINARY_CODES, bits_for, code_words
+from .frame import KINDS, Frame
+from .levels import frame_tables, lattice_lines
+from .named import sequence, sequence_from_text, sequence_names
+from .sequence import Sequence
+
+__all__ = [
+    "BINARY_CODES",
+    "KINDS",
+    "Frame",
+    "Sequence",
+    "bits_for",
+    "code_words",
+    "frame_tables",
+    "lattice_lines",
+    "sequence",
+    "sequence_from_text",
+    "sequence_names",
+]

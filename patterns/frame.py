@@ -1,0 +1,168 @@
+"""Frame: one image to show, described completely, and its plain form for TOML."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+
+from .levels import frame_tables
+
+__all__ = ["KINDS", "Frame"]
+
+#: What every kind needs besides its name. Optional fields have defaults in Frame.
+KINDS: dict[str, tuple[str, ...]] = {
+    "white": (),
+    "black": (),
+    "uniform": ("level",),
+    "stripe": ("axis", "width_px"),
+    "binary": ("axis", "bit"),
+    "gray": ("axis", "bit"),
+    "xor-gray": ("axis", "bit"),
+    "min-stripe": ("axis", "bit", "bits"),
+    "phase": ("axis", "period_px", "shift"),
+    "crossed": ("period_px",),
+    "lattice": ("period_px", "width_px"),
+    "levels": ("axis", "levels"),
+}
+_AXES: dict[str, tuple[str | None, ...]] = {
+    "white": (None,),
+    "black": (None,),
+    "uniform": (None,),
+    "stripe": ("u", "v", "uv"),
+    "crossed": (None, "uv"),
+    "lattice": (None, "uv"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One image. Coordinates are pattern pixels, integer = pixel centre; u runs along columns, v along rows.
+
+    kind        one of KINDS
+    axis        coordinate that the frame encodes ('uv': a spot, crossed fringe or lattice)
+    bit         of a binary code; 0 is the least significant
+    bits        bits of the whole code (only where the code words depend on it: min-stripe)
+    inverted    255 - level
+    period_px   of a fringe or of the lattice's lines
+    shift       of a fringe, radians: level = 127.5 (1 + cos(2 pi coord / period_px - shift))
+    width_px    lattice: width of a line; stripe: full width at half maximum of its raised-cosine profile
+    at_u, at_v  centre of a stripe (spot: both)
+    cell_px     width of a code's cells; cell k is [k cell_px, (k + 1) cell_px) - 0.5 + offset_px
+    offset_px   origin of cells and lattice lines (lattice: centre of line 0; default half a period - 0.5)
+    level       grey value of a uniform frame
+    levels      grey value of each cell: any code that somebody invents
+    exposure    relative exposure under which this frame was captured
+    """
+
+    kind: str
+    axis: str | None = None
+    bit: int | None = None
+    inverted: bool = False
+    period_px: float | None = None
+    shift: float | None = None
+    width_px: float | None = None
+    at_u: float | None = None
+    at_v: float | None = None
+    cell_px: float = 1.0
+    offset_px: float | None = None
+    bits: int | None = None
+    level: int | None = None
+    levels: tuple[int, ...] | None = None
+    exposure: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise InputError(f"frame: kind is {self.kind!r}, known kinds are {', '.join(KINDS)}")
+        for name in KINDS[self.kind]:
+            if getattr(self, name) is None:
+                raise InputError(f"frame: {name} is missing, kind {self.kind!r} needs it")
+        if self.axis not in _AXES.get(self.kind, ("u", "v")):
+            allowed = ", ".join(str(axis) for axis in _AXES.get(self.kind, ("u", "v")))
+            raise InputError(f"frame: axis is {self.axis!r}, kind {self.kind!r} takes {allowed}")
+        self._check_numbers()
+        self._check_stripe()
+
+    def _check_numbers(self) -> None:
+        for name in ("period_px", "shift", "width_px", "at_u", "at_v", "cell_px", "offset_px", "exposure"):
+            value = getattr(self, name)
+            if value is not None and not math.isfinite(value):
+                raise InputError(f"frame: {name} is {value}, must be finite")
+        for name in ("period_px", "width_px", "cell_px", "exposure"):
+            value = getattr(self, name)
+            if value is not None and value <= 0:
+                raise InputError(f"frame: {name} is {value}, must be above 0")
+        if self.bit is not None and not 0 <= self.bit <= 30:
+            raise InputError(f"frame: bit is {self.bit}, must be in 0..30")
+        if self.bits is not None and not (self.bit or 0) < self.bits <= 20:
+            raise InputError(f"frame: bits is {self.bits}, must be in {(self.bit or 0) + 1}..20")
+        for level in (*(self.levels or ()), *(() if self.level is None else (self.level,))):
+            if not 0 <= level <= 255:
+                raise InputError(f"frame: level is {level}, must be in 0..255")
+        if self.levels is not None and not self.levels:
+            raise InputError("frame: levels is empty, must hold one grey value per cell")
+
+    def _check_stripe(self) -> None:
+        if self.kind != "stripe":
+            return
+        for letter in self.axis or "":
+            if getattr(self, f"at_{letter}") is None:
+                raise InputError(f"frame: at_{letter} is missing, a stripe on {self.axis!r} needs it")
+
+    @property
+    def combine(self) -> str:
+        """How the tables of both axes make the image.
+
+        'multiply': (tu[u] tv[v] + 127) // 255; 'mean': (tu[u] + tv[v] + 1) // 2.
+        """
+        return "mean" if self.kind == "crossed" else "multiply"
+
+    def tables(self, rows: int, cols: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """Grey values along u (cols,) and along v (rows,)."""
+        return frame_tables(self, rows, cols)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain TOML types; fields at their default are left out."""
+        plain: dict[str, Any] = {}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is not None and value != field.default:
+                plain[field.name] = list(value) if isinstance(value, tuple) else value
+        return plain
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, Any], where: str = "frame") -> "Frame":
+        """Inverse of to_dict. InputError names `where`, the field, its value and what it must be."""
+        known = {field.name: str(field.type) for field in fields(cls)}
+        values: dict[str, Any] = {}
+        for name, value in plain.items():
+            if name not in known:
+                raise InputError(f"{where}: unknown field {name!r}, known are {', '.join(known)}")
+            values[name] = _typed(value, known[name], f"{where}: {name}")
+        if "kind" not in values:
+            raise InputError(f"{where}: kind is missing")
+        try:
+            return cls(**values)
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from error
+
+
+def _typed(value: Any, wanted: str, where: str) -> Any:
+    """Value as the annotated type of a Frame field, or InputError."""
+    wanted = wanted.replace("<class '", "").replace("'>", "").removesuffix(" | None")
+    is_int = isinstance(value, int) and not isinstance(value, bool)
+    if wanted == "str" and isinstance(value, str):
+        return value
+    if wanted == "bool" and isinstance(value, bool):
+        return value
+    if wanted == "int" and is_int:
+        return value
+    if wanted == "float" and (is_int or isinstance(value, float)):
+        return float(value)
+    if wanted.startswith("tuple") and isinstance(value, list | tuple):
+        return tuple(_typed(item, "int", where) for item in value)
+    raise InputError(f"{where} is {value!r}, must be {'a list of int' if 'tuple' in wanted else wanted}")

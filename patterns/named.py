@@ -1,0 +1,219 @@
+"""Sequences by name: gray, binary, phase, gray+phase, stripe, lattice, ..."""
+
+import inspect
+import math
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from optolever.errors import InputError
+
+from .codes import bits_for
+from .frame import Frame
+from .sequence import Sequence
+
+__all__ = ["sequence", "sequence_from_text", "sequence_names"]
+
+Frames = tuple[Frame, ...]
+_REFERENCES = (Frame("white"), Frame("black"))
+
+
+def sequence_names() -> tuple[str, ...]:
+    """Names that sequence() knows."""
+    return tuple(_BUILDERS)
+
+
+def sequence(name: str, rows: int, cols: int, **params: Any) -> Sequence:
+    """The named sequence for a surface of rows x cols pixels; `axes` is 'uv' (default), 'u' or 'v'."""
+    if name not in _BUILDERS:
+        raise InputError(f"sequence: name is {name!r}, known are {', '.join(_BUILDERS)}")
+    known = tuple(inspect.signature(_BUILDERS[name]).parameters)[2:]
+    for key in params:
+        if key not in known:
+            raise InputError(
+                f"sequence {name}: unknown parameter {key!r}, known are {', '.join(known) or 'none'}"
+            )
+    if params.get("axes", "uv") not in ("u", "v", "uv"):
+        raise InputError(f"sequence {name}: axes is {params['axes']!r}, must be 'u', 'v' or 'uv'")
+    for size_name, size in (("rows", rows), ("cols", cols)):
+        if not 1 <= size <= 1 << 16:
+            raise InputError(f"sequence {name}: {size_name} is {size}, must be in 1..{1 << 16}")
+    try:
+        return Sequence(_BUILDERS[name](rows, cols, **params), rows, cols, name)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"sequence {name}: {error}") from error
+
+
+def sequence_from_text(text: str, rows: int, cols: int) -> Sequence:
+    """The command line's form: 'phase:steps=8,periods=9/10/11', 'gray:inverses=false,axes=u'."""
+    name, _, rest = text.partition(":")
+    params: dict[str, Any] = {}
+    for item in filter(None, rest.split(",")):
+        key, equals, value = item.partition("=")
+        if not equals:
+            raise InputError(f"sequence {text!r}: {item!r} is no parameter, must be name=value")
+        params[key.strip()] = _parsed(value.strip())
+    return sequence(name.strip(), rows, cols, **params)
+
+
+def _parsed(text: str) -> Any:
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    if "/" in text:
+        return tuple(_parsed(part) for part in text.split("/"))
+    for number in (int, float):
+        try:
+            return number(text)
+        except ValueError:
+            continue
+    return text
+
+
+def _extents(rows: int, cols: int, axes: str) -> list[tuple[str, int]]:
+    return [(axis, {"u": cols, "v": rows}[axis]) for axis in axes]
+
+
+def _code(kind: str, rows: int, cols: int, axes: str, inverses: bool, cell: float) -> Frames:
+    """Bits of both axes, most significant first, each followed by its inverse if asked for."""
+    frames: list[Frame] = []
+    for axis, extent in _extents(rows, cols, axes):
+        bits = bits_for(math.ceil(extent / cell))
+        total = bits if kind == "min-stripe" else None
+        for bit in reversed(range(bits)):
+            for inverted in (False, True) if inverses else (False,):
+                frames.append(Frame(kind, axis, bit=bit, inverted=inverted, cell_px=cell, bits=total))
+    return tuple(frames)
+
+
+def _coded(kind: str) -> Callable[..., Frames]:
+    def build(
+        rows: int,
+        cols: int,
+        *,
+        axes: str = "uv",
+        inverses: bool = True,
+        cell: float = 1.0,
+        references: bool = True,
+    ) -> Frames:
+        if not (inverses or references):
+            raise InputError("inverses and references are both false, a threshold needs one of them")
+        return (_REFERENCES if references else ()) + _code(kind, rows, cols, axes, inverses, cell)
+
+    return build
+
+
+def _fringes(axis: str, period: float, steps: int) -> list[Frame]:
+    if steps < 3:
+        raise InputError(f"steps is {steps}, must be at least 3")
+    return [Frame("phase", axis, period_px=period, shift=2 * math.pi * k / steps) for k in range(steps)]
+
+
+def _phase(
+    rows: int,
+    cols: int,
+    *,
+    axes: str = "uv",
+    steps: int = 4,
+    periods: float | Iterable[float] | None = None,
+    counts: float | Iterable[float] | None = None,
+) -> Frames:
+    """Fringes of `periods` pixels, or `counts` of them on each axis.
+
+    Default: a geometric ladder of three, from 9/8 of the surface (so that its ends differ) down to 16 px.
+    """
+    if periods is not None and counts is not None:
+        raise InputError("periods and counts are both given, one of them says it all")
+    frames: list[Frame] = []
+    for axis, extent in _extents(rows, cols, axes):
+        if periods is not None:
+            ladder = _numbers(periods)
+        elif counts is not None:
+            ladder = [extent / count for count in _numbers(counts)]
+        else:
+            ladder = _ladder(extent)
+        for period in ladder:
+            frames += _fringes(axis, period, steps)
+    return tuple(frames)
+
+
+def _ladder(extent: int) -> list[float]:
+    coarse = 1.125 * extent
+    fine = min(16.0, coarse)
+    return [coarse] if coarse < 32 else [coarse, math.sqrt(coarse * fine), fine]
+
+
+def _numbers(value: float | Iterable[float]) -> list[float]:
+    return [float(value)] if isinstance(value, int | float) else [float(item) for item in value]
+
+
+def _gray_phase(
+    rows: int, cols: int, *, axes: str = "uv", steps: int = 4, period: float = 8.0, inverses: bool = False
+) -> Frames:
+    """White, black, Gray bits of cells of half a period, then one fringe per axis.
+
+    Half a period: the cell's centre is within a quarter period of the truth, and an edge bit read either way
+    moves it by no more than another quarter, so the fringe order is right at code edges too.
+
+    Period 8: the noise part of the error is P/(2 pi) sqrt(2/N) sigma/(B MTF(P)), which for a Gaussian blur of
+    b cells is least at P = 2 pi b = 3.1 px for b = 1/2; but a camera pixel that sees w cells multiplies B by
+    sinc(w / P), and defocus by exp(-2 (pi b / P)^2). At 8 px both still leave half of the contrast at w = 4.8
+    or b = 1.5, the noise error is 0.0076 px for 1 level of 255 against 0.0144 px at 16 px, and with 4 steps
+    the rounding of the levels to 8 bits cancels by symmetry.
+    """
+    frames: list[Frame] = list(_REFERENCES)
+    frames += _code("gray", rows, cols, axes, inverses, period / 2)
+    for axis in axes:
+        frames += _fringes(axis, period, steps)
+    return tuple(frames)
+
+
+def _stripe(
+    rows: int, cols: int, *, axes: str = "uv", step: float = 4.0, width: float | None = None
+) -> Frames:
+    """A line swept over each axis in steps; default width two steps: every point sees four of them."""
+    width = 2 * step if width is None else width
+    frames: list[Frame] = []
+    for axis, extent in _extents(rows, cols, axes):
+        for k in range(-1, math.ceil((extent - 1) / step) + 2):
+            at = k * step
+            frames.append(
+                Frame(
+                    "stripe",
+                    axis,
+                    width_px=width,
+                    at_u=at if axis == "u" else None,
+                    at_v=at if axis == "v" else None,
+                )
+            )
+    return tuple(frames)
+
+
+def _lattice(
+    rows: int, cols: int, *, period: float = 25.0, width: float | None = None, references: bool = False
+) -> Frames:
+    """The paper's lattice of dark lines; default 25 px (2.5 mm at 0.1 mm) with lines of a fifth of that."""
+    line = Frame("lattice", period_px=period, width_px=period / 5 if width is None else width)
+    return ((Frame("white"), Frame("black")) if references else ()) + (line,)
+
+
+def _crossed(rows: int, cols: int, *, period: float = 16.0) -> Frames:
+    return (Frame("crossed", period_px=period),)
+
+
+def _ramp(rows: int, cols: int, *, count: int = 18) -> Frames:
+    """Uniform frames from 0 to 255: what the response is estimated from."""
+    if count < 2:
+        raise InputError(f"count is {count}, must be at least 2")
+    return tuple(Frame("uniform", level=round(255 * k / (count - 1))) for k in range(count))
+
+
+_BUILDERS: dict[str, Callable[..., Frames]] = {
+    "gray": _coded("gray"),
+    "binary": _coded("binary"),
+    "xor-gray": _coded("xor-gray"),
+    "phase": _phase,
+    "gray+phase": _gray_phase,
+    "stripe": _stripe,
+    "lattice": _lattice,
+    "crossed": _crossed,
+    "ramp": _ramp,
+}

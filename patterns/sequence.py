@@ -1,0 +1,100 @@
+"""Sequence: the frames that go together, and the size of the surface that shows them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import tomli_w
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+from optolever.files import atomic_folder
+
+from .frame import Frame
+from .levels import frame_tables
+
+__all__ = ["Sequence"]
+
+
+@dataclass(frozen=True, slots=True)
+class Sequence:
+    """Frames in the order of showing, on a surface of rows x cols pixels."""
+
+    frames: tuple[Frame, ...]
+    rows: int
+    cols: int
+    name: str = "custom"
+
+    def __post_init__(self) -> None:
+        if not self.frames:
+            raise InputError("sequence: frames is empty, must hold at least one frame")
+        for name in ("rows", "cols"):
+            if not 1 <= getattr(self, name) <= 1 << 16:
+                raise InputError(f"sequence: {name} is {getattr(self, name)}, must be in 1..{1 << 16}")
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(N, rows, cols), the shape of render()."""
+        return len(self.frames), self.rows, self.cols
+
+    def tables(self) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """Grey values along u (N, cols) and along v (N, rows)."""
+        pairs = [frame_tables(frame, self.rows, self.cols) for frame in self.frames]
+        return np.stack([pair[0] for pair in pairs]), np.stack([pair[1] for pair in pairs])
+
+    def render_frame(self, index: int) -> NDArray[np.uint8]:
+        """The image of one frame, (rows, cols)."""
+        frame = self.frames[index]
+        table_u, table_v = frame_tables(frame, self.rows, self.cols)
+        along_u = table_u[None, :].astype(np.uint16)
+        along_v = table_v[:, None].astype(np.uint16)
+        if frame.combine == "mean":
+            return ((along_u + along_v + 1) // 2).astype(np.uint8)
+        # 255 * 255 + 127 still fits 16 bits
+        return ((along_u * along_v + np.uint16(127)) // np.uint16(255)).astype(np.uint8)
+
+    def render(self) -> NDArray[np.uint8]:
+        """All images, (N, rows, cols)."""
+        images = np.empty(self.shape, np.uint8)
+        for index in range(len(self.frames)):
+            images[index] = self.render_frame(index)
+        return images
+
+    def save_png(self, folder: str | Path) -> None:
+        """Write 000.png, 001.png, ... and sequence.toml into a new folder, for other displays."""
+        with atomic_folder(folder) as target:
+            for index in range(len(self.frames)):
+                if not cv2.imwrite(str(target / f"{index:03d}.png"), self.render_frame(index)):
+                    raise InputError(f"{folder}: {index:03d}.png could not be written")
+            (target / "sequence.toml").write_text(tomli_w.dumps(self.to_dict()), encoding="utf-8")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain TOML types."""
+        frames = [frame.to_dict() for frame in self.frames]
+        return {"name": self.name, "rows": self.rows, "cols": self.cols, "frames": frames}
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, Any], where: str = "sequence") -> "Sequence":
+        """Inverse of to_dict; InputError names `where`, the field and its value."""
+        known = ("name", "rows", "cols", "frames")
+        for name in plain:
+            if name not in known:
+                raise InputError(f"{where}: unknown field {name!r}, known are {', '.join(known)}")
+        for name in ("rows", "cols"):
+            value = plain.get(name)
+            if not isinstance(value, int) or isinstance(value, bool):
+                raise InputError(f"{where}: {name} is {value!r}, must be an integer")
+        frames = plain.get("frames")
+        if not isinstance(frames, list | tuple) or not all(isinstance(item, Mapping) for item in frames):
+            raise InputError(f"{where}: frames is {type(frames).__name__}, must be a list of tables")
+        name = plain.get("name", "custom")
+        if not isinstance(name, str):
+            raise InputError(f"{where}: name is {name!r}, must be text")
+        described = tuple(Frame.from_dict(item, f"{where}: frames[{i}]") for i, item in enumerate(frames))
+        return cls(described, plain["rows"], plain["cols"], name)
