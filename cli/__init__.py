@@ -1,2 +1,11 @@
-"""(being built)"""
-def main() -> None: ...
+"""Commands: parse, call, print. No mathematics, and no heavy import before a command runs.
+
+- `app`: the program `optolever`, the one place where errors become a line and an exit code
+- `options`: arguments that several commands share (--json, --size, scenes)
+- `show`: tables, progress bars, JSON
+- `demo`, `capture`, `decode`, `reconstruct`, `paper`, `doctor`, `names`: one file a command
+"""
+
+from .app import main, run
+
+__all__ = ["main", "run"]

@@ -1,4 +1,4 @@
-"""The architecture as tests: imports run downward, across parts through the face only, never by bare names."""
+"""The architecture as tests: imports run downward, across parts through the face, never by bare names."""
 
 import ast
 import importlib

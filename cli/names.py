@@ -1,0 +1,33 @@
+"""`optolever names`: what --scene, --dent and --sequence understand."""
+
+from pathlib import Path
+
+import click
+
+from .options import json_option, sample, writable
+from .show import table, write_json
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ optolever names
+"""
+
+
+@click.command("names", epilog=sample(SAMPLE))
+@json_option
+def command(json_path: Path | None) -> None:
+    """List the scenes, dents, sequences and methods that the other commands take by name."""
+    writable(json_path)
+    from optolever.patterns import sequence_names
+    from optolever.reconstruct import method_names
+    from optolever.scene import dent_names, preset_names
+
+    names = {
+        "scenes": list(preset_names()),
+        "dents": list(dent_names()),
+        "sequences": list(sequence_names()),
+        "methods": list(method_names()),
+    }
+    write_json(json_path, names)
+    table("Names", {kind: ", ".join(entries) for kind, entries in names.items()})

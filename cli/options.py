@@ -1,0 +1,78 @@
+"""Arguments that several commands share, and the checks that must come before any work."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from optolever import InputError
+
+if TYPE_CHECKING:
+    from optolever.scene import Scene
+
+__all__ = ["FILE", "SIZE", "json_option", "load_scene", "sample", "scene_option", "size_option", "writable"]
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+FILE = click.Path(path_type=Path)
+
+
+class _Size(click.ParamType):
+    """ROWSxCOLS, both at least 8."""
+
+    name = "ROWSxCOLS"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        if isinstance(value, tuple):
+            return value
+        match = re.fullmatch(r"(\d+)x(\d+)", str(value))
+        if match is None or min(int(match[1]), int(match[2])) < 8:
+            self.fail(f"{value!r} is not ROWSxCOLS with at least 8 each, such as 480x640", param, ctx)
+        return int(match[1]), int(match[2])
+
+
+SIZE = _Size()
+
+
+def json_option(command: Command) -> Command:
+    """--json FILE: the numbers of the run for other programs."""
+    return click.option("--json", "json_path", type=FILE, help="Write the numbers as JSON too.")(command)
+
+
+def size_option(command: Command) -> Command:
+    """--size ROWSxCOLS."""
+    text = "Resample camera and pattern together to this camera size; the field of view stays."
+    return click.option("--size", type=SIZE, help=text)(command)
+
+
+def scene_option(command: Command) -> Command:
+    """--scene PRESET_OR_TOML."""
+    text = "Name of a preset (optolever names) or a scene's TOML file."
+    return click.option("--scene", "scene_name", metavar="PRESET_OR_TOML", required=True, help=text)(command)
+
+
+def sample(text: str) -> str:
+    """A sample session for the end of --help, kept line by line."""
+    return "\b\nSample:\n" + "\n".join("  " + line for line in text.strip("\n").splitlines())
+
+
+def load_scene(name: str, size: tuple[int, int] | None = None) -> "Scene":
+    """The scene of a preset or file, resampled if a size is given. InputError if there is none."""
+    from optolever.scene import load, resize
+
+    scene = load(name)
+    return scene if size is None else resize(scene, *size)
+
+
+def writable(*paths: Path | None) -> None:
+    """InputError unless every file can be made where it is asked for: known before the work, not after."""
+    for path in paths:
+        if path is None:
+            continue
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder, a file is to be written here")
+        if not path.parent.is_dir():
+            raise InputError(f"{path}: folder {path.parent} does not exist")

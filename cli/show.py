@@ -1,0 +1,90 @@
+"""What a person sees: tables on stdout, progress on stderr (only on a terminal), JSON for programs."""
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from optolever.files import atomic_file
+
+__all__ = ["Step", "number", "progress", "table", "write_json"]
+
+
+def number(value: float, unit: str = "") -> str:
+    """Four significant digits and a unit; what is not finite is a dash."""
+    if not math.isfinite(value):
+        return "-"
+    return f"{value:.4g} {unit}".rstrip()
+
+
+def table(title: str, rows: Mapping[str, str]) -> None:
+    """Print name-value rows."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    grid = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, show_header=False, pad_edge=False)
+    grid.add_column(no_wrap=True)
+    grid.add_column(overflow="fold")
+    for name, value in rows.items():
+        grid.add_row(name, value, style=None)
+    Console(highlight=False, markup=False).print(grid)
+
+
+def write_json(path: Path | None, values: Mapping[str, Any]) -> None:
+    """Write a record as JSON, whole or not at all; NaN and infinities become null. No path, no file."""
+    if path is None:
+        return
+    with atomic_file(path) as temporary:
+        temporary.write_text(json.dumps(_plain(values), indent=2, allow_nan=False) + "\n")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return str(value) if isinstance(value, Path) else value
+
+
+class Step:
+    """A progress bar that several stages share: call it with what is being done, and how far it has come."""
+
+    def __init__(self, bar: Any) -> None:
+        self._bar = bar
+        self._task = bar.add_task("", total=None)
+
+    def __call__(self, text: str, done: int | None = None, total: int | None = None) -> None:
+        self._bar.update(self._task, description=text, completed=done or 0, total=total)
+
+
+@contextmanager
+def progress() -> Iterator[Step]:
+    """A progress bar on stderr, silent where stderr is no terminal, gone when the work is done."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    console = Console(stderr=True)
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
+    with Progress(
+        *columns,
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    ) as bar:
+        yield Step(bar)

@@ -1,0 +1,81 @@
+"""Measurements of OpenCSP's SOFAST (HDF5) as captures: fringes on a screen, and the response to invert.
+
+The file tells its fringes in periods per screen and places as fractions of the screen, not in pixels; a screen
+of 2000 x 1000 nominal pixels stands for it: u = 2000 x, v = 1000 (1 - y) for SOFAST's fractions (x, y).
+"""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+from optolever.hdf5 import load_fields
+from optolever.patterns import Frame, Sequence
+
+from .capture import Capture
+
+__all__ = ["load_sofast", "load_sofast_response"]
+
+COLS, ROWS = 2000, 1000
+_STEPS = 4  # SOFAST shows every fringe at 0, 90, 180 and 270 degrees
+
+_IMAGES = "MeasurementSofastFringe/fringe_images"
+_MASKS = "MeasurementSofastFringe/mask_images"
+_PERIODS_X = "MeasurementSofastFringe/fringe_periods_x"
+_PERIODS_Y = "MeasurementSofastFringe/fringe_periods_y"
+_DISPLAY = "ImageCalibration/display_values"
+_CAMERA = "ImageCalibration/camera_values"
+
+
+def load_sofast(path: str | Path) -> Capture:
+    """A measurement: black, white, then the fringes along v and along u, frames (2 + N, H, W) uint8.
+
+    InputError names the file, the field and the limit where the fields do not belong together.
+    """
+    fields = load_fields(path, [_IMAGES, _MASKS, _PERIODS_X, _PERIODS_Y])
+    frames = (
+        Frame("black"),
+        Frame("white"),
+        *_fringes(path, "v", ROWS, fields[_PERIODS_Y], _PERIODS_Y),
+        *_fringes(path, "u", COLS, fields[_PERIODS_X], _PERIODS_X),
+    )
+    images, masks = fields[_IMAGES], fields[_MASKS]
+    _require_images(path, _MASKS, masks, 2)
+    _require_images(path, _IMAGES, images, len(frames) - 2)
+    if images.shape[:2] != masks.shape[:2]:
+        raise InputError(f"{path}: {_MASKS} has shape {masks.shape}, {_IMAGES} has {images.shape}")
+    stack = np.concatenate([np.moveaxis(masks, 2, 0), np.moveaxis(images, 2, 0)])
+    return Capture(np.ascontiguousarray(stack), Sequence(frames, ROWS, COLS, "sofast"))
+
+
+def load_sofast_response(path: str | Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Display levels (n,) and what the camera saw of them (n,), both rising: the response to invert."""
+    fields = load_fields(path, [_DISPLAY, _CAMERA])
+    display, camera = (fields[name].astype(np.float64) for name in (_DISPLAY, _CAMERA))
+    if display.ndim != 1 or display.shape != camera.shape or len(display) < 2:
+        raise InputError(f"{path}: {_CAMERA} has shape {camera.shape}, {_DISPLAY} {display.shape}")
+    for name, values in ((_DISPLAY, display), (_CAMERA, camera)):
+        if (np.diff(values) <= 0).any():
+            raise InputError(
+                f"{path}: {name} must rise, entry {np.argmax(np.diff(values) <= 0) + 1} does not"
+            )
+    return display, camera
+
+
+def _fringes(path: str | Path, axis: str, extent: int, periods: NDArray[Any], name: str) -> list[Frame]:
+    if periods.ndim != 1 or not periods.size or (periods <= 0).any():
+        raise InputError(f"{path}: {name} = {periods.tolist()}, must be periods per screen above 0")
+    shifts = [2 * math.pi * step / _STEPS for step in range(_STEPS)]
+    return [
+        Frame("phase", axis, period_px=extent / float(count), shift=shift)
+        for count in periods
+        for shift in shifts
+    ]
+
+
+def _require_images(path: str | Path, name: str, images: NDArray[Any], count: int) -> None:
+    if images.dtype != np.uint8 or images.ndim != 3 or images.shape[2] != count:
+        raise InputError(f"{path}: {name} is {images.dtype} {images.shape}, must be uint8 (H, W, {count})")
