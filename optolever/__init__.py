@@ -1,4 +1,4 @@
-"""optolever: patterns on a surface, a mirror that deforms, a camera; from the frames the height of the mirror.
+"""optolever: patterns on a surface, a mirror that deforms, a camera: from the frames the mirror's height.
 
 The parts, floor by floor (imports run downward only):
 

@@ -15,7 +15,7 @@ def threads() -> int:
 
 
 def over_rows(work: Callable[[int, int], None], rows: int, block: int = 64) -> None:
-    """Call work(start, stop) for blocks of rows that cover range(rows), on all cores; exceptions come through."""
+    """Call work(start, stop) for blocks that cover range(rows), on all cores; exceptions come through."""
     starts = range(0, rows, block)
     if threads() == 1 or len(starts) == 1:
         for start in starts:

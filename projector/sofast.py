@@ -1,7 +1,7 @@
 """Measurements of OpenCSP's SOFAST (HDF5) as captures: fringes on a screen, and the response to invert.
 
-The file tells its fringes in periods per screen and places as fractions of the screen, not in pixels; a screen
-of 2000 x 1000 nominal pixels stands for it: u = 2000 x, v = 1000 (1 - y) for SOFAST's fractions (x, y).
+The file tells its fringes in periods per screen and places as fractions of the screen, not in pixels; here
+a screen has 2000 x 1000 nominal pixels: u = 2000 x, v = 1000 (1 - y) for SOFAST's fractions (x, y).
 """
 
 import math

@@ -1,8 +1,8 @@
 """The rig of an OpenCSP SOFAST result (HDF5) as a scene: camera, facet, and the screen as a flat pattern.
 
 SOFAST's conventions: metres; r_A_B is a rotation vector that maps frame A to B, v_A_B_C runs from A to B in
-frame C; trans_alignment acts on the optic frame last. Its optic frame has the facet's centre in the middle and
-the camera at +z; the mirror frame here is the same, moved so that the facet starts at x = y = 0.
+frame C; trans_alignment acts on the optic frame last. Its optic frame has the facet's centre in the middle
+and the camera at +z; the mirror frame here is the same, moved so that the facet starts at x = y = 0.
 """
 
 from dataclasses import dataclass
@@ -41,8 +41,8 @@ _MM = 1000.0
 class SofastRig:
     """scene: camera, facet and screen; the screen's cells are 1 mm, u along its x, v along its y.
 
-    mask (H, W): camera pixels that see the facet. fractions (n, 2), points (n, 2): where on the flat screen (mm)
-    the fractions (x, y) of the shown image lie; linear between these measured places.
+    mask (H, W): camera pixels that see the facet. fractions (n, 2), points (n, 2): where on the flat screen
+    (mm) the fractions (x, y) of the shown image lie; linear between these measured places.
     """
 
     scene: Scene
@@ -51,7 +51,7 @@ class SofastRig:
     points: Float
 
     def pattern_coordinates(self, x: Float, y: Float) -> tuple[Float, Float]:
-        """(u, v) on the scene's pattern of fractions (x, y) of the shown image; NaN outside what was measured."""
+        """(u, v) on the scene's pattern of fractions (x, y) of the shown image; NaN outside the measured."""
         from scipy.interpolate import LinearNDInterpolator
 
         place = LinearNDInterpolator(self.fractions, self.points)(np.stack([x, y], axis=-1))
