@@ -1,1 +1,57 @@
-"""(being built)"""
+"""scene: what is physically there, in mm and the mirror's frame, and its exact ray tracing.
+
+Mirror frame: the resting mirror is z = 0, x from 0 (edge shared with the pattern face) to L0 (capture face), y along
+the prism, z into the medium; a dent is z > 0. Integer pixel = pixel centre. Angles in rad, degrees in TOML only.
+
+| file | holds |
+|---|---|
+| `mirror.py`, `pattern.py`, `medium.py`, `sensor.py` | records: Mirror, Pattern, Medium (Fresnel), Display, Sensor |
+| `telecentric.py`, `pinhole.py`, `face.py` | cameras: pixel -> ray, lens distortion, refraction at a face |
+| `scene.py`, `reading.py`, `writing.py`, `presets/` | Scene, resize; TOML, strict; the scenes that come along |
+| `surface.py`, `grid.py` | Surface (height and gradient), Formula; height array as a bicubic spline |
+| `forms.py`, `dents.py`, `relief.py` | closed forms of the dents; dents by name; a dent from an image |
+| `meeting.py`, `tracing.py` | first meeting of ray and surface; Trace, trace |
+| `record.py`, `pose.py` | equality and checks of records; x_A = T_AB x_B |
+"""
+
+from .dents import dent, dent_from_text, dent_names, moving_dent
+from .face import Face
+from .grid import Grid
+from .medium import Medium
+from .mirror import Mirror
+from .pattern import Pattern, prism_pattern
+from .pinhole import PinholeCamera
+from .reading import load, preset_names
+from .scene import Camera, Scene, resize
+from .sensor import Display, Sensor
+from .surface import Formula, Surface, surface_from_array
+from .telecentric import TelecentricCamera, prism_camera
+from .tracing import Trace, trace
+
+__all__ = [
+    "Camera",
+    "Display",
+    "Face",
+    "Formula",
+    "Grid",
+    "Medium",
+    "Mirror",
+    "Pattern",
+    "PinholeCamera",
+    "Scene",
+    "Sensor",
+    "Surface",
+    "TelecentricCamera",
+    "Trace",
+    "dent",
+    "dent_from_text",
+    "dent_names",
+    "load",
+    "moving_dent",
+    "preset_names",
+    "prism_camera",
+    "prism_pattern",
+    "resize",
+    "surface_from_array",
+    "trace",
+]

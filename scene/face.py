@@ -1,0 +1,55 @@
+"""A flat refracting face between a camera and the medium in front of the mirror."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from optolever import InputError
+
+from .record import Float, Record, freeze, positive, vector
+
+__all__ = ["Face", "refract"]
+
+
+@dataclass(frozen=True, eq=False)
+class Face(Record):
+    """Plane through `point` (mm) with `normal` (3,), index `index` behind it and `outside` on the camera's side."""
+
+    point: Float
+    normal: Float
+    index: float
+    outside: float = 1.0
+
+    def __post_init__(self) -> None:
+        normal = vector("camera.face.normal", self.normal)
+        length = float(np.linalg.norm(normal))
+        if length == 0:
+            raise InputError(f"camera.face.normal = {normal.tolist()}: must not be zero")
+        if abs(length - 1) > 1e-12:
+            normal = vector("camera.face.normal", normal / length)
+        freeze(self, point=vector("camera.face.point", self.point), normal=normal)
+        freeze(self, index=positive("camera.face.index", self.index))
+        freeze(self, outside=positive("camera.face.outside", self.outside))
+
+    def cross(self, origins: Float, directions: Float) -> tuple[Float, Float]:
+        """Rays (..., 3) behind the face: they start on it, bent by Snell's law; NaN where a ray misses it or cannot pass."""
+        along = directions @ self.normal
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = ((self.point - origins) @ self.normal) / along
+            distance = np.where((distance >= 0) & np.isfinite(distance), distance, np.nan)
+        starts = origins + distance[..., None] * directions
+        bent = refract(directions, self.normal, self.outside / self.index)
+        return starts, np.where(np.isnan(distance)[..., None], np.nan, bent)
+
+
+def refract(directions: Float, normal: Float, ratio: float) -> Float:
+    """Snell's law in vectors: unit directions (..., 3) after a face; ratio = index before / index behind.
+
+    d' = ratio d + (sqrt(1 - ratio^2 (1 - c^2)) - ratio c) n, with c = n . d > 0; NaN beyond the critical angle.
+    """
+    cosine = directions @ normal
+    side = np.where(cosine < 0, -1.0, 1.0)
+    inside = 1 - ratio**2 * (1 - cosine**2)
+    forward = np.sqrt(np.where(inside >= 0, inside, np.nan)) - ratio * np.abs(cosine)
+    bent: Float = ratio * directions + (side * forward)[..., None] * normal
+    return bent

@@ -1,0 +1,45 @@
+"""The transparent medium in front of the mirror, and what its boundary reflects (Fresnel)."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .record import Float, Record, freeze, positive
+
+__all__ = ["Medium"]
+
+
+@dataclass(frozen=True, eq=False)
+class Medium(Record):
+    """Index of refraction inside, and `outside` behind the boundary; the boundary is the mirror."""
+
+    index: float
+    outside: float = 1.0
+
+    def __post_init__(self) -> None:
+        freeze(self, index=positive("medium.index", self.index, below=10))
+        freeze(self, outside=positive("medium.outside", self.outside, below=10))
+
+    @property
+    def critical_angle(self) -> float:
+        """Angle of incidence (rad) beyond which everything is reflected; pi/2 if there is none."""
+        return math.asin(min(1.0, self.outside / self.index))
+
+    def reflectance(self, cos_incidence: Float) -> Float:
+        """Share of unpolarised light reflected at a cosine of incidence (any shape); 1 under total reflection.
+
+        Fresnel: R_s = ((n c - n' c')/(n c + n' c'))^2, R_p = ((n' c - n c')/(n' c + n c'))^2, c' by Snell's law
+        (Born & Wolf, Principles of Optics, 1.5.2).
+        """
+        ratio = self.index / self.outside
+        c = np.asarray(cos_incidence, np.float64)
+        transmitted = 1 - ratio**2 * (1 - c * c)
+        c_out = np.sqrt(np.maximum(transmitted, 0.0))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            s = (ratio * c - c_out) / (ratio * c + c_out)
+            p = (c - ratio * c_out) / (c + ratio * c_out)
+        reflected: Float = np.where(
+            transmitted > 0, 0.5 * (s * s + p * p), np.where(np.isnan(c), np.nan, 1.0)
+        )
+        return reflected

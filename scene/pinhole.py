@@ -1,0 +1,125 @@
+"""The pinhole camera with OpenCV's five-coefficient lens distortion."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from optolever import InputError
+
+from .face import Face
+from .pose import rotation_from_axes
+from .record import Float, Record, freeze, integer, orthonormal, positive, vector
+
+__all__ = ["PinholeCamera", "distort", "undistort"]
+
+_STEPS = 50
+_CLOSE = 1e-15  # normalised image units
+_CHECKED = 33  # the distortion is tested for folds at this many rows and columns of the image
+
+
+@dataclass(frozen=True, eq=False)
+class PinholeCamera(Record):
+    """OpenCV's model: a point (x, y, 1) z in the camera's frame is seen at column fx x'' + cx, row fy y'' + cy.
+
+    origin (3,) mm: centre of projection in the mirror's frame; u_axis, v_axis (3,): directions of columns and rows,
+    the camera looks along u_axis x v_axis; focal (2,) and centre (2,) in pixels (column, row);
+    distortion (5,): k1 k2 p1 p2 k3; face: a refracting face that the rays cross, or None.
+    """
+
+    origin: Float
+    u_axis: Float
+    v_axis: Float
+    focal: Float
+    centre: Float
+    rows: int
+    cols: int
+    distortion: Float = field(default_factory=lambda: np.zeros(5))
+    face: Face | None = None
+
+    def __post_init__(self) -> None:
+        u_axis, v_axis = orthonormal("camera", self.u_axis, self.v_axis)
+        focal = vector("camera.focal", self.focal, 2)
+        for component in focal:
+            positive("camera.focal", component)
+        freeze(self, origin=vector("camera.origin", self.origin), u_axis=u_axis, v_axis=v_axis, focal=focal)
+        freeze(self, centre=vector("camera.centre", self.centre, 2))
+        freeze(self, distortion=vector("camera.distortion", self.distortion, 5))
+        freeze(self, rows=integer("camera.rows", self.rows), cols=integer("camera.cols", self.cols))
+        self._require_invertible()
+
+    @property
+    def rotation(self) -> Float:
+        """R_MC (3, 3): camera coordinates to the mirror's."""
+        return rotation_from_axes(self.u_axis, self.v_axis)
+
+    def rays_at(self, row: Float | float, col: Float | float) -> tuple[Float, Float]:
+        """Origins (..., 3) in mm and unit directions (..., 3) of the rays of (fractional) pixels."""
+        row, col = np.broadcast_arrays(np.asarray(row, np.float64), np.asarray(col, np.float64))
+        x, y = self._normalised(row, col)
+        local = np.stack([x, y, np.ones_like(x)], axis=-1)
+        directions = local @ self.rotation.T
+        directions /= np.sqrt(x * x + y * y + 1)[..., None]
+        origins = np.broadcast_to(self.origin, directions.shape)
+        return (origins, directions) if self.face is None else self.face.cross(origins, directions)
+
+    def rays(self) -> tuple[Float, Float]:
+        """Origins and directions (rows, cols, 3) of every pixel."""
+        return self.rays_at(
+            np.arange(self.rows, dtype=np.float64)[:, None], np.arange(self.cols, dtype=np.float64)
+        )
+
+    def _normalised(self, row: Float, col: Float) -> tuple[Float, Float]:
+        x = (col - self.centre[0]) / self.focal[0]
+        y = (row - self.centre[1]) / self.focal[1]
+        return undistort(x, y, self.distortion) if self.distortion.any() else (x, y)
+
+    def _require_invertible(self) -> None:
+        rows = np.linspace(-0.5, self.rows - 0.5, _CHECKED)[:, None]
+        cols = np.linspace(-0.5, self.cols - 0.5, _CHECKED)
+        x, y = self._normalised(*np.broadcast_arrays(rows, cols))
+        if not np.all(np.isfinite(x + y)):
+            raise InputError(
+                f"camera.distortion = {self.distortion.tolist()}: folds the image within its borders"
+            )
+
+
+def distort(x: Float, y: Float, k: Float) -> tuple[Float, Float]:
+    """Normalised coordinates after the lens (OpenCV `calib3d`): radial k1 k2 k3, tangential p1 p2."""
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))
+    return (
+        x * radial + 2 * k[2] * x * y + k[3] * (r2 + 2 * x * x),
+        y * radial + k[2] * (r2 + 2 * y * y) + 2 * k[3] * x * y,
+    )
+
+
+def undistort(x_seen: Float, y_seen: Float, k: Float) -> tuple[Float, Float]:
+    """Inverse of `distort` by Newton's method to 1e-15; NaN where it folds or does not converge."""
+    x, y = x_seen.copy(), y_seen.copy()
+    with np.errstate(all="ignore"):
+        for _ in range(_STEPS):
+            x_now, y_now = distort(x, y, k)
+            a, b, d = _distortion_jacobian(x, y, k)
+            determinant = a * d - b * b
+            ex, ey = x_now - x_seen, y_now - y_seen
+            dx, dy = (d * ex - b * ey) / determinant, (a * ey - b * ex) / determinant
+            x, y = x - dx, y - dy
+            if not np.any(np.abs(dx) + np.abs(dy) > _CLOSE * (1 + np.abs(x) + np.abs(y))):
+                break
+        failed = ~(np.abs(dx) + np.abs(dy) <= 1e-12 * (1 + np.abs(x) + np.abs(y))) | ~(
+            (determinant > 0) & (a > 0)
+        )
+    x[failed], y[failed] = np.nan, np.nan
+    return x, y
+
+
+def _distortion_jacobian(x: Float, y: Float, k: Float) -> tuple[Float, Float, Float]:
+    """d x''/dx, d x''/dy = d y''/dx, d y''/dy."""
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))
+    slope = 2 * (k[0] + r2 * (2 * k[1] + 3 * r2 * k[4]))  # d radial / d r2, times 2
+    return (
+        radial + slope * x * x + 2 * k[2] * y + 6 * k[3] * x,
+        slope * x * y + 2 * k[2] * x + 2 * k[3] * y,
+        radial + slope * y * y + 6 * k[2] * y + 2 * k[3] * x,
+    )

@@ -1,0 +1,49 @@
+"""Poses: x_A = T_AB x_B takes coordinates in frame B to frame A; the mirror's frame is M, the camera's C.
+
+A pose is an origin and two axes (u: columns, v: rows); the third axis is u x v, which for a camera is where it looks
+(OpenCV's convention: x right, y down, z forward).
+"""
+
+import numpy as np
+
+from optolever import InputError
+
+from .record import Float
+
+__all__ = ["look_at", "rotation_from_axes", "rotation_from_vector", "transform"]
+
+
+def transform(rotation: Float, origin: Float, points: Float) -> Float:
+    """x_A = R_AB x_B + origin of B in A: points (..., 3) in frame B to frame A."""
+    moved: Float = points @ rotation.T + origin
+    return moved
+
+
+def rotation_from_axes(u_axis: Float, v_axis: Float) -> Float:
+    """R_AB (3, 3) whose columns are the axes u, v, u x v of B in A."""
+    return np.stack([u_axis, v_axis, np.cross(u_axis, v_axis)], axis=-1)
+
+
+def rotation_from_vector(rotation: Float) -> Float:
+    """R_AB (3, 3) from a rotation vector (rad): Rodrigues' formula R = I + sin a K + (1 - cos a) K^2."""
+    angle = float(np.linalg.norm(rotation))
+    if angle == 0:
+        return np.eye(3)
+    x, y, z = rotation / angle
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    matrix: Float = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return matrix
+
+
+def look_at(name: str, position: Float, target: Float, row_axis: Float) -> tuple[Float, Float]:
+    """Axes (u, v) of a camera at `position` that looks at `target`, its rows running along `row_axis` as nearly as possible."""
+    forward = target - position
+    distance = np.linalg.norm(forward)
+    if distance == 0:
+        raise InputError(f"{name}.look_at_mm = {target.tolist()}: must differ from position_mm")
+    forward = forward / distance
+    rows = row_axis - (row_axis @ forward) * forward
+    if np.linalg.norm(rows) <= 1e-9 * np.linalg.norm(row_axis):
+        raise InputError(f"{name}.row_axis = {row_axis.tolist()}: must not be parallel to the line of sight")
+    v_axis = rows / np.linalg.norm(rows)
+    return np.cross(v_axis, forward), v_axis

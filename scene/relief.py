@@ -1,0 +1,64 @@
+"""A dent whose shape is an image: grey level to height."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from optolever import InputError
+
+from .forms import taper_of
+from .grid import Grid
+from .record import Float, positive
+from .scene import Scene
+from .surface import Surface
+
+__all__ = ["relief"]
+
+_MOST = 2048  # nodes along a side; larger images are averaged down
+_ZEROS = 12  # nodes at x = L0 that are exactly zero, so that the spline is too (it forgets by 0.27 per node)
+
+
+def relief(scene: Scene, *, path: str, peak: float, smooth: float, taper: float) -> Surface:
+    """Surface whose height is the image at `path`, stretched over the mirror: black 0, white `peak` mm.
+
+    Columns run along x, rows along y; colours are averaged to grey. smooth: rms radius (mm) of a Gaussian blur
+    that turns the image's steps into slopes; taper: mm over which the height fades to zero towards x = L0.
+    """
+    positive("dent 'relief': smooth", smooth, zero=True)
+    heights = peak * _grey(Path(path))
+    heights = _fitted(heights)
+    rows, cols = heights.shape
+    dx, dy = scene.mirror.length / (cols - 1), scene.mirror.width / (rows - 1)
+    if smooth > 0:
+        heights = cv2.GaussianBlur(
+            heights, (0, 0), smooth / dx, sigmaY=smooth / dy, borderType=cv2.BORDER_REPLICATE
+        )
+    fade, _ = taper_of(dx * (np.arange(cols) + _ZEROS), scene.mirror.length, taper)
+    grid = Grid(heights * fade, 0.0, 0.0, dx, dy)
+    return Surface(grid.height, grid.gradient, grid=grid)
+
+
+def _grey(path: Path) -> Float:
+    """The image as 0..1 (rows, cols); InputError if it is none."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED) if path.stat().st_size else None
+    if image is None:
+        raise InputError(f"{path}: is no image that OpenCV can read")
+    white = float(np.iinfo(image.dtype).max) if np.issubdtype(image.dtype, np.integer) else 1.0
+    grey = image.astype(np.float64) / white
+    return grey if grey.ndim == 2 else grey[:, :, : min(3, grey.shape[2])].mean(axis=2)
+
+
+def _fitted(heights: Float) -> Float:
+    """At most _MOST nodes along a side, by area; at least enough for the taper's zeros."""
+    least = 10 * _ZEROS
+    rows, cols = (min(max(side, least), _MOST) for side in heights.shape)
+    if (rows, cols) == heights.shape:
+        return heights
+    shrinks = rows <= heights.shape[0] and cols <= heights.shape[1]
+    resized: Float = cv2.resize(
+        heights, (cols, rows), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC
+    )
+    return resized

@@ -1,0 +1,75 @@
+"""The scene: everything that is physically there, and the same scene at another resolution."""
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import tomli_w
+
+from optolever.files import atomic_file
+
+from .medium import Medium
+from .mirror import Mirror
+from .pattern import Pattern
+from .pinhole import PinholeCamera
+from .record import Record, integer
+from .sensor import Display, Sensor
+from .telecentric import TelecentricCamera
+from .writing import scene_table
+
+__all__ = ["Camera", "Scene", "resize"]
+
+Camera = TelecentricCamera | PinholeCamera
+
+
+@dataclass(frozen=True, eq=False)
+class Scene(Record):
+    """A mirror at rest, a pattern surface and a camera, all in the mirror's frame (mm).
+
+    medium None: an ideal mirror that reflects everything; display None: light proportional to level;
+    sensor None: 8 bit, linear, without noise.
+    """
+
+    name: str
+    mirror: Mirror
+    pattern: Pattern
+    camera: Camera
+    medium: Medium | None = None
+    display: Display | None = None
+    sensor: Sensor | None = None
+
+    def save(self, path: str | Path) -> None:
+        """Write the scene as TOML, to be read by `load`; what is absent is left out."""
+        with atomic_file(path) as temporary:
+            temporary.write_bytes(tomli_w.dumps(scene_table(self)).encode())
+
+
+def resize(scene: Scene, rows: int, cols: int) -> Scene:
+    """The scene with a camera of rows x cols pixels, and the pattern resampled by the (geometric) mean of both factors.
+
+    The field of view stays: the outer edges of the camera's pixels do not move, the pattern keeps its first corner
+    and covers at least what it covered. Blur stays the same in cells, so that a small scene samples like a big one.
+    """
+    rows, cols = integer("rows", rows), integer("cols", cols)
+    by_col, by_row = scene.camera.cols / cols, scene.camera.rows / rows
+    if by_col == by_row == 1:
+        return scene
+    camera = _resize_camera(scene.camera, rows, cols, by_row, by_col)
+    return replace(scene, camera=camera, pattern=_resize_pattern(scene.pattern, math.sqrt(by_col * by_row)))
+
+
+def _resize_camera(camera: Camera, rows: int, cols: int, by_row: float, by_col: float) -> Camera:
+    by = np.array([by_col, by_row])
+    if isinstance(camera, PinholeCamera):
+        centre = (camera.centre + 0.5) / by - 0.5
+        return replace(camera, rows=rows, cols=cols, focal=camera.focal / by, centre=centre)
+    shift = 0.5 * camera.pitch * (by - 1)
+    origin = camera.origin + shift[0] * camera.u_axis + shift[1] * camera.v_axis
+    return replace(camera, rows=rows, cols=cols, pitch=camera.pitch * by, origin=origin)
+
+
+def _resize_pattern(pattern: Pattern, by: float) -> Pattern:
+    rows, cols = (max(1, math.ceil(count / by - 1e-6)) for count in (pattern.rows, pattern.cols))
+    origin = pattern.origin + 0.5 * pattern.pitch * (by - 1) * (pattern.u_axis + pattern.v_axis)
+    return replace(pattern, rows=rows, cols=cols, pitch=pattern.pitch * by, origin=origin)

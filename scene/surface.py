@@ -1,0 +1,57 @@
+"""What shape the mirror has: height and gradient, and how GLSL may evaluate the same."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .grid import Grid
+from .record import Float, positive
+from .scene import Scene
+
+__all__ = ["Formula", "Surface", "surface_from_array"]
+
+Height = Callable[[Float, Float], Float]
+Gradient = Callable[[Float, Float], tuple[Float, Float]]
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A closed form of `dents` by name, with all the numbers it takes (mm, rad), so that GLSL can evaluate it."""
+
+    name: str
+    params: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Height z (mm, > 0 into the medium) and gradient (dz/dx, dz/dy) as callables of arrays x, y (mm).
+
+    formula: the closed form they evaluate, if it has a name; grid: the height array, if they interpolate one.
+    """
+
+    height: Height
+    gradient: Gradient
+    formula: Formula | None = None
+    grid: Grid | None = None
+
+    def sampled(self, scene: Scene, pitch: float) -> "Surface":
+        """This surface as a grid over the scene's mirror, nodes on its edges, at most `pitch` mm apart."""
+        pitch = positive("pitch", pitch)
+        cols, rows = (
+            max(4, int(np.ceil(side / pitch - 1e-9)) + 1)
+            for side in (scene.mirror.length, scene.mirror.width)
+        )
+        dx, dy = scene.mirror.length / (cols - 1), scene.mirror.width / (rows - 1)
+        x, y = np.meshgrid(dx * np.arange(cols), dy * np.arange(rows))
+        return _from_grid(Grid(self.height(x, y), 0.0, 0.0, dx, dy))
+
+
+def surface_from_array(z: Any, x0: float, y0: float, pitch: float) -> Surface:
+    """Surface through heights z (rows, cols) in mm at x = x0 + col pitch, y = y0 + row pitch (bicubic spline, see `grid`)."""
+    return _from_grid(Grid(z, x0, y0, pitch, pitch))
+
+
+def _from_grid(grid: Grid) -> Surface:
+    return Surface(grid.height, grid.gradient, grid=grid)

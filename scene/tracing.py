@@ -1,0 +1,118 @@
+"""Exact ray tracing (float64): camera pixel -> first meeting with the mirror -> reflection -> pattern coordinates."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.blocks import over_rows
+from optolever.files import load_arrays, save_arrays
+
+from .meeting import Bounds, bounds_of, first_meeting, meets_again
+from .record import Float
+from .scene import Scene
+from .surface import Surface
+
+__all__ = ["Trace", "trace"]
+
+_BLOCK = 16  # rows at a time: a block's temporaries stay in the cache
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What every camera pixel sees, (H, W), NaN where it sees no pattern.
+
+    u, v: pattern coordinates in cells; x, y, z: point on the mirror (mm); normal (H, W, 3): unit, on the camera's side;
+    incidence: angle between ray and normal (rad); visible: bool.
+    """
+
+    u: Float
+    v: Float
+    x: Float
+    y: Float
+    z: Float
+    normal: Float
+    incidence: Float
+    visible: NDArray[np.bool_]
+
+    def save(self, path: str | Path) -> None:
+        """Write all fields as .npz."""
+        save_arrays(path, {name: getattr(self, name) for name in _FIELDS})
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Trace":
+        """Read what `save` wrote; InputError if the file is not that."""
+        arrays = load_arrays(path, _FIELDS)
+        return cls(**{name: arrays[name] for name in _FIELDS})
+
+
+_FIELDS = ("u", "v", "x", "y", "z", "normal", "incidence", "visible")
+
+
+def trace(scene: Scene, surface: Surface) -> Trace:
+    """Follow the ray of every pixel's centre to the pattern.
+
+    Visible: it meets the mirror within its extent, is reflected once (n ~ (-dh/dx, -dh/dy, 1), d' = d - 2 (d.n) n),
+    travels on to the pattern's plane without meeting the mirror again, and lands on a cell.
+    """
+    rows, cols = scene.camera.rows, scene.camera.cols
+    result = Trace(
+        *(np.full((rows, cols), np.nan) for _ in range(5)),
+        normal=np.full((rows, cols, 3), np.nan),
+        incidence=np.full((rows, cols), np.nan),
+        visible=np.zeros((rows, cols), np.bool_),
+    )
+    bounds = bounds_of(surface, scene.mirror)
+
+    def block(start: int, stop: int) -> None:
+        _trace_rows(scene, surface, bounds, result, start, stop)
+
+    over_rows(block, rows, _BLOCK)
+    return result
+
+
+def _trace_rows(scene: Scene, surface: Surface, bounds: Bounds, result: Trace, start: int, stop: int) -> None:
+    row, col = np.mgrid[start:stop, : scene.camera.cols].reshape(2, -1).astype(np.float64)
+    o, d = (np.ascontiguousarray(rays.T) for rays in scene.camera.rays_at(row, col))
+    t = first_meeting(o, d, surface, bounds)
+    met = np.flatnonzero(np.isfinite(t))
+    d = d[:, met]
+    points = o[:, met] + t[met] * d
+    normal = _normal(surface, points)
+    cosine = -(d * normal).sum(axis=0)
+    out = d + 2 * cosine * normal
+    u, v, distance = _on_pattern(scene, points, out)
+    seen = (distance > 0) & (cosine > 0) & _on_cells(scene, u, v)
+    seen[seen] = ~meets_again(points[:, seen], out[:, seen], distance[seen], surface, bounds)
+    at = met[seen]
+    incidence = np.arccos(np.minimum(cosine, 1.0))
+    for name, values in zip(("u", "v", "x", "y", "z", "incidence"), (u, v, *points, incidence), strict=True):
+        getattr(result, name)[start:stop].reshape(-1)[at] = values[seen]
+    result.normal[start:stop].reshape(-1, 3)[at] = normal[:, seen].T
+    result.visible[start:stop].reshape(-1)[at] = True
+
+
+def _normal(surface: Surface, points: Float) -> Float:
+    """Unit normals (3, n) on the side of z > h."""
+    slope_x, slope_y = surface.gradient(points[0], points[1])
+    normal = np.stack([-slope_x, -slope_y, np.ones_like(points[2])])
+    normal /= np.sqrt((normal * normal).sum(axis=0))
+    return normal
+
+
+def _on_pattern(scene: Scene, points: Float, directions: Float) -> tuple[Float, Float, Float]:
+    """Pattern coordinates u, v and distance (mm, < 0: behind) at which rays (3, n) meet the pattern's plane."""
+    pattern = scene.pattern
+    offset = points - pattern.origin[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = -(pattern.normal @ offset) / (pattern.normal @ directions)
+        landed = offset + distance * directions
+    return pattern.u_axis @ landed / pattern.pitch, pattern.v_axis @ landed / pattern.pitch, distance
+
+
+def _on_cells(scene: Scene, u: Float, v: Float) -> NDArray[np.bool_]:
+    inside: NDArray[np.bool_] = (
+        (u >= -0.5) & (u <= scene.pattern.cols - 0.5) & (v >= -0.5) & (v <= scene.pattern.rows - 0.5)
+    )
+    return inside

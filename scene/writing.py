@@ -1,0 +1,72 @@
+"""Scenes to TOML: explicit poses in full precision, so that what is read back is equal."""
+
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .face import Face
+from .pinhole import PinholeCamera
+
+if TYPE_CHECKING:
+    from .scene import Scene
+
+__all__ = ["scene_table"]
+
+Table = dict[str, Any]
+
+
+def scene_table(scene: "Scene") -> Table:
+    """The scene as plain TOML types; what is absent is left out."""
+    mirror, pattern = scene.mirror, scene.pattern
+    table: Table = {
+        "name": scene.name,
+        "mirror": {"size_mm": [mirror.length, mirror.width]},
+        "pattern": {
+            "size": [pattern.cols, pattern.rows],
+            "pitch_mm": pattern.pitch,
+            "blur_px": pattern.blur_px,
+            "origin_mm": pattern.origin.tolist(),
+            **_axes(pattern),
+        },
+        "camera": _camera(scene.camera),
+    }
+    for name in ("medium", "display", "sensor"):
+        record = getattr(scene, name)
+        if record is not None:
+            table[name] = {field.name: getattr(record, field.name) for field in fields(record)}
+    return table
+
+
+def _camera(camera: Any) -> Table:
+    table: Table = {"size": [camera.cols, camera.rows], **_axes(camera)}
+    if isinstance(camera, PinholeCamera):
+        table |= {"kind": "pinhole", "position_mm": camera.origin.tolist()}
+        table |= {"focal_px": camera.focal.tolist(), "centre_px": camera.centre.tolist()}
+        table |= {"distortion": camera.distortion.tolist()}
+    else:
+        table |= {
+            "kind": "telecentric",
+            "origin_mm": camera.origin.tolist(),
+            "pitch_mm": camera.pitch.tolist(),
+        }
+    if camera.face is not None:
+        table["face"] = _face(camera.face)
+    return table
+
+
+def _axes(posed: Any) -> dict[str, list[float]]:
+    axes: dict[str, list[float]] = {
+        "u_axis": np.asarray(posed.u_axis).tolist(),
+        "v_axis": np.asarray(posed.v_axis).tolist(),
+    }
+    return axes
+
+
+def _face(face: Face) -> Table:
+    return {
+        "point_mm": face.point.tolist(),
+        "normal": face.normal.tolist(),
+        "index": face.index,
+        "outside": face.outside,
+    }
