@@ -11,6 +11,7 @@ the prism, z into the medium; a dent is z > 0. Integer pixel = pixel centre. Ang
 | `surface.py`, `grid.py` | Surface (height and gradient), Formula; height array as a bicubic spline |
 | `forms.py`, `dents.py`, `relief.py` | closed forms of the dents; dents by name; a dent from an image |
 | `meeting.py`, `tracing.py` | first meeting of ray and surface; Trace, trace |
+| `sofast.py` | the rig of an OpenCSP SOFAST result (HDF5) as a scene |
 | `record.py`, `pose.py` | equality and checks of records; x_A = T_AB x_B |
 """
 
@@ -24,6 +25,7 @@ from .pinhole import PinholeCamera
 from .reading import load, preset_names
 from .scene import Camera, Scene, resize
 from .sensor import Display, Sensor
+from .sofast import SofastRig, load_sofast_rig
 from .surface import Formula, Surface, surface_from_array
 from .telecentric import TelecentricCamera, prism_camera
 from .tracing import Trace, trace
@@ -40,6 +42,7 @@ __all__ = [
     "PinholeCamera",
     "Scene",
     "Sensor",
+    "SofastRig",
     "Surface",
     "TelecentricCamera",
     "Trace",
@@ -47,6 +50,7 @@ __all__ = [
     "dent_from_text",
     "dent_names",
     "load",
+    "load_sofast_rig",
     "moving_dent",
     "preset_names",
     "prism_camera",
