@@ -12,10 +12,10 @@ help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):[^#]*## /  make \1\t/' | expand -t 20
 
 demo: $(VENV)/.run  ## the main job: paper-simulation, 1637 x 1637, Gray + phase; report in out/demo
-	$(BIN)/optolever demo --out $(OUT)/demo --json $(OUT)/demo.json
+	$(BIN)/optolever demo --out $(OUT)/demo --json $(OUT)/demo/demo.json
 
 paper: $(VENV)/.run  ## the paper's tables against the dense solver; report in out/paper
-	$(BIN)/optolever paper --out $(OUT)/paper --json $(OUT)/paper.json
+	$(BIN)/optolever paper --out $(OUT)/paper --json $(OUT)/paper/paper.json
 
 test: $(VENV)/.dev  ## all tests
 	$(BIN)/python -m pytest

@@ -12,7 +12,17 @@ from optolever import InputError
 if TYPE_CHECKING:
     from optolever.scene import Scene
 
-__all__ = ["FILE", "SIZE", "json_option", "load_scene", "sample", "scene_option", "size_option", "writable"]
+__all__ = [
+    "FILE",
+    "SIZE",
+    "json_option",
+    "load_scene",
+    "report_into",
+    "sample",
+    "scene_option",
+    "size_option",
+    "writable",
+]
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 FILE = click.Path(path_type=Path)
@@ -76,3 +86,11 @@ def writable(*paths: Path | None) -> None:
             raise InputError(f"{path}: is a folder, a file is to be written here")
         if not path.parent.is_dir():
             raise InputError(f"{path}: folder {path.parent} does not exist")
+
+
+def report_into(folder: Path, json_path: Path | None) -> None:
+    """InputError unless a report can go into `folder`, which is made when the report is written, not before."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file, a folder is to be made here")
+    if json_path is not None and json_path.parent != folder:
+        writable(json_path)

@@ -5,11 +5,17 @@ import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from optolever.files import atomic_file
 
-__all__ = ["Step", "number", "progress", "table", "write_json"]
+if TYPE_CHECKING:
+    from enum import IntFlag
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+__all__ = ["Step", "flag_shares", "number", "progress", "table", "write_json"]
 
 
 def number(value: float, unit: str = "") -> str:
@@ -17,6 +23,14 @@ def number(value: float, unit: str = "") -> str:
     if not math.isfinite(value):
         return "-"
     return f"{value:.4g} {unit}".rstrip()
+
+
+def flag_shares(flags: "NDArray[np.unsignedinteger]", *kinds: "type[IntFlag]") -> dict[str, float]:
+    """Share of all pixels that carry each flag, by its name; flags that no pixel carries are left out."""
+    shares = {
+        flag.name: float((flags & flag.value != 0).mean()) for kind in kinds for flag in kind if flag.name
+    }
+    return {name.lower(): share for name, share in shares.items() if share > 0}
 
 
 def table(title: str, rows: Mapping[str, str]) -> None:

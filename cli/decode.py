@@ -1,0 +1,105 @@
+"""`optolever decode`: a capture folder (or a SOFAST file) to a correspondence."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .options import FILE, json_option, sample, writable
+from .show import flag_shares, number, progress, table, write_json
+
+if TYPE_CHECKING:
+    from optolever.decode import Correspondence
+    from optolever.projector import Capture
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ optolever decode capture --out c.npz
+"""
+
+HDF5 = (".h5", ".hdf5")
+
+
+@click.command("decode", epilog=sample(SAMPLE))
+@click.argument("source", type=FILE, metavar="DIR")
+@click.option("--out", type=FILE, required=True, metavar="C.npz", help="File to write the correspondence to.")
+@click.option(
+    "--description",
+    type=FILE,
+    metavar="TOML",
+    help="capture.toml that describes frames made by others; file names in it are relative to DIR.",
+)
+@click.option(
+    "--response",
+    type=FILE,
+    metavar="H5",
+    help="Response to invert before decoding: image calibration of SOFAST.",
+)
+@json_option
+def command(
+    source: Path, out: Path, description: Path | None, response: Path | None, json_path: Path | None
+) -> None:
+    """Decode a capture: where on the pattern does every camera pixel look, and how sure is that.
+
+    DIR is a folder with capture.toml and its frames, or a measurement of OpenCSP's SOFAST (HDF5, extra
+    `sofast`). C.npz receives u, v, sigma_u, sigma_v (pattern pixels), flags (0 = good), amplitude, offset.
+    """
+    writable(out, json_path)
+    with progress() as step:
+        step("read frames")
+        capture = _read(source, description)
+        step("decode")
+        start = time.perf_counter()
+        result = _decode(capture, response)
+        seconds = time.perf_counter() - start
+        step("write")
+        result.save(out)
+    numbers = _numbers(result) | {"frames": len(capture), "seconds": seconds}
+    write_json(json_path, numbers)
+    rows, cols = result.u.shape
+    table(
+        f"Correspondence in {out}",
+        {
+            "frames": f"{len(capture)} of {rows} x {cols}",
+            "good": number(100 * numbers["good_share"], "% of the pixels"),
+            "sigma u": number(numbers["sigma_u_px"], "px (median of the good)"),
+            "sigma v": number(numbers["sigma_v_px"], "px (median of the good)"),
+            **{name: number(100 * share, "%") for name, share in numbers["flags"].items()},
+            "time": number(seconds, "s"),
+        },
+    )
+
+
+def _read(source: Path, description: Path | None) -> "Capture":
+    from optolever import InputError
+    from optolever.projector import Capture, load_sofast
+
+    if source.suffix.lower() not in HDF5:
+        return Capture.load(source, description)
+    if description is not None:
+        raise InputError(f"{description}: --description is for folders of images, {source} describes itself")
+    return load_sofast(source)
+
+
+def _decode(capture: "Capture", response: Path | None) -> "Correspondence":
+    from optolever.decode import decode
+    from optolever.projector import load_sofast_response
+
+    if response is None:
+        return decode(capture.frames, capture.sequence)
+    return decode(capture.frames, capture.sequence, response=load_sofast_response(response))
+
+
+def _numbers(result: "Correspondence") -> dict[str, Any]:
+    import numpy as np
+
+    from optolever.decode import Flag
+
+    good = result.good
+    median = {
+        f"sigma_{axis}_px": float(np.median(sigma[good])) if good.any() else float("nan")
+        for axis, sigma in (("u", result.sigma_u), ("v", result.sigma_v))
+    }
+    return {"good_share": float(good.mean()), **median, "flags": flag_shares(result.flags, Flag)}

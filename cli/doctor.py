@@ -1,0 +1,121 @@
+"""`optolever doctor`: what this machine has, what is missing, and what its absence costs."""
+
+import importlib.metadata
+import os
+import platform
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+from .options import json_option, sample, writable
+from .show import table, write_json
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ optolever doctor
+"""
+
+CORE = ("moderngl", "numpy", "opencv-contrib-python-headless", "scipy", "numba", "glfw", "matplotlib")
+EXTRAS = {"h5py": "pip install 'optolever[sofast]'; without it SOFAST's HDF5 files cannot be read"}
+PROGRAMS = {"xvfb-run": "apt-get install xvfb", "chromium": "apt-get install chromium"}
+
+
+@click.command("doctor", epilog=sample(SAMPLE))
+@json_option
+def command(json_path: Path | None) -> None:
+    """Say which OpenGL context, cameras, monitors and versions there are, and what is missing."""
+    writable(json_path)
+    found = {
+        "optolever": _version("optolever") or "not installed",
+        "python": f"{platform.python_version()}, {platform.platform(terse=True)}",
+        "cores": str(_threads()),
+        **{name: _version(name) or "missing" for name in CORE},
+        "OpenGL": _guarded(_context),
+        "monitors": _guarded(_monitors),
+        "cameras": _guarded(_cameras),
+        "numba cache": _guarded(_cache),
+    }
+    missing = _missing(found)
+    write_json(json_path, {"found": found, "missing": missing})
+    table("Found", found)
+    table("Missing", missing or {"nothing": ""})
+
+
+def _version(name: str) -> str | None:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _guarded(probe: Callable[[], str]) -> str:
+    """What a probe says; a probe that breaks is a finding as well, never a crash of the doctor."""
+    try:
+        return probe()
+    except Exception as error:
+        return f"none: {' '.join(str(error).split()) or type(error).__name__}"
+
+
+def _threads() -> int:
+    from optolever.blocks import threads
+
+    return threads()
+
+
+def _context() -> str:
+    from optolever.projector import context_info
+
+    return str(context_info())
+
+
+def _monitors() -> str:
+    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return "none: no display (DISPLAY and WAYLAND_DISPLAY are unset)"
+    from optolever.projector import monitors
+
+    return "; ".join(str(monitor) for monitor in monitors()) or "none"
+
+
+def _cameras() -> str:
+    """Video devices by their names in sysfs; opening them would take seconds and may disturb others."""
+    devices = sorted(Path("/dev").glob("video*"))
+    names = [Path("/sys/class/video4linux") / device.name / "name" for device in devices]
+    return (
+        "; ".join(
+            f"{device} ({name.read_text().strip() if name.is_file() else 'unnamed'})"
+            for device, name in zip(devices, names, strict=True)
+        )
+        or "none: no /dev/video*"
+    )
+
+
+def _cache() -> str:
+    """Where compiled kernels are kept; the first decode of a capture compiles them."""
+    folder = os.environ.get("NUMBA_CACHE_DIR")
+    if folder:
+        return folder
+    from optolever import decode
+
+    here = Path(decode.__file__).parent
+    place = here / "__pycache__" if os.access(here, os.W_OK) else Path("~/.cache/numba").expanduser()
+    kernels = len(list(place.glob("*.nbi"))) if place.is_dir() else 0
+    return f"{place} ({kernels} kernels of decode)"
+
+
+def _missing(found: dict[str, str]) -> dict[str, str]:
+    from shutil import which
+
+    missing = {name: f"pip install {name}" for name in CORE if found[name] == "missing"}
+    if found["OpenGL"].startswith("none"):
+        missing["OpenGL"] = (
+            "on Debian: apt-get install libegl1 libgl1 libgl1-mesa-dri; "
+            "without it the NumPy renderer draws, correct and slower"
+        )
+    missing |= {name: cost for name, cost in EXTRAS.items() if _version(name) is None}
+    missing |= {
+        name: f"{install}; only tests need it" for name, install in PROGRAMS.items() if which(name) is None
+    }
+    return missing

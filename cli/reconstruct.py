@@ -1,0 +1,135 @@
+"""`optolever reconstruct`: a correspondence and a scene to a height map."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .options import FILE, json_option, load_scene, sample, scene_option, size_option, writable
+from .show import flag_shares, number, progress, table, write_json
+
+if TYPE_CHECKING:
+    from optolever.decode import Correspondence
+    from optolever.reconstruct import HeightMap
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ optolever reconstruct c.npz --scene capture/scene.toml --out h.npz --truth capture/truth.npz
+"""
+
+
+class _Anchor(click.ParamType):
+    """edge, none, or a known point of the mirror X,Y,Z in mm."""
+
+    name = "edge|none|X,Y,Z"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value in ("edge", "none"):
+            return value
+        try:
+            x, y, z = (float(part) for part in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is none of edge, none, X,Y,Z (mm)", param, ctx)
+        return x, y, z
+
+
+@click.command("reconstruct", epilog=sample(SAMPLE))
+@click.argument("source", type=FILE, metavar="C.npz")
+@scene_option
+@click.option("--out", type=FILE, required=True, metavar="H.npz", help="File to write the height map to.")
+@click.option("--method", default="coupled", show_default=True, help="Solver, by name (optolever names).")
+@click.option(
+    "--anchor",
+    type=_Anchor(),
+    default="edge",
+    show_default=True,
+    help="What fixes the height: the camera-side edge at rest, a known point (mm), or nothing.",
+)
+@click.option("--tiff", type=FILE, metavar="FILE", help="Also write the height as float32 TIFF.")
+@click.option("--ply", type=FILE, metavar="FILE", help="Also write the surface as PLY.")
+@click.option("--truth", type=FILE, metavar="TRUTH.npz", help="Compare with the truth of a virtual capture.")
+@size_option
+@json_option
+def command(
+    source: Path,
+    scene_name: str,
+    out: Path,
+    method: str,
+    anchor: Any,
+    tiff: Path | None,
+    ply: Path | None,
+    truth: Path | None,
+    size: tuple[int, int] | None,
+    json_path: Path | None,
+) -> None:
+    """Reconstruct the mirror's height from a correspondence and the scene that it was captured in.
+
+    H.npz receives x, y, z, sigma (mm) and flags (0 = good) on the camera's pixels. Pixels that no anchor
+    reaches are flagged, not guessed.
+    """
+    writable(out, json_path, tiff, ply)
+    from optolever.decode import Correspondence
+    from optolever.reconstruct import reconstruct
+
+    correspondence = Correspondence.load(source)
+    scene = load_scene(scene_name, size)
+    with progress() as step:
+        step("reconstruct")
+        start = time.perf_counter()
+        height = reconstruct(correspondence, scene, method=method, anchor=anchor)
+        seconds = time.perf_counter() - start
+        step("compare")
+        numbers = _numbers(height) | {"seconds": seconds}
+        if truth is not None:
+            numbers |= _against_truth(truth, correspondence, height)
+        step("write")
+        height.save(out)
+        if tiff is not None:
+            height.save_tiff(tiff)
+        if ply is not None:
+            height.save_ply(ply)
+    write_json(json_path, numbers)
+    table(f"Height map in {out}", _rows(numbers))
+
+
+def _numbers(height: "HeightMap") -> dict[str, Any]:
+    import numpy as np
+
+    from optolever.decode import Flag
+    from optolever.reconstruct import HeightFlag
+
+    good = height.good
+    some = bool(good.any())
+    return {
+        "good_share": float(good.mean()),
+        "z_min_mm": float(height.z[good].min()) if some else float("nan"),
+        "z_max_mm": float(height.z[good].max()) if some else float("nan"),
+        "sigma_mm": float(np.median(height.sigma[good])) if some else float("nan"),
+        "flags": flag_shares(height.flags, Flag, HeightFlag),
+    }
+
+
+def _against_truth(path: Path, correspondence: "Correspondence", height: "HeightMap") -> dict[str, float]:
+    from optolever import InputError
+    from optolever.experiments import height_metrics
+    from optolever.scene import Trace
+
+    truth = Trace.load(path)
+    if truth.z.shape != height.z.shape:
+        raise InputError(f"{path}: z has shape {truth.z.shape}, the height map {height.z.shape}")
+    return height_metrics(truth, correspondence, height)
+
+
+def _rows(numbers: dict[str, Any]) -> dict[str, str]:
+    rows = {
+        "good": number(100 * numbers["good_share"], "% of the pixels"),
+        "height": f"{number(numbers['z_min_mm'])} to {number(numbers['z_max_mm'], 'mm')}",
+        "sigma": number(numbers["sigma_mm"], "mm (median of the good)"),
+        **{name: number(100 * share, "%") for name, share in numbers["flags"].items()},
+    }
+    if "height_rms_rel" in numbers:
+        rows["error"] = f"{number(numbers['height_rms_rel'])} of the peak depth, rms"
+        rows["rms(error / sigma)"] = number(numbers["sigma_ratio_height"])
+    return rows | {"time": number(numbers["seconds"], "s")}

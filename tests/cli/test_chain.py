@@ -1,0 +1,79 @@
+"""The commands do what the library does: whole chain, files by their names, numbers within bounds."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from .conftest import SCENE, Chain, Program
+
+
+def test_capture_writes_frames_description_scene_and_truth(chain: Chain) -> None:
+    described = tomllib.loads((chain.capture / "capture.toml").read_text())
+    frames = sorted((chain.capture / "frames").glob("*.png"))
+    assert [chain.capture / frame["file"] for frame in described["frames"]] == frames
+    assert tomllib.loads((chain.capture / "scene.toml").read_text())
+    with np.load(chain.capture / "truth.npz") as truth:
+        assert {"u", "v", "x", "y", "z", "normal", "incidence", "visible"} <= set(truth.files)
+        assert truth["z"].shape == (96, 96)
+
+
+def test_decoded_coordinates_match_the_truth(chain: Chain) -> None:
+    with np.load(chain.capture / "truth.npz") as truth, np.load(chain.correspondence) as found:
+        good = (found["flags"] == 0) & truth["visible"]
+        assert good.sum() > 0.95 * truth["visible"].sum()
+        for axis in "uv":
+            error = (found[axis] - truth[axis])[good]
+            assert np.sqrt(np.mean(error**2)) < 0.05
+            assert np.abs(error).max() < 0.5
+
+
+def test_height_matches_the_truth(chain: Chain) -> None:
+    with np.load(chain.capture / "truth.npz") as truth, np.load(chain.height) as found:
+        good = (found["flags"] == 0) & truth["visible"]
+        assert good.sum() > 0.9 * truth["visible"].sum()
+        error = (found["z"] - truth["z"])[good]
+    assert np.sqrt(np.mean(error**2)) < 1e-3 * 1.3
+    assert chain.numbers["reconstruct"]["height_rms_rel"] == pytest.approx(
+        np.sqrt(np.mean(error**2)) / 1.3, rel=0.01
+    )
+
+
+def test_the_same_seed_gives_the_same_frames(optolever: Program, tmp_path: Path) -> None:
+    args = ["capture", *SCENE, "--sequence", "gray", "--noise", "2", "--renderer", "numpy"]
+    for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
+        assert optolever(*args, "--seed", seed, "--out", tmp_path / name).code == 0
+    first, again, other = ((tmp_path / name / "frames/000.png").read_bytes() for name in "abc")
+    assert first == again
+    assert first != other
+
+
+def test_flat_capture_is_flat(optolever: Program, tmp_path: Path) -> None:
+    """No dent: a result like any other."""
+    capture, c, h = tmp_path / "capture", tmp_path / "c.npz", tmp_path / "h.npz"
+    assert optolever("capture", *SCENE, "--dent", "flat", "--renderer", "numpy", "--out", capture).code == 0
+    assert optolever("decode", capture, "--out", c).code == 0
+    assert optolever("reconstruct", c, "--scene", capture / "scene.toml", "--out", h).code == 0
+    with np.load(h) as height:
+        good = height["flags"] == 0
+        assert good.mean() > 0.9
+        assert np.abs(height["z"][good]).max() < 0.01
+
+
+def test_known_point_anchor_and_other_formats(optolever: Program, chain: Chain, tmp_path: Path) -> None:
+    out, tiff, ply = tmp_path / "h.npz", tmp_path / "h.tif", tmp_path / "h.ply"
+    with np.load(chain.capture / "truth.npz") as truth:
+        point = ",".join(repr(float(truth[name][48, 48])) for name in "xyz")
+    done = optolever(
+        "reconstruct", chain.correspondence, "--scene", chain.capture / "scene.toml", "--out", out,
+        "--anchor", point, "--tiff", tiff, "--ply", ply, "--truth", chain.capture / "truth.npz",
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    assert "of the peak depth" in done.out
+    import tifffile
+
+    with np.load(out) as height:
+        error = np.abs(tifffile.imread(tiff) - height["z"])[height["flags"] == 0]
+    assert error.max() < 1e-6
+    assert ply.read_bytes().startswith(b"ply\n")
