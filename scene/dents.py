@@ -18,6 +18,7 @@ __all__ = ["dent", "dent_from_text", "dent_names", "moving_dent"]
 _TAPER = 0.1  # share of the mirror's length, at x = L0, over which dents fade to zero
 _PEAK = 1.3 / 163.7  # default peak over the mirror's shorter side: paper-simulation's 1.3 mm
 _DECAY = 10 / 163.7  # likewise the needle's 10 mm
+_SIGMA = 20 / 163.7  # and the Gaussian's 20 mm: the image does not fold (peak/sigma^2 below 1/(2 x))
 
 Params = dict[str, float]
 
@@ -44,11 +45,11 @@ def _centred(scene: Scene) -> Params:
 
 
 def _gaussian(scene: Scene) -> Params:
-    return {**_centred(scene), "sigma": 0.1 * _sizes(scene)[2]}
+    return {**_centred(scene), "sigma": _SIGMA * _sizes(scene)[2]}
 
 
 def _ball(scene: Scene) -> Params:
-    contact = 0.12 * _sizes(scene)[2]
+    contact = _SIGMA * _sizes(scene)[2]
     return {**_centred(scene), "radius": contact**2 / _cosine(scene)["peak"]}
 
 

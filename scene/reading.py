@@ -10,6 +10,7 @@ import numpy as np
 
 from optolever import InputError
 
+from .dents import dent_from_text
 from .face import Face
 from .medium import Medium
 from .mirror import Mirror
@@ -123,14 +124,18 @@ def _non_negative(name: str, value: Any) -> float:
 
 def _scene(top: _Table, stem: str) -> Scene:
     name = top.get("name", _text, stem)
+    dent = top.take("dent", _text) if "dent" in top else None
     mirror = _mirror(top.take("mirror", _table))
     pattern = _pattern(top.take("pattern", _table))
     medium = _medium(top.take("medium", _table)) if "medium" in top else None
     camera = _camera(top.take("camera", _table), mirror, medium)
     display = _display(top.take("display", _table)) if "display" in top else None
     sensor = _sensor(top.take("sensor", _table)) if "sensor" in top else None
-    top.done("name, mirror, pattern, camera, medium, display, sensor")
-    return Scene(name, mirror, pattern, camera, medium, display, sensor)
+    top.done("name, dent, mirror, pattern, camera, medium, display, sensor")
+    scene = Scene(name, mirror, pattern, camera, medium, display, sensor, dent)
+    if dent is not None:
+        dent_from_text(dent, scene)
+    return scene
 
 
 def _mirror(table: _Table) -> Mirror:

@@ -22,7 +22,7 @@ class Record:
     """Equality and hash over the fields of a frozen dataclass whose fields may be arrays."""
 
     def __eq__(self, other: object) -> bool:
-        return type(self) is type(other) and self._key() == other._key()  # type: ignore[attr-defined]
+        return type(self) is type(other) and self._key() == other._key()
 
     def __hash__(self) -> int:
         return hash(self._key())

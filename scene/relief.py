@@ -31,8 +31,11 @@ def relief(scene: Scene, *, path: str, peak: float, smooth: float, taper: float)
     rows, cols = heights.shape
     dx, dy = scene.mirror.length / (cols - 1), scene.mirror.width / (rows - 1)
     if smooth > 0:
-        heights = cv2.GaussianBlur(
-            heights, (0, 0), smooth / dx, sigmaY=smooth / dy, borderType=cv2.BORDER_REPLICATE
+        heights = np.asarray(
+            cv2.GaussianBlur(
+                heights, (0, 0), smooth / dx, sigmaY=smooth / dy, borderType=cv2.BORDER_REPLICATE
+            ),
+            np.float64,
         )
     fade, _ = taper_of(dx * (np.arange(cols) + _ZEROS), scene.mirror.length, taper)
     grid = Grid(heights * fade, 0.0, 0.0, dx, dy)
@@ -46,7 +49,7 @@ def _grey(path: Path) -> Float:
     image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED) if path.stat().st_size else None
     if image is None:
         raise InputError(f"{path}: is no image that OpenCV can read")
-    white = float(np.iinfo(image.dtype).max) if np.issubdtype(image.dtype, np.integer) else 1.0
+    white = {"uint8": 255.0, "uint16": 65535.0}.get(image.dtype.name, 1.0)
     grey = image.astype(np.float64) / white
     return grey if grey.ndim == 2 else grey[:, :, : min(3, grey.shape[2])].mean(axis=2)
 
@@ -58,7 +61,5 @@ def _fitted(heights: Float) -> Float:
     if (rows, cols) == heights.shape:
         return heights
     shrinks = rows <= heights.shape[0] and cols <= heights.shape[1]
-    resized: Float = cv2.resize(
-        heights, (cols, rows), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC
-    )
-    return resized
+    how = cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(heights, (cols, rows), interpolation=how), np.float64)

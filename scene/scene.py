@@ -28,7 +28,7 @@ class Scene(Record):
     """A mirror at rest, a pattern surface and a camera, all in the mirror's frame (mm).
 
     medium None: an ideal mirror that reflects everything; display None: light proportional to level;
-    sensor None: 8 bit, linear, without noise.
+    sensor None: 8 bit, linear, without noise; dent: the dent to show where none is named, as `dent_from_text` takes it.
     """
 
     name: str
@@ -38,6 +38,7 @@ class Scene(Record):
     medium: Medium | None = None
     display: Display | None = None
     sensor: Sensor | None = None
+    dent: str | None = None
 
     def save(self, path: str | Path) -> None:
         """Write the scene as TOML, to be read by `load`; what is absent is left out."""

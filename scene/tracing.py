@@ -57,12 +57,9 @@ def trace(scene: Scene, surface: Surface) -> Trace:
     travels on to the pattern's plane without meeting the mirror again, and lands on a cell.
     """
     rows, cols = scene.camera.rows, scene.camera.cols
-    result = Trace(
-        *(np.full((rows, cols), np.nan) for _ in range(5)),
-        normal=np.full((rows, cols, 3), np.nan),
-        incidence=np.full((rows, cols), np.nan),
-        visible=np.zeros((rows, cols), np.bool_),
-    )
+    u, v, x, y, z, incidence = (np.full((rows, cols), np.nan) for _ in range(6))
+    normal = np.full((rows, cols, 3), np.nan)
+    result = Trace(u, v, x, y, z, normal, incidence, np.zeros((rows, cols), np.bool_))
     bounds = bounds_of(surface, scene.mirror)
 
     def block(start: int, stop: int) -> None:

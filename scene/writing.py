@@ -31,6 +31,8 @@ def scene_table(scene: "Scene") -> Table:
         },
         "camera": _camera(scene.camera),
     }
+    if scene.dent is not None:
+        table = {"name": scene.name, "dent": scene.dent, **table}
     for name in ("medium", "display", "sensor"):
         record = getattr(scene, name)
         if record is not None:
