@@ -89,7 +89,7 @@ def writable(*paths: Path | None) -> None:
 
 
 def report_into(folder: Path, json_path: Path | None) -> None:
-    """InputError unless a report can go into `folder`, which is made when the report is written, not before."""
+    """InputError unless a report can go into `folder`, which is made with the report, not before."""
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file, a folder is to be made here")
     if json_path is not None and json_path.parent != folder:

@@ -1,0 +1,247 @@
+"""Unusable input: exit code 2, one line that names file, field, value and limit, nothing written."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from .conftest import SCENE, Chain, Program
+
+
+def snapshot(folder: Path) -> dict[str, bytes]:
+    """Every file below a folder and what it holds."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def assert_refused(optolever: Program, folder: Path, args: list[str | Path], words: tuple[str, ...]) -> None:
+    """Run in a folder that must not change; the one line on stderr holds every word."""
+    before = snapshot(folder)
+    outcome = optolever(*args)
+    assert outcome.code == 2
+    assert outcome.out == ""
+    (line,) = outcome.err.splitlines()
+    assert line.startswith("optolever: ")
+    for word in words:
+        assert word in line, f"{word!r} not in: {line}"
+    assert snapshot(folder) == before
+
+
+# What is done to a capture folder, and what the message must name.
+def missing_frame(folder: Path) -> None:
+    (folder / "frames/003.png").unlink()
+
+
+def truncated_frame(folder: Path) -> None:
+    path = folder / "frames/003.png"
+    path.write_bytes(path.read_bytes()[:500])
+
+
+def smaller_frame(folder: Path) -> None:
+    cv2.imwrite(str(folder / "frames/003.png"), np.zeros((95, 96), np.uint8))
+
+
+def extra_frame(folder: Path) -> None:
+    shutil.copy(folder / "frames/003.png", folder / "frames/999.png")
+
+
+def no_image(folder: Path) -> None:
+    (folder / "frames/003.png").write_text("not an image")
+
+
+def colour_frame(folder: Path) -> None:
+    image = np.zeros((96, 96, 3), np.uint8)
+    image[..., 0] = 9
+    cv2.imwrite(str(folder / "frames/003.png"), image)
+
+
+def sixteen_bits(folder: Path) -> None:
+    cv2.imwrite(str(folder / "frames/003.png"), np.zeros((96, 96), np.uint16))
+
+
+def edited(old: str, new: str) -> Callable[[Path], None]:
+    """Replace text in capture.toml, once."""
+
+    def spoil(folder: Path) -> None:
+        path = folder / "capture.toml"
+        text = path.read_text()
+        assert old in text
+        path.write_text(text.replace(old, new, 1))
+
+    return spoil
+
+
+def no_description(folder: Path) -> None:
+    (folder / "capture.toml").unlink()
+
+
+def no_toml(folder: Path) -> None:
+    (folder / "capture.toml").write_text("frames = [[[")
+
+
+def too_few_described(folder: Path) -> None:
+    """The last frame is on disk and not in the description."""
+    path = folder / "capture.toml"
+    path.write_text(path.read_text().rpartition("[[frames]]")[0])
+
+
+def only_white(folder: Path) -> None:
+    """A sequence that encodes nothing."""
+    path = folder / "capture.toml"
+    head, first, *_ = path.read_text().split("[[frames]]")
+    path.write_text(head + "[[frames]]" + first)
+    for frame in sorted((folder / "frames").glob("*.png"))[1:]:
+        frame.unlink()
+
+
+SPOILED: dict[str, tuple[Callable[[Path], None], tuple[str, ...]]] = {
+    "missing frame": (missing_frame, ("003.png", "no such file")),
+    "truncated frame": (truncated_frame, ("003.png", "truncated", "500 bytes")),
+    "smaller frame": (smaller_frame, ("003.png", "95x96", "96x96")),
+    "extra frame": (extra_frame, ("999.png",)),
+    "no image": (no_image, ("003.png", "not an image")),
+    "colour frame": (colour_frame, ("003.png", "grey")),
+    "16 bits": (sixteen_bits, ("003.png", "uint16", "8 bits")),
+    "no description": (no_description, ("capture.toml", "no such file")),
+    "no TOML": (no_toml, ("capture.toml", "not TOML")),
+    "unknown key": (edited("bits = 8", "bits = 8\nbits_per_pixel = 8"), ("capture.toml", "bits_per_pixel")),
+    "missing key": (edited("rows = ", "# rows = "), ("capture.toml", "rows")),
+    "unknown kind": (edited('kind = "gray"', 'kind = "grey"'), ("capture.toml", "kind", "'grey'")),
+    "unknown frame key": (edited('kind = "gray"', 'kind = "gray"\nbitt = 1'), ("capture.toml", "bitt")),
+    "NaN": (edited("period_px = ", "shift = nan\nperiod_px = "), ("capture.toml", "shift")),
+    "wrong version": (edited("version = 1", "version = 7"), ("capture.toml", "version", "7")),
+    "too few described": (too_few_described, (".png", "description")),
+    "encodes nothing": (only_white, ("sequence",)),
+}
+
+
+@pytest.mark.parametrize("case", SPOILED)
+def test_spoiled_captures_are_refused(case: str, optolever: Program, chain: Chain, tmp_path: Path) -> None:
+    spoil, words = SPOILED[case]
+    folder = tmp_path / "capture"
+    shutil.copytree(chain.capture, folder)
+    spoil(folder)
+    (tmp_path / "c.npz").write_bytes(b"an older result")
+    assert_refused(optolever, tmp_path, ["decode", folder, "--out", tmp_path / "c.npz"], words)
+
+
+def npz_with(path: Path, source: Path, **changes: object) -> Path:
+    """A copy of an .npz with fields replaced, or left out where None."""
+    with np.load(source) as archive:
+        fields = {**{name: archive[name] for name in archive.files}, **changes}
+    np.savez(path, **{name: value for name, value in fields.items() if value is not None})
+    return path
+
+
+def test_spoiled_correspondences_are_refused(optolever: Program, chain: Chain, tmp_path: Path) -> None:
+    scene = ["--scene", chain.capture / "scene.toml", "--out", tmp_path / "h.npz"]
+    flags = np.full((96, 96), 1, np.uint16)
+    text = tmp_path / "text.npz"
+    text.write_text("no archive")
+    cases = {
+        tmp_path / "absent.npz": ("absent.npz", "no such file"),
+        text: ("text.npz",),
+        npz_with(tmp_path / "nou.npz", chain.correspondence, u=None): ("nou.npz", "'u'"),
+        npz_with(tmp_path / "size.npz", chain.correspondence, u=np.zeros((5, 5))): ("size.npz", "(5, 5)"),
+        npz_with(tmp_path / "masked.npz", chain.correspondence, flags=flags): ("flags",),
+    }
+    (tmp_path / "h.npz").write_bytes(b"an older result")
+    for source, words in cases.items():
+        assert_refused(optolever, tmp_path, ["reconstruct", source, *scene], words)
+
+
+def test_correspondence_of_another_size_than_the_scene(
+    optolever: Program, chain: Chain, tmp_path: Path
+) -> None:
+    args = ["reconstruct", chain.correspondence, "--scene", "paper-simulation", "--out", tmp_path / "h.npz"]
+    assert_refused(optolever, tmp_path, args, ("96", "1637"))
+
+
+def test_no_anchor_is_refused(optolever: Program, chain: Chain, tmp_path: Path) -> None:
+    scene = ["--scene", chain.capture / "scene.toml", "--out", tmp_path / "h.npz"]
+    args = ["reconstruct", chain.correspondence, *scene, "--anchor", "none"]
+    assert_refused(optolever, tmp_path, args, ("anchor",))
+
+
+SCENES = {
+    "unknown key": ("[mirror]\nlenght = 3\n", ("lenght",)),
+    "no mirror": ('name = "x"\n', ("mirror",)),
+    "no TOML": ("= = =", ("TOML",)),
+}
+
+
+@pytest.mark.parametrize("case", SCENES)
+def test_spoiled_scenes_are_refused(case: str, optolever: Program, tmp_path: Path) -> None:
+    text, words = SCENES[case]
+    scene = tmp_path / "scene.toml"
+    scene.write_text(text)
+    args = ["capture", "--scene", scene, "--out", tmp_path / "capture"]
+    assert_refused(optolever, tmp_path, args, ("scene.toml", *words))
+
+
+def test_nan_in_a_scene(optolever: Program, chain: Chain, tmp_path: Path) -> None:
+    scene = tmp_path / "scene.toml"
+    lines = (chain.capture / "scene.toml").read_text().splitlines()
+    scene.write_text("\n".join("pitch = nan" if line.startswith("pitch = ") else line for line in lines))
+    args = ["capture", "--scene", scene, "--out", tmp_path / "capture"]
+    assert_refused(optolever, tmp_path, args, ("scene.toml", "pitch", "nan"))
+
+
+ARGUMENTS = {
+    "no such scene": (["capture", "--scene", "paper-simulatoin", "--out", "OUT"], ("paper-simulatoin",)),
+    "no such dent": (["capture", *SCENE, "--dent", "dint", "--out", "OUT"], ("dint", "gaussian")),
+    "unknown dent key": (["capture", *SCENE, "--dent", "gaussian:sgima=2", "--out", "OUT"], ("sgima",)),
+    "dent value": (["capture", *SCENE, "--dent", "gaussian:peak=deep", "--out", "OUT"], ("peak", "deep")),
+    "NaN in a dent": (["capture", *SCENE, "--dent", "gaussian:peak=nan", "--out", "OUT"], ("peak", "nan")),
+    "no such sequence": (["capture", *SCENE, "--sequence", "grey", "--out", "OUT"], ("grey", "gray")),
+    "too few steps": (
+        ["capture", *SCENE, "--sequence", "phase:steps=2", "--out", "OUT"],
+        ("steps", "2", "3"),
+    ),
+    "negative noise": (["capture", *SCENE, "--noise", "-1", "--out", "OUT"], ("--noise", "-1")),
+    "size": (
+        ["capture", "--scene", "paper-simulation", "--size", "9by9", "--out", "OUT"],
+        ("--size", "9by9"),
+    ),
+    "no out": (["capture", *SCENE], ("--out",)),
+    "out without a parent": (["capture", *SCENE, "--out", "OUT/deeper/still"], ("deeper", "does not exist")),
+    "json without a parent": (["capture", *SCENE, "--out", "OUT", "--json", "OUT/none/n.json"], ("n.json",)),
+    "no command": (["captur"], ("captur",)),
+    "no such option": (["decode", "x", "--outt", "y"], ("--outt",)),
+    "no folder": (["decode", "OUT/nowhere", "--out", "OUT.npz"], ("nowhere", "no such")),
+    "method": (["reconstruct", "C", "--scene", "S", "--method", "magic", "--out", "OUT.npz"], ("magic",)),
+    "anchor": (["reconstruct", "C", "--scene", "S", "--anchor", "corner", "--out", "OUT.npz"], ("corner",)),
+}
+
+
+@pytest.mark.parametrize("case", ARGUMENTS)
+def test_bad_arguments(case: str, optolever: Program, chain: Chain, tmp_path: Path) -> None:
+    args, words = ARGUMENTS[case]
+    known = {"C": str(chain.correspondence), "S": str(chain.capture / "scene.toml")}
+    filled = [known.get(arg, arg.replace("OUT", str(tmp_path / "out"))) for arg in args]
+    assert_refused(optolever, tmp_path, filled, words)
+
+
+def test_a_capture_is_never_written_over(optolever: Program, chain: Chain) -> None:
+    args = ["capture", *SCENE, "--out", chain.capture]
+    assert_refused(optolever, chain.capture, args, (str(chain.capture), "no empty folder"))
+
+
+def test_a_folder_is_no_place_for_a_file(optolever: Program, chain: Chain, tmp_path: Path) -> None:
+    assert_refused(optolever, tmp_path, ["decode", chain.capture, "--out", tmp_path], ("is a folder",))
+
+
+@pytest.mark.parametrize("level", [0, 255, 128])
+def test_flat_grey_frames_are_a_result_with_flags(
+    level: int, optolever: Program, chain: Chain, tmp_path: Path
+) -> None:
+    """A lens cap or a lamp in the camera is no crash: every pixel is flagged."""
+    folder = tmp_path / "capture"
+    shutil.copytree(chain.capture, folder)
+    for path in (folder / "frames").iterdir():
+        cv2.imwrite(str(path), np.full((96, 96), level, np.uint8))
+    assert optolever("decode", folder, "--out", tmp_path / "c.npz").code == 0
+    with np.load(tmp_path / "c.npz") as found:
+        assert (found["flags"] != 0).all()

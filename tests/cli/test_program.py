@@ -1,0 +1,80 @@
+"""The program itself: help with real samples, speed of --help, exit codes, interruption, doctor."""
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from optolever.cli.app import COMMANDS
+
+from .conftest import Program
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_has_synopsis_options_and_a_sample_with_output(command: str, optolever: Program) -> None:
+    outcome = optolever(command, "--help")
+    assert outcome.code == 0
+    assert f"Usage: optolever {command}" in outcome.out
+    assert "--json" in outcome.out
+    sample = outcome.out.partition("Sample:")[2].strip().splitlines()
+    assert sample[0].startswith(f"$ optolever {command}")
+    assert len(sample) > 3, "the sample shows no output"
+
+
+def test_help_is_fast() -> None:
+    """Nothing heavy is imported before a command runs."""
+    code = (
+        "import sys; from optolever.cli import run; run(['capture', '--help']); "
+        "heavy = {'numpy', 'numba', 'cv2', 'scipy', 'matplotlib', 'moderngl'} & set(sys.modules); "
+        "sys.exit(str(heavy) if heavy else 0)"
+    )
+    start = time.perf_counter()
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert time.perf_counter() - start < 5
+
+
+def test_console_script_and_version() -> None:
+    script = Path(sys.executable).with_name("optolever")
+    if not script.is_file():
+        pytest.skip(f"{script} is absent: optolever is not installed as a program")
+    done = subprocess.run([script, "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("optolever, version ")
+    wrong = subprocess.run([script, "decode"], capture_output=True, text=True, check=False)
+    assert wrong.returncode == 2
+    assert wrong.stderr.count("\n") == 1
+
+
+def test_interruption_is_130(optolever: Program, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    from optolever import scene
+
+    def interrupt(name: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(scene, "load", interrupt)
+    outcome = optolever("capture", "--scene", "paper-simulation", "--out", tmp_path / "capture")
+    assert outcome.code == 130
+    assert not list(tmp_path.iterdir())
+
+
+def test_names_are_those_that_work(optolever: Program, tmp_path: Path) -> None:
+    path = tmp_path / "names.json"
+    assert optolever("names", "--json", path).code == 0
+    names = json.loads(path.read_text())
+    assert {"paper-simulation", "paper-prototype", "prism48", "monitor-mirror"} <= set(names["scenes"])
+    assert {"flat", "tilt", "raised-cosine", "gaussian", "ball", "needle", "ridge"} <= set(names["dents"])
+    assert {"gray", "binary", "stripe", "phase", "gray+phase", "lattice"} <= set(names["sequences"])
+    assert "coupled" in names["methods"]
+
+
+def test_doctor_says_what_there_is_and_what_is_missing(optolever: Program, tmp_path: Path) -> None:
+    path = tmp_path / "doctor.json"
+    outcome = optolever("doctor", "--json", path)
+    assert outcome.code == 0
+    report = json.loads(path.read_text())
+    assert {"optolever", "python", "numpy", "OpenGL", "cameras", "monitors"} <= set(report["found"])
+    if report["found"]["OpenGL"].startswith("none"):
+        assert "libegl1" in report["missing"]["OpenGL"]
