@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from .options import FILE, json_option, load_scene, report_into, sample, size_option
+from .options import FILE, dent_of, json_option, load_scene, report_into, sample, virtual_sensor
 from .show import number, progress, table, write_json
 
 __all__ = ["command"]
@@ -15,20 +15,7 @@ $ optolever demo --size 256x256 --out demo
 
 
 @click.command("demo", epilog=sample(SAMPLE))
-@click.option(
-    "--scene", "scene_name", metavar="PRESET_OR_TOML", default="paper-simulation", show_default=True
-)
-@click.option("--dent", metavar="NAME[:KEY=VALUE,...]", default="raised-cosine", show_default=True)
-@click.option("--sequence", metavar="NAME[:KEY=VALUE,...]", default="gray+phase", show_default=True)
-@click.option(
-    "--noise",
-    type=click.FloatRange(min=0),
-    default=1.0,
-    show_default=True,
-    metavar="LEVELS",
-    help="Standard deviation of added Gaussian noise, in 8-bit levels.",
-)
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the noise.")
+@virtual_sensor(scene="paper-simulation", noise=1.0)
 @click.option(
     "--blur",
     type=click.FloatRange(min=0),
@@ -36,20 +23,12 @@ $ optolever demo --size 256x256 --out demo
     help="Rms blur of the pattern in cells, in place of the scene's own.",
 )
 @click.option(
-    "--renderer",
-    type=click.Choice(["auto", "gl", "numpy"]),
-    default="auto",
-    show_default=True,
-    help="auto: OpenGL where there is a context, else NumPy.",
-)
-@size_option
-@click.option(
     "--out", type=FILE, default=Path("out/demo"), show_default=True, metavar="DIR", help="Gets report.html."
 )
 @json_option
 def command(
     scene_name: str,
-    dent: str,
+    dent: str | None,
     sequence: str,
     noise: float,
     seed: int,
@@ -72,6 +51,7 @@ def command(
     scene = load_scene(scene_name, size)
     if blur is not None:
         scene = replace(scene, pattern=replace(scene.pattern, blur_px=blur))
+    pressed = dent_of(scene, dent)
     with progress() as step:
         result = run_demo(scene, dent, sequence, noise=noise, seed=seed, renderer=renderer, progress=step)
         step("report")
@@ -81,7 +61,7 @@ def command(
     write_json(json_path, numbers)
     metrics, seconds = result.metrics, result.seconds
     table(
-        f"Demo: {scene.name}, {dent}, {sequence}, {len(result.sequence)} frames",
+        f"Demo: {scene.name}, {pressed}, {sequence}, {len(result.sequence)} frames",
         {
             "height error": f"{number(metrics['height_rms_rel'])} of the peak depth, rms",
             "unflagged": number(100 * metrics["unflagged_share"], "% of the visible pixels"),

@@ -49,13 +49,13 @@ SIZE = _Size()
 
 def json_option(command: Command) -> Command:
     """--json FILE: the numbers of the run for other programs."""
-    return click.option("--json", "json_path", type=FILE, help="Write the numbers as JSON too.")(command)
+    return click.option("--json", "json_path", type=FILE, metavar="FILE", help="Write the numbers as JSON too.")(command)
 
 
 def size_option(command: Command) -> Command:
     """--size ROWSxCOLS."""
     text = "Resample camera and pattern together to this camera size; the field of view stays."
-    return click.option("--size", type=SIZE, help=text)(command)
+    return click.option("--size", type=SIZE, metavar="ROWSxCOLS", help=text)(command)
 
 
 def scene_option(command: Command) -> Command:
@@ -67,6 +67,49 @@ def scene_option(command: Command) -> Command:
 def sample(text: str) -> str:
     """A sample session for the end of --help, kept line by line."""
     return "\b\nSample:\n" + "\n".join("  " + line for line in text.strip("\n").splitlines())
+
+
+def virtual_sensor(scene: str | None, noise: float) -> Callable[[Command], Command]:
+    """What a virtual sensor looks at: --scene (required if there is no default), --dent, --sequence, ..."""
+    text = "Name of a preset (optolever names) or a scene's TOML file."
+    options = (
+        click.option(
+            "--scene", "scene_name", metavar="PRESET_OR_TOML", default=scene, required=scene is None,
+            show_default=scene is not None, help=text,
+        ),
+        click.option(
+            "--dent", metavar="NAME[:KEY=VALUE,...]",
+            help="What is pressed in; default: the dent that the scene names, or none.",
+        ),
+        click.option(
+            "--sequence", metavar="NAME[:KEY=VALUE,...]", default="gray+phase", show_default=True,
+            help="What the surface shows.",
+        ),
+        click.option(
+            "--noise", type=click.FloatRange(min=0), default=noise, show_default=True, metavar="LEVELS",
+            help="Standard deviation of added Gaussian noise, in 8-bit levels.",
+        ),
+        click.option(
+            "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the noise."
+        ),
+        click.option(
+            "--renderer", type=click.Choice(["auto", "gl", "numpy"]), default="auto", show_default=True,
+            help="auto: OpenGL where there is a context, else NumPy.",
+        ),
+        size_option,
+    )  # fmt: skip
+
+    def decorate(command: Command) -> Command:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+def dent_of(scene: "Scene", dent: str | None) -> str:
+    """The dent asked for, else the one that the scene names, else none."""
+    return dent or scene.dent or "flat"
 
 
 def load_scene(name: str, size: tuple[int, int] | None = None) -> "Scene":

@@ -166,7 +166,7 @@ def test_no_anchor_is_refused(optolever: Program, chain: Chain, tmp_path: Path) 
 
 
 SCENES = {
-    "unknown key": ("[mirror]\nlenght = 3\n", ("lenght",)),
+    "unknown key": ("[mirror]\nsize = [3, 3]\n", ("mirror",)),
     "no mirror": ('name = "x"\n', ("mirror",)),
     "no TOML": ("= = =", ("TOML",)),
 }
@@ -184,9 +184,9 @@ def test_spoiled_scenes_are_refused(case: str, optolever: Program, tmp_path: Pat
 def test_nan_in_a_scene(optolever: Program, chain: Chain, tmp_path: Path) -> None:
     scene = tmp_path / "scene.toml"
     lines = (chain.capture / "scene.toml").read_text().splitlines()
-    scene.write_text("\n".join("pitch = nan" if line.startswith("pitch = ") else line for line in lines))
+    scene.write_text("\n".join("pitch_mm = nan" if line.startswith("pitch_mm") else line for line in lines))
     args = ["capture", "--scene", scene, "--out", tmp_path / "capture"]
-    assert_refused(optolever, tmp_path, args, ("scene.toml", "pitch", "nan"))
+    assert_refused(optolever, tmp_path, args, ("scene.toml", "pitch_mm", "nan"))
 
 
 ARGUMENTS = {

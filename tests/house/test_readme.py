@@ -1,4 +1,4 @@
-"""No sentence of the README that no command backs: its commands exist, with the options that it gives them."""
+"""No sentence of the README that no command backs: its commands exist, with the options it gives them."""
 
 import re
 import shlex
