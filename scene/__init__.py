@@ -1,13 +1,14 @@
 """scene: what is physically there, in mm and the mirror's frame, and its exact ray tracing.
 
-Mirror frame: the resting mirror is z = 0, x from 0 (edge shared with the pattern face) to L0 (capture face), y along
-the prism, z into the medium; a dent is z > 0. Integer pixel = pixel centre. Angles in rad, degrees in TOML only.
+Mirror frame: the resting mirror is z = 0, x from 0 (edge shared with the pattern face) to L0 (capture face),
+y along the prism, z into the medium; a dent is z > 0. Integer pixel = pixel centre. Angles in rad, degrees in
+TOML only.
 
 | file | holds |
 |---|---|
-| `mirror.py`, `pattern.py`, `medium.py`, `sensor.py` | records: Mirror, Pattern, Medium (Fresnel), Display, Sensor |
+| `mirror.py`, `pattern.py`, `medium.py`, `sensor.py` | records; Fresnel; display and sensor response |
 | `telecentric.py`, `pinhole.py`, `face.py` | cameras: pixel -> ray, lens distortion, refraction at a face |
-| `scene.py`, `reading.py`, `writing.py`, `presets/` | Scene, resize; TOML, strict; the scenes that come along |
+| `scene.py`, `reading.py`, `writing.py`, `presets/` | Scene, resize; strict TOML; the scenes on board |
 | `surface.py`, `grid.py` | Surface (height and gradient), Formula; height array as a bicubic spline |
 | `forms.py`, `dents.py`, `relief.py` | closed forms of the dents; dents by name; a dent from an image |
 | `meeting.py`, `tracing.py` | first meeting of ray and surface; Trace, trace |

@@ -90,11 +90,20 @@ def dent_names() -> tuple[str, ...]:
 
 
 def dent(name: str, scene: Scene, **params: Any) -> Surface:
-    """The named dent on the scene's mirror; parameters (mm, sizes of x and y as on the mirror) default to its size.
+    """The named dent on the scene's mirror; what is not given (mm) suits the mirror's size.
 
-    flat | tilt: slope | raised-cosine: peak | gaussian: peak sigma x y | ball: peak radius x y (radius: the ball's) |
-    needle: peak decay x y | rounded-needle: peak decay rounding x y | ridge: peak sigma x y angle_deg (0: along y) |
-    relief: path peak smooth (image, white = peak; columns along x, rows along y).
+    | name | parameters |
+    |---|---|
+    | flat | |
+    | tilt | slope |
+    | raised-cosine | peak |
+    | gaussian | peak, sigma, x, y |
+    | ball | peak, radius (of the ball), x, y |
+    | needle | peak, decay, x, y |
+    | rounded-needle | peak, decay, rounding, x, y |
+    | ridge | peak, sigma, x, y, angle_deg (0: along y) |
+    | relief | path (of an image: columns along x, rows along y), peak (of white), smooth (rms radius of a blur) |
+
     InputError on an unknown name or parameter, or a value out of range.
     """
     values = _checked(name, scene, params)
@@ -122,7 +131,7 @@ def dent_from_text(text: str, scene: Scene) -> Surface:
 def moving_dent(
     name: str, scene: Scene, rates: dict[str, float], **params: Any
 ) -> Callable[[float], Surface]:
-    """A dent whose parameters change evenly: parameter(t) = value + rate t, t in seconds; e.g. rates={'x': 20.0}."""
+    """A dent whose parameters change evenly: value + rate t, t in seconds; e.g. rates={'x': 20.0}."""
     start = _checked(name, scene, params)
     for key in rates:
         if key not in start or isinstance(start[key], str):

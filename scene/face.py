@@ -13,7 +13,7 @@ __all__ = ["Face", "refract"]
 
 @dataclass(frozen=True, eq=False)
 class Face(Record):
-    """Plane through `point` (mm) with `normal` (3,), index `index` behind it and `outside` on the camera's side."""
+    """Plane through `point` (mm) with `normal` (3,); `index` behind it, `outside` on the camera's side."""
 
     point: Float
     normal: Float
@@ -32,7 +32,7 @@ class Face(Record):
         freeze(self, outside=positive("camera.face.outside", self.outside))
 
     def cross(self, origins: Float, directions: Float) -> tuple[Float, Float]:
-        """Rays (..., 3) behind the face: they start on it, bent by Snell's law; NaN where a ray misses it or cannot pass."""
+        """Rays (..., 3) behind the face: they start on it, bent by Snell's law; NaN where none passes."""
         along = directions @ self.normal
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = ((self.point - origins) @ self.normal) / along
@@ -45,7 +45,7 @@ class Face(Record):
 def refract(directions: Float, normal: Float, ratio: float) -> Float:
     """Snell's law in vectors: unit directions (..., 3) after a face; ratio = index before / index behind.
 
-    d' = ratio d + (sqrt(1 - ratio^2 (1 - c^2)) - ratio c) n, with c = n . d > 0; NaN beyond the critical angle.
+    d' = ratio d + (sqrt(1 - ratio^2 (1 - c^2)) - ratio c) n, c = n . d > 0; NaN beyond the critical angle.
     """
     cosine = directions @ normal
     side = np.where(cosine < 0, -1.0, 1.0)

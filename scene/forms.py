@@ -1,8 +1,8 @@
 """The dents' closed forms: pure functions of x, y (mm) and numbers; each gives height, dz/dx, dz/dy.
 
-With T(x) = taper(x, length, taper) = s^3 (10 - 15 s + 6 s^2), s = clamp((length - x)/taper, 0, 1): 1 inside, and zero
-in value, slope and curvature at x = length. Radius r = hypot(x - x0, y - y0), x0 = params x, y0 = params y.
-The keyword names here are the params of `Formula`; GLSL evaluates the same expressions.
+With T(x) = taper(x, length, taper) = s^3 (10 - 15 s + 6 s^2), s = clamp((length - x)/taper, 0, 1): 1 inside,
+and zero in value, slope and curvature at x = length. Radius r = hypot(x - x0, y - y0); x0, y0 are the params
+named x and y. The keyword names here are the params of `Formula`; GLSL evaluates the same expressions.
 """
 
 from collections.abc import Callable
@@ -51,9 +51,10 @@ def gaussian(
 def ball(
     px: Float, py: Float, *, peak: float, contact: float, x: float, y: float, length: float, taper: float
 ) -> Shape:
-    """Hertz's contact, q = r/contact: h = peak (1 - q^2/2) T inside, peak ((2 - q^2) asin(1/q) + sqrt(q^2 - 1))/pi T outside.
+    """Hertz's contact with a ball, q = r/contact: h = peak H(q) T(x).
 
-    K. L. Johnson, Contact Mechanics (1985), eq. 3.41a and 3.42a; slope -q inside, 2 (sqrt(q^2 - 1)/q - q asin(1/q))/pi outside.
+    H = 1 - q^2/2 for q <= 1, ((2 - q^2) asin(1/q) + sqrt(q^2 - 1))/pi outside; dH/dq = -q inside,
+    2 (sqrt(q^2 - 1)/q - q asin(1/q))/pi outside. K. L. Johnson, Contact Mechanics (1985), eq. 3.41a, 3.42a.
     """
     dx, dy = (px - x) / contact, (py - y) / contact
     q2 = dx * dx + dy * dy
@@ -88,7 +89,7 @@ def rounded_needle(
     length: float,
     taper: float,
 ) -> Shape:
-    """h = peak exp(-(R - rounding)/decay) T(x), R = sqrt(r^2 + rounding^2); tip of curvature peak/(decay rounding)."""
+    """h = peak exp(-(R - rounding)/decay) T(x), R = sqrt(r^2 + rounding^2)."""
     dx, dy = px - x, py - y
     r2 = dx * dx + dy * dy
     root = np.sqrt(r2 + rounding * rounding)

@@ -1,12 +1,13 @@
 """A height array as a smooth surface: interpolating cubic B-spline, the same in NumPy and GLSL.
 
-z(x, y) = sum_ij w_i(ty) w_j(tx) c[iy + i, ix + j], i, j = 0..3, with gx = (x - x0)/dx, ix = floor(gx), tx = gx - ix and
-
+    z(x, y) = sum_ij w_i(ty) w_j(tx) c[iy + i, ix + j], i, j = 0..3
+    gx = (x - x0)/dx, ix = min(floor(gx), cols - 2), tx = gx - ix; likewise y with rows
     w(t) = ((1-t)^3, 3 t^3 - 6 t^2 + 4, -3 t^3 + 3 t^2 + 3 t + 1, t^3) / 6
 
 where c is (rows + 2, cols + 2) (one more node on every side, not-a-knot: cubics are reproduced exactly).
-x and y are clamped to the grid first, so the surface continues level, and without a step, beyond its edges;
-ix is at most cols - 2. Source: Unser, Splines, IEEE Signal Processing Magazine 16(6), 1999, doi:10.1109/79.799930.
+x and y are clamped to the grid first, so the surface continues level, and without a step, beyond its edges.
+Source: Unser, Splines, IEEE Signal Processing Magazine 16(6), 1999,
+doi:10.1109/79.799930.
 """
 
 from dataclasses import dataclass, field
@@ -44,7 +45,7 @@ class Grid(Record):
             raise InputError(f"grid.z has shape {z.shape}: must be at least {_LEAST} x {_LEAST} heights")
         if not np.all(np.isfinite(z)):
             raise InputError(
-                f"grid.z has {int(np.count_nonzero(~np.isfinite(z)))} heights that are not finite: must have 0"
+                f"grid.z has {np.count_nonzero(~np.isfinite(z))} heights that are not finite: must have 0"
             )
         freeze(self, x0=number("grid.x0", self.x0), y0=number("grid.y0", self.y0))
         freeze(self, dx=positive("grid.dx", self.dx), dy=positive("grid.dy", self.dy))
@@ -69,7 +70,7 @@ class Grid(Record):
 
 
 def _prefilter(z: Float) -> Float:
-    """B-spline coefficients along axis 0: (n, m) -> (n + 2, m); (c[-1] + 4 c[0] + c[1])/6 = z, 4th difference 0 at the ends."""
+    """Coefficients along axis 0, (n, m) -> (n + 2, m): (c[-1] + 4 c[0] + c[1])/6 = z; 4th difference 0 at ends."""
     n = len(z) + 2
     bands = np.zeros((9, n))  # row 4 + i - j holds the matrix element (i, j)
     bands[5, :-2], bands[4, 1:-1], bands[3, 2:] = 1 / 6, 4 / 6, 1 / 6

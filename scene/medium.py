@@ -27,10 +27,10 @@ class Medium(Record):
         return math.asin(min(1.0, self.outside / self.index))
 
     def reflectance(self, cos_incidence: Float) -> Float:
-        """Share of unpolarised light reflected at a cosine of incidence (any shape); 1 under total reflection.
+        """Share of unpolarised light reflected at a cosine of incidence (any shape); 1: total reflection.
 
-        Fresnel: R_s = ((n c - n' c')/(n c + n' c'))^2, R_p = ((n' c - n c')/(n' c + n c'))^2, c' by Snell's law
-        (Born & Wolf, Principles of Optics, 1.5.2).
+        Fresnel: R_s = ((n c - n' c')/(n c + n' c'))^2, R_p = ((n' c - n c')/(n' c + n c'))^2, c' by Snell's
+        law (Born & Wolf, Principles of Optics, 1.5.2).
         """
         ratio = self.index / self.outside
         c = np.asarray(cos_incidence, np.float64)

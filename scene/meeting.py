@@ -1,7 +1,8 @@
 """Where rays meet a surface: the first crossing of F(t) = z(t) - h(x(t), y(t)) over the mirror's extent.
 
-Where |d_z| exceeds the surface's largest slope times |d_xy|, F falls steadily: one crossing, found by Newton's method
-inside a shrinking bracket. Only the other rays are marched, in steps that F cannot cross (F over its largest slope).
+Where |d_z| exceeds the surface's largest slope times |d_xy|, F falls steadily: one crossing, found by Newton's
+method inside a shrinking bracket. Only the other rays are marched, in steps that F cannot cross (F over its
+largest slope), but not in shorter ones than 1/4096 of the mirror.
 """
 
 from dataclasses import dataclass
@@ -16,7 +17,9 @@ from .surface import Surface
 __all__ = ["Bounds", "bounds_of", "first_meeting", "meets_again"]
 
 _SAMPLES = 384  # the surface's bounds are sampled at this many points a side
+_MOST_SAMPLES = 2048
 _SLOPE_MARGIN = 1.25
+_DEPTH_MARGIN = 0.1  # of the mirror's length
 _STEPS = 100  # of Newton or bisection; the bracket is exhausted after about 60
 _NEARLY = 1e-9  # of the mirror's length: a Newton step this short is followed by no other, being quadratic
 _MARCH = 4096  # shortest marching steps that cross the mirror
@@ -27,68 +30,56 @@ Bool = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Bounds:
-    """Limits of a surface over a mirror: heights lowest..highest (mm, with margin), largest slope (with margin)."""
+    """Limits of a surface over a mirror: no height below `lowest` (mm), no slope above `slope`."""
 
     mirror: Mirror
     lowest: float
-    highest: float
     slope: float
 
 
 def bounds_of(surface: Surface, mirror: Mirror) -> Bounds:
-    """Bounds from samples of the surface, widened for what lies between them."""
-    x = np.linspace(0.0, mirror.length, _SAMPLES)
-    y = np.linspace(0.0, mirror.width, _SAMPLES)[:, None]
-    x, y = np.broadcast_arrays(x, y)
-    z = np.asarray(surface.height(x, y), np.float64)
-    slope_x, slope_y = surface.gradient(x, y)
-    low, high, slope = (
-        _extreme(z, np.nanmin),
-        _extreme(z, np.nanmax),
-        _extreme(np.hypot(slope_x, slope_y), np.nanmax),
-    )
-    margin = 0.5 * (high - low) + 1e-3 * mirror.length
-    return Bounds(mirror, low - margin, high + margin, _SLOPE_MARGIN * slope + 1e-6)
+    """Bounds from samples of the surface (as fine as its grid, if any), widened for what lies between."""
+    fine = _SAMPLES if surface.grid is None else min(max(_SAMPLES, *surface.grid.z.shape), _MOST_SAMPLES)
+    x, y = np.meshgrid(np.linspace(0.0, mirror.length, fine), np.linspace(0.0, mirror.width, fine))
+    heights = _finite(surface.height(x, y))
+    slopes = _finite(np.hypot(*surface.gradient(x, y)))
+    lowest = heights.min() - (heights.max() - heights.min()) - _DEPTH_MARGIN * mirror.length
+    return Bounds(mirror, float(lowest), float(_SLOPE_MARGIN * slopes.max() + 1e-6))
 
 
-def _extreme(values: Float, pick: object) -> float:
+def _finite(values: Float) -> Float:
+    values = np.atleast_1d(np.asarray(values, np.float64))
     finite = values[np.isfinite(values)]
-    return float(pick(finite)) if finite.size else 0.0  # type: ignore[operator]
+    return finite if finite.size else np.zeros(1)
 
 
 def first_meeting(origins: Float, directions: Float, surface: Surface, bounds: Bounds) -> Float:
-    """Distances t (n,) in mm at which rays (3, n), coming from z > h, first meet the surface; NaN where they do not."""
-    low, high = _span(origins, directions, bounds)
-    start, stop = (
-        _clearance(origins, directions, surface, low),
-        _clearance(origins, directions, surface, high),
-    )
-    steady = _is_steady(directions, bounds, -1.0)
-    crosses = (low < high) & (start >= 0)
-    wanders = crosses & ~steady
-    if wanders.any():
-        reached = np.full_like(low, np.nan)
-        low[wanders], reached[wanders] = _march(
-            origins[:, wanders], directions[:, wanders], surface, bounds, low[wanders], high[wanders]
-        )
-        high[wanders] = reached[wanders]
-        crosses &= ~wanders | np.isfinite(high)
-    crosses &= wanders | (stop <= 0)
+    """Distances t (n,) in mm at which rays (3, n), coming from z > h, first meet the surface; NaN: never."""
+    low, high = _span(origins, directions, bounds.mirror)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        high = np.minimum(high, (bounds.lowest - origins[2]) / directions[2])
     t = np.full_like(low, np.nan)
-    t[crosses] = _newton(
-        origins[:, crosses], directions[:, crosses], surface, bounds, low[crosses], high[crosses]
-    )
+    able = np.flatnonzero((low < high) & (directions[2] < 0))
+    o, d, low, high = origins[:, able], directions[:, able], low[able], high[able]
+    above = _clearance(o, d, surface, low) >= 0
+    crosses = above & (_clearance(o, d, surface, high) <= 0)
+    wanders = above & ~_is_steady(d, bounds, -1.0)
+    if wanders.any():
+        bracket = _march(o[:, wanders], d[:, wanders], surface, bounds, low[wanders], high[wanders])
+        low[wanders], high[wanders] = bracket
+        crosses[wanders] = np.isfinite(high[wanders])
+    t[able[crosses]] = _newton(o[:, crosses], d[:, crosses], surface, bounds, low[crosses], high[crosses])
     return t
 
 
 def meets_again(points: Float, directions: Float, distances: Float, surface: Surface, bounds: Bounds) -> Bool:
-    """Whether rays (3, n) that leave the surface at `points` meet it again within `distances` (mm) and the mirror's extent."""
+    """Whether rays (3, n) that leave the surface at `points` meet it again within `distances` (mm)."""
     again = np.zeros(distances.shape, np.bool_)
     risky = ~_is_steady(directions, bounds, 1.0)
     if not risky.any():
         return again
     o, d = points[:, risky], directions[:, risky]
-    _, high = _span(o, d, bounds)
+    _, high = _span(o, d, bounds.mirror)
     _, reached = _march(o, d, surface, bounds, np.zeros(o.shape[1]), np.minimum(high, distances[risky]))
     again[risky] = np.isfinite(reached)
     return again
@@ -100,23 +91,16 @@ def _is_steady(directions: Float, bounds: Bounds, sign: float) -> Bool:
     return steady
 
 
-def _span(origins: Float, directions: Float, bounds: Bounds) -> tuple[Float, Float]:
-    """Interval of t >= 0 in which a ray is within the mirror's extent and the surface's heights (empty: low >= high)."""
+def _span(origins: Float, directions: Float, mirror: Mirror) -> tuple[Float, Float]:
+    """Interval of t >= 0 in which rays (3, n) are above or below the mirror's extent (low >= high: none)."""
     low, high = np.zeros(origins.shape[1]), np.full(origins.shape[1], np.inf)
-    limits = ((0.0, bounds.mirror.length), (0.0, bounds.mirror.width), (bounds.lowest, bounds.highest))
-    for start, step, (least, most) in zip(origins, directions, limits, strict=True):
+    for start, step, most in zip(origins, directions, (mirror.length, mirror.width), strict=False):
         with np.errstate(divide="ignore", invalid="ignore"):
-            a, b = (least - start) / step, (most - start) / step
-        still = step == 0
-        within = (start >= least) & (start <= most)
-        a = np.where(still, np.where(within, -np.inf, np.inf), a)
-        b = np.where(still, np.where(within, np.inf, -np.inf), b)
-        low, high = (
-            np.maximum(low, np.where(still, a, np.minimum(a, b))),
-            np.minimum(high, np.where(still, b, np.maximum(a, b))),
-        )
-    bad = ~(low < high)
-    low[bad], high[bad] = 0.0, 0.0
+            ends = np.sort(np.stack([(0.0 - start) / step, (most - start) / step]), axis=0)
+        always = (step == 0) & (start >= 0) & (start <= most)
+        never = (step == 0) & ~always
+        low = np.maximum(low, np.where(always, 0.0, np.where(never, np.inf, ends[0])))
+        high = np.minimum(high, np.where(always, np.inf, np.where(never, 0.0, ends[1])))
     return low, high
 
 
@@ -158,7 +142,7 @@ def _newton(o: Float, d: Float, surface: Surface, bounds: Bounds, low: Float, hi
 def _march(
     o: Float, d: Float, surface: Surface, bounds: Bounds, low: Float, high: Float
 ) -> tuple[Float, Float]:
-    """Bracket (before, after) of the first place in low..high where F < 0; after is NaN where there is none."""
+    """Bracket (before, after) of the first place in low..high where F < 0; after is NaN if there is none."""
     shortest = np.hypot(bounds.mirror.length, bounds.mirror.width) / _MARCH
     below = -_INSIDE * bounds.mirror.length
     steepest = np.abs(d[2]) + bounds.slope * np.hypot(d[0], d[1])

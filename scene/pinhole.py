@@ -13,16 +13,17 @@ from .record import Float, Record, freeze, integer, orthonormal, positive, vecto
 __all__ = ["PinholeCamera", "distort", "undistort"]
 
 _STEPS = 50
-_CLOSE = 1e-15  # normalised image units
+_CLOSE = 1e-15  # normalised image units: no further step
+_SETTLED = 1e-12  # what rounding may leave of the last step, where the lens nearly folds
 _CHECKED = 33  # the distortion is tested for folds at this many rows and columns of the image
 
 
 @dataclass(frozen=True, eq=False)
 class PinholeCamera(Record):
-    """OpenCV's model: a point (x, y, 1) z in the camera's frame is seen at column fx x'' + cx, row fy y'' + cy.
+    """OpenCV's model: a point (x, y, 1) z in the camera's frame is seen at (column, row) f (x'', y'') + c.
 
-    origin (3,) mm: centre of projection in the mirror's frame; u_axis, v_axis (3,): directions of columns and rows,
-    the camera looks along u_axis x v_axis; focal (2,) and centre (2,) in pixels (column, row);
+    origin (3,) mm: centre of projection in the mirror's frame; u_axis, v_axis (3,): directions of columns and
+    rows, the camera looks along u_axis x v_axis; focal (2,) and centre (2,) in pixels (column, row);
     distortion (5,): k1 k2 p1 p2 k3; face: a refracting face that the rays cross, or None.
     """
 
@@ -95,7 +96,7 @@ def distort(x: Float, y: Float, k: Float) -> tuple[Float, Float]:
 
 def undistort(x_seen: Float, y_seen: Float, k: Float) -> tuple[Float, Float]:
     """Inverse of `distort` by Newton's method to 1e-15; NaN where it folds or does not converge."""
-    x, y = x_seen.copy(), y_seen.copy()
+    x, y = x_seen, y_seen
     with np.errstate(all="ignore"):
         for _ in range(_STEPS):
             x_now, y_now = distort(x, y, k)
@@ -106,11 +107,9 @@ def undistort(x_seen: Float, y_seen: Float, k: Float) -> tuple[Float, Float]:
             x, y = x - dx, y - dy
             if not np.any(np.abs(dx) + np.abs(dy) > _CLOSE * (1 + np.abs(x) + np.abs(y))):
                 break
-        failed = ~(np.abs(dx) + np.abs(dy) <= 1e-12 * (1 + np.abs(x) + np.abs(y))) | ~(
-            (determinant > 0) & (a > 0)
-        )
-    x[failed], y[failed] = np.nan, np.nan
-    return x, y
+        settled = np.abs(dx) + np.abs(dy) <= _SETTLED * (1 + np.abs(x) + np.abs(y))
+        valid = settled & (determinant > 0) & (a > 0)
+    return np.where(valid, x, np.nan), np.where(valid, y, np.nan)
 
 
 def _distortion_jacobian(x: Float, y: Float, k: Float) -> tuple[Float, Float, Float]:

@@ -1,7 +1,7 @@
 """Poses: x_A = T_AB x_B takes coordinates in frame B to frame A; the mirror's frame is M, the camera's C.
 
-A pose is an origin and two axes (u: columns, v: rows); the third axis is u x v, which for a camera is where it looks
-(OpenCV's convention: x right, y down, z forward).
+A pose is an origin and two axes (u: columns, v: rows); the third axis is u x v, which for a camera is where
+it looks (OpenCV's convention: x right, y down, z forward).
 """
 
 import numpy as np
@@ -36,7 +36,7 @@ def rotation_from_vector(rotation: Float) -> Float:
 
 
 def look_at(name: str, position: Float, target: Float, row_axis: Float) -> tuple[Float, Float]:
-    """Axes (u, v) of a camera at `position` that looks at `target`, its rows running along `row_axis` as nearly as possible."""
+    """Axes (u, v) of a camera at `position` that looks at `target`, rows running towards `row_axis`."""
     forward = target - position
     distance = np.linalg.norm(forward)
     if distance == 0:

@@ -34,7 +34,7 @@ def preset_names() -> tuple[str, ...]:
 
 
 def load(preset_or_path: str | Path) -> Scene:
-    """The preset of that name, or the scene in that TOML file; InputError if it is neither or not as it must be."""
+    """The preset of that name, or the scene in that TOML file; InputError if there is none, or a bad one."""
     path = Path(preset_or_path)
     if str(preset_or_path) in preset_names():
         path = _PRESETS / f"{preset_or_path}.toml"
@@ -180,7 +180,7 @@ def _pattern(table: _Table) -> Pattern:
 
 
 def _axes(table: _Table) -> tuple[Float, Float]:
-    """Axes u, v from themselves or from a rotation vector in degrees (the frame's axes in the mirror's frame)."""
+    """Axes u, v, given as such or by a rotation vector in degrees (it turns the mirror's axes into them)."""
     if "rotation_deg" in table:
         rotation = rotation_from_vector(np.radians(table.take("rotation_deg", vector)))
         return rotation[:, 0], rotation[:, 1]
@@ -220,9 +220,8 @@ def _pinhole(table: _Table, rows: int, cols: int, face: Face | None, mirror: Mir
         u_axis, v_axis = look_at("camera", position, target, row_axis)
     else:
         u_axis, v_axis = _axes(table)
-    table.done(
-        "kind, size, focal_px, centre_px, distortion, face, position_mm, look_at_mm, row_axis, u_axis, v_axis, rotation_deg"
-    )
+    intrinsic = "kind, size, focal_px, centre_px, distortion, face"
+    table.done(f"{intrinsic}, position_mm, look_at_mm, row_axis, u_axis, v_axis, rotation_deg")
     return PinholeCamera(position, u_axis, v_axis, focal, centre, rows, cols, distortion, face)
 
 

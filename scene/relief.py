@@ -22,8 +22,8 @@ _ZEROS = 12  # nodes at x = L0 that are exactly zero, so that the spline is too 
 def relief(scene: Scene, *, path: str, peak: float, smooth: float, taper: float) -> Surface:
     """Surface whose height is the image at `path`, stretched over the mirror: black 0, white `peak` mm.
 
-    Columns run along x, rows along y; colours are averaged to grey. smooth: rms radius (mm) of a Gaussian blur
-    that turns the image's steps into slopes; taper: mm over which the height fades to zero towards x = L0.
+    Columns run along x, rows along y; colours are averaged to grey. smooth: rms radius (mm) of a Gaussian
+    blur that turns the image's steps into slopes; taper: mm over which the height fades out towards x = L0.
     """
     positive("dent 'relief': smooth", smooth, zero=True)
     heights = peak * _grey(Path(path))

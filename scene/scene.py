@@ -28,7 +28,7 @@ class Scene(Record):
     """A mirror at rest, a pattern surface and a camera, all in the mirror's frame (mm).
 
     medium None: an ideal mirror that reflects everything; display None: light proportional to level;
-    sensor None: 8 bit, linear, without noise; dent: the dent to show where none is named, as `dent_from_text` takes it.
+    sensor None: 8 bit, linear, without noise; dent: the dent to show where none is named (see `dent_from_text`).
     """
 
     name: str
@@ -47,10 +47,11 @@ class Scene(Record):
 
 
 def resize(scene: Scene, rows: int, cols: int) -> Scene:
-    """The scene with a camera of rows x cols pixels, and the pattern resampled by the (geometric) mean of both factors.
+    """The scene with a camera of rows x cols pixels, the pattern resampled by both factors' geometric mean.
 
-    The field of view stays: the outer edges of the camera's pixels do not move, the pattern keeps its first corner
-    and covers at least what it covered. Blur stays the same in cells, so that a small scene samples like a big one.
+    The field of view stays: the outer edges of the camera's pixels do not move, the pattern keeps its first
+    corner and covers at least what it covered. Blur stays the same in cells, so that a small scene samples
+    like a big one.
     """
     rows, cols = integer("rows", rows), integer("cols", cols)
     by_col, by_row = scene.camera.cols / cols, scene.camera.rows / rows

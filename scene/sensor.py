@@ -1,4 +1,4 @@
-"""How a display turns levels into light, and a sensor light into levels. A scene without them is ideal and linear."""
+"""How a display turns levels into light, and a sensor light into levels; without them: ideal and linear."""
 
 from dataclasses import dataclass
 
@@ -30,12 +30,12 @@ class Display(Record):
 
 @dataclass(frozen=True, eq=False)
 class Sensor(Record):
-    """What the camera does with light 1 (a fully lit, fully reflecting pixel), in 8-bit levels whatever its bits.
+    """How light becomes grey levels. Light 1: a pixel fully lit, fully reflected. All levels are 8-bit levels.
 
-    level = offset + 255 (exposure light)^(1/gamma), clipped to 0..255, rounded to `bits` bits (255 -> 2^bits - 1).
-    noise: standard deviation of the read noise in levels; gain_e: electrons per level, for shot noise (0: none);
-    flicker: relative amplitude of the light's oscillation at flicker_hz; frame_s: time from frame to frame;
-    shutter_s: how long a frame is exposed (0: an instant).
+    level = offset + 255 (exposure light)^(1/gamma), clipped to 0..255, then rounded to `bits` bits (255 becomes
+    2^bits - 1). noise: standard deviation of the read noise in levels; gain_e: electrons per level, for shot
+    noise (0: none); flicker: relative amplitude of the light's oscillation at flicker_hz; frame_s: time from
+    frame to frame; shutter_s: how long a frame is exposed (0: an instant).
     """
 
     bits: int = 8

@@ -18,7 +18,7 @@ Gradient = Callable[[Float, Float], tuple[Float, Float]]
 
 @dataclass(frozen=True)
 class Formula:
-    """A closed form of `dents` by name, with all the numbers it takes (mm, rad), so that GLSL can evaluate it."""
+    """A closed form of `forms` by name, with all the numbers it takes (mm), so that GLSL can evaluate it."""
 
     name: str
     params: dict[str, float] = field(default_factory=dict)
@@ -49,7 +49,7 @@ class Surface:
 
 
 def surface_from_array(z: Any, x0: float, y0: float, pitch: float) -> Surface:
-    """Surface through heights z (rows, cols) in mm at x = x0 + col pitch, y = y0 + row pitch (bicubic spline, see `grid`)."""
+    """Surface through heights z (rows, cols) at x = x0 + col pitch, y = y0 + row pitch, mm (see `grid.py`)."""
     return _from_grid(Grid(z, x0, y0, pitch, pitch))
 
 

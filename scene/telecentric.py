@@ -13,7 +13,7 @@ __all__ = ["TelecentricCamera", "prism_camera"]
 
 @dataclass(frozen=True, eq=False)
 class TelecentricCamera(Record):
-    """Pixel (row, col) sends a ray from origin + col pitch[0] u_axis + row pitch[1] v_axis along u_axis x v_axis.
+    """Pixel (row, col) looks from origin + col pitch[0] u_axis + row pitch[1] v_axis along u_axis x v_axis.
 
     origin (3,) mm: centre of pixel (0, 0) in the mirror's frame; pitch (2,) mm: along columns, along rows;
     face: a refracting face that the rays cross on their way, or None.
@@ -58,7 +58,7 @@ class TelecentricCamera(Record):
 def prism_camera(
     length: float, angle: float, rows: int, cols: int, pitch: Float, face: Face | None = None
 ) -> TelecentricCamera:
-    """The camera on the prism face that rises from the mirror's edge x = length at `angle` (rad), looking along its normal.
+    """The camera on the prism face that rises at `angle` (rad) from x = length, looking along its normal.
 
     Column 0 is next to that edge, row 0 next to y = 0; pixel edges, not centres, lie on them.
     """

@@ -1,4 +1,4 @@
-"""Exact ray tracing (float64): camera pixel -> first meeting with the mirror -> reflection -> pattern coordinates."""
+"""Exact ray tracing (float64): camera pixel -> first meeting with the mirror -> reflection -> pattern."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,8 +23,8 @@ _BLOCK = 16  # rows at a time: a block's temporaries stay in the cache
 class Trace:
     """What every camera pixel sees, (H, W), NaN where it sees no pattern.
 
-    u, v: pattern coordinates in cells; x, y, z: point on the mirror (mm); normal (H, W, 3): unit, on the camera's side;
-    incidence: angle between ray and normal (rad); visible: bool.
+    u, v: pattern coordinates in cells; x, y, z: point on the mirror (mm); normal (H, W, 3): unit, on the
+    camera's side; incidence: angle between ray and normal (rad); visible: bool.
     """
 
     u: Float
@@ -53,8 +53,8 @@ _FIELDS = ("u", "v", "x", "y", "z", "normal", "incidence", "visible")
 def trace(scene: Scene, surface: Surface) -> Trace:
     """Follow the ray of every pixel's centre to the pattern.
 
-    Visible: it meets the mirror within its extent, is reflected once (n ~ (-dh/dx, -dh/dy, 1), d' = d - 2 (d.n) n),
-    travels on to the pattern's plane without meeting the mirror again, and lands on a cell.
+    Visible: it meets the mirror within its extent, is reflected once (n ~ (-dh/dx, -dh/dy, 1), then
+    d' = d - 2 (d.n) n), reaches the pattern's plane without meeting the mirror again, and lands on a cell.
     """
     rows, cols = scene.camera.rows, scene.camera.cols
     u, v, x, y, z, incidence = (np.full((rows, cols), np.nan) for _ in range(6))
@@ -93,13 +93,14 @@ def _trace_rows(scene: Scene, surface: Surface, bounds: Bounds, result: Trace, s
 def _normal(surface: Surface, points: Float) -> Float:
     """Unit normals (3, n) on the side of z > h."""
     slope_x, slope_y = surface.gradient(points[0], points[1])
-    normal = np.stack([-slope_x, -slope_y, np.ones_like(points[2])])
+    normal = np.ones_like(points)
+    normal[0], normal[1] = np.negative(slope_x), np.negative(slope_y)
     normal /= np.sqrt((normal * normal).sum(axis=0))
     return normal
 
 
 def _on_pattern(scene: Scene, points: Float, directions: Float) -> tuple[Float, Float, Float]:
-    """Pattern coordinates u, v and distance (mm, < 0: behind) at which rays (3, n) meet the pattern's plane."""
+    """Where rays (3, n) meet the pattern's plane: coordinates u, v and distance (mm, < 0: behind)."""
     pattern = scene.pattern
     offset = points - pattern.origin[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
