@@ -102,7 +102,7 @@ def dent(name: str, scene: Scene, **params: Any) -> Surface:
     | needle | peak, decay, x, y |
     | rounded-needle | peak, decay, rounding, x, y |
     | ridge | peak, sigma, x, y, angle_deg (0: along y) |
-    | relief | path (of an image: columns along x, rows along y), peak (of white), smooth (rms radius of a blur) |
+    | relief | path (of an image: columns along x, rows along y), peak (of white), smooth (a blur's rms) |
 
     InputError on an unknown name or parameter, or a value out of range.
     """

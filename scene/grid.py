@@ -6,8 +6,7 @@
 
 where c is (rows + 2, cols + 2) (one more node on every side, not-a-knot: cubics are reproduced exactly).
 x and y are clamped to the grid first, so the surface continues level, and without a step, beyond its edges.
-Source: Unser, Splines, IEEE Signal Processing Magazine 16(6), 1999,
-doi:10.1109/79.799930.
+Source: Unser, Splines, IEEE Signal Processing Magazine 16(6), 1999, doi:10.1109/79.799930.
 """
 
 from dataclasses import dataclass, field
@@ -70,7 +69,7 @@ class Grid(Record):
 
 
 def _prefilter(z: Float) -> Float:
-    """Coefficients along axis 0, (n, m) -> (n + 2, m): (c[-1] + 4 c[0] + c[1])/6 = z; 4th difference 0 at ends."""
+    """Coefficients (n, m) -> (n + 2, m) of columns: (c[-1] + 4 c[0] + c[1])/6 = z, 4th difference 0 at the end."""
     n = len(z) + 2
     bands = np.zeros((9, n))  # row 4 + i - j holds the matrix element (i, j)
     bands[5, :-2], bands[4, 1:-1], bands[3, 2:] = 1 / 6, 4 / 6, 1 / 6

@@ -1,6 +1,6 @@
 """Where rays meet a surface: the first crossing of F(t) = z(t) - h(x(t), y(t)) over the mirror's extent.
 
-Where |d_z| exceeds the surface's largest slope times |d_xy|, F falls steadily: one crossing, found by Newton's
+Where |d_z| exceeds the surface's largest slope times |d_xy|, F falls steadily: one crossing, by Newton's
 method inside a shrinking bracket. Only the other rays are marched, in steps that F cannot cross (F over its
 largest slope), but not in shorter ones than 1/4096 of the mirror.
 """

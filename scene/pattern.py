@@ -13,7 +13,7 @@ __all__ = ["Pattern", "prism_pattern"]
 class Pattern(Record):
     """Cell (u, v) (column, row) has its centre at origin + u pitch u_axis + v pitch v_axis.
 
-    In the mirror's frame: origin (3,) mm, u_axis and v_axis (3,) unit and perpendicular, pitch mm, rows and cols cells;
+    In the mirror's frame: origin (3,) mm, u_axis and v_axis (3,) unit and perpendicular, pitch mm;
     blur_px: rms radius, in cells, of the Gaussian through which the camera reads the pattern (0: none).
     """
 
@@ -51,6 +51,6 @@ class Pattern(Record):
 
 
 def prism_pattern(angle: float, rows: int, cols: int, pitch: float, blur_px: float = 0.0) -> Pattern:
-    """The pattern on the prism face that rises at `angle` (rad) from the mirror's edge x = 0; from y = 0 on."""
+    """The pattern on the prism face that rises at `angle` (rad) from the mirror's edge x = 0."""
     u_axis, v_axis = np.array([np.cos(angle), 0.0, np.sin(angle)]), np.array([0.0, 1.0, 0.0])
     return Pattern(0.5 * pitch * (u_axis + v_axis), u_axis, v_axis, pitch, rows, cols, blur_px)

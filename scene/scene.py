@@ -28,7 +28,7 @@ class Scene(Record):
     """A mirror at rest, a pattern surface and a camera, all in the mirror's frame (mm).
 
     medium None: an ideal mirror that reflects everything; display None: light proportional to level;
-    sensor None: 8 bit, linear, without noise; dent: the dent to show where none is named (see `dent_from_text`).
+    sensor None: 8 bit, linear, without noise; dent: the dent to show where none is named (`dent_from_text`).
     """
 
     name: str

@@ -30,9 +30,9 @@ class Display(Record):
 
 @dataclass(frozen=True, eq=False)
 class Sensor(Record):
-    """How light becomes grey levels. Light 1: a pixel fully lit, fully reflected. All levels are 8-bit levels.
+    """How light becomes levels (8-bit levels throughout). Light 1: a pixel fully lit, fully reflected.
 
-    level = offset + 255 (exposure light)^(1/gamma), clipped to 0..255, then rounded to `bits` bits (255 becomes
+    level = offset + 255 (exposure light)^(1/gamma), clipped to 0..255, rounded to `bits` bits (255 becomes
     2^bits - 1). noise: standard deviation of the read noise in levels; gain_e: electrons per level, for shot
     noise (0: none); flicker: relative amplitude of the light's oscillation at flicker_hz; frame_s: time from
     frame to frame; shutter_s: how long a frame is exposed (0: an instant).

@@ -49,7 +49,7 @@ class Surface:
 
 
 def surface_from_array(z: Any, x0: float, y0: float, pitch: float) -> Surface:
-    """Surface through heights z (rows, cols) at x = x0 + col pitch, y = y0 + row pitch, mm (see `grid.py`)."""
+    """Surface through heights z (rows, cols) at x = x0 + col pitch, y = y0 + row pitch; mm; see `grid`."""
     return _from_grid(Grid(z, x0, y0, pitch, pitch))
 
 
