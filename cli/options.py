@@ -49,7 +49,8 @@ SIZE = _Size()
 
 def json_option(command: Command) -> Command:
     """--json FILE: the numbers of the run for other programs."""
-    return click.option("--json", "json_path", type=FILE, metavar="FILE", help="Write the numbers as JSON too.")(command)
+    text = "Write the numbers as JSON too."
+    return click.option("--json", "json_path", type=FILE, metavar="FILE", help=text)(command)
 
 
 def size_option(command: Command) -> Command:

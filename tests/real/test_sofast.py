@@ -1,0 +1,112 @@
+"""sofast_facet: a heliostat facet measured by OpenCSP's SOFAST; its own result is the answer to compare with.
+
+The slopes' reference rests on a fitted paraboloid; the free-form solve finds height from the screen points alone.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever.cli import run
+from optolever.decode import Correspondence
+from optolever.reconstruct import reconstruct
+from optolever.scene import SofastRig, load_sofast_rig
+
+h5py = pytest.importorskip("h5py", reason="h5py is absent: pip install 'optolever[sofast]'")
+
+Floats = NDArray[np.float64]
+
+FACET = "DataSofastCalculation/facet/facet_000/"
+COLS, ROWS = 2000, 1000  # nominal pixels of projector.load_sofast
+UNSEEN = 128  # flag of a pixel without data
+
+
+def expected(real: Path, name: str) -> Floats:
+    """A dataset of OpenCSP's result."""
+    with h5py.File(real / "sofast_facet/data_expected_facet.h5") as file:
+        return np.asarray(file[FACET + name], dtype=np.float64)
+
+
+@pytest.fixture(scope="module")
+def rig(real: Path) -> SofastRig:
+    return load_sofast_rig(real / "sofast_facet/data_expected_facet.h5")
+
+
+@pytest.fixture(scope="module")
+def screen(real: Path, tmp_path_factory: pytest.TempPathFactory) -> Correspondence:
+    """Decoded with the response table, through the command line."""
+    out = tmp_path_factory.mktemp("sofast") / "c.npz"
+    folder = real / "sofast_facet"
+    response = ["--response", str(folder / "image_calibration.h5")]
+    assert run(["decode", str(folder / "measurement_facet.h5"), *response, "--out", str(out)]) == 0
+    return Correspondence.load(out)
+
+
+@pytest.fixture(scope="module")
+def on_plane(screen: Correspondence, rig: SofastRig) -> Correspondence:
+    """The same on the rig's flat pattern, where the facet is; cells of 1 mm."""
+    u, v = rig.pattern_coordinates(screen.u / COLS, 1 - screen.v / ROWS)
+    seen = rig.mask & np.isfinite(u)
+    scale_u, scale_v = rig.scene.pattern.cols / COLS, rig.scene.pattern.rows / ROWS
+    return replace(
+        screen,
+        u=np.where(seen, u, np.nan),
+        v=np.where(seen, v, np.nan),
+        sigma_u=screen.sigma_u * scale_u,
+        sigma_v=screen.sigma_v * scale_v,
+        flags=np.where(seen, 0, UNSEEN).astype(np.uint16),
+    )
+
+
+def slopes(
+    points: Floats, correspondence: Correspondence, rig: SofastRig, where: NDArray[np.bool_]
+) -> Floats:
+    """(2, n) slopes dz/dx, dz/dy at points (n, 3) mm: the normal halves the angle of the two rays."""
+    _, rays = rig.scene.camera.rays()
+    leaving = rig.scene.pattern.point(correspondence.u[where], correspondence.v[where]) - points
+    normal = leaving / np.linalg.norm(leaving, axis=1, keepdims=True) - rays[where]
+    return -(normal[:, :2] / normal[:, 2:]).T
+
+
+def surface_points(real: Path) -> Floats:
+    """(n, 3) mm in the mirror frame: OpenCSP's points, moved so that the facet starts at 0."""
+    return 1000 * expected(real, "SlopeSolverData/v_surf_points_facet").T + np.array([606.0, 606.0, 0.0])
+
+
+def test_screen_fractions(real: Path, rig: SofastRig, screen: Correspondence) -> None:
+    x, y = expected(real, "CalculationDataGeometryFacet/v_screen_points_fractional_screens")
+    assert np.abs(screen.u[rig.mask] / COLS - x).max() < 1e-6
+    assert np.abs(1 - screen.v[rig.mask] / ROWS - y).max() < 1e-6
+
+
+def test_screen_points(real: Path, rig: SofastRig, on_plane: Correspondence) -> None:
+    """The display's measured shape, and its pose: the pattern point in the optic's frame, 0.01 mm of 10 m."""
+    point = rig.scene.pattern.point(on_plane.u[rig.mask], on_plane.v[rig.mask])
+    camera, facet = rig.scene.camera.rays()[0][rig.mask], surface_points(real)
+    screen = expected(real, "CalculationDataGeometryFacet/v_screen_points_facet").T
+    aligned = screen @ expected(real, "SlopeSolverData/trans_alignment")[:3, :3].T
+    assert np.abs(point - 1000 * aligned - [606, 606, 0]).max() < 0.01
+    assert (np.linalg.norm(camera - facet, axis=1) > 9000).all()
+
+
+def test_slopes_at_the_given_surface(real: Path, rig: SofastRig, on_plane: Correspondence) -> None:
+    found = slopes(surface_points(real), on_plane, rig, rig.mask)
+    assert np.abs(found - expected(real, "SlopeSolverData/slopes_facet_xy")).max() < 1e-7
+
+
+def test_free_form_solve(real: Path, rig: SofastRig, on_plane: Correspondence) -> None:
+    """Anchored where SOFAST measured its distance, in the middle of the facet."""
+    height = reconstruct(on_plane, rig.scene, anchor=(606.0, 606.0, 0.0))
+    use = rig.mask & height.good
+    assert use.sum() > 0.99 * rig.mask.sum()
+    points = np.stack([height.x, height.y, height.z], axis=-1)[use]
+    error = (
+        slopes(points, on_plane, rig, use)
+        - expected(real, "SlopeSolverData/slopes_facet_xy")[:, use[rig.mask]]
+    )
+    assert np.sqrt(np.mean(error**2)) < 30e-6
+    depth = height.z[use] - surface_points(real)[use[rig.mask], 2]
+    assert np.sqrt(np.mean(depth**2)) < 0.05
