@@ -84,12 +84,11 @@ def _read(source: Path, description: Path | None) -> "Capture":
 
 
 def _decode(capture: "Capture", response: Path | None) -> "Correspondence":
-    from optolever.decode import decode
+    from optolever.decode import Response, decode
     from optolever.projector import load_sofast_response
 
-    if response is None:
-        return decode(capture.frames, capture.sequence)
-    return decode(capture.frames, capture.sequence, response=load_sofast_response(response))
+    inverse = None if response is None else Response.from_table(*load_sofast_response(response))
+    return decode(capture.frames, capture.sequence, response=inverse)
 
 
 def _numbers(result: "Correspondence") -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """procam_capture_0: a Gray-coded projector on a flat chessboard.
 
 The board is a plane, so on its white squares the map from camera to projector is a homography, up to the
-distortion of both lenses, for which a cubic polynomial stands. Rounding to integers alone costs sqrt(2/12) = 0.408 px.
+distortion of both lenses, for which a cubic polynomial stands. Rounding alone costs sqrt(2/12) = 0.408 px.
 """
 
 from pathlib import Path

@@ -1,6 +1,6 @@
 """sofast_facet: a heliostat facet measured by OpenCSP's SOFAST; its own result is the answer to compare with.
 
-The slopes' reference rests on a fitted paraboloid; the free-form solve finds height from the screen points alone.
+Its slopes rest on a fitted paraboloid; the free-form solve here finds height from the screen points alone.
 """
 
 from dataclasses import replace
