@@ -1,0 +1,67 @@
+"""Plans as plain arrays, the form in which the compiled kernels take them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+
+from .plan import Fringe
+
+__all__ = ["FringeArrays", "chi_squared_limit", "fringe_arrays"]
+
+F32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class FringeArrays:
+    """count (G,), index (G, N), solve (G, 3, N), model (G, N, 3), quad (G, 4, 3), periods (G,), misfit (G,).
+
+    quad holds, for the parameters' variance, sum_i w_i (S1 S1, S1 S2, S2 S2)_i with S = solve and the weights
+    w = 1 (read noise), e (offset), e cos d, e sin d (shot noise of the offset and of the fringe itself);
+    misfit is the limit of the squared residuals over their variance.
+    """
+
+    count: NDArray[np.int64]
+    index: NDArray[np.int64]
+    solve: F32
+    model: F32
+    quad: F32
+    periods: NDArray[np.float64]
+    misfit: NDArray[np.float64]
+
+
+def fringe_arrays(fringes: tuple[Fringe, ...], axis: str) -> FringeArrays:
+    """Padded to the longest period's number of frames. InputError if shifts do not determine a phase."""
+    groups, most = len(fringes), max(len(fringe.index) for fringe in fringes)
+    index = np.zeros((groups, most), np.int64)
+    solve = np.zeros((groups, 3, most), np.float32)
+    model = np.zeros((groups, most, 3), np.float32)
+    quad = np.zeros((groups, 4, 3), np.float32)
+    for g, fringe in enumerate(fringes):
+        n = len(fringe.index)
+        design = fringe.design()
+        if n < 3 or np.linalg.cond(design) > 1e3:
+            raise InputError(
+                f"sequence: fringe of period {fringe.period:g} px on {axis} has {n} frames with shifts "
+                f"{np.round(fringe.shifts, 3).tolist()}, must have 3 distinct ones"
+            )
+        inverse = np.linalg.pinv(design)
+        index[g, :n], solve[g, :, :n], model[g, :n] = fringe.index, inverse, design
+        pairs = np.stack([inverse[1] ** 2, inverse[1] * inverse[2], inverse[2] ** 2], axis=1)
+        quad[g] = np.concatenate([np.ones((n, 1)), design], axis=1).T @ pairs
+    count = np.array([len(fringe.index) for fringe in fringes])
+    misfit = np.array([chi_squared_limit(n - 3) for n in count])
+    return FringeArrays(count, index, solve, model, quad, np.array([f.period for f in fringes]), misfit)
+
+
+def chi_squared_limit(freedom: int, sigmas: float = 5.0) -> float:
+    """Chi squared that noise exceeds as rarely as a Gaussian `sigmas`, inf without degrees of freedom.
+
+    Wilson & Hilferty (1931), doi:10.1073/pnas.17.12.684.
+    """
+    if freedom < 1:
+        return float("inf")
+    part = 2 / (9 * freedom)
+    return float(freedom * (1 - part + sigmas * part**0.5) ** 3)

@@ -1,0 +1,106 @@
+"""Correspondence: where on the pattern every camera pixel looks, how sure that is, and why not where it fails."""
+
+from dataclasses import dataclass, fields
+from enum import IntFlag
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+from optolever.files import load_arrays, save_arrays
+
+__all__ = ["Correspondence", "Flag", "difference"]
+
+Map = NDArray[np.floating[Any]]
+_REQUIRED = ("u", "v", "sigma_u", "sigma_v", "flags")
+
+
+class Flag(IntFlag):
+    """Why a pixel is not to be trusted; 0 = good."""
+
+    DARK = 1
+    SATURATED = 2
+    LOW_CONTRAST = 4
+    ORDER_DOUBTFUL = 8
+    OFF_PATTERN = 16
+    OUTLIER = 32
+    MOVED = 64
+    INVALID = 128
+
+
+@dataclass(frozen=True, slots=True)
+class Correspondence:
+    """Per camera pixel, all (H, W).
+
+    u, v               pattern pixels, integer = pixel centre; NaN along an axis that was not encoded
+    sigma_u, sigma_v   standard deviations, pattern pixels; inf along an axis that was not encoded
+    flags              uint16 bit field of Flag, 0 = good
+    amplitude, offset  of the modulation, camera levels (the smaller amplitude of both axes, the mean level)
+    order_error        probability that a fringe order or code bit is wrong
+    """
+
+    u: Map
+    v: Map
+    sigma_u: Map
+    sigma_v: Map
+    flags: NDArray[np.uint16]
+    amplitude: Map | None = None
+    offset: Map | None = None
+    order_error: Map | None = None
+
+    def __post_init__(self) -> None:
+        shape = np.shape(self.u)
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is not None and (np.shape(value) != shape or len(shape) != 2):
+                raise InputError(
+                    f"correspondence: {field.name} has shape {np.shape(value)}, must be 2-D like u {shape}"
+                )
+        if np.asarray(self.flags).dtype.kind not in "ui":
+            raise InputError(f"correspondence: flags is {np.asarray(self.flags).dtype}, must be integer")
+
+    @property
+    def good(self) -> NDArray[np.bool_]:
+        """True where no flag is set."""
+        return np.asarray(self.flags == 0)
+
+    def save(self, path: str | Path) -> None:
+        """Write an .npz with the fields' names."""
+        save_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)})
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Correspondence":
+        """Read what save() wrote; InputError names the file and the field."""
+        arrays = load_arrays(path, _REQUIRED)
+        known = {field.name for field in fields(cls)}
+        try:
+            return cls(**{name: value for name, value in arrays.items() if name in known})
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+
+
+def difference(deformed: Correspondence, rest: Correspondence) -> Correspondence:
+    """Deformed minus rest: u and v are displacements in pattern pixels, sigmas add in square, flags or-ed.
+
+    Amplitude and offset stay those of the deformed capture; the probability that either order is wrong adds.
+    """
+    if deformed.u.shape != rest.u.shape:
+        raise InputError(f"difference: deformed is {deformed.u.shape}, rest is {rest.u.shape}, must be equal")
+    return Correspondence(
+        deformed.u - rest.u,
+        deformed.v - rest.v,
+        np.hypot(deformed.sigma_u, rest.sigma_u),
+        np.hypot(deformed.sigma_v, rest.sigma_v),
+        (deformed.flags | rest.flags).astype(np.uint16),
+        deformed.amplitude,
+        deformed.offset,
+        _either(deformed.order_error, rest.order_error),
+    )
+
+
+def _either(first: Map | None, second: Map | None) -> Map | None:
+    if first is None or second is None:
+        return first if second is None else second
+    return np.asarray(first + second - first * second)

@@ -1,0 +1,232 @@
+"""decode(): frames and their descriptions -> Correspondence."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optolever.blocks import over_rows
+from optolever.errors import InputError
+from optolever.patterns import Sequence
+
+from .arrays import FringeArrays, chi_squared_limit, fringe_arrays
+from .cells import add_cell_term
+from .code_kernels import FROM_EXTREMES, FROM_PAIRS, FROM_WHITE_BLACK, code_rows
+from .correspondence import Correspondence
+from .noise import QUANTISATION, Noise, estimate_noise
+from .phase_kernels import CODE_GUIDED, SEARCHED, SPAN_GUIDED, code_finish_rows, outlier_rows, phase_rows
+from .plan import AxisPlan, Code, Plan, plan
+from .response import Response
+
+__all__ = ["decode"]
+
+#: Sigma that is stated for frames without noise beyond their rounding, pattern pixels.
+FLOOR = 0.01
+#: Systematic error of a code's margin that is always reckoned with, in units of half the contrast.
+LOOSE = 0.02
+_BLOCK = 32
+Frames = NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class _Job:
+    """What is the same for all rows."""
+
+    frames: Frames
+    lut: NDArray[np.float32]
+    clip: float
+    noise: Noise
+    floor: float
+
+
+def decode(
+    frames: ArrayLike,
+    sequence: Sequence,
+    *,
+    noise: float | None = None,
+    gain: float = 0.0,
+    white_level: float | None = None,
+    response: Response | None = None,
+    blur_px: float | None = None,
+) -> Correspondence:
+    """Where on the pattern every camera pixel looks.
+
+    frames       (N, H, W) uint8 or uint16 (floats are taken, too), frame i as sequence.frames[i] describes it
+    noise, gain  of the camera: variance = noise^2 + gain * level, levels of the frames before rounding;
+                 without `noise` both are estimated from the frames
+    white_level  level at which the camera clips; default 255, for uint16 the 10, 12, 14 or 16 bits in use
+    response     camera level against shown level, inverted first
+    blur_px      rms blur between display and camera, cells; default: estimated (see cells.add_cell_term)
+
+    InputError if frames and sequence do not fit or hold values that are not finite.
+    """
+    stack = _checked(frames, sequence)
+    wanted = plan(sequence)
+    job = _job(stack, wanted, noise, gain, white_level, response)
+    _, height, width = stack.shape
+    maps = {
+        axis: (np.full((height, width), np.nan), np.full((height, width), np.inf, np.float32))
+        for axis in "uv"
+    }
+    flags = np.zeros((height, width), np.uint16)
+    amplitude, offset, order_error = (np.zeros((height, width), np.float32) for _ in range(3))
+    steps = [_axis_step(job, wanted, axis, maps[axis.axis], bool(i), flags, amplitude, offset, order_error)
+             for i, axis in enumerate(wanted.axes)]  # fmt: skip
+
+    def work(start: int, stop: int) -> None:
+        for step in steps:
+            step(start, stop)
+
+    over_rows(work, height, _BLOCK)
+    for axis in wanted.axes:
+        if axis.fringes:
+            add_cell_term(maps[axis.axis][0], maps[axis.axis][1], flags, blur_px)
+    return Correspondence(
+        maps["u"][0], maps["v"][0], maps["u"][1], maps["v"][1], flags, amplitude, offset, order_error
+    )
+
+
+def _checked(frames: ArrayLike, sequence: Sequence) -> Frames:
+    stack = np.asarray(frames)
+    if stack.ndim != 3 or 0 in stack.shape:
+        raise InputError(f"decode: frames have shape {stack.shape}, must be (N, H, W)")
+    if len(stack) != len(sequence):
+        raise InputError(f"decode: {len(stack)} frames, sequence {sequence.name} describes {len(sequence)}")
+    if stack.dtype.kind == "f":
+        if not np.isfinite(stack).all():
+            bad = int(np.flatnonzero(~np.isfinite(stack).all(axis=(1, 2)))[0])
+            raise InputError(f"decode: frame {bad} holds values that are not finite")
+        return stack.astype(np.float32)
+    if stack.dtype not in (np.uint8, np.uint16):
+        raise InputError(f"decode: frames are {stack.dtype}, must be uint8, uint16 or float")
+    return np.ascontiguousarray(stack)
+
+
+def _job(
+    stack: Frames,
+    wanted: Plan,
+    noise: float | None,
+    gain: float,
+    white_level: float | None,
+    response: Response | None,
+) -> _Job:
+    for name, value in (("noise", noise), ("gain", gain)):
+        if value is not None and not 0 <= value < np.inf:
+            raise InputError(f"decode: {name} is {value}, must be finite and at least 0")
+    clip = _clip_level(stack) if white_level is None else float(white_level)
+    if not clip > 0:
+        raise InputError(f"decode: white_level is {white_level}, must be above 0")
+    lut = np.zeros(0, np.float32)
+    if response is not None:
+        if stack.dtype.kind != "u":
+            raise InputError(
+                f"decode: response is given and frames are {stack.dtype}, must be uint8 or uint16"
+            )
+        lut = response.table(stack.dtype)
+    if noise is None or response is not None:
+        known = estimate_noise(stack, lut, clip, wanted)
+    else:
+        known = Noise(noise**2 + (QUANTISATION if stack.dtype.kind == "u" else 0.0), gain)
+    level = float(stack[:, ::16, ::16].mean())
+    silent = known.variance(level) < 1.5 * QUANTISATION
+    return _Job(stack, lut, clip, known, FLOOR if silent else 0.0)
+
+
+def _clip_level(stack: Frames) -> float:
+    """255, or the largest level of the fewest bits that hold the brightest sample of 16-bit frames."""
+    if stack.dtype == np.uint8:
+        return 255.0
+    if stack.dtype.kind == "f":
+        return float("inf")
+    brightest = int(stack.max())
+    return float(next(level for level in (255, 1023, 4095, 16383, 65535) if level >= brightest))
+
+
+def _axis_step(
+    job: _Job, wanted: Plan, axis: AxisPlan, maps: tuple[Frames, Frames], joined: bool, *common: Frames
+) -> Any:
+    """The work on a block of rows for one axis."""
+    if axis.fringes:
+        return _phase_step(job, wanted, axis, maps, joined, *common)
+    if axis.code is not None:
+        return _code_step(job, wanted, axis, axis.code, maps, joined, *common)
+    raise InputError(f"decode: axis {axis.axis} is encoded by frames that cannot be decoded yet")
+
+
+def _run_code(job: _Job, wanted: Plan, code: Code, start: int, stop: int) -> tuple[Frames, ...]:
+    """Cell, far, up, down, half contrast, mid level and clipped count of a block."""
+    shape = (stop - start, job.frames.shape[2])
+    cell = np.empty(shape, np.int32)
+    maps = tuple(np.empty(shape, np.float32) for _ in range(5))
+    clipped = np.empty(shape, np.uint8)
+    code_rows(job.frames, job.lut, job.clip, start, stop, _source(wanted, code), wanted.white, wanted.black,
+              code.plain, code.inverse, code.cells, np.float32(job.noise.read2), np.float32(job.noise.gain),
+              np.float32(LOOSE), cell, *maps, clipped)  # fmt: skip
+    return (cell, *maps, clipped)
+
+
+def _source(wanted: Plan, code: Code) -> int:
+    if wanted.white >= 0 and wanted.black >= 0:
+        return FROM_WHITE_BLACK
+    return FROM_PAIRS if ((code.plain >= 0) & (code.inverse >= 0)).any() else FROM_EXTREMES
+
+
+def _code_step(
+    job: _Job,
+    wanted: Plan,
+    axis: AxisPlan,
+    code: Code,
+    maps: tuple[Frames, Frames],
+    joined: bool,
+    *common: Frames,
+) -> Any:
+    cells = int(np.ceil((axis.extent - code.origin) / code.cell))
+    origin = 0.5 * (code.cell - 1) + code.origin
+    noise = (job.noise.read2, job.noise.gain)
+
+    def step(start: int, stop: int) -> None:
+        found = _run_code(job, wanted, code, start, stop)
+        code_finish_rows(start, stop, axis.extent, code.cell, origin, cells, job.clip, noise, *found, joined,
+                         *maps, *common)  # fmt: skip
+        outlier_rows(start, stop, 8 * code.cell, *maps, common[0])
+
+    return step
+
+
+def _phase_step(
+    job: _Job, wanted: Plan, axis: AxisPlan, maps: tuple[Frames, Frames], joined: bool, *common: Frames
+) -> Any:
+    arrays = fringe_arrays(axis.fringes, axis.axis)
+    code = axis.code
+    mode = CODE_GUIDED if code is not None else _mode(axis)
+    limits = (_reach(axis), job.floor, chi_squared_limit(len(arrays.periods) - 1))
+    noise = (job.noise.read2, job.noise.gain)
+    nothing = np.empty((0, 0), np.float32)
+
+    def step(start: int, stop: int) -> None:
+        centre = far = up = down = nothing
+        if code is not None:
+            cell, far, up, down, *_ = _run_code(job, wanted, code, start, stop)
+            centre = code.centre(cell).astype(np.float32)
+        phase_rows(job.frames, job.lut, job.clip, start, stop, mode, *_packed(arrays), limits, noise,
+                   centre, far, up, down, axis.extent, joined, *maps, *common)  # fmt: skip
+        outlier_rows(start, stop, 0.4 * arrays.periods[-1], *maps, common[0])
+
+    return step
+
+
+def _packed(arrays: FringeArrays) -> tuple[Frames, ...]:
+    return arrays.count, arrays.index, arrays.solve, arrays.model, arrays.quad, arrays.periods, arrays.misfit
+
+
+def _mode(axis: AxisPlan) -> int:
+    return SPAN_GUIDED if axis.fringes[0].period >= axis.extent else SEARCHED
+
+
+def _reach(axis: AxisPlan) -> float:
+    """How far a coordinate may lie from the centre of the code's cell (or of the surface)."""
+    period = axis.fringes[0].period
+    if axis.code is None:
+        return float("inf")
+    return min(axis.code.cell / 2 + period / 8, period * 15 / 32)

@@ -1,0 +1,150 @@
+"""From a sequence's descriptions to what has to be computed: which frame serves which axis, code and fringe."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+from optolever.patterns import BINARY_CODES, Sequence, code_words
+
+__all__ = ["AxisPlan", "Code", "Fringe", "Plan", "plan"]
+
+
+@dataclass(frozen=True, slots=True)
+class Fringe:
+    """Frames of one axis and period: I_i = e_i (A + c cos d_i + s sin d_i), phase = atan2(s, c)."""
+
+    index: tuple[int, ...]
+    period: float
+    shifts: NDArray[np.float64]
+    exposure: NDArray[np.float64]
+
+    def design(self) -> NDArray[np.float64]:
+        """Model matrix (N, 3)."""
+        columns = [np.ones(len(self.shifts)), np.cos(self.shifts), np.sin(self.shifts)]
+        return self.exposure[:, None] * np.stack(columns, axis=1)
+
+
+@dataclass(frozen=True, slots=True)
+class Code:
+    """Bits of one axis, least significant first; frame numbers, -1 where that polarity was not shown."""
+
+    kind: str
+    plain: NDArray[np.int64]
+    inverse: NDArray[np.int64]
+    cell: float
+    origin: float
+    cells: NDArray[np.int32]  # word -> cell
+
+    def centre(self, cell: NDArray[np.int32]) -> NDArray[np.float64]:
+        """Coordinate of a cell's centre, pattern pixels."""
+        return cell * self.cell + (0.5 * (self.cell - 1) + self.origin)
+
+
+@dataclass(frozen=True, slots=True)
+class AxisPlan:
+    """What was shown along one axis of `extent` pixels; fringes from coarse to fine."""
+
+    axis: str
+    extent: int
+    code: Code | None
+    fringes: tuple[Fringe, ...]
+    stripes: tuple[int, ...]
+    levels: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """All axes, and the frames that serve both."""
+
+    axes: tuple[AxisPlan, ...]
+    white: int
+    black: int
+    crossed: tuple[int, ...]
+    spots: tuple[int, ...]
+
+
+def plan(sequence: Sequence) -> Plan:
+    """Sort the frames by what they describe; their order in the sequence does not matter."""
+    frames = sequence.frames
+    axes = tuple(
+        found
+        for axis, extent in (("u", sequence.cols), ("v", sequence.rows))
+        if (found := _axis_plan(sequence, axis, extent)) is not None
+    )
+    by_kind = {
+        kind: tuple(i for i, frame in enumerate(frames) if frame.kind == kind) for kind in ("crossed",)
+    }
+    spots = tuple(i for i, frame in enumerate(frames) if frame.kind == "stripe" and frame.axis == "uv")
+    if not axes and not by_kind["crossed"] and not spots:
+        kinds = ", ".join(sorted({frame.kind for frame in frames}))
+        raise InputError(f"sequence {sequence.name}: frames are {kinds}, none of them encodes u or v")
+    return Plan(axes, _reference(sequence, "white"), _reference(sequence, "black"), by_kind["crossed"], spots)
+
+
+def _reference(sequence: Sequence, kind: str) -> int:
+    """Number of the white (black) frame, -1 if there is none; an inverted black is a white."""
+    other = "black" if kind == "white" else "white"
+    for index, frame in enumerate(sequence.frames):
+        if frame.kind == (other if frame.inverted else kind):
+            return index
+    return -1
+
+
+def _axis_plan(sequence: Sequence, axis: str, extent: int) -> AxisPlan | None:
+    mine = [(i, frame) for i, frame in enumerate(sequence.frames) if frame.axis == axis]
+    code = _code(sequence, [i for i, frame in mine if frame.kind in BINARY_CODES], axis)
+    fringes = _fringes(sequence, [i for i, frame in mine if frame.kind == "phase"], axis)
+    stripes = tuple(i for i, frame in mine if frame.kind == "stripe")
+    levels = tuple(i for i, frame in mine if frame.kind == "levels")
+    if code is None and not fringes and not stripes and not levels:
+        return None
+    return AxisPlan(axis, extent, code, fringes, stripes, levels)
+
+
+def _code(sequence: Sequence, index: list[int], axis: str) -> Code | None:
+    if not index:
+        return None
+    frames = [sequence.frames[i] for i in index]
+    first = frames[0]
+    for frame in frames:
+        for name in ("kind", "cell_px", "offset_px", "bits"):
+            if getattr(frame, name) != getattr(first, name):
+                raise InputError(
+                    f"sequence {sequence.name}: code on {axis} mixes {name} {getattr(first, name)!r} "
+                    f"and {getattr(frame, name)!r}, must be one code"
+                )
+    bits = 1 + max(frame.bit or 0 for frame in frames)
+    polarity = np.full((2, bits), -1, np.int64)
+    for i, frame in zip(index, frames, strict=True):
+        if polarity[int(frame.inverted), frame.bit or 0] >= 0:
+            raise InputError(
+                f"sequence {sequence.name}: bit {frame.bit} on {axis}"
+                f"{' inverted' if frame.inverted else ''} is described twice"
+            )
+        polarity[int(frame.inverted), frame.bit or 0] = i
+    missing = np.flatnonzero(polarity.max(axis=0) < 0)
+    if len(missing):
+        raise InputError(
+            f"sequence {sequence.name}: bit {missing[0]} on {axis} is missing, code has {bits} bits"
+        )
+    words = code_words(first.kind, np.arange(1 << bits), first.bits)
+    cells = np.empty(1 << bits, np.int32)
+    cells[words] = np.arange(1 << bits)
+    return Code(first.kind, polarity[0], polarity[1], first.cell_px, first.offset_px or 0.0, cells)
+
+
+def _fringes(sequence: Sequence, index: list[int], axis: str) -> tuple[Fringe, ...]:
+    groups: dict[float, list[int]] = {}
+    for i in index:
+        groups.setdefault(sequence.frames[i].period_px or 1.0, []).append(i)
+    return tuple(_fringe(sequence, groups[period], period, axis) for period in sorted(groups, reverse=True))
+
+
+def _fringe(sequence: Sequence, index: list[int], period: float, axis: str) -> Fringe:
+    frames = [sequence.frames[i] for i in index]
+    # an inverted fringe is the same fringe half a turn on
+    shifts = np.array([(frame.shift or 0.0) + (math.pi if frame.inverted else 0.0) for frame in frames])
+    return Fringe(tuple(index), period, shifts, np.array([frame.exposure for frame in frames]))

@@ -1,0 +1,63 @@
+"""Response of display and camera together: camera level against shown level, inverted before decoding."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optolever.errors import InputError
+
+__all__ = ["Response"]
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """Camera levels `seen` (K,) where levels `shown` (K,) were displayed; both rise strictly with each other.
+
+    Between the entries the inverse is linear, beyond them it goes on with the slope of the last pair.
+    """
+
+    shown: NDArray[np.float64]
+    seen: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for name in ("shown", "seen"):
+            values = np.asarray(getattr(self, name), np.float64)
+            if values.ndim != 1 or len(values) < 2 or len(values) != len(np.asarray(self.shown)):
+                raise InputError(f"response: {name} has shape {values.shape}, must be (K,), K >= 2, as shown")
+            if not np.all(np.isfinite(values)) or not np.all(np.diff(values) > 0):
+                raise InputError(f"response: {name} must be finite and rise strictly")
+            object.__setattr__(self, name, values)
+
+    @classmethod
+    def from_table(cls, shown: ArrayLike, seen: ArrayLike) -> "Response":
+        """From a measured table in any order; entries where the camera no longer tells levels apart go."""
+        pairs = np.array([np.asarray(shown, np.float64).ravel(), np.asarray(seen, np.float64).ravel()])
+        if not np.all(np.isfinite(pairs)):
+            raise InputError("response: table holds values that are not finite")
+        pairs = pairs[:, np.argsort(pairs[0], kind="stable")]
+        rising = pairs[1] > np.concatenate([[-np.inf], np.maximum.accumulate(pairs[1])[:-1]])
+        rising &= np.concatenate([[True], np.diff(pairs[0]) > 0])
+        return cls(pairs[0, rising], pairs[1, rising])
+
+    @classmethod
+    def from_gamma(cls, gamma: float, white_level: float = 255.0) -> "Response":
+        """seen = white_level (shown / 255)^gamma."""
+        if not 0.1 <= gamma <= 10:
+            raise InputError(f"response: gamma is {gamma}, must be in 0.1..10")
+        seen = np.linspace(0.0, 1.0, 1025)
+        return cls(255.0 * seen ** (1 / gamma), white_level * seen)
+
+    def shown_of(self, seen: ArrayLike) -> NDArray[np.float64]:
+        """Level that was shown where the camera read `seen`."""
+        value = np.asarray(seen, np.float64)
+        inside = np.interp(value, self.seen, self.shown)
+        slope = np.diff(self.shown)[[0, -1]] / np.diff(self.seen)[[0, -1]]
+        below = self.shown[0] + slope[0] * np.minimum(value - self.seen[0], 0)
+        above = self.shown[-1] + slope[1] * np.maximum(value - self.seen[-1], 0)
+        return np.where(value < self.seen[0], below, np.where(value > self.seen[-1], above, inside))
+
+    def table(self, dtype: np.dtype[Any]) -> NDArray[np.float32]:
+        """Shown level of every raw level of an unsigned integer type."""
+        return self.shown_of(np.arange(np.iinfo(dtype).max + 1)).astype(np.float32)
