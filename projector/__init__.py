@@ -1,1 +1,50 @@
-"""(being built)"""
+"""projector: puts a sequence on a surface and brings frames back, from OpenGL windows to a ray-traced virtual sensor.
+
+| file | holds |
+|---|---|
+| `context.py`, `shaders.py`, `shaders/` | the OpenGL context (EGL first); shader files, includes, feature flags |
+| `renderer.py`, `window.py` | frames drawn offscreen, bit-equal to NumPy's; the same in a real window on a chosen monitor |
+| `virtual.py` | `capture`, `VirtualSensor`: a scene with a dent seen by its camera, strip by strip |
+| `groups.py`, `footprint.py` | frames looked up together; light of the cells under a pixel's footprint (formulas, kernels) |
+| `optics_gl.py`, `surface_gl.py`, `optics_numpy.py`, `rays.py` | the light on the sensor, in GLSL and in float64 |
+| `electronics.py` | exposure, flicker, response, noise, quantisation: one function for both |
+| `capture.py`, `folder.py`, `source.py` | `Capture`, its folder format, and the seam for real cameras |
+| `sofast.py` | SOFAST's HDF5 measurements as captures |
+| `benchmark.py` | frames per second on the context at hand |
+"""
+
+from .benchmark import RendererSpeed, measure_renderer
+from .capture import Capture
+from .context import ContextInfo, NoContextError, context_info, release_context
+from .electronics import NOMINAL_SENSOR
+from .renderer import PatternRenderer, render
+from .sofast import load_sofast, load_sofast_response
+from .source import FolderSource, FrameSource, PatternDisplay, record
+from .virtual import RENDERERS, VirtualSensor, capture, chosen_renderer
+from .window import Monitor, PatternWindow, monitors
+
+__all__ = [
+    "NOMINAL_SENSOR",
+    "RENDERERS",
+    "Capture",
+    "ContextInfo",
+    "FolderSource",
+    "FrameSource",
+    "Monitor",
+    "NoContextError",
+    "PatternDisplay",
+    "PatternRenderer",
+    "PatternWindow",
+    "RendererSpeed",
+    "VirtualSensor",
+    "capture",
+    "chosen_renderer",
+    "context_info",
+    "load_sofast",
+    "load_sofast_response",
+    "measure_renderer",
+    "monitors",
+    "record",
+    "release_context",
+    "render",
+]

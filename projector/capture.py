@@ -1,0 +1,100 @@
+"""What a camera saw of a sequence: the record that the projector hands to the decoder."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+from optolever.patterns import Sequence
+from optolever.scene import Scene, Trace
+
+from .folder import Image, read_folder, write_folder
+
+__all__ = ["Capture", "Image", "with_exposure"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Capture:
+    """Frames (N, H, W) of the N patterns of `sequence`, in its order.
+
+    frames: uint8 for 8 bits, else uint16 with values up to 2^bits - 1. bits: of the camera, 8 to 16.
+    exposure: (N,) exposure of each frame relative to the nominal one; the same numbers stand in the sequence's frames.
+    timestamps: (N,) seconds, middle of the exposure. scene: what is known about the rig.
+    InputError names the field, its value and the limit.
+    """
+
+    frames: Image
+    sequence: Sequence
+    scene: Scene | None = None
+    exposure: NDArray[np.float64] | None = None
+    timestamps: NDArray[np.float64] | None = None
+    bits: int = 8
+
+    def __post_init__(self) -> None:
+        count = len(self.sequence)
+        if self.frames.ndim != 3 or self.frames.shape[0] != count:
+            raise InputError(f"frames: shape {self.frames.shape}, the sequence needs ({count}, H, W)")
+        if not 8 <= self.bits <= 16:
+            raise InputError(f"bits: {self.bits}, the limits are 8 and 16")
+        expected = np.dtype(np.uint8 if self.bits == 8 else np.uint16)
+        if self.frames.dtype != expected:
+            raise InputError(f"frames: {self.frames.dtype}, {self.bits} bits need {expected}")
+        if self.timestamps is not None:
+            _require_per_frame("timestamps", self.timestamps, count)
+        sequence = with_exposure(self.sequence, self.exposure)
+        object.__setattr__(self, "sequence", sequence)
+        object.__setattr__(self, "exposure", np.array([frame.exposure for frame in sequence.frames]))
+
+    def __len__(self) -> int:
+        return int(self.frames.shape[0])
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, cols) of the camera."""
+        return int(self.frames.shape[1]), int(self.frames.shape[2])
+
+    @property
+    def white(self) -> int:
+        """The greatest value that a pixel can have."""
+        return int(2**self.bits - 1)
+
+    def save(self, folder: str | Path, truth: Trace | None = None) -> None:
+        """Write `capture.toml` and `frames/*.png`, with `scene.toml` and `truth.npz` where they are known.
+
+        The folder must not hold files; it is whole or absent afterwards.
+        """
+        write_folder(folder, self, truth)
+
+    @classmethod
+    def load(cls, folder: str | Path, description: str | Path | None = None) -> Self:
+        """Read a capture folder strictly.
+
+        description: a capture.toml elsewhere that describes the frames in `folder`, for captures made by others;
+        its `file` entries are relative to `folder`. InputError names file, field, value and limit.
+        """
+        return cls(**read_folder(folder, description))
+
+
+def with_exposure(sequence: Sequence, exposure: NDArray[np.float64] | float | None) -> Sequence:
+    """The sequence whose frames are exposed so: one number for all, or (N,); None leaves it as it is."""
+    if exposure is None:
+        return sequence
+    values = np.asarray(exposure, np.float64)
+    if values.ndim == 0:
+        values = np.full(len(sequence), float(values))
+    _require_per_frame("exposure", values, len(sequence))
+    if values.min() <= 0:
+        raise InputError(f"exposure: {values.min():g} of frame {values.argmin()}, must be greater than 0")
+    frames = tuple(replace(f, exposure=value) for f, value in zip(sequence.frames, values.tolist(), strict=True))
+    return replace(sequence, frames=frames)
+
+
+def _require_per_frame(name: str, values: NDArray[np.float64], count: int) -> None:
+    if values.shape != (count,):
+        raise InputError(f"{name}: shape {values.shape}, must be one per frame: ({count},)")
+    if not np.isfinite(values).all():
+        worst = int(np.argmin(np.isfinite(values)))
+        raise InputError(f"{name}: {values[worst]} of frame {worst}, must be finite")

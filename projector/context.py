@@ -1,0 +1,132 @@
+"""The OpenGL context: EGL (a GPU, or Mesa's llvmpipe) first, then the platform's own way; else one clear line.
+
+Contexts are current per thread, so each thread that asks gets one of its own; `release_context` ends it.
+"""
+
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import moderngl
+
+__all__ = ["ContextInfo", "NoContextError", "checked", "collect", "context", "context_info", "free", "release_context"]
+
+_PACKAGES = "libegl1 libgl1 libgl1-mesa-dri"
+_REQUIRE = 330
+# Debian's run-time packages have the versioned names only; the unversioned ones come with the -dev packages.
+_EGL: Mapping[str, Any] = {"backend": "egl", "libgl": "libGL.so.1", "libegl": "libEGL.so.1"}
+_EGL_DEVICES = 8
+_ATTEMPTS: tuple[Mapping[str, Any], ...] = (
+    *({**_EGL, "device_index": device} for device in range(_EGL_DEVICES)),
+    {},
+)
+
+
+class NoContextError(RuntimeError):
+    """No OpenGL context can be made here; the message is one line and names the packages to install."""
+
+
+@dataclass(frozen=True, slots=True)
+class ContextInfo:
+    """What draws: for `doctor` and for the reports."""
+
+    backend: str
+    vendor: str
+    renderer: str
+    version: str
+    max_attachments: int
+    max_texture: int
+
+    @property
+    def software(self) -> bool:
+        """True for a rasteriser on the CPU."""
+        return any(name in self.renderer.lower() for name in ("llvmpipe", "softpipe", "swrast"))
+
+    def __str__(self) -> str:
+        return f"{self.renderer}, OpenGL {self.version}, {self.backend}"
+
+
+class _Local(threading.local):
+    context: moderngl.Context | None = None
+    backend: str = ""
+
+
+_local = _Local()
+
+
+def context() -> moderngl.Context:
+    """This thread's context, made at the first call. NoContextError (one line) where none can be made."""
+    if _local.context is None:
+        _local.context, _local.backend = _create()
+        # Objects that nobody released are collected there, for `collect` to free and for tests to count.
+        _local.context.gc_mode = "context_gc"
+    return _local.context
+
+
+def release_context() -> None:
+    """Free this thread's context, if it has one."""
+    if _local.context is not None:
+        collect(_local.context)
+        _local.context.release()
+        _local.context = None
+
+
+def context_info(ctx: moderngl.Context | None = None) -> ContextInfo:
+    """Describe a context (this thread's own by default). NoContextError where none can be made."""
+    chosen = context() if ctx is None else ctx
+    info = chosen.info
+    return ContextInfo(
+        backend=_local.backend if ctx is None or ctx is _local.context else "window",
+        vendor=info["GL_VENDOR"],
+        renderer=info["GL_RENDERER"],
+        version=info["GL_VERSION"],
+        max_attachments=min(info["GL_MAX_COLOR_ATTACHMENTS"], info["GL_MAX_DRAW_BUFFERS"]),
+        max_texture=info["GL_MAX_TEXTURE_SIZE"],
+    )
+
+
+def free(ctx: moderngl.Context, *items: Any) -> None:
+    """Release GL objects. No framebuffer stays bound: moderngl would bind a deleted one again, which is an error."""
+    ctx.detect_framebuffer(0).use()
+    for item in items:
+        item.release()
+
+
+def collect(ctx: moderngl.Context) -> int:
+    """Free the GL objects that were dropped without being released; how many there were."""
+    dropped = [item for item in ctx.objects if hasattr(item, "release")]
+    ctx.objects.clear()
+    for item in dropped:
+        item.release()
+    return len(dropped)
+
+
+@contextmanager
+def checked(ctx: moderngl.Context) -> Iterator[moderngl.Context]:
+    """Run a block of GL work; an error that the driver holds afterwards is raised here, not met later."""
+    _raise_error(ctx, "before")
+    yield ctx
+    _raise_error(ctx, "during")
+
+
+def _raise_error(ctx: moderngl.Context, when: str) -> None:
+    error = ctx.error
+    if error != "GL_NO_ERROR":
+        raise RuntimeError(f"OpenGL error {when} this work: {error}")
+
+
+def _create() -> tuple[moderngl.Context, str]:
+    reasons: dict[str, None] = {}
+    for attempt in _ATTEMPTS:
+        backend = attempt.get("backend", "default")
+        try:
+            return moderngl.create_context(standalone=True, require=_REQUIRE, **attempt), backend
+        except Exception as error:  # glcontext raises bare Exception
+            if "requested device index" not in str(error) or not reasons:
+                reasons[f"{backend}: {' '.join(str(error).split())}"] = None
+    raise NoContextError(
+        f"no OpenGL {_REQUIRE // 100}.{_REQUIRE % 100 // 10} context ({'; '.join(reasons)}); "
+        f"on Debian: apt-get install {_PACKAGES}"
+    )

@@ -1,0 +1,294 @@
+"""The virtual sensor's light in GLSL: trace.glsl follows the pixels' rays, look.glsl looks the frames up under them."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.scene import Scene, Surface
+
+from .context import checked, context, context_info, free
+from .footprint import BLUR_FLOOR, REACH, SHARP_FLOOR
+from .groups import FrameGroup
+from .rays import feet, parallel_rays
+from .shaders import ShaderSource, build_source, compile_program
+from .surface_gl import LoadedSurface, load_surface
+
+__all__ = ["GLOptics", "look_source", "trace_source"]
+
+_NEAR = 2e-6  # of the mirror's length: see `near` in trace.glsl
+_MARCH = 4096  # shortest marching steps that cross the mirror
+_BELOW = 1e-6  # of the mirror's length: what float32 cannot tell from the surface itself
+_BEYOND = 0.01  # of the mirror's size: how far outside of it the edges of the outermost pixels may see
+
+_Target = tuple[moderngl.Framebuffer, tuple[moderngl.Texture, ...]]
+
+
+def trace_source(scene: Scene, surface: LoadedSurface, *, edges: bool) -> ShaderSource:
+    """The source that traces a scene: only what scene and surface have. edges: pattern coordinates are all."""
+    flags = {
+        "PARALLEL": parallel_rays(scene.camera) is not None,
+        "MEDIUM": scene.medium is not None and not edges,
+        "SEEN": not edges,
+        "MARCH": surface.steepest > 0.0,
+    }
+    return build_source("trace.glsl", flags | surface.flags)
+
+
+def look_source(scene: Scene, group: FrameGroup, quads: int) -> ShaderSource:
+    """The source that looks up 4 * quads frames of a group."""
+    blurred = scene.pattern.blur_px > 0.0
+    flags = {
+        "BLUR": blurred,
+        "BOTH": group.axis == "uv",
+        "MEAN": group.mean,
+        "ALONG_U": group.axis == "u",
+    }
+    floor = {"BLUR_FLOOR": BLUR_FLOOR, "REACH": REACH} if blurred else {"SHARP_FLOOR": SHARP_FLOOR}
+    return build_source("look.glsl", flags, {"QUADS": quads, **floor})
+
+
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """A group's program and its tables on the GPU, for `quads` attachments of four frames each."""
+
+    group: FrameGroup
+    quads: int
+    program: moderngl.Program
+    vertices: moderngl.VertexArray
+    textures: dict[str, moderngl.Texture]
+
+    def release(self) -> None:
+        for item in (self.vertices, self.program, *self.textures.values()):
+            item.release()
+
+
+@dataclass(frozen=True, slots=True)
+class _Traced:
+    """A surface on the GPU and the programs that trace it: the pixels' centres, and their edges."""
+
+    surface: LoadedSurface
+    programs: tuple[moderngl.Program, moderngl.Program]
+    vertices: tuple[moderngl.VertexArray, moderngl.VertexArray]
+
+    def release(self) -> None:
+        for item in (*self.vertices, *self.programs, self.surface):
+            item.release()
+
+
+class GLOptics:
+    """Light on the camera's pixels, relative to a fully lit, fully reflecting one, at most `strip` rows at a time.
+
+    Use it in the thread that made it, and release it.
+    """
+
+    def __init__(self, scene: Scene, groups: list[FrameGroup], strip: int) -> None:
+        self._scene = scene
+        self._ctx = context()
+        self._parallel = parallel_rays(scene.camera)
+        self._most = 4 * context_info().max_attachments
+        self._groups = [part for group in groups for part in group.split(self._most)]
+        self._looks: dict[int | None, list[_Look]] = {}
+        rows, cols = strip, scene.camera.cols
+        quads = max(_quads(group) for group in self._groups)
+        with checked(self._ctx):
+            self._seen = self._target((cols, rows), 1)
+            self._edges_col = self._target((cols + 1, rows), 1)
+            self._edges_row = self._target((cols, rows + 1), 1)
+            self._light = [self._target((cols, rows), count + 1) for count in range(quads)]
+
+    def load(self, surface: Surface) -> _Traced:
+        """Bring a surface to the GPU, with the programs that trace it."""
+        with checked(self._ctx):
+            loaded = load_surface(self._ctx, self._scene, surface)
+            programs = tuple(
+                compile_program(self._ctx, trace_source(self._scene, loaded, edges=edges)) for edges in (False, True)
+            )
+            for program, beyond in zip(programs, (0.0, _BEYOND), strict=True):
+                self._describe(program, loaded, beyond)
+            vertices = tuple(self._ctx.vertex_array(program, []) for program in programs)
+        return _Traced(loaded, (programs[0], programs[1]), (vertices[0], vertices[1]))
+
+    def unload(self, traced: _Traced) -> None:
+        """Free a surface."""
+        traced.release()
+
+    def release(self) -> None:
+        """Free what lies on the GPU; the context stays."""
+        looks = [look for looks in self._looks.values() for look in looks]
+        targets = (self._seen, self._edges_col, self._edges_row, *self._light)
+        free(self._ctx, *looks, *(item for framebuffer, textures in targets for item in (framebuffer, *textures)))
+
+    def render(
+        self, traced: _Traced, start: int, stop: int, frame: int | None = None
+    ) -> list[tuple[int, NDArray[np.float32]]]:
+        """(frame index, light (stop - start, W) float32) of all frames, or of one."""
+        rows, cols = stop - start, self._scene.camera.cols
+        found = []
+        with checked(self._ctx):
+            self._trace(traced, start, rows)
+            for look in self._looks_of(frame):
+                framebuffer = self._light[look.quads - 1][0]
+                self._look_up(look, framebuffer, rows)
+                for n in range(look.quads):
+                    four = np.empty((rows, cols, 4), np.float32)
+                    framebuffer.read_into(four, (0, 0, cols, rows), 4, attachment=n, dtype="f4")
+                    frames = look.group.indices[4 * n : 4 * n + 4]
+                    found += [(index, four[..., c]) for c, index in enumerate(frames)]
+        return found
+
+    def seen(self, traced: _Traced, start: int, stop: int) -> NDArray[np.float32]:
+        """(stop - start, W, 4): u, v, light that is passed on (0: nothing is seen), cosine of the incidence."""
+        rows, cols = stop - start, self._scene.camera.cols
+        out = np.empty((rows, cols, 4), np.float32)
+        with checked(self._ctx):
+            self._trace(traced, start, rows)
+            self._seen[0].read_into(out, (0, 0, cols, rows), 4, dtype="f4")
+        return out
+
+    def _trace(self, traced: _Traced, start: int, rows: int) -> None:
+        cols = self._scene.camera.cols
+        parts = (
+            (self._seen, 0, start, 0.0, rows, cols),
+            (self._edges_col, 1, start, -0.5, rows, cols + 1),
+            (self._edges_row, 1, start - 0.5, 0.0, rows + 1, cols),
+        )
+        for (framebuffer, _), which, row, col, height, width in parts:
+            self._draw_trace(framebuffer, traced, which, (row, col), (height, width))
+
+    def _draw_trace(
+        self,
+        framebuffer: moderngl.Framebuffer,
+        traced: _Traced,
+        which: int,
+        first: tuple[float, float],
+        shape: tuple[int, int],
+    ) -> None:
+        program = traced.programs[which]
+        textures: dict[str, moderngl.Texture] = {}
+        if traced.surface.texture is not None:
+            textures["coefficients"] = traced.surface.texture
+        rays = {} if self._parallel is not None else self._ray_textures(first, shape)
+        if self._parallel is not None:
+            program["first"] = first[::-1]
+        self._draw(program, traced.vertices[which], framebuffer, shape, textures | rays)
+        for texture in rays.values():
+            texture.release()
+
+    def _ray_textures(self, first: tuple[float, float], shape: tuple[int, int]) -> dict[str, moderngl.Texture]:
+        row = first[0] + np.arange(shape[0], dtype=np.float64)[:, None]
+        at, directions, comes = feet(self._scene.camera, row, first[1] + np.arange(shape[1], dtype=np.float64))
+        found = {}
+        for name, vectors in (("feet", at), ("directions", directions)):
+            four = np.zeros((*shape, 4), np.float32)
+            four[..., :3] = np.where(comes[..., None], vectors, 0.0)
+            four[..., 3] = comes
+            found[name] = _texture(self._ctx, four, "f4")
+        return found
+
+    def _look_up(self, look: _Look, framebuffer: moderngl.Framebuffer, rows: int) -> None:
+        seen = {"seen": self._seen, "edges_col": self._edges_col, "edges_row": self._edges_row}
+        textures = {name: target[1][0] for name, target in seen.items()} | look.textures
+        self._draw(look.program, look.vertices, framebuffer, (rows, self._scene.camera.cols), textures)
+
+    def _draw(
+        self,
+        program: moderngl.Program,
+        vertices: moderngl.VertexArray,
+        framebuffer: moderngl.Framebuffer,
+        shape: tuple[int, int],
+        textures: dict[str, moderngl.Texture],
+    ) -> None:
+        framebuffer.use()
+        framebuffer.viewport = (0, 0, shape[1], shape[0])
+        for unit, (name, texture) in enumerate(textures.items()):
+            texture.use(unit)
+            program[name] = unit
+        vertices.render(moderngl.TRIANGLES, vertices=3)
+
+    def _looks_of(self, frame: int | None) -> list[_Look]:
+        """Programs and tables of all frames (None) or of one, made at the first call."""
+        if frame not in self._looks:
+            groups = self._groups
+            if frame is not None:
+                groups = [group.only(frame) for group in groups if frame in group.indices]
+            self._looks[frame] = [self._make_look(group) for group in groups]
+        return self._looks[frame]
+
+    def _make_look(self, group: FrameGroup) -> _Look:
+        pattern = self._scene.pattern
+        quads = _quads(group)
+        program = compile_program(self._ctx, look_source(self._scene, group, quads))
+        textures = {}
+        if group.axis == "uv":
+            textures["table_u"], textures["table_v"] = (
+                _texture(self._ctx, _in_quads(levels), "u1") for levels in group.levels
+            )
+            textures["response"] = _texture(self._ctx, group.response[None, :, None], "f4")
+        else:
+            textures["table"] = _texture(self._ctx, _in_quads(group.light), "f4")
+        _set(program, cells=(pattern.cols, pattern.rows))
+        if pattern.blur_px > 0.0:
+            _set(program, blur=pattern.blur_px)
+        return _Look(group, quads, program, self._ctx.vertex_array(program, []), textures)
+
+    def _describe(self, program: moderngl.Program, surface: LoadedSurface, beyond: float) -> None:
+        """The uniforms that stay the same over the whole image."""
+        scene, pattern = self._scene, self._scene.pattern
+        length, width = scene.mirror.length, scene.mirror.width
+        values: dict[str, Any] = {
+            "lowest": (-beyond * length, -beyond * width, surface.lowest),
+            "highest": ((1 + beyond) * length, (1 + beyond) * width, surface.highest),
+            "near": _NEAR * length,
+            "origin": tuple(pattern.origin),
+            "u_axis": tuple(pattern.u_axis),
+            "v_axis": tuple(pattern.v_axis),
+            "pitch": pattern.pitch,
+            "steepest": surface.steepest,
+            "shortest": float(np.hypot(length, width)) / _MARCH,
+            "below": _BELOW * length,
+            "cells": (pattern.cols, pattern.rows),
+            **surface.uniforms,
+        }
+        if scene.medium is not None:
+            values["index_ratio"] = scene.medium.index / scene.medium.outside
+        if self._parallel is not None:
+            for name in ("foot", "foot_col", "foot_row", "direction"):
+                values[name] = tuple(getattr(self._parallel, name))
+        _set(program, **values)
+
+    def _target(self, size: tuple[int, int], count: int) -> _Target:
+        textures = tuple(self._ctx.texture(size, 4, dtype="f4") for _ in range(count))
+        for texture in textures:
+            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        return self._ctx.framebuffer(list(textures)), textures
+
+
+def _quads(group: FrameGroup) -> int:
+    return -(-len(group.indices) // 4)
+
+
+def _set(program: moderngl.Program, **values: Any) -> None:
+    """Set the uniforms that the driver kept."""
+    for name, value in values.items():
+        if name in program:
+            program[name] = value
+
+
+def _in_quads(table: NDArray[Any]) -> NDArray[Any]:
+    """(cells, n) -> (n / 4, cells, 4), zeros where n is no multiple of 4."""
+    cells, count = table.shape
+    quads = -(-count // 4)
+    padded = np.zeros((cells, 4 * quads), table.dtype)
+    padded[:, :count] = table
+    return np.ascontiguousarray(padded.reshape(cells, quads, 4).transpose(1, 0, 2))
+
+
+def _texture(ctx: moderngl.Context, values: NDArray[Any], kind: str) -> moderngl.Texture:
+    """A texture from (rows, cols, components)."""
+    rows, cols, components = values.shape
+    texture = ctx.texture((cols, rows), components, values.tobytes(), alignment=1, dtype=kind)
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    return texture

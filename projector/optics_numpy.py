@@ -1,0 +1,120 @@
+"""The virtual sensor's light in NumPy float64: scene.trace, and the footprint kernels. The reference of the GLSL one."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.blocks import over_rows
+from optolever.scene import Scene, Surface, Trace, trace
+
+from .footprint import look_up_one, look_up_two
+from .groups import FrameGroup
+from .rays import scene_window
+
+__all__ = ["NumpyOptics", "Seen", "see"]
+
+Float = NDArray[np.float64]
+_BLOCK = 4096  # pixels at a time per thread
+
+
+class Seen:
+    """What the pixels of some rows see: u, v (P,) in cells, light (P,) passed on (0: nothing is seen),
+    and how far they spread: boxes_u, boxes_v (P, 2) = |d/dcol|, |d/drow| in cells."""
+
+    __slots__ = ("boxes_u", "boxes_v", "light", "u", "v")
+
+    def __init__(self, u: Float, v: Float, light: Float, boxes_u: Float, boxes_v: Float) -> None:
+        self.u, self.v, self.light = u, v, light
+        self.boxes_u, self.boxes_v = boxes_u, boxes_v
+
+    def along(self, axis: str) -> Float:
+        """(P, 6): position along the axis and its boxes, then position across it and its boxes."""
+        u = np.column_stack([self.u, self.boxes_u])
+        v = np.column_stack([self.v, self.boxes_v])
+        return np.ascontiguousarray(np.hstack([v, u] if axis == "v" else [u, v]))
+
+
+def see(scene: Scene, surface: Surface, start: int, stop: int) -> Seen:
+    """Trace the pixels of rows start..stop, and the middles of their four edges for the footprint."""
+    rows, cols = stop - start, scene.camera.cols
+    centre = trace(scene_window(scene, start, 0, rows, cols), surface)
+    by_col = trace(scene_window(scene, start, -0.5, rows, cols + 1), surface)
+    by_row = trace(scene_window(scene, start - 0.5, 0, rows + 1, cols), surface)
+    spread = []
+    for name in ("u", "v"):
+        at = getattr(centre, name)
+        edges_col, edges_row = getattr(by_col, name), getattr(by_row, name)
+        boxes = (_moved(at, edges_col[:, :-1], edges_col[:, 1:]), _moved(at, edges_row[:-1], edges_row[1:]))
+        spread.append(np.column_stack([box.ravel() for box in boxes]))
+    return Seen(centre.u.ravel(), centre.v.ravel(), _light(scene, centre).ravel(), *spread)
+
+
+def _moved(centre: Float, before: Float, behind: Float) -> Float:
+    """Movement from edge to edge; twice the half of it where one edge sees nothing, 0 where none does."""
+    half = np.where(np.isfinite(before), centre - before, behind - centre)
+    whole = np.where(np.isfinite(before) & np.isfinite(behind), behind - before, 2.0 * half)
+    return np.abs(np.nan_to_num(whole, nan=0.0))
+
+
+def _light(scene: Scene, seen: Trace) -> Float:
+    if scene.medium is None:
+        return seen.visible.astype(np.float64)
+    passed = scene.medium.reflectance(np.cos(seen.incidence))
+    return np.where(seen.visible, passed, 0.0)
+
+
+class NumpyOptics:
+    """Light on the camera's pixels, relative to a fully lit, fully reflecting one."""
+
+    def __init__(self, scene: Scene, groups: list[FrameGroup]) -> None:
+        self._scene = scene
+        self._groups = groups
+
+    def load(self, surface: Surface) -> Surface:
+        """The surface in the form that `render` takes."""
+        return surface
+
+    def unload(self, surface: Surface) -> None:
+        """Nothing is held for a surface."""
+
+    def release(self) -> None:
+        """Nothing is held."""
+
+    def render(
+        self, surface: Surface, start: int, stop: int, frame: int | None = None
+    ) -> list[tuple[int, NDArray[np.float32]]]:
+        """(frame index, light (stop - start, W) float32) of all frames, or of one."""
+        seen = see(self._scene, surface, start, stop)
+        groups = self._groups
+        if frame is not None:
+            groups = [group.only(frame) for group in groups if frame in group.indices]
+        found = []
+        for group in groups:
+            light = look_up(seen, group, self._scene.pattern.blur_px).reshape(stop - start, -1, len(group.indices))
+            found += [(index, light[..., at]) for at, index in enumerate(group.indices)]
+        return found
+
+
+def look_up(seen: Seen, group: FrameGroup, blur: float) -> NDArray[np.float32]:
+    """Light of the group's frames on the pixels: (P, n)."""
+    look = seen.along(group.axis)
+    out = np.empty((seen.light.size, len(group.indices)), np.float32)
+    over_rows(_kernel(look, seen.light, group, blur, out), seen.light.size, _BLOCK)
+    return out
+
+
+def _kernel(
+    look: Float, light: Float, group: FrameGroup, blur: float, out: NDArray[np.float32]
+) -> Callable[[int, int], None]:
+    table = np.ascontiguousarray(group.light)
+    levels = (np.ascontiguousarray(group.levels[0]), np.ascontiguousarray(group.levels[1]))
+
+    def work(start: int, stop: int) -> None:
+        rows = slice(start, stop)
+        if group.axis == "uv":
+            look_up_two(look[rows], light[rows], blur, levels, group.mean, group.response, out[rows])
+        else:
+            look_up_one(look[rows], light[rows], blur, table, group.across, out[rows])
+
+    return work

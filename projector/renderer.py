@@ -1,0 +1,108 @@
+"""Draws the frames of a Sequence with OpenGL, bit-equal to Sequence.render()."""
+
+from types import TracebackType
+from typing import Self
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.patterns import Sequence
+from .context import checked, context, free
+from .shaders import build_source, compile_program
+
+__all__ = ["FramePainter", "PatternRenderer", "render"]
+
+
+class FramePainter:
+    """A sequence's level tables on the GPU and the program that draws one frame into any framebuffer."""
+
+    def __init__(self, ctx: moderngl.Context, sequence: Sequence) -> None:
+        table_u, table_v = sequence.tables()
+        self._means = [frame.combine == "mean" for frame in sequence.frames]
+        self._ctx = ctx
+        self._program = compile_program(ctx, build_source("pattern.glsl"))
+        self._tables = [_table(ctx, table_u), _table(ctx, table_v)]
+        self._vertices = ctx.vertex_array(self._program, [])
+        self._program["table_u"], self._program["table_v"] = 0, 1
+        self._program["size"] = (sequence.cols, sequence.rows)
+
+    def draw(self, index: int, target: moderngl.Framebuffer, *, top: int = 0) -> None:
+        """Draw frame `index`; what it does not cover is black.
+
+        top: 0 puts image row 0 at the target's first row (offscreen), the target's height puts it on top (a window).
+        """
+        target.use()
+        for unit, table in enumerate(self._tables):
+            table.use(unit)
+        self._program["frame"] = index
+        self._program["mean"] = self._means[index]
+        self._program["top"] = top
+        self._vertices.render(moderngl.TRIANGLES, vertices=3)
+
+    def release(self) -> None:
+        """Free what lies on the GPU."""
+        free(self._ctx, self._vertices, *self._tables, self._program)
+
+
+class PatternRenderer:
+    """Offscreen frames of a sequence: `frame(i)` is the same array as `sequence.render_frame(i)`.
+
+    A context manager; use it in the thread that made it.
+    """
+
+    def __init__(self, sequence: Sequence, ctx: moderngl.Context | None = None) -> None:
+        self._ctx = context() if ctx is None else ctx
+        self._shape = sequence.rows, sequence.cols
+        self._count = len(sequence)
+        with checked(self._ctx):
+            self._painter = FramePainter(self._ctx, sequence)
+            self._target = self._ctx.texture((sequence.cols, sequence.rows), 1, dtype="f1")
+            self._framebuffer = self._ctx.framebuffer([self._target])
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
+
+    def draw(self, index: int) -> None:
+        """Draw frame `index` and leave it on the GPU."""
+        self._painter.draw(index, self._framebuffer)
+
+    def frame(self, index: int, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
+        """Draw frame `index` and read it back: (rows, cols) uint8, into `out` where given."""
+        image = np.empty(self._shape, np.uint8) if out is None else out
+        with checked(self._ctx):
+            self.draw(index)
+            self._framebuffer.read_into(image, components=1, alignment=1)
+        return image
+
+    def finish(self) -> None:
+        """Wait until everything that was drawn is there."""
+        self._ctx.finish()
+
+    def release(self) -> None:
+        """Free what lies on the GPU; the context stays."""
+        free(self._ctx, self._framebuffer, self._target, self._painter)
+
+
+def render(sequence: Sequence) -> NDArray[np.uint8]:
+    """All frames of a sequence drawn by OpenGL, (N, rows, cols) uint8; equal to sequence.render()."""
+    frames = np.empty((len(sequence), sequence.rows, sequence.cols), np.uint8)
+    with PatternRenderer(sequence) as renderer:
+        for index in range(len(sequence)):
+            renderer.frame(index, frames[index])
+    return frames
+
+
+def _table(ctx: moderngl.Context, table: NDArray[np.uint8]) -> moderngl.Texture:
+    count, length = table.shape
+    texture = ctx.texture((length, count), 1, np.ascontiguousarray(table).tobytes(), alignment=1, dtype="u1")
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    return texture

@@ -1,0 +1,247 @@
+"""The virtual sensor: a scene with a dent, seen by its camera while its pattern surface shows a sequence."""
+
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.blocks import threads
+from optolever.errors import InputError
+from optolever.patterns import Sequence
+from optolever.scene import Scene, Surface
+
+from .capture import Capture, Image, with_exposure
+from .context import NoContextError, context
+from .electronics import NOMINAL_SENSOR, FrameElectronics, flicker_factor
+from .groups import frame_groups
+from .optics_gl import GLOptics
+from .optics_numpy import NumpyOptics
+
+__all__ = ["RENDERERS", "VirtualSensor", "capture", "chosen_renderer"]
+
+RENDERERS = ("auto", "gl", "numpy")
+
+_STRIP = 1 << 19  # pixels of a frame whose light is held at a time
+
+Light = NDArray[np.float32]
+Motion = Callable[[float], Surface]
+
+
+class _Optics(Protocol):
+    """What renders light: GLOptics, NumpyOptics."""
+
+    def load(self, surface: Surface) -> Any: ...
+
+    def unload(self, surface: Any) -> None: ...
+
+    def release(self) -> None: ...
+
+    def render(self, surface: Any, start: int, stop: int, frame: int | None = None) -> list[tuple[int, Light]]: ...
+
+
+def capture(
+    scene: Scene,
+    surface: Surface | Motion,
+    sequence: Sequence,
+    *,
+    renderer: str = "auto",
+    noise: float = 0.0,
+    seed: int = 0,
+    bits: int | None = None,
+    exposure: NDArray[np.float64] | float | None = None,
+    samples: int = 8,
+) -> Capture:
+    """What the scene's camera records of `sequence`; see VirtualSensor for the parameters."""
+    with VirtualSensor(
+        scene,
+        surface,
+        sequence,
+        renderer=renderer,
+        noise=noise,
+        seed=seed,
+        bits=bits,
+        exposure=exposure,
+        samples=samples,
+    ) as sensor:
+        return sensor.capture()
+
+
+def chosen_renderer(renderer: str) -> str:
+    """'gl' or 'numpy'; 'auto' is 'gl' where there is a context. InputError for 'gl' without one."""
+    if renderer not in RENDERERS:
+        raise InputError(f"renderer: {renderer!r}, must be one of {', '.join(RENDERERS)}")
+    if renderer == "numpy":
+        return renderer
+    try:
+        context()
+    except NoContextError as error:
+        if renderer == "gl":
+            raise InputError(f"renderer: 'gl' is not possible here: {error}") from error
+        return "numpy"
+    return "gl"
+
+
+class VirtualSensor:
+    """A camera that does not exist: a FrameSource whose frames are rendered. A context manager.
+
+    surface: the mirror's shape, or a callable t (s) -> Surface of a moving one; frame i is taken at t = i frame_s,
+        and with a shutter averaged over `samples` instants of it.
+    renderer: 'gl', 'numpy' (float64, the reference), or 'auto', OpenGL where there is a context.
+    noise: rms of Gaussian noise in 8-bit levels, added to the sensor's own; seed: of all noise, same on every machine.
+    bits: of the camera (default: the scene's sensor). exposure: of each frame, relative to the sensor's.
+    A scene without a sensor has NOMINAL_SENSOR: level = 16 + 216.75 light.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        surface: Surface | Motion,
+        sequence: Sequence,
+        *,
+        renderer: str = "auto",
+        noise: float = 0.0,
+        seed: int = 0,
+        bits: int | None = None,
+        exposure: NDArray[np.float64] | float | None = None,
+        samples: int = 8,
+    ) -> None:
+        _require_fit(scene, sequence)
+        if not (np.isfinite(noise) and noise >= 0):
+            raise InputError(f"noise: {noise}, must be at least 0 levels")
+        if samples < 1:
+            raise InputError(f"samples: {samples}, must be at least 1")
+        self._scene, self._surface, self._seed, self._samples = scene, surface, seed, samples
+        self._sensor = NOMINAL_SENSOR if scene.sensor is None else scene.sensor
+        self._sequence = with_exposure(sequence, exposure)
+        self._noise = float(np.hypot(noise, self._sensor.noise))
+        self._bits = self._sensor.bits if bits is None else bits
+        self._strip = min(scene.camera.rows, max(1, _STRIP // scene.camera.cols))
+        self._optics: _Optics = self._make_optics(chosen_renderer(renderer))
+        self._still = self._optics.load(surface) if isinstance(surface, Surface) else None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, cols) of the camera."""
+        return self._scene.camera.rows, self._scene.camera.cols
+
+    @property
+    def bits(self) -> int:
+        """Of the camera."""
+        return self._bits
+
+    @property
+    def sequence(self) -> Sequence:
+        """What is shown, with the exposure of each frame."""
+        return self._sequence
+
+    def time(self, index: int) -> float:
+        """Middle of the exposure of frame `index`, s."""
+        return index * self._sensor.frame_s
+
+    def grab(self, index: int) -> Image:
+        """The image (H, W) taken while frame `index` is on show."""
+        out = self._blank(1)
+        self._expose({index: out[0]}, self._instants(index), index)
+        image: Image = out[0]
+        return image
+
+    def capture(self) -> Capture:
+        """All frames. A still mirror is traced once for all of them."""
+        frames = self._blank(len(self._sequence))
+        if self._still is not None:
+            self._expose(dict(enumerate(frames)), [], None)
+        else:
+            for index, frame in enumerate(frames):
+                self._expose({index: frame}, self._instants(index), index)
+        times = np.array([self.time(index) for index in range(len(frames))])
+        return Capture(frames, self._sequence, self._scene, timestamps=times, bits=self._bits)
+
+    def release(self) -> None:
+        """Free what the renderer holds."""
+        if self._still is not None:
+            self._optics.unload(self._still)
+        self._optics.release()
+
+    def _make_optics(self, renderer: str) -> _Optics:
+        groups = frame_groups(self._sequence, self._scene.display)
+        if renderer == "gl":
+            return GLOptics(self._scene, groups, self._strip)
+        return NumpyOptics(self._scene, groups)
+
+    def _blank(self, count: int) -> NDArray[Any]:
+        return np.empty((count, *self.shape), np.uint8 if self._bits == 8 else np.uint16)
+
+    def _instants(self, index: int) -> list[float]:
+        """The times at which a moving mirror is rendered for a frame."""
+        count = self._samples if self._sensor.shutter_s > 0 else 1
+        shifts = (np.arange(count) + 0.5) / count - 0.5
+        return [self.time(index) + self._sensor.shutter_s * float(shift) for shift in shifts]
+
+    def _electronics(self, index: int) -> FrameElectronics:
+        gain = self._sequence.frames[index].exposure * flicker_factor(self._sensor, self.time(index))
+        return FrameElectronics.of_frame(self._sensor, gain, self._noise, self._bits, self._seed, index)
+
+    def _expose(self, frames: Mapping[int, Image], instants: list[float], frame: int | None) -> None:
+        """Render strip by strip; meanwhile the electronics make numbers of the strip before."""
+        electronics = {index: self._electronics(index) for index in frames}
+        surfaces = [self._still] if self._still is not None else self._load_moving(instants)
+        try:
+            with ThreadPoolExecutor(threads()) as pool:
+                working: list[Future[None]] = []
+                for start, stop, lights in self._strips(surfaces, frame):
+                    _finish(working)
+                    working = [
+                        pool.submit(electronics[index].expose, light, frames[index][start:stop])
+                        for index, light in lights
+                    ]
+                _finish(working)
+        finally:
+            for surface in surfaces if self._still is None else []:
+                self._optics.unload(surface)
+
+    def _load_moving(self, instants: list[float]) -> list[Any]:
+        assert callable(self._surface)
+        return [self._optics.load(self._surface(time)) for time in instants]
+
+    def _strips(
+        self, surfaces: list[Any], frame: int | None
+    ) -> Iterator[tuple[int, int, list[tuple[int, Light]]]]:
+        """(start, stop, light of the frames averaged over the surfaces) from the top down."""
+        rows = self.shape[0]
+        for start in range(0, rows, self._strip):
+            stop = min(start + self._strip, rows)
+            lights = self._optics.render(surfaces[0], start, stop, frame)
+            for surface in surfaces[1:]:
+                for (_, total), (_, light) in zip(
+                    lights, self._optics.render(surface, start, stop, frame), strict=True
+                ):
+                    total += light
+            if len(surfaces) > 1:
+                for _, total in lights:
+                    total /= np.float32(len(surfaces))
+            yield start, stop, lights
+
+
+def _finish(working: list[Future[None]]) -> None:
+    for future in working:
+        future.result()
+
+
+def _require_fit(scene: Scene, sequence: Sequence) -> None:
+    pattern = scene.pattern
+    if (sequence.rows, sequence.cols) != (pattern.rows, pattern.cols):
+        raise InputError(
+            f"sequence: made for {sequence.rows}x{sequence.cols} pixels, "
+            f"the pattern of scene {scene.name!r} has {pattern.rows}x{pattern.cols}"
+        )

@@ -1,0 +1,164 @@
+"""A real window that shows the frames of a sequence: chosen monitor, full screen, vsync, one frame at a time."""
+
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Self
+
+import glfw
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+from optolever.patterns import Sequence
+from .renderer import FramePainter
+
+__all__ = ["Monitor", "PatternWindow", "monitors"]
+
+
+@dataclass(frozen=True, slots=True)
+class Monitor:
+    """A connected display: its index for PatternWindow, name, resolution in pixels and refresh rate in Hz."""
+
+    index: int
+    name: str
+    rows: int
+    cols: int
+    refresh_hz: int
+
+
+def monitors() -> list[Monitor]:
+    """The connected monitors, the primary one first; InputError in one line where there is no display."""
+    _initialise()
+    found = []
+    for index, handle in enumerate(glfw.get_monitors()):
+        mode = glfw.get_video_mode(handle)
+        name = glfw.get_monitor_name(handle)
+        text = name.decode() if isinstance(name, bytes) else str(name)
+        found.append(Monitor(index, text, mode.size.height, mode.size.width, mode.refresh_rate))
+    return found
+
+
+class PatternWindow:
+    """Shows frames of `sequence`, pattern row 0 on top, column 0 on the left, one pattern pixel per screen pixel.
+
+    monitor: index into `monitors()` for full screen, None for a plain window of the pattern's size.
+    vsync: `show` returns when the frame before it has left the screen, so that a camera can be paced by it.
+    A context manager; use it in the main thread.
+    """
+
+    def __init__(self, sequence: Sequence, *, monitor: int | None = None, vsync: bool = True) -> None:
+        self._sequence = sequence
+        self._window = _open(sequence, monitor)
+        self._index = -1
+        try:
+            glfw.make_context_current(self._window)
+            glfw.swap_interval(1 if vsync else 0)
+            self._ctx = moderngl.create_context(require=330)
+            self._painter = FramePainter(self._ctx, sequence)
+        except BaseException:
+            glfw.destroy_window(self._window)
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def index(self) -> int:
+        """The frame on show; -1 before the first."""
+        return self._index
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, cols) of the window's framebuffer in screen pixels."""
+        width, height = glfw.get_framebuffer_size(self._window)
+        return height, width
+
+    @property
+    def closed(self) -> bool:
+        """True once the user asked to close the window (button, or the Escape key)."""
+        return bool(glfw.window_should_close(self._window))
+
+    def show(self, index: int) -> None:
+        """Put frame `index` on the screen."""
+        if not 0 <= index < len(self._sequence):
+            raise IndexError(f"frame {index} of a sequence of {len(self._sequence)}")
+        glfw.make_context_current(self._window)
+        target = self._ctx.screen
+        height, width = self.shape
+        target.viewport = (0, 0, width, height)
+        self._painter.draw(index, target, top=height)
+        glfw.swap_buffers(self._window)
+        glfw.poll_events()
+        self._index = index
+
+    def step(self) -> int:
+        """Show the next frame, the first after the last; returns its index."""
+        self.show((self._index + 1) % len(self._sequence))
+        return self._index
+
+    def read(self) -> NDArray[np.uint8]:
+        """What the window shows, (rows, cols) uint8, row 0 on top: drawn once more and read back."""
+        height, width = self.shape
+        self._painter.draw(self._index, self._ctx.screen, top=height)
+        raw = self._ctx.screen.read(viewport=(0, 0, width, height), components=3, alignment=1)
+        pixels = np.frombuffer(raw, np.uint8).reshape(height, width, 3)
+        return np.ascontiguousarray(pixels[::-1, :, 0])
+
+    def close(self) -> None:
+        """Free the GL objects and close the window."""
+        self._painter.release()
+        self._ctx.release()
+        glfw.destroy_window(self._window)
+
+
+def _initialise() -> None:
+    glfw.ERROR_REPORTING = "exception"
+    try:
+        if not glfw.init():
+            raise InputError("display: GLFW cannot start (is DISPLAY set?)")
+    except glfw.GLFWError as error:
+        raise InputError(f"display: GLFW cannot start ({error}); set DISPLAY, or use the offscreen renderer") from error
+
+
+def _open(sequence: Sequence, monitor: int | None) -> Any:
+    _initialise()
+    for hint, value in (
+        (glfw.CONTEXT_VERSION_MAJOR, 3),
+        (glfw.CONTEXT_VERSION_MINOR, 3),
+        (glfw.OPENGL_PROFILE, glfw.OPENGL_CORE_PROFILE),
+        (glfw.OPENGL_FORWARD_COMPAT, True),
+        (glfw.RESIZABLE, False),
+        (glfw.DECORATED, False),
+        (glfw.AUTO_ICONIFY, False),
+        (glfw.SCALE_TO_MONITOR, False),
+        (glfw.SAMPLES, 0),
+    ):
+        glfw.window_hint(hint, value)
+    try:
+        if monitor is None:
+            return glfw.create_window(sequence.cols, sequence.rows, "optolever", None, None)
+        return _open_full_screen(sequence, monitor)
+    except glfw.GLFWError as error:
+        raise InputError(f"display: no OpenGL 3.3 window ({error})") from error
+
+
+def _open_full_screen(sequence: Sequence, monitor: int) -> Any:
+    handles = glfw.get_monitors()
+    if not 0 <= monitor < len(handles):
+        raise InputError(f"monitor: {monitor} does not exist, the limit is {len(handles) - 1}")
+    mode = glfw.get_video_mode(handles[monitor])
+    cols, rows = mode.size
+    if sequence.rows > rows or sequence.cols > cols:
+        raise InputError(
+            f"monitor: {monitor} has {rows}x{cols} pixels, the sequence needs {sequence.rows}x{sequence.cols}"
+        )
+    glfw.window_hint(glfw.REFRESH_RATE, mode.refresh_rate)
+    window = glfw.create_window(cols, rows, "optolever", handles[monitor], None)
+    glfw.set_input_mode(window, glfw.CURSOR, glfw.CURSOR_HIDDEN)
+    return window
