@@ -43,6 +43,10 @@ class Profile:
     d: Array
     theta: Array
 
+    def reversed(self) -> "Profile":
+        """The same points in opposite order along the lines."""
+        return Profile(self.l[..., ::-1], self.d[..., ::-1], self.theta[..., ::-1])
+
 
 @dataclass(frozen=True, slots=True)
 class PaperResult:
@@ -55,6 +59,10 @@ class PaperResult:
     def series(self, name: SeriesName) -> Profile:
         """One of the three by its name."""
         return {"rises": self.rises, "drops": self.drops, "mean": self.mean}[name]
+
+    def reversed(self) -> "PaperResult":
+        """The same points in opposite order along the lines."""
+        return PaperResult(self.rises.reversed(), self.drops.reversed(), self.mean.reversed())
 
 
 def series(m: Array, w: Array, geometry: PaperGeometry, *, sign: int = 1, gamma: bool = True) -> Profile:
@@ -91,8 +99,7 @@ def recursion(
     = L0.
     """
     rises = series(m, w, geometry, sign=sign, gamma=gamma)
-    backward = series(m[..., ::-1], w[..., ::-1], geometry, sign=sign, gamma=gamma)
-    drops = Profile(backward.l[..., ::-1], backward.d[..., ::-1], backward.theta[..., ::-1])
+    drops = series(m[..., ::-1], w[..., ::-1], geometry, sign=sign, gamma=gamma).reversed()
     depth = (rises.d + drops.d) / 2
     mean = Profile(
         mirror_position(w, depth, geometry.beta0, geometry.length), depth, (rises.theta + drops.theta) / 2
