@@ -1,1 +1,69 @@
-"""(being built)"""
+"""reconstruct: Correspondence + Scene -> HeightMap, dense, with an error bar on every pixel.
+
+| file | holds |
+|---|---|
+| `coupled.py` | reconstruct(): checks, window, orientation, solve, result |
+| `geometry.py`, `measured.py` | rays of the camera as arrays; a pixel grid with its measurement |
+| `equations.py` | slopes of the mirror per pixel, in closed form, and their variances |
+| `edges.py` | increments along pixel edges, weights, and the operators on them |
+| `poisson.py`, `linear.py` | weighted Poisson: by columns (DCT + tridiagonal), masked (CG); the choice |
+| `newton.py` | Newton's method with an integrating factor, the start from a coarser grid |
+| `anchors.py`, `pinning.py` | what is known of the mirror; from there to every component's free constant |
+| `uncertainty.py`, `outliers.py` | variance of the height; curl of the slopes |
+| `heightmap.py`, `resampling.py`, `export.py` | HeightMap, its regular grid, TIFF and PLY |
+| `paper.py`, `paper_equations.py`, `paper_scene.py` | the paper's recursion, by equations and on a scene |
+"""
+
+from .anchors import Anchor, DistanceAnchor, EdgeAnchor, PixelAnchor, PointAnchor
+from .coupled import method_names, reconstruct
+from .heightmap import Diagnostics, HeightFlag, HeightMap
+from .paper import PaperGeometry, PaperResult, Profile, SeriesName, recursion, series
+from .paper_equations import (
+    angle_increment,
+    capture_position,
+    height_increment,
+    mirror_position,
+    pattern_angle,
+    pattern_position,
+    slope_angle,
+)
+from .paper_scene import (
+    capture_positions,
+    pattern_positions,
+    prism_geometry,
+    reconstruct_paper,
+    row_recursion,
+)
+from .resampling import Grid
+
+__all__ = [
+    "Anchor",
+    "Diagnostics",
+    "DistanceAnchor",
+    "EdgeAnchor",
+    "Grid",
+    "HeightFlag",
+    "HeightMap",
+    "PaperGeometry",
+    "PaperResult",
+    "PixelAnchor",
+    "PointAnchor",
+    "Profile",
+    "SeriesName",
+    "angle_increment",
+    "capture_position",
+    "capture_positions",
+    "height_increment",
+    "method_names",
+    "mirror_position",
+    "pattern_angle",
+    "pattern_position",
+    "pattern_positions",
+    "prism_geometry",
+    "reconstruct",
+    "reconstruct_paper",
+    "recursion",
+    "row_recursion",
+    "series",
+    "slope_angle",
+]

@@ -1,0 +1,233 @@
+"""Anchors: where the mirror is known, so that the free mode of the equations is settled.
+
+The slopes leave one degree of freedom per connected component (dt ~ E, the integrating factor: at 45 degrees
+h = C x, a rotation about the pattern's edge). Nothing in the image fixes it; an anchor does.
+
+The default is the camera-side edge at rest: the line x = L0, z = 0, reached by extrapolation from the pixels
+next to
+it. It asks that the camera sees up to that line; otherwise a point, a pixel's height or a distance must be
+named.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+from optolever.scene import Scene
+
+from .geometry import RayField, rest_distance
+
+__all__ = [
+    "Anchor",
+    "Anchors",
+    "DistanceAnchor",
+    "EdgeAnchor",
+    "PixelAnchor",
+    "PointAnchor",
+    "Samples",
+    "anchor_samples",
+]
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+EDGE_REACH = 3.0  # pixels over which the slope may be extrapolated to the edge
+
+
+@dataclass(frozen=True, slots=True)
+class EdgeAnchor:
+    """The camera-side edge x = L0 of the mirror rests at z = 0; sigma: its standard deviation in mm."""
+
+    sigma: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class PointAnchor:
+    """The mirror passes through (x, y, z), mm in the mirror's frame."""
+
+    x: float
+    y: float
+    z: float
+    sigma: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class PixelAnchor:
+    """The mirror point seen by the (fractional) pixel has depth z mm."""
+
+    row: float
+    col: float
+    z: float
+    sigma: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class DistanceAnchor:
+    """The mirror point seen by the (fractional) pixel lies `distance` mm along its ray."""
+
+    row: float
+    col: float
+    distance: float
+    sigma: float = 0.0
+
+
+Anchor = EdgeAnchor | PointAnchor | PixelAnchor | DistanceAnchor
+Anchors = Anchor | str | tuple[float, float, float] | Sequence[Anchor | tuple[float, float, float]] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """Known distances: at pixel (row, col) the mirror is `distance` mm along the ray, give or take sigma mm;
+    (M,) each.
+    """
+
+    row: Floats
+    col: Floats
+    distance: Floats
+    sigma: Floats
+
+    def window(self, row: int, col: int, step: int = 1) -> "Samples":
+        """The same in the pixels of a window that starts at (row, col) and keeps every step-th pixel."""
+        return Samples((self.row - row) / step, (self.col - col) / step, self.distance, self.sigma)
+
+    def transposed(self) -> "Samples":
+        """Rows and columns exchanged."""
+        return Samples(self.col, self.row, self.distance, self.sigma)
+
+
+def anchor_samples(anchor: Anchors, scene: Scene, rays: RayField, mask: Mask) -> Samples:
+    """Anchors as known distances at pixels. None and 'edge': the camera-side edge at rest.
+
+    Raises InputError if an anchor cannot be used with this scene and mask.
+    """
+    parts = [_samples(one, scene, rays, mask) for one in _listed(anchor)]
+    return Samples(
+        *(
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("row", "col", "distance", "sigma")
+        )
+    )
+
+
+def _listed(anchor: Anchors) -> Sequence[Anchor]:
+    if anchor is None or anchor == "edge":
+        return [EdgeAnchor()]
+    if anchor == "none":
+        raise InputError(
+            "anchor = 'none': no anchor; the height is free by one mode, name 'edge' or a known point"
+        )
+    if isinstance(anchor, str):
+        raise InputError(f"anchor = {anchor!r}: unknown, the only name is 'edge'; else give points")
+    if isinstance(anchor, EdgeAnchor | PointAnchor | PixelAnchor | DistanceAnchor):
+        return [anchor]
+    anchors: list[Any] = list(anchor)
+    if not anchors:
+        raise InputError("anchor = []: no anchor; at least one is needed, 'edge' or a known point")
+    if all(isinstance(part, int | float | np.number) for part in anchors):
+        return [_point(anchors)]
+    return [_point(part) if isinstance(part, tuple | list | np.ndarray) else part for part in anchors]
+
+
+def _point(values: Any) -> PointAnchor:
+    numbers = np.asarray(values, dtype=np.float64).ravel()
+    if numbers.size != 3:
+        raise InputError(f"anchor = {values!r}: a known point has three coordinates x, y, z (mm)")
+    return PointAnchor(*(float(number) for number in numbers))
+
+
+def _samples(anchor: Anchor, scene: Scene, rays: RayField, mask: Mask) -> Samples:
+    for name in anchor.__slots__:
+        if not np.isfinite(getattr(anchor, name)):
+            raise InputError(f"anchor.{name} = {getattr(anchor, name)}: must be finite")
+    if anchor.sigma < 0:
+        raise InputError(f"anchor.sigma = {anchor.sigma}: must be at least 0 mm")
+    if isinstance(anchor, EdgeAnchor):
+        return _edge_samples(anchor, scene, rays, mask)
+    if isinstance(anchor, PointAnchor):
+        row, col, distance = _locate(np.array([anchor.x, anchor.y, anchor.z]), scene.camera, rays)
+    else:
+        row, col = anchor.row, anchor.col
+        rows, cols = rays.shape
+        if not (-0.5 <= row <= rows - 0.5 and -0.5 <= col <= cols - 0.5):
+            raise InputError(f"anchor pixel ({row}, {col}): lies outside the image of {rows} x {cols}")
+        if isinstance(anchor, PixelAnchor):
+            origins, directions = (part[..., 2] for part in scene.camera.rays_at(row, col))
+            distance = float((anchor.z - origins) / directions)
+        else:
+            distance = anchor.distance
+    return Samples(*(np.array([value], dtype=np.float64) for value in (row, col, distance, anchor.sigma)))
+
+
+def _edge_samples(anchor: EdgeAnchor, scene: Scene, rays: RayField, mask: Mask) -> Samples:
+    """Where the image of the line x = L0, z = 0 crosses the rows (or the columns) next to valid pixels."""
+    length = scene.mirror.length
+    x = _rest_x(rays.inner_origins, rays.inner_directions)
+    gap = length - x
+    per_row, per_col = (np.gradient(x, axis=axis) for axis in (0, 1))
+    axis = int(np.median(np.abs(per_col)) >= np.median(np.abs(per_row)))
+    step = per_col if axis == 1 else per_row
+    with np.errstate(divide="ignore", invalid="ignore"):
+        offset = gap / step  # pixels from here to the line
+        near = mask & (np.abs(offset) <= EDGE_REACH + 0.25)
+    if not near.any():
+        raise InputError(
+            "anchor = 'edge': no valid pixel within 3 pixels of the mirror's camera-side edge "
+            f"x = {length:g} mm at rest; name a point on the mirror"
+        )
+    distance_to_line = np.where(near, np.abs(offset), np.inf)
+    first = np.argmin(distance_to_line, axis=axis)
+    lines = np.flatnonzero(np.isfinite(np.min(distance_to_line, axis=axis)))
+    at = first[lines]
+    row, col = (lines, at) if axis == 1 else (at, lines)
+    along = at + offset[row, col]
+    for _ in range(3):  # the line's exact position: secant steps on the rays themselves
+        place = (lines.astype(np.float64), along) if axis == 1 else (along, lines.astype(np.float64))
+        origins, directions = (np.moveaxis(part, -1, 0) for part in scene.camera.rays_at(*place))
+        along = along + (length - _rest_x(origins, directions)) / step[row, col]
+    fixed = lines.astype(np.float64)
+    place = (fixed, along) if axis == 1 else (along, fixed)
+    origins, directions = (np.moveaxis(part, -1, 0) for part in scene.camera.rays_at(*place))
+    distance = rest_distance(origins, directions)
+    return Samples(place[0], place[1], distance, np.full(distance.shape, anchor.sigma))
+
+
+def _rest_x(origins: Floats, directions: Floats) -> Floats:
+    x: Floats = origins[0] + rest_distance(origins, directions) * directions[0]
+    return x
+
+
+def _locate(point: Floats, camera: Any, rays: RayField) -> tuple[float, float, float]:
+    """Pixel (row, col) whose ray passes through the point, and the distance along it."""
+    offset = point[:, None, None] - rays.inner_origins
+    along = np.einsum("kij,kij->ij", offset, rays.inner_directions)
+    miss = np.einsum("kij,kij->ij", offset, offset) - along**2
+    row, col = (float(index) for index in np.unravel_index(int(np.argmin(miss)), miss.shape))
+    for _ in range(20):
+        origin, direction = _ray(camera, row, col)
+        distance = float((point - origin) @ direction)
+        residual = point - origin - distance * direction
+        columns = []
+        for dr, dc in ((0.5, 0.0), (0.0, 0.5)):
+            ahead, behind = _ray(camera, row + dr, col + dc), _ray(camera, row - dr, col - dc)
+            columns.append(ahead[0] - behind[0] + distance * (ahead[1] - behind[1]))
+        shift = np.linalg.lstsq(np.stack(columns, axis=1), residual, rcond=None)[0]
+        row, col = row + float(shift[0]), col + float(shift[1])
+        if np.abs(shift).max() < 1e-12 * max(rays.shape):
+            break
+    rows, cols = rays.shape
+    if not (-0.5 <= row <= rows - 0.5 and -0.5 <= col <= cols - 0.5):
+        raise InputError(
+            f"anchor point ({point[0]:g}, {point[1]:g}, {point[2]:g}) mm: seen at pixel "
+            f"({row:.1f}, {col:.1f}), outside the image of {rows} x {cols}"
+        )
+    origin, direction = _ray(camera, row, col)
+    return row, col, float((point - origin) @ direction)
+
+
+def _ray(camera: Any, row: float, col: float) -> tuple[Floats, Floats]:
+    origin, direction = camera.rays_at(row, col)
+    return np.asarray(origin), np.asarray(direction)

@@ -1,0 +1,218 @@
+"""Pixel edges: increments of a slope between neighbouring pixels, their weights, and the operators on them.
+
+Edge arrays have the shape of the image: gx[i, j] belongs to the edge from (i, j) to (i, j + 1), gy[i, j] to
+the one
+from (i, j) to (i + 1, j); an edge exists if both its pixels are in the mask, and is zero in every array
+otherwise. Increments of a slope sampled at pixels (unit spacing) integrate the cubic through four neighbours:
+interior (-1, 13, 13, -1)/24; where the image or the mask ends, one-sided (9, 19, -5, 1)/24; the trapezoid
+where fewer than four neighbours stand.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from optolever.blocks import over_rows
+
+__all__ = [
+    "apply_laplacian",
+    "curl",
+    "defects",
+    "divergence",
+    "edge_weights",
+    "factor_increments",
+    "increments",
+]
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+def increments(p: Floats, q: Floats, mask: Mask) -> tuple[Floats, Floats]:
+    """Edge increments of the slopes p (along columns) and q (along rows), each (H, W)."""
+    zero, one = np.zeros((1, 1)), np.ones((1, 1))
+    return defects(p, q, zero, one, mask)
+
+
+def defects(p: Floats, q: Floats, w: Floats, root: Floats, mask: Mask) -> tuple[Floats, Floats]:
+    """Edge defects in units of the integrating factor: (increment of the slope - difference of w) / (root_i
+    root_j).
+
+    w and root: (H, W), or (1, 1) if constant. root = sqrt(E).
+    """
+    gx, gy = np.empty(p.shape), np.empty(p.shape)
+    over_rows(lambda start, stop: _defects(p, q, w, root, mask, gx, gy, start, stop), p.shape[0])
+    return gx, gy
+
+
+def factor_increments(p_w: Floats, q_w: Floats, mask: Mask) -> tuple[Floats, Floats]:
+    """Edge increments of the logarithm of the integrating factor, log((1 + f_i/2) / (1 - f_j/2)).
+
+    This is what the trapezoid rule multiplies by from pixel to pixel (and exact for a factor C x).
+    """
+    gx, gy = np.empty(p_w.shape), np.empty(p_w.shape)
+    over_rows(lambda start, stop: _factor_increments(p_w, q_w, mask, gx, gy, start, stop), p_w.shape[0])
+    return gx, gy
+
+
+def edge_weights(var_p: Floats, var_q: Floats, root: Floats, mask: Mask) -> tuple[Floats, Floats]:
+    """Weights (E_i E_j) / var_edge of the edges, var_edge the mean of its two pixels' slope variances."""
+    wx, wy = np.empty(var_p.shape), np.empty(var_p.shape)
+    over_rows(
+        lambda start, stop: _edge_weights(var_p, var_q, root, mask, wx, wy, start, stop), var_p.shape[0]
+    )
+    return wx, wy
+
+
+def divergence(gx: Floats, gy: Floats, wx: Floats, wy: Floats) -> Floats:
+    """D^T (w g): what flows into each pixel minus what flows out of it. Weights (H, W), or (1,
+    W) for all rows.
+    """
+    out = np.empty(gx.shape)
+    over_rows(lambda start, stop: _divergence(gx, gy, wx, wy, out, start, stop), gx.shape[0])
+    return out
+
+
+def apply_laplacian(x: Floats, wx: Floats, wy: Floats) -> Floats:
+    """D^T w D x for weights (H, W) that are zero where no edge is."""
+    out = np.empty(x.shape)
+    over_rows(lambda start, stop: _laplacian(x, wx, wy, out, start, stop), x.shape[0])
+    return out
+
+
+def curl(p: Floats, q: Floats, mask: Mask) -> Floats:
+    """Trapezoid sum of the slopes around the pixels (i, j) .. (i + 1, j + 1), (H, W);
+    NaN where one is masked.
+    """
+    out = np.full(p.shape, np.nan)
+    over_rows(lambda start, stop: _curl(p, q, mask, out, start, stop), p.shape[0])
+    return out
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _stencil(f, mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-def]
+    """Increment from (i, j) to (i + di, j + dj); before/after:
+    how many pixels the image has on either side.
+    """
+    g0, g1 = f[i, j], f[i + di, j + dj]
+    back = before >= 1 and mask[i - di, j - dj]
+    ahead = after >= 2 and mask[i + 2 * di, j + 2 * dj]
+    if back and ahead:
+        return (13.0 * (g0 + g1) - f[i - di, j - dj] - f[i + 2 * di, j + 2 * dj]) / 24.0
+    if ahead and after >= 3 and mask[i + 3 * di, j + 3 * dj]:
+        return (9.0 * g0 + 19.0 * g1 - 5.0 * f[i + 2 * di, j + 2 * dj] + f[i + 3 * di, j + 3 * dj]) / 24.0
+    if back and before >= 2 and mask[i - 2 * di, j - 2 * dj]:
+        return (9.0 * g1 + 19.0 * g0 - 5.0 * f[i - di, j - dj] + f[i - 2 * di, j - 2 * dj]) / 24.0
+    return 0.5 * (g0 + g1)
+
+
+@njit(cache=True, nogil=True)
+def _defects(p, q, w, root, mask, gx, gy, start, stop):  # type: ignore[no-untyped-def]
+    rows, cols = p.shape
+    full = 1 if w.shape[0] > 1 else 0
+    scaled = 1 if root.shape[0] > 1 else 0
+    for i in range(start, stop):
+        for j in range(cols):
+            gx[i, j] = 0.0
+            gy[i, j] = 0.0
+            if not mask[i, j]:
+                continue
+            wi, ri = w[full * i, full * j], root[scaled * i, scaled * j]
+            if j + 1 < cols and mask[i, j + 1]:
+                rise = _stencil(p, mask, i, j, 0, 1, j, cols - 1 - j)
+                gx[i, j] = (rise - (w[full * i, full * (j + 1)] - wi)) / (
+                    ri * root[scaled * i, scaled * (j + 1)]
+                )
+            if i + 1 < rows and mask[i + 1, j]:
+                rise = _stencil(q, mask, i, j, 1, 0, i, rows - 1 - i)
+                gy[i, j] = (rise - (w[full * (i + 1), full * j] - wi)) / (
+                    ri * root[scaled * (i + 1), scaled * j]
+                )
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _log_ratio(f0, f1):  # type: ignore[no-untyped-def]
+    above, below = 1.0 + 0.5 * f0, 1.0 - 0.5 * f1
+    if above > 0.05 and below > 0.05:
+        return math.log(above / below)
+    return 0.5 * (f0 + f1)
+
+
+@njit(cache=True, nogil=True)
+def _factor_increments(p_w, q_w, mask, gx, gy, start, stop):  # type: ignore[no-untyped-def]
+    rows, cols = p_w.shape
+    for i in range(start, stop):
+        for j in range(cols):
+            here = mask[i, j]
+            gx[i, j] = (
+                _log_ratio(p_w[i, j], p_w[i, j + 1]) if here and j + 1 < cols and mask[i, j + 1] else 0.0
+            )
+            gy[i, j] = (
+                _log_ratio(q_w[i, j], q_w[i + 1, j]) if here and i + 1 < rows and mask[i + 1, j] else 0.0
+            )
+
+
+@njit(cache=True, nogil=True)
+def _edge_weights(var_p, var_q, root, mask, wx, wy, start, stop):  # type: ignore[no-untyped-def]
+    rows, cols = var_p.shape
+    scaled = 1 if root.shape[0] > 1 else 0
+    for i in range(start, stop):
+        for j in range(cols):
+            wx[i, j] = 0.0
+            wy[i, j] = 0.0
+            if not mask[i, j]:
+                continue
+            ri = root[scaled * i, scaled * j]
+            if j + 1 < cols and mask[i, j + 1]:
+                both = ri * root[scaled * i, scaled * (j + 1)]
+                wx[i, j] = 2.0 * both * both / (var_p[i, j] + var_p[i, j + 1])
+            if i + 1 < rows and mask[i + 1, j]:
+                both = ri * root[scaled * (i + 1), scaled * j]
+                wy[i, j] = 2.0 * both * both / (var_q[i, j] + var_q[i + 1, j])
+
+
+@njit(cache=True, nogil=True)
+def _divergence(gx, gy, wx, wy, out, start, stop):  # type: ignore[no-untyped-def]
+    cols = gx.shape[1]
+    full = 1 if wx.shape[0] > 1 else 0
+    for i in range(start, stop):
+        for j in range(cols):
+            total = -wx[full * i, j] * gx[i, j] - wy[full * i, j] * gy[i, j]
+            if j > 0:
+                total += wx[full * i, j - 1] * gx[i, j - 1]
+            if i > 0:
+                total += wy[full * (i - 1), j] * gy[i - 1, j]
+            out[i, j] = total
+
+
+@njit(cache=True, nogil=True)
+def _laplacian(x, wx, wy, out, start, stop):  # type: ignore[no-untyped-def]
+    rows, cols = x.shape
+    for i in range(start, stop):
+        for j in range(cols):
+            total = 0.0
+            if j > 0:
+                total += wx[i, j - 1] * (x[i, j] - x[i, j - 1])
+            if j + 1 < cols:
+                total -= wx[i, j] * (x[i, j + 1] - x[i, j])
+            if i > 0:
+                total += wy[i - 1, j] * (x[i, j] - x[i - 1, j])
+            if i + 1 < rows:
+                total -= wy[i, j] * (x[i + 1, j] - x[i, j])
+            out[i, j] = total
+
+
+@njit(cache=True, nogil=True)
+def _curl(p, q, mask, out, start, stop):  # type: ignore[no-untyped-def]
+    rows, cols = p.shape
+    for i in range(start, min(stop, rows - 1)):
+        for j in range(cols - 1):
+            if mask[i, j] and mask[i, j + 1] and mask[i + 1, j] and mask[i + 1, j + 1]:
+                out[i, j] = 0.5 * (
+                    (p[i, j] + p[i, j + 1])
+                    - (p[i + 1, j] + p[i + 1, j + 1])
+                    + (q[i, j + 1] + q[i + 1, j + 1])
+                    - (q[i, j] + q[i + 1, j])
+                )

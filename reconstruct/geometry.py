@@ -1,0 +1,118 @@
+"""The camera's rays as one padded array: what the equations of the mirror need to know of a scene."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+from optolever.scene import Scene
+
+__all__ = ["PAD", "RayField", "pattern_plane", "ray_field", "rest_distance"]
+
+Floats = NDArray[np.float64]
+
+PAD = 2  # pixels beyond the image on every side: the reach of a 4th-order central difference
+
+
+@dataclass(frozen=True, slots=True)
+class RayField:
+    """Rays of a pixel grid, padded by PAD pixels on every side.
+
+    origins, directions: (3, rows + 2 PAD, cols + 2 PAD) mm and unit vectors, mirror frame.
+    logarithmic: solve for log t instead of t. True where the rays diverge from one centre: there the
+    distance scales with the whole field, and its slope over the distance is free of that scale.
+    """
+
+    origins: Floats
+    directions: Floats
+    logarithmic: bool
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the grid without its padding."""
+        return self.origins.shape[1] - 2 * PAD, self.origins.shape[2] - 2 * PAD
+
+    @property
+    def inner_origins(self) -> Floats:
+        """Origins without the padding, (3, rows, cols) mm."""
+        return self.origins[:, PAD:-PAD, PAD:-PAD]
+
+    @property
+    def inner_directions(self) -> Floats:
+        """Directions without the padding, (3, rows, cols)."""
+        return self.directions[:, PAD:-PAD, PAD:-PAD]
+
+    def cropped(self, rows: slice, cols: slice) -> "RayField":
+        """The rays of a window (plain slices with start and stop, step one)."""
+        if (rows.stop - rows.start, cols.stop - cols.start) == self.shape:
+            return self
+        window = (slice(None), slice(rows.start, rows.stop + 2 * PAD), slice(cols.start, cols.stop + 2 * PAD))
+        return RayField(
+            np.ascontiguousarray(self.origins[window]),
+            np.ascontiguousarray(self.directions[window]),
+            self.logarithmic,
+        )
+
+    def transposed(self) -> "RayField":
+        """Rows and columns exchanged."""
+        swap = (0, 2, 1)
+        return RayField(
+            np.ascontiguousarray(self.origins.transpose(swap)),
+            np.ascontiguousarray(self.directions.transpose(swap)),
+            self.logarithmic,
+        )
+
+
+def ray_field(camera: Any) -> RayField:
+    """Rays of a camera's every pixel;
+    the last two cameras are remembered (streams ask for the same again).
+    """
+    try:
+        return _remembered(camera)
+    except TypeError:  # a camera that cannot be hashed
+        return _trace(camera)
+
+
+def pattern_plane(scene: Scene) -> Floats:
+    """Pattern plane as a (3, 3) array: origin, step of u, step of v, mm; X(u,
+    v) = row 0 + u row 1 + v row 2.
+    """
+    pattern = scene.pattern
+    return np.stack(
+        [
+            np.asarray(pattern.origin, dtype=np.float64),
+            pattern.pitch * np.asarray(pattern.u_axis, dtype=np.float64),
+            pattern.pitch * np.asarray(pattern.v_axis, dtype=np.float64),
+        ]
+    )
+
+
+def rest_distance(origins: Floats, directions: Floats) -> Floats:
+    """Distance along the ray to the mirror at rest, z = 0, mm; arrays (3, ...) -> (...)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance: Floats = -origins[2] / directions[2]
+    return distance
+
+
+@lru_cache(maxsize=2)
+def _remembered(camera: Any) -> RayField:
+    return _trace(camera)
+
+
+def _trace(camera: Any) -> RayField:
+    rows = np.arange(-PAD, camera.rows + PAD, dtype=np.float64)
+    cols = np.arange(-PAD, camera.cols + PAD, dtype=np.float64)
+    row, col = np.meshgrid(rows, cols, indexing="ij")
+    origins, directions = (
+        np.ascontiguousarray(np.moveaxis(np.asarray(part, dtype=np.float64), -1, 0))
+        for part in camera.rays_at(row, col)
+    )
+    inner = (slice(None), slice(PAD, -PAD), slice(PAD, -PAD))
+    if not (np.isfinite(origins[inner]).all() and np.isfinite(directions[inner]).all()):
+        raise InputError("scene: the camera has pixels without a finite ray")
+    spread = float(np.abs(directions - directions[:, PAD : PAD + 1, PAD : PAD + 1]).max())
+    shift = float(np.abs(origins - origins[:, PAD : PAD + 1, PAD : PAD + 1]).max())
+    return RayField(origins, directions, logarithmic=spread > 0 and shift == 0)

@@ -1,0 +1,128 @@
+"""HeightMap: where the mirror is, how sure that is, and why not where it fails; and its files."""
+
+import json
+from dataclasses import asdict, dataclass, field, fields
+from enum import IntFlag
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+from optolever.files import load_arrays, save_arrays
+
+from .export import write_ply, write_tiff
+from .resampling import Grid, resample
+
+__all__ = ["Diagnostics", "HeightFlag", "HeightMap"]
+
+Floats = NDArray[np.float64]
+_ARRAYS = ("x", "y", "z", "sigma", "flags")
+
+
+class HeightFlag(IntFlag):
+    """Why a height is not to be trusted, beside the decoder's reasons (bits below 1024); 0 = good."""
+
+    NO_ANCHOR = 1024
+    CURL = 2048
+    STEEP = 4096
+    NOT_CONVERGED = 8192
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnostics:
+    """How a solve went.
+
+    steps: rms change of the unknown in every step (mm, or relative where the rays diverge); iterations:
+    linear
+    solves or conjugate-gradient iterations; defect: rms edge defect over its standard deviation (1: noise
+    alone);
+    curl: robust scale of the plaquettes' curl over its standard deviation (well above 1: the calibration, not
+    noise, rules); components: connected components solved; lost: pixels in components without an anchor;
+    free_mode_ratio: largest over median value of the free mode, the height that no image fixes.
+    """
+
+    method: str
+    converged: bool = True
+    steps: tuple[float, ...] = ()
+    iterations: int = 0
+    defect: float = float("nan")
+    curl: float = float("nan")
+    components: int = 0
+    lost: int = 0
+    solver: str = ""
+    notes: tuple[str, ...] = ()
+
+    def to_json(self) -> str:
+        """As one line of JSON."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> "Diagnostics":
+        """What to_json wrote; unknown entries are left out."""
+        known = {entry.name for entry in fields(cls)}
+        values = {name: value for name, value in json.loads(text).items() if name in known}
+        for name in ("steps", "notes"):
+            values[name] = tuple(values.get(name, ()))
+        return cls(**values)
+
+
+@dataclass(frozen=True, slots=True)
+class HeightMap:
+    """Mirror points on the camera's pixels, (H, W) each, mm in the mirror's frame.
+
+    x, y, z: NaN where nothing is known; sigma: standard deviation of z at that pixel;
+    flags: uint16, 0 = good: the decoder's bits and those of HeightFlag.
+    """
+
+    x: Floats
+    y: Floats
+    z: Floats
+    sigma: Floats
+    flags: NDArray[np.uint16]
+    diagnostics: Diagnostics = field(default_factory=lambda: Diagnostics("unknown"))
+
+    def __post_init__(self) -> None:
+        shape = np.shape(self.z)
+        for name in _ARRAYS:
+            if np.shape(getattr(self, name)) != shape or len(shape) != 2:
+                found = np.shape(getattr(self, name))
+                raise InputError(f"height map: {name} has shape {found}, must be 2-D like z {shape}")
+
+    @property
+    def good(self) -> NDArray[np.bool_]:
+        """True where no flag is set."""
+        return np.asarray(self.flags == 0)
+
+    def resample(self, pitch_mm: float) -> Grid:
+        """The good points on a regular grid of x and y; see `resampling.resample`."""
+        return resample(self.x, self.y, self.z, self.sigma, self.good, pitch_mm)
+
+    def save(self, path: str | Path) -> None:
+        """Write an .npz with the fields' names."""
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in _ARRAYS}
+        save_arrays(path, arrays | {"diagnostics": self.diagnostics.to_json()})
+
+    @classmethod
+    def load(cls, path: str | Path) -> "HeightMap":
+        """Read what save() wrote; InputError names the file and the field."""
+        arrays = load_arrays(path, _ARRAYS)
+        diagnostics = Diagnostics("unknown")
+        if "diagnostics" in arrays:
+            try:
+                diagnostics = Diagnostics.from_json(str(arrays["diagnostics"]))
+            except (ValueError, TypeError) as error:
+                raise InputError(f"{path}: field 'diagnostics' is not readable ({error})") from error
+        try:
+            return cls(**{name: arrays[name] for name in _ARRAYS}, diagnostics=diagnostics)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+
+    def save_tiff(self, path: str | Path) -> None:
+        """Write z as float32 TIFF (mm; NaN where it is not good), on the camera's pixels."""
+        write_tiff(path, np.where(self.good, self.z, np.nan))
+
+    def save_ply(self, path: str | Path) -> None:
+        """Write the good points with their sigma as a binary PLY mesh of the camera's pixel grid."""
+        write_ply(path, self.x, self.y, self.z, self.sigma, self.good)

@@ -1,0 +1,68 @@
+"""What a solve works on: the measurement and the geometry of one pixel grid,
+at full or at coarser spacing.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .equations import slope_variances, slopes
+from .geometry import PAD, RayField, rest_distance
+
+__all__ = ["Measured"]
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """Correspondences on a grid with their rays.
+
+    u, v, sigma_u, sigma_v (rows, cols) pattern pixels, used where mask is true; rays: of the fine grid, of
+    which this grid holds every step-th row and column; plane (3, 3): see `geometry.pattern_plane`.
+    """
+
+    rays: RayField
+    plane: Floats
+    u: Floats
+    v: Floats
+    sigma_u: Floats
+    sigma_v: Floats
+    mask: Mask
+    step: int = 1
+
+    def strided(self, step: int) -> "Measured":
+        """Every step-th pixel."""
+        pick = (slice(None, None, step), slice(None, None, step))
+        arrays: dict[str, Any] = {
+            name: np.ascontiguousarray(getattr(self, name)[pick])
+            for name in ("u", "v", "sigma_u", "sigma_v", "mask")
+        }
+        return replace(self, step=self.step * step, **arrays)
+
+    def slopes(self, w: Floats) -> tuple[Floats, ...]:
+        """p, q, dp/dw, dq/dw at w."""
+        return slopes(self.rays, self.plane, self.u, self.v, w, self.step)
+
+    def variances(self, w: Floats) -> tuple[Floats, Floats]:
+        """Variances of p and q at w."""
+        return slope_variances(
+            self.rays, self.plane, self.u, self.v, self.sigma_u, self.sigma_v, w, self.step
+        )
+
+    def rest(self) -> Floats:
+        """The unknown of the mirror at rest: t in mm, or log t."""
+        pick = (slice(None), slice(PAD, -PAD, self.step), slice(PAD, -PAD, self.step))
+        distance = rest_distance(self.rays.origins[pick], self.rays.directions[pick])
+        return self.unknown(distance)
+
+    def unknown(self, distance: Floats) -> Floats:
+        """t -> w."""
+        return np.log(distance) if self.rays.logarithmic else distance
+
+    def distance(self, w: Floats) -> Floats:
+        """w -> t in mm."""
+        return np.exp(w) if self.rays.logarithmic else w

@@ -1,0 +1,183 @@
+"""From known distances to the free constant of every component: linear rows on the grid,
+and their robust mean.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .anchors import EDGE_REACH, Samples
+from .measured import Measured
+
+__all__ = ["AnchorRows", "anchor_rows", "free_constants"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+_STARTS = (-1, 0, -3, -2)  # where a window of four pixels may start, seen from the pixel; the best first
+
+
+@dataclass(frozen=True, slots=True)
+class AnchorRows:
+    """Known values of the unknown near valid pixels, M of them.
+
+    The value predicted at an anchor is w[pixel] + p[at_p] . by_p + q[at_q] . by_q: from the nearest valid
+    pixel along
+    the row, then along the column, by the cubic through four slopes. known: w there; reach: pixels travelled;
+    sigma: of the known value, in units of w; component: label of the pixel.
+    """
+
+    pixel: Ints
+    at_p: Ints
+    by_p: Floats
+    at_q: Ints
+    by_q: Floats
+    known: Floats
+    sigma: Floats
+    reach: Floats
+    component: Ints
+
+    def predict(self, w: Floats, p: Floats, q: Floats) -> Floats:
+        """Value of the unknown at the anchors, (M,)."""
+        along_row = np.einsum("mk,mk->m", p.ravel()[self.at_p], self.by_p)
+        along_col = np.einsum("mk,mk->m", q.ravel()[self.at_q], self.by_q)
+        value: Floats = w.ravel()[self.pixel] + along_row + along_col
+        return value
+
+
+def anchor_rows(samples: Samples, data: Measured, labels: NDArray[np.int32]) -> AnchorRows:
+    """Tie the samples (in this grid's pixels) to the nearest valid pixels;
+    those without one in reach are left out.
+    """
+    mask = data.mask
+    row, col, found = _nearest(samples, mask)
+    keep = np.flatnonzero(found)
+    row, col = row[keep], col[keep]
+    delta_row, delta_col = samples.row[keep] - row, samples.col[keep] - col
+    start_p, whole_p = _windows(mask, row, col, 0, 1)
+    start_q, whole_q = _windows(mask, row, col, 1, 0)
+    by_p = np.where(whole_p[:, None], _integral(start_p, delta_col), _own(start_p, delta_col))
+    by_q = np.where(whole_q[:, None], _integral(start_q, delta_row), _own(start_q, delta_row))
+    pixel = row * mask.shape[1] + col
+    index = np.arange(4)
+    at_p = np.where(whole_p[:, None], pixel[:, None] + start_p[:, None] + index, pixel[:, None])
+    rows_q = np.where(whole_q[:, None], row[:, None] + start_q[:, None] + index, row[:, None])
+    at_q, by_q = _shifted(mask, rows_q, col, by_q, start_p, whole_p, delta_col)
+    distance = samples.distance[keep]
+    unit = 1.0 / distance if data.rays.logarithmic else np.ones(distance.shape)
+    return AnchorRows(
+        pixel=pixel,
+        at_p=at_p,
+        by_p=by_p,
+        at_q=at_q,
+        by_q=by_q,
+        known=data.unknown(distance),
+        sigma=samples.sigma[keep] * unit,
+        reach=np.hypot(delta_row, delta_col),
+        component=labels[row, col].astype(np.int64),
+    )
+
+
+def free_constants(
+    rows: AnchorRows, error: Floats, factor: Floats, variance: Floats, count: int
+) -> tuple[Floats, Floats]:
+    """The multiple of the integrating factor that each component needs, (count + 1,), and every row's share
+    (M,) in it.
+
+    error: predicted minus known (M,); factor: integrating factor at the rows' pixels; variance: of a slope
+    there.
+    The mean is weighted and leaves out rows farther than five scaled median deviations from the median.
+    """
+    constants = np.zeros(count + 1)
+    share = np.zeros(error.shape)
+    spread = rows.sigma**2 + (0.25 + rows.reach**2) * variance
+    for label in np.unique(rows.component):
+        pick = np.flatnonzero(rows.component == label)
+        ratio, weight = error[pick] / factor[pick], factor[pick] ** 2 / spread[pick]
+        middle = np.median(ratio)
+        limit = 5 * 1.4826 * np.median(np.abs(ratio - middle)) + 1e-12 * np.abs(middle)
+        if pick.size > 4:
+            weight = np.where(np.abs(ratio - middle) <= limit, weight, 0.0)
+        weight = weight / weight.sum()
+        constants[label] = -float(weight @ ratio)
+        share[pick] = weight
+    return constants, share
+
+
+def _nearest(samples: Samples, mask: Mask) -> tuple[Ints, Ints, Mask]:
+    """The valid pixel nearest to each sample within EDGE_REACH."""
+    rows, cols = mask.shape
+    row0 = np.clip(np.rint(samples.row), 0, rows - 1).astype(np.int64)
+    col0 = np.clip(np.rint(samples.col), 0, cols - 1).astype(np.int64)
+    row, col, best = row0.copy(), col0.copy(), np.full(row0.shape, np.inf)
+    reach = int(EDGE_REACH)
+    for dr in range(-reach, reach + 1):
+        for dc in range(-reach, reach + 1):
+            r, c = np.clip(row0 + dr, 0, rows - 1), np.clip(col0 + dc, 0, cols - 1)
+            away = np.where(mask[r, c], np.hypot(samples.row - r, samples.col - c), np.inf)
+            closer = away < best
+            row, col, best = np.where(closer, r, row), np.where(closer, c, col), np.minimum(away, best)
+    return row, col, best <= EDGE_REACH + 0.25
+
+
+def _windows(mask: Mask, row: Ints, col: Ints, dr: int, dc: int) -> tuple[Ints, Mask]:
+    """Start of four valid pixels in a row (dc = 1) or column (dr = 1) around each pixel,
+    and whether there are any.
+    """
+    start = np.zeros(row.shape, dtype=np.int64)
+    whole = np.zeros(row.shape, dtype=np.bool_)
+    for candidate in _STARTS:
+        fits = np.ones(row.shape, dtype=np.bool_)
+        for k in range(candidate, candidate + 4):
+            r, c = row + k * dr, col + k * dc
+            inside = (r >= 0) & (r < mask.shape[0]) & (c >= 0) & (c < mask.shape[1])
+            fits &= inside & mask[np.where(inside, r, 0), np.where(inside, c, 0)]
+        start = np.where(fits & ~whole, candidate, start)
+        whole |= fits
+    return start, whole
+
+
+def _integral(start: Ints, delta: Floats) -> Floats:
+    """Weights (M, 4) of the integral from 0 to delta of the cubic through nodes start .. start + 3."""
+    moments = delta[:, None] ** np.arange(1, 5) / np.arange(1, 5)
+    return _by_start(start, moments)
+
+
+def _value(start: Ints, delta: Floats) -> Floats:
+    """Weights (M, 4) of that cubic's value at delta."""
+    return _by_start(start, delta[:, None] ** np.arange(4))
+
+
+def _by_start(start: Ints, moments: Floats) -> Floats:
+    out = np.empty(moments.shape)
+    for candidate in np.unique(start):
+        powers = (candidate + np.arange(4.0))[None, :] ** np.arange(4)[:, None]
+        pick = start == candidate
+        out[pick] = np.linalg.solve(powers, moments[pick].T).T
+    return out
+
+
+def _own(start: Ints, delta: Floats) -> Floats:
+    """Weights that take the pixel's own slope as constant."""
+    out = np.zeros((*start.shape, 4))
+    out[:, 0] = delta
+    return out
+
+
+def _shifted(
+    mask: Mask, rows: Ints, col: Ints, by_q: Floats, start: Ints, whole: Mask, delta: Floats
+) -> tuple[Ints, Floats]:
+    """The path along the column, moved sideways by delta: the slopes interpolated along their rows, (M,
+    16).
+    """
+    cols = np.where(whole[:, None], (col + start)[:, None] + np.arange(4), col[:, None])
+    across = np.where(whole[:, None], _value(start, delta), _own(start, np.ones(delta.shape)))
+    block = np.all(mask[rows[:, :, None], cols[:, None, :]], axis=(1, 2), keepdims=True)[:, :, 0]
+    cols = np.where(block, cols, col[:, None])
+    across = np.where(block, across, _own(start, np.ones(delta.shape)))
+    at: Any = rows[:, :, None] * mask.shape[1] + cols[:, None, :]
+    by: Any = by_q[:, :, None] * across[:, None, :]
+    return at.reshape(at.shape[0], 16), by.reshape(at.shape[0], 16)

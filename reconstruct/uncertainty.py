@@ -1,0 +1,92 @@
+"""Variance of the height: what the slopes' noise leaves after the least-squares solve and the anchors.
+
+With independent edge noise of variance var_e the solve w = E g has the covariance E L^-1 E, L = D^T w D. In
+the DCT
+basis along the rows L is tridiagonal, and two Schur sweeps give the diagonal of its inverse, mode by mode.
+Edges share pixels: an edge averages the slopes of its neighbours, A A^T = 1 - |..|, so that the covariance is
+smaller,
+
+    E L^-1 E - c,    c = < sum_a w_a l_a (1 - |A_a|^2) / (sum_a w_a l_a)^2 >,   l = 2 - 2 cos k, a = x, y,
+
+averaged over the Brillouin zone: c is local (the correction is an operator of order zero) and a fifth of the
+slopes' variance, about. |A| = (13 cos(k/2) - cos(3k/2)) / 12 for the four-pixel increments.
+An anchor sum_m a_m w_m = known subtracts the covariance with it: var_i = G_ii - 2 (G a)_i + a.G a.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .newton import State
+from .poisson import ColumnPoisson
+
+__all__ = ["averaging_gain", "unknown_variance"]
+
+Floats = NDArray[np.float64]
+Labels = NDArray[np.int32]
+
+_FLOOR = 0.02  # of a slope's variance: the least that a height next to an exact anchor is given
+
+
+def unknown_variance(state: State, labels: Labels) -> Floats:
+    """Variance of w in every pixel, (rows, cols).
+    Exact for weights by columns on a rectangle without holes.
+    """
+    shape = state.w.shape
+    columns = state.problem.columns
+    factor = np.broadcast_to(state.root**2, shape)
+    variance = _diagonal(columns)
+    at = factor.ravel()[state.rows.pixel]
+    slope = state.variances[0].ravel()[state.rows.pixel]
+    own = state.share**2 * (state.rows.sigma**2 + state.rows.reach**2 * slope) / at**2
+    gain = averaging_gain(*state.variances)
+    own -= state.share**2 * gain.ravel()[state.rows.pixel] / at**2
+    for label in range(1, int(labels.max()) + 1):
+        pick = state.rows.component == label
+        load = np.zeros(shape)
+        np.add.at(load.reshape(-1), state.rows.pixel[pick], state.share[pick])
+        green = columns.solve(load)
+        variance += np.where(
+            labels == label, float(np.vdot(load, green)) + own[pick].sum() - 2.0 * green, 0.0
+        )
+    variance *= factor
+    variance *= factor
+    variance -= gain
+    return np.maximum(variance, _FLOOR * state.variances[0])
+
+
+def averaging_gain(var_p: Floats, var_q: Floats) -> Floats:
+    """What the averaging of neighbouring slopes takes off the height's variance, same shape."""
+    ratios, values = _gain_table()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.log(var_p / var_q)
+    gain: Floats = var_p * np.interp(ratio, ratios, values)
+    return gain
+
+
+@lru_cache(maxsize=1)
+def _gain_table() -> tuple[Floats, Floats]:
+    """c / var_p as a function of log(var_p / var_q), by the midpoint rule over the Brillouin zone."""
+    count = 512
+    k = np.pi * (np.arange(count) + 0.5) / count
+    transfer = (13 * np.cos(k / 2) - np.cos(3 * k / 2)) / 12
+    l = 2 - 2 * np.cos(k)
+    lost = l * (1 - transfer**2)
+    ratios = np.linspace(np.log(1e-3), np.log(1e3), 61)
+    values = [float(np.mean((lost[:, None] + r * lost) / (l[:, None] + r * l) ** 2)) for r in np.exp(ratios)]
+    return ratios, np.array(values)
+
+
+def _diagonal(columns: ColumnPoisson) -> Floats:
+    """Diagonal of the rectangle's inverse, (rows, cols): sum_k v_k(col) phi_k(row)^2,
+    symmetric in the rows.
+    """
+    modes = columns.inverse_diagonal()
+    rows = columns.rows
+    upper = (rows + 1) // 2
+    angle = np.pi * np.outer(np.arange(upper) + 0.5, np.arange(rows)) / rows
+    squares = np.cos(angle) ** 2 * (2.0 / rows)
+    squares[:, 0] = 1.0 / rows
+    half = squares @ modes
+    return np.concatenate([half, half[: rows - upper][::-1]])
