@@ -1,13 +1,17 @@
 """Compiled binary codes: bits -> code word -> cell, and the probability that a bit was misread."""
 
 import math
+from typing import Any
 
 import numpy as np
-from numba import njit
+from numpy.typing import NDArray
+
+from .jit import fast_kernel, inline_kernel, kernel
 
 __all__ = ["FROM_EXTREMES", "FROM_PAIRS", "FROM_WHITE_BLACK", "code_rows"]
 
-_FAST = {"contract", "reassoc", "nsz", "arcp"}
+Array = NDArray[Any]
+
 #: Where the threshold of bits without inverse, the contrast and the offset come from.
 FROM_WHITE_BLACK, FROM_PAIRS, FROM_EXTREMES = 0, 1, 2
 #: Squared margin over variance beyond which a bit is certain: 6 sigma, 1e-9.
@@ -15,15 +19,34 @@ _CERTAIN = 36.0
 _TILE = 512
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def code_rows(
-    frames, lut, clip, start, stop, source, white, black, plain, inverse, cells, read2, gain, loose,
-    cell, far, up, down, half, middle, clipped,
-):  # fmt: skip
+    frames: Array,
+    lut: Array,
+    clip: float,
+    start: int,
+    stop: int,
+    source: int,
+    white: int,
+    black: int,
+    plain: Array,
+    inverse: Array,
+    cells: Array,
+    read2: float,
+    gain: float,
+    loose: float,
+    cell: Array,
+    far: Array,
+    up: Array,
+    down: Array,
+    half: Array,
+    middle: Array,
+    clipped: Array,
+) -> None:
     """Decode rows start..stop into block arrays (stop - start, W).
 
     plain, inverse (bits,): frame numbers, -1 = not shown, bit 0 least significant; cells: word -> cell;
-    read2 + gain I = variance of a sample; loose = systematic error of a margin, in units of half the contrast.
+    read2 + gain I = variance of a sample; loose = systematic error of a margin, in half contrasts.
     Out: cell; probabilities that the truth is one cell up, one cell down, or anywhere else (far);
     half contrast, mid level; clipped = number of clipped samples that decide bits or the threshold.
     """
@@ -37,8 +60,25 @@ def code_rows(
             end = first + n
             mid_n, half_n = middle[at, first:end], half[at, first:end]
             _reference(frames, lut, row, first, n, source, white, black, plain, inverse, mid_n, half_n)
-            _words(frames, lut, clip, row, first, n, source, plain, inverse, read2, gain, loose,
-                   mid_n, half_n, weakest, word, clipped[at, first:end])  # fmt: skip
+            _words(
+                frames,
+                lut,
+                clip,
+                row,
+                first,
+                n,
+                source,
+                plain,
+                inverse,
+                read2,
+                gain,
+                loose,
+                mid_n,
+                half_n,
+                weakest,
+                word,
+                clipped[at, first:end],
+            )
             for x in range(n):
                 cell[at, first + x] = cells[word[x]]
                 far[at, first + x] = 0
@@ -46,17 +86,47 @@ def code_rows(
                 down[at, first + x] = 0
             for x in range(n):
                 if not weakest[x] > _CERTAIN:
-                    _misread(frames, lut, row, first + x, source, plain, inverse, cells, read2, gain, loose,
-                             word[x], mid_n[x], half_n[x], far[at], up[at], down[at])  # fmt: skip
+                    _misread(
+                        frames,
+                        lut,
+                        row,
+                        first + x,
+                        source,
+                        plain,
+                        inverse,
+                        cells,
+                        read2,
+                        gain,
+                        loose,
+                        word[x],
+                        mid_n[x],
+                        half_n[x],
+                        far[at],
+                        up[at],
+                        down[at],
+                    )
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _level(lut, raw):
+@inline_kernel
+def _level(lut: Array, raw: Any) -> Any:
     return lut[int(raw)] if lut.size else np.float32(raw)
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
-def _reference(frames, lut, row, first, n, source, white, black, plain, inverse, middle, half):
+@fast_kernel
+def _reference(
+    frames: Array,
+    lut: Array,
+    row: int,
+    first: int,
+    n: int,
+    source: int,
+    white: int,
+    black: int,
+    plain: Array,
+    inverse: Array,
+    middle: Array,
+    half: Array,
+) -> None:
     """Mid level and half contrast of each pixel."""
     if source == 0:
         bright, dark = frames[white, row, first : first + n], frames[black, row, first : first + n]
@@ -94,26 +164,26 @@ def _reference(frames, lut, row, first, n, source, white, black, plain, inverse,
         half[x] = np.float32(0.5) * (high - low)
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@fast_kernel
 def _words(
-    frames,
-    lut,
-    clip,
-    row,
-    first,
-    n,
-    source,
-    plain,
-    inverse,
-    read2,
-    gain,
-    loose,
-    middle,
-    half,
-    weakest,
-    word,
-    clipped,
-):
+    frames: Array,
+    lut: Array,
+    clip: float,
+    row: int,
+    first: int,
+    n: int,
+    source: int,
+    plain: Array,
+    inverse: Array,
+    read2: float,
+    gain: float,
+    loose: float,
+    middle: Array,
+    half: Array,
+    weakest: Array,
+    word: Array,
+    clipped: Array,
+) -> None:
     """Code words, and the smallest squared margin over its variance."""
     for x in range(n):
         weakest[x] = 1e30
@@ -143,10 +213,26 @@ def _words(
                 clipped[x] += np.uint8((line[x] >= clip) & (middle[x] >= clip))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _misread(
-    frames, lut, row, x, source, plain, inverse, cells, read2, gain, loose, word, middle, half, far, up, down
-):
+    frames: Array,
+    lut: Array,
+    row: int,
+    x: int,
+    source: int,
+    plain: Array,
+    inverse: Array,
+    cells: Array,
+    read2: float,
+    gain: float,
+    loose: float,
+    word: int,
+    middle: float,
+    half: float,
+    far: Array,
+    up: Array,
+    down: Array,
+) -> None:
     """Sum over bits of Q(margin / sigma), sorted by where the flipped bit would lead."""
     cell = cells[word]
     for bit in range(len(plain)):

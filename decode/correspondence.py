@@ -1,4 +1,4 @@
-"""Correspondence: where on the pattern every camera pixel looks, how sure that is, and why not where it fails."""
+"""Correspondence: where on the pattern every camera pixel looks, how sure that is, and what is wrong."""
 
 from dataclasses import dataclass, fields
 from enum import IntFlag

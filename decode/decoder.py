@@ -71,8 +71,10 @@ def decode(
     }
     flags = np.zeros((height, width), np.uint16)
     amplitude, offset, order_error = (np.zeros((height, width), np.float32) for _ in range(3))
-    steps = [_axis_step(job, wanted, axis, maps[axis.axis], bool(i), flags, amplitude, offset, order_error)
-             for i, axis in enumerate(wanted.axes)]  # fmt: skip
+    steps = [
+        _axis_step(job, wanted, axis, maps[axis.axis], bool(i), flags, amplitude, offset, order_error)
+        for i, axis in enumerate(wanted.axes)
+    ]
 
     def work(start: int, stop: int) -> None:
         for step in steps:
@@ -160,9 +162,25 @@ def _run_code(job: _Job, wanted: Plan, code: Code, start: int, stop: int) -> tup
     cell = np.empty(shape, np.int32)
     maps = tuple(np.empty(shape, np.float32) for _ in range(5))
     clipped = np.empty(shape, np.uint8)
-    code_rows(job.frames, job.lut, job.clip, start, stop, _source(wanted, code), wanted.white, wanted.black,
-              code.plain, code.inverse, code.cells, np.float32(job.noise.read2), np.float32(job.noise.gain),
-              np.float32(LOOSE), cell, *maps, clipped)  # fmt: skip
+    code_rows(
+        job.frames,
+        job.lut,
+        job.clip,
+        start,
+        stop,
+        _source(wanted, code),
+        wanted.white,
+        wanted.black,
+        code.plain,
+        code.inverse,
+        code.cells,
+        np.float32(job.noise.read2),
+        np.float32(job.noise.gain),
+        np.float32(LOOSE),
+        cell,
+        *maps,
+        clipped,
+    )
     return (cell, *maps, clipped)
 
 
@@ -187,8 +205,20 @@ def _code_step(
 
     def step(start: int, stop: int) -> None:
         found = _run_code(job, wanted, code, start, stop)
-        code_finish_rows(start, stop, axis.extent, code.cell, origin, cells, job.clip, noise, *found, joined,
-                         *maps, *common)  # fmt: skip
+        code_finish_rows(
+            start,
+            stop,
+            axis.extent,
+            code.cell,
+            origin,
+            cells,
+            job.clip,
+            noise,
+            *found,
+            joined,
+            *maps,
+            *common,
+        )
         outlier_rows(start, stop, 8 * code.cell, *maps, common[0])
 
     return step
@@ -209,8 +239,25 @@ def _phase_step(
         if code is not None:
             cell, far, up, down, *_ = _run_code(job, wanted, code, start, stop)
             centre = code.centre(cell).astype(np.float32)
-        phase_rows(job.frames, job.lut, job.clip, start, stop, mode, *_packed(arrays), limits, noise,
-                   centre, far, up, down, axis.extent, joined, *maps, *common)  # fmt: skip
+        phase_rows(
+            job.frames,
+            job.lut,
+            job.clip,
+            start,
+            stop,
+            mode,
+            *_packed(arrays),
+            limits,
+            noise,
+            centre,
+            far,
+            up,
+            down,
+            axis.extent,
+            joined,
+            *maps,
+            *common,
+        )
         outlier_rows(start, stop, 0.4 * arrays.periods[-1], *maps, common[0])
 
     return step

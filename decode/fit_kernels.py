@@ -1,25 +1,30 @@
-"""Compiled fringe fit: frames of one period -> phase, its variance, offset, amplitude, misfit, on a tile of pixels.
+"""Compiled fringe fit: frames of one period -> phase, its variance, offset, amplitude and misfit of a tile.
 
 All kernels work on `n` pixels of one row at a time, so that what they hand on stays in the first cache,
 and are written as plain loops over pixels, which the compiler turns into vector instructions.
 """
 
+from typing import Any
+
 import numpy as np
-from numba import njit
+from numpy.typing import NDArray
+
+from .jit import fast_kernel, inline_kernel, kernel
 
 __all__ = ["TILE", "fit_tile", "refit_clipped"]
+
+Array = NDArray[Any]
 
 #: Pixels that are worked on at once.
 TILE = 512
 
-_FAST = {"contract", "reassoc", "nsz", "arcp"}
 _TURN = np.float32(1 / (2 * np.pi))
 _ONE, _HALF, _QUARTER = np.float32(1), np.float32(0.5), np.float32(0.25)
 _TINY = np.float32(1e-12)
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _atan2_turns(s, c):
+@inline_kernel
+def _atan2_turns(s: Any, c: Any) -> Any:
     """atan2(s, c) / (2 pi) in [-0.5, 0.5]; error below 5e-8 turns (Abramowitz & Stegun 4.4.49)."""
     abs_s, abs_c = abs(s), abs(c)
     low, high = min(abs_s, abs_c), max(abs_s, abs_c)
@@ -39,32 +44,32 @@ def _atan2_turns(s, c):
     return -p if s < 0 else p
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@fast_kernel
 def fit_tile(
-    frames,
-    lut,
-    clip,
-    row,
-    first,
-    n,
-    index,
-    solve,
-    model,
-    quad,
-    read2,
-    gain,
-    sums,
-    turns,
-    variance,
-    misfit,
-    clipped,
-):
+    frames: Array,
+    lut: Array,
+    clip: float,
+    row: int,
+    first: int,
+    n: int,
+    index: Array,
+    solve: Array,
+    model: Array,
+    quad: Array,
+    read2: float,
+    gain: float,
+    sums: Array,
+    turns: Array,
+    variance: Array,
+    misfit: Array,
+    clipped: Array,
+) -> None:
     """Least squares of I_i = model_i . (A, c, s) and the phase of (c, s).
 
-    index (N,), solve (3, N) = pseudo-inverse of the design, model (N, 3) = design, quad (4, 3), see fringe_arrays;
-    lut turns raw levels into linear ones unless empty; raw levels >= clip count as clipped.
-    Out, (n,): sums[0..2] = A, c, s; turns = phase / 2 pi; variance of turns; misfit = sum of squared residuals
-    over their variance; clipped = number of clipped samples.
+    index (N,), solve (3, N) = pseudo-inverse of the design, model (N, 3) = design, quad (4, 3), see
+    fringe_arrays; lut turns raw levels into linear ones unless empty; raw levels >= clip count as clipped.
+    Out, (n,): sums[0..2] = A, c, s; turns = phase / 2 pi; variance of turns; misfit = sum of squares of the
+    residuals over their variance; clipped = number of clipped samples.
     """
     a, c, s = sums[0], sums[1], sums[2]
     for x in range(n):
@@ -105,8 +110,18 @@ def fit_tile(
         turns[x] = _atan2_turns(s[x], c[x])
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
-def _residuals(frames, lut, row, first, n, index, model, sums, misfit):
+@fast_kernel
+def _residuals(
+    frames: Array,
+    lut: Array,
+    row: int,
+    first: int,
+    n: int,
+    index: Array,
+    model: Array,
+    sums: Array,
+    misfit: Array,
+) -> None:
     a, c, s = sums[0], sums[1], sums[2]
     for i in range(len(index)):
         line = frames[index[i], row, first : first + n]
@@ -121,11 +136,25 @@ def _residuals(frames, lut, row, first, n, index, model, sums, misfit):
                 misfit[x] += residual * residual
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def refit_clipped(
-    frames, lut, clip, row, first, n, index, model, read2, gain, sums, turns, variance, misfit, clipped
-):
-    """Fit again, without the clipped samples, the pixels that have any; variance inf where too few are left."""
+    frames: Array,
+    lut: Array,
+    clip: float,
+    row: int,
+    first: int,
+    n: int,
+    index: Array,
+    model: Array,
+    read2: float,
+    gain: float,
+    sums: Array,
+    turns: Array,
+    variance: Array,
+    misfit: Array,
+    clipped: Array,
+) -> None:
+    """Fit pixels with clipped samples again without those; variance inf where too few are left."""
     normal = np.empty((3, 3), np.float64)
     right = np.empty(3, np.float64)
     for x in range(n):
@@ -157,15 +186,15 @@ def refit_clipped(
         turns[x] = np.arctan2(s, c) / (2 * np.pi)
 
 
-@njit(cache=True, nogil=True)
-def _invert(m):
+@kernel
+def _invert(m: Array) -> float:
     """Invert a symmetric 3 x 3 matrix in place; returns its determinant (0: left as it was)."""
     c00 = m[1, 1] * m[2, 2] - m[1, 2] * m[1, 2]
     c01 = m[0, 2] * m[1, 2] - m[0, 1] * m[2, 2]
     c02 = m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]
     determinant = m[0, 0] * c00 + m[0, 1] * c01 + m[0, 2] * c02
     if determinant < 1e-3:
-        return determinant
+        return float(determinant)
     c11 = m[0, 0] * m[2, 2] - m[0, 2] * m[0, 2]
     c12 = m[0, 1] * m[0, 2] - m[0, 0] * m[1, 2]
     c22 = m[0, 0] * m[1, 1] - m[0, 1] * m[0, 1]
@@ -173,4 +202,4 @@ def _invert(m):
     m[0, 1] = m[1, 0] = c01 / determinant
     m[0, 2] = m[2, 0] = c02 / determinant
     m[1, 2] = m[2, 1] = c12 / determinant
-    return determinant
+    return float(determinant)

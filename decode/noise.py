@@ -42,7 +42,8 @@ def estimate_noise(frames: NDArray[Any], lut: NDArray[np.float32], clip: float, 
 
     Fringes of N >= 4 shifts: N - 3 contrasts that offset and fringe do not reach. Bits with inverses: their
     sums are all the same level. Bits without: coarse ones against white and black. Where none of these was
-    shown (N = 3), the offset's second differences over neighbours (Immerkaer 1996, doi:10.1006/cviu.1996.0060).
+    shown (N = 3), the offset's second differences over neighbours (Immerkaer,
+    doi:10.1006/cviu.1996.0060).
     """
     levels, zero = sample_pixels(frames, lut)
     limit = float(lut[min(len(lut) - 1, int(clip))]) if len(lut) else clip

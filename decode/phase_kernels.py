@@ -1,16 +1,20 @@
-"""Compiled decoding of one axis of fringes over a block of rows, and what is common to all codes: the flags."""
+"""Compiled decoding of one axis of fringes over a block of rows, and the flags of all codes."""
 
 import math
+from typing import Any
 
 import numpy as np
-from numba import njit
+from numpy.typing import NDArray
 
 from .fit_kernels import TILE, fit_tile, refit_clipped
+from .jit import kernel
 from .unwrap_kernels import search_tile, sequential_tile
 
 __all__ = ["CODE_GUIDED", "SEARCHED", "SPAN_GUIDED", "code_finish_rows", "outlier_rows", "phase_rows"]
 
-#: How the order of the coarsest period is found: from a code, from one period that spans the surface, by search.
+Array = NDArray[Any]
+
+#: How the coarsest order is found: from a code, from a period that spans the surface, by search.
 CODE_GUIDED, SPAN_GUIDED, SEARCHED = 0, 1, 2
 
 # Flag's values, as the kernels need plain numbers
@@ -21,16 +25,41 @@ _LEAST_CONTRAST = 4.0
 _DOUBT = 1e-4
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def phase_rows(
-    frames, lut, clip, start, stop, mode, count, index, solve, model, quad, periods, worst, limits, noise,
-    centre, far, up, down, extent, joined,
-    coord, sigma, flags, amplitude, offset, order_error,
-):  # fmt: skip
+    frames: Array,
+    lut: Array,
+    clip: float,
+    start: int,
+    stop: int,
+    mode: int,
+    count: Array,
+    index: Array,
+    solve: Array,
+    model: Array,
+    quad: Array,
+    periods: Array,
+    worst: Array,
+    limits: tuple[float, float, float],
+    noise: tuple[float, float],
+    centre: Array,
+    far: Array,
+    up: Array,
+    down: Array,
+    extent: int,
+    joined: bool,
+    coord: Array,
+    sigma: Array,
+    flags: Array,
+    amplitude: Array,
+    offset: Array,
+    order_error: Array,
+) -> None:
     """Decode rows start..stop of one axis.
 
     count (G,) samples per period, index (G, N), solve (G, 3, N), model (G, N, 3), quad (G, 4, 3): see
-    `arrays.fringe_arrays`; worst (G,) misfit limit; limits = (distance from guess, floor of sigma, chi squared of the periods);
+    `arrays.fringe_arrays`; worst (G,) misfit limit;
+    limits = (distance from guess, floor of sigma, chi squared of the periods);
     noise = (read variance, gain); centre, far, up, down: the code's answer, (stop - start, W) or empty;
     joined: flags, amplitude, offset and order_error already hold those of the other axis.
     """
@@ -52,35 +81,117 @@ def phase_rows(
             end = first + n
             for g in range(groups):
                 m = count[g]
-                fit_tile(frames, lut, clip, row, first, n, index[g, :m], solve[g, :, :m], model[g, :m], quad[g],
-                         read2, gain, sums[g], turns[g], variance[g], misfit[g], clipped[g])  # fmt: skip
-                refit_clipped(frames, lut, clip, row, first, n, index[g, :m], model[g, :m], noise[0], noise[1],
-                              sums[g], turns[g], variance[g], misfit[g], clipped[g])  # fmt: skip
+                fit_tile(
+                    frames,
+                    lut,
+                    clip,
+                    row,
+                    first,
+                    n,
+                    index[g, :m],
+                    solve[g, :, :m],
+                    model[g, :m],
+                    quad[g],
+                    read2,
+                    gain,
+                    sums[g],
+                    turns[g],
+                    variance[g],
+                    misfit[g],
+                    clipped[g],
+                )
+                refit_clipped(
+                    frames,
+                    lut,
+                    clip,
+                    row,
+                    first,
+                    n,
+                    index[g, :m],
+                    model[g, :m],
+                    noise[0],
+                    noise[1],
+                    sums[g],
+                    turns[g],
+                    variance[g],
+                    misfit[g],
+                    clipped[g],
+                )
             for x in range(n):
                 agreement[x] = 0
                 doubt[x] = 0
             guess = centre[at, first:end] if mode == CODE_GUIDED else middle[:n]
             if mode == SEARCHED:
-                search_tile(n, periods, turns, variance, -0.5, extent - 0.5, coord[row, first:end], spread,
-                            agreement, gap, doubt)  # fmt: skip
+                search_tile(
+                    n,
+                    periods,
+                    turns,
+                    variance,
+                    -0.5,
+                    extent - 0.5,
+                    coord[row, first:end],
+                    spread,
+                    agreement,
+                    gap,
+                    doubt,
+                )
             else:
-                sequential_tile(n, periods, turns, variance, guess, coord[row, first:end], spread, agreement,
-                                gap, doubt)  # fmt: skip
+                sequential_tile(
+                    n, periods, turns, variance, guess, coord[row, first:end], spread, agreement, gap, doubt
+                )
             if mode == CODE_GUIDED:
                 for x in range(n):
                     side = up[at, first + x] if coord[row, first + x] < guess[x] else down[at, first + x]
                     doubt[x] += far[at, first + x] + side
-            _finish(n, extent, worst, limits, read2, gain, coord[row, first:end], spread, agreement, gap, doubt,
-                    sums[groups - 1], variance, misfit, clipped, joined, sigma[row, first:end],
-                    flags[row, first:end], amplitude[row, first:end], offset[row, first:end],
-                    order_error[row, first:end])  # fmt: skip
+            _finish(
+                n,
+                extent,
+                worst,
+                limits,
+                read2,
+                gain,
+                coord[row, first:end],
+                spread,
+                agreement,
+                gap,
+                doubt,
+                sums[groups - 1],
+                variance,
+                misfit,
+                clipped,
+                joined,
+                sigma[row, first:end],
+                flags[row, first:end],
+                amplitude[row, first:end],
+                offset[row, first:end],
+                order_error[row, first:end],
+            )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _finish(
-    n, extent, worst, limits, read2, gain, coord, spread, agreement, gap, doubt, sums, variance, misfit, clipped,
-    joined, sigma, flags, amplitude, offset, order_error,
-):  # fmt: skip
+    n: int,
+    extent: int,
+    worst: Array,
+    limits: tuple[float, float, float],
+    read2: float,
+    gain: float,
+    coord: Array,
+    spread: Array,
+    agreement: Array,
+    gap: Array,
+    doubt: Array,
+    sums: Array,
+    variance: Array,
+    misfit: Array,
+    clipped: Array,
+    joined: bool,
+    sigma: Array,
+    flags: Array,
+    amplitude: Array,
+    offset: Array,
+    order_error: Array,
+) -> None:
     """Sigma, flags and the common maps of a tile."""
     reach, floor, worst_agreement = limits
     for x in range(n):
@@ -117,11 +228,31 @@ def _finish(
             order_error[x] = min(doubt[x], 1.0)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def code_finish_rows(
-    start, stop, extent, pitch, origin, cells, clip, noise, cell, far, up, down, half, middle, clipped, joined,
-    coord, sigma, flags, amplitude, offset, order_error,
-):  # fmt: skip
+    start: int,
+    stop: int,
+    extent: int,
+    pitch: float,
+    origin: float,
+    cells: int,
+    clip: float,
+    noise: tuple[float, float],
+    cell: Array,
+    far: Array,
+    up: Array,
+    down: Array,
+    half: Array,
+    middle: Array,
+    clipped: Array,
+    joined: bool,
+    coord: Array,
+    sigma: Array,
+    flags: Array,
+    amplitude: Array,
+    offset: Array,
+    order_error: Array,
+) -> None:
     """The answer of a code alone: the centre of its cell of `pitch` pixels, flat within it."""
     for row in range(start, stop):
         at = row - start
@@ -154,8 +285,8 @@ def code_finish_rows(
                 order_error[row, x] = wrong
 
 
-@njit(cache=True, nogil=True)
-def outlier_rows(start, stop, least, coord, sigma, flags):
+@kernel
+def outlier_rows(start: int, stop: int, least: float, coord: Array, sigma: Array, flags: Array) -> None:
     """Flag a pixel that leaves a line on which its two neighbours on either side agree.
 
     Folds and edges pass: there the neighbours do not agree with each other.

@@ -1,4 +1,4 @@
-"""From a sequence's descriptions to what has to be computed: which frame serves which axis, code and fringe."""
+"""From a sequence's descriptions to what has to be computed: which frame serves which axis and code."""
 
 import math
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ class Fringe:
     def design(self) -> NDArray[np.float64]:
         """Model matrix (N, 3)."""
         columns = [np.ones(len(self.shifts)), np.cos(self.shifts), np.sin(self.shifts)]
-        return self.exposure[:, None] * np.stack(columns, axis=1)
+        return np.asarray(self.exposure[:, None] * np.stack(columns, axis=1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class Code:
 
     def centre(self, cell: NDArray[np.int32]) -> NDArray[np.float64]:
         """Coordinate of a cell's centre, pattern pixels."""
-        return cell * self.cell + (0.5 * (self.cell - 1) + self.origin)
+        return cell.astype(np.float64) * self.cell + (0.5 * (self.cell - 1) + self.origin)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,18 +6,34 @@ known so far, and each adds its information (a Kalman filter whose observations 
 periods that are unambiguous only together (heterodyne, number-theoretic, any rational ratio).
 """
 
+from typing import Any
+
 import numpy as np
-from numba import njit
+from numpy.typing import NDArray
+
+from .jit import fast_kernel, kernel
 
 __all__ = ["search_tile", "sequential_tile"]
 
-_FAST = {"contract", "reassoc", "nsz", "arcp"}
+Array = NDArray[Any]
+
 #: Differences of chi squared beyond this are certain: exp(-20) = 2e-9.
 _CERTAIN = 40.0
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
-def sequential_tile(n, periods, turns, variance, guess, coord, spread, misfit, gap, order_error):
+@fast_kernel
+def sequential_tile(
+    n: int,
+    periods: Array,
+    turns: Array,
+    variance: Array,
+    guess: Array,
+    coord: Array,
+    spread: Array,
+    misfit: Array,
+    gap: Array,
+    order_error: Array,
+) -> None:
     """Orders nearest to guess (n,), then to the estimate so far.
 
     periods (G,) coarse to fine, turns and variance (G, n). Out (n,): coord and its variance `spread`; misfit
@@ -48,16 +64,28 @@ def sequential_tile(n, periods, turns, variance, guess, coord, spread, misfit, g
             spread[x] = gain * fine_spread if both < np.inf else np.inf
 
 
-@njit(cache=True, nogil=True)
-def _doubt(margin, period, step, both):
+@kernel
+def _doubt(margin: float, period: float, step: float, both: float) -> float:
     """Probability that another order is the right one: both neighbours, from chi squared (flat prior)."""
     other = period * (period + 2 * step) / both
     rest = np.exp(-0.5 * margin) + np.exp(-0.5 * other)
-    return rest / (1 + rest)
+    return float(rest / (1 + rest))
 
 
-@njit(cache=True, nogil=True)
-def search_tile(n, periods, turns, variance, low, high, coord, spread, misfit, gap, order_error):
+@kernel
+def search_tile(
+    n: int,
+    periods: Array,
+    turns: Array,
+    variance: Array,
+    low: float,
+    high: float,
+    coord: Array,
+    spread: Array,
+    misfit: Array,
+    gap: Array,
+    order_error: Array,
+) -> None:
     """As sequential_tile, from every order of the coarsest period that puts it into [low, high]."""
     coarse = periods[0]
     for x in range(n):
