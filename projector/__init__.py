@@ -1,12 +1,12 @@
-"""projector: puts a sequence on a surface and brings frames back, from OpenGL windows to a ray-traced virtual sensor.
+"""projector: puts a sequence on a surface and brings frames back: windows, virtual sensor, folders.
 
 | file | holds |
 |---|---|
-| `context.py`, `shaders.py`, `shaders/` | the OpenGL context (EGL first); shader files, includes, feature flags |
-| `renderer.py`, `window.py` | frames drawn offscreen, bit-equal to NumPy's; the same in a real window on a chosen monitor |
+| `context.py`, `shaders.py`, `shaders/` | the OpenGL context (EGL first); shader files and their flags |
+| `renderer.py`, `window.py` | frames drawn offscreen, bit-equal to NumPy's; the same in a real window |
 | `virtual.py` | `capture`, `VirtualSensor`: a scene with a dent seen by its camera, strip by strip |
-| `groups.py`, `footprint.py` | frames looked up together; light of the cells under a pixel's footprint (formulas, kernels) |
-| `optics_gl.py`, `surface_gl.py`, `optics_numpy.py`, `rays.py` | the light on the sensor, in GLSL and in float64 |
+| `groups.py`, `footprint.py` | frames looked up together; light of the cells under a pixel's footprint |
+| `optics_gl.py`, `surface_gl.py`, `optics_numpy.py`, `rays.py` | light on the sensor: GLSL; float64 |
 | `electronics.py` | exposure, flicker, response, noise, quantisation: one function for both |
 | `capture.py`, `folder.py`, `source.py` | `Capture`, its folder format, and the seam for real cameras |
 | `sofast.py` | SOFAST's HDF5 measurements as captures |

@@ -16,7 +16,7 @@ __all__ = ["RendererSpeed", "measure_renderer"]
 
 @dataclass(frozen=True, slots=True)
 class RendererSpeed:
-    """Frames per second at rows x cols: drawn, drawn and read back, and captured by the virtual sensor (8 bit, noise).
+    """Frames per second at rows x cols: drawn, drawn and read back, captured with noise.
 
     renderer: 'gl' or 'numpy' (then nothing is drawn: 0); context: what draws.
     """
@@ -31,9 +31,15 @@ class RendererSpeed:
 
 
 def measure_renderer(
-    scene: Scene, surface: Surface, rows: int = 1080, cols: int = 1920, *, renderer: str = "auto", seconds: float = 1.0
+    scene: Scene,
+    surface: Surface,
+    rows: int = 1080,
+    cols: int = 1920,
+    *,
+    renderer: str = "auto",
+    seconds: float = 1.0,
 ) -> RendererSpeed:
-    """Draw gray+phase frames of rows x cols for `seconds` each way, and capture them once with noise of one level.
+    """Draw gray+phase frames for `seconds` each way, and capture them once with noise of one level.
 
     The first capture, which compiles, is not counted.
     """
@@ -45,7 +51,13 @@ def measure_renderer(
             drawn = _rate(patterns.draw, len(shown), seconds, patterns.finish)
             read_back = _rate(lambda index: _read(patterns, index), len(shown), seconds, patterns.finish)
     small = resize(scene, 64, 64)
-    capture(small, surface, sequence("gray+phase", small.pattern.rows, small.pattern.cols), renderer=chosen, noise=1.0)
+    capture(
+        small,
+        surface,
+        sequence("gray+phase", small.pattern.rows, small.pattern.cols),
+        renderer=chosen,
+        noise=1.0,
+    )
     sized = resize(scene, rows, cols)
     seen = sequence("gray+phase", sized.pattern.rows, sized.pattern.cols)
     start = time.perf_counter()

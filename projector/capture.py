@@ -21,8 +21,8 @@ class Capture:
     """Frames (N, H, W) of the N patterns of `sequence`, in its order.
 
     frames: uint8 for 8 bits, else uint16 with values up to 2^bits - 1. bits: of the camera, 8 to 16.
-    exposure: (N,) exposure of each frame relative to the nominal one; the same numbers stand in the sequence's frames.
-    timestamps: (N,) seconds, middle of the exposure. scene: what is known about the rig.
+    exposure: (N,) exposure of each frame relative to the nominal one; the same numbers stand in the
+    sequence's frames. timestamps: (N,) seconds, middle of the exposure. scene: what is known about the rig.
     InputError names the field, its value and the limit.
     """
 
@@ -72,8 +72,8 @@ class Capture:
     def load(cls, folder: str | Path, description: str | Path | None = None) -> Self:
         """Read a capture folder strictly.
 
-        description: a capture.toml elsewhere that describes the frames in `folder`, for captures made by others;
-        its `file` entries are relative to `folder`. InputError names file, field, value and limit.
+        description: a capture.toml elsewhere that describes the frames in `folder`, for captures made by
+        others; its `file` entries are relative to `folder`. InputError names file, field, value and limit.
         """
         return cls(**read_folder(folder, description))
 
@@ -88,7 +88,9 @@ def with_exposure(sequence: Sequence, exposure: NDArray[np.float64] | float | No
     _require_per_frame("exposure", values, len(sequence))
     if values.min() <= 0:
         raise InputError(f"exposure: {values.min():g} of frame {values.argmin()}, must be greater than 0")
-    frames = tuple(replace(f, exposure=value) for f, value in zip(sequence.frames, values.tolist(), strict=True))
+    frames = tuple(
+        replace(f, exposure=value) for f, value in zip(sequence.frames, values.tolist(), strict=True)
+    )
     return replace(sequence, frames=frames)
 
 

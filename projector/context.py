@@ -1,4 +1,4 @@
-"""The OpenGL context: EGL (a GPU, or Mesa's llvmpipe) first, then the platform's own way; else one clear line.
+"""The OpenGL context: EGL (a GPU, or Mesa's llvmpipe) first, then the platform's own; else one clear line.
 
 Contexts are current per thread, so each thread that asks gets one of its own; `release_context` ends it.
 """
@@ -11,7 +11,16 @@ from typing import Any
 
 import moderngl
 
-__all__ = ["ContextInfo", "NoContextError", "checked", "collect", "context", "context_info", "free", "release_context"]
+__all__ = [
+    "ContextInfo",
+    "NoContextError",
+    "checked",
+    "collect",
+    "context",
+    "context_info",
+    "free",
+    "release_context",
+]
 
 _PACKAGES = "libegl1 libgl1 libgl1-mesa-dri"
 _REQUIRE = 330
@@ -88,7 +97,7 @@ def context_info(ctx: moderngl.Context | None = None) -> ContextInfo:
 
 
 def free(ctx: moderngl.Context, *items: Any) -> None:
-    """Release GL objects. No framebuffer stays bound: moderngl would bind a deleted one again, which is an error."""
+    """Release GL objects; none of the framebuffers stays bound (moderngl would bind a deleted one again)."""
     ctx.detect_framebuffer(0).use()
     for item in items:
         item.release()

@@ -1,7 +1,7 @@
 """From light to digital numbers: exposure, flicker, camera response, shot and read noise, quantisation.
 
-One function for both renderers. Noise is drawn row by row from generators seeded with (seed, frame, source), so a
-capture is the same on every machine, however its rows are cut into strips and spread over threads.
+One function for both renderers. Noise is drawn row by row from generators seeded with (seed, frame, source),
+so a capture is the same on every machine, however its rows are cut into strips and spread over threads.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from optolever.scene import Sensor
 __all__ = ["NOMINAL_SENSOR", "FrameElectronics", "flicker_factor"]
 
 NOMINAL_SENSOR = Sensor(offset=16.0, exposure=0.85)
-"""The sensor of a scene that names none: linear, dark at level 16, white at 232.75, so that noise is not clipped."""
+"""The sensor of a scene that names none: linear, dark at 16, white at 232.75: noise is not clipped."""
 
 _SHOT, _READ = 0, 1
 _FULL_SCALE = 255.0
@@ -43,7 +43,9 @@ class FrameElectronics:
     _read: np.random.Generator
 
     @classmethod
-    def of_frame(cls, sensor: Sensor, gain: float, noise: float, bits: int, seed: int, frame: int) -> "FrameElectronics":
+    def of_frame(
+        cls, sensor: Sensor, gain: float, noise: float, bits: int, seed: int, frame: int
+    ) -> "FrameElectronics":
         """Electronics of frame number `frame`, with that frame's own noise."""
         shot, read = (np.random.default_rng([seed, frame, source]) for source in (_SHOT, _READ))
         return cls(sensor, gain, noise, bits, shot, read)
@@ -72,7 +74,7 @@ class FrameElectronics:
         return level
 
     def _add_shot_noise(self, level: NDArray[np.float32]) -> None:
-        """Poisson statistics of the photo-electrons; the offset is added behind the photodiode and has none."""
+        """Poisson statistics of the photo-electrons; the offset comes after the photodiode and has none."""
         electrons = self.sensor.gain_e
         mean = np.maximum(level - np.float32(self.sensor.offset), 0.0).astype(np.float64) * electrons
         level[:] = self._shot.poisson(mean) / electrons + self.sensor.offset

@@ -4,9 +4,11 @@
     rows, cols       of the pattern surface
     bits             of the camera, 8 to 16 (default 8)
     name             of the sequence (default "custom")
-    [[frames]]       one per frame: `file`, relative to the folder; `time` in s (all or none); the fields of patterns.Frame
+    [[frames]]       one per frame: `file`, relative to the folder; `time` (s; all or none); fields of
+    patterns.Frame
 
-Others' captures are described by such a file kept elsewhere. Nothing else is allowed in it, and nothing else in `frames/`.
+Others' captures are described by such a file kept elsewhere. Nothing else is allowed in it, and nothing else
+in `frames/`.
 """
 
 import tomllib
@@ -39,7 +41,12 @@ _DESCRIPTION, _FRAMES, _SCENE, _TRUTH = "capture.toml", "frames", "scene.toml", 
 _KEYS = ("version", "rows", "cols", "bits", "name", "frames")
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 # Sensor noise does not compress: the fastest setting costs 2 % in size and saves 4/5 of the time.
-_PNG_OPTIONS = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY)
+_PNG_OPTIONS = (
+    cv2.IMWRITE_PNG_COMPRESSION,
+    1,
+    cv2.IMWRITE_PNG_STRATEGY,
+    cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY,
+)
 
 
 def write_folder(folder: str | Path, capture: "Capture", truth: Trace | None) -> None:
@@ -69,7 +76,7 @@ def read_folder(folder: str | Path, description: str | Path | None = None) -> di
     for file, image in zip(files, images, strict=True):
         if image.shape != images[0].shape:
             raise InputError(
-                f"{base / file}: {_size(image)} pixels, the limit is the size of {files[0]}: {_size(images[0])}"
+                f"{base / file}: {_size(image)} pixels, must be {_size(images[0])} as {files[0]}"
             )
     scene = base / _SCENE
     return {
@@ -101,18 +108,18 @@ def read_description(path: Path) -> tuple[Sequence, list[str], NDArray[np.float6
         raise InputError(f"{path}: file {twice!r} is named {files.count(twice)} times, the limit is once")
     times = _times(tables, path)
     shown = [{key: value for key, value in table.items() if key not in ("file", "time")} for table in tables]
-    outer = {key: plain[key] for key in ("name", "rows", "cols") if key in plain}
+    outer: dict[str, Any] = {key: plain[key] for key in ("name", "rows", "cols") if key in plain}
     return Sequence.from_dict({**outer, "frames": shown}, str(path)), files, times, bits
 
 
 def read_image(path: Path, bits: int) -> Image:
-    """One grey image (H, W) with values below 2^bits. InputError if it is missing, damaged or something else."""
+    """One grey image (H, W), values below 2^bits. InputError if it is missing, damaged or something else."""
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     data = path.read_bytes()
     if data.startswith(_PNG_SIGNATURE):
         _require_whole_png(path, data)
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    image: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
     if image is None:
         raise InputError(f"{path}: not an image ({len(data)} bytes)")
     if image.ndim == 3:
@@ -170,7 +177,9 @@ def _times(tables: list[Mapping[str, Any]], path: Path) -> NDArray[np.float64] |
     for i, time in enumerate(times):
         if not isinstance(time, int | float) or isinstance(time, bool) or not np.isfinite(time):
             shown = "missing" if time is None else repr(time)
-            raise InputError(f"{path}: frames[{i}]: time is {shown}, must be seconds (in every frame or in none)")
+            raise InputError(
+                f"{path}: frames[{i}]: time is {shown}, must be seconds (in every frame or in none)"
+            )
     return np.array(times, np.float64)
 
 
@@ -195,7 +204,9 @@ def _require_whole_png(path: Path, data: bytes) -> None:
             break
         kind = bytes(view[at + 4 : at + 8])
         if zlib.crc32(view[at + 4 : end - 4]) != int.from_bytes(view[end - 4 : end], "big"):
-            raise InputError(f"{path}: damaged PNG (checksum of chunk {kind.decode('latin-1')!r} at byte {at})")
+            raise InputError(
+                f"{path}: damaged PNG (checksum of chunk {kind.decode('latin-1')!r} at byte {at})"
+            )
         if kind == b"IEND":
             return
         at = end

@@ -1,4 +1,4 @@
-"""How much light a camera pixel takes from every cell of the pattern: the lookup over the area of its footprint.
+"""How much light a camera pixel takes from every cell of the pattern: the lookup over its footprint's area.
 
 A pixel sees the parallelogram spanned by its Jacobian (du/dcol, dv/dcol), (du/drow, dv/drow). Along u that is
 box(|du/dcol|) * box(|du/drow|), a trapezoid; with a Gaussian blur of the pattern, its convolution with that.
@@ -7,14 +7,16 @@ The share of the cell k (from k - 1/2 to k + 1/2, of even level) is
     W_k = H(k + 1/2 - u) - H(k - 1/2 - u),
     H(x) = [M(x + p) - M(x + q) - M(x - q) + M(x - p)] / (a b),    p = (a + b) / 2, q = (a - b) / 2,
 
-the second difference over both boxes a >= b of the twice integrated kernel, M(t) = t |t| / 4 for a sharp pattern and
+the second difference over both boxes a >= b of the twice integrated kernel, M(t) = t |t| / 4 for a sharp
+pattern and
 
     M(t) = [(t^2 + s^2) erf(t / (s sqrt 2)) / 2 + t s phi(t / s)] / 2    for a blur of s cells rms.
 
-Boxes much narrower than the blur would cancel digits, so they are widened to s / 2 and s is reduced to the same
-variance (error of H: 1e-5); without blur the floor is 1e-3 cells. `footprint.glsl` is the same in float32.
-A frame that varies along one axis only takes the weights of that axis, times the share of the footprint that lies
-on the pattern along the other; frames that vary along both take the product of the shares. Off the pattern it is dark.
+Boxes much narrower than the blur would cancel digits, so they are widened to s / 2 and s is reduced to the
+same variance (error of H: 1e-5); without blur the floor is 1e-3 cells. `footprint.glsl` is the same in
+float32. A frame that varies along one axis only takes the weights of that axis, times the share of the
+footprint that lies on the pattern along the other; frames that vary along both take the product of the
+shares. Off the pattern it is dark.
 """
 
 import math
@@ -111,8 +113,8 @@ def look_up_one(
     """Irradiance of frames that vary along one axis.
 
     look: (P, 6): position along the axis, its two boxes, position across it, its two boxes, in cells.
-    light: (P,) what the mirror passes on, 0 where nothing is seen. table: (cells, N) levels. across: cells of the
-    other axis. out: (P, N).
+    light: (P,) what the mirror passes on, 0 where nothing is seen. table: (cells, N) levels. across: cells
+    of the other axis. out: (P, N).
     """
     sums = np.empty(table.shape[1])
     for i in range(light.size):
@@ -146,8 +148,8 @@ def look_up_two(
 ) -> None:
     """Irradiance of frames that vary along both axes: every cell under the footprint, shares multiplied.
 
-    look, light, out as in look_up_one, u first. levels: (cols, N) and (rows, N), combined by their product or mean.
-    response: (256,) light of each level.
+    look, light, out as in look_up_one, u first. levels: (cols, N) and (rows, N), combined by their product
+    or mean. response: (256,) light of each level.
     """
     levels_u, levels_v = levels
     sums = np.empty(out.shape[1])

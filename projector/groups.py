@@ -1,7 +1,7 @@
 """Frames that are looked up together: they vary along the same axis of the pattern, or along both."""
 
-from dataclasses import dataclass, replace
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,10 @@ __all__ = ["FrameGroup", "frame_groups"]
 class FrameGroup:
     """Frames `indices` of a sequence, and what their cells emit.
 
-    axis: 'u' or 'v' where the cells of one axis tell everything: `light` (cells, n) float32 is what they emit, 0..1,
-    and `across` counts the cells of the other axis. 'uv' otherwise: levels (cols, n) and (rows, n) uint8, combined
-    by their product or, if `mean`, their mean, and `response` (256,) float32, the light of each level.
+    axis: 'u' or 'v' where the cells of one axis tell everything: `light` (cells, n) float32 is what they
+    emit, 0..1, and `across` counts the cells of the other axis. 'uv' otherwise: levels (cols, n) and (rows,
+    n) uint8, combined by their product or, if `mean`, their mean, and `response` (256,) float32, the light
+    of each level.
     """
 
     indices: tuple[int, ...]
@@ -32,20 +33,21 @@ class FrameGroup:
     def split(self, most: int) -> Iterator["FrameGroup"]:
         """The same frames in groups of at most `most`."""
         for start in range(0, len(self.indices), most):
-            part = slice(start, start + most)
-            levels = (self.levels[0][:, part], self.levels[1][:, part])
-            yield replace(self, indices=self.indices[part], light=self.light[:, part], levels=levels)
+            yield self._part(slice(start, start + most))
 
     def only(self, frame: int) -> "FrameGroup":
         """The group of one of its frames."""
-        at = self.indices.index(frame)
-        return next(replace(self, indices=self.indices[at:], light=self.light[:, at:], levels=(self.levels[0][:, at:], self.levels[1][:, at:])).split(1))
+        return self._part(slice(self.indices.index(frame), self.indices.index(frame) + 1))
+
+    def _part(self, part: slice) -> "FrameGroup":
+        levels = (self.levels[0][:, part], self.levels[1][:, part])
+        return replace(self, indices=self.indices[part], light=self.light[:, part], levels=levels)
 
 
 def frame_groups(sequence: Sequence, display: Display | None) -> list[FrameGroup]:
     """The groups of a sequence on a display (None: light proportional to level)."""
     shown = Display() if display is None else display
-    response = shown.light(np.arange(256)).astype(np.float32)
+    response = shown.light(np.arange(256, dtype=np.float64)).astype(np.float32)
     table_u, table_v = sequence.tables()
     kinds: dict[tuple[str, bool], list[int]] = {}
     for index, frame in enumerate(sequence.frames):
@@ -71,7 +73,9 @@ def _group(
         along, across = levels if axis == "u" else levels[::-1]
         means = np.array([sequence.frames[index].combine == "mean" for index in indices])
         light = response[_combined(along, across[:1], means)]
-    return FrameGroup(indices, axis, light, sequence.rows if axis == "u" else sequence.cols, levels, mean, response)
+    return FrameGroup(
+        indices, axis, light, sequence.rows if axis == "u" else sequence.cols, levels, mean, response
+    )
 
 
 def _combined(a: NDArray[np.uint8], b: NDArray[np.uint8], mean: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -1,5 +1,6 @@
-"""The virtual sensor's light in GLSL: trace.glsl follows the pixels' rays, look.glsl looks the frames up under them."""
+"""The virtual sensor's light in GLSL: trace.glsl follows the rays, look.glsl looks up the frames."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,7 +28,7 @@ _Target = tuple[moderngl.Framebuffer, tuple[moderngl.Texture, ...]]
 
 
 def trace_source(scene: Scene, surface: LoadedSurface, *, edges: bool) -> ShaderSource:
-    """The source that traces a scene: only what scene and surface have. edges: pattern coordinates are all."""
+    """The source that traces a scene: only what scene and surface have. edges: only where they see."""
     flags = {
         "PARALLEL": parallel_rays(scene.camera) is not None,
         "MEDIUM": scene.medium is not None and not edges,
@@ -51,35 +52,49 @@ def look_source(scene: Scene, group: FrameGroup, quads: int) -> ShaderSource:
 
 
 @dataclass(frozen=True, slots=True)
+class _Program:
+    """A compiled fragment shader, ready to cover a target."""
+
+    program: moderngl.Program
+    vertices: moderngl.VertexArray
+
+    def set(self, **values: Any) -> None:
+        """Set those of the uniforms that the driver kept."""
+        for name, value in values.items():
+            if name in self.program:
+                self.program[name] = value
+
+    def draw(
+        self,
+        framebuffer: moderngl.Framebuffer,
+        shape: tuple[int, int],
+        textures: Mapping[str, moderngl.Texture],
+    ) -> None:
+        """Cover the first shape (rows, cols) pixels of the target."""
+        framebuffer.use()
+        framebuffer.viewport = (0, 0, shape[1], shape[0])
+        for unit, (name, texture) in enumerate(textures.items()):
+            texture.use(unit)
+            self.program[name] = unit
+        self.vertices.render(moderngl.TRIANGLES, vertices=3)
+
+    def release(self) -> None:
+        self.vertices.release()
+        self.program.release()
+
+
+@dataclass(frozen=True, slots=True)
 class _Look:
     """A group's program and its tables on the GPU, for `quads` attachments of four frames each."""
 
     group: FrameGroup
     quads: int
-    program: moderngl.Program
-    vertices: moderngl.VertexArray
+    program: _Program
     textures: dict[str, moderngl.Texture]
-
-    def release(self) -> None:
-        for item in (self.vertices, self.program, *self.textures.values()):
-            item.release()
-
-
-@dataclass(frozen=True, slots=True)
-class _Traced:
-    """A surface on the GPU and the programs that trace it: the pixels' centres, and their edges."""
-
-    surface: LoadedSurface
-    programs: tuple[moderngl.Program, moderngl.Program]
-    vertices: tuple[moderngl.VertexArray, moderngl.VertexArray]
-
-    def release(self) -> None:
-        for item in (*self.vertices, *self.programs, self.surface):
-            item.release()
 
 
 class GLOptics:
-    """Light on the camera's pixels, relative to a fully lit, fully reflecting one, at most `strip` rows at a time.
+    """Light on the camera's pixels, 1 where fully lit and reflected, at most `strip` rows at a time.
 
     Use it in the thread that made it, and release it.
     """
@@ -90,6 +105,7 @@ class GLOptics:
         self._parallel = parallel_rays(scene.camera)
         self._most = 4 * context_info().max_attachments
         self._groups = [part for group in groups for part in group.split(self._most)]
+        self._programs: dict[str, _Program] = {}
         self._looks: dict[int | None, list[_Look]] = {}
         rows, cols = strip, scene.camera.cols
         quads = max(_quads(group) for group in self._groups)
@@ -99,36 +115,32 @@ class GLOptics:
             self._edges_row = self._target((cols, rows + 1), 1)
             self._light = [self._target((cols, rows), count + 1) for count in range(quads)]
 
-    def load(self, surface: Surface) -> _Traced:
-        """Bring a surface to the GPU, with the programs that trace it."""
+    def load(self, surface: Surface) -> LoadedSurface:
+        """Bring a surface to the GPU."""
         with checked(self._ctx):
-            loaded = load_surface(self._ctx, self._scene, surface)
-            programs = tuple(
-                compile_program(self._ctx, trace_source(self._scene, loaded, edges=edges)) for edges in (False, True)
-            )
-            for program, beyond in zip(programs, (0.0, _BEYOND), strict=True):
-                self._describe(program, loaded, beyond)
-            vertices = tuple(self._ctx.vertex_array(program, []) for program in programs)
-        return _Traced(loaded, (programs[0], programs[1]), (vertices[0], vertices[1]))
+            return load_surface(self._ctx, self._scene, surface)
 
-    def unload(self, traced: _Traced) -> None:
+    def unload(self, surface: LoadedSurface) -> None:
         """Free a surface."""
-        traced.release()
+        free(self._ctx, surface)
 
     def release(self) -> None:
         """Free what lies on the GPU; the context stays."""
-        looks = [look for looks in self._looks.values() for look in looks]
+        tables = [
+            texture for looks in self._looks.values() for look in looks for texture in look.textures.values()
+        ]
         targets = (self._seen, self._edges_col, self._edges_row, *self._light)
-        free(self._ctx, *looks, *(item for framebuffer, textures in targets for item in (framebuffer, *textures)))
+        attached = [item for framebuffer, textures in targets for item in (framebuffer, *textures)]
+        free(self._ctx, *self._programs.values(), *tables, *attached)
 
     def render(
-        self, traced: _Traced, start: int, stop: int, frame: int | None = None
+        self, surface: LoadedSurface, start: int, stop: int, frame: int | None = None
     ) -> list[tuple[int, NDArray[np.float32]]]:
         """(frame index, light (stop - start, W) float32) of all frames, or of one."""
         rows, cols = stop - start, self._scene.camera.cols
         found = []
         with checked(self._ctx):
-            self._trace(traced, start, rows)
+            self._trace(surface, start, rows)
             for look in self._looks_of(frame):
                 framebuffer = self._light[look.quads - 1][0]
                 self._look_up(look, framebuffer, rows)
@@ -139,47 +151,51 @@ class GLOptics:
                     found += [(index, four[..., c]) for c, index in enumerate(frames)]
         return found
 
-    def seen(self, traced: _Traced, start: int, stop: int) -> NDArray[np.float32]:
-        """(stop - start, W, 4): u, v, light that is passed on (0: nothing is seen), cosine of the incidence."""
+    def seen(self, surface: LoadedSurface, start: int, stop: int) -> NDArray[np.float32]:
+        """(stop - start, W, 4): u, v, light that is passed on (0: nothing is seen), cosine of incidence."""
         rows, cols = stop - start, self._scene.camera.cols
         out = np.empty((rows, cols, 4), np.float32)
         with checked(self._ctx):
-            self._trace(traced, start, rows)
+            self._trace(surface, start, rows)
             self._seen[0].read_into(out, (0, 0, cols, rows), 4, dtype="f4")
         return out
 
-    def _trace(self, traced: _Traced, start: int, rows: int) -> None:
+    def _trace(self, surface: LoadedSurface, start: int, rows: int) -> None:
+        """Trace the pixels' centres, and the middles of their edges, into the targets."""
         cols = self._scene.camera.cols
-        parts = (
-            (self._seen, 0, start, 0.0, rows, cols),
-            (self._edges_col, 1, start, -0.5, rows, cols + 1),
-            (self._edges_row, 1, start - 0.5, 0.0, rows + 1, cols),
-        )
-        for (framebuffer, _), which, row, col, height, width in parts:
-            self._draw_trace(framebuffer, traced, which, (row, col), (height, width))
+        self._draw_trace(self._seen, surface, False, (start, 0.0), (rows, cols))
+        self._draw_trace(self._edges_col, surface, True, (start, -0.5), (rows, cols + 1))
+        self._draw_trace(self._edges_row, surface, True, (start - 0.5, 0.0), (rows + 1, cols))
 
     def _draw_trace(
         self,
-        framebuffer: moderngl.Framebuffer,
-        traced: _Traced,
-        which: int,
+        target: _Target,
+        surface: LoadedSurface,
+        edges: bool,
         first: tuple[float, float],
         shape: tuple[int, int],
     ) -> None:
-        program = traced.programs[which]
-        textures: dict[str, moderngl.Texture] = {}
-        if traced.surface.texture is not None:
-            textures["coefficients"] = traced.surface.texture
+        program = self._program(trace_source(self._scene, surface, edges=edges))
+        program.set(first=first[::-1], **self._uniforms(surface, _BEYOND if edges else 0.0))
         rays = {} if self._parallel is not None else self._ray_textures(first, shape)
-        if self._parallel is not None:
-            program["first"] = first[::-1]
-        self._draw(program, traced.vertices[which], framebuffer, shape, textures | rays)
+        grid = {} if surface.texture is None else {"coefficients": surface.texture}
+        program.draw(target[0], shape, grid | rays)
         for texture in rays.values():
             texture.release()
 
-    def _ray_textures(self, first: tuple[float, float], shape: tuple[int, int]) -> dict[str, moderngl.Texture]:
+    def _program(self, source: ShaderSource) -> _Program:
+        if source.text not in self._programs:
+            program = compile_program(self._ctx, source)
+            self._programs[source.text] = _Program(program, self._ctx.vertex_array(program, []))
+        return self._programs[source.text]
+
+    def _ray_textures(
+        self, first: tuple[float, float], shape: tuple[int, int]
+    ) -> dict[str, moderngl.Texture]:
         row = first[0] + np.arange(shape[0], dtype=np.float64)[:, None]
-        at, directions, comes = feet(self._scene.camera, row, first[1] + np.arange(shape[1], dtype=np.float64))
+        at, directions, comes = feet(
+            self._scene.camera, row, first[1] + np.arange(shape[1], dtype=np.float64)
+        )
         found = {}
         for name, vectors in (("feet", at), ("directions", directions)):
             four = np.zeros((*shape, 4), np.float32)
@@ -191,22 +207,7 @@ class GLOptics:
     def _look_up(self, look: _Look, framebuffer: moderngl.Framebuffer, rows: int) -> None:
         seen = {"seen": self._seen, "edges_col": self._edges_col, "edges_row": self._edges_row}
         textures = {name: target[1][0] for name, target in seen.items()} | look.textures
-        self._draw(look.program, look.vertices, framebuffer, (rows, self._scene.camera.cols), textures)
-
-    def _draw(
-        self,
-        program: moderngl.Program,
-        vertices: moderngl.VertexArray,
-        framebuffer: moderngl.Framebuffer,
-        shape: tuple[int, int],
-        textures: dict[str, moderngl.Texture],
-    ) -> None:
-        framebuffer.use()
-        framebuffer.viewport = (0, 0, shape[1], shape[0])
-        for unit, (name, texture) in enumerate(textures.items()):
-            texture.use(unit)
-            program[name] = unit
-        vertices.render(moderngl.TRIANGLES, vertices=3)
+        look.program.draw(framebuffer, (rows, self._scene.camera.cols), textures)
 
     def _looks_of(self, frame: int | None) -> list[_Look]:
         """Programs and tables of all frames (None) or of one, made at the first call."""
@@ -220,7 +221,7 @@ class GLOptics:
     def _make_look(self, group: FrameGroup) -> _Look:
         pattern = self._scene.pattern
         quads = _quads(group)
-        program = compile_program(self._ctx, look_source(self._scene, group, quads))
+        program = self._program(look_source(self._scene, group, quads))
         textures = {}
         if group.axis == "uv":
             textures["table_u"], textures["table_v"] = (
@@ -229,13 +230,11 @@ class GLOptics:
             textures["response"] = _texture(self._ctx, group.response[None, :, None], "f4")
         else:
             textures["table"] = _texture(self._ctx, _in_quads(group.light), "f4")
-        _set(program, cells=(pattern.cols, pattern.rows))
-        if pattern.blur_px > 0.0:
-            _set(program, blur=pattern.blur_px)
-        return _Look(group, quads, program, self._ctx.vertex_array(program, []), textures)
+        program.set(cells=(pattern.cols, pattern.rows), blur=pattern.blur_px)
+        return _Look(group, quads, program, textures)
 
-    def _describe(self, program: moderngl.Program, surface: LoadedSurface, beyond: float) -> None:
-        """The uniforms that stay the same over the whole image."""
+    def _uniforms(self, surface: LoadedSurface, beyond: float) -> dict[str, Any]:
+        """What trace.glsl is told; `beyond`: how far outside the mirror it sees, relative to its size."""
         scene, pattern = self._scene, self._scene.pattern
         length, width = scene.mirror.length, scene.mirror.width
         values: dict[str, Any] = {
@@ -257,7 +256,7 @@ class GLOptics:
         if self._parallel is not None:
             for name in ("foot", "foot_col", "foot_row", "direction"):
                 values[name] = tuple(getattr(self._parallel, name))
-        _set(program, **values)
+        return values
 
     def _target(self, size: tuple[int, int], count: int) -> _Target:
         textures = tuple(self._ctx.texture(size, 4, dtype="f4") for _ in range(count))
@@ -268,13 +267,6 @@ class GLOptics:
 
 def _quads(group: FrameGroup) -> int:
     return -(-len(group.indices) // 4)
-
-
-def _set(program: moderngl.Program, **values: Any) -> None:
-    """Set the uniforms that the driver kept."""
-    for name, value in values.items():
-        if name in program:
-            program[name] = value
 
 
 def _in_quads(table: NDArray[Any]) -> NDArray[Any]:

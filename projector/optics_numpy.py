@@ -1,4 +1,4 @@
-"""The virtual sensor's light in NumPy float64: scene.trace, and the footprint kernels. The reference of the GLSL one."""
+"""The virtual sensor's light in float64, the reference of the GLSL one: scene.trace and footprint kernels."""
 
 from collections.abc import Callable
 
@@ -54,14 +54,15 @@ def _moved(centre: Float, before: Float, behind: Float) -> Float:
     """Movement from edge to edge; twice the half of it where one edge sees nothing, 0 where none does."""
     half = np.where(np.isfinite(before), centre - before, behind - centre)
     whole = np.where(np.isfinite(before) & np.isfinite(behind), behind - before, 2.0 * half)
-    return np.abs(np.nan_to_num(whole, nan=0.0))
+    moved: Float = np.abs(np.nan_to_num(whole, nan=0.0))
+    return moved
 
 
 def _light(scene: Scene, seen: Trace) -> Float:
     if scene.medium is None:
         return seen.visible.astype(np.float64)
-    passed = scene.medium.reflectance(np.cos(seen.incidence))
-    return np.where(seen.visible, passed, 0.0)
+    passed: Float = np.where(seen.visible, scene.medium.reflectance(np.cos(seen.incidence)), 0.0)
+    return passed
 
 
 class NumpyOptics:
@@ -91,7 +92,9 @@ class NumpyOptics:
             groups = [group.only(frame) for group in groups if frame in group.indices]
         found = []
         for group in groups:
-            light = look_up(seen, group, self._scene.pattern.blur_px).reshape(stop - start, -1, len(group.indices))
+            light = look_up(seen, group, self._scene.pattern.blur_px).reshape(
+                stop - start, -1, len(group.indices)
+            )
             found += [(index, light[..., at]) for at, index in enumerate(group.indices)]
         return found
 

@@ -1,4 +1,4 @@
-"""Parts of a camera's image as cameras of their own, and rays by their feet: where they meet the resting mirror."""
+"""Parts of an image as cameras of their own, and rays by their feet: where they meet the resting mirror."""
 
 from dataclasses import dataclass, replace
 
@@ -38,7 +38,7 @@ def _window(camera: Camera, row: float, col: float, rows: int, cols: int) -> Cam
 
 
 def parallel_rays(camera: Camera) -> ParallelRays | None:
-    """The rays of a telecentric camera; None for another one, or where not all of them come down to the mirror."""
+    """The rays of a telecentric camera; None for another, or where not all of them come down."""
     if not isinstance(camera, TelecentricCamera):
         return None
     corners = np.array([[0, 0], [0, 1], [1, 0], [camera.rows - 1, camera.cols - 1]], np.float64)
@@ -49,7 +49,7 @@ def parallel_rays(camera: Camera) -> ParallelRays | None:
 
 
 def feet(camera: Camera, row: Float, col: Float) -> tuple[Float, Float, NDArray[np.bool_]]:
-    """Feet (..., 3) and unit directions (..., 3) of the rays at (row, col), and which of them come down to z = 0."""
+    """Feet (..., 3), unit directions (..., 3) of the rays at (row, col), and which come down to z = 0."""
     origins, directions = camera.rays_at(row, col)
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = -origins[..., 2] / directions[..., 2]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.patterns import Sequence
+
 from .context import checked, context, free
 from .shaders import build_source, compile_program
 
@@ -30,7 +31,8 @@ class FramePainter:
     def draw(self, index: int, target: moderngl.Framebuffer, *, top: int = 0) -> None:
         """Draw frame `index`; what it does not cover is black.
 
-        top: 0 puts image row 0 at the target's first row (offscreen), the target's height puts it on top (a window).
+        top: 0 puts image row 0 at the target's first row (offscreen), the target's height puts it on top (a
+        window).
         """
         target.use()
         for unit, table in enumerate(self._tables):

@@ -1,13 +1,14 @@
-"""Shaders are files in `shaders/`: includes, feature flags and constants are resolved here, before the driver sees them.
+"""Shaders are files in `shaders/`: includes, flags and constants are resolved before the driver sees them.
 
 Directives of these files (each on a line of its own):
 
     #include "name.glsl"      once per program; a second include of the same file is left out
     #ifdef FLAG / #ifndef FLAG / #else / #endif
-                              FLAG is a feature of the program; what is off is removed, not handed to the driver
+                              FLAG is a feature of the program; what is off is removed
     $NAME                     replaced by the value of the define NAME
 
-`#line` directives number the lines by file, and `compile_program` puts the file names back into driver errors.
+`#line` directives number the lines by file, and `compile_program` puts the file names back into driver
+errors.
 """
 
 import re
@@ -54,8 +55,8 @@ def build_source(
 ) -> ShaderSource:
     """The source of shader file `name`.
 
-    flags: feature -> on or off. A flag that the files test must be given, and one given must be tested by them.
-    values: name -> text for `$name`, under the same rule. ShaderError names what does not fit.
+    flags: feature -> on or off. A flag that the files test must be given, and one given must be tested by
+    them. values: name -> text for `$name`, under the same rule. ShaderError names what does not fit.
     """
     builder = _Builder(dict(flags or {}), {key: str(value) for key, value in (values or {}).items()})
     lines = [_VERSION, *builder.expand(name)]
@@ -65,8 +66,10 @@ def build_source(
     return ShaderSource("\n".join(lines) + "\n", tuple(builder.files))
 
 
-def compile_program(ctx: moderngl.Context, fragment: ShaderSource, vertex: str = "screen.glsl") -> moderngl.Program:
-    """Compile a fragment shader with the vertex shader that covers the target. ShaderError names file and line."""
+def compile_program(
+    ctx: moderngl.Context, fragment: ShaderSource, vertex: str = "screen.glsl"
+) -> moderngl.Program:
+    """Compile a fragment shader with the vertex shader that covers the target. ShaderError: file, line."""
     try:
         return ctx.program(vertex_shader=build_source(vertex).text, fragment_shader=fragment.text)
     except moderngl.Error as error:

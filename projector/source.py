@@ -64,7 +64,7 @@ class FolderSource:
 
 
 def record(source: FrameSource, sequence: Sequence, display: PatternDisplay | None = None) -> Capture:
-    """Show the frames of a sequence one by one and grab an image of each. display None: the source shows them itself."""
+    """Show the frames one by one and grab an image of each. display None: the source shows them itself."""
     frames = np.empty((len(sequence), *source.shape), np.uint8 if source.bits == 8 else np.uint16)
     for index in range(len(sequence)):
         if display is not None:

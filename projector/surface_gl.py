@@ -11,7 +11,10 @@ __all__ = ["LoadedSurface", "load_surface"]
 
 _SAMPLES = 384  # the bounds are sampled at this many points a side
 _SLOPE_MARGIN = 1.25
-_LEAST_NODES, _MOST_NODES = 256, 2048  # along the mirror, where a callable is sampled at the camera's resolution
+_LEAST_NODES, _MOST_NODES = (
+    256,
+    2048,
+)  # along the mirror, where a callable is sampled at the camera's resolution
 _FLAGS = ("TILT", "RAISED_COSINE", "GAUSSIAN", "BALL", "NEEDLE", "ROUNDED_NEEDLE", "RIDGE")
 _LENGTH = {"length": "length_mm"}  # `length` is a function in GLSL
 
@@ -20,7 +23,8 @@ _LENGTH = {"length": "length_mm"}  # `length` is a function in GLSL
 class LoadedSurface:
     """flags: which shader code evaluates it; uniforms: by name; texture: of a height array.
 
-    lowest, highest (mm), steepest: bounds of height and slope over the mirror, with margin (steepest 0: it is flat).
+    lowest, highest (mm), steepest: bounds of height and slope over the mirror, with margin (steepest 0: it
+    is flat).
     """
 
     flags: dict[str, bool]
@@ -37,7 +41,7 @@ class LoadedSurface:
 
 
 def load_surface(ctx: moderngl.Context, scene: Scene, surface: Surface) -> LoadedSurface:
-    """Bring a surface to the GPU; one that is neither a known closed form nor a height array is sampled to one."""
+    """Bring a surface to the GPU; what is neither a known closed form nor a height array is sampled."""
     kind = "" if surface.formula is None else surface.formula.name.upper().replace("-", "_")
     if surface.formula is not None and kind == "FLAT":
         return LoadedSurface(_kinds("FLAT"), {}, None, *_bounds(scene, surface))
@@ -72,7 +76,7 @@ def _load_grid(ctx: moderngl.Context, scene: Scene, surface: Surface) -> LoadedS
 
 
 def _bounds(scene: Scene, surface: Surface) -> tuple[float, float, float]:
-    """Lowest and highest height (mm) and largest slope over the mirror, from samples, widened for what lies between."""
+    """Lowest, highest height (mm), largest slope over the mirror: samples, widened for what is between."""
     length, width = scene.mirror.length, scene.mirror.width
     x, y = np.meshgrid(np.linspace(0.0, length, _SAMPLES), np.linspace(0.0, width, _SAMPLES))
     z = np.asarray(surface.height(x, y), np.float64)

@@ -39,7 +39,9 @@ class _Optics(Protocol):
 
     def release(self) -> None: ...
 
-    def render(self, surface: Any, start: int, stop: int, frame: int | None = None) -> list[tuple[int, Light]]: ...
+    def render(
+        self, surface: Any, start: int, stop: int, frame: int | None = None
+    ) -> list[tuple[int, Light]]: ...
 
 
 def capture(
@@ -87,12 +89,13 @@ def chosen_renderer(renderer: str) -> str:
 class VirtualSensor:
     """A camera that does not exist: a FrameSource whose frames are rendered. A context manager.
 
-    surface: the mirror's shape, or a callable t (s) -> Surface of a moving one; frame i is taken at t = i frame_s,
+    surface: the mirror's shape, or a callable t (s) -> Surface of a moving one; frame i is taken at t = i
+    frame_s,
         and with a shutter averaged over `samples` instants of it.
     renderer: 'gl', 'numpy' (float64, the reference), or 'auto', OpenGL where there is a context.
-    noise: rms of Gaussian noise in 8-bit levels, added to the sensor's own; seed: of all noise, same on every machine.
-    bits: of the camera (default: the scene's sensor). exposure: of each frame, relative to the sensor's.
-    A scene without a sensor has NOMINAL_SENSOR: level = 16 + 216.75 light.
+    noise: rms of Gaussian noise in 8-bit levels, added to the sensor's own; seed: of all noise, same on
+    every machine. bits: of the camera (default: the scene's sensor). exposure: of each frame, relative to
+    the sensor's. A scene without a sensor has NOMINAL_SENSOR: level = 16 + 216.75 light.
     """
 
     def __init__(

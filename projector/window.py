@@ -1,4 +1,4 @@
-"""A real window that shows the frames of a sequence: chosen monitor, full screen, vsync, one frame at a time."""
+"""A real window that shows a sequence: chosen monitor, full screen, vsync, one frame at a time."""
 
 from dataclasses import dataclass
 from types import TracebackType
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.patterns import Sequence
+
 from .renderer import FramePainter
 
 __all__ = ["Monitor", "PatternWindow", "monitors"]
@@ -33,14 +34,14 @@ def monitors() -> list[Monitor]:
     found = []
     for index, handle in enumerate(glfw.get_monitors()):
         mode = glfw.get_video_mode(handle)
-        name = glfw.get_monitor_name(handle)
+        name: Any = glfw.get_monitor_name(handle)
         text = name.decode() if isinstance(name, bytes) else str(name)
         found.append(Monitor(index, text, mode.size.height, mode.size.width, mode.refresh_rate))
     return found
 
 
 class PatternWindow:
-    """Shows frames of `sequence`, pattern row 0 on top, column 0 on the left, one pattern pixel per screen pixel.
+    """Shows frames of `sequence`, row 0 on top, column 0 on the left, one pattern pixel per screen pixel.
 
     monitor: index into `monitors()` for full screen, None for a plain window of the pattern's size.
     vsync: `show` returns when the frame before it has left the screen, so that a camera can be paced by it.
@@ -123,7 +124,9 @@ def _initialise() -> None:
         if not glfw.init():
             raise InputError("display: GLFW cannot start (is DISPLAY set?)")
     except glfw.GLFWError as error:
-        raise InputError(f"display: GLFW cannot start ({error}); set DISPLAY, or use the offscreen renderer") from error
+        raise InputError(
+            f"display: GLFW cannot start ({error}); set DISPLAY, or use the offscreen renderer"
+        ) from error
 
 
 def _open(sequence: Sequence, monitor: int | None) -> Any:
