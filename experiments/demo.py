@@ -1,0 +1,140 @@
+"""The whole chain on a virtual sensor: scene and dent -> frames -> correspondence -> height, against the
+truth.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from optolever.decode import Correspondence, decode
+from optolever.patterns import Sequence, sequence_from_text
+from optolever.projector import Capture, capture, chosen_renderer
+from optolever.reconstruct import HeightMap, reconstruct
+from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
+
+from .metrics import height_metrics, peak_bytes
+
+__all__ = ["DemoResult", "Progress", "Stages", "resolve", "run_demo", "silent"]
+
+Progress = Callable[[str, int, int], None]
+
+
+def silent(text: str, done: int, total: int) -> None:
+    """Progress that nobody watches."""
+
+
+@dataclass(frozen=True)
+class DemoResult:
+    """Everything a run made: the records of the chain, the numbers, and how long each stage took.
+
+    metrics: see `metrics.height_metrics`. seconds: trace, capture, decode, reconstruct, total (and report,
+    once it is written). settings: what was asked for, as plain values.
+    """
+
+    scene: Scene
+    sequence: Sequence
+    capture: Capture
+    truth: Trace
+    correspondence: Correspondence
+    height: HeightMap
+    metrics: dict[str, float]
+    seconds: dict[str, float]
+    peak_bytes: int
+    settings: dict[str, Any]
+
+    def with_report(self, seconds: float) -> "DemoResult":
+        """The same run after its report was written, which took so long."""
+        stages = {name: value for name, value in self.seconds.items() if name not in ("report", "total")}
+        stages["report"] = seconds
+        return replace(self, seconds=stages | {"total": sum(stages.values())}, peak_bytes=peak_bytes())
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers as plain values: metrics, seconds, peak_bytes, settings."""
+        return {
+            **self.metrics,
+            "seconds": self.seconds,
+            "peak_bytes": self.peak_bytes,
+            "settings": self.settings,
+        }
+
+
+class Stages:
+    """A clock for stages that run one after the other, and the word to whoever watches."""
+
+    def __init__(self, count: int, progress: Progress) -> None:
+        self.seconds: dict[str, float] = {}
+        self._count, self._progress = count, progress
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time the block under this name."""
+        self._progress(name, len(self.seconds), self._count)
+        start = time.perf_counter()
+        yield
+        self.seconds[name] = time.perf_counter() - start
+        self._progress(name, len(self.seconds), self._count)
+
+
+def resolve(scene: Scene | str | Path, size: tuple[int, int] | None = None) -> Scene:
+    """A scene, or the one of a preset or TOML file, resampled to size (rows, cols) if one is given."""
+    known = scene if isinstance(scene, Scene) else load(scene)
+    return known if size is None else resize(known, *size)
+
+
+def run_demo(
+    scene: Scene | str | Path = "paper-simulation",
+    dent: str | None = None,
+    sequence: str = "gray+phase",
+    *,
+    noise: float = 1.0,
+    seed: int = 0,
+    size: tuple[int, int] | None = None,
+    renderer: str = "auto",
+    method: str = "coupled",
+    anchor: Any = None,
+    progress: Progress = silent,
+) -> DemoResult:
+    """Show the sequence to the dented mirror of a scene, capture, decode, reconstruct, and compare.
+
+    dent: None is the scene's own, else a raised cosine. noise: standard deviation of added Gaussian noise,
+    8-bit levels. renderer: auto, gl or numpy. InputError for names that do not exist.
+    """
+    place, drawn_by = resolve(scene, size), chosen_renderer(renderer)
+    dent = dent or place.dent or "raised-cosine"
+    surface = dent_from_text(dent, place)
+    shown = sequence_from_text(sequence, place.pattern.rows, place.pattern.cols)
+    stages = Stages(4, progress)
+    with stages.stage("trace"):
+        truth = trace(place, surface)
+    with stages.stage("capture"):
+        seen = capture(place, surface, shown, renderer=drawn_by, noise=noise, seed=seed)
+    with stages.stage("decode"):
+        correspondence = decode(seen.frames, shown)
+    with stages.stage("reconstruct"):
+        height = reconstruct(correspondence, place, method=method, anchor=anchor)
+    return DemoResult(
+        scene=place,
+        sequence=shown,
+        capture=seen,
+        truth=truth,
+        correspondence=correspondence,
+        height=height,
+        metrics=height_metrics(truth, correspondence, height),
+        seconds=stages.seconds | {"total": sum(stages.seconds.values())},
+        peak_bytes=peak_bytes(),
+        settings={
+            "scene": place.name,
+            "size": [place.camera.rows, place.camera.cols],
+            "dent": dent,
+            "sequence": sequence,
+            "frames": len(shown),
+            "noise": noise,
+            "seed": seed,
+            "renderer": drawn_by,
+            "method": method,
+            "anchor": None if anchor is None else str(anchor),
+        },
+    )

@@ -1,0 +1,90 @@
+"""Arrays and Matplotlib figures as PNG data URIs; pictures are made small before they are drawn."""
+
+import base64
+import io
+from typing import Any
+
+import cv2
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+__all__ = ["figure_uri", "new_figure", "png_uri", "robust_limits", "shrink", "thin", "thumbnail"]
+
+RESOLUTION = 110  # dots per inch of every figure
+TEXT = {"size": 9.0}
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure (inches), laid out by constraints, drawn without any global state."""
+    figure = Figure(figsize=(width, height), dpi=RESOLUTION, layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def figure_uri(figure: Figure) -> str:
+    """A figure as a PNG data URI."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png")
+    return _uri(stream.getvalue())
+
+
+def png_uri(image: NDArray[np.uint8]) -> str:
+    """A grey (rows, cols) or RGB (rows, cols, 3) image as a PNG data URI."""
+    channels = image if image.ndim == 2 else image[..., ::-1]
+    done, data = cv2.imencode(".png", np.ascontiguousarray(channels))
+    if not done:
+        raise ValueError(f"image of shape {image.shape} cannot be written as PNG")
+    return _uri(data.tobytes())
+
+
+def thumbnail(frame: NDArray[Any], side: int) -> NDArray[np.uint8]:
+    """A frame as 8 bit, at most `side` pixels on its longer side, each the mean of what it covers."""
+    grey = (
+        frame
+        if frame.dtype == np.uint8
+        else (frame >> max(0, int(frame.max()).bit_length() - 8)).astype(np.uint8)
+    )
+    scale = side / max(grey.shape)
+    if scale >= 1:
+        return np.asarray(grey)
+    size = (max(1, round(grey.shape[1] * scale)), max(1, round(grey.shape[0] * scale)))
+    return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def thin(array: NDArray[Any], side: int) -> NDArray[Any]:
+    """Every k-th row and column of an array, so that at most `side` are left: samples, never averages."""
+    step = max(1, -(-max(array.shape[:2]) // side))
+    return array[step // 2 :: step, step // 2 :: step]
+
+
+def shrink(array: NDArray[Any], side: int) -> NDArray[np.float64]:
+    """Block means without the NaN among them, at most `side` on the longer side; NaN where a block has
+    none.
+    """
+    step = max(1, -(-max(array.shape) // side))
+    if step == 1:
+        return np.asarray(array, dtype=np.float64)
+    rows, cols = array.shape[0] // step * step, array.shape[1] // step * step
+    blocks = array[:rows, :cols].reshape(rows // step, step, cols // step, step)
+    finite = np.isfinite(blocks)
+    total = np.where(finite, blocks, 0.0).sum(axis=(1, 3))
+    count = finite.sum(axis=(1, 3))
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def robust_limits(values: NDArray[Any], share: float = 0.995, symmetric: bool = False) -> tuple[float, float]:
+    """Limits of a colour scale that hold this share of the finite values; (0, 1) of nothing."""
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return (-1.0, 1.0) if symmetric else (0.0, 1.0)
+    if symmetric:
+        limit = float(np.quantile(np.abs(finite), share)) or 1.0
+        return -limit, limit
+    low, high = (float(q) for q in np.quantile(finite, (1 - share, share)))
+    return (low, high) if high > low else (low - 0.5, high + 0.5)
+
+
+def _uri(data: bytes) -> str:
+    return "data:image/png;base64," + base64.b64encode(data).decode("ascii")

@@ -1,0 +1,70 @@
+"""How good a reconstruction is, and whether its error bars tell it: pure functions on truth and result."""
+
+import math
+import resource
+import sys
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence
+from optolever.reconstruct import HeightMap
+from optolever.scene import Trace
+
+__all__ = ["height_metrics", "peak_bytes", "rms", "sigma_ratio", "unflagged"]
+
+Array = NDArray[np.floating[Any]]
+Mask = NDArray[np.bool_]
+
+
+def rms(values: Array) -> float:
+    """Root mean square; NaN of nothing."""
+    return math.sqrt(float(np.mean(np.square(values)))) if values.size else math.nan
+
+
+def sigma_ratio(value: Array, truth: Array, sigma: Array, where: Mask) -> float:
+    """Rms of error over sigma where `where` holds and sigma is finite: 1 if the error bars tell the truth."""
+    use = where & np.isfinite(sigma) & (sigma > 0)
+    return rms((value[use] - truth[use]) / sigma[use])
+
+
+def unflagged(truth: Trace, height: HeightMap) -> Mask:
+    """Pixels whose height stands: without a flag, and with a mirror point to compare with."""
+    return np.asarray(height.good & truth.visible)
+
+
+def height_metrics(truth: Trace, correspondence: Correspondence, height: HeightMap) -> dict[str, float]:
+    """The headline numbers, by the names that checks from outside rely on.
+
+    height_rms_rel: rms height error over unflagged pixels / peak depth; unflagged_share: of the truth-visible
+    pixels; unflagged_invisible: unflagged pixels that see no mirror point at all, as a share of all pixels;
+    sigma_ratio_u, _v, _height: rms(error / sigma) over unflagged pixels. NaN where there is nothing to divide
+    by.
+    """
+    decoded = correspondence.good & truth.visible
+    stands = unflagged(truth, height)
+    error = height.z[stands] - truth.z[stands]
+    visible = int(truth.visible.sum())
+    peak = float(np.max(np.abs(truth.z[truth.visible]))) if visible else math.nan
+    height_rms = rms(error)
+    return {
+        "height_rms_rel": height_rms / peak if peak else math.nan,
+        "height_max_rel": float(np.max(np.abs(error))) / peak if error.size and peak else math.nan,
+        "height_rms_mm": height_rms,
+        "peak_depth_mm": peak,
+        "unflagged_share": float(stands.sum()) / visible if visible else math.nan,
+        "decoded_share": float(decoded.sum()) / visible if visible else math.nan,
+        "unflagged_invisible": float((height.good & ~truth.visible).mean()),
+        "u_rms_px": rms((correspondence.u - truth.u)[decoded]),
+        "v_rms_px": rms((correspondence.v - truth.v)[decoded]),
+        "sigma_ratio_u": sigma_ratio(correspondence.u, truth.u, correspondence.sigma_u, decoded),
+        "sigma_ratio_v": sigma_ratio(correspondence.v, truth.v, correspondence.sigma_v, decoded),
+        "sigma_ratio_height": sigma_ratio(height.z, truth.z, height.sigma, stands),
+    }
+
+
+def peak_bytes() -> int:
+    """The largest resident memory of this process so far, in bytes."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else peak * 1024

@@ -1,0 +1,135 @@
+"""One self-contained HTML page from the templates in report/: style, script and pictures are inside."""
+
+import importlib.metadata
+import json
+import math
+import platform
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from optolever import __version__
+from optolever.files import atomic_file
+
+from .maps import length_unit
+
+__all__ = [
+    "embedded_json",
+    "render_page",
+    "scientific",
+    "seconds_text",
+    "share_text",
+    "stage_bars",
+    "versions",
+    "write_page",
+]
+
+FOLDER = Path(__file__).parent / "report"
+LIBRARIES = ("numpy", "scipy", "numba", "moderngl", "opencv-contrib-python-headless", "matplotlib")
+
+
+def render_page(template: str, context: dict[str, Any]) -> str:
+    """The HTML of a template in report/, with the style, the viewer and the versions added to its context."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(FOLDER),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+    )
+    filters: dict[str, Callable[[float], str]] = {
+        "scientific": scientific,
+        "mm": length_text,
+        "percent": percent,
+        "fixed": lambda value: f"{value:.3f}" if math.isfinite(value) else "–",
+        "duration": seconds_text,
+        "share": share_text,
+    }
+    environment.filters.update(filters)
+    common = {
+        "version": __version__,
+        "versions": versions(),
+        "style": Markup((FOLDER / "style.css").read_text()),
+        "viewer": Markup((FOLDER / "viewer.js").read_text()),
+    }
+    return environment.get_template(template).render(common | context)
+
+
+def write_page(path: str | Path, html: str) -> None:
+    """Write a page, whole or not at all."""
+    with atomic_file(path) as temporary:
+        temporary.write_text(html, encoding="utf-8")
+
+
+def embedded_json(value: Any) -> Markup:
+    """JSON that can stand inside a script element."""
+    return Markup(json.dumps(value, allow_nan=False).replace("<", "\\u003c"))
+
+
+def versions() -> list[tuple[str, str]]:
+    """What computed the page: this package, Python, the machine, and the libraries that matter."""
+    rows = [
+        ("optolever", __version__),
+        ("Python", platform.python_version()),
+        ("machine", f"{platform.machine()}, {platform.system()} {platform.release()}"),
+    ]
+    for library in LIBRARIES:
+        try:
+            rows.append((library, importlib.metadata.version(library)))
+        except importlib.metadata.PackageNotFoundError:
+            rows.append((library, "not installed"))
+    return rows
+
+
+def scientific(value: float) -> str:
+    """A small number for reading: 3.2 × 10⁻⁵."""
+    if not math.isfinite(value):
+        return "–"
+    if value == 0 or 1e-2 <= abs(value) < 1e4:
+        return f"{value:.3g}"
+    digits, _, power = f"{value:.1e}".partition("e")
+    return f"{digits} × 10" + str(int(power)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def length_text(millimetres: float) -> str:
+    """A length in the unit in which it reads well."""
+    if not math.isfinite(millimetres):
+        return "–"
+    factor, unit = length_unit(millimetres)
+    return f"{millimetres * factor:.3g} {unit}"
+
+
+def percent(share: float) -> str:
+    """A share in per cent."""
+    if not math.isfinite(share):
+        return "–"
+    return f"{100 * share:.2f} %" if share >= 0.01 or share == 0 else f"{100 * share:.2g} %"
+
+
+def share_text(share: float | None) -> str:
+    """An error over the peak in per cent, three digits; nothing for None."""
+    if share is None:
+        return ""
+    return f"{100 * share:.3g} %".replace("-", "−") if math.isfinite(share) else "–"
+
+
+def seconds_text(seconds: float) -> str:
+    """A duration with as many digits as it deserves."""
+    if seconds < 0.01:
+        return f"{1e3 * seconds:.1f} ms"
+    return f"{seconds:.2f} s" if seconds < 10 else f"{seconds:.1f} s"
+
+
+def stage_bars(seconds: dict[str, float]) -> list[dict[str, Any]]:
+    """Rows of the timing chart, bars scaled to the longest stage; the total has none."""
+    longest = max((value for name, value in seconds.items() if name != "total"), default=0.0) or 1.0
+    return [
+        {
+            "name": name,
+            "percent": 0 if name == "total" else round(100 * value / longest, 1),
+            "text": seconds_text(value),
+        }
+        for name, value in seconds.items()
+    ]
