@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import FILE, json_option, sample, writable
+from .options import FILE, blame, json_option, sample, writable
 from .show import flag_shares, number, progress, table, write_json
 
 if TYPE_CHECKING:
@@ -52,7 +52,8 @@ def command(
         capture = _read(source, description)
         step("decode")
         start = time.perf_counter()
-        result = _decode(capture, response)
+        with blame(source):
+            result = _decode(capture, response)
         seconds = time.perf_counter() - start
         step("write")
         result.save(out)

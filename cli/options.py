@@ -1,7 +1,8 @@
 """Arguments that several commands share, and the checks that must come before any work."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 __all__ = [
     "FILE",
     "SIZE",
+    "blame",
     "json_option",
     "load_scene",
     "report_into",
@@ -28,7 +30,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 FILE = click.Path(path_type=Path)
 
 
-class _Size(click.ParamType):
+class _Size(click.ParamType[tuple[int, int]]):
     """ROWSxCOLS, both at least 8."""
 
     name = "ROWSxCOLS"
@@ -119,6 +121,16 @@ def load_scene(name: str, size: tuple[int, int] | None = None) -> "Scene":
 
     scene = load(name)
     return scene if size is None else resize(scene, *size)
+
+
+@contextmanager
+def blame(path: Path) -> Iterator[None]:
+    """Errors about what a file holds name the file too."""
+    try:
+        yield
+    except InputError as error:
+        text = str(error)
+        raise InputError(text if str(path) in text else f"{path}: {text}") from error
 
 
 def writable(*paths: Path | None) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import FILE, json_option, load_scene, sample, scene_option, size_option, writable
+from .options import FILE, blame, json_option, load_scene, sample, scene_option, size_option, writable
 from .show import flag_shares, number, progress, table, write_json
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ $ optolever reconstruct c.npz --scene capture/scene.toml --out h.npz --truth cap
 """
 
 
-class _Anchor(click.ParamType):
+class _Anchor(click.ParamType[Any]):
     """edge, none, or a known point of the mirror X,Y,Z in mm."""
 
     name = "edge|none|X,Y,Z"
@@ -75,7 +75,7 @@ def command(
 
     correspondence = Correspondence.load(source)
     scene = load_scene(scene_name, size)
-    with progress() as step:
+    with progress() as step, blame(source):
         step("reconstruct")
         start = time.perf_counter()
         height = reconstruct(correspondence, scene, method=method, anchor=anchor)

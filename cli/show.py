@@ -7,8 +7,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from optolever.files import atomic_file
-
 if TYPE_CHECKING:
     from enum import IntFlag
 
@@ -34,23 +32,30 @@ def flag_shares(flags: "NDArray[np.unsignedinteger]", *kinds: "type[IntFlag]") -
 
 
 def table(title: str, rows: Mapping[str, str]) -> None:
-    """Print name-value rows."""
-    from rich import box
+    """Print a title and name-value rows, without the padding that rich leaves at line ends."""
+    import click
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
-    grid = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, show_header=False, pad_edge=False)
+    grid = Table.grid(padding=(0, 2))
     grid.add_column(no_wrap=True)
     grid.add_column(overflow="fold")
     for name, value in rows.items():
-        grid.add_row(name, value, style=None)
-    Console(highlight=False, markup=False).print(grid)
+        grid.add_row(Text(f"  {name}"), Text(value))
+    console = Console()
+    with console.capture() as text:
+        console.print(Text(title, style="bold"))
+        console.print(grid)
+    click.echo("\n".join(line.rstrip() for line in text.get().splitlines()))
 
 
 def write_json(path: Path | None, values: Mapping[str, Any]) -> None:
     """Write a record as JSON, whole or not at all; NaN and infinities become null. No path, no file."""
     if path is None:
         return
+    from optolever.files import atomic_file
+
     with atomic_file(path) as temporary:
         temporary.write_text(json.dumps(_plain(values), indent=2, allow_nan=False) + "\n")
 

@@ -1,5 +1,6 @@
 """Unusable input: exit code 2, one line that names file, field, value and limit, nothing written."""
 
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -110,7 +111,7 @@ SPOILED: dict[str, tuple[Callable[[Path], None], tuple[str, ...]]] = {
     "missing key": (edited("rows = ", "# rows = "), ("capture.toml", "rows")),
     "unknown kind": (edited('kind = "gray"', 'kind = "grey"'), ("capture.toml", "kind", "'grey'")),
     "unknown frame key": (edited('kind = "gray"', 'kind = "gray"\nbitt = 1'), ("capture.toml", "bitt")),
-    "NaN": (edited("period_px = ", "shift = nan\nperiod_px = "), ("capture.toml", "shift")),
+    "NaN": (edited("period_px = ", "period_px = nan # "), ("capture.toml", "period_px", "nan")),
     "wrong version": (edited("version = 1", "version = 7"), ("capture.toml", "version", "7")),
     "too few described": (too_few_described, (".png", "description")),
     "encodes nothing": (only_white, ("sequence",)),
@@ -145,7 +146,7 @@ def test_spoiled_correspondences_are_refused(optolever: Program, chain: Chain, t
         text: ("text.npz",),
         npz_with(tmp_path / "nou.npz", chain.correspondence, u=None): ("nou.npz", "'u'"),
         npz_with(tmp_path / "size.npz", chain.correspondence, u=np.zeros((5, 5))): ("size.npz", "(5, 5)"),
-        npz_with(tmp_path / "masked.npz", chain.correspondence, flags=flags): ("flags",),
+        npz_with(tmp_path / "masked.npz", chain.correspondence, flags=flags): ("masked.npz", "flagged"),
     }
     (tmp_path / "h.npz").write_bytes(b"an older result")
     for source, words in cases.items():
@@ -183,8 +184,8 @@ def test_spoiled_scenes_are_refused(case: str, optolever: Program, tmp_path: Pat
 
 def test_nan_in_a_scene(optolever: Program, chain: Chain, tmp_path: Path) -> None:
     scene = tmp_path / "scene.toml"
-    lines = (chain.capture / "scene.toml").read_text().splitlines()
-    scene.write_text("\n".join("pitch_mm = nan" if line.startswith("pitch_mm") else line for line in lines))
+    text = (chain.capture / "scene.toml").read_text()
+    scene.write_text(re.sub(r"pitch_mm = (\[[^]]*\]|\S+)", "pitch_mm = nan", text))
     args = ["capture", "--scene", scene, "--out", tmp_path / "capture"]
     assert_refused(optolever, tmp_path, args, ("scene.toml", "pitch_mm", "nan"))
 
