@@ -19,9 +19,12 @@ __all__ = [
     "blame",
     "json_option",
     "load_scene",
+    "noise_option",
+    "renderer_option",
     "report_into",
     "sample",
     "scene_option",
+    "seed_option",
     "size_option",
     "writable",
 ]
@@ -72,6 +75,30 @@ def sample(text: str) -> str:
     return "\b\nSample:\n" + "\n".join("  " + line for line in text.strip("\n").splitlines())
 
 
+def noise_option(default: float) -> Callable[[Command], Command]:
+    """--noise LEVELS."""
+    text = "Standard deviation of added Gaussian noise, in 8-bit levels."
+    levels = click.FloatRange(min=0)
+    return click.option(
+        "--noise", type=levels, default=default, show_default=True, metavar="LEVELS", help=text
+    )
+
+
+def seed_option(command: Command) -> Command:
+    """--seed N."""
+    whole = click.IntRange(min=0)
+    return click.option(
+        "--seed", type=whole, default=0, show_default=True, metavar="N", help="Of the noise."
+    )(command)
+
+
+def renderer_option(command: Command) -> Command:
+    """--renderer."""
+    kind = click.Choice(["auto", "gl", "numpy"])
+    text = "auto: OpenGL where there is a context, else NumPy."
+    return click.option("--renderer", type=kind, default="auto", show_default=True, help=text)(command)
+
+
 def virtual_sensor(scene: str | None, noise: float) -> Callable[[Command], Command]:
     """What a virtual sensor looks at: --scene (required if there is no default), --dent, --sequence, ..."""
     text = "Name of a preset (optolever names) or a scene's TOML file."
@@ -88,17 +115,9 @@ def virtual_sensor(scene: str | None, noise: float) -> Callable[[Command], Comma
             "--sequence", metavar="NAME[:KEY=VALUE,...]", default="gray+phase", show_default=True,
             help="What the surface shows.",
         ),
-        click.option(
-            "--noise", type=click.FloatRange(min=0), default=noise, show_default=True, metavar="LEVELS",
-            help="Standard deviation of added Gaussian noise, in 8-bit levels.",
-        ),
-        click.option(
-            "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the noise."
-        ),
-        click.option(
-            "--renderer", type=click.Choice(["auto", "gl", "numpy"]), default="auto", show_default=True,
-            help="auto: OpenGL where there is a context, else NumPy.",
-        ),
+        noise_option(noise),
+        seed_option,
+        renderer_option,
         size_option,
     )  # fmt: skip
 

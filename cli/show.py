@@ -2,7 +2,8 @@
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,8 +13,9 @@ if TYPE_CHECKING:
 
     import numpy as np
     from numpy.typing import NDArray
+    from rich.table import Table
 
-__all__ = ["Step", "flag_shares", "number", "progress", "table", "write_json"]
+__all__ = ["Step", "flag_shares", "grid", "number", "progress", "table", "write_json"]
 
 
 def number(value: float, unit: str = "") -> str:
@@ -32,21 +34,39 @@ def flag_shares(flags: "NDArray[np.unsignedinteger]", *kinds: "type[IntFlag]") -
 
 
 def table(title: str, rows: Mapping[str, str]) -> None:
-    """Print a title and name-value rows, without the padding that rich leaves at line ends."""
-    import click
-    from rich.console import Console
+    """Print a title and name-value rows."""
     from rich.table import Table
     from rich.text import Text
 
-    grid = Table.grid(padding=(0, 2))
-    grid.add_column(no_wrap=True)
-    grid.add_column(overflow="fold")
+    lines = Table.grid(padding=(0, 2))
+    lines.add_column(no_wrap=True)
+    lines.add_column(overflow="fold")
     for name, value in rows.items():
-        grid.add_row(Text(f"  {name}"), Text(value))
-    console = Console()
+        lines.add_row(Text(f"  {name}"), Text(value))
+    _print(title, lines)
+
+
+def grid(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Print a title and rows under a header; nothing is wrapped."""
+    from rich.table import Column, Table
+    from rich.text import Text
+
+    lines = Table.grid(*(Column(no_wrap=True) for _ in header), padding=(0, 2))
+    for row in (header, *rows):
+        lines.add_row(*(Text(cell) for cell in row))
+    _print(title, lines, width=None if sys.stdout.isatty() else WIDE)
+
+
+def _print(title: str, lines: "Table", width: int | None = None) -> None:
+    """To stdout, without the padding that rich leaves at line ends."""
+    import click
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(width=width)
     with console.capture() as text:
         console.print(Text(title, style="bold"))
-        console.print(grid)
+        console.print(lines)
     click.echo("\n".join(line.rstrip() for line in text.get().splitlines()))
 
 
@@ -70,6 +90,9 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return str(value) if isinstance(value, Path) else value
+
+
+WIDE = 160  # columns, where stdout is no terminal whose width could be asked for
 
 
 class Step:
