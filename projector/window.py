@@ -95,6 +95,7 @@ class PatternWindow:
         target.viewport = (0, 0, width, height)
         self._painter.draw(index, target, top=height)
         glfw.swap_buffers(self._window)
+        self._ctx.finish()
         glfw.poll_events()
         self._index = index
 

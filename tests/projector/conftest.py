@@ -1,0 +1,32 @@
+"""One GL context for the part's tests; errors and forgotten objects fail the test that made them."""
+
+import gc
+from collections.abc import Iterator
+
+import moderngl
+import pytest
+
+from optolever.projector import NoContextError, ContextInfo, context_info
+from optolever.projector.context import collect, context
+
+
+@pytest.fixture(scope="session")
+def gl_info() -> ContextInfo:
+    """The context that draws; skips where there is none."""
+    try:
+        return context_info()
+    except NoContextError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture
+def gl(gl_info: ContextInfo) -> Iterator[moderngl.Context]:
+    """This thread's GL context; afterwards no error is pending and nothing was left unreleased."""
+    ctx = context()
+    gc.collect()
+    collect(ctx)
+    assert ctx.error == "GL_NO_ERROR"
+    yield ctx
+    assert ctx.error == "GL_NO_ERROR"
+    gc.collect()
+    assert collect(ctx) == 0

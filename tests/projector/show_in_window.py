@@ -1,0 +1,41 @@
+"""Shows frames in a window and writes what the window and the X server's screen hold; run by test_window.py.
+
+Arguments: folder of the server's frame buffer file, output .npz, 'window' or 'full-screen'.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.patterns import sequence
+from optolever.projector import PatternWindow, monitors
+
+
+def screen(folder: Path) -> NDArray[np.uint8]:
+    """The screen as the X server holds it, (rows, cols) of one colour: an XWD file of 32-bit pixels."""
+    data = (folder / "Xvfb_screen0").read_bytes()
+    header = np.frombuffer(data, ">u4", 25)
+    size, cols, rows, stride, colours = (int(header[i]) for i in (0, 4, 5, 12, 19))
+    start = size + 12 * colours
+    pixels = np.frombuffer(data, np.uint8, rows * stride, start).reshape(rows, stride)
+    return pixels[:, : 4 * cols].reshape(rows, cols, 4)[..., 1].copy()
+
+
+def main(folder: Path, out: Path, mode: str) -> None:
+    """Show three frames, keep the window's and the screen's pixels of each."""
+    found = monitors()
+    shown = sequence("gray+phase", 48, 80)
+    windows, screens, indices = [], [], []
+    with PatternWindow(shown, monitor=0 if mode == "full-screen" else None) as window:
+        for _ in range(3):
+            indices.append(window.step())
+            windows.append(window.read())
+            screens.append(screen(folder))
+    sizes = [(monitor.rows, monitor.cols) for monitor in found]
+    np.savez(out, windows=windows, screens=screens, indices=indices, monitors=sizes, expected=shown.render()[:3])
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3])

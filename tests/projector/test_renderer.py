@@ -1,0 +1,61 @@
+"""Frames drawn by OpenGL are NumPy's, bit for bit."""
+
+import moderngl
+import numpy as np
+import pytest
+
+from optolever.patterns import Frame, Sequence, sequence, sequence_names
+from optolever.projector import PatternRenderer, render
+
+KINDS = Sequence(
+    (
+        Frame("white"),
+        Frame("black"),
+        Frame("uniform", level=77),
+        Frame("stripe", "u", width_px=9.5, at_u=20.25),
+        Frame("stripe", "uv", width_px=30.0, at_u=20.0, at_v=11.0),
+        Frame("gray", "v", bit=3, inverted=True),
+        Frame("binary", "u", bit=0),
+        Frame("xor-gray", "v", bit=2, cell_px=1.5),
+        Frame("phase", "u", period_px=7.3, shift=1.1),
+        Frame("phase", "v", period_px=100.0, shift=0.2, inverted=True),
+        Frame("crossed", period_px=9.7),
+        Frame("crossed", period_px=9.7, inverted=True),
+        Frame("lattice", period_px=12.5, width_px=2.25),
+        Frame("levels", "u", levels=tuple(range(0, 256, 5))),
+    ),
+    53,
+    131,
+)
+
+
+@pytest.mark.parametrize("name", sequence_names())
+def test_named_sequences_are_bit_equal(gl: moderngl.Context, name: str) -> None:
+    shown = sequence(name, 61, 97)
+    np.testing.assert_array_equal(render(shown), shown.render())
+
+
+def test_every_kind_is_bit_equal(gl: moderngl.Context) -> None:
+    np.testing.assert_array_equal(render(KINDS), KINDS.render())
+
+
+def test_all_products_and_means_of_levels_round_alike(gl: moderngl.Context) -> None:
+    """A crossed and a lattice frame over tables that meet all kinds of pairs of levels."""
+    for frame in (Frame("crossed", period_px=255.7), Frame("stripe", "uv", width_px=200.0, at_u=100.0, at_v=130.0)):
+        shown = Sequence((frame,), 256, 256)
+        np.testing.assert_array_equal(render(shown), shown.render())
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(1, 1), (1, 7), (5, 1), (3, 4099)])
+def test_odd_sizes(gl: moderngl.Context, rows: int, cols: int) -> None:
+    shown = sequence("phase", rows, cols, periods=5.0)
+    np.testing.assert_array_equal(render(shown), shown.render())
+
+
+def test_frames_come_in_any_order_and_into_given_memory(gl: moderngl.Context) -> None:
+    out = np.zeros((KINDS.rows, KINDS.cols), np.uint8)
+    with PatternRenderer(KINDS) as renderer:
+        assert len(renderer) == len(KINDS)
+        for index in (8, 3, 8, 0):
+            assert renderer.frame(index, out) is out
+            np.testing.assert_array_equal(out, KINDS.render_frame(index))
