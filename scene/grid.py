@@ -69,7 +69,7 @@ class Grid(Record):
 
 
 def _prefilter(z: Float) -> Float:
-    """Coefficients (n, m) -> (n + 2, m) of columns: (c[-1] + 4 c[0] + c[1])/6 = z, 4th difference 0 at the end."""
+    """Coefficients (n, m) -> (n + 2, m): (c[-1] + 4 c[0] + c[1])/6 = z, 4th difference 0 at ends."""
     n = len(z) + 2
     bands = np.zeros((9, n))  # row 4 + i - j holds the matrix element (i, j)
     bands[5, :-2], bands[4, 1:-1], bands[3, 2:] = 1 / 6, 4 / 6, 1 / 6

@@ -21,9 +21,10 @@ _MOST_SAMPLES = 2048
 _SLOPE_MARGIN = 1.25
 _DEPTH_MARGIN = 0.1  # of the mirror's length
 _STEPS = 100  # of Newton or bisection; the bracket is exhausted after about 60
-_NEARLY = 1e-9  # of the mirror's length: a Newton step this short is followed by no other, being quadratic
+_EXHAUSTED = 1e-15  # of the distance: a bracket this narrow holds no other number
+_NEARLY = 1e-12  # of the mirror's length: a Newton step this short is followed by no other
 _MARCH = 4096  # shortest marching steps that cross the mirror
-_INSIDE = 1e-9  # of the mirror's length: a ray this far below the surface has met it
+_INSIDE = 1e-9  # of the mirror's length: what counts as on the surface; marching rays meet it deeper
 
 Bool = NDArray[np.bool_]
 
@@ -61,8 +62,8 @@ def first_meeting(origins: Float, directions: Float, surface: Surface, bounds: B
     t = np.full_like(low, np.nan)
     able = np.flatnonzero((low < high) & (directions[2] < 0))
     o, d, low, high = origins[:, able], directions[:, able], low[able], high[able]
-    above = _clearance(o, d, surface, low) >= 0
-    crosses = above & (_clearance(o, d, surface, high) <= 0)
+    above = ~(_clearance(o, d, surface, low) < 0)  # NaN, where the surface has a hole, is above
+    crosses = above & ~(_clearance(o, d, surface, high) > 0)
     wanders = above & ~_is_steady(d, bounds, -1.0)
     if wanders.any():
         bracket = _march(o[:, wanders], d[:, wanders], surface, bounds, low[wanders], high[wanders])
@@ -111,31 +112,32 @@ def _clearance(origins: Float, directions: Float, surface: Surface, t: Float) ->
 
 
 def _newton(o: Float, d: Float, surface: Surface, bounds: Bounds, low: Float, high: Float) -> Float:
-    """Crossing of F between low (F >= 0) and high (F <= 0), to machine precision."""
-    result = np.empty_like(low)
+    """Crossing of F between low (F >= 0) and high (F <= 0), to machine precision; NaN where F jumps."""
+    result = np.full_like(low, np.nan)
     near = _NEARLY * bounds.mirror.length
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t = np.clip(-o[2] / d[2], low, high)  # where the resting mirror is
+    t = np.clip(-o[2] / d[2], low, high)  # where the resting mirror is
     left = np.arange(t.size)
     for _ in range(_STEPS):
-        if not left.size:
-            break
         x, y, z = o + t * d
         f = z - surface.height(x, y)
         slope_x, slope_y = surface.gradient(x, y)
-        low, high = np.where(f >= 0, t, low), np.where(f <= 0, t, high)
+        below = f < 0
+        low, high = np.where(below, low, t), np.where(below | (f == 0), t, high)
         with np.errstate(divide="ignore", invalid="ignore"):
             newton = t - f / (d[2] - slope_x * d[0] - slope_y * d[1])
         inside = (newton >= low) & (newton <= high)
-        moved = np.where(inside, newton, 0.5 * (low + high))
-        done = (inside & (np.abs(moved - t) <= near)) | (f == 0) | (high - low <= 1e-15 * np.abs(high))
-        t = np.where(f == 0, t, moved)
+        arrived = inside & (np.abs(newton - t) <= near)
+        done = arrived | (high - low <= _EXHAUSTED * high)
+        t = np.where(inside, newton, 0.5 * (low + high))
+        found = arrived | (
+            np.abs(f) <= _INSIDE * bounds.mirror.length
+        )  # else the bracket closed on a step of the surface, not on the surface
+        result[left[done & found]] = t[done & found]
+        left, t, low, high = left[~done], t[~done], low[~done], high[~done]
+        if not left.size:
+            break
         if done.any():
-            result[left[done]] = t[done]
-            keep = ~done
-            left, t, low, high = left[keep], t[keep], low[keep], high[keep]
-            o, d = o[:, keep], d[:, keep]
-    result[left] = t
+            o, d = o[:, ~done], d[:, ~done]
     return result
 
 

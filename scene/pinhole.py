@@ -7,7 +7,7 @@ import numpy as np
 from optolever import InputError
 
 from .face import Face
-from .pose import rotation_from_axes
+from .pose import rotate, rotation_from_axes
 from .record import Float, Record, freeze, integer, orthonormal, positive, vector
 
 __all__ = ["PinholeCamera", "distort", "undistort"]
@@ -58,8 +58,7 @@ class PinholeCamera(Record):
         row, col = np.broadcast_arrays(np.asarray(row, np.float64), np.asarray(col, np.float64))
         x, y = self._normalised(row, col)
         local = np.stack([x, y, np.ones_like(x)], axis=-1)
-        directions = local @ self.rotation.T
-        directions /= np.sqrt(x * x + y * y + 1)[..., None]
+        directions = rotate(self.rotation, local / np.sqrt(x * x + y * y + 1)[..., None])
         origins = np.broadcast_to(self.origin, directions.shape)
         return (origins, directions) if self.face is None else self.face.cross(origins, directions)
 

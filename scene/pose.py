@@ -10,13 +10,19 @@ from optolever import InputError
 
 from .record import Float
 
-__all__ = ["look_at", "rotation_from_axes", "rotation_from_vector", "transform"]
+__all__ = ["look_at", "rotate", "rotation_from_axes", "rotation_from_vector", "transform"]
 
 
 def transform(rotation: Float, origin: Float, points: Float) -> Float:
     """x_A = R_AB x_B + origin of B in A: points (..., 3) in frame B to frame A."""
-    moved: Float = points @ rotation.T + origin
-    return moved
+    return rotate(rotation, points) + origin
+
+
+def rotate(rotation: Float, vectors: Float) -> Float:
+    """R_AB x_B of vectors (..., 3). Products, not a BLAS call: the same to the last bit for any shape."""
+    x, y, z = (vectors[..., k, None] * rotation[:, k] for k in range(3))
+    rotated: Float = x + y + z
+    return rotated
 
 
 def rotation_from_axes(u_axis: Float, v_axis: Float) -> Float:

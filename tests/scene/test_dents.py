@@ -1,0 +1,179 @@
+"""Dents: gradients against differences, rest at the camera's edge, defaults, names, text, motion, relief."""
+
+import cv2
+import numpy as np
+import pytest
+
+from optolever import InputError
+from optolever.scene import Formula, dent, dent_from_text, dent_names, load, moving_dent, resize, trace
+
+NAMES = tuple(name for name in dent_names() if name != "relief")
+PRESETS = ("paper-simulation", "prism48", "monitor-mirror")
+
+
+@pytest.fixture(params=PRESETS)
+def scene(request):
+    return load(request.param)
+
+
+@pytest.fixture
+def picture(tmp_path):
+    """A white disc, left of the middle, in the upper half of a black image."""
+    image = np.zeros((200, 300), np.uint8)
+    cv2.circle(image, (100, 60), 30, 255, -1)
+    cv2.imwrite(str(tmp_path / "disc.png"), image)
+    return tmp_path / "disc.png"
+
+
+def points(scene, count=2000, seed=3):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(0, scene.mirror.length, count), rng.uniform(0, scene.mirror.width, count)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_gradient_is_the_height_s_derivative(name, scene):
+    surface = dent(name, scene)
+    x, y = points(scene)
+    step = 1e-5 * scene.mirror.length
+    peak = max(1e-3, np.abs(surface.height(x, y)).max())
+    r = np.hypot(x - scene.mirror.length / 2, y - scene.mirror.width / 2)
+    rim = (
+        20 / 163.7 * min(scene.mirror.length, scene.mirror.width)
+    )  # the ball's: infinite curvature outside it
+    away = (r > 0.01 * scene.mirror.width) & ((name != "ball") | (np.abs(r - rim) > 0.05 * rim))
+    for k, (dx, dy) in enumerate(((step, 0), (0, step))):
+        near = surface.height(x + dx, y + dy) - surface.height(x - dx, y - dy)
+        far = surface.height(x + 2 * dx, y + 2 * dy) - surface.height(x - 2 * dx, y - 2 * dy)
+        numeric = (8 * near - far) / (12 * step)
+        error = np.abs(surface.gradient(x, y)[k] - numeric)[away]
+        assert error.max() < 2e-9 * peak
+
+
+@pytest.mark.parametrize("name", dent_names())
+def test_rest_at_the_cameras_edge(name, scene, picture):
+    """Height and slope are zero at x = L0, where a reconstruction takes its anchor; tilt's height only."""
+    surface = dent(name, scene, **({"path": str(picture)} if name == "relief" else {}))
+    y = np.linspace(0, scene.mirror.width, 50)
+    x = np.full_like(y, scene.mirror.length)
+    limit = 1e-9 if name == "relief" else 1e-14
+    assert np.abs(surface.height(x, y)).max() < limit
+    if name != "tilt":
+        assert np.abs(surface.gradient(x, y)).max() < limit
+
+
+@pytest.mark.parametrize("name", [n for n in NAMES if n not in ("flat", "tilt")])
+def test_default_peak_is_the_papers_scaled_to_the_mirror(name, scene):
+    surface = dent(name, scene)
+    top = surface.height(np.array(scene.mirror.length / 2), np.array(scene.mirror.width / 2))
+    side = min(scene.mirror.length, scene.mirror.width)
+    assert top == pytest.approx(1.3 * side / 163.7, rel=1e-12)
+
+
+def test_raised_cosine_is_the_designs_formula():
+    scene = load("paper-simulation")
+    x, y = points(scene)
+    k = 2 * np.pi / 163.7
+    expected = 1.3 / 4 * (1 - np.cos(k * x)) * (1 - np.cos(k * y))
+    assert np.abs(dent("raised-cosine", scene).height(x, y) - expected).max() < 1e-15
+
+
+def test_hertz_contact_profile():
+    """Inside: the ball's paraboloid; at the rim half the depth; far away 4/(3 pi) contact/r."""
+    scene = load("paper-simulation")
+    surface = dent("ball", scene, peak=0.5, radius=50.0, x=60.0, y=80.0)
+    contact = 5.0
+    r = np.array([0.0, 2.0, 4.9999999, 5.0, 5.0000001, 60.0])
+    h = surface.height(60.0 + 0 * r, 80.0 + r)
+    assert h[:3] == pytest.approx(0.5 - r[:3] ** 2 / 100, abs=1e-9)
+    assert h[3] == pytest.approx(0.25, abs=1e-14)
+    assert h[5] == pytest.approx(0.5 * 4 / (3 * np.pi) * contact / 60, rel=2e-3)
+    slope = surface.gradient(60.0 + 0 * r, 80.0 + r)[1]
+    assert slope[2] == pytest.approx(slope[4], abs=1e-4)  # the slope leaves the rim like a root
+    assert slope[2] == pytest.approx(-0.1, abs=1e-5)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_formula_is_complete(name, scene):
+    """All that GLSL needs: name and plain finite floats; the form gives the same height from them."""
+    from optolever.scene.forms import FORMS
+
+    surface = dent(name, scene)
+    assert isinstance(surface.formula, Formula)
+    assert surface.formula.name == name
+    assert all(type(v) is float and np.isfinite(v) for v in surface.formula.params.values())
+    x, y = points(scene, 10)
+    again = FORMS[name](x, y, **surface.formula.params)[0]
+    assert np.array_equal(again, surface.height(x, y))
+    assert surface.grid is None
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_shapes_broadcast(name, scene):
+    surface = dent(name, scene)
+    x, y = np.linspace(0, 10, 4), np.linspace(0, 10, 3)[:, None]
+    assert np.broadcast_to(surface.height(x, y), (3, 4)).shape == (3, 4)
+    assert all(np.broadcast_to(g, (3, 4)).shape == (3, 4) for g in surface.gradient(x, y))
+
+
+def test_text_means_the_same_as_the_call(scene):
+    x, y = points(scene, 20)
+    one, two = (
+        dent_from_text("gaussian:peak=0.4, sigma=7,x=30", scene),
+        dent("gaussian", scene, peak=0.4, sigma=7.0, x=30.0),
+    )
+    assert one.formula == two.formula
+    assert np.array_equal(one.height(x, y), two.height(x, y))
+    assert dent_from_text("flat", scene).formula == Formula("flat", {})
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("bump", r"dent 'bump': unknown, must be one of flat, tilt, raised-cosine"),
+        ("gaussian:depth=1", r"unknown parameter 'depth': must be one of peak, x, y, sigma"),
+        ("flat:peak=1", r"unknown parameter 'peak': must be one of \(none\)"),
+        ("gaussian:peak=deep", r"peak = 'deep': must be a number"),
+        ("gaussian:peak", r"'peak' must read parameter=value"),
+        ("gaussian:peak=1,peak=2", r"'peak' is given twice"),
+        ("gaussian:peak=nan", r"peak = nan: must be finite"),
+        ("gaussian:sigma=0", r"sigma = 0\.0: must be greater than 0"),
+        ("ball:peak=-1", r"peak = -1\.0: must be greater than 0"),
+        ("needle:decay=-3", r"decay = -3\.0: must be greater than 0"),
+        ("relief", r"'path' is missing"),
+        ("relief:path=/nowhere.png", r"/nowhere\.png: no such file"),
+        ("relief:smooth=-1,path=x", r"smooth.* = -1\.0: must be at least 0"),
+    ],
+)
+def test_bad_dents_end_in_one_line(text, message):
+    with pytest.raises(InputError, match=message) as caught:
+        dent_from_text(text, load("prism48"))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_dent_that_moves(scene):
+    at = moving_dent("gaussian", scene, {"x": 4.0, "peak": 0.1}, x=20.0, peak=0.5)
+    assert at(0.0).formula == dent("gaussian", scene, x=20.0, peak=0.5).formula
+    assert at(2.0).formula == dent("gaussian", scene, x=28.0, peak=0.7).formula
+    with pytest.raises(InputError, match="unknown rate 'z': must be one of peak, x, y, sigma"):
+        moving_dent("gaussian", scene, {"z": 1.0})
+
+
+def test_relief_has_the_images_shape(picture):
+    """Columns along x, rows along y, white = peak: the disc's top, and its place on the mirror."""
+    scene = load("prism48")
+    surface = dent("relief", scene, path=str(picture), peak=0.4, smooth=0.3)
+    x, y = 100.5 / 300 * 60, 60.5 / 200 * 45
+    assert surface.height(np.array(x), np.array(y)) == pytest.approx(0.4, rel=2e-3)
+    assert abs(surface.height(np.array(60 - x), np.array(y))) < 1e-3
+    assert abs(surface.height(np.array(x), np.array(45 - y))) < 1e-3
+    assert surface.grid is not None
+    small = resize(scene, 40, 50)
+    assert trace(small, surface).visible.mean() > 0.5
+
+
+def test_a_file_that_is_no_image(tmp_path):
+    scene = load("prism48")
+    for name, content in (("empty.png", b""), ("text.png", b"no image")):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(InputError, match=rf"{name}: is no image"):
+            dent("relief", scene, path=str(tmp_path / name))

@@ -1,0 +1,90 @@
+"""Fresnel reflectance and total reflection against textbook values and the figures of the design."""
+
+import math
+
+import numpy as np
+import pytest
+
+from optolever import InputError
+from optolever.scene import Display, Medium, Sensor, dent, load, resize, trace
+
+
+def at(medium, degrees):
+    return float(medium.reflectance(np.cos(np.radians(degrees))))
+
+
+def test_textbook_values():
+    glass = Medium(1.0, outside=1.5)
+    assert at(glass, 0) == pytest.approx(0.04, abs=1e-12)
+    assert at(Medium(1.5), 0) == pytest.approx(0.04, abs=1e-12)
+    brewster = math.degrees(math.atan(1.5))
+    r_s = math.sin(math.radians(2 * brewster - 90)) ** 2  # at Brewster's angle only R_s is left: sin^2(i - t)
+    assert at(glass, brewster) == pytest.approx(0.5 * r_s, abs=1e-12)
+    assert at(glass, 90) == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("degrees", [5.0, 20.0, 33.0, 41.0])
+def test_against_the_sine_and_tangent_form(degrees):
+    i = math.radians(degrees)
+    t = math.asin(1.41 * math.sin(i))
+    expected = 0.5 * ((math.sin(i - t) / math.sin(i + t)) ** 2 + (math.tan(i - t) / math.tan(i + t)) ** 2)
+    assert at(Medium(1.41), degrees) == pytest.approx(expected, abs=1e-14)
+
+
+def test_silicone_at_45_degrees_just_misses_total_reflection():
+    silicone = Medium(1.41)
+    assert math.degrees(silicone.critical_angle) == pytest.approx(45.17, abs=0.005)
+    assert at(silicone, 45) == pytest.approx(0.64, abs=0.005)
+    assert at(silicone, 43) == pytest.approx(0.22, abs=0.005)
+    assert at(silicone, 45.2) == 1.0
+
+
+@pytest.mark.parametrize(("angle", "slope"), [(48.0, 2.8), (50.0, 4.8)])
+def test_steeper_prisms_keep_total_reflection(angle, slope):
+    margin = angle - math.degrees(Medium(1.41).critical_angle)
+    assert margin == pytest.approx(slope, abs=0.05)
+    assert at(Medium(1.41), angle - margin + 0.01) == 1.0
+    assert at(Medium(1.41), angle - margin - 0.01) < 1.0
+
+
+def test_shapes_nan_and_no_boundary():
+    medium = Medium(1.41)
+    cosines = np.array([[0.2, np.nan], [0.9, 1.0]])
+    reflected = medium.reflectance(cosines)
+    assert reflected.shape == (2, 2)
+    assert np.isnan(reflected[0, 1])
+    assert np.isfinite(reflected).sum() == 3
+    assert Medium(1.0).critical_angle == pytest.approx(math.pi / 2)
+    assert at(Medium(1.0), 30) == 0.0
+
+
+def test_half_of_a_dent_at_45_degrees_loses_total_reflection():
+    scene = resize(load("paper-simulation"), 60, 60)
+    seen = trace(scene, dent("raised-cosine", scene))
+    share = (Medium(1.41).reflectance(np.cos(seen.incidence)) < 1)[seen.visible].mean()
+    assert 0.4 < share < 0.7
+
+
+def test_display_and_sensor_curves():
+    display = Display(gamma=2.2, black=0.01)
+    assert np.allclose(display.light(np.array([0, 255])), [0.01, 1.0])
+    assert display.light(np.array(127.5)) == pytest.approx(0.01 + 0.99 * 0.5**2.2)
+    assert np.allclose(Sensor().levels(np.array([0.0, 0.5, 1.0])), [0, 127.5, 255])
+    assert Sensor(gamma=2.0, exposure=0.5, offset=3.0).levels(np.array(0.5)) == pytest.approx(3 + 255 * 0.5)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Medium(0.0), r"medium\.index = 0\.0: must be greater than 0"),
+        (lambda: Medium(float("nan")), r"medium\.index = nan: must be finite"),
+        (lambda: Display(gamma=-1), r"display\.gamma = -1: must be greater than 0"),
+        (lambda: Display(black=1.0), r"display\.black = 1\.0: must be less than 1"),
+        (lambda: Sensor(bits=4), r"sensor\.bits = 4: must be 8 to 16"),
+        (lambda: Sensor(noise=-0.1), r"sensor\.noise = -0\.1: must be at least 0"),
+        (lambda: Sensor(shutter_s=1.0), r"sensor\.shutter_s = 1: must be at most frame_s"),
+    ],
+)
+def test_values_out_of_range(make, message):
+    with pytest.raises(InputError, match=message):
+        make()

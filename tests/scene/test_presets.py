@@ -1,0 +1,106 @@
+"""The scenes on board are what the design says, and show what they should at rest."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from optolever.scene import PinholeCamera, dent, dent_from_text, load, preset_names, resize, trace
+
+ALL = ("monitor-mirror", "paper-prototype", "paper-simulation", "prism48")
+
+
+def test_their_names():
+    assert preset_names() == ALL
+    assert all(load(name).name == name for name in ALL)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_every_pixel_sees_the_pattern_at_rest(name):
+    """At the preset's own size, but for rows in between: the image's whole border is in."""
+    scene = load(name)
+    small = resize(scene, 101, 127)
+    assert trace(small, dent("flat", small)).visible.all()
+    rows, cols = scene.camera.rows, scene.camera.cols
+    r, c = np.arange(rows, dtype=float), np.arange(cols, dtype=float)
+    border = [(0.0, c), (rows - 1.0, c), (r, 0.0), (r, cols - 1.0)]
+    for row, col in border:
+        o, d = scene.camera.rays_at(row, col)
+        hit = o - (o[:, 2] / d[:, 2])[:, None] * d
+        assert (hit[:, 0] > 0).all() & (hit[:, 0] < scene.mirror.length).all()
+        assert (hit[:, 1] > 0).all() & (hit[:, 1] < scene.mirror.width).all()
+        out = d * [1, 1, -1]
+        p = scene.pattern
+        s = ((p.origin - hit) @ p.normal) / (out @ p.normal)
+        u, v = p.coordinates(hit + s[:, None] * out)
+        assert (s > 0).all()
+        assert (u >= -0.5).all() & (u <= p.cols - 0.5).all() & (v >= -0.5).all() & (v <= p.rows - 0.5).all()
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_presets_dent_is_seen_and_does_not_fold_the_image(name):
+    scene = resize(load(name), 90, 110)
+    assert scene.dent is not None
+    seen = trace(scene, dent_from_text(scene.dent, scene))
+    assert seen.visible.mean() > 0.97
+    du, dv = (np.gradient(a) for a in (seen.u, seen.v))
+    turn = du[1] * dv[0] - du[0] * dv[1]
+    rest = trace(scene, dent("flat", scene))
+    still = np.gradient(rest.u)[1] * np.gradient(rest.v)[0] - np.gradient(rest.u)[0] * np.gradient(rest.v)[1]
+    inner = np.isfinite(turn)
+    assert (np.sign(turn[inner]) == np.sign(still[inner])).all()
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_column_0_is_at_the_cameras_edge(name):
+    """Where the default anchor is: its pixels look at x = L0, or at most 0.2 % of the length away."""
+    scene = load(name)
+    o, d = scene.camera.rays_at(np.linspace(0, scene.camera.rows - 1, 50), -0.5)
+    x = o[:, 0] - o[:, 2] / d[:, 2] * d[:, 0]
+    assert (x <= scene.mirror.length * (1 + 1e-12)).all()
+    assert (x >= 0.998 * scene.mirror.length).all()
+
+
+def test_paper_simulation_is_as_fixed():
+    scene = load("paper-simulation")
+    camera, pattern = scene.camera, scene.pattern
+    assert (camera.rows, camera.cols, pattern.rows, pattern.cols) == (1637, 1637, 1637, 1158)
+    assert np.array_equal(camera.pitch, [0.1 / math.sqrt(2), 0.1])
+    assert (pattern.pitch, pattern.blur_px) == (0.1, 0.5)
+    assert (scene.mirror.length, scene.mirror.width) == (163.7, 163.7)
+    assert (scene.medium, scene.display, scene.sensor) == (None, None, None)
+    small = replace(scene, camera=replace(camera, rows=1))
+    rest = trace(small, dent("flat", small))
+    assert np.allclose(rest.incidence, math.pi / 4, atol=1e-15)
+    assert np.allclose(rest.x[0], 163.7 - 0.1 * (np.arange(1637) + 0.5), atol=1e-10, rtol=0)
+
+
+def test_paper_prototype_shows_sixteen_lattice_lines():
+    scene = load("paper-prototype")
+    assert (scene.camera.rows, scene.camera.cols) == (625, 392)
+    assert np.array_equal(scene.camera.pitch, [0.1, 0.1])
+    small = replace(scene, camera=replace(scene.camera, rows=1))
+    rest = trace(small, dent("flat", small))
+    lines = 25 + 50 * np.arange(40) - 0.5  # 2.5 mm apart, the first at half of that
+    assert np.count_nonzero((lines > rest.u.min()) & (lines < rest.u.max())) == 16
+    assert scene.medium is not None
+    assert scene.dent == "gaussian:peak=0.2,sigma=5"
+
+
+def test_prism48_keeps_total_reflection_for_its_dent():
+    scene = resize(load("prism48"), 90, 120)
+    assert scene.dent is not None
+    assert scene.medium is not None
+    seen = trace(scene, dent_from_text(scene.dent, scene))
+    assert (scene.medium.reflectance(np.cos(seen.incidence[seen.visible])) == 1).all()
+    rest = trace(scene, dent("flat", scene))
+    assert np.degrees(rest.incidence) == pytest.approx(48, abs=1e-9)
+
+
+def test_monitor_mirror_is_an_open_air_rig():
+    scene = load("monitor-mirror")
+    assert isinstance(scene.camera, PinholeCamera)
+    assert scene.camera.distortion.any()
+    assert scene.medium is None
+    assert 500 < scene.pattern.cols * scene.pattern.pitch < 600

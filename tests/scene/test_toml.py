@@ -1,0 +1,221 @@
+"""Scenes in TOML: the smallest one, round trips, and one line for every way to get it wrong."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from optolever import InputError
+from optolever.scene import (
+    Display,
+    Face,
+    Medium,
+    PinholeCamera,
+    Sensor,
+    TelecentricCamera,
+    dent,
+    load,
+    preset_names,
+    resize,
+    trace,
+)
+
+MINIMAL = """\
+[mirror]
+size_mm = [60, 45]
+[pattern]
+angle_deg = 45
+size = [425, 450]
+pitch_mm = 0.1
+[camera]
+angle_deg = 45
+size = [100, 75]
+pitch_mm = [0.42, 0.6]
+"""
+RIG = """\
+name = "rig"
+[mirror]
+size_mm = [60, 45]
+[pattern]
+size = [425, 450]
+pitch_mm = 0.1
+origin_mm = [1, 2, 3]
+u_axis = [0.6, 0, 0.8]
+v_axis = [0, 2, 0]
+[camera]
+kind = "pinhole"
+size = [100, 75]
+focal_px = [110, 120]
+distortion = [0.1, 0, 0, 0, 0]
+position_mm = [10, 20, 300]
+look_at_mm = [30, 20, 0]
+"""
+
+
+@pytest.fixture
+def read(tmp_path):
+    """load, of a text."""
+
+    def reader(text):
+        (tmp_path / "s.toml").write_text(text)
+        return load(tmp_path / "s.toml")
+
+    return reader
+
+
+def test_the_smallest_scene_is_small_and_works(read):
+    assert len(MINIMAL.splitlines()) <= 12
+    scene = read(MINIMAL)
+    assert (scene.name, scene.medium, scene.display, scene.sensor, scene.dent) == (
+        "s",
+        None,
+        None,
+        None,
+        None,
+    )
+    assert scene.pattern.blur_px == 0
+    assert trace(scene, dent("flat", scene)).visible.mean() > 0.95
+
+
+def test_prism_shorthand_is_the_paper_s_geometry(read):
+    scene = read(MINIMAL.replace("angle_deg = 45\nsize = [425", "angle_deg = 50\nsize = [425"))
+    a = math.radians(50)
+    assert np.allclose(scene.pattern.point(-0.5, -0.5), 0, atol=1e-15)
+    assert np.allclose(scene.pattern.point(9.5, -0.5), [math.cos(a), 0, math.sin(a)], atol=1e-14, rtol=0)
+    assert np.allclose(scene.pattern.point(-0.5, 9.5), [0, 1, 0], atol=1e-14, rtol=0)
+    assert isinstance(scene.camera, TelecentricCamera)
+    assert np.allclose(scene.camera.rays_at(-0.5, -0.5)[0], [60, 0, 0], atol=1e-14, rtol=0)
+
+
+def test_pinhole_looks_at_its_target(read):
+    camera = read(RIG).camera
+    assert isinstance(camera, PinholeCamera)
+    origin, direction = camera.rays_at(37.0, 49.5)
+    assert np.allclose(origin, [10, 20, 300])
+    assert np.allclose(direction, np.array([20, 0, -300]) / math.hypot(20, 300), atol=1e-15, rtol=0)
+    lower = camera.rays_at(38.0, 49.5)[1] - direction
+    assert np.allclose(lower[[0, 2]], 0, atol=1e-4)
+    assert lower[1] > 0  # rows run along +y
+
+
+def test_rotation_vectors_turn_the_mirrors_axes(read):
+    turned = RIG.replace("look_at_mm = [30, 20, 0]", "rotation_deg = [180, 0, 0]")
+    assert np.allclose(read(turned).camera.rays_at(37.0, 49.5)[1], [0, 0, -1], atol=1e-15)
+    quarter = RIG.replace("u_axis = [0.6, 0, 0.8]\nv_axis = [0, 2, 0]", "rotation_deg = [0, 0, 90]")
+    assert np.allclose(read(quarter).pattern.u_axis, [0, 1, 0], atol=1e-15)
+    assert np.allclose(read(quarter).pattern.v_axis, [-1, 0, 0], atol=1e-15)
+
+
+def variants():
+    plain, rig = load("prism48"), load("monitor-mirror")
+    face = Face((100, 50, 200), (0.1, 0.2, -1), 1.41, 1.1)
+    yield from (load(name) for name in preset_names())
+    yield resize(load("paper-simulation"), 123, 321)
+    yield replace(rig, camera=replace(rig.camera, face=face), name='with "quotes" and é')
+    yield replace(
+        plain, display=Display(2.2, 0.01), sensor=Sensor(bits=12, noise=0.7, gain_e=40, flicker=0.1)
+    )
+    yield replace(plain, medium=Medium(1.5, 1.33), dent=None)
+
+
+@pytest.mark.parametrize("scene", list(variants()), ids=lambda s: s.name.split()[0])
+def test_what_is_saved_loads_back_equal(scene, tmp_path):
+    path = tmp_path / "scene.toml"
+    scene.save(path)
+    assert load(path) == scene
+    assert [entry.name for entry in tmp_path.iterdir()] == ["scene.toml"]
+    load(path).save(tmp_path / "again.toml")
+    assert (tmp_path / "again.toml").read_text() == path.read_text()
+
+
+def test_face_takes_the_mediums_index(read):
+    face = "[camera.face]\npoint_mm = [50, 0, 10]\nnormal = [1, 0, 1]\n"
+    scene = read(MINIMAL + face + "[medium]\nindex = 1.4\n")
+    assert scene.camera.face == Face((50, 0, 10), (1, 0, 1), 1.4)
+    with pytest.raises(InputError, match=r"camera\.face\.index is missing"):
+        read(MINIMAL + face)
+
+
+BAD = [
+    ("", r"mirror is missing, must be given"),
+    ("x", r"not readable as TOML"),
+    (MINIMAL.replace("size_mm", "size"), r"mirror\.size_mm is missing"),
+    (MINIMAL + "colour = 1\n", r"camera\.colour is unknown, must be one of kind, size, pitch_mm"),
+    (MINIMAL + "[light]\n", r"light is unknown, must be one of name, dent, mirror"),
+    (MINIMAL.replace("[60, 45]", "[60]"), r"mirror\.size_mm = \[60\]: must be 2 numbers"),
+    (MINIMAL.replace("[60, 45]", "'60'"), r"mirror\.size_mm = '60': must be 2 numbers"),
+    (MINIMAL.replace("[60, 45]", "[60, 0]"), r"mirror\.size_mm = 0\.0: must be greater than 0"),
+    (MINIMAL.replace("[60, 45]", "[60, nan]"), r"mirror\.size_mm = nan: must be finite"),
+    (MINIMAL.replace("[60, 45]", "[inf, 45]"), r"mirror\.size_mm = inf: must be finite"),
+    (MINIMAL.replace("[60, 45]", "[true, 45]"), r"mirror\.size_mm = True: must be a number"),
+    (
+        MINIMAL.replace("pitch_mm = 0.1", "pitch_mm = -0.1"),
+        r"pattern\.pitch_mm = -0\.1: must be greater than 0",
+    ),
+    (MINIMAL.replace("pitch_mm = 0.1", "pitch_mm = '0.1'"), r"pattern\.pitch_mm = '0\.1': must be a number"),
+    (MINIMAL.replace("[425, 450]", "[425.5, 450]"), r"pattern\.size = 425\.5: must be a whole number"),
+    (MINIMAL.replace("[425, 450]", "[0, 450]"), r"pattern\.size = 0: must be 1 to 65536"),
+    (MINIMAL.replace("[425, 450]", "425"), r"pattern\.size = 425: must be \[columns, rows\]"),
+    (MINIMAL.replace("angle_deg = 45", "angle_deg = 90"), r"pattern\.angle_deg = 90: must be less than 90"),
+    (MINIMAL.replace("angle_deg = 45", "angle_deg = 0"), r"pattern\.angle_deg = 0: must be greater than 0"),
+    (
+        MINIMAL.replace("[pattern]", "[pattern]\norigin_mm = [0, 0, 0]"),
+        r"pattern\.origin_mm is unknown.*excludes",
+    ),
+    (MINIMAL.replace("[pattern]", "[pattern]\nblur_px = -1"), r"pattern\.blur_px = -1: must be at least 0"),
+    (MINIMAL.replace("[camera]", "[camera]\nkind = 'fisheye'"), r"camera\.kind = 'fisheye': must be 'tele"),
+    (MINIMAL.replace("[camera]", "[camera]\nkind = 3"), r"camera\.kind = 3: must be a text"),
+    (MINIMAL.replace("[camera]", "[camera]\nfocal_px = 3"), r"camera\.focal_px is unknown"),
+    (MINIMAL.replace("[camera]", "camera = 3\n[x]"), r"pattern\.camera is unknown"),
+    ("mirror = 3", r"mirror = 3: must be a table"),
+    (MINIMAL + "[medium]\n", r"medium\.index is missing"),
+    (MINIMAL + "[medium]\nindex = 0\n", r"medium\.index = 0: must be greater than 0"),
+    (MINIMAL + "[medium]\nindex = 1.4\nabsorption = 1\n", r"medium\.absorption is unknown"),
+    (MINIMAL + "[display]\ngamma = nan\n", r"display\.gamma = nan: must be finite"),
+    (MINIMAL + "[display]\nblack = 1.5\n", r"display\.black = 1\.5: must be less than 1"),
+    (MINIMAL + "[sensor]\nbits = 7\n", r"sensor\.bits = 7: must be 8 to 16"),
+    (MINIMAL + "[sensor]\nnoise = 'loud'\n", r"sensor\.noise = 'loud': must be a number"),
+    (MINIMAL + "[sensor]\niso = 100\n", r"sensor\.iso is unknown, must be one of bits, noise"),
+    ("dent = 'hole'\n" + MINIMAL, r"dent 'hole': unknown, must be one of flat"),
+    ("name = ''\n" + MINIMAL, r"name = '': must be a text that is not empty"),
+    (RIG.replace("v_axis = [0, 2, 0]", "v_axis = [1, 0, 0]"), r"pattern\.v_axis = .*perpendicular to u_axis"),
+    (RIG.replace("v_axis = [0, 2, 0]", "v_axis = [0, 0, 0]"), r"pattern\.v_axis = .*must not be zero"),
+    (RIG.replace("v_axis = [0, 2, 0]\n", ""), r"pattern\.v_axis is missing"),
+    (
+        RIG.replace("look_at_mm = [30, 20, 0]", "look_at_mm = [10, 20, 300]"),
+        r"camera\.look_at_mm = .*must differ",
+    ),
+    (RIG + "row_axis = [20, 0, -300]\n", r"camera\.row_axis = .*must not be parallel"),
+    (RIG.replace("[0.1, 0, 0, 0, 0]", "[0.1]"), r"camera\.distortion = \[0\.1\]: must be 5 numbers"),
+    (RIG.replace("[0.1, 0, 0, 0, 0]", "[-9, 0, 0, 0, 0]"), r"camera\.distortion = .*folds the image"),
+    (RIG.replace("[110, 120]", "0"), r"camera\.focal_px = 0\.0: must be greater than 0"),
+    (RIG.replace("look_at_mm = [30, 20, 0]\n", ""), r"camera\.u_axis is missing"),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), BAD)
+def test_every_mistake_ends_in_one_line_with_the_file(text, message, read):
+    with pytest.raises(InputError, match=message) as caught:
+        read(text)
+    assert "s.toml: " in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_not_there_or_no_text(tmp_path):
+    with pytest.raises(
+        InputError, match=r"scene 'paper': no such file, and no preset \(presets: monitor-mirror"
+    ):
+        load("paper")
+    with pytest.raises(InputError, match="no such file"):
+        load(tmp_path)
+    (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match=r"b\.toml: not readable as TOML"):
+        load(tmp_path / "b.toml")
+
+
+def test_nothing_is_half_written(tmp_path):
+    scene = load("prism48")
+    with pytest.raises(InputError, match="does not exist"):
+        scene.save(tmp_path / "nowhere" / "s.toml")
+    assert not list(tmp_path.iterdir())
