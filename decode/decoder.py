@@ -14,6 +14,7 @@ from .arrays import FringeArrays, chi_squared_limit, fringe_arrays
 from .cells import add_cell_term
 from .code_kernels import FROM_EXTREMES, FROM_PAIRS, FROM_WHITE_BLACK, code_rows
 from .correspondence import Correspondence
+from .display import correct_display
 from .noise import QUANTISATION, Noise, estimate_noise
 from .phase_kernels import CODE_GUIDED, SEARCHED, SPAN_GUIDED, code_finish_rows, outlier_rows, phase_rows
 from .plan import AxisPlan, Code, Plan, plan
@@ -49,6 +50,7 @@ def decode(
     white_level: float | None = None,
     response: Response | None = None,
     blur_px: float | None = None,
+    on_cells: bool = True,
 ) -> Correspondence:
     """Where on the pattern every camera pixel looks.
 
@@ -58,6 +60,8 @@ def decode(
     white_level  level at which the camera clips; default 255, for uint16 the 10, 12, 14 or 16 bits in use
     response     camera level against shown level, inverted first
     blur_px      rms blur between display and camera, cells; default: estimated (see cells.add_cell_term)
+    on_cells     fringes were shown on the cells of a surface of the sequence's size, as Frame.tables says, dark
+                 around it; what that shifts is taken off (see display, cells). False: ideal cosines
 
     InputError if frames and sequence do not fit or hold values that are not finite.
     """
@@ -82,8 +86,9 @@ def decode(
 
     over_rows(work, height, _BLOCK)
     for axis in wanted.axes:
-        if axis.fringes:
-            add_cell_term(maps[axis.axis][0], maps[axis.axis][1], flags, blur_px)
+        if axis.fringes and on_cells:
+            correct_display(sequence, axis, *maps[axis.axis], blur_px)
+            add_cell_term(*maps[axis.axis], flags, blur_px)
     return Correspondence(
         maps["u"][0], maps["v"][0], maps["u"][1], maps["v"][1], flags, amplitude, offset, order_error
     )

@@ -1,6 +1,9 @@
 """How this part compiles: cached on disk, without the interpreter's lock."""
 
+import hashlib
 from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
 from typing import Any, cast
 
 from numba import njit
@@ -10,6 +13,24 @@ __all__ = ["fast_kernel", "inline_kernel", "kernel"]
 Kernel = Callable[..., Any]
 #: Reorderings that let loops become vector instructions; NaN and infinity keep their meaning.
 _REORDER = {"contract", "reassoc", "nsz", "arcp"}
+
+
+def _forget_stale() -> None:
+    """Drop this folder's cached code if a source changed: numba watches a kernel's own file only."""
+    folder = Path(__file__).parent
+    sources = sorted(folder.glob("*.py"))
+    state = "".join(f"{path.name} {path.stat().st_mtime_ns} {path.stat().st_size};" for path in sources)
+    stamp = folder / "__pycache__" / "kernels.stamp"
+    now = hashlib.sha256(state.encode()).hexdigest()
+    with suppress(OSError):  # a read-only installation has its cache elsewhere, and files that do not change
+        if stamp.exists() and stamp.read_text() == now:
+            return
+        for cached in stamp.parent.glob("*.nb[ic]"):
+            cached.unlink(missing_ok=True)
+        stamp.write_text(now)
+
+
+_forget_stale()
 
 
 def kernel(function: Kernel) -> Kernel:

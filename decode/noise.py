@@ -65,14 +65,19 @@ def estimate_noise(frames: NDArray[Any], lut: NDArray[np.float32], clip: float, 
 
 def _of_fringe(levels: F64, fringe: Fringe, limit: float, zero: NDArray[np.bool_]) -> tuple[F64, F64]:
     own = levels[list(fringe.index)]
-    keep = (own < limit).all(axis=0)
-    # noise cut off at zero looks smaller than it is
-    if np.count_nonzero(keep & ~zero) > 1000:
-        keep &= ~zero
-    own = own[:, keep]
     full = np.linalg.qr(fringe.design(), mode="complete")[0]
+    modulation = np.hypot(*(np.linalg.pinv(fringe.design())[1:] @ own))
+    own = own[:, _usable(np.all(own < limit, axis=0), modulation, zero)]
     residual = full[:, 3:].T @ own
     return np.tile(own.mean(axis=0), len(residual)), residual.ravel()
+
+
+def _usable(keep: NDArray[np.bool_], modulation: F64, zero: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Pixels that see the pattern and hold no zero (noise cut off there looks smaller), if enough do."""
+    for better in (modulation > 0.25 * np.percentile(modulation, 95), ~zero):
+        if np.count_nonzero(keep & better) > 500:
+            keep = keep & better
+    return keep
 
 
 def _of_pairs(levels: F64, code: Code, limit: float, zero: NDArray[np.bool_]) -> list[tuple[F64, F64]]:
@@ -80,9 +85,9 @@ def _of_pairs(levels: F64, code: Code, limit: float, zero: NDArray[np.bool_]) ->
     if np.count_nonzero(both) < 2:
         return []
     first, second = levels[code.plain[both]], levels[code.inverse[both]]
-    keep = ((first < limit) & (second < limit)).all(axis=0)
-    if np.count_nonzero(keep & ~zero) > 1000:
-        keep &= ~zero
+    keep = _usable(
+        np.all((first < limit) & (second < limit), axis=0), np.abs(first - second).max(axis=0), zero
+    )
     sums = (first + second)[:, keep] / np.sqrt(2.0)
     contrasts = np.linalg.qr(np.ones((len(sums), 1)), mode="complete")[0][:, 1:]
     residual = contrasts.T @ sums

@@ -13,12 +13,15 @@ from numpy.typing import NDArray
 
 from .jit import fast_kernel, kernel
 
-__all__ = ["search_tile", "sequential_tile"]
+__all__ = ["MUCH_FINER", "search_tile", "sequential_tile"]
 
 Array = NDArray[Any]
 
 #: Differences of chi squared beyond this are certain: exp(-20) = 2e-9.
 _CERTAIN = 40.0
+#: A period so many times coarser than the next only gives the order: it holds less than 1/16 of the
+#: information, and its harmonics would weigh in with the ratio.
+MUCH_FINER = 4.0
 
 
 @fast_kernel
@@ -49,6 +52,7 @@ def sequential_tile(
         gap[x] = abs(coord[x] - start)
     for g in range(1, len(periods)):
         period = periods[g]
+        alone = MUCH_FINER * period < periods[g - 1]
         for x in range(n):
             at = turns[g, x] * 1.0
             fine = period * (at + np.rint(coord[x] / period - at))
@@ -56,7 +60,7 @@ def sequential_tile(
             both = spread[x] + fine_spread
             step = fine - coord[x]
             misfit[x] += step * step / both
-            gain = spread[x] / both if both < np.inf else 0.0
+            gain = 1.0 if alone else (spread[x] / both if both < np.inf else 0.0)
             margin = period * (period - 2 * abs(step)) / both
             if margin < _CERTAIN:
                 order_error[x] += _doubt(margin, period, abs(step), both)
@@ -111,6 +115,8 @@ def search_tile(
                 if closeness < _CERTAIN:
                     doubt += _doubt(closeness, period, abs(step), both)
                 weight = here_spread / both if both < np.inf else 0.0
+                if MUCH_FINER * period < periods[g - 1]:
+                    weight = 1.0
                 here += weight * step
                 here_spread = weight * fine_spread if both < np.inf else np.inf
                 if chi > best + _CERTAIN:
