@@ -111,7 +111,7 @@ def dent(name: str, scene: Scene, **params: Any) -> Surface:
         return relief(scene, taper=_TAPER * scene.mirror.length, **values)
     formula = Formula(name, _complete(name, scene, values))
     form = partial(FORMS[name], **formula.params)
-    return Surface(lambda x, y: form(x, y)[0], lambda x, y: form(x, y)[1:], formula=formula)
+    return Surface(lambda x, y: form(x, y)[0], lambda x, y: form(x, y)[1:], formula, both=form)
 
 
 def dent_from_text(text: str, scene: Scene) -> Surface:

@@ -54,13 +54,14 @@ class Grid(Record):
 
     def height(self, x: Float, y: Float) -> Float:
         """Heights (mm) at x, y (mm, any shapes that broadcast)."""
-        return self._evaluate(x, y)[0]
+        return self.evaluate(x, y)[0]
 
     def gradient(self, x: Float, y: Float) -> tuple[Float, Float]:
         """Slopes (dz/dx, dz/dy) at x, y (mm); 0 beyond the edges, across them."""
-        return self._evaluate(x, y)[1:]
+        return self.evaluate(x, y)[1:]
 
-    def _evaluate(self, x: Float, y: Float) -> tuple[Float, Float, Float]:
+    def evaluate(self, x: Float, y: Float) -> tuple[Float, Float, Float]:
+        """Height and slopes (z, dz/dx, dz/dy) at x, y (mm)."""
         x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
         flat_x, flat_y = np.ascontiguousarray(x).ravel(), np.ascontiguousarray(y).ravel()
         z, zx, zy = (np.empty(x.size) for _ in range(3))

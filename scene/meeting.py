@@ -42,8 +42,8 @@ def bounds_of(surface: Surface, mirror: Mirror) -> Bounds:
     """Bounds from samples of the surface (as fine as its grid, if any), widened for what lies between."""
     fine = _SAMPLES if surface.grid is None else min(max(_SAMPLES, *surface.grid.z.shape), _MOST_SAMPLES)
     x, y = np.meshgrid(np.linspace(0.0, mirror.length, fine), np.linspace(0.0, mirror.width, fine))
-    heights = _finite(surface.height(x, y))
-    slopes = _finite(np.hypot(*surface.gradient(x, y)))
+    height, slope_x, slope_y = surface.evaluate(x, y)
+    heights, slopes = _finite(height), _finite(np.hypot(slope_x, slope_y))
     lowest = heights.min() - (heights.max() - heights.min()) - _DEPTH_MARGIN * mirror.length
     return Bounds(mirror, float(lowest), float(_SLOPE_MARGIN * slopes.max() + 1e-6))
 
@@ -119,8 +119,8 @@ def _newton(o: Float, d: Float, surface: Surface, bounds: Bounds, low: Float, hi
     left = np.arange(t.size)
     for _ in range(_STEPS):
         x, y, z = o + t * d
-        f = z - surface.height(x, y)
-        slope_x, slope_y = surface.gradient(x, y)
+        height, slope_x, slope_y = surface.evaluate(x, y)
+        f = z - height
         below = f < 0
         low, high = np.where(below, low, t), np.where(below | (f == 0), t, high)
         with np.errstate(divide="ignore", invalid="ignore"):

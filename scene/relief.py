@@ -11,7 +11,7 @@ from .forms import taper_of
 from .grid import Grid
 from .record import Float, positive
 from .scene import Scene
-from .surface import Surface
+from .surface import Surface, from_grid
 
 __all__ = ["relief"]
 
@@ -39,7 +39,7 @@ def relief(scene: Scene, *, path: str, peak: float, smooth: float, taper: float)
         )
     fade, _ = taper_of(dx * (np.arange(cols) + _ZEROS), scene.mirror.length, taper)
     grid = Grid(heights * fade, 0.0, 0.0, dx, dy)
-    return Surface(grid.height, grid.gradient, grid=grid)
+    return from_grid(grid)
 
 
 def _grey(path: Path) -> Float:
