@@ -37,7 +37,7 @@ Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 _VERSION = 1
 _DESCRIPTION, _FRAMES, _SCENE, _TRUTH = "capture.toml", "frames", "scene.toml", "truth.npz"
-_KEYS = ("version", "rows", "cols", "bits", "name", "frames")
+_KEYS = ("version", "rows", "cols", "bits", "name", "nominal", "frames")
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 # Noise has no repetitions to look for: on a noisy fringe this is smaller than zlib's level 3, in 2/5 of its time.
 _PNG_OPTIONS = (

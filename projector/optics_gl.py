@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from optolever.scene import Scene, Surface
 
 from .context import checked, context, context_info, free
-from .footprint import BLUR_FLOOR, REACH, SHARP_FLOOR
+from .footprint import ASKEW, BLUR_FLOOR, PARTS, REACH, SHARP_FLOOR
 from .groups import FrameGroup
 from .rays import feet, parallel_rays
 from .shaders import ShaderSource, build_source, compile_program
@@ -48,7 +48,8 @@ def look_source(scene: Scene, group: FrameGroup, quads: int) -> ShaderSource:
         "ALONG_U": group.axis == "u",
     }
     floor = {"BLUR_FLOOR": BLUR_FLOOR, "REACH": REACH} if blurred else {"SHARP_FLOOR": SHARP_FLOOR}
-    return build_source("look.glsl", flags, {"QUADS": quads, **floor})
+    askew = {"ASKEW": ASKEW, "PARTS": PARTS} if group.axis == "uv" else {}
+    return build_source("look.glsl", flags, {"QUADS": quads, **floor, **askew})
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ _BLOCK = 4096  # pixels at a time per thread
 
 class Seen:
     """What the pixels of some rows see: u, v (P,) in cells, light (P,) passed on (0: nothing is seen),
-    and how far they spread: boxes_u, boxes_v (P, 2) = |d/dcol|, |d/drow| in cells."""
+    and how far they spread: boxes_u, boxes_v (P, 2) = d/dcol, d/drow in cells."""
 
     __slots__ = ("boxes_u", "boxes_v", "light", "u", "v")
 
@@ -54,7 +54,7 @@ def _moved(centre: Float, before: Float, behind: Float) -> Float:
     """Movement from edge to edge; twice the half of it where one edge sees nothing, 0 where none does."""
     half = np.where(np.isfinite(before), centre - before, behind - centre)
     whole = np.where(np.isfinite(before) & np.isfinite(behind), behind - before, 2.0 * half)
-    moved: Float = np.abs(np.nan_to_num(whole, nan=0.0))
+    moved: Float = np.nan_to_num(whole, nan=0.0)
     return moved
 
 

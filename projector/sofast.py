@@ -48,7 +48,7 @@ def load_sofast(path: str | Path) -> Capture:
     if images.shape[:2] != masks.shape[:2]:
         raise InputError(f"{path}: {_MASKS} has shape {masks.shape}, {_IMAGES} has {images.shape}")
     stack = np.concatenate([np.moveaxis(masks, 2, 0), np.moveaxis(images, 2, 0)])
-    return Capture(np.ascontiguousarray(stack), Sequence(frames, ROWS, COLS, "sofast"))
+    return Capture(np.ascontiguousarray(stack), Sequence(frames, ROWS, COLS, "sofast", nominal=True))
 
 
 def load_sofast_response(path: str | Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -23,6 +23,7 @@ float twice_integrated(float t, float s) {
 #endif
 
 Footprint footprint(vec2 boxes) {
+    boxes = abs(boxes);
     float a = max(boxes.x, boxes.y), b = min(boxes.x, boxes.y), s = 0.0;
 #ifdef BLUR
     float narrowest = $BLUR_FLOOR * blur;

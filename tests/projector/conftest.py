@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import moderngl
 import pytest
 
-from optolever.projector import NoContextError, ContextInfo, context_info
+from optolever.projector import ContextInfo, NoContextError, context_info
 from optolever.projector.context import collect, context
 
 

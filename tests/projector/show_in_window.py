@@ -34,7 +34,9 @@ def main(folder: Path, out: Path, mode: str) -> None:
             windows.append(window.read())
             screens.append(screen(folder))
     sizes = [(monitor.rows, monitor.cols) for monitor in found]
-    np.savez(out, windows=windows, screens=screens, indices=indices, monitors=sizes, expected=shown.render()[:3])
+    np.savez(
+        out, windows=windows, screens=screens, indices=indices, monitors=sizes, expected=shown.render()[:3]
+    )
 
 
 if __name__ == "__main__":

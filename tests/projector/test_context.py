@@ -7,7 +7,14 @@ import pytest
 
 from optolever import InputError
 from optolever.patterns import sequence
-from optolever.projector import ContextInfo, NoContextError, capture, chosen_renderer, context_info, release_context
+from optolever.projector import (
+    ContextInfo,
+    NoContextError,
+    capture,
+    chosen_renderer,
+    context_info,
+    release_context,
+)
 from optolever.projector import context as module
 from optolever.scene import dent, load, resize
 

@@ -41,7 +41,10 @@ def test_every_kind_is_bit_equal(gl: moderngl.Context) -> None:
 
 def test_all_products_and_means_of_levels_round_alike(gl: moderngl.Context) -> None:
     """A crossed and a lattice frame over tables that meet all kinds of pairs of levels."""
-    for frame in (Frame("crossed", period_px=255.7), Frame("stripe", "uv", width_px=200.0, at_u=100.0, at_v=130.0)):
+    for frame in (
+        Frame("crossed", period_px=255.7),
+        Frame("stripe", "uv", width_px=200.0, at_u=100.0, at_v=130.0),
+    ):
         shown = Sequence((frame,), 256, 256)
         np.testing.assert_array_equal(render(shown), shown.render())
 

@@ -75,10 +75,17 @@ def test_unknown_names_are_errors(
 
 
 def test_driver_errors_name_file_and_line(gl: moderngl.Context) -> None:
-    source = build_source("look.glsl", {"BLUR": False, "BOTH": False, "MEAN": False, "ALONG_U": True}, {"QUADS": 1, "SHARP_FLOOR": 0.001})
+    source = build_source(
+        "look.glsl",
+        {"BLUR": False, "BOTH": False, "MEAN": False, "ALONG_U": True},
+        {"QUADS": 1, "SHARP_FLOOR": 0.001},
+    )
     lines = source.text.splitlines()
     at = next(i for i, line in enumerate(lines) if "float share(" in line)
-    broken = ShaderSource("\n".join([*lines[:at], lines[at].replace("float share", "flaot share"), *lines[at + 1 :]]), source.files)
+    broken = ShaderSource(
+        "\n".join([*lines[:at], lines[at].replace("float share", "flaot share"), *lines[at + 1 :]]),
+        source.files,
+    )
     number = next(
         i for i, line in enumerate(build_lines("footprint.glsl"), start=1) if line.startswith("float share(")
     )

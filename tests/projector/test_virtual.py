@@ -1,0 +1,320 @@
+"""The virtual sensor: GLSL against NumPy float64, and both against brute force with many rays per pixel."""
+
+from dataclasses import replace
+
+import moderngl
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever import InputError
+from optolever.patterns import Frame, Sequence, sequence
+from optolever.projector import NOMINAL_SENSOR, VirtualSensor, capture
+from optolever.projector.groups import frame_groups
+from optolever.projector.optics_gl import GLOptics
+from optolever.scene import (
+    Display,
+    Medium,
+    Scene,
+    Sensor,
+    Surface,
+    dent,
+    dent_names,
+    load,
+    moving_dent,
+    prism_camera,
+    resize,
+    surface_from_array,
+    trace,
+)
+
+from .oracle import part, supersampled
+
+DENTS = [name for name in dent_names() if name != "relief"]
+SIZE = 96
+SHAPES = (
+    Frame("white"),
+    Frame("gray", "u", bit=2),
+    Frame("gray", "v", bit=0),
+    Frame("phase", "u", period_px=8.0, shift=0.7),
+    Frame("phase", "v", period_px=16.0, shift=2.0),
+    Frame("lattice", period_px=11.0, width_px=2.5),
+    Frame("crossed", period_px=9.0),
+)
+
+
+def shown(scene: Scene) -> Sequence:
+    """A frame of each way to look up, for the scene's pattern."""
+    return Sequence(SHAPES, scene.pattern.rows, scene.pattern.cols)
+
+
+def levels(frames: NDArray[np.uint16]) -> NDArray[np.float64]:
+    """16-bit values in 8-bit levels."""
+    return frames.astype(np.float64) * (255 / 65535)
+
+
+def height_array(scene: Scene) -> Surface:
+    """Two bumps and a slope as an array of 60 x 70 heights."""
+    pitch = scene.mirror.length / 69
+    x, y = np.meshgrid(np.arange(70) / 69, np.arange(60) / 59)
+    z = np.exp(-40 * ((x - 0.4) ** 2 + (y - 0.5) ** 2)) + 0.5 * np.sin(3 * x) * np.cos(5 * y)
+    return surface_from_array(0.004 * scene.mirror.length * z, 0.0, 0.0, pitch)
+
+
+def surfaces(scene: Scene, name: str) -> Surface:
+    """A built-in dent, a height array, or a bare callable."""
+    if name == "array":
+        return height_array(scene)
+    if name == "callable":
+        bump = dent("gaussian", scene)
+        return Surface(bump.height, bump.gradient)
+    return dent(name, scene)
+
+
+def rms(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+@pytest.mark.parametrize("preset", ["paper-simulation", "monitor-mirror"])
+@pytest.mark.parametrize("name", [*DENTS, "array", "callable"])
+def test_glsl_correspondences_and_frames_are_numpys(gl: moderngl.Context, name: str, preset: str) -> None:
+    scene = resize(load(preset), SIZE, SIZE)
+    surface = surfaces(scene, name)
+    truth = trace(scene, surface)
+    optics = GLOptics(scene, frame_groups(shown(scene), None), SIZE)
+    loaded = optics.load(surface)
+    seen = optics.seen(loaded, 0, SIZE).astype(np.float64)
+    optics.unload(loaded)
+    optics.release()
+    visible = seen[..., 2] > 0
+    assert np.count_nonzero(visible != truth.visible) <= 2
+    both = visible & truth.visible
+    assert both.mean() > 0.9
+    assert rms((seen[..., 0] - truth.u)[both]) < 2e-3
+    assert rms((seen[..., 1] - truth.v)[both]) < 2e-3
+    gl_frames, numpy_frames = (
+        levels(capture(scene, surface, shown(scene), renderer=renderer, bits=16).frames)
+        for renderer in ("gl", "numpy")
+    )
+    for index in range(len(SHAPES)):
+        assert rms((gl_frames - numpy_frames)[index][both]) < 0.5, SHAPES[index]
+
+
+@pytest.mark.parametrize("name", ["needle", "array"])
+def test_correspondences_at_full_resolution(gl: moderngl.Context, name: str) -> None:
+    """Where float32 is coarsest: u up to 1158, v up to 1637, a strip of rows across the dent."""
+    whole = load("paper-simulation")
+    scene = replace(whole, camera=part(whole.camera, 800, 0, 40, whole.camera.cols))
+    surface = surfaces(whole, name)
+    truth = trace(scene, surface)
+    optics = GLOptics(scene, frame_groups(shown(scene), None), 40)
+    loaded = optics.load(surface)
+    seen = optics.seen(loaded, 0, 40).astype(np.float64)
+    optics.unload(loaded)
+    optics.release()
+    both = (seen[..., 2] > 0) & truth.visible
+    assert both.mean() > 0.9
+    # At the needle's very tip there is no normal; one pixel's ray meets it to 1e-14 mm.
+    both &= np.hypot(truth.x - 0.5 * whole.mirror.length, truth.y - 0.5 * whole.mirror.width) > 1e-3
+    assert rms((seen[..., 0] - truth.u)[both]) < 2e-3
+    assert rms((seen[..., 1] - truth.v)[both]) < 2e-3
+
+
+def detail(name: str, blur: float, turn: float = 0.0, **changes: object) -> tuple[Scene, Surface]:
+    """12 x 10 pixels of the full-size scene on the flank of a dent; the pattern turned in its plane by `turn` rad."""
+    whole = load("paper-simulation")
+    u_axis, v_axis = whole.pattern.u_axis, whole.pattern.v_axis
+    turned_u, turned_v = (
+        np.cos(turn) * u_axis + np.sin(turn) * v_axis,
+        np.cos(turn) * v_axis - np.sin(turn) * u_axis,
+    )
+    pattern = replace(whole.pattern, u_axis=turned_u, v_axis=turned_v, blur_px=blur)
+    camera = part(whole.camera, 700, 900, 10, 12)
+    return replace(whole, pattern=pattern, camera=camera, **changes), dent(name, whole)
+
+
+@pytest.mark.parametrize("renderer", ["gl", "numpy"])
+@pytest.mark.parametrize(
+    ("name", "blur", "turn"),
+    [("raised-cosine", 0.5, 0.0), ("needle", 0.5, 0.0), ("gaussian", 1.5, 0.0), ("gaussian", 0.5, 0.5)],
+)
+def test_frames_are_those_of_many_rays(
+    request: pytest.FixtureRequest, renderer: str, name: str, blur: float, turn: float
+) -> None:
+    if renderer == "gl":
+        request.getfixturevalue("gl")
+    scene, surface = detail(name, blur, turn)
+    seen = levels(capture(scene, surface, shown(scene), renderer=renderer, bits=16).frames)
+    expected = 16 + 216.75 * supersampled(scene, surface, shown(scene), 8)
+    for index, frame in enumerate(SHAPES):
+        assert rms(seen[index] - expected[index]) < 0.2, frame
+    assert np.ptp(expected[3]) > 100
+
+
+@pytest.mark.parametrize("renderer", ["gl", "numpy"])
+@pytest.mark.parametrize("turn", [0.0, 0.5])
+def test_sharp_patterns_are_those_of_many_rays(
+    request: pytest.FixtureRequest, renderer: str, turn: float
+) -> None:
+    if renderer == "gl":
+        request.getfixturevalue("gl")
+    scene, surface = detail("raised-cosine", 0.0, turn)
+    seen = levels(capture(scene, surface, shown(scene), renderer=renderer, bits=16).frames)
+    expected = 16 + 216.75 * supersampled(scene, surface, shown(scene), 48)
+    for index in range(5):
+        assert rms(seen[index] - expected[index]) < 0.6, SHAPES[index]
+
+
+@pytest.mark.parametrize("renderer", ["gl", "numpy"])
+def test_pinhole_display_response_and_fresnel_are_those_of_many_rays(
+    request: pytest.FixtureRequest, renderer: str
+) -> None:
+    if renderer == "gl":
+        request.getfixturevalue("gl")
+    whole = load("monitor-mirror")
+    camera = part(whole.camera, 400, 600, 8, 9)
+    scene = replace(whole, camera=camera, medium=Medium(1.0, 1.5), display=Display(gamma=2.2, black=0.02))
+    surface = dent("gaussian", whole)
+    seen = levels(capture(scene, surface, shown(scene), renderer=renderer, bits=16).frames)
+    expected = 16 + 216.75 * supersampled(scene, surface, shown(scene), 8)
+    assert expected[0].max() < 0.2 * 216.75  # glass reflects a few per cent
+    for index, frame in enumerate(SHAPES):
+        assert rms(seen[index] - expected[index]) < 0.5, frame
+
+
+@pytest.mark.parametrize("renderer", ["gl", "numpy"])
+@pytest.mark.parametrize("degrees", [40.0, 44.0, 44.9, 46.0])
+def test_fresnel_dims_below_the_critical_angle(
+    request: pytest.FixtureRequest, renderer: str, degrees: float
+) -> None:
+    """White on a flat mirror at 45 degrees is as bright as Fresnel's formulas with complex cosines say."""
+    if renderer == "gl":
+        request.getfixturevalue("gl")
+    small = resize(load("paper-simulation"), 24, 24)
+    index = 1.0 / np.sin(np.radians(degrees))  # so that 45 degrees is above or below the critical angle
+    scene = replace(small, medium=Medium(index))
+    seen = levels(capture(scene, dent("flat", scene), shown(scene), renderer=renderer, bits=16).frames)[
+        0, 8:16, 8:16
+    ]
+    cosine = np.cos(np.pi / 4)
+    beyond = np.sqrt(complex(1 - index**2 * (1 - cosine**2)))
+    s = abs((index * cosine - beyond) / (index * cosine + beyond)) ** 2
+    p = abs((cosine - index * beyond) / (cosine + index * beyond)) ** 2
+    np.testing.assert_allclose(seen, 16 + 216.75 * 0.5 * (s + p), atol=0.02)
+
+
+@pytest.mark.parametrize("renderer", ["gl", "numpy"])
+def test_off_the_pattern_and_off_the_mirror_it_is_dark(request: pytest.FixtureRequest, renderer: str) -> None:
+    if renderer == "gl":
+        request.getfixturevalue("gl")
+    whole = resize(load("paper-simulation"), 48, 48)
+    short = replace(whole, pattern=replace(whole.pattern, cols=20))
+    wide = replace(short, camera=part(short.camera, -6, 0, 48, 48))
+    frames = capture(wide, dent("flat", wide), shown(wide), renderer=renderer).frames
+    visible = trace(wide, dent("flat", wide)).visible
+    assert 0.2 < visible.mean() < 0.8
+    assert (frames[:, ~visible] == 16).all()
+    assert (frames[0][visible] > 16).all()
+
+
+@pytest.mark.parametrize("renderer", ["gl", "numpy"])
+def test_a_wall_hides_what_is_behind_it(request: pytest.FixtureRequest, renderer: str) -> None:
+    """A ridge so high that rays meet the mirror twice: GLSL marches like scene.trace."""
+    if renderer == "gl":
+        request.getfixturevalue("gl")
+    scene = resize(load("paper-simulation"), 64, 64)
+    surface = dent("ridge", scene, peak=30.0, sigma=6.0)
+    visible = trace(scene, surface).visible
+    flat = dent("flat", scene)
+    assert 0.05 < visible.mean() < trace(scene, flat).visible.mean() - 0.1
+    seen = capture(scene, surface, shown(scene), renderer=renderer).frames[0] > 16
+    assert np.count_nonzero(seen != visible) <= 0.01 * visible.size
+
+
+def test_a_moving_mirror_is_where_it_is_when_the_frame_is_taken() -> None:
+    small = resize(load("paper-simulation"), 32, 32)
+    scene = replace(small, sensor=replace(NOMINAL_SENSOR, frame_s=0.1))
+    moving = moving_dent("gaussian", scene, {"x": 40.0}, x=60.0)
+    seen = capture(scene, moving, shown(scene), renderer="numpy")
+    assert seen.timestamps is not None
+    np.testing.assert_allclose(seen.timestamps, 0.1 * np.arange(len(SHAPES)))
+    for index, time in enumerate(seen.timestamps):
+        still = capture(scene, moving(float(time)), shown(scene), renderer="numpy")
+        np.testing.assert_array_equal(seen.frames[index], still.frames[index])
+    assert (
+        seen.frames[3] != capture(scene, moving(0.0), shown(scene), renderer="numpy").frames[3]
+    ).mean() > 0.05
+
+
+@pytest.mark.parametrize("renderer", ["gl", "numpy"])
+def test_motion_during_the_exposure_averages(request: pytest.FixtureRequest, renderer: str) -> None:
+    if renderer == "gl":
+        request.getfixturevalue("gl")
+    small = resize(load("paper-simulation"), 32, 32)
+    scene = replace(small, sensor=replace(NOMINAL_SENSOR, frame_s=0.1, shutter_s=0.08, bits=16))
+    moving = moving_dent("gaussian", scene, {"x": 80.0}, x=60.0)
+    brief = shown(scene)
+    brief = replace(brief, frames=brief.frames[3:5])
+    seen = capture(scene, moving, brief, renderer=renderer, samples=4).frames.astype(float)
+    for index in range(2):
+        instants = 0.1 * index + 0.08 * np.array([-0.375, -0.125, 0.125, 0.375])
+        stills = [
+            capture(scene, moving(t), brief, renderer=renderer).frames[index].astype(float) for t in instants
+        ]
+        np.testing.assert_allclose(seen[index], np.mean(stills, axis=0), atol=1.5)
+
+
+def test_moving_frames_share_their_programs(gl: moderngl.Context) -> None:
+    """A program per frame would take a second for ten of them."""
+    scene = resize(load("paper-simulation"), 16, 16)
+    moving = moving_dent("gaussian", scene, {"x": 40.0}, x=60.0)
+    with VirtualSensor(
+        scene, moving, sequence("gray", scene.pattern.rows, scene.pattern.cols), renderer="gl"
+    ) as sensor:
+        sensor.capture()
+        assert isinstance(sensor._optics, GLOptics)
+        assert len(sensor._optics._programs) == 4  # centres, edges, along u, along v
+
+
+def test_more_frames_than_attachments(gl: moderngl.Context) -> None:
+    scene = resize(load("paper-simulation"), 24, 24)
+    many = sequence("phase", scene.pattern.rows, scene.pattern.cols, axes="u", steps=37, periods=9.0)
+    flat = dent("raised-cosine", scene)
+    a, b = (capture(scene, flat, many, renderer=renderer).frames.astype(int) for renderer in ("gl", "numpy"))
+    assert np.abs(a - b).max() <= 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"noise": -1.0}, ("noise", "-1.0", "at least 0")),
+        ({"noise": float("nan")}, ("noise", "nan")),
+        ({"bits": 7}, ("bits", "7", "8 and 16")),
+        ({"samples": 0}, ("samples", "0")),
+        ({"exposure": [1.0]}, ("exposure", "(1,)")),
+        ({"exposure": [1.0] * 6 + [0.0]}, ("exposure", "0 of frame 6")),
+        ({"exposure": [1.0] * 6 + [float("inf")]}, ("exposure", "inf of frame 6")),
+    ],
+)
+def test_bad_parameters_are_refused(changes: dict[str, object], words: tuple[str, ...]) -> None:
+    scene = resize(load("paper-simulation"), 16, 16)
+    with pytest.raises(InputError) as caught:
+        capture(scene, dent("flat", scene), shown(scene), renderer="numpy", **changes)  # type: ignore[arg-type]
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_a_sequence_for_another_pattern_is_refused() -> None:
+    scene = resize(load("paper-simulation"), 16, 16)
+    with pytest.raises(InputError, match=r"sequence: made for 10x12 pixels.*16x12"):
+        capture(scene, dent("flat", scene), Sequence(SHAPES, 10, 12))
+
+
+def test_cameras_of_a_prism_agree_with_their_parts() -> None:
+    """The oracle's own helper: a part of a camera sees what the camera sees there."""
+    camera = prism_camera(163.7, np.pi / 4, 20, 30, np.array([0.0707, 0.1]))
+    origins, directions = camera.rays()
+    some_origins, some_directions = part(camera, 4, 7, 5, 6).rays()
+    np.testing.assert_allclose(some_origins, origins[4:9, 7:13], atol=1e-12)
+    np.testing.assert_allclose(some_directions, directions[4:9, 7:13])
+    assert Sensor().bits == 8
