@@ -60,8 +60,8 @@ def decode(
     white_level  level at which the camera clips; default 255, for uint16 the 10, 12, 14 or 16 bits in use
     response     camera level against shown level, inverted first
     blur_px      rms blur between display and camera, cells; default: estimated (see cells.add_cell_term)
-    on_cells     fringes were shown on the cells of a surface of the sequence's size, as Frame.tables says, dark
-                 around it; what that shifts is taken off (see display, cells). False: ideal cosines
+    on_cells     fringes were shown on the cells of a surface of the sequence's size, as Frame.tables says,
+                 dark around it; what that shifts is taken off (see display, cells). False: ideal cosines
 
     InputError if frames and sequence do not fit or hold values that are not finite.
     """
@@ -86,7 +86,7 @@ def decode(
 
     over_rows(work, height, _BLOCK)
     for axis in wanted.axes:
-        if axis.fringes and on_cells:
+        if axis.fringes and on_cells and not sequence.nominal:
             correct_display(sequence, axis, *maps[axis.axis], blur_px)
             add_cell_term(*maps[axis.axis], flags, blur_px)
     return Correspondence(

@@ -1,8 +1,8 @@
 """What a display does to a fringe besides its cells: grey values are whole numbers, and the surface ends.
 
-A shown table differs from the cosine by up to half a grey level, and beyond the border there is darkness. Both
-shift the decoded coordinate by a known amount: with T_n[k] the table of step n and W_k(u) the light that cell k
-sends to a camera pixel at u, the decoder sees the phase of
+A shown table differs from the cosine by up to half a grey level, and beyond the border there is darkness.
+Both shift the decoded coordinate by a known amount: with T_n[k] the table of step n and W_k(u) the light that
+cell k sends to a camera pixel at u, the decoder sees the phase of
 
     Z(u) = sum_k W_k(u) z_k,    z_k = c_k + i s_k, the least-squares fringe through T_n[k] over n.
 
@@ -103,8 +103,8 @@ def _cell_light(footprint: float, blur: float) -> NDArray[np.float64]:
     step = 1 / _PER_CELL
     gauss = np.exp(-0.5 * (place / max(blur, 0.3 * step)) ** 2)
     box = np.clip((footprint + step) / 2 - np.abs(place), 0, step)
-    weights: NDArray[np.float64] = np.convolve(gauss, box, mode="same")
-    return weights / weights.sum()
+    weights = np.convolve(gauss, box, mode="same")
+    return np.asarray(weights / weights.sum())
 
 
 def _seen(cells: Complex, light: NDArray[np.float64]) -> Complex:

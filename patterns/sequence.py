@@ -21,12 +21,17 @@ __all__ = ["Sequence"]
 
 @dataclass(frozen=True, slots=True)
 class Sequence:
-    """Frames in the order of showing, on a surface of rows x cols pixels."""
+    """Frames in the order of showing, on a surface of rows x cols pixels.
+
+    nominal: rows and cols are only the unit of the coordinates (a foreign capture of an unknown display), so
+    that nothing follows from them about the cells on which the frames were shown.
+    """
 
     frames: tuple[Frame, ...]
     rows: int
     cols: int
     name: str = "custom"
+    nominal: bool = False
 
     def __post_init__(self) -> None:
         if not self.frames:
@@ -77,12 +82,13 @@ class Sequence:
     def to_dict(self) -> dict[str, Any]:
         """Plain TOML types."""
         frames = [frame.to_dict() for frame in self.frames]
-        return {"name": self.name, "rows": self.rows, "cols": self.cols, "frames": frames}
+        plain = {"name": self.name, "rows": self.rows, "cols": self.cols, "frames": frames}
+        return {**plain, "nominal": True} if self.nominal else plain
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any], where: str = "sequence") -> "Sequence":
         """Inverse of to_dict; InputError names `where`, the field and its value."""
-        known = ("name", "rows", "cols", "frames")
+        known = ("name", "rows", "cols", "nominal", "frames")
         for name in plain:
             if name not in known:
                 raise InputError(f"{where}: unknown field {name!r}, known are {', '.join(known)}")
@@ -96,5 +102,8 @@ class Sequence:
         name = plain.get("name", "custom")
         if not isinstance(name, str):
             raise InputError(f"{where}: name is {name!r}, must be text")
+        nominal = plain.get("nominal", False)
+        if not isinstance(nominal, bool):
+            raise InputError(f"{where}: nominal is {nominal!r}, must be true or false")
         described = tuple(Frame.from_dict(item, f"{where}: frames[{i}]") for i, item in enumerate(frames))
-        return cls(described, plain["rows"], plain["cols"], name)
+        return cls(described, plain["rows"], plain["cols"], name, nominal)

@@ -106,7 +106,7 @@ def read_description(path: Path) -> tuple[Sequence, list[str], NDArray[np.float6
         raise InputError(f"{path}: file {twice!r} is named {files.count(twice)} times, the limit is once")
     times = _times(tables, path)
     shown = [{key: value for key, value in table.items() if key not in ("file", "time")} for table in tables]
-    outer: dict[str, Any] = {key: plain[key] for key in ("name", "rows", "cols") if key in plain}
+    outer: dict[str, Any] = {key: plain[key] for key in ("name", "rows", "cols", "nominal") if key in plain}
     return Sequence.from_dict({**outer, "frames": shown}, str(path)), files, times, bits
 
 
@@ -156,7 +156,7 @@ def _described(capture: "Capture", files: list[str]) -> dict[str, Any]:
     if capture.timestamps is not None:
         for table, time in zip(tables, capture.timestamps.tolist(), strict=True):
             table["time"] = time
-    head = {key: sequence[key] for key in ("name", "rows", "cols")}
+    head = {key: sequence[key] for key in ("name", "rows", "cols", "nominal") if key in sequence}
     return {"version": _VERSION, **head, "bits": capture.bits, "frames": tables}
 
 

@@ -1,0 +1,241 @@
+"""Crossings of the paper's lattice: sub-pixel in the rest frame, tracked into a deformed one."""
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import LinearNDInterpolator
+
+from optolever.errors import InputError
+from optolever.files import load_arrays, save_arrays
+from optolever.patterns import Frame, Sequence, lattice_lines
+
+from .line_crossing import Found, locate
+
+__all__ = ["Crossings", "lattice"]
+
+F64 = NDArray[np.float64]
+_SIDES = ((1, 0), (-1, 0), (0, 1), (0, -1))
+
+
+class PatternMap(Protocol):
+    """Anything that tells where camera pixels look on the pattern: a Correspondence, a trace."""
+
+    @property
+    def u(self) -> NDArray[Any]: ...
+    @property
+    def v(self) -> NDArray[Any]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Crossings:
+    """K crossings found at rest; `now` is NaN and `sigma` inf where one was not found again.
+
+    index  (K, 2) numbers of the lines along u and v      pattern  (K, 2) their u, v, pattern pixels
+    rest   (K, 2) row, col at rest, camera pixels          now      (K, 2) row, col in the deformed frame
+    sigma, sigma_rest  (K, 2) standard deviations of row, col, camera pixels
+    """
+
+    index: NDArray[np.int64]
+    pattern: F64
+    rest: F64
+    now: F64
+    sigma: F64
+    sigma_rest: F64
+
+    @property
+    def found(self) -> NDArray[np.bool_]:
+        """True where the crossing was found in both frames, (K,)."""
+        return np.isfinite(self.now).all(axis=1)
+
+    def save(self, path: str | Path) -> None:
+        """Write an .npz with the fields' names."""
+        save_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)})
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Crossings":
+        """Read what save() wrote."""
+        names = [field.name for field in fields(cls)]
+        arrays = load_arrays(path, names)
+        return cls(**{name: arrays[name] for name in names})
+
+
+def lattice(
+    frames: ArrayLike, rest: ArrayLike, sequence: Sequence, *, guide: PatternMap | None = None
+) -> Crossings:
+    """Crossings of the lattice in `frames`, each matched to the same one in `rest`.
+
+    frames, rest  (N, H, W) as the sequence describes them, or the lattice frame alone, (H, W)
+    guide         where the camera looked at rest, to a quarter of the lattice's period (a trace, a decoded
+                  capture); default: the surface fills the frame, u along columns, v along rows
+
+    A crossing is matched by walking from crossings that have not moved to their neighbours, so the
+    displacement may be many periods as long as it changes by less than half a period from one to the next.
+    """
+    frame = _lattice_frame(sequence)
+    image, still = (_image(stack, sequence, name) for stack, name in ((frames, "frames"), (rest, "rest")))
+    if image.shape != still.shape:
+        raise InputError(f"lattice: frames are {image.shape}, rest is {still.shape}, must be equal")
+    index, pattern = _grid(frame, sequence)
+    start, steps = _expected(index, pattern, frame, sequence, guide, still.shape)
+    inside = np.isfinite(start).all(axis=1) & np.isfinite(steps).all(axis=(1, 2))
+    found = locate(still, start[inside], steps[inside], frame.period_px or 1.0, frame.width_px or 1.0)
+    keep = found.ok
+    index, pattern = index[inside][keep], pattern[inside][keep]
+    at_rest = Found(found.point[keep], found.sigma[keep], found.ok[keep])
+    if len(index) == 0:
+        raise InputError("lattice: no crossing was found in the rest frame; is the guide that frame's?")
+    now = _track(image, still, index, at_rest, steps[inside][keep], frame)
+    return Crossings(index, pattern, at_rest.point, now.point, now.sigma, at_rest.sigma)
+
+
+def _lattice_frame(sequence: Sequence) -> Frame:
+    for frame in sequence.frames:
+        if frame.kind == "lattice":
+            return frame
+    raise InputError(f"lattice: sequence {sequence.name} has no frame of kind 'lattice'")
+
+
+def _image(stack: ArrayLike, sequence: Sequence, name: str) -> NDArray[np.float32]:
+    """The lattice frame, float32."""
+    array = np.asarray(stack)
+    if array.ndim == 3:
+        if len(array) != len(sequence):
+            raise InputError(f"lattice: {name} has {len(array)} images, sequence describes {len(sequence)}")
+        array = array[[frame.kind for frame in sequence.frames].index("lattice")]
+    if array.ndim != 2 or min(array.shape) < 8:
+        raise InputError(f"lattice: {name} has shape {array.shape}, must be (H, W), at least 8 x 8")
+    if not np.isfinite(array).all():
+        raise InputError(f"lattice: {name} holds values that are not finite")
+    return array.astype(np.float32)
+
+
+def _grid(frame: Frame, sequence: Sequence) -> tuple[NDArray[np.int64], F64]:
+    """Index and pattern coordinates of all crossings, (K, 2)."""
+    along_u, along_v = lattice_lines(frame, sequence.cols), lattice_lines(frame, sequence.rows)
+    i, j = (axis.ravel() for axis in np.meshgrid(np.arange(len(along_u)), np.arange(len(along_v))))
+    return np.stack([i, j], axis=1), np.stack([along_u[i], along_v[j]], axis=1)
+
+
+def _expected(
+    index: NDArray[np.int64],
+    pattern: F64,
+    frame: Frame,
+    sequence: Sequence,
+    guide: PatternMap | None,
+    shape: tuple[int, ...],
+) -> tuple[F64, F64]:
+    """Expected places at rest (K, 2), and camera steps (row, col) per pattern pixel of u, v (K, 2, 2)."""
+    if guide is None:
+        scale = np.array([shape[0] / sequence.rows, shape[1] / sequence.cols])
+        point = (pattern[:, ::-1] + 0.5) * scale - 0.5
+        steps = np.array([[0.0, scale[1]], [scale[0], 0.0]])
+        return point, np.broadcast_to(steps, (len(point), 2, 2)).copy()
+    u, v = np.asarray(guide.u, np.float64), np.asarray(guide.v, np.float64)
+    if u.shape != tuple(shape) or v.shape != tuple(shape):
+        raise InputError(f"lattice: guide is {u.shape}, rest is {tuple(shape)}, must be equal")
+    where = _inverse(u, v)
+    reach = 0.25 * (frame.period_px or 1.0)
+    point = where(pattern)
+    steps = [(where(pattern + step) - where(pattern - step)) / (2 * reach) for step in np.eye(2) * reach]
+    return point, np.stack(steps, axis=1)
+
+
+def _inverse(u: F64, v: F64) -> Any:
+    """Function from pattern coordinates (K, 2) to camera row, col (K, 2), NaN outside."""
+    thin = max(1, int(np.sqrt(u.size / 20000)))
+    rows, cols = (np.unique(np.append(np.arange(0, size, thin), size - 1)) for size in u.shape)
+    row, col = (axis.ravel() for axis in np.meshgrid(rows, cols, indexing="ij"))
+    places = np.stack([u[row, col], v[row, col]], axis=1)
+    good = np.isfinite(places).all(axis=1)
+    if np.count_nonzero(good) < 4:
+        raise InputError("lattice: guide holds fewer than 4 finite pixels")
+    return LinearNDInterpolator(places[good], np.stack([row[good], col[good]], axis=1).astype(np.float64))
+
+
+def _track(
+    image: NDArray[np.float32],
+    still: NDArray[np.float32],
+    index: NDArray[np.int64],
+    rest: Found,
+    steps: F64,
+    frame: Frame,
+) -> Found:
+    """Waves of neighbours, from the crossings that did not move."""
+    count = len(index)
+    number = {(int(i), int(j)): k for k, (i, j) in enumerate(index)}
+    point, sigma = np.full((count, 2), np.nan), np.full((count, 2), np.inf)
+    period, width = frame.period_px or 1.0, frame.width_px or 1.0
+    seeds = _unmoved(image, still, rest.point)
+    front = {k: (rest.point[k], steps[k]) for k in seeds}
+    tried: dict[int, int] = {}
+    local = steps.copy()
+    while front:
+        chosen = np.fromiter(front, np.int64)
+        found = locate(
+            image,
+            np.array([front[k][0] for k in front]),
+            np.array([front[k][1] for k in front]),
+            period,
+            width,
+        )
+        for k, good, place, error in zip(chosen, found.ok, found.point, found.sigma, strict=True):
+            tried[k] = tried.get(k, 0) + 1
+            if good:
+                point[k], sigma[k] = place, error
+        front = _neighbours(chosen[found.ok], index, number, point, rest.point, local, tried, period)
+    return Found(point, sigma, np.isfinite(point).all(axis=1))
+
+
+def _unmoved(image: NDArray[np.float32], still: NDArray[np.float32], points: F64) -> list[int]:
+    """Crossings around which the two frames differ least: the seeds (at least one, at most all)."""
+    rows, cols = still.shape
+    change = np.empty(len(points))
+    for k, (row, col) in enumerate(np.rint(points).astype(int)):
+        cut = (slice(max(row - 4, 0), min(row + 5, rows)), slice(max(col - 4, 0), min(col + 5, cols)))
+        change[k] = float(np.sqrt(np.mean((image[cut] - still[cut]) ** 2)))
+    return [int(k) for k in np.flatnonzero(change <= 1.5 * change.min() + 1e-6)]
+
+
+def _neighbours(
+    fresh: NDArray[np.int64],
+    index: NDArray[np.int64],
+    number: dict[tuple[int, int], int],
+    point: F64,
+    rest: F64,
+    local: F64,
+    tried: dict[int, int],
+    period: float,
+) -> dict[int, tuple[F64, F64]]:
+    """Next wave: places expected from a found crossing, its own neighbour's displacement carried on."""
+    front: dict[int, tuple[F64, F64]] = {}
+    for k in fresh:
+        i, j = int(index[k][0]), int(index[k][1])
+        _update_steps(k, i, j, number, point, local, period)
+        for di, dj in _SIDES:
+            n = number.get((i + di, j + dj), -1)
+            if n < 0 or np.isfinite(point[n, 0]) or tried.get(n, 0) >= 3 or n in front:
+                continue
+            back = number.get((i - di, j - dj), -1)
+            shift = point[k] - rest[k]
+            if back >= 0 and np.isfinite(point[back, 0]):
+                shift = 2 * shift - (point[back] - rest[back])
+            front[n] = (rest[n] + shift, local[k])
+    return front
+
+
+def _update_steps(
+    k: int, i: int, j: int, number: dict[tuple[int, int], int], point: F64, local: F64, period: float
+) -> None:
+    """Local camera steps per pattern pixel from neighbours that are found."""
+    for axis, (di, dj) in enumerate(((1, 0), (0, 1))):
+        ahead, behind = number.get((i + di, j + dj), -1), number.get((i - di, j - dj), -1)
+        places = [point[n] if n >= 0 and np.isfinite(point[n, 0]) else None for n in (ahead, behind)]
+        if places[0] is not None and places[1] is not None:
+            local[k, axis] = (places[0] - places[1]) / (2 * period)
+        elif places[0] is not None:
+            local[k, axis] = (places[0] - point[k]) / period
+        elif places[1] is not None:
+            local[k, axis] = (point[k] - places[1]) / period
