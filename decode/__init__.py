@@ -2,6 +2,7 @@
 
 from .correspondence import Correspondence, Flag, difference
 from .decoder import decode
+from .lattice import Crossings, lattice
 from .response import Response
 
-__all__ = ["Correspondence", "Flag", "Response", "decode", "difference"]
+__all__ = ["Correspondence", "Crossings", "Flag", "Response", "decode", "difference", "lattice"]

@@ -31,6 +31,8 @@ Complex = NDArray[np.complex128]
 #: Samples of the table per cell, cells that it reaches beyond the border.
 _PER_CELL = 8
 _BEYOND = 4
+#: Share of the light beyond the border under which a place is not tabled.
+_LEAST_LIGHT = 0.2
 #: Rms blur that is assumed where the frames do not tell it, cells.
 _USUAL_BLUR = 0.5
 
@@ -88,8 +90,9 @@ def _fringe_shift(
     border = turn * np.angle(seen_dark * seen_endless.conj())
     at = -pad - 0.5 + (np.arange(len(rounding)) + 0.5) / _PER_CELL
     wanted = np.arange(-_BEYOND * _PER_CELL, (axis.extent + _BEYOND) * _PER_CELL) / _PER_CELL
-    decoded = np.maximum.accumulate(at + rounding + border)
-    return np.interp(wanted, decoded, rounding + border), np.interp(wanted, decoded, border)
+    lit = np.abs(seen_dark) > _LEAST_LIGHT * np.abs(seen_ideal)
+    decoded = np.maximum.accumulate((at + rounding + border)[lit])
+    return np.interp(wanted, decoded, (rounding + border)[lit]), np.interp(wanted, decoded, border[lit])
 
 
 def _table(frame: Frame, sequence: Sequence, axis: str) -> NDArray[np.float64]:

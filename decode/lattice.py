@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import LinearNDInterpolator
+from scipy.spatial import cKDTree
 
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
@@ -48,7 +48,7 @@ class Crossings:
     @property
     def found(self) -> NDArray[np.bool_]:
         """True where the crossing was found in both frames, (K,)."""
-        return np.isfinite(self.now).all(axis=1)
+        return np.asarray(np.isfinite(self.now).all(axis=1))
 
     def save(self, path: str | Path) -> None:
         """Write an .npz with the fields' names."""
@@ -79,7 +79,7 @@ def lattice(
     if image.shape != still.shape:
         raise InputError(f"lattice: frames are {image.shape}, rest is {still.shape}, must be equal")
     index, pattern = _grid(frame, sequence)
-    start, steps = _expected(index, pattern, frame, sequence, guide, still.shape)
+    start, steps = _expected(pattern, sequence, guide, still.shape)
     inside = np.isfinite(start).all(axis=1) & np.isfinite(steps).all(axis=(1, 2))
     found = locate(still, start[inside], steps[inside], frame.period_px or 1.0, frame.width_px or 1.0)
     keep = found.ok
@@ -88,6 +88,7 @@ def lattice(
     if len(index) == 0:
         raise InputError("lattice: no crossing was found in the rest frame; is the guide that frame's?")
     now = _track(image, still, index, at_rest, steps[inside][keep], frame)
+    at_rest, now = (_straightened(found, index, frame) for found in (at_rest, now))
     return Crossings(index, pattern, at_rest.point, now.point, now.sigma, at_rest.sigma)
 
 
@@ -120,9 +121,7 @@ def _grid(frame: Frame, sequence: Sequence) -> tuple[NDArray[np.int64], F64]:
 
 
 def _expected(
-    index: NDArray[np.int64],
     pattern: F64,
-    frame: Frame,
     sequence: Sequence,
     guide: PatternMap | None,
     shape: tuple[int, ...],
@@ -136,23 +135,36 @@ def _expected(
     u, v = np.asarray(guide.u, np.float64), np.asarray(guide.v, np.float64)
     if u.shape != tuple(shape) or v.shape != tuple(shape):
         raise InputError(f"lattice: guide is {u.shape}, rest is {tuple(shape)}, must be equal")
-    where = _inverse(u, v)
-    reach = 0.25 * (frame.period_px or 1.0)
-    point = where(pattern)
-    steps = [(where(pattern + step) - where(pattern - step)) / (2 * reach) for step in np.eye(2) * reach]
-    return point, np.stack(steps, axis=1)
+    return _inverse(u, v, pattern)
 
 
-def _inverse(u: F64, v: F64) -> Any:
-    """Function from pattern coordinates (K, 2) to camera row, col (K, 2), NaN outside."""
-    thin = max(1, int(np.sqrt(u.size / 20000)))
-    rows, cols = (np.unique(np.append(np.arange(0, size, thin), size - 1)) for size in u.shape)
-    row, col = (axis.ravel() for axis in np.meshgrid(rows, cols, indexing="ij"))
-    places = np.stack([u[row, col], v[row, col]], axis=1)
-    good = np.isfinite(places).all(axis=1)
+def _inverse(u: F64, v: F64, pattern: F64) -> tuple[F64, F64]:
+    """Camera places (K, 2) of pattern coordinates and camera steps (K, 2, 2) there; NaN outside the map.
+
+    From the nearest of a grid of pixels two Newton steps lead there: a map at rest is smooth.
+    """
+    thin = max(2, int(np.sqrt(u.size / 40000)))
+    gradient = np.stack([np.stack([*np.gradient(part)], axis=-1) for part in (u, v)], axis=-2)
+    row, col = (axis.ravel() for axis in np.mgrid[1 : u.shape[0] - 1 : thin, 1 : u.shape[1] - 1 : thin])
+    determinant = np.linalg.det(gradient[row, col])
+    good = np.isfinite(u[row, col]) & np.isfinite(v[row, col]) & (np.abs(determinant) > 1e-6)
     if np.count_nonzero(good) < 4:
         raise InputError("lattice: guide holds fewer than 4 finite pixels")
-    return LinearNDInterpolator(places[good], np.stack([row[good], col[good]], axis=1).astype(np.float64))
+    row, col = row[good], col[good]
+    nearest = cKDTree(np.stack([u[row, col], v[row, col]], axis=1)).query(pattern)[1]
+    place = np.stack([row[nearest], col[nearest]], axis=1).astype(np.float64)
+    for _ in range(3):
+        at = tuple(np.clip(np.rint(place[:, k]), 0, u.shape[k] - 1).astype(int) for k in (0, 1))
+        jacobian = gradient[at]
+        usable = np.abs(np.linalg.det(np.nan_to_num(jacobian))) > 1e-6
+        inverse = np.full(jacobian.shape, np.nan)
+        inverse[usable] = np.linalg.inv(jacobian[usable])
+        missing = pattern - np.stack([u[at], v[at]], axis=1)
+        place = np.stack(at, axis=1) + np.einsum("kij,kj->ki", inverse, missing)
+        place[~np.isfinite(place)] = -1.0
+    outside = ((place < 0) | (place > np.array(u.shape) - 1)).any(axis=1)
+    place[outside] = np.nan
+    return place, inverse.transpose(0, 2, 1)
 
 
 def _track(
@@ -186,7 +198,59 @@ def _track(
             if good:
                 point[k], sigma[k] = place, error
         front = _neighbours(chosen[found.ok], index, number, point, rest.point, local, tried, period)
+    _drop_doubtful(point, sigma, index, number, rest.point, local, period)
     return Found(point, sigma, np.isfinite(point).all(axis=1))
+
+
+def _drop_doubtful(
+    point: F64,
+    sigma: F64,
+    index: NDArray[np.int64],
+    number: dict[tuple[int, int], int],
+    rest: F64,
+    local: F64,
+    period: float,
+) -> None:
+    """Forget crossings that two lines claim, and those that break out of the line of their neighbours."""
+    size = period * np.sqrt(np.abs(np.linalg.det(local)))
+    drop = np.zeros(len(point), bool)
+    found = np.flatnonzero(np.isfinite(point[:, 0]))
+    for k, other in cKDTree(point[found]).query_pairs(0.3 * float(np.median(size[found]))):
+        drop[found[k]] = drop[found[other]] = True
+    shift = point - rest
+    for k in found:
+        i, j = int(index[k][0]), int(index[k][1])
+        for di, dj in ((1, 0), (0, 1)):
+            ahead, behind = number.get((i + di, j + dj), -1), number.get((i - di, j - dj), -1)
+            bend = shift[ahead] - 2 * shift[k] + shift[behind]
+            if ahead >= 0 and behind >= 0 and np.isfinite(bend).all() and np.hypot(*bend) > size[k]:
+                drop[ahead] = drop[k] = drop[behind] = True
+    point[drop], sigma[drop] = np.nan, np.inf
+
+
+def _straightened(found: Found, index: NDArray[np.int64], frame: Frame) -> Found:
+    """Take off what the map's curvature does to the centroid of a line of finite width.
+
+    Where the place x of pattern coordinate q curves, a line's darkness spreads as x'(q) dq, and its centroid
+    lies at x + 3/2 x'' m2, m2 = width^2 / 12. x'' from the neighbours; a third of the shift goes into sigma.
+    """
+    period, second_moment = frame.period_px or 1.0, (frame.width_px or 0.0) ** 2 / 12
+    number = {(int(i), int(j)): k for k, (i, j) in enumerate(index)}
+    point, sigma = found.point.copy(), found.sigma.copy()
+    for k, (i, j) in enumerate(index.tolist()):
+        for di, dj in ((1, 0), (0, 1)):
+            ahead, behind = number.get((i + di, j + dj), -1), number.get((i - di, j - dj), -1)
+            if ahead < 0 or behind < 0:
+                continue
+            along = found.point[ahead] - found.point[behind]
+            bend = found.point[ahead] - 2 * found.point[k] + found.point[behind]
+            if not np.isfinite(bend).all():
+                continue
+            along /= np.hypot(*along)
+            shift = 1.5 * second_moment / period**2 * float(bend @ along) * along
+            point[k] -= shift
+            sigma[k] = np.hypot(sigma[k], shift / 3)
+    return Found(point, sigma, found.ok)
 
 
 def _unmoved(image: NDArray[np.float32], still: NDArray[np.float32], points: F64) -> list[int]:

@@ -1,8 +1,8 @@
-"""Sub-pixel crossing of two dark lines: their centres beside the crossing, a parabola through each, intersection.
+"""Sub-pixel crossing of two dark lines: their centres beside the crossing, parabolas, intersection.
 
-Every crossing is looked at in its own lattice coordinates (s along u, t along v, pattern pixels), in which its
-lines are nearly s = 0 and t = 0. A line's centre is the centroid of its darkness 1 - I/background, row by row,
-outside the other line; parabolas carry the curvature that a dent gives to the lines.
+Every crossing is looked at in its own lattice coordinates (s along u, t along v, pattern pixels), in which
+its lines are nearly s = 0 and t = 0. A line's centre is the centroid of its darkness 1 - I/background, row by
+row, outside the other line; parabolas carry the curvature that a dent gives to the lines.
 """
 
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ def locate(image: NDArray[np.float32], start: F64, steps: F64, period: float, wi
     """Crossings near start (K, 2); steps (K, 2, 2) = camera (row, col) per pattern pixel of u and of v."""
     point = start.copy()
     sigma = np.full(point.shape, np.inf)
-    ok = np.isfinite(point).all(axis=1) & np.isfinite(steps).all(axis=(1, 2))
+    ok = np.asarray(np.isfinite(point).all(axis=1) & np.isfinite(steps).all(axis=(1, 2)))
     grid = np.linspace(-_REACH, _REACH, _SAMPLES) * period
     move = np.full(len(point), np.inf)
     for _ in range(_ROUNDS):
@@ -56,7 +56,7 @@ def locate(image: NDArray[np.float32], start: F64, steps: F64, period: float, wi
 def _measure(
     image: NDArray[np.float32], point: F64, steps: F64, grid: F64, width: float
 ) -> tuple[F64, F64, NDArray[np.bool_]]:
-    """Crossing relative to `point` in lattice coordinates (K, 2), its sigma, and whether both lines are there."""
+    """Crossing relative to `point` in lattice coordinates (K, 2), its sigma, and whether it is there."""
     patch = _patches(image, point, steps, grid)
     along_t = _line(patch, grid, width)  # line of constant u: s as a parabola of t
     along_s = _line(patch.transpose(0, 2, 1), grid, width)
@@ -71,9 +71,8 @@ def _measure(
 def _patches(image: NDArray[np.float32], point: F64, steps: F64, grid: F64) -> F64:
     """Image at point + s steps[u] + t steps[v]: (K, t, s), NaN outside."""
     t, s = np.meshgrid(grid, grid, indexing="ij")
-    place = (
-        point[:, None, None] + s[..., None] * steps[:, None, None, 0] + t[..., None] * steps[:, None, None, 1]
-    )
+    offset = s[..., None] * steps[:, None, None, 0] + t[..., None] * steps[:, None, None, 1]
+    place = point[:, None, None] + offset
     rows, cols = image.shape
     # cv2.remap takes at most 32767 lines at a time
     batch = 32000 // len(grid)
@@ -137,7 +136,7 @@ def _centroids(darkness: F64, grid: F64, width: float) -> F64:
         inside = np.clip((reach - np.abs(grid - centre[..., None])) / step + 0.5, 0.0, 1.0) * darkness
         total = inside.sum(axis=2)
         centre = (inside * grid).sum(axis=2) / np.where(np.abs(total) > 1e-9, total, np.nan)
-    return centre
+    return np.asarray(centre)
 
 
 def _parabola(fit: F64, at: F64) -> F64:
