@@ -15,8 +15,9 @@ pattern and
 Boxes much narrower than the blur would cancel digits, so they are widened to 0.35 s and s is reduced to the
 same variance (error of H: 1e-5); without blur the floor is 1e-3 cells. `footprint.glsl` is the same in
 float32. A frame that varies along one axis only takes the weights of that axis, times the share of the
-footprint that lies on the pattern along the other; frames that vary along both take the product of the
-shares. Off the pattern it is dark.
+footprint that lies on the pattern along the other. Frames that vary along both take the product of the
+shares, of the footprint cut up where it lies askew (the product leaves out that u and v vary together there).
+Off the pattern it is dark.
 """
 
 import math
@@ -117,8 +118,8 @@ def look_up_one(
 ) -> None:
     """Irradiance of frames that vary along one axis.
 
-    look: (P, 6): position along the axis, its movement from edge to edge of the pixel along columns and along rows,
-    and the same three across the axis, in cells.
+    look: (P, 6): position along the axis, its movement from edge to edge of the pixel along columns and along
+    rows, and the same three across the axis, in cells.
     light: (P,) what the mirror passes on, 0 where nothing is seen. table: (cells, N) levels. across: cells
     of the other axis. out: (P, N).
     """

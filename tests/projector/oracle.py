@@ -38,7 +38,7 @@ def finer(camera: Camera, times: int) -> Camera:
 
 
 def light_of_rays(images: Float, u: Float, v: Float, blur: float) -> Float:
-    """Light (N, P) of images (N, rows, cols) read at points u, v (P,) through a Gaussian of `blur` cells; dark outside."""
+    """Light (N, P) of images (N, rows, cols) at points u, v (P,) through a Gaussian of `blur` cells."""
     reach = int(np.ceil(6 * blur)) if blur > 0 else 0
     padded = np.pad(images, ((0, 0), (reach + 1, reach + 1), (reach + 1, reach + 1)))
     at_u, at_v = np.rint(u).astype(int), np.rint(v).astype(int)

@@ -121,7 +121,7 @@ def test_correspondences_at_full_resolution(gl: moderngl.Context, name: str) -> 
 
 
 def detail(name: str, blur: float, turn: float = 0.0, **changes: object) -> tuple[Scene, Surface]:
-    """12 x 10 pixels of the full-size scene on the flank of a dent; the pattern turned in its plane by `turn` rad."""
+    """12 x 10 pixels of the full-size scene on a dent's flank, the pattern turned in its plane (rad)."""
     whole = load("paper-simulation")
     u_axis, v_axis = whole.pattern.u_axis, whole.pattern.v_axis
     turned_u, turned_v = (

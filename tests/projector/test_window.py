@@ -86,5 +86,5 @@ def test_without_a_display_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> 
         pytest.skip("DISPLAY decides on Linux only")
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    with pytest.raises(InputError, match="^display: GLFW cannot start"):
+    with pytest.raises(InputError, match=r"^display: GLFW cannot start"):
         monitors()

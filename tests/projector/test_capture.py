@@ -1,0 +1,333 @@
+"""The capture record and its folder: round trips, foreign descriptions, and the ways in which input is bad."""
+
+import shutil
+import struct
+import tomllib
+import zlib
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from optolever import InputError
+from optolever.patterns import Frame, Sequence, sequence
+from optolever.projector import Capture, FolderSource, FrameSource, VirtualSensor, capture, record
+from optolever.scene import dent, load, resize, trace
+
+SHOWN = Sequence(
+    (
+        Frame("white"),
+        Frame("gray", "u", bit=3, inverted=True),
+        Frame("phase", "v", period_px=7.5, shift=1.25),
+        Frame("lattice", period_px=9.0, width_px=2.0, exposure=0.5),
+    ),
+    30,
+    40,
+    "mixed",
+)
+
+
+def made(bits: int = 8) -> Capture:
+    """Random frames of 12 x 17 pixels."""
+    kind = np.uint8 if bits == 8 else np.uint16
+    frames = np.random.default_rng(2).integers(0, 2**bits, (4, 12, 17), kind)
+    return Capture(frames, SHOWN, timestamps=np.array([0.0, 0.1, 0.25, 0.3]), bits=bits)
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12, 16])
+def test_round_trip(tmp_path: Path, bits: int) -> None:
+    first = made(bits)
+    first.save(tmp_path / "c")
+    again = Capture.load(tmp_path / "c")
+    np.testing.assert_array_equal(again.frames, first.frames)
+    assert again.frames.dtype == first.frames.dtype
+    assert again.sequence == SHOWN
+    assert again.bits == bits
+    assert again.white == 2**bits - 1
+    assert again.timestamps is not None
+    assert again.timestamps.tolist() == [0.0, 0.1, 0.25, 0.3]
+    assert again.exposure is not None
+    assert again.exposure.tolist() == [1.0, 1.0, 1.0, 0.5]
+    assert again.scene is None
+    assert (len(again), again.shape) == (4, (12, 17))
+
+
+def test_the_folder_can_be_read_without_this_project(tmp_path: Path) -> None:
+    first = made()
+    first.save(tmp_path / "c")
+    described = tomllib.loads((tmp_path / "c" / "capture.toml").read_text())
+    assert (described["version"], described["rows"], described["cols"], described["bits"]) == (1, 30, 40, 8)
+    for table, frame, image in zip(described["frames"], SHOWN.frames, first.frames, strict=True):
+        assert table["kind"] == frame.kind
+        np.testing.assert_array_equal(
+            cv2.imread(str(tmp_path / "c" / table["file"]), cv2.IMREAD_UNCHANGED), image
+        )
+    assert described["frames"][1] == {
+        "file": "frames/001.png",
+        "kind": "gray",
+        "axis": "u",
+        "bit": 3,
+        "inverted": True,
+        "time": 0.1,
+    }
+
+
+def test_a_virtual_capture_keeps_its_scene_and_truth(tmp_path: Path) -> None:
+    scene = resize(load("paper-simulation"), 24, 24)
+    surface = dent("gaussian", scene)
+    shown = sequence("gray", scene.pattern.rows, scene.pattern.cols)
+    first = capture(scene, surface, shown, renderer="numpy")
+    truth = trace(scene, surface)
+    first.save(tmp_path / "c", truth)
+    assert sorted(path.name for path in (tmp_path / "c").iterdir()) == [
+        "capture.toml",
+        "frames",
+        "scene.toml",
+        "truth.npz",
+    ]
+    again = Capture.load(tmp_path / "c")
+    assert again.scene == scene
+    with np.load(tmp_path / "c" / "truth.npz") as arrays:
+        np.testing.assert_array_equal(arrays["u"], truth.u)
+
+
+def test_foreign_captures_are_described_elsewhere(tmp_path: Path) -> None:
+    """Any order and any names; other files in the folder are none of our business."""
+    first = made()
+    (tmp_path / "shots").mkdir()
+    for index, image in enumerate(first.frames):
+        cv2.imwrite(
+            str(tmp_path / "shots" / f"IMG_{9 - index}.png"), cv2.merge([image] * 3) if index == 1 else image
+        )
+    (tmp_path / "shots" / "notes.txt").write_text("handheld")
+    (tmp_path / "shots" / "dark.png").write_bytes(b"")
+    frames = "".join(
+        f'[[frames]]\nfile = "IMG_{9 - index}.png"\nkind = "{kind}"\n{more}\n'
+        for index, kind, more in ((2, "white", "exposure = 2.0"), (0, "black", ""), (1, "white", ""))
+    )
+    description = tmp_path / "described.toml"
+    description.write_text(f"version = 1\nrows = 5\ncols = 6\n{frames}")
+    again = Capture.load(tmp_path / "shots", description)
+    np.testing.assert_array_equal(again.frames, first.frames[[2, 0, 1]])
+    assert [frame.kind for frame in again.sequence.frames] == ["white", "black", "white"]
+    assert again.exposure is not None
+    assert again.exposure.tolist() == [2.0, 1.0, 1.0]
+    assert again.timestamps is None
+
+
+def test_saving_writes_over_nothing_and_leaves_nothing_half_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made().save(tmp_path / "c")
+    before = (tmp_path / "c" / "frames" / "000.png").read_bytes()
+    with pytest.raises(InputError, match="nothing is written over"):
+        made(12).save(tmp_path / "c")
+    assert (tmp_path / "c" / "frames" / "000.png").read_bytes() == before
+
+    def full(*_: object) -> None:
+        raise OSError("disk full")
+
+    monkeypatch.setattr("optolever.projector.folder._write_image", full)
+    with pytest.raises(OSError, match="disk full"):
+        made().save(tmp_path / "d")
+    assert [path.name for path in tmp_path.iterdir()] == ["c"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"frames": np.zeros((3, 4, 5), np.uint8)}, ("frames", "(3, 4, 5)", "4")),
+        ({"frames": np.zeros((4, 5), np.uint8)}, ("frames", "(4, 5)")),
+        ({"frames": np.zeros((4, 4, 5), np.float32)}, ("frames", "float32", "uint8")),
+        ({"bits": 12}, ("frames", "uint8", "12 bits", "uint16")),
+        ({"bits": 17}, ("bits", "17", "8 and 16")),
+        ({"timestamps": np.zeros(3)}, ("timestamps", "(3,)")),
+        ({"timestamps": np.array([0, 1, np.nan, 3])}, ("timestamps", "nan", "frame 2")),
+        ({"exposure": np.array([1.0, -2.0, 1.0, 1.0])}, ("exposure", "-2", "frame 1", "greater than 0")),
+    ],
+)
+def test_records_that_do_not_fit_together_are_refused(
+    changes: dict[str, object], words: tuple[str, ...]
+) -> None:
+    fields = {"frames": made().frames, "sequence": SHOWN, **changes}
+    with pytest.raises(InputError) as caught:
+        Capture(**fields)  # type: ignore[arg-type]
+    for word in words:
+        assert word in str(caught.value)
+
+
+def edit(old: str, new: str) -> Callable[[Path], None]:
+    """Replace text in capture.toml."""
+
+    def change(folder: Path) -> None:
+        path = folder / "capture.toml"
+        text = path.read_text()
+        assert old in text
+        path.write_text(text.replace(old, new, 1))
+
+    return change
+
+
+def image(name: str, values: object) -> Callable[[Path], None]:
+    """Put another image in the place of a frame."""
+    return lambda folder: cv2.imwrite(str(folder / "frames" / name), values)  # type: ignore[call-overload]
+
+
+def truncate(folder: Path) -> None:
+    path = folder / "frames" / "002.png"
+    path.write_bytes(path.read_bytes()[:-30])
+
+
+def flip_a_bit(folder: Path) -> None:
+    path = folder / "frames" / "002.png"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(bytes(data))
+
+
+def headless_png(folder: Path) -> None:
+    """A whole PNG, checksums and all, that holds no pixels."""
+    chunks = b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        for kind, data in ((b"IHDR", struct.pack(">IIBBBBB", 17, 12, 8, 0, 0, 0, 0)), (b"IEND", b""))
+    )
+    (folder / "frames" / "002.png").write_bytes(b"\x89PNG\r\n\x1a\n" + chunks)
+
+
+def other_scene(folder: Path) -> None:
+    resize(load("paper-simulation"), 16, 16).save(folder / "scene.toml")
+
+
+BAD: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
+    "no folder": (shutil.rmtree, ("c: no such folder",)),
+    "no description": (lambda folder: (folder / "capture.toml").unlink(), ("capture.toml", "no such file")),
+    "description is a picture": (
+        lambda folder: (folder / "capture.toml").write_bytes(b"\xff\xd8\x00"),
+        ("capture.toml", "not TOML"),
+    ),
+    "missing frame": (lambda folder: (folder / "frames" / "001.png").unlink(), ("001.png", "no such file")),
+    "frame is a folder": (
+        lambda folder: ((folder / "frames/001.png").unlink(), (folder / "frames/001.png").mkdir()),
+        ("001.png", "no such file"),
+    ),
+    "extra frame": (
+        lambda folder: shutil.copy(folder / "frames/001.png", folder / "frames/004.png"),
+        ("004.png", "not in the description", "4 frames"),
+    ),
+    "empty frame": (
+        lambda folder: (folder / "frames/002.png").write_bytes(b""),
+        ("002.png", "not an image", "0 bytes"),
+    ),
+    "no image": (
+        lambda folder: (folder / "frames/002.png").write_text("hello"),
+        ("002.png", "not an image", "5 bytes"),
+    ),
+    "truncated": (truncate, ("002.png", "truncated")),
+    "damaged": (flip_a_bit, ("002.png", "damaged")),
+    "no pixels": (headless_png, ("002.png", "not an image")),
+    "other size": (image("002.png", np.zeros((12, 16), np.uint8)), ("002.png", "12x16", "12x17", "000.png")),
+    "colour": (
+        image("002.png", np.arange(12 * 17 * 3, dtype=np.uint8).reshape(12, 17, 3)),
+        ("002.png", "3 colour channels", "grey"),
+    ),
+    "16-bit frame": (
+        image("002.png", np.zeros((12, 17), np.uint16)),
+        ("002.png", "uint16", "8 bits", "uint8"),
+    ),
+    "unknown key": (edit("bits = 8", "bits = 8\nlens = 3"), ("capture.toml", "'lens'", "known are")),
+    "unknown frame key": (
+        edit('kind = "white"', 'kind = "white"\nlens = 3'),
+        ("capture.toml", "frames[0]", "'lens'"),
+    ),
+    "missing rows": (edit("rows = 30", ""), ("capture.toml", "rows")),
+    "no version": (edit("version = 1", ""), ("capture.toml", "version", "missing", "must be 1")),
+    "bits too many": (edit("bits = 8", "bits = 24"), ("capture.toml", "bits", "24", "8 to 16")),
+    "bits in words": (edit("bits = 8", 'bits = "8"'), ("capture.toml", "bits", "'8'")),
+    "bits true": (edit("bits = 8", "bits = true"), ("capture.toml", "bits", "True")),
+    "no file": (edit('file = "frames/001.png"', ""), ("capture.toml", "frames[1]", "file", "missing")),
+    "file outside": (
+        edit("frames/001.png", "../001.png"),
+        ("capture.toml", "frames[1]", "../001.png", "inside"),
+    ),
+    "file twice": (edit("frames/001.png", "frames/000.png"), ("capture.toml", "frames/000.png", "2 times")),
+    "no kind": (edit('kind = "white"', ""), ("capture.toml", "frames[0]", "kind")),
+    "unknown kind": (edit('"gray"', '"grey"'), ("capture.toml", "frames[1]", "'grey'")),
+    "missing bit": (edit("bit = 3", ""), ("capture.toml", "frames[1]", "bit")),
+    "NaN period": (
+        edit("period_px = 7.5", "period_px = nan"),
+        ("capture.toml", "frames[2]", "period_px", "nan"),
+    ),
+    "NaN time": (edit("time = 0.25", "time = nan"), ("capture.toml", "frames[2]", "time", "nan")),
+    "time missing": (edit("time = 0.25", ""), ("capture.toml", "frames[2]", "time", "missing")),
+    "fewer described than taken": (
+        lambda folder: (folder / "capture.toml").write_text(
+            (folder / "capture.toml").read_text().rpartition("[[frames]]")[0]
+        ),
+        ("003.png", "not in the description", "3 frames"),
+    ),
+    "scene of another pattern": (other_scene, ("scene.toml", "16x12", "30x40")),
+    "broken scene": (
+        lambda folder: (folder / "scene.toml").write_text("mirror = 3"),
+        ("scene.toml", "mirror"),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_folders_end_in_one_line(tmp_path: Path, case: str) -> None:
+    spoil, words = BAD[case]
+    made().save(tmp_path / "c")
+    spoil(tmp_path / "c")
+    with pytest.raises(InputError) as caught:
+        Capture.load(tmp_path / "c")
+    assert "\n" not in str(caught.value)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_values_beyond_the_bits_are_refused(tmp_path: Path) -> None:
+    made(12).save(tmp_path / "c")
+    values = np.zeros((12, 17), np.uint16)
+    values[3, 4] = 4096
+    cv2.imwrite(str(tmp_path / "c" / "frames" / "002.png"), values)
+    with pytest.raises(InputError, match=r"002\.png: value 4096, the limit of 12 bits is 4095"):
+        Capture.load(tmp_path / "c")
+
+
+def test_no_frames_are_described(tmp_path: Path) -> None:
+    (tmp_path / "capture.toml").write_text("version = 1\nrows = 3\ncols = 3\n")
+    with pytest.raises(InputError, match=r"capture\.toml: frames is None"):
+        Capture.load(tmp_path)
+
+
+class Projector:
+    """A display that remembers what it showed."""
+
+    def __init__(self) -> None:
+        self.shown: list[int] = []
+
+    def show(self, index: int) -> None:
+        self.shown.append(index)
+
+
+def test_recording_from_a_folder_and_from_the_virtual_sensor(tmp_path: Path) -> None:
+    """The seam for real cameras: both sources go through `record` unchanged."""
+    made(12).save(tmp_path / "c")
+    folder = FolderSource(tmp_path / "c")
+    assert isinstance(folder, FrameSource)
+    display = Projector()
+    seen = record(folder, folder.sequence, display)
+    np.testing.assert_array_equal(seen.frames, made(12).frames)
+    assert (seen.bits, display.shown) == (12, [0, 1, 2, 3])
+
+    scene = resize(load("paper-simulation"), 16, 16)
+    shown = replace(SHOWN, rows=scene.pattern.rows, cols=scene.pattern.cols)
+    surface = dent("gaussian", scene)
+    with VirtualSensor(scene, surface, shown, renderer="numpy", noise=1.0, seed=4) as sensor:
+        assert isinstance(sensor, FrameSource)
+        seen = record(sensor, sensor.sequence)
+    whole = capture(scene, surface, shown, renderer="numpy", noise=1.0, seed=4)
+    np.testing.assert_array_equal(seen.frames, whole.frames)

@@ -1,0 +1,161 @@
+"""Noise statistics, response, quantisation, exposure and flicker of the sensor."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever.patterns import Frame, Sequence
+from optolever.projector import NOMINAL_SENSOR, capture
+from optolever.projector import virtual as module
+from optolever.projector.electronics import FrameElectronics, flicker_factor
+from optolever.scene import Scene, Sensor, dent, load, resize
+
+LINEAR = Sensor()
+
+
+def digits(
+    sensor: Sensor, light: float, *, noise: float = 0.0, bits: int = 8, gain: float = 1.0, seed: int = 1
+) -> NDArray[np.float64]:
+    """300 x 400 pixels of even light."""
+    out = np.empty((300, 400), np.uint8 if bits == 8 else np.uint16)
+    electronics = FrameElectronics.of_frame(sensor, gain, noise, bits, seed, 0)
+    electronics.expose(np.full(out.shape, light, np.float32), out)
+    return out.astype(np.float64)
+
+
+@pytest.mark.parametrize("bits", [8, 12, 16])
+def test_quantisation_rounds_and_clips_at_full_scale(bits: int) -> None:
+    white = 2**bits - 1
+    for light in (0.0, 0.2, 0.6180339, 1.0):
+        assert (digits(LINEAR, light, bits=bits) == round(np.float32(light) * white)).all()
+    assert (digits(LINEAR, 1.7, bits=bits) == white).all()
+    assert (digits(replace(LINEAR, offset=-30.0), 0.0, bits=bits) == 0).all()
+
+
+def test_read_noise_has_the_given_rms_and_no_bias() -> None:
+    values = digits(LINEAR, 0.5, noise=3.0, bits=16) * 255 / 65535
+    count = values.size
+    assert values.mean() == pytest.approx(127.5, abs=4 * 3.0 / np.sqrt(count))
+    assert values.std() == pytest.approx(3.0, rel=4 / np.sqrt(2 * count))
+    centred = values - values.mean()
+    assert abs((centred[:, 1:] * centred[:, :-1]).mean()) < 4 * 9 / np.sqrt(count)
+    assert ((centred / 3) ** 4).mean() == pytest.approx(3.0, abs=4 * np.sqrt(96 / count))
+
+
+def test_quantisation_to_8_bits_adds_a_twelfth() -> None:
+    values = digits(LINEAR, 0.5017, noise=1.0)
+    assert values.var() == pytest.approx(1 + 1 / 12, rel=0.02)
+    assert values.mean() == pytest.approx(0.5017 * 255, abs=0.02)
+
+
+@pytest.mark.parametrize("electrons", [0.5, 4.0, 40.0])
+def test_shot_noise_is_poisson(electrons: float) -> None:
+    """Variance = mean / electrons per level; skewness 1/sqrt(mean electrons); the offset has none."""
+    sensor = Sensor(gain_e=electrons, offset=20.0)
+    values = digits(sensor, 0.25, bits=16) * 255 / 65535 - 20
+    assert values.mean() == pytest.approx(63.75, abs=0.15)
+    assert values.var() == pytest.approx(63.75 / electrons, rel=0.03)
+    skewness = ((values - values.mean()) ** 3).mean() / values.std() ** 3
+    assert skewness == pytest.approx(1 / np.sqrt(63.75 * electrons), abs=0.03)
+    assert (digits(sensor, 0.0) == 20).all()
+
+
+def test_shot_and_read_noise_add_in_variance() -> None:
+    values = digits(Sensor(gain_e=10.0), 0.5, noise=2.0, bits=16) * 255 / 65535
+    assert values.var() == pytest.approx(127.5 / 10 + 4, rel=0.03)
+
+
+def test_response_is_the_scenes() -> None:
+    sensor = Sensor(gamma=2.2, exposure=0.7, offset=5.0)
+    for light in (0.0, 0.1, 0.5, 1.0):
+        expected = sensor.levels(np.array(0.8 * light))
+        assert digits(sensor, light, bits=16, gain=0.8)[0, 0] == pytest.approx(
+            expected * 65535 / 255, abs=0.6
+        )
+
+
+def test_flicker_is_the_mean_over_the_shutter() -> None:
+    sensor = Sensor(flicker=0.3, flicker_hz=100.0, shutter_s=0.007, frame_s=0.01)
+    for time in (0.0, 0.0013, 0.4):
+        instants = time + 0.007 * ((np.arange(20000) + 0.5) / 20000 - 0.5)
+        expected = (1 + 0.3 * np.sin(2 * np.pi * 100 * instants)).mean()
+        assert flicker_factor(sensor, time) == pytest.approx(expected, abs=1e-8)
+    assert flicker_factor(LINEAR, 0.3) == 1.0
+
+
+def small() -> tuple[Scene, Sequence]:
+    """A scene whose mirror is flat, and three uniform frames."""
+    scene = resize(load("paper-simulation"), 40, 40)
+    frames = (
+        Frame("uniform", level=200),
+        Frame("uniform", level=100),
+        Frame("uniform", level=200, exposure=0.5),
+    )
+    return scene, Sequence(frames, scene.pattern.rows, scene.pattern.cols)
+
+
+def inner(frames: NDArray[np.uint8] | NDArray[np.uint16]) -> NDArray[np.float64]:
+    """Away from the pattern's border."""
+    return frames[:, 10:30, 10:30].astype(np.float64)
+
+
+def test_a_scene_without_a_sensor_leaves_room_for_noise() -> None:
+    scene, shown = small()
+    seen = inner(capture(scene, dent("flat", scene), shown, renderer="numpy").frames)
+    assert (seen == np.round(16 + 216.75 * np.array([200, 100, 100]) / 255)[:, None, None]).all()
+    assert NOMINAL_SENSOR.levels(np.array(1.0)) == 232.75
+
+
+def test_exposures_of_the_frames_and_of_the_call() -> None:
+    scene, shown = small()
+    flat = dent("flat", scene)
+    own = capture(scene, flat, shown, renderer="numpy")
+    assert own.exposure is not None
+    assert own.exposure.tolist() == [1.0, 1.0, 0.5]
+    given = capture(scene, flat, shown, renderer="numpy", exposure=np.array([0.25, 2.0, 0.25]))
+    levels = inner(given.frames)[:, 5, 5]
+    assert levels.tolist() == [59.0, 186.0, 59.0]  # 16 + 216.75 * (200, 200, 200) / 255 * (1/4, 1, 1/4)
+    assert [frame.exposure for frame in given.sequence.frames] == [0.25, 2.0, 0.25]
+
+
+def test_flicker_dims_whole_frames() -> None:
+    scene, shown = small()
+    flickering = replace(scene, sensor=Sensor(flicker=0.2, flicker_hz=30.0, frame_s=1 / 90, exposure=0.8))
+    seen = inner(capture(flickering, dent("flat", scene), shown, renderer="numpy").frames)[:, 5, 5]
+    factors = 1 + 0.2 * np.sin(2 * np.pi * np.arange(3) / 3)
+    np.testing.assert_allclose(seen, 0.8 * factors * [200, 100, 100], atol=0.51)
+
+
+def test_noise_adds_to_the_sensors_own() -> None:
+    scene, shown = small()
+    noisy = replace(scene, sensor=Sensor(noise=3.0, exposure=0.5, bits=12))
+    seen = capture(noisy, dent("flat", scene), shown, renderer="numpy", noise=4.0)
+    assert seen.bits == 12
+    assert seen.frames.dtype == np.uint16
+    assert (inner(seen.frames) * 255 / 4095).std(axis=(1, 2)) == pytest.approx([5.0] * 3, rel=0.15)
+
+
+def test_noise_is_seeded_per_frame_and_independent_of_strips(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, shown = small()
+    noisy = replace(scene, sensor=replace(NOMINAL_SENSOR, gain_e=20.0))
+    flat = dent("flat", scene)
+    first = capture(noisy, flat, shown, renderer="numpy", noise=2.0, seed=5)
+    other = capture(noisy, flat, shown, renderer="numpy", noise=2.0, seed=6)
+    assert (first.frames != other.frames).mean() > 0.5
+    assert not np.array_equal(first.frames[0], capture(noisy, flat, shown, renderer="numpy").frames[0])
+    monkeypatch.setattr(module, "_STRIP", 7 * 40)
+    strips = capture(noisy, flat, shown, renderer="numpy", noise=2.0, seed=5)
+    np.testing.assert_array_equal(first.frames, strips.frames)
+
+
+def test_both_renderers_have_the_same_noise(gl: object) -> None:
+    scene, shown = small()
+    flat = dent("raised-cosine", scene)
+    a, b = (
+        capture(scene, flat, shown, renderer=renderer, noise=5.0, seed=3).frames.astype(int)
+        for renderer in ("gl", "numpy")
+    )
+    assert np.abs(a - b).max() <= 1
+    assert (a != b).mean() < 0.01
