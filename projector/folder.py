@@ -4,6 +4,7 @@
     rows, cols       of the pattern surface
     bits             of the camera, 8 to 16 (default 8)
     name             of the sequence (default "custom")
+    nominal          true where rows and cols are only the unit of the coordinates (default false)
     [[frames]]       one per frame: `file`, relative to the folder; `time` in s (in all frames or in none);
                      and the fields of patterns.Frame
 
@@ -156,7 +157,9 @@ def _described(capture: "Capture", files: list[str]) -> dict[str, Any]:
     if capture.timestamps is not None:
         for table, time in zip(tables, capture.timestamps.tolist(), strict=True):
             table["time"] = time
-    head = {key: sequence[key] for key in ("name", "rows", "cols", "nominal") if key in sequence}
+    head: dict[str, Any] = {
+        key: sequence[key] for key in ("name", "rows", "cols", "nominal") if key in sequence
+    }
     return {"version": _VERSION, **head, "bits": capture.bits, "frames": tables}
 
 

@@ -16,6 +16,8 @@ from .renderer import FramePainter
 
 __all__ = ["Monitor", "PatternWindow", "monitors"]
 
+_WAIT_S = 0.1  # between looks at whether the window was closed
+
 
 @dataclass(frozen=True, slots=True)
 class Monitor:
@@ -52,9 +54,11 @@ class PatternWindow:
         self._sequence = sequence
         self._window = _open(sequence, monitor)
         self._index = -1
+        self._steps = 0  # asked for by keys
         try:
             glfw.make_context_current(self._window)
             glfw.swap_interval(1 if vsync else 0)
+            glfw.set_key_callback(self._window, self._on_key)
             self._ctx = moderngl.create_context(require=330)
             self._painter = FramePainter(self._ctx, sequence)
         except BaseException:
@@ -82,7 +86,7 @@ class PatternWindow:
 
     @property
     def closed(self) -> bool:
-        """True once the user asked to close the window (button, or the Escape key)."""
+        """True once the user asked to close the window (its button, or the Escape key)."""
         return bool(glfw.window_should_close(self._window))
 
     def show(self, index: int) -> None:
@@ -99,10 +103,20 @@ class PatternWindow:
         glfw.poll_events()
         self._index = index
 
-    def step(self) -> int:
-        """Show the next frame, the first after the last; returns its index."""
-        self.show((self._index + 1) % len(self._sequence))
+    def step(self, by: int = 1) -> int:
+        """Show the frame `by` further on, the first after the last; returns its index."""
+        self.show((self._index + by) % len(self._sequence))
         return self._index
+
+    def run(self) -> None:
+        """Show frames until the window is closed: right and left arrow step, Escape closes."""
+        if self._index < 0:
+            self.show(0)
+        while not self.closed:
+            if self._steps:
+                steps, self._steps = self._steps, 0
+                self.step(steps)
+            glfw.wait_events_timeout(_WAIT_S)
 
     def read(self) -> NDArray[np.uint8]:
         """What the window shows, (rows, cols) uint8, row 0 on top: drawn once more and read back."""
@@ -111,6 +125,15 @@ class PatternWindow:
         raw = self._ctx.screen.read(viewport=(0, 0, width, height), components=3, alignment=1)
         pixels = np.frombuffer(raw, np.uint8).reshape(height, width, 3)
         return np.ascontiguousarray(pixels[::-1, :, 0])
+
+    def _on_key(self, window: Any, key: int, scancode: int, action: int, mods: int) -> None:
+        """Note what the key asks for; GLFW forbids to draw and poll from here."""
+        if action == glfw.RELEASE:
+            return
+        if key == glfw.KEY_ESCAPE:
+            glfw.set_window_should_close(window, True)
+        elif key in (glfw.KEY_RIGHT, glfw.KEY_LEFT):
+            self._steps += 1 if key == glfw.KEY_RIGHT else -1
 
     def close(self) -> None:
         """Free the GL objects and close the window."""

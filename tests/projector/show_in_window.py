@@ -4,8 +4,10 @@ Arguments: folder of the server's frame buffer file, output .npz, 'window' or 'f
 """
 
 import sys
+import threading
 from pathlib import Path
 
+import glfw
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +25,16 @@ def screen(folder: Path) -> NDArray[np.uint8]:
     return pixels[:, : 4 * cols].reshape(rows, cols, 4)[..., 1].copy()
 
 
+def press_keys(window: PatternWindow) -> list[int]:
+    """The frame on show after right, right, left and Escape, pressed before `run`."""
+    for key in (glfw.KEY_RIGHT, glfw.KEY_RIGHT, glfw.KEY_LEFT):
+        window._on_key(window._window, key, 0, glfw.PRESS, 0)
+        window._on_key(window._window, key, 0, glfw.RELEASE, 0)
+    threading.Timer(0.3, lambda: window._on_key(window._window, glfw.KEY_ESCAPE, 0, glfw.PRESS, 0)).start()
+    window.run()
+    return [window.index]
+
+
 def main(folder: Path, out: Path, mode: str) -> None:
     """Show three frames, keep the window's and the screen's pixels of each."""
     found = monitors()
@@ -33,6 +45,7 @@ def main(folder: Path, out: Path, mode: str) -> None:
             indices.append(window.step())
             windows.append(window.read())
             screens.append(screen(folder))
+        indices += press_keys(window)
     sizes = [(monitor.rows, monitor.cols) for monitor in found]
     np.savez(
         out, windows=windows, screens=screens, indices=indices, monitors=sizes, expected=shown.render()[:3]

@@ -1,4 +1,4 @@
-"""The capture record and its folder: round trips, foreign descriptions, and the ways in which input is bad."""
+"""The capture record and its folder: round trips, foreign descriptions, and all kinds of bad input."""
 
 import shutil
 import struct
@@ -53,6 +53,11 @@ def test_round_trip(tmp_path: Path, bits: int) -> None:
     assert again.exposure.tolist() == [1.0, 1.0, 1.0, 0.5]
     assert again.scene is None
     assert (len(again), again.shape) == (4, (12, 17))
+
+
+def test_a_nominal_size_stays_nominal(tmp_path: Path) -> None:
+    replace(made(), sequence=replace(SHOWN, nominal=True)).save(tmp_path / "c")
+    assert Capture.load(tmp_path / "c").sequence.nominal
 
 
 def test_the_folder_can_be_read_without_this_project(tmp_path: Path) -> None:

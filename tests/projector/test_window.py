@@ -58,7 +58,7 @@ def test_window_shows_the_frames(x_server: tuple[str, Path], tmp_path: Path, mod
     assert time.perf_counter() - start < 60
     with np.load(out) as seen:
         assert seen["monitors"].tolist() == [[ROWS, COLS]]
-        assert seen["indices"].tolist() == [0, 1, 2]
+        assert seen["indices"].tolist() == [0, 1, 2, 3]  # steps, then what the keys asked for
         expected = seen["expected"]
         if mode == "window":
             np.testing.assert_array_equal(seen["windows"], expected)
