@@ -15,8 +15,9 @@ from .cells import add_cell_term
 from .code_kernels import FROM_EXTREMES, FROM_PAIRS, FROM_WHITE_BLACK, code_rows
 from .correspondence import Correspondence
 from .display import correct_display
+from .flag_kernels import code_finish_rows, outlier_rows
 from .noise import QUANTISATION, Noise, estimate_noise
-from .phase_kernels import CODE_GUIDED, SEARCHED, SPAN_GUIDED, code_finish_rows, outlier_rows, phase_rows
+from .phase_kernels import CODE_GUIDED, SEARCHED, SPAN_GUIDED, phase_rows
 from .plan import AxisPlan, Code, Plan, plan
 from .response import Response
 
@@ -87,7 +88,7 @@ def decode(
     over_rows(work, height, _BLOCK)
     for axis in wanted.axes:
         if axis.fringes and on_cells and not sequence.nominal:
-            correct_display(sequence, axis, *maps[axis.axis], blur_px)
+            correct_display(sequence, axis, *maps[axis.axis], flags, blur_px)
             add_cell_term(*maps[axis.axis], flags, blur_px)
     return Correspondence(
         maps["u"][0], maps["v"][0], maps["u"][1], maps["v"][1], flags, amplitude, offset, order_error
@@ -210,20 +211,7 @@ def _code_step(
 
     def step(start: int, stop: int) -> None:
         found = _run_code(job, wanted, code, start, stop)
-        code_finish_rows(
-            start,
-            stop,
-            axis.extent,
-            code.cell,
-            origin,
-            cells,
-            job.clip,
-            noise,
-            *found,
-            joined,
-            *maps,
-            *common,
-        )
+        code_finish_rows(start, stop, code.cell, origin, cells, noise, *found, joined, *maps, *common)
         outlier_rows(start, stop, 8 * code.cell, *maps, common[0])
 
     return step

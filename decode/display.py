@@ -20,6 +20,7 @@ from scipy.signal import fftconvolve
 from optolever.blocks import over_rows
 from optolever.patterns import Frame, Sequence
 
+from .correspondence import Flag
 from .jit import kernel
 from .plan import AxisPlan, Fringe
 from .unwrap_kernels import MUCH_FINER
@@ -33,44 +34,52 @@ _PER_CELL = 8
 _BEYOND = 4
 #: Share of the light beyond the border under which a place is not tabled.
 _LEAST_LIGHT = 0.2
+#: Share of the light lost beyond the border above which a pixel counts as off the pattern.
+_MOST_LOST = 0.2
+_OFF = int(Flag.OFF_PATTERN)
 #: Rms blur that is assumed where the frames do not tell it, cells.
 _USUAL_BLUR = 0.5
 
 
-def correct_display(sequence: Sequence, axis: AxisPlan, coord: Map, sigma: Map, blur: float | None) -> None:
-    """Take the display's shift off coord (H, W) and add the border's share to sigma (H, W), in place."""
+def correct_display(
+    sequence: Sequence, axis: AxisPlan, coord: Map, sigma: Map, flags: Map, blur: float | None
+) -> None:
+    """Take the display's shift off coord (H, W) and add the border's share of it to sigma (H, W), in place.
+
+    Pixels that lose more than a fifth of their light beyond the border are flagged OFF_PATTERN.
+    """
     footprint = _median_footprint(coord)
-    shift, border = display_shift(sequence, axis, footprint, _USUAL_BLUR if blur is None else blur)
+    shift, border, lost = display_shift(sequence, axis, footprint, _USUAL_BLUR if blur is None else blur)
     rows = coord.shape[0]
-    over_rows(lambda start, stop: _shift_rows(start, stop, shift, border, coord, sigma), rows, 64)
+    over_rows(
+        lambda start, stop: _shift_rows(start, stop, shift, border, lost, coord, sigma, flags), rows, 64
+    )
 
 
 def display_shift(
     sequence: Sequence, axis: AxisPlan, footprint: float, blur: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(shift, border's share of it) at decoded coordinates -_BEYOND, -_BEYOND + 1/_PER_CELL, ..., pattern px.
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """(shift, the border's part of it, share of the light lost beyond the border) at decoded coordinates -_BEYOND, -_BEYOND + 1/_PER_CELL, ..., pattern px.
 
     footprint: width of a camera pixel, blur: rms, both in cells.
     """
-    total: NDArray[np.float64] = np.zeros(0)
-    border: NDArray[np.float64] = np.zeros(0)
+    total = np.zeros((3, (axis.extent + 2 * _BEYOND) * _PER_CELL))
     information = 0.0
     previous = np.inf
     for fringe in axis.fringes:
-        shifted, at_border = _fringe_shift(sequence, fringe, axis, footprint, blur)
-        # the same combination of periods as in unwrap_kernels
         own = len(fringe.index) / fringe.period**2
-        gain = 1.0 if fringe.period * MUCH_FINER < previous or not information else own / (information + own)
-        total = shifted if gain == 1.0 else total + gain * (shifted - total)
-        border = at_border if gain == 1.0 else border + gain * (at_border - border)
-        information = own if gain == 1.0 else information + own
+        # the same combination of periods as in unwrap_kernels
+        alone = fringe.period * MUCH_FINER < previous
+        gain = 1.0 if alone else own / (information + own)
+        total += gain * (np.stack(_fringe_shift(sequence, fringe, axis, footprint, blur)) - total)
+        information = own if alone else information + own
         previous = fringe.period
-    return total, border
+    return total[0], total[1], total[2]
 
 
 def _fringe_shift(
     sequence: Sequence, fringe: Fringe, axis: AxisPlan, footprint: float, blur: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     tables = np.stack([_table(sequence.frames[i], sequence, axis.axis) for i in fringe.index])
     solve = np.linalg.pinv(
         np.stack([np.ones(len(tables)), np.cos(fringe.shifts), np.sin(fringe.shifts)], axis=1)
@@ -90,9 +99,13 @@ def _fringe_shift(
     border = turn * np.angle(seen_dark * seen_endless.conj())
     at = -pad - 0.5 + (np.arange(len(rounding)) + 0.5) / _PER_CELL
     wanted = np.arange(-_BEYOND * _PER_CELL, (axis.extent + _BEYOND) * _PER_CELL) / _PER_CELL
-    lit = np.abs(seen_dark) > _LEAST_LIGHT * np.abs(seen_ideal)
+    left = np.abs(seen_dark) / np.abs(seen_ideal)
+    lit = left > _LEAST_LIGHT
     decoded = np.maximum.accumulate((at + rounding + border)[lit])
-    return np.interp(wanted, decoded, (rounding + border)[lit]), np.interp(wanted, decoded, border[lit])
+    shift, border, left = (
+        np.interp(wanted, decoded, part[lit]) for part in (rounding + border, border, left)
+    )
+    return shift, border, 1 - left
 
 
 def _table(frame: Frame, sequence: Sequence, axis: str) -> NDArray[np.float64]:
@@ -127,7 +140,9 @@ def _median_footprint(coord: Map) -> float:
 
 
 @kernel
-def _shift_rows(start: int, stop: int, shift: Map, border: Map, coord: Map, sigma: Map) -> None:
+def _shift_rows(
+    start: int, stop: int, shift: Map, border: Map, lost: Map, coord: Map, sigma: Map, flags: Map
+) -> None:
     last = len(shift) - 2
     for row in range(start, stop):
         for col in range(coord.shape[1]):
@@ -140,3 +155,5 @@ def _shift_rows(start: int, stop: int, shift: Map, border: Map, coord: Map, sigm
             extra = border[k] + part * (border[k + 1] - border[k])
             if abs(extra) > 1e-3:
                 sigma[row, col] = np.sqrt(sigma[row, col] ** 2 + extra * extra)
+            if lost[k] > _MOST_LOST:
+                flags[row, col] |= _OFF
