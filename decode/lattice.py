@@ -18,6 +18,9 @@ __all__ = ["Crossings", "lattice"]
 
 F64 = NDArray[np.float64]
 _SIDES = ((1, 0), (-1, 0), (0, 1), (0, -1))
+_TRIES = 4
+#: Of the local period: how far from its expected place a crossing may lie, in rounds.
+_LIMITS = (0.12, 0.25, 0.5)
 
 
 class PatternMap(Protocol):
@@ -180,24 +183,26 @@ def _track(
     number = {(int(i), int(j)): k for k, (i, j) in enumerate(index)}
     point, sigma = np.full((count, 2), np.nan), np.full((count, 2), np.inf)
     period, width = frame.period_px or 1.0, frame.width_px or 1.0
-    seeds = _unmoved(image, still, rest.point)
-    front = {k: (rest.point[k], steps[k]) for k in seeds}
-    tried: dict[int, int] = {}
+    front = {k: (rest.point[k], steps[k]) for k in _unmoved(image, still, rest.point)}
     local = steps.copy()
-    while front:
-        chosen = np.fromiter(front, np.int64)
-        found = locate(
-            image,
-            np.array([front[k][0] for k in front]),
-            np.array([front[k][1] for k in front]),
-            period,
-            width,
-        )
-        for k, good, place, error in zip(chosen, found.ok, found.point, found.sigma, strict=True):
-            tried[k] = tried.get(k, 0) + 1
-            if good:
-                point[k], sigma[k] = place, error
-        front = _neighbours(chosen[found.ok], index, number, point, rest.point, local, tried, period)
+    # what lies far from where it is expected waits until more of its neighbours are known
+    for limit in _LIMITS:
+        tried: dict[int, int] = {}
+        while front:
+            chosen = np.fromiter(front, np.int64)
+            start, step = (np.array([front[k][part] for k in chosen]) for part in (0, 1))
+            found = locate(image, start, step, period, width)
+            reach = limit * period * np.sqrt(np.abs(np.linalg.det(step)))
+            off = np.hypot(*np.nan_to_num(found.point - start, nan=np.inf).T)
+            accepted = chosen[found.ok & (off < reach)]
+            for k in chosen:
+                tried[k] = tried.get(k, 0) + 1
+            point[accepted], sigma[accepted] = (
+                part[found.ok & (off < reach)] for part in (found.point, found.sigma)
+            )
+            front = _neighbours(accepted, index, number, point, rest.point, local, tried, period)
+        known = np.flatnonzero(np.isfinite(point[:, 0]))
+        front = _neighbours(known, index, number, point, rest.point, local, {}, period)
     _drop_doubtful(point, sigma, index, number, rest.point, local, period)
     return Found(point, sigma, np.isfinite(point).all(axis=1))
 
@@ -280,14 +285,29 @@ def _neighbours(
         _update_steps(k, i, j, number, point, local, period)
         for di, dj in _SIDES:
             n = number.get((i + di, j + dj), -1)
-            if n < 0 or np.isfinite(point[n, 0]) or tried.get(n, 0) >= 3 or n in front:
+            if n < 0 or np.isfinite(point[n, 0]) or tried.get(n, 0) >= _TRIES or n in front:
                 continue
-            back = number.get((i - di, j - dj), -1)
-            shift = point[k] - rest[k]
-            if back >= 0 and np.isfinite(point[back, 0]):
-                shift = 2 * shift - (point[back] - rest[back])
+            shift = _predicted_shift(i + di, j + dj, number, point, rest)
             front[n] = (rest[n] + shift, local[k])
     return front
+
+
+def _predicted_shift(i: int, j: int, number: dict[tuple[int, int], int], point: F64, rest: F64) -> F64:
+    """Displacement (2,) expected of crossing i, j: the plane through those found around it, by distance."""
+    around = [(di, dj) for di in range(-2, 3) for dj in range(-2, 3)]
+    known = [
+        (n, di, dj)
+        for di, dj in around
+        if (n := number.get((i + di, j + dj), -1)) >= 0 and np.isfinite(point[n, 0])
+    ]
+    places = np.array([n for n, _, _ in known])
+    steps = np.array([(di, dj) for _, di, dj in known], np.float64)
+    weight = 1 / (steps**2).sum(axis=1)
+    design = np.column_stack([np.ones(len(steps)), steps]) * weight[:, None]
+    # slopes are held near zero until neighbours on several sides speak for them
+    held = np.vstack([design, np.diag([0.0, 0.3, 0.3])])
+    values = np.vstack([(point[places] - rest[places]) * weight[:, None], np.zeros((3, 2))])
+    return np.asarray(np.linalg.lstsq(held, values, rcond=None)[0][0])
 
 
 def _update_steps(
