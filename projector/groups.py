@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from optolever.patterns import Sequence
 from optolever.scene import Display
 
-__all__ = ["FrameGroup", "frame_groups"]
+__all__ = ["FrameGroup", "combined", "frame_groups", "varying_axis"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +51,7 @@ def frame_groups(sequence: Sequence, display: Display | None) -> list[FrameGroup
     table_u, table_v = sequence.tables()
     kinds: dict[tuple[str, bool], list[int]] = {}
     for index, frame in enumerate(sequence.frames):
-        axis = _axis(table_u[index], table_v[index])
+        axis = varying_axis(table_u[index], table_v[index])
         kinds.setdefault((axis, axis == "uv" and frame.combine == "mean"), []).append(index)
     groups = []
     for (axis, mean), indices in kinds.items():
@@ -72,19 +72,20 @@ def _group(
     if axis != "uv":
         along, across = levels if axis == "u" else levels[::-1]
         means = np.array([sequence.frames[index].combine == "mean" for index in indices])
-        light = response[_combined(along, across[:1], means)]
+        light = response[combined(along, across[:1], means)]
     return FrameGroup(
         indices, axis, light, sequence.rows if axis == "u" else sequence.cols, levels, mean, response
     )
 
 
-def _combined(a: NDArray[np.uint8], b: NDArray[np.uint8], mean: NDArray[np.bool_]) -> NDArray[np.int64]:
+def combined(a: NDArray[np.uint8], b: NDArray[np.uint8], mean: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """Levels that the display shows for two tables' levels, rounded as Sequence.render_frame rounds."""
     first, second = a.astype(np.int64), b.astype(np.int64)
-    return np.where(mean, (first + second + 1) // 2, (first * second + 127) // 255)
+    return np.where(mean, (first + second + 1) // 2, (first * second + 127) // 255).astype(np.uint8)
 
 
-def _axis(along_u: NDArray[np.uint8], along_v: NDArray[np.uint8]) -> str:
+def varying_axis(along_u: NDArray[np.uint8], along_v: NDArray[np.uint8]) -> str:
+    """The axis along which a frame of these tables varies: 'u' (also where along none), 'v' or 'uv'."""
     if (along_v == along_v[0]).all():
         return "u"
     return "v" if (along_u == along_u[0]).all() else "uv"

@@ -10,41 +10,65 @@ from numpy.typing import NDArray
 from optolever.patterns import Sequence
 
 from .context import checked, context, free
+from .groups import combined, varying_axis
 from .shaders import build_source, compile_program
 
 __all__ = ["FramePainter", "PatternRenderer", "render"]
 
 
 class FramePainter:
-    """A sequence's level tables on the GPU and the program that draws one frame into any framebuffer."""
+    """A sequence's level tables on the GPU, and the programs that draw one frame into any framebuffer.
+
+    A frame that varies along one axis needs one table only: as shown, combined with the other axis' level.
+    """
 
     def __init__(self, ctx: moderngl.Context, sequence: Sequence) -> None:
         table_u, table_v = sequence.tables()
-        self._means = [frame.combine == "mean" for frame in sequence.frames]
         self._ctx = ctx
-        self._program = compile_program(ctx, build_source("pattern.glsl"))
-        self._tables = [_table(ctx, table_u), _table(ctx, table_v)]
-        self._vertices = ctx.vertex_array(self._program, [])
-        self._program["table_u"], self._program["table_v"] = 0, 1
-        self._program["size"] = (sequence.cols, sequence.rows)
+        self._size = sequence.cols, sequence.rows
+        self._means = np.array([frame.combine == "mean" for frame in sequence.frames])
+        self._axes = [varying_axis(u, v) for u, v in zip(table_u, table_v, strict=True)]
+        means = self._means[:, None]
+        self._textures = {
+            "table_u": _table(ctx, table_u),
+            "table_v": _table(ctx, table_v),
+            "u": _table(ctx, combined(table_u, table_v[:, :1], means)),
+            "v": _table(ctx, combined(table_u[:, :1], table_v, means)),
+        }
+        self._programs = {axis: self._program(axis, sequence) for axis in sorted(set(self._axes))}
+        self._vertices = {axis: ctx.vertex_array(program, []) for axis, program in self._programs.items()}
 
     def draw(self, index: int, target: moderngl.Framebuffer, *, top: int = 0) -> None:
-        """Draw frame `index`; what it does not cover is black.
+        """Draw frame `index`.
 
-        top: 0 puts image row 0 at the target's first row (offscreen), the target's height puts it on top (a
-        window).
+        top: 0 puts image row 0 at the target's first row (offscreen); the target's height puts it on top, and
+        what the frame does not cover is black (a window).
         """
+        axis = self._axes[index]
+        program = self._programs[axis]
         target.use()
-        for unit, table in enumerate(self._tables):
-            table.use(unit)
-        self._program["frame"] = index
-        self._program["mean"] = self._means[index]
-        self._program["top"] = top
-        self._vertices.render(moderngl.TRIANGLES, vertices=3)
+        if top:
+            target.clear()
+        target.viewport = (0, top - self._size[1] if top else 0, *self._size)
+        for unit, name in enumerate(("table_u", "table_v") if axis == "uv" else (axis,)):
+            self._textures[name].use(unit)
+        program["frame"] = index
+        if axis != "u":
+            program["top"] = top
+        if axis == "uv":
+            program["mean"] = bool(self._means[index])
+        self._vertices[axis].render(moderngl.TRIANGLES, vertices=3)
 
     def release(self) -> None:
         """Free what lies on the GPU."""
-        free(self._ctx, self._vertices, *self._tables, self._program)
+        free(self._ctx, *self._vertices.values(), *self._programs.values(), *self._textures.values())
+
+    def _program(self, axis: str, sequence: Sequence) -> moderngl.Program:
+        flags = {"BOTH": axis == "uv", "ALONG_U": axis == "u"}
+        program = compile_program(self._ctx, build_source("pattern.glsl", flags))
+        for unit, name in enumerate(("table_u", "table_v") if axis == "uv" else ("table",)):
+            program[name] = unit
+        return program
 
 
 class PatternRenderer:

@@ -95,9 +95,7 @@ class PatternWindow:
             raise IndexError(f"frame {index} of a sequence of {len(self._sequence)}")
         glfw.make_context_current(self._window)
         target = self._ctx.screen
-        height, width = self.shape
-        target.viewport = (0, 0, width, height)
-        self._painter.draw(index, target, top=height)
+        self._painter.draw(index, target, top=self.shape[0])
         glfw.swap_buffers(self._window)
         self._ctx.finish()
         glfw.poll_events()

@@ -61,8 +61,8 @@ def test_no_directive_of_ours_reaches_the_driver(gl: moderngl.Context) -> None:
         ("no-such.glsl", {}, {}, ("no-such.glsl", "does not exist", "trace.glsl")),
         ("footprint.glsl", {}, {}, ("footprint.glsl", "BLUR", "not given")),
         ("footprint.glsl", {"BLUR": False}, {}, ("SHARP_FLOOR", "not given")),
-        ("pattern.glsl", {"BLURR": True}, {}, ("BLURR", "pattern.glsl")),
-        ("pattern.glsl", {}, {"QUADS": 1}, ("QUADS", "pattern.glsl")),
+        ("screen.glsl", {"BLURR": True}, {}, ("BLURR", "screen.glsl")),
+        ("screen.glsl", {}, {"QUADS": 1}, ("QUADS", "screen.glsl")),
     ],
 )
 def test_unknown_names_are_errors(
