@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .edges import divergence
-from .poisson import ColumnPoisson, MaskedPoisson, PoissonResult, column_profile
+from .poisson import Accuracy, ColumnPoisson, MaskedPoisson, PoissonResult, column_profile
 
 __all__ = ["EdgeProblem", "MaskedEdges", "SeparableEdges", "edge_problem", "spread"]
 
@@ -27,8 +27,8 @@ class EdgeProblem(Protocol):
     def columns(self) -> ColumnPoisson:
         """The separable solve: the problem itself or its preconditioner."""
 
-    def solve(self, gx: Floats, gy: Floats, absolute: float, relative: float) -> PoissonResult:
-        """Potential up to a constant per component; stops as `MaskedPoisson.solve` does."""
+    def solve(self, gx: Floats, gy: Floats, accuracy: Accuracy, start: Floats | None = None) -> PoissonResult:
+        """Potential up to a constant per component; iterations begin at start and stop at the accuracy."""
 
     def energy(self, gx: Floats, gy: Floats) -> float:
         """sum w_e g_e^2."""
@@ -43,7 +43,7 @@ class SeparableEdges:
         self._wx[0, -1] = 0.0
         self.columns = ColumnPoisson(self._wx[0], self._wy[0], wx.shape[0])
 
-    def solve(self, gx: Floats, gy: Floats, absolute: float, relative: float) -> PoissonResult:
+    def solve(self, gx: Floats, gy: Floats, accuracy: Accuracy, start: Floats | None = None) -> PoissonResult:
         """One direct solve."""
         return PoissonResult(self.columns.solve(divergence(gx, gy, self._wx, self._wy)), 1, 0.0)
 
@@ -62,9 +62,9 @@ class MaskedEdges:
         self._poisson = MaskedPoisson(wx, wy, mask)
         self.columns = self._poisson.preconditioner
 
-    def solve(self, gx: Floats, gy: Floats, absolute: float, relative: float) -> PoissonResult:
+    def solve(self, gx: Floats, gy: Floats, accuracy: Accuracy, start: Floats | None = None) -> PoissonResult:
         """Preconditioned conjugate gradients."""
-        return self._poisson.solve(divergence(gx, gy, self._wx, self._wy), absolute, relative)
+        return self._poisson.solve(divergence(gx, gy, self._wx, self._wy), accuracy, start)
 
     def energy(self, gx: Floats, gy: Floats) -> float:
         """sum w_e g_e^2."""

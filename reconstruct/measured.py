@@ -53,6 +53,14 @@ class Measured:
             self.rays, self.plane, self.u, self.v, self.sigma_u, self.sigma_v, w, self.step
         )
 
+    def clearance(self, w: Floats) -> Floats:
+        """Distance from the mirror point at w to the pattern point, mm; NaN where u or v is."""
+        pick = (slice(None), slice(PAD, -PAD, self.step), slice(PAD, -PAD, self.step))
+        point = self.rays.origins[pick] + self.distance(w) * self.rays.directions[pick]
+        seen = self.plane[0] + self.u[..., None] * self.plane[1] + self.v[..., None] * self.plane[2]
+        away: Floats = np.linalg.norm(np.moveaxis(seen, -1, 0) - point, axis=0)
+        return away
+
     def rest(self) -> Floats:
         """The unknown of the mirror at rest: t in mm, or log t."""
         pick = (slice(None), slice(PAD, -PAD, self.step), slice(PAD, -PAD, self.step))

@@ -7,6 +7,7 @@ settled by
 the anchors. The fixed point dw = integral of r alone converges linearly; it is kept as a cross-check.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ from .edges import defects, edge_weights, factor_increments
 from .linear import EdgeProblem, edge_problem
 from .measured import Measured
 from .pinning import AnchorRows, anchor_rows, free_constants
+from .poisson import Accuracy
 
 __all__ = ["Options", "State", "coarse_start", "solve"]
 
@@ -27,8 +29,11 @@ Labels = NDArray[np.int32]
 
 _ONE = np.ones((1, 1))
 _COARSE = 96  # pixels along the shorter side of the grid that gives the start
-_FACTOR_TOLERANCE = 1e-3  # relative, of the integrating factor's own problem: any E > 0 serves
-_NOISE_SHARE = 1e-4  # of a slope's standard deviation: a change that no noise lets one see
+_FACTOR_ACCURACY = Accuracy(peak=0.02)  # of log E, in every pixel: E only has to be near
+_LINEAR_SHARE = 0.02  # of an edge's standard deviation: the energy of what a linear solve may leave
+_FIRST_RELATIVE, _RELATIVE = 1e-2, 1e-10  # of the first error: there is a second step; rounding
+_SMALL_STEP = 1e-2  # of the range of w: steps below it cannot leave the medium
+_NOISE_SHARE = 0.02  # of a slope's standard deviation: a change that no noise lets one see
 _CHORD_RATE = 1e-3  # refit the integrating factor while a step leaves more than this of the last one
 
 
@@ -48,9 +53,10 @@ class State:
     """The end of a solve.
 
     w: the unknown (rows, cols), outside the mask as it started; root: square root of the integrating factor;
-    problem: the last weighted problem; share: every anchor row's share in its component's constant;
-    steps: rms change of w in every step; converged: whether the last one met the tolerance;
-    energy: sum of the squared edge defects over their variances, at the last but one iterate.
+    problem: the last weighted problem; rows, share: the anchors, and each one's share in its component's
+    constant; variances: of the slopes p and q; steps: rms change of w in every step; iterations: linear
+    solves and conjugate-gradient iterations; converged: whether the last step met the tolerance;
+    energy: sum of the squared edge defects over their variances, before the last step.
     """
 
     w: Floats
@@ -67,50 +73,103 @@ class State:
 
 def solve(data: Measured, samples: Samples, labels: Labels, w: Floats, options: Options) -> State:
     """Iterate from w. labels: connected components of the mask from 1 on,
-    each with at least one anchor sample.
+    each with an anchor sample at least.
     """
-    count = int(labels.max())
     rows = anchor_rows(samples, data, labels)
     variances = _guarded(data.variances(w), data.mask)
-    noise = float(np.sqrt(np.median(variances[0][data.mask])))
-    inside = data.mask.all()
-    span = float(np.ptp(w if inside else w[data.mask]))
-    tolerance = max(options.tolerance * span, _NOISE_SHARE * noise)
-    root = _ONE
-    problem: EdgeProblem | None = None
-    steps: list[float] = []
+    tolerance, noise = options.tolerance * _span(w, data.mask), _noise(variances[0], data.mask)
+    plain = edge_problem(*edge_weights(*variances, _ONE, data.mask), data.mask)
+    problem, root, phi = plain, _ONE, None
     iterations = 0
-    share = np.zeros(rows.pixel.shape)
-    converged, rate, energy = False, 1.0, np.inf
-    while len(steps) < options.max_steps and not converged:
+    energies: list[float] = []
+    steps: list[float] = []
+    change, share = np.zeros(w.shape), np.zeros(rows.pixel.shape)
+    while True:
         p, q, p_w, q_w = data.slopes(w)
-        if problem is None:
-            problem = edge_problem(*edge_weights(*variances, _ONE, data.mask), data.mask)
-        if options.newton and rate > _CHORD_RATE:
-            result = problem.solve(*factor_increments(p_w, q_w, data.mask), 0.0, _FACTOR_TOLERANCE)
-            iterations += result.iterations
-            root = _root(result.x, labels, count)
+        if options.newton and _rate(steps) > _CHORD_RATE:
+            fit = plain.solve(*factor_increments(p_w, q_w, data.mask), _FACTOR_ACCURACY, phi)
+            phi, iterations = fit.x, iterations + fit.iterations
+            root = _root(phi, labels)
             problem = edge_problem(*edge_weights(*variances, root, data.mask), data.mask)
         gx, gy = defects(p, q, w, root, data.mask)
-        energy = problem.energy(gx, gy)
-        result = problem.solve(gx, gy, 1e-3, 1e-10)
-        iterations += result.iterations
-        factor = np.broadcast_to(root**2, w.shape)
-        change = factor * result.x
-        error = rows.predict(w + change, p, q)
-        constants, share = free_constants(
-            rows, error - rows.known, factor.ravel()[rows.pixel], variances[0].ravel()[rows.pixel], count
-        )
-        change += factor * (constants[1] if count == 1 else constants[labels])
-        if not inside:
-            change *= data.mask
+        energies.append(problem.energy(gx, gy))
+        if _worse(energies) and len(steps) < options.max_steps:  # half of the last step was too much
+            change *= 0.5
+            w = w - change
+            steps[-1] *= 0.5
+            energies.pop()
+            steps.append(steps[-1])
+            continue
+        quiet = min(1.0, math.sqrt(energies[-1] / data.mask.sum()))  # data may be better than announced
+        relative = _RELATIVE if steps else _FIRST_RELATIVE
+        step = problem.solve(gx, gy, Accuracy(_LINEAR_SHARE * quiet, relative))
+        iterations += step.iterations
+        change, share = _anchored(step.x, root, labels, rows, w, (p, q), variances[0])
+        change = _limited(change, data, w)
         w = w + change
         steps.append(float(np.sqrt(np.mean(change**2))))
-        rate = steps[-1] / steps[-2] if len(steps) > 1 else 1.0
-        left = steps[-1] * (rate / (1 - rate) if rate < 0.9 else 1e9) if len(steps) > 1 else steps[-1]
-        converged = left < tolerance
-    assert problem is not None
-    return State(w, root, problem, rows, share, variances, tuple(steps), iterations, converged, energy)
+        converged = _left(steps) < max(tolerance, _NOISE_SHARE * quiet * noise)
+        if converged or len(steps) >= options.max_steps:
+            return State(
+                w, root, problem, rows, share, variances, tuple(steps), iterations, converged, energies[-1]
+            )
+
+
+def _anchored(
+    potential: Floats,
+    root: Floats,
+    labels: Labels,
+    rows: AnchorRows,
+    w: Floats,
+    slopes: tuple[Floats, Floats],
+    variance: Floats,
+) -> tuple[Floats, Floats]:
+    """The change of w: E times the potential and the constant that the anchors ask for; and their shares."""
+    factor = np.broadcast_to(root**2, w.shape)
+    change = factor * potential
+    error = rows.predict(w + change, *slopes) - rows.known
+    pixel = rows.pixel
+    count = int(labels.max())
+    constants, share = free_constants(rows, error, factor.ravel()[pixel], variance.ravel()[pixel], count)
+    change += factor * (constants[1] if count == 1 else constants[labels])
+    if not labels.all():
+        change *= labels > 0
+    return change, share
+
+
+def _limited(change: Floats, data: Measured, w: Floats) -> Floats:
+    """The change, cut to half the way to the pattern where it would lead farther."""
+    if float(np.abs(change).max()) < _SMALL_STEP * float(np.ptp(w)):
+        return change
+    half = 0.5 * data.clearance(w)
+    limit = half / data.distance(w) if data.rays.logarithmic else half
+    limited: Floats = np.clip(change, -limit, limit, where=np.isfinite(limit), out=change)
+    return limited
+
+
+def _span(w: Floats, mask: NDArray[np.bool_]) -> float:
+    return float(np.ptp(w if mask.all() else w[mask]))
+
+
+def _noise(variance: Floats, mask: NDArray[np.bool_]) -> float:
+    return math.sqrt(float(np.median(variance[mask])))
+
+
+def _rate(steps: list[float]) -> float:
+    """How much of a step the next one left."""
+    return steps[-1] / steps[-2] if len(steps) > 1 else 1.0
+
+
+def _left(steps: list[float]) -> float:
+    """What the steps to come will add up to, if they shrink as they did."""
+    rate = _rate(steps)
+    if len(steps) == 1 or steps[-1] == 0.0:
+        return steps[-1]
+    return steps[-1] * rate / (1 - rate) if rate < 0.9 else float("inf")
+
+
+def _worse(energies: list[float]) -> bool:
+    return len(energies) > 1 and not energies[-1] <= 2.0 * energies[-2]
 
 
 def coarse_start(data: Measured, samples: Samples, labels: Labels, options: Options) -> Floats:
@@ -148,15 +207,13 @@ def _spline(fine: int, coarse: int, step: int) -> Floats:
     return matrix
 
 
-def _root(phi: Floats, labels: Labels, count: int) -> Floats:
+def _root(phi: Floats, labels: Labels) -> Floats:
     """sqrt(E), E scaled to at most one in every component."""
-    if count == 1:
-        top = phi.max() if labels.all() else phi[labels > 0].max()
-        single: Floats = np.exp(0.5 * np.minimum(phi - top, 0.0))
-        return single
+    count = int(labels.max())
     tops = np.zeros(count + 1)
-    tops[1:] = scipy.ndimage.maximum(phi, labels, np.arange(1, count + 1))
-    root: Floats = np.exp(0.5 * np.minimum(phi - tops[labels], 0.0))
+    tops[1:] = phi.max() if labels.all() else scipy.ndimage.maximum(phi, labels, np.arange(1, count + 1))
+    top = tops[1] if count == 1 else tops[labels]
+    root: Floats = np.exp(0.5 * np.minimum(phi - top, 0.0))
     return root
 
 

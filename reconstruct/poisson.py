@@ -19,7 +19,7 @@ from optolever.blocks import over_rows, threads
 
 from .edges import apply_laplacian
 
-__all__ = ["ColumnPoisson", "MaskedPoisson", "PoissonResult", "column_profile"]
+__all__ = ["Accuracy", "ColumnPoisson", "MaskedPoisson", "PoissonResult", "column_profile"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -36,6 +36,23 @@ class PoissonResult:
     x: Floats
     iterations: int
     error: float
+
+
+@dataclass(frozen=True, slots=True)
+class Accuracy:
+    """When to stop: at an error of `energy` standard deviations of the edges, or `relative` to the first one,
+    or, if `peak` is given, only where no pixel is off by more than that.
+    """
+
+    energy: float = 0.0
+    relative: float = 0.0
+    peak: float | None = None
+
+    def met(self, energy: float, first: float, error: Floats) -> bool:
+        """energy and first: squared energy norms of the error, now and at the start; error: (rows, cols)."""
+        if self.peak is not None:
+            return max(float(error.max()), -float(error.min())) <= self.peak
+        return energy <= max(self.energy**2, self.relative**2 * first)
 
 
 class ColumnPoisson:
@@ -95,17 +112,21 @@ class MaskedPoisson:
         self.wx, self.wy, self.mask = wx, wy, mask
         self.preconditioner = ColumnPoisson(column_profile(wx), column_profile(wy), wx.shape[0])
 
-    def solve(self, rhs: Floats, absolute: float, relative: float, limit: int = 500) -> PoissonResult:
-        """Solve until the energy of the remaining error is below absolute,
-        or relative times the first one's.
+    def solve(
+        self, rhs: Floats, accuracy: Accuracy, start: Floats | None = None, limit: int = 500
+    ) -> PoissonResult:
+        """Solve from start (zero) until the remaining error, as the preconditioner estimates it,
+        meets the accuracy.
         """
-        x = np.zeros(rhs.shape)
+        x = np.zeros(rhs.shape) if start is None else start * self.mask
         r = np.where(self.mask, rhs, 0.0)
+        if start is not None:
+            r -= apply_laplacian(x, self.wx, self.wy)
         z = self._precondition(r)
         energy = first = _dot(r, z)
         direction = z
         for iteration in range(limit):
-            if energy <= max(absolute**2, relative**2 * first) or energy <= 0.0:
+            if energy <= 0.0 or accuracy.met(energy, first, z):
                 return PoissonResult(x, iteration, float(np.sqrt(max(energy, 0.0))))
             image = apply_laplacian(direction, self.wx, self.wy)
             alpha = energy / _dot(direction, image)
