@@ -11,6 +11,7 @@ from optolever.errors import InputError
 from optolever.patterns import Sequence
 
 from .arrays import FringeArrays, chi_squared_limit, fringe_arrays
+from .blur import measured_blur
 from .cells import add_cell_term
 from .code_kernels import FROM_EXTREMES, FROM_PAIRS, FROM_WHITE_BLACK, code_rows
 from .correspondence import Correspondence
@@ -88,8 +89,11 @@ def decode(
     over_rows(work, height, _BLOCK)
     for axis in wanted.axes:
         if axis.fringes and on_cells and not sequence.nominal:
-            correct_display(sequence, axis, *maps[axis.axis], flags, blur_px)
-            add_cell_term(*maps[axis.axis], flags, blur_px)
+            blur = blur_px
+            if blur is None:
+                blur = measured_blur(stack, job.lut, wanted, axis, maps[axis.axis][0], flags)
+            if not correct_display(sequence, axis, *maps[axis.axis], flags, blur):
+                add_cell_term(*maps[axis.axis], flags, blur_px)
     return Correspondence(
         maps["u"][0], maps["v"][0], maps["u"][1], maps["v"][1], flags, amplitude, offset, order_error
     )

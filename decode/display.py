@@ -6,9 +6,10 @@ cell k sends to a camera pixel at u, the decoder sees the phase of
 
     Z(u) = sum_k W_k(u) z_k,    z_k = c_k + i s_k, the least-squares fringe through T_n[k] over n.
 
-The shift against the unrounded, endless cosine is tabled along u and taken off. It hardly depends on W, for
-which a pixel's footprint of the median width and a Gaussian serve; the stairs of `cells`, which depend on it
-strongly, drop out of the difference.
+The shift against the unrounded, endless cosine is tabled along u and taken off, with a footprint of the
+median width and a Gaussian for W; the Gaussian's width is what the fringe has lost in contrast against white
+and black. The stairs of `cells` are in the table as long as blur leaves little of them; where they are high,
+they depend too much on each pixel's footprint, drop out of the difference and stay in sigma.
 """
 
 from typing import Any
@@ -29,6 +30,7 @@ __all__ = ["correct_display", "display_shift"]
 
 Map = NDArray[Any]
 Complex = NDArray[np.complex128]
+F64 = NDArray[np.float64]
 #: Samples of the table per cell, cells that it reaches beyond the border.
 _PER_CELL = 8
 _BEYOND = 4
@@ -37,31 +39,37 @@ _LEAST_LIGHT = 0.2
 #: Share of the light lost beyond the border above which a pixel counts as off the pattern.
 _MOST_LOST = 0.2
 _OFF = int(Flag.OFF_PATTERN)
+#: What blur leaves of the cells' fundamental, under which stairs (then below 0.03 px) are taken off.
+_LOW_STAIRS = 0.1
 #: Rms blur that is assumed where the frames do not tell it, cells.
 _USUAL_BLUR = 0.5
 
 
 def correct_display(
     sequence: Sequence, axis: AxisPlan, coord: Map, sigma: Map, flags: Map, blur: float | None
-) -> None:
-    """Take the display's shift off coord (H, W) and add the border's share of it to sigma (H, W), in place.
+) -> bool:
+    """Take the display's shift off coord (H, W) and add the border's part of it to sigma (H, W), in place.
 
     Pixels that lose more than a fifth of their light beyond the border are flagged OFF_PATTERN.
+    True if the stairs of the cells were low enough to be taken off, too.
     """
-    footprint = _median_footprint(coord)
-    shift, border, lost = display_shift(sequence, axis, footprint, _USUAL_BLUR if blur is None else blur)
+    soft = blur is not None and np.exp(-2 * (np.pi * blur) ** 2) < _LOW_STAIRS
+    used = _USUAL_BLUR if blur is None else blur
+    shift, border, lost = display_shift(sequence, axis, _median_footprint(coord), used, stairs=soft)
     rows = coord.shape[0]
     over_rows(
         lambda start, stop: _shift_rows(start, stop, shift, border, lost, coord, sigma, flags), rows, 64
     )
+    return soft
 
 
 def display_shift(
-    sequence: Sequence, axis: AxisPlan, footprint: float, blur: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """(shift, the border's part of it, share of the light lost beyond the border) at decoded coordinates -_BEYOND, -_BEYOND + 1/_PER_CELL, ..., pattern px.
+    sequence: Sequence, axis: AxisPlan, footprint: float, blur: float, *, stairs: bool
+) -> tuple[F64, F64, F64]:
+    """(shift, the border's part of it, share of the light lost beyond the border), pattern px.
 
-    footprint: width of a camera pixel, blur: rms, both in cells.
+    Tabled at decoded coordinates -_BEYOND, -_BEYOND + 1 / _PER_CELL, ... footprint: width of a camera pixel,
+    blur: rms, both in cells; stairs: those of the cells are part of the shift.
     """
     total = np.zeros((3, (axis.extent + 2 * _BEYOND) * _PER_CELL))
     information = 0.0
@@ -71,48 +79,48 @@ def display_shift(
         # the same combination of periods as in unwrap_kernels
         alone = fringe.period * MUCH_FINER < previous
         gain = 1.0 if alone else own / (information + own)
-        total += gain * (np.stack(_fringe_shift(sequence, fringe, axis, footprint, blur)) - total)
+        total += gain * (_fringe_shift(sequence, fringe, axis, footprint, blur, stairs) - total)
         information = own if alone else information + own
         previous = fringe.period
     return total[0], total[1], total[2]
 
 
 def _fringe_shift(
-    sequence: Sequence, fringe: Fringe, axis: AxisPlan, footprint: float, blur: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    tables = np.stack([_table(sequence.frames[i], sequence, axis.axis) for i in fringe.index])
-    solve = np.linalg.pinv(
-        np.stack([np.ones(len(tables)), np.cos(fringe.shifts), np.sin(fringe.shifts)], axis=1)
-    )
-    shown = (solve[1] + 1j * solve[2]) @ tables
+    sequence: Sequence, fringe: Fringe, axis: AxisPlan, footprint: float, blur: float, stairs: bool
+) -> F64:
+    """display_shift for one period, (3, K)."""
     pad = _BEYOND + int(np.ceil(footprint / 2 + 4 * blur)) + 1
-    cells = np.arange(-pad, axis.extent + pad)
-    ideal = 127.5 * np.exp(2j * np.pi * cells / fringe.period)
-    endless = ideal.copy()
-    endless[pad:-pad] = shown
-    dark = np.zeros_like(ideal)
-    dark[pad:-pad] = shown
+    shown = _fundamental(sequence, fringe, axis)
+    ideal = 127.5 * np.exp(2j * np.pi * np.arange(-pad, axis.extent + pad) / fringe.period)
+    endless, dark = ideal.copy(), np.zeros_like(ideal)
+    endless[pad:-pad] = dark[pad:-pad] = shown
     light = _cell_light(footprint, blur)
     seen_ideal, seen_endless, seen_dark = (_seen(row, light) for row in (ideal, endless, dark))
+    at = -pad - 0.5 + (np.arange(len(seen_dark)) + 0.5) / _PER_CELL
     turn = fringe.period / (2 * np.pi)
-    rounding = turn * np.angle(seen_endless * seen_ideal.conj())
+    truth = np.exp(2j * np.pi * at / fringe.period) if stairs else seen_ideal
+    shift = turn * np.angle(seen_dark * truth.conj())
     border = turn * np.angle(seen_dark * seen_endless.conj())
-    at = -pad - 0.5 + (np.arange(len(rounding)) + 0.5) / _PER_CELL
-    wanted = np.arange(-_BEYOND * _PER_CELL, (axis.extent + _BEYOND) * _PER_CELL) / _PER_CELL
     left = np.abs(seen_dark) / np.abs(seen_ideal)
     lit = left > _LEAST_LIGHT
-    decoded = np.maximum.accumulate((at + rounding + border)[lit])
-    shift, border, left = (
-        np.interp(wanted, decoded, part[lit]) for part in (rounding + border, border, left)
-    )
-    return shift, border, 1 - left
+    wanted = np.arange(-_BEYOND * _PER_CELL, (axis.extent + _BEYOND) * _PER_CELL) / _PER_CELL
+    decoded = np.maximum.accumulate((at + shift)[lit])
+    return np.stack([np.interp(wanted, decoded, part[lit]) for part in (shift, border, 1 - left)])
 
 
-def _table(frame: Frame, sequence: Sequence, axis: str) -> NDArray[np.float64]:
+def _fundamental(sequence: Sequence, fringe: Fringe, axis: AxisPlan) -> Complex:
+    """c + i s of the fringe through the shown levels of every cell (extent,)."""
+    tables = np.stack([_table(sequence.frames[i], sequence, axis.axis) for i in fringe.index])
+    design = np.stack([np.ones(len(tables)), np.cos(fringe.shifts), np.sin(fringe.shifts)], axis=1)
+    solve = np.linalg.pinv(design)
+    return np.asarray((solve[1] + 1j * solve[2]) @ tables)
+
+
+def _table(frame: Frame, sequence: Sequence, axis: str) -> F64:
     return frame.tables(sequence.rows, sequence.cols)["uv".index(axis)].astype(np.float64)
 
 
-def _cell_light(footprint: float, blur: float) -> NDArray[np.float64]:
+def _cell_light(footprint: float, blur: float) -> F64:
     """Weights, one per 1/_PER_CELL cell: footprint's box and Gaussian blur; the cell is in `_seen`."""
     reach = int(np.ceil((footprint / 2 + 4 * blur) * _PER_CELL)) + 1
     place = np.arange(-reach, reach + 1) / _PER_CELL
@@ -123,7 +131,7 @@ def _cell_light(footprint: float, blur: float) -> NDArray[np.float64]:
     return np.asarray(weights / weights.sum())
 
 
-def _seen(cells: Complex, light: NDArray[np.float64]) -> Complex:
+def _seen(cells: Complex, light: F64) -> Complex:
     """What is seen at the centres of the _PER_CELL parts of every cell."""
     return np.asarray(fftconvolve(np.repeat(cells, _PER_CELL), light, mode="same"))
 
