@@ -5,18 +5,35 @@
 | `demo.py`, `metrics.py` | run_demo: the whole chain on a virtual sensor; how good it was |
 | `demo_report.py`, `demo_pictures.py`, `demo_inputs.py` | the demo's page: result; flags, maps, frames |
 | `calibration.py`, `flag_words.py`, `surface_view.py` | error against sigma; flag words; the surface |
+| `paper.py`, `paper_rows.py` | run_paper: the paper's simulation and experiment, and its table |
+| `paper_simulation.py`, `paper_frames.py` | its measurement: exact; lattice crossings from frames |
+| `paper_report.py`, `paper_figures.py` | the page of that |
+| `figures.py`, `brute_force.py` | run_figures: the README's figures; what checks scene.trace |
 | `page.py`, `images.py`, `maps.py`, `report/` | HTML page, PNG, maps in mm; templates, style, viewer |
 """
 
+from .brute_force import brute_force
 from .demo import DemoResult, run_demo
 from .demo_report import demo_html, write_demo_report
+from .figures import Figure, run_figures
 from .metrics import height_metrics, peak_bytes
+from .paper import PaperStudy, run_paper
+from .paper_report import paper_html, write_paper_report
+from .paper_rows import PaperRow
 
 __all__ = [
     "DemoResult",
+    "Figure",
+    "PaperRow",
+    "PaperStudy",
+    "brute_force",
     "demo_html",
     "height_metrics",
+    "paper_html",
     "peak_bytes",
     "run_demo",
+    "run_figures",
+    "run_paper",
     "write_demo_report",
+    "write_paper_report",
 ]

@@ -60,6 +60,7 @@ def histogram_figure(quantities: list[Quantity]) -> str:
         axes.set_title(quantity.name, fontsize=10, loc="left")
         axes.set_xlabel("error / sigma", fontsize=9)
         axes.set_xlim(-5, 5)
+        axes.set_ylim(0, 0.55)
         axes.tick_params(labelsize=8)
         axes.spines[["top", "right"]].set_visible(False)
     figure.axes[0].set_ylabel("density", fontsize=9)
@@ -82,7 +83,8 @@ def reliability_figure(quantities: list[Quantity]) -> str:
             axes.loglog(predicted, measured, "o", ms=4.5, color="#2563a8")
             for axis, limits in ((axes.xaxis, axes.set_xlim), (axes.yaxis, axes.set_ylim)):
                 limits(*span)
-                axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+                subs = (1.0, 2.0, 5.0) if span[1] < 30 * span[0] else (1.0,)
+                axis.set_major_locator(LogLocator(subs=subs))
                 axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
                 axis.set_minor_formatter(NullFormatter())
         axes.set_title(quantity.name, fontsize=10, loc="left")

@@ -90,6 +90,7 @@ def scientific(value: float) -> str:
     if value == 0 or 1e-2 <= abs(value) < 1e4:
         return f"{value:.3g}"
     digits, _, power = f"{value:.1e}".partition("e")
+    digits = digits.replace("-", "−")
     return f"{digits} × 10" + str(int(power)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
@@ -112,6 +113,8 @@ def share_text(share: float | None) -> str:
     """An error over the peak in per cent, three digits; nothing for None."""
     if share is None:
         return ""
+    if share != 0 and abs(share) < 1e-5:
+        return f"{scientific(100 * share)} %"
     return f"{100 * share:.3g} %".replace("-", "−") if math.isfinite(share) else "–"
 
 

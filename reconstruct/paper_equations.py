@@ -44,7 +44,9 @@ def height_increment(dl: Array | float, theta: Array | float, dtheta: Array | fl
 
 
 def pattern_angle(beta: Array | float, theta: Array | float, sign: int = 1) -> Array:
-    """Alpha, the angle towards the pattern, by the reflection law (sign +1) or by the print (sign -1): (9)."""
+    """Alpha, the angle towards the pattern, by the reflection law (sign +1) or by the print (sign -1):
+    (9).
+    """
     return np.asarray(beta + 2 * sign * np.asarray(theta), dtype=np.float64)
 
 

@@ -24,8 +24,8 @@ def prism_geometry(scene: Scene) -> PaperGeometry:
     camera, pattern = scene.camera, scene.pattern
     if not isinstance(camera, TelecentricCamera) or camera.face is not None:
         raise InputError(
-            f"scene {scene.name}: camera is {_kind(scene)}, the paper's method needs a telecentric one inside "
-            "the prism"
+            f"scene {scene.name}: camera is {_kind(scene)}, the paper's method needs a telecentric one "
+            "inside the prism"
         )
     for name, axis in (("pattern.v_axis", pattern.v_axis), ("camera.v_axis", camera.v_axis)):
         if abs(axis[1] - 1) > _EXACT:
@@ -33,8 +33,8 @@ def prism_geometry(scene: Scene) -> PaperGeometry:
     gap = float(pattern.origin @ pattern.normal)
     if abs(gap) > _EXACT * scene.mirror.length:
         raise InputError(
-            f"scene {scene.name}: pattern.origin is {gap:.3g} mm off the mirror's edge x = 0, the paper's method "
-            f"allows {_EXACT * scene.mirror.length:.1g} mm"
+            f"scene {scene.name}: pattern.origin is {gap:.3g} mm off the mirror's edge x = 0, the paper's "
+            f"method allows {_EXACT * scene.mirror.length:.1g} mm"
         )
     alpha0 = float(np.arctan2(pattern.u_axis[2], pattern.u_axis[0]))
     beta0 = float(np.arctan2(camera.u_axis[2], -camera.u_axis[0]))

@@ -163,8 +163,10 @@ class SurfaceViewer {
     this.cosYaw = Math.cos(this.yaw);
     this.sinPitch = Math.sin(this.pitch);
     this.cosPitch = Math.cos(this.pitch);
+    // as large as it goes in at the first view, whatever the turn; margins hold the ticks
     const diagonal = Math.hypot(this.width, this.depth);
-    this.scale = (this.zoom * 0.84 * Math.min(w, 1.72 * h)) / diagonal;
+    const tall = diagonal * Math.sin(0.6) + (this.high - this.low) * this.exaggeration * Math.cos(0.6);
+    this.scale = this.zoom * Math.min((0.84 * w) / diagonal, (0.94 * h) / tall);
   }
 
   draw() {

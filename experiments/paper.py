@@ -1,0 +1,256 @@
+"""`optolever paper`: the seed's simulation and experiment, by its own method and by the dense solver.
+
+Every case is a scene and a dent; every case is seen exactly and through rendered, noisy 8-bit frames;
+every result is a row of numbers along the line through the dent's middle, errors over the peak depth.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence, Flag, decode
+from optolever.patterns import sequence
+from optolever.projector import capture, chosen_renderer
+from optolever.reconstruct import (
+    PaperGeometry,
+    capture_positions,
+    pattern_positions,
+    prism_geometry,
+    reconstruct,
+    reconstruct_paper,
+)
+from optolever.scene import Scene, Surface, Trace, dent_from_text, trace
+
+from .demo import Progress, Stages, resolve, silent
+from .metrics import peak_bytes, rms
+from .paper_frames import lattice_column
+from .paper_rows import Curves, PaperRow, dense_row, paper_rows
+from .paper_simulation import Points, lattice_points, pixel_points, seen_points
+
+__all__ = ["CASES", "Case", "PaperStudy", "run_paper"]
+
+Array = NDArray[np.float64]
+PIXELS_PER_LINE = 10
+EXACT_SIGMA = 0.01  # px, given to exact correspondences: the solver weighs by ratios of sigmas only
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One of the seed's mirrors: scene, dent (None: the scene's own) and the number of lattice lines.
+
+    rendered: in three dimensions, with frames and the dense solver, not only the two-dimensional simulation.
+    """
+
+    name: str
+    scene: str
+    dent: str | Callable[[Scene], Surface] | None
+    lines: int
+    rendered: bool = True
+
+
+def tent(scene: Scene) -> Surface:
+    """A wedge as wide as the mirror, 13 of 1637 deep in its middle: another reading of the seed's needle."""
+    half = scene.mirror.length / 2
+    slope = 13 / 1637 * scene.mirror.length / half
+
+    def height(x: Array, y: Array) -> Array:
+        return np.asarray(slope * (half - np.abs(x - half)) + 0 * y)
+
+    def gradient(x: Array, y: Array) -> tuple[Array, Array]:
+        return -slope * np.sign(x - half) + 0 * y, 0 * (x + y)
+
+    return Surface(height, gradient)
+
+
+CASES = (
+    Case("smooth", "paper-simulation", "raised-cosine", 64),
+    Case("needle", "paper-simulation", "needle", 64),
+    Case("tent", "paper-simulation", tent, 64, rendered=False),
+    Case("pencil", "paper-prototype", None, 16),
+)
+
+
+@dataclass(frozen=True)
+class PaperStudy:
+    """The rows, the curves that figures are drawn from (case -> name -> arrays by name), and what it took."""
+
+    rows: list[PaperRow]
+    curves: dict[str, Curves]
+    seconds: dict[str, float]
+    peak_bytes: int
+    settings: dict[str, Any]
+
+    def find(self, **fields: Any) -> PaperRow:
+        """The row with these fields."""
+        return next(row for row in self.rows if all(getattr(row, k) == v for k, v in fields.items()))
+
+    def with_report(self, seconds: float) -> "PaperStudy":
+        """The same study after its report was written, which took so long."""
+        stages = {name: value for name, value in self.seconds.items() if name not in ("report", "total")}
+        stages["report"] = seconds
+        return replace(self, seconds=stages | {"total": sum(stages.values())}, peak_bytes=peak_bytes())
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers as plain values: rows, seconds, peak_bytes, settings."""
+        return {
+            "rows": [asdict(row) for row in self.rows],
+            "seconds": self.seconds,
+            "peak_bytes": self.peak_bytes,
+            "settings": self.settings,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """A case built: its scene, its dent, and the truth on every pixel."""
+
+    case: Case
+    scene: Scene
+    dent: str
+    surface: Surface
+    geometry: PaperGeometry
+    truth: Trace
+    peak: float
+
+    @classmethod
+    def of(cls, case: Case, size: tuple[int, int] | None) -> "Setup":
+        """The case's scene and dent, traced."""
+        scene = resolve(case.scene, size)
+        if callable(case.dent):
+            text, surface = case.name, case.dent(scene)
+        else:
+            text = case.dent or scene.dent or "raised-cosine"
+            surface = dent_from_text(text, scene)
+        x = np.linspace(0, scene.mirror.length, 4001)
+        peak = float(np.max(surface.height(x, np.full_like(x, scene.mirror.width / 2))))
+        return cls(case, scene, text, surface, prism_geometry(scene), trace(scene, surface), peak)
+
+    @property
+    def lines(self) -> int:
+        """Rendered lattice lines: the case's, or as many as a smaller camera can tell apart."""
+        return min(self.case.lines, self.scene.camera.cols // PIXELS_PER_LINE)
+
+    @property
+    def row(self) -> int:
+        """The camera's middle row."""
+        return self.scene.camera.rows // 2
+
+    def middle(self, seen: Correspondence) -> Points:
+        """What the middle row measured, from l = 0 on, and the truth; NaN where it carries a flag."""
+        row, truth = self.row, self.truth
+        x, y = truth.x[row], truth.y[row]
+        theta = np.arctan(np.asarray(self.surface.gradient(x, y)[0], dtype=np.float64))
+        m = np.where(seen.good[row], pattern_positions(self.scene, seen.u[row]), np.nan)
+        w = capture_positions(self.scene, row, np.arange(x.size, dtype=np.float64))
+        return Points(*(field[::-1] for field in (m, w, x, truth.z[row], theta)))
+
+
+def run_paper(
+    *,
+    noise: float = 1.0,
+    seed: int = 0,
+    size: tuple[int, int] | None = None,
+    renderer: str = "auto",
+    progress: Progress = silent,
+) -> PaperStudy:
+    """Redo the seed's simulation and experiment geometry; size (rows, cols) resamples the camera of every
+    case.
+    """
+    stages = Stages(sum(5 if case.rendered else 2 for case in CASES), progress)
+    renderer = chosen_renderer(renderer)
+    rows: list[PaperRow] = []
+    curves: dict[str, Curves] = {}
+    taken: dict[str, Any] = {}
+    for case in CASES:
+        drawn: Curves = {}
+        with stages.stage(f"{case.name}: trace"):
+            setup = Setup.of(case, size)
+        with stages.stage(f"{case.name}: the seed's simulation"):
+            rows += _simulated(setup, drawn)
+        if case.rendered:
+            with stages.stage(f"{case.name}: exact correspondence"):
+                rows += _on_pixels(setup, _exact(setup.truth), "exact", drawn)
+            with stages.stage(f"{case.name}: lattice frames"):
+                rows += _on_lattice(setup, drawn, noise=noise, seed=seed, renderer=renderer)
+            with stages.stage(f"{case.name}: sequence frames"):
+                seen = _decoded(setup, noise=noise, seed=seed, renderer=renderer)
+                rows += _on_pixels(setup, seen, "frames", drawn)
+        curves[case.name] = drawn
+        taken[case.name] = {
+            "scene": case.scene,
+            "size": [setup.scene.camera.rows, setup.scene.camera.cols],
+            "dent": setup.dent,
+            "peak_mm": setup.peak,
+            "length_mm": setup.geometry.length,
+            "lines": case.lines,
+        }
+    return PaperStudy(
+        rows=rows,
+        curves=curves,
+        seconds=stages.seconds | {"total": sum(stages.seconds.values())},
+        peak_bytes=peak_bytes(),
+        settings={"cases": taken, "noise": noise, "seed": seed, "size": size, "renderer": renderer},
+    )
+
+
+def _exact(truth: Trace) -> Correspondence:
+    """The correspondence that a perfect decoder would give."""
+    sigma = np.full(truth.u.shape, EXACT_SIGMA)
+    flags = np.where(truth.visible, 0, int(Flag.OFF_PATTERN)).astype(np.uint16)
+    return Correspondence(truth.u, truth.v, sigma, sigma, flags)
+
+
+def _decoded(setup: Setup, *, noise: float, seed: int, renderer: str) -> Correspondence:
+    pattern = setup.scene.pattern
+    shown = sequence("gray+phase", pattern.rows, pattern.cols)
+    seen = capture(setup.scene, setup.surface, shown, renderer=renderer, noise=noise, seed=seed)
+    return decode(seen.frames, shown)
+
+
+def _simulated(setup: Setup, drawn: Curves) -> Iterator[PaperRow]:
+    """The seed's two-dimensional simulation: lattice lines and a line of pixels, by both laws."""
+    case, geometry = setup.case, setup.geometry
+    w = capture_positions(setup.scene, setup.row, np.arange(setup.scene.camera.cols, dtype=np.float64))
+    for law, forward, signs in (("reflection", 1, (1, -1)), ("print", -1, (-1,))):
+        points = lattice_points(setup.scene, setup.surface, geometry, case.lines, forward)
+        names = (case.name, "exact", law, "lattice")
+        yield from paper_rows(points, geometry, setup.peak, names, drawn, signs)
+        if forward == -1 or not case.rendered:  # else the traced scene has them
+            points = pixel_points(setup.scene, setup.surface, geometry, w, forward)
+            names = (case.name, "exact", law, "pixels")
+            yield from paper_rows(points, geometry, setup.peak, names, drawn, signs)
+
+
+def _on_lattice(setup: Setup, drawn: Curves, *, noise: float, seed: int, renderer: str) -> Iterator[PaperRow]:
+    """One column of lattice crossings from a rendered rest frame and a rendered dented frame."""
+    m, w, y = lattice_column(
+        setup.scene, setup.surface, setup.lines, noise=noise, seed=seed, renderer=renderer
+    )
+    points = seen_points(setup.surface, setup.geometry, m, w, y)
+    names = (setup.case.name, "frames", "reflection", "lattice")
+    yield from paper_rows(points, setup.geometry, setup.peak, names, drawn)
+
+
+def _on_pixels(setup: Setup, seen: Correspondence, data: str, drawn: Curves) -> Iterator[PaperRow]:
+    """The paper's method on every pixel, and the dense solver."""
+    case, middle = setup.case, setup.middle(seen)
+    names = (case.name, data, "reflection", "pixels")
+    for row in paper_rows(middle, setup.geometry, setup.peak, names, drawn):
+        if (row.sign, row.gamma) == (1, True):
+            whole = reconstruct_paper(seen, setup.scene)
+            yield replace(row, field=_field(setup, whole.z, whole.good))
+        else:
+            yield row
+    dense = reconstruct(seen, setup.scene)
+    names = (case.name, data, "reflection", "dense")
+    found = dense_row(middle, dense, setup.row, setup.peak, names, drawn)
+    yield replace(found, field=_field(setup, dense.z, dense.good))
+
+
+def _field(setup: Setup, z: Array, good: NDArray[np.bool_]) -> float:
+    """Rms error over all pixels that stand, over the peak depth."""
+    use = good & setup.truth.visible
+    return rms(z[use] - setup.truth.z[use]) / setup.peak

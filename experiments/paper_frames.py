@@ -1,0 +1,45 @@
+"""The seed's measurement: one column of lattice crossings, found in a frame at rest and in a dented one."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever import InputError
+from optolever.decode import lattice
+from optolever.patterns import sequence
+from optolever.projector import capture
+from optolever.reconstruct import capture_positions, pattern_positions, prism_geometry
+from optolever.scene import Scene, Surface, dent, trace
+
+__all__ = ["lattice_column"]
+
+Array = NDArray[np.float64]
+
+
+def lattice_column(
+    scene: Scene, surface: Surface, lines: int, *, noise: float, seed: int, renderer: str
+) -> tuple[Array, Array, Array]:
+    """Measured m, w and y (mm) of the crossings along the pattern line nearest to the mirror's middle.
+
+    The lattice has `lines` lines on the stretch of the pattern seen at rest. m is where the crossing is
+    printed, w and y are where it was found in the dented frame, NaN if it was not. InputError if fewer than
+    two are found.
+    """
+    geometry, pattern = prism_geometry(scene), scene.pattern
+    seen = geometry.length * np.cos(geometry.beta0) / np.cos(geometry.beta0 - geometry.alpha0)
+    shown = sequence("lattice", pattern.rows, pattern.cols, period=seen / lines / pattern.pitch)
+    flat = dent("flat", scene)
+    rest, dented = (
+        capture(scene, shape, shown, renderer=renderer, noise=noise, seed=seed + step).frames
+        for step, shape in enumerate((flat, surface))
+    )
+    crossings = lattice(dented, rest, shown, guide=trace(scene, flat))
+    middle = crossings.index[np.argmin(np.abs(crossings.pattern[:, 1] - (pattern.rows - 1) / 2)), 1]
+    column = crossings.index[:, 1] == middle
+    found = int((column & crossings.found).sum())
+    if found < 2:
+        raise InputError(
+            f"scene {scene.name}: {found} lattice crossings found along the middle, needs at least 2"
+        )
+    row, col = crossings.now[column].T
+    m = pattern_positions(scene, crossings.pattern[column, 0])
+    return m, capture_positions(scene, row, col), scene.camera.rays_at(row, col)[0][:, 1]

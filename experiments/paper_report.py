@@ -1,0 +1,125 @@
+"""The report of `optolever paper`: tables and figures; the prose is in report/paper.html."""
+
+import shlex
+import time
+from pathlib import Path
+from typing import Any
+
+from .page import render_page, share_text, stage_bars, write_page
+from .paper import PaperStudy
+from .paper_figures import comparison_figure, series_figure, shape_figure
+from .paper_rows import PaperRow, curve_name
+
+__all__ = ["paper_html", "write_paper_report"]
+
+TITLES = {
+    "smooth": "Smooth dent",
+    "needle": "Needle-shaped dent",
+    "tent": "Needle read as a wedge",
+    "pencil": "Pencil tip, the paper's experiment",
+}
+METHODS = {"lattice": "paper, lattice", "pixels": "paper, every pixel", "dense": "dense solver"}
+GROUPS = (
+    ("exact", "print", "Exact, light obeys the printed sign (the paper's own simulation)"),
+    ("exact", "reflection", "Exact, light obeys the reflection law"),
+    ("frames", "reflection", "Rendered 8-bit frames with noise, light obeys the reflection law"),
+)
+
+
+def write_paper_report(study: PaperStudy, path: str | Path) -> PaperStudy:
+    """Write the page and return the study with the time that this took."""
+    start = time.perf_counter()
+    write_page(path, paper_html(study))
+    return study.with_report(time.perf_counter() - start)
+
+
+def paper_html(study: PaperStudy) -> str:
+    """The whole page."""
+    start = time.perf_counter()
+    cases = [_case(study, name) for name in study.curves]
+    timed = study.with_report(time.perf_counter() - start)
+    context = {
+        "asked": study.settings,
+        "cases": cases,
+        "by_name": {case["id"]: case for case in cases},
+        "stages": stage_bars(timed.seconds),
+        "memory_gib": timed.peak_bytes / 2**30,
+        "command": _command(study.settings),
+    }
+    return render_page("paper.html", context)
+
+
+def _case(study: PaperStudy, name: str) -> dict[str, Any]:
+    """What the template needs of one case: its rows by their role, its table, its figures."""
+
+    def row(data: str, law: str, method: str, sign: int | None, gamma: bool | None) -> PaperRow:
+        return study.find(case=name, data=data, law=law, method=method, sign=sign, gamma=gamma)
+
+    curves, taken = study.curves[name], study.settings["cases"][name]
+    rendered = any(r.case == name and r.data == "frames" for r in study.rows)
+    figures = {
+        "shape": shape_figure(curves[curve_name("exact", "reflection", "pixels", 1, True)]),
+        "seed": series_figure(curves[curve_name("exact", "print", "lattice", -1, True)]),
+        "true": series_figure(curves[curve_name("exact", "reflection", "lattice", 1, True)]),
+        "comparison": comparison_figure(curves, taken["peak_mm"]),
+    }
+    if rendered:
+        figures["frames"] = series_figure(curves[curve_name("frames", "reflection", "lattice", 1, True)])
+    return {
+        "id": name,
+        "title": TITLES[name],
+        "taken": taken,
+        "seed": row("exact", "print", "lattice", -1, True),
+        "printed": row("exact", "reflection", "lattice", 1, False),
+        "true": row("exact", "reflection", "lattice", 1, True),
+        "wrong": row("exact", "reflection", "lattice", -1, True),
+        "pixels": row("exact", "reflection", "pixels", 1, True),
+        "rendered": rendered,
+        "dense": row("exact", "reflection", "dense", None, None) if rendered else None,
+        "lattice_frames": row("frames", "reflection", "lattice", 1, True) if rendered else None,
+        "pixel_frames": row("frames", "reflection", "pixels", 1, True) if rendered else None,
+        "dense_frames": row("frames", "reflection", "dense", None, None) if rendered else None,
+        "table": _table(study, name),
+        "figures": figures,
+    }
+
+
+def _table(study: PaperStudy, name: str) -> dict[str, Any]:
+    """All rows of a case, grouped by how they were seen."""
+    heads = ("method", "sign", "gamma")
+    numbers = ("points", "drops", "rises", "mean", "largest", "at the peak", "theta [mrad]", "whole field")
+    lines: list[dict[str, Any]] = []
+    for data, law, title in GROUPS:
+        found = [row for row in study.rows if (row.case, row.data, row.law) == (name, data, law)]
+        if found:
+            lines.append({"kind": "group", "cells": [title]})
+        lines += [{"kind": "best" if row.method == "dense" else "", "cells": _cells(row)} for row in found]
+    columns = [{"name": head, "numeric": False} for head in heads]
+    return {
+        "id": f"table-{name}",
+        "columns": columns + [{"name": head, "numeric": True} for head in numbers],
+        "rows": lines,
+    }
+
+
+def _cells(row: PaperRow) -> list[str]:
+    sign = "" if row.sign is None else "reflection law" if row.sign == 1 else "as printed"
+    gamma = "" if row.gamma is None else "kept" if row.gamma else "set to 0"
+    shares = (row.drops, row.rises, row.mean, row.largest, row.peak)
+    return [
+        METHODS[row.method],
+        sign,
+        gamma,
+        str(row.points),
+        *(share_text(share) for share in shares),
+        f"{1e3 * row.theta:.3g}",
+        share_text(row.field),
+    ]
+
+
+def _command(asked: dict[str, Any]) -> str:
+    words = ["optolever", "paper", "--noise", f"{asked['noise']:g}", "--seed", str(asked["seed"])]
+    words += ["--renderer", asked["renderer"]]
+    if asked["size"]:
+        words += ["--size", "x".join(str(n) for n in asked["size"])]
+    return shlex.join(words)

@@ -1,0 +1,68 @@
+"""The demo: the names that checks from outside rely on, plain numbers, and a chain that holds together."""
+
+import json
+import math
+
+import pytest
+
+from optolever import InputError
+from optolever.experiments import DemoResult, run_demo
+from optolever.experiments.demo_report import demo_command
+
+RELIED_ON = (
+    "height_rms_rel",
+    "unflagged_share",
+    "sigma_ratio_height",
+    "sigma_ratio_u",
+    "seconds",
+    "peak_bytes",
+)
+
+
+def test_numbers_have_their_names_and_are_plain(demo: DemoResult) -> None:
+    plain = json.loads(json.dumps(demo.to_dict()))
+    for name in RELIED_ON:
+        assert name in plain
+    assert {"trace", "capture", "decode", "reconstruct", "total"} <= set(plain["seconds"])
+    assert plain["peak_bytes"] > 1e7
+    assert all(math.isfinite(value) for value in demo.metrics.values())
+
+
+def test_chain_recovers_the_dent(demo: DemoResult) -> None:
+    """Loose bounds on purpose: how good it is, is measured elsewhere; here a swapped axis or sign would
+    show.
+    """
+    assert demo.metrics["unflagged_share"] > 0.9
+    assert demo.metrics["unflagged_invisible"] == 0
+    assert demo.metrics["height_rms_rel"] < 0.02
+    assert 0.5 < demo.metrics["sigma_ratio_u"] < 2
+
+
+def test_total_is_the_sum_and_the_report_joins_it(demo: DemoResult) -> None:
+    timed = demo.with_report(2.0)
+    assert timed.seconds["report"] == 2.0
+    assert timed.seconds["total"] == pytest.approx(demo.seconds["total"] + 2.0)
+    assert timed.with_report(1.0).seconds["total"] == pytest.approx(demo.seconds["total"] + 1.0)
+
+
+def test_progress_is_told() -> None:
+    told: list[tuple[str, int, int]] = []
+    run_demo(size=(24, 24), renderer="numpy", progress=lambda *step: told.append(step))
+    assert told[0] == ("trace", 0, 4)
+    assert told[-1] == ("reconstruct", 4, 4)
+
+
+def test_command_repeats_the_run(demo: DemoResult) -> None:
+    words = demo_command(demo.settings).split()
+    assert words[:2] == ["optolever", "demo"]
+    assert words[words.index("--size") + 1] == "96x96"
+    assert words[words.index("--dent") + 1] == "gaussian"
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [{"scene": "no-such-scene"}, {"dent": "no-such-dent"}, {"sequence": "no-such"}, {"renderer": "pencil"}],
+)
+def test_unknown_names(bad: dict[str, str]) -> None:
+    with pytest.raises(InputError):
+        run_demo(**{"size": (24, 24), "renderer": "numpy", **bad})

@@ -1,0 +1,112 @@
+"""Pictures: right way round, nothing averaged that should not be, limits that hold."""
+
+import base64
+
+import cv2
+import numpy as np
+import pytest
+
+from optolever.decode import Flag
+from optolever.experiments.flag_words import MEANING, flag_index, flag_rows
+from optolever.experiments.images import png_uri, robust_limits, shrink, thin, thumbnail
+from optolever.experiments.maps import MirrorGrid, length_unit
+from optolever.experiments.page import percent, scientific, seconds_text, share_text
+from optolever.experiments.surface_view import surface_data
+from optolever.reconstruct import HeightFlag
+
+
+def test_mirror_grid_puts_values_where_they_are() -> None:
+    """A camera whose columns run against x, as on the prism."""
+    rows, cols = 40, 60
+    y, x = np.mgrid[0:rows, 0:cols].astype(float)
+    x = x[:, ::-1] * 0.5
+    grid = MirrorGrid.around(x, y)
+    placed = grid.place(x + 100 * y)
+    centre_x = grid.x0 + (np.arange(grid.shape[1]) + 0.5) * grid.pitch
+    centre_y = grid.y0 + (np.arange(grid.shape[0]) + 0.5) * grid.pitch
+    assert np.isfinite(placed).all()
+    np.testing.assert_allclose(placed % 100, np.broadcast_to(centre_x, grid.shape), atol=1.5 * grid.pitch)
+    np.testing.assert_allclose(
+        placed // 100, np.broadcast_to(centre_y[:, None], grid.shape), atol=1.5 * grid.pitch
+    )
+
+
+def test_mirror_grid_keeps_holes() -> None:
+    y, x = np.mgrid[0:50, 0:50].astype(float)
+    z = x.copy()
+    z[20:30, 20:30] = np.nan
+    grid = MirrorGrid.around(x, y)
+    assert np.isnan(grid.place(z)).sum() * grid.pitch**2 == pytest.approx(100, rel=0.4)
+
+
+def test_mirror_grid_of_nothing() -> None:
+    nothing = np.full((3, 3), np.nan)
+    assert np.isnan(MirrorGrid.around(nothing, nothing).place(nothing)).all()
+
+
+def test_png_round_trip_keeps_colours() -> None:
+    image = np.random.default_rng(0).integers(0, 256, (5, 7, 3), dtype=np.uint8)
+    data = base64.b64decode(png_uri(image).partition(",")[2])
+    assert np.array_equal(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)[..., ::-1], image)
+
+
+def test_thumbnail_of_more_than_eight_bits() -> None:
+    frame = np.array([[0, 4095], [2048, 1024]], dtype=np.uint16)
+    assert thumbnail(frame, 10).tolist() == [[0, 255], [128, 64]]
+    assert max(thumbnail(np.zeros((300, 500), np.uint8), 100).shape) == 100
+
+
+def test_shrink_means_and_thin_samples() -> None:
+    array = np.arange(16.0).reshape(4, 4)
+    array[0, 0] = np.nan
+    assert shrink(array, 2)[0, 0] == pytest.approx((1 + 4 + 5) / 3)
+    assert set(thin(array, 2).ravel()) <= set(array.ravel())
+    assert np.isnan(shrink(np.full((4, 4), np.nan), 2)).all()
+
+
+def test_robust_limits() -> None:
+    values = np.append(np.linspace(0, 1, 10_000), [np.nan, 1e9])
+    low, high = robust_limits(values)
+    assert 0 <= low < 0.01
+    assert 0.98 < high <= 1.0
+    assert robust_limits(-values, symmetric=True)[0] == -robust_limits(-values, symmetric=True)[1]
+    assert robust_limits(np.array([np.nan])) == (0.0, 1.0)
+    low, high = robust_limits(np.ones(5))
+    assert low < 1 < high
+
+
+def test_units_and_words() -> None:
+    assert length_unit(2.0) == (1.0, "mm")
+    assert length_unit(2e-3) == (1e3, "µm")
+    assert length_unit(2e-6) == (1e6, "nm")
+    assert scientific(3.21e-5) == "3.2 × 10⁻⁵"
+    assert scientific(-4e-9) == "−4.0 × 10⁻⁹"
+    assert scientific(float("nan")) == "–"
+    assert percent(0.9512) == "95.12 %"
+    assert share_text(-0.0123) == "−1.23 %"
+    assert seconds_text(0.0042) == "4.2 ms"
+
+
+def test_every_flag_has_words() -> None:
+    for member in (*Flag, *HeightFlag):
+        assert MEANING[str(member.name)]
+
+
+def test_flag_rows_count_and_colour() -> None:
+    flags = np.array([[0, 1, 0], [1 | 1024, 1024, 64]], dtype=np.uint16)
+    rows = flag_rows(flags)
+    assert {row.name: row.count for row in rows} == {"good": 2, "dark": 2, "moved": 1, "no anchor": 2}
+    index = flag_index(flags, rows)
+    names = np.array([row.name for row in rows])[index]
+    assert names.tolist() == [["good", "dark", "good"], ["dark", "no anchor", "moved"]]
+    assert len({row.colour for row in rows}) == len(rows)
+
+
+def test_surface_data_keeps_heights() -> None:
+    y, x = np.mgrid[0:400, 0:300].astype(float)
+    z = 0.01 * x + 0.02 * y
+    data = surface_data(x, y, z, {"height": (z, "mm", "viridis", False)})
+    heights = np.frombuffer(base64.b64decode(data["z"]), "<f4").reshape(data["ny"], data["nx"])
+    assert max(heights.shape) <= 160
+    gx, gy = data["x0"] + np.arange(data["nx"]) * data["dx"], data["y0"] + np.arange(data["ny"]) * data["dy"]
+    np.testing.assert_allclose(heights, 0.01 * gx + 0.02 * gy[:, None], atol=0.03 * data["dx"])

@@ -1,0 +1,138 @@
+"""The pages: everything that must be on them, nothing from the network, scripts that run, a surface that
+turns.
+"""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from optolever.experiments import DemoResult, PaperStudy, demo_html, paper_html, write_demo_report
+
+Browser = Callable[..., str]
+DEMO_IDS = [
+    "height_rms_rel",
+    "unflagged_share",
+    "sigma_ratio_height",
+    "total_seconds",
+    "height",
+    "height-map",
+    "profile",
+    "error",
+    "error-map",
+    "sigma",
+    "sigma-histograms",
+    "reliability",
+    "sigma-map",
+    "flags",
+    "flag-counts",
+    "flags-map",
+    "correspondence",
+    "correspondence-maps",
+    "frames",
+    "timing",
+    "reproduce",
+    "surface-data",
+]
+FRAMES = (
+    "<script>window.requestAnimationFrame = (draw) => setTimeout(draw, 1);</script>"  # --dump-dom has none
+)
+TURN = """
+<script>
+const canvas = document.querySelector("canvas"), before = canvas.toDataURL();
+const at = (name, x, y) => canvas.dispatchEvent(
+  new PointerEvent(name, { pointerId: 1, clientX: x, clientY: y, bubbles: true }));
+canvas.setPointerCapture = () => {};
+at("pointerdown", 100, 100); at("pointermove", 160, 90); at("pointerup", 160, 90);
+setTimeout(() => {
+  const turned = canvas.toDataURL(), select = document.querySelector("select");
+  select.selectedIndex = 1; select.dispatchEvent(new Event("change"));
+  setTimeout(() => {
+    document.documentElement.dataset.turned = turned !== before;
+    document.documentElement.dataset.recoloured = canvas.toDataURL() !== turned;
+  }, 500);
+}, 500);
+</script>
+"""
+
+
+@pytest.fixture(scope="module")
+def demo_page(demo: DemoResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    assert write_demo_report(demo, path).seconds["report"] > 0
+    return path
+
+
+@pytest.fixture(scope="module")
+def paper_page(study: PaperStudy, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("report") / "paper.html"
+    path.write_text(paper_html(study), encoding="utf-8")
+    return path
+
+
+def without_data(html: str) -> str:
+    """The page without its embedded pictures and data."""
+    return re.sub(r"(data:[a-z/]+;base64,)?[A-Za-z0-9+/=]{200,}", "", html)
+
+
+@pytest.mark.parametrize("which", ["demo_page", "paper_page"])
+def test_page_asks_the_network_for_nothing(which: str, request: pytest.FixtureRequest) -> None:
+    html = without_data(request.getfixturevalue(which).read_text(encoding="utf-8"))
+    references = re.findall(r"""(?:src|href|action|poster)\s*=\s*["']?([^"'\s>]+)""", html)
+    assert references
+    assert [r for r in references if not r.startswith(("#", "data:"))] == []
+    assert not re.search(r"https?://|@import|url\(|fetch\(|XMLHttpRequest|WebSocket", html)
+
+
+def test_demo_page_has_everything(demo_page: Path, demo: DemoResult, browser: Browser) -> None:
+    dom = browser(demo_page, "--dump-dom")
+    assert 'data-viewer="ready"' in dom
+    for name in DEMO_IDS:
+        assert f'id="{name}"' in dom, name
+    for n in range(1, len(demo.sequence) + 1):
+        assert f'alt="pattern {n}"' in dom
+        assert f'alt="camera frame {n}"' in dom
+    for stage in ("trace", "capture", "decode", "reconstruct", "report", "total"):
+        assert f"<span>{stage}</span>" in dom
+    assert "--dent gaussian" in dom
+
+
+def test_surface_is_drawn_turns_and_takes_colours(demo_page: Path, tmp_path: Path, browser: Browser) -> None:
+    page = tmp_path / "turn.html"
+    html = demo_page.read_text(encoding="utf-8")
+    page.write_text(
+        html.replace("<head>", "<head>" + FRAMES).replace("</body>", TURN + "</body>"), encoding="utf-8"
+    )
+    dom = browser(page, "--dump-dom", "--virtual-time-budget=5000")
+    assert 'data-turned="true"' in dom
+    assert 'data-recoloured="true"' in dom
+
+
+def test_screenshot_shows_a_surface(demo_page: Path, tmp_path: Path, browser: Browser) -> None:
+    target = tmp_path / "page.png"
+    browser(demo_page, "--window-size=1280,1200", f"--screenshot={target}")
+    picture = cv2.imread(str(target))
+    assert picture.shape == (1200, 1280, 3)
+    viewer = picture[600:1100, 150:1130]
+    assert len(np.unique(viewer.reshape(-1, 3), axis=0)) > 500
+
+
+def test_words_of_a_run_cannot_break_the_page(demo: DemoResult) -> None:
+    html = demo_html(
+        type(demo)(
+            **{**vars(demo), "settings": {**demo.settings, "dent": "</title><script>alert(1)</script>"}}
+        )
+    )
+    assert "<script>alert" not in html
+
+
+def test_paper_page_has_its_tables_and_figures(paper_page: Path, browser: Browser) -> None:
+    dom = browser(paper_page, "--dump-dom")
+    for case in ("smooth", "needle", "tent", "pencil"):
+        for name in (f"table-{case}", f"{case}-shape", f"{case}-seed", f"{case}-true", f"{case}-comparison"):
+            assert f'id="{name}"' in dom, name
+    for name in ("seed-claim", "true-law", "best-paper", "dense", "timing", "reproduce"):
+        assert f'id="{name}"' in dom
