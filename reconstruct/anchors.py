@@ -40,14 +40,14 @@ EDGE_REACH = 3.0  # pixels over which the slope may be extrapolated to the edge
 
 @dataclass(frozen=True, slots=True)
 class EdgeAnchor:
-    """The camera-side edge x = L0 of the mirror rests at z = 0; sigma: its standard deviation in mm."""
+    """The camera-side edge x = L0 of the mirror rests at z = 0; sigma: standard deviation of that z in mm."""
 
     sigma: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class PointAnchor:
-    """The mirror passes through (x, y, z), mm in the mirror's frame."""
+    """The mirror passes through (x, y, z), mm in the mirror's frame; sigma: of z."""
 
     x: float
     y: float
@@ -57,7 +57,7 @@ class PointAnchor:
 
 @dataclass(frozen=True, slots=True)
 class PixelAnchor:
-    """The mirror point seen by the (fractional) pixel has depth z mm."""
+    """The mirror point seen by the (fractional) pixel has depth z, give or take sigma, mm."""
 
     row: float
     col: float
@@ -67,7 +67,9 @@ class PixelAnchor:
 
 @dataclass(frozen=True, slots=True)
 class DistanceAnchor:
-    """The mirror point seen by the (fractional) pixel lies `distance` mm along its ray."""
+    """The mirror point seen by the (fractional) pixel lies `distance`, give or take sigma, along its ray,
+    mm.
+    """
 
     row: float
     col: float
@@ -154,45 +156,49 @@ def _samples(anchor: Anchor, scene: Scene, rays: RayField, mask: Mask) -> Sample
         rows, cols = rays.shape
         if not (-0.5 <= row <= rows - 0.5 and -0.5 <= col <= cols - 0.5):
             raise InputError(f"anchor pixel ({row}, {col}): lies outside the image of {rows} x {cols}")
-        if isinstance(anchor, PixelAnchor):
-            origins, directions = (part[..., 2] for part in scene.camera.rays_at(row, col))
-            distance = float((anchor.z - origins) / directions)
-        else:
-            distance = anchor.distance
-    return Samples(*(np.array([value], dtype=np.float64) for value in (row, col, distance, anchor.sigma)))
+    origin, direction = _ray(scene.camera, row, col)
+    sigma = anchor.sigma / abs(direction[2])
+    if isinstance(anchor, PixelAnchor):
+        distance = float((anchor.z - origin[2]) / direction[2])
+    elif isinstance(anchor, DistanceAnchor):
+        distance, sigma = anchor.distance, anchor.sigma
+    return Samples(*(np.array([value], dtype=np.float64) for value in (row, col, distance, sigma)))
 
 
 def _edge_samples(anchor: EdgeAnchor, scene: Scene, rays: RayField, mask: Mask) -> Samples:
     """Where the image of the line x = L0, z = 0 crosses the rows (or the columns) next to valid pixels."""
     length = scene.mirror.length
     x = _rest_x(rays.inner_origins, rays.inner_directions)
-    gap = length - x
     per_row, per_col = (np.gradient(x, axis=axis) for axis in (0, 1))
     axis = int(np.median(np.abs(per_col)) >= np.median(np.abs(per_row)))
     step = per_col if axis == 1 else per_row
     with np.errstate(divide="ignore", invalid="ignore"):
-        offset = gap / step  # pixels from here to the line
-        near = mask & (np.abs(offset) <= EDGE_REACH + 0.25)
-    if not near.any():
+        offset = (length - x) / step  # pixels from here to the line
+        away = np.where(mask & (np.abs(offset) <= EDGE_REACH + 0.25), np.abs(offset), np.inf)
+    lines = np.flatnonzero(np.isfinite(away.min(axis=axis)))
+    if lines.size == 0:
         raise InputError(
             "anchor = 'edge': no valid pixel within 3 pixels of the mirror's camera-side edge "
             f"x = {length:g} mm at rest; name a point on the mirror"
         )
-    distance_to_line = np.where(near, np.abs(offset), np.inf)
-    first = np.argmin(distance_to_line, axis=axis)
-    lines = np.flatnonzero(np.isfinite(np.min(distance_to_line, axis=axis)))
-    at = first[lines]
-    row, col = (lines, at) if axis == 1 else (at, lines)
-    along = at + offset[row, col]
-    for _ in range(3):  # the line's exact position: secant steps on the rays themselves
-        place = (lines.astype(np.float64), along) if axis == 1 else (along, lines.astype(np.float64))
-        origins, directions = (np.moveaxis(part, -1, 0) for part in scene.camera.rays_at(*place))
-        along = along + (length - _rest_x(origins, directions)) / step[row, col]
-    fixed = lines.astype(np.float64)
-    place = (fixed, along) if axis == 1 else (along, fixed)
-    origins, directions = (np.moveaxis(part, -1, 0) for part in scene.camera.rays_at(*place))
-    distance = rest_distance(origins, directions)
-    return Samples(place[0], place[1], distance, np.full(distance.shape, anchor.sigma))
+    at = np.argmin(away, axis=axis)[lines]
+    picked = (lines, at) if axis == 1 else (at, lines)
+    along, fixed = at + offset[picked], lines.astype(np.float64)
+    for _ in range(3):  # the line's exact position: chord steps on the rays themselves
+        origins, directions = _rays(scene.camera, fixed, along, axis)
+        along = along + (length - _rest_x(origins, directions)) / step[picked]
+    origins, directions = _rays(scene.camera, fixed, along, axis)
+    row, col = (fixed, along) if axis == 1 else (along, fixed)
+    # One error for the whole edge: the mean over its lines must not average it away.
+    sigma = anchor.sigma * np.sqrt(lines.size) / np.abs(directions[2])
+    return Samples(row, col, rest_distance(origins, directions), sigma)
+
+
+def _rays(camera: Any, fixed: Floats, along: Floats, axis: int) -> tuple[Floats, Floats]:
+    """Rays (3, M) at positions along an image axis (1: columns) on fixed lines of the other."""
+    row, col = (fixed, along) if axis == 1 else (along, fixed)
+    origins, directions = (np.moveaxis(np.asarray(part), -1, 0) for part in camera.rays_at(row, col))
+    return origins, directions
 
 
 def _rest_x(origins: Floats, directions: Floats) -> Floats:

@@ -218,7 +218,7 @@ def _height_map(
         steps=state.steps,
         iterations=state.iterations,
         defect=float(np.sqrt(state.energy / edges)),
-        curl=scale,
+        curl=scale if np.isfinite(scale) else None,
         components=int(labels.max()),
         lost=lost,
         solver=type(state.problem).__name__,

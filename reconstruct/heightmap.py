@@ -36,19 +36,19 @@ class Diagnostics:
 
     steps: rms change of the unknown in every step (mm, or relative where the rays diverge); iterations:
     linear
-    solves or conjugate-gradient iterations; defect: rms edge defect over its standard deviation (1: noise
-    alone);
-    curl: robust scale of the plaquettes' curl over its standard deviation (well above 1: the calibration, not
-    noise, rules); components: connected components solved; lost: pixels in components without an anchor;
-    free_mode_ratio: largest over median value of the free mode, the height that no image fixes.
+    solves or conjugate-gradient iterations; defect: rms edge defect over its standard deviation (below 1:
+    noise
+    alone); curl: robust scale of the slopes' curl over its standard deviation (well above 1: the calibration
+    rules, not noise); both None if unknown; components: connected components solved; lost: pixels in
+    components without an anchor; solver: of the linear problems; notes: what else a reader should know.
     """
 
     method: str
     converged: bool = True
     steps: tuple[float, ...] = ()
     iterations: int = 0
-    defect: float = float("nan")
-    curl: float = float("nan")
+    defect: float | None = None
+    curl: float | None = None
     components: int = 0
     lost: int = 0
     solver: str = ""

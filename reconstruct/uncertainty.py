@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from .newton import State
 from .poisson import ColumnPoisson
 
-__all__ = ["averaging_gain", "unknown_variance"]
+__all__ = ["averaging_gain", "edge_diagonal", "unknown_variance"]
 
 Floats = NDArray[np.float64]
 Labels = NDArray[np.int32]
@@ -36,7 +36,7 @@ def unknown_variance(state: State, labels: Labels) -> Floats:
     shape = state.w.shape
     columns = state.problem.columns
     factor = np.broadcast_to(state.root**2, shape)
-    variance = _diagonal(columns)
+    variance = edge_diagonal(columns)
     at = factor.ravel()[state.rows.pixel]
     slope = state.variances[0].ravel()[state.rows.pixel]
     own = state.share**2 * (state.rows.sigma**2 + state.rows.reach**2 * slope) / at**2
@@ -78,7 +78,7 @@ def _gain_table() -> tuple[Floats, Floats]:
     return ratios, np.array(values)
 
 
-def _diagonal(columns: ColumnPoisson) -> Floats:
+def edge_diagonal(columns: ColumnPoisson) -> Floats:
     """Diagonal of the rectangle's inverse, (rows, cols): sum_k v_k(col) phi_k(row)^2,
     symmetric in the rows.
     """

@@ -1,0 +1,54 @@
+"""Exact correspondences of small scenes, made once."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from optolever.decode import Correspondence
+from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
+
+Exact = tuple[Scene, Trace, Correspondence]
+
+
+def correspondence_of(truth: Trace, sigma: float = 0.02, noise: float = 0.0, seed: int = 0) -> Correspondence:
+    """What a decoder would make of a trace: u and v with Gaussian noise,
+    OFF_PATTERN where nothing is seen.
+    """
+    rng = np.random.default_rng(seed)
+    shape = truth.u.shape
+    error = noise * rng.standard_normal((2, *shape))
+    sigmas = np.full(shape, sigma)
+    flags = np.where(truth.visible, 0, 16).astype(np.uint16)
+    return Correspondence(truth.u + error[0], truth.v + error[1], sigmas, sigmas.copy(), flags)
+
+
+@lru_cache(maxsize=32)
+def exact_case(preset: str, dent: str, rows: int, cols: int) -> Exact:
+    """A preset at another size, its trace under a dent, and the exact correspondence."""
+    scene = resize(load(preset), rows, cols)
+    truth = trace(scene, dent_from_text(dent, scene))
+    return scene, truth, correspondence_of(truth)
+
+
+@pytest.fixture(scope="session")
+def exact() -> Callable[[str, str, int, int], Exact]:
+    return exact_case
+
+
+@pytest.fixture(scope="session")
+def noisy() -> Callable[..., Correspondence]:
+    return correspondence_of
+
+
+@pytest.fixture(scope="session")
+def cut() -> Callable[[Correspondence, np.ndarray], Correspondence]:
+    """Flag everything outside a mask as dark."""
+
+    def flagged(correspondence: Correspondence, keep: np.ndarray) -> Correspondence:
+        flags = np.where(keep, correspondence.flags, correspondence.flags | 1).astype(np.uint16)
+        return replace(correspondence, flags=flags)
+
+    return flagged

@@ -1,0 +1,96 @@
+"""Error bars against dense algebra and against repeated noise."""
+
+import numpy as np
+import pytest
+
+from optolever.reconstruct import PixelAnchor, reconstruct
+from optolever.reconstruct.poisson import ColumnPoisson
+from optolever.reconstruct.uncertainty import averaging_gain, edge_diagonal
+
+ROWS, COLS = 12, 10
+
+
+def edge_operators(rows: int, cols: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Differences along x and y, and the averages of the pixels' slopes that integrate them (four pixels)."""
+
+    def one(n: int) -> tuple[np.ndarray, np.ndarray]:
+        d = np.diff(np.eye(n), axis=0)
+        a = np.zeros((n - 1, n))
+        for e in range(n - 1):
+            if 1 <= e < n - 2:
+                a[e, e - 1 : e + 3] = np.array([-1, 13, 13, -1]) / 24
+            elif e == 0:
+                a[e, :4] = np.array([9, 19, -5, 1]) / 24
+            else:
+                a[e, -4:] = np.array([1, -5, 19, 9]) / 24
+        return d, a
+
+    (dx, ax), (dy, ay) = one(cols), one(rows)
+    return (
+        np.kron(np.eye(rows), dx),
+        np.kron(dy, np.eye(cols)),
+        np.kron(np.eye(rows), ax),
+        np.kron(ay, np.eye(cols)),
+    )
+
+
+def test_diagonal_of_the_inverse() -> None:
+    """Differences of the inverse's elements against a dense pseudo-inverse."""
+    profile = np.geomspace(1.0, 0.01, COLS)
+    diagonal = edge_diagonal(ColumnPoisson(profile, 2 * profile, ROWS))
+    dx, dy, _, _ = edge_operators(ROWS, COLS)
+    matrix = (
+        dx.T @ np.diag(np.tile(profile[:-1], ROWS)) @ dx + dy.T @ np.diag(np.tile(2 * profile, ROWS - 1)) @ dy
+    )
+    inverse = np.linalg.pinv(matrix)
+    # Pinned: the mean of the first column is zero.
+    pin = np.zeros((ROWS, COLS))
+    pin[:, 0] = 1 / ROWS
+    centre = np.eye(ROWS * COLS) - np.outer(np.ones(ROWS * COLS), pin.ravel())
+    expected = np.diag(centre @ inverse @ centre.T).reshape(ROWS, COLS)
+    np.testing.assert_allclose(diagonal, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("ratio", [0.3, 1.0, 4.0])
+def test_averaging_gain(ratio: float) -> None:
+    """Inside a grid: covariance with the edges' shared pixels against that of independent edges."""
+    n = 25
+    dx, dy, ax, ay = edge_operators(n, n)
+    var_p, var_q = 1.0, 1.0 / ratio
+    matrix = dx.T @ dx / var_p + dy.T @ dy / var_q
+    inverse = np.linalg.pinv(matrix)
+    gain = inverse @ (dx.T @ ax / var_p)
+    other = inverse @ (dy.T @ ay / var_q)
+    true = var_p * gain @ gain.T + var_q * other @ other.T
+    middle = n * n // 2
+    found = averaging_gain(np.array([[var_p]]), np.array([[var_q]]))[0, 0]
+    assert found == pytest.approx(inverse[middle, middle] - true[middle, middle], rel=0.02)
+
+
+@pytest.mark.parametrize("anchor", ["edge", "pixel"])
+def test_coverage(exact, noisy, anchor: str) -> None:
+    """rms(error / sigma) of repeated noise, pixel by pixel of the whole image,
+    at every distance from the anchor.
+    """
+    scene, truth, _ = exact("paper-simulation", "raised-cosine", 96, 96)
+    given = "edge" if anchor == "edge" else PixelAnchor(30, 70, float(truth.z[30, 70]))
+    seeds = 60
+    ratio2 = np.zeros(truth.z.shape)
+    for seed in range(seeds):
+        height = reconstruct(noisy(truth, noise=0.02, seed=seed), scene, anchor=given)
+        ratio2 += ((height.z - truth.z) / height.sigma) ** 2 / seeds
+    assert np.sqrt(np.nanmean(ratio2)) == pytest.approx(1.0, abs=0.05)
+    thirds = [np.sqrt(np.nanmean(part)) for part in np.array_split(ratio2, 3, axis=1)]
+    assert np.all(np.abs(np.array(thirds) - 1) < 0.12)
+
+
+def test_sigma_grows_with_the_noise_and_with_the_anchors_own(exact, noisy) -> None:
+    scene, truth, _ = exact("paper-simulation", "raised-cosine", 96, 96)
+    value = float(truth.z[48, 48])
+    small, large = (
+        reconstruct(noisy(truth, sigma=s), scene, anchor=PixelAnchor(48, 48, value)).sigma
+        for s in (0.01, 0.03)
+    )
+    np.testing.assert_allclose(large / small, 3.0, rtol=1e-3)
+    loose = reconstruct(noisy(truth, sigma=0.01), scene, anchor=PixelAnchor(48, 48, value, sigma=0.5)).sigma
+    assert loose[48, 48] == pytest.approx(0.5, rel=0.01)
