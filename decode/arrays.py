@@ -16,7 +16,10 @@ F32 = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class FringeArrays:
-    """count (G,), index (G, N), solve (G, 3, N), model (G, N, 3), quad (G, 4, 3), periods (G,), misfit (G,).
+    """count (G,), index (G, M), solve (G, 3, M), model (G, M, 4), quad (G, 4, 3), periods (G,), misfit (G,).
+
+    M is the largest count, rounded up to a multiple of 4; what is beyond a period's own count has weight 0.
+    model = (1, design), so that a residual is model[0] I - model[1:] . (A, c, s).
 
     quad holds, for the parameters' variance, sum_i w_i (S1 S1, S1 S2, S2 S2)_i with S = solve and the weights
     w = 1 (read noise), e (offset), e cos d, e sin d (shot noise of the offset and of the fringe itself);
@@ -28,16 +31,16 @@ class FringeArrays:
     solve: F32
     model: F32
     quad: F32
-    periods: NDArray[np.float64]
+    periods: F32
     misfit: NDArray[np.float64]
 
 
 def fringe_arrays(fringes: tuple[Fringe, ...], axis: str) -> FringeArrays:
     """Padded to the longest period's number of frames. InputError if shifts do not determine a phase."""
-    groups, most = len(fringes), max(len(fringe.index) for fringe in fringes)
+    groups, most = len(fringes), max([-(-len(fringe.index) // 4) * 4 for fringe in fringes], default=4)
     index = np.zeros((groups, most), np.int64)
     solve = np.zeros((groups, 3, most), np.float32)
-    model = np.zeros((groups, most, 3), np.float32)
+    model = np.zeros((groups, most, 4), np.float32)
     quad = np.zeros((groups, 4, 3), np.float32)
     for g, fringe in enumerate(fringes):
         n = len(fringe.index)
@@ -48,12 +51,15 @@ def fringe_arrays(fringes: tuple[Fringe, ...], axis: str) -> FringeArrays:
                 f"{np.round(fringe.shifts, 3).tolist()}, must have 3 distinct ones"
             )
         inverse = np.linalg.pinv(design)
-        index[g, :n], solve[g, :, :n], model[g, :n] = fringe.index, inverse, design
+        index[g, :n], solve[g, :, :n], model[g, :n, 1:] = fringe.index, inverse, design
+        # frames that only fill up are the first one again, with weight 0
+        index[g, n:], model[g, :n, 0] = fringe.index[0], 1
         pairs = np.stack([inverse[1] ** 2, inverse[1] * inverse[2], inverse[2] ** 2], axis=1)
         quad[g] = np.concatenate([np.ones((n, 1)), design], axis=1).T @ pairs
-    count = np.array([len(fringe.index) for fringe in fringes])
-    misfit = np.array([chi_squared_limit(n - 3) for n in count])
-    return FringeArrays(count, index, solve, model, quad, np.array([f.period for f in fringes]), misfit)
+    count = np.array([len(fringe.index) for fringe in fringes], np.int64)
+    misfit = np.array([chi_squared_limit(int(n) - 3) for n in count], np.float64)
+    periods = np.array([fringe.period for fringe in fringes], np.float32)
+    return FringeArrays(count, index, solve, model, quad, periods, misfit)
 
 
 def chi_squared_limit(freedom: int, sigmas: float = 5.0) -> float:

@@ -8,34 +8,38 @@ from numpy.typing import NDArray
 
 from .jit import fast_kernel, inline_kernel, kernel
 
-__all__ = ["FROM_EXTREMES", "FROM_PAIRS", "FROM_WHITE_BLACK", "code_rows"]
+__all__ = ["FROM_EXTREMES", "FROM_PAIRS", "FROM_WHITE_BLACK", "code_tile"]
 
 Array = NDArray[Any]
 
 #: Where the threshold of bits without inverse, the contrast and the offset come from.
 FROM_WHITE_BLACK, FROM_PAIRS, FROM_EXTREMES = 0, 1, 2
 #: Squared margin over variance beyond which a bit is certain: 6 sigma, 1e-9.
-_CERTAIN = 36.0
-_TILE = 512
+_CERTAIN = np.float32(36.0)
+_HUGE = np.float32(1e30)
+_ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
 
 @kernel
-def code_rows(
+def code_tile(
     frames: Array,
     lut: Array,
     clip: float,
-    start: int,
-    stop: int,
+    row: int,
+    first: int,
+    n: int,
     source: int,
     white: int,
     black: int,
     plain: Array,
     inverse: Array,
     cells: Array,
-    read2: float,
-    gain: float,
-    loose: float,
+    read2: Any,
+    gain: Any,
+    loose: Any,
+    room: Any,
     cell: Array,
+    weak: Array,
     far: Array,
     up: Array,
     down: Array,
@@ -43,76 +47,104 @@ def code_rows(
     middle: Array,
     clipped: Array,
 ) -> None:
-    """Decode rows start..stop into block arrays (stop - start, W).
+    """Decode n pixels of a row.
 
     plain, inverse (bits,): frame numbers, -1 = not shown, bit 0 least significant; cells: word -> cell;
     read2 + gain I = variance of a sample; loose = systematic error of a margin, in half contrasts.
-    Out: cell; probabilities that the truth is one cell up, one cell down, or anywhere else (far);
-    half contrast, mid level; clipped = number of clipped samples that decide bits or the threshold.
+    Out (n,): cell; probabilities that the truth is one cell up, one cell down, or anywhere else (far);
+    half contrast, mid level; clipped = 1 where clipped samples make a bit unreadable. room: 3 x (n,).
     """
-    width = frames.shape[2]
-    weakest = np.empty(_TILE, np.float32)
-    word = np.empty(_TILE, np.int32)
-    for row in range(start, stop):
-        at = row - start
-        for first in range(0, width, _TILE):
-            n = min(_TILE, width - first)
-            end = first + n
-            mid_n, half_n = middle[at, first:end], half[at, first:end]
-            _reference(frames, lut, row, first, n, source, white, black, plain, inverse, mid_n, half_n)
-            _words(
-                frames,
-                lut,
-                clip,
-                row,
-                first,
-                n,
-                source,
-                plain,
-                inverse,
-                read2,
-                gain,
-                loose,
-                mid_n,
-                half_n,
-                weakest,
-                word,
-                clipped[at, first:end],
-            )
-            for x in range(n):
-                cell[at, first + x] = cells[word[x]]
-                far[at, first + x] = 0
-                up[at, first + x] = 0
-                down[at, first + x] = 0
-            for x in range(n):
-                if not weakest[x] > _CERTAIN:
-                    _misread(
-                        frames,
-                        lut,
-                        row,
-                        first + x,
-                        source,
-                        plain,
-                        inverse,
-                        cells,
-                        read2,
-                        gain,
-                        loose,
-                        word[x],
-                        mid_n[x],
-                        half_n[x],
-                        far[at],
-                        up[at],
-                        down[at],
-                    )
+    margin, pair, single = room
+    _start(n, cell, pair, single, half, middle)
+    if source != FROM_PAIRS:
+        _reference(frames, lut, row, first, n, source, white, black, plain, inverse, middle, half)
+    pairs = 0
+    end = first + n
+    for bit in range(len(plain)):
+        if plain[bit] >= 0 and inverse[bit] >= 0:
+            pairs += 1
+            line, other = frames[plain[bit], row, first:end], frames[inverse[bit], row, first:end]
+            if lut.size:
+                _look_up(n, lut, line, single)
+                _look_up(n, lut, other, margin)
+                _pair(n, source == FROM_PAIRS, single, margin, middle, half, margin, pair)
+                single[:n] = _HUGE
+            else:
+                _pair(n, source == FROM_PAIRS, line, other, middle, half, margin, pair)
+        else:
+            line = frames[max(plain[bit], inverse[bit]), row, first:end]
+            sign = _ONE if plain[bit] >= 0 else -_ONE
+            if lut.size:
+                _look_up(n, lut, line, margin)
+                _single(n, sign, margin, middle, margin, single)
+            else:
+                _single(n, sign, line, middle, margin, single)
+        _set_bit(n, np.int32(1 << bit), margin, cell)
+    if source == FROM_PAIRS:
+        scale = _HALF / np.float32(max(pairs, 1))
+        for x in range(n):
+            middle[x] *= scale
+    far[:n] = _ZERO
+    up[:n] = _ZERO
+    down[:n] = _ZERO
+    clipped[:n] = np.uint8(0)
+    if _weak(n, read2, gain, loose, _lone(source), middle, half, pair, single, weak):
+        for x in range(n):
+            if weak[x]:
+                _misread(
+                    frames,
+                    lut,
+                    clip,
+                    row,
+                    first,
+                    x,
+                    source,
+                    plain,
+                    inverse,
+                    cells,
+                    read2,
+                    gain,
+                    loose,
+                    cell[x],
+                    middle[x],
+                    half[x],
+                    far,
+                    up,
+                    down,
+                    clipped,
+                )
+    for x in range(n):
+        cell[x] = cells[cell[x]]
 
 
 @inline_kernel
-def _level(lut: Array, raw: Any) -> Any:
+def _level(lut: Any, raw: Any) -> Any:
     return lut[int(raw)] if lut.size else np.float32(raw)
 
 
+@inline_kernel
+def _lone(source: Any) -> Any:
+    """Variance of a margin without inverse over that of a sample: the threshold has noise, too."""
+    return np.float32(1.0) if source == 2 else np.float32(1.5)
+
+
+@kernel
+def _look_up(n: int, lut: Array, line: Array, level: Array) -> None:
+    for x in range(n):
+        level[x] = lut[int(line[x])]
+
+
 @fast_kernel
+def _start(n: int, word: Array, pair: Array, single: Array, half: Array, middle: Array) -> None:
+    for x in range(n):
+        word[x] = 0
+    pair[:n] = _HUGE
+    single[:n] = _HUGE
+    half[:n] = _ZERO
+    middle[:n] = _ZERO
+
+
+@kernel
 def _reference(
     frames: Array,
     lut: Array,
@@ -127,97 +159,87 @@ def _reference(
     middle: Array,
     half: Array,
 ) -> None:
-    """Mid level and half contrast of each pixel."""
-    if source == 0:
-        bright, dark = frames[white, row, first : first + n], frames[black, row, first : first + n]
+    """Mid level and half contrast of each pixel, from white and black or from the extremes of the bits."""
+    if source == FROM_WHITE_BLACK:
         for x in range(n):
-            high, low = _level(lut, bright[x]), _level(lut, dark[x])
-            middle[x] = np.float32(0.5) * (high + low)
-            half[x] = np.float32(0.5) * (high - low)
+            high, low = _level(lut, frames[white, row, first + x]), _level(lut, frames[black, row, first + x])
+            middle[x] = _HALF * (high + low)
+            half[x] = _HALF * (high - low)
         return
     for x in range(n):
-        middle[x] = 0
-        half[x] = 0
-    if source == 1:
-        pairs = 0
+        high, low = -_HUGE, _HUGE
         for bit in range(len(plain)):
-            if plain[bit] >= 0 and inverse[bit] >= 0:
-                pairs += 1
-                line, other = (
-                    frames[plain[bit], row, first : first + n],
-                    frames[inverse[bit], row, first : first + n],
-                )
-                for x in range(n):
-                    high, low = _level(lut, line[x]), _level(lut, other[x])
-                    middle[x] += np.float32(0.5) * (high + low)
-                    half[x] = max(half[x], np.float32(0.5) * abs(high - low))
-        scale = np.float32(1.0) / np.float32(max(pairs, 1))
-        for x in range(n):
-            middle[x] *= scale
-        return
-    for x in range(n):
-        high, low = np.float32(-np.inf), np.float32(np.inf)
-        for bit in range(len(plain)):
-            raw = frames[max(plain[bit], inverse[bit]), row, first + x]
-            high, low = max(high, _level(lut, raw)), min(low, _level(lut, raw))
-        middle[x] = np.float32(0.5) * (high + low)
-        half[x] = np.float32(0.5) * (high - low)
+            level = _level(lut, frames[max(plain[bit], inverse[bit]), row, first + x])
+            high, low = max(high, level), min(low, level)
+        middle[x] = _HALF * (high + low)
+        half[x] = _HALF * (high - low)
 
 
 @fast_kernel
-def _words(
-    frames: Array,
-    lut: Array,
-    clip: float,
-    row: int,
-    first: int,
+def _pair(
+    n: int, reference: bool, line: Array, other: Array, middle: Array, half: Array, margin: Array, pair: Array
+) -> None:
+    """Margin of a bit shown with its inverse; both give the mid level and contrast if nothing else does."""
+    if reference:
+        for x in range(n):
+            middle[x] += np.float32(line[x]) + np.float32(other[x])
+    for x in range(n):
+        margin[x] = _HALF * (np.float32(line[x]) - np.float32(other[x]))
+    if reference:
+        for x in range(n):
+            half[x] = abs(margin[x]) if abs(margin[x]) > half[x] else half[x]
+    for x in range(n):
+        pair[x] = abs(margin[x]) if abs(margin[x]) < pair[x] else pair[x]
+
+
+@fast_kernel
+def _single(n: int, sign: Any, line: Array, middle: Array, margin: Array, single: Array) -> None:
+    """Margin of a bit shown without its inverse, against the mid level."""
+    for x in range(n):
+        margin[x] = sign * (np.float32(line[x]) - middle[x])
+    for x in range(n):
+        single[x] = abs(margin[x]) if abs(margin[x]) < single[x] else single[x]
+
+
+@fast_kernel
+def _set_bit(n: int, bit: Any, margin: Array, word: Array) -> None:
+    for x in range(n):
+        word[x] |= bit if margin[x] > _ZERO else np.int32(0)
+
+
+@fast_kernel
+def _weak(
     n: int,
-    source: int,
-    plain: Array,
-    inverse: Array,
-    read2: float,
-    gain: float,
-    loose: float,
+    read2: Any,
+    gain: Any,
+    loose: Any,
+    lone: Any,
     middle: Array,
     half: Array,
-    weakest: Array,
-    word: Array,
-    clipped: Array,
-) -> None:
-    """Code words, and the smallest squared margin over its variance."""
+    pair: Array,
+    single: Array,
+    weak: Array,
+) -> bool:
+    """Pixels with a bit whose margin is below 6 sigma."""
     for x in range(n):
-        weakest[x] = 1e30
-        word[x] = 0
-        clipped[x] = 0
-    for bit in range(len(plain)):
-        single = np.float32(1.0) if source == 2 else np.float32(1.5)
-        if plain[bit] >= 0 and inverse[bit] >= 0:
-            line, other = (
-                frames[plain[bit], row, first : first + n],
-                frames[inverse[bit], row, first : first + n],
-            )
-            for x in range(n):
-                margin = np.float32(0.5) * (_level(lut, line[x]) - _level(lut, other[x]))
-                spread = np.float32(0.5) * (read2 + gain * middle[x]) + (loose * half[x]) ** 2
-                weakest[x] = min(weakest[x], margin * margin / spread)
-                word[x] |= np.int32(margin > 0) << bit
-                clipped[x] += np.uint8((line[x] >= clip) & (other[x] >= clip))
-        else:
-            sign = np.float32(1.0) if plain[bit] >= 0 else np.float32(-1.0)
-            line = frames[max(plain[bit], inverse[bit]), row, first : first + n]
-            for x in range(n):
-                margin = sign * (_level(lut, line[x]) - middle[x])
-                spread = single * (read2 + gain * middle[x]) + (loose * half[x]) ** 2
-                weakest[x] = min(weakest[x], margin * margin / spread)
-                word[x] |= np.int32(margin > 0) << bit
-                clipped[x] += np.uint8((line[x] >= clip) & (middle[x] >= clip))
+        noise, systematic = read2 + gain * middle[x], (loose * half[x]) * (loose * half[x])
+        certain = (pair[x] * pair[x] > _CERTAIN * (_HALF * noise + systematic)) & (
+            single[x] * single[x] > _CERTAIN * (lone * noise + systematic)
+        )
+        weak[x] = np.uint8(0) if certain else np.uint8(1)
+    count = 0
+    for x in range(n):
+        count += weak[x]
+    return count > 0
 
 
 @kernel
 def _misread(
     frames: Array,
     lut: Array,
+    clip: float,
     row: int,
+    first: int,
     x: int,
     source: int,
     plain: Array,
@@ -232,18 +254,23 @@ def _misread(
     far: Array,
     up: Array,
     down: Array,
+    clipped: Array,
 ) -> None:
     """Sum over bits of Q(margin / sigma), sorted by where the flipped bit would lead."""
     cell = cells[word]
     for bit in range(len(plain)):
         if plain[bit] >= 0 and inverse[bit] >= 0:
-            margin = 0.5 * (
-                _level(lut, frames[plain[bit], row, x]) - _level(lut, frames[inverse[bit], row, x])
-            )
+            raw, other = frames[plain[bit], row, first + x], frames[inverse[bit], row, first + x]
+            margin = 0.5 * (_level(lut, raw) - _level(lut, other))
             spread = 0.5 * (read2 + gain * middle)
+            if raw >= clip and other >= clip:
+                clipped[x] = 1
         else:
-            margin = _level(lut, frames[max(plain[bit], inverse[bit]), row, x]) - middle
-            spread = (1.0 if source == 2 else 1.5) * (read2 + gain * middle)
+            raw = frames[max(plain[bit], inverse[bit]), row, first + x]
+            margin = _level(lut, raw) - middle
+            spread = _lone(source) * (read2 + gain * middle)
+            if raw >= clip and middle >= clip:
+                clipped[x] = 1
         spread += (loose * half) ** 2
         wrong = 0.5 * math.erfc(abs(margin) / math.sqrt(2 * spread)) if spread > 0 else 0.5
         step = cells[word ^ (1 << bit)] - cell

@@ -1,5 +1,6 @@
 """decode(): frames and their descriptions -> Correspondence."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,15 +11,15 @@ from optolever.blocks import over_rows
 from optolever.errors import InputError
 from optolever.patterns import Sequence
 
-from .arrays import FringeArrays, chi_squared_limit, fringe_arrays
+from .arrays import chi_squared_limit, fringe_arrays
+from .axis_kernels import CODE_GUIDED, CODE_ONLY, SEARCHED, SPAN_GUIDED, axis_rows
 from .blur import measured_blur
 from .cells import add_cell_term
-from .code_kernels import FROM_EXTREMES, FROM_PAIRS, FROM_WHITE_BLACK, code_rows
+from .code_kernels import FROM_EXTREMES, FROM_PAIRS, FROM_WHITE_BLACK
 from .correspondence import Correspondence
 from .display import correct_display
-from .flag_kernels import code_finish_rows, outlier_rows
+from .flag_kernels import outlier_rows
 from .noise import QUANTISATION, Noise, estimate_noise
-from .phase_kernels import CODE_GUIDED, SEARCHED, SPAN_GUIDED, phase_rows
 from .plan import AxisPlan, Code, Plan, plan
 from .response import Response
 
@@ -28,7 +29,7 @@ __all__ = ["decode"]
 FLOOR = 0.01
 #: Systematic error of a code's margin that is always reckoned with, in units of half the contrast.
 LOOSE = 0.02
-_BLOCK = 32
+_BLOCK = 16
 Frames = NDArray[Any]
 
 
@@ -157,41 +158,41 @@ def _clip_level(stack: Frames) -> float:
 
 def _axis_step(
     job: _Job, wanted: Plan, axis: AxisPlan, maps: tuple[Frames, Frames], joined: bool, *common: Frames
-) -> Any:
+) -> Callable[[int, int], None]:
     """The work on a block of rows for one axis."""
-    if axis.fringes:
-        return _phase_step(job, wanted, axis, maps, joined, *common)
-    if axis.code is not None:
-        return _code_step(job, wanted, axis, axis.code, maps, joined, *common)
-    raise InputError(f"decode: axis {axis.axis} is encoded by frames that cannot be decoded yet")
-
-
-def _run_code(job: _Job, wanted: Plan, code: Code, start: int, stop: int) -> tuple[Frames, ...]:
-    """Cell, far, up, down, half contrast, mid level and clipped count of a block."""
-    shape = (stop - start, job.frames.shape[2])
-    cell = np.empty(shape, np.int32)
-    maps = tuple(np.empty(shape, np.float32) for _ in range(5))
-    clipped = np.empty(shape, np.uint8)
-    code_rows(
-        job.frames,
-        job.lut,
-        job.clip,
-        start,
-        stop,
-        _source(wanted, code),
-        wanted.white,
-        wanted.black,
-        code.plain,
-        code.inverse,
-        code.cells,
-        np.float32(job.noise.read2),
-        np.float32(job.noise.gain),
-        np.float32(LOOSE),
-        cell,
-        *maps,
-        clipped,
+    if axis.code is None and not axis.fringes:
+        raise InputError(f"decode: axis {axis.axis} is encoded by frames that cannot be decoded yet")
+    arrays = fringe_arrays(axis.fringes, axis.axis)
+    fringes = (
+        *(arrays.count, arrays.index, arrays.solve, arrays.model, arrays.quad, arrays.periods, arrays.misfit),
     )
-    return (cell, *maps, clipped)
+    code = _code_arguments(wanted, axis)
+    limits = (_reach(axis), job.floor, chi_squared_limit(len(axis.fringes) - 1))
+    noise = (job.noise.read2, job.noise.gain)
+    mode = _mode(axis)
+    least = 8 * axis.code.cell if axis.code and not axis.fringes else 0.4 * float(arrays.periods[-1])
+
+    def step(start: int, stop: int) -> None:
+        axis_rows(
+            job.frames, job.lut, job.clip, noise, start, stop, mode, code, fringes, limits, axis.extent, joined,
+            *maps, *common,
+        )  # fmt: skip
+        outlier_rows(start, stop, least, *maps, common[0])
+
+    return step
+
+
+def _code_arguments(wanted: Plan, axis: AxisPlan) -> tuple[Any, ...]:
+    """What axis_rows wants to know of the code; of none, if there is none."""
+    none = np.empty(0, np.int64)
+    code = axis.code or Code("", none, none, 1.0, 0.0, np.empty(0, np.int32))
+    cells = int(np.ceil((axis.extent - code.origin) / code.cell))
+    origin = 0.5 * (code.cell - 1) + code.origin
+    source = _source(wanted, code)
+    return (
+        *(source, wanted.white, wanted.black, code.plain, code.inverse, code.cells, cells, code.cell, origin),
+        np.float32(LOOSE),
+    )
 
 
 def _source(wanted: Plan, code: Code) -> int:
@@ -200,77 +201,17 @@ def _source(wanted: Plan, code: Code) -> int:
     return FROM_PAIRS if ((code.plain >= 0) & (code.inverse >= 0)).any() else FROM_EXTREMES
 
 
-def _code_step(
-    job: _Job,
-    wanted: Plan,
-    axis: AxisPlan,
-    code: Code,
-    maps: tuple[Frames, Frames],
-    joined: bool,
-    *common: Frames,
-) -> Any:
-    cells = int(np.ceil((axis.extent - code.origin) / code.cell))
-    origin = 0.5 * (code.cell - 1) + code.origin
-    noise = (job.noise.read2, job.noise.gain)
-
-    def step(start: int, stop: int) -> None:
-        found = _run_code(job, wanted, code, start, stop)
-        code_finish_rows(start, stop, code.cell, origin, cells, noise, *found, joined, *maps, *common)
-        outlier_rows(start, stop, 8 * code.cell, *maps, common[0])
-
-    return step
-
-
-def _phase_step(
-    job: _Job, wanted: Plan, axis: AxisPlan, maps: tuple[Frames, Frames], joined: bool, *common: Frames
-) -> Any:
-    arrays = fringe_arrays(axis.fringes, axis.axis)
-    code = axis.code
-    mode = CODE_GUIDED if code is not None else _mode(axis)
-    limits = (_reach(axis), job.floor, chi_squared_limit(len(arrays.periods) - 1))
-    noise = (job.noise.read2, job.noise.gain)
-    nothing = np.empty((0, 0), np.float32)
-
-    def step(start: int, stop: int) -> None:
-        centre = far = up = down = nothing
-        if code is not None:
-            cell, far, up, down, *_ = _run_code(job, wanted, code, start, stop)
-            centre = code.centre(cell).astype(np.float32)
-        phase_rows(
-            job.frames,
-            job.lut,
-            job.clip,
-            start,
-            stop,
-            mode,
-            *_packed(arrays),
-            limits,
-            noise,
-            centre,
-            far,
-            up,
-            down,
-            axis.extent,
-            joined,
-            *maps,
-            *common,
-        )
-        outlier_rows(start, stop, 0.4 * arrays.periods[-1], *maps, common[0])
-
-    return step
-
-
-def _packed(arrays: FringeArrays) -> tuple[Frames, ...]:
-    return arrays.count, arrays.index, arrays.solve, arrays.model, arrays.quad, arrays.periods, arrays.misfit
-
-
 def _mode(axis: AxisPlan) -> int:
+    if not axis.fringes:
+        return CODE_ONLY
+    if axis.code is not None:
+        return CODE_GUIDED
     return SPAN_GUIDED if axis.fringes[0].period >= axis.extent else SEARCHED
 
 
 def _reach(axis: AxisPlan) -> float:
-    """How far a coordinate may lie from the centre of the code's cell (or of the surface)."""
-    period = axis.fringes[0].period
-    if axis.code is None:
+    """How far a coordinate may lie from the centre of the code's cell."""
+    if axis.code is None or not axis.fringes:
         return float("inf")
+    period = axis.fringes[0].period
     return min(axis.code.cell / 2 + period / 8, period * 15 / 32)

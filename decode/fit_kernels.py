@@ -1,15 +1,18 @@
 """Compiled fringe fit: frames of one period -> phase, its variance, offset, amplitude and misfit of a tile.
 
-All kernels work on `n` pixels of one row at a time, so that what they hand on stays in the first cache,
-and are written as plain loops over pixels, which the compiler turns into vector instructions.
+All kernels work on `n` pixels of one row at a time, so that what they hand on stays in the first cache. They
+are plain loops over pixels in float32, with what does not change held in scalars, so that the compiler makes
+vector instructions of them (an int or a float64 in between would halve their width).
 """
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .jit import fast_kernel, inline_kernel, kernel
+from .unwrap_kernels import UNKNOWN
 
 __all__ = ["TILE", "fit_tile", "refit_clipped"]
 
@@ -19,32 +22,140 @@ Array = NDArray[Any]
 TILE = 512
 
 _TURN = np.float32(1 / (2 * np.pi))
-_ONE, _HALF, _QUARTER = np.float32(1), np.float32(0.5), np.float32(0.25)
-_TINY = np.float32(1e-12)
+_TURN2 = np.float32(1 / (2 * np.pi) ** 2)
+_ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
+_HALF, _QUARTER = np.float32(0.5), np.float32(0.25)
+_TINY = np.float32(1e-20)
+_A16, _A14, _A12, _A10 = (np.float32(a) for a in (0.0028662257, -0.0161657367, 0.0429096138, -0.0752896400))
+_A8, _A6, _A4, _A2 = (np.float32(a) for a in (0.1065626393, -0.1420889944, 0.1999355085, -0.3333314528))
 
 
 @inline_kernel
-def _atan2_turns(s: Any, c: Any) -> Any:
-    """atan2(s, c) / (2 pi) in [-0.5, 0.5]; error below 5e-8 turns (Abramowitz & Stegun 4.4.49)."""
-    abs_s, abs_c = abs(s), abs(c)
-    low, high = min(abs_s, abs_c), max(abs_s, abs_c)
-    t = low / max(high, _TINY)
+def _arctangent(t: Any) -> Any:
+    """arctan(t) / (2 pi) for t in [0, 1]; error below 5e-9 turns (Abramowitz & Stegun 4.4.49)."""
     q = t * t
-    p = np.float32(0.0028662257)
-    p = p * q - np.float32(0.0161657367)
-    p = p * q + np.float32(0.0429096138)
-    p = p * q - np.float32(0.0752896400)
-    p = p * q + np.float32(0.1065626393)
-    p = p * q - np.float32(0.1420889944)
-    p = p * q + np.float32(0.1999355085)
-    p = p * q - np.float32(0.3333314528)
-    p = (p * q + _ONE) * t * _TURN
-    p = _QUARTER - p if abs_s > abs_c else p
-    p = _HALF - p if c < 0 else p
-    return -p if s < 0 else p
+    low = ((_A16 * q + _A14) * q + _A12) * q + _A10
+    return ((((low * q + _A8) * q + _A6) * q + _A4) * q + _A2) * q * t * _TURN + t * _TURN
 
 
 @fast_kernel
+def _sum(n: int, fresh: bool, i0: Array, i1: Array, i2: Array, i3: Array, weights: Any, total: Array) -> None:
+    """total (+)= weighted sum of four lines."""
+    w0, w1, w2, w3 = weights
+    if fresh:
+        for x in range(n):
+            total[x] = (
+                w0 * np.float32(i0[x])
+                + w1 * np.float32(i1[x])
+                + w2 * np.float32(i2[x])
+                + w3 * np.float32(i3[x])
+            )
+        return
+    for x in range(n):
+        total[x] += (
+            w0 * np.float32(i0[x]) + w1 * np.float32(i1[x]) + w2 * np.float32(i2[x]) + w3 * np.float32(i3[x])
+        )
+
+
+@fast_kernel
+def _brightest(n: int, fresh: bool, i0: Array, i1: Array, i2: Array, i3: Array, top: Array) -> None:
+    if fresh:
+        for x in range(n):
+            top[x] = np.float32(i0[x])
+    for x in range(n):
+        first = i0[x] if i0[x] > i1[x] else i1[x]
+        second = i2[x] if i2[x] > i3[x] else i3[x]
+        level = np.float32(first if first > second else second)
+        top[x] = level if level > top[x] else top[x]
+
+
+@fast_kernel
+def _residual(
+    n: int,
+    i0: Array,
+    i1: Array,
+    i2: Array,
+    i3: Array,
+    model: Any,
+    a: Array,
+    c: Array,
+    s: Array,
+    misfit: Array,
+) -> None:
+    """misfit += squared residuals of four lines; model = rows (weight, A, c, s)."""
+    (w0, a0, c0, s0), (w1, a1, c1, s1), (w2, a2, c2, s2), (w3, a3, c3, s3) = model
+    for x in range(n):
+        ax, cx, sx = a[x], c[x], s[x]
+        r0 = w0 * np.float32(i0[x]) - a0 * ax - c0 * cx - s0 * sx
+        r1 = w1 * np.float32(i1[x]) - a1 * ax - c1 * cx - s1 * sx
+        r2 = w2 * np.float32(i2[x]) - a2 * ax - c2 * cx - s2 * sx
+        r3 = w3 * np.float32(i3[x]) - a3 * ax - c3 * cx - s3 * sx
+        misfit[x] += r0 * r0 + r1 * r1 + r2 * r2 + r3 * r3
+
+
+@kernel
+def _four(
+    n: int,
+    fresh: bool,
+    i0: Array,
+    i1: Array,
+    i2: Array,
+    i3: Array,
+    solve: Array,
+    k: int,
+    a: Array,
+    c: Array,
+    s: Array,
+) -> None:
+    _sum(n, fresh, i0, i1, i2, i3, (solve[0, k], solve[0, k + 1], solve[0, k + 2], solve[0, k + 3]), a)
+    _sum(n, fresh, i0, i1, i2, i3, (solve[1, k], solve[1, k + 1], solve[1, k + 2], solve[1, k + 3]), c)
+    _sum(n, fresh, i0, i1, i2, i3, (solve[2, k], solve[2, k + 1], solve[2, k + 2], solve[2, k + 3]), s)
+
+
+@inline_kernel
+def _model_rows(model: Any, k: Any) -> Any:
+    return (
+        (model[k, 0], model[k, 1], model[k, 2], model[k, 3]),
+        (model[k + 1, 0], model[k + 1, 1], model[k + 1, 2], model[k + 1, 3]),
+        (model[k + 2, 0], model[k + 2, 1], model[k + 2, 2], model[k + 2, 3]),
+        (model[k + 3, 0], model[k + 3, 1], model[k + 3, 2], model[k + 3, 3]),
+    )
+
+
+@fast_kernel
+def _phases(
+    n: int, a: Array, c: Array, s: Array, noise: Any, quad: Any, turns: Array, variance: Array
+) -> None:
+    """Phase and its variance (quad: see arrays.fringe_arrays). One division serves both: it is what costs."""
+    read2, gain = noise
+    (r11, r12, r22), (a11, a12, a22), (c11, c12, c22), (s11, s12, s22) = quad
+    # one output a loop: more need more checks for overlap than the compiler is willing to make
+    for x in range(n):
+        cx, sx = c[x], s[x]
+        power = cx * cx + sx * sx
+        high = abs(sx) if abs(sx) > abs(cx) else abs(cx)
+        turns[x] = _ONE / (power * high + _TINY)
+    for x in range(n):
+        ax, cx, sx = a[x], c[x], s[x]
+        cc, ss, cs = cx * cx, sx * sx, _TWO * cx * sx
+        of_read = cc * r22 + ss * r11 - cs * r12
+        of_offset = cc * a22 + ss * a11 - cs * a12
+        of_fringe = cx * (cc * c22 + ss * c11 - cs * c12) + sx * (cc * s22 + ss * s11 - cs * s12)
+        spread = read2 * of_read + gain * (ax * of_offset + of_fringe)
+        inverse = turns[x] * (abs(sx) if abs(sx) > abs(cx) else abs(cx))
+        variance[x] = (spread * inverse * inverse + _TINY) * _TURN2
+    for x in range(n):
+        cx, sx = c[x], s[x]
+        abs_c, abs_s = abs(cx), abs(sx)
+        swap = abs_s > abs_c
+        low = abs_c if swap else abs_s
+        turn = _arctangent(low * (cx * cx + sx * sx) * turns[x])
+        turn = _QUARTER - turn if swap else turn
+        turn = _HALF - turn if cx < _ZERO else turn
+        turns[x] = -turn if sx < _ZERO else turn
+
+
+@kernel
 def fit_tile(
     frames: Array,
     lut: Array,
@@ -52,88 +163,68 @@ def fit_tile(
     row: int,
     first: int,
     n: int,
+    count: int,
     index: Array,
     solve: Array,
     model: Array,
     quad: Array,
     read2: float,
     gain: float,
+    linear: Array,
     sums: Array,
     turns: Array,
     variance: Array,
     misfit: Array,
-    clipped: Array,
-) -> None:
+    top: Array,
+) -> bool:
     """Least squares of I_i = model_i . (A, c, s) and the phase of (c, s).
 
-    index (N,), solve (3, N) = pseudo-inverse of the design, model (N, 3) = design, quad (4, 3), see
-    fringe_arrays; lut turns raw levels into linear ones unless empty; raw levels >= clip count as clipped.
+    count samples; index (M,), solve (3, M), model (M, 4), quad (4, 3): see arrays.fringe_arrays, M = count
+    padded to a multiple of 4; lut turns raw levels into linear ones unless empty (linear: room for (M, n));
+    raw levels >= clip are clipped.
     Out, (n,): sums[0..2] = A, c, s; turns = phase / 2 pi; variance of turns; misfit = sum of squares of the
-    residuals over their variance; clipped = number of clipped samples.
+    residuals; top = brightest raw level. True if any sample is clipped.
     """
     a, c, s = sums[0], sums[1], sums[2]
-    for x in range(n):
-        a[x] = 0
-        c[x] = 0
-        s[x] = 0
-        misfit[x] = 0
-        clipped[x] = 0
-    for i in range(len(index)):
-        line = frames[index[i], row, first : first + n]
-        to_a, to_c, to_s = solve[0, i], solve[1, i], solve[2, i]
+    end = first + n
+    for k in range(0, len(index), 4):
+        i0, i1 = frames[index[k], row, first:end], frames[index[k + 1], row, first:end]
+        i2, i3 = frames[index[k + 2], row, first:end], frames[index[k + 3], row, first:end]
+        _brightest(n, k == 0, i0, i1, i2, i3, top)
         if lut.size:
-            for x in range(n):
-                level = lut[int(line[x])]
-                a[x] += to_a * level
-                c[x] += to_c * level
-                s[x] += to_s * level
+            for j in range(k, k + 4):
+                line = frames[index[j], row, first:end]
+                for x in range(n):
+                    linear[j, x] = lut[int(line[x])]
+            _four(n, k == 0, linear[k], linear[k + 1], linear[k + 2], linear[k + 3], solve, k, a, c, s)
         else:
-            for x in range(n):
-                level = np.float32(line[x])
-                a[x] += to_a * level
-                c[x] += to_c * level
-                s[x] += to_s * level
-        for x in range(n):
-            clipped[x] += np.uint8(line[x] >= clip)
-    if len(index) > 3:
-        _residuals(frames, lut, row, first, n, index, model, sums, misfit)
-    for x in range(n):
-        cc, ss, cs = c[x] * c[x], s[x] * s[x], c[x] * s[x]
-        power = max(cc + ss, _TINY)
-        shot = gain * a[x]
-        q11 = read2 * quad[0, 0] + shot * quad[1, 0] + gain * (c[x] * quad[2, 0] + s[x] * quad[3, 0])
-        q12 = read2 * quad[0, 1] + shot * quad[1, 1] + gain * (c[x] * quad[2, 1] + s[x] * quad[3, 1])
-        q22 = read2 * quad[0, 2] + shot * quad[1, 2] + gain * (c[x] * quad[2, 2] + s[x] * quad[3, 2])
-        spread = (cc * q22 + ss * q11 - 2 * cs * q12) / (power * power)
-        variance[x] = max(spread, _TINY) * (_TURN * _TURN)
-        misfit[x] /= read2 + shot
-        turns[x] = _atan2_turns(s[x], c[x])
+            _four(n, k == 0, i0, i1, i2, i3, solve, k, a, c, s)
+    misfit[:n] = _ZERO
+    if count > 3:
+        for k in range(0, len(index), 4):
+            rows = _model_rows(model, k)
+            if lut.size:
+                _residual(n, linear[k], linear[k + 1], linear[k + 2], linear[k + 3], rows, a, c, s, misfit)
+            else:
+                i0, i1 = frames[index[k], row, first:end], frames[index[k + 1], row, first:end]
+                i2, i3 = frames[index[k + 2], row, first:end], frames[index[k + 3], row, first:end]
+                _residual(n, i0, i1, i2, i3, rows, a, c, s, misfit)
+    terms = (
+        (quad[0, 0], quad[0, 1], quad[0, 2]),
+        (quad[1, 0], quad[1, 1], quad[1, 2]),
+        (quad[2, 0], quad[2, 1], quad[2, 2]),
+        (quad[3, 0], quad[3, 1], quad[3, 2]),
+    )
+    _phases(n, a, c, s, (read2, gain), terms, turns, variance)
+    return _any_clipped(n, np.float32(clip), top)
 
 
 @fast_kernel
-def _residuals(
-    frames: Array,
-    lut: Array,
-    row: int,
-    first: int,
-    n: int,
-    index: Array,
-    model: Array,
-    sums: Array,
-    misfit: Array,
-) -> None:
-    a, c, s = sums[0], sums[1], sums[2]
-    for i in range(len(index)):
-        line = frames[index[i], row, first : first + n]
-        of_a, of_c, of_s = model[i, 0], model[i, 1], model[i, 2]
-        if lut.size:
-            for x in range(n):
-                residual = lut[int(line[x])] - of_a * a[x] - of_c * c[x] - of_s * s[x]
-                misfit[x] += residual * residual
-        else:
-            for x in range(n):
-                residual = np.float32(line[x]) - of_a * a[x] - of_c * c[x] - of_s * s[x]
-                misfit[x] += residual * residual
+def _any_clipped(n: int, clip: Any, top: Array) -> bool:
+    count = 0
+    for x in range(n):
+        count += top[x] >= clip
+    return count > 0
 
 
 @kernel
@@ -144,6 +235,7 @@ def refit_clipped(
     row: int,
     first: int,
     n: int,
+    count: int,
     index: Array,
     model: Array,
     read2: float,
@@ -152,29 +244,29 @@ def refit_clipped(
     turns: Array,
     variance: Array,
     misfit: Array,
-    clipped: Array,
+    top: Array,
 ) -> None:
     """Fit pixels with clipped samples again without those; variance inf where too few are left."""
     normal = np.empty((3, 3), np.float64)
     right = np.empty(3, np.float64)
     for x in range(n):
-        if clipped[x] == 0:
+        if top[x] < clip:
             continue
         normal[:] = 0
         right[:] = 0
-        for i in range(len(index)):
+        for i in range(count):
             raw = frames[index[i], row, first + x]
             if raw >= clip:
                 continue
             level = np.float64(lut[int(raw)]) if lut.size else np.float64(raw)
             for j in range(3):
-                right[j] += model[i, j] * level
+                right[j] += model[i, j + 1] * level
                 for k in range(3):
-                    normal[j, k] += model[i, j] * model[i, k]
+                    normal[j, k] += model[i, j + 1] * model[i, k + 1]
         misfit[x] = 0
         determinant = _invert(normal)
         if determinant < 1e-3:
-            variance[x] = np.inf
+            variance[x] = UNKNOWN
             continue
         a = normal[0, 0] * right[0] + normal[0, 1] * right[1] + normal[0, 2] * right[2]
         c = normal[1, 0] * right[0] + normal[1, 1] * right[1] + normal[1, 2] * right[2]
@@ -182,13 +274,13 @@ def refit_clipped(
         power = max(c * c + s * s, 1e-12)
         spread = (c * c * normal[2, 2] + s * s * normal[1, 1] - 2 * c * s * normal[1, 2]) / (power * power)
         sums[0, x], sums[1, x], sums[2, x] = a, c, s
-        variance[x] = spread * (read2 + gain * max(a, 0.0)) / (4 * np.pi * np.pi)
-        turns[x] = np.arctan2(s, c) / (2 * np.pi)
+        variance[x] = spread * (read2 + gain * max(a, 0.0)) / (4 * math.pi * math.pi)
+        turns[x] = math.atan2(s, c) / (2 * math.pi)
 
 
 @kernel
 def _invert(m: Array) -> float:
-    """Invert a symmetric 3 x 3 matrix in place; returns its determinant (0: left as it was)."""
+    """Invert a symmetric 3 x 3 matrix in place; its determinant (too small: left as it was)."""
     c00 = m[1, 1] * m[2, 2] - m[1, 2] * m[1, 2]
     c01 = m[0, 2] * m[1, 2] - m[0, 1] * m[2, 2]
     c02 = m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]

@@ -35,14 +35,14 @@ _forget_stale()
 
 def kernel(function: Kernel) -> Kernel:
     """Compiled exactly as written."""
-    return cast(Kernel, njit(cache=True, nogil=True)(function))
+    return cast(Kernel, njit(cache=True, nogil=True, error_model="numpy")(function))
 
 
 def fast_kernel(function: Kernel) -> Kernel:
     """Compiled with reordering of sums and fused multiply-add."""
-    return cast(Kernel, njit(cache=True, nogil=True, fastmath=_REORDER)(function))
+    return cast(Kernel, njit(cache=True, nogil=True, error_model="numpy", fastmath=_REORDER)(function))
 
 
 def inline_kernel(function: Kernel) -> Kernel:
     """Pasted into its caller, so that the caller's loop can become vector instructions."""
-    return cast(Kernel, njit(cache=True, nogil=True, inline="always")(function))
+    return cast(Kernel, njit(cache=True, nogil=True, error_model="numpy", inline="always")(function))

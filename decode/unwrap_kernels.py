@@ -31,8 +31,18 @@ _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 
 @kernel
 def sequential_tile(
-    n: int, periods: Array, turns: Array, variance: Array, guess: Array, coord: Array, spread: Array,
-    step: Array, margin: Array, misfit: Array, gap: Array, order_error: Array,
+    n: int,
+    periods: Array,
+    turns: Array,
+    variance: Array,
+    guess: Array,
+    coord: Array,
+    spread: Array,
+    step: Array,
+    margin: Array,
+    misfit: Array,
+    gap: Array,
+    order_error: Array,
 ) -> None:
     """Orders nearest to guess (n,), then to the estimate so far. All float32.
 
@@ -62,7 +72,14 @@ def _first_order(
 
 @fast_kernel
 def _next_order(
-    n: int, period: Any, turns: Array, variance: Array, coord: Array, spread: Array, step: Array, margin: Array,
+    n: int,
+    period: Any,
+    turns: Array,
+    variance: Array,
+    coord: Array,
+    spread: Array,
+    step: Array,
+    margin: Array,
     misfit: Array,
 ) -> bool:
     """Step to the nearest order; margin = chi squared by which the next nearest is worse. True: some are close."""
@@ -120,8 +137,17 @@ def _update(
 
 @kernel
 def search_tile(
-    n: int, periods: Array, turns: Array, variance: Array, low: float, high: float, coord: Array,
-    spread: Array, misfit: Array, gap: Array, order_error: Array,
+    n: int,
+    periods: Array,
+    turns: Array,
+    variance: Array,
+    low: float,
+    high: float,
+    coord: Array,
+    spread: Array,
+    misfit: Array,
+    gap: Array,
+    order_error: Array,
 ) -> None:
     """As sequential_tile, from every order of the coarsest period that puts it into [low, high]."""
     coarse = float(periods[0])

@@ -1,0 +1,236 @@
+"""Compiled decoding of one axis over a block of rows: code and fringes, tile by tile, into the maps."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .code_kernels import code_tile
+from .fit_kernels import TILE, fit_tile, refit_clipped
+from .flag_kernels import code_flags, common_tile, flag_contrast, flag_fit, flag_order, flag_place
+from .jit import fast_kernel, kernel
+from .unwrap_kernels import search_tile, sequential_tile
+
+__all__ = ["CODE_GUIDED", "CODE_ONLY", "SEARCHED", "SPAN_GUIDED", "axis_rows"]
+
+Array = NDArray[Any]
+
+#: How the coarsest order is found: from a code, from a period that spans the surface, by search; no fringes.
+CODE_GUIDED, SPAN_GUIDED, SEARCHED, CODE_ONLY = 0, 1, 2, 3
+_ZERO = np.float32(0)
+_FLAT = np.float32(1 / 12)
+
+
+@kernel
+def axis_rows(
+    frames: Array,
+    lut: Array,
+    clip: float,
+    noise: tuple[float, float],
+    start: int,
+    stop: int,
+    mode: int,
+    code: Any,
+    fringes: Any,
+    limits: tuple[float, float, float],
+    extent: int,
+    joined: bool,
+    coord: Array,
+    sigma: Array,
+    flags: Array,
+    amplitude: Array,
+    offset: Array,
+    order_error: Array,
+) -> None:
+    """Decode rows start..stop of one axis.
+
+    noise = (read variance, gain); code = (source, white, black, plain, inverse, cells, number of cells, pitch,
+    origin, loose), see code_kernels; fringes = (count, index, solve, model, quad, periods, misfit), see
+    arrays.fringe_arrays; limits = (distance from the code's cell, floor of sigma, chi squared of the periods);
+    joined: flags, amplitude, offset and order_error already hold those of the other axis.
+    """
+    source, white, black, plain, inverse, cells, cell_count, pitch, origin, loose = code
+    periods = fringes[5]
+    width, groups = frames.shape[2], len(periods)
+    read2, gain = np.float32(noise[0]), np.float32(noise[1])
+    reach, floor, disagreement = np.float32(limits[0]), np.float32(limits[1]), np.float32(limits[2])
+    linear = np.empty((fringes[1].shape[1], TILE), np.float32)
+    sums = np.empty((max(groups, 1), 3, TILE), np.float32)
+    turns = np.empty((groups, TILE), np.float32)
+    variance = np.empty((groups, TILE), np.float32)
+    misfit = np.empty((groups, TILE), np.float32)
+    room = np.zeros((14, TILE), np.float32)
+    place, spread, gap, doubt, agreement, step, margin, guess = (
+        room[0],
+        room[1],
+        room[2],
+        room[3],
+        room[4],
+        room[5],
+        room[6],
+        room[7],
+    )
+    far, up, down, half, middle, spare = room[8], room[9], room[10], room[11], room[12], room[13]
+    word, why = np.empty(TILE, np.int32), np.empty(TILE, np.int32)
+    weak, clipped = np.empty(TILE, np.uint8), np.empty(TILE, np.uint8)
+    for row in range(start, stop):
+        for first in range(0, width, TILE):
+            n = min(TILE, width - first)
+            end = first + n
+            if mode == CODE_GUIDED or mode == CODE_ONLY:
+                code_tile(
+                    frames,
+                    lut,
+                    clip,
+                    row,
+                    first,
+                    n,
+                    source,
+                    white,
+                    black,
+                    plain,
+                    inverse,
+                    cells,
+                    read2,
+                    gain,
+                    loose,
+                    (step, margin, spare),
+                    word,
+                    weak,
+                    far,
+                    up,
+                    down,
+                    half,
+                    middle,
+                    clipped,
+                )
+                _centres(n, np.float32(pitch), np.float32(origin), word, guess)
+            if mode == CODE_ONLY:
+                code_flags(n, read2, gain, np.int32(cell_count), word, far, half, middle, clipped, why)
+                _flat(n, np.float32(pitch), far, up, down, doubt, spread)
+                _write(n, floor, guess, spread, coord[row, first:end], sigma[row, first:end])
+                common_tile(
+                    n,
+                    joined,
+                    why,
+                    half,
+                    middle,
+                    doubt,
+                    flags[row, first:end],
+                    amplitude[row, first:end],
+                    offset[row, first:end],
+                    order_error[row, first:end],
+                )
+                continue
+            for g in range(groups):
+                count, index, model = fringes[0][g], fringes[1][g], fringes[3][g]
+                if fit_tile(
+                    frames,
+                    lut,
+                    clip,
+                    row,
+                    first,
+                    n,
+                    count,
+                    index,
+                    fringes[2][g],
+                    model,
+                    fringes[4][g],
+                    read2,
+                    gain,
+                    linear,
+                    sums[g],
+                    turns[g],
+                    variance[g],
+                    misfit[g],
+                    margin,
+                ):
+                    refit_clipped(
+                        frames,
+                        lut,
+                        clip,
+                        row,
+                        first,
+                        n,
+                        count,
+                        index,
+                        model,
+                        noise[0],
+                        noise[1],
+                        sums[g],
+                        turns[g],
+                        variance[g],
+                        misfit[g],
+                        margin,
+                    )
+            agreement[:n] = _ZERO
+            doubt[:n] = _ZERO
+            if mode == SPAN_GUIDED:
+                guess[:n] = np.float32(0.5 * (extent - 1))
+            if mode == SEARCHED:
+                search_tile(
+                    n, periods, turns, variance, -0.5, extent - 0.5, place, spread, agreement, gap, doubt
+                )
+            else:
+                sequential_tile(
+                    n, periods, turns, variance, guess, place, spread, step, margin, agreement, gap, doubt
+                )
+            if mode == CODE_GUIDED:
+                _code_doubt(n, place, guess, far, up, down, doubt)
+            finest = sums[groups - 1]
+            flag_contrast(n, read2, gain, finest[0], finest[1], finest[2], why)
+            for g in range(groups):
+                flag_fit(n, np.float32(fringes[6][g]), read2, gain, sums[g, 0], variance[g], misfit[g], why)
+            flag_order(n, disagreement, reach, agreement, doubt, gap, why)
+            flag_place(n, np.float32(extent), place, spread, why)
+            _write(n, floor, place, spread, coord[row, first:end], sigma[row, first:end])
+            _height(n, finest[1], finest[2], step)
+            common_tile(
+                n,
+                joined,
+                why,
+                step,
+                finest[0],
+                doubt,
+                flags[row, first:end],
+                amplitude[row, first:end],
+                offset[row, first:end],
+                order_error[row, first:end],
+            )
+
+
+@fast_kernel
+def _centres(n: int, pitch: Any, origin: Any, cell: Array, centre: Array) -> None:
+    for x in range(n):
+        centre[x] = pitch * np.float32(cell[x]) + origin
+
+
+@fast_kernel
+def _flat(n: int, pitch: Any, far: Array, up: Array, down: Array, doubt: Array, spread: Array) -> None:
+    """A code alone: a bit may be wrong anywhere, and within its cell every place is as likely."""
+    for x in range(n):
+        doubt[x] = far[x] + up[x] + down[x]
+    for x in range(n):
+        spread[x] = pitch * pitch * _FLAT
+
+
+@fast_kernel
+def _code_doubt(n: int, place: Array, guess: Array, far: Array, up: Array, down: Array, doubt: Array) -> None:
+    """A bit misread towards the side on which the fringe lies changes nothing."""
+    for x in range(n):
+        doubt[x] += far[x] + (up[x] if place[x] < guess[x] else down[x])
+
+
+@fast_kernel
+def _write(n: int, floor: Any, place: Array, spread: Array, coord: Array, sigma: Array) -> None:
+    for x in range(n):
+        coord[x] = place[x]
+    for x in range(n):
+        error = np.sqrt(spread[x])
+        sigma[x] = error if error > floor else floor
+
+
+@fast_kernel
+def _height(n: int, c: Array, s: Array, height: Array) -> None:
+    for x in range(n):
+        height[x] = np.sqrt(c[x] * c[x] + s[x] * s[x])

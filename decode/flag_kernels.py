@@ -1,0 +1,172 @@
+"""Compiled flags: why a pixel is not to be trusted, and the maps that both axes share."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .jit import fast_kernel, kernel
+from .unwrap_kernels import UNKNOWN
+
+__all__ = [
+    "code_flags",
+    "common_tile",
+    "flag_contrast",
+    "flag_fit",
+    "flag_order",
+    "flag_place",
+    "outlier_rows",
+]
+
+Array = NDArray[Any]
+
+# Flag's values, as the kernels need plain numbers of the width of their counters
+_NONE, _DARK, _SATURATED, _LOW = np.int32(0), np.int32(1), np.int32(2), np.int32(4)
+_ORDER, _OFF, _MOVED, _INVALID = np.int32(8), np.int32(16), np.int32(64), np.int32(128)
+_OUTLIER = np.uint16(32)
+#: Amplitude over noise below which a pixel is flagged.
+_LEAST_CONTRAST2 = np.float32(4.0**2)
+#: Probability of a wrong order above which a pixel is flagged.
+_DOUBT = np.float32(1e-4)
+_UNKNOWN = np.float32(UNKNOWN / 10)
+_INF = np.float32(np.inf)
+_ZERO, _HALF, _ONE, _THREE = np.float32(0), np.float32(0.5), np.float32(1), np.float32(3)
+
+
+@fast_kernel
+def flag_contrast(n: int, read2: Any, gain: Any, a: Array, c: Array, s: Array, why: Array) -> None:
+    """LOW_CONTRAST: amplitude below 4 sigma; DARK: and offset below 8 sigma, too. Sets `why`."""
+    four = np.float32(4)
+    for x in range(n):
+        noise = _LEAST_CONTRAST2 * (read2 + gain * (a[x] if a[x] > _ZERO else _ZERO))
+        power = c[x] * c[x] + s[x] * s[x]
+        low = power < noise
+        dark = low & ((a[x] < _ZERO) | (a[x] * a[x] < four * noise))
+        why[x] = (_LOW if low else _NONE) | (_DARK if dark else _NONE)
+
+
+@fast_kernel
+def flag_fit(
+    n: int, worst: Any, read2: Any, gain: Any, a: Array, variance: Array, misfit: Array, why: Array
+) -> None:
+    """SATURATED: too few samples left; MOVED: residuals that noise does not explain."""
+    for x in range(n):
+        why[x] |= _SATURATED if variance[x] > _UNKNOWN else _NONE
+    for x in range(n):
+        why[x] |= _MOVED if misfit[x] > worst * (read2 + gain * a[x]) else _NONE
+
+
+@fast_kernel
+def flag_order(
+    n: int, disagreement: Any, reach: Any, agreement: Array, doubt: Array, gap: Array, why: Array
+) -> None:
+    """ORDER_DOUBTFUL: periods disagree, an order is improbable, or code and fringe lie apart."""
+    for x in range(n):
+        wrong = (agreement[x] > disagreement) | (doubt[x] > _DOUBT) | (gap[x] > reach)
+        why[x] |= _ORDER if wrong else _NONE
+
+
+@fast_kernel
+def flag_place(n: int, extent: Any, place: Array, spread: Array, why: Array) -> None:
+    """OFF_PATTERN: beyond the border by more than half a pixel and 3 sigma; INVALID: no number."""
+    for x in range(n):
+        beyond = abs(place[x] - _HALF * (extent - _ONE)) - _HALF * extent
+        why[x] |= _OFF if (beyond > _HALF) & (beyond * beyond > _THREE * _THREE * spread[x]) else _NONE
+    for x in range(n):
+        fine = (abs(place[x]) < _INF) & (spread[x] < _INF)
+        why[x] |= _NONE if fine else _INVALID
+
+
+@fast_kernel
+def common_tile(
+    n: int,
+    joined: bool,
+    why: Array,
+    height: Array,
+    mean: Array,
+    doubt: Array,
+    flags: Array,
+    amplitude: Array,
+    offset: Array,
+    order_error: Array,
+) -> None:
+    """Write (first axis) or merge (second axis) what both axes share."""
+    if not joined:
+        for x in range(n):
+            flags[x] = why[x]
+        for x in range(n):
+            amplitude[x] = height[x]
+        for x in range(n):
+            offset[x] = mean[x]
+        for x in range(n):
+            order_error[x] = doubt[x] if doubt[x] < _ONE else _ONE
+        return
+    for x in range(n):
+        flags[x] |= why[x]
+    for x in range(n):
+        amplitude[x] = height[x] if height[x] < amplitude[x] else amplitude[x]
+    for x in range(n):
+        offset[x] = _HALF * (offset[x] + mean[x])
+    for x in range(n):
+        wrong = doubt[x] if doubt[x] < _ONE else _ONE
+        order_error[x] = order_error[x] + wrong - order_error[x] * wrong
+
+
+@kernel
+def code_flags(
+    n: int,
+    read2: Any,
+    gain: Any,
+    cells: Any,
+    cell: Array,
+    far: Array,
+    half: Array,
+    middle: Array,
+    clipped: Array,
+    why: Array,
+) -> None:
+    """Flags of a code that stands alone: contrast, clipped bits, doubtful bits, cells off the pattern."""
+    _flag_half(n, read2, gain, half, middle, why)
+    _flag_cells(n, cells, cell, far, clipped, why)
+
+
+@fast_kernel
+def _flag_half(n: int, read2: Any, gain: Any, half: Array, middle: Array, why: Array) -> None:
+    four = np.float32(4)
+    for x in range(n):
+        noise = _LEAST_CONTRAST2 * (read2 + gain * (middle[x] if middle[x] > _ZERO else _ZERO))
+        low = (half[x] <= _ZERO) | (half[x] * half[x] < noise)
+        dark = low & ((middle[x] < _ZERO) | (middle[x] * middle[x] < four * noise))
+        why[x] = (_LOW if low else _NONE) | (_DARK if dark else _NONE)
+
+
+@fast_kernel
+def _flag_cells(n: int, cells: Any, cell: Array, far: Array, clipped: Array, why: Array) -> None:
+    for x in range(n):
+        why[x] |= _SATURATED if np.int32(clipped[x]) > _NONE else _NONE
+    for x in range(n):
+        why[x] |= _ORDER if far[x] > _DOUBT else _NONE
+    for x in range(n):
+        why[x] |= _OFF if (cell[x] < _NONE) | (cell[x] >= cells) else _NONE
+
+
+@fast_kernel
+def outlier_rows(start: int, stop: int, least: float, coord: Array, sigma: Array, flags: Array) -> None:
+    """Flag a pixel that leaves a line on which its two neighbours on either side agree.
+
+    Folds and edges pass: there the neighbours do not agree with each other.
+    """
+    width = coord.shape[1]
+    mark = np.zeros(width, np.uint16)
+    for row in range(start, stop):
+        line = coord[row]
+        for x in range(2, width - 2):
+            jump = abs(line[x] - 0.5 * (line[x - 1] + line[x + 1]))
+            calm = (
+                abs(line[x + 1] - line[x - 1])
+                + abs(line[x - 1] - line[x - 2])
+                + abs(line[x + 2] - line[x + 1])
+            )
+            mark[x] = _OUTLIER if (jump > least) & (jump > 3 * calm) else np.uint16(0)
+        for x in range(2, width - 2):
+            flags[row, x] |= mark[x]
