@@ -240,7 +240,7 @@ def _on_pixels(setup: Setup, seen: Correspondence, data: str, drawn: Curves) -> 
     names = (case.name, data, "reflection", "pixels")
     for row in paper_rows(middle, setup.geometry, setup.peak, names, drawn):
         if (row.sign, row.gamma) == (1, True):
-            whole = reconstruct_paper(seen, setup.scene)
+            whole = reconstruct_paper(seen, setup.scene, series="drops")
             yield replace(row, field=_field(setup, whole.z, whole.good))
         else:
             yield row

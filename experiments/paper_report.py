@@ -87,7 +87,16 @@ def _case(study: PaperStudy, name: str) -> dict[str, Any]:
 def _table(study: PaperStudy, name: str) -> dict[str, Any]:
     """All rows of a case, grouped by how they were seen."""
     heads = ("method", "sign", "gamma")
-    numbers = ("points", "drops", "rises", "mean", "largest", "at the peak", "theta [mrad]", "whole field")
+    numbers = (
+        "points",
+        "drops",
+        "rises",
+        "mean",
+        "largest",
+        "at the peak",
+        "theta [mrad]",
+        "whole field, drops",
+    )
     lines: list[dict[str, Any]] = []
     for data, law, title in GROUPS:
         found = [row for row in study.rows if (row.case, row.data, row.law) == (name, data, law)]

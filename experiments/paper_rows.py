@@ -27,8 +27,8 @@ class PaperRow:
     method: lattice | pixels (the paper's, on crossings or on every pixel) | dense; sign, gamma: of the
     paper's equations (dense: None); points: how many; drops, rises, mean: rms of each series (dense: mean
     alone); largest: of the mean; peak: estimated over true depth at the deepest point, minus 1; theta: rms
-    error of the mean's slope angle (rad); field: rms of the mean over all pixels, where the whole field
-    was reconstructed.
+    error of the mean's slope angle (rad); field: rms over all pixels, where the whole field
+    was reconstructed, by the drops (rises diverge in noise).
     """
 
     case: str

@@ -17,6 +17,7 @@ from .paper_equations import angle_increment, height_increment, mirror_position,
 __all__ = ["PaperGeometry", "PaperResult", "Profile", "SeriesName", "recursion", "series"]
 
 Array = NDArray[np.float64]
+_TINY = 1e-12  # mm
 SeriesName = Literal["mean", "rises", "drops"]
 
 
@@ -68,27 +69,33 @@ class PaperResult:
 def series(m: Array, w: Array, geometry: PaperGeometry, *, sign: int = 1, gamma: bool = True) -> Profile:
     """March along the last axis of m, w (lines, points) in the order given, from d = 0 at the first point.
 
-    sign: +1 the reflection law, -1 the paper's print; gamma: kept in (12), or set to 0 as in (16).
-    Points without data (NaN) come back as NaN; the march steps over them with the last rise, once per point.
+    sign: +1 the reflection law, -1 the paper's print; gamma: kept in (12), or set to 0 as in (16). Points
+    without data (NaN) come back as NaN. The march steps over them with the last rise, as often as the gap
+    in w holds the last step: once where a crease hides lattice lines, often where pixels are missing.
     """
-    points = m.shape[-1]
     m_t, w_t = (np.ascontiguousarray(np.moveaxis(values, -1, 0)) for values in (m, w))
     l_t, d_t, theta_t = (np.full(m_t.shape, np.nan) for _ in range(3))
-    started = np.zeros(m_t.shape[1:], dtype=bool)
-    depth, rise, place, angle = (np.zeros(started.shape) for _ in range(4))
+    started, gap = (np.zeros(m_t.shape[1:], dtype=bool) for _ in range(2))
+    depth, rise, place, angle, last, step = (np.zeros(started.shape) for _ in range(6))
     first_step = _first_step(w_t, geometry)
-    for n in range(points):
-        depth = depth + rise
-        l = mirror_position(w_t[n], depth, geometry.beta0, geometry.length)
-        increment = angle_increment(l, depth, m_t[n], geometry.alpha0, gamma)
-        theta = slope_angle(geometry.alpha0 + increment, geometry.beta0, sign)
+    for n in range(m_t.shape[0]):
+        jump = np.abs(w_t[n] - last)
+        d = depth + rise * np.where(
+            gap & (step > 0), np.maximum(np.rint(jump / np.maximum(step, _TINY)), 1), 1
+        )
+        l = mirror_position(w_t[n], d, geometry.beta0, geometry.length)
+        theta = slope_angle(
+            geometry.alpha0 + angle_increment(l, d, m_t[n], geometry.alpha0, gamma), geometry.beta0, sign
+        )
         valid = np.isfinite(theta)
         next_rise = height_increment(l - place, angle, theta - angle)
-        first_rise = first_step * np.tan(theta)
-        l_t[n], d_t[n], theta_t[n] = (np.where(valid, value, np.nan) for value in (l, depth, theta))
-        rise = np.where(valid, np.where(started, next_rise, first_rise), rise)
-        place, angle = np.where(valid, l, place), np.where(valid, theta, angle)
-        started |= valid
+        l_t[n], d_t[n], theta_t[n] = (np.where(valid, value, np.nan) for value in (l, d, theta))
+        rise = np.where(valid, np.where(started, next_rise, first_step * np.tan(theta)), rise)
+        step = np.where(valid & started & ~gap, jump, step)
+        depth, place, angle, last = (
+            np.where(valid, new, old) for new, old in ((d, depth), (l, place), (theta, angle), (w_t[n], last))
+        )
+        started, gap = started | valid, (started | gap) & ~valid
     return Profile(*(np.moveaxis(values, 0, -1) for values in (l_t, d_t, theta_t)))
 
 

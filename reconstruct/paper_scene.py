@@ -68,7 +68,8 @@ def row_recursion(
             f"correspondence: shape is {correspondence.u.shape}, the camera of scene {scene.name} has "
             f"{(rows, cols)}"
         )
-    m = np.where(correspondence.good, pattern_positions(scene, correspondence.u), np.nan)
+    u = np.asarray(correspondence.u, dtype=np.float64)
+    m = np.where(correspondence.good, pattern_positions(scene, u), np.nan)
     w = np.broadcast_to(capture_positions(scene, 0.0, np.arange(cols, dtype=np.float64)), m.shape)
     # column 0 is next to x = L0, the recursion's points run from l = 0 on
     backward = recursion(m[:, ::-1], w[:, ::-1], geometry, sign=sign, gamma=gamma)

@@ -1,4 +1,6 @@
-"""The paper's equations and recursion against an exact, independent simulation of a prism cut by ray tracing."""
+"""The paper's equations and recursion against an exact,
+independent simulation of a prism cut by ray tracing.
+"""
 
 from collections.abc import Callable
 
@@ -6,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
+
 from optolever.reconstruct.paper import PaperGeometry, recursion, series
 from optolever.reconstruct.paper_equations import (
     angle_increment,
@@ -194,6 +197,19 @@ class TestRecursion:
         assert np.array_equal(np.isnan(result.drops.d), np.isnan(holed))
         error = result.drops.d - depth
         assert np.sqrt(np.nanmean(error**2)) / PEAK < 2e-3
+
+    def test_hidden_lines_are_one_step_and_missing_pixels_many(self) -> None:
+        """Lines that a crease hides lie nowhere in w: the march is that over the others."""
+        m, w, depth = lattice_lines(1)
+        hidden = np.insert(m, [30, 30, 30], np.nan), np.insert(w, [30, 30, 30], np.nan)
+        with_gap, without = recursion(*hidden, PRISM), recursion(m, w, PRISM)
+        kept = np.isfinite(hidden[0])
+        for name in ("rises", "drops"):
+            assert_allclose(with_gap.series(name).d[kept], without.series(name).d, rtol=1e-12)
+        seen, w, depth = every_pixel(1)
+        seen[800:820] = np.nan
+        error = recursion(seen, w, PRISM).drops.d - depth
+        assert np.nanmax(np.abs(error)) / PEAK < 5e-3
 
     def test_all_missing(self) -> None:
         nothing = np.full((2, 5), np.nan)

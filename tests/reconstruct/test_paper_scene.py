@@ -1,0 +1,94 @@
+"""The paper's method on whole scenes, from exact traced correspondences."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from optolever import InputError
+from optolever.decode import Correspondence
+from optolever.reconstruct import capture_positions, prism_geometry, reconstruct, reconstruct_paper
+from optolever.scene import Scene, Trace, dent, load, resize, trace
+
+SCENE = resize(load("paper-simulation"), 40, 320)
+PEAK = 1.3
+
+
+def exact(seen: Trace) -> Correspondence:
+    """What a perfect decoder gives."""
+    sigma = np.full(seen.u.shape, 0.01)
+    return Correspondence(seen.u, seen.v, sigma, sigma, np.where(seen.visible, 0, 16).astype(np.uint16))
+
+
+@pytest.fixture(scope="module")
+def seen() -> Trace:
+    return trace(SCENE, dent("raised-cosine", SCENE, peak=PEAK))
+
+
+def test_geometry_is_read_off_the_scene() -> None:
+    geometry = prism_geometry(SCENE)
+    assert_allclose([geometry.alpha0, geometry.beta0, geometry.length], [np.pi / 4, np.pi / 4, 163.7])
+    assert_allclose(np.rad2deg(prism_geometry(load("prism48")).beta0), 48)
+
+
+def test_capture_positions_run_from_the_far_edge() -> None:
+    first, last = capture_positions(SCENE, 0.0, np.array([-0.5, SCENE.camera.cols - 0.5]))
+    assert_allclose([first, last], [0.0, 163.7 / np.sqrt(2)], atol=1e-9)
+
+
+def test_drops_recover_the_dent_with_its_places(seen: Trace) -> None:
+    height = reconstruct_paper(exact(seen), SCENE, series="drops")
+    assert np.array_equal(height.good, seen.visible)
+    error = (height.z - seen.z)[seen.visible]
+    assert np.sqrt(np.mean(error**2)) / PEAK < 0.006
+    assert_allclose(height.y[seen.visible], seen.y[seen.visible], atol=1e-9)
+    assert_allclose((height.x - seen.x)[seen.visible], error, atol=1e-9)  # along a ray of 45 degrees
+    assert np.isinf(height.sigma).all()
+
+
+def test_unequal_angles() -> None:
+    scene = resize(load("prism48"), 20, 400)
+    seen = trace(scene, dent("gaussian", scene))
+    height = reconstruct_paper(exact(seen), scene, series="drops")
+    peak = np.nanmax(seen.z)
+    assert np.sqrt(np.nanmean((height.z - seen.z) ** 2)) / peak < 0.02
+
+
+def test_printed_sign_turns_the_dent_round(seen: Trace) -> None:
+    height = reconstruct_paper(exact(seen), SCENE, sign=-1, series="drops")
+    middle = (SCENE.camera.rows // 2, SCENE.camera.cols // 4)
+    assert height.z[middle] < 0 < seen.z[middle]
+
+
+def test_mean_is_the_mean(seen: Trace) -> None:
+    drops, rises, mean = (
+        reconstruct_paper(exact(seen), SCENE, series=name).z for name in ("drops", "rises", "mean")
+    )
+    assert_allclose(mean, (drops + rises) / 2, atol=1e-12)
+    assert_allclose(reconstruct(exact(seen), SCENE, method="paper").z, mean)
+
+
+def test_flagged_pixels_have_no_height(seen: Trace) -> None:
+    measured = exact(seen)
+    measured.flags[5, 100:110] = 4
+    height = reconstruct_paper(measured, SCENE)
+    assert np.isnan(height.z[5, 100:110]).all()
+    assert (height.flags[5, 100:110] == 4).all()
+    assert np.isfinite(height.z[4]).all()
+
+
+def moved_off_the_edge(scene: Scene) -> Scene:
+    pattern = scene.pattern
+    return replace(scene, pattern=replace(pattern, origin=pattern.origin + np.array([-5.0, 0.0, 0.0])))
+
+
+@pytest.mark.parametrize("scene", [load("monitor-mirror"), moved_off_the_edge(SCENE)], ids=["pinhole", "gap"])
+def test_only_prisms(scene: Scene) -> None:
+    with pytest.raises(InputError, match=scene.name):
+        prism_geometry(scene)
+
+
+def test_other_shapes_are_refused(seen: Trace) -> None:
+    with pytest.raises(InputError, match="shape"):
+        reconstruct_paper(exact(seen), load("paper-simulation"))
