@@ -1,0 +1,63 @@
+"""What a display shifts is taken off: against light integrated cell by cell with error functions."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.special import erf
+
+from optolever.decode import Flag, decode
+from optolever.patterns import Sequence, sequence
+
+
+def _seen(shown: Sequence, u: NDArray[np.float64], width: float, blur: float) -> NDArray[np.float64]:
+    """Frames (N, 1, W) that pixels of `width` cells at u (W,) see; every cell's light integrated on 41 points."""
+    tables, _ = shown.tables()
+    edges = np.arange(shown.cols + 1) - 0.5
+    light = np.zeros((len(u), shown.cols))
+    for place in (np.arange(41) - 20) / 41 * width:
+        step = 0.5 * (1 + erf((edges[None, :] - u[:, None] - place) / (blur * np.sqrt(2))))
+        light += np.diff(step, axis=1) / 41
+    return 16 + 0.85 * (tables.astype(float) @ light.T)[:, None, :]
+
+
+def _capture(
+    cols: int, width: float, blur: float, seed: int = 0, **params: float
+) -> tuple[Sequence, NDArray[np.float64], NDArray[np.float64]]:
+    shown = sequence("gray+phase", 4, cols, axes="u", **params)
+    u = np.arange(-0.4, cols - 0.7, width)
+    frames = np.repeat(_seen(shown, u, width, blur), 24, axis=1)
+    noisy = frames + 0.5 * np.random.default_rng(seed).standard_normal(frames.shape)
+    return shown, u, np.clip(np.rint(noisy * 16), 0, 4095).astype(np.uint16)
+
+
+@pytest.mark.parametrize("period", [8.0, 11.0, 13.3])
+@pytest.mark.parametrize("blur", [0.4, 0.5, 0.8])
+def test_rounded_levels_and_low_stairs_are_taken_off(period: float, blur: float) -> None:
+    shown, u, frames = _capture(200, 0.7, blur, period=period)
+    inside = (u > 4) & (u < 195)
+    corrected = (decode(frames, shown).u - u).mean(axis=0)[inside]
+    ideal = (decode(frames, shown, on_cells=False).u - u).mean(axis=0)[inside]
+    noise = 0.5 / (0.85 * 127.5 * 0.85) * period / (2 * np.pi) / np.sqrt(2 * 24)
+    assert corrected.std() < 1.3 * noise + 3e-4
+    assert abs(corrected.mean()) < 3 * noise / np.sqrt(inside.sum()) + 1e-4
+    assert ideal.std() > 1.5 * corrected.std()
+
+
+def test_dark_border_is_taken_off_or_flagged() -> None:
+    shown, u, frames = _capture(120, 0.7, 0.5, period=8.0)
+    found = decode(frames, shown)
+    error = np.abs(found.u - u)
+    good = found.flags == 0
+    raw = np.abs(decode(frames, shown, on_cells=False).u - u)
+    assert raw[:, 0].min() > 0.2
+    assert (error[good] < 4 * found.sigma_u[good] + 0.01).all()
+    assert (found.flags[:, 0] & Flag.OFF_PATTERN).all()
+    assert good[:, 2:-2].all()
+
+
+def test_blur_is_measured_from_the_contrast() -> None:
+    """The blur given and the blur measured take off the same."""
+    shown, u, frames = _capture(160, 0.7, 0.6, period=9.0)
+    inside = (u > 4) & (u < 155)
+    measured, given = decode(frames, shown).u[:, inside], decode(frames, shown, blur_px=0.6).u[:, inside]
+    assert np.abs(measured - given).max() < 5e-4
