@@ -44,14 +44,15 @@ def axis_rows(
 ) -> None:
     """Decode rows start..stop of one axis.
 
-    noise = (read variance, gain); code = (source, white, black, plain, inverse, cells, number of cells, pitch,
-    origin, loose), see code_kernels; fringes = (count, index, solve, model, quad, periods, misfit), see
-    arrays.fringe_arrays; limits = (distance from the code's cell, floor of sigma, chi squared of the periods);
-    joined: flags, amplitude, offset and order_error already hold those of the other axis.
+    noise = (read variance, gain); code = (source, white, black, plain, inverse, cells, number of cells,
+    pitch, origin, loose), see code_kernels; fringes = (count, index, solve, model, quad, periods, misfit),
+    see arrays.fringe_arrays; limits = (distance from the code's cell, floor of sigma, chi squared of the
+    periods); joined: flags, amplitude, offset and order_error already hold those of the other axis.
     """
     source, white, black, plain, inverse, cells, cell_count, pitch, origin, loose = code
     periods = fringes[5]
     width, groups = frames.shape[2], len(periods)
+    coded = mode in (CODE_GUIDED, CODE_ONLY)
     read2, gain = np.float32(noise[0]), np.float32(noise[1])
     reach, floor, disagreement = np.float32(limits[0]), np.float32(limits[1]), np.float32(limits[2])
     linear = np.empty((fringes[1].shape[1], TILE), np.float32)
@@ -77,7 +78,7 @@ def axis_rows(
         for first in range(0, width, TILE):
             n = min(TILE, width - first)
             end = first + n
-            if mode == CODE_GUIDED or mode == CODE_ONLY:
+            if coded:
                 code_tile(
                     frames,
                     lut,

@@ -30,12 +30,17 @@ _NEGLIGIBLE = 0.012
 _REACH = 8
 
 
-def add_cell_term(coord: Map, sigma: Map, flags: Map, blur_px: float | None) -> None:
-    """Add the rms of the stairs to sigma (H, W), in place; the footprint is the local gradient of coord."""
-    if blur_px is None:
-        attenuation, fill = estimate_stairs(coord, sigma, flags)
-    else:
-        attenuation, fill = float(np.exp(-2 * (np.pi * blur_px) ** 2)), 1.0
+def add_cell_term(
+    coord: Map, sigma: Map, flags: Map, blur_px: float | None, measured: float | None = None
+) -> None:
+    """Add the rms of the stairs to sigma (H, W), in place; the footprint is the local gradient of coord.
+
+    blur_px: rms blur, cells; None: read off the stairs, or where they cannot tell, `measured` otherwise.
+    """
+    attenuation, fill = estimate_stairs(coord, sigma, flags) if blur_px is None else (0.0, 1.0)
+    known = measured if blur_px is None else blur_px
+    if attenuation == 0 and known is not None:
+        attenuation = float(np.exp(-2 * (np.pi * known) ** 2))
     if attenuation < _NEGLIGIBLE:
         return
     rows = coord.shape[0]

@@ -94,7 +94,7 @@ def decode(
             if blur is None:
                 blur = measured_blur(stack, job.lut, wanted, axis, maps[axis.axis][0], flags)
             if not correct_display(sequence, axis, *maps[axis.axis], flags, blur):
-                add_cell_term(*maps[axis.axis], flags, blur_px)
+                add_cell_term(*maps[axis.axis], flags, blur_px, blur)
     return Correspondence(
         maps["u"][0], maps["v"][0], maps["u"][1], maps["v"][1], flags, amplitude, offset, order_error
     )
@@ -174,8 +174,8 @@ def _axis_step(
 
     def step(start: int, stop: int) -> None:
         axis_rows(
-            job.frames, job.lut, job.clip, noise, start, stop, mode, code, fringes, limits, axis.extent, joined,
-            *maps, *common,
+            *(job.frames, job.lut, job.clip, noise, start, stop, mode, code, fringes, limits),
+            *(axis.extent, joined, *maps, *common),
         )  # fmt: skip
         outlier_rows(start, stop, least, *maps, common[0])
 

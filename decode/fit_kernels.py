@@ -216,7 +216,7 @@ def fit_tile(
         (quad[3, 0], quad[3, 1], quad[3, 2]),
     )
     _phases(n, a, c, s, (read2, gain), terms, turns, variance)
-    return _any_clipped(n, np.float32(clip), top)
+    return bool(_any_clipped(n, np.float32(clip), top))
 
 
 @fast_kernel

@@ -82,7 +82,7 @@ def _next_order(
     margin: Array,
     misfit: Array,
 ) -> bool:
-    """Step to the nearest order; margin = chi squared by which the next nearest is worse. True: some are close."""
+    """Step to the nearest order; margin = chi squared by which the next is worse. True: some are close."""
     inverse, square = _ONE / period, period * period
     for x in range(n):
         order = np.rint(coord[x] * inverse - turns[x])

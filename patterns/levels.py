@@ -72,14 +72,22 @@ def _stripe(frame: "Frame", coord: Levels, axis: str) -> Levels:
 
 
 def _lattice(frame: "Frame", coord: Levels) -> Levels:
-    """Dark lines on bright; a cell's level is its uncovered share, so that line centres are exact."""
+    """Dark lines on bright, their edges smoothed by a tent of two cells.
+
+    Of all smoothings that narrow the tent is the first whose sampled lines keep their exact centroid: its
+    transform and the slope of that vanish at the sampling frequency.
+    """
     width = frame.width_px or 1.0
     covered = np.zeros_like(coord)
     for centre in lattice_lines(frame, len(coord)):
-        left = np.maximum(coord - 0.5, centre - width / 2)
-        right = np.minimum(coord + 0.5, centre + width / 2)
-        covered += np.maximum(right - left, 0.0)
+        covered += _tent_share(centre + width / 2 - coord) - _tent_share(centre - width / 2 - coord)
     return 255.0 * (1 - np.minimum(covered, 1.0))
+
+
+def _tent_share(edge: Levels) -> Levels:
+    """Share of the tent 1 - |x| that lies below `edge`."""
+    inside = np.clip(edge, -1.0, 1.0)
+    return np.where(inside < 0, 0.5 * (1 + inside) ** 2, 1 - 0.5 * (1 - inside) ** 2)
 
 
 def _cells(frame: "Frame", coord: Levels) -> Table:

@@ -1,0 +1,162 @@
+"""Sequences against the definitions of their codes."""
+
+import cv2
+import numpy as np
+import pytest
+
+from optolever import InputError
+from optolever.patterns import Frame, Sequence, lattice_lines, sequence, sequence_from_text, sequence_names
+
+NAMES = sequence_names()
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(("rows", "cols"), [(37, 53), (1, 1), (5, 300)])
+def test_render_is_the_product_or_mean_of_the_tables(name: str, rows: int, cols: int) -> None:
+    shown = sequence(name, rows, cols)
+    images = shown.render()
+    assert images.shape == shown.shape == (len(shown), rows, cols)
+    assert images.dtype == np.uint8
+    along_u, along_v = (table.astype(int) for table in shown.tables())
+    for image, frame, u, v in zip(images, shown.frames, along_u, along_v, strict=True):
+        mean = (u[None, :] + v[:, None] + 1) // 2
+        product = (u[None, :] * v[:, None] + 127) // 255
+        np.testing.assert_array_equal(image, mean if frame.combine == "mean" else product)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_plain_form_comes_back(name: str) -> None:
+    shown = sequence(name, 21, 34)
+    assert Sequence.from_dict(shown.to_dict()) == shown
+
+
+def test_gray_neighbours_differ_in_one_bit_and_all_cells_differ() -> None:
+    shown = sequence("gray", 5, 700, axes="u", inverses=False)
+    bits = [i for i, frame in enumerate(shown.frames) if frame.kind == "gray"]
+    words = (shown.tables()[0][bits] > 0).astype(int).T
+    assert np.all(np.abs(np.diff(words, axis=0)).sum(axis=1) == 1)
+    assert len(np.unique(words, axis=0)) == 700
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if "gray" in name or name == "binary"])
+def test_every_code_tells_all_cells_apart(name: str) -> None:
+    params = {} if name == "gray+phase" else {"references": False}
+    shown = sequence(name, 300, 301, **params)
+    for table in shown.tables():
+        assert len(np.unique(table, axis=1).T) == table.shape[1]
+
+
+def test_binary_bits_count() -> None:
+    shown = sequence("binary", 1, 64, axes="u", inverses=False)
+    bits = {frame.bit: i for i, frame in enumerate(shown.frames) if frame.kind == "binary"}
+    table = shown.tables()[0] // 255
+    np.testing.assert_array_equal(sum(table[bits[b]].astype(int) << b for b in range(6)), np.arange(64))
+
+
+def test_inverse_is_the_complement_along_its_axis_only() -> None:
+    plain, inverse = Frame("gray", "v", bit=1), Frame("gray", "v", bit=1, inverted=True)
+    (u, v), (inverse_u, inverse_v) = plain.tables(20, 30), inverse.tables(20, 30)
+    np.testing.assert_array_equal(v + inverse_v, 255)
+    np.testing.assert_array_equal(u, 255)
+    np.testing.assert_array_equal(inverse_u, 255)
+
+
+def test_fringe_levels_follow_the_formula() -> None:
+    frame = Frame("phase", "u", period_px=13.7, shift=0.4)
+    level = 127.5 * (1 + np.cos(2 * np.pi * np.arange(90) / 13.7 - 0.4))
+    assert np.abs(frame.tables(3, 90)[0] - level).max() <= 0.5
+
+
+def test_cells_of_half_a_period() -> None:
+    """Gray cells of 4 px: pixel k lies in cell k // 4."""
+    shown = sequence("gray+phase", 64, 64, axes="u", period=8)
+    gray = [i for i, frame in enumerate(shown.frames) if frame.kind == "gray"]
+    assert all(shown.frames[i].cell_px == 4 for i in gray)
+    words = shown.tables()[0][gray]
+    changes = np.flatnonzero(np.any(np.diff(words.astype(int), axis=1), axis=0)) + 1
+    np.testing.assert_array_equal(changes, np.arange(4, 64, 4))
+
+
+def test_uncovered_levels_of_a_lattice_add_up_to_its_lines() -> None:
+    frame = Frame("lattice", period_px=12.5, width_px=3.3, offset_px=6.2)
+    lines = lattice_lines(frame, 100)
+    np.testing.assert_allclose(lines, 6.2 + 12.5 * np.arange(8))
+    dark = 1 - frame.tables(100, 100)[0] / 255
+    assert dark.sum() == pytest.approx(8 * 3.3, abs=8 * 5 * 0.5 / 255)
+    centroid = (dark[:13] * np.arange(13)).sum() / dark[:13].sum()
+    assert centroid == pytest.approx(6.2, abs=0.01)
+
+
+def test_swept_stripe_lights_every_place_equally() -> None:
+    total = sequence("stripe", 40, 60, axes="u", step=3).tables()[0].astype(float).sum(axis=0)
+    assert np.ptp(total) <= 4
+
+
+def test_png_export(tmp_path_factory: pytest.TempPathFactory) -> None:
+    folder = tmp_path_factory.mktemp("png") / "shown"
+    shown = sequence("phase", 30, 40, axes="v", periods=10)
+    shown.save_png(folder)
+    for k, image in enumerate(shown.render()):
+        np.testing.assert_array_equal(cv2.imread(str(folder / f"{k:03d}.png"), cv2.IMREAD_UNCHANGED), image)
+    with pytest.raises(InputError, match="nothing is written over"):
+        shown.save_png(folder)
+
+
+def test_text_form() -> None:
+    shown = sequence_from_text("phase:steps=5,periods=9/10.5,axes=u", 30, 40)
+    assert shown == sequence("phase", 30, 40, steps=5, periods=(9, 10.5), axes="u")
+    assert not any(frame.inverted for frame in sequence_from_text("gray:inverses=false", 8, 8).frames)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("greycode", "name is 'greycode'"),
+        ("phase:step=3", "unknown parameter 'step'"),
+        ("phase:steps=2", "steps is 2"),
+        ("phase:steps", "no parameter"),
+        ("gray:axes=w", "axes is 'w'"),
+        ("phase:periods=-3", "period_px is -3"),
+        ("phase:steps=x", "sequence phase"),
+        ("gray:inverses=false,references=false", "both false"),
+    ],
+)
+def test_bad_text_is_one_line(text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        sequence_from_text(text, 30, 40)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("plain", "message"),
+    [
+        ({"kind": "grey"}, "kind is 'grey'"),
+        ({"axis": "u"}, "kind is missing"),
+        ({"kind": "gray", "axis": "u"}, "bit is missing"),
+        ({"kind": "gray", "axis": "w", "bit": 1}, "axis is 'w'"),
+        ({"kind": "gray", "axis": "u", "bit": 1.5}, "bit is 1.5, must be int"),
+        ({"kind": "gray", "axis": "u", "bit": 1, "colour": 3}, "unknown field 'colour'"),
+        ({"kind": "phase", "axis": "u", "period_px": float("nan"), "shift": 0.0}, "period_px is nan"),
+        ({"kind": "stripe", "axis": "u", "width_px": 3.0}, "at_u is missing"),
+        ({"kind": "levels", "axis": "u", "levels": [1, 300]}, "level is 300"),
+        ({"kind": "white", "inverted": "yes"}, "inverted is 'yes'"),
+    ],
+)
+def test_bad_description_names_the_field(plain: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Sequence.from_dict({"rows": 4, "cols": 4, "frames": [plain]}, "capture.toml")
+
+
+@pytest.mark.parametrize(
+    ("plain", "message"),
+    [
+        ({"rows": 4, "cols": 4, "frames": []}, "frames is empty"),
+        ({"rows": 0, "cols": 4, "frames": [{"kind": "white"}]}, "rows is 0"),
+        ({"rows": 4.0, "cols": 4, "frames": [{"kind": "white"}]}, "rows is 4.0"),
+        ({"rows": 4, "cols": 4, "frames": [3]}, "frames is"),
+        ({"rows": 4, "cols": 4, "size": 1, "frames": [{"kind": "white"}]}, "unknown field 'size'"),
+    ],
+)
+def test_bad_sequence_names_the_field(plain: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Sequence.from_dict(plain)
