@@ -13,7 +13,7 @@ from optolever import InputError, __version__
 
 __all__ = ["app", "main", "run"]
 
-COMMANDS = ("demo", "capture", "decode", "reconstruct", "paper", "names", "doctor")
+COMMANDS = ("demo", "capture", "decode", "reconstruct", "paper", "figures", "names", "doctor")
 
 
 class _Lazy(click.Group):

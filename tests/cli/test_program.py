@@ -1,8 +1,11 @@
 """The program itself: help with real samples, speed of --help, exit codes, interruption, doctor."""
 
 import json
+import re
+import shlex
 import subprocess
 import sys
+import textwrap
 import time
 from pathlib import Path
 
@@ -22,6 +25,25 @@ def test_help_has_synopsis_options_and_a_sample_with_output(command: str, optole
     sample = outcome.out.partition("Sample:")[2].strip().splitlines()
     assert sample[0].startswith(f"$ optolever {command}")
     assert len(sample) > 3, "the sample shows no output"
+
+
+def shape(text: str) -> list[str]:
+    """Lines with every number as # and every run of blanks as one: what stays the same from run to run."""
+    lines = (re.sub(r"-?\d[\d.]*(e[+-]?\d+)?", "#", line) for line in text.splitlines())
+    return [" ".join(line.split()) for line in lines if line.strip()]
+
+
+def test_samples_are_real(optolever: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The sample sessions of --help, run one after the other, print what they show."""
+    monkeypatch.chdir(tmp_path)
+    for command in ("names", "capture", "decode", "reconstruct", "demo"):
+        sample = optolever(command, "--help").out.partition("Sample:")[2]
+        lines = textwrap.dedent(sample.strip("\n")).splitlines()
+        ends = next(i for i, line in enumerate(lines) if not line.endswith("\\"))
+        call = " ".join(line.removesuffix("\\") for line in lines[: ends + 1])
+        outcome = optolever(*shlex.split(call.removeprefix("$ "))[1:])
+        assert outcome.code == 0, outcome.err
+        assert shape(outcome.out) == shape("\n".join(lines[ends + 1 :]))
 
 
 def test_help_is_fast() -> None:

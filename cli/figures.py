@@ -1,0 +1,62 @@
+"""`optolever figures`: what the README's table tells, measured here and now."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from .options import json_option, sample, size_option, writable
+from .show import grid, number, progress, write_json
+
+if TYPE_CHECKING:
+    from optolever.experiments import Figure
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ optolever figures
+"""
+
+
+@click.command("figures", epilog=sample(SAMPLE))
+@click.option(
+    "--seeds",
+    type=click.IntRange(min=1),
+    default=30,
+    show_default=True,
+    metavar="N",
+    help="Runs of the mean over seeds.",
+)
+@size_option
+@json_option
+def command(seeds: int, size: tuple[int, int] | None, json_path: Path | None) -> None:
+    """Measure exactness, renderers, solver, noise and speed, each beside the limit it is to keep.
+
+    Trace against brute force, GLSL against float64, frames per second, heights from exact correspondences,
+    the demo with and without blur, and error bars over many seeds. --size resamples the demo alone.
+    """
+    writable(json_path)
+    from optolever.experiments import run_figures
+
+    with progress() as step:
+        figures = run_figures(seeds=seeds, size=size, progress=step)
+    write_json(json_path, {"figures": [asdict(figure) | {"met": figure.met} for figure in figures]})
+    rows = [
+        (
+            figure.name,
+            number(figure.value, figure.unit),
+            _limit(figure),
+            figure.note if figure.met else "NOT MET",
+        )
+        for figure in figures
+    ]
+    grid("Figures", ("figure", "measured", "limit", ""), rows)
+
+
+def _limit(figure: "Figure") -> str:
+    if figure.low is None and figure.high is None:
+        return ""
+    if figure.low is None or figure.high is None:
+        return f"at most {figure.high:g}" if figure.low is None else f"at least {figure.low:g}"
+    return f"{figure.low:g} to {figure.high:g}"

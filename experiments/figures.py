@@ -1,0 +1,159 @@
+"""The figures of the README's table, measured in one run: exactness, renderers, solver, noise, speed."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence, decode
+from optolever.patterns import Sequence, sequence
+from optolever.projector import NoContextError, capture, context_info, measure_renderer
+from optolever.reconstruct import PixelAnchor, reconstruct
+from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
+
+from .brute_force import brute_force
+from .demo import Progress, run_demo, silent
+from .metrics import rms
+
+__all__ = ["Figure", "run_figures"]
+
+Array = NDArray[np.float64]
+
+SIDE = 1024  # pixels of the solver's cases, square
+RAYS = 500
+SEEDS = 30
+SMALL = (192, 192)
+COMPARED = (384, 384)  # camera of the comparison of renderers
+TRACED = ("raised-cosine", "gaussian", "ball", "needle", "ridge")
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A measured number, its unit, and the range that it is to lie in (None: no limit on that side)."""
+
+    name: str
+    value: float
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+    note: str = ""
+
+    @property
+    def met(self) -> bool:
+        """Whether the value lies within its limits."""
+        return (self.low is None or self.value >= self.low) and (self.high is None or self.value <= self.high)
+
+
+def run_figures(
+    *, seeds: int = SEEDS, size: tuple[int, int] | None = None, progress: Progress = silent
+) -> list[Figure]:
+    """Measure everything; size (rows, cols) resamples the demo, seeds: runs of the mean over seeds."""
+    parts: dict[str, Callable[[], Iterator[Figure]]] = {
+        "trace": _tracing,
+        "renderers": _renderers,
+        "renderer speed": _speed,
+        "solver": _solver,
+        "demo": lambda: _demo(size),
+        "seeds": lambda: _many_seeds(seeds),
+    }
+    figures: list[Figure] = []
+    for done, (name, part) in enumerate(parts.items()):
+        progress(name, done, len(parts))
+        figures += part()
+    progress("", len(parts), len(parts))
+    return figures
+
+
+def _tracing() -> Iterator[Figure]:
+    for name in ("paper-simulation", "monitor-mirror"):
+        scene = resize(load(name), 256, 256)
+        rng = np.random.default_rng(0)
+        row, col = rng.integers(0, 256, (2, RAYS))
+        worst = 0.0
+        for dent in TRACED:
+            surface = dent_from_text(dent, scene)
+            exact = trace(scene, surface)
+            u, v = brute_force(scene, surface, row.astype(np.float64), col.astype(np.float64))
+            seen = exact.visible[row, col]
+            error = np.hypot(exact.u[row, col] - u, exact.v[row, col] - v)[seen]
+            worst = max(worst, float(error.max()))
+        yield Figure(f"trace against brute force, {name}, largest", worst, "px", high=1e-9)
+
+
+def _renderers() -> Iterator[Figure]:
+    """OpenGL against NumPy, without noise: frames, and what is decoded from unrounded bits."""
+    try:
+        context_info()
+    except NoContextError:
+        return
+    for name in ("paper-simulation", "monitor-mirror"):
+        scene = resize(load(name), *COMPARED)
+        surface = dent_from_text("gaussian", scene)
+        shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
+        frames = [
+            capture(scene, surface, shown, renderer=renderer, bits=16).frames for renderer in ("gl", "numpy")
+        ]
+        levels = (frames[0].astype(np.float64) - frames[1]) / 257
+        yield Figure(f"GLSL against float64, {name}, frames rms", rms(levels), "levels", high=0.5)
+        yield Figure(
+            f"GLSL against float64, {name}, decoded rms", _decoded_apart(frames, shown), "px", high=2e-3
+        )
+
+
+def _decoded_apart(frames: list[NDArray[Any]], shown: Sequence) -> float:
+    first, second = (decode(stack, shown) for stack in frames)
+    both = first.good & second.good
+    return rms(np.hypot(first.u - second.u, first.v - second.v)[both].astype(np.float64))
+
+
+def _speed() -> Iterator[Figure]:
+    scene = load("paper-simulation")
+    speed = measure_renderer(scene, dent_from_text("raised-cosine", scene))
+    yield Figure("drawn at 1920 x 1080", speed.drawn, "frames/s", note=speed.context)
+    yield Figure("captured at 1920 x 1080", speed.captured, "frames/s")
+
+
+def _solver() -> Iterator[Figure]:
+    """Heights from exact correspondences, relative to the peak depth."""
+    scene = resize(load("paper-simulation"), SIDE, SIDE)
+    smooth, needle = (trace(scene, dent_from_text(dent, scene)) for dent in ("raised-cosine", "needle"))
+    yield Figure(
+        "solver, raised cosine, edge at rest", _height_error(scene, smooth), "of the depth", high=1e-6
+    )
+    yield Figure(
+        "solver, raised cosine, known point", _height_error(scene, smooth, True), "of the depth", high=1e-8
+    )
+    yield Figure("solver, needle, edge at rest", _height_error(scene, needle), "of the depth", high=1e-5)
+
+
+def _height_error(scene: Scene, truth: Trace, known: bool = False) -> float:
+    sigma = np.full(truth.u.shape, 0.01)
+    flags = np.where(truth.visible, 0, 128).astype(np.uint16)
+    middle = (scene.camera.rows // 2, scene.camera.cols // 2)
+    anchor = PixelAnchor(float(middle[0]), float(middle[1]), float(truth.z[middle])) if known else None
+    height = reconstruct(Correspondence(truth.u, truth.v, sigma, sigma, flags), scene, anchor=anchor)
+    error = (height.z - truth.z)[height.good & truth.visible]
+    return rms(error) / float(np.nanmax(np.abs(truth.z)))
+
+
+def _demo(size: tuple[int, int] | None) -> Iterator[Figure]:
+    scene = load("paper-simulation")
+    result = run_demo(scene, size=size)
+    numbers = result.metrics
+    yield Figure("demo, height", numbers["height_rms_rel"], "of the depth", high=5e-5)
+    yield Figure("demo, unflagged", 100 * numbers["unflagged_share"], "%", low=95)
+    for name in ("u", "v"):
+        yield Figure(f"demo, rms(error / sigma) of {name}", numbers[f"sigma_ratio_{name}"], low=0.9, high=1.1)
+    yield Figure("demo, rms(error / sigma) of height", numbers["sigma_ratio_height"], low=0.75, high=1.35)
+    yield Figure("demo, without its report", result.seconds["total"], "s", high=60)
+    sharp = replace(scene, pattern=replace(scene.pattern, blur_px=0.0))
+    numbers = run_demo(sharp, size=size).metrics
+    yield Figure("demo without blur, height", numbers["height_rms_rel"], "of the depth", high=2e-4)
+
+
+def _many_seeds(seeds: int) -> Iterator[Figure]:
+    runs = [run_demo(size=SMALL, seed=seed).metrics["sigma_ratio_height"] for seed in range(seeds)]
+    name = f"192 x 192, rms(error / sigma) of height, mean over {seeds} seeds"
+    yield Figure(name, float(np.mean(runs)), low=0.95, high=1.05)

@@ -1,0 +1,39 @@
+"""The checker of scene.trace is itself right where the answer is known, and a figure knows its limits."""
+
+import numpy as np
+import pytest
+
+from optolever.experiments import Figure, brute_force
+from optolever.scene import dent_from_text, load, resize, trace
+
+
+def test_brute_force_on_a_flat_mirror_at_45_degrees() -> None:
+    """Rays along (-1, 0, -1) meet z = 0 at x, leave along (-1, 0, 1) and meet the face at x / sqrt 2."""
+    scene = resize(load("paper-simulation"), 64, 64)
+    row, col = np.array([3.0, 40.0]), np.array([10.0, 50.5])
+    u, v = brute_force(scene, dent_from_text("flat", scene), row, col)
+    pitch = scene.mirror.length / 64
+    x = scene.mirror.length - (col + 0.5) * pitch
+    assert scene.pattern.pitch * (u + 0.5) == pytest.approx(x / np.sqrt(2), abs=1e-9)
+    assert v == pytest.approx(row, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["prism48", "monitor-mirror"])
+def test_trace_agrees_with_brute_force(name: str) -> None:
+    scene = resize(load(name), 32, 32)
+    surface = dent_from_text("gaussian", scene)
+    exact = trace(scene, surface)
+    row, col = (index.ravel().astype(np.float64) for index in np.mgrid[:32:5, :32:5])
+    u, v = brute_force(scene, surface, row, col)
+    at = row.astype(int), col.astype(int)
+    seen = exact.visible[at]
+    assert seen.any()
+    assert np.hypot(exact.u[at] - u, exact.v[at] - v)[seen].max() < 1e-9
+
+
+def test_limits() -> None:
+    assert Figure("a", 1.0).met
+    assert Figure("a", 1.0, high=1.0).met
+    assert not Figure("a", 1.1, high=1.0).met
+    assert not Figure("a", 0.5, low=0.9, high=1.1).met
+    assert not Figure("a", float("nan"), high=1.0).met
