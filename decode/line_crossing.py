@@ -61,8 +61,9 @@ def _measure(
     along_t = _line(patch, grid, width)  # line of constant u: s as a parabola of t
     along_s = _line(patch.transpose(0, 2, 1), grid, width)
     s, t = np.zeros(len(point)), np.zeros(len(point))
+    reach = 2 * grid[-1]  # where there is no crossing the iteration runs away
     for _ in range(8):
-        s, t = _parabola(along_t[0], t), _parabola(along_s[0], s)
+        s, t = (np.clip(_parabola(*line), -reach, reach) for line in ((along_t[0], t), (along_s[0], s)))
     good = along_t[2] & along_s[2] & np.isfinite(s) & np.isfinite(t)
     place = np.stack([np.where(good, s, 0.0), np.where(good, t, 0.0)], axis=1)
     return place, np.stack([along_t[1], along_s[1]], axis=1), good
