@@ -35,8 +35,11 @@ def shape_figure(curve: Curve) -> str:
     return figure_uri(figure)
 
 
-def series_figure(curve: Curve) -> str:
-    """Theta, depth and their errors by rises, drops and mean, as the seed draws them (6 to 9, 11 to 14)."""
+def series_figure(curve: Curve, fine: Curve) -> str:
+    """Theta, depth and their errors by rises, drops and mean, as the seed draws them (6 to 9, 11 to 14).
+
+    `fine` holds the true curve.
+    """
     figure = new_figure(10.0, 6.0)
     grid = figure.subplots(2, 2)
     error = curve["mean d"] - curve["d"]
@@ -50,7 +53,7 @@ def series_figure(curve: Curve) -> str:
     for axes, name, scale, label, against in panels:
         truth = curve[name]
         if not against:
-            axes.plot(curve["l"], truth * scale, color="#1b2430", lw=1.2, label="true")
+            axes.plot(fine["l"], fine[name] * scale, color="#1b2430", lw=1.2, label="true")
         for series, (colour, marker) in STYLES.items():
             values = (curve[f"{series} {name}"] - (truth if against else 0)) * scale
             axes.plot(

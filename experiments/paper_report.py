@@ -18,7 +18,7 @@ TITLES = {
     "tent": "Needle read as a wedge",
     "pencil": "Pencil tip, the paper's experiment",
 }
-METHODS = {"lattice": "paper, lattice", "pixels": "paper, every pixel", "dense": "dense solver"}
+METHODS = {"lattice": "lattice points", "pixels": "every pixel", "dense": "dense solver"}
 GROUPS = (
     ("exact", "print", "Exact, light obeys the printed sign (the paper's own simulation)"),
     ("exact", "reflection", "Exact, light obeys the reflection law"),
@@ -57,14 +57,16 @@ def _case(study: PaperStudy, name: str) -> dict[str, Any]:
 
     curves, taken = study.curves[name], study.settings["cases"][name]
     rendered = any(r.case == name and r.data == "frames" for r in study.rows)
+    fine = curves[curve_name("exact", "reflection", "pixels", 1, True)]
     figures = {
-        "shape": shape_figure(curves[curve_name("exact", "reflection", "pixels", 1, True)]),
-        "seed": series_figure(curves[curve_name("exact", "print", "lattice", -1, True)]),
-        "true": series_figure(curves[curve_name("exact", "reflection", "lattice", 1, True)]),
+        "shape": shape_figure(fine),
+        "seed": series_figure(curves[curve_name("exact", "print", "lattice", -1, True)], fine),
+        "true": series_figure(curves[curve_name("exact", "reflection", "lattice", 1, True)], fine),
         "comparison": comparison_figure(curves, taken["peak_mm"]),
     }
     if rendered:
-        figures["frames"] = series_figure(curves[curve_name("frames", "reflection", "lattice", 1, True)])
+        crossings = curves[curve_name("frames", "reflection", "lattice", 1, True)]
+        figures["frames"] = series_figure(crossings, fine)
     return {
         "id": name,
         "title": TITLES[name],
@@ -94,8 +96,8 @@ def _table(study: PaperStudy, name: str) -> dict[str, Any]:
         "mean",
         "largest",
         "at the peak",
-        "theta [mrad]",
-        "whole field, drops",
+        "θ [mrad]",
+        "whole field",
     )
     lines: list[dict[str, Any]] = []
     for data, law, title in GROUPS:
@@ -112,7 +114,7 @@ def _table(study: PaperStudy, name: str) -> dict[str, Any]:
 
 
 def _cells(row: PaperRow) -> list[str]:
-    sign = "" if row.sign is None else "reflection law" if row.sign == 1 else "as printed"
+    sign = "" if row.sign is None else "reflection" if row.sign == 1 else "printed"
     gamma = "" if row.gamma is None else "kept" if row.gamma else "set to 0"
     shares = (row.drops, row.rises, row.mean, row.largest, row.peak)
     return [
