@@ -1,0 +1,3 @@
+"""bench: speed against error, hard cases, sweeps."""
+
+__all__: list[str] = []
