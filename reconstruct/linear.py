@@ -27,6 +27,10 @@ class EdgeProblem(Protocol):
     def columns(self) -> ColumnPoisson:
         """The separable solve: the problem itself or its preconditioner."""
 
+    @property
+    def weights(self) -> tuple[Floats, Floats] | None:
+        """The edges' weights (rows, cols), None where the columns' say it all."""
+
     def solve(self, gx: Floats, gy: Floats, accuracy: Accuracy, start: Floats | None = None) -> PoissonResult:
         """Potential up to a constant per component; iterations begin at start and stop at the accuracy."""
 
@@ -36,6 +40,8 @@ class EdgeProblem(Protocol):
 
 class SeparableEdges:
     """Full rectangle, weights by columns: exact."""
+
+    weights = None
 
     def __init__(self, wx: Floats, wy: Floats) -> None:
         self._wx = _mean_profile(wx)[None, :]
@@ -59,6 +65,7 @@ class MaskedEdges:
 
     def __init__(self, wx: Floats, wy: Floats, mask: Mask) -> None:
         self._wx, self._wy = wx, wy
+        self.weights = wx, wy
         self._poisson = MaskedPoisson(wx, wy, mask)
         self.columns = self._poisson.preconditioner
 

@@ -208,12 +208,27 @@ def _spline(fine: int, coarse: int, step: int) -> Floats:
 
 
 def _root(phi: Floats, labels: Labels) -> Floats:
-    """sqrt(E), E scaled to at most one in every component."""
+    """sqrt(E), E at most one in the largest component;
+    the others' free constants continue its columns' mean.
+    """
     count = int(labels.max())
-    tops = np.zeros(count + 1)
-    tops[1:] = phi.max() if labels.all() else scipy.ndimage.maximum(phi, labels, np.arange(1, count + 1))
-    top = tops[1] if count == 1 else tops[labels]
-    root: Floats = np.exp(0.5 * np.minimum(phi - top, 0.0))
+    if count == 1:
+        top = phi.max() if labels.all() else phi[labels > 0].max()
+        return _half_exponential(phi - top)
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)
+    main = 1 + int(np.argmax(sizes[1:]))
+    inside = labels == main
+    present = np.flatnonzero(inside.any(axis=0))
+    profile = np.sum(np.where(inside, phi, 0.0), axis=0)[present] / inside.sum(axis=0)[present]
+    away = phi - np.interp(np.arange(phi.shape[1]), present, profile)
+    shift = np.zeros(count + 1)
+    shift[1:] = scipy.ndimage.mean(away, labels, np.arange(1, count + 1))
+    shift[main] = 0.0
+    return _half_exponential(phi - phi[inside].max() - shift[labels])
+
+
+def _half_exponential(phi: Floats) -> Floats:
+    root: Floats = np.exp(0.5 * phi)
     return root
 
 

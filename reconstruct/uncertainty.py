@@ -18,6 +18,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from .mask_variance import mask_excess
 from .newton import State
 from .poisson import ColumnPoisson
 
@@ -26,34 +27,44 @@ __all__ = ["averaging_gain", "edge_diagonal", "unknown_variance"]
 Floats = NDArray[np.float64]
 Labels = NDArray[np.int32]
 
+_LARGE = 0.01  # of the image: smaller components are taken as parts of an unbroken rectangle
 _FLOOR = 0.02  # of a slope's variance: the least that a height next to an exact anchor is given
 
 
 def unknown_variance(state: State, labels: Labels) -> Floats:
     """Variance of w in every pixel, (rows, cols).
-    Exact for weights by columns on a rectangle without holes.
+
+    Exact for weights by columns on a rectangle without holes; a mask adds what `mask_variance` finds.
     """
     shape = state.w.shape
     columns = state.problem.columns
     factor = np.broadcast_to(state.root**2, shape)
-    variance = edge_diagonal(columns)
-    at = factor.ravel()[state.rows.pixel]
-    slope = state.variances[0].ravel()[state.rows.pixel]
-    own = state.share**2 * (state.rows.sigma**2 + state.rows.reach**2 * slope) / at**2
+    square = factor**2
     gain = averaging_gain(*state.variances)
-    own -= state.share**2 * gain.ravel()[state.rows.pixel] / at**2
+    own = _anchor_variance(state, factor, gain)
+    variance = edge_diagonal(columns)
     for label in range(1, int(labels.max()) + 1):
         pick = state.rows.component == label
         load = np.zeros(shape)
         np.add.at(load.reshape(-1), state.rows.pixel[pick], state.share[pick])
         green = columns.solve(load)
-        variance += np.where(
-            labels == label, float(np.vdot(load, green)) + own[pick].sum() - 2.0 * green, 0.0
-        )
-    variance *= factor
-    variance *= factor
+        inside = labels == label
+        variance[inside] += (float(np.vdot(load, green)) + own[pick].sum() - 2.0 * green)[inside]
+        if state.problem.weights is not None and np.count_nonzero(inside) >= _LARGE * inside.size:
+            wx, wy = (weight * inside for weight in state.problem.weights)
+            scale = square / state.variances[0]
+            variance[inside] += (mask_excess(wx, wy, columns, inside, load, scale) / scale)[inside]
+    variance *= square
     variance -= gain
     return np.maximum(variance, _FLOOR * state.variances[0])
+
+
+def _anchor_variance(state: State, factor: Floats, gain: Floats) -> Floats:
+    """What every anchor row's own uncertainty adds to its component's potential, (M,)."""
+    rows = state.rows
+    slope, gained, at = (part.ravel()[rows.pixel] for part in (state.variances[0], gain, factor))
+    variance: Floats = state.share**2 * (rows.sigma**2 + rows.reach**2 * slope - gained) / at**2
+    return variance
 
 
 def averaging_gain(var_p: Floats, var_q: Floats) -> Floats:
