@@ -128,6 +128,7 @@ def run_demo(
         settings={
             "scene": place.name,
             "size": [place.camera.rows, place.camera.cols],
+            "blur_px": place.pattern.blur_px,
             "dent": dent,
             "sequence": sequence,
             "frames": len(shown),

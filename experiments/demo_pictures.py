@@ -62,7 +62,8 @@ class HeightView:
     def height_map(self) -> str:
         """Measured height on the mirror."""
         title = "Measured height z, positive into the medium"
-        return mirror_figure([Panel(self.grid.place(self.z), title, "z [mm]")], self.grid)
+        panel = Panel(self.grid.place(self.z), title, "z [mm]", limits=robust_limits(self.z, 0.9999))
+        return mirror_figure([panel], self.grid)
 
     def error_map(self) -> str:
         """Error, and error in units of its own sigma."""

@@ -67,7 +67,7 @@ def demo_command(asked: dict[str, Any]) -> str:
     for name in ("scene", "dent", "sequence"):
         words += [f"--{name}", str(asked[name])]
     words += ["--size", f"{rows}x{cols}", "--noise", f"{asked['noise']:g}", "--seed", str(asked["seed"])]
-    words += ["--renderer", asked["renderer"]]
+    words += ["--blur", f"{asked['blur_px']:g}", "--renderer", asked["renderer"]]
     if asked["anchor"] is not None:
         words += ["--anchor", asked["anchor"]]
     return shlex.join(words)

@@ -47,7 +47,7 @@ def surface_data(
 def _layer(
     grid: MirrorGrid, name: str, values: Array, unit: str, colours: str, symmetric: bool
 ) -> dict[str, Any]:
-    low, high = robust_limits(values, symmetric=symmetric)
+    low, high = robust_limits(values, 0.995 if symmetric else 0.9999, symmetric)
     lut = np.round(matplotlib.colormaps[colours](np.linspace(0, 1, 256))[:, :3] * 255).astype(np.uint8)
     return {
         "name": name,

@@ -158,7 +158,7 @@ class SurfaceViewer {
     this.ratio = ratio;
     this.pixels = [w, h];
     this.lift = this.exaggeration * this.factor;
-    this.midLift = ((this.high - this.low) * this.lift) / 2;
+    this.midLift = ((this.high - this.low) * this.lift) / 4; // a peak weighs less than its base
     this.sinYaw = Math.sin(this.yaw);
     this.cosYaw = Math.cos(this.yaw);
     this.sinPitch = Math.sin(this.pitch);
