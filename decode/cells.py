@@ -1,8 +1,14 @@
 """The display's cells: read through a footprint smaller than a cell, a fringe carries stairs.
 
-A camera pixel that averages w cells of the map reads u + e(u) instead of u, e = the sawtooth of the cells
-low-passed: sum over k of (-1)^k T^(k^2) sinc(k w) sin(2 pi k u) / (pi k), where T = exp(-2 (pi b)^2) is what
-a Gaussian blur of b cells leaves of the fundamental. For T = 1 its rms is (1 - w) / sqrt(12).
+A camera pixel that averages w cells of the map reads u + e(u) instead of u. Cells turn a fringe of P cells
+into itself and sidebands of frequency 1/P + m,
+
+    e = P / 2 pi arg(1 + sum over m of A_m exp(2 pi i m u)),   A_m = (-1)^m / (1 + m P) sinc((1/P + m) w) /
+        sinc(w/P) T^(m^2 + 2 m / P),
+
+T = exp(-2 (pi b)^2) being what a Gaussian blur of b cells leaves of a frequency of one per cell. For T = 1
+and P >> 1, e is the sawtooth of the cells averaged over w, rms (1 - w) / sqrt(12): treads of 1 - w on which u
+cannot be told, and risers between them on which it can. u + e(u) is inverted for u.
 
 T is measured where nobody gave the blur: stairs gather the decoded coordinates at whole cells, and the
 mean of cos(2 pi u) over pixels that sample the cells evenly is T sinc(w) for small e, tabled for the rest.
@@ -18,7 +24,7 @@ from optolever.blocks import over_rows
 
 from .jit import kernel
 
-__all__ = ["add_cell_term", "estimate_stairs"]
+__all__ = ["estimate_stairs", "take_off_stairs"]
 
 Map = NDArray[Any]
 _SEGMENT = 32
@@ -26,15 +32,26 @@ _SEGMENTS = 512
 _STEP = 0.02
 #: Attenuation below which the stairs (under 0.003 px) are left out.
 _NEGLIGIBLE = 0.012
+#: Harmonics of the stairs, steps of the inversion.
+_TERMS, _STEPS = 8, 4
+#: Share of the stairs' variance that is reckoned as unknown: footprint and blur are estimates.
+_DOUBT = 0.01
 #: Pixels on either side over which the gradient is taken: stairs themselves must not count as gradient.
 _REACH = 8
 
 
-def add_cell_term(
-    coord: Map, sigma: Map, flags: Map, blur_px: float | None, measured: float | None = None
+def take_off_stairs(
+    period: float,
+    coord: Map,
+    sigma: Map,
+    flags: Map,
+    blur_px: float | None,
+    measured: float | None = None,
 ) -> None:
-    """Add the rms of the stairs to sigma (H, W), in place; the footprint is the local gradient of coord.
+    """Undo the stairs in coord (H, W) and add to sigma (H, W) what cannot be undone, in place.
 
+    period: of the finest fringe. The footprint is the local gradient of coord. A pixel that sees one cell
+    only (a tread of the stairs) is put at its middle, with the rms (1 - w) / sqrt(12) of a place on it.
     blur_px: rms blur, cells; None: read off the stairs, or where they cannot tell, `measured` otherwise.
     """
     attenuation, fill = estimate_stairs(coord, sigma, flags) if blur_px is None else (0.0, 1.0)
@@ -44,7 +61,12 @@ def add_cell_term(
     if attenuation < _NEGLIGIBLE:
         return
     rows = coord.shape[0]
-    over_rows(lambda start, stop: _stairs_rows(start, stop, rows, attenuation, fill, coord, sigma), rows, 64)
+    seen = coord.copy()
+    over_rows(
+        lambda start, stop: _undo_rows(start, stop, rows, period, attenuation, fill, seen, coord, sigma),
+        rows,
+        64,
+    )
 
 
 def estimate_stairs(coord: Map, sigma: Map, flags: Map) -> tuple[float, float]:
@@ -119,27 +141,77 @@ def _segments(coord: Map, sigma: Map, flags: Map) -> tuple[NDArray[np.float64], 
 
 
 @kernel
-def _stairs_rows(
-    start: int, stop: int, rows: int, attenuation: float, fill: float, coord: Map, sigma: Map
+def _undo_rows(
+    start: int,
+    stop: int,
+    rows: int,
+    period: float,
+    attenuation: float,
+    fill: float,
+    seen: Map,
+    coord: Map,
+    sigma: Map,
 ) -> None:
-    """sigma^2 += sum over k of (T^(k^2) sinc(k w_col) sinc(k w_row) / (pi k))^2 / 2, rows start..stop."""
+    """coord: solution of coord + e(coord) = seen, by steps of w (exact on a riser, none on a tread)."""
     cols = coord.shape[1]
+    bands = np.empty((2, _TERMS))
     for row in range(start, stop):
         above, below = max(row - _REACH, 0), min(row + _REACH, rows - 1)
         for col in range(cols):
             left, right = max(col - _REACH, 0), min(col + _REACH, cols - 1)
-            along = fill * abs(coord[row, right] - coord[row, left]) / max(right - left, 1)
-            down = fill * abs(coord[below, col] - coord[above, col]) / max(below - above, 1)
+            along = fill * abs(seen[row, right] - seen[row, left]) / max(right - left, 1)
+            down = fill * abs(seen[below, col] - seen[above, col]) / max(below - above, 1)
             if not (along < np.inf and down < np.inf):
                 continue
-            total = 0.0
-            for k in range(1, 13):
-                part = attenuation ** (k * k) / (np.pi * k)
-                if part < 1e-4:
-                    break
-                for width in (along, down):
-                    angle = np.pi * k * width
-                    if angle > 1e-6:
-                        part *= np.sin(angle) / angle
-                total += 0.5 * part * part
-            sigma[row, col] = np.sqrt(sigma[row, col] ** 2 + total)
+            total = _sidebands(period, attenuation, along, down, bands)
+            target, place = seen[row, col], seen[row, col]
+            step = min(max(along, down), 1.0)
+            slope = 0.0
+            for _ in range(_STEPS):
+                error, slope = _stairs(period, bands, place)
+                place += step * (target - place - error)
+            steep = max(1 + slope, 1e-3)
+            noise = sigma[row, col] ** 2
+            coord[row, col] = place
+            sigma[row, col] = np.sqrt(min(noise / (steep * steep), noise + total) + _DOUBT * total)
+
+
+@kernel
+def _sidebands(period: float, attenuation: float, along: float, down: float, bands: Map) -> float:
+    """bands (2, K): amplitudes A_m of m = 1, 2, ... and -1, -2, ...; returns the variance of the stairs."""
+    q = 1 / period
+    for side in range(2):
+        for k in range(bands.shape[1]):
+            m = (k + 1) * (1 - 2 * side)
+            part = attenuation ** (m * m + 2 * q * m) / (1 + m * period)
+            for width in (along, down):
+                part *= _sinc((q + m) * width) / _sinc(q * width)
+            bands[side, k] = -part if k % 2 == 0 else part
+    total = 0.0
+    for k in range(bands.shape[1]):
+        total += 0.5 * ((bands[0, k] - bands[1, k]) * period / (2 * np.pi)) ** 2
+    return total
+
+
+@kernel
+def _sinc(x: float) -> float:
+    angle = np.pi * x
+    return np.sin(angle) / angle if abs(angle) > 1e-6 else 1.0
+
+
+@kernel
+def _stairs(period: float, bands: Map, place: float) -> tuple[float, float]:
+    """e and its derivative at a coordinate; sin and cos of multiples by rotation."""
+    turn = 2 * np.pi * (place - np.rint(place))
+    one_c, one_s = np.cos(turn), np.sin(turn)
+    c, s = 1.0, 0.0
+    real, imag, d_real, d_imag = 1.0, 0.0, 0.0, 0.0
+    for k in range(bands.shape[1]):
+        c, s = c * one_c - s * one_s, s * one_c + c * one_s
+        both, odd = bands[0, k] + bands[1, k], bands[0, k] - bands[1, k]
+        real += both * c
+        imag += odd * s
+        d_real -= (k + 1) * both * s
+        d_imag += (k + 1) * odd * c
+    power = real * real + imag * imag
+    return period / (2 * np.pi) * np.arctan2(imag, real), period * (real * d_imag - imag * d_real) / power

@@ -14,7 +14,7 @@ from optolever.patterns import Sequence
 from .arrays import chi_squared_limit, fringe_arrays
 from .axis_kernels import CODE_GUIDED, CODE_ONLY, SEARCHED, SPAN_GUIDED, axis_rows
 from .blur import measured_blur
-from .cells import add_cell_term
+from .cells import take_off_stairs
 from .code_kernels import FROM_EXTREMES, FROM_PAIRS, FROM_WHITE_BLACK
 from .correspondence import Correspondence
 from .display import correct_display
@@ -62,7 +62,7 @@ def decode(
                  without `noise` both are estimated from the frames
     white_level  level at which the camera clips; default 255, for uint16 the 10, 12, 14 or 16 bits in use
     response     camera level against shown level, inverted first
-    blur_px      rms blur between display and camera, cells; default: estimated (see cells.add_cell_term)
+    blur_px      rms blur between display and camera, cells; default: estimated (see cells.take_off_stairs)
     on_cells     fringes were shown on the cells of a surface of the sequence's size, as Frame.tables says,
                  dark around it; what that shifts is taken off (see display, cells). False: ideal cosines
 
@@ -94,7 +94,7 @@ def decode(
             if blur is None:
                 blur = measured_blur(stack, job.lut, wanted, axis, maps[axis.axis][0], flags)
             if not correct_display(sequence, axis, *maps[axis.axis], flags, blur):
-                add_cell_term(*maps[axis.axis], flags, blur_px, blur)
+                take_off_stairs(axis.fringes[-1].period, *maps[axis.axis], flags, blur_px, blur)
     return Correspondence(
         maps["u"][0], maps["v"][0], maps["u"][1], maps["v"][1], flags, amplitude, offset, order_error
     )

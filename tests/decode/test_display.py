@@ -10,13 +10,19 @@ from optolever.patterns import Sequence, sequence
 
 
 def _seen(shown: Sequence, u: NDArray[np.float64], width: float, blur: float) -> NDArray[np.float64]:
-    """Frames (N, 1, W) that pixels of `width` cells at u (W,) see; every cell's light integrated on 41 points."""
+    """Frames (N, 1, W) that pixels of `width` cells at u (W,) see, blurred by `blur` cells rms.
+
+    A cell's light is the integral over the pixel of the blurred cell: differences of the antiderivative
+    t Phi(t / blur) + blur phi(t / blur) of the normal distribution Phi.
+    """
+
+    def integral(t: NDArray[np.float64]) -> NDArray[np.float64]:
+        z = t / blur
+        return t * 0.5 * (1 + erf(z / np.sqrt(2))) + blur * np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi)
+
     tables, _ = shown.tables()
-    edges = np.arange(shown.cols + 1) - 0.5
-    light = np.zeros((len(u), shown.cols))
-    for place in (np.arange(41) - 20) / 41 * width:
-        step = 0.5 * (1 + erf((edges[None, :] - u[:, None] - place) / (blur * np.sqrt(2))))
-        light += np.diff(step, axis=1) / 41
+    distance = np.arange(shown.cols + 1)[None, :] - 0.5 - u[:, None]
+    light = np.diff((integral(distance + width / 2) - integral(distance - width / 2)) / width, axis=1)
     return 16 + 0.85 * (tables.astype(float) @ light.T)[:, None, :]
 
 
@@ -61,3 +67,15 @@ def test_blur_is_measured_from_the_contrast() -> None:
     inside = (u > 4) & (u < 155)
     measured, given = decode(frames, shown).u[:, inside], decode(frames, shown, blur_px=0.6).u[:, inside]
     assert np.abs(measured - given).max() < 5e-4
+
+
+@pytest.mark.parametrize("width", [0.7, 0.95, 1.05])
+def test_stairs_of_a_sharp_display_are_undone(width: float) -> None:
+    """Pixels of 0.7 cells keep their place unknown on treads of 0.3 cells; wider ones have no treads."""
+    shown, u, frames = _capture(400, width, 1e-3, period=8.0)
+    inside = (u > 9) & (u < 390)
+    found = decode(frames, shown)
+    error, sigma = (found.u - u)[:, inside], found.sigma_u[:, inside]
+    raw = (decode(frames, shown, on_cells=False).u - u)[:, inside]
+    assert 0.55 < np.sqrt(np.mean((error / sigma) ** 2)) < 1.15
+    assert error.mean(axis=0).std() < (0.7 if width < 0.9 else 0.25) * raw.mean(axis=0).std()
