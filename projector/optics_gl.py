@@ -13,7 +13,7 @@ from optolever.scene import Scene, Surface
 from .context import checked, context, context_info, free
 from .footprint import ASKEW, BLUR_FLOOR, PARTS, REACH, SHARP_FLOOR
 from .groups import FrameGroup
-from .rays import feet, parallel_rays
+from .rays import parallel_rays, resting_rays
 from .shaders import ShaderSource, build_source, compile_program
 from .surface_gl import LoadedSurface, load_surface
 
@@ -30,7 +30,7 @@ _Target = tuple[moderngl.Framebuffer, tuple[moderngl.Texture, ...]]
 def trace_source(scene: Scene, surface: LoadedSurface, *, edges: bool) -> ShaderSource:
     """The source that traces a scene: only what scene and surface have. edges: only where they see."""
     flags = {
-        "PARALLEL": parallel_rays(scene.camera) is not None,
+        "PARALLEL": parallel_rays(scene) is not None,
         "MEDIUM": scene.medium is not None and not edges,
         "SEEN": not edges,
         "MARCH": surface.steepest > 0.0,
@@ -103,7 +103,7 @@ class GLOptics:
     def __init__(self, scene: Scene, groups: list[FrameGroup], strip: int) -> None:
         self._scene = scene
         self._ctx = context()
-        self._parallel = parallel_rays(scene.camera)
+        self._parallel = parallel_rays(scene)
         self._most = 4 * context_info().max_attachments
         self._groups = [part for group in groups for part in group.split(self._most)]
         self._programs: dict[str, _Program] = {}
@@ -194,16 +194,17 @@ class GLOptics:
         self, first: tuple[float, float], shape: tuple[int, int]
     ) -> dict[str, moderngl.Texture]:
         row = first[0] + np.arange(shape[0], dtype=np.float64)[:, None]
-        at, directions, comes = feet(
-            self._scene.camera, row, first[1] + np.arange(shape[1], dtype=np.float64)
-        )
-        found = {}
-        for name, vectors in (("feet", at), ("directions", directions)):
-            four = np.zeros((*shape, 4), np.float32)
-            four[..., :3] = np.where(comes[..., None], vectors, 0.0)
-            four[..., 3] = comes
-            found[name] = _texture(self._ctx, four, "f4")
-        return found
+        rays = resting_rays(self._scene, row, first[1] + np.arange(shape[1], dtype=np.float64))
+        end = rays.end[..., :2].astype(np.float32)
+        vectors = {
+            "feet": (rays.foot,),
+            "directions": (rays.directions, rays.end[..., 2:]),
+            "ends": (end, rays.end[..., :2] - end),
+        }
+        return {
+            name: _texture(self._ctx, np.concatenate(parts, axis=-1, dtype=np.float32), "f4")
+            for name, parts in vectors.items()
+        }
 
     def _look_up(self, look: _Look, framebuffer: moderngl.Framebuffer, rows: int) -> None:
         seen = {"seen": self._seen, "edges_col": self._edges_col, "edges_row": self._edges_row}
@@ -242,10 +243,9 @@ class GLOptics:
             "lowest": (-beyond * length, -beyond * width, surface.lowest),
             "highest": ((1 + beyond) * length, (1 + beyond) * width, surface.highest),
             "near": _NEAR * length,
-            "origin": tuple(pattern.origin),
-            "u_axis": tuple(pattern.u_axis),
-            "v_axis": tuple(pattern.v_axis),
-            "pitch": pattern.pitch,
+            "u_axis": tuple(pattern.u_axis / pattern.pitch),
+            "v_axis": tuple(pattern.v_axis / pattern.pitch),
+            "facing": tuple(pattern.normal),
             "steepest": surface.steepest,
             "shortest": float(np.hypot(length, width)) / _MARCH,
             "below": _BELOW * length,
@@ -255,8 +255,9 @@ class GLOptics:
         if scene.medium is not None:
             values["index_ratio"] = scene.medium.index / scene.medium.outside
         if self._parallel is not None:
-            for name in ("foot", "foot_col", "foot_row", "direction"):
-                values[name] = tuple(getattr(self._parallel, name))
+            values["direction"] = tuple(self._parallel.direction)
+            values["foot"] = [tuple(term) for term in self._parallel.foot]
+            values["end"] = [tuple(term) for term in self._parallel.end]
         return values
 
     def _target(self, size: tuple[int, int], count: int) -> _Target:

@@ -43,27 +43,41 @@ vec3 surface(vec2 at) {
 #ifdef BALL
 uniform float contact;
 
-// Abramowitz & Stegun 4.4.46: 2e-8 (the built-in asin is good to 4e-4 only).
-float arc_sine(float v) {
-    float p = -0.0012624911;
-    p = p * v + 0.0066700901;
-    p = p * v - 0.0170881256;
-    p = p * v + 0.0308918810;
-    p = p * v - 0.0501743046;
-    p = p * v + 0.0889789874;
-    p = p * v - 0.2145988016;
-    p = p * v + 1.5707963050;
-    return 1.57079632679 - sqrt(1.0 - v) * p;
+// arcsin(1 / q) for q >= 1 to float32's relative precision (the built-in asin is good to 4e-4 only); the minimax
+// polynomial holds for arguments up to 1/2, beyond it arcsin(v) = pi/2 - 2 arcsin(sqrt((1 - v) / 2)).
+float arc_cosecant(float q2) {
+    bool beyond = q2 < 4.0;
+    float w = beyond ? 0.5 * (q2 - 1.0) / (q2 + sqrt(q2)) : 1.0 / q2;
+    float p = 0.033409433;
+    p = p * w + 0.017347945;
+    p = p * w + 0.031049470;
+    p = p * w + 0.044605188;
+    p = p * w + 0.075000679;
+    p = p * w + 0.166666667;
+    float arc = sqrt(w) * (1.0 + w * p);
+    return beyond ? 1.57079632679 - 2.0 * arc : arc;
 }
 
+// x - sin x for 0 <= x <= pi without cancelling digits: minimax, relative error 2e-9.
+float less_sine(float x) {
+    float w = x * x, p = -1.3904082e-10;
+    p = p * w + 2.4812717e-8;
+    p = p * w - 2.7544842e-6;
+    p = p * w + 1.9840972e-4;
+    p = p * w - 8.3333307e-3;
+    p = p * w + 0.16666667;
+    return x * w * p;
+}
+
+// Off the contact, with x = 2 arcsin(1 / q): slope = (sin x - x) q / pi, height = x / pi + slope q / 2.
 vec3 surface(vec2 at) {
     vec2 d = (at - vec2(x, y)) / contact;
     float q2 = dot(d, d);
     float height = 1.0 - 0.5 * q2, over_q = -1.0;
     if (q2 > 1.0) {
-        float q = sqrt(q2), arc = arc_sine(1.0 / q), root = sqrt((q - 1.0) * (q + 1.0));
-        height = ((2.0 - q2) * arc + root) / 3.14159265359;
-        over_q = 2.0 * (root / q - q * arc) / (3.14159265359 * q);
+        float arc = 2.0 * arc_cosecant(q2);
+        over_q = -less_sine(arc) / 3.14159265359;
+        height = arc / 3.14159265359 + 0.5 * q2 * over_q;
     }
     return tapered(at.x, peak * vec3(height, over_q * d / contact));
 }

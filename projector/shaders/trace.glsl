@@ -1,22 +1,25 @@
 // What a camera pixel sees: first meeting of its ray with the mirror, reflection, pattern coordinates.
-// Rays are given by where they meet the resting mirror (z = 0): near the surface, where float32 is fine enough.
+// What the resting mirror (z = 0) does to the rays is given (rays.py). Followed is how a dent changes it: short ways
+// and small turns, so that float32 leaves the sum's rounding only, which favours no direction.
 #include "surface.glsl"
 #ifdef MEDIUM
 #include "fresnel.glsl"
 #endif
 
 #ifdef PARALLEL
-uniform vec3 foot, foot_col, foot_row;  // x, y (mm) and distance from the ray's origin (mm), per pixel step
 uniform vec3 direction;
+uniform vec4 foot[6];                   // x, y, way from the ray's origin, way on to the end; see exact_sums in rays.py
+uniform vec3 end[6];                    // u, v (cells), height over the pattern's plane
 #else
-uniform sampler2D feet;                 // x, y, distance from the origin, 1 where the ray exists
-uniform sampler2D directions;
+uniform sampler2D feet;                 // as foot
+uniform sampler2D directions;           // direction, all 0 where the ray does not come, and the end's height
+uniform sampler2D ends;                 // the end's u, v, and what float32 left of them
 #endif
 uniform vec2 first;                     // (column, row) of the target's first pixel
 uniform vec3 lowest, highest;           // box of the mirror and the surface's heights, mm
 uniform float near;                     // mm: a Newton step this short is the last
-uniform vec3 origin, u_axis, v_axis;    // of the pattern, mm
-uniform float pitch;                    // mm
+uniform vec3 u_axis, v_axis;            // of the pattern, cells per mm
+uniform vec3 facing;                    // the pattern's normal
 #ifdef MARCH
 uniform float steepest;                 // bound on the surface's slope
 uniform float shortest;                 // mm: shortest step along a ray that might meet the surface twice
@@ -112,27 +115,33 @@ bool meet(Ray ray, float start, out float at) {
 void main() {
     seen = vec4(0.0);
     Ray ray;
-    float start, t;
+    float t;
 #ifdef PARALLEL
-    vec2 pixel = gl_FragCoord.xy - 0.5 + first;
-    vec3 on_rest = foot + pixel.x * foot_col + pixel.y * foot_row;
+    vec3 pixel = vec3(1.0, gl_FragCoord.xy - 0.5 + first);
+    vec4 on_rest = mat3x4(foot[0], foot[1], foot[2]) * pixel + mat3x4(foot[3], foot[4], foot[5]) * pixel;
+    vec3 resting = mat3(end[0], end[1], end[2]) * pixel, correction = mat3(end[3], end[4], end[5]) * pixel;
     ray = Ray(vec3(on_rest.xy, 0.0), direction);
-    start = -on_rest.z;
+    float height = resting.z + correction.z;
 #else
-    vec4 on_rest = texelFetch(feet, ivec2(gl_FragCoord.xy), 0);
-    if (on_rest.w == 0.0) return;
-    ray = Ray(vec3(on_rest.xy, 0.0), texelFetch(directions, ivec2(gl_FragCoord.xy), 0).xyz);
-    start = -on_rest.z;
+    ivec2 texel = ivec2(gl_FragCoord.xy);
+    vec4 on_rest = texelFetch(feet, texel, 0), towards = texelFetch(directions, texel, 0);
+    if (towards.z == 0.0) return;
+    vec2 resting = texelFetch(ends, texel, 0).xy, correction = texelFetch(ends, texel, 0).zw;
+    ray = Ray(vec3(on_rest.xy, 0.0), towards.xyz);
+    float height = towards.w;
 #endif
-    if (!meet(ray, start, t)) return;
+    if (!meet(ray, -on_rest.z, t)) return;
     vec3 point = ray.at + t * ray.along;
-    vec3 normal = normalize(vec3(-surface(point.xy).yz, 1.0));
+    vec2 slope = surface(point.xy).yz;
+    float steepness = dot(slope, slope), size = sqrt(1.0 + steepness);
+    vec3 normal = vec3(-slope, 1.0) / size, lean = vec3(-slope, -steepness / (size + 1.0)) / size;  // normal - z
     float cosine = -dot(ray.along, normal);
     vec3 leaving = ray.along + 2.0 * cosine * normal;
-    vec3 facing = cross(u_axis, v_axis);
-    float reach = -dot(facing, point - origin) / dot(facing, leaving);
-    vec3 landed = point - origin + reach * leaving;
-    vec2 uv = vec2(dot(u_axis, landed), dot(v_axis, landed)) / pitch;
+    // The resting way's end, moved: its foot by t along the ray, its direction by the lean of the normal.
+    vec3 shift = t * ray.along - 2.0 * on_rest.w * (dot(ray.along, lean) * normal + ray.along.z * lean);
+    float further = -(height + dot(facing, shift)) / dot(facing, leaving), reach = on_rest.w + further;
+    vec3 moved = shift + further * leaving;
+    vec2 uv = resting.xy + (correction.xy + vec2(dot(u_axis, moved), dot(v_axis, moved)));
 #ifdef SEEN
     bool on_cells = all(greaterThanEqual(uv, vec2(-0.5))) && all(lessThanEqual(uv, cells - 0.5));
     if (!(reach > 0.0 && cosine > 0.0 && on_cells)) return;

@@ -37,7 +37,7 @@ def test_minimal_scene_compiles_no_code_for_what_is_absent(gl: moderngl.Context)
 def test_a_dent_compiles_its_own_form_only(gl: moderngl.Context, name: str) -> None:
     trace, _ = scenes(gl, load("paper-simulation"), name)
     assert trace.count("vec3 surface(vec2 at)") == 1
-    assert ("arc_sine" in trace) == (name == "ball")
+    assert ("arc_cosecant" in trace) == (name == "ball")
     assert ("march" in trace) == (name != "flat")
 
 

@@ -1,0 +1,129 @@
+"""float32 in the shaders: rounding must not favour a direction, for averages over an image would show it."""
+
+from dataclasses import replace
+
+import moderngl
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever.patterns import sequence
+from optolever.projector.groups import frame_groups
+from optolever.projector.optics_gl import GLOptics
+from optolever.projector.rays import exact_sums, parallel_rays, resting_rays
+from optolever.scene import Scene, Surface, dent, load, preset_names, surface_from_array, trace
+
+from .oracle import part
+
+ROWS = 24
+BIAS_PX = 3e-6
+RMS_PX = 3e-5
+
+
+def strip(name: str) -> Scene:
+    """Rows of a preset's image at full width, where coordinates are as large as they get."""
+    whole = load(name)
+    return replace(whole, camera=part(whole.camera, whole.camera.rows // 3, 0, ROWS, whole.camera.cols))
+
+
+def errors(scene: Scene, surface: Surface) -> NDArray[np.float64]:
+    """(2, n): u and v of the shader less those of float64, where both see."""
+    optics = GLOptics(
+        scene, frame_groups(sequence("gray", scene.pattern.rows, scene.pattern.cols), None), ROWS
+    )
+    loaded = optics.load(surface)
+    seen = optics.seen(loaded, 0, ROWS).astype(np.float64)
+    optics.unload(loaded)
+    optics.release()
+    truth = trace(scene, surface)
+    both = (seen[..., 2] > 0) & truth.visible
+    assert np.count_nonzero((seen[..., 2] > 0) != truth.visible) <= 2
+    assert both.mean() > 0.2
+    return np.stack([(seen[..., 0] - truth.u)[both], (seen[..., 1] - truth.v)[both]])
+
+
+@pytest.mark.parametrize("preset", preset_names())
+@pytest.mark.parametrize("name", ["flat", "raised-cosine", "gaussian", "ball"])
+def test_coordinates_are_not_biased(gl: moderngl.Context, preset: str, name: str) -> None:
+    found = errors(strip(preset), dent(name, load(preset)))
+    assert np.abs(found.mean(axis=1)).max() < BIAS_PX
+    assert np.sqrt(np.mean(found**2)) < RMS_PX
+
+
+@pytest.mark.parametrize("preset", ["paper-simulation", "monitor-mirror"])
+def test_a_mirror_far_from_rest(gl: moderngl.Context, preset: str) -> None:
+    """10 mm below: every ray lands elsewhere, and what float32 adds is that much longer."""
+    whole = load(preset)
+    step = whole.mirror.length / 40
+    x, y = np.meshgrid(np.arange(41) * step, np.arange(41) * step)
+    height = 10.0 + 0.3 * np.cos(3 * x / whole.mirror.length) * np.cos(4 * y / whole.mirror.length)
+    found = errors(strip(preset), surface_from_array(height, 0.0, 0.0, step))
+    assert np.abs(found.mean(axis=1)).max() < BIAS_PX
+    assert np.sqrt(np.mean(found**2)) < RMS_PX
+
+
+def edge_on(scene: Scene, tilted: Surface, turn: float) -> Scene:
+    """The pattern at `turn` (rad) to the central ray off the resting mirror, 80 mm away along the tilted."""
+    camera = part(scene.camera, ROWS // 2, scene.camera.cols // 2, 1, 1)
+    direction = resting_rays(replace(scene, camera=camera), np.zeros(1), np.zeros(1)).directions[0]
+    seen = trace(replace(scene, camera=camera), tilted)
+    normal = seen.normal[0, 0]
+    aim = np.array([seen.x[0, 0], seen.y[0, 0], seen.z[0, 0]])
+    aim += 80.0 * (direction - 2.0 * (direction @ normal) * normal)
+    resting = direction * np.array([1.0, 1.0, -1.0])
+    across = np.array([0.0, 1.0, 0.0])
+    u_axis = np.cos(turn) * resting + np.sin(turn) * np.cross(across, resting)
+    u_axis /= np.linalg.norm(u_axis)
+    v_axis = across - u_axis[1] * u_axis
+    v_axis /= np.linalg.norm(v_axis)
+    pattern = scene.pattern
+    origin = aim - 0.5 * pattern.pitch * (pattern.cols * u_axis + pattern.rows * v_axis)
+    return replace(scene, pattern=replace(pattern, origin=origin, u_axis=u_axis, v_axis=v_axis))
+
+
+@pytest.mark.parametrize("preset", ["paper-simulation", "monitor-mirror"])
+@pytest.mark.parametrize("turn", [0.0, 1e-9, -0.05])
+def test_a_pattern_that_the_resting_mirror_does_not_show(
+    gl: moderngl.Context, preset: str, turn: float
+) -> None:
+    """Resting rays along the pattern's plane give no place to start from; at a glance float32 has 3e-4 px."""
+    scene = strip(preset)
+    tilted = dent("tilt", scene, slope=0.2)
+    found = errors(edge_on(scene, tilted, turn), tilted)
+    assert np.sqrt(np.mean(found**2)) < 3e-4
+
+
+def test_exact_sums_are_exact() -> None:
+    """float32 sums of the round parts are the integers that they stand for; the rest is small."""
+    rng = np.random.default_rng(4)
+    rows, cols = 1637, 1920
+    values = rng.normal(size=(3, 40)) * 10.0 ** rng.integers(-6, 4, size=(3, 40))
+    values[:, 0] = 0.0
+    terms = exact_sums(values, rows, cols)
+    row, col = rng.integers(-1, 2 * rows, 500) / 2, rng.integers(-1, 2 * cols, 500) / 2
+    single = terms.astype(np.float32)[:, None]
+    r, c = row.astype(np.float32)[:, None], col.astype(np.float32)[:, None]
+    high = (single[0] + c * single[1]) + r * single[2]
+    low = (single[3] + c * single[4]) + r * single[5]
+    step_col, step_row = values[1] - values[0], values[2] - values[0]
+    expected = values[0] + col[:, None] * step_col + row[:, None] * step_row
+    size = np.abs(values[0]) + cols * np.abs(step_col) + rows * np.abs(step_row)
+    np.testing.assert_array_equal(high, terms[0] + col[:, None] * terms[1] + row[:, None] * terms[2])
+    assert (np.abs(high.astype(np.float64) + low - expected) <= 1e-10 * size).all()
+
+
+@pytest.mark.parametrize("preset", ["paper-prototype", "prism48"])
+def test_parallel_rays_are_the_resting_rays(preset: str) -> None:
+    scene = load(preset)
+    rays = parallel_rays(scene)
+    assert rays is not None
+    row, col = np.array([7.0, 300.5]), np.array([11.5, 250.0])
+    each = resting_rays(scene, row, col)
+    for terms, expected in ((rays.foot, each.foot), (rays.end, each.end)):
+        linear = terms[:3] + terms[3:]
+        np.testing.assert_allclose(
+            linear[0] + col[:, None] * linear[1] + row[:, None] * linear[2], expected, atol=1e-9
+        )
+    seen = trace(replace(scene, camera=part(scene.camera, 7, 11, 1, 1)), dent("flat", scene))
+    end = resting_rays(scene, np.array(7.0), np.array(11.0)).end
+    np.testing.assert_allclose(end, [seen.u[0, 0], seen.v[0, 0], 0.0], atol=1e-9)
