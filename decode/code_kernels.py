@@ -234,6 +234,21 @@ def _weak(
 
 
 @kernel
+def _wrong(margin: float, least: float, spread: float) -> float:
+    """Probability that a bit with this margin is wrong.
+
+    Where the noise reaches the contrast: from the odds of +least against -least, the least margin that a bit
+    away from its edges has. Where the noise is small, a margin below that tells of an edge or of blur, and
+    nothing is known but the noise.
+    """
+    if not spread > 0:
+        return 0.5
+    if margin > least - 3 * math.sqrt(spread):
+        return 1 / (1 + math.exp(min(2 * margin * least / spread, 100.0)))
+    return 0.5 * math.erfc(margin / math.sqrt(2 * spread))
+
+
+@kernel
 def _misread(
     frames: Array,
     lut: Array,
@@ -272,7 +287,7 @@ def _misread(
             if raw >= clip and middle >= clip:
                 clipped[x] = 1
         spread += (loose * half) ** 2
-        wrong = 0.5 * math.erfc(abs(margin) / math.sqrt(2 * spread)) if spread > 0 else 0.5
+        wrong = _wrong(abs(float(margin)), 0.5 * float(half), float(spread))
         step = cells[word ^ (1 << bit)] - cell
         if step == 1:
             up[x] += wrong

@@ -1,6 +1,7 @@
 """Noise of the camera, from what the frames themselves cannot explain: variance = read^2 + gain * level."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -8,13 +9,15 @@ from numpy.typing import NDArray
 
 from .plan import Code, Fringe, Plan
 
-__all__ = ["QUANTISATION", "Noise", "estimate_noise", "sample_pixels"]
+__all__ = ["QUANTISATION", "Noise", "estimate_noise"]
 
 #: Variance of rounding to whole levels.
 QUANTISATION = 1 / 12
 F64 = NDArray[np.float64]
 _BINS = 8
-_SAMPLE = 128
+_SAMPLE = 96
+#: Contrasts of a group of frames that are used at most.
+_CONTRASTS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,81 +32,124 @@ class Noise:
         return self.read2 + self.gain * max(level, 0.0)
 
 
-def sample_pixels(frames: NDArray[Any], lut: NDArray[np.float32]) -> tuple[F64, NDArray[np.bool_]]:
-    """Linear levels (N, K) of a grid of up to 128 x 128 pixels, and which pixels hold a zero."""
-    _, rows, cols = frames.shape
-    raw = frames[:, :: max(1, rows // _SAMPLE), :: max(1, cols // _SAMPLE)]
-    raw = raw.reshape(len(frames), -1)
-    return (lut[raw] if len(lut) else raw).astype(np.float64), (raw == 0).any(axis=0)
-
-
 def estimate_noise(frames: NDArray[Any], lut: NDArray[np.float32], clip: float, plan: Plan) -> Noise:
     """Pool the residuals of every model with degrees of freedom left, as a function of the level.
 
-    Fringes of N >= 4 shifts: N - 3 contrasts that offset and fringe do not reach. Bits with inverses: their
-    sums are all the same level. Bits without: coarse ones against white and black. Where none of these was
-    shown (N = 3), the offset's second differences over neighbours (Immerkaer,
-    doi:10.1006/cviu.1996.0060).
+    Fringes of N >= 4 shifts: N - 3 contrasts that offset and fringe do not reach. Else bits with inverses:
+    their sums are all the same level. Else the offsets of two fringes, which are the same. Else coarse bits
+    against white and black. Where none of these was shown (N = 3 alone), the offset's second differences over
+    neighbours (Immerkaer, doi:10.1006/cviu.1996.0060).
     """
-    levels, zero = sample_pixels(frames, lut)
+    levels = _sample_pixels(frames, lut)
     limit = float(lut[min(len(lut) - 1, int(clip))]) if len(lut) else clip
-    pairs: list[tuple[F64, F64]] = []
-    for axis in plan.axes:
-        pairs += [_of_fringe(levels, fringe, limit, zero) for fringe in axis.fringes if len(fringe.index) > 3]
-        if axis.code is not None:
-            pairs += _of_pairs(levels, axis.code, limit, zero)
-    if not any(len(pair[0]) for pair in pairs) and plan.white >= 0 and plan.black >= 0:
-        codes = [axis.code for axis in plan.axes if axis.code is not None]
-        pairs += [pair for code in codes for pair in _of_flat_bits(levels, code, plan, limit)]
-    if not any(len(pair[0]) for pair in pairs):
+    codes = [axis.code for axis in plan.axes if axis.code is not None]
+    pairs = [
+        _of_fringe(levels, fringe, limit)
+        for axis in plan.axes
+        for fringe in axis.fringes
+        if len(fringe.index) > 3
+    ]
+    if not _enough(pairs):
+        pairs = [_of_pairs(levels, code, limit) for code in codes]
+    if not _enough(pairs):
+        fringes = [fringe for axis in plan.axes for fringe in axis.fringes]
+        pairs = [_of_offsets(levels, *two, limit) for two in pairwise(fringes)]
+    if not _enough(pairs) and plan.white >= 0 and plan.black >= 0:
+        pairs = [_of_flat_bits(levels, code, plan, limit) for code in codes]
+    if not _enough(pairs):
         pairs = [_of_neighbours(frames, lut, index) for index in _offset_groups(plan, len(frames))]
     level = np.concatenate([pair[0] for pair in pairs])
     residual = np.concatenate([pair[1] for pair in pairs])
-    floor = QUANTISATION if frames.dtype.kind == "u" else 1e-12
-    return _fit(level, residual, floor)
+    return _fit(level, residual, QUANTISATION if frames.dtype.kind == "u" else 1e-12)
 
 
-def _of_fringe(levels: F64, fringe: Fringe, limit: float, zero: NDArray[np.bool_]) -> tuple[F64, F64]:
-    own = levels[list(fringe.index)]
-    full = np.linalg.qr(fringe.design(), mode="complete")[0]
-    modulation = np.hypot(*(np.linalg.pinv(fringe.design())[1:] @ own))
-    own = own[:, _usable(np.all(own < limit, axis=0), modulation, zero)]
-    residual = full[:, 3:].T @ own
-    return np.tile(own.mean(axis=0), len(residual)), residual.ravel()
+def _sample_pixels(frames: NDArray[Any], lut: NDArray[np.float32]) -> F64:
+    """Linear levels (N, K) of a grid of pixels."""
+    _, rows, cols = frames.shape
+    raw = frames[:, :: max(1, rows // _SAMPLE), :: max(1, cols // _SAMPLE)].reshape(len(frames), -1)
+    return (lut[raw] if len(lut) else raw).astype(np.float64)
 
 
-def _usable(keep: NDArray[np.bool_], modulation: F64, zero: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Pixels that see the pattern and hold no zero (noise cut off there looks smaller), if enough do."""
-    for better in (modulation > 0.25 * np.percentile(modulation, 95), ~zero):
-        if np.count_nonzero(keep & better) > 500:
-            keep = keep & better
-    return keep
+def _enough(pairs: list[tuple[F64, F64]]) -> bool:
+    return sum(len(level) for level, _ in pairs) >= 50
 
 
-def _of_pairs(levels: F64, code: Code, limit: float, zero: NDArray[np.bool_]) -> list[tuple[F64, F64]]:
+def _of_fringe(levels: F64, fringe: Fringe, limit: float) -> tuple[F64, F64]:
+    own, design = levels[list(fringe.index)], fringe.design()
+    parameters = np.linalg.pinv(design) @ own
+    residual = np.linalg.qr(design, mode="complete")[0][:, 3:].T[:_CONTRASTS] @ own
+    keep = _clear(_lit(own, limit, np.hypot(*parameters[1:])), _room(design @ parameters, limit), residual)
+    return np.tile(parameters[0, keep], len(residual)), residual[:, keep].ravel()
+
+
+def _lit(own: F64, limit: float, modulation: F64) -> NDArray[np.bool_]:
+    """Pixels without clipped samples that see the pattern."""
+    whole = np.asarray(np.all(own < limit, axis=0))
+    seen = whole & (modulation > 0.25 * np.percentile(modulation, 95))
+    return seen if np.count_nonzero(seen) >= 50 else whole
+
+
+def _room(fitted: F64, limit: float) -> F64:
+    """Distance of a pixel's fitted samples from black and from the clip level."""
+    return np.asarray(np.minimum(fitted.min(axis=0), limit - fitted.max(axis=0)))
+
+
+def _clear(keep: NDArray[np.bool_], room: F64, residual: F64) -> NDArray[np.bool_]:
+    """Pixels that stay 4 sigma clear of black and clipping (if few do: the better third).
+
+    Noise that is cut off looks smaller than it is. What decides is the fit and not the samples: to leave out
+    a pixel because of its noise would select small noise.
+    """
+    if not keep.any():
+        return keep
+    rough = 1.4826 * float(np.median(np.abs(residual[..., keep])))
+    return np.asarray(keep & (room >= min(4 * rough, float(np.percentile(room[keep], 65)))))
+
+
+def _of_offsets(levels: F64, first: Fringe, second: Fringe, limit: float) -> tuple[F64, F64]:
+    offsets, variance = [], 0.0
+    keep, room = np.ones(levels.shape[1], bool), np.full(levels.shape[1], np.inf)
+    for fringe in (first, second):
+        own, design = levels[list(fringe.index)], fringe.design()
+        inverse = np.linalg.pinv(design)
+        parameters = inverse @ own
+        keep &= _lit(own, limit, np.hypot(*parameters[1:]))
+        room = np.minimum(room, _room(design @ parameters, limit))
+        offsets.append(parameters[0])
+        variance += float(np.sum(inverse[0] ** 2))
+    level, difference = 0.5 * (offsets[0] + offsets[1]), (offsets[0] - offsets[1]) / np.sqrt(variance)
+    keep = _clear(keep, room, difference)
+    return level[keep], difference[keep]
+
+
+def _of_pairs(levels: F64, code: Code, limit: float) -> tuple[F64, F64]:
     both = (code.plain >= 0) & (code.inverse >= 0)
     if np.count_nonzero(both) < 2:
-        return []
+        return np.zeros(0), np.zeros(0)
     first, second = levels[code.plain[both]], levels[code.inverse[both]]
-    keep = _usable(
-        np.all((first < limit) & (second < limit), axis=0), np.abs(first - second).max(axis=0), zero
-    )
-    sums = (first + second)[:, keep] / np.sqrt(2.0)
-    contrasts = np.linalg.qr(np.ones((len(sums), 1)), mode="complete")[0][:, 1:]
-    residual = contrasts.T @ sums
-    return [(np.tile(sums.mean(axis=0) / np.sqrt(2.0), len(residual)), residual.ravel())]
+    half = 0.5 * np.median(np.abs(first - second), axis=0)
+    sums = first + second
+    middle = 0.5 * sums.mean(axis=0)
+    contrasts = np.linalg.qr(np.ones((len(sums), 1)), mode="complete")[0][:, 1:].T[:_CONTRASTS]
+    residual = contrasts @ sums / np.sqrt(2.0)
+    room = _room(np.stack([middle - half, middle + half]), limit)
+    keep = _clear(_lit(np.concatenate([first, second]), limit, half), room, residual)
+    return np.tile(middle[keep], len(residual)), residual[:, keep].ravel()
 
 
-def _of_flat_bits(levels: F64, code: Code, plan: Plan, limit: float) -> list[tuple[F64, F64]]:
+def _of_flat_bits(levels: F64, code: Code, plan: Plan, limit: float) -> tuple[F64, F64]:
     """The two coarsest bits read white or black nearly everywhere; the fit sorts out their edges."""
     white, black = levels[plan.white], levels[plan.black]
-    found = []
+    level, residual = [], []
     for bit in range(max(0, len(code.plain) - 2), len(code.plain)):
         own = levels[max(code.plain[bit], code.inverse[bit])]
         for reference in (white, black):
-            near = (np.abs(own - reference) < 0.2 * np.abs(white - black)) & (own < limit) & (own > 0)
-            found.append((own[near], (own - reference)[near] / np.sqrt(2.0)))
-    return found
+            near = np.abs(own - reference) < 0.5 * np.abs(white - black)
+            near &= (own < limit) & (reference < limit)
+            # the sum is free of the difference's noise, as a bin's level must be
+            level.append(0.5 * (own + reference)[near])
+            residual.append((own - reference)[near] / np.sqrt(2.0))
+    return np.concatenate(level), np.concatenate(residual)
 
 
 def _offset_groups(plan: Plan, frames: int) -> list[list[int]]:
@@ -120,7 +166,9 @@ def _of_neighbours(frames: NDArray[Any], lut: NDArray[np.float32], index: list[i
         return np.zeros(0), np.zeros(0)
     across = mean[:, :-2] - 2 * mean[:, 1:-1] + mean[:, 2:]
     second = (across[:-2] - 2 * across[1:-1] + across[2:]) / 6
-    return mean[1:-1, 1:-1].ravel(), second.ravel() * np.sqrt(len(index))
+    around = mean[:, :-2] + mean[:, 1:-1] + mean[:, 2:]
+    around = (around[:-2] + around[1:-1] + around[2:]) / 9
+    return around.ravel(), second.ravel() * np.sqrt(len(index))
 
 
 def _fit(level: F64, residual: F64, floor: float) -> Noise:
@@ -128,16 +176,19 @@ def _fit(level: F64, residual: F64, floor: float) -> Noise:
     if len(level) == 0:
         return Noise(floor)
     bins = min(_BINS, max(1, len(level) // 200))
-    order = np.argsort(level, kind="stable")
+    # whole grey values: sums and differences have the same parity, which a bin of one level would select
+    order = np.argsort(level + np.random.default_rng(0).uniform(-1, 1, len(level)), kind="stable")
     parts = [(level[part], _robust_variance(residual[part])) for part in np.array_split(order, bins)]
     x = np.array([values.mean() for values, _ in parts])
     y = np.array([max(value, floor) for _, value in parts])
-    weight = 1 / y
+    # a variance from n values has the relative error sqrt(2 / n)
+    weight = np.sqrt(np.array([len(values) for values, _ in parts]) / 2) / y
+    flat = Noise(max(_robust_variance(residual), floor))
     if bins < 3 or np.ptp(x) < 0.05 * max(x.max(), 1.0):
-        return Noise(float(np.mean(y)))
-    slope, start = np.polyfit(x, y, 1, w=weight)
-    if slope <= 0:
-        return Noise(float(np.sum(y * weight**2) / np.sum(weight**2)))
+        return flat
+    (slope, start), covariance = np.polyfit(x, y, 1, w=weight, cov="unscaled")
+    if slope < 3 * np.sqrt(covariance[0, 0]):
+        return flat
     if start < floor:
         slope = max(0.0, np.sum(weight**2 * x * (y - floor)) / np.sum(weight**2 * x * x))
         return Noise(floor, float(slope))
@@ -147,7 +198,7 @@ def _fit(level: F64, residual: F64, floor: float) -> Noise:
 def _robust_variance(residual: F64) -> float:
     """Mean square within 4 robust deviations, from the median absolute value and then from itself."""
     size = np.abs(residual)
-    deviation = 1.4826 * float(np.median(size)) + 0.1
+    deviation = 1.4826 * float(np.median(size)) + 0.5
     for _ in range(3):
         inside = size < 4 * deviation
         deviation = float(np.sqrt(np.mean(size[inside] ** 2))) if inside.any() else deviation

@@ -1,0 +1,114 @@
+"""Every code, from ideal frames: coordinates right, whatever the frames' order and the camera's bits."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever.decode import decode
+from optolever.patterns import Frame, Sequence, sequence
+
+F64 = NDArray[np.float64]
+Shoot = Callable[..., NDArray[Any]]
+CODES: list[tuple[str, dict[str, Any], float]] = [
+    ("gray", {}, 0.5),
+    ("gray", {"inverses": False}, 0.5),
+    ("gray", {"references": False}, 0.5),
+    ("gray", {"cell": 3.0}, 1.5),
+    ("binary", {}, 0.5),
+    ("phase", {}, 0.02),
+    ("phase", {"steps": 3}, 0.02),
+    ("phase", {"steps": 5, "periods": 200}, 0.3),
+    ("phase", {"counts": (9, 10, 11)}, 0.05),
+    ("phase", {"periods": (13.5, 11.7)}, 0.03),
+    ("gray+phase", {}, 0.02),
+    ("gray+phase", {"inverses": True, "steps": 8, "period": 16}, 0.02),
+]
+
+
+@pytest.mark.parametrize(("name", "params", "limit"), CODES)
+@pytest.mark.parametrize(("dtype", "scale"), [(np.uint8, 1), (np.uint16, 16)])
+def test_ideal_frames(
+    shoot: Shoot,
+    smooth: tuple[F64, F64],
+    name: str,
+    params: dict[str, Any],
+    limit: float,
+    dtype: type,
+    scale: int,
+) -> None:
+    shown = sequence(name, 150, 170, **params)
+    frames = shoot(
+        shown, *smooth, dtype=dtype, offset=110 * scale, amplitude=100 * scale, top=256 * scale - 1
+    )
+    found = decode(frames, shown, on_cells=False)
+    assert found.good.mean() > 0.995
+    for coord, truth, sigma in zip((found.u, found.v), smooth, (found.sigma_u, found.sigma_v), strict=True):
+        assert np.abs(coord - truth)[found.good].max() <= limit + 1e-3
+        assert sigma[found.good].min() >= 0.01 - 1e-6
+
+
+@pytest.mark.parametrize("axes", ["u", "v"])
+@pytest.mark.parametrize("name", ["gray", "phase", "gray+phase"])
+def test_axis_that_is_not_encoded_is_no_fault(
+    shoot: Shoot, smooth: tuple[F64, F64], name: str, axes: str
+) -> None:
+    shown = sequence(name, 150, 170, axes=axes)
+    found = decode(shoot(shown, *smooth), shown)
+    missing, sigma = (found.v, found.sigma_v) if axes == "u" else (found.u, found.sigma_u)
+    assert np.isnan(missing).all()
+    assert np.isinf(sigma).all()
+    assert found.good.mean() > 0.99
+
+
+def test_description_counts_and_not_position(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    shown = sequence("gray+phase", 150, 170)
+    frames = shoot(shown, *smooth, noise=1.0)
+    order = np.random.default_rng(1).permutation(len(shown))
+    mixed = Sequence(tuple(shown.frames[i] for i in order), 150, 170)
+    plain, shuffled = decode(frames, shown), decode(frames[order], mixed)
+    np.testing.assert_allclose(plain.u, shuffled.u, atol=2e-4)
+    np.testing.assert_array_equal(plain.flags, shuffled.flags)
+
+
+def test_foreign_polarities_and_missing_inverses(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    """Some bits only inverted, some only plain, an inverted black for white, fringes with odd shifts."""
+    shown = sequence("gray+phase", 150, 170, inverses=True)
+    kept = [Frame("black", inverted=True), Frame("black")]
+    for frame in shown.frames[2:]:
+        if (
+            frame.kind == "gray"
+            and (frame.bit or 0) % 3 != 2
+            and frame.inverted == ((frame.bit or 0) % 3 == 1)
+        ):
+            continue
+        kept.append(frame)
+    for shift in (0.3, 1.9, 4.0, 5.5, 2.2):
+        kept.append(Frame("phase", "u", period_px=8.0, shift=shift))
+    foreign = Sequence(tuple(kept), 150, 170)
+    found = decode(shoot(foreign, *smooth), foreign, on_cells=False)
+    assert found.good.mean() > 0.99
+    assert np.abs(found.u - smooth[0])[found.good].max() < 0.02
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 700), (700, 1), (3, 513)])
+def test_any_shape(shoot: Shoot, shape: tuple[int, int]) -> None:
+    u = np.linspace(3, 290, shape[0] * shape[1]).reshape(shape)
+    v = np.full(shape, 7.25)
+    shown = sequence("gray+phase", 40, 300)
+    found = decode(shoot(shown, u, v), shown, on_cells=False)
+    np.testing.assert_allclose(found.u, u, atol=0.02)
+    np.testing.assert_allclose(found.v, v, atol=0.02)
+
+
+def test_folded_map_is_decoded_on_both_sides(shoot: Shoot) -> None:
+    """Where the map turns back, a per-pixel code goes on; no spatial step may flag or mend it."""
+    col = np.arange(400.0)[None, :] * np.ones((40, 1))
+    u = 100 + 80 * np.cos(col / 60)
+    v = 5 + np.arange(40.0)[:, None] * np.ones((1, 400))
+    shown = sequence("gray+phase", 60, 256)
+    found = decode(shoot(shown, u, v, noise=1.0), shown, on_cells=False)
+    assert found.good.mean() > 0.999
+    assert np.abs(found.u - u)[found.good].max() < 0.1

@@ -1,0 +1,122 @@
+"""Error bars: rms and coverage over seeds, against noise that was put in."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence, decode, difference
+from optolever.patterns import Frame, Sequence, sequence
+
+F64 = NDArray[np.float64]
+Shoot = Callable[..., NDArray[Any]]
+
+
+def scores(found: Correspondence, truth: tuple[F64, F64]) -> F64:
+    """Errors over sigma of the unflagged pixels, both axes."""
+    pairs = zip((found.u, found.v), (found.sigma_u, found.sigma_v), truth, strict=True)
+    return np.concatenate([((coord - true) / sigma)[found.good] for coord, sigma, true in pairs])
+
+
+@pytest.mark.parametrize("ratio", [6, 10, 40, 100])
+@pytest.mark.parametrize(
+    ("name", "params"),
+    [
+        ("gray+phase", {}),
+        ("gray+phase", {"steps": 3}),
+        ("gray+phase", {"steps": 8, "inverses": True}),
+        ("phase", {"counts": (1, 5, 20)}),
+        ("phase", {"steps": 5}),
+    ],
+)
+def test_coverage(
+    shoot: Shoot, smooth: tuple[F64, F64], name: str, params: dict[str, Any], ratio: float
+) -> None:
+    """68 +- 2 % within one sigma, 95 +- 1 % within two; the noise is estimated from the frames."""
+    shown = sequence(name, 150, 170, **params)
+    found = [
+        scores(
+            decode(shoot(shown, *smooth, noise=60 / ratio, seed=seed, amplitude=60), shown, on_cells=False),
+            smooth,
+        )
+        for seed in range(3)
+    ]
+    score = np.abs(np.concatenate(found))
+    if ratio > 20 or name == "gray+phase":
+        assert len(score) > 0.5 * 3 * 2 * smooth[0].size
+    if len(score) > 3000:
+        assert np.mean(score < 1) == pytest.approx(0.683, abs=0.02)
+        assert np.mean(score < 2) == pytest.approx(0.954, abs=0.01)
+        assert np.mean(score > 5) <= 1e-4
+
+
+@pytest.mark.parametrize("steps", [3, 4, 5, 8, 16])
+def test_phase_noise_is_at_the_cramer_rao_bound(steps: int) -> None:
+    """sigma_phi = sqrt(2 / N) sigma / B; frames in float so that rounding is no part of it."""
+    fringes = tuple(Frame("phase", "u", period_px=64.0, shift=2 * np.pi * k / steps) for k in range(steps))
+    shown = Sequence(fringes, 1, 64)
+    u = np.random.default_rng(0).uniform(5, 59, (200, 500))
+    rng = np.random.default_rng(steps)
+    for ratio, excess in ((10.0, 1.01), (4.5, 1.03)):
+        shift = np.array([frame.shift for frame in fringes])[:, None, None]
+        light = 120 + 50 * np.cos(2 * np.pi * u / 64 - shift)
+        frames = light + 50 / ratio * rng.standard_normal(light.shape)
+        found = decode(frames, shown, noise=50 / ratio, white_level=1e9, on_cells=False)
+        error = (found.u - u + 32) % 64 - 32
+        bound = 64 / (2 * np.pi) * np.sqrt(2 / steps) / ratio
+        assert np.sqrt(np.mean(error**2)) <= excess * bound * (1 + 3 / np.sqrt(2 * u.size))
+        assert np.median(found.sigma_u) == pytest.approx(bound, rel=0.05)
+
+
+def test_shot_noise_is_told_from_read_noise(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    """A gain of 0.08 levels on a slope of brightness: sigma is right in the dark and in the bright half."""
+    shown = sequence("gray+phase", 150, 170, steps=5)
+    light = np.linspace(15, 120, smooth[0].shape[1])[None, :] * np.ones((smooth[0].shape[0], 1))
+    dark, bright = [], []
+    for seed in range(3):
+        frames = shoot(shown, *smooth, offset=light + 5, amplitude=light, gain=0.08, noise=0.7, seed=seed)
+        found = decode(frames, shown, on_cells=False)
+        score = np.where(found.good, (found.u - smooth[0]) / found.sigma_u, np.nan)
+        dark.append(score[:, :40])
+        bright.append(score[:, -40:])
+    for part in (dark, bright):
+        assert np.sqrt(np.nanmean(np.square(part))) == pytest.approx(1, abs=0.06)
+
+
+@pytest.mark.parametrize("name", ["gray", "binary"])
+def test_discrete_codes(shoot: Shoot, name: str) -> None:
+    """rms(error) / sigma within 5 % of 1, and the cell holds the truth but for the stated probability."""
+    rng = np.random.default_rng(5)
+    u, v = rng.uniform(-0.5, 169.4, (150, 150)), rng.uniform(-0.5, 149.4, (150, 150))
+    shown = sequence(name, 150, 170)
+    found = decode(shoot(shown, u, v, noise=8.0, amplitude=60.0, offset=100.0), shown)
+    score = scores(found, (u, v))
+    assert np.sqrt(np.mean(score**2)) == pytest.approx(1, rel=0.05)
+    outside = np.abs(found.u - u)[found.good] > 0.5
+    assert outside.mean() <= found.order_error[found.good].mean() + 3 / np.sqrt(outside.size)
+
+
+def test_given_noise_is_taken(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    shown = sequence("gray+phase", 150, 170)
+    frames = shoot(shown, *smooth, noise=2.0)
+    small, large = (decode(frames, shown, noise=noise, on_cells=False) for noise in (2.0, 4.0))
+    assert np.median(large.sigma_u / small.sigma_u) == pytest.approx(
+        np.sqrt((16 + 1 / 12) / (4 + 1 / 12)), rel=1e-3
+    )
+
+
+def test_difference_adds_in_square_and_joins_flags(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    shown = sequence("gray+phase", 150, 170)
+    u, v = smooth
+    rest = decode(shoot(shown, u, v, noise=2.0, seed=1), shown, on_cells=False)
+    light = np.where(np.arange(140) < 20, 0.0, 100.0)[None, :] * np.ones((120, 1))
+    moved = decode(shoot(shown, u + 0.4, v - 0.7, noise=2.0, seed=2, amplitude=light), shown, on_cells=False)
+    delta = difference(moved, rest)
+    assert np.array_equal(delta.flags, moved.flags | rest.flags)
+    assert (~delta.good)[:, :19].all()
+    good = delta.good
+    score = ((delta.u - 0.4) / delta.sigma_u)[good]
+    assert np.sqrt(np.mean(score**2)) == pytest.approx(1, abs=0.03)
+    np.testing.assert_allclose(delta.sigma_v, np.hypot(moved.sigma_v, rest.sigma_v))
