@@ -2,7 +2,6 @@
 
 import json
 import math
-import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -54,7 +53,7 @@ def grid(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> No
     lines = Table.grid(*(Column(no_wrap=True) for _ in header), padding=(0, 2))
     for row in (header, *rows):
         lines.add_row(*(Text(cell) for cell in row))
-    _print(title, lines, width=None if sys.stdout.isatty() else WIDE)
+    _print(title, lines, width=WIDE)
 
 
 def _print(title: str, lines: "Table", width: int | None = None) -> None:
@@ -92,7 +91,7 @@ def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-WIDE = 160  # columns, where stdout is no terminal whose width could be asked for
+WIDE = 240  # columns of a grid; a terminal folds what it cannot show
 
 
 class Step:
