@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .code_kernels import code_tile
-from .fit_kernels import TILE, fit_tile, refit_clipped
+from .fit_kernels import TILE, fit_tile, refit
 from .flag_kernels import code_flags, common_tile, flag_contrast, flag_fit, flag_order, flag_place
 from .jit import fast_kernel, kernel
 from .unwrap_kernels import search_tile, sequential_tile
@@ -24,9 +24,9 @@ _FLAT = np.float32(1 / 12)
 @kernel
 def axis_rows(
     frames: Array,
-    lut: Array,
+    response: tuple[Array, Array, float],
     clip: float,
-    noise: tuple[float, float],
+    noise: tuple[float, float, float],
     start: int,
     stop: int,
     mode: int,
@@ -44,12 +44,17 @@ def axis_rows(
 ) -> None:
     """Decode rows start..stop of one axis.
 
-    noise = (read variance, gain); code = (source, white, black, plain, inverse, cells, number of cells,
-    pitch, origin, loose), see code_kernels; fringes = (count, index, solve, model, quad, periods, misfit),
-    see arrays.fringe_arrays; limits = (distance from the code's cell, floor of sigma, chi squared of the
-    periods); joined: flags, amplitude, offset and order_error already hold those of the other axis.
+    response = (raw level -> linear one, its slope, that at mid level squared), empty and 1 without one;
+    noise = (read variance, gain, level that counts as dark); code = (source, white, black, plain, inverse,
+    cells, number of cells, pitch, origin, loose, read variance, gain), see code_kernels; fringes = (count,
+    index, solve, model, quad, periods, misfit), see arrays.fringe_arrays; limits = (distance from the code's
+    cell, floor of sigma, chi squared of the periods);
+    joined: flags, amplitude, offset and order_error already hold those of the other axis.
     """
-    source, white, black, plain, inverse, cells, cell_count, pitch, origin, loose = code
+    source, white, black, plain, inverse, cells, cell_count, pitch, origin, loose, code_read2, code_gain = (
+        code
+    )
+    lut, slope, scale = response
     periods = fringes[5]
     width, groups = frames.shape[2], len(periods)
     coded = mode in (CODE_GUIDED, CODE_ONLY)
@@ -81,7 +86,6 @@ def axis_rows(
             if coded:
                 code_tile(
                     frames,
-                    lut,
                     clip,
                     row,
                     first,
@@ -92,8 +96,8 @@ def axis_rows(
                     plain,
                     inverse,
                     cells,
-                    read2,
-                    gain,
+                    code_read2,
+                    code_gain,
                     loose,
                     (step, margin, spare),
                     word,
@@ -107,7 +111,19 @@ def axis_rows(
                 )
                 _centres(n, np.float32(pitch), np.float32(origin), word, guess)
             if mode == CODE_ONLY:
-                code_flags(n, read2, gain, np.int32(cell_count), word, far, half, middle, clipped, why)
+                code_flags(
+                    n,
+                    code_read2,
+                    code_gain,
+                    np.float32(noise[2]),
+                    np.int32(cell_count),
+                    word,
+                    far,
+                    half,
+                    middle,
+                    clipped,
+                    why,
+                )
                 _flat(n, np.float32(pitch), far, up, down, doubt, spread)
                 _write(n, floor, guess, spread, coord[row, first:end], sigma[row, first:end])
                 common_tile(
@@ -125,7 +141,7 @@ def axis_rows(
                 continue
             for g in range(groups):
                 count, index, model = fringes[0][g], fringes[1][g], fringes[3][g]
-                if fit_tile(
+                again = fit_tile(
                     frames,
                     lut,
                     clip,
@@ -145,10 +161,12 @@ def axis_rows(
                     variance[g],
                     misfit[g],
                     margin,
-                ):
-                    refit_clipped(
+                )
+                if again or slope.size > 0:
+                    refit(
                         frames,
                         lut,
+                        slope,
                         clip,
                         row,
                         first,
@@ -179,7 +197,9 @@ def axis_rows(
             if mode == CODE_GUIDED:
                 _code_doubt(n, place, guess, far, up, down, doubt)
             finest = sums[groups - 1]
-            flag_contrast(n, read2, gain, finest[0], finest[1], finest[2], why)
+            flag_contrast(
+                n, read2, gain, np.float32(noise[2]), np.float32(scale), finest[0], finest[1], finest[2], why
+            )
             for g in range(groups):
                 flag_fit(n, np.float32(fringes[6][g]), read2, gain, sums[g, 0], variance[g], misfit[g], why)
             flag_order(n, disagreement, reach, agreement, doubt, gap, why)

@@ -23,7 +23,6 @@ _ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
 @kernel
 def code_tile(
     frames: Array,
-    lut: Array,
     clip: float,
     row: int,
     first: int,
@@ -47,7 +46,7 @@ def code_tile(
     middle: Array,
     clipped: Array,
 ) -> None:
-    """Decode n pixels of a row.
+    """Decode n pixels of a row, from raw levels: a response does not move a threshold half way.
 
     plain, inverse (bits,): frame numbers, -1 = not shown, bit 0 least significant; cells: word -> cell;
     read2 + gain I = variance of a sample; loose = systematic error of a margin, in half contrasts.
@@ -57,28 +56,18 @@ def code_tile(
     margin, pair, single = room
     _start(n, cell, pair, single, half, middle)
     if source != FROM_PAIRS:
-        _reference(frames, lut, row, first, n, source, white, black, plain, inverse, middle, half)
+        _reference(frames, row, first, n, source, white, black, plain, inverse, middle, half)
     pairs = 0
     end = first + n
     for bit in range(len(plain)):
         if plain[bit] >= 0 and inverse[bit] >= 0:
             pairs += 1
             line, other = frames[plain[bit], row, first:end], frames[inverse[bit], row, first:end]
-            if lut.size:
-                _look_up(n, lut, line, single)
-                _look_up(n, lut, other, margin)
-                _pair(n, source == FROM_PAIRS, single, margin, middle, half, margin, pair)
-                single[:n] = _HUGE
-            else:
-                _pair(n, source == FROM_PAIRS, line, other, middle, half, margin, pair)
+            _pair(n, source == FROM_PAIRS, line, other, middle, half, margin, pair)
         else:
             line = frames[max(plain[bit], inverse[bit]), row, first:end]
             sign = _ONE if plain[bit] >= 0 else -_ONE
-            if lut.size:
-                _look_up(n, lut, line, margin)
-                _single(n, sign, margin, middle, margin, single)
-            else:
-                _single(n, sign, line, middle, margin, single)
+            _single(n, sign, line, middle, margin, single)
         _set_bit(n, np.int32(1 << bit), margin, cell)
     if source == FROM_PAIRS:
         scale = _HALF / np.float32(max(pairs, 1))
@@ -93,7 +82,6 @@ def code_tile(
             if weak[x]:
                 _misread(
                     frames,
-                    lut,
                     clip,
                     row,
                     first,
@@ -118,20 +106,9 @@ def code_tile(
 
 
 @inline_kernel
-def _level(lut: Any, raw: Any) -> Any:
-    return lut[int(raw)] if lut.size else np.float32(raw)
-
-
-@inline_kernel
 def _lone(source: Any) -> Any:
     """Variance of a margin without inverse over that of a sample: the threshold has noise, too."""
     return np.float32(1.0) if source == 2 else np.float32(1.5)
-
-
-@kernel
-def _look_up(n: int, lut: Array, line: Array, level: Array) -> None:
-    for x in range(n):
-        level[x] = lut[int(line[x])]
 
 
 @fast_kernel
@@ -147,7 +124,6 @@ def _start(n: int, word: Array, pair: Array, single: Array, half: Array, middle:
 @kernel
 def _reference(
     frames: Array,
-    lut: Array,
     row: int,
     first: int,
     n: int,
@@ -162,14 +138,14 @@ def _reference(
     """Mid level and half contrast of each pixel, from white and black or from the extremes of the bits."""
     if source == FROM_WHITE_BLACK:
         for x in range(n):
-            high, low = _level(lut, frames[white, row, first + x]), _level(lut, frames[black, row, first + x])
+            high, low = np.float32(frames[white, row, first + x]), np.float32(frames[black, row, first + x])
             middle[x] = _HALF * (high + low)
             half[x] = _HALF * (high - low)
         return
     for x in range(n):
         high, low = -_HUGE, _HUGE
         for bit in range(len(plain)):
-            level = _level(lut, frames[max(plain[bit], inverse[bit]), row, first + x])
+            level = np.float32(frames[max(plain[bit], inverse[bit]), row, first + x])
             high, low = max(high, level), min(low, level)
         middle[x] = _HALF * (high + low)
         half[x] = _HALF * (high - low)
@@ -251,7 +227,6 @@ def _wrong(margin: float, least: float, spread: float) -> float:
 @kernel
 def _misread(
     frames: Array,
-    lut: Array,
     clip: float,
     row: int,
     first: int,
@@ -276,13 +251,13 @@ def _misread(
     for bit in range(len(plain)):
         if plain[bit] >= 0 and inverse[bit] >= 0:
             raw, other = frames[plain[bit], row, first + x], frames[inverse[bit], row, first + x]
-            margin = 0.5 * (_level(lut, raw) - _level(lut, other))
+            margin = 0.5 * (np.float32(raw) - np.float32(other))
             spread = 0.5 * (read2 + gain * middle)
             if raw >= clip and other >= clip:
                 clipped[x] = 1
         else:
             raw = frames[max(plain[bit], inverse[bit]), row, first + x]
-            margin = _level(lut, raw) - middle
+            margin = np.float32(raw) - middle
             spread = _lone(source) * (read2 + gain * middle)
             if raw >= clip and middle >= clip:
                 clipped[x] = 1

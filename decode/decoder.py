@@ -29,6 +29,8 @@ __all__ = ["decode"]
 FLOOR = 0.01
 #: Systematic error of a code's margin that is always reckoned with, in units of half the contrast.
 LOOSE = 0.02
+#: Share of the clip level below which a pixel without contrast counts as dark.
+_DARK = 0.02
 _BLOCK = 16
 Frames = NDArray[Any]
 
@@ -39,8 +41,10 @@ class _Job:
 
     frames: Frames
     lut: NDArray[np.float32]
+    slope: NDArray[np.float32]
     clip: float
-    noise: Noise
+    noise: Noise  # of fringes
+    raw_noise: Noise  # of codes
     floor: float
 
 
@@ -52,6 +56,7 @@ def decode(
     gain: float = 0.0,
     white_level: float | None = None,
     response: Response | None = None,
+    weigh_samples: bool = False,
     blur_px: float | None = None,
     on_cells: bool = True,
 ) -> Correspondence:
@@ -61,7 +66,9 @@ def decode(
     noise, gain  of the camera: variance = noise^2 + gain * level, levels of the frames before rounding;
                  without `noise` both are estimated from the frames
     white_level  level at which the camera clips; default 255, for uint16 the 10, 12, 14 or 16 bits in use
-    response     camera level against shown level, inverted first
+    response     camera level against shown level, inverted first; noise is then always estimated
+    weigh_samples  with a response, whose inverse magnifies the noise of dark levels: weigh every sample by
+                 its noise. Best where noise limits; equal weights where what the response leaves over does
     blur_px      rms blur between display and camera, cells; default: estimated (see cells.take_off_stairs)
     on_cells     fringes were shown on the cells of a surface of the sequence's size, as Frame.tables says,
                  dark around it; what that shifts is taken off (see display, cells). False: ideal cosines
@@ -70,7 +77,7 @@ def decode(
     """
     stack = _checked(frames, sequence)
     wanted = plan(sequence)
-    job = _job(stack, wanted, noise, gain, white_level, response)
+    job = _job(stack, wanted, noise, gain, white_level, response, weigh_samples)
     _, height, width = stack.shape
     maps = {
         axis: (np.full((height, width), np.nan), np.full((height, width), np.inf, np.float32))
@@ -123,6 +130,7 @@ def _job(
     gain: float,
     white_level: float | None,
     response: Response | None,
+    weigh_samples: bool,
 ) -> _Job:
     for name, value in (("noise", noise), ("gain", gain)):
         if value is not None and not 0 <= value < np.inf:
@@ -130,20 +138,24 @@ def _job(
     clip = _clip_level(stack) if white_level is None else float(white_level)
     if not clip > 0:
         raise InputError(f"decode: white_level is {white_level}, must be above 0")
-    lut = np.zeros(0, np.float32)
+    lut = slope = none = np.zeros(0, np.float32)
     if response is not None:
         if stack.dtype.kind != "u":
             raise InputError(
                 f"decode: response is given and frames are {stack.dtype}, must be uint8 or uint16"
             )
         lut = response.table(stack.dtype)
-    if noise is None or response is not None:
-        known = estimate_noise(stack, lut, clip, wanted)
+        slope = response.slope()
+    if response is not None:
+        raw = estimate_noise(stack, lut, clip, wanted, slope)
+        known = raw if weigh_samples else estimate_noise(stack, lut, clip, wanted, none)
+    elif noise is None:
+        raw = known = estimate_noise(stack, lut, clip, wanted, none)
     else:
-        known = Noise(noise**2 + (QUANTISATION if stack.dtype.kind == "u" else 0.0), gain)
+        raw = known = Noise(noise**2 + (QUANTISATION if stack.dtype.kind == "u" else 0.0), gain)
     level = float(stack[:, ::16, ::16].mean())
-    silent = known.variance(level) < 1.5 * QUANTISATION
-    return _Job(stack, lut, clip, known, FLOOR if silent else 0.0)
+    silent = raw.variance(level) < 1.5 * QUANTISATION
+    return _Job(stack, lut, slope if weigh_samples else none, clip, known, raw, FLOOR if silent else 0.0)
 
 
 def _clip_level(stack: Frames) -> float:
@@ -166,15 +178,18 @@ def _axis_step(
     fringes = (
         *(arrays.count, arrays.index, arrays.solve, arrays.model, arrays.quad, arrays.periods, arrays.misfit),
     )
-    code = _code_arguments(wanted, axis)
+    code = _code_arguments(job, wanted, axis)
     limits = (_reach(axis), job.floor, chi_squared_limit(len(axis.fringes) - 1))
-    noise = (job.noise.read2, job.noise.gain)
+    dark = _DARK * job.clip if job.clip < np.inf else 0.0
+    noise = (job.noise.read2, job.noise.gain, dark)
+    scale = float(job.slope[128]) ** 2 if len(job.slope) else 1.0
+    response = (job.lut, job.slope, scale)
     mode = _mode(axis)
     least = 8 * axis.code.cell if axis.code and not axis.fringes else 0.4 * float(arrays.periods[-1])
 
     def step(start: int, stop: int) -> None:
         axis_rows(
-            *(job.frames, job.lut, job.clip, noise, start, stop, mode, code, fringes, limits),
+            *(job.frames, response, job.clip, noise, start, stop, mode, code, fringes, limits),
             *(axis.extent, joined, *maps, *common),
         )  # fmt: skip
         outlier_rows(start, stop, least, *maps, common[0])
@@ -182,7 +197,7 @@ def _axis_step(
     return step
 
 
-def _code_arguments(wanted: Plan, axis: AxisPlan) -> tuple[Any, ...]:
+def _code_arguments(job: _Job, wanted: Plan, axis: AxisPlan) -> tuple[Any, ...]:
     """What axis_rows wants to know of the code; of none, if there is none."""
     none = np.empty(0, np.int64)
     code = axis.code or Code("", none, none, 1.0, 0.0, np.empty(0, np.int32))
@@ -191,7 +206,7 @@ def _code_arguments(wanted: Plan, axis: AxisPlan) -> tuple[Any, ...]:
     source = _source(wanted, code)
     return (
         *(source, wanted.white, wanted.black, code.plain, code.inverse, code.cells, cells, code.cell, origin),
-        np.float32(LOOSE),
+        *(np.float32(LOOSE), np.float32(job.raw_noise.read2), np.float32(job.raw_noise.gain)),
     )
 
 

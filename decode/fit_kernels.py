@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .jit import fast_kernel, inline_kernel, kernel
 from .unwrap_kernels import UNKNOWN
 
-__all__ = ["TILE", "fit_tile", "refit_clipped"]
+__all__ = ["TILE", "fit_tile", "refit"]
 
 Array = NDArray[Any]
 
@@ -26,6 +26,8 @@ _TURN2 = np.float32(1 / (2 * np.pi) ** 2)
 _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 _HALF, _QUARTER = np.float32(0.5), np.float32(0.25)
 _TINY = np.float32(1e-20)
+#: Of the normal equations: that of three equal shifts is 27/4, with weights below 1 less.
+_LEAST_DETERMINANT = 1e-6
 _A16, _A14, _A12, _A10 = (np.float32(a) for a in (0.0028662257, -0.0161657367, 0.0429096138, -0.0752896400))
 _A8, _A6, _A4, _A2 = (np.float32(a) for a in (0.1065626393, -0.1420889944, 0.1999355085, -0.3333314528))
 
@@ -228,9 +230,10 @@ def _any_clipped(n: int, clip: Any, top: Array) -> bool:
 
 
 @kernel
-def refit_clipped(
+def refit(
     frames: Array,
     lut: Array,
+    slope: Array,
     clip: float,
     row: int,
     first: int,
@@ -246,26 +249,35 @@ def refit_clipped(
     misfit: Array,
     top: Array,
 ) -> None:
-    """Fit pixels with clipped samples again without those; variance inf where too few are left."""
+    """Fit again what equal weights do not suit: pixels with clipped samples (left out), and with `slope` all.
+
+    slope = d raw / d linear at linear levels 0..255, empty: 1; a sample's variance is (read2 + gain raw) /
+    slope^2, taken at the level of the first fit, as weights from the samples would be biased. Where fewer
+    than three samples are left, the variance is UNKNOWN. misfit is in raw levels, as the noise is.
+    """
     normal = np.empty((3, 3), np.float64)
     right = np.empty(3, np.float64)
     for x in range(n):
-        if top[x] < clip:
+        if top[x] < clip and slope.size == 0:
             continue
         normal[:] = 0
         right[:] = 0
+        total = 0.0
         for i in range(count):
             raw = frames[index[i], row, first + x]
             if raw >= clip:
                 continue
             level = np.float64(lut[int(raw)]) if lut.size else np.float64(raw)
+            weight = _weight(slope, model, i, sums[0, x], sums[1, x], sums[2, x]) / (
+                1 + gain / read2 * max(raw, 0)
+            )
+            total += weight * level * level
             for j in range(3):
-                right[j] += model[i, j + 1] * level
+                right[j] += weight * model[i, j + 1] * level
                 for k in range(3):
-                    normal[j, k] += model[i, j + 1] * model[i, k + 1]
+                    normal[j, k] += weight * model[i, j + 1] * model[i, k + 1]
         misfit[x] = 0
-        determinant = _invert(normal)
-        if determinant < 1e-3:
+        if _invert(normal) < _LEAST_DETERMINANT:
             variance[x] = UNKNOWN
             continue
         a = normal[0, 0] * right[0] + normal[0, 1] * right[1] + normal[0, 2] * right[2]
@@ -273,9 +285,21 @@ def refit_clipped(
         s = normal[2, 0] * right[0] + normal[2, 1] * right[1] + normal[2, 2] * right[2]
         power = max(c * c + s * s, 1e-12)
         spread = (c * c * normal[2, 2] + s * s * normal[1, 1] - 2 * c * s * normal[1, 2]) / (power * power)
+        if top[x] < clip:
+            misfit[x] = max(total - a * right[0] - c * right[1] - s * right[2], 0.0)
         sums[0, x], sums[1, x], sums[2, x] = a, c, s
-        variance[x] = spread * (read2 + gain * max(a, 0.0)) / (4 * math.pi * math.pi)
+        variance[x] = spread * read2 / (4 * math.pi * math.pi)
         turns[x] = math.atan2(s, c) / (2 * math.pi)
+
+
+@kernel
+def _weight(slope: Array, model: Array, i: int, a: float, c: float, s: float) -> float:
+    """Squared slope at the fitted level of sample i; 1 without a response."""
+    if slope.size == 0:
+        return 1.0
+    level = model[i, 1] * a + model[i, 2] * c + model[i, 3] * s
+    here = slope[min(max(int(level + 0.5), 0), len(slope) - 1)]
+    return float(here * here)
 
 
 @kernel
@@ -285,7 +309,7 @@ def _invert(m: Array) -> float:
     c01 = m[0, 2] * m[1, 2] - m[0, 1] * m[2, 2]
     c02 = m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]
     determinant = m[0, 0] * c00 + m[0, 1] * c01 + m[0, 2] * c02
-    if determinant < 1e-3:
+    if determinant < _LEAST_DETERMINANT:
         return float(determinant)
     c11 = m[0, 0] * m[2, 2] - m[0, 2] * m[0, 2]
     c12 = m[0, 1] * m[0, 2] - m[0, 0] * m[1, 2]

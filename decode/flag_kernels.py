@@ -34,14 +34,16 @@ _ZERO, _HALF, _ONE, _THREE = np.float32(0), np.float32(0.5), np.float32(1), np.f
 
 
 @fast_kernel
-def flag_contrast(n: int, read2: Any, gain: Any, a: Array, c: Array, s: Array, why: Array) -> None:
-    """LOW_CONTRAST: amplitude below 4 sigma; DARK: and offset below 8 sigma, too. Sets `why`."""
+def flag_contrast(
+    n: int, read2: Any, gain: Any, black: Any, scale: Any, a: Array, c: Array, s: Array, why: Array
+) -> None:
+    """LOW_CONTRAST: amplitude below 4 sigma; DARK: and offset below 8 sigma or `black`. Sets `why`."""
     four = np.float32(4)
     for x in range(n):
         noise = _LEAST_CONTRAST2 * (read2 + gain * (a[x] if a[x] > _ZERO else _ZERO))
-        power = c[x] * c[x] + s[x] * s[x]
+        power = scale * (c[x] * c[x] + s[x] * s[x])
         low = power < noise
-        dark = low & ((a[x] < _ZERO) | (a[x] * a[x] < four * noise))
+        dark = low & ((a[x] < black) | (a[x] * a[x] < four * noise))
         why[x] = (_LOW if low else _NONE) | (_DARK if dark else _NONE)
 
 
@@ -117,6 +119,7 @@ def code_flags(
     n: int,
     read2: Any,
     gain: Any,
+    black: Any,
     cells: Any,
     cell: Array,
     far: Array,
@@ -126,17 +129,17 @@ def code_flags(
     why: Array,
 ) -> None:
     """Flags of a code that stands alone: contrast, clipped bits, doubtful bits, cells off the pattern."""
-    _flag_half(n, read2, gain, half, middle, why)
+    _flag_half(n, read2, gain, black, half, middle, why)
     _flag_cells(n, cells, cell, far, clipped, why)
 
 
 @fast_kernel
-def _flag_half(n: int, read2: Any, gain: Any, half: Array, middle: Array, why: Array) -> None:
+def _flag_half(n: int, read2: Any, gain: Any, black: Any, half: Array, middle: Array, why: Array) -> None:
     four = np.float32(4)
     for x in range(n):
         noise = _LEAST_CONTRAST2 * (read2 + gain * (middle[x] if middle[x] > _ZERO else _ZERO))
         low = (half[x] <= _ZERO) | (half[x] * half[x] < noise)
-        dark = low & ((middle[x] < _ZERO) | (middle[x] * middle[x] < four * noise))
+        dark = low & ((middle[x] < black) | (middle[x] * middle[x] < four * noise))
         why[x] = (_LOW if low else _NONE) | (_DARK if dark else _NONE)
 
 

@@ -32,32 +32,40 @@ class Noise:
         return self.read2 + self.gain * max(level, 0.0)
 
 
-def estimate_noise(frames: NDArray[Any], lut: NDArray[np.float32], clip: float, plan: Plan) -> Noise:
+def estimate_noise(
+    frames: NDArray[Any], lut: NDArray[np.float32], clip: float, plan: Plan, slope: NDArray[np.float32]
+) -> Noise:
     """Pool the residuals of every model with degrees of freedom left, as a function of the level.
 
     Fringes of N >= 4 shifts: N - 3 contrasts that offset and fringe do not reach. Else bits with inverses:
     their sums are all the same level. Else the offsets of two fringes, which are the same. Else coarse bits
     against white and black. Where none of these was shown (N = 3 alone), the offset's second differences over
     neighbours (Immerkaer, doi:10.1006/cviu.1996.0060).
+
+    With a response (lut): noise of linear levels, or with its slope (d raw / d linear at 0..255) of raw ones.
     """
     levels = _sample_pixels(frames, lut)
+    raw = _sample_pixels(frames, slope[:0]) if len(slope) else levels
     limit = float(lut[min(len(lut) - 1, int(clip))]) if len(lut) else clip
     codes = [axis.code for axis in plan.axes if axis.code is not None]
     pairs = [
-        _of_fringe(levels, fringe, limit)
+        _of_fringe(levels, fringe, limit, slope)
         for axis in plan.axes
         for fringe in axis.fringes
         if len(fringe.index) > 3
     ]
     if not _enough(pairs):
-        pairs = [_of_pairs(levels, code, limit) for code in codes]
-    if not _enough(pairs):
+        pairs = [_of_pairs(raw, code, clip if len(slope) else limit) for code in codes]
+    if not _enough(pairs) and not len(slope):
         fringes = [fringe for axis in plan.axes for fringe in axis.fringes]
         pairs = [_of_offsets(levels, *two, limit) for two in pairwise(fringes)]
     if not _enough(pairs) and plan.white >= 0 and plan.black >= 0:
-        pairs = [_of_flat_bits(levels, code, plan, limit) for code in codes]
+        pairs = [_of_flat_bits(raw, code, plan, clip if len(slope) else limit) for code in codes]
     if not _enough(pairs):
-        pairs = [_of_neighbours(frames, lut, index) for index in _offset_groups(plan, len(frames))]
+        pairs = [
+            _of_neighbours(frames, slope[:0] if len(slope) else lut, index)
+            for index in _offset_groups(plan, len(frames))
+        ]
     level = np.concatenate([pair[0] for pair in pairs])
     residual = np.concatenate([pair[1] for pair in pairs])
     return _fit(level, residual, QUANTISATION if frames.dtype.kind == "u" else 1e-12)
@@ -74,10 +82,14 @@ def _enough(pairs: list[tuple[F64, F64]]) -> bool:
     return sum(len(level) for level, _ in pairs) >= 50
 
 
-def _of_fringe(levels: F64, fringe: Fringe, limit: float) -> tuple[F64, F64]:
+def _of_fringe(levels: F64, fringe: Fringe, limit: float, slope: NDArray[np.float32]) -> tuple[F64, F64]:
     own, design = levels[list(fringe.index)], fringe.design()
     parameters = np.linalg.pinv(design) @ own
-    residual = np.linalg.qr(design, mode="complete")[0][:, 3:].T[:_CONTRASTS] @ own
+    contrasts = np.linalg.qr(design, mode="complete")[0][:, 3:].T[:_CONTRASTS]
+    residual = contrasts @ own
+    if len(slope):
+        here = slope[np.clip(np.rint(design @ parameters), 0, len(slope) - 1).astype(int)]
+        residual /= np.sqrt(contrasts**2 @ (1.0 / here**2))
     keep = _clear(_lit(own, limit, np.hypot(*parameters[1:])), _room(design @ parameters, limit), residual)
     return np.tile(parameters[0, keep], len(residual)), residual[:, keep].ravel()
 

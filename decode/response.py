@@ -58,6 +58,12 @@ class Response:
         above = self.shown[-1] + slope[1] * np.maximum(value - self.seen[-1], 0)
         return np.where(value < self.seen[0], below, np.where(value > self.seen[-1], above, inside))
 
+    def slope(self) -> NDArray[np.float32]:
+        """d seen / d shown at shown levels 0..255."""
+        shown = np.arange(256.0)
+        inside = np.interp(shown, self.shown, self.seen)
+        return np.asarray(np.maximum(np.gradient(inside), 1e-3), np.float32)
+
     def table(self, dtype: np.dtype[Any]) -> NDArray[np.float32]:
         """Shown level of every raw level of an unsigned integer type."""
         return self.shown_of(np.arange(np.iinfo(dtype).max + 1)).astype(np.float32)

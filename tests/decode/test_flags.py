@@ -1,0 +1,224 @@
+"""Every flag provoked, and nothing wrong that is not flagged."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence, Flag, Response, decode
+from optolever.patterns import Frame, Sequence, sequence
+
+F64 = NDArray[np.float64]
+Shoot = Callable[..., NDArray[Any]]
+GRAY_PHASE = sequence("gray+phase", 150, 170)
+
+
+def share(found: Correspondence, flag: Flag, where: Any = ...) -> float:
+    return float(((found.flags & flag) > 0)[where].mean())
+
+
+def silent(found: Correspondence, truth: tuple[F64, F64]) -> float:
+    """Share of the unflagged pixels that are off by more than 5 sigma (half a cell where that is more)."""
+    if not found.good.any():
+        return 0.0
+    off = np.zeros(found.flags.shape, bool)
+    for coord, sigma, true in zip((found.u, found.v), (found.sigma_u, found.sigma_v), truth, strict=True):
+        off |= np.abs(coord - true) > np.maximum(5 * sigma, 0.05)
+    return float(off[found.good].mean())
+
+
+@pytest.mark.parametrize("name", ["gray", "binary", "phase", "gray+phase"])
+@pytest.mark.parametrize("grey", [0, 3, 128, 255])
+def test_flat_captures_are_results_with_flags(name: str, grey: int) -> None:
+    shown = sequence(name, 60, 60)
+    frames = np.full((len(shown), 20, 30), grey, np.uint8)
+    found = decode(frames, shown)
+    assert not found.good.any()
+    if grey < 10:
+        assert share(found, Flag.DARK) == 1
+
+
+def test_dark_part(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    light = np.where(np.arange(140) < 40, 0.5, 100.0)[None, :] * np.ones((120, 1))
+    found = decode(shoot(GRAY_PHASE, *smooth, noise=1.0, amplitude=light, offset=light + 3), GRAY_PHASE)
+    assert share(found, Flag.DARK, np.s_[:, :39]) > 0.99
+    assert share(found, Flag.LOW_CONTRAST, np.s_[:, :39]) > 0.99
+    assert found.good[:, 42:].mean() > 0.99
+    assert silent(found, smooth) <= 1e-4
+
+
+def test_low_contrast_under_bright_light(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    found = decode(shoot(GRAY_PHASE, *smooth, noise=3.0, amplitude=6.0, offset=150), GRAY_PHASE)
+    assert share(found, Flag.LOW_CONTRAST) > 0.95
+    assert share(found, Flag.DARK) == 0
+    assert silent(found, smooth) <= 1e-4
+
+
+def test_clipped_samples_are_left_out(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    """Clipping at 255 of 300 with 8 steps: the error stays within 1.5 times that of the unclipped fringe."""
+    shown = sequence("gray+phase", 150, 170, steps=8)
+    clipped = decode(shoot(shown, *smooth, noise=1.0, amplitude=145, offset=155), shown, on_cells=False)
+    whole = decode(
+        shoot(shown, *smooth, noise=1.0, amplitude=145, offset=155, dtype=np.uint16), shown, on_cells=False
+    )
+    assert clipped.good.mean() > 0.98
+    errors = [float(np.std((found.u - smooth[0])[found.good])) for found in (clipped, whole)]
+    assert errors[0] < 1.5 * errors[1]
+    score = ((clipped.u - smooth[0]) / clipped.sigma_u)[clipped.good]
+    assert np.sqrt(np.mean(score**2)) == pytest.approx(1, abs=0.15)
+    assert silent(clipped, smooth) <= 1e-4
+
+
+def test_saturated_where_too_few_samples_are_left(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    found = decode(shoot(GRAY_PHASE, *smooth, noise=1.0, amplitude=150, offset=320), GRAY_PHASE)
+    assert share(found, Flag.SATURATED) > 0.9
+    assert silent(found, smooth) <= 1e-4
+
+
+def test_off_pattern(shoot: Shoot) -> None:
+    col = np.arange(-30.0, 110.0)[None, :] * np.ones((40, 1))
+    shown = sequence("phase", 60, 80, axes="u")
+    found = decode(shoot(shown, col, col, noise=1.0), shown, on_cells=False)
+    assert share(found, Flag.OFF_PATTERN, np.s_[:, 34:106]) == 0
+    outside = (col > -4.5) & (col < -2) | (col > 81.5) & (col < 84)
+    assert share(found, Flag.OFF_PATTERN, outside) > 0.95
+    gray = sequence("gray", 60, 80, axes="u")
+    assert share(decode(shoot(gray, col + 40, col + 40), gray), Flag.OFF_PATTERN, np.s_[:, -20:]) == 1
+
+
+def test_order_doubtful_where_bits_are_weak(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    """Noise near the contrast: orders fail, and those that do are flagged."""
+    frames = shoot(GRAY_PHASE, *smooth, noise=14.0, amplitude=60.0)
+    found = decode(frames, GRAY_PHASE, on_cells=False)
+    gross = np.abs(found.u - smooth[0]) > 4
+    assert share(found, Flag.ORDER_DOUBTFUL) > 0.02
+    assert (gross & found.good).mean() <= 1e-4
+    assert silent(found, smooth) <= 1e-4
+
+
+def test_code_and_fringe_that_disagree(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    """The mirror moved by 3 px between the code and the fringes: a quarter of the places must notice."""
+    u, v = smooth
+    code = np.array([frame.kind != "phase" for frame in GRAY_PHASE.frames])
+    frames = np.where(code[:, None, None], shoot(GRAY_PHASE, u, v), shoot(GRAY_PHASE, u + 3.0, v))
+    assert share(decode(frames, GRAY_PHASE, on_cells=False), Flag.ORDER_DOUBTFUL) > 0.2
+
+
+def test_moved_between_steps(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    """A jump of 1.5 px in the middle of an 8-step fringe leaves residuals."""
+    u, v = smooth
+    shown = sequence("gray+phase", 150, 170, steps=8, axes="u")
+    late = np.zeros(len(shown), bool)
+    late[-3:] = True
+    place = np.arange(140) < 30
+    frames = np.where(
+        late[:, None, None] & place,
+        shoot(shown, u + 1.5, v, noise=1.0, seed=1),
+        shoot(shown, u, v, noise=1.0),
+    )
+    found = decode(frames, shown, on_cells=False)
+    assert share(found, Flag.MOVED, np.s_[:, :29]) > 0.95
+    assert share(found, Flag.MOVED, np.s_[:, 31:]) < 0.001
+
+
+def test_hot_pixels(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    """Stuck pixels hold one value in every frame; the decoder must not take them for a place."""
+    frames = shoot(GRAY_PHASE, *smooth, noise=1.0)
+    rng = np.random.default_rng(3)
+    row, col = rng.integers(0, 120, 200), rng.integers(0, 140, 200)
+    frames[:, row, col] = rng.integers(0, 256, 200)
+    found = decode(frames, GRAY_PHASE, on_cells=False)
+    assert not found.good[row, col].any()
+    assert silent(found, smooth) <= 1e-4
+
+
+def test_outlier(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    """A pixel that shows another place, consistently in all frames."""
+    frames = shoot(GRAY_PHASE, *smooth, noise=1.0)
+    frames[:, 60, 70] = frames[:, 30, 20]
+    found = decode(frames, GRAY_PHASE, on_cells=False)
+    assert found.flags[60, 70] & Flag.OUTLIER
+    assert share(found, Flag.OUTLIER) <= 2 / found.flags.size
+
+
+def test_dropped_frame_of_a_gray_code_is_no_silent_error(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    shown = sequence("gray+phase", 150, 170, inverses=True)
+    frames = shoot(shown, *smooth, noise=1.0)
+    for lost in (2, 7, 20):
+        dropped = frames.copy()
+        dropped[lost] = dropped[lost - 1]
+        assert silent(decode(dropped, shown, on_cells=False), smooth) <= 1e-4
+
+
+def test_gamma_is_no_silent_error_and_the_response_mends_it(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    frames = shoot(GRAY_PHASE, *smooth, noise=0.7, gamma=2.2, offset=127.5, amplitude=127.5)
+    raw = decode(frames, GRAY_PHASE, on_cells=False)
+    mended = decode(frames, GRAY_PHASE, response=Response.from_gamma(2.2), weigh_samples=True, on_cells=False)
+    plain = decode(
+        shoot(GRAY_PHASE, *smooth, noise=0.7, offset=127.5, amplitude=127.5), GRAY_PHASE, on_cells=False
+    )
+    assert silent(raw, smooth) <= 1e-4
+    assert silent(mended, smooth) <= 1e-4
+    errors = [float(np.std((found.u - smooth[0])[found.good])) for found in (mended, plain)]
+    assert errors[0] <= 1.5 * errors[1]
+
+
+def test_flicker_is_no_silent_error(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    """Ambient light that flickers by 5 levels from frame to frame."""
+    shown = sequence("gray+phase", 150, 170, steps=8)
+    frames = shoot(shown, *smooth, noise=1.0).astype(np.float64)
+    frames += 5 * np.sin(2.1 * np.arange(len(shown)))[:, None, None]
+    found = decode(np.clip(np.rint(frames), 0, 255).astype(np.uint8), shown, on_cells=False)
+    assert silent(found, smooth) <= 1e-4
+
+
+def test_one_period_alone_is_never_called_good(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    shown = sequence("phase", 150, 170, periods=20)
+    assert not decode(shoot(shown, *smooth), shown).good.any()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda frames: frames[:-1], "21 frames, sequence gray.phase describes 22"),
+        (lambda frames: frames[0], "shape"),
+        (lambda frames: frames[:, :0], "shape"),
+        (lambda frames: frames.astype(np.int32), "int32"),
+        (lambda frames: np.where(np.arange(30) == 3, np.nan, frames.astype(float)), "frame 0 holds"),
+    ],
+)
+def test_bad_frames(change: Callable[[NDArray[Any]], NDArray[Any]], message: str) -> None:
+    from optolever import InputError
+
+    with pytest.raises(InputError, match=message):
+        decode(change(np.zeros((22, 20, 30), np.uint8)), GRAY_PHASE)
+
+
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [
+        ((Frame("white"),), "none of them encodes"),
+        (
+            (Frame("gray", "u", bit=2), Frame("gray", "u", bit=0), Frame("white"), Frame("black")),
+            "bit 1 on u",
+        ),
+        ((Frame("gray", "u", bit=0), Frame("gray", "u", bit=0)), "described twice"),
+        ((Frame("gray", "u", bit=0), Frame("binary", "u", bit=1)), "mixes kind"),
+    ],
+)
+def test_bad_sequences(frames: tuple[Frame, ...], message: str) -> None:
+    from optolever import InputError
+
+    shown = Sequence(frames, 8, 8)
+    with pytest.raises(InputError, match=message):
+        decode(np.zeros((len(frames), 4, 4), np.uint8), shown)
+
+
+@pytest.mark.parametrize(("name", "value"), [("noise", -1.0), ("gain", float("nan")), ("white_level", 0.0)])
+def test_bad_arguments(name: str, value: float) -> None:
+    from optolever import InputError
+
+    with pytest.raises(InputError, match=name):
+        decode(np.zeros((22, 4, 4), np.uint8), GRAY_PHASE, **{name: value})
