@@ -11,8 +11,16 @@ from .show import number, progress, table, write_json
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever capture --scene paper-simulation --size 256x256 --dent gaussian:peak=1.3,sigma=20 \\
-      --sequence gray+phase --noise 1 --seed 1 --out capture
+$ optolever capture --scene paper-simulation --size 256x256 \\
+      --dent gaussian:peak=1.3,sigma=20 --noise 1 --seed 1 --out capture
+Capture in capture
+  scene       paper-simulation
+  dent        gaussian:peak=1.3,sigma=20
+  sequence    gray+phase
+  frames      22 of 256 x 256
+  visible     100 % of the pixels
+  mean level  123.6
+  time        0.209 s
 """
 
 

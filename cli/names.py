@@ -11,6 +11,13 @@ __all__ = ["command"]
 
 SAMPLE = """
 $ optolever names
+Names
+  scenes     monitor-mirror, paper-prototype, paper-simulation, prism48
+  dents      flat, tilt, raised-cosine, gaussian, ball, needle, rounded-needle,
+             ridge, relief
+  sequences  gray, binary, xor-gray, phase, gray+phase, stripe, lattice,
+             crossed, ramp
+  methods    coupled, fixed-point, paper, paper-rises, paper-drops
 """
 
 

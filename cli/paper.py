@@ -24,6 +24,11 @@ __all__ = ["command"]
 
 SAMPLE = """
 $ optolever paper --out paper
+Errors in % of the peak depth
+case    data    light       method   equations               drops  rises  mean
+smooth  exact   print       lattice  printed sign, gamma kept  3.29   3.47  0.297
+smooth  exact   reflection  pixels   true sign, gamma kept    0.127    3.7   1.88
+...
 """
 
 HEADER = ("case", "data", "light", "method", "equations", "drops", "rises", "mean", "peak", "field")

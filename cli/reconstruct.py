@@ -16,7 +16,16 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever reconstruct c.npz --scene capture/scene.toml --out h.npz --truth capture/truth.npz
+$ optolever reconstruct c.npz --scene capture/scene.toml \\
+      --truth capture/truth.npz --out h.npz
+Height map in h.npz
+  good                99.28 % of the pixels
+  height              -0.00663 to 1.3 mm
+  sigma               3.937e-05 mm (median of the good)
+  off_pattern         0.7233 %
+  error               0.0001409 of the peak depth, rms
+  rms(error / sigma)  1.079
+  time                7.089 s
 """
 
 
