@@ -3,7 +3,7 @@
 - `app`: the program `optolever`, the one place where errors become a line and an exit code
 - `options`: arguments that several commands share (--json, --size, scenes)
 - `show`: tables, progress bars, JSON
-- `demo`, `capture`, `decode`, `reconstruct`, `paper`, `figures`, `names`, `doctor`: one file a command
+- `demo`, `capture`, `decode`, `reconstruct`, `paper`, `figures`, `bench`, `sweep`, `hard`, `names`, `doctor`: one file a command
 """
 
 from .app import main, run

@@ -13,7 +13,19 @@ from optolever import InputError, __version__
 
 __all__ = ["app", "main", "run"]
 
-COMMANDS = ("demo", "capture", "decode", "reconstruct", "paper", "figures", "names", "doctor")
+COMMANDS = (
+    "demo",
+    "capture",
+    "decode",
+    "reconstruct",
+    "paper",
+    "figures",
+    "bench",
+    "sweep",
+    "hard",
+    "names",
+    "doctor",
+)
 
 
 class _Lazy(click.Group):

@@ -9,6 +9,7 @@
 | `paper_simulation.py`, `paper_frames.py` | its measurement: exact; lattice crossings from frames |
 | `paper_report.py`, `paper_figures.py` | the page of that |
 | `figures.py`, `brute_force.py` | run_figures: the README's figures; what checks scene.trace |
+| `bench/` | speed against error, hard cases, sweeps: a face of its own |
 | `page.py`, `images.py`, `maps.py`, `report/` | HTML page, PNG, maps in mm; templates, style, viewer |
 """
 

@@ -18,6 +18,7 @@ from .maps import length_unit
 
 __all__ = [
     "embedded_json",
+    "percent",
     "render_page",
     "scientific",
     "seconds_text",

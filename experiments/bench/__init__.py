@@ -1,3 +1,50 @@
-"""bench: speed against error, hard cases, sweeps."""
+"""bench: what a sequence and a solver are worth, measured; hard cases; sweeps over many machines.
 
-__all__: list[str] = []
+| file | holds |
+|---|---|
+| `cell.py`, `defaults.py` | Cell, Grid, TOML grids, keys and seeds; the grid of `optolever bench` |
+| `shot.py`, `decoders.py`, `solvers.py`, `decoupled.py` | mirror and frames; who decodes; who solves |
+| `run.py`, `timing.py`, `measures.py`, `row.py` | cells to rows; time and memory; numbers; the record |
+| `store.py`, `sweep.py` | one result file per cell; resumed runs, here or on Dask |
+| `pareto.py`, `report.py` | frontier and chart; the page |
+| `hard.py`, `hard_case.py`, `hard_decode.py`, `hard_reconstruct.py` | hard cases and their verdicts |
+"""
+
+from .cell import Cell, Grid, load_grid
+from .decoders import DECODERS
+from .defaults import DEFAULT_GRID
+from .hard import hard_cases, run_hard, save_picture
+from .hard_case import Case, Found, Result, judged
+from .pareto import frontier
+from .report import bench_html, bench_table, write_bench_report
+from .row import Row
+from .run import run_cells
+from .solvers import solver_names
+from .store import Store
+from .sweep import Cluster, sweep, time_cells
+
+__all__ = [
+    "DECODERS",
+    "DEFAULT_GRID",
+    "Case",
+    "Cell",
+    "Cluster",
+    "Found",
+    "Grid",
+    "Result",
+    "Row",
+    "Store",
+    "bench_html",
+    "bench_table",
+    "frontier",
+    "hard_cases",
+    "judged",
+    "load_grid",
+    "run_cells",
+    "run_hard",
+    "save_picture",
+    "solver_names",
+    "sweep",
+    "time_cells",
+    "write_bench_report",
+]

@@ -1,0 +1,132 @@
+"""`optolever bench`: speed against error, of every sequence with every solver."""
+
+import shlex
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .options import FILE, SIZE, json_option, renderer_option, report_into, sample
+from .show import grid, number, progress, table, write_json
+
+if TYPE_CHECKING:
+    from optolever.experiments.bench import Grid, Row
+
+__all__ = ["command", "finish", "interrupted"]
+
+SAMPLE = """
+$ optolever bench --scene paper-simulation --size 96x96 --sequence gray+phase --solver coupled --out bench
+"""
+
+
+@click.command("bench", epilog=sample(SAMPLE))
+@click.option("--scene", "scenes", multiple=True, metavar="PRESET_OR_TOML", help="Again for more.")
+@click.option("--dent", "dents", multiple=True, metavar="NAME[:KEY=VALUE,...]", help="Default: the scene's.")
+@click.option(
+    "--sequence",
+    "sequences",
+    multiple=True,
+    metavar="NAME[:KEY=VALUE,...][@DECODER]",
+    help="Decoder: fringes or cv2 in place of ours; exact: the true correspondence.",
+)
+@click.option("--solver", "solvers", multiple=True, metavar="NAME", help="A method, or a peer's integrator.")
+@click.option("--size", "sizes", multiple=True, type=SIZE, metavar="ROWSxCOLS", help="Default: 512x512.")
+@click.option(
+    "--noise", "noises", multiple=True, type=click.FloatRange(min=0), metavar="LEVELS", help="Default: 1."
+)
+@click.option("--seed", "seeds", multiple=True, type=click.IntRange(min=0), metavar="N", help="Default: 0.")
+@click.option("--grid", "grid_path", type=FILE, metavar="TOML", help="The lists above from a file.")
+@click.option(
+    "--refresh",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="HZ",
+    help="Frames that the display shows per second; default 60.",
+)
+@renderer_option
+@click.option(
+    "--out", type=FILE, default=Path("out/bench"), show_default=True, metavar="DIR", help="Gets the report."
+)
+@json_option
+def command(
+    grid_path: Path | None,
+    refresh: float | None,
+    renderer: str,
+    out: Path,
+    json_path: Path | None,
+    **lists: tuple[Any, ...],
+) -> None:
+    """Measure what sequences and solvers are worth: time, memory, error, error bars, silent errors.
+
+    Every combination of the lists runs, here and one after the other; what is not given is the default
+    grid's. DIR gets report.html (a section per mirror with a chart of time against error), results.json,
+    results.csv and a file per cell. --grid with many cells: see optolever sweep.
+    """
+    report_into(out, json_path)
+    from optolever.experiments.bench import Store, time_cells
+
+    asked = _grid(grid_path, lists, refresh, renderer)
+    start = time.perf_counter()
+    rows: list[Row] = []
+    with interrupted() as stopped, progress() as step:
+        for row in time_cells(asked.cells(), Store(out), step):
+            rows.append(row)
+    finish(out, rows, asked, time.perf_counter() - start, json_path)
+    if stopped.hit:
+        raise KeyboardInterrupt
+
+
+class interrupted:
+    """Ctrl-C ends the block, not the program: what is finished is reported, then the exit code tells."""
+
+    def __init__(self) -> None:
+        self.hit = False
+
+    def __enter__(self) -> "interrupted":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> bool:
+        self.hit = kind is not None and issubclass(kind, KeyboardInterrupt)
+        return self.hit
+
+
+def finish(out: Path, rows: "list[Row]", asked: "Grid", seconds: float, json_path: Path | None) -> None:
+    """Write results and report, print the tables."""
+    from dataclasses import asdict
+
+    from optolever.experiments.bench import Store, bench_table, write_bench_report
+
+    settings = asdict(asked)
+    Store(out).finish(rows, settings, asked.refresh)
+    command = shlex.join(["optolever", *sys.argv[1:]])
+    write_bench_report(out / "report.html", rows, settings, {"total": seconds}, command)
+    write_json(json_path, {"settings": settings, "rows": [row.flat(asked.refresh) for row in rows]})
+    for name, (header, *lines), absent in bench_table(rows, asked.refresh):
+        grid(name, header, lines)
+        for line in absent:
+            click.echo(f"no number: {line}")
+    table(
+        "Run",
+        {
+            "cells": f"{sum(row.done for row in rows)} measured of {len(rows)}",
+            "time": number(seconds, "s"),
+            "report": str(out / "report.html"),
+        },
+    )
+
+
+def _grid(
+    path: Path | None, lists: dict[str, tuple[Any, ...]], refresh: float | None, renderer: str
+) -> "Grid":
+    from dataclasses import replace
+
+    from optolever.experiments.bench import DEFAULT_GRID, load_grid
+
+    base = DEFAULT_GRID if path is None else load_grid(path)
+    given: dict[str, Any] = {name: tuple(values) for name, values in lists.items() if values}
+    if refresh is not None:
+        given["refresh"] = refresh
+    if path is None or renderer != "auto":
+        given["renderer"] = renderer
+    return replace(base, **given)

@@ -1,0 +1,91 @@
+"""`optolever hard`: the hard cases of decode and reconstruct, a verdict for each."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from .options import FILE, SIZE, json_option, report_into, sample
+from .show import grid, number, progress, table, write_json
+
+if TYPE_CHECKING:
+    from optolever.experiments.bench import Result
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ optolever hard --quick --filter "decode saturation" --out hard
+"""
+HEADER = (
+    "part",
+    "case",
+    "subject",
+    "size",
+    "noise",
+    "input",
+    "error",
+    "flagged",
+    "silent",
+    "worst",
+    "verdict",
+)
+
+
+@click.command("hard", epilog=sample(SAMPLE))
+@click.option("--size", "sizes", multiple=True, type=SIZE, metavar="ROWSxCOLS", help="Again for more.")
+@click.option("--filter", "wanted", default="", metavar="WORDS", help="Only cases that hold all these words.")
+@click.option("--quick", is_flag=True, help="96x96, fewer sequences, double precision only.")
+@click.option(
+    "--out", type=FILE, default=Path("out/hard"), show_default=True, metavar="DIR", help="Gets the pictures."
+)
+@json_option
+def command(
+    sizes: tuple[tuple[int, int], ...], wanted: str, quick: bool, out: Path, json_path: Path | None
+) -> int:
+    """Run decode and reconstruct on what is hard, and look for what is wrong without a flag.
+
+    A row per case: rms error of the unflagged pixels, flagged share, silent errors (unflagged and off by more
+    than 5 sigma; discrete codes by more than 1.5 px) and the worst pixel over that limit. A case is good if
+    at most 1e-4 of its unflagged pixels are silent errors. DIR gets a picture of every case that is not.
+    Exit code 1 if any case is silently wrong; where nobody could tell from the frames, the row says so.
+    """
+    report_into(out, json_path)
+    from optolever.experiments.bench import hard_cases, run_hard, save_picture
+
+    cases = hard_cases(sizes, wanted, quick)
+    if not cases:
+        raise click.UsageError(f"--filter {wanted!r}: no case holds these words")
+    out.mkdir(parents=True, exist_ok=True)
+    rows: list[list[str]] = []
+    records = []
+    faults = 0
+    with progress() as step:
+        for result in run_hard(cases, step):
+            rows.append(_cells(result))
+            records.append(result.to_dict())
+            faults += result.fault
+            if result.fault:
+                save_picture(result, out)
+    write_json(json_path, {"cases": records, "faults": faults})
+    grid("Hard cases", HEADER, rows)
+    table("Verdict", {"cases": str(len(cases)), "silently wrong": str(faults), "pictures": str(out)})
+    return 1 if faults else 0
+
+
+def _cells(result: "Result") -> list[str]:
+    case = result.case
+    error = number(result.error, result.unit) if result.unit else ""
+    verdict = f"{result.verdict}: {result.why}" if result.why else result.verdict
+    return [
+        case.part,
+        case.name,
+        case.subject,
+        f"{case.size[0]}x{case.size[1]}",
+        f"{case.noise:g}",
+        case.dtype,
+        error,
+        number(100 * result.flagged, "%"),
+        number(result.silent),
+        number(result.worst),
+        verdict if len(verdict) < 70 else verdict[:67] + "...",
+    ]

@@ -1,0 +1,65 @@
+"""`optolever sweep`: a grid of cells, resumable, here or on a Dask cluster."""
+
+import importlib.util
+import os
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from optolever.blocks import ONE_THREAD
+
+from .bench import finish, interrupted
+from .options import FILE, json_option, report_into, sample
+from .show import progress
+
+if TYPE_CHECKING:
+    from optolever.experiments.bench import Row
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ optolever sweep grid.toml --workers 2 --out sweep
+"""
+
+
+@click.command("sweep", epilog=sample(SAMPLE))
+@click.argument("grid_path", type=FILE, metavar="GRID.toml")
+@click.option(
+    "--workers",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="Local processes of one thread each; 0: this one. Default: one per core where Dask is installed.",
+)
+@click.option("--scheduler", metavar="ADDRESS", help="A running Dask scheduler, such as tcp://10.0.0.1:8786.")
+@click.option(
+    "--out", type=FILE, default=Path("out/sweep"), show_default=True, metavar="DIR", help="Gets the results."
+)
+@json_option
+def command(
+    grid_path: Path, workers: int | None, scheduler: str | None, out: Path, json_path: Path | None
+) -> None:
+    """Run every combination of the lists in GRID.toml; what DIR already has is not run again.
+
+    GRID.toml: scenes, sequences, and optionally solvers, dents, sizes ('96x96' or 'own'), noises, seeds,
+    renderer, refresh. Each cell is seeded by itself and becomes one file in DIR/cells, so that Ctrl-C or a
+    lost worker costs nothing that was finished, and the numbers do not depend on where they were computed.
+    """
+    report_into(out, json_path)
+    os.environ.update(ONE_THREAD)  # before NumPy is loaded: the same sums here as on any worker
+    from optolever.experiments.bench import Cluster, Store, load_grid, sweep
+
+    asked = load_grid(grid_path)
+    if workers is None:
+        workers = (
+            (os.cpu_count() or 1) if scheduler is None and importlib.util.find_spec("distributed") else 0
+        )
+    start = time.perf_counter()
+    rows: list[Row] = []
+    with interrupted() as stopped, progress() as step:
+        for row in sweep(asked.cells(), Store(out), Cluster(workers, scheduler), step):
+            rows.append(row)
+    finish(out, rows, asked, time.perf_counter() - start, json_path)
+    if stopped.hit:
+        raise KeyboardInterrupt

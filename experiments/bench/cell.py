@@ -1,0 +1,191 @@
+"""Cell: one measurement of a grid, with a key and a seed of its own; Grid: the cells of a TOML file."""
+
+import hashlib
+import json
+import math
+import re
+import tomllib
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, fields, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from optolever.errors import InputError
+
+__all__ = ["Cell", "Grid", "grouped", "load_grid"]
+
+Size = tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One measurement: what is shown to whom under which noise, decoded by whom, solved how.
+
+    size: (rows, cols) of the camera, None: the scene's own; dent: '' is the scene's own; sequence: text of
+    `patterns.sequence_from_text`, with '@DECODER' behind it where another decoder than ours takes the
+    frames; 'exact': the true correspondence. noise: 8-bit levels.
+    """
+
+    scene: str
+    size: Size | None
+    dent: str
+    sequence: str
+    noise: float
+    seed: int
+    solver: str
+    renderer: str = "auto"
+
+    @property
+    def shown(self) -> str:
+        """The sequence without its decoder."""
+        return self.sequence.partition("@")[0]
+
+    @property
+    def decoder(self) -> str:
+        """Name of the decoder."""
+        name = self.sequence.partition("@")[2]
+        return name or ("exact" if self.shown == "exact" else "optolever")
+
+    @property
+    def place(self) -> tuple[Any, ...]:
+        """What cells have in common that see the same mirror: scene, size, dent."""
+        return self.scene, self.size, self.dent
+
+    @property
+    def frames(self) -> tuple[Any, ...]:
+        """What cells have in common that take the same frames."""
+        return (*self.place, self.shown, self.noise, self.seed, self.renderer)
+
+    @property
+    def capture_seed(self) -> int:
+        """Seed of the noise: of the cell's own, equal for all decoders and solvers that take its frames."""
+        return int.from_bytes(_digest([*self.frames[:-1], _content(self.scene)])[:4])
+
+    @property
+    def key(self) -> str:
+        """Name of the cell's result file: a digest of all fields, and of the scene file's content."""
+        return _digest([asdict(self), _content(self.scene)]).hex()[:20]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain JSON types."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, plain: dict[str, Any]) -> "Cell":
+        """Inverse of to_dict."""
+        size = plain["size"]
+        return cls(**{**plain, "size": None if size is None else (int(size[0]), int(size[1]))})
+
+
+def grouped(cells: Iterable[Cell]) -> list[tuple[Cell, ...]]:
+    """Cells that take the same frames together, in order of their first appearance."""
+    groups: dict[tuple[Any, ...], list[Cell]] = {}
+    for cell in cells:
+        groups.setdefault(cell.frames, []).append(cell)
+    return [tuple(sorted(group, key=lambda cell: cell.decoder)) for group in groups.values()]
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Every combination of these; refresh: of the display, Hz, for the time that a sequence takes to show."""
+
+    scenes: tuple[str, ...]
+    sequences: tuple[str, ...]
+    solvers: tuple[str, ...] = ("coupled",)
+    dents: tuple[str, ...] = ("",)
+    sizes: tuple[Size | None, ...] = (None,)
+    noises: tuple[float, ...] = (1.0,)
+    seeds: tuple[int, ...] = (0,)
+    renderer: str = "auto"
+    refresh: float = 60.0
+
+    def cells(self) -> list[Cell]:
+        """All combinations, each once; the exact correspondence has no noise and is taken once."""
+        return list(dict.fromkeys(self._cells()))
+
+    def _cells(self) -> Iterator[Cell]:
+        axes = (self.scenes, self.sizes, self.dents, self.sequences, self.noises, self.seeds, self.solvers)
+        for values in product(*axes):
+            cell = Cell(*values, renderer=self.renderer)
+            yield replace(cell, noise=0.0, seed=0) if cell.decoder == "exact" else cell
+
+
+_LISTS = ("scenes", "sequences", "solvers", "dents", "sizes", "noises", "seeds")
+
+
+def load_grid(path: str | Path) -> Grid:
+    """A grid from TOML: lists named like Grid's fields, sizes as 'ROWSxCOLS' or 'own'.
+
+    InputError names the file, the field and its value.
+    """
+    try:
+        plain = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{path}: not readable as TOML ({error})") from error
+    known = [field.name for field in fields(Grid)]
+    for name in plain:
+        if name not in known:
+            raise InputError(f"{path}: unknown field {name!r}, known are {', '.join(known)}")
+    for name in ("scenes", "sequences"):
+        if name not in plain:
+            raise InputError(f"{path}: {name} is missing, must be a list of names")
+    values = {name: _value(path, name, value) for name, value in plain.items()}
+    return Grid(**values)
+
+
+def _value(path: str | Path, name: str, value: Any) -> Any:
+    if name == "renderer":
+        if value not in ("auto", "gl", "numpy"):
+            raise InputError(f"{path}: renderer is {value!r}, must be auto, gl or numpy")
+        return value
+    if name == "refresh":
+        return _number(path, name, value, above=True)
+    if not isinstance(value, list) or not value:
+        raise InputError(f"{path}: {name} is {value!r}, must be a list with at least one entry")
+    if name == "sizes":
+        return tuple(_size(path, item) for item in value)
+    if name == "noises":
+        return tuple(_number(path, name, item) for item in value)
+    if name == "seeds":
+        return tuple(_seed(path, item) for item in value)
+    for item in value:
+        if not isinstance(item, str):
+            raise InputError(f"{path}: {name} holds {item!r}, must hold text")
+    return tuple(value)
+
+
+def _number(path: str | Path, name: str, value: Any, above: bool = False) -> float:
+    good = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    if not good or value < 0 or (above and value == 0):
+        raise InputError(
+            f"{path}: {name} is {value!r}, must be a number {'above' if above else 'of at least'} 0"
+        )
+    return float(value)
+
+
+def _seed(path: str | Path, value: Any) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
+        raise InputError(f"{path}: seeds holds {value!r}, must hold whole numbers of at least 0")
+    return value
+
+
+def _size(path: str | Path, value: Any) -> Size | None:
+    if value == "own":
+        return None
+    match = re.fullmatch(r"(\d+)x(\d+)", str(value))
+    if match is None or min(int(match[1]), int(match[2])) < 8:
+        raise InputError(f"{path}: sizes holds {value!r}, must hold 'own' or ROWSxCOLS with at least 8 each")
+    return int(match[1]), int(match[2])
+
+
+def _digest(value: Any) -> bytes:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).digest()
+
+
+def _content(scene: str) -> str:
+    """Digest of a scene's file; nothing for a preset."""
+    path = Path(scene)
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.suffix == ".toml" and path.is_file() else ""

@@ -1,0 +1,75 @@
+"""All hard cases: which there are, running them, and a picture of each failure."""
+
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from optolever.files import atomic_file
+
+from ..demo import Progress, silent
+from ..images import new_figure
+from .hard_case import Case, Found, Result, run_case, silent_mask
+from .hard_decode import decode_cases
+from .hard_reconstruct import reconstruct_cases
+
+__all__ = ["hard_cases", "run_hard", "save_picture"]
+
+DECODE_SIZE = (192, 192)
+RECONSTRUCT_SIZES = ((128, 128), (256, 256))
+QUICK_SIZE = (96, 96)
+
+
+def hard_cases(sizes: tuple[tuple[int, int], ...] = (), wanted: str = "", quick: bool = False) -> list[Case]:
+    """The cases whose label holds every word of `wanted`. sizes: of cameras, default 192 x 192 (decode), 128
+    and 256 squared (reconstruct); quick: 96 x 96, fewer sequences, double precision only.
+    """
+    small = (QUICK_SIZE,) if quick else ()
+    cases: list[Case] = []
+    for size in sizes or small or (DECODE_SIZE,):
+        cases += decode_cases(size, quick)
+    cases += reconstruct_cases(sizes or small or RECONSTRUCT_SIZES, quick)
+    return [case for case in cases if all(word in case.label for word in wanted.split())]
+
+
+def run_hard(cases: Iterable[Case], progress: Progress = silent) -> Iterator[Result]:
+    """Verdicts, one after the other."""
+    listed = list(cases)
+    for done, case in enumerate(listed):
+        progress(f"{case.name}, {case.subject}", done, len(listed))
+        yield run_case(case)
+
+
+def save_picture(result: Result, folder: Path) -> Path | None:
+    """Write a PNG of what went wrong into an existing folder; None if there is nothing to draw."""
+    if result.found is None:
+        return None
+    name = re.sub(r"[^A-Za-z0-9.=-]+", "-", result.case.label).strip("-")
+    path = folder / f"{name}.png"
+    with atomic_file(path) as temporary:
+        _figure(result, result.found).savefig(temporary, format="png")
+    return path
+
+
+def _figure(result: Result, found: Found) -> Figure:
+    """Error over its limit, silent pixels, flags."""
+    figure = new_figure(13.0, 4.4)
+    left, middle, right = figure.subplots(1, 3)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = np.where(found.expected, np.abs(found.error) / found.limit, np.nan)
+    image = left.imshow(np.maximum(ratio, 1e-3), norm=LogNorm(1e-2, 1e2), interpolation="nearest")
+    figure.colorbar(image, ax=left, fraction=0.046)
+    left.set_title("|error| / limit, flagged or not", fontsize=9)
+    wrong = silent_mask(found)
+    show = np.where(wrong, 2, np.where(found.flags == 0, 1, 0))
+    middle.imshow(show, vmin=0, vmax=2, cmap="magma", interpolation="nearest")
+    middle.set_title(f"bright: {int(wrong.sum())} silent pixels; dark: flagged", fontsize=9)
+    flags = np.where(found.flags == 0, np.nan, np.log2(np.maximum(found.flags, 1)))
+    image = right.imshow(flags, vmin=0, vmax=15, cmap="tab20", interpolation="nearest")
+    figure.colorbar(image, ax=right, fraction=0.046, label="highest flag, bit number")
+    right.set_title("flags", fontsize=9)
+    figure.suptitle(f"{result.case.label}: {result.verdict}", fontsize=10)
+    return figure

@@ -1,0 +1,217 @@
+"""Hard cases of the decoder: what displays, cameras, mirrors and drivers do to the frames."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence, decode
+from optolever.patterns import Sequence, sequence_from_text
+from optolever.projector import Capture, VirtualSensor
+from optolever.scene import (
+    Display,
+    Scene,
+    Sensor,
+    Surface,
+    Trace,
+    dent_from_text,
+    load,
+    moving_dent,
+    resize,
+    trace,
+)
+
+from .hard_case import SIGMAS, Case, Found
+from .measures import far_from_visible
+
+__all__ = ["CONDITIONS", "Condition", "decode_cases"]
+
+Frames = NDArray[Any]
+Spoil = Callable[[Frames, np.random.Generator], Frames]
+
+SCENE = "paper-simulation"
+SEQUENCES = ("gray+phase", "phase", "phase:steps=4,periods=20/22/25", "gray", "xor-gray", "stripe:step=8")
+ONE_PERIOD = "phase:steps=3,counts=0.9"
+DISCRETE = 1.5  # px, beyond which a discrete code is wrong
+NOMINAL = Sensor(offset=16.0, exposure=0.85)
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """What is wrong with a capture.
+
+    sensor, display, blur (cells), noise (levels), bits: of the virtual sensor; cells: pattern cells per
+    camera pixel, over the usual; dent; rates: of a moving dent's parameters (per second); spoil: what
+    happens to the frames afterwards; limits: sequences from which nobody could tell, and why.
+    """
+
+    name: str
+    sensor: Sensor = NOMINAL
+    display: Display | None = None
+    blur: float | None = None
+    noise: float = 1.0
+    bits: int | None = None
+    cells: float = 1.0
+    dent: str = "gaussian"
+    rates: Mapping[str, float] = field(default_factory=dict)
+    spoil: Spoil | None = None
+    limits: Mapping[str, str] = field(default_factory=dict)
+
+
+def _duplicated(frames: Frames, rng: np.random.Generator, at: float = 0.5) -> Frames:
+    """The camera delivers a frame twice in place of the next one."""
+    index = round(at * (len(frames) - 1))
+    frames[index] = frames[index - 1]
+    return frames
+
+
+def _dropped(frames: Frames, rng: np.random.Generator, at: float = 0.4) -> Frames:
+    """A frame is lost, all later ones arrive one place early, the last one stays."""
+    index = round(at * (len(frames) - 1))
+    frames[index:-1] = frames[index + 1 :].copy()
+    return frames
+
+
+def _swapped(frames: Frames, rng: np.random.Generator) -> Frames:
+    """Two neighbours in the wrong order."""
+    index = len(frames) // 2
+    frames[[index, index + 1]] = frames[[index + 1, index]]
+    return frames
+
+
+def _torn(frames: Frames, rng: np.random.Generator) -> Frames:
+    """The lower half of a frame is still that of the frame before."""
+    index, half = len(frames) // 2, frames.shape[1] // 2
+    frames[index, half:] = frames[index - 1, half:]
+    return frames
+
+
+def _hot(frames: Frames, rng: np.random.Generator) -> Frames:
+    """One pixel in 500 stands at a level of its own."""
+    hot = rng.random(frames.shape[1:]) < 0.002
+    frames[:, hot] = rng.integers(0, 256, int(hot.sum()))
+    return frames
+
+
+def _flashes(frames: Frames, rng: np.random.Generator) -> Frames:
+    """One pixel in 200 is hit once, in one of its frames."""
+    rows, cols = np.nonzero(rng.random(frames.shape[1:]) < 0.005)
+    frames[rng.integers(0, len(frames), rows.size), rows, cols] = 255
+    return frames
+
+
+_N3 = {ONE_PERIOD: "three steps of one period: three numbers for three unknowns, nothing is left to check"}
+
+CONDITIONS = (
+    Condition("plain"),
+    Condition("low contrast", sensor=Sensor(offset=100.0, exposure=0.05)),
+    Condition("lower contrast", sensor=Sensor(offset=100.0, exposure=0.02)),
+    Condition("saturation at 255 of 300", sensor=Sensor(offset=16.0, exposure=284 / 255)),
+    Condition("gamma 2.2", display=Display(gamma=2.2)),
+    Condition("defocus", blur=3.0),
+    Condition("one-pixel stripes at the camera's limit", cells=2.0),
+    Condition("steep", dent="rounded-needle:peak=6"),
+    Condition("folded", dent="gaussian:peak=2,sigma=9"),
+    Condition("cusp", dent="needle"),
+    Condition("motion", rates={"x": 5.0}),
+    Condition("slow motion", rates={"x": 0.5}),
+    Condition("frame dropped", spoil=_dropped, limits=_N3),
+    Condition("frame dropped early", spoil=partial(_dropped, at=0.1), limits=_N3),
+    Condition("frame twice", spoil=_duplicated, limits=_N3),
+    Condition("frame twice, late", spoil=partial(_duplicated, at=0.9), limits=_N3),
+    Condition("frames swapped", spoil=_swapped, limits=_N3),
+    Condition("frame torn", spoil=_torn, limits=_N3),
+    Condition("flicker 5 % of 100 Hz", sensor=replace(NOMINAL, flicker=0.05, frame_s=1 / 60)),
+    Condition("hot pixels", spoil=_hot, limits=_N3),
+    Condition("flashes", spoil=_flashes, limits=_N3),
+    Condition("12 bit in 16", bits=12),
+)
+
+
+def decode_cases(size: tuple[int, int], quick: bool = False) -> Iterator[Case]:
+    """Every condition with every sequence, at a camera of size (rows, cols)."""
+    sequences = ("gray+phase", "phase") if quick else SEQUENCES
+    for condition in CONDITIONS:
+        for text in (*sequences, *condition.limits):
+            yield Case(
+                "decode",
+                condition.name,
+                text,
+                size,
+                partial(_decoded, condition, text, size),
+                condition.noise,
+                "uint16" if condition.bits else "uint8",
+                condition.limits.get(text, ""),
+            )
+
+
+def _decoded(condition: Condition, text: str, size: tuple[int, int]) -> Found:
+    """Capture, spoil, decode, compare with where every pixel truly looked."""
+    scene = _scene(condition, size)
+    shown = sequence_from_text(text, scene.pattern.rows, scene.pattern.cols)
+    surface = _surface(condition, scene)
+    with VirtualSensor(scene, surface, shown, noise=condition.noise, seed=1, bits=condition.bits) as sensor:
+        taken: Capture = sensor.capture()
+        times = sensor.time(0), sensor.time(len(shown) // 2), sensor.time(len(shown) - 1)
+    frames = taken.frames
+    if condition.spoil is not None:
+        frames = condition.spoil(frames.copy(), np.random.default_rng(7))
+    seen = decode(frames, shown)
+    if isinstance(surface, Surface):
+        truths = [trace(scene, surface)]
+    else:
+        truths = [trace(scene, surface(time)) for time in times]
+    return compared(seen, truths, shown)
+
+
+def compared(seen: Correspondence, truths: list[Trace], shown: Sequence) -> Found:
+    """Errors against the truth; of a moving mirror, against all that was true while the frames were taken.
+
+    The error is that of the coordinate which is worse in units of its limit.
+    """
+    discrete = not any(frame.kind in ("phase", "stripe", "crossed") for frame in shown.frames)
+    visible = np.logical_and.reduce([truth.visible for truth in truths])
+    somewhere = np.logical_or.reduce([truth.visible for truth in truths])
+    parts = []
+    for name in ("u", "v"):
+        value, sigma = getattr(seen, name), getattr(seen, f"sigma_{name}")
+        stack = np.stack([getattr(truth, name) for truth in truths])
+        low, high = stack.min(axis=0), stack.max(axis=0)
+        error = value - np.clip(value, low, high)
+        limit = np.full(value.shape, DISCRETE) if discrete else SIGMAS * sigma
+        parts.append((error, np.asarray(limit, dtype=np.float64)))
+    (error_u, limit_u), (error_v, limit_v) = parts
+    with np.errstate(invalid="ignore", divide="ignore"):
+        worse = ~(np.abs(error_u) / limit_u >= np.abs(error_v) / limit_v)
+    return Found(
+        error=np.where(worse, error_v, error_u),
+        limit=np.where(worse, limit_v, limit_u),
+        expected=visible,
+        beside=far_from_visible(somewhere),
+        flags=seen.flags,
+        unit="px",
+    )
+
+
+def _scene(condition: Condition, size: tuple[int, int]) -> Scene:
+    scene = resize(load(SCENE), *size)
+    pattern = scene.pattern
+    if condition.blur is not None:
+        pattern = replace(pattern, blur_px=condition.blur)
+    if condition.cells != 1.0:
+        by = condition.cells
+        pitch = pattern.pitch / by
+        origin = pattern.origin + 0.5 * (pitch - pattern.pitch) * (pattern.u_axis + pattern.v_axis)
+        pattern = replace(
+            pattern, rows=round(pattern.rows * by), cols=round(pattern.cols * by), pitch=pitch, origin=origin
+        )
+    return replace(scene, pattern=pattern, sensor=condition.sensor, display=condition.display)
+
+
+def _surface(condition: Condition, scene: Scene) -> Surface | Callable[[float], Surface]:
+    if condition.rates:
+        return moving_dent(condition.dent, scene, dict(condition.rates))
+    return dent_from_text(condition.dent, scene)

@@ -1,0 +1,190 @@
+"""Hard cases of the reconstructor: exact correspondences of difficult mirrors, noisy, holed, spoiled."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence, Flag
+from optolever.reconstruct import reconstruct
+from optolever.scene import Scene, Surface, Trace, dent_from_text, load, resize, trace
+
+from .hard_case import SIGMAS, Case, Found
+from .measures import far_from_visible
+
+__all__ = ["PROBLEMS", "Problem", "reconstruct_cases"]
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Shape = str | Callable[[Scene], Surface]
+#: (truth, random numbers) -> lost pixels; or (u, v) changed in place
+Hide = Callable[[Trace, Scene, np.random.Generator], Mask]
+
+NOISES = (0.0, 0.05)
+STATED = 0.01  # px: the sigma that a decoder states without noise
+DTYPES = ("float64", "float32")
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """A mirror, what of it is not seen (flagged by the decoder), and how many pixels are wrong unflagged."""
+
+    name: str
+    dent: Shape
+    scene: str = "paper-simulation"
+    hide: Hide | None = None
+    outliers: float = 0.0
+
+
+def _step(scene: Scene, pixels: float, radial: bool = False) -> Surface:
+    """A smooth step of the default depth, `pixels` camera pixels wide: across the mirror or around a disk."""
+    length, middle = scene.mirror.length, scene.mirror.width / 2
+    peak, width = 1.3 / 163.7 * length, pixels * length / scene.camera.cols
+
+    def inward(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
+        """How far inside the step, and the gradient of that."""
+        if not radial:
+            return 0.45 * length - x, np.full_like(x, -1.0), np.zeros_like(x)
+        distance = np.hypot(x - length / 2, y - middle)
+        safe = np.maximum(distance, 1e-12 * length)
+        return 0.2 * length - distance, -(x - length / 2) / safe, -(y - middle) / safe
+
+    def height(x: Floats, y: Floats) -> Floats:
+        return np.asarray(0.5 * peak * (1 + np.tanh(inward(x, y)[0] / width)))
+
+    def gradient(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        depth, by_x, by_y = inward(x, y)
+        slope = 0.5 * peak / width / np.cosh(np.clip(depth / width, -300, 300)) ** 2
+        return slope * by_x, slope * by_y
+
+    return Surface(height, gradient)
+
+
+def _disks(truth: Trace, scene: Scene, rng: np.random.Generator) -> Mask:
+    """Round holes of 3 to 10 % of the image."""
+    rows, cols = truth.u.shape
+    y, x = np.mgrid[:rows, :cols]
+    lost = np.zeros((rows, cols), np.bool_)
+    for _ in range(6):
+        row, col, radius = rng.uniform((0, 0, 0.03 * rows), (rows, cols, 0.1 * rows))
+        lost |= (y - row) ** 2 + (x - col) ** 2 < radius**2
+    return lost
+
+
+def _slits(truth: Trace, scene: Scene, rng: np.random.Generator) -> Mask:
+    """Slits of one pixel that leave a tenth of the image open at one end."""
+    rows, cols = truth.u.shape
+    lost = np.zeros((rows, cols), np.bool_)
+    lost[rows // 3, : -cols // 10] = True
+    lost[rows // 10 :, cols // 2] = True
+    return lost
+
+
+def _cut(truth: Trace, scene: Scene, rng: np.random.Generator) -> Mask:
+    """A closed ring: what it encloses is an island."""
+    rows, cols = truth.u.shape
+    y, x = np.mgrid[:rows, :cols]
+    distance = np.hypot(y - rows / 2, x - cols / 2)
+    return np.asarray(np.abs(distance - 0.25 * rows) < 1.5)
+
+
+def _dropouts(truth: Trace, scene: Scene, rng: np.random.Generator) -> Mask:
+    """One pixel in five."""
+    return np.asarray(rng.random(truth.u.shape) < 0.2)
+
+
+def _half(truth: Trace, scene: Scene, rng: np.random.Generator) -> Mask:
+    """More than half of all pixels: what is left percolates barely."""
+    return np.asarray(rng.random(truth.u.shape) < 0.38)
+
+
+def _dark(truth: Trace, scene: Scene, rng: np.random.Generator) -> Mask:
+    """Where total reflection is lost and less than half of the light comes back."""
+    assert scene.medium is not None
+    with np.errstate(invalid="ignore"):
+        return np.asarray(~(scene.medium.reflectance(np.cos(truth.incidence)) >= 0.5))
+
+
+PROBLEMS = (
+    Problem("smooth", "raised-cosine"),
+    Problem("cusp", "needle"),
+    Problem("rounded needle, steep ring off the pattern", "rounded-needle:peak=6,rounding=1"),
+    Problem("ridge", "ridge"),
+    Problem("sharp ridge, askew", "ridge:sigma=4,angle_deg=30"),
+    Problem("step, measurable", partial(_step, pixels=6)),
+    Problem("step, too steep", partial(_step, pixels=1)),
+    Problem("plateau, measurable", partial(_step, pixels=6, radial=True)),
+    Problem("plateau, too steep", partial(_step, pixels=1, radial=True)),
+    Problem("folded map", "gaussian:peak=2,sigma=9"),
+    Problem("ball", "ball"),
+    Problem("total reflection lost", "gaussian:peak=0.6,sigma=6", "prism48", _dark),
+    Problem("pinhole", "", "monitor-mirror"),
+    Problem("pinhole, holes", "", "monitor-mirror", _disks),
+    Problem("holes", "raised-cosine", hide=_disks),
+    Problem("slits", "raised-cosine", hide=_slits),
+    Problem("island", "raised-cosine", hide=_cut),
+    Problem("dropouts 20 %", "raised-cosine", hide=_dropouts),
+    Problem("dropouts 38 %", "gaussian", hide=_half),
+    Problem("outliers 1 %", "raised-cosine", outliers=0.01),
+    Problem("outliers 5 %, holes", "gaussian", hide=_disks, outliers=0.05),
+)
+
+
+def reconstruct_cases(sizes: tuple[tuple[int, int], ...], quick: bool = False) -> Iterator[Case]:
+    """Every problem at every size, without and with noise, in double and single precision."""
+    for size in sizes:
+        for problem in PROBLEMS:
+            for noise in NOISES:
+                for dtype in DTYPES[: 1 if quick else 2]:
+                    yield Case(
+                        "reconstruct",
+                        problem.name,
+                        "coupled",
+                        size,
+                        partial(_reconstructed, problem, size, noise, dtype),
+                        noise,
+                        dtype,
+                    )
+
+
+def _reconstructed(problem: Problem, size: tuple[int, int], noise: float, dtype: str) -> Found:
+    scene, truth = _mirror(problem.scene, problem.dent, size)
+    seen = spoiled(problem, scene, truth, noise, dtype)
+    height = reconstruct(seen, scene)
+    peak = float(np.max(np.abs(truth.z[truth.visible])))
+    return Found(
+        error=height.z - truth.z,
+        limit=np.asarray(SIGMAS * height.sigma),
+        expected=truth.visible,
+        beside=far_from_visible(truth.visible),
+        flags=height.flags,
+        unit="peak",
+        scale=peak,
+    )
+
+
+def spoiled(problem: Problem, scene: Scene, truth: Trace, noise: float, dtype: str) -> Correspondence:
+    """The true correspondence with noise (px), lost pixels flagged, outliers not."""
+    rng = np.random.default_rng(11)
+    shape = truth.u.shape
+    u, v = (part + noise * rng.standard_normal(shape) for part in (truth.u, truth.v))
+    lost = ~truth.visible
+    if problem.hide is not None:
+        lost |= problem.hide(truth, scene, rng)
+    if problem.outliers:
+        wrong = rng.random(shape) < problem.outliers
+        u[wrong] += rng.normal(0.0, 20.0, int(wrong.sum()))
+    sigma = np.full(shape, max(noise, STATED))
+    flags = np.where(lost, int(Flag.INVALID), 0).astype(np.uint16)
+    kind: Any = np.dtype(dtype)
+    return Correspondence(u.astype(kind), v.astype(kind), sigma.astype(kind), sigma.astype(kind), flags)
+
+
+@lru_cache(maxsize=4)
+def _mirror(name: str, shape: Shape, size: tuple[int, int]) -> tuple[Scene, Trace]:
+    scene = resize(load(name), *size)
+    surface = dent_from_text(shape or scene.dent or "flat", scene) if isinstance(shape, str) else shape(scene)
+    return scene, trace(scene, surface)

@@ -1,0 +1,92 @@
+"""Speed against error: which rows nothing beats, and the chart that shows them."""
+
+import math
+from collections.abc import Callable, Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..images import figure_uri, new_figure
+from .row import Row
+
+__all__ = ["frontier", "pareto_figure"]
+
+#: marker, colour, filled, legend
+MARKS = {
+    "own": ("o", "#2563a8", True, "this package"),
+    "paper": ("^", "#b3402e", True, "the paper's method"),
+    "peer": ("s", "#6b7280", False, "peers"),
+    "floor": ("D", "#1f7a4d", False, "exact correspondence"),
+}
+LABEL = 26  # characters of a frontier row's name
+
+Time = Callable[[Row], float]
+
+
+def frontier(points: Sequence[tuple[float, float]]) -> list[int]:
+    """Indices of the points (time, error) that no other point beats in both, by rising time."""
+    order = sorted(
+        (i for i, (time, error) in enumerate(points) if math.isfinite(time) and math.isfinite(error)),
+        key=lambda i: points[i],
+    )
+    best, kept = math.inf, []
+    for i in order:
+        if points[i][1] < best:
+            best = points[i][1]
+            kept.append(i)
+    return kept
+
+
+def pareto_figure(rows: Sequence[Row], refresh: float) -> str:
+    """Two charts side by side as a PNG data URI: error against computing time, and against all time."""
+    figure: Figure = new_figure(11.0, 4.6)
+    left, right = figure.subplots(1, 2, sharey=True)
+    _chart(left, rows, lambda row: row.compute_seconds, "decode + reconstruct [s]")
+    _chart(
+        right,
+        rows,
+        lambda row: row.display_seconds(refresh) + row.compute_seconds,
+        f"display at {refresh:g} Hz + decode + reconstruct [s]",
+    )
+    left.set_ylabel("rms height error / peak depth", fontsize=9)
+    left.legend(fontsize=8, loc="best")
+    return figure_uri(figure)
+
+
+def _chart(axes: Axes, rows: Sequence[Row], time: Time, label: str) -> None:
+    shown = [row for row in rows if row.done and row.error > 0 and time(row) > 0]
+    for kind, (marker, colour, filled, legend) in MARKS.items():
+        of_kind = [row for row in shown if row.kind == kind]
+        if of_kind:
+            face = colour if filled else "none"
+            axes.plot(
+                [time(row) for row in of_kind],
+                [row.error for row in of_kind],
+                marker,
+                color=colour,
+                markerfacecolor=face,
+                markersize=5.5,
+                linestyle="none",
+                label=legend,
+            )
+    real = [row for row in shown if row.kind != "floor"]
+    best = [real[i] for i in frontier([(time(row), row.error) for row in real])]
+    axes.plot(
+        [time(row) for row in best],
+        [row.error for row in best],
+        drawstyle="steps-post",
+        color="#111827",
+        linewidth=1.1,
+        label="frontier",
+        zorder=1,
+    )
+    for row in best:
+        name = f"{row.cell.sequence}, {row.cell.solver}"
+        text = name if len(name) <= LABEL else name[: LABEL - 1] + "…"
+        axes.annotate(text, (time(row), row.error), xytext=(5, 4), textcoords="offset points", fontsize=7)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.grid(True, which="both", color="#e5e7eb", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.set_xlabel(label, fontsize=9)
+    axes.tick_params(labelsize=8)

@@ -1,0 +1,191 @@
+"""The report of a bench: a section per mirror with charts and table; prose in ../report/bench.html."""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..metrics import peak_bytes
+from ..page import percent, render_page, scientific, seconds_text, stage_bars, write_page
+from .pareto import frontier, pareto_figure
+from .row import Row
+
+__all__ = ["bench_html", "bench_table", "write_bench_report"]
+
+HEADER = (
+    *("sequence", "solver", "frames", "display", "render", "decode", "reconstruct", "memory"),
+    *("rms", "95 %", "max", "error/sigma", "flagged", "silent", "x floor"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Rows of one mirror under one noise."""
+
+    name: str
+    rows: list[Row]
+
+    def floors(self) -> dict[str, float]:
+        """Error of every solver on the exact correspondence: what is left when decoding is perfect."""
+        return {row.cell.solver: row.error for row in self.rows if row.kind == "floor" and row.done}
+
+    def absent(self) -> list[str]:
+        """Why there is no number: a line for every reason, with what it concerns."""
+        reasons: dict[str, list[str]] = {}
+        for row in self.rows:
+            if not row.done:
+                text = f"{row.status}: {row.why}" if row.why else row.status
+                reasons.setdefault(text, []).append(f"{row.cell.sequence} with {row.cell.solver}")
+        return [f"{', '.join(cells)}: {reason}" for reason, cells in reasons.items()]
+
+    def best(self, refresh: float) -> set[int]:
+        """Places of the rows that nothing beats in computing time or in all time, and error."""
+        real = [place for place, row in enumerate(self.rows) if row.done and row.cell.decoder != "exact"]
+        found: set[int] = set()
+        for display in (0.0, 1.0):
+            points = [
+                (
+                    display * self.rows[place].display_seconds(refresh) + self.rows[place].compute_seconds,
+                    self.rows[place].error,
+                )
+                for place in real
+            ]
+            found |= {real[i] for i in frontier(points)}
+        return found
+
+
+def groups(rows: Iterable[Row]) -> list[Group]:
+    """Rows by mirror; the exact correspondence, which has no noise, goes with every noise of its mirror."""
+    listed = list(rows)
+    kept: dict[tuple[Any, ...], list[Row]] = {}
+    for row in listed:
+        if row.cell.decoder != "exact":
+            kept.setdefault((*row.cell.place, row.cell.noise), []).append(row)
+    if not kept:
+        for row in listed:
+            kept.setdefault((*row.cell.place, row.cell.noise), []).append(row)
+    else:
+        for row in listed:
+            for key, members in kept.items():
+                if row.cell.decoder == "exact" and key[:3] == row.cell.place:
+                    members.append(row)
+    return [Group(_name(key), members) for key, members in kept.items()]
+
+
+def table_cells(row: Row, refresh: float, floor: float | None) -> list[str]:
+    """A finished row as text under HEADER."""
+    number = row.metrics.get
+    times = [row.timings.get(f"{stage}_seconds") for stage in ("render", "decode", "reconstruct")]
+    memory = max(row.timings.get("decode_bytes", 0.0), row.timings.get("reconstruct_bytes", 0.0))
+    ratio = row.error / floor if floor else math.nan
+    return [
+        row.cell.sequence,
+        row.cell.solver,
+        str(row.frames) if row.frames else "",
+        seconds_text(row.display_seconds(refresh)) if row.frames else "",
+        *("" if seconds is None else seconds_text(seconds) for seconds in times),
+        f"{memory / 2**20:.3g} MiB" if memory else "",
+        *(scientific(number(f"height_{name}_rel", math.nan)) for name in ("rms", "p95", "max")),
+        _fixed(number("sigma_ratio_height", math.nan)),
+        percent(number("flagged_share", math.nan)),
+        _share(row),
+        f"{ratio:.3g}" if math.isfinite(ratio) else "",
+    ]
+
+
+def bench_table(rows: Iterable[Row], refresh: float) -> Iterator[tuple[str, list[list[str]], list[str]]]:
+    """For the terminal: of every mirror its name, HEADER and under it the rows, best first, and what is
+    absent.
+    """
+    for group in groups(rows):
+        floors = group.floors()
+        ranked = sorted((row for row in group.rows if row.done), key=_rank)
+        yield (
+            group.name,
+            [list(HEADER), *(table_cells(row, refresh, floors.get(row.cell.solver)) for row in ranked)],
+            group.absent(),
+        )
+
+
+def write_bench_report(
+    path: str | Path, rows: Sequence[Row], settings: dict[str, Any], seconds: dict[str, float], command: str
+) -> None:
+    """Write the page, whole or not at all."""
+    write_page(path, bench_html(rows, settings, seconds, command))
+
+
+def bench_html(rows: Sequence[Row], settings: dict[str, Any], seconds: dict[str, float], command: str) -> str:
+    """The whole page."""
+    refresh = float(settings["refresh"])
+    sections = [_section(place, group, refresh) for place, group in enumerate(groups(rows))]
+    context = {
+        "asked": settings,
+        "sections": sections,
+        "count": sum(row.done for row in rows),
+        "missing": sum(not row.done for row in rows),
+        "stages": stage_bars(seconds),
+        "memory_gib": peak_bytes() / 2**30,
+        "command": command,
+    }
+    return render_page("bench.html", context)
+
+
+def _section(place: int, group: Group, refresh: float) -> dict[str, Any]:
+    floors, best = group.floors(), group.best(refresh)
+    done = [i for i, row in enumerate(group.rows) if row.done]
+    order = sorted(done, key=lambda i: _rank(group.rows[i]))
+    lines = [
+        {
+            "kind": "best" if i in best else "",
+            "cells": table_cells(group.rows[i], refresh, floors.get(group.rows[i].cell.solver)),
+        }
+        for i in order
+    ]
+    columns = [{"name": name, "numeric": i >= 2} for i, name in enumerate(HEADER)]
+    return {
+        "id": f"mirror-{place}",
+        "name": group.name,
+        "chart": pareto_figure(group.rows, refresh),
+        "table": {"id": f"rows-{place}", "columns": columns, "rows": lines},
+        "headline": _headline(group),
+        "absent": group.absent(),
+    }
+
+
+def _headline(group: Group) -> str:
+    """One sentence: the best row, against the paper's best."""
+    real = [row for row in group.rows if row.done and math.isfinite(row.error) and row.kind != "floor"]
+    own = min((row for row in real if row.kind == "own"), key=lambda row: row.error, default=None)
+    if own is None:
+        return ""
+    text = (
+        f"Best: {own.cell.sequence} with {own.cell.solver}, {own.frames} frames, "
+        f"{scientific(own.error)} of the peak depth."
+    )
+    for kind, name in (("paper", "the paper's method"), ("peer", "the best peer chain")):
+        other = min((row for row in real if row.kind == kind), key=lambda row: row.error, default=None)
+        if other is not None and own.error > 0:
+            text += f" {other.error / own.error:.3g} times below {name}."
+    return text
+
+
+def _rank(row: Row) -> float:
+    return row.error if math.isfinite(row.error) else math.inf
+
+
+def _name(key: tuple[Any, ...]) -> str:
+    scene, size, dent, noise = key
+    pixels = "" if size is None else f", {size[0]} × {size[1]}"
+    return f"{Path(scene).stem}, {dent or 'own dent'}{pixels}, noise {noise:g}"
+
+
+def _fixed(value: float) -> str:
+    return f"{value:.3f}" if math.isfinite(value) else "–"
+
+
+def _share(row: Row) -> str:
+    """Silent share, unknown where the method states no sigma."""
+    if not math.isfinite(row.metrics.get("sigma_ratio_height", math.nan)):
+        return "–"
+    return percent(row.metrics.get("silent_share", math.nan))

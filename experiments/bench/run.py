@@ -1,0 +1,181 @@
+"""Cells to rows: frames once for all that take them, decoded once, then every solver."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from optolever.decode import Correspondence
+from optolever.errors import InputError
+from optolever.reconstruct import prism_geometry, recursion
+
+from ..metrics import rms
+from ..paper_frames import lattice_column
+from ..paper_simulation import seen_points
+from .cell import Cell, grouped
+from .decoders import Decoder, decoder
+from .measures import measures
+from .row import ABSENT, DONE, FAILED, USELESS, Row
+from .shot import Place, Shot, place_of, shoot
+from .solvers import Solver, installed, solver
+from .timing import Measured, measured, once
+
+__all__ = ["Bench", "check", "run_cells", "warm_up"]
+
+TINY = (48, 48)  # camera on which everything is compiled before anything is timed
+LATTICE_PIXELS = 10  # camera pixels that a lattice line needs, as in the paper's study
+LATTICE_LINES = 64
+
+
+def check(cells: Iterable[Cell]) -> None:
+    """InputError if a cell names a solver or decoder that does not exist: known before the work."""
+    for cell in cells:
+        solver(cell.solver)
+        decoder(cell.decoder)
+
+
+def run_cells(cells: Iterable[Cell], *, timed: bool = True) -> Iterator[Row]:
+    """Rows in the order of `grouped` cells; timed: memory and the best of several runs, else one each."""
+    bench = Bench(timed)
+    for group in grouped(cells):
+        yield from bench.group(group)
+
+
+def warm_up(cells: Iterable[Cell], told: Callable[[str, int, int], None]) -> None:
+    """Compile everything that the cells will use, on a tiny camera."""
+    tiny = list(dict.fromkeys(replace(cell, size=TINY, dent="", noise=1.0, seed=0) for cell in cells))
+    groups = grouped(tiny)
+    bench = Bench(False)
+    for done, group in enumerate(groups):
+        told("warm-up", done, len(groups))
+        bench.group(group)
+
+
+class Bench:
+    """Runs groups of cells; remembers the last mirror, since neighbours in a grid share it."""
+
+    def __init__(self, timed: bool) -> None:
+        self._clock: Callable[[Callable[[], Any]], Measured] = measured if timed else once
+        self._key: tuple[Any, ...] | None = None
+        self._place: Place | None = None
+
+    def group(self, cells: tuple[Cell, ...]) -> list[Row]:
+        """Rows of cells that take the same frames. What goes wrong becomes a row that says so."""
+        first = cells[0]
+        try:
+            shot = shoot(self._at(first), first)
+        except InputError as error:
+            return [Row(cell, USELESS, str(error)) for cell in cells]
+        rows: list[Row] = []
+        for name in dict.fromkeys(cell.decoder for cell in cells):
+            mine = [cell for cell in cells if cell.decoder == name]
+            if shot.sequence is not None and shot.sequence.name == "lattice":
+                rows += [self._lattice(cell, shot) for cell in mine]
+            else:
+                rows += self._decoded(mine, shot)
+        return rows
+
+    def _at(self, cell: Cell) -> Place:
+        if self._place is None or self._key != cell.place:
+            self._key, self._place = cell.place, place_of(cell)
+        return self._place
+
+    def _decoded(self, cells: list[Cell], shot: Shot) -> list[Row]:
+        """Rows of cells with the same decoder."""
+        coder = decoder(cells[0].decoder)
+        blank = Row(cells[0], ABSENT, "", coder.kind, shot.count)
+        if not installed(coder.module):
+            return [replace(blank, cell=cell, why=f"{coder.module} is not installed") for cell in cells]
+        timings = {} if shot.capture is None else {"render_seconds": shot.render_seconds}
+        decoded = _guarded(lambda: self._decode(coder, shot))
+        if isinstance(decoded, _Wrong):
+            return [replace(blank, cell=cell, status=decoded.status, why=decoded.why) for cell in cells]
+        timings |= _timings("decode", decoded)
+        return [
+            self._solved(
+                replace(blank, cell=cell, timings=timings), solver(cell.solver), decoded.value, shot.place
+            )
+            for cell in cells
+        ]
+
+    def _decode(self, coder: Decoder, shot: Shot) -> Measured:
+        if coder.clock is None:
+            return self._clock(lambda: coder.run(shot))
+        clock = coder.clock
+        seen = coder.run(shot)
+        taken = self._clock(lambda: clock(shot))
+        return Measured(seen, taken.seconds / coder.divide, taken.bytes)
+
+    def _solved(self, row: Row, way: Solver, seen: Correspondence, place: Place) -> Row:
+        kind = way.kind if row.kind in ("own", "floor") and way.kind != "own" else row.kind
+        row = replace(row, kind=kind)
+        if not installed(way.module):
+            return replace(row, status=ABSENT, why=f"{way.module} is not installed")
+        solved = _guarded(lambda: self._clock(lambda: way.run(seen, place.scene)))
+        if isinstance(solved, _Wrong):
+            return replace(row, status=solved.status, why=solved.why)
+        return replace(
+            row,
+            status=DONE,
+            timings=row.timings | _timings("reconstruct", solved),
+            metrics=measures(place.truth, seen, solved.value),
+        )
+
+    def _lattice(self, cell: Cell, shot: Shot) -> Row:
+        """The paper's own measurement: crossings of one lattice frame (and one at rest), its recursion along
+        the line through the middle. Errors are along that line.
+        """
+        row = Row(cell, USELESS, "lattice crossings are sparse: method paper only", "paper", 1)
+        if cell.solver != "paper":
+            return row
+        solved = _guarded(lambda: self._clock(lambda: _paper_line(cell, shot.place)))
+        if isinstance(solved, _Wrong):
+            return replace(row, status=solved.status, why=solved.why)
+        timings = {"decode_seconds": solved.seconds, "reconstruct_seconds": 0.0}
+        why = "along the middle line; time with rendering"
+        return replace(row, status=DONE, why=why, timings=timings, metrics=solved.value)
+
+
+@dataclass(frozen=True, slots=True)
+class _Wrong:
+    """Why a stage gave nothing."""
+
+    status: str
+    why: str
+
+
+def _guarded(stage: Callable[[], Measured]) -> Measured | _Wrong:
+    """A stage, or what went wrong: one bad cell must not end a run of hundreds."""
+    try:
+        return stage()
+    except InputError as error:
+        return _Wrong(USELESS, str(error))
+    except Exception as error:
+        return _Wrong(FAILED, f"{type(error).__name__}: {error}")
+
+
+def _timings(stage: str, taken: Measured) -> dict[str, float]:
+    timings = {f"{stage}_seconds": taken.seconds}
+    return timings if taken.bytes is None else timings | {f"{stage}_bytes": float(taken.bytes)}
+
+
+def _paper_line(cell: Cell, place: Place) -> dict[str, float]:
+    scene, geometry = place.scene, prism_geometry(place.scene)
+    lines = min(LATTICE_LINES, scene.camera.cols // LATTICE_PIXELS)
+    m, w, y = lattice_column(
+        scene, place.surface, lines, noise=cell.noise, seed=cell.capture_seed, renderer=cell.renderer
+    )
+    points = seen_points(place.surface, geometry, m, w, y)
+    found = recursion(points.m, points.w, geometry).mean.d
+    known = np.isfinite(found) & np.isfinite(points.d)
+    error = np.abs(found - points.d)[known]
+    peak = float(np.max(np.abs(place.truth.z[place.truth.visible])))
+    return {
+        "height_rms_rel": rms(error) / peak,
+        "height_p95_rel": float(np.quantile(error, 0.95)) / peak,
+        "height_max_rel": float(error.max()) / peak,
+        "height_rms_mm": rms(error),
+        "peak_depth_mm": peak,
+        "flagged_share": 1.0 - float(known.mean()),
+    }

@@ -1,0 +1,126 @@
+"""Grids: what is finished is kept, the rest runs here or on a Dask cluster, one thread per worker."""
+
+import importlib
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from optolever.blocks import ONE_THREAD
+from optolever.errors import InputError
+
+from ..demo import Progress, silent
+from .cell import Cell, grouped
+from .row import Row
+from .run import Bench, check, run_cells, warm_up
+from .store import Store
+
+__all__ = ["Cluster", "sweep", "time_cells"]
+
+RETRIES = 3  # of a task whose worker died or lost its result
+
+
+@dataclass(frozen=True, slots=True)
+class Cluster:
+    """Where a sweep runs. workers 0: in this process; else so many local processes of one thread each;
+    scheduler: address of a running Dask cluster, in place of local workers.
+    """
+
+    workers: int = 0
+    scheduler: str | None = None
+
+
+def time_cells(cells: Iterable[Cell], store: Store, progress: Progress = silent) -> Iterator[Row]:
+    """Rows with careful timings, in this process, each saved when it is done."""
+    wanted = list(cells)
+    check(wanted)
+    warm_up(wanted, progress)
+    for done, row in enumerate(run_cells(wanted)):
+        store.save(row)
+        yield row
+        progress(f"{row.cell.scene}, {row.cell.sequence}", done + 1, len(wanted))
+
+
+def sweep(
+    cells: Iterable[Cell], store: Store, cluster: Cluster | None = None, progress: Progress = silent
+) -> Iterator[Row]:
+    """Rows of all cells: first those that the store has, then the others as they are finished and saved.
+
+    The numbers do not depend on where they are computed, to the last bit if this process was started with
+    blocks.ONE_THREAD in its environment, as every worker is; the timings are of single runs and do.
+    InputError for unknown solvers, decoders, or a cluster that cannot be had.
+    """
+    wanted = list(dict.fromkeys(cells))
+    check(wanted)
+    finished = 0
+    missing: list[Cell] = []
+    for cell in wanted:
+        row = store.load(cell)
+        if row is None:
+            missing.append(cell)
+        else:
+            finished += 1
+            yield row
+    progress("resumed" if finished else "start", finished, len(wanted))
+    cluster = cluster or Cluster()
+    local = cluster.workers == 0 and cluster.scheduler is None
+    for row in run_cells(missing, timed=False) if local else _on_dask(missing, cluster):
+        store.save(row)
+        finished += 1
+        yield row
+        progress(f"{row.cell.scene}, {row.cell.sequence}", finished, len(wanted))
+
+
+def _on_dask(cells: list[Cell], cluster: Cluster) -> Iterator[Row]:
+    """Groups of cells as tasks. A task whose worker dies runs again elsewhere."""
+    if not cells:
+        return
+    with _client(cluster) as (dask, client):
+        tasks = [
+            client.submit(group_rows, group, pure=False, retries=RETRIES, key=f"cells-{group[0].key}-{place}")
+            for place, group in enumerate(grouped(cells))
+        ]
+        try:
+            for _, rows in dask.as_completed(tasks, with_results=True):
+                yield from rows
+        finally:
+            client.cancel(tasks)
+
+
+def group_rows(group: tuple[Cell, ...]) -> list[Row]:
+    """The task of a worker: rows of cells that take the same frames, on one thread."""
+    os.environ.update(ONE_THREAD)
+    return _bench().group(group)
+
+
+@lru_cache(maxsize=1)
+def _bench() -> Bench:
+    """The process's own, which remembers its last mirror."""
+    return Bench(timed=False)
+
+
+@contextmanager
+def _client(cluster: Cluster) -> Iterator[tuple[Any, Any]]:
+    try:
+        dask: Any = importlib.import_module("distributed")
+    except ImportError as error:
+        raise InputError("workers: needs the extra dask (pip install 'optolever[dask]')") from error
+    if cluster.scheduler is not None:
+        try:
+            client = dask.Client(cluster.scheduler, timeout="10s")
+        except (OSError, ValueError) as error:
+            raise InputError(f"scheduler {cluster.scheduler!r}: no answer ({error})") from error
+        with client:
+            yield dask, client
+        return
+    options: dict[str, Any] = {
+        "n_workers": cluster.workers,
+        "threads_per_worker": 1,
+        "processes": True,
+        "dashboard_address": None,
+        "env": ONE_THREAD,
+    }
+    with dask.LocalCluster(**options) as local, dask.Client(local) as client:
+        yield dask, client
