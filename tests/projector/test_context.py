@@ -63,8 +63,10 @@ def test_without_gl_the_notice_is_one_line_and_names_the_packages(no_gl: None) -
     (error,) = in_new_thread(context_info)
     assert isinstance(error, NoContextError)
     assert "\n" not in str(error)
-    for word in ("libno-such-EGL.so", "apt-get install", "libegl1", "libgl1-mesa-dri"):
+    for word in ("apt-get install", "libegl1", "libgl1-mesa-dri"):
         assert word in str(error)
+    # where the machine itself has no libGL, that is what is missed first
+    assert "libno-such-EGL.so" in str(error) or "libGL" in str(error)
 
 
 def test_without_gl_auto_takes_numpy_and_gl_is_refused(no_gl: None) -> None:

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from optolever import InputError
-from optolever.projector import monitors
+from optolever.projector import ContextInfo, monitors
 
 ROWS, COLS = 200, 320
 
 
 @pytest.fixture(scope="module")
-def x_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Path]]:
-    """(display, folder of its frame buffer file) of a server of our own."""
+def x_server(tmp_path_factory: pytest.TempPathFactory, gl_info: ContextInfo) -> Iterator[tuple[str, Path]]:
+    """(display, folder of its frame buffer file) of a server of our own; skips where nothing can draw."""
     binary = shutil.which("Xvfb")
     if binary is None:
         pytest.skip("Xvfb is absent (Debian: apt-get install xvfb)")
