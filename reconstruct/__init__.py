@@ -2,14 +2,18 @@
 
 | file | holds |
 |---|---|
-| `coupled.py` | reconstruct(): checks, window, orientation, solve, result |
+| `coupled.py` | reconstruct(): the chain from measurement to HeightMap |
+| `problem.py`, `result.py` | checks, window, orientation, components; the solved grid as a HeightMap |
+| `calibration.py`, `holes.py` | a rest capture as reference; small holes bridged |
 | `geometry.py`, `measured.py` | rays of the camera as arrays; a pixel grid with its measurement |
 | `equations.py` | slopes of the mirror per pixel, in closed form, and their variances |
 | `edges.py` | increments along pixel edges, weights, and the operators on them |
 | `poisson.py`, `linear.py` | weighted Poisson: by columns (DCT + tridiagonal), masked (CG); the choice |
 | `newton.py` | Newton's method with an integrating factor, the start from a coarser grid |
 | `anchors.py`, `pinning.py` | what is known of the mirror; from there to every component's free constant |
-| `uncertainty.py`, `outliers.py` | variance of the height; curl of the slopes |
+| `uncertainty.py`, `mask_variance.py` | variance of the height; what a mask adds to it |
+| `outliers.py` | curl of the slopes |
+| `integrate.py`, `integrators.py` | plain gradient fields: integrate(), its family of solvers |
 | `heightmap.py`, `resampling.py`, `export.py` | HeightMap, its regular grid, TIFF and PLY |
 | `paper.py`, `paper_equations.py`, `paper_scene.py` | the paper's recursion, by equations and on a scene |
 """
@@ -17,6 +21,7 @@
 from .anchors import Anchor, DistanceAnchor, EdgeAnchor, PixelAnchor, PointAnchor
 from .coupled import method_names, reconstruct
 from .heightmap import Diagnostics, HeightFlag, HeightMap
+from .integrate import Integral, integrate, integrator_names
 from .paper import PaperGeometry, PaperResult, Profile, SeriesName, recursion, series
 from .paper_equations import (
     angle_increment,
@@ -44,6 +49,7 @@ __all__ = [
     "Grid",
     "HeightFlag",
     "HeightMap",
+    "Integral",
     "PaperGeometry",
     "PaperResult",
     "PixelAnchor",
@@ -54,6 +60,8 @@ __all__ = [
     "capture_position",
     "capture_positions",
     "height_increment",
+    "integrate",
+    "integrator_names",
     "method_names",
     "mirror_position",
     "pattern_angle",

@@ -1,37 +1,35 @@
 """reconstruct(): Correspondence + Scene -> HeightMap."""
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence, Flag
+from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.scene import Scene
 
-from .anchors import Anchors, Samples, anchor_samples
-from .geometry import RayField, pattern_plane, ray_field
-from .heightmap import Diagnostics, HeightFlag, HeightMap
-from .measured import Measured
+from .anchors import Anchors
+from .calibration import rest_corrected
+from .heightmap import HeightMap
+from .holes import bridged
 from .newton import Options, State, coarse_start, solve
-from .outliers import curl_scale, curl_score, curl_suspects
+from .outliers import curl_scale, curl_score, curl_suspects, lone
 from .paper import SeriesName
 from .paper_scene import reconstruct_paper
-from .pinning import anchor_rows
-from .uncertainty import unknown_variance
+from .problem import Problem, prepare
+from .result import height_map
 
 __all__ = ["method_names", "reconstruct"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Labels = NDArray[np.int32]
 
-_METHODS = {"coupled": True, "fixed-point": False}
 PAPER_METHODS: dict[str, SeriesName] = {"paper": "mean", "paper-rises": "rises", "paper-drops": "drops"}
+_METHODS = {"coupled": Options(), "fixed-point": Options(newton=False, max_steps=60)}
 _CURL_LIMIT = 8.0  # standard deviations
-_FIXED_POINT_STEPS = 60
+_ROUNDS = 3  # of leaving out lone pixels with a curl
 
 
 def method_names() -> tuple[str, ...]:
@@ -45,6 +43,8 @@ def reconstruct(
     method: str = "coupled",
     anchor: Anchors = None,
     mask: Mask | None = None,
+    *,
+    rest: Correspondence | None = None,
     start: HeightMap | None = None,
 ) -> HeightMap:
     """The mirror behind a correspondence.
@@ -52,177 +52,65 @@ def reconstruct(
     method: 'coupled' (Newton with an integrating factor), 'fixed-point' (slow, a cross-check), or the paper's
     recursion 'paper', 'paper-rises', 'paper-drops' (see `reconstruct_paper`; no anchor, no sigma).
     anchor: what settles the free mode: 'edge' (default: the camera-side edge x = L0 rests), a point (x, y, z)
-    in mm,
-    or anchors of `anchors`. mask (H, W): pixels to use, among those without a flag. start: a height map of
-    the same scene to start from.
+    in mm, or anchors of `anchors`. mask (H, W): pixels to use, among those without a flag. rest: what was
+    decoded from the mirror at rest; its deviation from the scene's prediction is taken off as an error of
+    calibration.
+    start: a height map of the same camera to start from, say of the last frame.
     Raises InputError if the arrays do not fit the scene, no pixel is left, or no anchor can be used.
     """
+    if rest is not None:
+        correspondence = rest_corrected(correspondence, rest, scene)
     if method in PAPER_METHODS:
         return reconstruct_paper(correspondence, scene, series=PAPER_METHODS[method])
     if method not in _METHODS:
         raise InputError(f"method = {method!r}: unknown, must be one of {', '.join(method_names())}")
-    rays = ray_field(scene.camera)
-    valid = _valid(correspondence, rays, mask)
-    samples = anchor_samples(anchor, scene, rays, valid)
-    window = _Window.around(valid)
-    data = window.measured(correspondence, rays, pattern_plane(scene), valid)
-    local = samples.window(window.rows.start, window.cols.start)
-    if _rows_rule(data):
-        data, local, turned = _transposed(data), local.transposed(), True
-    else:
-        turned = False
-    data, labels, lost = _anchored(data, local)
-    options = Options() if _METHODS[method] else Options(newton=False, max_steps=_FIXED_POINT_STEPS)
-    first = coarse_start(data, local, labels, options)
-    state = solve(data, local, labels, first, options)
-    return _height_map(correspondence, rays, window, data, labels, state, turned, valid, lost, method)
+    options = _METHODS[method]
+    problem = prepare(correspondence, scene, anchor, mask)
+    first = _warm(problem, start) if start is not None else None
+    if first is None:
+        first = coarse_start(problem.data, problem.samples, problem.labels, options)
+    state = _solve(problem, first, options)
+    suspects = np.zeros(problem.labels.shape, dtype=np.bool_)
+    for _ in range(_ROUNDS):
+        score, scale = _curl(problem, state)
+        limit = _CURL_LIMIT * max(1.0, scale) if np.isfinite(scale) else _CURL_LIMIT
+        found = curl_suspects(score, limit) & problem.data.mask & ~suspects
+        suspects |= found
+        removable = lone(found, score, limit)
+        if not removable.any():
+            break
+        problem = replace(problem, data=bridged(problem.data, removable))
+        state = _solve(problem, state.w, options)
+    return height_map(problem, state, correspondence.flags, suspects, scale, method)
 
 
-@dataclass(frozen=True, slots=True)
-class _Window:
-    """The part of the image that holds valid pixels."""
-
-    rows: slice
-    cols: slice
-
-    @classmethod
-    def around(cls, valid: Mask) -> "_Window":
-        rows, cols = (np.flatnonzero(valid.any(axis=axis)) for axis in (1, 0))
-        return cls(slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1))
-
-    def measured(self, c: Correspondence, rays: RayField, plane: Floats, valid: Mask) -> Measured:
-        u, v, sigma_u, sigma_v = (
-            np.ascontiguousarray(part[self.rows, self.cols], dtype=np.float64)
-            for part in (c.u, c.v, c.sigma_u, c.sigma_v)
-        )
-        inside = np.ascontiguousarray(valid[self.rows, self.cols])
-        return Measured(rays.cropped(self.rows, self.cols), plane, u, v, sigma_u, sigma_v, inside)
+def _solve(problem: Problem, first: Floats, options: Options) -> State:
+    return solve(problem.data, problem.samples, problem.labels, first, options)
 
 
-def _valid(c: Correspondence, rays: RayField, mask: Mask | None) -> Mask:
-    """Pixels to solve for; InputError where the input makes no sense."""
-    if c.u.shape != rays.shape:
-        raise InputError(
-            f"correspondence: {c.u.shape[0]} x {c.u.shape[1]} pixels, the scene's camera has "
-            f"{rays.shape[0]} x {rays.shape[1]}"
-        )
-    valid = c.good
-    if mask is not None:
-        if np.shape(mask) != rays.shape:
-            raise InputError(f"mask: shape {np.shape(mask)}, must be {rays.shape} as the camera")
-        valid = valid & np.asarray(mask, dtype=np.bool_)
-    if not valid.any():
-        raise InputError("mask: no pixel is left to reconstruct (all are flagged or masked)")
-    for name in ("u", "v"):
-        if not np.isfinite(getattr(c, name)[valid]).any():
-            raise InputError(f"correspondence: {name} is NaN in every valid pixel; both axes must be encoded")
-    valid = valid & np.isfinite(c.u) & np.isfinite(c.v)
-    for name in ("sigma_u", "sigma_v"):
-        sigma = getattr(c, name)
-        wrong = valid & ~(np.isfinite(sigma) & (sigma >= 0))
-        if wrong.any():
-            row, col = np.argwhere(wrong)[0]
-            raise InputError(
-                f"correspondence: {name} = {sigma[row, col]} at pixel ({row}, {col}), which has no flag; "
-                "must be finite and at least 0"
-            )
-    if not valid.any():
-        raise InputError("correspondence: no pixel has both u and v")
-    return valid
+def _curl(problem: Problem, state: State) -> tuple[Floats, float]:
+    """Curl of the slopes over its standard deviation, and its robust scale."""
+    p, q = problem.data.slopes(state.w)[:2]
+    score = curl_score(p, q, *state.variances, problem.data.mask)
+    return score, curl_scale(score)
 
 
-def _rows_rule(data: Measured) -> bool:
-    """True if the slopes' variance depends on the row rather than on the column."""
-    step = max(1, min(data.mask.shape) // 64)
-    coarse = data.strided(step)
-    variance = coarse.variances(coarse.rest())[0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        values = np.where(coarse.mask, np.log(variance), np.nan)
-    spreads = []
-    for axis in (0, 1):
-        count = np.isfinite(values).sum(axis=axis)
-        total = np.nansum(np.where(np.isfinite(values), values, np.nan), axis=axis)
-        spreads.append(float(np.var((total / np.maximum(count, 1))[count > 0])))
-    return spreads[1] > 4.0 * spreads[0] + 1e-3
-
-
-def _transposed(data: Measured) -> Measured:
-    names = ("u", "v", "sigma_u", "sigma_v", "mask")
-    turned: dict[str, Any] = {name: np.ascontiguousarray(getattr(data, name).T) for name in names}
-    return replace(data, rays=data.rays.transposed(), **turned)
-
-
-def _anchored(data: Measured, samples: Samples) -> tuple[Measured, Labels, int]:
-    """The measurement without components that no anchor reaches, its labels,
-    and how many pixels that costs.
+def _warm(problem: Problem, start: HeightMap) -> Floats | None:
+    """The unknown of an earlier height map, its gaps filled from the nearest pixel;
+    None if it has no height.
     """
-    if data.mask.all():
-        return data, np.ones(data.mask.shape, dtype=np.int32), 0
-    labels = scipy.ndimage.label(data.mask)[0].astype(np.int32)
-    reached = np.unique(anchor_rows(samples, data, labels).component)
-    if reached.size == 0:
-        raise InputError("anchor: no valid pixel within 3 pixels of any anchor")
-    renumber = np.zeros(int(labels.max()) + 1, dtype=np.int32)
-    renumber[reached] = np.arange(1, reached.size + 1)
-    labels = renumber[labels]
-    kept = labels > 0
-    lost = int(np.count_nonzero(data.mask)) - int(np.count_nonzero(kept))
-    if lost:
-        data = replace(data, mask=kept)
-    return data, labels, lost
-
-
-def _height_map(
-    c: Correspondence,
-    rays: RayField,
-    window: _Window,
-    data: Measured,
-    labels: Labels,
-    state: State,
-    turned: bool,
-    valid: Mask,
-    lost: int,
-    method: str,
-) -> HeightMap:
-    p, q = data.slopes(state.w)[:2]
-    score = curl_score(p, q, *state.variances, data.mask)
-    scale = curl_scale(score)
-    suspects = curl_suspects(score, _CURL_LIMIT * max(1.0, scale if np.isfinite(scale) else 1.0)) & data.mask
-    sigma = np.sqrt(unknown_variance(state, labels))
-    distance = data.distance(state.w)
-    if data.rays.logarithmic:
-        sigma = sigma * distance
-    unreached = ~data.mask
-    parts = [distance, sigma, suspects, unreached]
-    if turned:
-        parts = [np.ascontiguousarray(part.T) for part in parts]
-    distance, sigma, suspects, unreached = parts
-    shape = rays.shape
-    place = (window.rows, window.cols)
-    flags = np.asarray(c.flags, dtype=np.uint16).copy()
-    flags[~valid & (flags == 0)] |= np.uint16(Flag.INVALID)
-    inner = flags[place]
-    inner[unreached & valid[place]] |= np.uint16(HeightFlag.NO_ANCHOR)
-    inner[suspects] |= np.uint16(HeightFlag.CURL)
-    if not state.converged:
-        inner[~unreached] |= np.uint16(HeightFlag.NOT_CONVERGED)
-    t = np.full(shape, np.nan)
-    t[place] = np.where(unreached, np.nan, distance)
-    o, d = rays.inner_origins, rays.inner_directions
-    deviation = np.full(shape, np.nan)
-    deviation[place] = np.where(unreached, np.nan, sigma)
-    edges = 2 * int(np.count_nonzero(data.mask))
-    diagnostics = Diagnostics(
-        method=method,
-        converged=state.converged,
-        steps=state.steps,
-        iterations=state.iterations,
-        defect=float(np.sqrt(state.energy / edges)),
-        curl=scale if np.isfinite(scale) else None,
-        components=int(labels.max()),
-        lost=lost,
-        solver=type(state.problem).__name__,
-    )
-    return HeightMap(
-        o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2], deviation * np.abs(d[2]), flags, diagnostics
-    )
+    if start.z.shape != problem.valid.shape:
+        raise InputError(f"start: {start.z.shape} pixels, the scene's camera has {problem.valid.shape}")
+    o, d = problem.rays.inner_origins, problem.rays.inner_directions
+    along = (start.x - o[0]) * d[0] + (start.y - o[1]) * d[1] + (start.z - o[2]) * d[2]
+    rest = problem.data.rest()
+    distance = problem.to_grid(along)
+    known = np.isfinite(distance)
+    if not known.any():
+        return None
+    offset = problem.data.unknown(np.where(known, distance, 1.0)) - rest
+    if not known.all():
+        nearest = scipy.ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+        offset = offset[tuple(nearest)]
+    first: Floats = rest + offset
+    return first

@@ -3,14 +3,17 @@ so that what exceeds the noise is wrong data.
 """
 
 import numpy as np
+import scipy.ndimage
 from numpy.typing import NDArray
 
 from .edges import curl
 
-__all__ = ["curl_scale", "curl_score", "curl_suspects"]
+__all__ = ["curl_scale", "curl_score", "curl_suspects", "lone"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+_PATCH = 16  # squares: about four wrong pixels side by side
 
 
 def curl_score(p: Floats, q: Floats, var_p: Floats, var_q: Floats, mask: Mask) -> Floats:
@@ -55,6 +58,23 @@ def curl_suspects(score: Floats, limit: float) -> Mask:
         suspects |= found
         evidence[_touched(found)] = 0.0
     return suspects
+
+
+def lone(suspects: Mask, score: Floats, limit: float) -> Mask:
+    """Suspects whose bad squares form a small patch: wrong pixels rather than a crease or a fold, (H, W)."""
+    with np.errstate(invalid="ignore"):
+        bad = np.abs(score) > 0.5 * limit
+    labels, _ = scipy.ndimage.label(bad, structure=np.ones((3, 3)))
+    sizes = np.bincount(labels.ravel())
+    sizes[0] = 0
+    patch = sizes[labels]
+    largest = patch.copy()
+    for row, col in ((1, 0), (0, 1), (1, 1)):
+        shifted = np.zeros_like(patch)
+        shifted[row:, col:] = patch[: patch.shape[0] - row, : patch.shape[1] - col]
+        np.maximum(largest, shifted, out=largest)
+    single: Mask = suspects & (largest <= _PATCH)
+    return single
 
 
 def _around(evidence: Floats) -> Floats:

@@ -1,0 +1,169 @@
+"""integrate(): a gradient field to heights, without a scene; one signature, the solver chosen by name or by
+the data.
+
+| method | edges | solver |
+|---|---|---|
+| dct2 | trapezoid | DCT, full rectangle |
+| dct4 | cubic through four pixels | DCT, full rectangle |
+| weighted | as dct4 | DCT along rows, tridiagonal along columns: weights by columns, full rectangle |
+| cg | as dct4 | conjugate gradients: any mask, any weights |
+| direct | as dct4 | sparse factorisation: extreme weights |
+| robust | as dct4 | Cauchy reweighting of the edge defects |
+| march | as dct4 | sums down the first column, then along every row: no least squares, a cross-check |
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.ndimage
+from numpy.typing import ArrayLike, NDArray
+
+from optolever.errors import InputError
+
+from .edges import edge_weights, increments
+from .integrators import SOLVERS, Field, defect
+from .linear import SEPARABLE_SPREAD, spread
+
+__all__ = ["Integral", "integrate", "integrator_names"]
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Labels = NDArray[np.int32]
+
+_ONE = np.ones((1, 1))
+
+
+@dataclass(frozen=True, slots=True)
+class Integral:
+    """Heights z (H, W), NaN outside the mask, of mean zero in every connected component.
+
+    defect: rms difference between edge increments and heights, in units of z; components: labels (H, W), 0
+    outside;
+    edge_weights: what robust reweighting left of the edges (x, y), (H, W) each, or None.
+    """
+
+    z: Floats
+    method: str
+    iterations: int
+    defect: float
+    components: Labels
+    edge_weights: tuple[Floats, Floats] | None = None
+
+
+def integrator_names() -> tuple[str, ...]:
+    """Names that `integrate` takes as method, beside 'auto'."""
+    return tuple(SOLVERS)
+
+
+def integrate(
+    gx: ArrayLike,
+    gy: ArrayLike,
+    method: str = "auto",
+    *,
+    mask: ArrayLike | None = None,
+    weights: ArrayLike | tuple[ArrayLike, ArrayLike] | None = None,
+    spacing: float | tuple[float, float] = 1.0,
+) -> Integral:
+    """Heights whose slopes are gx = dz/dx (along columns) and gy = dz/dy (along rows), in the least-squares
+    sense.
+
+    gx, gy (H, W): sampled at pixels, spacing (dx, dy) apart, NaN where unknown; mask (H, W): pixels to use;
+    weights (H, W) or a pair of them for gx and gy: inverse variances. Raises InputError for input that does
+    not fit.
+    """
+    p, q, inside = _checked(gx, gy, mask, spacing)
+    wp, wq = _weights(weights, p.shape, inside)
+    name = _choose(inside, wp, wq) if method == "auto" else method
+    if name not in SOLVERS:
+        raise InputError(f"method = {method!r}: unknown, must be auto or one of {', '.join(SOLVERS)}")
+    field = _field(p, q, wp, wq, inside, name)
+    z, iterations, left = SOLVERS[name](field)
+    labels = scipy.ndimage.label(inside)[0].astype(np.int32)
+    z = _centred(z, labels)
+    return Integral(z, name, iterations, defect(field, z), labels, left)
+
+
+def _checked(
+    gx: ArrayLike, gy: ArrayLike, mask: ArrayLike | None, spacing: float | tuple[float, float]
+) -> tuple[Floats, Floats, Mask]:
+    """Slopes per pixel, and the pixels to use."""
+    p, q = np.array(gx, dtype=np.float64), np.array(gy, dtype=np.float64)
+    if p.ndim != 2 or p.shape != q.shape:
+        raise InputError(f"gradient: gx has shape {p.shape}, gy {q.shape}; must be equal and 2-D")
+    steps = np.broadcast_to(np.asarray(spacing, dtype=np.float64), (2,))
+    if not np.all(np.isfinite(steps) & (steps != 0)):
+        raise InputError(f"spacing = {spacing}: must be finite and not zero")
+    inside = np.isfinite(p) & np.isfinite(q)
+    if mask is not None:
+        if np.shape(mask) != p.shape:
+            raise InputError(f"mask: shape {np.shape(mask)}, must be {p.shape} as the gradient")
+        inside &= np.asarray(mask, dtype=np.bool_)
+    if not inside.any():
+        raise InputError("mask: no pixel with a gradient is left")
+    p *= steps[0]
+    q *= steps[1]
+    return p, q, inside
+
+
+def _weights(
+    weights: ArrayLike | tuple[ArrayLike, ArrayLike] | None, shape: tuple[int, ...], inside: Mask
+) -> tuple[Floats, Floats] | tuple[None, None]:
+    if weights is None:
+        return None, None
+    pair = weights if isinstance(weights, tuple) else (weights, weights)
+    found = []
+    for weight in pair:
+        array = np.array(weight, dtype=np.float64)
+        if array.shape != shape or len(pair) != 2:
+            raise InputError(
+                f"weights: shape {array.shape}, must be {shape} as the gradient, or a pair of these"
+            )
+        if not np.all(np.isfinite(array[inside]) & (array[inside] > 0)):
+            raise InputError("weights: must be finite and greater than 0 in every pixel of the mask")
+        found.append(array)
+    return found[0], found[1]
+
+
+def _choose(inside: Mask, wp: Floats | None, wq: Floats | None) -> str:
+    if wp is None or wq is None:
+        return "dct4" if inside.all() else "cg"
+    if inside.all() and max(spread(wp), spread(wq)) < SEPARABLE_SPREAD:
+        return "weighted"
+    contrast = max(float(np.max(w[inside])) / float(np.min(w[inside])) for w in (wp, wq))
+    return "direct" if contrast > 1e4 and inside.sum() <= 1 << 18 else "cg"
+
+
+def _field(p: Floats, q: Floats, wp: Floats | None, wq: Floats | None, inside: Mask, name: str) -> Field:
+    if name in ("dct2", "dct4", "weighted") and not inside.all():
+        raise InputError(
+            f"method = {name!r}: needs a full rectangle, {np.count_nonzero(~inside)} pixels are masked"
+        )
+    if name in ("dct2", "dct4", "march") and wp is not None:
+        raise InputError(f"method = {name!r}: takes no weights; 'weighted', 'cg', 'direct' and 'robust' do")
+    if name == "dct2":
+        gx, gy = np.zeros(p.shape), np.zeros(p.shape)
+        gx[:, :-1] = 0.5 * (p[:, :-1] + p[:, 1:])
+        gy[:-1] = 0.5 * (q[:-1] + q[1:])
+    else:
+        gx, gy = increments(p, q, inside)
+    if wp is None or wq is None:
+        wx, wy = _unit_weights(inside)
+    else:
+        wx, wy = edge_weights(1.0 / wp, 1.0 / wq, _ONE, inside)
+    return Field(gx, gy, wx, wy, inside)
+
+
+def _unit_weights(inside: Mask) -> tuple[Floats, Floats]:
+    wx, wy = np.zeros(inside.shape), np.zeros(inside.shape)
+    wx[:, :-1] = inside[:, :-1] & inside[:, 1:]
+    wy[:-1] = inside[:-1] & inside[1:]
+    return wx, wy
+
+
+def _centred(z: Floats, labels: Labels) -> Floats:
+    """Mean zero in every component, NaN outside."""
+    count = int(labels.max())
+    means = np.zeros(count + 1)
+    means[1:] = scipy.ndimage.mean(z, labels, np.arange(1, count + 1))
+    centred: Floats = np.where(labels > 0, z - means[labels], np.nan)
+    return centred

@@ -1,0 +1,161 @@
+"""From a Correspondence and a Scene to the grid that is solved: checks, window, orientation, components."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy.ndimage
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence
+from optolever.errors import InputError
+from optolever.scene import Scene
+
+from .anchors import Anchors, Samples, anchor_samples
+from .geometry import RayField, pattern_plane, ray_field
+from .holes import bridged, small_holes
+from .measured import Measured
+from .pinning import anchor_rows
+
+__all__ = ["Problem", "prepare"]
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Labels = NDArray[np.int32]
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """What is solved, and how it lies in the image.
+
+    rays, valid: of the whole image (H, W); rows, cols: the window that holds valid pixels; turned: the
+    window's
+    rows and columns are exchanged, so that the slopes' variances go by columns; data, samples: of that grid;
+    labels: its anchored components from 1 on (small holes bridged); lost: valid pixels without an anchor.
+    """
+
+    rays: RayField
+    valid: Mask
+    rows: slice
+    cols: slice
+    turned: bool
+    data: Measured
+    samples: Samples
+    labels: Labels
+    lost: int
+
+    def to_grid(self, image: NDArray[Any]) -> NDArray[Any]:
+        """The part of an array of the image (H, W) that is solved for."""
+        part = image[self.rows, self.cols]
+        return np.ascontiguousarray(part.T if self.turned else part)
+
+    def to_image(self, grid: NDArray[Any], outside: Any) -> NDArray[Any]:
+        """An array of the image (H, W) from one of the grid."""
+        image = np.full(self.valid.shape, outside, dtype=grid.dtype)
+        image[self.rows, self.cols] = grid.T if self.turned else grid
+        return image
+
+
+def prepare(
+    correspondence: Correspondence, scene: Scene, anchor: Anchors = None, mask: Mask | None = None
+) -> Problem:
+    """Everything up to the solve.
+    Raises InputError where the input makes no sense or no anchor can be used.
+    """
+    rays = ray_field(scene.camera)
+    valid = _valid(correspondence, rays, mask)
+    samples = anchor_samples(anchor, scene, rays, valid)
+    rows, cols = (_extent(valid, axis) for axis in (1, 0))
+    data = _window(correspondence, rays, pattern_plane(scene), valid, rows, cols)
+    samples = samples.window(rows.start, cols.start)
+    turned = _rows_rule(data)
+    if turned:
+        data, samples = _transposed(data), samples.transposed()
+    data, labels, lost = _anchored(bridged(data, small_holes(data.mask)), data.mask, samples)
+    return Problem(rays, valid, rows, cols, turned, data, samples, labels, lost)
+
+
+def _extent(valid: Mask, axis: int) -> slice:
+    at = np.flatnonzero(valid.any(axis=axis))
+    return slice(int(at[0]), int(at[-1]) + 1)
+
+
+def _window(
+    c: Correspondence, rays: RayField, plane: Floats, valid: Mask, rows: slice, cols: slice
+) -> Measured:
+    u, v, sigma_u, sigma_v = (
+        np.ascontiguousarray(part[rows, cols], dtype=np.float64) for part in (c.u, c.v, c.sigma_u, c.sigma_v)
+    )
+    inside = np.ascontiguousarray(valid[rows, cols])
+    return Measured(rays.cropped(rows, cols), plane, u, v, sigma_u, sigma_v, inside)
+
+
+def _valid(c: Correspondence, rays: RayField, mask: Mask | None) -> Mask:
+    """Pixels to solve for; InputError where the input makes no sense."""
+    if c.u.shape != rays.shape:
+        raise InputError(
+            f"correspondence: {c.u.shape[0]} x {c.u.shape[1]} pixels, the scene's camera has "
+            f"{rays.shape[0]} x {rays.shape[1]}"
+        )
+    valid = c.good
+    if mask is not None:
+        if np.shape(mask) != rays.shape:
+            raise InputError(f"mask: shape {np.shape(mask)}, must be {rays.shape} as the camera")
+        valid = valid & np.asarray(mask, dtype=np.bool_)
+    if not valid.any():
+        raise InputError("mask: no pixel is left to reconstruct (all are flagged or masked)")
+    for name in ("u", "v"):
+        if not np.isfinite(getattr(c, name)[valid]).any():
+            raise InputError(f"correspondence: {name} is NaN in every valid pixel; both axes must be encoded")
+    valid = valid & np.isfinite(c.u) & np.isfinite(c.v)
+    for name in ("sigma_u", "sigma_v"):
+        sigma = getattr(c, name)
+        wrong = valid & ~(np.isfinite(sigma) & (sigma >= 0))
+        if wrong.any():
+            row, col = np.argwhere(wrong)[0]
+            raise InputError(
+                f"correspondence: {name} = {sigma[row, col]} at pixel ({row}, {col}), which has no flag; "
+                "must be finite and at least 0"
+            )
+    if not valid.any():
+        raise InputError("correspondence: no pixel has both u and v")
+    return valid
+
+
+def _rows_rule(data: Measured) -> bool:
+    """True if the slopes' variance depends on the row rather than on the column."""
+    step = max(1, min(data.mask.shape) // 64)
+    coarse = data.strided(step)
+    variance = coarse.variances(coarse.rest())[0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        values = np.where(coarse.mask, np.log(variance), np.nan)
+    spreads = []
+    for axis in (0, 1):
+        count = np.isfinite(values).sum(axis=axis)
+        total = np.nansum(np.where(np.isfinite(values), values, np.nan), axis=axis)
+        spreads.append(float(np.var((total / np.maximum(count, 1))[count > 0])))
+    return spreads[1] > 4.0 * spreads[0] + 1e-3
+
+
+def _transposed(data: Measured) -> Measured:
+    names = ("u", "v", "sigma_u", "sigma_v", "mask")
+    turned: dict[str, Any] = {name: np.ascontiguousarray(getattr(data, name).T) for name in names}
+    return replace(data, rays=data.rays.transposed(), **turned)
+
+
+def _anchored(data: Measured, measured: Mask, samples: Samples) -> tuple[Measured, Labels, int]:
+    """The grid without components that no anchor reaches, its labels,
+    and how many measured pixels that costs.
+    """
+    if data.mask.all():
+        return data, np.ones(data.mask.shape, dtype=np.int32), 0
+    labels = scipy.ndimage.label(data.mask)[0].astype(np.int32)
+    reached = np.unique(anchor_rows(samples, data, labels).component)
+    if reached.size == 0:
+        raise InputError("anchor: no valid pixel within 3 pixels of any anchor")
+    renumber = np.zeros(int(labels.max()) + 1, dtype=np.int32)
+    renumber[reached] = np.arange(1, reached.size + 1)
+    labels = renumber[labels]
+    kept = labels > 0
+    lost = int(np.count_nonzero(measured & ~kept))
+    return replace(data, mask=kept), labels, lost

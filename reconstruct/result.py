@@ -1,0 +1,53 @@
+"""The solved grid as a HeightMap: points, sigma, flags, diagnostics."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.decode import Flag
+
+from .heightmap import Diagnostics, HeightFlag, HeightMap
+from .newton import State
+from .problem import Problem
+from .uncertainty import unknown_variance
+
+__all__ = ["height_map"]
+
+Mask = NDArray[np.bool_]
+
+
+def height_map(
+    problem: Problem,
+    state: State,
+    flags: NDArray[np.uint16],
+    suspects: Mask,
+    curl: float,
+    method: str,
+) -> HeightMap:
+    """flags (H, W): the decoder's; suspects: pixels of the grid with a curl; curl: its robust scale."""
+    data = problem.data
+    distance = data.distance(state.w)
+    sigma = np.sqrt(unknown_variance(state, problem.labels))
+    if data.rays.logarithmic:
+        sigma *= distance
+    solved = problem.to_image(data.mask, False) & problem.valid
+    t = np.where(solved, problem.to_image(distance, np.nan), np.nan)
+    o, d = problem.rays.inner_origins, problem.rays.inner_directions
+    deviation = np.where(solved, problem.to_image(sigma, np.nan), np.nan) * np.abs(d[2])
+    flags = np.asarray(flags, dtype=np.uint16).copy()
+    flags[~problem.valid & (flags == 0)] |= np.uint16(Flag.INVALID)
+    flags[problem.valid & ~solved] |= np.uint16(HeightFlag.NO_ANCHOR)
+    flags[problem.to_image(suspects, False) & solved] |= np.uint16(HeightFlag.CURL)
+    if not state.converged:
+        flags[solved] |= np.uint16(HeightFlag.NOT_CONVERGED)
+    diagnostics = Diagnostics(
+        method=method,
+        converged=state.converged,
+        steps=state.steps,
+        iterations=state.iterations,
+        defect=float(np.sqrt(state.energy / (2 * np.count_nonzero(data.mask)))),
+        curl=curl if np.isfinite(curl) else None,
+        components=int(problem.labels.max()),
+        lost=problem.lost,
+        solver=type(state.problem).__name__,
+    )
+    return HeightMap(o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2], deviation, flags, diagnostics)

@@ -1,0 +1,159 @@
+"""integrate(): plain gradient fields, every method, against the height they came from."""
+
+import numpy as np
+import pytest
+
+from optolever import InputError
+from optolever.reconstruct import integrate, integrator_names
+from optolever.reconstruct.edges import increments
+
+SIZE = 96
+
+
+def gaussian(rows: int, cols: int, share: float = 0.15) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A bump off the centre and its slopes per pixel."""
+    y, x = np.mgrid[:rows, :cols].astype(float)
+    x, y, s = x - 0.45 * cols, y - 0.55 * rows, share * cols
+    z = np.exp(-(x**2 + y**2) / (2 * s**2))
+    return z, -x / s**2 * z, -y / s**2 * z
+
+
+def rms(values: np.ndarray) -> float:
+    values = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean((values - values.mean()) ** 2)))
+
+
+@pytest.mark.parametrize("method", [name for name in integrator_names() if name != "dct2"])
+def test_smooth_field(method: str) -> None:
+    z, gx, gy = gaussian(SIZE, SIZE + 20)
+    result = integrate(gx, gy, method)
+    assert result.method == method
+    assert rms(result.z - z) < 3e-6 * rms(z)
+    assert abs(result.z.mean()) < 1e-12
+
+
+def test_second_order_is_second_order() -> None:
+    errors = []
+    for size in (48, 96):
+        z, gx, gy = gaussian(size, size)
+        errors.append([rms(integrate(gx, gy, method).z - z) / rms(z) for method in ("dct2", "dct4")])
+    ratios = np.array(errors[0]) / np.array(errors[1])
+    assert ratios[0] == pytest.approx(4, rel=0.2)
+    assert ratios[1] > 12
+
+
+def test_figure_at_512() -> None:
+    z, gx, gy = gaussian(512, 512)
+    assert rms(integrate(gx, gy).z - z) < 3e-9 * np.sqrt(np.mean(z**2))
+
+
+def test_the_data_choose() -> None:
+    _, gx, gy = gaussian(SIZE, SIZE)
+    assert integrate(gx, gy).method == "dct4"
+    hole = np.hypot(*(np.mgrid[:SIZE, :SIZE] - 40)) > 10
+    assert integrate(gx, gy, mask=hole).method == "cg"
+    by_column = np.tile(np.geomspace(1, 100, SIZE), (SIZE, 1))
+    assert integrate(gx, gy, weights=by_column).method == "weighted"
+    extreme = np.where(hole, 1.0, 1e-8)
+    assert integrate(gx, gy, weights=extreme).method == "direct"
+
+
+@pytest.mark.parametrize("method", ["cg", "direct", "robust"])
+def test_masks_components_and_nan(method: str) -> None:
+    z, gx, gy = gaussian(SIZE, SIZE)
+    mask = np.ones((SIZE, SIZE), dtype=bool)
+    mask[:, 50] = False
+    mask[10:20, 10:20] = False
+    gx[70, 70] = np.nan
+    result = integrate(gx, gy, method, mask=mask)
+    assert result.components.max() == 2
+    assert np.isnan(result.z[~mask]).all()
+    assert np.isnan(result.z[70, 70])
+    for label in (1, 2):
+        inside = result.components == label
+        assert abs(result.z[inside].mean()) < 1e-10
+        assert rms((result.z - z)[inside]) < 1e-5 * rms(z)
+
+
+@pytest.mark.parametrize("method", ["weighted", "cg", "direct"])
+def test_weights_against_dense_least_squares(method: str) -> None:
+    """Noisy slopes, weights by columns over six orders."""
+    rows, cols = 7, 9
+    rng = np.random.default_rng(0)
+    gx, gy = rng.standard_normal((2, rows, cols))
+    weight = np.tile(np.geomspace(1.0, 1e-6, cols), (rows, 1))
+    result = integrate(gx, gy, method, weights=weight)
+    equations, data = [], []
+    ex, ey = increments(gx, gy, np.ones((rows, cols), dtype=bool))
+    for g, step in ((ex, (0, 1)), (ey, (1, 0))):
+        for i in range(rows - step[0]):
+            for j in range(cols - step[1]):
+                k, m = (i, j), (i + step[0], j + step[1])
+                w = np.sqrt(2 / (1 / weight[k] + 1 / weight[m]))
+                row = np.zeros((rows, cols))
+                row[k], row[m] = -w, w
+                equations.append(row.ravel())
+                data.append(w * g[k])
+    pinned = np.array(equations)[:, 1:]
+    expected = np.linalg.lstsq(pinned, np.array(data), rcond=1e-15)[0]
+    np.testing.assert_allclose((result.z - result.z[0, 0]).ravel()[1:], expected, atol=1e-6)
+
+
+def test_spacing() -> None:
+    _, gx, gy = gaussian(SIZE, SIZE)
+    stretched = integrate(gx / 0.5, gy / 2.0, spacing=(0.5, 2.0))
+    np.testing.assert_allclose(stretched.z, integrate(gx, gy).z, atol=1e-12)
+
+
+def test_turned_and_mirrored_fields() -> None:
+    _, gx, gy = gaussian(SIZE, SIZE)
+    straight = integrate(gx, gy).z
+    quarter = integrate(gy.T.copy(), gx.T.copy()).z
+    np.testing.assert_allclose(quarter, straight.T, atol=1e-12)
+    mirrored = integrate(-gx[:, ::-1].copy(), gy[:, ::-1].copy()).z
+    np.testing.assert_allclose(mirrored, straight[:, ::-1], atol=1e-12)
+
+
+def test_robust_leaves_outliers_behind() -> None:
+    """1 % of the slopes replaced: least squares follows them, reweighting does not."""
+    rng = np.random.default_rng(3)
+    z, gx, gy = gaussian(SIZE, SIZE)
+    gx, gy = (g + 1e-4 * rng.standard_normal(g.shape) for g in (gx, gy))
+    wrong = rng.random(gx.shape) < 0.01
+    gx[wrong] += rng.standard_normal(wrong.sum())
+    plain, robust = integrate(gx, gy), integrate(gx, gy, "robust")
+    assert rms(robust.z - z) < 0.2 * rms(plain.z - z)
+    off = np.abs(robust.z - z - np.median(robust.z - z))[~wrong]
+    assert np.quantile(off, 0.95) < 5e-4
+    assert robust.edge_weights is not None
+    assert np.median(robust.edge_weights[0][wrong]) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        ({"method": "guess"}, "method"),
+        ({"mask": np.zeros((8, 8), dtype=bool)}, "mask"),
+        ({"mask": np.ones((3, 3), dtype=bool)}, "mask"),
+        ({"weights": np.zeros((8, 8))}, "weights"),
+        ({"weights": np.ones((3, 8))}, "weights"),
+        ({"spacing": 0.0}, "spacing"),
+        ({"method": "dct4", "mask": np.eye(8, dtype=bool)}, "rectangle"),
+        ({"method": "dct4", "weights": np.ones((8, 8))}, "weights"),
+        ({"method": "march", "mask": np.eye(8, dtype=bool)}, "rectangle"),
+    ],
+)
+def test_bad_input(options: dict, word: str) -> None:
+    with pytest.raises(InputError, match=word):
+        integrate(np.zeros((8, 8)), np.zeros((8, 8)), **options)
+
+
+def test_shapes_must_agree() -> None:
+    with pytest.raises(InputError, match="gy"):
+        integrate(np.zeros((8, 8)), np.zeros((8, 9)))
+
+
+def test_a_single_pixel() -> None:
+    mask = np.zeros((5, 5), dtype=bool)
+    mask[2, 2] = True
+    assert integrate(np.ones((5, 5)), np.ones((5, 5)), mask=mask).z[2, 2] == 0.0
