@@ -1,6 +1,7 @@
 """`optolever capture`: a virtual sensor looks at a dented mirror."""
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -54,6 +55,7 @@ def command(
 
     scene = load_scene(scene_name, size)
     pressed = dent_of(scene, dent)
+    scene = replace(scene, dent=pressed)
     surface = dent_from_text(pressed, scene)
     shown = sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
     with atomic_folder(out) as folder, progress() as step:
