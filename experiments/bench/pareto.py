@@ -49,7 +49,8 @@ def pareto_figure(rows: Sequence[Row], refresh: float) -> str:
         f"display at {refresh:g} Hz + decode + reconstruct [s]",
     )
     left.set_ylabel("rms height error / peak depth", fontsize=9)
-    left.legend(fontsize=8, loc="best")
+    if left.get_legend_handles_labels()[0]:
+        left.legend(fontsize=8, loc="best")
     return figure_uri(figure)
 
 
@@ -84,8 +85,9 @@ def _chart(axes: Axes, rows: Sequence[Row], time: Time, label: str) -> None:
         name = f"{row.cell.sequence}, {row.cell.solver}"
         text = name if len(name) <= LABEL else name[: LABEL - 1] + "…"
         axes.annotate(text, (time(row), row.error), xytext=(5, 4), textcoords="offset points", fontsize=7)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    if shown:
+        axes.set_xscale("log")
+        axes.set_yscale("log")
     axes.grid(True, which="both", color="#e5e7eb", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.set_xlabel(label, fontsize=9)

@@ -17,6 +17,7 @@ HEADER = (
     *("sequence", "solver", "frames", "display", "render", "decode", "reconstruct", "memory"),
     *("rms", "95 %", "max", "error/sigma", "flagged", "silent", "x floor"),
 )
+REPORT_ONLY = ("display", "render", "memory", "95 %", "x floor")
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +104,10 @@ def bench_table(rows: Iterable[Row], refresh: float) -> Iterator[tuple[str, list
         ranked = sorted((row for row in group.rows if row.done), key=_rank)
         yield (
             group.name,
-            [list(HEADER), *(table_cells(row, refresh, floors.get(row.cell.solver)) for row in ranked)],
+            [
+                _terminal(HEADER),
+                *(_terminal(table_cells(row, refresh, floors.get(row.cell.solver))) for row in ranked),
+            ],
             group.absent(),
         )
 
@@ -168,6 +172,11 @@ def _headline(group: Group) -> str:
         if other is not None and own.error > 0:
             text += f" {other.error / own.error:.3g} times below {name}."
     return text
+
+
+def _terminal(cells: Sequence[str]) -> list[str]:
+    """What of a row fits into a terminal."""
+    return [cell for name, cell in zip(HEADER, cells, strict=True) if name not in REPORT_ONLY]
 
 
 def _rank(row: Row) -> float:

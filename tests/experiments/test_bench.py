@@ -1,0 +1,276 @@
+"""Cells, peers, plain integration, frontier, rows: against closed forms, brute force and each other."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import optolever.experiments.bench as bench
+from optolever import InputError
+from optolever.decode import Correspondence
+from optolever.experiments.bench import (
+    Cell,
+    Grid,
+    Row,
+    bench_html,
+    bench_table,
+    decoders,
+    decoupled,
+    frontier,
+    load_grid,
+    measures,
+    run_cells,
+    solver_names,
+)
+from optolever.experiments.bench import run as running
+from optolever.experiments.bench import shot as shots
+from optolever.reconstruct import HeightMap
+from optolever.scene import dent, load, resize, trace
+
+CELL = Cell("paper-simulation", (64, 64), "gaussian", "gray+phase", 1.0, 0, "coupled", "numpy")
+
+
+@pytest.fixture(scope="module")
+def rows() -> list[Row]:
+    """A small bench: two mirrors, several chains."""
+    grid = Grid(
+        scenes=("paper-simulation", "monitor-mirror"),
+        sizes=((64, 64),),
+        sequences=("exact", "gray+phase", "gray@cv2", "lattice"),
+        solvers=("coupled", "paper", "decoupled"),
+        renderer="numpy",
+    )
+    return list(run_cells(grid.cells(), timed=True))
+
+
+def test_a_grid_has_every_combination_once() -> None:
+    grid = Grid(("a", "b"), ("exact", "gray", "gray@cv2"), ("coupled", "paper"), noises=(1, 2), seeds=(0, 1))
+    cells = grid.cells()
+    assert len(cells) == len(set(cells)) == 2 * 2 * (1 + 2 * 2 * 2)
+    assert len({cell.key for cell in cells}) == len(cells)
+    assert all(cell == Cell.from_dict(json.loads(json.dumps(cell.to_dict()))) for cell in cells)
+
+
+def test_a_seed_belongs_to_the_frames() -> None:
+    """All that decode and solve the same frames share the noise; other frames have other noise."""
+    same = {replace(CELL, solver="paper").capture_seed, replace(CELL, sequence="gray+phase@cv2").capture_seed}
+    assert same == {CELL.capture_seed}
+    others = [replace(CELL, dent="ball"), replace(CELL, seed=1), replace(CELL, sequence="phase")]
+    assert len({CELL.capture_seed, *(cell.capture_seed for cell in others)}) == 4
+
+
+def test_a_scene_file_is_part_of_the_key(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    resize(load("paper-simulation"), 32, 32).save(path)
+    cell = replace(CELL, scene=str(path))
+    before = cell.key
+    resize(load("paper-simulation"), 48, 32).save(path)
+    assert cell.key != before
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("scenes = 3\nsequences = ['gray']", "scenes is 3"),
+        ("scenes = ['a']", "sequences is missing"),
+        ("scenes = ['a']\nsequences = ['gray']\nsizes = ['9']", "sizes holds '9'"),
+        ("scenes = ['a']\nsequences = ['gray']\nnoises = [-1]", "noises is -1"),
+        ("scenes = ['a']\nsequences = ['gray']\nseeds = [0.5]", "seeds holds 0.5"),
+        ("scenes = ['a']\nsequences = [2]", "sequences holds 2"),
+        ("scenes = ['a']\nsequences = ['gray']\nrefresh = 0", "refresh is 0"),
+        ("scenes = ['a']\nsequences = ['gray']\nrenderer = 'x'", "renderer is 'x'"),
+        ("scenes = ['a']\nspeed = 1", "unknown field 'speed'"),
+        ("scenes = ", "not readable as TOML"),
+    ],
+)
+def test_a_bad_grid_is_one_line(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "grid.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"grid\.toml") as caught:
+        load_grid(path)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value).strip()
+
+
+def test_a_grid_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "grid.toml"
+    path.write_text("scenes = ['a']\nsequences = ['gray']\nsizes = ['own', '9x10']\nnoises = [1, 0.5]\n")
+    assert load_grid(path) == Grid(("a",), ("gray",), sizes=(None, (9, 10)), noises=(1.0, 0.5))
+    with pytest.raises(InputError, match="no such file"):
+        load_grid(tmp_path / "none.toml")
+
+
+def test_unknown_names_are_known_before_the_work() -> None:
+    for cell in (replace(CELL, solver="magic"), replace(CELL, sequence="gray@magic")):
+        with pytest.raises(InputError, match="magic"):
+            running.check([cell])
+
+
+def test_frontier_against_brute_force() -> None:
+    rng = np.random.default_rng(3)
+    points = [(float(t), float(e)) for t, e in rng.integers(0, 12, (60, 2))]
+    points.append((math.nan, 0.0))
+    found = {points[i] for i in frontier(points)}
+    beaten = [
+        p for p in points if math.isnan(p[0]) or any(q[0] <= p[0] and q[1] <= p[1] and q != p for q in points)
+    ]
+    assert found == set(points) - set(beaten)
+
+
+def test_frankot_chellappa_on_a_periodic_field() -> None:
+    row, col = np.mgrid[:40, :48].astype(float)
+    a, b = 2 * np.pi * 3 * row / 40, 2 * np.pi * 5 * col / 48
+    z = np.sin(a) * np.cos(b)
+    by_row, by_col = np.cos(a) * np.cos(b) * 2 * np.pi * 3 / 40, -np.sin(a) * np.sin(b) * 2 * np.pi * 5 / 48
+    assert np.abs(decoupled.frankot_chellappa(by_row, by_col) - z).max() < 1e-12
+
+
+@pytest.mark.parametrize("name", ["paper-simulation", "monitor-mirror"])
+def test_slopes_at_rest_invert_the_reflection_law(name: str) -> None:
+    """Rays reflected at z = 0 by mirrors of any slope, followed to the pattern's plane."""
+    scene = resize(load(name), 12, 16)
+    origins, directions = scene.camera.rays()
+    slope_x, slope_y = np.random.default_rng(5).uniform(-0.1, 0.1, (2, 12, 16))
+    normal = np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=-1)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    points = origins - (origins[..., 2] / directions[..., 2])[..., None] * directions
+    out = directions - 2 * (directions * normal).sum(axis=-1, keepdims=True) * normal
+    across = np.cross(scene.pattern.u_axis, scene.pattern.v_axis)
+    distance = ((scene.pattern.origin - points) @ across) / (out @ across)
+    u, v = scene.pattern.coordinates(points + distance[..., None] * out)
+    sigma = np.full(u.shape, 0.01)
+    seen = Correspondence(u, v, sigma, sigma, np.zeros(u.shape, np.uint16))
+    x, _, by_x, by_y = decoupled.rest_slopes(seen, scene)
+    ahead = distance > 0
+    assert ahead.mean() > 0.8
+    assert np.abs(x - points[..., 0]).max() < 1e-9
+    assert np.abs(by_x - slope_x)[ahead].max() < 1e-9
+    assert np.abs(by_y - slope_y)[ahead].max() < 1e-9
+
+
+def test_silent_heights_are_unflagged_and_wrong() -> None:
+    scene = resize(load("paper-simulation"), 16, 16)
+    truth = trace(scene, dent("flat", scene))
+    z, sigma = truth.z.copy(), np.full(truth.z.shape, 0.1)
+    z[3, 3], z[4, 4], z[5, 5], z[6, 6] = 0.51, 0.49, 0.6, np.nan
+    flags = np.zeros(z.shape, np.uint16)
+    flags[5, 5] = 1
+    height = HeightMap(truth.x, truth.y, z, sigma, flags)
+    wrong = measures.silent_heights(truth, height)
+    assert np.argwhere(wrong & truth.visible).tolist() == [[3, 3], [6, 6]]
+    unknown = HeightMap(truth.x, truth.y, z, np.full(z.shape, np.inf), flags)
+    assert not measures.silent_heights(truth, unknown).any()
+
+
+def test_opencv_decodes_our_gray_frames() -> None:
+    """The frames are OpenCV's own; what it makes of them is the truth to a pixel."""
+    import cv2
+
+    cell = replace(CELL, sequence="gray@cv2", noise=0.0)
+    shot = shots.shoot(shots.place_of(cell), cell)
+    _, shown = shot.taken()
+    code = cv2.structured_light.GrayCodePattern.create(shown.cols, shown.rows)
+    assert np.array_equal(code.generate()[1], shown.render()[2:])
+    seen = decoders.decoder("cv2").run(shot)
+    inside = seen.good & shot.place.truth.visible
+    assert inside.mean() > 0.9
+    assert np.abs(seen.u - shot.place.truth.u)[inside].max() < 1.0
+
+
+def test_fringes_shows_our_frames() -> None:
+    """Same coordinates, order and sign; its levels are rounded down, ours to the nearest."""
+    pytest.importorskip("fringes", reason="fringes is not installed (extra bench)")
+    from optolever.patterns import sequence
+
+    shown = sequence("phase", 40, 64, steps=4, periods=(20, 22, 25))
+    theirs = decoders._fringes_coder(shown).encode()[..., 0].astype(int)
+    assert np.abs(theirs - shown.render()).max() <= 1
+    with pytest.raises(InputError, match="same periods"):
+        decoders._fringes_coder(sequence("phase", 40, 64))
+
+
+def test_rows_of_a_bench(rows: list[Row]) -> None:
+    found = {(row.cell.scene, row.cell.sequence, row.cell.solver): row for row in rows}
+    assert len(found) == len(rows) == 24
+    ours = found["paper-simulation", "gray+phase", "coupled"]
+    floor = found["paper-simulation", "exact", "coupled"]
+    paper = found["paper-simulation", "gray+phase", "paper"]
+    assert (ours.kind, floor.kind, paper.kind) == ("own", "floor", "paper")
+    assert floor.error < 1e-4 < paper.error
+    assert floor.error < ours.error < paper.error
+    assert ours.frames == 18
+    assert ours.display_seconds(60.0) == pytest.approx(0.3)
+    assert ours.timings["decode_bytes"] > 64 * 64 * 8
+    assert ours.timings["reconstruct_seconds"] > 0
+    assert found["paper-simulation", "gray@cv2", "decoupled"].kind == "peer"
+    lattice = found["paper-simulation", "lattice", "paper"]
+    assert lattice.done
+    assert lattice.frames == 1
+    assert found["monitor-mirror", "gray+phase", "paper"].status == "not applicable"
+    assert found["monitor-mirror", "lattice", "coupled"].status == "not applicable"
+
+
+def test_what_is_not_installed_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(running, "installed", lambda module: module is None)
+    cells = [
+        replace(CELL, sequence="phase:periods=20/22/25@fringes"),
+        replace(CELL, sequence="exact", solver="mbipy-dct"),
+    ]
+    for row in run_cells(cells, timed=False):
+        assert row.status == "not installed"
+        assert "is not installed" in row.why
+
+
+def test_a_broken_solver_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> HeightMap:
+        raise ZeroDivisionError("by zero")
+
+    own = running.solver("coupled")
+    monkeypatch.setattr(running, "solver", lambda name: replace(own, run=broken))
+    (row,) = run_cells([replace(CELL, sequence="exact")], timed=False)
+    assert (row.status, row.why) == ("failed", "ZeroDivisionError: by zero")
+    assert not row.done
+
+
+def test_peers_integrate_where_they_are_installed() -> None:
+    pytest.importorskip("mbipy", reason="mbipy is not installed (extra bench)")
+    cells = [replace(CELL, sequence="exact", solver=name) for name in solver_names() if "mbipy" in name]
+    for row in run_cells(cells, timed=False):
+        assert row.done, row.why
+        assert row.kind == "peer"
+        assert math.isfinite(row.error)
+
+
+def test_records_come_back(rows: list[Row]) -> None:
+    for row in rows:
+        assert Row.from_dict(json.loads(json.dumps(row.to_dict()))).flat(60.0) == row.flat(60.0)
+
+
+def test_the_report_has_a_section_per_mirror(rows: list[Row]) -> None:
+    html = bench_html(rows, {"refresh": 60.0}, {"total": 1.0}, "optolever bench")
+    assert html.count('<section id="mirror-') == 2
+    assert html.count("data:image/png") == 2
+    assert 'class="best"' in html
+    assert "http" not in html.replace("http-equiv", "")
+    names = [name for name, _, _ in bench_table(rows, 60.0)]
+    assert all(name in html for name in names)
+    (_, (header, *lines), absent) = next(iter(bench_table(rows, 60.0)))
+    assert {len(line) for line in lines} == {len(header)}
+    assert len(lines) == 10
+    assert absent == [
+        "lattice with coupled, lattice with decoupled: not applicable: lattice crossings are sparse: "
+        "method paper only"
+    ]
+
+
+def test_the_face_names_what_there_is() -> None:
+    assert set(bench.DECODERS) == {"optolever", "exact", "fringes", "cv2"}
+    grid = bench.DEFAULT_GRID
+    running.check(grid.cells())
+    own = [name for name in grid.sequences if "@" not in name and name not in ("exact", "lattice")]
+    assert len(own) >= 8
+    assert len(grid.scenes) >= 3
+    assert len([name for name in grid.solvers if "mbipy" not in name]) >= 4

@@ -1,0 +1,184 @@
+"""Verdicts on made-up maps, cases that are pure functions, and the exit code."""
+
+import json
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import optolever.experiments.bench as bench
+from optolever import InputError
+from optolever.cli import run
+from optolever.experiments.bench import Case, Found, hard_cases, judged, run_hard, save_picture
+from optolever.experiments.bench import hard_decode as decoding
+from optolever.experiments.bench import hard_reconstruct as solving
+
+SHAPE = (20, 30)
+
+
+def found(unit: str = "peak") -> Found:
+    """600 pixels, all of them right."""
+    return Found(
+        error=np.full(SHAPE, 0.1),
+        limit=np.full(SHAPE, 0.5),
+        expected=np.ones(SHAPE, np.bool_),
+        beside=np.zeros(SHAPE, np.bool_),
+        flags=np.zeros(SHAPE, np.uint16),
+        unit=unit,
+    )
+
+
+def case(limit: str = "") -> Case:
+    return Case("decode", "made up", "gray", SHAPE, found, limit=limit)
+
+
+def test_a_right_answer_is_good() -> None:
+    result = judged(case(), found())
+    assert (result.verdict, result.silent, result.flagged, result.fault) == ("good", 0.0, 0.0, False)
+    assert result.error == pytest.approx(0.1)
+    assert result.worst == pytest.approx(0.2)
+
+
+def test_one_silent_pixel_in_600_is_too_many() -> None:
+    wrong = found()
+    wrong.error[3, 4] = -0.6
+    result = judged(case(), wrong)
+    assert (result.verdict, result.silent_count, result.fault) == ("silent errors", 1, True)
+    wrong.flags[3, 4] = 8
+    result = judged(case(), wrong)
+    assert (result.verdict, result.fault) == ("good", False)
+    assert result.flagged == pytest.approx(1 / 600)
+
+
+def test_what_nobody_can_tell_is_no_fault_but_said() -> None:
+    wrong = found()
+    wrong.error[:] = 3.0
+    result = judged(case("nothing to check"), wrong)
+    assert (result.verdict, result.why, result.fault) == ("cannot tell", "nothing to check", False)
+
+
+def test_nothing_may_be_nan_or_stand_beside_the_mirror() -> None:
+    wrong = found()
+    wrong.error[0, 0] = np.nan
+    assert judged(case(), wrong).verdict == "unflagged NaN"
+    wrong = found()
+    wrong.expected[:2], wrong.beside[:1] = False, True
+    wrong.error[:2] = np.nan
+    result = judged(case(), wrong)
+    assert (result.verdict, result.silent_count) == ("silent errors", 30)
+    wrong.flags[:2] = 1
+    assert judged(case(), wrong).verdict == "good"
+
+
+def test_divergence_and_flagging_everything() -> None:
+    wrong = replace(found(), scale=0.01, limit=np.full(SHAPE, 9.0))
+    assert judged(case(), wrong).verdict == "diverged"
+    assert judged(case(), replace(wrong, unit="px")).verdict == "good"
+    nothing = replace(found(), flags=np.ones(SHAPE, np.uint16))
+    result = judged(case(), nothing)
+    assert (result.verdict, result.why) == ("good", "all flagged")
+
+
+def test_what_breaks_is_a_fault_and_what_is_refused_is_not() -> None:
+    def broken() -> Found:
+        raise ZeroDivisionError
+
+    def refused() -> Found:
+        raise InputError("no pixel is left")
+
+    results = list(run_hard([replace(case(), make=broken), replace(case(), make=refused)]))
+    assert [(result.verdict, result.fault) for result in results] == [("failed", True), ("refused", False)]
+
+
+def test_the_written_lists_are_there() -> None:
+    cases = hard_cases()
+    assert len({case.label for case in cases}) == len(cases)
+    words = "contrast saturation gamma defocus stripes steep folded motion dropped flicker hot 12 cusp ridge "
+    words += "step island slits dropouts outliers holes reflection"
+    assert not [word for word in words.split() if not any(word in case.name for case in cases)]
+    solved = [case for case in cases if case.part == "reconstruct"]
+    assert {case.noise for case in solved} == {0.0, 0.05}
+    assert {case.dtype for case in solved} == {"float32", "float64"}
+    assert {case.label for case in hard_cases(wanted="decode gamma phase")} < {case.label for case in cases}
+    assert {case.size for case in hard_cases(((40, 50),), "cusp")} == {(40, 50)}
+
+
+@pytest.mark.parametrize("wanted", ["decode plain gray+phase", "reconstruct smooth noise=0.05 float64"])
+def test_a_case_is_a_pure_function(wanted: str) -> None:
+    (one,) = hard_cases(((48, 48),), wanted)
+    first, second = one.make(), one.make()
+    assert np.array_equal(first.error, second.error, equal_nan=True)
+    assert np.array_equal(first.flags, second.flags)
+    assert judged(one, first).verdict == "good"
+
+
+def test_lost_frames_are_what_they_are_called() -> None:
+    rng = np.random.default_rng(0)
+    frames = np.broadcast_to(np.arange(9)[:, None, None], (9, 6, 4)).copy()
+
+    def order(spoil: decoding.Spoil, row: int = 0) -> list[int]:
+        return [int(level) for level in spoil(frames.copy(), rng)[:, row, 0]]
+
+    assert order(decoding._duplicated) == [0, 1, 2, 3, 3, 5, 6, 7, 8]
+    assert order(decoding._dropped) == [0, 1, 2, 4, 5, 6, 7, 8, 8]
+    assert order(decoding._swapped) == [0, 1, 2, 3, 5, 4, 6, 7, 8]
+    assert order(decoding._torn) == list(range(9))
+    assert order(decoding._torn, row=5) == [0, 1, 2, 3, 3, 5, 6, 7, 8]
+
+
+def test_a_moving_mirror_may_be_where_it_ever_was() -> None:
+    """The truth is the range of what was true; discrete codes have a limit of their own."""
+    from optolever.decode import Correspondence
+    from optolever.patterns import sequence
+    from optolever.scene import dent, load, resize, trace
+
+    scene = resize(load("paper-simulation"), 12, 12)
+    truth = trace(scene, dent("flat", scene))
+    later = replace(truth, u=truth.u + 2.0)
+    sigma = np.full(truth.u.shape, 0.1)
+    flags = np.zeros(truth.u.shape, np.uint16)
+    seen = Correspondence(truth.u + 2.4, truth.v - 0.3, sigma, sigma, flags)
+    phase = decoding.compared(seen, [truth, later], sequence("phase", 12, 12))
+    assert np.abs(phase.error[truth.visible]) == pytest.approx(0.4)
+    assert phase.limit[truth.visible] == pytest.approx(0.5)
+    gray = decoding.compared(seen, [truth, later], sequence("gray", 12, 12))
+    assert gray.limit == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize("radial", [False, True])
+def test_step_slopes_are_the_heights_differences(radial: bool) -> None:
+    from optolever.scene import load, resize
+
+    scene = resize(load("paper-simulation"), 32, 32)
+    surface = solving._step(scene, 4, radial)
+    x, y = np.random.default_rng(2).uniform(20, 140, (2, 50))
+    h = 1e-4
+    by_x = (surface.height(x + h, y) - surface.height(x - h, y)) / (2 * h)
+    by_y = (surface.height(x, y + h) - surface.height(x, y - h)) / (2 * h)
+    exact = surface.gradient(x, y)
+    assert np.abs(by_x - exact[0]).max() < 1e-6
+    assert np.abs(by_y - exact[1]).max() < 1e-6
+
+
+def test_command_exit_code_and_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    wrong = found()
+    wrong.error[:] = 3.0
+    cases = [case(), replace(case(), name="broken, so", make=lambda: wrong)]
+    for picked, code in ((cases, 1), (cases[:1], 0)):
+        monkeypatch.setattr(bench, "hard_cases", lambda *_, chosen=picked: chosen)
+        out = tmp_path / str(code)
+        assert run(["hard", "--out", str(out), "--json", str(out / "verdicts.json")]) == code
+        record = json.loads((out / "verdicts.json").read_text())
+        assert record["faults"] == code
+        assert len(record["cases"]) == len(picked)
+        assert len(list(out.glob("*.png"))) == code
+    monkeypatch.undo()
+    assert run(["hard", "--filter", "no such case", "--out", str(tmp_path / "x")]) == 2
+
+
+def test_no_picture_of_nothing(tmp_path: Path) -> None:
+    (result,) = run_hard([replace(case(), make=partial(int, "x"))])
+    assert result.verdict == "failed"
+    assert save_picture(result, tmp_path) is None
