@@ -32,11 +32,11 @@ def part_folders(root: Path) -> list[str]:
 def package_folders(root: Path) -> dict[str, str]:
     """Package -> folder: the parts, and the sub-packages inside them (folders that hold Python)."""
     folders = {
-        str(path.parent.relative_to(root)) for part in part_folders(root) for path in (root / part).rglob("*.py")
+        str(path.parent.relative_to(root))
+        for part in part_folders(root)
+        for path in (root / part).rglob("*.py")
     }
-    return {
-        ".".join(dict.fromkeys(["optolever", *folder.split("/")])): folder for folder in sorted(folders)
-    }
+    return {".".join(dict.fromkeys(["optolever", *folder.split("/")])): folder for folder in sorted(folders)}
 
 
 def test_every_folder_is_a_package_with_mapping_and_stub(root: Path) -> None:
