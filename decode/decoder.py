@@ -22,6 +22,7 @@ from .flag_kernels import outlier_rows
 from .noise import QUANTISATION, Noise, estimate_noise
 from .plan import AxisPlan, Code, Plan, plan
 from .response import Response
+from .table_decoder import by_table, shown_on, stripe_step, subpixel_step, table_step
 
 __all__ = ["decode"]
 
@@ -59,6 +60,7 @@ def decode(
     weigh_samples: bool = False,
     blur_px: float | None = None,
     on_cells: bool = True,
+    subpixel: bool = False,
 ) -> Correspondence:
     """Where on the pattern every camera pixel looks.
 
@@ -73,6 +75,8 @@ def decode(
     on_cells     fringes were shown on the cells of a surface of the sequence's size, as Frame.tables says,
                  dark around it; what that shifts is taken off (see display, cells). False: ideal cosines
 
+    subpixel     binary codes: answers within their cells, from the blur of their edges, where it tells
+
     InputError if frames and sequence do not fit or hold values that are not finite.
     """
     stack = _checked(frames, sequence)
@@ -86,7 +90,19 @@ def decode(
     flags = np.zeros((height, width), np.uint16)
     amplitude, offset, order_error = (np.zeros((height, width), np.float32) for _ in range(3))
     steps = [
-        _axis_step(job, wanted, axis, maps[axis.axis], bool(i), flags, amplitude, offset, order_error)
+        _step(
+            job,
+            sequence,
+            wanted,
+            axis,
+            subpixel,
+            maps[axis.axis],
+            bool(i),
+            flags,
+            amplitude,
+            offset,
+            order_error,
+        )
         for i, axis in enumerate(wanted.axes)
     ]
 
@@ -96,7 +112,7 @@ def decode(
 
     over_rows(work, height, _BLOCK)
     for axis in wanted.axes:
-        if axis.fringes and on_cells and not sequence.nominal:
+        if axis.fringes and on_cells and not sequence.nominal and not by_table(axis):
             blur = blur_px
             if blur is None:
                 blur = measured_blur(stack, job.lut, wanted, axis, maps[axis.axis][0], flags)
@@ -168,12 +184,31 @@ def _clip_level(stack: Frames) -> float:
     return float(next(level for level in (255, 1023, 4095, 16383, 65535) if level >= brightest))
 
 
+def _step(
+    job: _Job,
+    sequence: Sequence,
+    wanted: Plan,
+    axis: AxisPlan,
+    subpixel: bool,
+    maps: tuple[Frames, Frames],
+    joined: bool,
+    *common: Frames,
+) -> Callable[[int, int], None]:
+    """The work on a block of rows for one axis: which decoder its frames ask for."""
+    if axis.stripes and not (axis.code or axis.fringes or axis.levels):
+        return stripe_step(job.frames, job.clip, sequence, axis, joined, maps, common)
+    if by_table(axis):
+        return table_step(job.frames, job.clip, shown_on(sequence, wanted, axis), axis, joined, maps, common)
+    step = _axis_step(job, wanted, axis, maps, joined, *common)
+    if subpixel and axis.code is not None and not axis.fringes:
+        return subpixel_step(job.frames, job.clip, shown_on(sequence, wanted, axis), step, maps)
+    return step
+
+
 def _axis_step(
     job: _Job, wanted: Plan, axis: AxisPlan, maps: tuple[Frames, Frames], joined: bool, *common: Frames
 ) -> Callable[[int, int], None]:
     """The work on a block of rows for one axis."""
-    if axis.code is None and not axis.fringes:
-        raise InputError(f"decode: axis {axis.axis} is encoded by frames that cannot be decoded yet")
     arrays = fringe_arrays(axis.fringes, axis.axis)
     fringes = (
         *(arrays.count, arrays.index, arrays.solve, arrays.model, arrays.quad, arrays.periods, arrays.misfit),

@@ -15,6 +15,7 @@ __all__ = [
     "flag_fit",
     "flag_order",
     "flag_place",
+    "merge_rows",
     "outlier_rows",
 ]
 
@@ -151,6 +152,37 @@ def _flag_cells(n: int, cells: Any, cell: Array, far: Array, clipped: Array, why
         why[x] |= _ORDER if far[x] > _DOUBT else _NONE
     for x in range(n):
         why[x] |= _OFF if (cell[x] < _NONE) | (cell[x] >= cells) else _NONE
+
+
+@kernel
+def merge_rows(
+    start: int,
+    stop: int,
+    joined: bool,
+    why: Array,
+    height: Array,
+    mean: Array,
+    doubt: Array,
+    flags: Array,
+    amplitude: Array,
+    offset: Array,
+    order_error: Array,
+) -> None:
+    """common_tile for a block: why, height, mean, doubt (stop - start, W) into the maps."""
+    for row in range(start, stop):
+        at = row - start
+        common_tile(
+            why.shape[1],
+            joined,
+            why[at],
+            height[at],
+            mean[at],
+            doubt[at],
+            flags[row],
+            amplitude[row],
+            offset[row],
+            order_error[row],
+        )
 
 
 @fast_kernel

@@ -96,6 +96,8 @@ def _line(patch: F64, grid: F64, width: float) -> tuple[F64, F64, NDArray[np.boo
     darkness = 1 - rows / np.maximum(level[..., None] + slope[..., None] * grid, 1e-6)
     centre = _centroids(darkness, grid, width)
     peak = np.nanmax(np.where(np.isnan(darkness), -1.0, darkness), axis=2)
+    # a frame that is black all over is no line
+    peak = np.where(level > 0, peak, -1.0)
     usable = np.isfinite(centre) & (peak > _LEAST_DARKNESS) & (np.abs(centre) < 0.8 * half)
     design = np.stack([np.ones(clear.sum()), grid[clear], grid[clear] ** 2], axis=1)
     weight = usable.astype(np.float64)

@@ -1,0 +1,317 @@
+"""Decoding against known grey values: any code at all, swept stripes, and sub-cell answers of binary codes.
+
+A pixel's samples are compared with what each place of the surface showed (nearest code word by normalised
+correlation), then the place is refined between cells; sigma is the Fisher information of that fit.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import correlate1d, gaussian_filter1d
+
+from optolever.errors import InputError
+from optolever.patterns import Sequence
+
+from .arrays import chi_squared_limit
+from .flag_kernels import merge_rows
+from .plan import AxisPlan, Plan
+from .table_kernels import refine_rows, stripe_rows
+
+__all__ = ["Shown", "by_table", "shown_on", "stripe_step", "subpixel_step", "table_step"]
+
+Map = NDArray[Any]
+Step = Callable[[int, int], None]
+_PER_CELL = 8
+#: Rms blurs that are tried, cells; besides them a pixel sees a footprint of one cell.
+_BLURS = tuple(float(blur) for blur in np.geomspace(0.1, 2.5, 15))
+_USUAL_BLUR = 0.5
+_DARK, _SATURATED, _LOW, _ORDER, _OFF, _MOVED, _INVALID = 1, 2, 4, 8, 16, 64, 128
+_DOUBT = 1e-4
+#: Pixels around an answer that do not count as another answer.
+_GUARD = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """Frames (M,) of an axis, their levels 0..1 on cells (M, extent), width of the code's cells."""
+
+    index: NDArray[np.int64]
+    levels: NDArray[np.float64]
+    cell: float = 1.0
+
+    def fine(self, blur: float) -> NDArray[np.float32]:
+        """Levels at _PER_CELL places per cell, seen through a footprint of a cell and a blur (rms, cells)."""
+        fine = np.repeat(self.levels, _PER_CELL, axis=1)
+        # a box of an even number of samples has its ends at half weight, or it would shift them
+        box = np.full(_PER_CELL + 1, 1 / _PER_CELL)
+        box[[0, -1]] /= 2
+        fine = correlate1d(fine, box, axis=1, mode="nearest")
+        return np.asarray(gaussian_filter1d(fine, blur * _PER_CELL, axis=1, mode="nearest"), np.float32)
+
+
+def by_table(axis: AxisPlan) -> bool:
+    """True if only known grey values lead to an answer: free levels, fringes of fewer than three shifts."""
+    few = any(len(np.unique(np.round(fringe.shifts, 6))) < 3 for fringe in axis.fringes)
+    return bool(axis.levels) or few
+
+
+def shown_on(sequence: Sequence, wanted: Plan, axis: AxisPlan) -> Shown:
+    """All frames of an axis, and white and black, which fix offset and scale."""
+    own = [i for i, frame in enumerate(sequence.frames) if frame.axis == axis.axis]
+    own += [i for i in (wanted.white, wanted.black) if i >= 0]
+    tables = sequence.tables()["uv".index(axis.axis)][own].astype(np.float64) / 255
+    for k, i in enumerate(own):
+        if i == wanted.black:
+            tables[k] = 0.0
+        elif i == wanted.white:
+            tables[k] = 1.0
+    if len(own) < 3:
+        raise InputError(f"decode: axis {axis.axis} has {len(own)} frames, must have at least 3")
+    cell = max(sequence.frames[i].cell_px for i in own)
+    return Shown(np.array(own, np.int64), tables, cell)
+
+
+def table_step(
+    frames: Map,
+    clip: float,
+    shown: Shown,
+    axis: AxisPlan,
+    joined: bool,
+    maps: tuple[Map, Map],
+    common: tuple[Map, ...],
+) -> Step:
+    """Work on a block of rows: nearest code word of the whole surface, refined."""
+    search = _search(frames, shown)
+    sample = np.ascontiguousarray(frames[:, _sample(frames.shape[1])])
+    blur, noise2 = _calibrate(sample, clip, shown, _search(sample, shown)(0, sample.shape[1])[0])
+    fine = shown.fine(blur)
+    # what the model does not explain goes into sigma, up to three times the noise
+    limit = 3 * chi_squared_limit(len(shown.index) - 3)
+
+    def step(start: int, stop: int) -> None:
+        first, second = search(start, stop)
+        coord, curvature, misfit, offset, scale, count = _refine(
+            frames, clip, start, stop, shown, fine, first
+        )
+        rival = _refine(frames, clip, start, stop, shown, fine, second)[2]
+        wrong = 1 / (1 + np.exp(np.clip((rival - misfit) / (2 * noise2), -80, 80)))
+        why = _flags(curvature, misfit, scale, count, offset, noise2, limit)
+        why |= np.where(wrong > _DOUBT, _ORDER, 0)
+        with np.errstate(divide="ignore"):
+            variance = noise2 / curvature * _excess(misfit, count, noise2)
+        _store(start, stop, coord, variance, why, wrong, scale, offset, axis, joined, maps, common)
+
+    return step
+
+
+def _excess(misfit: Map, count: Map, noise2: float) -> Map:
+    """Factor of the variance where residuals are larger than noise makes them: the model is off there."""
+    freedom = np.maximum(count - 3, 1)
+    return np.asarray(np.maximum(misfit / (freedom * noise2) - 2 * np.sqrt(2 / freedom), 1.0))
+
+
+def subpixel_step(frames: Map, clip: float, shown: Shown, coarse: Step, maps: tuple[Map, Map]) -> Step:
+    """Work on a block of rows: answers within the cells that `coarse` found, where blur tells them apart."""
+    sample = _sample(frames.shape[1])
+    for row in sample:
+        coarse(int(row), int(row) + 1)
+    blur, noise2 = _calibrate(np.ascontiguousarray(frames[:, sample]), clip, shown, maps[0][sample])
+    if _flat_variance(np.ascontiguousarray(frames[:, sample]), clip, shown, maps[0][sample]) < 1.5 * noise2:
+        return coarse
+    fine = shown.fine(blur)
+    limit = chi_squared_limit(len(shown.index) - 3)
+
+    def step(start: int, stop: int) -> None:
+        coarse(start, stop)
+        cell, sigma = maps[0][start:stop], maps[1][start:stop]
+        coord, curvature, misfit, _, _, count = _refine(frames, clip, start, stop, shown, fine, cell)
+        error = np.sqrt(noise2 / np.maximum(curvature, 1e-12) * _excess(misfit, count, noise2))
+        better = (np.abs(coord - cell) < 1.5) & (error < sigma) & (misfit < limit * noise2)
+        maps[0][start:stop] = np.where(better, coord, cell)
+        maps[1][start:stop] = np.where(better, np.maximum(error, 0.01), sigma)
+
+    return step
+
+
+def _sample(rows: int) -> NDArray[np.int64]:
+    """Rows on which blur and noise are measured."""
+    return np.unique(np.linspace(0, rows - 1, min(rows, 24)).astype(np.int64))
+
+
+def _calibrate(frames: Map, clip: float, shown: Shown, coarse: Map) -> tuple[float, float]:
+    """Blur (rms, cells) on sampled rows, and the variance of the residuals.
+
+    Samples tell in what shares a pixel sees two neighbouring cells, but hardly how far from their edge it is:
+    flat = _flat_variance(np.ascontiguousarray(frames[:, sample]), clip, shown, maps[0][sample])
+    that depends on the blur. With the right one the answers are spread evenly over the cells, with one that is
+    too small they crowd at the edges. So of the blurs whose residuals are as small as any, the most even one.
+    """
+    tried = [(blur, *_fit_quality(frames, clip, shown, coarse, blur)) for blur in _BLURS]
+    least = min(variance for _, variance, _ in tried)
+    if not np.isfinite(least):
+        return _USUAL_BLUR, 1 / 12
+    best = _most_even(tried, least)[0]
+    tried += [
+        (blur, *_fit_quality(frames, clip, shown, coarse, blur))
+        for blur in best * np.array([0.88, 0.94, 1.06, 1.12])
+    ]
+    blur, variance, _ = _most_even(tried, least)
+    return blur, max(variance, 1 / 12)
+
+
+def _most_even(tried: list[tuple[float, float, float]], least: float) -> tuple[float, float, float]:
+    """(blur, variance, crowding) of the least crowding whose variance is about the least."""
+    return min((trial for trial in tried if trial[1] <= 1.2 * least), key=lambda trial: trial[2])
+
+
+def _fit_quality(frames: Map, clip: float, shown: Shown, coarse: Map, blur: float) -> tuple[float, float]:
+    """Variance of the residuals of the lit pixels, and the crowding |mean exp(2 pi i u / cell)|."""
+    found = _refine(frames, clip, 0, frames.shape[1], shown, shown.fine(blur), coarse)
+    coord, misfit, scale, count = found[0], found[2], found[4], found[5]
+    lit = (scale > 0.25 * np.percentile(scale, 95)) & (count > 3)
+    if not lit.any():
+        return float("inf"), 1.0
+    freedom = np.maximum(count[lit] - 3, 1)
+    # the median of chi squared lies below its mean (Wilson & Hilferty)
+    variance = float(np.median(misfit[lit] / freedom / (1 - 2 / (9 * freedom)) ** 3))
+    return variance, float(np.abs(np.exp(2j * np.pi * coord[lit] / shown.cell).mean()))
+
+
+def _flat_variance(frames: Map, clip: float, shown: Shown, cell: Map) -> float:
+    """Variance of the residuals if every pixel saw one cell alone: no larger, edges tell nothing."""
+    shape = cell.shape
+    coord, count = np.empty(shape), np.empty(shape, np.int32)
+    curvature, misfit, offset, scale = (np.empty(shape, np.float32) for _ in range(4))
+    levels = shown.levels.astype(np.float32)
+    refine_rows(
+        *(frames, clip, 0, shape[0], shown.index, levels, 1, 0, cell),
+        *(coord, curvature, misfit, offset, scale, count),
+    )
+    lit = (scale > 0.25 * np.percentile(scale, 95)) & (count > 3)
+    return float(np.mean(misfit[lit] / (count[lit] - 3))) if lit.any() else 0.0
+
+
+def _refine(
+    frames: Map, clip: float, start: int, stop: int, shown: Shown, fine: Map, coarse: Map
+) -> tuple[Map, ...]:
+    shape = (stop - start, frames.shape[2])
+    coord = np.empty(shape)
+    curvature, misfit, offset, scale = (np.empty(shape, np.float32) for _ in range(4))
+    count = np.empty(shape, np.int32)
+    refine_rows(
+        *(frames, clip, start, stop, shown.index, fine, _PER_CELL, 2 * _PER_CELL, coarse),
+        *(coord, curvature, misfit, offset, scale, count),
+    )
+    return coord, curvature, misfit, offset, scale, count
+
+
+def _search(frames: Map, shown: Shown) -> Callable[[int, int], tuple[Map, Map]]:
+    """The two nearest code words, not next to each other, of the whole surface by normalised correlation."""
+    words = shown.fine(0.5)[:, _PER_CELL // 4 :: _PER_CELL // 2]
+    words = words - words.mean(axis=0)
+    length = np.sqrt((words**2).sum(axis=0))
+    words = (words / np.maximum(length, 1e-6) * (length > 1e-3)).astype(np.float32)
+
+    def search(start: int, stop: int) -> tuple[Map, Map]:
+        samples = frames[shown.index, start:stop].reshape(len(shown.index), -1).astype(np.float32)
+        samples -= samples.mean(axis=0)
+        place = np.empty((2, samples.shape[1]), np.float32)
+        for part in range(0, samples.shape[1], 4096):
+            score = samples[:, part : part + 4096].T @ words
+            pick = np.arange(len(score))
+            for rank in (0, 1):
+                best = score.argmax(axis=1)
+                place[rank, part : part + 4096] = 0.5 * best - 0.25
+                for near in range(-2 * _GUARD, 2 * _GUARD + 1):
+                    score[pick, np.clip(best + near, 0, words.shape[1] - 1)] = -np.inf
+        shape = (stop - start, frames.shape[2])
+        return place[0].reshape(shape), place[1].reshape(shape)
+
+    return search
+
+
+def _flags(
+    curvature: Map, misfit: Map, scale: Map, count: Map, offset: Map, noise2: float, limit: float
+) -> NDArray[np.int32]:
+    why = np.zeros(curvature.shape, np.int32)
+    low = 0.5 * scale < 4 * np.sqrt(noise2)
+    why |= np.where(low, _LOW, 0)
+    why |= np.where(low & (offset + scale < 8 * np.sqrt(noise2)), _DARK, 0)
+    why |= np.where(count < 4, _SATURATED, 0)
+    why |= np.where(misfit > limit * noise2, _MOVED, 0)
+    why |= np.where(~(curvature > 0), _INVALID, 0)
+    return why
+
+
+def _store(
+    start: int,
+    stop: int,
+    coord: Map,
+    variance: Map,
+    why: Map,
+    wrong: Map,
+    scale: Map,
+    offset: Map,
+    axis: AxisPlan,
+    joined: bool,
+    maps: tuple[Map, Map],
+    common: tuple[Map, ...],
+) -> None:
+    sigma = np.sqrt(np.where(variance > 0, variance, np.inf))
+    beyond = np.abs(coord - 0.5 * (axis.extent - 1)) - 0.5 * axis.extent
+    why |= np.where(beyond > np.maximum(0.5, np.where(np.isfinite(sigma), 3 * sigma, 0)), _OFF, 0)
+    maps[0][start:stop] = coord
+    maps[1][start:stop] = np.maximum(sigma, 0.01)
+    half = (0.5 * scale).astype(np.float32)
+    mean = (offset + 0.5 * scale).astype(np.float32)
+    merge_rows(start, stop, joined, why.astype(np.int32), half, mean, wrong.astype(np.float32), *common)
+
+
+def stripe_step(
+    frames: Map,
+    clip: float,
+    sequence: Sequence,
+    axis: AxisPlan,
+    joined: bool,
+    maps: tuple[Map, Map],
+    common: tuple[Map, ...],
+) -> Step:
+    """Work on a block of rows of a swept stripe."""
+    place = np.array([getattr(sequence.frames[i], f"at_{axis.axis}") for i in axis.stripes], np.float64)
+    order = np.argsort(place, kind="stable")
+    index, at = np.array(axis.stripes, np.int64)[order], place[order]
+    width = float(sequence.frames[axis.stripes[0]].width_px or 1.0)
+    if len(at) < 5 or np.any(np.diff(at) <= 0):
+        raise InputError(
+            f"decode: axis {axis.axis} has {len(at)} stripes, must have 5 or more at different places"
+        )
+    window = max(2, int(np.ceil(1.25 * width / np.median(np.diff(at)))))
+
+    def measure(stack: Map, start: int, stop: int) -> tuple[Map, ...]:
+        shape = (stop - start, stack.shape[2])
+        coord = np.empty(shape)
+        maps32 = [np.empty(shape, np.float32) for _ in range(4)]
+        count, rival = np.empty(shape, np.int32), np.empty(shape, np.float32)
+        stripe_rows(stack, clip, start, stop, index, at, width, window, coord, *maps32, count, rival)
+        return (coord, *maps32, count, rival)
+
+    sample = np.ascontiguousarray(frames[:, _sample(frames.shape[1])])
+    _, _, misfit, _, scale, count, _ = measure(sample, 0, sample.shape[1])
+    lit = (scale > 0.25 * np.percentile(scale, 95)) & (count > 3)
+    noise2 = max(float(np.mean(misfit[lit] / (count[lit] - 3))) if lit.any() else 0.0, 1 / 12)
+    limit = chi_squared_limit(2 * window - 2)
+
+    def step(start: int, stop: int) -> None:
+        coord, curvature, misfit, offset, scale, count, rival = measure(frames, start, stop)
+        why = _flags(curvature, misfit, scale, count, offset, noise2, limit)
+        odds = np.clip((scale**2 - np.maximum(rival, 0) ** 2) / (2 * noise2), 0, 80)
+        wrong = 1 / (1 + np.exp(odds))
+        why |= np.where((wrong > _DOUBT) | (rival > 0.6 * scale), _ORDER, 0)
+        with np.errstate(divide="ignore"):
+            variance = noise2 / curvature
+        _store(start, stop, coord, variance, why, wrong, scale, offset, axis, joined, maps, common)
+
+    return step

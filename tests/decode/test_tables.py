@@ -1,0 +1,106 @@
+"""Swept stripes, free grey values, micro phase shifting, Gray codes within their cells."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.special import erf
+
+from optolever.decode import Correspondence, Flag, decode
+from optolever.patterns import Frame, Sequence, sequence
+
+F64 = NDArray[np.float64]
+Shoot = Callable[..., NDArray[Any]]
+
+
+def rms_score(found: Correspondence, truth: tuple[F64, F64]) -> float:
+    pairs = zip((found.u, found.v), (found.sigma_u, found.sigma_v), truth, strict=True)
+    return float(
+        np.sqrt(np.mean([np.mean(((coord - true) / sigma)[found.good] ** 2) for coord, sigma, true in pairs]))
+    )
+
+
+def seen_cells(levels: F64, place: F64, blur: float) -> F64:
+    """Light at `place` of cells of width 1, Gaussian blur, closed form: sum of level * (erf difference)."""
+    near = np.rint(place).astype(int)
+    light = np.zeros(place.shape)
+    for step in range(-6, 7):
+        cell = np.clip(near + step, 0, len(levels) - 1)
+        right, left = (near + step + 0.5 - place) / blur, (near + step - 0.5 - place) / blur
+        light += levels[cell] * 0.5 * (erf(right / np.sqrt(2)) - erf(left / np.sqrt(2)))
+    return light
+
+
+def cell_frames(shown: Sequence, u: F64, v: F64, blur: float, noise: float) -> NDArray[np.uint8]:
+    rng = np.random.default_rng(8)
+    tables = [table.astype(np.float64) / 255 for table in shown.tables()]
+    light = [seen_cells(tables[0][i], u, blur) * seen_cells(tables[1][i], v, blur) for i in range(len(shown))]
+    noisy = 10 + 200 * np.array(light) + noise * rng.standard_normal((len(shown), *u.shape))
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("params", [{"step": 4}, {"step": 8, "width": 16}, {"step": 3, "width": 9}])
+def test_swept_stripe(shoot: Shoot, smooth: tuple[F64, F64], params: dict[str, float]) -> None:
+    shown = sequence("stripe", 150, 170, **params)
+    found = decode(shoot(shown, *smooth, noise=1.0), shown)
+    assert found.good.mean() > 0.999
+    assert np.abs(found.u - smooth[0])[found.good].max() < 0.03 * params["step"]
+    assert rms_score(found, smooth) == pytest.approx(1, abs=0.03)
+
+
+def test_dark_stripe_capture_is_flagged() -> None:
+    shown = sequence("stripe", 40, 60)
+    found = decode(np.full((len(shown), 10, 12), 2, np.uint8), shown)
+    assert not found.good.any()
+    assert (found.flags & Flag.LOW_CONTRAST).all()
+
+
+def test_micro_phase_shifting(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    """Periods near 16 px, three shifts for the first and one for each other (Gupta & Nayar, CVPR 2012)."""
+    frames = [Frame("white"), Frame("black")]
+    for axis in "uv":
+        frames += [Frame("phase", axis, period_px=16.0, shift=2 * np.pi * k / 3) for k in range(3)]
+        frames += [Frame("phase", axis, period_px=period, shift=0.0) for period in (16.9, 17.8, 18.9, 20.1)]
+    shown = Sequence(tuple(frames), 150, 170)
+    found = decode(shoot(shown, *smooth, noise=1.0), shown)
+    assert found.good.mean() > 0.99
+    assert np.abs(found.u - smooth[0])[found.good].max() < 0.15
+    assert 0.7 < rms_score(found, smooth) < 1.1
+
+
+def test_pattern_that_was_just_invented(smooth: tuple[F64, F64]) -> None:
+    """Random grey values on cells of two pixels: unknown to the decoder but for their table."""
+    values = np.random.default_rng(0).integers(0, 256, (2, 12, 90))
+    shown = Sequence(
+        tuple(
+            Frame("levels", axis, levels=tuple(row.tolist()), cell_px=2.0)
+            for axis, rows in zip("uv", values, strict=True)
+            for row in rows
+        ),
+        150,
+        170,
+    )
+    found = decode(cell_frames(shown, *smooth, blur=0.5, noise=1.0), shown)
+    assert found.good.mean() > 0.97
+    assert np.abs(found.u - smooth[0])[found.good].max() < 0.5
+    assert 0.7 < rms_score(found, smooth) < 1.3
+
+
+@pytest.mark.parametrize("blur", [0.5, 0.9])
+def test_gray_within_its_cells(smooth: tuple[F64, F64], blur: float) -> None:
+    shown = sequence("gray", 150, 170)
+    frames = cell_frames(shown, *smooth, blur=blur, noise=1.0)
+    whole, parts = decode(frames, shown), decode(frames, shown, subpixel=True)
+    assert np.std((whole.u - smooth[0])[whole.good]) == pytest.approx(12**-0.5, rel=0.05)
+    assert parts.good.mean() > 0.99
+    assert np.std((parts.u - smooth[0])[parts.good]) < 0.02
+    assert rms_score(parts, smooth) < 1.1
+
+
+def test_gray_without_blur_stays_within_its_cells(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    """Ideal edges tell nothing about the place within a cell: sigma must say so."""
+    shown = sequence("gray", 150, 170)
+    found = decode(shoot(shown, *smooth, noise=1.0), shown, subpixel=True)
+    assert rms_score(found, smooth) < 1.3
