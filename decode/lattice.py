@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +11,7 @@ from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
 from optolever.patterns import Frame, Sequence, lattice_lines
 
+from .guide import PatternMap, guide_map
 from .line_crossing import Found, locate
 
 __all__ = ["Crossings", "lattice"]
@@ -21,15 +21,6 @@ _SIDES = ((1, 0), (-1, 0), (0, 1), (0, -1))
 _TRIES = 4
 #: Of the local period: how far from its expected place a crossing may lie, in rounds.
 _LIMITS = (0.12, 0.25, 0.5)
-
-
-class PatternMap(Protocol):
-    """Anything that tells where camera pixels look on the pattern: a Correspondence, a trace."""
-
-    @property
-    def u(self) -> NDArray[Any]: ...
-    @property
-    def v(self) -> NDArray[Any]: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,9 +126,7 @@ def _expected(
         point = (pattern[:, ::-1] + 0.5) * scale - 0.5
         steps = np.array([[0.0, scale[1]], [scale[0], 0.0]])
         return point, np.broadcast_to(steps, (len(point), 2, 2)).copy()
-    u, v = np.asarray(guide.u, np.float64), np.asarray(guide.v, np.float64)
-    if u.shape != tuple(shape) or v.shape != tuple(shape):
-        raise InputError(f"lattice: guide is {u.shape}, rest is {tuple(shape)}, must be equal")
+    u, v = guide_map(guide, sequence, shape, "lattice")
     return _inverse(u, v, pattern)
 
 

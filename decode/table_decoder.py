@@ -119,7 +119,8 @@ def subpixel_step(frames: Map, clip: float, shown: Shown, coarse: Step, maps: tu
     for row in sample:
         coarse(int(row), int(row) + 1)
     blur, noise2 = _calibrate(np.ascontiguousarray(frames[:, sample]), clip, shown, maps[0][sample])
-    if _flat_variance(np.ascontiguousarray(frames[:, sample]), clip, shown, maps[0][sample]) < 1.5 * noise2:
+    flat = _flat_variance(np.ascontiguousarray(frames[:, sample]), clip, shown, maps[0][sample])
+    if flat < 1.5 * noise2:
         return coarse
     fine = shown.fine(blur)
     limit = chi_squared_limit(len(shown.index) - 3)
@@ -145,9 +146,8 @@ def _calibrate(frames: Map, clip: float, shown: Shown, coarse: Map) -> tuple[flo
     """Blur (rms, cells) on sampled rows, and the variance of the residuals.
 
     Samples tell in what shares a pixel sees two neighbouring cells, but hardly how far from their edge it is:
-    flat = _flat_variance(np.ascontiguousarray(frames[:, sample]), clip, shown, maps[0][sample])
-    that depends on the blur. With the right one the answers are spread evenly over the cells, with one that is
-    too small they crowd at the edges. So of the blurs whose residuals are as small as any, the most even one.
+    that depends on the blur. With the right one the answers are spread evenly over the cells, with one that
+    is too small they crowd at the edges. So of the blurs whose residuals are least, the most even one.
     """
     tried = [(blur, *_fit_quality(frames, clip, shown, coarse, blur)) for blur in _BLURS]
     least = min(variance for _, variance, _ in tried)

@@ -1,0 +1,75 @@
+"""Single-shot displacement against closed-form warps."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever import InputError
+from optolever.decode import Flag, crossed
+from optolever.patterns import sequence
+
+F64 = NDArray[np.float64]
+SHOWN = sequence("crossed", 300, 300, period=12.0)
+ROW, COL = np.mgrid[:200, :240].astype(np.float64)
+REST = SimpleNamespace(u=260 - 0.9 * COL + 0.02 * ROW, v=30 + 1.05 * ROW)
+
+
+def image(u: F64, v: F64, noise: float, seed: int, contrast: float | F64 = 1.0) -> NDArray[np.uint8]:
+    light = 0.5 * (127.5 * (1 + contrast * np.cos(2 * np.pi * u / 12)))
+    light = light + 0.5 * (127.5 * (1 + contrast * np.cos(2 * np.pi * v / 12)))
+    noisy = light + noise * np.random.default_rng(seed).standard_normal(u.shape)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("size", [0.0, 3.0, 25.0])
+def test_displacement(size: float) -> None:
+    """Up to two periods, with its sign; the map at rest falls along columns."""
+    bell = size * np.exp(-((COL - 120) ** 2 + (ROW - 100) ** 2) / (2 * 45**2))
+    moved = image(REST.u + bell, REST.v - 0.5 * bell, 1.0, 1)
+    found = crossed(moved, image(REST.u, REST.v, 1.0, 2), SHOWN, guide=REST)
+    inner = np.s_[20:-20, 20:-20]
+    assert found.good[inner].mean() > 0.99
+    smoothing = 0.06 * size
+    assert np.abs(found.u - bell)[inner].max() < 0.1 + smoothing
+    assert np.abs(found.v + 0.5 * bell)[inner].max() < 0.1 + smoothing
+
+
+def test_sigma_of_the_noise() -> None:
+    found = [
+        crossed(image(REST.u, REST.v, 6.0, k), image(REST.u, REST.v, 6.0, 50 + k), SHOWN, guide=REST)
+        for k in range(3)
+    ]
+    inner = np.s_[25:-25, 25:-25]
+    score = np.array([each.u[inner] / each.sigma_u[inner] for each in found])
+    assert np.sqrt(np.mean(score**2)) == pytest.approx(1, abs=0.15)
+
+
+def test_lost_fringe_and_unknown_map_are_flagged() -> None:
+    contrast = np.where(COL < 80, 0.0, 1.0)
+    guide = SimpleNamespace(u=np.where(COL > 200, np.nan, REST.u), v=REST.v)
+    rest = image(REST.u, REST.v, 1.0, 2)
+    found = crossed(image(REST.u, REST.v, 1.0, 1, contrast), rest, SHOWN, guide=guide)
+    assert (found.flags[:, :50] & Flag.LOW_CONTRAST).all()
+    assert (found.flags[:, 202:] & Flag.INVALID).all()
+    assert found.good[20:-20, 110:180].all()
+
+
+def test_default_guide_is_the_whole_surface() -> None:
+    v, u = np.mgrid[:300, :300].astype(np.float64)
+    found = crossed(image(u + 2.0, v, 1.0, 1), image(u, v, 1.0, 2), SHOWN)
+    assert np.median(found.u) == pytest.approx(2.0, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("now", "message"),
+    [
+        (np.zeros((30, 31)), "must be equal"),
+        (np.zeros((2, 30, 30)), "shape"),
+        (np.full((30, 30), np.inf), "finite"),
+    ],
+)
+def test_bad_input(now: F64, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        crossed(now, np.zeros((30, 30)), SHOWN)
