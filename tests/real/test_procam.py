@@ -22,7 +22,7 @@ BOARD = np.array([[256, 205], [954, 205], [955, 763], [244, 762]], np.float64)
 MARGIN = 1.06  # the sheet around them: so much of it that black squares are 38 % of it
 LIT = 20  # white minus black, levels
 WHITE = 60  # between the black squares' 9 to 40 and the white squares' 85 to 135
-GROSS = 4.0  # px
+GROSS = 1.0  # px, an off-by-one of the code at its edges; the issue allows 4
 
 
 @pytest.fixture(scope="module")
@@ -87,8 +87,8 @@ def test_white_squares_fit_a_plane(
     row, col = (index.astype(np.float64) for index in np.nonzero(use))
     place = np.stack([decoded["u"][use], decoded["v"][use]], axis=1).astype(np.float64)
     cubic = misfit_cubic(row, col, place)
-    assert np.sqrt(np.mean(cubic**2)) <= 0.44
-    assert np.sqrt(np.mean(misfit_homography(row, col, place) ** 2)) <= 0.52
+    assert np.sqrt(np.mean(cubic**2)) <= 0.42
+    assert np.sqrt(np.mean(misfit_homography(row, col, place) ** 2)) <= 0.5
 
 
 def test_no_unflagged_pixel_of_the_lit_board_is_grossly_wrong(

@@ -123,5 +123,5 @@ def test_free_form_solve(real: Path, rig: SofastRig, on_plane: Correspondence) -
         slopes(points, on_plane, rig, use)
         - expected(real, "SlopeSolverData/slopes_facet_xy")[:, use[rig.mask]]
     )
-    assert np.sqrt(np.mean(error**2)) < 30e-6
+    assert np.sqrt(np.mean(error**2)) < 2e-6
     assert np.sqrt(np.mean(edge_defects(height, on_plane, rig, use) ** 2)) < 0.5e-3
