@@ -1,18 +1,21 @@
 """The seed's measurement: one column of lattice crossings, found in a frame at rest and in a dented one."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from optolever import InputError
 from optolever.decode import lattice
-from optolever.patterns import sequence
+from optolever.patterns import Sequence, sequence
 from optolever.projector import capture
 from optolever.reconstruct import capture_positions, pattern_positions, prism_geometry
 from optolever.scene import Scene, Surface, dent, trace
 
-__all__ = ["lattice_column"]
+__all__ = ["lattice_column", "lattice_frames", "lattice_positions"]
 
 Array = NDArray[np.float64]
+Frame = NDArray[Any]
 
 
 def lattice_column(
@@ -20,19 +23,39 @@ def lattice_column(
 ) -> tuple[Array, Array, Array]:
     """Measured m, w and y (mm) of the crossings along the pattern line nearest to the mirror's middle.
 
-    The lattice has `lines` lines on the stretch of the pattern seen at rest. m is where the crossing is
-    printed, w and y are where it was found in the dented frame, NaN if it was not. InputError if fewer than
-    two are found.
+    See `lattice_frames` and `lattice_positions`.
+    """
+    frames = lattice_frames(scene, surface, lines, noise=noise, seed=seed, renderer=renderer)
+    return lattice_positions(scene, *frames)
+
+
+def lattice_frames(
+    scene: Scene, surface: Surface, lines: int, *, noise: float, seed: int, renderer: str
+) -> tuple[Sequence, Frame, Frame]:
+    """What was shown, and what the camera saw of it at rest and dented, (1, H, W) each.
+
+    The lattice has `lines` lines on the stretch of the pattern seen at rest.
     """
     geometry, pattern = prism_geometry(scene), scene.pattern
     seen = geometry.length * np.cos(geometry.beta0) / np.cos(geometry.beta0 - geometry.alpha0)
     shown = sequence("lattice", pattern.rows, pattern.cols, period=seen / lines / pattern.pitch)
-    flat = dent("flat", scene)
     rest, dented = (
         capture(scene, shape, shown, renderer=renderer, noise=noise, seed=seed + step).frames
-        for step, shape in enumerate((flat, surface))
+        for step, shape in enumerate((dent("flat", scene), surface))
     )
-    crossings = lattice(dented, rest, shown, guide=trace(scene, flat))
+    return shown, rest, dented
+
+
+def lattice_positions(
+    scene: Scene, shown: Sequence, rest: Frame, dented: Frame
+) -> tuple[Array, Array, Array]:
+    """m, w and y (mm) of the crossings along the middle.
+
+    m is where the crossing is printed, w and y are where it was found in the dented frame, NaN if it was
+    not. InputError if fewer than two are found.
+    """
+    pattern = scene.pattern
+    crossings = lattice(dented, rest, shown, guide=trace(scene, dent("flat", scene)))
     middle = crossings.index[np.argmin(np.abs(crossings.pattern[:, 1] - (pattern.rows - 1) / 2)), 1]
     column = crossings.index[:, 1] == middle
     found = int((column & crossings.found).sum())

@@ -26,5 +26,5 @@ DEFAULT_GRID = Grid(
         "stripe:step=8",
         "lattice",
     ),
-    solvers=("coupled", "fixed-point", "paper", "paper-drops", "decoupled", "mbipy-frankot", "mbipy-dct"),
+    solvers=("coupled", "paper", "paper-drops", "decoupled", "mbipy-frankot", "mbipy-dct"),
 )

@@ -11,7 +11,7 @@ from optolever.errors import InputError
 from optolever.reconstruct import prism_geometry, recursion
 
 from ..metrics import rms
-from ..paper_frames import lattice_column
+from ..paper_frames import lattice_frames, lattice_positions
 from ..paper_simulation import seen_points
 from .cell import Cell, grouped
 from .decoders import Decoder, decoder
@@ -49,7 +49,7 @@ def warm_up(cells: Iterable[Cell], told: Callable[[str, int, int], None]) -> Non
     bench = Bench(False)
     for done, group in enumerate(groups):
         told("warm-up", done, len(groups))
-        bench.group(group)
+        list(bench.group(group))
 
 
 class Bench:
@@ -60,44 +60,46 @@ class Bench:
         self._key: tuple[Any, ...] | None = None
         self._place: Place | None = None
 
-    def group(self, cells: tuple[Cell, ...]) -> list[Row]:
+    def group(self, cells: tuple[Cell, ...]) -> Iterator[Row]:
         """Rows of cells that take the same frames. What goes wrong becomes a row that says so."""
         first = cells[0]
         try:
             shot = shoot(self._at(first), first)
         except InputError as error:
-            return [Row(cell, USELESS, str(error)) for cell in cells]
-        rows: list[Row] = []
+            yield from (Row(cell, USELESS, str(error)) for cell in cells)
+            return
         for name in dict.fromkeys(cell.decoder for cell in cells):
             mine = [cell for cell in cells if cell.decoder == name]
             if shot.sequence is not None and shot.sequence.name == "lattice":
-                rows += [self._lattice(cell, shot) for cell in mine]
+                yield from (self._lattice(cell, shot) for cell in mine)
             else:
-                rows += self._decoded(mine, shot)
-        return rows
+                yield from self._decoded(mine, shot)
 
     def _at(self, cell: Cell) -> Place:
         if self._place is None or self._key != cell.place:
             self._key, self._place = cell.place, place_of(cell)
         return self._place
 
-    def _decoded(self, cells: list[Cell], shot: Shot) -> list[Row]:
+    def _decoded(self, cells: list[Cell], shot: Shot) -> Iterator[Row]:
         """Rows of cells with the same decoder."""
         coder = decoder(cells[0].decoder)
         blank = Row(cells[0], ABSENT, "", coder.kind, shot.count)
         if not installed(coder.module):
-            return [replace(blank, cell=cell, why=f"{coder.module} is not installed") for cell in cells]
-        timings = {} if shot.capture is None else {"render_seconds": shot.render_seconds}
+            why = f"{coder.module} is not installed"
+            yield from (replace(blank, cell=cell, why=why) for cell in cells)
+            return
+        timings: dict[str, float] = {}
+        if shot.capture is not None:
+            timings["render_seconds"] = shot.render_seconds
         decoded = _guarded(lambda: self._decode(coder, shot))
         if isinstance(decoded, _Wrong):
-            return [replace(blank, cell=cell, status=decoded.status, why=decoded.why) for cell in cells]
+            status, why = decoded.status, decoded.why
+            yield from (replace(blank, cell=cell, status=status, why=why) for cell in cells)
+            return
         timings |= _timings("decode", decoded)
-        return [
-            self._solved(
-                replace(blank, cell=cell, timings=timings), solver(cell.solver), decoded.value, shot.place
-            )
-            for cell in cells
-        ]
+        for cell in cells:
+            row = replace(blank, cell=cell, timings=timings)
+            yield self._solved(row, solver(cell.solver), decoded.value, shot.place)
 
     def _decode(self, coder: Decoder, shot: Shot) -> Measured:
         if coder.clock is None:
@@ -129,12 +131,10 @@ class Bench:
         row = Row(cell, USELESS, "lattice crossings are sparse: method paper only", "paper", 1)
         if cell.solver != "paper":
             return row
-        solved = _guarded(lambda: self._clock(lambda: _paper_line(cell, shot.place)))
-        if isinstance(solved, _Wrong):
-            return replace(row, status=solved.status, why=solved.why)
-        timings = {"decode_seconds": solved.seconds, "reconstruct_seconds": 0.0}
-        why = "along the middle line; time with rendering"
-        return replace(row, status=DONE, why=why, timings=timings, metrics=solved.value)
+        try:
+            return _paper_line(row, shot.place)
+        except InputError as error:
+            return replace(row, why=str(error))
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,22 +160,32 @@ def _timings(stage: str, taken: Measured) -> dict[str, float]:
     return timings if taken.bytes is None else timings | {f"{stage}_bytes": float(taken.bytes)}
 
 
-def _paper_line(cell: Cell, place: Place) -> dict[str, float]:
+def _paper_line(row: Row, place: Place) -> Row:
+    """The row with timings (of single runs) and metrics of the paper's measurement."""
+    cell = row.cell
     scene, geometry = place.scene, prism_geometry(place.scene)
     lines = min(LATTICE_LINES, scene.camera.cols // LATTICE_PIXELS)
-    m, w, y = lattice_column(
-        scene, place.surface, lines, noise=cell.noise, seed=cell.capture_seed, renderer=cell.renderer
-    )
+    settings: dict[str, Any] = {"noise": cell.noise, "seed": cell.capture_seed, "renderer": cell.renderer}
+    taken = once(lambda: lattice_frames(scene, place.surface, lines, **settings))
+    found = once(lambda: lattice_positions(scene, *taken.value))
+    m, w, y = found.value
     points = seen_points(place.surface, geometry, m, w, y)
-    found = recursion(points.m, points.w, geometry).mean.d
-    known = np.isfinite(found) & np.isfinite(points.d)
-    error = np.abs(found - points.d)[known]
+    solved = once(lambda: recursion(points.m, points.w, geometry).mean.d)
+    known = np.isfinite(solved.value) & np.isfinite(points.d)
+    error = np.abs(solved.value - points.d)[known]
     peak = float(np.max(np.abs(place.truth.z[place.truth.visible])))
-    return {
-        "height_rms_rel": rms(error) / peak,
-        "height_p95_rel": float(np.quantile(error, 0.95)) / peak,
-        "height_max_rel": float(error.max()) / peak,
-        "height_rms_mm": rms(error),
-        "peak_depth_mm": peak,
-        "flagged_share": 1.0 - float(known.mean()),
-    }
+    stages = (("render", taken), ("decode", found), ("reconstruct", solved))
+    return replace(
+        row,
+        status=DONE,
+        why="",
+        timings={f"{name}_seconds": stage.seconds for name, stage in stages},
+        metrics={
+            "height_rms_rel": rms(error) / peak,
+            "height_p95_rel": float(np.quantile(error, 0.95)) / peak,
+            "height_max_rel": float(error.max()) / peak,
+            "height_rms_mm": rms(error),
+            "peak_depth_mm": peak,
+            "flagged_share": 1.0 - float(known.mean()),
+        },
+    )

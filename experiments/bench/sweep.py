@@ -92,7 +92,7 @@ def _on_dask(cells: list[Cell], cluster: Cluster) -> Iterator[Row]:
 def group_rows(group: tuple[Cell, ...]) -> list[Row]:
     """The task of a worker: rows of cells that take the same frames, on one thread."""
     os.environ.update(ONE_THREAD)
-    return _bench().group(group)
+    return list(_bench().group(group))
 
 
 @lru_cache(maxsize=1)
