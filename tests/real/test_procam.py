@@ -22,7 +22,7 @@ BOARD = np.array([[256, 205], [954, 205], [955, 763], [244, 762]], np.float64)
 MARGIN = 1.06  # the sheet around them: so much of it that black squares are 38 % of it
 LIT = 20  # white minus black, levels
 WHITE = 60  # between the black squares' 9 to 40 and the white squares' 85 to 135
-GROSS = 1.0  # px, an off-by-one of the code at its edges; the issue allows 4
+GROSS = 2.0  # px
 
 
 @pytest.fixture(scope="module")
