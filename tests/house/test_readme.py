@@ -60,3 +60,13 @@ def test_ci_runs_what_the_readme_says(root: Path) -> None:
     assert re.search(r"^make test", script, re.MULTILINE)
     if not (root / ".ci/run").stat().st_mode & 0o100:
         pytest.fail(".ci/run is not executable")
+
+
+def test_the_python_sample_runs(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As printed, on a smaller camera."""
+    (code,) = re.findall(r"^```python\n(.*?)^```", (root / "README.md").read_text(), re.MULTILINE | re.DOTALL)
+    whole = 'scene.load("paper-simulation")'
+    assert whole in code
+    monkeypatch.chdir(tmp_path)
+    exec(code.replace(whole, f"scene.resize({whole}, 64, 64)"), {})
+    assert (tmp_path / "h.npz").is_file()
