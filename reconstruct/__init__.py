@@ -4,7 +4,8 @@
 |---|---|
 | `coupled.py` | reconstruct(): the chain from measurement to HeightMap |
 | `problem.py`, `result.py` | checks, window, orientation, components; the solved grid as a HeightMap |
-| `calibration.py`, `holes.py` | a rest capture as reference; small holes bridged |
+| `calibration.py` | a rest capture as reference |
+| `holes.py`, `fringe.py` | small holes bridged; noisy border lines left out and reached from inside |
 | `geometry.py`, `measured.py` | rays of the camera as arrays; a pixel grid with its measurement |
 | `equations.py` | slopes of the mirror per pixel, in closed form, and their variances |
 | `edges.py` | increments along pixel edges, weights, and the operators on them |

@@ -104,7 +104,7 @@ def _warm(problem: Problem, start: HeightMap) -> Floats | None:
     o, d = problem.rays.inner_origins, problem.rays.inner_directions
     along = (start.x - o[0]) * d[0] + (start.y - o[1]) * d[1] + (start.z - o[2]) * d[2]
     rest = problem.data.rest()
-    distance = problem.to_grid(along)
+    distance = problem.to_grid(along)[problem.core]
     known = np.isfinite(distance)
     if not known.any():
         return None

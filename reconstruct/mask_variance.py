@@ -22,7 +22,7 @@ __all__ = ["mask_excess", "network"]
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-NODES = 1600
+NODES = 900
 
 
 def mask_excess(

@@ -43,6 +43,14 @@ class Measured:
         }
         return replace(self, step=self.step * step, **arrays)
 
+    def cropped(self, window: tuple[slice, slice]) -> "Measured":
+        """A window of a fine grid (plain slices)."""
+        arrays: dict[str, Any] = {
+            name: np.ascontiguousarray(getattr(self, name)[window])
+            for name in ("u", "v", "sigma_u", "sigma_v", "mask")
+        }
+        return replace(self, rays=self.rays.cropped(*window), **arrays)
+
     def slopes(self, w: Floats) -> tuple[Floats, ...]:
         """p, q, dp/dw, dq/dw at w."""
         return slopes(self.rays, self.plane, self.u, self.v, w, self.step)

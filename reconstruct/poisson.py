@@ -111,6 +111,7 @@ class MaskedPoisson:
     def __init__(self, wx: Floats, wy: Floats, mask: Mask) -> None:
         self.wx, self.wy, self.mask = wx, wy, mask
         self.preconditioner = ColumnPoisson(column_profile(wx), column_profile(wy), wx.shape[0])
+        self._boost = _boost(wx, wy, self.preconditioner)
 
     def solve(
         self, rhs: Floats, accuracy: Accuracy, start: Floats | None = None, limit: int = 500
@@ -139,8 +140,33 @@ class MaskedPoisson:
 
     def _precondition(self, r: Floats) -> Floats:
         z = self.preconditioner.solve(r)
+        z += self._boost * r
         z *= self.mask
         return z
+
+
+def _diagonal(wx: Floats, wy: Floats) -> Floats:
+    """Diagonal of D^T w D."""
+    total = wx + wy
+    total[:, 1:] += wx[:, :-1]
+    total[1:] += wy[:-1]
+    return total
+
+
+def _boost(wx: Floats, wy: Floats, columns: ColumnPoisson) -> Floats:
+    """What a pixel's own inverse diagonal exceeds that of the preconditioner by: added to it, it covers
+    pixels that
+    hang on light edges only (noisy border rows), for which the columns' weights are far too stiff.
+    """
+    full_x, full_y = (
+        np.broadcast_to(columns.wx, wx.shape).copy(),
+        np.broadcast_to(columns.wy, wy.shape).copy(),
+    )
+    full_x[:, -1], full_y[-1] = 0.0, 0.0
+    own, smooth = _diagonal(wx, wy), _diagonal(full_x, full_y)
+    present = own > 0
+    boost: Floats = np.where(present, 1.0 / np.where(present, own, 1.0) - 1.0 / smooth, 0.0)
+    return np.maximum(boost, 0.0)
 
 
 def column_profile(weights: Floats) -> Floats:

@@ -12,6 +12,7 @@ from optolever.errors import InputError
 from optolever.scene import Scene
 
 from .anchors import Anchors, Samples, anchor_samples
+from .fringe import core_window
 from .geometry import RayField, pattern_plane, ray_field
 from .holes import bridged, small_holes
 from .measured import Measured
@@ -30,7 +31,8 @@ class Problem:
 
     rays, valid: of the whole image (H, W); rows, cols: the window that holds valid pixels; turned: the
     window's
-    rows and columns are exchanged, so that the slopes' variances go by columns; data, samples: of that grid;
+    rows and columns are exchanged, so that the slopes' variances go by columns; outer: that grid, core: the
+    part of it without noisy border lines (see `fringe`), to which data and samples belong;
     labels: its anchored components from 1 on (small holes bridged); lost: valid pixels without an anchor.
     """
 
@@ -39,18 +41,20 @@ class Problem:
     rows: slice
     cols: slice
     turned: bool
+    outer: Measured
+    core: tuple[slice, slice]
     data: Measured
     samples: Samples
     labels: Labels
     lost: int
 
     def to_grid(self, image: NDArray[Any]) -> NDArray[Any]:
-        """The part of an array of the image (H, W) that is solved for."""
+        """The outer grid's part of an array of the image (H, W)."""
         part = image[self.rows, self.cols]
         return np.ascontiguousarray(part.T if self.turned else part)
 
     def to_image(self, grid: NDArray[Any], outside: Any) -> NDArray[Any]:
-        """An array of the image (H, W) from one of the grid."""
+        """An array of the image (H, W) from one of the outer grid."""
         image = np.full(self.valid.shape, outside, dtype=grid.dtype)
         image[self.rows, self.cols] = grid.T if self.turned else grid
         return image
@@ -71,8 +75,16 @@ def prepare(
     turned = _rows_rule(data)
     if turned:
         data, samples = _transposed(data), samples.transposed()
-    data, labels, lost = _anchored(bridged(data, small_holes(data.mask)), data.mask, samples)
-    return Problem(rays, valid, rows, cols, turned, data, samples, labels, lost)
+    outer = bridged(data, small_holes(data.mask))
+    core = core_window(outer)
+    inner = outer if core == _extent_of(outer.mask) else outer.cropped(core)
+    samples = samples.window(core[0].start, core[1].start)
+    inner, labels, lost = _anchored(inner, data.mask[core], samples)
+    return Problem(rays, valid, rows, cols, turned, outer, core, inner, samples, labels, lost)
+
+
+def _extent_of(mask: Mask) -> tuple[slice, slice]:
+    return slice(0, mask.shape[0]), slice(0, mask.shape[1])
 
 
 def _extent(valid: Mask, axis: int) -> slice:

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from optolever.decode import Flag
 
+from .fringe import extended
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .newton import State
 from .problem import Problem
@@ -23,20 +24,23 @@ def height_map(
     curl: float,
     method: str,
 ) -> HeightMap:
-    """flags (H, W): the decoder's; suspects: pixels of the grid with a curl; curl: its robust scale."""
-    data = problem.data
-    distance = data.distance(state.w)
-    sigma = np.sqrt(unknown_variance(state, problem.labels))
-    if data.rays.logarithmic:
-        sigma *= distance
-    solved = problem.to_image(data.mask, False) & problem.valid
+    """flags (H, W): the decoder's; suspects: pixels of the core with a curl; curl: its robust scale."""
+    outer, data = problem.outer, problem.data
+    variance = unknown_variance(state, problem.labels)
+    w, variance, known = extended(outer, problem.core, state.w, variance, state.variances, data.mask)
+    distance, sigma = outer.distance(w), np.sqrt(variance)
+    if outer.rays.logarithmic:
+        sigma = sigma * distance
+    marked = np.zeros(known.shape, dtype=np.bool_)
+    marked[problem.core] = suspects
+    solved = problem.to_image(known, False) & problem.valid
     t = np.where(solved, problem.to_image(distance, np.nan), np.nan)
     o, d = problem.rays.inner_origins, problem.rays.inner_directions
     deviation = np.where(solved, problem.to_image(sigma, np.nan), np.nan) * np.abs(d[2])
     flags = np.asarray(flags, dtype=np.uint16).copy()
     flags[~problem.valid & (flags == 0)] |= np.uint16(Flag.INVALID)
     flags[problem.valid & ~solved] |= np.uint16(HeightFlag.NO_ANCHOR)
-    flags[problem.to_image(suspects, False) & solved] |= np.uint16(HeightFlag.CURL)
+    flags[problem.to_image(marked, False) & solved] |= np.uint16(HeightFlag.CURL)
     if not state.converged:
         flags[solved] |= np.uint16(HeightFlag.NOT_CONVERGED)
     diagnostics = Diagnostics(

@@ -1,0 +1,97 @@
+"""Holes and noisy border lines: bridged, left out, and reached again."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from optolever.reconstruct import HeightMap, reconstruct
+from optolever.reconstruct.holes import LARGEST, bridged, small_holes
+from optolever.reconstruct.problem import prepare
+
+
+def test_small_holes_are_told_from_large_ones() -> None:
+    mask = np.ones((40, 40), dtype=bool)
+    mask[5, 5] = mask[6, 6] = False
+    mask[20:25, 20:25] = False
+    mask[39, 0] = False
+    small = small_holes(mask)
+    assert small.sum() == 3
+    assert small[5, 5]
+    assert small[6, 6]
+    assert small[39, 0]
+    assert LARGEST < 25
+
+
+def test_bridges_are_exact_for_cubics(exact) -> None:
+    """Inside, four neighbours in a row; u and v of any size, sigma only linearly."""
+    scene, _, correspondence = exact("paper-simulation", "flat", 40, 48)
+    data = prepare(correspondence, scene).outer
+    y, x = np.mgrid[:40, :48] / 10.0
+    field = 2 + x - 0.3 * y + 0.2 * x**3 - 0.1 * y**3 + 0.05 * x * y
+    holes = np.zeros((40, 48), dtype=bool)
+    holes[10, 12] = holes[20, 30] = holes[20, 31] = True
+    spoilt = np.where(holes, np.nan, field)
+    filled = bridged(replace(data, u=spoilt, v=spoilt.copy(), mask=~holes), holes)
+    assert filled.mask.all()
+    np.testing.assert_allclose(filled.u[10, 12], field[10, 12], rtol=1e-12)
+    np.testing.assert_allclose(filled.u[holes], field[holes], rtol=1e-12)
+    assert np.isfinite(filled.v).all()
+
+
+@pytest.fixture(scope="module")
+def blurred(exact, noisy):
+    """Noise as at a pattern's end: the outer rows and columns twenty times worse, some of them flagged."""
+    scene, truth, _ = exact("paper-simulation", "raised-cosine", 128, 128)
+    rng = np.random.default_rng(0)
+    sigma = np.full(truth.u.shape, 0.01)
+    sigma[[0, -1]] = 0.2
+    sigma[:, 0] = 0.1
+    u, v = (value + sigma * rng.standard_normal(sigma.shape) for value in (truth.u, truth.v))
+    correspondence = replace(noisy(truth), u=u, v=v, sigma_u=sigma, sigma_v=sigma.copy())
+    flags = correspondence.flags.copy()
+    flags[0, 30:90] = 16
+    flags[:, -1] = 16
+    flags[rng.random(flags.shape) < 0.002] = 8
+    return scene, truth, replace(correspondence, flags=flags)
+
+
+def rms_ratio(height: HeightMap, truth: np.ndarray, part: tuple) -> float:
+    good = height.good[part]
+    return float(np.sqrt(np.mean((((height.z - truth) / height.sigma)[part])[good] ** 2)))
+
+
+def test_noisy_borders_cost_no_masked_solve_and_keep_their_pixels(blurred) -> None:
+    scene, truth, correspondence = blurred
+    height = reconstruct(correspondence, scene)
+    assert height.diagnostics.solver == "SeparableEdges"
+    assert np.array_equal(height.good, correspondence.good)
+    assert np.isnan(height.z[~correspondence.good]).all()
+    everywhere = (slice(None), slice(None))
+    assert 0.7 < rms_ratio(height, truth.z, everywhere) < 1.4
+    assert 0.5 < rms_ratio(height, truth.z, (slice(0, 1), slice(None))) < 1.6
+
+
+def test_the_core_is_what_is_left(blurred) -> None:
+    scene, _, correspondence = blurred
+    rows, cols = prepare(correspondence, scene).core
+    assert (rows.start, rows.stop) == (1, 127)
+    assert (cols.start, cols.stop) == (0, 127)
+
+
+def test_outliers_among_good_pixels_are_left_out(exact, noisy) -> None:
+    """1 % of wrong fringe orders: flagged, and the rest as good as without them."""
+    scene, truth, _ = exact("paper-simulation", "raised-cosine", 128, 128)
+    clean = noisy(truth, noise=0.02, seed=1)
+    rng = np.random.default_rng(2)
+    wrong = rng.random(truth.u.shape) < 0.01
+    u = clean.u + np.where(wrong, rng.choice([-1.0, 1.0], wrong.shape) * 9.0, 0.0)
+    height = reconstruct(replace(clean, u=u), scene)
+    heavy = np.zeros_like(wrong)
+    heavy[:, :100] = True  # near the pattern's edge 9 px are no more than noise
+    assert height.flags[wrong & heavy].astype(bool).mean() > 0.97
+    unspoilt = reconstruct(clean, scene)
+    good = height.good & ~wrong & heavy
+    errors = [np.sqrt(np.mean((h.z - truth.z)[good] ** 2)) for h in (height, unspoilt)]
+    assert errors[0] < 2 * errors[1]
+    assert (height.flags[heavy & ~wrong] == 0).mean() > 0.97
