@@ -29,7 +29,7 @@ Mask = NDArray[np.bool_]
 PAPER_METHODS: dict[str, SeriesName] = {"paper": "mean", "paper-rises": "rises", "paper-drops": "drops"}
 _METHODS = {"coupled": Options(), "fixed-point": Options(newton=False, max_steps=60)}
 _CURL_LIMIT = 8.0  # standard deviations
-_ROUNDS = 3  # of leaving out lone pixels with a curl
+_ROUNDS = 6  # of leaving out lone pixels with a curl
 
 
 def method_names() -> tuple[str, ...]:
@@ -70,16 +70,18 @@ def reconstruct(
     if first is None:
         first = coarse_start(problem.data, problem.samples, problem.labels, options)
     state = _solve(problem, first, options)
-    suspects = np.zeros(problem.labels.shape, dtype=np.bool_)
+    measured = problem.data
+    suspects, removed = np.zeros((2, *problem.labels.shape), dtype=np.bool_)
     for _ in range(_ROUNDS):
         score, scale = _curl(problem, state)
         limit = _CURL_LIMIT * max(1.0, scale) if np.isfinite(scale) else _CURL_LIMIT
-        found = curl_suspects(score, limit) & problem.data.mask & ~suspects
+        found = curl_suspects(score, limit, removed) & measured.mask
         suspects |= found
-        removable = lone(found, score, limit)
+        removable = lone(found, score, limit) & ~removed
         if not removable.any():
             break
-        problem = replace(problem, data=bridged(problem.data, removable))
+        removed |= removable
+        problem = replace(problem, data=bridged(measured, removed))
         state = _solve(problem, state.w, options)
     return height_map(problem, state, correspondence.flags, suspects, scale, method)
 

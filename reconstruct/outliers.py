@@ -13,7 +13,7 @@ __all__ = ["curl_scale", "curl_score", "curl_suspects", "lone"]
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_PATCH = 16  # squares: about four wrong pixels side by side
+_PATCH = 8  # squares along a side: a few wrong pixels near each other, no crease
 
 
 def curl_score(p: Floats, q: Floats, var_p: Floats, var_q: Floats, mask: Mask) -> Floats:
@@ -34,13 +34,14 @@ def curl_scale(score: Floats) -> float:
     return 1.4826 * float(np.median(sample)) if sample.size else float("nan")
 
 
-def curl_suspects(score: Floats, limit: float) -> Mask:
+def curl_suspects(score: Floats, limit: float, cleared: Mask) -> Mask:
     """Pixels to which the large curls point, (H, W).
 
     An outlier spoils the four squares around it, its neighbours share two of them or one; so a pixel is
     suspected if
     the sum of the squares' evidence is over limit^2 and largest among its neighbours. Removed suspects clear
-    their squares, and what remains is looked at again.
+    their squares, and what remains is looked at again. cleared (H, W): pixels that have been replaced and
+    cannot be to blame.
     """
     evidence = np.square(np.nan_to_num(score, nan=0.0, posinf=1e150, neginf=-1e150))
     evidence = np.minimum(evidence, 1e12)
@@ -48,7 +49,7 @@ def curl_suspects(score: Floats, limit: float) -> Mask:
     for _ in range(8):
         if not (evidence > limit**2).any():
             break
-        total = _around(evidence)
+        total = np.where(cleared, 0.0, _around(evidence))
         largest = total.copy()
         padded = np.pad(total, 1)
         for dr in range(3):
@@ -64,10 +65,11 @@ def lone(suspects: Mask, score: Floats, limit: float) -> Mask:
     """Suspects whose bad squares form a small patch: wrong pixels rather than a crease or a fold, (H, W)."""
     with np.errstate(invalid="ignore"):
         bad = np.abs(score) > 0.5 * limit
-    labels, _ = scipy.ndimage.label(bad, structure=np.ones((3, 3)))
-    sizes = np.bincount(labels.ravel())
-    sizes[0] = 0
-    patch = sizes[labels]
+    labels, count = scipy.ndimage.label(bad, structure=np.ones((3, 3)))
+    extent = np.zeros(count + 1, dtype=np.int64)
+    boxes = scipy.ndimage.find_objects(labels)
+    extent[1:] = [max(side.stop - side.start for side in box) for box in boxes]
+    patch = extent[labels]
     largest = patch.copy()
     for row, col in ((1, 0), (0, 1), (1, 1)):
         shifted = np.zeros_like(patch)
