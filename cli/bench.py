@@ -17,7 +17,18 @@ if TYPE_CHECKING:
 __all__ = ["command", "finish", "interrupted"]
 
 SAMPLE = """
-$ optolever bench --scene paper-simulation --size 96x96 --sequence gray+phase --solver coupled --out bench
+$ optolever bench --scene paper-simulation --size 96x96 --out bench --sequence exact \\
+    --sequence gray+phase --solver coupled --solver paper-drops
+paper-simulation, own dent, 96 × 96, noise 1
+sequence    solver       frames  display  decode  solve   rms         max         err/sigma  flagged  silent
+exact       coupled                               0.02 s  7.7 × 10⁻⁸  2.1 × 10⁻⁷  0.000      0.00 %   0.00 %
+gray+phase  coupled      20      0.33 s   0.01 s  0.03 s  7.2 × 10⁻⁴  0.0193      1.111      2.06 %   0.00 %
+exact       paper-drops                           0.02 s  0.0109      0.0302      –          0.00 %   –
+gray+phase  paper-drops  20      0.33 s   0.01 s  0.02 s  0.0109      0.032       –          2.06 %   –
+Run
+  cells   4 measured of 4
+  time    2.018 s
+  report  bench/report.html
 """
 
 

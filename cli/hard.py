@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from .bench import interrupted
 from .options import FILE, SIZE, json_option, report_into, sample
 from .show import grid, number, progress, table, write_json
 
@@ -15,6 +16,14 @@ __all__ = ["command"]
 
 SAMPLE = """
 $ optolever hard --quick --filter "decode saturation" --out hard
+Hard cases
+part    case                      subject     size   noise  input  error       flagged  silent  worst   result
+decode  saturation at 255 of 300  gray+phase  96x96  1      uint8  0.01099 px  1.91 %   0       0.86    good
+decode  saturation at 255 of 300  phase       96x96  1      uint8  0.01818 px  24.56 %  0       0.8636  good
+Verdict
+  cases           2 of 2
+  silently wrong  0
+  pictures        hard
 """
 HEADER = (
     "part",
@@ -59,7 +68,7 @@ def command(
     rows: list[list[str]] = []
     records = []
     faults = 0
-    with progress() as step:
+    with interrupted() as stopped, progress() as step:
         for result in run_hard(cases, step):
             rows.append(_cells(result))
             records.append(result.to_dict())
@@ -68,7 +77,12 @@ def command(
                 save_picture(result, out)
     write_json(json_path, {"cases": records, "faults": faults})
     grid("Hard cases", HEADER, rows)
-    table("Verdict", {"cases": str(len(cases)), "silently wrong": str(faults), "pictures": str(out)})
+    table(
+        "Verdict",
+        {"cases": f"{len(rows)} of {len(cases)}", "silently wrong": str(faults), "pictures": str(out)},
+    )
+    if stopped.hit:
+        raise KeyboardInterrupt
     return 1 if faults else 0
 
 

@@ -21,6 +21,19 @@ __all__ = ["command"]
 
 SAMPLE = """
 $ optolever sweep grid.toml --workers 2 --out sweep
+paper-simulation, own dent, 64 × 64, noise 1
+sequence    solver   frames  display  decode  solve   rms         max     err/sigma  flagged  silent
+gray+phase  coupled  18      0.30 s   9.9 ms  0.01 s  1.1 × 10⁻³  0.0157  0.933      3.08 %   0.00 %
+gray+phase  coupled  18      0.30 s   5.8 ms  0.03 s  1.4 × 10⁻³  0.0344  1.011      3.03 %   0.00 %
+Run
+  cells   2 measured of 2
+  time    5.2 s
+  report  sweep/report.html
+where grid.toml holds
+  scenes = ["paper-simulation"]
+  sizes = ["64x64"]
+  sequences = ["gray+phase"]
+  seeds = [0, 1]
 """
 
 

@@ -39,10 +39,12 @@ class Problem:
     outliers: float = 0.0
 
 
-def _step(scene: Scene, pixels: float, radial: bool = False) -> Surface:
-    """A smooth step of the default depth, `pixels` camera pixels wide: across the mirror or around a disk."""
+def _step(scene: Scene, pixels: float, depth: float = 1.0, radial: bool = False) -> Surface:
+    """A smooth step, `depth` times the default peak, `pixels` camera pixels wide: across the mirror, or
+    around a disk.
+    """
     length, middle = scene.mirror.length, scene.mirror.width / 2
-    peak, width = 1.3 / 163.7 * length, pixels * length / scene.camera.cols
+    peak, width = depth * 1.3 / 163.7 * length, pixels * length / scene.camera.cols
 
     def inward(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
         """How far inside the step, and the gradient of that."""
@@ -111,13 +113,15 @@ def _dark(truth: Trace, scene: Scene, rng: np.random.Generator) -> Mask:
 PROBLEMS = (
     Problem("smooth", "raised-cosine"),
     Problem("cusp", "needle"),
-    Problem("rounded needle, steep ring off the pattern", "rounded-needle:peak=6,rounding=1"),
+    Problem("rounded needle, steep ring off the pattern", "rounded-needle:peak=10,rounding=4"),
     Problem("ridge", "ridge"),
     Problem("sharp ridge, askew", "ridge:sigma=4,angle_deg=30"),
     Problem("step, measurable", partial(_step, pixels=6)),
-    Problem("step, too steep", partial(_step, pixels=1)),
+    Problem("step, one pixel wide", partial(_step, pixels=1)),
+    Problem("step, off the pattern", partial(_step, pixels=3, depth=6)),
     Problem("plateau, measurable", partial(_step, pixels=6, radial=True)),
-    Problem("plateau, too steep", partial(_step, pixels=1, radial=True)),
+    Problem("plateau, one pixel wide", partial(_step, pixels=1, radial=True)),
+    Problem("plateau, ring off the pattern", partial(_step, pixels=3, depth=6, radial=True)),
     Problem("folded map", "gaussian:peak=2,sigma=9"),
     Problem("ball", "ball"),
     Problem("total reflection lost", "gaussian:peak=0.6,sigma=6", "prism48", _dark),

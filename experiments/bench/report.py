@@ -14,10 +14,10 @@ from .row import Row
 __all__ = ["bench_html", "bench_table", "write_bench_report"]
 
 HEADER = (
-    *("sequence", "solver", "frames", "display", "render", "decode", "reconstruct", "memory"),
-    *("rms", "95 %", "max", "error/sigma", "flagged", "silent", "x floor"),
+    *("sequence", "solver", "frames", "display", "render", "decode", "solve", "memory"),
+    *("rms", "95 %", "max", "err/sigma", "flagged", "silent", "x floor"),
 )
-REPORT_ONLY = ("display", "render", "memory", "95 %", "x floor")
+REPORT_ONLY = ("render", "memory", "95 %", "x floor")
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +85,7 @@ def table_cells(row: Row, refresh: float, floor: float | None) -> list[str]:
         row.cell.solver,
         str(row.frames) if row.frames else "",
         seconds_text(row.display_seconds(refresh)) if row.frames else "",
-        *("" if seconds is None else seconds_text(seconds) for seconds in times),
+        *("" if not seconds else seconds_text(seconds) for seconds in times),
         f"{memory / 2**20:.3g} MiB" if memory else "",
         *(scientific(number(f"height_{name}_rel", math.nan)) for name in ("rms", "p95", "max")),
         _fixed(number("sigma_ratio_height", math.nan)),

@@ -152,7 +152,7 @@ def test_step_slopes_are_the_heights_differences(radial: bool) -> None:
     from optolever.scene import load, resize
 
     scene = resize(load("paper-simulation"), 32, 32)
-    surface = solving._step(scene, 4, radial)
+    surface = solving._step(scene, 4, radial=radial)
     x, y = np.random.default_rng(2).uniform(20, 140, (2, 50))
     h = 1e-4
     by_x = (surface.height(x + h, y) - surface.height(x - h, y)) / (2 * h)
