@@ -23,6 +23,7 @@ COMMANDS = (
     "bench",
     "sweep",
     "hard",
+    "design",
     "names",
     "doctor",
 )

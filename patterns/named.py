@@ -44,7 +44,10 @@ def sequence(name: str, rows: int, cols: int, **params: Any) -> Sequence:
 
 
 def sequence_from_text(text: str, rows: int, cols: int) -> Sequence:
-    """The command line's form: 'phase:steps=8,periods=9/10/11', 'gray:inverses=false,axes=u'."""
+    """The command line's form: 'phase:steps=8,periods=9/10/11', 'gray:inverses=false,axes=u', or a .toml file
+    that Sequence.save wrote for a surface of this size."""
+    if text.endswith(".toml"):
+        return _loaded(text, rows, cols)
     name, _, rest = text.partition(":")
     params: dict[str, Any] = {}
     for item in filter(None, rest.split(",")):
@@ -53,6 +56,13 @@ def sequence_from_text(text: str, rows: int, cols: int) -> Sequence:
             raise InputError(f"sequence {text!r}: {item!r} is no parameter, must be name=value")
         params[key.strip()] = _parsed(value.strip())
     return sequence(name.strip(), rows, cols, **params)
+
+
+def _loaded(path: str, rows: int, cols: int) -> Sequence:
+    found = Sequence.load(path)
+    if (found.rows, found.cols) != (rows, cols):
+        raise InputError(f"{path}: is for {found.rows}x{found.cols} cells, the surface has {rows}x{cols}")
+    return found
 
 
 def _parsed(text: str) -> Any:

@@ -1,5 +1,6 @@
 """Sequence: the frames that go together, and the size of the surface that shows them."""
 
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,7 @@ import tomli_w
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
-from optolever.files import atomic_folder
+from optolever.files import atomic_file, atomic_folder
 
 from .frame import Frame
 from .levels import frame_tables
@@ -78,6 +79,20 @@ class Sequence:
                 if not cv2.imwrite(str(target / f"{index:03d}.png"), self.render_frame(index)):
                     raise InputError(f"{folder}: {index:03d}.png could not be written")
             (target / "sequence.toml").write_text(tomli_w.dumps(self.to_dict()), encoding="utf-8")
+
+    def save(self, path: str | Path) -> None:
+        """Write the description as TOML, whole or not at all."""
+        with atomic_file(path) as temporary:
+            temporary.write_text(tomli_w.dumps(self.to_dict()), encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Sequence":
+        """Read what save() or save_png() wrote; InputError names the file, the field and its value."""
+        try:
+            plain = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise InputError(f"{path}: is no TOML ({error})") from error
+        return cls.from_dict(plain, str(path))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain TOML types."""

@@ -1,0 +1,165 @@
+"""`optolever design`: what to show, ranked by the height error that it will mean."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from optolever import InputError
+
+from .options import (
+    FILE,
+    dent_of,
+    json_option,
+    load_scene,
+    noise_option,
+    renderer_option,
+    sample,
+    scene_option,
+    size_option,
+    writable,
+)
+from .show import grid, number, progress, table, write_json
+
+if TYPE_CHECKING:
+    from optolever.experiments.design import DesignRow
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ optolever design --scene prism48 --size 144x192 --frames 24 --out best.toml
+$ optolever capture --scene prism48 --size 144x192 --sequence best.toml --out capture
+"""
+
+HEADER = (
+    "sequence",
+    "frames",
+    "time",
+    "predicted",
+    "noise",
+    "bias",
+    "wrong order",
+    "measured",
+    "simulated",
+    "",
+)
+
+
+@click.command("design", epilog=sample(SAMPLE))
+@scene_option
+@click.option(
+    "--dent", metavar="NAME[:KEY=VALUE,...]", help="Default: the dent that the scene names, or none."
+)
+@click.option("--frames", type=click.IntRange(min=2), metavar="N", help="Most frames to show; default 24.")
+@click.option("--time", "seconds", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS",
+              help="Longest time to show them, in place of --frames.")  # fmt: skip
+@click.option("--refresh", type=click.FloatRange(min=0, min_open=True), default=60.0, show_default=True,
+              metavar="HZ", help="Frames that the display shows per second.")  # fmt: skip
+@noise_option(1.0)
+@click.option(
+    "--blur", type=click.FloatRange(min=0), metavar="CELLS", help="Rms blur in place of the scene's."
+)
+@click.option("--failure", type=click.FloatRange(0, 1), default=1e-3, show_default=True, metavar="RATE",
+              help="Largest probability of a wrong fringe order or code bit.")  # fmt: skip
+@click.option("--add", "added", multiple=True, metavar="PATTERN",
+              help="Also rank module:function, a folder of images, a sequence.")  # fmt: skip
+@click.option("--verify", type=click.IntRange(min=0), default=3, show_default=True, metavar="N",
+              help="How many of the best to simulate.")  # fmt: skip
+@click.option("--rows", "shown", type=click.IntRange(min=1), default=12, show_default=True, metavar="N",
+              help="Rows of the table to print; the JSON file has all.")  # fmt: skip
+@renderer_option
+@size_option
+@click.option("--out", type=FILE, metavar="FILE.toml", help="Gets the best sequence, for capture --sequence.")
+@json_option
+def command(
+    scene_name: str,
+    dent: str | None,
+    frames: int | None,
+    seconds: float | None,
+    refresh: float,
+    noise: float,
+    blur: float | None,
+    failure: float,
+    added: tuple[str, ...],
+    verify: int,
+    shown: int,
+    renderer: str,
+    size: tuple[int, int] | None,
+    out: Path | None,
+    json_path: Path | None,
+) -> None:
+    """Rank codes and their parameters for a scene by predicted height error, and simulate the best.
+
+    Predicted in closed form: noise of the phase under blur, pixel and cell, misread orders and bits,
+    stairs of the cells; taken to heights by the scene's own solver. What fails too often or loses pixels
+    comes last.
+    """
+    writable(out, json_path)
+    if out is not None and out.suffix != ".toml":
+        raise InputError(f"{out}: must end in .toml, so that --sequence knows it for a file")
+    from optolever.experiments.design import run_design, user_candidate
+
+    budget = _budget(frames, seconds, refresh)
+    scene = load_scene(scene_name, size)
+    if blur is not None:
+        from dataclasses import replace
+
+        scene = replace(scene, pattern=replace(scene.pattern, blur_px=blur))
+    extra = [user_candidate(text, scene.pattern.rows, scene.pattern.cols) for text in added]
+    with progress() as step:
+        design = run_design(
+            scene,
+            dent_of(scene, dent),
+            frames=budget,
+            refresh=refresh,
+            noise=noise,
+            failure=failure,
+            verify=verify,
+            extra=extra,
+            renderer=renderer,
+            progress=step,
+        )
+    if out is not None and design.chosen is not None:
+        design.chosen.sequence.save(out)
+    write_json(json_path, design.to_dict())
+    grid(
+        f"Height error, rms in mm: {scene.name}, at most {budget} frames",
+        HEADER,
+        map(_cells, design.rows[:shown]),
+    )
+    chosen = design.chosen
+    table(
+        "Choice",
+        {
+            "sequence": "none: nothing meets the limits" if chosen is None else chosen.text,
+            "candidates": str(len(design.rows)),
+            "time": ", ".join(f"{name} {number(value)}" for name, value in design.seconds.items()) + " s",
+            **({"written to": str(out)} if out is not None and chosen is not None else {}),
+        },
+    )
+
+
+def _budget(frames: int | None, seconds: float | None, refresh: float) -> int:
+    if frames is not None and seconds is not None:
+        raise InputError("--frames and --time: both are given, one of them says it all")
+    if seconds is None:
+        return frames or 24
+    if seconds * refresh < 2:
+        raise InputError(f"--time: {seconds:g} s at {refresh:g} Hz are less than two frames")
+    return int(seconds * refresh + 1e-9)
+
+
+def _cells(row: "DesignRow") -> list[Any]:
+    simulated = number(row.simulated) if row.simulated == row.simulated else ""
+    return [
+        row.text,
+        str(row.frames),
+        number(row.seconds, "s"),
+        number(row.predicted),
+        number(row.noise),
+        number(row.bias),
+        f"{row.failure:.0e}",
+        number(100 * row.share, "%"),
+        simulated,
+        row.why,
+    ]

@@ -1,0 +1,119 @@
+"""What could be shown within a number of frames: every family of codes with the parameters that fill the
+budget.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from optolever.errors import InputError
+from optolever.patterns import Frame, Sequence, bits_for, sequence_from_text, sequence_names
+
+__all__ = ["Candidate", "candidates", "ladder"]
+
+#: Periods whose half is a whole number of cells: a Gray code cannot show others exactly.
+EVEN_PERIODS = (4.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)
+PERIODS = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)
+LEAST_STEPS = 3
+SPAN = 1.125  # of the surface: a coarse period whose ends differ
+#: Sequences that no dense, absolute map can be decoded from on their own.
+NOT_DENSE = ("lattice", "crossed", "ramp")
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A sequence and how it is called; text of a named sequence is what the command line takes."""
+
+    text: str
+    sequence: Sequence
+
+
+def candidates(rows: int, cols: int, frames: int) -> list[Candidate]:
+    """Every candidate of at most `frames` frames for a surface of rows x cols cells."""
+    found: dict[str, Candidate] = {}
+    texts = [*_gray_phase(rows, cols, frames), *_together(rows, cols, frames), *_codes(frames)]
+    for text in texts:
+        _add(found, text, rows, cols, frames)
+    for candidate in _ladders(rows, cols, frames):
+        found.setdefault(candidate.text, candidate)
+    named = {text.partition(":")[0] for text in texts} | {"phase"}
+    for name in sequence_names():
+        if name not in named and name not in NOT_DENSE:
+            _add(found, name, rows, cols, frames)
+    return list(found.values())
+
+
+def _add(found: dict[str, Candidate], text: str, rows: int, cols: int, frames: int) -> None:
+    try:
+        sequence = sequence_from_text(text, rows, cols)
+    except InputError:  # a surface too small or too large for this code
+        return
+    if len(sequence) <= frames:
+        found.setdefault(text, Candidate(text, sequence))
+
+
+def _gray_phase(rows: int, cols: int, frames: int) -> Iterator[str]:
+    """White, black, Gray bits of cells of half a period, and as many steps as are left."""
+    for period in EVEN_PERIODS:
+        bits = sum(bits_for(math.ceil(extent / (period / 2))) for extent in (rows, cols))
+        steps = (frames - 2 - bits) // 2
+        if steps >= LEAST_STEPS:
+            yield f"gray+phase:period={period:g},steps={steps}"
+
+
+def _together(rows: int, cols: int, frames: int) -> Iterator[str]:
+    """Periods that are unambiguous only together: two whose numbers of fringes differ by one, three by
+    heterodyne (beats of beats)."""
+    longest = 1.02 * max(rows, cols)
+    for count in (5, 8, 12, 18, 27, 40, 60, 90):
+        pair = [longest / count, longest / (count + 1)]
+        steps = frames // 4
+        if steps >= LEAST_STEPS and pair[-1] >= PERIODS[0]:
+            yield f"phase:steps={steps},periods=" + "/".join(f"{p:.6g}" for p in pair)
+    for fine in PERIODS:
+        most = longest / fine
+        if most < 12 or frames // 6 < LEAST_STEPS:
+            continue
+        numbers = most, most - 1, most - math.sqrt(most)
+        periods = "/".join(f"{longest / number:.6g}" for number in sorted(numbers))
+        yield f"phase:steps={frames // 6},periods={periods}"
+
+
+def _codes(frames: int) -> Iterator[str]:
+    for name in ("gray", "binary", "xor-gray"):
+        yield f"{name}:inverses=true,references=false"
+        yield f"{name}:inverses=false"
+    for step in (2, 4, 8, 16, 32):
+        yield f"stripe:step={step}"
+
+
+def _ladders(rows: int, cols: int, frames: int) -> Iterator[Candidate]:
+    """Fringes from one that spans the surface down to the finest, all steps that are left on the finest."""
+    for fine in PERIODS:
+        for levels in (2, 3):
+            steps = (frames - 2 * LEAST_STEPS * (levels - 1)) // 2
+            if steps >= LEAST_STEPS and fine * 2 < min(rows, cols):
+                sequence = ladder(rows, cols, fine, levels, steps)
+                yield Candidate(sequence.name, sequence)
+                if steps >= 2 * LEAST_STEPS:
+                    even = frames // (2 * levels)
+                    sequence = ladder(rows, cols, fine, levels, even, even)
+                    yield Candidate(sequence.name, sequence)
+
+
+def ladder(
+    rows: int, cols: int, fine: float, levels: int, steps: int, coarse_steps: int = LEAST_STEPS
+) -> Sequence:
+    """A geometric ladder of `levels` periods per axis, the finest in `steps` steps, the others in fewer."""
+    frames: list[Frame] = []
+    for axis, extent in (("u", cols), ("v", rows)):
+        coarse = SPAN * extent
+        for level in range(levels):
+            period = coarse * (fine / coarse) ** (level / (levels - 1))
+            count = steps if level == levels - 1 else coarse_steps
+            frames += [
+                Frame("phase", axis, period_px=period, shift=2 * math.pi * k / count) for k in range(count)
+            ]
+    return Sequence(
+        tuple(frames), rows, cols, f"ladder: {levels} to {fine:g} px, steps {coarse_steps}/{steps}"
+    )

@@ -1,0 +1,109 @@
+"""Binary codes in closed form: misread bits, and the error that cells leave; cells of the display under a
+fringe.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erfc
+
+from optolever.patterns import BINARY_CODES, Frame, code_words
+
+__all__ = ["bit_failure", "cell_error", "code_of", "stairs"]
+
+Floats = NDArray[np.float64]
+#: Systematic error of a margin that the decoder reckons with, in half contrasts.
+LOOSE = 0.02
+
+
+def code_of(frames: list[Frame]) -> list[Frame]:
+    """The binary code among the frames of an axis."""
+    return [frame for frame in frames if frame.kind in BINARY_CODES]
+
+
+def cell_error(coord: Floats, frame: Frame) -> Floats:
+    """Decoded minus true coordinate where only the cell is known: its centre is what is answered."""
+    first = -0.5 + (frame.offset_px or 0.0)
+    cell = np.floor((coord - first) / frame.cell_px)
+    return np.asarray(first + (cell + 0.5) * frame.cell_px - coord)
+
+
+def stairs(coord: Floats, widths: tuple[Floats, ...], blur: float, period: float) -> Floats:
+    """Error (cells) of a fringe of a period (cells) read through the display's cells, at coord.
+
+    A cosine of frequency f shown on cells holds f + k as well, each with sinc(f + k), of which pixel
+    (boxes of the widths) and blur leave M(f + k): phase error arg(1 + sum_k r_k exp(2 pi i k u)),
+    r_k = (-1)^k f / (f + k) M(f + k) / M(f). For long periods: the sawtooth of the cells, low-passed.
+    """
+    f = 1 / period
+    whole = np.ones(np.shape(coord), np.complex128)
+    base = _transfer(f, widths, blur)
+    base = np.where(np.abs(base) > 1e-3, base, 1e-3)
+    for k in (1, -1, 2, -2, 3, -3, 4, -4):
+        left = (-1) ** k * f / (f + k) * _transfer(f + k, widths, blur) / base
+        whole += left * np.exp(2j * math.pi * k * coord)
+    return np.asarray(np.angle(whole) / (2 * math.pi * f))
+
+
+def _transfer(frequency: float, widths: tuple[Floats, ...], blur: float) -> Floats:
+    left: Floats = np.asarray(math.exp(-2 * (math.pi * blur * frequency) ** 2))
+    for width in widths:
+        left = left * np.sinc(frequency * width)
+    return left
+
+
+def bit_failure(
+    frames: list[Frame],
+    references: bool,
+    coord: Floats,
+    half: Floats,
+    deviation: Floats,
+    widths: tuple[Floats, Floats],
+    blur: float,
+    extent: int,
+) -> Floats:
+    """Probability that some bit leads to a cell that is no neighbour, at coord (H, W).
+
+    half: levels from mid to white; deviation: rms noise of a sample. The margin of a bit at a distance d from
+    its nearest edge is half erf(d / (sqrt 2 s)), s the rms width of blur and pixel; it is compared with
+    noise / sqrt 2 where the inverse was shown, with sqrt(3/2) noise against white and black. A bit whose edge
+    is the cell's own leads to the neighbour and does no harm.
+    """
+    failure = np.zeros(np.shape(half))
+    if not frames:
+        return failure
+    pairs = {frame.bit for frame in frames if frame.inverted} & {f.bit for f in frames if not f.inverted}
+    first, pitch = -0.5 + (frames[0].offset_px or 0.0), frames[0].cell_px
+    spread = np.sqrt(blur**2 + (widths[0] ** 2 + widths[1] ** 2) / 12 + 1e-6)
+    place = np.clip((np.nan_to_num(coord) - first) / pitch, 0.0, None)
+    for frame in {frame.bit: frame for frame in frames}.values():
+        scale = math.sqrt(0.5) if frame.bit in pairs else math.sqrt(1.5 if references else 1.0)
+        distance = pitch * _harmful_distance(frame, place, math.ceil(extent / pitch))
+        margin = half * (1 - erfc(distance / (math.sqrt(2) * spread)))
+        noise = np.hypot(scale * deviation, LOOSE * half)
+        failure += 0.5 * erfc(margin / (math.sqrt(2) * noise))
+    return np.asarray(np.minimum(failure, 1.0))
+
+
+def _harmful_distance(frame: Frame, place: Floats, cells: int) -> Floats:
+    """From places (in cells) to the bit's nearest edge across which a misreading leads to no neighbour."""
+    count = max(cells, int(place.max()) + 2)
+    words = code_words(frame.kind, np.arange(count), frame.bits)
+    edges = np.flatnonzero(np.diff((words >> (frame.bit or 0)) & 1)) + 1
+    lone = np.array([_is_power_of_two(int(words[e] ^ words[e - 1])) for e in edges], np.bool_)
+    if len(edges) == 0:
+        return np.full(place.shape, np.inf)
+    own = np.floor(place)
+    inside = np.searchsorted(edges, place, side="right")
+    low, high = np.maximum(inside - 1, 0), np.minimum(inside, len(edges) - 1)
+    before = np.where(inside > 0, place - edges[low], np.inf)
+    behind = np.where(inside < len(edges), edges[high] - place, np.inf)
+    # the only bit that changes at the cell's own border leads to the neighbour
+    before = np.where((edges[low] == own) & lone[low], np.inf, before)
+    behind = np.where((edges[high] == own + 1) & lone[high], np.inf, behind)
+    return np.asarray(np.minimum(before, behind))
+
+
+def _is_power_of_two(word: int) -> bool:
+    return word > 0 and word & (word - 1) == 0

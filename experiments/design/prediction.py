@@ -1,0 +1,216 @@
+"""What a sequence is worth in a scene before a frame is taken: closed forms, pixel by pixel.
+
+Along each axis: the noise of the coordinate, its systematic error (cells), the probability that its order
+or a code bit is wrong, and the probability that the decoder refuses the pixel.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erfc, ndtr
+
+from optolever.errors import InputError
+from optolever.patterns import Frame, Sequence
+
+from .border import border_of, usual_width
+from .codes import bit_failure, cell_error, code_of, stairs
+from .free_codes import free_code
+from .fringes import (
+    DOUBT,
+    MUCH_FINER,
+    Fringe,
+    combined,
+    contrast,
+    grouped,
+    search_failure,
+    step_failure,
+    step_flagged,
+    turn_variance,
+)
+from .response import fundamental_share, harmonic_error
+from .view import Floats, Levels, View
+
+__all__ = ["AxisPrediction", "Prediction", "border_loss", "predict"]
+
+#: As in the decoder: amplitude over noise below which a pixel is refused, and light lost at the border.
+LEAST_CONTRAST = 4.0
+#: Light lost beyond the border above which a pixel is left out of every figure: what is made of it there is a
+#: matter of the border, not of the code (the decoder's own limit is a fifth).
+MOST_LOST = 0.01
+REFUSED_LOST = 0.2
+#: Blur that the decoder assumes where white and black do not tell it.
+USUAL_BLUR = 0.5
+#: Border shift that the decoder adds to its sigma, cells.
+LEAST_SHIFT = 1e-3
+#: Attenuation of the cells' fundamental under which the decoder takes stairs off.
+LOW_STAIRS = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class AxisPrediction:
+    """Per pixel (H, W): noise (rms, cells), bias (cells), failure and refused (probabilities), stated (the
+    sigma that the decoder will give, cells)."""
+
+    noise: Floats
+    bias: Floats
+    failure: Floats
+    refused: Floats
+    stated: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """Both axes of a sequence in a view; solved: pixels that the decoder does not refuse outright; usable:
+    those among them that the border does not touch, over which errors are told."""
+
+    u: AxisPrediction
+    v: AxisPrediction
+    solved: NDArray[np.bool_]
+    usable: NDArray[np.bool_]
+
+    @property
+    def failure(self) -> float:
+        """Mean probability of a wrong order or bit over the usable pixels."""
+        return self._mean(1 - (1 - self.u.failure) * (1 - self.v.failure))
+
+    @property
+    def measured_share(self) -> float:
+        """Share of the usable pixels that are expected to pass the decoder's checks."""
+        return self._mean((1 - self.u.refused) * (1 - self.v.refused))
+
+    def _mean(self, values: Floats) -> float:
+        return float(values[self.usable].mean()) if self.usable.any() else math.nan
+
+
+def predict(view: View, sequence: Sequence, noise: float) -> Prediction:
+    """The sequence in the view under Gaussian noise (rms, 8-bit levels).
+
+    InputError if it does not encode both axes or a fringe cannot be decoded.
+    """
+    if (sequence.rows, sequence.cols) != (view.scene.pattern.rows, view.scene.pattern.cols):
+        raise InputError(
+            f"sequence {sequence.name}: made for {sequence.rows}x{sequence.cols} cells, the pattern of scene "
+            f"{view.scene.name!r} has {view.scene.pattern.rows}x{view.scene.pattern.cols}"
+        )
+    levels = view.levels(noise)
+    u, v = (_axis(view, sequence, levels, axis) for axis in "uv")
+    solved = view.visible & (levels.half > 0)
+    lost = np.maximum(border_loss(view, "u"), border_loss(view, "v"))
+    usable = solved & (lost < MOST_LOST)
+    # what is sure to be refused makes holes in the solver's grid
+    solved &= (lost < REFUSED_LOST) & (u.refused < 0.5) & (v.refused < 0.5)
+    return Prediction(u, v, solved, usable)
+
+
+def _axis(view: View, sequence: Sequence, levels: Levels, axis: str) -> AxisPrediction:
+    mine = [frame for frame in sequence.frames if frame.axis == axis]
+    fringes = [frame for frame in mine if frame.kind == "phase"]
+    code, free = code_of(mine), [f for f in mine if f.kind in ("levels", "stripe")]
+    if fringes:
+        return _fringe_axis(view, sequence, levels, axis, fringes, code)
+    if code:
+        return _code_axis(view, sequence, levels, axis, code)
+    if free:
+        noise, failure = free_code(view, sequence, levels, axis, free)
+        return AxisPrediction(noise, np.zeros(noise.shape), failure, failure, noise)
+    raise InputError(f"sequence {sequence.name}: no frame encodes {axis}; a height needs both axes")
+
+
+def _fringe_axis(
+    view: View, sequence: Sequence, levels: Levels, axis: str, frames: list[Frame], code: list[Frame]
+) -> AxisPrediction:
+    groups = grouped(frames)
+    blur, widths, extent = view.scene.pattern.blur_px, view.widths[axis], view.extent(axis)
+    periods = [group.period for group in groups]
+    full = fundamental_share(view.scene) * levels.half
+    variances, refused = [], np.zeros(levels.half.shape)
+    for group in groups:
+        amplitude = full * contrast(group.period, widths, blur)
+        turns, share = turn_variance(group, amplitude, levels.half, levels.read2, levels.shot)
+        variances.append(group.period**2 * turns)
+        if group is groups[-1]:
+            refused = _low_contrast(amplitude, levels, share)
+    total = combined(periods, variances)
+    if code:
+        failure = _code_failure(view, sequence, levels, axis, code)
+        flagged = np.asarray(failure > DOUBT, np.float64)
+    elif periods[0] >= extent:
+        room = 0.5 * periods[0] - np.abs(view.coordinate(axis) - 0.5 * (extent - 1))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            failure = np.nan_to_num(0.5 * erfc(room / np.sqrt(2 * variances[0])))
+        flagged = np.zeros(failure.shape)
+    else:
+        failure, flagged = search_failure(periods, variances, extent)
+    if code or periods[0] >= extent:
+        for k in range(1, len(groups)):
+            both = combined(periods[:k], variances[:k]) + variances[k]
+            failure = failure + step_failure(periods[k], both)
+            flagged = flagged + step_flagged(periods[k], both)
+    refused = np.minimum(refused + flagged, 1.0)
+    border = border_of(view, axis, periods[-1], blur if _blur_known(sequence) else USUAL_BLUR)
+    step, doubt = _stairs(view, sequence, axis, groups)
+    bias = harmonic_error(view, groups[-1], axis) + border.left + step
+    beyond = np.where(np.abs(border.shift) > LEAST_SHIFT, border.shift, 0.0)
+    stated = np.sqrt(total + beyond**2 + doubt**2)
+    return AxisPrediction(np.sqrt(total), bias, np.minimum(failure, 1.0), refused, stated)
+
+
+def _stairs(view: View, sequence: Sequence, axis: str, groups: list[Fringe]) -> tuple[Floats, float]:
+    """What the cells' stairs leave in the coordinate, and the rms that the decoder adds to its sigma.
+
+    Where it knows the blur and the stairs are low, it takes off those of the usual pixel.
+    """
+    blur, coord, widths = view.scene.pattern.blur_px, view.coordinate(axis), view.widths[axis]
+    soft = _blur_known(sequence) and math.exp(-2 * (math.pi * blur) ** 2) < LOW_STAIRS
+    usual = (np.full(coord.shape, usual_width(view, axis)),)
+    total, information, previous = np.zeros(coord.shape), 0.0, math.inf
+    for group in groups:
+        error = stairs(coord, widths, blur, group.period)
+        if soft:
+            error = error - stairs(coord, usual, blur, group.period)
+        own = len(group.shifts) / group.period**2
+        alone = group.period * MUCH_FINER < previous
+        total = error if alone else total + own / (information + own) * (error - total)
+        information, previous = own if alone else information + own, group.period
+    return total, 0.0 if soft else float(np.sqrt(np.nanmean(total[view.visible] ** 2)))
+
+
+def _code_axis(
+    view: View, sequence: Sequence, levels: Levels, axis: str, code: list[Frame]
+) -> AxisPrediction:
+    failure = _code_failure(view, sequence, levels, axis, code)
+    bias = cell_error(view.coordinate(axis), code[0])
+    refused = np.minimum(_low_contrast(levels.half, levels, 0.5) + (failure > DOUBT), 1.0)
+    stated = np.full(bias.shape, code[0].cell_px / math.sqrt(12))
+    return AxisPrediction(np.zeros(bias.shape), bias, failure, refused, stated)
+
+
+def _code_failure(view: View, sequence: Sequence, levels: Levels, axis: str, code: list[Frame]) -> Floats:
+    known = any(frame.kind in ("white", "black") for frame in sequence.frames)
+    deviation = np.sqrt(levels.variance(levels.half))
+    blur = view.scene.pattern.blur_px
+    coord, widths = view.coordinate(axis), view.widths[axis]
+    return bit_failure(code, known, coord, levels.half, deviation, widths, blur, view.extent(axis))
+
+
+def _low_contrast(amplitude: Floats, levels: Levels, share: float) -> Floats:
+    """Probability that the measured amplitude falls below 4 sigma; share: its variance over a sample's."""
+    deviation = np.sqrt(levels.variance(levels.half))
+    return np.asarray(ndtr((LEAST_CONTRAST * deviation - amplitude) / (math.sqrt(share) * deviation)))
+
+
+def _blur_known(sequence: Sequence) -> bool:
+    """Whether the decoder can measure the blur: white and black are shown."""
+    kinds = {frame.kind for frame in sequence.frames}
+    return {"white", "black"} <= kinds
+
+
+def border_loss(view: View, axis: str) -> Floats:
+    """Share of a pixel's light that comes from beyond the pattern's border."""
+    widths = view.widths[axis]
+    spread = np.sqrt(view.scene.pattern.blur_px**2 + (widths[0] ** 2 + widths[1] ** 2) / 12 + 1e-12)
+    coord = view.coordinate(axis)
+    loss: Floats = ndtr((-0.5 - coord) / spread) + ndtr((coord - view.extent(axis) + 0.5) / spread)
+    return np.nan_to_num(loss, nan=1.0)

@@ -1,0 +1,270 @@
+"""run_design: rank what could be shown within a budget by the height error that it means, and check the
+best.
+"""
+
+import math
+import time
+from collections.abc import Callable
+from collections.abc import Sequence as Many
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from optolever.decode import decode
+from optolever.errors import InputError
+from optolever.projector import capture
+from optolever.reconstruct import reconstruct
+from optolever.scene import Scene, Surface, dent_from_text
+
+from .candidates import Candidate, candidates
+from .prediction import Prediction, predict
+from .sensitivity import Lever, rms_where
+
+__all__ = ["Design", "DesignRow", "rank", "run_design", "simulate"]
+
+Progress = Callable[[str, int, int], None]
+#: Bias of a coordinate (rms, cells) from which on it is predicted on every pixel of the camera.
+WORTH_FULL = 5e-3
+#: Bias over noise of a coordinate from which on a candidate is solved for, whatever its rank.
+COUNTS = 0.1
+#: Candidates, from the least noise on, that are solved for in any case.
+DEPTH = 10
+#: Share of the pixels that a candidate may lose against the best one and still be chosen.
+LOSS = 0.01
+#: Prediction and simulation that differ by more: the simulation decides.
+TRUST = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class DesignRow:
+    """One candidate. predicted, noise, bias: rms height error and its parts (mm); failure: probability of a
+    wrong order or bit; share: of the pixels that it measures, predicted; why: what rules it out ('' :
+    nothing).
+
+    simulated, simulated_share: the same from rendered frames, NaN where they were not; note: why not.
+    """
+
+    text: str
+    frames: int
+    seconds: float
+    predicted: float = math.nan
+    noise: float = math.nan
+    bias: float = math.nan
+    failure: float = math.nan
+    share: float = math.nan
+    why: str = ""
+    simulated: float = math.nan
+    simulated_share: float = math.nan
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Design:
+    """Rows from best to worst, those ruled out last; candidates by text; chosen: of them; settings,
+    seconds.
+    """
+
+    rows: list[DesignRow]
+    candidates: dict[str, Candidate]
+    chosen: Candidate | None
+    settings: dict[str, Any]
+    seconds: dict[str, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        return {
+            "chosen": None if self.chosen is None else self.chosen.text,
+            "rows": [asdict(row) for row in self.rows],
+            "settings": self.settings,
+            "seconds": self.seconds,
+        }
+
+
+def silent(text: str, done: int, total: int) -> None:
+    """Progress that nobody watches."""
+
+
+def run_design(
+    scene: Scene,
+    dent: str | None = None,
+    *,
+    frames: int = 24,
+    refresh: float = 60.0,
+    noise: float = 1.0,
+    failure: float = 1e-3,
+    verify: int = 3,
+    seeds: int = 2,
+    extra: Many[Candidate] = (),
+    renderer: str = "auto",
+    progress: Progress = silent,
+) -> Design:
+    """Rank the candidates of at most `frames` frames (and `extra` ones) for a scene, simulate the best.
+
+    dent: as on the command line, default: the scene's own or the mirror at rest. noise: rms, 8-bit levels,
+    besides the sensor's own. failure: largest mean probability of a wrong fringe order or bit. verify: how
+    many of the best are simulated, each with `seeds` draws of noise. InputError if nothing fits the budget.
+    """
+    pressed = dent or scene.dent or "flat"
+    surface = dent_from_text(pressed, scene)
+    pattern = scene.pattern
+    offered = [*candidates(pattern.rows, pattern.cols, frames), *extra]
+    if not offered:
+        raise InputError(f"frames: {frames}, no candidate fits; a fringe ladder on both axes needs 12")
+    start = time.perf_counter()
+    lever = Lever(scene, surface)
+    rows = rank(lever, offered, noise=noise, refresh=refresh, failure=failure, progress=progress)
+    ranked = time.perf_counter()
+    by_text = {candidate.text: candidate for candidate in offered}
+    rows = _verified(rows, by_text, lever, surface, noise, verify, seeds, renderer, progress)
+    done = time.perf_counter()
+    best = next((row for row in rows if not row.why), None)
+    return Design(
+        rows,
+        by_text,
+        None if best is None else by_text[best.text],
+        {
+            "scene": scene.name,
+            "dent": pressed,
+            "size": [scene.camera.rows, scene.camera.cols],
+            "frames": frames,
+            "refresh": refresh,
+            "noise": noise,
+            "blur": pattern.blur_px,
+            "failure": failure,
+        },
+        {"predict": ranked - start, "simulate": done - ranked, "total": done - start},
+    )
+
+
+def rank(
+    lever: Lever,
+    offered: Many[Candidate],
+    *,
+    noise: float,
+    refresh: float,
+    failure: float,
+    progress: Progress = silent,
+) -> list[DesignRow]:
+    """Rows from the least predicted height error on; those that fail too often or lose too much come last."""
+    by_text = {candidate.text: candidate for candidate in offered}
+    drafts = []
+    for index, candidate in enumerate(offered):
+        progress("predict", index, len(offered))
+        drafts.append(_draft(lever, candidate, noise, refresh))
+    drafts.sort(key=lambda draft: draft[0].noise if draft[0].noise > 0 else math.inf)
+    rows: list[DesignRow] = []
+    solved = 0
+    for row, there in drafts:
+        progress("lever", len(rows), len(drafts))
+        biased = there is not None and _biased(there)
+        if there is not None and (biased or (solved < DEPTH and row.failure <= failure)):
+            row, solved = _solved(lever, by_text[row.text], row, there, noise), solved + (not biased)
+        rows.append(row)
+    best = max((row.share for row in rows if row.failure <= failure), default=0.0)
+    judged = [_judged(row, failure, best) for row in rows]
+    return sorted(judged, key=lambda row: (bool(row.why), row.predicted if row.predicted > 0 else math.inf))
+
+
+def _draft(
+    lever: Lever, candidate: Candidate, noise: float, refresh: float
+) -> tuple[DesignRow, Prediction | None]:
+    """What needs no solve: noise through the lever's gains, failure, share."""
+    count = len(candidate.sequence)
+    row = DesignRow(candidate.text, count, count / refresh)
+    try:
+        there = predict(lever.view, candidate.sequence, noise)
+    except InputError as error:
+        return replace(row, why=f"no prediction: {error}"), None
+    size = lever.quick(there)
+    return (
+        replace(row, predicted=size, noise=size, bias=0.0, failure=there.failure, share=there.measured_share),
+        there,
+    )
+
+
+def _biased(there: Prediction) -> bool:
+    """Whether systematic errors count."""
+    return any(
+        rms_where(axis.bias, there.usable) > COUNTS * rms_where(axis.noise, there.usable)
+        for axis in (there.u, there.v)
+    )
+
+
+def _solved(lever: Lever, candidate: Candidate, row: DesignRow, there: Prediction, noise: float) -> DesignRow:
+    """The row with its own solves."""
+    wide = None
+    biases = [rms_where(axis.bias, there.usable) for axis in (there.u, there.v)]
+    if lever.view.stride > 1 and max(biases) > WORTH_FULL:
+        wide = predict(lever.full, candidate.sequence, noise)
+    height = lever.height(there, wide)
+    share = height.share * there.measured_share
+    return replace(row, predicted=height.total, noise=height.noise, bias=height.bias, share=share)
+
+
+def _judged(row: DesignRow, failure: float, best: float) -> DesignRow:
+    if row.why:
+        return row
+    if not row.failure <= failure:
+        return replace(row, why=f"fails at {row.failure:.1e} of the pixels")
+    if not row.share >= best - LOSS:
+        return replace(
+            row, why=f"measures {100 * row.share:.1f} % of the pixels, the best {100 * best:.1f} %"
+        )
+    return row
+
+
+def simulate(
+    lever: Lever, candidate: Candidate, noise: float, seeds: Many[int], renderer: str = "auto"
+) -> tuple[float, float]:
+    """(rms height error in mm, share measured) of rendered, decoded, reconstructed frames, pooled over seeds.
+
+    Over the pixels that the pattern's border does not touch. InputError if it cannot be decoded.
+    """
+    squares, shares = [], []
+    sequence = candidate.sequence
+    for seed in seeds:
+        seen = capture(lever.scene, lever.surface, sequence, noise=noise, seed=seed, renderer=renderer)
+        height = reconstruct(decode(seen.frames, sequence), lever.scene)
+        good = height.good & lever.inner
+        squares.append(rms_where(height.z - lever.full.truth.z, good) ** 2)
+        shares.append(good.sum() / lever.inner.sum())
+    return math.sqrt(float(np.mean(squares))), float(np.mean(shares))
+
+
+def _verified(
+    rows: list[DesignRow],
+    by_text: dict[str, Candidate],
+    lever: Lever,
+    surface: Surface,
+    noise: float,
+    verify: int,
+    seeds: int,
+    renderer: str,
+    progress: Progress,
+) -> list[DesignRow]:
+    """The best rows simulated; a row that cannot be decoded or contradicts its prediction moves to its
+    place.
+    """
+    checked: list[DesignRow] = []
+    rest = list(rows)
+    while rest and sum(not row.why for row in checked) < verify and not rest[0].why:
+        row = rest.pop(0)
+        progress("simulate", sum(not row.why for row in checked), verify)
+        try:
+            found, share = simulate(lever, by_text[row.text], noise, range(seeds), renderer)
+        except InputError as error:
+            checked.append(replace(row, why="cannot be decoded", note=str(error)))
+            continue
+        row = replace(row, simulated=found, simulated_share=share)
+        if not share >= row.share - 2 * LOSS:
+            row = replace(row, why=f"measures {100 * share:.1f} % of the pixels in simulation")
+        checked.append(row)
+    return sorted([*checked, *rest], key=lambda row: (bool(row.why), _value(row)))
+
+
+def _value(row: DesignRow) -> float:
+    """What a row is ranked by: its prediction, or the simulation where that says otherwise."""
+    if math.isfinite(row.simulated) and not abs(row.simulated / row.predicted - 1) < TRUST:
+        return row.simulated
+    return row.predicted if row.predicted > 0 else math.inf

@@ -1,0 +1,182 @@
+"""From errors on the pattern to errors of height: the scene's lever, by the solver itself.
+
+Noise: a few solves with drawn noise on the thinned camera, the same draws for every sequence, and once for a
+reference many of them: what few draws miss of the reference they miss of every sequence alike. To the full
+camera: heights from independent noise scale with the distance of the pixels, but for a slow (logarithmic)
+growth with their number; one reference solve at full size, by the solver's error bars, measures both.
+Systematic errors: solved as they are, on the full camera, because how they alias depends on its pixels.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence, Flag
+from optolever.errors import InputError
+from optolever.reconstruct import HeightMap, reconstruct
+from optolever.scene import Scene, Surface
+
+from .prediction import Prediction, border_loss
+from .view import Floats, View, stride_for, view_of
+
+__all__ = ["HeightPrediction", "Lever", "rms_where"]
+
+DRAWS, MANY = 1, 8
+#: Cells of systematic error (rms) below which it is not worth a solve.
+NEGLIGIBLE = 2e-4
+REFERENCE = 0.01  # cells of noise
+BORDER = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class HeightPrediction:
+    """rms over the measured pixels, mm: of noise, of systematic errors, and of both; share: of the pixels
+    that see the pattern in full, those that an anchor reaches."""
+
+    noise: float
+    bias: float
+    share: float
+
+    @property
+    def total(self) -> float:
+        """Root of the sum of both squares."""
+        return math.hypot(self.noise, self.bias)
+
+
+class Lever:
+    """A scene with a dent (or at rest), ready to tell the height error of any sequence's prediction."""
+
+    def __init__(self, scene: Scene, surface: Surface, *, stride: int | None = None, seed: int = 0) -> None:
+        self.scene, self.surface = scene, surface
+        self.view = view_of(scene, surface, stride_for(scene) if stride is None else stride)
+        if not self.view.visible.any():
+            raise InputError(f"scene {scene.name!r}: no pixel sees the pattern")
+        rng = np.random.default_rng(seed)
+        self._draws = rng.standard_normal((MANY, 2, *self.view.visible.shape))
+
+    @cached_property
+    def full(self) -> View:
+        """The view of every pixel of the camera."""
+        return self.view if self.view.stride == 1 else view_of(self.scene, self.surface)
+
+    @cached_property
+    def inner(self) -> NDArray[np.bool_]:
+        """Pixels of the full camera that the pattern's border does not touch: errors are told over these."""
+        lost = np.maximum(border_loss(self.full, "u"), border_loss(self.full, "v"))
+        return np.asarray(self.full.visible & (lost < BORDER))
+
+    def solve(
+        self,
+        view: View,
+        stated: tuple[Floats, Floats],
+        where: NDArray[np.bool_],
+        shift: tuple[Floats | float, Floats | float] = (0.0, 0.0),
+    ) -> HeightMap:
+        """The solver on the true correspondence plus a shift (cells), with the sigma that will be stated."""
+        flags = np.where(where, 0, int(Flag.OFF_PATTERN)).astype(np.uint16)
+        su, sv = (np.where(where, np.maximum(sigma, 1e-6), np.inf) for sigma in stated)
+        seen: Any = Correspondence(view.truth.u + shift[0], view.truth.v + shift[1], su, sv, flags)
+        return reconstruct(seen, view.scene)
+
+    def error(
+        self,
+        view: View,
+        stated: tuple[Floats, Floats],
+        solved: NDArray[np.bool_],
+        usable: NDArray[np.bool_],
+        shift: tuple[Floats | float, Floats | float],
+    ) -> tuple[float, float]:
+        """Rms height error (mm) over the usable pixels that a shift of the correspondence causes, and the
+        share of them that got a height; NaN and 0 where none did."""
+        try:
+            height = self.solve(view, stated, solved, shift)
+        except InputError:  # no anchor left
+            return math.nan, 0.0
+        reached = height.good & usable
+        return rms_where(height.z - view.truth.z, reached), reached.sum() / max(1, usable.sum())
+
+    @cached_property
+    def scale(self) -> float:
+        """Factor from the rms of few draws on the view to that of noise on the full camera."""
+        reference, usable = self._reference
+        errors = [
+            self.error(
+                self.view, (reference, reference), usable, usable, (reference * d[0], reference * d[1])
+            )[0]
+            for d in self._draws
+        ]
+        return _mean_square(errors) / _mean_square(errors[:DRAWS]) * self._to_full(usable)
+
+    @cached_property
+    def _reference(self) -> tuple[Floats, NDArray[np.bool_]]:
+        """Noise (cells) of a usual fringe, and the pixels that have it."""
+        lost = np.maximum(border_loss(self.view, "u"), border_loss(self.view, "v"))
+        usable = self.view.visible & (lost < BORDER)
+        levels = self.view.levels(1.0)
+        with np.errstate(divide="ignore"):
+            noise = np.sqrt(levels.variance(levels.half)) / levels.half
+        return np.where(usable, REFERENCE * noise / np.median(noise[usable]), REFERENCE), usable
+
+    @cached_property
+    def gains(self) -> tuple[float, float]:
+        """Rms height error (mm) per cell of noise along u alone and along v alone."""
+        reference, usable = self._reference
+        draw, unit = self._draws[0], rms_where(reference, usable)
+        both = reference, reference
+        along_u = self.error(self.view, both, usable, usable, (reference * draw[0], 0.0))[0]
+        along_v = self.error(self.view, both, usable, usable, (0.0, reference * draw[1]))[0]
+        return self.scale * along_u / unit, self.scale * along_v / unit
+
+    def quick(self, prediction: Prediction) -> float:
+        """Rms height error of noise alone, mm, from the gains: no solve of its own."""
+        sizes = [rms_where(axis.noise, prediction.usable) for axis in (prediction.u, prediction.v)]
+        return math.hypot(self.gains[0] * sizes[0], self.gains[1] * sizes[1])
+
+    def _to_full(self, usable: NDArray[np.bool_]) -> float:
+        """Height error on the full camera over that on the view, for the same error in cells."""
+        if self.view.stride == 1:
+            return 1.0
+        found = []
+        for view, where in ((self.view, usable), (self.full, self.inner)):
+            one = np.full(where.shape, REFERENCE)
+            solved = self.solve(view, (one, one), where)
+            found.append(rms_where(solved.sigma, solved.good))
+        return found[1] / found[0]
+
+    def height(self, prediction: Prediction, full: Prediction | None = None) -> HeightPrediction:
+        """Rms height error that a prediction on `view` means.
+
+        full: the same sequence predicted on the view `full`, for what is systematic.
+        """
+        u, v = prediction.u, prediction.v
+        masks = prediction.solved, prediction.usable
+        noise, share = 0.0, 1.0
+        if not (masks[0] & masks[1]).any():
+            return HeightPrediction(math.nan, math.nan, 0.0)
+        if max(rms_where(axis.noise, masks[1]) for axis in (u, v)) > 0:
+            found = [
+                self.error(self.view, (u.stated, v.stated), *masks, (u.noise * draw[0], v.noise * draw[1]))
+                for draw in self._draws[:DRAWS]
+            ]
+            noise = self.scale * _mean_square([error for error, _ in found])
+            share = min(reached for _, reached in found)
+        wide, view = (prediction, self.view) if full is None else (full, self.full)
+        if max(rms_where(axis.bias, wide.solved) for axis in (wide.u, wide.v)) < NEGLIGIBLE:
+            return HeightPrediction(noise, 0.0, share)
+        stated = wide.u.stated, wide.v.stated
+        bias, reached = self.error(view, stated, wide.solved, wide.usable, (wide.u.bias, wide.v.bias))
+        return HeightPrediction(noise, bias, min(share, reached))
+
+
+def rms_where(values: Floats, where: NDArray[np.bool_]) -> float:
+    """Root mean square of the values chosen; NaN of none."""
+    chosen = values[where]
+    return math.sqrt(float(np.mean(chosen**2))) if chosen.size else math.nan
+
+
+def _mean_square(values: list[float]) -> float:
+    return math.sqrt(sum(value**2 for value in values) / len(values))
