@@ -77,7 +77,7 @@ def reconstruct(
         limit = _CURL_LIMIT * max(1.0, scale) if np.isfinite(scale) else _CURL_LIMIT
         found = curl_suspects(score, limit, removed) & measured.mask
         suspects |= found
-        removable = lone(found, score, limit) & ~removed
+        removable = lone(found, problem.data) & ~removed
         if not removable.any():
             break
         removed |= removable

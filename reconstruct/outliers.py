@@ -3,17 +3,18 @@ so that what exceeds the noise is wrong data.
 """
 
 import numpy as np
-import scipy.ndimage
 from numpy.typing import NDArray
 
 from .edges import curl
+from .measured import Measured
 
 __all__ = ["curl_scale", "curl_score", "curl_suspects", "lone"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_PATCH = 8  # squares along a side: a few wrong pixels near each other, no crease
+_CALM = 0.3  # quantile of the pixels around that other wrong pixels nearby leave alone
+_STANDS_OUT = 30.0  # times that quantile
 
 
 def curl_score(p: Floats, q: Floats, var_p: Floats, var_q: Floats, mask: Mask) -> Floats:
@@ -61,22 +62,34 @@ def curl_suspects(score: Floats, limit: float, cleared: Mask) -> Mask:
     return suspects
 
 
-def lone(suspects: Mask, score: Floats, limit: float) -> Mask:
-    """Suspects whose bad squares form a small patch: wrong pixels rather than a crease or a fold, (H, W)."""
-    with np.errstate(invalid="ignore"):
-        bad = np.abs(score) > 0.5 * limit
-    labels, count = scipy.ndimage.label(bad, structure=np.ones((3, 3)))
-    extent = np.zeros(count + 1, dtype=np.int64)
-    boxes = scipy.ndimage.find_objects(labels)
-    extent[1:] = [max(side.stop - side.start for side in box) for box in boxes]
-    patch = extent[labels]
-    largest = patch.copy()
-    for row, col in ((1, 0), (0, 1), (1, 1)):
-        shifted = np.zeros_like(patch)
-        shifted[row:, col:] = patch[: patch.shape[0] - row, : patch.shape[1] - col]
-        np.maximum(largest, shifted, out=largest)
-    single: Mask = suspects & (largest <= _PATCH)
+def lone(suspects: Mask, data: Measured) -> Mask:
+    """Suspects that are out of line with smooth surroundings: wrong pixels, not a cusp, a crease or a fold,
+    (H, W).
+
+    Measured by what a cubic through the neighbours misses, over sigma: many times the calmer third of the 5 x
+    5 pixels around. A feature of the surface is missed by as much all along.
+    """
+    single = np.zeros_like(suspects)
+    at = np.argwhere(suspects)
+    if at.size:
+        rough = np.maximum(_missed(data.u, data.sigma_u, at), _missed(data.v, data.sigma_v, at))
+        around = rough.reshape(len(at), -1)
+        with np.errstate(invalid="ignore"):
+            stands_out = around[:, around.shape[1] // 2] > _STANDS_OUT * np.nanquantile(around, _CALM, axis=1)
+        single[tuple(at[stands_out].T)] = True
     return single
+
+
+def _missed(field: Floats, sigma: Floats, at: NDArray[np.intp]) -> Floats:
+    """|value - cubic through its neighbours| / sigma in the 5 x 5 pixels around each place, (M, 5, 5)."""
+    reach = np.arange(-4, 5)
+    rows = np.clip(at[:, 0, None, None] + reach[:, None], 0, field.shape[0] - 1)
+    cols = np.clip(at[:, 1, None, None] + reach, 0, field.shape[1] - 1)
+    patch, inner = field[rows, cols], (slice(None), slice(2, 7), slice(2, 7))
+    along = (4.0 * (patch[:, 2:7, 3:8] + patch[:, 2:7, 1:6]) - patch[:, 2:7, 4:9] - patch[:, 2:7, 0:5]) / 6.0
+    across = (4.0 * (patch[:, 3:8, 2:7] + patch[:, 1:6, 2:7]) - patch[:, 4:9, 2:7] - patch[:, 0:5, 2:7]) / 6.0
+    missed: Floats = np.abs(patch[inner] - 0.5 * (along + across)) / sigma[rows, cols][inner]
+    return missed
 
 
 def _around(evidence: Floats) -> Floats:
