@@ -55,6 +55,8 @@ def take_off_stairs(
     blur_px: rms blur, cells; None: read off the stairs, or where they cannot tell, `measured` otherwise.
     """
     attenuation, fill = estimate_stairs(coord, sigma, flags) if blur_px is None else (0.0, 1.0)
+    if fill == 1:
+        attenuation = _of_period(attenuation, period, coord)
     known = measured if blur_px is None else blur_px
     if attenuation == 0 and known is not None:
         attenuation = float(np.exp(-2 * (np.pi * known) ** 2))
@@ -90,6 +92,24 @@ def estimate_stairs(coord: Map, sigma: Map, flags: Map) -> tuple[float, float]:
     seen = np.cos(2 * np.pi * segments[keep]).mean(axis=1) - np.cos(2 * np.pi * fit[keep]).mean(axis=1)
     seen *= np.exp(np.minimum(2 * (np.pi * noise[keep]) ** 2, 3.0))
     return _solve_stairs(seen, gradient[keep])
+
+
+def _of_period(attenuation: float, period: float, coord: Map) -> float:
+    """T from the T of an endless period whose stairs are as high, at the usual footprint.
+
+    To first order stairs are (T sinc(w) / pi) sin(2 pi u) for an endless period, and for P cells
+    (1 / 2 pi) (R_1 / (1 + 1/P) + R_-1 / (1 - 1/P)) sin(2 pi u), R_m = T^(1 + 2 m / P) sinc((m + 1/P) w) /
+    sinc(w / P): for short periods much higher.
+    """
+    if attenuation <= 0:
+        return attenuation
+    change = np.abs(np.diff(coord[:: max(1, coord.shape[0] // 64)], axis=1))
+    width = min(float(np.nanmedian(change)), 0.9)
+    f = 1 / period
+    trial = np.linspace(0, 1, 2001)
+    sides = [trial ** (1 + 2 * m * f) * np.sinc((m + f) * width) / (1 + m * f) for m in (1, -1)]
+    height = 0.5 * (sides[0] + sides[1]) / np.sinc(f * width)
+    return float(trial[np.argmin(np.abs(height - attenuation * np.sinc(width)))])
 
 
 def _solve_stairs(seen: NDArray[np.float64], gradient: NDArray[np.float64]) -> tuple[float, float]:
