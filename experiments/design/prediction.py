@@ -46,6 +46,8 @@ USUAL_BLUR = 0.5
 LEAST_SHIFT = 1e-3
 #: Attenuation of the cells' fundamental under which the decoder takes stairs off.
 LOW_STAIRS = 0.1
+#: Attenuation above which it reads stairs off the coordinates and undoes them.
+READ_OFF = 0.012
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,20 +152,24 @@ def _fringe_axis(
             flagged = flagged + step_flagged(periods[k], both)
     refused = np.minimum(refused + flagged, 1.0)
     border = border_of(view, axis, periods[-1], blur if _blur_known(sequence) else USUAL_BLUR)
-    step, doubt = _stairs(view, sequence, axis, groups)
-    bias = harmonic_error(view, groups[-1], axis) + border.left + step
+    bias = harmonic_error(view, groups[-1], axis) + border.left + _stairs(view, sequence, axis, groups)
     beyond = np.where(np.abs(border.shift) > LEAST_SHIFT, border.shift, 0.0)
-    stated = np.sqrt(total + beyond**2 + doubt**2)
+    stated = np.sqrt(total + beyond**2)
     return AxisPrediction(np.sqrt(total), bias, np.minimum(failure, 1.0), refused, stated)
 
 
-def _stairs(view: View, sequence: Sequence, axis: str, groups: list[Fringe]) -> tuple[Floats, float]:
-    """What the cells' stairs leave in the coordinate, and the rms that the decoder adds to its sigma.
+def _stairs(view: View, sequence: Sequence, axis: str, groups: list[Fringe]) -> Floats:
+    """What the cells' stairs leave in the coordinate.
 
-    Where it knows the blur and the stairs are low, it takes off those of the usual pixel.
+    With white and black it knows the blur and takes off low stairs, those of the usual pixel; higher ones it
+    reads off the coordinates and undoes pixel by pixel; low ones of an unknown blur stay.
     """
     blur, coord, widths = view.scene.pattern.blur_px, view.coordinate(axis), view.widths[axis]
-    soft = _blur_known(sequence) and math.exp(-2 * (math.pi * blur) ** 2) < LOW_STAIRS
+    left = math.exp(-2 * (math.pi * blur) ** 2)
+    known = _blur_known(sequence)
+    soft = known and left < LOW_STAIRS
+    if not soft and (known or left > READ_OFF):
+        return np.zeros(coord.shape)
     usual = (np.full(coord.shape, usual_width(view, axis)),)
     total, information, previous = np.zeros(coord.shape), 0.0, math.inf
     for group in groups:
@@ -174,7 +180,7 @@ def _stairs(view: View, sequence: Sequence, axis: str, groups: list[Fringe]) -> 
         alone = group.period * MUCH_FINER < previous
         total = error if alone else total + own / (information + own) * (error - total)
         information, previous = own if alone else information + own, group.period
-    return total, 0.0 if soft else float(np.sqrt(np.nanmean(total[view.visible] ** 2)))
+    return total
 
 
 def _code_axis(
