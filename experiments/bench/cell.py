@@ -23,7 +23,7 @@ class Cell:
     """One measurement: what is shown to whom under which noise, decoded by whom, solved how.
 
     size: (rows, cols) of the camera, None: the scene's own; dent: '' is the scene's own; sequence: text of
-    `patterns.sequence_from_text`, with '@DECODER' behind it where another decoder than ours takes the
+    `patterns.sequence_from_text` (a .toml file, too), with '@DECODER' behind it where another decoder than ours takes the
     frames; 'exact': the true correspondence. noise: 8-bit levels.
     """
 
@@ -60,12 +60,15 @@ class Cell:
     @property
     def capture_seed(self) -> int:
         """Seed of the noise: of the cell's own, equal for all decoders and solvers that take its frames."""
-        return int.from_bytes(_digest([*self.frames[:-1], _content(self.scene)])[:4])
+        return int.from_bytes(_digest([*self.frames[:-1], *self._files()])[:4])
 
     @property
     def key(self) -> str:
-        """Name of the cell's result file: a digest of all fields, and of the scene file's content."""
-        return _digest([asdict(self), _content(self.scene)]).hex()[:20]
+        """Name of the cell's result file: a digest of all fields, and of what scene and sequence files hold."""
+        return _digest([asdict(self), *self._files()]).hex()[:20]
+
+    def _files(self) -> list[str]:
+        return [_content(self.scene), _content(self.shown)]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON types."""
@@ -185,7 +188,7 @@ def _digest(value: Any) -> bytes:
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).digest()
 
 
-def _content(scene: str) -> str:
-    """Digest of a scene's file; nothing for a preset."""
-    path = Path(scene)
+def _content(name: str) -> str:
+    """Digest of a TOML file; nothing for a name."""
+    path = Path(name)
     return hashlib.sha256(path.read_bytes()).hexdigest() if path.suffix == ".toml" and path.is_file() else ""

@@ -19,6 +19,7 @@ MARKS = {
     "floor": ("D", "#1f7a4d", False, "exact correspondence"),
 }
 LABEL = 26  # characters of a frontier row's name
+ROOM = 30.0  # times the slowest point: where its name stands
 
 Time = Callable[[Row], float]
 
@@ -88,6 +89,8 @@ def _chart(axes: Axes, rows: Sequence[Row], time: Time, label: str) -> None:
     if shown:
         axes.set_xscale("log")
         axes.set_yscale("log")
+        times = [time(row) for row in shown]
+        axes.set_xlim(0.6 * min(times), ROOM * max(times))
     axes.grid(True, which="both", color="#e5e7eb", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.set_xlabel(label, fontsize=9)

@@ -110,8 +110,7 @@ class Bench:
         return Measured(seen, taken.seconds / coder.divide, taken.bytes)
 
     def _solved(self, row: Row, way: Solver, seen: Correspondence, place: Place) -> Row:
-        kind = way.kind if row.kind in ("own", "floor") and way.kind != "own" else row.kind
-        row = replace(row, kind=kind)
+        row = replace(row, kind=way.kind if row.kind == "own" else row.kind)
         if not installed(way.module):
             return replace(row, status=ABSENT, why=f"{way.module} is not installed")
         solved = _guarded(lambda: self._clock(lambda: way.run(seen, place.scene)))
