@@ -23,8 +23,8 @@ class Cell:
     """One measurement: what is shown to whom under which noise, decoded by whom, solved how.
 
     size: (rows, cols) of the camera, None: the scene's own; dent: '' is the scene's own; sequence: text of
-    `patterns.sequence_from_text` (a .toml file, too), with '@DECODER' behind it where another decoder than ours takes the
-    frames; 'exact': the true correspondence. noise: 8-bit levels.
+    `patterns.sequence_from_text` (a .toml file, too), with '@DECODER' behind it where another decoder than
+    ours takes the frames; 'exact': the true correspondence. noise: 8-bit levels.
     """
 
     scene: str
@@ -64,7 +64,7 @@ class Cell:
 
     @property
     def key(self) -> str:
-        """Name of the cell's result file: a digest of all fields, and of what scene and sequence files hold."""
+        """Name of the cell's result file: a digest of all fields and of what files they name."""
         return _digest([asdict(self), *self._files()]).hex()[:20]
 
     def _files(self) -> list[str]:
