@@ -46,11 +46,13 @@ def curl_suspects(score: Floats, limit: float, cleared: Mask) -> Mask:
     """
     evidence = np.square(np.nan_to_num(score, nan=0.0, posinf=1e150, neginf=-1e150))
     evidence = np.minimum(evidence, 1e12)
+    # On a border a pixel has two squares: as much evidence in these as an inner pixel has in four.
+    share = 4.0 / np.maximum(_around(np.isfinite(score).astype(np.float64)), 1.0)
     suspects = np.zeros(score.shape, dtype=np.bool_)
     for _ in range(8):
         if not (evidence > limit**2).any():
             break
-        total = np.where(cleared, 0.0, _around(evidence))
+        total = np.where(cleared, 0.0, _around(evidence) * share)
         largest = total.copy()
         padded = np.pad(total, 1)
         for dr in range(3):
@@ -81,15 +83,32 @@ def lone(suspects: Mask, data: Measured) -> Mask:
 
 
 def _missed(field: Floats, sigma: Floats, at: NDArray[np.intp]) -> Floats:
-    """|value - cubic through its neighbours| / sigma in the 5 x 5 pixels around each place, (M, 5, 5)."""
+    """|value - cubic through its neighbours| / sigma in the 5 x 5 pixels around each place, (M, 5, 5).
+
+    The mean of the predictions along the row and along the column, or the one that the image's border leaves.
+    """
     reach = np.arange(-4, 5)
-    rows = np.clip(at[:, 0, None, None] + reach[:, None], 0, field.shape[0] - 1)
-    cols = np.clip(at[:, 1, None, None] + reach, 0, field.shape[1] - 1)
-    patch, inner = field[rows, cols], (slice(None), slice(2, 7), slice(2, 7))
-    along = (4.0 * (patch[:, 2:7, 3:8] + patch[:, 2:7, 1:6]) - patch[:, 2:7, 4:9] - patch[:, 2:7, 0:5]) / 6.0
-    across = (4.0 * (patch[:, 3:8, 2:7] + patch[:, 1:6, 2:7]) - patch[:, 4:9, 2:7] - patch[:, 0:5, 2:7]) / 6.0
-    missed: Floats = np.abs(patch[inner] - 0.5 * (along + across)) / sigma[rows, cols][inner]
+    rows, cols = at[:, 0, None, None] + reach[:, None], at[:, 1, None, None] + reach
+    inside = (rows >= 0) & (rows < field.shape[0]) & (cols >= 0) & (cols < field.shape[1])
+    rows, cols = np.clip(rows, 0, field.shape[0] - 1), np.clip(cols, 0, field.shape[1] - 1)
+    patch = np.where(inside, field[rows, cols], np.nan)
+    middle = slice(2, 7)
+    along, across = (_cubic(turned)[:, middle] for turned in (patch.transpose(0, 2, 1), patch))
+    along = along.transpose(0, 2, 1)[:, middle]
+    across = across[:, :, middle]
+    one = np.where(np.isnan(along), across, along)
+    other = np.where(np.isnan(across), along, across)
+    missed: Floats = np.abs(patch[:, middle, middle] - 0.5 * (one + other))
+    missed /= sigma[rows, cols][:, middle, middle]
     return missed
+
+
+def _cubic(patch: Floats) -> Floats:
+    """Prediction of rows 2 .. -3 from the two rows on either side (M, n, n); NaN in the others."""
+    out = np.full(patch.shape, np.nan)
+    near, far = patch[:, 1:-3] + patch[:, 3:-1], patch[:, :-4] + patch[:, 4:]
+    out[:, 2:-2] = (4.0 * near - far) / 6.0
+    return out
 
 
 def _around(evidence: Floats) -> Floats:
