@@ -2,9 +2,9 @@
 
 The frame is the mean of a fringe along u and one along v. Multiplied with the carrier exp(-2 pi i u0 / P)
 that the map u0 at rest predicts, one side lobe moves to frequency 0 and all else stays away from it; a
-Gaussian cuts it out (the Fourier method, Takeda, Ina, Kobayashi 1982, doi:10.1364/JOSA.72.000156, with a local
-carrier). Its phase, the deformed frame's minus the rest frame's, is the displacement, unwrapped by least
-squares (Ghiglia & Romero 1994, doi:10.1364/JOSAA.11.000107) and made congruent.
+Gaussian cuts it out (the Fourier method, Takeda, Ina, Kobayashi 1982, doi:10.1364/JOSA.72.000156, with a
+local carrier). Its phase, the deformed frame's minus the rest frame's, is the displacement, unwrapped by
+least squares (Ghiglia & Romero 1994, doi:10.1364/JOSAA.11.000107) and made congruent.
 """
 
 from typing import Any
