@@ -15,7 +15,7 @@ __all__ = ["QUANTISATION", "Noise", "estimate_noise"]
 QUANTISATION = 1 / 12
 F64 = NDArray[np.float64]
 _BINS = 8
-_SAMPLE = 96
+_SAMPLE = 72
 #: Contrasts of a group of frames that are used at most.
 _CONTRASTS = 6
 
