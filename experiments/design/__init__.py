@@ -5,6 +5,7 @@
 | `ranking.py`, `candidates.py`, `user_patterns.py` | run_design; what could be shown; what users bring |
 | `prediction.py`, `view.py`, `sensitivity.py` | a sequence's errors per pixel; what pixels see; to heights |
 | `fringes.py`, `codes.py`, `free_codes.py` | closed forms: fringes, bits and cells, any pattern |
+| `slopes.py`, `sensor_maps.py`, `sensor_sweep.py`, `sensor_report.py` | what a scene can measure |
 | `border.py`, `response.py` | closed forms: the pattern's border, nonlinear devices |
 """
 
@@ -12,21 +13,38 @@ from .candidates import Candidate, candidates, ladder
 from .prediction import Prediction, predict
 from .ranking import Design, DesignRow, run_design, simulate
 from .sensitivity import Lever
+from .sensor_maps import SensorMaps, sensor_maps
+from .sensor_report import COLUMNS, SensorStudy, sensor_html, sensor_rows, write_sensor_report
+from .sensor_sweep import SWEEPS, sweep_sensor, varied
+from .slopes import lever_arm, rest_of, slope_limits
 from .user_patterns import user_candidate
 from .view import View, view_of
 
 __all__ = [
+    "COLUMNS",
+    "SWEEPS",
     "Candidate",
     "Design",
     "DesignRow",
     "Lever",
     "Prediction",
+    "SensorMaps",
+    "SensorStudy",
     "View",
     "candidates",
     "ladder",
+    "lever_arm",
     "predict",
+    "rest_of",
     "run_design",
+    "sensor_html",
+    "sensor_maps",
+    "sensor_rows",
     "simulate",
+    "slope_limits",
+    "sweep_sensor",
     "user_candidate",
+    "varied",
     "view_of",
+    "write_sensor_report",
 ]

@@ -109,7 +109,7 @@ class Lever:
             )[0]
             for d in self._draws
         ]
-        return _mean_square(errors) / _mean_square(errors[:DRAWS]) * self._to_full(usable)
+        return _mean_square(errors) / _mean_square(errors[:DRAWS]) * self.to_full
 
     @cached_property
     def _reference(self) -> tuple[Floats, NDArray[np.bool_]]:
@@ -136,12 +136,13 @@ class Lever:
         sizes = [rms_where(axis.noise, prediction.usable) for axis in (prediction.u, prediction.v)]
         return math.hypot(self.gains[0] * sizes[0], self.gains[1] * sizes[1])
 
-    def _to_full(self, usable: NDArray[np.bool_]) -> float:
+    @cached_property
+    def to_full(self) -> float:
         """Height error on the full camera over that on the view, for the same error in cells."""
         if self.view.stride == 1:
             return 1.0
         found = []
-        for view, where in ((self.view, usable), (self.full, self.inner)):
+        for view, where in ((self.view, self._reference[1]), (self.full, self.inner)):
             one = np.full(where.shape, REFERENCE)
             solved = self.solve(view, (one, one), where)
             found.append(rms_where(solved.sigma, solved.good))

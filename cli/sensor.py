@@ -1,0 +1,111 @@
+"""`optolever sensor`: what a scene can measure, before it is built."""
+
+import time
+from pathlib import Path
+
+import click
+
+from optolever import InputError
+
+from .options import (
+    FILE,
+    json_option,
+    load_scene,
+    noise_option,
+    report_into,
+    sample,
+    scene_option,
+    size_option,
+)
+from .show import grid, number, progress, table, write_json
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ optolever sensor --scene prism48 --size 144x192 --sweep angle=45/48/50 --sweep index=1.41/1.49 --out sensor
+"""
+
+
+@click.command("sensor", epilog=sample(SAMPLE))
+@scene_option
+@click.option(
+    "--sweep",
+    "sweeps",
+    multiple=True,
+    metavar="NAME=VALUE/...",
+    help="angle (deg), index, distance (mm), camera or pattern (factor on the pixels); again for more.",
+)
+@click.option(
+    "--sequence",
+    default="gray+phase",
+    show_default=True,
+    metavar="NAME[:KEY=VALUE,...]",
+    help="What the error bars are told for.",
+)
+@noise_option(1.0)
+@size_option
+@click.option(
+    "--out", type=FILE, default=Path("out/sensor"), show_default=True, metavar="DIR", help="Gets report.html."
+)
+@json_option
+def command(
+    scene_name: str,
+    sweeps: tuple[str, ...],
+    sequence: str,
+    noise: float,
+    size: tuple[int, int] | None,
+    out: Path,
+    json_path: Path | None,
+) -> None:
+    """Map what a scene can measure: slopes, total reflection, lever, free mode, error bars of the height.
+
+    Everything at rest, on a thinned camera; error bars are those of the full one. A sweep tells the same
+    numbers for other values of one thing.
+    """
+    report_into(out, json_path)
+    asked = [_sweep(text) for text in sweeps]
+    from optolever.experiments.design import (
+        COLUMNS,
+        SensorStudy,
+        sensor_maps,
+        sensor_rows,
+        sweep_sensor,
+        write_sensor_report,
+    )
+
+    scene = load_scene(scene_name, size)
+    settings = {"scene": scene_name, "name": scene.name, "size": size, "sequence": sequence, "noise": noise}
+    with progress() as step:
+        step("maps")
+        start = time.perf_counter()
+        maps = sensor_maps(scene, sequence, noise)
+        seconds = {"maps": time.perf_counter() - start}
+        rows: list[dict[str, float | str]] = []
+        for name, values in asked:
+            begun = time.perf_counter()
+            for row in sweep_sensor(scene, name, values, sequence, noise):
+                rows.append(row)
+                step(f"sweep {name}", len(rows), sum(len(values) for _, values in asked))
+            seconds[f"sweep {name}"] = time.perf_counter() - begun
+        step("report")
+        seconds["total"] = time.perf_counter() - start
+        study = SensorStudy(maps, rows, settings | {"sweeps": list(sweeps)}, seconds)
+        out.mkdir(parents=True, exist_ok=True)
+        write_sensor_report(study, out / "report.html")
+    write_json(json_path, study.to_dict())
+    table(f"Sensor {scene.name}", {key: number(value) for key, value in maps.numbers().items()})
+    for name, _ in asked:
+        mine = [row for row in rows if row["sweep"] == name]
+        grid(f"Sweep over {name}", [heading or name for _, heading in COLUMNS], sensor_rows(mine))
+    table("Report", {"page": str(out / "report.html"), "time": number(seconds["total"], "s")})
+
+
+def _sweep(text: str) -> tuple[str, list[float]]:
+    name, equals, rest = text.partition("=")
+    try:
+        values = [float(part) for part in rest.split("/")]
+    except ValueError:
+        values = []
+    if not equals or not values:
+        raise InputError(f"--sweep: {text!r} must read name=value/value, such as angle=45/48")
+    return name.strip(), values

@@ -1,0 +1,163 @@
+"""The page of `optolever sensor`: maps, numbers, sweeps; the prose is in report/sensor.html."""
+
+import math
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..images import figure_uri, new_figure
+from ..maps import MirrorGrid, Panel, length_unit, mirror_figure
+from ..metrics import peak_bytes
+from ..page import render_page, scientific, stage_bars, write_page
+from .sensor_maps import Floats, SensorMaps
+
+__all__ = ["COLUMNS", "SensorStudy", "sensor_html", "sensor_rows", "write_sensor_report"]
+
+#: Numbers of a sweep's table: key, heading.
+COLUMNS = (
+    ("value", ""),
+    ("visible_share", "sees"),
+    ("slope_low_deg", "slope from"),
+    ("slope_high_deg", "to, °"),
+    ("reflection_margin_deg", "total up to, °"),
+    ("lever_cells_per_mrad", "cells / mrad"),
+    ("fold_radius_mm", "folds below, mm"),
+    ("sigma_mm", "sigma, mm"),
+    ("sigma_rms_mm", "rms, mm"),
+)
+
+
+@dataclass(frozen=True)
+class SensorStudy:
+    """Maps of a scene, rows of its sweeps (see sweep_sensor), what was asked for, seconds."""
+
+    maps: SensorMaps
+    sweeps: list[dict[str, float | str]]
+    settings: dict[str, Any]
+    seconds: dict[str, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        return {
+            "numbers": self.maps.numbers(),
+            "sweeps": self.sweeps,
+            "settings": self.settings,
+            "seconds": self.seconds,
+        }
+
+
+def write_sensor_report(study: SensorStudy, path: str | Path) -> None:
+    """Write the page."""
+    write_page(path, sensor_html(study))
+
+
+def sensor_html(study: SensorStudy) -> str:
+    """The whole page."""
+    maps = study.maps
+    names = list(dict.fromkeys(str(row["sweep"]) for row in study.sweeps))
+    return render_page(
+        "sensor.html",
+        {
+            "asked": study.settings,
+            "n": maps.numbers(),
+            "medium": maps.scene.medium is not None,
+            "pictures": _pictures(maps),
+            "sweeps": [
+                {"name": name, "table": _table(name, study.sweeps), "figure": _curve(name, study.sweeps)}
+                for name in names
+            ],
+            "stages": stage_bars(study.seconds),
+            "memory_gib": peak_bytes() / 2**30,
+            "command": _command(study.settings),
+        },
+    )
+
+
+def sensor_rows(rows: list[dict[str, float | str]]) -> list[list[str]]:
+    """The cells of a sweep's table, in the order of COLUMNS; a row without numbers says why."""
+    cells = []
+    for row in rows:
+        if "why" in row:
+            cells.append([f"{row['value']:g}", str(row["why"]), *([""] * (len(COLUMNS) - 2))])
+        else:
+            cells.append([_cell(row[key]) for key, _ in COLUMNS])
+    return cells
+
+
+def _cell(value: float | str) -> str:
+    return scientific(value) if isinstance(value, float) else str(value)
+
+
+def _table(name: str, rows: list[dict[str, float | str]]) -> dict[str, Any]:
+    mine = [row for row in rows if row["sweep"] == name]
+    heads = [{"name": heading or name, "numeric": True} for _, heading in COLUMNS]
+    body = [{"kind": "", "cells": cells} for cells in sensor_rows(mine)]
+    return {"id": f"table-{name}", "columns": heads, "rows": body}
+
+
+def _pictures(maps: SensorMaps) -> dict[str, str]:
+    grid = MirrorGrid.around(maps.x, maps.y)
+
+    def panel(values: Floats, title: str, label: str, colours: str = "viridis") -> Panel:
+        return Panel(grid.place(values), title, label, colours)
+
+    factor, unit = length_unit(float(np.nanmedian(maps.sigma)))
+    degrees = np.degrees
+    groups = {
+        "slopes": [
+            panel(degrees(maps.low), "Least slope along x", "degrees"),
+            panel(degrees(maps.high), "Greatest slope along x", "degrees"),
+            panel(degrees(maps.low_y), "Least slope along y", "degrees"),
+            panel(degrees(maps.high_y), "Greatest slope along y", "degrees"),
+        ],
+        "lever": [
+            panel(maps.path, "Path from mirror to pattern", "mm", "cividis"),
+            panel(maps.lever, "Movement of the image", "cells per mrad", "cividis"),
+            panel(maps.free_mode, "Free mode", "share of its largest", "cividis"),
+            panel(1 / maps.fold, "Radius below which the image folds", "mm", "cividis"),
+        ],
+        "sigma": [panel(maps.sigma * factor, "Sigma of the height", unit, "magma")],
+    }
+    if maps.scene.medium is not None:
+        groups["reflection"] = [
+            panel(degrees(maps.reflection_margin), "Total reflection up to", "degrees", "RdBu"),
+            panel(maps.reflectance, "Reflectance at rest", "share"),
+        ]
+    return {name: mirror_figure(panels, grid) for name, panels in groups.items()}
+
+
+def _curve(name: str, rows: list[dict[str, float | str]]) -> str:
+    """Sigma and slope range over the value of a sweep."""
+    mine = [row for row in rows if row["sweep"] == name and "why" not in row]
+    figure = new_figure(8.0, 2.8)
+    left, right = figure.subplots(1, 2)
+    values = [float(row["value"]) for row in mine]
+    left.plot(values, [float(row["sigma_mm"]) for row in mine], "o-", label="median")
+    left.plot(values, [float(row["sigma_rms_mm"]) for row in mine], "s--", label="rms")
+    if any(float(row["sigma_mm"]) > 0 for row in mine):
+        left.set_yscale("log")
+    left.set_ylabel("sigma of the height [mm]", fontsize=9)
+    for key, label in (("slope_low_deg", "least"), ("slope_high_deg", "greatest"),
+                       ("reflection_margin_deg", "total reflection")):  # fmt: skip
+        shown = [float(row[key]) for row in mine]
+        if any(math.isfinite(value) for value in shown):
+            right.plot(values, shown, "o-", label=label)
+    right.set_ylabel("slope along x [degrees]", fontsize=9)
+    for axes in (left, right):
+        axes.set_xlabel(name, fontsize=9)
+        axes.legend(fontsize=8)
+        axes.tick_params(labelsize=8)
+    return figure_uri(figure)
+
+
+def _command(asked: dict[str, Any]) -> str:
+    words = ["optolever", "sensor", "--scene", str(asked["scene"]), "--sequence", asked["sequence"]]
+    words += ["--noise", f"{asked['noise']:g}"]
+    if asked["size"] is not None:
+        words += ["--size", "{}x{}".format(*asked["size"])]
+    for text in asked["sweeps"]:
+        words += ["--sweep", text]
+    return shlex.join(words)
