@@ -17,6 +17,7 @@ DEFAULT_GRID = Grid(
         "gray+phase:steps=3,period=16",
         "phase",
         f"phase:steps=3,{_PERIODS}",
+        "phase:steps=3,periods=576/64/7",
         f"phase:steps=4,{_PERIODS}",
         f"phase:steps=4,{_PERIODS}@fringes",
         "gray",

@@ -17,6 +17,7 @@ HEADER = (
     *("sequence", "solver", "frames", "display", "render", "decode", "solve", "memory"),
     *("rms", "95 %", "max", "err/sigma", "flagged", "silent", "x floor"),
 )
+NAMED = 6  # names that a line lists
 REPORT_ONLY = ("render", "memory", "95 %", "x floor")
 
 
@@ -33,12 +34,17 @@ class Group:
 
     def absent(self) -> list[str]:
         """Why there is no number: a line for every reason, with what it concerns."""
-        reasons: dict[str, list[str]] = {}
+        reasons: dict[str, list[Row]] = {}
         for row in self.rows:
             if not row.done:
-                text = f"{row.status}: {row.why}" if row.why else row.status
-                reasons.setdefault(text, []).append(f"{row.cell.sequence} with {row.cell.solver}")
-        return [f"{', '.join(cells)}: {reason}" for reason, cells in reasons.items()]
+                reasons.setdefault(f"{row.status}: {row.why}", []).append(row)
+        lines = []
+        for why, rows in reasons.items():
+            sequences, solvers = (
+                [getattr(row.cell, name) for row in rows] for name in ("sequence", "solver")
+            )
+            lines.append(f"{_listed(sequences)} with {_listed(solvers)}: {why}")
+        return lines
 
     def best(self, refresh: float) -> set[int]:
         """Places of the rows that nothing beats in computing time or in all time, and error."""
@@ -172,6 +178,12 @@ def _headline(group: Group) -> str:
         if other is not None and own.error > 0:
             text += f" {other.error / own.error:.3g} times below {name}."
     return text
+
+
+def _listed(names: Iterable[str]) -> str:
+    """Different names, a few of them by name."""
+    different = list(dict.fromkeys(names))
+    return ", ".join(different) if len(different) <= NAMED else f"{len(different)} sequences"
 
 
 def _terminal(cells: Sequence[str]) -> list[str]:

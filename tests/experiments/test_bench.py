@@ -261,8 +261,7 @@ def test_the_report_has_a_section_per_mirror(rows: list[Row]) -> None:
     assert {len(line) for line in lines} == {len(header)}
     assert len(lines) == 10
     assert absent == [
-        "lattice with coupled, lattice with decoupled: not applicable: lattice crossings are sparse: "
-        "method paper only"
+        "lattice with coupled, decoupled: not applicable: lattice crossings are sparse: method paper only"
     ]
 
 
