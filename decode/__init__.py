@@ -1,23 +1,23 @@
 """Frames + Sequence -> Correspondence: where on the pattern every camera pixel looks, how sure, and why not.
 
-| file                             | holds                                                                        |
-|----------------------------------|------------------------------------------------------------------------------|
-| `correspondence`                 | `Correspondence`, `Flag`, `difference` of two captures                       |
-| `decoder`                        | `decode`: which frames ask for which decoder, rows on threads                |
-| `plan`, `arrays`                 | what has to be computed, sorted by the frames' descriptions; as plain arrays |
-| `noise`                          | noise of the camera from what the frames cannot explain                      |
-| `response`                       | `Response` of display and camera, inverted before fringes are fitted         |
-| `axis_kernels`                   | one axis over a block of rows, compiled: code and fringes, tile by tile      |
-| `fit_kernels`                    | fringe fit of a tile; clipped samples left out, samples weighed              |
-| `code_kernels`                   | bits, code words, cells, probability of a misread bit                        |
-| `unwrap_kernels`                 | fringe orders from several periods or a code, probability of a wrong one     |
-| `flag_kernels`                   | flags, and the maps that both axes share                                     |
-| `display`, `blur`, `cells`       | what cells, grey values and border of the display do to a coordinate         |
-| `table_decoder`, `table_kernels` | any known grey values, swept stripes, codes within their cells               |
-| `lattice`, `line_crossing`       | `lattice`: the paper's crossings, sub-pixel, tracked from the rest frame     |
-| `crossed`                        | `crossed`: displacement from a single crossed-fringe frame                   |
-| `guide`                          | where the camera looked at rest, for the two that follow one frame           |
-| `jit`                            | how kernels are compiled and cached                                          |
+| file                       | holds                                                                        |
+|----------------------------|------------------------------------------------------------------------------|
+| `correspondence`           | `Correspondence`, `Flag`, `difference` of two captures                       |
+| `decoder`                  | `decode`: which frames ask for which decoder, rows on threads                |
+| `plan`, `arrays`           | what has to be computed, sorted by the frames' descriptions; as plain arrays |
+| `noise`                    | noise of the camera from what the frames cannot explain                      |
+| `response`                 | `Response` of display and camera, inverted before fringes are fitted         |
+| `axis_kernels`             | one axis over a block of rows, compiled: code and fringes, tile by tile      |
+| `fit_kernels`              | fringe fit of a tile; clipped samples left out, samples weighed              |
+| `code_kernels`             | bits, code words, cells, probability of a misread bit                        |
+| `unwrap_kernels`           | fringe orders from several periods or a code, probability of a wrong one     |
+| `flag_kernels`             | flags, and the maps that both axes share                                     |
+| `display`, `blur`, `cells` | what cells, grey values and border of the display do to a coordinate         |
+| `table_decoder`, `table_*` | any known grey values, swept stripes, codes within their cells               |
+| `lattice`, `line_crossing` | `lattice`: the paper's crossings, sub-pixel, tracked from the rest frame     |
+| `crossed`                  | `crossed`: displacement from a single crossed-fringe frame                   |
+| `guide`                    | where the camera looked at rest, for the two that follow one frame           |
+| `jit`                      | how kernels are compiled and cached                                          |
 
 u along the pattern's columns, v along its rows, integer = pixel centre; sigma in pattern pixels, at least
 0.01 where the frames show no noise. An axis that was not shown is NaN with sigma inf and raises no flag.

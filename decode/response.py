@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optolever.errors import InputError
+from optolever.patterns import Sequence
 
 __all__ = ["Response"]
 
@@ -46,8 +47,39 @@ class Response:
         """seen = white_level (shown / 255)^gamma."""
         if not 0.1 <= gamma <= 10:
             raise InputError(f"response: gamma is {gamma}, must be in 0.1..10")
-        seen = np.linspace(0.0, 1.0, 1025)
-        return cls(255.0 * seen ** (1 / gamma), white_level * seen)
+        shown = np.linspace(0.0, 1.0, 1025)
+        return cls(255.0 * shown, white_level * shown**gamma)
+
+    @classmethod
+    def from_ramp(cls, frames: ArrayLike, sequence: Sequence) -> "Response":
+        """From the uniform frames of a capture ("ramp"): median over the pixels that see the display.
+
+        A pixel's own brightness is taken off by its span between the darkest and the brightest level shown.
+        """
+        stack = np.asarray(frames)
+        if stack.ndim != 3 or len(stack) != len(sequence):
+            raise InputError(
+                f"response: frames have shape {stack.shape}, sequence describes {len(sequence)} images"
+            )
+        level = {"white": 255, "black": 0}
+        shown = {
+            i: level.get(frame.kind, frame.level or 0)
+            for i, frame in enumerate(sequence.frames)
+            if frame.kind in ("white", "black", "uniform")
+        }
+        if len(set(shown.values())) < 3:
+            raise InputError(
+                f"response: sequence {sequence.name} shows {len(shown)} levels, must show 3 or more"
+            )
+        order = sorted(shown, key=lambda i: shown[i])
+        _, rows, cols = stack.shape
+        light = stack[order, :: max(1, rows // 128), :: max(1, cols // 128)].reshape(len(order), -1)
+        light = light.astype(np.float64)
+        span = light[-1] - light[0]
+        lit = span >= np.percentile(span, 75)
+        relative = np.median((light[:, lit] - light[0, lit]) / np.maximum(span[lit], 1e-9), axis=1)
+        seen = np.median(light[0, lit]) + np.median(span[lit]) * relative
+        return cls.from_table([shown[i] for i in order], seen)
 
     def shown_of(self, seen: ArrayLike) -> NDArray[np.float64]:
         """Level that was shown where the camera read `seen`."""

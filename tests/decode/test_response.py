@@ -1,0 +1,67 @@
+"""Response of display and camera: given, tabled, measured."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever import InputError
+from optolever.decode import Response, decode
+from optolever.patterns import sequence
+
+F64 = NDArray[np.float64]
+Shoot = Callable[..., NDArray[Any]]
+
+
+def test_gamma_is_inverted() -> None:
+    response = Response.from_gamma(2.2)
+    shown = np.linspace(0, 255, 60)
+    np.testing.assert_allclose(response.shown_of(255 * (shown / 255) ** 2.2), shown, atol=0.6)
+
+
+def test_table_in_any_order_with_a_dead_end() -> None:
+    """Entries where the camera no longer tells levels apart are left out."""
+    response = Response.from_table([255, 0, 100, 200, 220], [230, 2, 90, 230, 228])
+    np.testing.assert_array_equal(response.shown, [0, 100, 200])
+    assert response.shown_of(46.0) == pytest.approx(50)
+    assert response.shown_of(2.0 - 0.88) == pytest.approx(-1)
+
+
+def test_measured_from_a_ramp(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    """Under uneven light, gamma 2.2: decoding with the measured response is as good as with the true one."""
+    light = np.linspace(60, 120, 140)[None, :] * np.ones((120, 1))
+    ramp, shown = sequence("ramp", 150, 170, count=52), sequence("gray+phase", 150, 170)
+    camera = {"gamma": 2.2, "noise": 1.0, "amplitude": light, "offset": light + 4}
+    measured = Response.from_ramp(shoot(ramp, *smooth, **camera), ramp)
+    relative = (measured.seen - measured.seen[0]) / (measured.seen[-1] - measured.seen[0])
+    np.testing.assert_allclose(relative, (measured.shown / 255) ** 2.2, atol=0.02)
+    frames = shoot(shown, *smooth, **camera)
+    errors = []
+    for response in (None, measured):
+        found = decode(frames, shown, response=response, weigh_samples=response is not None, on_cells=False)
+        errors.append(float(np.std((found.u - smooth[0])[found.good])))
+    assert errors[1] < 0.05
+    assert errors[1] <= errors[0]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Response(np.array([0.0, 1.0]), np.array([1.0, 1.0])), "seen must be finite and rise"),
+        (lambda: Response(np.array([0.0]), np.array([1.0])), "shape"),
+        (lambda: Response.from_table([0, np.nan], [1, 2]), "not finite"),
+        (lambda: Response.from_gamma(0.0), "gamma is 0.0"),
+        (lambda: Response.from_ramp(np.zeros((1, 4, 4)), sequence("lattice", 8, 8)), "shows 0 levels"),
+        (
+            lambda: decode(
+                np.zeros((22, 4, 4)), sequence("gray+phase", 150, 170), response=Response.from_gamma(2)
+            ),
+            "float32",
+        ),
+    ],
+)
+def test_bad_input(make: Callable[[], object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        make()
