@@ -40,8 +40,8 @@ class Problem:
 
 
 def _step(scene: Scene, pixels: float, depth: float = 1.0, radial: bool = False) -> Surface:
-    """A smooth step, `depth` times the default peak, `pixels` camera pixels wide: across the mirror, or
-    around a disk.
+    """Smooth steps, `depth` times the default peak, `pixels` camera pixels wide: both sides of a trench
+    across the mirror, or the rim of a disk.
     """
     length, middle = scene.mirror.length, scene.mirror.width / 2
     peak, width = depth * 1.3 / 163.7 * length, pixels * length / scene.camera.cols
@@ -49,7 +49,7 @@ def _step(scene: Scene, pixels: float, depth: float = 1.0, radial: bool = False)
     def inward(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
         """How far inside the step, and the gradient of that."""
         if not radial:
-            return 0.45 * length - x, np.full_like(x, -1.0), np.zeros_like(x)
+            return 0.2 * length - np.abs(x - 0.4 * length), -np.sign(x - 0.4 * length), np.zeros_like(x)
         distance = np.hypot(x - length / 2, y - middle)
         safe = np.maximum(distance, 1e-12 * length)
         return 0.2 * length - distance, -(x - length / 2) / safe, -(y - middle) / safe
