@@ -3,6 +3,7 @@
 | file | holds |
 |---|---|
 | `coupled.py` | reconstruct(): the chain from measurement to HeightMap |
+| `stream.py` | HeightStream: one chord step a frame |
 | `problem.py`, `result.py` | checks, window, orientation, components; the solved grid as a HeightMap |
 | `calibration.py` | a rest capture as reference |
 | `holes.py`, `fringe.py` | small holes bridged; noisy border lines left out and reached from inside |
@@ -41,6 +42,7 @@ from .paper_scene import (
     row_recursion,
 )
 from .resampling import Grid
+from .stream import HeightStream
 
 __all__ = [
     "Anchor",
@@ -50,6 +52,7 @@ __all__ = [
     "Grid",
     "HeightFlag",
     "HeightMap",
+    "HeightStream",
     "Integral",
     "PaperGeometry",
     "PaperResult",

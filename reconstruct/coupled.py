@@ -21,7 +21,7 @@ from .paper_scene import reconstruct_paper
 from .problem import Problem, prepare
 from .result import height_map
 
-__all__ = ["method_names", "reconstruct"]
+__all__ = ["method_names", "reconstruct", "solved_height"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -64,6 +64,18 @@ def reconstruct(
         return reconstruct_paper(correspondence, scene, series=PAPER_METHODS[method])
     if method not in _METHODS:
         raise InputError(f"method = {method!r}: unknown, must be one of {', '.join(method_names())}")
+    return solved_height(correspondence, scene, anchor, mask, method, start)[2]
+
+
+def solved_height(
+    correspondence: Correspondence,
+    scene: Scene,
+    anchor: Anchors = None,
+    mask: Mask | None = None,
+    method: str = "coupled",
+    start: HeightMap | None = None,
+) -> tuple[Problem, State, HeightMap]:
+    """`reconstruct` by one of the dense methods, with what was solved and how it ended."""
     options = _METHODS[method]
     problem = prepare(correspondence, scene, anchor, mask)
     first = _warm(problem, start) if start is not None else None
@@ -83,7 +95,8 @@ def reconstruct(
         removed |= removable
         problem = replace(problem, data=bridged(measured, removed))
         state = _solve(problem, state.w, options)
-    return height_map(problem, state, correspondence.flags, suspects, scale, method)
+    height = height_map(problem, state, correspondence.flags, suspects, scale, method)
+    return problem, state, height
 
 
 def _solve(problem: Problem, first: Floats, options: Options) -> State:

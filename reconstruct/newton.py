@@ -8,7 +8,7 @@ the anchors. The fixed point dw = integral of r alone converges linearly; it is 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.interpolate
@@ -22,7 +22,7 @@ from .measured import Measured
 from .pinning import AnchorRows, anchor_rows, free_constants
 from .poisson import Accuracy
 
-__all__ = ["Options", "State", "coarse_start", "solve"]
+__all__ = ["Options", "State", "chord_step", "coarse_start", "solve"]
 
 Floats = NDArray[np.float64]
 Labels = NDArray[np.int32]
@@ -113,6 +113,18 @@ def solve(data: Measured, samples: Samples, labels: Labels, w: Floats, options: 
             return State(
                 w, root, problem, rows, share, variances, tuple(steps), iterations, converged, energies[-1]
             )
+
+
+def chord_step(data: Measured, labels: Labels, state: State) -> State:
+    """One more step from a state, for a measurement that has changed little: same problem,
+    factor and variances.
+    """
+    p, q, _, _ = data.slopes(state.w)
+    gx, gy = defects(p, q, state.w, state.root, data.mask)
+    step = state.problem.solve(gx, gy, Accuracy(_LINEAR_SHARE, _RELATIVE))
+    change, _ = _anchored(step.x, state.root, labels, state.rows, state.w, (p, q), state.variances[0])
+    size = float(np.sqrt(np.mean(change**2)))
+    return replace(state, w=state.w + change, steps=(size,), iterations=step.iterations)
 
 
 def _anchored(

@@ -13,6 +13,7 @@ from .uncertainty import unknown_variance
 
 __all__ = ["height_map"]
 
+Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
@@ -23,10 +24,14 @@ def height_map(
     suspects: Mask,
     curl: float,
     method: str,
+    variance: Floats | None = None,
 ) -> HeightMap:
-    """flags (H, W): the decoder's; suspects: pixels of the core with a curl; curl: its robust scale."""
+    """flags (H, W): the decoder's; suspects: pixels of the core with a curl; curl: its robust scale;
+    variance: of the unknown in the core, if it is known already.
+    """
     outer, data = problem.outer, problem.data
-    variance = unknown_variance(state, problem.labels)
+    if variance is None:
+        variance = unknown_variance(state, problem.labels)
     w, variance, known = extended(outer, problem.core, state.w, variance, state.variances, data.mask)
     distance, sigma = outer.distance(w), np.sqrt(variance)
     if outer.rays.logarithmic:

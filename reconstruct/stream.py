@@ -1,0 +1,101 @@
+"""HeightStream: heights of a moving mirror, frame by frame, each from the last.
+
+As long as the pixels that can be used stay the same but for small holes, a frame costs one look at the
+equations and
+one linear solve with the last factorisation and the last integrating factor (a chord step; a second one after
+a large
+change). Sigma, anchors' shares and the curl alarm are those of the last frame that was solved in full.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence
+from optolever.scene import Scene
+
+from .anchors import Anchors
+from .coupled import solved_height
+from .heightmap import HeightMap
+from .holes import bridged, small_holes
+from .newton import State, chord_step
+from .problem import Problem
+from .result import height_map
+from .uncertainty import unknown_variance
+
+__all__ = ["HeightStream"]
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_SETTLED = 0.3  # rms change of the height over its sigma, a few times what the next step would bring
+_STEPS = 3  # chord steps before the frame is solved in full
+
+
+class HeightStream:
+    """Give it correspondences of one scene in the order of time.
+
+    anchor: as in `reconstruct`. refresh: every so many frames one is solved in full (sigma, outliers, alarm).
+    """
+
+    def __init__(self, scene: Scene, anchor: Anchors = None, refresh: int = 100) -> None:
+        self._scene, self._anchor, self._refresh = scene, anchor, max(1, refresh)
+        self._age = 0
+        self._last: tuple[Problem, State, Floats, HeightMap] | None = None
+
+    def update(self, correspondence: Correspondence) -> HeightMap:
+        """The height of one more frame. Raises InputError as `reconstruct` does."""
+        height = None
+        if self._last is not None and self._age < self._refresh:
+            height = self._followed(correspondence)
+        if height is None:
+            start = self._last[3] if self._last is not None else None
+            problem, state, height = solved_height(correspondence, self._scene, self._anchor, start=start)
+            variance = unknown_variance(state, problem.labels)
+            self._last, self._age = (problem, state, variance, height), 0
+        self._age += 1
+        return height
+
+    def _followed(self, correspondence: Correspondence) -> HeightMap | None:
+        """The height by chord steps; None where the frame has to be solved in full."""
+        assert self._last is not None
+        problem, state, variance, _ = self._last
+        renewed = _renewed(problem, correspondence)
+        if renewed is None:
+            return None
+        for _ in range(_STEPS):
+            before = state.w
+            state = chord_step(renewed.data, renewed.labels, state)
+            if float(np.sqrt(np.mean((state.w - before) ** 2 / variance))) <= _SETTLED:
+                empty = np.zeros(renewed.labels.shape, dtype=np.bool_)
+                height = height_map(
+                    renewed, state, correspondence.flags, empty, float("nan"), "coupled", variance
+                )
+                self._last = problem, state, variance, height
+                return height
+        return None
+
+
+def _renewed(problem: Problem, c: Correspondence) -> Problem | None:
+    """The last problem with a new measurement, if that can be used where the last one was."""
+    if c.u.shape != problem.valid.shape:
+        return None
+    valid = c.good & np.isfinite(c.u) & np.isfinite(c.v)
+    outer = problem.outer
+    fields: dict[str, Any] = {
+        name: problem.to_grid(np.asarray(getattr(c, name), dtype=np.float64))
+        for name in ("u", "v", "sigma_u", "sigma_v")
+    }
+    usable = problem.to_grid(valid)
+    fresh = replace(outer, mask=usable, **fields)
+    holes = small_holes(usable)
+    inside = problem.core
+    if not np.array_equal((usable | holes)[inside] & problem.data.mask, problem.data.mask):
+        return None
+    fresh = bridged(fresh, holes)
+    data = fresh.cropped(inside) if problem.data.mask.shape != fresh.mask.shape else fresh
+    return replace(
+        problem, valid=valid, outer=fresh, data=replace(data, mask=problem.data.mask, rays=problem.data.rays)
+    )

@@ -1,0 +1,68 @@
+"""HeightStream: a growing dent, frame by frame, against the full solve."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from optolever import InputError
+from optolever.reconstruct import HeightStream, reconstruct
+from optolever.scene import dent_from_text as dent
+from optolever.scene import trace
+
+PEAKS = (1.0, 1.02, 1.05, 1.09)
+
+
+@pytest.fixture(scope="module")
+def frames(exact, noisy):
+    scene, _, _ = exact("paper-simulation", "flat", 96, 128)
+    traces = [trace(scene, dent(f"raised-cosine:peak={peak}", scene)) for peak in PEAKS]
+    return scene, [noisy(truth, noise=0.02, seed=k) for k, truth in enumerate(traces)]
+
+
+def test_every_frame_within_a_tenth_of_sigma(frames) -> None:
+    scene, correspondences = frames
+    stream = HeightStream(scene)
+    for k, correspondence in enumerate(correspondences):
+        if k == 2:  # a pixel drops out, another comes in flagged before
+            flags = correspondence.flags.copy()
+            flags[30, 40] = 8
+            correspondence = replace(correspondence, flags=flags)
+        height, full = stream.update(correspondence), reconstruct(correspondence, scene)
+        np.testing.assert_array_equal(height.flags, full.flags)
+        good = full.good
+        off = np.abs(height.z - full.z)[good] / full.sigma[good]
+        assert np.sqrt(np.mean(off**2)) < 0.02
+        assert np.quantile(off, 0.999) < 0.1
+        assert np.mean(np.abs(height.sigma[good] / full.sigma[good] - 1) > 0.1) < 0.01
+
+
+def test_a_jump_and_a_new_mask_are_solved_in_full(frames, exact, noisy, cut) -> None:
+    scene, correspondences = frames
+    stream = HeightStream(scene)
+    stream.update(correspondences[0])
+    _, truth, _ = exact("paper-simulation", "needle", 96, 128)
+    jump = noisy(truth, noise=0.02, seed=9)
+    keep = np.ones((96, 128), dtype=bool)
+    keep[40:60, 40:60] = False
+    for correspondence in (jump, cut(jump, keep)):
+        height, full = stream.update(correspondence), reconstruct(correspondence, scene)
+        good = full.good & height.good
+        assert good.sum() > 0.99 * full.good.sum()
+        assert np.max(np.abs(height.z - full.z)[good] / full.sigma[good]) < 0.1
+
+
+def test_refresh(frames) -> None:
+    scene, correspondences = frames
+    stream = HeightStream(scene, refresh=2)
+    curls = [stream.update(c).diagnostics.curl for c in correspondences]
+    assert [curl is None for curl in curls] == [False, True, False, True]
+
+
+def test_bad_input(frames, exact) -> None:
+    scene, correspondences = frames
+    stream = HeightStream(scene)
+    stream.update(correspondences[0])
+    _, _, other = exact("paper-simulation", "flat", 40, 48)
+    with pytest.raises(InputError):
+        stream.update(other)
