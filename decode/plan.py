@@ -62,8 +62,6 @@ class Plan:
     axes: tuple[AxisPlan, ...]
     white: int
     black: int
-    crossed: tuple[int, ...]
-    spots: tuple[int, ...]
 
 
 def plan(sequence: Sequence) -> Plan:
@@ -74,14 +72,18 @@ def plan(sequence: Sequence) -> Plan:
         for axis, extent in (("u", sequence.cols), ("v", sequence.rows))
         if (found := _axis_plan(sequence, axis, extent)) is not None
     )
-    by_kind = {
-        kind: tuple(i for i, frame in enumerate(frames) if frame.kind == kind) for kind in ("crossed",)
-    }
-    spots = tuple(i for i, frame in enumerate(frames) if frame.kind == "stripe" and frame.axis == "uv")
-    if not axes and not by_kind["crossed"] and not spots:
+    if not axes:
         kinds = ", ".join(sorted({frame.kind for frame in frames}))
-        raise InputError(f"sequence {sequence.name}: frames are {kinds}, none of them encodes u or v")
-    return Plan(axes, _reference(sequence, "white"), _reference(sequence, "black"), by_kind["crossed"], spots)
+        raise InputError(
+            f"sequence {sequence.name}: frames are {kinds}, none of them encodes u or v by itself "
+            "(lattice and crossed frames are followed from a rest frame: decode.lattice, decode.crossed)"
+        )
+    for i, frame in enumerate(frames):
+        if frame.exposure != 1.0 and frame.kind != "phase":
+            raise InputError(
+                f"sequence {sequence.name}: frames[{i}]: exposure is {frame.exposure:g}, must be 1 but for fringes"
+            )
+    return Plan(axes, _reference(sequence, "white"), _reference(sequence, "black"))
 
 
 def _reference(sequence: Sequence, kind: str) -> int:
