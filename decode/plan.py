@@ -81,7 +81,8 @@ def plan(sequence: Sequence) -> Plan:
     for i, frame in enumerate(frames):
         if frame.exposure != 1.0 and frame.kind != "phase":
             raise InputError(
-                f"sequence {sequence.name}: frames[{i}]: exposure is {frame.exposure:g}, must be 1 but for fringes"
+                f"sequence {sequence.name}: frames[{i}]: exposure is {frame.exposure:g}, "
+                "must be 1 but for fringes"
             )
     return Plan(axes, _reference(sequence, "white"), _reference(sequence, "black"))
 
@@ -112,7 +113,7 @@ def _code(sequence: Sequence, index: list[int], axis: str) -> Code | None:
     frames = [sequence.frames[i] for i in index]
     first = frames[0]
     for frame in frames:
-        for name in ("kind", "cell_px", "offset_px", "bits"):
+        for name in ("kind", "cell_px", "offset_px"):
             if getattr(frame, name) != getattr(first, name):
                 raise InputError(
                     f"sequence {sequence.name}: code on {axis} mixes {name} {getattr(first, name)!r} "
@@ -132,7 +133,7 @@ def _code(sequence: Sequence, index: list[int], axis: str) -> Code | None:
         raise InputError(
             f"sequence {sequence.name}: bit {missing[0]} on {axis} is missing, code has {bits} bits"
         )
-    words = code_words(first.kind, np.arange(1 << bits), first.bits)
+    words = code_words(first.kind, np.arange(1 << bits))
     cells = np.empty(1 << bits, np.int32)
     cells[words] = np.arange(1 << bits)
     return Code(first.kind, polarity[0], polarity[1], first.cell_px, first.offset_px or 0.0, cells)

@@ -3,7 +3,7 @@
 | file        | holds                                                                 |
 |-------------|-----------------------------------------------------------------------|
 | `frame`     | `Frame`, one image described completely, to and from TOML types        |
-| `codes`     | binary code words: binary, Gray, XOR-Gray, min-stripe Gray             |
+| `codes`     | binary code words: binary, Gray, XOR-Gray                              |
 | `levels`    | the 1-D tables of grey values of a frame, per axis                     |
 | `sequence`  | `Sequence`: frames and surface size; images, PNG export                |
 | `named`     | `sequence("gray+phase", rows, cols, ...)` and its command-line form    |

@@ -8,7 +8,7 @@ from optolever.errors import InputError
 __all__ = ["BINARY_CODES", "bits_for", "code_words"]
 
 #: Kinds whose frames show one bit of a code word.
-BINARY_CODES = ("binary", "gray", "xor-gray", "min-stripe")
+BINARY_CODES = ("binary", "gray", "xor-gray")
 
 Words = NDArray[np.int64]
 
@@ -18,13 +18,12 @@ def bits_for(cells: int) -> int:
     return max(1, (cells - 1).bit_length())
 
 
-def code_words(kind: str, cell: Words, bits: int | None = None) -> Words:
+def code_words(kind: str, cell: Words) -> Words:
     """Word of each cell (any shape, cell >= 0); bit 0 is the least significant.
 
     gray      n ^ (n >> 1): neighbours differ in one bit (F. Gray, US patent 2632058)
     xor-gray  Gray bits, all but the last xored with the last: every frame is finely striped, against
               indirect light (Gupta et al., CVPR 2011, doi:10.1109/CVPR.2011.5995321)
-    min-stripe a Gray code whose bits keep their value over long runs, against blur (same paper)
     """
     gray = cell ^ (cell >> 1)
     if kind == "binary":

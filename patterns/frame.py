@@ -23,7 +23,6 @@ KINDS: dict[str, tuple[str, ...]] = {
     "binary": ("axis", "bit"),
     "gray": ("axis", "bit"),
     "xor-gray": ("axis", "bit"),
-    "min-stripe": ("axis", "bit", "bits"),
     "phase": ("axis", "period_px", "shift"),
     "crossed": ("period_px",),
     "lattice": ("period_px", "width_px"),
@@ -46,7 +45,6 @@ class Frame:
     kind        one of KINDS
     axis        coordinate that the frame encodes ('uv': a spot, crossed fringe or lattice)
     bit         of a binary code; 0 is the least significant
-    bits        bits of the whole code (only where the code words depend on it: min-stripe)
     inverted    255 - level
     period_px   of a fringe or of the lattice's lines
     shift       of a fringe, radians: level = 127.5 (1 + cos(2 pi coord / period_px - shift))
@@ -70,7 +68,6 @@ class Frame:
     at_v: float | None = None
     cell_px: float = 1.0
     offset_px: float | None = None
-    bits: int | None = None
     level: int | None = None
     levels: tuple[int, ...] | None = None
     exposure: float = 1.0
@@ -98,8 +95,6 @@ class Frame:
                 raise InputError(f"frame: {name} is {value}, must be above 0")
         if self.bit is not None and not 0 <= self.bit <= 30:
             raise InputError(f"frame: bit is {self.bit}, must be in 0..30")
-        if self.bits is not None and not (self.bit or 0) < self.bits <= 20:
-            raise InputError(f"frame: bits is {self.bits}, must be in {(self.bit or 0) + 1}..20")
         for level in (*(self.levels or ()), *(() if self.level is None else (self.level,))):
             if not 0 <= level <= 255:
                 raise InputError(f"frame: level is {level}, must be in 0..255")

@@ -98,5 +98,5 @@ def _cells(frame: "Frame", coord: Levels) -> Table:
         return np.where(
             (cell >= 0) & (cell < len(values)), values[np.clip(cell, 0, len(values) - 1)], 0
         ).astype(np.uint8)
-    words = code_words(frame.kind, np.maximum(cell, 0), frame.bits)
+    words = code_words(frame.kind, np.maximum(cell, 0))
     return (255 * ((words >> (frame.bit or 0)) & 1)).astype(np.uint8)

@@ -87,10 +87,9 @@ def _code(kind: str, rows: int, cols: int, axes: str, inverses: bool, cell: floa
     frames: list[Frame] = []
     for axis, extent in _extents(rows, cols, axes):
         bits = bits_for(math.ceil(extent / cell))
-        total = bits if kind == "min-stripe" else None
         for bit in reversed(range(bits)):
             for inverted in (False, True) if inverses else (False,):
-                frames.append(Frame(kind, axis, bit=bit, inverted=inverted, cell_px=cell, bits=total))
+                frames.append(Frame(kind, axis, bit=bit, inverted=inverted, cell_px=cell))
     return tuple(frames)
 
 

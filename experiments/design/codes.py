@@ -89,7 +89,7 @@ def bit_failure(
 def _harmful_distance(frame: Frame, place: Floats, cells: int) -> Floats:
     """From places (in cells) to the bit's nearest edge across which a misreading leads to no neighbour."""
     count = max(cells, int(place.max()) + 2)
-    words = code_words(frame.kind, np.arange(count), frame.bits)
+    words = code_words(frame.kind, np.arange(count))
     edges = np.flatnonzero(np.diff((words >> (frame.bit or 0)) & 1)) + 1
     lone = np.array([_is_power_of_two(int(words[e] ^ words[e - 1])) for e in edges], np.bool_)
     if len(edges) == 0:
