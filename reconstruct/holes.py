@@ -16,7 +16,7 @@ __all__ = ["bridged", "small_holes"]
 
 Mask = NDArray[np.bool_]
 
-LARGEST = 4  # pixels
+LARGEST = 9  # pixels
 SHARE = 0.15  # of the image: where more is missing, bridging would count neighbours' noise too often
 
 
