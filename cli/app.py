@@ -25,6 +25,7 @@ COMMANDS = (
     "hard",
     "design",
     "sensor",
+    "adapt",
     "names",
     "doctor",
 )

@@ -6,10 +6,14 @@
 | `prediction.py`, `view.py`, `sensitivity.py` | a sequence's errors per pixel; what pixels see; to heights |
 | `fringes.py`, `codes.py`, `free_codes.py` | closed forms: fringes, bits and cells, any pattern |
 | `slopes.py`, `sensor_maps.py`, `sensor_sweep.py`, `sensor_report.py` | what a scene can measure |
+| `adaptive.py`, `on_demand.py`, `adaptive_study.py` | the next frames from the last; against fixed ones |
 | `border.py`, `response.py` | closed forms: the pattern's border, nonlinear devices |
 """
 
+from .adaptive import Adapted, Goal, Step, adapt, share_within
+from .adaptive_study import AdaptiveRow, AdaptiveStudy, best_fixed, run_adaptive, study_dents
 from .candidates import Candidate, candidates, ladder
+from .on_demand import OnDemand, VirtualOnDemand
 from .prediction import Prediction, predict
 from .ranking import Design, DesignRow, run_design, simulate
 from .sensitivity import Lever
@@ -23,25 +27,37 @@ from .view import View, view_of
 __all__ = [
     "COLUMNS",
     "SWEEPS",
+    "Adapted",
+    "AdaptiveRow",
+    "AdaptiveStudy",
     "Candidate",
     "Design",
     "DesignRow",
+    "Goal",
     "Lever",
+    "OnDemand",
     "Prediction",
     "SensorMaps",
     "SensorStudy",
+    "Step",
     "View",
+    "VirtualOnDemand",
+    "adapt",
+    "best_fixed",
     "candidates",
     "ladder",
     "lever_arm",
     "predict",
     "rest_of",
+    "run_adaptive",
     "run_design",
     "sensor_html",
     "sensor_maps",
     "sensor_rows",
+    "share_within",
     "simulate",
     "slope_limits",
+    "study_dents",
     "sweep_sensor",
     "user_candidate",
     "varied",

@@ -131,7 +131,8 @@ def search_failure(periods: list[float], variances: list[Floats], extent: float)
     differ by chi2 = sum w r^2 - (sum w r)^2 / sum w, w = 1 / variance: m is taken for 0 with Q(sqrt(chi2)
     / 2). Two periods of v1 and v2 fringes, |v1 - v2| = 1: erfc(pi / (sqrt 2 sigma_phi sqrt(v1^2 + v2^2))).
     """
-    weights = [1 / variance for variance in variances]
+    with np.errstate(divide="ignore"):
+        weights = [1 / variance for variance in variances]
     whole = sum(weights[1:], weights[0])
     failure = np.zeros(np.shape(whole))
     flagged = np.zeros(np.shape(whole))
@@ -141,7 +142,8 @@ def search_failure(periods: list[float], variances: list[Floats], extent: float)
         for period, weight in zip(periods[1:], weights[1:], strict=True):
             residual = order * periods[0] - period * round(order * periods[0] / period)
             square, mean = square + weight * residual**2, mean + weight * residual
-        distance = np.sqrt(np.maximum(square - mean**2 / whole, 0.0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = np.nan_to_num(np.sqrt(np.maximum(square - mean**2 / whole, 0.0)))
         share = 1 - order * periods[0] / extent  # of the surface from which that order leads onto it
         failure += share * erfc(distance / (2 * math.sqrt(2)))
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,0 +1,118 @@
+"""`optolever adapt`: frames chosen one after the other, until the height is good enough."""
+
+from pathlib import Path
+
+import click
+
+from .options import (
+    json_option,
+    load_scene,
+    noise_option,
+    renderer_option,
+    sample,
+    scene_option,
+    size_option,
+    writable,
+)
+from .show import grid, number, progress, table, write_json
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ optolever adapt --scene paper-prototype --size 200x125 --goal 2e-4 --no-compare
+"""
+
+
+@click.command("adapt", epilog=sample(SAMPLE))
+@scene_option
+@click.option(
+    "--dent",
+    "dents",
+    multiple=True,
+    metavar="NAME[:KEY=VALUE,...]",
+    help="Again for more; default: six dents of different width, depth and shape.",
+)
+@click.option(
+    "--goal",
+    type=click.FloatRange(min=0, min_open=True),
+    required=True,
+    metavar="MM",
+    help="Error that the height may have.",
+)
+@click.option(
+    "--share",
+    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    default=0.95,
+    show_default=True,
+    help="Of the pixels that see the pattern: so many must be within the goal.",
+)
+@click.option(
+    "--frames", type=click.IntRange(min=12), default=80, show_default=True, metavar="N", help="Most to show."
+)
+@click.option("--compare/--no-compare", default=True, help="Look for the best fixed sequence too (minutes).")
+@click.option(
+    "--seeds", type=click.IntRange(min=1), default=2, show_default=True, metavar="N", help="Runs per dent."
+)
+@noise_option(1.0)
+@renderer_option
+@size_option
+@json_option
+def command(
+    scene_name: str,
+    dents: tuple[str, ...],
+    goal: float,
+    share: float,
+    frames: int,
+    compare: bool,
+    seeds: int,
+    noise: float,
+    renderer: str,
+    size: tuple[int, int] | None,
+    json_path: Path | None,
+) -> None:
+    """Measure adaptively on a virtual sensor: the next frames follow from what was measured so far.
+
+    It stops when the share asked for is within the goal, or says why it cannot be. Beside it stands the fixed
+    sequence of fewest frames that meets the same goal on all dents.
+    """
+    writable(json_path)
+    from optolever.experiments.design import Goal, run_adaptive, study_dents
+
+    scene = load_scene(scene_name, size)
+    with progress() as step:
+        study = run_adaptive(
+            scene,
+            dents or study_dents(scene),
+            Goal(goal, share, frames),
+            noise=noise,
+            seeds=seeds,
+            compare=compare,
+            renderer=renderer,
+            progress=step,
+        )
+    write_json(json_path, study.to_dict())
+    rows = [
+        [
+            row.dent,
+            number(row.frames),
+            number(100 * row.within, "%"),
+            number(100 * row.fixed_within, "%"),
+            row.why or "; ".join(f"{at.frames}: {number(100 * at.within, '%')}" for at in row.steps),
+        ]
+        for row in study.rows
+    ]
+    header = ("dent", "frames", "within", "fixed within", "estimated after so many frames (first run)")
+    grid(f"Adaptive sensing: {scene.name}, {number(100 * share)} % within {goal:g} mm", header, rows)
+    if not compare:
+        return
+    fixed = study.fixed
+    table(
+        "Best fixed sequence for all of them",
+        {"sequence": f"none within {frames} frames"}
+        if fixed is None
+        else {
+            "sequence": fixed.text,
+            "frames": str(len(fixed.sequence)),
+            "adaptive takes fewer": f"on {study.fewer} of {len(study.rows)} dents",
+        },
+    )
