@@ -78,7 +78,7 @@ def integrate(
         raise InputError(f"method = {method!r}: unknown, must be auto or one of {', '.join(SOLVERS)}")
     field = _field(p, q, wp, wq, inside, name)
     z, iterations, left = SOLVERS[name](field)
-    labels = scipy.ndimage.label(inside)[0].astype(np.int32)
+    labels = _labels(inside)
     z = _centred(z, labels)
     return Integral(z, name, iterations, defect(field, z), labels, left)
 
@@ -160,8 +160,17 @@ def _unit_weights(inside: Mask) -> tuple[Floats, Floats]:
     return wx, wy
 
 
+def _labels(inside: Mask) -> Labels:
+    if inside.all():
+        return np.ones(inside.shape, dtype=np.int32)
+    labels: Labels = scipy.ndimage.label(inside)[0].astype(np.int32)
+    return labels
+
+
 def _centred(z: Floats, labels: Labels) -> Floats:
     """Mean zero in every component, NaN outside."""
+    if labels.all() and labels.max() == 1:
+        return np.asarray(z - z.mean())
     count = int(labels.max())
     means = np.zeros(count + 1)
     means[1:] = scipy.ndimage.mean(z, labels, np.arange(1, count + 1))

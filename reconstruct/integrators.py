@@ -42,7 +42,11 @@ _Solution = tuple[Floats, int, tuple[Floats, Floats] | None]
 
 
 def _residuals(f: Field, z: Floats) -> tuple[Floats, Floats]:
-    rx, ry = np.zeros(z.shape), np.zeros(z.shape)
+    rx, ry = f.gx.copy(), f.gy.copy()
+    if f.mask.all():
+        rx[:, :-1] -= np.diff(z, axis=1)
+        ry[:-1] -= np.diff(z, axis=0)
+        return rx, ry
     rx[:, :-1] = np.where(f.wx[:, :-1] > 0, f.gx[:, :-1] - np.diff(z, axis=1), 0.0)
     ry[:-1] = np.where(f.wy[:-1] > 0, f.gy[:-1] - np.diff(z, axis=0), 0.0)
     return rx, ry
@@ -50,7 +54,7 @@ def _residuals(f: Field, z: Floats) -> tuple[Floats, Floats]:
 
 def defect(f: Field, z: Floats) -> float:
     """rms difference between the increments and the differences of z."""
-    rx, ry = _residuals(f, np.nan_to_num(z))
+    rx, ry = _residuals(f, z if f.mask.all() else np.nan_to_num(z))
     count = int(np.count_nonzero(f.wx)) + int(np.count_nonzero(f.wy))
     return math.sqrt(float(np.vdot(rx, rx) + np.vdot(ry, ry)) / max(count, 1))
 
