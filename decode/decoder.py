@@ -227,7 +227,7 @@ def _axis_step(
             *(job.frames, response, job.clip, noise, start, stop, mode, code, fringes, limits),
             *(axis.extent, joined, *maps, *common),
         )  # fmt: skip
-        outlier_rows(start, stop, least, *maps, common[0])
+        outlier_rows(start, stop, least, maps[0], common[0])
 
     return step
 

@@ -22,7 +22,7 @@ from optolever.blocks import over_rows
 from optolever.patterns import Frame, Sequence
 
 from .correspondence import Flag
-from .jit import kernel
+from .jit import fast_kernel, kernel
 from .plan import AxisPlan, Fringe
 from .unwrap_kernels import MUCH_FINER
 
@@ -39,6 +39,8 @@ _LEAST_LIGHT = 0.2
 #: Share of the light lost beyond the border above which a pixel counts as off the pattern.
 _MOST_LOST = 0.2
 _OFF = int(Flag.OFF_PATTERN)
+#: Share of the border in a shift that sigma has to hold, pattern pixels.
+_BORDER = 1e-3
 #: What blur leaves of the cells' fundamental, under which stairs (then below 0.03 px) are taken off.
 _LOW_STAIRS = 0.1
 #: Rms blur that is assumed where the frames do not tell it, cells.
@@ -151,17 +153,40 @@ def _median_footprint(coord: Map) -> float:
 def _shift_rows(
     start: int, stop: int, shift: Map, border: Map, lost: Map, coord: Map, sigma: Map, flags: Map
 ) -> None:
+    """Take the tabled shift off; what the border does is looked at only where it does anything."""
+    width = coord.shape[1]
     last = len(shift) - 2
+    low, high = 0, last
+    while low < last and (abs(border[low]) > _BORDER or lost[low] > _MOST_LOST):
+        low += 1
+    while high > 0 and (abs(border[high]) > _BORDER or lost[high] > _MOST_LOST):
+        high -= 1
+    place, change = np.empty(width), np.empty(width)
     for row in range(start, stop):
-        for col in range(coord.shape[1]):
-            place = (coord[row, col] + _BEYOND) * _PER_CELL
-            if not (place >= 0 and place <= last):
-                continue
-            k = int(place)
-            part = place - k
-            coord[row, col] -= shift[k] + part * (shift[k + 1] - shift[k])
-            extra = border[k] + part * (border[k + 1] - border[k])
-            if abs(extra) > 1e-3:
-                sigma[row, col] = np.sqrt(sigma[row, col] ** 2 + extra * extra)
-            if lost[k] > _MOST_LOST:
-                flags[row, col] |= _OFF
+        for col in range(width):
+            place[col] = (coord[row, col] + _BEYOND) * _PER_CELL
+        if _shifts(width, last, shift, place, change, low, high):
+            for col in range(width):
+                if place[col] >= 0 and place[col] <= last and not (low < place[col] < high):
+                    k = int(place[col])
+                    extra = border[k] + (place[col] - k) * (border[k + 1] - border[k])
+                    if abs(extra) > _BORDER:
+                        sigma[row, col] = np.sqrt(sigma[row, col] ** 2 + extra * extra)
+                    if lost[k] > _MOST_LOST:
+                        flags[row, col] |= _OFF
+        for col in range(width):
+            coord[row, col] -= change[col]
+
+
+@fast_kernel
+def _shifts(n: int, last: int, shift: Map, place: Map, change: Map, low: int, high: int) -> bool:
+    """Interpolated shift, 0 beyond the table; True if any place is near the border."""
+    for col in range(n):
+        inside = (place[col] >= 0) & (place[col] <= last)
+        at = place[col] if inside else 0.0
+        k = np.int32(at)
+        change[col] = shift[k] + (at - k) * (shift[k + 1] - shift[k]) if inside else 0.0
+    near = 0
+    for col in range(n):
+        near += (place[col] <= low) | (place[col] >= high)
+    return near > 0

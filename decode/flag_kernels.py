@@ -24,7 +24,7 @@ Array = NDArray[Any]
 # Flag's values, as the kernels need plain numbers of the width of their counters
 _NONE, _DARK, _SATURATED, _LOW = np.int32(0), np.int32(1), np.int32(2), np.int32(4)
 _ORDER, _OFF, _MOVED, _INVALID = np.int32(8), np.int32(16), np.int32(64), np.int32(128)
-_OUTLIER = np.uint16(32)
+_OUTLIER, _GOOD = np.uint16(32), np.uint16(0)
 #: Amplitude over noise below which a pixel is flagged.
 _LEAST_CONTRAST2 = np.float32(4.0**2)
 #: Probability of a wrong order above which a pixel is flagged.
@@ -186,22 +186,21 @@ def merge_rows(
 
 
 @fast_kernel
-def outlier_rows(start: int, stop: int, least: float, coord: Array, sigma: Array, flags: Array) -> None:
+def outlier_rows(start: int, stop: int, least: float, coord: Array, flags: Array) -> None:
     """Flag a pixel that leaves a line on which its two neighbours on either side agree.
 
     Folds and edges pass: there the neighbours do not agree with each other.
     """
     width = coord.shape[1]
-    mark = np.zeros(width, np.uint16)
+    line, excess = np.empty(width, np.float32), np.zeros(width, np.float32)
+    limit, three = np.float32(least), np.float32(3)
     for row in range(start, stop):
-        line = coord[row]
+        for x in range(width):
+            line[x] = coord[row, x]
         for x in range(2, width - 2):
-            jump = abs(line[x] - 0.5 * (line[x - 1] + line[x + 1]))
-            calm = (
-                abs(line[x + 1] - line[x - 1])
-                + abs(line[x - 1] - line[x - 2])
-                + abs(line[x + 2] - line[x + 1])
-            )
-            mark[x] = _OUTLIER if (jump > least) & (jump > 3 * calm) else np.uint16(0)
-        for x in range(2, width - 2):
-            flags[row, x] |= mark[x]
+            jump = abs(line[x] - _HALF * (line[x - 1] + line[x + 1]))
+            beside = abs(line[x - 1] - line[x - 2]) + abs(line[x + 2] - line[x + 1])
+            calm = three * (abs(line[x + 1] - line[x - 1]) + beside)
+            excess[x] = jump - (calm if calm > limit else limit)
+        for x in range(width):
+            flags[row, x] |= _OUTLIER if excess[x] > _ZERO else _GOOD
