@@ -21,7 +21,7 @@ from .row import Row
 from .run import run_cells
 from .solvers import solver_names
 from .store import Store
-from .sweep import Cluster, sweep, time_cells
+from .sweep import Cluster, sweep, time_cells, warm_up_from_json
 
 __all__ = [
     "DECODERS",
@@ -46,5 +46,6 @@ __all__ = [
     "solver_names",
     "sweep",
     "time_cells",
+    "warm_up_from_json",
     "write_bench_report",
 ]

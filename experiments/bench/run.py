@@ -44,7 +44,7 @@ def run_cells(cells: Iterable[Cell], *, timed: bool = True) -> Iterator[Row]:
 
 def warm_up(cells: Iterable[Cell], told: Callable[[str, int, int], None]) -> None:
     """Compile everything that the cells will use, on a tiny camera."""
-    tiny = list(dict.fromkeys(replace(cell, size=TINY, dent="", noise=1.0, seed=0) for cell in cells))
+    tiny = list(dict.fromkeys(replace(cell, size=TINY, noise=1.0, seed=0) for cell in cells))
     groups = grouped(tiny)
     bench = Bench(False)
     for done, group in enumerate(groups):

@@ -1,7 +1,10 @@
 """Grids: what is finished is kept, the rest runs here or on a Dask cluster, one thread per worker."""
 
 import importlib
+import json
 import os
+import subprocess
+import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -66,6 +69,9 @@ def sweep(
     progress("resumed" if finished else "start", finished, len(wanted))
     cluster = cluster or Cluster()
     local = cluster.workers == 0 and cluster.scheduler is None
+    if missing and cluster.scheduler is None:
+        progress("compile", finished, len(wanted))
+        compile_apart(missing)
     for row in run_cells(missing, timed=False) if local else _on_dask(missing, cluster):
         store.save(row)
         finished += 1
@@ -78,6 +84,8 @@ def _on_dask(cells: list[Cell], cluster: Cluster) -> Iterator[Row]:
     if not cells:
         return
     with _client(cluster) as (dask, client):
+        if cluster.scheduler is not None:
+            client.run(compile_apart, cells)
         tasks = [
             client.submit(group_rows, group, pure=False, retries=RETRIES, key=f"cells-{group[0].key}-{place}")
             for place, group in enumerate(grouped(cells))
@@ -87,6 +95,30 @@ def _on_dask(cells: list[Cell], cluster: Cluster) -> Iterator[Row]:
                 yield from rows
         finally:
             client.cancel(tasks)
+
+
+def compile_apart(cells: list[Cell]) -> None:
+    """Compile what the cells use in a process of its own, so that all others load it from Numba's cache.
+
+    Kernels that a process has just compiled round differently, in the last bits, from the same kernels out of
+    the cache: without this the numbers would depend on who came first.
+    """
+    code = "from optolever.experiments.bench import warm_up_from_json; warm_up_from_json()"
+    record = json.dumps([cell.to_dict() for cell in cells])
+    environment = os.environ | ONE_THREAD
+    subprocess.run(
+        [sys.executable, "-c", code],
+        input=record,
+        text=True,
+        env=environment,
+        capture_output=True,
+        check=False,
+    )
+
+
+def warm_up_from_json() -> None:
+    """What `compile_apart` starts: the cells come as JSON on the standard input."""
+    warm_up([Cell.from_dict(plain) for plain in json.load(sys.stdin)], silent)
 
 
 def group_rows(group: tuple[Cell, ...]) -> list[Row]:
