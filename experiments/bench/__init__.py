@@ -5,7 +5,7 @@
 | `cell.py`, `defaults.py` | Cell, Grid, TOML grids, keys and seeds; the grid of `optolever bench` |
 | `shot.py`, `decoders.py`, `solvers.py`, `decoupled.py` | mirror and frames; who decodes; who solves |
 | `run.py`, `timing.py`, `measures.py`, `row.py` | cells to rows; time and memory; numbers; the record |
-| `store.py`, `sweep.py` | one result file per cell; resumed runs, here or on Dask |
+| `store.py`, `sweeps.py` | one result file per cell; resumed runs, here or on Dask |
 | `pareto.py`, `report.py` | frontier and chart; the page |
 | `hard.py`, `hard_case.py`, `hard_decode.py`, `hard_reconstruct.py` | hard cases and their verdicts |
 """
@@ -21,7 +21,7 @@ from .row import Row
 from .run import run_cells
 from .solvers import solver_names
 from .store import Store
-from .sweep import Cluster, sweep, time_cells, warm_up_from_json
+from .sweeps import Cluster, sweep, time_cells, warm_up_from_json
 
 __all__ = [
     "DECODERS",

@@ -31,6 +31,12 @@ renderer = "numpy"
 
 
 @pytest.fixture
+def compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is compiled in a process apart: these tests do not look at the last bits."""
+    monkeypatch.setattr("optolever.experiments.bench.sweeps.compile_apart", lambda cells: None)
+
+
+@pytest.fixture
 def grid(tmp_path: Path) -> Grid:
     path = tmp_path / "grid.toml"
     path.write_text(GRID)
@@ -44,6 +50,7 @@ def counted(cells: list[Cell], store: Store) -> tuple[list[Row], int]:
     return rows, seen[0][1]
 
 
+@pytest.mark.usefixtures("compiled")
 def test_what_is_finished_is_not_run_again(tmp_path: Path, grid: Grid) -> None:
     cells = grid.cells()
     store = Store(tmp_path / "out")
@@ -60,6 +67,7 @@ def test_what_is_finished_is_not_run_again(tmp_path: Path, grid: Grid) -> None:
     assert numbers(again) == numbers(first)
 
 
+@pytest.mark.usefixtures("compiled")
 def test_a_stopped_sweep_keeps_its_cells(tmp_path: Path, grid: Grid) -> None:
     store = Store(tmp_path / "out")
     running = sweep(grid.cells(), store)
