@@ -38,9 +38,7 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
     """Yield a folder beside `path` that becomes `path` if the block succeeds; `path` must hold no files."""
     target = Path(path)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
-        raise InputError(
-            f"{target}: exists and is no empty folder; nothing is written over, name another"
-        )
+        raise InputError(f"{target}: exists and is no empty folder; nothing is written over, name another")
     _require_parent(target)
     temporary = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
     try:
