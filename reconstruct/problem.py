@@ -25,6 +25,10 @@ Mask = NDArray[np.bool_]
 Labels = NDArray[np.int32]
 
 
+#: Pattern pixels; what is announced as more certain is taken as this.
+_LEAST_SIGMA = 1e-5
+
+
 @dataclass(frozen=True, slots=True)
 class Problem:
     """What is solved, and how it lies in the image.
@@ -98,6 +102,8 @@ def _window(
     u, v, sigma_u, sigma_v = (
         np.ascontiguousarray(part[rows, cols], dtype=np.float64) for part in (c.u, c.v, c.sigma_u, c.sigma_v)
     )
+    for sigma in (sigma_u, sigma_v):  # exact data still carries the weights that the scene gives it
+        np.maximum(sigma, _LEAST_SIGMA, out=sigma)
     inside = np.ascontiguousarray(valid[rows, cols])
     return Measured(rays.cropped(rows, cols), plane, u, v, sigma_u, sigma_v, inside)
 

@@ -242,3 +242,12 @@ def test_coarse_start_is_only_a_start(exact) -> None:
     assert height.diagnostics.converged
     assert len(height.diagnostics.steps) <= 3
     assert relative_rms(height, truth.z) < 5e-5
+
+
+def test_exact_data_may_say_so(bump) -> None:
+    """Sigma of zero keeps the weights of the scene."""
+    scene, truth, correspondence = bump
+    zero = np.zeros_like(correspondence.sigma_u)
+    height = reconstruct(replace(correspondence, sigma_u=zero, sigma_v=zero), scene)
+    assert height.good.mean() > 0.99
+    assert relative_rms(height, truth.z) < 1e-5
