@@ -67,8 +67,8 @@ def bit_failure(
 
     half: levels from mid to white; deviation: rms noise of a sample. The margin of a bit at a distance d from
     its nearest edge is half erf(d / (sqrt 2 s)), s the rms width of blur and pixel; it is compared with
-    noise / sqrt 2 where the inverse was shown, with sqrt(3/2) noise against white and black. A bit whose edge
-    is the cell's own leads to the neighbour and does no harm.
+    noise / sqrt 2 where the inverse was shown, with sqrt(3/2) noise against white and black. A bit whose
+    misreading leads from a cell to its neighbour does no harm there.
     """
     failure = np.zeros(np.shape(half))
     if not frames:
@@ -79,31 +79,26 @@ def bit_failure(
     place = np.clip((np.nan_to_num(coord) - first) / pitch, 0.0, None)
     for frame in {frame.bit: frame for frame in frames}.values():
         scale = math.sqrt(0.5) if frame.bit in pairs else math.sqrt(1.5 if references else 1.0)
-        distance = pitch * _harmful_distance(frame, place, math.ceil(extent / pitch))
+        distance, harmless = _edge_distance(frame, place, math.ceil(extent / pitch))
+        distance = pitch * distance
         margin = half * (1 - erfc(distance / (math.sqrt(2) * spread)))
         noise = np.hypot(scale * deviation, LOOSE * half)
-        failure += 0.5 * erfc(margin / (math.sqrt(2) * noise))
+        failure += np.where(harmless, 0.0, 0.5 * erfc(margin / (math.sqrt(2) * noise)))
     return np.asarray(np.minimum(failure, 1.0))
 
 
-def _harmful_distance(frame: Frame, place: Floats, cells: int) -> Floats:
-    """From places (in cells) to the bit's nearest edge across which a misreading leads to no neighbour."""
+def _edge_distance(frame: Frame, place: Floats, cells: int) -> tuple[Floats, NDArray[np.bool_]]:
+    """From places (in cells) to the bit's nearest edge; whether its misreading only leads to a neighbour."""
     count = max(cells, int(place.max()) + 2)
     words = code_words(frame.kind, np.arange(count))
     edges = np.flatnonzero(np.diff((words >> (frame.bit or 0)) & 1)) + 1
-    lone = np.array([_is_power_of_two(int(words[e] ^ words[e - 1])) for e in edges], np.bool_)
+    cell_of = np.full(2 * int(words.max()) + 2, -9)
+    cell_of[words] = np.arange(count)
+    harmless = np.abs(cell_of[words ^ (1 << (frame.bit or 0))] - np.arange(count)) == 1
+    here = harmless[np.floor(place).astype(np.int64)]
     if len(edges) == 0:
-        return np.full(place.shape, np.inf)
-    own = np.floor(place)
+        return np.full(place.shape, np.inf), here
     inside = np.searchsorted(edges, place, side="right")
     low, high = np.maximum(inside - 1, 0), np.minimum(inside, len(edges) - 1)
-    before = np.where(inside > 0, place - edges[low], np.inf)
-    behind = np.where(inside < len(edges), edges[high] - place, np.inf)
-    # the only bit that changes at the cell's own border leads to the neighbour
-    before = np.where((edges[low] == own) & lone[low], np.inf, before)
-    behind = np.where((edges[high] == own + 1) & lone[high], np.inf, behind)
-    return np.asarray(np.minimum(before, behind))
-
-
-def _is_power_of_two(word: int) -> bool:
-    return word > 0 and word & (word - 1) == 0
+    nearest = np.minimum(np.abs(place - edges[low]), np.abs(edges[high] - place))
+    return nearest, here
