@@ -4,7 +4,7 @@
 - `options`: arguments that several commands share (--json, --size, scenes)
 - `show`: tables, progress bars, JSON
 - one file a command: `demo`, `capture`, `decode`, `reconstruct`, `paper`, `figures`, `bench`, `sweep`,
-  `hard`, `names`, `doctor`
+  `hard`, `design`, `choices`, `sensor`, `adapt`, `names`, `doctor`
 """
 
 from .app import main, run

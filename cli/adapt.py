@@ -19,7 +19,11 @@ from .show import grid, number, progress, table, write_json
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever adapt --scene paper-prototype --size 200x125 --goal 2e-4 --no-compare
+$ optolever adapt --scene paper-prototype --size 200x125 --goal 2e-4 \\
+      --dent ridge:peak=0.09,sigma=3.5 --seeds 1 --no-compare
+Adaptive sensing: paper-prototype, 95 % within 0.0002 mm
+dent                       frames  within   fixed within  estimated after so many frames (first run)
+ridge:peak=0.09,sigma=3.5  15      95.66 %  -             12: 40.37 %; 13: 92.04 %; 14: 94.16 %; 15: 95.41 %
 """
 
 

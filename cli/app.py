@@ -24,6 +24,7 @@ COMMANDS = (
     "sweep",
     "hard",
     "design",
+    "choices",
     "sensor",
     "adapt",
     "names",

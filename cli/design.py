@@ -1,5 +1,6 @@
 """`optolever design`: what to show, ranked by the height error that it will mean."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,22 +28,20 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever design --scene prism48 --size 144x192 --frames 24 --out best.toml
-$ optolever capture --scene prism48 --size 144x192 --sequence best.toml --out capture
+$ optolever design --scene prism48 --size 96x128 --frames 14 --rows 3 --out best.toml
+Height error, rms in mm: prism48, at most 14 frames
+sequence                               frames  time      predicted  simulated  wrong order  measured
+phase:steps=3,periods=6.8/6.44211      12      0.2 s     8.019e-05  7.796e-05  0e+00        100 %
+phase:steps=3,periods=4.53333/4.37143  12      0.2 s     8.761e-05  8.612e-05  1e-10        100 %
+ladder: 2 to 5 px, steps 3/4           14      0.2333 s  9.217e-05  8.94e-05   0e+00        100 %
+Choice
+  sequence    phase:steps=3,periods=6.8/6.44211
+  candidates  15
+  time        predict 4.155, simulate 1.624, total 5.779 s
+  written to  best.toml
 """
 
-HEADER = (
-    "sequence",
-    "frames",
-    "time",
-    "predicted",
-    "noise",
-    "bias",
-    "wrong order",
-    "measured",
-    "simulated",
-    "",
-)
+HEADER = ("sequence", "frames", "time", "predicted", "simulated", "wrong order", "measured", "")
 
 
 @click.command("design", epilog=sample(SAMPLE))
@@ -150,16 +149,13 @@ def _budget(frames: int | None, seconds: float | None, refresh: float) -> int:
 
 
 def _cells(row: "DesignRow") -> list[Any]:
-    simulated = number(row.simulated) if row.simulated == row.simulated else ""
     return [
         row.text,
         str(row.frames),
         number(row.seconds, "s"),
         number(row.predicted),
-        number(row.noise),
-        number(row.bias),
+        number(row.simulated) if math.isfinite(row.simulated) else "",
         f"{row.failure:.0e}",
         number(100 * row.share, "%"),
-        simulated,
         row.why,
     ]

@@ -22,7 +22,29 @@ from .show import grid, number, progress, table, write_json
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever sensor --scene prism48 --size 144x192 --sweep angle=45/48/50 --sweep index=1.41/1.49 --out sensor
+$ optolever sensor --scene prism48 --size 96x128 --sweep angle=45/48/50 --out sensor
+Sensor prism48
+  visible_share          1
+  slope_low_deg          -24.09
+  slope_high_deg         21
+  slope_worst_deg        3.217
+  slope_y_deg            20.95
+  reflection_margin_deg  2.829
+  reflectance            1
+  path_mm                22.29
+  lever_cells_per_mrad   0.1189
+  fold_radius_mm         66.63
+  free_mode_median       0.5059
+  sigma_mm               4.13e-05
+  sigma_rms_mm           0.0001057
+Sweep over angle
+angle  sees  slope from  to, °  total up to, °  cells / mrad  folds below, mm  sigma, mm   rms, mm
+45     1     -22.7       22.5   -0.171          0.113         60               6.8 × 10⁻⁵  2.0 × 10⁻⁴
+48     1     -24.1       21     2.83            0.119         66.6             4.1 × 10⁻⁵  1.1 × 10⁻⁴
+50     1     -25.1       20     4.83            0.123         71.5             4.1 × 10⁻⁵  1.0 × 10⁻⁴
+Report
+  page  sensor/report.html
+  time  9.7 s
 """
 
 

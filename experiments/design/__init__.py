@@ -5,6 +5,7 @@
 | `ranking.py`, `candidates.py`, `user_patterns.py` | run_design; what could be shown; what users bring |
 | `prediction.py`, `view.py`, `sensitivity.py` | a sequence's errors per pixel; what pixels see; to heights |
 | `fringes.py`, `codes.py`, `free_codes.py` | closed forms: fringes, bits and cells, any pattern |
+| `exhaustive.py` | run_choices: the first choice against all candidates simulated |
 | `slopes.py`, `sensor_maps.py`, `sensor_sweep.py`, `sensor_report.py` | what a scene can measure |
 | `adaptive.py`, `on_demand.py`, `adaptive_study.py` | the next frames from the last; against fixed ones |
 | `border.py`, `response.py` | closed forms: the pattern's border, nonlinear devices |
@@ -13,6 +14,7 @@
 from .adaptive import Adapted, Goal, Step, adapt, share_within
 from .adaptive_study import AdaptiveRow, AdaptiveStudy, best_fixed, run_adaptive, study_dents
 from .candidates import Candidate, candidates, ladder
+from .exhaustive import CASES, Case, ChoiceRow, run_choices
 from .on_demand import OnDemand, VirtualOnDemand
 from .prediction import Prediction, predict
 from .ranking import Design, DesignRow, run_design, simulate
@@ -25,12 +27,15 @@ from .user_patterns import user_candidate
 from .view import View, view_of
 
 __all__ = [
+    "CASES",
     "COLUMNS",
     "SWEEPS",
     "Adapted",
     "AdaptiveRow",
     "AdaptiveStudy",
     "Candidate",
+    "Case",
+    "ChoiceRow",
     "Design",
     "DesignRow",
     "Goal",
@@ -50,6 +55,7 @@ __all__ = [
     "predict",
     "rest_of",
     "run_adaptive",
+    "run_choices",
     "run_design",
     "sensor_html",
     "sensor_maps",

@@ -1,0 +1,137 @@
+"""Is the first choice of run_design the right one? Against simulating every candidate, on scenes of all
+kinds.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from optolever.errors import InputError
+from optolever.scene import Scene, dent_from_text, load, resize
+
+from .candidates import candidates
+from .ranking import LOSS, DesignRow, run_design, simulate
+from .sensitivity import Lever
+from .sensor_sweep import varied
+
+__all__ = ["CASES", "Case", "ChoiceRow", "run_choices"]
+
+Progress = Callable[[str, int, int], None]
+FINALISTS = 6  # simulated with more draws of noise
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A scene to choose for: preset, what is varied (see varied), dent, blur in cells, noise, frames."""
+
+    preset: str
+    dent: str
+    blur: float
+    noise: float
+    frames: int
+    changes: tuple[tuple[str, float], ...] = ()
+
+    def scene(self, pixels: int) -> Scene:
+        """The scene, with `pixels` along the camera's shorter side."""
+        scene = load(self.preset)
+        for name, value in self.changes:
+            scene = varied(scene, name, value)
+        by = pixels / min(scene.camera.rows, scene.camera.cols)
+        scene = resize(scene, round(scene.camera.rows * by), round(scene.camera.cols * by))
+        return replace(scene, pattern=replace(scene.pattern, blur_px=self.blur))
+
+    @property
+    def name(self) -> str:
+        """The case in a few words."""
+        changes = "".join(f" {name} {value:g}" for name, value in self.changes)
+        return f"{self.preset}{changes}, blur {self.blur:g}, noise {self.noise:g}, {self.frames} frames"
+
+
+#: Ten scenes, none of which the closed forms or the list of candidates were adjusted on.
+CASES = (
+    Case("prism48", "ridge:peak=0.1,sigma=5", 0.5, 0.5, 20, (("angle", 50.0),)),
+    Case("prism48", "gaussian:peak=0.1,sigma=10", 1.0, 1.0, 28, (("index", 1.49),)),
+    Case("prism48", "flat", 0.6, 3.0, 24, (("distance", 5.0),)),
+    Case("prism48", "raised-cosine:peak=0.2", 1.5, 2.0, 32, (("angle", 46.0),)),
+    Case("paper-simulation", "gaussian:peak=0.6,sigma=25", 0.7, 2.0, 18),
+    Case("paper-simulation", "ball:peak=0.4", 0.4, 1.0, 16, (("pattern", 0.7),)),
+    Case("paper-simulation", "rounded-needle:peak=0.3", 2.0, 1.0, 36),
+    Case("monitor-mirror", "gaussian:peak=0.05,sigma=15", 0.5, 1.0, 20),
+    Case("monitor-mirror", "flat", 1.2, 4.0, 40, (("distance", 100.0),)),
+    Case("monitor-mirror", "ridge:peak=0.05,sigma=12", 0.8, 0.5, 14, (("pattern", 1.5),)),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ChoiceRow:
+    """One case: the choice and its simulated error, the best of all simulated and its error (mm), how much
+    worse the choice is (0: the best), candidates, and the share of them predicted within 15 %."""
+
+    case: str
+    chosen: str
+    chosen_error: float
+    best: str
+    best_error: float
+    excess: float
+    candidates: int
+    within_15: float
+    worst_ratio: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        return asdict(self)
+
+
+def run_choices(
+    cases: tuple[Case, ...] = CASES,
+    *,
+    pixels: int = 72,
+    seeds: int = 3,
+    more: int = 10,
+    renderer: str = "auto",
+    progress: Progress = lambda text, done, total: None,
+) -> list[ChoiceRow]:
+    """Choose for every case, simulate every candidate with `seeds` draws, the best ones with `more`."""
+    rows = []
+    for index, case in enumerate(cases):
+        progress(case.name, index, len(cases))
+        rows.append(_judge(case, pixels, seeds, more, renderer))
+    return rows
+
+
+def _judge(case: Case, pixels: int, seeds: int, more: int, renderer: str) -> ChoiceRow:
+    scene = case.scene(pixels)
+    design = run_design(scene, case.dent, frames=case.frames, noise=case.noise, seeds=2, renderer=renderer)
+    if design.chosen is None:
+        raise InputError(f"case {case.name}: nothing meets the limits")
+    lever = Lever(scene, dent_from_text(case.dent, scene), stride=1)
+    offered = {c.text: c for c in candidates(scene.pattern.rows, scene.pattern.cols, case.frames)}
+    predicted = {row.text: row for row in design.rows}
+    found: dict[str, tuple[float, float]] = {}
+    for text, candidate in offered.items():
+        try:
+            found[text] = simulate(lever, candidate, case.noise, range(100, 100 + seeds), renderer)
+        except InputError:
+            continue
+    most = max(share for _, share in found.values())
+    sound = {text: error for text, (error, share) in found.items() if share >= most - LOSS}
+    ratios = [predicted[text].predicted / error for text, error in sound.items() if _stands(predicted[text])]
+    finalists = {*sorted(sound, key=lambda text: sound[text])[:FINALISTS], design.chosen.text}
+    final = {
+        text: simulate(lever, offered[text], case.noise, range(200, 200 + more), renderer)[0]
+        for text in sorted(finalists)
+    }
+    best = min(final, key=lambda text: final[text])
+    chosen = design.chosen.text
+    off = [max(ratio, 1 / ratio) for ratio in ratios]
+    return ChoiceRow(
+        case.name, chosen, final[chosen], best, final[best], final[chosen] / final[best] - 1, len(found),
+        float(np.mean([abs(ratio - 1) <= 0.15 for ratio in ratios])), max(off, default=math.nan),
+    )  # fmt: skip
+
+
+def _stands(row: DesignRow) -> bool:
+    return not row.why and row.predicted > 0
