@@ -12,7 +12,9 @@
 | `code_kernels`             | bits, code words, cells, probability of a misread bit                        |
 | `unwrap_kernels`           | fringe orders from several periods or a code, probability of a wrong one     |
 | `flag_kernels`             | flags, and the maps that both axes share                                     |
-| `display`, `blur`, `cells` | what cells, grey values and border of the display do to a coordinate         |
+| `display`                  | grey values and border of the display: what they shift                       |
+| `display_kernels`          | that, taken off a tile                                                       |
+| `blur`, `cells`            | footprint and blur from a few rows; stairs of the cells                      |
 | `table_decoder`, `table_*` | any known grey values, swept stripes, codes within their cells               |
 | `lattice`, `line_crossing` | `lattice`: the paper's crossings, sub-pixel, tracked from the rest frame     |
 | `crossed`                  | `crossed`: displacement from a single crossed-fringe frame                   |

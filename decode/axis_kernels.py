@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .code_kernels import code_tile
+from .display_kernels import take_off_tile
 from .fit_kernels import TILE, fit_tile, refit
 from .flag_kernels import code_flags, common_tile, flag_contrast, flag_fit, flag_order, flag_place
 from .jit import fast_kernel, kernel
@@ -33,6 +34,7 @@ def axis_rows(
     code: Any,
     fringes: Any,
     limits: tuple[float, float, float],
+    shown: Any,
     extent: int,
     joined: bool,
     coord: Array,
@@ -45,22 +47,23 @@ def axis_rows(
     """Decode rows start..stop of one axis.
 
     response = (raw level -> linear one, its slope, that at mid level squared), empty and 1 without one;
-    noise = (read variance, gain, level that counts as dark); code = (source, white, black, plain, inverse,
-    cells, number of cells, pitch, origin, loose, read variance, gain), see code_kernels; fringes = (count,
-    index, solve, model, quad, periods, misfit), see arrays.fringe_arrays; limits = (distance from the code's
-    cell, floor of sigma, chi squared of the periods);
+    noise = (read variance, gain, level that counts as dark); code = ((source, white, black, plain,
+    inverse, gray, cells, number of cells, pitch, origin), (loose, read variance, gain)), see code_kernels;
+    fringes = (count, index, solve, model, quad, periods, misfit), see arrays.fringe_arrays; limits =
+    (distance from the code's cell, floor of sigma, chi squared of the periods); shown = what the display
+    shifts, see display_kernels (empty: nothing);
     joined: flags, amplitude, offset and order_error already hold those of the other axis.
     """
-    source, white, black, plain, inverse, cells, cell_count, pitch, origin, loose, code_read2, code_gain = (
-        code
-    )
+    source, white, black, plain, inverse, gray, cells, cell_count, pitch, origin = code[0]
+    loose, code_read2, code_gain = code[1]
     lut, slope, scale = response
     periods = fringes[5]
     width, groups = frames.shape[2], len(periods)
     coded = mode in (CODE_GUIDED, CODE_ONLY)
     read2, gain = np.float32(noise[0]), np.float32(noise[1])
     reach, floor, disagreement = np.float32(limits[0]), np.float32(limits[1]), np.float32(limits[2])
-    linear = np.empty((fringes[1].shape[1], TILE), np.float32)
+    linear = np.empty((fringes[1].shape[1], 1, TILE), np.float32)
+    own = np.arange(fringes[1].shape[1])
     sums = np.empty((max(groups, 1), 3, TILE), np.float32)
     turns = np.empty((groups, TILE), np.float32)
     variance = np.empty((groups, TILE), np.float32)
@@ -82,7 +85,6 @@ def axis_rows(
     for row in range(start, stop):
         for first in range(0, width, TILE):
             n = min(TILE, width - first)
-            end = first + n
             if coded:
                 code_tile(
                     frames,
@@ -95,6 +97,7 @@ def axis_rows(
                     black,
                     plain,
                     inverse,
+                    gray,
                     cells,
                     code_read2,
                     code_gain,
@@ -125,7 +128,7 @@ def axis_rows(
                     why,
                 )
                 _flat(n, np.float32(pitch), far, up, down, doubt, spread)
-                _write(n, floor, guess, spread, coord[row, first:end], sigma[row, first:end])
+                _write(n, floor, guess, spread, row, first, coord, sigma)
                 common_tile(
                     n,
                     joined,
@@ -133,10 +136,12 @@ def axis_rows(
                     half,
                     middle,
                     doubt,
-                    flags[row, first:end],
-                    amplitude[row, first:end],
-                    offset[row, first:end],
-                    order_error[row, first:end],
+                    row,
+                    first,
+                    flags,
+                    amplitude,
+                    offset,
+                    order_error,
                 )
                 continue
             for g in range(groups):
@@ -156,6 +161,7 @@ def axis_rows(
                     read2,
                     gain,
                     linear,
+                    own,
                     sums[g],
                     turns[g],
                     variance[g],
@@ -204,7 +210,9 @@ def axis_rows(
                 flag_fit(n, np.float32(fringes[6][g]), read2, gain, sums[g, 0], variance[g], misfit[g], why)
             flag_order(n, disagreement, reach, agreement, doubt, gap, why)
             flag_place(n, np.float32(extent), place, spread, why)
-            _write(n, floor, place, spread, coord[row, first:end], sigma[row, first:end])
+            if shown[0].size:
+                take_off_tile(n, shown, place, spread, step, why)
+            _write(n, floor, place, spread, row, first, coord, sigma)
             _height(n, finest[1], finest[2], step)
             common_tile(
                 n,
@@ -213,10 +221,12 @@ def axis_rows(
                 step,
                 finest[0],
                 doubt,
-                flags[row, first:end],
-                amplitude[row, first:end],
-                offset[row, first:end],
-                order_error[row, first:end],
+                row,
+                first,
+                flags,
+                amplitude,
+                offset,
+                order_error,
             )
 
 
@@ -243,7 +253,10 @@ def _code_doubt(n: int, place: Array, guess: Array, far: Array, up: Array, down:
 
 
 @fast_kernel
-def _write(n: int, floor: Any, place: Array, spread: Array, coord: Array, sigma: Array) -> None:
+def _write(
+    n: int, floor: Any, place: Array, spread: Array, row: int, first: int, coords: Array, sigmas: Array
+) -> None:
+    coord, sigma = coords[row, first : first + n], sigmas[row, first : first + n]
     for x in range(n):
         coord[x] = place[x]
     for x in range(n):

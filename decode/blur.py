@@ -8,28 +8,59 @@ from numpy.typing import NDArray
 from .correspondence import Flag
 from .plan import AxisPlan, Plan
 
-__all__ = ["measured_blur"]
+__all__ = ["measured_blur", "median_footprint", "surveyed_rows", "with_partners"]
 
 Map = NDArray[Any]
-#: Pixels sampled along each side of the image.
-_SAMPLES = 96
+#: Rows and columns sampled at most, distance of the rows between which the gradient is taken.
+_ROWS, _COLUMNS = 24, 384
+_APART = 2
+#: Differences that the footprint's median is taken of, about.
+_FOOTPRINTS = 8192
 _FEWEST = 64
 _SPOILT = int(Flag.SATURATED | Flag.DARK | Flag.LOW_CONTRAST | Flag.MOVED | Flag.INVALID)
 
 
-def measured_blur(stack: Map, lut: Map, wanted: Plan, axis: AxisPlan, coord: Map, flags: Map) -> float | None:
+def surveyed_rows(height: int) -> NDArray[np.int64]:
+    """Rows r whose decoded coordinates, with those of r + 2, tell footprint and blur."""
+    return np.unique(np.linspace(0, max(height - 1 - _APART, 0), _ROWS).astype(np.int64))
+
+
+def with_partners(rows: NDArray[np.int64], height: int) -> NDArray[np.int64]:
+    """The surveyed rows and those that their gradient is taken to."""
+    both = np.unique(np.concatenate([rows, rows + _APART]))
+    return both[both < height]
+
+
+def median_footprint(coord: Map, rows: NDArray[np.int64]) -> float:
+    """Median extent of a camera pixel in pattern cells, along both sides; at most 8."""
+    along = np.abs(np.diff(coord[rows], axis=1))
+    total = 0.0
+    for change in (along, np.abs(_down(coord, rows))):
+        sure = change[np.isfinite(change)][:: max(1, change.size // _FOOTPRINTS)]
+        total += float(np.median(sure)) if len(sure) else 0.0
+    return min(total, 8.0)
+
+
+def _down(coord: Map, rows: NDArray[np.int64]) -> Map:
+    """Change of coord from one row to the next, at rows."""
+    if coord.shape[0] <= _APART:
+        return np.abs(np.diff(coord, axis=0))
+    return (coord[rows + _APART] - coord[rows]) / _APART
+
+
+def measured_blur(
+    stack: Map, lut: Map, wanted: Plan, axis: AxisPlan, coord: Map, flags: Map, rows: NDArray[np.int64]
+) -> float | None:
     """Rms Gaussian blur of the finest fringe in cells, None where the frames do not tell.
 
     Contrast against white - black = sinc(1/P) of the cells, sinc(w/P) of each side of a camera pixel's
     footprint (the local gradient of coord), exp(-2 (pi b / P)^2) of the blur. A contrast higher than blur
     allows (nonlinear display or camera) tells nothing; nor does one that varies over the image by a tenth.
     """
-    if wanted.white < 0 or wanted.black < 0:
+    if wanted.white < 0 or wanted.black < 0 or min(coord.shape) < 5:
         return None
     fringe = axis.fringes[-1]
-    rows, cols = (np.unique(np.linspace(2, size - 3, _SAMPLES).astype(int)) for size in coord.shape)
-    if min(coord.shape) < 5:
-        return None
+    cols = np.unique(np.linspace(2, coord.shape[1] - 3, _COLUMNS).astype(int))
     at = np.ix_(rows, cols)
 
     def levels(index: int) -> NDArray[np.float64]:
@@ -40,7 +71,7 @@ def measured_blur(stack: Map, lut: Map, wanted: Plan, axis: AxisPlan, coord: Map
     fit = np.linalg.pinv(fringe.design())
     seen = np.stack([levels(i) for i in fringe.index])
     amplitude = np.hypot(np.tensordot(fit[1], seen, 1), np.tensordot(fit[2], seen, 1))
-    down = 0.25 * np.abs(coord[np.ix_(rows + 2, cols)] - coord[np.ix_(rows - 2, cols)])
+    down = np.abs(_down(coord, rows)[:, cols])
     along = 0.25 * np.abs(coord[np.ix_(rows, cols + 2)] - coord[np.ix_(rows, cols - 2)])
     period = fringe.period
     sharp = half * np.sinc(1 / period) * np.sinc(down / period) * np.sinc(along / period)

@@ -82,9 +82,8 @@ def estimate_stairs(coord: Map, sigma: Map, flags: Map) -> tuple[float, float]:
     segments, noise = _segments(coord, sigma, flags)
     if len(segments) == 0:
         return 0.0, 1.0
-    place = np.linspace(-1, 1, _SEGMENT)
-    design = np.stack([np.ones(_SEGMENT), place, place**2], axis=1)
-    fit = segments @ np.linalg.pinv(design).T @ design.T
+    # einsum: the threads of a matrix product take longer to wake up than this takes
+    fit = np.einsum("ks,sf->kf", segments, _parabola())
     gradient = np.abs(np.diff(fit, axis=1)).mean(axis=1)
     even = np.abs(np.exp(2j * np.pi * fit).mean(axis=1)) < 0.3
     smooth = np.abs(segments - fit).max(axis=1) < 0.75 + 4 * noise
@@ -135,6 +134,14 @@ def _solve_stairs(seen: NDArray[np.float64], gradient: NDArray[np.float64]) -> t
     fills = np.linspace(0, 1, 41)
     shares = [abs(float(np.sum(seen - table[-1, (column * fill).astype(int)]))) for fill in fills]
     return 1.0, float(fills[int(np.argmin(shares))])
+
+
+@cache
+def _parabola() -> NDArray[np.float64]:
+    """Least-squares fit of a parabola to a segment, as a symmetric matrix."""
+    place = np.linspace(-1, 1, _SEGMENT)
+    basis = np.linalg.qr(np.stack([np.ones(_SEGMENT), place, place**2], axis=1))[0]
+    return np.asarray(basis @ basis.T)
 
 
 @cache

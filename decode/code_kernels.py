@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import fast_kernel, inline_kernel, kernel
+from .jit import fast_kernel, inline_kernel, leaf_kernel
 
 __all__ = ["FROM_EXTREMES", "FROM_PAIRS", "FROM_WHITE_BLACK", "code_tile"]
 
@@ -20,7 +20,7 @@ _HUGE = np.float32(1e30)
 _ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
 
-@kernel
+@leaf_kernel
 def code_tile(
     frames: Array,
     clip: float,
@@ -32,6 +32,7 @@ def code_tile(
     black: int,
     plain: Array,
     inverse: Array,
+    gray: bool,
     cells: Array,
     read2: Any,
     gain: Any,
@@ -48,7 +49,8 @@ def code_tile(
 ) -> None:
     """Decode n pixels of a row, from raw levels: a response does not move a threshold half way.
 
-    plain, inverse (bits,): frame numbers, -1 = not shown, bit 0 least significant; cells: word -> cell;
+    plain, inverse (bits,): frame numbers, -1 = not shown, bit 0 least significant; cells: word -> cell,
+    which for a Gray code (gray) is computed;
     read2 + gain I = variance of a sample; loose = systematic error of a margin, in half contrasts.
     Out (n,): cell; probabilities that the truth is one cell up, one cell down, or anywhere else (far);
     half contrast, mid level; clipped = 1 where clipped samples make a bit unreadable. room: 3 x (n,).
@@ -58,16 +60,14 @@ def code_tile(
     if source != FROM_PAIRS:
         _reference(frames, row, first, n, source, white, black, plain, inverse, middle, half)
     pairs = 0
-    end = first + n
     for bit in range(len(plain)):
         if plain[bit] >= 0 and inverse[bit] >= 0:
             pairs += 1
-            line, other = frames[plain[bit], row, first:end], frames[inverse[bit], row, first:end]
-            _pair(n, source == FROM_PAIRS, line, other, middle, half, margin, pair)
+            of_both = source == FROM_PAIRS
+            _pair(n, of_both, frames, plain[bit], inverse[bit], row, first, middle, half, margin, pair)
         else:
-            line = frames[max(plain[bit], inverse[bit]), row, first:end]
             sign = _ONE if plain[bit] >= 0 else -_ONE
-            _single(n, sign, line, middle, margin, single)
+            _single(n, sign, frames, max(plain[bit], inverse[bit]), row, first, middle, margin, single)
         _set_bit(n, np.int32(1 << bit), margin, cell)
     if source == FROM_PAIRS:
         scale = _HALF / np.float32(max(pairs, 1))
@@ -101,8 +101,28 @@ def code_tile(
                     down,
                     clipped,
                 )
+    if gray:
+        _of_gray(n, cell)
+    else:
+        _looked_up(n, cells, cell)
+
+
+@fast_kernel
+def _of_gray(n: int, word: Array) -> None:
+    """Cell of a Gray word: the parity of all bits from a bit on, by doubling; vectors, unlike a table."""
     for x in range(n):
-        cell[x] = cells[cell[x]]
+        w = word[x]
+        w ^= w >> np.int32(1)
+        w ^= w >> np.int32(2)
+        w ^= w >> np.int32(4)
+        w ^= w >> np.int32(8)
+        word[x] = w ^ (w >> np.int32(16))
+
+
+@fast_kernel
+def _looked_up(n: int, cells: Array, word: Array) -> None:
+    for x in range(n):
+        word[x] = cells[word[x]]
 
 
 @inline_kernel
@@ -121,7 +141,7 @@ def _start(n: int, word: Array, pair: Array, single: Array, half: Array, middle:
     middle[:n] = _ZERO
 
 
-@kernel
+@leaf_kernel
 def _reference(
     frames: Array,
     row: int,
@@ -153,9 +173,20 @@ def _reference(
 
 @fast_kernel
 def _pair(
-    n: int, reference: bool, line: Array, other: Array, middle: Array, half: Array, margin: Array, pair: Array
+    n: int,
+    reference: bool,
+    frames: Array,
+    at: int,
+    against: int,
+    row: int,
+    first: int,
+    middle: Array,
+    half: Array,
+    margin: Array,
+    pair: Array,
 ) -> None:
     """Margin of a bit shown with its inverse; both give the mid level and contrast if nothing else does."""
+    line, other = frames[at, row, first : first + n], frames[against, row, first : first + n]
     if reference:
         for x in range(n):
             middle[x] += np.float32(line[x]) + np.float32(other[x])
@@ -169,8 +200,19 @@ def _pair(
 
 
 @fast_kernel
-def _single(n: int, sign: Any, line: Array, middle: Array, margin: Array, single: Array) -> None:
+def _single(
+    n: int,
+    sign: Any,
+    frames: Array,
+    at: int,
+    row: int,
+    first: int,
+    middle: Array,
+    margin: Array,
+    single: Array,
+) -> None:
     """Margin of a bit shown without its inverse, against the mid level."""
+    line = frames[at, row, first : first + n]
     for x in range(n):
         margin[x] = sign * (np.float32(line[x]) - middle[x])
     for x in range(n):
@@ -209,7 +251,7 @@ def _weak(
     return count > 0
 
 
-@kernel
+@leaf_kernel
 def _wrong(margin: float, least: float, spread: float) -> float:
     """Probability that a bit with this margin is wrong.
 
@@ -224,7 +266,7 @@ def _wrong(margin: float, least: float, spread: float) -> float:
     return 0.5 * math.erfc(margin / math.sqrt(2 * spread))
 
 
-@kernel
+@leaf_kernel
 def _misread(
     frames: Array,
     clip: float,

@@ -13,11 +13,11 @@ from optolever.patterns import Sequence
 
 from .arrays import chi_squared_limit, fringe_arrays
 from .axis_kernels import CODE_GUIDED, CODE_ONLY, SEARCHED, SPAN_GUIDED, axis_rows
-from .blur import measured_blur
+from .blur import measured_blur, median_footprint, surveyed_rows, with_partners
 from .cells import take_off_stairs
 from .code_kernels import FROM_EXTREMES, FROM_PAIRS, FROM_WHITE_BLACK
 from .correspondence import Correspondence
-from .display import correct_display
+from .display import NO_TABLES, Tables, display_tables
 from .flag_kernels import outlier_rows
 from .noise import QUANTISATION, Noise, estimate_noise
 from .plan import AxisPlan, Code, Plan, plan
@@ -83,44 +83,56 @@ def decode(
     wanted = plan(sequence)
     job = _job(stack, wanted, noise, gain, white_level, response, weigh_samples)
     _, height, width = stack.shape
-    maps = {
-        axis: (np.full((height, width), np.nan), np.full((height, width), np.inf, np.float32))
-        for axis in "uv"
-    }
-    flags = np.zeros((height, width), np.uint16)
-    amplitude, offset, order_error = (np.zeros((height, width), np.float32) for _ in range(3))
-    steps = [
-        _step(
-            job,
-            sequence,
-            wanted,
-            axis,
-            subpixel,
-            maps[axis.axis],
-            bool(i),
-            flags,
-            amplitude,
-            offset,
-            order_error,
-        )
-        for i, axis in enumerate(wanted.axes)
+    shown = {axis.axis for axis in wanted.axes}
+    maps = {axis: _maps(height, width, axis in shown) for axis in "uv"}
+    flags = np.empty((height, width), np.uint16)
+    amplitude, offset, order_error = (np.empty((height, width), np.float32) for _ in range(3))
+    common = (flags, amplitude, offset, order_error)
+
+    def steps(tables: dict[str, Tables]) -> list[Callable[[int, int], None]]:
+        return [
+            _step(
+                job, sequence, wanted, axis, subpixel, tables.get(axis.axis), maps[axis.axis], i > 0, *common
+            )
+            for i, axis in enumerate(wanted.axes)
+        ]
+
+    tables, blurs = {}, {}
+    on_display = [
+        axis for axis in wanted.axes if axis.fringes and on_cells and not (sequence.nominal or by_table(axis))
     ]
-
-    def work(start: int, stop: int) -> None:
-        for step in steps:
-            step(start, stop)
-
-    over_rows(work, height, _BLOCK)
-    for axis in wanted.axes:
-        if axis.fringes and on_cells and not sequence.nominal and not by_table(axis):
+    if on_display:
+        rows = surveyed_rows(height)
+        for step in steps({}):
+            for row in with_partners(rows, height):
+                step(int(row), int(row) + 1)
+        for axis in on_display:
+            coord = maps[axis.axis][0]
             blur = blur_px
             if blur is None:
-                blur = measured_blur(stack, job.lut, wanted, axis, maps[axis.axis][0], flags)
-            if not correct_display(sequence, axis, *maps[axis.axis], flags, blur):
-                take_off_stairs(axis.fringes[-1].period, *maps[axis.axis], flags, blur_px, blur)
+                blur = measured_blur(stack, job.lut, wanted, axis, coord, flags, rows)
+            tables[axis.axis] = display_tables(sequence, axis, median_footprint(coord, rows), blur)
+            blurs[axis.axis] = blur
+    work = steps(tables)
+
+    def block(start: int, stop: int) -> None:
+        for step in work:
+            step(start, stop)
+
+    over_rows(block, height, _BLOCK)
+    for axis in on_display:
+        if not tables[axis.axis].stairs:
+            take_off_stairs(axis.fringes[-1].period, *maps[axis.axis], flags, blur_px, blurs[axis.axis])
     return Correspondence(
         maps["u"][0], maps["v"][0], maps["u"][1], maps["v"][1], flags, amplitude, offset, order_error
     )
+
+
+def _maps(height: int, width: int, shown: bool) -> tuple[Frames, Frames]:
+    """Coordinate and sigma; those of an axis that was shown are written whole later on."""
+    if shown:
+        return np.empty((height, width)), np.empty((height, width), np.float32)
+    return np.full((height, width), np.nan), np.full((height, width), np.inf, np.float32)
 
 
 def _checked(frames: ArrayLike, sequence: Sequence) -> Frames:
@@ -190,6 +202,7 @@ def _step(
     wanted: Plan,
     axis: AxisPlan,
     subpixel: bool,
+    tables: Tables | None,
     maps: tuple[Frames, Frames],
     joined: bool,
     *common: Frames,
@@ -199,14 +212,20 @@ def _step(
         return stripe_step(job.frames, job.clip, sequence, axis, joined, maps, common)
     if by_table(axis):
         return table_step(job.frames, job.clip, shown_on(sequence, wanted, axis), axis, joined, maps, common)
-    step = _axis_step(job, wanted, axis, maps, joined, *common)
+    step = _axis_step(job, wanted, axis, tables or NO_TABLES, maps, joined, *common)
     if subpixel and axis.code is not None and not axis.fringes:
         return subpixel_step(job.frames, job.clip, shown_on(sequence, wanted, axis), step, maps)
     return step
 
 
 def _axis_step(
-    job: _Job, wanted: Plan, axis: AxisPlan, maps: tuple[Frames, Frames], joined: bool, *common: Frames
+    job: _Job,
+    wanted: Plan,
+    axis: AxisPlan,
+    tables: Tables,
+    maps: tuple[Frames, Frames],
+    joined: bool,
+    *common: Frames,
 ) -> Callable[[int, int], None]:
     """The work on a block of rows for one axis."""
     arrays = fringe_arrays(axis.fringes, axis.axis)
@@ -225,7 +244,7 @@ def _axis_step(
     def step(start: int, stop: int) -> None:
         axis_rows(
             *(job.frames, response, job.clip, noise, start, stop, mode, code, fringes, limits),
-            *(axis.extent, joined, *maps, *common),
+            *(tables.kernel, axis.extent, joined, *maps, *common),
         )  # fmt: skip
         outlier_rows(start, stop, least, maps[0], common[0])
 
@@ -240,8 +259,11 @@ def _code_arguments(job: _Job, wanted: Plan, axis: AxisPlan) -> tuple[Any, ...]:
     origin = 0.5 * (code.cell - 1) + code.origin
     source = _source(wanted, code)
     return (
-        *(source, wanted.white, wanted.black, code.plain, code.inverse, code.cells, cells, code.cell, origin),
-        *(np.float32(LOOSE), np.float32(job.raw_noise.read2), np.float32(job.raw_noise.gain)),
+        (
+            *(source, wanted.white, wanted.black, code.plain, code.inverse),
+            *(code.kind == "gray", code.cells, cells, code.cell, origin),
+        ),
+        (np.float32(LOOSE), np.float32(job.raw_noise.read2), np.float32(job.raw_noise.gain)),
     )
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import fast_kernel, inline_kernel, kernel
+from .jit import fast_kernel, inline_kernel, kernel, leaf_kernel
 from .unwrap_kernels import UNKNOWN
 
 __all__ = ["TILE", "fit_tile", "refit"]
@@ -19,7 +19,7 @@ __all__ = ["TILE", "fit_tile", "refit"]
 Array = NDArray[Any]
 
 #: Pixels that are worked on at once.
-TILE = 512
+TILE = 2048
 
 _TURN = np.float32(1 / (2 * np.pi))
 _TURN2 = np.float32(1 / (2 * np.pi) ** 2)
@@ -41,9 +41,23 @@ def _arctangent(t: Any) -> Any:
 
 
 @fast_kernel
-def _sum(n: int, fresh: bool, i0: Array, i1: Array, i2: Array, i3: Array, weights: Any, total: Array) -> None:
-    """total (+)= weighted sum of four lines."""
-    w0, w1, w2, w3 = weights
+def _sum(
+    n: int,
+    fresh: bool,
+    frames: Array,
+    index: Array,
+    k: int,
+    row: int,
+    first: int,
+    solve: Array,
+    j: int,
+    total: Array,
+) -> None:
+    """total (+)= weighted sum of four lines. Lines are cut here, and not handed on as slices."""
+    end = first + n
+    i0, i1 = frames[index[k], row, first:end], frames[index[k + 1], row, first:end]
+    i2, i3 = frames[index[k + 2], row, first:end], frames[index[k + 3], row, first:end]
+    w0, w1, w2, w3 = solve[j, k], solve[j, k + 1], solve[j, k + 2], solve[j, k + 3]
     if fresh:
         for x in range(n):
             total[x] = (
@@ -60,68 +74,54 @@ def _sum(n: int, fresh: bool, i0: Array, i1: Array, i2: Array, i3: Array, weight
 
 
 @fast_kernel
-def _brightest(n: int, fresh: bool, i0: Array, i1: Array, i2: Array, i3: Array, top: Array) -> None:
+def _brightest(
+    n: int, fresh: bool, frames: Array, index: Array, k: int, row: int, first: int, top: Array
+) -> None:
+    end = first + n
+    i0, i1 = frames[index[k], row, first:end], frames[index[k + 1], row, first:end]
+    i2, i3 = frames[index[k + 2], row, first:end], frames[index[k + 3], row, first:end]
     if fresh:
         for x in range(n):
             top[x] = np.float32(i0[x])
     for x in range(n):
-        first = i0[x] if i0[x] > i1[x] else i1[x]
-        second = i2[x] if i2[x] > i3[x] else i3[x]
-        level = np.float32(first if first > second else second)
+        one = i0[x] if i0[x] > i1[x] else i1[x]
+        other = i2[x] if i2[x] > i3[x] else i3[x]
+        level = np.float32(one if one > other else other)
         top[x] = level if level > top[x] else top[x]
 
 
 @fast_kernel
 def _residual(
     n: int,
-    i0: Array,
-    i1: Array,
-    i2: Array,
-    i3: Array,
-    model: Any,
+    frames: Array,
+    at: int,
+    row: int,
+    first: int,
+    model: Array,
+    k: int,
     a: Array,
     c: Array,
     s: Array,
     misfit: Array,
 ) -> None:
-    """misfit += squared residuals of four lines; model = rows (weight, A, c, s)."""
-    (w0, a0, c0, s0), (w1, a1, c1, s1), (w2, a2, c2, s2), (w3, a3, c3, s3) = model
+    """misfit += squared residual of one line; model[k] = (weight, A, c, s).
+
+    One line a loop: for more of them the compiler gives up on vector instructions (a factor of 15).
+    """
+    line = frames[at, row, first : first + n]
+    w, of_a, of_c, of_s = model[k, 0], model[k, 1], model[k, 2], model[k, 3]
     for x in range(n):
-        ax, cx, sx = a[x], c[x], s[x]
-        r0 = w0 * np.float32(i0[x]) - a0 * ax - c0 * cx - s0 * sx
-        r1 = w1 * np.float32(i1[x]) - a1 * ax - c1 * cx - s1 * sx
-        r2 = w2 * np.float32(i2[x]) - a2 * ax - c2 * cx - s2 * sx
-        r3 = w3 * np.float32(i3[x]) - a3 * ax - c3 * cx - s3 * sx
-        misfit[x] += r0 * r0 + r1 * r1 + r2 * r2 + r3 * r3
+        r = w * np.float32(line[x]) - of_a * a[x] - of_c * c[x] - of_s * s[x]
+        misfit[x] += r * r
 
 
-@kernel
-def _four(
-    n: int,
-    fresh: bool,
-    i0: Array,
-    i1: Array,
-    i2: Array,
-    i3: Array,
-    solve: Array,
-    k: int,
-    a: Array,
-    c: Array,
-    s: Array,
+@fast_kernel
+def _linearise(
+    n: int, frames: Array, at: int, row: int, first: int, lut: Array, k: int, linear: Array
 ) -> None:
-    _sum(n, fresh, i0, i1, i2, i3, (solve[0, k], solve[0, k + 1], solve[0, k + 2], solve[0, k + 3]), a)
-    _sum(n, fresh, i0, i1, i2, i3, (solve[1, k], solve[1, k + 1], solve[1, k + 2], solve[1, k + 3]), c)
-    _sum(n, fresh, i0, i1, i2, i3, (solve[2, k], solve[2, k + 1], solve[2, k + 2], solve[2, k + 3]), s)
-
-
-@inline_kernel
-def _model_rows(model: Any, k: Any) -> Any:
-    return (
-        (model[k, 0], model[k, 1], model[k, 2], model[k, 3]),
-        (model[k + 1, 0], model[k + 1, 1], model[k + 1, 2], model[k + 1, 3]),
-        (model[k + 2, 0], model[k + 2, 1], model[k + 2, 2], model[k + 2, 3]),
-        (model[k + 3, 0], model[k + 3, 1], model[k + 3, 2], model[k + 3, 3]),
-    )
+    line, out = frames[at, row, first : first + n], linear[k, 0, :n]
+    for x in range(n):
+        out[x] = lut[int(line[x])]
 
 
 @fast_kernel
@@ -157,7 +157,7 @@ def _phases(
         turns[x] = -turn if sx < _ZERO else turn
 
 
-@kernel
+@leaf_kernel
 def fit_tile(
     frames: Array,
     lut: Array,
@@ -173,6 +173,7 @@ def fit_tile(
     read2: float,
     gain: float,
     linear: Array,
+    own: Array,
     sums: Array,
     turns: Array,
     variance: Array,
@@ -182,35 +183,32 @@ def fit_tile(
     """Least squares of I_i = model_i . (A, c, s) and the phase of (c, s).
 
     count samples; index (M,), solve (3, M), model (M, 4), quad (4, 3): see arrays.fringe_arrays, M = count
-    padded to a multiple of 4; lut turns raw levels into linear ones unless empty (linear: room for (M, n));
+    padded to a multiple of 4; lut turns raw levels into linear ones unless empty (linear: room for (M, 1, n),
+    own = 0, 1, ..., M - 1);
     raw levels >= clip are clipped.
     Out, (n,): sums[0..2] = A, c, s; turns = phase / 2 pi; variance of turns; misfit = sum of squares of the
     residuals; top = brightest raw level. True if any sample is clipped.
     """
     a, c, s = sums[0], sums[1], sums[2]
-    end = first + n
     for k in range(0, len(index), 4):
-        i0, i1 = frames[index[k], row, first:end], frames[index[k + 1], row, first:end]
-        i2, i3 = frames[index[k + 2], row, first:end], frames[index[k + 3], row, first:end]
-        _brightest(n, k == 0, i0, i1, i2, i3, top)
+        _brightest(n, k == 0, frames, index, k, row, first, top)
         if lut.size:
             for j in range(k, k + 4):
-                line = frames[index[j], row, first:end]
-                for x in range(n):
-                    linear[j, x] = lut[int(line[x])]
-            _four(n, k == 0, linear[k], linear[k + 1], linear[k + 2], linear[k + 3], solve, k, a, c, s)
+                _linearise(n, frames, index[j], row, first, lut, j, linear)
+            _sum(n, k == 0, linear, own, k, 0, 0, solve, 0, a)
+            _sum(n, k == 0, linear, own, k, 0, 0, solve, 1, c)
+            _sum(n, k == 0, linear, own, k, 0, 0, solve, 2, s)
         else:
-            _four(n, k == 0, i0, i1, i2, i3, solve, k, a, c, s)
+            _sum(n, k == 0, frames, index, k, row, first, solve, 0, a)
+            _sum(n, k == 0, frames, index, k, row, first, solve, 1, c)
+            _sum(n, k == 0, frames, index, k, row, first, solve, 2, s)
     misfit[:n] = _ZERO
     if count > 3:
-        for k in range(0, len(index), 4):
-            rows = _model_rows(model, k)
+        for k in range(count):
             if lut.size:
-                _residual(n, linear[k], linear[k + 1], linear[k + 2], linear[k + 3], rows, a, c, s, misfit)
+                _residual(n, linear, k, 0, 0, model, k, a, c, s, misfit)
             else:
-                i0, i1 = frames[index[k], row, first:end], frames[index[k + 1], row, first:end]
-                i2, i3 = frames[index[k + 2], row, first:end], frames[index[k + 3], row, first:end]
-                _residual(n, i0, i1, i2, i3, rows, a, c, s, misfit)
+                _residual(n, frames, index[k], row, first, model, k, a, c, s, misfit)
     terms = (
         (quad[0, 0], quad[0, 1], quad[0, 2]),
         (quad[1, 0], quad[1, 1], quad[1, 2]),

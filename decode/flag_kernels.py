@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import fast_kernel, kernel
+from .jit import fast_kernel, leaf_kernel, roomy_kernel
 from .unwrap_kernels import UNKNOWN
 
 __all__ = [
@@ -88,12 +88,17 @@ def common_tile(
     height: Array,
     mean: Array,
     doubt: Array,
-    flags: Array,
-    amplitude: Array,
-    offset: Array,
-    order_error: Array,
+    row: int,
+    first: int,
+    all_flags: Array,
+    all_amplitudes: Array,
+    all_offsets: Array,
+    all_errors: Array,
 ) -> None:
-    """Write (first axis) or merge (second axis) what both axes share."""
+    """Write (first axis) or merge (second axis) what both axes share, from column `first` of a row on."""
+    end = first + n
+    flags, amplitude = all_flags[row, first:end], all_amplitudes[row, first:end]
+    offset, order_error = all_offsets[row, first:end], all_errors[row, first:end]
     if not joined:
         for x in range(n):
             flags[x] = why[x]
@@ -115,7 +120,7 @@ def common_tile(
         order_error[x] = order_error[x] + wrong - order_error[x] * wrong
 
 
-@kernel
+@leaf_kernel
 def code_flags(
     n: int,
     read2: Any,
@@ -154,7 +159,7 @@ def _flag_cells(n: int, cells: Any, cell: Array, far: Array, clipped: Array, why
         why[x] |= _OFF if (cell[x] < _NONE) | (cell[x] >= cells) else _NONE
 
 
-@kernel
+@leaf_kernel
 def merge_rows(
     start: int,
     stop: int,
@@ -178,14 +183,16 @@ def merge_rows(
             height[at],
             mean[at],
             doubt[at],
-            flags[row],
-            amplitude[row],
-            offset[row],
-            order_error[row],
+            row,
+            0,
+            flags,
+            amplitude,
+            offset,
+            order_error,
         )
 
 
-@fast_kernel
+@roomy_kernel
 def outlier_rows(start: int, stop: int, least: float, coord: Array, flags: Array) -> None:
     """Flag a pixel that leaves a line on which its two neighbours on either side agree.
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import fast_kernel, kernel
+from .jit import fast_kernel, leaf_kernel
 
 __all__ = ["MUCH_FINER", "UNKNOWN", "search_tile", "sequential_tile"]
 
@@ -29,7 +29,7 @@ UNKNOWN = 1e20
 _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 
 
-@kernel
+@leaf_kernel
 def sequential_tile(
     n: int,
     periods: Array,
@@ -98,7 +98,7 @@ def _next_order(
     return close > 0
 
 
-@kernel
+@leaf_kernel
 def _add_doubt(
     n: int, period: Any, variance: Array, spread: Array, step: Array, margin: Array, order_error: Array
 ) -> None:
@@ -109,7 +109,7 @@ def _add_doubt(
             order_error[x] += _doubt(float(period), abs(float(step[x])), both)
 
 
-@kernel
+@leaf_kernel
 def _doubt(period: float, step: float, both: float) -> float:
     near = math.exp(-0.5 * period * (period - 2 * step) / both)
     far = math.exp(-0.5 * period * (period + 2 * step) / both)
@@ -135,7 +135,7 @@ def _update(
         spread[x] = spread[x] * fine / (spread[x] + fine)
 
 
-@kernel
+@leaf_kernel
 def search_tile(
     n: int,
     periods: Array,
