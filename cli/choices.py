@@ -10,6 +10,12 @@ from .show import grid, number, progress, table, write_json
 __all__ = ["command"]
 
 SAMPLE = """
+$ optolever choices --case 1 --pixels 72 --more 4
+First choice against all candidates
+scene                                           chosen                              best of all ...
+prism48 index 1.49, blur 1, noise 1, 28 frames  phase:steps=7,periods=7.65/7.06154  phase:steps= ...
+In all
+  within 5 % of the best  1 of 1
 """
 
 

@@ -16,11 +16,14 @@ from .view import Floats, View
 
 Complex = NDArray[np.complex128]
 
+ROUNDS = 12
+
 __all__ = ["Border", "border_effect", "border_of", "usual_width"]
 
 
 class Border:
-    """Per pixel (H, W): lost, share of the contrast lost; shift and what is left of it (cells, signed)."""
+    """Per pixel (H, W): lost, share of the contrast that the decoder believes lost; shift, what it takes off;
+    left, what stays of the true shift (cells, signed)."""
 
     __slots__ = ("left", "lost", "shift")
 
@@ -47,9 +50,14 @@ def border_of(view: View, axis: str, period: float, blur_used: float) -> Border:
     assumed = math.sqrt(blur_used**2 + usual**2 / 12 + 1e-6)
     lost, shift, left = (np.zeros(coord.shape) for _ in range(3))
     for sign, distance in ((1.0, coord + 0.5), (-1.0, view.extent(axis) - 0.5 - coord)):
-        share, away = border_effect(np.nan_to_num(distance, nan=-9.0), spread, period)
-        _, corrected = border_effect(np.nan_to_num(distance, nan=-9.0), assumed, period)
-        lost, shift, left = lost + share, shift + sign * away, left + sign * (away - corrected)
+        inside = np.nan_to_num(distance, nan=-9.0)
+        _, away = border_effect(inside, spread, period)
+        # the decoder looks its correction up where it believes to be
+        place = inside
+        for _ in range(ROUNDS):
+            share, believed = border_effect(place, assumed, period)
+            place = inside + away - believed
+        lost, shift, left = lost + share, shift + sign * believed, left + sign * (away - believed)
     return Border(lost, shift, left)
 
 

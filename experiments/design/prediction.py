@@ -37,8 +37,9 @@ __all__ = ["AxisPrediction", "Prediction", "border_loss", "predict"]
 #: As in the decoder: amplitude over noise below which a pixel is refused, and light lost at the border.
 LEAST_CONTRAST = 4.0
 #: Light lost beyond the border above which a pixel is left out of every figure: what is made of it there is a
-#: matter of the border, not of the code (the decoder's own limit is a fifth).
+#: matter of the border, not of the code.
 MOST_LOST = 0.01
+#: Contrast that the decoder believes lost at the border, above which it refuses a pixel.
 REFUSED_LOST = 0.2
 #: Blur that the decoder assumes where white and black do not tell it.
 USUAL_BLUR = 0.5
@@ -102,7 +103,7 @@ def predict(view: View, sequence: Sequence, noise: float) -> Prediction:
     lost = np.maximum(border_loss(view, "u"), border_loss(view, "v"))
     usable = solved & (lost < MOST_LOST)
     # what is sure to be refused makes holes in the solver's grid
-    solved &= (lost < REFUSED_LOST) & (u.refused < 0.5) & (v.refused < 0.5)
+    solved &= (u.refused < 0.5) & (v.refused < 0.5)
     return Prediction(u, v, solved, usable)
 
 
@@ -153,6 +154,7 @@ def _fringe_axis(
     refused = np.minimum(refused + flagged, 1.0)
     border = border_of(view, axis, periods[-1], blur if _blur_known(sequence) else USUAL_BLUR)
     bias = harmonic_error(view, groups[-1], axis) + border.left + _stairs(view, sequence, axis, groups)
+    refused = np.where(border.lost > REFUSED_LOST, 1.0, refused)
     beyond = np.where(np.abs(border.shift) > LEAST_SHIFT, border.shift, 0.0)
     stated = np.sqrt(total + beyond**2)
     return AxisPrediction(np.sqrt(total), bias, np.minimum(failure, 1.0), refused, stated)

@@ -102,7 +102,9 @@ def _pictures(maps: SensorMaps) -> dict[str, str]:
     grid = MirrorGrid.around(maps.x, maps.y)
 
     def panel(values: Floats, title: str, label: str, colours: str = "viridis") -> Panel:
-        return Panel(grid.place(values), title, label, colours)
+        # rounded, so that what is constant is drawn as such
+        size = float(np.nanmax(np.abs(values))) or 1.0
+        return Panel(grid.place(np.round(values / size, 9) * size), title, label, colours)
 
     factor, unit = length_unit(float(np.nanmedian(maps.sigma)))
     degrees = np.degrees
