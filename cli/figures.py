@@ -33,19 +33,29 @@ GLSL against float64, paper-simulation, decoded rms   1.539e-05 px  at most 0.00
     metavar="N",
     help="Runs of the mean over seeds.",
 )
+@click.option(
+    "--decode",
+    "only_decode",
+    is_flag=True,
+    help="Measure the decoder instead: speed beside memory, `fringes` and OpenCV, on the same frames.",
+)
 @size_option
 @json_option
-def command(seeds: int, size: tuple[int, int] | None, json_path: Path | None) -> None:
+def command(seeds: int, only_decode: bool, size: tuple[int, int] | None, json_path: Path | None) -> None:
     """Measure exactness, renderers, solver, noise and speed, each beside the limit it is to keep.
 
     Trace against brute force, GLSL against float64, frames per second, heights from exact correspondences,
-    the demo with and without blur, and error bars over many seeds. --size resamples the demo alone.
+    the demo with and without blur, and error bars over many seeds. --size resamples the demo alone (with
+    --decode: it is the size of the frames, 1080x1920 if not given).
     """
     writable(json_path)
-    from optolever.experiments import run_figures
+    from optolever.experiments import run_decode_figures, run_figures
 
     with progress() as step:
-        figures = run_figures(seeds=seeds, size=size, progress=step)
+        if only_decode:
+            figures = run_decode_figures(size=size or (1080, 1920), progress=step)
+        else:
+            figures = run_figures(seeds=seeds, size=size, progress=step)
     write_json(json_path, {"figures": [asdict(figure) | {"met": figure.met} for figure in figures]})
     rows = [
         (

@@ -15,7 +15,8 @@
 | `display`                  | grey values and border of the display: what they shift                       |
 | `display_kernels`          | that, taken off a tile                                                       |
 | `blur`, `cells`            | footprint and blur from a few rows; stairs of the cells                      |
-| `table_decoder`, `table_*` | any known grey values, swept stripes, codes within their cells               |
+| `table_decoder`            | any known grey values, swept stripes, codes within their cells               |
+| `table_kernels`            | its loops, compiled                                                          |
 | `lattice`, `line_crossing` | `lattice`: the paper's crossings, sub-pixel, tracked from the rest frame     |
 | `crossed`                  | `crossed`: displacement from a single crossed-fringe frame                   |
 | `guide`                    | where the camera looked at rest, for the two that follow one frame           |

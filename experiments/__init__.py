@@ -9,11 +9,13 @@
 | `paper_simulation.py`, `paper_frames.py` | its measurement: exact; lattice crossings from frames |
 | `paper_report.py`, `paper_figures.py` | the page of that |
 | `figures.py`, `brute_force.py` | run_figures: the README's figures; what checks scene.trace |
+| `decode_speed.py` | run_decode_figures: the decoder beside memory and other decoders |
 | `bench/` | speed against error, hard cases, sweeps: a face of its own |
 | `page.py`, `images.py`, `maps.py`, `report/` | HTML page, PNG, maps in mm; templates, style, viewer |
 """
 
 from .brute_force import brute_force
+from .decode_speed import run_decode_figures
 from .demo import DemoResult, run_demo
 from .demo_report import demo_html, write_demo_report
 from .figures import Figure, run_figures
@@ -32,6 +34,7 @@ __all__ = [
     "height_metrics",
     "paper_html",
     "peak_bytes",
+    "run_decode_figures",
     "run_demo",
     "run_figures",
     "run_paper",

@@ -1,0 +1,239 @@
+"""The decoder's speed beside what memory allows and beside other decoders, on the same frames in one run.
+
+The floor is a kernel of the same shape that reads every frame and writes outputs of the same size. `fringes`
+(GPL) is run, never copied, and only if it is installed; OpenCV's structured_light comes with OpenCV's contrib
+modules. Frames are those of an ideal surface and camera: a smooth map, noise, rounding.
+"""
+
+import importlib
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from optolever.blocks import over_rows
+from optolever.decode import decode
+from optolever.patterns import Frame, Sequence, sequence
+
+from .demo import Progress, silent
+from .figures import Figure
+from .metrics import rms
+
+__all__ = ["run_decode_figures"]
+
+Stack = NDArray[np.uint8]
+F64 = NDArray[np.float64]
+SIZE = (1080, 1920)
+REPEATS = 12
+OFFSET, AMPLITUDE, NOISE = 110.0, 95.0, 1.5  # levels
+PERIODS, STEPS = (2160.0, 48.0), 4
+LIMIT = 2.0  # times the floor
+_START = """
+import sys, time
+import numpy as np
+from optolever.decode import decode
+from optolever.patterns import sequence_from_text
+frames = np.load(sys.argv[1])
+shown = sequence_from_text(sys.argv[2], *frames.shape[1:])
+start = time.perf_counter()
+decode(frames, shown)
+print(time.perf_counter() - start)
+"""
+
+
+def run_decode_figures(*, size: tuple[int, int] = SIZE, progress: Progress = silent) -> list[Figure]:
+    """Everything on frames of `size` (rows, cols), the surface's size too; peers that are missing say so."""
+    figures: list[Figure] = []
+    parts: tuple[tuple[str, Callable[[tuple[int, int]], Iterator[Figure]]], ...] = (
+        ("phase", _phase),
+        ("gray", _gray),
+        ("first calls", _starts),
+    )
+    for done, (name, part) in enumerate(parts):
+        progress(name, done, len(parts))
+        figures += part(size)
+    progress("", len(parts), len(parts))
+    return figures
+
+
+def _place(size: tuple[int, int]) -> tuple[F64, F64]:
+    """Where the camera looks: within the surface, with a gradient that changes."""
+    row, col = np.mgrid[: size[0], : size[1]].astype(np.float64)
+    x, y = col / size[1], row / size[0]
+    u = size[1] * (0.03 + 0.93 * x + 0.005 * np.sin(9 * y))
+    return u, size[0] * (0.03 + 0.93 * y + 0.005 * np.cos(9 * x))
+
+
+def _shoot(frames: tuple[Frame, ...], u: F64, v: F64) -> Stack:
+    """Levels of an ideal surface at (u, v), noise, rounding."""
+    rng = np.random.default_rng(0)
+    stack = np.empty((len(frames), *u.shape), np.uint8)
+    for i, frame in enumerate(frames):
+        light = OFFSET + NOISE * rng.standard_normal(u.shape, dtype=np.float32)
+        stack[i] = np.clip(np.rint(light + AMPLITUDE * _shown(frame, u, v)), 0, 255)
+    return stack
+
+
+def _shown(frame: Frame, u: F64, v: F64) -> F64:
+    """-1 to 1."""
+    coord = v if frame.axis == "v" else u
+    if frame.kind == "phase":
+        return np.asarray(np.cos(2 * np.pi * coord / (frame.period_px or 1.0) - (frame.shift or 0.0)))
+    if frame.axis is None:
+        return np.full(u.shape, 1.0 if frame.kind == "white" else -1.0)
+    extent = int(coord.max()) + 2
+    table = frame.tables(extent, extent)["uv".index(frame.axis)]
+    return table[np.rint(coord).astype(np.int64)] / 127.5 - 1
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _touch(start: int, stop: int, frames: Any, wide: Any, narrow: Any, flags: Any) -> None:
+    """Read every frame, write outputs of the same size."""
+    cols = frames.shape[2]
+    total = np.empty(cols, np.float32)
+    for row in range(start, stop):
+        total[:] = 0
+        for i in range(frames.shape[0]):
+            for x in range(cols):
+                total[x] += np.float32(frames[i, row, x])
+        for k in range(wide.shape[0]):
+            for x in range(cols):
+                wide[k, row, x] = total[x]
+        for k in range(narrow.shape[0]):
+            for x in range(cols):
+                narrow[k, row, x] = total[x]
+        for x in range(cols):
+            flags[row, x] = np.uint16(total[x])
+
+
+def _floor(frames: Stack) -> None:
+    """u and v in float64; two sigmas, amplitude, offset, order error in float32; flags."""
+    size = frames.shape[1:]
+    wide, narrow = np.empty((2, *size)), np.empty((5, *size), np.float32)
+    flags = np.empty(size, np.uint16)
+    over_rows(lambda start, stop: _touch(start, stop, frames, wide, narrow, flags), size[0], 16)
+
+
+def _least(*calls: Callable[[], Any]) -> list[tuple[float, float]]:
+    """(wall, processor) seconds, the least of many runs that take turns: others may share the machine."""
+    taken = np.full((len(calls), 2), np.inf)
+    for run in range(REPEATS + 1):
+        for k, call in enumerate(calls):
+            wall, processor = time.perf_counter(), time.process_time()
+            call()
+            spent = time.perf_counter() - wall, time.process_time() - processor
+            if run:  # the first compiles
+                taken[k] = np.minimum(taken[k], spent)
+    return [(float(wall), float(processor)) for wall, processor in taken]
+
+
+def _against_floor(name: str, frames: Stack, shown: Sequence) -> tuple[list[Figure], float]:
+    (floor, floor_work), (ours, work) = _least(lambda: _floor(frames), lambda: decode(frames, shown))
+    return [
+        Figure(f"{name}, floor", 1e3 * floor, "ms", note=f"{1e3 * floor_work:.1f} ms of processor"),
+        Figure(f"{name}, optolever", 1e3 * ours, "ms", note=f"{1e3 * work:.1f} ms of processor"),
+        Figure(f"{name}, optolever over floor", ours / floor, high=LIMIT),
+        Figure(f"{name}, optolever over floor, processor time", work / floor_work, high=LIMIT),
+    ], ours
+
+
+def _error(name: str, u: NDArray[Any], v: NDArray[Any], truth: tuple[F64, F64], good: NDArray[Any]) -> Figure:
+    distance = np.stack([u - truth[0], v - truth[1]])[:, good]
+    note = f"{100 * good.mean():.3g} % of the pixels"
+    return Figure(f"{name}, rms error", rms(distance), "px", note=note)
+
+
+def _phase(size: tuple[int, int]) -> Iterator[Figure]:
+    """Two periods of four steps, both axes."""
+    rows, cols = size
+    shown = sequence("phase", rows, cols, periods=PERIODS, steps=STEPS)
+    truth = _place(size)
+    frames = _shoot(shown.frames, *truth)
+    name = f"{len(shown)} phase frames"
+    figures, ours = _against_floor(name, frames, shown)
+    yield from figures
+    found = decode(frames, shown, on_cells=False)
+    yield _error(f"{name}, optolever", found.u, found.v, truth, found.good)
+    if find_spec("fringes") is None:
+        yield Figure(f"{name}, fringes", float("nan"), note="not installed")
+        return
+    coder = _fringes_coder(rows, cols)
+    coder.decode(frames[..., None])  # compiles
+    start = time.perf_counter()
+    theirs = coder.decode(frames[..., None])
+    seconds = time.perf_counter() - start
+    yield Figure(f"{name}, fringes", 1e3 * seconds, "ms")
+    yield Figure(f"{name}, fringes over optolever", seconds / ours, low=60)
+    x = np.asarray(theirs.x, np.float64)[..., 0]
+    yield _error(f"{name}, fringes", x[0], x[1], truth, np.isfinite(x).all(axis=0))
+
+
+def _fringes_coder(rows: int, cols: int) -> Any:
+    coder: Any = importlib.import_module("fringes").Fringes()
+    coder.X, coder.Y, coder.K, coder.p0 = cols, rows, len(PERIODS), 0.0
+    coder.N = [[STEPS] * len(PERIODS)] * 2
+    coder.v = [[max(rows, cols) / period for period in PERIODS]] * 2
+    return coder
+
+
+def _gray(size: tuple[int, int]) -> Iterator[Figure]:
+    """Gray bits of both axes, each with its inverse."""
+    rows, cols = size
+    shown = sequence("gray", rows, cols, references=False)
+    truth = _place(size)
+    frames = _shoot(shown.frames, *truth)
+    name = f"{len(shown)} Gray frames"
+    figures, ours = _against_floor(name, frames, shown)
+    yield from figures
+    found = decode(frames, shown)
+    yield _error(f"{name}, optolever", found.u, found.v, truth, found.good)
+    white, black = _shoot((Frame("white"), Frame("black")), *truth)
+    code = cv2.structured_light.GrayCodePattern.create(cols, rows)
+    images = list(frames)
+    start = time.perf_counter()
+    # its loop over all pixels wants two cameras: it is given the same one twice
+    code.decode([images, images], None, [black] * 2, [white] * 2)
+    seconds = 0.5 * (time.perf_counter() - start)
+    yield Figure(f"{name}, cv2", 1e3 * seconds, "ms")
+    yield Figure(f"{name}, cv2 over optolever", seconds / ours, low=100)
+    chosen = np.random.default_rng(0).integers(0, size, (2000, 2))
+    pixels = [code.getProjPixel(images, int(col), int(row)) for row, col in chosen]
+    read = np.array([not wrong for wrong, _ in pixels])
+    place = np.array([pixel for _, pixel in pixels], np.float64)
+    there = tuple(chart[chosen[:, 0], chosen[:, 1]] for chart in truth)
+    yield _error(f"{name}, cv2 (2000 pixels)", place[:, 0], place[:, 1], (there[0], there[1]), read)
+
+
+def _starts(size: tuple[int, int]) -> Iterator[Figure]:
+    """The first call in a fresh process, its kernels compiled or cached."""
+    for text in ("phase", "gray", "gray+phase"):
+        shown = sequence(text, *size)
+        frames = _shoot(shown.frames, *_place(size))
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "frames.npy"
+            np.save(path, frames)
+            cold, warm = (_first_call(path, text, Path(folder) / "cache") for _ in range(2))
+        yield Figure(f"first decode of {text}, nothing compiled", cold, "s", high=15)
+        yield Figure(f"first decode of {text}, kernels cached", warm, "s", high=1)
+
+
+def _first_call(path: Path, text: str, cache: Path) -> float:
+    """Seconds of the first decode in a process whose compiled kernels are in `cache`."""
+    run = subprocess.run(
+        [sys.executable, "-c", _START, str(path), text],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return float(run.stdout)
