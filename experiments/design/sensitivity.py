@@ -29,7 +29,8 @@ DRAWS, MANY = 1, 8
 #: Cells of systematic error (rms) below which it is not worth a solve.
 NEGLIGIBLE = 2e-4
 REFERENCE = 0.01  # cells of noise
-BORDER = 0.01
+#: Light lost at the border: above the first a pixel is left out of every figure, above the second not solved.
+BORDER, HALF_LOST = 0.01, 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +67,7 @@ class Lever:
     @cached_property
     def inner(self) -> NDArray[np.bool_]:
         """Pixels of the full camera that the pattern's border does not touch: errors are told over these."""
-        lost = np.maximum(border_loss(self.full, "u"), border_loss(self.full, "v"))
-        return np.asarray(self.full.visible & (lost < BORDER))
+        return np.asarray(self.full.visible & (_lost(self.full) < BORDER))
 
     def solve(
         self,
@@ -102,33 +102,34 @@ class Lever:
     @cached_property
     def scale(self) -> float:
         """Factor from the rms of few draws on the view to that of noise on the full camera."""
-        reference, usable = self._reference
+        reference, masks = self._reference
         errors = [
-            self.error(
-                self.view, (reference, reference), usable, usable, (reference * d[0], reference * d[1])
-            )[0]
+            self.error(self.view, (reference, reference), *masks, (reference * d[0], reference * d[1]))[0]
             for d in self._draws
         ]
         return _mean_square(errors) / _mean_square(errors[:DRAWS]) * self.to_full
 
     @cached_property
-    def _reference(self) -> tuple[Floats, NDArray[np.bool_]]:
-        """Noise (cells) of a usual fringe, and the pixels that have it."""
-        lost = np.maximum(border_loss(self.view, "u"), border_loss(self.view, "v"))
-        usable = self.view.visible & (lost < BORDER)
+    def _reference(self) -> tuple[Floats, tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
+        """Noise (cells) of a usual fringe; the pixels that have it, and those that the border leaves
+        alone.
+        """
+        lost = _lost(self.view)
+        solved, usable = self.view.visible & (lost < HALF_LOST), self.view.visible & (lost < BORDER)
         levels = self.view.levels(1.0)
         with np.errstate(divide="ignore"):
             noise = np.sqrt(levels.variance(levels.half)) / levels.half
-        return np.where(usable, REFERENCE * noise / np.median(noise[usable]), REFERENCE), usable
+        reference = np.where(solved, REFERENCE * noise / np.median(noise[solved]), REFERENCE)
+        return reference, (solved, usable)
 
     @cached_property
     def gains(self) -> tuple[float, float]:
         """Rms height error (mm) per cell of noise along u alone and along v alone."""
-        reference, usable = self._reference
-        draw, unit = self._draws[0], rms_where(reference, usable)
+        reference, masks = self._reference
+        draw, unit = self._draws[0], rms_where(reference, masks[1])
         both = reference, reference
-        along_u = self.error(self.view, both, usable, usable, (reference * draw[0], 0.0))[0]
-        along_v = self.error(self.view, both, usable, usable, (0.0, reference * draw[1]))[0]
+        along_u = self.error(self.view, both, *masks, (reference * draw[0], 0.0))[0]
+        along_v = self.error(self.view, both, *masks, (0.0, reference * draw[1]))[0]
         return self.scale * along_u / unit, self.scale * along_v / unit
 
     def quick(self, prediction: Prediction) -> float:
@@ -142,10 +143,11 @@ class Lever:
         if self.view.stride == 1:
             return 1.0
         found = []
-        for view, where in ((self.view, self._reference[1]), (self.full, self.inner)):
-            one = np.full(where.shape, REFERENCE)
-            solved = self.solve(view, (one, one), where)
-            found.append(rms_where(solved.sigma, solved.good))
+        for view in (self.view, self.full):
+            lost = _lost(view)
+            one = np.full(lost.shape, REFERENCE)
+            solved = self.solve(view, (one, one), view.visible & (lost < HALF_LOST))
+            found.append(rms_where(solved.sigma, solved.good & (lost < BORDER)))
         return found[1] / found[0]
 
     def height(self, prediction: Prediction, full: Prediction | None = None) -> HeightPrediction:
@@ -171,6 +173,11 @@ class Lever:
         stated = wide.u.stated, wide.v.stated
         bias, reached = self.error(view, stated, wide.solved, wide.usable, (wide.u.bias, wide.v.bias))
         return HeightPrediction(noise, bias, min(share, reached))
+
+
+def _lost(view: View) -> Floats:
+    """Share of light lost beyond the pattern's border."""
+    return np.maximum(border_loss(view, "u"), border_loss(view, "v"))
 
 
 def rms_where(values: Floats, where: NDArray[np.bool_]) -> float:
