@@ -14,6 +14,7 @@
 | `newton.py` | Newton's method with an integrating factor, the start from a coarser grid |
 | `anchors.py`, `pinning.py` | what is known of the mirror; from there to every component's free constant |
 | `uncertainty.py`, `mask_variance.py` | variance of the height; what a mask adds to it |
+| `creases.py` | edges whose increment is in doubt: cusps, ridges, rims, wrong pixels |
 | `outliers.py` | curl of the slopes |
 | `integrate.py`, `integrators.py` | plain gradient fields: integrate(), its family of solvers |
 | `heightmap.py`, `resampling.py`, `export.py` | HeightMap, its regular grid, TIFF and PLY |

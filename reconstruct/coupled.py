@@ -12,6 +12,7 @@ from optolever.scene import Scene
 
 from .anchors import Anchors
 from .calibration import rest_corrected
+from .creases import Doubt, edge_doubt, widened
 from .heightmap import HeightMap
 from .holes import bridged
 from .newton import Options, State, coarse_start, solve
@@ -21,7 +22,7 @@ from .paper_scene import reconstruct_paper
 from .problem import Problem, prepare
 from .result import height_map
 
-__all__ = ["method_names", "reconstruct", "solved_height"]
+__all__ = ["doubted", "method_names", "reconstruct", "solved_height"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -29,6 +30,7 @@ Mask = NDArray[np.bool_]
 PAPER_METHODS: dict[str, SeriesName] = {"paper": "mean", "paper-rises": "rises", "paper-drops": "drops"}
 _METHODS = {"coupled": Options(), "fixed-point": Options(newton=False, max_steps=60)}
 _CURL_LIMIT = 8.0  # standard deviations
+_REWEIGHTED = 2  # solves with doubtful edges: the slopes depend a little on the height
 _ROUNDS = 6  # of leaving out lone pixels with a curl
 
 
@@ -95,12 +97,33 @@ def solved_height(
         removed |= removable
         problem = replace(problem, data=bridged(measured, removed))
         state = _solve(problem, state.w, options)
+    state = _around_creases(problem, state, options, scale, removed)
     height = height_map(problem, state, correspondence.flags, suspects, scale, method)
     return problem, state, height
 
 
 def _solve(problem: Problem, first: Floats, options: Options) -> State:
     return solve(problem.data, problem.samples, problem.labels, first, options)
+
+
+def _around_creases(problem: Problem, state: State, options: Options, noise: float, removed: Mask) -> State:
+    """The solution with doubtful edges held in doubt, if there are any. noise: the curl's scale; removed:
+    lone wrong pixels.
+    """
+    for _ in range(_REWEIGHTED):
+        doubt = doubted(problem, state, noise, removed)
+        if doubt is None:
+            break
+        state = solve(problem.data, problem.samples, problem.labels, state.w, options, doubt)
+    return state
+
+
+def doubted(problem: Problem, state: State, noise: float, removed: Mask) -> Doubt | None:
+    """What is in doubt of a solution's edges, those of interpolated pixels included."""
+    p, q = problem.data.slopes(state.w)[:2]
+    scale = min(1.0, noise) if np.isfinite(noise) else 1.0
+    doubt = edge_doubt(p, q, *state.variances, problem.data.mask, scale)
+    return None if doubt is None else widened(doubt, removed | problem.bridged)
 
 
 def _curl(problem: Problem, state: State) -> tuple[Floats, float]:

@@ -29,6 +29,8 @@ __all__ = [
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+_NONE = np.zeros((1, 1))
+
 
 def increments(p: Floats, q: Floats, mask: Mask) -> tuple[Floats, Floats]:
     """Edge increments of the slopes p (along columns) and q (along rows), each (H, W)."""
@@ -57,11 +59,21 @@ def factor_increments(p_w: Floats, q_w: Floats, mask: Mask) -> tuple[Floats, Flo
     return gx, gy
 
 
-def edge_weights(var_p: Floats, var_q: Floats, root: Floats, mask: Mask) -> tuple[Floats, Floats]:
-    """Weights (E_i E_j) / var_edge of the edges, var_edge the mean of its two pixels' slope variances."""
+def edge_weights(
+    var_p: Floats,
+    var_q: Floats,
+    root: Floats,
+    mask: Mask,
+    doubt: tuple[Floats, Floats] | None = None,
+) -> tuple[Floats, Floats]:
+    """Weights (E_i E_j) / var_edge of the edges, var_edge the mean of its two pixels' slope variances
+    and the square of the edge's doubt (see `creases`).
+    """
     wx, wy = np.empty(var_p.shape), np.empty(var_p.shape)
+    dx, dy = (_NONE, _NONE) if doubt is None else doubt
     over_rows(
-        lambda start, stop: _edge_weights(var_p, var_q, root, mask, wx, wy, start, stop), var_p.shape[0]
+        lambda start, stop: _edge_weights(var_p, var_q, root, mask, dx, dy, wx, wy, start, stop),
+        var_p.shape[0],
     )
     return wx, wy
 
@@ -166,9 +178,10 @@ def _factor_increments(p_w, q_w, mask, gx, gy, start, stop):  # type: ignore[no-
 
 
 @njit(cache=True, nogil=True)
-def _edge_weights(var_p, var_q, root, mask, wx, wy, start, stop):  # type: ignore[no-untyped-def]
+def _edge_weights(var_p, var_q, root, mask, dx, dy, wx, wy, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = var_p.shape
     scaled = 1 if root.shape[0] > 1 else 0
+    doubtful = 1 if dx.shape[0] > 1 else 0
     for i in range(start, stop):
         for j in range(cols):
             wx[i, j] = 0.0
@@ -178,10 +191,12 @@ def _edge_weights(var_p, var_q, root, mask, wx, wy, start, stop):  # type: ignor
             ri = root[scaled * i, scaled * j]
             if j + 1 < cols and mask[i, j + 1]:
                 both = ri * root[scaled * i, scaled * (j + 1)]
-                wx[i, j] = 2.0 * both * both / (var_p[i, j] + var_p[i, j + 1])
+                more = 2.0 * dx[doubtful * i, doubtful * j] ** 2
+                wx[i, j] = 2.0 * both * both / (var_p[i, j] + var_p[i, j + 1] + more)
             if i + 1 < rows and mask[i + 1, j]:
                 both = ri * root[scaled * (i + 1), scaled * j]
-                wy[i, j] = 2.0 * both * both / (var_q[i, j] + var_q[i + 1, j])
+                more = 2.0 * dy[doubtful * i, doubtful * j] ** 2
+                wy[i, j] = 2.0 * both * both / (var_q[i, j] + var_q[i + 1, j] + more)
 
 
 @njit(cache=True, nogil=True)

@@ -22,7 +22,12 @@ _ARRAYS = ("x", "y", "z", "sigma", "flags")
 
 
 class HeightFlag(IntFlag):
-    """Why a height is not to be trusted, beside the decoder's reasons (bits below 1024); 0 = good."""
+    """Why a height is not to be trusted, beside the decoder's reasons (bits below 1024); 0 = good.
+
+    NO_ANCHOR: nothing ties the pixel to a known height; CURL: its slopes are those of no surface; STEEP: it
+    is reached only across slopes that change too fast between pixels (a cusp, a rim), what that may cost
+    exceeds three sigma of the noise and is in its sigma; NOT_CONVERGED: of the whole solve.
+    """
 
     NO_ANCHOR = 1024
     CURL = 2048

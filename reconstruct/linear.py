@@ -78,9 +78,11 @@ class MaskedEdges:
         return float(np.einsum("ij,ij,ij->", gx, gx, self._wx) + np.einsum("ij,ij,ij->", gy, gy, self._wy))
 
 
-def edge_problem(wx: Floats, wy: Floats, mask: Mask) -> EdgeProblem:
-    """Separable where the mask is the whole rectangle and the weights go by columns closely enough."""
-    if mask.all() and max(spread(wx), spread(wy)) < SEPARABLE_SPREAD:
+def edge_problem(wx: Floats, wy: Floats, mask: Mask, separable: bool = True) -> EdgeProblem:
+    """Separable where the mask is the whole rectangle and the weights go by columns closely enough
+    (not if single edges are to count less).
+    """
+    if separable and mask.all() and max(spread(wx), spread(wy)) < SEPARABLE_SPREAD:
         return SeparableEdges(wx, wy)
     return MaskedEdges(wx, wy, mask)
 

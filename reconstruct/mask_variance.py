@@ -85,7 +85,7 @@ def _links(wx: Floats, step: int) -> Floats:
 
 
 def _connected(gx: Floats, gy: Floats, pin: Floats) -> Mask:
-    """Blocks that hang together with an anchor's block."""
+    """Blocks that hang together with the heaviest anchors: one part of the network, which they pin."""
     index = np.arange(gx.size).reshape(gx.shape)
     ends = [
         (index[:, :-1][gx[:, :-1] > 0], index[:, 1:][gx[:, :-1] > 0]),
@@ -94,7 +94,8 @@ def _connected(gx: Floats, gy: Floats, pin: Floats) -> Mask:
     first, second = (np.concatenate(part) for part in zip(*ends, strict=True))
     graph = scipy.sparse.coo_array((np.ones(first.size), (first, second)), shape=(gx.size, gx.size))
     parts = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
-    used: Mask = np.isin(parts, parts[pin.ravel() > 0]).reshape(gx.shape)
+    heaviest = int(np.argmax(np.bincount(parts, weights=pin.ravel())))
+    used: Mask = (parts == heaviest).reshape(gx.shape)
     return used
 
 

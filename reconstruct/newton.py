@@ -16,6 +16,7 @@ import scipy.ndimage
 from numpy.typing import NDArray
 
 from .anchors import Samples
+from .creases import Doubt
 from .edges import defects, edge_weights, factor_increments
 from .linear import EdgeProblem, edge_problem
 from .measured import Measured
@@ -56,7 +57,7 @@ class State:
     problem: the last weighted problem; rows, share: the anchors, and each one's share in its component's
     constant; variances: of the slopes p and q; steps: rms change of w in every step; iterations: linear
     solves and conjugate-gradient iterations; converged: whether the last step met the tolerance;
-    energy: sum of the squared edge defects over their variances, before the last step.
+    energy: sum of the squared edge defects over their variances, before the last step; doubt: of the edges.
     """
 
     w: Floats
@@ -69,16 +70,24 @@ class State:
     iterations: int
     converged: bool
     energy: float
+    doubt: Doubt | None = None
 
 
-def solve(data: Measured, samples: Samples, labels: Labels, w: Floats, options: Options) -> State:
+def solve(
+    data: Measured,
+    samples: Samples,
+    labels: Labels,
+    w: Floats,
+    options: Options,
+    doubt: Doubt | None = None,
+) -> State:
     """Iterate from w. labels: connected components of the mask from 1 on,
-    each with an anchor sample at least.
+    each with an anchor sample at least; doubt: of the edges' increments, see `creases`.
     """
     rows = anchor_rows(samples, data, labels)
     variances = _guarded(data.variances(w), data.mask)
     tolerance, noise = options.tolerance * _span(w, data.mask), _noise(variances[0], data.mask)
-    plain = edge_problem(*edge_weights(*variances, _ONE, data.mask), data.mask)
+    plain = edge_problem(*edge_weights(*variances, _ONE, data.mask, doubt), data.mask, doubt is None)
     problem, root, phi = plain, _ONE, None
     iterations = 0
     energies: list[float] = []
@@ -90,7 +99,8 @@ def solve(data: Measured, samples: Samples, labels: Labels, w: Floats, options: 
             fit = plain.solve(*factor_increments(p_w, q_w, data.mask), _FACTOR_ACCURACY, phi)
             phi, iterations = fit.x, iterations + fit.iterations
             root = _root(phi, labels)
-            problem = edge_problem(*edge_weights(*variances, root, data.mask), data.mask)
+            weights = edge_weights(*variances, root, data.mask, doubt)
+            problem = edge_problem(*weights, data.mask, doubt is None)
         gx, gy = defects(p, q, w, root, data.mask)
         energies.append(problem.energy(gx, gy))
         if _worse(energies) and len(steps) < options.max_steps:  # half of the last step was too much
@@ -110,8 +120,9 @@ def solve(data: Measured, samples: Samples, labels: Labels, w: Floats, options: 
         steps.append(float(np.sqrt(np.mean(change**2))))
         converged = _left(steps) < max(tolerance, _NOISE_SHARE * quiet * noise)
         if converged or len(steps) >= options.max_steps:
+            left = energies[-1]
             return State(
-                w, root, problem, rows, share, variances, tuple(steps), iterations, converged, energies[-1]
+                w, root, problem, rows, share, variances, tuple(steps), iterations, converged, left, doubt
             )
 
 

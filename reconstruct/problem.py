@@ -37,7 +37,8 @@ class Problem:
     window's
     rows and columns are exchanged, so that the slopes' variances go by columns; outer: that grid, core: the
     part of it without noisy border lines (see `fringe`), to which data and samples belong;
-    labels: its anchored components from 1 on (small holes bridged); lost: valid pixels without an anchor.
+    labels: its anchored components from 1 on; bridged: pixels of small holes, interpolated; lost: valid
+    pixels without an anchor.
     """
 
     rays: RayField
@@ -50,6 +51,7 @@ class Problem:
     data: Measured
     samples: Samples
     labels: Labels
+    bridged: Mask
     lost: int
 
     def to_grid(self, image: NDArray[Any]) -> NDArray[Any]:
@@ -79,12 +81,13 @@ def prepare(
     turned = _rows_rule(data)
     if turned:
         data, samples = _transposed(data), samples.transposed()
-    outer = bridged(data, small_holes(data.mask))
+    holes = small_holes(data.mask)
+    outer = bridged(data, holes)
     core = core_window(outer)
     inner = outer if core == _extent_of(outer.mask) else outer.cropped(core)
     samples = samples.window(core[0].start, core[1].start)
     inner, labels, lost = _anchored(inner, data.mask[core], samples)
-    return Problem(rays, valid, rows, cols, turned, outer, core, inner, samples, labels, lost)
+    return Problem(rays, valid, rows, cols, turned, outer, core, inner, samples, labels, holes[core], lost)
 
 
 def _extent_of(mask: Mask) -> tuple[slice, slice]:

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from optolever.decode import Flag
 
+from .creases import Doubt, reached_across
 from .fringe import extended
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .newton import State
@@ -15,6 +16,9 @@ __all__ = ["height_map"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+_FEW = 0.01  # of the edges
+_STEEP = 3.0  # standard deviations of the noise: where what is doubted of creases exceeds them
 
 
 def height_map(
@@ -27,11 +31,18 @@ def height_map(
     variance: Floats | None = None,
 ) -> HeightMap:
     """flags (H, W): the decoder's; suspects: pixels of the core with a curl; curl: its robust scale;
-    variance: of the unknown in the core, if it is known already.
+    variance: of the unknown in the core, if it is known already (without
+    what is in doubt).
     """
-    outer, data = problem.outer, problem.data
+    outer, data, doubt = problem.outer, problem.data, state.doubt
     if variance is None:
-        variance = unknown_variance(state, problem.labels)
+        variance = unknown_variance(state, problem.labels, _detours(doubt, data.mask))
+    steep = np.zeros(outer.mask.shape, dtype=np.bool_)
+    if doubt is not None:
+        anchors = state.rows.pixel[state.share > 0]
+        more = reached_across(doubt, state.root, data.mask, anchors)
+        steep[problem.core] = more > (_STEEP**2) * variance
+        variance = variance + more
     w, variance, known = extended(outer, problem.core, state.w, variance, state.variances, data.mask)
     distance, sigma = outer.distance(w), np.sqrt(variance)
     if outer.rays.logarithmic:
@@ -46,6 +57,7 @@ def height_map(
     flags[~problem.valid & (flags == 0)] |= np.uint16(Flag.INVALID)
     flags[problem.valid & ~solved] |= np.uint16(HeightFlag.NO_ANCHOR)
     flags[problem.to_image(marked, False) & solved] |= np.uint16(HeightFlag.CURL)
+    flags[problem.to_image(steep, False) & solved] |= np.uint16(HeightFlag.STEEP)
     if not state.converged:
         flags[solved] |= np.uint16(HeightFlag.NOT_CONVERGED)
     diagnostics = Diagnostics(
@@ -60,3 +72,9 @@ def height_map(
         solver=type(state.problem).__name__,
     )
     return HeightMap(o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2], deviation, flags, diagnostics)
+
+
+def _detours(doubt: Doubt | None, mask: Mask) -> bool:
+    """Whether paths are blocked: by a mask, or by doubts that are more than a few."""
+    share = 0.0 if doubt is None else np.count_nonzero(doubt[0]) / mask.size
+    return doubt is None or not bool(mask.all()) or share > _FEW

@@ -17,7 +17,7 @@ from optolever.decode import Correspondence
 from optolever.scene import Scene
 
 from .anchors import Anchors
-from .coupled import solved_height
+from .coupled import doubted, solved_height
 from .heightmap import HeightMap
 from .holes import bridged, small_holes
 from .newton import State, chord_step
@@ -59,7 +59,7 @@ class HeightStream:
         return height
 
     def _followed(self, correspondence: Correspondence) -> HeightMap | None:
-        """The height by chord steps; None where the frame has to be solved in full."""
+        """The height by chord steps; None where the frame has to be solved in full (a crease appears)."""
         assert self._last is not None
         problem, state, variance, _ = self._last
         renewed = _renewed(problem, correspondence)
@@ -69,6 +69,10 @@ class HeightStream:
             before = state.w
             state = chord_step(renewed.data, renewed.labels, state)
             if float(np.sqrt(np.mean((state.w - before) ** 2 / variance))) <= _SETTLED:
+                doubt = doubted(renewed, state, 1.0, np.zeros(renewed.labels.shape, dtype=np.bool_))
+                if doubt is not None and state.doubt is None:
+                    return None
+                state = replace(state, doubt=doubt)
                 empty = np.zeros(renewed.labels.shape, dtype=np.bool_)
                 height = height_map(
                     renewed, state, correspondence.flags, empty, float("nan"), "coupled", variance
@@ -97,5 +101,9 @@ def _renewed(problem: Problem, c: Correspondence) -> Problem | None:
     fresh = bridged(fresh, holes)
     data = fresh.cropped(inside) if problem.data.mask.shape != fresh.mask.shape else fresh
     return replace(
-        problem, valid=valid, outer=fresh, data=replace(data, mask=problem.data.mask, rays=problem.data.rays)
+        problem,
+        valid=valid,
+        bridged=holes[inside],
+        outer=fresh,
+        data=replace(data, mask=problem.data.mask, rays=problem.data.rays),
     )

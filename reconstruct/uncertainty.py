@@ -31,9 +31,10 @@ _LARGE = 0.01  # of the image: smaller components are taken as parts of an unbro
 _FLOOR = 0.02  # of a slope's variance: the least that a height next to an exact anchor is given
 
 
-def unknown_variance(state: State, labels: Labels) -> Floats:
+def unknown_variance(state: State, labels: Labels, broken: bool = True) -> Floats:
     """Variance of w in every pixel, (rows, cols).
 
+    broken: whether the mask or many light edges make detours; otherwise as if there were none.
     Exact for weights by columns on a rectangle without holes; a mask adds what `mask_variance` finds.
     """
     shape = state.w.shape
@@ -50,7 +51,7 @@ def unknown_variance(state: State, labels: Labels) -> Floats:
         green = columns.solve(load)
         inside = labels == label
         variance[inside] += (float(np.vdot(load, green)) + own[pick].sum() - 2.0 * green)[inside]
-        if state.problem.weights is not None and np.count_nonzero(inside) >= _LARGE * inside.size:
+        if broken and state.problem.weights is not None and np.count_nonzero(inside) >= _LARGE * inside.size:
             wx, wy = (weight * inside for weight in state.problem.weights)
             scale = square / state.variances[0]
             variance[inside] += (mask_excess(wx, wy, columns, inside, load, scale) / scale)[inside]

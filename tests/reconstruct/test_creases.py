@@ -1,0 +1,84 @@
+"""Slopes that change too fast between pixels: found, gone around, flagged, and in sigma."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from optolever.reconstruct import HeightFlag, reconstruct
+from optolever.reconstruct.creases import edge_doubt, reached_across, widened
+
+WHOLE = np.ones((20, 30), dtype=bool)
+VARIANCE = np.full((20, 30), 1e-6)
+
+
+def test_a_jump_inside_an_edge_is_doubted_by_half_of_it() -> None:
+    p = np.where(np.arange(30) < 14, 0.0, 1.0) + np.zeros((20, 1))
+    doubt = edge_doubt(p, np.zeros((20, 30)), VARIANCE, VARIANCE, WHOLE)
+    assert doubt is not None
+    np.testing.assert_allclose(doubt[0][:, 13], 0.5, rtol=1e-12)
+    np.testing.assert_allclose(doubt[0][:, [12, 14]], 1 / 24, rtol=1e-12)
+    assert doubt[0][:, [11, 15]].max() < 0.01
+    assert not doubt[0][:, :11].any()
+    assert not doubt[0][:, 16:28].any()
+    assert not doubt[1].any()
+
+
+def test_smooth_slopes_and_their_noise_are_not_doubted() -> None:
+    rng = np.random.default_rng(0)
+    y, x = np.mgrid[:400, :400]
+    p = np.sin(2 * np.pi * x / 40) * np.cos(2 * np.pi * y / 60)
+    whole = np.ones(p.shape, dtype=bool)
+    for sigma in (1e-9, 1e-3, 1.0):
+        variance = np.full(p.shape, sigma**2)
+        noisy = p + sigma * rng.standard_normal(p.shape)
+        assert edge_doubt(noisy, noisy.T.copy(), variance, variance, whole) is None
+
+
+def test_paths_from_the_anchor_take_the_least_doubtful_way() -> None:
+    """A fence with one low place: everything behind it pays that, once."""
+    dx = np.zeros((20, 30))
+    dx[:, 10] = 3.0
+    dx[7, 10] = 2.0
+    found = reached_across((dx, np.zeros((20, 30))), np.ones((1, 1)), WHOLE, np.array([0]))
+    np.testing.assert_array_equal(found, np.where(np.arange(30) > 10, 4.0, 0.0) + np.zeros((20, 1)))
+
+
+def test_interpolated_pixels_share_the_doubt_around_them() -> None:
+    dx, dy = np.zeros((2, 20, 30))
+    dx[5, 5] = 1.0
+    bridged = np.zeros((20, 30), dtype=bool)
+    bridged[5, 7] = bridged[15, 20] = True
+    wide_x, wide_y = widened((dx, dy), bridged)
+    assert wide_x[5, 6] == wide_x[5, 7] == wide_y[5, 7] == wide_y[4, 7] == 1.0
+    assert not wide_x[15].any()
+
+
+@pytest.mark.parametrize(
+    ("preset", "dent"),
+    [
+        ("paper-simulation", "needle:peak=6"),
+        ("paper-simulation", "rounded-needle:peak=8"),
+        ("monitor-mirror", "needle"),
+    ],
+)
+def test_no_silent_error_around_steep_dents(exact, noisy, preset: str, dent: str) -> None:
+    scene, truth, _ = exact(preset, dent, 96, 96)
+    height = reconstruct(noisy(truth, sigma=0.05, noise=0.05), scene)
+    good = height.good
+    assert (height.flags & HeightFlag.STEEP).any()
+    assert good.mean() > 0.98
+    assert np.max(np.abs(height.z - truth.z)[good] / height.sigma[good]) < 5.0
+
+
+def test_dense_outliers_are_gone_around(exact, noisy) -> None:
+    """5 % wrong pixels: the height stays within a few percent of the dent, as one solve does not."""
+    scene, truth, _ = exact("paper-simulation", "gaussian", 96, 96)
+    clean = noisy(truth, sigma=0.05, noise=0.05)
+    rng = np.random.default_rng(4)
+    wrong = rng.random(truth.u.shape) < 0.05
+    u = clean.u + np.where(wrong, rng.normal(0.0, 20.0, wrong.shape), 0.0)
+    height = reconstruct(replace(clean, u=u), scene)
+    good = height.good
+    silent = np.abs(height.z - truth.z)[good] > 5 * height.sigma[good]
+    assert silent.mean() < 1e-3
