@@ -88,6 +88,7 @@ def command(
     asked = [_sweep(text) for text in sweeps]
     from optolever.experiments.design import (
         COLUMNS,
+        SWEEPS,
         SensorStudy,
         sensor_maps,
         sensor_rows,
@@ -95,6 +96,9 @@ def command(
         write_sensor_report,
     )
 
+    for name, _ in asked:
+        if name not in SWEEPS:
+            raise InputError(f"--sweep: {name!r} must be one of {', '.join(SWEEPS)}")
     scene = load_scene(scene_name, size)
     settings = {"scene": scene_name, "name": scene.name, "size": size, "sequence": sequence, "noise": noise}
     with progress() as step:

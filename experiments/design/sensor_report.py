@@ -150,7 +150,8 @@ def _curve(name: str, rows: list[dict[str, float | str]]) -> str:
     right.set_ylabel("slope along x [degrees]", fontsize=9)
     for axes in (left, right):
         axes.set_xlabel(name, fontsize=9)
-        axes.legend(fontsize=8)
+        if axes.has_data():
+            axes.legend(fontsize=8)
         axes.tick_params(labelsize=8)
     return figure_uri(figure)
 

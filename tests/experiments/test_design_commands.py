@@ -1,0 +1,85 @@
+"""`optolever design`, `sensor`, `adapt`: as a user calls them, on small scenes; bad input is one line."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from optolever.cli import run
+
+PRISM = ["--scene", "prism48", "--size", "72x96"]
+
+
+def test_design_writes_what_capture_takes(tmp_path: Path) -> None:
+    best, numbers = tmp_path / "best.toml", tmp_path / "design.json"
+    budget = ["--time", "0.2", "--refresh", "60", "--verify", "1", "--renderer", "numpy"]
+    assert run(["design", *PRISM, *budget, "--out", str(best), "--json", str(numbers)]) == 0
+    found = json.loads(numbers.read_text())
+    assert found["settings"]["frames"] == 12
+    assert all(row["frames"] <= 12 for row in found["rows"])
+    assert run(["capture", *PRISM, "--sequence", str(best), "--out", str(tmp_path / "capture")]) == 0
+    assert len(list((tmp_path / "capture/frames").glob("*.png"))) == found["rows"][0]["frames"]
+
+
+def test_sensor_writes_a_page_and_numbers(tmp_path: Path) -> None:
+    out, numbers = tmp_path / "sensor", tmp_path / "sensor.json"
+    sweep = ["--sweep", "angle=45/48", "--out", str(out), "--json", str(numbers)]
+    assert run(["sensor", *PRISM, *sweep]) == 0
+    found = json.loads(numbers.read_text())
+    assert [row["value"] for row in found["sweeps"]] == [45, 48]
+    assert found["sweeps"][1]["reflection_margin_deg"] == pytest.approx(
+        found["numbers"]["reflection_margin_deg"]
+    )
+    page = (out / "report.html").read_text()
+    assert "Where total reflection is lost" in page
+    assert "http://" not in page
+    assert "https://" not in page
+
+
+def test_adapt_tells_its_steps(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    numbers = tmp_path / "adapt.json"
+    call = [
+        "--scene",
+        "paper-prototype",
+        "--size",
+        "80x50",
+        "--dent",
+        "flat",
+        "--goal",
+        "3e-3",
+        "--seeds",
+        "1",
+    ]
+    options = ["--renderer", "numpy", "--no-compare", "--json", str(numbers)]
+    assert run(["adapt", *call, *options]) == 0
+    (row,) = json.loads(numbers.read_text())["rows"]
+    assert row["met"]
+    assert row["steps"][-1]["frames"] == row["frames"]
+    assert "Adaptive sensing" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["design", *PRISM, "--frames", "20", "--time", "1"], "--frames and --time"),
+        (["design", *PRISM, "--frames", "3"], "no candidate fits"),
+        (["design", *PRISM, "--time", "0.01"], "less than two frames"),
+        (["design", *PRISM, "--out", "best.json"], "must end in .toml"),
+        (["design", *PRISM, "--add", "nowhere:nothing"], "cannot be imported"),
+        (["sensor", *PRISM, "--sweep", "angle", "--out", "here"], "must read name=value/value"),
+        (["sensor", *PRISM, "--sweep", "colour=1", "--out", "here"], "must be one of"),
+        (["adapt", *PRISM, "--goal", "0"], "--goal"),
+    ],
+)
+def test_bad_input_is_one_line(
+    args: list[str],
+    words: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, streams = run(args), capsys.readouterr()
+    assert code == 2
+    (line,) = streams.err.splitlines()
+    assert words in line
