@@ -15,6 +15,7 @@
 | `anchors.py`, `pinning.py` | what is known of the mirror; from there to every component's free constant |
 | `uncertainty.py`, `mask_variance.py` | variance of the height; what a mask adds to it |
 | `creases.py` | edges whose increment is in doubt: cusps, ridges, rims, wrong pixels |
+| `correlation.py` | errors that neighbouring pixels share |
 | `outliers.py` | curl of the slopes |
 | `integrate.py`, `integrators.py` | plain gradient fields: integrate(), its family of solvers |
 | `heightmap.py`, `resampling.py`, `export.py` | HeightMap, its regular grid, TIFF and PLY |

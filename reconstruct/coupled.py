@@ -12,6 +12,7 @@ from optolever.scene import Scene
 
 from .anchors import Anchors
 from .calibration import rest_corrected
+from .correlation import correlation_excess
 from .creases import Doubt, edge_doubt, widened
 from .heightmap import HeightMap
 from .holes import bridged
@@ -98,7 +99,9 @@ def solved_height(
         problem = replace(problem, data=bridged(measured, removed))
         state = _solve(problem, state.w, options)
     state = _around_creases(problem, state, options, scale, removed)
-    height = height_map(problem, state, correspondence.flags, suspects, scale, method)
+    p, q = problem.data.slopes(state.w)[:2]
+    shared = correlation_excess(p, q, state.variances, problem.data.mask, state.doubt)
+    height = height_map(problem, state, correspondence.flags, suspects, scale, method, correlation=shared)
     return problem, state, height
 
 

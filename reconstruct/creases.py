@@ -17,7 +17,7 @@ from optolever.blocks import over_rows
 
 from .edges import _stencil
 
-__all__ = ["Doubt", "edge_doubt", "reached_across", "widened"]
+__all__ = ["Doubt", "edge_doubt", "reached_across", "touched", "widened"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -84,6 +84,14 @@ def widened(doubt: Doubt, bridged: Mask) -> Doubt:
     wide_x[:, :-1] = np.maximum(wide_x[:, :-1], np.maximum(near[:, :-1], near[:, 1:]))
     wide_y[:-1] = np.maximum(wide_y[:-1], np.maximum(near[:-1], near[1:]))
     return wide_x, wide_y
+
+
+def touched(doubt: Doubt) -> Mask:
+    """Pixels with a doubtful edge, (H, W)."""
+    pixels: Mask = (doubt[0] > 0) | (doubt[1] > 0)
+    pixels[:, 1:] |= doubt[0][:, :-1] > 0
+    pixels[1:] |= doubt[1][:-1] > 0
+    return pixels
 
 
 def reached_across(doubt: Doubt, root: Floats, mask: Mask, anchors: NDArray[np.int64]) -> Floats:

@@ -45,7 +45,8 @@ class Diagnostics:
     noise
     alone); curl: robust scale of the slopes' curl over its standard deviation (well above 1: the calibration
     rules, not noise); both None if unknown; components: connected components solved; lost: pixels in
-    components without an anchor; solver: of the linear problems; notes: what else a reader should know.
+    components without an anchor; correlation: factor on the variance for errors that neighbouring pixels
+    share (1: independent noise); solver: of the linear problems; notes: what else a reader should know.
     """
 
     method: str
@@ -56,6 +57,7 @@ class Diagnostics:
     curl: float | None = None
     components: int = 0
     lost: int = 0
+    correlation: float = 1.0
     solver: str = ""
     notes: tuple[str, ...] = ()
 

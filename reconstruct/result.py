@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from optolever.decode import Flag
 
-from .creases import Doubt, reached_across
+from .creases import Doubt, reached_across, touched
 from .fringe import extended
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .newton import State
@@ -29,19 +29,22 @@ def height_map(
     curl: float,
     method: str,
     variance: Floats | None = None,
+    correlation: float = 1.0,
 ) -> HeightMap:
     """flags (H, W): the decoder's; suspects: pixels of the core with a curl; curl: its robust scale;
     variance: of the unknown in the core, if it is known already (without
-    what is in doubt).
+    what is in doubt); correlation: factor on it, see `correlation`.
     """
     outer, data, doubt = problem.outer, problem.data, state.doubt
     if variance is None:
         variance = unknown_variance(state, problem.labels, _detours(doubt, data.mask))
+    if correlation > 1.0:
+        variance = correlation * variance
     steep = np.zeros(outer.mask.shape, dtype=np.bool_)
     if doubt is not None:
         anchors = state.rows.pixel[state.share > 0]
         more = reached_across(doubt, state.root, data.mask, anchors)
-        steep[problem.core] = more > (_STEEP**2) * variance
+        steep[problem.core] = touched(doubt) & (more > (_STEEP**2) * variance)
         variance = variance + more
     w, variance, known = extended(outer, problem.core, state.w, variance, state.variances, data.mask)
     distance, sigma = outer.distance(w), np.sqrt(variance)
@@ -69,6 +72,7 @@ def height_map(
         curl=curl if np.isfinite(curl) else None,
         components=int(problem.labels.max()),
         lost=problem.lost,
+        correlation=correlation,
         solver=type(state.problem).__name__,
     )
     return HeightMap(o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2], deviation, flags, diagnostics)

@@ -61,7 +61,7 @@ class HeightStream:
     def _followed(self, correspondence: Correspondence) -> HeightMap | None:
         """The height by chord steps; None where the frame has to be solved in full (a crease appears)."""
         assert self._last is not None
-        problem, state, variance, _ = self._last
+        problem, state, variance, last = self._last
         renewed = _renewed(problem, correspondence)
         if renewed is None:
             return None
@@ -75,7 +75,14 @@ class HeightStream:
                 state = replace(state, doubt=doubt)
                 empty = np.zeros(renewed.labels.shape, dtype=np.bool_)
                 height = height_map(
-                    renewed, state, correspondence.flags, empty, float("nan"), "coupled", variance
+                    renewed,
+                    state,
+                    correspondence.flags,
+                    empty,
+                    float("nan"),
+                    "coupled",
+                    variance,
+                    last.diagnostics.correlation,
                 )
                 self._last = problem, state, variance, height
                 return height

@@ -1,0 +1,35 @@
+"""Errors that neighbours share: found by the slopes' circulation around blocks, and in sigma."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from optolever.reconstruct import reconstruct
+from optolever.reconstruct.correlation import correlation_excess
+
+
+def test_independent_noise_has_no_excess_and_shared_noise_has() -> None:
+    rng = np.random.default_rng(3)
+    shape, block = (256, 256), 8
+    mask = np.ones(shape, dtype=bool)
+    variances = np.ones(shape), np.ones(shape)
+    p, q = rng.standard_normal((2, *shape))
+    assert correlation_excess(p, q, variances, mask, None) == 1.0
+    coarse = rng.standard_normal((2, shape[0] // block, shape[1] // block))
+    p, q = np.kron(coarse, np.ones((1, block, block)))
+    found = correlation_excess(p, q, variances, mask, None)
+    assert 0.5 * block**2 < found < 2 * block**2
+
+
+def test_quantised_coordinates_get_a_wider_sigma(exact) -> None:
+    """Whole pattern pixels, as a Gray code tells them; without the factor the ratio is 3 and more."""
+    scene, truth, correspondence = exact("paper-simulation", "raised-cosine", 192, 192)
+    sigma = np.full(truth.u.shape, 1 / np.sqrt(12))
+    coarse = replace(
+        correspondence, u=np.rint(truth.u), v=np.rint(truth.v), sigma_u=sigma, sigma_v=sigma.copy()
+    )
+    height = reconstruct(coarse, scene)
+    good = height.good
+    ratio = np.sqrt(np.mean(((height.z - truth.z)[good] / height.sigma[good]) ** 2))
+    assert height.diagnostics.correlation > 1.5
+    assert 0.5 < ratio < 1.2
