@@ -64,7 +64,8 @@ def command(
         seconds = time.perf_counter() - start
         step("write")
         result.save(out)
-    numbers = _numbers(result) | {"frames": len(capture), "seconds": seconds}
+    faults = _faults(capture)
+    numbers = _numbers(result) | {"frames": len(capture), "seconds": seconds, "faults": faults}
     write_json(json_path, numbers)
     rows, cols = result.u.shape
     table(
@@ -78,6 +79,16 @@ def command(
             "time": number(seconds, "s"),
         },
     )
+
+
+def _faults(capture: "Capture") -> list[str]:
+    """What is wrong with the order of the frames, in words; on stderr too."""
+    from optolever.decode import check
+
+    faults = [finding.sentence for finding in check(capture.frames, capture.sequence).findings]
+    for fault in faults:
+        click.echo(f"Notice: {fault}", err=True)
+    return faults
 
 
 def _read(source: Path, description: Path | None) -> "Capture":

@@ -17,6 +17,7 @@
 | `blur`, `cells`            | footprint and blur from a few rows; stairs of the cells                      |
 | `table_decoder`            | any known grey values, swept stripes, codes within their cells               |
 | `table_kernels`            | its loops, compiled                                                          |
+| `integrity`                | `check`: swapped, lost, repeated and torn frames, named                      |
 | `lattice`, `line_crossing` | `lattice`: the paper's crossings, sub-pixel, tracked from the rest frame     |
 | `crossed`                  | `crossed`: displacement from a single crossed-fringe frame                   |
 | `guide`                    | where the camera looked at rest, for the two that follow one frame           |
@@ -29,7 +30,20 @@ u along the pattern's columns, v along its rows, integer = pixel centre; sigma i
 from .correspondence import Correspondence, Flag, difference
 from .crossed import crossed
 from .decoder import decode
+from .integrity import Finding, Integrity, check
 from .lattice import Crossings, lattice
 from .response import Response
 
-__all__ = ["Correspondence", "Crossings", "Flag", "Response", "crossed", "decode", "difference", "lattice"]
+__all__ = [
+    "Correspondence",
+    "Crossings",
+    "Finding",
+    "Flag",
+    "Integrity",
+    "Response",
+    "check",
+    "crossed",
+    "decode",
+    "difference",
+    "lattice",
+]

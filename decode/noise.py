@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .plan import Code, Fringe, Plan
 
-__all__ = ["QUANTISATION", "Noise", "estimate_noise"]
+__all__ = ["QUANTISATION", "Noise", "estimate_noise", "spatial_noise"]
 
 #: Variance of rounding to whole levels.
 QUANTISATION = 1 / 12
@@ -190,6 +190,14 @@ def _of_neighbours(frames: NDArray[Any], lut: NDArray[np.float32], index: list[i
     around = mean[:, :-2] + mean[:, 1:-1] + mean[:, 2:]
     around = (around[:-2] + around[1:-1] + around[2:]) / 9
     return around.ravel(), second.ravel() * np.sqrt(len(index))
+
+
+def spatial_noise(frames: NDArray[Any]) -> float:
+    """Standard deviation from neighbours within single frames, the least of a few."""
+    some = range(0, len(frames), max(1, len(frames) // 8))
+    none = np.zeros(0, np.float32)
+    residuals = [_of_neighbours(frames[:, :, :512], none, [i])[1] for i in some]
+    return float(np.sqrt(min((_robust_variance(r) for r in residuals if len(r)), default=0.0)))
 
 
 def _fit(level: F64, residual: F64, floor: float) -> Noise:

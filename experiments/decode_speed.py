@@ -175,7 +175,7 @@ def _phase(size: tuple[int, int]) -> Iterator[Figure]:
     yield Figure(f"{name}, fringes", 1e3 * seconds, "ms")
     yield Figure(f"{name}, fringes over optolever", seconds / ours, low=60)
     x = np.asarray(theirs.x, np.float64)[..., 0]
-    yield _error(f"{name}, fringes", x[0], x[1], truth, np.isfinite(x).all(axis=0))
+    yield _error(f"{name}, fringes", x[0], x[1], truth, np.asarray(np.isfinite(x).all(axis=0)))
 
 
 def _fringes_coder(rows: int, cols: int) -> Any:
