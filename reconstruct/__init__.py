@@ -13,6 +13,7 @@
 | `poisson.py`, `linear.py` | weighted Poisson: by columns (DCT + tridiagonal), masked (CG); the choice |
 | `newton.py` | Newton's method with an integrating factor, the start from a coarser grid |
 | `anchors.py`, `pinning.py` | what is known of the mirror; from there to every component's free constant |
+| `free_mode.py` | what no slope measurement sees |
 | `uncertainty.py`, `mask_variance.py` | variance of the height; what a mask adds to it |
 | `creases.py` | edges whose increment is in doubt: cusps, ridges, rims, wrong pixels |
 | `correlation.py` | errors that neighbouring pixels share |
@@ -24,6 +25,7 @@
 
 from .anchors import Anchor, DistanceAnchor, EdgeAnchor, PixelAnchor, PointAnchor
 from .coupled import method_names, reconstruct
+from .free_mode import free_mode
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .integrate import Integral, integrate, integrator_names
 from .paper import PaperGeometry, PaperResult, Profile, SeriesName, recursion, series
@@ -65,6 +67,7 @@ __all__ = [
     "angle_increment",
     "capture_position",
     "capture_positions",
+    "free_mode",
     "height_increment",
     "integrate",
     "integrator_names",
