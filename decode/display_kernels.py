@@ -15,7 +15,7 @@ Array = NDArray[Any]
 PER_CELL = 8
 BEYOND = 4
 #: Share of the light lost beyond the border above which a pixel counts as off the pattern.
-MOST_LOST = 0.2
+MOST_LOST = 0.03
 #: Share of the border in a shift that sigma has to hold, pattern pixels.
 BORDER = 1e-3
 _OFF = np.int32(16)
