@@ -104,7 +104,7 @@ def run_choices(
 
 def _judge(case: Case, pixels: int, seeds: int, more: int, renderer: str) -> ChoiceRow:
     scene = case.scene(pixels)
-    design = run_design(scene, case.dent, frames=case.frames, noise=case.noise, seeds=2, renderer=renderer)
+    design = run_design(scene, case.dent, frames=case.frames, noise=case.noise, renderer=renderer)
     if design.chosen is None:
         raise InputError(f"case {case.name}: nothing meets the limits")
     lever = Lever(scene, dent_from_text(case.dent, scene), stride=1)

@@ -15,7 +15,7 @@ from optolever.decode import decode
 from optolever.errors import InputError
 from optolever.projector import capture
 from optolever.reconstruct import reconstruct
-from optolever.scene import Scene, Surface, dent_from_text
+from optolever.scene import Scene, dent_from_text
 
 from .candidates import Candidate, candidates
 from .prediction import Prediction, predict
@@ -33,7 +33,9 @@ DEPTH = 10
 #: Share of the pixels that a candidate may lose against the best one and still be chosen.
 LOSS = 0.01
 #: Prediction and simulation that differ by more: the simulation decides.
-TRUST = 0.2
+TRUST = 0.1
+#: Simulations per row asked for, at most, before the first row is taken as it is.
+MOST = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +96,7 @@ def run_design(
     noise: float = 1.0,
     failure: float = 1e-3,
     verify: int = 3,
-    seeds: int = 2,
+    seeds: int = 3,
     extra: Many[Candidate] = (),
     renderer: str = "auto",
     progress: Progress = silent,
@@ -116,7 +118,7 @@ def run_design(
     rows = rank(lever, offered, noise=noise, refresh=refresh, failure=failure, progress=progress)
     ranked = time.perf_counter()
     by_text = {candidate.text: candidate for candidate in offered}
-    rows = _verified(rows, by_text, lever, surface, noise, verify, seeds, renderer, progress)
+    rows = _verified(rows, by_text, lever, noise, verify, seeds, renderer, progress)
     done = time.perf_counter()
     best = next((row for row in rows if not row.why), None)
     return Design(
@@ -236,31 +238,39 @@ def _verified(
     rows: list[DesignRow],
     by_text: dict[str, Candidate],
     lever: Lever,
-    surface: Surface,
     noise: float,
     verify: int,
     seeds: int,
     renderer: str,
     progress: Progress,
 ) -> list[DesignRow]:
-    """The best rows simulated; a row that cannot be decoded or contradicts its prediction moves to its
-    place.
+    """At least `verify` of the best rows simulated, and on until the first row is one of them.
+
+    A row that cannot be decoded, or that the simulation contradicts, moves to where it belongs.
     """
-    checked: list[DesignRow] = []
-    rest = list(rows)
-    while rest and sum(not row.why for row in checked) < verify and not rest[0].why:
-        row = rest.pop(0)
-        progress("simulate", sum(not row.why for row in checked), verify)
-        try:
-            found, share = simulate(lever, by_text[row.text], noise, range(seeds), renderer)
-        except InputError as error:
-            checked.append(replace(row, why="cannot be decoded", note=str(error)))
-            continue
-        row = replace(row, simulated=found, simulated_share=share)
-        if not share >= row.share - 2 * LOSS:
-            row = replace(row, why=f"measures {100 * share:.1f} % of the pixels in simulation")
-        checked.append(row)
-    return sorted([*checked, *rest], key=lambda row: (bool(row.why), _value(row)))
+    done = 0
+    while done < MOST * verify:
+        rows = sorted(rows, key=lambda row: (bool(row.why), _value(row)))
+        place = next((k for k, row in enumerate(rows) if not row.why and math.isnan(row.simulated)), None)
+        if place is None or (done >= verify and place > 0):
+            break
+        progress("simulate", done, max(verify, done + 1))
+        rows[place] = _simulated(rows[place], by_text[rows[place].text], lever, noise, seeds, renderer)
+        done += not rows[place].why
+    return sorted(rows, key=lambda row: (bool(row.why), _value(row)))
+
+
+def _simulated(
+    row: DesignRow, candidate: Candidate, lever: Lever, noise: float, seeds: int, renderer: str
+) -> DesignRow:
+    try:
+        found, share = simulate(lever, candidate, noise, range(seeds), renderer)
+    except InputError as error:
+        return replace(row, why="cannot be decoded", note=str(error))
+    row = replace(row, simulated=found, simulated_share=share)
+    if not share >= row.share - 2 * LOSS:
+        return replace(row, why=f"measures {100 * share:.1f} % of the pixels in simulation")
+    return row
 
 
 def _value(row: DesignRow) -> float:
