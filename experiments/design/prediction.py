@@ -40,7 +40,7 @@ LEAST_CONTRAST = 4.0
 #: matter of the border, not of the code.
 MOST_LOST = 0.01
 #: Contrast that the decoder believes lost at the border, above which it refuses a pixel.
-REFUSED_LOST = 0.2
+REFUSED_LOST = 0.03
 #: Blur that the decoder assumes where white and black do not tell it.
 USUAL_BLUR = 0.5
 #: Border shift that the decoder adds to its sigma, cells.
