@@ -32,8 +32,8 @@ COUNTS = 0.1
 DEPTH = 10
 #: Share of the pixels that a candidate may lose against the best one and still be chosen.
 LOSS = 0.01
-#: Prediction and simulation that differ by more: the simulation decides.
-TRUST = 0.1
+#: Prediction and simulation that differ by more, beyond two standard errors of the simulation: it decides.
+TRUST = 0.08
 #: Simulations per row asked for, at most, before the first row is taken as it is.
 MOST = 4
 
@@ -248,16 +248,16 @@ def _verified(
 
     A row that cannot be decoded, or that the simulation contradicts, moves to where it belongs.
     """
-    done = 0
+    done, trust = 0, TRUST + 2 * lever.scatter / math.sqrt(seeds)
     while done < MOST * verify:
-        rows = sorted(rows, key=lambda row: (bool(row.why), _value(row)))
+        rows = sorted(rows, key=lambda row: (bool(row.why), _value(row, trust)))
         place = next((k for k, row in enumerate(rows) if not row.why and math.isnan(row.simulated)), None)
         if place is None or (done >= verify and place > 0):
             break
         progress("simulate", done, max(verify, done + 1))
         rows[place] = _simulated(rows[place], by_text[rows[place].text], lever, noise, seeds, renderer)
         done += not rows[place].why
-    return sorted(rows, key=lambda row: (bool(row.why), _value(row)))
+    return sorted(rows, key=lambda row: (bool(row.why), _value(row, trust)))
 
 
 def _simulated(
@@ -273,8 +273,8 @@ def _simulated(
     return row
 
 
-def _value(row: DesignRow) -> float:
+def _value(row: DesignRow, trust: float) -> float:
     """What a row is ranked by: its prediction, or the simulation where that says otherwise."""
-    if math.isfinite(row.simulated) and not abs(row.simulated / row.predicted - 1) < TRUST:
+    if math.isfinite(row.simulated) and not abs(row.simulated / row.predicted - 1) < trust:
         return row.simulated
     return row.predicted if row.predicted > 0 else math.inf

@@ -102,12 +102,21 @@ class Lever:
     @cached_property
     def scale(self) -> float:
         """Factor from the rms of few draws on the view to that of noise on the full camera."""
-        reference, masks = self._reference
-        errors = [
-            self.error(self.view, (reference, reference), *masks, (reference * d[0], reference * d[1]))[0]
+        return _mean_square(self._errors) / _mean_square(self._errors[:DRAWS]) * self.to_full
+
+    @cached_property
+    def scatter(self) -> float:
+        """How much the rms error of one draw of noise scatters, as a share of it."""
+        return float(np.std(self._errors, ddof=1) / np.mean(self._errors))
+
+    @cached_property
+    def _errors(self) -> list[float]:
+        """Rms height error of the reference in every draw, mm."""
+        noise, masks = self._reference
+        return [
+            self.error(self.view, (noise, noise), *masks, (noise * d[0], noise * d[1]))[0]
             for d in self._draws
         ]
-        return _mean_square(errors) / _mean_square(errors[:DRAWS]) * self.to_full
 
     @cached_property
     def _reference(self) -> tuple[Floats, tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
@@ -171,8 +180,39 @@ class Lever:
         if max(rms_where(axis.bias, wide.solved) for axis in (wide.u, wide.v)) < NEGLIGIBLE:
             return HeightPrediction(noise, 0.0, share)
         stated = wide.u.stated, wide.v.stated
-        bias, reached = self.error(view, stated, wide.solved, wide.usable, (wide.u.bias, wide.v.bias))
+        shift = wide.u.bias, wide.v.bias
+        if noise > 0:
+            # bare stairs look like creases to the solver; under noise, which is what it will see, they do not
+            drawn = self._drawn(view, 0)
+            both = (shift[0] + wide.u.noise * drawn[0], shift[1] + wide.v.noise * drawn[1])
+            alone = (wide.u.noise * drawn[0], wide.v.noise * drawn[1])
+            bias, reached = self._difference(view, stated, wide, both, alone)
+            return HeightPrediction(noise, bias, min(share, reached))
+        bias, reached = self.error(view, stated, wide.solved, wide.usable, shift)
         return HeightPrediction(noise, bias, min(share, reached))
+
+    def _drawn(self, view: View, index: int) -> Floats:
+        """A draw (2, H, W) of unit noise on a view."""
+        if view is self.view:
+            return np.asarray(self._draws[index])
+        return np.random.default_rng(index).standard_normal((2, *view.visible.shape))
+
+    def _difference(
+        self,
+        view: View,
+        stated: tuple[Floats, Floats],
+        there: Prediction,
+        both: tuple[Floats, Floats],
+        alone: tuple[Floats, Floats],
+    ) -> tuple[float, float]:
+        """Rms difference (mm) of the heights from two shifts, and the share of pixels that got the first."""
+        try:
+            first, second = (self.solve(view, stated, there.solved, shift) for shift in (both, alone))
+        except InputError:
+            return math.nan, 0.0
+        reached = first.good & second.good & there.usable
+        share = (first.good & there.usable).sum() / max(1, there.usable.sum())
+        return rms_where(first.z - second.z, reached), float(share)
 
 
 def _lost(view: View) -> Floats:
