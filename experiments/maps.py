@@ -133,8 +133,9 @@ def _draw(
 ) -> str:
     columns = min(len(panels), 2)
     lines = -(-len(panels) // columns)
-    width = 5.0 * columns if columns > 1 else 6.4
-    figure = new_figure(width, lines * min(7.0, 0.55 + (width / columns - 1.3) * ratio))
+    width = 5.6 * columns if columns > 1 else 6.4
+    beside = 2.0 if columns > 1 else 1.3  # inches for ticks, labels and colour bar
+    figure = new_figure(width, lines * min(7.0, 0.55 + (width / columns - beside) * ratio))
     for axes, panel in zip(figure.subplots(lines, columns, squeeze=False).flat, panels, strict=False):
         low, high = panel.limits or robust_limits(panel.values)
         image = axes.imshow(
