@@ -56,18 +56,24 @@ def take_off_stairs(
     only (a tread of the stairs) is put at its middle, with the rms (1 - w) / sqrt(12) of a place on it.
     blur_px: rms blur, cells; None: read off the stairs, or where they cannot tell, `measured` otherwise.
     """
-    attenuation, fill = estimate_stairs(coord, sigma, flags) if blur_px is None else (0.0, 1.0)
-    if fill == 1:
-        attenuation = _of_period(attenuation, period, coord)
-    known = measured if blur_px is None else blur_px
-    if attenuation == 0 and known is not None:
-        attenuation = float(np.exp(-2 * (np.pi * known) ** 2))
+    attenuation, fill = 0.0, 1.0
+    if blur_px is not None:
+        attenuation = _left_by(blur_px)
+    else:
+        seen, gradient = _gathered(coord, sigma, flags)
+        attenuation, fill = _solve_stairs(seen, gradient)
+        if fill == 1:
+            attenuation = _of_period(attenuation, period, coord)
+        if attenuation == 0 and measured is not None:
+            attenuation = _left_by(measured)
+            if _contradicted(_height(attenuation, gradient, period), seen):
+                return
     if attenuation < _NEGLIGIBLE:
         return
     rows = coord.shape[0]
-    seen = coord.copy()
+    before = coord.copy()
     over_rows(
-        lambda start, stop: _undo_rows(start, stop, rows, period, attenuation, fill, seen, coord, sigma),
+        lambda start, stop: _undo_rows(start, stop, rows, period, attenuation, fill, before, coord, sigma),
         rows,
         64,
     )
@@ -79,41 +85,68 @@ def estimate_stairs(coord: Map, sigma: Map, flags: Map) -> tuple[float, float]:
     T is 0 where the frames cannot tell (1:1 sampling); fill is below 1 only if the stairs are higher than a
     footprint that fills the gradient allows.
     """
+    return _solve_stairs(*_gathered(coord, sigma, flags))
+
+
+def _left_by(blur_px: float) -> float:
+    """T of a Gaussian blur, rms in cells."""
+    return float(np.exp(-2 * (np.pi * blur_px) ** 2))
+
+
+def _contradicted(model: Map, seen: Map) -> bool:
+    """Whether coordinates surely gather at whole cells by less than half of what the model says.
+
+    That is so for ideal cosines that no cells showed, whose contrast looks like that of a sharp display.
+    """
+    weight = float(np.sum(model**2))
+    if weight == 0:
+        return False
+    share = float(np.sum(seen * model)) / weight
+    doubt = float(np.sqrt(np.sum((seen - share * model) ** 2 * model**2))) / weight
+    return share + 4 * doubt < 0.5
+
+
+def _gathered(coord: Map, sigma: Map, flags: Map) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """By how much runs of pixels gather at whole cells (K,), and their gradients (K,)."""
     segments, noise = _segments(coord, sigma, flags)
     if len(segments) == 0:
-        return 0.0, 1.0
+        return np.zeros(0), np.zeros(0)
     # einsum: the threads of a matrix product take longer to wake up than this takes
     fit = np.einsum("ks,sf->kf", segments, _parabola())
     gradient = np.abs(np.diff(fit, axis=1)).mean(axis=1)
     even = np.abs(np.exp(2j * np.pi * fit).mean(axis=1)) < 0.3
     smooth = np.abs(segments - fit).max(axis=1) < 0.75 + 4 * noise
     keep = even & smooth & (gradient > 0.05)
-    if np.count_nonzero(keep) < 8:
-        return 0.0, 1.0
     seen = np.cos(2 * np.pi * segments[keep]).mean(axis=1) - np.cos(2 * np.pi * fit[keep]).mean(axis=1)
     seen *= np.exp(np.minimum(2 * (np.pi * noise[keep]) ** 2, 3.0))
-    return _solve_stairs(seen, gradient[keep])
+    return seen, gradient[keep]
 
 
 def _of_period(attenuation: float, period: float, coord: Map) -> float:
-    """T from the T of an endless period whose stairs are as high, at the usual footprint.
-
-    To first order stairs are (T sinc(w) / pi) sin(2 pi u) for an endless period, and for P cells
-    (1 / 2 pi) (R_1 / (1 + 1/P) + R_-1 / (1 - 1/P)) sin(2 pi u), R_m = T^(1 + 2 m / P) sinc((m + 1/P) w) /
-    sinc(w / P): for short periods much higher.
-    """
+    """T from the T of an endless period, whose stairs are lower, at the usual footprint."""
     if attenuation <= 0:
         return attenuation
     change = np.abs(np.diff(coord[:: max(1, coord.shape[0] // 64)], axis=1))
-    width = min(float(np.nanmedian(change)), 0.9)
-    f = 1 / period
+    width = np.minimum(np.nanmedian(change), 0.9)
     trial = np.linspace(0, 1, 2001)
-    sides = [trial ** (1 + 2 * m * f) * np.sinc((m + f) * width) / (1 + m * f) for m in (1, -1)]
-    height = 0.5 * (sides[0] + sides[1]) / np.sinc(f * width)
+    height = _height(trial, width, period)
     return float(trial[np.argmin(np.abs(height - attenuation * np.sinc(width)))])
 
 
+def _height(attenuation: Map, width: Map, period: float) -> Map:
+    """How much stairs gather coordinates at whole cells: mean of cos(2 pi u), to first order.
+
+    For an endless period they are (T sinc(w) / pi) sin(2 pi u) high, for P cells (1 / 2 pi) (R_1 / (1 + 1/P) +
+    R_-1 / (1 - 1/P)) sin(2 pi u), R_m = T^(1 + 2 m / P) sinc((m + 1/P) w) / sinc(w / P).
+    """
+    f = 1 / period
+    sides = [attenuation ** (1 + 2 * m * f) * np.sinc((m + f) * width) / (1 + m * f) for m in (1, -1)]
+    return 0.5 * (sides[0] + sides[1]) / np.sinc(f * width)
+
+
 def _solve_stairs(seen: NDArray[np.float64], gradient: NDArray[np.float64]) -> tuple[float, float]:
+    if len(seen) < 8:
+        return 0.0, 1.0
     model = np.sinc(gradient)
     # near 1:1 sampling stairs hardly show, and what little is seen would be blown up to any T
     told = np.abs(model) > _TOLD

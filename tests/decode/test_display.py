@@ -79,3 +79,21 @@ def test_stairs_of_a_sharp_display_are_undone(width: float) -> None:
     raw = (decode(frames, shown, on_cells=False).u - u)[:, inside]
     assert 0.55 < np.sqrt(np.mean((error / sigma) ** 2)) < 1.15
     assert error.mean(axis=0).std() < (0.7 if width < 0.9 else 0.25) * raw.mean(axis=0).std()
+
+
+@pytest.mark.parametrize("pixel", [0.3, 0.9, 1.7])
+def test_ideal_cosines_are_left_alone(pixel: float) -> None:
+    """Frames computed as cosines have the contrast of a sharp display, but none of its stairs."""
+    row, col = np.mgrid[:96, :128].astype(float)
+    u = 2 + pixel * col + 1.5 * np.sin(row / 17)
+    shown = sequence("gray+phase", 4, 224, axes="u", period=16.0)
+    bits = shown.tables()[0][:, np.rint(u).astype(int)] / 127.5 - 1
+    fringes = [
+        np.cos(2 * np.pi * u / f.period_px - (f.shift or 0)) if f.period_px else bits[i]
+        for i, f in enumerate(shown.frames)
+    ]
+    noisy = 128 + 100 * np.stack(fringes) + np.random.default_rng(0).standard_normal(bits.shape)
+    found = decode(np.clip(np.rint(noisy), 0, 255).astype(np.uint8), shown)
+    ratio = ((found.u - u) / found.sigma_u)[found.good]
+    assert found.good.mean() > 0.99
+    assert 0.95 < np.sqrt(np.mean(ratio**2)) < 1.06
