@@ -133,15 +133,15 @@ def _of_period(attenuation: float, period: float, coord: Map) -> float:
     return float(trial[np.argmin(np.abs(height - attenuation * np.sinc(width)))])
 
 
-def _height(attenuation: Map, width: Map, period: float) -> Map:
+def _height(attenuation: Map | float, width: Map | float, period: float) -> Map:
     """How much stairs gather coordinates at whole cells: mean of cos(2 pi u), to first order.
 
-    For an endless period they are (T sinc(w) / pi) sin(2 pi u) high, for P cells (1 / 2 pi) (R_1 / (1 + 1/P) +
-    R_-1 / (1 - 1/P)) sin(2 pi u), R_m = T^(1 + 2 m / P) sinc((m + 1/P) w) / sinc(w / P).
+    For an endless period they are (T sinc(w) / pi) sin(2 pi u) high, for P cells (1 / 2 pi) (R_1 / (1 + 1/P)
+    + R_-1 / (1 - 1/P)) sin(2 pi u), R_m = T^(1 + 2 m / P) sinc((m + 1/P) w) / sinc(w / P).
     """
     f = 1 / period
     sides = [attenuation ** (1 + 2 * m * f) * np.sinc((m + f) * width) / (1 + m * f) for m in (1, -1)]
-    return 0.5 * (sides[0] + sides[1]) / np.sinc(f * width)
+    return np.asarray(0.5 * (sides[0] + sides[1]) / np.sinc(f * width))
 
 
 def _solve_stairs(seen: NDArray[np.float64], gradient: NDArray[np.float64]) -> tuple[float, float]:
