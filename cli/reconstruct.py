@@ -1,17 +1,20 @@
 """`optolever reconstruct`: a correspondence and a scene to a height map."""
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+
+from optolever import InputError
 
 from .options import FILE, blame, json_option, load_scene, sample, scene_option, size_option, writable
 from .show import flag_shares, number, progress, table, write_json
 
 if TYPE_CHECKING:
     from optolever.decode import Correspondence
-    from optolever.reconstruct import HeightMap
+    from optolever.reconstruct import Grid, HeightMap
 
 __all__ = ["command"]
 
@@ -58,6 +61,21 @@ class _Anchor(click.ParamType[Any]):
 )
 @click.option("--tiff", type=FILE, metavar="FILE", help="Also write the height as float32 TIFF.")
 @click.option("--ply", type=FILE, metavar="FILE", help="Also write the surface as PLY.")
+@click.option(
+    "--grid",
+    "grids",
+    type=FILE,
+    multiple=True,
+    metavar="FILE",
+    help="Also write the surface on a regular grid of x and y: .npz (with sigma), .tif (with its scale) or "
+    ".x3p (ISO 25178-72); again for more.",
+)
+@click.option(
+    "--pitch",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="MM",
+    help="Of the regular grid; default: as fine as the camera's pixels.",
+)
 @click.option("--truth", type=FILE, metavar="TRUTH.npz", help="Compare with the truth of a virtual capture.")
 @size_option
 @json_option
@@ -69,6 +87,8 @@ def command(
     anchor: Any,
     tiff: Path | None,
     ply: Path | None,
+    grids: tuple[Path, ...],
+    pitch: float | None,
     truth: Path | None,
     size: tuple[int, int] | None,
     json_path: Path | None,
@@ -78,7 +98,8 @@ def command(
     H.npz receives x, y, z, sigma (mm) and flags (0 = good) on the camera's pixels. Pixels that no anchor
     reaches are flagged, not guessed.
     """
-    writable(out, json_path, tiff, ply)
+    writable(out, json_path, tiff, ply, *grids)
+    writers = [(path, _grid_writer(path)) for path in grids]
     from optolever.decode import Correspondence
     from optolever.reconstruct import reconstruct
 
@@ -99,8 +120,23 @@ def command(
             height.save_tiff(tiff)
         if ply is not None:
             height.save_ply(ply)
+        if grids:
+            grid = height.resample(pitch)
+            for path, write in writers:
+                write(grid, path)
     write_json(json_path, numbers)
     table(f"Height map in {out}", _rows(numbers))
+
+
+GRID_WRITERS = {".npz": "save", ".tif": "save_tiff", ".tiff": "save_tiff", ".x3p": "save_x3p"}
+
+
+def _grid_writer(path: Path) -> Callable[["Grid", Path], None]:
+    """What writes a grid into such a file, by its suffix; InputError for others."""
+    name = GRID_WRITERS.get(path.suffix.lower())
+    if name is None:
+        raise InputError(f"--grid {path}: suffix {path.suffix!r}, must be one of {', '.join(GRID_WRITERS)}")
+    return lambda grid, to: getattr(grid, name)(to)
 
 
 def _numbers(height: "HeightMap") -> dict[str, Any]:
@@ -121,7 +157,6 @@ def _numbers(height: "HeightMap") -> dict[str, Any]:
 
 
 def _against_truth(path: Path, correspondence: "Correspondence", height: "HeightMap") -> dict[str, float]:
-    from optolever import InputError
     from optolever.experiments import height_metrics
     from optolever.scene import Trace
 

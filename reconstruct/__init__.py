@@ -19,7 +19,8 @@
 | `correlation.py` | errors that neighbouring pixels share |
 | `outliers.py` | curl of the slopes |
 | `integrate.py`, `integrators.py` | plain gradient fields: integrate(), its family of solvers |
-| `heightmap.py`, `resampling.py`, `export.py` | HeightMap, its regular grid, TIFF and PLY |
+| `heightmap.py`, `resampling.py` | HeightMap; its regular grid, with conserved sigma |
+| `export.py`, `x3p.py` | TIFF and PLY; X3P (ISO 25178-72) |
 | `paper.py`, `paper_equations.py`, `paper_scene.py` | the paper's recursion, by equations and on a scene |
 """
 

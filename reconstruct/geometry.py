@@ -24,11 +24,13 @@ class RayField:
     origins, directions: (3, rows + 2 PAD, cols + 2 PAD) mm and unit vectors, mirror frame.
     logarithmic: solve for log t instead of t. True where the rays diverge from one centre: there the
     distance scales with the whole field, and its slope over the distance is free of that scale.
+    lean: of a whole image, dx/dz and dy/dz along its rays, (2, rows, cols), or (2, 1, 1) if all are parallel.
     """
 
     origins: Floats
     directions: Floats
     logarithmic: bool
+    lean: NDArray[np.float32] | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -115,4 +117,11 @@ def _trace(camera: Any) -> RayField:
         raise InputError("scene: the camera has pixels without a finite ray")
     spread = float(np.abs(directions - directions[:, PAD : PAD + 1, PAD : PAD + 1]).max())
     shift = float(np.abs(origins - origins[:, PAD : PAD + 1, PAD : PAD + 1]).max())
-    return RayField(origins, directions, logarithmic=spread > 0 and shift == 0)
+    return RayField(origins, directions, spread > 0 and shift == 0, _lean(directions[inner]))
+
+
+def _lean(directions: Floats) -> NDArray[np.float32]:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        lean: NDArray[np.float32] = (directions[:2] / directions[2]).astype(np.float32)
+    first = lean[:, :1, :1]
+    return first.copy() if bool((lean == first).all()) else lean

@@ -13,7 +13,7 @@ from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
 
 from .export import write_ply, write_tiff
-from .resampling import Grid, resample
+from .resampling import Grid, Lean, natural_pitch, resample
 
 __all__ = ["Diagnostics", "HeightFlag", "HeightMap"]
 
@@ -79,8 +79,10 @@ class Diagnostics:
 class HeightMap:
     """Mirror points on the camera's pixels, (H, W) each, mm in the mirror's frame.
 
-    x, y, z: NaN where nothing is known; sigma: standard deviation of z at that pixel;
-    flags: uint16, 0 = good: the decoder's bits and those of HeightFlag.
+    x, y, z: NaN where nothing is known; sigma: standard deviation of z at that pixel, whose point then moves
+    along the pixel's ray; flags: uint16, 0 = good: the decoder's bits and those of HeightFlag;
+    lean: dx/dz and dy/dz along the rays, (2, H, W), or (2, 1, 1) if all are parallel, None if unknown (taken
+    as upright).
     """
 
     x: Floats
@@ -89,6 +91,7 @@ class HeightMap:
     sigma: Floats
     flags: NDArray[np.uint16]
     diagnostics: Diagnostics = field(default_factory=lambda: Diagnostics("unknown"))
+    lean: Lean | None = None
 
     def __post_init__(self) -> None:
         shape = np.shape(self.z)
@@ -96,20 +99,27 @@ class HeightMap:
             if np.shape(getattr(self, name)) != shape or len(shape) != 2:
                 found = np.shape(getattr(self, name))
                 raise InputError(f"height map: {name} has shape {found}, must be 2-D like z {shape}")
+        if self.lean is not None and self.lean.shape not in ((2, *shape), (2, 1, 1)):
+            raise InputError(
+                f"height map: lean has shape {self.lean.shape}, must be {(2, *shape)} or (2, 1, 1)"
+            )
 
     @property
     def good(self) -> NDArray[np.bool_]:
         """True where no flag is set."""
         return np.asarray(self.flags == 0)
 
-    def resample(self, pitch_mm: float) -> Grid:
-        """The good points on a regular grid of x and y; see `resampling.resample`."""
-        return resample(self.x, self.y, self.z, self.sigma, self.good, pitch_mm)
+    def resample(self, pitch_mm: float | None = None) -> Grid:
+        """The good points on a regular grid of x and y (None: about as fine as the pixels); its sigma is that
+        of the height at a fixed x, y. See `resampling`.
+        """
+        pitch = natural_pitch(self.x, self.y, self.good) if pitch_mm is None else pitch_mm
+        return resample(self.x, self.y, self.z, self.sigma, self.good, pitch, self.lean)
 
     def save(self, path: str | Path) -> None:
         """Write an .npz with the fields' names."""
         arrays: dict[str, Any] = {name: getattr(self, name) for name in _ARRAYS}
-        save_arrays(path, arrays | {"diagnostics": self.diagnostics.to_json()})
+        save_arrays(path, arrays | {"diagnostics": self.diagnostics.to_json(), "lean": self.lean})
 
     @classmethod
     def load(cls, path: str | Path) -> "HeightMap":
@@ -122,7 +132,8 @@ class HeightMap:
             except (ValueError, TypeError) as error:
                 raise InputError(f"{path}: field 'diagnostics' is not readable ({error})") from error
         try:
-            return cls(**{name: arrays[name] for name in _ARRAYS}, diagnostics=diagnostics)
+            known = {name: arrays[name] for name in _ARRAYS}
+            return cls(**known, diagnostics=diagnostics, lean=arrays.get("lean"))
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
 

@@ -1,17 +1,32 @@
-"""From camera pixels to a regular grid in the mirror's plane, with conserved sigma."""
+"""From camera pixels to a regular grid in the mirror's plane, with conserved sigma.
+
+Between three neighbouring pixels the height is that of their three tangent planes, half of each plane's rise
+taken: z(X) = sum_k b_k (z_k + g_k . (X - X_k) / 2), b_k barycentric weights; quadratics come back exactly.
+
+An error moves a mirror point along its camera's ray: by dz upward and by dz l sideways, l = (d_x, d_y)/d_z
+the ray's lean. At a fixed (x, y) the height therefore changes by dz (1 - g . l), g the surface's gradient:
+this factor belongs to sigma. Neighbouring errors are correlated, so that interpolation does not shrink sigma.
+"""
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
+from optolever.files import load_arrays, save_arrays
 
-__all__ = ["Grid", "resample"]
+from .export import write_tiff
+from .x3p import write_x3p
+
+__all__ = ["Grid", "Lean", "natural_pitch", "resample"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Lean = NDArray[np.floating[Any]]
 
 _LIMIT = 64_000_000  # grid points
 
@@ -39,14 +54,51 @@ class Grid:
         """Positions along y, (rows,)."""
         return self.y0 + self.pitch * np.arange(self.z.shape[0], dtype=np.float64)
 
+    def save(self, path: str | Path) -> None:
+        """Write an .npz: z, sigma (rows, cols), x0, y0, pitch."""
+        names = ("z", "sigma", "x0", "y0", "pitch")
+        save_arrays(path, {name: getattr(self, name) for name in names})
 
-def resample(x: Floats, y: Floats, z: Floats, sigma: Floats, good: Mask, pitch_mm: float) -> Grid:
-    """Linear interpolation over the triangles between neighbouring good pixels, at multiples of the pitch.
+    @classmethod
+    def load(cls, path: str | Path) -> "Grid":
+        """Read what save() wrote; InputError names the file and the field."""
+        arrays = load_arrays(path, ("z", "sigma", "x0", "y0", "pitch"))
+        if arrays["z"].ndim != 2 or arrays["z"].shape != arrays["sigma"].shape:
+            raise InputError(f"{path}: sigma has shape {arrays['sigma'].shape}, must be 2-D like z")
+        scalars = {name: float(arrays[name]) for name in ("x0", "y0", "pitch")}
+        return cls(arrays["z"], arrays["sigma"], **scalars)
 
-    x, y, z, sigma, good: (H, W). Neighbouring errors are correlated, so that interpolation does not shrink
-    sigma:
-    it is interpolated like z. Raises InputError for a pitch that is not positive or makes too large a grid,
-    and where there is no good pixel.
+    def save_tiff(self, path: str | Path) -> None:
+        """Write z as float32 TIFF (mm, NaN where unknown) with its scale."""
+        write_tiff(path, self.z, self.pitch)
+
+    def save_x3p(self, path: str | Path) -> None:
+        """Write z as X3P (ISO 25178-72), which metrology programs read; it has no place for sigma."""
+        write_x3p(path, self.z, self.pitch, self.x0, self.y0)
+
+
+def natural_pitch(x: Floats, y: Floats, good: Mask) -> float:
+    """Side of a square as large as the median patch between four good pixels, mm. InputError without one."""
+    a, b, c = (
+        (slice(None, -1), slice(None, -1)),
+        (slice(None, -1), slice(1, None)),
+        (slice(1, None), slice(None, -1)),
+    )
+    whole = good[a] & good[b] & good[c]
+    area = (x[b] - x[a]) * (y[c] - y[a]) - (y[b] - y[a]) * (x[c] - x[a])
+    if not whole.any():
+        raise InputError("height map: no three good pixels side by side; name a pitch")
+    return float(np.sqrt(np.median(np.abs(area[whole]))))
+
+
+def resample(
+    x: Floats, y: Floats, z: Floats, sigma: Floats, good: Mask, pitch_mm: float, lean: Lean | None = None
+) -> Grid:
+    """Heights at multiples of the pitch, from the triangles between neighbouring good pixels.
+
+    x, y, z, sigma, good: (H, W); sigma: of z at the pixel, whose point moves along its ray; lean: (2, H, W)
+    or (2, 1, 1), x and y per z along the rays (None: upright rays). Raises InputError for a pitch that is not
+    positive or makes too large a grid, and where there is no good pixel.
     """
     if not np.isfinite(pitch_mm) or pitch_mm <= 0:
         raise InputError(f"pitch = {pitch_mm} mm: must be greater than 0")
@@ -61,13 +113,41 @@ def resample(x: Floats, y: Floats, z: Floats, sigma: Floats, good: Mask, pitch_m
         )
     x0, y0 = low[0] * pitch_mm, low[1] * pitch_mm
     out = np.full((rows, cols), np.nan), np.full((rows, cols), np.nan)
-    _raster((x - x0) / pitch_mm, (y - y0) / pitch_mm, z, sigma, good, *out)
+    leaning = np.zeros((2, 1, 1)) if lean is None else np.asarray(lean, dtype=np.float64)
+    across, up = (x - x0) / pitch_mm, (y - y0) / pitch_mm
+    gradient = _gradients(across, up, z, good)
+    _raster(across, up, z, sigma, good, gradient, np.ascontiguousarray(leaning) / pitch_mm, *out)
     return Grid(*out, x0=x0, y0=y0, pitch=pitch_mm)
 
 
 @njit(cache=True, nogil=True)
-def _raster(x, y, z, sigma, good, z_out, sigma_out):  # type: ignore[no-untyped-def]
-    """Fill every triangle of good pixels; x, y in grid steps."""
+def _gradients(x, y, z, good):  # type: ignore[no-untyped-def]
+    """dz/dx, dz/dy (2, H, W) from the good neighbours along both image axes; NaN where an axis has none."""
+    rows, cols = z.shape
+    out = np.full((2, rows, cols), np.nan)
+    for i in range(rows):
+        for j in range(cols):
+            if not good[i, j]:
+                continue
+            j0 = j - 1 if j > 0 and good[i, j - 1] else j
+            j1 = j + 1 if j + 1 < cols and good[i, j + 1] else j
+            i0 = i - 1 if i > 0 and good[i - 1, j] else i
+            i1 = i + 1 if i + 1 < rows and good[i + 1, j] else i
+            ax, ay, az = x[i, j1] - x[i, j0], y[i, j1] - y[i, j0], z[i, j1] - z[i, j0]
+            bx, by, bz = x[i1, j] - x[i0, j], y[i1, j] - y[i0, j], z[i1, j] - z[i0, j]
+            area = ax * by - ay * bx
+            if area != 0.0:
+                out[0, i, j] = (az * by - bz * ay) / area
+                out[1, i, j] = (ax * bz - bx * az) / area
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _raster(x, y, z, sigma, good, gradient, lean, z_out, sigma_out):  # type: ignore[no-untyped-def]
+    """Fill every triangle of good pixels; x, y in grid steps, gradient and lean per grid step."""
+    everywhere = lean.shape[1] == 1 and lean.shape[2] == 1
+    tx, ty, tz, ts = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    gx, gy, b = np.empty(3), np.empty(3), np.empty(3)
     for i in range(x.shape[0] - 1):
         for j in range(x.shape[1] - 1):
             for half in range(2):
@@ -75,22 +155,39 @@ def _raster(x, y, z, sigma, good, z_out, sigma_out):  # type: ignore[no-untyped-
                 ci, cj = (i + 1, j + 1) if half == 0 else (i + 1, j)
                 if not (good[i, j] and good[bi, bj] and good[ci, cj]):
                     continue
-                ax, ay = x[i, j], y[i, j]
-                bx, by = x[bi, bj] - ax, y[bi, bj] - ay
-                cx, cy = x[ci, cj] - ax, y[ci, cj] - ay
-                area = bx * cy - by * cx
+                for k in range(3):
+                    r, c = (i, j) if k == 0 else ((bi, bj) if k == 1 else (ci, cj))
+                    tx[k], ty[k], tz[k] = x[r, c], y[r, c], z[r, c]
+                    gx[k], gy[k] = gradient[0, r, c], gradient[1, r, c]
+                ux, uy, vx, vy = tx[1] - tx[0], ty[1] - ty[0], tx[2] - tx[0], ty[2] - ty[0]
+                area = ux * vy - uy * vx
                 if area == 0.0:
                     continue
-                first_row = max(int(np.ceil(ay + min(0.0, by, cy) - 1e-9)), 0)
-                last_row = min(int(np.floor(ay + max(0.0, by, cy) + 1e-9)), z_out.shape[0] - 1)
-                first_col = max(int(np.ceil(ax + min(0.0, bx, cx) - 1e-9)), 0)
-                last_col = min(int(np.floor(ax + max(0.0, bx, cx) + 1e-9)), z_out.shape[1] - 1)
+                slope_x = ((tz[1] - tz[0]) * vy - (tz[2] - tz[0]) * uy) / area
+                slope_y = (ux * (tz[2] - tz[0]) - vx * (tz[1] - tz[0])) / area
+                for k in range(3):
+                    r, c = (i, j) if k == 0 else ((bi, bj) if k == 1 else (ci, cj))
+                    lx = lean[0, 0, 0] if everywhere else lean[0, r, c]
+                    ly = lean[1, 0, 0] if everywhere else lean[1, r, c]
+                    ts[k] = sigma[r, c] * abs(1.0 - slope_x * lx - slope_y * ly)
+                    if np.isnan(gx[k] + gy[k]):
+                        gx[k], gy[k] = slope_x, slope_y
+                first_row = max(int(np.ceil(ty.min() - 1e-9)), 0)
+                last_row = min(int(np.floor(ty.max() + 1e-9)), z_out.shape[0] - 1)
+                first_col = max(int(np.ceil(tx.min() - 1e-9)), 0)
+                last_col = min(int(np.floor(tx.max() + 1e-9)), z_out.shape[1] - 1)
                 for r in range(first_row, last_row + 1):
                     for c in range(first_col, last_col + 1):
-                        b = ((c - ax) * cy - (r - ay) * cx) / area
-                        g = (bx * (r - ay) - by * (c - ax)) / area
-                        a = 1.0 - b - g
-                        if a < -1e-9 or b < -1e-9 or g < -1e-9:
+                        px, py = c - tx[0], r - ty[0]
+                        b[1] = (px * vy - py * vx) / area
+                        b[2] = (ux * py - uy * px) / area
+                        b[0] = 1.0 - b[1] - b[2]
+                        if b.min() < -1e-9:
                             continue
-                        z_out[r, c] = a * z[i, j] + b * z[bi, bj] + g * z[ci, cj]
-                        sigma_out[r, c] = a * sigma[i, j] + b * sigma[bi, bj] + g * sigma[ci, cj]
+                        height, spread = 0.0, 0.0
+                        for k in range(3):
+                            rise = gx[k] * (c - tx[k]) + gy[k] * (r - ty[k])
+                            height += b[k] * (tz[k] + 0.5 * rise)
+                            spread += b[k] * ts[k]
+                        z_out[r, c] = height
+                        sigma_out[r, c] = spread

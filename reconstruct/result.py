@@ -75,7 +75,8 @@ def height_map(
         correlation=correlation,
         solver=type(state.problem).__name__,
     )
-    return HeightMap(o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2], deviation, flags, diagnostics)
+    x, y, z = o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2]
+    return HeightMap(x, y, z, deviation, flags, diagnostics, problem.rays.lean)
 
 
 def _detours(doubt: Doubt | None, mask: Mask) -> bool:

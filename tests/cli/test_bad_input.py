@@ -213,6 +213,7 @@ ARGUMENTS = {
     "no such option": (["decode", "x", "--outt", "y"], ("--outt",)),
     "no folder": (["decode", "OUT/nowhere", "--out", "OUT.npz"], ("nowhere", "no such")),
     "method": (["reconstruct", "C", "--scene", "S", "--method", "magic", "--out", "OUT.npz"], ("magic",)),
+    "grid": (["reconstruct", "C", "--scene", "S", "--grid", "OUT.obj", "--out", "OUT.npz"], (".obj", ".x3p")),
     "anchor": (["reconstruct", "C", "--scene", "S", "--anchor", "corner", "--out", "OUT.npz"], ("corner",)),
 }
 

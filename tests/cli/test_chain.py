@@ -1,6 +1,7 @@
 """The commands do what the library does: whole chain, files by their names, numbers within bounds."""
 
 import tomllib
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +63,25 @@ def test_flat_capture_is_flat(optolever: Program, tmp_path: Path) -> None:
         good = height["flags"] == 0
         assert good.mean() > 0.9
         assert np.abs(height["z"][good & (height["x"] > LEVER)]).max() < 0.01
+
+
+def test_regular_grids(optolever: Program, chain: Chain, tmp_path: Path) -> None:
+    names = [tmp_path / f"g.{suffix}" for suffix in ("npz", "tif", "x3p")]
+    grids = [word for name in names for word in ("--grid", name)]
+    done = optolever(
+        "reconstruct", chain.correspondence, "--scene", chain.capture / "scene.toml",
+        "--out", tmp_path / "h.npz", *grids, "--pitch", "2",
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    import tifffile
+
+    with np.load(names[0]) as grid, tifffile.TiffFile(names[1]) as tiff, zipfile.ZipFile(names[2]) as x3p:
+        page = tiff.pages[0]
+        np.testing.assert_allclose(page.asarray(), grid["z"], rtol=1e-6)
+        assert page.tags["XResolution"].value == (5, 1)  # per centimetre
+        points = np.frombuffer(x3p.read("bindata/data.bin"), "<f8").reshape(grid["z"].shape)
+        np.testing.assert_allclose(points, 1e-3 * grid["z"])
+        assert np.isfinite(grid["sigma"]).mean() > 0.8
 
 
 def test_known_point_anchor_and_other_formats(optolever: Program, chain: Chain, tmp_path: Path) -> None:
