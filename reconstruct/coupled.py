@@ -124,7 +124,8 @@ def _around_creases(problem: Problem, state: State, options: Options, noise: flo
 def doubted(problem: Problem, state: State, noise: float, removed: Mask) -> Doubt | None:
     """What is in doubt of a solution's edges, those of interpolated pixels included."""
     p, q = problem.data.slopes(state.w)[:2]
-    scale = min(1.0, noise) if np.isfinite(noise) else 1.0
+    announced = not np.isfinite(noise) or problem.data.whole_cells()
+    scale = 1.0 if announced else min(1.0, noise)
     doubt = edge_doubt(p, q, *state.variances, problem.data.mask, scale)
     return None if doubt is None else widened(doubt, removed | problem.bridged)
 

@@ -16,6 +16,9 @@ __all__ = ["Measured"]
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+#: Share of pixels, at most, that interpolation puts between the cells of a discrete code.
+_BETWEEN = 0.1
+
 
 @dataclass(frozen=True, slots=True)
 class Measured:
@@ -50,6 +53,13 @@ class Measured:
             for name in ("u", "v", "sigma_u", "sigma_v", "mask")
         }
         return replace(self, rays=self.rays.cropped(*window), **arrays)
+
+    def whole_cells(self) -> bool:
+        """Whether u and v come from a discrete code: middles of cells, multiples of half a pixel. Their
+        errors are those of neighbours, so that differences of neighbours say nothing about them.
+        """
+        values = (part[self.mask] for part in (self.u, self.v))
+        return all(bool(np.mean(2 * x != np.rint(2 * x)) < _BETWEEN) for x in values)
 
     def slopes(self, w: Floats) -> tuple[Floats, ...]:
         """p, q, dp/dw, dq/dw at w."""

@@ -33,3 +33,15 @@ def test_quantised_coordinates_get_a_wider_sigma(exact) -> None:
     ratio = np.sqrt(np.mean(((height.z - truth.z)[good] / height.sigma[good]) ** 2))
     assert height.diagnostics.correlation > 1.5
     assert 0.5 < ratio < 1.2
+
+
+def test_whole_cells_on_a_smooth_mirror_are_no_creases(exact) -> None:
+    """Rounding errors are those of neighbours: a curl without noise, steps that had looked like creases."""
+    scene, truth, correspondence = exact("monitor-mirror", "raised-cosine:peak=0.24", 96, 115)
+    sigma = np.full(truth.u.shape, 1 / np.sqrt(12))
+    coarse = replace(
+        correspondence, u=np.rint(truth.u), v=np.rint(truth.v), sigma_u=sigma, sigma_v=sigma.copy()
+    )
+    height = reconstruct(coarse, scene)
+    assert height.good[truth.visible].mean() > 0.99
+    assert np.sqrt(np.nanmean((height.z - truth.z) ** 2)) < 0.03 * 0.24
