@@ -15,6 +15,7 @@ from .show import flag_shares, number, progress, table, write_json
 if TYPE_CHECKING:
     from optolever.decode import Correspondence
     from optolever.reconstruct import Grid, HeightMap
+    from optolever.scene import Scene
 
 __all__ = ["command"]
 
@@ -76,6 +77,13 @@ class _Anchor(click.ParamType[Any]):
     metavar="MM",
     help="Of the regular grid; default: as fine as the camera's pixels.",
 )
+@click.option(
+    "--slopes",
+    "slopes_path",
+    type=FILE,
+    metavar="FILE.npz",
+    help="Also write slope_x, slope_y and the curvature, each with its sigma.",
+)
 @click.option("--truth", type=FILE, metavar="TRUTH.npz", help="Compare with the truth of a virtual capture.")
 @size_option
 @json_option
@@ -89,6 +97,7 @@ def command(
     ply: Path | None,
     grids: tuple[Path, ...],
     pitch: float | None,
+    slopes_path: Path | None,
     truth: Path | None,
     size: tuple[int, int] | None,
     json_path: Path | None,
@@ -98,7 +107,7 @@ def command(
     H.npz receives x, y, z, sigma (mm) and flags (0 = good) on the camera's pixels. Pixels that no anchor
     reaches are flagged, not guessed.
     """
-    writable(out, json_path, tiff, ply, *grids)
+    writable(out, json_path, tiff, ply, slopes_path, *grids)
     writers = [(path, _grid_writer(path)) for path in grids]
     from optolever.decode import Correspondence
     from optolever.reconstruct import reconstruct
@@ -120,6 +129,8 @@ def command(
             height.save_tiff(tiff)
         if ply is not None:
             height.save_ply(ply)
+        if slopes_path is not None:
+            _save_slopes(slopes_path, height, correspondence, scene)
         if grids:
             grid = height.resample(pitch)
             for path, write in writers:
@@ -137,6 +148,17 @@ def _grid_writer(path: Path) -> Callable[["Grid", Path], None]:
     if name is None:
         raise InputError(f"--grid {path}: suffix {path.suffix!r}, must be one of {', '.join(GRID_WRITERS)}")
     return lambda grid, to: getattr(grid, name)(to)
+
+
+def _save_slopes(path: Path, height: "HeightMap", correspondence: "Correspondence", scene: "Scene") -> None:
+    """Slopes and curvature in one .npz."""
+    from dataclasses import asdict
+
+    from optolever.files import save_arrays
+    from optolever.reconstruct import curvature_map, slope_map
+
+    slopes = slope_map(height, correspondence, scene)
+    save_arrays(path, asdict(slopes) | asdict(curvature_map(slopes)))
 
 
 def _numbers(height: "HeightMap") -> dict[str, Any]:

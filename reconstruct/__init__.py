@@ -21,11 +21,13 @@
 | `integrate.py`, `integrators.py` | plain gradient fields: integrate(), its family of solvers |
 | `heightmap.py`, `resampling.py` | HeightMap; its regular grid, with conserved sigma |
 | `export.py`, `x3p.py` | TIFF and PLY; X3P (ISO 25178-72) |
+| `slope_map.py`, `curvature.py` | slopes from the normals, curvature from the slopes, with sigma |
 | `paper.py`, `paper_equations.py`, `paper_scene.py` | the paper's recursion, by equations and on a scene |
 """
 
 from .anchors import Anchor, DistanceAnchor, EdgeAnchor, PixelAnchor, PointAnchor
 from .coupled import method_names, reconstruct
+from .curvature import CurvatureMap, curvature_map
 from .free_mode import free_mode
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .integrate import Integral, integrate, integrator_names
@@ -47,10 +49,12 @@ from .paper_scene import (
     row_recursion,
 )
 from .resampling import Grid
+from .slope_map import SlopeMap, slope_map
 from .stream import HeightStream
 
 __all__ = [
     "Anchor",
+    "CurvatureMap",
     "Diagnostics",
     "DistanceAnchor",
     "EdgeAnchor",
@@ -65,9 +69,11 @@ __all__ = [
     "PointAnchor",
     "Profile",
     "SeriesName",
+    "SlopeMap",
     "angle_increment",
     "capture_position",
     "capture_positions",
+    "curvature_map",
     "free_mode",
     "height_increment",
     "integrate",
@@ -84,4 +90,5 @@ __all__ = [
     "row_recursion",
     "series",
     "slope_angle",
+    "slope_map",
 ]

@@ -84,6 +84,19 @@ def test_regular_grids(optolever: Program, chain: Chain, tmp_path: Path) -> None
         assert np.isfinite(grid["sigma"]).mean() > 0.8
 
 
+def test_slopes_of_the_dent(optolever: Program, chain: Chain, tmp_path: Path) -> None:
+    done = optolever(
+        "reconstruct", chain.correspondence, "--scene", chain.capture / "scene.toml",
+        "--out", tmp_path / "h.npz", "--slopes", tmp_path / "s.npz",
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    with np.load(tmp_path / "s.npz") as s, np.load(chain.capture / "truth.npz") as truth:
+        good = (s["flags"] == 0) & truth["visible"]
+        error = (s["slope_x"] + truth["normal"][..., 0] / truth["normal"][..., 2])[good]
+        assert np.sqrt(np.mean(error**2)) < 1.5 * np.sqrt(np.mean(s["sigma_x"][good] ** 2))
+        assert np.nanmin(s["mean"]) == pytest.approx(-1.3 / 20**2, rel=0.1)  # at the bottom
+
+
 def test_known_point_anchor_and_other_formats(optolever: Program, chain: Chain, tmp_path: Path) -> None:
     out, tiff, ply = tmp_path / "h.npz", tmp_path / "h.tif", tmp_path / "h.ply"
     with np.load(chain.capture / "truth.npz") as truth:
