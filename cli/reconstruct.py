@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,12 +11,11 @@ import click
 from optolever import InputError
 
 from .options import FILE, blame, json_option, load_scene, sample, scene_option, size_option, writable
-from .show import flag_shares, number, progress, table, write_json
+from .show import dent_rows, flag_shares, number, progress, table, write_json
 
 if TYPE_CHECKING:
     from optolever.decode import Correspondence
     from optolever.reconstruct import Grid, HeightMap
-    from optolever.scene import Scene
 
 __all__ = ["command"]
 
@@ -110,7 +110,8 @@ def command(
     writable(out, json_path, tiff, ply, slopes_path, *grids)
     writers = [(path, _grid_writer(path)) for path in grids]
     from optolever.decode import Correspondence
-    from optolever.reconstruct import reconstruct
+    from optolever.files import save_arrays
+    from optolever.reconstruct import contacts, curvature_map, reconstruct, slope_map
 
     correspondence = Correspondence.load(source)
     scene = load_scene(scene_name, size)
@@ -119,8 +120,11 @@ def command(
         start = time.perf_counter()
         height = reconstruct(correspondence, scene, method=method, anchor=anchor)
         seconds = time.perf_counter() - start
+        step("contacts")
+        slopes = slope_map(height, correspondence, scene)
+        dents = [contact.to_dict() for contact in contacts(height, slopes)]
         step("compare")
-        numbers = _numbers(height) | {"seconds": seconds}
+        numbers = _numbers(height) | {"seconds": seconds, "contacts": dents}
         if truth is not None:
             numbers |= _against_truth(truth, correspondence, height)
         step("write")
@@ -130,7 +134,7 @@ def command(
         if ply is not None:
             height.save_ply(ply)
         if slopes_path is not None:
-            _save_slopes(slopes_path, height, correspondence, scene)
+            save_arrays(slopes_path, asdict(slopes) | asdict(curvature_map(slopes)))
         if grids:
             grid = height.resample(pitch)
             for path, write in writers:
@@ -148,17 +152,6 @@ def _grid_writer(path: Path) -> Callable[["Grid", Path], None]:
     if name is None:
         raise InputError(f"--grid {path}: suffix {path.suffix!r}, must be one of {', '.join(GRID_WRITERS)}")
     return lambda grid, to: getattr(grid, name)(to)
-
-
-def _save_slopes(path: Path, height: "HeightMap", correspondence: "Correspondence", scene: "Scene") -> None:
-    """Slopes and curvature in one .npz."""
-    from dataclasses import asdict
-
-    from optolever.files import save_arrays
-    from optolever.reconstruct import curvature_map, slope_map
-
-    slopes = slope_map(height, correspondence, scene)
-    save_arrays(path, asdict(slopes) | asdict(curvature_map(slopes)))
 
 
 def _numbers(height: "HeightMap") -> dict[str, Any]:
@@ -198,4 +191,6 @@ def _rows(numbers: dict[str, Any]) -> dict[str, str]:
     if "height_rms_rel" in numbers:
         rows["error"] = f"{number(numbers['height_rms_rel'])} of the peak depth, rms"
         rows["rms(error / sigma)"] = number(numbers["sigma_ratio_height"])
+    for dent in numbers["contacts"]:
+        rows |= dent_rows(dent)
     return rows | {"time": number(numbers["seconds"], "s")}

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rich.table import Table
 
-__all__ = ["Step", "flag_shares", "grid", "number", "progress", "table", "write_json"]
+__all__ = ["Step", "dent_rows", "flag_shares", "grid", "number", "progress", "table", "write_json"]
 
 
 def number(value: float, unit: str = "") -> str:
@@ -30,6 +30,21 @@ def flag_shares(flags: "NDArray[np.unsignedinteger]", *kinds: "type[IntFlag]") -
         flag.name: float((flags & flag.value != 0).mean()) for kind in kinds for flag in kind if flag.name
     }
     return {name.lower(): share for name, share in shares.items() if share > 0}
+
+
+def dent_rows(dent: Mapping[str, Any]) -> dict[str, str]:
+    """A dent (Contact.to_dict) for `table`: what it measures, and by which evidence."""
+    x, y = dent["centroid"]
+
+    def give(name: str, unit: str) -> str:
+        return f"{number(dent[name])} ± {dent[f'{name}_sigma']:.2g} {unit}"
+
+    at = f"({x:.2f}, {y:.2f}) mm"
+    return {
+        f"dent at {at}": f"depth {give('depth', 'mm')}; {dent['region']}: area {give('area', 'mm²')}, "
+        f"volume {give('volume', 'mm³')}, centroid ± {dent['centroid_sigma']:.2g} mm",
+        f"evidence, {at}": dent["evidence"],
+    }
 
 
 def table(title: str, rows: Mapping[str, str]) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 from optolever.decode import Correspondence, decode
 from optolever.patterns import Sequence, sequence_from_text
 from optolever.projector import Capture, capture, chosen_renderer
-from optolever.reconstruct import HeightMap, reconstruct
+from optolever.reconstruct import Contact, HeightMap, contacts, reconstruct, slope_map
 from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
 
 from .metrics import height_metrics, peak_bytes
@@ -31,7 +31,7 @@ class DemoResult:
     """Everything a run made: the records of the chain, the numbers, and how long each stage took.
 
     metrics: see `metrics.height_metrics`. seconds: trace, capture, decode, reconstruct, total (and report,
-    once it is written). settings: what was asked for, as plain values.
+    once it is written). settings: what was asked for, as plain values. contacts: of the report.
     """
 
     scene: Scene
@@ -44,6 +44,12 @@ class DemoResult:
     seconds: dict[str, float]
     peak_bytes: int
     settings: dict[str, Any]
+    contacts: tuple[Contact, ...] = ()
+
+    def with_contacts(self) -> "DemoResult":
+        """The same run with the dents that its slopes show."""
+        slopes = slope_map(self.height, self.correspondence, self.scene)
+        return replace(self, contacts=contacts(self.height, slopes))
 
     def with_report(self, seconds: float) -> "DemoResult":
         """The same run after its report was written, which took so long."""
@@ -58,6 +64,7 @@ class DemoResult:
             "seconds": self.seconds,
             "peak_bytes": self.peak_bytes,
             "settings": self.settings,
+            "contacts": [contact.to_dict() for contact in self.contacts],
         }
 
 

@@ -21,6 +21,7 @@ def write_demo_report(result: DemoResult, path: str | Path) -> DemoResult:
     The page's own timing ends where its pictures are drawn.
     """
     start = time.perf_counter()
+    result = result.with_contacts()
     write_page(path, demo_html(result))
     return result.with_report(time.perf_counter() - start)
 
@@ -50,6 +51,7 @@ def demo_html(result: DemoResult) -> str:
         "surface": surface,
         "surface_json": embedded_json(surface),
         "flags": rows,
+        "contacts": result.contacts,
         "visible_share": float(result.truth.visible.mean()),
         "frames": frames,
         "stages": stage_bars(timed.seconds),

@@ -22,10 +22,13 @@
 | `heightmap.py`, `resampling.py` | HeightMap; its regular grid, with conserved sigma |
 | `export.py`, `x3p.py` | TIFF and PLY; X3P (ISO 25178-72) |
 | `slope_map.py`, `curvature.py` | slopes from the normals, curvature from the slopes, with sigma |
+| `contact.py`, `contact_dent.py` | contacts: depth, area, volume, centroid; one dent's pixels |
+| `contact_edge.py` | the edge of a contact, by what elastic contact does to the slopes |
 | `paper.py`, `paper_equations.py`, `paper_scene.py` | the paper's recursion, by equations and on a scene |
 """
 
 from .anchors import Anchor, DistanceAnchor, EdgeAnchor, PixelAnchor, PointAnchor
+from .contact import Contact, contacts
 from .coupled import method_names, reconstruct
 from .curvature import CurvatureMap, curvature_map
 from .free_mode import free_mode
@@ -54,6 +57,7 @@ from .stream import HeightStream
 
 __all__ = [
     "Anchor",
+    "Contact",
     "CurvatureMap",
     "Diagnostics",
     "DistanceAnchor",
@@ -73,6 +77,7 @@ __all__ = [
     "angle_increment",
     "capture_position",
     "capture_positions",
+    "contacts",
     "curvature_map",
     "free_mode",
     "height_increment",

@@ -97,6 +97,18 @@ def test_slopes_of_the_dent(optolever: Program, chain: Chain, tmp_path: Path) ->
         assert np.nanmin(s["mean"]) == pytest.approx(-1.3 / 20**2, rel=0.1)  # at the bottom
 
 
+def test_dents_are_reported(optolever: Program, chain: Chain, tmp_path: Path) -> None:
+    """A Gaussian was made by no contact: its half-depth area is 2 pi sigma^2 ln 2, and the report says so."""
+    (dent,) = chain.numbers["reconstruct"]["contacts"]
+    assert dent["region"] == "half depth"
+    assert dent["depth"] == pytest.approx(1.3, abs=4 * dent["depth_sigma"])
+    assert dent["area"] == pytest.approx(2 * np.pi * 400 * np.log(2), rel=5e-3)
+    done = optolever(
+        "reconstruct", chain.correspondence, "--scene", chain.capture / "scene.toml", "--out", tmp_path / "h"
+    )
+    assert "no contact evidence" in " ".join(done.out.split())
+
+
 def test_known_point_anchor_and_other_formats(optolever: Program, chain: Chain, tmp_path: Path) -> None:
     out, tiff, ply = tmp_path / "h.npz", tmp_path / "h.tif", tmp_path / "h.ply"
     with np.load(chain.capture / "truth.npz") as truth:
