@@ -32,18 +32,17 @@ def flag_shares(flags: "NDArray[np.unsignedinteger]", *kinds: "type[IntFlag]") -
     return {name.lower(): share for name, share in shares.items() if share > 0}
 
 
-def dent_rows(dent: Mapping[str, Any]) -> dict[str, str]:
-    """A dent (Contact.to_dict) for `table`: what it measures, and by which evidence."""
+def dent_rows(dent: Mapping[str, Any], count: int) -> dict[str, str]:
+    """The dent of that number (Contact.to_dict) for `table`: what it measures, and by which evidence."""
     x, y = dent["centroid"]
 
     def give(name: str, unit: str) -> str:
         return f"{number(dent[name])} ± {dent[f'{name}_sigma']:.2g} {unit}"
 
-    at = f"({x:.2f}, {y:.2f}) mm"
     return {
-        f"dent at {at}": f"depth {give('depth', 'mm')}; {dent['region']}: area {give('area', 'mm²')}, "
-        f"volume {give('volume', 'mm³')}, centroid ± {dent['centroid_sigma']:.2g} mm",
-        f"evidence, {at}": dent["evidence"],
+        f"dent {count}": f"depth {give('depth', 'mm')}; {dent['region']}: area {give('area', 'mm²')}, volume "
+        f"{give('volume', 'mm³')}, centroid ({x:.6g}, {y:.6g}) ± {dent['centroid_sigma']:.2g} mm",
+        f"evidence {count}": dent["evidence"],
     }
 
 
