@@ -11,6 +11,7 @@
 | `equations.py` | slopes of the mirror per pixel, in closed form, and their variances |
 | `edges.py` | increments along pixel edges, weights, and the operators on them |
 | `poisson.py`, `linear.py` | weighted Poisson: by columns (DCT + tridiagonal), masked (CG); the choice |
+| `alternatives.py`, `reweighting.py` | sparse factorisation and marching; robust reweighting |
 | `newton.py` | Newton's method with an integrating factor, the start from a coarser grid |
 | `anchors.py`, `pinning.py` | what is known of the mirror; from there to every component's free constant |
 | `free_mode.py` | what no slope measurement sees |

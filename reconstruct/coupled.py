@@ -10,6 +10,7 @@ from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.scene import Scene
 
+from .alternatives import DirectEdges, MarchedEdges, march_variance
 from .anchors import Anchors
 from .calibration import rest_corrected
 from .correlation import correlation_excess
@@ -22,6 +23,7 @@ from .paper import SeriesName
 from .paper_scene import reconstruct_paper
 from .problem import Problem, prepare
 from .result import height_map
+from .reweighting import reweighted
 
 __all__ = ["doubted", "method_names", "reconstruct", "solved_height"]
 
@@ -29,7 +31,13 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 PAPER_METHODS: dict[str, SeriesName] = {"paper": "mean", "paper-rises": "rises", "paper-drops": "drops"}
-_METHODS = {"coupled": Options(), "fixed-point": Options(newton=False, max_steps=60)}
+_METHODS = {
+    "coupled": Options(),
+    "direct": Options(build=DirectEdges),
+    "robust": Options(),
+    "march": Options(build=MarchedEdges),
+    "fixed-point": Options(newton=False, max_steps=60),
+}
 _CURL_LIMIT = 8.0  # standard deviations
 _REWEIGHTED = 2  # solves with doubtful edges: the slopes depend a little on the height
 _ROUNDS = 6  # of leaving out lone pixels with a curl
@@ -52,8 +60,10 @@ def reconstruct(
 ) -> HeightMap:
     """The mirror behind a correspondence.
 
-    method: 'coupled' (Newton with an integrating factor), 'fixed-point' (slow, a cross-check), or the paper's
-    recursion 'paper', 'paper-rises', 'paper-drops' (see `reconstruct_paper`; no anchor, no sigma).
+    method: 'coupled' (Newton with an integrating factor; DCT or conjugate gradients, as the weights ask),
+    'direct' (by sparse factorisation, for extreme weights), 'robust' (defects reweighted, see `reweighting`),
+    'march' (along rows from one column, full rectangles only) and 'fixed-point' as cross-checks, or the
+    paper's recursion 'paper', 'paper-rises', 'paper-drops' (see `reconstruct_paper`; no anchor, no sigma).
     anchor: what settles the free mode: 'edge' (default: the camera-side edge x = L0 rests), a point (x, y, z)
     in mm, or anchors of `anchors`. mask (H, W): pixels to use, among those without a flag. rest: what was
     decoded from the mirror at rest; its deviation from the scene's prediction is taken off as an error of
@@ -98,10 +108,18 @@ def solved_height(
         removed |= removable
         problem = replace(problem, data=bridged(measured, removed))
         state = _solve(problem, state.w, options)
-    state = _around_creases(problem, state, options, scale, removed)
+    if method == "robust":
+        state = reweighted(problem, state, options)
+    elif method != "march":
+        state = _around_creases(problem, state, options, scale, removed)
     p, q = problem.data.slopes(state.w)[:2]
     shared = correlation_excess(p, q, state.variances, problem.data.mask, state.doubt)
-    height = height_map(problem, state, correspondence.flags, suspects, scale, method, correlation=shared)
+    variance = None
+    if isinstance(state.problem, MarchedEdges):
+        variance = state.root**4 * march_variance(state.problem, state.rows.pixel, state.share)
+    height = height_map(
+        problem, state, correspondence.flags, suspects, scale, method, variance, correlation=shared
+    )
     return problem, state, height
 
 

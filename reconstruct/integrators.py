@@ -5,13 +5,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.ndimage
-import scipy.sparse
-import scipy.sparse.linalg
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
 
+from .alternatives import DirectEdges, marched
 from .linear import MaskedEdges, SeparableEdges
 from .poisson import Accuracy
 
@@ -70,36 +68,7 @@ def _cg(f: Field) -> _Solution:
 
 
 def _direct(f: Field) -> _Solution:
-    return _factorised(f, f.wx, f.wy), 1, None
-
-
-def _factorised(f: Field, wx: Floats, wy: Floats) -> Floats:
-    """Normal equations by a sparse factorisation, the first pixel of every component pinned."""
-    index = np.arange(f.mask.size).reshape(f.mask.shape)
-    across, down = wx[:, :-1] > 0, wy[:-1] > 0
-    tail = np.concatenate([index[:, :-1][across], index[:-1][down]])
-    head = np.concatenate([index[:, 1:][across], index[1:][down]])
-    w = np.concatenate([wx[:, :-1][across], wy[:-1][down]])
-    g = np.concatenate([f.gx[:, :-1][across], f.gy[:-1][down]])
-    count = tail.size
-    ends = np.concatenate([tail, head])
-    signs = np.concatenate([-np.ones(count), np.ones(count)])
-    rows = np.concatenate([np.arange(count)] * 2)
-    d = scipy.sparse.csr_array((signs, (rows, ends)), shape=(count, f.mask.size))
-    labels = scipy.ndimage.label(f.mask)[0]
-    first = np.unique(labels.ravel(), return_index=True)[1]
-    pinned = np.zeros(f.mask.size, dtype=np.bool_)
-    pinned[first] = True
-    free = np.flatnonzero(f.mask.ravel() & ~pinned)
-    z = np.zeros(f.mask.size)
-    if free.size:
-        d = d[:, free].tocsc()
-        normal = (d.T @ scipy.sparse.diags_array(w) @ d).tocsc()
-        z[free] = scipy.sparse.linalg.splu(
-            normal, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        ).solve(d.T @ (w * g))
-    solution: Floats = z.reshape(f.mask.shape)
-    return solution
+    return DirectEdges(f.wx, f.wy, f.mask).solve(f.gx, f.gy, _ACCURACY).x, 1, None
 
 
 def _robust(f: Field) -> _Solution:
@@ -134,10 +103,7 @@ def _march(f: Field) -> _Solution:
     """Down the first column, then along every row."""
     if not f.mask.all():
         raise InputError("method = 'march': needs a full rectangle")
-    z = np.zeros(f.mask.shape)
-    z[1:, 0] = np.cumsum(f.gy[:-1, 0])
-    z[:, 1:] = z[:, :1] + np.cumsum(f.gx[:, :-1], axis=1)
-    return z, 1, None
+    return marched(f.gx, f.gy), 1, None
 
 
 SOLVERS: dict[str, Callable[[Field], _Solution]] = {

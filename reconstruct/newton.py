@@ -8,6 +8,7 @@ the anchors. The fixed point dw = integral of r alone converges linearly; it is 
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +27,7 @@ from .poisson import Accuracy
 __all__ = ["Options", "State", "chord_step", "coarse_start", "solve"]
 
 Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Labels = NDArray[np.int32]
 
 _ONE = np.ones((1, 1))
@@ -40,13 +42,14 @@ _CHORD_RATE = 1e-3  # refit the integrating factor while a step leaves more than
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """tolerance: rms change of w, relative to its range, at which to stop; newton False:
-    the plain fixed point.
+    """tolerance: rms change of w, relative to its range, at which to stop; newton False: plain fixed point;
+    build: makes the linear problems of edge weights, mask and whether columns may share theirs.
     """
 
     tolerance: float = 1e-11
     max_steps: int = 15
     newton: bool = True
+    build: Callable[[Floats, Floats, Mask, bool], EdgeProblem] = edge_problem
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +90,7 @@ def solve(
     rows = anchor_rows(samples, data, labels)
     variances = _guarded(data.variances(w), data.mask)
     tolerance, noise = options.tolerance * _span(w, data.mask), _noise(variances[0], data.mask)
-    plain = edge_problem(*edge_weights(*variances, _ONE, data.mask, doubt), data.mask, doubt is None)
+    plain = options.build(*edge_weights(*variances, _ONE, data.mask, doubt), data.mask, doubt is None)
     problem, root, phi = plain, _ONE, None
     iterations = 0
     energies: list[float] = []
@@ -100,7 +103,7 @@ def solve(
             phi, iterations = fit.x, iterations + fit.iterations
             root = _root(phi, labels)
             weights = edge_weights(*variances, root, data.mask, doubt)
-            problem = edge_problem(*weights, data.mask, doubt is None)
+            problem = options.build(*weights, data.mask, doubt is None)
         gx, gy = defects(p, q, w, root, data.mask)
         energies.append(problem.energy(gx, gy))
         if _worse(energies) and len(steps) < options.max_steps:  # half of the last step was too much

@@ -1,0 +1,129 @@
+"""reconstruct(method=...): every dense method by name, against the truth and against each other."""
+
+import numpy as np
+import pytest
+
+from optolever import InputError
+from optolever.reconstruct import PixelAnchor, method_names, reconstruct
+from optolever.reconstruct.geometry import ray_field
+from optolever.reconstruct.newton import Options, State, coarse_start, solve
+from optolever.reconstruct.problem import prepare
+from optolever.reconstruct.reweighting import reweighted
+
+DENSE = ("coupled", "direct", "robust", "march", "fixed-point")
+SIDE = 64
+
+
+def relative_error(height, truth) -> float:
+    error = (height.z - truth.z)[height.good & truth.visible]
+    return float(np.sqrt(np.mean(error**2)) / np.nanmax(np.abs(truth.z)))
+
+
+def test_names() -> None:
+    assert set(DENSE) <= set(method_names())
+
+
+@pytest.mark.parametrize("preset", ["paper-simulation", "monitor-mirror"])
+@pytest.mark.parametrize("method", DENSE)
+def test_smooth_dent_without_noise(method: str, preset: str, exact) -> None:
+    """A whole rectangle: the prism, and the middle of the monitor's mirror."""
+    scene, truth, seen = exact(preset, "gaussian", SIDE, SIDE)
+    mask = np.zeros((SIDE, SIDE), dtype=bool)
+    mask[16:48, 16:48] = True
+    anchor = PixelAnchor(32.0, 32.0, float(truth.z[32, 32]))
+    height = reconstruct(seen, scene, method=method, anchor=anchor, mask=mask)
+    assert height.good.sum() == 32 * 32
+    assert height.diagnostics.converged
+    assert relative_error(height, truth) < 5e-5  # quadrature on 64 pixels
+
+
+@pytest.mark.parametrize("method", DENSE)
+def test_edge_anchor(method: str, exact) -> None:
+    scene, truth, seen = exact("paper-simulation", "raised-cosine", SIDE, SIDE)
+    assert relative_error(reconstruct(seen, scene, method=method), truth) < 1e-5
+
+
+@pytest.mark.parametrize("method", ["direct", "robust"])
+def test_masks(method: str, exact, cut) -> None:
+    scene, truth, seen = exact("paper-simulation", "gaussian", SIDE, SIDE)
+    row, col = np.mgrid[:SIDE, :SIDE]
+    keep = np.hypot(row - 30, col - 40) > 12
+    plain = reconstruct(cut(seen, keep), scene)
+    height = reconstruct(cut(seen, keep), scene, method=method)
+    np.testing.assert_array_equal(height.good, plain.good)
+    assert relative_error(height, truth) < 1e-4
+
+
+def test_direct_agrees_with_coupled_under_noise(exact, noisy) -> None:
+    scene, truth, _ = exact("monitor-mirror", "gaussian", SIDE, SIDE)
+    seen = noisy(truth, 0.1, 0.1)
+    anchor = PixelAnchor(32.0, 32.0, float(truth.z[32, 32]))
+    one, other = (reconstruct(seen, scene, method=name, anchor=anchor) for name in ("coupled", "direct"))
+    both = one.good & other.good
+    assert np.abs(one.z - other.z)[both].max() < 0.1 * np.median(one.sigma[both])
+
+
+def test_marching_pays_with_noise_and_says_so(exact, noisy) -> None:
+    """Sums along lines keep the noise that least squares averages; sigma tells it."""
+    scene, truth, _ = exact("paper-simulation", "raised-cosine", SIDE, SIDE)
+    ratios, scores = [], []
+    for seed in range(8):
+        seen = noisy(truth, 0.05, 0.05, seed)
+        plain, march = (reconstruct(seen, scene, method=name) for name in ("coupled", "march"))
+        away = truth.x > 16
+        good = plain.good & march.good & away
+        errors = [(h.z - truth.z)[good] for h in (plain, march)]
+        ratios.append(np.linalg.norm(errors[1]) / np.linalg.norm(errors[0]))
+        scores.append(np.mean((errors[1] / march.sigma[good]) ** 2))
+    assert np.mean(ratios) > 2
+    assert np.sqrt(np.mean(scores)) == pytest.approx(1.0, abs=0.35)
+
+
+def test_march_needs_a_rectangle(exact, cut) -> None:
+    scene, _, seen = exact("paper-simulation", "gaussian", SIDE, SIDE)
+    keep = np.ones((SIDE, SIDE), dtype=bool)
+    keep[20:40, 20:40] = False
+    with pytest.raises(InputError, match="march': needs a full rectangle"):
+        reconstruct(cut(seen, keep), scene, method="march")
+
+
+@pytest.fixture(scope="module")
+def spoiled(exact, noisy):
+    """2 % of the pixels off by up to 20 pattern pixels, in patches of 2 x 2 so that none stands alone."""
+    scene, truth, _ = exact("paper-simulation", "raised-cosine", SIDE, SIDE)
+    rng = np.random.default_rng(7)
+    seen = noisy(truth, 0.05, 0.05)
+    half = (SIDE // 2, SIDE // 2)
+    wrong = np.kron(rng.random(half) < 0.02, np.ones((2, 2))).astype(bool) & (truth.x < 150)
+    for axis in (seen.u, seen.v):
+        axis[wrong] += np.kron(rng.uniform(-20, 20, half), np.ones((2, 2)))[wrong]
+    return scene, truth, seen, ~wrong & (truth.x > 16)
+
+
+def test_reweighting_leaves_gross_outliers_behind(spoiled) -> None:
+    """The same grid with every pixel in it, by least squares and reweighted."""
+    scene, truth, seen, away = spoiled
+    options = Options()
+    problem = prepare(seen, scene)
+    start = coarse_start(problem.data, problem.samples, problem.labels, options)
+    plain = solve(problem.data, problem.samples, problem.labels, start, options)
+    robust = reweighted(problem, plain, options)
+    expected = -truth.z / ray_field(scene.camera).inner_directions[2]  # along the ray, from where it rests
+    rest = problem.data.rest()
+
+    def rms(state: State) -> float:
+        error = problem.to_image(state.w - rest, np.nan) + expected
+        return float(np.sqrt(np.nanmean(error[away] ** 2)))
+
+    assert rms(robust) < 0.2 * rms(plain)
+
+
+def test_robust_is_near_what_no_outliers_give(spoiled, noisy) -> None:
+    scene, truth, seen, away = spoiled
+    calm = reconstruct(noisy(truth, 0.05, 0.05), scene)
+    robust = reconstruct(seen, scene, method="robust")
+
+    def rms(height) -> float:
+        return float(np.sqrt(np.nanmean((height.z - truth.z)[away] ** 2)))
+
+    assert rms(robust) < 3 * rms(calm)
