@@ -1,8 +1,8 @@
 """Robust solve: edges whose increments do not fit the heights count less, by iterated reweighting.
 
-Cauchy's weight w / (1 + w (r / (2.385 s))^2) of an edge defect r (doi:10.1080/03610927708827533) is the weight
-of an edge in doubt by |r| / (2.385 s): to the variance 1/w the square of the doubt is added. s is the scaled
-median of |r| sqrt(w), one for noise as announced.
+Cauchy's weight w / (1 + w (r / (2.385 s))^2) of an edge defect r (doi:10.1080/03610927708827533) is that of
+an edge in doubt by |r| / (2.385 s): to the variance 1/w the square of the doubt is added. s is the scaled
+of |r| sqrt(w), one for noise as announced.
 """
 
 from dataclasses import replace
