@@ -3,8 +3,8 @@
 - `app`: the program `optolever`, the one place where errors become a line and an exit code
 - `options`: arguments that several commands share (--json, --size, scenes)
 - `show`: tables, progress bars, JSON
-- one file a command: `demo`, `capture`, `decode`, `reconstruct`, `paper`, `figures`, `bench`, `sweep`,
-  `hard`, `design`, `choices`, `sensor`, `adapt`, `names`, `doctor`
+- one file a command: `demo`, `capture`, `decode`, `reconstruct`, `paper`, `figures`, `methods`,
+  `bench`, `sweep`, `hard`, `design`, `choices`, `sensor`, `adapt`, `names`, `doctor`
 """
 
 from .app import main, run

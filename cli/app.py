@@ -20,6 +20,7 @@ COMMANDS = (
     "reconstruct",
     "paper",
     "figures",
+    "methods",
     "bench",
     "sweep",
     "hard",

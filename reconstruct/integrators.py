@@ -22,7 +22,7 @@ _ACCURACY = Accuracy(relative=1e-12)
 _CAUCHY = 2.385  # deviations at which a defect's weight is one half: 95 % efficiency under Gaussian noise
 _ROBUST_STEPS = 30
 _ROBUST_CHANGE = 1e-3  # of the defects' scale: where reweighting stops
-_ROUNDING = 1e-6  # of the increments: defects below it are quadrature and rounding, no outliers
+_ROUNDING = 1e-4  # of the increments: defects below it are quadrature and rounding, no outliers
 
 
 @dataclass(frozen=True, slots=True)

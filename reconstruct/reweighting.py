@@ -23,7 +23,7 @@ _ONE = np.ones((1, 1))
 _CAUCHY = 2.385  # deviations at which the weight is one half: 95 % efficiency under Gaussian noise
 _STEPS = 10
 _SETTLED = 1e-2  # change of the defects' scale, relative
-_LEAST = 1e-6  # of an edge's standard deviation: defects below it are rounding
+_LEAST = 0.1  # of an edge's standard deviation: data better than announced need no steeper weights
 
 
 def reweighted(problem: Problem, state: State, options: Options) -> State:
@@ -35,8 +35,8 @@ def reweighted(problem: Problem, state: State, options: Options) -> State:
     for _ in range(_STEPS):
         p, q = data.slopes(state.w)[:2]
         rx, ry = defects(p, q, state.w, _ONE, data.mask)
-        before, scale = scale, _scale(((rx, wx), (ry, wy)))
-        if scale <= _LEAST or abs(before - scale) <= _SETTLED * scale:
+        before, scale = scale, max(_scale(((rx, wx), (ry, wy))), _LEAST)
+        if abs(before - scale) <= _SETTLED * scale:
             break
         doubt = (np.abs(rx) / (_CAUCHY * scale), np.abs(ry) / (_CAUCHY * scale))
         state = solve(data, problem.samples, problem.labels, state.w, once, doubt)

@@ -6,6 +6,7 @@
 | `shot.py`, `decoders.py`, `solvers.py`, `decoupled.py` | mirror and frames; who decodes; who solves |
 | `run.py`, `timing.py`, `measures.py`, `row.py` | cells to rows; time and memory; numbers; the record |
 | `store.py`, `sweeps.py` | one result file per cell; resumed runs, here or on Dask |
+| `methods.py`, `integration_peers.py` | every solver and integrator on the same cases; peers from PyPI |
 | `pareto.py`, `report.py` | frontier and chart; the page |
 | `hard.py`, `hard_case.py`, `hard_decode.py`, `hard_reconstruct.py` | hard cases and their verdicts |
 """
@@ -15,6 +16,7 @@ from .decoders import DECODERS
 from .defaults import DEFAULT_GRID
 from .hard import hard_cases, run_hard, save_picture
 from .hard_case import Case, Found, Result, judged
+from .methods import MethodRow, missing_peers, run_methods
 from .pareto import frontier
 from .report import bench_html, bench_table, write_bench_report
 from .row import Row
@@ -31,6 +33,7 @@ __all__ = [
     "Cluster",
     "Found",
     "Grid",
+    "MethodRow",
     "Result",
     "Row",
     "Store",
@@ -40,8 +43,10 @@ __all__ = [
     "hard_cases",
     "judged",
     "load_grid",
+    "missing_peers",
     "run_cells",
     "run_hard",
+    "run_methods",
     "save_picture",
     "solver_names",
     "sweep",

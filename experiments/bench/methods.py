@@ -1,0 +1,237 @@
+"""Speed against error of every method in one run: plain integration of fields, and heights of mirrors."""
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+from optolever.reconstruct import HeightMap, PixelAnchor, integrate, integrator_names, reconstruct
+from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
+
+from ..metrics import rms, sigma_ratio
+from .hard_case import SIGMAS
+from .hard_reconstruct import PROBLEMS, spoiled
+from .integration_peers import missing_peers, peer_integrators
+from .solvers import installed, solver, solver_names
+
+__all__ = ["FIELDS", "MIRRORS", "MethodRow", "missing_peers", "run_methods"]
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Progress = Callable[[str, int, int], None]
+
+AGAIN = 2.0  # s: what takes less is run a second time, without what the first run compiles
+NOISE = 0.05  # px
+
+
+@dataclass(frozen=True, slots=True)
+class MethodRow:
+    """One method on one case. seconds: wall, cpu: processor time; error: rms over the peak (fields: over the
+    rms of the field) of what is not flagged; sigma_ratio: rms(error / sigma); flagged: share of the pixels
+    that could be seen; silent: share of the unflagged off by more than 5 sigma; NaN where a method knows no
+    sigma; why: no number.
+    """
+
+    part: str
+    case: str
+    method: str
+    seconds: float = math.nan
+    cpu: float = math.nan
+    error: float = math.nan
+    sigma_ratio: float = math.nan
+    flagged: float = math.nan
+    silent: float = math.nan
+    why: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
+class Mirror:
+    """A problem of the hard cases with its noise (px), and whether a known point is the anchor."""
+
+    problem: str
+    noise: float = 0.0
+    point: bool = False
+
+    @property
+    def name(self) -> str:
+        """As the table shows it."""
+        parts = [self.problem]
+        parts += [f"noise {self.noise:g} px"] if self.noise else []
+        return ", ".join([*parts, "known point"] if self.point else parts)
+
+
+MIRRORS = (
+    Mirror("smooth"),
+    Mirror("smooth", point=True),
+    Mirror("cusp"),
+    Mirror("holes"),
+    Mirror("smooth", NOISE),
+    Mirror("outliers 1 %", NOISE),
+    Mirror("pinhole", point=True),
+)
+FIELDS = ("gaussian", "needle", "hole", "noise", "outliers 1 %")
+
+
+def run_methods(
+    size: tuple[int, int],
+    cases: tuple[str, ...] = (),
+    methods: tuple[str, ...] = (),
+    progress: Progress = lambda text, done, total: None,
+) -> list[MethodRow]:
+    """Every method on every case; `cases` and `methods` keep those that hold one of the words given.
+
+    InputError if nothing is left.
+    """
+    work = [
+        (part, case, name, run)
+        for part, case, name, run in (*_fields(size), *_mirrors(size))
+        if _wanted(f"{part}, {case}", cases) and (not methods or name in methods)
+    ]
+    if not work:
+        raise InputError(f"methods: none left of cases {list(cases)}, methods {list(methods)}")
+    rows = []
+    for done, (part, case, name, run) in enumerate(work):
+        progress(f"{case}: {name}", done, len(work))
+        try:
+            rows.append(run(part, case, name))
+        except InputError as error:
+            rows.append(MethodRow(part, case, name, why=str(error)))
+    progress("", len(work), len(work))
+    return rows
+
+
+Run = Callable[[str, str, str], MethodRow]
+
+
+def _wanted(text: str, words: tuple[str, ...]) -> bool:
+    return not words or any(word in text for word in words)
+
+
+def _timed(call: Callable[[], Any]) -> tuple[Any, float, float]:
+    """Result, wall and processor seconds: the better of two runs if they are short."""
+    best, cpu, value = math.inf, math.inf, None
+    for _ in range(2):
+        start, used = time.perf_counter(), time.process_time()
+        value = call()
+        seconds, spent = time.perf_counter() - start, time.process_time() - used
+        best, cpu = min(best, seconds), min(cpu, spent)
+        if seconds > AGAIN:
+            break
+    return value, best, cpu
+
+
+def _fields(size: tuple[int, int]) -> Iterator[tuple[str, str, str, Run]]:
+    """Plain integration."""
+    for case in FIELDS:
+        z, gx, gy, mask = _field(case, size)
+        if case == "gaussian":
+            yield "integrate", case, "two DCTs alone", partial(_transforms, z)
+        for name in integrator_names():
+            yield "integrate", case, name, partial(_integrated, partial(_own, name, gx, gy, mask), z, mask)
+        if mask.all():
+            for name, peer in peer_integrators():
+                yield "integrate", case, name, partial(_integrated, partial(peer, gx, gy), z, mask)
+
+
+def _field(case: str, size: tuple[int, int]) -> tuple[Floats, Floats, Floats, Mask]:
+    """Height, its slopes per pixel as given to the methods, the pixels to use."""
+    rows, cols = size
+    y, x = np.mgrid[:rows, :cols].astype(np.float64)
+    x, y = x - 0.5 * (cols - 1), y - 0.5 * (rows - 1)
+    width = 0.15 * min(size)
+    if case == "needle":
+        r = np.maximum(np.hypot(x, y), 1e-9)
+        z = np.exp(-r / (0.06 * min(size)))
+        gx, gy = (-z * part / r / (0.06 * min(size)) for part in (x, y))
+    else:
+        z = np.exp(-(x * x + y * y) / (2 * width**2))
+        gx, gy = -x / width**2 * z, -y / width**2 * z
+    mask = np.hypot(x - 0.2 * cols, y) > 0.1 * min(size) if case == "hole" else np.ones(size, dtype=np.bool_)
+    rng = np.random.default_rng(2)
+    if case in ("noise", "outliers 1 %"):
+        gx, gy = (g + 0.01 / width * rng.standard_normal(size) for g in (gx, gy))
+    if case == "outliers 1 %":
+        wrong = rng.random(size) < 0.01
+        gx[wrong] += 10.0 / width * rng.standard_normal(int(wrong.sum()))
+    return z, gx, gy, mask
+
+
+def _own(name: str, gx: Floats, gy: Floats, mask: Mask) -> Floats:
+    return integrate(gx, gy, name, mask=None if mask.all() else mask).z
+
+
+def _transforms(z: Floats, part: str, case: str, name: str) -> MethodRow:
+    workers = 2
+    _, seconds, cpu = _timed(lambda: scipy.fft.idctn(scipy.fft.dctn(z, workers=workers), workers=workers))
+    return MethodRow(part, case, name, seconds, cpu)
+
+
+def _integrated(
+    call: Callable[[], Floats], z: Floats, mask: Mask, part: str, case: str, name: str
+) -> MethodRow:
+    found, seconds, cpu = _timed(call)
+    error = (found - z)[mask]
+    return MethodRow(part, case, name, seconds, cpu, rms(error - np.mean(error)) / rms(z[mask]))
+
+
+def _mirrors(size: tuple[int, int]) -> Iterator[tuple[str, str, str, Run]]:
+    """Heights from correspondences."""
+    for case in MIRRORS:
+        for name in solver_names():
+            if not installed(solver(name).module) or (case.point and solver(name).kind != "own"):
+                continue
+            if case.point and name == "decoupled":
+                continue
+            yield "reconstruct", case.name, name, partial(_height, case, size)
+
+
+def _height(case: Mirror, size: tuple[int, int], part: str, name: str, method: str) -> MethodRow:
+    problem = next(problem for problem in PROBLEMS if problem.name == case.problem)
+    scene = resize(load(problem.scene), *size)
+    shape = problem.dent
+    surface = dent_from_text(shape or scene.dent or "flat", scene) if isinstance(shape, str) else shape(scene)
+    truth = trace(scene, surface)
+    seen = spoiled(problem, scene, truth, case.noise, "float64")
+    if case.point:
+        call = partial(reconstruct, seen, scene, method=method, anchor=_middle(scene, truth))
+    else:
+        call = partial(solver(method).run, seen, scene)
+    height, seconds, cpu = _timed(call)
+    return _judged(height, truth, MethodRow(part, name, method, seconds, cpu))
+
+
+def _middle(scene: Scene, truth: Trace) -> PixelAnchor:
+    row, col = scene.camera.rows // 2, scene.camera.cols // 2
+    return PixelAnchor(float(row), float(col), float(truth.z[row, col]))
+
+
+def _judged(height: HeightMap, truth: Trace, row: MethodRow) -> MethodRow:
+    """The row with what the height is worth."""
+    good = height.good & truth.visible
+    error = height.z[good] - truth.z[good]
+    known = np.isfinite(height.sigma[good])
+    silent = (
+        float(np.mean(np.abs(error[known]) > SIGMAS * height.sigma[good][known])) if known.any() else math.nan
+    )
+    return MethodRow(
+        row.part,
+        row.case,
+        row.method,
+        row.seconds,
+        row.cpu,
+        rms(error) / float(np.max(np.abs(truth.z[truth.visible]))),
+        sigma_ratio(height.z, truth.z, height.sigma, good),
+        1.0 - float(good.sum()) / float(truth.visible.sum()),
+        silent,
+    )
