@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import FILE, blame, json_option, sample, writable
+from .options import FILE, HDF5, blame, json_option, sample, writable
 from .show import flag_shares, number, progress, table, write_json
 
 if TYPE_CHECKING:
@@ -25,8 +25,6 @@ Correspondence in c.npz
   off_pattern  0.7233 %
   time         1.399 s
 """
-
-HDF5 = (".h5", ".hdf5")
 
 
 @click.command("decode", epilog=sample(SAMPLE))

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FILE",
+    "HDF5",
     "SIZE",
     "blame",
     "json_option",
@@ -31,6 +32,7 @@ __all__ = [
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 FILE = click.Path(path_type=Path)
+HDF5 = (".h5", ".hdf5")
 
 
 class _Size(click.ParamType[tuple[int, int]]):

@@ -10,7 +10,7 @@ import click
 
 from optolever import InputError
 
-from .options import FILE, blame, json_option, load_scene, sample, scene_option, size_option, writable
+from .options import FILE, HDF5, blame, json_option, load_scene, sample, scene_option, size_option, writable
 from .show import dent_rows, flag_shares, number, progress, table, write_json
 
 if TYPE_CHECKING:
@@ -62,9 +62,8 @@ class _Anchor(click.ParamType[Any]):
 @click.option(
     "--anchor",
     type=_Anchor(),
-    default="edge",
-    show_default=True,
-    help="What fixes the height: the camera-side edge at rest, a known point (mm), or nothing.",
+    help="What fixes the height: the camera-side edge at rest (default), a known point (mm; default of a "
+    "SOFAST rig: where it measured its distance), or nothing.",
 )
 @click.option("--tiff", type=FILE, metavar="FILE", help="Also write the height as float32 TIFF.")
 @click.option("--ply", type=FILE, metavar="FILE", help="Also write the surface as PLY.")
@@ -111,16 +110,26 @@ def command(
     """Reconstruct the mirror's height from a correspondence and the scene that it was captured in.
 
     H.npz receives x, y, z, sigma (mm) and flags (0 = good) on the camera's pixels. Pixels that no anchor
-    reaches are flagged, not guessed.
+    reaches are flagged, not guessed. A scene ending in .h5 is a result of OpenCSP's SOFAST (extra `sofast`):
+    its camera, facet and screen, for a correspondence decoded from its measurement.
     """
     writable(out, json_path, tiff, ply, slopes_path, *grids)
     writers = [(path, _grid_writer(path)) for path in grids]
     from optolever.decode import Correspondence
     from optolever.files import save_arrays
-    from optolever.reconstruct import contacts, curvature_map, reconstruct, slope_map
+    from optolever.reconstruct import contacts, curvature_map, on_rig, reconstruct, slope_map
+    from optolever.scene import load_sofast_rig
 
     correspondence = Correspondence.load(source)
-    scene = load_scene(scene_name, size)
+    if Path(scene_name).suffix.lower() in HDF5:
+        if size is not None:
+            raise InputError(f"--size: {scene_name} is a SOFAST rig, its size is that of its camera")
+        rig = load_sofast_rig(scene_name)
+        with blame(source):
+            correspondence = on_rig(correspondence, rig)
+        scene, anchor = rig.scene, anchor or rig.datum
+    else:
+        scene = load_scene(scene_name, size)
     with progress() as step, blame(source):
         step("reconstruct")
         start = time.perf_counter()

@@ -1,7 +1,7 @@
 """Measurements of OpenCSP's SOFAST (HDF5) as captures: fringes on a screen, and the response to invert.
 
 The file tells its fringes in periods per screen and places as fractions of the screen, not in pixels; here
-a screen has 2000 x 1000 nominal pixels: u = 2000 x, v = 1000 (1 - y) for SOFAST's fractions (x, y).
+a screen has nominal pixels, `scene.SOFAST_SCREEN`: u = 2000 x, v = 1000 (1 - y) for fractions (x, y).
 """
 
 import math
@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.hdf5 import load_fields
 from optolever.patterns import Frame, Sequence
+from optolever.scene import SOFAST_SCREEN
 
 from .capture import Capture
 
 __all__ = ["load_sofast", "load_sofast_response"]
 
-COLS, ROWS = 2000, 1000
+ROWS, COLS = SOFAST_SCREEN
 _STEPS = 4  # SOFAST shows every fringe at 0, 90, 180 and 270 degrees
 
 _IMAGES = "MeasurementSofastFringe/fringe_images"

@@ -6,6 +6,7 @@
 | `stream.py` | HeightStream: one chord step a frame |
 | `problem.py`, `result.py` | checks, window, orientation, components; the solved grid as a HeightMap |
 | `calibration.py` | a rest capture as reference |
+| `sofast.py` | a SOFAST measurement on its rig's flat pattern |
 | `holes.py`, `fringe.py` | small holes bridged; noisy border lines left out and reached from inside |
 | `geometry.py`, `measured.py` | rays of the camera as arrays; a pixel grid with its measurement |
 | `equations.py` | slopes of the mirror per pixel, in closed form, and their variances |
@@ -54,6 +55,7 @@ from .paper_scene import (
 )
 from .resampling import Grid
 from .slope_map import SlopeMap, slope_map
+from .sofast import on_rig
 from .stream import HeightStream
 
 __all__ = [
@@ -86,6 +88,7 @@ __all__ = [
     "integrator_names",
     "method_names",
     "mirror_position",
+    "on_rig",
     "pattern_angle",
     "pattern_position",
     "pattern_positions",

@@ -26,12 +26,13 @@ from .pinhole import PinholeCamera
 from .reading import load, preset_names
 from .scene import Camera, Scene, resize
 from .sensor import Display, Sensor
-from .sofast import SofastRig, load_sofast_rig
+from .sofast import SOFAST_SCREEN, SofastRig, load_sofast_rig
 from .surface import Formula, Surface, surface_from_array
 from .telecentric import TelecentricCamera, prism_camera
 from .tracing import Trace, trace
 
 __all__ = [
+    "SOFAST_SCREEN",
     "Camera",
     "Display",
     "Face",

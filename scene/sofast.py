@@ -22,7 +22,11 @@ from .pinhole import PinholeCamera
 from .record import Float
 from .scene import Scene
 
-__all__ = ["SofastRig", "load_sofast_rig"]
+__all__ = ["SOFAST_SCREEN", "SofastRig", "load_sofast_rig"]
+
+#: Rows and columns of nominal pixels: SOFAST tells places as fractions of the screen, u = 2000 x,
+#: v = 1000 (1 - y).
+SOFAST_SCREEN = (1000, 2000)
 
 _FACET = "DataSofastCalculation/facet/facet_000/"
 _POSE = _FACET + "CalculationDataGeometryFacet/SpatialOrientation/"
@@ -42,13 +46,15 @@ class SofastRig:
     """scene: camera, facet and screen; the screen's cells are 1 mm, u along its x, v along its y.
 
     mask (H, W): camera pixels that see the facet. fractions (n, 2), points (n, 2): where on the flat screen
-    (mm) the fractions (x, y) of the shown image lie; linear between these measured places.
+    (mm) the fractions (x, y) of the shown image lie; linear between these measured places. datum: the origin
+    of SOFAST's optic frame, to which it measured the distance: a known point of the facet, mm.
     """
 
     scene: Scene
     mask: NDArray[np.bool_]
     fractions: Float
     points: Float
+    datum: tuple[float, float, float]
 
     def pattern_coordinates(self, x: Float, y: Float) -> tuple[Float, Float]:
         """(u, v) on the scene's pattern of fractions (x, y) of the shown image; NaN outside the measured."""
@@ -84,7 +90,8 @@ def load_sofast_rig(path: str | Path) -> SofastRig:
         pattern=_pattern(screen_origin, screen, _MM * points),
         camera=_camera(fields, origin, to_optic),
     )
-    return SofastRig(scene, fields[_MASK].astype(bool), fractions, _MM * points)
+    datum = (float(offset[0]), float(offset[1]), 0.0)
+    return SofastRig(scene, fields[_MASK].astype(bool), fractions, _MM * points, datum)
 
 
 def _pattern(origin: Float, axes: Float, points: Float) -> Pattern:
