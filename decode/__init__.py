@@ -8,7 +8,8 @@
 | `noise`                    | noise of the camera from what the frames cannot explain                      |
 | `response`                 | `Response` of display and camera, inverted before fringes are fitted         |
 | `axis_kernels`             | one axis over a block of rows, compiled: code and fringes, tile by tile      |
-| `fit_kernels`              | fringe fit of a tile; clipped samples left out, samples weighed              |
+| `fit_kernels`              | fringe fit of a tile                                                         |
+| `refit_kernels`            | that again for pixels with clipped samples, or with weighed ones             |
 | `code_kernels`             | bits, code words, cells, probability of a misread bit                        |
 | `unwrap_kernels`           | fringe orders from several periods or a code, probability of a wrong one     |
 | `flag_kernels`             | flags, and the maps that both axes share                                     |

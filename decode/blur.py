@@ -20,9 +20,14 @@ _FEWEST = 64
 _SPOILT = int(Flag.SATURATED | Flag.DARK | Flag.LOW_CONTRAST | Flag.MOVED | Flag.INVALID)
 
 
-def surveyed_rows(height: int) -> NDArray[np.int64]:
-    """Rows r whose decoded coordinates, with those of r + 2, tell footprint and blur."""
-    return np.unique(np.linspace(0, max(height - 1 - _APART, 0), _ROWS).astype(np.int64))
+def surveyed_rows(height: int, wanted: Plan) -> NDArray[np.int64]:
+    """Rows r whose decoded coordinates, with those of r + 2, tell footprint and, given references, blur."""
+    count = _ROWS if _tells_blur(wanted) else _ROWS // 3
+    return np.unique(np.linspace(0, max(height - 1 - _APART, 0), count).astype(np.int64))
+
+
+def _tells_blur(wanted: Plan) -> bool:
+    return wanted.white >= 0 and wanted.black >= 0
 
 
 def with_partners(rows: NDArray[np.int64], height: int) -> NDArray[np.int64]:
@@ -33,19 +38,22 @@ def with_partners(rows: NDArray[np.int64], height: int) -> NDArray[np.int64]:
 
 def median_footprint(coord: Map, rows: NDArray[np.int64]) -> float:
     """Median extent of a camera pixel in pattern cells, along both sides; at most 8."""
-    along = np.abs(np.diff(coord[rows], axis=1))
+    lines = coord[rows]
+    step = max(1, lines.size // _FOOTPRINTS)
+    along = lines[:, 1::step] - lines[:, :-1:step]
     total = 0.0
-    for change in (along, np.abs(_down(coord, rows))):
-        sure = change[np.isfinite(change)][:: max(1, change.size // _FOOTPRINTS)]
-        total += float(np.median(sure)) if len(sure) else 0.0
+    for change in (along, _down(coord[:, ::step], rows)):
+        size = np.abs(change)
+        sure = size[size < np.inf]
+        total += float(np.partition(sure, len(sure) // 2)[len(sure) // 2]) if len(sure) else 0.0
     return min(total, 8.0)
 
 
 def _down(coord: Map, rows: NDArray[np.int64]) -> Map:
     """Change of coord from one row to the next, at rows."""
     if coord.shape[0] <= _APART:
-        return np.abs(np.diff(coord, axis=0))
-    return (coord[rows + _APART] - coord[rows]) / _APART
+        return np.diff(coord, axis=0)
+    return np.asarray((coord[rows + _APART] - coord[rows]) / _APART)
 
 
 def measured_blur(
@@ -57,7 +65,7 @@ def measured_blur(
     footprint (the local gradient of coord), exp(-2 (pi b / P)^2) of the blur. A contrast higher than blur
     allows (nonlinear display or camera) tells nothing; nor does one that varies over the image by a tenth.
     """
-    if wanted.white < 0 or wanted.black < 0 or min(coord.shape) < 5:
+    if not _tells_blur(wanted) or min(coord.shape) < 5:
         return None
     fringe = axis.fringes[-1]
     cols = np.unique(np.linspace(2, coord.shape[1] - 3, _COLUMNS).astype(int))

@@ -112,14 +112,22 @@ def _gathered(coord: Map, sigma: Map, flags: Map) -> tuple[NDArray[np.float64], 
     if len(segments) == 0:
         return np.zeros(0), np.zeros(0)
     # einsum: the threads of a matrix product take longer to wake up than this takes
-    fit = np.einsum("ks,sf->kf", segments, _parabola())
+    fit = np.einsum("kb,bs->ks", np.einsum("ks,bs->kb", segments, _parabolas()), _parabolas())
     gradient = np.abs(np.diff(fit, axis=1)).mean(axis=1)
-    even = np.abs(np.exp(2j * np.pi * fit).mean(axis=1)) < 0.3
+    mean = _phasors(fit)
+    even = np.abs(mean) < 0.3
     smooth = np.abs(segments - fit).max(axis=1) < 0.75 + 4 * noise
     keep = even & smooth & (gradient > 0.05)
-    seen = np.cos(2 * np.pi * segments[keep]).mean(axis=1) - np.cos(2 * np.pi * fit[keep]).mean(axis=1)
+    seen = (_phasors(segments) - mean)[keep].real
     seen *= np.exp(np.minimum(2 * (np.pi * noise[keep]) ** 2, 3.0))
     return seen, gradient[keep]
+
+
+def _phasors(coord: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Means of exp(2 pi i coord) over each segment."""
+    # single precision is exact to 1e-7 and three times as fast
+    angle = (2 * np.pi * (coord - np.rint(coord))).astype(np.float32)
+    return np.asarray(np.cos(angle).mean(axis=1) + 1j * np.sin(angle).mean(axis=1))
 
 
 def _of_period(attenuation: float, period: float, coord: Map) -> float:
@@ -170,11 +178,11 @@ def _solve_stairs(seen: NDArray[np.float64], gradient: NDArray[np.float64]) -> t
 
 
 @cache
-def _parabola() -> NDArray[np.float64]:
-    """Least-squares fit of a parabola to a segment, as a symmetric matrix."""
+def _parabolas() -> NDArray[np.float64]:
+    """Orthonormal basis of the parabolas over a segment (3, _SEGMENT)."""
     place = np.linspace(-1, 1, _SEGMENT)
     basis = np.linalg.qr(np.stack([np.ones(_SEGMENT), place, place**2], axis=1))[0]
-    return np.asarray(basis @ basis.T)
+    return np.ascontiguousarray(basis.T)
 
 
 @cache

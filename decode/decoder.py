@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from optolever.blocks import over_rows
 from optolever.errors import InputError
+from optolever.memory import roomy_empty
 from optolever.patterns import Sequence
 
-from .arrays import chi_squared_limit, fringe_arrays
+from .arrays import axis_arrays, chi_squared_limit
 from .axis_kernels import CODE_GUIDED, CODE_ONLY, SEARCHED, SPAN_GUIDED, axis_rows
 from .blur import measured_blur, median_footprint, surveyed_rows, with_partners
 from .cells import take_off_stairs
@@ -32,7 +33,7 @@ FLOOR = 0.01
 LOOSE = 0.02
 #: Share of the clip level below which a pixel without contrast counts as dark.
 _DARK = 0.02
-_BLOCK = 16
+_BLOCK = 32
 Frames = NDArray[Any]
 
 
@@ -85,8 +86,8 @@ def decode(
     _, height, width = stack.shape
     shown = {axis.axis for axis in wanted.axes}
     maps = {axis: _maps(height, width, axis in shown) for axis in "uv"}
-    flags = np.empty((height, width), np.uint16)
-    amplitude, offset, order_error = (np.empty((height, width), np.float32) for _ in range(3))
+    flags = roomy_empty((height, width), np.uint16)
+    amplitude, offset, order_error = (roomy_empty((height, width), np.float32) for _ in range(3))
     common = (flags, amplitude, offset, order_error)
 
     def steps(tables: dict[str, Tables]) -> list[Callable[[int, int], None]]:
@@ -102,7 +103,7 @@ def decode(
         axis for axis in wanted.axes if axis.fringes and on_cells and not (sequence.nominal or by_table(axis))
     ]
     if on_display:
-        rows = surveyed_rows(height)
+        rows = surveyed_rows(height, wanted)
         for step in steps({}):
             for row in with_partners(rows, height):
                 step(int(row), int(row) + 1)
@@ -131,7 +132,7 @@ def decode(
 def _maps(height: int, width: int, shown: bool) -> tuple[Frames, Frames]:
     """Coordinate and sigma; those of an axis that was shown are written whole later on."""
     if shown:
-        return np.empty((height, width)), np.empty((height, width), np.float32)
+        return roomy_empty((height, width), np.float64), roomy_empty((height, width), np.float32)
     return np.full((height, width), np.nan), np.full((height, width), np.inf, np.float32)
 
 
@@ -181,7 +182,7 @@ def _job(
         raw = known = estimate_noise(stack, lut, clip, wanted, none)
     else:
         raw = known = Noise(noise**2 + (QUANTISATION if stack.dtype.kind == "u" else 0.0), gain)
-    level = float(stack[:, ::16, ::16].mean())
+    level = float(stack[:, :: max(1, stack.shape[1] // 8), ::16].mean())
     silent = raw.variance(level) < 1.5 * QUANTISATION
     return _Job(stack, lut, slope if weigh_samples else none, clip, known, raw, FLOOR if silent else 0.0)
 
@@ -212,7 +213,7 @@ def _step(
         return stripe_step(job.frames, job.clip, sequence, axis, joined, maps, common)
     if by_table(axis):
         return table_step(job.frames, job.clip, shown_on(sequence, wanted, axis), axis, joined, maps, common)
-    step = _axis_step(job, wanted, axis, tables or NO_TABLES, maps, joined, *common)
+    step = _axis_step(job, sequence, wanted, axis, tables or NO_TABLES, maps, joined, *common)
     if subpixel and axis.code is not None and not axis.fringes:
         return subpixel_step(job.frames, job.clip, shown_on(sequence, wanted, axis), step, maps)
     return step
@@ -220,6 +221,7 @@ def _step(
 
 def _axis_step(
     job: _Job,
+    sequence: Sequence,
     wanted: Plan,
     axis: AxisPlan,
     tables: Tables,
@@ -228,9 +230,10 @@ def _axis_step(
     *common: Frames,
 ) -> Callable[[int, int], None]:
     """The work on a block of rows for one axis."""
-    arrays = fringe_arrays(axis.fringes, axis.axis)
+    arrays = axis_arrays(sequence, axis.axis)
     fringes = (
-        *(arrays.count, arrays.index, arrays.solve, arrays.model, arrays.quad, arrays.periods, arrays.misfit),
+        *(arrays.count, arrays.index, arrays.solve, arrays.model, arrays.quad),
+        *(arrays.even, arrays.quarters, arrays.periods, arrays.misfit),
     )
     code = _code_arguments(job, wanted, axis)
     limits = (_reach(axis), job.floor, chi_squared_limit(len(axis.fringes) - 1))
@@ -241,10 +244,14 @@ def _axis_step(
     mode = _mode(axis)
     least = 8 * axis.code.cell if axis.code and not axis.fringes else 0.4 * float(arrays.periods[-1])
 
+    count, height, width = job.frames.shape
+    frames = job.frames.reshape(count, 1, height * width)
+    flat = [chart.reshape(1, height * width) for chart in (*maps, *common)]
+
     def step(start: int, stop: int) -> None:
         axis_rows(
-            *(job.frames, response, job.clip, noise, start, stop, mode, code, fringes, limits),
-            *(tables.kernel, axis.extent, joined, *maps, *common),
+            *(frames, response, job.clip, noise, start * width, stop * width, mode, code, fringes, limits),
+            *(tables.kernel, axis.extent, joined, *flat),
         )  # fmt: skip
         outlier_rows(start, stop, least, maps[0], common[0])
 

@@ -13,6 +13,7 @@ they depend too much on each pixel's footprint, drop out of the difference and s
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from optolever.patterns import Frame, Sequence
 
 from .display_kernels import BEYOND, BORDER, MOST_LOST, PER_CELL
-from .plan import AxisPlan, Fringe
+from .plan import AxisPlan, Fringe, plan
 from .unwrap_kernels import MUCH_FINER
 
 __all__ = ["NO_TABLES", "Tables", "display_shift", "display_tables"]
@@ -37,12 +38,16 @@ _LEAST_LIGHT = 0.2
 class Tables:
     """For take_off_tile; stairs: those of the cells are in them."""
 
-    kernel: tuple[F32, F32, F32, int, int]
+    kernel: tuple[NDArray[np.int32], float, F32, F32, int, int]
     stairs: bool
 
 
 _EMPTY = np.zeros(0, np.float32)
-NO_TABLES = Tables((_EMPTY, _EMPTY, _EMPTY, 0, 0), False)
+NO_TABLES = Tables((np.zeros(0, np.int32), 0.0, _EMPTY, _EMPTY, 0, 0), False)
+#: Largest number of a half word.
+_FULL = 32767
+#: Steps per cell of footprint and blur.
+_STEPS = 128
 #: What blur leaves of the cells' fundamental, under which stairs (then below 0.03 px) are taken off.
 _LOW_STAIRS = 0.1
 #: Rms blur that is assumed where the frames do not tell it, cells.
@@ -52,15 +57,35 @@ _USUAL_BLUR = 0.5
 def display_tables(sequence: Sequence, axis: AxisPlan, footprint: float, blur: float | None) -> Tables:
     """What take_off_tile takes off, and whether the stairs of the cells are low enough to be part of it.
 
-    footprint: width of a camera pixel, blur: rms (None: not known), both in cells.
+    footprint: width of a camera pixel, blur: rms (None: not known), both in cells; taken in steps that change
+    nothing, as a series of captures asks for the same tables again and again.
     """
+    rough = None if blur is None else round(blur * _STEPS) / _STEPS
+    return _tables(sequence, axis.axis, round(footprint * _STEPS) / _STEPS, rough)
+
+
+@lru_cache(maxsize=16)
+def _tables(sequence: Sequence, name: str, footprint: float, blur: float | None) -> Tables:
+    axis = next(axis for axis in plan(sequence).axes if axis.axis == name)
     soft = blur is not None and bool(np.exp(-2 * (np.pi * blur) ** 2) < _LOW_STAIRS)
     used = _USUAL_BLUR if blur is None else blur
     shift, border, lost = display_shift(sequence, axis, footprint, used, stairs=soft).astype(np.float32)
     inner = np.flatnonzero((np.abs(border) <= BORDER) & (lost <= MOST_LOST))
     # up to the first and from the last place where the border does nothing, it may do something
     low, high = (int(inner[0]), int(inner[-1])) if len(inner) else (len(shift), len(shift))
-    return Tables((shift, border, lost, low, high), soft)
+    return Tables((*_packed(shift), border, lost, low, high), soft)
+
+
+def _packed(shift: F32) -> tuple[NDArray[np.int32], float]:
+    """Shift and its change to the next entry as half words, and their unit; one entry is 0.
+
+    The unit is at most 1/32767 of a period: the rounding of 8-bit frames moves the phase by 20 times more.
+    """
+    change = np.diff(shift, append=shift[-1])
+    unit = float(max(np.abs(shift).max(), np.abs(change).max(), 1e-9)) / _FULL
+    lower = np.rint(shift / unit).astype(np.int32)
+    upper = np.diff(lower, append=lower[-1]).clip(-_FULL, _FULL)
+    return np.append((upper << 16) | (lower & 0xFFFF), 0).astype(np.int32), unit
 
 
 def display_shift(sequence: Sequence, axis: AxisPlan, footprint: float, blur: float, *, stairs: bool) -> F64:
@@ -86,22 +111,34 @@ def _fringe_shift(
 ) -> F64:
     """display_shift for one period, (3, K)."""
     pad = BEYOND + int(np.ceil(footprint / 2 + 4 * blur)) + 1
-    shown = _fundamental(sequence, fringe, axis)
-    ideal = 127.5 * np.exp(2j * np.pi * np.arange(-pad, axis.extent + pad) / fringe.period)
-    endless, dark = ideal.copy(), np.zeros_like(ideal)
-    endless[pad:-pad] = dark[pad:-pad] = shown
     light = _cell_light(footprint, blur)
-    seen_ideal, seen_endless, seen_dark = (_seen(row, light) for row in (ideal, endless, dark))
-    at = -pad - 0.5 + (np.arange(len(seen_dark)) + 0.5) / PER_CELL
+    dark = _seen(np.pad(_fundamental(sequence, fringe, axis), pad), light).ravel()
+    cosine = 127.5 * np.exp(2j * np.pi * np.arange(-pad, axis.extent + pad) / fringe.period)
+    at = -pad - 0.5 + (np.arange(len(dark)) + 0.5) / PER_CELL
     turn = fringe.period / (2 * np.pi)
-    truth = np.exp(2j * np.pi * at / fringe.period) if stairs else seen_ideal
-    shift = turn * np.angle(seen_dark * truth.conj())
-    border = turn * np.angle(seen_dark * seen_endless.conj())
-    left = np.abs(seen_dark) / np.abs(seen_ideal)
+    # the endless cosine is seen with the same change of amplitude and phase in all cells
+    change = _seen(cosine[: 2 * pad + 1], light)[pad] / cosine[pad]
+    truth = np.exp(2j * np.pi * at / fringe.period) if stairs else np.outer(cosine, change).ravel()
+    shift = turn * np.angle(dark * truth.conj())
+    border = np.zeros(len(dark))
+    missing = _beyond(cosine, pad, light)
+    near = missing != 0
+    border[near] = turn * np.angle(dark[near] * (dark[near] + missing[near]).conj())
+    left = (np.abs(dark).reshape(-1, PER_CELL) / (127.5 * np.abs(change))).ravel()
     lit = left > _LEAST_LIGHT
     wanted = np.arange(-BEYOND * PER_CELL, (axis.extent + BEYOND) * PER_CELL) / PER_CELL
     decoded = np.maximum.accumulate((at + shift)[lit])
     return np.stack([np.interp(wanted, decoded, part[lit]) for part in (shift, border, 1 - left)])
+
+
+def _beyond(cosine: Complex, pad: int, light: F64) -> Complex:
+    """What the `pad` cells on either side would add, were the fringe endless."""
+    added = np.zeros(len(cosine) * PER_CELL, np.complex128)
+    reach = min(2 * pad, len(cosine))
+    nothing = np.zeros(reach - pad)
+    added[: reach * PER_CELL] += _seen(np.append(cosine[:pad], nothing), light).ravel()
+    added[-reach * PER_CELL :] += _seen(np.append(nothing, cosine[-pad:]), light).ravel()
+    return added
 
 
 def _fundamental(sequence: Sequence, fringe: Fringe, axis: AxisPlan) -> Complex:
@@ -128,7 +165,7 @@ def _cell_light(footprint: float, blur: float) -> F64:
 
 
 def _seen(cells: Complex, light: F64) -> Complex:
-    """What is seen at the centres of the PER_CELL parts of every cell; dark around them."""
+    """What is seen at the centres of the PER_CELL parts of every cell (K, PER_CELL); dark around them."""
     reach = len(light) // 2
     part, distance = np.arange(PER_CELL)[:, None], np.arange(-reach, reach + 1)
     offset = (part - distance) // PER_CELL
@@ -137,4 +174,4 @@ def _seen(cells: Complex, light: F64) -> Complex:
     np.add.at(weights, (offset - first, part), light)
     padded = np.pad(cells, (-first, len(weights) - 1 + first))
     # einsum, as the threads of a matrix product take longer to wake up than this takes
-    return np.asarray(np.einsum("im,mj->ij", sliding_window_view(padded, len(weights)), weights)).ravel()
+    return np.asarray(np.einsum("im,mj->ij", sliding_window_view(padded, len(weights)), weights))

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import fast_kernel, leaf_kernel
+from .jit import apart_kernel, leaf_kernel
 
 __all__ = ["BEYOND", "BORDER", "MOST_LOST", "PER_CELL", "take_off_tile"]
 
@@ -20,19 +20,24 @@ MOST_LOST = 0.03
 BORDER = 1e-3
 _OFF = np.int32(16)
 _PER_CELL, _START = np.float32(PER_CELL), np.float32(BEYOND * PER_CELL)
-_ZERO, _NEXT = np.float32(0), np.uint32(1)
+_ZERO, _ONE = np.float32(0), np.float32(1)
+_HALF_WORD = np.int32(16)
 
 
 @leaf_kernel
-def take_off_tile(n: int, shown: Any, place: Array, spread: Array, at: Array, why: Array) -> None:
+def take_off_tile(
+    n: int, shown: Any, place: Array, spread: Array, at: Array, word: Array, why: Array
+) -> None:
     """Take the shift off place (n,), add the border's part of it to the variance `spread`, flag lost light.
 
-    shown = (shift, border, lost, low, high): tables (K,) float32 at coordinates -BEYOND + k / PER_CELL;
-    between k = low and high the border does nothing. at: room for (n,).
+    shown = (packed, unit, border, lost, low, high): tables at coordinates -BEYOND + k / PER_CELL; packed (K +
+    1,) int32 = shift in the lower, its change up to k + 1 in the upper half word, both in `unit`, 0 at the
+    end for what is beyond the table; border, lost (K,) float32; between k = low and high the border does
+    nothing. at, word (int32): room for (n,).
     """
-    shift, border, lost, low, high = shown
-    last = len(shift) - 2
-    if _near(n, np.float32(low), np.float32(high), place, at):
+    packed, unit, border, lost, low, high = shown
+    last = len(border) - 2
+    if _look(n, np.float32(low), np.float32(high), np.float32(last), place, at, word):
         for x in range(n):
             if at[x] >= 0 and at[x] <= last and not (low < at[x] < high):
                 k = int(at[x])
@@ -41,26 +46,28 @@ def take_off_tile(n: int, shown: Any, place: Array, spread: Array, at: Array, wh
                     spread[x] += extra * extra
                 if lost[k] > MOST_LOST:
                     why[x] |= _OFF
-    _interpolate(n, np.float32(last), shift, place, at)
-
-
-@fast_kernel
-def _near(n: int, low: Any, high: Any, place: Array, at: Array) -> bool:
-    """Place in the table; True if any is near the border."""
+    # a loop of its own, as it cannot become vectors; unsigned indices, as signed ones are checked
     for x in range(n):
-        at[x] = place[x] * _PER_CELL + _START
-    near = 0
-    for x in range(n):
-        near += (at[x] <= low) | (at[x] >= high)
-    return near > 0
+        word[x] = packed[np.uint32(word[x])]
+    _interpolate(n, np.float32(unit), word, at, place)
 
 
-@fast_kernel
-def _interpolate(n: int, last: Any, shift: Array, place: Array, at: Array) -> None:
-    """Interpolated shift, 0 beyond the table; unsigned indices, as signed ones are checked."""
+@apart_kernel
+def _look(n: int, low: Any, high: Any, last: Any, place: Array, at: Array, word: Array) -> bool:
+    """Place in the table, and the number of its entry; True if any is near the border."""
+    near = _ZERO
     for x in range(n):
-        inside = (at[x] >= _ZERO) & (at[x] <= last)
-        here = at[x] if inside else _ZERO
-        k = np.uint32(here)
-        change = shift[k] + (here - np.float32(k)) * (shift[k + _NEXT] - shift[k])
-        place[x] -= change if inside else _ZERO
+        here = place[x] * _PER_CELL + _START
+        at[x] = here
+        inside = (here >= _ZERO) & (here <= last)
+        word[x] = np.int32(here if inside else last + _ONE + _ONE)
+        near += _ONE if (here <= low) | (here >= high) else _ZERO
+    return bool(near > _ZERO)
+
+
+@apart_kernel
+def _interpolate(n: int, unit: Any, word: Array, at: Array, place: Array) -> None:
+    for x in range(n):
+        shift = np.float32(np.int32(word[x] << _HALF_WORD) >> _HALF_WORD)
+        change = np.float32(word[x] >> _HALF_WORD)
+        place[x] -= unit * (shift + (at[x] - np.floor(at[x])) * change)

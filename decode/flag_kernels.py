@@ -5,16 +5,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import fast_kernel, leaf_kernel, roomy_kernel
+from .jit import apart_kernel, fast_kernel, leaf_kernel, roomy_kernel
 from .unwrap_kernels import UNKNOWN
 
 __all__ = [
     "code_flags",
     "common_tile",
-    "flag_contrast",
+    "flag_finest",
     "flag_fit",
-    "flag_order",
-    "flag_place",
     "merge_rows",
     "outlier_rows",
 ]
@@ -34,53 +32,67 @@ _INF = np.float32(np.inf)
 _ZERO, _HALF, _ONE, _THREE = np.float32(0), np.float32(0.5), np.float32(1), np.float32(3)
 
 
-@fast_kernel
-def flag_contrast(
-    n: int, read2: Any, gain: Any, black: Any, scale: Any, a: Array, c: Array, s: Array, why: Array
+@apart_kernel
+def flag_finest(
+    n: int,
+    read2: Any,
+    gain: Any,
+    black: Any,
+    scale: Any,
+    worst: Any,
+    disagreement: Any,
+    reach: Any,
+    extent: Any,
+    a: Array,
+    c: Array,
+    s: Array,
+    variance: Array,
+    misfit: Array,
+    agreement: Array,
+    doubt: Array,
+    gap: Array,
+    place: Array,
+    spread: Array,
+    height: Array,
+    why: Array,
 ) -> None:
-    """LOW_CONTRAST: amplitude below 4 sigma; DARK: and offset below 8 sigma or `black`. Sets `why`."""
+    """All flags of the finest period: sets `why`, and the amplitude `height`.
+
+    LOW_CONTRAST: amplitude below 4 sigma; DARK: and offset below 8 sigma or `black`;
+    SATURATED: too few samples left; MOVED: residuals that noise does not explain;
+    ORDER_DOUBTFUL: periods disagree, an order is improbable, or code and fringe lie apart;
+    OFF_PATTERN: beyond the border by more than half a pixel and 3 sigma; INVALID: no number.
+    """
     four = np.float32(4)
     for x in range(n):
-        noise = _LEAST_CONTRAST2 * (read2 + gain * (a[x] if a[x] > _ZERO else _ZERO))
-        power = scale * (c[x] * c[x] + s[x] * s[x])
-        low = power < noise
-        dark = low & ((a[x] < black) | (a[x] * a[x] < four * noise))
-        why[x] = (_LOW if low else _NONE) | (_DARK if dark else _NONE)
+        noise = read2 + gain * (a[x] if a[x] > _ZERO else _ZERO)
+        power = c[x] * c[x] + s[x] * s[x]
+        low = scale * power < _LEAST_CONTRAST2 * noise
+        dark = low & ((a[x] < black) | (a[x] * a[x] < four * _LEAST_CONTRAST2 * noise))
+        wrong = (agreement[x] > disagreement) | (doubt[x] > _DOUBT) | (gap[x] > reach)
+        beyond = abs(place[x] - _HALF * (extent - _ONE)) - _HALF * extent
+        off = (beyond > _HALF) & (beyond * beyond > _THREE * _THREE * spread[x])
+        fine = (abs(place[x]) < _INF) & (spread[x] < _INF)
+        contrast = (_LOW if low else _NONE) | (_DARK if dark else _NONE)
+        lost = _SATURATED if variance[x] > _UNKNOWN else _NONE
+        moved = _MOVED if misfit[x] > worst * noise else _NONE
+        lies = (_ORDER if wrong else _NONE) | (_OFF if off else _NONE) | (_NONE if fine else _INVALID)
+        height[x] = np.sqrt(power)
+        why[x] = contrast | lost | moved | lies
 
 
-@fast_kernel
+@apart_kernel
 def flag_fit(
     n: int, worst: Any, read2: Any, gain: Any, a: Array, variance: Array, misfit: Array, why: Array
 ) -> None:
-    """SATURATED: too few samples left; MOVED: residuals that noise does not explain."""
+    """SATURATED and MOVED of another period, as in flag_finest."""
     for x in range(n):
-        why[x] |= _SATURATED if variance[x] > _UNKNOWN else _NONE
-    for x in range(n):
-        why[x] |= _MOVED if misfit[x] > worst * (read2 + gain * a[x]) else _NONE
+        lost = _SATURATED if variance[x] > _UNKNOWN else _NONE
+        noise = read2 + gain * (a[x] if a[x] > _ZERO else _ZERO)
+        why[x] |= lost | (_MOVED if misfit[x] > worst * noise else _NONE)
 
 
-@fast_kernel
-def flag_order(
-    n: int, disagreement: Any, reach: Any, agreement: Array, doubt: Array, gap: Array, why: Array
-) -> None:
-    """ORDER_DOUBTFUL: periods disagree, an order is improbable, or code and fringe lie apart."""
-    for x in range(n):
-        wrong = (agreement[x] > disagreement) | (doubt[x] > _DOUBT) | (gap[x] > reach)
-        why[x] |= _ORDER if wrong else _NONE
-
-
-@fast_kernel
-def flag_place(n: int, extent: Any, place: Array, spread: Array, why: Array) -> None:
-    """OFF_PATTERN: beyond the border by more than half a pixel and 3 sigma; INVALID: no number."""
-    for x in range(n):
-        beyond = abs(place[x] - _HALF * (extent - _ONE)) - _HALF * extent
-        why[x] |= _OFF if (beyond > _HALF) & (beyond * beyond > _THREE * _THREE * spread[x]) else _NONE
-    for x in range(n):
-        fine = (abs(place[x]) < _INF) & (spread[x] < _INF)
-        why[x] |= _NONE if fine else _INVALID
-
-
-@fast_kernel
+@apart_kernel
 def common_tile(
     n: int,
     joined: bool,
@@ -102,20 +114,14 @@ def common_tile(
     if not joined:
         for x in range(n):
             flags[x] = why[x]
-        for x in range(n):
             amplitude[x] = height[x]
-        for x in range(n):
             offset[x] = mean[x]
-        for x in range(n):
             order_error[x] = doubt[x] if doubt[x] < _ONE else _ONE
         return
     for x in range(n):
         flags[x] |= why[x]
-    for x in range(n):
         amplitude[x] = height[x] if height[x] < amplitude[x] else amplitude[x]
-    for x in range(n):
         offset[x] = _HALF * (offset[x] + mean[x])
-    for x in range(n):
         wrong = doubt[x] if doubt[x] < _ONE else _ONE
         order_error[x] = order_error[x] + wrong - order_error[x] * wrong
 

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any, cast
 
 from numba import njit
+from numba.core.compiler import Compiler
 
-__all__ = ["fast_kernel", "inline_kernel", "kernel", "leaf_kernel", "roomy_kernel"]
+__all__ = ["apart_kernel", "fast_kernel", "inline_kernel", "kernel", "leaf_kernel", "roomy_kernel"]
 
 Kernel = Callable[..., Any]
 #: Reorderings that let loops become vector instructions; NaN and infinity keep their meaning.
@@ -52,6 +53,25 @@ def leaf_kernel(function: Kernel) -> Kernel:
 def fast_kernel(function: Kernel) -> Kernel:
     """leaf_kernel, with reordering of sums and fused multiply-add."""
     return cast(Kernel, njit(**_LEAF, fastmath=_REORDER)(function))
+
+
+class _Apart(Compiler):
+    """Numba's compiler, told that no two array arguments overlap (as it tells itself for parallel loops)."""
+
+    def define_pipelines(self) -> Any:
+        """The usual ones."""
+        self.state.flags.noalias = True
+        usual: Any = super()
+        return usual.define_pipelines()
+
+
+def apart_kernel(function: Kernel) -> Kernel:
+    """fast_kernel for callers who see to it that what it writes is reached through one argument only.
+
+    Then a loop with many inputs and outputs becomes vector instructions; without that word the compiler has
+    to check every pair of them for overlap, and gives up on more than a few.
+    """
+    return cast(Kernel, njit(**_LEAF, fastmath=_REORDER, pipeline_class=_Apart)(function))
 
 
 def roomy_kernel(function: Kernel) -> Kernel:

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import fast_kernel, leaf_kernel
+from .jit import apart_kernel, leaf_kernel
 
 __all__ = ["MUCH_FINER", "UNKNOWN", "search_tile", "sequential_tile"]
 
 Array = NDArray[Any]
 
 #: Differences of chi squared beyond this are certain: exp(-20) = 2e-9.
-_CERTAIN = 40.0
+_CERTAIN = np.float32(40.0)
 #: A period so many times coarser than the next only gives the order: it holds less than 1/16 of the
 #: information, and its harmonics would weigh in with the ratio.
 MUCH_FINER = 4.0
@@ -38,8 +38,8 @@ def sequential_tile(
     guess: Array,
     coord: Array,
     spread: Array,
-    step: Array,
-    margin: Array,
+    near: Array,
+    far: Array,
     misfit: Array,
     gap: Array,
     order_error: Array,
@@ -47,66 +47,132 @@ def sequential_tile(
     """Orders nearest to guess (n,), then to the estimate so far. All float32.
 
     periods (G,) coarse to fine, turns and variance (G, n). Out (n,): coord and its variance `spread`; misfit
-    += chi squared of the periods' agreement (G - 1 degrees of freedom); gap = |coord of the first - guess|;
-    order_error += probability that an order is wrong, given the guess. step, margin: room for (n,).
+    = chi squared of the periods' agreement (G - 1 degrees of freedom); gap = |coord of the first - guess|;
+    order_error = probability that an order is wrong, given the guess. near, far: room for (n,).
     """
-    _first_order(n, periods[0], turns[0], variance[0], guess, coord, spread, gap)
-    for g in range(1, len(periods)):
-        if _next_order(n, periods[g], turns[g], variance[g], coord, spread, step, margin, misfit):
-            _add_doubt(n, periods[g], variance[g], spread, step, margin, order_error)
-        _update(n, periods[g], MUCH_FINER * periods[g] < periods[g - 1], variance[g], coord, spread, step)
+    if len(periods) == 1:
+        _first_order(n, periods[0], turns[0], variance[0], guess, coord, spread, misfit, gap, order_error)
+        return
+    blended = MUCH_FINER * periods[1] >= periods[0]
+    if _two_orders(
+        *(n, periods[0], periods[1], blended, turns[0], variance[0], turns[1], variance[1], guess),
+        *(coord, spread, near, far, misfit, gap, order_error),
+    ):
+        _add_doubt(n, near, far, order_error)
+    for g in range(2, len(periods)):
+        blended = MUCH_FINER * periods[g] >= periods[g - 1]
+        if _next_order(n, periods[g], blended, turns[g], variance[g], coord, spread, near, far, misfit):
+            _add_doubt(n, near, far, order_error)
 
 
-@fast_kernel
+@apart_kernel
 def _first_order(
-    n: int, period: Any, turns: Array, variance: Array, guess: Array, coord: Array, spread: Array, gap: Array
-) -> None:
-    inverse = _ONE / period
-    for x in range(n):
-        coord[x] = period * (turns[x] + np.rint(guess[x] * inverse - turns[x]))
-    for x in range(n):
-        gap[x] = abs(coord[x] - guess[x])
-    for x in range(n):
-        spread[x] = variance[x] * (period * period)
-
-
-@fast_kernel
-def _next_order(
     n: int,
     period: Any,
     turns: Array,
     variance: Array,
+    guess: Array,
     coord: Array,
     spread: Array,
-    step: Array,
-    margin: Array,
     misfit: Array,
-) -> bool:
-    """Step to the nearest order; margin = chi squared by which the next is worse. True: some are close."""
+    gap: Array,
+    order_error: Array,
+) -> None:
     inverse, square = _ONE / period, period * period
     for x in range(n):
-        order = np.rint(coord[x] * inverse - turns[x])
-        step[x] = period * (turns[x] + order) - coord[x]
+        place = period * (turns[x] + np.rint(guess[x] * inverse - turns[x]))
+        coord[x] = place
+        gap[x] = abs(place - guess[x])
+        spread[x] = variance[x] * square
+        misfit[x] = _ZERO
+        order_error[x] = _ZERO
+
+
+@apart_kernel
+def _two_orders(
+    n: int,
+    coarse: Any,
+    period: Any,
+    blended: bool,
+    coarse_turns: Array,
+    coarse_variance: Array,
+    turns: Array,
+    variance: Array,
+    guess: Array,
+    coord: Array,
+    spread: Array,
+    near: Array,
+    far: Array,
+    misfit: Array,
+    gap: Array,
+    order_error: Array,
+) -> bool:
+    """_first_order and the first _next_order, without the way through memory between them."""
+    inverse_coarse, square_coarse = _ONE / coarse, coarse * coarse
+    inverse, square, twice = _ONE / period, period * period, _TWO * period
+    start, slope = (_ZERO, _ONE) if blended else (_ONE, _ZERO)
+    close = _ZERO
     for x in range(n):
-        both = spread[x] + variance[x] * square
-        margin[x] = (square - _TWO * period * abs(step[x])) / both
+        place = coarse * (coarse_turns[x] + np.rint(guess[x] * inverse_coarse - coarse_turns[x]))
+        before = coarse_variance[x] * square_coarse
+        step = period * (turns[x] + np.rint(place * inverse - turns[x])) - place
+        fine = variance[x] * square
+        share = _ONE / (before + fine)
+        weight = start + slope * (before * share)
+        beside = (square - twice * abs(step)) * share
+        gap[x] = abs(place - guess[x])
+        near[x] = beside
+        far[x] = (square + twice * abs(step)) * share
+        misfit[x] = step * step * share
+        coord[x] = place + weight * step
+        spread[x] = weight * fine
+        order_error[x] = _ZERO
+        close += _ONE if beside < _CERTAIN else _ZERO
+    return bool(close > _ZERO)
+
+
+@apart_kernel
+def _next_order(
+    n: int,
+    period: Any,
+    blended: bool,
+    turns: Array,
+    variance: Array,
+    coord: Array,
+    spread: Array,
+    near: Array,
+    far: Array,
+    misfit: Array,
+) -> bool:
+    """Step to the nearest order, all the way or (blended) as far as both variances say.
+
+    near, far = chi squared by which the two orders beside it are worse. True: some are close.
+    """
+    inverse, square, twice = _ONE / period, period * period, _TWO * period
+    start, slope = (_ZERO, _ONE) if blended else (_ONE, _ZERO)
+    close = _ZERO
     for x in range(n):
-        misfit[x] += step[x] * step[x] / (spread[x] + variance[x] * square)
-    close = 0
-    for x in range(n):
-        close += margin[x] < np.float32(_CERTAIN)
-    return close > 0
+        step = period * (turns[x] + np.rint(coord[x] * inverse - turns[x])) - coord[x]
+        fine = variance[x] * square
+        share = _ONE / (spread[x] + fine)
+        weight = start + slope * (spread[x] * share)
+        beside = (square - twice * abs(step)) * share
+        near[x] = beside
+        far[x] = (square + twice * abs(step)) * share
+        misfit[x] += step * step * share
+        coord[x] += weight * step
+        spread[x] = weight * fine
+        close += _ONE if beside < _CERTAIN else _ZERO
+    return bool(close > _ZERO)
 
 
 @leaf_kernel
-def _add_doubt(
-    n: int, period: Any, variance: Array, spread: Array, step: Array, margin: Array, order_error: Array
-) -> None:
+def _add_doubt(n: int, near: Array, far: Array, order_error: Array) -> None:
     """Probability that another order is the right one: both neighbours, from chi squared (flat prior)."""
     for x in range(n):
-        if margin[x] < _CERTAIN:
-            both = float(spread[x]) + float(variance[x]) * period * period
-            order_error[x] += _doubt(float(period), abs(float(step[x])), both)
+        if near[x] < _CERTAIN:
+            other = math.exp(-0.5 * float(near[x])) + math.exp(-0.5 * float(far[x]))
+            order_error[x] += other / (1 + other)
 
 
 @leaf_kernel
@@ -114,25 +180,6 @@ def _doubt(period: float, step: float, both: float) -> float:
     near = math.exp(-0.5 * period * (period - 2 * step) / both)
     far = math.exp(-0.5 * period * (period + 2 * step) / both)
     return (near + far) / (1 + near + far)
-
-
-@fast_kernel
-def _update(
-    n: int, period: Any, alone: bool, variance: Array, coord: Array, spread: Array, step: Array
-) -> None:
-    square = period * period
-    if alone:
-        for x in range(n):
-            coord[x] += step[x]
-        for x in range(n):
-            spread[x] = variance[x] * square
-        return
-    for x in range(n):
-        fine = variance[x] * square
-        coord[x] += spread[x] / (spread[x] + fine) * step[x]
-    for x in range(n):
-        fine = variance[x] * square
-        spread[x] = spread[x] * fine / (spread[x] + fine)
 
 
 @leaf_kernel
@@ -184,6 +231,6 @@ def search_tile(
                 second_sum += math.exp(-0.5 * (chi - best))
         coord[x] = best_coord
         spread[x] = best_spread
-        misfit[x] += best
+        misfit[x] = best
         gap[x] = 0
-        order_error[x] += second_sum / (1 + second_sum) + best_doubt
+        order_error[x] = second_sum / (1 + second_sum) + best_doubt

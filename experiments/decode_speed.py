@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from optolever.blocks import over_rows
 from optolever.decode import decode
+from optolever.memory import roomy_empty
 from optolever.patterns import Frame, Sequence, sequence
 
 from .demo import Progress, silent
@@ -42,6 +43,7 @@ _START = """
 import sys, time
 import numpy as np
 from optolever.decode import decode
+from optolever.memory import roomy_empty
 from optolever.patterns import sequence_from_text
 frames = np.load(sys.argv[1])
 shown = sequence_from_text(sys.argv[2], *frames.shape[1:])
@@ -106,22 +108,23 @@ def _touch(start: int, stop: int, frames: Any, wide: Any, narrow: Any, flags: An
         for i in range(frames.shape[0]):
             for x in range(cols):
                 total[x] += np.float32(frames[i, row, x])
-        for k in range(wide.shape[0]):
+        for chart in wide:
             for x in range(cols):
-                wide[k, row, x] = total[x]
-        for k in range(narrow.shape[0]):
+                chart[row, x] = total[x]
+        for chart in narrow:
             for x in range(cols):
-                narrow[k, row, x] = total[x]
+                chart[row, x] = total[x]
         for x in range(cols):
             flags[row, x] = np.uint16(total[x])
 
 
 def _floor(frames: Stack) -> None:
-    """u and v in float64; two sigmas, amplitude, offset, order error in float32; flags."""
+    """u and v in float64; two sigmas, amplitude, offset, order error in float32; flags, as decode."""
     size = frames.shape[1:]
-    wide, narrow = np.empty((2, *size)), np.empty((5, *size), np.float32)
-    flags = np.empty(size, np.uint16)
-    over_rows(lambda start, stop: _touch(start, stop, frames, wide, narrow, flags), size[0], 16)
+    wide = tuple(roomy_empty(size, np.float64) for _ in range(2))
+    narrow = tuple(roomy_empty(size, np.float32) for _ in range(5))
+    flags = roomy_empty(size, np.uint16)
+    over_rows(lambda start, stop: _touch(start, stop, frames, wide, narrow, flags), size[0], 32)
 
 
 def _least(*calls: Callable[[], Any]) -> list[tuple[float, float]]:

@@ -11,7 +11,8 @@ The parts, floor by floor (imports run downward only):
 | 2     | `decode`      | frames + Sequence -> Correspondence                                      |
 | 1     | `patterns`    | codes: Frame, Sequence                                                   |
 | 1     | `scene`       | what is physically there, and its exact ray tracing                      |
-| 0     | `errors`, `files`, `blocks` | one-line input errors, atomic files, row blocks on threads |
+| 0     | `errors`, `files` | one-line input errors, atomic files                                  |
+| 0     | `blocks`, `memory` | row blocks on threads, large arrays on whole huge pages             |
 """
 
 from importlib.metadata import version as _version
