@@ -28,9 +28,13 @@ COMMANDS = (
     "choices",
     "sensor",
     "adapt",
+    "show",
     "names",
     "doctor",
 )
+
+
+MODULES = {"show": "window"}  # files that are not named as their command
 
 
 class _Lazy(click.Group):
@@ -42,7 +46,8 @@ class _Lazy(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             return None
-        command = importlib.import_module(f".{cmd_name}", __package__).command
+        module = MODULES.get(cmd_name, cmd_name)
+        command = importlib.import_module(f".{module}", __package__).command
         assert isinstance(command, click.Command)
         return command
 

@@ -17,7 +17,8 @@ Names
              ridge, relief
   sequences  gray, binary, xor-gray, phase, gray+phase, stripe, lattice,
              crossed, ramp
-  methods    coupled, fixed-point, paper, paper-rises, paper-drops
+  methods    coupled, direct, robust, march, fixed-point, paper, paper-rises,
+             paper-drops
 """
 
 

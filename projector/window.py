@@ -1,5 +1,6 @@
 """A real window that shows a sequence: chosen monitor, full screen, vsync, one frame at a time."""
 
+import time
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
@@ -115,6 +116,24 @@ class PatternWindow:
                 steps, self._steps = self._steps, 0
                 self.step(steps)
             glfw.wait_events_timeout(_WAIT_S)
+
+    def play(self, seconds: float) -> list[float]:
+        """Show every frame once for so long, from the first; ends early if the window is closed.
+
+        Returns when each came on, in seconds after the first.
+        """
+        times: list[float] = []
+        start = 0.0
+        for index in range(len(self._sequence)):
+            self.show(index)
+            now = time.monotonic()
+            start = now if index == 0 else start
+            times.append(now - start)
+            while not self.closed and (left := times[-1] + start + seconds - time.monotonic()) > 0:
+                glfw.wait_events_timeout(min(left, _WAIT_S))
+            if self.closed:
+                break
+        return times
 
     def read(self) -> NDArray[np.uint8]:
         """What the window shows, (rows, cols) uint8, row 0 on top: drawn once more and read back."""

@@ -1,5 +1,6 @@
 """The real window, under Xvfb: what the window holds and what the X server's screen holds."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -12,7 +13,10 @@ import numpy as np
 import pytest
 
 from optolever import InputError
+from optolever.patterns import sequence
 from optolever.projector import ContextInfo, monitors
+
+from .show_in_window import screen
 
 ROWS, COLS = 200, 320
 
@@ -68,6 +72,65 @@ def test_window_shows_the_frames(x_server: tuple[str, Path], tmp_path: Path, mod
             np.testing.assert_array_equal(seen["screens"], padded)
         for screen, image in zip(seen["screens"], expected, strict=True):
             assert_holds(screen, image)
+
+
+def test_show_puts_every_frame_on_the_screen(x_server: tuple[str, Path], tmp_path: Path) -> None:
+    """The command: full screen, frame after frame, and the times at which they came on."""
+    display, folder = x_server
+    report = tmp_path / "shown.json"
+    words = ["show", "--sequence", "phase:steps=3,periods=8", "--size", "48x80", "--monitor", "0"]
+    words += ["--seconds", "0.5", "--json", str(report)]
+    code = "import sys; from optolever.cli import run; sys.exit(run(sys.argv[1:]))"
+    expected = sequence("phase", 48, 80, steps=3, periods=8).render()
+    seen: list[np.ndarray] = []
+    with subprocess.Popen(
+        [sys.executable, "-c", code, *words],
+        env={**os.environ, "DISPLAY": display},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        while process.poll() is None:
+            image = screen(folder)[:48, :80]
+            if image.any() and not (seen and np.array_equal(image, seen[-1])):
+                seen.append(image)
+            time.sleep(0.02)
+        out, err = process.communicate()
+    assert process.returncode == 0, err
+    assert f"{len(expected)} of {len(expected)}" in out
+    whole = [image for image in seen if any(np.array_equal(image, frame) for frame in expected)]
+    assert len(whole) == len(expected)
+    for image, frame in zip(whole, expected, strict=True):
+        np.testing.assert_array_equal(image, frame)
+    times = json.loads(report.read_text())["shown_s"]
+    assert times[0] == 0
+    assert np.all(np.diff(times) >= 0.5)
+
+
+def test_show_lists_monitors_and_refuses_others(x_server: tuple[str, Path], tmp_path: Path) -> None:
+    display, _ = x_server
+    code = "import sys; from optolever.cli import run; sys.exit(run(sys.argv[1:]))"
+
+    def show(*words: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-c", code, "show", *words],
+            env={**os.environ, "DISPLAY": display},
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=60,
+        )
+
+    assert f"{ROWS}x{COLS}" in show("--list").stdout
+    for words, message in (
+        (("--monitor", "3"), "does not exist, the limit is 0"),
+        (("--monitor", "0", "--size", "4000x4000"), "the sequence needs 4000x4000"),
+        ((), "--size: must be given"),
+    ):
+        done = show(*words)
+        assert done.returncode == 2
+        assert message in done.stderr
+        assert len(done.stderr.splitlines()) == 1
 
 
 def assert_holds(screen: np.ndarray, image: np.ndarray) -> None:

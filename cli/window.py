@@ -1,0 +1,125 @@
+"""`optolever show`: a sequence on a real display, frame by frame."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from optolever import InputError
+
+from .options import SIZE, json_option, sample, writable
+from .show import grid, number, table, write_json
+
+if TYPE_CHECKING:
+    from optolever.patterns import Sequence
+    from optolever.projector import Monitor
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ optolever show --sequence gray+phase --monitor 1 --seconds 0.5
+Shown on monitor 1
+  sequence  gray+phase
+  frames    34 of 34, of 1080 x 1920
+  each      0.5001 s on average
+"""
+
+
+@click.command("show", epilog=sample(SAMPLE))
+@click.option(
+    "--sequence", "text", metavar="NAME[:KEY=VALUE,...]", default="gray+phase", show_default=True,
+    help="What to show; a .toml file that design or Sequence.save wrote.",
+)  # fmt: skip
+@click.option(
+    "--monitor", type=click.IntRange(min=0), metavar="N",
+    help="Full screen there, by its number in --list; default: the second one, or a plain window.",
+)  # fmt: skip
+@click.option("--size", type=SIZE, metavar="ROWSxCOLS", help="Of the pattern; default: the whole monitor.")
+@click.option(
+    "--seconds", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS",
+    help="Show every frame once for so long; default: right and left arrow step, Escape closes.",
+)  # fmt: skip
+@click.option("--list", "listing", is_flag=True, help="List the monitors and show nothing.")
+@json_option
+def command(
+    text: str,
+    monitor: int | None,
+    size: tuple[int, int] | None,
+    seconds: float | None,
+    listing: bool,
+    json_path: Path | None,
+) -> None:
+    """Show a sequence on a monitor, one pattern pixel per screen pixel, for a camera of your own.
+
+    The pattern starts in the upper left corner; what it does not cover stays black. With --seconds, --json
+    tells when every frame came on, seconds after the first.
+    """
+    writable(json_path)
+    from optolever.projector import PatternWindow, monitors
+
+    found = monitors()
+    if listing:
+        _list(found, json_path)
+        return
+    chosen = _chosen(found, monitor)
+    shown = _sequence(text, size, found, chosen)
+    with PatternWindow(shown, monitor=chosen) as window:
+        if seconds is None:
+            window.run()
+            times: list[float] = []
+        else:
+            times = window.play(seconds)
+    where = "in a window" if chosen is None else f"on monitor {chosen}"
+    record = {
+        "sequence": text,
+        "frames": len(shown),
+        "size": shown.shape,
+        "monitor": chosen,
+        "shown_s": times,
+    }
+    write_json(json_path, record)
+    if seconds is not None:
+        table(
+            f"Shown {where}",
+            {
+                "sequence": text,
+                "frames": f"{len(times)} of {len(shown)}, of {shown.rows} x {shown.cols}",
+                "each": f"{number(_mean_step(times), 's')} on average",
+            },
+        )
+
+
+def _list(found: "list[Monitor]", json_path: Path | None) -> None:
+    from dataclasses import asdict
+
+    write_json(json_path, {"monitors": [asdict(monitor) for monitor in found]})
+    rows = [[str(m.index), m.name, f"{m.rows}x{m.cols}", number(m.refresh_hz, "Hz")] for m in found]
+    grid("Monitors", ("number", "name", "size", "refresh"), rows)
+
+
+def _chosen(found: "list[Monitor]", monitor: int | None) -> int | None:
+    """The monitor asked for, else the second one, else none: a plain window."""
+    if monitor is None:
+        return 1 if len(found) > 1 else None
+    if monitor >= len(found):
+        raise InputError(f"--monitor {monitor}: does not exist, the limit is {len(found) - 1}")
+    return monitor
+
+
+def _sequence(
+    text: str, size: tuple[int, int] | None, found: "list[Monitor]", chosen: int | None
+) -> "Sequence":
+    """The sequence in the size asked for, its file's own, or that of the whole monitor."""
+    from optolever.patterns import Sequence, sequence_from_text
+
+    if size is None and text.endswith(".toml"):
+        return Sequence.load(text)
+    if size is None:
+        if chosen is None:
+            raise InputError("--size: must be given for a plain window, such as 480x640")
+        size = found[chosen].rows, found[chosen].cols
+    return sequence_from_text(text, *size)
+
+
+def _mean_step(times: list[float]) -> float:
+    return (times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else float("nan")
