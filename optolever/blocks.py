@@ -2,9 +2,10 @@
 
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import lru_cache
 
-__all__ = ["ONE_THREAD", "THREADS_VARIABLE", "over_rows", "threads"]
+__all__ = ["ONE_THREAD", "THREADS_VARIABLE", "over_image", "over_rows", "threads"]
 
 THREADS_VARIABLE = "OPTOLEVER_THREADS"
 """Environment variable: how many threads to use, instead of all cores that the process may use."""
@@ -14,6 +15,8 @@ ONE_THREAD = {THREADS_VARIABLE: "1"} | {f"{name}_NUM_THREADS": "1" for name in _
 """Environment of a process that shall use one thread, set before it loads NumPy: then sums are the same to
 the last bit wherever they are made.
 """
+
+_SMALL = 1 << 15  # pixels that one thread has done before a second one is awake
 
 
 def threads() -> int:
@@ -27,12 +30,41 @@ def threads() -> int:
 
 
 def over_rows(work: Callable[[int, int], None], rows: int, block: int = 64) -> None:
-    """Call work(start, stop) for blocks that cover range(rows), on all cores; exceptions come through."""
+    """Call work(start, stop) for blocks that cover range(rows), on all cores; exceptions come through.
+
+    The calling thread takes its share, and what no other thread has begun when it is done is not waited for:
+    work may call over_rows itself.
+    """
     starts = range(0, rows, block)
-    if threads() == 1 or len(starts) == 1:
+    count = min(threads(), len(starts)) if len(starts) > 1 else 1
+    if count <= 1:
         for start in starts:
             work(start, min(start + block, rows))
         return
-    with ThreadPoolExecutor(threads()) as pool:
-        for future in [pool.submit(work, start, min(start + block, rows)) for start in starts]:
-            future.result()
+    left = iter(starts)
+
+    def share() -> None:
+        for start in left:  # next() of a range's iterator is one step under the GIL
+            work(start, min(start + block, rows))
+
+    helpers: list[Future[None]] = [_pool(os.getpid(), threads()).submit(share) for _ in range(count - 1)]
+    try:
+        share()
+    finally:
+        begun = [helper for helper in helpers if not helper.cancel()]
+        for helper in begun:
+            helper.exception()  # waits
+    for helper in begun:
+        helper.result()
+
+
+def over_image(work: Callable[[int, int], None], shape: tuple[int, ...]) -> None:
+    """over_rows for kernels of a few operations a pixel: small images stay on the calling thread."""
+    rows, cols = shape[:2]
+    over_rows(work, rows, max(16, -(-_SMALL // max(cols, 1))))
+
+
+@lru_cache(maxsize=4)
+def _pool(process: int, size: int) -> ThreadPoolExecutor:
+    """Threads that stay: starting one costs as much as a small image. A forked process has none of them."""
+    return ThreadPoolExecutor(size, thread_name_prefix="optolever")

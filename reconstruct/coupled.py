@@ -24,6 +24,7 @@ from .paper_scene import reconstruct_paper
 from .problem import Problem, prepare
 from .result import height_map
 from .reweighting import reweighted
+from .strays import strays
 
 __all__ = ["doubted", "method_names", "reconstruct", "solved_height"]
 
@@ -91,12 +92,15 @@ def solved_height(
     """`reconstruct` by one of the dense methods, with what was solved and how it ended."""
     options = _METHODS[method]
     problem = prepare(correspondence, scene, anchor, mask)
+    measured = problem.data
+    removed = strays(measured) & ~problem.bridged
+    suspects = removed.copy()
+    if removed.any():
+        problem = replace(problem, data=bridged(measured, removed))
     first = _warm(problem, start) if start is not None else None
     if first is None:
         first = coarse_start(problem.data, problem.samples, problem.labels, options)
     state = _solve(problem, first, options)
-    measured = problem.data
-    suspects, removed = np.zeros((2, *problem.labels.shape), dtype=np.bool_)
     for _ in range(_ROUNDS):
         score, scale = _curl(problem, state)
         limit = _CURL_LIMIT * max(1.0, scale) if np.isfinite(scale) else _CURL_LIMIT
@@ -111,7 +115,7 @@ def solved_height(
     if method == "robust":
         state = reweighted(problem, state, options)
     elif method != "march":
-        state = _around_creases(problem, state, options, scale, removed)
+        state = _around_creases(problem, state, options, scale, removed, suspects & ~removed)
     p, q = problem.data.slopes(state.w)[:2]
     shared = correlation_excess(p, q, state.variances, problem.data.mask, state.doubt)
     variance = None
@@ -127,24 +131,28 @@ def _solve(problem: Problem, first: Floats, options: Options) -> State:
     return solve(problem.data, problem.samples, problem.labels, first, options)
 
 
-def _around_creases(problem: Problem, state: State, options: Options, noise: float, removed: Mask) -> State:
+def _around_creases(
+    problem: Problem, state: State, options: Options, noise: float, removed: Mask, blamed: Mask
+) -> State:
     """The solution with doubtful edges held in doubt, if there are any. noise: the curl's scale; removed:
-    lone wrong pixels.
+    lone wrong pixels; blamed: others with a curl.
     """
     for _ in range(_REWEIGHTED):
-        doubt = doubted(problem, state, noise, removed)
+        doubt = doubted(problem, state, noise, removed, blamed)
         if doubt is None:
             break
         state = solve(problem.data, problem.samples, problem.labels, state.w, options, doubt)
     return state
 
 
-def doubted(problem: Problem, state: State, noise: float, removed: Mask) -> Doubt | None:
+def doubted(
+    problem: Problem, state: State, noise: float, removed: Mask, blamed: Mask | None = None
+) -> Doubt | None:
     """What is in doubt of a solution's edges, those of interpolated pixels included."""
     p, q = problem.data.slopes(state.w)[:2]
     announced = not np.isfinite(noise) or problem.data.whole_cells()
     scale = 1.0 if announced else min(1.0, noise)
-    doubt = edge_doubt(p, q, *state.variances, problem.data.mask, scale)
+    doubt = edge_doubt(p, q, *state.variances, problem.data.mask, scale, blamed)
     return None if doubt is None else widened(doubt, removed | problem.bridged)
 
 

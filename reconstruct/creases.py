@@ -13,9 +13,9 @@ import scipy.ndimage
 from numba import njit
 from numpy.typing import NDArray
 
-from optolever.blocks import over_rows
+from optolever.blocks import over_image
 
-from .edges import _stencil
+from .edges import _stencil, curl
 
 __all__ = ["Doubt", "edge_doubt", "reached_across", "touched", "widened"]
 
@@ -29,29 +29,60 @@ RISE = 3.0  # from zero at the limit: what depends continuously on the slopes is
 MATTERS = 2.0  # of a slope's announced sigma: smaller doubts change nothing
 ROUGH = 0.03  # of the largest step between neighbouring slopes; waves of 20 pixels and longer stay below
 _NOISE_CUBIC, _NOISE_LINEAR = 2.01, 1.19  # of cubic minus one side's three or two pixels, per slope's sigma
+_BEND = 0.375  # of a side's third difference: the error of its extrapolation
+_BEND4 = 0.349  # of its fourth difference: that of the next order
+_CONVERGES = 0.5  # errors that fall so from one order to the next are those of a curve, not of a jump
 _SHARE = 1.0 / 12.0  # a jump inside an edge moves that edge's increment by half of it, the next one's by 1/24
 _NEAR = 7  # pixels: reach of a doubt over pixels that were interpolated
+_BESIDE = 5  # pixels: reach of a crease's surroundings, in which doubts below the noise count too
+_BLAME = 13.0 / 12.0  # a wrong slope is in its edges by 13/24, in the curl around it by half
+_FEEBLE = 0.5  # of a slope's sigma
 
 
 def edge_doubt(
-    p: Floats, q: Floats, var_p: Floats, var_q: Floats, mask: Mask, noise: float = 1.0
+    p: Floats,
+    q: Floats,
+    var_p: Floats,
+    var_q: Floats,
+    mask: Mask,
+    noise: float = 1.0,
+    suspects: Mask | None = None,
 ) -> Doubt | None:
     """What every edge's increment may be off by beyond its noise, (H, W) along columns and rows;
     None if no edge is doubtful.
 
-    noise: what the slopes' noise really is, over what the variances say.
+    noise: what the slopes' noise really is, over what the variances say; suspects (H, W): pixels that are
+    blamed for a curl and yet in use.
     """
-    dx, sure_x = _axis(p, var_p, mask, 0, 1, noise)
-    dy, sure_y = _axis(q, var_q, mask, 1, 0, noise)
+    dx, plain_x, sure_x, bend_x = _axis(p, var_p, mask, 0, 1, noise)
+    dy, plain_y, sure_y, bend_y = _axis(q, var_q, mask, 1, 0, noise)
     sure = sure_x | sure_y
-    if not sure.any():
+    blamed = suspects is not None and bool(suspects.any())
+    if not (sure.any() or blamed or (bend_x > 0).any() or (bend_y > 0).any()):
         return None
     parts, count = scipy.ndimage.label((dx > 0) | (dy > 0), structure=np.ones((3, 3)))
     found = np.zeros(count + 1, dtype=np.bool_)
     found[parts[sure]] = True
-    keep = found[parts]
-    dx, dy = np.where(keep, dx, 0.0), np.where(keep, dy, 0.0)
+    found[0] = False
+    near = scipy.ndimage.maximum_filter(sure, _BESIDE)
+    dx, dy = (
+        np.maximum(np.where(near, plain, np.where(found[parts], doubt, 0.0)), bend)
+        for doubt, plain, bend in ((dx, plain_x, bend_x), (dy, plain_y, bend_y))
+    )
+    if suspects is not None and blamed:
+        more = np.where(suspects, _BLAME * _largest_curl(p, q, mask), 0.0)
+        dx, dy = np.maximum(dx, more), np.maximum(dy, more)
+        dx[:, :-1], dy[:-1] = np.maximum(dx[:, :-1], more[:, 1:]), np.maximum(dy[:-1], more[1:])
     return _shared(dx, mask), _shared(dy.T, mask.T).T.copy()
+
+
+def _largest_curl(p: Floats, q: Floats, mask: Mask) -> Floats:
+    """Of the squares around every pixel, (H, W)."""
+    size = np.pad(np.abs(np.nan_to_num(curl(p, q, mask))), ((1, 0), (1, 0)))
+    largest: Floats = np.maximum(
+        np.maximum(size[:-1, :-1], size[:-1, 1:]), np.maximum(size[1:, :-1], size[1:, 1:])
+    )
+    return largest
 
 
 def _shared(doubt: Floats, mask: Mask) -> Floats:
@@ -60,15 +91,30 @@ def _shared(doubt: Floats, mask: Mask) -> Floats:
     np.maximum(wide[:, 1:], _SHARE * doubt[:, :-1], out=wide[:, 1:])
     np.maximum(wide[:, :-1], _SHARE * doubt[:, 1:], out=wide[:, :-1])
     wide[:, :-1] *= mask[:, :-1] & mask[:, 1:]
+    wide[:, -1] = 0.0
     return wide
 
 
-def _axis(f: Floats, variance: Floats, mask: Mask, di: int, dj: int, noise: float) -> tuple[Floats, Mask]:
-    out, sure = np.zeros(f.shape), np.zeros(f.shape, dtype=np.bool_)
-    over_rows(
-        lambda start, stop: _doubt(f, variance, mask, di, dj, noise, out, sure, start, stop), f.shape[0]
+def _axis(
+    f: Floats, variance: Floats, mask: Mask, di: int, dj: int, noise: float
+) -> tuple[Floats, Floats, Mask, Floats]:
+    """Doubts beyond the noise, doubts whatever the noise, where they are beyond any noise;
+    and what edges of the trapezoid rule miss of the curves that others nearby see.
+    """
+    out, plain, bend = (np.zeros(f.shape) for _ in range(3))
+    sure, short = np.zeros((2, *f.shape), dtype=np.bool_)
+    over_image(
+        lambda start, stop: _doubt(
+            f, variance, mask, di, dj, noise, out, plain, bend, sure, short, start, stop
+        ),
+        f.shape,
     )
-    return out, sure
+    if short.any():
+        bend = np.where(short, scipy.ndimage.maximum_filter(bend, _NEAR), 0.0)
+        bend[bend < _FEEBLE * np.sqrt(variance)] = 0.0
+    else:
+        bend[...] = 0.0
+    return out, plain, sure, bend
 
 
 def widened(doubt: Doubt, bridged: Mask) -> Doubt:
@@ -111,7 +157,7 @@ def reached_across(doubt: Doubt, root: Floats, mask: Mask, anchors: NDArray[np.i
 
 
 @njit(cache=True, nogil=True)
-def _doubt(f, var, mask, di, dj, scale, out, sure, start, stop):  # type: ignore[no-untyped-def]
+def _doubt(f, var, mask, di, dj, scale, out, plain, bend, sure, short, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = f.shape
     for i in range(start, stop):
         for j in range(cols):
@@ -121,29 +167,46 @@ def _doubt(f, var, mask, di, dj, scale, out, sure, start, stop):  # type: ignore
             before, after = (i, rows - 1 - i) if di == 1 else (j, cols - 1 - j)
             centre = _stencil(f, mask, i, j, di, dj, before, after)
             sigma = np.sqrt(0.5 * (var[i, j] + var[i1, j1]))
-            least, step, order = np.inf, abs(f[i1, j1] - f[i, j]), 2
+            bend[i, j] = abs(centre - 0.5 * (f[i, j] + f[i1, j1]))
+            short[i, j] = bend[i, j] == 0.0
+            rise = abs(f[i1, j1] - f[i, j])
+            least, certain, whatever = np.inf, np.inf, np.inf
             for side in range(2):
                 s = -1 if side == 0 else 1
-                a, b = (i, j) if side == 0 else (i1, j1)
+                a, b, c, d = (i, j, i1, j1) if side == 0 else (i1, j1, i, j)
                 room = before if side == 0 else after - 1
                 ai, aj = s * di, s * dj
                 if room < 1 or not mask[a + ai, b + aj]:
                     continue
-                g0, g1 = f[a, b], f[a + ai, b + aj]
-                step = max(step, abs(g1 - g0))
+                g, g0, g1 = f[c, d], f[a, b], f[a + ai, b + aj]
+                step = max(rise, abs(g1 - g0))
                 if room >= 2 and mask[a + 2 * ai, b + 2 * aj]:
                     g2 = f[a + 2 * ai, b + 2 * aj]
                     step = max(step, abs(g2 - g1))
                     away = abs(centre - (23.0 * g0 - 16.0 * g1 + 5.0 * g2) / 12.0)
-                    least = away if order == 2 else min(least, away)
-                    order = 3
-                elif order == 2:
-                    least = min(least, abs(centre - 0.5 * (3.0 * g0 - g1)))
-            noise = sigma * scale * (_NOISE_CUBIC if order == 3 else _NOISE_LINEAR)
-            limit = max(FAINT * noise, ROUGH * step)
-            if np.isfinite(least) and least > limit:
-                out[i, j] = min(least, RISE * (least - limit))
-                sure[i, j] = least > max(SIGMAS * noise, MATTERS * sigma)
+                    away = max(away, abs(centre - (5.0 * g + 8.0 * g0 - g1) / 12.0))
+                    if room >= 3 and mask[a + 3 * ai, b + 3 * aj]:
+                        g3 = f[a + 3 * ai, b + 3 * aj]
+                        away = max(away, _BEND * abs(g0 - g3 - 3.0 * (g1 - g2)))
+                        finer = abs(centre - (55.0 * g0 - 59.0 * g1 + 37.0 * g2 - 9.0 * g3) / 24.0)
+                        finer = max(finer, abs(centre - (9.0 * g + 19.0 * g0 - 5.0 * g1 + g2) / 24.0))
+                        if room >= 4 and mask[a + 4 * ai, b + 4 * aj]:
+                            g4 = f[a + 4 * ai, b + 4 * aj]
+                            finer = max(finer, _BEND4 * abs(g0 + g4 - 4.0 * (g1 + g3) + 6.0 * g2))
+                        if finer < _CONVERGES * away:
+                            away = finer
+                    noise = sigma * scale * _NOISE_CUBIC
+                else:
+                    away = abs(centre - 0.5 * (3.0 * g0 - g1))
+                    noise = sigma * scale * _NOISE_LINEAR
+                limit = max(FAINT * noise, ROUGH * step)
+                least = min(least, min(away, max(0.0, RISE * (away - limit))))
+                whatever = min(whatever, away)
+                certain = min(certain, away / max(SIGMAS * noise, MATTERS * sigma))
+            if np.isfinite(least):
+                out[i, j] = least
+                plain[i, j] = whatever
+                sure[i, j] = least > 0.0 and certain > 1.0
 
 
 @njit(cache=True, nogil=True)

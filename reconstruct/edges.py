@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from optolever.blocks import over_rows
+from optolever.blocks import over_image
 
 __all__ = [
     "apply_laplacian",
@@ -45,7 +45,7 @@ def defects(p: Floats, q: Floats, w: Floats, root: Floats, mask: Mask) -> tuple[
     w and root: (H, W), or (1, 1) if constant. root = sqrt(E).
     """
     gx, gy, whole = np.empty(p.shape), np.empty(p.shape), bool(mask.all())
-    over_rows(lambda start, stop: _defects(p, q, w, root, mask, whole, gx, gy, start, stop), p.shape[0])
+    over_image(lambda start, stop: _defects(p, q, w, root, mask, whole, gx, gy, start, stop), p.shape)
     return gx, gy
 
 
@@ -55,7 +55,7 @@ def factor_increments(p_w: Floats, q_w: Floats, mask: Mask) -> tuple[Floats, Flo
     This is what the trapezoid rule multiplies by from pixel to pixel (and exact for a factor C x).
     """
     gx, gy = np.empty(p_w.shape), np.empty(p_w.shape)
-    over_rows(lambda start, stop: _factor_increments(p_w, q_w, mask, gx, gy, start, stop), p_w.shape[0])
+    over_image(lambda start, stop: _factor_increments(p_w, q_w, mask, gx, gy, start, stop), p_w.shape)
     return gx, gy
 
 
@@ -71,9 +71,9 @@ def edge_weights(
     """
     wx, wy = np.empty(var_p.shape), np.empty(var_p.shape)
     dx, dy = (_NONE, _NONE) if doubt is None else doubt
-    over_rows(
+    over_image(
         lambda start, stop: _edge_weights(var_p, var_q, root, mask, dx, dy, wx, wy, start, stop),
-        var_p.shape[0],
+        var_p.shape,
     )
     return wx, wy
 
@@ -83,14 +83,14 @@ def divergence(gx: Floats, gy: Floats, wx: Floats, wy: Floats) -> Floats:
     W) for all rows.
     """
     out = np.empty(gx.shape)
-    over_rows(lambda start, stop: _divergence(gx, gy, wx, wy, out, start, stop), gx.shape[0])
+    over_image(lambda start, stop: _divergence(gx, gy, wx, wy, out, start, stop), gx.shape)
     return out
 
 
 def apply_laplacian(x: Floats, wx: Floats, wy: Floats) -> Floats:
     """D^T w D x for weights (H, W) that are zero where no edge is."""
     out = np.empty(x.shape)
-    over_rows(lambda start, stop: _laplacian(x, wx, wy, out, start, stop), x.shape[0])
+    over_image(lambda start, stop: _laplacian(x, wx, wy, out, start, stop), x.shape)
     return out
 
 
@@ -99,7 +99,7 @@ def curl(p: Floats, q: Floats, mask: Mask) -> Floats:
     NaN where one is masked.
     """
     out = np.full(p.shape, np.nan)
-    over_rows(lambda start, stop: _curl(p, q, mask, out, start, stop), p.shape[0])
+    over_image(lambda start, stop: _curl(p, q, mask, out, start, stop), p.shape)
     return out
 
 

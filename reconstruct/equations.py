@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from optolever.blocks import over_rows
+from optolever.blocks import over_image
 
 from .geometry import PAD, RayField
 
@@ -37,11 +37,11 @@ def slopes(
     """
     p, q, p_w, q_w = (np.empty(u.shape) for _ in range(4))
     log = rays.logarithmic
-    over_rows(
+    over_image(
         lambda start, stop: _slopes(
             rays.origins, rays.directions, plane, u, v, w, step, log, p, q, p_w, q_w, start, stop
         ),
-        u.shape[0],
+        u.shape,
     )
     return p, q, p_w, q_w
 
@@ -59,11 +59,11 @@ def slope_variances(
     """Variances of p and q that the standard deviations of u and v (pattern pixels) cause."""
     out = np.empty(u.shape), np.empty(u.shape)
     log = rays.logarithmic
-    over_rows(
+    over_image(
         lambda start, stop: _variances(
             rays.origins, rays.directions, plane, u, v, sigma_u, sigma_v, w, step, log, *out, start, stop
         ),
-        u.shape[0],
+        u.shape,
     )
     return out
 

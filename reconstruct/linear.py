@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .edges import divergence
-from .poisson import Accuracy, ColumnPoisson, MaskedPoisson, PoissonResult, column_profile
+from .masked import MaskedPoisson
+from .poisson import Accuracy, ColumnPoisson, PoissonResult, column_profile
 
 __all__ = ["EdgeProblem", "MaskedEdges", "SeparableEdges", "edge_problem", "spread"]
 
@@ -25,7 +26,7 @@ class EdgeProblem(Protocol):
 
     @property
     def columns(self) -> ColumnPoisson:
-        """The separable solve: the problem itself or its preconditioner."""
+        """The separable problem: itself, or what it would be without mask and jumps."""
 
     @property
     def weights(self) -> tuple[Floats, Floats] | None:
@@ -67,7 +68,11 @@ class MaskedEdges:
         self._wx, self._wy = wx, wy
         self.weights = wx, wy
         self._poisson = MaskedPoisson(wx, wy, mask)
-        self.columns = self._poisson.preconditioner
+
+    @property
+    def columns(self) -> ColumnPoisson:
+        """The separable problem with the columns' mean weights."""
+        return ColumnPoisson(column_profile(self._wx), column_profile(self._wy), self._wx.shape[0])
 
     def solve(self, gx: Floats, gy: Floats, accuracy: Accuracy, start: Floats | None = None) -> PoissonResult:
         """Preconditioned conjugate gradients."""

@@ -61,6 +61,10 @@ class Measured:
         values = (part[self.mask] for part in (self.u, self.v))
         return all(bool(np.mean(2 * x != np.rint(2 * x)) < _BETWEEN) for x in values)
 
+    def shifted(self, du: Floats, dv: Floats) -> "Measured":
+        """With u and v moved, pattern pixels."""
+        return replace(self, u=self.u + du, v=self.v + dv)
+
     def slopes(self, w: Floats) -> tuple[Floats, ...]:
         """p, q, dp/dw, dq/dw at w."""
         return slopes(self.rays, self.plane, self.u, self.v, w, self.step)

@@ -24,19 +24,20 @@ from .measured import Measured
 from .pinning import AnchorRows, anchor_rows, free_constants
 from .poisson import Accuracy
 
-__all__ = ["Options", "State", "chord_step", "coarse_start", "solve"]
+__all__ = ["Options", "State", "chord_step", "coarse_start", "response", "solve"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Labels = NDArray[np.int32]
 
-_ONE = np.ones((1, 1))
+_ONE, _ZERO = np.ones((1, 1)), np.zeros((1, 1))
 _COARSE = 96  # pixels along the shorter side of the grid that gives the start
 _FACTOR_ACCURACY = Accuracy(peak=0.02)  # of log E, in every pixel: E only has to be near
 _LINEAR_SHARE = 0.02  # of an edge's standard deviation: the energy of what a linear solve may leave
 _FIRST_RELATIVE, _RELATIVE = 1e-2, 1e-10  # of the first error: there is a second step; rounding
 _SMALL_STEP = 1e-2  # of the range of w: steps below it cannot leave the medium
 _NOISE_SHARE = 0.02  # of a slope's standard deviation: a change that no noise lets one see
+_RESPONSE = 1e-3  # of the first error: drawn noise tells a variance to a few per cent at best
 _CHORD_RATE = 1e-3  # refit the integrating factor while a step leaves more than this of the last one
 
 
@@ -139,6 +140,27 @@ def chord_step(data: Measured, labels: Labels, state: State) -> State:
     change, _ = _anchored(step.x, state.root, labels, state.rows, state.w, (p, q), state.variances[0])
     size = float(np.sqrt(np.mean(change**2)))
     return replace(state, w=state.w + change, steps=(size,), iterations=step.iterations)
+
+
+def response(
+    data: Measured,
+    labels: Labels,
+    state: State,
+    slopes: tuple[Floats, Floats],
+    edges: tuple[Floats, Floats] | None,
+    anchors: Floats,
+) -> Floats:
+    """What errors of the slopes, of single edges' increments and of the anchors' known values (M,) do to the
+    solution, first order.
+    """
+    gx, gy = defects(*slopes, _ZERO, state.root, data.mask)
+    if edges is not None:
+        root = np.broadcast_to(state.root, gx.shape)
+        gx[:, :-1] += edges[0][:, :-1] / (root[:, :-1] * root[:, 1:])
+        gy[:-1] += edges[1][:-1] / (root[:-1] * root[1:])
+    step = state.problem.solve(gx, gy, Accuracy(relative=_RESPONSE))
+    rows = replace(state.rows, known=anchors)
+    return _anchored(step.x, state.root, labels, rows, np.zeros(gx.shape), slopes, state.variances[0])[0]
 
 
 def _anchored(

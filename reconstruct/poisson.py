@@ -4,8 +4,7 @@ Weights that depend on the column alone separate: a DCT-II along the rows diagon
 Laplacian needs no boundary terms), one tridiagonal M-matrix per mode remains along the columns.
 Its elimination is written in Schur excesses (Grassmann, Taksar, Heyman, doi:10.1287/opre.33.5.1107): sums of
 positive numbers only,
-so that weight ratios of 1e14 cost no digits. Anything else - weights of both axes, masks - is solved by
-conjugate gradients with that solve as preconditioner, restricted to the mask.
+so that weight ratios of 1e14 cost no digits. Anything else - weights of both axes, masks - is for `masked`.
 """
 
 from dataclasses import dataclass
@@ -15,14 +14,11 @@ import scipy.fft
 from numba import njit
 from numpy.typing import NDArray
 
-from optolever.blocks import over_rows, threads
+from optolever.blocks import over_image, threads
 
-from .edges import apply_laplacian
-
-__all__ = ["Accuracy", "ColumnPoisson", "MaskedPoisson", "PoissonResult", "column_profile"]
+__all__ = ["Accuracy", "ColumnPoisson", "PoissonResult", "column_profile"]
 
 Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,19 +67,19 @@ class ColumnPoisson:
         half = max((cols - 1) // 2, 1)
         self.reverse = bool(self.wx[:half].sum() < self.wx[cols - 1 - half : cols - 1].sum())
         self._inverse_pivot = np.empty((rows, cols))
-        over_rows(
+        over_image(
             lambda start, stop: _factor(
                 self.wx, self.wy, self.eigenvalues, self.reverse, self._inverse_pivot, start, stop
             ),
-            rows,
+            (rows, cols),
         )
 
     def solve(self, rhs: Floats) -> Floats:
         """x with D^T w D x = rhs (rows, cols); the mean over the rows is zero at the heavy end's column."""
         modes = scipy.fft.dct(rhs, axis=0, norm="ortho", workers=threads())
-        over_rows(
+        over_image(
             lambda start, stop: _substitute(self.wx, self._inverse_pivot, self.reverse, modes, start, stop),
-            self.rows,
+            modes.shape,
         )
         x: Floats = scipy.fft.idct(modes, axis=0, norm="ortho", overwrite_x=True, workers=threads())
         return x
@@ -93,80 +89,13 @@ class ColumnPoisson:
         mode 0 is pinned to zero at the heavy end's column.
         """
         out = np.empty((self.rows, self.wx.size))
-        over_rows(
+        over_image(
             lambda start, stop: _inverse_diagonal(
                 self.wx, self.wy, self.eigenvalues, self.reverse, out, start, stop
             ),
-            self.rows,
+            out.shape,
         )
         return out
-
-
-class MaskedPoisson:
-    """Conjugate gradients for weights of any kind, zero where there is no edge.
-
-    wx, wy: (rows, cols). The preconditioner is the rectangle's solve with the columns' mean weights.
-    """
-
-    def __init__(self, wx: Floats, wy: Floats, mask: Mask) -> None:
-        self.wx, self.wy, self.mask = wx, wy, mask
-        self.preconditioner = ColumnPoisson(column_profile(wx), column_profile(wy), wx.shape[0])
-        self._boost = _boost(wx, wy, self.preconditioner)
-
-    def solve(
-        self, rhs: Floats, accuracy: Accuracy, start: Floats | None = None, limit: int = 500
-    ) -> PoissonResult:
-        """Solve from start (zero) until the remaining error, as the preconditioner estimates it,
-        meets the accuracy.
-        """
-        x = np.zeros(rhs.shape) if start is None else start * self.mask
-        r = np.where(self.mask, rhs, 0.0)
-        if start is not None:
-            r -= apply_laplacian(x, self.wx, self.wy)
-        z = self._precondition(r)
-        energy = first = _dot(r, z)
-        direction = z
-        for iteration in range(limit):
-            if energy <= 0.0 or accuracy.met(energy, first, z):
-                return PoissonResult(x, iteration, float(np.sqrt(max(energy, 0.0))))
-            image = apply_laplacian(direction, self.wx, self.wy)
-            alpha = energy / _dot(direction, image)
-            _axpy(x, alpha, direction)
-            _axpy(r, -alpha, image)
-            z = self._precondition(r)
-            energy, before = _dot(r, z), energy
-            _xpby(z, energy / before, direction)
-        return PoissonResult(x, limit, float(np.sqrt(max(energy, 0.0))))
-
-    def _precondition(self, r: Floats) -> Floats:
-        z = self.preconditioner.solve(r)
-        z += self._boost * r
-        z *= self.mask
-        return z
-
-
-def _diagonal(wx: Floats, wy: Floats) -> Floats:
-    """Diagonal of D^T w D."""
-    total = wx + wy
-    total[:, 1:] += wx[:, :-1]
-    total[1:] += wy[:-1]
-    return total
-
-
-def _boost(wx: Floats, wy: Floats, columns: ColumnPoisson) -> Floats:
-    """What a pixel's own inverse diagonal exceeds that of the preconditioner by: added to it, it covers
-    pixels that
-    hang on light edges only (noisy border rows), for which the columns' weights are far too stiff.
-    """
-    full_x, full_y = (
-        np.broadcast_to(columns.wx, wx.shape).copy(),
-        np.broadcast_to(columns.wy, wy.shape).copy(),
-    )
-    full_x[:, -1], full_y[-1] = 0.0, 0.0
-    own, smooth = _diagonal(wx, wy), _diagonal(full_x, full_y)
-    present = own > 0
-    boost: Floats = np.where(present, 1.0 / np.where(present, own, 1.0) - 1.0 / smooth, 0.0)
-    return np.maximum(boost, 0.0)
 
 
 def column_profile(weights: Floats) -> Floats:
@@ -181,27 +110,6 @@ def column_profile(weights: Floats) -> Floats:
     mean = total[filled] / count[filled]
     profile: Floats = np.exp(np.interp(np.arange(weights.shape[1]), filled, np.log(mean)))
     return profile
-
-
-def _dot(a: Floats, b: Floats) -> float:
-    return float(np.dot(a.ravel(), b.ravel()))
-
-
-def _axpy(y: Floats, a: float, x: Floats) -> None:
-    """y += a x"""
-    over_rows(lambda start, stop: _add(y, 1.0, a, x, start, stop), y.shape[0])
-
-
-def _xpby(x: Floats, b: float, y: Floats) -> None:
-    """y = x + b y"""
-    over_rows(lambda start, stop: _add(y, b, 1.0, x, start, stop), y.shape[0])
-
-
-@njit(cache=True, nogil=True)
-def _add(y, b, a, x, start, stop):  # type: ignore[no-untyped-def]
-    for i in range(start, stop):
-        for j in range(y.shape[1]):
-            y[i, j] = b * y[i, j] + a * x[i, j]
 
 
 @njit(cache=True, nogil=True)

@@ -27,6 +27,8 @@ Labels = NDArray[np.int32]
 
 #: Pattern pixels; what is announced as more certain is taken as this.
 _LEAST_SIGMA = 1e-5
+#: Pixels of a component: an anchor beside fewer is reached without any idea of how the slope changes.
+_FEWEST = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,6 +174,7 @@ def _anchored(data: Measured, measured: Mask, samples: Samples) -> tuple[Measure
         return data, np.ones(data.mask.shape, dtype=np.int32), 0
     labels = scipy.ndimage.label(data.mask)[0].astype(np.int32)
     reached = np.unique(anchor_rows(samples, data, labels).component)
+    reached = reached[np.bincount(labels.ravel())[reached] >= _FEWEST]
     if reached.size == 0:
         raise InputError("anchor: no valid pixel within 3 pixels of any anchor")
     renumber = np.zeros(int(labels.max()) + 1, dtype=np.int32)

@@ -37,7 +37,7 @@ def height_map(
     """
     outer, data, doubt = problem.outer, problem.data, state.doubt
     if variance is None:
-        variance = unknown_variance(state, problem.labels, _detours(doubt, data.mask))
+        variance = unknown_variance(data, state, problem.labels, _detours(doubt, data.mask))
     if correlation > 1.0:
         variance = correlation * variance
     steep = np.zeros(outer.mask.shape, dtype=np.bool_)

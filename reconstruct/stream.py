@@ -53,7 +53,7 @@ class HeightStream:
         if height is None:
             start = self._last[3] if self._last is not None else None
             problem, state, height = solved_height(correspondence, self._scene, self._anchor, start=start)
-            variance = unknown_variance(state, problem.labels)
+            variance = unknown_variance(problem.data, state, problem.labels)
             self._last, self._age = (problem, state, variance, height), 0
         self._age += 1
         return height

@@ -16,48 +16,76 @@ An anchor sum_m a_m w_m = known subtracts the covariance with it: var_i = G_ii -
 from functools import lru_cache
 
 import numpy as np
+import scipy.ndimage
 from numpy.typing import NDArray
 
 from .mask_variance import mask_excess
+from .measured import Measured
 from .newton import State
 from .poisson import ColumnPoisson
+from .sampled import settled
 
 __all__ = ["averaging_gain", "edge_diagonal", "unknown_variance"]
 
 Floats = NDArray[np.float64]
 Labels = NDArray[np.int32]
+Mask = NDArray[np.bool_]
 
 _LARGE = 0.01  # of the image: smaller components are taken as parts of an unbroken rectangle
+_SPECK = 64  # pixels: components that are a path to their anchor
+_RAGGED = 0.1  # of the pixels without one of their neighbours: more of them, and blocks are no conductors
 _FLOOR = 0.02  # of a slope's variance: the least that a height next to an exact anchor is given
 
 
-def unknown_variance(state: State, labels: Labels, broken: bool = True) -> Floats:
+def unknown_variance(data: Measured, state: State, labels: Labels, broken: bool = True) -> Floats:
     """Variance of w in every pixel, (rows, cols).
 
     broken: whether the mask or many light edges make detours; otherwise as if there were none.
-    Exact for weights by columns on a rectangle without holes; a mask adds what `mask_variance` finds.
+    Exact for weights by columns on a rectangle without holes; a mask adds what `mask_variance` finds, and
+    where it leaves mostly pixels without one of their neighbours, drawn noise has the last word.
     """
-    shape = state.w.shape
-    columns = state.problem.columns
-    factor = np.broadcast_to(state.root**2, shape)
+    factor = np.broadcast_to(state.root**2, state.w.shape)
     square = factor**2
-    gain = averaging_gain(*state.variances)
+    alone = _alone(labels)
+    gain = np.where(alone, 0.0, averaging_gain(*state.variances))
     own = _anchor_variance(state, factor, gain)
+    variance = _of_components(state, labels, broken, own, square)
+    alone &= labels > 0
+    if broken and state.problem.weights is not None and alone.any():
+        variance[alone] += _hanging(*state.problem.weights, state.problem.columns)[alone]
+    variance *= square
+    variance -= gain
+    variance = np.maximum(variance, _FLOOR * state.variances[0])
+    if np.count_nonzero(alone) > _RAGGED * np.count_nonzero(labels):
+        variance = settled(data, state, labels, variance)
+    return variance
+
+
+def _of_components(state: State, labels: Labels, broken: bool, own: Floats, square: Floats) -> Floats:
+    """Variance of the potential, component by component; own: of its anchors."""
+    columns = state.problem.columns
     variance = edge_diagonal(columns)
-    for label in range(1, int(labels.max()) + 1):
+    sizes = np.bincount(labels.ravel())
+    boxes = scipy.ndimage.find_objects(labels)
+    for label in np.unique(state.rows.component):
         pick = state.rows.component == label
-        load = np.zeros(shape)
+        if sizes[label] <= _SPECK:
+            box = boxes[label - 1]
+            assert box is not None
+            inside = labels[box] == label
+            rise = (np.maximum(*state.variances) / square)[box]
+            variance[box][inside] = (own[pick].sum() + _steps(state, pick, labels.shape)[box] * rise)[inside]
+            continue
+        load = np.zeros(labels.shape)
         np.add.at(load.reshape(-1), state.rows.pixel[pick], state.share[pick])
         green = columns.solve(load)
         inside = labels == label
         variance[inside] += (float(np.vdot(load, green)) + own[pick].sum() - 2.0 * green)[inside]
-        if broken and state.problem.weights is not None and np.count_nonzero(inside) >= _LARGE * inside.size:
+        if broken and state.problem.weights is not None and sizes[label] >= _LARGE * labels.size:
             wx, wy = (weight * inside for weight in state.problem.weights)
             scale = square / state.variances[0]
             variance[inside] += (mask_excess(wx, wy, columns, inside, load, scale) / scale)[inside]
-    variance *= square
-    variance -= gain
-    return np.maximum(variance, _FLOOR * state.variances[0])
+    return variance
 
 
 def _anchor_variance(state: State, factor: Floats, gain: Floats) -> Floats:
@@ -66,6 +94,46 @@ def _anchor_variance(state: State, factor: Floats, gain: Floats) -> Floats:
     slope, gained, at = (part.ravel()[rows.pixel] for part in (state.variances[0], gain, factor))
     variance: Floats = state.share**2 * (rows.sigma**2 + rows.reach**2 * slope - gained) / at**2
     return variance
+
+
+def _steps(state: State, pick: Mask, shape: tuple[int, int]) -> Floats:
+    """Pixel edges from a component's anchors, at least."""
+    row, col = np.divmod(state.rows.pixel[pick], shape[1])
+    share = state.share[pick]
+    i, j = np.ogrid[: shape[0], : shape[1]]
+    steps: Floats = np.abs(i - share @ row) + np.abs(j - share @ col)
+    return steps
+
+
+def _alone(labels: Labels) -> Mask:
+    """Pixels beside one that is missing: their errors are not averaged with that neighbour's."""
+    missing = labels == 0
+    alone = np.zeros(labels.shape, dtype=np.bool_)
+    if missing.any():
+        alone[1:] |= missing[:-1]
+        alone[:-1] |= missing[1:]
+        alone[:, 1:] |= missing[:, :-1]
+        alone[:, :-1] |= missing[:, 1:]
+    return alone
+
+
+def _hanging(wx: Floats, wy: Floats, columns: ColumnPoisson) -> Floats:
+    """What a pixel's own edges conduct less than the rectangle's would: as a variance that is its own."""
+    full_x, full_y = np.tile(columns.wx, (wx.shape[0], 1)), np.tile(columns.wy, (wy.shape[0], 1))
+    full_x[:, -1], full_y[-1] = 0.0, 0.0
+    own, whole = _conductance(wx, wy), _conductance(full_x, full_y)
+    present = own > 0
+    more = np.where(present, 1.0 / np.where(present, own, 1.0), 0.0) - 1.0 / whole
+    hanging: Floats = np.maximum(more, 0.0)
+    return hanging
+
+
+def _conductance(wx: Floats, wy: Floats) -> Floats:
+    """Sum of the weights of a pixel's edges."""
+    total = wx + wy
+    total[:, 1:] += wx[:, :-1]
+    total[1:] += wy[:-1]
+    return total
 
 
 def averaging_gain(var_p: Floats, var_q: Floats) -> Floats:
