@@ -11,15 +11,17 @@
 | `geometry.py`, `measured.py` | rays of the camera as arrays; a pixel grid with its measurement |
 | `equations.py` | slopes of the mirror per pixel, in closed form, and their variances |
 | `edges.py` | increments along pixel edges, weights, and the operators on them |
-| `poisson.py`, `linear.py` | weighted Poisson: by columns (DCT + tridiagonal), masked (CG); the choice |
+| `poisson.py`, `linear.py` | weighted Poisson by columns (DCT + tridiagonal); choice of the solver |
+| `masked.py`, `multigrid.py` | any mask, any weights: conjugate gradients; their preconditioner |
 | `alternatives.py`, `reweighting.py` | sparse factorisation and marching; robust reweighting |
 | `newton.py` | Newton's method with an integrating factor, the start from a coarser grid |
 | `anchors.py`, `pinning.py` | what is known of the mirror; from there to every component's free constant |
 | `free_mode.py` | what no slope measurement sees |
 | `uncertainty.py`, `mask_variance.py` | variance of the height; what a mask adds to it |
+| `sampled.py` | the same by drawn noise, where a mask is ragged |
 | `creases.py` | edges whose increment is in doubt: cusps, ridges, rims, wrong pixels |
 | `correlation.py` | errors that neighbouring pixels share |
-| `outliers.py` | curl of the slopes |
+| `strays.py`, `outliers.py` | wrong pixels: by their neighbours, by the curl of the slopes |
 | `integrate.py`, `integrators.py` | plain gradient fields: integrate(), its family of solvers |
 | `heightmap.py`, `resampling.py` | HeightMap; its regular grid, with conserved sigma |
 | `export.py`, `x3p.py` | TIFF and PLY; X3P (ISO 25178-72) |

@@ -10,6 +10,8 @@ can only be reached across it gets a sigma that says so.
 
 import numpy as np
 import scipy.ndimage
+import scipy.sparse
+import scipy.sparse.csgraph
 from numba import njit
 from numpy.typing import NDArray
 
@@ -17,7 +19,7 @@ from optolever.blocks import over_image
 
 from .edges import _stencil, curl
 
-__all__ = ["Doubt", "edge_doubt", "reached_across", "touched", "widened"]
+__all__ = ["Doubt", "cut_off", "edge_doubt", "reached_across", "touched", "widened"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -25,6 +27,7 @@ Doubt = tuple[Floats, Floats]
 
 SIGMAS = 5.0  # of the difference's own noise: both sides exceed it by chance in no edge of a megapixel
 FAINT = 2.0  # of the same, for edges that continue a crease
+_CHAIN = 16  # such edges side by side are a crease too: noise alone strings together a dozen in a megapixel
 RISE = 3.0  # from zero at the limit: what depends continuously on the slopes is the same from any start
 MATTERS = 2.0  # of a slope's announced sigma: smaller doubts change nothing
 ROUGH = 0.03  # of the largest step between neighbouring slopes; waves of 20 pixels and longer stay below
@@ -56,11 +59,13 @@ def edge_doubt(
     """
     dx, plain_x, sure_x, bend_x = _axis(p, var_p, mask, 0, 1, noise)
     dy, plain_y, sure_y, bend_y = _axis(q, var_q, mask, 1, 0, noise)
-    sure = sure_x | sure_y
+    parts, count = scipy.ndimage.label((dx > 0) | (dy > 0), structure=np.ones((3, 3)))
+    sizes = np.bincount(parts.ravel())
+    sizes[0] = 0
+    sure = sure_x | sure_y | (sizes >= _CHAIN)[parts]
     blamed = suspects is not None and bool(suspects.any())
     if not (sure.any() or blamed or (bend_x > 0).any() or (bend_y > 0).any()):
         return None
-    parts, count = scipy.ndimage.label((dx > 0) | (dy > 0), structure=np.ones((3, 3)))
     found = np.zeros(count + 1, dtype=np.bool_)
     found[parts[sure]] = True
     found[0] = False
@@ -156,6 +161,43 @@ def reached_across(doubt: Doubt, root: Floats, mask: Mask, anchors: NDArray[np.i
     return variance
 
 
+def cut_off(
+    doubt: Doubt, limit: tuple[Floats, Floats], mask: Mask, anchors: NDArray[np.int64], lost: Mask
+) -> Mask:
+    """Pixels that doubts beyond the limits (H, W) and missing pixels together part from every anchor.
+
+    Where slopes go beyond what can be seen, along the same line as they change too fast to follow, a step of
+    any height may hide between two pixels: no doubt is large enough. lost: pixels that were not seen.
+    """
+    index = np.arange(mask.size).reshape(mask.shape)
+    open_x = (mask[:, :-1] & mask[:, 1:]) & (doubt[0] <= limit[0])[:, :-1]
+    open_y = (mask[:-1] & mask[1:]) & (doubt[1] <= limit[1])[:-1]
+    tail = np.concatenate([index[:, :-1][open_x], index[:-1][open_y]])
+    head = np.concatenate([index[:, 1:][open_x], index[1:][open_y]])
+    graph = scipy.sparse.coo_array((np.ones(tail.size), (tail, head)), shape=(mask.size, mask.size))
+    parts = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+    held = np.zeros(parts.max() + 1, dtype=np.bool_)
+    held[parts[anchors]] = True
+    islands, count = scipy.ndimage.label(mask & ~held[parts].reshape(mask.shape))
+    torn = np.zeros(count + 1, dtype=np.bool_)
+    torn[islands[scipy.ndimage.binary_dilation(lost, structure=np.ones((3, 3)))]] = True
+    torn[0] = False
+    away: Mask = torn[islands]
+    return away
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _trapezoid(mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-def]
+    """Whether `edges._stencil` finds fewer than four neighbours in a row."""
+    back = before >= 1 and mask[i - di, j - dj]
+    ahead = after >= 2 and mask[i + 2 * di, j + 2 * dj]
+    if back and ahead:
+        return False
+    if ahead and after >= 3 and mask[i + 3 * di, j + 3 * dj]:
+        return False
+    return not (back and before >= 2 and mask[i - 2 * di, j - 2 * dj])
+
+
 @njit(cache=True, nogil=True)
 def _doubt(f, var, mask, di, dj, scale, out, plain, bend, sure, short, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = f.shape
@@ -168,7 +210,7 @@ def _doubt(f, var, mask, di, dj, scale, out, plain, bend, sure, short, start, st
             centre = _stencil(f, mask, i, j, di, dj, before, after)
             sigma = np.sqrt(0.5 * (var[i, j] + var[i1, j1]))
             bend[i, j] = abs(centre - 0.5 * (f[i, j] + f[i1, j1]))
-            short[i, j] = bend[i, j] == 0.0
+            short[i, j] = _trapezoid(mask, i, j, di, dj, before, after)
             rise = abs(f[i1, j1] - f[i, j])
             least, certain, whatever = np.inf, np.inf, np.inf
             for side in range(2):

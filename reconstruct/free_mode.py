@@ -7,10 +7,15 @@ from optolever.decode import Correspondence, Flag
 from optolever.scene import Scene, dent, trace
 
 from .coupled import solved_height
+from .edges import edge_weights, factor_increments
+from .linear import edge_problem
+from .poisson import Accuracy
 
 __all__ = ["free_mode"]
 
 Floats = NDArray[np.float64]
+
+_ACCURACY = Accuracy(relative=1e-12)
 
 
 def free_mode(scene: Scene) -> Floats:
@@ -26,7 +31,12 @@ def free_mode(scene: Scene) -> Floats:
     problem, state, _ = solved_height(
         Correspondence(seen.u, seen.v, sigma, sigma.copy(), flags), scene, "edge"
     )
-    factor = np.broadcast_to(state.root**2, state.w.shape)
+    data = problem.data
+    # The solver's own factor is only near; here it is the result.
+    edges = edge_problem(*edge_weights(*state.variances, np.ones((1, 1)), data.mask), data.mask)
+    _, _, p_w, q_w = data.slopes(state.w)
+    fit = edges.solve(*factor_increments(p_w, q_w, data.mask), _ACCURACY)
+    factor = np.exp(fit.x - fit.x[problem.labels > 0].max())
     if problem.outer.rays.logarithmic:
         factor = factor * np.exp(state.w)
     whole = np.full(problem.outer.mask.shape, np.nan)

@@ -1,4 +1,4 @@
-"""Weighted Poisson problems with any mask and any weights: conjugate gradients, preconditioned by multigrid."""
+"""Weighted Poisson problems with any mask and any weights: conjugate gradients on multigrid."""
 
 from collections.abc import Callable
 
@@ -30,7 +30,7 @@ class MaskedPoisson:
     def __init__(self, wx: Floats, wy: Floats, mask: Mask) -> None:
         self.wx, self.wy = wx, wy
         self._mask = mask.astype(np.float64)
-        self._multigrid = Multigrid(_filled(wx, 1), _filled(wy, 0))
+        self._cycle: Callable[[Floats], Floats] | None = None
 
     def solve(
         self, rhs: Floats, accuracy: Accuracy, start: Floats | None = None, limit: int = 500
@@ -57,7 +57,9 @@ class MaskedPoisson:
 
     def _preconditioned(self, r: Floats) -> tuple[Floats, float]:
         """About the error that the residual r stands for, zero outside the mask, and its energy."""
-        z = self._multigrid.cycle(r)
+        if self._cycle is None:
+            self._cycle = Multigrid(_filled(self.wx, 1), _filled(self.wy, 0)).cycle
+        z = self._cycle(r)
         sums = np.empty(r.shape[0])
         over_image(lambda start, stop: _masked_dot(z, self._mask, r, sums, start, stop), r.shape)
         return z, float(sums.sum())
@@ -76,7 +78,9 @@ def _filled(weights: Floats, axis: int) -> Floats:
     return filled
 
 
-def _descent(x: Floats, r: Floats, alpha: float, direction: Floats, image: Floats) -> Callable[[int, int], None]:
+def _descent(
+    x: Floats, r: Floats, alpha: float, direction: Floats, image: Floats
+) -> Callable[[int, int], None]:
     return lambda start, stop: _descend(x, r, alpha, direction, image, start, stop)
 
 

@@ -153,7 +153,7 @@ def _relax(level: _Level, x: Floats, rhs: Floats, parity: int, forward: bool) ->
     sweep = _sweep_nine if level.falling.shape == level.shape else _sweep_five
     over_image(
         lambda start, stop: sweep(*level.weights, level.inverse, x, rhs, parity, forward, start, stop),
-        (half, 2 * level.shape[1]),
+        (half, 2 * level.right.shape[1]),
     )
 
 
@@ -161,10 +161,11 @@ def _restricted(level: _Level, x: Floats, rhs: Floats) -> Floats:
     """P^T (rhs - A x)."""
     left = np.empty(level.shape)
     over_image(lambda start, stop: _residual(*level.weights, x, rhs, left, start, stop), level.shape)
-    out = np.empty(level.across.shape)
+    rows, cols = level.across.shape
+    out = np.empty((rows, cols))
     over_image(
         lambda start, stop: _restrict(left, level.across, level.along, level.corners, out, start, stop),
-        (out.shape[0], 4 * out.shape[1]),
+        (rows, 4 * cols),
     )
     return out
 
@@ -263,8 +264,20 @@ def _pairs(w, a, b, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _galerkin(  # type: ignore[no-untyped-def]
-    right, down, falling, rising, across, along, corners, out_right, out_below, out_down, out_fall, out_rise,
-    start, stop,
+    right,
+    down,
+    falling,
+    rising,
+    across,
+    along,
+    corners,
+    out_right,
+    out_below,
+    out_down,
+    out_fall,
+    out_rise,
+    start,
+    stop,
 ):
     """Coarse couplings, cell by cell: a cell owns the fine edges that begin in its first two rows and
     columns, all of which end within its four corners' reach. out_below: of the cell's lower side.

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from optolever.decode import Flag
 
-from .creases import Doubt, reached_across, touched
+from .creases import Doubt, cut_off, reached_across, touched
 from .fringe import extended
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .newton import State
@@ -44,7 +44,10 @@ def height_map(
     if doubt is not None:
         anchors = state.rows.pixel[state.share > 0]
         more = reached_across(doubt, state.root, data.mask, anchors)
-        steep[problem.core] = touched(doubt) & (more > (_STEEP**2) * variance)
+        limits = _STEEP * np.sqrt(state.variances[0]), _STEEP * np.sqrt(state.variances[1])
+        lost = ~data.mask | problem.bridged
+        away = cut_off(doubt, limits, data.mask, anchors, lost)
+        steep[problem.core] = (touched(doubt) | away) & (more > (_STEEP**2) * variance)
         variance = variance + more
     w, variance, known = extended(outer, problem.core, state.w, variance, state.variances, data.mask)
     distance, sigma = outer.distance(w), np.sqrt(variance)

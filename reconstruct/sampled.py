@@ -17,11 +17,11 @@ __all__ = ["settled"]
 Floats = NDArray[np.float64]
 Labels = NDArray[np.int32]
 
-_DRAWS = 16
+_DRAWS = 48
 _PIXELS = 1 << 22  # solved in all: fewer draws for large images
 _FEWEST = 4
 _PRIOR = 6.0  # draws that a block's mean ratio counts as
-_BLOCK = 9  # pixels
+_BLOCK = 25  # pixels
 _SEED = 20140318
 
 
@@ -51,6 +51,7 @@ def _drawn(data: Measured, state: State, labels: Labels, rng: np.random.Generato
     errors = np.where(mask, noisy_p - p, 0.0), np.where(mask, noisy_q - q, 0.0)
     edges = None
     if state.doubt is not None:
-        edges = tuple(doubt * rng.standard_normal(mask.shape) for doubt in state.doubt)
+        dx, dy = state.doubt
+        edges = dx * rng.standard_normal(mask.shape), dy * rng.standard_normal(mask.shape)
     known = state.rows.sigma * rng.standard_normal(state.rows.sigma.shape)
     return response(data, labels, state, errors, edges, known)

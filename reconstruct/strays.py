@@ -21,6 +21,7 @@ Mask = NDArray[np.bool_]
 
 _LIMIT = 6.0  # standard deviations of the nearest continuation's own noise
 _FEWEST = 3  # continuations: fewer of them prove nothing
+_LEAST = 0.02  # pattern pixels: what a curve may be off by from its continuation
 _STANDS_OUT = 5.0  # times what most of the eight neighbours miss theirs by: finer data is curved everywhere
 _ROWS, _COLS = np.array([0, 0, 0, 1, 1, 2, 2, 2]), np.array([0, 1, 2, 0, 2, 0, 1, 2])
 _NOISE_CENTRE, _NOISE_SIDE = 1.30, 4.47  # of the difference to a continuation, per pixel's sigma
@@ -31,7 +32,7 @@ def strays(data: Measured) -> Mask:
     found = np.zeros(data.mask.shape, dtype=np.bool_)
     for field, sigma in ((data.u, data.sigma_u), (data.v, data.sigma_v)):
         missed = _missed(field, data.mask)
-        at = np.argwhere(missed > _LIMIT * sigma)
+        at = np.argwhere(missed > np.maximum(_LIMIT * sigma, _LEAST))
         if at.size:
             row, col = at.T
             around = np.pad(missed, 1)[row[:, None] + _ROWS, col[:, None] + _COLS]

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from optolever.reconstruct.edges import apply_laplacian, divergence
-from optolever.reconstruct.poisson import Accuracy, ColumnPoisson, MaskedPoisson, column_profile
+from optolever.reconstruct.masked import MaskedPoisson
+from optolever.reconstruct.poisson import Accuracy, ColumnPoisson, column_profile
 
 ROWS, COLS = 11, 9
 TIGHT = Accuracy(energy=0.0, relative=1e-13)

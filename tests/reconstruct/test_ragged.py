@@ -1,0 +1,56 @@
+"""Masks that leave few pixels with four neighbours: sigma against repeated noise; pieces cut off."""
+
+import numpy as np
+
+from optolever.decode import Correspondence
+from optolever.reconstruct import HeightFlag, reconstruct
+from optolever.reconstruct.creases import cut_off
+
+
+def test_sigma_of_dropouts_is_what_repeated_noise_gives(exact) -> None:
+    scene, truth, _ = exact("paper-simulation", "gaussian", 64, 64)
+    lost = np.random.default_rng(5).random(truth.u.shape) < 0.35
+    flags = np.where(truth.visible & ~lost, 0, 128).astype(np.uint16)
+    sigma = np.full(truth.u.shape, 0.05)
+    ratios = []
+    for seed in range(12):
+        u, v = (
+            part + 0.05 * np.random.default_rng((seed, k)).standard_normal(part.shape)
+            for k, part in enumerate((truth.u, truth.v))
+        )
+        height = reconstruct(Correspondence(u, v, sigma, sigma, flags), scene)
+        ratios.append(np.where(height.good, (height.z - truth.z) / height.sigma, np.nan))
+    with np.errstate(invalid="ignore"):
+        squares = np.square(ratios)
+    assert 0.8 < np.sqrt(np.nanmean(squares)) < 1.2
+    assert np.nanmean(squares > 25) < 1e-3
+
+
+def test_specks_beside_the_anchor_are_not_guessed(exact) -> None:
+    scene, truth, _ = exact("paper-simulation", "gaussian", 64, 64)
+    flags = np.where(truth.visible, 0, 128).astype(np.uint16)
+    flags[18:25, 0:5] = 128
+    flags[21, 0] = 0
+    sigma = np.full(truth.u.shape, 0.01)
+    height = reconstruct(Correspondence(truth.u, truth.v, sigma, sigma, flags), scene)
+    assert height.flags[21, 0] & HeightFlag.NO_ANCHOR
+    assert height.good[30, 30]
+
+
+def test_cut_off_by_doubts_and_missing_pixels_together() -> None:
+    """A closed line of doubts alone leaves its inside; with a pixel missing on the line, it goes."""
+    mask = np.ones((20, 20), dtype=np.bool_)
+    dx, dy = np.zeros((2, 20, 20))
+    dx[5:15, 4] = dx[5:15, 14] = dy[4, 5:15] = dy[14, 5:15] = 1.0
+    limits = np.full((20, 20), 0.5), np.full((20, 20), 0.5)
+    anchors = np.array([0])
+    lost = np.zeros_like(mask)
+    assert not cut_off((dx, dy), limits, mask, anchors, lost).any()
+    mask[10, 5] = False
+    lost[10, 5] = True
+    away = cut_off((dx, dy), limits, mask, anchors, lost)
+    expected = np.zeros_like(mask)
+    expected[5:15, 5:15] = True
+    np.testing.assert_array_equal(away, expected & mask)
+    dx[7, 14] = 0.0  # a way out
+    assert not cut_off((dx, dy), limits, mask, anchors, lost).any()
