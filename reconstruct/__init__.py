@@ -13,6 +13,7 @@
 | `edges.py` | increments along pixel edges, weights, and the operators on them |
 | `poisson.py`, `linear.py` | weighted Poisson by columns (DCT + tridiagonal); choice of the solver |
 | `masked.py`, `multigrid.py` | any mask, any weights: conjugate gradients; their preconditioner |
+| `multigrid_kernels.py` | its kernels |
 | `alternatives.py`, `reweighting.py` | sparse factorisation and marching; robust reweighting |
 | `newton.py` | Newton's method with an integrating factor, the start from a coarser grid |
 | `anchors.py`, `pinning.py` | what is known of the mirror; from there to every component's free constant |
