@@ -24,6 +24,7 @@
 | `correlation.py` | errors that neighbouring pixels share |
 | `strays.py`, `outliers.py` | wrong pixels: by their neighbours, by the curl of the slopes |
 | `integrate.py`, `integrators.py` | plain gradient fields: integrate(), its family of solvers |
+| `rectangle.py` | the same on a rectangle, at the price of its two cosine transforms |
 | `heightmap.py`, `resampling.py` | HeightMap; its regular grid, with conserved sigma |
 | `export.py`, `x3p.py` | TIFF and PLY; X3P (ISO 25178-72) |
 | `slope_map.py`, `curvature.py` | slopes from the normals, curvature from the slopes, with sigma |

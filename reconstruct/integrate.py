@@ -23,12 +23,15 @@ from optolever.errors import InputError
 from .edges import edge_weights, increments
 from .integrators import SOLVERS, Field, defect
 from .linear import SEPARABLE_SPREAD, spread
+from .rectangle import rectangle
 
 __all__ = ["Integral", "integrate", "integrator_names"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Labels = NDArray[np.int32]
+
+RECTANGLES = ("dct2", "dct4")  # by `rectangle`, beside the solvers of edge increments
 
 _ONE = np.ones((1, 1))
 
@@ -52,7 +55,7 @@ class Integral:
 
 def integrator_names() -> tuple[str, ...]:
     """Names that `integrate` takes as method, beside 'auto'."""
-    return tuple(SOLVERS)
+    return (*RECTANGLES, *SOLVERS)
 
 
 def integrate(
@@ -74,8 +77,14 @@ def integrate(
     p, q, inside = _checked(gx, gy, mask, spacing)
     wp, wq = _weights(weights, p.shape, inside)
     name = _choose(inside, wp, wq) if method == "auto" else method
-    if name not in SOLVERS:
-        raise InputError(f"method = {method!r}: unknown, must be auto or one of {', '.join(SOLVERS)}")
+    if name not in integrator_names():
+        raise InputError(
+            f"method = {method!r}: unknown, must be auto or one of {', '.join(integrator_names())}"
+        )
+    if name in RECTANGLES:
+        _require_plain(name, inside, wp is not None)
+        z, left_over = rectangle(p, q, name == "dct4")
+        return Integral(z, name, 1, left_over, np.ones(p.shape, dtype=np.int32))
     field = _field(p, q, wp, wq, inside, name)
     z, iterations, left = SOLVERS[name](field)
     labels = _labels(inside)
@@ -83,11 +92,20 @@ def integrate(
     return Integral(z, name, iterations, defect(field, z), labels, left)
 
 
+def _require_plain(name: str, inside: Mask, weighted: bool) -> None:
+    if not inside.all():
+        raise InputError(
+            f"method = {name!r}: needs a full rectangle, {np.count_nonzero(~inside)} pixels are masked"
+        )
+    if weighted:
+        raise InputError(f"method = {name!r}: takes no weights; 'weighted', 'cg', 'direct' and 'robust' do")
+
+
 def _checked(
     gx: ArrayLike, gy: ArrayLike, mask: ArrayLike | None, spacing: float | tuple[float, float]
 ) -> tuple[Floats, Floats, Mask]:
     """Slopes per pixel, and the pixels to use."""
-    p, q = np.array(gx, dtype=np.float64), np.array(gy, dtype=np.float64)
+    p, q = (np.ascontiguousarray(g, dtype=np.float64) for g in (gx, gy))
     if p.ndim != 2 or p.shape != q.shape:
         raise InputError(f"gradient: gx has shape {p.shape}, gy {q.shape}; must be equal and 2-D")
     steps = np.broadcast_to(np.asarray(spacing, dtype=np.float64), (2,))
@@ -100,9 +118,7 @@ def _checked(
         inside &= np.asarray(mask, dtype=np.bool_)
     if not inside.any():
         raise InputError("mask: no pixel with a gradient is left")
-    p *= steps[0]
-    q *= steps[1]
-    return p, q, inside
+    return (p, q, inside) if np.all(steps == 1.0) else (p * steps[0], q * steps[1], inside)
 
 
 def _weights(
@@ -134,18 +150,9 @@ def _choose(inside: Mask, wp: Floats | None, wq: Floats | None) -> str:
 
 
 def _field(p: Floats, q: Floats, wp: Floats | None, wq: Floats | None, inside: Mask, name: str) -> Field:
-    if name in ("dct2", "dct4", "weighted") and not inside.all():
-        raise InputError(
-            f"method = {name!r}: needs a full rectangle, {np.count_nonzero(~inside)} pixels are masked"
-        )
-    if name in ("dct2", "dct4", "march") and wp is not None:
-        raise InputError(f"method = {name!r}: takes no weights; 'weighted', 'cg', 'direct' and 'robust' do")
-    if name == "dct2":
-        gx, gy = np.zeros(p.shape), np.zeros(p.shape)
-        gx[:, :-1] = 0.5 * (p[:, :-1] + p[:, 1:])
-        gy[:-1] = 0.5 * (q[:-1] + q[1:])
-    else:
-        gx, gy = increments(p, q, inside)
+    if name in ("weighted", "march"):
+        _require_plain(name, inside, name == "march" and wp is not None)
+    gx, gy = increments(p, q, inside)
     if wp is None or wq is None:
         wx, wy = _unit_weights(inside)
     else:

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.errors import InputError
-
 from .alternatives import DirectEdges, marched
 from .linear import MaskedEdges, SeparableEdges
 from .poisson import Accuracy
@@ -101,14 +99,10 @@ def _scale(f: Field, rx: Floats, ry: Floats) -> float:
 
 def _march(f: Field) -> _Solution:
     """Down the first column, then along every row."""
-    if not f.mask.all():
-        raise InputError("method = 'march': needs a full rectangle")
     return marched(f.gx, f.gy), 1, None
 
 
 SOLVERS: dict[str, Callable[[Field], _Solution]] = {
-    "dct2": _rectangle,
-    "dct4": _rectangle,
     "weighted": _rectangle,
     "cg": _cg,
     "direct": _direct,
