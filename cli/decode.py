@@ -62,7 +62,7 @@ def command(
         seconds = time.perf_counter() - start
         step("write")
         result.save(out)
-    faults = _faults(capture)
+    faults = _faults(capture, result)
     numbers = _numbers(result) | {"frames": len(capture), "seconds": seconds, "faults": faults}
     write_json(json_path, numbers)
     rows, cols = result.u.shape
@@ -79,11 +79,11 @@ def command(
     )
 
 
-def _faults(capture: "Capture") -> list[str]:
+def _faults(capture: "Capture", result: "Correspondence") -> list[str]:
     """What is wrong with the order of the frames, in words; on stderr too."""
     from optolever.decode import check
 
-    faults = [finding.sentence for finding in check(capture.frames, capture.sequence).findings]
+    faults = [finding.sentence for finding in check(capture.frames, capture.sequence, result).findings]
     for fault in faults:
         click.echo(f"Notice: {fault}", err=True)
     return faults

@@ -34,6 +34,7 @@ HEADER = (
     "input",
     "error",
     "flagged",
+    "wrong",
     "silent",
     "worst",
     "verdict",
@@ -53,8 +54,9 @@ def command(
 ) -> int:
     """Run decode and reconstruct on what is hard, and look for what is wrong without a flag.
 
-    A row per case: rms error of the unflagged pixels, flagged share, silent errors (unflagged and off by more
-    than 5 sigma; discrete codes by more than 1.5 px) and the worst pixel over that limit. A case is good if
+    A row per case: rms error of the unflagged pixels, flagged share, share that is wrong (off by more than 5
+    sigma; discrete codes by more than 1.5 px), flagged or not, silent errors (wrong and unflagged, of the
+    unflagged) and the worst unflagged pixel over that limit. A case is good if
     at most 1e-4 of its unflagged pixels are silent errors. DIR gets a picture of every case that is not.
     Exit code 1 if any case is silently wrong; where nobody could tell from the frames, the row says so.
     """
@@ -99,6 +101,7 @@ def _cells(result: "Result") -> list[str]:
         case.dtype,
         error,
         number(100 * result.flagged, "%"),
+        number(100 * result.wrong, "%"),
         number(result.silent),
         number(result.worst),
         verdict if len(verdict) < 70 else verdict[:67] + "...",

@@ -16,9 +16,12 @@
 | `display`                  | grey values and border of the display: what they shift                       |
 | `display_kernels`          | that, taken off a tile                                                       |
 | `blur`, `cells`            | footprint and blur from a few rows; stairs of the cells                      |
-| `table_decoder`            | any known grey values, swept stripes, codes within their cells               |
+| `table_decoder`            | any known grey values, codes within their cells                              |
 | `table_kernels`            | its loops, compiled                                                          |
-| `integrity`                | `check`: swapped, lost, repeated and torn frames, named                      |
+| `sweep`, `sweep_kernels`   | swept stripes: place of the line that lit a pixel most; lost ones            |
+| `integrity`, `code_jumps`  | `check`: swapped, lost, repeated and torn frames, named; bits by their jumps |
+| `references`               | how well white and black bound a code's levels                               |
+| `neighbour_kernels`        | what neighbours tell of a pixel: bends, mixed footprints, the border         |
 | `lattice`, `line_crossing` | `lattice`: the paper's crossings, sub-pixel, tracked from the rest frame     |
 | `crossed`                  | `crossed`: displacement from a single crossed-fringe frame                   |
 | `guide`                    | where the camera looked at rest, for the two that follow one frame           |

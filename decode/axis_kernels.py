@@ -48,15 +48,15 @@ def axis_rows(
 
     response = (raw level -> linear one, its slope, that at mid level squared), empty and 1 without one;
     noise = (read variance, gain, level that counts as dark); code = ((source, white, black, plain,
-    inverse, gray, cells, number of cells, pitch, origin), (loose, read variance, gain)), see code_kernels;
-    fringes = (count, index, solve, model, quad, even, quarters, periods,
-    misfit), see arrays.fringe_arrays; limits =
-    (distance from the code's cell, floor of sigma, chi squared of the periods); shown = what the display
+    inverse, gray, cells, number of cells, pitch, origin), (loose, beyond, read variance, gain)), see
+    code_kernels; fringes = (count, index, solve, model, quad, even, quarters, periods, misfit), see
+    arrays.fringe_arrays; limits = (distance from the code's cell, floor of sigma, chi squared of the
+    periods); shown = what the display
     shifts, see display_kernels (empty: nothing);
     joined: flags, amplitude, offset and order_error already hold those of the other axis.
     """
     source, white, black, plain, inverse, gray, cells, cell_count, pitch, origin = code[0]
-    loose, code_read2, code_gain = code[1]
+    loose, beyond, code_read2, code_gain = code[1]
     lut, slope, scale = response
     periods = fringes[7]
     groups = len(periods)
@@ -103,7 +103,8 @@ def axis_rows(
                 code_read2,
                 code_gain,
                 loose,
-                (step, margin, spare),
+                beyond,
+                (step, margin, spare, place, spread, agreement),
                 word,
                 weak,
                 far,
@@ -239,7 +240,7 @@ def _flat(n: int, pitch: Any, far: Array, up: Array, down: Array, doubt: Array, 
     for x in range(n):
         doubt[x] = far[x] + up[x] + down[x]
     for x in range(n):
-        spread[x] = pitch * pitch * _FLAT
+        spread[x] = pitch * pitch * (_FLAT + up[x] + down[x])
 
 
 @fast_kernel

@@ -15,8 +15,11 @@ Array = NDArray[Any]
 #: Where the threshold of bits without inverse, the contrast and the offset come from.
 FROM_WHITE_BLACK, FROM_PAIRS, FROM_EXTREMES = 0, 1, 2
 #: Squared margin over variance beyond which a bit is certain: 6 sigma, 1e-9.
-_CERTAIN = np.float32(36.0)
+_CERTAIN, _SIX = np.float32(36.0), np.float32(6.0)
 _HUGE = np.float32(1e30)
+#: Sums of a bit and its inverse that differ by more half contrasts: a sample was lit by something else. Two
+#: half contrasts flip a bit, fewer do where it is near its edge; real displays are uneven by a tenth.
+_ODD = np.float32(0.4)
 _ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
 
@@ -37,6 +40,7 @@ def code_tile(
     read2: Any,
     gain: Any,
     loose: Any,
+    beyond: Any,
     room: Any,
     cell: Array,
     weak: Array,
@@ -51,12 +55,17 @@ def code_tile(
 
     plain, inverse (bits,): frame numbers, -1 = not shown, bit 0 least significant; cells: word -> cell,
     which for a Gray code (gray) is computed;
-    read2 + gain I = variance of a sample; loose = systematic error of a margin, in half contrasts.
-    Out (n,): cell; probabilities that the truth is one cell up, one cell down, or anywhere else (far);
-    half contrast, mid level; clipped = 1 where clipped samples make a bit unreadable. room: 3 x (n,).
+    read2 + gain I = variance of a sample; loose = systematic error of a margin, in half contrasts; beyond =
+    half contrasts by which a bit's level may pass white or black.
+    Out (n,): cell; probabilities that the truth is one cell up, one cell down, or anywhere else (far; 1 where
+    levels are no bit's); half contrast, mid level; clipped = 1 where clipped samples make a bit unreadable.
+    room: 6 x (n,).
     """
-    margin, pair, single = room
+    margin, pair, single, most, high, low = room
     _start(n, cell, pair, single, half, middle)
+    most[:n] = _ZERO
+    high[:n] = -_HUGE
+    low[:n] = _HUGE
     if source != FROM_PAIRS:
         _reference(frames, row, first, n, source, white, black, plain, inverse, middle, half)
     pairs = 0
@@ -65,9 +74,12 @@ def code_tile(
             pairs += 1
             of_both = source == FROM_PAIRS
             _pair(n, of_both, frames, plain[bit], inverse[bit], row, first, middle, half, margin, pair)
+            if bit > 0 or not gray:  # the last bit of a Gray code leads to the next cell, and no further
+                _sums(n, frames, plain[bit], inverse[bit], row, first, high, low)
         else:
             sign = _ONE if plain[bit] >= 0 else -_ONE
             _single(n, sign, frames, max(plain[bit], inverse[bit]), row, first, middle, margin, single)
+            _largest(n, margin, most)
         _set_bit(n, np.int32(1 << bit), margin, cell)
     if source == FROM_PAIRS:
         scale = _HALF / np.float32(max(pairs, 1))
@@ -101,6 +113,7 @@ def code_tile(
                     down,
                     clipped,
                 )
+    _odd(n, read2, gain, beyond, middle, half, most, high, low, far)
     if gray:
         _of_gray(n, cell)
     else:
@@ -217,6 +230,46 @@ def _single(
         margin[x] = sign * (np.float32(line[x]) - middle[x])
     for x in range(n):
         single[x] = abs(margin[x]) if abs(margin[x]) < single[x] else single[x]
+
+
+@fast_kernel
+def _sums(
+    n: int, frames: Array, at: int, against: int, row: int, first: int, high: Array, low: Array
+) -> None:
+    """Largest and least sum of a bit and its inverse: all of them are the same light."""
+    line, other = frames[at, row, first : first + n], frames[against, row, first : first + n]
+    for x in range(n):
+        both = np.float32(line[x]) + np.float32(other[x])
+        high[x] = both if both > high[x] else high[x]
+    for x in range(n):
+        both = np.float32(line[x]) + np.float32(other[x])
+        low[x] = both if both < low[x] else low[x]
+
+
+@fast_kernel
+def _largest(n: int, margin: Array, most: Array) -> None:
+    for x in range(n):
+        most[x] = abs(margin[x]) if abs(margin[x]) > most[x] else most[x]
+
+
+@fast_kernel
+def _odd(
+    n: int,
+    read2: Any,
+    gain: Any,
+    beyond: Any,
+    middle: Array,
+    half: Array,
+    most: Array,
+    high: Array,
+    low: Array,
+    far: Array,
+) -> None:
+    """far = 1 where sums of bit and inverse differ, or a level lies outside black and white."""
+    for x in range(n):
+        noise = _SIX * np.sqrt(read2 + gain * middle[x])
+        odd = (high[x] - low[x] > _ODD * half[x] + noise) | (most[x] > (_ONE + beyond) * half[x] + noise)
+        far[x] = _ONE if odd else far[x]
 
 
 @fast_kernel

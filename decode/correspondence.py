@@ -28,6 +28,7 @@ class Flag(IntFlag):
     OUTLIER = 32
     MOVED = 64
     INVALID = 128
+    WRONG_FRAME = 256
 
 
 @dataclass(frozen=True, slots=True)

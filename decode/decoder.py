@@ -17,13 +17,17 @@ from .axis_kernels import CODE_GUIDED, CODE_ONLY, SEARCHED, SPAN_GUIDED, axis_ro
 from .blur import measured_blur, median_footprint, surveyed_rows, with_partners
 from .cells import take_off_stairs
 from .code_kernels import FROM_EXTREMES, FROM_PAIRS, FROM_WHITE_BLACK
-from .correspondence import Correspondence
+from .correspondence import Correspondence, Flag
 from .display import NO_TABLES, Tables, display_tables
 from .flag_kernels import outlier_rows
+from .integrity import examine
+from .neighbour_kernels import bend_rows, mixed_rows, steep_rows
 from .noise import QUANTISATION, Noise, estimate_noise
 from .plan import AxisPlan, Code, Plan, plan
+from .references import beyond_references
 from .response import Response
-from .table_decoder import by_table, shown_on, stripe_step, subpixel_step, table_step
+from .sweep import stripe_step
+from .table_decoder import by_table, shown_on, subpixel_step, table_step
 
 __all__ = ["decode"]
 
@@ -33,6 +37,10 @@ FLOOR = 0.01
 LOOSE = 0.02
 #: Share of the clip level below which a pixel without contrast counts as dark.
 _DARK = 0.02
+#: Of a code alone: footprint beyond which a cell is none, cells; those at the border that blur leaves right.
+_STEEP_CELLS, _SURE_CELLS = 3.0, 1.5
+#: Median second difference of a map whose neighbours tell nothing of each other, pattern pixels.
+_BENT = 2.0
 _BLOCK = 32
 Frames = NDArray[Any]
 
@@ -121,12 +129,66 @@ def decode(
             step(start, stop)
 
     over_rows(block, height, _BLOCK)
+    if all(_continuous(*maps[name]) for name in shown):
+        over_rows(_neighbours(job, wanted, maps, flags, amplitude, offset), height, _BLOCK)
+    found = Correspondence(
+        maps["u"][0], maps["v"][0], maps["u"][1], maps["v"][1], flags, amplitude, offset, order_error
+    )
+    _flag_wrong_frames(stack, wanted, found)
     for axis in on_display:
         if not tables[axis.axis].stairs:
             take_off_stairs(axis.fringes[-1].period, *maps[axis.axis], flags, blur_px, blurs[axis.axis])
-    return Correspondence(
-        maps["u"][0], maps["v"][0], maps["u"][1], maps["v"][1], flags, amplitude, offset, order_error
-    )
+    return found
+
+
+def _flag_wrong_frames(stack: Frames, wanted: Plan, found: Correspondence) -> None:
+    """Flag what frames spoil that are not those described (see integrity)."""
+    wrong = np.uint16(Flag.WRONG_FRAME)
+    for finding in examine(stack, wanted, found).findings:
+        rows = slice(*finding.rows) if finding.rows else slice(None)
+        if finding.spoilt and finding.span is None:
+            found.flags[rows] |= wrong
+        elif finding.spoilt and finding.span is not None:
+            name, low, high = finding.span
+            coord = getattr(found, name)[rows]
+            found.flags[rows] |= np.where((coord >= low) & (coord <= high), wrong, np.uint16(0))
+
+
+def _continuous(coord: Frames, sigma: Frames) -> bool:
+    """Whether neighbours look at neighbouring places, so that they tell something of each other."""
+    rows = np.linspace(0, coord.shape[0] - 1, 24).astype(np.int64)
+    bend = np.abs(np.diff(coord[rows], 2, axis=1))
+    return bool(bend.size and np.median(bend) < max(_BENT, 5 * np.median(sigma[rows])))
+
+
+def _neighbours(
+    job: _Job,
+    wanted: Plan,
+    maps: dict[str, tuple[Frames, Frames]],
+    flags: Frames,
+    amplitude: Frames,
+    offset: Frames,
+) -> Callable[[int, int], None]:
+    """The work on a block of rows that needs decoded rows around it."""
+    shown = {axis.axis: axis for axis in wanted.axes}
+    coded = {name: axis.code.cell for name, axis in shown.items() if axis.code and not axis.fringes}
+    noise = job.raw_noise if coded else job.noise
+    extents = tuple(float(shown[name].extent) if name in shown else np.inf for name in "uv")
+    # cells at the border are read right as long as blur is no wider than they are
+    nearest = tuple(_SURE_CELLS * coded[name] if name in coded else -np.inf for name in "uv")
+
+    def step(start: int, stop: int) -> None:
+        for name in shown:
+            if name in coded:
+                steep_rows(start, stop, _STEEP_CELLS * coded[name], maps[name][0], flags)
+            else:
+                bend_rows(start, stop, *maps[name], flags)
+        mixed_rows(
+            *(start, stop, noise.read2, noise.gain, extents, nearest),
+            *(maps["u"][0], maps["v"][0], maps["u"][1], maps["v"][1], amplitude, offset, flags),
+        )
+
+    return step
 
 
 def _maps(height: int, width: int, shown: bool) -> tuple[Frames, Frames]:
@@ -209,8 +271,8 @@ def _step(
     *common: Frames,
 ) -> Callable[[int, int], None]:
     """The work on a block of rows for one axis: which decoder its frames ask for."""
-    if axis.stripes and not (axis.code or axis.fringes or axis.levels):
-        return stripe_step(job.frames, job.clip, sequence, axis, joined, maps, common)
+    if axis.stripes is not None and not (axis.code or axis.fringes or axis.levels):
+        return stripe_step(job.frames, job.clip, axis, joined, maps, common)
     if by_table(axis):
         return table_step(job.frames, job.clip, shown_on(sequence, wanted, axis), axis, joined, maps, common)
     step = _axis_step(job, sequence, wanted, axis, tables or NO_TABLES, maps, joined, *common)
@@ -270,7 +332,12 @@ def _code_arguments(job: _Job, wanted: Plan, axis: AxisPlan) -> tuple[Any, ...]:
             *(source, wanted.white, wanted.black, code.plain, code.inverse),
             *(code.kind == "gray", code.cells, cells, code.cell, origin),
         ),
-        (np.float32(LOOSE), np.float32(job.raw_noise.read2), np.float32(job.raw_noise.gain)),
+        (
+            np.float32(LOOSE),
+            np.float32(beyond_references(job.frames, wanted, code)),
+            np.float32(job.raw_noise.read2),
+            np.float32(job.raw_noise.gain),
+        ),
     )
 
 

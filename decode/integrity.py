@@ -3,12 +3,13 @@
 What a sequence shows obeys linear constraints, whatever the camera looks at: the fringe's N samples lie in a
 space of three dimensions, a bit and its inverse add up to the same as any other pair, or as white and black.
 They are tested on a sample of pixels, and where they are broken, every single fault is tried: the one that
-mends them is named. Faults that break none stay unseen: three steps alone, bits without inverses, two whole
-pairs in each other's place, a fringe run backwards.
+mends them is named. Gray bits without inverses are tested by the map that they decode to (see code_jumps),
+swept stripes by how they follow each other (see sweep). Faults that break none stay unseen: three steps
+alone, two whole pairs in each other's place, a fringe run backwards.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,13 +18,20 @@ from numpy.typing import ArrayLike, NDArray
 from optolever.errors import InputError
 from optolever.patterns import Sequence
 
-from .noise import spatial_noise
+from .code_jumps import BitFault, bit_faults
+from .correspondence import Correspondence
 from .plan import AxisPlan, Plan, plan
+from .sweep import sweep_faults
 
-__all__ = ["Finding", "Integrity", "check"]
+__all__ = ["Finding", "Integrity", "check", "examine"]
 
 F64 = NDArray[np.float64]
 _PIXELS = 2048
+_SIDE, _RUN = 32, 8
+#: Pixels that tell anything.
+_FEWEST = 64
+#: Excess of the difference of two frames that are the same.
+_ALIKE = 0.2
 #: Excess of a constraint's mean log(1 + z^2) over that of noise, above which it is broken.
 _BROKEN = 0.4
 #: Share of the broken constraints' excess that a fault may leave and still explain them.
@@ -36,18 +44,26 @@ _LEAST_NOISE = 1.0
 _UNEVEN = 0.04
 _BANDS = 16
 #: Share of the bands on the torn side in which the tear shows.
-_SIDE = 0.6
+_SHOWN = 0.6
 #: Of the pixels, every so many serve the search for a fault.
 _FEWER = 4
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A fault: numbers of the frames, swapped | lost | repeated | torn | inconsistent, and a sentence."""
+    """A fault: numbers of the frames, what kind, and a sentence; `spoilt` frames are not those described, in
+    rows start..stop (None: all); span: axis and coordinates between which pixels saw them (None: everywhere).
+
+    kind: swapped | lost | repeated | replaced (by its neighbour) | torn | foreign (a bit's picture is not
+    that bit's) | inconsistent (something is wrong, and nothing tells with which frame: none is spoilt).
+    """
 
     frames: tuple[int, ...]
     kind: str
     sentence: str
+    spoilt: tuple[int, ...] = ()
+    rows: tuple[int, int] | None = None
+    span: tuple[str, float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,28 +74,102 @@ class Integrity:
     constraints: int
 
 
-def check(frames: ArrayLike, sequence: Sequence) -> Integrity:
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """Levels (N, K) of some pixels, their rows (K,), and what is noise in them."""
+
+    levels: F64
+    row: NDArray[np.int64]
+    noise: float
+
+
+def check(frames: ArrayLike, sequence: Sequence, found: Correspondence | None = None) -> Integrity:
     """Look for a frame that is not what the sequence describes.
 
-    frames (N, H, W), frame i as sequence.frames[i] describes it. Some 2000 pixels are looked at.
+    frames (N, H, W), frame i as sequence.frames[i] describes it; found: what decode made of them, without
+    which bits that have no inverse are not tested. Some 2000 pixels are looked at.
     """
     stack = np.asarray(frames)
     if stack.ndim != 3 or len(stack) != len(sequence):
         raise InputError(f"check: frames have shape {stack.shape}, sequence describes {len(sequence)} images")
-    rules = _constraints(plan(sequence), len(sequence))
-    if len(rules) == 0:
-        return Integrity((), 0)
-    levels, row = _sample(stack)
-    contrast = float(np.median(np.ptp(levels, axis=0))) if levels.size else 0.0
-    noise = float(np.hypot(max(spatial_noise(stack), _LEAST_NOISE), _UNEVEN * contrast))
+    return examine(stack, plan(sequence), found)
+
+
+def examine(stack: NDArray[Any], wanted: Plan, found: Correspondence | None) -> Integrity:
+    """check for a plan."""
+    rules = _constraints(wanted, len(stack))
+    findings: tuple[Finding, ...] = ()
+    if len(rules):
+        findings = _broken(rules, stack)
+    if not findings and found is not None and found.offset is not None:
+        findings = tuple(
+            _foreign(fault)
+            for axis in wanted.axes
+            for fault in bit_faults(axis, stack, getattr(found, axis.axis), found.flags, found.offset)
+        )
+    if not findings:
+        findings = tuple(_of_sweeps(stack, wanted))
+    return Integrity(tuple(_judged(finding, wanted) for finding in findings), len(rules))
+
+
+def _of_sweeps(stack: NDArray[Any], wanted: Plan) -> Iterator[Finding]:
+    """The first sweep that is broken: what was lost in it puts later ones into wrong places, too."""
+    clip = 255.0 if stack.dtype == np.uint8 else float("inf")
+    for axis in sorted(wanted.axes, key=lambda axis: min(axis.stripes.index) if axis.stripes else 0):
+        if axis.stripes is None:
+            continue
+        fault = sweep_faults(stack, clip, axis.stripes)
+        if fault is not None:
+            kind, frames = fault
+            after = tuple(range(frames[0], len(stack))) if kind in ("lost", "repeated") else frames
+            told = {"lost": "is missing", "repeated": "is the one before again", "replaced": "is another one"}
+            sentence = f"stripe of frame {frames[0]} {told.get(kind, f'and {frames[-1]} are swapped')}"
+            span = None if kind in ("lost", "repeated") else (axis.axis, *axis.stripes.around(frames))
+            yield Finding(frames, kind, sentence, after, span=span)
+            return
+
+
+def _judged(finding: Finding, wanted: Plan) -> Finding:
+    """Without the frames that spoil no pixel unflagged."""
+    return replace(finding, spoilt=tuple(sorted(set(finding.spoilt) - _told(wanted, finding.kind))))
+
+
+def _told(wanted: Plan, fault: str) -> set[int]:
+    """Frames whose pixels tell by themselves that they are wrong.
+
+    Bits with their inverses do by margin and sum, those of XOR-Gray not if they are in each other's place
+    (all are near their edges at once); none do if all later frames are in wrong places.
+    """
+    told: set[int] = set()
+    if fault in ("lost", "repeated"):
+        return told
+    local = fault in ("replaced", "torn")
+    for axis in wanted.axes:
+        if axis.code is not None and (local or axis.code.kind != "xor-gray"):
+            both = (axis.code.plain >= 0) & (axis.code.inverse >= 0)
+            told.update(axis.code.plain[both].tolist(), axis.code.inverse[both].tolist())
+    return told
+
+
+def _broken(rules: F64, stack: NDArray[Any]) -> tuple[Finding, ...]:
+    sample = _sample(stack, rules)
+    levels, noise = sample.levels, sample.noise
+    if levels.shape[1] < _FEWEST:
+        return ()
     excess = _excess(rules, levels, noise)
     if excess.max(initial=0.0) < _BROKEN:
-        return Integrity(_torn(rules, levels, row, noise, stack.shape[1]), len(rules))
-    findings = _single_fault(rules, levels, noise, excess) or _torn(rules, levels, row, noise, stack.shape[1])
-    if not findings:
-        used = tuple(int(i) for i in np.flatnonzero(np.abs(rules[excess >= _BROKEN]).max(axis=0) > 0))
-        findings = (Finding(used, "inconsistent", f"frames {_list(used)} do not fit together"),)
-    return Integrity(findings, len(rules))
+        return _torn(rules, sample, stack)
+    findings = _replaced(rules, levels, noise) or _single_fault(rules, levels, noise, excess)
+    findings = findings or _torn(rules, sample, stack)
+    if findings:
+        return findings
+    used = tuple(int(i) for i in np.flatnonzero(np.abs(rules[excess >= _BROKEN]).max(axis=0) > 0))
+    return (Finding(used, "inconsistent", f"frames {_list(used)} do not fit together"),)
+
+
+def _foreign(fault: BitFault) -> Finding:
+    told = f"frame {fault.frame} does not show its bit in rows {fault.start} to {fault.stop - 1}"
+    return Finding((fault.frame,), "foreign", told, (fault.frame,), (fault.start, fault.stop))
 
 
 def _constraints(wanted: Plan, count: int) -> F64:
@@ -94,7 +184,7 @@ def _constraints(wanted: Plan, count: int) -> F64:
 
 
 def _pairs(wanted: Plan, axis: AxisPlan, count: int) -> list[F64]:
-    """A bit's sum with its inverse is that of white and black, or the mean of all the others."""
+    """A bit's sum with its inverse is that of white and black, or that of another bit."""
     if axis.code is None:
         return []
     both = zip(axis.code.plain.tolist(), axis.code.inverse.tolist(), strict=True)
@@ -102,7 +192,8 @@ def _pairs(wanted: Plan, axis: AxisPlan, count: int) -> list[F64]:
     reference = [(wanted.white, wanted.black)] if min(wanted.white, wanted.black) >= 0 else []
     rows = []
     for k, pair in enumerate(pairs):
-        others = reference or pairs[:k] + pairs[k + 1 :]
+        # the next pair, and not all of them: a wrong frame must not break every rule
+        others = reference or ([pairs[(k + 1) % len(pairs)]] if len(pairs) > 1 else [])
         if others:
             weights = [1.0, 1.0] + [-1.0 / len(others)] * (2 * len(others))
             rows.append(_row(count, [*pair, *(i for other in others for i in other)], np.array(weights)))
@@ -115,25 +206,64 @@ def _row(count: int, index: list[int], weights: F64) -> F64:
     return row
 
 
-def _sample(stack: NDArray[Any]) -> tuple[F64, NDArray[np.int64]]:
-    """Levels (N, K) of pixels that see the pattern without clipping, and their rows."""
-    _, rows, cols = stack.shape
-    side = np.sqrt(4 * _PIXELS)
-    at = np.arange(0, rows, max(1, int(rows / side))), np.arange(0, cols, max(1, int(cols / side)))
-    levels = stack[:, at[0][:, None], at[1]].reshape(len(stack), -1).astype(np.float64)
-    row = np.repeat(at[0], len(at[1]))
+def _sample(stack: NDArray[Any], rules: F64) -> Sample:
+    """Pixels that see the pattern without clipping in the frames that the rules are about.
+
+    Runs of eight pixels, as one costs as much to fetch as eight. Noise: from second differences within runs,
+    the least of the frames, as what they show adds to it.
+    """
+    count, rows, cols = stack.shape
+    lines = np.unique(np.linspace(0, rows - 1, min(rows, _SIDE)).astype(np.int64))
+    step = max(1, cols // _SIDE // _RUN) * _RUN
+    across = cols // step
+    if across:
+        runs = stack[:, lines, : across * step].reshape(count, len(lines), across, step)[..., :_RUN]
+    else:
+        runs = stack[:, lines][:, :, None]
+    runs = runs.astype(np.float64)
+    second = np.diff(runs, 2, axis=-1).reshape(count, -1)
+    noise = float(np.median(np.abs(second), axis=1).min()) * 1.4826 / np.sqrt(6) if second.size else 0.0
+    levels = runs.reshape(count, -1)
+    row = np.repeat(lines, levels.shape[1] // len(lines))
     span = np.ptp(levels, axis=0)
     top = 255.0 if stack.dtype == np.uint8 else float("inf")
-    use = np.flatnonzero((span >= 0.5 * np.percentile(span, 90)) & (levels.max(axis=0) < top))
-    use = use[:: max(1, len(use) // _PIXELS)]
-    return levels[:, use], row[use]
+    brightest = levels[np.abs(rules).max(axis=0) > 0].max(axis=0)
+    use = np.flatnonzero((span >= 0.5 * np.percentile(span, 90)) & (brightest < top))
+    # by chance, as every so many pixels may be a fringe's period
+    use = np.random.default_rng(0).permutation(use)[:_PIXELS]
+    contrast = float(np.median(span[use])) if len(use) else 0.0
+    return Sample(levels[:, use], row[use], float(np.hypot(max(noise, _LEAST_NOISE), _UNEVEN * contrast)))
 
 
 def _excess(rules: F64, levels: F64, noise: float) -> F64:
     """By how much each constraint is broken (R,): a mean that a few odd pixels do not move."""
     if levels.shape[1] == 0:
         return np.zeros(len(rules))
-    return np.asarray(np.log1p((rules @ levels / noise) ** 2).mean(axis=1) - _OF_NOISE)
+    # einsum: the threads of a matrix product take longer to wake up than this takes
+    score = np.einsum("rn,nk->rk", rules / noise, levels)
+    return np.asarray(np.log1p(score**2).mean(axis=1) - _OF_NOISE)
+
+
+def _replaced(rules: F64, levels: F64, noise: float) -> tuple[Finding, ...]:
+    """A frame that is one of its neighbours again, all others in their places."""
+    found = []
+    for k in range(len(levels)):
+        free = np.abs(rules[:, k]) < 1e-9
+        if free.all() or _excess(rules[free], levels, noise).max(initial=0.0) >= _BROKEN:
+            continue
+        for other in (k - 1, k + 1):
+            if 0 <= other < len(levels) and _apart(levels, k, other, noise) < _ALIKE:
+                found.append((k, other))
+    if not found:
+        return ()
+    frames = tuple(sorted({k for k, _ in found}))
+    told = " or ".join(f"frame {k} is frame {other} again" for k, other in found[:4])
+    return (Finding(frames, "replaced", told, frames),)
+
+
+def _apart(levels: F64, i: int, j: int, noise: float) -> float:
+    """By how much two frames differ beyond their noise, as _excess."""
+    return float(np.log1p(((levels[i] - levels[j]) / noise) ** 2 / 2).mean() - _OF_NOISE)
 
 
 def _single_fault(rules: F64, levels: F64, noise: float, excess: F64) -> tuple[Finding, ...]:
@@ -158,7 +288,8 @@ def _single_fault(rules: F64, levels: F64, noise: float, excess: F64) -> tuple[F
         return (same[0],)
     same = [finding for finding in same if finding.kind == same[0].kind]
     frames = tuple(sorted({i for finding in same for i in finding.frames}))
-    return (Finding(frames, same[0].kind, " or ".join(finding.sentence for finding in same[:4])),)
+    spoilt = tuple(sorted({i for finding in same for i in finding.spoilt}))
+    return (Finding(frames, same[0].kind, " or ".join(finding.sentence for finding in same[:4]), spoilt),)
 
 
 def _faults(count: int) -> Iterator[tuple[Finding, NDArray[np.int64]]]:
@@ -167,40 +298,58 @@ def _faults(count: int) -> Iterator[tuple[Finding, NDArray[np.int64]]]:
         for j in range(i + 1, count):
             order = np.arange(count)
             order[[i, j]] = j, i
-            yield Finding((i, j), "swapped", f"frames {i} and {j} are in each other's place"), order
+            yield Finding((i, j), "swapped", f"frames {i} and {j} are in each other's place", (i, j)), order
     for k in range(count - 1):
         order = np.concatenate([np.arange(k), [-1], np.arange(k, count - 1)])
-        yield Finding((k,), "lost", f"frame {k} is missing, those after it come one too early"), order
+        after = tuple(range(k, count))
+        told = f"frame {k} is missing, those after it come one too early"
+        yield Finding((k,), "lost", told, after), order
     for k in range(1, count - 1):
         order = np.concatenate([np.arange(k), np.arange(k + 1, count), [-1]])
-        yield Finding((k,), "repeated", f"frame {k} is there twice, those after it come one late"), order
+        after = tuple(range(k + 1, count))
+        told = f"frame {k} is there twice, those after it come one late"
+        yield Finding((k,), "repeated", told, after), order
 
 
-def _torn(rules: F64, levels: F64, row: NDArray[np.int64], noise: float, rows: int) -> tuple[Finding, ...]:
+def _torn(rules: F64, sample: Sample, stack: NDArray[Any]) -> tuple[Finding, ...]:
     """A frame whose rows on one side of a line are those of the frame before or after it."""
-    band = row * _BANDS // rows
+    levels, noise, rows = sample.levels, sample.noise, stack.shape[1]
+    band = sample.row * _BANDS // rows
     present = [k for k in range(_BANDS) if np.count_nonzero(band == k) >= 32]
     bad = np.array([_excess(rules, levels[:, band == k], noise).max() >= _BROKEN for k in present], bool)
     if not bad.any():
         return ()
     first, last = int(np.argmax(bad)), len(bad) - 1 - int(np.argmax(bad[::-1]))
-    if (first == 0) == (last == len(bad) - 1) or bad[first : last + 1].mean() < _SIDE:
+    if (first == 0) == (last == len(bad) - 1) or bad[first : last + 1].mean() < _SHOWN:
         return ()
     spoilt = levels[:, np.isin(band, np.array(present)[first : last + 1])]
-    used = np.abs(rules[_excess(rules, spoilt, noise) >= _BROKEN]).max(axis=0) > 0
+    broken = rules[_excess(rules, spoilt, noise) >= _BROKEN]
     nearest: tuple[float, int, int] | None = None
-    for i in np.flatnonzero(used):
+    for i in np.flatnonzero(np.abs(broken).max(axis=0, initial=0.0) > 0):
         for j in (int(i) - 1, int(i) + 1):
             if 0 <= j < len(levels):
-                apart = float(np.log1p(((spoilt[i] - spoilt[j]) / noise) ** 2 / 2).mean() - _OF_NOISE)
+                apart = _apart(spoilt, int(i), j, noise)
                 nearest = min(nearest or (apart, int(i), j), (apart, int(i), j))
     if nearest is None or nearest[0] > _BROKEN:
         return ()
     _, frame, other = nearest
-    edge = int(present[last + 1 if first == 0 else first] * rows / _BANDS)
-    side = "above" if first == 0 else "below"
-    told = f"frame {frame} is torn: {side} row {edge} or so it shows frame {other}"
-    return (Finding((frame, other), "torn", f"{told} (or {other} shows {frame})"),)
+    above = first == 0
+    edge = _edge(broken, stack, noise, int(present[last + 1 if above else first] * rows / _BANDS), above)
+    told = f"frame {frame} is torn: {'above' if above else 'below'} row {edge} it shows frame {other}"
+    told = f"{told} (or {other} shows {frame})"
+    return (Finding((frame, other), "torn", told, (frame, other), (0, edge) if above else (edge, rows)),)
+
+
+def _edge(broken: F64, stack: NDArray[Any], noise: float, about: int, above: bool) -> int:
+    """First row of the lower part, from the rows a band's height around."""
+    _, rows, cols = stack.shape
+    height = -(-rows // _BANDS)
+    near = np.arange(max(about - height, 0), min(about + height, rows))
+    levels = stack[:, near[0] : near[-1] + 1, :: max(1, cols // 256)].astype(np.float64)
+    bad = [_excess(broken, levels[:, k], noise).max() >= _BROKEN for k in range(len(near))]
+    # the row at which most rows lie on their own side
+    score = np.cumsum([0, *(1 if wrong == above else -1 for wrong in bad)])
+    return int(near[0] + np.argmax(score))
 
 
 def _list(numbers: tuple[int, ...]) -> str:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.patterns import BINARY_CODES, Sequence, code_words
 
-__all__ = ["AxisPlan", "Code", "Fringe", "Plan", "plan"]
+__all__ = ["AxisPlan", "Code", "Fringe", "Plan", "Stripes", "plan"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +44,21 @@ class Code:
 
 
 @dataclass(frozen=True, slots=True)
+class Stripes:
+    """Frames of a line swept over one axis, in the order of its places; width at half maximum, pattern px."""
+
+    index: NDArray[np.int64]
+    at: NDArray[np.float64]
+    width: float
+
+    def around(self, frames: tuple[int, ...]) -> tuple[float, float]:
+        """Coordinates between which pixels were lit by these frames, or by those next to them."""
+        at = self.at[np.isin(self.index, frames)]
+        reach = self.width + float(np.max(np.diff(self.at)))
+        return float(at.min() - reach), float(at.max() + reach)
+
+
+@dataclass(frozen=True, slots=True)
 class AxisPlan:
     """What was shown along one axis of `extent` pixels; fringes from coarse to fine."""
 
@@ -51,7 +66,7 @@ class AxisPlan:
     extent: int
     code: Code | None
     fringes: tuple[Fringe, ...]
-    stripes: tuple[int, ...]
+    stripes: Stripes | None
     levels: tuple[int, ...]
 
 
@@ -100,9 +115,9 @@ def _axis_plan(sequence: Sequence, axis: str, extent: int) -> AxisPlan | None:
     mine = [(i, frame) for i, frame in enumerate(sequence.frames) if frame.axis == axis]
     code = _code(sequence, [i for i, frame in mine if frame.kind in BINARY_CODES], axis)
     fringes = _fringes(sequence, [i for i, frame in mine if frame.kind == "phase"], axis)
-    stripes = tuple(i for i, frame in mine if frame.kind == "stripe")
+    stripes = _stripes(sequence, [i for i, frame in mine if frame.kind == "stripe"], axis)
     levels = tuple(i for i, frame in mine if frame.kind == "levels")
-    if code is None and not fringes and not stripes and not levels:
+    if code is None and not fringes and stripes is None and not levels:
         return None
     return AxisPlan(axis, extent, code, fringes, stripes, levels)
 
@@ -137,6 +152,24 @@ def _code(sequence: Sequence, index: list[int], axis: str) -> Code | None:
     cells = np.empty(1 << bits, np.int32)
     cells[words] = np.arange(1 << bits)
     return Code(first.kind, polarity[0], polarity[1], first.cell_px, first.offset_px or 0.0, cells)
+
+
+def _stripes(sequence: Sequence, index: list[int], axis: str) -> Stripes | None:
+    if not index:
+        return None
+    place = np.array([getattr(sequence.frames[i], f"at_{axis}") for i in index], np.float64)
+    order = np.argsort(place, kind="stable")
+    widths = {sequence.frames[i].width_px or 1.0 for i in index}
+    if len(place) < 5 or np.any(np.diff(place[order]) <= 0):
+        raise InputError(
+            f"sequence {sequence.name}: axis {axis} has {len(place)} stripes, "
+            "must have 5 or more at different places"
+        )
+    if len(widths) > 1:
+        raise InputError(
+            f"sequence {sequence.name}: stripes on {axis} are {sorted(widths)} px wide, must be alike"
+        )
+    return Stripes(np.array(index, np.int64)[order], place[order], widths.pop())
 
 
 def _fringes(sequence: Sequence, index: list[int], axis: str) -> tuple[Fringe, ...]:

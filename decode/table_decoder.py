@@ -1,4 +1,4 @@
-"""Decoding against known grey values: any code at all, swept stripes, and sub-cell answers of binary codes.
+"""Decoding against known grey values: any code at all, and sub-cell answers of binary codes.
 
 A pixel's samples are compared with what each place of the surface showed (nearest code word by normalised
 correlation), then the place is refined between cells; sigma is the Fisher information of that fit.
@@ -18,9 +18,18 @@ from optolever.patterns import Sequence
 from .arrays import chi_squared_limit
 from .flag_kernels import merge_rows
 from .plan import AxisPlan, Plan
-from .table_kernels import refine_rows, stripe_rows
+from .table_kernels import refine_rows
 
-__all__ = ["Shown", "by_table", "shown_on", "stripe_step", "subpixel_step", "table_step"]
+__all__ = [
+    "Shown",
+    "by_table",
+    "flags_of_fit",
+    "sampled_rows",
+    "shown_on",
+    "store",
+    "subpixel_step",
+    "table_step",
+]
 
 Map = NDArray[Any]
 Step = Callable[[int, int], None]
@@ -85,7 +94,7 @@ def table_step(
 ) -> Step:
     """Work on a block of rows: nearest code word of the whole surface, refined."""
     search = _search(frames, shown)
-    sample = np.ascontiguousarray(frames[:, _sample(frames.shape[1])])
+    sample = np.ascontiguousarray(frames[:, sampled_rows(frames.shape[1])])
     blur, noise2 = _calibrate(sample, clip, shown, _search(sample, shown)(0, sample.shape[1])[0])
     fine = shown.fine(blur)
     # what the model does not explain goes into sigma, up to three times the noise
@@ -98,11 +107,11 @@ def table_step(
         )
         rival = _refine(frames, clip, start, stop, shown, fine, second)[2]
         wrong = 1 / (1 + np.exp(np.clip((rival - misfit) / (2 * noise2), -80, 80)))
-        why = _flags(curvature, misfit, scale, count, offset, noise2, limit)
+        why = flags_of_fit(curvature, misfit, scale, count, offset, noise2, limit)
         why |= np.where(wrong > _DOUBT, _ORDER, 0)
         with np.errstate(divide="ignore"):
             variance = noise2 / curvature * _excess(misfit, count, noise2)
-        _store(start, stop, coord, variance, why, wrong, scale, offset, axis, joined, maps, common)
+        store(start, stop, coord, variance, why, wrong, scale, offset, axis, joined, maps, common)
 
     return step
 
@@ -115,7 +124,7 @@ def _excess(misfit: Map, count: Map, noise2: float) -> Map:
 
 def subpixel_step(frames: Map, clip: float, shown: Shown, coarse: Step, maps: tuple[Map, Map]) -> Step:
     """Work on a block of rows: answers within the cells that `coarse` found, where blur tells them apart."""
-    sample = _sample(frames.shape[1])
+    sample = sampled_rows(frames.shape[1])
     for row in sample:
         coarse(int(row), int(row) + 1)
     blur, noise2 = _calibrate(np.ascontiguousarray(frames[:, sample]), clip, shown, maps[0][sample])
@@ -137,7 +146,7 @@ def subpixel_step(frames: Map, clip: float, shown: Shown, coarse: Step, maps: tu
     return step
 
 
-def _sample(rows: int) -> NDArray[np.int64]:
+def sampled_rows(rows: int) -> NDArray[np.int64]:
     """Rows on which blur and noise are measured."""
     return np.unique(np.linspace(0, rows - 1, min(rows, 24)).astype(np.int64))
 
@@ -233,7 +242,7 @@ def _search(frames: Map, shown: Shown) -> Callable[[int, int], tuple[Map, Map]]:
     return search
 
 
-def _flags(
+def flags_of_fit(
     curvature: Map, misfit: Map, scale: Map, count: Map, offset: Map, noise2: float, limit: float
 ) -> NDArray[np.int32]:
     why = np.zeros(curvature.shape, np.int32)
@@ -246,7 +255,7 @@ def _flags(
     return why
 
 
-def _store(
+def store(
     start: int,
     stop: int,
     coord: Map,
@@ -268,50 +277,3 @@ def _store(
     half = (0.5 * scale).astype(np.float32)
     mean = (offset + 0.5 * scale).astype(np.float32)
     merge_rows(start, stop, joined, why.astype(np.int32), half, mean, wrong.astype(np.float32), *common)
-
-
-def stripe_step(
-    frames: Map,
-    clip: float,
-    sequence: Sequence,
-    axis: AxisPlan,
-    joined: bool,
-    maps: tuple[Map, Map],
-    common: tuple[Map, ...],
-) -> Step:
-    """Work on a block of rows of a swept stripe."""
-    place = np.array([getattr(sequence.frames[i], f"at_{axis.axis}") for i in axis.stripes], np.float64)
-    order = np.argsort(place, kind="stable")
-    index, at = np.array(axis.stripes, np.int64)[order], place[order]
-    width = float(sequence.frames[axis.stripes[0]].width_px or 1.0)
-    if len(at) < 5 or np.any(np.diff(at) <= 0):
-        raise InputError(
-            f"decode: axis {axis.axis} has {len(at)} stripes, must have 5 or more at different places"
-        )
-    window = max(2, int(np.ceil(1.25 * width / np.median(np.diff(at)))))
-
-    def measure(stack: Map, start: int, stop: int) -> tuple[Map, ...]:
-        shape = (stop - start, stack.shape[2])
-        coord = np.empty(shape)
-        maps32 = [np.empty(shape, np.float32) for _ in range(4)]
-        count, rival = np.empty(shape, np.int32), np.empty(shape, np.float32)
-        stripe_rows(stack, clip, start, stop, index, at, width, window, coord, *maps32, count, rival)
-        return (coord, *maps32, count, rival)
-
-    sample = np.ascontiguousarray(frames[:, _sample(frames.shape[1])])
-    _, _, misfit, _, scale, count, _ = measure(sample, 0, sample.shape[1])
-    lit = (scale > 0.25 * np.percentile(scale, 95)) & (count > 3)
-    noise2 = max(float(np.mean(misfit[lit] / (count[lit] - 3))) if lit.any() else 0.0, 1 / 12)
-    limit = chi_squared_limit(2 * window - 2)
-
-    def step(start: int, stop: int) -> None:
-        coord, curvature, misfit, offset, scale, count, rival = measure(frames, start, stop)
-        why = _flags(curvature, misfit, scale, count, offset, noise2, limit)
-        odds = np.clip((scale**2 - np.maximum(rival, 0) ** 2) / (2 * noise2), 0, 80)
-        wrong = 1 / (1 + np.exp(odds))
-        why |= np.where((wrong > _DOUBT) | (rival > 0.6 * scale), _ORDER, 0)
-        with np.errstate(divide="ignore"):
-            variance = noise2 / curvature
-        _store(start, stop, coord, variance, why, wrong, scale, offset, axis, joined, maps, common)
-
-    return step

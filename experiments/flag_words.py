@@ -21,6 +21,7 @@ MEANING = {
     "OUTLIER": "the coordinate does not fit its neighbours",
     "MOVED": "the mirror moved while the frames were taken",
     "INVALID": "no data came in for this pixel",
+    "WRONG_FRAME": "frames were lost, shown twice, torn or in each other's place",
     "NO_ANCHOR": "an island whose absolute height nothing fixes",
     "CURL": "the slopes contradict each other around this pixel",
     "STEEP": "steeper than the optical lever can measure",
@@ -39,6 +40,7 @@ COLOURS = [
     "#a0522d",
     "#1f5f8b",
     "#6b2737",
+    "#5d737e",
 ]
 MORE = "#9c9c9c"
 

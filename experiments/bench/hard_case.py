@@ -77,8 +77,8 @@ class Case:
 @dataclass(frozen=True, slots=True)
 class Result:
     """A case's verdict. error: rms of the unflagged, in `unit`; worst: over its limit (above 1: silent);
-    flagged: share of the pixels that see the pattern; silent: share of the unflagged, and their count;
-    found: None if nothing was.
+    flagged, wrong: shares of the pixels that see the pattern, those beyond their limit whether flagged or
+    not; silent: share of the unflagged, and their count; found: None if nothing was.
     """
 
     case: Case
@@ -88,6 +88,7 @@ class Result:
     unit: str = ""
     worst: float = math.nan
     flagged: float = math.nan
+    wrong: float = math.nan
     silent: float = math.nan
     silent_count: int = 0
     found: Found | None = None
@@ -113,6 +114,7 @@ class Result:
             "unit": self.unit,
             "worst": self.worst,
             "flagged": self.flagged,
+            "wrong": self.wrong,
             "silent": self.silent,
             "silent_count": self.silent_count,
         }
@@ -145,6 +147,7 @@ def judged(case: Case, found: Found) -> Result:
         unit=found.unit,
         worst=float(np.max(np.abs(errors) / found.limit[seen & np.isfinite(found.error)], initial=0.0)),
         flagged=1.0 - float(seen.sum()) / expected if expected else math.nan,
+        wrong=float((_beyond(found) & found.expected).sum()) / expected if expected else math.nan,
         silent=share,
         silent_count=count,
         found=found,
@@ -154,9 +157,12 @@ def judged(case: Case, found: Found) -> Result:
 
 def silent_mask(found: Found) -> Mask:
     """Unflagged pixels that are off by more than their limit, or see nothing at all."""
+    return np.asarray((found.flags == 0) & ((_beyond(found) & found.expected) | found.beside))
+
+
+def _beyond(found: Found) -> Mask:
     with np.errstate(invalid="ignore"):
-        off = ~(np.abs(found.error) <= found.limit)
-    return np.asarray((found.flags == 0) & ((off & found.expected) | found.beside))
+        return np.asarray(~(np.abs(found.error) <= found.limit))
 
 
 def _with_verdict(result: Result, unknown: int, share: float) -> Result:

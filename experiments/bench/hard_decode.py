@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence, decode
+from optolever.decode import Correspondence, decode, difference
 from optolever.patterns import Sequence, sequence_from_text
 from optolever.projector import Capture, VirtualSensor
 from optolever.scene import (
@@ -44,8 +44,9 @@ class Condition:
     """What is wrong with a capture.
 
     sensor, display, blur (cells), noise (levels), bits: of the virtual sensor; cells: pattern cells per
-    camera pixel, over the usual; dent; rates: of a moving dent's parameters (per second); spoil: what
-    happens to the frames afterwards; limits: sequences from which nobody could tell, and why.
+    camera pixel, over the usual; dent; rates: of a moving dent's parameters (per second); rest: what counts
+    is the difference to the undented mirror, decoded alike; spoil: what happens to the frames afterwards;
+    limits: sequences from which nobody could tell, and why.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Condition:
     cells: float = 1.0
     dent: str = "gaussian"
     rates: Mapping[str, float] = field(default_factory=dict)
+    rest: bool = False
     spoil: Spoil | None = None
     limits: Mapping[str, str] = field(default_factory=dict)
 
@@ -128,6 +130,9 @@ CONDITIONS = (
     Condition("hot pixels", spoil=_hot, limits=_N3),
     Condition("flashes", spoil=_flashes, limits=_N3),
     Condition("12 bit in 16", bits=12),
+    Condition("16 bit", bits=16),
+    Condition("deformed minus rest", rest=True),
+    Condition("deformed minus rest, 12 bit in 16", rest=True, bits=12),
 )
 
 
@@ -164,13 +169,26 @@ def _decoded(condition: Condition, text: str, size: tuple[int, int]) -> Found:
         truths = [trace(scene, surface)]
     else:
         truths = [trace(scene, surface(time)) for time in times]
-    return compared(seen, truths, shown)
+    if condition.rest:
+        rest = dent_from_text("flat", scene)
+        with VirtualSensor(scene, rest, shown, noise=condition.noise, seed=2, bits=condition.bits) as sensor:
+            seen = difference(seen, decode(sensor.capture().frames, shown))
+        truths = [_displacement(truth, trace(scene, rest)) for truth in truths]
+    return compared(seen, truths, shown, 2.0 if condition.rest else 1.0)
 
 
-def compared(seen: Correspondence, truths: list[Trace], shown: Sequence) -> Found:
+def _displacement(deformed: Trace, rest: Trace) -> Trace:
+    """The deformed trace with u, v less those of the rest, where both are seen."""
+    return replace(
+        deformed, u=deformed.u - rest.u, v=deformed.v - rest.v, visible=deformed.visible & rest.visible
+    )
+
+
+def compared(seen: Correspondence, truths: list[Trace], shown: Sequence, captures: float = 1.0) -> Found:
     """Errors against the truth; of a moving mirror, against all that was true while the frames were taken.
 
-    The error is that of the coordinate which is worse in units of its limit.
+    The error is that of the coordinate which is worse in units of its limit; captures: how many were
+    decoded for it, each of which may be wrong by as much.
     """
     discrete = not any(frame.kind in ("phase", "stripe", "crossed") for frame in shown.frames)
     visible = np.logical_and.reduce([truth.visible for truth in truths])
@@ -181,7 +199,7 @@ def compared(seen: Correspondence, truths: list[Trace], shown: Sequence) -> Foun
         stack = np.stack([getattr(truth, name) for truth in truths])
         low, high = stack.min(axis=0), stack.max(axis=0)
         error = value - np.clip(value, low, high)
-        limit = np.full(value.shape, DISCRETE) if discrete else SIGMAS * sigma
+        limit = np.full(value.shape, captures * DISCRETE) if discrete else SIGMAS * sigma
         parts.append((error, np.asarray(limit, dtype=np.float64)))
     (error_u, limit_u), (error_v, limit_v) = parts
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever import InputError
-from optolever.decode import check
-from optolever.patterns import sequence
+from optolever.decode import Correspondence, Flag, check, decode
+from optolever.patterns import Sequence, sequence
 
 F64 = NDArray[np.float64]
 Shoot = Callable[..., NDArray[Any]]
@@ -85,3 +85,94 @@ def test_three_steps_tell_nothing(shoot: Shoot, smooth: tuple[F64, F64]) -> None
 def test_frames_that_do_not_fit_are_refused() -> None:
     with pytest.raises(InputError, match="describes"):
         check(np.zeros((2, 4, 4), np.uint8), sequence("phase", 150, 170))
+
+
+def _kinds(frames: NDArray[Any], shown: Sequence) -> tuple[set[str], Correspondence]:
+    found = decode(frames, shown)
+    return {finding.kind for finding in check(frames, shown, found).findings}, found
+
+
+def test_bits_without_inverse_are_tested_by_the_map(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    """A Gray bit's picture that is the bit before: no sum tells, but the map jumps by the bit's worth."""
+    shown = sequence("gray+phase", 150, 170)
+    whole = shoot(shown, *smooth, noise=1.0)
+    assert _kinds(whole, shown)[0] == set()
+    bits = [i for i, frame in enumerate(shown.frames) if frame.kind == "gray" and (frame.bit or 0) >= 2]
+    for i in bits[1:]:
+        frames = whole.copy()
+        frames[i] = whole[i - 1]
+        kinds, found = _kinds(frames, shown)
+        wrong = np.abs(found.u - smooth[0]) + np.abs(found.v - smooth[1]) > 1
+        if wrong.mean() > 0.02:
+            assert kinds == {"foreign"}, i
+            assert (found.flags & Flag.WRONG_FRAME).all()
+        assert wrong[found.good].mean() <= 1e-4 if found.good.any() else True
+
+
+def test_a_torn_bit_is_flagged_where_it_is_wrong(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    shown = sequence("gray+phase", 150, 170)
+    frames = shoot(shown, *smooth, noise=1.0)
+    torn = next(i for i, frame in enumerate(shown.frames) if frame.axis == "u" and frame.bit == 2)
+    frames[torn, 70:] = frames[torn - 1, 70:]
+    found = decode(frames, shown)
+    assert (found.flags[70:] & Flag.WRONG_FRAME).all()
+    assert found.good[:60].mean() > 0.9
+
+
+@pytest.mark.parametrize(("name", "params"), CASES)
+def test_what_a_wrong_frame_spoils_is_flagged(
+    name: str, params: dict[str, Any], shoot: Shoot, smooth: tuple[F64, F64]
+) -> None:
+    """Every frame in turn is the one before again, or missing; nothing wrong stays unflagged."""
+    shown = sequence(name, 150, 170, **params)
+    whole = shoot(shown, *smooth, noise=1.0)
+    limit = 1.5 if name == "gray" else None
+    for i in range(1, len(shown), 3):
+        replaced, lost = whole.copy(), whole.copy()
+        replaced[i] = whole[i - 1]
+        lost[i:-1] = whole[i + 1 :]
+        for frames in (replaced, lost):
+            found = decode(frames, shown)
+            off = np.zeros(found.flags.shape, bool)
+            for coord, sigma, true in ((found.u, found.sigma_u, 0), (found.v, found.sigma_v, 1)):
+                off |= np.abs(coord - smooth[true]) > (5 * sigma if limit is None else limit)
+            assert (off & found.good).mean() <= 1e-4, i
+
+
+@pytest.mark.parametrize("step", [4.0, 8.0])
+def test_sweeps_are_tested_by_how_stripes_follow_each_other(
+    step: float, shoot: Shoot, smooth: tuple[F64, F64]
+) -> None:
+    shown = sequence("stripe", 150, 170, step=step)
+    whole = shoot(shown, *smooth, noise=1.0)
+    assert _kinds(whole, shown)[0] == set()
+    i = len(shown) // 4
+    faults = {name: whole.copy() for name in ("replaced", "swapped", "lost", "repeated")}
+    faults["replaced"][i] = whole[i - 1]
+    faults["swapped"][[i, i + 1]] = whole[[i + 1, i]]
+    faults["lost"][i:-1] = whole[i + 1 :]
+    faults["repeated"][i + 1 :] = whole[i:-1]
+    for kind, frames in faults.items():
+        kinds, found = _kinds(frames, shown)
+        assert kinds == {kind}
+        off = np.abs(found.u - smooth[0]) > 5 * found.sigma_u
+        off |= np.abs(found.v - smooth[1]) > 5 * found.sigma_v
+        assert (off & found.good).mean() <= 1e-4
+        if kind in ("lost", "repeated"):
+            assert not found.good.any()
+        else:
+            assert found.good.mean() > 0.5
+
+
+def test_three_steps_in_another_order_are_another_mirror() -> None:
+    """What `optolever hard` calls undecidable is so: the same frames, bit for bit, from another place."""
+    shown = sequence("phase", 60, 60, steps=3, counts=0.9, axes="u")
+    rng = np.random.default_rng(1)
+    phase = rng.uniform(0, 2 * np.pi, (20, 30))
+    shift = np.array([frame.shift for frame in shown.frames])[:, None, None]
+
+    def images(at: F64) -> F64:
+        return np.rint(120 + 100 * np.cos(at - shift))
+
+    swapped = images(phase)[[0, 2, 1]]
+    np.testing.assert_array_equal(swapped, images(-phase))

@@ -1,0 +1,148 @@
+"""Bits that no inverse checks: a wrong one shows where the decoded map jumps by what that bit is worth.
+
+Neighbouring pixels look at neighbouring places. Where the picture of one bit is not that bit's (a frame lost,
+shown twice, torn, in another's place), coordinates jump between pixels that are each at one with their other
+neighbours, and the jump is gone if that one bit is flipped; the bit's own edges, where coordinates go on
+while it changes, are missing. Both are counted along some rows and columns. Edges of objects jump, too, but
+by what no bit is worth.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.patterns import code_words
+
+from .correspondence import Flag
+from .plan import AxisPlan, Code
+
+__all__ = ["BitFault", "bit_faults"]
+
+Map = NDArray[Any]
+F64 = NDArray[np.float64]
+Event = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
+#: Lines looked at along either side, pixels in all of them.
+_LINES, _PIXELS = (16, 64), 32768
+#: Jumps, less the bit's proper edges among them, that make a fault.
+_FEWEST = 8
+#: Share of the jumps and edges between the first and the last one that are proper edges, at most.
+_PROPER = 0.35
+#: Proper edges outside, per jump inside, that speak for rows; jumps, per proper edge, that do not against.
+_OUTSIDE = 0.15
+_BLIND = int(Flag.DARK | Flag.LOW_CONTRAST | Flag.SATURATED | Flag.INVALID)
+
+
+@dataclass(frozen=True, slots=True)
+class BitFault:
+    """Frame of a bit whose picture, from row `start` to before row `stop`, is another one."""
+
+    frame: int
+    start: int
+    stop: int
+
+
+def bit_faults(axis: AxisPlan, stack: Map, coord: Map, flags: Map, offset: Map) -> tuple[BitFault, ...]:
+    """Bits of a Gray code without inverse whose pictures do not fit decoded coordinates (H, W).
+
+    stack (N, H, W): the frames; offset (H, W): mid levels.
+    """
+    code = axis.code
+    if code is None or code.kind != "gray":
+        return ()
+    lone = np.flatnonzero((code.plain < 0) != (code.inverse < 0))
+    if len(lone) == 0 or min(coord.shape) < 4:
+        return ()
+    height, width = coord.shape
+    rows, cols = _lines(height, width), _lines(width, height)
+    tables = _tables(code, axis)
+    frame = np.maximum(code.plain, code.inverse)
+    jumps, edges = (np.zeros((len(code.plain), height)) for _ in range(2))
+    for lines, along in ((rows, True), (cols, False)):
+        part, blind = (coord[lines], flags[lines]) if along else (coord[:, lines].T, flags[:, lines].T)
+        jump, edge = _events(code, axis, tables, part, blind & _BLIND)
+        edge = _flips(stack, offset, frame, lines, along, edge)
+        for counted, (which, line, place) in ((jumps, jump), (edges, edge)):
+            np.add.at(counted, (which, lines[line] if along else place), 1)
+    found = []
+    for bit in lone.tolist():
+        span = _worst_span(jumps[bit], edges[bit])
+        if span is not None:
+            found.append(BitFault(int(frame[bit]), *span))
+    return tuple(found)
+
+
+def _flips(
+    stack: Map, offset: Map, frame: NDArray[np.int64], lines: NDArray[np.int64], along: bool, edge: Event
+) -> Event:
+    """Of the edges, those at which the bit's own picture changes; between fringes a map may go on without."""
+    bit, line, place = edge
+    ends = []
+    for end in (place - 1, place + 2):
+        row, col = (lines[line], end) if along else (end, lines[line])
+        ends.append(stack[frame[bit], row, col] > offset[row, col])
+    keep = ends[0] != ends[1]
+    return bit[keep], line[keep], place[keep]
+
+
+def _lines(count: int, length: int) -> NDArray[np.int64]:
+    """Some of `count` lines of `length` pixels."""
+    some = min(int(np.clip(_PIXELS // length, *_LINES)), count)
+    return np.unique(np.linspace(0, count - 1, some).astype(np.int64))
+
+
+def _tables(code: Code, axis: AxisPlan) -> tuple[NDArray[np.int64], F64]:
+    """Word of each cell (C,), and what flipping a bit does to the coordinate (bits, C)."""
+    count = min(len(code.cells), int(np.ceil((axis.extent - code.origin) / code.cell)) + 1)
+    words = code_words(code.kind, np.arange(count))
+    flipped = code.cells[words ^ (1 << np.arange(len(code.plain)))[:, None]]
+    return words, (flipped - np.arange(count)) * code.cell
+
+
+def _events(
+    code: Code, axis: AxisPlan, tables: tuple[NDArray[np.int64], F64], lines: Map, blind: Map
+) -> tuple[Event, Event]:
+    """Jumps that a bit explains, and its proper edges: bit, line, and the place before it on the line."""
+    words, worth = tables
+    step = np.abs(np.diff(lines, axis=1))
+    seen = (blind[:, :-3] | blind[:, 1:-2] | blind[:, 2:-1] | blind[:, 3:]) == 0
+    # a fringe moves the answer by up to half its period from the code's cell
+    loose = 0.5 * axis.fringes[0].period if axis.fringes else 0.5 * code.cell
+    near = 0.5 * code.cell + loose + 2 * float(np.median(step))
+    calm = seen & (step[:, :-2] <= near) & (step[:, 2:] <= near)
+    cell = np.clip(np.floor((lines + 0.5 - code.origin) / code.cell), 0, len(words) - 1).astype(np.int64)
+    jump = step[:, 1:-1] > near + code.cell
+    line, place = np.nonzero(calm & jump)
+    change = lines[line, place + 2] - lines[line, place + 1]
+    mended = np.abs(change + worth[:, cell[line, place + 2]]) <= near
+    mended |= np.abs(change - worth[:, cell[line, place + 1]]) <= near
+    bit, which = np.nonzero(mended)
+    jumps = bit, line[which], place[which] + 1
+    line, place = np.nonzero(calm & ~jump & (cell[:, 1:-2] != cell[:, 2:-1]))
+    flips = words[cell[line, place + 1]] ^ words[cell[line, place + 2]]
+    bit, which = np.nonzero((flips >> np.arange(len(worth))[:, None]) & 1)
+    return jumps, (bit, line[which], place[which] + 1)
+
+
+def _worst_span(jumps: F64, edges: F64) -> tuple[int, int] | None:
+    """Rows [start, stop) in which jumps prevail, out to the next proper edge; None if they do nowhere."""
+    gain = np.cumsum(np.concatenate([[0.0], jumps - edges]))
+    before = np.minimum.accumulate(gain)
+    last = int(np.argmax(gain - before))
+    first = int(np.argmax(gain[: last + 1] == before[last]))
+    bad, good = float(jumps[first:last].sum()), float(edges[first:last].sum())
+    if bad - good < _FEWEST or good > _PROPER * (bad + good):
+        return None
+    start, stop = 0, len(jumps)
+    if _trusted(jumps[:first], edges[:first], bad):
+        start = int(np.flatnonzero(edges[:first])[-1])
+    if _trusted(jumps[last:], edges[last:], bad):
+        stop = last + int(np.flatnonzero(edges[last:])[0]) + 1
+    return start, stop
+
+
+def _trusted(jumps: F64, edges: F64, bad: float) -> bool:
+    """Whether rows beside `bad` jumps have edges enough to say that the picture is right there."""
+    proper = float(edges.sum())
+    return proper >= max(_FEWEST, _OUTSIDE * bad) and float(jumps.sum()) <= _OUTSIDE * proper

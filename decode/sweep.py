@@ -1,0 +1,194 @@
+"""Swept stripes: a line that moves over the surface; its place when it lit a pixel most, between frames.
+
+The light of a stripe over its distance is a raised cosine through the display's cells, a pixel's footprint
+and a blur, of which the frames tell how wide it is. Stripes follow each other: where frames were lost or
+doubled, pixels that look there saw them at distances that no place explains, and that tells from which frame
+on all places are wrong.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from .arrays import chi_squared_limit
+from .display_kernels import MOST_LOST
+from .plan import AxisPlan, Stripes
+from .sweep_kernels import stripe_rows
+from .table_decoder import flags_of_fit, sampled_rows, store
+
+__all__ = ["Sweep", "calibrated", "stripe_step", "sweep_faults"]
+
+Map = NDArray[Any]
+F64 = NDArray[np.float64]
+Step = Callable[[int, int], None]
+_ORDER, _OFF = 8, 16
+_DOUBT = 1e-4
+#: Samples of the profile per pattern pixel; blurs that are tried (rms, stripe widths; None: no cells either).
+_PER_PX = 16
+_BLURS = (None, 0.0, 0.03, 0.06, 0.12, 0.18, 0.25, 0.35, 0.5)
+#: Rms blur that stands for none.
+_LEAST = 0.1
+#: Share of a stripe's pixels that no place explains, above which its frame is suspect; fewest of them.
+_SUSPECT, _FEWEST = 0.5, 12
+#: Share of their misfit that a fault may leave and still explain them.
+_LEFT = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """Stripes, the profile that they have (at 0, 1, 2, ... / _PER_PX pattern pixels), frames on either side
+    of the brightest that are fitted, variance of a sample. blur: rms, of pixels and cells, too.
+    """
+
+    stripes: Stripes
+    profile: F64
+    blur: float
+    window: int
+    noise2: float
+
+    @property
+    def limit(self) -> float:
+        """Squared residuals, over the variance, that noise does not reach."""
+        return chi_squared_limit(2 * self.window - 2)
+
+
+def _profile(width: float, blur: float | None) -> F64:
+    """Light at distances 0, 1, 2, ... / _PER_PX of a stripe: cosine, cell, footprint of a cell, Gaussian."""
+    reach = int(np.ceil((width + 1 + 4 * (blur or 0.0)) * _PER_PX)) + 1
+    place = np.arange(-reach, reach + 1) / _PER_PX
+    light = np.where(np.abs(place) < width, 0.5 + 0.5 * np.cos(np.pi * place / width), 0.0)
+    if blur is None:
+        return light[reach:]
+    box = np.full(_PER_PX + 1, 1 / _PER_PX)
+    box[[0, -1]] /= 2
+    gauss = np.exp(-0.5 * (place / max(blur, 0.3 / _PER_PX)) ** 2)
+    for kernel in (box, box, gauss / gauss.sum()):
+        light = np.convolve(light, kernel, mode="same")
+    return light[reach:]
+
+
+def _sweep(stripes: Stripes, share: float | None) -> Sweep:
+    blur = None if share is None else share * stripes.width
+    pitch = float(np.median(np.diff(stripes.at)))
+    window = max(2, int(np.ceil((1.25 * stripes.width + 2 * (blur or 0.0)) / pitch)))
+    # a cell and a footprint of one are boxes of variance 1/12
+    wide = _LEAST if blur is None else float(np.hypot(blur, 6**-0.5))
+    return Sweep(stripes, _profile(stripes.width, blur), wide, window, 1 / 12)
+
+
+def calibrated(frames: Map, clip: float, stripes: Stripes) -> Sweep:
+    """Blur and noise from some rows."""
+    sample = np.ascontiguousarray(frames[:, sampled_rows(frames.shape[1])])
+    best = None
+    for share in _BLURS:
+        sweep = _sweep(stripes, share)
+        _, _, misfit, _, scale, count, _ = _measure(sample, clip, sweep, 0, sample.shape[1])
+        lit = (scale > 0.25 * np.percentile(scale, 95)) & (count > 3)
+        freedom = np.maximum(count[lit] - 3, 1)
+        # the median of chi squared lies below its mean (Wilson & Hilferty)
+        each = misfit[lit] / freedom / (1 - 2 / (9 * freedom)) ** 3
+        noise2 = max(float(np.median(each)) if lit.any() else 0.0, 1 / 12)
+        if best is None or noise2 < best.noise2:
+            best = replace(sweep, noise2=noise2)
+    assert best is not None
+    return best
+
+
+def _measure(frames: Map, clip: float, sweep: Sweep, start: int, stop: int) -> tuple[Map, ...]:
+    """coord, curvature, misfit, offset, scale, count, rival: see sweep_kernels.stripe_rows."""
+    shape = (stop - start, frames.shape[2])
+    coord = np.empty(shape)
+    maps32 = [np.empty(shape, np.float32) for _ in range(4)]
+    count, rival = np.empty(shape, np.int32), np.empty(shape, np.float32)
+    stripes = sweep.stripes
+    stripe_rows(
+        *(frames, clip, start, stop, stripes.index, stripes.at, sweep.profile, float(_PER_PX), sweep.window),
+        *(coord, *maps32, count, rival),
+    )
+    return (coord, *maps32, count, rival)
+
+
+def stripe_step(
+    frames: Map, clip: float, axis: AxisPlan, joined: bool, maps: tuple[Map, Map], common: tuple[Map, ...]
+) -> Step:
+    """Work on a block of rows of a swept stripe."""
+    assert axis.stripes is not None
+    sweep = calibrated(frames, clip, axis.stripes)
+    noise2 = sweep.noise2
+
+    def step(start: int, stop: int) -> None:
+        coord, curvature, misfit, offset, scale, count, rival = _measure(frames, clip, sweep, start, stop)
+        why = flags_of_fit(curvature, misfit, scale, count, offset, noise2, sweep.limit)
+        odds = np.clip((scale**2 - np.maximum(rival, 0) ** 2) / (2 * noise2), 0, 80)
+        wrong = 1 / (1 + np.exp(odds))
+        why |= np.where((wrong > _DOUBT) | (rival > 0.6 * scale), _ORDER, 0)
+        lost, shift = _border(coord, axis.extent, sweep.blur)
+        why |= np.where(lost > MOST_LOST, _OFF, 0)
+        with np.errstate(divide="ignore"):
+            variance = noise2 / curvature + shift**2
+        store(start, stop, coord, variance, why, wrong, scale, offset, axis, joined, maps, common)
+
+    return step
+
+
+def _border(coord: Map, extent: int, blur: float) -> tuple[Map, Map]:
+    """Share of a pixel's light that falls beyond the border, and how far that moves the rest (pattern px).
+
+    With d to the border: lost = Q(d / b), moved by b phi(d / b) / (1 - lost).
+    """
+    inside = (0.5 * extent - np.abs(coord - 0.5 * (extent - 1))) / blur
+    lost = ndtr(-inside)
+    moved = blur * np.exp(-0.5 * inside**2) / np.sqrt(2 * np.pi) / np.maximum(1 - lost, 0.5)
+    return lost, moved
+
+
+def sweep_faults(frames: Map, clip: float, stripes: Stripes) -> tuple[str, tuple[int, ...]] | None:
+    """What happened to a sweep (replaced | swapped | lost | repeated) and the frames that it happened to.
+
+    Of `lost` and `repeated` the first frame is the one from which on all are in wrong places. None: nothing.
+    """
+    sweep = calibrated(frames, clip, stripes)
+    sample = np.ascontiguousarray(frames[:, sampled_rows(frames.shape[1])])
+
+    def misfits(trial: Stripes) -> tuple[Map, Map]:
+        coord, _, misfit, _, scale, _, _ = _measure(
+            sample, clip, replace(sweep, stripes=trial), 0, sample.shape[1]
+        )
+        lit = scale > 0.25 * np.percentile(scale, 95)
+        return coord, np.where(lit, np.minimum(misfit / (sweep.limit * sweep.noise2), 4.0), 0.0)
+
+    coord, misfit = misfits(stripes)
+    slot = np.searchsorted(stripes.at, coord)
+    pixels = np.bincount(slot.ravel(), minlength=len(stripes.at) + 1)
+    bad = np.bincount(slot.ravel(), (misfit > 1).ravel(), len(stripes.at) + 1)
+    suspect = np.flatnonzero((bad > _SUSPECT * pixels) & (bad >= _FEWEST))
+    if len(suspect) == 0:
+        return None
+    near = (slot >= suspect[0] - 2) & (slot <= suspect[-1] + 2)
+    before = float(np.maximum(misfit[near] - 0.5, 0).sum())
+    tried = [
+        (float(np.maximum(misfits(trial)[1][near] - 0.5, 0).sum()), kind, index)
+        for kind, index, trial in _trials(stripes, max(suspect[0] - 2, 0), suspect[-1] + 2)
+    ]
+    left, kind, index = min(tried, key=lambda trial: trial[0])
+    return (kind, index) if left < _LEFT * before else None
+
+
+def _trials(stripes: Stripes, low: int, high: int) -> Iterator[tuple[str, tuple[int, ...], Stripes]]:
+    """Single faults of the frames low..high in the order of their places, and the sweep as it was then."""
+    index, at = stripes.index, stripes.at
+    last = len(at) - 1
+    for k in range(low, min(high, last) + 1):
+        yield "replaced", (int(index[k]),), replace(stripes, index=np.delete(index, k), at=np.delete(at, k))
+        if k < last:
+            swapped = index.copy()
+            swapped[[k, k + 1]] = index[[k + 1, k]]
+            yield "swapped", (int(index[k]), int(index[k + 1])), replace(stripes, index=swapped)
+            early = np.append(at[k + 1 :], 2 * at[-1] - at[-2])
+            yield "lost", (int(index[k]),), replace(stripes, at=np.concatenate([at[:k], early]))
+            late = np.delete(index, k + 1)
+            yield "repeated", (int(index[k + 1]),), replace(stripes, index=late, at=at[:-1])

@@ -1,0 +1,120 @@
+"""What a pixel's neighbours tell: bends, steep codes, mixed footprints, the border's shadow."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence, Flag, decode
+from optolever.patterns import Sequence, sequence
+
+F64 = NDArray[np.float64]
+_FINE = 8
+
+
+def footprints(
+    shown: Sequence, u: F64, v: F64, *, blur: float = 0.5, noise: float = 1.0, dark: Any = None
+) -> NDArray[Any]:
+    """Frames of pixels that average _FINE x _FINE places each, cells blurred, darkness beyond the border.
+
+    u, v (_FINE H, _FINE W): where the parts of the pixels look; dark: parts that see nothing.
+    """
+    per_cell, pad = 8, 24
+
+    def light(table: NDArray[np.uint8], place: F64) -> F64:
+        cells = np.repeat(np.pad(table / 255.0, pad), per_cell)
+        reach = np.arange(-6 * per_cell, 6 * per_cell + 1) / per_cell
+        gauss = np.exp(-0.5 * (reach / max(blur, 1e-3)) ** 2)
+        soft = np.convolve(cells, gauss / gauss.sum(), mode="same")
+        at = (np.arange(len(soft)) + 0.5) / per_cell - 0.5 - pad
+        return np.asarray(np.interp(place, at, soft))
+
+    rng = np.random.default_rng(3)
+    along, across = shown.tables()
+    height, width = u.shape[0] // _FINE, u.shape[1] // _FINE
+    frames = np.empty((len(shown), height, width), np.uint8)
+    seen = 1.0 if dark is None else 1.0 - dark
+    for i in range(len(shown)):
+        parts = light(along[i], u) * light(across[i], v) * seen
+        mean = parts.reshape(height, _FINE, width, _FINE).mean(axis=(1, 3))
+        frames[i] = np.clip(np.rint(20 + 200 * mean + noise * rng.standard_normal(mean.shape)), 0, 255)
+    return frames
+
+
+def places(height: int, width: int) -> tuple[F64, F64]:
+    """Rows and columns of the parts of pixels, pixel units, integer = pixel centre."""
+    row, col = np.mgrid[: height * _FINE, : width * _FINE]
+    return (row + 0.5) / _FINE - 0.5, (col + 0.5) / _FINE - 0.5
+
+
+def centres(parts: F64) -> F64:
+    """Value at the pixels' centres, by linear interpolation of the four parts around each."""
+    half = _FINE // 2
+    four = [parts[half - 1 + i :: _FINE, half - 1 + j :: _FINE] for i in (0, 1) for j in (0, 1)]
+    return np.asarray(np.mean(four, axis=0))
+
+
+def silent(found: Correspondence, u: F64, v: F64, limit: float | None = None) -> float:
+    off = np.zeros(u.shape, bool)
+    for coord, sigma, true in ((found.u, found.sigma_u, u), (found.v, found.sigma_v, v)):
+        off |= np.abs(coord - true) > (5 * sigma if limit is None else limit)
+    return float(off[found.good].mean())
+
+
+@pytest.mark.parametrize("name", ["phase", "gray+phase", "stripe:step=4", "gray"])
+def test_beside_a_hole(name: str) -> None:
+    """Pixels whose footprint is half in a hole see the mean of what is left; steep maps make that matter."""
+    from optolever.patterns import sequence_from_text
+
+    shown = sequence_from_text(name, 120, 150)
+    row, col = places(60, 64)
+    distance = np.hypot(row - 30, col - 32)
+    u = 10 + 2 * col + 30 * np.exp(-((distance / 9) ** 2)) * (col - 32) / 9
+    v = 5 + 1.8 * row
+    hole = (distance < 7.3).astype(float)
+    found = decode(footprints(shown, u, v, dark=hole), shown)
+    assert silent(found, centres(u), centres(v), 1.5 if name == "gray" else None) <= 1e-4 + 1 / found.u.size
+    assert found.good[(np.abs(centres(distance) - 7.3) > 3.5) & (centres(distance) > 7.3)].mean() > 0.9
+
+
+@pytest.mark.parametrize("blur", [0.5, 3.0])
+@pytest.mark.parametrize("name", ["phase", "phase:steps=4,periods=20/22/25", "stripe:step=8", "gray"])
+def test_the_shadow_of_the_border(name: str, blur: float) -> None:
+    """A pixel near the border gets less light from beyond it, which moves what it sees inward."""
+    from optolever.patterns import sequence_from_text
+
+    shown = sequence_from_text(name, 90, 100)
+    row, col = places(80, 100)
+    found = decode(footprints(shown, col, row + 5.0, blur=blur), shown)
+    assert silent(found, centres(col), centres(row) + 5.0, 1.5 if name == "gray" else None) <= 1e-4
+    inner = np.abs(centres(col) - 49.5) < 49.5 - 4 * blur - 2
+    if name != "gray" or blur < 1:
+        assert found.good[inner].mean() > 0.97
+
+
+def test_folds_widen_sigma(shoot: Callable[..., NDArray[Any]]) -> None:
+    """A mean over a pixel lies off the place at its centre by the second derivatives over 24."""
+    row, col = places(40, 60)
+    u = 60 + 0.5 * (col - 30) ** 2 / 6
+    shown = sequence("phase", 60, 150, steps=4)
+    found = decode(footprints(shown, u, row, noise=0.3), shown)
+    assert silent(found, centres(u), centres(row)) <= 1e-4
+
+
+def test_places_by_chance_are_no_map() -> None:
+    """Neighbours that have nothing to do with each other (a test of a decoder, a diffuser) flag nothing."""
+    shown = sequence("phase", 100, 100, periods=(112.5, 16.0))
+    rng = np.random.default_rng(0)
+    u, v = rng.uniform(10, 89, (2, 60, 70))
+    frames = np.empty((len(shown), 60, 70))
+    for i, frame in enumerate(shown.frames):
+        at = u if frame.axis == "u" else v
+        turn = 2 * math.pi * at / (frame.period_px or 1.0) - (frame.shift or 0.0)
+        frames[i] = 120 + 100 * np.cos(turn) + rng.standard_normal(at.shape)
+    found = decode(frames, shown, on_cells=False)
+    assert ((found.flags & Flag.OUTLIER) > 0).mean() < 0.01
+    assert found.good.mean() > 0.99
+    assert np.sqrt(np.mean(((found.u - u) / found.sigma_u)[found.good] ** 2)) == pytest.approx(1, abs=0.05)
