@@ -31,7 +31,8 @@ def test_mirrored_correspondences_give_the_mirrored_height(exact, noisy, noise: 
     other = reconstruct(mirrored(seen, scene.pattern.rows), scene)
     good = straight.good
     np.testing.assert_array_equal(np.flipud(other.flags), straight.flags)
-    limit = 1e-9 * np.nanmax(truth.z) if noise == 0 and not holes else 0.05 * straight.sigma[good]
+    exact_limit = 1e-8 * np.nanmax(truth.z)  # iterations stop at 1e-10 of the first residual
+    limit = exact_limit if noise == 0 and not holes else 0.05 * straight.sigma[good]
     assert np.all(np.abs(np.flipud(other.z) - straight.z)[good] < limit)
     slopes, turned = (slope_map(*pair, scene) for pair in ((straight, seen), (other, mirrored(seen, 64))))
     np.testing.assert_allclose(np.flipud(turned.slope_y)[good], -slopes.slope_y[good], atol=1e-6)
