@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from .options import SIZE, json_option, sample, writable
+from .options import FILE, SIZE, json_option, sample, writable
 from .show import grid, number, progress, write_json
 
 __all__ = ["command"]
@@ -35,9 +35,21 @@ HEADER = ("method", "time", "processor", "error", "error/sigma", "flagged", "sil
     "--case", "cases", multiple=True, metavar="WORDS", help="Only cases that hold them; again for more."
 )
 @click.option("--method", "methods", multiple=True, metavar="NAME", help="Only this one; again for more.")
+@click.option(
+    "--field",
+    "files",
+    multiple=True,
+    type=FILE,
+    metavar="FILE.npz",
+    help="A field of your own to integrate too: z, gx, gy (per pixel), mask; again for more.",
+)
 @json_option
 def command(
-    size: tuple[int, int], cases: tuple[str, ...], methods: tuple[str, ...], json_path: Path | None
+    size: tuple[int, int],
+    cases: tuple[str, ...],
+    methods: tuple[str, ...],
+    files: tuple[Path, ...],
+    json_path: Path | None,
 ) -> None:
     """Measure speed against error of every method on the same fields and mirrors.
 
@@ -50,7 +62,7 @@ def command(
     from optolever.experiments.bench import missing_peers, run_methods
 
     with progress() as step:
-        rows = run_methods(size, cases, methods, step)
+        rows = run_methods(size, cases, methods, step, files)
     missing = missing_peers()
     write_json(json_path, {"size": size, "rows": [row.to_dict() for row in rows], "not_installed": missing})
     for title, group in groupby(rows, key=lambda row: f"{row.part}, {row.case}"):

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
+from optolever.files import load_arrays
 from optolever.reconstruct import HeightMap, PixelAnchor, integrate, integrator_names, reconstruct
 from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
 
@@ -21,7 +23,7 @@ from .hard_reconstruct import PROBLEMS, spoiled
 from .integration_peers import missing_peers, peer_integrators
 from .solvers import installed, solver, solver_names
 
-__all__ = ["FIELDS", "MIRRORS", "MethodRow", "missing_peers", "run_methods"]
+__all__ = ["FIELDS", "MIRRORS", "MethodRow", "load_field", "missing_peers", "run_methods"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -88,14 +90,15 @@ def run_methods(
     cases: tuple[str, ...] = (),
     methods: tuple[str, ...] = (),
     progress: Progress = lambda text, done, total: None,
+    files: tuple[Path, ...] = (),
 ) -> list[MethodRow]:
     """Every method on every case; `cases` and `methods` keep those that hold one of the words given.
 
-    InputError if nothing is left.
+    files: more fields to integrate, see `load_field`. InputError if nothing is left.
     """
     work = [
         (part, case, name, run)
-        for part, case, name, run in (*_fields(size), *_mirrors(size))
+        for part, case, name, run in (*_fields(size, files), *_mirrors(size))
         if _wanted(f"{part}, {case}", cases) and (not methods or name in methods)
     ]
     if not work:
@@ -131,10 +134,26 @@ def _timed(call: Callable[[], Any]) -> tuple[Any, float, float]:
     return value, best, cpu
 
 
-def _fields(size: tuple[int, int]) -> Iterator[tuple[str, str, str, Run]]:
+def load_field(path: Path) -> tuple[Floats, Floats, Floats, Mask]:
+    """A published test field, .npz: z, its slopes gx (per column) and gy (per row), (H, W) each, and mask (H,
+    W) if not every pixel counts. InputError if they do not belong together.
+    """
+    arrays = load_arrays(path, ("z", "gx", "gy"))
+    z, gx, gy = (np.asarray(arrays[name], dtype=np.float64) for name in ("z", "gx", "gy"))
+    mask = np.asarray(arrays.get("mask", np.ones(z.shape)), dtype=np.bool_)
+    for name, array in (("gx", gx), ("gy", gy), ("mask", mask)):
+        if z.ndim != 2 or array.shape != z.shape:
+            raise InputError(f"{path}: {name} has shape {array.shape}, must be 2-D like z {z.shape}")
+    mask &= np.isfinite(gx) & np.isfinite(gy) & np.isfinite(z)
+    if not mask.any():
+        raise InputError(f"{path}: mask leaves no pixel with z, gx and gy")
+    return z, gx, gy, mask
+
+
+def _fields(size: tuple[int, int], files: tuple[Path, ...]) -> Iterator[tuple[str, str, str, Run]]:
     """Plain integration."""
-    for case in FIELDS:
-        z, gx, gy, mask = _field(case, size)
+    fields = [(case, _field(case, size)) for case in FIELDS]
+    for case, (z, gx, gy, mask) in [*fields, *((path.stem, load_field(path)) for path in files)]:
         if case == "gaussian":
             yield "integrate", case, "two DCTs alone", partial(_transforms, z)
         for name in integrator_names():

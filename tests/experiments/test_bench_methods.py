@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -58,6 +59,20 @@ def test_mirrors() -> None:
     assert row(rows, "smooth, known point", "coupled").error < 1e-3
     assert "coupled" in method_names()
     json.dumps([row.to_dict() for row in rows])
+
+
+def test_fields_of_others(tmp_path: Path) -> None:
+    z, gx, gy, _ = table._field("gaussian", SIZE)
+    mask = np.ones(SIZE, dtype=bool)
+    mask[5:9, 5:9] = False
+    gx[30, 30] = np.nan
+    np.savez(tmp_path / "theirs.npz", z=z, gx=gx, gy=gy, mask=mask)
+    (found,) = run_methods(SIZE, ("theirs",), ("cg",), files=(tmp_path / "theirs.npz",))
+    assert found.case == "theirs"
+    assert found.error < 1e-3
+    np.savez(tmp_path / "less.npz", z=z, gx=gx, gy=gy[:3])
+    with pytest.raises(InputError, match="gy has shape"):
+        run_methods(SIZE, files=(tmp_path / "less.npz",))
 
 
 def test_nothing_left() -> None:
