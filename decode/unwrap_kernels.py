@@ -26,6 +26,9 @@ MUCH_FINER = 4.0
 #: Variance (turns^2) of a phase that is not known; finite, so that its weight is 0 and not NaN.
 UNKNOWN = 1e20
 
+#: How far beyond [low, high] is not yet outside, pixels: blur and the dark border shift by that much.
+_SLACK = 0.5
+
 _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 
 
@@ -196,7 +199,12 @@ def search_tile(
     gap: Array,
     order_error: Array,
 ) -> None:
-    """As sequential_tile, from every order of the coarsest period that puts it into [low, high]."""
+    """As sequential_tile, from every order of the coarsest period that puts it into [low, high].
+
+    Of the answers the one with the least chi squared is taken, that of its way out of [low, high] included.
+    For two periods this is the most likely one whatever the amplitudes and the density of the phase's error,
+    if that is even: where two answers are as likely, their residuals are mirror images.
+    """
     coarse = float(periods[0])
     for x in range(n):
         best, second_sum = np.inf, 0.0
@@ -223,6 +231,9 @@ def search_tile(
                 alone = MUCH_FINER * period < periods[g - 1]
                 here += step if alone else here_spread / both * step
                 here_spread = fine_spread if alone else here_spread / both * fine_spread
+            # where the range of the periods is the surface, both its ends look alike: outside is less likely
+            outside = max(low - _SLACK - here, here - high - _SLACK, 0.0)
+            chi += outside * outside / here_spread
             if chi < best:
                 worse = math.exp(max(-0.5 * (best - chi), -100.0)) if best < np.inf else 0.0
                 second_sum = (1 + second_sum) * worse

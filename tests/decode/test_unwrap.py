@@ -1,0 +1,81 @@
+"""Fringe orders from two periods: as often wrong as the best decision is, and never more."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_simpson, simpson
+from scipy.special import erfc, ndtr
+
+from optolever.decode import decode
+from optolever.patterns import Frame, Sequence
+
+F64 = NDArray[np.float64]
+EXTENT, STEPS, PIXELS = 1260, 4, (300, 1000)
+
+
+def shown(counts: tuple[int, int]) -> Sequence:
+    """Two periods whose range is the whole surface, as the counts differ by one."""
+    return Sequence(
+        tuple(
+            Frame("phase", "u", period_px=EXTENT / count, shift=2 * math.pi * k / STEPS)
+            for count in counts
+            for k in range(STEPS)
+        ),
+        1,
+        EXTENT,
+    )
+
+
+def captured(sequence: Sequence, u: F64, ratio: float) -> F64:
+    rng = np.random.default_rng(2)
+    light = [120 + 60 * np.cos(2 * np.pi * u / (f.period_px or 1) - (f.shift or 0)) for f in sequence.frames]
+    return np.stack(light) + 60 / ratio * rng.standard_normal((len(light), *u.shape))
+
+
+def best_rate(counts: tuple[int, int], ratio: float) -> float:
+    """Share of wrong orders of the nearest line on the torus of both phases, P(|v1 e2 - v2 e1| > pi).
+
+    With the density of the phase e of a complex number of modulus r and unit noise, r = 1 / sigma_phi:
+    exp(-r^2 / 2) / 2 pi + r cos(e) Phi(r cos(e)) exp(-(r sin e)^2 / 2) / sqrt(2 pi)
+    (a sine wave in Gaussian noise: Middleton, Introduction to Statistical Communication Theory, 1960).
+    """
+    e, r = np.linspace(-np.pi, np.pi, 20001), ratio * math.sqrt(STEPS / 2)
+    ray = r * np.cos(e)
+    density = np.exp(-0.5 * r * r) / (2 * np.pi)
+    density = density + ray * ndtr(ray) * np.exp(-0.5 * (r * np.sin(e)) ** 2) / math.sqrt(2 * np.pi)
+    below = cumulative_simpson(density, x=e, initial=0)
+    first, second = counts
+    high, low = (np.pi + second * e) / first, (second * e - np.pi) / first
+    wrong = 1 - np.interp(high, e, below) + np.interp(low, e, below)
+    return float(simpson(density * wrong, x=e))
+
+
+@pytest.mark.parametrize(("counts", "ratio"), [((9, 10), 4.3), ((14, 15), 6.0), ((9, 10), 8.0)])
+def test_two_periods_reach_the_best_decision(counts: tuple[int, int], ratio: float) -> None:
+    """erfc(pi / (sqrt 2 sigma_phi sqrt(v1^2 + v2^2))) takes the phase for Gaussian, and lies below."""
+    u = np.random.default_rng(1).uniform(0.05 * EXTENT, 0.95 * EXTENT, PIXELS)
+    sequence = shown(counts)
+    found = decode(captured(sequence, u, ratio), sequence, noise=60 / ratio, white_level=1e9, on_cells=False)
+    wrong = np.abs(found.u - u) > 0.3 * EXTENT / max(counts)
+    bound = best_rate(counts, ratio)
+    counting = math.sqrt(bound * (1 - bound) / u.size)
+    assert wrong.mean() == pytest.approx(bound, abs=3 * counting)
+    gaussian = erfc(math.pi / (math.sqrt(2) * math.sqrt(2 / STEPS) / ratio * math.hypot(*counts)))
+    assert gaussian < bound < 1.1 * gaussian
+    assert found.order_error.mean() == pytest.approx(wrong.mean(), rel=0.15)
+
+
+@pytest.mark.parametrize(("counts", "ratio"), [((9, 10), 4.3), ((9, 10), 8.0)])
+def test_ends_of_the_range_are_not_taken_for_each_other(counts: tuple[int, int], ratio: float) -> None:
+    """Both look alike: only where noise carries a place over one of them, E|noise| / 2 each, is it lost."""
+    u = np.random.default_rng(1).uniform(-0.5, EXTENT - 0.5, PIXELS)
+    sequence = shown(counts)
+    found = decode(captured(sequence, u, ratio), sequence, noise=60 / ratio, white_level=1e9, on_cells=False)
+    wrong = np.abs(found.u - u) > 0.3 * EXTENT / max(counts)
+    inside = best_rate(counts, ratio)
+    sigma = EXTENT / (2 * np.pi * ratio * math.sqrt(STEPS / 2) * math.hypot(*counts))
+    carried = 2 * sigma / math.sqrt(2 * math.pi) / EXTENT
+    counting = math.sqrt(inside / u.size)
+    assert wrong.mean() <= inside + carried + 3 * counting
