@@ -17,7 +17,7 @@ F64 = NDArray[np.float64]
 _BINS = 8
 _SAMPLE = 64
 _RUN = 16
-#: Residuals of a code that are used: 1 % of the noise.
+#: Residuals of a code or fringe that are used, about: 1 % of the noise.
 _ENOUGH = 8192
 #: Contrasts of a group of frames that are used at most.
 _CONTRASTS = 6
@@ -90,7 +90,9 @@ def _enough(pairs: list[tuple[F64, F64]]) -> bool:
 
 
 def _of_fringe(levels: F64, fringe: Fringe, limit: float, slope: NDArray[np.float32]) -> tuple[F64, F64]:
-    own, design = levels[list(fringe.index)], fringe.design()
+    design = fringe.design()
+    count = min(len(fringe.index) - 3, _CONTRASTS)
+    own = levels[list(fringe.index), :: max(1, levels.shape[1] * count // _ENOUGH)]
     parameters = np.linalg.pinv(design) @ own
     contrasts = np.linalg.qr(design, mode="complete")[0][:, 3:].T[:_CONTRASTS]
     residual = contrasts @ own

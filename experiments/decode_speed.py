@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from optolever.blocks import over_rows
 from optolever.decode import decode
+from optolever.errors import InputError
 from optolever.memory import roomy_empty
 from optolever.patterns import Frame, Sequence, sequence
 
@@ -35,14 +36,16 @@ __all__ = ["run_decode_figures"]
 Stack = NDArray[np.uint8]
 F64 = NDArray[np.float64]
 SIZE = (1080, 1920)
-REPEATS = 12
+REPEATS, PEER_REPEATS = 12, 3
 OFFSET, AMPLITUDE, NOISE = 110.0, 95.0, 1.5  # levels
 PERIODS, STEPS = (2160.0, 48.0), 4
 LIMIT = 2.0  # times the floor
+PARTS = ("phase", "fringes", "gray", "first calls")
 _START = """
 import sys, time
 import numpy as np
 from optolever.decode import decode
+from optolever.errors import InputError
 from optolever.memory import roomy_empty
 from optolever.patterns import sequence_from_text
 frames = np.load(sys.argv[1])
@@ -53,17 +56,20 @@ print(time.perf_counter() - start)
 """
 
 
-def run_decode_figures(*, size: tuple[int, int] = SIZE, progress: Progress = silent) -> list[Figure]:
-    """Everything on frames of `size` (rows, cols), the surface's size too; peers that are missing say so."""
+def run_decode_figures(
+    *, size: tuple[int, int] = SIZE, parts: tuple[str, ...] = PARTS, progress: Progress = silent
+) -> list[Figure]:
+    """Everything on frames of `size` (rows, cols), the surface's size too; peers that are missing say so.
+
+    parts: of PARTS; all but "fringes" and "first calls", which compile for long, are done in no time.
+    """
+    every = dict(zip(PARTS, (_phase, _fringes, _gray, _starts), strict=True))
     figures: list[Figure] = []
-    parts: tuple[tuple[str, Callable[[tuple[int, int]], Iterator[Figure]]], ...] = (
-        ("phase", _phase),
-        ("gray", _gray),
-        ("first calls", _starts),
-    )
-    for done, (name, part) in enumerate(parts):
+    for done, name in enumerate(parts):
+        if name not in every:
+            raise InputError(f"figures: part {name!r} is unknown, must be one of {', '.join(PARTS)}")
         progress(name, done, len(parts))
-        figures += part(size)
+        figures += every[name](size)
     progress("", len(parts), len(parts))
     return figures
 
@@ -127,10 +133,10 @@ def _floor(frames: Stack) -> None:
     over_rows(lambda start, stop: _touch(start, stop, frames, wide, narrow, flags), size[0], 32)
 
 
-def _least(*calls: Callable[[], Any]) -> list[tuple[float, float]]:
+def _least(*calls: Callable[[], Any], repeats: int = REPEATS) -> list[tuple[float, float]]:
     """(wall, processor) seconds, the least of many runs that take turns: others may share the machine."""
     taken = np.full((len(calls), 2), np.inf)
-    for run in range(REPEATS + 1):
+    for run in range(repeats + 1):
         for k, call in enumerate(calls):
             wall, processor = time.perf_counter(), time.process_time()
             call()
@@ -156,28 +162,44 @@ def _error(name: str, u: NDArray[Any], v: NDArray[Any], truth: tuple[F64, F64], 
     return Figure(f"{name}, rms error", rms(distance), "px", note=note)
 
 
-def _phase(size: tuple[int, int]) -> Iterator[Figure]:
-    """Two periods of four steps, both axes."""
-    rows, cols = size
-    shown = sequence("phase", rows, cols, periods=PERIODS, steps=STEPS)
+def _phase_frames(size: tuple[int, int]) -> tuple[str, Sequence, tuple[F64, F64], Stack]:
+    """Two periods of four steps, both axes: name, sequence, truth, frames."""
+    shown = sequence("phase", *size, periods=PERIODS, steps=STEPS)
     truth = _place(size)
-    frames = _shoot(shown.frames, *truth)
-    name = f"{len(shown)} phase frames"
-    figures, ours = _against_floor(name, frames, shown)
-    yield from figures
+    return f"{len(shown)} phase frames", shown, truth, _shoot(shown.frames, *truth)
+
+
+def _phase(size: tuple[int, int]) -> Iterator[Figure]:
+    name, shown, truth, frames = _phase_frames(size)
+    yield from _against_floor(name, frames, shown)[0]
     found = decode(frames, shown, on_cells=False)
     yield _error(f"{name}, optolever", found.u, found.v, truth, found.good)
+
+
+def _fringes(size: tuple[int, int]) -> Iterator[Figure]:
+    """Beside decode, which gives u, v, their sigmas, flags, amplitude, offset and order error in one go."""
+    name, shown, truth, frames = _phase_frames(size)
     if find_spec("fringes") is None:
         yield Figure(f"{name}, fringes", float("nan"), note="not installed")
         return
-    coder = _fringes_coder(rows, cols)
-    coder.decode(frames[..., None])  # compiles
-    start = time.perf_counter()
-    theirs = coder.decode(frames[..., None])
-    seconds = time.perf_counter() - start
-    yield Figure(f"{name}, fringes", 1e3 * seconds, "ms")
-    yield Figure(f"{name}, fringes over optolever", seconds / ours, low=60)
-    x = np.asarray(theirs.x, np.float64)[..., 0]
+    coder, stack = _fringes_coder(*size), frames[..., None]
+    (ours, _), (plain, _), (full, _) = _least(
+        lambda: decode(frames, shown),
+        lambda: coder.decode(stack),
+        lambda: coder.decode(stack, verbose=True),
+        repeats=PEER_REPEATS,
+    )
+    for label, seconds, gives in (
+        ("fringes", plain, "u, v, amplitudes, offsets; no sigma, no flags"),
+        (
+            "fringes verbose",
+            full,
+            "u, v, uncertainty (of rounding only), residual, amplitudes, offsets; no flags",
+        ),
+    ):
+        yield Figure(f"{name}, {label}", 1e3 * seconds, "ms", note=gives)
+        yield Figure(f"{name}, {label} over optolever", seconds / ours, low=60)
+    x = np.asarray(coder.decode(stack).x, np.float64)[..., 0]
     yield _error(f"{name}, fringes", x[0], x[1], truth, np.asarray(np.isfinite(x).all(axis=0)))
 
 
@@ -207,7 +229,7 @@ def _gray(size: tuple[int, int]) -> Iterator[Figure]:
     # its loop over all pixels wants two cameras: it is given the same one twice
     code.decode([images, images], None, [black] * 2, [white] * 2)
     seconds = 0.5 * (time.perf_counter() - start)
-    yield Figure(f"{name}, cv2", 1e3 * seconds, "ms")
+    yield Figure(f"{name}, cv2", 1e3 * seconds, "ms", note="whole u, v; half of its time for two cameras")
     yield Figure(f"{name}, cv2 over optolever", seconds / ours, low=100)
     chosen = np.random.default_rng(0).integers(0, size, (2000, 2))
     pixels = [code.getProjPixel(images, int(col), int(row)) for row, col in chosen]
