@@ -16,7 +16,7 @@ QUANTISATION = 1 / 12
 F64 = NDArray[np.float64]
 _BINS = 8
 _SAMPLE = 64
-_RUN = 16
+_RUN = 8
 #: Residuals of a code or fringe that are used, about: 1 % of the noise.
 _ENOUGH = 8192
 #: Contrasts of a group of frames that are used at most.
