@@ -84,8 +84,10 @@ class Contact:
         }
 
 
-def contacts(height: HeightMap, slopes: SlopeMap, shallowest: float = 0.4) -> tuple[Contact, ...]:
-    """Every dent (z > 0) at least `shallowest` times as deep as the deepest, deepest first.
+def contacts(
+    height: HeightMap, slopes: SlopeMap, shallowest: float = 0.4, most: int = 16
+) -> tuple[Contact, ...]:
+    """Dents (z > 0) at least `shallowest` times as deep as the deepest, deepest first, at most `most`.
 
     slopes: of the same height map. Only pixels without a flag, or with STEEP alone, are used.
     """
@@ -101,11 +103,10 @@ def contacts(height: HeightMap, slopes: SlopeMap, shallowest: float = 0.4) -> tu
     labels, count = scipy.ndimage.label(dented & (height.z > shallowest * deepest))
     area = cells(height)
     pitch = natural_pitch(height.x, height.y, usable)
-    found = []
-    for label in range(1, count + 1):
-        inside = labels == label
-        if np.count_nonzero(inside) >= _FEWEST:
-            found.append(_contact(Dent.of(height, slopes, usable, inside, area, pitch)))
+    large = 1 + np.flatnonzero(np.bincount(labels.ravel(), minlength=count + 1)[1:] >= _FEWEST)
+    peaks = scipy.ndimage.maximum(height.z, labels, large) if large.size else np.empty(0)
+    chosen = large[np.argsort(-np.asarray(peaks), kind="stable")][:most]
+    found = [_contact(Dent.of(height, slopes, usable, labels == label, area, pitch)) for label in chosen]
     return tuple(sorted(found, key=lambda contact: -contact.depth))
 
 

@@ -37,7 +37,7 @@ _METHODS = {
     "direct": Options(build=DirectEdges),
     "robust": Options(),
     "march": Options(build=MarchedEdges),
-    "fixed-point": Options(newton=False, max_steps=60),
+    "fixed-point": Options(newton=False, max_steps=120),
 }
 _CURL_LIMIT = 8.0  # standard deviations
 _REWEIGHTED = 2  # solves with doubtful edges: the slopes depend a little on the height

@@ -160,7 +160,9 @@ def test_two_balls_are_two_contacts(scene: Scene, noisy) -> None:
         assert contact.area == pytest.approx(np.pi * 100, rel=0.03)
         np.testing.assert_allclose(contact.centroid, (x, y), atol=0.3)
         assert contact.depth > peak  # the other ball's dent adds to it
-    assert len(found_in(scene, shifted_sum(scene, *dents), noisy, shallowest=0.7)) == 1
+    for options in ({"shallowest": 0.7}, {"most": 1}):
+        (deepest,) = found_in(scene, shifted_sum(scene, *dents), noisy, **options)
+        assert deepest.depth == found[0].depth
 
 
 def test_what_is_flagged_says_nothing(scene: Scene, exact) -> None:
