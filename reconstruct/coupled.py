@@ -16,14 +16,15 @@ from .calibration import rest_corrected
 from .correlation import correlation_excess
 from .creases import Doubt, edge_doubt, widened
 from .heightmap import HeightMap
-from .holes import bridged
+from .holes import bridged, noise_gain
 from .newton import Options, State, coarse_start, solve
 from .outliers import curl_scale, curl_score, curl_suspects, lone
 from .paper import SeriesName
 from .paper_scene import reconstruct_paper
 from .problem import Problem, prepare
-from .result import height_map
+from .result import Spread, height_map
 from .reweighting import reweighted
+from .rounding import rounding_variance
 from .strays import strays
 
 __all__ = ["doubted", "method_names", "reconstruct", "solved_height"]
@@ -116,15 +117,24 @@ def solved_height(
         state = reweighted(problem, state, options)
     elif method != "march":
         state = _around_creases(problem, state, options, scale, removed, suspects & ~removed)
-    p, q = problem.data.slopes(state.w)[:2]
-    shared = correlation_excess(p, q, state.variances, problem.data.mask, state.doubt)
     variance = None
     if isinstance(state.problem, MarchedEdges):
         variance = state.root**4 * march_variance(state.problem, state.rows.pixel, state.share)
-    height = height_map(
-        problem, state, correspondence.flags, suspects, scale, method, variance, correlation=shared
-    )
+    spread = _spread(problem, state, removed)
+    height = height_map(problem, state, correspondence.flags, suspects, scale, method, variance, spread)
     return problem, state, height
+
+
+def _spread(problem: Problem, state: State, removed: Mask) -> Spread:
+    """What of the errors is not independent from pixel to pixel."""
+    bridging = noise_gain(problem.data.mask, problem.bridged | removed)
+    rounding = rounding_variance(problem, state)
+    if rounding is not None:
+        return Spread(bridging=bridging, rounding=rounding)
+    p, q = problem.data.slopes(state.w)[:2]
+    variances = bridging * state.variances[0], bridging * state.variances[1]
+    shared = correlation_excess(p, q, variances, problem.data.mask, state.doubt)
+    return Spread(shared, bridging)
 
 
 def _solve(problem: Problem, first: Floats, options: Options) -> State:

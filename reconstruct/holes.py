@@ -1,9 +1,10 @@
-"""Holes of a few pixels, bridged from their neighbours, so that scattered bad pixels cost no masked solve.
+"""Holes of a few pixels and narrow slits, bridged from their neighbours, so that scattered bad pixels cost no
+masked solve, and the flagged seams between the cells of a code do not part the image into islands.
 
 The bridged values only serve the neighbours' edges; a bridged pixel stays flagged and gets no height.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.ndimage
@@ -12,16 +13,22 @@ from numpy.typing import NDArray
 
 from .measured import Measured
 
-__all__ = ["bridged", "small_holes"]
+__all__ = ["bridged", "noise_gain", "small_holes"]
 
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 LARGEST = 9  # pixels
-SHARE = 0.15  # of the image: where more is missing, bridging would count neighbours' noise too often
+NARROW = 2  # pixels between measured ones in a row or a column
+SHARE = 0.5  # of the image: where more is missing, it falls apart
+_REACH = 4.0  # pixels, rms: over which the gain is averaged
 
 
 def small_holes(mask: Mask) -> Mask:
-    """Pixels outside the mask in holes of at most LARGEST pixels (eight neighbours)."""
+    """Pixels outside the mask in holes of at most LARGEST pixels (eight neighbours), and in slits of at most
+    NARROW.
+    """
     outside = ~mask
     if not outside.any():
         return outside
@@ -29,70 +36,166 @@ def small_holes(mask: Mask) -> Mask:
     sizes = np.bincount(labels.ravel())
     sizes[0] = LARGEST + 1
     small: Mask = sizes[labels] <= LARGEST
+    if not small[outside].all():
+        small |= _slit(mask) | _slit(mask.T).T
     return small if np.count_nonzero(small) <= SHARE * mask.size else np.zeros_like(mask)
+
+
+def _slit(mask: Mask) -> Mask:
+    """Pixels outside the mask between two of it, at most NARROW + 1 apart along the row."""
+    found = np.zeros_like(mask)
+    for gap in range(1, NARROW + 1):
+        ends = mask[:, : -gap - 1] & mask[:, gap + 1 :]
+        for k in range(1, gap + 1):
+            found[:, k : k - gap - 1] |= ends
+    return found & ~mask
 
 
 def bridged(data: Measured, holes: Mask) -> Measured:
     """The measurement with u, v and the sigmas interpolated across the holes, which join the mask."""
     if not holes.any():
         return data
-    mask = data.mask & ~holes
-    at = np.argwhere(holes)
+    bridge = _bridge(data.mask & ~holes, holes)
     fields = {name: getattr(data, name).copy() for name in ("u", "v", "sigma_u", "sigma_v")}
     for name, field in fields.items():
-        filled = mask.copy()
-        for _ in range(LARGEST):
-            _bridge(field, filled, at, name in ("u", "v"))
-        joined = filled
-    return replace(data, mask=joined, **fields)
+        weights = bridge.weights
+        if name.startswith("sigma"):  # those of the neighbours
+            weights = np.abs(weights) / np.abs(weights).sum(axis=1, keepdims=True)
+        _fill(field.reshape(-1), bridge.pixels, bridge.sources, weights)
+    mask = data.mask & ~holes
+    mask.reshape(-1)[bridge.pixels] = True
+    return replace(data, mask=mask, **fields)
+
+
+def noise_gain(mask: Mask, holes: Mask) -> Floats:
+    """By what factor bridging the holes, which are part of the mask, raises the noise of long waves,
+    (rows, cols).
+
+    A bridged pixel repeats its neighbours' noise. With W the sum of a measured pixel's weights, its own and
+    those in bridged ones, the power at long waves is the mean of W^2 over all pixels, 1 if nothing is bridged.
+    """
+    if not holes.any():
+        return np.ones(mask.shape)
+    bridge = _bridge(mask & ~holes, holes)
+    weights = mask.astype(np.float64)
+    _gather(weights.reshape(-1), bridge.pixels, bridge.sources, bridge.weights)
+    area = scipy.ndimage.gaussian_filter(mask.astype(np.float64), _REACH)
+    gain: Floats = scipy.ndimage.gaussian_filter(weights**2, _REACH) / np.maximum(area, 1e-12)
+    return np.maximum(gain, 1.0, out=gain)
+
+
+@dataclass(frozen=True, slots=True)
+class _Bridge:
+    """pixels (M,) in the order in which they are filled, each from its sources (M, 8) times weights (M, 8)."""
+
+    pixels: Ints
+    sources: Ints
+    weights: Floats
+
+
+def _bridge(known: Mask, holes: Mask) -> _Bridge:
+    """From both sides where there are both: extrapolation, which magnifies noise, comes last."""
+    order = np.where(known, 0, _NEVER)
+    at = np.argwhere(holes)
+    sources, weights = np.zeros((len(at), 8), dtype=np.int64), np.zeros((len(at), 8))
+    _plan(order, at, sources, weights)
+    turn = order[holes]
+    first = np.argsort(turn, kind="stable")[: np.count_nonzero(turn < _NEVER)]
+    pixels = (at @ np.array([known.shape[1], 1]))[first]
+    return _Bridge(pixels, sources[first], weights[first])
+
+
+_NEVER = np.iinfo(np.int64).max
 
 
 @njit(cache=True, nogil=True)
-def _bridge(field, mask, at, smooth):  # type: ignore[no-untyped-def]
-    """One pass over the pixels (M, 2): mean over the axes of cubic (smooth) or linear interpolation; the mask
-    grows.
+def _plan(order, at, sources, weights):  # type: ignore[no-untyped-def]
+    """Which pass fills a pixel (order: 0 known, later the pass), from what and with what weights.
 
-    Where no axis has neighbours on both sides: linear extrapolation from one, or the neighbour's value.
+    Mean over the axes of cubic interpolation or, where an axis has no second neighbours, linear; where no
+    axis has both sides and no other pixel of the pass has, linear extrapolation or the neighbour's value.
     """
-    rows, cols = field.shape
-    fresh = np.zeros(at.shape[0], dtype=np.bool_)  # joins after the pass: the order of pixels does not count
-    for m in range(at.shape[0]):
-        i, j = at[m, 0], at[m, 1]
-        if mask[i, j]:
+    left = at.shape[0]
+    turn, sided = 0, True
+    while left > 0:
+        turn += 1
+        filled = 0
+        for m in range(at.shape[0]):
+            i, j = at[m, 0], at[m, 1]
+            if order[i, j] < turn:
+                continue
+            kinds = _kind(order, i, j, 0, turn), _kind(order, i, j, 1, turn)
+            best = max(kinds[0], kinds[1])
+            if best < (2 if sided else 1):
+                continue
+            share = 0.5 if kinds[0] == kinds[1] else 1.0
+            for axis in range(2):
+                if kinds[axis] == best:
+                    _weigh(order, i, j, axis, turn, best, share, sources[m], weights[m])
+            order[i, j] = turn
+            filled += 1
+        left -= filled
+        if filled > 0:
+            sided = True
+        elif sided:
+            sided = False
+        else:
+            break
+
+
+@njit(cache=True, nogil=True)
+def _is_known(order, i, j, turn):  # type: ignore[no-untyped-def]
+    """Whether a pixel was filled before this pass."""
+    return 0 <= i < order.shape[0] and 0 <= j < order.shape[1] and order[i, j] < turn
+
+
+@njit(cache=True, nogil=True)
+def _kind(order, i, j, axis, turn):  # type: ignore[no-untyped-def]
+    di, dj = (1, 0) if axis == 0 else (0, 1)
+    sides, fars = 0, 0
+    for sign in (-1, 1):
+        if _is_known(order, i + sign * di, j + sign * dj, turn):
+            sides += 1
+            fars += 1 if _is_known(order, i + 2 * sign * di, j + 2 * sign * dj, turn) else 0
+    return 3 if sides == 2 and fars == 2 else sides
+
+
+@njit(cache=True, nogil=True)
+def _weigh(order, i, j, axis, turn, kind, share, source, weight):  # type: ignore[no-untyped-def]
+    di, dj = (1, 0) if axis == 0 else (0, 1)
+    cols = order.shape[1]
+    for side in range(2):
+        sign = 2 * side - 1
+        a, b = i + sign * di, j + sign * dj
+        if not _is_known(order, a, b, turn):
             continue
-        cubic, cubics, linear, linears, one_sided, ones = 0.0, 0, 0.0, 0, 0.0, 0
-        for axis in range(2):
-            di, dj = (1, 0) if axis == 0 else (0, 1)
-            near = 0.0
-            sides = 0
-            far = 0.0
-            fars = 0
-            for sign in (-1, 1):
-                a, b = i + sign * di, j + sign * dj
-                if not (0 <= a < rows and 0 <= b < cols and mask[a, b]):
-                    continue
-                near += field[a, b]
-                sides += 1
-                a2, b2 = a + sign * di, b + sign * dj
-                if 0 <= a2 < rows and 0 <= b2 < cols and mask[a2, b2]:
-                    far += field[a2, b2]
-                    fars += 1
-            if sides == 2 and fars == 2 and smooth:
-                cubic += (4.0 * near - far) / 6.0
-                cubics += 1
-            elif sides == 2:
-                linear += 0.5 * near
-                linears += 1
-            elif sides == 1:
-                one_sided += 2.0 * near - far if smooth and fars == 1 else near
-                ones += 1
-        if cubics > 0:
-            field[i, j] = cubic / cubics
-        elif linears > 0:
-            field[i, j] = linear / linears
-        elif ones > 0:
-            field[i, j] = one_sided / ones
-        fresh[m] = cubics + linears + ones > 0
-    for m in range(at.shape[0]):
-        if fresh[m]:
-            mask[at[m, 0], at[m, 1]] = True
+        near, far = 0.5, 0.0
+        if kind == 3:
+            near, far = 4.0 / 6.0, -1.0 / 6.0
+        elif kind == 1:
+            near = 1.0
+            if _is_known(order, a + sign * di, b + sign * dj, turn):
+                near, far = 2.0, -1.0
+        k = 4 * axis + 2 * side
+        source[k], weight[k] = a * cols + b, near * share
+        if far != 0.0:
+            source[k + 1], weight[k + 1] = (a + sign * di) * cols + b + sign * dj, far * share
+
+
+@njit(cache=True, nogil=True)
+def _fill(field, pixels, sources, weights):  # type: ignore[no-untyped-def]
+    for m in range(pixels.size):
+        total = 0.0
+        for k in range(8):
+            if weights[m, k] != 0.0:
+                total += weights[m, k] * field[sources[m, k]]
+        field[pixels[m]] = total
+
+
+@njit(cache=True, nogil=True)
+def _gather(field, pixels, sources, weights):  # type: ignore[no-untyped-def]
+    """The transpose of _fill."""
+    for m in range(pixels.size - 1, -1, -1):
+        for k in range(8):
+            field[sources[m, k]] += weights[m, k] * field[pixels[m]]
+        field[pixels[m]] = 0.0

@@ -1,5 +1,7 @@
 """The solved grid as a HeightMap: points, sigma, flags, diagnostics."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +23,29 @@ _FEW = 0.01  # of the edges
 _STEEP = 3.0  # standard deviations of the noise: where what is doubted of creases exceeds them
 
 
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """What the variance of independent noise in every pixel has to be multiplied by, or replaced by.
+
+    correlation: see `correlation`; bridging (rows, cols): see `holes.noise_gain`; rounding (rows, cols): the
+    variance of discrete codes where it is larger, see `rounding`.
+    """
+
+    correlation: float = 1.0
+    bridging: Floats | None = None
+    rounding: Floats | None = None
+
+    def applied(self, variance: Floats, mask: Mask) -> tuple[Floats, float]:
+        """The variance (rows, cols), and the usual factor for errors that neighbours share."""
+        wide = self.correlation * variance
+        if self.bridging is not None:
+            wide = wide * self.bridging
+        if self.rounding is None:
+            return wide, self.correlation
+        larger = np.maximum(wide, self.rounding)
+        return larger, float(np.median((larger / wide)[mask]))
+
+
 def height_map(
     problem: Problem,
     state: State,
@@ -29,17 +54,17 @@ def height_map(
     curl: float,
     method: str,
     variance: Floats | None = None,
-    correlation: float = 1.0,
+    spread: "Spread | None" = None,
 ) -> HeightMap:
     """flags (H, W): the decoder's; suspects: pixels of the core with a curl; curl: its robust scale;
     variance: of the unknown in the core, if it is known already (without
-    what is in doubt); correlation: factor on it, see `correlation`.
+    what is in doubt); spread: what independent noise of every pixel does not hold.
     """
-    outer, data, doubt = problem.outer, problem.data, state.doubt
+    data, doubt = problem.data, state.doubt
+    outer = problem.outer.overlaid(problem.core, data)
     if variance is None:
         variance = unknown_variance(data, state, problem.labels, _detours(doubt, data.mask))
-    if correlation > 1.0:
-        variance = correlation * variance
+    variance, correlation = (spread or Spread()).applied(variance, data.mask)
     steep = np.zeros(outer.mask.shape, dtype=np.bool_)
     if doubt is not None:
         anchors = state.rows.pixel[state.share > 0]

@@ -22,7 +22,7 @@ from .heightmap import HeightMap
 from .holes import bridged, small_holes
 from .newton import State, chord_step
 from .problem import Problem
-from .result import height_map
+from .result import Spread, height_map
 from .uncertainty import unknown_variance
 
 __all__ = ["HeightStream"]
@@ -82,7 +82,7 @@ class HeightStream:
                     float("nan"),
                     "coupled",
                     variance,
-                    last.diagnostics.correlation,
+                    Spread(last.diagnostics.correlation),
                 )
                 self._last = problem, state, variance, height
                 return height

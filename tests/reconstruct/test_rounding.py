@@ -1,0 +1,65 @@
+"""Discrete codes: the sawtooth of rounding in the height's sigma; bridged seams and dropouts."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from optolever.decode import Flag
+from optolever.reconstruct import reconstruct
+from optolever.reconstruct.holes import noise_gain
+
+
+@pytest.mark.parametrize("preset, rows, cols", [("monitor-mirror", 96, 115), ("paper-simulation", 90, 96)])
+def test_sigma_holds_the_errors_of_cells_in_step_with_pixels(exact, preset, rows, cols) -> None:
+    """Wherever the cells begin: on both scenes rounding errors are shared along lines of pixels."""
+    scene, truth, correspondence = exact(preset, "gaussian", rows, cols)
+    sigma = np.full(truth.u.shape, 1 / np.sqrt(12))
+    squares = []
+    for begin in np.random.default_rng(1).uniform(-0.5, 0.5, (6, 2)):
+        # the surface shifted against its cells: coordinates of the same scene, rounded elsewhere
+        u, v = (np.rint(part + shift) - shift for part, shift in zip((truth.u, truth.v), begin, strict=True))
+        shifted = replace(correspondence, u=u, v=v, sigma_u=sigma, sigma_v=sigma.copy())
+        pattern = scene.pattern
+        moved = pattern.origin - pattern.pitch * (begin[0] * pattern.u_axis + begin[1] * pattern.v_axis)
+        rig = replace(scene, pattern=replace(pattern, origin=moved))
+        whole = replace(shifted, u=u + begin[0], v=v + begin[1])
+        height = reconstruct(whole, rig)
+        good = height.good
+        assert good.mean() > 0.98
+        squares.append(np.mean(((height.z - truth.z)[good] / height.sigma[good]) ** 2))
+    assert 0.4 < np.sqrt(np.mean(squares)) < 1.2
+
+
+def test_seams_between_cells_do_not_part_the_image(exact, cut) -> None:
+    scene, truth, correspondence = exact("monitor-mirror", "gaussian", 96, 115)
+    seams = (np.arange(96)[:, None] % 7 == 3) | (np.arange(115) % 8 == 5)
+    height = reconstruct(cut(correspondence, ~seams), scene)
+    assert height.good[~seams].all()
+    assert (height.flags[seams] & Flag.DARK).all()
+    assert np.nanmax(np.abs(height.z - truth.z)[~seams]) < 1e-5 * np.nanmax(truth.z)
+
+
+def test_bridging_repeats_noise_as_often_as_stated() -> None:
+    """Every fourth pixel of every row is bridged by (4 near - far) / 6 from its row's neighbours alone."""
+    holes = np.zeros((64, 64), dtype=bool)
+    holes[:, 2::4] = True
+    gain = noise_gain(np.ones_like(holes), holes)[24:40, 24:40].mean()
+    near, far = 1 + 4 / 6, 1 - 2 / 6  # a near pixel serves one hole, a far one the holes on either side
+    assert abs(gain - (2 * near**2 + far**2) / 4) < 0.02
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3])
+def test_sigma_holds_with_dropouts(exact, noisy, share: float) -> None:
+    scene, truth, _ = exact("paper-simulation", "gaussian", 96, 96)
+    squares = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        clean = noisy(truth, sigma=0.05)
+        u, v = (part + 0.05 * rng.standard_normal(part.shape) for part in (truth.u, truth.v))
+        lost = np.where(rng.random(truth.u.shape) < share, int(Flag.DARK), clean.flags).astype(np.uint16)
+        height = reconstruct(replace(clean, u=u, v=v, flags=lost), scene)
+        error = ((height.z - truth.z) / height.sigma)[height.good]
+        assert (np.abs(error) > 5).mean() < 5e-4
+        squares.append(np.mean(error**2))
+    assert 0.85 < np.sqrt(np.mean(squares)) < 1.15
