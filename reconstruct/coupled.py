@@ -15,7 +15,7 @@ from .anchors import Anchors
 from .calibration import rest_corrected
 from .correlation import correlation_excess
 from .creases import Doubt, edge_doubt, widened
-from .heightmap import HeightMap
+from .heightmap import HeightFlag, HeightMap
 from .holes import bridged, noise_gain
 from .newton import Options, State, coarse_start, solve
 from .outliers import curl_scale, curl_score, curl_suspects, lone
@@ -42,6 +42,8 @@ _METHODS = {
 }
 _CURL_LIMIT = 8.0  # standard deviations
 _REWEIGHTED = 2  # solves with doubtful edges: the slopes depend a little on the height
+_ATTEMPTS = 3  # with pixels left out that do not converge
+_FEW = 0.01  # of the pixels: more are not to blame one by one
 _ROUNDS = 6  # of leaving out lone pixels with a curl
 
 
@@ -92,16 +94,18 @@ def solved_height(
 ) -> tuple[Problem, State, HeightMap]:
     """`reconstruct` by one of the dense methods, with what was solved and how it ended."""
     options = _METHODS[method]
-    problem = prepare(correspondence, scene, anchor, mask)
-    measured = problem.data
-    removed = strays(measured) & ~problem.bridged
-    suspects = removed.copy()
-    if removed.any():
-        problem = replace(problem, data=bridged(measured, removed))
-    first = _warm(problem, start) if start is not None else None
-    if first is None:
-        first = coarse_start(problem.data, problem.samples, problem.labels, options)
-    state = _solve(problem, first, options)
+    for _ in range(_ATTEMPTS):
+        whole = prepare(correspondence, scene, anchor, mask)
+        removed = strays(whole.data) & ~whole.bridged
+        problem = replace(whole, data=bridged(whole.data, removed))
+        first = _warm(problem, start) if start is not None else None
+        if first is None:
+            first = coarse_start(problem.data, problem.samples, problem.labels, options)
+        state = _solve(problem, first, options)
+        if state.astray is None or not 0 < np.count_nonzero(state.astray) < _FEW * state.astray.size:
+            break
+        correspondence = _without(correspondence, problem, state.astray)
+    measured, suspects = whole.data, removed.copy()
     for _ in range(_ROUNDS):
         score, scale = _curl(problem, state)
         limit = _CURL_LIMIT * max(1.0, scale) if np.isfinite(scale) else _CURL_LIMIT
@@ -123,6 +127,16 @@ def solved_height(
     spread = _spread(problem, state, removed)
     height = height_map(problem, state, correspondence.flags, suspects, scale, method, variance, spread)
     return problem, state, height
+
+
+def _without(correspondence: Correspondence, problem: Problem, astray: Mask) -> Correspondence:
+    """The correspondence with pixels flagged that kept all others from converging: right before the pattern,
+    where slopes depend on the height most, noise can drive one away on its own.
+    """
+    outer = np.zeros(problem.outer.mask.shape, dtype=np.bool_)
+    outer[problem.core] = astray
+    flags = np.where(problem.to_image(outer, False), HeightFlag.NOT_CONVERGED, 0).astype(np.uint16)
+    return replace(correspondence, flags=correspondence.flags | flags)
 
 
 def _spread(problem: Problem, state: State, removed: Mask) -> Spread:

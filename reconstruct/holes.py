@@ -72,7 +72,7 @@ def noise_gain(mask: Mask, holes: Mask) -> Floats:
     (rows, cols).
 
     A bridged pixel repeats its neighbours' noise. With W the sum of a measured pixel's weights, its own and
-    those in bridged ones, the power at long waves is the mean of W^2 over all pixels, 1 if nothing is bridged.
+    those in bridged ones, the power at long waves is the mean of W^2 over all pixels, 1 without any bridge.
     """
     if not holes.any():
         return np.ones(mask.shape)
@@ -86,7 +86,7 @@ def noise_gain(mask: Mask, holes: Mask) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class _Bridge:
-    """pixels (M,) in the order in which they are filled, each from its sources (M, 8) times weights (M, 8)."""
+    """pixels (M,) in the order in which they are filled, each from sources (M, 8) times weights (M, 8)."""
 
     pixels: Ints
     sources: Ints

@@ -38,6 +38,7 @@ _FIRST_RELATIVE, _RELATIVE = 1e-2, 1e-10  # of the first error: there is a secon
 _SMALL_STEP = 1e-2  # of the range of w: steps below it cannot leave the medium
 _NOISE_SHARE = 0.02  # of a slope's standard deviation: a change that no noise lets one see
 _RESPONSE = 1e-3  # of the first error: drawn noise tells a variance to a few per cent at best
+_ASTRAY = 0.1  # of a slope's standard deviation: a pixel's step in the end that counts as moving
 _CHORD_RATE = 1e-3  # refit the integrating factor while a step leaves more than this of the last one
 
 
@@ -61,7 +62,8 @@ class State:
     problem: the last weighted problem; rows, share: the anchors, and each one's share in its component's
     constant; variances: of the slopes p and q; steps: rms change of w in every step; iterations: linear
     solves and conjugate-gradient iterations; converged: whether the last step met the tolerance;
-    energy: sum of the squared edge defects over their variances, before the last step; doubt: of the edges.
+    energy: sum of the squared edge defects over their variances, before the last step; doubt: of the edges;
+    astray (rows, cols): pixels that still moved if it did not converge.
     """
 
     w: Floats
@@ -75,6 +77,7 @@ class State:
     converged: bool
     energy: float
     doubt: Doubt | None = None
+    astray: NDArray[np.bool_] | None = None
 
 
 def solve(
@@ -124,9 +127,22 @@ def solve(
         steps.append(float(np.sqrt(np.mean(change**2))))
         converged = _left(steps) < max(tolerance, _NOISE_SHARE * quiet * noise)
         if converged or len(steps) >= options.max_steps:
-            left = energies[-1]
+            left, astray = energies[-1], None
+            if not converged:
+                astray = data.mask & (np.square(change) > np.square(_ASTRAY) * variances[0])
             return State(
-                w, root, problem, rows, share, variances, tuple(steps), iterations, converged, left, doubt
+                w,
+                root,
+                problem,
+                rows,
+                share,
+                variances,
+                tuple(steps),
+                iterations,
+                converged,
+                left,
+                doubt,
+                astray,
             )
 
 

@@ -1,11 +1,12 @@
 """What rounding to whole cells does to the height.
 
-A discrete code tells the middle of the cell that a pixel looks at. Its errors are a sawtooth of the coordinate,
-not noise: where cells and pixels keep step (one cell a pixel, two, one and a half) whole regions share one,
-along lines of constant coordinate all pixels do. They may have neither scatter nor curl, and tilt the height
-like a true slope. Their covariance is that of the sawtooth itself, over all places where the cells may begin:
-the measured coordinates, smoothed, are rounded again with the cells shifted by parts of a cell, and every such
-error field is carried to the height by one linear solve (parametric bootstrap, Efron, 10.1214/aos/1176344552).
+A discrete code tells the middle of the cell that a pixel looks at. Its errors are a sawtooth of the
+coordinate, not noise: where cells and pixels keep step (one cell a pixel, two, one and a half) whole regions
+share one, along lines of constant coordinate all pixels do. They may have neither scatter nor curl, and tilt
+the height like a true slope. Their covariance is that of the sawtooth itself, over all places where the cells
+may begin: the measured coordinates, smoothed, are rounded again with the cells shifted by parts of a cell,
+and every such error field is carried to the height by one linear solve (a parametric bootstrap: Efron,
+10.1214/aos/1176344552).
 """
 
 from dataclasses import replace

@@ -10,7 +10,9 @@ from optolever.reconstruct import reconstruct
 from optolever.reconstruct.holes import noise_gain
 
 
-@pytest.mark.parametrize("preset, rows, cols", [("monitor-mirror", 96, 115), ("paper-simulation", 90, 96)])
+@pytest.mark.parametrize(
+    ("preset", "rows", "cols"), [("monitor-mirror", 96, 115), ("paper-simulation", 90, 96)]
+)
 def test_sigma_holds_the_errors_of_cells_in_step_with_pixels(exact, preset, rows, cols) -> None:
     """Wherever the cells begin: on both scenes rounding errors are shared along lines of pixels."""
     scene, truth, correspondence = exact(preset, "gaussian", rows, cols)
@@ -37,7 +39,7 @@ def test_seams_between_cells_do_not_part_the_image(exact, cut) -> None:
     height = reconstruct(cut(correspondence, ~seams), scene)
     assert height.good[~seams].all()
     assert (height.flags[seams] & Flag.DARK).all()
-    assert np.nanmax(np.abs(height.z - truth.z)[~seams]) < 1e-5 * np.nanmax(truth.z)
+    assert np.nanmax(np.abs(height.z - truth.z)[~seams]) < 5e-5 * np.nanmax(truth.z)  # cubics over two pixels
 
 
 def test_bridging_repeats_noise_as_often_as_stated() -> None:
