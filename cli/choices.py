@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from .bench import interrupted
 from .options import json_option, renderer_option, sample, writable
 from .show import grid, number, progress, table, write_json
 
@@ -39,12 +40,16 @@ def command(
     Minutes per scene. excess: error of the choice over that of the best found, minus one.
     """
     writable(json_path)
-    from optolever.experiments.design import CASES, run_choices
+    from optolever.experiments.design import CASES, ChoiceRow, run_choices
 
     cases = tuple(CASES[number] for number in numbers) or CASES
-    with progress() as step:
-        rows = run_choices(cases, pixels=pixels, seeds=seeds, more=more, renderer=renderer, progress=step)
-    write_json(json_path, {"rows": [row.to_dict() for row in rows], "pixels": pixels})
+    rows: list[ChoiceRow] = []
+    with interrupted() as stopped, progress() as step:
+        for row in run_choices(
+            cases, pixels=pixels, seeds=seeds, more=more, renderer=renderer, progress=step
+        ):
+            rows.append(row)
+            write_json(json_path, {"rows": [row.to_dict() for row in rows], "pixels": pixels})
     header = ("scene", "chosen", "best of all", "excess", "candidates", "predicted within 15 %", "worst")
     grid(
         "First choice against all candidates",
@@ -64,3 +69,5 @@ def command(
     )
     good = sum(row.excess <= 0.05 for row in rows)
     table("In all", {"within 5 % of the best": f"{good} of {len(rows)}"})
+    if stopped.hit:
+        raise KeyboardInterrupt

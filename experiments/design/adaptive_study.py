@@ -247,7 +247,7 @@ class _Place:
         size = self.lever.quick(there)
         if self._reference is None:
             solved = self.lever.solve(self.lever.view, (there.u.stated, there.v.stated), there.solved)
-            self._reference = size / self.lever.to_full, solved.sigma
+            self._reference = size, solved.sigma * self.lever.to_full
         unit, sigma = self._reference
         passed = (1 - there.u.refused) * (1 - there.v.refused)
         with np.errstate(divide="ignore", invalid="ignore"):

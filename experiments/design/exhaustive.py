@@ -3,7 +3,7 @@ kinds.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -93,13 +93,11 @@ def run_choices(
     more: int = 10,
     renderer: str = "auto",
     progress: Progress = lambda text, done, total: None,
-) -> list[ChoiceRow]:
+) -> Iterator[ChoiceRow]:
     """Choose for every case, simulate every candidate with `seeds` draws, the best ones with `more`."""
-    rows = []
     for index, case in enumerate(cases):
         progress(case.name, index, len(cases))
-        rows.append(_judge(case, pixels, seeds, more, renderer))
-    return rows
+        yield _judge(case, pixels, seeds, more, renderer)
 
 
 def _judge(case: Case, pixels: int, seeds: int, more: int, renderer: str) -> ChoiceRow:

@@ -24,10 +24,10 @@ from .sensitivity import Lever, rms_where
 __all__ = ["Design", "DesignRow", "rank", "run_design", "simulate"]
 
 Progress = Callable[[str, int, int], None]
-#: Bias of a coordinate (rms, cells) from which on it is predicted on every pixel of the camera.
-WORTH_FULL = 5e-3
 #: Bias over noise of a coordinate from which on a candidate is solved for, whatever its rank.
 COUNTS = 0.1
+#: Height error over the least one, above which the thinned camera is enough for systematic errors.
+FAR = 3.0
 #: Candidates, from the least noise on, that are solved for in any case.
 DEPTH = 10
 #: Share of the pixels that a candidate may lose against the best one and still be chosen.
@@ -156,12 +156,16 @@ def rank(
         drafts.append(_draft(lever, candidate, noise, refresh))
     drafts.sort(key=lambda draft: draft[0].noise if draft[0].noise > 0 else math.inf)
     rows: list[DesignRow] = []
-    solved = 0
+    solved, least = 0, math.inf
     for row, there in drafts:
         progress("lever", len(rows), len(drafts))
         biased = there is not None and _biased(there)
         if there is not None and (biased or (solved < DEPTH and row.failure <= failure)):
-            row, solved = _solved(lever, by_text[row.text], row, there, noise), solved + (not biased)
+            near = lever.quick(there, biased=True) < FAR * least
+            row = _solved(lever, by_text[row.text], row, there, noise, near)
+            solved += not biased
+            if row.failure <= failure:
+                least = min(least, row.predicted)
         rows.append(row)
     best = max((row.share for row in rows if row.failure <= failure), default=0.0)
     judged = [_judged(row, failure, best) for row in rows]
@@ -193,12 +197,12 @@ def _biased(there: Prediction) -> bool:
     )
 
 
-def _solved(lever: Lever, candidate: Candidate, row: DesignRow, there: Prediction, noise: float) -> DesignRow:
-    """The row with its own solves."""
-    wide = None
-    biases = [rms_where(axis.bias, there.usable) for axis in (there.u, there.v)]
-    if lever.view.stride > 1 and max(biases) > WORTH_FULL:
-        wide = predict(lever.full, candidate.sequence, noise)
+def _solved(
+    lever: Lever, candidate: Candidate, row: DesignRow, there: Prediction, noise: float, near: bool
+) -> DesignRow:
+    """The row with its own solves; near: to the best ones, worth every pixel of the camera."""
+    thinned = near and lever.view.stride > 1 and _biased(there)
+    wide = predict(lever.full, candidate.sequence, noise) if thinned else None
     height = lever.height(there, wide)
     share = height.share * there.measured_share
     return replace(row, predicted=height.total, noise=height.noise, bias=height.bias, share=share)

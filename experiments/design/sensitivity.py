@@ -1,9 +1,10 @@
 """From errors on the pattern to errors of height: the scene's lever, by the solver itself.
 
-Noise: a few solves with drawn noise on the thinned camera, the same draws for every sequence, and once for a
-reference many of them: what few draws miss of the reference they miss of every sequence alike. To the full
-camera: heights from independent noise scale with the distance of the pixels, but for a slow (logarithmic)
-growth with their number; one reference solve at full size, by the solver's error bars, measures both.
+Noise: a solve with drawn noise on the thinned camera, the same draw for every sequence, and once for a
+reference many of them: what one draw misses of the reference it misses of every sequence alike. To the full
+camera: heights from independent noise scale with the distance of the pixels, but not equally everywhere (most
+next to the pattern's edge, where they are largest); one reference solve at full size, by the solver's error
+bars, measures it place by place.
 Systematic errors: solved as they are, on the full camera, because how they alias depends on its pixels.
 """
 
@@ -12,6 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,12 +22,14 @@ from optolever.errors import InputError
 from optolever.reconstruct import HeightMap, reconstruct
 from optolever.scene import Scene, Surface
 
-from .prediction import Prediction, border_loss
+from .prediction import AxisPrediction, Prediction, border_loss
 from .view import Floats, View, stride_for, view_of
 
 __all__ = ["HeightPrediction", "Lever", "rms_where"]
 
-DRAWS, MANY = 1, 8
+MANY = 8  # draws of the reference
+#: Bias over noise of a coordinate (rms) above which the noise is needed beside it.
+BARE = 0.5
 #: Cells of systematic error (rms) below which it is not worth a solve.
 NEGLIGIBLE = 2e-4
 REFERENCE = 0.01  # cells of noise
@@ -89,20 +93,24 @@ class Lever:
         solved: NDArray[np.bool_],
         usable: NDArray[np.bool_],
         shift: tuple[Floats | float, Floats | float],
+        factor: Floats | float = 1.0,
     ) -> tuple[float, float]:
-        """Rms height error (mm) over the usable pixels that a shift of the correspondence causes, and the
-        share of them that got a height; NaN and 0 where none did."""
+        """Rms height error (mm, times the factor) over the usable pixels that a shift of the correspondence
+        causes, and the share of them that got a height; NaN and 0 where none did."""
         try:
             height = self.solve(view, stated, solved, shift)
         except InputError:  # no anchor left
             return math.nan, 0.0
         reached = height.good & usable
-        return rms_where(height.z - view.truth.z, reached), reached.sum() / max(1, usable.sum())
+        return rms_where(factor * (height.z - view.truth.z), reached), reached.sum() / max(1, usable.sum())
 
     @cached_property
     def scale(self) -> float:
-        """Factor from the rms of few draws on the view to that of noise on the full camera."""
-        return _mean_square(self._errors) / _mean_square(self._errors[:DRAWS]) * self.to_full
+        """Factor from the rms of the first draw, taken to the full camera, to that of all noise there."""
+        if self.view.stride == 1:
+            return _mean_square(self._errors) / self._errors[0]
+        usable = self._reference[1][1]
+        return rms_where(self._sigma_view * self._weighed, usable) / self._errors[0]
 
     @cached_property
     def scatter(self) -> float:
@@ -114,18 +122,22 @@ class Lever:
         """Rms height error of the reference in every draw, mm."""
         noise, masks = self._reference
         return [
-            self.error(self.view, (noise, noise), *masks, (noise * d[0], noise * d[1]))[0]
+            self.error(self.view, (noise, noise), *masks, (noise * d[0], noise * d[1]), self._weighed)[0]
             for d in self._draws
         ]
 
     @cached_property
     def _reference(self) -> tuple[Floats, tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
+        return self._usual(self.view)
+
+    @staticmethod
+    def _usual(view: View) -> tuple[Floats, tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
         """Noise (cells) of a usual fringe; the pixels that have it, and those that the border leaves
         alone.
         """
-        lost = _lost(self.view)
-        solved, usable = self.view.visible & (lost < HALF_LOST), self.view.visible & (lost < BORDER)
-        levels = self.view.levels(1.0)
+        lost = _lost(view)
+        solved, usable = view.visible & (lost < HALF_LOST), view.visible & (lost < BORDER)
+        levels = view.levels(1.0)
         with np.errstate(divide="ignore"):
             noise = np.sqrt(levels.variance(levels.half)) / levels.half
         reference = np.where(solved, REFERENCE * noise / np.median(noise[solved]), REFERENCE)
@@ -137,27 +149,63 @@ class Lever:
         reference, masks = self._reference
         draw, unit = self._draws[0], rms_where(reference, masks[1])
         both = reference, reference
-        along_u = self.error(self.view, both, *masks, (reference * draw[0], 0.0))[0]
-        along_v = self.error(self.view, both, *masks, (0.0, reference * draw[1]))[0]
+        along_u = self.error(self.view, both, *masks, (reference * draw[0], 0.0), self._weighed)[0]
+        along_v = self.error(self.view, both, *masks, (0.0, reference * draw[1]), self._weighed)[0]
         return self.scale * along_u / unit, self.scale * along_v / unit
 
-    def quick(self, prediction: Prediction) -> float:
-        """Rms height error of noise alone, mm, from the gains: no solve of its own."""
-        sizes = [rms_where(axis.noise, prediction.usable) for axis in (prediction.u, prediction.v)]
+    def quick(self, prediction: Prediction, biased: bool = False) -> float:
+        """Rms height error of noise alone, mm, from the gains: no solve of its own; biased: and of
+        systematic errors, as if they were noise."""
+        sizes = [
+            math.hypot(
+                rms_where(axis.noise, prediction.usable),
+                rms_where(axis.bias, prediction.usable) if biased else 0.0,
+            )
+            for axis in (prediction.u, prediction.v)
+        ]
         return math.hypot(self.gains[0] * sizes[0], self.gains[1] * sizes[1])
 
     @cached_property
-    def to_full(self) -> float:
-        """Height error on the full camera over that on the view, for the same error in cells."""
+    def to_full(self) -> Floats:
+        """Per pixel of the view: height error on the full camera over that on the view, for the same noise
+        (cells)."""
+        square, share = self._blocks
+        with np.errstate(divide="ignore", invalid="ignore"):
+            factor = np.sqrt(square / share) / self._sigma_view
+        usual = float(np.median(factor[np.isfinite(factor)]))
+        return np.asarray(np.where(np.isfinite(factor), factor, usual))
+
+    @cached_property
+    def _weighed(self) -> Floats:
+        """`to_full`, weighed by the full camera's pixels that stand behind one of the view."""
         if self.view.stride == 1:
-            return 1.0
-        found = []
-        for view in (self.view, self.full):
-            lost = _lost(view)
-            one = np.full(lost.shape, REFERENCE)
-            solved = self.solve(view, (one, one), view.visible & (lost < HALF_LOST))
-            found.append(rms_where(solved.sigma, solved.good & (lost < BORDER)))
-        return found[1] / found[0]
+            return np.ones(self.view.visible.shape)
+        share = self._blocks[1]
+        usable = self._reference[1][1]
+        return np.asarray(self.to_full * np.sqrt(share / share[usable].mean()))
+
+    @cached_property
+    def _blocks(self) -> tuple[Floats, Floats]:
+        """Over the full camera's pixels behind one of the view: mean square of sigma (mm), 0 where there is
+        none, and the share that has one."""
+        sigma = self._sigma(self.full)
+        known = np.isfinite(sigma)
+        size = self.view.visible.shape[::-1]
+        square, share = (
+            np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA))
+            for values in (np.where(known, sigma, 0.0) ** 2, known.astype(np.float64))
+        )
+        return square, share
+
+    @cached_property
+    def _sigma_view(self) -> Floats:
+        return self._sigma(self.view)
+
+    def _sigma(self, view: View) -> Floats:
+        """Error bars (mm) of the height under the usual noise, NaN beside the inner pixels."""
+        noise, (solved, usable) = self._usual(view)
+        height = self.solve(view, (noise, noise), solved)
+        return np.where(height.good & usable, height.sigma, np.nan)
 
     def height(self, prediction: Prediction, full: Prediction | None = None) -> HeightPrediction:
         """Rms height error that a prediction on `view` means.
@@ -170,18 +218,17 @@ class Lever:
         if not (masks[0] & masks[1]).any():
             return HeightPrediction(math.nan, math.nan, 0.0)
         if max(rms_where(axis.noise, masks[1]) for axis in (u, v)) > 0:
-            found = [
-                self.error(self.view, (u.stated, v.stated), *masks, (u.noise * draw[0], v.noise * draw[1]))
-                for draw in self._draws[:DRAWS]
-            ]
-            noise = self.scale * _mean_square([error for error, _ in found])
-            share = min(reached for _, reached in found)
+            draw = self._draws[0]
+            found, share = self.error(
+                self.view, (u.stated, v.stated), *masks, (u.noise * draw[0], v.noise * draw[1]), self._weighed
+            )
+            noise = self.scale * found
         wide, view = (prediction, self.view) if full is None else (full, self.full)
         if max(rms_where(axis.bias, wide.solved) for axis in (wide.u, wide.v)) < NEGLIGIBLE:
             return HeightPrediction(noise, 0.0, share)
         stated = wide.u.stated, wide.v.stated
         shift = wide.u.bias, wide.v.bias
-        if noise > 0:
+        if any(_counts(axis, wide.usable, BARE) for axis in (wide.u, wide.v)) and noise > 0:
             # bare stairs look like creases to the solver; under noise, which is what it will see, they do not
             drawn = self._drawn(view, 0)
             both = (shift[0] + wide.u.noise * drawn[0], shift[1] + wide.v.noise * drawn[1])
@@ -213,6 +260,11 @@ class Lever:
         reached = first.good & second.good & there.usable
         share = (first.good & there.usable).sum() / max(1, there.usable.sum())
         return rms_where(first.z - second.z, reached), float(share)
+
+
+def _counts(axis: AxisPrediction, where: NDArray[np.bool_], least: float) -> bool:
+    """Whether an axis' systematic errors exceed so many times its noise."""
+    return rms_where(axis.bias, where) > least * rms_where(axis.noise, where)
 
 
 def _lost(view: View) -> Floats:
