@@ -5,8 +5,14 @@ that the map u0 at rest predicts, one side lobe moves to frequency 0 and all els
 Gaussian cuts it out (the Fourier method, Takeda, Ina, Kobayashi 1982, doi:10.1364/JOSA.72.000156, with a
 local carrier). Its phase, the deformed frame's minus the rest frame's, is the displacement, unwrapped by
 least squares (Ghiglia & Romero 1994, doi:10.1364/JOSAA.11.000107) and made congruent.
+
+The Gaussian smooths what it shows: of a frequency that it leaves the share g, the first pass has g. So the
+next pass takes the last one's phase into its carrier and adds what is left, 1 - (1 - g)^k after k passes
+(van Cittert); what the last of them still changed counts as error.
 """
 
+import math
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -28,6 +34,16 @@ Complex = NDArray[np.complex128]
 _WIDTH = 0.6
 #: Side lobe over its noise below which a pixel is flagged.
 _LEAST = 6.0
+_PASSES = 4
+#: Factor of the passes on the noise: squared 2 (2 H(k) - H(2 k)), H(k) = 1 + 1/2 + ... + 1/k.
+_GROWTH = math.sqrt(
+    4 * sum(1 / k for k in range(1, _PASSES + 1)) - 2 * sum(1 / k for k in range(1, 2 * _PASSES + 1))
+)
+#: Change in the last pass, turns, above which a pixel is flagged.
+_SETTLED = 0.02
+#: At a straight edge the other lobes leak through half a Gaussian: rms phase, turns, over the root of the
+#: share of the window that is missing (there 1/2).
+_LEAK = math.hypot(0.5, math.sqrt(0.5)) / (2 * math.pi * _WIDTH * math.sqrt(2 * math.pi)) / (2 * math.pi)
 
 
 def crossed(
@@ -39,9 +55,10 @@ def crossed(
     guide        where the camera looked at rest, to a fraction of a period across the fringe's own width
                  (a trace, a decoded capture); default: the surface fills the frame
 
-    Details finer than about a period are smoothed away, which sigma does not hold. Whole periods follow from
-    continuity, the median displacement being within half a period. Pixels are flagged where the fringe is
-    lost (LOW_CONTRAST) and where the displacement steps by more than a quarter of a period (ORDER_DOUBTFUL).
+    Whole periods follow from continuity, the median displacement being within half a period: what is cut off
+    from the largest connected part is flagged. sigma holds noise, smoothing and the frame's edge. Flagged
+    are pixels where the fringe is lost (LOW_CONTRAST), where the displacement steps by more than a quarter of
+    a period, does not settle, or has no connection (ORDER_DOUBTFUL).
     """
     number, period = _crossed_frame(sequence)
     now, still = (
@@ -49,28 +66,82 @@ def crossed(
     )
     if now.shape != still.shape:
         raise InputError(f"crossed: frame is {now.shape}, rest is {still.shape}, must be equal")
-    flags = np.zeros(still.shape, np.uint16)
-    moved, sigmas, heights = [], [], []
-    for coord in guide_map(guide, sequence, still.shape, "crossed"):
-        known = np.isfinite(coord)
-        angle = 2 * np.pi / period * np.where(known, coord, 0.0)
-        width = _WIDTH * period / max(_steepness(coord), 1e-3)
-        carrier = np.where(known, np.exp(-1j * angle), 0.0)
-        before, after = _lobe(still, carrier, width), _lobe(now, carrier, width)
-        # of white noise the Gaussian leaves sigma / (2 sqrt(pi) width), 1 / sqrt(2) of it in each quadrature
-        noise = _noise(now) / (2 * np.sqrt(np.pi) * width) / np.sqrt(2)
-        height = np.minimum(np.abs(before), np.abs(after))
-        turn, torn = _unwrapped(after * before.conj(), height > _LEAST * noise)
-        moved.append(period * turn)
-        sigmas.append(period / (2 * np.pi) * np.sqrt(2.0) * noise / np.maximum(height, 1e-9))
-        flags |= np.where(height > _LEAST * noise, 0, int(Flag.LOW_CONTRAST)).astype(np.uint16)
-        flags |= np.where(known, 0, int(Flag.INVALID)).astype(np.uint16)
-        flags |= np.where(torn, int(Flag.ORDER_DOUBTFUL), 0).astype(np.uint16)
-        heights.append(2 * height)
+    axes = [_axis(now, still, coord, period) for coord in guide_map(guide, sequence, still.shape, "crossed")]
+    flags = np.bitwise_or(*(axis.flags for axis in axes))
+    flags |= np.where(_connected(flags == 0), 0, int(Flag.ORDER_DOUBTFUL)).astype(np.uint16)
     offset = np.asarray(cv2.GaussianBlur(now, (0, 0), 8.0), np.float64)
+    u, v = axes
     return Correspondence(
-        moved[0], moved[1], sigmas[0], sigmas[1], flags, np.minimum(heights[0], heights[1]), offset
+        u.moved, v.moved, u.sigma, v.sigma, flags, np.minimum(u.amplitude, v.amplitude), offset
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Axis:
+    """Along one axis, (H, W): displacement and its sigma (pattern pixels), amplitude, flags."""
+
+    moved: F64
+    sigma: F64
+    amplitude: F64
+    flags: NDArray[np.uint16]
+
+
+def _axis(now: F64, still: F64, coord: F64, period: float) -> _Axis:
+    """Displacement along an axis; coord: where the camera looked at rest."""
+    known = np.isfinite(coord)
+    angle = 2 * np.pi / period * np.where(known, coord, 0.0)
+    width = _WIDTH * period / max(_steepness(coord), 1e-3)
+    carrier = np.where(known, np.exp(-1j * angle), 0.0)
+    # of white noise the Gaussian leaves sigma / (2 sqrt(pi) width), 1 / sqrt(2) of it in each quadrature
+    noise = _noise(now) / (2 * np.sqrt(np.pi) * width) / np.sqrt(2)
+    before, after = _lobe(still, carrier, width), _lobe(now, carrier, width)
+    turn = _unwrapped(after * before.conj(), _height(before, after) > _LEAST * noise)
+    rested = np.angle(before)
+    pressed = 2 * np.pi * turn + rested
+    change = np.zeros(coord.shape)
+    for _ in range(_PASSES - 1):
+        before, after = (
+            _lobe(i, carrier * np.exp(-1j * p), width) for i, p in ((still, rested), (now, pressed))
+        )
+        change = np.angle(after) - np.angle(before)
+        rested, pressed = rested + np.angle(before), pressed + np.angle(after)
+    height = _height(before, after)
+    turn = (pressed - rested) / (2 * np.pi)
+    change = _around(np.abs(change) / (2 * np.pi), width)
+    lost = height <= _LEAST * noise
+    doubtful = (_torn(turn) | (change > _SETTLED)) & ~lost
+    flags = np.where(lost, int(Flag.LOW_CONTRAST), 0) | np.where(doubtful, int(Flag.ORDER_DOUBTFUL), 0)
+    flags |= np.where(known, 0, int(Flag.INVALID))
+    random = _GROWTH * np.sqrt(2.0) * noise / np.maximum(height, 1e-9) / (2 * np.pi)
+    # at rest both frames leak alike
+    edge = _GROWTH * _LEAK * np.sqrt(2 * _missing(known, width)) * np.minimum(np.pi * np.abs(turn), 1.0)
+    sigma = period * np.sqrt(random**2 + change**2 + edge**2)
+    return _Axis(period * turn, sigma, 2 * height, flags.astype(np.uint16))
+
+
+def _height(before: Complex, after: Complex) -> F64:
+    return np.minimum(np.abs(before), np.abs(after))
+
+
+def _around(values: F64, width: float) -> F64:
+    """The largest value within a window's width."""
+    size = 2 * math.ceil(width) + 1
+    return np.asarray(cv2.dilate(values, np.ones((size, size), np.uint8)))
+
+
+def _missing(known: NDArray[np.bool_], width: float) -> F64:
+    """Share of a pixel's window that lies beside the frame or the map."""
+    inside = known.astype(np.float64)
+    blurred = cv2.GaussianBlur(inside, (0, 0), width, borderType=cv2.BORDER_CONSTANT)
+    return np.clip(1.0 - np.asarray(blurred, np.float64), 0.0, 1.0)
+
+
+def _connected(good: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The largest connected part."""
+    count, labels = cv2.connectedComponents(good.astype(np.uint8), connectivity=4)
+    if count < 2:
+        return good
+    return np.asarray(labels == 1 + np.argmax(np.bincount(labels.ravel())[1:]))
 
 
 def _crossed_frame(sequence: Sequence) -> tuple[int, float]:
@@ -110,8 +181,8 @@ def _noise(image: F64) -> float:
     return max(1.4826 * float(np.median(np.abs(second))), 12**-0.5)
 
 
-def _unwrapped(lobe: Complex, usable: NDArray[np.bool_]) -> tuple[F64, NDArray[np.bool_]]:
-    """Phase in turns, its median within half a turn of 0; True where it steps by more than a quarter."""
+def _unwrapped(lobe: Complex, usable: NDArray[np.bool_]) -> F64:
+    """Phase in turns, its median within half a turn of 0."""
     wrapped = np.where(usable, np.angle(lobe), 0.0)
     down, along = (_wrap(np.diff(wrapped, axis=axis)) for axis in (0, 1))
     source = np.zeros(wrapped.shape)
@@ -129,14 +200,18 @@ def _unwrapped(lobe: Complex, usable: NDArray[np.bool_]) -> tuple[F64, NDArray[n
     phase = smooth + _wrap(wrapped - smooth)
     turns = phase / (2 * np.pi)
     turns -= np.rint(np.median(turns[usable])) if usable.any() else 0.0
+    return np.asarray(turns)
+
+
+def _torn(turns: F64) -> NDArray[np.bool_]:
+    """True on either side of a step by more than a quarter of a turn."""
     torn = np.zeros(turns.shape, bool)
-    for axis, (first, second) in enumerate(
-        (((np.s_[:-1],), (np.s_[1:],)), ((np.s_[:], np.s_[:-1]), (np.s_[:], np.s_[1:])))
-    ):
-        step = np.abs(np.diff(turns, axis=axis)) > 0.25
-        torn[first] |= step
-        torn[second] |= step
-    return turns, torn & usable
+    down, along = (np.abs(np.diff(turns, axis=axis)) > 0.25 for axis in (0, 1))
+    torn[:-1] |= down
+    torn[1:] |= down
+    torn[:, :-1] |= along
+    torn[:, 1:] |= along
+    return torn
 
 
 def _wrap(angle: Any) -> F64:

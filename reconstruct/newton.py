@@ -125,7 +125,7 @@ def solve(
         change = _limited(change, data, w)
         w = w + change
         steps.append(float(np.sqrt(np.mean(change**2))))
-        converged = _left(steps) < max(tolerance, _NOISE_SHARE * quiet * noise)
+        converged = _left(steps) <= max(tolerance, _NOISE_SHARE * quiet * noise)
         if converged or len(steps) >= options.max_steps:
             left, astray = energies[-1], None
             if not converged:
@@ -221,7 +221,7 @@ def _noise(variance: Floats, mask: NDArray[np.bool_]) -> float:
 
 def _rate(steps: list[float]) -> float:
     """How much of a step the next one left."""
-    return steps[-1] / steps[-2] if len(steps) > 1 else 1.0
+    return steps[-1] / steps[-2] if len(steps) > 1 and steps[-2] > 0.0 else 1.0
 
 
 def _left(steps: list[float]) -> float:
