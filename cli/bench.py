@@ -59,12 +59,14 @@ Run
 @click.option(
     "--out", type=FILE, default=Path("out/bench"), show_default=True, metavar="DIR", help="Gets the report."
 )
+@click.option("--readme", is_flag=True, help="Print the summary as a Markdown table, in place of all rows.")
 @json_option
 def command(
     grid_path: Path | None,
     refresh: float | None,
     renderer: str,
     out: Path,
+    readme: bool,
     json_path: Path | None,
     **lists: tuple[Any, ...],
 ) -> None:
@@ -83,7 +85,7 @@ def command(
     with interrupted() as stopped, progress() as step:
         for row in time_cells(asked.cells(), Store(out), step):
             rows.append(row)
-    finish(out, rows, asked, time.perf_counter() - start, json_path)
+    finish(out, rows, asked, time.perf_counter() - start, json_path, readme)
     if stopped.hit:
         raise KeyboardInterrupt
 
@@ -102,17 +104,27 @@ class interrupted:
         return self.hit
 
 
-def finish(out: Path, rows: "list[Row]", asked: "Grid", seconds: float, json_path: Path | None) -> None:
-    """Write results and report, print the tables."""
+def finish(
+    out: Path,
+    rows: "list[Row]",
+    asked: "Grid",
+    seconds: float,
+    json_path: Path | None,
+    readme: bool = False,
+) -> None:
+    """Write results and report, print the tables; readme: the summary as Markdown instead."""
     from dataclasses import asdict
 
-    from optolever.experiments.bench import Store, bench_table, write_bench_report
+    from optolever.experiments.bench import Store, bench_markdown, bench_table, write_bench_report
 
     settings = asdict(asked)
     Store(out).finish(rows, settings, asked.refresh)
     command = shlex.join(["optolever", *sys.argv[1:]])
     write_bench_report(out / "report.html", rows, settings, {"total": seconds}, command)
     write_json(json_path, {"settings": settings, "rows": [row.flat(asked.refresh) for row in rows]})
+    if readme:
+        click.echo(bench_markdown(rows))
+        return
     for name, (header, *lines), absent in bench_table(rows, asked.refresh):
         grid(name, header, lines)
         for line in absent:

@@ -124,8 +124,10 @@ def _touch(start: int, stop: int, frames: Any, wide: Any, narrow: Any, flags: An
             flags[row, x] = np.uint16(total[x])
 
 
-def _floor(frames: Stack) -> None:
-    """u and v in float64; two sigmas, amplitude, offset, order error in float32; flags, as decode."""
+def touch(frames: NDArray[Any]) -> None:
+    """The floor: read all frames; write u and v in float64, two sigmas, amplitude, offset, order error in
+    float32, flags, as decode.
+    """
     size = frames.shape[1:]
     wide = tuple(roomy_empty(size, np.float64) for _ in range(2))
     narrow = tuple(roomy_empty(size, np.float32) for _ in range(5))
@@ -147,7 +149,7 @@ def _least(*calls: Callable[[], Any], repeats: int = REPEATS) -> list[tuple[floa
 
 
 def _against_floor(name: str, frames: Stack, shown: Sequence) -> tuple[list[Figure], float]:
-    (floor, floor_work), (ours, work) = _least(lambda: _floor(frames), lambda: decode(frames, shown))
+    (floor, floor_work), (ours, work) = _least(lambda: touch(frames), lambda: decode(frames, shown))
     return [
         Figure(f"{name}, floor", 1e3 * floor, "ms", note=f"{1e3 * floor_work:.1f} ms of processor"),
         Figure(f"{name}, optolever", 1e3 * ours, "ms", note=f"{1e3 * work:.1f} ms of processor"),

@@ -7,7 +7,7 @@
 | `run.py`, `timing.py`, `measures.py`, `row.py` | cells to rows; time and memory; numbers; the record |
 | `store.py`, `sweeps.py` | one result file per cell; resumed runs, here or on Dask |
 | `methods.py`, `integration_peers.py` | every solver and integrator on the same cases; peers from PyPI |
-| `pareto.py`, `report.py` | frontier and chart; the page |
+| `pareto.py`, `summary.py`, `report.py` | frontier and chart; the few rows that count; the page |
 | `hard.py`, `hard_case.py`, `hard_decode.py`, `hard_reconstruct.py` | hard cases and their verdicts |
 """
 
@@ -18,7 +18,7 @@ from .hard import hard_cases, run_hard, save_picture
 from .hard_case import Case, Found, Result, judged
 from .methods import MethodRow, missing_peers, run_methods
 from .pareto import frontier
-from .report import bench_html, bench_table, write_bench_report
+from .report import bench_html, bench_markdown, bench_table, write_bench_report
 from .row import Row
 from .run import run_cells
 from .solvers import solver_names
@@ -38,6 +38,7 @@ __all__ = [
     "Row",
     "Store",
     "bench_html",
+    "bench_markdown",
     "bench_table",
     "frontier",
     "hard_cases",

@@ -12,11 +12,11 @@ from typing import Any
 import cv2
 import numpy as np
 
-from optolever.decode import Correspondence, Flag, decode
+from optolever.decode import Correspondence, Flag, crossed, decode
 from optolever.errors import InputError
 from optolever.patterns import Sequence, sequence
 
-from .shot import Shot
+from .shot import Rest, Shot
 
 __all__ = ["DECODERS", "Decoder", "decoder"]
 
@@ -50,7 +50,22 @@ def decoder(name: str) -> Decoder:
 
 def _ours(shot: Shot) -> Correspondence:
     taken, shown = shot.taken()
-    return decode(taken.frames, shown)
+    return decode(taken.frames, shown) if shot.rest is None else _single(shot, shot.rest)
+
+
+def _single(shot: Shot, rest: Rest) -> Correspondence:
+    """One frame: displacement from the frame at rest, added to where the pixels looked then."""
+    taken, shown = shot.taken()
+    moved = crossed(taken.frames, rest.capture.frames, shown, guide=rest.seen)
+    return Correspondence(
+        rest.seen.u + moved.u,
+        rest.seen.v + moved.v,
+        np.hypot(rest.seen.sigma_u, moved.sigma_u),
+        np.hypot(rest.seen.sigma_v, moved.sigma_v),
+        moved.flags | rest.seen.flags,
+        moved.amplitude,
+        moved.offset,
+    )
 
 
 def _exact(shot: Shot) -> Correspondence:

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..images import figure_uri, new_figure
+from ..page import scientific
 from .row import Row
 
 __all__ = ["frontier", "pareto_figure"]
@@ -18,8 +19,7 @@ MARKS = {
     "peer": ("s", "#6b7280", False, "peers"),
     "floor": ("D", "#1f7a4d", False, "exact correspondence"),
 }
-LABEL = 26  # characters of a frontier row's name
-ROOM = 30.0  # times the slowest point: where its name stands
+ROOM = 2.0  # times the slowest point
 
 Time = Callable[[Row], float]
 
@@ -40,7 +40,7 @@ def frontier(points: Sequence[tuple[float, float]]) -> list[int]:
 
 def pareto_figure(rows: Sequence[Row], refresh: float) -> str:
     """Two charts side by side as a PNG data URI: error against computing time, and against all time."""
-    figure: Figure = new_figure(11.0, 4.6)
+    figure: Figure = new_figure(11.0, 6.2)
     left, right = figure.subplots(1, 2, sharey=True)
     _chart(left, rows, lambda row: row.compute_seconds, "decode + reconstruct [s]")
     _chart(
@@ -82,10 +82,13 @@ def _chart(axes: Axes, rows: Sequence[Row], time: Time, label: str) -> None:
         label="frontier",
         zorder=1,
     )
-    for row in best:
-        name = f"{row.cell.sequence}, {row.cell.solver}"
-        text = name if len(name) <= LABEL else name[: LABEL - 1] + "…"
-        axes.annotate(text, (time(row), row.error), xytext=(5, 4), textcoords="offset points", fontsize=7)
+    for place, row in enumerate(best, start=1):
+        at = time(row), row.error
+        axes.annotate(
+            str(place), at, xytext=(4, 4), textcoords="offset points", fontsize=8, fontweight="bold"
+        )
+    key = [f"{place}  {_name(row)}" for place, row in enumerate(best, start=1)]
+    axes.text(0.0, -0.2, "\n".join(key), transform=axes.transAxes, fontsize=7.5, va="top", linespacing=1.4)
     if shown:
         axes.set_xscale("log")
         axes.set_yscale("log")
@@ -95,3 +98,8 @@ def _chart(axes: Axes, rows: Sequence[Row], time: Time, label: str) -> None:
     axes.set_axisbelow(True)
     axes.set_xlabel(label, fontsize=9)
     axes.tick_params(labelsize=8)
+
+
+def _name(row: Row) -> str:
+    frames = f", {row.frames} frame{'s' if row.frames > 1 else ''}" if row.frames else ""
+    return f"{row.cell.sequence}, {row.cell.solver}{frames}: {scientific(row.error)}"

@@ -10,15 +10,16 @@ from ..metrics import peak_bytes
 from ..page import percent, render_page, scientific, seconds_text, stage_bars, write_page
 from .pareto import frontier, pareto_figure
 from .row import Row
+from .summary import SUMMARY, ahead_of_peers, markdown, summary, summary_cells
 
-__all__ = ["bench_html", "bench_table", "write_bench_report"]
+__all__ = ["bench_html", "bench_markdown", "bench_table", "write_bench_report"]
 
 HEADER = (
-    *("sequence", "solver", "frames", "display", "render", "decode", "solve", "memory"),
-    *("rms", "95 %", "max", "err/sigma", "flagged", "silent", "x floor"),
+    *("sequence", "solver", "frames", "display", "render", "decode", "x copy", "solve", "memory"),
+    *("rms", "95 %", "max", "err/sigma", "flagged", "silent", "x exact"),
 )
 NAMED = 6  # names that a line lists
-REPORT_ONLY = ("render", "memory", "95 %", "x floor")
+REPORT_ONLY = ("render", "x copy", "memory", "95 %", "x exact")
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +84,9 @@ def groups(rows: Iterable[Row]) -> list[Group]:
 def table_cells(row: Row, refresh: float, floor: float | None) -> list[str]:
     """A finished row as text under HEADER."""
     number = row.metrics.get
-    times = [row.timings.get(f"{stage}_seconds") for stage in ("render", "decode", "reconstruct")]
+    render, decode, solve, copy = (
+        row.timings.get(f"{stage}_seconds", 0.0) for stage in ("render", "decode", "reconstruct", "floor")
+    )
     memory = max(row.timings.get("decode_bytes", 0.0), row.timings.get("reconstruct_bytes", 0.0))
     ratio = row.error / floor if floor else math.nan
     return [
@@ -91,13 +94,16 @@ def table_cells(row: Row, refresh: float, floor: float | None) -> list[str]:
         row.cell.solver,
         str(row.frames) if row.frames else "",
         seconds_text(row.display_seconds(refresh)) if row.frames else "",
-        *("" if not seconds else seconds_text(seconds) for seconds in times),
+        seconds_text(render) if render else "",
+        seconds_text(decode) if decode else "",
+        f"{decode / copy:.3g}" if copy else "",
+        seconds_text(solve) if solve else "",
         f"{memory / 2**20:.3g} MiB" if memory else "",
         *(scientific(number(f"height_{name}_rel", math.nan)) for name in ("rms", "p95", "max")),
         _fixed(number("sigma_ratio_height", math.nan)),
         percent(number("flagged_share", math.nan)),
         _share(row),
-        f"{ratio:.3g}" if math.isfinite(ratio) else "",
+        "" if not math.isfinite(ratio) else f"{ratio:.3g}" if ratio < 1000 else f"{ratio:.0f}",
     ]
 
 
@@ -116,6 +122,11 @@ def bench_table(rows: Iterable[Row], refresh: float) -> Iterator[tuple[str, list
             ],
             group.absent(),
         )
+
+
+def bench_markdown(rows: Iterable[Row]) -> str:
+    """The table of the README: a few rows per mirror."""
+    return markdown([(group.name, group.rows) for group in groups(rows)])
 
 
 def write_bench_report(
@@ -159,25 +170,24 @@ def _section(place: int, group: Group, refresh: float) -> dict[str, Any]:
         "chart": pareto_figure(group.rows, refresh),
         "table": {"id": f"rows-{place}", "columns": columns, "rows": lines},
         "headline": _headline(group),
+        "summary": _summary(place, group),
         "absent": group.absent(),
     }
 
 
+def _summary(place: int, group: Group) -> dict[str, Any]:
+    """The table of `summary`."""
+    columns = [{"name": name, "numeric": i >= 3} for i, name in enumerate(SUMMARY)]
+    lines = [{"kind": "", "cells": summary_cells(line)} for line in summary(group.rows)]
+    return {"id": f"summary-{place}", "columns": columns, "rows": lines}
+
+
 def _headline(group: Group) -> str:
-    """One sentence: the best row, against the paper's best."""
-    real = [row for row in group.rows if row.done and math.isfinite(row.error) and row.kind != "floor"]
-    own = min((row for row in real if row.kind == "own"), key=lambda row: row.error, default=None)
-    if own is None:
-        return ""
-    text = (
-        f"Best: {own.cell.sequence} with {own.cell.solver}, {own.frames} frames, "
-        f"{scientific(own.error)} of the peak depth."
-    )
-    for kind, name in (("paper", "the paper's method"), ("peer", "the best peer chain")):
-        other = min((row for row in real if row.kind == kind), key=lambda row: row.error, default=None)
-        if other is not None and own.error > 0:
-            text += f" {other.error / own.error:.3g} times below {name}."
-    return text
+    """One sentence: how far ahead of others at equal frames."""
+    ratio = ahead_of_peers(group.rows)
+    if not math.isfinite(ratio):
+        return "No peer ran."
+    return f"At no more frames, the best chain here has {ratio:.3g} times less error than the nearest peer."
 
 
 def _listed(names: Iterable[str]) -> str:

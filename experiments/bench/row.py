@@ -12,7 +12,10 @@ from .cell import Cell
 __all__ = ["COLUMNS", "Row", "csv_text"]
 
 DONE, ABSENT, USELESS, FAILED = "done", "not installed", "not applicable", "failed"
-TIMINGS = ("render_seconds", "decode_seconds", "reconstruct_seconds", "decode_bytes", "reconstruct_bytes")
+TIMINGS = (
+    *("render_seconds", "decode_seconds", "floor_seconds", "reconstruct_seconds"),
+    *("decode_bytes", "reconstruct_bytes"),
+)
 METRICS = (
     "height_rms_rel",
     "height_p95_rel",
@@ -41,8 +44,9 @@ class Row:
 
     status: done | not installed | not applicable | failed, and why; kind: own | paper | peer | floor (exact
     correspondence); frames: shown and captured, a rest capture not counted; timings: render_, decode_,
-    reconstruct_seconds and peak bytes above the stage's inputs (decode_bytes, reconstruct_bytes), metrics:
-    see `measures.measures`; what is not known is absent.
+    reconstruct_seconds, floor_seconds (reading the frames and writing as much as a decoder does) and peak
+    bytes above the stage's inputs (decode_bytes, reconstruct_bytes), metrics: see `measures.measures`; what
+    is not known is absent.
     """
 
     cell: Cell

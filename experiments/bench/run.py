@@ -8,8 +8,10 @@ import numpy as np
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
+from optolever.projector import Capture
 from optolever.reconstruct import prism_geometry, recursion
 
+from ..decode_speed import touch
 from ..metrics import rms
 from ..paper_frames import lattice_frames, lattice_positions
 from ..paper_simulation import seen_points
@@ -59,6 +61,7 @@ class Bench:
         self._clock: Callable[[Callable[[], Any]], Measured] = measured if timed else once
         self._key: tuple[Any, ...] | None = None
         self._place: Place | None = None
+        self._touched: tuple[Capture, float] | None = None
 
     def group(self, cells: tuple[Cell, ...]) -> Iterator[Row]:
         """Rows of cells that take the same frames. What goes wrong becomes a row that says so."""
@@ -91,6 +94,7 @@ class Bench:
         timings: dict[str, float] = {}
         if shot.capture is not None:
             timings["render_seconds"] = shot.render_seconds
+            timings["floor_seconds"] = self._floor(shot.capture)
         decoded = _guarded(lambda: self._decode(coder, shot))
         if isinstance(decoded, _Wrong):
             status, why = decoded.status, decoded.why
@@ -100,6 +104,12 @@ class Bench:
         for cell in cells:
             row = replace(blank, cell=cell, timings=timings)
             yield self._solved(row, solver(cell.solver), decoded.value, shot.place)
+
+    def _floor(self, taken: Capture) -> float:
+        """Seconds that only reading the frames and writing a decoder's output takes, once per shot."""
+        if self._touched is None or self._touched[0] is not taken:
+            self._touched = taken, self._clock(lambda: touch(taken.frames)).seconds
+        return self._touched[1]
 
     def _decode(self, coder: Decoder, shot: Shot) -> Measured:
         if coder.clock is None:

@@ -69,7 +69,7 @@ def sweep(
     progress("resumed" if finished else "start", finished, len(wanted))
     cluster = cluster or Cluster()
     local = cluster.workers == 0 and cluster.scheduler is None
-    if missing and cluster.scheduler is None:
+    if missing and local:
         progress("compile", finished, len(wanted))
         compile_apart(missing)
     for row in run_cells(missing, timed=False) if local else _on_dask(missing, cluster):
@@ -83,9 +83,12 @@ def _on_dask(cells: list[Cell], cluster: Cluster) -> Iterator[Row]:
     """Groups of cells as tasks. A task whose worker dies runs again elsewhere."""
     if not cells:
         return
-    with _client(cluster) as (dask, client):
-        if cluster.scheduler is not None:
+    compiling = None if cluster.scheduler is not None else _compiling(cells)
+    with _client(cluster) as (dask, client):  # workers start while the kernels are compiled
+        if compiling is None:
             client.run(compile_apart, cells)
+        else:
+            compiling.wait()
         tasks = [
             client.submit(group_rows, group, pure=False, retries=RETRIES, key=f"cells-{group[0].key}-{place}")
             for place, group in enumerate(grouped(cells))
@@ -103,17 +106,24 @@ def compile_apart(cells: list[Cell]) -> None:
     Kernels that a process has just compiled round differently, in the last bits, from the same kernels out of
     the cache: without this the numbers would depend on who came first.
     """
+    _compiling(cells).wait()
+
+
+def _compiling(cells: list[Cell]) -> "subprocess.Popen[str]":
+    """The process that does it, started."""
     code = "from optolever.experiments.bench import warm_up_from_json; warm_up_from_json()"
-    record = json.dumps([cell.to_dict() for cell in cells])
-    environment = os.environ | ONE_THREAD
-    subprocess.run(
+    process = subprocess.Popen(
         [sys.executable, "-c", code],
-        input=record,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
         text=True,
-        env=environment,
-        capture_output=True,
-        check=False,
+        env=os.environ | ONE_THREAD,
     )
+    if process.stdin is not None:
+        with process.stdin as channel:
+            channel.write(json.dumps([cell.to_dict() for cell in cells]))
+    return process
 
 
 def warm_up_from_json() -> None:

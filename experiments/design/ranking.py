@@ -25,7 +25,7 @@ __all__ = ["Design", "DesignRow", "rank", "run_design", "simulate"]
 
 Progress = Callable[[str, int, int], None]
 #: Bias over noise of a coordinate from which on a candidate is solved for, whatever its rank.
-COUNTS = 0.1
+COUNTS = 0.02
 #: Height error over the least one, above which the thinned camera is enough for systematic errors.
 FAR = 3.0
 #: Candidates, from the least noise on, that are solved for in any case.

@@ -192,7 +192,7 @@ class Lever:
         known = np.isfinite(sigma)
         size = self.view.visible.shape[::-1]
         square, share = (
-            np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA))
+            np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float64)
             for values in (np.where(known, sigma, 0.0) ** 2, known.astype(np.float64))
         )
         return square, share

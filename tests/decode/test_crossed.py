@@ -36,6 +36,26 @@ def test_displacement(size: float) -> None:
     assert np.abs(found.v + 0.5 * bell)[inner].max() < 0.1 + smoothing
 
 
+def test_smoothing_is_undone_and_its_rest_is_in_sigma() -> None:
+    """A bell of 1.5 periods: one Gaussian of 0.6 periods would leave 5 % of its height."""
+    bell = 8.0 * np.exp(-((COL - 120) ** 2 + (ROW - 100) ** 2) / (2 * 22**2))
+    found = crossed(image(REST.u + bell, REST.v, 1.0, 1), image(REST.u, REST.v, 1.0, 2), SHOWN, guide=REST)
+    inner = np.s_[20:-20, 20:-20]
+    assert found.good[inner].all()
+    assert np.sqrt(np.mean((found.u - bell)[inner] ** 2)) < 0.02
+    assert (np.abs(found.u - bell) < 5 * found.sigma_u)[found.good].all()
+
+
+def test_what_is_too_steep_is_flagged_not_guessed() -> None:
+    """A cusp of 60 px whose flank is steeper than the fringe: no unflagged pixel is off."""
+    cusp = 60.0 * np.exp(-np.hypot(COL - 120, ROW - 100) / 12)
+    found = crossed(image(REST.u + cusp, REST.v, 1.0, 1), image(REST.u, REST.v, 1.0, 2), SHOWN, guide=REST)
+    assert 0.8 < found.good.mean() < 1
+    wrong = np.abs(found.u - cusp) > 5 * found.sigma_u
+    assert wrong[found.good].mean() < 1e-3
+    assert (found.flags[98:103, 118:123] & Flag.ORDER_DOUBTFUL).any()
+
+
 def test_sigma_of_the_noise() -> None:
     found = [
         crossed(image(REST.u, REST.v, 6.0, k), image(REST.u, REST.v, 6.0, 50 + k), SHOWN, guide=REST)

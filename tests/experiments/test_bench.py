@@ -24,6 +24,7 @@ from optolever.experiments.bench import (
     measures,
     run_cells,
     solver_names,
+    summary,
 )
 from optolever.experiments.bench import run as running
 from optolever.experiments.bench import shot as shots
@@ -204,6 +205,7 @@ def test_rows_of_a_bench(rows: list[Row]) -> None:
     assert ours.frames == 18
     assert ours.display_seconds(60.0) == pytest.approx(0.3)
     assert ours.timings["decode_bytes"] > 64 * 64 * 8
+    assert 0 < ours.timings["floor_seconds"] < ours.timings["decode_seconds"]
     assert ours.timings["reconstruct_seconds"] > 0
     assert found["paper-simulation", "gray@cv2", "decoupled"].kind == "peer"
     lattice = found["paper-simulation", "lattice", "paper"]
@@ -211,6 +213,31 @@ def test_rows_of_a_bench(rows: list[Row]) -> None:
     assert lattice.frames == 1
     assert found["monitor-mirror", "gray+phase", "paper"].status == "not applicable"
     assert found["monitor-mirror", "lattice", "coupled"].status == "not applicable"
+
+
+def test_a_single_shot_counts_one_frame_and_follows_the_rest() -> None:
+    """The rest capture is no part of it; its error is the fringe's, not the dent's."""
+    cell = replace(CELL, sequence="crossed:period=8", size=(96, 96), dent="gaussian:peak=0.2,sigma=30")
+    (row,) = run_cells([cell], timed=False)
+    assert row.done, row.why
+    assert row.frames == 1
+    assert row.metrics["u_rms_px"] < 0.05
+    assert row.error < 0.01
+
+
+def test_summary_and_readme(rows: list[Row]) -> None:
+    """The few rows that count are the least of their kind; peers are compared at no more frames."""
+    mine = [row for row in rows if row.cell.scene == "paper-simulation"]
+    lines = {line.what: line.row for line in summary.summary(mine)}
+    assert lines["best"].error == min(row.error for row in mine if row.kind == "own" and row.done)
+    assert lines["the paper's own frame"].cell.sequence == "lattice"
+    assert lines["best peer"].kind == "peer"
+    peers = [row for row in mine if row.kind == "peer" and row.done]
+    ratio = summary.ahead_of_peers(mine)
+    assert ratio == pytest.approx(min(row.error for row in peers) / lines["best"].error)
+    text = bench.bench_markdown(rows).splitlines()
+    assert len({line.count("|") for line in text}) == 1
+    assert any("paper-simulation" in line and "`gray+phase`" in line for line in text)
 
 
 def test_what_is_not_installed_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -237,7 +264,7 @@ def test_a_broken_solver_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_peers_integrate_where_they_are_installed() -> None:
     pytest.importorskip("mbipy", reason="mbipy is not installed (extra bench)")
-    cells = [replace(CELL, sequence="exact", solver=name) for name in solver_names() if "mbipy" in name]
+    cells = [replace(CELL, solver=name) for name in solver_names() if "mbipy" in name]
     for row in run_cells(cells, timed=False):
         assert row.done, row.why
         assert row.kind == "peer"

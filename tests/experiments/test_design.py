@@ -64,6 +64,18 @@ def test_a_thinned_camera_predicts_the_full_one() -> None:
     assert sizes[1] == pytest.approx(sizes[0], rel=0.1)
 
 
+def test_a_thinned_camera_predicts_errors_next_to_the_patterns_edge() -> None:
+    """paper-simulation reaches it, where errors grow without limit: every fourth pixel within 10 %."""
+    scene = resize(load("paper-simulation"), 192, 192)
+    surface = dent("gaussian", scene, peak=0.6, sigma=25)
+    shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
+    sizes = []
+    for stride in (1, 4):
+        lever = Lever(scene, surface, stride=stride)
+        sizes.append(lever.height(predict(lever.view, shown, 1.0)).noise)
+    assert sizes[1] == pytest.approx(sizes[0], rel=0.1)
+
+
 def test_candidates_fit_the_budget() -> None:
     found = candidates(72, 96, 20)
     assert len(found) > 20
