@@ -124,9 +124,10 @@ def _height(before: Complex, after: Complex) -> F64:
 
 
 def _around(values: F64, width: float) -> F64:
-    """The largest value within a window's width."""
+    """The largest value within a window's width, smoothed: solvers weigh by sigma."""
     size = 2 * math.ceil(width) + 1
-    return np.asarray(cv2.dilate(values, np.ones((size, size), np.uint8)))
+    largest = cv2.dilate(values, np.ones((size, size), np.uint8))
+    return np.asarray(cv2.GaussianBlur(largest, (0, 0), width))
 
 
 def _missing(known: NDArray[np.bool_], width: float) -> F64:

@@ -7,9 +7,8 @@ __all__ = ["DEFAULT_GRID"]
 #: Periods of 20, 22 and 25 px repeat together after 1100 px, more than any pattern of a 512 x 512 camera.
 _PERIODS = "periods=20/22/25"
 #: Of the kind that `optolever design` prefers: three periods of n, n - 1 and n - sqrt(n) fringes, here on
-#: up to 1122 px (n = 1122 / 8), and its choice for the paper's scene, two periods in five steps.
+#: up to 1122 px (n = 1122 / 8).
 _DESIGNED = "phase:steps=3,periods=8.73782/8.05745/8"
-_PAIR = "phase:steps=5,periods=8.704/8.56131"
 
 DEFAULT_GRID = Grid(
     scenes=("paper-simulation", "prism48", "monitor-mirror"),
@@ -24,7 +23,6 @@ DEFAULT_GRID = Grid(
         "phase:steps=3,periods=576/64/7",
         _DESIGNED,
         f"{_DESIGNED}@fringes",
-        _PAIR,
         f"phase:steps=4,{_PERIODS}",
         "gray",
         "gray@cv2",

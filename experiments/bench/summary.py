@@ -9,6 +9,7 @@ from .row import Row
 
 __all__ = ["SUMMARY", "Line", "ahead_of_peers", "markdown", "summary", "summary_cells"]
 
+LOSS = 0.05  # share of the pixels that a chain may lose against the one that loses least
 FEW = 20  # frames of the row "few frames"
 PAPER = 0.01  # of the depth: the error that the paper states
 SUMMARY = (
@@ -34,8 +35,9 @@ class Line:
 
 
 def summary(rows: Iterable[Row]) -> list[Line]:
-    """Of one mirror: the least error of every kind; what does not exist is left out."""
-    done = [row for row in rows if row.done and math.isfinite(row.error) and row.kind != "floor"]
+    """Of one mirror: the least error of every kind, among those that measure what the others do; what does
+    not exist is left out."""
+    done = [row for row in _whole(rows) if row.kind != "floor"]
     own = [row for row in done if row.kind == "own"]
     wanted = (
         ("best", own),
@@ -51,13 +53,21 @@ def summary(rows: Iterable[Row]) -> list[Line]:
 def ahead_of_peers(rows: Iterable[Row]) -> float:
     """Least ratio, over all peer chains, of their error to the least of this package's own with no more
     frames: above 1 it is ahead of every one. NaN where there is no peer."""
-    done = [row for row in rows if row.done and math.isfinite(row.error) and row.error > 0]
+    done = _whole(rows)
     own = [row for row in done if row.kind == "own"]
     ratios = []
     for peer in (row for row in done if row.kind == "peer" and row.cell.decoder != "exact"):
         equal = [row.error for row in own if row.frames <= peer.frames]
         ratios.append(peer.error / min(equal) if equal else 0.0)
     return min(ratios, default=math.nan)
+
+
+def _whole(rows: Iterable[Row]) -> list[Row]:
+    """Rows with an error that flag not many more pixels than the least; lattice lines flag nothing."""
+    done = [row for row in rows if row.done and math.isfinite(row.error) and row.error > 0]
+    flagged = [row.metrics.get("flagged_share", 0.0) for row in done]
+    least = min((f for f, row in zip(flagged, done, strict=True) if row.kind != "floor"), default=0.0)
+    return [row for f, row in zip(flagged, done, strict=True) if f <= least + LOSS]
 
 
 def summary_cells(line: Line) -> list[str]:
