@@ -41,8 +41,10 @@ LEAST_CONTRAST = 4.0
 MOST_LOST = 0.01
 #: Contrast that the decoder believes lost at the border, above which it refuses a pixel.
 REFUSED_LOST = 0.03
-#: Blur that the decoder assumes where white and black do not tell it.
+#: Blur that the decoder assumes where the frames do not tell it.
 USUAL_BLUR = 0.5
+#: Contrast (its logarithm) that blur must take from the finest fringe, for the decoder to tell it.
+BLUR_TOLD = 0.009
 #: Border shift that the decoder adds to its sigma, cells.
 LEAST_SHIFT = 1e-3
 #: Attenuation of the cells' fundamental under which the decoder takes stairs off.
@@ -152,23 +154,23 @@ def _fringe_axis(
             failure = failure + step_failure(periods[k], both)
             flagged = flagged + step_flagged(periods[k], both)
     refused = np.minimum(refused + flagged, 1.0)
-    border = border_of(view, axis, periods[-1], blur if _blur_known(sequence) else USUAL_BLUR)
-    bias = harmonic_error(view, groups[-1], axis) + border.left + _stairs(view, sequence, axis, groups)
+    known = _blur_known(sequence, periods, blur)
+    border = border_of(view, axis, periods[-1], blur if known else USUAL_BLUR)
+    bias = harmonic_error(view, groups[-1], axis) + border.left + _stairs(view, axis, groups, known)
     refused = np.where(border.lost > REFUSED_LOST, 1.0, refused)
     beyond = np.where(np.abs(border.shift) > LEAST_SHIFT, border.shift, 0.0)
     stated = np.sqrt(total + beyond**2)
     return AxisPrediction(np.sqrt(total), bias, np.minimum(failure, 1.0), refused, stated)
 
 
-def _stairs(view: View, sequence: Sequence, axis: str, groups: list[Fringe]) -> Floats:
+def _stairs(view: View, axis: str, groups: list[Fringe], known: bool) -> Floats:
     """What the cells' stairs leave in the coordinate.
 
-    With white and black it knows the blur and takes off low stairs, those of the usual pixel; higher ones it
-    reads off the coordinates and undoes pixel by pixel; low ones of an unknown blur stay.
+    Where it knows the blur, the decoder takes off low stairs, those of the usual pixel; higher ones it reads
+    off the coordinates and undoes pixel by pixel; low ones of an unknown blur stay.
     """
     blur, coord, widths = view.scene.pattern.blur_px, view.coordinate(axis), view.widths[axis]
     left = math.exp(-2 * (math.pi * blur) ** 2)
-    known = _blur_known(sequence)
     soft = known and left < LOW_STAIRS
     if not soft and (known or left > READ_OFF):
         return np.zeros(coord.shape)
@@ -209,10 +211,13 @@ def _low_contrast(amplitude: Floats, levels: Levels, share: float) -> Floats:
     return np.asarray(ndtr((LEAST_CONTRAST * deviation - amplitude) / (math.sqrt(share) * deviation)))
 
 
-def _blur_known(sequence: Sequence) -> bool:
-    """Whether the decoder can measure the blur: white and black are shown."""
-    kinds = {frame.kind for frame in sequence.frames}
-    return {"white", "black"} <= kinds
+def _blur_known(sequence: Sequence, periods: list[float], blur: float) -> bool:
+    """Whether the decoder can measure the blur: white and black are shown, or fringes (coarse to fine) whose
+    contrasts differ enough by it."""
+    if {"white", "black"} <= {frame.kind for frame in sequence.frames}:
+        return True
+    lost = 2 * (math.pi * blur) ** 2 * (periods[-1] ** -2 - periods[0] ** -2)
+    return len(periods) > 1 and lost > BLUR_TOLD
 
 
 def border_loss(view: View, axis: str) -> Floats:
