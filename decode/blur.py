@@ -14,7 +14,7 @@ __all__ = ["measured_blur", "median_footprint", "surveyed_rows", "with_partners"
 Map = NDArray[Any]
 F64 = NDArray[np.float64]
 #: Rows and columns sampled at most, distance of the rows between which the gradient is taken.
-_ROWS, _COLUMNS = 24, 384
+_ROWS, _COLUMNS = 24, 192
 _APART = 2
 #: Differences that the footprint's median is taken of, about.
 _FOOTPRINTS = 8192

@@ -21,7 +21,7 @@ from .correspondence import Correspondence, Flag
 from .display import NO_TABLES, Tables, display_tables
 from .flag_kernels import outlier_rows
 from .integrity import examine
-from .neighbour_kernels import bend_rows, mixed_rows, steep_rows
+from .neighbour_kernels import REACH, bend_rows, mixed_rows, steep_rows
 from .noise import QUANTISATION, Noise, estimate_noise
 from .plan import AxisPlan, Code, Plan, plan
 from .references import beyond_references
@@ -110,27 +110,39 @@ def decode(
     on_display = [
         axis for axis in wanted.axes if axis.fringes and on_cells and not (sequence.nominal or by_table(axis))
     ]
-    if on_display:
-        rows = surveyed_rows(height, wanted)
+    # what takes each block by itself, so that some rows can be asked for before the rest
+    by_rows = not subpixel and all(axis.stripes is None and not by_table(axis) for axis in wanted.axes)
+    rows = surveyed_rows(height, wanted)
+    if on_display or by_rows:
         for step in steps({}):
             for row in with_partners(rows, height):
                 step(int(row), int(row) + 1)
-        for axis in on_display:
-            coord = maps[axis.axis][0]
-            blur = blur_px
-            if blur is None:
-                blur = measured_blur(stack, job.lut, wanted, axis, coord, flags, rows)
-            tables[axis.axis] = display_tables(sequence, axis, median_footprint(coord, rows), blur)
-            blurs[axis.axis] = blur
+    for axis in on_display:
+        coord = maps[axis.axis][0]
+        blur = blur_px
+        if blur is None:
+            blur = measured_blur(stack, job.lut, wanted, axis, coord, flags, rows)
+        tables[axis.axis] = display_tables(sequence, axis, median_footprint(coord, rows), blur)
+        blurs[axis.axis] = blur
     work = steps(tables)
+    neighbours = _neighbours(job, wanted, maps, flags, amplitude, offset)
+    at_once = by_rows and all(_continuous(*maps[name], rows) for name in shown)
 
     def block(start: int, stop: int) -> None:
         for step in work:
             step(start, stop)
+        if at_once:  # while they are in the cache, all rows whose neighbours are in this block
+            neighbours(start + REACH if start else 0, stop - REACH if stop < height else height)
+
+    def seams(first: int, last: int) -> None:
+        for k in range(first, last):
+            neighbours((k + 1) * _BLOCK - REACH, min((k + 1) * _BLOCK + REACH, height))
 
     over_rows(block, height, _BLOCK)
-    if all(_continuous(*maps[name]) for name in shown):
-        over_rows(_neighbours(job, wanted, maps, flags, amplitude, offset), height, _BLOCK)
+    if at_once:
+        over_rows(seams, (height - 1) // _BLOCK, 4)
+    elif not by_rows and all(_continuous(*maps[name], rows) for name in shown):
+        over_rows(neighbours, height, _BLOCK)
     found = Correspondence(
         maps["u"][0], maps["v"][0], maps["u"][1], maps["v"][1], flags, amplitude, offset, order_error
     )
@@ -154,11 +166,12 @@ def _flag_wrong_frames(stack: Frames, wanted: Plan, found: Correspondence) -> No
             found.flags[rows] |= np.where((coord >= low) & (coord <= high), wrong, np.uint16(0))
 
 
-def _continuous(coord: Frames, sigma: Frames) -> bool:
+def _continuous(coord: Frames, sigma: Frames, rows: NDArray[np.int64]) -> bool:
     """Whether neighbours look at neighbouring places, so that they tell something of each other."""
-    rows = np.linspace(0, coord.shape[0] - 1, 24).astype(np.int64)
-    bend = np.abs(np.diff(coord[rows], 2, axis=1))
-    return bool(bend.size and np.median(bend) < max(_BENT, 5 * np.median(sigma[rows])))
+    at = np.arange(0, coord.shape[1] - 2, max(1, coord.shape[1] // 256))
+    lines = coord[rows]
+    bend = np.abs(lines[:, at] - 2 * lines[:, at + 1] + lines[:, at + 2])
+    return bool(bend.size and np.median(bend) < max(_BENT, 5 * np.median(sigma[rows][:, at])))
 
 
 def _neighbours(

@@ -221,7 +221,8 @@ def _sample(stack: NDArray[Any], rules: F64) -> Sample:
     else:
         runs = stack[:, lines][:, :, None]
     runs = runs.astype(np.float64)
-    second = np.diff(runs, 2, axis=-1).reshape(count, -1)
+    # a quarter of the lines is enough for a median
+    second = np.diff(runs[:, ::4], 2, axis=-1).reshape(count, -1)
     noise = float(np.median(np.abs(second), axis=1).min()) * 1.4826 / np.sqrt(6) if second.size else 0.0
     levels = runs.reshape(count, -1)
     row = np.repeat(lines, levels.shape[1] // len(lines))

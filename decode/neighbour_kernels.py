@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import leaf_kernel, roomy_kernel
+from .jit import apart_kernel, inline_kernel, leaf_kernel, roomy_kernel
 
 __all__ = ["REACH", "bend_rows", "mixed_rows", "steep_rows"]
 
@@ -18,10 +18,10 @@ Array = NDArray[Any]
 
 #: Rows above and below that are looked at.
 REACH = 3
-#: A pixel's mean over a box lies off its centre's value by the sum of second derivatives over this.
-_BOX = np.float64(24.0)
+#: A pixel's mean over a box lies off its centre's value by the sum of second derivatives times this.
+_BOX = np.float32(1 / 24)
 #: A second difference counts above so many sigma: four times its own noise.
-_BENT = np.float64(14.0)
+_BENT = np.float32(14.0)
 #: OUTLIER is what these kernels write, so that they do not read it: rows are done in any order.
 _OUTLIER = np.uint16(32)
 _READ = np.uint16(0xFFFF ^ 32)
@@ -32,46 +32,82 @@ _NOTHING = np.uint16(1 | 4 | 128)
 _BESIDE, _BORDER = np.float32(0.85), np.float32(0.96)
 #: Cells from the border in which that is looked at: the border's shadow in a strong blur.
 _NEAR = 16.0
-_ZERO, _THREE = np.float32(0), np.float32(3)
+_ZERO, _ONE, _THREE = np.float32(0), np.float32(1), np.float32(3)
+_HALF, _GOOD = np.float32(0.5), np.uint16(0)
 
 
-@roomy_kernel
+@leaf_kernel
 def bend_rows(start: int, stop: int, coord: Array, sigma: Array, flags: Array) -> None:
     """Add to sigma (H, W), rows start..stop, what the bend of coord (H, W) shifts the mean over a pixel."""
-    rows, cols = coord.shape
-    bend = np.zeros(cols, np.float64)
+    rows = coord.shape[0]
     for row in range(start, stop):
-        here, spread = coord[row], sigma[row]
-        above, below = coord[max(row - 1, 0)], coord[min(row + 1, rows - 1)]
-        bad, bad_above, bad_below = flags[row], flags[max(row - 1, 0)], flags[min(row + 1, rows - 1)]
-        inner = 0 < row < rows - 1
-        for x in range(1, cols - 1):
-            along = abs(here[x - 1] - 2 * here[x] + here[x + 1])
-            bend[x] = along if ((bad[x - 1] | bad[x + 1]) & _READ) == 0 else 0.0
-        for x in range(cols):
-            across = abs(above[x] - 2 * here[x] + below[x])
-            bend[x] += across if inner & (((bad_above[x] | bad_below[x]) & _READ) == 0) else 0.0
-        for x in range(cols):
-            shift = bend[x] / _BOX
-            more = bend[x] > _BENT * spread[x]
-            spread[x] = np.sqrt(spread[x] * spread[x] + shift * shift) if more else spread[x]
+        _bend(0 < row < rows - 1, row, max(row - 1, 0), min(row + 1, rows - 1), coord, flags, sigma)
+
+
+@inline_kernel
+def _widened(spread: Any, bend: Any) -> Any:
+    shift = bend * _BOX
+    return np.sqrt(spread * spread + shift * shift) if bend > _BENT * spread else spread
+
+
+@apart_kernel
+def _bend(inner: bool, row: int, up: int, down: int, coord: Array, flags: Array, sigma: Array) -> None:
+    """One row, in float32 as fringes are decoded; at its two ends only what bends across it."""
+    here, above, below, spread = coord[row], coord[up], coord[down], sigma[row]
+    bad, bad_above, bad_below = flags[row], flags[up], flags[down]
+    last = coord.shape[1] - 1
+    weight = _ONE if inner else _ZERO
+    left, right, bad_left, bad_right = here[:-2], here[2:], bad[:-2], bad[2:]
+    for x in range(last - 1):
+        y = x + 1
+        middle = np.float32(here[y])
+        along = abs((np.float32(left[x]) - middle) + (np.float32(right[x]) - middle))
+        across = weight * abs((np.float32(above[y]) - middle) + (np.float32(below[y]) - middle))
+        beside, over = (bad_left[x] | bad_right[x]) & _READ, (bad_above[y] | bad_below[y]) & _READ
+        bend = (along if beside == _GOOD else _ZERO) + (across if over == _GOOD else _ZERO)
+        spread[y] = _widened(spread[y], bend)
+    for x in range(0, last + 1, max(last, 1)):
+        middle = np.float32(here[x])
+        across = weight * abs((np.float32(above[x]) - middle) + (np.float32(below[x]) - middle))
+        spread[x] = _widened(spread[x], across if ((bad_above[x] | bad_below[x]) & _READ) == _GOOD else _ZERO)
 
 
 @roomy_kernel
 def steep_rows(start: int, stop: int, most: float, coord: Array, flags: Array) -> None:
     """Flag pixels of a code alone whose footprint is larger than `most`: its bits hold for no one place."""
     rows, cols = coord.shape
+    wide = np.empty(cols, np.uint16)
     for row in range(start, stop):
-        here = coord[row]
-        up, down = max(row - 1, 0), min(row + 1, rows - 1)
-        for x in range(cols):
-            left, right = max(x - 1, 0), min(x + 1, cols - 1)
-            low = here[left] if (flags[row, left] & _READ) == 0 else here[x]
-            high = here[right] if (flags[row, right] & _READ) == 0 else here[x]
-            top = coord[up, x] if (flags[up, x] & _READ) == 0 else here[x]
-            bottom = coord[down, x] if (flags[down, x] & _READ) == 0 else here[x]
-            if 0.5 * (abs(high - low) + abs(bottom - top)) > most:
-                flags[row, x] |= _OUTLIER
+        if _steep(np.float32(2 * most), row, max(row - 1, 0), min(row + 1, rows - 1), coord, flags, wide):
+            for x in range(cols):
+                flags[row, x] |= wide[x]
+
+
+@apart_kernel
+def _steep(most: Any, row: int, up: int, down: int, coord: Array, flags: Array, wide: Array) -> bool:
+    """wide (cols,) = OUTLIER where differences to either side add up to more than `most`; True if any do."""
+    here, above, below = coord[row], coord[up], coord[down]
+    bad, bad_above, bad_below = flags[row], flags[up], flags[down]
+    last = coord.shape[1] - 1
+    found = _ZERO
+    for x in range(1, last):
+        middle = np.float32(here[x])
+        low = np.float32(here[x - 1]) if (bad[x - 1] & _READ) == _GOOD else middle
+        high = np.float32(here[x + 1]) if (bad[x + 1] & _READ) == _GOOD else middle
+        top = np.float32(above[x]) if (bad_above[x] & _READ) == _GOOD else middle
+        bottom = np.float32(below[x]) if (bad_below[x] & _READ) == _GOOD else middle
+        steep = abs(high - low) + abs(bottom - top) > most
+        wide[x] = _OUTLIER if steep else _GOOD
+        found += _ONE if steep else _ZERO
+    for x in range(0, last + 1, max(last, 1)):
+        middle, other = np.float32(here[x]), 1 if x == 0 else last - 1
+        side = np.float32(here[other]) if last > 0 and (bad[other] & _READ) == _GOOD else middle
+        top = np.float32(above[x]) if (bad_above[x] & _READ) == _GOOD else middle
+        bottom = np.float32(below[x]) if (bad_below[x] & _READ) == _GOOD else middle
+        steep = abs(side - middle) + abs(bottom - top) > most
+        wide[x] = _OUTLIER if steep else _GOOD
+        found += _ONE if steep else _ZERO
+    return bool(found > _ZERO)
 
 
 @leaf_kernel
@@ -112,6 +148,48 @@ def _near_border(place: float, extent: float, nearest: float) -> bool:
     return nearest <= inside < _NEAR
 
 
+@apart_kernel
+def _brightest(row: int, read2: Any, gain: Any, amplitude: Array, offset: Array, top: Array) -> bool:
+    """top (cols,) = largest amplitude within REACH along and across, less 3 sigma; True if any is dimmer."""
+    rows, cols = amplitude.shape
+    here, mean = amplitude[row], offset[row]
+    up1, up2, up3 = amplitude[max(row - 1, 0)], amplitude[max(row - 2, 0)], amplitude[max(row - 3, 0)]
+    last = rows - 1
+    down1, down2 = amplitude[min(row + 1, last)], amplitude[min(row + 2, last)]
+    down3 = amplitude[min(row + 3, last)]
+    for x in range(cols):
+        most = up1[x] if up1[x] > here[x] else here[x]
+        most = up2[x] if up2[x] > most else most
+        most = up3[x] if up3[x] > most else most
+        most = down1[x] if down1[x] > most else most
+        most = down2[x] if down2[x] > most else most
+        top[x] = down3[x] if down3[x] > most else most
+    for x in range(min(REACH, cols)):
+        for z in range(min(x + REACH + 1, cols)):
+            top[x] = here[z] if here[z] > top[x] else top[x]
+    # views, as indices like x - 3 are checked for being negative
+    inner = max(cols - 2 * REACH, 0)
+    middle = top[REACH : REACH + inner]
+    left1, left2, left3 = here[2 : 2 + inner], here[1 : 1 + inner], here[0:inner]
+    right1, right2, right3 = here[4 : 4 + inner], here[5 : 5 + inner], here[6 : 6 + inner]
+    for x in range(inner):
+        most = left1[x] if left1[x] > middle[x] else middle[x]
+        most = left2[x] if left2[x] > most else most
+        most = left3[x] if left3[x] > most else most
+        most = right1[x] if right1[x] > most else most
+        most = right2[x] if right2[x] > most else most
+        middle[x] = right3[x] if right3[x] > most else most
+    for x in range(max(cols - REACH, REACH), cols):
+        for z in range(x - REACH, cols):
+            top[x] = here[z] if here[z] > top[x] else top[x]
+    dim = _ZERO
+    for x in range(cols):
+        variance = read2 + gain * (mean[x] if mean[x] > _ZERO else _ZERO)
+        top[x] -= _THREE * np.sqrt(variance)
+        dim += _ONE if here[x] < _BORDER * top[x] else _ZERO
+    return bool(dim > _ZERO)
+
+
 @roomy_kernel
 def mixed_rows(
     start: int,
@@ -138,25 +216,10 @@ def mixed_rows(
     rows, cols = amplitude.shape
     top = np.empty(cols, np.float32)
     for row in range(start, stop):
-        here, mean = amplitude[row], offset[row]
-        top[:] = here
-        for step in range(1, REACH + 1):
-            above, below = amplitude[max(row - step, 0)], amplitude[min(row + step, rows - 1)]
-            for x in range(cols):
-                top[x] = above[x] if above[x] > top[x] else top[x]
-            for x in range(cols):
-                top[x] = below[x] if below[x] > top[x] else top[x]
-            for x in range(cols - step):
-                top[x] = here[x + step] if here[x + step] > top[x] else top[x]
-            for x in range(step, cols):
-                top[x] = here[x - step] if here[x - step] > top[x] else top[x]
-        dim = 0
-        for x in range(cols):
-            variance = np.float32(read2) + np.float32(gain) * (mean[x] if mean[x] > _ZERO else _ZERO)
-            top[x] -= _THREE * np.sqrt(variance)
-            dim += here[x] < _BORDER * top[x]
+        here = amplitude[row]
+        dim = _brightest(row, np.float32(read2), np.float32(gain), amplitude, offset, top)
         holes = _any_nothing(max(row - 1, 0), min(row + 2, rows), flags)
-        if dim == 0 and not holes:
+        if not (dim or holes):
             continue
         for x in range(cols):
             if not here[x] < top[x]:
