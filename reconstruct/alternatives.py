@@ -68,7 +68,6 @@ class MarchedEdges(SeparableEdges):
             raise InputError(f"method = 'march': needs a full rectangle, {hidden} pixels of it are missing")
         super().__init__(wx, wy)
         self.spine = int(np.argmax(wy[:-1].sum(axis=0)))
-        self.edge_weights = wx, wy
 
     def solve(self, gx: Floats, gy: Floats, accuracy: Accuracy, start: Floats | None = None) -> PoissonResult:
         """Sums; what the other columns' edges say is not asked."""
@@ -84,18 +83,18 @@ def marched(gx: Floats, gy: Floats, spine: int = 0) -> Floats:
     return x
 
 
-def march_variance(problem: MarchedEdges, pixel: NDArray[np.int64], share: Floats) -> Floats:
-    """Variance of a marched potential, (rows, cols), pinned by the anchors' shares at pixels (M,) each.
+def march_variance(wx: Floats, wy: Floats, spine: int, pixel: NDArray[np.int64], share: Floats) -> Floats:
+    """Variance of a potential marched over edges of weights wx, wy (rows, cols), pinned by anchors of shares
+    at pixels (M,) each.
 
     Every edge of the path adds its own 1/w; an error down the spine counts with the share of the anchors on
     the other side of it. What the anchors' own rows add between them is left out where there are several.
     """
-    wx, wy = problem.edge_weights
     rows, cols = wx.shape
     along = np.zeros((rows, cols))
     along[:, 1:] = np.cumsum(1.0 / wx[:, :-1], axis=1)
-    away: Floats = np.abs(along - along[:, problem.spine : problem.spine + 1])
-    step = 1.0 / wy[:-1, problem.spine]
+    away: Floats = np.abs(along - along[:, spine : spine + 1])
+    step = 1.0 / wy[:-1, spine]
     below = np.zeros(rows)
     np.add.at(below, pixel // cols, share)
     beyond = np.cumsum(below[::-1])[::-1][1:]  # the anchors' share after every edge of the spine

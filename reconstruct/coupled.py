@@ -15,6 +15,7 @@ from .anchors import Anchors
 from .calibration import rest_corrected
 from .correlation import correlation_excess
 from .creases import Doubt, edge_doubt, widened
+from .edges import edge_weights
 from .heightmap import HeightFlag, HeightMap
 from .holes import bridged, noise_gain
 from .newton import Options, State, coarse_start, solve
@@ -123,7 +124,10 @@ def solved_height(
         state = _around_creases(problem, state, options, scale, removed, suspects & ~removed)
     variance = None
     if isinstance(state.problem, MarchedEdges):
-        variance = state.root**4 * march_variance(state.problem, state.rows.pixel, state.share)
+        doubt = doubted(problem, state, scale, removed, suspects & ~removed)
+        weights = edge_weights(*state.variances, state.root, problem.data.mask, doubt)
+        variance = march_variance(*weights, state.problem.spine, state.rows.pixel, state.share)
+        variance *= state.root**4
     spread = _spread(problem, state, removed)
     height = height_map(problem, state, correspondence.flags, suspects, scale, method, variance, spread)
     return problem, state, height

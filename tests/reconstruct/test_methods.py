@@ -79,6 +79,14 @@ def test_marching_pays_with_noise_and_says_so(exact, noisy) -> None:
     assert np.sqrt(np.mean(scores)) == pytest.approx(1.0, abs=0.35)
 
 
+def test_marching_over_a_cusp_is_told_by_sigma(exact) -> None:
+    """No row goes around the tip: what may be lost there stays in sigma all along the row."""
+    scene, truth, seen = exact("paper-simulation", "needle", 96, 96)
+    height = reconstruct(seen, scene, method="march")
+    good = height.good & truth.visible
+    assert np.all(np.abs(height.z - truth.z)[good] < 5 * height.sigma[good])
+
+
 def test_march_needs_a_rectangle(exact, cut) -> None:
     scene, _, seen = exact("paper-simulation", "gaussian", SIDE, SIDE)
     keep = np.ones((SIDE, SIDE), dtype=bool)
