@@ -19,11 +19,12 @@ SAMPLE = """
 $ optolever decode capture --out c.npz
 Correspondence in c.npz
   frames       22 of 256 x 256
-  good         99.28 % of the pixels
-  sigma u      0.009726 px (median of the good)
-  sigma v      0.009845 px (median of the good)
-  off_pattern  0.7233 %
-  time         1.399 s
+  good         98.83 % of the pixels
+  sigma u      0.00977 px (median of the good)
+  sigma v      0.00989 px (median of the good)
+  off_pattern  1.169 %
+  outlier      1.169 %
+  time         1.004 s
 """
 
 

@@ -24,11 +24,12 @@ $ optolever reconstruct c.npz --scene capture/scene.toml \\
       --truth capture/truth.npz --out h.npz
 Height map in h.npz
   good                98.83 % of the pixels
-  height              -0.006347 to 1.3 mm
-  sigma               3.849e-05 mm (median of the good)
+  height              -0.006284 to 1.3 mm
+  sigma               3.85e-05 mm (median of the good)
   off_pattern         1.169 %
-  error               0.00014 of the peak depth, rms
-  rms(error / sigma)  1.059
+  outlier             1.169 %
+  error               0.0001397 of the peak depth, rms
+  rms(error / sigma)  1.058
   dent 1              depth 1.3 ± 3.9e-05 mm; half depth: area 1742 ± 0.16 mm²,
                       volume 1633 ± 0.12 mm³, centroid (81.8498, 81.8498) ±
                       0.0011 mm
