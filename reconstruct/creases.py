@@ -246,7 +246,7 @@ def _doubt(f, var, mask, di, dj, scale, out, plain, bend, sure, short, start, st
                 whatever = min(whatever, away)
                 certain = min(certain, away / max(SIGMAS * noise, MATTERS * sigma))
             if np.isfinite(least):
-                out[i, j] = least
+                out[i, j] = least if least > _FEEBLE * sigma else 0.0
                 plain[i, j] = whatever
                 sure[i, j] = least > 0.0 and certain > 1.0
 
