@@ -45,6 +45,7 @@ _CURL_LIMIT = 8.0  # standard deviations
 _REWEIGHTED = 2  # solves with doubtful edges: the slopes depend a little on the height
 _ATTEMPTS = 3  # with pixels left out that do not converge
 _FEW = 0.01  # of the pixels: more are not to blame one by one
+_BETTER = 3.0  # times: data less better than that by its curl may hide what neighbours share
 _ROUNDS = 6  # of leaving out lone pixels with a curl
 
 
@@ -179,7 +180,7 @@ def doubted(
     """What is in doubt of a solution's edges, those of interpolated pixels included."""
     p, q = problem.data.slopes(state.w)[:2]
     announced = not np.isfinite(noise) or problem.data.whole_cells()
-    scale = 1.0 if announced else min(1.0, noise)
+    scale = 1.0 if announced else min(1.0, _BETTER * noise)
     doubt = edge_doubt(p, q, *state.variances, problem.data.mask, scale, blamed)
     return None if doubt is None else widened(doubt, removed | problem.bridged)
 
