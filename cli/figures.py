@@ -39,9 +39,21 @@ GLSL against float64, paper-simulation, decoded rms   1.539e-05 px  at most 0.00
     is_flag=True,
     help="Measure the decoder instead: speed beside memory, `fringes` and OpenCV, on the same frames.",
 )
+@click.option(
+    "--reconstruct",
+    "only_reconstruct",
+    is_flag=True,
+    help="Measure the reconstructor instead: exactness, time, memory, the Cramer-Rao bound, a stream.",
+)
 @size_option
 @json_option
-def command(seeds: int, only_decode: bool, size: tuple[int, int] | None, json_path: Path | None) -> None:
+def command(
+    seeds: int,
+    only_decode: bool,
+    only_reconstruct: bool,
+    size: tuple[int, int] | None,
+    json_path: Path | None,
+) -> None:
     """Measure exactness, renderers, solver, noise and speed, each beside the limit it is to keep.
 
     Trace against brute force, GLSL against float64, frames per second, heights from exact correspondences,
@@ -49,10 +61,16 @@ def command(seeds: int, only_decode: bool, size: tuple[int, int] | None, json_pa
     --decode: it is the size of the frames, 1080x1920 if not given).
     """
     writable(json_path)
-    from optolever.experiments import run_decode_figures, run_figures
+    from optolever.experiments import run_decode_figures, run_figures, run_solver_figures
 
+    if only_decode and only_reconstruct:
+        raise click.UsageError("--decode and --reconstruct: one at a time")
+    if only_reconstruct and size is not None:
+        raise click.UsageError("--size: the reconstructor's figures have their own sizes")
     with progress() as step:
-        if only_decode:
+        if only_reconstruct:
+            figures = run_solver_figures(seeds=seeds, progress=step)
+        elif only_decode:
             figures = run_decode_figures(size=size or (1080, 1920), progress=step)
         else:
             figures = run_figures(seeds=seeds, size=size, progress=step)

@@ -10,6 +10,7 @@
 | `paper_report.py`, `paper_figures.py` | the page of that |
 | `figures.py`, `brute_force.py` | run_figures: the README's figures; what checks scene.trace |
 | `decode_speed.py` | run_decode_figures: the decoder beside memory and other decoders |
+| `solver_figures.py`, `solver_bound.py` | run_solver_figures: the solver; its noise and the bound |
 | `bench/` | speed against error, hard cases, sweeps: a face of its own |
 | `page.py`, `images.py`, `maps.py`, `report/` | HTML page, PNG, maps in mm; templates, style, viewer |
 """
@@ -23,6 +24,7 @@ from .metrics import height_metrics, peak_bytes
 from .paper import PaperStudy, run_paper
 from .paper_report import paper_html, write_paper_report
 from .paper_rows import PaperRow
+from .solver_figures import run_solver_figures
 
 __all__ = [
     "DemoResult",
@@ -38,6 +40,7 @@ __all__ = [
     "run_demo",
     "run_figures",
     "run_paper",
+    "run_solver_figures",
     "write_demo_report",
     "write_paper_report",
 ]

@@ -30,7 +30,7 @@ __all__ = ["HeightStream"]
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_SETTLED = 0.3  # rms change of the height over its sigma, a few times what the next step would bring
+_SETTLED = 0.05  # rms change of the height over its sigma that the next step would bring
 _STEPS = 3  # chord steps before the frame is solved in full
 
 
@@ -65,15 +65,18 @@ class HeightStream:
         renewed = _renewed(problem, correspondence)
         if renewed is None:
             return None
+        size, rate = 0.0, 1.0
+        empty = np.zeros(renewed.labels.shape, dtype=np.bool_)
         for _ in range(_STEPS):
-            before = state.w
+            before, last_size = state.w, size
             state = chord_step(renewed.data, renewed.labels, state)
-            if float(np.sqrt(np.mean((state.w - before) ** 2 / variance))) <= _SETTLED:
-                doubt = doubted(renewed, state, 1.0, np.zeros(renewed.labels.shape, dtype=np.bool_))
+            size = float(np.sqrt(np.mean((state.w - before) ** 2 / variance)))
+            rate = min(1.0, size / last_size) if last_size > 0 else 1.0
+            if size * rate <= _SETTLED:
+                doubt = doubted(renewed, state, 1.0, empty, quick=state.doubt is None)
                 if doubt is not None and state.doubt is None:
                     return None
                 state = replace(state, doubt=doubt)
-                empty = np.zeros(renewed.labels.shape, dtype=np.bool_)
                 height = height_map(
                     renewed,
                     state,

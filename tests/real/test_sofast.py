@@ -149,5 +149,6 @@ def test_free_form_solve(real: Path, rig: SofastRig, on_plane: Correspondence) -
         slopes(points, on_plane, rig, use)
         - expected(real, "SlopeSolverData/slopes_facet_xy")[:, use[rig.mask]]
     )
-    assert np.sqrt(np.mean(error**2)) < 2e-6
+    assert np.sqrt(np.mean(error**2)) < 2e-6  # asked for: 5 microradian rms and 30 at most
+    assert np.abs(error).max() < 30e-6
     assert np.sqrt(np.mean(edge_defects(height, on_plane, rig, use) ** 2)) < 0.5e-3
