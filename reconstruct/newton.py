@@ -39,7 +39,6 @@ _SMALL_STEP = 1e-2  # of the range of w: steps below it cannot leave the medium
 _NOISE_SHARE = 0.02  # of a slope's standard deviation: a change that no noise lets one see
 _RESPONSE = 1e-3  # of the first error: drawn noise tells a variance to a few per cent at best
 _ASTRAY = 0.1  # of a slope's standard deviation: a pixel's step in the end that counts as moving
-_PATIENCE = 5  # steps
 _CHORD_RATE = 1e-3  # refit the integrating factor while a step leaves more than this of the last one
 
 
@@ -100,7 +99,6 @@ def solve(
     iterations = 0
     energies: list[float] = []
     steps: list[float] = []
-    sizes: list[float] = []  # of the steps, in units of the slopes' noise
     change, share = np.zeros(w.shape), np.zeros(rows.pixel.shape)
     while True:
         p, q, p_w, q_w = data.slopes(w)
@@ -116,10 +114,8 @@ def solve(
             change *= 0.5
             w = w - change
             steps[-1] *= 0.5
-            sizes[-1] *= 0.5
             energies.pop()
             steps.append(steps[-1])
-            sizes.append(sizes[-1])
             continue
         quiet = min(1.0, math.sqrt(energies[-1] / data.mask.sum()))  # data may be better than announced
         relative = _RELATIVE if steps else _FIRST_RELATIVE
@@ -129,10 +125,7 @@ def solve(
         change = _limited(change, data, w)
         w = w + change
         steps.append(float(np.sqrt(np.mean(change**2))))
-        sizes.append(float(np.sqrt(np.mean(change**2 / variances[0]))))
         converged = _left(steps) <= max(tolerance, _NOISE_SHARE * quiet * noise)
-        if len(steps) >= _PATIENCE:  # what still moves is where noise is largest
-            converged |= _left(sizes) < _NOISE_SHARE * quiet
         if converged or len(steps) >= options.max_steps:
             left, astray = energies[-1], None
             if not converged:
