@@ -93,7 +93,9 @@ def markdown(groups: Sequence[tuple[str, Sequence[Row]]]) -> str:
     """Summaries of named mirrors as one Markdown table."""
     header = ("mirror", *SUMMARY[1:])
     lines = [f"| {' | '.join(header)} |", f"|{'---|' * len(header)}"]
-    for name, rows in groups:
+    short = [name.partition(",")[0] for name, _ in groups]
+    for scene, (whole, rows) in zip(short, groups, strict=True):
+        name = scene if short.count(scene) == 1 else whole
         before: Row | None = None
         for line in summary(rows):
             if line.row is not before:
