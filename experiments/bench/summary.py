@@ -12,6 +12,7 @@ __all__ = ["SUMMARY", "Line", "ahead_of_peers", "markdown", "summary", "summary_
 LOSS = 0.05  # share of the pixels that a chain may lose against the one that loses least
 FEW = 20  # frames of the row "few frames"
 PAPER = 0.01  # of the depth: the error that the paper states
+TIME = "compute"
 SUMMARY = (
     "",
     "sequence",
@@ -90,8 +91,8 @@ def summary_cells(line: Line) -> list[str]:
 
 
 def markdown(groups: Sequence[tuple[str, Sequence[Row]]]) -> str:
-    """Summaries of named mirrors as one Markdown table."""
-    header = ("mirror", *SUMMARY[1:])
+    """Summaries of named mirrors as one Markdown table, without times: those belong to a machine."""
+    header = ("mirror", *(name for name in SUMMARY[1:] if name != TIME))
     lines = [f"| {' | '.join(header)} |", f"|{'---|' * len(header)}"]
     short = [name.partition(",")[0] for name, _ in groups]
     for scene, (whole, rows) in zip(short, groups, strict=True):
@@ -99,7 +100,8 @@ def markdown(groups: Sequence[tuple[str, Sequence[Row]]]) -> str:
         before: Row | None = None
         for line in summary(rows):
             if line.row is not before:
-                what, sequence, *rest = summary_cells(line)
+                cells = dict(zip(SUMMARY, summary_cells(line), strict=True))
+                what, sequence, *rest = (text for column, text in cells.items() if column != TIME)
                 lines.append(f"| {' | '.join([f'{name}: {what}', f'`{sequence}`', *rest])} |")
             before = line.row
     return "\n".join(lines)
