@@ -104,7 +104,7 @@ def axis_rows(
                 code_gain,
                 loose,
                 beyond,
-                (step, margin, spare, place, spread, agreement),
+                (step, spare, place, spread, agreement),
                 word,
                 weak,
                 far,

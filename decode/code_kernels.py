@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import fast_kernel, inline_kernel, leaf_kernel
+from .jit import apart_kernel, fast_kernel, inline_kernel, leaf_kernel
 
 __all__ = ["FROM_EXTREMES", "FROM_PAIRS", "FROM_WHITE_BLACK", "code_tile"]
 
@@ -59,9 +59,9 @@ def code_tile(
     half contrasts by which a bit's level may pass white or black.
     Out (n,): cell; probabilities that the truth is one cell up, one cell down, or anywhere else (far; 1 where
     levels are no bit's); half contrast, mid level; clipped = 1 where clipped samples make a bit unreadable.
-    room: 6 x (n,).
+    room: 5 x (n,).
     """
-    margin, pair, single, most, high, low = room
+    pair, single, most, high, low = room
     _start(n, cell, pair, single, half, middle)
     most[:n] = _ZERO
     high[:n] = -_HUGE
@@ -72,15 +72,16 @@ def code_tile(
     for bit in range(len(plain)):
         if plain[bit] >= 0 and inverse[bit] >= 0:
             pairs += 1
-            of_both = source == FROM_PAIRS
-            _pair(n, of_both, frames, plain[bit], inverse[bit], row, first, middle, half, margin, pair)
-            if bit > 0 or not gray:  # the last bit of a Gray code leads to the next cell, and no further
-                _sums(n, frames, plain[bit], inverse[bit], row, first, high, low)
+            # the last bit of a Gray code leads to the next cell, and no further
+            summed = bit > 0 or not gray
+            _pair(
+                *(n, np.int32(1 << bit), source == FROM_PAIRS, summed, frames, plain[bit], inverse[bit]),
+                *(row, first, middle, half, pair, high, low, cell),
+            )
         else:
             sign = _ONE if plain[bit] >= 0 else -_ONE
-            _single(n, sign, frames, max(plain[bit], inverse[bit]), row, first, middle, margin, single)
-            _largest(n, margin, most)
-        _set_bit(n, np.int32(1 << bit), margin, cell)
+            shown = max(plain[bit], inverse[bit])
+            _single(n, np.int32(1 << bit), sign, frames, shown, row, first, middle, single, most, cell)
     if source == FROM_PAIRS:
         scale = _HALF / np.float32(max(pairs, 1))
         for x in range(n):
@@ -184,10 +185,12 @@ def _reference(
         half[x] = _HALF * (high - low)
 
 
-@fast_kernel
+@apart_kernel
 def _pair(
     n: int,
+    bit: Any,
     reference: bool,
+    summed: bool,
     frames: Array,
     at: int,
     against: int,
@@ -195,61 +198,53 @@ def _pair(
     first: int,
     middle: Array,
     half: Array,
-    margin: Array,
     pair: Array,
+    high: Array,
+    low: Array,
+    word: Array,
 ) -> None:
-    """Margin of a bit shown with its inverse; both give the mid level and contrast if nothing else does."""
+    """A bit shown with its inverse: its least margin `pair`, and what both are together.
+
+    reference: they give mid level (sum) and half contrast; summed: largest and least sum,
+    as all of them are the same light.
+    """
     line, other = frames[at, row, first : first + n], frames[against, row, first : first + n]
-    if reference:
-        for x in range(n):
-            middle[x] += np.float32(line[x]) + np.float32(other[x])
     for x in range(n):
-        margin[x] = _HALF * (np.float32(line[x]) - np.float32(other[x]))
-    if reference:
-        for x in range(n):
-            half[x] = abs(margin[x]) if abs(margin[x]) > half[x] else half[x]
-    for x in range(n):
-        pair[x] = abs(margin[x]) if abs(margin[x]) < pair[x] else pair[x]
+        one, two = np.float32(line[x]), np.float32(other[x])
+        both, margin = one + two, _HALF * (one - two)
+        size = abs(margin)
+        if reference:
+            middle[x] += both
+            half[x] = size if size > half[x] else half[x]
+        if summed:
+            high[x] = both if both > high[x] else high[x]
+            low[x] = both if both < low[x] else low[x]
+        pair[x] = size if size < pair[x] else pair[x]
+        word[x] |= bit if margin > _ZERO else np.int32(0)
 
 
-@fast_kernel
+@apart_kernel
 def _single(
     n: int,
+    bit: Any,
     sign: Any,
     frames: Array,
     at: int,
     row: int,
     first: int,
     middle: Array,
-    margin: Array,
     single: Array,
+    most: Array,
+    word: Array,
 ) -> None:
-    """Margin of a bit shown without its inverse, against the mid level."""
+    """A bit shown without its inverse: its margin against the mid level, the least and the largest."""
     line = frames[at, row, first : first + n]
     for x in range(n):
-        margin[x] = sign * (np.float32(line[x]) - middle[x])
-    for x in range(n):
-        single[x] = abs(margin[x]) if abs(margin[x]) < single[x] else single[x]
-
-
-@fast_kernel
-def _sums(
-    n: int, frames: Array, at: int, against: int, row: int, first: int, high: Array, low: Array
-) -> None:
-    """Largest and least sum of a bit and its inverse: all of them are the same light."""
-    line, other = frames[at, row, first : first + n], frames[against, row, first : first + n]
-    for x in range(n):
-        both = np.float32(line[x]) + np.float32(other[x])
-        high[x] = both if both > high[x] else high[x]
-    for x in range(n):
-        both = np.float32(line[x]) + np.float32(other[x])
-        low[x] = both if both < low[x] else low[x]
-
-
-@fast_kernel
-def _largest(n: int, margin: Array, most: Array) -> None:
-    for x in range(n):
-        most[x] = abs(margin[x]) if abs(margin[x]) > most[x] else most[x]
+        margin = sign * (np.float32(line[x]) - middle[x])
+        size = abs(margin)
+        single[x] = size if size < single[x] else single[x]
+        most[x] = size if size > most[x] else most[x]
+        word[x] |= bit if margin > _ZERO else np.int32(0)
 
 
 @fast_kernel
@@ -270,12 +265,6 @@ def _odd(
         noise = _SIX * np.sqrt(read2 + gain * middle[x])
         odd = (high[x] - low[x] > _ODD * half[x] + noise) | (most[x] > (_ONE + beyond) * half[x] + noise)
         far[x] = _ONE if odd else far[x]
-
-
-@fast_kernel
-def _set_bit(n: int, bit: Any, margin: Array, word: Array) -> None:
-    for x in range(n):
-        word[x] |= bit if margin[x] > _ZERO else np.int32(0)
 
 
 @fast_kernel
