@@ -132,7 +132,7 @@ def finish(
     table(
         "Run",
         {
-            "cells": f"{sum(row.done for row in rows)} measured of {len(rows)}",
+            "cells": f"{sum(row.done for row in rows)} measured of {len(asked.cells())}",
             "time": number(seconds, "s"),
             "report": str(out / "report.html"),
         },

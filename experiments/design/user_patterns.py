@@ -10,6 +10,7 @@ Each image has the size of the pattern and varies along its axis alone; it becom
 """
 
 import importlib
+import sys
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -31,8 +32,8 @@ SLACK = 1  # grey levels by which an image may differ from its description
 def user_candidate(text: str, rows: int, cols: int) -> Candidate:
     """The candidate behind 'module:function', a folder, a .toml file or the name of a sequence.
 
-    The function is called with rows and cols and returns a Sequence of that size. InputError names what is
-    wrong with it.
+    The module lies in the working folder or is installed. The function is called with rows and cols and
+    returns a Sequence of that size. InputError names what is wrong with it.
     """
     if text.partition(":")[0] in sequence_names() or text.endswith(".toml"):
         return Candidate(text, sequence_from_text(text, rows, cols))
@@ -47,6 +48,10 @@ def _from_callable(text: str, rows: int, cols: int) -> Sequence:
         raise InputError(
             f"pattern {text!r}: is no folder, no .toml, no module:function and no known sequence"
         )
+    if (
+        "" not in sys.path and str(Path.cwd()) not in sys.path
+    ):  # as `python -m` would: a program's path lacks it
+        sys.path.insert(0, str(Path.cwd()))
     try:
         function = getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:

@@ -97,6 +97,18 @@ def test_the_choice_goes_through_a_file(prism: Scene, tmp_path: Path) -> None:
         sequence_from_text(str(tmp_path / "best.toml"), 8, 8)
 
 
+def test_a_users_module_in_the_working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A console script's path does not hold it."""
+    (tmp_path / "nearby.py").write_text(
+        "from optolever.patterns import sequence\n"
+        "def waves(rows, cols):\n    return sequence('phase', rows, cols)\n"
+    )
+    monkeypatch.setattr(sys, "path", [part for part in sys.path if part])
+    monkeypatch.chdir(tmp_path)
+    assert user_candidate("nearby:waves", 40, 60).sequence == sequence("phase", 40, 60)
+    sys.modules.pop("nearby")
+
+
 def test_user_patterns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A callable, a folder that Sequence wrote, a folder of bare images: all candidates like any other."""
     (tmp_path / "mine.py").write_text(
