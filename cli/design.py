@@ -61,8 +61,8 @@ HEADER = ("sequence", "frames", "time", "predicted", "simulated", "wrong order",
 @click.option("--failure", type=click.FloatRange(0, 1), default=1e-3, show_default=True, metavar="RATE",
               help="Largest probability of a wrong fringe order or code bit.")  # fmt: skip
 @click.option("--add", "added", multiple=True, metavar="PATTERN",
-              help="Also rank MODULE:FUNCTION (called with rows, cols; returns a patterns.Sequence), a folder "
-              "of images with a coordinates.toml ([[frames]] file, axis), a sequence.")  # fmt: skip
+              help="Also rank MODULE:FUNCTION (called with rows, cols; returns a patterns.Sequence), a "
+              "folder of images with a coordinates.toml ([[frames]] file, axis), a sequence.")  # fmt: skip
 @click.option("--verify", type=click.IntRange(min=0), default=3, show_default=True, metavar="N",
               help="How many of the best to simulate.")  # fmt: skip
 @click.option("--rows", "shown", type=click.IntRange(min=1), default=12, show_default=True, metavar="N",

@@ -176,6 +176,9 @@ def test_slope_limits_of_the_45_degree_prism() -> None:
     assert np.ptp(slope) < 1e-5 * slope.mean()
     # flat mirror at 45 degrees: path x, and the image folds at a curvature of cos(45 deg) / (2 s)
     assert maps.path[on] == pytest.approx(maps.x[on] / math.sqrt(2), rel=1e-9)
+    # a slope turns the ray, which meets the pattern squarely, by twice itself
+    lever = 2e-3 * maps.path[on] / scene.pattern.pitch
+    assert maps.lever[on] == pytest.approx(lever, rel=1e-6)
 
 
 @pytest.mark.parametrize(("angle", "margin"), [(45, -0.17), (48, 2.83), (50, 4.83)])
