@@ -4,8 +4,8 @@
 - `options`: arguments that several commands share (--json, --size, scenes)
 - `show`: tables, progress bars, JSON
 - one file a command: `demo`, `capture`, `decode`, `reconstruct`, `paper`, `figures`, `methods`,
-  `bench`, `sweep`, `hard`, `design`, `choices`, `sensor`, `adapt`, `names`, `doctor`,
-  and `window`, which is the command `show`
+  `bench`, `sweep`, `hard`, `design`, `choices`, `codes`, `sensor`, `adapt`, `names`,
+  `doctor`, and `window`, which is the command `show`
 """
 
 from .app import main, run

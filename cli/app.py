@@ -26,6 +26,7 @@ COMMANDS = (
     "hard",
     "design",
     "choices",
+    "codes",
     "sensor",
     "adapt",
     "show",

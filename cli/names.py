@@ -15,7 +15,7 @@ Names
   scenes     monitor-mirror, paper-prototype, paper-simulation, prism48
   dents      flat, tilt, raised-cosine, gaussian, ball, needle, rounded-needle,
              ridge, relief
-  sequences  gray, binary, xor-gray, phase, gray+phase, stripe, lattice,
+  sequences  gray, binary, xor-gray, long-run-gray, phase, gray+phase,
              crossed, ramp
   methods    coupled, direct, robust, march, fixed-point, paper, paper-rises,
              paper-drops

@@ -27,7 +27,6 @@ Height map in h.npz
   height              -0.006284 to 1.3 mm
   sigma               3.85e-05 mm (median of the good)
   off_pattern         1.169 %
-  outlier             1.169 %
   error               0.0001397 of the peak depth, rms
   rms(error / sigma)  1.058
   dent 1              depth 1.3 ± 3.9e-05 mm; half depth: area 1742 ± 0.16 mm²,

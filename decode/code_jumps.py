@@ -1,4 +1,4 @@
-"""Bits that no inverse checks: a wrong one shows where the decoded map jumps by what that bit is worth.
+"""Bits of a Gray code: a wrong one shows where the decoded map jumps by what that bit is worth.
 
 Neighbouring pixels look at neighbouring places. Where the picture of one bit is not that bit's (a frame lost,
 shown twice, torn, in another's place), coordinates jump between pixels that are each at one with their other
@@ -31,6 +31,8 @@ _FEWEST = 8
 _PROPER = 0.35
 #: Proper edges outside, per jump inside, that speak for rows; jumps, per proper edge, that do not against.
 _OUTSIDE = 0.15
+#: Median step between neighbours, cells, above which they are none.
+_STEEP = 3.0
 _BLIND = int(Flag.DARK | Flag.LOW_CONTRAST | Flag.SATURATED | Flag.INVALID)
 
 
@@ -44,18 +46,19 @@ class BitFault:
 
 
 def bit_faults(axis: AxisPlan, stack: Map, coord: Map, flags: Map, offset: Map) -> tuple[BitFault, ...]:
-    """Bits of a Gray code without inverse whose pictures do not fit decoded coordinates (H, W).
+    """Bits of a Gray code whose pictures do not fit decoded coordinates (H, W).
 
     stack (N, H, W): the frames; offset (H, W): mid levels.
     """
     code = axis.code
     if code is None or code.kind != "gray":
         return ()
-    lone = np.flatnonzero((code.plain < 0) != (code.inverse < 0))
-    if len(lone) == 0 or min(coord.shape) < 4:
+    if min(coord.shape) < 4:
         return ()
     height, width = coord.shape
     rows, cols = _lines(height, width), _lines(width, height)
+    if np.median(np.abs(np.diff(coord[rows], axis=1))) > _STEEP * code.cell:
+        return ()  # neighbours tell nothing of each other
     tables = _tables(code, axis)
     frame = np.maximum(code.plain, code.inverse)
     jumps, edges = (np.zeros((len(code.plain), height)) for _ in range(2))
@@ -66,7 +69,7 @@ def bit_faults(axis: AxisPlan, stack: Map, coord: Map, flags: Map, offset: Map) 
         for counted, (which, line, place) in ((jumps, jump), (edges, edge)):
             np.add.at(counted, (which, lines[line] if along else place), 1)
     found = []
-    for bit in lone.tolist():
+    for bit in range(len(code.plain)):
         span = _worst_span(jumps[bit], edges[bit])
         if span is not None:
             found.append(BitFault(int(frame[bit]), *span))
@@ -115,8 +118,12 @@ def _events(
     jump = step[:, 1:-1] > near + code.cell
     line, place = np.nonzero(calm & jump)
     change = lines[line, place + 2] - lines[line, place + 1]
-    mended = np.abs(change + worth[:, cell[line, place + 2]]) <= near
-    mended |= np.abs(change - worth[:, cell[line, place + 1]]) <= near
+    mended = np.zeros((len(worth), len(line)), bool)
+    # where a bit is wrong, the fringe may lead to the cell beside the code's
+    for beside in (-1, 0, 1) if axis.fringes else (0,):
+        there, here = (np.clip(cell[line, place + end] + beside, 0, len(words) - 1) for end in (2, 1))
+        mended |= np.abs(change + worth[:, there]) <= near
+        mended |= np.abs(change - worth[:, here]) <= near
     bit, which = np.nonzero(mended)
     jumps = bit, line[which], place[which] + 1
     line, place = np.nonzero(calm & ~jump & (cell[:, 1:-2] != cell[:, 2:-1]))

@@ -39,6 +39,8 @@ LOOSE = 0.02
 _DARK = 0.02
 #: Of a code alone: footprint beyond which a cell is none, cells; those at the border that blur leaves right.
 _STEEP_CELLS, _SURE_CELLS = 3.0, 1.5
+#: That footprint for XOR-Gray, whose bits all have their edges at the same places.
+_STEEP_XOR = 2.0
 #: Median second difference of a map whose neighbours tell nothing of each other, pattern pixels.
 _BENT = 2.0
 _BLOCK = 32
@@ -106,7 +108,8 @@ def decode(
             for i, axis in enumerate(wanted.axes)
         ]
 
-    tables, blurs = {}, {}
+    tables: dict[str, Tables] = {}
+    blurs: dict[str, float | None] = {}
     on_display = [
         axis for axis in wanted.axes if axis.fringes and on_cells and not (sequence.nominal or by_table(axis))
     ]
@@ -125,7 +128,7 @@ def decode(
         tables[axis.axis] = display_tables(sequence, axis, median_footprint(coord, rows), blur)
         blurs[axis.axis] = blur
     work = steps(tables)
-    neighbours = _neighbours(job, wanted, maps, flags, amplitude, offset)
+    neighbours = _neighbours(job, wanted, blurs, maps, flags, amplitude, offset)
     at_once = by_rows and all(_continuous(*maps[name], rows) for name in shown)
 
     def block(start: int, stop: int) -> None:
@@ -177,6 +180,7 @@ def _continuous(coord: Frames, sigma: Frames, rows: NDArray[np.int64]) -> bool:
 def _neighbours(
     job: _Job,
     wanted: Plan,
+    blurs: dict[str, float | None],
     maps: dict[str, tuple[Frames, Frames]],
     flags: Frames,
     amplitude: Frames,
@@ -184,16 +188,23 @@ def _neighbours(
 ) -> Callable[[int, int], None]:
     """The work on a block of rows that needs decoded rows around it."""
     shown = {axis.axis: axis for axis in wanted.axes}
-    coded = {name: axis.code.cell for name, axis in shown.items() if axis.code and not axis.fringes}
+    codes = {name: axis.code for name, axis in shown.items() if axis.code and not axis.fringes}
+    coded = {name: code.cell for name, code in codes.items()}
+    most = {
+        name: code.cell * (_STEEP_XOR if code.kind == "xor-gray" else _STEEP_CELLS)
+        for name, code in codes.items()
+    }
     noise = job.raw_noise if coded else job.noise
-    extents = tuple(float(shown[name].extent) if name in shown else np.inf for name in "uv")
+    # of other codes the blur is known, and with it what the border does
+    dim = {name for name in shown if name in coded or blurs.get(name, 0.0) is None}
+    extents = tuple(float(shown[name].extent) if name in dim else np.inf for name in "uv")
     # cells at the border are read right as long as blur is no wider than they are
     nearest = tuple(_SURE_CELLS * coded[name] if name in coded else -np.inf for name in "uv")
 
     def step(start: int, stop: int) -> None:
         for name in shown:
             if name in coded:
-                steep_rows(start, stop, _STEEP_CELLS * coded[name], maps[name][0], flags)
+                steep_rows(start, stop, most[name], maps[name][0], flags)
             else:
                 bend_rows(start, stop, *maps[name], flags)
         mixed_rows(

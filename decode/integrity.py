@@ -3,7 +3,7 @@
 What a sequence shows obeys linear constraints, whatever the camera looks at: the fringe's N samples lie in a
 space of three dimensions, a bit and its inverse add up to the same as any other pair, or as white and black.
 They are tested on a sample of pixels, and where they are broken, every single fault is tried: the one that
-mends them is named. Gray bits without inverses are tested by the map that they decode to (see code_jumps),
+mends them is named. Bits of Gray codes are tested by the map that they decode to (see code_jumps),
 swept stripes by how they follow each other (see sweep). Faults that break none stay unseen: three steps
 alone, two whole pairs in each other's place, a fringe run backwards.
 """
@@ -141,7 +141,7 @@ def _told(wanted: Plan, fault: str) -> set[int]:
     (all are near their edges at once); none do if all later frames are in wrong places.
     """
     told: set[int] = set()
-    if fault in ("lost", "repeated"):
+    if fault in ("lost", "repeated", "foreign"):
         return told
     local = fault in ("replaced", "torn")
     for axis in wanted.axes:

@@ -148,7 +148,7 @@ def _code(sequence: Sequence, index: list[int], axis: str) -> Code | None:
         raise InputError(
             f"sequence {sequence.name}: bit {missing[0]} on {axis} is missing, code has {bits} bits"
         )
-    words = code_words(first.kind, np.arange(1 << bits))
+    words = code_words(first.kind, np.arange(1 << bits), bits)
     cells = np.empty(1 << bits, np.int32)
     cells[words] = np.arange(1 << bits)
     return Code(first.kind, polarity[0], polarity[1], first.cell_px, first.offset_px or 0.0, cells)

@@ -6,7 +6,7 @@ correlation), then the place is refined between cells; sigma is the Fisher infor
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from optolever.errors import InputError
 from optolever.patterns import Sequence
 
 from .arrays import chi_squared_limit
+from .display_kernels import MOST_LOST
 from .flag_kernels import merge_rows
 from .plan import AxisPlan, Plan
 from .table_kernels import refine_rows
@@ -35,8 +36,12 @@ Map = NDArray[Any]
 Step = Callable[[int, int], None]
 _PER_CELL = 8
 #: Rms blurs that are tried, cells; besides them a pixel sees a footprint of one cell.
-_BLURS = tuple(float(blur) for blur in np.geomspace(0.1, 2.5, 15))
+_BLURS = tuple(float(blur) for blur in np.geomspace(0.1, 4.0, 17))
 _USUAL_BLUR = 0.5
+#: Errors of real displays and cameras that are no fault, share of the contrast.
+_UNEVEN = 0.02
+#: Share of the pixels that no place explains, above which frames are not those described.
+_MANY = 0.15
 _DARK, _SATURATED, _LOW, _ORDER, _OFF, _MOVED, _INVALID = 1, 2, 4, 8, 16, 64, 128
 _DOUBT = 1e-4
 #: Pixels around an answer that do not count as another answer.
@@ -45,20 +50,33 @@ _GUARD = 3
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """Frames (M,) of an axis, their levels 0..1 on cells (M, extent), width of the code's cells."""
+    """Frames (M,) of an axis, their levels 0..1 on cells (M, extent), width of the code's cells; dark: the
+    surface ends there, and is not only the unit of coordinates."""
 
     index: NDArray[np.int64]
     levels: NDArray[np.float64]
     cell: float = 1.0
+    dark: bool = True
 
     def fine(self, blur: float) -> NDArray[np.float32]:
         """Levels at _PER_CELL places per cell, seen through a footprint of a cell and a blur (rms, cells)."""
-        fine = np.repeat(self.levels, _PER_CELL, axis=1)
-        # a box of an even number of samples has its ends at half weight, or it would shift them
-        box = np.full(_PER_CELL + 1, 1 / _PER_CELL)
-        box[[0, -1]] /= 2
-        fine = correlate1d(fine, box, axis=1, mode="nearest")
-        return np.asarray(gaussian_filter1d(fine, blur * _PER_CELL, axis=1, mode="nearest"), np.float32)
+        return _seen(self.levels, blur, "constant" if self.dark else "nearest")
+
+    def lost(self, blur: float) -> NDArray[np.float32]:
+        """Share of the light that falls beyond the border, at the same places."""
+        whole = np.ones((1, self.levels.shape[1]))
+        return np.asarray(1 - _seen(whole, blur, "constant" if self.dark else "nearest")[0])
+
+
+def _seen(
+    levels: NDArray[np.float64], blur: float, beyond: Literal["constant", "nearest"]
+) -> NDArray[np.float32]:
+    fine = np.repeat(levels, _PER_CELL, axis=1)
+    # a box of an even number of samples has its ends at half weight, or it would shift them
+    box = np.full(_PER_CELL + 1, 1 / _PER_CELL)
+    box[[0, -1]] /= 2
+    fine = correlate1d(fine, box, axis=1, mode=beyond)
+    return np.asarray(gaussian_filter1d(fine, blur * _PER_CELL, axis=1, mode=beyond), np.float32)
 
 
 def by_table(axis: AxisPlan) -> bool:
@@ -80,7 +98,7 @@ def shown_on(sequence: Sequence, wanted: Plan, axis: AxisPlan) -> Shown:
     if len(own) < 3:
         raise InputError(f"decode: axis {axis.axis} has {len(own)} frames, must have at least 3")
     cell = max(sequence.frames[i].cell_px for i in own)
-    return Shown(np.array(own, np.int64), tables, cell)
+    return Shown(np.array(own, np.int64), tables, cell, not sequence.nominal)
 
 
 def table_step(
@@ -96,9 +114,16 @@ def table_step(
     search = _search(frames, shown)
     sample = np.ascontiguousarray(frames[:, sampled_rows(frames.shape[1])])
     blur, noise2 = _calibrate(sample, clip, shown, _search(sample, shown)(0, sample.shape[1])[0])
-    fine = shown.fine(blur)
+    noise2 = min(noise2, _most_noise(sample, shown))
+    # coarse patterns hardly tell a small blur, and the border does not wait for it
+    fine, lost = shown.fine(blur), shown.lost(max(blur, _USUAL_BLUR))
     # what the model does not explain goes into sigma, up to three times the noise
     limit = 3 * chi_squared_limit(len(shown.index) - 3)
+    coarse = _search(sample, shown)(0, sample.shape[1])[0]
+    _, _, misfit, _, scale, _ = _refine(sample, clip, 0, sample.shape[1], shown, fine, coarse)
+    lit = scale > 0.25 * np.percentile(scale, 95)
+    # where many pixels fit no place, others fit a wrong one by chance
+    wrong_frames = bool(lit.any() and np.mean(misfit[lit] > limit * noise2) > _MANY)
 
     def step(start: int, stop: int) -> None:
         first, second = search(start, stop)
@@ -108,12 +133,28 @@ def table_step(
         rival = _refine(frames, clip, start, stop, shown, fine, second)[2]
         wrong = 1 / (1 + np.exp(np.clip((rival - misfit) / (2 * noise2), -80, 80)))
         why = flags_of_fit(curvature, misfit, scale, count, offset, noise2, limit)
-        why |= np.where(wrong > _DOUBT, _ORDER, 0)
+        why |= np.where(wrong > _DOUBT, _ORDER, 0) | (_MOVED if wrong_frames else 0)
+        place = np.clip((np.nan_to_num(coord) + 0.5) * _PER_CELL, 0, len(lost) - 1).astype(np.int64)
+        why |= np.where(lost[place] > MOST_LOST, _OFF, 0)
         with np.errstate(divide="ignore"):
             variance = noise2 / curvature * _excess(misfit, count, noise2)
         store(start, stop, coord, variance, why, wrong, scale, offset, axis, joined, maps, common)
 
     return step
+
+
+def _most_noise(sample: Map, shown: Shown) -> float:
+    """Variance that noise and an uneven display explain: a wrong frame's residuals must not pass for noise.
+
+    From second differences along rows, of the calmest frame: what it shows adds to them.
+    """
+    levels = sample[shown.index].astype(np.float64)
+    second = np.diff(levels, 2, axis=2).reshape(len(levels), -1)
+    if second.size == 0:
+        return float("inf")
+    spatial = 1.4826 * float(np.median(np.abs(second), axis=1).min()) / np.sqrt(6)
+    contrast = float(np.percentile(np.ptp(levels, axis=0), 75))
+    return float(max(2 * spatial, 0.3) ** 2 + (_UNEVEN * contrast) ** 2)
 
 
 def _excess(misfit: Map, count: Map, noise2: float) -> Map:

@@ -9,6 +9,7 @@
 | `paper_simulation.py`, `paper_frames.py` | its measurement: exact; lattice crossings from frames |
 | `paper_report.py`, `paper_figures.py` | the page of that |
 | `figures.py`, `brute_force.py` | run_figures: the README's figures; what checks scene.trace |
+| `code_guide.py` | code_rows: which code when: predicted sigma and gross rate, faults tried |
 | `decode_speed.py` | run_decode_figures: the decoder beside memory and other decoders |
 | `solver_figures.py`, `solver_bound.py` | run_solver_figures: the solver; its noise and the bound |
 | `bench/` | speed against error, hard cases, sweeps: a face of its own |
@@ -16,6 +17,7 @@
 """
 
 from .brute_force import brute_force
+from .code_guide import CODES, CodeRow, code_rows, predict_code, seen
 from .decode_speed import run_decode_figures
 from .demo import DemoResult, run_demo
 from .demo_report import demo_html, write_demo_report
@@ -27,20 +29,25 @@ from .paper_rows import PaperRow
 from .solver_figures import run_solver_figures
 
 __all__ = [
+    "CODES",
+    "CodeRow",
     "DemoResult",
     "Figure",
     "PaperRow",
     "PaperStudy",
     "brute_force",
+    "code_rows",
     "demo_html",
     "height_metrics",
     "paper_html",
     "peak_bytes",
+    "predict_code",
     "run_decode_figures",
     "run_demo",
     "run_figures",
     "run_paper",
     "run_solver_figures",
+    "seen",
     "write_demo_report",
     "write_paper_report",
 ]

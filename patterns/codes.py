@@ -5,10 +5,12 @@ from numpy.typing import NDArray
 
 from optolever.errors import InputError
 
+from .long_run import long_run_words
+
 __all__ = ["BINARY_CODES", "bits_for", "code_words"]
 
 #: Kinds whose frames show one bit of a code word.
-BINARY_CODES = ("binary", "gray", "xor-gray")
+BINARY_CODES = ("binary", "gray", "xor-gray", "long-run-gray")
 
 Words = NDArray[np.int64]
 
@@ -18,10 +20,12 @@ def bits_for(cells: int) -> int:
     return max(1, (cells - 1).bit_length())
 
 
-def code_words(kind: str, cell: Words) -> Words:
+def code_words(kind: str, cell: Words, bits: int | None = None) -> Words:
     """Word of each cell (any shape, cell >= 0); bit 0 is the least significant.
 
     gray      n ^ (n >> 1): neighbours differ in one bit (F. Gray, US patent 2632058)
+    long-run-gray  no bit has a narrow stripe; of `bits` bits (default: as many as the largest cell needs), up
+              to 16, which is another code for each number of them: see long_run
     xor-gray  Gray bits, all but the last xored with the last: every frame is finely striped, against
               indirect light (Gupta et al., CVPR 2011, doi:10.1109/CVPR.2011.5995321)
     """
@@ -32,4 +36,6 @@ def code_words(kind: str, cell: Words) -> Words:
         return gray
     if kind == "xor-gray":
         return gray ^ (-2 * (gray & 1))
+    if kind == "long-run-gray":
+        return np.asarray(long_run_words(bits or bits_for(int(np.max(cell, initial=0)) + 1))[cell])
     raise InputError(f"code: kind is {kind!r}, known are {', '.join(BINARY_CODES)}")

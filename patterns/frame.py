@@ -23,6 +23,7 @@ KINDS: dict[str, tuple[str, ...]] = {
     "binary": ("axis", "bit"),
     "gray": ("axis", "bit"),
     "xor-gray": ("axis", "bit"),
+    "long-run-gray": ("axis", "bit"),
     "phase": ("axis", "period_px", "shift"),
     "crossed": ("period_px",),
     "lattice": ("period_px", "width_px"),

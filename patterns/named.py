@@ -14,6 +14,8 @@ from .sequence import Sequence
 __all__ = ["sequence", "sequence_from_text", "sequence_names"]
 
 Frames = tuple[Frame, ...]
+#: By how much the periods of micro phase shifting are longer than the first.
+_MICRO = (0.056, 0.113, 0.181, 0.256, 0.34)
 _REFERENCES = (Frame("white"), Frame("black"))
 
 
@@ -175,6 +177,28 @@ def _gray_phase(
     return tuple(frames)
 
 
+def _micro_phase(
+    rows: int,
+    cols: int,
+    *,
+    axes: str = "uv",
+    period: float = 16.0,
+    periods: float | Iterable[float] | None = None,
+) -> Frames:
+    """Micro phase shifting: all fringes have about one period, which light that strays evens out alike.
+
+    White and black; three steps of `period` and one each of the other `periods` (default five, to a quarter
+    longer): M. Gupta, S. K. Nayar, CVPR 2012, doi:10.1109/CVPR.2012.6247753.
+    """
+    if periods is None:
+        periods = [period * (1 + share) for share in _MICRO]
+    frames: list[Frame] = list(_REFERENCES)
+    for axis in axes:
+        frames += _fringes(axis, period, 3)
+        frames += [Frame("phase", axis, period_px=other, shift=0.0) for other in _numbers(periods)]
+    return tuple(frames)
+
+
 def _stripe(
     rows: int, cols: int, *, axes: str = "uv", step: float = 4.0, width: float | None = None
 ) -> Frames:
@@ -219,8 +243,10 @@ _BUILDERS: dict[str, Callable[..., Frames]] = {
     "gray": _coded("gray"),
     "binary": _coded("binary"),
     "xor-gray": _coded("xor-gray"),
+    "long-run-gray": _coded("long-run-gray"),
     "phase": _phase,
     "gray+phase": _gray_phase,
+    "micro-phase": _micro_phase,
     "stripe": _stripe,
     "lattice": _lattice,
     "crossed": _crossed,

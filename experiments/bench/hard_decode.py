@@ -33,7 +33,16 @@ Frames = NDArray[Any]
 Spoil = Callable[[Frames, np.random.Generator], Frames]
 
 SCENE = "paper-simulation"
-SEQUENCES = ("gray+phase", "phase", "phase:steps=4,periods=20/22/25", "gray", "xor-gray", "stripe:step=8")
+SEQUENCES = (
+    "gray+phase",
+    "phase",
+    "phase:steps=4,periods=20/22/25",
+    "micro-phase",
+    "gray",
+    "xor-gray",
+    "long-run-gray",
+    "stripe:step=8",
+)
 ONE_PERIOD = "phase:steps=3,counts=0.9"
 DISCRETE = 1.5  # px, beyond which a discrete code is wrong
 NOMINAL = Sensor(offset=16.0, exposure=0.85)

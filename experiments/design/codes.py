@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erfc
 
-from optolever.patterns import BINARY_CODES, Frame, code_words
+from optolever.patterns import BINARY_CODES, Frame, bits_for, code_words
 
 __all__ = ["bit_failure", "cell_error", "code_of", "stairs"]
 
@@ -90,7 +90,10 @@ def bit_failure(
 def _edge_distance(frame: Frame, place: Floats, cells: int) -> tuple[Floats, NDArray[np.bool_]]:
     """From places (in cells) to the bit's nearest edge; whether its misreading only leads to a neighbour."""
     count = max(cells, int(place.max()) + 2)
-    words = code_words(frame.kind, np.arange(count))
+    places = np.arange(count)
+    if frame.kind == "long-run-gray":  # another code for each number of bits, and none beyond them
+        places = np.minimum(places, (1 << bits_for(cells)) - 1)
+    words = code_words(frame.kind, places)
     edges = np.flatnonzero(np.diff((words >> (frame.bit or 0)) & 1)) + 1
     cell_of = np.full(2 * int(words.max()) + 2, -9)
     cell_of[words] = np.arange(count)

@@ -57,13 +57,14 @@ def test_dark_stripe_capture_is_flagged() -> None:
     assert (found.flags & Flag.LOW_CONTRAST).all()
 
 
-def test_micro_phase_shifting(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+@pytest.mark.parametrize("named", [False, True])
+def test_micro_phase_shifting(shoot: Shoot, smooth: tuple[F64, F64], named: bool) -> None:
     """Periods near 16 px, three shifts for the first and one for each other (Gupta & Nayar, CVPR 2012)."""
     frames = [Frame("white"), Frame("black")]
     for axis in "uv":
         frames += [Frame("phase", axis, period_px=16.0, shift=2 * np.pi * k / 3) for k in range(3)]
         frames += [Frame("phase", axis, period_px=period, shift=0.0) for period in (16.9, 17.8, 18.9, 20.1)]
-    shown = Sequence(tuple(frames), 150, 170)
+    shown = sequence("micro-phase", 150, 170) if named else Sequence(tuple(frames), 150, 170)
     found = decode(shoot(shown, *smooth, noise=1.0), shown)
     assert found.good.mean() > 0.99
     assert np.abs(found.u - smooth[0])[found.good].max() < 0.15

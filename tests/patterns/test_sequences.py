@@ -5,7 +5,16 @@ import numpy as np
 import pytest
 
 from optolever import InputError
-from optolever.patterns import Frame, Sequence, lattice_lines, sequence, sequence_from_text, sequence_names
+from optolever.patterns import (
+    Frame,
+    Sequence,
+    code_words,
+    lattice_lines,
+    sequence,
+    sequence_from_text,
+    sequence_names,
+    shortest_run,
+)
 
 NAMES = sequence_names()
 
@@ -160,3 +169,17 @@ def test_bad_description_names_the_field(plain: dict[str, object], message: str)
 def test_bad_sequence_names_the_field(plain: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         Sequence.from_dict(plain)
+
+
+@pytest.mark.parametrize("bits", range(1, 17))
+def test_long_run_gray_is_a_gray_code_without_narrow_stripes(bits: int) -> None:
+    """Every word once, neighbours differ in one bit, and no bit changes again within the stated run."""
+    words = code_words("long-run-gray", np.arange(1 << bits))
+    assert sorted(words.tolist()) == list(range(1 << bits))
+    changes = words[1:] ^ words[:-1]
+    assert ((changes & (changes - 1)) == 0).all()
+    for bit in range(bits):
+        edges = np.flatnonzero(changes == 1 << bit)
+        assert len(edges) < 2 or np.diff(edges).min() >= shortest_run(bits)
+    least = {1: 1, 5: 4, 6: 4, 7: 5, 8: 5, 9: 5}.get(bits, 2 if bits < 5 else 7)
+    assert shortest_run(bits) >= least  # the reflected code: 2
