@@ -72,7 +72,7 @@ def height_map(
         limits = _STEEP * np.sqrt(state.variances[0]), _STEEP * np.sqrt(state.variances[1])
         lost = ~data.mask | problem.bridged
         away = cut_off(doubt, limits, data.mask, anchors, lost)
-        steep[problem.core] = (touched(doubt) | away) & (more > (_STEEP**2) * variance)
+        steep[problem.core] = away | (touched(doubt) & (more > (_STEEP**2) * variance))
         variance = variance + more
     w, variance, known = extended(outer, problem.core, state.w, variance, state.variances, data.mask)
     distance, sigma = outer.distance(w), np.sqrt(variance)
