@@ -40,6 +40,9 @@ _SHARE = 1.0 / 12.0  # a jump inside an edge moves that edge's increment by half
 _NEAR = 7  # pixels: reach of a doubt over pixels that were interpolated
 _BESIDE = 5  # pixels: reach of a crease's surroundings, in which doubts below the noise count too
 _BLAME = 13.0 / 12.0  # a wrong slope is in its edges by 13/24, in the curl around it by half
+_CERTAIN, _ABRUPT = 8.0, 0.2  # of its noise, of the largest step: what one side alone misses at a kink
+_ONE_SIDED = 0.25  # of that, at most, what the other side misses
+_KINK = 0.5  # of what one side alone misses, at the edge of three where it misses most
 _FEEBLE = 0.5  # of a slope's sigma
 
 
@@ -110,14 +113,23 @@ def _axis(
     """Doubts beyond the noise, doubts whatever the noise, where they are beyond any noise;
     and what edges of the trapezoid rule miss of the curves that others nearby see.
     """
-    out, plain, bend = (np.zeros(f.shape) for _ in range(3))
+    out, plain, most, bend = (np.zeros(f.shape) for _ in range(4))
     sure, short = np.zeros((2, *f.shape), dtype=np.bool_)
     over_image(
         lambda start, stop: _doubt(
-            f, variance, mask, di, dj, noise, quiet, out, plain, bend, sure, short, start, stop
+            f, variance, mask, di, dj, noise, quiet, out, plain, most, bend, sure, short, start, stop
         ),
         f.shape,
     )
+    if most.any():
+        # beside an edge that neither side explains, one side is bound to fail
+        highest, explained = (
+            scipy.ndimage.maximum_filter1d(part, 3, axis=1 if dj else 0) for part in (most, plain)
+        )
+        kink = (most >= highest) & (explained < _ONE_SIDED * most)
+        for doubt in (out, plain):
+            doubt[kink] = np.maximum(doubt, _KINK * most)[kink]
+        sure |= kink
     if short.any():
         bend = np.where(short, scipy.ndimage.maximum_filter(bend, _NEAR), 0.0)
         bend[bend < _FEEBLE * np.sqrt(variance)] = 0.0
@@ -203,7 +215,7 @@ def _trapezoid(mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True, nogil=True)
-def _doubt(f, var, mask, di, dj, scale, quiet, out, plain, bend, sure, short, start, stop):  # type: ignore[no-untyped-def]
+def _doubt(f, var, mask, di, dj, scale, quiet, out, plain, most, bend, sure, short, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = f.shape
     for i in range(start, stop):
         for j in range(cols):
@@ -221,7 +233,7 @@ def _doubt(f, var, mask, di, dj, scale, quiet, out, plain, bend, sure, short, st
             short[i, j] = _trapezoid(mask, i, j, di, dj, before, after)
             bend[i, j] = abs(centre - 0.5 * (f[i, j] + f[i1, j1]))
             rise = abs(f[i1, j1] - f[i, j])
-            least, certain, whatever = np.inf, np.inf, np.inf
+            least, certain, whatever, largest = np.inf, np.inf, np.inf, 0.0
             for side in range(2):
                 s = -1 if side == 0 else 1
                 a, b, c, d = (i, j, i1, j1) if side == 0 else (i1, j1, i, j)
@@ -253,10 +265,14 @@ def _doubt(f, var, mask, di, dj, scale, quiet, out, plain, bend, sure, short, st
                 limit = max(FAINT * noise, ROUGH * step)
                 least = min(least, min(away, max(0.0, RISE * (away - limit))))
                 whatever = min(whatever, away)
+                # a border's pixels may be noisier than this edge's
+                if room >= 3 and away > max(_CERTAIN * noise, MATTERS * sigma, _ABRUPT * step):
+                    largest = max(largest, away)
                 certain = min(certain, away / max(SIGMAS * noise, MATTERS * sigma))
             if np.isfinite(least):
                 out[i, j] = least if least > _FEEBLE * sigma else 0.0
                 plain[i, j] = whatever
+                most[i, j] = largest
                 sure[i, j] = least > 0.0 and certain > 1.0
 
 

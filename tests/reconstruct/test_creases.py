@@ -82,3 +82,14 @@ def test_dense_outliers_are_gone_around(exact, noisy) -> None:
     good = height.good
     silent = np.abs(height.z - truth.z)[good] > 5 * height.sigma[good]
     assert silent.mean() < 1e-3
+
+
+def test_a_rim_that_one_side_explains_by_accident(exact, noisy) -> None:
+    """Outside its contact a ball's slope leaves like a root: some edges agree with it from that side."""
+    scene, truth, _ = exact("monitor-mirror", "ball", 128, 153)
+    height = reconstruct(noisy(truth, sigma=0.012, noise=0.012, seed=1), scene)
+    good = height.good
+    ratio = np.abs(height.z - truth.z)[good] / height.sigma[good]
+    assert good.mean() > 0.95
+    assert (ratio > 5).mean() < 1e-4
+    assert np.sqrt(np.mean(ratio**2)) < 1.3
