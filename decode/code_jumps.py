@@ -62,10 +62,15 @@ def bit_faults(axis: AxisPlan, stack: Map, coord: Map, flags: Map, offset: Map) 
     tables = _tables(code, axis)
     frame = np.maximum(code.plain, code.inverse)
     jumps, edges = (np.zeros((len(code.plain), height)) for _ in range(2))
+    views = []
     for lines, along in ((rows, True), (cols, False)):
         part, blind = (coord[lines], flags[lines]) if along else (coord[:, lines].T, flags[:, lines].T)
-        jump, edge = _events(code, axis, tables, part, blind & _BLIND)
-        edge = _flips(stack, offset, frame, lines, along, edge)
+        views.append((lines, along, _Lines(code, axis, tables[0], part, blind & _BLIND)))
+    broken = [view.jumps(axis, tables) for _, _, view in views]
+    if sum(len(jump[0]) for jump in broken) < _FEWEST:
+        return ()  # as a rule, and edges take time to count
+    for (lines, along, view), jump in zip(views, broken, strict=True):
+        edge = _flips(stack, offset, frame, lines, along, view.edges(tables))
         for counted, (which, line, place) in ((jumps, jump), (edges, edge)):
             np.add.at(counted, (which, lines[line] if along else place), 1)
     found = []
@@ -103,33 +108,48 @@ def _tables(code: Code, axis: AxisPlan) -> tuple[NDArray[np.int64], F64]:
     return words, (flipped - np.arange(count)) * code.cell
 
 
-def _events(
-    code: Code, axis: AxisPlan, tables: tuple[NDArray[np.int64], F64], lines: Map, blind: Map
-) -> tuple[Event, Event]:
-    """Jumps that a bit explains, and its proper edges: bit, line, and the place before it on the line."""
-    words, worth = tables
-    step = np.abs(np.diff(lines, axis=1))
-    seen = (blind[:, :-3] | blind[:, 1:-2] | blind[:, 2:-1] | blind[:, 3:]) == 0
-    # a fringe moves the answer by up to half its period from the code's cell
-    loose = 0.5 * axis.fringes[0].period if axis.fringes else 0.5 * code.cell
-    near = 0.5 * code.cell + loose + 2 * float(np.median(step))
-    calm = seen & (step[:, :-2] <= near) & (step[:, 2:] <= near)
-    cell = np.clip(np.floor((lines + 0.5 - code.origin) / code.cell), 0, len(words) - 1).astype(np.int64)
-    jump = step[:, 1:-1] > near + code.cell
-    line, place = np.nonzero(calm & jump)
-    change = lines[line, place + 2] - lines[line, place + 1]
-    mended = np.zeros((len(worth), len(line)), bool)
-    # where a bit is wrong, the fringe may lead to the cell beside the code's
-    for beside in (-1, 0, 1) if axis.fringes else (0,):
-        there, here = (np.clip(cell[line, place + end] + beside, 0, len(words) - 1) for end in (2, 1))
-        mended |= np.abs(change + worth[:, there]) <= near
-        mended |= np.abs(change - worth[:, here]) <= near
-    bit, which = np.nonzero(mended)
-    jumps = bit, line[which], place[which] + 1
-    line, place = np.nonzero(calm & ~jump & (cell[:, 1:-2] != cell[:, 2:-1]))
-    flips = words[cell[line, place + 1]] ^ words[cell[line, place + 2]]
-    bit, which = np.nonzero((flips >> np.arange(len(worth))[:, None]) & 1)
-    return jumps, (bit, line[which], place[which] + 1)
+class _Lines:
+    """Coordinates along lines of pixels (L, N), and where between two of them they jump or go on."""
+
+    def __init__(self, code: Code, axis: AxisPlan, words: NDArray[np.int64], coords: Map, blind: Map) -> None:
+        step = np.abs(np.diff(coords, axis=1))
+        seen = (blind[:, :-3] | blind[:, 1:-2] | blind[:, 2:-1] | blind[:, 3:]) == 0
+        # a fringe moves the answer by up to half its period from the code's cell
+        loose = 0.5 * axis.fringes[0].period if axis.fringes else 0.5 * code.cell
+        self.near = 0.5 * code.cell + loose + 2 * float(np.median(step))
+        self.calm = seen & (step[:, :-2] <= self.near) & (step[:, 2:] <= self.near)
+        self.jump = step[:, 1:-1] > self.near + code.cell
+        self.coords, self.words, self.code = coords, words, code
+
+    def _cells(self, line: NDArray[np.int64], place: NDArray[np.int64]) -> NDArray[np.int64]:
+        cell = np.floor((self.coords[line, place] + 0.5 - self.code.origin) / self.code.cell)
+        return np.clip(cell, 0, len(self.words) - 1).astype(np.int64)
+
+    def jumps(self, axis: AxisPlan, tables: tuple[NDArray[np.int64], F64]) -> Event:
+        """Jumps that a bit explains: bit, line, and the place before it on the line."""
+        words, worth = tables
+        line, place = np.nonzero(self.calm & self.jump)
+        change = self.coords[line, place + 2] - self.coords[line, place + 1]
+        mended = np.zeros((len(worth), len(line)), bool)
+        ends = self._cells(line, place + 2), self._cells(line, place + 1)
+        # where a bit is wrong, the fringe may lead to the cell beside the code's
+        for beside in (-1, 0, 1) if axis.fringes else (0,):
+            there, here = (np.clip(end + beside, 0, len(words) - 1) for end in ends)
+            mended |= np.abs(change + worth[:, there]) <= self.near
+            mended |= np.abs(change - worth[:, here]) <= self.near
+        bit, which = np.nonzero(mended)
+        return bit, line[which], place[which] + 1
+
+    def edges(self, tables: tuple[NDArray[np.int64], F64]) -> Event:
+        """The bits' proper edges, likewise."""
+        words, worth = tables
+        line, place = np.nonzero(self.calm & ~self.jump)
+        here, there = self._cells(line, place + 1), self._cells(line, place + 2)
+        other = here != there
+        line, place = line[other], place[other]
+        flips = words[here[other]] ^ words[there[other]]
+        bit, which = np.nonzero((flips >> np.arange(len(worth))[:, None]) & 1)
+        return bit, line[which], place[which] + 1
 
 
 def _worst_span(jumps: F64, edges: F64) -> tuple[int, int] | None:

@@ -220,20 +220,23 @@ def _sample(stack: NDArray[Any], rules: F64) -> Sample:
         runs = stack[:, lines, : across * step].reshape(count, len(lines), across, step)[..., :_RUN]
     else:
         runs = stack[:, lines][:, :, None]
-    runs = runs.astype(np.float64)
     # a quarter of the lines is enough for a median
-    second = np.diff(runs[:, ::4], 2, axis=-1).reshape(count, -1)
+    second = np.diff(runs[:, ::4].astype(np.float32), 2, axis=-1).reshape(count, -1)
     noise = float(np.median(np.abs(second), axis=1).min()) * 1.4826 / np.sqrt(6) if second.size else 0.0
     levels = runs.reshape(count, -1)
     row = np.repeat(lines, levels.shape[1] // len(lines))
-    span = np.ptp(levels, axis=0)
+    span = (levels.max(axis=0) - levels.min(axis=0)).astype(np.float64)
     top = 255.0 if stack.dtype == np.uint8 else float("inf")
     brightest = levels[np.abs(rules).max(axis=0) > 0].max(axis=0)
     use = np.flatnonzero((span >= 0.5 * np.percentile(span, 90)) & (brightest < top))
     # by chance, as every so many pixels may be a fringe's period
     use = np.random.default_rng(0).permutation(use)[:_PIXELS]
     contrast = float(np.median(span[use])) if len(use) else 0.0
-    return Sample(levels[:, use], row[use], float(np.hypot(max(noise, _LEAST_NOISE), _UNEVEN * contrast)))
+    return Sample(
+        levels[:, use].astype(np.float64),
+        row[use],
+        float(np.hypot(max(noise, _LEAST_NOISE), _UNEVEN * contrast)),
+    )
 
 
 def _excess(rules: F64, levels: F64, noise: float) -> F64:
