@@ -22,7 +22,7 @@ Window = tuple[slice, slice]
 
 DEPTH = 4  # lines on every side at most
 NOISY = 3.0  # times the next line's sigma
-BLINDING = 0.5  # of the way to the pattern: noise of a slope, over a pixel
+BLIND = 0.5, 0.2  # of the way to the pattern: noise of the outermost line's slopes, and of the next one's
 _WEIGHTS = (23.0 / 12.0, -16.0 / 12.0, 5.0 / 12.0)
 _GAIN = sum(weight**2 for weight in _WEIGHTS)
 
@@ -59,7 +59,7 @@ def _bad(data: Measured, window: list[list[int]], axis: int, side: int, broken: 
     outer, inner = (data.mask[line] for line in lines)
     if not outer.any() or not inner.any():
         return broken
-    if (broken and not outer.all()) or _blinding(data, axis, first):
+    if (broken and not outer.all()) or _blind(data, axis, first, first + inward):
         return True
     if axis == 1:  # weights may differ by columns as much as they like
         return False
@@ -72,16 +72,23 @@ def _bad(data: Measured, window: list[list[int]], axis: int, side: int, broken: 
     return False
 
 
-def _blinding(data: Measured, axis: int, line: int) -> bool:
-    """Whether noise moves a line's rays as far as the pattern is away: slopes are no function of the
-    coordinates any more that could be linearised.
+def _blind(data: Measured, axis: int, line: int, inner: int) -> bool:
+    """Whether noise moves a line's rays by as much as the pattern is away, and the next line's by a part:
+    the slopes are no function of the coordinates any more that could be linearised.
     """
+    return _swing(data, axis, line) > BLIND[0] and _swing(data, axis, inner) > BLIND[1]
+
+
+def _swing(data: Measured, axis: int, line: int) -> float:
+    """Noise of a line's slopes, over a pixel, as a share of the way to the pattern."""
     every = slice(0, data.mask.shape[1 - axis])
     strip = slice(line, line + 1)
     near = data.cropped((strip, every) if axis == 0 else (every, strip))
+    if not near.mask.any():
+        return 0.0
     rest = near.rest()
     noise = np.sqrt(np.maximum(*near.variances(rest)))
-    return bool(np.median((noise / near.clearance(rest))[near.mask]) > BLINDING)
+    return float(np.median((noise / near.clearance(rest))[near.mask]))
 
 
 def extended(
