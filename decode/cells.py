@@ -66,6 +66,7 @@ def take_off_stairs(
             attenuation = _of_period(attenuation, period, coord)
         if attenuation == 0 and measured is not None:
             attenuation = _left_by(measured)
+            seen, gradient = _gathered(*_along_the_change(coord, sigma, flags))
             if _contradicted(_height(attenuation, gradient, period), seen):
                 return
     if attenuation < _NEGLIGIBLE:
@@ -93,13 +94,22 @@ def _left_by(blur_px: float) -> float:
     return float(np.exp(-2 * (np.pi * blur_px) ** 2))
 
 
+def _along_the_change(coord: Map, sigma: Map, flags: Map) -> tuple[Map, Map, Map]:
+    """The maps, turned if coord changes more from row to row than from column to column."""
+    some = tuple(slice(None, None, max(1, n // 64)) for n in coord.shape)
+    across, down = np.abs(np.diff(coord[some[0]], axis=1)), np.abs(np.diff(coord[:, some[1]], axis=0))
+    if np.nan_to_num(np.nanmedian(down)) > np.nan_to_num(np.nanmedian(across)):
+        return coord.T, sigma.T, flags.T
+    return coord, sigma, flags
+
+
 def _contradicted(model: Map, seen: Map) -> bool:
     """Whether coordinates surely gather at whole cells by less than half of what the model says.
 
     That is so for ideal cosines that no cells showed, whose contrast looks like that of a sharp display.
     """
     weight = float(np.sum(model**2))
-    if weight == 0:
+    if len(seen) < 8 or weight == 0:
         return False
     share = float(np.sum(seen * model)) / weight
     doubt = float(np.sqrt(np.sum((seen - share * model) ** 2 * model**2))) / weight
