@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any, cast
 
 from numba import njit
-from numba.core.compiler import Compiler
+
+from optolever.compiling import Apart
 
 __all__ = ["apart_kernel", "fast_kernel", "inline_kernel", "kernel", "leaf_kernel", "roomy_kernel"]
 
@@ -55,23 +56,13 @@ def fast_kernel(function: Kernel) -> Kernel:
     return cast(Kernel, njit(**_LEAF, fastmath=_REORDER)(function))
 
 
-class _Apart(Compiler):
-    """Numba's compiler, told that no two array arguments overlap (as it tells itself for parallel loops)."""
-
-    def define_pipelines(self) -> Any:
-        """The usual ones."""
-        self.state.flags.noalias = True
-        usual: Any = super()
-        return usual.define_pipelines()
-
-
 def apart_kernel(function: Kernel) -> Kernel:
     """fast_kernel for callers who see to it that what it writes is reached through one argument only.
 
     Then a loop with many inputs and outputs becomes vector instructions; without that word the compiler has
     to check every pair of them for overlap, and gives up on more than a few.
     """
-    return cast(Kernel, njit(**_LEAF, fastmath=_REORDER, pipeline_class=_Apart)(function))
+    return cast(Kernel, njit(**_LEAF, fastmath=_REORDER, pipeline_class=Apart)(function))
 
 
 def roomy_kernel(function: Kernel) -> Kernel:

@@ -22,7 +22,7 @@ Window = tuple[slice, slice]
 
 DEPTH = 4  # lines on every side at most
 NOISY = 3.0  # times the next line's sigma
-BLIND = 0.5, 0.2  # of the way to the pattern: noise of the outermost line's slopes, and of the next one's
+BLIND = 0.5, 0.15  # of the way to the pattern: noise of the outermost line's slopes, and of the next one's
 _WEIGHTS = (23.0 / 12.0, -16.0 / 12.0, 5.0 / 12.0)
 _GAIN = sum(weight**2 for weight in _WEIGHTS)
 

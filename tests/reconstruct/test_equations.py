@@ -109,4 +109,4 @@ def test_every_other_pixel() -> None:
     pick = (slice(None, None, 2), slice(None, None, 2))
     u, v, w = (np.ascontiguousarray(a[pick]) for a in (truth.u, truth.v, w))
     for coarse, value in zip(slopes(rays, plane, u, v, w, step=2), fine, strict=True):
-        np.testing.assert_allclose(coarse, 2 * value[pick], rtol=1e-12)
+        np.testing.assert_allclose(coarse, 2 * value[pick], rtol=1e-12, atol=1e-12)
