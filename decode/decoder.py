@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from .cells import take_off_stairs
 from .code_kernels import FROM_EXTREMES, FROM_PAIRS, FROM_WHITE_BLACK
 from .correspondence import Correspondence, Flag
 from .display import NO_TABLES, Tables, display_tables
+from .exposures import better_of, by_exposure
 from .flag_kernels import outlier_rows
 from .integrity import examine
 from .neighbour_kernels import REACH, bend_rows, mixed_rows, steep_rows
@@ -88,11 +90,29 @@ def decode(
 
     subpixel     binary codes: answers within their cells, from the blur of their edges, where it tells
 
-    InputError if frames and sequence do not fit or hold values that are not finite.
+    A code under several exposures is decoded from each that shows all of it, every pixel from its best one:
+    amplitude and offset are levels of that exposure. InputError if frames and sequence do not fit or hold
+    values that are not finite.
     """
     stack = _checked(frames, sequence)
+    parts = by_exposure(sequence)
+    clip = _clip_level(stack) if white_level is None else float(white_level)
+    if not clip > 0:
+        raise InputError(f"decode: white_level is {white_level}, must be above 0")
+    found = []
+    for part in parts:
+        own = stack if len(part.index) == len(stack) else stack[part.index]
+        job = _job(own, plan(part.sequence), noise, gain, clip, response, weigh_samples)
+        found.append(_decoded(job, part.sequence, blur_px, on_cells, subpixel))
+    return reduce(better_of, found)
+
+
+def _decoded(
+    job: _Job, sequence: Sequence, blur_px: float | None, on_cells: bool, subpixel: bool
+) -> Correspondence:
+    """decode of frames whose codes are of one exposure."""
+    stack = job.frames
     wanted = plan(sequence)
-    job = _job(stack, wanted, noise, gain, white_level, response, weigh_samples)
     _, height, width = stack.shape
     shown = {axis.axis for axis in wanted.axes}
     maps = {axis: _maps(height, width, axis in shown) for axis in "uv"}
@@ -243,16 +263,13 @@ def _job(
     wanted: Plan,
     noise: float | None,
     gain: float,
-    white_level: float | None,
+    clip: float,
     response: Response | None,
     weigh_samples: bool,
 ) -> _Job:
     for name, value in (("noise", noise), ("gain", gain)):
         if value is not None and not 0 <= value < np.inf:
             raise InputError(f"decode: {name} is {value}, must be finite and at least 0")
-    clip = _clip_level(stack) if white_level is None else float(white_level)
-    if not clip > 0:
-        raise InputError(f"decode: white_level is {white_level}, must be above 0")
     lut = slope = none = np.zeros(0, np.float32)
     if response is not None:
         if stack.dtype.kind != "u":

@@ -20,7 +20,8 @@ from optolever.patterns import Sequence
 
 from .code_jumps import BitFault, bit_faults
 from .correspondence import Correspondence
-from .plan import AxisPlan, Plan, plan
+from .exposures import by_exposure, numbered
+from .plan import AxisPlan, Plan
 from .sweep import sweep_faults
 
 __all__ = ["Finding", "Integrity", "check", "examine"]
@@ -87,12 +88,19 @@ def check(frames: ArrayLike, sequence: Sequence, found: Correspondence | None = 
     """Look for a frame that is not what the sequence describes.
 
     frames (N, H, W), frame i as sequence.frames[i] describes it; found: what decode made of them, without
-    which bits that have no inverse are not tested. Some 2000 pixels are looked at.
+    which bits that have no inverse are not tested; nor are they where a code was shown under several
+    exposures, whose levels `found` mixes. Some 2000 pixels are looked at.
     """
     stack = np.asarray(frames)
     if stack.ndim != 3 or len(stack) != len(sequence):
         raise InputError(f"check: frames have shape {stack.shape}, sequence describes {len(sequence)} images")
-    return examine(stack, plan(sequence), found)
+    parts = by_exposure(sequence)
+    found = found if len(parts) == 1 else None
+    each = [examine(stack, numbered(part), found) for part in parts]
+    return Integrity(
+        tuple(dict.fromkeys(finding for one in each for finding in one.findings)),
+        sum(one.constraints for one in each),
+    )
 
 
 def examine(stack: NDArray[Any], wanted: Plan, found: Correspondence | None) -> Integrity:

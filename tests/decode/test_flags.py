@@ -208,8 +208,8 @@ def test_bad_frames(change: Callable[[NDArray[Any]], NDArray[Any]], message: str
         ((Frame("crossed", period_px=9.0),), "decode.crossed"),
         ((Frame("stripe", "uv", width_px=9.0, at_u=1.0, at_v=2.0),), "none of them encodes"),
         (
-            (Frame("gray", "u", bit=0, inverted=True, exposure=2.0), Frame("gray", "u", bit=0)),
-            "exposure is 2",
+            (Frame("gray", "u", bit=1, exposure=2.0), Frame("gray", "u", bit=0)),
+            "1 of 2 are missing under 2",
         ),
         (
             tuple(Frame("stripe", "u", width_px=9.0, at_u=float(k)) for k in (1, 2, 2, 3, 4)),

@@ -1,0 +1,140 @@
+"""Codes captured under several exposures: right where one of them clips and another one is dark."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever import InputError
+from optolever.decode import Flag, check, decode
+from optolever.patterns import Frame, Sequence, sequence
+
+F64 = NDArray[np.float64]
+Shoot = Callable[..., NDArray[Any]]
+LONG = 40.0
+
+
+def bracketed(shown: Sequence, *exposures: float) -> Sequence:
+    frames = tuple(replace(frame, exposure=e) for e in exposures for frame in shown.frames)
+    return replace(shown, frames=frames)
+
+
+def shot(
+    shoot: Shoot, shown: Sequence, smooth: tuple[F64, F64], light: F64, noise: float = 1.5
+) -> NDArray[Any]:
+    """Every frame under its exposure: black 4 % of the light, clipped at 255."""
+    frames = []
+    for k, frame in enumerate(shown.frames):
+        bright = light * frame.exposure
+        one = replace(shown, frames=(frame,))
+        frames.append(
+            shoot(one, *smooth, offset=0.52 * bright, amplitude=0.48 * bright, noise=noise, seed=k)[0]
+        )
+    return np.array(frames)
+
+
+@pytest.mark.parametrize(
+    ("name", "limit"), [("gray", 0.501), ("gray:inverses=off", 0.501), ("binary", 0.501), ("gray+phase", 0.2)]
+)
+def test_right_where_one_clips_and_another_is_dark(
+    shoot: Shoot, smooth: tuple[F64, F64], name: str, limit: float
+) -> None:
+    code, _, plain = name.partition(":")
+    both = bracketed(sequence(code, 150, 170, **({"inverses": False} if plain else {})), 1.0, LONG)
+    light = np.where(np.arange(140) < 70, 3.0, 180.0)[None, :] * np.ones((120, 1))
+    frames = shot(shoot, both, smooth, light)
+    half = len(both) // 2
+    alone = [
+        decode(frames[part], replace(both, frames=both.frames[:half]), on_cells=False)
+        for part in (slice(0, half), slice(half, None))
+    ]
+    found = decode(frames, both, on_cells=False)
+    inner = np.s_[:, 8:-8]
+    assert all(one.good[inner].mean() < 0.7 for one in alone)
+    assert found.good[inner].mean() > 0.97
+    for coord, sigma, truth in zip((found.u, found.v), (found.sigma_u, found.sigma_v), smooth, strict=True):
+        error = np.abs(coord - truth)[found.good]
+        assert error.max() <= limit
+        assert 0.8 < np.sqrt(np.mean((error / sigma[found.good]) ** 2)) < 1.15
+
+
+def test_only_what_every_exposure_clips_is_saturated(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    """Light of 3, 180 and 90000 levels: the last clips under both exposures, black included."""
+    both = bracketed(sequence("gray", 150, 170), 1.0, LONG)
+    light = np.repeat([3.0, 180.0, 90000.0], [50, 50, 40])[None, :] * np.ones((120, 1))
+    found = decode(shot(shoot, both, smooth, light), both)
+    clipped = found.flags & Flag.SATURATED > 0
+    assert clipped[:, 100:].all()
+    assert not clipped[:, :100].any()
+    assert found.good[:, 8:92].mean() > 0.97
+
+
+def test_order_and_incomplete_exposures_do_not_matter(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    """White of a third exposure and some bits of it: left out, and no bound for bits of others."""
+    both = bracketed(sequence("gray", 150, 170, inverses=False), 1.0, LONG)
+    more = tuple(replace(frame, exposure=7.0) for frame in both.frames[:5])
+    light = np.where(np.arange(140) < 70, 3.0, 180.0)[None, :] * np.ones((120, 1))
+    mixed = replace(both, frames=both.frames + more)
+    frames = shot(shoot, mixed, smooth, light)
+    order = np.random.default_rng(3).permutation(len(mixed))
+    plain = decode(frames[: len(both)], both)
+    found = decode(frames[order], replace(mixed, frames=tuple(mixed.frames[i] for i in order)))
+    np.testing.assert_array_equal(found.u, plain.u)
+    np.testing.assert_array_equal(found.flags, plain.flags)
+
+
+def test_one_exposure_for_all_is_that_of_none(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    shown = sequence("gray+phase", 150, 170)
+    frames = shoot(shown, *smooth, noise=1.0)
+    plain, found = decode(frames, shown), decode(frames, bracketed(shown, 0.3))
+    for name in ("u", "v", "sigma_u", "flags", "amplitude"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(plain, name))
+
+
+def test_what_moved_between_exposures_is_flagged(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    both = bracketed(sequence("gray", 150, 170), 1.0, 1.2)
+    half = len(both) // 2
+    light = np.full(smooth[0].shape, 150.0)
+    still = shot(shoot, both, smooth, light)
+    moved = shot(shoot, both, (smooth[0] + 6, smooth[1]), light)
+    found = decode(np.concatenate([still[:half], moved[half:]]), both)
+    assert (found.flags & Flag.MOVED > 0).mean() > 0.95
+    assert (decode(still, both).flags & Flag.MOVED > 0).mean() < 1e-3
+
+
+def test_swapped_frames_of_one_exposure_keep_their_numbers(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    both = bracketed(sequence("gray", 150, 170), 1.0, 1.2)
+    frames = shot(shoot, both, smooth, np.full(smooth[0].shape, 150.0))
+    assert not check(frames, both).findings
+    half = len(both) // 2
+    wrong = [half + 6, half + 11]
+    frames[wrong] = frames[wrong[::-1]]
+    (finding,) = check(frames, both).findings
+    # each one's partner in the other's place would look the same
+    partners = {half + 7, half + 10}
+    assert (finding.kind, set(finding.frames)) == ("swapped", partners | set(wrong))
+
+
+def test_no_exposure_is_whole() -> None:
+    frames = (Frame("gray", "u", bit=0, exposure=2.0), Frame("gray", "u", bit=1))
+    with pytest.raises(InputError, match="1 of 2 are missing under 1, 1 of 2 are missing under 2"):
+        decode(np.zeros((2, 4, 4), np.uint8), Sequence(frames, 8, 8))
+
+
+def test_fringes_of_all_exposures_serve_a_code_of_one(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    """Sigma falls as the modulation grows with the longer exposure."""
+    shown = sequence("gray+phase", 150, 170)
+    longer = tuple(replace(f, exposure=2.0) for f in shown.frames if f.kind == "phase")
+    both = replace(shown, frames=shown.frames + longer)
+    frames = shot(shoot, both, smooth, np.full(smooth[0].shape, 100.0))
+    one = decode(frames[: len(shown)], shown, on_cells=False)
+    for exposed in (
+        both,
+        replace(both, frames=tuple(replace(f, exposure=3 * f.exposure) for f in both.frames)),
+    ):
+        found = decode(frames, exposed, on_cells=False)
+        assert found.good.mean() > 0.99
+        assert np.median(found.sigma_u) == pytest.approx(np.median(one.sigma_u) / 5**0.5, rel=0.05)
