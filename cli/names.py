@@ -16,7 +16,7 @@ Names
   dents      flat, tilt, raised-cosine, gaussian, ball, needle, rounded-needle,
              ridge, relief
   sequences  gray, binary, xor-gray, long-run-gray, phase, gray+phase,
-             crossed, ramp
+             micro-phase, stripe, spot, lattice, crossed, ramp
   methods    coupled, direct, robust, march, fixed-point, paper, paper-rises,
              paper-drops
 """

@@ -26,6 +26,7 @@ from .integrity import examine
 from .neighbour_kernels import REACH, bend_rows, mixed_rows, steep_rows
 from .noise import QUANTISATION, Noise, estimate_noise
 from .plan import AxisPlan, Code, Plan, plan
+from .raster import by_raster, raster_of
 from .references import beyond_references
 from .response import Response
 from .sweep import stripe_step
@@ -95,12 +96,19 @@ def decode(
     values that are not finite.
     """
     stack = _checked(frames, sequence)
-    parts = by_exposure(sequence)
+    _check_camera(noise, gain, white_level)
     clip = _clip_level(stack) if white_level is None else float(white_level)
-    if not clip > 0:
-        raise InputError(f"decode: white_level is {white_level}, must be above 0")
+    raster = raster_of(sequence)
+    if raster is not None:
+        rounding = QUANTISATION if stack.dtype.kind == "u" else 0.0
+
+        def stripes(sums: Frames, swept: Sequence, full: float, summed: int) -> Correspondence:
+            of_sums = None if noise is None else float(np.sqrt(summed * (noise**2 + rounding)))
+            return decode(sums, swept, noise=of_sums, gain=gain, white_level=full)
+
+        return by_raster(stack, sequence, raster, clip, _levels(stack, response)[0], stripes)
     found = []
-    for part in parts:
+    for part in by_exposure(sequence):
         own = stack if len(part.index) == len(stack) else stack[part.index]
         job = _job(own, plan(part.sequence), noise, gain, clip, response, weigh_samples)
         found.append(_decoded(job, part.sequence, blur_px, on_cells, subpixel))
@@ -258,6 +266,23 @@ def _checked(frames: ArrayLike, sequence: Sequence) -> Frames:
     return np.ascontiguousarray(stack)
 
 
+def _check_camera(noise: float | None, gain: float, white_level: float | None) -> None:
+    for name, value in (("noise", noise), ("gain", gain)):
+        if value is not None and not 0 <= value < np.inf:
+            raise InputError(f"decode: {name} is {value}, must be finite and at least 0")
+    if white_level is not None and not white_level > 0:
+        raise InputError(f"decode: white_level is {white_level}, must be above 0")
+
+
+def _levels(stack: Frames, response: Response | None) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Linear level of each raw one, and the slope of that; both empty: levels are linear."""
+    if response is None:
+        return np.zeros(0, np.float32), np.zeros(0, np.float32)
+    if stack.dtype.kind != "u":
+        raise InputError(f"decode: response is given and frames are {stack.dtype}, must be uint8 or uint16")
+    return response.table(stack.dtype), response.slope()
+
+
 def _job(
     stack: Frames,
     wanted: Plan,
@@ -267,17 +292,8 @@ def _job(
     response: Response | None,
     weigh_samples: bool,
 ) -> _Job:
-    for name, value in (("noise", noise), ("gain", gain)):
-        if value is not None and not 0 <= value < np.inf:
-            raise InputError(f"decode: {name} is {value}, must be finite and at least 0")
-    lut = slope = none = np.zeros(0, np.float32)
-    if response is not None:
-        if stack.dtype.kind != "u":
-            raise InputError(
-                f"decode: response is given and frames are {stack.dtype}, must be uint8 or uint16"
-            )
-        lut = response.table(stack.dtype)
-        slope = response.slope()
+    lut, slope = _levels(stack, response)
+    none = np.zeros(0, np.float32)
     if response is not None:
         raw = estimate_noise(stack, lut, clip, wanted, slope)
         known = raw if weigh_samples else estimate_noise(stack, lut, clip, wanted, none)

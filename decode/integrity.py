@@ -22,6 +22,7 @@ from .code_jumps import BitFault, bit_faults
 from .correspondence import Correspondence
 from .exposures import by_exposure, numbered
 from .plan import AxisPlan, Plan
+from .raster import raster_of
 from .sweep import sweep_faults
 
 __all__ = ["Finding", "Integrity", "check", "examine"]
@@ -94,6 +95,8 @@ def check(frames: ArrayLike, sequence: Sequence, found: Correspondence | None = 
     stack = np.asarray(frames)
     if stack.ndim != 3 or len(stack) != len(sequence):
         raise InputError(f"check: frames have shape {stack.shape}, sequence describes {len(sequence)} images")
+    if raster_of(sequence) is not None:  # a place that is lost moves the rest, as another map would
+        return Integrity((), 0)
     parts = by_exposure(sequence)
     found = found if len(parts) == 1 else None
     each = [examine(stack, numbered(part), found) for part in parts]

@@ -1,4 +1,4 @@
-"""Sequences by name: gray, binary, phase, gray+phase, stripe, lattice, ..."""
+"""Sequences by name: gray, binary, phase, gray+phase, stripe, spot, lattice, ..."""
 
 import inspect
 import math
@@ -17,6 +17,8 @@ Frames = tuple[Frame, ...]
 #: By how much the periods of micro phase shifting are longer than the first.
 _MICRO = (0.056, 0.113, 0.181, 0.256, 0.34)
 _REFERENCES = (Frame("white"), Frame("black"))
+#: Frames of a raster of spots at most: a minute at 60 frames per second, and a folder that still opens.
+_MOST_SPOTS = 4096
 
 
 def sequence_names() -> tuple[str, ...]:
@@ -220,6 +222,27 @@ def _stripe(
     return tuple(frames)
 
 
+def _spot(rows: int, cols: int, *, step: float = 8.0, width: float | None = None) -> Frames:
+    """A spot (a row of LEDs, one after the other) at a raster of places, row by row, for small surfaces.
+
+    Its places along either axis are those of a stripe of that step and width (default two steps).
+    """
+    if step <= 0:
+        raise InputError(f"step is {step:g}, must be above 0")
+    width = 2 * step if width is None else width
+    along, down = (1 + math.ceil((extent - 1) / step) + 2 for extent in (cols, rows))
+    if along * down > _MOST_SPOTS:
+        raise InputError(
+            f"step {step:g} on {rows}x{cols} cells makes {down} x {along} = {down * along} frames, "
+            f"must be {_MOST_SPOTS} at most (a larger step, or stripe)"
+        )
+    return tuple(
+        Frame("stripe", "uv", width_px=width, at_u=j * step, at_v=i * step)
+        for i in range(-1, down - 1)
+        for j in range(-1, along - 1)
+    )
+
+
 def _lattice(
     rows: int, cols: int, *, period: float = 25.0, width: float | None = None, references: bool = False
 ) -> Frames:
@@ -248,6 +271,7 @@ _BUILDERS: dict[str, Callable[..., Frames]] = {
     "gray+phase": _gray_phase,
     "micro-phase": _micro_phase,
     "stripe": _stripe,
+    "spot": _spot,
     "lattice": _lattice,
     "crossed": _crossed,
     "ramp": _ramp,

@@ -87,7 +87,7 @@ def test_names_are_those_that_work(optolever: Program, tmp_path: Path) -> None:
     names = json.loads(path.read_text())
     assert {"paper-simulation", "paper-prototype", "prism48", "monitor-mirror"} <= set(names["scenes"])
     assert {"flat", "tilt", "raised-cosine", "gaussian", "ball", "needle", "ridge"} <= set(names["dents"])
-    assert {"gray", "binary", "stripe", "phase", "gray+phase", "lattice"} <= set(names["sequences"])
+    assert {"gray", "binary", "stripe", "spot", "phase", "gray+phase", "lattice"} <= set(names["sequences"])
     assert "coupled" in names["methods"]
 
 

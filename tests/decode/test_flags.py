@@ -206,7 +206,7 @@ def test_bad_frames(change: Callable[[NDArray[Any]], NDArray[Any]], message: str
         ),
         ((Frame("gray", "u", bit=0), Frame("gray", "u", bit=0)), "described twice"),
         ((Frame("crossed", period_px=9.0),), "decode.crossed"),
-        ((Frame("stripe", "uv", width_px=9.0, at_u=1.0, at_v=2.0),), "none of them encodes"),
+        ((Frame("stripe", "uv", width_px=9.0, at_u=1.0, at_v=2.0),), "1 spots are at 1 x 1"),
         (
             (Frame("gray", "u", bit=1, exposure=2.0), Frame("gray", "u", bit=0)),
             "1 of 2 are missing under 2",

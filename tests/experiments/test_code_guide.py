@@ -40,6 +40,17 @@ def test_predicted_sigma_is_the_scatter_of_a_simulation(name: str, tolerance: fl
     assert max(scatter) == pytest.approx(sigma, rel=tolerance)
 
 
+@pytest.mark.parametrize("name", ["spot:step=8", "spot:step=16"])
+def test_predicted_sigma_of_spots_is_a_bound_that_is_nearly_reached(name: str) -> None:
+    shown = sequence_from_text(name, *SIZE)
+    row, col = np.mgrid[:100, :140].astype(float)
+    u, v = 14 + col + 0.3 * np.sin(row), 9 + row + 0.4 * np.cos(col)
+    found = decode(seen(shown, u, v, 60.0, 2.0, np.random.default_rng(2)), shown)
+    _, sigma, _, _ = predict_code(shown, 60.0, 2.0)
+    for at, true in ((found.u, u), (found.v, v)):
+        assert 0.99 < float(np.std((at - true)[found.good])) / sigma < 1.13
+
+
 @pytest.mark.parametrize(("ratio", "name"), [(2.0, "gray+phase:steps=4"), (2.2, "gray")])
 def test_predicted_rate_of_wrong_bits(ratio: float, name: str) -> None:
     shown = sequence_from_text(f"{name}{',' if ':' in name else ':'}axes=u", *SIZE)

@@ -1,0 +1,154 @@
+"""A spot at a raster of places, decoded to both coordinates."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever import InputError
+from optolever.decode import Correspondence, Flag, Response, check, decode
+from optolever.patterns import Frame, Sequence, sequence
+from optolever.projector import capture
+from optolever.scene import dent, load, resize, trace
+
+F64 = NDArray[np.float64]
+
+
+def seen(u: F64, v: F64) -> Callable[[Frame], F64]:
+    """What places u, v see of a spot, 0..1: a product of raised cosines."""
+
+    def level(frame: Frame) -> F64:
+        light = np.ones(u.shape)
+        for coord, at in ((u, frame.at_u), (v, frame.at_v)):
+            distance = np.abs(coord - (at or 0.0)) / (frame.width_px or 1.0)
+            light = light * np.where(distance < 1, 0.5 + 0.5 * np.cos(np.pi * distance), 0.0)
+        return light
+
+    return level
+
+
+def shoot(
+    shown: Sequence, u: F64, v: F64, noise: float, *, seed: int = 0, dark: float = 12, bright: float = 190
+) -> NDArray[Any]:
+    rng, level = np.random.default_rng(seed), seen(u, v)
+    frames = [dark + bright * level(frame) + noise * rng.standard_normal(u.shape) for frame in shown.frames]
+    return np.clip(np.rint(frames), 0, 255).astype(np.uint8)
+
+
+def errors(found: Correspondence, u: F64, v: F64) -> F64:
+    """Errors over sigma of the good pixels, (2, n)."""
+    return np.array(
+        [((found.u - u) / found.sigma_u)[found.good], ((found.v - v) / found.sigma_v)[found.good]]
+    )
+
+
+@pytest.fixture(scope="module")
+def places() -> tuple[F64, F64]:
+    row, col = np.mgrid[:60, :70].astype(np.float64)
+    return 3 + 0.97 * col + 3 * np.sin(row / 21), 4 + 0.93 * row + 3 * np.cos(col / 17)
+
+
+@pytest.mark.parametrize("params", [{"step": 8}, {"step": 6, "width": 9}, {"step": 5, "width": 15}])
+def test_spot_has_true_error_bars(places: tuple[F64, F64], params: dict[str, float]) -> None:
+    shown = sequence("spot", 66, 78, **params)
+    scores = []
+    for seed in range(3):
+        found = decode(shoot(shown, *places, 3.0, seed=seed), shown)
+        assert found.good.mean() > 0.999
+        scores.append(errors(found, *places))
+    score = np.abs(np.concatenate(scores, axis=1))
+    for axis in score:
+        assert np.mean(axis < 1) == pytest.approx(0.683, abs=0.02)
+        assert np.mean(axis < 2) == pytest.approx(0.954, abs=0.01)
+
+
+def test_levels_are_those_of_the_frames(places: tuple[F64, F64]) -> None:
+    shown = sequence("spot", 66, 78)
+    found = decode(shoot(shown, *places, 1.0), shown)
+    assert found.amplitude is not None
+    assert found.offset is not None
+    # half of 190 about 12 + 95; rows that the window leaves out carry 7 % at most
+    np.testing.assert_allclose(found.amplitude[found.good], 95, rtol=0.1)
+    np.testing.assert_allclose((found.offset - found.amplitude)[found.good], 12, atol=3)
+    assert np.median(found.sigma_u) < 0.15
+
+
+def test_order_of_the_frames_does_not_matter(places: tuple[F64, F64]) -> None:
+    shown = sequence("spot", 66, 78)
+    frames = shoot(shown, *places, 1.0)
+    order = np.random.default_rng(1).permutation(len(shown))
+    mixed = Sequence((Frame("black"), *(shown.frames[i] for i in order)), 66, 78)
+    first, second = decode(frames, shown), decode(np.concatenate([frames[:1], frames[order]]), mixed)
+    np.testing.assert_allclose(second.u, first.u, atol=1e-9)
+    np.testing.assert_allclose(second.v, first.v, atol=1e-9)
+
+
+def test_clipped_samples_are_left_out(places: tuple[F64, F64]) -> None:
+    shown = sequence("spot", 66, 78, step=4, width=12)
+    found = decode(shoot(shown, *places, 1.0, bright=300), shown)
+    assert found.good.mean() > 0.9
+    assert np.sqrt(np.mean(errors(found, *places) ** 2)) < 1.2
+
+
+def test_response_is_inverted_before_sums(places: tuple[F64, F64]) -> None:
+    shown = sequence("spot", 66, 78)
+    light = np.array([seen(*places)(frame) for frame in shown.frames])
+    noise = np.random.default_rng(2).standard_normal(light.shape)
+    frames = np.clip(np.rint(255 * (0.1 + 0.8 * light) ** (1 / 2.2) + noise), 0, 255).astype(np.uint8)
+    inverse = Response.from_gamma(1 / 2.2)
+    bent, straight = decode(frames, shown), decode(frames, shown, response=inverse)
+    error = [np.sqrt(np.mean((found.u - places[0])[found.good] ** 2)) for found in (bent, straight)]
+    assert straight.good.mean() > 0.99
+    assert error[1] < 0.5 * error[0] or bent.good.mean() < 0.5
+
+
+def test_two_places_in_one_pixel_are_flagged(places: tuple[F64, F64]) -> None:
+    """A fold, or a ghost: the second place in other rows and columns of the raster."""
+    shown = sequence("spot", 66, 78)
+    u, v = np.full((9, 9), 12.0), np.full((9, 9), 15.0)
+    both = 0.5 * shoot(shown, u, v, 0) + 0.5 * shoot(shown, u + 45, v + 40, 0)
+    found = decode(np.rint(both).astype(np.uint8), shown)
+    assert (found.flags & Flag.ORDER_DOUBTFUL).all()
+
+
+def test_dark_capture_is_flagged() -> None:
+    shown = sequence("spot", 40, 60)
+    noise = np.random.default_rng(0).normal(4, 1, (len(shown), 20, 24))
+    found = decode(np.clip(np.rint(noise), 0, 255).astype(np.uint8), shown)
+    assert found.good.mean() < 1e-3
+    assert check(np.zeros((len(shown), 4, 4), np.uint8), shown).constraints == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda frames: frames[:-1], "every place once"),
+        (lambda frames: (*frames, frames[0]), "every place once"),
+        (lambda frames: (*frames, Frame("gray", "u", bit=0)), "spots stand alone"),
+        (lambda frames: (*frames, Frame("white", exposure=2.0)), "exposure is 2"),
+        (lambda frames: (*frames, Frame("stripe", "uv", width_px=2.0, at_u=0.0, at_v=0.0)), "must be alike"),
+    ],
+)
+def test_bad_rasters(change: Callable[[tuple[Frame, ...]], tuple[Frame, ...]], message: str) -> None:
+    shown = Sequence(change(sequence("spot", 40, 60).frames), 40, 60)
+    with pytest.raises(InputError, match=message):
+        decode(np.zeros((len(shown), 4, 4), np.uint8), shown)
+
+
+def test_virtual_sensor() -> None:
+    """End to end: what the simulated camera sees of spots is where its rays meet the pattern."""
+    scene = resize(load("paper-simulation"), 32, 32)
+    surface = dent("tilt", scene)
+    shown = sequence("spot", scene.pattern.rows, scene.pattern.cols, step=3)
+    found = decode(capture(scene, surface, shown, renderer="numpy", noise=1.0).frames, shown)
+    truth = trace(scene, surface)
+    inside = (np.abs(truth.u - (shown.cols - 1) / 2) < shown.cols / 2 - 2) & (
+        np.abs(truth.v - (shown.rows - 1) / 2) < shown.rows / 2 - 2
+    )
+    assert inside.sum() > 500
+    assert found.good[inside].mean() > 0.99
+    score = errors(found, truth.u, truth.v)
+    assert np.sqrt(np.mean(score**2)) < 1.1
+    assert np.abs(score).max() < 5
