@@ -40,6 +40,7 @@ SHAPES = (
     Frame("phase", "v", period_px=16.0, shift=2.0),
     Frame("lattice", period_px=11.0, width_px=2.5),
     Frame("crossed", period_px=9.0),
+    Frame("stripe", "uv", width_px=30.0, at_u=40.0, at_v=45.0),
 )
 
 
@@ -292,8 +293,8 @@ def test_more_frames_than_attachments(gl: moderngl.Context) -> None:
         ({"bits": 7}, ("bits", "7", "8 and 16")),
         ({"samples": 0}, ("samples", "0")),
         ({"exposure": [1.0]}, ("exposure", "(1,)")),
-        ({"exposure": [1.0] * 6 + [0.0]}, ("exposure", "0 of frame 6")),
-        ({"exposure": [1.0] * 6 + [float("inf")]}, ("exposure", "inf of frame 6")),
+        ({"exposure": [1.0] * 7 + [0.0]}, ("exposure", "0 of frame 7")),
+        ({"exposure": [1.0] * 7 + [float("inf")]}, ("exposure", "inf of frame 7")),
     ],
 )
 def test_bad_parameters_are_refused(changes: dict[str, object], words: tuple[str, ...]) -> None:
