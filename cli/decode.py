@@ -10,7 +10,7 @@ from .options import FILE, HDF5, blame, json_option, sample, writable
 from .show import flag_shares, number, progress, table, write_json
 
 if TYPE_CHECKING:
-    from optolever.decode import Correspondence
+    from optolever.decode import Correspondence, Response
     from optolever.projector import Capture
 
 __all__ = ["command"]
@@ -51,6 +51,8 @@ def command(
     DIR is a folder with capture.toml and its frames, or a measurement of OpenCSP's SOFAST (HDF5, extra
     `sofast`). C.npz receives u, v, sigma_u, sigma_v (pattern pixels), flags (0 = good), amplitude, offset.
     """
+    from optolever.decode import decode, harmonic_errors
+
     writable(out, json_path)
     with progress() as step:
         step("read frames")
@@ -58,12 +60,15 @@ def command(
         step("decode")
         start = time.perf_counter()
         with blame(source):
-            result = _decode(capture, response)
+            inverse = _inverse(response)
+            result = decode(capture.frames, capture.sequence, response=inverse)
         seconds = time.perf_counter() - start
+        left = [] if inverse is None else harmonic_errors(capture.frames, capture.sequence, inverse)
         step("write")
         result.save(out)
     faults = _faults(capture, result)
     numbers = _numbers(result) | {"frames": len(capture), "seconds": seconds, "faults": faults}
+    numbers["harmonic_error_px"] = {one.axis: {"rms": one.rms_px, "sigma": one.sigma_px} for one in left}
     write_json(json_path, numbers)
     rows, cols = result.u.shape
     table(
@@ -73,6 +78,9 @@ def command(
             "good": number(100 * numbers["good_share"], "% of the pixels"),
             "sigma u": number(numbers["sigma_u_px"], "px (median of the good)"),
             "sigma v": number(numbers["sigma_v_px"], "px (median of the good)"),
+            **{
+                f"harmonics {one.axis}": f"{number(one.rms_px)} ± {one.sigma_px:.2g} px (rms)" for one in left
+            },
             **{name: number(100 * share, "%") for name, share in numbers["flags"].items()},
             "time": number(seconds, "s"),
         },
@@ -100,12 +108,11 @@ def _read(source: Path, description: Path | None) -> "Capture":
     return load_sofast(source)
 
 
-def _decode(capture: "Capture", response: Path | None) -> "Correspondence":
-    from optolever.decode import Response, decode
+def _inverse(response: Path | None) -> "Response | None":
+    from optolever.decode import Response
     from optolever.projector import load_sofast_response
 
-    inverse = None if response is None else Response.from_table(*load_sofast_response(response))
-    return decode(capture.frames, capture.sequence, response=inverse)
+    return None if response is None else Response.from_table(*load_sofast_response(response))
 
 
 def _numbers(result: "Correspondence") -> dict[str, Any]:

@@ -8,6 +8,7 @@
 | `plan`, `arrays`           | what has to be computed, sorted by the frames' descriptions; as plain arrays |
 | `noise`                    | noise of the camera from what the frames cannot explain                      |
 | `response`                 | `Response` of display and camera, inverted before fringes are fitted         |
+| `harmonics`                | error that a response leaves: harmonics of the fringes, aliased              |
 | `axis_kernels`             | one axis over a block of rows, compiled: code and fringes, tile by tile      |
 | `fit_kernels`              | fringe fit of a tile                                                         |
 | `refit_kernels`            | that again for pixels with clipped samples, or with weighed ones             |
@@ -36,6 +37,7 @@ u along the pattern's columns, v along its rows, integer = pixel centre; sigma i
 from .correspondence import Correspondence, Flag, difference
 from .crossed import crossed
 from .decoder import decode
+from .harmonics import HarmonicError, harmonic_errors
 from .integrity import Finding, Integrity, check
 from .lattice import Crossings, lattice
 from .response import Response
@@ -45,11 +47,13 @@ __all__ = [
     "Crossings",
     "Finding",
     "Flag",
+    "HarmonicError",
     "Integrity",
     "Response",
     "check",
     "crossed",
     "decode",
     "difference",
+    "harmonic_errors",
     "lattice",
 ]

@@ -1,5 +1,6 @@
 """The commands do what the library does: whole chain, files by their names, numbers within bounds."""
 
+import json
 import tomllib
 import zipfile
 from pathlib import Path
@@ -125,3 +126,24 @@ def test_known_point_anchor_and_other_formats(optolever: Program, chain: Chain, 
         error = np.abs(tifffile.imread(tiff) - height["z"])[height["flags"] == 0]
     assert error.max() < 1e-6
     assert ply.read_bytes().startswith(b"ply\n")
+
+
+def test_what_a_response_leaves_is_told(optolever: Program, chain: Chain, tmp_path: Path) -> None:
+    """Harmonics of fringes whose camera is linear: none by its own response, many by that of gamma 3."""
+    h5py = pytest.importorskip("h5py", reason="h5py is absent: pip install 'optolever[sofast]'")
+    rms = []
+    for gamma in (1.0, 3.0):
+        table, report = tmp_path / f"{gamma}.h5", tmp_path / f"{gamma}.json"
+        with h5py.File(table, "w") as file:
+            shown = np.arange(256.0)
+            file["ImageCalibration/display_values"] = shown
+            file["ImageCalibration/camera_values"] = 255 * (shown / 255) ** gamma
+        done = optolever(
+            "decode", chain.capture, "--response", table, "--out", tmp_path / "c.npz", "--json", report
+        )
+        assert done.code == 0
+        assert "harmonics u" in done.out
+        rms.append(json.loads(report.read_text())["harmonic_error_px"]["u"])
+    assert rms[0]["rms"] < 5 * rms[0]["sigma"]
+    assert rms[1]["rms"] > max(5 * rms[1]["sigma"], 5 * rms[0]["rms"])
+    assert chain.numbers["decode"]["harmonic_error_px"] == {}
