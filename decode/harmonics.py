@@ -51,8 +51,8 @@ def harmonic_errors(
     frames (N, H, W), unsigned where a response is given; white_level: where the camera clips (uint8: 255).
     Light and reflectance may vary smoothly over the image; texture goes into sigma_px.
 
-    What a power of the shown level leaves is told within 20 % (N = 3, 4, 5). Other kinks are not: noise of
-    0.5 levels rounded at black under gamma 2.2 puts the figure off by 30 % (N = 4) to 45 % (N = 5).
+    What a power of the shown level leaves is told within 20 % (N = 3, 4, 5). Other kinks are not: 0.5 levels
+    of noise rounded at black, gamma 2.2 inverted as 2.8, hide 40 % of it at N = 4 and nearly all at N = 5.
     """
     stack = np.asarray(frames)
     if stack.ndim != 3 or len(stack) != len(sequence):
