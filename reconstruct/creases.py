@@ -66,12 +66,16 @@ def edge_doubt(
     quiet = _QUIET if quick else 0.0
     dx, plain_x, sure_x, bend_x = _axis(p, var_p, mask, 0, 1, noise, quiet)
     dy, plain_y, sure_y, bend_y = _axis(q, var_q, mask, 1, 0, noise, quiet)
-    parts, count = scipy.ndimage.label((dx > 0) | (dy > 0), structure=np.ones((3, 3)))
+    blamed = suspects is not None and bool(suspects.any())
+    bends = bool((bend_x > 0).any() or (bend_y > 0).any())
+    sure, doubtful = sure_x | sure_y, (dx > 0) | (dy > 0)
+    if not (blamed or bends or sure.any()) and np.count_nonzero(doubtful) < _CHAIN:
+        return None
+    parts, count = scipy.ndimage.label(doubtful, structure=np.ones((3, 3)))
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
-    sure = sure_x | sure_y | (sizes >= _CHAIN)[parts]
-    blamed = suspects is not None and bool(suspects.any())
-    if not (sure.any() or blamed or (bend_x > 0).any() or (bend_y > 0).any()):
+    sure |= (sizes >= _CHAIN)[parts]
+    if not (blamed or bends or sure.any()):
         return None
     found = np.zeros(count + 1, dtype=np.bool_)
     found[parts[sure]] = True
