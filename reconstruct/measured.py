@@ -16,7 +16,7 @@ __all__ = ["Measured"]
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: Share of pixels, at most, that interpolation puts between the cells of a discrete code.
+#: Share of pixels, at most, between the cells of a discrete code: wrong ones that were replaced.
 _BETWEEN = 0.1
 
 
@@ -62,11 +62,12 @@ class Measured:
         u[window], v[window] = part.u, part.v
         return replace(self, u=u, v=v)
 
-    def whole_cells(self) -> bool:
+    def whole_cells(self, bridged: Mask) -> bool:
         """Whether u and v come from a discrete code: middles of cells, multiples of half a pixel. Their
         errors are those of neighbours, so that differences of neighbours say nothing about them.
+        bridged (rows, cols): pixels that were interpolated.
         """
-        values = (part[self.mask] for part in (self.u, self.v))
+        values = (part[self.mask & ~bridged] for part in (self.u, self.v))
         return all(bool(np.mean(2 * x != np.rint(2 * x)) < _BETWEEN) for x in values)
 
     def shifted(self, du: Floats, dv: Floats) -> "Measured":

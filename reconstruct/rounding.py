@@ -30,18 +30,20 @@ _WIDE = 6.0  # pixels, rms: the variance of so few solves is smoothed
 def rounding_variance(problem: Problem, state: State) -> Floats | None:
     """Variance of the unknown (rows, cols) that rounding to whole cells makes; None for other coordinates."""
     data = problem.data
-    if not data.whole_cells():
+    if not data.whole_cells(problem.bridged):
         return None
     smooth = [_smoothed(coord, data.mask) for coord in (data.u, data.v)]
-    cells = [float(np.sqrt(12.0) * np.median(sigma[data.mask])) for sigma in (data.sigma_u, data.sigma_v)]
+    # misread neighbours make sigma larger than a cell's 1 / sqrt(12), and share their errors likewise
+    widths = [np.sqrt(12.0) * np.where(data.mask, sigma, 0.0) for sigma in (data.sigma_u, data.sigma_v)]
+    cells = [float(width[data.mask].min()) for width in widths]
     still = chord_step(data, problem.labels, state).w
     total = np.zeros(state.w.shape)
     for k in range(_PLACES):
         # 3 k mod 8 keeps u and v out of step
         place = ((k + 0.5) / _PLACES, ((3 * k) % _PLACES + 0.5) / _PLACES)
         errors = [
-            cell * _rounding(coord / cell + shift)
-            for coord, cell, shift in zip(smooth, cells, place, strict=True)
+            width * _rounding(coord / cell + shift)
+            for coord, cell, width, shift in zip(smooth, cells, widths, place, strict=True)
         ]
         moved = replace(data, u=data.u + errors[0], v=data.v + errors[1])
         total += np.square(chord_step(moved, problem.labels, state).w - still)
