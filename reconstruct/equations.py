@@ -37,17 +37,15 @@ def slopes(
     Returns p, q (along columns, along rows) and dp/dw, dq/dw; NaN where u or v is.
     """
     p, q, p_w, q_w = (np.empty(u.shape) for _ in range(4))
-    log = rays.logarithmic
-    if step == 1 and not log:
-        arrays = rays.origins, rays.directions, plane, u, v, w, p, q, p_w, q_w
-        over_image(lambda start, stop: _fine_slopes(*arrays, start, stop), u.shape)
-        return p, q, p_w, q_w
-    over_image(
-        lambda start, stop: _slopes(
-            rays.origins, rays.directions, plane, u, v, w, step, log, p, q, p_w, q_w, start, stop
-        ),
-        u.shape,
-    )
+    with np.errstate(over="ignore", invalid="ignore"):
+        t = np.exp(w) if rays.logarithmic else w
+        stride = None if step == 1 else step
+        arrays = rays.origins, rays.directions, plane, u, v, t, stride, p, q, p_w, q_w
+        over_image(lambda start, stop: _slopes(*arrays, start, stop), u.shape)
+        if rays.logarithmic:
+            for slope, change in ((p, p_w), (q, q_w)):
+                slope /= t
+                change -= slope
     return p, q, p_w, q_w
 
 
@@ -83,95 +81,49 @@ def _along_rows(a, k, r, c):  # type: ignore[no-untyped-def]
     return (8.0 * (a[k, r + 1, c] - a[k, r - 1, c]) - (a[k, r + 2, c] - a[k, r - 2, c])) / 12.0
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _tilt(t, g, o, d, n, m, scale):  # type: ignore[no-untyped-def]
+    """Change of t along an axis, and its derivative by t. g, o: change of the ray's direction and origin
+    along the axis; m: of the normal n by t; scale = -1 / (n . d).
+    """
+    ax, ay, az = o[0] + t * g[0], o[1] + t * g[1], o[2] + t * g[2]
+    slope = scale * (n[0] * ax + n[1] * ay + n[2] * az)
+    tangent = m[0] * (ax + slope * d[0]) + m[1] * (ay + slope * d[1]) + m[2] * (az + slope * d[2])
+    return slope, scale * (tangent + (n[0] * g[0] + n[1] * g[1] + n[2] * g[2]))
+
+
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"}, pipeline_class=Apart)
-def _fine_slopes(o, d, plane, u, v, w, p, q, p_w, q_w, start, stop):  # type: ignore[no-untyped-def]
-    """_slopes of every pixel and w = t, as vector instructions."""
-    for i in range(start, stop):
-        r = PAD + i
-        for j in range(u.shape[1]):
-            c = PAD + j
-            t = w[i, j]
-            dx, dy, dz = d[0, r, c], d[1, r, c], d[2, r, c]
-            ex = plane[0, 0] + u[i, j] * plane[1, 0] + v[i, j] * plane[2, 0] - o[0, r, c] - t * dx
-            ey = plane[0, 1] + u[i, j] * plane[1, 1] + v[i, j] * plane[2, 1] - o[1, r, c] - t * dy
-            ez = plane[0, 2] + u[i, j] * plane[1, 2] + v[i, j] * plane[2, 2] - o[2, r, c] - t * dz
-            inverse = 1.0 / math.sqrt(ex * ex + ey * ey + ez * ez)
-            ex, ey, ez = ex * inverse, ey * inverse, ez * inverse
-            de = dx * ex + dy * ey + dz * ez
-            nx, ny, nz = ex - dx, ey - dy, ez - dz
-            scale = -1.0 / (nx * dx + ny * dy + nz * dz)
-            mx, my, mz = -(dx - de * ex) * inverse, -(dy - de * ey) * inverse, -(dz - de * ez) * inverse
-
-            gx, gy, gz = _along_cols(d, 0, r, c), _along_cols(d, 1, r, c), _along_cols(d, 2, r, c)
-            ax = _along_cols(o, 0, r, c) + t * gx
-            ay = _along_cols(o, 1, r, c) + t * gy
-            az = _along_cols(o, 2, r, c) + t * gz
-            slope = scale * (nx * ax + ny * ay + nz * az)
-            change = scale * (
-                mx * (ax + slope * dx)
-                + my * (ay + slope * dy)
-                + mz * (az + slope * dz)
-                + (nx * gx + ny * gy + nz * gz)
-            )
-            p[i, j] = slope
-            p_w[i, j] = change
-
-            gx, gy, gz = _along_rows(d, 0, r, c), _along_rows(d, 1, r, c), _along_rows(d, 2, r, c)
-            ax = _along_rows(o, 0, r, c) + t * gx
-            ay = _along_rows(o, 1, r, c) + t * gy
-            az = _along_rows(o, 2, r, c) + t * gz
-            slope = scale * (nx * ax + ny * ay + nz * az)
-            change = scale * (
-                mx * (ax + slope * dx)
-                + my * (ay + slope * dy)
-                + mz * (az + slope * dz)
-                + (nx * gx + ny * gy + nz * gz)
-            )
-            q[i, j] = slope
-            q_w[i, j] = change
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _slopes(o, d, plane, u, v, w, step, log, p, q, p_w, q_w, start, stop):  # type: ignore[no-untyped-def]
+def _slopes(o, d, plane, u, v, t, stride, p, q, p_t, q_t, start, stop):  # type: ignore[no-untyped-def]
+    step = 1  # a constant for the compiler, which makes vector instructions of neighbouring pixels
+    if stride is not None:
+        step = stride
     for i in range(start, stop):
         r = PAD + step * i
         for j in range(u.shape[1]):
             c = PAD + step * j
-            t = math.exp(w[i, j]) if log else w[i, j]
             dx, dy, dz = d[0, r, c], d[1, r, c], d[2, r, c]
-            ex = plane[0, 0] + u[i, j] * plane[1, 0] + v[i, j] * plane[2, 0] - o[0, r, c] - t * dx
-            ey = plane[0, 1] + u[i, j] * plane[1, 1] + v[i, j] * plane[2, 1] - o[1, r, c] - t * dy
-            ez = plane[0, 2] + u[i, j] * plane[1, 2] + v[i, j] * plane[2, 2] - o[2, r, c] - t * dz
+            ex = plane[0, 0] + u[i, j] * plane[1, 0] + v[i, j] * plane[2, 0] - o[0, r, c] - t[i, j] * dx
+            ey = plane[0, 1] + u[i, j] * plane[1, 1] + v[i, j] * plane[2, 1] - o[1, r, c] - t[i, j] * dy
+            ez = plane[0, 2] + u[i, j] * plane[1, 2] + v[i, j] * plane[2, 2] - o[2, r, c] - t[i, j] * dz
             inverse = 1.0 / math.sqrt(ex * ex + ey * ey + ez * ez)
             ex, ey, ez = ex * inverse, ey * inverse, ez * inverse
             de = dx * ex + dy * ey + dz * ez
-            nx, ny, nz = ex - dx, ey - dy, ez - dz
-            scale = -step / (nx * dx + ny * dy + nz * dz)
-            mx, my, mz = -(dx - de * ex) * inverse, -(dy - de * ey) * inverse, -(dz - de * ez) * inverse
+            n = ex - dx, ey - dy, ez - dz
+            m = -(dx - de * ex) * inverse, -(dy - de * ey) * inverse, -(dz - de * ez) * inverse
+            scale = -1.0 / (n[0] * dx + n[1] * dy + n[2] * dz)
+            ray = dx, dy, dz
 
-            gx, gy, gz = _along_cols(d, 0, r, c), _along_cols(d, 1, r, c), _along_cols(d, 2, r, c)
-            ax = _along_cols(o, 0, r, c) + t * gx
-            ay = _along_cols(o, 1, r, c) + t * gy
-            az = _along_cols(o, 2, r, c) + t * gz
-            slope = scale * (nx * ax + ny * ay + nz * az)
-            s = slope / step
-            change = scale * (
-                mx * (ax + s * dx) + my * (ay + s * dy) + mz * (az + s * dz) + (nx * gx + ny * gy + nz * gz)
-            )
-            p[i, j] = slope / t if log else slope
-            p_w[i, j] = change - slope / t if log else change
+            g = _along_cols(d, 0, r, c), _along_cols(d, 1, r, c), _along_cols(d, 2, r, c)
+            moved = _along_cols(o, 0, r, c), _along_cols(o, 1, r, c), _along_cols(o, 2, r, c)
+            slope, change = _tilt(t[i, j], g, moved, ray, n, m, scale)
+            p[i, j] = step * slope
+            p_t[i, j] = step * change
 
-            gx, gy, gz = _along_rows(d, 0, r, c), _along_rows(d, 1, r, c), _along_rows(d, 2, r, c)
-            ax = _along_rows(o, 0, r, c) + t * gx
-            ay = _along_rows(o, 1, r, c) + t * gy
-            az = _along_rows(o, 2, r, c) + t * gz
-            slope = scale * (nx * ax + ny * ay + nz * az)
-            s = slope / step
-            change = scale * (
-                mx * (ax + s * dx) + my * (ay + s * dy) + mz * (az + s * dz) + (nx * gx + ny * gy + nz * gz)
-            )
-            q[i, j] = slope / t if log else slope
-            q_w[i, j] = change - slope / t if log else change
+            g = _along_rows(d, 0, r, c), _along_rows(d, 1, r, c), _along_rows(d, 2, r, c)
+            moved = _along_rows(o, 0, r, c), _along_rows(o, 1, r, c), _along_rows(o, 2, r, c)
+            slope, change = _tilt(t[i, j], g, moved, ray, n, m, scale)
+            q[i, j] = step * slope
+            q_t[i, j] = step * change
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
