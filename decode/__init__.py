@@ -4,6 +4,7 @@
 |----------------------------|------------------------------------------------------------------------------|
 | `correspondence`           | `Correspondence`, `Flag`, `difference` of two captures                       |
 | `decoder`                  | `decode`: which frames ask for which decoder, rows on threads                |
+| `job`                      | frames, checked; the camera's response, clip level and noise                 |
 | `exposures`                | codes under several exposures: each decoded, the best answer per pixel       |
 | `plan`, `arrays`           | what has to be computed, sorted by the frames' descriptions; as plain arrays |
 | `noise`                    | noise of the camera from what the frames cannot explain                      |

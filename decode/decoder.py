@@ -1,7 +1,6 @@
 """decode(): frames and their descriptions -> Correspondence."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import reduce
 from typing import Any
 
@@ -9,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optolever.blocks import over_rows
-from optolever.errors import InputError
 from optolever.memory import roomy_empty
 from optolever.patterns import Sequence
 
@@ -23,8 +21,9 @@ from .display import NO_TABLES, Tables, display_tables
 from .exposures import better_of, by_exposure
 from .flag_kernels import outlier_rows
 from .integrity import examine
+from .job import Job, check_camera, checked, clip_level, job_of, levels_of
 from .neighbour_kernels import REACH, bend_rows, mixed_rows, steep_rows
-from .noise import QUANTISATION, Noise, estimate_noise
+from .noise import QUANTISATION
 from .plan import AxisPlan, Code, Plan, plan
 from .raster import by_raster, raster_of
 from .references import beyond_references
@@ -34,8 +33,6 @@ from .table_decoder import by_table, shown_on, subpixel_step, table_step
 
 __all__ = ["decode"]
 
-#: Sigma that is stated for frames without noise beyond their rounding, pattern pixels.
-FLOOR = 0.01
 #: Systematic error of a code's margin that is always reckoned with, in units of half the contrast.
 LOOSE = 0.02
 #: Share of the clip level below which a pixel without contrast counts as dark.
@@ -48,19 +45,6 @@ _STEEP_XOR = 2.0
 _BENT = 2.0
 _BLOCK = 32
 Frames = NDArray[Any]
-
-
-@dataclass(frozen=True, slots=True)
-class _Job:
-    """What is the same for all rows."""
-
-    frames: Frames
-    lut: NDArray[np.float32]
-    slope: NDArray[np.float32]
-    clip: float
-    noise: Noise  # of fringes
-    raw_noise: Noise  # of codes
-    floor: float
 
 
 def decode(
@@ -82,7 +66,8 @@ def decode(
     noise, gain  of the camera: variance = noise^2 + gain * level, levels of the frames before rounding;
                  without `noise` both are estimated from the frames
     white_level  level at which the camera clips; default 255, for uint16 the 10, 12, 14 or 16 bits in use
-    response     camera level against shown level, inverted first; noise is then always estimated
+    response     camera level against shown level, inverted first; noise is then always estimated. Stripes,
+                 spots and grey values are taken as evenly noisy after that, which makes their sigma too small
     weigh_samples  with a response, whose inverse magnifies the noise of dark levels: weigh every sample by
                  its noise. Best where noise limits; equal weights where what the response leaves over does
     blur_px      rms blur between display and camera, cells; default: estimated (see cells.take_off_stairs)
@@ -95,9 +80,9 @@ def decode(
     amplitude and offset are levels of that exposure. InputError if frames and sequence do not fit or hold
     values that are not finite.
     """
-    stack = _checked(frames, sequence)
-    _check_camera(noise, gain, white_level)
-    clip = _clip_level(stack) if white_level is None else float(white_level)
+    stack = checked(frames, sequence)
+    check_camera(noise, gain, white_level)
+    clip = clip_level(stack) if white_level is None else float(white_level)
     raster = raster_of(sequence)
     if raster is not None:
         rounding = QUANTISATION if stack.dtype.kind == "u" else 0.0
@@ -106,17 +91,17 @@ def decode(
             of_sums = None if noise is None else float(np.sqrt(summed * (noise**2 + rounding)))
             return decode(sums, swept, noise=of_sums, gain=gain, white_level=full)
 
-        return by_raster(stack, sequence, raster, clip, _levels(stack, response)[0], stripes)
+        return by_raster(stack, sequence, raster, clip, levels_of(stack, response)[0], stripes)
     found = []
     for part in by_exposure(sequence):
         own = stack if len(part.index) == len(stack) else stack[part.index]
-        job = _job(own, plan(part.sequence), noise, gain, clip, response, weigh_samples)
+        job = job_of(own, plan(part.sequence), noise, gain, clip, response, weigh_samples, subpixel)
         found.append(_decoded(job, part.sequence, blur_px, on_cells, subpixel))
     return reduce(better_of, found)
 
 
 def _decoded(
-    job: _Job, sequence: Sequence, blur_px: float | None, on_cells: bool, subpixel: bool
+    job: Job, sequence: Sequence, blur_px: float | None, on_cells: bool, subpixel: bool
 ) -> Correspondence:
     """decode of frames whose codes are of one exposure."""
     stack = job.frames
@@ -206,7 +191,7 @@ def _continuous(coord: Frames, sigma: Frames, rows: NDArray[np.int64]) -> bool:
 
 
 def _neighbours(
-    job: _Job,
+    job: Job,
     wanted: Plan,
     blurs: dict[str, float | None],
     maps: dict[str, tuple[Frames, Frames]],
@@ -250,74 +235,8 @@ def _maps(height: int, width: int, shown: bool) -> tuple[Frames, Frames]:
     return np.full((height, width), np.nan), np.full((height, width), np.inf, np.float32)
 
 
-def _checked(frames: ArrayLike, sequence: Sequence) -> Frames:
-    stack = np.asarray(frames)
-    if stack.ndim != 3 or 0 in stack.shape:
-        raise InputError(f"decode: frames have shape {stack.shape}, must be (N, H, W)")
-    if len(stack) != len(sequence):
-        raise InputError(f"decode: {len(stack)} frames, sequence {sequence.name} describes {len(sequence)}")
-    if stack.dtype.kind == "f":
-        if not np.isfinite(stack).all():
-            bad = int(np.flatnonzero(~np.isfinite(stack).all(axis=(1, 2)))[0])
-            raise InputError(f"decode: frame {bad} holds values that are not finite")
-        return stack.astype(np.float32)
-    if stack.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"decode: frames are {stack.dtype}, must be uint8, uint16 or float")
-    return np.ascontiguousarray(stack)
-
-
-def _check_camera(noise: float | None, gain: float, white_level: float | None) -> None:
-    for name, value in (("noise", noise), ("gain", gain)):
-        if value is not None and not 0 <= value < np.inf:
-            raise InputError(f"decode: {name} is {value}, must be finite and at least 0")
-    if white_level is not None and not white_level > 0:
-        raise InputError(f"decode: white_level is {white_level}, must be above 0")
-
-
-def _levels(stack: Frames, response: Response | None) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Linear level of each raw one, and the slope of that; both empty: levels are linear."""
-    if response is None:
-        return np.zeros(0, np.float32), np.zeros(0, np.float32)
-    if stack.dtype.kind != "u":
-        raise InputError(f"decode: response is given and frames are {stack.dtype}, must be uint8 or uint16")
-    return response.table(stack.dtype), response.slope()
-
-
-def _job(
-    stack: Frames,
-    wanted: Plan,
-    noise: float | None,
-    gain: float,
-    clip: float,
-    response: Response | None,
-    weigh_samples: bool,
-) -> _Job:
-    lut, slope = _levels(stack, response)
-    none = np.zeros(0, np.float32)
-    if response is not None:
-        raw = estimate_noise(stack, lut, clip, wanted, slope)
-        known = raw if weigh_samples else estimate_noise(stack, lut, clip, wanted, none)
-    elif noise is None:
-        raw = known = estimate_noise(stack, lut, clip, wanted, none)
-    else:
-        raw = known = Noise(noise**2 + (QUANTISATION if stack.dtype.kind == "u" else 0.0), gain)
-    level = float(stack[:, :: max(1, stack.shape[1] // 8), ::16].mean())
-    silent = raw.variance(level) < 1.5 * QUANTISATION
-    return _Job(stack, lut, slope if weigh_samples else none, clip, known, raw, FLOOR if silent else 0.0)
-
-
-def _clip_level(stack: Frames) -> float:
-    """255, or the largest level of the fewest bits that hold the brightest sample of 16-bit frames."""
-    if stack.dtype == np.uint8:
-        return 255.0
-    if stack.dtype.kind == "f":
-        return float("inf")
-    brightest = int(stack.max())
-    return float(next(level for level in (255, 1023, 4095, 16383, 65535) if level >= brightest))
-
-
 def _step(
-    job: _Job,
+    job: Job,
     sequence: Sequence,
     wanted: Plan,
     axis: AxisPlan,
@@ -329,17 +248,17 @@ def _step(
 ) -> Callable[[int, int], None]:
     """The work on a block of rows for one axis: which decoder its frames ask for."""
     if axis.stripes is not None and not (axis.code or axis.fringes or axis.levels):
-        return stripe_step(job.frames, job.clip, axis, joined, maps, common)
+        return stripe_step(job.light, job.bright, axis, joined, maps, common)
     if by_table(axis):
-        return table_step(job.frames, job.clip, shown_on(sequence, wanted, axis), axis, joined, maps, common)
+        return table_step(job.light, job.bright, shown_on(sequence, wanted, axis), axis, joined, maps, common)
     step = _axis_step(job, sequence, wanted, axis, tables or NO_TABLES, maps, joined, *common)
     if subpixel and axis.code is not None and not axis.fringes:
-        return subpixel_step(job.frames, job.clip, shown_on(sequence, wanted, axis), step, maps)
+        return subpixel_step(job.light, job.bright, shown_on(sequence, wanted, axis), step, maps)
     return step
 
 
 def _axis_step(
-    job: _Job,
+    job: Job,
     sequence: Sequence,
     wanted: Plan,
     axis: AxisPlan,
@@ -377,7 +296,7 @@ def _axis_step(
     return step
 
 
-def _code_arguments(job: _Job, wanted: Plan, axis: AxisPlan) -> tuple[Any, ...]:
+def _code_arguments(job: Job, wanted: Plan, axis: AxisPlan) -> tuple[Any, ...]:
     """What axis_rows wants to know of the code; of none, if there is none."""
     none = np.empty(0, np.int64)
     code = axis.code or Code("", none, none, 1.0, 0.0, np.empty(0, np.int32))

@@ -46,6 +46,20 @@ def test_measured_from_a_ramp(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
     assert errors[1] <= errors[0]
 
 
+@pytest.mark.parametrize(("name", "params"), [("stripe", {"step": 8}), ("micro-phase", {})])
+def test_grey_values_and_sweeps_are_inverted_too(
+    shoot: Shoot, smooth: tuple[F64, F64], name: str, params: dict[str, float]
+) -> None:
+    """Gamma 2.2: flagged as it is, decoded within its sigma once the response is given."""
+    shown = sequence(name, 150, 170, **params)
+    frames = shoot(shown, *smooth, gamma=2.2, noise=0.5, offset=127.5, amplitude=120)
+    bent, straight = (decode(frames, shown, response=given) for given in (None, Response.from_gamma(2.2)))
+    assert bent.good.mean() < 0.1
+    assert straight.good.mean() > 0.9
+    error = ((straight.u - smooth[0]) / straight.sigma_u)[straight.good]
+    assert np.sqrt(np.mean(error**2)) < 1.2
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
