@@ -28,6 +28,7 @@
 | `neighbour_kernels`        | what neighbours tell of a pixel: bends, mixed footprints, the border         |
 | `lattice`, `line_crossing` | `lattice`: the paper's crossings, sub-pixel, tracked from the rest frame     |
 | `crossed`                  | `crossed`: displacement from a single crossed-fringe frame                   |
+| `crossed_fit`, `crossed_kernels` | both fringes fitted at once within a window that the frame may cut    |
 | `guide`                    | where the camera looked at rest, for the two that follow one frame           |
 | `jit`                      | how kernels are compiled and cached                                          |
 

@@ -56,6 +56,34 @@ def test_what_is_too_steep_is_flagged_not_guessed() -> None:
     assert (found.flags[98:103, 118:123] & Flag.ORDER_DOUBTFUL).any()
 
 
+@pytest.mark.parametrize("middle", [(0, 120), (199, 239), (100, 0)])
+def test_at_the_edge_of_the_frame(middle: tuple[int, int]) -> None:
+    """A dome of one period whose flanks the frame cuts: told to its sigma everywhere."""
+    distance = np.hypot(ROW - middle[0], COL - middle[1])
+    dome = 10.0 * np.cos(np.pi * np.minimum(distance, 160) / 160) ** 2 + 0.04 * (COL + ROW - 280)
+    rest = image(REST.u, REST.v, 1.0, 2)
+    found = crossed(image(REST.u - dome, REST.v + 0.5 * dome, 1.0, 1), rest, SHOWN, guide=REST)
+    assert found.good[1:-1, 1:-1].mean() > 0.99
+    for moved, sigma, true in ((found.u, found.sigma_u, -dome), (found.v, found.sigma_v, 0.5 * dome)):
+        error = (moved - true)[found.good]
+        assert (np.abs(error) < 5 * sigma[found.good]).mean() > 1 - 1e-4
+        assert np.sqrt(np.mean(error**2)) < 0.03
+
+
+def test_what_leaves_the_pattern_is_dark_and_does_not_pull() -> None:
+    """The frame looks beside the pattern below row 170 once the mirror is pressed."""
+    moved = SimpleNamespace(u=REST.u, v=REST.v + 80.0)
+    dark = np.where(moved.v < 299.5, image(moved.u, moved.v, 1.0, 1), 0).astype(np.uint8)
+    guide = SimpleNamespace(u=REST.u, v=REST.v + 75.0)
+    found = crossed(dark, image(guide.u, guide.v, 1.0, 2), SHOWN, guide=guide)
+    beside = moved.v > 301
+    assert beside.any()
+    assert not found.good[beside].any()
+    error = np.abs(found.v - 5.0) / found.sigma_v
+    assert (error[found.good] < 5).all()
+    assert found.good[moved.v < 296].mean() > 0.98
+
+
 def test_sigma_of_the_noise() -> None:
     found = [
         crossed(image(REST.u, REST.v, 6.0, k), image(REST.u, REST.v, 6.0, 50 + k), SHOWN, guide=REST)
