@@ -1,6 +1,4 @@
-"""The whole chain on a virtual sensor: scene and dent -> frames -> correspondence -> height, against the
-truth.
-"""
+"""The whole chain on a virtual sensor: scene, dent -> frames -> correspondence -> height, against truth."""
 
 import time
 from collections.abc import Callable, Iterator

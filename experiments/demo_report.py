@@ -1,6 +1,4 @@
-"""The report of a demo run: headline numbers, then every record of the chain; the prose is in
-report/demo.html.
-"""
+"""The report of a demo run: headline numbers, every record of the chain; the prose is in report/demo.html."""
 
 import shlex
 import time

@@ -1,6 +1,4 @@
-"""Figures of the paper report: the seed's figures 5 to 14 and 20 redrawn, and all methods beside each
-other.
-"""
+"""Figures of the paper report: the seed's figures 5 to 14 and 20 redrawn, all methods beside each other."""
 
 import numpy as np
 from matplotlib.axes import Axes

@@ -1,6 +1,4 @@
-"""The data of the surface that can be turned: heights and colour layers on a coarse grid, as base64
-float32.
-"""
+"""The data of the surface that can be turned: coarse heights and colour layers as base64 of float32."""
 
 import base64
 from typing import Any

@@ -4,9 +4,8 @@ The slopes leave one degree of freedom per connected component (dt ~ E, the inte
 h = C x, a rotation about the pattern's edge). Nothing in the image fixes it; an anchor does.
 
 The default is the camera-side edge at rest: the line x = L0, z = 0, reached by extrapolation from the pixels
-next to
-it. It asks that the camera sees up to that line; otherwise a point, a pixel's height or a distance must be
-named.
+next to it. It asks that the camera sees up to that line; otherwise a point, a pixel's height or a distance
+must be named.
 """
 
 from collections.abc import Sequence

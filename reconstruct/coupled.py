@@ -73,9 +73,8 @@ def reconstruct(
     anchor: what settles the free mode: 'edge' (default: the camera-side edge x = L0 rests), a point (x, y, z)
     in mm, or anchors of `anchors`. mask (H, W): pixels to use, among those without a flag. rest: what was
     decoded from the mirror at rest; its deviation from the scene's prediction is taken off as an error of
-    calibration.
-    start: a height map of the same camera to start from, say of the last frame.
-    Raises InputError if the arrays do not fit the scene, no pixel is left, or no anchor can be used.
+    calibration. start: a height map of the same camera to start from, say of the last frame. Raises
+    InputError if the arrays do not fit the scene, no pixel is left, or no anchor can be used.
     """
     if rest is not None:
         correspondence = rest_corrected(correspondence, rest, scene)

@@ -1,11 +1,10 @@
 """Pixel edges: increments of a slope between neighbouring pixels, their weights, and the operators on them.
 
 Edge arrays have the shape of the image: gx[i, j] belongs to the edge from (i, j) to (i, j + 1), gy[i, j] to
-the one
-from (i, j) to (i + 1, j); an edge exists if both its pixels are in the mask, and is zero in every array
-otherwise. Increments of a slope sampled at pixels (unit spacing) integrate the cubic through four neighbours:
-interior (-1, 13, 13, -1)/24; where the image or the mask ends, one-sided (9, 19, -5, 1)/24; the trapezoid
-where fewer than four neighbours stand.
+the one from (i, j) to (i + 1, j); an edge exists if both its pixels are in the mask, and is zero in every
+array otherwise. Increments of a slope sampled at pixels (unit spacing) integrate the cubic through four
+neighbours: interior (-1, 13, 13, -1)/24; where the image or the mask ends, one-sided (9, 19, -5, 1)/24; the
+trapezoid where fewer than four neighbours stand.
 """
 
 import math

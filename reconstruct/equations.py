@@ -1,8 +1,8 @@
 """The mirror's equations in closed form, pixel by pixel.
 
 The mirror point is P = o + t d, the pattern point X(u, v), e = (X - P)/|X - P|. The normal bisects, n ~ e -
-d,
-and the mirror holds its own tangents, n . dP/di = 0; hence with the ray field's derivative along a pixel axis
+d, and the mirror holds its own tangents, n . dP/di = 0; hence with the ray field's derivative along a pixel
+axis
 
     p = dt/di = -n . (o_i + t d_i) / (n . d)
 

@@ -1,12 +1,10 @@
 """Noisy rows and broken lines along the border: left out of the solve, reached afterwards from inside.
 
 Where the pattern ends, the outermost pixels are seen through half a blur: their sigma is many times that of
-their
-neighbours, or they are flagged in patches. They tell nothing about the rest, but light edges along a row
-(columns
-may have weights of their own) and a ragged border would ask for a masked solve, and their slopes would enter
-the increments of good pixels beside them. Their height follows from the three lines before, outward:
-w_0 = w_1 + (23 p_1 - 16 p_2 + 5 p_3) / 12 (Adams-Bashforth, third order).
+their neighbours, or they are flagged in patches. They tell nothing about the rest, but light edges along a
+row (columns may have weights of their own) and a ragged border would ask for a masked solve, and their slopes
+would enter the increments of good pixels beside them. Their height follows from the three lines before,
+outward: w_0 = w_1 + (23 p_1 - 16 p_2 + 5 p_3) / 12 (Adams-Bashforth, third order).
 """
 
 import numpy as np

@@ -42,12 +42,10 @@ class Diagnostics:
     """How a solve went.
 
     steps: rms change of the unknown in every step (mm, or relative where the rays diverge); iterations:
-    linear
-    solves or conjugate-gradient iterations; defect: rms edge defect over its standard deviation (below 1:
-    noise
-    alone); curl: robust scale of the slopes' curl over its standard deviation (well above 1: the calibration
-    rules, not noise); both None if unknown; components: connected components solved; lost: pixels in
-    components without an anchor; correlation: factor on the variance for errors that neighbouring pixels
+    linear solves or conjugate-gradient iterations; defect: rms edge defect over its standard deviation (below
+    1: noise alone); curl: robust scale of the slopes' curl over its standard deviation (well above 1: the
+    calibration rules, not noise); both None if unknown; components: connected components solved; lost: pixels
+    in components without an anchor; correlation: factor on the variance for errors that neighbouring pixels
     share (1: independent noise); solver: of the linear problems; notes: what else a reader should know.
     """
 

@@ -1,5 +1,4 @@
-"""integrate(): a gradient field to heights, without a scene; one signature, the solver chosen by name or by
-the data.
+"""integrate(): a gradient field to heights, without a scene; the solver by name or from the data.
 
 | method | edges | solver |
 |---|---|---|
@@ -41,8 +40,7 @@ class Integral:
     """Heights z (H, W), NaN outside the mask, of mean zero in every connected component.
 
     defect: rms difference between edge increments and heights, in units of z; components: labels (H, W), 0
-    outside;
-    edge_weights: what robust reweighting left of the edges (x, y), (H, W) each, or None.
+    outside; edge_weights: what robust reweighting left of the edges (x, y), (H, W) each, or None.
     """
 
     z: Floats

@@ -1,11 +1,9 @@
 """What a mask adds to the variance that its rectangle would have.
 
 The mask's edges are gathered into a network of at most NODES blocks. A square block of a lattice conducts
-like one
-edge (rows in parallel, columns in series), so that the network holds the same long paths at any block size;
-the
-difference between the networks with and without the mask is smooth, is computed by dense algebra, and brought
-back to the pixels.
+like one edge (rows in parallel, columns in series), so that the network holds the same long paths at any
+block size; the difference between the networks with and without the mask is smooth, is computed by dense
+algebra, and brought back to the pixels.
 """
 
 import numpy as np

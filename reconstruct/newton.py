@@ -1,10 +1,9 @@
 """Newton's method on the coupled equations, with an integrating factor.
 
 The linearised system grad(dw) = r + (p_w, q_w) dw becomes a plain gradient by dw = E g with grad log E =
-(p_w, q_w)
-(Poisson problem one): grad g = r / E (Poisson problem two, weighted by E^2 / var). E is also the free mode,
-settled by
-the anchors. The fixed point dw = integral of r alone converges linearly; it is kept as a cross-check.
+(p_w, q_w) (Poisson problem one): grad g = r / E (Poisson problem two, weighted by E^2 / var). E is also the
+free mode, settled by the anchors. The fixed point dw = integral of r alone converges linearly; it is kept as
+a cross-check.
 """
 
 import math

@@ -39,10 +39,9 @@ def curl_suspects(score: Floats, limit: float, cleared: Mask) -> Mask:
     """Pixels to which the large curls point, (H, W).
 
     An outlier spoils the four squares around it, its neighbours share two of them or one; so a pixel is
-    suspected if
-    the sum of the squares' evidence is over limit^2 and largest among its neighbours. Removed suspects clear
-    their squares, and what remains is looked at again. cleared (H, W): pixels that have been replaced and
-    cannot be to blame.
+    suspected if the sum of the squares' evidence is over limit^2 and largest among its neighbours. Removed
+    suspects clear their squares, and what remains is looked at again. cleared (H, W): pixels that have been
+    replaced and cannot be to blame.
     """
     evidence = np.square(np.nan_to_num(score, nan=0.0, posinf=1e150, neginf=-1e150))
     evidence = np.minimum(evidence, 1e12)

@@ -25,9 +25,8 @@ class AnchorRows:
     """Known values of the unknown near valid pixels, M of them.
 
     The value predicted at an anchor is w[pixel] + p[at_p] . by_p + q[at_q] . by_q: from the nearest valid
-    pixel along
-    the row, then along the column, by the cubic through four slopes. known: w there; reach: pixels travelled;
-    sigma: of the known value, in units of w; component: label of the pixel.
+    pixel along the row, then along the column, by the cubic through four slopes. known: w there; reach:
+    pixels travelled; sigma: of the known value, in units of w; component: label of the pixel.
     """
 
     pixel: Ints
@@ -88,8 +87,8 @@ def free_constants(
     (M,) in it.
 
     error: predicted minus known (M,); factor: integrating factor at the rows' pixels; variance: of a slope
-    there.
-    The mean is weighted and leaves out rows farther than five scaled median deviations from the median.
+    there. The mean is weighted and leaves out rows farther than five scaled median deviations from the
+    median.
     """
     constants = np.zeros(count + 1)
     share = np.zeros(error.shape)

@@ -36,11 +36,10 @@ class Problem:
     """What is solved, and how it lies in the image.
 
     rays, valid: of the whole image (H, W); rows, cols: the window that holds valid pixels; turned: the
-    window's
-    rows and columns are exchanged, so that the slopes' variances go by columns; outer: that grid, core: the
-    part of it without noisy border lines (see `fringe`), to which data and samples belong;
-    labels: its anchored components from 1 on; bridged: pixels of small holes, interpolated; lost: valid
-    pixels without an anchor.
+    window's rows and columns are exchanged, so that the slopes' variances go by columns; outer: that grid,
+    core: the part of it without noisy border lines (see `fringe`), to which data and samples belong; labels:
+    its anchored components from 1 on; bridged: pixels of small holes, interpolated; lost: valid pixels
+    without an anchor.
     """
 
     rays: RayField

@@ -1,10 +1,9 @@
 """HeightStream: heights of a moving mirror, frame by frame, each from the last.
 
 As long as the pixels that can be used stay the same but for small holes, a frame costs one look at the
-equations and
-one linear solve with the last factorisation and the last integrating factor (a chord step; a second one after
-a large
-change). Sigma, anchors' shares and the curl alarm are those of the last frame that was solved in full.
+equations and one linear solve with the last factorisation and the last integrating factor (a chord step; a
+second one after a large change). Sigma, anchors' shares and the curl alarm are those of the last frame that
+was solved in full.
 """
 
 from dataclasses import replace

@@ -1,10 +1,9 @@
 """Variance of the height: what the slopes' noise leaves after the least-squares solve and the anchors.
 
 With independent edge noise of variance var_e the solve w = E g has the covariance E L^-1 E, L = D^T w D. In
-the DCT
-basis along the rows L is tridiagonal, and two Schur sweeps give the diagonal of its inverse, mode by mode.
-Edges share pixels: an edge averages the slopes of its neighbours, A A^T = 1 - |..|, so that the covariance is
-smaller,
+the DCT basis along the rows L is tridiagonal, and two Schur sweeps give the diagonal of its inverse, mode by
+mode. Edges share pixels: an edge averages the slopes of its neighbours, A A^T = 1 - |..|, so that the
+covariance is smaller,
 
     E L^-1 E - c,    c = < sum_a w_a l_a (1 - |A_a|^2) / (sum_a w_a l_a)^2 >,   l = 2 - 2 cos k, a = x, y,
 

@@ -40,8 +40,7 @@ def bound(data, w: np.ndarray, at_edge: np.ndarray) -> np.ndarray:
     """Smallest variance of w that any unbiased estimate can have, (rows, cols).
 
     The edges' increments have the covariance of the slopes they average; w depends on itself through p_w,
-    q_w.
-    at_edge: pixels whose mean is known.
+    q_w. at_edge: pixels whose mean is known.
     """
     _, _, p_w, q_w = data.slopes(w)
     variance = np.concatenate([part.ravel() for part in data.variances(w)])
