@@ -8,6 +8,7 @@ be off by: the doubt. Its square joins the edge's variance, so that the solve go
 can only be reached across it gets a sigma that says so.
 """
 
+import cv2
 import numpy as np
 import scipy.ndimage
 import scipy.sparse
@@ -60,12 +61,13 @@ def edge_doubt(
     None if no edge is doubtful.
 
     noise: what the slopes' noise really is, over what the variances say; suspects (H, W): pixels that are
-    blamed for a curl and yet in use; quick: look only where the slopes' third difference stands out, which
-    finds every crease, but not all of its edges.
+    blamed for a curl and yet in use; quick: look first whether the slopes' third differences stand out
+    anywhere, which finds every crease that shows.
     """
-    quiet = _QUIET if quick else 0.0
-    dx, plain_x, sure_x, bend_x = _axis(p, var_p, mask, 0, 1, noise, quiet)
-    dy, plain_y, sure_y, bend_y = _axis(q, var_q, mask, 1, 0, noise, quiet)
+    if quick and suspects is None and _smooth(p, q, var_p, var_q, mask, noise):
+        return None
+    dx, plain_x, sure_x, bend_x = _axis(p, var_p, mask, 0, 1, noise)
+    dy, plain_y, sure_y, bend_y = _axis(q, var_q, mask, 1, 0, noise)
     blamed = suspects is not None and bool(suspects.any())
     bends = bool((bend_x > 0).any() or (bend_y > 0).any())
     sure, doubtful = sure_x | sure_y, (dx > 0) | (dy > 0)
@@ -111,8 +113,21 @@ def _shared(doubt: Floats, mask: Mask) -> Floats:
     return wide
 
 
+def _smooth(p: Floats, q: Floats, var_p: Floats, var_q: Floats, mask: Mask, noise: float) -> bool:
+    """Whether nothing can come of a closer look; never where pixels are missing."""
+    if not mask.all():
+        return False
+    seen = np.zeros(mask.shape, dtype=np.uint8)
+    over_image(lambda start, stop: _glance(p, var_p, mask, 0, 1, noise, seen, start, stop), seen.shape)
+    over_image(lambda start, stop: _glance(q, var_q, mask, 1, 0, noise, seen, start, stop), seen.shape)
+    if int(seen.max()) > 1:
+        return False
+    parts = cv2.connectedComponentsWithStats(seen, connectivity=8)[2]
+    return len(parts) < 2 or int(parts[1:, cv2.CC_STAT_AREA].max()) < _CHAIN
+
+
 def _axis(
-    f: Floats, variance: Floats, mask: Mask, di: int, dj: int, noise: float, quiet: float
+    f: Floats, variance: Floats, mask: Mask, di: int, dj: int, noise: float
 ) -> tuple[Floats, Floats, Mask, Floats]:
     """Doubts beyond the noise, doubts whatever the noise, where they are beyond any noise;
     and what edges of the trapezoid rule miss of the curves that others nearby see.
@@ -121,7 +136,7 @@ def _axis(
     sure, short = np.zeros((2, *f.shape), dtype=np.bool_)
     over_image(
         lambda start, stop: _doubt(
-            f, variance, mask, di, dj, noise, quiet, out, plain, most, bend, sure, short, start, stop
+            f, variance, mask, di, dj, noise, out, plain, most, bend, sure, short, start, stop
         ),
         f.shape,
     )
@@ -218,8 +233,57 @@ def _trapezoid(mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-de
     return not (back and before >= 2 and mask[i - 2 * di, j - 2 * dj])
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _edge(f, var, mask, i, j, di, dj, before, after, scale):  # type: ignore[no-untyped-def]
+    """Of the edge from (i, j): what neither side explains, beyond the noise and whatever the noise (inf where
+    no side can tell); whether it is beyond any noise; what one side misses that certainly should not.
+    """
+    i1, j1 = i + di, j + dj
+    centre = _stencil(f, mask, i, j, di, dj, before, after)
+    sigma = np.sqrt(0.5 * (var[i, j] + var[i1, j1]))
+    rise = abs(f[i1, j1] - f[i, j])
+    least, certain, whatever, largest = np.inf, np.inf, np.inf, 0.0
+    for side in range(2):
+        s = -1 if side == 0 else 1
+        a, b, c, d = (i, j, i1, j1) if side == 0 else (i1, j1, i, j)
+        room = before if side == 0 else after - 1
+        ai, aj = s * di, s * dj
+        if room < 1 or not mask[a + ai, b + aj]:
+            continue
+        g, g0, g1 = f[c, d], f[a, b], f[a + ai, b + aj]
+        step = max(rise, abs(g1 - g0))
+        if room >= 2 and mask[a + 2 * ai, b + 2 * aj]:
+            g2 = f[a + 2 * ai, b + 2 * aj]
+            step = max(step, abs(g2 - g1))
+            away = abs(centre - (23.0 * g0 - 16.0 * g1 + 5.0 * g2) / 12.0)
+            away = max(away, abs(centre - (5.0 * g + 8.0 * g0 - g1) / 12.0))
+            if room >= 3 and mask[a + 3 * ai, b + 3 * aj]:
+                g3 = f[a + 3 * ai, b + 3 * aj]
+                away = max(away, _BEND * abs(g0 - g3 - 3.0 * (g1 - g2)))
+                finer = abs(centre - (55.0 * g0 - 59.0 * g1 + 37.0 * g2 - 9.0 * g3) / 24.0)
+                finer = max(finer, abs(centre - (9.0 * g + 19.0 * g0 - 5.0 * g1 + g2) / 24.0))
+                if room >= 4 and mask[a + 4 * ai, b + 4 * aj]:
+                    g4 = f[a + 4 * ai, b + 4 * aj]
+                    finer = max(finer, _BEND4 * abs(g0 + g4 - 4.0 * (g1 + g3) + 6.0 * g2))
+                if finer < _CONVERGES * away:
+                    away = finer
+            noise = sigma * scale * _NOISE_CUBIC
+        else:
+            away = abs(centre - 0.5 * (3.0 * g0 - g1))
+            noise = sigma * scale * _NOISE_LINEAR
+        limit = max(FAINT * noise, ROUGH * step)
+        least = min(least, min(away, max(0.0, RISE * (away - limit))))
+        whatever = min(whatever, away)
+        # a border's pixels may be noisier than this edge's
+        if room >= 3 and away > max(_CERTAIN * noise, MATTERS * sigma, _ABRUPT * step):
+            largest = max(largest, away)
+        certain = min(certain, away / max(SIGMAS * noise, MATTERS * sigma))
+    sure = least > 0.0 and certain > 1.0 and np.isfinite(least)
+    return least if least > _FEEBLE * sigma else 0.0, whatever, sure, largest
+
+
 @njit(cache=True, nogil=True)
-def _doubt(f, var, mask, di, dj, scale, quiet, out, plain, most, bend, sure, short, start, stop):  # type: ignore[no-untyped-def]
+def _doubt(f, var, mask, di, dj, scale, out, plain, most, bend, sure, short, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = f.shape
     for i in range(start, stop):
         for j in range(cols):
@@ -227,57 +291,41 @@ def _doubt(f, var, mask, di, dj, scale, quiet, out, plain, most, bend, sure, sho
             if i1 >= rows or j1 >= cols or not mask[i, j] or not mask[i1, j1]:
                 continue
             before, after = (i, rows - 1 - i) if di == 1 else (j, cols - 1 - j)
-            inner = quiet > 0.0 and before >= 1 and after >= 2
-            if inner and mask[i - di, j - dj] and mask[i + 2 * di, j + 2 * dj]:
-                third = f[i + 2 * di, j + 2 * dj] - f[i - di, j - dj] - 3.0 * (f[i1, j1] - f[i, j])
-                if third * third < 0.5 * (var[i, j] + var[i1, j1]) * (scale * quiet) ** 2:
-                    continue
-            centre = _stencil(f, mask, i, j, di, dj, before, after)
-            sigma = np.sqrt(0.5 * (var[i, j] + var[i1, j1]))
             short[i, j] = _trapezoid(mask, i, j, di, dj, before, after)
+            centre = _stencil(f, mask, i, j, di, dj, before, after)
             bend[i, j] = abs(centre - 0.5 * (f[i, j] + f[i1, j1]))
-            rise = abs(f[i1, j1] - f[i, j])
-            least, certain, whatever, largest = np.inf, np.inf, np.inf, 0.0
-            for side in range(2):
-                s = -1 if side == 0 else 1
-                a, b, c, d = (i, j, i1, j1) if side == 0 else (i1, j1, i, j)
-                room = before if side == 0 else after - 1
-                ai, aj = s * di, s * dj
-                if room < 1 or not mask[a + ai, b + aj]:
-                    continue
-                g, g0, g1 = f[c, d], f[a, b], f[a + ai, b + aj]
-                step = max(rise, abs(g1 - g0))
-                if room >= 2 and mask[a + 2 * ai, b + 2 * aj]:
-                    g2 = f[a + 2 * ai, b + 2 * aj]
-                    step = max(step, abs(g2 - g1))
-                    away = abs(centre - (23.0 * g0 - 16.0 * g1 + 5.0 * g2) / 12.0)
-                    away = max(away, abs(centre - (5.0 * g + 8.0 * g0 - g1) / 12.0))
-                    if room >= 3 and mask[a + 3 * ai, b + 3 * aj]:
-                        g3 = f[a + 3 * ai, b + 3 * aj]
-                        away = max(away, _BEND * abs(g0 - g3 - 3.0 * (g1 - g2)))
-                        finer = abs(centre - (55.0 * g0 - 59.0 * g1 + 37.0 * g2 - 9.0 * g3) / 24.0)
-                        finer = max(finer, abs(centre - (9.0 * g + 19.0 * g0 - 5.0 * g1 + g2) / 24.0))
-                        if room >= 4 and mask[a + 4 * ai, b + 4 * aj]:
-                            g4 = f[a + 4 * ai, b + 4 * aj]
-                            finer = max(finer, _BEND4 * abs(g0 + g4 - 4.0 * (g1 + g3) + 6.0 * g2))
-                        if finer < _CONVERGES * away:
-                            away = finer
-                    noise = sigma * scale * _NOISE_CUBIC
-                else:
-                    away = abs(centre - 0.5 * (3.0 * g0 - g1))
-                    noise = sigma * scale * _NOISE_LINEAR
-                limit = max(FAINT * noise, ROUGH * step)
-                least = min(least, min(away, max(0.0, RISE * (away - limit))))
-                whatever = min(whatever, away)
-                # a border's pixels may be noisier than this edge's
-                if room >= 3 and away > max(_CERTAIN * noise, MATTERS * sigma, _ABRUPT * step):
-                    largest = max(largest, away)
-                certain = min(certain, away / max(SIGMAS * noise, MATTERS * sigma))
-            if np.isfinite(least):
-                out[i, j] = least if least > _FEEBLE * sigma else 0.0
-                plain[i, j] = whatever
-                most[i, j] = largest
-                sure[i, j] = least > 0.0 and certain > 1.0
+            least, whatever, certain, largest = _edge(f, var, mask, i, j, di, dj, before, after, scale)
+            if np.isfinite(whatever):
+                out[i, j], plain[i, j], most[i, j], sure[i, j] = least, whatever, largest, certain
+
+
+@njit(cache=True, nogil=True)
+def _glance(f, var, mask, di, dj, scale, seen, start, stop):  # type: ignore[no-untyped-def]
+    """Edges in doubt into seen (H, W): |= 1, if certain |= 2. Only edges whose third difference stands out of
+    the noise are looked at, and those at the border; for masks without gaps.
+    """
+    rows, cols = f.shape
+    loud = np.empty(cols, dtype=np.uint8)
+    limit = 0.5 * (scale * _QUIET) ** 2
+    for i in range(start, min(stop, rows - di)):
+        loud[:] = 1
+        if di == 0:
+            row, noise = f[i], var[i]
+            for j in range(1, cols - 2):
+                third = row[j + 2] - row[j - 1] - 3.0 * (row[j + 1] - row[j])
+                loud[j] = third * third >= limit * (noise[j] + noise[j + 1])
+        elif 1 <= i < rows - 2:
+            above, here, below, last = f[i - 1], f[i], f[i + 1], f[i + 2]
+            noise, other = var[i], var[i + 1]
+            for j in range(cols):
+                third = last[j] - above[j] - 3.0 * (below[j] - here[j])
+                loud[j] = third * third >= limit * (noise[j] + other[j])
+        for j in range(cols - dj):
+            if loud[j]:
+                before, after = (i, rows - 1 - i) if di == 1 else (j, cols - 1 - j)
+                least, whatever, certain, largest = _edge(f, var, mask, i, j, di, dj, before, after, scale)
+                if np.isfinite(whatever) and (least > 0.0 or largest > 0.0):
+                    seen[i, j] |= 3 if certain or largest > 0.0 else 1
 
 
 @njit(cache=True, nogil=True)

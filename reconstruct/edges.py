@@ -14,6 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from optolever.blocks import over_image
+from optolever.compiling import Apart
 
 __all__ = [
     "apply_laplacian",
@@ -44,6 +45,7 @@ def defects(p: Floats, q: Floats, w: Floats, root: Floats, mask: Mask) -> tuple[
     w and root: (H, W), or (1, 1) if constant. root = sqrt(E).
     """
     gx, gy, whole = np.empty(p.shape), np.empty(p.shape), bool(mask.all())
+    w, root = (part if len(part) > 1 else np.full((1, p.shape[1]), part[0, 0]) for part in (w, root))
     over_image(lambda start, stop: _defects(p, q, w, root, mask, whole, gx, gy, start, stop), p.shape)
     return gx, gy
 
@@ -119,39 +121,37 @@ def _stencil(f, mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-d
     return 0.5 * (g0 + g1)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", pipeline_class=Apart)
 def _defects(p, q, w, root, mask, whole, gx, gy, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = p.shape
-    full = 1 if w.shape[0] > 1 else 0
-    scaled = 1 if root.shape[0] > 1 else 0
+    full, scaled = int(w.shape[0] > 1), int(root.shape[0] > 1)
     for i in range(start, stop):
-        inner = whole and 1 <= i < rows - 2
+        below = min(i + 1, rows - 1)
+        w0, w1, r0, r1 = w[full * i], w[full * below], root[scaled * i], root[scaled * below]
+        out_x, out_y = gx[i], gy[i]
+        inner = whole and cols > 3 and 1 <= i < rows - 2
+        if inner:  # the common case, without a look at the mask
+            row, q0, q1, q2, q3 = p[i], q[i - 1], q[i], q[i + 1], q[i + 2]
+            for j in range(1, cols - 2):
+                rise = (13.0 * (row[j] + row[j + 1]) - row[j - 1] - row[j + 2]) / 24.0
+                out_x[j] = (rise - (w0[j + 1] - w0[j])) / (r0[j] * r0[j + 1])
+            for j in range(cols):
+                rise = (13.0 * (q1[j] + q2[j]) - q0[j] - q3[j]) / 24.0
+                out_y[j] = (rise - (w1[j] - w0[j])) / (r0[j] * r1[j])
         for j in range(cols):
-            gx[i, j] = 0.0
-            gy[i, j] = 0.0
-            if not mask[i, j]:
+            if inner and 1 <= j < cols - 2:
                 continue
-            wi, ri = w[full * i, full * j], root[scaled * i, scaled * j]
-            if inner and 1 <= j < cols - 2:  # the common case, without a look at the mask
-                rise = (13.0 * (p[i, j] + p[i, j + 1]) - p[i, j - 1] - p[i, j + 2]) / 24.0
-                gx[i, j] = (rise - (w[full * i, full * (j + 1)] - wi)) / (
-                    ri * root[scaled * i, scaled * (j + 1)]
-                )
-                rise = (13.0 * (q[i, j] + q[i + 1, j]) - q[i - 1, j] - q[i + 2, j]) / 24.0
-                gy[i, j] = (rise - (w[full * (i + 1), full * j] - wi)) / (
-                    ri * root[scaled * (i + 1), scaled * j]
-                )
-                continue
-            if j + 1 < cols and mask[i, j + 1]:
+            out_x[j] = 0.0
+            if j + 1 < cols and mask[i, j] and mask[i, j + 1]:
                 rise = _stencil(p, mask, i, j, 0, 1, j, cols - 1 - j)
-                gx[i, j] = (rise - (w[full * i, full * (j + 1)] - wi)) / (
-                    ri * root[scaled * i, scaled * (j + 1)]
-                )
-            if i + 1 < rows and mask[i + 1, j]:
+                out_x[j] = (rise - (w0[j + 1] - w0[j])) / (r0[j] * r0[j + 1])
+        if inner:
+            continue
+        for j in range(cols):
+            out_y[j] = 0.0
+            if i + 1 < rows and mask[i, j] and mask[i + 1, j]:
                 rise = _stencil(q, mask, i, j, 1, 0, i, rows - 1 - i)
-                gy[i, j] = (rise - (w[full * (i + 1), full * j] - wi)) / (
-                    ri * root[scaled * (i + 1), scaled * j]
-                )
+                out_y[j] = (rise - (w1[j] - w0[j])) / (r0[j] * r1[j])
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -52,7 +52,8 @@ class SeparableEdges:
 
     def solve(self, gx: Floats, gy: Floats, accuracy: Accuracy, start: Floats | None = None) -> PoissonResult:
         """One direct solve."""
-        return PoissonResult(self.columns.solve(divergence(gx, gy, self._wx, self._wy)), 1, 0.0)
+        rhs = divergence(gx, gy, self._wx, self._wy)
+        return PoissonResult(self.columns.solve(rhs, accuracy.single), 1, 0.0)
 
     def energy(self, gx: Floats, gy: Floats) -> float:
         """sum w_e g_e^2."""

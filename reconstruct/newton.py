@@ -34,6 +34,7 @@ _COARSE = 96  # pixels along the shorter side of the grid that gives the start
 _FACTOR_ACCURACY = Accuracy(peak=0.02)  # of log E, in every pixel: E only has to be near
 _LINEAR_SHARE = 0.02  # of an edge's standard deviation: the energy of what a linear solve may leave
 _FIRST_RELATIVE, _RELATIVE = 1e-2, 1e-10  # of the first error: there is a second step; rounding
+_CHORD = 1e-4  # of a chord step: the next one takes what is left
 _SMALL_STEP = 1e-2  # of the range of w: steps below it cannot leave the medium
 _NOISE_SHARE = 0.02  # of a slope's standard deviation: a change that no noise lets one see
 _RESPONSE = 1e-3  # of the first error: drawn noise tells a variance to a few per cent at best
@@ -151,7 +152,7 @@ def chord_step(data: Measured, labels: Labels, state: State) -> State:
     """
     p, q, _, _ = data.slopes(state.w)
     gx, gy = defects(p, q, state.w, state.root, data.mask)
-    step = state.problem.solve(gx, gy, Accuracy(_LINEAR_SHARE, _RELATIVE))
+    step = state.problem.solve(gx, gy, Accuracy(_LINEAR_SHARE, _CHORD))
     change, _ = _anchored(step.x, state.root, labels, state.rows, state.w, (p, q), state.variances[0])
     size = float(np.sqrt(np.mean(change**2)))
     return replace(state, w=state.w + change, steps=(size,), iterations=step.iterations)
