@@ -66,14 +66,13 @@ def decode(
     noise, gain  of the camera: variance = noise^2 + gain * level, levels of the frames before rounding;
                  without `noise` both are estimated from the frames
     white_level  level at which the camera clips; default 255, for uint16 the 10, 12, 14 or 16 bits in use
-    response     camera level against shown level, inverted first; noise is then always estimated. Stripes,
-                 spots and grey values are taken as evenly noisy after that, which makes their sigma too small
+    response     camera level against shown level, inverted first; noise is then always estimated (of grey
+                 values, as the same for all levels)
     weigh_samples  with a response, whose inverse magnifies the noise of dark levels: weigh every sample by
                  its noise. Best where noise limits; equal weights where what the response leaves over does
     blur_px      rms blur between display and camera, cells; default: estimated (see cells.take_off_stairs)
     on_cells     fringes were shown on the cells of a surface of the sequence's size, as Frame.tables says,
                  dark around it; what that shifts is taken off (see display, cells). False: ideal cosines
-
     subpixel     binary codes: answers within their cells, from the blur of their edges, where it tells
 
     A code under several exposures is decoded from each that shows all of it, every pixel from its best one:
@@ -248,7 +247,7 @@ def _step(
 ) -> Callable[[int, int], None]:
     """The work on a block of rows for one axis: which decoder its frames ask for."""
     if axis.stripes is not None and not (axis.code or axis.fringes or axis.levels):
-        return stripe_step(job.light, job.bright, axis, joined, maps, common)
+        return stripe_step(job.light, job.bright, axis, joined, maps, common, job.told)
     if by_table(axis):
         return table_step(job.light, job.bright, shown_on(sequence, wanted, axis), axis, joined, maps, common)
     step = _axis_step(job, sequence, wanted, axis, tables or NO_TABLES, maps, joined, *common)

@@ -27,7 +27,8 @@ class Job:
 
     frames (N, H, W), which clip at `clip`; lut: linear level of each raw one, slope: its slope, both empty if
     levels are linear (slope also unless samples are weighed); noise: of fringes, raw_noise: of codes; floor:
-    of sigma, pattern pixels; light, bright: linear frames and their clip level for what takes no lut.
+    of sigma, pattern pixels; light, bright: linear frames and their clip level for what takes no lut; told:
+    the noise, if the caller knows it.
     """
 
     frames: Frames
@@ -39,6 +40,7 @@ class Job:
     floor: float
     light: Frames
     bright: float
+    told: Noise | None
 
 
 def checked(frames: ArrayLike, sequence: Sequence) -> Frames:
@@ -103,7 +105,8 @@ def job_of(
     if len(lut) and no_lut:
         light, bright = lut[stack], float(lut[min(int(clip), len(lut) - 1)])
     floor = FLOOR if silent else 0.0
-    return Job(stack, lut, slope if weigh_samples else none, clip, known, raw, floor, light, bright)
+    told = raw if noise is not None and response is None else None
+    return Job(stack, lut, slope if weigh_samples else none, clip, known, raw, floor, light, bright, told)
 
 
 def clip_level(stack: Frames) -> float:

@@ -16,6 +16,7 @@ from scipy.special import ndtr
 
 from .arrays import chi_squared_limit
 from .display_kernels import MOST_LOST
+from .noise import QUANTISATION, Noise
 from .plan import AxisPlan, Stripes
 from .sweep_kernels import stripe_rows
 from .table_decoder import flags_of_fit, sampled_rows, store
@@ -27,6 +28,10 @@ F64 = NDArray[np.float64]
 Step = Callable[[int, int], None]
 _ORDER, _OFF = 8, 16
 _DOUBT = 1e-4
+#: Widths from a stripe at which it lights nothing; frames that show that at least.
+_AWAY, _FRAMES = 2.5, 4
+#: Share by which variances of light and dark samples differ though they are the same: the profile is a model.
+_SAME = 0.15
 #: Samples of the profile per pattern pixel; blurs that are tried (rms, stripe widths; None: no cells either).
 _PER_PX = 16
 _BLURS = (None, 0.0, 0.03, 0.06, 0.12, 0.18, 0.25, 0.35, 0.5)
@@ -41,14 +46,14 @@ _LEFT = 0.25
 @dataclass(frozen=True, slots=True)
 class Sweep:
     """Stripes, the profile that they have (at 0, 1, 2, ... / _PER_PX pattern pixels), frames on either side
-    of the brightest that are fitted, variance of a sample. blur: rms, of pixels and cells, too.
+    of the brightest that are fitted, noise of a sample. blur: rms, of pixels and cells, too.
     """
 
     stripes: Stripes
     profile: F64
     blur: float
     window: int
-    noise2: float
+    noise: Noise
 
     @property
     def limit(self) -> float:
@@ -77,60 +82,119 @@ def _sweep(stripes: Stripes, share: float | None) -> Sweep:
     window = max(2, int(np.ceil((1.25 * stripes.width + 2 * (blur or 0.0)) / pitch)))
     # a cell and a footprint of one are boxes of variance 1/12
     wide = _LEAST if blur is None else float(np.hypot(blur, 6**-0.5))
-    return Sweep(stripes, _profile(stripes.width, blur), wide, window, 1 / 12)
+    return Sweep(stripes, _profile(stripes.width, blur), wide, window, Noise(QUANTISATION))
 
 
-def calibrated(frames: Map, clip: float, stripes: Stripes) -> Sweep:
-    """Blur and noise from some rows."""
+def calibrated(frames: Map, clip: float, stripes: Stripes, noise: Noise | None = None) -> Sweep:
+    """Blur and noise from some rows; the noise as it is given, if it is."""
     sample = np.ascontiguousarray(frames[:, sampled_rows(frames.shape[1])])
     best = None
     for share in _BLURS:
         sweep = _sweep(stripes, share)
-        _, _, misfit, _, scale, count, _ = _measure(sample, clip, sweep, 0, sample.shape[1])
-        lit = (scale > 0.25 * np.percentile(scale, 95)) & (count > 3)
-        freedom = np.maximum(count[lit] - 3, 1)
-        # the median of chi squared lies below its mean (Wilson & Hilferty)
-        each = misfit[lit] / freedom / (1 - 2 / (9 * freedom)) ** 3
-        noise2 = max(float(np.median(each)) if lit.any() else 0.0, 1 / 12)
-        if best is None or noise2 < best.noise2:
-            best = replace(sweep, noise2=noise2)
+        found = _measure(sample, clip, sweep, 0, sample.shape[1])
+        lit = (found.scale > 0.25 * np.percentile(found.scale, 95)) & (found.count > 3)
+        freedom = np.maximum(found.count[lit] - 3, 1)
+        each = found.misfit[lit] / freedom
+        noise2 = max(_usual(each) if lit.any() else 0.0, QUANTISATION)
+        if best is None or noise2 < best[0]:
+            best = noise2, sweep, found, lit
     assert best is not None
-    return best
+    noise2, sweep, found, lit = best
+    return replace(sweep, noise=noise or _noise(sample, stripes, found, lit, noise2))
 
 
-def _measure(frames: Map, clip: float, sweep: Sweep, start: int, stop: int) -> tuple[Map, ...]:
-    """coord, curvature, misfit, offset, scale, count, rival: see sweep_kernels.stripe_rows."""
+def _usual(squares: Map) -> float:
+    """Mean of squared residuals, from their quartiles: some pixels see two places, or another sweep.
+
+    Cube roots of chi squared are normal (Wilson & Hilferty): mean 1 - x^2, sigma x = sqrt(2 / (9 freedom)).
+    """
+    low, middle, high = np.cbrt(np.quantile(squares, (0.25, 0.5, 0.75)))
+    spread = max((high - low) / (2 * 0.6745 * max(middle, 1e-12)), 1e-6)
+    x = (np.sqrt(1 + 4 * spread**2) - 1) / (2 * spread)
+    return float((middle / (1 - x**2)) ** 3)
+
+
+def _noise(sample: Map, stripes: Stripes, found: "_Found", lit: Map, noise2: float) -> Noise:
+    """Of the levels: noise2 where a stripe passed, and what the frames show long before and after that."""
+    away = np.abs(stripes.at[:, None, None] - found.coord) > _AWAY * stripes.width
+    count = np.count_nonzero(away, axis=0)
+    known = lit & (count >= _FRAMES)
+    if np.count_nonzero(known) < _FEWEST:
+        return Noise(noise2)
+    levels = sample[stripes.index][:, known].astype(np.float64)
+    away, count = away[:, known], count[known]
+    dark = np.sum(levels, axis=0, where=away) / count
+    spread = np.sum((levels - dark) ** 2, axis=0, where=away) / (count - 1)
+    rise = float(np.median(found.mean[known] - dark))
+    more = noise2 - max(_usual(spread), QUANTISATION)
+    if abs(more) < _SAME * noise2:
+        return Noise(noise2)
+    gain = more / max(rise, 1e-9)
+    return Noise(noise2 - gain * float(np.median(found.mean[known])), gain)
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """Of a block of rows, as sweep_kernels.stripe_rows gives it."""
+
+    coord: Map
+    curvature: Map
+    misfit: Map
+    offset: Map
+    scale: Map
+    count: Map
+    rival: Map
+    level: Map
+    mean: Map
+
+
+def _variance(noise: Noise, level: Map) -> Map:
+    """Of samples at these levels; a response's inverse may magnify the noise of dark ones."""
+    return np.maximum(noise.read2 + noise.gain * level, QUANTISATION)
+
+
+def _measure(frames: Map, clip: float, sweep: Sweep, start: int, stop: int) -> _Found:
     shape = (stop - start, frames.shape[2])
-    coord = np.empty(shape)
-    maps32 = [np.empty(shape, np.float32) for _ in range(4)]
-    count, rival = np.empty(shape, np.int32), np.empty(shape, np.float32)
+    coord, count = np.empty(shape), np.empty(shape, np.int32)
+    curvature, misfit, offset, scale, rival, level, mean = (np.empty(shape, np.float32) for _ in range(7))
     stripes = sweep.stripes
     stripe_rows(
         *(frames, clip, start, stop, stripes.index, stripes.at, sweep.profile, float(_PER_PX), sweep.window),
-        *(coord, *maps32, count, rival),
+        *(coord, curvature, misfit, offset, scale, count, rival, level, mean),
     )
-    return (coord, *maps32, count, rival)
+    return _Found(coord, curvature, misfit, offset, scale, count, rival, level, mean)
 
 
 def stripe_step(
-    frames: Map, clip: float, axis: AxisPlan, joined: bool, maps: tuple[Map, Map], common: tuple[Map, ...]
+    frames: Map,
+    clip: float,
+    axis: AxisPlan,
+    joined: bool,
+    maps: tuple[Map, Map],
+    common: tuple[Map, ...],
+    noise: Noise | None = None,
 ) -> Step:
-    """Work on a block of rows of a swept stripe."""
+    """Work on a block of rows of a swept stripe; noise: of the camera, if it is known."""
     assert axis.stripes is not None
-    sweep = calibrated(frames, clip, axis.stripes)
-    noise2 = sweep.noise2
+    sweep = calibrated(frames, clip, axis.stripes, noise)
 
     def step(start: int, stop: int) -> None:
-        coord, curvature, misfit, offset, scale, count, rival = _measure(frames, clip, sweep, start, stop)
-        why = flags_of_fit(curvature, misfit, scale, count, offset, noise2, sweep.limit)
-        odds = np.clip((scale**2 - np.maximum(rival, 0) ** 2) / (2 * noise2), 0, 80)
+        found = _measure(frames, clip, sweep, start, stop)
+        noise2 = _variance(sweep.noise, found.mean)
+        why = flags_of_fit(
+            found.curvature, found.misfit, found.scale, found.count, found.offset, noise2, sweep.limit
+        )
+        odds = np.clip((found.scale**2 - np.maximum(found.rival, 0) ** 2) / (2 * noise2), 0, 80)
         wrong = 1 / (1 + np.exp(odds))
-        why |= np.where((wrong > _DOUBT) | (rival > 0.6 * scale), _ORDER, 0)
-        lost, shift = _border(coord, axis.extent, sweep.blur)
+        why |= np.where((wrong > _DOUBT) | (found.rival > 0.6 * found.scale), _ORDER, 0)
+        lost, shift = _border(found.coord, axis.extent, sweep.blur)
         why |= np.where(lost > MOST_LOST, _OFF, 0)
         with np.errstate(divide="ignore"):
-            variance = noise2 / curvature + shift**2
-        store(start, stop, coord, variance, why, wrong, scale, offset, axis, joined, maps, common)
+            variance = _variance(sweep.noise, found.level) / found.curvature + shift**2
+        store(
+            *(start, stop, found.coord, variance, why, wrong, found.scale, found.offset),
+            *(axis, joined, maps, common),
+        )
 
     return step
 
@@ -155,11 +219,10 @@ def sweep_faults(frames: Map, clip: float, stripes: Stripes) -> tuple[str, tuple
     sample = np.ascontiguousarray(frames[:, sampled_rows(frames.shape[1])])
 
     def misfits(trial: Stripes) -> tuple[Map, Map]:
-        coord, _, misfit, _, scale, _, _ = _measure(
-            sample, clip, replace(sweep, stripes=trial), 0, sample.shape[1]
-        )
-        lit = scale > 0.25 * np.percentile(scale, 95)
-        return coord, np.where(lit, np.minimum(misfit / (sweep.limit * sweep.noise2), 4.0), 0.0)
+        found = _measure(sample, clip, replace(sweep, stripes=trial), 0, sample.shape[1])
+        lit = found.scale > 0.25 * np.percentile(found.scale, 95)
+        noise2 = _variance(sweep.noise, found.mean)
+        return found.coord, np.where(lit, np.minimum(found.misfit / (sweep.limit * noise2), 4.0), 0.0)
 
     coord, misfit = misfits(stripes)
     slot = np.searchsorted(stripes.at, coord)

@@ -40,11 +40,14 @@ def stripe_rows(
     scale: Array,
     count: Array,
     rival: Array,
+    level: Array,
+    mean: Array,
 ) -> None:
     """A swept stripe: the brightest frame, then the best place of the known profile within +- window frames.
 
     index (M,) frames in the order of their stripes' places at (M,); profile: light at distances 0, 1, 2, ...
-    / per_px. Out as table_kernels.refine_rows; rival = brightest sample outside the window minus offset.
+    / per_px. Out as table_kernels.refine_rows; rival = brightest sample outside the window minus offset;
+    level, mean: see _levels.
     """
     cols, frames_count = frames.shape[2], len(index)
     top, peak, other = np.empty(cols, np.float32), np.empty(cols, np.int32), np.empty(cols, np.float32)
@@ -57,22 +60,21 @@ def stripe_rows(
         for k in range(frames_count):
             line = frames[index[k], row]
             for x in range(cols):
-                level = np.float32(line[x])
-                peak[x] = k if level > top[x] else peak[x]
-                top[x] = level if level > top[x] else top[x]
+                raw = np.float32(line[x])
+                peak[x] = k if raw > top[x] else peak[x]
+                top[x] = raw if raw > top[x] else top[x]
         for k in range(frames_count):
             line = frames[index[k], row]
             for x in range(cols):
-                level = np.float32(line[x])
-                other[x] = level if (abs(k - peak[x]) > window) & (level > other[x]) else other[x]
+                raw = np.float32(line[x])
+                other[x] = raw if (abs(k - peak[x]) > window) & (raw > other[x]) else other[x]
         for x in range(cols):
             low, high = max(peak[x] - window, 0), min(peak[x] + window, frames_count - 1)
             n = high - low + 1
             samples = 0
             for k in range(n):
-                raw = frames[index[low + k], row, x]
-                light[k] = raw
-                used[k] = raw < clip
+                light[k] = frames[index[low + k], row, x]
+                used[k] = light[k] < clip
                 samples += used[k]
             span = 0.5 * (at[high] - at[low]) / window
             values = np.empty(steps + 1)
@@ -101,3 +103,37 @@ def stripe_rows(
                 samples,
             )
             rival[block, x] = other[x] - a
+            slope = light  # not needed any more
+            for k in range(n):
+                away = per_px * abs(coord[block, x] - at[low + k])
+                slope[k] = _lit(profile, away + 0.5) - _lit(profile, max(away - 0.5, 0.0))
+                slope[k] = -slope[k] if coord[block, x] < at[low + k] else slope[k]
+            level[block, x], mean[block, x] = _levels(slope[:n], used[:n], shown[:n], a, b)
+
+
+@kernel
+def _levels(slope: Array, used: Array, shown: Array, a: float, b: float) -> tuple[float, float]:
+    """Means of the levels a + b shown, weighted by what each sample says of the place, and by what of it the
+    fit of level, contrast and place leaves.
+    """
+    n, st, sg, stt, stg = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(len(slope)):
+        if used[k]:
+            n += 1
+            st += shown[k]
+            sg += slope[k]
+            stt += shown[k] * shown[k]
+            stg += shown[k] * slope[k]
+    if n < 4:
+        return a, a
+    spread = max(stt - st * st / n, 1e-12)
+    tilt = (stg - st * sg / n) / spread
+    told, weighted, left = 0.0, 0.0, 0.0
+    for k in range(len(slope)):
+        if used[k]:
+            own = (slope[k] - sg / n - tilt * (shown[k] - st / n)) ** 2
+            told += own
+            weighted += own * shown[k]
+            left += (1 - 1 / n - (shown[k] - st / n) ** 2 / spread) * shown[k]
+    weighted /= max(told, 1e-12)
+    return a + b * weighted, a + b * (left - weighted) / (n - 3)

@@ -284,7 +284,7 @@ def _search(frames: Map, shown: Shown) -> Callable[[int, int], tuple[Map, Map]]:
 
 
 def flags_of_fit(
-    curvature: Map, misfit: Map, scale: Map, count: Map, offset: Map, noise2: float, limit: float
+    curvature: Map, misfit: Map, scale: Map, count: Map, offset: Map, noise2: float | Map, limit: float
 ) -> NDArray[np.int32]:
     why = np.zeros(curvature.shape, np.int32)
     low = 0.5 * scale < 4 * np.sqrt(noise2)

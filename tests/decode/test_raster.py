@@ -102,6 +102,7 @@ def test_response_is_inverted_before_sums(places: tuple[F64, F64]) -> None:
     error = [np.sqrt(np.mean((found.u - places[0]) ** 2)) for found in (bent, straight)]
     assert straight.good.mean() > 0.99
     assert error[1] < 0.5 * error[0]
+    assert np.sqrt(np.mean(errors(straight, *places) ** 2)) == pytest.approx(1, abs=0.2)
 
 
 def test_two_places_in_one_pixel_are_flagged(places: tuple[F64, F64]) -> None:

@@ -50,6 +50,15 @@ def test_swept_stripe(shoot: Shoot, smooth: tuple[F64, F64], params: dict[str, f
     assert rms_score(found, smooth) == pytest.approx(1, abs=0.03)
 
 
+@pytest.mark.parametrize("camera", [{}, {"noise": 0.5, "gain": 0.3}])
+def test_swept_stripe_in_shot_noise(shoot: Shoot, smooth: tuple[F64, F64], camera: dict[str, float]) -> None:
+    """The place follows from the stripe's flanks, whose noise is far above the dark; told, or measured."""
+    shown = sequence("stripe", 150, 170, step=4)
+    found = decode(shoot(shown, *smooth, noise=0.5, gain=0.3), shown, **camera)
+    assert found.good.mean() > 0.99
+    assert rms_score(found, smooth) == pytest.approx(1, abs=0.05 if camera else 0.16)
+
+
 def test_dark_stripe_capture_is_flagged() -> None:
     shown = sequence("stripe", 40, 60)
     found = decode(np.full((len(shown), 10, 12), 2, np.uint8), shown)
