@@ -31,6 +31,10 @@ _FEWEST = 8
 _PROPER = 0.35
 #: Proper edges outside, per jump inside, that speak for rows; jumps, per proper edge, that do not against.
 _OUTSIDE = 0.15
+#: Pixels that tell of a whole picture; cells that a map spans, of two bits that are told from each other;
+#: share of the pixels in which these differ at least; share of neighbours that are far apart in a wrong map.
+_PIXELS_LEAST, _CELLS, _SAME, _ROUGH = 256, 8, 0.01, 0.1
+_ENOUGH = 4096
 #: Median step between neighbours, cells, above which they are none.
 _STEEP = 3.0
 _BLIND = int(Flag.DARK | Flag.LOW_CONTRAST | Flag.SATURATED | Flag.INVALID)
@@ -51,16 +55,30 @@ def bit_faults(axis: AxisPlan, stack: Map, coord: Map, flags: Map, offset: Map) 
     stack (N, H, W): the frames; offset (H, W): mid levels.
     """
     code = axis.code
-    if code is None or code.kind != "gray":
-        return ()
-    if min(coord.shape) < 4:
+    if code is None or code.kind == "binary" or min(coord.shape) < 4:
         return ()
     height, width = coord.shape
     rows, cols = _lines(height, width), _lines(width, height)
-    if np.median(np.abs(np.diff(coord[rows], axis=1))) > _STEEP * code.cell:
-        return ()  # neighbours tell nothing of each other
+    views = [(coord[rows], flags[rows]), (coord[:, cols].T, flags[:, cols].T)]
+    every = 1 + len(rows) * width // _ENOUGH
+    few = (part[..., rows, ::every] for part in (stack, offset, coord, flags))
+    whole = _alike(code, *few)
+    if not whole:
+        whole = tuple({bit for view in views for bit in _inverted(code, *view)})
+    if whole:
+        frame = np.maximum(code.plain, code.inverse)
+        return tuple(BitFault(int(frame[bit]), 0, height) for bit in whole)
+    # neighbours of a long-run Gray code are none to each other with any bit flipped, which was seen above
+    rough = np.median(np.abs(np.diff(views[0][0], axis=1))) > _STEEP * code.cell
+    return () if rough or code.kind == "long-run-gray" else _jumping(axis, code, stack, coord, flags, offset)
+
+
+def _jumping(
+    axis: AxisPlan, code: Code, stack: Map, coord: Map, flags: Map, offset: Map
+) -> tuple[BitFault, ...]:
+    height, width = coord.shape
+    rows, cols = _lines(height, width), _lines(width, height)
     tables = _tables(code, axis)
-    frame = np.maximum(code.plain, code.inverse)
     jumps, edges = (np.zeros((len(code.plain), height)) for _ in range(2))
     views = []
     for lines, along in ((rows, True), (cols, False)):
@@ -70,26 +88,69 @@ def bit_faults(axis: AxisPlan, stack: Map, coord: Map, flags: Map, offset: Map) 
     if sum(len(jump[0]) for jump in broken) < _FEWEST:
         return ()  # as a rule, and edges take time to count
     for (lines, along, view), jump in zip(views, broken, strict=True):
-        edge = _flips(stack, offset, frame, lines, along, view.edges(tables))
+        edge = _flips(stack, offset, code, lines, along, view.edges(tables))
         for counted, (which, line, place) in ((jumps, jump), (edges, edge)):
             np.add.at(counted, (which, lines[line] if along else place), 1)
     found = []
-    for bit in range(len(code.plain)):
+    for bit, frame in enumerate(np.maximum(code.plain, code.inverse).tolist()):
         span = _worst_span(jumps[bit], edges[bit])
         if span is not None:
-            found.append(BitFault(int(frame[bit]), *span))
+            found.append(BitFault(frame, *span))
     return tuple(found)
 
 
-def _flips(
-    stack: Map, offset: Map, frame: NDArray[np.int64], lines: NDArray[np.int64], along: bool, edge: Event
-) -> Event:
+def _alike(code: Code, levels: Map, offset: Map, coord: Map, flags: Map) -> tuple[int, ...]:
+    """Bits without inverse that show the picture of the next coarser one, or none: frames came too early."""
+    seen = (flags & _BLIND) == 0
+    frame = np.where(code.inverse < 0, code.plain, -1)
+    if np.count_nonzero(seen) < _PIXELS_LEAST or (frame < 0).any() or code.kind == "xor-gray":
+        return ()
+    cell = np.maximum((coord[seen] + 0.5 - code.origin) // code.cell, 0).astype(np.int64)
+    shown = np.array([levels[i][seen] > offset[seen] for i in frame])
+    found = []
+    for bit in range(len(frame)):
+        # what a bit of that fineness would show, had the map this range: half of it lit
+        cells = len(np.unique(cell >> bit))
+        other = shown[bit + 1] if bit + 1 < len(frame) else np.zeros_like(shown[bit])
+        same = min(np.mean(shown[bit] != other), np.mean(shown[bit]), np.mean(~shown[bit]))
+        if cells >= _CELLS and same < _SAME:
+            found.append(bit)
+    return tuple(found)
+
+
+def _inverted(code: Code, coord: Map, flags: Map) -> tuple[int, ...]:
+    """The bit without whose flip neighbours tell nothing of each other, and with which they do."""
+    smooth = _STEEP * code.cell
+    seen = (flags & _BLIND) == 0
+    pairs = seen[:, :-1] & seen[:, 1:]
+    rough = _roughness(coord, pairs, smooth)
+    if np.count_nonzero(pairs) < _PIXELS_LEAST or rough < _ROUGH:
+        return ()
+    words = np.zeros(int(code.cells.max()) + 1, np.int64)  # of all cells: wrong ones lie beyond the surface
+    words[code.cells] = np.arange(len(code.cells))
+    word = words[np.clip((coord + 0.5 - code.origin) // code.cell, 0, len(words) - 1).astype(np.int64)]
+    bits = range(len(code.plain))
+    each = [_roughness(code.cells[word ^ (1 << bit)] * code.cell, pairs, smooth) for bit in bits]
+    best = int(np.argmin(each))
+    return (best,) if each[best] < 0.25 * rough else ()
+
+
+def _roughness(coord: Map, pairs: Map, smooth: float) -> float:
+    """Share of neighbours that are far from each other."""
+    return float(np.mean(np.abs(np.diff(coord, axis=1))[pairs] > smooth)) if pairs.any() else 0.0
+
+
+def _flips(stack: Map, offset: Map, code: Code, lines: NDArray[np.int64], along: bool, edge: Event) -> Event:
     """Of the edges, those at which the bit's own picture changes; between fringes a map may go on without."""
     bit, line, place = edge
+    frame = np.maximum(code.plain, code.inverse)
     ends = []
     for end in (place - 1, place + 2):
         row, col = (lines[line], end) if along else (end, lines[line])
-        ends.append(stack[frame[bit], row, col] > offset[row, col])
+        lit = stack[frame[bit], row, col] > offset[row, col]
+        if code.kind == "xor-gray":  # every picture but the finest bit's changes with that one, too
+            lit ^= (stack[frame[0], row, col] > offset[row, col]) & (bit > 0)
+        ends.append(lit)
     keep = ends[0] != ends[1]
     return bit[keep], line[keep], place[keep]
 
@@ -101,10 +162,13 @@ def _lines(count: int, length: int) -> NDArray[np.int64]:
 
 
 def _tables(code: Code, axis: AxisPlan) -> tuple[NDArray[np.int64], F64]:
-    """Word of each cell (C,), and what flipping a bit does to the coordinate (bits, C)."""
+    """Gray word of each cell (C,), and what flipping a bit of it does to the coordinate (bits, C)."""
     count = min(len(code.cells), int(np.ceil((axis.extent - code.origin) / code.cell)) + 1)
-    words = code_words(code.kind, np.arange(count))
-    flipped = code.cells[words ^ (1 << np.arange(len(code.plain)))[:, None]]
+    every = np.arange(1 << len(code.plain))
+    cells = np.empty_like(every)
+    cells[code_words("gray", every)] = every
+    words = code_words("gray", np.arange(count))
+    flipped = cells[words ^ (1 << np.arange(len(code.plain)))[:, None]]
     return words, (flipped - np.arange(count)) * code.cell
 
 

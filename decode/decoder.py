@@ -249,7 +249,8 @@ def _step(
     if axis.stripes is not None and not (axis.code or axis.fringes or axis.levels):
         return stripe_step(job.light, job.bright, axis, joined, maps, common, job.told)
     if by_table(axis):
-        return table_step(job.light, job.bright, shown_on(sequence, wanted, axis), axis, joined, maps, common)
+        shown, even = shown_on(sequence, wanted, axis), job.light is job.frames
+        return table_step(job.light, job.bright, shown, axis, joined, maps, common, even)
     step = _axis_step(job, sequence, wanted, axis, tables or NO_TABLES, maps, joined, *common)
     if subpixel and axis.code is not None and not axis.fringes:
         return subpixel_step(job.light, job.bright, shown_on(sequence, wanted, axis), step, maps)

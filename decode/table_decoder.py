@@ -42,6 +42,8 @@ _USUAL_BLUR = 0.5
 _UNEVEN = 0.02
 #: Share of the pixels that no place explains, above which frames are not those described.
 _MANY = 0.15
+#: Variance of the residuals, over the most that is noise, above which frames are not those described.
+_STRANGE = 2.0
 _DARK, _SATURATED, _LOW, _ORDER, _OFF, _MOVED, _INVALID = 1, 2, 4, 8, 16, 64, 128
 _DOUBT = 1e-4
 #: Pixels around an answer that do not count as another answer.
@@ -109,12 +111,17 @@ def table_step(
     joined: bool,
     maps: tuple[Map, Map],
     common: tuple[Map, ...],
+    even: bool = True,
 ) -> Step:
-    """Work on a block of rows: nearest code word of the whole surface, refined."""
+    """Work on a block of rows: nearest code word of the whole surface, refined.
+
+    even: levels are as noisy as each other; a response's inverse magnifies the noise of dark ones.
+    """
     search = _search(frames, shown)
     sample = np.ascontiguousarray(frames[:, sampled_rows(frames.shape[1])])
     blur, noise2 = _calibrate(sample, clip, shown, _search(sample, shown)(0, sample.shape[1])[0])
-    noise2 = min(noise2, _most_noise(sample, shown))
+    most = _most_noise(sample, shown)
+    noise2, residue = min(noise2, most), noise2
     # coarse patterns hardly tell a small blur, and the border does not wait for it
     fine, lost = shown.fine(blur), shown.lost(max(blur, _USUAL_BLUR))
     # what the model does not explain goes into sigma, up to three times the noise
@@ -123,7 +130,8 @@ def table_step(
     _, _, misfit, _, scale, _ = _refine(sample, clip, 0, sample.shape[1], shown, fine, coarse)
     lit = scale > 0.25 * np.percentile(scale, 95)
     # where many pixels fit no place, others fit a wrong one by chance
-    wrong_frames = bool(lit.any() and np.mean(misfit[lit] > limit * noise2) > _MANY)
+    misfits = bool(lit.any() and np.mean(misfit[lit] > limit * noise2) > _MANY)
+    wrong_frames = misfits or (even and residue > _STRANGE * most)
 
     def step(start: int, stop: int) -> None:
         first, second = search(start, stop)

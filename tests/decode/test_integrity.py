@@ -109,6 +109,33 @@ def test_bits_without_inverse_are_tested_by_the_map(shoot: Shoot, smooth: tuple[
         assert wrong[found.good].mean() <= 1e-4 if found.good.any() else True
 
 
+@pytest.mark.parametrize("name", ["gray", "long-run-gray", "xor-gray"])
+def test_a_bit_in_its_inverses_place_is_told_by_the_map(
+    shoot: Shoot, smooth: tuple[F64, F64], name: str
+) -> None:
+    """Both still add up to white; the coarsest bit alone only turns the map around."""
+    shown = sequence(name, 150, 170)
+    whole = shoot(shown, *smooth, noise=1.0)
+    assert _kinds(whole, shown)[0] == set()
+    for i, frame in enumerate(shown.frames):
+        if frame.inverted and (frame.bit or 0) < 7:
+            frames = whole.copy()
+            frames[[i - 1, i]] = whole[[i, i - 1]]
+            kinds, found = _kinds(frames, shown)
+            wrong = np.abs(found.u - smooth[0]) + np.abs(found.v - smooth[1]) > 3
+            assert kinds == {"foreign"} or not wrong[found.good].any(), i
+
+
+def test_bits_that_came_too_early_are_told_by_their_likeness(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    """A lost frame, the last one there twice: a map that is twice as steep, without a jump."""
+    shown = sequence("gray", 150, 170, inverses=False)
+    whole = shoot(shown, *smooth, noise=1.0)
+    for i in range(2, len(shown) - 1):
+        found = decode(np.concatenate([whole[:i], whole[i + 1 :], whole[-1:]]), shown)
+        wrong = np.abs(found.u - smooth[0]) + np.abs(found.v - smooth[1]) > 3
+        assert wrong[found.good].mean() < 1e-4 if found.good.any() else True, i
+
+
 def test_a_torn_bit_is_flagged_where_it_is_wrong(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
     shown = sequence("gray+phase", 150, 170)
     frames = shoot(shown, *smooth, noise=1.0)
