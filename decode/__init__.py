@@ -23,6 +23,7 @@
 | `table_kernels`            | its loops, compiled                                                          |
 | `sweep`, `sweep_kernels`   | swept stripes: place of the line that lit a pixel most; lost ones            |
 | `raster`, `raster_kernels` | a spot at a raster of places, reduced to two sweeps of a stripe              |
+| `raster_faults`            | frames of a raster that are lost, doubled, swapped or another's              |
 | `integrity`, `code_jumps`  | `check`: swapped, lost, repeated and torn frames, named; bits by their jumps |
 | `references`               | how well white and black bound a code's levels                               |
 | `neighbour_kernels`        | what neighbours tell of a pixel: bends, mixed footprints, the border         |

@@ -3,9 +3,9 @@
 What a sequence shows obeys linear constraints, whatever the camera looks at: the fringe's N samples lie in a
 space of three dimensions, a bit and its inverse add up to the same as any other pair, or as white and black.
 They are tested on a sample of pixels, and where they are broken, every single fault is tried: the one that
-mends them is named. Bits of Gray codes are tested by the map that they decode to (see code_jumps),
-swept stripes by how they follow each other (see sweep). Faults that break none stay unseen: three steps
-alone, two whole pairs in each other's place, a fringe run backwards.
+mends them is named. Bits of Gray codes are tested by the map that they decode to (see code_jumps), swept
+stripes and spots by how they follow each other (see sweep, raster_faults). Faults that break none stay
+unseen: three steps alone, two whole pairs in each other's place, a fringe run backwards.
 """
 
 from collections.abc import Iterator
@@ -23,6 +23,7 @@ from .correspondence import Correspondence
 from .exposures import by_exposure, numbered
 from .plan import AxisPlan, Plan
 from .raster import raster_of
+from .raster_faults import RasterFault, raster_faults
 from .sweep import sweep_faults
 
 __all__ = ["Finding", "Integrity", "check", "examine"]
@@ -95,8 +96,10 @@ def check(frames: ArrayLike, sequence: Sequence, found: Correspondence | None = 
     stack = np.asarray(frames)
     if stack.ndim != 3 or len(stack) != len(sequence):
         raise InputError(f"check: frames have shape {stack.shape}, sequence describes {len(sequence)} images")
-    if raster_of(sequence) is not None:  # a place that is lost moves the rest, as another map would
-        return Integrity((), 0)
+    raster = raster_of(sequence)
+    if raster is not None:
+        fault = raster_faults(stack, raster.index, raster.half)
+        return Integrity((_of_raster(fault),) if fault is not None else (), 0)
     parts = by_exposure(sequence)
     found = found if len(parts) == 1 else None
     each = [examine(stack, numbered(part), found) for part in parts]
@@ -176,6 +179,17 @@ def _broken(rules: F64, stack: NDArray[Any]) -> tuple[Finding, ...]:
         return findings
     used = tuple(int(i) for i in np.flatnonzero(np.abs(rules[excess >= _BROKEN]).max(axis=0) > 0))
     return (Finding(used, "inconsistent", f"frames {_list(used)} do not fit together"),)
+
+
+def _of_raster(fault: RasterFault) -> Finding:
+    first = fault.frames[0]
+    told = {
+        "lost": f"spot of frame {first} is missing, those after it come one too early",
+        "repeated": f"spot of frame {first} is the one before again, those after it come one late",
+        "replaced": f"spot of frame {first} is another one",
+    }
+    swapped = f"spots of frames {first} and {fault.frames[-1]} are swapped"
+    return Finding(fault.frames, fault.kind, told.get(fault.kind, swapped), fault.frames)
 
 
 def _foreign(fault: BitFault) -> Finding:

@@ -2,8 +2,7 @@
 
 The frames of a spot are products, so that a pixel's light is A f(v - row) g(u - column) + B: the sum over any
 rows of the raster is a stripe's sweep, whichever rows these are. They are those around the pixel's brightest
-frame, as the others hold nothing but noise. A lost or doubled frame is not told: it moves the rest of the
-raster by a step, as another map would.
+frame, as the others hold nothing but noise. Lost and doubled frames: see raster_faults.
 """
 
 from collections.abc import Callable
@@ -18,6 +17,7 @@ from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
 
 from .correspondence import Correspondence, Flag
+from .raster_faults import raster_faults
 from .raster_kernels import raster_rows
 
 __all__ = ["Raster", "by_raster", "raster_of"]
@@ -55,6 +55,13 @@ class Raster:
     def summed(self) -> int:
         """Samples in a sum."""
         return 2 * self.half + 1
+
+    def touched(self, v: NDArray[Any], rows: tuple[int, int] | None) -> NDArray[np.bool_]:
+        """Pixels that look, by their coordinate, at these rows of the raster, first to last; None: all."""
+        if rows is None:
+            return np.ones(v.shape, np.bool_)
+        low, high = self.at_v[rows[0]], self.at_v[min(rows[1], len(self.at_v) - 1)]
+        return np.asarray(~((v < low) | (v > high)))
 
     def stripes(self, sequence: Sequence) -> Sequence:
         """The sweeps that the sums are: first along u, then along v."""
@@ -118,4 +125,7 @@ def by_raster(
     offset = amplitude + (found.offset - found.amplitude) / np.float32(raster.summed)
     rival = other - (offset - amplitude) > 2 * _RIVAL * amplitude
     flags = found.flags | np.where(rival, np.uint16(Flag.ORDER_DOUBTFUL), np.uint16(0))
+    fault = raster_faults(stack, raster.index, raster.half)
+    if fault is not None:
+        flags |= np.where(raster.touched(found.v, fault.rows), np.uint16(Flag.WRONG_FRAME), np.uint16(0))
     return replace(found, flags=flags, amplitude=amplitude, offset=offset)

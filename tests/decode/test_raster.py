@@ -105,6 +105,26 @@ def test_response_is_inverted_before_sums(places: tuple[F64, F64]) -> None:
     assert np.sqrt(np.mean(errors(straight, *places) ** 2)) == pytest.approx(1, abs=0.2)
 
 
+@pytest.mark.parametrize("at", [45, 83, 110])
+def test_wrong_frames_are_named_and_flagged(places: tuple[F64, F64], at: int) -> None:
+    shown = sequence("spot", 66, 78)
+    whole = shoot(shown, *places, 2.0)
+    assert check(whole, shown).findings == ()
+    spoilt = {
+        "lost": np.concatenate([whole[:at], whole[at + 1 :], whole[-1:]]),
+        "repeated": np.concatenate([whole[:at], whole[at - 1 : at], whole[at:-1]]),
+        "swapped": whole[[*range(at), at + 1, at, *range(at + 2, len(whole))]],
+    }
+    for kind, frames in spoilt.items():
+        (finding,) = check(frames, shown).findings
+        assert finding.kind == kind
+        assert abs(finding.frames[0] - at) <= 1
+        found = decode(frames, shown)
+        wrong = np.hypot(found.u - places[0], found.v - places[1]) > 1
+        assert wrong.mean() > 0.01
+        assert not wrong[found.good].any()
+
+
 def test_two_places_in_one_pixel_are_flagged(places: tuple[F64, F64]) -> None:
     """A fold, or a ghost: the second place in other rows and columns of the raster."""
     shown = sequence("spot", 66, 78)
