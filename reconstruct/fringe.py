@@ -3,8 +3,9 @@
 Where the pattern ends, the outermost pixels are seen through half a blur: their sigma is many times that of
 their neighbours, or they are flagged in patches. They tell nothing about the rest, but light edges along a
 row (columns may have weights of their own) and a ragged border would ask for a masked solve, and their slopes
-would enter the increments of good pixels beside them. Their height follows from the three lines before,
-outward: w_0 = w_1 + (23 p_1 - 16 p_2 + 5 p_3) / 12 (Adams-Bashforth, third order).
+would enter the increments of good pixels beside them. Their height follows outward, from the three lines
+before, w_0 = w_1 + (23 p_1 - 16 p_2 + 5 p_3) / 12 (Adams-Bashforth, third order), or where its own slope is
+known better than that, w_0 = w_1 + (9 p_0 + 19 p_1 - 5 p_2 + p_3) / 24 (Adams-Moulton).
 """
 
 import numpy as np
@@ -21,8 +22,11 @@ Window = tuple[slice, slice]
 DEPTH = 4  # lines on every side at most
 NOISY = 3.0  # times the next line's sigma
 BLIND = 0.5, 0.15  # of the way to the pattern: noise of the outermost line's slopes, and of the next one's
-_WEIGHTS = (23.0 / 12.0, -16.0 / 12.0, 5.0 / 12.0)
-_GAIN = sum(weight**2 for weight in _WEIGHTS)
+_OPEN = (23.0 / 12.0, -16.0 / 12.0, 5.0 / 12.0)
+_CLOSED = (9.0 / 24.0, 19.0 / 24.0, -5.0 / 24.0, 1.0 / 24.0)
+_GAIN = sum(weight**2 for weight in _OPEN)
+_STEPS = 3  # of Newton
+_APART = 3.0  # sigmas by which both may differ: a slope whose noise is not small is no slope
 
 
 def core_window(data: Measured) -> Window:
@@ -129,20 +133,51 @@ def _step(
     line: int,
     inward: int,
 ) -> None:
-    """Fill one line of a column axis (1) or row axis (0) from the three lines inward."""
-    lines = [line + k * inward for k in (1, 2, 3)]
-    strip = slice(min(lines), max(lines) + 1)
+    """Fill one line of a column axis (1) or row axis (0) from the three lines inward, and its own slope."""
+    lines = [line + k * inward for k in range(4)]
     every = slice(0, data.mask.shape[1 - axis])
-    window = (strip, every) if axis == 0 else (every, strip)
-    p, q = data.cropped(window).slopes(np.ascontiguousarray(w[window]))[:2]
-    slope = q if axis == 0 else p.T
-    rise = sum(weight * slope[k - strip.start] for weight, k in zip(_WEIGHTS, lines, strict=True))
-    here = (line, every) if axis == 0 else (every, line)
-    inner = [(k, every) if axis == 0 else (every, k) for k in lines]
+    here, *inner = [(k, every) if axis == 0 else (every, k) for k in lines]
     sure = known[inner[0]] & known[inner[1]] & known[inner[2]] & data.mask[here]
-    w[here] = np.where(sure, w[inner[0]] - inward * rise, np.nan)
-    beside = noise[1 - axis][inner[0]]
-    variance[here] = np.where(sure, variance[inner[0]] + _GAIN * beside, np.nan)
+    first, beyond = w[inner[0]], noise[1 - axis][inner[0]]
+    slope = _slopes(data, w, axis, lines[1:])[0]
+    w[here] = first - inward * sum(weight * s for weight, s in zip(_OPEN, slope, strict=True))
+    added = _GAIN * beyond
+    own, least = _closed(data, w, axis, lines, inward, first)
+    better = (least < added) & (np.square(own - w[here]) < _APART**2 * (added + least))
+    w[here] = np.where(sure, np.where(better, own, w[here]), np.nan)
+    variance[here] = np.where(sure, variance[inner[0]] + np.where(better, least, added), np.nan)
     known[here] = sure
     for field in noise:
         field[here] = field[inner[0]]
+
+
+def _closed(
+    data: Measured, w: Floats, axis: int, lines: list[int], inward: int, first: Floats
+) -> tuple[Floats, Floats]:
+    """The unknown in the outermost of four lines by the cubic through its own slope and three inside, Newton
+    from what w (changed and restored) holds there; and the variance that this adds to the next line's, first.
+    """
+    here = (lines[0], slice(None)) if axis == 0 else (slice(None), lines[0])
+    start = w[here].copy()
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        for _ in range(_STEPS):
+            slope, change, spread = _slopes(data, w, axis, lines)
+            off = w[here] - first + inward * sum(c * s for c, s in zip(_CLOSED, slope, strict=True))
+            w[here] -= off / (1.0 + inward * _CLOSED[0] * change[0])
+    own, w[here] = w[here].copy(), start
+    return own, np.asarray(sum(c**2 * s for c, s in zip(_CLOSED, spread, strict=True)))
+
+
+def _slopes(
+    data: Measured, w: Floats, axis: int, lines: list[int]
+) -> tuple[list[Floats], list[Floats], list[Floats]]:
+    """Slopes across lines, their derivatives by w, and their variances, line by line."""
+    strip = slice(min(lines), max(lines) + 1)
+    every = slice(0, data.mask.shape[1 - axis])
+    window = (strip, every) if axis == 0 else (every, strip)
+    part, at = data.cropped(window), np.ascontiguousarray(w[window])
+    across = 1 - axis
+    found = part.slopes(at)
+    maps = found[across], found[2 + across], part.variances(at)[across]
+    slope, change, spread = ([(m if axis == 0 else m.T)[k - strip.start] for k in lines] for m in maps)
+    return slope, change, spread
