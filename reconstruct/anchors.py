@@ -34,7 +34,7 @@ __all__ = [
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-EDGE_REACH = 3.0  # pixels over which the slope may be extrapolated to the edge
+EDGE_REACH = 4.0  # pixels over which the slope may be extrapolated to the edge
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +177,7 @@ def _edge_samples(anchor: EdgeAnchor, scene: Scene, rays: RayField, mask: Mask) 
     lines = np.flatnonzero(np.isfinite(away.min(axis=axis)))
     if lines.size == 0:
         raise InputError(
-            "anchor = 'edge': no valid pixel within 3 pixels of the mirror's camera-side edge "
+            f"anchor = 'edge': no valid pixel within {EDGE_REACH:g} pixels of the mirror's camera-side edge "
             f"x = {length:g} mm at rest; name a point on the mirror"
         )
     at = np.argmin(away, axis=axis)[lines]

@@ -21,6 +21,7 @@ Window = tuple[slice, slice]
 
 DEPTH = 4  # lines on every side at most
 NOISY = 3.0  # times the next line's sigma
+RAGGED = 0.1  # ends of runs of used pixels, per pixel of a line
 BLIND = 0.5, 0.15  # of the way to the pattern: noise of the outermost line's slopes, and of the next one's
 _OPEN = (23.0 / 12.0, -16.0 / 12.0, 5.0 / 12.0)
 _CLOSED = (9.0 / 24.0, 19.0 / 24.0, -5.0 / 24.0, 1.0 / 24.0)
@@ -29,30 +30,30 @@ _STEPS = 3  # of Newton
 _APART = 3.0  # sigmas by which both may differ: a slope whose noise is not small is no slope
 
 
-def core_window(data: Measured) -> Window:
-    """The part of the grid without its noisy rows; without broken ones too,
-    if what is left is whole then.
+def core_window(data: Measured, seen: Mask) -> Window:
+    """The part of the grid without its noisy and ragged lines; without broken ones too, if what is left is
+    whole then. seen: the mask before small holes were bridged.
     """
-    whole = _peeled(data, broken=True)
-    return whole if data.mask[whole].all() else _peeled(data, broken=False)
+    whole = _peeled(data, seen, broken=True)
+    return whole if data.mask[whole].all() else _peeled(data, seen, broken=False)
 
 
-def _peeled(data: Measured, broken: bool) -> Window:
+def _peeled(data: Measured, seen: Mask, broken: bool) -> Window:
     window = [[0, size] for size in data.mask.shape]
     for axis in (0, 1):
         for side in (0, 1):
             for _ in range(DEPTH):
                 if window[axis][1] - window[axis][0] < 8 * DEPTH or not _bad(
-                    data, window, axis, side, broken
+                    data, seen, window, axis, side, broken
                 ):
                     break
                 window[axis][side] += -1 if side else 1
     return slice(*window[0]), slice(*window[1])
 
 
-def _bad(data: Measured, window: list[list[int]], axis: int, side: int, broken: bool) -> bool:
-    """Whether a side's outermost line (without its ends,
-    which the other axis may peel) is noisy or broken.
+def _bad(data: Measured, seen: Mask, window: list[list[int]], axis: int, side: int, broken: bool) -> bool:
+    """Whether a side's outermost line (without its ends, which the other axis may peel) is noisy, ragged or
+    broken.
     """
     first = window[axis][1] - 1 if side else window[axis][0]
     inward = -1 if side else 1
@@ -63,6 +64,8 @@ def _bad(data: Measured, window: list[list[int]], axis: int, side: int, broken: 
         return broken
     if (broken and not outer.all()) or _blind(data, axis, first, first + inward):
         return True
+    if _ragged(*(seen[line] for line in lines)):
+        return True
     if axis == 1:  # weights may differ by columns as much as they like
         return False
     for sigma in (data.sigma_u, data.sigma_v):
@@ -72,6 +75,14 @@ def _bad(data: Measured, window: list[list[int]], axis: int, side: int, broken: 
         if here > NOISY * there:
             return True
     return False
+
+
+def _ragged(outer: Mask, inner: Mask) -> bool:
+    """Whether noise decides which pixels of a line are used: those whose errors lead inwards are. A mask's
+    outline has few ends, dropouts are everywhere.
+    """
+    ends = [np.count_nonzero(line[1:] != line[:-1]) for line in (outer, inner)]
+    return bool(ends[0] > RAGGED * outer.size + 3 * ends[1])
 
 
 def _blind(data: Measured, axis: int, line: int, inner: int) -> bool:

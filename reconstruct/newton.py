@@ -121,7 +121,7 @@ def solve(
         relative = _RELATIVE if steps else _FIRST_RELATIVE
         step = problem.solve(gx, gy, Accuracy(_LINEAR_SHARE * quiet, relative))
         iterations += step.iterations
-        change, share = _anchored(step.x, root, labels, rows, w, (p, q), variances[0])
+        change, share = _anchored(step.x, root, labels, rows, w, (p, q), variances)
         change = _limited(change, data, w)
         w = w + change
         steps.append(float(np.sqrt(np.mean(change**2))))
@@ -153,7 +153,7 @@ def chord_step(data: Measured, labels: Labels, state: State) -> State:
     p, q, _, _ = data.slopes(state.w)
     gx, gy = defects(p, q, state.w, state.root, data.mask)
     step = state.problem.solve(gx, gy, Accuracy(_LINEAR_SHARE, _CHORD))
-    change, _ = _anchored(step.x, state.root, labels, state.rows, state.w, (p, q), state.variances[0])
+    change, _ = _anchored(step.x, state.root, labels, state.rows, state.w, (p, q), state.variances)
     size = float(np.sqrt(np.mean(change**2)))
     return replace(state, w=state.w + change, steps=(size,), iterations=step.iterations)
 
@@ -176,7 +176,7 @@ def response(
         gy[:-1] += edges[1][:-1] / (root[:-1] * root[1:])
     step = state.problem.solve(gx, gy, Accuracy(relative=_RESPONSE))
     rows = replace(state.rows, known=anchors)
-    return _anchored(step.x, state.root, labels, rows, np.zeros(gx.shape), slopes, state.variances[0])[0]
+    return _anchored(step.x, state.root, labels, rows, np.zeros(gx.shape), slopes, state.variances)[0]
 
 
 def _anchored(
@@ -186,7 +186,7 @@ def _anchored(
     rows: AnchorRows,
     w: Floats,
     slopes: tuple[Floats, Floats],
-    variance: Floats,
+    variances: tuple[Floats, Floats],
 ) -> tuple[Floats, Floats]:
     """The change of w: E times the potential and the constant that the anchors ask for; and their shares."""
     factor = np.broadcast_to(root**2, w.shape)
@@ -194,7 +194,8 @@ def _anchored(
     error = rows.predict(w + change, *slopes) - rows.known
     pixel = rows.pixel
     count = int(labels.max())
-    constants, share = free_constants(rows, error, factor.ravel()[pixel], variance.ravel()[pixel], count)
+    spread = rows.sigma**2 + rows.spread(*variances) + 0.25 * variances[0].ravel()[pixel]
+    constants, share = free_constants(rows, error, factor.ravel()[pixel], spread, count)
     change += factor * (constants[1] if count == 1 else constants[labels])
     if not labels.all():
         change *= labels > 0

@@ -17,6 +17,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
+_LONG = 8  # pixels whose slopes tell how to go on over more than one pixel
 _STARTS = (-1, 0, -3, -2)  # where a window of four pixels may start, seen from the pixel; the best first
 
 
@@ -46,6 +47,13 @@ class AnchorRows:
         value: Floats = w.ravel()[self.pixel] + along_row + along_col
         return value
 
+    def spread(self, var_p: Floats, var_q: Floats) -> Floats:
+        """Variance that the way from the pixels adds, of the slopes', (M,)."""
+        along_row = np.einsum("mk,mk->m", var_p.ravel()[self.at_p], self.by_p**2)
+        along_col = np.einsum("mk,mk->m", var_q.ravel()[self.at_q], self.by_q**2)
+        added: Floats = along_row + along_col
+        return added
+
 
 def anchor_rows(samples: Samples, data: Measured, labels: NDArray[np.int32]) -> AnchorRows:
     """Tie the samples (in this grid's pixels) to the nearest valid pixels;
@@ -63,6 +71,7 @@ def anchor_rows(samples: Samples, data: Measured, labels: NDArray[np.int32]) -> 
     pixel = row * mask.shape[1] + col
     index = np.arange(4)
     at_p = np.where(whole_p[:, None], pixel[:, None] + start_p[:, None] + index, pixel[:, None])
+    at_p, by_p = _far(mask, row, col, delta_col, at_p, by_p)
     rows_q = np.where(whole_q[:, None], row[:, None] + start_q[:, None] + index, row[:, None])
     at_q, by_q = _shifted(mask, rows_q, col, by_q, start_p, whole_p, delta_col)
     distance = samples.distance[keep]
@@ -81,18 +90,16 @@ def anchor_rows(samples: Samples, data: Measured, labels: NDArray[np.int32]) -> 
 
 
 def free_constants(
-    rows: AnchorRows, error: Floats, factor: Floats, variance: Floats, count: int
+    rows: AnchorRows, error: Floats, factor: Floats, spread: Floats, count: int
 ) -> tuple[Floats, Floats]:
     """The multiple of the integrating factor that each component needs, (count + 1,), and every row's share
     (M,) in it.
 
-    error: predicted minus known (M,); factor: integrating factor at the rows' pixels; variance: of a slope
-    there. The mean is weighted and leaves out rows farther than five scaled median deviations from the
-    median.
+    error: predicted minus known (M,), spread: its variance; factor: integrating factor at the rows' pixels.
+    The mean is weighted and leaves out rows farther than five scaled median deviations from the median.
     """
     constants = np.zeros(count + 1)
     share = np.zeros(error.shape)
-    spread = rows.sigma**2 + (0.25 + rows.reach**2) * variance
     for label in np.unique(rows.component):
         pick = np.flatnonzero(rows.component == label)
         ratio, weight = error[pick] / factor[pick], factor[pick] ** 2 / spread[pick]
@@ -157,6 +164,25 @@ def _by_start(start: Ints, moments: Floats) -> Floats:
         pick = start == candidate
         out[pick] = np.linalg.solve(powers, moments[pick].T).T
     return out
+
+
+def _far(mask: Mask, row: Ints, col: Ints, delta: Floats, at: Ints, by: Floats) -> tuple[Ints, Floats]:
+    """Along a row farther than a pixel, (M, 8): the cubic nearest to eight slopes, which the noise of four
+    would carry away; at, by (M, 4): what else serves.
+    """
+    inward = -np.sign(delta).astype(np.int64)
+    cols = col[:, None] + inward[:, None] * np.arange(_LONG)
+    inside = (cols >= 0) & (cols < mask.shape[1])
+    cols = np.where(inside, cols, col[:, None])
+    far = (np.abs(delta) > 1.0) & (inside & mask[row[:, None], cols]).all(axis=1)
+    powers = np.arange(_LONG)[:, None] ** np.arange(4)
+    moments = (-np.abs(delta[:, None])) ** np.arange(1, 5) / np.arange(1, 5)
+    weights = inward[:, None] * (moments @ np.linalg.pinv(powers.astype(np.float64)))
+    near = np.zeros((len(row), _LONG - 4))
+    at_near = np.concatenate([at, np.repeat(at[:, :1], _LONG - 4, axis=1)], axis=1)
+    at_far = row[:, None] * mask.shape[1] + cols
+    pick = far[:, None]
+    return np.where(pick, at_far, at_near), np.where(pick, weights, np.concatenate([by, near], axis=1))
 
 
 def _own(start: Ints, delta: Floats) -> Floats:

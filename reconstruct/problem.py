@@ -11,7 +11,7 @@ from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.scene import Scene
 
-from .anchors import Anchors, Samples, anchor_samples
+from .anchors import EDGE_REACH, Anchors, Samples, anchor_samples
 from .fringe import core_window
 from .geometry import RayField, pattern_plane, ray_field
 from .holes import bridged, small_holes
@@ -84,7 +84,7 @@ def prepare(
         data, samples = _transposed(data), samples.transposed()
     holes = small_holes(data.mask)
     outer = bridged(data, holes)
-    core = core_window(outer)
+    core = core_window(outer, data.mask)
     inner = outer if core == _extent_of(outer.mask) else outer.cropped(core)
     samples = samples.window(core[0].start, core[1].start)
     inner, labels, lost = _anchored(inner, data.mask[core], samples)
@@ -175,7 +175,7 @@ def _anchored(data: Measured, measured: Mask, samples: Samples) -> tuple[Measure
     reached = np.unique(anchor_rows(samples, data, labels).component)
     reached = reached[np.bincount(labels.ravel())[reached] >= _FEWEST]
     if reached.size == 0:
-        raise InputError("anchor: no valid pixel within 3 pixels of any anchor")
+        raise InputError(f"anchor: no valid pixel within {EDGE_REACH:g} pixels of any anchor")
     renumber = np.zeros(int(labels.max()) + 1, dtype=np.int32)
     renumber[reached] = np.arange(1, reached.size + 1)
     labels = renumber[labels]

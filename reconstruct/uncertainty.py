@@ -90,8 +90,8 @@ def _of_components(state: State, labels: Labels, broken: bool, own: Floats, squa
 def _anchor_variance(state: State, factor: Floats, gain: Floats) -> Floats:
     """What every anchor row's own uncertainty adds to its component's potential, (M,)."""
     rows = state.rows
-    slope, gained, at = (part.ravel()[rows.pixel] for part in (state.variances[0], gain, factor))
-    variance: Floats = state.share**2 * (rows.sigma**2 + rows.reach**2 * slope - gained) / at**2
+    gained, at = (part.ravel()[rows.pixel] for part in (gain, factor))
+    variance: Floats = state.share**2 * (rows.sigma**2 + rows.spread(*state.variances) - gained) / at**2
     return variance
 
 

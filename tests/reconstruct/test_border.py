@@ -95,3 +95,33 @@ def test_outliers_among_good_pixels_are_left_out(exact, noisy) -> None:
     errors = [np.sqrt(np.mean((h.z - truth.z)[good] ** 2)) for h in (height, unspoilt)]
     assert errors[0] < 2 * errors[1]
     assert (height.flags[heavy & ~wrong] == 0).mean() > 0.97
+
+
+@pytest.mark.parametrize("missing", [0, 2, 3])
+def test_an_edge_reached_over_pixels_is_as_sure_as_it_says(exact, noisy, cut, missing: int) -> None:
+    """The anchor's error is common to all pixels beside it: its mean over seeds, over the stated sigma."""
+    scene, truth, _ = exact("paper-simulation", "gaussian:peak=1.3,sigma=20", 96, 96)
+    keep = np.ones((96, 96), np.bool_)
+    keep[:, :missing] = False
+    scores = []
+    for seed in range(12):
+        height = reconstruct(cut(noisy(truth, 0.1, 0.1, seed), keep), scene)
+        near = height.good[:, missing : missing + 4]
+        error = (height.z - truth.z)[:, missing : missing + 4][near]
+        scores.append(np.median(error) / np.median(height.sigma[:, missing : missing + 4][near]))
+    assert np.sqrt(np.mean(np.square(scores))) < 1.2
+
+
+def test_a_line_whose_pixels_noise_picked_is_not_trusted(exact, noisy, cut) -> None:
+    """Of the outermost column only pixels are left whose errors lead inwards."""
+    scene, truth, _ = exact("paper-simulation", "gaussian:peak=1.3,sigma=20", 96, 96)
+    score = []
+    for seed in range(6):
+        seen = noisy(truth, 0.1, 0.1, seed)
+        keep = np.ones((96, 96), np.bool_)
+        keep[:, 0] = False
+        keep[:, 1] = (seen.u - truth.u)[:, 1] < 0.03
+        height = reconstruct(cut(seen, keep), scene)
+        assert height.good[keep].mean() > 0.99
+        score.append((height.z - truth.z)[height.good] / height.sigma[height.good])
+    assert np.sqrt(np.mean(np.square(np.concatenate(score)))) < 1.3
