@@ -4,13 +4,16 @@
 |----------------------------|------------------------------------------------------------------------------|
 | `correspondence`           | `Correspondence`, `Flag`, `difference` of two captures                       |
 | `decoder`                  | `decode`: which frames ask for which decoder, rows on threads                |
+| `rows`, `records`          | work on a block of rows: what the kernels are told, room for them            |
+| `survey`                   | some rows before the rest: footprint, whether neighbours are such            |
 | `job`                      | frames, checked; the camera's response, clip level and noise                 |
 | `exposures`                | codes under several exposures: each decoded, the best answer per pixel       |
 | `plan`, `arrays`           | what has to be computed, sorted by the frames' descriptions; as plain arrays |
 | `noise`                    | noise of the camera from what the frames cannot explain                      |
 | `response`                 | `Response` of display and camera, inverted before fringes are fitted         |
 | `harmonics`                | error that a response leaves: harmonics of the fringes, aliased              |
-| `axis_kernels`             | one axis over a block of rows, compiled: code and fringes, tile by tile      |
+| `block_kernels`            | a block of rows, compiled: axes and neighbours while they are in the cache   |
+| `axis_kernels`             | one axis over a run of pixels: code and fringes, tile by tile                |
 | `fit_kernels`              | fringe fit of a tile                                                         |
 | `refit_kernels`            | that again for pixels with clipped samples, or with weighed ones             |
 | `code_kernels`             | bits, code words, cells, probability of a misread bit                        |
@@ -18,7 +21,7 @@
 | `flag_kernels`             | flags, and the maps that both axes share                                     |
 | `display`                  | grey values and border of the display: what they shift                       |
 | `display_kernels`          | that, taken off a tile                                                       |
-| `blur`, `cells`            | footprint and blur from a few rows; stairs of the cells                      |
+| `blur`, `cells`            | blur from a few rows; stairs of the cells                                    |
 | `table_decoder`            | any known grey values, codes within their cells                              |
 | `table_kernels`            | its loops, compiled                                                          |
 | `sweep`, `sweep_kernels`   | swept stripes: place of the line that lit a pixel most; lost ones            |

@@ -1,4 +1,4 @@
-"""Compiled decoding of one axis over a block of rows: code and fringes, tile by tile, into the maps."""
+"""Compiled decoding of one axis over a run of pixels: code and fringes, tile by tile, into the maps."""
 
 from typing import Any
 
@@ -7,225 +7,190 @@ from numpy.typing import NDArray
 
 from .code_kernels import code_tile
 from .display_kernels import take_off_tile
-from .fit_kernels import TILE, fit_tile
-from .flag_kernels import code_flags, common_tile, flag_finest, flag_fit
-from .jit import apart_kernel, fast_kernel, kernel
+from .fit_kernels import fit_tile
+from .flag_kernels import code_flags, common_tile, flag_finest, flag_fit, outlier_rows
+from .jit import apart_kernel, fast_kernel, fetch_line, inline_kernel, leaf_kernel
+from .records import LINES, TILE, AxisRecord, Camera, CodeRecord, FringeRecord, Scratch, Shared
 from .refit_kernels import refit
 from .unwrap_kernels import search_tile, sequential_tile
 
-__all__ = ["CODE_GUIDED", "CODE_ONLY", "SEARCHED", "SPAN_GUIDED", "axis_rows"]
+__all__ = ["axis_pixels"]
 
 Array = NDArray[Any]
 
-#: How the coarsest order is found: from a code, from a period that spans the surface, by search; no fringes.
-CODE_GUIDED, SPAN_GUIDED, SEARCHED, CODE_ONLY = 0, 1, 2, 3
 _FLAT = np.float32(1 / 12)
+# lines of Scratch.lines; behind them a, c, s of all periods, then their turns, variances and misfits
+_PLACE, _SPREAD, _DOUBT, _GUESS, _HALF, _MIDDLE, _FAR, _UP, _DOWN = range(9)
+_GAP, _AGREEMENT, _STEP, _MARGIN, _SPARE = range(9, LINES)
 
 
-@kernel
-def axis_rows(
-    frames: Array,
-    response: tuple[Array, Array, float],
-    clip: float,
-    noise: tuple[float, float, float],
-    start: int,
-    stop: int,
-    mode: int,
-    code: Any,
-    fringes: Any,
-    limits: tuple[float, float, float],
-    shown: Any,
-    extent: int,
-    joined: bool,
-    coord: Array,
-    sigma: Array,
-    flags: Array,
-    amplitude: Array,
-    offset: Array,
-    order_error: Array,
+@leaf_kernel
+def axis_pixels(
+    start: int, stop: int, camera: Camera, axis: AxisRecord | None, shared: Shared, scratch: Scratch
 ) -> None:
-    """Decode pixels start..stop of one axis; frames (N, 1, pixels) and maps (1, pixels) are rows end to end.
-
-    response = (raw level -> linear one, its slope, that at mid level squared), empty and 1 without one;
-    noise = (read variance, gain, level that counts as dark); code = ((source, white, black, plain,
-    inverse, gray, cells, number of cells, pitch, origin), (loose, beyond, read variance, gain)), see
-    code_kernels; fringes = (count, index, solve, model, quad, even, quarters, periods, misfit), see
-    arrays.fringe_arrays; limits = (distance from the code's cell, floor of sigma, chi squared of the
-    periods); shown = what the display
-    shifts, see display_kernels (empty: nothing);
-    joined: flags, amplitude, offset and order_error already hold those of the other axis.
-    """
-    source, white, black, plain, inverse, gray, cells, cell_count, pitch, origin = code[0]
-    loose, beyond, code_read2, code_gain = code[1]
-    lut, slope, scale = response
-    periods = fringes[7]
-    groups = len(periods)
-    coded = mode in (CODE_GUIDED, CODE_ONLY)
-    read2, gain = np.float32(noise[0]), np.float32(noise[1])
-    reach, floor, disagreement = np.float32(limits[0]), np.float32(limits[1]), np.float32(limits[2])
-    linear = np.empty((fringes[1].shape[1], 1, TILE), np.float32)
-    own = np.arange(fringes[1].shape[1])
-    sums = np.empty((max(groups, 1), 3, TILE), np.float32)
-    turns = np.empty((groups, TILE), np.float32)
-    variance = np.empty((groups, TILE), np.float32)
-    misfit = np.empty((groups, TILE), np.float32)
-    room = np.zeros((14, TILE), np.float32)
-    place, spread, gap, doubt, agreement, step, margin, guess = (
-        room[0],
-        room[1],
-        room[2],
-        room[3],
-        room[4],
-        room[5],
-        room[6],
-        room[7],
-    )
-    far, up, down, half, middle, spare = room[8], room[9], room[10], room[11], room[12], room[13]
-    word, why = np.empty(TILE, np.int32), np.empty(TILE, np.int32)
-    weak, clipped = np.empty(TILE, np.uint8), np.empty(TILE, np.uint8)
-    row = 0
+    """Decode pixels start..stop, which are whole rows end to end."""
+    if axis is None:
+        return
     for first in range(start, stop, TILE):
         n = min(TILE, stop - first)
-        if coded:
-            code_tile(
-                frames,
-                clip,
-                row,
-                first,
-                n,
-                source,
-                white,
-                black,
-                plain,
-                inverse,
-                gray,
-                cells,
-                code_read2,
-                code_gain,
-                loose,
-                beyond,
-                (step, spare, place, spread, agreement),
-                word,
-                weak,
-                far,
-                up,
-                down,
-                half,
-                middle,
-                clipped,
-            )
-            _centres(n, np.float32(pitch), np.float32(origin), word, guess)
-        if mode == CODE_ONLY:
-            code_flags(
-                n,
-                code_read2,
-                code_gain,
-                np.float32(noise[2]),
-                np.int32(cell_count),
-                word,
-                far,
-                half,
-                middle,
-                clipped,
-                why,
-            )
-            _flat(n, np.float32(pitch), far, up, down, doubt, spread)
-            _write(n, floor, guess, spread, row, first, coord, sigma)
-            common_tile(
-                n,
-                joined,
-                why,
-                half,
-                middle,
-                doubt,
-                row,
-                first,
-                flags,
-                amplitude,
-                offset,
-                order_error,
-            )
-            continue
-        for g in range(groups):
-            count, index, model = fringes[0][g], fringes[1][g], fringes[3][g]
-            again = fit_tile(
-                frames,
-                lut,
-                np.float32(clip),
-                row,
-                first,
-                n,
-                count,
-                index,
-                fringes[2][g],
-                model,
-                fringes[4][g],
-                fringes[5][g],
-                fringes[6][g],
-                read2,
-                gain,
-                linear,
-                own,
-                sums[g],
-                turns[g],
-                variance[g],
-                misfit[g],
-            )
-            if again or slope.size > 0:
-                refit(
-                    frames,
-                    lut,
-                    slope,
-                    clip,
-                    row,
-                    first,
-                    n,
-                    count,
-                    index,
-                    model,
-                    noise[0],
-                    noise[1],
-                    sums[g],
-                    turns[g],
-                    variance[g],
-                    misfit[g],
-                )
-        if mode == SPAN_GUIDED:
-            guess[:n] = np.float32(0.5 * (extent - 1))
-        if mode == SEARCHED:
-            search_tile(n, periods, turns, variance, -0.5, extent - 0.5, place, spread, agreement, gap, doubt)
-        else:
-            sequential_tile(
-                n, periods, turns, variance, guess, place, spread, step, margin, agreement, gap, doubt
-            )
-        if mode == CODE_GUIDED:
-            _code_doubt(n, place, guess, far, up, down, doubt)
-        finest = sums[groups - 1]
-        last, worst = groups - 1, fringes[8]
-        flag_finest(
-            *(n, read2, gain, np.float32(noise[2]), np.float32(scale), np.float32(worst[last])),
-            *(disagreement, reach, np.float32(extent), finest[0], finest[1], finest[2]),
-            *(variance[last], misfit[last], agreement, doubt, gap, place, spread, half, why),
+        _code(first, n, camera, axis.code, scratch)
+        _alone(first, n, camera, axis.alone, axis, shared, scratch)
+        _fringes(first, n, camera, axis.code, axis.fringes, axis, shared, scratch)
+    width = shared.flags.shape[1]
+    outlier_rows(start // width, stop // width, axis.least, axis.coord, shared.flags, scratch.across)
+
+
+@leaf_kernel
+def _code(first: int, n: int, camera: Camera, code: CodeRecord | None, scratch: Scratch) -> None:
+    """Cells of a code: their centres (line _GUESS), and how doubtful they are."""
+    if code is None:
+        return
+    lines, word = scratch.lines, scratch.words[0]
+    read2, gain = camera.of_code
+    code_tile(
+        *(camera.frames, camera.clip, 0, first, n, code.source, code.white, code.black),
+        *(code.plain, code.inverse, code.gray, code.cells, read2, gain, code.loose, code.beyond),
+        (lines[_STEP], lines[_SPARE], lines[_PLACE], lines[_SPREAD], lines[_AGREEMENT]),
+        *(word, scratch.marks[0], lines[_FAR], lines[_UP], lines[_DOWN], lines[_HALF], lines[_MIDDLE]),
+        scratch.marks[1],
+    )
+    _centres(n, code.pitch, code.origin, word, lines[_GUESS])
+
+
+@leaf_kernel
+def _alone(
+    first: int,
+    n: int,
+    camera: Camera,
+    code: CodeRecord | None,
+    axis: AxisRecord,
+    shared: Shared,
+    scratch: Scratch,
+) -> None:
+    """Cells of a code without fringes, into the maps."""
+    if code is None:
+        return
+    lines, why = scratch.lines, scratch.words[1]
+    far, half, middle = lines[_FAR], lines[_HALF], lines[_MIDDLE]
+    read2, gain = camera.of_code
+    code_flags(
+        *(n, read2, gain, camera.dark, code.most, scratch.words[0], far, half, middle, scratch.marks[1], why)
+    )
+    doubt, spread = lines[_DOUBT], lines[_SPREAD]
+    _flat(n, code.pitch, far, lines[_UP], lines[_DOWN], doubt, spread)
+    _write(n, camera.floor, lines[_GUESS], spread, first, axis.flat_coord, axis.flat_sigma)
+    _common(first, n, axis.joined, why, half, middle, doubt, shared)
+
+
+@inline_kernel
+def _fit(first: int, n: int, camera: Camera, fringes: FringeRecord, scratch: Scratch) -> None:
+    """Phases of all periods, into their lines."""
+    groups = len(fringes.periods)
+    sums, turns, variance, misfit = _of_periods(groups, scratch.lines)
+    for g in range(groups):
+        count, index, model = fringes.samples[g], fringes.frame[g], fringes.model[g]
+        for k in range(count):
+            fetch_line(camera.frames, index[k], first + n, n)
+        again = fit_tile(
+            *(n, camera.frames, camera.lut, index, first, np.float32(camera.clip)),
+            (fringes.solve[g], model, fringes.quad[g], count, fringes.even[g], fringes.quarters[g]),
+            *(camera.read2, camera.gain, scratch.linear, fringes.own),
+            *(sums[3 * g : 3 * g + 3], turns[g], variance[g], misfit[g]),
         )
-        for g in range(last):
-            flag_fit(n, np.float32(worst[g]), read2, gain, sums[g, 0], variance[g], misfit[g], why)
-        if shown[0].size:
-            take_off_tile(n, shown, place, spread, step, word, why)
-        _write(n, floor, place, spread, row, first, coord, sigma)
-        common_tile(
-            n,
-            joined,
-            why,
-            half,
-            finest[0],
-            doubt,
-            row,
-            first,
-            flags,
-            amplitude,
-            offset,
-            order_error,
-        )
+        if again or camera.slope.size > 0:
+            refit(
+                *(n, camera.frames, camera.lut, camera.slope, index, first, camera.clip, count, model),
+                *(float(camera.read2), float(camera.gain), scratch.equations),
+                *(sums[3 * g : 3 * g + 3], turns[g], variance[g], misfit[g]),
+            )
+
+
+@inline_kernel
+def _of_periods(groups: int, lines: Array) -> tuple[Array, Array, Array, Array]:
+    """Lines of the periods: A, c, s (3 G), turns, their variances, misfits (G each)."""
+    rest = lines[LINES + 3 * groups :]
+    return lines[LINES:], rest[:groups], rest[groups : 2 * groups], rest[2 * groups :]
+
+
+@inline_kernel
+def _unwrap(
+    n: int, code: CodeRecord | None, fringes: FringeRecord, axis: AxisRecord, scratch: Scratch
+) -> None:
+    """Orders of all periods: from a code, from a period that spans the surface, or by search."""
+    lines, periods = scratch.lines, fringes.periods
+    _, turns, variance, _ = _of_periods(len(periods), lines)
+    place, spread, gap, doubt = lines[_PLACE], lines[_SPREAD], lines[_GAP], lines[_DOUBT]
+    guess, agreement = lines[_GUESS], lines[_AGREEMENT]
+    if fringes.searched:
+        low, high = -0.5, axis.extent - 0.5
+        search_tile(n, periods, turns, variance, low, high, place, spread, agreement, gap, doubt)
+        return
+    if code is None:
+        guess[:n] = np.float32(0.5 * (axis.extent - 1))
+    sequential_tile(
+        *(n, periods, turns, variance, guess, place, spread, lines[_STEP], lines[_MARGIN]),
+        *(agreement, gap, doubt),
+    )
+    if code is not None:
+        _code_doubt(n, place, guess, lines[_FAR], lines[_UP], lines[_DOWN], doubt)
+
+
+@leaf_kernel
+def _fringes(
+    first: int,
+    n: int,
+    camera: Camera,
+    code: CodeRecord | None,
+    fringes: FringeRecord | None,
+    axis: AxisRecord,
+    shared: Shared,
+    scratch: Scratch,
+) -> None:
+    """Phases of a tile, unwrapped, into the maps."""
+    if fringes is None:
+        return
+    _fit(first, n, camera, fringes, scratch)
+    _unwrap(n, code, fringes, axis, scratch)
+    _finish(first, n, camera, fringes, axis, shared, scratch)
+
+
+@inline_kernel
+def _finish(
+    first: int,
+    n: int,
+    camera: Camera,
+    fringes: FringeRecord,
+    axis: AxisRecord,
+    shared: Shared,
+    scratch: Scratch,
+) -> None:
+    """Flags of unwrapped fringes, what the display shifts, and the maps."""
+    lines, why, worst = scratch.lines, scratch.words[1], fringes.misfit
+    place, spread, doubt, half = lines[_PLACE], lines[_SPREAD], lines[_DOUBT], lines[_HALF]
+    last = len(fringes.periods) - 1
+    sums, _, variance, misfit = _of_periods(last + 1, lines)
+    finest = sums[3 * last :]
+    flag_finest(
+        *(n, camera.read2, camera.gain, camera.dark, camera.scale, worst[last]),
+        *(fringes.disagreement, fringes.reach, np.float32(axis.extent), finest[0], finest[1], finest[2]),
+        *(variance[last], misfit[last], lines[_AGREEMENT], doubt, lines[_GAP], place, spread, half, why),
+    )
+    for g in range(last):
+        flag_fit(n, worst[g], camera.read2, camera.gain, sums[3 * g], variance[g], misfit[g], why)
+    if fringes.shown[0].size:
+        take_off_tile(n, fringes.shown, place, spread, lines[_STEP], scratch.words[0], why)
+    _write(n, camera.floor, place, spread, first, axis.flat_coord, axis.flat_sigma)
+    _common(first, n, axis.joined, why, half, finest[0], doubt, shared)
+
+
+@inline_kernel
+def _common(
+    first: int, n: int, joined: bool, why: Array, half: Array, middle: Array, doubt: Array, shared: Shared
+) -> None:
+    common_tile(
+        *(n, joined, why, half, middle, doubt, 0, first, shared.flat_flags, shared.flat_amplitude),
+        *(shared.flat_offset, shared.flat_error),
+    )
 
 
 @fast_kernel
@@ -251,10 +216,8 @@ def _code_doubt(n: int, place: Array, guess: Array, far: Array, up: Array, down:
 
 
 @apart_kernel
-def _write(
-    n: int, floor: Any, place: Array, spread: Array, row: int, first: int, coords: Array, sigmas: Array
-) -> None:
-    coord, sigma = coords[row, first : first + n], sigmas[row, first : first + n]
+def _write(n: int, floor: Any, place: Array, spread: Array, first: int, coords: Array, sigmas: Array) -> None:
+    coord, sigma = coords[0, first : first + n], sigmas[0, first : first + n]
     for x in range(n):
         coord[x] = place[x]
         error = np.sqrt(spread[x])

@@ -8,17 +8,15 @@ from numpy.typing import NDArray
 
 from .correspondence import Flag
 from .plan import AxisPlan, Fringe, Plan
+from .sample import quantile
+from .survey import Survey
 
-__all__ = ["measured_blur", "median_footprint", "surveyed_rows", "with_partners"]
+__all__ = ["measured_blur", "tells_blur"]
 
 Map = NDArray[Any]
 F64 = NDArray[np.float64]
-#: Rows and columns sampled at most, distance of the rows between which the gradient is taken.
-_ROWS, _COLUMNS = 24, 192
-_APART = 2
-#: Differences that the footprint's median is taken of, about.
-_FOOTPRINTS = 8192
-_FEWEST = 64
+#: Columns sampled at most, rows and pixels at least.
+_COLUMNS, _LEAST_ROWS, _FEWEST = 144, 3, 64
 #: Systematic error of a contrast's ratio that is always reckoned with; a square blur below so many times what
 #: it makes is not told.
 _UNSURE, _TOLD = 0.003, 3.0
@@ -27,13 +25,8 @@ _MARGIN = 0.1
 _SPOILT = int(Flag.SATURATED | Flag.DARK | Flag.LOW_CONTRAST | Flag.MOVED | Flag.INVALID)
 
 
-def surveyed_rows(height: int, wanted: Plan) -> NDArray[np.int64]:
-    """Rows r whose decoded coordinates, with those of r + 2, tell footprint and, if frames do, blur."""
-    count = _ROWS if _tells_blur(wanted) else _ROWS // 3
-    return np.unique(np.linspace(0, max(height - 1 - _APART, 0), count).astype(np.int64))
-
-
-def _tells_blur(wanted: Plan) -> bool:
+def tells_blur(wanted: Plan) -> bool:
+    """Whether frames of that plan may tell how blurred their fringes are."""
     return _referenced(wanted) or any(len(axis.fringes) > 1 for axis in wanted.axes)
 
 
@@ -41,35 +34,7 @@ def _referenced(wanted: Plan) -> bool:
     return wanted.white >= 0 and wanted.black >= 0
 
 
-def with_partners(rows: NDArray[np.int64], height: int) -> NDArray[np.int64]:
-    """The surveyed rows and those that their gradient is taken to."""
-    both = np.unique(np.concatenate([rows, rows + _APART]))
-    return both[both < height]
-
-
-def median_footprint(coord: Map, rows: NDArray[np.int64]) -> float:
-    """Median extent of a camera pixel in pattern cells, along both sides; at most 8."""
-    lines = coord[rows]
-    step = max(1, lines.size // _FOOTPRINTS)
-    along = lines[:, 1::step] - lines[:, :-1:step]
-    total = 0.0
-    for change in (along, _down(coord[:, ::step], rows)):
-        size = np.abs(change)
-        sure = size[size < np.inf]
-        total += float(np.partition(sure, len(sure) // 2)[len(sure) // 2]) if len(sure) else 0.0
-    return min(total, 8.0)
-
-
-def _down(coord: Map, rows: NDArray[np.int64]) -> Map:
-    """Change of coord from one row to the next, at rows."""
-    if coord.shape[0] <= _APART:
-        return np.diff(coord, axis=0)
-    return np.asarray((coord[rows + _APART] - coord[rows]) / _APART)
-
-
-def measured_blur(
-    stack: Map, lut: Map, wanted: Plan, axis: AxisPlan, coord: Map, flags: Map, rows: NDArray[np.int64]
-) -> float | None:
+def measured_blur(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan) -> float | None:
     """Rms Gaussian blur of the finest fringe in cells, None where the frames do not tell.
 
     Contrast against white - black, or against the coarsest fringe = sinc(1/P) of the cells, sinc(w/P) of each
@@ -78,25 +43,23 @@ def measured_blur(
     nothing; nor does one that varies over the image by a tenth, nor fringes too alike.
     """
     whole = _referenced(wanted)
-    if not (whole or len(axis.fringes) > 1) or min(coord.shape) < 5:
+    coord = seen.lines(axis.axis)
+    rows, width = coord.shape
+    if not (whole or len(axis.fringes) > 1) or rows < _LEAST_ROWS or width < 5:
         return None
-    cols = np.unique(np.linspace(2, coord.shape[1] - 3, _COLUMNS).astype(int))
-    at = np.ix_(rows, cols)
+    cols = np.unique(np.linspace(2, width - 3, _COLUMNS).astype(int))
 
-    def levels(index: int) -> F64:
-        values = stack[index][at]
-        return np.asarray(lut[values] if len(lut) else values, np.float64)
-
-    down = np.abs(_down(coord, rows)[:, cols])
-    along = 0.25 * np.abs(coord[np.ix_(rows, cols + 2)] - coord[np.ix_(rows, cols - 2)])
+    levels = _levels(seen.frames[:, :rows], cols, lut)
+    down = np.abs(seen.down(axis.axis, cols))
+    along = 0.25 * np.abs(coord[:, cols + 2] - coord[:, cols - 2])
     fine = axis.fringes[-1]
     if whole:
         least, coarse = 0.0, 0.5 * (levels(wanted.white) - levels(wanted.black))
     else:
         least = 1 / axis.fringes[0].period
         coarse = _amplitude(axis.fringes[0], levels) / _unblurred(axis.fringes[0].period, down, along)
-    use = (flags[at] & _SPOILT == 0) & (down + along < 0.5 * fine.period) & (coarse > 0)
-    use &= np.abs(coord[at] - 0.5 * (axis.extent - 1)) < (0.5 - _MARGIN) * axis.extent
+    use = (seen.flags[:, cols] & _SPOILT == 0) & (down + along < 0.5 * fine.period) & (coarse > 0)
+    use &= np.abs(coord[:, cols] - 0.5 * (axis.extent - 1)) < (0.5 - _MARGIN) * axis.extent
     if np.count_nonzero(use) < _FEWEST:
         return None
     left = (_amplitude(fine, levels) / _unblurred(fine.period, down, along))[use] / coarse[use]
@@ -104,10 +67,23 @@ def measured_blur(
     return None if square is None else float(np.sqrt(square))
 
 
+def _levels(frames: Map, cols: NDArray[np.int64], lut: Map) -> Callable[[int], F64]:
+    """Linear levels of a frame at the columns."""
+
+    def levels(index: int) -> F64:
+        values = frames[index][:, cols]
+        return np.asarray(lut[values] if len(lut) else values, np.float64)
+
+    return levels
+
+
 def _amplitude(fringe: Fringe, levels: Callable[[int], F64]) -> F64:
-    fit = np.linalg.pinv(fringe.design())
-    seen = np.stack([levels(i) for i in fringe.index])
-    return np.asarray(np.hypot(np.tensordot(fit[1], seen, 1), np.tensordot(fit[2], seen, 1)))
+    _, of_cosine, of_sine = fringe.solve()
+    c = s = np.zeros(())
+    for k, index in enumerate(fringe.index):
+        level = levels(index)
+        c, s = c + of_cosine[k] * level, s + of_sine[k] * level
+    return np.asarray(np.hypot(c, s))
 
 
 def _unblurred(period: float, down: F64, along: F64) -> F64:
@@ -117,7 +93,7 @@ def _unblurred(period: float, down: F64, along: F64) -> F64:
 
 def _square_blur(left: F64, lever: float, whole: bool) -> float | None:
     """Squared blur from what it left of the contrast, exp(-lever blur^2)."""
-    low, high = np.quantile(left, [0.25, 0.75])
+    low, high = quantile(left, 0.25), quantile(left, 0.75)
     # mean, not median: where the display is sharp, contrast varies with the place in the cell
     mean = float(left[np.abs(left - 0.5 * (low + high)) <= 3 * (high - low) + 1e-3].mean())
     if not 0 < mean < 1.02 or high - low > 0.1:

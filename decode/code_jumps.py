@@ -59,10 +59,8 @@ def bit_faults(axis: AxisPlan, stack: Map, coord: Map, flags: Map, offset: Map) 
         return ()
     height, width = coord.shape
     rows, cols = _lines(height, width), _lines(width, height)
-    views = [(coord[rows], flags[rows]), (coord[:, cols].T, flags[:, cols].T)]
-    every = 1 + len(rows) * width // _ENOUGH
-    few = (part[..., rows, ::every] for part in (stack, offset, coord, flags))
-    whole = _alike(code, *few)
+    views = [(coord[rows], flags[rows]), (np.take(coord, cols, axis=1).T, np.take(flags, cols, axis=1).T)]
+    whole = _alike(code, stack, offset, coord, flags, rows)
     if not whole:
         whole = tuple({bit for view in views for bit in _inverted(code, *view)})
     if whole:
@@ -70,19 +68,19 @@ def bit_faults(axis: AxisPlan, stack: Map, coord: Map, flags: Map, offset: Map) 
         return tuple(BitFault(int(frame[bit]), 0, height) for bit in whole)
     # neighbours of a long-run Gray code are none to each other with any bit flipped, which was seen above
     rough = np.median(np.abs(np.diff(views[0][0], axis=1))) > _STEEP * code.cell
-    return () if rough or code.kind == "long-run-gray" else _jumping(axis, code, stack, coord, flags, offset)
+    return () if rough or code.kind == "long-run-gray" else _jumping(axis, code, stack, offset, views)
 
 
 def _jumping(
-    axis: AxisPlan, code: Code, stack: Map, coord: Map, flags: Map, offset: Map
+    axis: AxisPlan, code: Code, stack: Map, offset: Map, lines_of: list[tuple[Map, Map]]
 ) -> tuple[BitFault, ...]:
-    height, width = coord.shape
+    """Bits by their jumps; lines_of: coordinates and flags of some rows, and of some columns."""
+    height, width = offset.shape
     rows, cols = _lines(height, width), _lines(width, height)
     tables = _tables(code, axis)
     jumps, edges = (np.zeros((len(code.plain), height)) for _ in range(2))
     views = []
-    for lines, along in ((rows, True), (cols, False)):
-        part, blind = (coord[lines], flags[lines]) if along else (coord[:, lines].T, flags[:, lines].T)
+    for lines, along, (part, blind) in ((rows, True, lines_of[0]), (cols, False, lines_of[1])):
         views.append((lines, along, _Lines(code, axis, tables[0], part, blind & _BLIND)))
     broken = [view.jumps(axis, tables) for _, _, view in views]
     if sum(len(jump[0]) for jump in broken) < _FEWEST:
@@ -99,11 +97,17 @@ def _jumping(
     return tuple(found)
 
 
-def _alike(code: Code, levels: Map, offset: Map, coord: Map, flags: Map) -> tuple[int, ...]:
+def _alike(
+    code: Code, stack: Map, offset: Map, coord: Map, flags: Map, rows: NDArray[np.int64]
+) -> tuple[int, ...]:
     """Bits without inverse that show the picture of the next coarser one, or none: frames came too early."""
-    seen = (flags & _BLIND) == 0
     frame = np.where(code.inverse < 0, code.plain, -1)
-    if np.count_nonzero(seen) < _PIXELS_LEAST or (frame < 0).any() or code.kind == "xor-gray":
+    if (frame < 0).any() or code.kind == "xor-gray":
+        return ()
+    every = 1 + len(rows) * coord.shape[1] // _ENOUGH
+    levels, offset, coord, flags = (part[..., rows, ::every] for part in (stack, offset, coord, flags))
+    seen = (flags & _BLIND) == 0
+    if np.count_nonzero(seen) < _PIXELS_LEAST:
         return ()
     cell = np.maximum((coord[seen] + 0.5 - code.origin) // code.cell, 0).astype(np.int64)
     shown = np.array([levels[i][seen] > offset[seen] for i in frame])

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import apart_kernel, fast_kernel, inline_kernel, leaf_kernel
+from .jit import apart_kernel, fast_kernel, fetch_line, inline_kernel, leaf_kernel
 
 __all__ = ["FROM_EXTREMES", "FROM_PAIRS", "FROM_WHITE_BLACK", "code_tile"]
 
@@ -68,20 +68,25 @@ def code_tile(
     low[:n] = _HUGE
     if source != FROM_PAIRS:
         _reference(frames, row, first, n, source, white, black, plain, inverse, middle, half)
-    pairs = 0
-    for bit in range(len(plain)):
-        if plain[bit] >= 0 and inverse[bit] >= 0:
-            pairs += 1
+    pairs, bit = 0, 0
+    while bit < len(plain):
+        many = _paired(plain, inverse, bit)
+        for at in range(bit, bit + max(many, 1)):
+            fetch_line(frames, plain[at], first + n, n)
+            fetch_line(frames, inverse[at], first + n, n)
+        if many > 0:
             # the last bit of a Gray code leads to the next cell, and no further
             summed = bit > 0 or not gray
-            _pair(
-                *(n, np.int32(1 << bit), source == FROM_PAIRS, summed, frames, plain[bit], inverse[bit]),
-                *(row, first, middle, half, pair, high, low, cell),
+            _pairs(
+                *(n, bit, many, source == FROM_PAIRS, summed, frames, plain, inverse, row, first),
+                *(middle, half, pair, high, low, cell),
             )
         else:
             sign = _ONE if plain[bit] >= 0 else -_ONE
             shown = max(plain[bit], inverse[bit])
             _single(n, np.int32(1 << bit), sign, frames, shown, row, first, middle, single, most, cell)
+        pairs += many
+        bit += max(many, 1)
     if source == FROM_PAIRS:
         scale = _HALF / np.float32(max(pairs, 1))
         for x in range(n):
@@ -185,15 +190,34 @@ def _reference(
         half[x] = _HALF * (high - low)
 
 
+@leaf_kernel
+def _paired(plain: Array, inverse: Array, bit: int) -> int:
+    """How many bits from this one on, at most four, were shown with their inverses."""
+    many = 0
+    while many < 4 and bit + many < len(plain) and plain[bit + many] >= 0 and inverse[bit + many] >= 0:
+        many += 1
+    return many
+
+
+@inline_kernel
+def _both(one: Any, two: Any, pair: Any, half: Any) -> Any:
+    """Sum, margin, least and largest size of margins, of a bit's sample and its inverse's."""
+    a, b = np.float32(one), np.float32(two)
+    margin = _HALF * (a - b)
+    size = abs(margin)
+    return a + b, margin, (size if size < pair else pair), (size if size > half else half)
+
+
 @apart_kernel
-def _pair(
+def _pairs(
     n: int,
-    bit: Any,
+    bit: int,
+    many: int,
     reference: bool,
     summed: bool,
     frames: Array,
-    at: int,
-    against: int,
+    plain: Array,
+    inverse: Array,
     row: int,
     first: int,
     middle: Array,
@@ -203,24 +227,41 @@ def _pair(
     low: Array,
     word: Array,
 ) -> None:
-    """A bit shown with its inverse: its least margin `pair`, and what both are together.
+    """Up to four bits shown with their inverses: their least margin `pair`, and what both are together.
 
-    reference: they give mid level (sum) and half contrast; summed: largest and least sum,
-    as all of them are the same light.
+    reference: they give mid level (sum) and half contrast; summed: largest and least sum, that of the first
+    bit included, as all of them are the same light. Of fewer than four the last one counts again where that
+    changes nothing.
     """
-    line, other = frames[at, row, first : first + n], frames[against, row, first : first + n]
+    end = first + n
+    k1, k2, k3 = bit + min(1, many - 1), bit + min(2, many - 1), bit + min(3, many - 1)
+    i0, j0 = frames[plain[bit], row, first:end], frames[inverse[bit], row, first:end]
+    i1, j1 = frames[plain[k1], row, first:end], frames[inverse[k1], row, first:end]
+    i2, j2 = frames[plain[k2], row, first:end], frames[inverse[k2], row, first:end]
+    i3, j3 = frames[plain[k3], row, first:end], frames[inverse[k3], row, first:end]
+    b0, b1, b2, b3 = np.int32(1 << bit), np.int32(1 << k1), np.int32(1 << k2), np.int32(1 << k3)
+    w1 = _ONE if many > 1 else _ZERO
+    w2 = _ONE if many > 2 else _ZERO
+    w3 = _ONE if many > 3 else _ZERO
+    none = np.int32(0)
     for x in range(n):
-        one, two = np.float32(line[x]), np.float32(other[x])
-        both, margin = one + two, _HALF * (one - two)
-        size = abs(margin)
+        s0, m0, least, most = _both(i0[x], j0[x], pair[x], half[x])
+        s1, m1, least, most = _both(i1[x], j1[x], least, most)
+        s2, m2, least, most = _both(i2[x], j2[x], least, most)
+        s3, m3, least, most = _both(i3[x], j3[x], least, most)
+        s = s0 if summed else s3
+        top, bottom = (s if s > s1 else s1), (s if s < s1 else s1)
+        top, bottom = (top if top > s2 else s2), (bottom if bottom < s2 else s2)
+        top, bottom = (top if top > s3 else s3), (bottom if bottom < s3 else s3)
+        if summed or many > 1:
+            high[x] = top if top > high[x] else high[x]
+            low[x] = bottom if bottom < low[x] else low[x]
+        pair[x] = least
         if reference:
-            middle[x] += both
-            half[x] = size if size > half[x] else half[x]
-        if summed:
-            high[x] = both if both > high[x] else high[x]
-            low[x] = both if both < low[x] else low[x]
-        pair[x] = size if size < pair[x] else pair[x]
-        word[x] |= bit if margin > _ZERO else np.int32(0)
+            middle[x] += s0 + w1 * s1 + w2 * s2 + w3 * s3
+            half[x] = most
+        bits = (b0 if m0 > _ZERO else none) | (b1 if m1 > _ZERO else none)
+        word[x] |= bits | (b2 if m2 > _ZERO else none) | (b3 if m3 > _ZERO else none)
 
 
 @apart_kernel

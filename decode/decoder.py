@@ -7,43 +7,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optolever.blocks import over_rows
-from optolever.memory import roomy_empty
+from optolever.blocks import on_cores, over_rows
 from optolever.patterns import Sequence
 
-from .arrays import axis_arrays, chi_squared_limit
-from .axis_kernels import CODE_GUIDED, CODE_ONLY, SEARCHED, SPAN_GUIDED, axis_rows
-from .blur import measured_blur, median_footprint, surveyed_rows, with_partners
+from .blur import measured_blur, tells_blur
 from .cells import take_off_stairs
-from .code_kernels import FROM_EXTREMES, FROM_PAIRS, FROM_WHITE_BLACK
 from .correspondence import Correspondence, Flag
-from .display import NO_TABLES, Tables, display_tables
+from .display import Tables, display_tables
 from .exposures import better_of, by_exposure
-from .flag_kernels import outlier_rows
-from .integrity import examine
+from .integrity import Finding, Integrity, examine, rule_faults
 from .job import Job, check_camera, checked, clip_level, job_of, levels_of
-from .neighbour_kernels import REACH, bend_rows, mixed_rows, steep_rows
+from .neighbour_kernels import REACH
 from .noise import QUANTISATION
-from .plan import AxisPlan, Code, Plan, plan
+from .plan import AxisPlan, Plan, plan
 from .raster import by_raster, raster_of
-from .references import beyond_references
+from .records import Near
 from .response import Response
+from .rows import Maps, axes_step, near_of, near_step
+from .survey import is_continuous, survey
 from .sweep import stripe_step
 from .table_decoder import by_table, shown_on, subpixel_step, table_step
 
 __all__ = ["decode"]
 
-#: Systematic error of a code's margin that is always reckoned with, in units of half the contrast.
-LOOSE = 0.02
-#: Share of the clip level below which a pixel without contrast counts as dark.
-_DARK = 0.02
-#: Of a code alone: footprint beyond which a cell is none, cells; those at the border that blur leaves right.
-_STEEP_CELLS, _SURE_CELLS = 3.0, 1.5
-#: That footprint for XOR-Gray, whose bits all have their edges at the same places.
-_STEEP_XOR = 2.0
-#: Median second difference of a map whose neighbours tell nothing of each other, pattern pixels.
-_BENT = 2.0
-_BLOCK = 32
+#: Rows of a block that a thread takes; rows on which maps are tested for being continuous.
+_BLOCK, _SAMPLED = 64, 24
 Frames = NDArray[Any]
 
 
@@ -103,75 +91,84 @@ def _decoded(
     job: Job, sequence: Sequence, blur_px: float | None, on_cells: bool, subpixel: bool
 ) -> Correspondence:
     """decode of frames whose codes are of one exposure."""
-    stack = job.frames
     wanted = plan(sequence)
-    _, height, width = stack.shape
-    shown = {axis.axis for axis in wanted.axes}
-    maps = {axis: _maps(height, width, axis in shown) for axis in "uv"}
-    flags = roomy_empty((height, width), np.uint16)
-    amplitude, offset, order_error = (roomy_empty((height, width), np.float32) for _ in range(3))
-    common = (flags, amplitude, offset, order_error)
-
-    def steps(tables: dict[str, Tables]) -> list[Callable[[int, int], None]]:
-        return [
-            _step(
-                job, sequence, wanted, axis, subpixel, tables.get(axis.axis), maps[axis.axis], i > 0, *common
-            )
-            for i, axis in enumerate(wanted.axes)
-        ]
-
+    height, width = job.frames.shape[1:]
+    maps = Maps((height, width), {axis.axis for axis in wanted.axes})
+    plain = tuple(axis for axis in wanted.axes if (axis.code or axis.fringes) and not by_table(axis))
+    on_display = [axis for axis in plain if axis.fringes and on_cells and not sequence.nominal]
+    # kernels do both axes and, where these are continuous, compare neighbours in one go
+    by_rows = not subpixel and plain == wanted.axes and all(axis.stripes is None for axis in plain)
     tables: dict[str, Tables] = {}
     blurs: dict[str, float | None] = {}
-    on_display = [
-        axis for axis in wanted.axes if axis.fringes and on_cells and not (sequence.nominal or by_table(axis))
-    ]
-    # what takes each block by itself, so that some rows can be asked for before the rest
-    by_rows = not subpixel and all(axis.stripes is None and not by_table(axis) for axis in wanted.axes)
-    rows = surveyed_rows(height, wanted)
+    at_once = False
     if on_display or by_rows:
-        for step in steps({}):
-            for row in with_partners(rows, height):
-                step(int(row), int(row) + 1)
-    for axis in on_display:
-        coord = maps[axis.axis][0]
-        blur = blur_px
-        if blur is None:
-            blur = measured_blur(stack, job.lut, wanted, axis, coord, flags, rows)
-        tables[axis.axis] = display_tables(sequence, axis, median_footprint(coord, rows), blur)
-        blurs[axis.axis] = blur
-    work = steps(tables)
-    neighbours = _neighbours(job, wanted, blurs, maps, flags, amplitude, offset)
-    at_once = by_rows and all(_continuous(*maps[name], rows) for name in shown)
+        seen = survey(job, sequence, wanted, plain, few=not tells_blur(wanted))
+        at_once = by_rows and all(seen.is_continuous(axis.axis) for axis in plain)
+
+        def show(axis: AxisPlan) -> None:
+            blur = measured_blur(seen, job.lut, wanted, axis) if blur_px is None else blur_px
+            tables[axis.axis] = display_tables(sequence, axis, seen.footprint(axis.axis), blur)
+            blurs[axis.axis] = blur
+
+        on_cores(show, on_display)
+    near = near_of(job, wanted, blurs, maps)
+    if by_rows:
+        work = [axes_step(job, sequence, wanted, plain, tables, maps, near=near, compare=at_once)]
+    else:
+        work = [
+            _step(job, sequence, wanted, axis, subpixel, tables, maps, near, i > 0)
+            for i, axis in enumerate(wanted.axes)
+        ]
 
     def block(start: int, stop: int) -> None:
         for step in work:
             step(start, stop)
-        if at_once:  # while they are in the cache, all rows whose neighbours are in this block
-            neighbours(start + REACH if start else 0, stop - REACH if stop < height else height)
 
-    def seams(first: int, last: int) -> None:
-        for k in range(first, last):
-            neighbours((k + 1) * _BLOCK - REACH, min((k + 1) * _BLOCK + REACH, height))
+    faults: list[Finding] = []
 
-    over_rows(block, height, _BLOCK)
+    def check() -> None:
+        faults.extend(rule_faults(job.frames, job.sample, wanted))
+
+    over_rows(block, height, _BLOCK, meanwhile=check)
     if at_once:
-        over_rows(seams, (height - 1) // _BLOCK, 4)
-    elif not by_rows and all(_continuous(*maps[name], rows) for name in shown):
-        over_rows(neighbours, height, _BLOCK)
+        over_rows(_seams(near_step(near, maps), height), (height - 1) // _BLOCK, 4)
+    elif not by_rows and _continuous(wanted, maps):
+        over_rows(near_step(near, maps), height, _BLOCK)
     found = Correspondence(
-        maps["u"][0], maps["v"][0], maps["u"][1], maps["v"][1], flags, amplitude, offset, order_error
+        *(maps.coord["u"], maps.coord["v"], maps.sigma["u"], maps.sigma["v"]),
+        *maps.common,
     )
-    _flag_wrong_frames(stack, wanted, found)
-    for axis in on_display:
+    _flag_wrong_frames(examine(job.frames, wanted, found, tuple(faults)), found)
+
+    def take_off(axis: AxisPlan) -> None:
         if not tables[axis.axis].stairs:
-            take_off_stairs(axis.fringes[-1].period, *maps[axis.axis], flags, blur_px, blurs[axis.axis])
+            period = axis.fringes[-1].period
+            take_off_stairs(period, *maps.of(axis.axis), maps.flags, blur_px, blurs[axis.axis])
+
+    on_cores(take_off, on_display)
     return found
 
 
-def _flag_wrong_frames(stack: Frames, wanted: Plan, found: Correspondence) -> None:
+def _seams(neighbours: Callable[[int, int], None], height: int) -> Callable[[int, int], None]:
+    """The rows beside the ends of blocks, which wait until both are done."""
+
+    def step(first: int, last: int) -> None:
+        for k in range(first, last):
+            neighbours((k + 1) * _BLOCK - REACH, min((k + 1) * _BLOCK + REACH, height))
+
+    return step
+
+
+def _continuous(wanted: Plan, maps: Maps) -> bool:
+    """Whether neighbours on decoded maps tell something of each other."""
+    rows = slice(None, None, max(1, len(maps.flags) // _SAMPLED))
+    return all(is_continuous(maps.coord[a.axis][rows], maps.sigma[a.axis][rows]) for a in wanted.axes)
+
+
+def _flag_wrong_frames(seen: Integrity, found: Correspondence) -> None:
     """Flag what frames spoil that are not those described (see integrity)."""
     wrong = np.uint16(Flag.WRONG_FRAME)
-    for finding in examine(stack, wanted, found).findings:
+    for finding in seen.findings:
         rows = slice(*finding.rows) if finding.rows else slice(None)
         if finding.spoilt and finding.span is None:
             found.flags[rows] |= wrong
@@ -181,159 +178,25 @@ def _flag_wrong_frames(stack: Frames, wanted: Plan, found: Correspondence) -> No
             found.flags[rows] |= np.where((coord >= low) & (coord <= high), wrong, np.uint16(0))
 
 
-def _continuous(coord: Frames, sigma: Frames, rows: NDArray[np.int64]) -> bool:
-    """Whether neighbours look at neighbouring places, so that they tell something of each other."""
-    at = np.arange(0, coord.shape[1] - 2, max(1, coord.shape[1] // 256))
-    lines = coord[rows]
-    bend = np.abs(lines[:, at] - 2 * lines[:, at + 1] + lines[:, at + 2])
-    return bool(bend.size and np.median(bend) < max(_BENT, 5 * np.median(sigma[rows][:, at])))
-
-
-def _neighbours(
-    job: Job,
-    wanted: Plan,
-    blurs: dict[str, float | None],
-    maps: dict[str, tuple[Frames, Frames]],
-    flags: Frames,
-    amplitude: Frames,
-    offset: Frames,
-) -> Callable[[int, int], None]:
-    """The work on a block of rows that needs decoded rows around it."""
-    shown = {axis.axis: axis for axis in wanted.axes}
-    codes = {name: axis.code for name, axis in shown.items() if axis.code and not axis.fringes}
-    coded = {name: code.cell for name, code in codes.items()}
-    most = {
-        name: code.cell * (_STEEP_XOR if code.kind == "xor-gray" else _STEEP_CELLS)
-        for name, code in codes.items()
-    }
-    noise = job.raw_noise if coded else job.noise
-    # of other codes the blur is known, and with it what the border does
-    dim = {name for name in shown if name in coded or blurs.get(name, 0.0) is None}
-    extents = tuple(float(shown[name].extent) if name in dim else np.inf for name in "uv")
-    # cells at the border are read right as long as blur is no wider than they are
-    nearest = tuple(_SURE_CELLS * coded[name] if name in coded else -np.inf for name in "uv")
-
-    def step(start: int, stop: int) -> None:
-        for name in shown:
-            if name in coded:
-                steep_rows(start, stop, most[name], maps[name][0], flags)
-            else:
-                bend_rows(start, stop, *maps[name], flags)
-        mixed_rows(
-            *(start, stop, noise.read2, noise.gain, extents, nearest),
-            *(maps["u"][0], maps["v"][0], maps["u"][1], maps["v"][1], amplitude, offset, flags),
-        )
-
-    return step
-
-
-def _maps(height: int, width: int, shown: bool) -> tuple[Frames, Frames]:
-    """Coordinate and sigma; those of an axis that was shown are written whole later on."""
-    if shown:
-        return roomy_empty((height, width), np.float64), roomy_empty((height, width), np.float32)
-    return np.full((height, width), np.nan), np.full((height, width), np.inf, np.float32)
-
-
 def _step(
     job: Job,
     sequence: Sequence,
     wanted: Plan,
     axis: AxisPlan,
     subpixel: bool,
-    tables: Tables | None,
-    maps: tuple[Frames, Frames],
+    tables: dict[str, Tables],
+    maps: Maps,
+    near: Near,
     joined: bool,
-    *common: Frames,
 ) -> Callable[[int, int], None]:
     """The work on a block of rows for one axis: which decoder its frames ask for."""
+    own, common = maps.of(axis.axis), maps.common
     if axis.stripes is not None and not (axis.code or axis.fringes or axis.levels):
-        return stripe_step(job.light, job.bright, axis, joined, maps, common, job.told)
+        return stripe_step(job.light, job.bright, axis, joined, own, common, job.told)
     if by_table(axis):
         shown, even = shown_on(sequence, wanted, axis), job.light is job.frames
-        return table_step(job.light, job.bright, shown, axis, joined, maps, common, even)
-    step = _axis_step(job, sequence, wanted, axis, tables or NO_TABLES, maps, joined, *common)
+        return table_step(job.light, job.bright, shown, axis, joined, own, common, even)
+    step = axes_step(job, sequence, wanted, (axis,), tables, maps, near=near, joined=joined)
     if subpixel and axis.code is not None and not axis.fringes:
-        return subpixel_step(job.light, job.bright, shown_on(sequence, wanted, axis), step, maps)
+        return subpixel_step(job.light, job.bright, shown_on(sequence, wanted, axis), step, own)
     return step
-
-
-def _axis_step(
-    job: Job,
-    sequence: Sequence,
-    wanted: Plan,
-    axis: AxisPlan,
-    tables: Tables,
-    maps: tuple[Frames, Frames],
-    joined: bool,
-    *common: Frames,
-) -> Callable[[int, int], None]:
-    """The work on a block of rows for one axis."""
-    arrays = axis_arrays(sequence, axis.axis)
-    fringes = (
-        *(arrays.count, arrays.index, arrays.solve, arrays.model, arrays.quad),
-        *(arrays.even, arrays.quarters, arrays.periods, arrays.misfit),
-    )
-    code = _code_arguments(job, wanted, axis)
-    limits = (_reach(axis), job.floor, chi_squared_limit(len(axis.fringes) - 1))
-    dark = _DARK * job.clip if job.clip < np.inf else 0.0
-    noise = (job.noise.read2, job.noise.gain, dark)
-    scale = float(job.slope[128]) ** 2 if len(job.slope) else 1.0
-    response = (job.lut, job.slope, scale)
-    mode = _mode(axis)
-    least = 8 * axis.code.cell if axis.code and not axis.fringes else 0.4 * float(arrays.periods[-1])
-
-    count, height, width = job.frames.shape
-    frames = job.frames.reshape(count, 1, height * width)
-    flat = [chart.reshape(1, height * width) for chart in (*maps, *common)]
-
-    def step(start: int, stop: int) -> None:
-        axis_rows(
-            *(frames, response, job.clip, noise, start * width, stop * width, mode, code, fringes, limits),
-            *(tables.kernel, axis.extent, joined, *flat),
-        )  # fmt: skip
-        outlier_rows(start, stop, least, maps[0], common[0])
-
-    return step
-
-
-def _code_arguments(job: Job, wanted: Plan, axis: AxisPlan) -> tuple[Any, ...]:
-    """What axis_rows wants to know of the code; of none, if there is none."""
-    none = np.empty(0, np.int64)
-    code = axis.code or Code("", none, none, 1.0, 0.0, np.empty(0, np.int32))
-    cells = int(np.ceil((axis.extent - code.origin) / code.cell))
-    origin = 0.5 * (code.cell - 1) + code.origin
-    source = _source(wanted, code)
-    return (
-        (
-            *(source, wanted.white, wanted.black, code.plain, code.inverse),
-            *(code.kind == "gray", code.cells, cells, code.cell, origin),
-        ),
-        (
-            np.float32(LOOSE),
-            np.float32(beyond_references(job.frames, wanted, code)),
-            np.float32(job.raw_noise.read2),
-            np.float32(job.raw_noise.gain),
-        ),
-    )
-
-
-def _source(wanted: Plan, code: Code) -> int:
-    if wanted.white >= 0 and wanted.black >= 0:
-        return FROM_WHITE_BLACK
-    return FROM_PAIRS if ((code.plain >= 0) & (code.inverse >= 0)).any() else FROM_EXTREMES
-
-
-def _mode(axis: AxisPlan) -> int:
-    if not axis.fringes:
-        return CODE_ONLY
-    if axis.code is not None:
-        return CODE_GUIDED
-    return SPAN_GUIDED if axis.fringes[0].period >= axis.extent else SEARCHED
-
-
-def _reach(axis: AxisPlan) -> float:
-    """How far a coordinate may lie from the centre of the code's cell."""
-    if axis.code is None or not axis.fringes:
-        return float("inf")
-    period = axis.fringes[0].period
-    return min(axis.code.cell / 2 + period / 8, period * 15 / 32)

@@ -12,12 +12,9 @@ from numpy.typing import NDArray
 
 from .jit import apart_kernel, inline_kernel, leaf_kernel
 
-__all__ = ["TILE", "fit_tile"]
+__all__ = ["fit_tile"]
 
 Array = NDArray[Any]
-
-#: Pixels that are worked on at once.
-TILE = 4096
 
 _TURN = np.float32(1 / (2 * np.pi))
 _TURN2 = np.float32(1 / (2 * np.pi) ** 2)
@@ -179,11 +176,12 @@ def _fit_quarters(
         cx, sx = _HALF * (f0 - f2), _HALF * (f1 - f3)
         contrast = _HALF * ((f0 + f2) - (f1 + f3))
         turn, inverse = _phase(cx, sx)
+        level = ax if ax > _ZERO else _ZERO
         a[x] = ax
         c[x] = cx
         s[x] = sx
         turns[x] = turn
-        variance[x] = (of_read + of_level * ax) * inverse + _TINY
+        variance[x] = (of_read + of_level * level) * inverse + _TINY
         misfit[x] = contrast * contrast
     return clipped
 
@@ -250,55 +248,30 @@ def _uneven_variance(
         variance[x] = (spread * inverse * inverse + _TINY) * _TURN2
 
 
-@leaf_kernel
-def fit_tile(
+@inline_kernel
+def _fit_lines(
+    n: int,
     frames: Array,
-    lut: Array,
-    clip: Any,
+    index: Array,
     row: int,
     first: int,
-    n: int,
-    count: int,
-    index: Array,
-    solve: Array,
-    model: Array,
-    quad: Array,
-    even: bool,
-    quarters: bool,
+    clip: Any,
+    period: tuple[Array, Array, Array, int, bool, bool],
     read2: Any,
     gain: Any,
-    linear: Array,
-    own: Array,
     sums: Array,
     turns: Array,
     variance: Array,
     misfit: Array,
 ) -> bool:
-    """Least squares of I_i = model_i . (A, c, s) and the phase of (c, s).
-
-    count samples; index (M,), solve (4, M), model (M, 4), quad (4, 3), even, quarters: see
-    arrays.fringe_arrays, M = count padded to a multiple of 4; lut turns raw levels into linear ones unless
-    empty (linear: room for (M, 1, n), own = 0, 1, ..., M - 1);
-    raw levels >= clip are clipped.
-    Out, (n,): sums[0..2] = A, c, s; turns = phase / 2 pi; variance of turns; misfit = sum of
-    squares of the residuals. True if any sample is clipped.
-    """
+    """fit_tile of linear levels."""
+    solve, model, quad, count, even, quarters = period
     a, c, s = sums[0], sums[1], sums[2]
     of_read, of_level = read2 * quad[0, 0] * _TURN2, gain * quad[1, 0] * _TURN2
     clipped, last = _ZERO, len(index) - 4
-    if quarters and lut.size == 0:
+    if quarters:
         clipped = _fit_quarters(
             n, frames, index, row, first, clip, of_read, of_level, a, c, s, turns, variance, misfit
-        )
-    elif lut.size:
-        for k in range(len(index)):
-            _linearise(n, frames, index[k], row, first, lut, k, linear)
-        top = lut[int(min(clip, np.float32(len(lut) - 1)))]
-        for k in range(0, last, 4):
-            clipped += _add_four(n, k == 0, linear, own, k, 0, 0, solve, top, a, c, s)
-        clipped += _fit_four(
-            *(n, last == 0, linear, own, last, 0, 0, solve, top),
-            *(of_read, of_level, a, c, s, turns, variance, misfit),
         )
     else:
         for k in range(0, last, 4):
@@ -311,8 +284,41 @@ def fit_tile(
         _uneven_variance(n, read2, gain, quad, a, c, s, variance)
     if count > 4:
         for k in range(0, len(index), 4):
-            if lut.size:
-                _residuals(n, linear, own, k, 0, 0, model, a, c, s, misfit)
-            else:
-                _residuals(n, frames, index, k, row, first, model, a, c, s, misfit)
+            _residuals(n, frames, index, k, row, first, model, a, c, s, misfit)
     return bool(clipped > _ZERO)
+
+
+@leaf_kernel
+def fit_tile(
+    n: int,
+    frames: Array,
+    lut: Array | None,
+    index: Array,
+    first: int,
+    clip: Any,
+    period: tuple[Array, Array, Array, int, bool, bool],
+    read2: Any,
+    gain: Any,
+    linear: Array,
+    own: Array,
+    sums: Array,
+    turns: Array,
+    variance: Array,
+    misfit: Array,
+) -> bool:
+    """Least squares of I_i = model_i . (A, c, s) and the phase of (c, s).
+
+    index (M,); period = (solve (4, M), model (M, 4), quad (4, 3), count of samples, even, quarters): see
+    arrays.fringe_arrays, M = count padded to a multiple of 4; lut turns raw levels into linear ones unless
+    None (linear: room for (M, 1, n), own = 0, 1, ..., M - 1); raw levels >= clip are clipped.
+    Out, (n,): sums[0..2] = A, c, s; turns = phase / 2 pi; variance of turns; misfit = sum of
+    squares of the residuals. True if any sample is clipped.
+    """
+    if lut is None:
+        return bool(
+            _fit_lines(n, frames, index, 0, first, clip, period, read2, gain, sums, turns, variance, misfit)
+        )
+    for k in range(len(index)):
+        _linearise(n, frames, index[k], 0, first, lut, k, linear)
+    top = lut[int(min(clip, np.float32(len(lut) - 1)))]
+    return bool(_fit_lines(n, linear, own, 0, 0, top, period, read2, gain, sums, turns, variance, misfit))

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import apart_kernel, fast_kernel, leaf_kernel, roomy_kernel
+from .jit import apart_kernel, fast_kernel, leaf_kernel
 from .unwrap_kernels import UNKNOWN
 
 __all__ = [
@@ -198,22 +198,26 @@ def merge_rows(
         )
 
 
-@roomy_kernel
-def outlier_rows(start: int, stop: int, least: float, coord: Array, flags: Array) -> None:
-    """Flag a pixel that leaves a line on which its two neighbours on either side agree.
+@leaf_kernel
+def outlier_rows(start: int, stop: int, least: Any, coord: Array, flags: Array, room: Array) -> None:
+    """Flag a pixel that leaves a line on which its two neighbours on either side agree; room (2, W).
 
     Folds and edges pass: there the neighbours do not agree with each other.
     """
-    width = coord.shape[1]
-    line, excess = np.empty(width, np.float32), np.zeros(width, np.float32)
-    limit, three = np.float32(least), np.float32(3)
     for row in range(start, stop):
-        for x in range(width):
-            line[x] = coord[row, x]
-        for x in range(2, width - 2):
-            jump = abs(line[x] - _HALF * (line[x - 1] + line[x + 1]))
-            beside = abs(line[x - 1] - line[x - 2]) + abs(line[x + 2] - line[x + 1])
-            calm = three * (abs(line[x + 1] - line[x - 1]) + beside)
-            excess[x] = jump - (calm if calm > limit else limit)
-        for x in range(width):
-            flags[row, x] |= _OUTLIER if excess[x] > _ZERO else _GOOD
+        _outliers(row, least, coord, flags, room[0], room[1])
+
+
+@apart_kernel
+def _outliers(row: int, limit: Any, coord: Array, flags: Array, line: Array, excess: Array) -> None:
+    width = coord.shape[1]
+    here, why = coord[row], flags[row]
+    for x in range(width):
+        line[x] = here[x]
+    inner = max(width - 4, 0)
+    left2, left, middle, right, right2 = line[:inner], line[1:], line[2:], line[3:], line[4:]
+    for x in range(inner):
+        jump = abs(middle[x] - _HALF * (left[x] + right[x]))
+        beside = abs(left[x] - left2[x]) + abs(right2[x] - right[x])
+        calm = _THREE * (abs(right[x] - left[x]) + beside)
+        why[x + 2] |= _OUTLIER if jump > (calm if calm > limit else limit) else _GOOD

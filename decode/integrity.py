@@ -10,11 +10,13 @@ unseen: three steps alone, two whole pairs in each other's place, a fringe run b
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from optolever.blocks import on_cores
 from optolever.errors import InputError
 from optolever.patterns import Sequence
 
@@ -24,13 +26,13 @@ from .exposures import by_exposure, numbered
 from .plan import AxisPlan, Plan
 from .raster import raster_of
 from .raster_faults import RasterFault, raster_faults
+from .sample import Sample, quantile, sampled
 from .sweep import sweep_faults
 
-__all__ = ["Finding", "Integrity", "check", "examine"]
+__all__ = ["Finding", "Integrity", "check", "examine", "rule_faults"]
 
 F64 = NDArray[np.float64]
 _PIXELS = 2048
-_SIDE, _RUN = 32, 8
 #: Pixels that tell anything.
 _FEWEST = 64
 #: Excess of the difference of two frames that are the same.
@@ -46,6 +48,8 @@ _LEAST_NOISE = 1.0
 #: Error of real displays that is no fault, share of the contrast: a bit and its inverse are not quite white.
 _UNEVEN = 0.04
 _BANDS = 16
+#: Pixels in a band that tells anything.
+_FEWEST_OF_BAND = 32
 #: Share of the bands on the torn side in which the tear shows.
 _SHOWN = 0.6
 #: Of the pixels, every so many serve the search for a fault.
@@ -78,8 +82,8 @@ class Integrity:
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
-    """Levels (N, K) of some pixels, their rows (K,), and what is noise in them."""
+class Lit:
+    """Levels (N, K) of pixels that see the pattern, their rows (K,), and what is noise in them."""
 
     levels: F64
     row: NDArray[np.int64]
@@ -102,28 +106,34 @@ def check(frames: ArrayLike, sequence: Sequence, found: Correspondence | None = 
         return Integrity((_of_raster(fault),) if fault is not None else (), 0)
     parts = by_exposure(sequence)
     found = found if len(parts) == 1 else None
-    each = [examine(stack, numbered(part), found) for part in parts]
+    plans = [numbered(part) for part in parts]
+    each = [examine(stack, wanted, found, rule_faults(stack, sampled(stack), wanted)) for wanted in plans]
     return Integrity(
         tuple(dict.fromkeys(finding for one in each for finding in one.findings)),
         sum(one.constraints for one in each),
     )
 
 
-def examine(stack: NDArray[Any], wanted: Plan, found: Correspondence | None) -> Integrity:
-    """check for a plan."""
+def rule_faults(stack: NDArray[Any], sample: Sample, wanted: Plan) -> tuple[Finding, ...]:
+    """What breaks the constraints of a plan, which takes no map; sample: of the stack."""
     rules = _constraints(wanted, len(stack))
-    findings: tuple[Finding, ...] = ()
-    if len(rules):
-        findings = _broken(rules, stack)
+    return _broken(rules, stack, sample) if len(rules) else ()
+
+
+def examine(
+    stack: NDArray[Any], wanted: Plan, found: Correspondence | None, findings: tuple[Finding, ...]
+) -> Integrity:
+    """check for a plan; findings: rule_faults."""
     if not findings and found is not None and found.offset is not None:
-        findings = tuple(
-            _foreign(fault)
-            for axis in wanted.axes
-            for fault in bit_faults(axis, stack, getattr(found, axis.axis), found.flags, found.offset)
+        flags, offset = found.flags, found.offset
+        faults = on_cores(
+            lambda axis: bit_faults(axis, stack, getattr(found, axis.axis), flags, offset), wanted.axes
         )
+        findings = tuple(_foreign(fault) for own in faults for fault in own)
     if not findings:
         findings = tuple(_of_sweeps(stack, wanted))
-    return Integrity(tuple(_judged(finding, wanted) for finding in findings), len(rules))
+    constraints = len(_constraints(wanted, len(stack)))
+    return Integrity(tuple(_judged(finding, wanted) for finding in findings), constraints)
 
 
 def _of_sweeps(stack: NDArray[Any], wanted: Plan) -> Iterator[Finding]:
@@ -165,16 +175,17 @@ def _told(wanted: Plan, fault: str) -> set[int]:
     return told
 
 
-def _broken(rules: F64, stack: NDArray[Any]) -> tuple[Finding, ...]:
-    sample = _sample(stack, rules)
-    levels, noise = sample.levels, sample.noise
+def _broken(rules: F64, stack: NDArray[Any], sample: Sample) -> tuple[Finding, ...]:
+    lit = _lit(sample, rules)
+    levels, noise = lit.levels, lit.noise
     if levels.shape[1] < _FEWEST:
         return ()
-    excess = _excess(rules, levels, noise)
+    each = _broken_by(rules, levels, noise)
+    excess = each.mean(axis=1)
     if excess.max(initial=0.0) < _BROKEN:
-        return _torn(rules, sample, stack)
+        return _torn(rules, each, lit, stack)
     findings = _replaced(rules, levels, noise) or _single_fault(rules, levels, noise, excess)
-    findings = findings or _torn(rules, sample, stack)
+    findings = findings or _torn(rules, each, lit, stack)
     if findings:
         return findings
     used = tuple(int(i) for i in np.flatnonzero(np.abs(rules[excess >= _BROKEN]).max(axis=0) > 0))
@@ -197,13 +208,13 @@ def _foreign(fault: BitFault) -> Finding:
     return Finding((fault.frame,), "foreign", told, (fault.frame,), (fault.start, fault.stop))
 
 
+@lru_cache(maxsize=16)
 def _constraints(wanted: Plan, count: int) -> F64:
     """Rows (R, N) of unit length whose product with the levels of a pixel is 0."""
     rows: list[F64] = []
     for axis in wanted.axes:
         for fringe in axis.fringes:
-            for contrast in np.linalg.qr(fringe.design(), mode="complete")[0][:, 3:].T:
-                rows.append(_row(count, list(fringe.index), contrast))
+            rows += [_row(count, list(fringe.index), contrast) for contrast in fringe.contrasts()]
         rows += _pairs(wanted, axis, count)
     return np.array(rows).reshape(-1, count)
 
@@ -231,46 +242,45 @@ def _row(count: int, index: list[int], weights: F64) -> F64:
     return row
 
 
-def _sample(stack: NDArray[Any], rules: F64) -> Sample:
+def _lit(sample: Sample, rules: F64) -> Lit:
     """Pixels that see the pattern without clipping in the frames that the rules are about.
 
-    Runs of eight pixels, as one costs as much to fetch as eight. Noise: from second differences within runs,
-    the least of the frames, as what they show adds to it.
+    Noise: from second differences within runs, the least of the frames, as what they show adds to it.
     """
-    count, rows, cols = stack.shape
-    lines = np.unique(np.linspace(0, rows - 1, min(rows, _SIDE)).astype(np.int64))
-    step = max(1, cols // _SIDE // _RUN) * _RUN
-    across = cols // step
-    if across:
-        runs = stack[:, lines, : across * step].reshape(count, len(lines), across, step)[..., :_RUN]
-    else:
-        runs = stack[:, lines][:, :, None]
     # a quarter of the lines is enough for a median
-    second = np.diff(runs[:, ::4].astype(np.float32), 2, axis=-1).reshape(count, -1)
-    noise = float(np.median(np.abs(second), axis=1).min()) * 1.4826 / np.sqrt(6) if second.size else 0.0
-    levels = runs.reshape(count, -1)
-    row = np.repeat(lines, levels.shape[1] // len(lines))
-    span = (levels.max(axis=0) - levels.min(axis=0)).astype(np.float64)
-    top = 255.0 if stack.dtype == np.uint8 else float("inf")
+    second = np.diff(sample.runs[:, ::4].astype(np.float32), 2, axis=-1).reshape(len(sample.runs), -1)
+    middle = second.shape[1] // 2
+    spread = np.partition(np.abs(second), middle, axis=1)[:, middle].min() if second.size else 0.0
+    noise = float(spread) * 1.4826 / np.sqrt(6)
+    levels = sample.levels
+    span = levels.max(axis=0) - levels.min(axis=0)
+    top = 255.0 if levels.dtype == np.uint8 else float("inf")
     brightest = levels[np.abs(rules).max(axis=0) > 0].max(axis=0)
-    use = np.flatnonzero((span >= 0.5 * np.percentile(span, 90)) & (brightest < top))
-    # by chance, as every so many pixels may be a fringe's period
-    use = np.random.default_rng(0).permutation(use)[:_PIXELS]
+    use = np.flatnonzero((span >= 0.5 * quantile(span, 0.9)) & (brightest < top))
+    # by chance, as every so many pixels may be a fringe's period; sorted, as they are cut into bands
+    use = np.sort(np.random.default_rng(0).permutation(use)[:_PIXELS])
     contrast = float(np.median(span[use])) if len(use) else 0.0
-    return Sample(
+    return Lit(
         levels[:, use].astype(np.float64),
-        row[use],
+        sample.row[use],
         float(np.hypot(max(noise, _LEAST_NOISE), _UNEVEN * contrast)),
     )
+
+
+def _broken_by(rules: F64, levels: F64, noise: float) -> F64:
+    """By how much each pixel breaks each constraint (R, K), beyond the mean of noise."""
+    # rule by rule, as each is about a few frames only
+    used = [np.flatnonzero(rule) for rule in rules]
+    score = np.array([rule[own] @ levels[own] for rule, own in zip(rules, used, strict=True)])
+    square = (score / noise).reshape(len(rules), levels.shape[1]) ** 2
+    return np.asarray(np.log1p(square) - _OF_NOISE)
 
 
 def _excess(rules: F64, levels: F64, noise: float) -> F64:
     """By how much each constraint is broken (R,): a mean that a few odd pixels do not move."""
     if levels.shape[1] == 0:
         return np.zeros(len(rules))
-    # einsum: the threads of a matrix product take longer to wake up than this takes
-    score = np.einsum("rn,nk->rk", rules / noise, levels)
-    return np.asarray(np.log1p(score**2).mean(axis=1) - _OF_NOISE)
+    return np.asarray(_broken_by(rules, levels, noise).mean(axis=1))
 
 
 def _replaced(rules: F64, levels: F64, noise: float) -> tuple[Finding, ...]:
@@ -340,18 +350,21 @@ def _faults(count: int) -> Iterator[tuple[Finding, NDArray[np.int64]]]:
         yield Finding((k,), "repeated", told, after), order
 
 
-def _torn(rules: F64, sample: Sample, stack: NDArray[Any]) -> tuple[Finding, ...]:
-    """A frame whose rows on one side of a line are those of the frame before or after it."""
-    levels, noise, rows = sample.levels, sample.noise, stack.shape[1]
-    band = sample.row * _BANDS // rows
-    present = [k for k in range(_BANDS) if np.count_nonzero(band == k) >= 32]
-    bad = np.array([_excess(rules, levels[:, band == k], noise).max() >= _BROKEN for k in present], bool)
+def _torn(rules: F64, each: F64, lit: Lit, stack: NDArray[Any]) -> tuple[Finding, ...]:
+    """A frame whose rows on one side of a line are those of its neighbour; each (R, K): see _broken_by."""
+    levels, noise, rows = lit.levels, lit.noise, stack.shape[1]
+    band = lit.row * _BANDS // rows
+    pixels = np.bincount(band, minlength=_BANDS)
+    present = np.flatnonzero(pixels >= _FEWEST_OF_BAND)
+    starts = np.searchsorted(band, np.arange(_BANDS))
+    total = np.add.reduceat(np.pad(each, ((0, 0), (0, 1))), starts, axis=1)
+    bad = total[:, present].max(axis=0, initial=0.0) >= _BROKEN * pixels[present]
     if not bad.any():
         return ()
     first, last = int(np.argmax(bad)), len(bad) - 1 - int(np.argmax(bad[::-1]))
     if (first == 0) == (last == len(bad) - 1) or bad[first : last + 1].mean() < _SHOWN:
         return ()
-    spoilt = levels[:, np.isin(band, np.array(present)[first : last + 1])]
+    spoilt = levels[:, np.isin(band, present[first : last + 1])]
     broken = rules[_excess(rules, spoilt, noise) >= _BROKEN]
     nearest: tuple[float, int, int] | None = None
     for i in np.flatnonzero(np.abs(broken).max(axis=0, initial=0.0) > 0):

@@ -12,6 +12,7 @@ from optolever.patterns import Sequence
 from .noise import QUANTISATION, Noise, estimate_noise
 from .plan import Plan
 from .response import Response
+from .sample import Sample, sampled
 from .table_decoder import by_table
 
 __all__ = ["Job", "check_camera", "checked", "clip_level", "job_of", "levels_of"]
@@ -28,7 +29,7 @@ class Job:
     frames (N, H, W), which clip at `clip`; lut: linear level of each raw one, slope: its slope, both empty if
     levels are linear (slope also unless samples are weighed); noise: of fringes, raw_noise: of codes; floor:
     of sigma, pattern pixels; light, bright: linear frames and their clip level for what takes no lut; told:
-    the noise, if the caller knows it.
+    the noise, if the caller knows it; sample: of the frames.
     """
 
     frames: Frames
@@ -41,6 +42,7 @@ class Job:
     light: Frames
     bright: float
     told: Noise | None
+    sample: Sample
 
 
 def checked(frames: ArrayLike, sequence: Sequence) -> Frames:
@@ -90,15 +92,16 @@ def job_of(
 ) -> Job:
     """What decode was told of frames (N, H, W), or what they tell of the camera themselves."""
     lut, slope = levels_of(stack, response)
+    sample = sampled(stack)
     none = np.zeros(0, np.float32)
     if response is not None:
-        raw = estimate_noise(stack, lut, clip, wanted, slope)
-        known = raw if weigh_samples else estimate_noise(stack, lut, clip, wanted, none)
+        raw = estimate_noise(stack, sample, lut, clip, wanted, slope)
+        known = raw if weigh_samples else estimate_noise(stack, sample, lut, clip, wanted, none)
     elif noise is None:
-        raw = known = estimate_noise(stack, lut, clip, wanted, none)
+        raw = known = estimate_noise(stack, sample, lut, clip, wanted, none)
     else:
         raw = known = Noise(noise**2 + (QUANTISATION if stack.dtype.kind == "u" else 0.0), gain)
-    level = float(stack[:, :: max(1, stack.shape[1] // 8), ::16].mean())
+    level = float(sample.runs[:, ::8].mean())
     silent = raw.variance(level) < 1.5 * QUANTISATION
     light, bright = stack, clip
     no_lut = subpixel or any(axis.stripes is not None or by_table(axis) for axis in wanted.axes)
@@ -106,7 +109,8 @@ def job_of(
         light, bright = lut[stack], float(lut[min(int(clip), len(lut) - 1)])
     floor = FLOOR if silent else 0.0
     told = raw if noise is not None and response is None else None
-    return Job(stack, lut, slope if weigh_samples else none, clip, known, raw, floor, light, bright, told)
+    linear = slope if weigh_samples else none
+    return Job(stack, lut, linear, clip, known, raw, floor, light, bright, told, sample)
 
 
 def clip_level(stack: Frames) -> float:

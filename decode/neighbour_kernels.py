@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import apart_kernel, inline_kernel, leaf_kernel, roomy_kernel
+from .jit import apart_kernel, inline_kernel, leaf_kernel
+from .records import Near, Scratch, Shared
 
-__all__ = ["REACH", "bend_rows", "mixed_rows", "steep_rows"]
+__all__ = ["REACH", "near_rows"]
 
 Array = NDArray[Any]
 
@@ -37,7 +38,30 @@ _HALF, _GOOD = np.float32(0.5), np.uint16(0)
 
 
 @leaf_kernel
-def bend_rows(start: int, stop: int, coord: Array, sigma: Array, flags: Array) -> None:
+def near_rows(start: int, stop: int, near: Near, shared: Shared, scratch: Scratch) -> None:
+    """Compare rows start..stop with those around: bends go into sigma, steep and mixed pixels are flagged.
+
+    near.steep: largest footprint of a code alone along u and v, pattern pixels; None: the axis is continuous.
+    """
+    if near.shown[0]:
+        _axis_rows(start, stop, near.steep[0], near.u, near.sigma_u, shared.flags, scratch.wide)
+    if near.shown[1]:
+        _axis_rows(start, stop, near.steep[1], near.v, near.sigma_v, shared.flags, scratch.wide)
+    _mixed_rows(start, stop, near, shared, scratch.across[0])
+
+
+@leaf_kernel
+def _axis_rows(
+    start: int, stop: int, most: Any, coord: Array, sigma: Array, flags: Array, wide: Array
+) -> None:
+    if most is None:
+        _bend_rows(start, stop, coord, sigma, flags)
+    else:
+        _steep_rows(start, stop, most, coord, flags, wide)
+
+
+@leaf_kernel
+def _bend_rows(start: int, stop: int, coord: Array, sigma: Array, flags: Array) -> None:
     """Add to sigma (H, W), rows start..stop, what the bend of coord (H, W) shifts the mean over a pixel."""
     rows = coord.shape[0]
     for row in range(start, stop):
@@ -72,11 +96,10 @@ def _bend(inner: bool, row: int, up: int, down: int, coord: Array, flags: Array,
         spread[x] = _widened(spread[x], across if ((bad_above[x] | bad_below[x]) & _READ) == _GOOD else _ZERO)
 
 
-@roomy_kernel
-def steep_rows(start: int, stop: int, most: float, coord: Array, flags: Array) -> None:
+@leaf_kernel
+def _steep_rows(start: int, stop: int, most: Any, coord: Array, flags: Array, wide: Array) -> None:
     """Flag pixels of a code alone whose footprint is larger than `most`: its bits hold for no one place."""
     rows, cols = coord.shape
-    wide = np.empty(cols, np.uint16)
     for row in range(start, stop):
         if _steep(np.float32(2 * most), row, max(row - 1, 0), min(row + 1, rows - 1), coord, flags, wide):
             for x in range(cols):
@@ -190,35 +213,26 @@ def _brightest(row: int, read2: Any, gain: Any, amplitude: Array, offset: Array,
     return bool(dim > _ZERO)
 
 
-@roomy_kernel
-def mixed_rows(
-    start: int,
-    stop: int,
-    read2: float,
-    gain: float,
-    extents: tuple[float, float],
-    nearest: tuple[float, float],
-    u: Array,
-    v: Array,
-    sigma_u: Array,
-    sigma_v: Array,
-    amplitude: Array,
-    offset: Array,
-    flags: Array,
-) -> None:
+@leaf_kernel
+def _mixed_rows(start: int, stop: int, near: Near, shared: Shared, top: Array) -> None:
     """Flag pixels that part of their light lacks: dimmer than neighbours, beside nothing or near the border.
 
     Beside nothing, what little light lacks goes into sigma.
 
-    extents: of the pattern along u and v (inf: not shown); nearest: distance from the border within which an
-    answer is right in spite of that.
+    near.extents: of the pattern along u and v (inf: not shown); near.nearest: distance from the border within
+    which an answer is right in spite of that; top: room for (W,).
     """
+    flags, amplitude, offset = shared.flags, shared.amplitude, shared.offset
+    u, v, sigma_u, sigma_v = near.u, near.v, near.sigma_u, near.sigma_v
+    extents, nearest = near.extents, near.nearest
     rows, cols = amplitude.shape
-    top = np.empty(cols, np.float32)
+    bordered = extents[0] < np.inf or extents[1] < np.inf
     for row in range(start, stop):
         here = amplitude[row]
-        dim = _brightest(row, np.float32(read2), np.float32(gain), amplitude, offset, top)
         holes = _any_nothing(max(row - 1, 0), min(row + 2, rows), flags)
+        if not (holes or bordered):
+            continue
+        dim = _brightest(row, near.read2, near.gain, amplitude, offset, top)
         if not (dim or holes):
             continue
         for x in range(cols):

@@ -8,16 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .plan import Code, Fringe, Plan
+from .sample import Sample, quantile
 
-__all__ = ["QUANTISATION", "Noise", "estimate_noise", "spatial_noise"]
+__all__ = ["QUANTISATION", "Noise", "estimate_noise"]
 
 #: Variance of rounding to whole levels.
 QUANTISATION = 1 / 12
 F64 = NDArray[np.float64]
 _BINS = 8
-_SAMPLE = 64
-_RUN = 8
-#: Residuals of a code or fringe that are used, about: 1 % of the noise.
+#: Residuals of all codes or fringes that are used, about: 1 % of the noise.
 _ENOUGH = 8192
 #: Contrasts of a group of frames that are used at most.
 _CONTRASTS = 6
@@ -36,7 +35,12 @@ class Noise:
 
 
 def estimate_noise(
-    frames: NDArray[Any], lut: NDArray[np.float32], clip: float, plan: Plan, slope: NDArray[np.float32]
+    frames: NDArray[Any],
+    sample: Sample,
+    lut: NDArray[np.float32],
+    clip: float,
+    plan: Plan,
+    slope: NDArray[np.float32],
 ) -> Noise:
     """Pool the residuals of every model with degrees of freedom left, as a function of the level.
 
@@ -47,21 +51,17 @@ def estimate_noise(
 
     With a response (lut): noise of linear levels, or with its slope (d raw / d linear at 0..255) of raw ones.
     """
-    levels = _sample_pixels(frames, lut)
-    raw = _sample_pixels(frames, slope[:0]) if len(slope) else levels
+    levels = (lut[sample.levels] if len(lut) else sample.levels).astype(np.float64)
+    raw = sample.levels.astype(np.float64) if len(slope) else levels
     limit = float(lut[min(len(lut) - 1, int(clip))]) if len(lut) else clip
     codes = [axis.code for axis in plan.axes if axis.code is not None]
-    pairs = [
-        _of_fringe(levels, fringe, limit, slope)
-        for axis in plan.axes
-        for fringe in axis.fringes
-        if len(fringe.index) > 3
-    ]
+    every = [fringe for axis in plan.axes for fringe in axis.fringes]
+    over = [fringe for fringe in every if len(fringe.index) > 3]
+    pairs = [_of_fringe(levels, fringe, limit, slope, _ENOUGH // len(over)) for fringe in over]
     if not _enough(pairs):
-        pairs = [_of_pairs(raw, code, clip if len(slope) else limit) for code in codes]
+        pairs = [_of_pairs(raw, code, clip if len(slope) else limit, _ENOUGH // len(codes)) for code in codes]
     if not _enough(pairs) and not len(slope):
-        fringes = [fringe for axis in plan.axes for fringe in axis.fringes]
-        pairs = [_of_offsets(levels, *two, limit) for two in pairwise(fringes)]
+        pairs = [_of_offsets(levels, *two, limit) for two in pairwise(every)]
     if not _enough(pairs) and plan.white >= 0 and plan.black >= 0:
         pairs = [_of_flat_bits(raw, code, plan, clip if len(slope) else limit) for code in codes]
     if not _enough(pairs):
@@ -74,27 +74,16 @@ def estimate_noise(
     return _fit(level, residual, QUANTISATION if frames.dtype.kind == "u" else 1e-12)
 
 
-def _sample_pixels(frames: NDArray[Any], lut: NDArray[np.float32]) -> F64:
-    """Linear levels (N, K) of pixels from all over: runs, as a run costs as much to fetch as one of them."""
-    count, rows, cols = frames.shape
-    step = max(1, cols // _SAMPLE) * _RUN
-    lines = frames[:, :: max(1, rows // _SAMPLE)]
-    across = lines.shape[2] // step
-    runs = lines[:, :, : across * step].reshape(count, lines.shape[1], across, step)[..., :_RUN]
-    raw = (runs if across > 1 else lines).reshape(count, -1)
-    return (lut[raw] if len(lut) else raw).astype(np.float64)
-
-
 def _enough(pairs: list[tuple[F64, F64]]) -> bool:
     return sum(len(level) for level, _ in pairs) >= 50
 
 
-def _of_fringe(levels: F64, fringe: Fringe, limit: float, slope: NDArray[np.float32]) -> tuple[F64, F64]:
-    design = fringe.design()
-    count = min(len(fringe.index) - 3, _CONTRASTS)
-    own = levels[list(fringe.index), :: max(1, levels.shape[1] * count // _ENOUGH)]
-    parameters = np.linalg.pinv(design) @ own
-    contrasts = np.linalg.qr(design, mode="complete")[0][:, 3:].T[:_CONTRASTS]
+def _of_fringe(
+    levels: F64, fringe: Fringe, limit: float, slope: NDArray[np.float32], enough: int
+) -> tuple[F64, F64]:
+    design, contrasts = fringe.design(), fringe.contrasts()[:_CONTRASTS]
+    own = levels[list(fringe.index), :: max(1, levels.shape[1] * len(contrasts) // enough)]
+    parameters = fringe.solve() @ own
     residual = contrasts @ own
     if len(slope):
         here = slope[np.clip(np.rint(design @ parameters), 0, len(slope) - 1).astype(int)]
@@ -106,7 +95,7 @@ def _of_fringe(levels: F64, fringe: Fringe, limit: float, slope: NDArray[np.floa
 def _lit(own: F64, limit: float, modulation: F64) -> NDArray[np.bool_]:
     """Pixels without clipped samples that see the pattern."""
     whole = np.asarray(own.max(axis=0) < limit)
-    seen = whole & (modulation > 0.25 * _quantile(modulation, 0.95))
+    seen = whole & (modulation > 0.25 * quantile(modulation, 0.95))
     return seen if np.count_nonzero(seen) >= 50 else whole
 
 
@@ -123,14 +112,8 @@ def _clear(keep: NDArray[np.bool_], room: F64, residual: F64) -> NDArray[np.bool
     """
     if not keep.any():
         return keep
-    rough = 1.4826 * _quantile(np.abs(residual[..., keep]).ravel(), 0.5)
-    return np.asarray(keep & (room >= min(4 * rough, _quantile(room[keep], 0.65))))
-
-
-def _quantile(values: F64, share: float) -> float:
-    """The value that this share of the values does not exceed (np.quantile takes five times as long)."""
-    at = int(share * (len(values) - 1))
-    return float(np.partition(values, at)[at])
+    rough = 1.4826 * quantile(np.abs(residual[..., keep]).ravel(), 0.5)
+    return np.asarray(keep & (room >= min(4 * rough, quantile(room[keep], 0.65))))
 
 
 def _of_offsets(levels: F64, first: Fringe, second: Fringe, limit: float) -> tuple[F64, F64]:
@@ -138,7 +121,7 @@ def _of_offsets(levels: F64, first: Fringe, second: Fringe, limit: float) -> tup
     keep, room = np.ones(levels.shape[1], bool), np.full(levels.shape[1], np.inf)
     for fringe in (first, second):
         own, design = levels[list(fringe.index)], fringe.design()
-        inverse = np.linalg.pinv(design)
+        inverse = fringe.solve()
         parameters = inverse @ own
         keep &= _lit(own, limit, np.hypot(*parameters[1:]))
         room = np.minimum(room, _room(design @ parameters, limit))
@@ -149,14 +132,15 @@ def _of_offsets(levels: F64, first: Fringe, second: Fringe, limit: float) -> tup
     return level[keep], difference[keep]
 
 
-def _of_pairs(levels: F64, code: Code, limit: float) -> tuple[F64, F64]:
+def _of_pairs(levels: F64, code: Code, limit: float, enough: int) -> tuple[F64, F64]:
     both = (code.plain >= 0) & (code.inverse >= 0)
     if np.count_nonzero(both) < 2:
         return np.zeros(0), np.zeros(0)
     count = min(int(np.count_nonzero(both)) - 1, _CONTRASTS)
-    levels = levels[:, :: max(1, levels.shape[1] * count // _ENOUGH)]
+    levels = levels[:, :: max(1, levels.shape[1] * count // enough)]
     first, second = levels[code.plain[both]], levels[code.inverse[both]]
-    half = 0.5 * np.median(np.abs(first - second), axis=0)
+    middle = len(first) // 2
+    half = 0.5 * np.partition(np.abs(first - second), middle, axis=0)[middle]
     sums = first + second
     middle = 0.5 * sums.mean(axis=0)
     contrasts = np.linalg.qr(np.ones((len(sums), 1)), mode="complete")[0][:, 1:].T[:_CONTRASTS]
@@ -198,14 +182,6 @@ def _of_neighbours(frames: NDArray[Any], lut: NDArray[np.float32], index: list[i
     around = mean[:, :-2] + mean[:, 1:-1] + mean[:, 2:]
     around = (around[:-2] + around[1:-1] + around[2:]) / 9
     return around.ravel(), second.ravel() * np.sqrt(len(index))
-
-
-def spatial_noise(frames: NDArray[Any]) -> float:
-    """Standard deviation from neighbours within single frames, the least of a few."""
-    some = range(0, len(frames), max(1, len(frames) // 8))
-    none = np.zeros(0, np.float32)
-    residuals = [_of_neighbours(frames[:, :, :512], none, [i])[1] for i in some]
-    return float(np.sqrt(min((float(_robust_variance(r)) for r in residuals if len(r)), default=0.0)))
 
 
 def _fit(level: F64, residual: F64, floor: float) -> Noise:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from optolever.patterns import BINARY_CODES, Sequence, code_words
 __all__ = ["AxisPlan", "Code", "Fringe", "Plan", "Stripes", "plan"]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Fringe:
     """Frames of one axis and period: I_i = e_i (A + c cos d_i + s sin d_i), phase = atan2(s, c)."""
 
@@ -23,8 +24,25 @@ class Fringe:
 
     def design(self) -> NDArray[np.float64]:
         """Model matrix (N, 3)."""
-        columns = [np.ones(len(self.shifts)), np.cos(self.shifts), np.sin(self.shifts)]
-        return np.asarray(self.exposure[:, None] * np.stack(columns, axis=1))
+        return _matrices(self)[0]
+
+    def solve(self) -> NDArray[np.float64]:
+        """Its pseudo-inverse (3, N)."""
+        return _matrices(self)[1]
+
+    def contrasts(self) -> NDArray[np.float64]:
+        """Orthonormal combinations of the samples that the model does not reach (N - 3, N)."""
+        return _matrices(self)[2]
+
+
+@lru_cache(maxsize=64)
+def _matrices(fringe: Fringe) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Design, its pseudo-inverse and what neither reaches, kept as long as the plan is."""
+    shifts = fringe.shifts
+    design = fringe.exposure[:, None] * np.stack(
+        [np.ones(len(shifts)), np.cos(shifts), np.sin(shifts)], axis=1
+    )
+    return design, np.linalg.pinv(design), np.linalg.qr(design, mode="complete")[0][:, 3:].T
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +88,7 @@ class AxisPlan:
     levels: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Plan:
     """All axes, and the frames that serve both."""
 
@@ -79,8 +97,12 @@ class Plan:
     black: int
 
 
+@lru_cache(maxsize=16)
 def plan(sequence: Sequence) -> Plan:
-    """Sort the frames by what they describe; their order in the sequence does not matter."""
+    """Sort the frames by what they describe; their order in the sequence does not matter.
+
+    Kept: a series of captures asks for the same plan again and again.
+    """
     frames = sequence.frames
     axes = tuple(
         found

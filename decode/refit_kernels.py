@@ -3,10 +3,9 @@
 import math
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from .jit import kernel
+from .jit import leaf_kernel
 from .unwrap_kernels import UNKNOWN
 
 __all__ = ["refit"]
@@ -17,20 +16,20 @@ Array = NDArray[Any]
 _LEAST_DETERMINANT = 1e-6
 
 
-@kernel
+@leaf_kernel
 def refit(
-    frames: Array,
-    lut: Array,
-    slope: Array,
-    clip: float,
-    row: int,
-    first: int,
     n: int,
-    count: int,
+    frames: Array,
+    lut: Array | None,
+    slope: Array,
     index: Array,
+    first: int,
+    clip: float,
+    count: int,
     model: Array,
     read2: float,
     gain: float,
+    equations: Array,
     sums: Array,
     turns: Array,
     variance: Array,
@@ -41,23 +40,22 @@ def refit(
     slope = d raw / d linear at linear levels 0..255, empty: 1; a sample's variance is (read2 + gain raw) /
     slope^2, taken at the level of the first fit, as weights from the samples would be biased. Where fewer
     than three samples are left, the variance is UNKNOWN. misfit is in raw levels, as the noise is.
+    equations: room for (3, 4).
     """
-    normal = np.empty((3, 3), np.float64)
-    right = np.empty(3, np.float64)
+    normal, right = equations[:, :3], equations[:, 3]
     for x in range(n):
         whole = True
         for i in range(count):
-            whole &= frames[index[i], row, first + x] < clip
+            whole &= frames[index[i], 0, first + x] < clip
         if whole and slope.size == 0:
             continue
-        normal[:] = 0
-        right[:] = 0
+        equations[:] = 0
         total = 0.0
         for i in range(count):
-            raw = frames[index[i], row, first + x]
+            raw = frames[index[i], 0, first + x]
             if raw >= clip:
                 continue
-            level = np.float64(lut[int(raw)]) if lut.size else np.float64(raw)
+            level = _linear(raw, lut)
             weight = _weight(slope, model, i, sums[0, x], sums[1, x], sums[2, x]) / (
                 1 + gain / read2 * max(raw, 0)
             )
@@ -82,7 +80,14 @@ def refit(
         turns[x] = math.atan2(s, c) / (2 * math.pi)
 
 
-@kernel
+@leaf_kernel
+def _linear(raw: Any, lut: Array | None) -> float:
+    if lut is None:
+        return float(raw)
+    return float(lut[int(raw)])
+
+
+@leaf_kernel
 def _weight(slope: Array, model: Array, i: int, a: float, c: float, s: float) -> float:
     """Squared slope at the fitted level of sample i; 1 without a response."""
     if slope.size == 0:
@@ -92,7 +97,7 @@ def _weight(slope: Array, model: Array, i: int, a: float, c: float, s: float) ->
     return float(here * here)
 
 
-@kernel
+@leaf_kernel
 def _invert(m: Array) -> float:
     """Invert a symmetric 3 x 3 matrix in place; its determinant (too small: left as it was)."""
     c00 = m[1, 1] * m[2, 2] - m[1, 2] * m[1, 2]

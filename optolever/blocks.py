@@ -1,11 +1,15 @@
 """Row blocks on threads: the one way in which work is spread over cores (kernels release the GIL)."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import lru_cache
+from typing import TypeVar, cast
 
-__all__ = ["ONE_THREAD", "THREADS_VARIABLE", "over_image", "over_rows", "threads"]
+__all__ = ["ONE_THREAD", "THREADS_VARIABLE", "on_cores", "over_image", "over_rows", "threads"]
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 THREADS_VARIABLE = "OPTOLEVER_THREADS"
 """Environment variable: how many threads to use, instead of all cores that the process may use."""
@@ -29,15 +33,22 @@ def threads() -> int:
     return os.cpu_count() or 1
 
 
-def over_rows(work: Callable[[int, int], None], rows: int, block: int = 64) -> None:
+def over_rows(
+    work: Callable[[int, int], None],
+    rows: int,
+    block: int = 64,
+    meanwhile: Callable[[], None] | None = None,
+) -> None:
     """Call work(start, stop) for blocks that cover range(rows), on all cores; exceptions come through.
 
-    The calling thread takes its share, and what no other thread has begun when it is done is not waited for:
-    work may call over_rows itself.
+    The calling thread does what there is to do `meanwhile`, then takes its share; what no other thread has
+    begun when it is done is not waited for: work may call over_rows itself.
     """
     starts = range(0, rows, block)
     count = min(threads(), len(starts)) if len(starts) > 1 else 1
     if count <= 1:
+        if meanwhile is not None:
+            meanwhile()
         for start in starts:
             work(start, min(start + block, rows))
         return
@@ -49,6 +60,8 @@ def over_rows(work: Callable[[int, int], None], rows: int, block: int = 64) -> N
 
     helpers: list[Future[None]] = [_pool(os.getpid(), threads()).submit(share) for _ in range(count - 1)]
     try:
+        if meanwhile is not None:
+            meanwhile()
         share()
     finally:
         begun = [helper for helper in helpers if not helper.cancel()]
@@ -56,6 +69,18 @@ def over_rows(work: Callable[[int, int], None], rows: int, block: int = 64) -> N
             helper.exception()  # waits
     for helper in begun:
         helper.result()
+
+
+def on_cores(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    """[work(item) for item in items], on all cores."""
+    done: list[Result | None] = [None] * len(items)
+
+    def some(start: int, stop: int) -> None:
+        for i in range(start, stop):
+            done[i] = work(items[i])
+
+    over_rows(some, len(items), 1)
+    return cast(list[Result], done)
 
 
 def over_image(work: Callable[[int, int], None], shape: tuple[int, ...]) -> None:

@@ -1,0 +1,35 @@
+"""Compiled decoding of a block of rows: both axes, then neighbours, few rows at a time while in the cache."""
+
+from .axis_kernels import axis_pixels
+from .jit import leaf_kernel
+from .neighbour_kernels import REACH, near_rows
+from .records import TILE, AxisRecord, Camera, Near, Scratch, Shared
+
+__all__ = ["block_rows"]
+
+
+@leaf_kernel
+def block_rows(
+    start: int,
+    stop: int,
+    near: Near,
+    compare: bool,
+    camera: Camera,
+    one: AxisRecord,
+    two: AxisRecord | None,
+    shared: Shared,
+    scratch: Scratch,
+) -> None:
+    """Rows start..stop of the maps; compare: those whose neighbours are in the block with these, too."""
+    height, width = shared.flags.shape
+    few = max(TILE // width, 1)
+    done = start + REACH if start else 0
+    for row in range(start, stop, few):
+        end = min(row + few, stop)
+        first, last = row * width, end * width
+        axis_pixels(first, last, camera, one, shared, scratch)
+        axis_pixels(first, last, camera, two, shared, scratch)
+        ready = end if end == height else end - REACH
+        if compare and ready > done:
+            near_rows(done, ready, near, shared, scratch)
+            done = ready

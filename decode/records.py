@@ -1,0 +1,159 @@
+"""What the kernels are told, as records that they take apart themselves, and their room to work in.
+
+A part that is None is left out when they are compiled (what is done in its absence never is: numba decides by
+the type of None only), so that a capture waits for the kernels of its own code.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "TILE",
+    "AxisRecord",
+    "Camera",
+    "CodeRecord",
+    "FringeRecord",
+    "Near",
+    "Scratch",
+    "Shared",
+    "scratch",
+]
+
+Array = NDArray[Any]
+
+#: Pixels that are worked on at once.
+TILE = 4096
+#: Lines of a tile that are not those of a period, and those of a period.
+LINES, OF_PERIOD = 14, 6
+#: Bytes of a vector: what is not laid out by it takes two accesses each.
+_VECTOR = 64
+
+
+class Camera(NamedTuple):
+    """frames (N, 1, pixels), rows end to end, clipped from level `clip` on; lut: linear level of a raw one,
+    slope (empty: 1) its slope, scale: that at mid level, squared; variance = read2 + gain level, of codes:
+    of_code; dark: level that counts as such; floor: of sigma."""
+
+    frames: Array
+    lut: Array | None
+    slope: Array
+    scale: np.float32
+    clip: float
+    read2: np.float32
+    gain: np.float32
+    of_code: tuple[np.float32, np.float32]
+    dark: np.float32
+    floor: np.float32
+
+
+class CodeRecord(NamedTuple):
+    """Bits, see code_kernels.code_tile; pitch, origin: place of a cell; most: cells of the surface."""
+
+    source: int
+    white: int
+    black: int
+    plain: Array
+    inverse: Array
+    gray: bool
+    cells: Array
+    loose: np.float32
+    beyond: np.float32
+    pitch: np.float32
+    origin: np.float32
+    most: np.int32
+
+
+class FringeRecord(NamedTuple):
+    """Periods, see arrays.FringeArrays (samples: count, frame: index; own: 0, 1, ...) and display_kernels
+    (shown); searched: no period spans the surface; reach: distance from the code's cell; disagreement: limit
+    of the periods' chi squared."""
+
+    samples: Array
+    frame: Array
+    own: Array
+    solve: Array
+    model: Array
+    quad: Array
+    even: Array
+    quarters: Array
+    periods: Array
+    misfit: Array
+    searched: bool
+    reach: np.float32
+    disagreement: np.float32
+    shown: Any
+
+
+class AxisRecord(NamedTuple):
+    """One axis of `extent` pattern pixels: what was shown (alone: the code, if there are no fringes); maps
+    (H, W), also (1, pixels); joined: the shared ones hold the other axis; least: distance of an outlier."""
+
+    code: CodeRecord | None
+    alone: CodeRecord | None
+    fringes: FringeRecord | None
+    extent: float
+    least: np.float32
+    joined: bool
+    coord: Array
+    sigma: Array
+    flat_coord: Array
+    flat_sigma: Array
+
+
+class Shared(NamedTuple):
+    """Maps of both axes, (H, W) and (1, pixels)."""
+
+    flags: Array
+    amplitude: Array
+    offset: Array
+    flat_flags: Array
+    flat_amplitude: Array
+    flat_offset: Array
+    flat_error: Array
+
+
+class Near(NamedTuple):
+    """What neighbours are asked, see neighbour_kernels.near_rows."""
+
+    shown: tuple[bool, bool]
+    steep: tuple[np.float32 | None, np.float32 | None]
+    read2: np.float32
+    gain: np.float32
+    extents: tuple[float, float]
+    nearest: tuple[float, float]
+    u: Array
+    v: Array
+    sigma_u: Array
+    sigma_v: Array
+
+
+class Scratch(NamedTuple):
+    """Room of one thread: lines of a tile in float32, int32 and uint8, of linear levels, of a whole row."""
+
+    lines: Array
+    words: Array
+    marks: Array
+    linear: Array
+    equations: Array
+    across: Array
+    wide: Array
+
+
+def scratch(width: int, periods: int = 0, samples: int = 0) -> Scratch:
+    """For images `width` pixels wide; samples: of a period, if they are made linear."""
+    lines = LINES + OF_PERIOD * periods
+    padded = -(-width // _VECTOR) * _VECTOR
+    room = np.empty(4 * TILE * (lines + 3 + samples) + 10 * padded + _VECTOR, np.uint8)
+    start = -room.ctypes.data % _VECTOR
+    taken = []
+    for count, length, kind in (
+        *((lines, TILE, np.float32), (2, TILE, np.int32), (2, TILE, np.uint8)),
+        *((samples, TILE, np.float32), (2, padded, np.float32), (1, padded, np.uint16)),
+    ):
+        size = count * length * np.dtype(kind).itemsize
+        taken.append(room[start : start + size].view(kind).reshape(count, length))
+        start += size
+    line, word, mark, linear, across, wide = taken
+    return Scratch(line, word, mark, linear[:, None], np.empty((3, 4)), across[:, :width], wide[0, :width])

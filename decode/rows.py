@@ -1,0 +1,239 @@
+"""Work on a block of rows: what block_kernels is told of a job, and the calls."""
+
+from collections.abc import Callable
+from threading import local
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.memory import roomy_empty
+from optolever.patterns import Sequence
+
+from .arrays import axis_arrays, chi_squared_limit
+from .block_kernels import block_rows
+from .code_kernels import FROM_EXTREMES, FROM_PAIRS, FROM_WHITE_BLACK
+from .display import NO_TABLES, Tables
+from .job import Job
+from .neighbour_kernels import near_rows
+from .plan import AxisPlan, Code, Plan
+from .records import AxisRecord, Camera, CodeRecord, FringeRecord, Near, Scratch, Shared, scratch
+from .references import beyond_references
+
+__all__ = ["LOOSE", "Maps", "axes_step", "near_of", "near_step"]
+
+Map = NDArray[Any]
+Step = Callable[[int, int], None]
+F32 = np.float32
+#: Systematic error of a code's margin that is always reckoned with, in units of half the contrast.
+LOOSE = 0.02
+#: Share of the clip level below which a pixel without contrast counts as dark.
+_DARK = 0.02
+#: Of a code alone: footprint beyond which a cell is none, cells; those at the border that blur leaves right.
+_STEEP_CELLS, _SURE_CELLS = 3.0, 1.5
+#: That footprint for XOR-Gray, whose bits all have their edges at the same places.
+_STEEP_XOR = 2.0
+
+
+class Maps:
+    """What a decode writes: coord and sigma (H, W) of each axis, NaN and inf if it was not shown, and what
+    both share; what was shown is written whole later on."""
+
+    def __init__(self, shape: tuple[int, int], shown: set[str]) -> None:
+        self.coord: dict[str, Map] = {}
+        self.sigma: dict[str, Map] = {}
+        for name in "uv":
+            there = name in shown
+            self.coord[name] = roomy_empty(shape, np.float64) if there else np.full(shape, np.nan)
+            self.sigma[name] = roomy_empty(shape, F32) if there else np.full(shape, np.inf, F32)
+        self.flags = roomy_empty(shape, np.uint16)
+        self.amplitude, self.offset, self.order_error = (roomy_empty(shape, F32) for _ in range(3))
+
+    @property
+    def common(self) -> tuple[Map, Map, Map, Map]:
+        """The shared ones."""
+        return self.flags, self.amplitude, self.offset, self.order_error
+
+    def of(self, name: str) -> tuple[Map, Map]:
+        """Coordinate and sigma of an axis."""
+        return self.coord[name], self.sigma[name]
+
+    @property
+    def shared(self) -> Shared:
+        """The shared ones as the kernels take them."""
+        return Shared(self.flags, self.amplitude, self.offset, *map(_flat, self.common))
+
+
+def _flat(chart: Map) -> Map:
+    return chart.reshape(1, -1)
+
+
+def axes_step(
+    job: Job,
+    sequence: Sequence,
+    wanted: Plan,
+    axes: tuple[AxisPlan, ...],
+    tables: dict[str, Tables],
+    maps: Maps,
+    *,
+    near: Near,
+    compare: bool = False,
+    joined: bool = False,
+) -> Step:
+    """The work for one axis or both of bits and fringes; joined: another one went before.
+
+    compare: neighbours within the block are compared, too, as `near` says.
+    """
+    count, height, width = job.frames.shape
+    camera = _camera(job, job.frames.reshape(count, 1, height * width))
+    one, *others = (
+        _axis_record(job, sequence, wanted, axis, tables.get(axis.axis, NO_TABLES), maps, joined or i > 0)
+        for i, axis in enumerate(axes)
+    )
+    two, shared = others[0] if others else None, maps.shared
+    fringes = [axis.fringes.frame.shape for axis in (one, *others) if axis.fringes]
+    periods = max((shape[0] for shape in fringes), default=0)
+    samples = max((shape[1] for shape in fringes), default=0) if len(job.lut) else 0
+    room = _rooms(width, periods, samples)
+
+    def step(start: int, stop: int) -> None:
+        block_rows(start, stop, near, compare, camera, one, two, shared, room())
+
+    return step
+
+
+def _rooms(width: int, periods: int = 0, samples: int = 0) -> Callable[[], Scratch]:
+    """Scratch of the thread that asks."""
+    own = local()
+
+    def room() -> Scratch:
+        if not hasattr(own, "room"):
+            own.room = scratch(width, periods, samples)
+        return cast(Scratch, own.room)
+
+    return room
+
+
+def near_step(near: Near, maps: Maps) -> Step:
+    """The comparison with neighbours alone, once all around is decoded."""
+    shared, room = maps.shared, _rooms(maps.flags.shape[1])
+
+    def step(start: int, stop: int) -> None:
+        near_rows(start, stop, near, shared, room())
+
+    return step
+
+
+def near_of(job: Job, wanted: Plan, blurs: dict[str, float | None], maps: Maps) -> Near:
+    """What is asked of neighbours; blurs: of the axes on whose display fringes were shown."""
+    shown = {axis.axis: axis for axis in wanted.axes}
+    codes = {name: axis.code for name, axis in shown.items() if axis.code and not axis.fringes}
+    most = {
+        name: F32(code.cell * (_STEEP_XOR if code.kind == "xor-gray" else _STEEP_CELLS))
+        for name, code in codes.items()
+    }
+    noise = job.raw_noise if codes else job.noise
+    # of other codes the blur is known, and with it what the border does
+    dim = {name for name in shown if name in codes or blurs.get(name, 0.0) is None}
+    extents = tuple(float(shown[name].extent) if name in dim else np.inf for name in "uv")
+    # cells at the border are read right as long as blur is no wider than they are
+    nearest = tuple(_SURE_CELLS * codes[name].cell if name in codes else -np.inf for name in "uv")
+    return Near(
+        shown=("u" in shown, "v" in shown),
+        steep=(most.get("u"), most.get("v")),
+        read2=F32(noise.read2),
+        gain=F32(noise.gain),
+        extents=(extents[0], extents[1]),
+        nearest=(nearest[0], nearest[1]),
+        u=maps.coord["u"],
+        v=maps.coord["v"],
+        sigma_u=maps.sigma["u"],
+        sigma_v=maps.sigma["v"],
+    )
+
+
+def _camera(job: Job, frames: Map) -> Camera:
+    return Camera(
+        frames=frames,
+        lut=job.lut if len(job.lut) else None,
+        slope=job.slope,
+        scale=F32(float(job.slope[128]) ** 2 if len(job.slope) else 1.0),
+        clip=float(job.clip),
+        read2=F32(job.noise.read2),
+        gain=F32(job.noise.gain),
+        of_code=(F32(job.raw_noise.read2), F32(job.raw_noise.gain)),
+        dark=F32(_DARK * job.clip if job.clip < np.inf else 0.0),
+        floor=F32(job.floor),
+    )
+
+
+def _axis_record(
+    job: Job, sequence: Sequence, wanted: Plan, axis: AxisPlan, tables: Tables, maps: Maps, joined: bool
+) -> AxisRecord:
+    """All that concerns one axis."""
+    code = _code_record(job, wanted, axis, axis.code) if axis.code else None
+    least = 0.4 * axis.fringes[-1].period if axis.fringes else 8 * axis.code.cell if axis.code else np.inf
+    coord, sigma = maps.of(axis.axis)
+    return AxisRecord(
+        code=code,
+        alone=None if axis.fringes else code,
+        fringes=_fringe_record(sequence, axis, tables) if axis.fringes else None,
+        extent=float(axis.extent),
+        least=F32(least),
+        joined=joined,
+        coord=coord,
+        sigma=sigma,
+        flat_coord=_flat(coord),
+        flat_sigma=_flat(sigma),
+    )
+
+
+def _code_record(job: Job, wanted: Plan, axis: AxisPlan, code: Code) -> CodeRecord:
+    return CodeRecord(
+        source=_source(wanted, code),
+        white=wanted.white,
+        black=wanted.black,
+        plain=code.plain,
+        inverse=code.inverse,
+        gray=code.kind == "gray",
+        cells=code.cells,
+        loose=F32(LOOSE),
+        beyond=F32(beyond_references(job.frames, wanted, code)),
+        pitch=F32(code.cell),
+        origin=F32(0.5 * (code.cell - 1) + code.origin),
+        most=np.int32(np.ceil((axis.extent - code.origin) / code.cell)),
+    )
+
+
+def _source(wanted: Plan, code: Code) -> int:
+    if wanted.white >= 0 and wanted.black >= 0:
+        return FROM_WHITE_BLACK
+    return FROM_PAIRS if ((code.plain >= 0) & (code.inverse >= 0)).any() else FROM_EXTREMES
+
+
+def _fringe_record(sequence: Sequence, axis: AxisPlan, tables: Tables) -> FringeRecord:
+    arrays = axis_arrays(sequence, axis.axis)
+    return FringeRecord(
+        samples=arrays.count,
+        frame=arrays.index,
+        own=np.arange(arrays.index.shape[1]),
+        solve=arrays.solve,
+        model=arrays.model,
+        quad=arrays.quad,
+        even=arrays.even,
+        quarters=arrays.quarters,
+        periods=arrays.periods,
+        misfit=arrays.misfit.astype(F32),
+        searched=axis.code is None and axis.fringes[0].period < axis.extent,
+        reach=F32(_reach(axis)),
+        disagreement=F32(chi_squared_limit(len(axis.fringes) - 1)),
+        shown=tables.kernel,
+    )
+
+
+def _reach(axis: AxisPlan) -> float:
+    """How far a coordinate may lie from the centre of the code's cell."""
+    if axis.code is None:
+        return float("inf")
+    period = axis.fringes[0].period
+    return min(axis.code.cell / 2 + period / 8, period * 15 / 32)

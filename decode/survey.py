@@ -1,0 +1,85 @@
+"""Some rows, decoded before the rest: how large a pixel's footprint is, whether neighbours are such."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.patterns import Sequence
+
+from .job import Job
+from .plan import AxisPlan, Plan
+from .rows import Maps, axes_step, near_of
+
+__all__ = ["Survey", "is_continuous", "survey"]
+
+Map = NDArray[Any]
+#: Rows at most, distance of the rows between which the gradient is taken.
+_ROWS, _APART = 16, 2
+#: Differences that the footprint's median is taken of, about.
+_FOOTPRINTS = 8192
+#: Second differences that are looked at in a row.
+_BENDS = 64
+#: Median second difference of a map whose neighbours tell nothing of each other, pattern pixels.
+_BENT = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """Frames (N, 2 R, W) and maps of R rows and, behind them, of those `apart` rows below."""
+
+    frames: Map
+    maps: Maps
+    apart: int
+
+    def lines(self, name: str) -> Map:
+        """Coordinates (R, W)."""
+        return self.maps.coord[name][: len(self.maps.flags) // 2]
+
+    @property
+    def flags(self) -> Map:
+        """Flags (R, W)."""
+        return self.maps.flags[: len(self.maps.flags) // 2]
+
+    def down(self, name: str, cols: Any = slice(None)) -> Map:
+        """Change of the coordinates from one row to the next at some columns."""
+        coord = self.maps.coord[name]
+        half = len(coord) // 2
+        return np.asarray((coord[half:, cols] - coord[:half, cols]) / max(self.apart, 1))
+
+    def footprint(self, name: str) -> float:
+        """Median extent of a camera pixel in pattern cells, along both sides; at most 8."""
+        lines = self.lines(name)
+        step = max(1, lines.size // _FOOTPRINTS)
+        total = 0.0
+        for change in (lines[:, 1::step] - lines[:, :-1:step], self.down(name, slice(None, None, step))):
+            size = np.abs(change)
+            sure = size[size < np.inf]
+            total += float(np.partition(sure, len(sure) // 2)[len(sure) // 2]) if len(sure) else 0.0
+        return min(total, 8.0)
+
+    def is_continuous(self, name: str) -> bool:
+        """Whether neighbours look at neighbouring places, so that they tell something of each other."""
+        return is_continuous(self.lines(name), self.maps.sigma[name][: len(self.flags)])
+
+
+def survey(job: Job, sequence: Sequence, wanted: Plan, axes: tuple[AxisPlan, ...], *, few: bool) -> Survey:
+    """Decode some rows of bits and fringes; few: half of them."""
+    height, width = job.frames.shape[1:]
+    apart = min(_APART, height - 1)
+    count = _ROWS // 2 if few else _ROWS
+    rows = np.unique(np.linspace(0, height - 1 - apart, count).astype(np.int64))
+    both = np.concatenate([rows, rows + apart])
+    frames = np.take(job.frames, both, axis=1)
+    maps = Maps((len(both), width), {axis.axis for axis in axes})
+    few_rows, near = replace(job, frames=frames), near_of(job, wanted, {}, maps)
+    axes_step(few_rows, sequence, wanted, axes, {}, maps, near=near)(0, len(both))
+    return Survey(frames, maps, apart)
+
+
+def is_continuous(lines: Map, sigma: Map) -> bool:
+    """Survey.is_continuous of coordinates (R, W) and their sigmas."""
+    at = np.arange(0, lines.shape[1] - 2, max(1, lines.shape[1] // _BENDS))
+    bend = np.abs(lines[:, at] - 2 * lines[:, at + 1] + lines[:, at + 2])
+    return bool(bend.size and np.median(bend) < max(_BENT, 5 * np.median(sigma[:, at])))
