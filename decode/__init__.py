@@ -9,6 +9,7 @@
 | `job`                      | frames, checked; the camera's response, clip level and noise                 |
 | `exposures`                | codes under several exposures: each decoded, the best answer per pixel       |
 | `plan`, `arrays`           | what has to be computed, sorted by the frames' descriptions; as plain arrays |
+| `sample`                   | some pixels from all over the frames, fetched once                           |
 | `noise`                    | noise of the camera from what the frames cannot explain                      |
 | `response`                 | `Response` of display and camera, inverted before fringes are fitted         |
 | `harmonics`                | error that a response leaves: harmonics of the fringes, aliased              |

@@ -199,17 +199,17 @@ def merge_rows(
 
 
 @leaf_kernel
-def outlier_rows(start: int, stop: int, least: Any, coord: Array, flags: Array, room: Array) -> None:
-    """Flag a pixel that leaves a line on which its two neighbours on either side agree; room (2, W).
+def outlier_rows(start: int, stop: int, least: Any, coord: Array, flags: Array, line: Array) -> None:
+    """Flag a pixel that leaves a line on which its two neighbours on either side agree; line: room for (W,).
 
     Folds and edges pass: there the neighbours do not agree with each other.
     """
     for row in range(start, stop):
-        _outliers(row, least, coord, flags, room[0], room[1])
+        _outliers(row, least, coord, flags, line)
 
 
 @apart_kernel
-def _outliers(row: int, limit: Any, coord: Array, flags: Array, line: Array, excess: Array) -> None:
+def _outliers(row: int, limit: Any, coord: Array, flags: Array, line: Array) -> None:
     width = coord.shape[1]
     here, why = coord[row], flags[row]
     for x in range(width):

@@ -77,7 +77,7 @@ def inline_kernel(function: Kernel) -> Kernel:
     return cast(Kernel, njit(cache=True, nogil=True, error_model="numpy", inline="always")(function))
 
 
-ask: Any = fetch
+ask: Any = fetch  # which numba calls with one argument less than its declaration has
 
 
 @leaf_kernel

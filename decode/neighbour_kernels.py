@@ -47,7 +47,7 @@ def near_rows(start: int, stop: int, near: Near, shared: Shared, scratch: Scratc
         _axis_rows(start, stop, near.steep[0], near.u, near.sigma_u, shared.flags, scratch.wide)
     if near.shown[1]:
         _axis_rows(start, stop, near.steep[1], near.v, near.sigma_v, shared.flags, scratch.wide)
-    _mixed_rows(start, stop, near, shared, scratch.across[0])
+    _mixed_rows(start, stop, near, shared, scratch.across)
 
 
 @leaf_kernel

@@ -145,15 +145,15 @@ def scratch(width: int, periods: int = 0, samples: int = 0) -> Scratch:
     """For images `width` pixels wide; samples: of a period, if they are made linear."""
     lines = LINES + OF_PERIOD * periods
     padded = -(-width // _VECTOR) * _VECTOR
-    room = np.empty(4 * TILE * (lines + 3 + samples) + 10 * padded + _VECTOR, np.uint8)
+    room = np.empty(4 * TILE * (lines + 3 + samples) + 6 * padded + _VECTOR, np.uint8)
     start = -room.ctypes.data % _VECTOR
     taken = []
     for count, length, kind in (
         *((lines, TILE, np.float32), (2, TILE, np.int32), (2, TILE, np.uint8)),
-        *((samples, TILE, np.float32), (2, padded, np.float32), (1, padded, np.uint16)),
+        *((samples, TILE, np.float32), (1, padded, np.float32), (1, padded, np.uint16)),
     ):
         size = count * length * np.dtype(kind).itemsize
         taken.append(room[start : start + size].view(kind).reshape(count, length))
         start += size
     line, word, mark, linear, across, wide = taken
-    return Scratch(line, word, mark, linear[:, None], np.empty((3, 4)), across[:, :width], wide[0, :width])
+    return Scratch(line, word, mark, linear[:, None], np.empty((3, 4)), across[0, :width], wide[0, :width])

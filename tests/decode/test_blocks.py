@@ -1,0 +1,39 @@
+"""What is decoded does not depend on how it is cut: rows into blocks, blocks among threads."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever.blocks import THREADS_VARIABLE
+from optolever.decode import Correspondence, decode
+from optolever.patterns import sequence
+
+F64 = NDArray[np.float64]
+Shoot = Callable[..., NDArray[Any]]
+FIELDS = ("u", "v", "sigma_u", "sigma_v", "flags", "amplitude", "offset", "order_error")
+
+
+@pytest.mark.parametrize("name", ["phase", "gray", "gray+phase"])
+@pytest.mark.parametrize("rows", [7, 16, 200])
+def test_blocks_change_nothing(
+    name: str, rows: int, shoot: Shoot, smooth: tuple[F64, F64], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A hole, a bright spot and the border are in view, so that neighbours tell of them across blocks."""
+    shown = sequence(name, 120, 135)
+    row, col = np.mgrid[:120, :140]
+    light = np.where((row - 60) ** 2 + (col - 50) ** 2 < 90, 1.0, 90.0)
+    light[np.hypot(row - 30, col - 100) < 6] = 150.0
+    frames = shoot(shown, *smooth, noise=1.5, offset=light + 10, amplitude=light)
+
+    def run(block: int, threads: int) -> Correspondence:
+        monkeypatch.setattr("optolever.decode.decoder._BLOCK", block)
+        monkeypatch.setenv(THREADS_VARIABLE, str(threads))
+        return decode(frames, shown)
+
+    one, other = run(120, 1), run(rows, 3)
+    assert 0.5 < one.good.mean() < 0.99
+    for field in FIELDS:
+        assert np.array_equal(getattr(one, field), getattr(other, field), equal_nan=True), field
