@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.blocks import over_rows
 from optolever.patterns import Sequence
 
 from .job import Job
@@ -15,8 +16,8 @@ from .rows import Maps, axes_step, near_of
 __all__ = ["Survey", "is_continuous", "survey"]
 
 Map = NDArray[Any]
-#: Rows at most, distance of the rows between which the gradient is taken.
-_ROWS, _APART = 16, 2
+#: Rows at most, distance of the rows between which the gradient is taken, rows of a block.
+_ROWS, _APART, _BLOCK = 16, 2, 8
 #: Differences that the footprint's median is taken of, about.
 _FOOTPRINTS = 8192
 #: Second differences that are looked at in a row.
@@ -74,7 +75,7 @@ def survey(job: Job, sequence: Sequence, wanted: Plan, axes: tuple[AxisPlan, ...
     frames = np.take(job.frames, both, axis=1)
     maps = Maps((len(both), width), {axis.axis for axis in axes})
     few_rows, near = replace(job, frames=frames), near_of(job, wanted, {}, maps)
-    axes_step(few_rows, sequence, wanted, axes, {}, maps, near=near)(0, len(both))
+    over_rows(axes_step(few_rows, sequence, wanted, axes, {}, maps, near=near), len(both), _BLOCK)
     return Survey(frames, maps, apart)
 
 
