@@ -9,7 +9,7 @@ from .code_kernels import code_tile
 from .display_kernels import take_off_tile
 from .fit_kernels import fit_tile
 from .flag_kernels import code_flags, common_tile, flag_finest, flag_fit, outlier_rows
-from .jit import apart_kernel, fast_kernel, fetch_line, inline_kernel, leaf_kernel
+from .jit import apart_kernel, fast_kernel, inline_kernel, leaf_kernel
 from .records import LINES, TILE, AxisRecord, Camera, CodeRecord, FringeRecord, Scratch, Shared
 from .refit_kernels import refit
 from .unwrap_kernels import search_tile, sequential_tile
@@ -89,8 +89,6 @@ def _fit(first: int, n: int, camera: Camera, fringes: FringeRecord, scratch: Scr
     sums, turns, variance, misfit = _of_periods(groups, scratch.lines)
     for g in range(groups):
         count, index, model = fringes.samples[g], fringes.frame[g], fringes.model[g]
-        for k in range(count):
-            fetch_line(camera.frames, index[k], first + n, n)
         again = fit_tile(
             *(n, camera.frames, camera.lut, index, first, np.float32(camera.clip)),
             (fringes.solve[g], model, fringes.quad[g], count, fringes.even[g], fringes.quarters[g]),

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import apart_kernel, fast_kernel, fetch_line, inline_kernel, leaf_kernel
+from .jit import apart_kernel, fast_kernel, inline_kernel, leaf_kernel
 
 __all__ = ["FROM_EXTREMES", "FROM_PAIRS", "FROM_WHITE_BLACK", "code_tile"]
 
@@ -71,9 +71,6 @@ def code_tile(
     pairs, bit = 0, 0
     while bit < len(plain):
         many = _paired(plain, inverse, bit)
-        for at in range(bit, bit + max(many, 1)):
-            fetch_line(frames, plain[at], first + n, n)
-            fetch_line(frames, inverse[at], first + n, n)
         if many > 0:
             # the last bit of a Gray code leads to the next cell, and no further
             summed = bit > 0 or not gray

@@ -8,16 +8,9 @@ from typing import Any, cast
 
 from numba import njit
 
-from optolever.compiling import LINE, Apart, fetch
+from optolever.compiling import Apart
 
-__all__ = [
-    "apart_kernel",
-    "fast_kernel",
-    "fetch_line",
-    "inline_kernel",
-    "kernel",
-    "leaf_kernel",
-]
+__all__ = ["apart_kernel", "fast_kernel", "inline_kernel", "kernel", "leaf_kernel"]
 
 Kernel = Callable[..., Any]
 #: Reorderings that let loops become vector instructions; NaN and infinity keep their meaning.
@@ -75,13 +68,3 @@ def apart_kernel(function: Kernel) -> Kernel:
 def inline_kernel(function: Kernel) -> Kernel:
     """Pasted into its caller, so that the caller's loop can become vector instructions."""
     return cast(Kernel, njit(cache=True, nogil=True, error_model="numpy", inline="always")(function))
-
-
-ask: Any = fetch  # which numba calls with one argument less than its declaration has
-
-
-@leaf_kernel
-def fetch_line(frames: Any, at: int, first: int, n: int) -> None:
-    """Ask for pixels first..first + n of a frame of frames (N, 1, pixels), which the next tile will need."""
-    for x in range(first, first + n, LINE // frames.itemsize):
-        ask(frames, at, x)
