@@ -1,9 +1,12 @@
 """`optolever adapt`: frames chosen one after the other, until the height is good enough."""
 
+from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
+from .bench import interrupted
 from .options import (
     json_option,
     load_scene,
@@ -15,6 +18,9 @@ from .options import (
     writable,
 )
 from .show import grid, number, progress, table, write_json
+
+if TYPE_CHECKING:
+    from optolever.experiments.design import AdaptiveRow, AdaptiveStudy
 
 __all__ = ["command"]
 
@@ -80,10 +86,20 @@ def command(
     sequence of fewest frames that meets the same goal on all dents.
     """
     writable(json_path)
-    from optolever.experiments.design import Goal, run_adaptive, study_dents
+    from optolever.experiments.design import AdaptiveRow, Goal, run_adaptive, study_dents
 
     scene = load_scene(scene_name, size)
-    with progress() as step:
+    rows: list[AdaptiveRow] = []
+    study = None
+    table(f"Adaptive sensing: {scene.name}, {number(100 * share)} % within {goal:g} mm", {})
+    with interrupted() as stopped, progress() as step:
+
+        def told(row: AdaptiveRow) -> None:
+            rows.append(row)
+            with step.aside():
+                table(row.dent, _told(row))
+            write_json(json_path, {"rows": [asdict(row) for row in rows]})
+
         study = run_adaptive(
             scene,
             dents or study_dents(scene),
@@ -93,30 +109,54 @@ def command(
             compare=compare,
             renderer=renderer,
             progress=step,
+            told=told,
         )
+    if study is None or stopped.hit:
+        raise KeyboardInterrupt
     write_json(json_path, study.to_dict())
-    rows = [
-        [
-            row.dent,
-            number(row.frames),
-            number(100 * row.within, "%"),
-            number(100 * row.fixed_within, "%"),
-            row.why or "; ".join(f"{at.frames}: {number(100 * at.within, '%')}" for at in row.steps),
-        ]
-        for row in study.rows
-    ]
-    header = ("dent", "frames", "within", "fixed within", "estimated after so many frames (first run)")
-    grid(f"Adaptive sensing: {scene.name}, {number(100 * share)} % within {goal:g} mm", header, rows)
-    if not compare:
-        return
+    if study.fixed is not None:
+        _compared(study)
+
+
+def _told(row: "AdaptiveRow") -> dict[str, str]:
+    steps = "; ".join(f"{at.frames}: {number(100 * at.within, '%')}" for at in row.steps)
+    return {
+        "frames": number(row.frames),
+        "within": number(100 * row.within, "%"),
+        "estimated": f"after so many frames {steps} (first run)",
+        **({"not met": row.why} if row.why else {}),
+        "time": number(row.seconds, "s"),
+    }
+
+
+def _compared(study: "AdaptiveStudy") -> None:
+    """Table of both, and the fixed sequence."""
     fixed = study.fixed
+    assert fixed is not None
+    best = fixed.best
+    frames = "-" if best is None else str(len(best.sequence))
+    grid(
+        "Beside the fixed sequence of fewest frames",
+        ("dent", "adaptive", "within", "fixed", "within"),
+        [
+            [
+                row.dent,
+                number(row.frames),
+                number(100 * row.within, "%"),
+                frames,
+                number(100 * row.fixed_within, "%"),
+            ]
+            for row in study.rows
+        ],
+    )
+    looked = f"{fixed.offered} sequences, {fixed.simulated} of them simulated"
+    times = ", ".join(f"{name} {number(value)}" for name, value in study.seconds.items())
     table(
-        "Best fixed sequence for all of them",
-        {"sequence": f"none within {frames} frames"}
-        if fixed is None
-        else {
-            "sequence": fixed.text,
-            "frames": str(len(fixed.sequence)),
+        "In all",
+        {
+            "fixed sequence": "none within the frames" if best is None else best.text,
+            "looked at": looked,
             "adaptive takes fewer": f"on {study.fewer} of {len(study.rows)} dents",
+            "time": f"{times} s",
         },
     )

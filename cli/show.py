@@ -118,6 +118,18 @@ class Step:
     def __call__(self, text: str, done: int | None = None, total: int | None = None) -> None:
         self._bar.update(self._task, description=text, completed=done or 0, total=total)
 
+    @contextmanager
+    def aside(self) -> Iterator[None]:
+        """The bar out of the way, so that something can be printed."""
+        if self._bar.disable:
+            yield
+            return
+        self._bar.stop()
+        try:
+            yield
+        finally:
+            self._bar.start()
+
 
 @contextmanager
 def progress() -> Iterator[Step]:

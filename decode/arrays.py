@@ -71,7 +71,7 @@ def fringe_arrays(fringes: tuple[Fringe, ...], axis: str) -> FringeArrays:
         index[g, :n], solve[g, :3, :n], model[g, :n, 1:] = fringe.index, inverse, design
         quarters[g] = n == 4 and np.allclose(design, _QUARTERS, atol=1e-6)
         if n == 4:
-            solve[g, 3] = fringe.contrasts()[0]
+            solve[g, 3, :n] = fringe.contrasts()[0]
         # frames that only fill up are the first one again, with weight 0
         index[g, n:], model[g, :n, 0] = fringe.index[0], 1
         pairs = np.stack([inverse[1] ** 2, inverse[1] * inverse[2], inverse[2] ** 2], axis=1)

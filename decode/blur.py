@@ -20,6 +20,9 @@ _COLUMNS, _LEAST_ROWS, _FEWEST = 144, 3, 64
 #: Systematic error of a contrast's ratio that is always reckoned with; a square blur below so many times what
 #: it makes is not told.
 _UNSURE, _TOLD = 0.003, 3.0
+#: Variation of the contrast over the image (its quartiles) above which it tells nothing, and what cells alone
+#: make of it: quartiles of a sine lie so many amplitudes apart.
+_VARIES, _QUARTILES = 0.1, 1.5
 #: Share of the surface at either end where its border takes light from fringes of different periods.
 _MARGIN = 0.1
 _SPOILT = int(Flag.SATURATED | Flag.DARK | Flag.LOW_CONTRAST | Flag.MOVED | Flag.INVALID)
@@ -40,7 +43,7 @@ def measured_blur(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan) -> float
     Contrast against white - black, or against the coarsest fringe = sinc(1/P) of the cells, sinc(w/P) of each
     side of a camera pixel's footprint (the local gradient of coord), exp(-2 (pi b / P)^2) of the blur, over
     the same of the coarsest fringe. A contrast higher than blur allows (nonlinear display or camera) tells
-    nothing; nor does one that varies over the image by a tenth, nor fringes too alike.
+    nothing; nor does one that varies over the image by a tenth more than over a cell, nor fringes too alike.
     """
     whole = _referenced(wanted)
     coord = seen.lines(axis.axis)
@@ -63,7 +66,8 @@ def measured_blur(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan) -> float
     if np.count_nonzero(use) < _FEWEST:
         return None
     left = (_amplitude(fine, levels) / _unblurred(fine.period, down, along))[use] / coarse[use]
-    square = _square_blur(left, 2 * np.pi**2 * (fine.period**-2 - least**2), whole)
+    widths = [float(np.median(width[use])) for width in (down, along)]
+    square = _square_blur(left, 2 * np.pi**2 * (fine.period**-2 - least**2), whole, fine.period, widths)
     return None if square is None else float(np.sqrt(square))
 
 
@@ -91,12 +95,23 @@ def _unblurred(period: float, down: F64, along: F64) -> F64:
     return np.asarray(np.sinc(1 / period) * np.sinc(down / period) * np.sinc(along / period))
 
 
-def _square_blur(left: F64, lever: float, whole: bool) -> float | None:
+def _square_blur(left: F64, lever: float, whole: bool, period: float, widths: list[float]) -> float | None:
     """Squared blur from what it left of the contrast, exp(-lever blur^2)."""
     low, high = quantile(left, 0.25), quantile(left, 0.75)
     # mean, not median: where the display is sharp, contrast varies with the place in the cell
     mean = float(left[np.abs(left - 0.5 * (low + high)) <= 3 * (high - low) + 1e-3].mean())
-    if not 0 < mean < 1.02 or high - low > 0.1:
+    if not 0 < mean < 1.02:
         return None
     square = max(-np.log(min(mean, 1.0)) / lever, 0.0)
+    if high - low > _VARIES + _QUARTILES * mean * _cell_swing(period, widths, square):
+        return None
     return square if whole or square * lever > _TOLD * _UNSURE else None
+
+
+def _cell_swing(period: float, widths: list[float], square: float) -> float:
+    """Swing of a fringe's contrast over a cell, as a share of it: the nearest sideband (see cells)."""
+    f, side = 1 / period, 1 / period - 1
+    left = np.exp(-2 * np.pi**2 * square * (side**2 - f**2)) * f / side
+    for width in widths:
+        left *= np.sinc(side * width) / np.sinc(f * width)
+    return float(abs(left))

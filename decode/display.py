@@ -18,6 +18,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from optolever.patterns import Frame, Sequence
 
@@ -30,6 +31,8 @@ __all__ = ["NO_TABLES", "Tables", "display_shift", "display_tables"]
 Complex = NDArray[np.complex128]
 F64 = NDArray[np.float64]
 F32 = NDArray[np.float32]
+#: Least footprint and blur, in parts of a cell that are tabled.
+_LEAST = 0.3
 #: Share of the light beyond the border under which a place is not tabled.
 _LEAST_LIGHT = 0.2
 
@@ -127,8 +130,28 @@ def _fringe_shift(
     left = (np.abs(dark).reshape(-1, PER_CELL) / (127.5 * np.abs(change))).ravel()
     lit = left > _LEAST_LIGHT
     wanted = np.arange(-BEYOND * PER_CELL, (axis.extent + BEYOND) * PER_CELL) / PER_CELL
-    decoded = np.maximum.accumulate((at + shift)[lit])
-    return np.stack([np.interp(wanted, decoded, part[lit]) for part in (shift, border, 1 - left)])
+    at, *parts = (_denser(part[lit]) for part in (at, shift, border, 1 - left))
+    decoded = np.maximum.accumulate(at + parts[0])
+    shift, border, lost = (np.interp(wanted, decoded, part) for part in parts)
+    return np.stack([_for_lines(shift), border, lost])
+
+
+def _denser(values: F64) -> F64:
+    """Four times as many samples (4 n - 3,), by cubics through the nearest four: straight lines between eight
+    samples of a cell would lower its stairs by 8 %."""
+    padded = np.concatenate([2 * values[:1] - values[1:2], values, 2 * values[-1:] - values[-2:-1]])
+    t = np.arange(4)[:, None] / 4
+    first, last = -t * (t - 1) * (t - 2) / 6, t * (t**2 - 1) / 6
+    middle, next_one = (t**2 - 1) * (t - 2) / 2, -t * (t + 1) * (t - 2) / 2
+    quads = sliding_window_view(padded, 4).T
+    dense = first * quads[0] + middle * quads[1] + next_one * quads[2] + last * quads[3]
+    return np.append(dense.T.ravel(), values[-1])
+
+
+def _for_lines(values: F64) -> F64:
+    """Entries whose connecting lines are nearest to the curve through `values`, to its fourth derivative."""
+    bend = np.diff(values, 2)
+    return values - np.pad(bend, 1) / 12
 
 
 def _beyond(cosine: Complex, pad: int, light: F64) -> Complex:
@@ -154,13 +177,19 @@ def _table(frame: Frame, sequence: Sequence, axis: str) -> F64:
 
 
 def _cell_light(footprint: float, blur: float) -> F64:
-    """Weights, one per 1/PER_CELL cell: footprint's box and Gaussian blur; the cell is in `_seen`."""
+    """Light of each 1/PER_CELL of a cell: footprint's box and Gaussian blur; the whole cell is in `_seen`."""
     reach = int(np.ceil((footprint / 2 + 4 * blur) * PER_CELL)) + 1
     place = np.arange(-reach, reach + 1) / PER_CELL
     step = 1 / PER_CELL
-    gauss = np.exp(-0.5 * (place / max(blur, 0.3 * step)) ** 2)
-    box = np.clip((footprint + step) / 2 - np.abs(place), 0, step)
-    weights = np.convolve(gauss, box, mode="same")
+    width, spread = max(footprint, _LEAST * step), max(blur, _LEAST * step)
+
+    def twice(at: F64) -> F64:
+        """The Gaussian integrated twice."""
+        density = np.exp(-0.5 * (at / spread) ** 2) / np.sqrt(2 * np.pi)
+        return np.asarray(at * ndtr(at / spread) + spread * density)
+
+    far, near = (width + step) / 2, (width - step) / 2
+    weights = twice(place + far) - twice(place + near) - twice(place - near) + twice(place - far)
     return np.asarray(weights / weights.sum())
 
 

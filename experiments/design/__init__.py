@@ -7,17 +7,28 @@
 | `fringes.py`, `codes.py`, `free_codes.py` | closed forms: fringes, bits and cells, any pattern |
 | `exhaustive.py` | run_choices: the first choice against all candidates simulated |
 | `slopes.py`, `sensor_maps.py`, `sensor_sweep.py`, `sensor_report.py` | what a scene can measure |
-| `adaptive.py`, `on_demand.py`, `adaptive_study.py` | the next frames from the last; against fixed ones |
+| `adaptive.py`, `on_demand.py` | the next frames from the last |
+| `adaptive_study.py`, `fixed_search.py`, `outlook.py` | against the best fixed sequence; its prediction |
 | `border.py`, `response.py` | closed forms: the pattern's border, nonlinear devices |
 """
 
-from .adaptive import Adapted, Goal, Step, adapt, share_within
-from .adaptive_study import AdaptiveRow, AdaptiveStudy, best_fixed, run_adaptive, study_dents
+from .adaptive import Adapted, Goal, Start, Step, adapt, share_within, starting
+from .adaptive_study import (
+    AdaptiveRow,
+    AdaptiveStudy,
+    FixedSearch,
+    Place,
+    best_fixed,
+    run_adaptive,
+    study_dents,
+)
 from .candidates import Candidate, candidates, ladder
 from .exhaustive import CASES, Case, ChoiceRow, run_choices
+from .fixed_search import offers
 from .on_demand import OnDemand, VirtualOnDemand
+from .outlook import Outlook
 from .prediction import Prediction, predict
-from .ranking import Design, DesignRow, run_design, simulate
+from .ranking import Design, DesignRow, merit, run_design, simulate
 from .sensitivity import Lever
 from .sensor_maps import SensorMaps, sensor_maps
 from .sensor_report import COLUMNS, SensorStudy, sensor_html, sensor_rows, write_sensor_report
@@ -38,12 +49,16 @@ __all__ = [
     "ChoiceRow",
     "Design",
     "DesignRow",
+    "FixedSearch",
     "Goal",
     "Lever",
     "OnDemand",
+    "Outlook",
+    "Place",
     "Prediction",
     "SensorMaps",
     "SensorStudy",
+    "Start",
     "Step",
     "View",
     "VirtualOnDemand",
@@ -52,6 +67,8 @@ __all__ = [
     "candidates",
     "ladder",
     "lever_arm",
+    "merit",
+    "offers",
     "predict",
     "rest_of",
     "run_adaptive",
@@ -63,6 +80,7 @@ __all__ = [
     "share_within",
     "simulate",
     "slope_limits",
+    "starting",
     "study_dents",
     "sweep_sensor",
     "user_candidate",

@@ -20,19 +20,27 @@ from optolever.patterns import Frame, Sequence
 from optolever.reconstruct import HeightMap, reconstruct
 from optolever.scene import Scene, dent
 
-from .candidates import SPAN
+from .candidates import LEAST_STEPS, SPAN, pairs
+from .fixed_search import offers
 from .fringes import contrast
 from .on_demand import OnDemand
-from .prediction import Prediction, predict
-from .sensitivity import Lever, rms_where
+from .outlook import Outlook
+from .prediction import MOST_LOST, AxisPrediction, border_loss, predict_axis
+from .sensitivity import NEGLIGIBLE, Lever, rms_where
 from .view import Floats, View
 
-__all__ = ["Adapted", "Goal", "Step", "adapt", "share_within"]
+__all__ = ["Adapted", "Goal", "Start", "Step", "adapt", "share_within", "starting"]
 
 _UNSEEN = int(Flag.DARK | Flag.OFF_PATTERN | Flag.INVALID)
-FIRST_PERIODS = (4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0, 32.0)
+FIRST_PERIODS = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0, 32.0)
+#: Finer periods that are tried next, as shares of the finest shown.
+FINER = (0.6, 0.8)
+#: Pixels along the shorter side of the camera by which the next frames are weighed up.
+SIDE = 60
 #: Gain of the share per frame under which nothing more is to be had.
 LEAST_GAIN = 1e-5
+#: Noise that the first frames are weighed up for, over the camera's.
+SPARE = 1.5
 #: Probability of a wrong order that the first frames may have at rest.
 SAFE = 1e-4
 
@@ -68,33 +76,70 @@ class Adapted:
     why: str
 
 
-def share_within(sigma: Floats, measured: NDArray[np.bool_], seen: NDArray[np.bool_], goal: float) -> float:
-    """Expected share of the `seen` pixels that are measured and within the goal."""
+def share_within(
+    sigma: Floats,
+    measured: NDArray[np.bool_],
+    seen: NDArray[np.bool_],
+    goal: float,
+    bias: Floats | float = 0.0,
+) -> float:
+    """Expected share of the `seen` pixels that are measured and within the goal; bias: known errors."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        each = np.where(measured, erf(goal / (math.sqrt(2) * sigma)), 0.0)
+        above, below = ((goal + sign * bias) / (math.sqrt(2) * sigma) for sign in (1, -1))
+        each = np.where(measured, 0.5 * (erf(above) + erf(below)), 0.0)
     return float(np.nan_to_num(each)[seen].mean()) if seen.any() else 0.0
 
 
-def adapt(source: OnDemand, scene: Scene, goal: Goal, *, noise: float) -> Adapted:
-    """Measure until the goal is met where it can be met.
+@dataclass(frozen=True)
+class Start:
+    """What is known before a dent is measured: the scene at rest, noise (rms of the camera, 8-bit levels),
+    and the frames that are shown first."""
 
-    noise: rms of the camera, 8-bit levels, for what is shown first; later ones go by the decoder's sigma.
-    InputError if the goal is no positive height or the scene sees no pattern.
+    scene: Scene
+    lever: Lever
+    noise: float
+    frames: tuple[Frame, ...]
+
+
+def starting(scene: Scene, noise: float, goal: Goal) -> Start:
+    """The start of every adaptive measurement of a scene: the fewest frames that are predicted to meet the
+    goal on the mirror at rest, of those the ones that stand most noise (dents cost contrast); if none are,
+    two periods on each axis. InputError if the scene sees no pattern or the goal is none.
     """
     if not (goal.height > 0 and 0 < goal.share < 1):
         raise InputError(f"goal: {goal.height:g} mm at {goal.share:g} of the pixels, must be > 0 and in 0..1")
-    lever = Lever(scene, dent("flat", scene))
-    frames = _first(lever, noise)
+    rest = dent("flat", scene)
+    lever = Lever(scene, rest)
+    thin = Lever(scene, rest, stride=max(1, min(scene.camera.rows, scene.camera.cols) // SIDE))
+    outlook, worse = (
+        Outlook(thin, goal.height, spare * noise, lever.truth_of_sigma) for spare in (1.0, SPARE)
+    )
+    found = _first(lever, noise)
+    for offer in offers([outlook], goal.share, goal.frames):
+        shown = [candidate.sequence for _, candidate in offer.best if _fringes_only(candidate.sequence)]
+        if shown:
+            found = max(shown, key=worse.share).frames
+            break
+    return Start(scene, lever, noise, found)
+
+
+def _fringes_only(sequence: Sequence) -> bool:
+    return all(frame.kind == "phase" for frame in sequence.frames)
+
+
+def adapt(source: OnDemand, start: Start, goal: Goal) -> Adapted:
+    """Measure until the goal is met where it can be met."""
+    scene, frames = start.scene, start.frames
     images = source.show(frames)
     steps: list[Step] = []
     shown = f"start: {_words(frames)}"
     while True:
         sequence = Sequence(frames, scene.pattern.rows, scene.pattern.cols, "adaptive")
-        state = _State.of(images, sequence, scene, lever, goal)
+        state = _State.of(images, sequence, start, goal)
         steps.append(Step(shown, len(frames), state.within))
         if state.within >= goal.share:
             return Adapted(sequence, state.seen, state.height, steps, True, "")
-        following = _best(state, frames, goal, noise)
+        following = _best(state, frames, goal, start.noise)
         if following is None:
             why = "no further frame helps: the goal cannot be met on so many pixels"
             return Adapted(sequence, state.seen, state.height, steps, False, why)
@@ -106,28 +151,53 @@ def adapt(source: OnDemand, scene: Scene, goal: Goal, *, noise: float) -> Adapte
 
 @dataclass(frozen=True)
 class _State:
-    """What is known after some frames: correspondence, height, a view made of measurements, share within."""
+    """What is known after some frames: correspondence, height, share within; a thinned view made of
+    measurements, and there the height's sigma (NaN where there is none); gains: see Lever."""
 
     seen: Correspondence
     height: HeightMap
-    view: View
-    lever: Lever
     within: float
+    view: View
+    sigma: Floats
+    gains: tuple[float, float]
 
     @classmethod
-    def of(
-        cls, images: NDArray[np.uint8], sequence: Sequence, scene: Scene, lever: Lever, goal: Goal
-    ) -> "_State":
+    def of(cls, images: NDArray[np.uint8], sequence: Sequence, start: Start, goal: Goal) -> "_State":
+        scene, lever, noise = start.scene, start.lever, start.noise
         seen = decode(images, sequence)
         height = reconstruct(seen, scene)
-        sees = (np.asarray(seen.flags) & _UNSEEN) == 0
         view = _measured_view(seen, sequence, lever)
-        within = share_within(height.sigma, height.good, sees, goal.height)
-        return cls(seen, height, replace(view, light=np.where(sees, view.light, 0.0)), lever, within)
+        sees = (view.light > 0) & (np.maximum(border_loss(view, "u"), border_loss(view, "v")) < MOST_LOST)
+        bias = _systematic(seen, view, sequence, scene, height, noise)
+        sigma = height.sigma * lever.truth_of_sigma
+        within = share_within(sigma, height.good, sees, goal.height, bias)
+        step = max(1, min(sees.shape) // SIDE)
+        thin = (slice(step // 2, None, step),) * 2
+        sigma = np.where(height.good, sigma, np.nan)[thin]
+        return cls(
+            seen,
+            height,
+            within,
+            _thinned(replace(view, light=np.where(sees, view.light, 0.0)), step),
+            sigma,
+            lever.gains,
+        )
+
+
+def _systematic(
+    seen: Correspondence, view: View, sequence: Sequence, scene: Scene, height: HeightMap, noise: float
+) -> Floats:
+    """What the stairs of the cells and the like make of the height (mm), by closed forms; NaN without one."""
+    u, v = (predict_axis(view, sequence, noise, axis) for axis in "uv")
+    if max(rms_where(there.bias, seen.good) for there in (u, v)) < NEGLIGIBLE:
+        return np.zeros(height.z.shape)
+    moved = replace(seen, u=seen.u + u.bias, v=seen.v + v.bias)
+    return np.asarray(reconstruct(moved, scene, start=height).z - height.z)
 
 
 def _measured_view(seen: Correspondence, sequence: Sequence, lever: Lever) -> View:
-    """The full view with the light that was measured: amplitude over what optics leave of the finest fringe.
+    """The full view with the light that was measured, 0 where nothing is seen: amplitude over what optics
+    leave of the finest fringe.
 
     Places and footprints are those that were decoded where they stand, those at rest elsewhere.
     """
@@ -140,98 +210,110 @@ def _measured_view(seen: Correspondence, sequence: Sequence, lever: Lever) -> Vi
     nominal = 2 * base.levels(1.0).half / np.maximum(base.light, 1e-9)
     amplitude = np.asarray(seen.amplitude, np.float64)
     light = 2 * amplitude / np.maximum(left * nominal, 1e-9)
-    truth = replace(base.truth, u=u, v=v)
-    return replace(base, truth=truth, light=np.where(np.isfinite(light), light, 0.0))
+    sees = ((np.asarray(seen.flags) & _UNSEEN) == 0) & np.isfinite(light)
+    return replace(base, truth=replace(base.truth, u=u, v=v), light=np.where(sees, light, 0.0))
+
+
+def _thinned(view: View, step: int) -> View:
+    """Every step-th pixel of a view."""
+    thin = (slice(step // 2, None, step),) * 2
+    truth = replace(view.truth, u=view.truth.u[thin], v=view.truth.v[thin], visible=view.truth.visible[thin])
+    widths = {axis: (mine[0][thin], mine[1][thin]) for axis, mine in view.widths.items()}
+    return View(view.scene, truth, widths, view.light[thin], step * view.stride)
 
 
 def _first(lever: Lever, noise: float) -> tuple[Frame, ...]:
-    """Three steps of a coarse and of a fine fringe on both axes; the fine one the best that is safe at
-    rest.
-    """
-    best, chosen = math.inf, None
-    pattern = lever.scene.pattern
-    for period in FIRST_PERIODS:
-        if period * 2 >= min(pattern.rows, pattern.cols):
-            continue
-        frames = tuple(
-            frame
-            for axis, extent in (("u", pattern.cols), ("v", pattern.rows))
-            for frame in (*_shifts(axis, SPAN * extent, 0, 3), *_shifts(axis, period, 0, 3))
+    """Three steps of two periods on each axis: the ones of least noise whose order is safe at rest."""
+    return tuple(frame for axis in "uv" for frame in _first_of(lever, axis, noise))
+
+
+def _first_of(lever: Lever, axis: str, noise: float) -> tuple[Frame, ...]:
+    pattern, extent = lever.scene.pattern, lever.view.extent(axis)
+    spanning = [(SPAN * extent, fine) for fine in FIRST_PERIODS if 2 * fine < extent]
+    found = []
+    for periods in (*spanning, *pairs(extent)):
+        frames = tuple(frame for period in periods for frame in _shifts(axis, period, [], LEAST_STEPS))
+        there = predict_axis(lever.view, Sequence(frames, pattern.rows, pattern.cols), noise, axis)
+        lost = max(float(there.failure[lever.seen].mean()), float(there.refused[lever.seen].mean()) / 10)
+        size = math.hypot(rms_where(there.noise, lever.seen), rms_where(there.bias, lever.seen))
+        found.append((lost > SAFE, lost if lost > SAFE else size, frames))
+    return min(found, key=lambda one: one[:2])[2]
+
+
+def _shifts(axis: str, period: float, shown: list[float], count: int) -> tuple[Frame, ...]:
+    """The next `count` shifts of a period: even ones, or each amid the widest gap of those shown."""
+    if not shown:
+        return tuple(
+            Frame("phase", axis, period_px=period, shift=2 * math.pi * k / count) for k in range(count)
         )
-        there = predict(lever.view, Sequence(frames, pattern.rows, pattern.cols), noise)
-        biases = [rms_where(axis.bias, there.usable) for axis in (there.u, there.v)]
-        size = math.hypot(lever.quick(there), max(lever.gains) * max(biases))
-        if there.failure < SAFE and there.measured_share > 1 - 10 * SAFE and size < best:
-            best, chosen = size, frames
-        fallback = frames
-    return chosen or fallback
-
-
-def _shifts(axis: str, period: float, shown: int, count: int) -> tuple[Frame, ...]:
-    """The next `count` shifts of a period: thirds of a turn, then those half way between, and so on."""
-    return tuple(Frame("phase", axis, period_px=period, shift=_shift(k)) for k in range(shown, shown + count))
-
-
-def _shift(k: int) -> float:
-    """Thirds, each set of three turned by the next number of van der Corput's sequence (of a third)."""
-    turn, fraction, rest = 0.0, 0.5, k // 3
-    while rest:
-        turn, fraction, rest = turn + fraction * (rest & 1), fraction / 2, rest >> 1
-    return 2 * math.pi * (k % 3 + turn) / 3
+    shifts = sorted(shift % (2 * math.pi) for shift in shown)
+    added = []
+    for _ in range(count):
+        gaps = np.diff([*shifts, shifts[0] + 2 * math.pi])
+        widest = int(np.argmax(gaps > gaps.max() - 1e-9))
+        added.append((shifts[widest] + 0.5 * float(gaps[widest])) % (2 * math.pi))
+        shifts = sorted([*shifts, added[-1]])
+    return tuple(Frame("phase", axis, period_px=period, shift=shift) for shift in added)
 
 
 def _best(state: _State, frames: tuple[Frame, ...], goal: Goal, noise: float) -> tuple[Frame, ...] | None:
-    """The next frames: largest gain of the predicted share per frame; None if nothing gains."""
-    now, there = _outlook(state, frames, goal, noise, None)
+    """The next frames: the fewest that are predicted to meet the goal, or if none do, those of the largest
+    gain of the share per frame; None if nothing gains."""
+    now = [_along(state, frames, axis, noise) for axis in "uv"]
+    before = _outlook(state, goal, now, now)
     gains = []
     for following in _options(frames, state):
-        then, _ = _outlook(state, (*frames, *following), goal, noise, there)
-        gains.append(((then - now) / len(following), following))
-    gain, following = max(gains, key=lambda pair: pair[0])
-    return following if gain > LEAST_GAIN else None
+        then = list(now)
+        axis = following[0].axis or "u"
+        then["uv".index(axis)] = _along(state, (*frames, *following), axis, noise)
+        gains.append((_outlook(state, goal, then, now) - before, following))
+    enough = [one for one in gains if state.within + one[0] >= goal.share]
+    if enough:
+        return min(enough, key=lambda one: (len(one[1]), -one[0]))[1]
+    gain, following = max(gains, key=lambda one: one[0] / len(one[1]))
+    return following if gain > LEAST_GAIN * len(following) else None
+
+
+def _along(state: _State, frames: tuple[Frame, ...], axis: str, noise: float) -> AxisPrediction:
+    pattern = state.view.scene.pattern
+    return predict_axis(state.view, Sequence(frames, pattern.rows, pattern.cols), noise, axis)
 
 
 def _options(frames: tuple[Frame, ...], state: _State) -> list[tuple[Frame, ...]]:
-    """One or three more shifts of a period that was shown; three of one between the coarsest and the
-    finest.
-    """
+    """One to three more shifts of a period that was shown; three of a finer one, of one that spans the
+    surface, or of one between two that lie far apart."""
     options = []
     for axis in "uv":
-        counts: dict[float, int] = {}
+        shown: dict[float, list[float]] = {}
         for frame in frames:
             if frame.axis == axis:
-                counts[frame.period_px or 1.0] = counts.get(frame.period_px or 1.0, 0) + 1
-        for period, count in counts.items():
-            options += [_shifts(axis, period, count, more) for more in (1, 3)]
-        ladder = sorted(counts)
-        for fine, coarse in itertools.pairwise(ladder):
-            if coarse > 3 * fine:
-                options.append(_shifts(axis, math.sqrt(fine * coarse), 0, 3))
+                shown.setdefault(frame.period_px or 1.0, []).append(frame.shift or 0.0)
+        for period, shifts in shown.items():
+            options += [_shifts(axis, period, shifts, more) for more in (1, 2, 3)]
+        ladder = sorted(shown)
+        new = [math.sqrt(fine * coarse) for fine, coarse in itertools.pairwise(ladder) if coarse > 3 * fine]
+        new += [share * ladder[0] for share in FINER if share * ladder[0] >= FIRST_PERIODS[0]]
+        extent = state.view.extent(axis)
+        if ladder[-1] < extent:
+            new += [SPAN * extent, math.sqrt(SPAN * extent * ladder[-1])]
+        options += [_shifts(axis, period, [], LEAST_STEPS) for period in new]
     return options
 
 
-def _outlook(
-    state: _State, frames: tuple[Frame, ...], goal: Goal, noise: float, now: Prediction | None
-) -> tuple[float, Prediction]:
-    """(share predicted to be within the goal with these frames, the prediction); now: of what was shown."""
-    pattern = state.lever.scene.pattern
-    there = predict(state.view, Sequence(frames, pattern.rows, pattern.cols), noise)
-    before = there if now is None else now
-    good = state.height.good
+def _outlook(state: _State, goal: Goal, then: list[AxisPrediction], now: list[AxisPrediction]) -> float:
+    """Share predicted to be within the goal, of the errors `then` (u, v); now: of what was shown."""
+    good = np.isfinite(state.sigma) & (state.view.light > 0)
     sizes = [
-        state.lever.gains[0] * rms_where(p.u.noise, good)
-        + 1j * state.lever.gains[1] * rms_where(p.v.noise, good)
-        for p in (there, before)
+        math.hypot(*(gain * rms_where(one.noise, good) for gain, one in zip(state.gains, told, strict=True)))
+        for told in (then, now)
     ]
-    scale = abs(sizes[0]) / abs(sizes[1]) if abs(sizes[1]) > 0 else 1.0
-    known = np.isfinite(state.height.sigma) & good
-    middle = float(np.median(state.height.sigma[known])) if known.any() else math.inf
-    sigma = scale * np.where(known, state.height.sigma, middle)
-    passed = (1 - there.u.refused) * (1 - there.v.refused)
+    scale = sizes[0] / sizes[1] if sizes[1] > 0 else 1.0
+    middle = float(np.median(state.sigma[good])) if good.any() else math.inf
+    sigma = scale * np.where(good, state.sigma, middle)
+    passed = (1 - then[0].refused) * (1 - then[1].refused)
     with np.errstate(divide="ignore", invalid="ignore"):
         each = passed * erf(goal.height / (math.sqrt(2) * sigma))
-    seen = state.view.light > 0
-    return float(np.nan_to_num(each)[seen].mean()), there
+    return float(np.nan_to_num(each)[state.view.light > 0].mean())
 
 
 def _words(frames: tuple[Frame, ...]) -> str:

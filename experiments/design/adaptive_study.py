@@ -1,66 +1,89 @@
-"""Adaptive sensing against the best fixed sequence: the same goal on several dents, frames counted."""
+"""Adaptive sensing against the best fixed sequence: the same goal on several dents, frames counted.
+
+Both sides are judged alike: share of the pixels that see the pattern in full whose height is within the goal,
+against the truth, mean over the same seeds.
+"""
 
 import math
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
-from itertools import product
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import erf
 
 from optolever.decode import decode
 from optolever.errors import InputError
-from optolever.patterns import Frame, Sequence
+from optolever.patterns import Sequence
 from optolever.projector import capture
 from optolever.reconstruct import HeightMap, reconstruct
 from optolever.scene import Scene, dent_from_text
 
-from .adaptive import Goal, Step, adapt
-from .candidates import SPAN, Candidate, candidates
+from .adaptive import Goal, Start, Step, adapt, starting
+from .candidates import Candidate
+from .fixed_search import offers
 from .on_demand import VirtualOnDemand
-from .prediction import predict
+from .outlook import Outlook
 from .sensitivity import Lever
-from .view import Floats
 
-__all__ = ["AdaptiveRow", "AdaptiveStudy", "best_fixed", "run_adaptive", "study_dents"]
+__all__ = [
+    "AdaptiveRow",
+    "AdaptiveStudy",
+    "FixedSearch",
+    "Place",
+    "best_fixed",
+    "run_adaptive",
+    "study_dents",
+]
 
 Progress = Callable[[str, int, int], None]
-VERIFIED = 4  # candidates of a budget that are simulated
-DOUBTFUL = 0.01  # predicted share under the goal's, up to which a candidate is worth simulating
-SIDE = 100
+SIDE = 60  # pixels along the shorter side of the camera by which shares are predicted
+#: Predicted share under the goal's, up to which a fixed sequence is worth simulating; of one number of
+#: frames so many at most.
+DOUBTFUL, SIMULATED = 0.01, 10
 
 
 @dataclass(frozen=True, slots=True)
 class AdaptiveRow:
     """One dent: frames that adaptive sensing took (mean over the seeds), share actually within the goal, that
-    of the fixed sequence; met: what the adaptive measurement said of itself; steps of the first seed."""
+    of the fixed sequence; met: what the adaptive measurement said of itself; why not; steps of the first
+    seed; seconds."""
 
     dent: str
     frames: float
     within: float
-    fixed_within: float
     met: bool
     why: str
     steps: list[Step]
+    seconds: float
+    fixed_within: float = math.nan
+
+
+@dataclass(frozen=True)
+class FixedSearch:
+    """best: fewest frames that meet the goal on every dent, None if none does; shares: actually within the
+    goal on each; offered: sequences that were looked at, simulated: on one dent at least."""
+
+    best: Candidate | None
+    shares: list[float]
+    offered: int
+    simulated: int
 
 
 @dataclass(frozen=True)
 class AdaptiveStudy:
-    """rows per dent; fixed: the best fixed sequence and its frames, None if none meets the goal
-    everywhere.
-    """
+    """rows per dent; fixed: the best fixed sequence, None if it was not looked for."""
 
     rows: list[AdaptiveRow]
-    fixed: Candidate | None
+    fixed: FixedSearch | None
     settings: dict[str, Any]
     seconds: dict[str, float]
 
     @property
     def fewer(self) -> int:
         """Dents on which adaptive sensing met the goal with fewer frames than the fixed sequence."""
-        least = math.inf if self.fixed is None else len(self.fixed.sequence)
+        best = None if self.fixed is None else self.fixed.best
+        least = math.inf if best is None else len(best.sequence)
         return sum(
             row.met and row.within >= self.settings["share"] and row.frames < least for row in self.rows
         )
@@ -69,7 +92,13 @@ class AdaptiveStudy:
         """Plain values."""
         fixed = None
         if self.fixed is not None:
-            fixed = {"text": self.fixed.text, "frames": len(self.fixed.sequence)}
+            best = self.fixed.best
+            fixed = {
+                "text": None if best is None else best.text,
+                "frames": None if best is None else len(best.sequence),
+                "offered": self.fixed.offered,
+                "simulated": self.fixed.simulated,
+            }
         return {
             "rows": [asdict(row) for row in self.rows],
             "fixed": fixed,
@@ -77,10 +106,6 @@ class AdaptiveStudy:
             "settings": self.settings,
             "seconds": self.seconds,
         }
-
-
-def silent(text: str, done: int, total: int) -> None:
-    """Progress that nobody watches."""
 
 
 def study_dents(scene: Scene) -> tuple[str, ...]:
@@ -106,30 +131,27 @@ def run_adaptive(
     seeds: int = 2,
     compare: bool = True,
     renderer: str = "auto",
-    progress: Progress = silent,
+    progress: Progress = lambda *_: None,
+    told: Callable[[AdaptiveRow], None] = lambda row: None,
 ) -> AdaptiveStudy:
-    """Measure every dent adaptively; compare: find the best fixed sequence too (minutes)."""
-    places = [_Place(scene, text, goal, noise, renderer) for text in dents]
+    """Measure every dent adaptively; compare: find the best fixed sequence too (minutes).
+
+    told: gets every dent's row when it is measured.
+    """
     start = time.perf_counter()
-    measured = []
-    for index, place in enumerate(places):
-        progress(f"adaptive: {place.dent}", index, len(places))
-        measured.append([place.adaptive(seed) for seed in range(seeds)])
+    progress("rest", 0, len(dents))
+    first = starting(scene, noise, goal)
+    rows, places = [], []
+    for index, dent in enumerate(dents):
+        progress(f"adaptive: {dent}", index, len(dents))
+        places.append(Place(first, dent, goal, renderer))
+        rows.append(_measured(places[-1], seeds))
+        told(rows[-1])
     adapted = time.perf_counter()
-    fixed, shares = best_fixed(places, goal, seeds, progress) if compare else (None, [math.nan] * len(places))
+    fixed = best_fixed(places, goal, seeds, progress) if compare else None
     done = time.perf_counter()
-    rows = [
-        AdaptiveRow(
-            place.dent,
-            float(np.mean([len(run.sequence) for run, _ in runs])),
-            float(np.mean([within for _, within in runs])),
-            share,
-            all(run.met for run, _ in runs),
-            next((run.why for run, _ in runs if run.why), ""),
-            runs[0][0].steps,
-        )
-        for place, runs, share in zip(places, measured, shares, strict=True)
-    ]
+    if fixed is not None:
+        rows = [replace(row, fixed_within=share) for row, share in zip(rows, fixed.shares, strict=True)]
     settings = {
         "scene": scene.name,
         "size": [scene.camera.rows, scene.camera.cols],
@@ -141,85 +163,75 @@ def run_adaptive(
     return AdaptiveStudy(rows, fixed, settings, {"adaptive": adapted - start, "fixed": done - adapted})
 
 
+def _measured(place: "Place", seeds: int) -> AdaptiveRow:
+    start = time.perf_counter()
+    runs = [place.adaptive(seed) for seed in range(seeds)]
+    return AdaptiveRow(
+        place.dent,
+        float(np.mean([len(run.sequence) for run, _ in runs])),
+        float(np.mean([within for _, within in runs])),
+        all(run.met for run, _ in runs),
+        next((run.why for run, _ in runs if run.why), ""),
+        runs[0][0].steps,
+        time.perf_counter() - start,
+    )
+
+
 def best_fixed(
-    places: "list[_Place]", goal: Goal, seeds: int, progress: Progress = silent
-) -> tuple[Candidate | None, list[float]]:
-    """The fixed sequence of fewest frames that meets the goal on all places, and its actual share on each.
+    places: "list[Place]", goal: Goal, seeds: int, progress: Progress = lambda *_: None
+) -> FixedSearch:
+    """The fixed sequence of fewest frames whose mean share over the seeds meets the goal on every place.
 
-    Budget by budget, from the smallest that any code needs: candidates by their predicted share on the worst
-    place, the most promising simulated. A miss of this search is the search's, not proven impossible.
+    Predicted first, then simulated from the most promising on. A miss of this search is the search's, not
+    proven impossible.
     """
-    pattern = places[0].scene.pattern
-    for frames in range(8, goal.frames + 1):
-        progress("fixed sequences", frames, goal.frames)
-        offered = [
-            *candidates(pattern.rows, pattern.cols, frames),
-            *_uneven(pattern.rows, pattern.cols, frames),
-        ]
-        exact = [candidate for candidate in offered if len(candidate.sequence) == frames]
-        ranked = sorted(
-            ((_worst(places, c, goal.share - DOUBTFUL), c) for c in exact), key=lambda pair: -pair[0]
-        )
-        for worst, candidate in ranked[:VERIFIED]:
-            if worst < goal.share - DOUBTFUL:
-                break
-            shares = []
-            for place in places:
-                shares.append(
-                    float(np.mean([place.fixed(candidate.sequence, seed) for seed in range(seeds)]))
-                )
-                if shares[-1] < goal.share:
-                    break
-            if len(shares) == len(places) and min(shares) >= goal.share:
-                return candidate, shares
-    return None, [math.nan] * len(places)
+    offered = simulated = 0
+    for offer in offers([place.outlook for place in places], goal.share - DOUBTFUL, goal.frames):
+        offered += offer.looked_at
+        for _, candidate in offer.best[:SIMULATED]:
+            progress(f"fixed sequences of {offer.frames} frames", offer.frames, goal.frames)
+            simulated += 1
+            shares = _verified(places, candidate.sequence, goal.share, seeds)
+            if shares is not None:
+                return FixedSearch(candidate, shares, offered, simulated)
+        progress(f"fixed sequences of {offer.frames + 1} frames", offer.frames, goal.frames)
+    return FixedSearch(None, [math.nan] * len(places), offered, simulated)
 
 
-def _worst(places: "list[_Place]", candidate: Candidate, least: float) -> float:
-    """Least predicted share over the places; stops where it is under `least`."""
-    worst = 1.0
-    for place in places:
-        worst = min(worst, place.predicted(candidate.sequence))
-        if worst < least:
-            break
-    return worst
+def _verified(places: "list[Place]", sequence: Sequence, share: float, seeds: int) -> list[float] | None:
+    """Actual shares on every place, None as soon as one is missed; the hardest places first."""
+    order = sorted(range(len(places)), key=lambda k: places[k].outlook.share(sequence))
+    shares = [math.nan] * len(places)
+    for k in order:
+        found = []
+        for seed in range(seeds):
+            found.append(places[k].fixed(sequence, seed))
+            if found[-1] < share - 2 * DOUBTFUL:  # no mean of a few makes that good
+                return None
+        shares[k] = float(np.mean(found))
+        if shares[k] < share:
+            return None
+    return shares
 
 
-def _uneven(rows: int, cols: int, frames: int) -> Iterator[Candidate]:
-    """Two-period ladders with steps of their own for every axis and period."""
-    for split in product(range(3, 9), repeat=3):
-        last = frames - sum(split)
-        if not 3 <= last <= 12:
-            continue
-        counts = {"u": (split[0], split[1]), "v": (split[2], last)}
-        for fine in (6.0, 8.0, 12.0):
-            shown = [
-                Frame("phase", axis, period_px=period, shift=2 * math.pi * k / count)
-                for axis, extent in (("u", cols), ("v", rows))
-                for period, count in zip((SPAN * extent, fine), counts[axis], strict=True)
-                for k in range(count)
-            ]
-            text = f"ladder to {fine:g} px, steps u {split[0]}/{split[1]}, v {split[2]}/{last}"
-            yield Candidate(text, Sequence(tuple(shown), rows, cols, text))
-
-
-class _Place:
+class Place:
     """A scene with one dent, for prediction, adaptive and fixed measurement; errors against its truth."""
 
-    def __init__(self, scene: Scene, text: str, goal: Goal, noise: float, renderer: str) -> None:
+    def __init__(self, start: Start, text: str, goal: Goal, renderer: str) -> None:
+        scene = start.scene
         self.scene, self.dent, self._goal = scene, text, goal
-        self._noise, self._renderer = noise, renderer
+        self._start, self._noise, self._renderer = start, start.noise, renderer
         self.surface = dent_from_text(text, scene)
         stride = max(1, min(scene.camera.rows, scene.camera.cols) // SIDE)
         self.lever = Lever(scene, self.surface, stride=stride)
-        self._reference: tuple[float, Floats] | None = None
+        self.outlook = Outlook(self.lever, goal.height, start.noise, start.lever.truth_of_sigma)
 
     def adaptive(self, seed: int) -> tuple[Any, float]:
         """(what adaptive sensing did, share of the pixels that see the pattern actually within the goal)."""
         source = VirtualOnDemand(
             self.scene, self.surface, noise=self._noise, seed=seed, renderer=self._renderer
         )
-        done = adapt(source, self.scene, self._goal, noise=self._noise)
+        done = adapt(source, self._start, self._goal)
         return done, self.within(done.height)
 
     def fixed(self, sequence: Sequence, seed: int) -> float:
@@ -233,23 +245,6 @@ class _Place:
             return 0.0
 
     def within(self, height: HeightMap) -> float:
-        """Share of the pixels that see the pattern with a height within the goal."""
-        truth = self.lever.full.truth
-        error = np.where(height.good, np.abs(height.z - truth.z), np.inf)
-        return float((error <= self._goal.height)[truth.visible].mean())
-
-    def predicted(self, sequence: Sequence) -> float:
-        """The same predicted."""
-        try:
-            there = predict(self.lever.view, sequence, self._noise)
-        except InputError:
-            return 0.0
-        size = self.lever.quick(there)
-        if self._reference is None:
-            solved = self.lever.solve(self.lever.view, (there.u.stated, there.v.stated), there.solved)
-            self._reference = size, solved.sigma * self.lever.to_full
-        unit, sigma = self._reference
-        passed = (1 - there.u.refused) * (1 - there.v.refused)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            each = passed * erf(self._goal.height * unit / (size * math.sqrt(2) * sigma))
-        return float(np.nan_to_num(each)[self.lever.view.visible].mean())
+        """Share of the pixels that see the pattern in full with a height within the goal."""
+        error = np.where(height.good, np.abs(height.z - self.lever.full.truth.z), np.inf)
+        return float((error <= self._goal.height)[self.lever.inner].mean())

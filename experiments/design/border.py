@@ -17,6 +17,8 @@ from .view import Floats, View
 Complex = NDArray[np.complex128]
 
 ROUNDS = 12
+#: Spreads from the border at which it does nothing.
+FAR = 8.0
 
 __all__ = ["Border", "border_effect", "border_of", "usual_width"]
 
@@ -34,7 +36,7 @@ class Border:
 def border_effect(distance: Floats, spread: Floats | float, period: float) -> tuple[Floats, Floats]:
     """(share of the contrast lost, shift inwards in cells) at a distance (cells) inside one border."""
     turn = 2 * math.pi / period
-    far = np.minimum(distance / spread, 8.0)
+    far = np.minimum(distance / spread, FAR)
     z: Complex = -(far + 1j * spread * turn) / math.sqrt(2)
     # erfc(z) = exp(-z^2) w(i z), for the half plane where w does not grow
     rho = np.where(z.real < 0, 2 - _erfc(-z), _erfc(z)) / 2
@@ -45,19 +47,23 @@ def border_of(view: View, axis: str, period: float, blur_used: float) -> Border:
     """Both borders of an axis together; blur_used: what the decoder takes for the blur."""
     widths, coord = view.widths[axis], view.coordinate(axis)
     blur = view.scene.pattern.blur_px
-    spread = np.sqrt(blur**2 + (widths[0] ** 2 + widths[1] ** 2) / 12 + 1e-6)
     usual = usual_width(view, axis)
     assumed = math.sqrt(blur_used**2 + usual**2 / 12 + 1e-6)
     lost, shift, left = (np.zeros(coord.shape) for _ in range(3))
     for sign, distance in ((1.0, coord + 0.5), (-1.0, view.extent(axis) - 0.5 - coord)):
-        inside = np.nan_to_num(distance, nan=-9.0)
+        inside = np.nan_to_num(distance, nan=-FAR)
+        spread = np.sqrt(blur**2 + (widths[0] ** 2 + widths[1] ** 2) / 12 + 1e-6)
+        near = inside < FAR * np.maximum(spread, assumed) + 1
+        inside, spread = inside[near], spread[near]
         _, away = border_effect(inside, spread, period)
         # the decoder looks its correction up where it believes to be
         place = inside
         for _ in range(ROUNDS):
             share, believed = border_effect(place, assumed, period)
             place = inside + away - believed
-        lost, shift, left = lost + share, shift + sign * believed, left + sign * (away - believed)
+        lost[near] += share
+        shift[near] += sign * believed
+        left[near] += sign * (away - believed)
     return Border(lost, shift, left)
 
 

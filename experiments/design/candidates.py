@@ -9,11 +9,13 @@ from dataclasses import dataclass
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence, bits_for, sequence_from_text, sequence_names
 
-__all__ = ["Candidate", "candidates", "ladder"]
+__all__ = ["Candidate", "candidates", "ladder", "pairs"]
 
 #: Periods whose half is a whole number of cells: a Gray code cannot show others exactly.
 EVEN_PERIODS = (4.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)
 PERIODS = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)
+#: Numbers of fringes of two periods that are unambiguous together, one more each.
+PAIRS = (5, 8, 12, 15, 18, 22, 27, 33, 40, 50, 60, 75, 90, 110)
 LEAST_STEPS = 3
 SPAN = 1.125  # of the surface: a coarse period whose ends differ
 #: Sequences that no dense, absolute map can be decoded from on their own.
@@ -99,6 +101,14 @@ def _ladders(rows: int, cols: int, frames: int) -> Iterator[Candidate]:
                     even = frames // (2 * levels)
                     sequence = ladder(rows, cols, fine, levels, even, even)
                     yield Candidate(sequence.name, sequence)
+
+
+def pairs(extent: int) -> Iterator[tuple[float, float]]:
+    """Two periods (cells) each that are unambiguous together on `extent` cells: n and n + 1 fringes."""
+    for count in PAIRS:
+        pair = 1.02 * extent / count, 1.02 * extent / (count + 1)
+        if pair[-1] >= PERIODS[0]:
+            yield pair
 
 
 def ladder(

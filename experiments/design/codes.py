@@ -10,11 +10,13 @@ from scipy.special import erfc
 
 from optolever.patterns import BINARY_CODES, Frame, bits_for, code_words
 
-__all__ = ["bit_failure", "cell_error", "code_of", "stairs"]
+__all__ = ["bit_failure", "cell_error", "code_of", "sideband", "stairs", "stairs_of_noise"]
 
 Floats = NDArray[np.float64]
 #: Systematic error of a margin that the decoder reckons with, in half contrasts.
 LOOSE = 0.02
+#: What blur leaves of a sideband, under which it is left out.
+NOTHING = 1e-5
 
 
 def code_of(frames: list[Frame]) -> list[Frame]:
@@ -30,20 +32,47 @@ def cell_error(coord: Floats, frame: Frame) -> Floats:
 
 
 def stairs(coord: Floats, widths: tuple[Floats, ...], blur: float, period: float) -> Floats:
-    """Error (cells) of a fringe of a period (cells) read through the display's cells, at coord.
+    """Error (cells) of a fringe of a period (cells) read through the display's cells, at coord."""
+    return np.asarray(np.angle(_sidebands(coord, widths, blur, period)[0]) * period / (2 * math.pi))
+
+
+def stairs_of_noise(
+    coord: Floats, widths: tuple[Floats, ...], blur: float, period: float
+) -> tuple[Floats, Floats]:
+    """(share of the contrast there, slope of the stairs) at coord: noise counts over the one, and over one
+    plus the other where the stairs are undone."""
+    whole, change = _sidebands(coord, widths, blur, period)
+    return np.abs(whole), np.asarray((change / whole).imag * period / (2 * math.pi))
+
+
+def sideband(widths: tuple[float, ...], blur: float, period: float) -> float:
+    """Amplitude of the nearest sideband that cells add to a fringe, as a share of it."""
+    f = 1 / period
+    boxes = tuple(np.array(width) for width in widths)
+    return abs(float(f / (f - 1) * _transfer(f - 1, boxes, blur) / _transfer(f, boxes, blur)))
+
+
+def _sidebands(
+    coord: Floats, widths: tuple[Floats, ...], blur: float, period: float
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """1 + sum_k r_k exp(2 pi i k u), and its derivative.
 
     A cosine of frequency f shown on cells holds f + k as well, each with sinc(f + k), of which pixel
-    (boxes of the widths) and blur leave M(f + k): phase error arg(1 + sum_k r_k exp(2 pi i k u)),
-    r_k = (-1)^k f / (f + k) M(f + k) / M(f). For long periods: the sawtooth of the cells, low-passed.
+    (boxes of the widths) and blur leave M(f + k): r_k = (-1)^k f / (f + k) M(f + k) / M(f). For long periods
+    its angle is the sawtooth of the cells, low-passed.
     """
     f = 1 / period
-    whole = np.ones(np.shape(coord), np.complex128)
+    whole, change = np.ones(np.shape(coord), np.complex128), np.zeros(np.shape(coord), np.complex128)
     base = _transfer(f, widths, blur)
     base = np.where(np.abs(base) > 1e-3, base, 1e-3)
     for k in (1, -1, 2, -2, 3, -3, 4, -4):
+        if math.exp(-2 * (math.pi * blur) ** 2 * k * (k + 2 * f)) < NOTHING:
+            continue
         left = (-1) ** k * f / (f + k) * _transfer(f + k, widths, blur) / base
-        whole += left * np.exp(2j * math.pi * k * coord)
-    return np.asarray(np.angle(whole) / (2 * math.pi * f))
+        part = left * np.exp(2j * math.pi * k * coord)
+        whole += part
+        change += 2j * math.pi * k * part
+    return whole, change
 
 
 def _transfer(frequency: float, widths: tuple[Floats, ...], blur: float) -> Floats:

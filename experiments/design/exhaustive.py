@@ -3,7 +3,9 @@ kinds.
 """
 
 import math
+import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -13,7 +15,7 @@ from optolever.errors import InputError
 from optolever.scene import Scene, dent_from_text, load, resize
 
 from .candidates import candidates
-from .ranking import LOSS, DesignRow, run_design, simulate
+from .ranking import DesignRow, merit, run_design, simulate
 from .sensitivity import Lever
 from .sensor_sweep import varied
 
@@ -67,18 +69,23 @@ CASES = (
 
 @dataclass(frozen=True, slots=True)
 class ChoiceRow:
-    """One case: the choice and its simulated error, the best of all simulated and its error (mm), how much
-    worse the choice is (0: the best), candidates, and the share of them predicted within 15 %."""
+    """One case: the choice, its simulated error (mm) and share, the best of all simulated and the same of it;
+    excess: how much worse the choice's merit is (0: the best); candidates, the share of them predicted within
+    15 %, the worst ratio and whose it is (of those that nothing rules out); seconds that it took."""
 
     case: str
     chosen: str
     chosen_error: float
+    chosen_share: float
     best: str
     best_error: float
+    best_share: float
     excess: float
     candidates: int
     within_15: float
     worst_ratio: float
+    worst: str
+    seconds: float
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
@@ -96,38 +103,45 @@ def run_choices(
 ) -> Iterator[ChoiceRow]:
     """Choose for every case, simulate every candidate with `seeds` draws, the best ones with `more`."""
     for index, case in enumerate(cases):
-        progress(case.name, index, len(cases))
-        yield _judge(case, pixels, seeds, more, renderer)
+
+        def step(text: str, done: int, total: int, index: int = index) -> None:
+            progress(f"case {index + 1} of {len(cases)}: {text}", done, total)
+
+        yield _judge(case, pixels, seeds, more, renderer, step)
 
 
-def _judge(case: Case, pixels: int, seeds: int, more: int, renderer: str) -> ChoiceRow:
+def _judge(case: Case, pixels: int, seeds: int, more: int, renderer: str, progress: Progress) -> ChoiceRow:
+    start = time.perf_counter()
     scene = case.scene(pixels)
-    design = run_design(scene, case.dent, frames=case.frames, noise=case.noise, renderer=renderer)
+    design = run_design(
+        scene, case.dent, frames=case.frames, noise=case.noise, renderer=renderer, progress=progress
+    )
     if design.chosen is None:
         raise InputError(f"case {case.name}: nothing meets the limits")
     lever = Lever(scene, dent_from_text(case.dent, scene), stride=1)
     offered = {c.text: c for c in candidates(scene.pattern.rows, scene.pattern.cols, case.frames)}
-    predicted = {row.text: row for row in design.rows}
     found: dict[str, tuple[float, float]] = {}
     for text, candidate in offered.items():
-        try:
+        progress("all candidates", len(found), len(offered))
+        with suppress(InputError):  # it cannot be decoded
             found[text] = simulate(lever, candidate, case.noise, range(100, 100 + seeds), renderer)
-        except InputError:
-            continue
-    most = max(share for _, share in found.values())
-    sound = {text: error for text, (error, share) in found.items() if share >= most - LOSS}
-    ratios = [predicted[text].predicted / error for text, error in sound.items() if _stands(predicted[text])]
-    finalists = {*sorted(sound, key=lambda text: sound[text])[:FINALISTS], design.chosen.text}
-    final = {
-        text: simulate(lever, offered[text], case.noise, range(200, 200 + more), renderer)[0]
-        for text in sorted(finalists)
+    ratios = {
+        row.text: row.predicted / found[row.text][0]
+        for row in design.rows
+        if row.text in found and _stands(row) and found[row.text][0] > 0
     }
-    best = min(final, key=lambda text: final[text])
-    chosen = design.chosen.text
-    off = [max(ratio, 1 / ratio) for ratio in ratios]
+    first = sorted(found, key=lambda text: merit(*found[text]))[:FINALISTS]
+    final: dict[str, tuple[float, float]] = {}
+    for text in sorted({*first, design.chosen.text}):
+        progress("the best again", len(final), FINALISTS)
+        final[text] = simulate(lever, offered[text], case.noise, range(200, 200 + more), renderer)
+    best, chosen = min(final, key=lambda text: merit(*final[text])), design.chosen.text
+    worst = max(ratios, key=lambda text: abs(math.log(ratios[text])), default="")
     return ChoiceRow(
-        case.name, chosen, final[chosen], best, final[best], final[chosen] / final[best] - 1, len(found),
-        float(np.mean([abs(ratio - 1) <= 0.15 for ratio in ratios])), max(off, default=math.nan),
+        case.name, chosen, *final[chosen], best, *final[best],
+        merit(*final[chosen]) / merit(*final[best]) - 1, len(ratios),
+        float(np.mean([abs(ratio - 1) <= 0.15 for ratio in ratios.values()])),
+        ratios.get(worst, math.nan), worst, time.perf_counter() - start,
     )  # fmt: skip
 
 

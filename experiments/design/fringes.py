@@ -34,6 +34,8 @@ PHASES = 64  # over which variances that depend on the phase are averaged
 MUCH_FINER = 4.0
 #: The decoder flags a pixel whose order is wrong with a probability above this.
 DOUBT = 1e-4
+#: Distance, in sigma, from which on one order is not taken for another.
+CERTAIN = 14.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,10 +139,16 @@ def search_failure(periods: list[float], variances: list[Floats], extent: float)
     failure = np.zeros(np.shape(whole))
     flagged = np.zeros(np.shape(whole))
     limit = -math.log(DOUBT)
+    lit = np.asarray(whole > 0)
+    least = [float(weight[lit].min(initial=np.inf)) if lit.any() else 0.0 for weight in weights]
     for order in range(1, math.ceil(extent / periods[0])):
+        residuals = [
+            order * periods[0] - period * round(order * periods[0] / period) for period in periods[1:]
+        ]
+        if _apart(residuals, least) > CERTAIN:
+            continue
         square, mean = np.zeros(np.shape(whole)), np.zeros(np.shape(whole))
-        for period, weight in zip(periods[1:], weights[1:], strict=True):
-            residual = order * periods[0] - period * round(order * periods[0] / period)
+        for residual, weight in zip(residuals, weights[1:], strict=True):
             square, mean = square + weight * residual**2, mean + weight * residual
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.nan_to_num(np.sqrt(np.maximum(square - mean**2 / whole, 0.0)))
@@ -148,4 +156,12 @@ def search_failure(periods: list[float], variances: list[Floats], extent: float)
         failure += share * erfc(distance / (2 * math.sqrt(2)))
         with np.errstate(divide="ignore", invalid="ignore"):
             flagged += share * erfc(np.maximum(distance / 2 - limit / distance, 0.0) / math.sqrt(2))
-    return np.minimum(failure, 1.0), np.minimum(np.nan_to_num(flagged, nan=1.0), 1.0)
+    failure, flagged = (np.where(lit, part, 1.0) for part in (failure, np.nan_to_num(flagged, nan=1.0)))
+    return np.minimum(failure, 1.0), np.minimum(flagged, 1.0)
+
+
+def _apart(residuals: list[float], weights: list[float]) -> float:
+    """sqrt(chi2) of residuals under the least weights, which is the least anywhere."""
+    spread = [weight * residual**2 for weight, residual in zip(weights[1:], residuals, strict=True)]
+    mean = sum(weight * residual for weight, residual in zip(weights[1:], residuals, strict=True))
+    return math.sqrt(max(sum(spread) - mean**2 / sum(weights), 0.0)) if sum(weights) > 0 else 0.0

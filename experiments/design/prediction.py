@@ -15,8 +15,8 @@ from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
 
 from .border import border_of, usual_width
-from .codes import bit_failure, cell_error, code_of, stairs
-from .free_codes import free_code
+from .codes import bit_failure, cell_error, code_of, sideband, stairs, stairs_of_noise
+from .free_codes import free_code, rounding_error
 from .fringes import (
     DOUBT,
     MUCH_FINER,
@@ -32,7 +32,7 @@ from .fringes import (
 from .response import fundamental_share, harmonic_error
 from .view import Floats, Levels, View
 
-__all__ = ["AxisPrediction", "Prediction", "border_loss", "predict"]
+__all__ = ["AxisPrediction", "Prediction", "border_loss", "predict", "predict_axis"]
 
 #: As in the decoder: amplitude over noise below which a pixel is refused, and light lost at the border.
 LEAST_CONTRAST = 4.0
@@ -45,12 +45,18 @@ REFUSED_LOST = 0.03
 USUAL_BLUR = 0.5
 #: Contrast (its logarithm) that blur must take from the finest fringe, for the decoder to tell it.
 BLUR_TOLD = 0.009
+#: That so many times its noise is over it.
+SURE = 3.0
 #: Border shift that the decoder adds to its sigma, cells.
 LEAST_SHIFT = 1e-3
 #: Attenuation of the cells' fundamental under which the decoder takes stairs off.
 LOW_STAIRS = 0.1
 #: Attenuation above which it reads stairs off the coordinates and undoes them.
 READ_OFF = 0.012
+#: Rows and columns of the camera that it measures blur by, and the share of them that it uses.
+SURVEYED, SURVEYED_SHARE = (24, 192), 0.8
+#: Bend over sigma above which the decoder reckons with it, and by what share of it.
+BENT, BOX = 14.0, 1 / 24
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,22 +100,22 @@ def predict(view: View, sequence: Sequence, noise: float) -> Prediction:
 
     InputError if it does not encode both axes or a fringe cannot be decoded.
     """
+    u, v = (predict_axis(view, sequence, noise, axis) for axis in "uv")
+    solved = view.visible & (view.light > 0)
+    usable = solved & (np.maximum(border_loss(view, "u"), border_loss(view, "v")) < MOST_LOST)
+    # what is sure to be refused makes holes in the solver's grid
+    solved &= (u.refused < 0.5) & (v.refused < 0.5)
+    return Prediction(u, v, solved, usable)
+
+
+def predict_axis(view: View, sequence: Sequence, noise: float, axis: str) -> AxisPrediction:
+    """The same along one axis, 'u' or 'v'."""
     if (sequence.rows, sequence.cols) != (view.scene.pattern.rows, view.scene.pattern.cols):
         raise InputError(
             f"sequence {sequence.name}: made for {sequence.rows}x{sequence.cols} cells, the pattern of scene "
             f"{view.scene.name!r} has {view.scene.pattern.rows}x{view.scene.pattern.cols}"
         )
     levels = view.levels(noise)
-    u, v = (_axis(view, sequence, levels, axis) for axis in "uv")
-    solved = view.visible & (levels.half > 0)
-    lost = np.maximum(border_loss(view, "u"), border_loss(view, "v"))
-    usable = solved & (lost < MOST_LOST)
-    # what is sure to be refused makes holes in the solver's grid
-    solved &= (u.refused < 0.5) & (v.refused < 0.5)
-    return Prediction(u, v, solved, usable)
-
-
-def _axis(view: View, sequence: Sequence, levels: Levels, axis: str) -> AxisPrediction:
     mine = [frame for frame in sequence.frames if frame.axis == axis]
     fringes = [frame for frame in mine if frame.kind == "phase"]
     code, free = code_of(mine), [f for f in mine if f.kind in ("levels", "stripe")]
@@ -118,8 +124,9 @@ def _axis(view: View, sequence: Sequence, levels: Levels, axis: str) -> AxisPred
     if code:
         return _code_axis(view, sequence, levels, axis, code)
     if free:
-        noise, failure = free_code(view, sequence, levels, axis, free)
-        return AxisPrediction(noise, np.zeros(noise.shape), failure, failure, noise)
+        spread, failure = free_code(view, sequence, levels, axis, free)
+        bias = rounding_error(view, sequence, axis, free)
+        return AxisPrediction(spread, bias, failure, failure, spread)
     raise InputError(f"sequence {sequence.name}: no frame encodes {axis}; a height needs both axes")
 
 
@@ -127,16 +134,23 @@ def _fringe_axis(
     view: View, sequence: Sequence, levels: Levels, axis: str, frames: list[Frame], code: list[Frame]
 ) -> AxisPrediction:
     groups = grouped(frames)
-    blur, widths, extent = view.scene.pattern.blur_px, view.widths[axis], view.extent(axis)
+    blur, extent = view.scene.pattern.blur_px, view.extent(axis)
     periods = [group.period for group in groups]
     full = fundamental_share(view.scene) * levels.half
     variances, refused = [], np.zeros(levels.half.shape)
     for group in groups:
-        amplitude = full * contrast(group.period, widths, blur)
+        amplitude = full * _contrast(view, axis, group.period)
         turns, share = turn_variance(group, amplitude, levels.half, levels.read2, levels.shot)
         variances.append(group.period**2 * turns)
         if group is groups[-1]:
             refused = _low_contrast(amplitude, levels, share)
+    referenced = _referenced(sequence)
+    lever, uncertain, swing = _blur_survey(view, axis, groups, levels, referenced)
+    # the decoder can measure the blur: white and black are shown, or contrasts surely differ enough by it
+    known = referenced or (len(groups) > 1 and lever * blur**2 - SURE * uncertain > BLUR_TOLD)
+    if _low_stairs(known, blur):
+        there = [_stairs_of_noise(view, axis, group.period) for group in groups]
+        variances = [variance / left**2 for variance, (left, _) in zip(variances, there, strict=True)]
     total = combined(periods, variances)
     if code:
         failure = _code_failure(view, sequence, levels, axis, code)
@@ -154,37 +168,102 @@ def _fringe_axis(
             failure = failure + step_failure(periods[k], both)
             flagged = flagged + step_flagged(periods[k], both)
     refused = np.minimum(refused + flagged, 1.0)
-    known = _blur_known(sequence, periods, blur)
-    border = border_of(view, axis, periods[-1], blur if known else USUAL_BLUR)
-    bias = harmonic_error(view, groups[-1], axis) + border.left + _stairs(view, axis, groups, known)
+    believed = blur if known else USUAL_BLUR
+    border = view.kept(
+        ("border", axis, periods[-1], believed), lambda: border_of(view, axis, periods[-1], believed)
+    )
+    doubt = math.hypot(uncertain, swing) / lever if known else 0.0
+    bias = harmonic_error(view, groups[-1], axis) + border.left + _stairs(view, axis, groups, known, doubt)
     refused = np.where(border.lost > REFUSED_LOST, 1.0, refused)
     beyond = np.where(np.abs(border.shift) > LEAST_SHIFT, border.shift, 0.0)
-    stated = np.sqrt(total + beyond**2)
-    return AxisPrediction(np.sqrt(total), bias, np.minimum(failure, 1.0), refused, stated)
+    stated = _widened(np.sqrt(total + beyond**2), view.bend(axis))
+    noise = np.sqrt(total)
+    if _low_stairs(known, blur):
+        noise = noise / (1 + _combined_errors(groups, [slope for _, slope in there]))
+    return AxisPrediction(noise, bias, np.minimum(failure, 1.0), refused, stated)
 
 
-def _stairs(view: View, axis: str, groups: list[Fringe], known: bool) -> Floats:
-    """What the cells' stairs leave in the coordinate.
+def _widened(sigma: Floats, bend: Floats) -> Floats:
+    """The decoder's sigma where the map bends within a pixel."""
+    return np.asarray(np.where(bend > BENT * sigma, np.hypot(sigma, BOX * bend), sigma))
+
+
+def _low_stairs(known: bool, blur: float) -> bool:
+    """Whether the decoder takes the stairs of the usual pixel off."""
+    return known and math.exp(-2 * (math.pi * blur) ** 2) < LOW_STAIRS
+
+
+def _stairs(view: View, axis: str, groups: list[Fringe], known: bool, doubt: float) -> Floats:
+    """What the cells' stairs leave in the coordinate; doubt: of the squared blur (cells^2).
 
     Where it knows the blur, the decoder takes off low stairs, those of the usual pixel; higher ones it reads
     off the coordinates and undoes pixel by pixel; low ones of an unknown blur stay.
     """
-    blur, coord, widths = view.scene.pattern.blur_px, view.coordinate(axis), view.widths[axis]
-    left = math.exp(-2 * (math.pi * blur) ** 2)
-    soft = known and left < LOW_STAIRS
-    if not soft and (known or left > READ_OFF):
+    blur, coord = view.scene.pattern.blur_px, view.coordinate(axis)
+    soft = _low_stairs(known, blur)
+    if not soft and (known or math.exp(-2 * (math.pi * blur) ** 2) > READ_OFF):
         return np.zeros(coord.shape)
-    usual = (np.full(coord.shape, usual_width(view, axis)),)
-    total, information, previous = np.zeros(coord.shape), 0.0, math.inf
+    usual, believed = (np.full(coord.shape, usual_width(view, axis)),), math.sqrt(blur**2 + doubt)
+    errors = []
     for group in groups:
-        error = stairs(coord, widths, blur, group.period)
+        errors.append(_stairs_of(view, axis, group.period))
         if soft:
-            error = error - stairs(coord, usual, blur, group.period)
+            errors[-1] = errors[-1] - stairs(coord, usual, believed, group.period)
+    return _combined_errors(groups, errors)
+
+
+def _contrast(view: View, axis: str, period: float) -> Floats:
+    """Share of a fringe's modulation that display, blur and pixels leave."""
+    blur = view.scene.pattern.blur_px
+    return view.kept(("contrast", axis, period), lambda: contrast(period, view.widths[axis], blur))
+
+
+def _stairs_of(view: View, axis: str, period: float) -> Floats:
+    """Error of a fringe from the cells' stairs."""
+    blur, coord, widths = view.scene.pattern.blur_px, view.coordinate(axis), view.widths[axis]
+    return view.kept(("stairs", axis, period), lambda: stairs(coord, widths, blur, period))
+
+
+def _stairs_of_noise(view: View, axis: str, period: float) -> tuple[Floats, Floats]:
+    """What the stairs make of its noise."""
+    blur, coord, widths = view.scene.pattern.blur_px, view.coordinate(axis), view.widths[axis]
+    return view.kept(("noise", axis, period), lambda: stairs_of_noise(coord, widths, blur, period))
+
+
+def _combined_errors(groups: list[Fringe], errors: list[Floats]) -> Floats:
+    """One error of the coordinate from those of every fringe, coarse to fine, as the decoder weighs them."""
+    total, information, previous = errors[0], 0.0, math.inf
+    for group, error in zip(groups, errors, strict=True):
         own = len(group.shifts) / group.period**2
         alone = group.period * MUCH_FINER < previous
         total = error if alone else total + own / (information + own) * (error - total)
         information, previous = own if alone else information + own, group.period
     return total
+
+
+def _blur_survey(
+    view: View, axis: str, groups: list[Fringe], levels: Levels, referenced: bool
+) -> tuple[float, float, float]:
+    """What measuring the blur by contrasts goes by.
+
+    Logarithm of the contrast per squared blur (1 / cells^2), its noise over the pixels surveyed, and what
+    averaging contrasts that vary over a cell adds: A^2 / 4 of a swing of 1 +- A, (A - A')^2 / 4 of a ratio.
+    """
+    blur, seen = view.scene.pattern.blur_px, view.visible
+    widths = tuple(float(np.median(width[seen])) for width in view.widths[axis])
+    half = float(np.median(levels.half[seen]))
+    deviation = math.sqrt(float(levels.variance(half)))
+    used = [groups[-1]] if referenced else [groups[-1], groups[0]]
+    noise2, swing, lever = (0.5 * (deviation / half) ** 2 if referenced else 0.0), 0.0, 0.0
+    for sign, group in zip((1, -1), used, strict=False):
+        boxes = np.array(widths[0]), np.array(widths[1])
+        amplitude = half * float(contrast(group.period, boxes, blur))
+        noise2 += 2 / len(group.shifts) * (deviation / amplitude) ** 2
+        swing += sign * sideband(widths, blur, group.period)
+        lever += sign * 2 * (math.pi / group.period) ** 2
+    full = [round(n * view.stride) for n in seen.shape]
+    count = max(1.0, SURVEYED_SHARE * seen.mean() * math.prod(map(min, full, SURVEYED)))
+    return lever, math.sqrt(noise2 / count), swing**2 / 4
 
 
 def _code_axis(
@@ -211,13 +290,8 @@ def _low_contrast(amplitude: Floats, levels: Levels, share: float) -> Floats:
     return np.asarray(ndtr((LEAST_CONTRAST * deviation - amplitude) / (math.sqrt(share) * deviation)))
 
 
-def _blur_known(sequence: Sequence, periods: list[float], blur: float) -> bool:
-    """Whether the decoder can measure the blur: white and black are shown, or fringes (coarse to fine) whose
-    contrasts differ enough by it."""
-    if {"white", "black"} <= {frame.kind for frame in sequence.frames}:
-        return True
-    lost = 2 * (math.pi * blur) ** 2 * (periods[-1] ** -2 - periods[0] ** -2)
-    return len(periods) > 1 and lost > BLUR_TOLD
+def _referenced(sequence: Sequence) -> bool:
+    return {"white", "black"} <= {frame.kind for frame in sequence.frames}
 
 
 def border_loss(view: View, axis: str) -> Floats:

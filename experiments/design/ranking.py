@@ -21,7 +21,7 @@ from .candidates import Candidate, candidates
 from .prediction import Prediction, predict
 from .sensitivity import Lever, rms_where
 
-__all__ = ["Design", "DesignRow", "rank", "run_design", "simulate"]
+__all__ = ["Design", "DesignRow", "merit", "rank", "run_design", "simulate"]
 
 Progress = Callable[[str, int, int], None]
 #: Bias over noise of a coordinate from which on a candidate is solved for, whatever its rank.
@@ -30,8 +30,8 @@ COUNTS = 0.02
 FAR = 3.0
 #: Candidates, from the least noise on, that are solved for in any case.
 DEPTH = 10
-#: Share of the pixels that a candidate may lose against the best one and still be chosen.
-LOSS = 0.01
+#: What a pixel without a height counts as, in rms errors of those that have one.
+LOST = 5.0
 #: Prediction and simulation that differ by more, beyond two standard errors of the simulation: it decides.
 TRUST = 0.08
 #: Simulations per row asked for, at most, before the first row is taken as it is.
@@ -44,6 +44,7 @@ class DesignRow:
     wrong order or bit; share: of the pixels that it measures, predicted; why: what rules it out ('' :
     nothing).
 
+    predicted and share together are what rows are ranked by (see merit).
     simulated, simulated_share: the same from rendered frames, NaN where they were not; note: why not.
     """
 
@@ -85,6 +86,12 @@ class Design:
 
 def silent(text: str, done: int, total: int) -> None:
     """Progress that nobody watches."""
+
+
+def merit(error: float, share: float) -> float:
+    """What a sequence is ranked by: rms height error (mm) over all pixels, one without a height counted as
+    LOST times the rms of the others; infinite without any."""
+    return error * math.sqrt(share + LOST**2 * (1 - share)) if error > 0 and share > 0 else math.inf
 
 
 def run_design(
@@ -148,7 +155,7 @@ def rank(
     failure: float,
     progress: Progress = silent,
 ) -> list[DesignRow]:
-    """Rows from the least predicted height error on; those that fail too often or lose too much come last."""
+    """Rows from the least predicted merit on; those that fail too often come last."""
     by_text = {candidate.text: candidate for candidate in offered}
     drafts = []
     for index, candidate in enumerate(offered):
@@ -156,6 +163,7 @@ def rank(
         drafts.append(_draft(lever, candidate, noise, refresh))
     drafts.sort(key=lambda draft: draft[0].noise if draft[0].noise > 0 else math.inf)
     rows: list[DesignRow] = []
+    open_rows = {}
     solved, least = 0, math.inf
     for row, there in drafts:
         progress("lever", len(rows), len(drafts))
@@ -166,10 +174,19 @@ def rank(
             solved += not biased
             if row.failure <= failure:
                 least = min(least, row.predicted)
-        rows.append(row)
-    best = max((row.share for row in rows if row.failure <= failure), default=0.0)
-    judged = [_judged(row, failure, best) for row in rows]
-    return sorted(judged, key=lambda row: (bool(row.why), row.predicted if row.predicted > 0 else math.inf))
+        elif there is not None:
+            open_rows[row.text] = there
+        rows.append(_judged(row, failure))
+    rows.sort(key=_rank)
+    while rows[0].text in open_rows and not rows[0].why:  # nothing comes first by its noise alone
+        there = open_rows.pop(rows[0].text)
+        rows[0] = _judged(_solved(lever, by_text[rows[0].text], rows[0], there, noise, True), failure)
+        rows.sort(key=_rank)
+    return rows
+
+
+def _rank(row: DesignRow) -> tuple[bool, float]:
+    return bool(row.why), merit(row.predicted, row.share)
 
 
 def _draft(
@@ -208,16 +225,10 @@ def _solved(
     return replace(row, predicted=height.total, noise=height.noise, bias=height.bias, share=share)
 
 
-def _judged(row: DesignRow, failure: float, best: float) -> DesignRow:
-    if row.why:
+def _judged(row: DesignRow, failure: float) -> DesignRow:
+    if row.why or row.failure <= failure:
         return row
-    if not row.failure <= failure:
-        return replace(row, why=f"fails at {row.failure:.1e} of the pixels")
-    if not row.share >= best - LOSS:
-        return replace(
-            row, why=f"measures {100 * row.share:.1f} % of the pixels, the best {100 * best:.1f} %"
-        )
-    return row
+    return replace(row, why=f"fails at {row.failure:.1e} of the pixels")
 
 
 def simulate(
@@ -271,14 +282,13 @@ def _simulated(
         found, share = simulate(lever, candidate, noise, range(seeds), renderer)
     except InputError as error:
         return replace(row, why="cannot be decoded", note=str(error))
-    row = replace(row, simulated=found, simulated_share=share)
-    if not share >= row.share - 2 * LOSS:
-        return replace(row, why=f"measures {100 * share:.1f} % of the pixels in simulation")
-    return row
+    return replace(row, simulated=found, simulated_share=share)
 
 
 def _value(row: DesignRow, trust: float) -> float:
     """What a row is ranked by: its prediction, or the simulation where that says otherwise."""
-    if math.isfinite(row.simulated) and not abs(row.simulated / row.predicted - 1) < trust:
-        return row.simulated
-    return row.predicted if row.predicted > 0 else math.inf
+    told = merit(row.predicted, row.share)
+    if math.isfinite(row.simulated):
+        found = merit(row.simulated, row.simulated_share)
+        return told if abs(found / told - 1) < trust else found
+    return told

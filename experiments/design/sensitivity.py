@@ -28,6 +28,8 @@ from .view import Floats, View, stride_for, view_of
 __all__ = ["HeightPrediction", "Lever", "rms_where"]
 
 MANY = 8  # draws of the reference
+#: Draws by which the solver's error bars are judged, pixels (rms) over which these are averaged.
+CALIBRATED, SMOOTH = 24, 1.0
 #: Bias over noise of a coordinate (rms) above which the noise is needed beside it.
 BARE = 0.5
 #: Cells of systematic error (rms) below which it is not worth a solve.
@@ -109,8 +111,8 @@ class Lever:
         """Factor from the rms of the first draw, taken to the full camera, to that of all noise there."""
         if self.view.stride == 1:
             return _mean_square(self._errors) / self._errors[0]
-        usable = self._reference[1][1]
-        return rms_where(self._sigma_view * self._weighed, usable) / self._errors[0]
+        sigma = self._sigma_view * self._weighed
+        return rms_where(sigma, self.seen & np.isfinite(sigma)) / self._errors[0]
 
     @cached_property
     def scatter(self) -> float:
@@ -207,6 +209,36 @@ class Lever:
         height = self.solve(view, (noise, noise), solved)
         return np.where(height.good & usable, height.sigma, np.nan)
 
+    @cached_property
+    def truth_of_sigma(self) -> Floats:
+        """Rms error over the solver's error bars, per pixel of the full camera (averaged around it),
+        by drawn noise: they are exact in the middle, wide next to the pattern's edge."""
+        noise, (solved, usable) = self._usual(self.full)
+        square, count = np.zeros(noise.shape), np.zeros(noise.shape)
+        for seed in range(CALIBRATED):
+            draw = noise * np.random.default_rng([seed, 1]).standard_normal((2, *noise.shape))
+            height = self.solve(self.full, (noise, noise), solved, (draw[0], draw[1]))
+            good = height.good & usable
+            with np.errstate(divide="ignore", invalid="ignore"):
+                ratio = (height.z - self.full.truth.z) / height.sigma
+            square[good] += ratio[good] ** 2
+            count[good] += 1
+        around, there = (np.asarray(cv2.GaussianBlur(part, (0, 0), SMOOTH)) for part in (square, count))
+        return np.asarray(np.sqrt(np.where(there > 1, around / np.maximum(there, 1e-9), 1.0)))
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """`inner` on the view."""
+        return self._reference[1][1]
+
+    @cached_property
+    def usual_sigma(self) -> tuple[float, Floats]:
+        """(rms height error of a usual fringe as `quick` tells it, its error bars (mm) on the full camera at
+        the pixels of the view, NaN where there are none): another code's scale with the former."""
+        noise, (_, usable) = self._reference
+        size = math.hypot(*self.gains) * rms_where(noise, usable)
+        return size, self._sigma_view if self.view.stride == 1 else self._sigma_view * self.to_full
+
     def height(self, prediction: Prediction, full: Prediction | None = None) -> HeightPrediction:
         """Rms height error that a prediction on `view` means.
 
@@ -236,7 +268,8 @@ class Lever:
             bias, reached = self._difference(view, stated, wide, both, alone)
             return HeightPrediction(noise, bias, min(share, reached))
         bias, reached = self.error(view, stated, wide.solved, wide.usable, shift)
-        return HeightPrediction(noise, bias, min(share, reached))
+        # without noise the solver is surer of creases than it will be: what it then flags says nothing
+        return HeightPrediction(noise, bias, share if noise > 0 else reached)
 
     def _drawn(self, view: View, index: int) -> Floats:
         """A draw (2, H, W) of unit noise on a view."""

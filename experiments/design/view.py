@@ -6,7 +6,9 @@ the cost of a small one. Heights of independent pixel noise then scale with the 
 `sensitivity`.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +19,7 @@ from optolever.scene import Scene, Surface, Trace, resize, trace
 __all__ = ["Levels", "View", "stride_for", "view_of"]
 
 Floats = NDArray[np.float64]
+T = TypeVar("T")
 FINEST = 128  # pixels along the shorter side above which the camera is thinned
 
 
@@ -51,6 +54,13 @@ class View:
     widths: dict[str, tuple[Floats, Floats]]
     light: Floats
     stride: float
+    _kept: dict[Hashable, object] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def kept(self, key: Hashable, make: Callable[[], T]) -> T:
+        """What `make` returns, made once for a key: sequences share their periods."""
+        if key not in self._kept:
+            self._kept[key] = make()
+        return self._kept[key]  # type: ignore[return-value]
 
     @property
     def visible(self) -> NDArray[np.bool_]:
@@ -64,6 +74,15 @@ class View:
     def coordinate(self, axis: str) -> Floats:
         """True coordinate, cells."""
         return self.truth.u if axis == "u" else self.truth.v
+
+    def bend(self, axis: str) -> Floats:
+        """Second differences of the coordinate between unthinned pixels, along and across, added up (cells,
+        (H, W)); 0 beside what sees nothing."""
+        at = self.coordinate(axis)
+        along, across = np.zeros(at.shape), np.zeros(at.shape)
+        along[:, 1:-1] = np.abs(np.diff(at, 2, axis=1))
+        across[1:-1] = np.abs(np.diff(at, 2, axis=0))
+        return (np.nan_to_num(along) + np.nan_to_num(across)) / self.stride**2
 
     def levels(self, noise: float) -> Levels:
         """Levels under added Gaussian noise (rms, 8-bit levels) and the sensor's own."""

@@ -49,6 +49,27 @@ def test_rounded_levels_and_low_stairs_are_taken_off(period: float, blur: float)
     assert ideal.std() > 1.5 * corrected.std()
 
 
+@pytest.mark.parametrize(("period", "blur"), [(4.0, 0.4), (5.0, 0.4), (6.0, 0.38)])
+def test_low_stairs_leave_little(period: float, blur: float) -> None:
+    """Of stairs of up to 0.04 cells less than a twelfth is left: tables follow them between their entries."""
+    shown, u, frames = _capture(200, 0.53, blur, period=period)
+    inside = (u > 6) & (u < 193)
+    left = (decode(frames, shown, blur_px=blur).u - u).mean(axis=0)[inside]
+    ideal = (decode(frames, shown, on_cells=False).u - u).mean(axis=0)[inside]
+    wave = np.exp(2j * np.pi * u[inside])
+    assert abs(np.mean(left * wave)) < abs(np.mean(ideal * wave)) / 12
+
+
+def test_blur_is_told_where_cells_swing_the_contrast() -> None:
+    """Three cells to a period: its contrast varies by a third within a cell, and still tells the blur."""
+    shown, u, frames = _capture(160, 0.53, 0.4, period=3.0)
+    inside = (u > 6) & (u < 153)
+    found = decode(frames, shown)
+    given = decode(frames, shown, blur_px=0.4)
+    assert np.abs(found.u - given.u)[:, inside].max() < 5e-3
+    assert (found.flags[:, inside] == 0).mean() > 0.95
+
+
 def test_dark_border_is_taken_off_or_flagged() -> None:
     shown, u, frames = _capture(120, 0.7, 0.5, period=8.0)
     found = decode(frames, shown)

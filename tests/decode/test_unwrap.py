@@ -79,3 +79,17 @@ def test_ends_of_the_range_are_not_taken_for_each_other(counts: tuple[int, int],
     carried = 2 * sigma / math.sqrt(2 * math.pi) / EXTENT
     counting = math.sqrt(inside / u.size)
     assert wrong.mean() <= inside + carried + 3 * counting
+
+
+def test_periods_of_different_numbers_of_steps() -> None:
+    """Four steps of one period beside five of another: as exact as without noise they are."""
+    frames = [
+        Frame("phase", "u", period_px=period, shift=2 * math.pi * k / steps)
+        for period, steps in ((140.0, 4), (12.0, 5))
+        for k in range(steps)
+    ]
+    sequence = Sequence(tuple(frames), 1, 120)
+    u = np.tile(np.linspace(10, 110, 60), (20, 1))
+    found = decode(captured(sequence, u, 600.0), sequence, white_level=1e9, on_cells=False)
+    assert np.abs(found.u - u).max() < 0.02
+    assert (found.flags == 0).all()

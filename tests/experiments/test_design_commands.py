@@ -1,11 +1,16 @@
 """`optolever design`, `sensor`, `adapt`: as a user calls them, on small scenes; bad input is one line."""
 
 import json
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from optolever.cli import run
+from optolever.experiments import design
+from optolever.experiments.design import CASES, Case, ChoiceRow
 
 PRISM = ["--scene", "prism48", "--size", "72x96"]
 
@@ -56,6 +61,45 @@ def test_adapt_tells_its_steps(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert row["met"]
     assert row["steps"][-1]["frames"] == row["frames"]
     assert "Adaptive sensing" in capsys.readouterr().out
+
+
+def test_adapt_stands_beside_the_best_fixed_sequence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    numbers = tmp_path / "adapt.json"
+    call = ["--scene", "paper-prototype", "--size", "80x50", "--goal", "3e-3", "--seeds", "1"]
+    dents = ["--dent", "flat", "--dent", "gaussian:peak=0.1,sigma=6"]
+    assert run(["adapt", *call, *dents, "--renderer", "numpy", "--json", str(numbers)]) == 0
+    found = json.loads(numbers.read_text())
+    assert found["fixed"]["offered"] > found["fixed"]["simulated"] > 0
+    assert all(row["fixed_within"] >= 0.95 for row in found["rows"])
+    printed = capsys.readouterr().out
+    assert f"on {found['fewer']} of 2 dents" in printed
+
+
+def test_choices_come_case_by_case(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C in the second case keeps the first one, printed and in the file."""
+    numbers, small = tmp_path / "choices.json", replace(CASES[7], frames=12)
+    monkeypatch.setattr(design, "CASES", (small, CASES[8]))
+    real, asked = design.run_choices, []
+
+    def until_interrupted(cases: tuple[Case, ...], **options: Any) -> Iterator[ChoiceRow]:
+        asked.append(cases)
+        if len(asked) == 2:
+            raise KeyboardInterrupt
+        return real(cases, **options)
+
+    monkeypatch.setattr(design, "run_choices", until_interrupted)
+    options = ["--pixels", "48", "--seeds", "1", "--more", "1", "--renderer", "numpy"]
+    assert run(["choices", *options, "--json", str(numbers)]) == 130
+    (row,) = json.loads(numbers.read_text())["rows"]
+    assert row["case"] == small.name
+    assert row["excess"] >= 0
+    printed = capsys.readouterr().out
+    assert row["chosen"] in printed
+    assert f"within 5 % of the best  {int(row['excess'] <= 0.05)} of 1" in printed
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from scipy.special import erfc, ndtr
 
 from optolever.errors import InputError
 from optolever.experiments.design.border import border_effect
-from optolever.experiments.design.codes import bit_failure, cell_error, stairs
+from optolever.experiments.design.codes import bit_failure, cell_error, stairs, stairs_of_noise
 from optolever.experiments.design.free_codes import seen_levels
 from optolever.experiments.design.fringes import (
     combined,
@@ -76,8 +76,12 @@ def test_contrast_and_stairs_against_integration(period: float) -> None:
     seen = np.array([light_at(place, period, widths, blur) for place in places])
     error = np.angle(seen * np.exp(-2j * np.pi * places / period)) * period / (2 * np.pi)
     assert stairs(places, boxes, blur, period) == pytest.approx(error, abs=2e-4)
+    share, slope = stairs_of_noise(places, boxes, blur, period)
     fundamental = np.abs(np.mean(seen * np.exp(-2j * np.pi * places / period)))
     assert contrast(period, boxes, blur) == pytest.approx(fundamental, rel=1e-3)
+    assert share == pytest.approx(np.abs(seen) / fundamental, abs=2e-3)
+    beside = [stairs(places + step, boxes, blur, period) for step in (-1e-4, 1e-4)]
+    assert slope == pytest.approx((beside[1] - beside[0]) / 2e-4, abs=1e-5)
 
 
 def test_stairs_of_a_long_period_are_the_sawtooth() -> None:

@@ -1,0 +1,91 @@
+"""What any sequence would bring where a scene's lever is known: the share of heights within a goal, by closed
+forms, axis by axis, so that thousands of sequences cost no more than their axes."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erf
+
+from optolever.errors import InputError
+from optolever.patterns import Sequence
+
+from .prediction import predict_axis
+from .sensitivity import Lever, rms_where
+from .view import Floats
+
+__all__ = ["AxisTold", "Outlook"]
+
+SIZES = np.geomspace(0.02, 50, 160)  # of a usual fringe's error, for which shares are tabled
+
+
+@dataclass(frozen=True, slots=True)
+class AxisTold:
+    """An axis of a sequence: rms height error (mm) that it brings, expected share of the pixels that pass the
+    decoder's checks, and for each of them (None: all) the probability."""
+
+    size: float
+    share: float
+    passed: NDArray[np.float32] | None
+
+
+class Outlook:
+    """A lever, the error that heights may have (mm), the camera's noise (rms, 8-bit levels); wide: what the
+    solver's error bars have to be multiplied by, on the full camera (see Lever.truth_of_sigma)."""
+
+    def __init__(self, lever: Lever, height: float, noise: float, wide: Floats) -> None:
+        self.lever, self._height, self._noise = lever, height, noise
+        shape = lever.view.visible.shape[::-1]
+        self._wide = np.asarray(cv2.resize(wide, shape, interpolation=cv2.INTER_AREA))
+        self._axes: dict[Any, AxisTold] = {}
+        self._table: Floats | None = None
+
+    def axis(self, axis: str, sequence: Sequence) -> AxisTold:
+        """What one axis of a sequence brings; kept for the next that has the same."""
+        key = axis, tuple(frame for frame in sequence.frames if frame.axis in (axis, None))
+        if key not in self._axes:
+            self._axes[key] = self._told(axis, sequence)
+        return self._axes[key]
+
+    def _told(self, axis: str, sequence: Sequence) -> AxisTold:
+        seen = self.lever.seen
+        try:
+            there = predict_axis(self.lever.view, sequence, self._noise, axis)
+        except InputError:
+            return AxisTold(math.inf, 0.0, None)
+        passed = 1 - there.refused[seen]
+        size = math.hypot(rms_where(there.noise, seen), rms_where(there.bias, seen))
+        whole = bool(passed.min(initial=1.0) > 1 - 1e-6)
+        return AxisTold(
+            self.lever.gains["uv".index(axis)] * size if math.isfinite(size) else math.inf,
+            float(passed.mean()),
+            None if whole else passed.astype(np.float32),
+        )
+
+    def share(self, sequence: Sequence) -> float:
+        """Expected share of the pixels that see the pattern in full whose height is within the goal."""
+        u, v = (self.axis(axis, sequence) for axis in "uv")
+        size = math.hypot(u.size, v.size)
+        if not math.isfinite(size):
+            return 0.0
+        each = self._each(size)
+        for passed in (u.passed, v.passed):
+            each = each if passed is None else each * passed
+        return float(each.mean())
+
+    def within_at(self, size: Floats) -> Floats:
+        """That share at an rms height error (mm) of any code, were all pixels measured."""
+        usual = self.lever.usual_sigma[0]
+        if self._table is None:
+            self._table = np.array([self._each(usual * ratio).mean() for ratio in SIZES])
+        return np.asarray(np.interp(np.log(size / usual), np.log(SIZES), self._table))
+
+    def _each(self, size: float) -> Floats:
+        """Probability that a pixel is within the goal at that error, where the view sees the pattern."""
+        usual, sigma = self.lever.usual_sigma
+        mine = (sigma * self._wide)[self.lever.seen] * (size / usual)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(np.nan_to_num(erf(self._height / (math.sqrt(2) * mine))))
