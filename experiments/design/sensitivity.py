@@ -22,7 +22,7 @@ from optolever.errors import InputError
 from optolever.reconstruct import HeightMap, reconstruct
 from optolever.scene import Scene, Surface
 
-from .prediction import AxisPrediction, Prediction, border_loss
+from .prediction import Prediction, border_loss
 from .view import Floats, View, stride_for, view_of
 
 __all__ = ["HeightPrediction", "Lever", "rms_where"]
@@ -30,8 +30,6 @@ __all__ = ["HeightPrediction", "Lever", "rms_where"]
 MANY = 8  # draws of the reference
 #: Draws by which the solver's error bars are judged, pixels (rms) over which these are averaged.
 CALIBRATED, SMOOTH = 24, 1.0
-#: Bias over noise of a coordinate (rms) above which the noise is needed beside it.
-BARE = 0.5
 #: Cells of systematic error (rms) below which it is not worth a solve.
 NEGLIGIBLE = 2e-4
 REFERENCE = 0.01  # cells of noise
@@ -260,7 +258,7 @@ class Lever:
             return HeightPrediction(noise, 0.0, share)
         stated = wide.u.stated, wide.v.stated
         shift = wide.u.bias, wide.v.bias
-        if any(_counts(axis, wide.usable, BARE) for axis in (wide.u, wide.v)) and noise > 0:
+        if noise > 0:
             # bare stairs look like creases to the solver; under noise, which is what it will see, they do not
             drawn = self._drawn(view, 0)
             both = (shift[0] + wide.u.noise * drawn[0], shift[1] + wide.v.noise * drawn[1])
@@ -268,8 +266,7 @@ class Lever:
             bias, reached = self._difference(view, stated, wide, both, alone)
             return HeightPrediction(noise, bias, min(share, reached))
         bias, reached = self.error(view, stated, wide.solved, wide.usable, shift)
-        # without noise the solver is surer of creases than it will be: what it then flags says nothing
-        return HeightPrediction(noise, bias, share if noise > 0 else reached)
+        return HeightPrediction(noise, bias, reached)
 
     def _drawn(self, view: View, index: int) -> Floats:
         """A draw (2, H, W) of unit noise on a view."""
@@ -293,11 +290,6 @@ class Lever:
         reached = first.good & second.good & there.usable
         share = (first.good & there.usable).sum() / max(1, there.usable.sum())
         return rms_where(first.z - second.z, reached), float(share)
-
-
-def _counts(axis: AxisPrediction, where: NDArray[np.bool_], least: float) -> bool:
-    """Whether an axis' systematic errors exceed so many times its noise."""
-    return rms_where(axis.bias, where) > least * rms_where(axis.noise, where)
 
 
 def _lost(view: View) -> Floats:
