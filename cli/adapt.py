@@ -28,8 +28,11 @@ SAMPLE = """
 $ optolever adapt --scene paper-prototype --size 200x125 --goal 2e-4 \\
       --dent ridge:peak=0.09,sigma=3.5 --seeds 1 --no-compare
 Adaptive sensing: paper-prototype, 95 % within 0.0002 mm
-dent                       frames  within   fixed within  estimated after so many frames (first run)
-ridge:peak=0.09,sigma=3.5  15      95.66 %  -             12: 40.37 %; 13: 92.04 %; 14: 94.16 %; 15: 95.41 %
+ridge:peak=0.09,sigma=3.5
+  frames     14
+  within     95.45 %
+  estimated  after so many frames 12: 94.59 %; 14: 95.15 % (first run)
+  time       7.35 s
 """
 
 
@@ -82,8 +85,9 @@ def command(
 ) -> None:
     """Measure adaptively on a virtual sensor: the next frames follow from what was measured so far.
 
-    It stops when the share asked for is within the goal, or says why it cannot be. Beside it stands the fixed
-    sequence of fewest frames that meets the same goal on all dents.
+    It starts with the frames that the mirror at rest needs, and stops when the share asked for is within the
+    goal, or says why it cannot be; every dent is printed when it is done. Beside it stands the fixed sequence
+    of fewest frames that meets the same goal on all dents, by the mean share of the same seeds.
     """
     writable(json_path)
     from optolever.experiments.design import AdaptiveRow, Goal, run_adaptive, study_dents
