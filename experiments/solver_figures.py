@@ -108,7 +108,7 @@ def _growth() -> Iterator[Figure]:
         yield Figure(f"memory above the inputs, {name}", peak, "float64 images", high=40)
     scene, truth = _mirror(PRISM, "raised-cosine", LARGE)
     yield from _solved("prism, 4 Mpx", scene, truth, 1e-9, 6.0)
-    large = _timed(lambda: _height(scene, truth, None), warm=False)[2]
+    large = min(_timed(lambda: _height(scene, truth, None), warm=False)[2] for _ in range(2))
     expected = (LARGE / SIDE) ** 2 * np.log(LARGE) / np.log(SIDE)
     yield Figure("growth over that of N log N", large / small / float(expected), high=1.1)
 
