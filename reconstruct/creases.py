@@ -5,7 +5,8 @@ on one side up to the edge, the slopes of that side alone, extrapolated (Adams-B
 the same increment. Where neither side does, slopes jump inside the edge (a cusp, a ridge, the rim of a
 contact) or one of its pixels is wrong, and the smaller of the two differences is about what the increment may
 be off by: the doubt. Its square joins the edge's variance, so that the solve goes around the crease, and what
-can only be reached across it gets a sigma that says so.
+can only be reached across it gets a sigma that says so. What the cubic misses of a smooth curve, fourth
+differences tell; that joins the doubt.
 """
 
 import cv2
@@ -38,6 +39,9 @@ _BEND4 = 0.349  # of its fourth difference: that of the next order
 _CONVERGES = 0.5  # errors that fall so from one order to the next are those of a curve, not of a jump
 _QUIET = 8.0  # of a slope's sigma: third differences of noise (4.5) and little more
 _SHARE = 1.0 / 12.0  # a jump inside an edge moves that edge's increment by half of it, the next one's by 1/24
+_CURVES = 0.25  # of a slope's sigma: what the cubic misses; noise feigns 0.04
+_MISSED = 11.0 / 720.0  # of the fourth difference: the cubic's error
+_ASIDE = 19.0 / 11.0  # the one-sided cubic's error over the central one's
 _NEAR = 7  # pixels: reach of a doubt over pixels that were interpolated
 _BESIDE = 5  # pixels: reach of a crease's surroundings, in which doubts below the noise count too
 _BLAME = 13.0 / 12.0  # a wrong slope is in its edges by 13/24, in the curl around it by half
@@ -130,13 +134,13 @@ def _axis(
     f: Floats, variance: Floats, mask: Mask, di: int, dj: int, noise: float
 ) -> tuple[Floats, Floats, Mask, Floats]:
     """Doubts beyond the noise, doubts whatever the noise, where they are beyond any noise;
-    and what edges of the trapezoid rule miss of the curves that others nearby see.
+    and what cubics miss of a curve, and edges of the trapezoid rule of the curves that others nearby see.
     """
-    out, plain, most, bend = (np.zeros(f.shape) for _ in range(4))
+    out, plain, most, bend, curve = (np.zeros(f.shape) for _ in range(5))
     sure, short = np.zeros((2, *f.shape), dtype=np.bool_)
     over_image(
         lambda start, stop: _doubt(
-            f, variance, mask, di, dj, noise, out, plain, most, bend, sure, short, start, stop
+            f, variance, mask, di, dj, noise, out, plain, most, bend, curve, sure, short, start, stop
         ),
         f.shape,
     )
@@ -154,6 +158,11 @@ def _axis(
         bend[bend < _FEEBLE * np.sqrt(variance)] = 0.0
     else:
         bend[...] = 0.0
+    if curve.any():
+        # noise makes such edges one by one, a curve side by side
+        beside = np.array([[1, 0, 1]]) if dj else np.array([[1], [0], [1]])
+        curve *= scipy.ndimage.maximum_filter(curve, footprint=beside) > 0
+        bend = np.maximum(bend, curve)
     return out, plain, sure, bend
 
 
@@ -234,6 +243,32 @@ def _trapezoid(mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True, nogil=True, inline="always")
+def _curve(f, var, mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-def]
+    """What the cubic misses of a curve in the increment from (i, j), by the fourth differences around
+    it, where that matters; next to a border by those of the nearest edge that has both.
+    """
+    sigma = np.sqrt(0.5 * (var[i, j] + var[i + di, j + dj]))
+    for shift in (0, -1, 1, -2, 2):
+        if before + shift < 2 or after - shift < 3:
+            continue
+        whole = True
+        for k in range(shift - 2, shift + 4):
+            whole = whole and mask[i + k * di, j + k * dj]
+        if whole:
+            a, b = i + shift * di, j + shift * dj
+            # a jump's are of either sign
+            left = f[a - 2 * di, b - 2 * dj] + 6.0 * f[a, b] + f[a + 2 * di, b + 2 * dj]
+            left -= 4.0 * (f[a - di, b - dj] + f[a + di, b + dj])
+            right = f[a - di, b - dj] + 6.0 * f[a + di, b + dj] + f[a + 3 * di, b + 3 * dj]
+            right -= 4.0 * (f[a, b] + f[a + 2 * di, b + 2 * dj])
+            missed = 0.5 * _MISSED * abs(left + right)
+            if left * right <= 0.0 or not missed > _CURVES * sigma:
+                return 0.0
+            return missed if shift == 0 else _ASIDE * missed
+    return 0.0
+
+
+@njit(cache=True, nogil=True, inline="always")
 def _edge(f, var, mask, i, j, di, dj, before, after, scale):  # type: ignore[no-untyped-def]
     """Of the edge from (i, j): what neither side explains, beyond the noise and whatever the noise (inf where
     no side can tell); whether it is beyond any noise; what one side misses that certainly should not.
@@ -283,7 +318,7 @@ def _edge(f, var, mask, i, j, di, dj, before, after, scale):  # type: ignore[no-
 
 
 @njit(cache=True, nogil=True)
-def _doubt(f, var, mask, di, dj, scale, out, plain, most, bend, sure, short, start, stop):  # type: ignore[no-untyped-def]
+def _doubt(f, var, mask, di, dj, scale, out, plain, most, bend, curve, sure, short, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = f.shape
     for i in range(start, stop):
         for j in range(cols):
@@ -294,6 +329,7 @@ def _doubt(f, var, mask, di, dj, scale, out, plain, most, bend, sure, short, sta
             short[i, j] = _trapezoid(mask, i, j, di, dj, before, after)
             centre = _stencil(f, mask, i, j, di, dj, before, after)
             bend[i, j] = abs(centre - 0.5 * (f[i, j] + f[i1, j1]))
+            curve[i, j] = _curve(f, var, mask, i, j, di, dj, before, after)
             least, whatever, certain, largest = _edge(f, var, mask, i, j, di, dj, before, after, scale)
             if np.isfinite(whatever):
                 out[i, j], plain[i, j], most[i, j], sure[i, j] = least, whatever, largest, certain
@@ -326,6 +362,8 @@ def _glance(f, var, mask, di, dj, scale, seen, start, stop):  # type: ignore[no-
                 least, whatever, certain, largest = _edge(f, var, mask, i, j, di, dj, before, after, scale)
                 if np.isfinite(whatever) and (least > 0.0 or largest > 0.0):
                     seen[i, j] |= 3 if certain or largest > 0.0 else 1
+                if _curve(f, var, mask, i, j, di, dj, before, after) > 0.0:
+                    seen[i, j] |= 1
 
 
 @njit(cache=True, nogil=True)
