@@ -46,11 +46,21 @@ HEADER = (
 @click.option("--filter", "wanted", default="", metavar="WORDS", help="Only cases that hold all these words.")
 @click.option("--quick", is_flag=True, help="96x96, fewer sequences, double precision only.")
 @click.option(
+    "--random", "drawn", type=click.IntRange(0), default=0, metavar="N", help="N random cases instead."
+)
+@click.option("--first", type=click.IntRange(0), default=0, metavar="N", help="The first one's number.")
+@click.option(
     "--out", type=FILE, default=Path("out/hard"), show_default=True, metavar="DIR", help="Gets the pictures."
 )
 @json_option
 def command(
-    sizes: tuple[tuple[int, int], ...], wanted: str, quick: bool, out: Path, json_path: Path | None
+    sizes: tuple[tuple[int, int], ...],
+    wanted: str,
+    quick: bool,
+    drawn: int,
+    first: int,
+    out: Path,
+    json_path: Path | None,
 ) -> int:
     """Run decode and reconstruct on what is hard, and look for what is wrong without a flag.
 
@@ -58,12 +68,17 @@ def command(
     sigma; discrete codes by more than 1.5 px), flagged or not, silent errors (wrong and unflagged, of the
     unflagged) and the worst unflagged pixel over that limit. A case is good if
     at most 1e-4 of its unflagged pixels are silent errors. DIR gets a picture of every case that is not.
+    Random cases (mirror, codes, light, noise, holes, size) are the same for the same number.
     Exit code 1 if any case is silently wrong; where nobody could tell from the frames, the row says so.
     """
     report_into(out, json_path)
     from optolever.experiments.bench import hard_cases, run_hard, save_picture
 
-    cases = hard_cases(sizes, wanted, quick)
+    if first and not drawn:
+        raise click.UsageError("--first goes with --random")
+    if drawn and (sizes or quick):
+        raise click.UsageError("--random draws its sizes: no --size, no --quick")
+    cases = hard_cases(sizes, wanted, quick, drawn, first)
     if not cases:
         raise click.UsageError(f"--filter {wanted!r}: no case holds these words")
     out.mkdir(parents=True, exist_ok=True)

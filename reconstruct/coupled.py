@@ -97,7 +97,7 @@ def solved_height(
     options = _METHODS[method]
     for _ in range(_ATTEMPTS):
         whole = prepare(correspondence, scene, anchor, mask)
-        removed = strays(whole.data) & ~whole.bridged
+        removed = strays(whole.data, ~whole.bridged)
         problem = replace(whole, data=bridged(whole.data, removed))
         first = _warm(problem, start) if start is not None else None
         if first is None:

@@ -27,6 +27,9 @@ __all__ = ["slope_variances", "slopes"]
 
 Floats = NDArray[np.float64]
 
+_SWING = 0.05  # noise over the way to the pattern: what noise does to a slope depends on where noise put it
+_ALONG, _ACROSS = 2, 1  # rows and columns on either side that tell where it is without
+
 
 def slopes(
     rays: RayField, plane: Floats, u: Floats, v: Floats, w: Floats, step: int = 1
@@ -126,24 +129,54 @@ def _slopes(o, d, plane, u, v, t, stride, p, q, p_t, q_t, start, stop):  # type:
             q_t[i, j] = step * change
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _amid(a, i, j):  # type: ignore[no-untyped-def]
+    """The mean of a pixel and its neighbours, opposite ones only, so that what is linear stays."""
+    total, count = a[i, j], 1
+    for di in range(_ALONG + 1):
+        for dj in range(-_ACROSS, _ACROSS + 1):
+            if di == 0 and dj <= 0:
+                continue
+            if i < di or i + di >= a.shape[0] or j < abs(dj) or j + abs(dj) >= a.shape[1]:
+                continue
+            pair = a[i + di, j + dj] + a[i - di, j - dj]
+            if math.isfinite(pair):
+                total += pair
+                count += 2
+    return total / count
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _variances(o, d, plane, u, v, sigma_u, sigma_v, w, step, log, var_p, var_q, start, stop):  # type: ignore[no-untyped-def]
+    size_u, size_v = (
+        plane[1, 0] ** 2 + plane[1, 1] ** 2 + plane[1, 2] ** 2,
+        (plane[2, 0] ** 2 + plane[2, 1] ** 2 + plane[2, 2] ** 2),
+    )
     for i in range(start, stop):
         r = PAD + step * i
         for j in range(u.shape[1]):
             c = PAD + step * j
             t = math.exp(w[i, j]) if log else w[i, j]
             dx, dy, dz = d[0, r, c], d[1, r, c], d[2, r, c]
-            ex = plane[0, 0] + u[i, j] * plane[1, 0] + v[i, j] * plane[2, 0] - o[0, r, c] - t * dx
-            ey = plane[0, 1] + u[i, j] * plane[1, 1] + v[i, j] * plane[2, 1] - o[1, r, c] - t * dy
-            ez = plane[0, 2] + u[i, j] * plane[1, 2] + v[i, j] * plane[2, 2] - o[2, r, c] - t * dz
-            inverse = 1.0 / math.sqrt(ex * ex + ey * ey + ez * ez)
+            at_u, at_v = u[i, j], v[i, j]
+            noise = size_u * sigma_u[i, j] ** 2 + size_v * sigma_v[i, j] ** 2
+            for _ in range(2):
+                ex = plane[0, 0] + at_u * plane[1, 0] + at_v * plane[2, 0] - o[0, r, c] - t * dx
+                ey = plane[0, 1] + at_u * plane[1, 1] + at_v * plane[2, 1] - o[1, r, c] - t * dy
+                ez = plane[0, 2] + at_u * plane[1, 2] + at_v * plane[2, 2] - o[2, r, c] - t * dz
+                square = ex * ex + ey * ey + ez * ez
+                if not noise > _SWING**2 * square:
+                    break
+                at_u, at_v = _amid(u, i, j), _amid(v, i, j)
+            inverse = 1.0 / math.sqrt(square)
             ex, ey, ez = ex * inverse, ey * inverse, ez * inverse
             nx, ny, nz = ex - dx, ey - dy, ez - dz
             scale = 1.0 / (nx * dx + ny * dy + nz * dz)
             unit = 1.0 / t if log else 1.0
             ue = plane[1, 0] * ex + plane[1, 1] * ey + plane[1, 2] * ez
             ve = plane[2, 0] * ex + plane[2, 1] * ey + plane[2, 2] * ez
+            # to second order: noise along the way changes what noise across it does
+            more = 1.0 + 3.0 * ((ue * sigma_u[i, j]) ** 2 + (ve * sigma_v[i, j]) ** 2) / square
             factor = step * scale * inverse * unit
             for axis in range(2):
                 if axis == 0:
@@ -168,6 +201,6 @@ def _variances(o, d, plane, u, v, sigma_u, sigma_v, w, step, log, var_p, var_q, 
                     * (plane[2, 0] * ax + plane[2, 1] * ay + plane[2, 2] * az - ve * eT)
                 )
                 if axis == 0:
-                    var_p[i, j] = by_u * by_u + by_v * by_v
+                    var_p[i, j] = more * (by_u * by_u + by_v * by_v)
                 else:
-                    var_q[i, j] = by_u * by_u + by_v * by_v
+                    var_q[i, j] = more * (by_u * by_u + by_v * by_v)

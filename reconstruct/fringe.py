@@ -25,7 +25,6 @@ RAGGED = 0.1  # ends of runs of used pixels, per pixel of a line
 BLIND = 0.5, 0.15  # of the way to the pattern: noise of the outermost line's slopes, and of the next one's
 _OPEN = (23.0 / 12.0, -16.0 / 12.0, 5.0 / 12.0)
 _CLOSED = (9.0 / 24.0, 19.0 / 24.0, -5.0 / 24.0, 1.0 / 24.0)
-_GAIN = sum(weight**2 for weight in _OPEN)
 _STEPS = 3  # of Newton
 _APART = 3.0  # sigmas by which both may differ: a slope whose noise is not small is no slope
 
@@ -109,28 +108,24 @@ def extended(
     window: Window,
     w: Floats,
     variance: Floats,
-    slope_variances: tuple[Floats, Floats],
     solved: Mask,
 ) -> tuple[Floats, Floats, Mask]:
     """The core's unknown w, its variance and where it is solved, carried to the whole grid of data.
 
-    slope_variances: of p and q in the core. Where a line before was not solved, nothing follows.
+    Where a line before was not solved, nothing follows.
     """
     shape = data.mask.shape
     if solved.shape == shape:
         return w, variance, solved
     whole, spread = np.full(shape, np.nan), np.full(shape, np.nan)
-    known = np.zeros(shape, dtype=np.bool_)
-    whole[window], spread[window], known[window] = w, variance, solved
-    noise = [np.zeros(shape), np.zeros(shape)]
-    for field, values in zip(noise, slope_variances, strict=True):
-        field[window] = values
+    known, trusted = np.zeros((2, *shape), dtype=np.bool_)
+    whole[window], spread[window], known[window], trusted[window] = w, variance, solved, True
     for axis in (1, 0):
         start, stop = window[axis].start, window[axis].stop
         for line in range(start - 1, -1, -1):
-            _step(data, whole, spread, known, noise, axis, line, 1)
+            _step(data, whole, spread, known, trusted, axis, line, 1)
         for line in range(stop, shape[axis]):
-            _step(data, whole, spread, known, noise, axis, line, -1)
+            _step(data, whole, spread, known, trusted, axis, line, -1)
     return whole, spread, known
 
 
@@ -139,27 +134,30 @@ def _step(
     w: Floats,
     variance: Floats,
     known: Mask,
-    noise: list[Floats],
+    trusted: Mask,
     axis: int,
     line: int,
     inward: int,
 ) -> None:
-    """Fill one line of a column axis (1) or row axis (0) from the three lines inward, and its own slope."""
+    """Fill one line of a column axis (1) or row axis (0) from the three lines inward, and its own slope;
+    trusted: pixels whose slopes agree with the way there, so that the next line may follow from them.
+    """
     lines = [line + k * inward for k in range(4)]
     every = slice(0, data.mask.shape[1 - axis])
     here, *inner = [(k, every) if axis == 0 else (every, k) for k in lines]
-    sure = known[inner[0]] & known[inner[1]] & known[inner[2]] & data.mask[here]
-    first, beyond = w[inner[0]], noise[1 - axis][inner[0]]
-    slope = _slopes(data, w, axis, lines[1:])[0]
+    sure = data.mask[here].copy()
+    for before in inner:
+        sure &= known[before] & trusted[before]
+    first = w[inner[0]]
+    slope, _, spread = _slopes(data, w, axis, lines[1:])
     w[here] = first - inward * sum(weight * s for weight, s in zip(_OPEN, slope, strict=True))
-    added = _GAIN * beyond
+    added = np.asarray(sum(weight**2 * s for weight, s in zip(_OPEN, spread, strict=True)))
     own, least = _closed(data, w, axis, lines, inward, first)
-    better = (least < added) & (np.square(own - w[here]) < _APART**2 * (added + least))
+    agrees = np.square(own - w[here]) < _APART**2 * (added + least)
+    better = (least < added) & agrees
     w[here] = np.where(sure, np.where(better, own, w[here]), np.nan)
     variance[here] = np.where(sure, variance[inner[0]] + np.where(better, least, added), np.nan)
-    known[here] = sure
-    for field in noise:
-        field[here] = field[inner[0]]
+    known[here], trusted[here] = sure, agrees
 
 
 def _closed(

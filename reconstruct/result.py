@@ -74,7 +74,7 @@ def height_map(
         away = cut_off(doubt, limits, data.mask, anchors, lost)
         steep[problem.core] = away | (touched(doubt) & (more > (_STEEP**2) * variance))
         variance = variance + more
-    w, variance, known = extended(outer, problem.core, state.w, variance, state.variances, data.mask)
+    w, variance, known = extended(outer, problem.core, state.w, variance, data.mask)
     distance, sigma = outer.distance(w), np.sqrt(variance)
     if outer.rays.logarithmic:
         sigma = sigma * distance

@@ -2,9 +2,12 @@
 
 A pixel of a mirror continues the coordinates on one side of it at least, also beside a crease, a rim or a
 hole: three pixels of its row or column, extrapolated, or the cubic through two on either side. One that
-misses all of these by many times its noise is wrong. Only large errors show in this way; what is left shows
-in the curl of the slopes (see `outliers`).
+misses all of these by many times its noise is wrong. Where gaps leave no such continuation, the plane through
+the pixels around takes their place. Only large errors show in this way; what is left shows in the curl of the
+slopes (see `outliers`).
 """
+
+import math
 
 import numpy as np
 from numba import njit
@@ -24,19 +27,26 @@ _FEWEST = 3  # continuations: fewer of them prove nothing
 _LEAST = 0.02  # pattern pixels: what a curve may be off by from its continuation
 _STANDS_OUT = 5.0  # times what most of the eight neighbours miss theirs by: finer data is curved everywhere
 _ROWS, _COLS = np.array([0, 0, 0, 1, 1, 2, 2, 2]), np.array([0, 1, 2, 0, 2, 0, 1, 2])
+_AROUND, _ENOUGH = 2, 8  # pixels: reach of the plane, and how many it takes
+_CURVED = 3.0  # times what the plane misses the others by
 _NOISE_CENTRE, _NOISE_SIDE = 1.30, 4.47  # of the difference to a continuation, per pixel's sigma
 
 
-def strays(data: Measured) -> Mask:
-    """Pixels of the mask whose u or v agrees with no neighbours, (rows, cols)."""
-    found = np.zeros(data.mask.shape, dtype=np.bool_)
+def strays(data: Measured, seen: Mask | None = None) -> Mask:
+    """Pixels of the mask whose u or v agrees with no neighbours, (rows, cols). seen: the mask without what
+    was interpolated.
+    """
+    mask = data.mask if seen is None else np.ascontiguousarray(data.mask & seen)
+    found = np.zeros(mask.shape, dtype=np.bool_)
     for field, sigma in ((data.u, data.sigma_u), (data.v, data.sigma_v)):
-        missed = _missed(field, data.mask)
+        missed = _missed(field, mask)
         at = np.argwhere(missed > np.maximum(_LIMIT * sigma, _LEAST))
         if at.size:
             row, col = at.T
-            around = np.pad(missed, 1)[row[:, None] + _ROWS, col[:, None] + _COLS]
-            alone = missed[row, col] > _STANDS_OUT * np.median(around, axis=1)
+            near = row[:, None] + _ROWS, col[:, None] + _COLS
+            around = np.where(np.pad(mask, 1)[near], np.pad(missed, 1)[near], np.nan)
+            around[np.isnan(around).all(axis=1)] = 0.0
+            alone = missed[row, col] > _STANDS_OUT * np.nanmedian(around, axis=1)
             found[row[alone], col[alone]] = True
     return found
 
@@ -83,5 +93,29 @@ def _nearest(f, mask, missed, start, stop):  # type: ignore[no-untyped-def]
                 if sides == 2:
                     count += 1
                     nearest = min(nearest, abs(f[i, j] - (4.0 * near - far) / 6.0) / _NOISE_CENTRE)
-            if count >= _FEWEST:
-                missed[i, j] = nearest
+            missed[i, j] = nearest if count >= _FEWEST else _off_plane(f, mask, i, j)
+
+
+@njit(cache=True, nogil=True)
+def _off_plane(f, mask, i, j):  # type: ignore[no-untyped-def]
+    """What a pixel misses the plane through the pixels around by, beyond what these miss it by; 0 if they are
+    too few.
+    """
+    rows, cols = f.shape
+    moments, right = np.zeros((3, 3)), np.zeros(3)
+    count, squares = 0, 0.0
+    for a in range(max(0, i - _AROUND), min(rows, i + _AROUND + 1)):
+        for b in range(max(0, j - _AROUND), min(cols, j + _AROUND + 1)):
+            if mask[a, b] and not (a == i and b == j):
+                rise, at = f[a, b] - f[i, j], (1.0, float(a - i), float(b - j))
+                count += 1
+                squares += rise * rise
+                for m in range(3):
+                    right[m] += at[m] * rise
+                    for n in range(3):
+                        moments[m, n] += at[m] * at[n]
+    if count < _ENOUGH or abs(np.linalg.det(moments)) < 1.0:
+        return 0.0
+    plane = np.linalg.solve(moments, right)
+    left = max(0.0, squares - float((plane * right).sum()))
+    return max(0.0, abs(plane[0]) - _CURVED * math.sqrt(left / (count - 3)))

@@ -46,7 +46,7 @@ def unknown_variance(data: Measured, state: State, labels: Labels, broken: bool 
     factor = np.broadcast_to(state.root**2, state.w.shape)
     square = factor**2
     alone = _alone(labels)
-    gain = np.where(alone, 0.0, averaging_gain(*state.variances))
+    gain = np.where(alone, 0.0, _least_nearby(averaging_gain(*state.variances)))
     own = _anchor_variance(state, factor, gain)
     variance = _of_components(state, labels, broken, own, square)
     alone &= labels > 0
@@ -142,6 +142,16 @@ def averaging_gain(var_p: Floats, var_q: Floats) -> Floats:
         ratio = np.log(var_p / var_q)
     gain: Floats = var_p * np.interp(ratio, ratios, values)
     return gain
+
+
+def _least_nearby(gain: Floats) -> Floats:
+    """The least of a pixel's and its neighbours': what is averaged is no noisier than they are."""
+    least = gain.copy()
+    np.minimum(least[1:], gain[:-1], out=least[1:])
+    np.minimum(least[:-1], gain[1:], out=least[:-1])
+    np.minimum(least[:, 1:], gain[:, :-1], out=least[:, 1:])
+    np.minimum(least[:, :-1], gain[:, 1:], out=least[:, :-1])
+    return least
 
 
 @lru_cache(maxsize=1)

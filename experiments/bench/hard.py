@@ -14,6 +14,7 @@ from ..demo import Progress, silent
 from ..images import new_figure
 from .hard_case import Case, Found, Result, run_case, silent_mask
 from .hard_decode import decode_cases
+from .hard_random import random_cases
 from .hard_reconstruct import reconstruct_cases
 
 __all__ = ["hard_cases", "run_hard", "save_picture"]
@@ -23,10 +24,21 @@ RECONSTRUCT_SIZES = ((128, 128), (256, 256))
 QUICK_SIZE = (96, 96)
 
 
-def hard_cases(sizes: tuple[tuple[int, int], ...] = (), wanted: str = "", quick: bool = False) -> list[Case]:
+def hard_cases(
+    sizes: tuple[tuple[int, int], ...] = (),
+    wanted: str = "",
+    quick: bool = False,
+    drawn: int = 0,
+    first: int = 0,
+) -> list[Case]:
     """The cases whose label holds every word of `wanted`. sizes: of cameras, default 192 x 192 (decode), 128
-    and 256 squared (reconstruct); quick: 96 x 96, fewer sequences, double precision only.
+    and 256 squared (reconstruct); quick: 96 x 96, fewer sequences, double precision only; drawn: so many
+    random ones instead, from number `first` on.
     """
+    if drawn:
+        return [
+            case for case in random_cases(drawn, first) if all(word in case.label for word in wanted.split())
+        ]
     small = (QUICK_SIZE,) if quick else ()
     cases: list[Case] = []
     for size in sizes or small or (DECODE_SIZE,):

@@ -15,7 +15,7 @@ from optolever.scene import Scene, Surface, Trace, dent_from_text, load, resize,
 from .hard_case import SIGMAS, Case, Found
 from .measures import far_from_visible
 
-__all__ = ["PROBLEMS", "Problem", "reconstruct_cases"]
+__all__ = ["HIDDEN", "PROBLEMS", "Problem", "reconstruct_cases", "reconstructed"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -110,6 +110,8 @@ def _dark(truth: Trace, scene: Scene, rng: np.random.Generator) -> Mask:
         return np.asarray(~(scene.medium.reflectance(np.cos(truth.incidence)) >= 0.5))
 
 
+HIDDEN = (_disks, _slits, _cut, _dropouts, _half)
+
 PROBLEMS = (
     Problem("smooth", "raised-cosine"),
     Problem("cusp", "needle"),
@@ -148,13 +150,14 @@ def reconstruct_cases(sizes: tuple[tuple[int, int], ...], quick: bool = False) -
                         problem.name,
                         "coupled",
                         size,
-                        partial(_reconstructed, problem, size, noise, dtype),
+                        partial(reconstructed, problem, size, noise, dtype),
                         noise,
                         dtype,
                     )
 
 
-def _reconstructed(problem: Problem, size: tuple[int, int], noise: float, dtype: str) -> Found:
+def reconstructed(problem: Problem, size: tuple[int, int], noise: float, dtype: str) -> Found:
+    """Spoil the true correspondence, reconstruct, compare with the mirror."""
     scene, truth = _mirror(problem.scene, problem.dent, size)
     seen = spoiled(problem, scene, truth, noise, dtype)
     height = reconstruct(seen, scene)

@@ -55,3 +55,17 @@ def test_too_few_neighbours_prove_nothing() -> None:
     u[30, 35] += 50.0
     assert not strays(Field(u, mask=mask))[29].any()
     assert not strays(Field(u, mask=mask))[30, :34].any()
+
+
+def test_a_wrong_pixel_among_gaps_is_told_by_the_plane_around_it() -> None:
+    """No three pixels in a row are seen beside it; what was interpolated from it is no witness."""
+    u, seen = noisy(), np.random.default_rng(5).random((60, 70)) > 0.2
+    for row, col in ((20, 30), (41, 12)):
+        seen[row, [col - 1, col + 1]] = seen[[row - 2, row + 2], col] = False
+        seen[row, col] = True
+        u[row, col] += 5.0
+        u[row, [col - 1, col + 1]] += 2.5
+    found = strays(Field(u), seen)
+    assert found[20, 30]
+    assert found[41, 12]
+    assert found.sum() == 2

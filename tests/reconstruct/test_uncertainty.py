@@ -89,7 +89,7 @@ def test_sigma_grows_with_the_noise_and_with_the_anchors_own(exact, noisy) -> No
     value = float(truth.z[48, 48])
     small, large = (
         reconstruct(noisy(truth, sigma=s), scene, anchor=PixelAnchor(48, 48, value)).sigma
-        for s in (0.01, 0.03)
+        for s in (0.001, 0.003)
     )
     np.testing.assert_allclose(large / small, 3.0, rtol=1e-3)
     loose = reconstruct(noisy(truth, sigma=0.01), scene, anchor=PixelAnchor(48, 48, value, sigma=0.5)).sigma
