@@ -68,6 +68,7 @@ class FrameElectronics:
         sensor = self.sensor
         level: NDArray[np.float32] = light * np.float32(sensor.exposure * self.gain)
         if sensor.gamma != 1.0:
+            np.maximum(level, np.float32(0.0), out=level)  # rounding: no light may be a little less than none
             np.power(level, np.float32(1.0 / sensor.gamma), out=level)
         level *= np.float32(_FULL_SCALE)
         level += np.float32(sensor.offset)

@@ -62,8 +62,9 @@ class State:
     problem: the last weighted problem; rows, share: the anchors, and each one's share in its component's
     constant; variances: of the slopes p and q; steps: rms change of w in every step; iterations: linear
     solves and conjugate-gradient iterations; converged: whether the last step met the tolerance;
-    energy: sum of the squared edge defects over their variances, before the last step; doubt: of the edges;
-    astray (rows, cols): pixels that still moved if it did not converge.
+    energy: sum of the squared edge defects over their variances, before the last step; bend: how much curves
+    may mislead every anchor; doubt: of the edges; astray (rows, cols): pixels that still moved if it did not
+    converge.
     """
 
     w: Floats
@@ -76,6 +77,7 @@ class State:
     iterations: int
     converged: bool
     energy: float
+    bend: Floats
     doubt: Doubt | None = None
     astray: NDArray[np.bool_] | None = None
 
@@ -141,6 +143,7 @@ def solve(
                 iterations,
                 converged,
                 left,
+                rows.bend(p),
                 doubt,
                 astray,
             )

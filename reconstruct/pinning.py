@@ -18,6 +18,7 @@ Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 _LONG = 8  # pixels whose slopes tell how to go on over more than one pixel
+_THERE = 0.05  # pixels: an anchor so near needs no slopes
 _STARTS = (-1, 0, -3, -2)  # where a window of four pixels may start, seen from the pixel; the best first
 
 
@@ -26,13 +27,15 @@ class AnchorRows:
     """Known values of the unknown near valid pixels, M of them.
 
     The value predicted at an anchor is w[pixel] + p[at_p] . by_p + q[at_q] . by_q: from the nearest valid
-    pixel along the row, then along the column, by the cubic through four slopes. known: w there; reach:
-    pixels travelled; sigma: of the known value, in units of w; component: label of the pixel.
+    pixel along the row, then along the column, by the cubic through four slopes. more_p: what the cubic adds
+    to the parabola nearest to the same slopes; known: w there; reach: pixels travelled; sigma: of the known
+    value, in units of w; component: label of the pixel.
     """
 
     pixel: Ints
     at_p: Ints
     by_p: Floats
+    more_p: Floats
     at_q: Ints
     by_q: Floats
     known: Floats
@@ -47,6 +50,11 @@ class AnchorRows:
         value: Floats = w.ravel()[self.pixel] + along_row + along_col
         return value
 
+    def bend(self, p: Floats) -> Floats:
+        """What the cubic along the row adds to the parabola, (M,): more than the cubic misses of a curve."""
+        added: Floats = np.einsum("mk,mk->m", p.ravel()[self.at_p], self.more_p)
+        return added
+
     def spread(self, var_p: Floats, var_q: Floats) -> Floats:
         """Variance that the way from the pixels adds, of the slopes', (M,)."""
         along_row = np.einsum("mk,mk->m", var_p.ravel()[self.at_p], self.by_p**2)
@@ -56,8 +64,8 @@ class AnchorRows:
 
 
 def anchor_rows(samples: Samples, data: Measured, labels: NDArray[np.int32]) -> AnchorRows:
-    """Tie the samples (in this grid's pixels) to the nearest valid pixels;
-    those without one in reach are left out.
+    """Tie the samples (in this grid's pixels) to the nearest valid pixels; left out are those without one in
+    reach, and those with fewer than four slopes to tell the way.
     """
     mask = data.mask
     row, col, found = _nearest(samples, mask)
@@ -66,12 +74,17 @@ def anchor_rows(samples: Samples, data: Measured, labels: NDArray[np.int32]) -> 
     delta_row, delta_col = samples.row[keep] - row, samples.col[keep] - col
     start_p, whole_p = _windows(mask, row, col, 0, 1)
     start_q, whole_q = _windows(mask, row, col, 1, 0)
+    told = (whole_p | (np.abs(delta_col) < _THERE)) & (whole_q | (np.abs(delta_row) < _THERE))
+    keep, row, col = keep[told], row[told], col[told]
+    delta_row, delta_col = delta_row[told], delta_col[told]
+    start_p, start_q, whole_p, whole_q = start_p[told], start_q[told], whole_p[told], whole_q[told]
     by_p = np.where(whole_p[:, None], _integral(start_p, delta_col), _own(start_p, delta_col))
     by_q = np.where(whole_q[:, None], _integral(start_q, delta_row), _own(start_q, delta_row))
     pixel = row * mask.shape[1] + col
     index = np.arange(4)
     at_p = np.where(whole_p[:, None], pixel[:, None] + start_p[:, None] + index, pixel[:, None])
-    at_p, by_p = _far(mask, row, col, delta_col, at_p, by_p)
+    more_p = np.where(whole_p[:, None], by_p - _integral(start_p, delta_col, 3), 0.0)
+    at_p, by_p, more_p = _far(mask, row, col, delta_col, at_p, by_p, more_p)
     rows_q = np.where(whole_q[:, None], row[:, None] + start_q[:, None] + index, row[:, None])
     at_q, by_q = _shifted(mask, rows_q, col, by_q, start_p, whole_p, delta_col)
     distance = samples.distance[keep]
@@ -80,6 +93,7 @@ def anchor_rows(samples: Samples, data: Measured, labels: NDArray[np.int32]) -> 
         pixel=pixel,
         at_p=at_p,
         by_p=by_p,
+        more_p=more_p,
         at_q=at_q,
         by_q=by_q,
         known=data.unknown(distance),
@@ -146,9 +160,11 @@ def _windows(mask: Mask, row: Ints, col: Ints, dr: int, dc: int) -> tuple[Ints, 
     return start, whole
 
 
-def _integral(start: Ints, delta: Floats) -> Floats:
-    """Weights (M, 4) of the integral from 0 to delta of the cubic through nodes start .. start + 3."""
-    moments = delta[:, None] ** np.arange(1, 5) / np.arange(1, 5)
+def _integral(start: Ints, delta: Floats, terms: int = 4) -> Floats:
+    """Weights (M, 4) of the integral from 0 to delta of the cubic (the nearest parabola: terms 3) through
+    nodes start .. start + 3.
+    """
+    moments = delta[:, None] ** np.arange(1, terms + 1) / np.arange(1, terms + 1)
     return _by_start(start, moments)
 
 
@@ -158,31 +174,37 @@ def _value(start: Ints, delta: Floats) -> Floats:
 
 
 def _by_start(start: Ints, moments: Floats) -> Floats:
-    out = np.empty(moments.shape)
+    out = np.empty((len(start), 4))
     for candidate in np.unique(start):
-        powers = (candidate + np.arange(4.0))[None, :] ** np.arange(4)[:, None]
+        powers = (candidate + np.arange(4.0))[:, None] ** np.arange(moments.shape[1])
         pick = start == candidate
-        out[pick] = np.linalg.solve(powers, moments[pick].T).T
+        out[pick] = moments[pick] @ np.linalg.pinv(powers)
     return out
 
 
-def _far(mask: Mask, row: Ints, col: Ints, delta: Floats, at: Ints, by: Floats) -> tuple[Ints, Floats]:
+def _far(
+    mask: Mask, row: Ints, col: Ints, delta: Floats, at: Ints, by: Floats, more: Floats
+) -> tuple[Ints, Floats, Floats]:
     """Along a row farther than a pixel, (M, 8): the cubic nearest to eight slopes, which the noise of four
-    would carry away; at, by (M, 4): what else serves.
+    would carry away; at, by, more (M, 4): what else serves.
     """
     inward = -np.sign(delta).astype(np.int64)
     cols = col[:, None] + inward[:, None] * np.arange(_LONG)
     inside = (cols >= 0) & (cols < mask.shape[1])
     cols = np.where(inside, cols, col[:, None])
-    far = (np.abs(delta) > 1.0) & (inside & mask[row[:, None], cols]).all(axis=1)
-    powers = np.arange(_LONG)[:, None] ** np.arange(4)
+    far = ((np.abs(delta) > 1.0) & (inside & mask[row[:, None], cols]).all(axis=1))[:, None]
+    powers = np.arange(_LONG)[:, None] ** np.arange(4.0)
     moments = (-np.abs(delta[:, None])) ** np.arange(1, 5) / np.arange(1, 5)
-    weights = inward[:, None] * (moments @ np.linalg.pinv(powers.astype(np.float64)))
-    near = np.zeros((len(row), _LONG - 4))
+    cubic = inward[:, None] * (moments @ np.linalg.pinv(powers))
+    parabola = inward[:, None] * (moments[:, :3] @ np.linalg.pinv(powers[:, :3]))
+    none = np.zeros((len(row), _LONG - 4))
     at_near = np.concatenate([at, np.repeat(at[:, :1], _LONG - 4, axis=1)], axis=1)
-    at_far = row[:, None] * mask.shape[1] + cols
-    pick = far[:, None]
-    return np.where(pick, at_far, at_near), np.where(pick, weights, np.concatenate([by, near], axis=1))
+    by, more = (np.concatenate([near, none], axis=1) for near in (by, more))
+    return (
+        np.where(far, row[:, None] * mask.shape[1] + cols, at_near),
+        np.where(far, cubic, by),
+        np.where(far, cubic - parabola, more),
+    )
 
 
 def _own(start: Ints, delta: Floats) -> Floats:

@@ -9,7 +9,8 @@ covariance is smaller,
 
 averaged over the Brillouin zone: c is local (the correction is an operator of order zero) and a fifth of the
 slopes' variance, about. |A| = (13 cos(k/2) - cos(3k/2)) / 12 for the four-pixel increments.
-An anchor sum_m a_m w_m = known subtracts the covariance with it: var_i = G_ii - 2 (G a)_i + a.G a.
+An anchor sum_m a_m w_m = known subtracts the covariance with it: var_i = G_ii - 2 (G a)_i + a.G a. What a
+curve adds on the way to the anchors, it adds to all of them alike: the square of its weighted sum joins.
 """
 
 from functools import lru_cache
@@ -48,7 +49,8 @@ def unknown_variance(data: Measured, state: State, labels: Labels, broken: bool 
     alone = _alone(labels)
     gain = np.where(alone, 0.0, _least_nearby(averaging_gain(*state.variances)))
     own = _anchor_variance(state, factor, gain)
-    variance = _of_components(state, labels, broken, own, square)
+    lean = state.share * state.bend / factor.ravel()[state.rows.pixel]
+    variance = _of_components(state, labels, broken, own, lean, square)
     alone &= labels > 0
     if broken and state.problem.weights is not None and alone.any():
         variance[alone] += _hanging(*state.problem.weights, state.problem.columns)[alone]
@@ -60,26 +62,29 @@ def unknown_variance(data: Measured, state: State, labels: Labels, broken: bool 
     return variance
 
 
-def _of_components(state: State, labels: Labels, broken: bool, own: Floats, square: Floats) -> Floats:
-    """Variance of the potential, component by component; own: of its anchors."""
+def _of_components(
+    state: State, labels: Labels, broken: bool, own: Floats, lean: Floats, square: Floats
+) -> Floats:
+    """Variance of the potential, component by component; own: of its anchors; lean: what they share."""
     columns = state.problem.columns
     variance = edge_diagonal(columns)
     sizes = np.bincount(labels.ravel())
     boxes = scipy.ndimage.find_objects(labels)
     for label in np.unique(state.rows.component):
         pick = state.rows.component == label
+        known = float(own[pick].sum() + lean[pick].sum() ** 2)
         if sizes[label] <= _SPECK:
             box = boxes[label - 1]
             assert box is not None
             inside = labels[box] == label
             rise = (np.maximum(*state.variances) / square)[box]
-            variance[box][inside] = (own[pick].sum() + _steps(state, pick, labels.shape)[box] * rise)[inside]
+            variance[box][inside] = (known + _steps(state, pick, labels.shape)[box] * rise)[inside]
             continue
         load = np.zeros(labels.shape)
         np.add.at(load.reshape(-1), state.rows.pixel[pick], state.share[pick])
         green = columns.solve(load)
         inside = labels == label
-        variance[inside] += (float(np.vdot(load, green)) + own[pick].sum() - 2.0 * green)[inside]
+        variance[inside] += (float(np.vdot(load, green)) + known - 2.0 * green)[inside]
         if broken and state.problem.weights is not None and sizes[label] >= _LARGE * labels.size:
             wx, wy = (weight * inside for weight in state.problem.weights)
             scale = square / state.variances[0]
