@@ -24,7 +24,7 @@ from optolever.blocks import over_rows
 
 from .jit import kernel
 
-__all__ = ["estimate_stairs", "take_off_stairs"]
+__all__ = ["take_off_stairs"]
 
 Map = NDArray[Any]
 _SEGMENT = 32
@@ -60,13 +60,13 @@ def take_off_stairs(
     if blur_px is not None:
         attenuation = _left_by(blur_px)
     else:
-        seen, gradient = _gathered(coord, sigma, flags)
+        turned = _along_the_change(coord, sigma, flags)
+        seen, gradient = _gathered(*turned)
         attenuation, fill = _solve_stairs(seen, gradient)
         if fill == 1:
-            attenuation = _of_period(attenuation, period, coord)
+            attenuation = _of_period(attenuation, period, turned[0])
         if attenuation == 0 and measured is not None:
             attenuation = _left_by(measured)
-            seen, gradient = _gathered(*_along_the_change(coord, sigma, flags))
             if _contradicted(_height(attenuation, gradient, period), seen):
                 return
     if attenuation < _NEGLIGIBLE:
@@ -78,15 +78,6 @@ def take_off_stairs(
         rows,
         64,
     )
-
-
-def estimate_stairs(coord: Map, sigma: Map, flags: Map) -> tuple[float, float]:
-    """(T, fill): what blur leaves of the cells' fundamental, and the footprint over the gradient, both 0..1.
-
-    T is 0 where the frames cannot tell (1:1 sampling); fill is below 1 only if the stairs are higher than a
-    footprint that fills the gradient allows.
-    """
-    return _solve_stairs(*_gathered(coord, sigma, flags))
 
 
 def _left_by(blur_px: float) -> float:
@@ -174,6 +165,11 @@ def _height(attenuation: Map | float, width: Map | float, period: float) -> Map:
 
 
 def _solve_stairs(seen: NDArray[np.float64], gradient: NDArray[np.float64]) -> tuple[float, float]:
+    """(T, fill): what blur leaves of the cells' fundamental, and the footprint over the gradient, both 0..1.
+
+    T is 0 where the frames cannot tell (1:1 sampling); fill is below 1 only if the stairs are higher than a
+    footprint that fills the gradient allows.
+    """
     if len(seen) < 8:
         return 0.0, 1.0
     model = np.sinc(gradient)
@@ -221,7 +217,7 @@ def _gathering() -> NDArray[np.float64]:
 
 
 def _segments(coord: Map, sigma: Map, flags: Map) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Unflagged runs of pixels (K, 32) from all over the map, along rows, and their rms sigma (K,)."""
+    """Unflagged runs of pixels (K, 32) from all over the map, along rows, and their usual sigma (K,)."""
     rows, cols = coord.shape
     if cols < _SEGMENT:
         return np.zeros((0, _SEGMENT)), np.zeros(0)
@@ -230,7 +226,7 @@ def _segments(coord: Map, sigma: Map, flags: Map) -> tuple[NDArray[np.float64], 
     cut = (chosen, slice(0, across * _SEGMENT))
     good = (flags[cut].reshape(-1, _SEGMENT) == 0).all(axis=1)
     runs = coord[cut].reshape(-1, _SEGMENT)[good].astype(np.float64)
-    noise = np.sqrt(np.mean(sigma[cut].reshape(-1, _SEGMENT)[good].astype(np.float64) ** 2, axis=1))
+    noise = np.median(sigma[cut].reshape(-1, _SEGMENT)[good].astype(np.float64), axis=1)
     return runs, noise
 
 

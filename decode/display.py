@@ -53,8 +53,8 @@ _FULL = 32767
 _STEPS = 128
 #: What blur leaves of the cells' fundamental, under which stairs (then below 0.03 px) are taken off.
 _LOW_STAIRS = 0.1
-#: Rms blur that is assumed where the frames do not tell it, cells.
-_USUAL_BLUR = 0.5
+#: Rms blur that is assumed where the frames do not tell it, and the widest that it may be, cells.
+_USUAL_BLUR, _WIDE_BLUR = 0.5, 3.0
 
 
 def display_tables(sequence: Sequence, axis: AxisPlan, footprint: float, blur: float | None) -> Tables:
@@ -73,6 +73,8 @@ def _tables(sequence: Sequence, name: str, footprint: float, blur: float | None)
     soft = blur is not None and bool(np.exp(-2 * (np.pi * blur) ** 2) < _LOW_STAIRS)
     used = _USUAL_BLUR if blur is None else blur
     shift, border, lost = display_shift(sequence, axis, footprint, used, stairs=soft).astype(np.float32)
+    if blur is None:  # sigma holds what the border would do through the widest
+        border = display_shift(sequence, axis, footprint, _WIDE_BLUR, stairs=soft)[1].astype(np.float32)
     inner = np.flatnonzero((np.abs(border) <= BORDER) & (lost <= MOST_LOST))
     # up to the first and from the last place where the border does nothing, it may do something
     low, high = (int(inner[0]), int(inner[-1])) if len(inner) else (len(shift), len(shift))

@@ -115,22 +115,29 @@ def _usual(squares: Map) -> float:
 
 
 def _noise(sample: Map, stripes: Stripes, found: "_Found", lit: Map, noise2: float) -> Noise:
-    """Of the levels: noise2 where a stripe passed, and what the frames show long before and after that."""
+    """Of the levels: noise2 where a stripe passed, and what the frames show long before and after that. Where
+    they do not, more than quantisation grows with the light: sigma is rather too large.
+    """
     away = np.abs(stripes.at[:, None, None] - found.coord) > _AWAY * stripes.width
     count = np.count_nonzero(away, axis=0)
     known = lit & (count >= _FRAMES)
-    if np.count_nonzero(known) < _FEWEST:
+    dark, spread = found.offset[lit], QUANTISATION
+    if np.count_nonzero(known) >= _FEWEST:
+        levels = sample[stripes.index][:, known].astype(np.float64)
+        away, count = away[:, known], count[known]
+        dark = np.sum(levels, axis=0, where=away) / count
+        squares = np.sum((levels - dark) ** 2, axis=0, where=away) / (count - 1)
+        spread = max(_usual(squares), QUANTISATION)
+        lit = known
+    more = noise2 - spread
+    if not lit.any() or abs(more) < _SAME * noise2:
         return Noise(noise2)
-    levels = sample[stripes.index][:, known].astype(np.float64)
-    away, count = away[:, known], count[known]
-    dark = np.sum(levels, axis=0, where=away) / count
-    spread = np.sum((levels - dark) ** 2, axis=0, where=away) / (count - 1)
-    rise = float(np.median(found.mean[known] - dark))
-    more = noise2 - max(_usual(spread), QUANTISATION)
-    if abs(more) < _SAME * noise2:
-        return Noise(noise2)
-    gain = more / max(rise, 1e-9)
-    return Noise(noise2 - gain * float(np.median(found.mean[known])), gain)
+    if (
+        more < 0 and sample.dtype.kind != "f"
+    ):  # a response's inverse magnifies dark levels' noise, nothing else
+        return Noise(spread)
+    gain = more / max(float(np.median(found.mean[lit] - dark)), 1e-9)
+    return Noise(noise2 - gain * float(np.median(found.mean[lit])), gain)
 
 
 @dataclass(frozen=True, slots=True)
