@@ -175,7 +175,9 @@ def _anchored(data: Measured, measured: Mask, samples: Samples) -> tuple[Measure
     reached = np.unique(anchor_rows(samples, data, labels).component)
     reached = reached[np.bincount(labels.ravel())[reached] >= _FEWEST]
     if reached.size == 0:
-        raise InputError(f"anchor: no valid pixel within {EDGE_REACH:g} pixels of any anchor")
+        raise InputError(
+            f"anchor: none has valid pixels (four in a row, unless it is on one) within {EDGE_REACH:g} pixels"
+        )
     renumber = np.zeros(int(labels.max()) + 1, dtype=np.int32)
     renumber[reached] = np.arange(1, reached.size + 1)
     labels = renumber[labels]

@@ -114,6 +114,28 @@ def test_a_case_is_a_pure_function(wanted: str) -> None:
     assert judged(one, first).verdict == "good"
 
 
+def test_random_cases_are_the_same_for_the_same_number() -> None:
+    drawn = hard_cases(drawn=6, first=3)
+    assert [case.name for case in drawn] == [f"random {number}" for number in range(3, 9)]
+    assert {case.part for case in drawn} == {"decode", "reconstruct"}
+    (again,) = hard_cases(drawn=1, first=5)
+    assert again.label == drawn[2].label
+    first, second = drawn[2].make(), again.make()
+    assert np.array_equal(first.error, second.error, equal_nan=True)
+
+
+#: Near the pattern's edge, on short sweeps, through blur that nobody told, among gaps, beside steep anchors.
+ONCE_WRONG = (4, 7, 9, 37, 52, 67, 69, 73, 74, 79, 99, 102, 103, 148, 157)
+
+
+@pytest.mark.parametrize("number", ONCE_WRONG)
+def test_random_cases_that_were_once_silently_wrong(number: int) -> None:
+    (one,) = hard_cases(drawn=1, first=number)
+    result = judged(one, one.make())
+    assert result.verdict == "good"
+    assert result.flagged < 1
+
+
 def test_lost_frames_are_what_they_are_called() -> None:
     rng = np.random.default_rng(0)
     frames = np.broadcast_to(np.arange(9)[:, None, None], (9, 6, 4)).copy()
