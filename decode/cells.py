@@ -28,6 +28,8 @@ __all__ = ["take_off_stairs"]
 
 Map = NDArray[Any]
 _SEGMENT = 32
+#: Lines and steps between pairs of neighbours that tell along which axis a coordinate changes.
+_LINES, _APART = 16, 8
 _SEGMENTS = 512
 _STEP = 0.02
 #: sinc(w) from which on a run of pixels tells the height of the stairs.
@@ -87,8 +89,9 @@ def _left_by(blur_px: float) -> float:
 
 def _along_the_change(coord: Map, sigma: Map, flags: Map) -> tuple[Map, Map, Map]:
     """The maps, turned if coord changes more from row to row than from column to column."""
-    some = tuple(slice(None, None, max(1, n // 64)) for n in coord.shape)
-    across, down = np.abs(np.diff(coord[some[0]], axis=1)), np.abs(np.diff(coord[:, some[1]], axis=0))
+    rows, cols = (max(1, n // _LINES) for n in coord.shape)
+    across = np.abs(coord[::rows, _APART::_APART] - coord[::rows, _APART - 1 : -1 : _APART])
+    down = np.abs(coord[_APART::_APART, ::cols] - coord[_APART - 1 : -1 : _APART, ::cols])
     if np.nan_to_num(np.nanmedian(down)) > np.nan_to_num(np.nanmedian(across)):
         return coord.T, sigma.T, flags.T
     return coord, sigma, flags
