@@ -14,7 +14,7 @@ from scipy.special import erfc, ndtr
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
 
-from .border import border_of, usual_width
+from .border import border_of, kept_at_border, usual_width
 from .codes import bit_failure, cell_error, code_of, sideband, stairs, stairs_of_noise
 from .free_codes import free_code, rounding_error
 from .fringes import (
@@ -39,16 +39,12 @@ LEAST_CONTRAST = 4.0
 #: Light lost beyond the border above which a pixel is left out of every figure: what is made of it there is a
 #: matter of the border, not of the code.
 MOST_LOST = 0.01
-#: Contrast that the decoder believes lost at the border, above which it refuses a pixel.
-REFUSED_LOST = 0.03
 #: Blur that the decoder assumes where the frames do not tell it.
 USUAL_BLUR = 0.5
 #: Contrast (its logarithm) that blur must take from the finest fringe, for the decoder to tell it.
 BLUR_TOLD = 0.009
 #: That so many times its noise is over it.
 SURE = 3.0
-#: Border shift that the decoder adds to its sigma, cells.
-LEAST_SHIFT = 1e-3
 #: Attenuation of the cells' fundamental under which the decoder takes stairs off.
 LOW_STAIRS = 0.1
 #: Attenuation above which it reads stairs off the coordinates and undoes them.
@@ -73,8 +69,8 @@ class AxisPrediction:
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """Both axes of a sequence in a view; solved: pixels that the decoder does not refuse outright; usable:
-    those among them that the border does not touch, over which errors are told."""
+    """Both axes of a sequence in a view; solved: pixels that the decoder does not refuse, drawn by chance;
+    usable: pixels that the border does not touch, over which errors are told."""
 
     u: AxisPrediction
     v: AxisPrediction
@@ -103,8 +99,9 @@ def predict(view: View, sequence: Sequence, noise: float) -> Prediction:
     u, v = (predict_axis(view, sequence, noise, axis) for axis in "uv")
     solved = view.visible & (view.light > 0)
     usable = solved & (np.maximum(border_loss(view, "u"), border_loss(view, "v")) < MOST_LOST)
-    # what is sure to be refused makes holes in the solver's grid
-    solved &= (u.refused < 0.5) & (v.refused < 0.5)
+    # what is refused makes holes in the solver's grid, by the same chance for every sequence
+    chance = view.kept("chance", lambda: np.random.default_rng(1).random((2, *view.visible.shape)))
+    solved &= (u.refused <= chance[0]) & (v.refused <= chance[1])
     return Prediction(u, v, solved, usable)
 
 
@@ -138,8 +135,9 @@ def _fringe_axis(
     periods = [group.period for group in groups]
     full = fundamental_share(view.scene) * levels.half
     variances, refused = [], np.zeros(levels.half.shape)
-    for group in groups:
-        amplitude = full * _contrast(view, axis, group.period)
+    kept = [_kept_at_border(view, axis, group.period) for group in groups]
+    for group, rho in zip(groups, kept, strict=True):
+        amplitude = full * _contrast(view, axis, group.period) * np.abs(rho)
         turns, share = turn_variance(group, amplitude, levels.half, levels.read2, levels.shot)
         variances.append(group.period**2 * turns)
         if group is groups[-1]:
@@ -167,17 +165,13 @@ def _fringe_axis(
             both = combined(periods[:k], variances[:k]) + variances[k]
             failure = failure + step_failure(periods[k], both)
             flagged = flagged + step_flagged(periods[k], both)
-    refused = np.minimum(refused + flagged, 1.0)
-    believed = blur if known else USUAL_BLUR
-    border = view.kept(
-        ("border", axis, periods[-1], believed), lambda: border_of(view, axis, periods[-1], believed)
-    )
     doubt = math.hypot(uncertain, swing) / lever if known else 0.0
+    believed = math.sqrt(blur**2 + doubt) if known else USUAL_BLUR
+    border = border_of(view, axis, groups, kept, variances, believed)
+    refused = np.minimum(refused + flagged + border.refused, 1.0)
     bias = harmonic_error(view, groups[-1], axis) + border.left + _stairs(view, axis, groups, known, doubt)
-    refused = np.where(border.lost > REFUSED_LOST, 1.0, refused)
-    beyond = np.where(np.abs(border.shift) > LEAST_SHIFT, border.shift, 0.0)
-    stated = _widened(np.sqrt(total + beyond**2), view.bend(axis))
-    noise = np.sqrt(total)
+    stated = _widened(np.sqrt(total + border.shift**2), view.bend(axis))
+    noise = np.sqrt(total) * border.gain
     if _low_stairs(known, blur):
         noise = noise / (1 + _combined_errors(groups, [slope for _, slope in there]))
     return AxisPrediction(noise, bias, np.minimum(failure, 1.0), refused, stated)
@@ -216,6 +210,11 @@ def _contrast(view: View, axis: str, period: float) -> Floats:
     """Share of a fringe's modulation that display, blur and pixels leave."""
     blur = view.scene.pattern.blur_px
     return view.kept(("contrast", axis, period), lambda: contrast(period, view.widths[axis], blur))
+
+
+def _kept_at_border(view: View, axis: str, period: float) -> NDArray[np.complex128]:
+    """What the border leaves of a fringe's complex amplitude."""
+    return view.kept(("border", axis, period), lambda: kept_at_border(view, axis, period))
 
 
 def _stairs_of(view: View, axis: str, period: float) -> Floats:

@@ -221,8 +221,7 @@ def _solved(
     thinned = near and lever.view.stride > 1 and _biased(there)
     wide = predict(lever.full, candidate.sequence, noise) if thinned else None
     height = lever.height(there, wide)
-    share = height.share * there.measured_share
-    return replace(row, predicted=height.total, noise=height.noise, bias=height.bias, share=share)
+    return replace(row, predicted=height.total, noise=height.noise, bias=height.bias, share=height.share)
 
 
 def _judged(row: DesignRow, failure: float) -> DesignRow:

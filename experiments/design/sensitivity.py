@@ -40,7 +40,7 @@ BORDER, HALF_LOST = 0.01, 0.2
 @dataclass(frozen=True, slots=True)
 class HeightPrediction:
     """rms over the measured pixels, mm: of noise, of systematic errors, and of both; share: of the pixels
-    that see the pattern in full, those that an anchor reaches."""
+    that see the pattern in full, those that the decoder does not refuse and an anchor reaches."""
 
     noise: float
     bias: float
