@@ -25,7 +25,7 @@ Complex = NDArray[np.complex128]
 FAR = 8.0
 #: Cells that the decoder's table reaches beyond the outermost cell's centre, its entries per cell, and the
 #: contrast left under which it has none.
-BEYOND, PER_CELL, LEAST_LEFT = 4, 16, 0.2
+BEYOND, PER_CELL, LEAST_LEFT = 4, 8, 0.2
 #: Contrast that the decoder believes lost, above which it refuses a pixel; shift that it adds to its sigma;
 #: distance beyond the border, as it reads it, that puts a pixel off the pattern.
 REFUSED_LOST, LEAST_SHIFT, OFF = 0.03, 1e-3, 0.5

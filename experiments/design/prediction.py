@@ -15,7 +15,7 @@ from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
 
 from .border import border_of, kept_at_border, usual_width
-from .codes import bit_failure, cell_error, code_of, sideband, stairs, stairs_of_noise
+from .codes import Misread, cell_error, code_of, misread, sideband, stairs, stairs_of_noise
 from .free_codes import free_code, rounding_error
 from .fringes import (
     DOUBT,
@@ -58,24 +58,44 @@ BENT, BOX = 14.0, 1 / 24
 @dataclass(frozen=True, slots=True)
 class AxisPrediction:
     """Per pixel (H, W): noise (rms, cells), bias (cells), failure and refused (probabilities), stated (the
-    sigma that the decoder will give, cells)."""
+    sigma that the decoder will give, cells). steps: of a code alone, whose noise is that it reads a neighbour:
+    the probabilities of the one above and of the one below, and their distance (cells)."""
 
     noise: Floats
     bias: Floats
     failure: Floats
     refused: Floats
     stated: Floats
+    steps: tuple[Floats, Floats, float] | None = None
+
+    def drawn(self, unit: Floats) -> Floats:
+        """An error (H, W) of mean 0 as the noise makes it, from Gaussian numbers of rms 1."""
+        if self.steps is None:
+            return self.noise * unit
+        up, down, pitch = self.steps
+        place = ndtr(unit)
+        return np.asarray(pitch * ((place > 1 - up).astype(float) - (place < down) - (up - down)))
 
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """Both axes of a sequence in a view; solved: pixels that the decoder does not refuse, drawn by chance;
-    usable: pixels that the border does not touch, over which errors are told."""
+    """Both axes of a sequence in a view; lit: pixels that see the pattern; usable: those that its border does
+    not touch, over which errors are told."""
 
     u: AxisPrediction
     v: AxisPrediction
-    solved: NDArray[np.bool_]
+    lit: NDArray[np.bool_]
     usable: NDArray[np.bool_]
+
+    @property
+    def solved(self) -> NDArray[np.bool_]:
+        """Pixels that the decoder does not refuse outright."""
+        return self.left(np.full((2, *self.lit.shape), 0.5))
+
+    def left(self, chance: Floats) -> NDArray[np.bool_]:
+        """Pixels that the decoder does not refuse, for even numbers (2, H, W) of 0..1: holes in the solver's
+        grid."""
+        return np.asarray(self.lit & (self.u.refused <= chance[0]) & (self.v.refused <= chance[1]))
 
     @property
     def failure(self) -> float:
@@ -97,12 +117,9 @@ def predict(view: View, sequence: Sequence, noise: float) -> Prediction:
     InputError if it does not encode both axes or a fringe cannot be decoded.
     """
     u, v = (predict_axis(view, sequence, noise, axis) for axis in "uv")
-    solved = view.visible & (view.light > 0)
-    usable = solved & (np.maximum(border_loss(view, "u"), border_loss(view, "v")) < MOST_LOST)
-    # what is refused makes holes in the solver's grid, by the same chance for every sequence
-    chance = view.kept("chance", lambda: np.random.default_rng(1).random((2, *view.visible.shape)))
-    solved &= (u.refused <= chance[0]) & (v.refused <= chance[1])
-    return Prediction(u, v, solved, usable)
+    lit = view.visible & (view.light > 0)
+    usable = lit & (np.maximum(border_loss(view, "u"), border_loss(view, "v")) < MOST_LOST)
+    return Prediction(u, v, lit, usable)
 
 
 def predict_axis(view: View, sequence: Sequence, noise: float, axis: str) -> AxisPrediction:
@@ -151,7 +168,7 @@ def _fringe_axis(
         variances = [variance / left**2 for variance, (left, _) in zip(variances, there, strict=True)]
     total = combined(periods, variances)
     if code:
-        failure = _code_failure(view, sequence, levels, axis, code)
+        failure = _misread(view, sequence, levels, axis, code).failure
         flagged = np.asarray(failure > DOUBT, np.float64)
     elif periods[0] >= extent:
         room = 0.5 * periods[0] - np.abs(view.coordinate(axis) - 0.5 * (extent - 1))
@@ -268,19 +285,21 @@ def _blur_survey(
 def _code_axis(
     view: View, sequence: Sequence, levels: Levels, axis: str, code: list[Frame]
 ) -> AxisPrediction:
-    failure = _code_failure(view, sequence, levels, axis, code)
-    bias = cell_error(view.coordinate(axis), code[0])
-    refused = np.minimum(_low_contrast(levels.half, levels, 0.5) + (failure > DOUBT), 1.0)
-    stated = np.full(bias.shape, code[0].cell_px / math.sqrt(12))
-    return AxisPrediction(np.zeros(bias.shape), bias, failure, refused, stated)
+    bits = _misread(view, sequence, levels, axis, code)
+    pitch, moved = code[0].cell_px, bits.up - bits.down
+    noise = pitch * np.sqrt(np.maximum(bits.up + bits.down - moved**2, 0.0))
+    bias = cell_error(view.coordinate(axis), code[0]) + pitch * moved
+    refused = np.minimum(_low_contrast(levels.half, levels, 0.5) + (bits.failure > DOUBT), 1.0)
+    stated = pitch * np.sqrt(1 / 12 + bits.doubt)
+    return AxisPrediction(noise, bias, bits.failure, refused, stated, (bits.up, bits.down, pitch))
 
 
-def _code_failure(view: View, sequence: Sequence, levels: Levels, axis: str, code: list[Frame]) -> Floats:
+def _misread(view: View, sequence: Sequence, levels: Levels, axis: str, code: list[Frame]) -> Misread:
     known = any(frame.kind in ("white", "black") for frame in sequence.frames)
     deviation = np.sqrt(levels.variance(levels.half))
     blur = view.scene.pattern.blur_px
     coord, widths = view.coordinate(axis), view.widths[axis]
-    return bit_failure(code, known, coord, levels.half, deviation, widths, blur, view.extent(axis))
+    return misread(code, known, coord, levels.half, deviation, widths, blur, view.extent(axis))
 
 
 def _low_contrast(amplitude: Floats, levels: Levels, share: float) -> Floats:

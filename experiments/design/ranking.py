@@ -26,6 +26,8 @@ __all__ = ["Design", "DesignRow", "merit", "rank", "run_design", "simulate"]
 Progress = Callable[[str, int, int], None]
 #: Bias over noise of a coordinate from which on a candidate is solved for, whatever its rank.
 COUNTS = 0.02
+#: Refused share of a sequence's pixels from which on a candidate is solved for: holes widen the error around.
+HOLES = 0.005
 #: Height error over the least one, above which the thinned camera is enough for systematic errors.
 FAR = 3.0
 #: Candidates, from the least noise on, that are solved for in any case.
@@ -167,7 +169,7 @@ def rank(
     solved, least = 0, math.inf
     for row, there in drafts:
         progress("lever", len(rows), len(drafts))
-        biased = there is not None and _biased(there)
+        biased = there is not None and (_biased(there) or there.measured_share < 1 - HOLES)
         if there is not None and (biased or (solved < DEPTH and row.failure <= failure)):
             near = lever.quick(there, biased=True) < FAR * least
             row = _solved(lever, by_text[row.text], row, there, noise, near)
