@@ -1,8 +1,8 @@
 """What the pattern's border does to fringes: light is missing beyond it.
 
-Through a Gaussian of rms s (blur and pixel) at a distance d inside the border, a fringe keeps
-rho = erfc(-(d + i s^2 w) / (sqrt 2 s)) / 2 of its complex amplitude, w = 2 pi / P: a share |rho| of its
-contrast and a shift arg(rho) / w away from the border. Periods are shifted and dimmed by different amounts:
+Through a Gaussian of rms s (blur and pixel) at u, a fringe keeps of its complex amplitude
+rho = 1 - sum_{k < 0} exp(i w (k - u)) W_k(u) / (sinc(1/P) exp(-(w s)^2 / 2)), W_k the light of cell k and
+w = 2 pi / P: a share |rho| of its contrast and a shift arg(rho) / w away from the border. Periods are shifted and dimmed by different amounts:
 their coordinate is the mean by what each then knows, and where they come to disagree they are refused.
 
 The decoder takes the shift off by a table for the usual pixel, in which periods weigh by N / P^2 whatever
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, wofz
+from scipy.special import ndtr
 
 from .fringes import DOUBT, MUCH_FINER, Fringe
 from .view import Floats, View
@@ -49,10 +49,15 @@ class Border:
 
 def border_factor(distance: Floats, spread: Floats | float, period: float) -> Complex:
     """rho at a distance (cells) inside one border; its phase is positive for a shift inwards."""
-    far = np.minimum(distance / spread, FAR)
-    z: Complex = -(far + 2j * math.pi * spread / period) / math.sqrt(2)
-    # erfc(z) = exp(-z^2) w(i z), for the half plane where w does not grow
-    return np.asarray(np.where(z.real < 0, 2 - _erfc(-z), _erfc(z)) / 2)
+    turn, place = 2 * math.pi / period, np.asarray(distance) - 0.5
+    missing = np.zeros(place.shape, np.complex128)
+    reach = FAR * float(np.max(spread, initial=0.0)) - float(np.min(place, initial=0.0))
+    right = ndtr((-0.5 - place) / spread)
+    for cell in range(-1, -2 - math.ceil(reach), -1):
+        left = ndtr((cell - 0.5 - place) / spread)
+        missing += np.exp(1j * turn * (cell - place)) * (right - left)
+        right = left
+    return np.asarray(1 - missing / (np.sinc(1 / period) * np.exp(-0.5 * (turn * spread) ** 2)))
 
 
 def border_effect(distance: Floats, spread: Floats | float, period: float) -> tuple[Floats, Floats]:
@@ -128,13 +133,13 @@ def _seen(groups: list[Fringe], phases: list[Floats], variances: list[Floats]) -
 
 def _disagree(apart: Floats, freedom: int) -> Floats:
     """Probability that chi squared, `apart` without noise, exceeds what noise alone does once in DISAGREE
-    sigmas (Wilson and Hilferty 1931; noncentral: Sankaran's first, 1959, doi:10.1093/biomet/46.1-2.235)."""
+    sigmas (Wilson and Hilferty 1931). Its root is Gaussian of rms 1 about sqrt(apart + freedom - 1), for one
+    degree of freedom exactly."""
     if freedom < 1:
         return np.zeros(apart.shape)
     part = 2 / (9 * freedom)
     limit = freedom * (1 - part + DISAGREE * math.sqrt(part)) ** 3
-    mean, spread = freedom + apart, np.sqrt(2 * (freedom + 2 * apart))
-    return np.where(apart > 0.1, ndtr((mean - limit) / spread), 0.0)
+    return np.where(apart > 0.1, ndtr(np.sqrt(apart + freedom - 1) - math.sqrt(limit)), 0.0)
 
 
 def _table(groups: list[Fringe], spread: float) -> tuple[Floats, ...]:
@@ -165,7 +170,3 @@ def _table(groups: list[Fringe], spread: float) -> tuple[Floats, ...]:
 def usual_width(view: View, axis: str) -> float:
     """The width of a pixel (cells) that the decoder assumes for all."""
     return sum(float(np.median(width[view.visible])) for width in view.widths[axis])
-
-
-def _erfc(z: Complex) -> Complex:
-    return np.asarray(np.exp(-(z**2)) * wofz(1j * z))

@@ -31,8 +31,8 @@ __all__ = ["HeightPrediction", "Lever", "rms_where"]
 FEW, MANY, ENOUGH = 8, 40, 0.02
 #: Draws by which the solver's error bars are judged, pixels (rms) over which these are averaged.
 CALIBRATED, SMOOTH = 24, 1.0
-#: Standard error that few draws may leave in the ratio to the reference.
-UNLIKE = 0.03
+#: Standard error that few draws may leave in the ratio to the reference; how many there are at most.
+UNLIKE, DRAWS = 0.04, 6
 #: Cells of systematic error (rms) below which it is not worth a solve.
 NEGLIGIBLE = 2e-4
 REFERENCE = 0.01  # cells of noise
@@ -260,13 +260,13 @@ class Lever:
         if noise == 0 or any(axis.steps is not None for axis in axes):
             # whole steps, which the solver may take for creases: with and without what they are about
             whole, reached = self._pooled(view, wide, count, biased=True)
-            noise = min(noise, whole)
-            return HeightPrediction(noise, math.sqrt(whole**2 - noise**2), reached)
+            alone = self._pooled(view, wide, count)[0] if noise > 0 else 0.0
+            return HeightPrediction(noise, math.sqrt(max(whole**2 - alone**2, 0.0)), reached)
         # bare stairs look like creases to the solver; under noise, which is what it will see, they do not
         drawn, left = self._drawn(view, 0), wide.left(self._chance(view, 0))
-        alone = wide.u.drawn(drawn[0]), wide.v.drawn(drawn[1])
-        both = wide.u.bias + alone[0], wide.v.bias + alone[1]
-        bias, reached = self._difference(view, wide, left, both, alone)
+        random = wide.u.drawn(drawn[0]), wide.v.drawn(drawn[1])
+        both = wide.u.bias + random[0], wide.v.bias + random[1]
+        bias, reached = self._difference(view, wide, left, both, random)
         return HeightPrediction(noise, bias, min(share, reached))
 
     def _draws_for(self, prediction: Prediction) -> int:
@@ -278,7 +278,7 @@ class Lever:
         usual = np.stack([np.where(solved, reference, 0.0)] * 2)
         both = float(np.sum(own * usual))
         alike = both / math.sqrt(float(np.sum(own**2) * np.sum(usual**2))) if both > 0 else 1.0
-        return int(np.clip(math.ceil(2 * (1 - alike) * (self.scatter / UNLIKE) ** 2), 1, len(self._errors)))
+        return int(np.clip(math.ceil(2 * (1 - alike) * (self.scatter / UNLIKE) ** 2), 1, DRAWS))
 
     def _pooled(
         self, view: View, there: Prediction, count: int, factor: Floats | float = 1.0, biased: bool = False
