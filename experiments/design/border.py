@@ -2,8 +2,9 @@
 
 Through a Gaussian of rms s (blur and pixel) at u, a fringe keeps of its complex amplitude
 rho = 1 - sum_{k < 0} exp(i w (k - u)) W_k(u) / (sinc(1/P) exp(-(w s)^2 / 2)), W_k the light of cell k and
-w = 2 pi / P: a share |rho| of its contrast and a shift arg(rho) / w away from the border. Periods are shifted and dimmed by different amounts:
-their coordinate is the mean by what each then knows, and where they come to disagree they are refused.
+w = 2 pi / P: a share |rho| of its contrast and a shift arg(rho) / w away from the border. Periods are shifted
+and dimmed by different amounts: their coordinate is the mean by what each then knows, and where they come to
+disagree they are refused.
 
 The decoder takes the shift off by a table for the usual pixel, in which periods weigh by N / P^2 whatever
 contrast is left of them: what that and its pixel and blur differ by stays.

@@ -58,8 +58,8 @@ BENT, BOX = 14.0, 1 / 24
 @dataclass(frozen=True, slots=True)
 class AxisPrediction:
     """Per pixel (H, W): noise (rms, cells), bias (cells), failure and refused (probabilities), stated (the
-    sigma that the decoder will give, cells). steps: of a code alone, whose noise is that it reads a neighbour:
-    the probabilities of the one above and of the one below, and their distance (cells)."""
+    sigma that the decoder will give, cells). steps: of a code alone, whose noise is that it reads a
+    neighbour: the probabilities of the one above and of the one below, and their distance (cells)."""
 
     noise: Floats
     bias: Floats

@@ -285,11 +285,11 @@ class Lever:
     ) -> tuple[float, float]:
         """Rms height error (mm, times the factor) over draws of noise and refusals, biased: and of systematic
         errors; mean share of the usable pixels that get a height. NaN if none does in any draw."""
-        stated, found = (there.u.stated, there.v.stated), []
+        u, v, found = there.u, there.v, []
         for index in range(count):
             draw, left = self._drawn(view, index), there.left(self._chance(view, index))
-            shift = [axis.drawn(d) + biased * axis.bias for axis, d in zip((there.u, there.v), draw, strict=True)]
-            found.append(self.error(view, stated, left, there.usable, (shift[0], shift[1]), factor))
+            shift = u.drawn(draw[0]) + biased * u.bias, v.drawn(draw[1]) + biased * v.bias
+            found.append(self.error(view, (u.stated, v.stated), left, there.usable, shift, factor))
         errors = [error for error, share in found if share > 0]
         return _mean_square(errors) if errors else math.nan, float(np.mean([share for _, share in found]))
 
