@@ -94,7 +94,7 @@ def border_of(
     gain = np.ones(coord.shape)
     touched = np.abs(np.stack(kept) - 1).max(axis=0) > 1e-9
     touched |= np.minimum(coord + 0.5, extent - 0.5 - coord) < FAR * spread
-    touched &= np.isfinite(coord)
+    touched &= np.isfinite(coord) & np.all(np.isfinite(variances), axis=0)
     if not touched.any():
         return Border(refused, shift, left, gain)
     away, doubtful = _seen(
