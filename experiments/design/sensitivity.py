@@ -111,8 +111,8 @@ class Lever:
         """Factor from the rms of the first draw, taken to the full camera, to that of all noise there."""
         if self.view.stride == 1:
             return _mean_square(self._errors) / self._errors[0]
-        sigma = self._sigma_view * self._weighed
-        return rms_where(sigma, self.seen & np.isfinite(sigma)) / self._errors[0]
+        square, share = self._blocks  # all of the full camera, also beside what the view sees
+        return math.sqrt(float(square.sum() / share.sum())) / self._errors[0]
 
     @cached_property
     def scatter(self) -> float:
