@@ -43,8 +43,6 @@ MOST_LOST = 0.01
 USUAL_BLUR = 0.5
 #: Contrast (its logarithm) that blur must take from the finest fringe, for the decoder to tell it.
 BLUR_TOLD = 0.009
-#: That so many times its noise is over it.
-SURE = 3.0
 #: Attenuation of the cells' fundamental under which the decoder takes stairs off.
 LOW_STAIRS = 0.1
 #: Attenuation above which it reads stairs off the coordinates and undoes them.
@@ -161,8 +159,8 @@ def _fringe_axis(
             refused = _low_contrast(amplitude, levels, share)
     referenced = _referenced(sequence)
     lever, uncertain, swing = _blur_survey(view, axis, groups, levels, referenced)
-    # the decoder can measure the blur: white and black are shown, or contrasts surely differ enough by it
-    known = referenced or (len(groups) > 1 and lever * blur**2 - SURE * uncertain > BLUR_TOLD)
+    # the decoder measures the blur: white and black are shown, or contrasts more likely than not differ enough
+    known = referenced or (len(groups) > 1 and lever * blur**2 > BLUR_TOLD)
     if _low_stairs(known, blur):
         there = [_stairs_of_noise(view, axis, group.period) for group in groups]
         variances = [variance / left**2 for variance, (left, _) in zip(variances, there, strict=True)]
