@@ -3,6 +3,7 @@ fringe.
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,13 +11,15 @@ from scipy.special import erfc
 
 from optolever.patterns import BINARY_CODES, Frame, bits_for, code_words
 
-__all__ = ["bit_failure", "cell_error", "code_of", "sideband", "stairs", "stairs_of_noise"]
+__all__ = ["Misread", "cell_error", "code_of", "misread", "sideband", "stairs", "stairs_of_noise"]
 
 Floats = NDArray[np.float64]
 #: Systematic error of a margin that the decoder reckons with, in half contrasts.
 LOOSE = 0.02
 #: What blur leaves of a sideband, under which it is left out.
 NOTHING = 1e-5
+#: Edges on either side whose blur is reckoned with.
+EDGES = 4
 
 
 def code_of(frames: list[Frame]) -> list[Frame]:
@@ -82,7 +85,19 @@ def _transfer(frequency: float, widths: tuple[Floats, ...], blur: float) -> Floa
     return left
 
 
-def bit_failure(
+@dataclass(frozen=True, slots=True)
+class Misread:
+    """What misread bits do, as probabilities per pixel (H, W): failure, that they lead to a cell that is no
+    neighbour; up, down: that they lead to the neighbour on that side; doubt: to either, as the decoder
+    reckons with it."""
+
+    failure: Floats
+    up: Floats
+    down: Floats
+    doubt: Floats
+
+
+def misread(
     frames: list[Frame],
     references: bool,
     coord: Floats,
@@ -91,33 +106,55 @@ def bit_failure(
     widths: tuple[Floats, Floats],
     blur: float,
     extent: int,
-) -> Floats:
-    """Probability that some bit leads to a cell that is no neighbour, at coord (H, W).
+) -> Misread:
+    """Misread bits of a code at coord (H, W).
 
-    half: levels from mid to white; deviation: rms noise of a sample. The margin of a bit at a distance d from
-    its nearest edge is half erf(d / (sqrt 2 s)), s the rms width of blur and pixel; it is compared with
-    noise / sqrt 2 where the inverse was shown, with sqrt(3/2) noise against white and black. A bit whose
-    misreading leads from a cell to its neighbour does no harm there.
+    half: levels from mid to white; deviation: rms noise of a sample. The margin of a bit is half (1 - 2 Q(d_1
+    / s) + 2 Q(d_2 / s) - ...) over its edges at distances d_1 < d_2 < ... on either side, s the rms width of
+    blur and pixel; it is compared with noise / sqrt 2 where the inverse was shown, with sqrt(3/2) noise
+    against white and black. A bit whose misreading leads from a cell to its neighbour does no harm there: it
+    is as noise that is added before a number is rounded, and makes of the rounding what is independent.
     """
-    failure = np.zeros(np.shape(half))
+    failure, up, down, doubt = (np.zeros(np.shape(half)) for _ in range(4))
     if not frames:
-        return failure
+        return Misread(failure, up, down, doubt)
     pairs = {frame.bit for frame in frames if frame.inverted} & {f.bit for f in frames if not f.inverted}
     first, pitch = -0.5 + (frames[0].offset_px or 0.0), frames[0].cell_px
     spread = np.sqrt(blur**2 + (widths[0] ** 2 + widths[1] ** 2) / 12 + 1e-6)
     place = np.clip((np.nan_to_num(coord) - first) / pitch, 0.0, None)
     for frame in {frame.bit: frame for frame in frames}.values():
         scale = math.sqrt(0.5) if frame.bit in pairs else math.sqrt(1.5 if references else 1.0)
-        distance, harmless = _edge_distance(frame, place, math.ceil(extent / pitch))
-        distance = pitch * distance
-        margin = half * (1 - erfc(distance / (math.sqrt(2) * spread)))
-        noise = np.hypot(scale * deviation, LOOSE * half)
-        failure += np.where(harmless, 0.0, 0.5 * erfc(margin / (math.sqrt(2) * noise)))
-    return np.asarray(np.minimum(failure, 1.0))
+        edges, leads = _edges(frame, place, math.ceil(extent / pitch))
+        margin = half * _contrast_of_bit(edges, place, spread / pitch)
+        seen, reckoned = (
+            0.5 * erfc(margin / (math.sqrt(2) * noise))
+            for noise in (scale * deviation + 1e-12, np.hypot(scale * deviation, LOOSE * half))
+        )
+        failure += np.where(np.abs(leads) == 1, 0.0, reckoned)
+        doubt += np.where(np.abs(leads) == 1, reckoned, 0.0)
+        up += np.where(leads == 1, seen, 0.0)
+        down += np.where(leads == -1, seen, 0.0)
+    return Misread(*(np.minimum(part, 1.0) for part in (failure, up, down, doubt)))
 
 
-def _edge_distance(frame: Frame, place: Floats, cells: int) -> tuple[Floats, NDArray[np.bool_]]:
-    """From places (in cells) to the bit's nearest edge; whether its misreading only leads to a neighbour."""
+def _contrast_of_bit(edges: NDArray[np.int64], place: Floats, spread: Floats) -> Floats:
+    """Share of a bit's contrast that is left at places (cells of the code): edges on either side, blurred."""
+    left = np.ones(place.shape)
+    if len(edges) == 0:
+        return left
+    inside = np.searchsorted(edges, place, side="right")
+    for sign, start, step in ((1, inside, 1), (-1, inside - 1, -1)):
+        for k in range(EDGES):
+            at = start + step * k
+            there = (at >= 0) & (at < len(edges))
+            distance = sign * (edges[np.clip(at, 0, len(edges) - 1)] - place)
+            left += np.where(there, (-1) ** (k + 1) * erfc(distance / (math.sqrt(2) * spread)), 0.0)
+    return left
+
+
+def _edges(frame: Frame, place: Floats, cells: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Where the bit changes (cells of the code), and by how many cells its misreading leads away from each
+    place; far: to no cell at all."""
     count = max(cells, int(place.max()) + 2)
     places = np.arange(count)
     if frame.kind == "long-run-gray":  # another code for each number of bits, and none beyond them
@@ -126,11 +163,5 @@ def _edge_distance(frame: Frame, place: Floats, cells: int) -> tuple[Floats, NDA
     edges = np.flatnonzero(np.diff((words >> (frame.bit or 0)) & 1)) + 1
     cell_of = np.full(2 * int(words.max()) + 2, -9)
     cell_of[words] = np.arange(count)
-    harmless = np.abs(cell_of[words ^ (1 << (frame.bit or 0))] - np.arange(count)) == 1
-    here = harmless[np.floor(place).astype(np.int64)]
-    if len(edges) == 0:
-        return np.full(place.shape, np.inf), here
-    inside = np.searchsorted(edges, place, side="right")
-    low, high = np.maximum(inside - 1, 0), np.minimum(inside, len(edges) - 1)
-    nearest = np.minimum(np.abs(place - edges[low]), np.abs(edges[high] - place))
-    return nearest, here
+    leads = cell_of[words ^ (1 << (frame.bit or 0))] - np.arange(count)
+    return edges, np.asarray(leads[np.floor(place).astype(np.int64)])

@@ -23,6 +23,9 @@ __all__ = ["CASES", "Case", "ChoiceRow", "run_choices"]
 
 Progress = Callable[[str, int, int], None]
 FINALISTS = 6  # simulated with more draws of noise
+#: Standard errors of simulated rms errors, of every candidate and of the finalists: where draws scatter, more
+#: of them are simulated, at most so many.
+CHANCE, CHANCE_LAST, MOST = 0.05, 0.025, 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +104,8 @@ def run_choices(
     renderer: str = "auto",
     progress: Progress = lambda text, done, total: None,
 ) -> Iterator[ChoiceRow]:
-    """Choose for every case, simulate every candidate with `seeds` draws, the best ones with `more`."""
+    """Choose for every case, simulate every candidate with `seeds` draws at least, the best ones with `more`;
+    see CHANCE."""
     for index, case in enumerate(cases):
 
         def step(text: str, done: int, total: int, index: int = index) -> None:
@@ -119,6 +123,7 @@ def _judge(case: Case, pixels: int, seeds: int, more: int, renderer: str, progre
     if design.chosen is None:
         raise InputError(f"case {case.name}: nothing meets the limits")
     lever = Lever(scene, dent_from_text(case.dent, scene), stride=1)
+    seeds, more = _draws(lever, CHANCE, seeds), _draws(lever, CHANCE_LAST, more)
     offered = {c.text: c for c in candidates(scene.pattern.rows, scene.pattern.cols, case.frames)}
     found: dict[str, tuple[float, float]] = {}
     for text, candidate in offered.items():
@@ -143,6 +148,11 @@ def _judge(case: Case, pixels: int, seeds: int, more: int, renderer: str, progre
         float(np.mean([abs(ratio - 1) <= 0.15 for ratio in ratios.values()])),
         ratios.get(worst, math.nan), worst, time.perf_counter() - start,
     )  # fmt: skip
+
+
+def _draws(lever: Lever, uncertain: float, least: int) -> int:
+    """Draws whose rms height error is told within a standard error."""
+    return int(np.clip(math.ceil((lever.scatter / uncertain) ** 2), least, max(least, MOST)))
 
 
 def _stands(row: DesignRow) -> bool:

@@ -14,8 +14,8 @@ from scipy.special import erfc, ndtr
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
 
-from .border import border_of, usual_width
-from .codes import bit_failure, cell_error, code_of, sideband, stairs, stairs_of_noise
+from .border import border_of, kept_at_border, usual_width
+from .codes import Misread, cell_error, code_of, misread, sideband, stairs, stairs_of_noise
 from .free_codes import free_code, rounding_error
 from .fringes import (
     DOUBT,
@@ -39,16 +39,10 @@ LEAST_CONTRAST = 4.0
 #: Light lost beyond the border above which a pixel is left out of every figure: what is made of it there is a
 #: matter of the border, not of the code.
 MOST_LOST = 0.01
-#: Contrast that the decoder believes lost at the border, above which it refuses a pixel.
-REFUSED_LOST = 0.03
 #: Blur that the decoder assumes where the frames do not tell it.
 USUAL_BLUR = 0.5
 #: Contrast (its logarithm) that blur must take from the finest fringe, for the decoder to tell it.
 BLUR_TOLD = 0.009
-#: That so many times its noise is over it.
-SURE = 3.0
-#: Border shift that the decoder adds to its sigma, cells.
-LEAST_SHIFT = 1e-3
 #: Attenuation of the cells' fundamental under which the decoder takes stairs off.
 LOW_STAIRS = 0.1
 #: Attenuation above which it reads stairs off the coordinates and undoes them.
@@ -62,24 +56,44 @@ BENT, BOX = 14.0, 1 / 24
 @dataclass(frozen=True, slots=True)
 class AxisPrediction:
     """Per pixel (H, W): noise (rms, cells), bias (cells), failure and refused (probabilities), stated (the
-    sigma that the decoder will give, cells)."""
+    sigma that the decoder will give, cells). steps: of a code alone, whose noise is that it reads a
+    neighbour: the probabilities of the one above and of the one below, and their distance (cells)."""
 
     noise: Floats
     bias: Floats
     failure: Floats
     refused: Floats
     stated: Floats
+    steps: tuple[Floats, Floats, float] | None = None
+
+    def drawn(self, unit: Floats) -> Floats:
+        """An error (H, W) of mean 0 as the noise makes it, from Gaussian numbers of rms 1."""
+        if self.steps is None:
+            return self.noise * unit
+        up, down, pitch = self.steps
+        place = ndtr(unit)
+        return np.asarray(pitch * ((place > 1 - up).astype(float) - (place < down) - (up - down)))
 
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """Both axes of a sequence in a view; solved: pixels that the decoder does not refuse outright; usable:
-    those among them that the border does not touch, over which errors are told."""
+    """Both axes of a sequence in a view; lit: pixels that see the pattern; usable: those that its border does
+    not touch, over which errors are told."""
 
     u: AxisPrediction
     v: AxisPrediction
-    solved: NDArray[np.bool_]
+    lit: NDArray[np.bool_]
     usable: NDArray[np.bool_]
+
+    @property
+    def solved(self) -> NDArray[np.bool_]:
+        """Pixels that the decoder does not refuse outright."""
+        return self.left(np.full((2, *self.lit.shape), 0.5))
+
+    def left(self, chance: Floats) -> NDArray[np.bool_]:
+        """Pixels that the decoder does not refuse, for even numbers (2, H, W) of 0..1: holes in the solver's
+        grid."""
+        return np.asarray(self.lit & (self.u.refused <= chance[0]) & (self.v.refused <= chance[1]))
 
     @property
     def failure(self) -> float:
@@ -101,11 +115,9 @@ def predict(view: View, sequence: Sequence, noise: float) -> Prediction:
     InputError if it does not encode both axes or a fringe cannot be decoded.
     """
     u, v = (predict_axis(view, sequence, noise, axis) for axis in "uv")
-    solved = view.visible & (view.light > 0)
-    usable = solved & (np.maximum(border_loss(view, "u"), border_loss(view, "v")) < MOST_LOST)
-    # what is sure to be refused makes holes in the solver's grid
-    solved &= (u.refused < 0.5) & (v.refused < 0.5)
-    return Prediction(u, v, solved, usable)
+    lit = view.visible & (view.light > 0)
+    usable = lit & (np.maximum(border_loss(view, "u"), border_loss(view, "v")) < MOST_LOST)
+    return Prediction(u, v, lit, usable)
 
 
 def predict_axis(view: View, sequence: Sequence, noise: float, axis: str) -> AxisPrediction:
@@ -138,22 +150,23 @@ def _fringe_axis(
     periods = [group.period for group in groups]
     full = fundamental_share(view.scene) * levels.half
     variances, refused = [], np.zeros(levels.half.shape)
-    for group in groups:
-        amplitude = full * _contrast(view, axis, group.period)
+    kept = [_kept_at_border(view, axis, group.period) for group in groups]
+    for group, rho in zip(groups, kept, strict=True):
+        amplitude = full * _contrast(view, axis, group.period) * np.abs(rho)
         turns, share = turn_variance(group, amplitude, levels.half, levels.read2, levels.shot)
         variances.append(group.period**2 * turns)
         if group is groups[-1]:
             refused = _low_contrast(amplitude, levels, share)
     referenced = _referenced(sequence)
     lever, uncertain, swing = _blur_survey(view, axis, groups, levels, referenced)
-    # the decoder can measure the blur: white and black are shown, or contrasts surely differ enough by it
-    known = referenced or (len(groups) > 1 and lever * blur**2 - SURE * uncertain > BLUR_TOLD)
+    # the decoder measures the blur: white and black are shown, or contrasts more likely than not differ enough
+    known = referenced or (len(groups) > 1 and lever * blur**2 > BLUR_TOLD)
     if _low_stairs(known, blur):
         there = [_stairs_of_noise(view, axis, group.period) for group in groups]
         variances = [variance / left**2 for variance, (left, _) in zip(variances, there, strict=True)]
     total = combined(periods, variances)
     if code:
-        failure = _code_failure(view, sequence, levels, axis, code)
+        failure = _misread(view, sequence, levels, axis, code).failure
         flagged = np.asarray(failure > DOUBT, np.float64)
     elif periods[0] >= extent:
         room = 0.5 * periods[0] - np.abs(view.coordinate(axis) - 0.5 * (extent - 1))
@@ -167,17 +180,13 @@ def _fringe_axis(
             both = combined(periods[:k], variances[:k]) + variances[k]
             failure = failure + step_failure(periods[k], both)
             flagged = flagged + step_flagged(periods[k], both)
-    refused = np.minimum(refused + flagged, 1.0)
-    believed = blur if known else USUAL_BLUR
-    border = view.kept(
-        ("border", axis, periods[-1], believed), lambda: border_of(view, axis, periods[-1], believed)
-    )
     doubt = math.hypot(uncertain, swing) / lever if known else 0.0
+    believed = math.sqrt(blur**2 + doubt) if known else USUAL_BLUR
+    border = border_of(view, axis, groups, kept, variances, believed)
+    refused = np.minimum(refused + flagged + border.refused, 1.0)
     bias = harmonic_error(view, groups[-1], axis) + border.left + _stairs(view, axis, groups, known, doubt)
-    refused = np.where(border.lost > REFUSED_LOST, 1.0, refused)
-    beyond = np.where(np.abs(border.shift) > LEAST_SHIFT, border.shift, 0.0)
-    stated = _widened(np.sqrt(total + beyond**2), view.bend(axis))
-    noise = np.sqrt(total)
+    stated = _widened(np.sqrt(total + border.shift**2), view.bend(axis))
+    noise = np.sqrt(total) * border.gain
     if _low_stairs(known, blur):
         noise = noise / (1 + _combined_errors(groups, [slope for _, slope in there]))
     return AxisPrediction(noise, bias, np.minimum(failure, 1.0), refused, stated)
@@ -216,6 +225,11 @@ def _contrast(view: View, axis: str, period: float) -> Floats:
     """Share of a fringe's modulation that display, blur and pixels leave."""
     blur = view.scene.pattern.blur_px
     return view.kept(("contrast", axis, period), lambda: contrast(period, view.widths[axis], blur))
+
+
+def _kept_at_border(view: View, axis: str, period: float) -> NDArray[np.complex128]:
+    """What the border leaves of a fringe's complex amplitude."""
+    return view.kept(("border", axis, period), lambda: kept_at_border(view, axis, period))
 
 
 def _stairs_of(view: View, axis: str, period: float) -> Floats:
@@ -269,19 +283,21 @@ def _blur_survey(
 def _code_axis(
     view: View, sequence: Sequence, levels: Levels, axis: str, code: list[Frame]
 ) -> AxisPrediction:
-    failure = _code_failure(view, sequence, levels, axis, code)
-    bias = cell_error(view.coordinate(axis), code[0])
-    refused = np.minimum(_low_contrast(levels.half, levels, 0.5) + (failure > DOUBT), 1.0)
-    stated = np.full(bias.shape, code[0].cell_px / math.sqrt(12))
-    return AxisPrediction(np.zeros(bias.shape), bias, failure, refused, stated)
+    bits = _misread(view, sequence, levels, axis, code)
+    pitch, moved = code[0].cell_px, bits.up - bits.down
+    noise = pitch * np.sqrt(np.maximum(bits.up + bits.down - moved**2, 0.0))
+    bias = cell_error(view.coordinate(axis), code[0]) + pitch * moved
+    refused = np.minimum(_low_contrast(levels.half, levels, 0.5) + (bits.failure > DOUBT), 1.0)
+    stated = pitch * np.sqrt(1 / 12 + bits.doubt)
+    return AxisPrediction(noise, bias, bits.failure, refused, stated, (bits.up, bits.down, pitch))
 
 
-def _code_failure(view: View, sequence: Sequence, levels: Levels, axis: str, code: list[Frame]) -> Floats:
+def _misread(view: View, sequence: Sequence, levels: Levels, axis: str, code: list[Frame]) -> Misread:
     known = any(frame.kind in ("white", "black") for frame in sequence.frames)
     deviation = np.sqrt(levels.variance(levels.half))
     blur = view.scene.pattern.blur_px
     coord, widths = view.coordinate(axis), view.widths[axis]
-    return bit_failure(code, known, coord, levels.half, deviation, widths, blur, view.extent(axis))
+    return misread(code, known, coord, levels.half, deviation, widths, blur, view.extent(axis))
 
 
 def _low_contrast(amplitude: Floats, levels: Levels, share: float) -> Floats:

@@ -26,6 +26,10 @@ __all__ = ["Design", "DesignRow", "merit", "rank", "run_design", "simulate"]
 Progress = Callable[[str, int, int], None]
 #: Bias over noise of a coordinate from which on a candidate is solved for, whatever its rank.
 COUNTS = 0.02
+#: Refused share of a sequence's pixels from which on a candidate is solved for: holes widen the error around.
+HOLES = 0.005
+#: Share of the pixels that a sequence must be expected to measure.
+LEAST_SHARE = 0.5
 #: Height error over the least one, above which the thinned camera is enough for systematic errors.
 FAR = 3.0
 #: Candidates, from the least noise on, that are solved for in any case.
@@ -167,8 +171,9 @@ def rank(
     solved, least = 0, math.inf
     for row, there in drafts:
         progress("lever", len(rows), len(drafts))
-        biased = there is not None and _biased(there)
-        if there is not None and (biased or (solved < DEPTH and row.failure <= failure)):
+        sparse = row.failure > failure or row.share < LEAST_SHARE
+        biased = there is not None and not sparse and (_biased(there) or row.share < 1 - HOLES)
+        if there is not None and (biased or (solved < DEPTH and not sparse)):
             near = lever.quick(there, biased=True) < FAR * least
             row = _solved(lever, by_text[row.text], row, there, noise, near)
             solved += not biased
@@ -221,14 +226,15 @@ def _solved(
     thinned = near and lever.view.stride > 1 and _biased(there)
     wide = predict(lever.full, candidate.sequence, noise) if thinned else None
     height = lever.height(there, wide)
-    share = height.share * there.measured_share
-    return replace(row, predicted=height.total, noise=height.noise, bias=height.bias, share=share)
+    return replace(row, predicted=height.total, noise=height.noise, bias=height.bias, share=height.share)
 
 
 def _judged(row: DesignRow, failure: float) -> DesignRow:
-    if row.why or row.failure <= failure:
-        return row
-    return replace(row, why=f"fails at {row.failure:.1e} of the pixels")
+    if not row.why and row.failure > failure:
+        return replace(row, why=f"fails at {row.failure:.1e} of the pixels")
+    if not row.why and row.share < LEAST_SHARE:
+        return replace(row, why=f"measures {row.share:.0%} of the pixels")
+    return row
 
 
 def simulate(

@@ -27,9 +27,12 @@ from .view import Floats, View, stride_for, view_of
 
 __all__ = ["HeightPrediction", "Lever", "rms_where"]
 
-MANY = 8  # draws of the reference
+#: Draws of the reference: at least, at most, and the standard error of the rms from which on they are enough.
+FEW, MANY, ENOUGH = 8, 40, 0.02
 #: Draws by which the solver's error bars are judged, pixels (rms) over which these are averaged.
 CALIBRATED, SMOOTH = 24, 1.0
+#: Standard error that few draws may leave in the ratio to the reference; how many there are at most.
+UNLIKE, DRAWS = 0.04, 6
 #: Cells of systematic error (rms) below which it is not worth a solve.
 NEGLIGIBLE = 2e-4
 REFERENCE = 0.01  # cells of noise
@@ -40,7 +43,7 @@ BORDER, HALF_LOST = 0.01, 0.2
 @dataclass(frozen=True, slots=True)
 class HeightPrediction:
     """rms over the measured pixels, mm: of noise, of systematic errors, and of both; share: of the pixels
-    that see the pattern in full, those that an anchor reaches."""
+    that see the pattern in full, those that the decoder does not refuse and an anchor reaches."""
 
     noise: float
     bias: float
@@ -60,8 +63,7 @@ class Lever:
         self.view = view_of(scene, surface, stride_for(scene) if stride is None else stride)
         if not self.view.visible.any():
             raise InputError(f"scene {scene.name!r}: no pixel sees the pattern")
-        rng = np.random.default_rng(seed)
-        self._draws = rng.standard_normal((MANY, 2, *self.view.visible.shape))
+        self._seed = seed
 
     @cached_property
     def full(self) -> View:
@@ -109,8 +111,8 @@ class Lever:
         """Factor from the rms of the first draw, taken to the full camera, to that of all noise there."""
         if self.view.stride == 1:
             return _mean_square(self._errors) / self._errors[0]
-        sigma = self._sigma_view * self._weighed
-        return rms_where(sigma, self.seen & np.isfinite(sigma)) / self._errors[0]
+        square, share = self._blocks  # all of the full camera, also beside what the view sees
+        return math.sqrt(float(square.sum() / share.sum())) / self._errors[0]
 
     @cached_property
     def scatter(self) -> float:
@@ -121,10 +123,12 @@ class Lever:
     def _errors(self) -> list[float]:
         """Rms height error of the reference in every draw, mm."""
         noise, masks = self._reference
-        return [
-            self.error(self.view, (noise, noise), *masks, (noise * d[0], noise * d[1]), self._weighed)[0]
-            for d in self._draws
-        ]
+        errors: list[float] = []
+        while len(errors) < FEW or (len(errors) < MANY and _uncertain(errors) > ENOUGH):
+            d = self._drawn(self.view, len(errors))
+            shift = noise * d[0], noise * d[1]
+            errors.append(self.error(self.view, (noise, noise), *masks, shift, self._weighed)[0])
+        return errors
 
     @cached_property
     def _reference(self) -> tuple[Floats, tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
@@ -147,7 +151,7 @@ class Lever:
     def gains(self) -> tuple[float, float]:
         """Rms height error (mm) per cell of noise along u alone and along v alone."""
         reference, masks = self._reference
-        draw, unit = self._draws[0], rms_where(reference, masks[1])
+        draw, unit = self._drawn(self.view, 0), rms_where(reference, masks[1])
         both = reference, reference
         along_u = self.error(self.view, both, *masks, (reference * draw[0], 0.0), self._weighed)[0]
         along_v = self.error(self.view, both, *masks, (0.0, reference * draw[1]), self._weighed)[0]
@@ -242,49 +246,79 @@ class Lever:
 
         full: the same sequence predicted on the view `full`, for what is systematic.
         """
-        u, v = prediction.u, prediction.v
-        masks = prediction.solved, prediction.usable
+        axes = prediction.u, prediction.v
         noise, share = 0.0, 1.0
-        if not (masks[0] & masks[1]).any():
+        if not (prediction.left(self._chance(self.view, 0)) & prediction.usable).any():
             return HeightPrediction(math.nan, math.nan, 0.0)
-        if max(rms_where(axis.noise, masks[1]) for axis in (u, v)) > 0:
-            draw = self._draws[0]
-            found, share = self.error(
-                self.view, (u.stated, v.stated), *masks, (u.noise * draw[0], v.noise * draw[1]), self._weighed
-            )
-            noise = self.scale * found
+        count = self._draws_for(prediction)
+        if max(rms_where(axis.noise, prediction.usable) for axis in axes) > 0:
+            found, share = self._pooled(self.view, prediction, count, self._weighed)
+            noise = self.scale * self._errors[0] * found / _mean_square(self._errors[:count])
         wide, view = (prediction, self.view) if full is None else (full, self.full)
         if max(rms_where(axis.bias, wide.solved) for axis in (wide.u, wide.v)) < NEGLIGIBLE:
             return HeightPrediction(noise, 0.0, share)
-        stated = wide.u.stated, wide.v.stated
-        shift = wide.u.bias, wide.v.bias
-        if noise > 0:
-            # bare stairs look like creases to the solver; under noise, which is what it will see, they do not
-            drawn = self._drawn(view, 0)
-            both = (shift[0] + wide.u.noise * drawn[0], shift[1] + wide.v.noise * drawn[1])
-            alone = (wide.u.noise * drawn[0], wide.v.noise * drawn[1])
-            bias, reached = self._difference(view, stated, wide, both, alone)
-            return HeightPrediction(noise, bias, min(share, reached))
-        bias, reached = self.error(view, stated, wide.solved, wide.usable, shift)
-        return HeightPrediction(noise, bias, reached)
+        if noise == 0 or any(axis.steps is not None for axis in axes):
+            # whole steps, which the solver may take for creases: with and without what they are about
+            whole, reached = self._pooled(view, wide, count, biased=True)
+            alone = self._pooled(view, wide, count)[0] if noise > 0 else 0.0
+            return HeightPrediction(noise, math.sqrt(max(whole**2 - alone**2, 0.0)), reached)
+        # bare stairs look like creases to the solver; under noise, which is what it will see, they do not
+        drawn, left = self._drawn(view, 0), wide.left(self._chance(view, 0))
+        random = wide.u.drawn(drawn[0]), wide.v.drawn(drawn[1])
+        both = wide.u.bias + random[0], wide.v.bias + random[1]
+        bias, reached = self._difference(view, wide, left, both, random)
+        return HeightPrediction(noise, bias, min(share, reached))
+
+    def _draws_for(self, prediction: Prediction) -> int:
+        """How many draws a prediction needs: one if its noise lies over the pixels as the reference's does,
+        as then both are high or low alike; the less alike, the more."""
+        reference, (solved, _) = self._reference
+        axes = prediction.u, prediction.v
+        own = np.stack([np.where(prediction.lit, axis.noise * (1 - axis.refused), 0.0) for axis in axes])
+        usual = np.stack([np.where(solved, reference, 0.0)] * 2)
+        both = float(np.sum(own * usual))
+        alike = both / math.sqrt(float(np.sum(own**2) * np.sum(usual**2))) if both > 0 else 1.0
+        return int(np.clip(math.ceil(2 * (1 - alike) * (self.scatter / UNLIKE) ** 2), 1, DRAWS))
+
+    def _pooled(
+        self, view: View, there: Prediction, count: int, factor: Floats | float = 1.0, biased: bool = False
+    ) -> tuple[float, float]:
+        """Rms height error (mm, times the factor) over draws of noise and refusals, biased: and of systematic
+        errors; mean share of the usable pixels that get a height. NaN if none does in any draw."""
+        u, v, found = there.u, there.v, []
+        for index in range(count):
+            draw, left = self._drawn(view, index), there.left(self._chance(view, index))
+            shift = u.drawn(draw[0]) + biased * u.bias, v.drawn(draw[1]) + biased * v.bias
+            found.append(self.error(view, (u.stated, v.stated), left, there.usable, shift, factor))
+        errors = [error for error, share in found if share > 0]
+        return _mean_square(errors) if errors else math.nan, float(np.mean([share for _, share in found]))
+
+    @staticmethod
+    def _chance(view: View, index: int) -> Floats:
+        """A draw (2, H, W) of even numbers on a view, by which pixels are refused."""
+        shape = view.visible.shape
+        return view.kept(("chance", index), lambda: np.random.default_rng([index, 2]).random((2, *shape)))
 
     def _drawn(self, view: View, index: int) -> Floats:
         """A draw (2, H, W) of unit noise on a view."""
-        if view is self.view:
-            return np.asarray(self._draws[index])
-        return np.random.default_rng(index).standard_normal((2, *view.visible.shape))
+        shape = view.visible.shape
+        return view.kept(
+            ("noise", self._seed, index),
+            lambda: np.random.default_rng([self._seed, index]).standard_normal((2, *shape)),
+        )
 
     def _difference(
         self,
         view: View,
-        stated: tuple[Floats, Floats],
         there: Prediction,
+        left: NDArray[np.bool_],
         both: tuple[Floats, Floats],
         alone: tuple[Floats, Floats],
     ) -> tuple[float, float]:
         """Rms difference (mm) of the heights from two shifts, and the share of pixels that got the first."""
+        stated = there.u.stated, there.v.stated
         try:
-            first, second = (self.solve(view, stated, there.solved, shift) for shift in (both, alone))
+            first, second = (self.solve(view, stated, left, shift) for shift in (both, alone))
         except InputError:
             return math.nan, 0.0
         reached = first.good & second.good & there.usable
@@ -301,6 +335,11 @@ def rms_where(values: Floats, where: NDArray[np.bool_]) -> float:
     """Root mean square of the values chosen; NaN of none."""
     chosen = values[where]
     return math.sqrt(float(np.mean(chosen**2))) if chosen.size else math.nan
+
+
+def _uncertain(errors: list[float]) -> float:
+    """Standard error, as a share, of the rms of several draws."""
+    return float(np.std(errors, ddof=1) / np.mean(errors)) / math.sqrt(len(errors))
 
 
 def _mean_square(values: list[float]) -> float:

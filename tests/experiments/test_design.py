@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from optolever.decode import decode
 from optolever.errors import InputError
 from optolever.experiments.design import (
     Candidate,
@@ -32,7 +33,9 @@ from optolever.experiments.design import (
     varied,
 )
 from optolever.experiments.design.fixed_search import fringe_codes
+from optolever.experiments.design.prediction import predict_axis
 from optolever.patterns import Sequence, sequence, sequence_from_text
+from optolever.projector import capture
 from optolever.scene import Scene, dent, load, resize
 
 
@@ -77,6 +80,37 @@ def test_predicted_where_cells_are_coarse_and_the_map_bends(fine: float) -> None
     found, share = simulate(coarse, Candidate("", shown), 1.0, range(4), "numpy")
     assert there.total == pytest.approx(found, rel=0.15)
     assert there.share == pytest.approx(share, abs=0.006)
+
+
+@pytest.mark.parametrize("periods", [(60.5, 21.9, 7.93), (9.18, 8.16)])
+def test_the_border_in_a_strong_blur_as_it_is_decoded(periods: tuple[float, ...]) -> None:
+    """What several periods make of a border that blur spreads over four cells, pixel by pixel."""
+    scene = resize(load("paper-simulation"), 72, 72)
+    scene = replace(scene, pattern=replace(scene.pattern, blur_px=2.0))
+    view = Lever(scene, dent("flat", scene), stride=1).full
+    shown = sequence("phase", scene.pattern.rows, scene.pattern.cols, steps=8, periods=list(periods))
+    there = predict_axis(view, shown, 0.5, "v")
+    errors, sigmas, flags = [], [], []
+    for seed in range(12):
+        seen = capture(scene, dent("flat", scene), shown, noise=0.5, seed=seed, renderer="numpy")
+        found = decode(seen.frames, shown)
+        errors.append(found.v - view.truth.v)
+        sigmas.append(found.sigma_v)
+        flags.append(found.flags != 0)
+    middle = slice(20, 52)
+    mean, spread, sigma = np.mean(errors, axis=0), np.std(errors, axis=0, ddof=1), np.mean(sigmas, axis=0)
+    for row in (1, 2, 3, 4, 68, 69, 70):  # of the camera, 0.5 to 4.5 cells from the border
+        lost = np.mean(flags, axis=0)[row, middle]
+        if lost.max() > 0.0 or there.refused[row, middle].max() > 0.01:
+            assert lost.mean() == pytest.approx(there.refused[row, middle].mean(), abs=0.2)
+            continue
+        assert mean[row, middle].mean() == pytest.approx(there.bias[row, middle].mean(), abs=0.004)
+        assert rms(spread[row, middle]) == pytest.approx(rms(there.noise[row, middle]), rel=0.1)
+        assert sigma[row, middle].mean() == pytest.approx(there.stated[row, middle].mean(), rel=0.15)
+
+
+def rms(values: np.ndarray) -> float:
+    return math.sqrt(float(np.mean(values**2)))
 
 
 def test_merit_counts_lost_pixels_as_five_times_the_rms() -> None:

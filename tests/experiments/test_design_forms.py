@@ -7,8 +7,8 @@ import pytest
 from scipy.special import erfc, ndtr
 
 from optolever.errors import InputError
-from optolever.experiments.design.border import border_effect
-from optolever.experiments.design.codes import bit_failure, cell_error, stairs, stairs_of_noise
+from optolever.experiments.design.border import _seen, border_effect
+from optolever.experiments.design.codes import cell_error, misread, stairs, stairs_of_noise
 from optolever.experiments.design.free_codes import seen_levels
 from optolever.experiments.design.fringes import (
     combined,
@@ -18,6 +18,7 @@ from optolever.experiments.design.fringes import (
     step_failure,
     turn_variance,
 )
+from optolever.experiments.design.prediction import AxisPrediction
 from optolever.patterns import Frame, sequence
 
 
@@ -95,12 +96,15 @@ def test_stairs_of_a_long_period_are_the_sawtooth() -> None:
 
 @pytest.mark.parametrize("distance", [-0.2, 0.3, 1.0])
 def test_border_against_integration(distance: float) -> None:
+    """Cells from 0 on, dark before them."""
     period, spread = 8.0, 0.6
     place = (np.arange(200000) + 0.5) / 200000 * 16 - 8
     weight = np.exp(-0.5 * (place / spread) ** 2)
     weight /= weight.sum()
-    whole = (weight * np.exp(2j * np.pi * place / period)).sum()
-    rest = (weight * np.exp(2j * np.pi * place / period))[place > -distance].sum()
+    cells = np.rint(place + distance - 0.5)
+    shown = np.exp(2j * np.pi * (cells - distance + 0.5) / period)
+    whole = np.sinc(1 / period) * (weight * np.exp(2j * np.pi * place / period)).sum()
+    rest = whole - (weight * shown)[cells < 0].sum()
     lost, shift = border_effect(np.array(distance), spread, period)
     assert lost == pytest.approx(1 - abs(rest / whole), abs=1e-4)
     assert shift == pytest.approx(np.angle(rest / whole) * period / (2 * np.pi), abs=1e-4)
@@ -146,9 +150,9 @@ def test_misread_gray_bits_against_monte_carlo() -> None:
     rng = np.random.default_rng(3)
     place = rng.uniform(8, 56, 40000)
     nothing = (np.full(place.shape, 1e-3),) * 2
-    predicted = bit_failure(
+    predicted = misread(
         frames, True, place, np.full(place.shape, half), np.full(place.shape, noise), nothing, blur, cells
-    )
+    ).failure
     word = np.zeros(place.shape, int)
     threshold = half + 0.5 * noise * (rng.normal(size=place.shape) + rng.normal(size=place.shape))
     for frame in frames:
@@ -168,6 +172,45 @@ def test_misread_gray_bits_against_monte_carlo() -> None:
         cell ^= cell >> shift
     far = np.abs(cell - np.rint(place)) > 1
     assert predicted.mean() == pytest.approx(far.mean(), rel=0.25)
+
+
+def test_blurred_gray_cells_are_dithered_by_noise() -> None:
+    """Which neighbour is read, and how often, where blur leaves a fifth of the finest bits: Monte Carlo."""
+    cells, half, noise, blur, tries = 64, 100.0, 6.0, 1.1, 4000
+    frames = [Frame("gray", "u", bit=bit) for bit in range(6)]
+    frames += [Frame("gray", "u", bit=bit, inverted=True) for bit in range(6)]
+    place = 30 + (np.arange(16) + 0.5) / 8
+    sizes, nothing = np.full(place.shape, half), (np.full(place.shape, 1e-3),) * 2
+    told = misread(frames, False, place, sizes, sizes * noise / half, nothing, blur, cells)
+    rng = np.random.default_rng(4)
+    share = np.diff(ndtr((np.arange(cells + 1) - 0.5 - place[:, None]) / blur), axis=1)
+    word = np.zeros((tries, len(place)), int)
+    for frame in frames[:6]:
+        light = share @ (frame.tables(1, cells)[0] / 255.0)
+        both = half * (2 * light - 1) + noise / math.sqrt(2) * rng.normal(size=word.shape)
+        word |= (both > 0).astype(int) << (frame.bit or 0)
+    for shift in (1, 2, 4):
+        word ^= word >> shift
+    step = word - np.rint(place)
+    assert np.abs(step).max() == 1
+    assert told.up == pytest.approx((step == 1).mean(axis=0), abs=0.03)
+    assert told.down == pytest.approx((step == -1).mean(axis=0), abs=0.03)
+    there = AxisPrediction(*(np.zeros(place.shape),) * 5, steps=(told.up, told.down, 1.0))
+    drawn = np.stack([there.drawn(unit) for unit in rng.normal(size=(tries, len(place)))])
+    assert drawn.mean(axis=0) == pytest.approx(0.0, abs=0.04)
+    assert drawn.std(axis=0) == pytest.approx(step.std(axis=0), abs=0.04)
+
+
+def test_periods_that_the_border_shifts_apart_are_refused() -> None:
+    """chi squared of the periods' disagreement beyond what noise makes once in five sigmas."""
+    rng = np.random.default_rng(5)
+    groups, variances = grouped(fringe(16.0, 4) + fringe(8.0, 4)), [np.array([0.02]), np.array([0.01])]
+    limit = (1 - 2 / 9 + 5 * math.sqrt(2 / 9)) ** 3
+    for apart in (0.0, 0.9, 1.1):
+        shifts = [np.array([2 * math.pi * apart / 16]), np.array([0.0])]
+        _, refused = _seen(groups, shifts, variances)
+        chi2 = (apart + math.sqrt(0.03) * rng.normal(size=20000)) ** 2 / 0.03
+        assert refused[0] == pytest.approx((chi2 > limit).mean(), abs=0.03)
 
 
 def test_any_pattern_has_the_bound_of_a_fringe() -> None:
