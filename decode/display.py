@@ -53,8 +53,8 @@ _FULL = 32767
 _STEPS = 128
 #: What blur leaves of the cells' fundamental, under which stairs (then below 0.03 px) are taken off.
 _LOW_STAIRS = 0.1
-#: Rms blur that is assumed where the frames do not tell it, and the widest that it may be, cells.
-_USUAL_BLUR, _WIDE_BLUR = 0.5, 3.0
+#: Rms blur that is assumed where the frames do not tell it, cells.
+_USUAL_BLUR = 0.5
 
 
 def display_tables(sequence: Sequence, axis: AxisPlan, footprint: float, blur: float | None) -> Tables:
@@ -73,11 +73,11 @@ def _tables(sequence: Sequence, name: str, footprint: float, blur: float | None)
     soft = blur is not None and bool(np.exp(-2 * (np.pi * blur) ** 2) < _LOW_STAIRS)
     used = _USUAL_BLUR if blur is None else blur
     shift, border, lost = display_shift(sequence, axis, footprint, used, stairs=soft).astype(np.float32)
-    if blur is None:  # sigma holds what the border would do through the widest
-        border = display_shift(sequence, axis, footprint, _WIDE_BLUR, stairs=soft)[1].astype(np.float32)
-    inner = np.flatnonzero((np.abs(border) <= BORDER) & (lost <= MOST_LOST))
-    # up to the first and from the last place where the border does nothing, it may do something
-    low, high = (int(inner[0]), int(inner[-1])) if len(inner) else (len(shift), len(shift))
+    # between the innermost places where the border does something; its shift swings through zero before
+    reached = np.flatnonzero((np.abs(border) > BORDER) | (lost > MOST_LOST))
+    left, right = reached[reached < len(shift) // 2], reached[reached >= len(shift) // 2]
+    low = int(left[-1]) + 1 if len(left) else 0
+    high = int(right[0]) - 1 if len(right) else len(shift)
     return Tables((*_packed(shift), border, lost, low, high), soft)
 
 
@@ -100,21 +100,22 @@ def display_shift(sequence: Sequence, axis: AxisPlan, footprint: float, blur: fl
     blur: rms, both in cells; stairs: those of the cells are part of the shift.
     """
     total = np.zeros((3, (axis.extent + 2 * BEYOND) * PER_CELL))
-    information = 0.0
+    information = np.zeros(total.shape[1])
     # the same combination of periods as in unwrap_kernels: what a much finer one replaces does not matter
     periods = [fringe.period for fringe in axis.fringes]
     start = max((g for g in range(1, len(periods)) if periods[g] * MUCH_FINER < periods[g - 1]), default=0)
     for fringe in axis.fringes[start:]:
-        own = len(fringe.index) / fringe.period**2
+        part, contrast = _fringe_shift(sequence, fringe, axis, footprint, blur, stairs)
+        own = len(fringe.index) * (contrast / fringe.period) ** 2
         information += own
-        total += own / information * (_fringe_shift(sequence, fringe, axis, footprint, blur, stairs) - total)
+        total += own / information * (part - total)
     return total
 
 
 def _fringe_shift(
     sequence: Sequence, fringe: Fringe, axis: AxisPlan, footprint: float, blur: float, stairs: bool
-) -> F64:
-    """display_shift for one period, (3, K)."""
+) -> tuple[F64, F64]:
+    """display_shift for one period, (3, K), and the contrast that it has there (K,)."""
     pad = BEYOND + int(np.ceil(footprint / 2 + 4 * blur)) + 1
     light = _cell_light(footprint, blur)
     dark = _seen(np.pad(_fundamental(sequence, fringe, axis), pad), light).ravel()
@@ -135,7 +136,8 @@ def _fringe_shift(
     at, *parts = (_denser(part[lit]) for part in (at, shift, border, 1 - left))
     decoded = np.maximum.accumulate(at + parts[0])
     shift, border, lost = (np.interp(wanted, decoded, part) for part in parts)
-    return np.stack([_for_lines(shift), border, lost])
+    contrast = np.maximum(1 - lost, _LEAST_LIGHT) * np.abs(change).mean()
+    return np.stack([_for_lines(shift), border, lost]), contrast
 
 
 def _denser(values: F64) -> F64:

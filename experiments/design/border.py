@@ -151,19 +151,22 @@ def _table(groups: list[Fringe], spread: float) -> tuple[Floats, ...]:
     true = np.arange(-BEYOND - 4 * spread, reach, 1 / PER_CELL)
     at = np.arange(0.5 - BEYOND, reach, 1 / PER_CELL)
     finer = [g for g in range(1, len(groups)) if groups[g].period * MUCH_FINER < groups[g - 1].period]
-    total, information = np.zeros((2, len(at))), 0.0
+    total, information = np.zeros((2, len(at))), np.zeros(len(at))
     for group in groups[max(finer, default=0) :]:
         lost, shift = border_effect(true, spread, group.period)
         lit = lost < 1 - LEAST_LEFT
         read = np.maximum.accumulate(true[lit] + shift[lit])
         parts = np.stack([np.interp(at, read, part[lit]) for part in (shift, lost)])
-        own = len(group.shifts) / group.period**2
+        contrast = np.maximum(1 - parts[1], LEAST_LEFT) * math.exp(
+            -2 * (math.pi * spread / group.period) ** 2
+        )
+        own = len(group.shifts) * (contrast / group.period) ** 2
         information += own
         total += own / information * (parts - total)
     shift, lost = total
-    # inside the outermost place where it does nothing, the decoder neither widens sigma nor refuses
-    calm = np.flatnonzero((np.abs(shift) <= LEAST_SHIFT) & (lost <= REFUSED_LOST))
-    outer = at < (at[calm[0]] if len(calm) else math.inf)
+    # inside the innermost place where it does something, the decoder neither widens sigma nor refuses
+    reached = np.flatnonzero((np.abs(shift) > LEAST_SHIFT) | (lost > REFUSED_LOST))
+    outer = at <= (at[reached[-1]] if len(reached) else -math.inf)
     told = np.where(outer & (np.abs(shift) > LEAST_SHIFT), shift, 0.0)
     return at, shift, told, np.where(outer, lost, 0.0), np.gradient(shift, at)
 

@@ -159,7 +159,7 @@ def _fringe_axis(
             refused = _low_contrast(amplitude, levels, share)
     referenced = _referenced(sequence)
     lever, uncertain, swing = _blur_survey(view, axis, groups, levels, referenced)
-    # the decoder measures the blur: white and black are shown, or contrasts more likely than not differ enough
+    # the decoder measures the blur: white and black are shown, or contrasts likely differ enough
     known = referenced or (len(groups) > 1 and lever * blur**2 > BLUR_TOLD)
     if _low_stairs(known, blur):
         there = [_stairs_of_noise(view, axis, group.period) for group in groups]

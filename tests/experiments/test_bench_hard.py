@@ -124,8 +124,8 @@ def test_random_cases_are_the_same_for_the_same_number() -> None:
     assert np.array_equal(first.error, second.error, equal_nan=True)
 
 
-#: Near the pattern's edge, on short sweeps, through blur that nobody told, among gaps, beside steep anchors.
-ONCE_WRONG = (4, 7, 9, 37, 52, 67, 69, 73, 74, 79, 99, 102, 103, 148, 157)
+#: Near the pattern's edge, on short sweeps, among gaps, beside steep anchors.
+ONCE_WRONG = (7, 9, 37, 67, 69, 73, 74, 79, 99, 102, 103, 148, 157)
 
 
 @pytest.mark.parametrize("number", ONCE_WRONG)
