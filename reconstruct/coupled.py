@@ -46,6 +46,7 @@ _REWEIGHTED = 2  # solves with doubtful edges: the slopes depend a little on the
 _ATTEMPTS = 3  # with pixels left out that do not converge
 _FEW = 0.01  # of the pixels: more are not to blame one by one
 _BETTER = 3.0  # times: data less better than that by its curl may hide what neighbours share
+_NOISIER = 1.2  # times the announced noise, by the curl: sigma grows to what it is
 _ROUNDS = 6  # of leaving out lone pixels with a curl
 
 
@@ -118,6 +119,11 @@ def solved_height(
         removed |= removable
         problem = replace(problem, data=bridged(measured, removed))
         state = _solve(problem, state.w, options)
+    curl = scale
+    if scale > _NOISIER and not problem.data.whole_cells(problem.bridged):
+        problem = replace(problem, data=problem.data.noisier(scale), outer=problem.outer.noisier(scale))
+        state = _solve(problem, state.w, options)
+        scale = 1.0
     if method == "robust":
         state = reweighted(problem, state, options)
     elif method != "march":
@@ -129,7 +135,7 @@ def solved_height(
         variance = march_variance(*weights, state.problem.spine, state.rows.pixel, state.share)
         variance *= state.root**4
     spread = _spread(problem, state, removed)
-    height = height_map(problem, state, correspondence.flags, suspects, scale, method, variance, spread)
+    height = height_map(problem, state, correspondence.flags, suspects, curl, method, variance, spread)
     return problem, state, height
 
 

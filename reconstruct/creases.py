@@ -190,9 +190,8 @@ def touched(doubt: Doubt) -> Mask:
 
 
 def reached_across(doubt: Doubt, root: Floats, mask: Mask, anchors: NDArray[np.int64]) -> Floats:
-    """Variance that the doubtful edges leave in every pixel, (H, W): the squared sum of the doubts along the
+    """Variance that the doubtful edges leave in every pixel, (H, W): the sum of the squared doubts along the
     path from an anchor (pixel numbers) that has the least of them, carried by the integrating factor root^2.
-    Not the sum of the squares: along a curve the cubics miss to the same side, edge after edge.
     """
     rows, cols = mask.shape
     factor = np.ascontiguousarray(np.broadcast_to(root, mask.shape))
@@ -202,7 +201,7 @@ def reached_across(doubt: Doubt, root: Floats, mask: Mask, anchors: NDArray[np.i
         if not _sweep(doubt[0], doubt[1], factor, mask, least):
             break
     least[~np.isfinite(least)] = 0.0
-    variance: Floats = np.square(least * factor**2)
+    variance: Floats = least * factor**4
     return variance
 
 
@@ -381,13 +380,13 @@ def _sweep(dx, dy, root, mask, least):  # type: ignore[no-untyped-def]
                     continue
                 best = least[i, j]
                 if j > 0 and mask[i, j - 1]:
-                    best = min(best, least[i, j - 1] + dx[i, j - 1] / (root[i, j] * root[i, j - 1]))
+                    best = min(best, least[i, j - 1] + (dx[i, j - 1] / (root[i, j] * root[i, j - 1])) ** 2)
                 if j + 1 < cols and mask[i, j + 1]:
-                    best = min(best, least[i, j + 1] + dx[i, j] / (root[i, j] * root[i, j + 1]))
+                    best = min(best, least[i, j + 1] + (dx[i, j] / (root[i, j] * root[i, j + 1])) ** 2)
                 if i > 0 and mask[i - 1, j]:
-                    best = min(best, least[i - 1, j] + dy[i - 1, j] / (root[i, j] * root[i - 1, j]))
+                    best = min(best, least[i - 1, j] + (dy[i - 1, j] / (root[i, j] * root[i - 1, j])) ** 2)
                 if i + 1 < rows and mask[i + 1, j]:
-                    best = min(best, least[i + 1, j] + dy[i, j] / (root[i, j] * root[i + 1, j]))
+                    best = min(best, least[i + 1, j] + (dy[i, j] / (root[i, j] * root[i + 1, j])) ** 2)
                 if best < least[i, j]:
                     least[i, j] = best
                     changed = True

@@ -94,3 +94,19 @@ def test_sigma_grows_with_the_noise_and_with_the_anchors_own(exact, noisy) -> No
     np.testing.assert_allclose(large / small, 3.0, rtol=1e-3)
     loose = reconstruct(noisy(truth, sigma=0.01), scene, anchor=PixelAnchor(48, 48, value, sigma=0.5)).sigma
     assert loose[48, 48] == pytest.approx(0.5, rel=0.01)
+
+
+@pytest.mark.parametrize("times", [2.0, 5.0])
+def test_noise_that_was_told_too_small_is_told_by_the_curl(exact, noisy, times: float) -> None:
+    """The height, its flags and its sigma are nearly those of the true noise; the diagnostics say how far off
+    the announced one was.
+    """
+    scene, truth, _ = exact("paper-simulation", "raised-cosine", 128, 128)
+    heights = [reconstruct(noisy(truth, sigma=s, noise=0.05), scene) for s in (0.05, 0.05 / times)]
+    right, told = heights
+    assert told.diagnostics.curl == pytest.approx(times, rel=0.05)
+    assert told.good.mean() > right.good.mean() - 0.01
+    both = right.good & told.good
+    np.testing.assert_allclose(told.sigma[both], right.sigma[both], rtol=0.08)
+    ratio = (told.z - truth.z)[both] / told.sigma[both]
+    assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.2)
