@@ -8,7 +8,8 @@
 | `store.py`, `sweeps.py` | one result file per cell; resumed runs, here or on Dask |
 | `methods.py`, `integration_peers.py` | every solver and integrator on the same cases; peers from PyPI |
 | `pareto.py`, `summary.py`, `report.py` | frontier and chart; the few rows that count; the page |
-| `hard.py`, `hard_case.py`, `hard_decode.py`, `hard_reconstruct.py` | hard cases and their verdicts |
+| `hard.py`, `hard_case.py` | hard cases and their verdicts |
+| `hard_decode.py`, `hard_reconstruct.py`, `hard_random.py` | what is hard: written lists, and drawn |
 """
 
 from .cell import Cell, Grid, load_grid
