@@ -45,7 +45,7 @@ def command(
 ) -> None:
     """Choose by `design` for ten scenes and simulate every candidate of each: how far from the best is it?
 
-    About a minute per scene; each is printed when it is done, and Ctrl-C keeps those. merit: rms error over
+    One to four minutes a scene; each is printed when done, and Ctrl-C keeps those. merit: rms error over
     all pixels, one without a height counted as five times the rms of the others; excess: merit of the choice
     over that of the best found, minus one; within 15 %: candidates whose predicted rms error is so near the
     simulated one.

@@ -20,10 +20,10 @@ $ optolever decode capture --out c.npz
 Correspondence in c.npz
   frames       22 of 256 x 256
   good         98.83 % of the pixels
-  sigma u      0.00977 px (median of the good)
-  sigma v      0.00989 px (median of the good)
+  sigma u      0.009748 px (median of the good)
+  sigma v      0.009868 px (median of the good)
   off_pattern  1.169 %
-  time         0.9462 s
+  time         0.607 s
 """
 
 

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever hard --quick --filter "decode saturation" --out hard
+$ optolever hard --quick --filter "decode defocus" --out hard
 Hard cases
-part    case                      subject     size   noise  input  error       flagged  silent  worst   result
-decode  saturation at 255 of 300  gray+phase  96x96  1      uint8  0.01099 px  1.91 %   0       0.86    good
-decode  saturation at 255 of 300  phase       96x96  1      uint8  0.01818 px  24.56 %  0       0.8636  good
+part    case     subject     size   noise  input  error       flagged  wrong  silent  worst   verdict
+decode  defocus  gray+phase  96x96  1      uint8  0.2178 px   19.4 %   0 %    0       0.7374  good
+decode  defocus  phase       96x96  1      uint8  0.03426 px  10.26 %  0 %    0       0.7986  good
 Verdict
   cases           2 of 2
   silently wrong  0

@@ -15,9 +15,9 @@ $ optolever methods --size 128x128 --case "reconstruct, cusp" \\
       --method coupled --method march --method paper-drops
 reconstruct, cusp
 method       time       processor  error      error/sigma  flagged    silent
-coupled      2.242 s    1.092 s    1.994e-05  0.1177       0.04883 %  0.03664 %
-march        0.02899 s  0.01794 s  5.668e-05  0.1003       0.02441 %  0.01221 %
-paper-drops  0.03335 s  0.01335 s  0.006875   -            0 %        -
+coupled      0.6842 s   0.4443 s   4.069e-06  0.01376      0.1526 %   0 %
+march        0.0578 s   0.03093 s  2.947e-05  0.008705     0.09766 %  0 %
+paper-drops  0.02219 s  0.02 s     0.006875   -            0 %        -
 """
 HEADER = ("method", "time", "processor", "error", "error/sigma", "flagged", "silent", "")
 

@@ -24,18 +24,18 @@ $ optolever reconstruct c.npz --scene capture/scene.toml \\
       --truth capture/truth.npz --out h.npz
 Height map in h.npz
   good                98.83 % of the pixels
-  height              -0.006284 to 1.3 mm
+  height              -0.005971 to 1.3 mm
   sigma               3.85e-05 mm (median of the good)
   off_pattern         1.169 %
-  error               0.0001397 of the peak depth, rms
-  rms(error / sigma)  1.058
+  error               0.000139 of the peak depth, rms
+  rms(error / sigma)  1.062
   dent 1              depth 1.3 ± 3.9e-05 mm; half depth: area 1742 ± 0.16 mm²,
                       volume 1633 ± 0.12 mm³, centroid (81.8498, 81.8498) ±
                       0.0011 mm
   evidence 1          no contact evidence: the edge's kink shows in 0 % of 64
                       directions, a smooth surface explains the slopes as well
                       or better
-  time                0.4748 s
+  time                0.7354 s
 """
 
 
