@@ -90,11 +90,16 @@ def _left_by(blur_px: float) -> float:
 def _along_the_change(coord: Map, sigma: Map, flags: Map) -> tuple[Map, Map, Map]:
     """The maps, turned if coord changes more from row to row than from column to column."""
     rows, cols = (max(1, n // _LINES) for n in coord.shape)
-    across = np.abs(coord[::rows, _APART::_APART] - coord[::rows, _APART - 1 : -1 : _APART])
-    down = np.abs(coord[_APART::_APART, ::cols] - coord[_APART - 1 : -1 : _APART, ::cols])
-    if np.nan_to_num(np.nanmedian(down)) > np.nan_to_num(np.nanmedian(across)):
+    if _change(coord.T[::cols]) > _change(coord[::rows]):
         return coord.T, sigma.T, flags.T
     return coord, sigma, flags
+
+
+def _change(lines: Map) -> float:
+    """Usual step between neighbours along lines (R, W); 0 where there are none."""
+    steps = np.abs(lines[:, _APART::_APART] - lines[:, _APART - 1 : -1 : _APART])
+    known = steps[np.isfinite(steps)]
+    return float(np.median(known)) if known.size else 0.0
 
 
 def _contradicted(model: Map, seen: Map) -> bool:

@@ -15,6 +15,7 @@ curve adds on the way to the anchors, it adds to all of them alike: the square o
 
 from functools import lru_cache
 
+import cv2
 import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
@@ -47,7 +48,9 @@ def unknown_variance(data: Measured, state: State, labels: Labels, broken: bool 
     factor = np.broadcast_to(state.root**2, state.w.shape)
     square = factor**2
     alone = _alone(labels)
-    gain = np.where(alone, 0.0, _least_nearby(averaging_gain(*state.variances)))
+    # what is averaged is no noisier than its neighbours
+    least = cv2.erode(averaging_gain(*state.variances), cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)))
+    gain = np.where(alone, 0.0, least)
     own = _anchor_variance(state, factor, gain)
     lean = state.share * state.bend / factor.ravel()[state.rows.pixel]
     variance = _of_components(state, labels, broken, own, lean, square)
@@ -147,16 +150,6 @@ def averaging_gain(var_p: Floats, var_q: Floats) -> Floats:
         ratio = np.log(var_p / var_q)
     gain: Floats = var_p * np.interp(ratio, ratios, values)
     return gain
-
-
-def _least_nearby(gain: Floats) -> Floats:
-    """The least of a pixel's and its neighbours': what is averaged is no noisier than they are."""
-    least = gain.copy()
-    np.minimum(least[1:], gain[:-1], out=least[1:])
-    np.minimum(least[:-1], gain[1:], out=least[:-1])
-    np.minimum(least[:, 1:], gain[:, :-1], out=least[:, 1:])
-    np.minimum(least[:, :-1], gain[:, 1:], out=least[:, :-1])
-    return least
 
 
 @lru_cache(maxsize=1)

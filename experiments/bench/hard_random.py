@@ -26,7 +26,6 @@ WIDTHS = {
     "ridge": "sigma",
     "ball": "radius",
 }
-DENT_PEAK, DENT_WIDTH = 1.3 / 163.7, 20 / 163.7  # of the mirror's shorter side, as paper-simulation's
 STRANGE = 0.1  # how often each thing happens that usually does not
 
 
@@ -120,12 +119,12 @@ def _dent(rng: np.random.Generator) -> Callable[[Scene], Surface]:
 def _placed(
     form: str, depth: float, width: float, place: tuple[float, float], angle: float, scene: Scene
 ) -> Surface:
-    mirror = scene.mirror
-    side = min(mirror.length, mirror.width)
-    params = {"peak": depth * DENT_PEAK * side}
+    mirror, usual = scene.mirror, dent("gaussian", scene).formula
+    assert usual is not None
+    params = {"peak": depth * usual.params["peak"]}
     if form != "raised-cosine":
         params |= {"x": place[0] * mirror.length, "y": place[1] * mirror.width}
-        spread = width * DENT_WIDTH * side
+        spread = width * usual.params["sigma"]
         params[WIDTHS[form]] = spread**2 / params["peak"] if form == "ball" else spread
     if form == "ridge":
         params["angle_deg"] = angle

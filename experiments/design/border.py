@@ -6,8 +6,8 @@ w = 2 pi / P: a share |rho| of its contrast and a shift arg(rho) / w away from t
 and dimmed by different amounts: their coordinate is the mean by what each then knows, and where they come to
 disagree they are refused.
 
-The decoder takes the shift off by a table for the usual pixel, in which periods weigh by N / P^2 whatever
-contrast is left of them: what that and its pixel and blur differ by stays.
+The decoder takes the shift off by a table for the usual pixel, with the blur that it knows: what a pixel and
+the true blur differ by stays.
 """
 
 import math
@@ -157,9 +157,8 @@ def _table(groups: list[Fringe], spread: float) -> tuple[Floats, ...]:
         lit = lost < 1 - LEAST_LEFT
         read = np.maximum.accumulate(true[lit] + shift[lit])
         parts = np.stack([np.interp(at, read, part[lit]) for part in (shift, lost)])
-        contrast = np.maximum(1 - parts[1], LEAST_LEFT) * math.exp(
-            -2 * (math.pi * spread / group.period) ** 2
-        )
+        blurred = math.exp(-2 * (math.pi * spread / group.period) ** 2)
+        contrast = np.maximum(1 - parts[1], LEAST_LEFT) * blurred
         own = len(group.shifts) * (contrast / group.period) ** 2
         information += own
         total += own / information * (parts - total)

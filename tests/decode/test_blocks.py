@@ -37,3 +37,19 @@ def test_blocks_change_nothing(
     assert 0.5 < one.good.mean() < 0.99
     for field in FIELDS:
         assert np.array_equal(getattr(one, field), getattr(other, field), equal_nan=True), field
+
+
+@pytest.mark.parametrize("size", [(1, 64), (64, 1), (1, 9), (6, 6), (8, 40), (40, 8)])
+@pytest.mark.parametrize("name", ["phase", "gray", "gray+phase"])
+@pytest.mark.parametrize("lit", [True, False])
+def test_small_images(name: str, size: tuple[int, int], lit: bool, shoot: Shoot) -> None:
+    """One line, a handful of pixels or no light: decoded or flagged, without a warning."""
+    shown = sequence(name, 120, 135)
+    v, u = np.mgrid[: size[0], : size[1]] + 30.3
+    light = 90.0 if lit else 0.0
+    found = decode(shoot(shown, u, v, noise=0.5, offset=light + 2, amplitude=light), shown)
+    if lit:
+        assert found.good.mean() > 0.7
+        assert np.abs(found.u - u)[found.good].max() < 1
+    else:
+        assert not found.good.any()
