@@ -28,8 +28,9 @@ __all__ = ["take_off_stairs"]
 
 Map = NDArray[Any]
 _SEGMENT = 32
-#: Lines and steps between pairs of neighbours that tell along which axis a coordinate changes.
-_LINES, _APART = 16, 8
+#: Lines, pairs of neighbours on each and least distance of these that tell along which axis a coordinate
+#: changes.
+_LINES, _PAIRS, _APART = 16, 64, 8
 _SEGMENTS = 512
 _STEP = 0.02
 #: sinc(w) from which on a run of pixels tells the height of the stairs.
@@ -97,7 +98,8 @@ def _along_the_change(coord: Map, sigma: Map, flags: Map) -> tuple[Map, Map, Map
 
 def _change(lines: Map) -> float:
     """Usual step between neighbours along lines (R, W); 0 where there are none."""
-    steps = np.abs(lines[:, _APART::_APART] - lines[:, _APART - 1 : -1 : _APART])
+    apart = max(_APART, lines.shape[1] // _PAIRS)
+    steps = np.abs(lines[:, apart::apart] - lines[:, apart - 1 : -1 : apart])
     known = steps[np.isfinite(steps)]
     return float(np.median(known)) if known.size else 0.0
 

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 from numba import njit
 
-from optolever.compiling import Apart
+from optolever.compiling import Apart, Wide
 
 __all__ = ["apart_kernel", "fast_kernel", "inline_kernel", "kernel", "leaf_kernel"]
 
@@ -52,8 +52,8 @@ def leaf_kernel(function: Kernel) -> Kernel:
 
 
 def fast_kernel(function: Kernel) -> Kernel:
-    """leaf_kernel, with reordering of sums and fused multiply-add."""
-    return cast(Kernel, njit(**_LEAF, fastmath=_REORDER)(function))
+    """leaf_kernel, with reordering of sums, fused multiply-add and the widest vectors."""
+    return cast(Kernel, njit(**_LEAF, fastmath=_REORDER, pipeline_class=Wide)(function))
 
 
 def apart_kernel(function: Kernel) -> Kernel:
