@@ -23,6 +23,10 @@ _UNSURE, _TOLD = 0.003, 3.0
 #: Variation of the contrast over the image (its quartiles) above which it tells nothing, and what cells alone
 #: make of it: quartiles of a sine lie so many amplitudes apart.
 _VARIES, _QUARTILES = 0.1, 1.5
+#: Footprint over period up to which what it leaves of the contrast is known well enough.
+_WIDE = 0.7
+#: Steps in which blur and swing are found.
+_ROUNDS = 4
 #: Share of the surface at either end where its border takes light from fringes of different periods.
 _MARGIN = 0.1
 _SPOILT = int(Flag.SATURATED | Flag.DARK | Flag.LOW_CONTRAST | Flag.MOVED | Flag.INVALID)
@@ -61,13 +65,14 @@ def measured_blur(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan) -> float
     else:
         least = 1 / axis.fringes[0].period
         coarse = _amplitude(axis.fringes[0], levels) / _unblurred(axis.fringes[0].period, down, along)
-    use = (seen.flags[:, cols] & _SPOILT == 0) & (down + along < 0.5 * fine.period) & (coarse > 0)
+    use = (seen.flags[:, cols] & _SPOILT == 0) & (down + along < _WIDE * fine.period) & (coarse > 0)
     use &= np.abs(coord[:, cols] - 0.5 * (axis.extent - 1)) < (0.5 - _MARGIN) * axis.extent
     if np.count_nonzero(use) < _FEWEST:
         return None
     left = (_amplitude(fine, levels) / _unblurred(fine.period, down, along))[use] / coarse[use]
     widths = [float(np.median(width[use])) for width in (down, along)]
-    square = _square_blur(left, 2 * np.pi**2 * (fine.period**-2 - least**2), whole, fine.period, widths)
+    lever = 2 * np.pi**2 * (fine.period**-2 - least**2)
+    square = _square_blur(left, coord[:, cols][use], lever, whole, fine.period, widths)
     return None if square is None else float(np.sqrt(square))
 
 
@@ -95,23 +100,38 @@ def _unblurred(period: float, down: F64, along: F64) -> F64:
     return np.asarray(np.sinc(1 / period) * np.sinc(down / period) * np.sinc(along / period))
 
 
-def _square_blur(left: F64, lever: float, whole: bool, period: float, widths: list[float]) -> float | None:
-    """Squared blur from what it left of the contrast, exp(-lever blur^2)."""
+def _square_blur(
+    left: F64, place: F64, lever: float, whole: bool, period: float, widths: list[float]
+) -> float | None:
+    """Squared blur from what it left of the contrast at places (K,): exp(-lever blur^2), and its swing."""
     low, high = quantile(left, 0.25), quantile(left, 0.75)
-    # mean, not median: where the display is sharp, contrast varies with the place in the cell
-    mean = float(left[np.abs(left - 0.5 * (low + high)) <= 3 * (high - low) + 1e-3].mean())
-    if not 0 < mean < 1.02:
-        return None
-    square = max(-np.log(min(mean, 1.0)) / lever, 0.0)
-    if high - low > _VARIES + _QUARTILES * mean * _cell_swing(period, widths, square):
+    used = np.abs(left - 0.5 * (low + high)) <= 3 * (high - low) + 1e-3
+    left, seen = left[used], place[used]
+    # pixels that keep step with the cells do not average the swing: first without it, then with it
+    swing = np.ones(1, np.complex128)
+    for _ in range(_ROUNDS):
+        # mean, not median: where the display is sharp, contrast varies with the place in the cell
+        mean = float((left / np.abs(swing)).mean())
+        if not 0 < mean < 1.02:
+            return None
+        square = max(-np.log(min(mean, 1.0)) / lever, 0.0)
+        swing = _cells(period, widths, square, seen - np.angle(swing) * period / (2 * np.pi))
+    if high - low > _VARIES + _QUARTILES * mean * abs(_sideband(period, widths, square, -1)):
         return None
     return square if whole or square * lever > _TOLD * _UNSURE else None
 
 
-def _cell_swing(period: float, widths: list[float], square: float) -> float:
-    """Swing of a fringe's contrast over a cell, as a share of it: the nearest sideband (see cells)."""
-    f, side = 1 / period, 1 / period - 1
-    left = np.exp(-2 * np.pi**2 * square * (side**2 - f**2)) * f / side
+def _cells(period: float, widths: list[float], square: float, place: F64) -> NDArray[np.complex128]:
+    """What cells make of a fringe's complex amplitude at places: 1 and the nearest sidebands (see cells)."""
+    turn = np.exp(2j * np.pi * place)
+    one, other = (_sideband(period, widths, square, m) for m in (1, -1))
+    return np.asarray(1 + one * turn + other * turn.conj())
+
+
+def _sideband(period: float, widths: list[float], square: float, m: int) -> float:
+    """Amplitude of the sideband of frequency 1 / period + m, |m| = 1, as a share of the fringe's."""
+    f, side = 1 / period, 1 / period + m
+    left = -f / side * np.exp(-2 * np.pi**2 * square * (side**2 - f**2))
     for width in widths:
         left *= np.sinc(side * width) / np.sinc(f * width)
-    return float(abs(left))
+    return float(left)

@@ -70,6 +70,16 @@ def test_blur_is_told_where_cells_swing_the_contrast() -> None:
     assert (found.flags[:, inside] == 0).mean() > 0.95
 
 
+@pytest.mark.parametrize(("width", "blur", "period"), [(1.0, 0.3, 4.0), (2.0, 0.5, 3.0), (2.0, 0.4, 5.0)])
+def test_blur_is_told_where_pixels_keep_step_with_the_cells(width: float, blur: float, period: float) -> None:
+    """All of them see the same place within a cell, where the contrast is not the mean one."""
+    shown, u, frames = _capture(240, width, blur, period=period)
+    inside = (u > 6) & (u < 233)
+    found, given = decode(frames, shown), decode(frames, shown, blur_px=blur)
+    assert abs((found.u - given.u)[:, inside].mean()) < 2e-3
+    assert abs((found.u - u)[:, inside].mean()) < 3e-3
+
+
 def test_dark_border_is_taken_off_or_flagged() -> None:
     shown, u, frames = _capture(120, 0.7, 0.5, period=8.0)
     found = decode(frames, shown)
