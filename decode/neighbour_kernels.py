@@ -165,10 +165,42 @@ def _steepness(row: int, x: int, coord: Array, flags: Array) -> float:
 
 
 @leaf_kernel
-def _near_border(place: float, extent: float, nearest: float) -> bool:
-    """True within _NEAR of the border, but not within `nearest`."""
-    inside = 0.5 * extent - abs(place - 0.5 * (extent - 1))
-    return nearest <= inside < _NEAR
+def _inside(row: int, x: int, coord: Array, flags: Array, extent: float) -> float:
+    """Distance from the nearer border, cells; inf where there is no pixel or it is not to be trusted."""
+    rows, cols = coord.shape
+    if not (0 <= row < rows and 0 <= x < cols) or (flags[row, x] & _READ) != _GOOD:
+        return np.inf
+    return float(0.5 * extent - abs(coord[row, x] - 0.5 * (extent - 1)))
+
+
+@leaf_kernel
+def _shadowed(
+    row: int,
+    x: int,
+    coord: Array,
+    flags: Array,
+    extent: float,
+    nearest: float,
+    amplitude: Array,
+    bright: float,
+) -> bool:
+    """Whether a dim pixel within _NEAR of the border, but not within `nearest`, may lie in its shadow: that
+    only grows darker towards it, and nothing on the way there is `bright`.
+    """
+    here = _inside(row, x, coord, flags, extent)
+    if not nearest <= here < _NEAR:
+        return False
+    down, right, closest = 0, 0, here
+    for i, j in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+        there = _inside(row + i, x + j, coord, flags, extent)
+        if there < closest:
+            down, right, closest = i, j, there
+    while closest < here:
+        row, x, here = row + down, x + right, closest
+        if amplitude[row, x] > bright:
+            return False
+        closest = _inside(row + down, x + right, coord, flags, extent)
+    return True
 
 
 @apart_kernel
@@ -239,8 +271,8 @@ def _mixed_rows(start: int, stop: int, near: Near, shared: Shared, top: Array) -
             if not here[x] < top[x]:
                 continue
             if here[x] < _BORDER * top[x]:
-                border = _near_border(u[row, x], extents[0], nearest[0])
-                border |= _near_border(v[row, x], extents[1], nearest[1])
+                border = _shadowed(row, x, u, flags, extents[0], nearest[0], amplitude, top[x])
+                border |= _shadowed(row, x, v, flags, extents[1], nearest[1], amplitude, top[x])
                 if border:
                     flags[row, x] |= _OUTLIER
             if holes and _sees_nothing_beside(row, x, flags):

@@ -95,6 +95,21 @@ def test_the_shadow_of_the_border(name: str, blur: float) -> None:
         assert found.good[inner].mean() > 0.97
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_what_only_looks_like_the_borders_shadow(turned: bool, shoot: Callable[..., NDArray[Any]]) -> None:
+    """A dim band near the border, brighter again on the border's side (a slope that reflects less)."""
+    shown = sequence("phase", 100, 100, steps=4, periods=(13.0, 12.5))
+    v, u = np.mgrid[:100, :100].astype(np.float64)
+    inside = v if turned else 99 - u
+    light = 90 * (1 - 0.2 * np.exp(-(((inside - 8) / 3) ** 2)))
+    found = decode(shoot(shown, u, v, noise=0.5, offset=light + 10, amplitude=light), shown)
+    band = (inside > 3) & (inside < 14) & (np.abs(u - 49) < 30 if turned else np.abs(v - 49) < 30)
+    assert found.good[band].mean() > 0.99
+    fading = 90 * (1 - 0.5 * np.exp(-(((inside + 1) / 3) ** 2)))
+    found = decode(shoot(shown, u, v, noise=0.5, offset=fading + 10, amplitude=fading), shown)
+    assert (found.flags[band & (inside < 4)] & Flag.OUTLIER).all()
+
+
 def test_folds_widen_sigma(shoot: Callable[..., NDArray[Any]]) -> None:
     """A mean over a pixel lies off the place at its centre by the second derivatives over 24."""
     row, col = places(40, 60)
