@@ -5,7 +5,7 @@
 | `ranking.py`, `candidates.py`, `user_patterns.py` | run_design; what could be shown; what users bring |
 | `prediction.py`, `view.py`, `sensitivity.py` | a sequence's errors per pixel; what pixels see; to heights |
 | `fringes.py`, `codes.py`, `free_codes.py` | closed forms: fringes, bits and cells, any pattern |
-| `exhaustive.py` | run_choices: the first choice against all candidates simulated |
+| `exhaustive.py`, `judged.py` | run_choices: the first choice against all candidates simulated; on what |
 | `slopes.py`, `sensor_maps.py`, `sensor_sweep.py`, `sensor_report.py` | what a scene can measure |
 | `adaptive.py`, `on_demand.py` | the next frames from the last |
 | `adaptive_study.py`, `fixed_search.py`, `outlook.py` | against the best fixed sequence; its prediction |
@@ -23,8 +23,9 @@ from .adaptive_study import (
     study_dents,
 )
 from .candidates import Candidate, candidates, ladder
-from .exhaustive import CASES, Case, ChoiceRow, run_choices
+from .exhaustive import ChoiceRow, run_choices
 from .fixed_search import offers
+from .judged import CASES, Case, drawn_cases
 from .on_demand import OnDemand, VirtualOnDemand
 from .outlook import Outlook
 from .prediction import Prediction, predict
@@ -65,6 +66,7 @@ __all__ = [
     "adapt",
     "best_fixed",
     "candidates",
+    "drawn_cases",
     "ladder",
     "lever_arm",
     "merit",

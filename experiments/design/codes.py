@@ -11,7 +11,7 @@ from scipy.special import erfc
 
 from optolever.patterns import BINARY_CODES, Frame, bits_for, code_words
 
-__all__ = ["Misread", "cell_error", "code_of", "misread", "sideband", "stairs", "stairs_of_noise"]
+__all__ = ["Misread", "cell_error", "code_of", "misread", "stairs", "stairs_of_noise"]
 
 Floats = NDArray[np.float64]
 #: Systematic error of a margin that the decoder reckons with, in half contrasts.
@@ -46,13 +46,6 @@ def stairs_of_noise(
     plus the other where the stairs are undone."""
     whole, change = _sidebands(coord, widths, blur, period)
     return np.abs(whole), np.asarray((change / whole).imag * period / (2 * math.pi))
-
-
-def sideband(widths: tuple[float, ...], blur: float, period: float) -> float:
-    """Amplitude of the nearest sideband that cells add to a fringe, as a share of it."""
-    f = 1 / period
-    boxes = tuple(np.array(width) for width in widths)
-    return abs(float(f / (f - 1) * _transfer(f - 1, boxes, blur) / _transfer(f, boxes, blur)))
 
 
 def _sidebands(

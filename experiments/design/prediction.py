@@ -7,6 +7,7 @@ or a code bit is wrong, and the probability that the decoder refuses the pixel.
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erfc, ndtr
@@ -15,7 +16,7 @@ from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
 
 from .border import border_of, kept_at_border, usual_width
-from .codes import Misread, cell_error, code_of, misread, sideband, stairs, stairs_of_noise
+from .codes import Misread, cell_error, code_of, misread, stairs, stairs_of_noise
 from .free_codes import free_code, rounding_error
 from .fringes import (
     DOUBT,
@@ -49,6 +50,10 @@ LOW_STAIRS = 0.1
 READ_OFF = 0.012
 #: Rows and columns of the camera that it measures blur by, and the share of them that it uses.
 SURVEYED, SURVEYED_SHARE = (24, 192), 0.8
+#: Amplitude over that of pixels around below which it refuses one so near a border (cells) of unknown blur.
+DIMMED, SHADOW = 0.96, 16.0
+#: Mean of the largest of three Gaussian numbers: the amplitudes inwards.
+BRIGHTEST = 0.85
 #: Bend over sigma above which the decoder reckons with it, and by what share of it.
 BENT, BOX = 14.0, 1 / 24
 
@@ -149,16 +154,15 @@ def _fringe_axis(
     blur, extent = view.scene.pattern.blur_px, view.extent(axis)
     periods = [group.period for group in groups]
     full = fundamental_share(view.scene) * levels.half
-    variances, refused = [], np.zeros(levels.half.shape)
+    variances, amplitude, share = [], full, 0.5
     kept = [_kept_at_border(view, axis, group.period) for group in groups]
     for group, rho in zip(groups, kept, strict=True):
         amplitude = full * _contrast(view, axis, group.period) * np.abs(rho)
         turns, share = turn_variance(group, amplitude, levels.half, levels.read2, levels.shot)
         variances.append(group.period**2 * turns)
-        if group is groups[-1]:
-            refused = _low_contrast(amplitude, levels, share)
+    refused = _low_contrast(amplitude, levels, share)
     referenced = _referenced(sequence)
-    lever, uncertain, swing = _blur_survey(view, axis, groups, levels, referenced)
+    lever, uncertain = _blur_survey(view, axis, groups, levels, referenced)
     # the decoder measures the blur: white and black are shown, or contrasts likely differ enough
     known = referenced or (len(groups) > 1 and lever * blur**2 > BLUR_TOLD)
     if _low_stairs(known, blur):
@@ -180,10 +184,11 @@ def _fringe_axis(
             both = combined(periods[:k], variances[:k]) + variances[k]
             failure = failure + step_failure(periods[k], both)
             flagged = flagged + step_flagged(periods[k], both)
-    doubt = math.hypot(uncertain, swing) / lever if known else 0.0
+    doubt = uncertain / lever if known else 0.0
     believed = math.sqrt(blur**2 + doubt) if known else USUAL_BLUR
     border = border_of(view, axis, groups, kept, variances, believed)
-    refused = np.minimum(refused + flagged + border.refused, 1.0)
+    shadow = 0.0 if known else _dimmed(view, axis, amplitude, levels, share)
+    refused = np.minimum(refused + flagged + border.refused + shadow, 1.0)
     bias = harmonic_error(view, groups[-1], axis) + border.left + _stairs(view, axis, groups, known, doubt)
     stated = _widened(np.sqrt(total + border.shift**2), view.bend(axis))
     noise = np.sqrt(total) * border.gain
@@ -257,27 +262,23 @@ def _combined_errors(groups: list[Fringe], errors: list[Floats]) -> Floats:
 
 def _blur_survey(
     view: View, axis: str, groups: list[Fringe], levels: Levels, referenced: bool
-) -> tuple[float, float, float]:
-    """What measuring the blur by contrasts goes by.
-
-    Logarithm of the contrast per squared blur (1 / cells^2), its noise over the pixels surveyed, and what
-    averaging contrasts that vary over a cell adds: A^2 / 4 of a swing of 1 +- A, (A - A')^2 / 4 of a ratio.
-    """
+) -> tuple[float, float]:
+    """What measuring the blur by contrasts goes by: the logarithm of the contrast per squared blur (1 /
+    cells^2), and its noise over the pixels surveyed."""
     blur, seen = view.scene.pattern.blur_px, view.visible
     widths = tuple(float(np.median(width[seen])) for width in view.widths[axis])
     half = float(np.median(levels.half[seen]))
     deviation = math.sqrt(float(levels.variance(half)))
     used = [groups[-1]] if referenced else [groups[-1], groups[0]]
-    noise2, swing, lever = (0.5 * (deviation / half) ** 2 if referenced else 0.0), 0.0, 0.0
+    noise2, lever = (0.5 * (deviation / half) ** 2 if referenced else 0.0), 0.0
     for sign, group in zip((1, -1), used, strict=False):
         boxes = np.array(widths[0]), np.array(widths[1])
         amplitude = half * float(contrast(group.period, boxes, blur))
         noise2 += 2 / len(group.shifts) * (deviation / amplitude) ** 2
-        swing += sign * sideband(widths, blur, group.period)
         lever += sign * 2 * (math.pi / group.period) ** 2
     full = [round(n * view.stride) for n in seen.shape]
     count = max(1.0, SURVEYED_SHARE * seen.mean() * math.prod(map(min, full, SURVEYED)))
-    return lever, math.sqrt(noise2 / count), swing**2 / 4
+    return lever, math.sqrt(noise2 / count)
 
 
 def _code_axis(
@@ -304,6 +305,19 @@ def _low_contrast(amplitude: Floats, levels: Levels, share: float) -> Floats:
     """Probability that the measured amplitude falls below 4 sigma; share: its variance over a sample's."""
     deviation = np.sqrt(levels.variance(levels.half))
     return np.asarray(ndtr((LEAST_CONTRAST * deviation - amplitude) / (math.sqrt(share) * deviation)))
+
+
+def _dimmed(view: View, axis: str, amplitude: Floats, levels: Levels, share: float) -> Floats:
+    """Probability that a pixel seems to lie in the shadow of a border whose blur is not known: it is dimmer
+    than those around it."""
+    coord, extent = view.coordinate(axis), view.extent(axis)
+    inside = np.minimum(coord + 0.5, extent - 0.5 - coord)
+    deviation = np.sqrt(levels.variance(levels.half))
+    noise = math.sqrt(share) * deviation
+    usual = np.nan_to_num(amplitude + BRIGHTEST * noise - 3 * deviation)
+    around = cv2.dilate(usual, cv2.getStructuringElement(cv2.MORPH_CROSS, (7, 7)))
+    dim = ndtr((DIMMED * around - amplitude) / noise)
+    return np.where(inside < SHADOW, dim, 0.0)
 
 
 def _referenced(sequence: Sequence) -> bool:

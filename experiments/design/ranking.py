@@ -24,16 +24,12 @@ from .sensitivity import Lever, rms_where
 __all__ = ["Design", "DesignRow", "merit", "rank", "run_design", "simulate"]
 
 Progress = Callable[[str, int, int], None]
-#: Bias over noise of a coordinate from which on a candidate is solved for, whatever its rank.
+#: Bias over noise of a coordinate from which on it counts.
 COUNTS = 0.02
-#: Refused share of a sequence's pixels from which on a candidate is solved for: holes widen the error around.
-HOLES = 0.005
 #: Share of the pixels that a sequence must be expected to measure.
 LEAST_SHARE = 0.5
 #: Height error over the least one, above which the thinned camera is enough for systematic errors.
 FAR = 3.0
-#: Candidates, from the least noise on, that are solved for in any case.
-DEPTH = 10
 #: What a pixel without a height counts as, in rms errors of those that have one.
 LOST = 5.0
 #: Prediction and simulation that differ by more, beyond two standard errors of the simulation: it decides.
@@ -167,27 +163,15 @@ def rank(
         drafts.append(_draft(lever, candidate, noise, refresh))
     drafts.sort(key=lambda draft: draft[0].noise if draft[0].noise > 0 else math.inf)
     rows: list[DesignRow] = []
-    open_rows = {}
-    solved, least = 0, math.inf
+    least = math.inf
     for row, there in drafts:
         progress("lever", len(rows), len(drafts))
-        sparse = row.failure > failure or row.share < LEAST_SHARE
-        biased = there is not None and not sparse and (_biased(there) or row.share < 1 - HOLES)
-        if there is not None and (biased or (solved < DEPTH and not sparse)):
+        if there is not None and row.failure <= failure and row.share >= LEAST_SHARE:
             near = lever.quick(there, biased=True) < FAR * least
             row = _solved(lever, by_text[row.text], row, there, noise, near)
-            solved += not biased
-            if row.failure <= failure:
-                least = min(least, row.predicted)
-        elif there is not None:
-            open_rows[row.text] = there
+            least = min(least, row.predicted)
         rows.append(_judged(row, failure))
-    rows.sort(key=_rank)
-    while rows[0].text in open_rows and not rows[0].why:  # nothing comes first by its noise alone
-        there = open_rows.pop(rows[0].text)
-        rows[0] = _judged(_solved(lever, by_text[rows[0].text], rows[0], there, noise, True), failure)
-        rows.sort(key=_rank)
-    return rows
+    return sorted(rows, key=_rank)
 
 
 def _rank(row: DesignRow) -> tuple[bool, float]:

@@ -109,6 +109,26 @@ def test_the_border_in_a_strong_blur_as_it_is_decoded(periods: tuple[float, ...]
         assert sigma[row, middle].mean() == pytest.approx(there.stated[row, middle].mean(), rel=0.15)
 
 
+def test_what_an_unknown_blur_makes_of_the_border() -> None:
+    """Two like periods do not tell the blur: pixels that are dimmer than those around are refused."""
+    scene = resize(load("paper-simulation"), 72, 72)
+    scene = replace(scene, pattern=replace(scene.pattern, blur_px=1.0))
+    flat = dent("flat", scene)
+    shown = sequence("phase", scene.pattern.rows, scene.pattern.cols, steps=4, periods=(29.325, 27.0692))
+    there = predict(Lever(scene, flat, stride=1).full, shown, 1.0)
+    good = np.mean(
+        [
+            decode(capture(scene, flat, shown, noise=1.0, seed=seed, renderer="numpy").frames, shown).good
+            for seed in range(6)
+        ],
+        axis=0,
+    )
+    lost = 1 - (1 - there.u.refused) * (1 - there.v.refused)
+    for row in range(6):
+        assert 1 - good[row, 10:62].mean() == pytest.approx(lost[row, 10:62].mean(), abs=0.1)
+    assert lost[1, 10:62].mean() > 0.5
+
+
 def rms(values: np.ndarray) -> float:
     return math.sqrt(float(np.mean(values**2)))
 

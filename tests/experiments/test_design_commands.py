@@ -10,7 +10,7 @@ import pytest
 
 from optolever.cli import run
 from optolever.experiments import design
-from optolever.experiments.design import CASES, Case, ChoiceRow
+from optolever.experiments.design import CASES, Case, ChoiceRow, drawn_cases
 
 PRISM = ["--scene", "prism48", "--size", "72x96"]
 
@@ -102,6 +102,13 @@ def test_choices_come_case_by_case(
     assert f"within 5 % of the best  {int(row['excess'] <= 0.05)} of 1" in printed
 
 
+def test_drawn_scenes_have_numbers() -> None:
+    """A number's scene is always the same, and one that can be built."""
+    assert list(drawn_cases(3, 4)) == list(drawn_cases(7))[4:]
+    for case in drawn_cases(12):
+        assert min(case.scene(48).camera.rows, case.scene(48).camera.cols) == 48
+
+
 @pytest.mark.parametrize(
     ("args", "words"),
     [
@@ -113,6 +120,8 @@ def test_choices_come_case_by_case(
         (["sensor", *PRISM, "--sweep", "angle", "--out", "here"], "must read name=value/value"),
         (["sensor", *PRISM, "--sweep", "colour=1", "--out", "here"], "must be one of"),
         (["adapt", *PRISM, "--goal", "0"], "--goal"),
+        (["choices", "--first", "3"], "--first goes with --random"),
+        (["choices", "--random", "1", "--case", "2"], "exclude each other"),
     ],
 )
 def test_bad_input_is_one_line(
