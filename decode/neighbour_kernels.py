@@ -33,6 +33,8 @@ _NOTHING = np.uint16(1 | 4 | 128)
 _BESIDE, _BORDER = np.float32(0.85), np.float32(0.96)
 #: Cells from the border in which that is looked at: the border's shadow in a strong blur.
 _NEAR = 16.0
+#: Cells by which a pixel is surely nearer to it than another.
+_NEARER = 1.0
 _ZERO, _ONE, _THREE = np.float32(0), np.float32(1), np.float32(3)
 _HALF, _GOOD = np.float32(0.5), np.uint16(0)
 
@@ -185,9 +187,9 @@ def _shadowed(
     bright: float,
 ) -> bool:
     """Whether a dim pixel within _NEAR of the border, but not within `nearest`, may lie in its shadow: that
-    only grows darker towards it, and nothing on the way there is `bright`.
+    only grows darker towards it, and nothing on the way there, nearer by more than noise, is `bright`.
     """
-    here = _inside(row, x, coord, flags, extent)
+    here = start = _inside(row, x, coord, flags, extent)
     if not nearest <= here < _NEAR:
         return False
     down, right, closest = 0, 0, here
@@ -197,7 +199,7 @@ def _shadowed(
             down, right, closest = i, j, there
     while closest < here:
         row, x, here = row + down, x + right, closest
-        if amplitude[row, x] > bright:
+        if amplitude[row, x] > bright and here < start - _NEARER:
             return False
         closest = _inside(row + down, x + right, coord, flags, extent)
     return True
