@@ -105,10 +105,17 @@ def _decoded(
         seen = survey(job, sequence, wanted, plain, few=not tells_blur(wanted))
         at_once = by_rows and all(seen.is_continuous(axis.axis) for axis in plain)
 
+        def measure(axis: AxisPlan) -> float | None:
+            return measured_blur(seen, job.lut, wanted, axis) if blur_px is None else blur_px
+
+        told = on_cores(measure, on_display)
+        # where one axis does not tell, what the other tells is nearer than nothing
+        usual = next((blur for blur in told if blur is not None), None)
+        for axis, blur in zip(on_display, told, strict=True):
+            blurs[axis.axis] = usual if blur is None else blur
+
         def show(axis: AxisPlan) -> None:
-            blur = measured_blur(seen, job.lut, wanted, axis) if blur_px is None else blur_px
-            tables[axis.axis] = display_tables(sequence, axis, seen.footprint(axis.axis), blur)
-            blurs[axis.axis] = blur
+            tables[axis.axis] = display_tables(sequence, axis, seen.footprint(axis.axis), blurs[axis.axis])
 
         on_cores(show, on_display)
     near = near_of(job, wanted, blurs, maps)
