@@ -40,7 +40,7 @@ _NEGLIGIBLE = 0.012
 #: Harmonics of the stairs, steps of the inversion.
 _TERMS, _STEPS = 8, 4
 #: Share of the stairs' variance that is reckoned as unknown: footprint and blur are estimates.
-_DOUBT = 0.01
+_DOUBT = 0.02
 #: Pixels on either side over which the gradient is taken: stairs themselves must not count as gradient.
 _REACH = 8
 
