@@ -17,14 +17,14 @@ __all__ = ["command"]
 SAMPLE = """
 $ optolever choices --case 2 --pixels 72 --more 4
 Case 2: prism48 distance 5, blur 0.6, noise 3, 24 frames
-  chosen       phase:steps=6,periods=5.1/4.83158: 0.0001069 mm rms on 99.96 %
-  best of all  phase:steps=6,periods=5.1/4.83158: 0.0001069 mm rms on 99.96 %
+  chosen       phase:steps=6,periods=5.1/4.83158: 0.0001118 mm rms on 99.98 %
+  best of all  phase:steps=6,periods=5.1/4.83158: 0.0001118 mm rms on 99.98 %
   excess       0 %
-  within 15 %  98.11 % of 53 candidates; worst x 1.213, gray:inverses=false
-  time         46.96 s
+  within 15 %  100 % of 53 candidates
+  time         53.81 s
 In all
   within 5 % of the best  1 of 1
-  predicted within 15 %   98.11 % of the candidates
+  predicted within 15 %   100 % of the candidates
 """
 
 

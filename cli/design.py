@@ -31,13 +31,13 @@ SAMPLE = """
 $ optolever design --scene prism48 --size 96x128 --frames 14 --rows 3 --out best.toml
 Height error, rms in mm: prism48, at most 14 frames
 sequence                               frames  time      predicted  simulated  wrong order  measured
-phase:steps=3,periods=6.8/6.44211      12      0.2 s     8.019e-05  7.796e-05  0e+00        100 %
-phase:steps=3,periods=4.53333/4.37143  12      0.2 s     8.761e-05  8.612e-05  1e-10        100 %
-ladder: 2 to 5 px, steps 3/4           14      0.2333 s  9.217e-05  8.94e-05   0e+00        100 %
+phase:steps=3,periods=4.53333/4.37143  12      0.2 s     6.31e-05   6.53e-05   1e-10        100 %
+phase:steps=3,periods=6.8/6.44211      12      0.2 s     7.419e-05  7.647e-05  0e+00        100 %
+ladder: 2 to 5 px, steps 3/4           14      0.2333 s  7.927e-05  8.304e-05  0e+00        100 %
 Choice
-  sequence    phase:steps=3,periods=6.8/6.44211
+  sequence    phase:steps=3,periods=4.53333/4.37143
   candidates  15
-  time        predict 4.155, simulate 1.624, total 5.779 s
+  time        predict 3.866, simulate 1.274, total 5.14 s
   written to  best.toml
 """
 
