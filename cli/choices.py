@@ -16,7 +16,7 @@ __all__ = ["command"]
 
 SAMPLE = """
 $ optolever choices --case 2 --pixels 72 --more 4
-Case 2: prism48 distance 5, blur 0.6, noise 3, 24 frames
+Case 2: prism48 distance 5, flat, blur 0.6, noise 3, 24 frames
   chosen       phase:steps=6,periods=5.1/4.83158: 0.0001118 mm rms on 99.98 %
   best of all  phase:steps=6,periods=5.1/4.83158: 0.0001118 mm rms on 99.98 %
   excess       0 %

@@ -12,6 +12,7 @@
 | `code_guide.py` | code_rows: which code when: predicted sigma and gross rate, faults tried |
 | `decode_speed.py` | run_decode_figures: the decoder beside memory and other decoders |
 | `solver_figures.py`, `solver_bound.py` | run_solver_figures: the solver; its noise and the bound |
+| `drawn.py` | what cases drawn at random have in common |
 | `bench/` | speed against error, hard cases, sweeps: a face of its own |
 | `page.py`, `images.py`, `maps.py`, `report/` | HTML page, PNG, maps in mm; templates, style, viewer |
 """

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from optolever.scene import Scene, Surface, dent
 
+from ..drawn import FORMS, between, dent_params
 from .hard_case import Case
 from .hard_decode import NOMINAL, Condition, decoded, flashes, hot_pixels
 from .hard_reconstruct import HIDDEN, Problem, reconstructed
@@ -18,14 +19,6 @@ __all__ = ["random_cases"]
 Floats = NDArray[np.float64]
 
 SCENES = ("paper-simulation", "paper-prototype", "prism48", "monitor-mirror")
-FORMS = ("raised-cosine", "gaussian", "ball", "needle", "rounded-needle", "ridge")
-WIDTHS = {
-    "gaussian": "sigma",
-    "needle": "decay",
-    "rounded-needle": "decay",
-    "ridge": "sigma",
-    "ball": "radius",
-}
 STRANGE = 0.1  # how often each thing happens that usually does not
 
 
@@ -44,16 +37,16 @@ def _decoding(number: int, rng: np.random.Generator) -> Case:
         sensor=replace(
             NOMINAL,
             offset=float(rng.uniform(0, 60)),
-            exposure=_between(rng, 0.05, 1.1),
+            exposure=between(rng, 0.05, 1.1),
             gamma=float(rng.uniform(1, 2.4)) if strange[0] else 1.0,
             flicker=float(rng.uniform(0, 0.1)) if strange[1] else 0.0,
-            gain_e=_between(rng, 5, 500) if rng.random() < 0.5 else 0.0,
+            gain_e=between(rng, 5, 500) if rng.random() < 0.5 else 0.0,
         ),
         scene=scene,
         blur=float(rng.uniform(0, 3)),
-        noise=_between(rng, 0.3, 5),
+        noise=between(rng, 0.3, 5),
         bits=int(rng.choice([10, 12, 16])) if rng.random() < 0.25 else None,
-        cells=_between(rng, 0.5, 2),
+        cells=between(rng, 0.5, 2),
         rest=bool(strange[2]),
         spoil=hot_pixels if strange[3] else flashes if strange[4] else None,
     )
@@ -76,9 +69,9 @@ def _solving(number: int, rng: np.random.Generator) -> Case:
         partial(_together, dents),
         scene,
         HIDDEN[rng.integers(len(HIDDEN))] if rng.random() < 0.5 else None,
-        _between(rng, 1e-3, 0.05) if rng.random() < 0.25 else 0.0,
+        between(rng, 1e-3, 0.05) if rng.random() < 0.25 else 0.0,
     )
-    noise = _between(rng, 0.003, 1.0) if rng.random() < 0.8 else 0.0
+    noise = between(rng, 0.003, 1.0) if rng.random() < 0.8 else 0.0
     dtype = str(rng.choice(["float64", "float32"]))
     hidden = "" if problem.hide is None else f", {problem.hide.__name__.strip('_')}"
     wrong = f", {100 * problem.outliers:.1f} % wrong" if problem.outliers else ""
@@ -98,19 +91,14 @@ def _size(rng: np.random.Generator) -> tuple[int, int]:
     return int(rows), int(cols)
 
 
-def _between(rng: np.random.Generator, low: float, high: float) -> float:
-    """Logarithmically even."""
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
 def _dent(rng: np.random.Generator) -> Callable[[Scene], Surface]:
     """A dent of any form, a twentieth to twice as deep as the usual one, somewhere on the mirror."""
-    form = str(rng.choice(FORMS))
+    form = str(rng.choice(list(FORMS)))
     return partial(
         _placed,
         form,
-        _between(rng, 0.05, 2),
-        _between(rng, 0.2, 2),
+        between(rng, 0.05, 2),
+        between(rng, 0.2, 2),
         (float(rng.uniform(0.1, 0.85)), float(rng.uniform(0.1, 0.9))),
         float(rng.uniform(-90, 90)),
     )
@@ -119,13 +107,9 @@ def _dent(rng: np.random.Generator) -> Callable[[Scene], Surface]:
 def _placed(
     form: str, depth: float, width: float, place: tuple[float, float], angle: float, scene: Scene
 ) -> Surface:
-    mirror, usual = scene.mirror, dent("gaussian", scene).formula
-    assert usual is not None
-    params = {"peak": depth * usual.params["peak"]}
-    if form != "raised-cosine":
+    mirror, params = scene.mirror, dent_params(form, scene, depth, width)
+    if FORMS[form]:
         params |= {"x": place[0] * mirror.length, "y": place[1] * mirror.width}
-        spread = width * usual.params["sigma"]
-        params[WIDTHS[form]] = spread**2 / params["peak"] if form == "ball" else spread
     if form == "ridge":
         params["angle_deg"] = angle
     return dent(form, scene, **params)
@@ -149,7 +133,7 @@ def _code(rng: np.random.Generator) -> str:
     """A code with parameters of its own."""
     bits = ("gray", "binary", "xor-gray", "long-run-gray")
     steps = int(rng.integers(4, 9))
-    period = _between(rng, 8, 40)
+    period = between(rng, 8, 40)
     ratio = rng.uniform(1.02, 1.2, 2)
     periods = "/".join(f"{number:.3f}" for number in (period, period * ratio[0], period * ratio.prod()))
     inverses = str(bool(rng.random() < 0.5)).lower()
@@ -161,7 +145,7 @@ def _code(rng: np.random.Generator) -> str:
                 f"phase:steps={steps}",
                 f"phase:steps={steps},periods={periods}",
                 "micro-phase",
-                f"stripe:step={_between(rng, 4, 16):.2f}",
+                f"stripe:step={between(rng, 4, 16):.2f}",
             ]
         )
     )

@@ -99,12 +99,12 @@ def _judge(case: Case, pixels: int, seeds: int, more: int, renderer: str, progre
         progress("the best again", len(final), FINALISTS)
         final[text] = simulate(lever, offered[text], case.noise, range(200, 200 + more), renderer)
     best, chosen = min(final, key=lambda text: merit(*final[text])), design.chosen.text
-    outside = {text: ratio for text, ratio in ratios.items() if abs(ratio - 1) > 0.15}
-    worst_first = sorted(outside, key=lambda text: -abs(math.log(outside[text])))
+    worst_first = sorted(ratios, key=lambda text: abs(math.log(ratios[text])), reverse=True)
+    outside = {text: ratios[text] for text in worst_first if abs(ratios[text] - 1) > 0.15}
     return ChoiceRow(
         case.name, chosen, *final[chosen], best, *final[best],
         merit(*final[chosen]) / merit(*final[best]) - 1, len(ratios), 1 - len(outside) / max(1, len(ratios)),
-        {text: outside[text] for text in worst_first}, time.perf_counter() - start,
+        outside, time.perf_counter() - start,
     )  # fmt: skip
 
 

@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from optolever.scene import Scene, dent, load, resize
+from optolever.scene import Scene, load, resize
 
+from ..drawn import between, dent_params
 from .sensor_sweep import varied
 
 __all__ = ["CASES", "Case", "drawn_cases"]
@@ -62,15 +63,8 @@ _CHANGES = {
     "paper-prototype": {"index": (1.42, 1.6), "distance": (0.5, 5.0), "pattern": (0.4, 1.0)},
     "monitor-mirror": {"distance": (20.0, 200.0), "pattern": (0.6, 1.5)},
 }
-#: Forms and the parameter that is their width.
-_WIDTHS = {
-    "flat": "",
-    "raised-cosine": "",
-    "gaussian": "sigma",
-    "ridge": "sigma",
-    "rounded-needle": "decay",
-    "ball": "radius",
-}
+#: Dents that are drawn.
+_DENTS = ("flat", "raised-cosine", "gaussian", "ridge", "rounded-needle", "ball")
 
 
 def drawn_cases(count: int, first: int = 0) -> Iterator[Case]:
@@ -85,27 +79,18 @@ def _drawn(rng: np.random.Generator) -> Case:
     if rng.random() < 0.7:
         name = str(rng.choice(list(_CHANGES[preset])))
         changes = ((name, _round(rng.uniform(*_CHANGES[preset][name]))),)
-    form = str(rng.choice(list(_WIDTHS)))
-    pressed = _dent(form, load(preset), _between(rng, 0.1, 0.7), _between(rng, 0.5, 1.5))
-    blur, noise = _round(rng.uniform(0.3, 2)), _round(_between(rng, 0.4, 4))
+    form = str(rng.choice(_DENTS))
+    pressed = _dent(form, load(preset), between(rng, 0.1, 0.7), between(rng, 0.5, 1.5))
+    blur, noise = _round(rng.uniform(0.3, 2)), _round(between(rng, 0.4, 4))
     return Case(preset, pressed, blur, noise, int(rng.integers(14, 41)), changes)
 
 
 def _dent(form: str, scene: Scene, depth: float, width: float) -> str:
-    """A dent of a form, depth and width in units of the usual one's."""
-    usual = dent("gaussian", scene).formula
-    if form == "flat" or usual is None:
-        return "flat"
-    peak, spread = depth * usual.params["peak"], width * usual.params["sigma"]
-    if _WIDTHS[form]:
-        size = spread**2 / peak if form == "ball" else spread
-        return f"{form}:peak={_round(peak):g},{_WIDTHS[form]}={_round(size):g}"
-    return f"{form}:peak={_round(peak):g}"
-
-
-def _between(rng: np.random.Generator, low: float, high: float) -> float:
-    """Logarithmically even."""
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+    """A dent of a form as on the command line; depth, width: in units of the usual one's."""
+    if form == "flat":
+        return form
+    params = dent_params(form, scene, depth, width)
+    return f"{form}:" + ",".join(f"{name}={_round(value):g}" for name, value in params.items())
 
 
 def _round(value: float) -> float:
