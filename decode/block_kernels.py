@@ -1,14 +1,14 @@
 """Compiled decoding of a block of rows: both axes, then neighbours, few rows at a time while in the cache."""
 
 from .axis_kernels import axis_pixels
-from .jit import leaf_kernel
+from .jit import outer_kernel
 from .neighbour_kernels import REACH, near_rows
 from .records import TILE, AxisRecord, Camera, Near, Scratch, Shared
 
 __all__ = ["block_rows"]
 
 
-@leaf_kernel
+@outer_kernel
 def block_rows(
     start: int,
     stop: int,

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import apart_kernel, fast_kernel, leaf_kernel
+from .jit import apart_kernel, fast_kernel, leaf_kernel, outer_kernel
 from .unwrap_kernels import UNKNOWN
 
 __all__ = [
@@ -165,7 +165,7 @@ def _flag_cells(n: int, cells: Any, cell: Array, far: Array, clipped: Array, why
         why[x] |= _OFF if (cell[x] < _NONE) | (cell[x] >= cells) else _NONE
 
 
-@leaf_kernel
+@outer_kernel
 def merge_rows(
     start: int,
     stop: int,

@@ -8,15 +8,18 @@ from typing import Any, cast
 
 from numba import njit
 
-from optolever.compiling import Apart, Wide
+from optolever.compiling import Within, WithinApart, WithinWide, only_within
 
-__all__ = ["apart_kernel", "fast_kernel", "inline_kernel", "kernel", "leaf_kernel"]
+__all__ = ["apart_kernel", "fast_kernel", "inline_kernel", "kernel", "leaf_kernel", "outer_kernel"]
 
 Kernel = Callable[..., Any]
 #: Reorderings that let loops become vector instructions; NaN and infinity keep their meaning.
 _REORDER = {"contract", "reassoc", "nsz", "arcp"}
+_USUAL: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 #: Without numba's run time, which counts references.
-_LEAF: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
+_LEAF: dict[str, Any] = _USUAL | {"_nrt": False}
+#: To be called from Python, not from C.
+_OUTER: dict[str, Any] = {"cache": True, "no_cfunc_wrapper": True}
 
 
 def _forget_stale() -> None:
@@ -38,22 +41,27 @@ _forget_stale()
 
 
 def kernel(function: Kernel) -> Kernel:
-    """Compiled exactly as written."""
-    return cast(Kernel, njit(cache=True, nogil=True, error_model="numpy")(function))
+    """Compiled exactly as written, to be called from Python."""
+    return cast(Kernel, njit(**_USUAL, **_OUTER)(function))
 
 
-def leaf_kernel(function: Kernel) -> Kernel:
-    """Compiled exactly as written; makes no arrays, so that none of them has its references counted.
+def outer_kernel(function: Kernel) -> Kernel:
+    """kernel that makes no arrays, so that none of them has its references counted.
 
     Counting is an atomic addition per array and call: a third of the time of a decode, if it is done for
     every tile. Views of arrays that the caller holds are fine.
     """
-    return cast(Kernel, njit(**_LEAF)(function))
+    return cast(Kernel, njit(**_LEAF, **_OUTER)(function))
+
+
+def leaf_kernel(function: Kernel) -> Kernel:
+    """outer_kernel, but a part of other kernels, which alone can call it."""
+    return cast(Kernel, only_within(njit(**_LEAF, pipeline_class=Within)(function)))
 
 
 def fast_kernel(function: Kernel) -> Kernel:
     """leaf_kernel, with reordering of sums, fused multiply-add and the widest vectors."""
-    return cast(Kernel, njit(**_LEAF, fastmath=_REORDER, pipeline_class=Wide)(function))
+    return cast(Kernel, only_within(njit(**_LEAF, fastmath=_REORDER, pipeline_class=WithinWide)(function)))
 
 
 def apart_kernel(function: Kernel) -> Kernel:
@@ -62,9 +70,9 @@ def apart_kernel(function: Kernel) -> Kernel:
     Then a loop with many inputs and outputs becomes vector instructions; without that word the compiler has
     to check every pair of them for overlap, and gives up on more than a few.
     """
-    return cast(Kernel, njit(**_LEAF, fastmath=_REORDER, pipeline_class=Apart)(function))
+    return cast(Kernel, only_within(njit(**_LEAF, fastmath=_REORDER, pipeline_class=WithinApart)(function)))
 
 
 def inline_kernel(function: Kernel) -> Kernel:
     """Pasted into its caller, so that the caller's loop can become vector instructions."""
-    return cast(Kernel, njit(cache=True, nogil=True, error_model="numpy", inline="always")(function))
+    return cast(Kernel, njit(**_USUAL, cache=True, inline="always")(function))

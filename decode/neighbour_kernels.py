@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import apart_kernel, inline_kernel, leaf_kernel
+from .jit import apart_kernel, inline_kernel, leaf_kernel, outer_kernel
 from .records import Near, Scratch, Shared
 
 __all__ = ["REACH", "near_rows"]
@@ -39,7 +39,7 @@ _ZERO, _ONE, _THREE = np.float32(0), np.float32(1), np.float32(3)
 _HALF, _GOOD = np.float32(0.5), np.uint16(0)
 
 
-@leaf_kernel
+@outer_kernel
 def near_rows(start: int, stop: int, near: Near, shared: Shared, scratch: Scratch) -> None:
     """Compare rows start..stop with those around: bends go into sigma, steep and mixed pixels are flagged.
 

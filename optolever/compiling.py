@@ -1,17 +1,27 @@
 """How kernels are compiled where the usual way leaves speed behind."""
 
-from typing import Any
+from typing import Any, cast
 
 from numba.core.compiler import Compiler
 from numba.core.compiler_machinery import register_pass
 from numba.core.lowering import Lower
 from numba.core.typed_passes import NativeLowering
 
-__all__ = ["Apart", "Wide"]
+__all__ = ["Apart", "Within", "WithinApart", "WithinWide", "only_within"]
 
 #: An attribute of LLVM's, which takes half of what a processor has unless it is told. Where vectors are
 #: narrower than that it changes nothing.
 _WIDTH = '"prefer-vector-width"="512"'
+
+
+class _Part:
+    """What stands for a function that is there for its callers only."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __call__(self, *_: Any, **__: Any) -> Any:
+        raise TypeError(f"{self.name} is compiled into its callers and cannot be called from Python")
 
 
 class _WideLower(Lower):
@@ -22,32 +32,90 @@ class _WideLower(Lower):
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
-class _WideLowering(NativeLowering):
-    _name = "optolever_wide_lowering"
+class _Wide(NativeLowering):
+    _name = "optolever_wide"
 
     @property
     def lowering_class(self) -> Any:
         return _WideLower
 
 
-class Wide(Compiler):
-    """Numba's compiler, with vectors as wide as the processor has them."""
+@register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
+class _Within(NativeLowering):
+    _name = "optolever_within"
+
+    def run_pass(self, state: Any) -> bool:
+        """Of the usual pass all but machine code."""
+        flags, usual = state.flags, cast(Any, super())
+        flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
+        usual.run_pass(state)
+        part = _Part(state.func_id.func_name)
+        state.targetctx.insert_user_function(part, state.cr.fndesc, [state.library])
+        state.cr = state.cr._replace(cfunc=part)
+        return True
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
+class _WithinWide(_Within, _Wide):
+    _name = "optolever_within_wide"
+
+
+def only_within(dispatcher: Any) -> Any:
+    """A dispatcher of one of the pipelines Within*, whose functions numba's C code must not be given, as it
+    would call them: Python, calling one, finds a _Part, which says what is wrong.
+    """
+
+    def add_overload(found: Any) -> None:
+        dispatcher.overloads[tuple(found.signature.args)] = found
+
+    dispatcher.add_overload = add_overload
+    return dispatcher
+
+
+class _Compiler(Compiler):
+    """Numba's but for the last step."""
+
+    _lowering: type[NativeLowering]
+    _noalias = False
 
     def define_pipelines(self) -> Any:
-        """The usual ones but for the last step."""
         usual: Any = super()
         (steps,) = usual.define_pipelines()
         steps.passes = [
-            (_WideLowering if step is NativeLowering else step, why) for step, why in steps.passes
+            (self._lowering if step is NativeLowering else step, why) for step, why in steps.passes
         ]
         steps.finalize()
+        self.state.flags.noalias = self._noalias
         return [steps]
 
 
-class Apart(Wide):
-    """Wide, and told that no two array arguments overlap (as numba tells itself for parallel loops)."""
+class Apart(_Compiler):
+    """With vectors as wide as the processor has them, and told that no two array arguments overlap (as numba
+    tells itself for parallel loops).
+    """
 
-    def define_pipelines(self) -> Any:
-        """Those of Wide."""
-        self.state.flags.noalias = True
-        return super().define_pipelines()
+    _lowering = _Wide
+    _noalias = True
+
+
+class Within(_Compiler):
+    """For functions that only other compiled functions call.
+
+    Numba makes machine code of every function, and again of its copy in every caller: a third of the time
+    that a cold start takes. Here the callers' copies are all there is.
+    """
+
+    _lowering = _Within
+
+
+class WithinWide(_Compiler):
+    """Within, with vectors as wide as the processor has them."""
+
+    _lowering = _WithinWide
+
+
+class WithinApart(_Compiler):
+    """Within and Apart."""
+
+    _lowering = _WithinWide
+    _noalias = True
