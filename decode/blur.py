@@ -108,24 +108,27 @@ def _square_blur(
     used = np.abs(left - 0.5 * (low + high)) <= 3 * (high - low) + 1e-3
     left, seen = left[used], place[used]
     # pixels that keep step with the cells do not average the swing: first without it, then with it
-    swing = np.ones(1, np.complex128)
+    height, shift = np.ones(1), np.zeros(1)
     for _ in range(_ROUNDS):
         # mean, not median: where the display is sharp, contrast varies with the place in the cell
-        mean = float((left / np.abs(swing)).mean())
+        mean = float((left / height).mean())
         if not 0 < mean < 1.02:
             return None
         square = max(-np.log(min(mean, 1.0)) / lever, 0.0)
-        swing = _cells(period, widths, square, seen - np.angle(swing) * period / (2 * np.pi))
+        height, shift = _cells(period, widths, square, seen - shift)
     if high - low > _VARIES + _QUARTILES * mean * abs(_sideband(period, widths, square, -1)):
         return None
     return square if whole or square * lever > _TOLD * _UNSURE else None
 
 
-def _cells(period: float, widths: list[float], square: float, place: F64) -> NDArray[np.complex128]:
-    """What cells make of a fringe's complex amplitude at places: 1 and the nearest sidebands (see cells)."""
-    turn = np.exp(2j * np.pi * place)
+def _cells(period: float, widths: list[float], square: float, place: F64) -> tuple[F64, F64]:
+    """What cells make of a fringe at places: of its amplitude 1 and the nearest sidebands (see cells), as its
+    size, and as the shift that its angle is.
+    """
+    angle = (2 * np.pi * (place - np.rint(place))).astype(np.float32)  # five times as fast, exact to 1e-7
     one, other = (_sideband(period, widths, square, m) for m in (1, -1))
-    return np.asarray(1 + one * turn + other * turn.conj())
+    real, imag = 1 + (one + other) * np.cos(angle), (one - other) * np.sin(angle)
+    return np.hypot(real, imag), np.arctan2(imag, real) * (period / (2 * np.pi))
 
 
 def _sideband(period: float, widths: list[float], square: float, m: int) -> float:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from optolever.blocks import over_rows
 
 from .jit import kernel
+from .sample import quantile
 
 __all__ = ["take_off_stairs"]
 
@@ -101,7 +102,7 @@ def _change(lines: Map) -> float:
     apart = max(_APART, lines.shape[1] // _PAIRS)
     steps = np.abs(lines[:, apart::apart] - lines[:, apart - 1 : -1 : apart])
     known = steps[np.isfinite(steps)]
-    return float(np.median(known)) if known.size else 0.0
+    return quantile(known, 0.5) if known.size else 0.0
 
 
 def _contradicted(model: Map, seen: Map) -> bool:
@@ -236,8 +237,8 @@ def _segments(coord: Map, sigma: Map, flags: Map) -> tuple[NDArray[np.float64], 
     cut = (chosen, slice(0, across * _SEGMENT))
     good = (flags[cut].reshape(-1, _SEGMENT) == 0).all(axis=1)
     runs = coord[cut].reshape(-1, _SEGMENT)[good].astype(np.float64)
-    noise = np.median(sigma[cut].reshape(-1, _SEGMENT)[good].astype(np.float64), axis=1)
-    return runs, noise
+    noise = np.partition(sigma[cut].reshape(-1, _SEGMENT)[good], _SEGMENT // 2, axis=1)[:, _SEGMENT // 2]
+    return runs, noise.astype(np.float64)
 
 
 @kernel

@@ -8,6 +8,7 @@ by what no bit is worth.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,10 @@ from numpy.typing import NDArray
 
 from optolever.patterns import code_words
 
+from .code_jump_kernels import CALM, JUMP, mark_steps
 from .correspondence import Flag
 from .plan import AxisPlan, Code
+from .sample import quantile
 
 __all__ = ["BitFault", "bit_faults"]
 
@@ -24,7 +27,7 @@ Map = NDArray[Any]
 F64 = NDArray[np.float64]
 Event = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
 #: Lines looked at along either side, pixels in all of them.
-_LINES, _PIXELS = (16, 64), 32768
+_LINES, _PIXELS = (16, 64), 16384
 #: Jumps, less the bit's proper edges among them, that make a fault.
 _FEWEST = 8
 #: Share of the jumps and edges between the first and the last one that are proper edges, at most.
@@ -35,6 +38,8 @@ _OUTSIDE = 0.15
 #: share of the pixels in which these differ at least; share of neighbours that are far apart in a wrong map.
 _PIXELS_LEAST, _CELLS, _SAME, _ROUGH = 256, 8, 0.01, 0.1
 _ENOUGH = 4096
+#: Of the steps between neighbours, one of so many tells what is usual.
+_EVERY = 5
 #: Median step between neighbours, cells, above which they are none.
 _STEEP = 3.0
 _BLIND = int(Flag.DARK | Flag.LOW_CONTRAST | Flag.SATURATED | Flag.INVALID)
@@ -49,6 +54,60 @@ class BitFault:
     stop: int
 
 
+class _Lines:
+    """Coordinates and flags along lines of pixels (L, N), rows (along) or columns, the usual step between
+    neighbours, how many pairs of these there are and how many are far apart (rough), and where between two
+    of them coordinates jump (broken: anywhere) or go on.
+    """
+
+    def __init__(
+        self, code: Code, axis: AxisPlan, lines: NDArray[np.int64], along: bool, coords: Map, flags: Map
+    ) -> None:
+        self.code, self.lines, self.along, self.coords, self.flags = code, lines, along, coords, flags
+        every = coords[:, 1::_EVERY] - coords[:, :-1:_EVERY]
+        self.step = quantile(np.abs(every).ravel(), 0.5)
+        # a fringe moves the answer by up to half its period from the code's cell
+        loose = 0.5 * axis.fringes[0].period if axis.fringes else 0.5 * code.cell
+        self.near = 0.5 * code.cell + loose + 2 * self.step
+        self.marks = np.empty((len(coords), coords.shape[1] - 3), np.uint8)
+        self.pairs, self.rough, jumps = mark_steps(
+            coords, flags, _BLIND, _STEEP * code.cell, self.near, self.near + code.cell, self.marks
+        )
+        self.broken = jumps > 0
+
+    def _cells(
+        self, words: NDArray[np.int64], line: NDArray[np.int64], place: NDArray[np.int64]
+    ) -> NDArray[np.int64]:
+        cell = np.floor((self.coords[line, place] + 0.5 - self.code.origin) / self.code.cell)
+        return np.clip(cell, 0, len(words) - 1).astype(np.int64)
+
+    def jumps(self, axis: AxisPlan, tables: tuple[NDArray[np.int64], F64]) -> Event:
+        """Jumps that a bit explains: bit, line, and the place before it on the line."""
+        words, worth = tables
+        line, place = np.nonzero(self.marks == JUMP)
+        change = self.coords[line, place + 2] - self.coords[line, place + 1]
+        mended = np.zeros((len(worth), len(line)), bool)
+        ends = self._cells(words, line, place + 2), self._cells(words, line, place + 1)
+        # where a bit is wrong, the fringe may lead to the cell beside the code's
+        for beside in (-1, 0, 1) if axis.fringes else (0,):
+            there, here = (np.clip(end + beside, 0, len(words) - 1) for end in ends)
+            mended |= np.abs(change + worth[:, there]) <= self.near
+            mended |= np.abs(change - worth[:, here]) <= self.near
+        bit, which = np.nonzero(mended)
+        return bit, line[which], place[which] + 1
+
+    def edges(self, tables: tuple[NDArray[np.int64], F64]) -> Event:
+        """The bits' proper edges, likewise."""
+        words, worth = tables
+        line, place = np.nonzero(self.marks == CALM)
+        here, there = self._cells(words, line, place + 1), self._cells(words, line, place + 2)
+        other = here != there
+        line, place = line[other], place[other]
+        flips = words[here[other]] ^ words[there[other]]
+        bit, which = np.nonzero((flips >> np.arange(len(worth))[:, None]) & 1)
+        return bit, line[which], place[which] + 1
+
+
 def bit_faults(axis: AxisPlan, stack: Map, coord: Map, flags: Map, offset: Map) -> tuple[BitFault, ...]:
     """Bits of a Gray code whose pictures do not fit decoded coordinates (H, W).
 
@@ -59,36 +118,40 @@ def bit_faults(axis: AxisPlan, stack: Map, coord: Map, flags: Map, offset: Map) 
         return ()
     height, width = coord.shape
     rows, cols = _lines(height, width), _lines(width, height)
-    views = [(coord[rows], flags[rows]), (np.take(coord, cols, axis=1).T, np.take(flags, cols, axis=1).T)]
+    views = [
+        _Lines(code, axis, rows, True, coord[rows], flags[rows]),
+        _Lines(code, axis, cols, False, _columns(coord, cols), _columns(flags, cols)),
+    ]
     whole = _alike(code, stack, offset, coord, flags, rows)
     if not whole:
-        whole = tuple({bit for view in views for bit in _inverted(code, *view)})
+        whole = tuple({bit for view in views for bit in _inverted(view)})
     if whole:
         frame = np.maximum(code.plain, code.inverse)
         return tuple(BitFault(int(frame[bit]), 0, height) for bit in whole)
     # neighbours of a long-run Gray code are none to each other with any bit flipped, which was seen above
-    rough = np.median(np.abs(np.diff(views[0][0], axis=1))) > _STEEP * code.cell
+    rough = views[0].step > _STEEP * code.cell
     return () if rough or code.kind == "long-run-gray" else _jumping(axis, code, stack, offset, views)
 
 
+def _columns(chart: Map, cols: NDArray[np.int64]) -> Map:
+    return np.ascontiguousarray(np.take(chart, cols, axis=1).T)
+
+
 def _jumping(
-    axis: AxisPlan, code: Code, stack: Map, offset: Map, lines_of: list[tuple[Map, Map]]
+    axis: AxisPlan, code: Code, stack: Map, offset: Map, views: list[_Lines]
 ) -> tuple[BitFault, ...]:
-    """Bits by their jumps; lines_of: coordinates and flags of some rows, and of some columns."""
-    height, width = offset.shape
-    rows, cols = _lines(height, width), _lines(width, height)
+    """Bits by their jumps along some rows, and along some columns."""
+    if not any(view.broken for view in views):
+        return ()  # as a rule
     tables = _tables(code, axis)
-    jumps, edges = (np.zeros((len(code.plain), height)) for _ in range(2))
-    views = []
-    for lines, along, (part, blind) in ((rows, True, lines_of[0]), (cols, False, lines_of[1])):
-        views.append((lines, along, _Lines(code, axis, tables[0], part, blind & _BLIND)))
-    broken = [view.jumps(axis, tables) for _, _, view in views]
-    if sum(len(jump[0]) for jump in broken) < _FEWEST:
-        return ()  # as a rule, and edges take time to count
-    for (lines, along, view), jump in zip(views, broken, strict=True):
-        edge = _flips(stack, offset, code, lines, along, view.edges(tables))
+    jumps, edges = (np.zeros((len(code.plain), len(offset))) for _ in range(2))
+    told = [view.jumps(axis, tables) for view in views]
+    if sum(len(jump[0]) for jump in told) < _FEWEST:
+        return ()  # edges take time to count
+    for view, jump in zip(views, told, strict=True):
+        edge = _flips(stack, offset, code, view.lines, view.along, view.edges(tables))
         for counted, (which, line, place) in ((jumps, jump), (edges, edge)):
-            np.add.at(counted, (which, lines[line] if along else place), 1)
+            np.add.at(counted, (which, view.lines[line] if view.along else place), 1)
     found = []
     for bit, frame in enumerate(np.maximum(code.plain, code.inverse).tolist()):
         span = _worst_span(jumps[bit], edges[bit])
@@ -122,26 +185,26 @@ def _alike(
     return tuple(found)
 
 
-def _inverted(code: Code, coord: Map, flags: Map) -> tuple[int, ...]:
+def _inverted(view: _Lines) -> tuple[int, ...]:
     """The bit without whose flip neighbours tell nothing of each other, and with which they do."""
-    smooth = _STEEP * code.cell
-    seen = (flags & _BLIND) == 0
-    pairs = seen[:, :-1] & seen[:, 1:]
-    rough = _roughness(coord, pairs, smooth)
-    if np.count_nonzero(pairs) < _PIXELS_LEAST or rough < _ROUGH:
+    if view.pairs < _PIXELS_LEAST or view.rough < _ROUGH * view.pairs:
         return ()
+    code, coord = view.code, view.coords
+    smooth = _STEEP * code.cell
+    seen = (view.flags & _BLIND) == 0
+    pairs = seen[:, :-1] & seen[:, 1:]
     words = np.zeros(int(code.cells.max()) + 1, np.int64)  # of all cells: wrong ones lie beyond the surface
     words[code.cells] = np.arange(len(code.cells))
     word = words[np.clip((coord + 0.5 - code.origin) // code.cell, 0, len(words) - 1).astype(np.int64)]
     bits = range(len(code.plain))
     each = [_roughness(code.cells[word ^ (1 << bit)] * code.cell, pairs, smooth) for bit in bits]
     best = int(np.argmin(each))
-    return (best,) if each[best] < 0.25 * rough else ()
+    return (best,) if each[best] * view.pairs < 0.25 * view.rough else ()
 
 
 def _roughness(coord: Map, pairs: Map, smooth: float) -> float:
     """Share of neighbours that are far from each other."""
-    return float(np.mean(np.abs(np.diff(coord, axis=1))[pairs] > smooth)) if pairs.any() else 0.0
+    return float(np.mean(np.abs(np.diff(coord, axis=1))[pairs] > smooth))
 
 
 def _flips(stack: Map, offset: Map, code: Code, lines: NDArray[np.int64], along: bool, edge: Event) -> Event:
@@ -159,6 +222,7 @@ def _flips(stack: Map, offset: Map, code: Code, lines: NDArray[np.int64], along:
     return bit[keep], line[keep], place[keep]
 
 
+@lru_cache(maxsize=16)
 def _lines(count: int, length: int) -> NDArray[np.int64]:
     """Some of `count` lines of `length` pixels."""
     some = min(int(np.clip(_PIXELS // length, *_LINES)), count)
@@ -174,50 +238,6 @@ def _tables(code: Code, axis: AxisPlan) -> tuple[NDArray[np.int64], F64]:
     words = code_words("gray", np.arange(count))
     flipped = cells[words ^ (1 << np.arange(len(code.plain)))[:, None]]
     return words, (flipped - np.arange(count)) * code.cell
-
-
-class _Lines:
-    """Coordinates along lines of pixels (L, N), and where between two of them they jump or go on."""
-
-    def __init__(self, code: Code, axis: AxisPlan, words: NDArray[np.int64], coords: Map, blind: Map) -> None:
-        step = np.abs(np.diff(coords, axis=1))
-        seen = (blind[:, :-3] | blind[:, 1:-2] | blind[:, 2:-1] | blind[:, 3:]) == 0
-        # a fringe moves the answer by up to half its period from the code's cell
-        loose = 0.5 * axis.fringes[0].period if axis.fringes else 0.5 * code.cell
-        self.near = 0.5 * code.cell + loose + 2 * float(np.median(step))
-        self.calm = seen & (step[:, :-2] <= self.near) & (step[:, 2:] <= self.near)
-        self.jump = step[:, 1:-1] > self.near + code.cell
-        self.coords, self.words, self.code = coords, words, code
-
-    def _cells(self, line: NDArray[np.int64], place: NDArray[np.int64]) -> NDArray[np.int64]:
-        cell = np.floor((self.coords[line, place] + 0.5 - self.code.origin) / self.code.cell)
-        return np.clip(cell, 0, len(self.words) - 1).astype(np.int64)
-
-    def jumps(self, axis: AxisPlan, tables: tuple[NDArray[np.int64], F64]) -> Event:
-        """Jumps that a bit explains: bit, line, and the place before it on the line."""
-        words, worth = tables
-        line, place = np.nonzero(self.calm & self.jump)
-        change = self.coords[line, place + 2] - self.coords[line, place + 1]
-        mended = np.zeros((len(worth), len(line)), bool)
-        ends = self._cells(line, place + 2), self._cells(line, place + 1)
-        # where a bit is wrong, the fringe may lead to the cell beside the code's
-        for beside in (-1, 0, 1) if axis.fringes else (0,):
-            there, here = (np.clip(end + beside, 0, len(words) - 1) for end in ends)
-            mended |= np.abs(change + worth[:, there]) <= self.near
-            mended |= np.abs(change - worth[:, here]) <= self.near
-        bit, which = np.nonzero(mended)
-        return bit, line[which], place[which] + 1
-
-    def edges(self, tables: tuple[NDArray[np.int64], F64]) -> Event:
-        """The bits' proper edges, likewise."""
-        words, worth = tables
-        line, place = np.nonzero(self.calm & ~self.jump)
-        here, there = self._cells(line, place + 1), self._cells(line, place + 2)
-        other = here != there
-        line, place = line[other], place[other]
-        flips = words[here[other]] ^ words[there[other]]
-        bit, which = np.nonzero((flips >> np.arange(len(worth))[:, None]) & 1)
-        return bit, line[which], place[which] + 1
 
 
 def _worst_span(jumps: F64, edges: F64) -> tuple[int, int] | None:

@@ -173,16 +173,38 @@ def _reference(
 ) -> None:
     """Mid level and half contrast of each pixel, from white and black or from the extremes of the bits."""
     if source == FROM_WHITE_BLACK:
-        for x in range(n):
-            high, low = np.float32(frames[white, row, first + x]), np.float32(frames[black, row, first + x])
-            middle[x] = _HALF * (high + low)
-            half[x] = _HALF * (high - low)
-        return
-    for x in range(n):
-        high, low = -_HUGE, _HUGE
+        _levels(n, frames, white, row, first, middle)
+        _levels(n, frames, black, row, first, half)
+    else:
+        middle[:n] = -_HUGE
+        half[:n] = _HUGE
         for bit in range(len(plain)):
-            level = np.float32(frames[max(plain[bit], inverse[bit]), row, first + x])
-            high, low = max(high, level), min(low, level)
+            _extremes(n, frames, max(plain[bit], inverse[bit]), row, first, middle, half)
+    _between(n, middle, half)
+
+
+@apart_kernel
+def _levels(n: int, frames: Array, at: int, row: int, first: int, level: Array) -> None:
+    line = frames[at, row, first : first + n]
+    for x in range(n):
+        level[x] = np.float32(line[x])
+
+
+@apart_kernel
+def _extremes(n: int, frames: Array, at: int, row: int, first: int, high: Array, low: Array) -> None:
+    """high, low: of what they were and a frame."""
+    line = frames[at, row, first : first + n]
+    for x in range(n):
+        level = np.float32(line[x])
+        high[x] = level if level > high[x] else high[x]
+        low[x] = level if level < low[x] else low[x]
+
+
+@apart_kernel
+def _between(n: int, middle: Array, half: Array) -> None:
+    """From the highest and the lowest level to mid level and half contrast, in place."""
+    for x in range(n):
+        high, low = middle[x], half[x]
         middle[x] = _HALF * (high + low)
         half[x] = _HALF * (high - low)
 

@@ -108,7 +108,7 @@ def _decoded(
         def measure(axis: AxisPlan) -> float | None:
             return measured_blur(seen, job.lut, wanted, axis) if blur_px is None else blur_px
 
-        told = on_cores(measure, on_display)
+        told = [measure(axis) for axis in on_display]  # short steps: threads would wait for each other
         # where one axis does not tell, what the other tells is nearer than nothing
         usual = next((blur for blur in told if blur is not None), None)
         for axis, blur in zip(on_display, told, strict=True):

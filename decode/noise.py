@@ -51,8 +51,8 @@ def estimate_noise(
 
     With a response (lut): noise of linear levels, or with its slope (d raw / d linear at 0..255) of raw ones.
     """
-    levels = (lut[sample.levels] if len(lut) else sample.levels).astype(np.float64)
-    raw = sample.levels.astype(np.float64) if len(slope) else levels
+    levels = lut[sample.levels] if len(lut) else sample.levels
+    raw = sample.levels if len(slope) else levels
     limit = float(lut[min(len(lut) - 1, int(clip))]) if len(lut) else clip
     codes = [axis.code for axis in plan.axes if axis.code is not None]
     every = [fringe for axis in plan.axes for fringe in axis.fringes]
@@ -79,10 +79,10 @@ def _enough(pairs: list[tuple[F64, F64]]) -> bool:
 
 
 def _of_fringe(
-    levels: F64, fringe: Fringe, limit: float, slope: NDArray[np.float32], enough: int
+    levels: NDArray[Any], fringe: Fringe, limit: float, slope: NDArray[np.float32], enough: int
 ) -> tuple[F64, F64]:
     design, contrasts = fringe.design(), fringe.contrasts()[:_CONTRASTS]
-    own = levels[list(fringe.index), :: max(1, levels.shape[1] * len(contrasts) // enough)]
+    own = levels[list(fringe.index), :: max(1, levels.shape[1] * len(contrasts) // enough)].astype(np.float64)
     parameters = fringe.solve() @ own
     residual = contrasts @ own
     if len(slope):
@@ -116,11 +116,11 @@ def _clear(keep: NDArray[np.bool_], room: F64, residual: F64) -> NDArray[np.bool
     return np.asarray(keep & (room >= min(4 * rough, quantile(room[keep], 0.65))))
 
 
-def _of_offsets(levels: F64, first: Fringe, second: Fringe, limit: float) -> tuple[F64, F64]:
+def _of_offsets(levels: NDArray[Any], first: Fringe, second: Fringe, limit: float) -> tuple[F64, F64]:
     offsets, variance = [], 0.0
     keep, room = np.ones(levels.shape[1], bool), np.full(levels.shape[1], np.inf)
     for fringe in (first, second):
-        own, design = levels[list(fringe.index)], fringe.design()
+        own, design = levels[list(fringe.index)].astype(np.float64), fringe.design()
         inverse = fringe.solve()
         parameters = inverse @ own
         keep &= _lit(own, limit, np.hypot(*parameters[1:]))
@@ -132,12 +132,12 @@ def _of_offsets(levels: F64, first: Fringe, second: Fringe, limit: float) -> tup
     return level[keep], difference[keep]
 
 
-def _of_pairs(levels: F64, code: Code, limit: float, enough: int) -> tuple[F64, F64]:
+def _of_pairs(levels: NDArray[Any], code: Code, limit: float, enough: int) -> tuple[F64, F64]:
     both = (code.plain >= 0) & (code.inverse >= 0)
     if np.count_nonzero(both) < 2:
         return np.zeros(0), np.zeros(0)
     count = min(int(np.count_nonzero(both)) - 1, _CONTRASTS)
-    levels = levels[:, :: max(1, levels.shape[1] * count // enough)]
+    levels = levels[:, :: max(1, levels.shape[1] * count // enough)].astype(np.float64)
     first, second = levels[code.plain[both]], levels[code.inverse[both]]
     middle = len(first) // 2
     half = 0.5 * np.partition(np.abs(first - second), middle, axis=0)[middle]
@@ -150,8 +150,9 @@ def _of_pairs(levels: F64, code: Code, limit: float, enough: int) -> tuple[F64, 
     return np.tile(middle[keep], len(residual)), residual[:, keep].ravel()
 
 
-def _of_flat_bits(levels: F64, code: Code, plan: Plan, limit: float) -> tuple[F64, F64]:
+def _of_flat_bits(levels: NDArray[Any], code: Code, plan: Plan, limit: float) -> tuple[F64, F64]:
     """The two coarsest bits read white or black nearly everywhere; the fit sorts out their edges."""
+    levels = levels.astype(np.float64)
     white, black = levels[plan.white], levels[plan.black]
     level, residual = [], []
     for bit in range(max(0, len(code.plain) - 2), len(code.plain)):
