@@ -22,13 +22,16 @@
 | `flag_kernels`             | flags, and the maps that both axes share                                     |
 | `display`                  | grey values and border of the display: what they shift                       |
 | `display_kernels`          | that, taken off a tile                                                       |
-| `blur`, `cells`            | blur from a few rows; stairs of the cells                                    |
+| `blur`                     | blur from the contrasts of a few rows                                        |
+| `cells`, `stairs_kernels`  | stairs of the display's cells, taken off                                     |
+| `gathering`                | blur again, from how stairs gather coordinates at cells                      |
 | `table_decoder`            | any known grey values, codes within their cells                              |
 | `table_kernels`            | its loops, compiled                                                          |
 | `sweep`, `sweep_kernels`   | swept stripes: place of the line that lit a pixel most; lost ones            |
 | `raster`, `raster_kernels` | a spot at a raster of places, reduced to two sweeps of a stripe              |
 | `raster_faults`            | frames of a raster that are lost, doubled, swapped or another's              |
-| `integrity`, `code_jumps`  | `check`: swapped, lost, repeated and torn frames, named; bits by their jumps |
+| `integrity`                | `check`: swapped, lost, repeated and torn frames, named                      |
+| `code_jumps`, `code_jump_kernels` | bits that are not those described, told by jumps                      |
 | `references`               | how well white and black bound a code's levels                               |
 | `neighbour_kernels`        | what neighbours tell of a pixel: bends, mixed footprints, the border         |
 | `lattice`, `line_crossing` | `lattice`: the paper's crossings, sub-pixel, tracked from the rest frame     |

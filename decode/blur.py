@@ -25,8 +25,9 @@ _UNSURE, _TOLD = 0.003, 3.0
 _VARIES, _QUARTILES = 0.1, 1.5
 #: Footprint over period up to which what it leaves of the contrast is known well enough.
 _WIDE = 0.7
-#: Steps in which blur and swing are found.
-_ROUNDS = 4
+#: Steps in which blur and swing are found, at most; step of the squared blur by which it is told what they
+#: change; swing, and change of the contrast, that do not matter.
+_ROUNDS, _TRIAL, _SLIGHT = 6, 0.01, 1e-3
 #: Share of the surface at either end where its border takes light from fringes of different periods.
 _MARGIN = 0.1
 _SPOILT = int(Flag.SATURATED | Flag.DARK | Flag.LOW_CONTRAST | Flag.MOVED | Flag.INVALID)
@@ -72,7 +73,8 @@ def measured_blur(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan) -> float
     left = (_amplitude(fine, levels) / _unblurred(fine.period, down, along))[use] / coarse[use]
     widths = [float(np.median(width[use])) for width in (down, along)]
     lever = 2 * np.pi**2 * (fine.period**-2 - least**2)
-    square = _square_blur(left, coord[:, cols][use], lever, whole, fine.period, widths)
+    periods = [fine.period] if whole else [fine.period, axis.fringes[0].period]
+    square = _square_blur(left, coord[:, cols][use], lever, periods, widths)
     return None if square is None else float(np.sqrt(square))
 
 
@@ -101,24 +103,45 @@ def _unblurred(period: float, down: F64, along: F64) -> F64:
 
 
 def _square_blur(
-    left: F64, place: F64, lever: float, whole: bool, period: float, widths: list[float]
+    left: F64, place: F64, lever: float, periods: list[float], widths: list[float]
 ) -> float | None:
-    """Squared blur from what it left of the contrast at places (K,): exp(-lever blur^2), and its swing."""
+    """Squared blur from what it left of the contrast at places (K,): exp(-lever blur^2), and its swing.
+
+    periods: of the fringe and, where no white and black were shown, of that against which its contrast is.
+    """
     low, high = quantile(left, 0.25), quantile(left, 0.75)
     used = np.abs(left - 0.5 * (low + high)) <= 3 * (high - low) + 1e-3
     left, seen = left[used], place[used]
-    # pixels that keep step with the cells do not average the swing: first without it, then with it
-    height, shift = np.ones(1), np.zeros(1)
-    for _ in range(_ROUNDS):
-        # mean, not median: where the display is sharp, contrast varies with the place in the cell
-        mean = float((left / height).mean())
-        if not 0 < mean < 1.02:
-            return None
-        square = max(-np.log(min(mean, 1.0)) / lever, 0.0)
-        height, shift = _cells(period, widths, square, seen - shift)
-    if high - low > _VARIES + _QUARTILES * mean * abs(_sideband(period, widths, square, -1)):
+    mean = float(left.mean())  # not median: where the display is sharp, contrast varies with the place
+    if not 0 < mean < 1.02:
         return None
-    return square if whole or square * lever > _TOLD * _UNSURE else None
+    square = max(-np.log(mean) / lever, 0.0)
+    shift: F64 | float = 0.0
+    for _ in range(_ROUNDS):
+        swing = sum(abs(_sideband(period, widths, square, -1)) for period in periods)
+        if swing < _SLIGHT:
+            break
+        # pixels that keep step with the cells do not average the swing, and it tells of blur, too
+        height, shift = _swung(periods, widths, square, seen - shift)
+        trial, _ = _swung(periods, widths, square + _TRIAL, seen - shift)
+        model = np.exp(-lever * square) * height
+        change = (np.exp(-lever * (square + _TRIAL)) * trial - model) / _TRIAL
+        step = float(np.sum(change * (left - model)) / np.sum(change * change))
+        square = max(square + step, 0.0)
+        if abs(step) * lever < _SLIGHT:
+            break
+    if high - low > _VARIES + _QUARTILES * mean * swing:
+        return None
+    return square if len(periods) == 1 or square * lever > _TOLD * _UNSURE else None
+
+
+def _swung(periods: list[float], widths: list[float], square: float, place: F64) -> tuple[F64, F64]:
+    """The factor by which cells make the contrast of periods[0] swing, over that of the others, and the shift
+    of its places."""
+    height, shift = _cells(periods[0], widths, square, place)
+    for coarse in periods[1:]:
+        height = height / _cells(coarse, widths, square, place)[0]
+    return height, shift
 
 
 def _cells(period: float, widths: list[float], square: float, place: F64) -> tuple[F64, F64]:

@@ -149,8 +149,7 @@ def _decoded(
 
     def take_off(axis: AxisPlan) -> None:
         if not tables[axis.axis].stairs:
-            period = axis.fringes[-1].period
-            take_off_stairs(period, *maps.of(axis.axis), maps.flags, blur_px, blurs[axis.axis])
+            take_off_stairs(axis.fringes, *maps.of(axis.axis), maps.flags, blur_px, blurs[axis.axis])
 
     on_cores(take_off, on_display)
     return found

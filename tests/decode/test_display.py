@@ -8,6 +8,12 @@ from scipy.special import erf
 from optolever.decode import Flag, decode
 from optolever.patterns import Sequence, sequence
 
+F64 = NDArray[np.float64]
+
+
+def rms(values: F64) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
 
 def _seen(shown: Sequence, u: NDArray[np.float64], width: float, blur: float) -> NDArray[np.float64]:
     """Frames (N, 1, W) that pixels of `width` cells at u (W,) see, blurred by `blur` cells rms.
@@ -27,9 +33,9 @@ def _seen(shown: Sequence, u: NDArray[np.float64], width: float, blur: float) ->
 
 
 def _capture(
-    cols: int, width: float, blur: float, seed: int = 0, **params: float
+    cols: int, width: float, blur: float, seed: int = 0, **params: float | tuple[float, ...]
 ) -> tuple[Sequence, NDArray[np.float64], NDArray[np.float64]]:
-    shown = sequence("gray+phase", 4, cols, axes="u", **params)
+    shown = sequence("phase" if "periods" in params else "gray+phase", 4, cols, axes="u", **params)
     u = np.arange(-0.4, cols - 0.7, width)
     frames = np.repeat(_seen(shown, u, width, blur), 24, axis=1)
     noisy = frames + 0.5 * np.random.default_rng(seed).standard_normal(frames.shape)
@@ -78,6 +84,20 @@ def test_blur_is_told_where_pixels_keep_step_with_the_cells(width: float, blur: 
     found, given = decode(frames, shown), decode(frames, shown, blur_px=blur)
     assert abs((found.u - given.u)[:, inside].mean()) < 2e-3
     assert abs((found.u - u)[:, inside].mean()) < 3e-3
+
+
+@pytest.mark.parametrize("width", [0.71, 1.0])
+@pytest.mark.parametrize("periods", [(4.94, 4.15, 4.0), (3.593, 3.084, 3.0)])
+def test_blur_is_told_by_fine_periods_that_all_swing(width: float, periods: tuple[float, ...]) -> None:
+    """Without white and black contrasts are compared with those of another fine period."""
+    shown, u, frames = _capture(78, width, 0.3, periods=periods, steps=6)
+    inside = (u > 6) & (u < 71)
+    found, given = decode(frames, shown), decode(frames, shown, blur_px=0.3)
+    good = (found.flags == 0) & (given.flags == 0) & inside
+    assert good.sum() > 0.35 * good.shape[0] * inside.sum()
+    assert rms((found.u - given.u)[good]) < 2e-3
+    assert rms((given.u - u)[good]) < 2e-3
+    assert rms(((found.u - u) / found.sigma_u)[good]) < 1.1
 
 
 def test_dark_border_is_taken_off_or_flagged() -> None:

@@ -1,0 +1,127 @@
+"""Compiled: the stairs of the cells, taken off pixel by pixel (see cells)."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .jit import kernel
+
+__all__ = ["undo_rows"]
+
+Map = NDArray[Any]
+#: Steps of the inversion.
+_STEPS = 4
+#: Largest slope of stairs (-1 on a tread) that are gentle: beyond, Newton's steps would lead astray.
+_GENTLE = 0.8
+#: Share of the stairs' variance that is reckoned as unknown: footprint and blur are estimates.
+_DOUBT = 0.02
+#: Pixels on either side over which the gradient is taken: stairs themselves must not count as gradient.
+_REACH = 8
+#: Footprint below which a pixel is a point, cells.
+_POINT = 1e-6
+
+
+@kernel
+def undo_rows(
+    start: int,
+    stop: int,
+    rows: int,
+    periods: Map,
+    shares: Map,
+    heights: Map,
+    fill: float,
+    seen: Map,
+    coord: Map,
+    sigma: Map,
+) -> None:
+    """coord: solution of coord + e(coord) = seen, by Newton's steps; where stairs are steep by steps of w
+    (exact on a riser, none on a tread).
+
+    periods, shares (G,): whose weighed mean a coordinate is; heights (G, 2, K): the sidebands of each that a
+    point would see, m = 1, 2, ... and -1, -2, ...
+    """
+    cols = coord.shape[1]
+    bands, weights, waves = np.empty_like(heights), np.empty_like(shares), np.empty((2, heights.shape[2]))
+    for row in range(start, stop):
+        above, below = max(row - _REACH, 0), min(row + _REACH, rows - 1)
+        for col in range(cols):
+            left, right = max(col - _REACH, 0), min(col + _REACH, cols - 1)
+            along = fill * abs(seen[row, right] - seen[row, left]) / max(right - left, 1)
+            down = fill * abs(seen[below, col] - seen[above, col]) / max(below - above, 1)
+            if not (along < np.inf and down < np.inf):
+                continue
+            bands[:] = heights
+            weights[:] = shares
+            _average(along, periods, waves, weights, bands)
+            _average(down, periods, waves, weights, bands)
+            total, steepest = _variance(periods, weights, bands)
+            target, place = seen[row, col], seen[row, col]
+            step = min(max(along, down), 1.0)
+            slope = 0.0
+            for _ in range(_STEPS):
+                error, slope = _stairs(periods, weights, bands, waves, place)
+                place += (target - place - error) * (1 / (1 + slope) if steepest < _GENTLE else step)
+            steep = max(1 + slope, 1e-3)
+            noise = sigma[row, col] ** 2
+            coord[row, col] = place
+            sigma[row, col] = np.sqrt(min(noise / (steep * steep), noise + total) + _DOUBT * total)
+
+
+@kernel
+def _waves(angle: float, waves: Map) -> None:
+    """waves (2, K): cosines and sines of an angle and its multiples."""
+    one_c, one_s = np.cos(angle), np.sin(angle)
+    c, s = 1.0, 0.0
+    for k in range(waves.shape[1]):
+        c, s = c * one_c - s * one_s, s * one_c + c * one_s
+        waves[0, k], waves[1, k] = c, s
+
+
+@kernel
+def _average(width: float, periods: Map, waves: Map, weights: Map, bands: Map) -> None:
+    """A pixel that averages `width` cells: bands by sinc((1/P + m) w) / sinc(w/P), weights by sinc(w/P)^2."""
+    if width < _POINT:
+        return
+    _waves(np.pi * width, waves)
+    for g in range(len(periods)):
+        angle = np.pi * width / periods[g]
+        c, s = np.cos(angle), np.sin(angle)
+        weights[g] *= (s / angle) ** 2
+        for k in range(waves.shape[1]):
+            m = k + 1
+            bands[g, 0, k] *= (waves[0, k] + waves[1, k] * c / s) / (1 + m * periods[g])
+            bands[g, 1, k] *= (waves[0, k] - waves[1, k] * c / s) / (1 - m * periods[g])
+
+
+@kernel
+def _variance(periods: Map, weights: Map, bands: Map) -> tuple[float, float]:
+    """Of the stairs, and a bound of their slope, to first order."""
+    total, steepest, whole = 0.0, 0.0, weights.sum()
+    for k in range(bands.shape[2]):
+        height = 0.0
+        for g in range(len(periods)):
+            height += weights[g] / whole * (bands[g, 0, k] - bands[g, 1, k]) * periods[g] / (2 * np.pi)
+        total += 0.5 * height * height
+        steepest += 2 * np.pi * (k + 1) * abs(height)
+    return total, steepest
+
+
+@kernel
+def _stairs(periods: Map, weights: Map, bands: Map, waves: Map, place: float) -> tuple[float, float]:
+    """e and its derivative at a coordinate, of all periods, weighed by the contrast that they have there."""
+    _waves(2 * np.pi * (place - np.rint(place)), waves)
+    total, change, whole = 0.0, 0.0, 0.0
+    for g in range(len(periods)):
+        real, imag, d_real, d_imag = 1.0, 0.0, 0.0, 0.0
+        for k in range(waves.shape[1]):
+            both, odd = bands[g, 0, k] + bands[g, 1, k], bands[g, 0, k] - bands[g, 1, k]
+            real += both * waves[0, k]
+            imag += odd * waves[1, k]
+            d_real -= (k + 1) * both * waves[1, k]
+            d_imag += (k + 1) * odd * waves[0, k]
+        power = real * real + imag * imag
+        total += weights[g] * power * periods[g] / (2 * np.pi) * np.arctan2(imag, real)
+        change += weights[g] * periods[g] * (real * d_imag - imag * d_real)
+        whole += weights[g] * power
+    return total / whole, change / whole
