@@ -14,6 +14,7 @@ A coordinate that several periods share in has the mean of their stairs, weighed
 measured where nobody gave the blur (see gathering).
 """
 
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ from .sample import quantile
 from .stairs_kernels import undo_rows
 from .unwrap_kernels import MUCH_FINER
 
-__all__ = ["take_off_stairs"]
+__all__ = ["Stairs", "given_stairs", "left_by", "read_stairs", "take_off_stairs"]
 
 Map = NDArray[Any]
 F64 = NDArray[np.float64]
@@ -36,45 +37,64 @@ F64 = NDArray[np.float64]
 _LINES, _PAIRS, _APART = 16, 64, 8
 #: Attenuation below which the stairs (under 0.003 px) are left out.
 _NEGLIGIBLE = 0.012
+#: Pixels on either side over which the gradient is taken, as stairs themselves must not count as gradient,
+#: and share of the stairs' variance that is then reckoned as unknown, footprint and blur being estimates; T
+#: up to which the gradient is taken again from coordinates without stairs.
+_REACHES, _LOW = ((8, 0.02), (2, 0.005)), 0.4
 #: Harmonics of the stairs, at most; what blur leaves of one that does not matter.
 _TERMS, _WEAK = 8, 1e-5
 
 
-def take_off_stairs(
-    fringes: tuple[Fringe, ...],
-    coord: Map,
-    sigma: Map,
-    flags: Map,
-    blur_px: float | None,
-    measured: float | None = None,
-) -> None:
+@dataclass(frozen=True, slots=True)
+class Stairs:
+    """Of one axis. shares (G, 2): periods, and their shares in the coordinate; left: T, 0 where it is not
+    known; fill: footprint over gradient, below 1 where stairs are higher than a footprint that fills it
+    allows; seen, gradient (K,): how much runs of pixels gather at cells, and their gradients.
+    """
+
+    shares: F64
+    left: float
+    fill: float
+    seen: F64
+    gradient: F64
+
+    def known(self, left: float) -> "Stairs":
+        """With a T from elsewhere, unless these coordinates contradict it."""
+        told = self.left > 0 or contradicted(left, self.seen, self.gradient, self.shares)
+        return self if told else replace(self, left=left)
+
+
+def given_stairs(fringes: tuple[Fringe, ...], blur_px: float) -> Stairs:
+    """Those of a known blur, rms in cells."""
+    nothing = np.zeros(0)
+    return Stairs(_shares(fringes), left_by(blur_px), 1.0, nothing, nothing)
+
+
+def read_stairs(fringes: tuple[Fringe, ...], coord: Map, sigma: Map, flags: Map) -> Stairs:
+    """What decoded maps (H, W) tell of them; fringes: from coarse to fine."""
+    shares, seen = _shares(fringes), gathered(*_along_the_change(coord, sigma, flags))
+    return Stairs(shares, *solve_stairs(*seen, shares), *seen)
+
+
+def take_off_stairs(stairs: Stairs, coord: Map, sigma: Map) -> None:
     """Undo the stairs in coord (H, W) and add to sigma (H, W) what cannot be undone, in place.
 
-    fringes: from coarse to fine. The footprint is the local gradient of coord. A pixel that sees one cell
-    only (a tread of the stairs) is put at its middle, with the rms (1 - w) / sqrt(12) of a place on it.
-    blur_px: rms blur, cells; None: read off the stairs, or where they cannot tell, `measured` otherwise.
+    The footprint is the local gradient of coord. A pixel that sees one cell only (a tread of the stairs) is
+    put at its middle, with the rms (1 - w) / sqrt(12) of a place on it.
     """
-    attenuation, fill = 0.0, 1.0
-    shares = _shares(fringes)
-    if blur_px is not None:
-        attenuation = _left_by(blur_px)
-    else:
-        turned = _along_the_change(coord, sigma, flags)
-        seen, gradient = gathered(*turned)
-        attenuation, fill = solve_stairs(seen, gradient, shares)
-        if attenuation == 0 and measured is not None:
-            attenuation = _left_by(measured)
-            if contradicted(attenuation, seen, gradient, shares):
-                return
-    if attenuation < _NEGLIGIBLE:
+    if stairs.left < _NEGLIGIBLE:
         return
-    rows, stairs = coord.shape[0], _of_points(shares, attenuation)
-    before = coord.copy()
-    over_rows(
-        lambda start, stop: undo_rows(start, stop, rows, *stairs, fill, before, coord, sigma),
-        rows,
-        64,
-    )
+    rows, heights, fill = coord.shape[0], _of_points(stairs), stairs.fill
+    seen, noise = coord.copy(), sigma.copy()
+    # where the gradient changes, its mean is not the footprint; once low stairs are off, it can be had nearby
+    for reach, doubt in _REACHES if stairs.left < _LOW else _REACHES[:1]:
+        guide = coord.copy()
+        sigma[...] = noise
+
+        def undo(start: int, stop: int, guide: Map = guide, reach: int = reach, doubt: float = doubt) -> None:
+            undo_rows(start, stop, rows, *heights, fill, guide, reach, doubt, seen, coord, sigma)
+
+        over_rows(undo, rows, 64)
 
 
 def _shares(fringes: tuple[Fringe, ...]) -> F64:
@@ -85,19 +105,19 @@ def _shares(fringes: tuple[Fringe, ...]) -> F64:
     return np.stack([np.array(periods[first:]), told / told.sum()], axis=1)
 
 
-def _of_points(shares: F64, attenuation: float) -> tuple[F64, F64, F64]:
+def _of_points(stairs: Stairs) -> tuple[F64, F64, F64]:
     """Periods, their shares by what cells and blur leave of them, and sidebands (G, 2, K) seen by a point."""
-    period, share = shares.T
+    (period, share), left = stairs.shares.T, stairs.left
     terms = np.arange(1, _TERMS + 1)
     # the strongest of each order is that of m = -k of the finest period
-    seen = attenuation ** (terms**2 - 2 * terms / period.min()) > _WEAK
+    seen = left ** (terms**2 - 2 * terms / period.min()) > _WEAK
     m = np.stack([terms, -terms])[:, : max(1, np.count_nonzero(seen))]
-    left = attenuation ** (m**2 + 2 * m / period[:, None, None])
-    weight = share * (np.sinc(1 / period) * attenuation**period**-2) ** 2
-    return period, weight, (-1.0) ** m * left / (1 + m * period[:, None, None])
+    heights = (-1.0) ** m * left ** (m**2 + 2 * m / period[:, None, None]) / (1 + m * period[:, None, None])
+    weight = share * (np.sinc(1 / period) * left**period**-2) ** 2
+    return period, weight, heights
 
 
-def _left_by(blur_px: float) -> float:
+def left_by(blur_px: float) -> float:
     """T of a Gaussian blur, rms in cells."""
     return float(np.exp(-2 * (np.pi * blur_px) ** 2))
 

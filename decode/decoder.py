@@ -11,7 +11,7 @@ from optolever.blocks import on_cores, over_rows
 from optolever.patterns import Sequence
 
 from .blur import measured_blur, tells_blur
-from .cells import take_off_stairs
+from .cells import Stairs, given_stairs, left_by, read_stairs, take_off_stairs
 from .correspondence import Correspondence, Flag
 from .display import Tables, display_tables
 from .exposures import better_of, by_exposure
@@ -58,7 +58,7 @@ def decode(
                  values, as the same for all levels)
     weigh_samples  with a response, whose inverse magnifies the noise of dark levels: weigh every sample by
                  its noise. Best where noise limits; equal weights where what the response leaves over does
-    blur_px      rms blur between display and camera, cells; default: estimated (see cells.take_off_stairs)
+    blur_px      rms blur between display and camera, cells; default: estimated (see blur, gathering)
     on_cells     fringes were shown on the cells of a surface of the sequence's size, as Frame.tables says,
                  dark around it; what that shifts is taken off (see display, cells). False: ideal cosines
     subpixel     binary codes: answers within their cells, from the blur of their edges, where it tells
@@ -147,12 +147,31 @@ def _decoded(
     )
     _flag_wrong_frames(examine(job.frames, wanted, found, tuple(faults)), found)
 
-    def take_off(axis: AxisPlan) -> None:
-        if not tables[axis.axis].stairs:
-            take_off_stairs(axis.fringes, *maps.of(axis.axis), maps.flags, blur_px, blurs[axis.axis])
-
-    on_cores(take_off, on_display)
+    _take_off_stairs([axis for axis in on_display if not tables[axis.axis].stairs], maps, blur_px, blurs)
     return found
+
+
+def _take_off_stairs(
+    axes: list[AxisPlan], maps: Maps, blur_px: float | None, measured: dict[str, float | None]
+) -> None:
+    """Undo the display's stairs, of a blur given, read off the stairs, or measured otherwise."""
+
+    def read(axis: AxisPlan) -> Stairs:
+        if blur_px is not None:
+            return given_stairs(axis.fringes, blur_px)
+        own = read_stairs(axis.fringes, *maps.of(axis.axis), maps.flags)
+        blur = measured[axis.axis]
+        return own if blur is None else own.known(left_by(blur))
+
+    told = on_cores(read, axes)
+    # an axis whose pixels keep step with the cells cannot tell: the other one's is the same display
+    most = max((stairs.left for stairs in told), default=0.0)
+    told = [stairs.known(most) for stairs in told]
+
+    def take_off(i: int) -> None:
+        take_off_stairs(told[i], *maps.of(axes[i].axis))
+
+    on_cores(take_off, range(len(axes)))
 
 
 def _seams(neighbours: Callable[[int, int], None], height: int) -> Callable[[int, int], None]:

@@ -14,10 +14,6 @@ Map = NDArray[Any]
 _STEPS = 4
 #: Largest slope of stairs (-1 on a tread) that are gentle: beyond, Newton's steps would lead astray.
 _GENTLE = 0.8
-#: Share of the stairs' variance that is reckoned as unknown: footprint and blur are estimates.
-_DOUBT = 0.02
-#: Pixels on either side over which the gradient is taken: stairs themselves must not count as gradient.
-_REACH = 8
 #: Footprint below which a pixel is a point, cells.
 _POINT = 1e-6
 
@@ -31,6 +27,9 @@ def undo_rows(
     shares: Map,
     heights: Map,
     fill: float,
+    guide: Map,
+    reach: int,
+    doubt: float,
     seen: Map,
     coord: Map,
     sigma: Map,
@@ -39,16 +38,17 @@ def undo_rows(
     (exact on a riser, none on a tread).
 
     periods, shares (G,): whose weighed mean a coordinate is; heights (G, 2, K): the sidebands of each that a
-    point would see, m = 1, 2, ... and -1, -2, ...
+    point would see, m = 1, 2, ... and -1, -2, ...; the footprint is `fill` times the gradient of guide (H, W)
+    over `reach` pixels on either side; doubt: share of the stairs' variance that is reckoned as unknown.
     """
     cols = coord.shape[1]
     bands, weights, waves = np.empty_like(heights), np.empty_like(shares), np.empty((2, heights.shape[2]))
     for row in range(start, stop):
-        above, below = max(row - _REACH, 0), min(row + _REACH, rows - 1)
+        above, below = max(row - reach, 0), min(row + reach, rows - 1)
         for col in range(cols):
-            left, right = max(col - _REACH, 0), min(col + _REACH, cols - 1)
-            along = fill * abs(seen[row, right] - seen[row, left]) / max(right - left, 1)
-            down = fill * abs(seen[below, col] - seen[above, col]) / max(below - above, 1)
+            left, right = max(col - reach, 0), min(col + reach, cols - 1)
+            along = fill * abs(guide[row, right] - guide[row, left]) / max(right - left, 1)
+            down = fill * abs(guide[below, col] - guide[above, col]) / max(below - above, 1)
             if not (along < np.inf and down < np.inf):
                 continue
             bands[:] = heights
@@ -65,7 +65,7 @@ def undo_rows(
             steep = max(1 + slope, 1e-3)
             noise = sigma[row, col] ** 2
             coord[row, col] = place
-            sigma[row, col] = np.sqrt(min(noise / (steep * steep), noise + total) + _DOUBT * total)
+            sigma[row, col] = np.sqrt(min(noise / (steep * steep), noise + total) + doubt * total)
 
 
 @kernel
