@@ -76,7 +76,7 @@ def read_stairs(fringes: tuple[Fringe, ...], coord: Map, sigma: Map, flags: Map)
     return Stairs(shares, *solve_stairs(*seen, shares), *seen)
 
 
-def take_off_stairs(stairs: Stairs, coord: Map, sigma: Map) -> None:
+def take_off_stairs(stairs: Stairs, coord: Map, sigma: Map, flags: Map) -> None:
     """Undo the stairs in coord (H, W) and add to sigma (H, W) what cannot be undone, in place.
 
     The footprint is the local gradient of coord. A pixel that sees one cell only (a tread of the stairs) is
@@ -92,7 +92,7 @@ def take_off_stairs(stairs: Stairs, coord: Map, sigma: Map) -> None:
         sigma[...] = noise
 
         def undo(start: int, stop: int, guide: Map = guide, reach: int = reach, doubt: float = doubt) -> None:
-            undo_rows(start, stop, rows, *heights, fill, guide, reach, doubt, seen, coord, sigma)
+            undo_rows(start, stop, rows, *heights, fill, guide, reach, doubt, flags, seen, coord, sigma)
 
         over_rows(undo, rows, 64)
 

@@ -30,6 +30,7 @@ def undo_rows(
     guide: Map,
     reach: int,
     doubt: float,
+    flags: Map,
     seen: Map,
     coord: Map,
     sigma: Map,
@@ -39,14 +40,23 @@ def undo_rows(
 
     periods, shares (G,): whose weighed mean a coordinate is; heights (G, 2, K): the sidebands of each that a
     point would see, m = 1, 2, ... and -1, -2, ...; the footprint is `fill` times the gradient of guide (H, W)
-    over `reach` pixels on either side; doubt: share of the stairs' variance that is reckoned as unknown.
+    over at most `reach` pixels on either side that have no flag; doubt: share of the stairs' variance that is
+    reckoned as unknown.
     """
     cols = coord.shape[1]
     bands, weights, waves = np.empty_like(heights), np.empty_like(shares), np.empty((2, heights.shape[2]))
     for row in range(start, stop):
-        above, below = max(row - reach, 0), min(row + reach, rows - 1)
         for col in range(cols):
             left, right = max(col - reach, 0), min(col + reach, cols - 1)
+            above, below = max(row - reach, 0), min(row + reach, rows - 1)
+            while left < col and flags[row, left]:
+                left += 1
+            while right > col and flags[row, right]:
+                right -= 1
+            while above < row and flags[above, col]:
+                above += 1
+            while below > row and flags[below, col]:
+                below -= 1
             along = fill * abs(guide[row, right] - guide[row, left]) / max(right - left, 1)
             down = fill * abs(guide[below, col] - guide[above, col]) / max(below - above, 1)
             if not (along < np.inf and down < np.inf):

@@ -46,8 +46,10 @@ USUAL_BLUR = 0.5
 BLUR_TOLD = 0.009
 #: Attenuation of the cells' fundamental under which the decoder takes stairs off.
 LOW_STAIRS = 0.1
-#: Attenuation above which it reads stairs off the coordinates and undoes them.
-READ_OFF = 0.012
+#: Attenuation above which it reads stairs off the coordinates and undoes them; up to which it does so twice.
+READ_OFF, READ_AGAIN = 0.012, 0.4
+#: Pixels on either side over which it then takes the gradient.
+AROUND, NEARBY = 8, 2
 #: Rows and columns of the camera that it measures blur by, and the share of them that it uses.
 SURVEYED, SURVEYED_SHARE = (24, 192), 0.8
 #: Amplitude over that of pixels around below which it refuses one so near a border (cells) of unknown blur.
@@ -202,28 +204,40 @@ def _widened(sigma: Floats, bend: Floats) -> Floats:
     return np.asarray(np.where(bend > BENT * sigma, np.hypot(sigma, BOX * bend), sigma))
 
 
+def _left_by(blur: float) -> float:
+    """What a blur (cells) leaves of the cells' fundamental."""
+    return math.exp(-2 * (math.pi * blur) ** 2)
+
+
 def _low_stairs(known: bool, blur: float) -> bool:
     """Whether the decoder takes the stairs of the usual pixel off."""
-    return known and math.exp(-2 * (math.pi * blur) ** 2) < LOW_STAIRS
+    return known and _left_by(blur) < LOW_STAIRS
 
 
 def _stairs(view: View, axis: str, groups: list[Fringe], known: bool, doubt: float) -> Floats:
     """What the cells' stairs leave in the coordinate; doubt: of the squared blur (cells^2).
 
     Where it knows the blur, the decoder takes off low stairs, those of the usual pixel; higher ones it reads
-    off the coordinates and undoes pixel by pixel; low ones of an unknown blur stay.
+    off the coordinates and undoes pixel by pixel, by gradients over some of them; low ones of an unknown blur
+    stay.
     """
     blur, coord = view.scene.pattern.blur_px, view.coordinate(axis)
-    soft = _low_stairs(known, blur)
-    if not soft and (known or math.exp(-2 * (math.pi * blur) ** 2) > READ_OFF):
-        return np.zeros(coord.shape)
-    usual, believed = (np.full(coord.shape, usual_width(view, axis)),), math.sqrt(blur**2 + doubt)
-    errors = []
-    for group in groups:
-        errors.append(_stairs_of(view, axis, group.period))
-        if soft:
-            errors[-1] = errors[-1] - stairs(coord, usual, believed, group.period)
+    left, soft = _left_by(blur), _low_stairs(known, blur)
+    errors = [_stairs_of(view, axis, group.period) for group in groups]
+    if soft:
+        usual, believed = (np.full(coord.shape, usual_width(view, axis)),), math.sqrt(blur**2 + doubt)
+        errors = [e - stairs(coord, usual, believed, g.period) for e, g in zip(errors, groups, strict=True)]
+    elif known or left > READ_OFF:
+        reach = NEARBY if left < READ_AGAIN else AROUND
+        errors = [e - _undone(view, axis, g.period, reach) for e, g in zip(errors, groups, strict=True)]
     return _combined_errors(groups, errors)
+
+
+def _undone(view: View, axis: str, period: float, reach: int) -> Floats:
+    """The stairs that the decoder takes for those of a fringe: of footprints told by gradients."""
+    coord, blur = view.coordinate(axis), view.scene.pattern.blur_px
+    around = tuple(view.gradient(axis, along, reach) for along in (1, 0))
+    return view.kept(("undone", axis, period), lambda: stairs(coord, around, blur, period))
 
 
 def _contrast(view: View, axis: str, period: float) -> Floats:

@@ -84,6 +84,15 @@ class View:
         across[1:-1] = np.abs(np.diff(at, 2, axis=0))
         return (np.nan_to_num(along) + np.nan_to_num(across)) / self.stride**2
 
+    def gradient(self, axis: str, along: int, reach: int) -> Floats:
+        """Change of the coordinate per unthinned pixel, from its mean over `reach` of them on either side."""
+        at, apart = self.coordinate(axis), max(1, round(reach / self.stride))
+        place = np.arange(at.shape[along])
+        low, high = np.maximum(place - apart, 0), np.minimum(place + apart, len(place) - 1)
+        change = np.abs(np.take(at, high, along) - np.take(at, low, along))
+        steps = (high - low) * self.stride
+        return np.nan_to_num(change / (steps if along == 1 else steps[:, None]))
+
     def levels(self, noise: float) -> Levels:
         """Levels under added Gaussian noise (rms, 8-bit levels) and the sensor's own."""
         sensor = self.scene.sensor or NOMINAL_SENSOR
