@@ -47,18 +47,8 @@ def undo_rows(
     bands, weights, waves = np.empty_like(heights), np.empty_like(shares), np.empty((2, heights.shape[2]))
     for row in range(start, stop):
         for col in range(cols):
-            left, right = max(col - reach, 0), min(col + reach, cols - 1)
-            above, below = max(row - reach, 0), min(row + reach, rows - 1)
-            while left < col and flags[row, left]:
-                left += 1
-            while right > col and flags[row, right]:
-                right -= 1
-            while above < row and flags[above, col]:
-                above += 1
-            while below > row and flags[below, col]:
-                below -= 1
-            along = fill * abs(guide[row, right] - guide[row, left]) / max(right - left, 1)
-            down = fill * abs(guide[below, col] - guide[above, col]) / max(below - above, 1)
+            along = fill * _gradient(row, col, reach, guide, flags)
+            down = fill * _gradient(col, row, reach, guide.T, flags.T)
             if not (along < np.inf and down < np.inf):
                 continue
             bands[:] = heights
@@ -76,6 +66,20 @@ def undo_rows(
             noise = sigma[row, col] ** 2
             coord[row, col] = place
             sigma[row, col] = np.sqrt(min(noise / (steep * steep), noise + total) + doubt * total)
+
+
+@kernel
+def _gradient(row: int, col: int, reach: int, guide: Map, flags: Map) -> float:
+    """Along a row, over pixels without a flag; over all of them where there are no such."""
+    first, last = max(col - reach, 0), min(col + reach, guide.shape[1] - 1)
+    left, right = first, last
+    while left < col and flags[row, left]:
+        left += 1
+    while right > col and flags[row, right]:
+        right -= 1
+    if right == left:
+        left, right = first, last
+    return float(abs(guide[row, right] - guide[row, left]) / max(right - left, 1))
 
 
 @kernel
