@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import kernel
+from .jit import kernel, leaf_kernel
 
 __all__ = ["undo_rows"]
 
@@ -44,15 +44,14 @@ def undo_rows(
     reckoned as unknown.
     """
     cols = coord.shape[1]
-    bands, weights, waves = np.empty_like(heights), np.empty_like(shares), np.empty((2, heights.shape[2]))
+    bands, weights, waves = np.empty(heights.shape), np.empty(len(shares)), np.empty((2, heights.shape[2]))
     for row in range(start, stop):
         for col in range(cols):
             along = fill * _gradient(row, col, reach, guide, flags)
             down = fill * _gradient(col, row, reach, guide.T, flags.T)
             if not (along < np.inf and down < np.inf):
                 continue
-            bands[:] = heights
-            weights[:] = shares
+            _seen_by_point(shares, heights, weights, bands)
             _average(along, periods, waves, weights, bands)
             _average(down, periods, waves, weights, bands)
             total, steepest = _variance(periods, weights, bands)
@@ -68,7 +67,7 @@ def undo_rows(
             sigma[row, col] = np.sqrt(min(noise / (steep * steep), noise + total) + doubt * total)
 
 
-@kernel
+@leaf_kernel
 def _gradient(row: int, col: int, reach: int, guide: Map, flags: Map) -> float:
     """Along a row, over pixels without a flag; over all of them where there are no such."""
     first, last = max(col - reach, 0), min(col + reach, guide.shape[1] - 1)
@@ -82,7 +81,15 @@ def _gradient(row: int, col: int, reach: int, guide: Map, flags: Map) -> float:
     return float(abs(guide[row, right] - guide[row, left]) / max(right - left, 1))
 
 
-@kernel
+@leaf_kernel
+def _seen_by_point(shares: Map, heights: Map, weights: Map, bands: Map) -> None:
+    for g in range(len(shares)):
+        weights[g] = shares[g]
+        for k in range(heights.shape[2]):
+            bands[g, 0, k], bands[g, 1, k] = heights[g, 0, k], heights[g, 1, k]
+
+
+@leaf_kernel
 def _waves(angle: float, waves: Map) -> None:
     """waves (2, K): cosines and sines of an angle and its multiples."""
     one_c, one_s = np.cos(angle), np.sin(angle)
@@ -92,7 +99,7 @@ def _waves(angle: float, waves: Map) -> None:
         waves[0, k], waves[1, k] = c, s
 
 
-@kernel
+@leaf_kernel
 def _average(width: float, periods: Map, waves: Map, weights: Map, bands: Map) -> None:
     """A pixel that averages `width` cells: bands by sinc((1/P + m) w) / sinc(w/P), weights by sinc(w/P)^2."""
     if width < _POINT:
@@ -108,10 +115,12 @@ def _average(width: float, periods: Map, waves: Map, weights: Map, bands: Map) -
             bands[g, 1, k] *= (waves[0, k] - waves[1, k] * c / s) / (1 - m * periods[g])
 
 
-@kernel
+@leaf_kernel
 def _variance(periods: Map, weights: Map, bands: Map) -> tuple[float, float]:
     """Of the stairs, and a bound of their slope, to first order."""
-    total, steepest, whole = 0.0, 0.0, weights.sum()
+    total, steepest, whole = 0.0, 0.0, 0.0
+    for weight in weights:
+        whole += weight
     for k in range(bands.shape[2]):
         height = 0.0
         for g in range(len(periods)):
@@ -121,7 +130,7 @@ def _variance(periods: Map, weights: Map, bands: Map) -> tuple[float, float]:
     return total, steepest
 
 
-@kernel
+@leaf_kernel
 def _stairs(periods: Map, weights: Map, bands: Map, waves: Map, place: float) -> tuple[float, float]:
     """e and its derivative at a coordinate, of all periods, weighed by the contrast that they have there."""
     _waves(2 * np.pi * (place - np.rint(place)), waves)
