@@ -47,12 +47,14 @@ u along the pattern's columns, v along its rows, integer = pixel centre; sigma i
 from .correspondence import Correspondence, Flag, difference
 from .crossed import crossed
 from .decoder import decode
+from .display import BorderTable, border_table
 from .harmonics import HarmonicError, harmonic_errors
 from .integrity import Finding, Integrity, check
 from .lattice import Crossings, lattice
 from .response import Response
 
 __all__ = [
+    "BorderTable",
     "Correspondence",
     "Crossings",
     "Finding",
@@ -60,6 +62,7 @@ __all__ = [
     "HarmonicError",
     "Integrity",
     "Response",
+    "border_table",
     "check",
     "crossed",
     "decode",

@@ -26,7 +26,7 @@ from .display_kernels import BEYOND, BORDER, MOST_LOST, PER_CELL
 from .plan import AxisPlan, Fringe, plan
 from .unwrap_kernels import MUCH_FINER
 
-__all__ = ["NO_TABLES", "Tables", "display_shift", "display_tables"]
+__all__ = ["NO_TABLES", "BorderTable", "Tables", "border_table", "display_shift", "display_tables"]
 
 Complex = NDArray[np.complex128]
 F64 = NDArray[np.float64]
@@ -55,6 +55,29 @@ _STEPS = 128
 _LOW_STAIRS = 0.1
 #: Rms blur that is assumed where the frames do not tell it, cells.
 _USUAL_BLUR = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class BorderTable:
+    """What decode takes for the work of the surface's border on fringes, at coordinates `at` (K,) as it reads
+    them, pattern px, 1/8 px apart: shift (K,), px, which is taken off; told (K,): where it goes into sigma;
+    refused (K,): so much light is lost that pixels are flagged OFF_PATTERN from there to the next entry."""
+
+    at: F64
+    shift: F64
+    told: NDArray[np.bool_]
+    refused: NDArray[np.bool_]
+
+
+def border_table(sequence: Sequence, axis: str, footprint: float, blur: float | None) -> BorderTable:
+    """The table for axis 'u' or 'v', which decode uses with the footprint and blur that it measures (cells;
+    blur None: not known)."""
+    tables = display_tables(sequence, next(a for a in plan(sequence).axes if a.axis == axis), footprint, blur)
+    _, _, border, lost, low, high = tables.kernel
+    entry = np.arange(len(border))
+    near = (entry <= low) | (entry >= high)
+    at, told, refused = entry / PER_CELL - BEYOND, np.abs(border) > BORDER, lost > MOST_LOST
+    return BorderTable(at, border.astype(np.float64), near & told, near & refused)
 
 
 def display_tables(sequence: Sequence, axis: AxisPlan, footprint: float, blur: float | None) -> Tables:

@@ -1,7 +1,7 @@
 """What the pattern's border does to fringes: light is missing beyond it.
 
-Through a Gaussian of rms s (blur and pixel) at u, a fringe keeps of its complex amplitude
-rho = 1 - sum_{k < 0} exp(i w (k - u)) W_k(u) / (sinc(1/P) exp(-(w s)^2 / 2)), W_k the light of cell k and
+Through a Gaussian of rms s and a pixel of b cells at u, a fringe keeps of its complex amplitude rho = 1 -
+sum_{k < 0} exp(i w (k - u)) W_k(u) / (sinc(1/P) sinc(b/P) exp(-(w s)^2 / 2)), W_k the light of cell k and
 w = 2 pi / P: a share |rho| of its contrast and a shift arg(rho) / w away from the border. Periods are shifted
 and dimmed by different amounts: their coordinate is the mean by what each then knows, and where they come to
 disagree they are refused.
@@ -17,6 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from optolever.decode import border_table
+from optolever.patterns import Sequence
+
 from .fringes import DOUBT, MUCH_FINER, Fringe
 from .view import Floats, View
 
@@ -24,14 +27,14 @@ Complex = NDArray[np.complex128]
 
 #: Spreads from the border at which it does nothing.
 FAR = 8.0
-#: Cells that the decoder's table reaches beyond the outermost cell's centre, its entries per cell, and the
-#: contrast left under which it has none.
-BEYOND, PER_CELL, LEAST_LEFT = 4, 8, 0.2
-#: Contrast that the decoder believes lost, above which it refuses a pixel; shift that it adds to its sigma;
-#: distance beyond the border, as it reads it, that puts a pixel off the pattern.
-REFUSED_LOST, LEAST_SHIFT, OFF = 0.03, 1e-3, 0.5
+#: Distance beyond the border (cells), as the decoder reads it, that puts a pixel off the pattern.
+OFF = 0.5
+#: Cells from its reach in the decoder's table, as that knows it, at which the border is reckoned with.
+NEAR = 2.0
 #: Sigmas of a Gaussian as rare as disagreement of periods that the decoder refuses.
 DISAGREE = 5.0
+#: Contrast that a pixel leaves at least, where a share of it is told; width of a pixel without one, cells.
+LEAST_KEPT, POINT = 0.05, 1e-3
 
 __all__ = ["Border", "border_effect", "border_factor", "border_of", "kept_at_border", "usual_width"]
 
@@ -48,68 +51,108 @@ class Border:
     gain: Floats
 
 
-def border_factor(distance: Floats, spread: Floats | float, period: float) -> Complex:
+def border_factor(
+    distance: Floats, spread: Floats | float, period: float, width: Floats | float = 0.0
+) -> Complex:
     """rho at a distance (cells) inside one border; its phase is positive for a shift inwards."""
     turn, place = 2 * math.pi / period, np.asarray(distance) - 0.5
     missing = np.zeros(place.shape, np.complex128)
-    reach = FAR * float(np.max(spread, initial=0.0)) - float(np.min(place, initial=0.0))
-    right = ndtr((-0.5 - place) / spread)
+    reach = _reach(spread, width) - float(np.min(place, initial=0.0))
+    right = _light_beyond(-0.5 - place, spread, width)
     for cell in range(-1, -2 - math.ceil(reach), -1):
-        left = ndtr((cell - 0.5 - place) / spread)
+        left = _light_beyond(cell - 0.5 - place, spread, width)
         missing += np.exp(1j * turn * (cell - place)) * (right - left)
         right = left
-    return np.asarray(1 - missing / (np.sinc(1 / period) * np.exp(-0.5 * (turn * spread) ** 2)))
+    kept = np.sinc(1 / period) * np.maximum(np.sinc(width / period), LEAST_KEPT)
+    return np.asarray(1 - missing / (kept * np.exp(-0.5 * (turn * spread) ** 2)))
 
 
-def border_effect(distance: Floats, spread: Floats | float, period: float) -> tuple[Floats, Floats]:
+def _reach(spread: Floats | float, width: Floats | float) -> float:
+    """Distance (cells) from which on the border does nothing."""
+    return float(np.max(FAR * np.asarray(spread) + 0.5 * np.asarray(width), initial=0.0))
+
+
+def _light_beyond(place: Floats, spread: Floats | float, width: Floats | float) -> Floats:
+    """Share of the light from below a place (cells from the pixel's middle): Gaussian and box."""
+    box = np.maximum(width, POINT)
+
+    def integral(at: Floats) -> Floats:
+        """Of the normal distribution."""
+        z = at / spread
+        density = np.exp(-0.5 * z * z) / math.sqrt(2 * math.pi)
+        return np.asarray(at * ndtr(z) + spread * density)
+
+    return np.asarray((integral(place + 0.5 * box) - integral(place - 0.5 * box)) / box)
+
+
+def border_effect(
+    distance: Floats, spread: Floats | float, period: float, width: Floats | float = 0.0
+) -> tuple[Floats, Floats]:
     """(share of the contrast lost, shift inwards in cells) at a distance (cells) inside one border."""
-    rho = border_factor(distance, spread, period)
+    rho = border_factor(distance, spread, period, width)
     return 1 - np.abs(rho), np.angle(rho) * period / (2 * math.pi)
 
 
 def kept_at_border(view: View, axis: str, period: float) -> Complex:
     """rho of both borders together, (H, W); the phase is positive for a shift towards larger coordinates."""
-    widths, coord = view.widths[axis], np.nan_to_num(view.coordinate(axis), nan=-FAR)
-    spread = np.sqrt(view.scene.pattern.blur_px**2 + (widths[0] ** 2 + widths[1] ** 2) / 12 + 1e-6)
+    coord = np.nan_to_num(view.coordinate(axis), nan=-FAR)
+    # of a pixel's two sides one is the longer, as a rule by far
+    width, other = (np.nan_to_num(side(*view.widths[axis])) for side in (np.maximum, np.minimum))
+    spread = np.sqrt(view.scene.pattern.blur_px**2 + other**2 / 12 + 1e-6)
     kept = np.ones(coord.shape, np.complex128)
     low, high = coord + 0.5, view.extent(axis) - 0.5 - coord
     for distance, turned in ((low, False), (high, True)):
-        near = distance < FAR * np.nan_to_num(spread)
-        rho = border_factor(distance[near], spread[near], period)
+        near = distance < FAR * spread + 0.5 * width
+        rho = border_factor(distance[near], spread[near], period, width[near])
         kept[near] += (rho.conj() if turned else rho) - 1
     return kept
 
 
 def border_of(
-    view: View, axis: str, groups: list[Fringe], kept: list[Complex], variances: list[Floats], blur: float
+    view: View,
+    axis: str,
+    sequence: Sequence,
+    groups: list[Fringe],
+    kept: list[Complex],
+    variances: list[Floats],
+    noise: Floats,
+    other: Floats,
+    blur: float | None,
 ) -> Border:
     """Both borders of an axis together.
 
-    groups: coarse to fine; kept: kept_at_border of each; variances (cells^2) of each, with what is left of
-    their contrast; blur: what the decoder takes for it.
+    groups: the sequence's fringes, coarse to fine; kept: kept_at_border of each; variances (cells^2) of each,
+    with what is left of their contrast; noise, other: rms noise of the coordinate and what else shifts it,
+    cells; blur: what the decoder takes for it.
     """
     coord, extent = view.coordinate(axis), view.extent(axis)
-    spread = math.sqrt(blur**2 + usual_width(view, axis) ** 2 / 12 + 1e-6)
+    table = border_table(sequence, axis, usual_width(view, axis), blur)
     refused, shift, left = (np.zeros(coord.shape) for _ in range(3))
     gain = np.ones(coord.shape)
     touched = np.abs(np.stack(kept) - 1).max(axis=0) > 1e-9
-    touched |= np.minimum(coord + 0.5, extent - 0.5 - coord) < FAR * spread
+    reached = table.at[table.told | table.refused]
+    middle = 0.5 * (extent - 1)
+    inner = reached[reached < middle].max(initial=-1.0), reached[reached > middle].min(initial=extent)
+    touched |= (coord < inner[0] + NEAR) | (coord > inner[1] - NEAR)
     touched &= np.isfinite(coord) & np.all(np.isfinite(variances), axis=0)
     if not touched.any():
         return Border(refused, shift, left, gain)
     away, doubtful = _seen(
         groups, [np.angle(rho[touched]) for rho in kept], [variance[touched] for variance in variances]
     )
-    at, *columns = _table(groups, spread)
-    place = coord[touched] + away
-    taken, added, change = (np.zeros(away.shape) for _ in range(3))
-    for sign, inside in ((1.0, place + 0.5), (-1.0, extent - 0.5 - place)):
-        near = (inside >= at[0]) & (inside <= at[-1])
-        own, told, lost, slope = (np.where(near, np.interp(inside, at, column), 0.0) for column in columns)
-        taken, added, change = taken + sign * own, added + told**2, change + slope
-        doubtful = np.where((lost > REFUSED_LOST) | (inside < -OFF), 1.0, doubtful)
+    place = coord[touched] + away + other[touched]
+    taken = np.interp(place, table.at, table.shift)
+    change = np.interp(place, table.at, np.gradient(table.shift, table.at))
+    entry = np.clip(
+        np.floor((place - table.at[0]) / (table.at[1] - table.at[0])), 0, len(table.at) - 1
+    ).astype(int)
+    # noise decides on which side of an entry's edge a pixel is read
+    dark = np.flatnonzero(np.diff(table.refused.astype(int), prepend=0, append=0))
+    edges = np.append(table.at, table.at[-1] + (table.at[1] - table.at[0]))[dark].reshape(-1, 2)
+    for low, high in [(-np.inf, -0.5 - OFF), (extent - 0.5 + OFF, np.inf), *edges]:
+        doubtful = doubtful + ndtr((high - place) / noise[touched]) - ndtr((low - place) / noise[touched])
     refused[touched], left[touched] = np.minimum(doubtful, 1.0), away - taken
-    shift[touched], gain[touched] = np.sqrt(added), np.abs(1 - change)
+    shift[touched], gain[touched] = np.where(table.told[entry], np.abs(taken), 0.0), np.abs(1 - change)
     return Border(refused, shift, left, gain)
 
 
@@ -141,33 +184,6 @@ def _disagree(apart: Floats, freedom: int) -> Floats:
     part = 2 / (9 * freedom)
     limit = freedom * (1 - part + DISAGREE * math.sqrt(part)) ** 3
     return np.where(apart > 0.1, ndtr(np.sqrt(apart + freedom - 1) - math.sqrt(limit)), 0.0)
-
-
-def _table(groups: list[Fringe], spread: float) -> tuple[Floats, ...]:
-    """What the decoder looks up at a distance (cells, as it reads it) inside a border: distances, shift to
-    take off, what of it goes into sigma (cells), share of the contrast that it believes lost, slope of the
-    shift."""
-    reach = FAR * spread + 1
-    true = np.arange(-BEYOND - 4 * spread, reach, 1 / PER_CELL)
-    at = np.arange(0.5 - BEYOND, reach, 1 / PER_CELL)
-    finer = [g for g in range(1, len(groups)) if groups[g].period * MUCH_FINER < groups[g - 1].period]
-    total, information = np.zeros((2, len(at))), np.zeros(len(at))
-    for group in groups[max(finer, default=0) :]:
-        lost, shift = border_effect(true, spread, group.period)
-        lit = lost < 1 - LEAST_LEFT
-        read = np.maximum.accumulate(true[lit] + shift[lit])
-        parts = np.stack([np.interp(at, read, part[lit]) for part in (shift, lost)])
-        blurred = math.exp(-2 * (math.pi * spread / group.period) ** 2)
-        contrast = np.maximum(1 - parts[1], LEAST_LEFT) * blurred
-        own = len(group.shifts) * (contrast / group.period) ** 2
-        information += own
-        total += own / information * (parts - total)
-    shift, lost = total
-    # inside the innermost place where it does something, the decoder neither widens sigma nor refuses
-    reached = np.flatnonzero((np.abs(shift) > LEAST_SHIFT) | (lost > REFUSED_LOST))
-    outer = at <= (at[reached[-1]] if len(reached) else -math.inf)
-    told = np.where(outer & (np.abs(shift) > LEAST_SHIFT), shift, 0.0)
-    return at, shift, told, np.where(outer, lost, 0.0), np.gradient(shift, at)
 
 
 def usual_width(view: View, axis: str) -> float:

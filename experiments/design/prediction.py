@@ -40,8 +40,6 @@ LEAST_CONTRAST = 4.0
 #: Light lost beyond the border above which a pixel is left out of every figure: what is made of it there is a
 #: matter of the border, not of the code.
 MOST_LOST = 0.01
-#: Blur that the decoder assumes where the frames do not tell it.
-USUAL_BLUR = 0.5
 #: Contrast (its logarithm) that blur must take from the finest fringe, for the decoder to tell it.
 BLUR_TOLD = 0.009
 #: Attenuation of the cells' fundamental under which the decoder takes stairs off.
@@ -187,8 +185,9 @@ def _fringe_axis(
             failure = failure + step_failure(periods[k], both)
             flagged = flagged + step_flagged(periods[k], both)
     doubt = uncertain / lever if known else 0.0
-    believed = math.sqrt(blur**2 + doubt) if known else USUAL_BLUR
-    border = border_of(view, axis, groups, kept, variances, believed)
+    believed = math.sqrt(blur**2 + doubt) if known else None
+    steps = _combined_errors(groups, [_stairs_of(view, axis, group.period) for group in groups])
+    border = border_of(view, axis, sequence, groups, kept, variances, np.sqrt(total), steps, believed)
     shadow = 0.0 if known else _dimmed(view, axis, amplitude, levels, share)
     refused = np.minimum(refused + flagged + border.refused + shadow, 1.0)
     bias = harmonic_error(view, groups[-1], axis) + border.left + _stairs(view, axis, groups, known, doubt)
