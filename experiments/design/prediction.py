@@ -161,10 +161,8 @@ def _fringe_axis(
         turns, share = turn_variance(group, amplitude, levels.half, levels.read2, levels.shot)
         variances.append(group.period**2 * turns)
     refused = _low_contrast(amplitude, levels, share)
-    referenced = _referenced(sequence)
-    lever, uncertain = _blur_survey(view, axis, groups, levels, referenced)
-    # the decoder measures the blur: white and black are shown, or contrasts likely differ enough
-    known = referenced or (len(groups) > 1 and lever * blur**2 > BLUR_TOLD)
+    told = _blur_told(view, sequence, levels, axis)
+    known, doubt = told is not None, told or 0.0
     if _low_stairs(known, blur):
         there = [_stairs_of_noise(view, axis, group.period) for group in groups]
         variances = [variance / left**2 for variance, (left, _) in zip(variances, there, strict=True)]
@@ -184,7 +182,6 @@ def _fringe_axis(
             both = combined(periods[:k], variances[:k]) + variances[k]
             failure = failure + step_failure(periods[k], both)
             flagged = flagged + step_flagged(periods[k], both)
-    doubt = uncertain / lever if known else 0.0
     believed = math.sqrt(blur**2 + doubt) if known else None
     steps = _combined_errors(groups, [_stairs_of(view, axis, group.period) for group in groups])
     border = border_of(view, axis, sequence, groups, kept, variances, np.sqrt(total), steps, believed)
@@ -271,6 +268,20 @@ def _combined_errors(groups: list[Fringe], errors: list[Floats]) -> Floats:
         total = error if alone else total + own / (information + own) * (error - total)
         information, previous = own if alone else information + own, group.period
     return total
+
+
+def _blur_told(view: View, sequence: Sequence, levels: Levels, axis: str) -> float | None:
+    """Noise of the squared blur (cells^2) that the decoder measures, None where it does not: white and black
+    are shown, or contrasts likely differ enough, along this axis or else the other."""
+    referenced, blur = _referenced(sequence), view.scene.pattern.blur_px
+    for name in (axis, "v" if axis == "u" else "u"):
+        groups = grouped([f for f in sequence.frames if f.axis == name and f.kind == "phase"])
+        if not groups:
+            continue
+        lever, uncertain = _blur_survey(view, name, groups, levels, referenced)
+        if referenced or (len(groups) > 1 and lever * blur**2 > BLUR_TOLD):
+            return uncertain / lever
+    return None
 
 
 def _blur_survey(
