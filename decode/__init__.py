@@ -23,7 +23,8 @@
 | `display`                  | grey values and border of the display: what they shift                       |
 | `display_kernels`          | that, taken off a tile                                                       |
 | `blur`                     | blur from the contrasts of a few rows                                        |
-| `cells`, `stairs_kernels`  | stairs of the display's cells, taken off                                     |
+| `cells`                    | stairs of the display's cells, taken off                                     |
+| `stairs_kernels`, `steep_kernels` | that, pixel by pixel: inverted, or the mean of what it may be         |
 | `gathering`                | blur again, from how stairs gather coordinates at cells                      |
 | `table_decoder`            | any known grey values, codes within their cells                              |
 | `table_kernels`            | its loops, compiled                                                          |

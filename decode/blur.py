@@ -11,7 +11,7 @@ from .plan import AxisPlan, Fringe, Plan
 from .sample import quantile
 from .survey import Survey
 
-__all__ = ["measured_blur", "tells_blur"]
+__all__ = ["measured_blur", "square_error", "tells_blur"]
 
 Map = NDArray[Any]
 F64 = NDArray[np.float64]
@@ -42,6 +42,18 @@ def _referenced(wanted: Plan) -> bool:
     return wanted.white >= 0 and wanted.black >= 0
 
 
+def square_error(wanted: Plan, axis: AxisPlan) -> float:
+    """Systematic error of the squared blur (cells^2) that measured_blur finds, rms: half of what is reckoned
+    with at most."""
+    return 0.5 * _UNSURE / _lever(wanted, axis)
+
+
+def _lever(wanted: Plan, axis: AxisPlan) -> float:
+    """What a squared blur takes from the logarithm of the contrast that is compared."""
+    least = 0.0 if _referenced(wanted) else axis.fringes[0].period ** -2
+    return float(2 * np.pi**2 * (axis.fringes[-1].period ** -2 - least))
+
+
 def measured_blur(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan) -> float | None:
     """Rms Gaussian blur of the finest fringe in cells, None where the frames do not tell.
 
@@ -62,9 +74,8 @@ def measured_blur(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan) -> float
     along = 0.25 * np.abs(coord[:, cols + 2] - coord[:, cols - 2])
     fine = axis.fringes[-1]
     if whole:
-        least, coarse = 0.0, 0.5 * (levels(wanted.white) - levels(wanted.black))
+        coarse = 0.5 * (levels(wanted.white) - levels(wanted.black))
     else:
-        least = 1 / axis.fringes[0].period
         coarse = _amplitude(axis.fringes[0], levels) / _unblurred(axis.fringes[0].period, down, along)
     use = (seen.flags[:, cols] & _SPOILT == 0) & (down + along < _WIDE * fine.period) & (coarse > 0)
     use &= np.abs(coord[:, cols] - 0.5 * (axis.extent - 1)) < (0.5 - _MARGIN) * axis.extent
@@ -72,9 +83,8 @@ def measured_blur(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan) -> float
         return None
     left = (_amplitude(fine, levels) / _unblurred(fine.period, down, along))[use] / coarse[use]
     widths = [float(np.median(width[use])) for width in (down, along)]
-    lever = 2 * np.pi**2 * (fine.period**-2 - least**2)
     periods = [fine.period] if whole else [fine.period, axis.fringes[0].period]
-    square = _square_blur(left, coord[:, cols][use], lever, periods, widths)
+    square = _square_blur(left, coord[:, cols][use], _lever(wanted, axis), periods, widths)
     return None if square is None else float(np.sqrt(square))
 
 

@@ -15,6 +15,7 @@ measured where nobody gave the blur (see gathering).
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -49,7 +50,8 @@ _TERMS, _WEAK = 8, 1e-5
 class Stairs:
     """Of one axis. shares (G, 2): periods, and their shares in the coordinate; left: T, 0 where it is not
     known; fill: footprint over gradient, below 1 where stairs are higher than a footprint that fills it
-    allows; seen, gradient (K,): how much runs of pixels gather at cells, and their gradients.
+    allows; seen, gradient (K,): how much runs of pixels gather at cells, and their gradients; unsure: T's
+    relative error.
     """
 
     shares: F64
@@ -57,11 +59,14 @@ class Stairs:
     fill: float
     seen: F64
     gradient: F64
+    unsure: float = 0.0
 
-    def known(self, left: float) -> "Stairs":
+    def known(self, left: float, unsure: float = 0.0) -> "Stairs":
         """With a T from elsewhere, unless these coordinates contradict it."""
-        told = self.left > 0 or contradicted(left, self.seen, self.gradient, self.shares)
-        return self if told else replace(self, left=left)
+        if self.left > 0 or left < _NEGLIGIBLE:
+            return self
+        told = contradicted(left, self.seen, self.gradient, self.shares)
+        return self if told else replace(self, left=left, unsure=unsure)
 
 
 def given_stairs(fringes: tuple[Fringe, ...], blur_px: float) -> Stairs:
@@ -80,21 +85,21 @@ def take_off_stairs(stairs: Stairs, coord: Map, sigma: Map, flags: Map) -> None:
     """Undo the stairs in coord (H, W) and add to sigma (H, W) what cannot be undone, in place.
 
     The footprint is the local gradient of coord. A pixel that sees one cell only (a tread of the stairs) is
-    put at its middle, with the rms (1 - w) / sqrt(12) of a place on it.
+    put at its middle, with the rms (1 - w) / sqrt(12) of a place on it: see steep_kernels.
     """
     if stairs.left < _NEGLIGIBLE:
         return
-    rows, heights, fill = coord.shape[0], _of_points(stairs), stairs.fill
-    seen, noise = coord.copy(), sigma.copy()
+    heights, seen, noise = _of_points(stairs), coord.copy(), sigma.copy()
     # where the gradient changes, its mean is not the footprint; once low stairs are off, it can be had nearby
     for reach, doubt in _REACHES if stairs.left < _LOW else _REACHES[:1]:
-        guide = coord.copy()
+        guide, unsure = coord.copy(), min(doubt + stairs.unsure**2, 1.0)
         sigma[...] = noise
+        work = partial(_undo, heights, (stairs.fill, guide, reach, unsure, flags, seen, coord, sigma))
+        over_rows(work, len(coord), 64)
 
-        def undo(start: int, stop: int, guide: Map = guide, reach: int = reach, doubt: float = doubt) -> None:
-            undo_rows(start, stop, rows, *heights, fill, guide, reach, doubt, flags, seen, coord, sigma)
 
-        over_rows(undo, rows, 64)
+def _undo(heights: tuple[F64, F64, F64], rest: tuple[Any, ...], start: int, stop: int) -> None:
+    undo_rows(start, stop, *heights, *rest)
 
 
 def _shares(fringes: tuple[Fringe, ...]) -> F64:

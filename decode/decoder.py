@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from optolever.blocks import on_cores, over_rows
 from optolever.patterns import Sequence
 
-from .blur import measured_blur, tells_blur
+from .blur import measured_blur, square_error, tells_blur
 from .cells import Stairs, given_stairs, left_by, read_stairs, take_off_stairs
 from .correspondence import Correspondence, Flag
 from .display import Tables, display_tables
@@ -147,12 +147,13 @@ def _decoded(
     )
     _flag_wrong_frames(examine(job.frames, wanted, found, tuple(faults)), found)
 
-    _take_off_stairs([axis for axis in on_display if not tables[axis.axis].stairs], maps, blur_px, blurs)
+    high = [axis for axis in on_display if not tables[axis.axis].stairs]
+    _take_off_stairs(wanted, high, maps, blur_px, blurs)
     return found
 
 
 def _take_off_stairs(
-    axes: list[AxisPlan], maps: Maps, blur_px: float | None, measured: dict[str, float | None]
+    wanted: Plan, axes: list[AxisPlan], maps: Maps, blur_px: float | None, measured: dict[str, float | None]
 ) -> None:
     """Undo the display's stairs, of a blur given, read off the stairs, or measured otherwise."""
 
@@ -161,7 +162,10 @@ def _take_off_stairs(
             return given_stairs(axis.fringes, blur_px)
         own = read_stairs(axis.fringes, *maps.of(axis.axis), maps.flags)
         blur = measured[axis.axis]
-        return own if blur is None else own.known(left_by(blur))
+        if blur is None:
+            return own
+        # the contrast of long periods tells little of it
+        return own.known(left_by(blur), 2 * np.pi**2 * square_error(wanted, axis))
 
     told = on_cores(read, axes)
     # an axis whose pixels keep step with the cells cannot tell: the other one's is the same display

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .jit import apart_kernel, inline_kernel, leaf_kernel
 
-__all__ = ["fit_tile"]
+__all__ = ["fit_tile", "phase_of"]
 
 Array = NDArray[Any]
 
@@ -34,7 +34,7 @@ def _arctangent(t: Any) -> Any:
 
 
 @inline_kernel
-def _phase(c: Any, s: Any) -> Any:
+def phase_of(c: Any, s: Any) -> Any:
     """Phase of (c, s) in turns, and 1 / (c^2 + s^2). One division serves both: it is what costs."""
     power = c * c + s * s
     abs_c, abs_s = abs(c), abs(s)
@@ -134,7 +134,7 @@ def _fit_four(
             ax += a[x]
             cx += c[x]
             sx += s[x]
-        turn, inverse = _phase(cx, sx)
+        turn, inverse = phase_of(cx, sx)
         level = ax if ax > _ZERO else _ZERO
         a[x] = ax
         c[x] = cx
@@ -175,7 +175,7 @@ def _fit_quarters(
         ax = _QUARTER * ((f0 + f2) + (f1 + f3))
         cx, sx = _HALF * (f0 - f2), _HALF * (f1 - f3)
         contrast = _HALF * ((f0 + f2) - (f1 + f3))
-        turn, inverse = _phase(cx, sx)
+        turn, inverse = phase_of(cx, sx)
         level = ax if ax > _ZERO else _ZERO
         a[x] = ax
         c[x] = cx

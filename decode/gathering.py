@@ -4,7 +4,7 @@ The mean of cos(2 pi (u + e(u))) over pixels that sample the cells evenly is T s
 an endless period (see cells for T and w); for others it is tabled.
 """
 
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -118,7 +118,7 @@ def _parabolas() -> F64:
     return np.ascontiguousarray(basis.T)
 
 
-@cache
+@lru_cache(maxsize=64)
 def _gathering(shares: tuple[tuple[float, float], ...]) -> F64:
     """Mean of cos(2 pi (u + e(u))) over a cell for T = 0, 1/40, ..., 1 (rows) and w = 0, 0.02, ..., 2."""
     place = (np.arange(_PLACES) + 0.5) / _PLACES

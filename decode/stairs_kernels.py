@@ -6,14 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .jit import kernel, leaf_kernel
+from .steep_kernels import PLACES, likely_place, read_as
 
 __all__ = ["undo_rows"]
 
 Map = NDArray[Any]
 #: Steps of the inversion.
 _STEPS = 4
-#: Largest slope of stairs (-1 on a tread) that are gentle: beyond, Newton's steps would lead astray.
+#: Largest slope of stairs (-1 on a tread) that are gentle: steeper ones have no inverse.
 _GENTLE = 0.8
+#: Step of a footprint (cells) on steep stairs, what keeps two of them apart, curves that are kept.
+_FINE, _MANY, _KEPT = 0.01, 4096.0, 256
 #: Footprint below which a pixel is a point, cells.
 _POINT = 1e-6
 
@@ -22,7 +25,6 @@ _POINT = 1e-6
 def undo_rows(
     start: int,
     stop: int,
-    rows: int,
     periods: Map,
     shares: Map,
     heights: Map,
@@ -35,36 +37,57 @@ def undo_rows(
     coord: Map,
     sigma: Map,
 ) -> None:
-    """coord: solution of coord + e(coord) = seen, by Newton's steps; where stairs are steep by steps of w
-    (exact on a riser, none on a tread).
+    """coord: solution of coord + e(coord) = seen; where stairs are steep, the mean of what it may be.
 
     periods, shares (G,): whose weighed mean a coordinate is; heights (G, 2, K): the sidebands of each that a
     point would see, m = 1, 2, ... and -1, -2, ...; the footprint is `fill` times the gradient of guide (H, W)
     over at most `reach` pixels on either side that have no flag; doubt: share of the stairs' variance that is
     reckoned as unknown.
     """
-    cols = coord.shape[1]
     bands, weights, waves = np.empty(heights.shape), np.empty(len(shares)), np.empty((2, heights.shape[2]))
+    room, kept = np.empty((4, PLACES), np.float32), np.empty((_KEPT, PLACES + 1), np.float32)
+    known = np.full((_KEPT, 3), -1.0)  # footprint, variance and largest slope of its stairs
+    _seen_by(0.0, 0.0, periods, shares, heights, waves, weights, bands)
+    # low stairs are gentle whatever the footprint
+    sharp = _variance(periods, weights, bands)[1] >= _GENTLE
     for row in range(start, stop):
-        for col in range(cols):
+        for col in range(coord.shape[1]):
             along = fill * _gradient(row, col, reach, guide, flags)
             down = fill * _gradient(col, row, reach, guide.T, flags.T)
             if not (along < np.inf and down < np.inf):
                 continue
-            _seen_by_point(shares, heights, weights, bands)
-            _average(along, periods, waves, weights, bands)
-            _average(down, periods, waves, weights, bands)
-            total, steepest = _variance(periods, weights, bands)
-            target, place = seen[row, col], seen[row, col]
-            step = min(max(along, down), 1.0)
-            slope = 0.0
-            for _ in range(_STEPS):
-                error, slope = _stairs(periods, weights, bands, waves, place)
-                place += (target - place - error) * (1 / (1 + slope) if steepest < _GENTLE else step)
-            steep = max(1 + slope, 1e-3)
-            noise = sigma[row, col] ** 2
+            target, noise = seen[row, col], sigma[row, col] ** 2
+            slot = -1
+            if sharp:
+                # footprints in steps, so that neighbours share what is known of them
+                right, below = np.rint(along / _FINE), np.rint(down / _FINE)
+                key = right * _MANY + below
+                slot = int(key) % _KEPT
+                if known[slot, 0] != key:
+                    _seen_by(_FINE * right, _FINE * below, periods, shares, heights, waves, weights, bands)
+                    known[slot, 0] = key
+                    known[slot, 1], known[slot, 2] = _variance(periods, weights, bands)
+                    read_as(periods, weights, bands, room, kept[slot])
+            if sharp and known[slot, 2] >= _GENTLE:
+                place, variance = likely_place(target, noise + doubt * known[slot, 1], kept[slot])
+            else:
+                _seen_by(along, down, periods, shares, heights, waves, weights, bands)
+                place, variance = _inverted(target, noise, periods, weights, bands, waves)
+                variance += doubt * _variance(periods, weights, bands)[0]
             coord[row, col] = place
-            sigma[row, col] = np.sqrt(min(noise / (steep * steep), noise + total) + doubt * total)
+            sigma[row, col] = np.sqrt(variance)
+
+
+@leaf_kernel
+def _inverted(
+    target: float, noise: float, periods: Map, weights: Map, bands: Map, waves: Map
+) -> tuple[float, float]:
+    """The place read as `target`, by Newton's steps, and its variance."""
+    place, slope = target, 0.0
+    for _ in range(_STEPS):
+        error, slope = _stairs(periods, weights, bands, waves, place)
+        place += (target - place - error) / (1 + slope)
+    return place, noise / ((1 + slope) * (1 + slope))
 
 
 @leaf_kernel
@@ -82,11 +105,23 @@ def _gradient(row: int, col: int, reach: int, guide: Map, flags: Map) -> float:
 
 
 @leaf_kernel
-def _seen_by_point(shares: Map, heights: Map, weights: Map, bands: Map) -> None:
+def _seen_by(
+    along: float,
+    down: float,
+    periods: Map,
+    shares: Map,
+    heights: Map,
+    waves: Map,
+    weights: Map,
+    bands: Map,
+) -> None:
+    """weights (G,), bands (G, 2, K): of a pixel that averages so many cells along its sides."""
     for g in range(len(shares)):
         weights[g] = shares[g]
         for k in range(heights.shape[2]):
             bands[g, 0, k], bands[g, 1, k] = heights[g, 0, k], heights[g, 1, k]
+    _average(along, periods, waves, weights, bands)
+    _average(down, periods, waves, weights, bands)
 
 
 @leaf_kernel

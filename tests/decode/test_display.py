@@ -132,6 +132,21 @@ def test_stairs_of_a_sharp_display_are_undone(width: float) -> None:
     assert error.mean(axis=0).std() < (0.7 if width < 0.9 else 0.25) * raw.mean(axis=0).std()
 
 
+@pytest.mark.parametrize(
+    ("period", "blur", "width", "most"),
+    [(4.0, 0.25, 0.23, 0.01), (8.0, 0.2, 0.23, 0.02), (16.0, 0.2, 0.23, 0.03), (48.0, 0.02, 0.53, 0.12)],
+)
+def test_sigma_on_steep_stairs(period: float, blur: float, width: float, most: float) -> None:
+    """Where treads and risers leave many places likely, the error is that of their mean."""
+    shown, u, frames = _capture(160, width, blur, period=period)
+    found = decode(frames, shown)
+    good = (found.flags == 0) & (u > 6) & (u < 153)
+    score = ((found.u - u) / found.sigma_u)[good]
+    assert rms((found.u - u)[good]) < most
+    assert rms(score) < 1.1
+    assert np.mean(np.abs(score) > 5) < 1e-3
+
+
 @pytest.mark.parametrize("pixel", [0.3, 0.9, 1.7])
 def test_ideal_cosines_are_left_alone(pixel: float) -> None:
     """Frames computed as cosines have the contrast of a sharp display, but none of its stairs."""
