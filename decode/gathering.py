@@ -15,6 +15,8 @@ __all__ = ["contradicted", "gathered", "solve_stairs"]
 Map = NDArray[Any]
 F64 = NDArray[np.float64]
 _SEGMENT, _SEGMENTS = 32, 512
+#: Mean phasor up to which a run of pixels samples cells evenly.
+_EVEN = 0.3
 #: sinc(w) from which on a run of pixels tells the height of the stairs.
 _TOLD = 0.15
 #: What is tabled: steps of T, step and end of w (beyond, nothing is told), harmonics, places in a cell.
@@ -32,7 +34,8 @@ def gathered(coord: Map, sigma: Map, flags: Map) -> tuple[F64, F64]:
     fit = np.einsum("kb,bs->ks", np.einsum("ks,bs->kb", segments, _parabolas()), _parabolas())
     gradient = np.abs(np.diff(fit, axis=1)).mean(axis=1)
     mean = _phasors(fit)
-    even = np.abs(mean) < 0.3
+    # two pixels to a cell are at opposite places of it, and tell nothing between
+    even = (np.abs(mean) < _EVEN) & (np.abs(_phasors(2 * fit)) < _EVEN)
     smooth = np.abs(segments - fit).max(axis=1) < 0.75 + 4 * noise
     keep = even & smooth & (gradient > 0.05) & _like_stairs(segments - fit, fit, noise)
     seen = (_phasors(segments) - mean)[keep].real

@@ -54,9 +54,9 @@ def undo_rows(
         for col in range(coord.shape[1]):
             along = fill * _gradient(row, col, reach, guide, flags)
             down = fill * _gradient(col, row, reach, guide.T, flags.T)
-            if not (along < np.inf and down < np.inf):
-                continue
             target, noise = seen[row, col], sigma[row, col] ** 2
+            if not (abs(target) < np.inf and noise < np.inf and along < np.inf and down < np.inf):
+                continue
             slot = -1
             if sharp:
                 # footprints in steps, so that neighbours share what is known of them

@@ -31,6 +31,7 @@ from .fringes import (
     turn_variance,
 )
 from .response import fundamental_share, harmonic_error
+from .steep import unresolved
 from .view import Floats, Levels, View
 
 __all__ = ["AxisPrediction", "Prediction", "border_loss", "predict", "predict_axis"]
@@ -192,6 +193,10 @@ def _fringe_axis(
     noise = np.sqrt(total) * border.gain
     if _low_stairs(known, blur):
         noise = noise / (1 + _combined_errors(groups, [slope for _, slope in there]))
+    elif _left_by(blur) > READ_OFF:
+        steep = unresolved(*_shares(groups), blur, view.widths[axis], noise)
+        noise, stated = (np.where(steep > 0, np.sqrt(steep), part) for part in (noise, stated))
+        bias = np.where(steep > 0, 0.0, bias)
     return AxisPrediction(noise, bias, np.minimum(failure, 1.0), refused, stated)
 
 
@@ -257,6 +262,14 @@ def _stairs_of_noise(view: View, axis: str, period: float) -> tuple[Floats, Floa
     """What the stairs make of its noise."""
     blur, coord, widths = view.scene.pattern.blur_px, view.coordinate(axis), view.widths[axis]
     return view.kept(("noise", axis, period), lambda: stairs_of_noise(coord, widths, blur, period))
+
+
+def _shares(groups: list[Fringe]) -> tuple[list[float], list[float]]:
+    """Periods that a coordinate is the mean of, and their shares in it, as the decoder weighs them."""
+    periods = [group.period for group in groups]
+    first = max((g for g in range(1, len(groups)) if periods[g] * MUCH_FINER < periods[g - 1]), default=0)
+    own = [len(group.shifts) / group.period**2 for group in groups[first:]]
+    return periods[first:], [part / sum(own) for part in own]
 
 
 def _combined_errors(groups: list[Fringe], errors: list[Floats]) -> Floats:
