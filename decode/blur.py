@@ -43,9 +43,10 @@ def _referenced(wanted: Plan) -> bool:
 
 
 def square_error(wanted: Plan, axis: AxisPlan) -> float:
-    """Systematic error of the squared blur (cells^2) that measured_blur finds, rms: half of what is reckoned
-    with at most."""
-    return 0.5 * _UNSURE / _lever(wanted, axis)
+    """Systematic error of the squared blur (cells^2) that an axis' contrast tells, rms: half of what is
+    reckoned with at most. Where it tells nothing, of what the other axis tells."""
+    others = [_lever(wanted, other) for other in wanted.axes if other.fringes]
+    return 0.5 * _UNSURE / (_lever(wanted, axis) or max(others))
 
 
 def _lever(wanted: Plan, axis: AxisPlan) -> float:

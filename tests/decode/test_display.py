@@ -1,5 +1,7 @@
 """What a display shifts is taken off: against light integrated cell by cell with error functions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -169,3 +171,29 @@ def test_ideal_cosines_are_left_alone(pixel: float) -> None:
     ratio = ((found.u - u) / found.sigma_u)[found.good]
     assert found.good.mean() > 0.99
     assert 0.95 < np.sqrt(np.mean(ratio**2)) < 1.06
+
+
+def test_an_axis_of_one_period_takes_the_blur_of_the_other() -> None:
+    """It has nothing to compare its contrast with."""
+    own = sequence("phase", 60, 60, steps=4, axes="v", periods=(80.0,))
+    both = sequence("phase", 60, 60, steps=4, axes="u", periods=(80.0, 4.0))
+    shown = replace(both, frames=(*both.frames, *own.frames))
+    u, v = np.meshgrid(np.arange(2.3, 55, 0.37), np.arange(3.1, 50, 0.8))
+    frames = np.concatenate(
+        [
+            np.repeat(_seen(both, u[0], 0.37, 0.25), len(v), axis=1),
+            np.repeat(
+                _seen(
+                    replace(own, frames=tuple(replace(f, axis="u") for f in own.frames)), v[:, 0], 0.8, 0.25
+                ).transpose(0, 2, 1),
+                u.shape[1],
+                axis=2,
+            ),
+        ]
+    )
+    noisy = frames + np.random.default_rng(0).standard_normal(frames.shape)
+    found = decode(np.clip(np.rint(noisy), 0, 255).astype(np.uint8), shown)
+    for name, truth in (("u", u), ("v", v)):
+        score = ((getattr(found, name) - truth) / getattr(found, f"sigma_{name}"))[found.flags == 0]
+        assert score.size > 0.5 * u.size
+        assert 0.3 < rms(score) < 1.15
