@@ -247,7 +247,7 @@ def _lit(sample: Sample, rules: F64) -> Lit:
 
     Noise: from second differences within runs, the least of the frames, as what they show adds to it.
     """
-    # some of the lines are enough for a median
+    # a quarter of the lines is enough for a median
     second = np.diff(sample.runs[:, ::4].astype(np.float32), 2, axis=-1).reshape(len(sample.runs), -1)
     middle = second.shape[1] // 2
     spread = np.partition(np.abs(second), middle, axis=1)[:, middle].min() if second.size else 0.0

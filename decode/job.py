@@ -101,7 +101,7 @@ def job_of(
         raw = known = estimate_noise(stack, sample, lut, clip, wanted, none)
     else:
         raw = known = Noise(noise**2 + (QUANTISATION if stack.dtype.kind == "u" else 0.0), gain)
-    level = float(sample.runs[:, ::4].mean())
+    level = float(sample.runs[:, ::8].mean())
     silent = raw.variance(level) < 1.5 * QUANTISATION
     light, bright = stack, clip
     no_lut = subpixel or any(axis.stripes is not None or by_table(axis) for axis in wanted.axes)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 __all__ = ["Sample", "quantile", "sampled"]
 
 #: Lines and runs on each of them at most, pixels in a run: a run costs as much to fetch as one pixel.
-_LINES, _ACROSS, _RUN = 32, 16, 16
+_LINES, _ACROSS, _RUN = 64, 16, 8
 
 
 @dataclass(frozen=True, slots=True)
