@@ -20,6 +20,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
 
 from .display_kernels import BEYOND, BORDER, MOST_LOST, PER_CELL
@@ -71,8 +72,14 @@ class BorderTable:
 
 def border_table(sequence: Sequence, axis: str, footprint: float, blur: float | None) -> BorderTable:
     """The table for axis 'u' or 'v', which decode uses with the footprint and blur that it measures (cells;
-    blur None: not known)."""
-    tables = display_tables(sequence, next(a for a in plan(sequence).axes if a.axis == axis), footprint, blur)
+    blur None: not known). InputError if the sequence shows no fringes along that axis.
+    """
+    shown = next((one for one in plan(sequence).axes if one.axis == axis and one.fringes), None)
+    if shown is None:
+        raise InputError(
+            f"border_table: axis is {axis!r}, sequence {sequence.name} shows no fringes along it"
+        )
+    tables = display_tables(sequence, shown, footprint, blur)
     _, _, border, lost, low, high = tables.kernel
     entry = np.arange(len(border))
     near = (entry <= low) | (entry >= high)

@@ -36,7 +36,7 @@ DISAGREE = 5.0
 #: Contrast that a pixel leaves at least, where a share of it is told; width of a pixel without one, cells.
 LEAST_KEPT, POINT = 0.05, 1e-3
 
-__all__ = ["Border", "border_effect", "border_factor", "border_of", "kept_at_border", "usual_width"]
+__all__ = ["Border", "border_factor", "border_of", "kept_at_border", "usual_width"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,14 +83,6 @@ def _light_beyond(place: Floats, spread: Floats | float, width: Floats | float) 
         return np.asarray(at * ndtr(z) + spread * density)
 
     return np.asarray((integral(place + 0.5 * box) - integral(place - 0.5 * box)) / box)
-
-
-def border_effect(
-    distance: Floats, spread: Floats | float, period: float, width: Floats | float = 0.0
-) -> tuple[Floats, Floats]:
-    """(share of the contrast lost, shift inwards in cells) at a distance (cells) inside one border."""
-    rho = border_factor(distance, spread, period, width)
-    return 1 - np.abs(rho), np.angle(rho) * period / (2 * math.pi)
 
 
 def kept_at_border(view: View, axis: str, period: float) -> Complex:

@@ -236,9 +236,12 @@ def _stairs(view: View, axis: str, groups: list[Fringe], known: bool, doubt: flo
 
 def _undone(view: View, axis: str, period: float, reach: int) -> Floats:
     """The stairs that the decoder takes for those of a fringe: of footprints told by gradients."""
-    coord, blur = view.coordinate(axis), view.scene.pattern.blur_px
-    around = tuple(view.gradient(axis, along, reach) for along in (1, 0))
-    return view.kept(("undone", axis, period), lambda: stairs(coord, around, blur, period))
+
+    def undone() -> Floats:
+        around = tuple(view.gradient(axis, along, reach) for along in (1, 0))
+        return stairs(view.coordinate(axis), around, view.scene.pattern.blur_px, period)
+
+    return view.kept(("undone", axis, period, reach), undone)
 
 
 def _contrast(view: View, axis: str, period: float) -> Floats:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from optolever.decode import Flag, border_table, decode
+from optolever.errors import InputError
 from optolever.patterns import Sequence, sequence
 
 F64 = NDArray[np.float64]
@@ -214,3 +215,5 @@ def test_the_border_table_is_what_decode_does() -> None:
     assert not table.told[middle].any()
     assert np.abs(table.shift[middle]).max() < 1e-6
     assert np.abs(table.shift).max() > 0.1
+    with pytest.raises(InputError, match=r"axis is 'v', .*no fringes"):
+        border_table(shown, "v", 0.7, 0.8)

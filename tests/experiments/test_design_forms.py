@@ -7,7 +7,7 @@ import pytest
 from scipy.special import erfc, ndtr
 
 from optolever.errors import InputError
-from optolever.experiments.design.border import _seen, border_effect
+from optolever.experiments.design.border import _seen, border_factor
 from optolever.experiments.design.codes import cell_error, misread, stairs, stairs_of_noise
 from optolever.experiments.design.free_codes import seen_levels
 from optolever.experiments.design.fringes import (
@@ -105,9 +105,9 @@ def test_border_against_integration(distance: float) -> None:
     shown = np.exp(2j * np.pi * (cells - distance + 0.5) / period)
     whole = np.sinc(1 / period) * (weight * np.exp(2j * np.pi * place / period)).sum()
     rest = whole - (weight * shown)[cells < 0].sum()
-    lost, shift = border_effect(np.array(distance), spread, period)
-    assert lost == pytest.approx(1 - abs(rest / whole), abs=1e-4)
-    assert shift == pytest.approx(np.angle(rest / whole) * period / (2 * np.pi), abs=1e-4)
+    kept = border_factor(np.array(distance), spread, period)
+    assert abs(kept) == pytest.approx(abs(rest / whole), abs=1e-4)
+    assert np.angle(kept) == pytest.approx(np.angle(rest / whole), abs=1e-4)
 
 
 @pytest.mark.parametrize("count", [9, 17])
