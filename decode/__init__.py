@@ -25,7 +25,7 @@
 | `blur`                     | blur from the contrasts of a few rows                                        |
 | `cells`                    | stairs of the display's cells, taken off                                     |
 | `stairs_kernels`, `steep_kernels` | that, pixel by pixel: inverted, or the mean of what it may be         |
-| `gathering`                | blur again, from how stairs gather coordinates at cells                      |
+| `gathering`, `run_kernels` | blur again, from how stairs gather coordinates at cells                      |
 | `table_decoder`            | any known grey values, codes within their cells                              |
 | `table_kernels`            | its loops, compiled                                                          |
 | `sweep`, `sweep_kernels`   | swept stripes: place of the line that lit a pixel most; lost ones            |

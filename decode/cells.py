@@ -35,7 +35,7 @@ Map = NDArray[Any]
 F64 = NDArray[np.float64]
 #: Lines, pairs of neighbours on each and least distance of these that tell along which axis a coordinate
 #: changes.
-_LINES, _PAIRS, _APART = 16, 64, 8
+_LINES, _PAIRS, _APART = 8, 32, 8
 #: Attenuation below which the stairs (under 0.003 px) are left out.
 _NEGLIGIBLE = 0.012
 #: Pixels on either side over which the gradient is taken, as stairs themselves must not count as gradient,
@@ -77,7 +77,7 @@ def given_stairs(fringes: tuple[Fringe, ...], blur_px: float) -> Stairs:
 
 def read_stairs(fringes: tuple[Fringe, ...], coord: Map, sigma: Map, flags: Map) -> Stairs:
     """What decoded maps (H, W) tell of them; fringes: from coarse to fine."""
-    shares, seen = _shares(fringes), gathered(*_along_the_change(coord, sigma, flags))
+    shares, seen = _shares(fringes), gathered(coord, sigma, flags, _changes_down(coord))
     return Stairs(shares, *solve_stairs(*seen, shares), *seen)
 
 
@@ -127,12 +127,10 @@ def left_by(blur_px: float) -> float:
     return float(np.exp(-2 * (np.pi * blur_px) ** 2))
 
 
-def _along_the_change(coord: Map, sigma: Map, flags: Map) -> tuple[Map, Map, Map]:
-    """The maps, turned if coord changes more from row to row than from column to column."""
+def _changes_down(coord: Map) -> bool:
+    """Whether coord changes more from row to row than from column to column."""
     rows, cols = (max(1, n // _LINES) for n in coord.shape)
-    if _change(coord.T[::cols]) > _change(coord[::rows]):
-        return coord.T, sigma.T, flags.T
-    return coord, sigma, flags
+    return _change(coord.T[::cols]) > _change(coord[::rows])
 
 
 def _change(lines: Map) -> float:

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .run_kernels import LINES, RUN, gather_runs
+
 __all__ = ["contradicted", "gathered", "solve_stairs"]
 
 Map = NDArray[Any]
 F64 = NDArray[np.float64]
-_SEGMENT, _SEGMENTS = 32, 512
-#: Mean phasor up to which a run of pixels samples cells evenly.
-_EVEN = 0.3
+#: Runs of pixels that are looked at, about.
+_RUNS = 512
 #: sinc(w) from which on a run of pixels tells the height of the stairs.
 _TOLD = 0.15
 #: What is tabled: steps of T, step and end of w (beyond, nothing is told), harmonics, places in a cell.
@@ -25,38 +26,20 @@ _LEVELS, _STEP, _WIDEST, _TERMS, _PLACES = 40, 0.02, 2.0, 16, 64
 _BLIND = 0.7
 
 
-def gathered(coord: Map, sigma: Map, flags: Map) -> tuple[F64, F64]:
-    """By how much runs of pixels gather at whole cells (K,), and their gradients (K,)."""
-    segments, noise = _segments(coord, sigma, flags)
-    if len(segments) == 0:
+def gathered(coord: Map, sigma: Map, flags: Map, down: bool) -> tuple[F64, F64]:
+    """By how much runs of pixels from all over the maps (H, W), along rows or (down) columns, gather at whole
+    cells (K,), and their gradients (K,)."""
+    rows, cols = coord.shape
+    lines, length, apart, step = (cols, rows, 1, cols) if down else (rows, cols, cols, 1)
+    across = length // RUN
+    if across == 0:
         return np.zeros(0), np.zeros(0)
-    # einsum: the threads of a matrix product take longer to wake up than this takes
-    fit = np.einsum("kb,bs->ks", np.einsum("ks,bs->kb", segments, _parabolas()), _parabolas())
-    gradient = np.abs(np.diff(fit, axis=1)).mean(axis=1)
-    mean = _phasors(fit)
-    # two pixels to a cell are at opposite places of it, and tell nothing between
-    even = (np.abs(mean) < _EVEN) & (np.abs(_phasors(2 * fit)) < _EVEN)
-    smooth = np.abs(segments - fit).max(axis=1) < 0.75 + 4 * noise
-    keep = even & smooth & (gradient > 0.05) & _like_stairs(segments - fit, fit, noise)
-    seen = (_phasors(segments) - mean)[keep].real
-    seen *= np.exp(np.minimum(2 * (np.pi * noise[keep]) ** 2, 3.0))
-    return seen, gradient[keep]
-
-
-def _like_stairs(residual: F64, fit: F64, noise: F64) -> NDArray[np.bool_]:
-    """Runs whose residual is stairs and noise: of a sawtooth the fundamental holds 61 %, of a bend less."""
-    wave = np.sin((2 * np.pi * (fit - np.rint(fit))).astype(np.float32))
-    stairs = np.sum(residual * wave, axis=1) ** 2 / np.sum(wave**2, axis=1)
-    left = np.sum(residual**2, axis=1) - stairs
-    most = _SEGMENT * noise**2 * (1 + 5 * np.sqrt(2 / _SEGMENT))
-    return np.asarray(left <= stairs + most)
-
-
-def _phasors(coord: F64) -> NDArray[np.complex128]:
-    """Means of exp(2 pi i coord) over each segment."""
-    # single precision is exact to 1e-7 and three times as fast
-    angle = (2 * np.pi * (coord - np.rint(coord))).astype(np.float32)
-    return np.asarray(np.cos(angle).mean(axis=1) + 1j * np.sin(angle).mean(axis=1))
+    chosen = np.unique(np.linspace(0, lines - 1, max(1, _RUNS // across)).astype(np.int64))
+    starts = (chosen[:, None] * apart + np.arange(across) * (RUN * step)).ravel()
+    told, room = np.empty((2, len(starts))), np.empty((LINES, RUN), np.float32)
+    flat = coord.reshape(-1), sigma.reshape(-1), flags.reshape(-1)
+    count = gather_runs(starts, step, *flat, _parabolas(), room, told)
+    return told[0, :count], told[1, :count]
 
 
 def contradicted(attenuation: float, seen: F64, gradient: F64, shares: F64) -> bool:
@@ -114,11 +97,11 @@ def _between(three: F64) -> float:
 
 
 @cache
-def _parabolas() -> F64:
-    """Orthonormal basis of the parabolas over a segment (3, _SEGMENT)."""
-    place = np.linspace(-1, 1, _SEGMENT)
-    basis = np.linalg.qr(np.stack([np.ones(_SEGMENT), place, place**2], axis=1))[0]
-    return np.ascontiguousarray(basis.T)
+def _parabolas() -> NDArray[np.float32]:
+    """Orthonormal basis of the parabolas over a run (3, RUN)."""
+    place = np.linspace(-1, 1, RUN)
+    basis = np.linalg.qr(np.stack([np.ones(RUN), place, place**2], axis=1))[0]
+    return np.ascontiguousarray(basis.T, np.float32)
 
 
 @lru_cache(maxsize=64)
@@ -149,17 +132,3 @@ def _columns(gradient: F64) -> NDArray[np.int64]:
 
 def _table(shares: F64) -> F64:
     return _gathering(tuple((float(period), float(share)) for period, share in shares))
-
-
-def _segments(coord: Map, sigma: Map, flags: Map) -> tuple[F64, F64]:
-    """Unflagged runs of pixels (K, 32) from all over the map, along rows, and their usual sigma (K,)."""
-    rows, cols = coord.shape
-    if cols < _SEGMENT:
-        return np.zeros((0, _SEGMENT)), np.zeros(0)
-    across = cols // _SEGMENT
-    chosen = np.unique(np.linspace(0, rows - 1, max(1, _SEGMENTS // across)).astype(int))
-    cut = (chosen, slice(0, across * _SEGMENT))
-    good = (flags[cut].reshape(-1, _SEGMENT) == 0).all(axis=1)
-    runs = coord[cut].reshape(-1, _SEGMENT)[good].astype(np.float64)
-    noise = np.partition(sigma[cut].reshape(-1, _SEGMENT)[good], _SEGMENT // 2, axis=1)[:, _SEGMENT // 2]
-    return runs, noise.astype(np.float64)

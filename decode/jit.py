@@ -55,7 +55,7 @@ def outer_kernel(function: Kernel) -> Kernel:
 
 
 def leaf_kernel(function: Kernel) -> Kernel:
-    """outer_kernel, but a part of other kernels, which alone can call it."""
+    """outer_kernel, but a part of other kernels, which alone can call it and with which it is optimised."""
     return cast(Kernel, only_within(njit(**_LEAF, pipeline_class=Within)(function)))
 
 
