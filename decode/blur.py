@@ -1,11 +1,11 @@
 """How much a fringe is blurred: what its contrast has lost against white and black, or a coarser fringe."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .blur_kernels import Wave, contrasts
 from .correspondence import Flag
 from .plan import AxisPlan, Fringe, Plan
 from .sample import quantile
@@ -69,48 +69,25 @@ def measured_blur(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan) -> float
     if not (whole or len(axis.fringes) > 1) or rows < _LEAST_ROWS or width < 5:
         return None
     cols = np.unique(np.linspace(2, width - 3, _COLUMNS).astype(int))
-
-    levels = _levels(seen.frames[:, :rows], cols, lut)
-    down = np.abs(seen.down(axis.axis, cols))
-    along = 0.25 * np.abs(coord[:, cols + 2] - coord[:, cols - 2])
-    fine = axis.fringes[-1]
-    if whole:
-        coarse = 0.5 * (levels(wanted.white) - levels(wanted.black))
-    else:
-        coarse = _amplitude(axis.fringes[0], levels) / _unblurred(axis.fringes[0].period, down, along)
-    use = (seen.flags[:, cols] & _SPOILT == 0) & (down + along < _WIDE * fine.period) & (coarse > 0)
-    use &= np.abs(coord[:, cols] - 0.5 * (axis.extent - 1)) < (0.5 - _MARGIN) * axis.extent
-    if np.count_nonzero(use) < _FEWEST:
+    fine, coarse = axis.fringes[-1], None if whole else axis.fringes[0]
+    room = np.empty((4, rows * len(cols)))
+    count = contrasts(
+        *(seen.frames[:, :rows], lut if len(lut) else None, cols, _wave(fine), wanted.white, wanted.black),
+        *(_wave(coarse) if coarse else None, coord, seen.below(axis.axis), max(seen.apart, 1)),
+        *(seen.flags, _SPOILT, _WIDE, 0.5 * (axis.extent - 1), (0.5 - _MARGIN) * axis.extent, room),
+    )
+    if count < _FEWEST:
         return None
-    left = (_amplitude(fine, levels) / _unblurred(fine.period, down, along))[use] / coarse[use]
-    widths = [float(np.median(width[use])) for width in (down, along)]
-    periods = [fine.period] if whole else [fine.period, axis.fringes[0].period]
-    square = _square_blur(left, coord[:, cols][use], _lever(wanted, axis), periods, widths)
+    left, place, *sides = room[:, :count]
+    widths = [quantile(side, 0.5) for side in sides]
+    periods = [fine.period] if coarse is None else [fine.period, coarse.period]
+    square = _square_blur(left, place, _lever(wanted, axis), periods, widths)
     return None if square is None else float(np.sqrt(square))
 
 
-def _levels(frames: Map, cols: NDArray[np.int64], lut: Map) -> Callable[[int], F64]:
-    """Linear levels of a frame at the columns."""
-
-    def levels(index: int) -> F64:
-        values = frames[index][:, cols]
-        return np.asarray(lut[values] if len(lut) else values, np.float64)
-
-    return levels
-
-
-def _amplitude(fringe: Fringe, levels: Callable[[int], F64]) -> F64:
-    _, of_cosine, of_sine = fringe.solve()
-    c = s = np.zeros(())
-    for k, index in enumerate(fringe.index):
-        level = levels(index)
-        c, s = c + of_cosine[k] * level, s + of_sine[k] * level
-    return np.asarray(np.hypot(c, s))
-
-
-def _unblurred(period: float, down: F64, along: F64) -> F64:
-    """What cells and footprint leave of the contrast."""
-    return np.asarray(np.sinc(1 / period) * np.sinc(down / period) * np.sinc(along / period))
+def _wave(fringe: Fringe) -> Wave:
+    """Its period, frames (N,) and what they weigh in cosine and sine (2, N)."""
+    return fringe.period, np.array(fringe.index), fringe.solve()[1:]
 
 
 def _square_blur(

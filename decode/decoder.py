@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optolever.blocks import on_cores, over_rows
+from optolever.blocks import on_cores, over_blocks, over_rows, shrinking
 from optolever.patterns import Sequence
 
 from .blur import measured_blur, square_error, tells_blur
@@ -30,8 +30,8 @@ from .table_decoder import by_table, shown_on, subpixel_step, table_step
 
 __all__ = ["decode"]
 
-#: Rows of a block that a thread takes; rows on which maps are tested for being continuous.
-_BLOCK, _SAMPLED = 64, 24
+#: Rows of a block that a thread takes, at least; rows on which maps are tested for being continuous.
+_BLOCK, _SAMPLED = 16, 24
 Frames = NDArray[Any]
 
 
@@ -114,10 +114,7 @@ def _decoded(
         for axis, blur in zip(on_display, told, strict=True):
             blurs[axis.axis] = usual if blur is None else blur
 
-        def show(axis: AxisPlan) -> None:
             tables[axis.axis] = display_tables(sequence, axis, seen.footprint(axis.axis), blurs[axis.axis])
-
-        on_cores(show, on_display)
     near = near_of(job, wanted, blurs, maps)
     if by_rows:
         work = [axes_step(job, sequence, wanted, plain, tables, maps, near=near, compare=at_once)]
@@ -136,11 +133,12 @@ def _decoded(
     def check() -> None:
         faults.extend(rule_faults(job.frames, job.sample, wanted))
 
-    over_rows(block, height, _BLOCK, meanwhile=check)
+    cuts = shrinking(height, _BLOCK)
+    over_blocks(block, cuts, meanwhile=check)
     if at_once:
-        over_rows(_seams(near_step(near, maps), height), (height - 1) // _BLOCK, 4)
+        over_rows(_seams(near_step(near, maps), cuts), len(cuts) - 2, 4)
     elif not by_rows and _continuous(wanted, maps):
-        over_rows(near_step(near, maps), height, _BLOCK)
+        over_blocks(near_step(near, maps), cuts)
     found = Correspondence(
         *(maps.coord["u"], maps.coord["v"], maps.sigma["u"], maps.sigma["v"]),
         *maps.common,
@@ -178,12 +176,12 @@ def _take_off_stairs(
     on_cores(take_off, range(len(axes)))
 
 
-def _seams(neighbours: Callable[[int, int], None], height: int) -> Callable[[int, int], None]:
-    """The rows beside the ends of blocks, which wait until both are done."""
+def _seams(neighbours: Callable[[int, int], None], cuts: list[int]) -> Callable[[int, int], None]:
+    """The rows beside the cuts, which wait until both sides are done."""
 
     def step(first: int, last: int) -> None:
-        for k in range(first, last):
-            neighbours((k + 1) * _BLOCK - REACH, min((k + 1) * _BLOCK + REACH, height))
+        for cut in cuts[first + 1 : last + 1]:
+            neighbours(cut - REACH, min(cut + REACH, cuts[-1]))
 
     return step
 

@@ -1,6 +1,7 @@
 """Noise of the camera, from what the frames themselves cannot explain: variance = read^2 + gain * level."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -56,8 +57,10 @@ def estimate_noise(
     limit = float(lut[min(len(lut) - 1, int(clip))]) if len(lut) else clip
     codes = [axis.code for axis in plan.axes if axis.code is not None]
     every = [fringe for axis in plan.axes for fringe in axis.fringes]
-    over = [fringe for fringe in every if len(fringe.index) > 3]
-    pairs = [_of_fringe(levels, fringe, limit, slope, _ENOUGH // len(over)) for fringe in over]
+    over = tuple(fringe for fringe in every if len(fringe.index) > 3)
+    pairs = [
+        _of_fringes(levels, alike, limit, slope, _ENOUGH * len(alike) // len(over)) for alike in _alike(over)
+    ]
     if not _enough(pairs):
         pairs = [_of_pairs(raw, code, clip if len(slope) else limit, _ENOUGH // len(codes)) for code in codes]
     if not _enough(pairs) and not len(slope):
@@ -78,12 +81,22 @@ def _enough(pairs: list[tuple[F64, F64]]) -> bool:
     return sum(len(level) for level, _ in pairs) >= 50
 
 
-def _of_fringe(
-    levels: NDArray[Any], fringe: Fringe, limit: float, slope: NDArray[np.float32], enough: int
+@lru_cache(maxsize=16)
+def _alike(fringes: tuple[Fringe, ...]) -> tuple[tuple[Fringe, ...], ...]:
+    """Groups of the same shifts and exposures, whose pixels make one sum."""
+    groups: dict[bytes, list[Fringe]] = {}
+    for fringe in fringes:
+        groups.setdefault(fringe.design().tobytes(), []).append(fringe)
+    return tuple(map(tuple, groups.values()))
+
+
+def _of_fringes(
+    levels: NDArray[Any], alike: tuple[Fringe, ...], limit: float, slope: NDArray[np.float32], enough: int
 ) -> tuple[F64, F64]:
-    design, contrasts = fringe.design(), fringe.contrasts()[:_CONTRASTS]
-    own = levels[list(fringe.index), :: max(1, levels.shape[1] * len(contrasts) // enough)].astype(np.float64)
-    parameters = fringe.solve() @ own
+    design, contrasts = alike[0].design(), alike[0].contrasts()[:_CONTRASTS]
+    step = max(1, len(alike) * levels.shape[1] * len(contrasts) // enough)
+    own = np.concatenate([levels[list(fringe.index), ::step] for fringe in alike], axis=1).astype(np.float64)
+    parameters = alike[0].solve() @ own
     residual = contrasts @ own
     if len(slope):
         here = slope[np.clip(np.rint(design @ parameters), 0, len(slope) - 1).astype(int)]
@@ -200,16 +213,20 @@ def _fit(level: F64, residual: F64, floor: float) -> Noise:
     x, y = level[order].mean(axis=1), np.maximum(_robust_variance(residual[order]), floor)
     # a variance from n values has the relative error sqrt(2 / n)
     weight = np.sqrt(each / 2) / y
-    flat = Noise(max(float(_robust_variance(residual)), floor))
     if bins < 3 or np.ptp(x) < 0.05 * max(x.max(), 1.0):
-        return flat
+        return _even(residual, floor)
     (slope, start), covariance = np.polyfit(x, y, 1, w=weight, cov="unscaled")
     if slope < 3 * np.sqrt(covariance[0, 0]):
-        return flat
+        return _even(residual, floor)
     if start < floor:
         slope = max(0.0, np.sum(weight**2 * x * (y - floor)) / np.sum(weight**2 * x * x))
         return Noise(floor, float(slope))
     return Noise(float(start), float(slope))
+
+
+def _even(residual: F64, floor: float) -> Noise:
+    """The same at all levels."""
+    return Noise(max(float(_robust_variance(residual)), floor))
 
 
 def _robust_variance(residual: F64) -> F64:

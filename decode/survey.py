@@ -43,18 +43,17 @@ class Survey:
         """Flags (R, W)."""
         return self.maps.flags[: len(self.maps.flags) // 2]
 
-    def down(self, name: str, cols: Any = slice(None)) -> Map:
-        """Change of the coordinates from one row to the next at some columns."""
-        coord = self.maps.coord[name]
-        half = len(coord) // 2
-        return np.asarray((coord[half:, cols] - coord[:half, cols]) / max(self.apart, 1))
+    def below(self, name: str) -> Map:
+        """Coordinates of the rows `apart` further on (R, W)."""
+        return self.maps.coord[name][len(self.maps.flags) // 2 :]
 
     def footprint(self, name: str) -> float:
         """Median extent of a camera pixel in pattern cells, along both sides; at most 8."""
-        lines = self.lines(name)
+        lines, below = self.lines(name), self.below(name)
         step = max(1, lines.size // _FOOTPRINTS)
+        down = (below[:, ::step] - lines[:, ::step]) / max(self.apart, 1)
         total = 0.0
-        for change in (lines[:, 1::step] - lines[:, :-1:step], self.down(name, slice(None, None, step))):
+        for change in (lines[:, 1::step] - lines[:, :-1:step], down):
             size = np.abs(change)
             sure = size[size < np.inf]
             total += float(np.partition(sure, len(sure) // 2)[len(sure) // 2]) if len(sure) else 0.0

@@ -2,14 +2,25 @@
 
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
+from itertools import pairwise
 from typing import TypeVar, cast
 
-__all__ = ["ONE_THREAD", "THREADS_VARIABLE", "on_cores", "over_image", "over_rows", "threads"]
+__all__ = [
+    "ONE_THREAD",
+    "THREADS_VARIABLE",
+    "on_cores",
+    "over_blocks",
+    "over_image",
+    "over_rows",
+    "shrinking",
+    "threads",
+]
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+Work = Callable[[int, int], None]
 
 THREADS_VARIABLE = "OPTOLEVER_THREADS"
 """Environment variable: how many threads to use, instead of all cores that the process may use."""
@@ -33,32 +44,37 @@ def threads() -> int:
     return os.cpu_count() or 1
 
 
-def over_rows(
-    work: Callable[[int, int], None],
-    rows: int,
-    block: int = 64,
-    meanwhile: Callable[[], None] | None = None,
-) -> None:
-    """Call work(start, stop) for blocks that cover range(rows), on all cores; exceptions come through.
+def over_rows(work: Work, rows: int, block: int = 64) -> None:
+    """Call work(start, stop) for blocks that cover range(rows), on all cores; exceptions come through."""
+    over_blocks(work, [*range(0, rows, block), rows])
+
+
+def shrinking(rows: int, least: int) -> list[int]:
+    """Where to cut range(rows), both its ends included: blocks of `least` rows or multiples thereof, smaller
+    towards the end, so that all cores are done at about the same time and few rows lie at cuts.
+    """
+    cuts = [0]
+    while cuts[-1] < rows:
+        share = (rows - cuts[-1]) // (2 * threads()) // least
+        cuts.append(min(cuts[-1] + max(share, 1) * least, rows))
+    return cuts
+
+
+def over_blocks(work: Work, cuts: Sequence[int], meanwhile: Callable[[], None] | None = None) -> None:
+    """Call work(start, stop) for what lies between cuts, on all cores; exceptions come through.
 
     The calling thread does what there is to do `meanwhile`, then takes its share; what no other thread has
     begun when it is done is not waited for: work may call over_rows itself.
     """
-    starts = range(0, rows, block)
-    count = min(threads(), len(starts)) if len(starts) > 1 else 1
-    if count <= 1:
-        if meanwhile is not None:
-            meanwhile()
-        for start in starts:
-            work(start, min(start + block, rows))
-        return
-    left = iter(starts)
+    blocks = list(pairwise(cuts))
+    left = iter(blocks)
 
     def share() -> None:
-        for start in left:  # next() of a range's iterator is one step under the GIL
-            work(start, min(start + block, rows))
+        for start, stop in left:  # next() of a list's iterator is one step under the GIL
+            work(start, stop)
 
-    helpers: list[Future[None]] = [_pool(os.getpid(), threads()).submit(share) for _ in range(count - 1)]
+    count = min(threads(), len(blocks)) if len(blocks) > 1 else 1
+    helpers = [_pool(os.getpid(), threads()).submit(share) for _ in range(count - 1)]
     try:
         if meanwhile is not None:
             meanwhile()
@@ -83,7 +99,7 @@ def on_cores(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Resu
     return cast(list[Result], done)
 
 
-def over_image(work: Callable[[int, int], None], shape: tuple[int, ...]) -> None:
+def over_image(work: Work, shape: tuple[int, ...]) -> None:
     """over_rows for kernels of a few operations a pixel: small images stay on the calling thread."""
     rows, cols = shape[:2]
     over_rows(work, rows, max(16, -(-_SMALL // max(cols, 1))))

@@ -1,0 +1,102 @@
+"""Compiled: what blur has left of a fringe's contrast, pixel by pixel (see blur)."""
+
+import math
+from typing import Any
+
+from numpy.typing import NDArray
+
+from .jit import inline_kernel, leaf_kernel, outer_kernel
+
+__all__ = ["Wave", "contrasts"]
+
+Array = NDArray[Any]
+Wave = tuple[float, Array, Array]
+"""A fringe: its period, frames (N,) and what they weigh in cosine and sine (2, N)."""
+
+
+@outer_kernel
+def contrasts(
+    frames: Array,
+    lut: Array | None,
+    cols: Array,
+    fine: Wave,
+    white: int,
+    black: int,
+    coarse: Wave | None,
+    coord: Array,
+    below: Array,
+    apart: int,
+    flags: Array,
+    spoilt: int,
+    wide: float,
+    middle: float,
+    reach: float,
+    seen: Array,
+) -> int:
+    """Contrast of `fine` over that of `coarse` or of white - black, each over what cells and footprint leave.
+
+    frames (N, R, W), through lut (if any); coord (R, W), `below`: `apart` rows further on. Into seen (4, K),
+    for pixels at cols without `spoilt` flags, whose footprint is below `wide` periods and that lie within
+    `reach` of the `middle`: what is left, place, footprint down and along. Returns how many.
+    """
+    count = 0
+    for row in range(coord.shape[0]):
+        for x in cols:
+            place = coord[row, x]
+            if flags[row, x] & spoilt or not abs(place - middle) < reach:
+                continue
+            down = abs(below[row, x] - place) / apart
+            along = 0.25 * abs(coord[row, x + 2] - coord[row, x - 2])
+            if not down + along < wide * fine[0]:
+                continue
+            whole = _whole(frames, lut, row, x, white, black, coarse, down, along)
+            if not whole > 0:
+                continue
+            seen[0, count] = _contrast(frames, lut, row, x, fine, down, along) / whole
+            seen[1, count], seen[2, count], seen[3, count] = place, down, along
+            count += 1
+    return count
+
+
+@leaf_kernel
+def _whole(
+    frames: Array,
+    lut: Array | None,
+    row: int,
+    x: int,
+    white: int,
+    black: int,
+    coarse: Wave | None,
+    down: float,
+    along: float,
+) -> float:
+    if coarse is None:
+        return 0.5 * float(_level(frames[white, row, x], lut) - _level(frames[black, row, x], lut))
+    return float(_contrast(frames, lut, row, x, coarse, down, along))
+
+
+@leaf_kernel
+def _contrast(
+    frames: Array, lut: Array | None, row: int, x: int, fringe: Wave, down: float, along: float
+) -> float:
+    """Amplitude, over what cells and footprint leave of it."""
+    period, index, weights = fringe
+    c = s = 0.0
+    for k in range(len(index)):
+        level = _level(frames[index[k], row, x], lut)
+        c += weights[0, k] * level
+        s += weights[1, k] * level
+    left = _sinc(1 / period) * _sinc(down / period) * _sinc(along / period)
+    return math.hypot(c, s) / float(left)
+
+
+@leaf_kernel
+def _level(raw: Any, lut: Array | None) -> float:
+    if lut is None:
+        return float(raw)
+    return float(lut[int(raw)])
+
+
+@inline_kernel
+def _sinc(x: float) -> float:
+    return math.sin(math.pi * x) / (math.pi * x) if x > 0 else 1.0
