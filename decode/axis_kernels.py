@@ -37,7 +37,8 @@ def axis_pixels(
         _alone(first, n, camera, axis.alone, axis, shared, scratch)
         _fringes(first, n, camera, axis.code, axis.fringes, axis, shared, scratch)
     width = shared.flags.shape[1]
-    outlier_rows(start // width, stop // width, axis.least, axis.coord, shared.flags, scratch.across)
+    kept = scratch.kept[axis.number]
+    outlier_rows(start // width, stop // width, axis.least, axis.coord, shared.flags, kept)
 
 
 @leaf_kernel

@@ -31,5 +31,5 @@ def block_rows(
         axis_pixels(first, last, camera, two, shared, scratch)
         ready = end if end == height else end - REACH
         if compare and ready > done:
-            near_rows(done, ready, near, shared, scratch)
+            near_rows(done, ready, near, False, shared, scratch)
             done = ready

@@ -1,13 +1,14 @@
 """decode(): frames and their descriptions -> Correspondence."""
 
-from collections.abc import Callable
+from collections.abc import Iterable
 from functools import reduce
+from threading import Lock
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optolever.blocks import on_cores, over_blocks, over_rows, shrinking
+from optolever.blocks import on_cores, over_blocks, shrinking
 from optolever.patterns import Sequence
 
 from .blur import measured_blur, square_error, tells_blur
@@ -23,7 +24,7 @@ from .plan import AxisPlan, Plan, plan
 from .raster import by_raster, raster_of
 from .records import Near
 from .response import Response
-from .rows import Maps, axes_step, near_of, near_step
+from .rows import Maps, Step, axes_step, near_of, near_step, shadow_step
 from .survey import is_continuous, survey
 from .sweep import stripe_step
 from .table_decoder import by_table, shown_on, subpixel_step, table_step
@@ -116,29 +117,28 @@ def _decoded(
 
             tables[axis.axis] = display_tables(sequence, axis, seen.footprint(axis.axis), blurs[axis.axis])
     near = near_of(job, wanted, blurs, maps)
+    neighbours = near_step(near, maps)
+    cuts = shrinking(height, _BLOCK)
     if by_rows:
-        work = [axes_step(job, sequence, wanted, plain, tables, maps, near=near, compare=at_once)]
+        block = axes_step(job, sequence, wanted, plain, tables, maps, near=near, compare=at_once)
+        if at_once:
+            block = _with_seams(block, neighbours, height)
     else:
-        work = [
+        block = _one_by_one(
             _step(job, sequence, wanted, axis, subpixel, tables, maps, near, i > 0)
             for i, axis in enumerate(wanted.axes)
-        ]
-
-    def block(start: int, stop: int) -> None:
-        for step in work:
-            step(start, stop)
+        )
 
     faults: list[Finding] = []
 
     def check() -> None:
         faults.extend(rule_faults(job.frames, job.sample, wanted))
 
-    cuts = shrinking(height, _BLOCK)
     over_blocks(block, cuts, meanwhile=check)
-    if at_once:
-        over_rows(_seams(near_step(near, maps), cuts), len(cuts) - 2, 4)
-    elif not by_rows and _continuous(wanted, maps):
-        over_blocks(near_step(near, maps), cuts)
+    if not by_rows and _continuous(wanted, maps):
+        over_blocks(neighbours, cuts)
+    if near.dim.any():
+        over_blocks(shadow_step(near, maps), cuts)
     found = Correspondence(
         *(maps.coord["u"], maps.coord["v"], maps.sigma["u"], maps.sigma["v"]),
         *maps.common,
@@ -176,12 +176,30 @@ def _take_off_stairs(
     on_cores(take_off, range(len(axes)))
 
 
-def _seams(neighbours: Callable[[int, int], None], cuts: list[int]) -> Callable[[int, int], None]:
-    """The rows beside the cuts, which wait until both sides are done."""
+def _one_by_one(steps: Iterable[Step]) -> Step:
+    """All of them on a block."""
+    every = tuple(steps)
 
-    def step(first: int, last: int) -> None:
-        for cut in cuts[first + 1 : last + 1]:
-            neighbours(cut - REACH, min(cut + REACH, cuts[-1]))
+    def block(start: int, stop: int) -> None:
+        for step in every:
+            step(start, stop)
+
+    return block
+
+
+def _with_seams(block: Step, neighbours: Step, height: int) -> Step:
+    """The work on a block, and on the rows beside its ends where what lies beyond is done already."""
+    half_done: set[int] = set()
+    lock = Lock()
+
+    def step(start: int, stop: int) -> None:
+        block(start, stop)
+        for cut in (start, stop):
+            with lock:
+                both = cut in half_done
+                half_done.add(cut)
+            if both:
+                neighbours(cut - REACH, min(cut + REACH, height))
 
     return step
 
@@ -215,7 +233,7 @@ def _step(
     maps: Maps,
     near: Near,
     joined: bool,
-) -> Callable[[int, int], None]:
+) -> Step:
     """The work on a block of rows for one axis: which decoder its frames ask for."""
     own, common = maps.of(axis.axis), maps.common
     if axis.stripes is not None and not (axis.code or axis.fringes or axis.levels):

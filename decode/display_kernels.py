@@ -46,10 +46,7 @@ def take_off_tile(
                     spread[x] += extra * extra
                 if lost[k] > MOST_LOST:
                     why[x] |= _OFF
-    # a loop of its own, as it cannot become vectors; unsigned indices, as signed ones are checked
-    for x in range(n):
-        word[x] = packed[np.uint32(word[x])]
-    _interpolate(n, np.float32(unit), word, at, place)
+    _interpolate(n, np.float32(unit), packed, word, at, place)
 
 
 @apart_kernel
@@ -66,8 +63,9 @@ def _look(n: int, low: Any, high: Any, last: Any, place: Array, at: Array, word:
 
 
 @apart_kernel
-def _interpolate(n: int, unit: Any, word: Array, at: Array, place: Array) -> None:
+def _interpolate(n: int, unit: Any, packed: Array, entry: Array, at: Array, place: Array) -> None:
     for x in range(n):
-        shift = np.float32(np.int32(word[x] << _HALF_WORD) >> _HALF_WORD)
-        change = np.float32(word[x] >> _HALF_WORD)
+        word = packed[np.uint32(entry[x])]  # unsigned, as signed indices are checked
+        shift = np.float32(np.int32(word << _HALF_WORD) >> _HALF_WORD)
+        change = np.float32(word >> _HALF_WORD)
         place[x] -= unit * (shift + (at[x] - np.floor(at[x])) * change)

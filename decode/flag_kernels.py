@@ -199,13 +199,14 @@ def merge_rows(
 
 
 @leaf_kernel
-def outlier_rows(start: int, stop: int, least: Any, coord: Array, flags: Array, line: Array) -> None:
-    """Flag a pixel that leaves a line on which its two neighbours on either side agree; line: room for (W,).
+def outlier_rows(start: int, stop: int, least: Any, coord: Array, flags: Array, kept: Array) -> None:
+    """Flag a pixel that leaves a line on which its two neighbours on either side agree.
 
-    Folds and edges pass: there the neighbours do not agree with each other.
+    Folds and edges pass: there the neighbours do not agree with each other. kept (R, W): the rows are left
+    there (see Scratch).
     """
     for row in range(start, stop):
-        _outliers(row, least, coord, flags, line)
+        _outliers(row, least, coord, flags, kept[row % len(kept)])
 
 
 @apart_kernel

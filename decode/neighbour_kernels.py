@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .jit import apart_kernel, inline_kernel, leaf_kernel, outer_kernel
 from .records import Near, Scratch, Shared
 
-__all__ = ["REACH", "near_rows"]
+__all__ = ["REACH", "near_rows", "shadow_rows"]
 
 Array = NDArray[Any]
 
@@ -40,34 +40,59 @@ _HALF, _GOOD = np.float32(0.5), np.uint16(0)
 
 
 @outer_kernel
-def near_rows(start: int, stop: int, near: Near, shared: Shared, scratch: Scratch) -> None:
+def near_rows(start: int, stop: int, near: Near, fresh: bool, shared: Shared, scratch: Scratch) -> None:
     """Compare rows start..stop with those around: bends go into sigma, steep and mixed pixels are flagged.
 
     near.steep: largest footprint of a code alone along u and v, pattern pixels; None: the axis is continuous.
+    fresh: these rows and those around are not among scratch.kept yet.
     """
+    kept, wide = scratch.kept, scratch.wide
     if near.shown[0]:
-        _axis_rows(start, stop, near.steep[0], near.u, near.sigma_u, shared.flags, scratch.wide)
+        _axis_rows(start, stop, near.steep[0], fresh, near.u, near.sigma_u, shared.flags, kept[0], wide)
     if near.shown[1]:
-        _axis_rows(start, stop, near.steep[1], near.v, near.sigma_v, shared.flags, scratch.wide)
+        _axis_rows(start, stop, near.steep[1], fresh, near.v, near.sigma_v, shared.flags, kept[1], wide)
     _mixed_rows(start, stop, near, shared, scratch.across)
 
 
 @leaf_kernel
 def _axis_rows(
-    start: int, stop: int, most: Any, coord: Array, sigma: Array, flags: Array, wide: Array
+    start: int,
+    stop: int,
+    most: Any,
+    fresh: bool,
+    coord: Array,
+    sigma: Array,
+    flags: Array,
+    kept: Array,
+    wide: Array,
 ) -> None:
     if most is None:
-        _bend_rows(start, stop, coord, sigma, flags)
+        _bend_rows(start, stop, fresh, coord, sigma, flags, kept)
     else:
         _steep_rows(start, stop, most, coord, flags, wide)
 
 
 @leaf_kernel
-def _bend_rows(start: int, stop: int, coord: Array, sigma: Array, flags: Array) -> None:
+def _bend_rows(
+    start: int, stop: int, fresh: bool, coord: Array, sigma: Array, flags: Array, kept: Array
+) -> None:
     """Add to sigma (H, W), rows start..stop, what the bend of coord (H, W) shifts the mean over a pixel."""
-    rows = coord.shape[0]
+    rows, ring = coord.shape[0], len(kept)
+    if fresh:
+        for row in range(max(start - 1, 0), start + 1):
+            _keep(coord[row], kept[row % ring])
     for row in range(start, stop):
-        _bend(0 < row < rows - 1, row, max(row - 1, 0), min(row + 1, rows - 1), coord, flags, sigma)
+        up, down = max(row - 1, 0), min(row + 1, rows - 1)
+        if fresh:
+            _keep(coord[down], kept[down % ring])
+        near = kept[up % ring], kept[row % ring], kept[down % ring]
+        _bend(0 < row < rows - 1, near, flags[up], flags[row], flags[down], sigma[row])
+
+
+@apart_kernel
+def _keep(row: Array, line: Array) -> None:
+    for x in range(len(row)):
+        line[x] = row[x]
 
 
 @inline_kernel
@@ -77,24 +102,30 @@ def _widened(spread: Any, bend: Any) -> Any:
 
 
 @apart_kernel
-def _bend(inner: bool, row: int, up: int, down: int, coord: Array, flags: Array, sigma: Array) -> None:
+def _bend(
+    inner: bool,
+    near: tuple[Array, Array, Array],
+    bad_above: Array,
+    bad: Array,
+    bad_below: Array,
+    spread: Array,
+) -> None:
     """One row, in float32 as fringes are decoded; at its two ends only what bends across it."""
-    here, above, below, spread = coord[row], coord[up], coord[down], sigma[row]
-    bad, bad_above, bad_below = flags[row], flags[up], flags[down]
-    last = coord.shape[1] - 1
+    above, here, below = near
+    last = len(here) - 1
     weight = _ONE if inner else _ZERO
     left, right, bad_left, bad_right = here[:-2], here[2:], bad[:-2], bad[2:]
     for x in range(last - 1):
         y = x + 1
-        middle = np.float32(here[y])
-        along = abs((np.float32(left[x]) - middle) + (np.float32(right[x]) - middle))
-        across = weight * abs((np.float32(above[y]) - middle) + (np.float32(below[y]) - middle))
+        middle = here[y]
+        along = abs((left[x] - middle) + (right[x] - middle))
+        across = weight * abs((above[y] - middle) + (below[y] - middle))
         beside, over = (bad_left[x] | bad_right[x]) & _READ, (bad_above[y] | bad_below[y]) & _READ
         bend = (along if beside == _GOOD else _ZERO) + (across if over == _GOOD else _ZERO)
         spread[y] = _widened(spread[y], bend)
     for x in range(0, last + 1, max(last, 1)):
-        middle = np.float32(here[x])
-        across = weight * abs((np.float32(above[x]) - middle) + (np.float32(below[x]) - middle))
+        middle = here[x]
+        across = weight * abs((above[x] - middle) + (below[x] - middle))
         spread[x] = _widened(spread[x], across if ((bad_above[x] | bad_below[x]) & _READ) == _GOOD else _ZERO)
 
 
@@ -249,18 +280,15 @@ def _brightest(row: int, read2: Any, gain: Any, amplitude: Array, offset: Array,
 
 @leaf_kernel
 def _mixed_rows(start: int, stop: int, near: Near, shared: Shared, top: Array) -> None:
-    """Flag pixels that part of their light lacks: dimmer than neighbours, beside nothing or near the border.
+    """Flag pixels that part of their light lacks: dimmer than neighbours and beside nothing.
 
-    Beside nothing, what little light lacks goes into sigma.
-
-    near.extents: of the pattern along u and v (inf: not shown); near.nearest: distance from the border within
-    which an answer is right in spite of that; top: room for (W,).
+    What little light lacks goes into sigma. Rows with dim pixels near the border are noted in near.dim: what
+    lies between these and the border may not be decoded yet. top: room for (W,).
     """
     flags, amplitude, offset = shared.flags, shared.amplitude, shared.offset
     u, v, sigma_u, sigma_v = near.u, near.v, near.sigma_u, near.sigma_v
-    extents, nearest = near.extents, near.nearest
     rows, cols = amplitude.shape
-    bordered = extents[0] < np.inf or extents[1] < np.inf
+    bordered = near.extents[0] < np.inf or near.extents[1] < np.inf
     for row in range(start, stop):
         here = amplitude[row]
         holes = _any_nothing(max(row - 1, 0), min(row + 2, rows), flags)
@@ -272,11 +300,8 @@ def _mixed_rows(start: int, stop: int, near: Near, shared: Shared, top: Array) -
         for x in range(cols):
             if not here[x] < top[x]:
                 continue
-            if here[x] < _BORDER * top[x]:
-                border = _shadowed(row, x, u, flags, extents[0], nearest[0], amplitude, top[x])
-                border |= _shadowed(row, x, v, flags, extents[1], nearest[1], amplitude, top[x])
-                if border:
-                    flags[row, x] |= _OUTLIER
+            if bordered and here[x] < _BORDER * top[x] and _at_border(row, x, near, flags):
+                near.dim[row] = 1
             if holes and _sees_nothing_beside(row, x, flags):
                 if here[x] < _BESIDE * top[x]:
                     flags[row, x] |= _OUTLIER
@@ -284,3 +309,33 @@ def _mixed_rows(start: int, stop: int, near: Near, shared: Shared, top: Array) -
                 off = 0.5 * (1 - here[x] / top[x])
                 sigma_u[row, x] = np.hypot(sigma_u[row, x], off * _steepness(row, x, u, flags))
                 sigma_v[row, x] = np.hypot(sigma_v[row, x], off * _steepness(row, x, v, flags))
+
+
+@leaf_kernel
+def _at_border(row: int, x: int, near: Near, flags: Array) -> bool:
+    """Whether a pixel is in the band in which shadows are looked for, along u or v."""
+    u = _inside(row, x, near.u, flags, near.extents[0])
+    v = _inside(row, x, near.v, flags, near.extents[1])
+    return bool(near.nearest[0] <= u < _NEAR or near.nearest[1] <= v < _NEAR)
+
+
+@outer_kernel
+def shadow_rows(start: int, stop: int, near: Near, shared: Shared, scratch: Scratch) -> None:
+    """Flag pixels of the rows noted in near.dim that lie in the border's shadow, once all rows are decoded.
+
+    near.extents: of the pattern along u and v (inf: not shown); near.nearest: distance from the border within
+    which an answer is right in spite of that.
+    """
+    flags, amplitude, top = shared.flags, shared.amplitude, scratch.across
+    extents, nearest = near.extents, near.nearest
+    for row in range(start, stop):
+        if near.dim[row] == 0:
+            continue
+        _brightest(row, near.read2, near.gain, amplitude, shared.offset, top)
+        here = amplitude[row]
+        for x in range(len(here)):
+            if here[x] < _BORDER * top[x]:
+                border = _shadowed(row, x, near.u, flags, extents[0], nearest[0], amplitude, top[x])
+                border |= _shadowed(row, x, near.v, flags, extents[1], nearest[1], amplitude, top[x])
+                if border:
+                    flags[row, x] |= _OUTLIER

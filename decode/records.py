@@ -27,6 +27,8 @@ Array = NDArray[Any]
 TILE = 4096
 #: Lines of a tile that are not those of a period, and those of a period.
 LINES, OF_PERIOD = 14, 6
+#: Rows that are kept besides those worked on at once: those that wait for neighbours, and one beyond.
+ROWS_AROUND = 8
 #: Bytes of a vector: what is not laid out by it takes two accesses each.
 _VECTOR = 64
 
@@ -88,7 +90,8 @@ class FringeRecord(NamedTuple):
 
 class AxisRecord(NamedTuple):
     """One axis of `extent` pattern pixels: what was shown (alone: the code, if there are no fringes); maps
-    (H, W), also (1, pixels); joined: the shared ones hold the other axis; least: distance of an outlier."""
+    (H, W), also (1, pixels); joined: the shared ones hold the other axis; least: distance of an outlier;
+    number: 0 for u, 1 for v."""
 
     code: CodeRecord | None
     alone: CodeRecord | None
@@ -96,6 +99,7 @@ class AxisRecord(NamedTuple):
     extent: float
     least: np.float32
     joined: bool
+    number: int
     coord: Array
     sigma: Array
     flat_coord: Array
@@ -115,7 +119,7 @@ class Shared(NamedTuple):
 
 
 class Near(NamedTuple):
-    """What neighbours are asked, see neighbour_kernels.near_rows."""
+    """What neighbours are asked, see neighbour_kernels.near_rows; dim (H,): rows with pixels to ask again."""
 
     shown: tuple[bool, bool]
     steep: tuple[np.float32 | None, np.float32 | None]
@@ -127,10 +131,14 @@ class Near(NamedTuple):
     v: Array
     sigma_u: Array
     sigma_v: Array
+    dim: Array
 
 
 class Scratch(NamedTuple):
-    """Room of one thread: lines of a tile in float32, int32 and uint8, of linear levels, of a whole row."""
+    """Room of one thread: lines of a tile in float32, int32 and uint8, of linear levels, of a whole row.
+
+    kept (2, R, W): rows of u and v in float32, row r in line r % R, as long as their neighbours need them.
+    """
 
     lines: Array
     words: Array
@@ -139,21 +147,27 @@ class Scratch(NamedTuple):
     equations: Array
     across: Array
     wide: Array
+    kept: Array
 
 
 def scratch(width: int, periods: int = 0, samples: int = 0) -> Scratch:
     """For images `width` pixels wide; samples: of a period, if they are made linear."""
     lines = LINES + OF_PERIOD * periods
     padded = -(-width // _VECTOR) * _VECTOR
-    room = np.empty(4 * TILE * (lines + 3 + samples) + 6 * padded + _VECTOR, np.uint8)
+    rows = max(TILE // width, 1) + ROWS_AROUND
+    room = np.empty(4 * TILE * (lines + 3 + samples) + (6 + 8 * rows) * padded + _VECTOR, np.uint8)
     start = -room.ctypes.data % _VECTOR
     taken = []
     for count, length, kind in (
         *((lines, TILE, np.float32), (2, TILE, np.int32), (2, TILE, np.uint8)),
         *((samples, TILE, np.float32), (1, padded, np.float32), (1, padded, np.uint16)),
+        (2 * rows, padded, np.float32),
     ):
         size = count * length * np.dtype(kind).itemsize
         taken.append(room[start : start + size].view(kind).reshape(count, length))
         start += size
-    line, word, mark, linear, across, wide = taken
-    return Scratch(line, word, mark, linear[:, None], np.empty((3, 4)), across[0, :width], wide[0, :width])
+    line, word, mark, linear, across, wide, kept = taken
+    return Scratch(
+        *(line, word, mark, linear[:, None], np.empty((3, 4)), across[0, :width], wide[0, :width]),
+        kept.reshape(2, rows, padded)[:, :, :width],
+    )

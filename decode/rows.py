@@ -15,12 +15,12 @@ from .block_kernels import block_rows
 from .code_kernels import FROM_EXTREMES, FROM_PAIRS, FROM_WHITE_BLACK
 from .display import NO_TABLES, Tables
 from .job import Job
-from .neighbour_kernels import near_rows
+from .neighbour_kernels import near_rows, shadow_rows
 from .plan import AxisPlan, Code, Plan
 from .records import AxisRecord, Camera, CodeRecord, FringeRecord, Near, Scratch, Shared, scratch
 from .references import beyond_references
 
-__all__ = ["LOOSE", "Maps", "axes_step", "near_of", "near_step"]
+__all__ = ["LOOSE", "Maps", "Step", "axes_step", "near_of", "near_step", "shadow_step"]
 
 Map = NDArray[Any]
 Step = Callable[[int, int], None]
@@ -119,7 +119,18 @@ def near_step(near: Near, maps: Maps) -> Step:
     shared, room = maps.shared, _rooms(maps.flags.shape[1])
 
     def step(start: int, stop: int) -> None:
-        near_rows(start, stop, near, shared, room())
+        near_rows(start, stop, near, True, shared, room())
+
+    return step
+
+
+def shadow_step(near: Near, maps: Maps) -> Step:
+    """What the comparison has left, once all rows are compared."""
+    shared, room = maps.shared, _rooms(maps.flags.shape[1])
+
+    def step(start: int, stop: int) -> None:
+        if near.dim[start:stop].any():
+            shadow_rows(start, stop, near, shared, room())
 
     return step
 
@@ -149,6 +160,7 @@ def near_of(job: Job, wanted: Plan, blurs: dict[str, float | None], maps: Maps) 
         v=maps.coord["v"],
         sigma_u=maps.sigma["u"],
         sigma_v=maps.sigma["v"],
+        dim=np.zeros(len(maps.flags), np.uint8),
     )
 
 
@@ -181,6 +193,7 @@ def _axis_record(
         extent=float(axis.extent),
         least=F32(least),
         joined=joined,
+        number="uv".index(axis.axis),
         coord=coord,
         sigma=sigma,
         flat_coord=_flat(coord),

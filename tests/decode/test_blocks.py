@@ -53,3 +53,32 @@ def test_small_images(name: str, size: tuple[int, int], lit: bool, shoot: Shoot)
         assert np.abs(found.u - u)[found.good].max() < 1
     else:
         assert not found.good.any()
+
+
+@pytest.mark.parametrize("name", ["phase", "gray"])
+@pytest.mark.parametrize("rows", [16, 40])
+def test_shadows_reach_across_blocks(
+    name: str, rows: int, shoot: Shoot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether a dim pixel lies in the border's shadow is told by all pixels between it and the border."""
+    shown = sequence(name, 90, 135)
+    v, u = np.mgrid[:120, :130] + 2.3
+    inside = 89.5 - v
+    # the border's shadow, and a band that is dim for another reason
+    dim = np.where((inside < 3) | (np.abs(inside - 9) < 2), 0.7, 1.0) * (inside > 0)
+    light = np.where(u > 60, dim, np.where(inside < 14, 0.7 * (inside > 0), 1.0)) * 90
+    frames = shoot(shown, u, v, noise=1.0, offset=light + 10, amplitude=light)
+
+    def run(block: int, threads: int) -> Correspondence:
+        monkeypatch.setattr("optolever.decode.decoder._BLOCK", block)
+        monkeypatch.setenv(THREADS_VARIABLE, str(threads))
+        return decode(frames, shown)
+
+    one = run(120, 1)
+    edge = (inside > 11) & (inside < 14)
+    assert one.good[edge & (u < 55)].mean() < 0.2
+    assert one.good[(np.abs(inside - 9) < 2) & (u > 65)].mean() > 0.8
+    for _ in range(3):
+        other = run(rows, 3)
+        for field in FIELDS:
+            assert np.array_equal(getattr(one, field), getattr(other, field), equal_nan=True), field
