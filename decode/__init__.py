@@ -22,7 +22,7 @@
 | `flag_kernels`             | flags, and the maps that both axes share                                     |
 | `display`                  | grey values and border of the display: what they shift                       |
 | `display_kernels`          | that, taken off a tile                                                       |
-| `blur`                     | blur from the contrasts of a few rows                                        |
+| `blur`, `blur_kernels`     | blur from the contrasts of a few rows                                        |
 | `cells`                    | stairs of the display's cells, taken off                                     |
 | `stairs_kernels`, `steep_kernels` | that, pixel by pixel: inverted, or the mean of what it may be         |
 | `gathering`, `run_kernels` | blur again, from how stairs gather coordinates at cells                      |
@@ -39,6 +39,7 @@
 | `crossed`                  | `crossed`: displacement from a single crossed-fringe frame                   |
 | `crossed_fit`, `crossed_kernels` | both fringes fitted at once within a window that the frame may cut    |
 | `guide`                    | where the camera looked at rest, for the two that follow one frame           |
+| `wave_kernels`             | sine and cosine                                                              |
 | `jit`                      | how kernels are compiled and cached                                          |
 
 u along the pattern's columns, v along its rows, integer = pixel centre; sigma in pattern pixels, at least

@@ -3,15 +3,22 @@
 import math
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
-from .jit import inline_kernel, leaf_kernel, outer_kernel
+from .fit_kernels import phase_of
+from .jit import apart_kernel, inline_kernel, leaf_kernel, outer_kernel
+from .wave_kernels import cosine_sine
 
-__all__ = ["Wave", "contrasts"]
+__all__ = ["Swing", "Wave", "contrasts", "swing_sums"]
 
 Array = NDArray[Any]
+_ONE = np.float32(1)
 Wave = tuple[float, Array, Array]
 """A fringe: its period, frames (N,) and what they weigh in cosine and sine (2, N)."""
+Swing = tuple[Any, Any, Any, Any, Any]
+"""What blur leaves of a contrast, and sum and difference of both sidebands, of the fringe and of the one that
+it is compared with (0: of none)."""
 
 
 @outer_kernel
@@ -100,3 +107,36 @@ def _level(raw: Any, lut: Array | None) -> float:
 @inline_kernel
 def _sinc(x: float) -> float:
     return math.sin(math.pi * x) / (math.pi * x) if x > 0 else 1.0
+
+
+@outer_kernel
+def swing_sums(
+    left: Array, place: Array, shift: Array, period: float, now: Swing, trial: Swing
+) -> tuple[float, float]:
+    """Least squares of contrasts `left` (K,) at places (K,), read with a `shift` (K,) that is set anew: sums
+    of change * (left - model) and of change^2, the change being that from `now` to `trial`. All float32.
+    """
+    along, square = _swing_sums(np.float32(period), left, place, shift, now, trial)
+    return along, square
+
+
+@apart_kernel
+def _swing_sums(
+    period: Any, left: Array, place: Array, shift: Array, now: Swing, trial: Swing
+) -> tuple[float, float]:
+    along = square = np.float32(0)
+    for x in range(len(left)):
+        cosine, sine = cosine_sine(place[x] - shift[x])
+        shift[x] = period * phase_of(_ONE + now[1] * cosine, now[2] * sine)[0]
+        cosine, sine = cosine_sine(place[x] - shift[x])
+        model = _swung(now, cosine, sine)
+        change = _swung(trial, cosine, sine) - model
+        along += change * (left[x] - model)
+        square += change * change
+    return float(along), float(square)
+
+
+@inline_kernel
+def _swung(swing: Swing, cosine: Any, sine: Any) -> Any:
+    fine = (_ONE + swing[1] * cosine) ** 2 + (swing[2] * sine) ** 2
+    return swing[0] * np.sqrt(fine / ((_ONE + swing[3] * cosine) ** 2 + (swing[4] * sine) ** 2))

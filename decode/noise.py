@@ -101,14 +101,19 @@ def _of_fringes(
     if len(slope):
         here = slope[np.clip(np.rint(design @ parameters), 0, len(slope) - 1).astype(int)]
         residual /= np.sqrt(contrasts**2 @ (1.0 / here**2))
-    keep = _clear(_lit(own, limit, np.hypot(*parameters[1:])), _room(design @ parameters, limit), residual)
+    keep = _clear(_lit(own, limit, _power(parameters)), _room(design @ parameters, limit), residual)
     return np.tile(parameters[0, keep], len(residual)), residual[:, keep].ravel()
 
 
-def _lit(own: F64, limit: float, modulation: F64) -> NDArray[np.bool_]:
-    """Pixels without clipped samples that see the pattern."""
+def _power(parameters: F64) -> F64:
+    """Squared modulation of fits (3, K)."""
+    return np.asarray(parameters[1] ** 2 + parameters[2] ** 2)
+
+
+def _lit(own: F64, limit: float, power: F64) -> NDArray[np.bool_]:
+    """Pixels without clipped samples that see the pattern: a quarter of what others see of it, at least."""
     whole = np.asarray(own.max(axis=0) < limit)
-    seen = whole & (modulation > 0.25 * quantile(modulation, 0.95))
+    seen = whole & (power > 0.25**2 * quantile(power, 0.95))
     return seen if np.count_nonzero(seen) >= 50 else whole
 
 
@@ -136,7 +141,7 @@ def _of_offsets(levels: NDArray[Any], first: Fringe, second: Fringe, limit: floa
         own, design = levels[list(fringe.index)].astype(np.float64), fringe.design()
         inverse = fringe.solve()
         parameters = inverse @ own
-        keep &= _lit(own, limit, np.hypot(*parameters[1:]))
+        keep &= _lit(own, limit, _power(parameters))
         room = np.minimum(room, _room(design @ parameters, limit))
         offsets.append(parameters[0])
         variance += float(np.sum(inverse[0] ** 2))
@@ -159,7 +164,7 @@ def _of_pairs(levels: NDArray[Any], code: Code, limit: float, enough: int) -> tu
     contrasts = np.linalg.qr(np.ones((len(sums), 1)), mode="complete")[0][:, 1:].T[:_CONTRASTS]
     residual = contrasts @ sums / np.sqrt(2.0)
     room = _room(np.stack([middle - half, middle + half]), limit)
-    keep = _clear(_lit(np.concatenate([first, second]), limit, half), room, residual)
+    keep = _clear(_lit(np.concatenate([first, second]), limit, half * half), room, residual)
     return np.tile(middle[keep], len(residual)), residual[:, keep].ravel()
 
 
@@ -204,7 +209,7 @@ def _fit(level: F64, residual: F64, floor: float) -> Noise:
         return Noise(floor)
     bins = min(_BINS, max(1, len(level) // 200))
     # whole grey values: sums and differences have the same parity, which a bin of one level would select
-    dithered = level + np.random.default_rng(0).uniform(-1, 1, len(level))
+    dithered = level + _dither(len(level))
     each = len(level) // bins
     # of 16-bit numbers, as they are sorted by counting
     low, high = float(dithered.min()), float(dithered.max())
@@ -222,6 +227,11 @@ def _fit(level: F64, residual: F64, floor: float) -> Noise:
         slope = max(0.0, np.sum(weight**2 * x * (y - floor)) / np.sum(weight**2 * x * x))
         return Noise(floor, float(slope))
     return Noise(float(start), float(slope))
+
+
+@lru_cache(maxsize=4)
+def _dither(count: int) -> F64:
+    return np.random.default_rng(0).uniform(-1, 1, count)
 
 
 def _even(residual: F64, floor: float) -> Noise:

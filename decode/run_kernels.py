@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import fast_kernel, inline_kernel, leaf_kernel, outer_kernel
+from .jit import fast_kernel, leaf_kernel, outer_kernel
+from .wave_kernels import cosine_sine
 
 __all__ = ["LINES", "RUN", "gather_runs"]
 
@@ -18,10 +19,7 @@ RUN, LINES = 32, 6
 _EVEN, _FLAT = 0.3, 0.05
 #: By how much a run may leave its parabola besides noise, pattern pixels.
 _ROUGH = 0.75
-#: Taylor's coefficients of sin and cos, good to 1e-7 up to a quarter of a turn.
-_SINE = tuple(np.float32((-1) ** k / math.factorial(2 * k + 1)) for k in range(6))
-_COSINE = tuple(np.float32((-1) ** k / math.factorial(2 * k)) for k in range(7))
-_PI, _ONE, _TWO, _HALF = np.float32(np.pi), np.float32(1), np.float32(2), np.float32(RUN // 2)
+_ONE, _TWO, _HALF = np.float32(1), np.float32(2), np.float32(RUN // 2)
 
 
 @outer_kernel
@@ -109,28 +107,11 @@ def _smooth(run: Array, basis: Array, fit: Array) -> tuple[float, float]:
     return float(total) / (RUN - 1), float(rough)
 
 
-@inline_kernel
-def _sine_of(t: Any) -> Any:
-    q = t * t
-    high = ((_SINE[5] * q + _SINE[4]) * q + _SINE[3]) * q + _SINE[2]
-    return ((high * q + _SINE[1]) * q + _SINE[0]) * t
-
-
-@inline_kernel
-def _cosine_of(t: Any) -> Any:
-    q = t * t
-    high = ((_COSINE[6] * q + _COSINE[5]) * q + _COSINE[4]) * q + _COSINE[3]
-    return ((high * q + _COSINE[2]) * q + _COSINE[1]) * q + _COSINE[0]
-
-
 @fast_kernel
 def _wave(places: Array, cosines: Array, sines: Array) -> tuple[float, float, float, float]:
     """Cosines and sines of places, turns, and the means of both, and of those of twice the places."""
     for x in range(RUN):
-        half = _PI * (places[x] - np.rint(places[x]))
-        cosine, sine = _cosine_of(half), _sine_of(half)
-        cosines[x] = _ONE - _TWO * sine * sine
-        sines[x] = _TWO * sine * cosine
+        cosines[x], sines[x] = cosine_sine(places[x])
     real = imag = twice = twice_imag = np.float32(0)
     for x in range(RUN):
         real += cosines[x]

@@ -12,6 +12,7 @@ from optolever.patterns import Sequence
 from .job import Job
 from .plan import AxisPlan, Plan
 from .rows import Maps, axes_step, near_of
+from .sample import quantile
 
 __all__ = ["Survey", "is_continuous", "survey"]
 
@@ -19,7 +20,7 @@ Map = NDArray[Any]
 #: Rows at most, distance of the rows between which the gradient is taken, rows of a block.
 _ROWS, _APART, _BLOCK = 16, 2, 8
 #: Differences that the footprint's median is taken of, about.
-_FOOTPRINTS = 8192
+_FOOTPRINTS = 4096
 #: Second differences that are looked at in a row.
 _BENDS = 64
 #: Median second difference of a map whose neighbours tell nothing of each other, pattern pixels.
@@ -56,7 +57,7 @@ class Survey:
         for change in (lines[:, 1::step] - lines[:, :-1:step], down):
             size = np.abs(change)
             sure = size[size < np.inf]
-            total += float(np.partition(sure, len(sure) // 2)[len(sure) // 2]) if len(sure) else 0.0
+            total += quantile(sure, 0.5) if len(sure) else 0.0
         return min(total, 8.0)
 
     def is_continuous(self, name: str) -> bool:
@@ -81,5 +82,5 @@ def survey(job: Job, sequence: Sequence, wanted: Plan, axes: tuple[AxisPlan, ...
 def is_continuous(lines: Map, sigma: Map) -> bool:
     """Survey.is_continuous of coordinates (R, W) and their sigmas."""
     at = np.arange(0, lines.shape[1] - 2, max(1, lines.shape[1] // _BENDS))
-    bend = np.abs(lines[:, at] - 2 * lines[:, at + 1] + lines[:, at + 2])
-    return bool(bend.size and np.median(bend) < max(_BENT, 5 * np.median(sigma[:, at])))
+    bend = np.abs(lines[:, at] - 2 * lines[:, at + 1] + lines[:, at + 2]).ravel()
+    return bool(len(bend) and quantile(bend, 0.5) < max(_BENT, 5 * quantile(sigma[:, at].ravel(), 0.5)))
