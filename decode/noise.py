@@ -57,10 +57,8 @@ def estimate_noise(
     limit = float(lut[min(len(lut) - 1, int(clip))]) if len(lut) else clip
     codes = [axis.code for axis in plan.axes if axis.code is not None]
     every = [fringe for axis in plan.axes for fringe in axis.fringes]
-    over = tuple(fringe for fringe in every if len(fringe.index) > 3)
-    pairs = [
-        _of_fringes(levels, alike, limit, slope, _ENOUGH * len(alike) // len(over)) for alike in _alike(over)
-    ]
+    over = [fringe for fringe in every if len(fringe.index) > 3]
+    pairs = [_of_fringe(levels, fringe, limit, slope, _ENOUGH // len(over)) for fringe in over]
     if not _enough(pairs):
         pairs = [_of_pairs(raw, code, clip if len(slope) else limit, _ENOUGH // len(codes)) for code in codes]
     if not _enough(pairs) and not len(slope):
@@ -81,22 +79,12 @@ def _enough(pairs: list[tuple[F64, F64]]) -> bool:
     return sum(len(level) for level, _ in pairs) >= 50
 
 
-@lru_cache(maxsize=16)
-def _alike(fringes: tuple[Fringe, ...]) -> tuple[tuple[Fringe, ...], ...]:
-    """Groups of the same shifts and exposures, whose pixels make one sum."""
-    groups: dict[bytes, list[Fringe]] = {}
-    for fringe in fringes:
-        groups.setdefault(fringe.design().tobytes(), []).append(fringe)
-    return tuple(map(tuple, groups.values()))
-
-
-def _of_fringes(
-    levels: NDArray[Any], alike: tuple[Fringe, ...], limit: float, slope: NDArray[np.float32], enough: int
+def _of_fringe(
+    levels: NDArray[Any], fringe: Fringe, limit: float, slope: NDArray[np.float32], enough: int
 ) -> tuple[F64, F64]:
-    design, contrasts = alike[0].design(), alike[0].contrasts()[:_CONTRASTS]
-    step = max(1, len(alike) * levels.shape[1] * len(contrasts) // enough)
-    own = np.concatenate([levels[list(fringe.index), ::step] for fringe in alike], axis=1).astype(np.float64)
-    parameters = alike[0].solve() @ own
+    design, contrasts = fringe.design(), fringe.contrasts()[:_CONTRASTS]
+    own = levels[list(fringe.index), :: max(1, levels.shape[1] * len(contrasts) // enough)].astype(np.float64)
+    parameters = fringe.solve() @ own
     residual = contrasts @ own
     if len(slope):
         here = slope[np.clip(np.rint(design @ parameters), 0, len(slope) - 1).astype(int)]
