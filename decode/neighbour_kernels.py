@@ -31,8 +31,6 @@ _NOTHING = np.uint16(1 | 4 | 128)
 #: Amplitude over the neighbours' largest, below which a pixel beside one that sees nothing, or near the
 #: border, has lost part of its light.
 _BESIDE, _BORDER = np.float32(0.85), np.float32(0.96)
-#: Cells from the border in which that is looked at: the border's shadow in a strong blur.
-_NEAR = 16.0
 #: Cells by which a pixel is surely nearer to it than another.
 _NEARER = 1.0
 _ZERO, _ONE, _THREE = np.float32(0), np.float32(1), np.float32(3)
@@ -213,15 +211,15 @@ def _shadowed(
     coord: Array,
     flags: Array,
     extent: float,
-    nearest: float,
+    band: tuple[float, float],
     amplitude: Array,
     bright: float,
 ) -> bool:
-    """Whether a dim pixel within _NEAR of the border, but not within `nearest`, may lie in its shadow: that
-    only grows darker towards it, and nothing on the way there, nearer by more than noise, is `bright`.
+    """Whether a dim pixel in the `band` beside the border may lie in its shadow: that only grows darker
+    towards it, and nothing on the way there, nearer by more than noise, is `bright`.
     """
     here = start = _inside(row, x, coord, flags, extent)
-    if not nearest <= here < _NEAR:
+    if not band[0] <= here < band[1]:
         return False
     down, right, closest = 0, 0, here
     for i, j in ((-1, 0), (1, 0), (0, -1), (0, 1)):
@@ -316,18 +314,19 @@ def _at_border(row: int, x: int, near: Near, flags: Array) -> bool:
     """Whether a pixel is in the band in which shadows are looked for, along u or v."""
     u = _inside(row, x, near.u, flags, near.extents[0])
     v = _inside(row, x, near.v, flags, near.extents[1])
-    return bool(near.nearest[0] <= u < _NEAR or near.nearest[1] <= v < _NEAR)
+    bands = near.bands
+    return bool(bands[0][0] <= u < bands[0][1] or bands[1][0] <= v < bands[1][1])
 
 
 @outer_kernel
 def shadow_rows(start: int, stop: int, near: Near, shared: Shared, scratch: Scratch) -> None:
     """Flag pixels of the rows noted in near.dim that lie in the border's shadow, once all rows are decoded.
 
-    near.extents: of the pattern along u and v (inf: not shown); near.nearest: distance from the border within
-    which an answer is right in spite of that.
+    near.extents: of the pattern along u and v (inf: not shown); near.bands: distances from the border between
+    which it may throw one that matters.
     """
     flags, amplitude, top = shared.flags, shared.amplitude, scratch.across
-    extents, nearest = near.extents, near.nearest
+    extents, bands = near.extents, near.bands
     for row in range(start, stop):
         if near.dim[row] == 0:
             continue
@@ -335,7 +334,7 @@ def shadow_rows(start: int, stop: int, near: Near, shared: Shared, scratch: Scra
         here = amplitude[row]
         for x in range(len(here)):
             if here[x] < _BORDER * top[x]:
-                border = _shadowed(row, x, near.u, flags, extents[0], nearest[0], amplitude, top[x])
-                border |= _shadowed(row, x, near.v, flags, extents[1], nearest[1], amplitude, top[x])
+                border = _shadowed(row, x, near.u, flags, extents[0], bands[0], amplitude, top[x])
+                border |= _shadowed(row, x, near.v, flags, extents[1], bands[1], amplitude, top[x])
                 if border:
                     flags[row, x] |= _OUTLIER

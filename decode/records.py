@@ -126,7 +126,7 @@ class Near(NamedTuple):
     read2: np.float32
     gain: np.float32
     extents: tuple[float, float]
-    nearest: tuple[float, float]
+    bands: tuple[tuple[float, float], tuple[float, float]]
     u: Array
     v: Array
     sigma_u: Array

@@ -31,6 +31,9 @@ LOOSE = 0.02
 _DARK = 0.02
 #: Of a code alone: footprint beyond which a cell is none, cells; those at the border that blur leaves right.
 _STEEP_CELLS, _SURE_CELLS = 3.0, 1.5
+#: Cells from the border up to which it may throw a shadow: in a strong blur; in periods of a fringe, 2 sigma
+#: (2 % of the light) of the blur that leaves 2 % of its contrast.
+_SHADOW, _SHADOW_PERIODS = 16.0, 0.9
 #: That footprint for XOR-Gray, whose bits all have their edges at the same places.
 _STEEP_XOR = 2.0
 
@@ -147,21 +150,29 @@ def near_of(job: Job, wanted: Plan, blurs: dict[str, float | None], maps: Maps) 
     # of other codes the blur is known, and with it what the border does
     dim = {name for name in shown if name in codes or blurs.get(name, 0.0) is None}
     extents = tuple(float(shown[name].extent) if name in dim else np.inf for name in "uv")
-    # cells at the border are read right as long as blur is no wider than they are
-    nearest = tuple(_SURE_CELLS * codes[name].cell if name in codes else -np.inf for name in "uv")
+    bands = {name: _shadow_band(shown[name]) if name in dim else (np.inf, -np.inf) for name in "uv"}
     return Near(
         shown=("u" in shown, "v" in shown),
         steep=(most.get("u"), most.get("v")),
         read2=F32(noise.read2),
         gain=F32(noise.gain),
         extents=(extents[0], extents[1]),
-        nearest=(nearest[0], nearest[1]),
+        bands=(bands["u"], bands["v"]),
         u=maps.coord["u"],
         v=maps.coord["v"],
         sigma_u=maps.sigma["u"],
         sigma_v=maps.sigma["v"],
         dim=np.zeros(len(maps.flags), np.uint8),
     )
+
+
+def _shadow_band(axis: AxisPlan) -> tuple[float, float]:
+    """Distances from the border, cells, between which its shadow may spoil an answer."""
+    if not axis.fringes:
+        # cells at the border are read right as long as blur is no wider than they are
+        return _SURE_CELLS * (axis.code.cell if axis.code else 1.0), _SHADOW
+    # more blur, and nothing would be left of the fringes
+    return -np.inf, min(_SHADOW, _SHADOW_PERIODS * axis.fringes[-1].period)
 
 
 def _camera(job: Job, frames: Map) -> Camera:
