@@ -1,10 +1,11 @@
 """Row blocks on threads: everything is done once, whatever the number of threads; exceptions come through."""
 
 import threading
+from itertools import pairwise
 
 import pytest
 
-from optolever.blocks import THREADS_VARIABLE, on_cores, over_rows
+from optolever.blocks import THREADS_VARIABLE, on_cores, over_blocks, over_rows, shrinking
 
 
 @pytest.fixture(params=["1", "2", "5"])
@@ -21,9 +22,23 @@ def test_every_row_is_done_once(rows: int, block: int) -> None:
     def work(start: int, stop: int) -> None:
         done.extend(range(start, stop))
 
-    over_rows(work, rows, block, meanwhile=lambda: beside.append(threading.get_ident()))
+    over_rows(work, rows, block)
     assert sorted(done) == list(range(rows))
+    over_blocks(work, shrinking(rows, block), meanwhile=lambda: beside.append(threading.get_ident()))
+    assert sorted(done) == sorted(2 * list(range(rows)))
     assert beside == [threading.get_ident()]
+
+
+@pytest.mark.usefixtures("some_threads")
+@pytest.mark.parametrize("rows", [1, 16, 17, 1080])
+def test_blocks_shrink_to_the_least(rows: int) -> None:
+    cuts = shrinking(rows, 16)
+    sizes = [stop - start for start, stop in pairwise(cuts)]
+    assert cuts[0] == 0
+    assert cuts[-1] == rows
+    assert sizes == sorted(sizes, reverse=True)
+    assert all(size % 16 == 0 for size in sizes[:-1])
+    assert sizes[-1] <= 16
 
 
 @pytest.mark.usefixtures("some_threads")
