@@ -114,7 +114,6 @@ def _decoded(
         usual = next((blur for blur in told if blur is not None), None)
         for axis, blur in zip(on_display, told, strict=True):
             blurs[axis.axis] = usual if blur is None else blur
-
             tables[axis.axis] = display_tables(sequence, axis, seen.footprint(axis.axis), blurs[axis.axis])
     near = near_of(job, wanted, blurs, maps)
     neighbours = near_step(near, maps)
