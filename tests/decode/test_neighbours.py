@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, Flag, decode
+from optolever.decode.survey import is_continuous
 from optolever.patterns import Sequence, sequence
 
 F64 = NDArray[np.float64]
@@ -133,3 +134,11 @@ def test_places_by_chance_are_no_map() -> None:
     assert ((found.flags & Flag.OUTLIER) > 0).mean() < 0.01
     assert found.good.mean() > 0.99
     assert np.sqrt(np.mean(((found.u - u) / found.sigma_u)[found.good] ** 2)) == pytest.approx(1, abs=0.05)
+
+
+def test_a_pixel_without_a_coordinate_leaves_the_others_continuous() -> None:
+    lines, sigma = np.tile(np.arange(200.0), (16, 1)), np.full((16, 200), 0.01, np.float32)
+    lines[3, 39:42] = np.nan
+    assert is_continuous(lines, sigma)
+    assert not is_continuous(np.random.default_rng(0).uniform(0, 200, lines.shape), sigma)
+    assert not is_continuous(np.full_like(lines, np.nan), sigma)
