@@ -15,6 +15,7 @@ __all__ = ["measured_blur", "square_error", "tells_blur"]
 
 Map = NDArray[Any]
 F64 = NDArray[np.float64]
+F32 = np.float32
 #: Columns sampled at most, rows and pixels at least.
 _COLUMNS, _LEAST_ROWS, _FEWEST = 144, 3, 64
 #: Systematic error of a contrast's ratio that is always reckoned with; a square blur below so many times what
@@ -124,13 +125,12 @@ def _square_blur(
 
 def _swinging(periods: list[float], widths: list[float], square: float, lever: float) -> Swing:
     """What cells make of the contrast of periods[0], over that of the other one, as swing_sums takes it."""
-    fine, coarse = (
-        [_sideband(period, widths, square, m) for m in (1, -1)] if period else [0.0, 0.0]
-        for period in (periods[0], periods[1] if len(periods) > 1 else 0.0)
-    )
-    left = np.float32(np.exp(-lever * square))
-    of_fine = np.float32(fine[0] + fine[1]), np.float32(fine[0] - fine[1])
-    return left, *of_fine, np.float32(coarse[0] + coarse[1]), np.float32(coarse[0] - coarse[1])
+    sides = [
+        (_sideband(period, widths, square, 1), _sideband(period, widths, square, -1)) for period in periods
+    ]
+    (up, down), (coarse_up, coarse_down) = [*sides, (0.0, 0.0)][:2]
+    left, fine = np.exp(-lever * square), (up + down, up - down)
+    return F32(left), F32(fine[0]), F32(fine[1]), F32(coarse_up + coarse_down), F32(coarse_up - coarse_down)
 
 
 def _sideband(period: float, widths: list[float], square: float, m: int) -> float:

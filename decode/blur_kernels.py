@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .fit_kernels import phase_of
+from .fit_kernels import linear_level, phase_of
 from .jit import apart_kernel, inline_kernel, leaf_kernel, outer_kernel
 from .wave_kernels import cosine_sine
 
@@ -44,7 +44,8 @@ def contrasts(
 
     frames (N, R, W), through lut (if any); coord (R, W), `below`: `apart` rows further on. Into seen (4, K),
     for pixels at cols without `spoilt` flags, whose footprint is below `wide` periods and that lie within
-    `reach` of the `middle`: what is left, place, footprint down and along. Returns how many.
+    `reach` of the `middle`: what is left, place, footprint down and along. Returns how many. All lengths are
+    pattern pixels.
     """
     count = 0
     for row in range(coord.shape[0]):
@@ -78,7 +79,9 @@ def _whole(
     along: float,
 ) -> float:
     if coarse is None:
-        return 0.5 * float(_level(frames[white, row, x], lut) - _level(frames[black, row, x], lut))
+        return 0.5 * float(
+            linear_level(frames[white, row, x], lut) - linear_level(frames[black, row, x], lut)
+        )
     return float(_contrast(frames, lut, row, x, coarse, down, along))
 
 
@@ -90,18 +93,11 @@ def _contrast(
     period, index, weights = fringe
     c = s = 0.0
     for k in range(len(index)):
-        level = _level(frames[index[k], row, x], lut)
+        level = linear_level(frames[index[k], row, x], lut)
         c += weights[0, k] * level
         s += weights[1, k] * level
     left = _sinc(1 / period) * _sinc(down / period) * _sinc(along / period)
     return math.hypot(c, s) / float(left)
-
-
-@leaf_kernel
-def _level(raw: Any, lut: Array | None) -> float:
-    if lut is None:
-        return float(raw)
-    return float(lut[int(raw)])
 
 
 @inline_kernel
@@ -114,7 +110,8 @@ def swing_sums(
     left: Array, place: Array, shift: Array, period: float, now: Swing, trial: Swing
 ) -> tuple[float, float]:
     """Least squares of contrasts `left` (K,) at places (K,), read with a `shift` (K,) that is set anew: sums
-    of change * (left - model) and of change^2, the change being that from `now` to `trial`. All float32.
+    of change * (left - model) and of change^2, the change being that from `now` to `trial`. All float32,
+    lengths in pattern pixels.
     """
     along, square = _swing_sums(np.float32(period), left, place, shift, now, trial)
     return along, square

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optolever.blocks import on_cores, over_blocks, shrinking
+from optolever.blocks import Work, on_cores, over_blocks, shrinking
 from optolever.patterns import Sequence
 
 from .blur import measured_blur, square_error, tells_blur
@@ -24,7 +24,7 @@ from .plan import AxisPlan, Plan, plan
 from .raster import by_raster, raster_of
 from .records import Near
 from .response import Response
-from .rows import Maps, Step, axes_step, near_of, near_step, shadow_step
+from .rows import Maps, axes_step, near_of, near_step, shadow_step
 from .survey import is_continuous, survey
 from .sweep import stripe_step
 from .table_decoder import by_table, shown_on, subpixel_step, table_step
@@ -175,7 +175,7 @@ def _take_off_stairs(
     on_cores(take_off, range(len(axes)))
 
 
-def _one_by_one(steps: Iterable[Step]) -> Step:
+def _one_by_one(steps: Iterable[Work]) -> Work:
     """All of them on a block."""
     every = tuple(steps)
 
@@ -186,7 +186,7 @@ def _one_by_one(steps: Iterable[Step]) -> Step:
     return block
 
 
-def _with_seams(block: Step, neighbours: Step, height: int) -> Step:
+def _with_seams(block: Work, neighbours: Work, height: int) -> Work:
     """The work on a block, and on the rows beside its ends where what lies beyond is done already."""
     half_done: set[int] = set()
     lock = Lock()
@@ -232,7 +232,7 @@ def _step(
     maps: Maps,
     near: Near,
     joined: bool,
-) -> Step:
+) -> Work:
     """The work on a block of rows for one axis: which decoder its frames ask for."""
     own, common = maps.of(axis.axis), maps.common
     if axis.stripes is not None and not (axis.code or axis.fringes or axis.levels):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .jit import apart_kernel, inline_kernel, leaf_kernel
 
-__all__ = ["fit_tile", "phase_of"]
+__all__ = ["fit_tile", "linear_level", "phase_of"]
 
 Array = NDArray[Any]
 
@@ -46,6 +46,14 @@ def phase_of(c: Any, s: Any) -> Any:
     turn = _QUARTER - turn if swap else turn
     turn = _HALF - turn if c < _ZERO else turn
     return (-turn if s < _ZERO else turn), high * inverse
+
+
+@leaf_kernel
+def linear_level(raw: Any, lut: Array | None) -> float:
+    """Level of a raw one, through lut unless that is None."""
+    if lut is None:
+        return float(raw)
+    return float(lut[int(raw)])
 
 
 @apart_kernel

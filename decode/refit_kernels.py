@@ -5,6 +5,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from .fit_kernels import linear_level
 from .jit import leaf_kernel
 from .unwrap_kernels import UNKNOWN
 
@@ -55,7 +56,7 @@ def refit(
             raw = frames[index[i], 0, first + x]
             if raw >= clip:
                 continue
-            level = _linear(raw, lut)
+            level = linear_level(raw, lut)
             weight = _weight(slope, model, i, sums[0, x], sums[1, x], sums[2, x]) / (
                 1 + gain / read2 * max(raw, 0)
             )
@@ -78,13 +79,6 @@ def refit(
         sums[0, x], sums[1, x], sums[2, x] = a, c, s
         variance[x] = spread * read2 / (4 * math.pi * math.pi)
         turns[x] = math.atan2(s, c) / (2 * math.pi)
-
-
-@leaf_kernel
-def _linear(raw: Any, lut: Array | None) -> float:
-    if lut is None:
-        return float(raw)
-    return float(lut[int(raw)])
 
 
 @leaf_kernel

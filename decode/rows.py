@@ -7,6 +7,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.blocks import Work
 from optolever.memory import roomy_empty
 from optolever.patterns import Sequence
 
@@ -20,10 +21,9 @@ from .plan import AxisPlan, Code, Plan
 from .records import AxisRecord, Camera, CodeRecord, FringeRecord, Near, Scratch, Shared, scratch
 from .references import beyond_references
 
-__all__ = ["LOOSE", "Maps", "Step", "axes_step", "near_of", "near_step", "shadow_step"]
+__all__ = ["LOOSE", "Maps", "axes_step", "near_of", "near_step", "shadow_step"]
 
 Map = NDArray[Any]
-Step = Callable[[int, int], None]
 F32 = np.float32
 #: Systematic error of a code's margin that is always reckoned with, in units of half the contrast.
 LOOSE = 0.02
@@ -31,11 +31,11 @@ LOOSE = 0.02
 _DARK = 0.02
 #: Of a code alone: footprint beyond which a cell is none, cells; those at the border that blur leaves right.
 _STEEP_CELLS, _SURE_CELLS = 3.0, 1.5
+#: That footprint for XOR-Gray, whose bits all have their edges at the same places.
+_STEEP_XOR = 2.0
 #: Cells from the border up to which it may throw a shadow: in a strong blur; in periods of a fringe, 2 sigma
 #: (2 % of the light) of the blur that leaves 2 % of its contrast.
 _SHADOW, _SHADOW_PERIODS = 16.0, 0.9
-#: That footprint for XOR-Gray, whose bits all have their edges at the same places.
-_STEEP_XOR = 2.0
 
 
 class Maps:
@@ -82,7 +82,7 @@ def axes_step(
     near: Near,
     compare: bool = False,
     joined: bool = False,
-) -> Step:
+) -> Work:
     """The work for one axis or both of bits and fringes; joined: another one went before.
 
     compare: neighbours within the block are compared, too, as `near` says.
@@ -117,7 +117,7 @@ def _rooms(width: int, periods: int = 0, samples: int = 0) -> Callable[[], Scrat
     return room
 
 
-def near_step(near: Near, maps: Maps) -> Step:
+def near_step(near: Near, maps: Maps) -> Work:
     """The comparison with neighbours alone, once all around is decoded."""
     shared, room = maps.shared, _rooms(maps.flags.shape[1])
 
@@ -127,7 +127,7 @@ def near_step(near: Near, maps: Maps) -> Step:
     return step
 
 
-def shadow_step(near: Near, maps: Maps) -> Step:
+def shadow_step(near: Near, maps: Maps) -> Work:
     """What the comparison has left, once all rows are compared."""
     shared, room = maps.shared, _rooms(maps.flags.shape[1])
 

@@ -6,13 +6,15 @@ doubled, pixels that look there saw them at distances that no place explains, an
 on all places are wrong.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
+
+from optolever.blocks import Work
 
 from .arrays import chi_squared_limit
 from .display_kernels import MOST_LOST
@@ -25,7 +27,6 @@ __all__ = ["Sweep", "calibrated", "stripe_step", "sweep_faults"]
 
 Map = NDArray[Any]
 F64 = NDArray[np.float64]
-Step = Callable[[int, int], None]
 _ORDER, _OFF = 8, 16
 _DOUBT = 1e-4
 #: Widths from a stripe at which it lights nothing; frames that show that at least.
@@ -180,7 +181,7 @@ def stripe_step(
     maps: tuple[Map, Map],
     common: tuple[Map, ...],
     noise: Noise | None = None,
-) -> Step:
+) -> Work:
     """Work on a block of rows of a swept stripe; noise: of the camera, if it is known."""
     assert axis.stripes is not None
     sweep = calibrated(frames, clip, axis.stripes, noise)

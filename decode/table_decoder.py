@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import correlate1d, gaussian_filter1d
 
+from optolever.blocks import Work
 from optolever.errors import InputError
 from optolever.patterns import Sequence
 
@@ -33,7 +34,6 @@ __all__ = [
 ]
 
 Map = NDArray[Any]
-Step = Callable[[int, int], None]
 _PER_CELL = 8
 #: Rms blurs that are tried, cells; besides them a pixel sees a footprint of one cell.
 _BLURS = tuple(float(blur) for blur in np.geomspace(0.1, 4.0, 17))
@@ -112,7 +112,7 @@ def table_step(
     maps: tuple[Map, Map],
     common: tuple[Map, ...],
     even: bool = True,
-) -> Step:
+) -> Work:
     """Work on a block of rows: nearest code word of the whole surface, refined.
 
     even: levels are as noisy as each other; a response's inverse magnifies the noise of dark ones.
@@ -171,7 +171,7 @@ def _excess(misfit: Map, count: Map, noise2: float) -> Map:
     return np.asarray(np.maximum(misfit / (freedom * noise2) - 2 * np.sqrt(2 / freedom), 1.0))
 
 
-def subpixel_step(frames: Map, clip: float, shown: Shown, coarse: Step, maps: tuple[Map, Map]) -> Step:
+def subpixel_step(frames: Map, clip: float, shown: Shown, coarse: Work, maps: tuple[Map, Map]) -> Work:
     """Work on a block of rows: answers within the cells that `coarse` found, where blur tells them apart."""
     sample = sampled_rows(frames.shape[1])
     for row in sample:

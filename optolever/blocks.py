@@ -10,6 +10,7 @@ from typing import TypeVar, cast
 __all__ = [
     "ONE_THREAD",
     "THREADS_VARIABLE",
+    "Work",
     "on_cores",
     "over_blocks",
     "over_image",
@@ -21,6 +22,7 @@ __all__ = [
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 Work = Callable[[int, int], None]
+"""What is done to rows start..stop."""
 
 THREADS_VARIABLE = "OPTOLEVER_THREADS"
 """Environment variable: how many threads to use, instead of all cores that the process may use."""
