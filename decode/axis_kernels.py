@@ -50,7 +50,8 @@ def _code(first: int, n: int, camera: Camera, code: CodeRecord | None, scratch: 
     read2, gain = camera.of_code
     code_tile(
         *(camera.frames, camera.clip, 0, first, n, code.source, code.white, code.black),
-        *(code.plain, code.inverse, code.gray, code.cells, read2, gain, code.loose, code.beyond),
+        *(code.plain, code.inverse, code.gray, code.cells, code.together, code.fringed),
+        *(code.contrast, read2, gain, code.loose, code.beyond),
         (lines[_STEP], lines[_SPARE], lines[_PLACE], lines[_SPREAD], lines[_AGREEMENT]),
         *(word, scratch.marks[0], lines[_FAR], lines[_UP], lines[_DOWN], lines[_HALF], lines[_MIDDLE]),
         scratch.marks[1],

@@ -20,6 +20,10 @@ _HUGE = np.float32(1e30)
 #: Sums of a bit and its inverse that differ by more half contrasts: a sample was lit by something else. Two
 #: half contrasts flip a bit, fewer do where it is near its edge; real displays are uneven by a tenth.
 _ODD = np.float32(0.4)
+#: Squared contrast of a bit that is nothing but edges; share of the pixels that are edges, at least.
+_ALL_EDGES, _FEWEST_EDGES = 1 / 3, 0.02
+#: Variance and contrast over noise that are reckoned with at least; 1 / sqrt(2), 1 / sqrt(2 pi).
+_LEAST_SPREAD, _LOWEST, _HALF_ROOT, _PEAK = 1e-12, 1e-3, math.sqrt(0.5), 1 / math.sqrt(2 * math.pi)
 _ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
 
@@ -37,6 +41,9 @@ def code_tile(
     inverse: Array,
     gray: bool,
     cells: Array,
+    together: bool,
+    fringed: bool,
+    contrast: Array,
     read2: Any,
     gain: Any,
     loose: Any,
@@ -54,7 +61,9 @@ def code_tile(
     """Decode n pixels of a row, from raw levels: a response does not move a threshold half way.
 
     plain, inverse (bits,): frame numbers, -1 = not shown, bit 0 least significant; cells: word -> cell,
-    which for a Gray code (gray) is computed;
+    which for a Gray code (gray) is computed; together: bits change together from cell to cell;
+    fringed: a fringe tells where in a cell a pixel is;
+    contrast (bits,): squared, what is left of each bit's (see references);
     read2 + gain I = variance of a sample; loose = systematic error of a margin, in half contrasts; beyond =
     half contrasts by which a bit's level may pass white or black.
     Out (n,): cell; probabilities that the truth is one cell up, one cell down, or anywhere else (far; 1 where
@@ -105,6 +114,9 @@ def code_tile(
                     plain,
                     inverse,
                     cells,
+                    together,
+                    fringed,
+                    contrast,
                     read2,
                     gain,
                     loose,
@@ -354,18 +366,45 @@ def _weak(
 
 
 @leaf_kernel
-def _wrong(margin: float, least: float, spread: float) -> float:
-    """Probability that a bit with this margin is wrong.
+def _tail(x: float) -> float:
+    """Q(x), what a normal distribution has beyond x."""
+    return 0.5 * math.erfc(x * _HALF_ROOT)
 
-    Where the noise reaches the contrast: from the odds of +least against -least, the least margin that a bit
-    away from its edges has. Where the noise is small, a margin below that tells of an edge or of blur, and
-    nothing is known but the noise.
+
+@leaf_kernel
+def _wrong_far(x: float, height: float) -> float:
+    """Probability that a bit with margin x is wrong, its true level being no edge's; all in sigma.
+
+    Where the noise reaches the contrast: from the odds of +height / 2 against -height / 2, the least margin
+    that a bit of contrast `height` has away from its edges. Where the noise is small, a margin below that
+    tells of something else, and nothing is known but the noise.
     """
-    if not spread > 0:
-        return 0.5
-    if margin > least - 3 * math.sqrt(spread):
-        return 1 / (1 + math.exp(min(2 * margin * least / spread, 100.0)))
-    return 0.5 * math.erfc(margin / math.sqrt(2 * spread))
+    least = 0.5 * height
+    return 1 / (1 + math.exp(min(2 * x * least, 100.0))) if x > least - 3 else _tail(x)
+
+
+@leaf_kernel
+def _wrong_beside(x: float, height: float, edges: float) -> float:
+    """_wrong_far for a level that may be an edge's, as likely as not anywhere between -height and height; on
+    a share `edges` of the pixels it is one.
+    """
+    flat, ramp = (1 - edges) * _PEAK, edges / height
+    below, here = _tail(x), _tail(x - height)
+    wrong = flat * math.exp(-0.5 * (x + height) ** 2) + ramp * (below - _tail(x + height))
+    right = flat * math.exp(-0.5 * (x - height) ** 2) + ramp * (here - below)
+    return wrong / (wrong + right) if wrong + right > 0 else below
+
+
+@leaf_kernel
+def _of_edge(x: float, height: float, contrast: float) -> float:
+    """_wrong_beside of a bit of squared contrast `contrast`, height being that of others.
+
+    Levels that are flat but for edges on a share e of the pixels have the mean square 1 - 2 e / 3; below 1/3
+    all is edges, and lower.
+    """
+    if contrast < _ALL_EDGES:
+        return _wrong_beside(x, height * math.sqrt(contrast / _ALL_EDGES), 1.0)
+    return _wrong_beside(x, height, max((1 - contrast) / (1 - _ALL_EDGES), _FEWEST_EDGES))
 
 
 @leaf_kernel
@@ -379,6 +418,9 @@ def _misread(
     plain: Array,
     inverse: Array,
     cells: Array,
+    together: bool,
+    fringed: bool,
+    contrast: Array,
     read2: float,
     gain: float,
     loose: float,
@@ -390,27 +432,37 @@ def _misread(
     down: Array,
     clipped: Array,
 ) -> None:
-    """Sum over bits of Q(margin / sigma), sorted by where the flipped bit would lead."""
-    cell = cells[word]
-    for bit in range(len(plain)):
-        if plain[bit] >= 0 and inverse[bit] >= 0:
-            raw, other = frames[plain[bit], row, first + x], frames[inverse[bit], row, first + x]
-            margin = 0.5 * (np.float32(raw) - np.float32(other))
-            spread = 0.5 * (read2 + gain * middle)
-            if raw >= clip and other >= clip:
+    """Sum over bits of the probability that it is wrong, sorted by where the flipped bit would lead.
+
+    A bit that would lead far has its edge elsewhere, unless its edge is that of others, too (together), or
+    it leads to the cell after the next but one: past the next one, should the finest bit be wrong besides.
+    With fringes only that counts which leads away from the side on which the fringe lies: no edge is there.
+    """
+    cell, beside, edged = cells[word], 0.0, together or not fringed
+    noise, systematic = float(read2 + gain * middle), float(loose * half) ** 2
+    for far_ones in range(2):
+        for bit in range(len(plain)):
+            step = cells[word ^ (1 << bit)] - cell
+            if (abs(step) != 1) != (far_ones == 1):
+                continue
+            if plain[bit] >= 0 and inverse[bit] >= 0:
+                raw, other = frames[plain[bit], row, first + x], frames[inverse[bit], row, first + x]
+                margin = 0.5 * (np.float32(raw) - np.float32(other))
+                spread, lost = 0.5 * noise + systematic, raw >= clip and other >= clip
+            else:
+                raw = frames[max(plain[bit], inverse[bit]), row, first + x]
+                margin = np.float32(raw) - middle
+                spread, lost = _lone(source) * noise + systematic, raw >= clip and middle >= clip
+            if lost:
                 clipped[x] = 1
-        else:
-            raw = frames[max(plain[bit], inverse[bit]), row, first + x]
-            margin = np.float32(raw) - middle
-            spread = _lone(source) * (read2 + gain * middle)
-            if raw >= clip and middle >= clip:
-                clipped[x] = 1
-        spread += (loose * half) ** 2
-        wrong = _wrong(abs(float(margin)), 0.5 * float(half), float(spread))
-        step = cells[word ^ (1 << bit)] - cell
-        if step == 1:
-            up[x] += wrong
-        elif step == -1:
-            down[x] += wrong
-        else:
-            far[x] += wrong
+            sigma = math.sqrt(max(spread, _LEAST_SPREAD))
+            seen, height = abs(float(margin)) / sigma, max(float(half) / sigma, _LOWEST)
+            at_edge = _of_edge(seen, height, contrast[bit]) if edged else 0.0
+            elsewhere = _wrong_far(seen, height * math.sqrt(contrast[bit]))
+            if step == 1:
+                up[x] += at_edge if edged else elsewhere
+            elif step == -1:
+                down[x] += at_edge if edged else elsewhere
+            else:
+                far[x] += elsewhere + at_edge * (1.0 if together else beside if abs(step) == 3 else 0.0)
+        beside = min(float(up[x] + down[x]), 1.0)

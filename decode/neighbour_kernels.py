@@ -33,7 +33,7 @@ _NOTHING = np.uint16(1 | 4 | 128)
 _BESIDE, _BORDER = np.float32(0.85), np.float32(0.96)
 #: Cells by which a pixel is surely nearer to it than another.
 _NEARER = 1.0
-_ZERO, _ONE, _THREE = np.float32(0), np.float32(1), np.float32(3)
+_ZERO, _ONE, _TWO, _THREE = np.float32(0), np.float32(1), np.float32(2), np.float32(3)
 _HALF, _GOOD = np.float32(0.5), np.uint16(0)
 
 
@@ -41,7 +41,8 @@ _HALF, _GOOD = np.float32(0.5), np.uint16(0)
 def near_rows(start: int, stop: int, near: Near, fresh: bool, shared: Shared, scratch: Scratch) -> None:
     """Compare rows start..stop with those around: bends go into sigma, steep and mixed pixels are flagged.
 
-    near.steep: largest footprint of a code alone along u and v, pattern pixels; None: the axis is continuous.
+    near.steep: of a code alone along u and v, largest footprint and cell, pattern pixels; None: the axis is
+    continuous.
     fresh: these rows and those around are not among scratch.kept yet.
     """
     kept, wide = scratch.kept, scratch.wide
@@ -132,33 +133,57 @@ def _steep_rows(start: int, stop: int, most: Any, coord: Array, flags: Array, wi
     """Flag pixels of a code alone whose footprint is larger than `most`: its bits hold for no one place."""
     rows, cols = coord.shape
     for row in range(start, stop):
-        if _steep(np.float32(2 * most), row, max(row - 1, 0), min(row + 1, rows - 1), coord, flags, wide):
+        limit, cell = np.float32(2 * most[0]), most[1]
+        if _steep(limit, cell, row, max(row - 1, 0), min(row + 1, rows - 1), coord, flags, wide):
             for x in range(cols):
                 flags[row, x] |= wide[x]
 
 
+@inline_kernel
+def _slope(before: Any, here: Any, after: Any, bad_before: Any, bad_after: Any, cell: Any) -> Any:
+    """What coordinates change over two pixels; with one good neighbour, twice the change to that side, less
+    a cell, as places of cells are that rough. With none, doubtful ones will do: most of them are right.
+    """
+    none = ((bad_before & _READ) != _GOOD) & ((bad_after & _READ) != _GOOD)
+    mask = _NOTHING if none else _READ
+    good_before, good_after = (bad_before & mask) == _GOOD, (bad_after & mask) == _GOOD
+    one = abs(here - before) if good_before else abs(after - here)
+    twice = _TWO * one - cell
+    twice = one if one > twice else twice
+    single = twice if good_before | good_after else _ZERO
+    return abs(after - before) if good_before & good_after else single
+
+
 @apart_kernel
-def _steep(most: Any, row: int, up: int, down: int, coord: Array, flags: Array, wide: Array) -> bool:
-    """wide (cols,) = OUTLIER where differences to either side add up to more than `most`; True if any do."""
+def _steep(
+    most: Any, cell: Any, row: int, up: int, down: int, coord: Array, flags: Array, wide: Array
+) -> bool:
+    """wide (cols,) = OUTLIER where differences to either side add up to more than `most`, or nothing beside
+    can be trusted, so that nobody knows; True if any do.
+    """
     here, above, below = coord[row], coord[up], coord[down]
     bad, bad_above, bad_below = flags[row], flags[up], flags[down]
+    at_top = _NOTHING if up == row else _GOOD
+    at_bottom = _NOTHING if down == row else _GOOD
     last = coord.shape[1] - 1
     found = _ZERO
     for x in range(1, last):
         middle = np.float32(here[x])
-        low = np.float32(here[x - 1]) if (bad[x - 1] & _READ) == _GOOD else middle
-        high = np.float32(here[x + 1]) if (bad[x + 1] & _READ) == _GOOD else middle
-        top = np.float32(above[x]) if (bad_above[x] & _READ) == _GOOD else middle
-        bottom = np.float32(below[x]) if (bad_below[x] & _READ) == _GOOD else middle
-        steep = abs(high - low) + abs(bottom - top) > most
+        along = _slope(np.float32(here[x - 1]), middle, np.float32(here[x + 1]), bad[x - 1], bad[x + 1], cell)
+        no_top, no_bottom = bad_above[x] | at_top, bad_below[x] | at_bottom
+        across = _slope(np.float32(above[x]), middle, np.float32(below[x]), no_top, no_bottom, cell)
+        sides = ((bad[x - 1] & _READ) != _GOOD) & ((bad[x + 1] & _READ) != _GOOD)
+        alone = sides & ((no_top & _READ) != _GOOD) & ((no_bottom & _READ) != _GOOD)
+        steep = (along + across > most) | alone
         wide[x] = _OUTLIER if steep else _GOOD
         found += _ONE if steep else _ZERO
     for x in range(0, last + 1, max(last, 1)):
-        middle, other = np.float32(here[x]), 1 if x == 0 else last - 1
-        side = np.float32(here[other]) if last > 0 and (bad[other] & _READ) == _GOOD else middle
-        top = np.float32(above[x]) if (bad_above[x] & _READ) == _GOOD else middle
-        bottom = np.float32(below[x]) if (bad_below[x] & _READ) == _GOOD else middle
-        steep = abs(side - middle) + abs(bottom - top) > most
+        middle, other = np.float32(here[x]), min(max(x, 1), last) - (1 if x else 0)
+        beside = bad[other] if last > 0 else _NOTHING
+        along = _slope(middle, middle, np.float32(here[other]), _NOTHING, beside, cell)
+        no_top, no_bottom = bad_above[x] | at_top, bad_below[x] | at_bottom
+        across = _slope(np.float32(above[x]), middle, np.float32(below[x]), no_top, no_bottom, cell)
+        steep = along + across > most
         wide[x] = _OUTLIER if steep else _GOOD
         found += _ONE if steep else _ZERO
     return bool(found > _ZERO)

@@ -56,6 +56,11 @@ class Code:
     origin: float
     cells: NDArray[np.int32]  # word -> cell
 
+    @property
+    def together(self) -> bool:
+        """Whether several bits change from one cell to the next, as they do in none of the Gray codes."""
+        return self.kind in ("binary", "xor-gray")
+
     def centre(self, cell: NDArray[np.int32]) -> NDArray[np.float64]:
         """Coordinate of a cell's centre, pattern pixels."""
         return cell.astype(np.float64) * self.cell + (0.5 * (self.cell - 1) + self.origin)

@@ -60,6 +60,9 @@ class CodeRecord(NamedTuple):
     inverse: Array
     gray: bool
     cells: Array
+    together: bool
+    fringed: bool
+    contrast: Array
     loose: np.float32
     beyond: np.float32
     pitch: np.float32
@@ -122,7 +125,7 @@ class Near(NamedTuple):
     """What neighbours are asked, see neighbour_kernels.near_rows; dim (H,): rows with pixels to ask again."""
 
     shown: tuple[bool, bool]
-    steep: tuple[np.float32 | None, np.float32 | None]
+    steep: tuple[tuple[np.float32, np.float32] | None, tuple[np.float32, np.float32] | None]
     read2: np.float32
     gain: np.float32
     extents: tuple[float, float]

@@ -19,7 +19,7 @@ from .job import Job
 from .neighbour_kernels import near_rows, shadow_rows
 from .plan import AxisPlan, Code, Plan
 from .records import AxisRecord, Camera, CodeRecord, FringeRecord, Near, Scratch, Shared, scratch
-from .references import beyond_references
+from .references import beyond_references, bit_contrasts
 
 __all__ = ["LOOSE", "Maps", "axes_step", "near_of", "near_step", "shadow_step"]
 
@@ -143,7 +143,7 @@ def near_of(job: Job, wanted: Plan, blurs: dict[str, float | None], maps: Maps) 
     shown = {axis.axis: axis for axis in wanted.axes}
     codes = {name: axis.code for name, axis in shown.items() if axis.code and not axis.fringes}
     most = {
-        name: F32(code.cell * (_STEEP_XOR if code.kind == "xor-gray" else _STEEP_CELLS))
+        name: (F32(code.cell * (_STEEP_XOR if code.kind == "xor-gray" else _STEEP_CELLS)), F32(code.cell))
         for name, code in codes.items()
     }
     noise = job.raw_noise if codes else job.noise
@@ -213,14 +213,18 @@ def _axis_record(
 
 
 def _code_record(job: Job, wanted: Plan, axis: AxisPlan, code: Code) -> CodeRecord:
+    source = _source(wanted, code)
     return CodeRecord(
-        source=_source(wanted, code),
+        source=source,
         white=wanted.white,
         black=wanted.black,
         plain=code.plain,
         inverse=code.inverse,
         gray=code.kind == "gray",
         cells=code.cells,
+        together=code.together,
+        fringed=bool(axis.fringes),
+        contrast=bit_contrasts(job.sample.levels, job.raw_noise, wanted, code),
         loose=F32(LOOSE),
         beyond=F32(beyond_references(job.frames, wanted, code)),
         pitch=F32(code.cell),

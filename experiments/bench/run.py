@@ -11,7 +11,7 @@ from optolever.errors import InputError
 from optolever.projector import Capture
 from optolever.reconstruct import prism_geometry, recursion
 
-from ..decode_speed import touch
+from ..decode_speed import toucher
 from ..metrics import rms
 from ..paper_frames import lattice_frames, lattice_positions
 from ..paper_simulation import seen_points
@@ -108,8 +108,8 @@ class Bench:
     def _floor(self, taken: Capture) -> float:
         """Seconds that only reading the frames and writing a decoder's output takes, once per shot."""
         if self._touched is None or self._touched[0] is not taken:
-            touch(taken.frames[:, :1])  # compiles, which is not part of the floor
-            self._touched = taken, self._clock(lambda: touch(taken.frames)).seconds
+            toucher(taken.frames[:, :1])()  # compiles, which is not part of the floor
+            self._touched = taken, self._clock(toucher(taken.frames)).seconds
         return self._touched[1]
 
     def _decode(self, coder: Decoder, shot: Shot) -> Measured:
