@@ -17,7 +17,9 @@
 | `axis_kernels`             | one axis over a run of pixels: code and fringes, tile by tile                |
 | `fit_kernels`              | fringe fit of a tile                                                         |
 | `refit_kernels`            | that again for pixels with clipped samples, or with weighed ones             |
-| `code_kernels`             | bits, code words, cells, probability of a misread bit                        |
+| `code_kernels`             | bits, code words, cells                                                      |
+| `bits`                     | how much of each bit the camera sees, how wide its edges look                |
+| `doubt_kernels`            | probability of a misread bit, and what it does to the place                  |
 | `unwrap_kernels`           | fringe orders from several periods or a code, probability of a wrong one     |
 | `flag_kernels`             | flags, and the maps that both axes share                                     |
 | `display`                  | grey values and border of the display: what they shift                       |

@@ -18,7 +18,6 @@ __all__ = ["axis_pixels"]
 
 Array = NDArray[Any]
 
-_FLAT = np.float32(1 / 12)
 # lines of Scratch.lines; behind them a, c, s of all periods, then their turns, variances and misfits
 _PLACE, _SPREAD, _DOUBT, _GUESS, _HALF, _MIDDLE, _FAR, _UP, _DOWN = range(9)
 _GAP, _AGREEMENT, _STEP, _MARGIN, _SPARE = range(9, LINES)
@@ -51,10 +50,10 @@ def _code(first: int, n: int, camera: Camera, code: CodeRecord | None, scratch: 
     code_tile(
         *(camera.frames, camera.clip, 0, first, n, code.source, code.white, code.black),
         *(code.plain, code.inverse, code.gray, code.cells, code.together, code.fringed),
-        *(code.contrast, read2, gain, code.loose, code.beyond),
+        *(code.edges, read2, gain, code.loose, code.beyond),
         (lines[_STEP], lines[_SPARE], lines[_PLACE], lines[_SPREAD], lines[_AGREEMENT]),
-        *(word, scratch.marks[0], lines[_FAR], lines[_UP], lines[_DOWN], lines[_HALF], lines[_MIDDLE]),
-        scratch.marks[1],
+        *(word, scratch.marks[0], lines[_FAR], lines[_UP], lines[_DOWN], lines[_GAP]),
+        *(lines[_HALF], lines[_MIDDLE], scratch.marks[1]),
     )
     _centres(n, code.pitch, code.origin, word, lines[_GUESS])
 
@@ -79,7 +78,7 @@ def _alone(
         *(n, read2, gain, camera.dark, code.most, scratch.words[0], far, half, middle, scratch.marks[1], why)
     )
     doubt, spread = lines[_DOUBT], lines[_SPREAD]
-    _flat(n, code.pitch, far, lines[_UP], lines[_DOWN], doubt, spread)
+    _flat(n, code.pitch, far, lines[_UP], lines[_DOWN], lines[_GAP], doubt, spread)
     _write(n, camera.floor, lines[_GUESS], spread, first, axis.flat_coord, axis.flat_sigma)
     _common(first, n, axis.joined, why, half, middle, doubt, shared)
 
@@ -200,12 +199,14 @@ def _centres(n: int, pitch: Any, origin: Any, cell: Array, centre: Array) -> Non
 
 
 @fast_kernel
-def _flat(n: int, pitch: Any, far: Array, up: Array, down: Array, doubt: Array, spread: Array) -> None:
-    """A code alone: a bit may be wrong anywhere, and within its cell every place is as likely."""
+def _flat(
+    n: int, pitch: Any, far: Array, up: Array, down: Array, place: Array, doubt: Array, spread: Array
+) -> None:
+    """A code alone: a bit may be wrong anywhere; place: variance, cells^2."""
     for x in range(n):
         doubt[x] = far[x] + up[x] + down[x]
     for x in range(n):
-        spread[x] = pitch * pitch * (_FLAT + up[x] + down[x])
+        spread[x] = pitch * pitch * place[x]
 
 
 @fast_kernel

@@ -1,11 +1,11 @@
-"""Compiled binary codes: bits -> code word -> cell, and the probability that a bit was misread."""
+"""Compiled binary codes: bits -> code word -> cell."""
 
-import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .doubt_kernels import LEAST_INSIDE, lone, misread
 from .jit import apart_kernel, fast_kernel, inline_kernel, leaf_kernel
 
 __all__ = ["FROM_EXTREMES", "FROM_PAIRS", "FROM_WHITE_BLACK", "code_tile"]
@@ -20,11 +20,8 @@ _HUGE = np.float32(1e30)
 #: Sums of a bit and its inverse that differ by more half contrasts: a sample was lit by something else. Two
 #: half contrasts flip a bit, fewer do where it is near its edge; real displays are uneven by a tenth.
 _ODD = np.float32(0.4)
-#: Squared contrast of a bit that is nothing but edges; share of the pixels that are edges, at least.
-_ALL_EDGES, _FEWEST_EDGES = 1 / 3, 0.02
-#: Variance and contrast over noise that are reckoned with at least; 1 / sqrt(2), 1 / sqrt(2 pi).
-_LEAST_SPREAD, _LOWEST, _HALF_ROOT, _PEAK = 1e-12, 1e-3, math.sqrt(0.5), 1 / math.sqrt(2 * math.pi)
 _ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
+_TWELFTH, _LEAST_INSIDE = np.float32(1 / 12), np.float32(LEAST_INSIDE)
 
 
 @leaf_kernel
@@ -43,7 +40,7 @@ def code_tile(
     cells: Array,
     together: bool,
     fringed: bool,
-    contrast: Array,
+    edges: Any,
     read2: Any,
     gain: Any,
     loose: Any,
@@ -54,6 +51,7 @@ def code_tile(
     far: Array,
     up: Array,
     down: Array,
+    place: Array,
     half: Array,
     middle: Array,
     clipped: Array,
@@ -63,11 +61,12 @@ def code_tile(
     plain, inverse (bits,): frame numbers, -1 = not shown, bit 0 least significant; cells: word -> cell,
     which for a Gray code (gray) is computed; together: bits change together from cell to cell;
     fringed: a fringe tells where in a cell a pixel is;
-    contrast (bits,): squared, what is left of each bit's (see references);
+    edges: see records.Edges;
     read2 + gain I = variance of a sample; loose = systematic error of a margin, in half contrasts; beyond =
     half contrasts by which a bit's level may pass white or black.
     Out (n,): cell; probabilities that the truth is one cell up, one cell down, or anywhere else (far; 1 where
-    levels are no bit's); half contrast, mid level; clipped = 1 where clipped samples make a bit unreadable.
+    levels are no bit's); variance of a place in its cell (place, cells^2); half contrast, mid level; clipped
+    = 1 where clipped samples make a bit unreadable.
     room: 5 x (n,).
     """
     pair, single, most, high, low = room
@@ -101,10 +100,13 @@ def code_tile(
     up[:n] = _ZERO
     down[:n] = _ZERO
     clipped[:n] = np.uint8(0)
-    if _weak(n, read2, gain, loose, _lone(source), middle, half, pair, single, weak):
+    both = _HALF if _paired(plain, inverse, 0) > 0 else lone(source)
+    reach = _SIX * edges.reach[0] / max(edges.level[0], np.float32(1e-3))
+    _inside(n, read2, gain, both, reach, middle, half, place)
+    if _weak(n, read2, gain, loose, lone(source), middle, half, pair, single, weak):
         for x in range(n):
             if weak[x]:
-                _misread(
+                misread(
                     frames,
                     clip,
                     row,
@@ -116,7 +118,7 @@ def code_tile(
                     cells,
                     together,
                     fringed,
-                    contrast,
+                    edges,
                     read2,
                     gain,
                     loose,
@@ -126,6 +128,7 @@ def code_tile(
                     far,
                     up,
                     down,
+                    place,
                     clipped,
                 )
     _odd(n, read2, gain, beyond, middle, half, most, high, low, far)
@@ -151,12 +154,6 @@ def _of_gray(n: int, word: Array) -> None:
 def _looked_up(n: int, cells: Array, word: Array) -> None:
     for x in range(n):
         word[x] = cells[word[x]]
-
-
-@inline_kernel
-def _lone(source: Any) -> Any:
-    """Variance of a margin without inverse over that of a sample: the threshold has noise, too."""
-    return np.float32(1.0) if source == 2 else np.float32(1.5)
 
 
 @fast_kernel
@@ -340,6 +337,21 @@ def _odd(
 
 
 @fast_kernel
+def _inside(
+    n: int, read2: Any, gain: Any, both: Any, reach: Any, middle: Array, half: Array, place: Array
+) -> None:
+    """Variance of places in cells whose bits are certain, 6 sigma from the middle of an edge that reaches so
+    many cells per sigma of half the contrast.
+    """
+    for x in range(n):
+        sigma = np.sqrt(both * (read2 + gain * middle[x]))
+        side = reach * sigma / (half[x] if half[x] > _ONE else _ONE)
+        width = _ONE - (side + side)
+        width = width if width > _LEAST_INSIDE else _LEAST_INSIDE
+        place[x] = _TWELFTH * width * width
+
+
+@fast_kernel
 def _weak(
     n: int,
     read2: Any,
@@ -363,106 +375,3 @@ def _weak(
     for x in range(n):
         count += weak[x]
     return count > 0
-
-
-@leaf_kernel
-def _tail(x: float) -> float:
-    """Q(x), what a normal distribution has beyond x."""
-    return 0.5 * math.erfc(x * _HALF_ROOT)
-
-
-@leaf_kernel
-def _wrong_far(x: float, height: float) -> float:
-    """Probability that a bit with margin x is wrong, its true level being no edge's; all in sigma.
-
-    Where the noise reaches the contrast: from the odds of +height / 2 against -height / 2, the least margin
-    that a bit of contrast `height` has away from its edges. Where the noise is small, a margin below that
-    tells of something else, and nothing is known but the noise.
-    """
-    least = 0.5 * height
-    return 1 / (1 + math.exp(min(2 * x * least, 100.0))) if x > least - 3 else _tail(x)
-
-
-@leaf_kernel
-def _wrong_beside(x: float, height: float, edges: float) -> float:
-    """_wrong_far for a level that may be an edge's, as likely as not anywhere between -height and height; on
-    a share `edges` of the pixels it is one.
-    """
-    flat, ramp = (1 - edges) * _PEAK, edges / height
-    below, here = _tail(x), _tail(x - height)
-    wrong = flat * math.exp(-0.5 * (x + height) ** 2) + ramp * (below - _tail(x + height))
-    right = flat * math.exp(-0.5 * (x - height) ** 2) + ramp * (here - below)
-    return wrong / (wrong + right) if wrong + right > 0 else below
-
-
-@leaf_kernel
-def _of_edge(x: float, height: float, contrast: float) -> float:
-    """_wrong_beside of a bit of squared contrast `contrast`, height being that of others.
-
-    Levels that are flat but for edges on a share e of the pixels have the mean square 1 - 2 e / 3; below 1/3
-    all is edges, and lower.
-    """
-    if contrast < _ALL_EDGES:
-        return _wrong_beside(x, height * math.sqrt(contrast / _ALL_EDGES), 1.0)
-    return _wrong_beside(x, height, max((1 - contrast) / (1 - _ALL_EDGES), _FEWEST_EDGES))
-
-
-@leaf_kernel
-def _misread(
-    frames: Array,
-    clip: float,
-    row: int,
-    first: int,
-    x: int,
-    source: int,
-    plain: Array,
-    inverse: Array,
-    cells: Array,
-    together: bool,
-    fringed: bool,
-    contrast: Array,
-    read2: float,
-    gain: float,
-    loose: float,
-    word: int,
-    middle: float,
-    half: float,
-    far: Array,
-    up: Array,
-    down: Array,
-    clipped: Array,
-) -> None:
-    """Sum over bits of the probability that it is wrong, sorted by where the flipped bit would lead.
-
-    A bit that would lead far has its edge elsewhere, unless its edge is that of others, too (together), or
-    it leads to the cell after the next but one: past the next one, should the finest bit be wrong besides.
-    With fringes only that counts which leads away from the side on which the fringe lies: no edge is there.
-    """
-    cell, beside, edged = cells[word], 0.0, together or not fringed
-    noise, systematic = float(read2 + gain * middle), float(loose * half) ** 2
-    for far_ones in range(2):
-        for bit in range(len(plain)):
-            step = cells[word ^ (1 << bit)] - cell
-            if (abs(step) != 1) != (far_ones == 1):
-                continue
-            if plain[bit] >= 0 and inverse[bit] >= 0:
-                raw, other = frames[plain[bit], row, first + x], frames[inverse[bit], row, first + x]
-                margin = 0.5 * (np.float32(raw) - np.float32(other))
-                spread, lost = 0.5 * noise + systematic, raw >= clip and other >= clip
-            else:
-                raw = frames[max(plain[bit], inverse[bit]), row, first + x]
-                margin = np.float32(raw) - middle
-                spread, lost = _lone(source) * noise + systematic, raw >= clip and middle >= clip
-            if lost:
-                clipped[x] = 1
-            sigma = math.sqrt(max(spread, _LEAST_SPREAD))
-            seen, height = abs(float(margin)) / sigma, max(float(half) / sigma, _LOWEST)
-            at_edge = _of_edge(seen, height, contrast[bit]) if edged else 0.0
-            elsewhere = _wrong_far(seen, height * math.sqrt(contrast[bit]))
-            if step == 1:
-                up[x] += at_edge if edged else elsewhere
-            elif step == -1:
-                down[x] += at_edge if edged else elsewhere
-            else:
-                far[x] += elsewhere + at_edge * (1.0 if together else beside if abs(step) == 3 else 0.0)
-        beside = min(float(up[x] + down[x]), 1.0)

@@ -14,6 +14,7 @@ __all__ = [
     "AxisRecord",
     "Camera",
     "CodeRecord",
+    "Edges",
     "FringeRecord",
     "Near",
     "Scratch",
@@ -50,6 +51,16 @@ class Camera(NamedTuple):
     floor: np.float32
 
 
+class Edges(NamedTuple):
+    """Of each bit (bits,): rms contrast and level away from edges, both over the half contrast without blur;
+    share of the pixels that are edges; how far an edge reaches to either side, cells."""
+
+    contrast: Array
+    level: Array
+    share: Array
+    reach: Array
+
+
 class CodeRecord(NamedTuple):
     """Bits, see code_kernels.code_tile; pitch, origin: place of a cell; most: cells of the surface."""
 
@@ -62,7 +73,7 @@ class CodeRecord(NamedTuple):
     cells: Array
     together: bool
     fringed: bool
-    contrast: Array
+    edges: Edges
     loose: np.float32
     beyond: np.float32
     pitch: np.float32

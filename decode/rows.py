@@ -12,6 +12,7 @@ from optolever.memory import roomy_empty
 from optolever.patterns import Sequence
 
 from .arrays import axis_arrays, chi_squared_limit
+from .bits import bit_edges
 from .block_kernels import block_rows
 from .code_kernels import FROM_EXTREMES, FROM_PAIRS, FROM_WHITE_BLACK
 from .display import NO_TABLES, Tables
@@ -19,7 +20,7 @@ from .job import Job
 from .neighbour_kernels import near_rows, shadow_rows
 from .plan import AxisPlan, Code, Plan
 from .records import AxisRecord, Camera, CodeRecord, FringeRecord, Near, Scratch, Shared, scratch
-from .references import beyond_references, bit_contrasts
+from .references import beyond_references
 
 __all__ = ["LOOSE", "Maps", "axes_step", "near_of", "near_step", "shadow_step"]
 
@@ -224,7 +225,7 @@ def _code_record(job: Job, wanted: Plan, axis: AxisPlan, code: Code) -> CodeReco
         cells=code.cells,
         together=code.together,
         fringed=bool(axis.fringes),
-        contrast=bit_contrasts(job.sample.levels, job.raw_noise, wanted, code),
+        edges=bit_edges(job.sample.levels, job.raw_noise, wanted, code),
         loose=F32(LOOSE),
         beyond=F32(beyond_references(job.frames, wanted, code)),
         pitch=F32(code.cell),

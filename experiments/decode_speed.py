@@ -2,8 +2,8 @@
 
 The floor is a kernel of the same shape that reads every frame and writes outputs of the same size, into
 memory that the process has already, as decode does from its second call on (the allocator sees to it).
-`fringes` (GPL) is run, never copied, and only if it is installed; OpenCV's structured_light comes with OpenCV's contrib
-modules. Frames are those of an ideal surface and camera: a smooth map, noise, rounding.
+`fringes` (GPL) is run, never copied, and only if it is installed; OpenCV's structured_light comes with
+OpenCV's contrib modules. Frames are those of an ideal surface and camera: a smooth map, noise, rounding.
 """
 
 import importlib

@@ -149,7 +149,7 @@ def _stream() -> Iterator[Figure]:
         stream.update(decode(frames, shown))
     turn = [stacks[k % len(stacks)] for k in [*range(4), 2, 1] * (STREAMED // 6)]
     start, processor = time.perf_counter(), time.process_time()
-    heights = []
+    heights: list[HeightMap] = []
     for frames in turn:
         height = stream.update(decode(frames, shown))
         if len(heights) < len(stacks):  # to hold them all is to fetch new memory for each

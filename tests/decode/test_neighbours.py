@@ -140,5 +140,7 @@ def test_a_pixel_without_a_coordinate_leaves_the_others_continuous() -> None:
     lines, sigma = np.tile(np.arange(200.0), (16, 1)), np.full((16, 200), 0.01, np.float32)
     lines[3, 39:42] = np.nan
     assert is_continuous(lines, sigma)
+    # steep, and misread by its footprint: still a map
+    assert is_continuous(np.round(4.7 * lines + 3.0 * (np.arange(200) % 2)), sigma)
     assert not is_continuous(np.random.default_rng(0).uniform(0, 200, lines.shape), sigma)
     assert not is_continuous(np.full_like(lines, np.nan), sigma)

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from optolever.decode import Correspondence, decode, difference
 from optolever.patterns import Frame, Sequence, sequence
 
+from .conftest import level
+
 F64 = NDArray[np.float64]
 Shoot = Callable[..., NDArray[Any]]
 
@@ -120,3 +122,35 @@ def test_difference_adds_in_square_and_joins_flags(shoot: Shoot, smooth: tuple[F
     score = ((delta.u - 0.4) / delta.sigma_u)[good]
     assert np.sqrt(np.mean(score**2)) == pytest.approx(1, abs=0.03)
     np.testing.assert_allclose(delta.sigma_v, np.hypot(moved.sigma_v, rest.sigma_v))
+
+
+def soft(shown: Sequence, u: F64, blur: float, noise: float) -> NDArray[np.uint8]:
+    """Frames of bits in a Gaussian blur (cells) through pixels of 0.3 cells, by convolution of fine samples."""
+    fine = np.arange(-20, shown.cols + 20, 1 / 16) + 1 / 32
+    kernel = np.exp(-0.5 * (np.arange(-160, 161) / 16 / max(blur, 1e-3)) ** 2)
+    cell = np.clip(np.floor(fine + 0.5), 0, shown.cols - 1)
+    rng, frames = np.random.default_rng(0), []
+    for frame in shown.frames:
+        light = 2 * level(frame, cell, cell) - 1
+        light = np.convolve(np.convolve(light, kernel / kernel.sum(), "same"), np.full(5, 0.2), "same")
+        frames.append(120 + 60 * np.interp(u, fine, light) + noise * rng.standard_normal(u.shape))
+    return np.asarray(np.clip(np.rint(frames), 0, 255), np.uint8)
+
+
+@pytest.mark.parametrize("ratio", [4.5, 8.0, 20.0])
+@pytest.mark.parametrize("blur", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("inverses", [True, False])
+@pytest.mark.parametrize("kind", ["gray", "binary", "long-run-gray"])
+def test_bits_in_blur_and_noise(kind: str, inverses: bool, blur: float, ratio: float) -> None:
+    """Misread bits are as frequent as stated, sigma holds what they do, none of it is silent."""
+    shown = sequence(kind, 256, 256, axes="u", inverses=inverses)
+    row, col = np.mgrid[:150, :180]
+    u = 8 + 0.25 * col + 0.05 * row + 1.3 * np.sin(row / 17)
+    found = decode(soft(shown, u, blur, 60 / ratio), shown)
+    misread, stated = np.mean(found.u != np.floor(u + 0.5)), np.mean(np.minimum(found.order_error, 1))
+    assert misread < 1.35 * stated
+    assert misread > 0.55 * stated or not inverses
+    error = (found.u - u)[found.good]
+    assert np.mean(np.abs(error) > 1.5) <= 1e-4 if error.size else found.good.size
+    if error.size > 1000:
+        assert 0.75 < np.sqrt(np.mean((error / found.sigma_u[found.good]) ** 2)) < 1.25

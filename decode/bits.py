@@ -1,0 +1,77 @@
+"""How much of each bit of a code the camera sees, and how wide the edges of its stripes look.
+
+Where noise reaches the contrast, blur cannot be told from it pixel by pixel; over many pixels it can.
+"""
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.patterns import code_words
+
+from .noise import Noise
+from .plan import Code, Plan
+from .records import Edges
+from .sample import quantile
+
+__all__ = ["bit_edges"]
+
+#: Pixels on which contrasts are measured, at least and about at most.
+_FEWEST, _PIXELS = 50, 1024
+#: Squared contrast of a bit that is nothing but edges; share or cells of a bit that are edges, at least.
+_ALL_EDGES, _LEAST_SHARE = 1 / 3, 0.02
+
+
+def bit_edges(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> Edges:
+    """From a sample of levels (N, K) and the noise of raw ones.
+
+    Levels that are flat but for edges on a share e of the pixels, straight from one level to the other, have
+    the mean square 1 - 2 e / 3; below 1/3 all is edges, and lower.
+    """
+    square, half = _squares(levels, noise, wanted, code), _half_stripes(code)
+    low = square < _ALL_EDGES
+    share = np.where(low, 0.0, (1 - square) / (1 - _ALL_EDGES))
+    # as far for all bits: the best fit to their shares, reach / half
+    reach = float(np.sum(share / half) / np.maximum(np.sum(~low / half**2), 1e-9))
+    share = np.where(low, 1.0, np.clip(reach / half, _LEAST_SHARE, 1.0))
+    reaches = np.where(low, half, reach)
+    level = np.where(low, np.sqrt(square / _ALL_EDGES), 1.0)
+    parts = np.sqrt(square), level, share, np.clip(reaches, _LEAST_SHARE, 1.0)
+    return Edges(*(part.astype(np.float32) for part in parts))
+
+
+def _squares(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> NDArray[np.float64]:
+    """Mean square of each bit's margin (bits,), without that of the noise, over that of white and black or,
+    if these were not shown, of the best bit; all 1 where too few pixels see the pattern.
+    """
+    own = levels[:, :: max(1, levels.shape[1] // _PIXELS)].astype(np.float32)
+    both = (code.plain >= 0) & (code.inverse >= 0)
+    shown = own[np.maximum(code.plain, code.inverse)]
+    referenced = min(wanted.white, wanted.black) >= 0
+    if referenced:
+        high, low = own[wanted.white], own[wanted.black]
+    else:
+        high, low = shown.max(axis=0), shown.min(axis=0)
+    margin = np.where(both[:, None], 0.5 * (own[code.plain] - own[code.inverse]), shown - 0.5 * (high + low))
+    half = 0.5 * (high - low)
+    lit = half > 0.25 * quantile(half, 0.95)
+    if np.count_nonzero(lit) < _FEWEST:
+        return np.ones(len(code.plain))
+    sample = noise.read2 + noise.gain * float(np.mean(0.5 * (high + low)[lit]))
+    square = np.mean(margin[:, lit] ** 2, axis=1, dtype=np.float64) - np.where(both, 0.5, 1.0) * sample
+    flat = float(np.mean(half[lit] ** 2)) - 0.5 * sample if referenced else 0.0
+    return np.asarray(np.clip(square / max(float(square.max()), flat, 1e-9), 1e-6, 1.0))
+
+
+def _half_stripes(code: Code) -> NDArray[np.float64]:
+    """Half the mean width of each bit's stripes (bits,), cells."""
+    return _of_words(code.kind, len(code.plain))
+
+
+@lru_cache(maxsize=16)
+def _of_words(kind: str, bits: int) -> NDArray[np.float64]:
+    words = code_words(kind, np.arange(1 << bits), bits)
+    changes = np.abs(np.diff((words[:, None] >> np.arange(bits)) & 1, axis=0)).sum(axis=0)
+    return np.asarray(0.5 * len(words) / (1 + changes))

@@ -1,0 +1,148 @@
+"""Compiled: how doubtful the bits of a code are at one pixel, by Bayes from margin, noise and contrast."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .jit import inline_kernel, leaf_kernel
+
+__all__ = ["LEAST_INSIDE", "lone", "misread"]
+
+Array = NDArray[Any]
+
+#: Variance and contrast over noise that are reckoned with at least; 1 / sqrt(2), 1 / sqrt(2 pi).
+_LEAST_SPREAD, _LOWEST, _HALF_ROOT, _PEAK = 1e-12, 1e-3, math.sqrt(0.5), 1 / math.sqrt(2 * math.pi)
+#: Variance of a place anywhere in a cell, cells^2; part of a cell's width that its edges leave, at least: how
+#: far these reach is an estimate.
+_FLAT, LEAST_INSIDE = 1 / 12, 0.85
+
+
+@inline_kernel
+def lone(source: Any) -> Any:
+    """Variance of a margin without inverse over that of a sample: the threshold has noise, too."""
+    return np.float32(1.0) if source == 2 else np.float32(1.5)
+
+
+@leaf_kernel
+def _tail(x: float) -> float:
+    """Q(x), what a normal distribution has beyond x."""
+    return 0.5 * math.erfc(x * _HALF_ROOT)
+
+
+@leaf_kernel
+def _wrong_far(x: float, height: float) -> float:
+    """Probability that a bit with margin x is wrong, its true level being no edge's; all in sigma.
+
+    Where the noise reaches the contrast: from the odds of +height / 2 against -height / 2, the least margin
+    that a bit of contrast `height` has away from its edges. Where the noise is small, a margin below that
+    tells of something else, and nothing is known but the noise.
+    """
+    least = 0.5 * height
+    return 1 / (1 + math.exp(min(2 * x * least, 100.0))) if x > least - 3 else _tail(x)
+
+
+@leaf_kernel
+def _beside(x: float, height: float, share: float, reach: float) -> tuple[float, float, float, float]:
+    """Where the level may be an edge's, as likely as not anywhere between -height and height, as it is on a
+    share of the pixels: probabilities that the bit is wrong, that it is and this is no edge, that this is an
+    edge, and the mean square of the error there, cells^2; all else in sigma.
+
+    On an edge that reaches `reach` cells to either side, the place is 1/2 - reach s / height cells from the
+    middle of the cell that is read, s being the true level: the error is the same whichever cell is read.
+    """
+    flat, ramp = (1 - share) * _PEAK, share / height
+    below, over, here = _tail(x), _tail(x + height), _tail(x - height)
+    # densities at the margin of a flat level of the other sign and of the same
+    low, high = math.exp(-0.5 * (x + height) ** 2), math.exp(-0.5 * (x - height) ** 2)
+    on_edge = ramp * (here - over)
+    total = flat * (low + high) + on_edge
+    if total <= 0 or here <= over:
+        return below, below, 0.0, 0.0
+    # moments of s, normal around x, within the edge
+    shift = _PEAK * (high - low) / (here - over)
+    spread = 1 - _PEAK * ((height - x) * high + (height + x) * low) / (here - over) - shift * shift
+    slope = reach / height
+    error = (0.5 - slope * (x - shift)) ** 2 + slope * slope * max(spread, 0.0)
+    return (flat * low + ramp * (below - over)) / total, flat * low / total, on_edge / total, error
+
+
+@leaf_kernel
+def misread(
+    frames: Array,
+    clip: float,
+    row: int,
+    first: int,
+    x: int,
+    source: int,
+    plain: Array,
+    inverse: Array,
+    cells: Array,
+    together: bool,
+    fringed: bool,
+    edges: Any,
+    read2: float,
+    gain: float,
+    loose: float,
+    word: int,
+    middle: float,
+    half: float,
+    far: Array,
+    up: Array,
+    down: Array,
+    place: Array,
+    clipped: Array,
+) -> None:
+    """Sum over bits of the probability that it is wrong, sorted by where the flipped bit would lead; mean
+    square of the place's error (place, cells^2), from those that lead to the next cell.
+
+    See code_kernels.code_tile; word, middle, half: of pixel x.
+
+    A bit that would lead far has its edge elsewhere, unless its edge is that of others, too (together), or
+    it leads to the cell after the next but one: past the next one, should the finest bit be wrong besides.
+    With fringes only that counts which leads away from the side on which the fringe lies: no edge is there.
+    """
+    cell, beside, edged = cells[word], 0.0, together or not fringed
+    on_edges, at_edges, off, free = 0.0, 0.0, 0.0, 1.0
+    noise, systematic = float(read2 + gain * middle), float(loose * half) ** 2
+    for far_ones in range(2):
+        for bit in range(len(plain)):
+            step = cells[word ^ (1 << bit)] - cell
+            if (abs(step) != 1) != (far_ones == 1):
+                continue
+            if plain[bit] >= 0 and inverse[bit] >= 0:
+                raw, other = frames[plain[bit], row, first + x], frames[inverse[bit], row, first + x]
+                margin = 0.5 * (np.float32(raw) - np.float32(other))
+                spread, lost = 0.5 * noise + systematic, raw >= clip and other >= clip
+            else:
+                raw = frames[max(plain[bit], inverse[bit]), row, first + x]
+                margin = np.float32(raw) - middle
+                spread, lost = lone(source) * noise + systematic, raw >= clip and middle >= clip
+            if lost:
+                clipped[x] = 1
+            sigma = math.sqrt(max(spread, _LEAST_SPREAD))
+            seen, height = abs(float(margin)) / sigma, max(float(half) / sigma, _LOWEST)
+            elsewhere = _wrong_far(seen, height * edges.contrast[bit])
+            level, reach = height * edges.level[bit], edges.reach[bit]
+            if abs(step) != 1:
+                weight = 1.0 if together else beside if abs(step) == 3 and edged else 0.0
+                if weight > 0:
+                    elsewhere += weight * _beside(seen, level, edges.share[bit], reach)[0]
+                far[x] += elsewhere
+                continue
+            wrong = elsewhere
+            if edged:
+                # this cell is beside the edge
+                wrong, cell_off, on_edge, error = _beside(seen, level, reach, reach)
+                on_edges += on_edge
+                at_edges += on_edge * error
+                off += cell_off
+                free -= reach
+            if step == 1:
+                up[x] += wrong
+            else:
+                down[x] += wrong
+        beside = min(float(up[x] + down[x]), 1.0)
+    inside = max(1 - on_edges, 0.0)
+    place[x] = at_edges / max(on_edges, 1.0) + inside * _FLAT * max(free, LEAST_INSIDE) ** 2 + off
