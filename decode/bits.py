@@ -18,10 +18,14 @@ from .sample import quantile
 
 __all__ = ["bit_edges"]
 
+F64 = NDArray[np.float64]
 #: Pixels on which contrasts are measured, at least and about at most.
 _FEWEST, _PIXELS = 50, 1024
 #: Squared contrast of a bit that is nothing but edges; share or cells of a bit that are edges, at least.
 _ALL_EDGES, _LEAST_SHARE = 1 / 3, 0.02
+#: Sigmas of a certain bit's margin; part of a cell's width that its edges leave, at least: how far they reach
+#: is an estimate.
+_CERTAIN, _LEAST_INSIDE = 6.0, 0.85
 
 
 def bit_edges(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> Edges:
@@ -30,7 +34,8 @@ def bit_edges(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> E
     Levels that are flat but for edges on a share e of the pixels, straight from one level to the other, have
     the mean square 1 - 2 e / 3; below 1/3 all is edges, and lower.
     """
-    square, half = _squares(levels, noise, wanted, code), _half_stripes(code)
+    square, spread = _squares(levels, noise, wanted, code)
+    half = _half_stripes(code)
     low = square < _ALL_EDGES
     share = np.where(low, 0.0, (1 - square) / (1 - _ALL_EDGES))
     # as far for all bits: the best fit to their shares, reach / half
@@ -38,13 +43,19 @@ def bit_edges(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> E
     share = np.where(low, 1.0, np.clip(reach / half, _LEAST_SHARE, 1.0))
     reaches = np.where(low, half, reach)
     level = np.where(low, np.sqrt(square / _ALL_EDGES), 1.0)
-    parts = np.sqrt(square), level, share, np.clip(reaches, _LEAST_SHARE, 1.0)
-    return Edges(*(part.astype(np.float32) for part in parts))
+    reaches = np.clip(reaches, _LEAST_SHARE, 1.0)
+    # on either side an edge, up to where a bit is certain
+    inside = max(1 - 2 * _CERTAIN * spread * float(reaches[0] / level[0]), _LEAST_INSIDE)
+    contrast, level, share, reaches = (
+        part.astype(np.float32) for part in (np.sqrt(square), level, share, reaches)
+    )
+    return Edges(contrast, level, share, reaches, np.float32(inside**2 / 12))
 
 
-def _squares(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> NDArray[np.float64]:
+def _squares(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> tuple[F64, float]:
     """Mean square of each bit's margin (bits,), without that of the noise, over that of white and black or,
-    if these were not shown, of the best bit; all 1 where too few pixels see the pattern.
+    if these were not shown, of the best bit; the noise (rms) of the finest bit's margin, over the same. 1 and
+    0 where too few pixels see the pattern.
     """
     own = levels[:, :: max(1, levels.shape[1] // _PIXELS)].astype(np.float32)
     both = (code.plain >= 0) & (code.inverse >= 0)
@@ -58,20 +69,22 @@ def _squares(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> ND
     half = 0.5 * (high - low)
     lit = half > 0.25 * quantile(half, 0.95)
     if np.count_nonzero(lit) < _FEWEST:
-        return np.ones(len(code.plain))
+        return np.ones(len(code.plain)), 0.0
     sample = noise.read2 + noise.gain * float(np.mean(0.5 * (high + low)[lit]))
-    square = np.mean(margin[:, lit] ** 2, axis=1, dtype=np.float64) - np.where(both, 0.5, 1.0) * sample
+    variance = np.where(both, 0.5, 1.0) * sample
+    square = np.mean(margin[:, lit] ** 2, axis=1, dtype=np.float64) - variance
     flat = float(np.mean(half[lit] ** 2)) - 0.5 * sample if referenced else 0.0
-    return np.asarray(np.clip(square / max(float(square.max()), flat, 1e-9), 1e-6, 1.0))
+    whole = max(float(square.max()), flat, 1e-9)
+    return np.clip(square / whole, 1e-6, 1.0), float(np.sqrt(variance[0] / whole))
 
 
-def _half_stripes(code: Code) -> NDArray[np.float64]:
+def _half_stripes(code: Code) -> F64:
     """Half the mean width of each bit's stripes (bits,), cells."""
     return _of_words(code.kind, len(code.plain))
 
 
 @lru_cache(maxsize=16)
-def _of_words(kind: str, bits: int) -> NDArray[np.float64]:
+def _of_words(kind: str, bits: int) -> F64:
     words = code_words(kind, np.arange(1 << bits), bits)
     changes = np.abs(np.diff((words[:, None] >> np.arange(bits)) & 1, axis=0)).sum(axis=0)
     return np.asarray(0.5 * len(words) / (1 + changes))

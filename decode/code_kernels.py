@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .doubt_kernels import LEAST_INSIDE, lone, misread
+from .doubt_kernels import lone, misread
 from .jit import apart_kernel, fast_kernel, inline_kernel, leaf_kernel
 
 __all__ = ["FROM_EXTREMES", "FROM_PAIRS", "FROM_WHITE_BLACK", "code_tile"]
@@ -21,7 +21,6 @@ _HUGE = np.float32(1e30)
 #: half contrasts flip a bit, fewer do where it is near its edge; real displays are uneven by a tenth.
 _ODD = np.float32(0.4)
 _ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
-_TWELFTH, _LEAST_INSIDE = np.float32(1 / 12), np.float32(LEAST_INSIDE)
 
 
 @leaf_kernel
@@ -65,7 +64,7 @@ def code_tile(
     read2 + gain I = variance of a sample; loose = systematic error of a margin, in half contrasts; beyond =
     half contrasts by which a bit's level may pass white or black.
     Out (n,): cell; probabilities that the truth is one cell up, one cell down, or anywhere else (far; 1 where
-    levels are no bit's); variance of a place in its cell (place, cells^2); half contrast, mid level; clipped
+    levels are no bit's); mean square of a place's error (place, cells^2); half contrast, mid level; clipped
     = 1 where clipped samples make a bit unreadable.
     room: 5 x (n,).
     """
@@ -100,9 +99,7 @@ def code_tile(
     up[:n] = _ZERO
     down[:n] = _ZERO
     clipped[:n] = np.uint8(0)
-    both = _HALF if _paired(plain, inverse, 0) > 0 else lone(source)
-    reach = _SIX * edges.reach[0] / max(edges.level[0], np.float32(1e-3))
-    _inside(n, read2, gain, both, reach, middle, half, place)
+    place[:n] = edges.inside
     if _weak(n, read2, gain, loose, lone(source), middle, half, pair, single, weak):
         for x in range(n):
             if weak[x]:
@@ -334,21 +331,6 @@ def _odd(
         noise = _SIX * np.sqrt(read2 + gain * middle[x])
         odd = (high[x] - low[x] > _ODD * half[x] + noise) | (most[x] > (_ONE + beyond) * half[x] + noise)
         far[x] = _ONE if odd else far[x]
-
-
-@fast_kernel
-def _inside(
-    n: int, read2: Any, gain: Any, both: Any, reach: Any, middle: Array, half: Array, place: Array
-) -> None:
-    """Variance of places in cells whose bits are certain, 6 sigma from the middle of an edge that reaches so
-    many cells per sigma of half the contrast.
-    """
-    for x in range(n):
-        sigma = np.sqrt(both * (read2 + gain * middle[x]))
-        side = reach * sigma / (half[x] if half[x] > _ONE else _ONE)
-        width = _ONE - (side + side)
-        width = width if width > _LEAST_INSIDE else _LEAST_INSIDE
-        place[x] = _TWELFTH * width * width
 
 
 @fast_kernel

@@ -8,15 +8,14 @@ from numpy.typing import NDArray
 
 from .jit import inline_kernel, leaf_kernel
 
-__all__ = ["LEAST_INSIDE", "lone", "misread"]
+__all__ = ["lone", "misread"]
 
 Array = NDArray[Any]
 
 #: Variance and contrast over noise that are reckoned with at least; 1 / sqrt(2), 1 / sqrt(2 pi).
 _LEAST_SPREAD, _LOWEST, _HALF_ROOT, _PEAK = 1e-12, 1e-3, math.sqrt(0.5), 1 / math.sqrt(2 * math.pi)
-#: Variance of a place anywhere in a cell, cells^2; part of a cell's width that its edges leave, at least: how
-#: far these reach is an estimate.
-_FLAT, LEAST_INSIDE = 1 / 12, 0.85
+#: Variance of a place anywhere in a cell, cells^2.
+_FLAT = 1 / 12
 
 
 @inline_kernel
@@ -104,7 +103,7 @@ def misread(
     With fringes only that counts which leads away from the side on which the fringe lies: no edge is there.
     """
     cell, beside, edged = cells[word], 0.0, together or not fringed
-    on_edges, at_edges, off, free = 0.0, 0.0, 0.0, 1.0
+    on_edges, at_edges, off = 0.0, 0.0, 0.0
     noise, systematic = float(read2 + gain * middle), float(loose * half) ** 2
     for far_ones in range(2):
         for bit in range(len(plain)):
@@ -138,11 +137,9 @@ def misread(
                 on_edges += on_edge
                 at_edges += on_edge * error
                 off += cell_off
-                free -= reach
             if step == 1:
                 up[x] += wrong
             else:
                 down[x] += wrong
         beside = min(float(up[x] + down[x]), 1.0)
-    inside = max(1 - on_edges, 0.0)
-    place[x] = at_edges / max(on_edges, 1.0) + inside * _FLAT * max(free, LEAST_INSIDE) ** 2 + off
+    place[x] = at_edges / max(on_edges, 1.0) + max(1 - on_edges, 0.0) * edges.inside + off

@@ -9,8 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 from optolever.errors import InputError
 from optolever.patterns import Sequence
 
+from .bits import bit_edges
 from .noise import QUANTISATION, Noise, estimate_noise
 from .plan import Plan
+from .records import Edges
 from .response import Response
 from .sample import Sample, sampled
 from .table_decoder import by_table
@@ -29,7 +31,7 @@ class Job:
     frames (N, H, W), which clip at `clip`; lut: linear level of each raw one, slope: its slope, both empty if
     levels are linear (slope also unless samples are weighed); noise: of fringes, raw_noise: of codes; floor:
     of sigma, pattern pixels; light, bright: linear frames and their clip level for what takes no lut; told:
-    the noise, if the caller knows it; sample: of the frames.
+    the noise, if the caller knows it; sample: of the frames; edges: of each axis's bits.
     """
 
     frames: Frames
@@ -43,6 +45,7 @@ class Job:
     bright: float
     told: Noise | None
     sample: Sample
+    edges: dict[str, Edges]
 
 
 def checked(frames: ArrayLike, sequence: Sequence) -> Frames:
@@ -110,7 +113,8 @@ def job_of(
     floor = FLOOR if silent else 0.0
     told = raw if noise is not None and response is None else None
     linear = slope if weigh_samples else none
-    return Job(stack, lut, linear, clip, known, raw, floor, light, bright, told, sample)
+    edges = {axis.axis: bit_edges(sample.levels, raw, wanted, axis.code) for axis in wanted.axes if axis.code}
+    return Job(stack, lut, linear, clip, known, raw, floor, light, bright, told, sample, edges)
 
 
 def clip_level(stack: Frames) -> float:

@@ -68,7 +68,7 @@ def _axis_rows(
     if most is None:
         _bend_rows(start, stop, fresh, coord, sigma, flags, kept)
     else:
-        _steep_rows(start, stop, most, coord, flags, wide)
+        _steep_rows(start, stop, most, fresh, coord, flags, kept, wide)
 
 
 @leaf_kernel
@@ -77,15 +77,21 @@ def _bend_rows(
 ) -> None:
     """Add to sigma (H, W), rows start..stop, what the bend of coord (H, W) shifts the mean over a pixel."""
     rows, ring = coord.shape[0], len(kept)
-    if fresh:
-        for row in range(max(start - 1, 0), start + 1):
-            _keep(coord[row], kept[row % ring])
+    _keep_first(start, fresh, coord, kept)
     for row in range(start, stop):
         up, down = max(row - 1, 0), min(row + 1, rows - 1)
         if fresh:
             _keep(coord[down], kept[down % ring])
         near = kept[up % ring], kept[row % ring], kept[down % ring]
         _bend(0 < row < rows - 1, near, flags[up], flags[row], flags[down], sigma[row])
+
+
+@leaf_kernel
+def _keep_first(start: int, fresh: bool, coord: Array, kept: Array) -> None:
+    """The first row and the one above it, if they are not kept yet."""
+    if fresh:
+        for row in range(max(start - 1, 0), start + 1):
+            _keep(coord[row], kept[row % len(kept)])
 
 
 @apart_kernel
@@ -129,14 +135,47 @@ def _bend(
 
 
 @leaf_kernel
-def _steep_rows(start: int, stop: int, most: Any, coord: Array, flags: Array, wide: Array) -> None:
+def _steep_rows(
+    start: int, stop: int, most: Any, fresh: bool, coord: Array, flags: Array, kept: Array, wide: Array
+) -> None:
     """Flag pixels of a code alone whose footprint is larger than `most`: its bits hold for no one place."""
-    rows, cols = coord.shape
+    (rows, cols), ring = coord.shape, len(kept)
+    limit, cell = np.float32(2 * most[0]), most[1]
+    _keep_first(start, fresh, coord, kept)
     for row in range(start, stop):
-        limit, cell = np.float32(2 * most[0]), most[1]
-        if _steep(limit, cell, row, max(row - 1, 0), min(row + 1, rows - 1), coord, flags, wide):
+        up, down = max(row - 1, 0), min(row + 1, rows - 1)
+        if fresh:
+            _keep(coord[down], kept[down % ring])
+        near = kept[up % ring], kept[row % ring], kept[down % ring]
+        why = flags[up], flags[row], flags[down]
+        # as a rule, all is good and flat
+        calm = 0 < row < rows - 1 and cols > 2 and _all_good(why) and not _any_steep(limit, *near)
+        if calm:
+            wide[:cols] = _GOOD
+        found = _steep(calm, up, row, down, limit, cell, near, why, wide)
+        if found:
             for x in range(cols):
                 flags[row, x] |= wide[x]
+
+
+@apart_kernel
+def _all_good(why: tuple[Array, Array, Array]) -> bool:
+    above, here, below = why
+    every = np.uint16(0)
+    for x in range(len(here)):
+        every |= above[x] | here[x] | below[x]
+    return bool((every & _READ) == _GOOD)
+
+
+@apart_kernel
+def _any_steep(most: Any, above: Array, here: Array, below: Array) -> bool:
+    """Whether any pixel but the row's ends, all of whose neighbours are good, is steep."""
+    inner = len(here) - 2
+    left, right, top, bottom = here[:inner], here[2:], above[1:], below[1:]
+    found = _ZERO
+    for x in range(inner):
+        found += _ONE if abs(right[x] - left[x]) + abs(bottom[x] - top[x]) > most else _ZERO
+    return bool(found > _ZERO)
 
 
 @inline_kernel
@@ -156,33 +195,39 @@ def _slope(before: Any, here: Any, after: Any, bad_before: Any, bad_after: Any, 
 
 @apart_kernel
 def _steep(
-    most: Any, cell: Any, row: int, up: int, down: int, coord: Array, flags: Array, wide: Array
+    ends: bool,
+    up: int,
+    row: int,
+    down: int,
+    most: Any,
+    cell: Any,
+    near: tuple[Array, Array, Array],
+    why: tuple[Array, Array, Array],
+    wide: Array,
 ) -> bool:
     """wide (cols,) = OUTLIER where differences to either side add up to more than `most`, or nothing beside
-    can be trusted, so that nobody knows; True if any do.
+    can be trusted, so that nobody knows; True if any do. ends: only the two ends of the row.
     """
-    here, above, below = coord[row], coord[up], coord[down]
-    bad, bad_above, bad_below = flags[row], flags[up], flags[down]
+    above, here, below = near
+    bad_above, bad, bad_below = why
     at_top = _NOTHING if up == row else _GOOD
     at_bottom = _NOTHING if down == row else _GOOD
-    last = coord.shape[1] - 1
+    last = len(here) - 1
     found = _ZERO
-    for x in range(1, last):
-        middle = np.float32(here[x])
-        along = _slope(np.float32(here[x - 1]), middle, np.float32(here[x + 1]), bad[x - 1], bad[x + 1], cell)
+    for x in range(1, 1 if ends else last):
+        along = _slope(here[x - 1], here[x], here[x + 1], bad[x - 1], bad[x + 1], cell)
         no_top, no_bottom = bad_above[x] | at_top, bad_below[x] | at_bottom
-        across = _slope(np.float32(above[x]), middle, np.float32(below[x]), no_top, no_bottom, cell)
+        across = _slope(above[x], here[x], below[x], no_top, no_bottom, cell)
         sides = ((bad[x - 1] & _READ) != _GOOD) & ((bad[x + 1] & _READ) != _GOOD)
         alone = sides & ((no_top & _READ) != _GOOD) & ((no_bottom & _READ) != _GOOD)
         steep = (along + across > most) | alone
         wide[x] = _OUTLIER if steep else _GOOD
         found += _ONE if steep else _ZERO
     for x in range(0, last + 1, max(last, 1)):
-        middle, other = np.float32(here[x]), min(max(x, 1), last) - (1 if x else 0)
-        beside = bad[other] if last > 0 else _NOTHING
-        along = _slope(middle, middle, np.float32(here[other]), _NOTHING, beside, cell)
+        other = min(max(x, 1), last) - (1 if x else 0)
+        along = _slope(here[x], here[x], here[other], _NOTHING, bad[other] if last > 0 else _NOTHING, cell)
         no_top, no_bottom = bad_above[x] | at_top, bad_below[x] | at_bottom
-        across = _slope(np.float32(above[x]), middle, np.float32(below[x]), no_top, no_bottom, cell)
+        across = _slope(above[x], here[x], below[x], no_top, no_bottom, cell)
         steep = along + across > most
         wide[x] = _OUTLIER if steep else _GOOD
         found += _ONE if steep else _ZERO

@@ -53,12 +53,14 @@ class Camera(NamedTuple):
 
 class Edges(NamedTuple):
     """Of each bit (bits,): rms contrast and level away from edges, both over the half contrast without blur;
-    share of the pixels that are edges; how far an edge reaches to either side, cells."""
+    share of the pixels that are edges; how far an edge reaches to either side, cells. inside: variance of a
+    place in a cell whose bits are certain, cells^2."""
 
     contrast: Array
     level: Array
     share: Array
     reach: Array
+    inside: np.float32
 
 
 class CodeRecord(NamedTuple):

@@ -12,7 +12,6 @@ from optolever.memory import roomy_empty
 from optolever.patterns import Sequence
 
 from .arrays import axis_arrays, chi_squared_limit
-from .bits import bit_edges
 from .block_kernels import block_rows
 from .code_kernels import FROM_EXTREMES, FROM_PAIRS, FROM_WHITE_BLACK
 from .display import NO_TABLES, Tables
@@ -225,7 +224,7 @@ def _code_record(job: Job, wanted: Plan, axis: AxisPlan, code: Code) -> CodeReco
         cells=code.cells,
         together=code.together,
         fringed=bool(axis.fringes),
-        edges=bit_edges(job.sample.levels, job.raw_noise, wanted, code),
+        edges=job.edges[axis.axis],
         loose=F32(LOOSE),
         beyond=F32(beyond_references(job.frames, wanted, code)),
         pitch=F32(code.cell),
