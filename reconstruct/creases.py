@@ -211,23 +211,29 @@ def cut_off(
     """Pixels that doubts beyond the limits (H, W) and missing pixels together part from every anchor.
 
     Where slopes go beyond what can be seen, along the same line as they change too fast to follow, a step of
-    any height may hide between two pixels: no doubt is large enough. lost: pixels that were not seen.
+    any height may hide between two pixels: no doubt is large enough. Where doubts alone are in the way,
+    sigma holds what they leave (reached_across). lost: pixels that were not seen.
     """
+    near = doubt[0] <= limit[0], doubt[1] <= limit[1]
+    parted = mask & ~_held(mask, near, anchors)
+    if not parted.any():
+        return parted
+    through = near[0] | lost | np.roll(lost, -1, axis=1), near[1] | lost | np.roll(lost, -1, axis=0)
+    return np.asarray(parted & _held(mask | lost, through, anchors))
+
+
+def _held(mask: Mask, open_: tuple[Mask, Mask], anchors: NDArray[np.int64]) -> Mask:
+    """Pixels with a way to an anchor: along open edges, from a pixel to the next one along columns, rows."""
     index = np.arange(mask.size).reshape(mask.shape)
-    open_x = (mask[:, :-1] & mask[:, 1:]) & (doubt[0] <= limit[0])[:, :-1]
-    open_y = (mask[:-1] & mask[1:]) & (doubt[1] <= limit[1])[:-1]
+    open_x = mask[:, :-1] & mask[:, 1:] & open_[0][:, :-1]
+    open_y = mask[:-1] & mask[1:] & open_[1][:-1]
     tail = np.concatenate([index[:, :-1][open_x], index[:-1][open_y]])
     head = np.concatenate([index[:, 1:][open_x], index[1:][open_y]])
     graph = scipy.sparse.coo_array((np.ones(tail.size), (tail, head)), shape=(mask.size, mask.size))
     parts = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
     held = np.zeros(parts.max() + 1, dtype=np.bool_)
     held[parts[anchors]] = True
-    islands, count = scipy.ndimage.label(mask & ~held[parts].reshape(mask.shape))
-    torn = np.zeros(count + 1, dtype=np.bool_)
-    torn[islands[scipy.ndimage.binary_dilation(lost, structure=np.ones((3, 3)))]] = True
-    torn[0] = False
-    away: Mask = torn[islands]
-    return away
+    return np.asarray(held[parts].reshape(mask.shape))
 
 
 @njit(cache=True, nogil=True, inline="always")

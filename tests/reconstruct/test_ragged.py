@@ -46,6 +46,9 @@ def test_cut_off_by_doubts_and_missing_pixels_together() -> None:
     anchors = np.array([0])
     lost = np.zeros_like(mask)
     assert not cut_off((dx, dy), limits, mask, anchors, lost).any()
+    beside = lost.copy()
+    beside[10, 10] = True  # in the middle, it has no part in it
+    assert not cut_off((dx, dy), limits, mask & ~beside, anchors, beside).any()
     mask[10, 5] = False
     lost[10, 5] = True
     away = cut_off((dx, dy), limits, mask, anchors, lost)
@@ -54,3 +57,17 @@ def test_cut_off_by_doubts_and_missing_pixels_together() -> None:
     np.testing.assert_array_equal(away, expected & mask)
     dx[7, 14] = 0.0  # a way out
     assert not cut_off((dx, dy), limits, mask, anchors, lost).any()
+
+
+def test_a_missing_pixel_flags_none_but_itself(exact) -> None:
+    """Where doubts surround the anchors' edge (slopes change fast there), holes elsewhere change nothing."""
+    scene, truth, _ = exact("paper-prototype", "ball:peak=0.075,radius=910", 172, 108)
+    sigma = np.full(truth.u.shape, 7e-4)
+    share = []
+    for hole in (None, (80, 50), (55, 107)):
+        flags = np.where(truth.visible, 0, 128).astype(np.uint16)
+        if hole is not None:
+            flags[hole] = 128
+        share.append(reconstruct(Correspondence(truth.u, truth.v, sigma, sigma, flags), scene).good.mean())
+    assert share[0] > 0.9
+    np.testing.assert_allclose(share[1:], share[0], atol=1e-3)
