@@ -125,7 +125,7 @@ def test_difference_adds_in_square_and_joins_flags(shoot: Shoot, smooth: tuple[F
 
 
 def soft(shown: Sequence, u: F64, blur: float, noise: float) -> NDArray[np.uint8]:
-    """Frames of bits in a Gaussian blur (cells) through pixels of 0.3 cells, by convolution of fine samples."""
+    """Frames of bits in a Gaussian blur (cells) through pixels of 0.3 cells, convolved on a fine grid."""
     fine = np.arange(-20, shown.cols + 20, 1 / 16) + 1 / 32
     kernel = np.exp(-0.5 * (np.arange(-160, 161) / 16 / max(blur, 1e-3)) ** 2)
     cell = np.clip(np.floor(fine + 0.5), 0, shown.cols - 1)
