@@ -1,7 +1,7 @@
 """The decoder's speed beside what memory allows and beside other decoders, on the same frames in one run.
 
 The floor is a kernel of the same shape that reads every frame and writes outputs of the same size, into
-memory that the process has already, as decode does from its second call on (the allocator sees to it).
+memory that the process has already, as decode does from its second call on (see optolever.memory).
 `fringes` (GPL) is run, never copied, and only if it is installed; OpenCV's structured_light comes with
 OpenCV's contrib modules. Frames are those of an ideal surface and camera: a smooth map, noise, rounding.
 """

@@ -1,6 +1,10 @@
-"""Large arrays on whole huge pages: memory that is written once costs as much as writing it does."""
+"""Large arrays on whole huge pages, and used again: memory that is new to a process costs more than writing
+to it.
+"""
 
 import math
+import weakref
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -10,19 +14,51 @@ __all__ = ["roomy_empty"]
 
 #: A huge page of the usual systems, bytes.
 _PAGE = 1 << 21
+#: Bytes that are kept for later at most: the maps of two captures of 2 Mpx, with room.
+_MOST = 1 << 28
+#: Memory of arrays that nobody holds any more, by their size.
+_kept: dict[int, list[NDArray[np.uint8]]] = {}
 
 
 def roomy_empty(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-    """np.empty; of one huge page or more: its pages are its own from the first to the last byte.
+    """np.empty; of one huge page or more: its pages are its own from the first to the last byte, and those of
+    an array of that size that nobody holds any more, if there is one.
 
+    The system clears what it gives to a process: for maps of 2 Mpx that takes as long as half of a decode.
     NumPy asks for huge pages, but the ends of an array share theirs with others, and what does not fill a
-    huge page the system fetches and clears by 4 KiB: for maps of 2 Mpx that took twice as long as all the
-    rest of their memory. The room beside the array is never touched, so that it takes no memory.
+    huge page is fetched by 4 KiB. The room beside the array is never touched, so that it takes no memory.
     """
     kind = np.dtype(dtype)
     size = math.prod(shape) * kind.itemsize
     if size < _PAGE:
         return np.empty(shape, kind)
-    room = np.empty(size + 2 * _PAGE, np.uint8)
+    room = _taken(size)
+    # views of this array are held by it alone, as its own memory is not an array's
+    held = np.frombuffer(room.data, np.uint8)
+    weakref.finalize(held, _keep, size, room).atexit = False
     start = -room.ctypes.data % _PAGE
-    return room[start : start + size].view(kind).reshape(shape)
+    return held[start : start + size].view(kind).reshape(shape)
+
+
+def _taken(size: int) -> NDArray[np.uint8]:
+    """Room for an array of this size and for its place among huge pages."""
+    try:
+        return _kept[size].pop()  # one step: another thread takes another one, or none
+    except (KeyError, IndexError):
+        return np.empty(size + 2 * _PAGE, np.uint8)
+
+
+def _keep(size: int, room: NDArray[np.uint8]) -> None:
+    """Room that is not held any more, for the next array of its size; what was kept longest makes way."""
+    if size > _MOST:
+        return
+    while sum(each * len(rooms) for each, rooms in list(_kept.items())) + size > _MOST:
+        _forget_one()
+    _kept.setdefault(size, []).append(room)
+
+
+def _forget_one() -> None:
+    for rooms in list(_kept.values()):
+        with suppress(IndexError):
+            rooms.pop()
+            return
