@@ -49,6 +49,8 @@ _CERTAIN, _ABRUPT = 8.0, 0.2  # of its noise, of the largest step: what one side
 _ONE_SIDED = 0.25  # of that, at most, what the other side misses
 _KINK = 0.5  # of what one side alone misses, at the edge of three where it misses most
 _FEEBLE = 0.5  # of a slope's sigma
+_BY_LINE = 2  # pixels from a line of doubts to one that is missing along it
+_MISSING = 0.02  # of the line: fewer are missing by chance
 
 
 def edge_doubt(
@@ -211,29 +213,35 @@ def cut_off(
     """Pixels that doubts beyond the limits (H, W) and missing pixels together part from every anchor.
 
     Where slopes go beyond what can be seen, along the same line as they change too fast to follow, a step of
-    any height may hide between two pixels: no doubt is large enough. Where doubts alone are in the way,
-    sigma holds what they leave (reached_across). lost: pixels that were not seen.
+    any height may hide between two pixels: no doubt is large enough. Where none is missing along the line,
+    sigma holds what it leaves (reached_across). lost: pixels that were not seen.
     """
-    near = doubt[0] <= limit[0], doubt[1] <= limit[1]
-    parted = mask & ~_held(mask, near, anchors)
-    if not parted.any():
-        return parted
-    through = near[0] | lost | np.roll(lost, -1, axis=1), near[1] | lost | np.roll(lost, -1, axis=0)
-    return np.asarray(parted & _held(mask | lost, through, anchors))
-
-
-def _held(mask: Mask, open_: tuple[Mask, Mask], anchors: NDArray[np.int64]) -> Mask:
-    """Pixels with a way to an anchor: along open edges, from a pixel to the next one along columns, rows."""
     index = np.arange(mask.size).reshape(mask.shape)
-    open_x = mask[:, :-1] & mask[:, 1:] & open_[0][:, :-1]
-    open_y = mask[:-1] & mask[1:] & open_[1][:-1]
+    inner = (mask[:, :-1] & mask[:, 1:], mask[:-1] & mask[1:])
+    open_x, open_y = inner[0] & (doubt[0] <= limit[0])[:, :-1], inner[1] & (doubt[1] <= limit[1])[:-1]
     tail = np.concatenate([index[:, :-1][open_x], index[:-1][open_y]])
     head = np.concatenate([index[:, 1:][open_x], index[1:][open_y]])
     graph = scipy.sparse.coo_array((np.ones(tail.size), (tail, head)), shape=(mask.size, mask.size))
-    parts = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+    parts = scipy.sparse.csgraph.connected_components(graph, directed=False)[1].reshape(mask.shape)
     held = np.zeros(parts.max() + 1, dtype=np.bool_)
-    held[parts[anchors]] = True
-    return np.asarray(held[parts].reshape(mask.shape))
+    held[parts.ravel()[anchors]] = True
+    islands, count = scipy.ndimage.label(mask & ~held[parts])
+    if count == 0:
+        return np.zeros(mask.shape, dtype=np.bool_)
+    line = np.zeros(mask.shape, dtype=np.bool_)
+    for closed, apart, ends in (
+        (inner[0] & ~open_x, parts[:, 1:] != parts[:, :-1], (line[:, :-1], line[:, 1:])),
+        (inner[1] & ~open_y, parts[1:] != parts[:-1], (line[:-1], line[1:])),
+    ):
+        for end in ends:
+            end |= closed & apart
+    along = np.where(line, islands, 0)
+    near = scipy.ndimage.maximum_filter(along, 2 * _BY_LINE + 1)
+    missing, length = (np.bincount(part, minlength=count + 1) for part in (near[lost], along.ravel()))
+    torn = (missing > 0) & (missing >= _MISSING * length)
+    torn[0] = False
+    away: Mask = torn[islands]
+    return away
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -75,6 +75,7 @@ def lone(suspects: Mask, data: Measured) -> Mask:
     if at.size:
         rough = np.maximum(_missed(data.u, data.sigma_u, at), _missed(data.v, data.sigma_v, at))
         around = rough.reshape(len(at), -1)
+        around[np.isnan(around).all(axis=1)] = 0.0
         with np.errstate(invalid="ignore"):
             stands_out = around[:, around.shape[1] // 2] > _STANDS_OUT * np.nanquantile(around, _CALM, axis=1)
         single[tuple(at[stands_out].T)] = True

@@ -1,10 +1,13 @@
 """Masks that leave few pixels with four neighbours: sigma against repeated noise; pieces cut off."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from optolever.decode import Correspondence
 from optolever.reconstruct import HeightFlag, reconstruct
 from optolever.reconstruct.creases import cut_off
+from optolever.reconstruct.outliers import lone
 
 
 def test_sigma_of_dropouts_is_what_repeated_noise_gives(exact) -> None:
@@ -71,3 +74,11 @@ def test_a_missing_pixel_flags_none_but_itself(exact) -> None:
         share.append(reconstruct(Correspondence(truth.u, truth.v, sigma, sigma, flags), scene).good.mean())
     assert share[0] > 0.9
     np.testing.assert_allclose(share[1:], share[0], atol=1e-3)
+
+
+def test_a_suspect_without_surroundings_is_not_blamed() -> None:
+    nothing = np.full((12, 12), np.nan)
+    seen = SimpleNamespace(u=nothing, v=nothing, sigma_u=np.ones((12, 12)), sigma_v=np.ones((12, 12)))
+    suspects = np.zeros((12, 12), dtype=np.bool_)
+    suspects[6, 6] = True
+    assert not lone(suspects, seen).any()
