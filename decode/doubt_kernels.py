@@ -14,8 +14,6 @@ Array = NDArray[Any]
 
 #: Variance and contrast over noise that are reckoned with at least; 1 / sqrt(2), 1 / sqrt(2 pi).
 _LEAST_SPREAD, _LOWEST, _HALF_ROOT, _PEAK = 1e-12, 1e-3, math.sqrt(0.5), 1 / math.sqrt(2 * math.pi)
-#: Variance of a place anywhere in a cell, cells^2.
-_FLAT = 1 / 12
 
 
 @inline_kernel
