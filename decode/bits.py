@@ -29,21 +29,20 @@ _CERTAIN, _LEAST_INSIDE = 6.0, 0.85
 
 
 def bit_edges(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> Edges:
-    """From a sample of levels (N, K) and the noise of raw ones.
+    """What a sample of raw levels (N, K) of frames and their noise tell of a code's bits; see records.Edges.
 
     Levels that are flat but for edges on a share e of the pixels, straight from one level to the other, have
     the mean square 1 - 2 e / 3; below 1/3 all is edges, and lower.
     """
     square, spread = _squares(levels, noise, wanted, code)
-    half = _half_stripes(code)
+    half = _half_stripes(code.kind, len(code.plain))
     low = square < _ALL_EDGES
     share = np.where(low, 0.0, (1 - square) / (1 - _ALL_EDGES))
     # as far for all bits: the best fit to their shares, reach / half
     reach = float(np.sum(share / half) / np.maximum(np.sum(~low / half**2), 1e-9))
     share = np.where(low, 1.0, np.clip(reach / half, _LEAST_SHARE, 1.0))
-    reaches = np.where(low, half, reach)
+    reaches = np.clip(np.where(low, half, reach), _LEAST_SHARE, 1.0)
     level = np.where(low, np.sqrt(square / _ALL_EDGES), 1.0)
-    reaches = np.clip(reaches, _LEAST_SHARE, 1.0)
     # on either side an edge, up to where a bit is certain
     inside = max(1 - 2 * _CERTAIN * spread * float(reaches[0] / level[0]), _LEAST_INSIDE)
     contrast, level, share, reaches = (
@@ -78,13 +77,9 @@ def _squares(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> tu
     return np.clip(square / whole, 1e-6, 1.0), float(np.sqrt(variance[0] / whole))
 
 
-def _half_stripes(code: Code) -> F64:
-    """Half the mean width of each bit's stripes (bits,), cells."""
-    return _of_words(code.kind, len(code.plain))
-
-
 @lru_cache(maxsize=16)
-def _of_words(kind: str, bits: int) -> F64:
+def _half_stripes(kind: str, bits: int) -> F64:
+    """Half the mean width of each bit's stripes (bits,), cells."""
     words = code_words(kind, np.arange(1 << bits), bits)
     changes = np.abs(np.diff((words[:, None] >> np.arange(bits)) & 1, axis=0)).sum(axis=0)
     return np.asarray(0.5 * len(words) / (1 + changes))

@@ -213,9 +213,8 @@ def _axis_record(
 
 
 def _code_record(job: Job, wanted: Plan, axis: AxisPlan, code: Code) -> CodeRecord:
-    source = _source(wanted, code)
     return CodeRecord(
-        source=source,
+        source=_source(wanted, code),
         white=wanted.white,
         black=wanted.black,
         plain=code.plain,

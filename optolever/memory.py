@@ -24,7 +24,7 @@ def roomy_empty(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     """np.empty; of one huge page or more: its pages are its own from the first to the last byte, and those of
     an array of that size that nobody holds any more, if there is one.
 
-    The system clears what it gives to a process: for maps of 2 Mpx that takes as long as half of a decode.
+    The system clears what it gives to a process, which takes longer than writing to it.
     NumPy asks for huge pages, but the ends of an array share theirs with others, and what does not fill a
     huge page is fetched by 4 KiB. The room beside the array is never touched, so that it takes no memory.
     """
@@ -49,7 +49,7 @@ def _taken(size: int) -> NDArray[np.uint8]:
 
 
 def _keep(size: int, room: NDArray[np.uint8]) -> None:
-    """Room that is not held any more, for the next array of its size; what was kept longest makes way."""
+    """Room that is not held any more, for the next array of its size; sizes that were kept first make way."""
     if size > _MOST:
         return
     while sum(each * len(rooms) for each, rooms in list(_kept.items())) + size > _MOST:
