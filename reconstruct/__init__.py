@@ -21,6 +21,7 @@
 | `uncertainty.py`, `mask_variance.py` | variance of the height; what a mask adds to it |
 | `sampled.py` | the same by drawn noise, where a mask is ragged |
 | `creases.py` | edges whose increment is in doubt: cusps, ridges, rims, wrong pixels |
+| `ways.py` | what those leave on the way from the anchors, and what they cut off |
 | `correlation.py`, `rounding.py` | errors that neighbouring pixels share; those of discrete codes |
 | `strays.py`, `outliers.py` | wrong pixels: by their neighbours, by the curl of the slopes |
 | `integrate.py`, `integrators.py` | plain gradient fields: integrate(), its family of solvers |

@@ -7,12 +7,13 @@ from numpy.typing import NDArray
 
 from optolever.decode import Flag
 
-from .creases import Doubt, cut_off, reached_across, touched
+from .creases import Doubt, touched
 from .fringe import extended
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .newton import State
 from .problem import Problem
 from .uncertainty import unknown_variance
+from .ways import cut_off, reached_across
 
 __all__ = ["height_map"]
 

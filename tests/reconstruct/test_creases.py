@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from optolever.reconstruct import HeightFlag, reconstruct
-from optolever.reconstruct.creases import edge_doubt, reached_across, widened
+from optolever.reconstruct.creases import edge_doubt, widened
+from optolever.reconstruct.ways import reached_across
 
 WHOLE = np.ones((20, 30), dtype=bool)
 VARIANCE = np.full((20, 30), 1e-6)

@@ -6,8 +6,8 @@ import numpy as np
 
 from optolever.decode import Correspondence
 from optolever.reconstruct import HeightFlag, reconstruct
-from optolever.reconstruct.creases import cut_off
 from optolever.reconstruct.outliers import lone
+from optolever.reconstruct.ways import cut_off
 
 
 def test_sigma_of_dropouts_is_what_repeated_noise_gives(exact) -> None:

@@ -1,0 +1,98 @@
+"""Ways from the anchors to every pixel: what doubtful edges (see creases) leave there, what they close."""
+
+import numpy as np
+import scipy.ndimage
+import scipy.sparse
+import scipy.sparse.csgraph
+from numba import njit
+from numpy.typing import NDArray
+
+from .creases import Doubt
+
+__all__ = ["cut_off", "reached_across"]
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_BY_LINE = 2  # pixels from a line of doubts to one that is missing along it
+_MISSING = 0.02  # of the line: fewer are missing by chance
+
+
+def reached_across(doubt: Doubt, root: Floats, mask: Mask, anchors: NDArray[np.int64]) -> Floats:
+    """Variance that the doubtful edges leave in every pixel, (H, W): the sum of the squared doubts along the
+    path from an anchor (pixel numbers) that has the least of them, carried by the integrating factor root^2.
+    """
+    rows, cols = mask.shape
+    factor = np.ascontiguousarray(np.broadcast_to(root, mask.shape))
+    least = np.full(mask.shape, np.inf)
+    least.reshape(-1)[anchors] = 0.0
+    for _ in range(4 * (rows + cols)):
+        if not _sweep(doubt[0], doubt[1], factor, mask, least):
+            break
+    least[~np.isfinite(least)] = 0.0
+    variance: Floats = least * factor**4
+    return variance
+
+
+def cut_off(
+    doubt: Doubt, limit: tuple[Floats, Floats], mask: Mask, anchors: NDArray[np.int64], lost: Mask
+) -> Mask:
+    """Pixels that doubts beyond the limits (H, W) and missing pixels together part from every anchor.
+
+    Where slopes go beyond what can be seen, along the same line as they change too fast to follow, a step of
+    any height may hide between two pixels: no doubt is large enough. Where none is missing along the line,
+    sigma holds what it leaves (reached_across). lost: pixels that were not seen.
+    """
+    index = np.arange(mask.size).reshape(mask.shape)
+    inner = (mask[:, :-1] & mask[:, 1:], mask[:-1] & mask[1:])
+    open_x, open_y = inner[0] & (doubt[0] <= limit[0])[:, :-1], inner[1] & (doubt[1] <= limit[1])[:-1]
+    tail = np.concatenate([index[:, :-1][open_x], index[:-1][open_y]])
+    head = np.concatenate([index[:, 1:][open_x], index[1:][open_y]])
+    graph = scipy.sparse.coo_array((np.ones(tail.size), (tail, head)), shape=(mask.size, mask.size))
+    parts = scipy.sparse.csgraph.connected_components(graph, directed=False)[1].reshape(mask.shape)
+    held = np.zeros(parts.max() + 1, dtype=np.bool_)
+    held[parts.ravel()[anchors]] = True
+    islands, count = scipy.ndimage.label(mask & ~held[parts])
+    if count == 0:
+        return np.zeros(mask.shape, dtype=np.bool_)
+    line = np.zeros(mask.shape, dtype=np.bool_)
+    for closed, apart, ends in (
+        (inner[0] & ~open_x, parts[:, 1:] != parts[:, :-1], (line[:, :-1], line[:, 1:])),
+        (inner[1] & ~open_y, parts[1:] != parts[:-1], (line[:-1], line[1:])),
+    ):
+        for end in ends:
+            end |= closed & apart
+    along = np.where(line, islands, 0)
+    near = scipy.ndimage.maximum_filter(along, 2 * _BY_LINE + 1)
+    missing, length = (np.bincount(part, minlength=count + 1) for part in (near[lost], along.ravel()))
+    torn = (missing > 0) & (missing >= _MISSING * length)
+    torn[0] = False
+    away: Mask = torn[islands]
+    return away
+
+
+@njit(cache=True, nogil=True)
+def _sweep(dx, dy, root, mask, least):  # type: ignore[no-untyped-def]
+    """Shorten paths in four orders of the pixels; whether any became shorter."""
+    rows, cols = mask.shape
+    changed = False
+    for order in range(4):
+        for m in range(rows):
+            i = m if order & 1 else rows - 1 - m
+            for n in range(cols):
+                j = n if order & 2 else cols - 1 - n
+                if not mask[i, j]:
+                    continue
+                best = least[i, j]
+                if j > 0 and mask[i, j - 1]:
+                    best = min(best, least[i, j - 1] + (dx[i, j - 1] / (root[i, j] * root[i, j - 1])) ** 2)
+                if j + 1 < cols and mask[i, j + 1]:
+                    best = min(best, least[i, j + 1] + (dx[i, j] / (root[i, j] * root[i, j + 1])) ** 2)
+                if i > 0 and mask[i - 1, j]:
+                    best = min(best, least[i - 1, j] + (dy[i - 1, j] / (root[i, j] * root[i - 1, j])) ** 2)
+                if i + 1 < rows and mask[i + 1, j]:
+                    best = min(best, least[i + 1, j] + (dy[i, j] / (root[i, j] * root[i + 1, j])) ** 2)
+                if best < least[i, j]:
+                    least[i, j] = best
+                    changed = True
+    return changed
