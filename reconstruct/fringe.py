@@ -21,7 +21,7 @@ Window = tuple[slice, slice]
 
 DEPTH = 4  # lines on every side at most
 NOISY = 3.0  # times the next line's sigma
-RAGGED = 0.1  # ends of runs of used pixels, per pixel of a line
+RAGGED = 0.3  # ends of runs of used pixels, per pixel of a line: one pixel in six is left out
 BLIND = 0.5, 0.15  # of the way to the pattern: noise of the outermost line's slopes, and of the next one's
 _OPEN = (23.0 / 12.0, -16.0 / 12.0, 5.0 / 12.0)
 _CLOSED = (9.0 / 24.0, 19.0 / 24.0, -5.0 / 24.0, 1.0 / 24.0)

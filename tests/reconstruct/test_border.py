@@ -8,6 +8,7 @@ import pytest
 from optolever.reconstruct import HeightMap, reconstruct
 from optolever.reconstruct.holes import LARGEST, bridged, small_holes
 from optolever.reconstruct.problem import prepare
+from optolever.scene import dent_from_text, load, resize, trace
 
 
 def test_small_holes_are_told_from_large_ones() -> None:
@@ -125,3 +126,17 @@ def test_a_line_whose_pixels_noise_picked_is_not_trusted(exact, noisy, cut) -> N
         assert height.good[keep].mean() > 0.99
         score.append((height.z - truth.z)[height.good] / height.sigma[height.good])
     assert np.sqrt(np.mean(np.square(np.concatenate(score)))) < 1.3
+
+
+def test_dropouts_on_the_anchors_line_cost_no_extrapolation(noisy, cut) -> None:
+    """Where a clamped mirror bends, one pixel more to extrapolate over makes four times the error."""
+    scene = resize(load("paper-prototype"), 172, 108)
+    truth = trace(scene, dent_from_text("ball:peak=0.075,radius=910", scene))
+    seen = noisy(truth, 0.005, 0.005)
+    keep = np.ones(truth.u.shape, np.bool_)
+    keep[:, 0] = (seen.u - truth.u)[:, 0] < 0.0064  # a tenth of them
+    errors = []
+    for given in (seen, cut(seen, keep)):
+        height = reconstruct(given, scene)
+        errors.append(np.sqrt(np.mean((height.z - truth.z)[height.good] ** 2)))
+    assert errors[1] < 1.1 * errors[0]
