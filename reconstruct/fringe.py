@@ -2,18 +2,20 @@
 
 Where the pattern ends, the outermost pixels are seen through half a blur: their sigma is many times that of
 their neighbours, or they are flagged in patches. They tell nothing about the rest, but light edges along a
-row (columns may have weights of their own) and a ragged border would ask for a masked solve, and their slopes
+row (columns may have weights of their own) and a broken border would ask for a masked solve, and their slopes
 would enter the increments of good pixels beside them. Their height follows outward, from the three lines
 before, w_0 = w_1 + (23 p_1 - 16 p_2 + 5 p_3) / 12 (Adams-Bashforth, third order), or where its own slope is
 known better than that, w_0 = w_1 + (9 p_0 + 19 p_1 - 5 p_2 + p_3) / 24 (Adams-Moulton).
 """
+
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .measured import Measured
 
-__all__ = ["core_window", "extended"]
+__all__ = ["core_window", "extended", "solid_window"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -21,7 +23,7 @@ Window = tuple[slice, slice]
 
 DEPTH = 4  # lines on every side at most
 NOISY = 3.0  # times the next line's sigma
-RAGGED = 0.3  # ends of runs of used pixels, per pixel of a line: one pixel in six is left out
+HOLLOW = 0.5, 0.9  # share of a line's pixels that is seen at most, and of a line's inside at least
 BLIND = 0.5, 0.15  # of the way to the pattern: noise of the outermost line's slopes, and of the next one's
 _OPEN = (23.0 / 12.0, -16.0 / 12.0, 5.0 / 12.0)
 _CLOSED = (9.0 / 24.0, 19.0 / 24.0, -5.0 / 24.0, 1.0 / 24.0)
@@ -29,41 +31,61 @@ _STEPS = 3  # of Newton
 _APART = 3.0  # sigmas by which both may differ: a slope whose noise is not small is no slope
 
 
-def core_window(data: Measured, seen: Mask) -> Window:
-    """The part of the grid without its noisy and ragged lines; without broken ones too, if what is left is
-    whole then. seen: the mask before small holes were bridged.
+def solid_window(seen: Mask) -> Window:
+    """The part of the grid without border lines of which little is left: their gaps would be one with the
+    small holes of the line beside them, which can be bridged.
     """
-    whole = _peeled(data, seen, broken=True)
-    return whole if data.mask[whole].all() else _peeled(data, seen, broken=False)
+
+    def hollow(window: list[list[int]], axis: int, side: int) -> bool:
+        outer, inner = (seen[line] for line in _lines(window, axis, side))
+        return bool(outer.mean() < HOLLOW[0] and inner.mean() > HOLLOW[1])
+
+    return _peeled(seen.shape, hollow)
 
 
-def _peeled(data: Measured, seen: Mask, broken: bool) -> Window:
-    window = [[0, size] for size in data.mask.shape]
+def core_window(data: Measured) -> Window:
+    """The part of the grid without its noisy lines; without broken ones too, if what is left is whole then.
+
+    What is left out costs the anchor: it is reached over a pixel more.
+    """
+    whole = _core(data, broken=True)
+    return whole if data.mask[whole].all() else _core(data, broken=False)
+
+
+def _core(data: Measured, broken: bool) -> Window:
+    def bad(window: list[list[int]], axis: int, side: int) -> bool:
+        return _bad(data, window, axis, side, broken)
+
+    return _peeled(data.mask.shape, bad)
+
+
+def _peeled(shape: tuple[int, ...], bad: Callable[[list[list[int]], int, int], bool]) -> Window:
+    """The window that is left when lines that are `bad` (of a window, axis, side) are taken off."""
+    window = [[0, size] for size in shape]
     for axis in (0, 1):
         for side in (0, 1):
             for _ in range(DEPTH):
-                if window[axis][1] - window[axis][0] < 8 * DEPTH or not _bad(
-                    data, seen, window, axis, side, broken
-                ):
+                if window[axis][1] - window[axis][0] < 8 * DEPTH or not bad(window, axis, side):
                     break
                 window[axis][side] += -1 if side else 1
     return slice(*window[0]), slice(*window[1])
 
 
-def _bad(data: Measured, seen: Mask, window: list[list[int]], axis: int, side: int, broken: bool) -> bool:
-    """Whether a side's outermost line (without its ends, which the other axis may peel) is noisy, ragged or
-    broken.
-    """
-    first = window[axis][1] - 1 if side else window[axis][0]
-    inward = -1 if side else 1
+def _lines(window: list[list[int]], axis: int, side: int) -> list[tuple[int | slice, int | slice]]:
+    """A side's outermost line, and one inside, without their ends, which the other axis may peel."""
+    first, inward = window[axis][side] - side, -1 if side else 1
     across = slice(window[1 - axis][0] + DEPTH, window[1 - axis][1] - DEPTH)
-    lines = [(line, across) if axis == 0 else (across, line) for line in (first, first + DEPTH * inward)]
+    return [(line, across) if axis == 0 else (across, line) for line in (first, first + DEPTH * inward)]
+
+
+def _bad(data: Measured, window: list[list[int]], axis: int, side: int, broken: bool) -> bool:
+    """Whether a side's outermost line is noisy, or broken and that counts."""
+    lines = _lines(window, axis, side)
     outer, inner = (data.mask[line] for line in lines)
     if not outer.any() or not inner.any():
         return broken
-    if (broken and not outer.all()) or _blind(data, axis, first, first + inward):
-        return True
-    if _ragged(*(seen[line] for line in lines)):
+    first = window[axis][side] - side
+    if (broken and not outer.all()) or _blind(data, axis, first, first + (-1 if side else 1)):
         return True
     if axis == 1:  # weights may differ by columns as much as they like
         return False
@@ -74,14 +96,6 @@ def _bad(data: Measured, seen: Mask, window: list[list[int]], axis: int, side: i
         if here > NOISY * there:
             return True
     return False
-
-
-def _ragged(outer: Mask, inner: Mask) -> bool:
-    """Whether noise decides which pixels of a line are used: those whose errors lead inwards are. A mask's
-    outline has few ends, dropouts are everywhere.
-    """
-    ends = [np.count_nonzero(line[1:] != line[:-1]) for line in (outer, inner)]
-    return bool(ends[0] > RAGGED * outer.size + 3 * ends[1])
 
 
 def _blind(data: Measured, axis: int, line: int, inner: int) -> bool:

@@ -12,7 +12,7 @@ from optolever.errors import InputError
 from optolever.scene import Scene
 
 from .anchors import EDGE_REACH, Anchors, Samples, anchor_samples
-from .fringe import core_window
+from .fringe import core_window, solid_window
 from .geometry import RayField, pattern_plane, ray_field
 from .holes import bridged, small_holes
 from .measured import Measured
@@ -82,9 +82,10 @@ def prepare(
     turned = _rows_rule(data)
     if turned:
         data, samples = _transposed(data), samples.transposed()
-    holes = small_holes(data.mask)
+    holes, solid = np.zeros_like(data.mask), solid_window(data.mask)
+    holes[solid] = small_holes(data.mask[solid])
     outer = bridged(data, holes)
-    core = core_window(outer, data.mask)
+    core = core_window(outer)
     inner = outer if core == _extent_of(outer.mask) else outer.cropped(core)
     samples = samples.window(core[0].start, core[1].start)
     inner, labels, lost = _anchored(inner, data.mask[core], samples)

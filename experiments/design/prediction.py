@@ -7,7 +7,6 @@ or a code bit is wrong, and the probability that the decoder refuses the pixel.
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erfc, ndtr
@@ -31,6 +30,7 @@ from .fringes import (
     turn_variance,
 )
 from .response import fundamental_share, harmonic_error
+from .shadow import shadowed
 from .steep import unresolved
 from .view import Floats, Levels, View
 
@@ -51,10 +51,6 @@ READ_OFF, READ_AGAIN = 0.012, 0.4
 AROUND, NEARBY = 8, 2
 #: Rows and columns of the camera that it measures blur by, and the share of them that it uses.
 SURVEYED, SURVEYED_SHARE = (24, 192), 0.8
-#: Amplitude over that of pixels around below which it refuses one so near a border (cells) of unknown blur.
-DIMMED, SHADOW = 0.96, 16.0
-#: Mean of the largest of three Gaussian numbers: the amplitudes inwards.
-BRIGHTEST = 0.85
 #: Bend over sigma above which the decoder reckons with it, and by what share of it.
 BENT, BOX = 14.0, 1 / 24
 
@@ -183,12 +179,18 @@ def _fringe_axis(
             both = combined(periods[:k], variances[:k]) + variances[k]
             failure = failure + step_failure(periods[k], both)
             flagged = flagged + step_flagged(periods[k], both)
-    believed = math.sqrt(blur**2 + doubt) if known else None
     steps = _combined_errors(groups, [_stairs_of(view, axis, group.period) for group in groups])
-    border = border_of(view, axis, sequence, groups, kept, variances, np.sqrt(total), steps, believed)
-    shadow = 0.0 if known else _dimmed(view, axis, amplitude, levels, share)
+    about = view, axis, sequence, groups, kept, variances, np.sqrt(total), steps
+    border = border_of(*about, blur if known else None)
+    left = border.left
+    if doubt > 0:  # the blur that the decoder measures is right on average
+        astray = border_of(*about, math.sqrt(blur**2 + doubt)).left - left
+        left = np.copysign(np.hypot(left, astray), left)
+    coord = view.coordinate(axis)
+    inside = np.minimum(coord + 0.5, extent - 0.5 - coord)
+    shadow = 0.0 if known else shadowed(inside, amplitude, levels, share, periods[-1])
     refused = np.minimum(refused + flagged + border.refused + shadow, 1.0)
-    bias = harmonic_error(view, groups[-1], axis) + border.left + _stairs(view, axis, groups, known, doubt)
+    bias = harmonic_error(view, groups[-1], axis) + left + _stairs(view, axis, groups, known, doubt)
     stated = _widened(np.sqrt(total + border.shift**2), view.bend(axis))
     noise = np.sqrt(total) * border.gain
     if _low_stairs(known, blur):
@@ -345,19 +347,6 @@ def _low_contrast(amplitude: Floats, levels: Levels, share: float) -> Floats:
     """Probability that the measured amplitude falls below 4 sigma; share: its variance over a sample's."""
     deviation = np.sqrt(levels.variance(levels.half))
     return np.asarray(ndtr((LEAST_CONTRAST * deviation - amplitude) / (math.sqrt(share) * deviation)))
-
-
-def _dimmed(view: View, axis: str, amplitude: Floats, levels: Levels, share: float) -> Floats:
-    """Probability that a pixel seems to lie in the shadow of a border whose blur is not known: it is dimmer
-    than those around it."""
-    coord, extent = view.coordinate(axis), view.extent(axis)
-    inside = np.minimum(coord + 0.5, extent - 0.5 - coord)
-    deviation = np.sqrt(levels.variance(levels.half))
-    noise = math.sqrt(share) * deviation
-    usual = np.nan_to_num(amplitude + BRIGHTEST * noise - 3 * deviation)
-    around = cv2.dilate(usual, cv2.getStructuringElement(cv2.MORPH_CROSS, (7, 7)))
-    dim = ndtr((DIMMED * around - amplitude) / noise)
-    return np.where(inside < SHADOW, dim, 0.0)
 
 
 def _referenced(sequence: Sequence) -> bool:

@@ -35,6 +35,8 @@ CALIBRATED, SMOOTH = 24, 1.0
 UNLIKE, DRAWS = 0.04, 6
 #: Cells of systematic error (rms) below which it is not worth a solve.
 NEGLIGIBLE = 2e-4
+#: What systematic errors do to the height, over what noise does, below which chance decides how both add up.
+SLIGHT = 0.05
 REFERENCE = 0.01  # cells of noise
 #: Light lost at the border: above the first a pixel is left out of every figure, above the second not solved.
 BORDER, HALF_LOST = 0.01, 0.2
@@ -43,16 +45,18 @@ BORDER, HALF_LOST = 0.01, 0.2
 @dataclass(frozen=True, slots=True)
 class HeightPrediction:
     """rms over the measured pixels, mm: of noise, of systematic errors, and of both; share: of the pixels
-    that see the pattern in full, those that the decoder does not refuse and an anchor reaches."""
+    that see the pattern in full, those that the decoder does not refuse and an anchor reaches; common: mean
+    product (mm^2) of systematic errors and of what the solver makes of exact data."""
 
     noise: float
     bias: float
     share: float
+    common: float = 0.0
 
     @property
     def total(self) -> float:
-        """Root of the sum of both squares."""
-        return math.hypot(self.noise, self.bias)
+        """Root of the mean square of the sum of both."""
+        return math.sqrt(max(self.noise**2 + self.bias**2 + 2 * self.common, 0.0))
 
 
 class Lever:
@@ -266,8 +270,8 @@ class Lever:
         drawn, left = self._drawn(view, 0), wide.left(self._chance(view, 0))
         random = wide.u.drawn(drawn[0]), wide.v.drawn(drawn[1])
         both = wide.u.bias + random[0], wide.v.bias + random[1]
-        bias, reached = self._difference(view, wide, left, both, random)
-        return HeightPrediction(noise, bias, min(share, reached))
+        bias, reached, common = self._difference(view, wide, left, both, random, SLIGHT * noise)
+        return HeightPrediction(noise, bias, min(share, reached), common)
 
     def _draws_for(self, prediction: Prediction) -> int:
         """How many draws a prediction needs: one if its noise lies over the pixels as the reference's does,
@@ -314,16 +318,24 @@ class Lever:
         left: NDArray[np.bool_],
         both: tuple[Floats, Floats],
         alone: tuple[Floats, Floats],
-    ) -> tuple[float, float]:
-        """Rms difference (mm) of the heights from two shifts, and the share of pixels that got the first."""
+        slight: float,
+    ) -> tuple[float, float, float]:
+        """Rms difference (mm) of the heights from two shifts; the share of pixels that got the first; unless
+        the difference is slight, its mean product with the error that no shift at all leaves."""
         stated = there.u.stated, there.v.stated
         try:
             first, second = (self.solve(view, stated, left, shift) for shift in (both, alone))
         except InputError:
-            return math.nan, 0.0
+            return math.nan, 0.0, 0.0
         reached = first.good & second.good & there.usable
         share = (first.good & there.usable).sum() / max(1, there.usable.sum())
-        return rms_where(first.z - second.z, reached), float(share)
+        change = first.z - second.z
+        size, common = rms_where(change, reached), 0.0
+        if size > slight:
+            exact = self.solve(view, stated, left)
+            reached &= exact.good
+            common = float(np.mean((change * (exact.z - view.truth.z))[reached])) if reached.any() else 0.0
+        return size, float(share), common
 
 
 def _lost(view: View) -> Floats:

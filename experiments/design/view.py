@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.projector import NOMINAL_SENSOR
+from optolever.projector import NOMINAL_SENSOR, scene_window
 from optolever.scene import Scene, Surface, Trace, resize, trace
 
 __all__ = ["Levels", "View", "stride_for", "view_of"]
@@ -115,9 +115,8 @@ def view_of(scene: Scene, surface: Surface, stride: int = 1) -> View:
     thin = scene if stride == 1 else replace(resize(scene, rows, cols), pattern=scene.pattern)
     truth = trace(thin, surface)
     by = scene.camera.cols / thin.camera.cols, scene.camera.rows / thin.camera.rows
-    widths = {
-        axis: (_step(at, 1) / by[0], _step(at, 0) / by[1]) for axis, at in (("u", truth.u), ("v", truth.v))
-    }
+    along, across = _ends(thin, surface, 0.0, 0.5 / by[0]), _ends(thin, surface, 0.5 / by[1], 0.0)
+    widths = {axis: (_extent(truth, axis, *along), _extent(truth, axis, *across)) for axis in ("u", "v")}
     light = np.where(truth.visible, 1.0, 0.0)
     if scene.medium is not None:
         cosine = np.cos(np.where(truth.visible, truth.incidence, 0.0))
@@ -125,12 +124,19 @@ def view_of(scene: Scene, surface: Surface, stride: int = 1) -> View:
     return View(thin, truth, widths, light, float(np.sqrt(by[0] * by[1])))
 
 
-def _step(at: Floats, along: int) -> Floats:
-    """|d at| per pixel, one-sided where a neighbour sees nothing, 0 where both do."""
-    change = np.abs(np.diff(at, axis=along))
-    edge = np.full([n if k != along else 1 for k, n in enumerate(at.shape)], np.nan)
-    before, behind = np.concatenate([edge, change], along), np.concatenate([change, edge], along)
-    both = np.stack([before, behind])
-    count = np.isfinite(both).sum(axis=0)
-    mean: Floats = np.nansum(both, axis=0) / np.maximum(count, 1)
-    return mean
+def _ends(scene: Scene, surface: Surface, down: float, right: float) -> tuple[Trace, Trace]:
+    """What is seen so far before and behind every pixel's middle (fractions of a pixel)."""
+    rows, cols = scene.camera.rows, scene.camera.cols
+    before, behind = (
+        trace(scene_window(scene, way * down, way * right, rows, cols), surface) for way in (-1, 1)
+    )
+    return before, behind
+
+
+def _extent(middle: Trace, axis: str, before: Trace, behind: Trace) -> Floats:
+    """|change of a coordinate| between the ends of a pixel, twice that of a half where one end sees nothing,
+    0 where both do."""
+    low, here, high = (getattr(seen, axis) for seen in (before, middle, behind))
+    half = np.where(np.isfinite(low), here - low, high - here)
+    whole = np.where(np.isfinite(low) & np.isfinite(high), high - low, 2.0 * half)
+    return np.asarray(np.abs(np.nan_to_num(whole)))
