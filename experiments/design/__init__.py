@@ -10,7 +10,7 @@
 | `slopes.py`, `sensor_maps.py`, `sensor_sweep.py`, `sensor_report.py` | what a scene can measure |
 | `adaptive.py`, `on_demand.py` | the next frames from the last |
 | `adaptive_study.py`, `fixed_search.py`, `outlook.py` | against the best fixed sequence; its prediction |
-| `border.py`, `response.py` | closed forms: the pattern's border, nonlinear devices |
+| `border.py`, `shadow.py`, `response.py` | closed forms: the border, its shadow, nonlinear devices |
 """
 
 from .adaptive import Adapted, Goal, Start, Step, adapt, share_within, starting

@@ -11,7 +11,7 @@ the true blur differ by stays.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,10 @@ class Border:
     shift: Floats
     left: Floats
     gain: Floats
+
+    def or_so(self, other: "Border") -> "Border":
+        """Where what is left may as well be that of `other`, or as far off on the other side."""
+        return replace(self, left=np.copysign(np.hypot(self.left, other.left - self.left), self.left))
 
 
 def border_factor(

@@ -182,15 +182,13 @@ def _fringe_axis(
     steps = _combined_errors(groups, [_stairs_of(view, axis, group.period) for group in groups])
     about = view, axis, sequence, groups, kept, variances, np.sqrt(total), steps
     border = border_of(*about, blur if known else None)
-    left = border.left
     if doubt > 0:  # the blur that the decoder measures is right on average
-        astray = border_of(*about, math.sqrt(blur**2 + doubt)).left - left
-        left = np.copysign(np.hypot(left, astray), left)
+        border = border.or_so(border_of(*about, math.sqrt(blur**2 + doubt)))
     coord = view.coordinate(axis)
     inside = np.minimum(coord + 0.5, extent - 0.5 - coord)
     shadow = 0.0 if known else shadowed(inside, amplitude, levels, share, periods[-1])
     refused = np.minimum(refused + flagged + border.refused + shadow, 1.0)
-    bias = harmonic_error(view, groups[-1], axis) + left + _stairs(view, axis, groups, known, doubt)
+    bias = harmonic_error(view, groups[-1], axis) + border.left + _stairs(view, axis, groups, known, doubt)
     stated = _widened(np.sqrt(total + border.shift**2), view.bend(axis))
     noise = np.sqrt(total) * border.gain
     if _low_stairs(known, blur):

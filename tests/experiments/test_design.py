@@ -82,6 +82,28 @@ def test_predicted_where_cells_are_coarse_and_the_map_bends(fine: float) -> None
     assert there.share == pytest.approx(share, abs=0.006)
 
 
+@pytest.mark.parametrize(
+    ("text", "blur", "noise"),
+    [
+        # total reflection dims pixels near the border, and something nearer to it is bright
+        ("phase:steps=8,periods=29.325/27.0692", 1.4, 0.78),
+        ("gray+phase:period=10,steps=9", 1.4, 0.78),
+        # pixels at the border are a tenth wider than those beside them
+        ("phase:steps=9,periods=8.7975/8.58293", 1.1, 0.43),
+    ],
+)
+def test_predicted_beside_a_clamped_edge(text: str, blur: float, noise: float) -> None:
+    """Where the mirror bends beside its anchor, what the solver extrapolates adds to the border's shift."""
+    scene = resize(load("paper-prototype"), 172, 108)
+    scene = replace(scene, pattern=replace(scene.pattern, blur_px=blur))
+    clamped = Lever(scene, dent("ball", scene, peak=0.07, radius=1000), stride=1)
+    shown = sequence_from_text(text, scene.pattern.rows, scene.pattern.cols)
+    there = clamped.height(predict(clamped.view, shown, noise))
+    found, share = simulate(clamped, Candidate(text, shown), noise, range(2), "numpy")
+    assert there.total == pytest.approx(found, rel=0.15)
+    assert there.share == pytest.approx(share, abs=0.006)
+
+
 @pytest.mark.parametrize("periods", [(60.5, 21.9, 7.93), (9.18, 8.16)])
 def test_the_border_in_a_strong_blur_as_it_is_decoded(periods: tuple[float, ...]) -> None:
     """What several periods make of a border that blur spreads over four cells, pixel by pixel."""
