@@ -8,14 +8,14 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d, map_coordinates, uniform_filter1d
+from scipy.ndimage import convolve1d, gaussian_filter1d, map_coordinates
 from scipy.special import erfc
 
 from optolever.patterns import Frame, Sequence
 
 from .view import Floats, Levels, View
 
-__all__ = ["free_code", "rounding_error", "seen_levels"]
+__all__ = ["at_places", "free_code", "seen_levels"]
 
 PER_CELL = 4  # samples of the seen levels in a cell
 FAR = 2.0  # cells: what is closer is no confusion but noise
@@ -26,45 +26,17 @@ def seen_levels(
 ) -> NDArray[np.float64]:
     """Share of full light (N, K) that pixels of `width` cells read at -0.5 + (k + 0.5) / PER_CELL."""
     tables = np.stack([f.tables(sequence.rows, sequence.cols)["uv".index(axis)] for f in frames])
-    return _seen(tables / 255.0, width, blur)
-
-
-def _seen(light: Floats, width: float, blur: float) -> Floats:
-    fine = np.repeat(light, PER_CELL, axis=1)
+    fine = np.repeat(tables / 255.0, PER_CELL, axis=1)
     if blur > 0:
         fine = gaussian_filter1d(fine, blur * PER_CELL, axis=1, mode="constant")
-    size = max(1, round(width * PER_CELL))
-    seen: Floats = uniform_filter1d(fine, size, axis=1, mode="constant") if size > 1 else fine
-    return seen
+    reach = 0.5 * max(width * PER_CELL, 1.0)
+    place = np.arange(-math.ceil(reach), math.ceil(reach) + 1)
+    box = np.clip(reach + 0.5 - np.abs(place), 0.0, 1.0)
+    return np.asarray(convolve1d(fine, box / box.sum(), axis=1, mode="constant"))
 
 
-def rounding_error(view: View, sequence: Sequence, axis: str, frames: list[Frame]) -> Floats:
-    """Error (cells, (H, W)) of swept stripes that are shown in whole grey values and decoded as if they were
-    not: the least-squares place moves by sum(I' dI) / sum(I'^2). Other free codes are known value by value.
-    """
-    coord = view.coordinate(axis)
-    swept = [frame for frame in frames if frame.kind == "stripe"]
-    if not swept:
-        return np.zeros(coord.shape)
-    width = float(np.nanmedian(np.hypot(*view.widths[axis])))
-    blur, cells = view.scene.pattern.blur_px, np.arange(view.extent(axis))
-    tables = np.stack([f.tables(sequence.rows, sequence.cols)["uv".index(axis)] for f in swept]) / 255.0
-    exact = np.stack([_stripe(frame, axis, cells) for frame in swept])
-    slope = np.gradient(_seen(exact, width, blur), 1 / PER_CELL, axis=1)
-    moved = np.sum(slope * _seen(tables - exact, width, blur), axis=0) / np.maximum(
-        np.sum(slope**2, axis=0), 1e-12
-    )
-    return _at(coord, moved)
-
-
-def _stripe(frame: Frame, axis: str, cells: NDArray[np.int64]) -> Floats:
-    """Light of a stripe, before it is rounded."""
-    centre = (frame.at_u if axis == "u" else frame.at_v) or 0.0
-    distance = np.abs(cells - centre) / (frame.width_px or 1.0)
-    return np.where(distance < 1, 0.5 + 0.5 * np.cos(np.pi * distance), 0.0)
-
-
-def _at(coord: Floats, table: Floats) -> Floats:
+def at_places(coord: Floats, table: Floats) -> Floats:
+    """A table (K,) at coordinates, see seen_levels."""
     at = (np.nan_to_num(coord) + 0.5) * PER_CELL - 0.5
     return np.asarray(map_coordinates(table, [at], order=1, mode="nearest"))
 
@@ -79,7 +51,7 @@ def free_code(
     slope = np.gradient(seen, 1 / PER_CELL, axis=1)
     steepness = np.sqrt((slope**2).sum(axis=0))
     distance = _confusion(seen)
-    here, apart = (_at(view.coordinate(axis), table) for table in (steepness, distance))
+    here, apart = (at_places(view.coordinate(axis), table) for table in (steepness, distance))
     deviation = np.sqrt(levels.variance(levels.half))
     with np.errstate(divide="ignore"):
         noise = deviation / (2 * levels.half * here)

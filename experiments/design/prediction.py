@@ -16,7 +16,7 @@ from optolever.patterns import Frame, Sequence
 
 from .border import border_of, kept_at_border, usual_width
 from .codes import Misread, cell_error, code_of, misread, stairs, stairs_of_noise
-from .free_codes import free_code, rounding_error
+from .free_codes import free_code
 from .fringes import (
     DOUBT,
     MUCH_FINER,
@@ -32,6 +32,7 @@ from .fringes import (
 from .response import fundamental_share, harmonic_error
 from .shadow import shadowed
 from .steep import unresolved
+from .swept import read_sweep
 from .view import Floats, Levels, View
 
 __all__ = ["AxisPrediction", "Prediction", "border_loss", "predict", "predict_axis"]
@@ -132,15 +133,17 @@ def predict_axis(view: View, sequence: Sequence, noise: float, axis: str) -> Axi
     levels = view.levels(noise)
     mine = [frame for frame in sequence.frames if frame.axis == axis]
     fringes = [frame for frame in mine if frame.kind == "phase"]
-    code, free = code_of(mine), [f for f in mine if f.kind in ("levels", "stripe")]
+    code, free, swept = code_of(mine), *([f for f in mine if f.kind == k] for k in ("levels", "stripe"))
     if fringes:
         return _fringe_axis(view, sequence, levels, axis, fringes, code)
     if code:
         return _code_axis(view, sequence, levels, axis, code)
+    if swept:
+        read = read_sweep(view, sequence, levels, axis, swept)
+        return AxisPrediction(read.noise, read.bias, read.failure, read.refused, read.stated)
     if free:
         spread, failure = free_code(view, sequence, levels, axis, free)
-        bias = rounding_error(view, sequence, axis, free)
-        return AxisPrediction(spread, bias, failure, failure, spread)
+        return AxisPrediction(spread, np.zeros(spread.shape), failure, failure, spread)
     raise InputError(f"sequence {sequence.name}: no frame encodes {axis}; a height needs both axes")
 
 

@@ -9,7 +9,7 @@ from scipy.special import erfc, ndtr
 from optolever.errors import InputError
 from optolever.experiments.design.border import _seen, border_factor
 from optolever.experiments.design.codes import cell_error, misread, stairs, stairs_of_noise
-from optolever.experiments.design.free_codes import seen_levels
+from optolever.experiments.design.free_codes import PER_CELL, seen_levels
 from optolever.experiments.design.fringes import (
     combined,
     contrast,
@@ -19,7 +19,7 @@ from optolever.experiments.design.fringes import (
     turn_variance,
 )
 from optolever.experiments.design.prediction import AxisPrediction
-from optolever.patterns import Frame, sequence
+from optolever.patterns import Frame, Sequence, sequence
 
 
 def fringe(period: float, steps: int) -> list[Frame]:
@@ -223,6 +223,18 @@ def test_any_pattern_has_the_bound_of_a_fringe() -> None:
     widths = (np.array(0.5), np.array(0.0))
     bound = math.sqrt(2 / steps) / (0.5 * contrast(period, widths, 0.5)) * period / (2 * math.pi)
     assert 1 / math.sqrt(information) == pytest.approx(bound, rel=0.03)
+
+
+@pytest.mark.parametrize("width", [0.3, 1.0, 2.0, 2.6])
+def test_seen_levels_lie_where_the_stripe_is(width: float) -> None:
+    """Their middle, and the variance that blur and pixel add to a cell's."""
+    frame = Frame("stripe", "u", at_u=20.0, width_px=1.0)
+    seen = seen_levels([frame], Sequence((frame,), 4, 40), "u", width, 0.7)[0]
+    place = (np.arange(len(seen)) + 0.5) / PER_CELL - 0.5
+    middle = float(np.sum(place * seen) / np.sum(seen))
+    variance = float(np.sum((place - middle) ** 2 * seen) / np.sum(seen))
+    assert middle == pytest.approx(20.0, abs=1e-9)
+    assert variance == pytest.approx((1 + width**2) / 12 + 0.7**2, rel=0.03)
 
 
 def test_two_shifts_are_refused() -> None:
