@@ -16,8 +16,9 @@ __all__ = ["contradicted", "gathered", "solve_stairs"]
 
 Map = NDArray[Any]
 F64 = NDArray[np.float64]
-#: Runs of pixels that are looked at, about.
-_RUNS = 512
+#: Runs of pixels that are looked at, about, in groups side by side (down columns, a line of the cache holds
+#: pixels of several); what spreads these evenly.
+_RUNS, _BESIDE, _GOLDEN = 512, 8, 0.6180339887498949
 #: sinc(w) from which on a run of pixels tells the height of the stairs.
 _TOLD = 0.15
 #: What is tabled: steps of T, step and end of w (beyond, nothing is told), harmonics, places in a cell.
@@ -34,12 +35,23 @@ def gathered(coord: Map, sigma: Map, flags: Map, down: bool) -> tuple[F64, F64]:
     across = length // RUN
     if across == 0:
         return np.zeros(0), np.zeros(0)
-    chosen = np.unique(np.linspace(0, lines - 1, max(1, _RUNS // across)).astype(np.int64))
-    starts = (chosen[:, None] * apart + np.arange(across) * (RUN * step)).ravel()
+    chosen, run = _chosen(lines, across)
+    starts = chosen * apart + run * (RUN * step)
     told, room = np.empty((2, len(starts))), np.empty((LINES, RUN), np.float32)
     flat = coord.reshape(-1), sigma.reshape(-1), flags.reshape(-1)
     count = gather_runs(starts, step, *flat, _parabolas(), room, told)
     return told[0, :count], told[1, :count]
+
+
+def _chosen(lines: int, across: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Line and place along it of the runs, `across` of which a line holds: all, or groups from all over."""
+    if lines * across <= _RUNS:
+        line, run = np.divmod(np.arange(lines * across), across)
+        return line, run
+    beside = min(_BESIDE, lines)
+    group = np.arange(across * max(1, _RUNS // (across * beside)))
+    first = (group * _GOLDEN % 1.0 * (lines - beside + 1)).astype(np.int64)
+    return (first[:, None] + np.arange(beside)).ravel(), np.repeat(group % across, beside)
 
 
 def contradicted(attenuation: float, seen: F64, gradient: F64, shares: F64) -> bool:

@@ -29,6 +29,7 @@ from .fringes import (
     step_flagged,
     turn_variance,
 )
+from .gathering import tells_stairs
 from .response import fundamental_share, harmonic_error
 from .shadow import shadowed
 from .steep import unresolved
@@ -189,14 +190,17 @@ def _fringe_axis(
         border = border.or_so(border_of(*about, math.sqrt(blur**2 + doubt)))
     coord = view.coordinate(axis)
     inside = np.minimum(coord + 0.5, extent - 0.5 - coord)
-    shadow = 0.0 if known else shadowed(inside, amplitude, levels, share, periods[-1])
+    common = amplitude if known else _of_both(view, axis, amplitude, full, periods[-1])
+    shadow = 0.0 if known else shadowed(inside, common, levels, share, periods[-1])
     refused = np.minimum(refused + flagged + border.refused + shadow, 1.0)
-    bias = harmonic_error(view, groups[-1], axis) + border.left + _stairs(view, axis, groups, known, doubt)
+    read = known or _read_off(view, sequence, blur, np.sqrt(total))
+    left = border.left + _stairs(view, axis, groups, known, read, doubt)
+    bias = harmonic_error(view, groups[-1], axis) + left
     stated = _widened(np.sqrt(total + border.shift**2), view.bend(axis))
     noise = np.sqrt(total) * border.gain
     if _low_stairs(known, blur):
         noise = noise / (1 + _combined_errors(groups, [slope for _, slope in there]))
-    elif _left_by(blur) > READ_OFF:
+    elif read and _left_by(blur) > READ_OFF:
         steep = unresolved(*_shares(groups), blur, view.widths[axis], noise)
         noise, stated = (np.where(steep > 0, np.sqrt(steep), part) for part in (noise, stated))
         bias = np.where(steep > 0, 0.0, bias)
@@ -213,17 +217,32 @@ def _left_by(blur: float) -> float:
     return math.exp(-2 * (math.pi * blur) ** 2)
 
 
+def _of_both(view: View, axis: str, amplitude: Floats, full: Floats, period: float) -> Floats:
+    """The amplitude that the decoder states, the lesser one of both axes, of whose other one the period is
+    about the same: each loses what light the other one's border takes."""
+    other = "v" if axis == "u" else "u"
+    across = full * _contrast(view, other, period) * (1 - border_loss(view, axis))
+    return np.asarray(np.minimum(amplitude * (1 - border_loss(view, other)), across))
+
+
+def _read_off(view: View, sequence: Sequence, blur: float, noise: Floats) -> bool:
+    """Whether the coordinates of an axis tell how high the stairs are; noise of one: they are alike."""
+    shown = {frame.axis for frame in sequence.frames if frame.kind == "phase"}
+    left = _left_by(blur)
+    return left > READ_OFF and any(tells_stairs(view, axis, left, noise) for axis in "uv" if axis in shown)
+
+
 def _low_stairs(known: bool, blur: float) -> bool:
     """Whether the decoder takes the stairs of the usual pixel off."""
     return known and _left_by(blur) < LOW_STAIRS
 
 
-def _stairs(view: View, axis: str, groups: list[Fringe], known: bool, doubt: float) -> Floats:
-    """What the cells' stairs leave in the coordinate; doubt: of the squared blur (cells^2).
+def _stairs(view: View, axis: str, groups: list[Fringe], known: bool, read: bool, doubt: float) -> Floats:
+    """What the cells' stairs leave in the coordinate; read: off the coordinates; doubt: of the squared blur
+    (cells^2).
 
     Where it knows the blur, the decoder takes off low stairs, those of the usual pixel; higher ones it reads
-    off the coordinates and undoes pixel by pixel, by gradients over some of them; low ones of an unknown blur
-    stay.
+    off the coordinates and undoes pixel by pixel, by gradients over some of them; what it cannot read stays.
     """
     blur, coord = view.scene.pattern.blur_px, view.coordinate(axis)
     left, soft = _left_by(blur), _low_stairs(known, blur)
@@ -231,7 +250,7 @@ def _stairs(view: View, axis: str, groups: list[Fringe], known: bool, doubt: flo
     if soft:
         usual, believed = (np.full(coord.shape, usual_width(view, axis)),), math.sqrt(blur**2 + doubt)
         errors = [e - stairs(coord, usual, believed, g.period) for e, g in zip(errors, groups, strict=True)]
-    elif known or left > READ_OFF:
+    elif read:
         reach = NEARBY if left < READ_AGAIN else AROUND
         errors = [e - _undone(view, axis, g.period, reach) for e, g in zip(errors, groups, strict=True)]
     return _combined_errors(groups, errors)
