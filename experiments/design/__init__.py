@@ -5,7 +5,7 @@
 | `ranking.py`, `candidates.py`, `user_patterns.py` | run_design; what could be shown; what users bring |
 | `prediction.py`, `view.py`, `sensitivity.py` | a sequence's errors per pixel; what pixels see; to heights |
 | `fringes.py`, `codes.py`, `free_codes.py` | closed forms: fringes, bits and cells, any pattern |
-| `swept.py` | swept stripes, as the decoder reads a line of them |
+| `line_reading.py` | swept stripes and bare codes, as the decoder reads a line of them |
 | `steep.py` | what stairs of a sharp display leave that have no inverse |
 | `exhaustive.py`, `judged.py` | run_choices: the first choice against all candidates simulated; on what |
 | `slopes.py`, `sensor_maps.py`, `sensor_sweep.py`, `sensor_report.py` | what a scene can measure |

@@ -25,8 +25,11 @@ def seen_levels(
     frames: list[Frame], sequence: Sequence, axis: str, width: float, blur: float
 ) -> NDArray[np.float64]:
     """Share of full light (N, K) that pixels of `width` cells read at -0.5 + (k + 0.5) / PER_CELL."""
-    tables = np.stack([f.tables(sequence.rows, sequence.cols)["uv".index(axis)] for f in frames])
-    fine = np.repeat(tables / 255.0, PER_CELL, axis=1)
+    pairs = [frame.tables(sequence.rows, sequence.cols) for frame in frames]
+    along = "uv".index(axis)
+    # of frames that are the same all over, the other table may hold what makes them dark
+    light = [pair[along] / 255.0 * pair[1 - along][0] / 255.0 for pair in pairs]
+    fine = np.repeat(np.stack(light), PER_CELL, axis=1)
     if blur > 0:
         fine = gaussian_filter1d(fine, blur * PER_CELL, axis=1, mode="constant")
     reach = 0.5 * max(width * PER_CELL, 1.0)

@@ -30,10 +30,10 @@ from .fringes import (
     turn_variance,
 )
 from .gathering import tells_stairs
+from .line_reading import read_code, read_sweep
 from .response import fundamental_share, harmonic_error
 from .shadow import shadowed
 from .steep import unresolved
-from .swept import read_sweep
 from .view import Floats, Levels, View
 
 __all__ = ["AxisPrediction", "Prediction", "border_loss", "predict", "predict_axis"]
@@ -188,11 +188,13 @@ def _fringe_axis(
     border = border_of(*about, blur if known else None)
     if doubt > 0:  # the blur that the decoder measures is right on average
         border = border.or_so(border_of(*about, math.sqrt(blur**2 + doubt)))
-    coord = view.coordinate(axis)
-    inside = np.minimum(coord + 0.5, extent - 0.5 - coord)
-    common = amplitude if known else _of_both(view, axis, amplitude, full, periods[-1])
-    shadow = 0.0 if known else shadowed(inside, common, levels, share, periods[-1])
-    refused = np.minimum(refused + flagged + border.refused + shadow, 1.0)
+    if not known:
+        uncertain = math.sqrt(share) * np.sqrt(levels.variance(levels.half))
+        common = _of_both(view, axis, amplitude, full, periods[-1], uncertain)
+        inside = _inside(view, axis)
+        inside[inside > _inside(view, "v" if axis == "u" else "u")] = np.inf  # dim for the other one's sake
+        refused = refused + shadowed(inside, common, levels, uncertain, periods[-1])
+    refused = np.minimum(refused + flagged + border.refused, 1.0)
     read = known or _read_off(view, sequence, blur, np.sqrt(total))
     left = border.left + _stairs(view, axis, groups, known, read, doubt)
     bias = harmonic_error(view, groups[-1], axis) + left
@@ -217,12 +219,21 @@ def _left_by(blur: float) -> float:
     return math.exp(-2 * (math.pi * blur) ** 2)
 
 
-def _of_both(view: View, axis: str, amplitude: Floats, full: Floats, period: float) -> Floats:
-    """The amplitude that the decoder states, the lesser one of both axes, of whose other one the period is
-    about the same: each loses what light the other one's border takes."""
+def _inside(view: View, axis: str) -> Floats:
+    """Distance from the nearer border of an axis, cells."""
+    coord = view.coordinate(axis)
+    return np.asarray(np.minimum(coord + 0.5, view.extent(axis) - 0.5 - coord))
+
+
+def _of_both(view: View, axis: str, amplitude: Floats, full: Floats, period: float, noise: Floats) -> Floats:
+    """Mean of the amplitude that the decoder states, the lesser one of both axes (noise: of each), of whose
+    other one the period is about the same: each loses what light the other one's border takes."""
     other = "v" if axis == "u" else "u"
+    own = amplitude * (1 - border_loss(view, other))
     across = full * _contrast(view, other, period) * (1 - border_loss(view, axis))
-    return np.asarray(np.minimum(amplitude * (1 - border_loss(view, other)), across))
+    apart = np.abs(own - across) / (math.sqrt(2) * noise)
+    density = np.exp(-0.5 * apart**2) / math.sqrt(2 * math.pi)
+    return np.asarray(np.minimum(own, across) - math.sqrt(2) * noise * (density - apart * ndtr(-apart)))
 
 
 def _read_off(view: View, sequence: Sequence, blur: float, noise: Floats) -> bool:
@@ -346,13 +357,12 @@ def _blur_survey(
 def _code_axis(
     view: View, sequence: Sequence, levels: Levels, axis: str, code: list[Frame]
 ) -> AxisPrediction:
-    bits = _misread(view, sequence, levels, axis, code)
-    pitch, moved = code[0].cell_px, bits.up - bits.down
-    noise = pitch * np.sqrt(np.maximum(bits.up + bits.down - moved**2, 0.0))
+    read = read_code(view, sequence, levels, axis, code)
+    pitch, moved = code[0].cell_px, read.up - read.down
+    noise = pitch * np.sqrt(np.maximum(read.up + read.down - moved**2, 0.0))
     bias = cell_error(view.coordinate(axis), code[0]) + pitch * moved
-    refused = np.minimum(_low_contrast(levels.half, levels, 0.5) + (bits.failure > DOUBT), 1.0)
-    stated = pitch * np.sqrt(1 / 12 + bits.doubt)
-    return AxisPrediction(noise, bias, bits.failure, refused, stated, (bits.up, bits.down, pitch))
+    steps = read.up, read.down, pitch
+    return AxisPrediction(noise, bias, read.failure, read.refused, read.stated, steps)
 
 
 def _misread(view: View, sequence: Sequence, levels: Levels, axis: str, code: list[Frame]) -> Misread:

@@ -2,8 +2,6 @@
 are dimmer than those around, unless something nearer to the border is not.
 """
 
-import math
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -17,19 +15,18 @@ __all__ = ["shadowed"]
 #: which it may lie in its shadow, and the same in periods of the finest fringe; pixels around; cells by which
 #: a pixel is surely nearer to the border than another.
 DIMMED, REACH, REACH_PERIODS, AROUND, NEARER = 0.96, 16.0, 0.9, 3, 1.0
-#: Mean of the largest of three Gaussian numbers: the amplitudes inwards.
-BRIGHTEST = 0.85
+#: Mean of the largest of three Gaussian numbers, the amplitudes inwards, each the lesser one of two.
+BRIGHTEST = 0.85 * 0.83
 _WAYS = ((-1, 0), (1, 0), (0, -1), (0, 1))
 
 
-def shadowed(inside: Floats, amplitude: Floats, levels: Levels, share: float, period: float) -> Floats:
+def shadowed(inside: Floats, amplitude: Floats, levels: Levels, noise: Floats, period: float) -> Floats:
     """Probability (H, W) that a pixel seems to lie in the border's shadow.
 
-    inside: distance from the nearer border, cells, NaN where nothing is seen; share: the amplitude's variance
-    over a sample's; period: of the finest fringe.
+    inside: distance from the nearer border, cells, NaN where nothing is seen, inf where another border is
+    nearer; noise: of the amplitude; period: of the finest fringe.
     """
     deviation = np.sqrt(levels.variance(levels.half))
-    noise = math.sqrt(share) * deviation
     usual = np.nan_to_num(amplitude + BRIGHTEST * noise - 3 * deviation)
     cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (2 * AROUND + 1, 2 * AROUND + 1))
     around = cv2.dilate(usual, cross)
