@@ -110,6 +110,7 @@ def border_of(
     sequence: Sequence,
     groups: list[Fringe],
     kept: list[Complex],
+    cells: list[Complex],
     variances: list[Floats],
     noise: Floats,
     other: Floats,
@@ -117,9 +118,10 @@ def border_of(
 ) -> Border:
     """Both borders of an axis together.
 
-    groups: the sequence's fringes, coarse to fine; kept: kept_at_border of each; variances (cells^2) of each,
-    with what is left of their contrast; noise, other: rms noise of the coordinate and what else shifts it,
-    cells; blur: what the decoder takes for it.
+    groups: the sequence's fringes, coarse to fine; kept: kept_at_border of each; cells: what these make of
+    its complex amplitude (see codes.sidebands); variances (cells^2) of each, with what is left of their
+    contrast; noise: rms, of the coordinate; other: what cells alone shift it by, cells; blur: what the
+    decoder takes for it.
     """
     coord, extent = view.coordinate(axis), view.extent(axis)
     table = border_table(sequence, axis, usual_width(view, axis), blur)
@@ -134,9 +136,11 @@ def border_of(
     if not touched.any():
         return Border(refused, shift, left, gain)
     away, doubtful = _seen(
-        groups, [np.angle(rho[touched]) for rho in kept], [variance[touched] for variance in variances]
+        groups,
+        [np.angle((rho + whole - 1)[touched]) for rho, whole in zip(kept, cells, strict=True)],
+        [variance[touched] for variance in variances],
     )
-    place = coord[touched] + away + other[touched]
+    place = coord[touched] + away
     taken = np.interp(place, table.at, table.shift)
     change = np.interp(place, table.at, np.gradient(table.shift, table.at))
     entry = np.clip(
@@ -147,7 +151,7 @@ def border_of(
     edges = np.append(table.at, table.at[-1] + (table.at[1] - table.at[0]))[dark].reshape(-1, 2)
     for low, high in [(-np.inf, -0.5 - OFF), (extent - 0.5 + OFF, np.inf), *edges]:
         doubtful = doubtful + ndtr((high - place) / noise[touched]) - ndtr((low - place) / noise[touched])
-    refused[touched], left[touched] = np.minimum(doubtful, 1.0), away - taken
+    refused[touched], left[touched] = np.minimum(doubtful, 1.0), away - other[touched] - taken
     shift[touched], gain[touched] = np.where(table.told[entry], np.abs(taken), 0.0), np.abs(1 - change)
     return Border(refused, shift, left, gain)
 

@@ -11,7 +11,7 @@ from scipy.special import erfc
 
 from optolever.patterns import BINARY_CODES, Frame, bits_for, code_words
 
-__all__ = ["Misread", "cell_error", "code_of", "misread", "stairs", "stairs_of_noise"]
+__all__ = ["Misread", "cell_error", "code_of", "misread", "sidebands", "stairs", "stairs_of_noise"]
 
 Floats = NDArray[np.float64]
 #: Systematic error of a margin that the decoder reckons with, in half contrasts.
@@ -36,7 +36,7 @@ def cell_error(coord: Floats, frame: Frame) -> Floats:
 
 def stairs(coord: Floats, widths: tuple[Floats, ...], blur: float, period: float) -> Floats:
     """Error (cells) of a fringe of a period (cells) read through the display's cells, at coord."""
-    return np.asarray(np.angle(_sidebands(coord, widths, blur, period)[0]) * period / (2 * math.pi))
+    return np.asarray(np.angle(sidebands(coord, widths, blur, period)[0]) * period / (2 * math.pi))
 
 
 def stairs_of_noise(
@@ -44,11 +44,11 @@ def stairs_of_noise(
 ) -> tuple[Floats, Floats]:
     """(share of the contrast there, slope of the stairs) at coord: noise counts over the one, and over one
     plus the other where the stairs are undone."""
-    whole, change = _sidebands(coord, widths, blur, period)
+    whole, change = sidebands(coord, widths, blur, period)
     return np.abs(whole), np.asarray((change / whole).imag * period / (2 * math.pi))
 
 
-def _sidebands(
+def sidebands(
     coord: Floats, widths: tuple[Floats, ...], blur: float, period: float
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """1 + sum_k r_k exp(2 pi i k u), and its derivative.

@@ -15,7 +15,7 @@ from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
 
 from .border import border_of, kept_at_border, usual_width
-from .codes import Misread, cell_error, code_of, misread, stairs, stairs_of_noise
+from .codes import Misread, cell_error, code_of, misread, sidebands, stairs, stairs_of_noise
 from .free_codes import free_code
 from .fringes import (
     DOUBT,
@@ -184,7 +184,8 @@ def _fringe_axis(
             failure = failure + step_failure(periods[k], both)
             flagged = flagged + step_flagged(periods[k], both)
     steps = _combined_errors(groups, [_stairs_of(view, axis, group.period) for group in groups])
-    about = view, axis, sequence, groups, kept, variances, np.sqrt(total), steps
+    cells = [_cells(view, axis, group.period) for group in groups]
+    about = view, axis, sequence, groups, kept, cells, variances, np.sqrt(total), steps
     border = border_of(*about, blur if known else None)
     if doubt > 0:  # the blur that the decoder measures is right on average
         border = border.or_so(border_of(*about, math.sqrt(blur**2 + doubt)))
@@ -286,6 +287,12 @@ def _contrast(view: View, axis: str, period: float) -> Floats:
 def _kept_at_border(view: View, axis: str, period: float) -> NDArray[np.complex128]:
     """What the border leaves of a fringe's complex amplitude."""
     return view.kept(("border", axis, period), lambda: kept_at_border(view, axis, period))
+
+
+def _cells(view: View, axis: str, period: float) -> NDArray[np.complex128]:
+    """What the cells make of a fringe's complex amplitude."""
+    blur, coord, widths = view.scene.pattern.blur_px, view.coordinate(axis), view.widths[axis]
+    return view.kept(("cells", axis, period), lambda: sidebands(coord, widths, blur, period)[0])
 
 
 def _stairs_of(view: View, axis: str, period: float) -> Floats:
