@@ -22,25 +22,25 @@ FAR = 2.0  # cells: what is closer is no confusion but noise
 
 
 def seen_levels(
-    frames: list[Frame], sequence: Sequence, axis: str, width: float, blur: float
+    frames: list[Frame], sequence: Sequence, axis: str, width: float, blur: float, per_cell: int = PER_CELL
 ) -> NDArray[np.float64]:
-    """Share of full light (N, K) that pixels of `width` cells read at -0.5 + (k + 0.5) / PER_CELL."""
+    """Share of full light (N, K) that pixels of `width` cells read at -0.5 + (k + 0.5) / per_cell."""
     pairs = [frame.tables(sequence.rows, sequence.cols) for frame in frames]
     along = "uv".index(axis)
     # of frames that are the same all over, the other table may hold what makes them dark
     light = [pair[along] / 255.0 * pair[1 - along][0] / 255.0 for pair in pairs]
-    fine = np.repeat(np.stack(light), PER_CELL, axis=1)
+    fine = np.repeat(np.stack(light), per_cell, axis=1)
     if blur > 0:
-        fine = gaussian_filter1d(fine, blur * PER_CELL, axis=1, mode="constant")
-    reach = 0.5 * max(width * PER_CELL, 1.0)
+        fine = gaussian_filter1d(fine, blur * per_cell, axis=1, mode="constant")
+    reach = 0.5 * max(width * per_cell, 1.0)
     place = np.arange(-math.ceil(reach), math.ceil(reach) + 1)
     box = np.clip(reach + 0.5 - np.abs(place), 0.0, 1.0)
     return np.asarray(convolve1d(fine, box / box.sum(), axis=1, mode="constant"))
 
 
-def at_places(coord: Floats, table: Floats) -> Floats:
+def at_places(coord: Floats, table: Floats, per_cell: int = PER_CELL) -> Floats:
     """A table (K,) at coordinates, see seen_levels."""
-    at = (np.nan_to_num(coord) + 0.5) * PER_CELL - 0.5
+    at = (np.nan_to_num(coord) + 0.5) * per_cell - 0.5
     return np.asarray(map_coordinates(table, [at], order=1, mode="nearest"))
 
 

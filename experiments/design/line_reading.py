@@ -22,8 +22,9 @@ from .view import Floats, Levels, View
 
 __all__ = ["CodeReading", "SweepReading", "read_code", "read_sweep"]
 
-#: Draws of noise; places over which their mean is smoothed.
+#: Draws of noise; places over which their mean is smoothed; both for codes, which change within a cell.
 DRAWS, SMOOTH = 64, PER_CELL
+CODE_DRAWS, CODE_PER_CELL = 64, 16
 Mask = NDArray[np.bool_]
 
 
@@ -56,7 +57,7 @@ def read_sweep(
 ) -> SweepReading:
     """Stripes of an axis, read by pixels of the usual footprint in the usual light; noise grows with what
     light a pixel lacks."""
-    place, coord, sigma, good = _line(view, sequence, levels, axis, frames)
+    place, coord, sigma, good = _line(view, sequence, levels, axis, frames, DRAWS, PER_CELL, told=False)
     error = coord - place
     near = good & (np.abs(error) < FAR)
     count = np.maximum(near.sum(axis=0), 1)
@@ -78,27 +79,46 @@ def read_sweep(
 def read_code(view: View, sequence: Sequence, levels: Levels, axis: str, frames: list[Frame]) -> CodeReading:
     """Bits of an axis, with the references of the sequence, read by pixels as in read_sweep."""
     shown = [*(frame for frame in sequence.frames if frame.kind in ("white", "black")), *frames]
-    place, coord, sigma, good = _line(view, sequence, levels, axis, shown, told=True)
-    cells = np.rint((coord - place - cell_error(place, frames[0])) / frames[0].cell_px)
-    count = np.maximum(good.sum(axis=0), 1)
-    here = view.coordinate(axis)
-    up, down, far, stated = (
-        at_places(here, np.sum(part, axis=0, where=good) / count)
-        for part in (cells == 1, cells == -1, np.abs(cells) > 1, sigma)
+    place, coord, sigma, good = _line(
+        view, sequence, levels, axis, shown, CODE_DRAWS, CODE_PER_CELL, told=True
     )
-    return CodeReading(up, down, far, at_places(here, 1 - good.mean(axis=0)), stated)
+    pitch, error = frames[0].cell_px, coord - place
+    far = np.abs(np.rint((error - cell_error(place, frames[0])) / pitch)) > 1
+    near = good & ~far
+    count = np.maximum(near.sum(axis=0), 1)
+    mean = np.sum(error, axis=0, where=near) / count
+    square = np.sum((error - mean) ** 2, axis=0, where=near) / count
+    stated = np.sum(sigma, axis=0, where=near) / count
+    astray = np.sum(good & far, axis=0) / np.maximum(good.sum(axis=0), 1)
+    here = view.coordinate(axis)
+    # means and variances change steadily from cell to cell, probabilities do not
+    mean, square, stated, astray, refused = (
+        at_places(here, table, CODE_PER_CELL)
+        for table in (mean, square, stated, astray, 1 - good.mean(axis=0))
+    )
+    moved = (mean - cell_error(here, frames[0])) / pitch
+    both = square / pitch**2 + moved**2
+    up, down = (np.clip(0.5 * (both + way * moved), 0.0, 1.0) for way in (1, -1))
+    return CodeReading(up, down, astray, refused, stated)
 
 
 def _line(
-    view: View, sequence: Sequence, levels: Levels, axis: str, frames: list[Frame], told: bool = False
+    view: View,
+    sequence: Sequence,
+    levels: Levels,
+    axis: str,
+    frames: list[Frame],
+    draws: int,
+    per_cell: int,
+    told: bool,
 ) -> tuple[Floats, Floats, Floats, Mask]:
-    """Places (K,), and what is read there: coordinate, its sigma, and whether it is unflagged (DRAWS, K).
+    """Places (K,), and what is read there: coordinate, its sigma, and whether it is unflagged (draws, K).
     told: the decoder knows the noise, as frames of both axes tell it.
 
     In every draw they lie in another order: some pixels of a capture stand for all, neighbours tell nothing.
     """
     width = float(np.nanmedian(np.hypot(*view.widths[axis])))
-    seen = seen_levels(frames, sequence, axis, width, view.scene.pattern.blur_px)
+    seen = seen_levels(frames, sequence, axis, width, view.scene.pattern.blur_px, per_cell)
     half = float(np.median(levels.half[view.visible]))
     light = levels.dark + 2 * half * seen[:, None]
     bits = (view.scene.sensor or NOMINAL_SENSOR).bits
@@ -106,15 +126,18 @@ def _line(
     step = 255 / top
     spread = np.sqrt(np.maximum(levels.variance(light - levels.dark) - step**2 / 12, 0.0))
     rng = np.random.default_rng(0)
-    order = rng.permuted(np.tile(np.arange(seen.shape[1]), (DRAWS, 1)), axis=1)
-    drawn = light[:, 0, order] + spread[:, 0, order] * rng.standard_normal((len(frames), *order.shape))
+    order = rng.permuted(np.tile(np.arange(seen.shape[1]), (draws, 1)), axis=1)
+    half_drawn = rng.standard_normal((len(frames), draws // 2, seen.shape[1]), np.float32)
+    # every draw once more with the other sign: what is odd in it leaves the means
+    unit = np.take_along_axis(np.concatenate([half_drawn, -half_drawn], axis=1), order[None], axis=2)
+    drawn = light[:, 0, order] + spread[:, 0, order] * unit
     shown = Sequence(tuple(frames), sequence.rows, sequence.cols)
     noise = np.sqrt(max(levels.read2 / step**2 - 1 / 12, 0.0)) if told else None
     raw = np.clip(np.rint(drawn / step), 0, top).astype(kind)
     found = decode(raw, shown, noise=noise, gain=levels.shot / step if told else 0.0, white_level=top)
     maps: list[Any] = [getattr(found, axis), getattr(found, f"sigma_{axis}"), found.good]
     coord, sigma, good = (np.take_along_axis(part, np.argsort(order, axis=1), axis=1) for part in maps)
-    place = (np.arange(seen.shape[1]) + 0.5) / PER_CELL - 0.5
+    place = (np.arange(seen.shape[1]) + 0.5) / per_cell - 0.5
     return place, coord, sigma, good & np.isfinite(coord)
 
 

@@ -152,8 +152,7 @@ def _fringe_axis(
     view: View, sequence: Sequence, levels: Levels, axis: str, frames: list[Frame], code: list[Frame]
 ) -> AxisPrediction:
     groups = grouped(frames)
-    blur, extent = view.scene.pattern.blur_px, view.extent(axis)
-    periods = [group.period for group in groups]
+    blur, periods = view.scene.pattern.blur_px, [group.period for group in groups]
     full = fundamental_share(view.scene) * levels.half
     variances, amplitude, share = [], full, 0.5
     kept = [_kept_at_border(view, axis, group.period) for group in groups]
@@ -168,21 +167,7 @@ def _fringe_axis(
         there = [_stairs_of_noise(view, axis, group.period) for group in groups]
         variances = [variance / left**2 for variance, (left, _) in zip(variances, there, strict=True)]
     total = combined(periods, variances)
-    if code:
-        failure = _misread(view, sequence, levels, axis, code).failure
-        flagged = np.asarray(failure > DOUBT, np.float64)
-    elif periods[0] >= extent:
-        room = 0.5 * periods[0] - np.abs(view.coordinate(axis) - 0.5 * (extent - 1))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            failure = np.nan_to_num(0.5 * erfc(room / np.sqrt(2 * variances[0])))
-        flagged = np.zeros(failure.shape)
-    else:
-        failure, flagged = search_failure(periods, variances, extent)
-    if code or periods[0] >= extent:
-        for k in range(1, len(groups)):
-            both = combined(periods[:k], variances[:k]) + variances[k]
-            failure = failure + step_failure(periods[k], both)
-            flagged = flagged + step_flagged(periods[k], both)
+    failure, flagged = _order_errors(view, sequence, levels, axis, code, periods, variances)
     steps = _combined_errors(groups, [_stairs_of(view, axis, group.period) for group in groups])
     cells = [_cells(view, axis, group.period) for group in groups]
     about = view, axis, sequence, groups, kept, cells, variances, np.sqrt(total), steps
@@ -208,6 +193,35 @@ def _fringe_axis(
         noise, stated = (np.where(steep > 0, np.sqrt(steep), part) for part in (noise, stated))
         bias = np.where(steep > 0, 0.0, bias)
     return AxisPrediction(noise, bias, np.minimum(failure, 1.0), refused, stated)
+
+
+def _order_errors(
+    view: View,
+    sequence: Sequence,
+    levels: Levels,
+    axis: str,
+    code: list[Frame],
+    periods: list[float],
+    variances: list[Floats],
+) -> tuple[Floats, Floats]:
+    """Probabilities that an order is wrong, and that the decoder flags one as doubtful, (H, W)."""
+    extent = view.extent(axis)
+    if code:
+        failure = _misread(view, sequence, levels, axis, code).failure
+        flagged = np.asarray(failure > DOUBT, np.float64)
+    elif periods[0] >= extent:
+        room = 0.5 * periods[0] - np.abs(view.coordinate(axis) - 0.5 * (extent - 1))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            failure = np.nan_to_num(0.5 * erfc(room / np.sqrt(2 * variances[0])))
+        flagged = np.zeros(failure.shape)
+    else:
+        failure, flagged = search_failure(periods, variances, extent)
+    if code or periods[0] >= extent:
+        for k in range(1, len(periods)):
+            both = combined(periods[:k], variances[:k]) + variances[k]
+            failure = failure + step_failure(periods[k], both)
+            flagged = flagged + step_flagged(periods[k], both)
+    return failure, flagged
 
 
 def _widened(sigma: Floats, bend: Floats) -> Floats:
