@@ -8,14 +8,14 @@ before, w_0 = w_1 + (23 p_1 - 16 p_2 + 5 p_3) / 12 (Adams-Bashforth, third order
 known better than that, w_0 = w_1 + (9 p_0 + 19 p_1 - 5 p_2 + p_3) / 24 (Adams-Moulton).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .measured import Measured
 
-__all__ = ["core_window", "extended", "solid_window"]
+__all__ = ["core_windows", "extended", "solid_window"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -43,13 +43,17 @@ def solid_window(seen: Mask) -> Window:
     return _peeled(seen.shape, hollow)
 
 
-def core_window(data: Measured) -> Window:
-    """The part of the grid without its noisy lines; without broken ones too, if what is left is whole then.
+def core_windows(data: Measured) -> Iterator[Window]:
+    """What may be solved, the best first: the grid without its noisy lines, and without broken ones if what
+    is left is whole then; without its noisy ones alone; all of it.
 
-    What is left out costs the anchor: it is reached over a pixel more.
+    What is left out costs the anchor: it is reached over a pixel more, or not at all.
     """
     whole = _core(data, broken=True)
-    return whole if data.mask[whole].all() else _core(data, broken=False)
+    if data.mask[whole].all():
+        yield whole
+    yield _core(data, broken=False)
+    yield slice(0, data.mask.shape[0]), slice(0, data.mask.shape[1])
 
 
 def _core(data: Measured, broken: bool) -> Window:

@@ -12,7 +12,7 @@ from optolever.errors import InputError
 from optolever.scene import Scene
 
 from .anchors import EDGE_REACH, Anchors, Samples, anchor_samples
-from .fringe import core_window, solid_window
+from .fringe import core_windows, solid_window
 from .geometry import RayField, pattern_plane, ray_field
 from .holes import bridged, small_holes
 from .measured import Measured
@@ -85,11 +85,19 @@ def prepare(
     holes, solid = np.zeros_like(data.mask), solid_window(data.mask)
     holes[solid] = small_holes(data.mask[solid])
     outer = bridged(data, holes)
-    core = core_window(outer)
-    inner = outer if core == _extent_of(outer.mask) else outer.cropped(core)
-    samples = samples.window(core[0].start, core[1].start)
-    inner, labels, lost = _anchored(inner, data.mask[core], samples)
-    return Problem(rays, valid, rows, cols, turned, outer, core, inner, samples, labels, holes[core], lost)
+    for core in core_windows(outer):
+        inner = outer if core == _extent_of(outer.mask) else outer.cropped(core)
+        near = samples.window(core[0].start, core[1].start)
+        labels = _anchored_labels(inner, near)
+        if labels.any():
+            break
+    else:
+        raise InputError(
+            f"anchor: none has valid pixels (four in a row, unless it is on one) within {EDGE_REACH:g} pixels"
+        )
+    lost = int(np.count_nonzero(data.mask[core] & (labels == 0)))
+    inner = inner if labels.all() else replace(inner, mask=labels > 0)
+    return Problem(rays, valid, rows, cols, turned, outer, core, inner, near, labels, holes[core], lost)
 
 
 def _extent_of(mask: Mask) -> tuple[slice, slice]:
@@ -166,22 +174,19 @@ def _transposed(data: Measured) -> Measured:
     return replace(data, rays=data.rays.transposed(), **turned)
 
 
-def _anchored(data: Measured, measured: Mask, samples: Samples) -> tuple[Measured, Labels, int]:
-    """The grid without components that no anchor reaches, its labels,
-    and how many measured pixels that costs.
-    """
-    if data.mask.all():
-        return data, np.ones(data.mask.shape, dtype=np.int32), 0
+def _anchored_labels(data: Measured, samples: Samples) -> Labels:
+    """The components of the grid that an anchor reaches, numbered from 1 on, 0 elsewhere."""
+    if data.mask.all():  # as a rule: no need to look for pixels
+        beyond = (
+            np.maximum(np.maximum(-at, at - (size - 1)), 0.0)
+            for at, size in zip((samples.row, samples.col), data.mask.shape, strict=True)
+        )
+        near = bool((np.hypot(*beyond) <= EDGE_REACH + 0.25).any())
+        return np.full(data.mask.shape, int(near), dtype=np.int32)
     labels = scipy.ndimage.label(data.mask)[0].astype(np.int32)
     reached = np.unique(anchor_rows(samples, data, labels).component)
     reached = reached[np.bincount(labels.ravel())[reached] >= _FEWEST]
-    if reached.size == 0:
-        raise InputError(
-            f"anchor: none has valid pixels (four in a row, unless it is on one) within {EDGE_REACH:g} pixels"
-        )
     renumber = np.zeros(int(labels.max()) + 1, dtype=np.int32)
     renumber[reached] = np.arange(1, reached.size + 1)
-    labels = renumber[labels]
-    kept = labels > 0
-    lost = int(np.count_nonzero(measured & ~kept))
-    return replace(data, mask=kept), labels, lost
+    numbered: Labels = renumber[labels]
+    return numbered

@@ -8,6 +8,7 @@ import pytest
 from optolever.decode import Correspondence
 from optolever.reconstruct import HeightMap, reconstruct
 from optolever.reconstruct.holes import LARGEST, bridged, small_holes
+from optolever.reconstruct.pinning import anchor_rows
 from optolever.reconstruct.problem import prepare
 from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
 
@@ -161,3 +162,17 @@ def test_remains_of_a_line_spoil_no_bridge_beside_them(clamped, noisy, cut) -> N
     gap = lost.copy()
     gap[60:63, 1] = False
     assert rms_error(cut(seen, gap), scene, truth) < 1.1 * rms_error(cut(seen, lost), scene, truth)
+
+
+def test_no_line_is_left_out_that_the_anchor_needs(exact, noisy, cut) -> None:
+    """Without the fourth line no anchor is near: heights were then off by 30 sigma, and had no flag."""
+    scene, truth, _ = exact("paper-simulation", "gaussian:peak=1.3,sigma=20", 96, 96)
+    keep = np.ones((96, 96), np.bool_)
+    keep[:, :3] = False
+    keep[20:60, 3] = False
+    seen = cut(noisy(truth, 0.1, 0.1), keep)
+    problem = prepare(seen, scene)
+    assert anchor_rows(problem.samples, problem.data, problem.labels).pixel.size > 20
+    height = reconstruct(seen, scene)
+    assert height.good[keep].mean() > 0.99
+    assert np.sqrt(np.mean(((height.z - truth.z) / height.sigma)[height.good] ** 2)) < 2
