@@ -6,7 +6,7 @@
 | `prediction.py`, `view.py`, `sensitivity.py` | a sequence's errors per pixel; what pixels see; to heights |
 | `fringes.py`, `codes.py`, `free_codes.py` | closed forms: fringes, bits and cells, any pattern |
 | `line_reading.py` | swept stripes and bare codes, as the decoder reads a line of them |
-| `steep.py` | what stairs of a sharp display leave that have no inverse |
+| `steep.py`, `gathering.py` | what a sharp display's stairs leave that have no inverse; who can tell them |
 | `exhaustive.py`, `judged.py` | run_choices: the first choice against all candidates simulated; on what |
 | `slopes.py`, `sensor_maps.py`, `sensor_sweep.py`, `sensor_report.py` | what a scene can measure |
 | `adaptive.py`, `on_demand.py` | the next frames from the last |
