@@ -17,7 +17,6 @@ from .benchmark import RendererSpeed, measure_renderer
 from .capture import Capture
 from .context import ContextInfo, NoContextError, context_info, release_context
 from .electronics import NOMINAL_SENSOR
-from .rays import scene_window
 from .renderer import PatternRenderer, render
 from .sofast import load_sofast, load_sofast_response
 from .source import FolderSource, FrameSource, PatternDisplay, record
@@ -48,5 +47,4 @@ __all__ = [
     "record",
     "release_context",
     "render",
-    "scene_window",
 ]

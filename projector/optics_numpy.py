@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.blocks import over_rows
-from optolever.scene import Scene, Surface, Trace, trace
+from optolever.scene import Scene, Surface, Trace, movement, scene_window, trace
 
 from .footprint import look_up_one, look_up_two
 from .groups import FrameGroup
-from .rays import scene_window
 
 __all__ = ["NumpyOptics", "Seen", "see"]
 
@@ -45,17 +44,12 @@ def see(scene: Scene, surface: Surface, start: int, stop: int) -> Seen:
     for name in ("u", "v"):
         at = getattr(centre, name)
         edges_col, edges_row = getattr(by_col, name), getattr(by_row, name)
-        boxes = (_moved(at, edges_col[:, :-1], edges_col[:, 1:]), _moved(at, edges_row[:-1], edges_row[1:]))
+        boxes = (
+            movement(edges_col[:, :-1], at, edges_col[:, 1:]),
+            movement(edges_row[:-1], at, edges_row[1:]),
+        )
         spread.append(np.column_stack([box.ravel() for box in boxes]))
     return Seen(centre.u.ravel(), centre.v.ravel(), _light(scene, centre).ravel(), *spread)
-
-
-def _moved(centre: Float, before: Float, behind: Float) -> Float:
-    """Movement from edge to edge; twice the half of it where one edge sees nothing, 0 where none does."""
-    half = np.where(np.isfinite(before), centre - before, behind - centre)
-    whole = np.where(np.isfinite(before) & np.isfinite(behind), behind - before, 2.0 * half)
-    moved: Float = np.nan_to_num(whole, nan=0.0)
-    return moved
 
 
 def _light(scene: Scene, seen: Trace) -> Float:

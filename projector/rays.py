@@ -1,16 +1,16 @@
-"""Parts of an image as cameras of their own, and rays by the way they go while the mirror rests.
+"""Rays by the way they go while the mirror rests.
 
 That way is known in float64; trace.glsl follows in float32 only how a dent changes it.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.scene import Camera, Pattern, PinholeCamera, Scene, TelecentricCamera
+from optolever.scene import Pattern, Scene, TelecentricCamera
 
-__all__ = ["ParallelRays", "RestingRays", "exact_sums", "parallel_rays", "resting_rays", "scene_window"]
+__all__ = ["ParallelRays", "RestingRays", "exact_sums", "parallel_rays", "resting_rays"]
 
 Float = NDArray[np.float64]
 _FLOAT_BITS = 24  # of a float32's integers that are exact
@@ -38,18 +38,6 @@ class ParallelRays:
     direction: Float
     foot: Float
     end: Float
-
-
-def scene_window(scene: Scene, row: float, col: float, rows: int, cols: int) -> Scene:
-    """The scene seen by a camera whose pixel (0, 0) is at (row, col) of its camera, fractions allowed."""
-    return replace(scene, camera=_window(scene.camera, row, col, rows, cols))
-
-
-def _window(camera: Camera, row: float, col: float, rows: int, cols: int) -> Camera:
-    if isinstance(camera, PinholeCamera):
-        return replace(camera, centre=camera.centre - np.array([col, row]), rows=rows, cols=cols)
-    shift = col * camera.pitch[0] * camera.u_axis + row * camera.pitch[1] * camera.v_axis
-    return replace(camera, origin=camera.origin + shift, rows=rows, cols=cols)
 
 
 def parallel_rays(scene: Scene) -> ParallelRays | None:

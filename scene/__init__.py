@@ -12,6 +12,7 @@ TOML only.
 | `surface.py`, `grid.py` | Surface (height and gradient), Formula; height array as a bicubic spline |
 | `forms.py`, `dents.py`, `relief.py` | closed forms of the dents; dents by name; a dent from an image |
 | `meeting.py`, `tracing.py` | first meeting of ray and surface; Trace, trace |
+| `window.py` | a part of the image as a camera; how far the view moves across a pixel |
 | `sofast.py` | the rig of an OpenCSP SOFAST result (HDF5) as a scene |
 | `record.py`, `pose.py` | equality and checks of records; x_A = T_AB x_B |
 """
@@ -30,6 +31,7 @@ from .sofast import SOFAST_SCREEN, SofastRig, load_sofast_rig
 from .surface import Formula, Surface, surface_from_array
 from .telecentric import TelecentricCamera, prism_camera
 from .tracing import Trace, trace
+from .window import movement, scene_window
 
 __all__ = [
     "SOFAST_SCREEN",
@@ -53,11 +55,13 @@ __all__ = [
     "dent_names",
     "load",
     "load_sofast_rig",
+    "movement",
     "moving_dent",
     "preset_names",
     "prism_camera",
     "prism_pattern",
     "resize",
+    "scene_window",
     "surface_from_array",
     "trace",
 ]

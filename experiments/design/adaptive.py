@@ -20,12 +20,14 @@ from optolever.patterns import Frame, Sequence
 from optolever.reconstruct import HeightMap, reconstruct
 from optolever.scene import Scene, dent
 
+from .border import MOST_LOST, border_loss
 from .candidates import LEAST_STEPS, SPAN, pairs
 from .fixed_search import offers
 from .fringes import contrast
 from .on_demand import OnDemand
 from .outlook import Outlook
-from .prediction import MOST_LOST, AxisPrediction, border_loss, predict_axis
+from .prediction import predict_axis
+from .records import AxisPrediction
 from .sensitivity import NEGLIGIBLE, Lever, rms_where
 from .view import Floats, View
 

@@ -20,6 +20,7 @@ from scipy.special import ndtr
 from optolever.decode import border_table
 from optolever.patterns import Sequence
 
+from .cells import combined_errors, seen_sidebands, seen_stairs
 from .fringes import DOUBT, MUCH_FINER, Fringe
 from .view import Floats, View
 
@@ -33,10 +34,21 @@ OFF = 0.5
 NEAR = 2.0
 #: Sigmas of a Gaussian as rare as disagreement of periods that the decoder refuses.
 DISAGREE = 5.0
+#: Light lost beyond the border above which a pixel is left out of every figure: what is made of it there is a
+#: matter of the border, not of the code.
+MOST_LOST = 0.01
 #: Contrast that a pixel leaves at least, where a share of it is told; width of a pixel without one, cells.
 LEAST_KEPT, POINT = 0.05, 1e-3
 
-__all__ = ["Border", "border_factor", "border_of", "kept_at_border", "usual_width"]
+__all__ = [
+    "MOST_LOST",
+    "Border",
+    "border_factor",
+    "border_loss",
+    "border_of",
+    "kept_at_border",
+    "usual_width",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +103,10 @@ def _light_beyond(place: Floats, spread: Floats | float, width: Floats | float) 
 
 def kept_at_border(view: View, axis: str, period: float) -> Complex:
     """rho of both borders together, (H, W); the phase is positive for a shift towards larger coordinates."""
+    return view.kept(("border", axis, period), lambda: _kept_at_border(view, axis, period))
+
+
+def _kept_at_border(view: View, axis: str, period: float) -> Complex:
     coord = np.nan_to_num(view.coordinate(axis), nan=-FAR)
     # of a pixel's two sides one is the longer, as a rule by far
     width, other = (np.nan_to_num(side(*view.widths[axis])) for side in (np.maximum, np.minimum))
@@ -109,24 +125,21 @@ def border_of(
     axis: str,
     sequence: Sequence,
     groups: list[Fringe],
-    kept: list[Complex],
-    cells: list[Complex],
     variances: list[Floats],
     noise: Floats,
-    other: Floats,
     blur: float | None,
 ) -> Border:
     """Both borders of an axis together.
 
-    groups: the sequence's fringes, coarse to fine; kept: kept_at_border of each; cells: what these make of
-    its complex amplitude (see codes.sidebands); variances (cells^2) of each, with what is left of their
-    contrast; noise: rms, of the coordinate; other: what cells alone shift it by, cells; blur: what the
-    decoder takes for it.
+    groups: the sequence's fringes, coarse to fine; variances (cells^2) of each, with what is left of their
+    contrast; noise: rms, of the coordinate; blur: what the decoder takes for it.
     """
     coord, extent = view.coordinate(axis), view.extent(axis)
     table = border_table(sequence, axis, usual_width(view, axis), blur)
     refused, shift, left = (np.zeros(coord.shape) for _ in range(3))
     gain = np.ones(coord.shape)
+    kept = [kept_at_border(view, axis, group.period) for group in groups]
+    cells = [seen_sidebands(view, axis, group.period) for group in groups]
     touched = np.abs(np.stack(kept) - 1).max(axis=0) > 1e-9
     reached = table.at[table.told | table.refused]
     middle = 0.5 * (extent - 1)
@@ -140,6 +153,7 @@ def border_of(
         [np.angle((rho + whole - 1)[touched]) for rho, whole in zip(kept, cells, strict=True)],
         [variance[touched] for variance in variances],
     )
+    by_cells = combined_errors(groups, [seen_stairs(view, axis, group.period)[touched] for group in groups])
     place = coord[touched] + away
     taken = np.interp(place, table.at, table.shift)
     change = np.interp(place, table.at, np.gradient(table.shift, table.at))
@@ -151,7 +165,7 @@ def border_of(
     edges = np.append(table.at, table.at[-1] + (table.at[1] - table.at[0]))[dark].reshape(-1, 2)
     for low, high in [(-np.inf, -0.5 - OFF), (extent - 0.5 + OFF, np.inf), *edges]:
         doubtful = doubtful + ndtr((high - place) / noise[touched]) - ndtr((low - place) / noise[touched])
-    refused[touched], left[touched] = np.minimum(doubtful, 1.0), away - other[touched] - taken
+    refused[touched], left[touched] = np.minimum(doubtful, 1.0), away - by_cells - taken
     shift[touched], gain[touched] = np.where(table.told[entry], np.abs(taken), 0.0), np.abs(1 - change)
     return Border(refused, shift, left, gain)
 
@@ -189,3 +203,12 @@ def _disagree(apart: Floats, freedom: int) -> Floats:
 def usual_width(view: View, axis: str) -> float:
     """The width of a pixel (cells) that the decoder assumes for all."""
     return sum(float(np.median(width[view.visible])) for width in view.widths[axis])
+
+
+def border_loss(view: View, axis: str) -> Floats:
+    """Share of a pixel's light that comes from beyond the pattern's border."""
+    widths = view.widths[axis]
+    spread = np.sqrt(view.scene.pattern.blur_px**2 + (widths[0] ** 2 + widths[1] ** 2) / 12 + 1e-12)
+    coord = view.coordinate(axis)
+    loss: Floats = ndtr((-0.5 - coord) / spread) + ndtr((coord - view.extent(axis) + 0.5) / spread)
+    return np.nan_to_num(loss, nan=1.0)

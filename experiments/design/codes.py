@@ -1,9 +1,6 @@
-"""Binary codes in closed form: misread bits, and the error that cells leave; cells of the display under a
-fringe.
-"""
+"""Binary codes in closed form: misread bits, and the error that cells leave."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +8,11 @@ from scipy.special import erfc
 
 from optolever.patterns import BINARY_CODES, Frame, bits_for, code_words
 
-__all__ = ["Misread", "cell_error", "code_of", "misread", "sidebands", "stairs", "stairs_of_noise"]
+__all__ = ["cell_error", "code_of", "misread"]
 
 Floats = NDArray[np.float64]
 #: Systematic error of a margin that the decoder reckons with, in half contrasts.
 LOOSE = 0.02
-#: What blur leaves of a sideband, under which it is left out.
-NOTHING = 1e-5
 #: Edges on either side whose blur is reckoned with.
 EDGES = 4
 
@@ -34,62 +29,6 @@ def cell_error(coord: Floats, frame: Frame) -> Floats:
     return np.asarray(first + (cell + 0.5) * frame.cell_px - coord)
 
 
-def stairs(coord: Floats, widths: tuple[Floats, ...], blur: float, period: float) -> Floats:
-    """Error (cells) of a fringe of a period (cells) read through the display's cells, at coord."""
-    return np.asarray(np.angle(sidebands(coord, widths, blur, period)[0]) * period / (2 * math.pi))
-
-
-def stairs_of_noise(
-    coord: Floats, widths: tuple[Floats, ...], blur: float, period: float
-) -> tuple[Floats, Floats]:
-    """(share of the contrast there, slope of the stairs) at coord: noise counts over the one, and over one
-    plus the other where the stairs are undone."""
-    whole, change = sidebands(coord, widths, blur, period)
-    return np.abs(whole), np.asarray((change / whole).imag * period / (2 * math.pi))
-
-
-def sidebands(
-    coord: Floats, widths: tuple[Floats, ...], blur: float, period: float
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """1 + sum_k r_k exp(2 pi i k u), and its derivative.
-
-    A cosine of frequency f shown on cells holds f + k as well, each with sinc(f + k), of which pixel
-    (boxes of the widths) and blur leave M(f + k): r_k = (-1)^k f / (f + k) M(f + k) / M(f). For long periods
-    its angle is the sawtooth of the cells, low-passed.
-    """
-    f = 1 / period
-    whole, change = np.ones(np.shape(coord), np.complex128), np.zeros(np.shape(coord), np.complex128)
-    base = _transfer(f, widths, blur)
-    base = np.where(np.abs(base) > 1e-3, base, 1e-3)
-    for k in (1, -1, 2, -2, 3, -3, 4, -4):
-        if math.exp(-2 * (math.pi * blur) ** 2 * k * (k + 2 * f)) < NOTHING:
-            continue
-        left = (-1) ** k * f / (f + k) * _transfer(f + k, widths, blur) / base
-        part = left * np.exp(2j * math.pi * k * coord)
-        whole += part
-        change += 2j * math.pi * k * part
-    return whole, change
-
-
-def _transfer(frequency: float, widths: tuple[Floats, ...], blur: float) -> Floats:
-    left: Floats = np.asarray(math.exp(-2 * (math.pi * blur * frequency) ** 2))
-    for width in widths:
-        left = left * np.sinc(frequency * width)
-    return left
-
-
-@dataclass(frozen=True, slots=True)
-class Misread:
-    """What misread bits do, as probabilities per pixel (H, W): failure, that they lead to a cell that is no
-    neighbour; up, down: that they lead to the neighbour on that side; doubt: to either, as the decoder
-    reckons with it."""
-
-    failure: Floats
-    up: Floats
-    down: Floats
-    doubt: Floats
-
-
 def misread(
     frames: list[Frame],
     references: bool,
@@ -99,18 +38,17 @@ def misread(
     widths: tuple[Floats, Floats],
     blur: float,
     extent: int,
-) -> Misread:
-    """Misread bits of a code at coord (H, W).
+) -> Floats:
+    """Probability (H, W) that misread bits of a code at coord lead to a cell that is no neighbour.
 
     half: levels from mid to white; deviation: rms noise of a sample. The margin of a bit is half (1 - 2 Q(d_1
     / s) + 2 Q(d_2 / s) - ...) over its edges at distances d_1 < d_2 < ... on either side, s the rms width of
     blur and pixel; it is compared with noise / sqrt 2 where the inverse was shown, with sqrt(3/2) noise
-    against white and black. A bit whose misreading leads from a cell to its neighbour does no harm there: it
-    is as noise that is added before a number is rounded, and makes of the rounding what is independent.
+    against white and black. A bit whose misreading leads from a cell to its neighbour does no harm there.
     """
-    failure, up, down, doubt = (np.zeros(np.shape(half)) for _ in range(4))
+    failure = np.zeros(np.shape(half))
     if not frames:
-        return Misread(failure, up, down, doubt)
+        return failure
     pairs = {frame.bit for frame in frames if frame.inverted} & {f.bit for f in frames if not f.inverted}
     first, pitch = -0.5 + (frames[0].offset_px or 0.0), frames[0].cell_px
     spread = np.sqrt(blur**2 + (widths[0] ** 2 + widths[1] ** 2) / 12 + 1e-6)
@@ -119,15 +57,9 @@ def misread(
         scale = math.sqrt(0.5) if frame.bit in pairs else math.sqrt(1.5 if references else 1.0)
         edges, leads = _edges(frame, place, math.ceil(extent / pitch))
         margin = half * _contrast_of_bit(edges, place, spread / pitch)
-        seen, reckoned = (
-            0.5 * erfc(margin / (math.sqrt(2) * noise))
-            for noise in (scale * deviation + 1e-12, np.hypot(scale * deviation, LOOSE * half))
-        )
-        failure += np.where(np.abs(leads) == 1, 0.0, reckoned)
-        doubt += np.where(np.abs(leads) == 1, reckoned, 0.0)
-        up += np.where(leads == 1, seen, 0.0)
-        down += np.where(leads == -1, seen, 0.0)
-    return Misread(*(np.minimum(part, 1.0) for part in (failure, up, down, doubt)))
+        noise = np.hypot(scale * deviation, LOOSE * half)
+        failure += np.where(np.abs(leads) == 1, 0.0, 0.5 * erfc(margin / (math.sqrt(2) * noise)))
+    return np.minimum(failure, 1.0)
 
 
 def _contrast_of_bit(edges: NDArray[np.int64], place: Floats, spread: Floats) -> Floats:

@@ -5,7 +5,6 @@ What a window leaves out, what stands at the border, what few stripes tell of th
 noise turn over: none of this has a closed form that is worth having. A line costs some milliseconds.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,9 +17,10 @@ from optolever.projector import NOMINAL_SENSOR
 
 from .codes import cell_error
 from .free_codes import FAR, PER_CELL, at_places, seen_levels
+from .records import AxisPrediction
 from .view import Floats, Levels, View
 
-__all__ = ["CodeReading", "SweepReading", "read_code", "read_sweep"]
+__all__ = ["read_code", "read_sweep"]
 
 #: Draws of noise; places over which their mean is smoothed; both for codes, which change within a cell.
 DRAWS, SMOOTH = 64, PER_CELL
@@ -28,33 +28,9 @@ CODE_DRAWS, CODE_PER_CELL = 64, 16
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True, slots=True)
-class SweepReading:
-    """Per pixel (H, W): noise (rms, cells), bias (cells), the probabilities that the answer is another place
-    (failure) and that it is flagged (refused), and the sigma that is stated (cells)."""
-
-    noise: Floats
-    bias: Floats
-    failure: Floats
-    refused: Floats
-    stated: Floats
-
-
-@dataclass(frozen=True, slots=True)
-class CodeReading:
-    """Per pixel (H, W), of answers that are not flagged: probabilities that they are the cell above or below
-    (up, down), or one farther away (failure); the rest as in SweepReading."""
-
-    up: Floats
-    down: Floats
-    failure: Floats
-    refused: Floats
-    stated: Floats
-
-
 def read_sweep(
     view: View, sequence: Sequence, levels: Levels, axis: str, frames: list[Frame]
-) -> SweepReading:
+) -> AxisPrediction:
     """Stripes of an axis, read by pixels of the usual footprint in the usual light; noise grows with what
     light a pixel lacks."""
     place, coord, sigma, good = _line(view, sequence, levels, axis, frames, DRAWS, PER_CELL, told=False)
@@ -67,7 +43,7 @@ def read_sweep(
     here, visible = view.coordinate(axis), view.visible
     own = np.sqrt(levels.variance(levels.half)) / np.maximum(levels.half, 1e-9)
     own = np.where(visible, own / np.median(own[visible]), 1.0)
-    return SweepReading(
+    return AxisPrediction(
         own * at_places(here, np.sqrt(np.maximum(_smooth(square), 0.0))),
         at_places(here, _smooth(bias)),
         at_places(here, 1 - near.sum(axis=0) / np.maximum(good.sum(axis=0), 1)),
@@ -76,7 +52,9 @@ def read_sweep(
     )
 
 
-def read_code(view: View, sequence: Sequence, levels: Levels, axis: str, frames: list[Frame]) -> CodeReading:
+def read_code(
+    view: View, sequence: Sequence, levels: Levels, axis: str, frames: list[Frame]
+) -> AxisPrediction:
     """Bits of an axis, with the references of the sequence, read by pixels as in read_sweep."""
     shown = [*(frame for frame in sequence.frames if frame.kind in ("white", "black")), *frames]
     place, coord, sigma, good = _line(
@@ -99,7 +77,11 @@ def read_code(view: View, sequence: Sequence, levels: Levels, axis: str, frames:
     moved = (mean - cell_error(here, frames[0])) / pitch
     both = square / pitch**2 + moved**2
     up, down = (np.clip(0.5 * (both + way * moved), 0.0, 1.0) for way in (1, -1))
-    return CodeReading(up, down, astray, refused, stated)
+    moved = pitch * (up - down)
+    noise = np.sqrt(np.maximum(pitch**2 * (up + down) - moved**2, 0.0))
+    return AxisPrediction(
+        noise, cell_error(here, frames[0]) + moved, astray, refused, stated, steps=(up, down, pitch)
+    )
 
 
 def _line(

@@ -18,7 +18,8 @@ from optolever.reconstruct import reconstruct
 from optolever.scene import Scene, dent_from_text
 
 from .candidates import Candidate, candidates
-from .prediction import Prediction, predict
+from .prediction import predict
+from .records import Prediction
 from .sensitivity import Lever, rms_where
 
 __all__ = ["Design", "DesignRow", "merit", "rank", "run_design", "simulate"]

@@ -22,7 +22,8 @@ from optolever.errors import InputError
 from optolever.reconstruct import HeightMap, reconstruct
 from optolever.scene import Scene, Surface
 
-from .prediction import Prediction, border_loss
+from .border import border_loss
+from .records import Prediction
 from .view import Floats, View, stride_for, view_of
 
 __all__ = ["HeightPrediction", "Lever", "rms_where"]

@@ -6,7 +6,7 @@ mean; its variance over a cell depends on the footprint alone, and is tabled for
 
 import numpy as np
 
-from .codes import stairs
+from .cells import stairs
 from .view import Floats
 
 __all__ = ["unresolved"]

@@ -13,8 +13,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.projector import NOMINAL_SENSOR, scene_window
-from optolever.scene import Scene, Surface, Trace, resize, trace
+from optolever.projector import NOMINAL_SENSOR
+from optolever.scene import Scene, Surface, Trace, movement, resize, scene_window, trace
 
 __all__ = ["Levels", "View", "stride_for", "view_of"]
 
@@ -134,9 +134,5 @@ def _ends(scene: Scene, surface: Surface, down: float, right: float) -> tuple[Tr
 
 
 def _extent(middle: Trace, axis: str, before: Trace, behind: Trace) -> Floats:
-    """|change of a coordinate| between the ends of a pixel, twice that of a half where one end sees nothing,
-    0 where both do."""
-    low, here, high = (getattr(seen, axis) for seen in (before, middle, behind))
-    half = np.where(np.isfinite(low), here - low, high - here)
-    whole = np.where(np.isfinite(low) & np.isfinite(high), high - low, 2.0 * half)
-    return np.asarray(np.abs(np.nan_to_num(whole)))
+    """|change of a coordinate| between the ends of a pixel."""
+    return np.abs(movement(*(getattr(seen, axis) for seen in (before, middle, behind))))

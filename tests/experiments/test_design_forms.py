@@ -8,7 +8,8 @@ from scipy.special import erfc, ndtr
 
 from optolever.errors import InputError
 from optolever.experiments.design.border import _seen, border_factor
-from optolever.experiments.design.codes import cell_error, misread, stairs, stairs_of_noise
+from optolever.experiments.design.cells import stairs, stairs_of_noise
+from optolever.experiments.design.codes import cell_error, misread
 from optolever.experiments.design.free_codes import PER_CELL, seen_levels
 from optolever.experiments.design.fringes import (
     combined,
@@ -18,7 +19,7 @@ from optolever.experiments.design.fringes import (
     step_failure,
     turn_variance,
 )
-from optolever.experiments.design.prediction import AxisPrediction
+from optolever.experiments.design.records import AxisPrediction
 from optolever.patterns import Frame, Sequence, sequence
 
 
@@ -152,7 +153,7 @@ def test_misread_gray_bits_against_monte_carlo() -> None:
     nothing = (np.full(place.shape, 1e-3),) * 2
     predicted = misread(
         frames, True, place, np.full(place.shape, half), np.full(place.shape, noise), nothing, blur, cells
-    ).failure
+    )
     word = np.zeros(place.shape, int)
     threshold = half + 0.5 * noise * (rng.normal(size=place.shape) + rng.normal(size=place.shape))
     for frame in frames:
@@ -174,31 +175,16 @@ def test_misread_gray_bits_against_monte_carlo() -> None:
     assert predicted.mean() == pytest.approx(far.mean(), rel=0.25)
 
 
-def test_blurred_gray_cells_are_dithered_by_noise() -> None:
-    """Which neighbour is read, and how often, where blur leaves a fifth of the finest bits: Monte Carlo."""
-    cells, half, noise, blur, tries = 64, 100.0, 6.0, 1.1, 4000
-    frames = [Frame("gray", "u", bit=bit) for bit in range(6)]
-    frames += [Frame("gray", "u", bit=bit, inverted=True) for bit in range(6)]
-    place = 30 + (np.arange(16) + 0.5) / 8
-    sizes, nothing = np.full(place.shape, half), (np.full(place.shape, 1e-3),) * 2
-    told = misread(frames, False, place, sizes, sizes * noise / half, nothing, blur, cells)
+def test_a_code_that_noise_dithers_is_drawn_as_it_is_read() -> None:
+    """Steps to a neighbour, up more often than down: mean 0, and the deviation of what is drawn."""
     rng = np.random.default_rng(4)
-    share = np.diff(ndtr((np.arange(cells + 1) - 0.5 - place[:, None]) / blur), axis=1)
-    word = np.zeros((tries, len(place)), int)
-    for frame in frames[:6]:
-        light = share @ (frame.tables(1, cells)[0] / 255.0)
-        both = half * (2 * light - 1) + noise / math.sqrt(2) * rng.normal(size=word.shape)
-        word |= (both > 0).astype(int) << (frame.bit or 0)
-    for shift in (1, 2, 4):
-        word ^= word >> shift
-    step = word - np.rint(place)
-    assert np.abs(step).max() == 1
-    assert told.up == pytest.approx((step == 1).mean(axis=0), abs=0.03)
-    assert told.down == pytest.approx((step == -1).mean(axis=0), abs=0.03)
-    there = AxisPrediction(*(np.zeros(place.shape),) * 5, steps=(told.up, told.down, 1.0))
-    drawn = np.stack([there.drawn(unit) for unit in rng.normal(size=(tries, len(place)))])
-    assert drawn.mean(axis=0) == pytest.approx(0.0, abs=0.04)
-    assert drawn.std(axis=0) == pytest.approx(step.std(axis=0), abs=0.04)
+    up, down, pitch = np.array([0.3, 0.02]), np.array([0.1, 0.0]), 2.0
+    there = AxisPrediction(*(np.zeros(2),) * 5, steps=(up, down, pitch))
+    drawn = np.stack([there.drawn(unit) for unit in rng.normal(size=(20000, 2))])
+    step = rng.choice([1, -1, 0], size=(20000,), p=[0.3, 0.1, 0.6])
+    assert drawn.mean(axis=0) == pytest.approx(0.0, abs=0.03)
+    assert drawn.std(axis=0)[0] == pytest.approx(pitch * step.std(), rel=0.03)
+    assert drawn.std(axis=0)[1] == pytest.approx(pitch * math.sqrt(0.02 * 0.98), rel=0.06)
 
 
 def test_periods_that_the_border_shifts_apart_are_refused() -> None:

@@ -1,0 +1,34 @@
+"""A part of the image as a camera of its own, and how far the view moves across a pixel."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .pinhole import PinholeCamera
+from .scene import Camera, Scene
+
+__all__ = ["movement", "scene_window"]
+
+Float = NDArray[np.float64]
+
+
+def scene_window(scene: Scene, row: float, col: float, rows: int, cols: int) -> Scene:
+    """The scene seen by a camera whose pixel (0, 0) is at (row, col) of its camera, fractions allowed."""
+    return replace(scene, camera=_window(scene.camera, row, col, rows, cols))
+
+
+def movement(before: Float, centre: Float, behind: Float) -> Float:
+    """Movement of a coordinate from one end of a pixel to the other; twice that of a half where one end sees
+    nothing (NaN), 0 where both do."""
+    half = np.where(np.isfinite(before), centre - before, behind - centre)
+    whole = np.where(np.isfinite(before) & np.isfinite(behind), behind - before, 2.0 * half)
+    moved: Float = np.nan_to_num(whole, nan=0.0)
+    return moved
+
+
+def _window(camera: Camera, row: float, col: float, rows: int, cols: int) -> Camera:
+    if isinstance(camera, PinholeCamera):
+        return replace(camera, centre=camera.centre - np.array([col, row]), rows=rows, cols=cols)
+    shift = col * camera.pitch[0] * camera.u_axis + row * camera.pitch[1] * camera.v_axis
+    return replace(camera, origin=camera.origin + shift, rows=rows, cols=cols)
