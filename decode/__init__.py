@@ -25,6 +25,7 @@
 | `display`                  | grey values and border of the display: what they shift                       |
 | `display_kernels`          | that, taken off a tile                                                       |
 | `blur`, `blur_kernels`     | blur from the contrasts of a few rows                                        |
+| `swing`                    | or else from how these swing with the place in the cell                      |
 | `cells`                    | stairs of the display's cells, taken off                                     |
 | `stairs_kernels`, `steep_kernels` | that, pixel by pixel: inverted, or the mean of what it may be         |
 | `gathering`, `run_kernels` | blur again, from how stairs gather coordinates at cells                      |
@@ -56,9 +57,11 @@ from .harmonics import HarmonicError, harmonic_errors
 from .integrity import Finding, Integrity, check
 from .lattice import Crossings, lattice
 from .response import Response
+from .swing import Contrasts, blur_by_swing
 
 __all__ = [
     "BorderTable",
+    "Contrasts",
     "Correspondence",
     "Crossings",
     "Finding",
@@ -66,6 +69,7 @@ __all__ = [
     "HarmonicError",
     "Integrity",
     "Response",
+    "blur_by_swing",
     "border_table",
     "check",
     "crossed",

@@ -10,8 +10,9 @@ from .correspondence import Flag
 from .plan import AxisPlan, Fringe, Plan
 from .sample import quantile
 from .survey import Survey
+from .swing import Blur, Contrasts, blur_by_swing
 
-__all__ = ["measured_blur", "square_error", "tells_blur"]
+__all__ = ["measured_blur"]
 
 Map = NDArray[Any]
 F64 = NDArray[np.float64]
@@ -34,20 +35,8 @@ _MARGIN = 0.1
 _SPOILT = int(Flag.SATURATED | Flag.DARK | Flag.LOW_CONTRAST | Flag.MOVED | Flag.INVALID)
 
 
-def tells_blur(wanted: Plan) -> bool:
-    """Whether frames of that plan may tell how blurred their fringes are."""
-    return _referenced(wanted) or any(len(axis.fringes) > 1 for axis in wanted.axes)
-
-
 def _referenced(wanted: Plan) -> bool:
     return wanted.white >= 0 and wanted.black >= 0
-
-
-def square_error(wanted: Plan, axis: AxisPlan) -> float:
-    """Systematic error of the squared blur (cells^2) that an axis' contrast tells, rms: half of what is
-    reckoned with at most. Where it tells nothing, of what the other axis tells."""
-    others = [_lever(wanted, other) for other in wanted.axes if other.fringes]
-    return 0.5 * _UNSURE / (_lever(wanted, axis) or max(others))
 
 
 def _lever(wanted: Plan, axis: AxisPlan) -> float:
@@ -56,7 +45,37 @@ def _lever(wanted: Plan, axis: AxisPlan) -> float:
     return float(2 * np.pi**2 * (axis.fringes[-1].period ** -2 - least))
 
 
-def measured_blur(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan) -> float | None:
+def measured_blur(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan) -> Blur | None:
+    """Blur of the finest fringe, None where the frames do not tell: by its contrast against another one, or
+    else by how that swings with the place in the cell (see swing)."""
+    rows, width = seen.lines(axis.axis).shape
+    if rows < _LEAST_ROWS or width < 5:
+        return None
+    cols = np.unique(np.linspace(2, width - 3, _COLUMNS).astype(int))
+    told = _by_contrast(seen, lut, wanted, axis, cols)
+    if told is not None:
+        return Blur(told, 0.5 * _UNSURE / _lever(wanted, axis))
+    return blur_by_swing(_contrasts(seen, lut, axis, cols), axis.fringes[-1].period)
+
+
+def _contrasts(seen: Survey, lut: Map, axis: AxisPlan, cols: Map) -> Contrasts:
+    """Amplitude over offset of the finest fringe in those columns."""
+    coord, fringe = seen.lines(axis.axis), axis.fringes[-1]
+    raw = seen.frames[list(fringe.index), : len(coord)][:, :, cols]
+    levels = lut[raw] if len(lut) else raw.astype(np.float64)
+    offset, c, s = np.einsum("kn,nrc->krc", fringe.solve(), levels)
+    place = coord[:, cols]
+    down = np.abs(seen.below(axis.axis)[:, cols] - place) / max(seen.apart, 1)
+    along = 0.25 * np.abs(coord[:, cols + 2] - coord[:, cols - 2])
+    use = (seen.flags[:, cols] & _SPOILT == 0) & (down + along < _WIDE * fringe.period) & (offset > 0)
+    use &= np.abs(place - 0.5 * (axis.extent - 1)) < (0.5 - _MARGIN) * axis.extent
+    at = np.meshgrid(*(np.linspace(-1, 1, n) for n in use.shape), indexing="ij")
+    return Contrasts(
+        np.hypot(c, s)[use] / offset[use], place[use], np.stack([down, along])[:, use], np.stack(at)[:, use]
+    )
+
+
+def _by_contrast(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan, cols: Map) -> float | None:
     """Rms Gaussian blur of the finest fringe in cells, None where the frames do not tell.
 
     Contrast against white - black, or against the coarsest fringe = sinc(1/P) of the cells, sinc(w/P) of each
@@ -66,14 +85,19 @@ def measured_blur(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan) -> float
     """
     whole = _referenced(wanted)
     coord = seen.lines(axis.axis)
-    rows, width = coord.shape
-    if not (whole or len(axis.fringes) > 1) or rows < _LEAST_ROWS or width < 5:
+    if not (whole or len(axis.fringes) > 1):
         return None
-    cols = np.unique(np.linspace(2, width - 3, _COLUMNS).astype(int))
     fine, coarse = axis.fringes[-1], None if whole else axis.fringes[0]
-    room = np.empty((4, rows * len(cols)))
+    room = np.empty((4, len(coord) * len(cols)))
     count = contrasts(
-        *(seen.frames[:, :rows], lut if len(lut) else None, cols, _wave(fine), wanted.white, wanted.black),
+        *(
+            seen.frames[:, : len(coord)],
+            lut if len(lut) else None,
+            cols,
+            _wave(fine),
+            wanted.white,
+            wanted.black,
+        ),
         *(_wave(coarse) if coarse else None, coord, seen.below(axis.axis), max(seen.apart, 1)),
         *(seen.flags, _SPOILT, _WIDE, 0.5 * (axis.extent - 1), (0.5 - _MARGIN) * axis.extent, room),
     )

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from optolever.blocks import Work, on_cores, over_blocks, shrinking
 from optolever.patterns import Sequence
 
-from .blur import measured_blur, square_error, tells_blur
+from .blur import measured_blur
 from .cells import Stairs, given_stairs, left_by, read_stairs, take_off_stairs
 from .correspondence import Correspondence, Flag
 from .display import Tables, display_tables
@@ -27,6 +27,7 @@ from .response import Response
 from .rows import Maps, axes_step, near_of, near_step, shadow_step
 from .survey import is_continuous, survey
 from .sweep import stripe_step
+from .swing import Blur
 from .table_decoder import by_table, shown_on, subpixel_step, table_step
 
 __all__ = ["decode"]
@@ -100,21 +101,22 @@ def _decoded(
     # kernels do both axes and, where these are continuous, compare neighbours in one go
     by_rows = not subpixel and plain == wanted.axes and all(axis.stripes is None for axis in plain)
     tables: dict[str, Tables] = {}
-    blurs: dict[str, float | None] = {}
+    blurs: dict[str, Blur | None] = {}
     at_once = False
     if on_display or by_rows:
-        seen = survey(job, sequence, wanted, plain, few=not tells_blur(wanted))
+        seen = survey(job, sequence, wanted, plain, few=not on_display)
         at_once = by_rows and all(seen.is_continuous(axis.axis) for axis in plain)
 
-        def measure(axis: AxisPlan) -> float | None:
-            return measured_blur(seen, job.lut, wanted, axis) if blur_px is None else blur_px
+        def measure(axis: AxisPlan) -> Blur | None:
+            return measured_blur(seen, job.lut, wanted, axis) if blur_px is None else Blur(blur_px, 0.0)
 
         told = [measure(axis) for axis in on_display]  # short steps: threads would wait for each other
         # where one axis does not tell, what the other tells is nearer than nothing
         usual = next((blur for blur in told if blur is not None), None)
         for axis, blur in zip(on_display, told, strict=True):
-            blurs[axis.axis] = usual if blur is None else blur
-            tables[axis.axis] = display_tables(sequence, axis, seen.footprint(axis.axis), blurs[axis.axis])
+            known = blurs[axis.axis] = usual if blur is None else blur
+            rms = None if known is None else known.rms
+            tables[axis.axis] = display_tables(sequence, axis, seen.footprint(axis.axis), rms)
     near = near_of(job, wanted, blurs, maps)
     neighbours = near_step(near, maps)
     cuts = shrinking(height, _BLOCK)
@@ -145,12 +147,12 @@ def _decoded(
     _flag_wrong_frames(examine(job.frames, wanted, found, tuple(faults)), found)
 
     high = [axis for axis in on_display if not tables[axis.axis].stairs]
-    _take_off_stairs(wanted, high, maps, blur_px, blurs)
+    _take_off_stairs(high, maps, blur_px, blurs)
     return found
 
 
 def _take_off_stairs(
-    wanted: Plan, axes: list[AxisPlan], maps: Maps, blur_px: float | None, measured: dict[str, float | None]
+    axes: list[AxisPlan], maps: Maps, blur_px: float | None, measured: dict[str, Blur | None]
 ) -> None:
     """Undo the display's stairs, of a blur given, read off the stairs, or measured otherwise."""
 
@@ -162,7 +164,7 @@ def _take_off_stairs(
         if blur is None:
             return own
         # the contrast of long periods tells little of it
-        return own.known(left_by(blur), 2 * np.pi**2 * square_error(wanted, axis))
+        return own.known(left_by(blur.rms), 2 * np.pi**2 * blur.square_error)
 
     told = on_cores(read, axes)
     # an axis whose pixels keep step with the cells cannot tell: the other one's is the same display

@@ -1,6 +1,6 @@
 """Work on a block of rows: what block_kernels is told of a job, and the calls."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from threading import local
 from typing import Any, cast
 
@@ -20,6 +20,7 @@ from .neighbour_kernels import near_rows, shadow_rows
 from .plan import AxisPlan, Code, Plan
 from .records import AxisRecord, Camera, CodeRecord, FringeRecord, Near, Scratch, Shared, scratch
 from .references import beyond_references
+from .swing import Blur
 
 __all__ = ["LOOSE", "Maps", "axes_step", "near_of", "near_step", "shadow_step"]
 
@@ -138,7 +139,7 @@ def shadow_step(near: Near, maps: Maps) -> Work:
     return step
 
 
-def near_of(job: Job, wanted: Plan, blurs: dict[str, float | None], maps: Maps) -> Near:
+def near_of(job: Job, wanted: Plan, blurs: Mapping[str, Blur | None], maps: Maps) -> Near:
     """What is asked of neighbours; blurs: of the axes on whose display fringes were shown."""
     shown = {axis.axis: axis for axis in wanted.axes}
     codes = {name: axis.code for name, axis in shown.items() if axis.code and not axis.fringes}
@@ -148,7 +149,7 @@ def near_of(job: Job, wanted: Plan, blurs: dict[str, float | None], maps: Maps) 
     }
     noise = job.raw_noise if codes else job.noise
     # of other codes the blur is known, and with it what the border does
-    dim = {name for name in shown if name in codes or blurs.get(name, 0.0) is None}
+    dim = {name for name in shown if name in codes or (name in blurs and blurs[name] is None)}
     extents = tuple(float(shown[name].extent) if name in dim else np.inf for name in "uv")
     bands = {name: _shadow_band(shown[name]) if name in dim else (np.inf, -np.inf) for name in "uv"}
     return Near(

@@ -1,12 +1,15 @@
-"""Whether the decoder can tell the blur by contrasts, and how well."""
+"""Whether the decoder can tell the blur by contrasts or their swing, and how well."""
 
 import math
 
 import numpy as np
 
+from optolever.decode import Contrasts, blur_by_swing
 from optolever.patterns import Sequence
 
+from .cells import seen_sidebands
 from .fringes import Fringe, contrast, grouped
+from .response import fundamental_share
 from .view import Levels, View
 
 __all__ = ["blur_told"]
@@ -14,16 +17,17 @@ __all__ = ["blur_told"]
 #: Contrast (its logarithm) that blur must take from the finest fringe, for the decoder to tell it.
 BLUR_TOLD = 0.009
 #: Rows and columns of the camera that it measures blur by, and the share of them that it uses.
-SURVEYED, SURVEYED_SHARE = (24, 192), 0.8
+SURVEYED, SURVEYED_SHARE = (16, 144), 0.8
+#: Distance from the middle up to which it looks at the swing, as a share of the pattern.
+SURVEYED_INNER = 0.4
 
 
 def blur_told(view: View, sequence: Sequence, levels: Levels, axis: str) -> float | None:
     """Noise of the squared blur (cells^2) that the decoder measures, None where it does not: white and black
-    are shown, or contrasts likely differ enough, along this axis or else the other."""
-    referenced, blur = (
-        {"white", "black"} <= {frame.kind for frame in sequence.frames},
-        view.scene.pattern.blur_px,
-    )
+    are shown, contrasts likely differ enough, or they swing enough with the cells, along this axis or else
+    the other."""
+    referenced = {"white", "black"} <= {frame.kind for frame in sequence.frames}
+    blur = view.scene.pattern.blur_px
     for name in (axis, "v" if axis == "u" else "u"):
         groups = grouped([f for f in sequence.frames if f.axis == name and f.kind == "phase"])
         if not groups:
@@ -31,7 +35,39 @@ def blur_told(view: View, sequence: Sequence, levels: Levels, axis: str) -> floa
         lever, uncertain = _blur_survey(view, name, groups, levels, referenced)
         if referenced or (len(groups) > 1 and lever * blur**2 > BLUR_TOLD):
             return uncertain / lever
+        swung = _by_swing(view, name, groups[-1], levels)
+        if swung is not None:
+            return swung
     return None
+
+
+def _by_swing(view: View, axis: str, group: Fringe, levels: Levels) -> float | None:
+    """The same by the swing of a contrast: as the decoder itself tells it, in one draw of noise."""
+    coord, width = view.coordinate(axis), view.widths[axis]
+    extent = view.extent(axis)
+    there = view.visible & (np.abs(coord - 0.5 * (extent - 1)) < SURVEYED_INNER * extent)
+    count = round(SURVEYED_SHARE * there.mean() * _surveyed(view))
+    rng = np.random.default_rng(0)
+    chosen = np.sort(rng.permutation(np.flatnonzero(there))[:count])
+    sides = np.stack([side.ravel()[chosen] for side in width])
+    amplitude = (
+        fundamental_share(view.scene)
+        * levels.half
+        * contrast(group.period, width, view.scene.pattern.blur_px)
+    )
+    deviation = np.sqrt(levels.variance(levels.half)) / amplitude * math.sqrt(2 / len(group.shifts))
+    shown = contrast(group.period, width, 0.0) * np.abs(seen_sidebands(view, axis, group.period))
+    seen = (shown * (1 + deviation * rng.standard_normal(shown.shape))).ravel()[chosen]
+    at = np.stack(np.unravel_index(chosen, coord.shape)) / np.array(coord.shape)[:, None]
+    told = blur_by_swing(Contrasts(seen, coord.ravel()[chosen], sides, 2 * at - 1), group.period)
+    return None if told is None else told.square_error
+
+
+def _surveyed(view: View) -> int:
+    """Pixels on the rows and columns that the decoder looks at."""
+    return math.prod(
+        min(round(n * view.stride), m) for n, m in zip(view.visible.shape, SURVEYED, strict=True)
+    )
 
 
 def _blur_survey(
@@ -50,6 +86,5 @@ def _blur_survey(
         amplitude = half * float(contrast(group.period, boxes, blur))
         noise2 += 2 / len(group.shifts) * (deviation / amplitude) ** 2
         lever += sign * 2 * (math.pi / group.period) ** 2
-    full = [round(n * view.stride) for n in seen.shape]
-    count = max(1.0, SURVEYED_SHARE * seen.mean() * math.prod(map(min, full, SURVEYED)))
+    count = max(1.0, SURVEYED_SHARE * seen.mean() * _surveyed(view))
     return lever, math.sqrt(noise2 / count)

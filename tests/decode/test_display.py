@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.special import erf
 
 from optolever.decode import Flag, border_table, decode
 from optolever.errors import InputError
 from optolever.patterns import Sequence, sequence
+
+from .light import seen_by_pixels
 
 F64 = NDArray[np.float64]
 
@@ -18,29 +19,12 @@ def rms(values: F64) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _seen(shown: Sequence, u: NDArray[np.float64], width: float, blur: float) -> NDArray[np.float64]:
-    """Frames (N, 1, W) that pixels of `width` cells at u (W,) see, blurred by `blur` cells rms.
-
-    A cell's light is the integral over the pixel of the blurred cell: differences of the antiderivative
-    t Phi(t / blur) + blur phi(t / blur) of the normal distribution Phi.
-    """
-
-    def integral(t: NDArray[np.float64]) -> NDArray[np.float64]:
-        z = t / blur
-        return t * 0.5 * (1 + erf(z / np.sqrt(2))) + blur * np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi)
-
-    tables, _ = shown.tables()
-    distance = np.arange(shown.cols + 1)[None, :] - 0.5 - u[:, None]
-    light = np.diff((integral(distance + width / 2) - integral(distance - width / 2)) / width, axis=1)
-    return 16 + 0.85 * (tables.astype(float) @ light.T)[:, None, :]
-
-
 def _capture(
     cols: int, width: float, blur: float, seed: int = 0, **params: float | tuple[float, ...]
 ) -> tuple[Sequence, NDArray[np.float64], NDArray[np.float64]]:
     shown = sequence("phase" if "periods" in params else "gray+phase", 4, cols, axes="u", **params)
     u = np.arange(-0.4, cols - 0.7, width)
-    frames = np.repeat(_seen(shown, u, width, blur), 24, axis=1)
+    frames = np.repeat(seen_by_pixels(shown, u, width, blur), 24, axis=1)
     noisy = frames + 0.5 * np.random.default_rng(seed).standard_normal(frames.shape)
     return shown, u, np.clip(np.rint(noisy * 16), 0, 4095).astype(np.uint16)
 
@@ -182,9 +166,9 @@ def test_an_axis_of_one_period_takes_the_blur_of_the_other() -> None:
     u, v = np.meshgrid(np.arange(2.3, 55, 0.37), np.arange(3.1, 50, 0.8))
     frames = np.concatenate(
         [
-            np.repeat(_seen(both, u[0], 0.37, 0.25), len(v), axis=1),
+            np.repeat(seen_by_pixels(both, u[0], 0.37, 0.25), len(v), axis=1),
             np.repeat(
-                _seen(
+                seen_by_pixels(
                     replace(own, frames=tuple(replace(f, axis="u") for f in own.frames)), v[:, 0], 0.8, 0.25
                 ).transpose(0, 2, 1),
                 u.shape[1],

@@ -1,0 +1,79 @@
+"""Blur from the swing of a contrast: against light integrated cell by cell, and where it must not be told."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever.decode import decode
+from optolever.decode.swing import Contrasts, blur_by_swing
+from optolever.patterns import sequence
+
+from .light import seen_by_pixels
+
+F64 = NDArray[np.float64]
+COLS, ROWS = 160, 24
+
+
+def drifting(width: float) -> F64:
+    """Places (ROWS, W) of pixels that keep step with the cells but for a slow drift."""
+    col = np.arange(int((COLS - 6) / width))
+    return np.asarray(2.6 + width * col + 0.035 * np.arange(ROWS)[:, None] + 0.6 * np.sin(col / 9))
+
+
+def contrasts(width: float, blur: float, period: float, noise: float) -> Contrasts:
+    """Contrast of a fringe on cells as pixels see it, and noise of that."""
+    u = drifting(width)
+    shown = sequence("phase", 4, COLS, axes="u", periods=period, steps=16)
+    wave = np.exp(2j * np.pi * np.arange(16) / 16)
+    light = np.stack([wave @ seen_by_pixels(shown, row, width, blur)[:, 0] for row in u])
+    sides = np.stack([np.zeros(u.shape), np.abs(np.gradient(u, axis=1))])
+    at = np.stack(np.meshgrid(np.linspace(-1, 1, ROWS), np.linspace(-1, 1, u.shape[1]), indexing="ij"))
+    inner = (u > 10) & (u < COLS - 10)
+    rng = np.random.default_rng(0)
+    seen = np.abs(light)[inner] * (1 + noise * rng.standard_normal(int(inner.sum())))
+    return Contrasts(seen, u[inner], sides[:, inner], at[:, inner])
+
+
+@pytest.mark.parametrize("period", [3.2, 4.0, 5.7, 9.0])
+@pytest.mark.parametrize(("width", "blur"), [(1.0, 0.25), (1.0, 0.4), (2.0, 0.3), (2.0, 0.41), (0.5, 0.35)])
+def test_the_swing_tells_the_blur(period: float, width: float, blur: float) -> None:
+    noise = 0.001
+    found = blur_by_swing(contrasts(width, blur, period, noise), period)
+    assert found is not None
+    assert abs(found.rms**2 - blur**2) < 3 * found.square_error + 0.004
+    assert found.square_error < 0.02
+
+
+def test_noise_that_hides_the_swing_hides_the_blur() -> None:
+    assert blur_by_swing(contrasts(2.0, 0.41, 3.9, 0.05), 3.9) is not None
+    assert blur_by_swing(contrasts(2.0, 0.41, 3.9, 0.3), 3.9) is None
+    assert blur_by_swing(contrasts(2.0, 1.0, 3.9, 0.001), 3.9) is None
+
+
+@pytest.mark.parametrize("turn", [0.25, 0.5, 0.75])
+def test_what_else_swings_with_the_cells_is_no_blur(turn: float) -> None:
+    """Neither aside by a quarter of a cell nor the wrong way round."""
+    seen = contrasts(1.0, 0.35, 5.0, 0.001)
+    place = Contrasts(seen.contrast, seen.place + turn, seen.sides, seen.at)
+    assert blur_by_swing(place, 5.0) is None
+
+
+def test_a_display_without_cells_has_no_swing() -> None:
+    seen = contrasts(1.0, 0.35, 5.0, 0.001)
+    rng = np.random.default_rng(1)
+    flat = Contrasts(1 + 0.01 * rng.standard_normal(len(seen.place)), seen.place, seen.sides, seen.at)
+    assert blur_by_swing(flat, 5.0) is None
+
+
+@pytest.mark.parametrize(("width", "periods"), [(2.0, (3.91, 3.846)), (1.0, (4.2, 4.1)), (2.0, (5.87, 5.72))])
+def test_alike_periods_on_pixels_that_keep_step(width: float, periods: tuple[float, ...]) -> None:
+    """Nothing else tells the blur there: coordinates were off by up to four times their sigma, unflagged."""
+    blur, u = 0.41, drifting(width)
+    shown = sequence("phase", 4, COLS, axes="u", periods=periods, steps=9)
+    frames = np.concatenate([seen_by_pixels(shown, row, width, blur) for row in u], axis=1)
+    frames += 0.4 * np.random.default_rng(2).standard_normal(frames.shape)
+    found = decode(np.clip(np.rint(frames), 0, 255).astype(np.uint8), shown)
+    use = found.good & (u > 8) & (u < COLS - 8)
+    assert use.mean() > 0.8
+    wrong = ((found.u - u) / found.sigma_u)[use]
+    assert np.sqrt(np.mean(wrong**2)) < 1.2
