@@ -25,6 +25,8 @@ _UNSURE, _TOLD = 0.003, 3.0
 #: Variation of the contrast over the image (its quartiles) above which it tells nothing, and what cells alone
 #: make of it: quartiles of a sine lie so many amplitudes apart.
 _VARIES, _QUARTILES = 0.1, 1.5
+#: The same of noise: quartiles of the normal distribution, in its deviations.
+_NOISY = 1.35
 #: Footprint over period up to which what it leaves of the contrast is known well enough.
 _WIDE = 0.7
 #: Steps in which blur and swing are found, at most; step of the squared blur by which it is told what they
@@ -54,7 +56,7 @@ def measured_blur(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan) -> Blur 
     cols = np.unique(np.linspace(2, width - 3, _COLUMNS).astype(int))
     told = _by_contrast(seen, lut, wanted, axis, cols)
     if told is not None:
-        return Blur(told, 0.5 * _UNSURE / _lever(wanted, axis))
+        return told
     return blur_by_swing(_contrasts(seen, lut, axis, cols), axis.fringes[-1].period)
 
 
@@ -75,8 +77,8 @@ def _contrasts(seen: Survey, lut: Map, axis: AxisPlan, cols: Map) -> Contrasts:
     )
 
 
-def _by_contrast(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan, cols: Map) -> float | None:
-    """Rms Gaussian blur of the finest fringe in cells, None where the frames do not tell.
+def _by_contrast(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan, cols: Map) -> Blur | None:
+    """Blur of the finest fringe, None where its contrast does not tell.
 
     Contrast against white - black, or against the coarsest fringe = sinc(1/P) of the cells, sinc(w/P) of each
     side of a camera pixel's footprint (the local gradient of coord), exp(-2 (pi b / P)^2) of the blur, over
@@ -90,14 +92,8 @@ def _by_contrast(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan, cols: Map
     fine, coarse = axis.fringes[-1], None if whole else axis.fringes[0]
     room = np.empty((4, len(coord) * len(cols)))
     count = contrasts(
-        *(
-            seen.frames[:, : len(coord)],
-            lut if len(lut) else None,
-            cols,
-            _wave(fine),
-            wanted.white,
-            wanted.black,
-        ),
+        *(seen.frames[:, : len(coord)], lut if len(lut) else None, cols),
+        *(_wave(fine), wanted.white, wanted.black),
         *(_wave(coarse) if coarse else None, coord, seen.below(axis.axis), max(seen.apart, 1)),
         *(seen.flags, _SPOILT, _WIDE, 0.5 * (axis.extent - 1), (0.5 - _MARGIN) * axis.extent, room),
     )
@@ -106,8 +102,24 @@ def _by_contrast(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan, cols: Map
     left, place, *sides = room[:, :count]
     widths = [quantile(side, 0.5) for side in sides]
     periods = [fine.period] if coarse is None else [fine.period, coarse.period]
-    square = _square_blur(left, place, _lever(wanted, axis), periods, widths)
-    return None if square is None else float(np.sqrt(square))
+    noise = _noise(seen, fine, coarse, quantile(left, 0.5))
+    lever, by_chance = _lever(wanted, axis), noise / np.sqrt(count)
+    square = _square_blur(left, place, lever, periods, widths, noise)
+    if square is None or (coarse and square * lever <= _TOLD * np.hypot(_UNSURE, by_chance)):
+        return None
+    return Blur(float(np.sqrt(square)), float(np.hypot(0.5 * _UNSURE, by_chance)) / lever)
+
+
+def _noise(seen: Survey, fine: Fringe, coarse: Fringe | None, left: float) -> float:
+    """Of a contrast of which that share is left, relative, rms; coarse: what it is compared with, None: white
+    and black."""
+    use = seen.flags & _SPOILT == 0
+    amplitude, offset = (float(np.median(chart[: len(use)][use])) for chart in seen.maps.common[1:3])
+    of_fine, of_whole = (
+        0.5 * float(np.sum(fringe.solve()[1:] ** 2)) if fringe else 0.5 for fringe in (fine, coarse)
+    )
+    variance = seen.noise.variance(offset) / amplitude**2
+    return float(np.sqrt(variance * (of_fine + of_whole * left**2)))
 
 
 def _wave(fringe: Fringe) -> Wave:
@@ -116,16 +128,19 @@ def _wave(fringe: Fringe) -> Wave:
 
 
 def _square_blur(
-    left: F64, place: F64, lever: float, periods: list[float], widths: list[float]
+    left: F64, place: F64, lever: float, periods: list[float], widths: list[float], noise: float
 ) -> float | None:
     """Squared blur from what it left of the contrast at places (K,): exp(-lever blur^2), and its swing.
 
-    periods: of the fringe and, where no white and black were shown, of that against which its contrast is.
+    periods: of the fringe and, where no white and black were shown, of that against which its contrast is;
+    noise: of a contrast, relative. None where the contrast varies by more than that and the cells explain.
     """
     low, high = quantile(left, 0.25), quantile(left, 0.75)
     used = np.abs(left - 0.5 * (low + high)) <= 3 * (high - low) + 1e-3
     left, seen = left[used], place[used]
-    mean = float(left.mean())  # not median: where the display is sharp, contrast varies with the place
+    # noise adds to amplitudes and to one over them; not the median: where the display is sharp, contrast
+    # varies with the place
+    mean = float(left.mean()) / (1 + 0.5 * noise**2)
     if not 0 < mean < 1.02:
         return None
     square = max(-np.log(mean) / lever, 0.0)
@@ -142,9 +157,8 @@ def _square_blur(
         square = max(square + step, 0.0)
         if abs(step) * lever < _SLIGHT:
             break
-    if high - low > _VARIES + _QUARTILES * mean * swing:
-        return None
-    return square if len(periods) == 1 or square * lever > _TOLD * _UNSURE else None
+    spread = high - low - _QUARTILES * mean * swing
+    return square if spread <= np.hypot(_VARIES, _NOISY * mean * noise) else None
 
 
 def _swinging(periods: list[float], widths: list[float], square: float, lever: float) -> Swing:

@@ -102,10 +102,12 @@ def _decoded(
     by_rows = not subpixel and plain == wanted.axes and all(axis.stripes is None for axis in plain)
     tables: dict[str, Tables] = {}
     blurs: dict[str, Blur | None] = {}
+    footprints: dict[str, float] = {}
     at_once = False
     if on_display or by_rows:
         seen = survey(job, sequence, wanted, plain, few=not on_display)
         at_once = by_rows and all(seen.is_continuous(axis.axis) for axis in plain)
+        footprints = {axis.axis: seen.footprint(axis.axis) for axis in plain}
 
         def measure(axis: AxisPlan) -> Blur | None:
             return measured_blur(seen, job.lut, wanted, axis) if blur_px is None else Blur(blur_px, 0.0)
@@ -116,8 +118,8 @@ def _decoded(
         for axis, blur in zip(on_display, told, strict=True):
             known = blurs[axis.axis] = usual if blur is None else blur
             rms = None if known is None else known.rms
-            tables[axis.axis] = display_tables(sequence, axis, seen.footprint(axis.axis), rms)
-    near = near_of(job, wanted, blurs, maps)
+            tables[axis.axis] = display_tables(sequence, axis, footprints[axis.axis], rms)
+    near = near_of(job, wanted, blurs, footprints, maps)
     neighbours = near_step(near, maps)
     cuts = shrinking(height, _BLOCK)
     if by_rows:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .jit import apart_kernel, inline_kernel, leaf_kernel, outer_kernel
 from .records import Near, Scratch, Shared
 
-__all__ = ["REACH", "near_rows", "shadow_rows"]
+__all__ = ["NOTHING", "REACH", "READ", "near_rows", "shadow_rows"]
 
 Array = NDArray[Any]
 
@@ -25,9 +25,9 @@ _BOX = np.float32(1 / 24)
 _BENT = np.float32(14.0)
 #: OUTLIER is what these kernels write, so that they do not read it: rows are done in any order.
 _OUTLIER = np.uint16(32)
-_READ = np.uint16(0xFFFF ^ 32)
+READ = np.uint16(0xFFFF ^ 32)
 #: DARK, LOW_CONTRAST and INVALID: nothing is seen there.
-_NOTHING = np.uint16(1 | 4 | 128)
+NOTHING = np.uint16(1 | 4 | 128)
 #: Amplitude over the neighbours' largest, below which a pixel beside one that sees nothing, or near the
 #: border, has lost part of its light.
 _BESIDE, _BORDER = np.float32(0.85), np.float32(0.96)
@@ -41,8 +41,8 @@ _HALF, _GOOD = np.float32(0.5), np.uint16(0)
 def near_rows(start: int, stop: int, near: Near, fresh: bool, shared: Shared, scratch: Scratch) -> None:
     """Compare rows start..stop with those around: bends go into sigma, steep and mixed pixels are flagged.
 
-    near.steep: of a code alone along u and v, largest footprint and cell, pattern pixels; None: the axis is
-    continuous.
+    near.steep: of a code alone along u and v, largest footprint and cell, pattern pixels, and the flags of
+    neighbours that do not count as such; None: the axis is continuous.
     fresh: these rows and those around are not among scratch.kept yet.
     """
     kept, wide = scratch.kept, scratch.wide
@@ -125,13 +125,13 @@ def _bend(
         middle = here[y]
         along = abs((left[x] - middle) + (right[x] - middle))
         across = weight * abs((above[y] - middle) + (below[y] - middle))
-        beside, over = (bad_left[x] | bad_right[x]) & _READ, (bad_above[y] | bad_below[y]) & _READ
+        beside, over = (bad_left[x] | bad_right[x]) & READ, (bad_above[y] | bad_below[y]) & READ
         bend = (along if beside == _GOOD else _ZERO) + (across if over == _GOOD else _ZERO)
         spread[y] = _widened(spread[y], bend)
     for x in range(0, last + 1, max(last, 1)):
         middle = here[x]
         across = weight * abs((above[x] - middle) + (below[x] - middle))
-        spread[x] = _widened(spread[x], across if ((bad_above[x] | bad_below[x]) & _READ) == _GOOD else _ZERO)
+        spread[x] = _widened(spread[x], across if ((bad_above[x] | bad_below[x]) & READ) == _GOOD else _ZERO)
 
 
 @leaf_kernel
@@ -140,7 +140,7 @@ def _steep_rows(
 ) -> None:
     """Flag pixels of a code alone whose footprint is larger than `most`: its bits hold for no one place."""
     (rows, cols), ring = coord.shape, len(kept)
-    limit, cell = np.float32(2 * most[0]), most[1]
+    limit, cell, bad_if = np.float32(2 * most[0]), most[1], most[2]
     _keep_first(start, fresh, coord, kept)
     for row in range(start, stop):
         up, down = max(row - 1, 0), min(row + 1, rows - 1)
@@ -152,7 +152,7 @@ def _steep_rows(
         calm = 0 < row < rows - 1 and cols > 2 and _all_good(why) and not _any_steep(limit, *near)
         if calm:
             wide[:cols] = _GOOD
-        found = _steep(calm, up, row, down, limit, cell, near, why, wide)
+        found = _steep(calm, up, row, down, limit, cell, bad_if, near, why, wide)
         if found:
             for x in range(cols):
                 flags[row, x] |= wide[x]
@@ -164,7 +164,7 @@ def _all_good(why: tuple[Array, Array, Array]) -> bool:
     every = np.uint16(0)
     for x in range(len(here)):
         every |= above[x] | here[x] | below[x]
-    return bool((every & _READ) == _GOOD)
+    return bool((every & READ) == _GOOD)
 
 
 @apart_kernel
@@ -179,12 +179,14 @@ def _any_steep(most: Any, above: Array, here: Array, below: Array) -> bool:
 
 
 @inline_kernel
-def _slope(before: Any, here: Any, after: Any, bad_before: Any, bad_after: Any, cell: Any) -> Any:
+def _slope(
+    before: Any, here: Any, after: Any, bad_before: Any, bad_after: Any, cell: Any, bad_if: Any
+) -> Any:
     """What coordinates change over two pixels; with one good neighbour, twice the change to that side, less
     a cell, as places of cells are that rough. With none, doubtful ones will do: most of them are right.
     """
-    none = ((bad_before & _READ) != _GOOD) & ((bad_after & _READ) != _GOOD)
-    mask = _NOTHING if none else _READ
+    none = ((bad_before & bad_if) != _GOOD) & ((bad_after & bad_if) != _GOOD)
+    mask = NOTHING if none else bad_if
     good_before, good_after = (bad_before & mask) == _GOOD, (bad_after & mask) == _GOOD
     one = abs(here - before) if good_before else abs(after - here)
     twice = _TWO * one - cell
@@ -201,6 +203,7 @@ def _steep(
     down: int,
     most: Any,
     cell: Any,
+    bad_if: Any,
     near: tuple[Array, Array, Array],
     why: tuple[Array, Array, Array],
     wide: Array,
@@ -210,24 +213,25 @@ def _steep(
     """
     above, here, below = near
     bad_above, bad, bad_below = why
-    at_top = _NOTHING if up == row else _GOOD
-    at_bottom = _NOTHING if down == row else _GOOD
+    at_top = NOTHING if up == row else _GOOD
+    at_bottom = NOTHING if down == row else _GOOD
     last = len(here) - 1
     found = _ZERO
     for x in range(1, 1 if ends else last):
-        along = _slope(here[x - 1], here[x], here[x + 1], bad[x - 1], bad[x + 1], cell)
+        along = _slope(here[x - 1], here[x], here[x + 1], bad[x - 1], bad[x + 1], cell, bad_if)
         no_top, no_bottom = bad_above[x] | at_top, bad_below[x] | at_bottom
-        across = _slope(above[x], here[x], below[x], no_top, no_bottom, cell)
-        sides = ((bad[x - 1] & _READ) != _GOOD) & ((bad[x + 1] & _READ) != _GOOD)
-        alone = sides & ((no_top & _READ) != _GOOD) & ((no_bottom & _READ) != _GOOD)
+        across = _slope(above[x], here[x], below[x], no_top, no_bottom, cell, bad_if)
+        sides = ((bad[x - 1] & READ) != _GOOD) & ((bad[x + 1] & READ) != _GOOD)
+        alone = sides & ((no_top & READ) != _GOOD) & ((no_bottom & READ) != _GOOD)
         steep = (along + across > most) | alone
         wide[x] = _OUTLIER if steep else _GOOD
         found += _ONE if steep else _ZERO
     for x in range(0, last + 1, max(last, 1)):
         other = min(max(x, 1), last) - (1 if x else 0)
-        along = _slope(here[x], here[x], here[other], _NOTHING, bad[other] if last > 0 else _NOTHING, cell)
+        beside = bad[other] if last > 0 else NOTHING
+        along = _slope(here[x], here[x], here[other], NOTHING, beside, cell, bad_if)
         no_top, no_bottom = bad_above[x] | at_top, bad_below[x] | at_bottom
-        across = _slope(above[x], here[x], below[x], no_top, no_bottom, cell)
+        across = _slope(above[x], here[x], below[x], no_top, no_bottom, cell, bad_if)
         steep = along + across > most
         wide[x] = _OUTLIER if steep else _GOOD
         found += _ONE if steep else _ZERO
@@ -239,7 +243,7 @@ def _sees_nothing_beside(row: int, x: int, flags: Array) -> bool:
     rows, cols = flags.shape
     for y in range(max(row - 1, 0), min(row + 2, rows)):
         for z in range(max(x - 1, 0), min(x + 2, cols)):
-            if flags[y, z] & _NOTHING:
+            if flags[y, z] & NOTHING:
                 return True
     return False
 
@@ -250,7 +254,7 @@ def _any_nothing(start: int, stop: int, flags: Array) -> bool:
     for row in range(start, stop):
         for x in range(flags.shape[1]):
             none |= flags[row, x]
-    return bool((none & _NOTHING) != 0)
+    return bool((none & NOTHING) != 0)
 
 
 @leaf_kernel
@@ -259,7 +263,7 @@ def _steepness(row: int, x: int, coord: Array, flags: Array) -> float:
     rows, cols = coord.shape
     most = 0.0
     for y, z in ((row - 1, x), (row + 1, x), (row, x - 1), (row, x + 1)):
-        if 0 <= y < rows and 0 <= z < cols and (flags[y, z] & _READ) == 0:
+        if 0 <= y < rows and 0 <= z < cols and (flags[y, z] & READ) == 0:
             step = abs(coord[y, z] - coord[row, x])
             most = max(most, step) if step < np.inf else most
     return most
@@ -269,7 +273,7 @@ def _steepness(row: int, x: int, coord: Array, flags: Array) -> float:
 def _inside(row: int, x: int, coord: Array, flags: Array, extent: float) -> float:
     """Distance from the nearer border, cells; inf where there is no pixel or it is not to be trusted."""
     rows, cols = coord.shape
-    if not (0 <= row < rows and 0 <= x < cols) or (flags[row, x] & _READ) != _GOOD:
+    if not (0 <= row < rows and 0 <= x < cols) or (flags[row, x] & READ) != _GOOD:
         return np.inf
     return float(0.5 * extent - abs(coord[row, x] - 0.5 * (extent - 1)))
 

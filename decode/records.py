@@ -134,11 +134,14 @@ class Shared(NamedTuple):
     flat_error: Array
 
 
+Steep = tuple[np.float32, np.float32, np.uint16]
+
+
 class Near(NamedTuple):
     """What neighbours are asked, see neighbour_kernels.near_rows; dim (H,): rows with pixels to ask again."""
 
     shown: tuple[bool, bool]
-    steep: tuple[tuple[np.float32, np.float32] | None, tuple[np.float32, np.float32] | None]
+    steep: tuple[Steep | None, Steep | None]
     read2: np.float32
     gain: np.float32
     extents: tuple[float, float]

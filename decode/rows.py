@@ -16,9 +16,9 @@ from .block_kernels import block_rows
 from .code_kernels import FROM_EXTREMES, FROM_PAIRS, FROM_WHITE_BLACK
 from .display import NO_TABLES, Tables
 from .job import Job
-from .neighbour_kernels import near_rows, shadow_rows
+from .neighbour_kernels import NOTHING, READ, near_rows, shadow_rows
 from .plan import AxisPlan, Code, Plan
-from .records import AxisRecord, Camera, CodeRecord, FringeRecord, Near, Scratch, Shared, scratch
+from .records import AxisRecord, Camera, CodeRecord, FringeRecord, Near, Scratch, Shared, Steep, scratch
 from .references import beyond_references
 from .swing import Blur
 
@@ -139,14 +139,14 @@ def shadow_step(near: Near, maps: Maps) -> Work:
     return step
 
 
-def near_of(job: Job, wanted: Plan, blurs: Mapping[str, Blur | None], maps: Maps) -> Near:
-    """What is asked of neighbours; blurs: of the axes on whose display fringes were shown."""
+def near_of(
+    job: Job, wanted: Plan, blurs: Mapping[str, Blur | None], footprints: Mapping[str, float], maps: Maps
+) -> Near:
+    """What is asked of neighbours; blurs: of the axes on whose display fringes were shown; footprints: usual
+    ones of the axes, where these are known."""
     shown = {axis.axis: axis for axis in wanted.axes}
     codes = {name: axis.code for name, axis in shown.items() if axis.code and not axis.fringes}
-    most = {
-        name: (F32(code.cell * (_STEEP_XOR if code.kind == "xor-gray" else _STEEP_CELLS)), F32(code.cell))
-        for name, code in codes.items()
-    }
+    most = {name: _steep(code, footprints.get(name, 0.0)) for name, code in codes.items()}
     noise = job.raw_noise if codes else job.noise
     # of other codes the blur is known, and with it what the border does
     dim = {name for name in shown if name in codes or (name in blurs and blurs[name] is None)}
@@ -165,6 +165,15 @@ def near_of(job: Job, wanted: Plan, blurs: Mapping[str, Blur | None], maps: Maps
         sigma_v=maps.sigma["v"],
         dim=np.zeros(len(maps.flags), np.uint8),
     )
+
+
+def _steep(code: Code, footprint: float) -> Steep:
+    """Of a code alone, see near_rows."""
+    most = code.cell * (_STEEP_XOR if code.kind == "xor-gray" else _STEEP_CELLS)
+    if footprint > most:
+        # those that look right may do so by chance: doubtful neighbours tell, too, and half of it is enough
+        return F32(0.5 * most), F32(code.cell), NOTHING
+    return F32(most), F32(code.cell), READ
 
 
 def _shadow_band(axis: AxisPlan) -> tuple[float, float]:

@@ -10,6 +10,7 @@ from optolever.blocks import over_rows
 from optolever.patterns import Sequence
 
 from .job import Job
+from .noise import Noise
 from .plan import AxisPlan, Plan
 from .rows import Maps, axes_step, near_of
 from .sample import quantile
@@ -30,11 +31,13 @@ _BENT, _ROUGH = 2.0, 2.0
 
 @dataclass(frozen=True, slots=True)
 class Survey:
-    """Frames (N, 2 R, W) and maps of R rows and, behind them, of those `apart` rows below."""
+    """Frames (N, 2 R, W) and maps of R rows and, behind them, of those `apart` rows below; noise of the
+    (linear) levels."""
 
     frames: Map
     maps: Maps
     apart: int
+    noise: Noise
 
     def lines(self, name: str) -> Map:
         """Coordinates (R, W)."""
@@ -75,9 +78,9 @@ def survey(job: Job, sequence: Sequence, wanted: Plan, axes: tuple[AxisPlan, ...
     both = np.concatenate([rows, rows + apart])
     frames = np.take(job.frames, both, axis=1)
     maps = Maps((len(both), width), {axis.axis for axis in axes})
-    few_rows, near = replace(job, frames=frames), near_of(job, wanted, {}, maps)
+    few_rows, near = replace(job, frames=frames), near_of(job, wanted, {}, {}, maps)
     over_rows(axes_step(few_rows, sequence, wanted, axes, {}, maps, near=near), len(both), _BLOCK)
-    return Survey(frames, maps, apart)
+    return Survey(frames, maps, apart, job.noise)
 
 
 def is_continuous(lines: Map, sigma: Map) -> bool:

@@ -14,8 +14,9 @@ from .view import Levels, View
 
 __all__ = ["blur_told"]
 
-#: Contrast (its logarithm) that blur must take from the finest fringe, for the decoder to tell it.
-BLUR_TOLD = 0.009
+#: Systematic error of a contrast (its logarithm) that the decoder reckons with; errors of it that blur must
+#: take from the finest fringe, for the decoder to tell it.
+UNSURE, TOLD = 0.003, 3.0
 #: Rows and columns of the camera that it measures blur by, and the share of them that it uses.
 SURVEYED, SURVEYED_SHARE = (16, 144), 0.8
 #: Distance from the middle up to which it looks at the swing, as a share of the pattern.
@@ -33,7 +34,7 @@ def blur_told(view: View, sequence: Sequence, levels: Levels, axis: str) -> floa
         if not groups:
             continue
         lever, uncertain = _blur_survey(view, name, groups, levels, referenced)
-        if referenced or (len(groups) > 1 and lever * blur**2 > BLUR_TOLD):
+        if referenced or (len(groups) > 1 and lever * blur**2 > TOLD * math.hypot(UNSURE, uncertain)):
             return uncertain / lever
         swung = _by_swing(view, name, groups[-1], levels)
         if swung is not None:
@@ -43,23 +44,19 @@ def blur_told(view: View, sequence: Sequence, levels: Levels, axis: str) -> floa
 
 def _by_swing(view: View, axis: str, group: Fringe, levels: Levels) -> float | None:
     """The same by the swing of a contrast: as the decoder itself tells it, in one draw of noise."""
-    coord, width = view.coordinate(axis), view.widths[axis]
-    extent = view.extent(axis)
-    there = view.visible & (np.abs(coord - 0.5 * (extent - 1)) < SURVEYED_INNER * extent)
-    count = round(SURVEYED_SHARE * there.mean() * _surveyed(view))
+    coord, extent, blur = view.coordinate(axis), view.extent(axis), view.scene.pattern.blur_px
+    there = view.visible & (view.light > 0) & (np.abs(coord - 0.5 * (extent - 1)) < SURVEYED_INNER * extent)
     rng = np.random.default_rng(0)
-    chosen = np.sort(rng.permutation(np.flatnonzero(there))[:count])
-    sides = np.stack([side.ravel()[chosen] for side in width])
-    amplitude = (
-        fundamental_share(view.scene)
-        * levels.half
-        * contrast(group.period, width, view.scene.pattern.blur_px)
-    )
-    deviation = np.sqrt(levels.variance(levels.half)) / amplitude * math.sqrt(2 / len(group.shifts))
-    shown = contrast(group.period, width, 0.0) * np.abs(seen_sidebands(view, axis, group.period))
-    seen = (shown * (1 + deviation * rng.standard_normal(shown.shape))).ravel()[chosen]
-    at = np.stack(np.unravel_index(chosen, coord.shape)) / np.array(coord.shape)[:, None]
-    told = blur_by_swing(Contrasts(seen, coord.ravel()[chosen], sides, 2 * at - 1), group.period)
+    count = round(SURVEYED_SHARE * there.mean() * _surveyed(view))
+    row, col = np.unravel_index(np.sort(rng.permutation(np.flatnonzero(there))[:count]), coord.shape)
+    width = view.widths[axis][0][row, col], view.widths[axis][1][row, col]
+    half = levels.half[row, col]
+    amplitude = fundamental_share(view.scene) * half * contrast(group.period, width, blur)
+    deviation = np.sqrt(2 / len(group.shifts) * levels.variance(half)) / amplitude
+    shown = contrast(group.period, width, 0.0) * np.abs(seen_sidebands(view, axis, group.period)[row, col])
+    seen = shown * (1 + deviation * rng.standard_normal(len(row)))
+    at = 2 * np.stack([row, col]) / np.array(coord.shape)[:, None] - 1
+    told = blur_by_swing(Contrasts(seen, coord[row, col], np.stack(width), at), group.period)
     return None if told is None else told.square_error
 
 

@@ -201,3 +201,16 @@ def test_the_border_table_is_what_decode_does() -> None:
     assert np.abs(table.shift).max() > 0.1
     with pytest.raises(InputError, match=r"axis is 'v', .*no fringes"):
         border_table(shown, "v", 0.7, 0.8)
+
+
+def test_noise_is_not_taken_for_a_contrast_that_varies() -> None:
+    """Strong blur and noise, periods alike: untold, the border moved coordinates by five sigma, unflagged."""
+    shown = sequence("phase", 4, 190, axes="u", periods=(38.1, 32.0, 26.8), steps=5)
+    u = np.arange(-0.3, 189.4, 1.02)
+    clean = 20 + (np.repeat(seen_by_pixels(shown, u, 1.0, 2.9), 96, axis=1) - 16) * 0.12
+    noisy = clean + 1.6 * np.random.default_rng(3).standard_normal(clean.shape)
+    found = decode(np.clip(np.rint(noisy), 0, 255).astype(np.uint8), shown)
+    wrong = np.abs(found.u - u) > 5 * found.sigma_u
+    assert found.good.mean() > 0.85
+    assert np.count_nonzero(wrong & found.good) <= 1e-4 * np.count_nonzero(found.good)
+    assert found.good[:, (u > 3.5) & (u < 185.5)].mean() > 0.9

@@ -144,3 +144,13 @@ def test_a_pixel_without_a_coordinate_leaves_the_others_continuous() -> None:
     assert is_continuous(np.round(4.7 * lines + 3.0 * (np.arange(200) % 2)), sigma)
     assert not is_continuous(np.random.default_rng(0).uniform(0, 200, lines.shape), sigma)
     assert not is_continuous(np.full_like(lines, np.nan), sigma)
+
+
+@pytest.mark.parametrize("code", ["xor-gray", "gray"])
+def test_pixels_that_look_right_among_those_too_wide_for_a_code_are_flagged(code: str) -> None:
+    """Five cells a pixel: two neighbours may alias to places side by side, all others are doubtful."""
+    row, col = places(110, 120)
+    u, v = 6 + 2.75 * col + 1.5 * np.sin(row / 40), 9 + 5.15 * row
+    shown = sequence(code, 600, 350)
+    found = decode(footprints(shown, u, v, blur=0.1, noise=0.4), shown)
+    assert found.good.mean() < 2e-3
