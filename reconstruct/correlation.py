@@ -23,6 +23,7 @@ Mask = NDArray[np.bool_]
 _SMALLEST = 4  # pixels: below it an edge's four slopes overlap
 _LEAST = 1.5  # excess below which noise counts as independent
 _SIGNIFICANT = 5.0  # standard deviations of the excess's own scatter
+_MOST = 1e6  # of the usual variance: what such a block sums to is anything
 _LARGEST = 512  # rows or columns: larger images are looked at in part
 
 
@@ -34,12 +35,16 @@ def correlation_excess(
         slice((size - min(size, _LARGEST)) // 2, (size + min(size, _LARGEST)) // 2) for size in p.shape
     )
     inside = np.ascontiguousarray(mask[window])
+    if not inside.any():
+        return 1.0
     gx, gy = increments(np.ascontiguousarray(p[window]), np.ascontiguousarray(q[window]), inside)
     vx, vy = (variance[window].copy() for variance in variances)
     if doubt is not None:
         vx += doubt[0][window] ** 2
         vy += doubt[1][window] ** 2
-    sums, variance = (_sums(gx, 1), _sums(gy, 0)), _area(vx + vy)
+    # sums of blocks are differences of sums over the image, of which they must be more than the rounding
+    both = np.minimum(vx + vy, _MOST * float(np.median((vx + vy)[inside])))
+    sums, variance = (_sums(gx, 1), _sums(gy, 0)), _area(both)
     holes = _area((~inside).astype(np.float64))
     excess, block = 1.0, _SMALLEST
     while block <= min(inside.shape) // 4:

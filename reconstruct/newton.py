@@ -39,6 +39,7 @@ _SMALL_STEP = 1e-2  # of the range of w: steps below it cannot leave the medium
 _NOISE_SHARE = 0.02  # of a slope's standard deviation: a change that no noise lets one see
 _RESPONSE = 1e-3  # of the first error: drawn noise tells a variance to a few per cent at best
 _ASTRAY = 0.1  # of a slope's standard deviation: a pixel's step in the end that counts as moving
+_LARGEST = 1e12  # of the usual variance: a slope that tells nothing
 _CHORD_RATE = 1e-3  # refit the integrating factor while a step leaves more than this of the last one
 
 
@@ -301,12 +302,13 @@ def _half_exponential(phi: Floats) -> Floats:
 
 
 def _guarded(variances: tuple[Floats, Floats], mask: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """Variances that are positive everywhere: at least 1e-12 of their median,
-    which also stands outside the mask.
+    """Variances that are positive everywhere: at least 1e-12 of their median, which also stands outside the
+    mask; and no larger than sums over an image still hold the usual one beside.
     """
     guarded = []
     for variance in variances:
         middle = float(np.median(variance[mask]))
         floor = 1e-24 * middle if middle > 0 else 1.0
-        guarded.append(np.where(mask, np.maximum(variance, floor), max(middle, floor)))
+        most = _LARGEST * middle if middle > 0 else np.inf
+        guarded.append(np.where(mask, np.clip(variance, floor, most), max(middle, floor)))
     return guarded[0], guarded[1]

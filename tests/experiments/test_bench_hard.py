@@ -14,6 +14,7 @@ from optolever.cli import run
 from optolever.experiments.bench import Case, Found, hard_cases, judged, run_hard, save_picture
 from optolever.experiments.bench import hard_decode as decoding
 from optolever.experiments.bench import hard_reconstruct as solving
+from optolever.experiments.bench.hard_random import random_cases
 
 SHAPE = (20, 30)
 
@@ -214,3 +215,11 @@ def test_no_picture_of_nothing(tmp_path: Path) -> None:
     (result,) = run_hard([replace(case(), make=partial(int, "x"))])
     assert result.verdict == "failed"
     assert save_picture(result, tmp_path) is None
+
+
+def test_a_needle_among_holes_has_a_sigma() -> None:
+    """Drawn case 501: slopes of 1e20 times the usual variance left negative variances of heights."""
+    (case,) = random_cases(1, first=501)
+    seen = case.make()
+    assert np.isfinite(seen.limit[seen.flags == 0]).all()
+    assert judged(case, seen).verdict == "good"

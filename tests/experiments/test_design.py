@@ -325,7 +325,7 @@ def test_share_within_is_the_gaussian_one() -> None:
 
 
 def test_adaptive_sensing_stops_when_the_goal_is_met() -> None:
-    """A harder goal takes more frames; what it says of itself is what the truth says, mean of three draws.
+    """A harder goal takes more frames; what it says of itself is what the truth says, mean of six draws.
 
     Pixels are two cells wide here: stairs that are left shift whole images and tilt the mirror.
     """
@@ -336,7 +336,7 @@ def test_adaptive_sensing_stops_when_the_goal_is_met() -> None:
     for height in (5e-4, 3e-4):
         goal = Goal(height, 0.9, 60)
         start, told, within = starting(scene, 1.0, goal), [], []
-        for seed in range(3):
+        for seed in range(6):
             source = VirtualOnDemand(scene, surface, noise=1.0, seed=seed, renderer="numpy")
             done = adapt(source, start, goal)
             assert done.met

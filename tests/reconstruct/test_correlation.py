@@ -21,6 +21,19 @@ def test_independent_noise_has_no_excess_and_shared_noise_has() -> None:
     assert 0.5 * block**2 < found < 2 * block**2
 
 
+def test_slopes_that_tell_nothing_do_not_hide_the_others() -> None:
+    """At a needle's tip variances have no bound: sums over an image then did not hold the usual one."""
+    rng = np.random.default_rng(4)
+    shape, block = (256, 256), 8
+    mask, unknown = np.ones(shape, dtype=bool), np.ones(shape)
+    unknown[100, 100:103] = 1e22
+    coarse = rng.standard_normal((2, shape[0] // block, shape[1] // block))
+    p, q = np.kron(coarse, np.ones((1, block, block)))
+    usual = correlation_excess(p, q, (np.ones(shape), np.ones(shape)), mask, None)
+    found = correlation_excess(p, q, (unknown, unknown.copy()), mask, None)
+    assert abs(found / usual - 1) < 0.15
+
+
 def test_quantised_coordinates_get_a_wider_sigma(exact) -> None:
     """Whole pattern pixels, as a Gray code tells them; without the factor the ratio is 3 and more."""
     scene, truth, correspondence = exact("paper-simulation", "raised-cosine", 192, 192)
