@@ -70,6 +70,7 @@ def _contrasts(seen: Survey, lut: Map, axis: AxisPlan, cols: Map) -> Contrasts:
     down = np.abs(seen.below(axis.axis)[:, cols] - place) / max(seen.apart, 1)
     along = 0.25 * np.abs(coord[:, cols + 2] - coord[:, cols - 2])
     use = (seen.flags[:, cols] & _SPOILT == 0) & (down + along < _WIDE * fringe.period) & (offset > 0)
+    use &= raw.max(axis=0) < seen.clip
     use &= np.abs(place - 0.5 * (axis.extent - 1)) < (0.5 - _MARGIN) * axis.extent
     at = np.meshgrid(*(np.linspace(-1, 1, n) for n in use.shape), indexing="ij")
     return Contrasts(
@@ -95,7 +96,15 @@ def _by_contrast(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan, cols: Map
         *(seen.frames[:, : len(coord)], lut if len(lut) else None, cols),
         *(_wave(fine), wanted.white, wanted.black),
         *(_wave(coarse) if coarse else None, coord, seen.below(axis.axis), max(seen.apart, 1)),
-        *(seen.flags, _SPOILT, _WIDE, 0.5 * (axis.extent - 1), (0.5 - _MARGIN) * axis.extent, room),
+        *(
+            seen.flags,
+            _SPOILT,
+            seen.clip,
+            _WIDE,
+            0.5 * (axis.extent - 1),
+            (0.5 - _MARGIN) * axis.extent,
+            room,
+        ),
     )
     if count < _FEWEST:
         return None

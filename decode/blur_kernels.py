@@ -35,6 +35,7 @@ def contrasts(
     apart: int,
     flags: Array,
     spoilt: int,
+    clip: float,
     wide: float,
     middle: float,
     reach: float,
@@ -43,9 +44,9 @@ def contrasts(
     """Contrast of `fine` over that of `coarse` or of white - black, each over what cells and footprint leave.
 
     frames (N, R, W), through lut (if any); coord (R, W), `below`: `apart` rows further on. Into seen (4, K),
-    for pixels at cols without `spoilt` flags, whose footprint is below `wide` periods and that lie within
-    `reach` of the `middle`: what is left, place, footprint down and along. Returns how many. All lengths are
-    pattern pixels.
+    for pixels at cols without `spoilt` flags and samples of `clip` or more, whose footprint is below `wide`
+    periods and that lie within `reach` of the `middle`: what is left, place, footprint down and along.
+    Returns how many. All lengths are pattern pixels.
     """
     count = 0
     for row in range(coord.shape[0]):
@@ -57,6 +58,13 @@ def contrasts(
             along = 0.25 * abs(coord[row, x + 2] - coord[row, x - 2])
             if not down + along < wide * fine[0]:
                 continue
+            top = _brightest(frames, row, x, fine[1])
+            if coarse is None:
+                top = max(top, float(frames[white, row, x]))
+            else:
+                top = max(top, _brightest(frames, row, x, coarse[1]))
+            if top >= clip:
+                continue
             whole = _whole(frames, lut, row, x, white, black, coarse, down, along)
             if not whole > 0:
                 continue
@@ -64,6 +72,14 @@ def contrasts(
             seen[1, count], seen[2, count], seen[3, count] = place, down, along
             count += 1
     return count
+
+
+@leaf_kernel
+def _brightest(frames: Array, row: int, x: int, index: Array) -> float:
+    top = 0.0
+    for i in index:
+        top = max(top, float(frames[i, row, x]))
+    return top
 
 
 @leaf_kernel

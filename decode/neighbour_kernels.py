@@ -42,14 +42,36 @@ def near_rows(start: int, stop: int, near: Near, fresh: bool, shared: Shared, sc
     """Compare rows start..stop with those around: bends go into sigma, steep and mixed pixels are flagged.
 
     near.steep: of a code alone along u and v, largest footprint and cell, pattern pixels, and the flags of
-    neighbours that do not count as such; None: the axis is continuous.
+    neighbours that do not count as such; None: the axis is continuous; near.least: distance of an outlier.
     fresh: these rows and those around are not among scratch.kept yet.
     """
     kept, wide = scratch.kept, scratch.wide
     if near.shown[0]:
-        _axis_rows(start, stop, near.steep[0], fresh, near.u, near.sigma_u, shared.flags, kept[0], wide)
+        _axis_rows(
+            start,
+            stop,
+            near.steep[0],
+            near.least[0],
+            fresh,
+            near.u,
+            near.sigma_u,
+            shared.flags,
+            kept[0],
+            wide,
+        )
     if near.shown[1]:
-        _axis_rows(start, stop, near.steep[1], fresh, near.v, near.sigma_v, shared.flags, kept[1], wide)
+        _axis_rows(
+            start,
+            stop,
+            near.steep[1],
+            near.least[1],
+            fresh,
+            near.v,
+            near.sigma_v,
+            shared.flags,
+            kept[1],
+            wide,
+        )
     _mixed_rows(start, stop, near, shared, scratch.across)
 
 
@@ -58,6 +80,7 @@ def _axis_rows(
     start: int,
     stop: int,
     most: Any,
+    least: Any,
     fresh: bool,
     coord: Array,
     sigma: Array,
@@ -66,16 +89,17 @@ def _axis_rows(
     wide: Array,
 ) -> None:
     if most is None:
-        _bend_rows(start, stop, fresh, coord, sigma, flags, kept)
+        _bend_rows(start, stop, least, fresh, coord, sigma, flags, kept)
     else:
         _steep_rows(start, stop, most, fresh, coord, flags, kept, wide)
 
 
 @leaf_kernel
 def _bend_rows(
-    start: int, stop: int, fresh: bool, coord: Array, sigma: Array, flags: Array, kept: Array
+    start: int, stop: int, least: Any, fresh: bool, coord: Array, sigma: Array, flags: Array, kept: Array
 ) -> None:
-    """Add to sigma (H, W), rows start..stop, what the bend of coord (H, W) shifts the mean over a pixel."""
+    """Add to sigma (H, W), rows start..stop, what the bend of coord (H, W) shifts the mean over a pixel, and
+    flag those that leave both rows beside them by more than `least`."""
     rows, ring = coord.shape[0], len(kept)
     _keep_first(start, fresh, coord, kept)
     for row in range(start, stop):
@@ -83,7 +107,10 @@ def _bend_rows(
         if fresh:
             _keep(coord[down], kept[down % ring])
         near = kept[up % ring], kept[row % ring], kept[down % ring]
-        _bend(0 < row < rows - 1, near, flags[up], flags[row], flags[down], sigma[row])
+        inner = 0 < row < rows - 1
+        astray = _bend(inner, np.float32(2 * least), near, flags[up], flags[row], flags[down], sigma[row])
+        if astray:
+            _strays(least, near, flags[up], flags[row], flags[down])
 
 
 @leaf_kernel
@@ -109,29 +136,49 @@ def _widened(spread: Any, bend: Any) -> Any:
 @apart_kernel
 def _bend(
     inner: bool,
+    far: Any,
     near: tuple[Array, Array, Array],
     bad_above: Array,
     bad: Array,
     bad_below: Array,
     spread: Array,
-) -> None:
-    """One row, in float32 as fringes are decoded; at its two ends only what bends across it."""
+) -> bool:
+    """One row, in float32 as fringes are decoded; at its two ends only what bends across it. Whether any
+    pixel is `far` from those above and below, taken together."""
     above, here, below = near
     last = len(here) - 1
     weight = _ONE if inner else _ZERO
     left, right, bad_left, bad_right = here[:-2], here[2:], bad[:-2], bad[2:]
+    astray = _ZERO
     for x in range(last - 1):
         y = x + 1
         middle = here[y]
         along = abs((left[x] - middle) + (right[x] - middle))
         across = weight * abs((above[y] - middle) + (below[y] - middle))
+        astray += _ONE if across > far else _ZERO
         beside, over = (bad_left[x] | bad_right[x]) & READ, (bad_above[y] | bad_below[y]) & READ
         bend = (along if beside == _GOOD else _ZERO) + (across if over == _GOOD else _ZERO)
         spread[y] = _widened(spread[y], bend)
     for x in range(0, last + 1, max(last, 1)):
         middle = here[x]
         across = weight * abs((above[x] - middle) + (below[x] - middle))
+        astray += _ONE if across > far else _ZERO
         spread[x] = _widened(spread[x], across if ((bad_above[x] | bad_below[x]) & READ) == _GOOD else _ZERO)
+    return bool(astray > _ZERO)
+
+
+@leaf_kernel
+def _strays(
+    least: Any, near: tuple[Array, Array, Array], bad_above: Array, bad: Array, bad_below: Array
+) -> None:
+    """Flag pixels of a row that leave both neighbours, above and below, which agree with each other: a light
+    that flashed while the row was read. Along the row, see flag_kernels.outlier_rows."""
+    above, here, below = near
+    for x in range(len(here)):
+        up, down = above[x] - here[x], below[x] - here[x]
+        alike = up * down > 0 and min(abs(up), abs(down)) > max(least, _THREE * abs(up - down))
+        if alike and ((bad_above[x] | bad_below[x]) & READ) == _GOOD:
+            bad[x] |= _OUTLIER
 
 
 @leaf_kernel

@@ -142,6 +142,7 @@ class Near(NamedTuple):
 
     shown: tuple[bool, bool]
     steep: tuple[Steep | None, Steep | None]
+    least: tuple[np.float32, np.float32]
     read2: np.float32
     gain: np.float32
     extents: tuple[float, float]

@@ -147,6 +147,7 @@ def near_of(
     shown = {axis.axis: axis for axis in wanted.axes}
     codes = {name: axis.code for name, axis in shown.items() if axis.code and not axis.fringes}
     most = {name: _steep(code, footprints.get(name, 0.0)) for name, code in codes.items()}
+    least = {name: _outlying(axis) for name, axis in shown.items()}
     noise = job.raw_noise if codes else job.noise
     # of other codes the blur is known, and with it what the border does
     dim = {name for name in shown if name in codes or (name in blurs and blurs[name] is None)}
@@ -155,6 +156,7 @@ def near_of(
     return Near(
         shown=("u" in shown, "v" in shown),
         steep=(most.get("u"), most.get("v")),
+        least=(least.get("u", F32(np.inf)), least.get("v", F32(np.inf))),
         read2=F32(noise.read2),
         gain=F32(noise.gain),
         extents=(extents[0], extents[1]),
@@ -165,6 +167,11 @@ def near_of(
         sigma_v=maps.sigma["v"],
         dim=np.zeros(len(maps.flags), np.uint8),
     )
+
+
+def _outlying(axis: AxisPlan) -> np.float32:
+    """Distance of an outlier from its neighbours, pattern pixels."""
+    return F32(0.4 * axis.fringes[-1].period if axis.fringes else 8 * axis.code.cell if axis.code else np.inf)
 
 
 def _steep(code: Code, footprint: float) -> Steep:
@@ -205,14 +212,13 @@ def _axis_record(
 ) -> AxisRecord:
     """All that concerns one axis."""
     code = _code_record(job, wanted, axis, axis.code) if axis.code else None
-    least = 0.4 * axis.fringes[-1].period if axis.fringes else 8 * axis.code.cell if axis.code else np.inf
     coord, sigma = maps.of(axis.axis)
     return AxisRecord(
         code=code,
         alone=None if axis.fringes else code,
         fringes=_fringe_record(sequence, axis, tables) if axis.fringes else None,
         extent=float(axis.extent),
-        least=F32(least),
+        least=_outlying(axis),
         joined=joined,
         number="uv".index(axis.axis),
         coord=coord,

@@ -31,12 +31,13 @@ _BENT, _ROUGH = 2.0, 2.0
 
 @dataclass(frozen=True, slots=True)
 class Survey:
-    """Frames (N, 2 R, W) and maps of R rows and, behind them, of those `apart` rows below; noise of the
-    (linear) levels."""
+    """Frames (N, 2 R, W) and maps of R rows and, behind them, of those `apart` rows below; clip: level at
+    which frames clip, noise: of the (linear) levels."""
 
     frames: Map
     maps: Maps
     apart: int
+    clip: float
     noise: Noise
 
     def lines(self, name: str) -> Map:
@@ -80,7 +81,7 @@ def survey(job: Job, sequence: Sequence, wanted: Plan, axes: tuple[AxisPlan, ...
     maps = Maps((len(both), width), {axis.axis for axis in axes})
     few_rows, near = replace(job, frames=frames), near_of(job, wanted, {}, {}, maps)
     over_rows(axes_step(few_rows, sequence, wanted, axes, {}, maps, near=near), len(both), _BLOCK)
-    return Survey(frames, maps, apart, job.noise)
+    return Survey(frames, maps, apart, job.clip, job.noise)
 
 
 def is_continuous(lines: Map, sigma: Map) -> bool:

@@ -11,6 +11,7 @@ from optolever.decode.blur_kernels import contrasts, swing_sums
 F64 = NDArray[np.float64]
 ROWS, WIDTH, APART = 6, 60, 2
 FINE, COARSE = 8.0, 40.0
+CLIP = 250.0
 
 
 def wave(period: float, first: int) -> tuple[float, NDArray[Any], F64]:
@@ -43,7 +44,8 @@ def test_contrasts(whole: bool, linear: bool) -> None:
         return amplitude(levels, first)[:, cols] / left
 
     against = 0.5 * (levels[8] - levels[9])[:, cols] if whole else clear(4, COARSE)
-    use = (flags[:, cols] == 0) & (down + along < 0.2 * FINE) & (against > 0)
+    top = frames[[0, 1, 2, 3, 8] if whole else slice(0, 8)].max(axis=0)[:, cols]
+    use = (flags[:, cols] == 0) & (down + along < 0.2 * FINE) & (against > 0) & (top < CLIP)
     use &= np.abs(coord[:, cols] - 20) < 12
     left = clear(0, FINE)[use] / against[use]
     want = np.stack([left, coord[:, cols][use], down[use], along[use]])
@@ -51,7 +53,7 @@ def test_contrasts(whole: bool, linear: bool) -> None:
     seen = np.empty((4, ROWS * len(cols)))
     count = contrasts(
         *(frames, None if linear else lut, cols, wave(FINE, 0), 8, 9, None if whole else wave(COARSE, 4)),
-        *(coord, below, APART, flags, 1, 0.2, 20.0, 12.0, seen),
+        *(coord, below, APART, flags, 1, CLIP, 0.2, 20.0, 12.0, seen),
     )
     assert 5 < count < 0.5 * use.size
     np.testing.assert_allclose(seen[:, :count], want, rtol=1e-6)

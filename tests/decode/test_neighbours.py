@@ -154,3 +154,18 @@ def test_pixels_that_look_right_among_those_too_wide_for_a_code_are_flagged(code
     shown = sequence(code, 600, 350)
     found = decode(footprints(shown, u, v, blur=0.1, noise=0.4), shown)
     assert found.good.mean() < 2e-3
+
+
+def test_a_row_that_leaves_both_rows_beside_it_is_flagged(shoot, smooth: tuple[F64, F64]) -> None:
+    """A light that flashes while a row is read moves all of it: along the row, nothing is wrong."""
+    u, v = smooth
+    moved = v.copy()
+    moved[40] += 64.0
+    shown = sequence("phase", 300, 170, periods=(320.0, 16.0), steps=4)
+    found = decode(shoot(shown, u, moved, noise=1.0), shown, on_cells=False)
+    assert (found.flags[40] & Flag.OUTLIER > 0).all()
+    assert found.good[np.arange(len(v)) != 40].mean() > 0.99
+    # where the map itself jumps, neighbours above and below do not agree
+    moved[41:] += 64.0
+    torn = decode(shoot(shown, u, moved, noise=1.0), shown, on_cells=False)
+    assert torn.good.mean() > 0.97
