@@ -42,6 +42,9 @@ _NEGLIGIBLE = 0.012
 #: and share of the stairs' variance that is then reckoned as unknown, footprint and blur being estimates; T
 #: up to which the gradient is taken again from coordinates without stairs.
 _REACHES, _LOW = ((8, 0.02), (2, 0.005)), 0.4
+#: Largest slope of stairs (-1 on a tread) that are inverted: steeper ones have no inverse, and usual noise
+#: above so many cells reaches from a tread to a riser, so that places are distributed unlike noise.
+_GENTLE, _UNEVEN, _NOISY = 0.8, 0.4, 0.02
 #: Harmonics of the stairs, at most; what blur leaves of one that does not matter.
 _TERMS, _WEAK = 8, 1e-5
 
@@ -81,8 +84,8 @@ def read_stairs(fringes: tuple[Fringe, ...], coord: Map, sigma: Map, flags: Map)
     return Stairs(shares, *solve_stairs(*seen, shares), *seen)
 
 
-def take_off_stairs(stairs: Stairs, coord: Map, sigma: Map, flags: Map) -> None:
-    """Undo the stairs in coord (H, W) and add to sigma (H, W) what cannot be undone, in place.
+def take_off_stairs(stairs: Stairs, extent: int, coord: Map, sigma: Map, flags: Map) -> None:
+    """Undo the stairs in coord (H, W) and add to sigma (H, W) what cannot be undone, in place; extent: cells.
 
     The footprint is the local gradient of coord. A pixel that sees one cell only (a tread of the stairs) is
     put at its middle, with the rms (1 - w) / sqrt(12) of a place on it: see steep_kernels.
@@ -90,11 +93,16 @@ def take_off_stairs(stairs: Stairs, coord: Map, sigma: Map, flags: Map) -> None:
     if stairs.left < _NEGLIGIBLE:
         return
     heights, seen, noise = _of_points(stairs), coord.copy(), sigma.copy()
+    gentle = _UNEVEN if _usual(sigma) > _NOISY else _GENTLE
     # where the gradient changes, its mean is not the footprint; once low stairs are off, it can be had nearby
     for reach, doubt in _REACHES if stairs.left < _LOW else _REACHES[:1]:
         guide, unsure = coord.copy(), min(doubt + stairs.unsure**2, 1.0)
         sigma[...] = noise
-        work = partial(_undo, heights, (stairs.fill, guide, reach, unsure, flags, seen, coord, sigma))
+        work = partial(
+            _undo,
+            heights,
+            (stairs.fill, guide, reach, unsure, gentle, float(extent), flags, seen, coord, sigma),
+        )
         over_rows(work, len(coord), 64)
 
 
@@ -120,6 +128,13 @@ def _of_points(stairs: Stairs) -> tuple[F64, F64, F64]:
     heights = (-1.0) ** m * left ** (m**2 + 2 * m / period[:, None, None]) / (1 + m * period[:, None, None])
     weight = share * (np.sinc(1 / period) * left**period**-2) ** 2
     return period, weight, heights
+
+
+def _usual(sigma: Map) -> float:
+    """Of sigma (H, W); 0 where there is none."""
+    some = sigma[:: max(1, len(sigma) // _LINES)]
+    known = some[some < np.inf]
+    return quantile(known, 0.5) if len(known) else 0.0
 
 
 def left_by(blur_px: float) -> float:

@@ -174,7 +174,7 @@ def _take_off_stairs(
     told = [stairs.known(most) for stairs in told]
 
     def take_off(i: int) -> None:
-        take_off_stairs(told[i], *maps.of(axes[i].axis), maps.flags)
+        take_off_stairs(told[i], axes[i].extent, *maps.of(axes[i].axis), maps.flags)
 
     on_cores(take_off, range(len(axes)))
 

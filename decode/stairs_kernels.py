@@ -13,10 +13,11 @@ __all__ = ["undo_rows"]
 Map = NDArray[Any]
 #: Steps of the inversion.
 _STEPS = 4
-#: Largest slope of stairs (-1 on a tread) that are gentle: steeper ones have no inverse.
-_GENTLE = 0.8
 #: Step of a footprint (cells) on steep stairs, what keeps two of them apart, curves that are kept.
 _FINE, _MANY, _KEPT = 0.01, 4096.0, 256
+#: Half a cell. Slope of stairs from which on the outermost cell is a tread up to the border, as nothing lies
+#: beyond it, and the variance of a place on its outer half, cells^2.
+_HALF, _STEEP, _ALONE = 0.5, 0.4, 0.04
 #: Footprint below which a pixel is a point, cells.
 _POINT = 1e-6
 
@@ -32,6 +33,8 @@ def undo_rows(
     guide: Map,
     reach: int,
     doubt: float,
+    gentle: float,
+    extent: float,
     flags: Map,
     seen: Map,
     coord: Map,
@@ -42,14 +45,15 @@ def undo_rows(
     periods, shares (G,): whose weighed mean a coordinate is; heights (G, 2, K): the sidebands of each that a
     point would see, m = 1, 2, ... and -1, -2, ...; the footprint is `fill` times the gradient of guide (H, W)
     over at most `reach` pixels on either side that have no flag; doubt: share of the stairs' variance that is
-    reckoned as unknown.
+    reckoned as unknown; gentle: largest slope of stairs (-1 on a tread) that are inverted;
+    extent: cells along the axis.
     """
     bands, weights, waves = np.empty(heights.shape), np.empty(len(shares)), np.empty((2, heights.shape[2]))
     room, kept = np.empty((4, PLACES), np.float32), np.empty((_KEPT, PLACES + 1), np.float32)
     known = np.full((_KEPT, 3), -1.0)  # footprint, variance and largest slope of its stairs
     _seen_by(0.0, 0.0, periods, shares, heights, waves, weights, bands)
     # low stairs are gentle whatever the footprint
-    sharp = _variance(periods, weights, bands)[1] >= _GENTLE
+    sharp = _variance(periods, weights, bands)[1] >= gentle
     for row in range(start, stop):
         for col in range(coord.shape[1]):
             along = fill * _gradient(row, col, reach, guide, flags)
@@ -68,12 +72,16 @@ def undo_rows(
                     known[slot, 0] = key
                     known[slot, 1], known[slot, 2] = _variance(periods, weights, bands)
                     read_as(periods, weights, bands, room, kept[slot])
-            if sharp and known[slot, 2] >= _GENTLE:
+            if sharp and known[slot, 2] >= gentle:
                 place, variance = likely_place(target, noise + doubt * known[slot, 1], kept[slot])
+                slope = known[slot, 2]
             else:
                 _seen_by(along, down, periods, shares, heights, waves, weights, bands)
                 place, variance = _inverted(target, noise, periods, weights, bands, waves)
-                variance += doubt * _variance(periods, weights, bands)[0]
+                stairs, slope = _variance(periods, weights, bands)
+                variance += doubt * stairs
+            if slope >= _STEEP and not _HALF < target < extent - 1 - _HALF:
+                variance += _ALONE
             coord[row, col] = place
             sigma[row, col] = np.sqrt(variance)
 

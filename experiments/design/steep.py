@@ -11,8 +11,8 @@ from .view import Floats
 
 __all__ = ["unresolved"]
 
-#: Largest slope of stairs that the decoder inverts.
-GENTLE = 0.8
+#: Largest slope of stairs that the decoder inverts; of noise above NOISY (cells).
+GENTLE, UNEVEN, NOISY = 0.8, 0.4, 0.02
 #: Places in a cell, footprints (cells) that are tabled.
 PLACES, WIDTHS = 128, np.linspace(0.0, 1.6, 33)
 
@@ -42,7 +42,7 @@ def _variance(periods: list[float], shares: list[float], blur: float, width: flo
     )
     read = place + error
     rise = np.diff(read, append=read[0] + 1)
-    if np.abs(rise * PLACES - 1).max() < GENTLE:
+    if np.abs(rise * PLACES - 1).max() < (UNEVEN if noise > NOISY else GENTLE):
         return 0.0
     off = read[:, None] - read[None, :]
     cells = np.rint(off)

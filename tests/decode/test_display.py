@@ -214,3 +214,17 @@ def test_noise_is_not_taken_for_a_contrast_that_varies() -> None:
     assert found.good.mean() > 0.85
     assert np.count_nonzero(wrong & found.good) <= 1e-4 * np.count_nonzero(found.good)
     assert found.good[:, (u > 3.5) & (u < 185.5)].mean() > 0.9
+
+
+@pytest.mark.parametrize(
+    ("period", "blur", "width"), [(8.0, 0.2, 0.35), (8.0, 0.25, 0.35), (16.0, 0.2, 0.35)]
+)
+def test_nothing_is_wrong_at_the_border_of_a_sharp_display(period: float, blur: float, width: float) -> None:
+    """The outermost cell is a tread up to the border; noise reaches from there to the next one."""
+    shown, u, _ = _capture(120, width, blur, period=period)
+    frames = np.repeat(seen_by_pixels(shown, u, width, blur), 48, axis=1)
+    frames += np.random.default_rng(0).standard_normal(frames.shape)
+    found = decode(np.clip(np.rint(frames), 0, 255).astype(np.uint8), shown)
+    wrong = np.abs(found.u - u) > 5 * found.sigma_u
+    assert found.good.mean() > 0.98
+    assert np.count_nonzero(wrong & found.good) <= 1e-4 * np.count_nonzero(found.good)
