@@ -38,7 +38,7 @@ def solid_window(seen: Mask) -> Window:
 
     def hollow(window: list[list[int]], axis: int, side: int) -> bool:
         outer, inner = (seen[line] for line in _lines(window, axis, side))
-        return bool(outer.mean() < HOLLOW[0] and inner.mean() > HOLLOW[1])
+        return bool(outer.size and outer.mean() < HOLLOW[0] and inner.mean() > HOLLOW[1])
 
     return _peeled(seen.shape, hollow)
 

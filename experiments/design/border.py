@@ -37,6 +37,8 @@ DISAGREE = 5.0
 #: Light lost beyond the border above which a pixel is left out of every figure: what is made of it there is a
 #: matter of the border, not of the code.
 MOST_LOST = 0.01
+#: Share of the draws in which a pixel is not refused, under which it does not matter what it tells.
+FEWEST_KEPT = 1e-3
 #: Contrast that a pixel leaves at least, where a share of it is told; width of a pixel without one, cells.
 LEAST_KEPT, POINT = 0.05, 1e-3
 
@@ -95,8 +97,7 @@ def _light_beyond(place: Floats, spread: Floats | float, width: Floats | float) 
     def integral(at: Floats) -> Floats:
         """Of the normal distribution."""
         z = at / spread
-        density = np.exp(-0.5 * z * z) / math.sqrt(2 * math.pi)
-        return np.asarray(at * ndtr(z) + spread * density)
+        return np.asarray(at * ndtr(z) + spread * _density(z))
 
     return np.asarray((integral(place + 0.5 * box) - integral(place - 0.5 * box)) / box)
 
@@ -163,11 +164,22 @@ def border_of(
     # noise decides on which side of an entry's edge a pixel is read
     dark = np.flatnonzero(np.diff(table.refused.astype(int), prepend=0, append=0))
     edges = np.append(table.at, table.at[-1] + (table.at[1] - table.at[0]))[dark].reshape(-1, 2)
+    picked = np.zeros(place.shape)
     for low, high in [(-np.inf, -0.5 - OFF), (extent - 0.5 + OFF, np.inf), *edges]:
-        doubtful = doubtful + ndtr((high - place) / noise[touched]) - ndtr((low - place) / noise[touched])
-    refused[touched], left[touched] = np.minimum(doubtful, 1.0), away - by_cells - taken
+        ends = (low - place) / noise[touched], (high - place) / noise[touched]
+        doubtful = doubtful + ndtr(ends[1]) - ndtr(ends[0])
+        picked += _density(ends[1]) - _density(ends[0])
+    refused[touched] = np.minimum(doubtful, 1.0)
+    # those that are left are not those that noise moves there
+    picked *= noise[touched] / np.maximum(1 - refused[touched], FEWEST_KEPT)
+    left[touched] = away - by_cells - taken + (1 - change) * picked
     shift[touched], gain[touched] = np.where(table.told[entry], np.abs(taken), 0.0), np.abs(1 - change)
     return Border(refused, shift, left, gain)
+
+
+def _density(z: Floats) -> Floats:
+    """Of the normal distribution."""
+    return np.asarray(np.exp(-0.5 * z * z) / math.sqrt(2 * math.pi))
 
 
 def _seen(groups: list[Fringe], phases: list[Floats], variances: list[Floats]) -> tuple[Floats, Floats]:

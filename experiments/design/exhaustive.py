@@ -26,6 +26,8 @@ FINALISTS = 6  # simulated with more draws of noise
 #: Standard errors of simulated rms errors, of every candidate and of the finalists: where draws scatter, more
 #: of them are simulated, at most so many.
 CHANCE, CHANCE_LAST, MOST = 0.05, 0.025, 60
+#: The same of finalists whose merit is so near to the best one's.
+CLOSE, CHANCE_CLOSE, MOST_CLOSE = 0.12, 0.0125, 160
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +100,14 @@ def _judge(case: Case, pixels: int, seeds: int, more: int, renderer: str, progre
     for text in sorted({*first, design.chosen.text}):
         progress("the best again", len(final), FINALISTS)
         final[text] = simulate(lever, offered[text], case.noise, range(200, 200 + more), renderer)
-    best, chosen = min(final, key=lambda text: merit(*final[text])), design.chosen.text
+    chosen, least = design.chosen.text, min(merit(*told) for told in final.values())
+    close = {text for text in final if merit(*final[text]) < (1 + CLOSE) * least} | {chosen}
+    if len(close) > 1:  # the least of several is as a rule one that draws were kind to
+        last = _draws(lever, CHANCE_CLOSE, more, MOST_CLOSE)
+        for done, text in enumerate(sorted(close)):
+            progress("the close ones again", done, len(close))
+            final[text] = simulate(lever, offered[text], case.noise, range(200, 200 + last), renderer)
+    best = min(close, key=lambda text: merit(*final[text]))
     worst_first = sorted(ratios, key=lambda text: abs(math.log(ratios[text])), reverse=True)
     outside = {text: ratios[text] for text in worst_first if abs(ratios[text] - 1) > 0.15}
     return ChoiceRow(
@@ -108,9 +117,9 @@ def _judge(case: Case, pixels: int, seeds: int, more: int, renderer: str, progre
     )  # fmt: skip
 
 
-def _draws(lever: Lever, uncertain: float, least: int) -> int:
+def _draws(lever: Lever, uncertain: float, least: int, most: int = MOST) -> int:
     """Draws whose rms height error is told within a standard error."""
-    return int(np.clip(math.ceil((lever.scatter / uncertain) ** 2), least, max(least, MOST)))
+    return int(np.clip(math.ceil((lever.scatter / uncertain) ** 2), least, max(least, most)))
 
 
 def _stands(row: DesignRow) -> bool:

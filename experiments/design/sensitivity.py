@@ -38,6 +38,8 @@ UNLIKE, DRAWS = 0.04, 6
 NEGLIGIBLE = 2e-4
 #: What systematic errors do to the height, over what noise does, below which chance decides how both add up.
 SLIGHT = 0.05
+#: Mean variance of being refused, along a line, from which on chance decides what the solver has of it.
+CHANCY = 0.02
 REFERENCE = 0.01  # cells of noise
 #: Light lost at the border: above the first a pixel is left out of every figure, above the second not solved.
 BORDER, HALF_LOST = 0.01, 0.2
@@ -260,10 +262,15 @@ class Lever:
             found, share = self._pooled(self.view, prediction, count, self._weighed)
             noise = self.scale * self._errors[0] * found / _mean_square(self._errors[:count])
         wide, view = (prediction, self.view) if full is None else (full, self.full)
-        if max(rms_where(axis.bias, wide.solved) for axis in (wide.u, wide.v)) < NEGLIGIBLE:
+        # a few pixels that are mostly refused may hold the anchor
+        if (
+            max(rms_where(axis.bias * np.sqrt(1 - axis.refused), wide.lit) for axis in (wide.u, wide.v))
+            < NEGLIGIBLE
+        ):
             return HeightPrediction(noise, 0.0, share)
-        if noise == 0 or any(axis.steps is not None for axis in axes):
-            # whole steps, which the solver may take for creases: with and without what they are about
+        if noise == 0 or any(axis.steps is not None for axis in axes) or _by_chance(prediction):
+            # whole steps, which the solver may take for creases, or other anchors in every draw: with and
+            # without what is systematic
             whole, reached = self._pooled(view, wide, count, biased=True)
             alone = self._pooled(view, wide, count)[0] if noise > 0 else 0.0
             return HeightPrediction(noise, math.sqrt(max(whole**2 - alone**2, 0.0)), reached)
@@ -276,7 +283,10 @@ class Lever:
 
     def _draws_for(self, prediction: Prediction) -> int:
         """How many draws a prediction needs: one if its noise lies over the pixels as the reference's does,
-        as then both are high or low alike; the less alike, the more."""
+        as then both are high or low alike; the less alike, the more, and all where chance picks the anchors.
+        """
+        if _by_chance(prediction):
+            return DRAWS
         reference, (solved, _) = self._reference
         axes = prediction.u, prediction.v
         own = np.stack([np.where(prediction.lit, axis.noise * (1 - axis.refused), 0.0) for axis in axes])
@@ -342,6 +352,15 @@ class Lever:
 def _lost(view: View) -> Floats:
     """Share of light lost beyond the pattern's border."""
     return np.maximum(border_loss(view, "u"), border_loss(view, "v"))
+
+
+def _by_chance(prediction: Prediction) -> bool:
+    """Whether it is chance which pixels are refused, of more than a few."""
+    lines = [
+        np.where(prediction.lit, axis.refused * (1 - axis.refused), 0.0)
+        for axis in (prediction.u, prediction.v)
+    ]
+    return max(float(part.mean(axis=along).max()) for part in lines for along in (0, 1)) > CHANCY
 
 
 def rms_where(values: Floats, where: NDArray[np.bool_]) -> float:

@@ -1,13 +1,16 @@
 """Closed forms of the design against brute force: integration, Monte Carlo, formulas of their own."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.special import erfc, ndtr
 
+from optolever.decode import border_table
 from optolever.errors import InputError
-from optolever.experiments.design.border import _seen, border_factor
+from optolever.experiments.design import view_of
+from optolever.experiments.design.border import _seen, border_factor, border_of, usual_width
 from optolever.experiments.design.cells import stairs, stairs_of_noise
 from optolever.experiments.design.codes import cell_error, misread
 from optolever.experiments.design.free_codes import PER_CELL, seen_levels
@@ -21,6 +24,7 @@ from optolever.experiments.design.fringes import (
 )
 from optolever.experiments.design.records import AxisPrediction
 from optolever.patterns import Frame, Sequence, sequence
+from optolever.scene import dent, load, resize
 
 
 def fringe(period: float, steps: int) -> list[Frame]:
@@ -197,6 +201,32 @@ def test_periods_that_the_border_shifts_apart_are_refused() -> None:
         _, refused = _seen(groups, shifts, variances)
         chi2 = (apart + math.sqrt(0.03) * rng.normal(size=20000)) ** 2 / 0.03
         assert refused[0] == pytest.approx((chi2 > limit).mean(), abs=0.03)
+
+
+def test_pixels_beside_refused_ones_are_those_that_noise_left_there() -> None:
+    """Mean of what is read where noise decides whether it is refused: Monte Carlo of a pixel at the edge."""
+    scene = resize(load("paper-simulation"), 64, 64)
+    scene = replace(scene, pattern=replace(scene.pattern, blur_px=2.0))
+    view = view_of(scene, dent("flat", scene))
+    shown = sequence("phase", scene.pattern.rows, scene.pattern.cols, steps=4, periods=16.0)
+    groups = grouped([frame for frame in shown.frames if frame.axis == "u"])
+    still = [np.full(view.visible.shape, 1e-8)]
+    sigma = np.full(view.visible.shape, 0.3)
+    quiet = border_of(view, "u", shown, groups, still, np.full(view.visible.shape, 1e-6), 2.0)
+    told = border_of(view, "u", shown, groups, still, sigma, 2.0)
+    partly = (told.refused > 0.05) & (told.refused < 0.9)
+    assert partly.any()
+    table = border_table(shown, "u", usual_width(view, "u"), 2.0)
+    read = view.coordinate("u")
+    for _ in range(30):
+        read = view.coordinate("u") + quiet.left + np.interp(read, table.at, table.shift)
+    rng = np.random.default_rng(6)
+    for row, col in np.argwhere(partly)[:4]:
+        drawn = read[row, col] + 0.3 * rng.standard_normal(400000)
+        entry = np.floor((drawn - table.at[0]) / (table.at[1] - table.at[0])).astype(int)
+        kept = ~table.refused[np.clip(entry, 0, len(table.at) - 1)]
+        moved = drawn[kept].mean() - read[row, col]
+        assert (told.left - quiet.left)[row, col] / told.gain[row, col] == pytest.approx(moved, abs=0.01)
 
 
 def test_any_pattern_has_the_bound_of_a_fringe() -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from optolever.decode import Correspondence
 from optolever.reconstruct import HeightMap, reconstruct
+from optolever.reconstruct.fringe import solid_window
 from optolever.reconstruct.holes import LARGEST, bridged, small_holes
 from optolever.reconstruct.pinning import anchor_rows
 from optolever.reconstruct.problem import prepare
@@ -176,3 +177,9 @@ def test_no_line_is_left_out_that_the_anchor_needs(exact, noisy, cut) -> None:
     height = reconstruct(seen, scene)
     assert height.good[keep].mean() > 0.99
     assert np.sqrt(np.mean(((height.z - truth.z) / height.sigma)[height.good] ** 2)) < 2
+
+
+@pytest.mark.parametrize("shape", [(60, 4), (4, 60), (1, 60)])
+def test_a_core_of_few_lines_has_no_hollow_ones(shape: tuple[int, int]) -> None:
+    """Lines without their ends are empty there, and have no share that is seen."""
+    assert solid_window(np.zeros(shape, np.bool_)) == (slice(0, shape[0]), slice(0, shape[1]))
