@@ -2,7 +2,8 @@
 
 from .axis_kernels import axis_pixels
 from .jit import outer_kernel
-from .neighbour_kernels import REACH, near_rows
+from .mixed_kernels import REACH
+from .neighbour_kernels import near_rows
 from .records import TILE, AxisRecord, Camera, Near, Scratch, Shared
 
 __all__ = ["block_rows"]

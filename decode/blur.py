@@ -10,7 +10,7 @@ from .correspondence import Flag
 from .plan import AxisPlan, Fringe, Plan
 from .sample import quantile
 from .survey import Survey
-from .swing import Blur, Contrasts, blur_by_swing
+from .swing import Blur, Contrasts, blur_by_swing, seems_to_swing
 
 __all__ = ["measured_blur"]
 
@@ -19,6 +19,8 @@ F64 = NDArray[np.float64]
 F32 = np.float32
 #: Columns sampled at most, rows and pixels at least.
 _COLUMNS, _LEAST_ROWS, _FEWEST = 144, 3, 64
+#: Of the columns, one of so many is asked first whether a contrast swings.
+_EVERY = 4
 #: Systematic error of a contrast's ratio that is always reckoned with; a square blur below so many times what
 #: it makes is not told.
 _UNSURE, _TOLD = 0.003, 3.0
@@ -57,7 +59,10 @@ def measured_blur(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan) -> Blur 
     told = _by_contrast(seen, lut, wanted, axis, cols)
     if told is not None:
         return told
-    return blur_by_swing(_contrasts(seen, lut, axis, cols), axis.fringes[-1].period)
+    period = axis.fringes[-1].period
+    if not seems_to_swing(_contrasts(seen, lut, axis, cols[::_EVERY]), period):
+        return None
+    return blur_by_swing(_contrasts(seen, lut, axis, cols), period)
 
 
 def _contrasts(seen: Survey, lut: Map, axis: AxisPlan, cols: Map) -> Contrasts:
@@ -96,15 +101,8 @@ def _by_contrast(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan, cols: Map
         *(seen.frames[:, : len(coord)], lut if len(lut) else None, cols),
         *(_wave(fine), wanted.white, wanted.black),
         *(_wave(coarse) if coarse else None, coord, seen.below(axis.axis), max(seen.apart, 1)),
-        *(
-            seen.flags,
-            _SPOILT,
-            seen.clip,
-            _WIDE,
-            0.5 * (axis.extent - 1),
-            (0.5 - _MARGIN) * axis.extent,
-            room,
-        ),
+        *(seen.flags, _SPOILT, seen.clip, _WIDE),
+        *(0.5 * (axis.extent - 1), (0.5 - _MARGIN) * axis.extent, room),
     )
     if count < _FEWEST:
         return None

@@ -18,7 +18,7 @@ from .display import Tables, display_tables
 from .exposures import better_of, by_exposure
 from .integrity import Finding, Integrity, examine, rule_faults
 from .job import Job, check_camera, checked, clip_level, job_of, levels_of
-from .neighbour_kernels import REACH
+from .mixed_kernels import REACH
 from .noise import QUANTISATION
 from .plan import AxisPlan, Plan, plan
 from .raster import by_raster, raster_of

@@ -16,7 +16,8 @@ from .block_kernels import block_rows
 from .code_kernels import FROM_EXTREMES, FROM_PAIRS, FROM_WHITE_BLACK
 from .display import NO_TABLES, Tables
 from .job import Job
-from .neighbour_kernels import NOTHING, READ, near_rows, shadow_rows
+from .mixed_kernels import NOTHING, READ, shadow_rows
+from .neighbour_kernels import near_rows
 from .plan import AxisPlan, Code, Plan
 from .records import AxisRecord, Camera, CodeRecord, FringeRecord, Near, Scratch, Shared, Steep, scratch
 from .references import beyond_references

@@ -11,16 +11,17 @@ long as they do not all lie at the same place of one. An error of r P / 2 pi cel
 hundred pixels' contrasts as soon as it does in one pixel's coordinate.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Blur", "Contrasts", "blur_by_swing"]
+__all__ = ["Blur", "Contrasts", "blur_by_swing", "seems_to_swing"]
 
 F64 = NDArray[np.float64]
-#: Pixels at least.
-_FEWEST = 256
+#: Pixels at least, and for a first look.
+_FEWEST, _A_FEW = 256, 64
 #: Standard errors of the swing that it has at least; swing out of phase with the cells (which only something
 #: else makes), and excess over that of a display without blur, as shares of it, at most.
 _SURE, _ASTRAY = 5.0, 0.25
@@ -47,11 +48,36 @@ class Contrasts:
     at: F64
 
 
+def seems_to_swing(seen: Contrasts, period: float) -> bool:
+    """Whether the contrast of some pixels may swing: what a few tell is enough to ask the others."""
+    if len(seen.place) < _A_FEW or period <= 2:
+        return False
+    share, _, error = _prepared(seen, 1 / period)(0.0)
+    return share > error
+
+
 def blur_by_swing(seen: Contrasts, period: float) -> Blur | None:
     """Blur of a fringe of that period (cells), None where the contrast does not tell it."""
     if len(seen.place) < _FEWEST or period <= 2:
         return None
     f = 1 / period
+    swing, lever, square = _prepared(seen, f), 2 * np.pi**2 * (1 - 2 * f), 0.0
+    share, astray, error = swing(square)
+    if not 0 < share < 1 + _ASTRAY or _SURE * error > 1:
+        return None
+    for _ in range(_STEPS):
+        # the more blur is reckoned with, the larger what is seen is against it
+        square = max(square - np.log(share) / lever, 0.0)
+        share, astray, error = swing(square)
+        if share <= 0 or _SURE * error > 1:
+            return None
+    if abs(astray) > _ASTRAY + error:
+        return None
+    return Blur(float(np.sqrt(square)), float(np.hypot(error, astray)) / lever)
+
+
+def _prepared(seen: Contrasts, f: float) -> Callable[[float], tuple[float, float, float]]:
+    """_swing of a squared blur."""
     left = np.prod(np.sinc(f * seen.sides), axis=0)
     level = seen.contrast / left
     level = level / np.median(level)
@@ -59,19 +85,7 @@ def blur_by_swing(seen: Contrasts, period: float) -> Blur | None:
     # what changes slowly over the image is light, or the footprint, and none of the cells' doing
     slow = _slow(*seen.at)
     rest = _without(level, slow)
-    lever, square = 2 * np.pi**2 * (1 - 2 * f), 0.0
-    share, astray, error = _swing(square, f, up, down, seen.place, slow, rest)
-    if not 0 < share < 1 + _ASTRAY or _SURE * error > 1:
-        return None
-    for _ in range(_STEPS):
-        # the more blur is reckoned with, the larger what is seen is against it
-        square = max(square - np.log(share) / lever, 0.0)
-        share, astray, error = _swing(square, f, up, down, seen.place, slow, rest)
-        if share <= 0 or _SURE * error > 1:
-            return None
-    if abs(astray) > _ASTRAY + error:
-        return None
-    return Blur(float(np.sqrt(square)), float(np.hypot(error, astray)) / lever)
+    return lambda square: _swing(square, f, up, down, seen.place, slow, rest)
 
 
 def _of_cells(f: float, m: int, sides: F64) -> F64:
