@@ -120,8 +120,10 @@ def _by_contrast(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan, cols: Map
 def _noise(seen: Survey, fine: Fringe, coarse: Fringe | None, left: float) -> float:
     """Of a contrast of which that share is left, relative, rms; coarse: what it is compared with, None: white
     and black."""
-    use = seen.flags & _SPOILT == 0
-    amplitude, offset = (float(np.median(chart[: len(use)][use])) for chart in seen.maps.common[1:3])
+    step = max(1, seen.flags.shape[1] // _COLUMNS)
+    step = step if (seen.flags[:, ::step] & _SPOILT == 0).any() else 1
+    use = seen.flags[:, ::step] & _SPOILT == 0
+    amplitude, offset = (float(np.median(chart[: len(use), ::step][use])) for chart in seen.maps.common[1:3])
     of_fine, of_whole = (
         0.5 * float(np.sum(fringe.solve()[1:] ** 2)) if fringe else 0.5 for fringe in (fine, coarse)
     )
