@@ -10,7 +10,7 @@
 | `line_reading.py` | swept stripes and bare codes, as the decoder reads a line of them |
 | `cells.py`, `undoing.py` | the stairs of the display's cells; what the decoder leaves of them |
 | `steep.py`, `gathering.py` | what a sharp display's stairs leave that have no inverse; who can tell them |
-| `survey.py` | whether the blur is told by contrasts |
+| `survey.py` | whether the blur is told, by contrasts or their swing, and how well |
 | `exhaustive.py`, `judged.py` | run_choices: the first choice against all candidates simulated; on what |
 | `slopes.py`, `sensor_maps.py`, `sensor_sweep.py`, `sensor_report.py` | what a scene can measure |
 | `adaptive.py`, `on_demand.py` | the next frames from the last |
