@@ -27,6 +27,8 @@ _FEWEST, _A_FEW = 256, 64
 _SURE, _ASTRAY = 5.0, 0.25
 #: Steps in which the blur is found; rounds in which places are freed of the stairs.
 _STEPS, _ROUNDS = 3, 2
+#: Mean square of a parabola that is none besides the others.
+_ALIKE = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +120,9 @@ def _swing(
 def _slow(row: F64, col: F64) -> tuple[F64, F64]:
     """Parabolas over the image (6, K), and the inverse of their products (6, 6)."""
     basis = np.stack([np.ones(len(row)), row, col, row * row, row * col, col * col])
-    return basis, np.linalg.pinv(np.einsum("ik,jk->ij", basis, basis))
+    products = np.einsum("ik,jk->ij", basis, basis)
+    # of few lines some are alike
+    return basis, np.linalg.inv(products + _ALIKE * len(row) * np.eye(len(basis)))
 
 
 def _without(values: F64, slow: tuple[F64, F64]) -> F64:
