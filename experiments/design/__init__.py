@@ -7,7 +7,7 @@
 | `view.py`, `sensitivity.py` | what pixels see; from coordinates to heights |
 | `fringe_axis.py` | fringes along an axis, from the closed forms below |
 | `fringes.py`, `codes.py`, `free_codes.py` | closed forms: fringes, bits and cells, any pattern |
-| `line_reading.py` | swept stripes and bare codes, as the decoder reads a line of them |
+| `image_reading.py` | swept stripes and bare codes, as the decoder reads images of them |
 | `cells.py`, `undoing.py` | the stairs of the display's cells; what the decoder leaves of them |
 | `steep.py`, `gathering.py` | what a sharp display's stairs leave that have no inverse; who can tell them |
 | `survey.py` | whether the blur is told, by contrasts or their swing, and how well |

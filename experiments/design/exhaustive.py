@@ -28,6 +28,9 @@ FINALISTS = 6  # simulated with more draws of noise
 CHANCE, CHANCE_LAST, MOST = 0.05, 0.025, 60
 #: The same of finalists whose merit is so near to the best one's.
 CLOSE, CHANCE_CLOSE, MOST_CLOSE = 0.12, 0.0125, 160
+#: Predictions are right within so much; those off by half a limit or more are judged by as many draws as the
+#: finalists.
+LIMIT, DOUBTED = 0.15, 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,36 +88,49 @@ def _judge(case: Case, pixels: int, seeds: int, more: int, renderer: str, progre
     lever = Lever(scene, dent_from_text(case.dent, scene), stride=1)
     seeds, more = _draws(lever, CHANCE, seeds), _draws(lever, CHANCE_LAST, more)
     offered = {c.text: c for c in candidates(scene.pattern.rows, scene.pattern.cols, case.frames)}
+
+    def shown(text: str, first: int, draws: int) -> tuple[float, float]:
+        return simulate(lever, offered[text], case.noise, range(first, first + draws), renderer)
+
     found: dict[str, tuple[float, float]] = {}
-    for text, candidate in offered.items():
+    for text in offered:
         progress("all candidates", len(found), len(offered))
         with suppress(InputError):  # it cannot be decoded
-            found[text] = simulate(lever, candidate, case.noise, range(100, 100 + seeds), renderer)
-    ratios = {
-        row.text: row.predicted / found[row.text][0]
-        for row in design.rows
-        if row.text in found and _stands(row) and found[row.text][0] > 0
-    }
+            found[text] = shown(text, 100, seeds)
+    measured = {text for text, error in found.items() if error[0] > 0}
+    told = {row.text: row.predicted for row in design.rows if _stands(row) and row.text in measured}
+    doubted = {text for text, error in told.items() if abs(error / found[text][0] - 1) > DOUBTED}
+    chosen = design.chosen.text
     first = sorted(found, key=lambda text: merit(*found[text]))[:FINALISTS]
     final: dict[str, tuple[float, float]] = {}
-    for text in sorted({*first, design.chosen.text}):
-        progress("the best again", len(final), FINALISTS)
-        final[text] = simulate(lever, offered[text], case.noise, range(200, 200 + more), renderer)
-    chosen, least = design.chosen.text, min(merit(*told) for told in final.values())
+    for text in sorted({*first, chosen} | doubted):
+        progress("the best again, and what was not predicted", len(final), FINALISTS + len(doubted))
+        final[text] = shown(text, 200, more)
+    least = min(merit(*error) for error in final.values())
     close = {text for text in final if merit(*final[text]) < (1 + CLOSE) * least} | {chosen}
     if len(close) > 1:  # the least of several is as a rule one that draws were kind to
         last = _draws(lever, CHANCE_CLOSE, more, MOST_CLOSE)
         for done, text in enumerate(sorted(close)):
             progress("the close ones again", done, len(close))
-            final[text] = simulate(lever, offered[text], case.noise, range(200, 200 + last), renderer)
+            final[text] = shown(text, 200, last)
     best = min(close, key=lambda text: merit(*final[text]))
-    worst_first = sorted(ratios, key=lambda text: abs(math.log(ratios[text])), reverse=True)
-    outside = {text: ratios[text] for text in worst_first if abs(ratios[text] - 1) > 0.15}
+    ratios = {text: error / final.get(text, found[text])[0] for text, error in told.items()}
+    outside = _outside(ratios)
     return ChoiceRow(
         case.name, chosen, *final[chosen], best, *final[best],
         merit(*final[chosen]) / merit(*final[best]) - 1, len(ratios), 1 - len(outside) / max(1, len(ratios)),
         outside, time.perf_counter() - start,
     )  # fmt: skip
+
+
+def _outside(ratios: dict[str, float]) -> dict[str, float]:
+    """Those that are off by more than the limit, or no number, the worst first."""
+    off = {text: abs(math.log(ratio)) if ratio > 0 else math.inf for text, ratio in ratios.items()}
+    return {
+        text: ratios[text]
+        for text in sorted(off, key=lambda text: -off[text])
+        if not abs(ratios[text] - 1) <= LIMIT
+    }
 
 
 def _draws(lever: Lever, uncertain: float, least: int, most: int = MOST) -> int:

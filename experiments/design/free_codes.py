@@ -15,21 +15,20 @@ from optolever.patterns import Frame, Sequence
 
 from .view import Floats, Levels, View
 
-__all__ = ["at_places", "free_code", "seen_levels"]
+__all__ = ["at_places", "free_code", "seen_profiles"]
 
 PER_CELL = 4  # samples of the seen levels in a cell
 FAR = 2.0  # cells: what is closer is no confusion but noise
 
 
-def seen_levels(
-    frames: list[Frame], sequence: Sequence, axis: str, width: float, blur: float, per_cell: int = PER_CELL
+def seen_profiles(
+    shown: Sequence, axis: str, width: float, blur: float, per_cell: int = PER_CELL
 ) -> NDArray[np.float64]:
-    """Share of full light (N, K) that pixels of `width` cells read at -0.5 + (k + 0.5) / per_cell."""
-    pairs = [frame.tables(sequence.rows, sequence.cols) for frame in frames]
+    """Share of full light (N, K) that pixels of `width` cells read of each frame at -0.5 + (k + 0.5) /
+    per_cell along an axis; a frame is the product of both."""
     along = "uv".index(axis)
-    # of frames that are the same all over, the other table may hold what makes them dark
-    light = [pair[along] / 255.0 * pair[1 - along][0] / 255.0 for pair in pairs]
-    fine = np.repeat(np.stack(light), per_cell, axis=1)
+    tables = np.stack([frame.tables(shown.rows, shown.cols)[along] for frame in shown.frames])
+    fine = np.repeat(tables / 255.0, per_cell, axis=1)
     if blur > 0:
         fine = gaussian_filter1d(fine, blur * per_cell, axis=1, mode="constant")
     reach = 0.5 * max(width * per_cell, 1.0)
@@ -39,7 +38,7 @@ def seen_levels(
 
 
 def at_places(coord: Floats, table: Floats, per_cell: int = PER_CELL) -> Floats:
-    """A table (K,) at coordinates, see seen_levels."""
+    """A table (K,) at coordinates, see seen_profiles."""
     at = (np.nan_to_num(coord) + 0.5) * per_cell - 0.5
     return np.asarray(map_coordinates(table, [at], order=1, mode="nearest"))
 
@@ -50,7 +49,10 @@ def free_code(
     """(noise in cells, probability of confusion), (H, W), for frames of any levels along an axis."""
     widths = view.widths[axis]
     width = float(np.nanmedian(np.hypot(*widths)))
-    seen = seen_levels(frames, sequence, axis, width, view.scene.pattern.blur_px)
+    shown = Sequence(tuple(frames), sequence.rows, sequence.cols)
+    # of frames that are the same all over, the other table may hold what makes them dark
+    other = [frame.tables(shown.rows, shown.cols)[1 - "uv".index(axis)][0] / 255.0 for frame in frames]
+    seen = seen_profiles(shown, axis, width, view.scene.pattern.blur_px) * np.array(other)[:, None]
     slope = np.gradient(seen, 1 / PER_CELL, axis=1)
     steepness = np.sqrt((slope**2).sum(axis=0))
     distance = _confusion(seen)

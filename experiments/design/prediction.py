@@ -7,15 +7,15 @@ or a code bit is wrong, and the probability that the decoder refuses the pixel.
 import numpy as np
 
 from optolever.errors import InputError
-from optolever.patterns import Sequence
+from optolever.patterns import Frame, Sequence
 
 from .border import MOST_LOST, border_loss
 from .codes import code_of
 from .free_codes import free_code
 from .fringe_axis import fringe_axis
-from .line_reading import read_code, read_sweep
+from .image_reading import is_read, read_axes
 from .records import AxisPrediction, Prediction
-from .view import View
+from .view import Levels, View
 
 __all__ = ["predict", "predict_axis"]
 
@@ -25,29 +25,38 @@ def predict(view: View, sequence: Sequence, noise: float) -> Prediction:
 
     InputError if it does not encode both axes or a fringe cannot be decoded.
     """
-    u, v = (predict_axis(view, sequence, noise, axis) for axis in "uv")
+    told = _predicted(view, sequence, noise, ("u", "v"))
     lit = view.visible & (view.light > 0)
     usable = lit & (np.maximum(border_loss(view, "u"), border_loss(view, "v")) < MOST_LOST)
-    return Prediction(u, v, lit, usable)
+    return Prediction(told["u"], told["v"], lit, usable)
 
 
 def predict_axis(view: View, sequence: Sequence, noise: float, axis: str) -> AxisPrediction:
     """The same along one axis, 'u' or 'v'."""
+    return _predicted(view, sequence, noise, (axis,))[axis]
+
+
+def _predicted(
+    view: View, sequence: Sequence, noise: float, axes: tuple[str, ...]
+) -> dict[str, AxisPrediction]:
     if (sequence.rows, sequence.cols) != (view.scene.pattern.rows, view.scene.pattern.cols):
         raise InputError(
             f"sequence {sequence.name}: made for {sequence.rows}x{sequence.cols} cells, the pattern of scene "
             f"{view.scene.name!r} has {view.scene.pattern.rows}x{view.scene.pattern.cols}"
         )
     levels = view.levels(noise)
-    mine = [frame for frame in sequence.frames if frame.axis == axis]
-    fringes = [frame for frame in mine if frame.kind == "phase"]
-    code, free, swept = code_of(mine), *([f for f in mine if f.kind == k] for k in ("levels", "stripe"))
+    frames = {axis: [frame for frame in sequence.frames if frame.axis == axis] for axis in axes}
+    read = read_axes(view, sequence, levels) if any(map(is_read, frames.values())) else {}
+    return {axis: read.get(axis) or _of_levels(view, sequence, levels, axis, frames[axis]) for axis in axes}
+
+
+def _of_levels(
+    view: View, sequence: Sequence, levels: Levels, axis: str, mine: list[Frame]
+) -> AxisPrediction:
+    """Fringes, or any levels whatever."""
+    fringes, free = ([frame for frame in mine if frame.kind == kind] for kind in ("phase", "levels"))
     if fringes:
-        return fringe_axis(view, sequence, levels, axis, fringes, code)
-    if code:
-        return read_code(view, sequence, levels, axis, code)
-    if swept:
-        return read_sweep(view, sequence, levels, axis, swept)
+        return fringe_axis(view, sequence, levels, axis, fringes, code_of(mine))
     if free:
         spread, failure = free_code(view, sequence, levels, axis, free)
         return AxisPrediction(spread, np.zeros(spread.shape), failure, failure, spread)

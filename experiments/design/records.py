@@ -9,29 +9,60 @@ from scipy.special import ndtr
 
 from .view import Floats
 
-__all__ = ["AxisPrediction", "Prediction"]
+__all__ = ["AxisPrediction", "Prediction", "Steps"]
+
+
+@dataclass(frozen=True, slots=True)
+class Steps:
+    """What noise does to a code alone, per pixel (H, W): probabilities that the cell above and the one below
+    are read; their distance (cells), and the sigma that will be stated then (cells)."""
+
+    up: Floats
+    down: Floats
+    pitch: float
+    stated: Floats
 
 
 @dataclass(frozen=True, slots=True)
 class AxisPrediction:
     """Per pixel (H, W): noise (rms, cells), bias (cells), failure and refused (probabilities), stated (the
-    sigma that the decoder will give, cells). steps: of a code alone, whose noise is that it reads a
-    neighbour: the probabilities of the one above and of the one below, and their distance (cells)."""
+    sigma that the decoder will give, cells; where steps are known, to those that make none). flagged: which
+    pixels are refused in some draws of noise (D, H, W), where these are known one by one."""
 
     noise: Floats
     bias: Floats
     failure: Floats
     refused: Floats
     stated: Floats
-    steps: tuple[Floats, Floats, float] | None = None
+    steps: Steps | None = None
+    flagged: NDArray[np.bool_] | None = None
 
     def drawn(self, unit: Floats) -> Floats:
         """An error (H, W) of mean 0 as the noise makes it, from Gaussian numbers of rms 1."""
         if self.steps is None:
             return self.noise * unit
-        up, down, pitch = self.steps
+        above, below = self._stepping(unit)
+        mean = self.steps.up - self.steps.down
+        return np.asarray(self.steps.pitch * (above.astype(float) - below - mean))
+
+    def stated_for(self, unit: Floats) -> Floats:
+        """The sigma (H, W) that the decoder will give with that error."""
+        if self.steps is None:
+            return self.stated
+        return np.where(np.logical_or(*self._stepping(unit)), self.steps.stated, self.stated)
+
+    def left(self, chance: Floats, index: int) -> NDArray[np.bool_]:
+        """Pixels that are not refused in the draw of that number, for even numbers (H, W) of 0..1."""
+        if self.flagged is None:
+            return np.asarray(self.refused <= chance)
+        return np.asarray(~self.flagged[index % len(self.flagged)])
+
+    def _stepping(self, unit: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Where (H, W) the cell above, and where the one below is read."""
+        if self.steps is None:
+            return np.zeros(unit.shape, bool), np.zeros(unit.shape, bool)
         place = ndtr(unit)
-        return np.asarray(pitch * ((place > 1 - up).astype(float) - (place < down) - (up - down)))
+        return place > 1 - self.steps.up, place < self.steps.down
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,12 +78,12 @@ class Prediction:
     @property
     def solved(self) -> NDArray[np.bool_]:
         """Pixels that the decoder does not refuse outright."""
-        return self.left(np.full((2, *self.lit.shape), 0.5))
+        return np.asarray(self.lit & (self.u.refused <= 0.5) & (self.v.refused <= 0.5))
 
-    def left(self, chance: Floats) -> NDArray[np.bool_]:
-        """Pixels that the decoder does not refuse, for even numbers (2, H, W) of 0..1: holes in the solver's
-        grid."""
-        return np.asarray(self.lit & (self.u.refused <= chance[0]) & (self.v.refused <= chance[1]))
+    def left(self, chance: Floats, index: int) -> NDArray[np.bool_]:
+        """Pixels that the decoder does not refuse in the draw of that number, for even numbers (2, H, W) of
+        0..1: the others are holes in the solver's grid."""
+        return np.asarray(self.lit & self.u.left(chance[0], index) & self.v.left(chance[1], index))
 
     @property
     def failure(self) -> float:

@@ -34,6 +34,8 @@ FEW, MANY, ENOUGH = 8, 40, 0.02
 CALIBRATED, SMOOTH = 24, 1.0
 #: Standard error that few draws may leave in the ratio to the reference; how many there are at most.
 UNLIKE, DRAWS = 0.04, 6
+#: The same of draws in which many pixels are refused or none.
+TOGETHER = 24
 #: Cells of systematic error (rms) below which it is not worth a solve.
 NEGLIGIBLE = 2e-4
 #: What systematic errors do to the height, over what noise does, below which chance decides how both add up.
@@ -255,7 +257,7 @@ class Lever:
         """
         axes = prediction.u, prediction.v
         noise, share = 0.0, 1.0
-        if not (prediction.left(self._chance(self.view, 0)) & prediction.usable).any():
+        if not (prediction.left(self._chance(self.view, 0), 0) & prediction.usable).any():
             return HeightPrediction(math.nan, math.nan, 0.0)
         count = self._draws_for(prediction)
         if max(rms_where(axis.noise, prediction.usable) for axis in axes) > 0:
@@ -275,7 +277,7 @@ class Lever:
             alone = self._pooled(view, wide, count)[0] if noise > 0 else 0.0
             return HeightPrediction(noise, math.sqrt(max(whole**2 - alone**2, 0.0)), reached)
         # bare stairs look like creases to the solver; under noise, which is what it will see, they do not
-        drawn, left = self._drawn(view, 0), wide.left(self._chance(view, 0))
+        drawn, left = self._drawn(view, 0), wide.left(self._chance(view, 0), 0)
         random = wide.u.drawn(drawn[0]), wide.v.drawn(drawn[1])
         both = wide.u.bias + random[0], wide.v.bias + random[1]
         bias, reached, common = self._difference(view, wide, left, both, random, SLIGHT * noise)
@@ -285,8 +287,11 @@ class Lever:
         """How many draws a prediction needs: one if its noise lies over the pixels as the reference's does,
         as then both are high or low alike; the less alike, the more, and all where chance picks the anchors.
         """
-        if _by_chance(prediction):
-            return DRAWS
+        if prediction.u.steps is not None or prediction.v.steps is not None:
+            # some steps look like creases to the solver: no reference is like them
+            return int(np.clip(math.ceil((self.scatter / UNLIKE) ** 2), DRAWS, MANY))
+        if _by_chance(prediction):  # together, where they are known one by one
+            return DRAWS if prediction.u.flagged is None and prediction.v.flagged is None else TOGETHER
         reference, (solved, _) = self._reference
         axes = prediction.u, prediction.v
         own = np.stack([np.where(prediction.lit, axis.noise * (1 - axis.refused), 0.0) for axis in axes])
@@ -302,9 +307,10 @@ class Lever:
         errors; mean share of the usable pixels that get a height. NaN if none does in any draw."""
         u, v, found = there.u, there.v, []
         for index in range(count):
-            draw, left = self._drawn(view, index), there.left(self._chance(view, index))
+            draw, left = self._drawn(view, index), there.left(self._chance(view, index), index)
             shift = u.drawn(draw[0]) + biased * u.bias, v.drawn(draw[1]) + biased * v.bias
-            found.append(self.error(view, (u.stated, v.stated), left, there.usable, shift, factor))
+            stated = u.stated_for(draw[0]), v.stated_for(draw[1])
+            found.append(self.error(view, stated, left, there.usable, shift, factor))
         errors = [error for error, share in found if share > 0]
         return _mean_square(errors) if errors else math.nan, float(np.mean([share for _, share in found]))
 

@@ -13,7 +13,7 @@ from optolever.experiments.design import view_of
 from optolever.experiments.design.border import _seen, border_factor, border_of, usual_width
 from optolever.experiments.design.cells import stairs, stairs_of_noise
 from optolever.experiments.design.codes import cell_error, misread
-from optolever.experiments.design.free_codes import PER_CELL, seen_levels
+from optolever.experiments.design.free_codes import PER_CELL, seen_profiles
 from optolever.experiments.design.fringes import (
     combined,
     contrast,
@@ -22,7 +22,7 @@ from optolever.experiments.design.fringes import (
     step_failure,
     turn_variance,
 )
-from optolever.experiments.design.records import AxisPrediction
+from optolever.experiments.design.records import AxisPrediction, Steps
 from optolever.patterns import Frame, Sequence, sequence
 from optolever.scene import dent, load, resize
 
@@ -183,8 +183,12 @@ def test_a_code_that_noise_dithers_is_drawn_as_it_is_read() -> None:
     """Steps to a neighbour, up more often than down: mean 0, and the deviation of what is drawn."""
     rng = np.random.default_rng(4)
     up, down, pitch = np.array([0.3, 0.02]), np.array([0.1, 0.0]), 2.0
-    there = AxisPrediction(*(np.zeros(2),) * 5, steps=(up, down, pitch))
-    drawn = np.stack([there.drawn(unit) for unit in rng.normal(size=(20000, 2))])
+    there = AxisPrediction(*(np.zeros(2),) * 5, steps=Steps(up, down, pitch, np.ones(2)))
+    units = rng.normal(size=(20000, 2))
+    drawn = np.stack([there.drawn(unit) for unit in units])
+    stated = np.stack([there.stated_for(unit) for unit in units])
+    stays = -pitch * (0.3 - 0.1)
+    assert (stated[:, 0] == np.where(np.isclose(drawn[:, 0], stays), 0.0, 1.0)).all()
     step = rng.choice([1, -1, 0], size=(20000,), p=[0.3, 0.1, 0.6])
     assert drawn.mean(axis=0) == pytest.approx(0.0, abs=0.03)
     assert drawn.std(axis=0)[0] == pytest.approx(pitch * step.std(), rel=0.03)
@@ -233,7 +237,7 @@ def test_any_pattern_has_the_bound_of_a_fringe() -> None:
     """Fisher information of the tables of a fringe gives sqrt(2/N) sigma/B P / (2 pi)."""
     steps, period = 5, 16.0
     shown = sequence("phase", 64, 256, steps=steps, periods=period, axes="u")
-    seen = seen_levels(list(shown.frames), shown, "u", 0.5, 0.5)
+    seen = seen_profiles(shown, "u", 0.5, 0.5)
     slope = np.gradient(seen, 0.25, axis=1)[:, 200:-200]
     information = (slope**2).sum(axis=0).mean()
     widths = (np.array(0.5), np.array(0.0))
@@ -242,10 +246,10 @@ def test_any_pattern_has_the_bound_of_a_fringe() -> None:
 
 
 @pytest.mark.parametrize("width", [0.3, 1.0, 2.0, 2.6])
-def test_seen_levels_lie_where_the_stripe_is(width: float) -> None:
+def test_seen_profiles_lie_where_the_stripe_is(width: float) -> None:
     """Their middle, and the variance that blur and pixel add to a cell's."""
     frame = Frame("stripe", "u", at_u=20.0, width_px=1.0)
-    seen = seen_levels([frame], Sequence((frame,), 4, 40), "u", width, 0.7)[0]
+    seen = seen_profiles(Sequence((frame,), 4, 40), "u", width, 0.7)[0]
     place = (np.arange(len(seen)) + 0.5) / PER_CELL - 0.5
     middle = float(np.sum(place * seen) / np.sum(seen))
     variance = float(np.sum((place - middle) ** 2 * seen) / np.sum(seen))
