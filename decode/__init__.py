@@ -58,7 +58,7 @@ from .harmonics import HarmonicError, harmonic_errors
 from .integrity import Finding, Integrity, check
 from .lattice import Crossings, lattice
 from .response import Response
-from .swing import Contrasts, blur_by_swing
+from .swing import Contrasts, blur_by_swing, seems_to_swing
 
 __all__ = [
     "BorderTable",
@@ -78,4 +78,5 @@ __all__ = [
     "difference",
     "harmonic_errors",
     "lattice",
+    "seems_to_swing",
 ]

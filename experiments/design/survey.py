@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from optolever.decode import Contrasts, blur_by_swing
+from optolever.decode import Contrasts, blur_by_swing, seems_to_swing
 from optolever.patterns import Sequence
 
 from .cells import seen_sidebands
@@ -21,6 +21,8 @@ UNSURE, TOLD = 0.003, 3.0
 SURVEYED, SURVEYED_SHARE = (16, 144), 0.8
 #: Distance from the middle up to which it looks at the swing, as a share of the pattern.
 SURVEYED_INNER = 0.4
+#: One of so many pixels is asked first whether a contrast swings; draws of noise in which it is told or not.
+LOOKED_AT, DRAWS = 4, 9
 
 
 def blur_told(view: View, sequence: Sequence, levels: Levels, axis: str) -> float | None:
@@ -28,7 +30,7 @@ def blur_told(view: View, sequence: Sequence, levels: Levels, axis: str) -> floa
     are shown, contrasts likely differ enough, or they swing enough with the cells, along this axis or else
     the other."""
     referenced = {"white", "black"} <= {frame.kind for frame in sequence.frames}
-    blur = view.scene.pattern.blur_px
+    blur, swinging = view.scene.pattern.blur_px, []
     for name in (axis, "v" if axis == "u" else "u"):
         groups = grouped([f for f in sequence.frames if f.axis == name and f.kind == "phase"])
         if not groups:
@@ -36,27 +38,44 @@ def blur_told(view: View, sequence: Sequence, levels: Levels, axis: str) -> floa
         lever, uncertain = _blur_survey(view, name, groups, levels, referenced)
         if referenced or (len(groups) > 1 and lever * blur**2 > TOLD * math.hypot(UNSURE, uncertain)):
             return uncertain / lever
-        swung = _by_swing(view, name, groups[-1], levels)
-        if swung is not None:
-            return swung
-    return None
+        swinging.append(_swung(view, name, groups[-1], levels))
+    # in every draw whichever axis tells it
+    told = [next((one for one in draw if one is not None), None) for draw in zip(*swinging, strict=True)]
+    known = [one for one in told if one is not None]
+    return float(np.median(known)) if 2 * len(known) > len(told) else None
 
 
-def _by_swing(view: View, axis: str, group: Fringe, levels: Levels) -> float | None:
-    """The same by the swing of a contrast: as the decoder itself tells it, in one draw of noise."""
+def _swung(view: View, axis: str, group: Fringe, levels: Levels) -> tuple[float | None, ...]:
+    """The same by the swing of a contrast: as the decoder itself tells it, in draws of noise."""
+
+    def drawn() -> tuple[float | None, ...]:
+        return tuple(_by_swing(view, axis, group, levels, seed) for seed in range(DRAWS))
+
+    key = ("swung", axis, group.period, len(group.shifts), levels.read2, levels.shot)
+    return view.kept(key, drawn)
+
+
+def _by_swing(view: View, axis: str, group: Fringe, levels: Levels, seed: int) -> float | None:
+    """In one draw."""
     coord, extent, blur = view.coordinate(axis), view.extent(axis), view.scene.pattern.blur_px
     there = view.visible & (view.light > 0) & (np.abs(coord - 0.5 * (extent - 1)) < SURVEYED_INNER * extent)
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     count = round(SURVEYED_SHARE * there.mean() * _surveyed(view))
     row, col = np.unravel_index(np.sort(rng.permutation(np.flatnonzero(there))[:count]), coord.shape)
     width = view.widths[axis][0][row, col], view.widths[axis][1][row, col]
     half = levels.half[row, col]
     amplitude = fundamental_share(view.scene) * half * contrast(group.period, width, blur)
-    deviation = np.sqrt(2 / len(group.shifts) * levels.variance(half)) / amplitude
+    variance, steps = levels.variance(half), len(group.shifts)
+    deviation = np.sqrt(variance * (2 / amplitude**2 + 1 / half**2) / steps)
     shown = contrast(group.period, width, 0.0) * np.abs(seen_sidebands(view, axis, group.period)[row, col])
     seen = shown * (1 + deviation * rng.standard_normal(len(row)))
     at = 2 * np.stack([row, col]) / np.array(coord.shape)[:, None] - 1
-    told = blur_by_swing(Contrasts(seen, coord[row, col], np.stack(width), at), group.period)
+    place, sides = coord[row, col], np.stack(width)
+    few = slice(None, None, LOOKED_AT)
+    looked_at = Contrasts(seen[few], place[few], sides[:, few], at[:, few])
+    if not seems_to_swing(looked_at, group.period):
+        return None
+    told = blur_by_swing(Contrasts(seen, place, sides, at), group.period)
     return None if told is None else told.square_error
 
 
