@@ -64,9 +64,10 @@ class Border:
     left: Floats
     gain: Floats
 
-    def or_so(self, other: "Border") -> "Border":
-        """Where what is left may as well be that of `other`, or as far off on the other side."""
-        return replace(self, left=np.copysign(np.hypot(self.left, other.left - self.left), self.left))
+    def or_so(self, other: "Border", times: float = 1.0) -> "Border":
+        """Where what is left may as well be so many times as far off as that of `other`, on either side."""
+        apart = times * (other.left - self.left)
+        return replace(self, left=np.copysign(np.hypot(self.left, apart), self.left))
 
 
 def border_factor(

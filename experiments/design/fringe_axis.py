@@ -36,6 +36,8 @@ __all__ = ["fringe_axis"]
 LEAST_CONTRAST = 4.0
 #: Bend over sigma above which the decoder reckons with it, and by what share of it.
 BENT, BOX = 14.0, 1 / 24
+#: Share of the doubt about a squared blur by which it is told what that does at the border.
+SMALL = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,8 +110,11 @@ def _border(
     if doubt is None:
         return border_of(*about, None)
     border = border_of(*about, blur)
-    # the blur that the decoder measures is right on average
-    return border.or_so(border_of(*about, math.sqrt(blur**2 + doubt))) if doubt > 0 else border
+    if doubt == 0:
+        return border
+    # the blur that the decoder measures is right on average; a step as small as that meets none of the
+    # places where its table jumps from period to period
+    return border.or_so(border_of(*about, math.sqrt(blur**2 + SMALL * doubt)), 1 / SMALL)
 
 
 def _shadowed(view: View, axis: str, period: float, seen: _Noise, levels: Levels) -> Floats:
