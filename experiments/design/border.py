@@ -48,6 +48,7 @@ __all__ = [
     "border_factor",
     "border_loss",
     "border_of",
+    "density",
     "kept_at_border",
     "usual_width",
 ]
@@ -98,7 +99,7 @@ def _light_beyond(place: Floats, spread: Floats | float, width: Floats | float) 
     def integral(at: Floats) -> Floats:
         """Of the normal distribution."""
         z = at / spread
-        return np.asarray(at * ndtr(z) + spread * _density(z))
+        return np.asarray(at * ndtr(z) + spread * density(z))
 
     return np.asarray((integral(place + 0.5 * box) - integral(place - 0.5 * box)) / box)
 
@@ -169,7 +170,7 @@ def border_of(
     for low, high in [(-np.inf, -0.5 - OFF), (extent - 0.5 + OFF, np.inf), *edges]:
         ends = (low - place) / noise[touched], (high - place) / noise[touched]
         doubtful = doubtful + ndtr(ends[1]) - ndtr(ends[0])
-        picked += _density(ends[1]) - _density(ends[0])
+        picked += density(ends[1]) - density(ends[0])
     refused[touched] = np.minimum(doubtful, 1.0)
     # those that are left are not those that noise moves there
     picked *= noise[touched] / np.maximum(1 - refused[touched], FEWEST_KEPT)
@@ -178,7 +179,7 @@ def border_of(
     return Border(refused, shift, left, gain)
 
 
-def _density(z: Floats) -> Floats:
+def density(z: Floats) -> Floats:
     """Of the normal distribution."""
     return np.asarray(np.exp(-0.5 * z * z) / math.sqrt(2 * math.pi))
 

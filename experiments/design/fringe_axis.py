@@ -8,7 +8,7 @@ from scipy.special import erfc, ndtr
 
 from optolever.patterns import Frame, Sequence
 
-from .border import Border, border_loss, border_of, kept_at_border
+from .border import Border, border_loss, border_of, density, kept_at_border
 from .cells import combined_errors, seen_stairs_of_noise
 from .codes import misread
 from .fringes import (
@@ -141,9 +141,9 @@ def _of_both(
     own = amplitude * (1 - border_loss(view, other))
     full = fundamental_share(view.scene) * levels.half
     across = full * _contrast(view, other, period) * (1 - border_loss(view, axis))
-    apart = np.abs(own - across) / (math.sqrt(2) * noise)
-    density = np.exp(-0.5 * apart**2) / math.sqrt(2 * math.pi)
-    return np.asarray(np.minimum(own, across) - math.sqrt(2) * noise * (density - apart * ndtr(-apart)))
+    spread = math.sqrt(2) * noise
+    apart = np.abs(own - across) / spread
+    return np.asarray(np.minimum(own, across) - spread * (density(apart) - apart * ndtr(-apart)))
 
 
 def _widened(sigma: Floats, bend: Floats) -> Floats:
