@@ -16,6 +16,7 @@
 | `adaptive.py`, `on_demand.py` | the next frames from the last |
 | `adaptive_study.py`, `fixed_search.py`, `outlook.py` | against the best fixed sequence; its prediction |
 | `border.py`, `shadow.py`, `response.py` | closed forms: the border, its shadow, nonlinear devices |
+| `border_draws.py` | pixels beside the border that are refused in some draws of noise: what the others tell |
 """
 
 from .adaptive import Adapted, Goal, Start, Step, adapt, share_within, starting

@@ -20,6 +20,7 @@ from scipy.special import ndtr
 from optolever.decode import border_table
 from optolever.patterns import Sequence
 
+from .border_draws import drawn_at_border
 from .cells import combined_errors, seen_sidebands, seen_stairs
 from .fringes import DOUBT, MUCH_FINER, Fringe
 from .view import Floats, View
@@ -37,8 +38,8 @@ DISAGREE = 5.0
 #: Light lost beyond the border above which a pixel is left out of every figure: what is made of it there is a
 #: matter of the border, not of the code.
 MOST_LOST = 0.01
-#: Share of the draws in which a pixel is not refused, under which it does not matter what it tells.
-FEWEST_KEPT = 1e-3
+#: Pixels that are refused in more of the draws than the first and fewer than the second are drawn.
+PARTLY, SURELY = 1e-3, 1 - 1e-4
 #: Contrast that a pixel leaves at least, where a share of it is told; width of a pixel without one, cells.
 LEAST_KEPT, POINT = 0.05, 1e-3
 
@@ -67,7 +68,7 @@ class Border:
 
     def or_so(self, other: "Border", times: float = 1.0) -> "Border":
         """Where what is left may as well be so many times as far off as that of `other`, on either side."""
-        apart = times * (other.left - self.left)
+        apart = np.where(self.refused > PARTLY, 0.0, times * (other.left - self.left))
         return replace(self, left=np.copysign(np.hypot(self.left, apart), self.left))
 
 
@@ -151,11 +152,9 @@ def border_of(
     touched &= np.isfinite(coord) & np.all(np.isfinite(variances), axis=0)
     if not touched.any():
         return Border(refused, shift, left, gain)
-    away, doubtful = _seen(
-        groups,
-        [np.angle((rho + whole - 1)[touched]) for rho, whole in zip(kept, cells, strict=True)],
-        [variance[touched] for variance in variances],
-    )
+    phases = [np.angle((rho + whole - 1)[touched]) for rho, whole in zip(kept, cells, strict=True)]
+    spreads = [variance[touched] for variance in variances]
+    away, doubtful = _seen(groups, phases, spreads)
     by_cells = combined_errors(groups, [seen_stairs(view, axis, group.period)[touched] for group in groups])
     place = coord[touched] + away
     taken = np.interp(place, table.at, table.shift)
@@ -166,16 +165,21 @@ def border_of(
     # noise decides on which side of an entry's edge a pixel is read
     dark = np.flatnonzero(np.diff(table.refused.astype(int), prepend=0, append=0))
     edges = np.append(table.at, table.at[-1] + (table.at[1] - table.at[0]))[dark].reshape(-1, 2)
-    picked = np.zeros(place.shape)
     for low, high in [(-np.inf, -0.5 - OFF), (extent - 0.5 + OFF, np.inf), *edges]:
-        ends = (low - place) / noise[touched], (high - place) / noise[touched]
-        doubtful = doubtful + ndtr(ends[1]) - ndtr(ends[0])
-        picked += density(ends[1]) - density(ends[0])
-    refused[touched] = np.minimum(doubtful, 1.0)
-    # those that are left are not those that noise moves there
-    picked *= noise[touched] / np.maximum(1 - refused[touched], FEWEST_KEPT)
-    left[touched] = away - by_cells - taken + (1 - change) * picked
+        doubtful = doubtful + ndtr((high - place) / noise[touched]) - ndtr((low - place) / noise[touched])
+    refused[touched], left[touched] = np.minimum(doubtful, 1.0), away - by_cells - taken
     shift[touched], gain[touched] = np.where(table.told[entry], np.abs(taken), 0.0), np.abs(1 - change)
+    partly = (refused > PARTLY) & (refused < SURELY)
+    some = partly[touched]
+    if some.any():
+        turns = (group.period / (2 * math.pi) for group in groups)
+        shifts = [turn * phase[some] for turn, phase in zip(turns, phases, strict=True)]
+        told = drawn_at_border(
+            *(groups, shifts, [spread[some] for spread in spreads], coord[partly], table),
+            *(extent, OFF, _disagreeing(len(groups) - 1)),
+        )
+        refused[partly], left[partly] = told.refused, told.mean - by_cells[some]
+        gain[partly] = told.deviation / noise[partly]
     return Border(refused, shift, left, gain)
 
 
@@ -204,14 +208,21 @@ def _seen(groups: list[Fringe], phases: list[Floats], variances: list[Floats]) -
 
 
 def _disagree(apart: Floats, freedom: int) -> Floats:
-    """Probability that chi squared, `apart` without noise, exceeds what noise alone does once in DISAGREE
-    sigmas (Wilson and Hilferty 1931). Its root is Gaussian of rms 1 about sqrt(apart + freedom - 1), for one
-    degree of freedom exactly."""
+    """Probability that chi squared, `apart` without noise, exceeds the limit of _disagreeing. Its root is
+    Gaussian of rms 1 about sqrt(apart + freedom - 1), for one degree of freedom exactly."""
     if freedom < 1:
         return np.zeros(apart.shape)
+    limit = math.sqrt(_disagreeing(freedom))
+    return np.where(apart > 0.1, ndtr(np.sqrt(apart + freedom - 1) - limit), 0.0)
+
+
+def _disagreeing(freedom: int) -> float:
+    """chi squared that noise alone exceeds once in DISAGREE sigmas (Wilson and Hilferty 1931); infinite
+    without any freedom."""
+    if freedom < 1:
+        return math.inf
     part = 2 / (9 * freedom)
-    limit = freedom * (1 - part + DISAGREE * math.sqrt(part)) ** 3
-    return np.where(apart > 0.1, ndtr(np.sqrt(apart + freedom - 1) - math.sqrt(limit)), 0.0)
+    return float(freedom * (1 - part + DISAGREE * math.sqrt(part)) ** 3)
 
 
 def usual_width(view: View, axis: str) -> float:

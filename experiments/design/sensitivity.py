@@ -34,8 +34,8 @@ FEW, MANY, ENOUGH = 8, 40, 0.02
 CALIBRATED, SMOOTH = 24, 1.0
 #: Standard error that few draws may leave in the ratio to the reference; how many there are at most.
 UNLIKE, DRAWS = 0.04, 6
-#: The same of draws in which many pixels are refused or none.
-TOGETHER = 24
+#: The same where chance decides which pixels are refused.
+CHANCES = 24
 #: Cells of systematic error (rms) below which it is not worth a solve.
 NEGLIGIBLE = 2e-4
 #: What systematic errors do to the height, over what noise does, below which chance decides how both add up.
@@ -290,8 +290,8 @@ class Lever:
         if prediction.u.steps is not None or prediction.v.steps is not None:
             # some steps look like creases to the solver: no reference is like them
             return int(np.clip(math.ceil((self.scatter / UNLIKE) ** 2), DRAWS, MANY))
-        if _by_chance(prediction):  # together, where they are known one by one
-            return DRAWS if prediction.u.flagged is None and prediction.v.flagged is None else TOGETHER
+        if _by_chance(prediction):
+            return CHANCES
         reference, (solved, _) = self._reference
         axes = prediction.u, prediction.v
         own = np.stack([np.where(prediction.lit, axis.noise * (1 - axis.refused), 0.0) for axis in axes])

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from scipy.special import erfc, ndtr
 
-from optolever.decode import border_table
+from optolever.decode import BorderTable, border_table
 from optolever.errors import InputError
 from optolever.experiments.design import view_of
 from optolever.experiments.design.border import _seen, border_factor, border_of, usual_width
+from optolever.experiments.design.border_draws import drawn_at_border
 from optolever.experiments.design.cells import stairs, stairs_of_noise
 from optolever.experiments.design.codes import cell_error, misread
 from optolever.experiments.design.free_codes import PER_CELL, seen_profiles
@@ -217,7 +218,7 @@ def test_pixels_beside_refused_ones_are_those_that_noise_left_there() -> None:
     still = [np.full(view.visible.shape, 1e-8)]
     sigma = np.full(view.visible.shape, 0.3)
     quiet = border_of(view, "u", shown, groups, still, np.full(view.visible.shape, 1e-6), 2.0)
-    told = border_of(view, "u", shown, groups, still, sigma, 2.0)
+    told = border_of(view, "u", shown, groups, [sigma**2], sigma, 2.0)
     partly = (told.refused > 0.05) & (told.refused < 0.9)
     assert partly.any()
     table = border_table(shown, "u", usual_width(view, "u"), 2.0)
@@ -229,8 +230,34 @@ def test_pixels_beside_refused_ones_are_those_that_noise_left_there() -> None:
         drawn = read[row, col] + 0.3 * rng.standard_normal(400000)
         entry = np.floor((drawn - table.at[0]) / (table.at[1] - table.at[0])).astype(int)
         kept = ~table.refused[np.clip(entry, 0, len(table.at) - 1)]
-        moved = drawn[kept].mean() - read[row, col]
-        assert (told.left - quiet.left)[row, col] / told.gain[row, col] == pytest.approx(moved, abs=0.01)
+        error = (drawn - view.coordinate("u")[row, col] - np.interp(drawn, table.at, table.shift))[kept]
+        assert told.refused[row, col] == pytest.approx(1 - kept.mean(), abs=0.06)
+        assert told.left[row, col] == pytest.approx(error.mean(), abs=0.1 * error.std() + 0.02)
+        assert told.gain[row, col] * 0.3 == pytest.approx(error.std(), rel=0.15)
+
+
+def test_noise_that_makes_periods_agree_is_not_like_other_noise() -> None:
+    """Two periods, the finer one 1.2 cells off: brute force of those that are left."""
+    groups, table = (
+        grouped(fringe(16.0, 4) + fringe(8.0, 4)),
+        BorderTable(np.arange(-8.0, 80.0, 0.125), np.zeros(704), np.zeros(704, bool), np.zeros(704, bool)),
+    )
+    variances, limit = (0.04, 0.02), 12.0
+    told = drawn_at_border(
+        groups,
+        [np.zeros(64), np.full(64, 1.2)],
+        [np.full(64, variance) for variance in variances],
+        np.full(64, 30.0),
+        table,
+        *(64, 0.5, limit),
+    )
+    rng = np.random.default_rng(8)
+    coarse, fine = (np.sqrt(variance) * rng.standard_normal(400000) for variance in variances)
+    left = (1.2 + fine - coarse) ** 2 / sum(variances) <= limit
+    both = ((coarse / variances[0] + (1.2 + fine) / variances[1]) / sum(1 / v for v in variances))[left]
+    assert told.refused.mean() == pytest.approx(1 - left.mean(), abs=0.01)
+    assert told.mean.mean() == pytest.approx(both.mean(), abs=0.01)
+    assert np.mean(told.deviation) == pytest.approx(both.std(), rel=0.05)
 
 
 def test_any_pattern_has_the_bound_of_a_fringe() -> None:
