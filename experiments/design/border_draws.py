@@ -17,7 +17,7 @@ from .view import Floats
 __all__ = ["Kept", "drawn_at_border"]
 
 #: Draws of a pixel at most and at least, numbers drawn for every period about.
-MOST, LEAST, NUMBERS = 512, 64, 2_000_000
+MOST, LEAST, NUMBERS = 512, 48, 300_000
 Mask = NDArray[np.bool_]
 
 

@@ -28,7 +28,7 @@ __all__ = ["is_read", "read_axes"]
 #: Entries of a table per cell, for codes, which change within one; entries over which sweeps are smoothed.
 CODE_PER_CELL, SMOOTH = 16, PER_CELL
 #: Pixels that are read, about; images at most.
-PIXELS, IMAGES = 750_000, 64
+PIXELS, IMAGES = 400_000, 32
 Mask = NDArray[np.bool_]
 
 

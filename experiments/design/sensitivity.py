@@ -32,10 +32,9 @@ __all__ = ["HeightPrediction", "Lever", "rms_where"]
 FEW, MANY, ENOUGH = 8, 40, 0.02
 #: Draws by which the solver's error bars are judged, pixels (rms) over which these are averaged.
 CALIBRATED, SMOOTH = 24, 1.0
-#: Standard error that few draws may leave in the ratio to the reference; how many there are at most.
-UNLIKE, DRAWS = 0.04, 6
-#: The same where chance decides which pixels are refused.
-CHANCES = 24
+#: Standard error that few draws may leave in the ratio to the reference; how many there are at most, and
+#: where they are unlike any reference.
+UNLIKE, DRAWS, MOST = 0.04, 6, 24
 #: Cells of systematic error (rms) below which it is not worth a solve.
 NEGLIGIBLE = 2e-4
 #: What systematic errors do to the height, over what noise does, below which chance decides how both add up.
@@ -259,9 +258,10 @@ class Lever:
         noise, share = 0.0, 1.0
         if not (prediction.left(self._chance(self.view, 0), 0) & prediction.usable).any():
             return HeightPrediction(math.nan, math.nan, 0.0)
-        count = self._draws_for(prediction)
+        draws, found = self._draws_for(prediction), 0.0
+        count = draws[0]
         if max(rms_where(axis.noise, prediction.usable) for axis in axes) > 0:
-            found, share = self._pooled(self.view, prediction, count, self._weighed)
+            found, share, count = self._pooled(self.view, prediction, draws, self._weighed)
             noise = self.scale * self._errors[0] * found / _mean_square(self._errors[:count])
         wide, view = (prediction, self.view) if full is None else (full, self.full)
         # a few pixels that are mostly refused may hold the anchor
@@ -273,8 +273,10 @@ class Lever:
         if noise == 0 or any(axis.steps is not None for axis in axes) or _by_chance(prediction):
             # whole steps, which the solver may take for creases, or other anchors in every draw: with and
             # without what is systematic
-            whole, reached = self._pooled(view, wide, count, biased=True)
-            alone = self._pooled(view, wide, count)[0] if noise > 0 else 0.0
+            whole, reached, _ = self._pooled(view, wide, (count, count), biased=True)
+            alone = found
+            if noise > 0 and self.view.stride > 1:
+                alone = self._pooled(view, wide, (count, count))[0]
             return HeightPrediction(noise, math.sqrt(max(whole**2 - alone**2, 0.0)), reached)
         # bare stairs look like creases to the solver; under noise, which is what it will see, they do not
         drawn, left = self._drawn(view, 0), wide.left(self._chance(view, 0), 0)
@@ -283,36 +285,45 @@ class Lever:
         bias, reached, common = self._difference(view, wide, left, both, random, SLIGHT * noise)
         return HeightPrediction(noise, bias, min(share, reached), common)
 
-    def _draws_for(self, prediction: Prediction) -> int:
-        """How many draws a prediction needs: one if its noise lies over the pixels as the reference's does,
-        as then both are high or low alike; the less alike, the more, and all where chance picks the anchors.
+    def _draws_for(self, prediction: Prediction) -> tuple[int, int]:
+        """How many draws a prediction needs at least and at most: one if its noise lies over the pixels as
+        the reference's does, as then both are high or low alike; the less alike, the more. Where chance picks
+        the anchors, and where steps look like creases to the solver, no reference is like it.
         """
-        if prediction.u.steps is not None or prediction.v.steps is not None:
-            # some steps look like creases to the solver: no reference is like them
-            return int(np.clip(math.ceil((self.scatter / UNLIKE) ** 2), DRAWS, MANY))
-        if _by_chance(prediction):
-            return CHANCES
+        if _by_chance(prediction) or prediction.u.steps is not None or prediction.v.steps is not None:
+            return DRAWS, MOST
         reference, (solved, _) = self._reference
         axes = prediction.u, prediction.v
         own = np.stack([np.where(prediction.lit, axis.noise * (1 - axis.refused), 0.0) for axis in axes])
         usual = np.stack([np.where(solved, reference, 0.0)] * 2)
         both = float(np.sum(own * usual))
         alike = both / math.sqrt(float(np.sum(own**2) * np.sum(usual**2))) if both > 0 else 1.0
-        return int(np.clip(math.ceil(2 * (1 - alike) * (self.scatter / UNLIKE) ** 2), 1, DRAWS))
+        count = int(np.clip(math.ceil(2 * (1 - alike) * (self.scatter / UNLIKE) ** 2), 1, DRAWS))
+        return count, count
 
     def _pooled(
-        self, view: View, there: Prediction, count: int, factor: Floats | float = 1.0, biased: bool = False
-    ) -> tuple[float, float]:
+        self,
+        view: View,
+        there: Prediction,
+        draws: tuple[int, int],
+        factor: Floats | float = 1.0,
+        biased: bool = False,
+    ) -> tuple[float, float, int]:
         """Rms height error (mm, times the factor) over draws of noise and refusals, biased: and of systematic
-        errors; mean share of the usable pixels that get a height. NaN if none does in any draw."""
-        u, v, found = there.u, there.v, []
-        for index in range(count):
+        errors; mean share of the usable pixels that get a height; draws: at least and at most so many, until
+        the first is sure. NaN if no pixel gets one in any draw."""
+        u, v, shares = there.u, there.v, []
+        errors: list[float] = []
+        for index in range(draws[1]):
             draw, left = self._drawn(view, index), there.left(self._chance(view, index), index)
             shift = u.drawn(draw[0]) + biased * u.bias, v.drawn(draw[1]) + biased * v.bias
             stated = u.stated_for(draw[0]), v.stated_for(draw[1])
-            found.append(self.error(view, stated, left, there.usable, shift, factor))
-        errors = [error for error, share in found if share > 0]
-        return _mean_square(errors) if errors else math.nan, float(np.mean([share for _, share in found]))
+            error, share = self.error(view, stated, left, there.usable, shift, factor)
+            errors += [error] if share > 0 else []
+            shares.append(share)
+            if len(shares) >= draws[0] and len(errors) > 1 and _uncertain(errors) < UNLIKE:
+                break
+        return _mean_square(errors) if errors else math.nan, float(np.mean(shares)), len(shares)
 
     @staticmethod
     def _chance(view: View, index: int) -> Floats:
