@@ -59,10 +59,10 @@ def command(
     --random draws scenes, dents, blur, noise and frames that nobody has thought of; a number's is always the
     same.
 
-    One to four minutes a scene; each is printed when done, and Ctrl-C keeps those. merit: rms error over
+    One to eight minutes a scene; each is printed when done, and Ctrl-C keeps those. merit: rms error over
     all pixels, one without a height counted as five times the rms of the others; excess: merit of the choice
     over that of the best found, minus one; within 15 %: candidates whose predicted rms error is so near the
-    simulated one.
+    simulated one. Those off by more than 5 % are simulated again, with as many draws as the best.
     """
     if first and not drawn:
         raise click.UsageError("--first goes with --random")

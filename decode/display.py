@@ -61,7 +61,7 @@ _USUAL_BLUR = 0.5
 @dataclass(frozen=True, slots=True)
 class BorderTable:
     """What decode takes for the work of the surface's border on fringes, at coordinates `at` (K,) as it reads
-    them, pattern px, 1/8 px apart: shift (K,), px, which is taken off; told (K,): where it goes into sigma;
+    them, pattern px, 1/16 px apart: shift (K,), px, which is taken off; told (K,): where it goes into sigma;
     refused (K,): so much light is lost that pixels are flagged OFF_PATTERN from there to the next entry."""
 
     at: F64
@@ -171,8 +171,8 @@ def _fringe_shift(
 
 
 def _denser(values: F64) -> F64:
-    """Four times as many samples (4 n - 3,), by cubics through the nearest four: straight lines between eight
-    samples of a cell would lower its stairs by 8 %."""
+    """Four times as many samples (4 n - 3,), by cubics through the nearest four: straight lines between the
+    samples of a cell would lower its stairs."""
     padded = np.concatenate([2 * values[:1] - values[1:2], values, 2 * values[-1:] - values[-2:-1]])
     t = np.arange(4)[:, None] / 4
     first, last = -t * (t - 1) * (t - 2) / 6, t * (t**2 - 1) / 6

@@ -12,7 +12,7 @@ __all__ = ["BEYOND", "BORDER", "MOST_LOST", "PER_CELL", "take_off_tile"]
 Array = NDArray[Any]
 
 #: Samples of the table per cell, cells that it reaches beyond the border.
-PER_CELL = 8
+PER_CELL = 16
 BEYOND = 4
 #: Share of the light lost beyond the border above which a pixel counts as off the pattern.
 MOST_LOST = 0.03

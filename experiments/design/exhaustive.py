@@ -105,14 +105,17 @@ def _judge(case: Case, pixels: int, seeds: int, more: int, renderer: str, progre
     final: dict[str, tuple[float, float]] = {}
     for text in sorted({*first, chosen} | doubted):
         progress("the best again, and what was not predicted", len(final), FINALISTS + len(doubted))
-        final[text] = shown(text, 200, more)
+        with suppress(InputError):  # a draw that leaves no anchor
+            final[text] = shown(text, 200, more)
+    final.setdefault(chosen, found.get(chosen, (math.nan, 0.0)))
     least = min(merit(*error) for error in final.values())
     close = {text for text in final if merit(*final[text]) < (1 + CLOSE) * least} | {chosen}
     if len(close) > 1:  # the least of several is as a rule one that draws were kind to
         last = _draws(lever, CHANCE_CLOSE, more, MOST_CLOSE)
         for done, text in enumerate(sorted(close)):
             progress("the close ones again", done, len(close))
-            final[text] = shown(text, 200, last)
+            with suppress(InputError):
+                final[text] = shown(text, 200, last)
     best = min(close, key=lambda text: merit(*final[text]))
     ratios = {text: error / final.get(text, found[text])[0] for text, error in told.items()}
     outside = _outside(ratios)

@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 
 from optolever.cli import run
+from optolever.errors import InputError
 from optolever.experiments import design
-from optolever.experiments.design import CASES, Case, ChoiceRow, drawn_cases
+from optolever.experiments.design import CASES, Case, ChoiceRow, drawn_cases, exhaustive, ranking
 
 PRISM = ["--scene", "prism48", "--size", "72x96"]
 
@@ -100,6 +101,28 @@ def test_choices_come_case_by_case(
     printed = capsys.readouterr().out
     assert row["chosen"] in printed
     assert f"within 5 % of the best  {int(row['excess'] <= 0.05)} of 1" in printed
+
+
+def test_a_draw_that_leaves_no_anchor_ends_no_case(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What could be simulated with a few draws of noise counts with those."""
+    real, failed, offer = exhaustive.simulate, [], design.candidates
+
+    def few(*asked: int) -> list[Any]:
+        return offer(*asked)[:6]
+
+    def some(lever: Any, candidate: Any, noise: float, seeds: range, renderer: str) -> tuple[float, float]:
+        if seeds[0] >= 200 and len(failed) < 2:
+            failed.append(candidate.text)
+            raise InputError("anchor: none has valid pixels")
+        return real(lever, candidate, noise, seeds, renderer)
+
+    monkeypatch.setattr(exhaustive, "simulate", some)
+    monkeypatch.setattr(exhaustive, "candidates", few)
+    monkeypatch.setattr(ranking, "candidates", few)
+    (row,) = design.run_choices([replace(CASES[7], frames=12)], pixels=48, seeds=1, more=1, renderer="numpy")
+    assert len(failed) == 2
+    assert row.candidates > 0
+    assert row.best_error > 0
 
 
 def test_drawn_scenes_have_numbers() -> None:
