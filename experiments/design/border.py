@@ -20,7 +20,7 @@ from scipy.special import ndtr
 from optolever.decode import border_table
 from optolever.patterns import Sequence
 
-from .border_draws import drawn_at_border
+from .border_draws import drawn_at_border, entry_of
 from .cells import combined_errors, seen_sidebands, seen_stairs
 from .fringes import DOUBT, MUCH_FINER, Fringe
 from .view import Floats, View
@@ -159,9 +159,7 @@ def border_of(
     place = coord[touched] + away
     taken = np.interp(place, table.at, table.shift)
     change = np.interp(place, table.at, np.gradient(table.shift, table.at))
-    entry = np.clip(
-        np.floor((place - table.at[0]) / (table.at[1] - table.at[0])), 0, len(table.at) - 1
-    ).astype(int)
+    entry = entry_of(table, place)
     # noise decides on which side of an entry's edge a pixel is read
     dark = np.flatnonzero(np.diff(table.refused.astype(int), prepend=0, append=0))
     edges = np.append(table.at, table.at[-1] + (table.at[1] - table.at[0]))[dark].reshape(-1, 2)

@@ -14,7 +14,7 @@ from optolever.decode import BorderTable
 from .fringes import DOUBT, MUCH_FINER, Fringe
 from .view import Floats
 
-__all__ = ["Kept", "drawn_at_border"]
+__all__ = ["Kept", "drawn_at_border", "entry_of"]
 
 #: Draws of a pixel at most and at least, numbers drawn for every period about.
 MOST, LEAST, NUMBERS = 512, 48, 300_000
@@ -52,7 +52,12 @@ def drawn_at_border(
     reads = [shift + own for shift, own in zip(shifts, noise, strict=True)]
     away, agreed = _through(groups, reads, variances, limit)
     place = coord + away
-    kept = agreed & (place >= -0.5 - off) & (place <= extent - 0.5 + off) & ~_dark(table, place)
+    kept = (
+        agreed
+        & (place >= -0.5 - off)
+        & (place <= extent - 0.5 + off)
+        & ~table.refused[entry_of(table, place)]
+    )
     error = away - np.interp(place, table.at, table.shift)
     many = np.maximum(kept.sum(axis=0), 1)
     mean = np.sum(error, axis=0, where=kept) / many
@@ -78,8 +83,7 @@ def _through(
     return place, agreed & (apart <= limit)
 
 
-def _dark(table: BorderTable, place: Floats) -> Mask:
-    """Whether the table refuses what is read there."""
+def entry_of(table: BorderTable, place: Floats) -> NDArray[np.int64]:
+    """Of the table, for what is read at places of any shape (cells)."""
     step = table.at[1] - table.at[0]
-    entry = np.floor((place - table.at[0]) / step).clip(0, len(table.at) - 1).astype(np.int64)
-    return np.asarray(table.refused[entry])
+    return np.asarray(np.floor((place - table.at[0]) / step).clip(0, len(table.at) - 1).astype(np.int64))

@@ -28,7 +28,7 @@ FINALISTS = 6  # simulated with more draws of noise
 CHANCE, CHANCE_LAST, MOST = 0.05, 0.025, 60
 #: The same of finalists whose merit is so near to the best one's.
 CLOSE, CHANCE_CLOSE, MOST_CLOSE = 0.12, 0.0125, 160
-#: Predictions are right within so much; those off by half a limit or more are judged by as many draws as the
+#: Predictions are right within so much; those off by more than the second are judged by as many draws as the
 #: finalists.
 LIMIT, DOUBTED = 0.15, 0.05
 
