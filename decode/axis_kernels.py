@@ -10,7 +10,7 @@ from .display_kernels import take_off_tile
 from .fit_kernels import fit_tile
 from .flag_kernels import code_flags, common_tile, flag_finest, flag_fit, outlier_rows
 from .jit import apart_kernel, fast_kernel, inline_kernel, leaf_kernel
-from .records import LINES, TILE, AxisRecord, Camera, CodeRecord, FringeRecord, Scratch, Shared
+from .records import LINES, TILE, AxisRecord, Camera, CellLines, CodeRecord, FringeRecord, Scratch, Shared
 from .refit_kernels import refit
 from .unwrap_kernels import search_tile, sequential_tile
 
@@ -45,17 +45,20 @@ def _code(first: int, n: int, camera: Camera, code: CodeRecord | None, scratch: 
     """Cells of a code: their centres (line _GUESS), and how doubtful they are."""
     if code is None:
         return
-    lines, word = scratch.lines, scratch.words[0]
-    read2, gain = camera.of_code
-    code_tile(
-        *(camera.frames, camera.clip, 0, first, n, code.source, code.white, code.black),
-        *(code.plain, code.inverse, code.gray, code.cells, code.together, code.fringed),
-        *(code.edges, read2, gain, code.loose, code.beyond),
-        (lines[_STEP], lines[_SPARE], lines[_PLACE], lines[_SPREAD], lines[_AGREEMENT]),
-        *(word, scratch.marks[0], lines[_FAR], lines[_UP], lines[_DOWN], lines[_GAP]),
+    found = _cell_lines(scratch)
+    code_tile(n, first, camera, code, found)
+    _centres(n, code.pitch, code.origin, found.cell, scratch.lines[_GUESS])
+
+
+@inline_kernel
+def _cell_lines(scratch: Scratch) -> CellLines:
+    """The lines that a code's decoding fills."""
+    lines = scratch.lines
+    return CellLines(
+        *(scratch.words[0], scratch.marks[0], lines[_FAR], lines[_UP], lines[_DOWN], lines[_GAP]),
         *(lines[_HALF], lines[_MIDDLE], scratch.marks[1]),
+        *(lines[_STEP], lines[_SPARE], lines[_PLACE], lines[_SPREAD], lines[_AGREEMENT]),
     )
-    _centres(n, code.pitch, code.origin, word, lines[_GUESS])
 
 
 @leaf_kernel
@@ -71,16 +74,12 @@ def _alone(
     """Cells of a code without fringes, into the maps."""
     if code is None:
         return
-    lines, why = scratch.lines, scratch.words[1]
-    far, half, middle = lines[_FAR], lines[_HALF], lines[_MIDDLE]
-    read2, gain = camera.of_code
-    code_flags(
-        *(n, read2, gain, camera.dark, code.most, scratch.words[0], far, half, middle, scratch.marks[1], why)
-    )
+    lines, why, found = scratch.lines, scratch.words[1], _cell_lines(scratch)
+    code_flags(n, camera, code.most, found, why)
     doubt, spread = lines[_DOUBT], lines[_SPREAD]
-    _flat(n, code.pitch, far, lines[_UP], lines[_DOWN], lines[_GAP], doubt, spread)
+    _flat(n, code.pitch, found.far, found.up, found.down, found.place, doubt, spread)
     _write(n, camera.floor, lines[_GUESS], spread, first, axis.flat_coord, axis.flat_sigma)
-    _common(first, n, axis.joined, why, half, middle, doubt, shared)
+    _common(first, n, axis.joined, why, found.half, found.middle, doubt, shared)
 
 
 @inline_kernel

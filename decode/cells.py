@@ -26,7 +26,7 @@ from optolever.blocks import over_rows
 from .gathering import contradicted, gathered, solve_stairs
 from .plan import Fringe
 from .sample import quantile
-from .stairs_kernels import undo_rows
+from .stairs_kernels import Footprint, Points, undo_rows
 from .unwrap_kernels import MUCH_FINER
 
 __all__ = ["Stairs", "given_stairs", "left_by", "read_stairs", "take_off_stairs"]
@@ -92,22 +92,18 @@ def take_off_stairs(stairs: Stairs, extent: int, coord: Map, sigma: Map, flags: 
     """
     if stairs.left < _NEGLIGIBLE:
         return
-    heights, seen, noise = _of_points(stairs), coord.copy(), sigma.copy()
+    points, seen, noise = _of_points(stairs), coord.copy(), sigma.copy()
     gentle = _UNEVEN if _usual(sigma) > _NOISY else _GENTLE
     # where the gradient changes, its mean is not the footprint; once low stairs are off, it can be had nearby
     for reach, doubt in _REACHES if stairs.left < _LOW else _REACHES[:1]:
-        guide, unsure = coord.copy(), min(doubt + stairs.unsure**2, 1.0)
+        footprint = Footprint(stairs.fill, coord.copy(), reach, flags)
+        rest = min(doubt + stairs.unsure**2, 1.0), gentle, float(extent), seen, coord, sigma
         sigma[...] = noise
-        work = partial(
-            _undo,
-            heights,
-            (stairs.fill, guide, reach, unsure, gentle, float(extent), flags, seen, coord, sigma),
-        )
-        over_rows(work, len(coord), 64)
+        over_rows(partial(_undo, points, footprint, rest), len(coord), 64)
 
 
-def _undo(heights: tuple[F64, F64, F64], rest: tuple[Any, ...], start: int, stop: int) -> None:
-    undo_rows(start, stop, *heights, *rest)
+def _undo(points: Points, footprint: Footprint, rest: tuple[Any, ...], start: int, stop: int) -> None:
+    undo_rows(start, stop, points, footprint, *rest)
 
 
 def _shares(fringes: tuple[Fringe, ...]) -> F64:
@@ -118,7 +114,7 @@ def _shares(fringes: tuple[Fringe, ...]) -> F64:
     return np.stack([np.array(periods[first:]), told / told.sum()], axis=1)
 
 
-def _of_points(stairs: Stairs) -> tuple[F64, F64, F64]:
+def _of_points(stairs: Stairs) -> Points:
     """Periods, their shares by what cells and blur leave of them, and sidebands (G, 2, K) seen by a point."""
     (period, share), left = stairs.shares.T, stairs.left
     terms = np.arange(1, _TERMS + 1)
@@ -127,7 +123,7 @@ def _of_points(stairs: Stairs) -> tuple[F64, F64, F64]:
     m = np.stack([terms, -terms])[:, : max(1, np.count_nonzero(seen))]
     heights = (-1.0) ** m * left ** (m**2 + 2 * m / period[:, None, None]) / (1 + m * period[:, None, None])
     weight = share * (np.sinc(1 / period) * left**period**-2) ** 2
-    return period, weight, heights
+    return Points(period, weight, heights)
 
 
 def _usual(sigma: Map) -> float:

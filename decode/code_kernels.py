@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from .doubt_kernels import lone, misread
 from .jit import apart_kernel, fast_kernel, inline_kernel, leaf_kernel
+from .records import Camera, CellLines, CodeRecord
 
 __all__ = ["FROM_EXTREMES", "FROM_PAIRS", "FROM_WHITE_BLACK", "code_tile"]
 
@@ -24,115 +25,60 @@ _ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
 
 @leaf_kernel
-def code_tile(
-    frames: Array,
-    clip: float,
-    row: int,
-    first: int,
-    n: int,
-    source: int,
-    white: int,
-    black: int,
-    plain: Array,
-    inverse: Array,
-    gray: bool,
-    cells: Array,
-    together: bool,
-    fringed: bool,
-    edges: Any,
-    read2: Any,
-    gain: Any,
-    loose: Any,
-    beyond: Any,
-    room: Any,
-    cell: Array,
-    weak: Array,
-    far: Array,
-    up: Array,
-    down: Array,
-    place: Array,
-    half: Array,
-    middle: Array,
-    clipped: Array,
-) -> None:
-    """Decode n pixels of a row, from raw levels: a response does not move a threshold half way.
-
-    plain, inverse (bits,): frame numbers, -1 = not shown, bit 0 least significant; cells: word -> cell,
-    which for a Gray code (gray) is computed; together: bits change together from cell to cell;
-    fringed: a fringe tells where in a cell a pixel is;
-    edges: see records.Edges;
-    read2 + gain I = variance of a sample; loose = systematic error of a margin, in half contrasts; beyond =
-    half contrasts by which a bit's level may pass white or black.
-    Out (n,): cell; probabilities that the truth is one cell up, one cell down, or anywhere else (far; 1 where
-    levels are no bit's); mean square of a place's error (place, cells^2); half contrast, mid level; clipped
-    = 1 where clipped samples make a bit unreadable.
-    room: 5 x (n,).
-    """
-    pair, single, most, high, low = room
-    _start(n, cell, pair, single, half, middle)
-    most[:n] = _ZERO
-    high[:n] = -_HUGE
-    low[:n] = _HUGE
+def code_tile(n: int, first: int, camera: Camera, code: CodeRecord, found: CellLines) -> None:
+    """Decode n pixels from `first` on, from raw levels: a response does not move a threshold half way."""
+    source, cell, half, middle = code.source, found.cell, found.half, found.middle
+    read2, gain = camera.of_code
+    _start(n, cell, found.pair, found.single, half, middle)
+    found.most[:n] = _ZERO
+    found.high[:n] = -_HUGE
+    found.low[:n] = _HUGE
     if source != FROM_PAIRS:
-        _reference(frames, row, first, n, source, white, black, plain, inverse, middle, half)
+        _reference(n, first, camera.frames, code, middle, half)
+    pairs = _bits(n, first, camera.frames, code, found)
+    if source == FROM_PAIRS:
+        scale = _HALF / np.float32(max(pairs, 1))
+        for x in range(n):
+            middle[x] *= scale
+    found.far[:n] = _ZERO
+    found.up[:n] = _ZERO
+    found.down[:n] = _ZERO
+    found.clipped[:n] = np.uint8(0)
+    found.place[:n] = code.edges.inside
+    weak = found.weak
+    if _weak(n, read2, gain, code.loose, lone(source), middle, half, found.pair, found.single, weak):
+        for x in range(n):
+            if weak[x]:
+                misread(x, first, camera, code, found)
+    _odd(n, read2, gain, code.beyond, middle, half, found.most, found.high, found.low, found.far)
+    if code.gray:
+        _of_gray(n, cell)
+    else:
+        _looked_up(n, code.cells, cell)
+
+
+@leaf_kernel
+def _bits(n: int, first: int, frames: Array, code: CodeRecord, found: CellLines) -> int:
+    """Words of all bits, and their margins; how many bits have an inverse."""
+    plain, inverse = code.plain, code.inverse
+    half, middle, cell = found.half, found.middle, found.cell
     pairs, bit = 0, 0
     while bit < len(plain):
         many = _paired(plain, inverse, bit)
         if many > 0:
             # the last bit of a Gray code leads to the next cell, and no further
-            summed = bit > 0 or not gray
+            summed = bit > 0 or not code.gray
             _pairs(
-                *(n, bit, many, source == FROM_PAIRS, summed, frames, plain, inverse, row, first),
-                *(middle, half, pair, high, low, cell),
+                *(n, bit, many, code.source == FROM_PAIRS, summed, frames, plain, inverse, first),
+                *(middle, half, found.pair, found.high, found.low, cell),
             )
         else:
             sign = _ONE if plain[bit] >= 0 else -_ONE
             shown = max(plain[bit], inverse[bit])
-            _single(n, np.int32(1 << bit), sign, frames, shown, row, first, middle, single, most, cell)
+            _single(n, np.int32(1 << bit), sign, frames, shown, first, middle, found.single, found.most, cell)
         pairs += many
         bit += max(many, 1)
-    if source == FROM_PAIRS:
-        scale = _HALF / np.float32(max(pairs, 1))
-        for x in range(n):
-            middle[x] *= scale
-    far[:n] = _ZERO
-    up[:n] = _ZERO
-    down[:n] = _ZERO
-    clipped[:n] = np.uint8(0)
-    place[:n] = edges.inside
-    if _weak(n, read2, gain, loose, lone(source), middle, half, pair, single, weak):
-        for x in range(n):
-            if weak[x]:
-                misread(
-                    frames,
-                    clip,
-                    row,
-                    first,
-                    x,
-                    source,
-                    plain,
-                    inverse,
-                    cells,
-                    together,
-                    fringed,
-                    edges,
-                    read2,
-                    gain,
-                    loose,
-                    cell[x],
-                    middle[x],
-                    half[x],
-                    far,
-                    up,
-                    down,
-                    place,
-                    clipped,
-                )
-    _odd(n, read2, gain, beyond, middle, half, most, high, low, far)
-    if gray:
-        _of_gray(n, cell)
-    else:
-        _looked_up(n, cells, cell)
+    return pairs
 
 
 @fast_kernel
@@ -164,42 +110,30 @@ def _start(n: int, word: Array, pair: Array, single: Array, half: Array, middle:
 
 
 @leaf_kernel
-def _reference(
-    frames: Array,
-    row: int,
-    first: int,
-    n: int,
-    source: int,
-    white: int,
-    black: int,
-    plain: Array,
-    inverse: Array,
-    middle: Array,
-    half: Array,
-) -> None:
+def _reference(n: int, first: int, frames: Array, code: CodeRecord, middle: Array, half: Array) -> None:
     """Mid level and half contrast of each pixel, from white and black or from the extremes of the bits."""
-    if source == FROM_WHITE_BLACK:
-        _levels(n, frames, white, row, first, middle)
-        _levels(n, frames, black, row, first, half)
+    if code.source == FROM_WHITE_BLACK:
+        _levels(n, frames, code.white, first, middle)
+        _levels(n, frames, code.black, first, half)
     else:
         middle[:n] = -_HUGE
         half[:n] = _HUGE
-        for bit in range(len(plain)):
-            _extremes(n, frames, max(plain[bit], inverse[bit]), row, first, middle, half)
+        for bit in range(len(code.plain)):
+            _extremes(n, frames, max(code.plain[bit], code.inverse[bit]), first, middle, half)
     _between(n, middle, half)
 
 
 @apart_kernel
-def _levels(n: int, frames: Array, at: int, row: int, first: int, level: Array) -> None:
-    line = frames[at, row, first : first + n]
+def _levels(n: int, frames: Array, at: int, first: int, level: Array) -> None:
+    line = frames[at, 0, first : first + n]
     for x in range(n):
         level[x] = np.float32(line[x])
 
 
 @apart_kernel
-def _extremes(n: int, frames: Array, at: int, row: int, first: int, high: Array, low: Array) -> None:
+def _extremes(n: int, frames: Array, at: int, first: int, high: Array, low: Array) -> None:
     """high, low: of what they were and a frame."""
-    line = frames[at, row, first : first + n]
+    line = frames[at, 0, first : first + n]
     for x in range(n):
         level = np.float32(line[x])
         high[x] = level if level > high[x] else high[x]
@@ -243,7 +177,6 @@ def _pairs(
     frames: Array,
     plain: Array,
     inverse: Array,
-    row: int,
     first: int,
     middle: Array,
     half: Array,
@@ -260,10 +193,10 @@ def _pairs(
     """
     end = first + n
     k1, k2, k3 = bit + min(1, many - 1), bit + min(2, many - 1), bit + min(3, many - 1)
-    i0, j0 = frames[plain[bit], row, first:end], frames[inverse[bit], row, first:end]
-    i1, j1 = frames[plain[k1], row, first:end], frames[inverse[k1], row, first:end]
-    i2, j2 = frames[plain[k2], row, first:end], frames[inverse[k2], row, first:end]
-    i3, j3 = frames[plain[k3], row, first:end], frames[inverse[k3], row, first:end]
+    i0, j0 = frames[plain[bit], 0, first:end], frames[inverse[bit], 0, first:end]
+    i1, j1 = frames[plain[k1], 0, first:end], frames[inverse[k1], 0, first:end]
+    i2, j2 = frames[plain[k2], 0, first:end], frames[inverse[k2], 0, first:end]
+    i3, j3 = frames[plain[k3], 0, first:end], frames[inverse[k3], 0, first:end]
     b0, b1, b2, b3 = np.int32(1 << bit), np.int32(1 << k1), np.int32(1 << k2), np.int32(1 << k3)
     w1 = _ONE if many > 1 else _ZERO
     w2 = _ONE if many > 2 else _ZERO
@@ -296,7 +229,6 @@ def _single(
     sign: Any,
     frames: Array,
     at: int,
-    row: int,
     first: int,
     middle: Array,
     single: Array,
@@ -304,7 +236,7 @@ def _single(
     word: Array,
 ) -> None:
     """A bit shown without its inverse: its margin against the mid level, the least and the largest."""
-    line = frames[at, row, first : first + n]
+    line = frames[at, 0, first : first + n]
     for x in range(n):
         margin = sign * (np.float32(line[x]) - middle[x])
         size = abs(margin)

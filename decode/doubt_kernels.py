@@ -4,13 +4,11 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .jit import inline_kernel, leaf_kernel
+from .records import Camera, CellLines, CodeRecord
 
 __all__ = ["lone", "misread"]
-
-Array = NDArray[Any]
 
 #: Variance and contrast over noise that are reckoned with at least; 1 / sqrt(2), 1 / sqrt(2 pi).
 _LEAST_SPREAD, _LOWEST, _HALF_ROOT, _PEAK = 1e-12, 1e-3, math.sqrt(0.5), 1 / math.sqrt(2 * math.pi)
@@ -66,58 +64,37 @@ def _beside(x: float, height: float, share: float, reach: float) -> tuple[float,
 
 
 @leaf_kernel
-def misread(
-    frames: Array,
-    clip: float,
-    row: int,
-    first: int,
-    x: int,
-    source: int,
-    plain: Array,
-    inverse: Array,
-    cells: Array,
-    together: bool,
-    fringed: bool,
-    edges: Any,
-    read2: float,
-    gain: float,
-    loose: float,
-    word: int,
-    middle: float,
-    half: float,
-    far: Array,
-    up: Array,
-    down: Array,
-    place: Array,
-    clipped: Array,
-) -> None:
-    """Sum over bits of the probability that it is wrong, sorted by where the flipped bit would lead; mean
-    square of the place's error (place, cells^2), from those that lead to the next cell.
+def misread(x: int, first: int, camera: Camera, code: CodeRecord, found: CellLines) -> None:
+    """Sum over pixel x's bits of the probability that one is wrong, sorted by where the flipped bit would
+    lead; mean square of the place's error.
 
-    See code_kernels.code_tile; word, middle, half: of pixel x.
+    found.cell still holds words; set are far, up, down, place and clipped, at x.
 
     A bit that would lead far has its edge elsewhere, unless its edge is that of others, too (together), or
     it leads to the cell after the next but one: past the next one, should the finest bit be wrong besides.
     With fringes only that counts which leads away from the side on which the fringe lies: no edge is there.
     """
-    cell, beside, edged = cells[word], 0.0, together or not fringed
+    frames, clip, plain, inverse, cells = camera.frames, camera.clip, code.plain, code.inverse, code.cells
+    edges, together, word, half = code.edges, code.together, found.cell[x], found.half[x]
+    (read2, gain), middle, far, up, down = camera.of_code, found.middle[x], found.far, found.up, found.down
+    cell, beside, edged = cells[word], 0.0, together or not code.fringed
     on_edges, at_edges, off = 0.0, 0.0, 0.0
-    noise, systematic = float(read2 + gain * middle), float(loose * half) ** 2
+    noise, systematic = float(read2 + gain * middle), float(code.loose * half) ** 2
     for far_ones in range(2):
         for bit in range(len(plain)):
             step = cells[word ^ (1 << bit)] - cell
             if (abs(step) != 1) != (far_ones == 1):
                 continue
             if plain[bit] >= 0 and inverse[bit] >= 0:
-                raw, other = frames[plain[bit], row, first + x], frames[inverse[bit], row, first + x]
+                raw, other = frames[plain[bit], 0, first + x], frames[inverse[bit], 0, first + x]
                 margin = 0.5 * (np.float32(raw) - np.float32(other))
                 spread, lost = 0.5 * noise + systematic, raw >= clip and other >= clip
             else:
-                raw = frames[max(plain[bit], inverse[bit]), row, first + x]
+                raw = frames[max(plain[bit], inverse[bit]), 0, first + x]
                 margin = np.float32(raw) - middle
-                spread, lost = lone(source) * noise + systematic, raw >= clip and middle >= clip
+                spread, lost = lone(code.source) * noise + systematic, raw >= clip and middle >= clip
             if lost:
-                clipped[x] = 1
+                found.clipped[x] = 1
             sigma = math.sqrt(max(spread, _LEAST_SPREAD))
             seen, height = abs(float(margin)) / sigma, max(float(half) / sigma, _LOWEST)
             elsewhere = _wrong_far(seen, height * edges.contrast[bit])
@@ -140,4 +117,4 @@ def misread(
             else:
                 down[x] += wrong
         beside = min(float(up[x] + down[x]), 1.0)
-    place[x] = at_edges / max(on_edges, 1.0) + max(1 - on_edges, 0.0) * edges.inside + off
+    found.place[x] = at_edges / max(on_edges, 1.0) + max(1 - on_edges, 0.0) * edges.inside + off

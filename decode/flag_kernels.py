@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .jit import apart_kernel, fast_kernel, leaf_kernel, outer_kernel
+from .records import Camera, CellLines
 from .unwrap_kernels import UNKNOWN
 
 __all__ = [
@@ -127,22 +128,11 @@ def common_tile(
 
 
 @leaf_kernel
-def code_flags(
-    n: int,
-    read2: Any,
-    gain: Any,
-    black: Any,
-    cells: Any,
-    cell: Array,
-    far: Array,
-    half: Array,
-    middle: Array,
-    clipped: Array,
-    why: Array,
-) -> None:
+def code_flags(n: int, camera: Camera, cells: Any, found: CellLines, why: Array) -> None:
     """Flags of a code that stands alone: contrast, clipped bits, doubtful bits, cells off the pattern."""
-    _flag_half(n, read2, gain, black, half, middle, why)
-    _flag_cells(n, cells, cell, far, clipped, why)
+    read2, gain = camera.of_code
+    _flag_half(n, read2, gain, camera.dark, found.half, found.middle, why)
+    _flag_cells(n, cells, found.cell, found.far, found.clipped, why)
 
 
 @fast_kernel

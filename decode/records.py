@@ -13,6 +13,7 @@ __all__ = [
     "TILE",
     "AxisRecord",
     "Camera",
+    "CellLines",
     "CodeRecord",
     "Edges",
     "FringeRecord",
@@ -64,7 +65,14 @@ class Edges(NamedTuple):
 
 
 class CodeRecord(NamedTuple):
-    """Bits, see code_kernels.code_tile; pitch, origin: place of a cell; most: cells of the surface."""
+    """Bits of a code.
+
+    source: see code_kernels; white, black (frame numbers), plain, inverse (bits,): -1 = not shown, bit 0
+    least significant; cells: word -> cell, which for a Gray code (gray) is computed; together: bits change
+    together from cell to cell; fringed: a fringe tells where in a cell a pixel is; loose: systematic error of
+    a margin, in half contrasts; beyond: half contrasts by which a bit's level may pass white or black; pitch,
+    origin: place of a cell; most: cells of the surface.
+    """
 
     source: int
     white: int
@@ -81,6 +89,31 @@ class CodeRecord(NamedTuple):
     pitch: np.float32
     origin: np.float32
     most: np.int32
+
+
+class CellLines(NamedTuple):
+    """What a code tells of the pixels of a tile, (n,) each.
+
+    cell; weak: some bit is in doubt; probabilities that the truth is one cell up, one cell down, or anywhere
+    else (far; 1 where levels are no bit's); mean square of a place's error (place, cells^2); half contrast,
+    mid level; clipped = 1 where clipped samples make a bit unreadable. Room: least margins of bits with and
+    without inverse (pair, single), largest of the latter (most), extremes of a pair's sum (high, low).
+    """
+
+    cell: Array
+    weak: Array
+    far: Array
+    up: Array
+    down: Array
+    place: Array
+    half: Array
+    middle: Array
+    clipped: Array
+    pair: Array
+    single: Array
+    most: Array
+    high: Array
+    low: Array
 
 
 class FringeRecord(NamedTuple):

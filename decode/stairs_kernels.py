@@ -1,6 +1,6 @@
 """Compiled: the stairs of the cells, taken off pixel by pixel (see cells)."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from .jit import kernel, leaf_kernel
 from .steep_kernels import PLACES, likely_place, read_as
 
-__all__ = ["undo_rows"]
+__all__ = ["Footprint", "Points", "undo_rows"]
 
 Map = NDArray[Any]
 #: Steps of the inversion.
@@ -22,36 +22,49 @@ _HALF, _STEEP, _ALONE = 0.5, 0.4, 0.04
 _POINT = 1e-6
 
 
+class Points(NamedTuple):
+    """Stairs as a point sees them: periods, shares (G,), whose weighed mean a coordinate is; heights
+    (G, 2, K): the sidebands of each, m = 1, 2, ... and -1, -2, ..."""
+
+    periods: Map
+    shares: Map
+    heights: Map
+
+
+class Footprint(NamedTuple):
+    """Of a pixel: `fill` times the gradient of guide (H, W) over at most `reach` pixels on either side that
+    have no flag (H, W)."""
+
+    fill: float
+    guide: Map
+    reach: int
+    flags: Map
+
+
 @kernel
 def undo_rows(
     start: int,
     stop: int,
-    periods: Map,
-    shares: Map,
-    heights: Map,
-    fill: float,
-    guide: Map,
-    reach: int,
+    points: Points,
+    footprint: Footprint,
     doubt: float,
     gentle: float,
     extent: float,
-    flags: Map,
     seen: Map,
     coord: Map,
     sigma: Map,
 ) -> None:
     """coord: solution of coord + e(coord) = seen; where stairs are steep, the mean of what it may be.
 
-    periods, shares (G,): whose weighed mean a coordinate is; heights (G, 2, K): the sidebands of each that a
-    point would see, m = 1, 2, ... and -1, -2, ...; the footprint is `fill` times the gradient of guide (H, W)
-    over at most `reach` pixels on either side that have no flag; doubt: share of the stairs' variance that is
-    reckoned as unknown; gentle: largest slope of stairs (-1 on a tread) that are inverted;
-    extent: cells along the axis.
+    doubt: share of the stairs' variance that is reckoned as unknown; gentle: largest slope of stairs (-1 on a
+    tread) that are inverted; extent: cells along the axis; seen, coord, sigma (H, W).
     """
+    periods, shares, heights = points
+    fill, guide, reach, flags = footprint
     bands, weights, waves = np.empty(heights.shape), np.empty(len(shares)), np.empty((2, heights.shape[2]))
     room, kept = np.empty((4, PLACES), np.float32), np.empty((_KEPT, PLACES + 1), np.float32)
     known = np.full((_KEPT, 3), -1.0)  # footprint, variance and largest slope of its stairs
-    _seen_by(0.0, 0.0, periods, shares, heights, waves, weights, bands)
+    _seen_by(0.0, 0.0, points, waves, weights, bands)
     # low stairs are gentle whatever the footprint
     sharp = _variance(periods, weights, bands)[1] >= gentle
     for row in range(start, stop):
@@ -68,7 +81,7 @@ def undo_rows(
                 key = right * _MANY + below
                 slot = int(key) % _KEPT
                 if known[slot, 0] != key:
-                    _seen_by(_FINE * right, _FINE * below, periods, shares, heights, waves, weights, bands)
+                    _seen_by(_FINE * right, _FINE * below, points, waves, weights, bands)
                     known[slot, 0] = key
                     known[slot, 1], known[slot, 2] = _variance(periods, weights, bands)
                     read_as(periods, weights, bands, room, kept[slot])
@@ -76,7 +89,7 @@ def undo_rows(
                 place, variance = likely_place(target, noise + doubt * known[slot, 1], kept[slot])
                 slope = known[slot, 2]
             else:
-                _seen_by(along, down, periods, shares, heights, waves, weights, bands)
+                _seen_by(along, down, points, waves, weights, bands)
                 place, variance = _inverted(target, noise, periods, weights, bands, waves)
                 stairs, slope = _variance(periods, weights, bands)
                 variance += doubt * stairs
@@ -113,17 +126,9 @@ def _gradient(row: int, col: int, reach: int, guide: Map, flags: Map) -> float:
 
 
 @leaf_kernel
-def _seen_by(
-    along: float,
-    down: float,
-    periods: Map,
-    shares: Map,
-    heights: Map,
-    waves: Map,
-    weights: Map,
-    bands: Map,
-) -> None:
+def _seen_by(along: float, down: float, points: Points, waves: Map, weights: Map, bands: Map) -> None:
     """weights (G,), bands (G, 2, K): of a pixel that averages so many cells along its sides."""
+    periods, shares, heights = points
     for g in range(len(shares)):
         weights[g] = shares[g]
         for k in range(heights.shape[2]):

@@ -20,7 +20,7 @@ from .arrays import chi_squared_limit
 from .display_kernels import MOST_LOST
 from .noise import QUANTISATION, Noise
 from .plan import AxisPlan, Stripes
-from .sweep_kernels import stripe_rows
+from .sweep_kernels import StripeFit, Swept, stripe_rows
 from .table_decoder import flags_of_fit, sampled_rows, store
 
 __all__ = ["Sweep", "calibrated", "stripe_step", "sweep_faults"]
@@ -93,8 +93,8 @@ def calibrated(frames: Map, clip: float, stripes: Stripes, noise: Noise | None =
     for share in _BLURS:
         sweep = _sweep(stripes, share)
         found = _measure(sample, clip, sweep, 0, sample.shape[1])
-        lit = (found.scale > 0.25 * np.percentile(found.scale, 95)) & (found.count > 3)
-        freedom = np.maximum(found.count[lit] - 3, 1)
+        lit = (found.scale > 0.25 * np.percentile(found.scale, 95)) & (found.samples > 3)
+        freedom = np.maximum(found.samples[lit] - 3, 1)
         each = found.misfit[lit] / freedom
         noise2 = max(_usual(each) if lit.any() else 0.0, QUANTISATION)
         if best is None or noise2 < best[0]:
@@ -115,7 +115,7 @@ def _usual(squares: Map) -> float:
     return float((middle / (1 - x**2)) ** 3)
 
 
-def _noise(sample: Map, stripes: Stripes, found: "_Found", lit: Map, noise2: float) -> Noise:
+def _noise(sample: Map, stripes: Stripes, found: StripeFit, lit: Map, noise2: float) -> Noise:
     """Of the levels: noise2 where a stripe passed, and what the frames show long before and after that. Where
     they do not, more than quantisation grows with the light: sigma is rather too large.
     """
@@ -141,36 +141,30 @@ def _noise(sample: Map, stripes: Stripes, found: "_Found", lit: Map, noise2: flo
     return Noise(noise2 - gain * float(np.median(found.mean[lit])), gain)
 
 
-@dataclass(frozen=True, slots=True)
-class _Found:
-    """Of a block of rows, as sweep_kernels.stripe_rows gives it."""
-
-    coord: Map
-    curvature: Map
-    misfit: Map
-    offset: Map
-    scale: Map
-    count: Map
-    rival: Map
-    level: Map
-    mean: Map
-
-
 def _variance(noise: Noise, level: Map) -> Map:
     """Of samples at these levels; a response's inverse may magnify the noise of dark ones."""
     return np.maximum(noise.read2 + noise.gain * level, QUANTISATION)
 
 
-def _measure(frames: Map, clip: float, sweep: Sweep, start: int, stop: int) -> _Found:
-    shape = (stop - start, frames.shape[2])
-    coord, count = np.empty(shape), np.empty(shape, np.int32)
-    curvature, misfit, offset, scale, rival, level, mean = (np.empty(shape, np.float32) for _ in range(7))
+def _measure(frames: Map, clip: float, sweep: Sweep, start: int, stop: int) -> StripeFit:
+    def room(kind: Any = np.float32) -> Map:
+        return np.empty((stop - start, frames.shape[2]), kind)
+
     stripes = sweep.stripes
-    stripe_rows(
-        *(frames, clip, start, stop, stripes.index, stripes.at, sweep.profile, float(_PER_PX), sweep.window),
-        *(coord, curvature, misfit, offset, scale, count, rival, level, mean),
+    swept = Swept(stripes.index, stripes.at, sweep.profile, float(_PER_PX), sweep.window)
+    found = StripeFit(
+        coord=room(np.float64),
+        curvature=room(),
+        misfit=room(),
+        offset=room(),
+        scale=room(),
+        samples=room(np.int32),
+        rival=room(),
+        level=room(),
+        mean=room(),
     )
-    return _Found(coord, curvature, misfit, offset, scale, count, rival, level, mean)
+    stripe_rows(frames, clip, start, stop, swept, found)
+    return found
 
 
 def stripe_step(
@@ -190,7 +184,7 @@ def stripe_step(
         found = _measure(frames, clip, sweep, start, stop)
         noise2 = _variance(sweep.noise, found.mean)
         why = flags_of_fit(
-            found.curvature, found.misfit, found.scale, found.count, found.offset, noise2, sweep.limit
+            found.curvature, found.misfit, found.scale, found.samples, found.offset, noise2, sweep.limit
         )
         odds = np.clip((found.scale**2 - np.maximum(found.rival, 0) ** 2) / (2 * noise2), 0, 80)
         wrong = 1 / (1 + np.exp(odds))
