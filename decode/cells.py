@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from optolever.blocks import over_rows
 
 from .gathering import contradicted, gathered, solve_stairs
-from .plan import Fringe
+from .plan import AxisPlan
 from .sample import quantile
 from .stairs_kernels import Footprint, Points, undo_rows
 from .unwrap_kernels import MUCH_FINER
@@ -72,15 +72,15 @@ class Stairs:
         return self if told else replace(self, left=left, unsure=unsure)
 
 
-def given_stairs(fringes: tuple[Fringe, ...], blur_px: float) -> Stairs:
+def given_stairs(axis: AxisPlan, blur_px: float) -> Stairs:
     """Those of a known blur, rms in cells."""
     nothing = np.zeros(0)
-    return Stairs(_shares(fringes), left_by(blur_px), 1.0, nothing, nothing)
+    return Stairs(_shares(axis), left_by(blur_px), 1.0, nothing, nothing)
 
 
-def read_stairs(fringes: tuple[Fringe, ...], coord: Map, sigma: Map, flags: Map) -> Stairs:
-    """What decoded maps (H, W) tell of them; fringes: from coarse to fine."""
-    shares, seen = _shares(fringes), gathered(coord, sigma, flags, _changes_down(coord))
+def read_stairs(axis: AxisPlan, coord: Map, sigma: Map, flags: Map) -> Stairs:
+    """What decoded maps (H, W) tell of them."""
+    shares, seen = _shares(axis), gathered(coord, sigma, flags, _changes_down(coord))
     return Stairs(shares, *solve_stairs(*seen, shares), *seen)
 
 
@@ -96,7 +96,8 @@ def take_off_stairs(stairs: Stairs, extent: int, coord: Map, sigma: Map, flags: 
     gentle = _UNEVEN if _usual(sigma) > _NOISY else _GENTLE
     # where the gradient changes, its mean is not the footprint; once low stairs are off, it can be had nearby
     for reach, doubt in _REACHES if stairs.left < _LOW else _REACHES[:1]:
-        footprint = Footprint(stairs.fill, coord.copy(), reach, flags)
+        uneven = 0.0 if stairs.left < _LOW else stairs.left * 12**-0.5
+        footprint = Footprint(stairs.fill, coord.copy(), reach, flags, uneven)
         rest = min(doubt + stairs.unsure**2, 1.0), gentle, float(extent), seen, coord, sigma
         sigma[...] = noise
         over_rows(partial(_undo, points, footprint, rest), len(coord), 64)
@@ -106,8 +107,13 @@ def _undo(points: Points, footprint: Footprint, rest: tuple[Any, ...], start: in
     undo_rows(start, stop, points, footprint, *rest)
 
 
-def _shares(fringes: tuple[Fringe, ...]) -> F64:
-    """Periods whose mean a coordinate is, and their shares in it (G, 2), as in unwrap_kernels."""
+def _shares(axis: AxisPlan) -> F64:
+    """Periods whose mean a coordinate is, and their shares in it (G, 2), as in unwrap_kernels. A swept stripe
+    is one period of a cosine; of free grey values, a pixel reads the mean of the cells that it sees."""
+    fringes = axis.fringes
+    if axis.levels or not fringes:
+        period = 2 * axis.stripes.width if axis.stripes and not axis.levels else axis.extent
+        return np.array([[period, 1.0]])
     periods = [fringe.period for fringe in fringes]
     first = max((g for g in range(1, len(periods)) if periods[g] * MUCH_FINER < periods[g - 1]), default=0)
     told = np.array([len(fringe.index) / fringe.period**2 for fringe in fringes[first:]])

@@ -26,7 +26,7 @@ from .records import Near
 from .response import Response
 from .rows import Maps, axes_step, near_of, near_step, shadow_step
 from .survey import is_continuous, survey
-from .sweep import stripe_step
+from .sweep import stripe_step, swept_alone
 from .swing import Blur
 from .table_decoder import by_table, shown_on, subpixel_step, table_step
 
@@ -149,6 +149,9 @@ def _decoded(
     _flag_wrong_frames(examine(job.frames, wanted, found, tuple(faults)), found)
 
     high = [axis for axis in on_display if not tables[axis.axis].stairs]
+    if on_cells and not sequence.nominal:
+        within = [axis for axis in wanted.axes if subpixel and axis.code is not None and not axis.fringes]
+        high += within + [axis for axis in wanted.axes if swept_alone(axis) or by_table(axis)]
     _take_off_stairs(high, maps, blur_px, blurs)
     return found
 
@@ -160,9 +163,9 @@ def _take_off_stairs(
 
     def read(axis: AxisPlan) -> Stairs:
         if blur_px is not None:
-            return given_stairs(axis.fringes, blur_px)
-        own = read_stairs(axis.fringes, *maps.of(axis.axis), maps.flags)
-        blur = measured[axis.axis]
+            return given_stairs(axis, blur_px)
+        own = read_stairs(axis, *maps.of(axis.axis), maps.flags)
+        blur = measured.get(axis.axis)
         if blur is None:
             return own
         # the contrast of long periods tells little of it
@@ -239,12 +242,13 @@ def _step(
 ) -> Work:
     """The work on a block of rows for one axis: which decoder its frames ask for."""
     own, common = maps.of(axis.axis), maps.common
-    if axis.stripes is not None and not (axis.code or axis.fringes or axis.levels):
+    if swept_alone(axis):
         return stripe_step(job.light, job.bright, axis, joined, own, common, job.told)
     if by_table(axis):
         shown, even = shown_on(sequence, wanted, axis), job.light is job.frames
         return table_step(job.light, job.bright, shown, axis, joined, own, common, even)
     step = axes_step(job, sequence, wanted, (axis,), tables, maps, near=near, joined=joined)
     if subpixel and axis.code is not None and not axis.fringes:
-        return subpixel_step(job.light, job.bright, shown_on(sequence, wanted, axis), step, own)
+        shown = shown_on(sequence, wanted, axis)
+        return subpixel_step(job.light, job.bright, shown, step, own, job.noise.read2)
     return step

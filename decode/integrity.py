@@ -142,7 +142,7 @@ def _of_sweeps(stack: NDArray[Any], wanted: Plan) -> Iterator[Finding]:
     for axis in sorted(wanted.axes, key=lambda axis: min(axis.stripes.index) if axis.stripes else 0):
         if axis.stripes is None:
             continue
-        fault = sweep_faults(stack, clip, axis.stripes)
+        fault = sweep_faults(stack, clip, axis.stripes, axis.extent)
         if fault is not None:
             kind, frames = fault
             after = tuple(range(frames[0], len(stack))) if kind in ("lost", "repeated") else frames

@@ -33,12 +33,14 @@ class Points(NamedTuple):
 
 class Footprint(NamedTuple):
     """Of a pixel: `fill` times the gradient of guide (H, W) over at most `reach` pixels on either side that
-    have no flag (H, W)."""
+    have no flag (H, W); uneven: rms change of a coordinate over that of a footprint, whose error is told by
+    half the reach (0: it does not matter)."""
 
     fill: float
     guide: Map
     reach: int
     flags: Map
+    uneven: float
 
 
 @kernel
@@ -60,7 +62,7 @@ def undo_rows(
     tread) that are inverted; extent: cells along the axis; seen, coord, sigma (H, W).
     """
     periods, shares, heights = points
-    fill, guide, reach, flags = footprint
+    fill, guide, reach, flags, uneven = footprint
     bands, weights, waves = np.empty(heights.shape), np.empty(len(shares)), np.empty((2, heights.shape[2]))
     room, kept = np.empty((4, PLACES), np.float32), np.empty((_KEPT, PLACES + 1), np.float32)
     known = np.full((_KEPT, 3), -1.0)  # footprint, variance and largest slope of its stairs
@@ -95,6 +97,10 @@ def undo_rows(
                 variance += doubt * stairs
             if slope >= _STEEP and not _HALF < target < extent - 1 - _HALF:
                 variance += _ALONE
+            if uneven > 0:
+                apart = along - fill * _gradient(row, col, reach // 2, guide, flags)
+                below_it = down - fill * _gradient(col, row, reach // 2, guide.T, flags.T)
+                variance += uneven * uneven * (apart * apart + below_it * below_it)
             coord[row, col] = place
             sigma[row, col] = np.sqrt(variance)
 

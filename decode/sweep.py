@@ -23,7 +23,7 @@ from .plan import AxisPlan, Stripes
 from .sweep_kernels import StripeFit, Swept, stripe_rows
 from .table_decoder import flags_of_fit, sampled_rows, store
 
-__all__ = ["Sweep", "calibrated", "stripe_step", "sweep_faults"]
+__all__ = ["Sweep", "calibrated", "stripe_step", "sweep_faults", "swept_alone"]
 
 Map = NDArray[Any]
 F64 = NDArray[np.float64]
@@ -86,22 +86,43 @@ def _sweep(stripes: Stripes, share: float | None) -> Sweep:
     return Sweep(stripes, _profile(stripes.width, blur), wide, window, Noise(QUANTISATION))
 
 
+@dataclass(frozen=True, slots=True)
+class _Trial:
+    """A blur (share of the stripe's width), what the sample shows of it, which pixels are lit, and the
+    variance of a sample about it."""
+
+    share: float | None
+    sweep: Sweep
+    found: StripeFit
+    lit: Map
+    noise2: float
+
+
+def _tried(sample: Map, clip: float, stripes: Stripes, share: float | None) -> _Trial:
+    sweep = _sweep(stripes, share)
+    found = _measure(sample, clip, sweep, 0, sample.shape[1])
+    lit = (found.scale > 0.25 * np.percentile(found.scale, 95)) & (found.samples > 3)
+    each = found.misfit[lit] / np.maximum(found.samples[lit] - 3, 1)
+    return _Trial(share, sweep, found, lit, max(_usual(each) if lit.any() else 0.0, QUANTISATION))
+
+
 def calibrated(frames: Map, clip: float, stripes: Stripes, noise: Noise | None = None) -> Sweep:
     """Blur and noise from some rows; the noise as it is given, if it is."""
     sample = np.ascontiguousarray(frames[:, sampled_rows(frames.shape[1])])
-    best = None
-    for share in _BLURS:
-        sweep = _sweep(stripes, share)
-        found = _measure(sample, clip, sweep, 0, sample.shape[1])
-        lit = (found.scale > 0.25 * np.percentile(found.scale, 95)) & (found.samples > 3)
-        freedom = np.maximum(found.samples[lit] - 3, 1)
-        each = found.misfit[lit] / freedom
-        noise2 = max(_usual(each) if lit.any() else 0.0, QUANTISATION)
-        if best is None or noise2 < best[0]:
-            best = noise2, sweep, found, lit
-    assert best is not None
-    noise2, sweep, found, lit = best
-    return replace(sweep, noise=noise or _noise(sample, stripes, found, lit, noise2))
+    trials = [_tried(sample, clip, stripes, share) for share in _BLURS]
+    k = int(np.argmin([trial.noise2 for trial in trials]))
+    best = trials[k]
+    if 1 < k < len(trials) - 1:
+        best = _tried(sample, clip, stripes, _lowest(trials[k - 1 : k + 2]))
+    sweep = best.sweep
+    return replace(sweep, noise=noise or _noise(sample, stripes, best.found, best.lit, best.noise2))
+
+
+def _lowest(three: list[_Trial]) -> float:
+    """Blur where a parabola through their variances, over the blur's square, is lowest."""
+    at = np.array([float(trial.share or 0.0) ** 2 for trial in three])
+    bend, slope, _ = np.polyfit(at, [trial.noise2 for trial in three], 2)
+    return float(np.sqrt(np.clip(-slope / (2 * bend), at[0], at[-1])) if bend > 0 else np.sqrt(at[1]))
 
 
 def _usual(squares: Map) -> float:
@@ -167,6 +188,11 @@ def _measure(frames: Map, clip: float, sweep: Sweep, start: int, stop: int) -> S
     return found
 
 
+def swept_alone(axis: AxisPlan) -> bool:
+    """Whether swept stripes are all that was shown along an axis."""
+    return axis.stripes is not None and not (axis.code or axis.fringes or axis.levels)
+
+
 def stripe_step(
     frames: Map,
     clip: float,
@@ -212,8 +238,10 @@ def _border(coord: Map, extent: int, blur: float) -> tuple[Map, Map]:
     return lost, moved
 
 
-def sweep_faults(frames: Map, clip: float, stripes: Stripes) -> tuple[str, tuple[int, ...]] | None:
-    """What happened to a sweep (replaced | swapped | lost | repeated) and the frames that it happened to.
+def sweep_faults(
+    frames: Map, clip: float, stripes: Stripes, extent: int
+) -> tuple[str, tuple[int, ...]] | None:
+    """What happened to a sweep over `extent` cells (replaced | swapped | lost | repeated), and to which.
 
     Of `lost` and `repeated` the first frame is the one from which on all are in wrong places. None: nothing.
     """
@@ -223,6 +251,8 @@ def sweep_faults(frames: Map, clip: float, stripes: Stripes) -> tuple[str, tuple
     def misfits(trial: Stripes) -> tuple[Map, Map]:
         found = _measure(sample, clip, replace(sweep, stripes=trial), 0, sample.shape[1])
         lit = found.scale > 0.25 * np.percentile(found.scale, 95)
+        # at the border, light is missing whatever was shown
+        lit &= _border(found.coord, extent, sweep.blur)[0] <= MOST_LOST
         noise2 = _variance(sweep.noise, found.mean)
         return found.coord, np.where(lit, np.minimum(found.misfit / (sweep.limit * noise2), 4.0), 0.0)
 

@@ -11,13 +11,13 @@ from .table_kernels import residual
 __all__ = ["StripeFit", "Swept", "stripe_rows"]
 
 Array = NDArray[Any]
-#: Places within the window that are tried.
+#: Steps within the window that are tried.
 _STEPS = 32
 
 
 class Swept(NamedTuple):
-    """frame (M,): numbers in the order of the stripes' places at (M,), pattern px; profile: light at distances
-    0, 1, 2, ... / per_px; window: frames on either side of the brightest that are fitted."""
+    """frame (M,): numbers in the order of the stripes' places at (M,), pattern px; profile: light at
+    distances 0, 1, 2, ... / per_px; window: frames on either side of the brightest that are fitted."""
 
     frame: Array
     at: Array
@@ -28,8 +28,8 @@ class Swept(NamedTuple):
 
 class StripeFit(NamedTuple):
     """Of a block of rows (R, W). coord, whose variance is that of a sample over curvature = d^2 RSS / du^2
-    / 2; misfit = RSS, offset A, scale B of I = A + B t, samples that are not clipped; rival = brightest sample
-    outside the window minus offset; level, mean: see _levels."""
+    / 2; misfit = RSS, offset A, scale B of I = A + B t, samples that are not clipped; rival = brightest
+    sample outside the window minus offset; level, mean: see _levels."""
 
     coord: Array
     curvature: Array
@@ -115,13 +115,13 @@ def _fit(
         used[k] = light[k] < clip
         samples += used[k]
     span = 0.5 * (at[high] - at[low]) / window
-    best = 0
+    best, pitch = 0, 2 * span / _STEPS
     for f in range(_STEPS + 1):
-        _show(at[peak] + (2.0 * f / _STEPS - 1) * span, low, swept, shown)
+        _show(at[peak] - span + f * pitch, low, swept, shown)
         values[f] = residual(light, used, shown)[0]
         if values[f] < values[best]:
             best = f
-    shift, bend, pitch = 0.0, 0.0, 2 * span / _STEPS
+    shift, bend = 0.0, 0.0
     if 0 < best < _STEPS:
         bend = values[best - 1] - 2 * values[best] + values[best + 1]
         shift = 0.5 * (values[best - 1] - values[best + 1]) / bend if bend > 0 else 0.0

@@ -142,13 +142,17 @@ def table_step(
         wrong = 1 / (1 + np.exp(np.clip((rival - misfit) / (2 * noise2), -80, 80)))
         why = flags_of_fit(curvature, misfit, scale, count, offset, noise2, limit)
         why |= np.where(wrong > _DOUBT, _ORDER, 0) | (_MOVED if wrong_frames else 0)
-        place = np.clip((np.nan_to_num(coord) + 0.5) * _PER_CELL, 0, len(lost) - 1).astype(np.int64)
-        why |= np.where(lost[place] > MOST_LOST, _OFF, 0)
+        why |= np.where(lost[_fine_place(coord, len(lost))] > MOST_LOST, _OFF, 0)
         with np.errstate(divide="ignore"):
             variance = noise2 / curvature * _excess(misfit, count, noise2)
         store(start, stop, coord, variance, why, wrong, scale, offset, axis, joined, maps, common)
 
     return step
+
+
+def _fine_place(coord: Map, places: int) -> NDArray[np.int64]:
+    """Of Shown.fine's places, those of coordinates."""
+    return np.clip((np.nan_to_num(coord) + 0.5) * _PER_CELL, 0, places - 1).astype(np.int64)
 
 
 def _most_noise(sample: Map, shown: Shown) -> float:
@@ -171,17 +175,25 @@ def _excess(misfit: Map, count: Map, noise2: float) -> Map:
     return np.asarray(np.maximum(misfit / (freedom * noise2) - 2 * np.sqrt(2 / freedom), 1.0))
 
 
-def subpixel_step(frames: Map, clip: float, shown: Shown, coarse: Work, maps: tuple[Map, Map]) -> Work:
-    """Work on a block of rows: answers within the cells that `coarse` found, where blur tells them apart."""
+def subpixel_step(
+    frames: Map, clip: float, shown: Shown, coarse: Work, maps: tuple[Map, Map], least: float
+) -> Work:
+    """Work on a block of rows: answers within the cells that `coarse` found, where blur tells them apart.
+
+    least: variance of a sample, at least; residuals tell less where most bits are black, clipped at zero.
+    """
     sample = sampled_rows(frames.shape[1])
     for row in sample:
         coarse(int(row), int(row) + 1)
     blur, noise2 = _calibrate(np.ascontiguousarray(frames[:, sample]), clip, shown, maps[0][sample])
+    noise2 = max(noise2, least)
     flat = _flat_variance(np.ascontiguousarray(frames[:, sample]), clip, shown, maps[0][sample])
     if flat < 1.5 * noise2:
         return coarse
     fine = shown.fine(blur)
-    limit = chi_squared_limit(len(shown.index) - 3)
+    limit = 3 * chi_squared_limit(len(shown.index) - 3)
+    # next to the border, what is missing beyond it moves all edges
+    inner = shown.lost(blur) <= MOST_LOST
 
     def step(start: int, stop: int) -> None:
         coarse(start, stop)
@@ -189,6 +201,7 @@ def subpixel_step(frames: Map, clip: float, shown: Shown, coarse: Work, maps: tu
         coord, curvature, misfit, _, _, count = _refine(frames, clip, start, stop, shown, fine, cell)
         error = np.sqrt(noise2 / np.maximum(curvature, 1e-12) * _excess(misfit, count, noise2))
         better = (np.abs(coord - cell) < 1.5) & (error < sigma) & (misfit < limit * noise2)
+        better &= inner[_fine_place(coord, len(inner))]
         maps[0][start:stop] = np.where(better, coord, cell)
         maps[1][start:stop] = np.where(better, np.maximum(error, 0.01), sigma)
 

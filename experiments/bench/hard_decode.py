@@ -124,6 +124,8 @@ CONDITIONS = (
     Condition("saturation at 255 of 300", sensor=Sensor(offset=16.0, exposure=284 / 255)),
     Condition("gamma 2.2", display=Display(gamma=2.2)),
     Condition("defocus", blur=3.0),
+    Condition("sharp display", blur=0.0),
+    Condition("sharp display, low noise", blur=0.15, noise=0.3),
     Condition("one-pixel stripes at the camera's limit", cells=2.0),
     Condition("steep", dent="rounded-needle:peak=6"),
     Condition("folded", dent="gaussian:peak=2,sigma=9"),
