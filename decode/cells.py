@@ -23,13 +23,14 @@ from numpy.typing import NDArray
 
 from optolever.blocks import over_rows
 
-from .gathering import contradicted, gathered, solve_stairs
+from .gathering import contradicted, gathered, largest_left, solve_stairs
 from .plan import AxisPlan
 from .sample import quantile
 from .stairs_kernels import Footprint, Points, undo_rows
+from .swing import Blur
 from .unwrap_kernels import MUCH_FINER
 
-__all__ = ["Stairs", "given_stairs", "left_by", "read_stairs", "take_off_stairs"]
+__all__ = ["Stairs", "given_stairs", "read_stairs", "take_off_stairs"]
 
 Map = NDArray[Any]
 F64 = NDArray[np.float64]
@@ -54,7 +55,7 @@ class Stairs:
     """Of one axis. shares (G, 2): periods, and their shares in the coordinate; left: T, 0 where it is not
     known; fill: footprint over gradient, below 1 where stairs are higher than a footprint that fills it
     allows; seen, gradient (K,): how much runs of pixels gather at cells, and their gradients; unsure: T's
-    relative error.
+    relative error; told: something tells T, were it that it is 0.
     """
 
     shares: F64
@@ -63,19 +64,32 @@ class Stairs:
     seen: F64
     gradient: F64
     unsure: float = 0.0
+    told: bool = False
 
     def known(self, left: float, unsure: float = 0.0) -> "Stairs":
         """With a T from elsewhere, unless these coordinates contradict it."""
         if self.left > 0 or left < _NEGLIGIBLE:
             return self
-        told = contradicted(left, self.seen, self.gradient, self.shares)
-        return self if told else replace(self, left=left, unsure=unsure)
+        if contradicted(left, self.seen, self.gradient, self.shares):
+            return replace(self, told=True)
+        return replace(self, left=left, unsure=unsure, told=True)
+
+    def of_blur(self, blur: Blur | None) -> "Stairs":
+        """With the T of a measured blur, if there is one, where the coordinates do not tell it."""
+        if blur is None:
+            return self
+        return replace(self.known(_left_by(blur.rms), 2 * np.pi**2 * blur.square_error), told=True)
+
+    @property
+    def at_most(self) -> float:
+        """T that is not surely too large, where nothing tells it."""
+        return 0.0 if self.told or self.left > 0 else largest_left(self.seen, self.gradient)
 
 
 def given_stairs(axis: AxisPlan, blur_px: float) -> Stairs:
     """Those of a known blur, rms in cells."""
     nothing = np.zeros(0)
-    return Stairs(_shares(axis), left_by(blur_px), 1.0, nothing, nothing)
+    return Stairs(_shares(axis), _left_by(blur_px), 1.0, nothing, nothing, told=True)
 
 
 def read_stairs(axis: AxisPlan, coord: Map, sigma: Map, flags: Map) -> Stairs:
@@ -91,6 +105,8 @@ def take_off_stairs(stairs: Stairs, extent: int, coord: Map, sigma: Map, flags: 
     put at its middle, with the rms (1 - w) / sqrt(12) of a place on it: see steep_kernels.
     """
     if stairs.left < _NEGLIGIBLE:
+        if stairs.at_most > _NEGLIGIBLE:
+            _widen(stairs.at_most, coord, sigma)
         return
     points, seen, noise = _of_points(stairs), coord.copy(), sigma.copy()
     gentle = _UNEVEN if _usual(sigma) > _NOISY else _GENTLE
@@ -101,6 +117,24 @@ def take_off_stairs(stairs: Stairs, extent: int, coord: Map, sigma: Map, flags: 
         rest = min(doubt + stairs.unsure**2, 1.0), gentle, float(extent), seen, coord, sigma
         sigma[...] = noise
         over_rows(partial(_undo, points, footprint, rest), len(coord), 64)
+
+
+def _widen(left: float, coord: Map, sigma: Map) -> None:
+    """Add the stairs themselves to sigma, in place, where they may be there and nobody knows."""
+    along, down = (_gradient(coord, _REACHES[0][0], axis) for axis in (1, 0))
+    height = (
+        left ** (k * k) * np.sinc(k * along) * np.sinc(k * down) / (np.pi * k) for k in range(1, _TERMS + 1)
+    )
+    sigma[...] = np.sqrt(sigma**2 + sum(0.5 * one * one for one in height))
+
+
+def _gradient(coord: Map, reach: int, axis: int) -> F64:
+    """Size of coord's gradient (H, W) along an image axis, over `reach` pixels on either side; 0: none."""
+    at = np.arange(coord.shape[axis])
+    low, high = np.maximum(at - reach, 0), np.minimum(at + reach, len(at) - 1)
+    step = coord.take(high, axis) - coord.take(low, axis)
+    apart = np.maximum(high - low, 1).reshape(-1, 1) if axis == 0 else np.maximum(high - low, 1)
+    return np.asarray(np.abs(np.nan_to_num(step / apart, posinf=0.0, neginf=0.0)))
 
 
 def _undo(points: Points, footprint: Footprint, rest: tuple[Any, ...], start: int, stop: int) -> None:
@@ -139,7 +173,7 @@ def _usual(sigma: Map) -> float:
     return quantile(known, 0.5) if len(known) else 0.0
 
 
-def left_by(blur_px: float) -> float:
+def _left_by(blur_px: float) -> float:
     """T of a Gaussian blur, rms in cells."""
     return float(np.exp(-2 * (np.pi * blur_px) ** 2))
 

@@ -12,7 +12,7 @@ from optolever.blocks import Work, on_cores, over_blocks, shrinking
 from optolever.patterns import Sequence
 
 from .blur import measured_blur
-from .cells import Stairs, given_stairs, left_by, read_stairs, take_off_stairs
+from .cells import Stairs, given_stairs, read_stairs, take_off_stairs
 from .correspondence import Correspondence, Flag
 from .display import Tables, display_tables
 from .exposures import better_of, by_exposure
@@ -26,7 +26,7 @@ from .records import Near
 from .response import Response
 from .rows import Maps, axes_step, near_of, near_step, shadow_step
 from .survey import is_continuous, survey
-from .sweep import stripe_step, swept_alone
+from .sweep import Sweep, calibrated, stripe_step, swept_alone
 from .swing import Blur
 from .table_decoder import by_table, shown_on, subpixel_step, table_step
 
@@ -78,7 +78,14 @@ def decode(
 
         def stripes(sums: Frames, swept: Sequence, full: float, summed: int) -> Correspondence:
             of_sums = None if noise is None else float(np.sqrt(summed * (noise**2 + rounding)))
-            return decode(sums, swept, noise=of_sums, gain=gain, white_level=full)
+            return decode(
+                *(sums, swept),
+                noise=of_sums,
+                gain=gain,
+                white_level=full,
+                blur_px=blur_px,
+                on_cells=on_cells,
+            )
 
         return by_raster(stack, sequence, raster, clip, levels_of(stack, response)[0], stripes)
     found = []
@@ -119,6 +126,11 @@ def _decoded(
             known = blurs[axis.axis] = usual if blur is None else blur
             rms = None if known is None else known.rms
             tables[axis.axis] = display_tables(sequence, axis, footprints[axis.axis], rms)
+    sweeps = {
+        axis.axis: calibrated(job.light, job.bright, axis.stripes, job.told)
+        for axis in wanted.axes
+        if axis.stripes is not None and swept_alone(axis)
+    }
     near = near_of(job, wanted, blurs, footprints, maps)
     neighbours = near_step(near, maps)
     cuts = shrinking(height, _BLOCK)
@@ -128,7 +140,7 @@ def _decoded(
             block = _with_seams(block, neighbours, height)
     else:
         block = _one_by_one(
-            _step(job, sequence, wanted, axis, subpixel, tables, maps, near, i > 0)
+            _step(job, sequence, wanted, axis, subpixel, tables, sweeps, maps, near, i > 0)
             for i, axis in enumerate(wanted.axes)
         )
 
@@ -152,29 +164,31 @@ def _decoded(
     if on_cells and not sequence.nominal:
         within = [axis for axis in wanted.axes if subpixel and axis.code is not None and not axis.fringes]
         high += within + [axis for axis in wanted.axes if swept_alone(axis) or by_table(axis)]
-    _take_off_stairs(high, maps, blur_px, blurs)
+    _take_off_stairs(high, maps, blur_px, blurs, {name: sweep.display for name, sweep in sweeps.items()})
     return found
 
 
 def _take_off_stairs(
-    axes: list[AxisPlan], maps: Maps, blur_px: float | None, measured: dict[str, Blur | None]
+    axes: list[AxisPlan],
+    maps: Maps,
+    blur_px: float | None,
+    measured: dict[str, Blur | None],
+    swept: dict[str, Blur],
 ) -> None:
-    """Undo the display's stairs, of a blur given, read off the stairs, or measured otherwise."""
+    """Undo the display's stairs, of a blur given, read off the stairs, or measured otherwise: of fringes by
+    their contrast, of stripes by their width."""
 
     def read(axis: AxisPlan) -> Stairs:
         if blur_px is not None:
             return given_stairs(axis, blur_px)
         own = read_stairs(axis, *maps.of(axis.axis), maps.flags)
-        blur = measured.get(axis.axis)
-        if blur is None:
-            return own
         # the contrast of long periods tells little of it
-        return own.known(left_by(blur.rms), 2 * np.pi**2 * blur.square_error)
+        return own.of_blur(measured.get(axis.axis))
 
     told = on_cores(read, axes)
     # an axis whose pixels keep step with the cells cannot tell: the other one's is the same display
     most = max((stairs.left for stairs in told), default=0.0)
-    told = [stairs.known(most) for stairs in told]
+    told = [stairs.known(most).of_blur(swept.get(axis.axis)) for stairs, axis in zip(told, axes, strict=True)]
 
     def take_off(i: int) -> None:
         take_off_stairs(told[i], axes[i].extent, *maps.of(axes[i].axis), maps.flags)
@@ -236,6 +250,7 @@ def _step(
     axis: AxisPlan,
     subpixel: bool,
     tables: dict[str, Tables],
+    sweeps: dict[str, Sweep],
     maps: Maps,
     near: Near,
     joined: bool,
@@ -243,7 +258,7 @@ def _step(
     """The work on a block of rows for one axis: which decoder its frames ask for."""
     own, common = maps.of(axis.axis), maps.common
     if swept_alone(axis):
-        return stripe_step(job.light, job.bright, axis, joined, own, common, job.told)
+        return stripe_step(job.light, job.bright, sweeps[axis.axis], axis, joined, own, common)
     if by_table(axis):
         shown, even = shown_on(sequence, wanted, axis), job.light is job.frames
         return table_step(job.light, job.bright, shown, axis, joined, own, common, even)

@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 
 from .run_kernels import LINES, RUN, gather_runs
 
-__all__ = ["contradicted", "gathered", "solve_stairs"]
+__all__ = ["contradicted", "gathered", "largest_left", "solve_stairs"]
 
 Map = NDArray[Any]
 F64 = NDArray[np.float64]
 #: Runs of pixels that are looked at, about, in groups side by side (down columns, a line of the cache holds
 #: pixels of several); what spreads these evenly.
 _RUNS, _BESIDE, _GOLDEN = 512, 8, 0.6180339887498949
+#: Runs that tell something, at least.
+_FEWEST = 8
 #: sinc(w) from which on a run of pixels tells the height of the stairs.
 _TOLD = 0.15
 #: What is tabled: steps of T, step and end of w (beyond, nothing is told), harmonics, places in a cell.
@@ -59,15 +61,28 @@ def contradicted(attenuation: float, seen: F64, gradient: F64, shares: F64) -> b
 
     That is so for ideal cosines that no cells showed, whose contrast looks like that of a sharp display.
     """
-    if len(seen) < 8:
+    if len(seen) < _FEWEST:
         return False
     model = _table(shares)[round(attenuation * _LEVELS), _columns(gradient)]
-    weight = float(np.sum(model**2))
-    if weight == 0:
+    if not model.any():
         return False
-    share = float(np.sum(seen * model)) / weight
-    doubt = float(np.sqrt(np.sum((seen - share * model) ** 2 * model**2))) / weight
+    share, doubt = _attenuation(seen, model)
     return share + 4 * doubt < 0.5
+
+
+def largest_left(seen: F64, gradient: F64) -> float:
+    """T that two standard errors of what runs of pixels tell leave possible; 1 where there are too few."""
+    if len(seen) < _FEWEST:
+        return 1.0
+    attenuation, doubt = _attenuation(seen, np.sinc(gradient))
+    return float(np.clip(attenuation + 2 * doubt, 0.0, 1.0))
+
+
+def _attenuation(seen: F64, model: F64) -> tuple[float, float]:
+    """T of low stairs and its standard error."""
+    weight = max(float(np.sum(model**2)), 1e-12)
+    attenuation = float(np.sum(seen * model)) / weight
+    return attenuation, float(np.sqrt(np.sum((seen - attenuation * model) ** 2 * model**2))) / weight
 
 
 def solve_stairs(seen: F64, gradient: F64, shares: F64) -> tuple[float, float]:
@@ -76,17 +91,15 @@ def solve_stairs(seen: F64, gradient: F64, shares: F64) -> tuple[float, float]:
     T is 0 where the frames cannot tell (1:1 sampling); fill is below 1 only if the stairs are higher than a
     footprint that fills the gradient allows.
     """
-    if len(seen) < 8:
+    if len(seen) < _FEWEST:
         return 0.0, 1.0
     model = np.sinc(gradient)
     # near 1:1 sampling stairs hardly show, and what little is seen would be blown up to any T
     told = np.abs(model) > _TOLD
     seen, gradient, model = seen[told], gradient[told], model[told]
-    weight = float(np.sum(model**2))
-    if weight < 1.0:
+    if float(np.sum(model**2)) < 1.0:
         return 0.0, 1.0
-    attenuation = float(np.sum(seen * model)) / weight
-    doubt = float(np.sqrt(np.sum((seen - attenuation * model) ** 2 * model**2))) / weight
+    attenuation, doubt = _attenuation(seen, model)
     if attenuation < 4 * doubt:
         return 0.0, 1.0
     table, column = _table(shares), _columns(gradient)

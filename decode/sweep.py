@@ -21,6 +21,7 @@ from .display_kernels import MOST_LOST
 from .noise import QUANTISATION, Noise
 from .plan import AxisPlan, Stripes
 from .sweep_kernels import StripeFit, Swept, stripe_rows
+from .swing import Blur
 from .table_decoder import flags_of_fit, sampled_rows, store
 
 __all__ = ["Sweep", "calibrated", "stripe_step", "sweep_faults", "swept_alone"]
@@ -38,6 +39,8 @@ _PER_PX = 16
 _BLURS = (None, 0.0, 0.03, 0.06, 0.12, 0.18, 0.25, 0.35, 0.5)
 #: Rms blur that stands for none.
 _LEAST = 0.1
+#: Rms blur, in widths of the stripe, by whose square that of a measured one is off.
+_TELLS = 0.05
 #: Share of a stripe's pixels that no place explains, above which its frame is suspect; fewest of them.
 _SUSPECT, _FEWEST = 0.5, 12
 #: Share of their misfit that a fault may leave and still explain them.
@@ -60,6 +63,12 @@ class Sweep:
     def limit(self) -> float:
         """Squared residuals, over the variance, that noise does not reach."""
         return chi_squared_limit(2 * self.window - 2)
+
+    @property
+    def display(self) -> Blur:
+        """Without pixels and cells, a box of one cell each."""
+        square = max(self.blur**2 - 1 / 6, 0.0)
+        return Blur(float(np.sqrt(square)), (_TELLS * self.stripes.width) ** 2)
 
 
 def _profile(width: float, blur: float | None) -> F64:
@@ -196,15 +205,13 @@ def swept_alone(axis: AxisPlan) -> bool:
 def stripe_step(
     frames: Map,
     clip: float,
+    sweep: Sweep,
     axis: AxisPlan,
     joined: bool,
     maps: tuple[Map, Map],
     common: tuple[Map, ...],
-    noise: Noise | None = None,
 ) -> Work:
-    """Work on a block of rows of a swept stripe; noise: of the camera, if it is known."""
-    assert axis.stripes is not None
-    sweep = calibrated(frames, clip, axis.stripes, noise)
+    """Work on a block of rows of a swept stripe."""
 
     def step(start: int, stop: int) -> None:
         found = _measure(frames, clip, sweep, start, stop)

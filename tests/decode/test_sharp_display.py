@@ -64,6 +64,17 @@ def test_stairs_of_the_cells_are_known(name: str, blur: float) -> None:
     assert np.sqrt(np.mean(error**2)) < (1.1 if blur < 0.1 else 0.6) * stairs
 
 
+@pytest.mark.parametrize("name", CODES)
+def test_what_few_pixels_cannot_tell_is_in_sigma(name: str) -> None:
+    """Too small an image for runs of pixels that would tell how high the stairs are."""
+    shown, options = CODES[name]
+    one = shot(shown, 0.1, noise=2.0 if name == "free grey values" else 0.5)
+    found = decode(one.frames[:, :20, :28], shown, **options)
+    score = ((found.u - one.u[:20, :28]) / found.sigma_u)[found.good]
+    assert len(score) > 400
+    assert np.abs(score).max() < 5
+
+
 @pytest.mark.parametrize("blur", [1.2, 1.7, 3.3])
 def test_blur_of_a_sweep_is_measured_between_those_that_are_tried(blur: float) -> None:
     shown = sequence("stripe", 4, COLS, axes="u", step=8)
