@@ -129,12 +129,15 @@ def _widen(left: float, coord: Map, sigma: Map) -> None:
 
 
 def _gradient(coord: Map, reach: int, axis: int) -> F64:
-    """Size of coord's gradient (H, W) along an image axis, over `reach` pixels on either side; 0: none."""
+    """Size of coord's gradient (H, W) along an image axis, over `reach` pixels on that side where it is less,
+    as pixels there may be wrong; 0: none."""
     at = np.arange(coord.shape[axis])
-    low, high = np.maximum(at - reach, 0), np.minimum(at + reach, len(at) - 1)
-    step = coord.take(high, axis) - coord.take(low, axis)
-    apart = np.maximum(high - low, 1).reshape(-1, 1) if axis == 0 else np.maximum(high - low, 1)
-    return np.asarray(np.abs(np.nan_to_num(step / apart, posinf=0.0, neginf=0.0)))
+    sides = []
+    for far in (np.maximum(at - reach, 0), np.minimum(at + reach, len(at) - 1)):
+        apart = np.abs(far - at).reshape(-1, 1) if axis == 0 else np.abs(far - at)
+        step = np.abs(coord.take(far, axis) - coord) / np.maximum(apart, 1)
+        sides.append(np.where(apart > reach // 2, step, np.inf))
+    return np.asarray(np.nan_to_num(np.fmin(*sides), posinf=0.0))
 
 
 def _undo(points: Points, footprint: Footprint, rest: tuple[Any, ...], start: int, stop: int) -> None:
