@@ -46,6 +46,8 @@ _REACHES, _LOW = ((8, 0.02), (2, 0.005)), 0.4
 #: Largest slope of stairs (-1 on a tread) that are inverted: steeper ones have no inverse, and usual noise
 #: above so many cells reaches from a tread to a riser, so that places are distributed unlike noise.
 _GENTLE, _UNEVEN, _NOISY = 0.8, 0.4, 0.02
+#: Of stairs that are not known: widest footprint and step of a table, cells; share of sigma that is left out.
+_WIDEST, _FINE, _SLIGHT = 4.0, 0.02, 0.2
 #: Harmonics of the stairs, at most; what blur leaves of one that does not matter.
 _TERMS, _WEAK = 8, 1e-5
 
@@ -121,21 +123,37 @@ def take_off_stairs(stairs: Stairs, extent: int, coord: Map, sigma: Map, flags: 
 
 def _widen(left: float, coord: Map, sigma: Map) -> None:
     """Add the stairs themselves to sigma, in place, where they may be there and nobody knows."""
-    along, down = (_gradient(coord, _REACHES[0][0], axis) for axis in (1, 0))
-    height = (
-        left ** (k * k) * np.sinc(k * along) * np.sinc(k * down) / (np.pi * k) for k in range(1, _TERMS + 1)
-    )
-    sigma[...] = np.sqrt(sigma**2 + sum(0.5 * one * one for one in height))
+    width = np.arange(0, _WIDEST, _FINE)
+    k = np.arange(1, _TERMS + 1)[:, None]
+    height = left ** (k * k / 2) * np.sinc(k * width) / np.sqrt(np.sqrt(2) * np.pi * k)
+    variance = (height**2).T @ height**2
+    lines = coord.T if _changes_down(coord) else coord
+    some = _places(_gradient(lines[:: max(1, len(lines) // _LINES)], 1, slice(None)))
+    if quantile(variance[some, 0].ravel(), 0.9) < (_SLIGHT * _usual(sigma)) ** 2:
+        return
+
+    def work(start: int, stop: int) -> None:
+        rows = slice(start, stop)
+        along, down = (_places(_gradient(coord, axis, rows)) for axis in (1, 0))
+        sigma[rows] = np.sqrt(sigma[rows] ** 2 + variance[along, down])
+
+    over_rows(work, len(coord), 64)
 
 
-def _gradient(coord: Map, reach: int, axis: int) -> F64:
-    """Size of coord's gradient (H, W) along an image axis, over `reach` pixels on that side where it is less,
+def _places(width: F64) -> NDArray[np.int64]:
+    """Of footprints, in the table of variances."""
+    return np.minimum(width / _FINE, _WIDEST / _FINE - 1).astype(np.int64)
+
+
+def _gradient(coord: Map, axis: int, rows: slice) -> F64:
+    """Size of coord's gradient along an image axis, in some rows, over a reach on that side where it is less,
     as pixels there may be wrong; 0: none."""
-    at = np.arange(coord.shape[axis])
+    reach, here = _REACHES[0][0], coord[rows]
+    at = np.arange(coord.shape[axis])[rows if axis == 0 else slice(None)]
     sides = []
-    for far in (np.maximum(at - reach, 0), np.minimum(at + reach, len(at) - 1)):
+    for far in (np.maximum(at - reach, 0), np.minimum(at + reach, coord.shape[axis] - 1)):
         apart = np.abs(far - at).reshape(-1, 1) if axis == 0 else np.abs(far - at)
-        step = np.abs(coord.take(far, axis) - coord) / np.maximum(apart, 1)
+        step = np.abs((coord if axis == 0 else here).take(far, axis) - here) / np.maximum(apart, 1)
         sides.append(np.where(apart > reach // 2, step, np.inf))
     return np.asarray(np.nan_to_num(np.fmin(*sides), posinf=0.0))
 
