@@ -18,6 +18,8 @@ _FINE, _MANY, _KEPT = 0.01, 4096.0, 256
 #: Half a cell. Slope of stairs from which on the outermost cell is a tread up to the border, as nothing lies
 #: beyond it, and the variance of a place on its outer half, cells^2.
 _HALF, _STEEP, _ALONE = 0.5, 0.4, 0.04
+#: Variance (cells^2) of noise that reaches from one cell to the next: the stairs are lost in it.
+_WIDE = 0.25**2
 #: Footprint below which a pixel is a point, cells.
 _POINT = 1e-6
 
@@ -87,7 +89,11 @@ def undo_rows(
                     known[slot, 0] = key
                     known[slot, 1], known[slot, 2] = _variance(periods, weights, bands)
                     read_as(periods, weights, bands, room, kept[slot])
-            if sharp and known[slot, 2] >= gentle:
+            if noise > _WIDE:
+                _seen_by(along, down, points, waves, weights, bands)
+                stairs, slope = _variance(periods, weights, bands)
+                place, variance = target, noise + stairs
+            elif sharp and known[slot, 2] >= gentle:
                 place, variance = likely_place(target, noise + doubt * known[slot, 1], kept[slot])
                 slope = known[slot, 2]
             else:

@@ -64,6 +64,16 @@ def test_stairs_of_the_cells_are_known(name: str, blur: float) -> None:
     assert np.sqrt(np.mean(error**2)) < (1.1 if blur < 0.1 else 0.6) * stairs
 
 
+@pytest.mark.parametrize("noise", [4.0, 10.0, 25.0])
+def test_noise_that_reaches_over_cells_is_no_less_for_their_stairs(noise: float) -> None:
+    """Coarse fringes, whose error is 0.15 to 1 cells."""
+    shown = sequence("gray+phase", 4, COLS, axes="u", period=32)
+    one = shot(shown, 0.05, noise=noise)
+    found = decode(one.frames, shown, blur_px=0.05)
+    score = ((found.u - one.u) / found.sigma_u)[found.good]
+    assert np.sqrt(np.mean(score**2)) == pytest.approx(1.0, abs=0.1)
+
+
 @pytest.mark.parametrize("name", CODES)
 def test_what_few_pixels_cannot_tell_is_in_sigma(name: str) -> None:
     """Too small an image for runs of pixels that would tell how high the stairs are."""
