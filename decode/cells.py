@@ -30,7 +30,7 @@ from .stairs_kernels import Footprint, Points, undo_rows
 from .swing import Blur
 from .unwrap_kernels import MUCH_FINER
 
-__all__ = ["Stairs", "given_stairs", "read_stairs", "take_off_stairs"]
+__all__ = ["Stairs", "given_stairs", "left_by", "read_stairs", "take_off_stairs"]
 
 Map = NDArray[Any]
 F64 = NDArray[np.float64]
@@ -57,7 +57,7 @@ class Stairs:
     """Of one axis. shares (G, 2): periods, and their shares in the coordinate; left: T, 0 where it is not
     known; fill: footprint over gradient, below 1 where stairs are higher than a footprint that fills it
     allows; seen, gradient (K,): how much runs of pixels gather at cells, and their gradients; unsure: T's
-    relative error; told: something tells T, were it that it is 0.
+    relative error; at_most: T where nothing tells more; told: something does, were it that it is 0.
     """
 
     shares: F64
@@ -66,6 +66,7 @@ class Stairs:
     seen: F64
     gradient: F64
     unsure: float = 0.0
+    at_most: float = 0.0
     told: bool = False
 
     def known(self, left: float, unsure: float = 0.0) -> "Stairs":
@@ -80,18 +81,22 @@ class Stairs:
         """With the T of a measured blur, if there is one, where the coordinates do not tell it."""
         if blur is None:
             return self
-        return replace(self.known(_left_by(blur.rms), 2 * np.pi**2 * blur.square_error), told=True)
+        return replace(self.known(left_by(blur.rms), 2 * np.pi**2 * blur.square_error), told=True)
 
     @property
-    def at_most(self) -> float:
-        """T that is not surely too large, where nothing tells it."""
-        return 0.0 if self.told or self.left > 0 else largest_left(self.seen, self.gradient)
+    def largest(self) -> float:
+        """T that these coordinates leave possible."""
+        return largest_left(self.seen, self.gradient)
+
+    def limited(self, at_most: float) -> "Stairs":
+        """With a T that it does not exceed, where nothing tells it."""
+        return self if self.told or self.left > 0 else replace(self, at_most=at_most)
 
 
 def given_stairs(axis: AxisPlan, blur_px: float) -> Stairs:
     """Those of a known blur, rms in cells."""
     nothing = np.zeros(0)
-    return Stairs(_shares(axis), _left_by(blur_px), 1.0, nothing, nothing, told=True)
+    return Stairs(_shares(axis), left_by(blur_px), 1.0, nothing, nothing, told=True)
 
 
 def read_stairs(axis: AxisPlan, coord: Map, sigma: Map, flags: Map) -> Stairs:
@@ -194,7 +199,7 @@ def _usual(sigma: Map) -> float:
     return quantile(known, 0.5) if len(known) else 0.0
 
 
-def _left_by(blur_px: float) -> float:
+def left_by(blur_px: float) -> float:
     """T of a Gaussian blur, rms in cells."""
     return float(np.exp(-2 * (np.pi * blur_px) ** 2))
 

@@ -1,6 +1,7 @@
 """decode(): frames and their descriptions -> Correspondence."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import reduce
 from threading import Lock
 from typing import Any
@@ -12,7 +13,7 @@ from optolever.blocks import Work, on_cores, over_blocks, shrinking
 from optolever.patterns import Sequence
 
 from .blur import measured_blur
-from .cells import Stairs, given_stairs, read_stairs, take_off_stairs
+from .cells import Stairs, given_stairs, left_by, read_stairs, take_off_stairs
 from .correspondence import Correspondence, Flag
 from .display import Tables, display_tables
 from .exposures import better_of, by_exposure
@@ -96,6 +97,47 @@ def decode(
     return reduce(better_of, found)
 
 
+@dataclass(frozen=True, slots=True)
+class _Surveyed:
+    """What a sample tells of every axis: tables of what the display shifts, blur, usual footprint (cells);
+    whether all of them are continuous."""
+
+    tables: dict[str, Tables]
+    blurs: dict[str, Blur | None]
+    footprints: dict[str, float]
+    continuous: bool
+
+
+_NOTHING = _Surveyed({}, {}, {}, False)
+
+
+def _surveyed(
+    job: Job,
+    sequence: Sequence,
+    wanted: Plan,
+    plain: tuple[AxisPlan, ...],
+    on_display: list[AxisPlan],
+    blur_px: float | None,
+) -> _Surveyed:
+    """plain: axes that kernels decode by rows; on_display: those with fringes that cells showed."""
+    seen = survey(job, sequence, wanted, plain, few=not on_display)
+    footprints = {axis.axis: seen.footprint(axis.axis) for axis in plain}
+
+    def measure(axis: AxisPlan) -> Blur | None:
+        return measured_blur(seen, job.lut, wanted, axis) if blur_px is None else Blur(blur_px, 0.0)
+
+    told = [measure(axis) for axis in on_display]  # short steps: threads would wait for each other
+    # where one axis does not tell, what the other tells is nearer than nothing
+    usual = next((blur for blur in told if blur is not None), None)
+    blurs = {axis.axis: blur or usual for axis, blur in zip(on_display, told, strict=True)}
+    tables = {}
+    for axis in on_display:
+        known = blurs[axis.axis]
+        rms = None if known is None else known.rms
+        tables[axis.axis] = display_tables(sequence, axis, footprints[axis.axis], rms)
+    return _Surveyed(tables, blurs, footprints, all(seen.is_continuous(axis.axis) for axis in plain))
+
+
 def _decoded(
     job: Job, sequence: Sequence, blur_px: float | None, on_cells: bool, subpixel: bool
 ) -> Correspondence:
@@ -103,44 +145,30 @@ def _decoded(
     wanted = plan(sequence)
     height, width = job.frames.shape[1:]
     maps = Maps((height, width), {axis.axis for axis in wanted.axes})
+    cells = on_cells and not sequence.nominal
     plain = tuple(axis for axis in wanted.axes if (axis.code or axis.fringes) and not by_table(axis))
-    on_display = [axis for axis in plain if axis.fringes and on_cells and not sequence.nominal]
+    on_display = [axis for axis in plain if axis.fringes and cells]
     # kernels do both axes and, where these are continuous, compare neighbours in one go
     by_rows = not subpixel and plain == wanted.axes and all(axis.stripes is None for axis in plain)
-    tables: dict[str, Tables] = {}
-    blurs: dict[str, Blur | None] = {}
-    footprints: dict[str, float] = {}
-    at_once = False
+    told = _NOTHING
     if on_display or by_rows:
-        seen = survey(job, sequence, wanted, plain, few=not on_display)
-        at_once = by_rows and all(seen.is_continuous(axis.axis) for axis in plain)
-        footprints = {axis.axis: seen.footprint(axis.axis) for axis in plain}
-
-        def measure(axis: AxisPlan) -> Blur | None:
-            return measured_blur(seen, job.lut, wanted, axis) if blur_px is None else Blur(blur_px, 0.0)
-
-        told = [measure(axis) for axis in on_display]  # short steps: threads would wait for each other
-        # where one axis does not tell, what the other tells is nearer than nothing
-        usual = next((blur for blur in told if blur is not None), None)
-        for axis, blur in zip(on_display, told, strict=True):
-            known = blurs[axis.axis] = usual if blur is None else blur
-            rms = None if known is None else known.rms
-            tables[axis.axis] = display_tables(sequence, axis, footprints[axis.axis], rms)
+        told = _surveyed(job, sequence, wanted, plain, on_display, blur_px)
+    at_once = by_rows and told.continuous
     sweeps = {
         axis.axis: calibrated(job.light, job.bright, axis.stripes, job.told)
         for axis in wanted.axes
         if axis.stripes is not None and swept_alone(axis)
     }
-    near = near_of(job, wanted, blurs, footprints, maps)
+    near = near_of(job, wanted, told.blurs, told.footprints, maps)
     neighbours = near_step(near, maps)
     cuts = shrinking(height, _BLOCK)
     if by_rows:
-        block = axes_step(job, sequence, wanted, plain, tables, maps, near=near, compare=at_once)
+        block = axes_step(job, sequence, wanted, plain, told.tables, maps, near=near, compare=at_once)
         if at_once:
             block = _with_seams(block, neighbours, height)
     else:
         block = _one_by_one(
-            _step(job, sequence, wanted, axis, subpixel, tables, sweeps, maps, near, i > 0)
+            _step(job, sequence, wanted, axis, subpixel, told.tables, sweeps, maps, near, i > 0)
             for i, axis in enumerate(wanted.axes)
         )
 
@@ -160,11 +188,12 @@ def _decoded(
     )
     _flag_wrong_frames(examine(job.frames, wanted, found, tuple(faults)), found)
 
-    high = [axis for axis in on_display if not tables[axis.axis].stairs]
-    if on_cells and not sequence.nominal:
+    high = [axis for axis in on_display if not told.tables[axis.axis].stairs]
+    if cells:
         within = [axis for axis in wanted.axes if subpixel and axis.code is not None and not axis.fringes]
         high += within + [axis for axis in wanted.axes if swept_alone(axis) or by_table(axis)]
-    _take_off_stairs(high, maps, blur_px, blurs, {name: sweep.display for name, sweep in sweeps.items()})
+    least = max((sweep.least_blur for sweep in sweeps.values()), default=0.0)
+    _take_off_stairs(high, maps, blur_px, told.blurs, least)
     return found
 
 
@@ -173,10 +202,10 @@ def _take_off_stairs(
     maps: Maps,
     blur_px: float | None,
     measured: dict[str, Blur | None],
-    swept: dict[str, Blur],
+    least: float,
 ) -> None:
-    """Undo the display's stairs, of a blur given, read off the stairs, or measured otherwise: of fringes by
-    their contrast, of stripes by their width."""
+    """Undo the display's stairs, of a blur given, read off the stairs, or measured otherwise; least: what it
+    surely is (cells)."""
 
     def read(axis: AxisPlan) -> Stairs:
         if blur_px is not None:
@@ -188,7 +217,8 @@ def _take_off_stairs(
     told = on_cores(read, axes)
     # an axis whose pixels keep step with the cells cannot tell: the other one's is the same display
     most = max((stairs.left for stairs in told), default=0.0)
-    told = [stairs.known(most).of_blur(swept.get(axis.axis)) for stairs, axis in zip(told, axes, strict=True)]
+    at_most = min((stairs.largest for stairs in told), default=1.0)
+    told = [stairs.known(most).limited(min(at_most, left_by(least))) for stairs in told]
 
     def take_off(i: int) -> None:
         take_off_stairs(told[i], axes[i].extent, *maps.of(axes[i].axis), maps.flags)

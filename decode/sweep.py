@@ -21,7 +21,6 @@ from .display_kernels import MOST_LOST
 from .noise import QUANTISATION, Noise
 from .plan import AxisPlan, Stripes
 from .sweep_kernels import StripeFit, Swept, stripe_rows
-from .swing import Blur
 from .table_decoder import flags_of_fit, sampled_rows, store
 
 __all__ = ["Sweep", "calibrated", "stripe_step", "sweep_faults", "swept_alone"]
@@ -37,6 +36,8 @@ _SAME = 0.15
 #: Samples of the profile per pattern pixel; blurs that are tried (rms, stripe widths; None: no cells either).
 _PER_PX = 16
 _BLURS = (None, 0.0, 0.03, 0.06, 0.12, 0.18, 0.25, 0.35, 0.5)
+#: Noise over the least of all, up to which blurs are compared pixel by pixel.
+_ALIKE = 1.5
 #: Rms blur that stands for none.
 _LEAST = 0.1
 #: Rms blur, in widths of the stripe, by whose square that of a measured one is off.
@@ -65,10 +66,11 @@ class Sweep:
         return chi_squared_limit(2 * self.window - 2)
 
     @property
-    def display(self) -> Blur:
-        """Without pixels and cells, a box of one cell each."""
-        square = max(self.blur**2 - 1 / 6, 0.0)
-        return Blur(float(np.sqrt(square)), (_TELLS * self.stripes.width) ** 2)
+    def least_blur(self) -> float:
+        """Rms blur of the display, cells, that it surely has: without a box of one cell each for pixels and
+        cells, and without what widths are wrong by."""
+        square = self.blur**2 - 1 / 6 - (_TELLS * self.stripes.width) ** 2
+        return float(np.sqrt(max(square, 0.0)))
 
 
 def _profile(width: float, blur: float | None) -> F64:
@@ -119,7 +121,9 @@ def calibrated(frames: Map, clip: float, stripes: Stripes, noise: Noise | None =
     """Blur and noise from some rows; the noise as it is given, if it is."""
     sample = np.ascontiguousarray(frames[:, sampled_rows(frames.shape[1])])
     trials = [_tried(sample, clip, stripes, share) for share in _BLURS]
-    k = int(np.argmin([trial.noise2 for trial in trials]))
+    least = min(trial.noise2 for trial in trials)
+    alike = [k for k, trial in enumerate(trials) if trial.noise2 <= _ALIKE * least]
+    k = alike[int(np.argmin(_left_by([trials[k] for k in alike])))]
     best = trials[k]
     if 1 < k < len(trials) - 1:
         best = _tried(sample, clip, stripes, _lowest(trials[k - 1 : k + 2]))
@@ -127,10 +131,21 @@ def calibrated(frames: Map, clip: float, stripes: Stripes, noise: Noise | None =
     return replace(sweep, noise=noise or _noise(sample, stripes, best.found, best.lit, best.noise2))
 
 
+def _left_by(trials: list[_Trial]) -> F64:
+    """Mean squared residuals of each: of the same pixels, so that it is the same noise, without the tenth
+    that fits worst."""
+    lit = np.logical_and.reduce([trial.lit for trial in trials])
+    if not lit.any():
+        return np.array([trial.noise2 for trial in trials])
+    left = np.array([trial.found.misfit[lit] for trial in trials], np.float64)
+    whole = left.sum(axis=0)
+    return np.asarray(left[:, whole <= np.quantile(whole, 0.9)].mean(axis=1))
+
+
 def _lowest(three: list[_Trial]) -> float:
-    """Blur where a parabola through their variances, over the blur's square, is lowest."""
+    """Blur where a parabola through what they leave, over the blur's square, is lowest."""
     at = np.array([float(trial.share or 0.0) ** 2 for trial in three])
-    bend, slope, _ = np.polyfit(at, [trial.noise2 for trial in three], 2)
+    bend, slope, _ = np.polyfit(at, _left_by(three), 2)
     return float(np.sqrt(np.clip(-slope / (2 * bend), at[0], at[-1])) if bend > 0 else np.sqrt(at[1]))
 
 
