@@ -62,7 +62,7 @@ def decode(
     weigh_samples  with a response, whose inverse magnifies the noise of dark levels: weigh every sample by
                  its noise. Best where noise limits; equal weights where what the response leaves over does
     blur_px      rms blur between display and camera, cells; default: estimated (see blur, gathering)
-    on_cells     fringes were shown on the cells of a surface of the sequence's size, as Frame.tables says,
+    on_cells     frames were shown on the cells of a surface of the sequence's size, as Frame.tables says,
                  dark around it; what that shifts is taken off (see display, cells). False: ideal cosines
     subpixel     binary codes: answers within their cells, from the blur of their edges, where it tells
 

@@ -39,6 +39,7 @@ _SMALL_STEP = 1e-2  # of the range of w: steps below it cannot leave the medium
 _NOISE_SHARE = 0.02  # of a slope's standard deviation: a change that no noise lets one see
 _RESPONSE = 1e-3  # of the first error: drawn noise tells a variance to a few per cent at best
 _ASTRAY = 0.1  # of a slope's standard deviation: a pixel's step in the end that counts as moving
+_SLOWEST = 0.99  # of a step: what the next one is taken to leave at most
 _LARGEST = 1e12  # of the usual variance: a slope that tells nothing
 _CHORD_RATE = 1e-3  # refit the integrating factor while a step leaves more than this of the last one
 
@@ -59,13 +60,14 @@ class Options:
 class State:
     """The end of a solve.
 
-    w: the unknown (rows, cols), outside the mask as it started; root: square root of the integrating factor;
-    problem: the last weighted problem; rows, share: the anchors, and each one's share in its component's
-    constant; variances: of the slopes p and q; steps: rms change of w in every step; iterations: linear
-    solves and conjugate-gradient iterations; converged: whether the last step met the tolerance;
-    energy: sum of the squared edge defects over their variances, before the last step; bend: how much curves
-    may mislead every anchor; doubt: of the edges; astray (rows, cols): pixels that still moved if it did not
-    converge.
+    w: the unknown (rows, cols), outside the mask as it started; root: square root of the integrating
+    factor; problem: the last weighted problem; rows, share: the anchors, and each one's share in its
+    component's constant; variances: of the slopes p and q; steps: rms change of w in every step;
+    iterations: linear solves and conjugate-gradient iterations; converged: whether the last step met the
+    tolerance, or noise hides what is left in every pixel; energy: sum of the squared edge defects over
+    their variances, before the last step; bend: how much curves may mislead every anchor; doubt: of the
+    edges; astray (rows, cols): pixels that still moved if it did not converge; unsettled: those that steps
+    like the last ones would still move.
     """
 
     w: Floats
@@ -81,6 +83,7 @@ class State:
     bend: Floats
     doubt: Doubt | None = None
     astray: NDArray[np.bool_] | None = None
+    unsettled: NDArray[np.bool_] | None = None
 
 
 def solve(
@@ -130,9 +133,12 @@ def solve(
         steps.append(float(np.sqrt(np.mean(change**2))))
         converged = _left(steps) <= max(tolerance, _NOISE_SHARE * quiet * noise)
         if converged or len(steps) >= options.max_steps:
-            left, astray = energies[-1], None
+            left, astray, unsettled = energies[-1], None, None
             if not converged:
                 astray = data.mask & (np.square(change) > np.square(_ASTRAY) * variances[0])
+                rest = change / (1 - min(_rate(steps), _SLOWEST))
+                unsettled = data.mask & (np.square(rest) > np.square(_ASTRAY) * variances[0])
+                converged = not unsettled.any()
             return State(
                 w,
                 root,
@@ -147,6 +153,7 @@ def solve(
                 rows.bend(p),
                 doubt,
                 astray,
+                unsettled,
             )
 
 

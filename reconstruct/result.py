@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 
 from optolever.decode import Flag
 
@@ -20,7 +21,8 @@ __all__ = ["height_map"]
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_FEW = 0.01  # of the edges
+_FEW = 0.01  # of the edges, of the pixels
+_AROUND = 4  # pixels: so far are heights continued into lines that were not solved
 _STEEP = 3.0  # standard deviations of the noise: where what is doubted of creases exceeds them
 
 
@@ -91,7 +93,7 @@ def height_map(
     flags[problem.to_image(marked, False) & solved] |= np.uint16(HeightFlag.CURL)
     flags[problem.to_image(steep, False) & solved] |= np.uint16(HeightFlag.STEEP)
     if not state.converged:
-        flags[solved] |= np.uint16(HeightFlag.NOT_CONVERGED)
+        flags[solved & _unsettled(problem, state)] |= np.uint16(HeightFlag.NOT_CONVERGED)
     diagnostics = Diagnostics(
         method=method,
         converged=state.converged,
@@ -106,6 +108,17 @@ def height_map(
     )
     x, y, z = o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2]
     return HeightMap(x, y, z, deviation, flags, diagnostics, problem.rays.lean)
+
+
+def _unsettled(problem: Problem, state: State) -> Mask:
+    """Pixels of the image that did not converge, and what is continued from them: a few that noise drives
+    away, right before the pattern or at its edge, move nothing else. All, where they are not few."""
+    moving = state.unsettled
+    if moving is None or not 0 < np.count_nonzero(moving) < _FEW * moving.size:
+        return np.ones(problem.valid.shape, dtype=np.bool_)
+    core = np.zeros(problem.outer.mask.shape, dtype=np.bool_)
+    core[problem.core] = moving
+    return problem.to_image(binary_dilation(core, iterations=_AROUND), False)
 
 
 def _detours(doubt: Doubt | None, mask: Mask) -> bool:

@@ -1,4 +1,4 @@
-"""What `design` says the decoder will find out about a display's blur, against the decoder."""
+"""What `design` says the decoder will find out about a display's blur, against it; what its cases found."""
 
 from dataclasses import replace
 
@@ -9,12 +9,13 @@ from optolever.decode import decode, decoder
 from optolever.decode.plan import AxisPlan, Plan
 from optolever.decode.survey import Survey
 from optolever.decode.swing import Blur
-from optolever.experiments.design import candidates, drawn_cases, view_of
+from optolever.experiments.design import CASES, candidates, drawn_cases, view_of
 from optolever.experiments.design.prediction import predict_axis
 from optolever.experiments.design.survey import blur_told
 from optolever.patterns import sequence
 from optolever.projector import capture
-from optolever.scene import Scene, dent, dent_from_text, load, resize
+from optolever.reconstruct import reconstruct
+from optolever.scene import Scene, dent, dent_from_text, load, resize, trace
 
 CAPTURES = 6
 
@@ -65,3 +66,18 @@ def test_a_jump_of_the_border_table_is_not_taken_for_a_doubtful_blur() -> None:
         found = decode(seen.frames, shown)
         errors.append(np.where(found.good, found.u - view.truth.u, np.nan)[10:-10, -1])
     assert told.bias[10:-10, -1] == pytest.approx(np.nanmean(errors, axis=0), abs=0.2)
+
+
+@pytest.mark.parametrize("seed", [104, 110])
+def test_few_pixels_that_do_not_settle_cost_no_other(seed: int) -> None:
+    """Noise drives one away at the pattern's edge, or leaves all within itself at the last step."""
+    case = CASES[3]
+    scene = case.scene(108)
+    surface = dent_from_text(case.dent, scene)
+    offered = candidates(scene.pattern.rows, scene.pattern.cols, case.frames)
+    shown = next(c.sequence for c in offered if c.text == "ladder: 2 to 5 px, steps 8/8")
+    seen = capture(scene, surface, shown, noise=case.noise, seed=seed, renderer="numpy")
+    height = reconstruct(decode(seen.frames, shown), scene)
+    error = (height.z - trace(scene, surface).z) / height.sigma
+    assert height.good.mean() > 0.97
+    assert np.abs(error[height.good]).max() < 5
