@@ -38,6 +38,8 @@ _PER_PX = 16
 _BLURS = (None, 0.0, 0.03, 0.06, 0.12, 0.18, 0.25, 0.35, 0.5)
 #: Noise over the least of all, up to which blurs are compared pixel by pixel.
 _ALIKE = 1.5
+#: Squared residuals over the usual ones beyond which no blur explains a pixel.
+_UNEXPLAINED = 3.0
 #: Rms blur that stands for none.
 _LEAST = 0.1
 #: Rms blur, in widths of the stripe, by whose square that of a measured one is off.
@@ -132,14 +134,14 @@ def calibrated(frames: Map, clip: float, stripes: Stripes, noise: Noise | None =
 
 
 def _left_by(trials: list[_Trial]) -> F64:
-    """Mean squared residuals of each: of the same pixels, so that it is the same noise, without the tenth
-    that fits worst."""
+    """Mean squared residuals of each: of the same pixels, so that it is the same noise, without those that no
+    blur explains, which may see a wrong frame."""
     lit = np.logical_and.reduce([trial.lit for trial in trials])
     if not lit.any():
         return np.array([trial.noise2 for trial in trials])
     left = np.array([trial.found.misfit[lit] for trial in trials], np.float64)
-    whole = left.sum(axis=0)
-    return np.asarray(left[:, whole <= np.quantile(whole, 0.9)].mean(axis=1))
+    least = left.min(axis=0)
+    return np.asarray(left[:, least <= _UNEXPLAINED * np.median(least)].mean(axis=1))
 
 
 def _lowest(three: list[_Trial]) -> float:
