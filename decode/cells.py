@@ -1,4 +1,4 @@
-"""The display's cells: read through a footprint smaller than a cell, a fringe carries stairs.
+"""The display's cells: read through a footprint smaller than a cell, a coordinate carries stairs.
 
 A camera pixel that averages w cells of the map reads u + e(u) instead of u. Cells turn a fringe of P cells
 into itself and sidebands of frequency 1/P + m,
@@ -10,8 +10,9 @@ T = exp(-2 (pi b)^2) being what a Gaussian blur of b cells leaves of a frequency
 and P >> 1, e is the sawtooth of the cells averaged over w, rms (1 - w) / sqrt(12): treads of 1 - w on which u
 cannot be told, and risers between them on which it can. u + e(u) is inverted for u.
 
-A coordinate that several periods share in has the mean of their stairs, weighed by their contrasts. T is
-measured where nobody gave the blur (see gathering).
+A coordinate that several periods share in has the mean of their stairs, weighed by their contrasts. A swept
+stripe is a period of twice its width; grey values that are no fringe's are endless ones. T is measured where
+nobody gave the blur (see gathering); where nothing tells it, the stairs that may be there go into sigma.
 """
 
 from dataclasses import dataclass, replace
@@ -133,13 +134,13 @@ def _widen(left: float, coord: Map, sigma: Map) -> None:
     height = left ** (k * k / 2) * np.sinc(k * width) / np.sqrt(np.sqrt(2) * np.pi * k)
     variance = (height**2).T @ height**2
     lines = coord.T if _changes_down(coord) else coord
-    some = _places(_gradient(lines[:: max(1, len(lines) // _LINES)], 1, slice(None)))
+    some = _places(_least_gradient(lines[:: max(1, len(lines) // _LINES)], 1, slice(None)))
     if quantile(variance[some, 0].ravel(), 0.9) < (_SLIGHT * _usual(sigma)) ** 2:
         return
 
     def work(start: int, stop: int) -> None:
         rows = slice(start, stop)
-        along, down = (_places(_gradient(coord, axis, rows)) for axis in (1, 0))
+        along, down = (_places(_least_gradient(coord, axis, rows)) for axis in (1, 0))
         sigma[rows] = np.sqrt(sigma[rows] ** 2 + variance[along, down])
 
     over_rows(work, len(coord), 64)
@@ -150,9 +151,9 @@ def _places(width: F64) -> NDArray[np.int64]:
     return np.minimum(width / _FINE, _WIDEST / _FINE - 1).astype(np.int64)
 
 
-def _gradient(coord: Map, axis: int, rows: slice) -> F64:
-    """Size of coord's gradient along an image axis, in some rows, over a reach on that side where it is less,
-    as pixels there may be wrong; 0: none."""
+def _least_gradient(coord: Map, axis: int, rows: slice) -> F64:
+    """Size of coord's gradient (R, W), cells a pixel, along an image axis, in some rows: over a reach on that
+    side where it is less, as pixels there may be wrong; 0: none."""
     reach, here = _REACHES[0][0], coord[rows]
     at = np.arange(coord.shape[axis])[rows if axis == 0 else slice(None)]
     sides = []

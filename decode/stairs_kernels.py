@@ -78,37 +78,52 @@ def undo_rows(
             target, noise = seen[row, col], sigma[row, col] ** 2
             if not (abs(target) < np.inf and noise < np.inf and along < np.inf and down < np.inf):
                 continue
-            slot = -1
-            if sharp:
-                # footprints in steps, so that neighbours share what is known of them
-                right, below = np.rint(along / _FINE), np.rint(down / _FINE)
-                key = right * _MANY + below
-                slot = int(key) % _KEPT
-                if known[slot, 0] != key:
-                    _seen_by(_FINE * right, _FINE * below, points, waves, weights, bands)
-                    known[slot, 0] = key
-                    known[slot, 1], known[slot, 2] = _variance(periods, weights, bands)
-                    read_as(periods, weights, bands, room, kept[slot])
             if noise > _WIDE:
                 _seen_by(along, down, points, waves, weights, bands)
                 stairs, slope = _variance(periods, weights, bands)
                 place, variance = target, noise + stairs
-            elif sharp and known[slot, 2] >= gentle:
-                place, variance = likely_place(target, noise + doubt * known[slot, 1], kept[slot])
-                slope = known[slot, 2]
             else:
-                _seen_by(along, down, points, waves, weights, bands)
-                place, variance = _inverted(target, noise, periods, weights, bands, waves)
-                stairs, slope = _variance(periods, weights, bands)
-                variance += doubt * stairs
+                slot = _slot(along, down, points, waves, weights, bands, known, room, kept) if sharp else 0
+                if sharp and known[slot, 2] >= gentle:
+                    place, variance = likely_place(target, noise + doubt * known[slot, 1], kept[slot])
+                    slope = known[slot, 2]
+                else:
+                    _seen_by(along, down, points, waves, weights, bands)
+                    place, variance = _inverted(target, noise, periods, weights, bands, waves)
+                    stairs, slope = _variance(periods, weights, bands)
+                    variance += doubt * stairs
             if slope >= _STEEP and not _HALF < target < extent - 1 - _HALF:
                 variance += _ALONE
             if uneven > 0:
-                apart = along - fill * _gradient(row, col, reach // 2, guide, flags)
-                below_it = down - fill * _gradient(col, row, reach // 2, guide.T, flags.T)
-                variance += uneven * uneven * (apart * apart + below_it * below_it)
+                along -= fill * _gradient(row, col, reach // 2, guide, flags)
+                down -= fill * _gradient(col, row, reach // 2, guide.T, flags.T)
+                variance += uneven * uneven * (along * along + down * down)
             coord[row, col] = place
             sigma[row, col] = np.sqrt(variance)
+
+
+@leaf_kernel
+def _slot(
+    along: float,
+    down: float,
+    points: Points,
+    waves: Map,
+    weights: Map,
+    bands: Map,
+    known: Map,
+    room: Map,
+    kept: Map,
+) -> int:
+    """Where `known` and `kept` hold a footprint's stairs: in steps, so that neighbours share them."""
+    right, below = np.rint(along / _FINE), np.rint(down / _FINE)
+    key = right * _MANY + below
+    slot = int(key) % _KEPT
+    if known[slot, 0] != key:
+        _seen_by(_FINE * right, _FINE * below, points, waves, weights, bands)
+        known[slot, 0] = key
+        known[slot, 1], known[slot, 2] = _variance(points.periods, weights, bands)
+        read_as(points.periods, weights, bands, room, kept[slot])
+    return slot
 
 
 @leaf_kernel

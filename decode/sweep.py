@@ -125,12 +125,11 @@ def calibrated(frames: Map, clip: float, stripes: Stripes, noise: Noise | None =
     trials = [_tried(sample, clip, stripes, share) for share in _BLURS]
     least = min(trial.noise2 for trial in trials)
     alike = [k for k, trial in enumerate(trials) if trial.noise2 <= _ALIKE * least]
-    k = alike[int(np.argmin(_left_by([trials[k] for k in alike])))]
-    best = trials[k]
-    if 1 < k < len(trials) - 1:
-        best = _tried(sample, clip, stripes, _lowest(trials[k - 1 : k + 2]))
-    sweep = best.sweep
-    return replace(sweep, noise=noise or _noise(sample, stripes, best.found, best.lit, best.noise2))
+    nearest = alike[int(np.argmin(_left_by([trials[k] for k in alike])))]
+    best = trials[nearest]
+    if 1 < nearest < len(trials) - 1:
+        best = _tried(sample, clip, stripes, _lowest(trials[nearest - 1 : nearest + 2]))
+    return replace(best.sweep, noise=noise or _noise(sample, stripes, best.found, best.lit, best.noise2))
 
 
 def _left_by(trials: list[_Trial]) -> F64:
@@ -180,9 +179,8 @@ def _noise(sample: Map, stripes: Stripes, found: StripeFit, lit: Map, noise2: fl
     more = noise2 - spread
     if not lit.any() or abs(more) < _SAME * noise2:
         return Noise(noise2)
-    if (
-        more < 0 and sample.dtype.kind != "f"
-    ):  # a response's inverse magnifies dark levels' noise, nothing else
+    # a response's inverse magnifies dark levels' noise, nothing else
+    if more < 0 and sample.dtype.kind != "f":
         return Noise(spread)
     gain = more / max(float(np.median(found.mean[lit] - dark)), 1e-9)
     return Noise(noise2 - gain * float(np.median(found.mean[lit])), gain)
