@@ -16,7 +16,7 @@ nobody gave the blur (see gathering); where nothing tells it, the stairs that ma
 """
 
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,7 @@ from .stairs_kernels import Footprint, Points, undo_rows
 from .swing import Blur
 from .unwrap_kernels import MUCH_FINER
 
-__all__ = ["Stairs", "given_stairs", "left_by", "read_stairs", "take_off_stairs"]
+__all__ = ["Stairs", "given_stairs", "left_by", "matters", "read_stairs", "take_off_stairs"]
 
 Map = NDArray[Any]
 F64 = NDArray[np.float64]
@@ -49,6 +49,8 @@ _REACHES, _LOW = ((8, 0.02), (2, 0.005)), 0.4
 _GENTLE, _UNEVEN, _NOISY = 0.8, 0.4, 0.02
 #: Of stairs that are not known: widest footprint and step of a table, cells; share of sigma that is left out.
 _WIDEST, _FINE, _SLIGHT = 4.0, 0.02, 0.2
+#: Pixels of a line, about, that tell whether such stairs matter.
+_SOME = 128
 #: Harmonics of the stairs, at most; what blur leaves of one that does not matter.
 _TERMS, _WEAK = 8, 1e-5
 
@@ -109,12 +111,12 @@ def read_stairs(axis: AxisPlan, coord: Map, sigma: Map, flags: Map) -> Stairs:
 def take_off_stairs(stairs: Stairs, extent: int, coord: Map, sigma: Map, flags: Map) -> None:
     """Undo the stairs in coord (H, W) and add to sigma (H, W) what cannot be undone, in place; extent: cells.
 
-    The footprint is the local gradient of coord. A pixel that sees one cell only (a tread of the stairs) is
-    put at its middle, with the rms (1 - w) / sqrt(12) of a place on it: see steep_kernels.
+    To be called where that matters. The footprint is the local gradient of coord. A pixel that sees one cell
+    only (a tread of the stairs) is put at its middle, with the rms (1 - w) / sqrt(12) of a place on it: see
+    steep_kernels.
     """
     if stairs.left < _NEGLIGIBLE:
-        if stairs.at_most > _NEGLIGIBLE:
-            _widen(stairs.at_most, coord, sigma)
+        _widen(stairs.at_most, coord, sigma)
         return
     points, seen, noise = _of_points(stairs), coord.copy(), sigma.copy()
     gentle = _UNEVEN if _usual(sigma) > _NOISY else _GENTLE
@@ -127,16 +129,37 @@ def take_off_stairs(stairs: Stairs, extent: int, coord: Map, sigma: Map, flags: 
         over_rows(partial(_undo, points, footprint, rest), len(coord), 64)
 
 
+def matters(stairs: Stairs, coord: Map, sigma: Map) -> bool:
+    """Whether there is anything to take off coord (H, W), or to add to sigma (H, W)."""
+    if max(stairs.left, stairs.at_most) < _NEGLIGIBLE:
+        return False
+    if stairs.left >= _NEGLIGIBLE:
+        return True
+    lines = coord.T if _changes_down(coord) else coord
+    every = max(1, lines.shape[1] // _SOME)
+    gradient = _least_gradient(lines[:: max(1, len(lines) // _LINES)], 1, slice(None), every)
+    square = _squares(stairs.at_most)
+    variance = square[:, 0] @ square
+    return quantile(variance[_places(gradient)].ravel(), 0.9) >= (_SLIGHT * _usual(sigma)) ** 2
+
+
+def _squares(left: float) -> F64:
+    """What each harmonic (K,) of stairs of that T may add to a coordinate's variance, by the footprint along
+    one side (K, W); for both sides their product."""
+    k = np.arange(1, _TERMS + 1)[:, None]
+    height = left ** (k * k / 2) * _sincs() / np.sqrt(np.sqrt(2) * np.pi * k)
+    return np.asarray(height**2)
+
+
+@cache
+def _sincs() -> F64:
+    return np.asarray(np.sinc(np.arange(1, _TERMS + 1)[:, None] * np.arange(0, _WIDEST, _FINE)))
+
+
 def _widen(left: float, coord: Map, sigma: Map) -> None:
     """Add the stairs themselves to sigma, in place, where they may be there and nobody knows."""
-    width = np.arange(0, _WIDEST, _FINE)
-    k = np.arange(1, _TERMS + 1)[:, None]
-    height = left ** (k * k / 2) * np.sinc(k * width) / np.sqrt(np.sqrt(2) * np.pi * k)
-    variance = (height**2).T @ height**2
-    lines = coord.T if _changes_down(coord) else coord
-    some = _places(_least_gradient(lines[:: max(1, len(lines) // _LINES)], 1, slice(None)))
-    if quantile(variance[some, 0].ravel(), 0.9) < (_SLIGHT * _usual(sigma)) ** 2:
-        return
+    square = _squares(left)
+    variance = square.T @ square
 
     def work(start: int, stop: int) -> None:
         rows = slice(start, stop)
@@ -151,15 +174,15 @@ def _places(width: F64) -> NDArray[np.int64]:
     return np.minimum(width / _FINE, _WIDEST / _FINE - 1).astype(np.int64)
 
 
-def _least_gradient(coord: Map, axis: int, rows: slice) -> F64:
+def _least_gradient(coord: Map, axis: int, rows: slice, every: int = 1) -> F64:
     """Size of coord's gradient (R, W), cells a pixel, along an image axis, in some rows: over a reach on that
-    side where it is less, as pixels there may be wrong; 0: none."""
-    reach, here = _REACHES[0][0], coord[rows]
-    at = np.arange(coord.shape[axis])[rows if axis == 0 else slice(None)]
+    side where it is less, as pixels there may be wrong; 0: none. every: along rows, one pixel of so many."""
+    reach, here = _REACHES[0][0], coord[rows, ::every]
+    at = np.arange(coord.shape[axis])[rows if axis == 0 else slice(None, None, every)]
     sides = []
     for far in (np.maximum(at - reach, 0), np.minimum(at + reach, coord.shape[axis] - 1)):
         apart = np.abs(far - at).reshape(-1, 1) if axis == 0 else np.abs(far - at)
-        step = np.abs((coord if axis == 0 else here).take(far, axis) - here) / np.maximum(apart, 1)
+        step = np.abs((coord if axis == 0 else coord[rows]).take(far, axis) - here) / np.maximum(apart, 1)
         sides.append(np.where(apart > reach // 2, step, np.inf))
     return np.asarray(np.nan_to_num(np.fmin(*sides), posinf=0.0))
 

@@ -155,7 +155,8 @@ def mixed_rows(start: int, stop: int, near: Near, shared: Shared, top: Array) ->
     for row in range(start, stop):
         here = amplitude[row]
         holes = _any_nothing(max(row - 1, 0), min(row + 2, rows), flags)
-        if not (holes or bordered):
+        beside = bordered and (_any_beside(row, near.u, 0, near) or _any_beside(row, near.v, 1, near))
+        if not (holes or beside):
             continue
         dim = _brightest(row, near.read2, near.gain, amplitude, offset, top)
         if not (dim or holes):
@@ -163,7 +164,7 @@ def mixed_rows(start: int, stop: int, near: Near, shared: Shared, top: Array) ->
         for x in range(cols):
             if not here[x] < top[x]:
                 continue
-            if bordered and here[x] < _BORDER * top[x] and _at_border(row, x, near, flags):
+            if beside and here[x] < _BORDER * top[x] and _at_border(row, x, near, flags):
                 near.dim[row] = 1
             if holes and _sees_nothing_beside(row, x, flags):
                 if here[x] < _BESIDE * top[x]:
@@ -172,6 +173,22 @@ def mixed_rows(start: int, stop: int, near: Near, shared: Shared, top: Array) ->
                 off = 0.5 * (1 - here[x] / top[x])
                 sigma_u[row, x] = np.hypot(sigma_u[row, x], off * _steepness(row, x, u, flags))
                 sigma_v[row, x] = np.hypot(sigma_v[row, x], off * _steepness(row, x, v, flags))
+
+
+@leaf_kernel
+def _any_beside(row: int, coord: Array, axis: int, near: Near) -> bool:
+    """Whether any pixel of a row may be in the band beside the border, along one axis."""
+    half = 0.5 * near.extents[axis]
+    return bool(half < np.inf and _any_within(coord[row], half, near.bands[axis]))
+
+
+@apart_kernel
+def _any_within(line: Array, half: float, band: tuple[float, float]) -> bool:
+    found = 0.0
+    for x in range(len(line)):
+        inside = half - abs(line[x] - (half - 0.5))
+        found += 1.0 if (inside >= band[0]) & (inside < band[1]) else 0.0
+    return found > 0
 
 
 @leaf_kernel

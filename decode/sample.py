@@ -7,6 +7,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from optolever.blocks import over_rows, threads
+
 __all__ = ["Sample", "quantile", "sampled"]
 
 #: Lines and runs on each of them at most, pixels in a run: a run costs as much to fetch as one pixel.
@@ -41,7 +43,13 @@ def sampled(frames: NDArray[Any]) -> Sample:
         return Sample(np.ascontiguousarray(lines)[:, :, None], at)
     # from one end of the lines to the other
     runs = sliding_window_view(lines, _RUN, axis=2)[:, :, :: (cols - _RUN) // (across - 1)]
-    return Sample(np.ascontiguousarray(runs), at)
+    fetched = np.empty(runs.shape, runs.dtype)
+
+    def fetch(start: int, stop: int) -> None:
+        fetched[start:stop] = runs[start:stop]
+
+    over_rows(fetch, len(runs), -(-len(runs) // threads()))  # it is memory that a fetch waits for
+    return Sample(fetched, at)
 
 
 def quantile(values: NDArray[Any], share: float) -> float:
