@@ -27,6 +27,7 @@ from .records import Near
 from .response import Response
 from .rows import Maps, axes_step, near_of, near_step, shadow_step
 from .survey import is_continuous, survey
+from .survivors import flag_survivors
 from .sweep import Sweep, calibrated, stripe_step, swept_alone
 from .swing import Blur
 from .table_decoder import by_table, shown_on, subpixel_step, table_step
@@ -194,6 +195,7 @@ def _decoded(
         high += within + [axis for axis in wanted.axes if swept_alone(axis) or by_table(axis)]
     least = max((sweep.least_blur for sweep in sweeps.values()), default=0.0)
     _take_off_stairs(high, maps, blur_px, told.blurs, least)
+    flag_survivors(found.flags)
     return found
 
 
