@@ -38,6 +38,9 @@ _OUTSIDE = 0.15
 #: share of the pixels in which these differ at least; share of neighbours that are far apart in a wrong map.
 _PIXELS_LEAST, _CELLS, _SAME, _ROUGH = 256, 8, 0.01, 0.1
 _ENOUGH = 4096
+#: Share of a fringe's period by which a jump of whole periods may be off: what a display's border shifts is
+#: taken off where the wrong coordinate lies.
+_ODD = 0.15
 #: Of the steps between neighbours, one of so many tells what is usual.
 _EVERY = 5
 #: Median step between neighbours, cells, above which they are none.
@@ -70,8 +73,10 @@ class _Lines:
         loose = 0.5 * axis.fringes[0].period if axis.fringes else 0.5 * code.cell
         self.near = 0.5 * code.cell + loose + 2 * self.step
         self.marks = np.empty((len(coords), coords.shape[1] - 3), np.uint8)
+        # a code alone calls the edges of what is wrong outliers, too
+        blind = _BLIND | int(Flag.OUTLIER) if axis.fringes else _BLIND
         self.pairs, self.rough, jumps = mark_steps(
-            coords, flags, _BLIND, _STEEP * code.cell, self.near, self.near + code.cell, self.marks
+            coords, flags, blind, _STEEP * code.cell, self.near, self.near + code.cell, self.marks
         )
         self.broken = jumps > 0
 
@@ -85,6 +90,9 @@ class _Lines:
         """Jumps that a bit explains: bit, line, and the place before it on the line."""
         words, worth = tables
         line, place = np.nonzero(self.marks == JUMP)
+        if axis.fringes:
+            whole = self._whole_periods(axis.fringes[0].period, line, place)
+            line, place = line[whole], place[whole]
         change = self.coords[line, place + 2] - self.coords[line, place + 1]
         mended = np.zeros((len(worth), len(line)), bool)
         ends = self._cells(words, line, place + 2), self._cells(words, line, place + 1)
@@ -95,6 +103,17 @@ class _Lines:
             mended |= np.abs(change - worth[:, here]) <= self.near
         bit, which = np.nonzero(mended)
         return bit, line[which], place[which] + 1
+
+    def _whole_periods(
+        self, period: float, line: NDArray[np.int64], place: NDArray[np.int64]
+    ) -> NDArray[np.bool_]:
+        """Which jumps (K,) are of whole periods: others are the edges of objects, as phases go on where a bit
+        is wrong."""
+        before, here, there, after = (self.coords[line, place + k] for k in range(4))
+        steps = here - before, after - there
+        rest = there - here - 0.5 * (steps[0] + steps[1])
+        loose = _ODD * period + np.abs(steps[1] - steps[0])
+        return np.asarray(np.abs(rest - period * np.rint(rest / period)) <= loose)
 
     def edges(self, tables: tuple[NDArray[np.int64], F64]) -> Event:
         """The bits' proper edges, likewise."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .jit import apart_kernel, inline_kernel, leaf_kernel, outer_kernel
-from .mixed_kernels import NOTHING, OUTLIER, READ, mixed_rows
+from .mixed_kernels import NOTHING, OUTLIER, REACH, READ, mixed_rows
 from .records import Near, Scratch, Shared
 
 __all__ = ["near_rows"]
@@ -21,6 +21,10 @@ Array = NDArray[Any]
 _BOX = np.float32(1 / 24)
 #: A second difference counts above so many sigma: four times its own noise.
 _BENT = np.float32(14.0)
+#: Change of a coordinate over two pixels from which on it may be too steep, in distances of an outlier (0.4
+#: periods), and how many times that is; share of the contrast around that is left of a fringe of which most
+#: of a period lies on a pixel.
+_STEEP, _STEEPER, _LOST = np.float32(2.5), np.float32(1.6), 0.4
 _ZERO, _ONE, _TWO, _THREE = np.float32(0), np.float32(1), np.float32(2), np.float32(3)
 _HALF, _GOOD = np.float32(0.5), np.uint16(0)
 
@@ -43,7 +47,7 @@ def near_rows(start: int, stop: int, near: Near, fresh: bool, shared: Shared, sc
             fresh,
             near.u,
             near.sigma_u,
-            shared.flags,
+            shared,
             kept[0],
             wide,
         )
@@ -56,7 +60,7 @@ def near_rows(start: int, stop: int, near: Near, fresh: bool, shared: Shared, sc
             fresh,
             near.v,
             near.sigma_v,
-            shared.flags,
+            shared,
             kept[1],
             wide,
         )
@@ -72,23 +76,23 @@ def _axis_rows(
     fresh: bool,
     coord: Array,
     sigma: Array,
-    flags: Array,
+    shared: Shared,
     kept: Array,
     wide: Array,
 ) -> None:
     if most is None:
-        _bend_rows(start, stop, least, fresh, coord, sigma, flags, kept)
+        _bend_rows(start, stop, least, fresh, coord, sigma, shared, kept)
     else:
-        _steep_rows(start, stop, most, fresh, coord, flags, kept, wide)
+        _steep_rows(start, stop, most, fresh, coord, shared.flags, kept, wide)
 
 
 @leaf_kernel
 def _bend_rows(
-    start: int, stop: int, least: Any, fresh: bool, coord: Array, sigma: Array, flags: Array, kept: Array
+    start: int, stop: int, least: Any, fresh: bool, coord: Array, sigma: Array, shared: Shared, kept: Array
 ) -> None:
     """Add to sigma (H, W), rows start..stop, what the bend of coord (H, W) shifts the mean over a pixel, and
-    flag those that leave both rows beside them by more than `least`."""
-    rows, ring = coord.shape[0], len(kept)
+    flag those that leave both rows beside them by more than `least`, and those too steep for the fringe."""
+    flags, rows, ring = shared.flags, coord.shape[0], len(kept)
     _keep_first(start, fresh, coord, kept)
     for row in range(start, stop):
         up, down = max(row - 1, 0), min(row + 1, rows - 1)
@@ -96,9 +100,11 @@ def _bend_rows(
             _keep(coord[down], kept[down % ring])
         near = kept[up % ring], kept[row % ring], kept[down % ring]
         inner = 0 < row < rows - 1
-        astray = _bend(inner, np.float32(2 * least), near, flags[up], flags[row], flags[down], sigma[row])
+        astray, steep = _bend(inner, least, near, flags[up], flags[row], flags[down], sigma[row])
         if astray:
             _strays(least, near, flags[up], flags[row], flags[down])
+        if steep:
+            _too_steep(row, least, near, shared)
 
 
 @leaf_kernel
@@ -124,26 +130,32 @@ def _widened(spread: Any, bend: Any) -> Any:
 @apart_kernel
 def _bend(
     inner: bool,
-    far: Any,
+    least: Any,
     near: tuple[Array, Array, Array],
     bad_above: Array,
     bad: Array,
     bad_below: Array,
     spread: Array,
-) -> bool:
+) -> tuple[bool, bool]:
     """One row, in float32 as fringes are decoded; at its two ends only what bends across it. Whether any
-    pixel is `far` from those above and below, taken together."""
+    pixel is far from those above and below, taken together; whether any may be too steep."""
     above, here, below = near
     last = len(here) - 1
     weight = _ONE if inner else _ZERO
+    far, wide = _TWO * least, _STEEP * least
     left, right, bad_left, bad_right = here[:-2], here[2:], bad[:-2], bad[2:]
-    astray = _ZERO
+    astray, steep = _ZERO, _ZERO
     for x in range(last - 1):
         y = x + 1
         middle = here[y]
         along = abs((left[x] - middle) + (right[x] - middle))
         across = weight * abs((above[y] - middle) + (below[y] - middle))
         astray += _ONE if across > far else _ZERO
+        seen = ((bad_left[x] | bad_right[x]) & NOTHING) == _GOOD
+        step = abs(right[x] - left[x]) if seen else _ZERO
+        seen = ((bad_above[y] | bad_below[y]) & NOTHING) == _GOOD
+        other = weight * abs(below[y] - above[y]) if seen else _ZERO
+        steep += _ONE if (step > wide) | (other > wide) else _ZERO
         beside, over = (bad_left[x] | bad_right[x]) & READ, (bad_above[y] | bad_below[y]) & READ
         bend = (along if beside == _GOOD else _ZERO) + (across if over == _GOOD else _ZERO)
         spread[y] = _widened(spread[y], bend)
@@ -152,7 +164,47 @@ def _bend(
         across = weight * abs((above[x] - middle) + (below[x] - middle))
         astray += _ONE if across > far else _ZERO
         spread[x] = _widened(spread[x], across if ((bad_above[x] | bad_below[x]) & READ) == _GOOD else _ZERO)
-    return bool(astray > _ZERO)
+    return bool(astray > _ZERO), bool(steep > _ZERO)
+
+
+@leaf_kernel
+def _too_steep(row: int, least: float, near: tuple[Array, Array, Array], shared: Shared) -> None:
+    """Flag pixels of a row on which most of a fringe's period lies, or more of it: near one period nothing is
+    left but what the bend makes of it, beyond that the contrast is the other way round, half a period off.
+
+    Misread neighbours are as far off, so that contrast tells, too; a jump of the map alone tells nothing.
+    """
+    above, here, below = near
+    flags, wide = shared.flags, _STEEP * least
+    rows, cols = flags.shape
+    for x in range(1, cols - 1):
+        along, across = _ZERO, _ZERO
+        before, after = here[x] - here[x - 1], here[x + 1] - here[x]
+        if (flags[row, x - 1] | flags[row, x + 1]) & NOTHING == 0:
+            along = abs(before + after)
+        even = min(abs(before), abs(after)) > _HALF * least
+        if 0 < row < rows - 1 and (flags[row - 1, x] | flags[row + 1, x]) & NOTHING == 0:
+            before, after = here[x] - above[x], below[x] - here[x]
+            across = abs(before + after)
+            even |= min(abs(before), abs(after)) > _HALF * least
+        step = max(along, across)
+        if step > wide and (
+            (even and step > _STEEPER * wide)
+            or _contrast(row, x, 0, shared) < _LOST * _contrast(row, x, REACH, shared)
+        ):
+            flags[row, x] |= OUTLIER
+
+
+@leaf_kernel
+def _contrast(row: int, x: int, reach: int, shared: Shared) -> float:
+    """Amplitude over offset: the largest within reach."""
+    rows, cols = shared.flags.shape
+    most = 0.0
+    for y in range(max(row - reach, 0), min(row + reach + 1, rows)):
+        for z in range(max(x - reach, 0), min(x + reach + 1, cols)):
+            if shared.flags[y, z] & NOTHING == 0:
+                most = max(most, shared.amplitude[y, z] / max(shared.offset[y, z], _ONE))
+    return most
 
 
 @leaf_kernel

@@ -126,6 +126,21 @@ def test_a_bit_in_its_inverses_place_is_told_by_the_map(
             assert kinds == {"foreign"} or not wrong[found.good].any(), i
 
 
+@pytest.mark.parametrize(
+    ("jump", "at", "tilt"), [(37, 120, 0.0), (271, 309, 0.0), (63, 143, 0.1), (260, 328, 0.1)]
+)
+def test_the_straight_edge_of_an_object_is_no_wrong_frame(
+    shoot: Shoot, jump: float, at: float, tilt: float
+) -> None:
+    """One of a few coarse bits explains many a jump; but not one of no whole number of periods."""
+    row, col = np.mgrid[:200, :480].astype(np.float64)
+    u = 350 + 0.6 * col + jump * (col + tilt * row > at)
+    shown = sequence("gray+phase", 256, 1024, steps=4, period=14.0)
+    kinds, found = _kinds(shoot(shown, u, 20 + 1.1 * row, noise=0.5), shown)
+    assert kinds == set()
+    assert found.good.mean() > 0.98
+
+
 def test_bits_that_came_too_early_are_told_by_their_likeness(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
     """A lost frame, the last one there twice: a map that is twice as steep, without a jump."""
     shown = sequence("gray", 150, 170, inverses=False)

@@ -169,3 +169,33 @@ def test_a_row_that_leaves_both_rows_beside_it_is_flagged(shoot, smooth: tuple[F
     moved[41:] += 64.0
     torn = decode(shoot(shown, u, moved, noise=1.0), shown, on_cells=False)
     assert torn.good.mean() > 0.97
+
+
+@pytest.mark.parametrize("steepest", [12.0, 16.0, 18.0, 20.0, 24.0])
+def test_fringes_of_which_more_than_one_lies_on_a_pixel_are_flagged(steepest: float) -> None:
+    """Their contrast is the other way round, half a period off, and a Gray code's cell agrees by chance."""
+    from optolever.patterns import sequence_from_text
+
+    shown = sequence_from_text("gray+phase:steps=4,period=14", 120, 240)
+    row, col = places(60, 64)
+    u = 100 + 0.8 * (col - 32) + 3 * steepest * np.tanh((col - 32 - 0.1 * (row - 30)) / 3)
+    v = 20 + 0.9 * row
+    found = decode(footprints(shown, u, v, noise=0.5), shown)
+    assert silent(found, centres(u), centres(v)) <= 1e-4
+    assert found.good[np.abs(centres(col) - 32 - 0.1 * (centres(row) - 30)) > 6].mean() > 0.99
+
+
+def test_what_noise_lets_pass_among_refused_pixels_is_flagged(
+    shoot: Callable[..., NDArray[Any]],
+) -> None:
+    """At an amplitude of three sigma, a pixel in a hundred seems to have four; its error goes with it. A line
+    of good pixels two wide stays."""
+    shown = sequence("phase", 100, 120, periods=(130.0,), steps=4)
+    v, u = np.mgrid[5:95, 5:115].astype(np.float64)
+    light = np.where(np.abs(u - 50.5) < 1, 60.0, 6.4)
+    found = decode(shoot(shown, u, v, noise=2.0, offset=80, amplitude=light), shown, noise=2.0)
+    strong = light > 10
+    assert found.good[strong].mean() > 0.95
+    left = found.flags[~strong] & np.uint16(0xFFFF ^ Flag.OUTLIER)
+    assert np.mean(left == 0) > 5e-3  # there is something to flag
+    assert found.good[~strong].mean() < 1e-3
