@@ -38,9 +38,9 @@ _OUTSIDE = 0.15
 #: share of the pixels in which these differ at least; share of neighbours that are far apart in a wrong map.
 _PIXELS_LEAST, _CELLS, _SAME, _ROUGH = 256, 8, 0.01, 0.1
 _ENOUGH = 4096
-#: Share of a fringe's period by which a jump of whole periods may be off: what a display's border shifts is
-#: taken off where the wrong coordinate lies.
-_ODD = 0.15
+#: Share of a fringe's period by which a jump of whole periods may be off; next to the border, what that
+#: shifts is taken off where the wrong coordinate lies.
+_ODD, _ODD_AT_BORDER = 0.05, 0.15
 #: Of the steps between neighbours, one of so many tells what is usual.
 _EVERY = 5
 #: Median step between neighbours, cells, above which they are none.
@@ -91,7 +91,7 @@ class _Lines:
         words, worth = tables
         line, place = np.nonzero(self.marks == JUMP)
         if axis.fringes:
-            whole = self._whole_periods(axis.fringes[0].period, line, place)
+            whole = self._whole_periods(axis, line, place)
             line, place = line[whole], place[whole]
         change = self.coords[line, place + 2] - self.coords[line, place + 1]
         mended = np.zeros((len(worth), len(line)), bool)
@@ -105,14 +105,19 @@ class _Lines:
         return bit, line[which], place[which] + 1
 
     def _whole_periods(
-        self, period: float, line: NDArray[np.int64], place: NDArray[np.int64]
+        self, axis: AxisPlan, line: NDArray[np.int64], place: NDArray[np.int64]
     ) -> NDArray[np.bool_]:
         """Which jumps (K,) are of whole periods: others are the edges of objects, as phases go on where a bit
         is wrong."""
+        period = axis.fringes[0].period
         before, here, there, after = (self.coords[line, place + k] for k in range(4))
         steps = here - before, after - there
         rest = there - here - 0.5 * (steps[0] + steps[1])
-        loose = _ODD * period + np.abs(steps[1] - steps[0])
+        inside = np.minimum(
+            *(0.5 * axis.extent - np.abs(end - 0.5 * (axis.extent - 1)) for end in (here, there))
+        )
+        odd = np.where(inside < period, _ODD_AT_BORDER, _ODD)
+        loose = odd * period + np.minimum(np.abs(steps[1] - steps[0]), _ODD * period)
         return np.asarray(np.abs(rest - period * np.rint(rest / period)) <= loose)
 
     def edges(self, tables: tuple[NDArray[np.int64], F64]) -> Event:
