@@ -37,8 +37,9 @@
 | `integrity`                | `check`: swapped, lost, repeated and torn frames, named                      |
 | `code_jumps`, `code_jump_kernels` | bits that are not those described, told by jumps                      |
 | `references`               | how well white and black bound a code's levels                               |
-| `neighbour_kernels`        | what neighbours tell of a pixel: bends, steep codes, rows that stray          |
+| `neighbour_kernels`        | what neighbours tell of a pixel: bends, steep maps, rows that stray           |
 | `mixed_kernels`            | footprints part of which sees nothing, beside a hole or at the border        |
+| `survivors`                | pixels that noise let pass where all around them are refused                 |
 | `lattice`, `line_crossing` | `lattice`: the paper's crossings, sub-pixel, tracked from the rest frame     |
 | `crossed`                  | `crossed`: displacement from a single crossed-fringe frame                   |
 | `crossed_fit`, `crossed_kernels` | both fringes fitted at once within a window that the frame may cut    |
