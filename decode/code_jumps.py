@@ -41,6 +41,8 @@ _ENOUGH = 4096
 #: Share of a fringe's period by which a jump of whole periods may be off; next to the border, what that
 #: shifts is taken off where the wrong coordinate lies.
 _ODD, _ODD_AT_BORDER = 0.05, 0.15
+#: Usual bends that noise adds to that: three deviations.
+_BENDS = 4.0
 #: Of the steps between neighbours, one of so many tells what is usual.
 _EVERY = 5
 #: Median step between neighbours, cells, above which they are none.
@@ -58,9 +60,9 @@ class BitFault:
 
 
 class _Lines:
-    """Coordinates and flags along lines of pixels (L, N), rows (along) or columns, the usual step between
-    neighbours, how many pairs of these there are and how many are far apart (rough), and where between two
-    of them coordinates jump (broken: anywhere) or go on.
+    """Coordinates and flags along lines of pixels (L, N), rows (along) or columns; the usual step between
+    neighbours, and its change (bend: mostly noise); how many pairs of these there are and how many are far
+    apart (rough), and where between two of them coordinates jump (broken: anywhere) or go on.
     """
 
     def __init__(
@@ -69,6 +71,8 @@ class _Lines:
         self.code, self.lines, self.along, self.coords, self.flags = code, lines, along, coords, flags
         every = coords[:, 1::_EVERY] - coords[:, :-1:_EVERY]
         self.step = quantile(np.abs(every).ravel(), 0.5)
+        second = coords[:, 2::_EVERY] - 2 * coords[:, 1:-1:_EVERY] + coords[:, :-2:_EVERY]
+        self.bend = quantile(np.abs(second).ravel(), 0.5)
         # a fringe moves the answer by up to half its period from the code's cell
         loose = 0.5 * axis.fringes[0].period if axis.fringes else 0.5 * code.cell
         self.near = 0.5 * code.cell + loose + 2 * self.step
@@ -117,7 +121,7 @@ class _Lines:
             *(0.5 * axis.extent - np.abs(end - 0.5 * (axis.extent - 1)) for end in (here, there))
         )
         odd = np.where(inside < period, _ODD_AT_BORDER, _ODD)
-        loose = odd * period + np.minimum(np.abs(steps[1] - steps[0]), _ODD * period)
+        loose = odd * period + _BENDS * self.bend
         return np.asarray(np.abs(rest - period * np.rint(rest / period)) <= loose)
 
     def edges(self, tables: tuple[NDArray[np.int64], F64]) -> Event:
