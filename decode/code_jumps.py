@@ -38,6 +38,9 @@ _OUTSIDE = 0.15
 #: share of the pixels in which these differ at least; share of neighbours that are far apart in a wrong map.
 _PIXELS_LEAST, _CELLS, _SAME, _ROUGH = 256, 8, 0.01, 0.1
 _ENOUGH = 4096
+#: Share of the pixels that are dark, or bright, in a picture that tells anything; part of these in which two
+#: pictures that are the same may differ.
+_TWIN_LEAST, _TWIN = 0.02, 0.25
 #: Share of a fringe's period by which a jump of whole periods may be off; next to the border, what that
 #: shifts is taken off where the wrong coordinate lies.
 _ODD, _ODD_AT_BORDER = 0.05, 0.15
@@ -191,7 +194,9 @@ def _jumping(
 def _alike(
     code: Code, stack: Map, offset: Map, coord: Map, flags: Map, rows: NDArray[np.int64]
 ) -> tuple[int, ...]:
-    """Bits without inverse that show the picture of the next coarser one, or none: frames came too early."""
+    """Bits without inverse that show the picture of the next coarser one, or none: frames came too early; and
+    two that show the same one, as no map makes two bits of a Gray code change at the same places.
+    """
     frame = np.where(code.inverse < 0, code.plain, -1)
     if (frame < 0).any() or code.kind == "xor-gray":
         return ()
@@ -210,7 +215,18 @@ def _alike(
         same = min(np.mean(shown[bit] != other), np.mean(shown[bit]), np.mean(~shown[bit]))
         if cells >= _CELLS and same < _SAME:
             found.append(bit)
-    return tuple(found)
+    return tuple(sorted({*found, *_twins(shown)}))
+
+
+def _twins(shown: NDArray[np.bool_]) -> tuple[int, ...]:
+    """Bits (of pixels, (bits, K)) whose picture is that of another one."""
+    lit = shown.mean(axis=1)
+    least = np.minimum(lit, 1 - lit)
+    one, other = np.triu_indices(len(shown), 1)
+    apart = np.array([np.mean(shown[i] != shown[j]) for i, j in zip(one, other, strict=True)])
+    smaller = np.minimum(least[one], least[other])
+    same = (smaller > _TWIN_LEAST) & (apart < _TWIN * smaller)
+    return tuple(sorted({*one[same].tolist(), *other[same].tolist()}))
 
 
 def _inverted(view: _Lines) -> tuple[int, ...]:

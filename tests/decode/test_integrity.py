@@ -126,6 +126,19 @@ def test_a_bit_in_its_inverses_place_is_told_by_the_map(
             assert kinds == {"foreign"} or not wrong[found.good].any(), i
 
 
+@pytest.mark.parametrize(("bit", "source"), [(7, 0), (6, 0), (4, 1), (8, 9)])
+def test_two_bits_that_show_the_same_picture_are_told(shoot: Shoot, bit: int, source: int) -> None:
+    """A coarse bit with the finest one's picture is wrong in every other pixel: no jump stands alone."""
+    row, col = np.mgrid[:160, :320].astype(np.float64)
+    shown = sequence("gray", 256, 1024, inverses=False)
+    frames = shoot(shown, 340 + 1.09 * col + 4 * np.sin(row / 30), 20 + 1.1 * row, noise=0.5)
+    of_u = {frame.bit: i for i, frame in enumerate(shown.frames) if frame.axis == "u"}
+    frames[of_u[bit]] = frames[of_u[source]]
+    kinds, found = _kinds(frames, shown)
+    assert kinds == {"foreign"}
+    assert not found.good.any()
+
+
 @pytest.mark.parametrize(
     ("jump", "at", "tilt"), [(37, 120, 0.0), (271, 309, 0.0), (63, 143, 0.1), (260, 328, 0.1)]
 )
