@@ -14,8 +14,8 @@ from .correspondence import Flag
 __all__ = ["flag_survivors"]
 
 #: Side of the window around a pixel, and good pixels in it, itself included, up to which it is one by chance:
-#: a line of them that is two wide has more, and stays.
-_SIDE, _FEW = 5, 6
+#: a line of them has more, and stays.
+_SIDE, _FEW = 5, 4
 _SURVIVOR = np.uint16(Flag.OUTLIER)
 
 

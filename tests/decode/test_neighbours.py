@@ -189,10 +189,10 @@ def test_what_noise_lets_pass_among_refused_pixels_is_flagged(
     shoot: Callable[..., NDArray[Any]],
 ) -> None:
     """At an amplitude of three sigma, a pixel in a hundred seems to have four; its error goes with it. A line
-    of good pixels two wide stays."""
+    of good pixels stays."""
     shown = sequence("phase", 100, 120, periods=(130.0,), steps=4)
     v, u = np.mgrid[5:95, 5:115].astype(np.float64)
-    light = np.where(np.abs(u - 50.5) < 1, 60.0, 6.4)
+    light = np.where(u == 50, 60.0, 6.4)
     found = decode(shoot(shown, u, v, noise=2.0, offset=80, amplitude=light), shown, noise=2.0)
     strong = light > 10
     assert found.good[strong].mean() > 0.95
