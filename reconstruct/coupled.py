@@ -43,7 +43,7 @@ _METHODS = {
 }
 _CURL_LIMIT = 8.0  # standard deviations
 _REWEIGHTED = 2  # solves with doubtful edges: the slopes depend a little on the height
-_ATTEMPTS = 6  # with pixels left out that do not converge
+_ATTEMPTS = 3  # with pixels left out that do not converge
 _BETTER = 3.0  # times: data less better than that by its curl may hide what neighbours share
 _NOISIER = 1.2  # times the announced noise, by the curl: sigma grows to what it is
 _ROUNDS = 6  # of leaving out lone pixels with a curl
@@ -95,7 +95,7 @@ def solved_height(
 ) -> tuple[Problem, State, HeightMap]:
     """`reconstruct` by one of the dense methods, with what was solved and how it ended."""
     options = _METHODS[method]
-    for attempt in range(_ATTEMPTS):
+    for _ in range(_ATTEMPTS):
         whole = prepare(correspondence, scene, anchor, mask)
         removed = strays(whole.data, ~whole.bridged)
         problem = replace(whole, data=bridged(whole.data, removed))
@@ -103,30 +103,9 @@ def solved_height(
         if first is None:
             first = coarse_start(problem.data, problem.samples, problem.labels, options)
         state = _solve(problem, first, options)
-        last = attempt == _ATTEMPTS - 1
-        if last or not _few_astray(state):
-            problem, state, removed, suspects, scale, curl = _refined(whole, problem, state, removed, method)
-        if last or not _few_astray(state):
+        if state.astray is None or not 0 < np.count_nonzero(state.astray) < FEW * state.astray.size:
             break
-        correspondence = _without(correspondence, problem, state)
-    variance = None
-    if isinstance(state.problem, MarchedEdges):
-        doubt = doubted(problem, state, scale, removed, suspects & ~removed)
-        weights = edge_weights(*state.variances, state.root, problem.data.mask, doubt)
-        variance = march_variance(*weights, state.problem.spine, state.rows.pixel, state.share)
-        variance *= state.root**4
-    spread = _spread(problem, state, removed)
-    height = height_map(problem, state, correspondence.flags, suspects, curl, method, variance, spread)
-    return problem, state, height
-
-
-def _refined(
-    whole: Problem, problem: Problem, state: State, removed: Mask, method: str
-) -> tuple[Problem, State, Mask, Mask, float, float]:
-    """A first solution without lone pixels of a curl, with the noise that the curl tells, and with what is
-    doubted around creases; with the pixels removed, those with a curl, and its scale, now and before.
-    """
-    options = _METHODS[method]
+        correspondence = _without(correspondence, problem, state.astray)
     measured, suspects = whole.data, removed.copy()
     for _ in range(_ROUNDS):
         score, scale = _curl(problem, state)
@@ -148,20 +127,23 @@ def _refined(
         state = reweighted(problem, state, options)
     elif method != "march":
         state = _around_creases(problem, state, options, scale, removed, suspects & ~removed)
-    return problem, state, removed, suspects, scale, curl
+    variance = None
+    if isinstance(state.problem, MarchedEdges):
+        doubt = doubted(problem, state, scale, removed, suspects & ~removed)
+        weights = edge_weights(*state.variances, state.root, problem.data.mask, doubt)
+        variance = march_variance(*weights, state.problem.spine, state.rows.pixel, state.share)
+        variance *= state.root**4
+    spread = _spread(problem, state, removed)
+    height = height_map(problem, state, correspondence.flags, suspects, curl, method, variance, spread)
+    return problem, state, height
 
 
-def _few_astray(state: State) -> bool:
-    """Whether a few pixels keep the others from converging."""
-    return state.astray is not None and bool(0 < np.count_nonzero(state.astray) < FEW * state.astray.size)
-
-
-def _without(correspondence: Correspondence, problem: Problem, state: State) -> Correspondence:
+def _without(correspondence: Correspondence, problem: Problem, astray: Mask) -> Correspondence:
     """The correspondence with pixels flagged that kept all others from converging: right before the pattern,
     where slopes depend on the height most, noise can drive one away on its own.
     """
     outer = np.zeros(problem.outer.mask.shape, dtype=np.bool_)
-    outer[problem.core] = state.astray
+    outer[problem.core] = astray
     flags = np.where(problem.to_image(outer, False), HeightFlag.NOT_CONVERGED, 0).astype(np.uint16)
     return replace(correspondence, flags=correspondence.flags | flags)
 

@@ -11,7 +11,7 @@ from optolever.decode import Flag
 from .creases import Doubt, touched
 from .fringe import extended
 from .heightmap import Diagnostics, HeightFlag, HeightMap
-from .newton import FEW, State
+from .newton import State
 from .problem import Problem
 from .uncertainty import unknown_variance
 from .ways import cut_off, reached_across
@@ -22,6 +22,7 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _FEW = 0.01  # of the edges
+_MOVING = 0.05  # of the pixels: more that still move are not to blame one by one
 _AROUND = 4  # pixels: so far are heights continued into lines that were not solved
 _STEEP = 3.0  # standard deviations of the noise: where what is doubted of creases exceeds them
 
@@ -114,7 +115,7 @@ def _unsettled(problem: Problem, state: State) -> Mask:
     """Pixels of the image that did not converge, and what is continued from them: a few that noise drives
     away, right before the pattern or at its edge, move nothing else. All, where they are not few."""
     moving = state.unsettled
-    if moving is None or not 0 < np.count_nonzero(moving) < FEW * moving.size:
+    if moving is None or not 0 < np.count_nonzero(moving) < _MOVING * moving.size:
         return np.ones(problem.valid.shape, dtype=np.bool_)
     core = np.zeros(problem.outer.mask.shape, dtype=np.bool_)
     core[problem.core] = moving

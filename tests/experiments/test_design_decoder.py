@@ -68,16 +68,25 @@ def test_a_jump_of_the_border_table_is_not_taken_for_a_doubtful_blur() -> None:
     assert told.bias[10:-10, -1] == pytest.approx(np.nanmean(errors, axis=0), abs=0.2)
 
 
-@pytest.mark.parametrize("seed", [104, 110])
-def test_few_pixels_that_do_not_settle_cost_no_other(seed: int) -> None:
-    """Noise drives one away at the pattern's edge, or leaves all within itself at the last step."""
-    case = CASES[3]
+@pytest.mark.parametrize(
+    ("number", "text", "seed"),
+    [
+        (3, "ladder: 2 to 5 px, steps 8/8", 104),
+        (3, "ladder: 2 to 5 px, steps 8/8", 110),
+        (1, "ladder: 2 to 3 px, steps 7/7", 202),
+        (1, "ladder: 2 to 3 px, steps 7/7", 204),
+    ],
+)
+def test_few_pixels_that_do_not_settle_cost_no_other(number: int, text: str, seed: int) -> None:
+    """Noise drives some away at the pattern's edge, once what is doubted is held in doubt at the latest, or
+    leaves all within itself at the last step."""
+    case = CASES[number]
     scene = case.scene(108)
     surface = dent_from_text(case.dent, scene)
     offered = candidates(scene.pattern.rows, scene.pattern.cols, case.frames)
-    shown = next(c.sequence for c in offered if c.text == "ladder: 2 to 5 px, steps 8/8")
+    shown = next(c.sequence for c in offered if c.text == text)
     seen = capture(scene, surface, shown, noise=case.noise, seed=seed, renderer="numpy")
     height = reconstruct(decode(seen.frames, shown), scene)
     error = (height.z - trace(scene, surface).z) / height.sigma
-    assert height.good.mean() > 0.97
+    assert height.good.mean() > 0.94
     assert np.abs(error[height.good]).max() < 5
