@@ -25,6 +25,4 @@ def flag_survivors(flags: NDArray[np.uint16]) -> None:
     if good.all():
         return
     around = cv2.boxFilter(good, -1, (_SIDE, _SIDE), normalize=False, borderType=cv2.BORDER_REFLECT_101)
-    survivors = (around <= _FEW).view(np.uint8) & good
-    if survivors.any():
-        flags |= survivors * _SURVIVOR
+    np.bitwise_or(flags, _SURVIVOR, out=flags, where=(around <= _FEW) & good.view(np.bool_))
