@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .blur_kernels import Swing, Wave, contrasts, swing_sums
+from .blur_kernels import Swing, Wave, contrasts, sinc, swing_sums
 from .correspondence import Flag
 from .plan import AxisPlan, Fringe, Plan
 from .sample import quantile
@@ -187,10 +187,5 @@ def _sideband(period: float, widths: list[float], square: float, m: int) -> floa
     f, side = 1 / period, 1 / period + m
     left = -f / side * math.exp(-2 * math.pi**2 * square * (side**2 - f**2))
     for width in widths:
-        left *= _sinc(side * width) / _sinc(f * width)
+        left *= sinc(side * width) / sinc(f * width)
     return left
-
-
-def _sinc(x: float) -> float:
-    """np.sinc of one number, for which NumPy takes twenty times as long."""
-    return math.sin(math.pi * x) / (math.pi * x) if x else 1.0

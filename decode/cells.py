@@ -31,7 +31,7 @@ from .stairs_kernels import Footprint, Points, undo_rows
 from .swing import Blur
 from .unwrap_kernels import MUCH_FINER
 
-__all__ = ["Stairs", "given_stairs", "left_by", "matters", "read_stairs", "take_off_stairs"]
+__all__ = ["Stairs", "given_stairs", "left_by", "read_stairs", "stairs_matter", "take_off_stairs"]
 
 Map = NDArray[Any]
 F64 = NDArray[np.float64]
@@ -111,7 +111,7 @@ def read_stairs(axis: AxisPlan, coord: Map, sigma: Map, flags: Map) -> Stairs:
 def take_off_stairs(stairs: Stairs, extent: int, coord: Map, sigma: Map, flags: Map) -> None:
     """Undo the stairs in coord (H, W) and add to sigma (H, W) what cannot be undone, in place; extent: cells.
 
-    To be called where that matters. The footprint is the local gradient of coord. A pixel that sees one cell
+    To be called where they matter. The footprint is the local gradient of coord. A pixel that sees one cell
     only (a tread of the stairs) is put at its middle, with the rms (1 - w) / sqrt(12) of a place on it: see
     steep_kernels.
     """
@@ -129,12 +129,12 @@ def take_off_stairs(stairs: Stairs, extent: int, coord: Map, sigma: Map, flags: 
         over_rows(partial(_undo, points, footprint, rest), len(coord), 64)
 
 
-def matters(stairs: Stairs, coord: Map, sigma: Map) -> bool:
+def stairs_matter(stairs: Stairs, coord: Map, sigma: Map) -> bool:
     """Whether there is anything to take off coord (H, W), or to add to sigma (H, W)."""
-    if max(stairs.left, stairs.at_most) < _NEGLIGIBLE:
-        return False
     if stairs.left >= _NEGLIGIBLE:
         return True
+    if stairs.at_most < _NEGLIGIBLE:
+        return False
     lines = coord.T if _changes_down(coord) else coord
     every = max(1, lines.shape[1] // _SOME)
     gradient = _least_gradient(lines[:: max(1, len(lines) // _LINES)], 1, slice(None), every)
@@ -153,6 +153,7 @@ def _squares(left: float) -> F64:
 
 @cache
 def _sincs() -> F64:
+    """What footprints leave of the harmonics (K, W)."""
     return np.asarray(np.sinc(np.arange(1, _TERMS + 1)[:, None] * np.arange(0, _WIDEST, _FINE)))
 
 

@@ -38,9 +38,9 @@ _OUTSIDE = 0.15
 #: share of the pixels in which these differ at least; share of neighbours that are far apart in a wrong map.
 _PIXELS_LEAST, _CELLS, _SAME, _ROUGH = 256, 8, 0.01, 0.1
 _ENOUGH = 4096
-#: Share of the pixels that are dark, or bright, in a picture that tells anything; part of these in which two
-#: pictures that are the same may differ.
-_TWIN_LEAST, _TWIN = 0.02, 0.25
+#: Share of the pixels in which two pictures differ that are the same; changes along a line that they have, at
+#: least, so that no edges of objects make them.
+_TWIN, _OFTEN = 0.05, 4.0
 #: Share of a fringe's period by which a jump of whole periods may be off; next to the border, what that
 #: shifts is taken off where the wrong coordinate lies.
 _ODD, _ODD_AT_BORDER = 0.05, 0.15
@@ -195,7 +195,7 @@ def _alike(
     code: Code, stack: Map, offset: Map, coord: Map, flags: Map, rows: NDArray[np.int64]
 ) -> tuple[int, ...]:
     """Bits without inverse that show the picture of the next coarser one, or none: frames came too early; and
-    two that show the same one, as no map makes two bits of a Gray code change at the same places.
+    two that show the same one.
     """
     frame = np.where(code.inverse < 0, code.plain, -1)
     if (frame < 0).any() or code.kind == "xor-gray":
@@ -206,7 +206,8 @@ def _alike(
     if np.count_nonzero(seen) < _PIXELS_LEAST:
         return ()
     cell = np.maximum((coord[seen] + 0.5 - code.origin) // code.cell, 0).astype(np.int64)
-    shown = np.array([levels[i][seen] > offset[seen] for i in frame])
+    pictures = levels[frame] > offset
+    shown = pictures[:, seen]
     found = []
     for bit in range(len(frame)):
         # what a bit of that fineness would show, had the map this range: half of it lit
@@ -215,18 +216,26 @@ def _alike(
         same = min(np.mean(shown[bit] != other), np.mean(shown[bit]), np.mean(~shown[bit]))
         if cells >= _CELLS and same < _SAME:
             found.append(bit)
-    return tuple(sorted({*found, *_twins(shown)}))
+    return tuple(sorted({*found, *_twins(pictures, seen)}))
 
 
-def _twins(shown: NDArray[np.bool_]) -> tuple[int, ...]:
-    """Bits (of pixels, (bits, K)) whose picture is that of another one."""
-    lit = shown.mean(axis=1)
-    least = np.minimum(lit, 1 - lit)
-    one, other = np.triu_indices(len(shown), 1)
-    apart = np.array([np.mean(shown[i] != shown[j]) for i, j in zip(one, other, strict=True)])
-    smaller = np.minimum(least[one], least[other])
-    same = (smaller > _TWIN_LEAST) & (apart < _TWIN * smaller)
-    return tuple(sorted({*one[same].tolist(), *other[same].tolist()}))
+def _twins(shown: NDArray[np.bool_], seen: NDArray[np.bool_]) -> tuple[int, ...]:
+    """Bits (of pixels, (bits, L, N), where seen) whose picture is that of another one.
+
+    A map that jumps passes over edges of several bits at once, but not time and again.
+    """
+    often = [i for i, picture in enumerate(shown) if _changes(picture, seen) >= _OFTEN]
+    pairs = [(i, j) for i in often for j in often if i < j]
+    same = [pair for pair in pairs if np.mean((shown[pair[0]] != shown[pair[1]])[seen]) < _TWIN]
+    return tuple(sorted({bit for pair in same for bit in pair}))
+
+
+def _changes(picture: NDArray[np.bool_], seen: NDArray[np.bool_]) -> float:
+    """How often a picture (L, N) changes along a line, or from line to line, on the mean."""
+    return max(
+        float(np.count_nonzero((part[:, 1:] != part[:, :-1]) & known[:, 1:] & known[:, :-1])) / len(part)
+        for part, known in ((picture, seen), (picture.T, seen.T))
+    )
 
 
 def _inverted(view: _Lines) -> tuple[int, ...]:

@@ -13,7 +13,7 @@ from optolever.blocks import Work, on_cores, over_blocks, shrinking
 from optolever.patterns import Sequence
 
 from .blur import measured_blur
-from .cells import Stairs, given_stairs, left_by, matters, read_stairs, take_off_stairs
+from .cells import Stairs, given_stairs, left_by, read_stairs, stairs_matter, take_off_stairs
 from .correspondence import Correspondence, Flag
 from .display import Tables, display_tables
 from .exposures import better_of, by_exposure
@@ -225,7 +225,7 @@ def _take_off_stairs(
     def take_off(i: int) -> None:
         take_off_stairs(told[i], axes[i].extent, *maps.of(axes[i].axis), maps.flags)
 
-    on_cores(take_off, [i for i, axis in enumerate(axes) if matters(told[i], *maps.of(axis.axis))])
+    on_cores(take_off, [i for i, axis in enumerate(axes) if stairs_matter(told[i], *maps.of(axis.axis))])
 
 
 def _one_by_one(steps: Iterable[Work]) -> Work:

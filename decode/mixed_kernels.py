@@ -184,6 +184,7 @@ def _any_beside(row: int, coord: Array, axis: int, near: Near) -> bool:
 
 @apart_kernel
 def _any_within(line: Array, half: float, band: tuple[float, float]) -> bool:
+    """Whether any coordinate of a row lies so far from the nearer border, half the extent from the middle."""
     found = 0.0
     for x in range(len(line)):
         inside = half - abs(line[x] - (half - 0.5))

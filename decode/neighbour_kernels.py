@@ -178,21 +178,25 @@ def _too_steep(row: int, least: float, near: tuple[Array, Array, Array], shared:
     flags, wide = shared.flags, _STEEP * least
     rows, cols = flags.shape
     for x in range(1, cols - 1):
-        along, across = _ZERO, _ZERO
-        before, after = here[x] - here[x - 1], here[x + 1] - here[x]
-        if (flags[row, x - 1] | flags[row, x + 1]) & NOTHING == 0:
-            along = abs(before + after)
-        even = min(abs(before), abs(after)) > _HALF * least
-        if 0 < row < rows - 1 and (flags[row - 1, x] | flags[row + 1, x]) & NOTHING == 0:
-            before, after = here[x] - above[x], below[x] - here[x]
-            across = abs(before + after)
-            even |= min(abs(before), abs(after)) > _HALF * least
-        step = max(along, across)
-        if step > wide and (
-            (even and step > _STEEPER * wide)
-            or _contrast(row, x, 0, shared) < _LOST * _contrast(row, x, REACH, shared)
-        ):
+        step, steps = _climb(here[x - 1], here[x], here[x + 1], flags[row, x - 1] | flags[row, x + 1], least)
+        if 0 < row < rows - 1:
+            beside = flags[row - 1, x] | flags[row + 1, x]
+            across, in_steps = _climb(above[x], here[x], below[x], beside, least)
+            step, steps = max(step, across), max(steps, in_steps)
+        over = steps > _STEEPER * wide
+        if not over and step > wide:
+            over = _contrast(row, x, 0, shared) < _LOST * _contrast(row, x, REACH, shared)
+        if over:
             flags[row, x] |= OUTLIER
+
+
+@leaf_kernel
+def _climb(before: float, here: float, after: float, beside: Any, least: float) -> tuple[Any, Any]:
+    """Change over two pixels, 0 if nothing is seen beside; and the same, 0 also for a jump on one side."""
+    if beside & NOTHING:
+        return _ZERO, _ZERO
+    step = abs(after - before)
+    return step, step if min(abs(here - before), abs(after - here)) > _HALF * least else _ZERO
 
 
 @leaf_kernel

@@ -18,7 +18,7 @@ from .creases import Doubt, edge_doubt, widened
 from .edges import edge_weights
 from .heightmap import HeightFlag, HeightMap
 from .holes import bridged, noise_gain
-from .newton import FEW, Options, State, coarse_start, solve
+from .newton import Options, State, coarse_start, solve
 from .outliers import curl_scale, curl_score, curl_suspects, lone
 from .paper import SeriesName
 from .paper_scene import reconstruct_paper
@@ -44,6 +44,7 @@ _METHODS = {
 _CURL_LIMIT = 8.0  # standard deviations
 _REWEIGHTED = 2  # solves with doubtful edges: the slopes depend a little on the height
 _ATTEMPTS = 3  # with pixels left out that do not converge
+_FEW = 0.01  # of the pixels: more that do not settle are not to blame one by one
 _BETTER = 3.0  # times: data less better than that by its curl may hide what neighbours share
 _NOISIER = 1.2  # times the announced noise, by the curl: sigma grows to what it is
 _ROUNDS = 6  # of leaving out lone pixels with a curl
@@ -103,7 +104,7 @@ def solved_height(
         if first is None:
             first = coarse_start(problem.data, problem.samples, problem.labels, options)
         state = _solve(problem, first, options)
-        if state.astray is None or not 0 < np.count_nonzero(state.astray) < FEW * state.astray.size:
+        if state.astray is None or not 0 < np.count_nonzero(state.astray) < _FEW * state.astray.size:
             break
         correspondence = _without(correspondence, problem, state.astray)
     measured, suspects = whole.data, removed.copy()

@@ -27,8 +27,8 @@ class HeightFlag(IntFlag):
     NO_ANCHOR: nothing ties the pixel to a known height; CURL: its slopes are those of no surface; STEEP: it
     is reached only across slopes that change too fast between pixels (a cusp, a rim), what that may cost
     exceeds three sigma of the noise and is in its sigma (not so where pixels are missing along the same
-    line: a step of any height may hide there, and the whole piece behind it is flagged); NOT_CONVERGED: of
-    the whole solve.
+    line: a step of any height may hide there, and the whole piece behind it is flagged); NOT_CONVERGED:
+    the last steps still moved it, or so many others that nothing can be said of any.
     """
 
     NO_ANCHOR = 1024

@@ -23,7 +23,7 @@ from .measured import Measured
 from .pinning import AnchorRows, anchor_rows, free_constants
 from .poisson import Accuracy
 
-__all__ = ["FEW", "Options", "State", "chord_step", "coarse_start", "response", "solve"]
+__all__ = ["Options", "State", "chord_step", "coarse_start", "response", "solve"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -38,7 +38,6 @@ _CHORD = 1e-4  # of a chord step: the next one takes what is left
 _SMALL_STEP = 1e-2  # of the range of w: steps below it cannot leave the medium
 _NOISE_SHARE = 0.02  # of a slope's standard deviation: a change that no noise lets one see
 _RESPONSE = 1e-3  # of the first error: drawn noise tells a variance to a few per cent at best
-FEW = 0.01  # of the pixels: more that do not settle are not to blame one by one
 _ASTRAY = 0.1  # of a slope's standard deviation: a pixel's step in the end that counts as moving
 _SLOWEST = 0.99  # of a step: what the next one is taken to leave at most
 _LARGEST = 1e12  # of the usual variance: a slope that tells nothing

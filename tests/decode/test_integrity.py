@@ -126,7 +126,7 @@ def test_a_bit_in_its_inverses_place_is_told_by_the_map(
             assert kinds == {"foreign"} or not wrong[found.good].any(), i
 
 
-@pytest.mark.parametrize(("bit", "source"), [(7, 0), (6, 0), (4, 1), (8, 9)])
+@pytest.mark.parametrize(("bit", "source"), [(7, 0), (6, 0), (4, 1)])
 def test_two_bits_that_show_the_same_picture_are_told(shoot: Shoot, bit: int, source: int) -> None:
     """A coarse bit with the finest one's picture is wrong in every other pixel: no jump stands alone."""
     row, col = np.mgrid[:160, :320].astype(np.float64)
@@ -152,6 +152,16 @@ def test_the_straight_edge_of_an_object_is_no_wrong_frame(
     kinds, found = _kinds(shoot(shown, u, 20 + 1.1 * row, noise=0.5), shown)
     assert kinds == set()
     assert found.good.mean() > 0.98
+
+
+def test_a_jump_over_the_edges_of_several_bits_is_no_wrong_frame(shoot: Shoot) -> None:
+    """Two bits that change within it only show the same picture."""
+    row, col = np.mgrid[:120, :160].astype(np.float64)
+    u = 80 + 0.3 * col + 830 * (np.hypot(row - 60, col - 80) < 40)
+    shown = sequence("gray+phase", 256, 1024, steps=4, period=14.0)
+    kinds, found = _kinds(shoot(shown, u, 20 + 1.1 * row, noise=0.5), shown)
+    assert kinds == set()
+    assert found.good.mean() > 0.9
 
 
 def test_bits_that_came_too_early_are_told_by_their_likeness(shoot: Shoot, smooth: tuple[F64, F64]) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, Flag, decode
 from optolever.decode.survey import is_continuous
-from optolever.patterns import Sequence, sequence
+from optolever.patterns import Sequence, sequence, sequence_from_text
 
 F64 = NDArray[np.float64]
 _FINE = 8
@@ -68,8 +68,6 @@ def silent(found: Correspondence, u: F64, v: F64, limit: float | None = None) ->
 @pytest.mark.parametrize("name", ["phase", "gray+phase", "stripe:step=4", "gray"])
 def test_beside_a_hole(name: str) -> None:
     """Pixels whose footprint is half in a hole see the mean of what is left; steep maps make that matter."""
-    from optolever.patterns import sequence_from_text
-
     shown = sequence_from_text(name, 120, 150)
     row, col = places(60, 64)
     distance = np.hypot(row - 30, col - 32)
@@ -85,8 +83,6 @@ def test_beside_a_hole(name: str) -> None:
 @pytest.mark.parametrize("name", ["phase", "phase:steps=4,periods=20/22/25", "stripe:step=8", "gray"])
 def test_the_shadow_of_the_border(name: str, blur: float) -> None:
     """A pixel near the border gets less light from beyond it, which moves what it sees inward."""
-    from optolever.patterns import sequence_from_text
-
     shown = sequence_from_text(name, 90, 100)
     row, col = places(80, 100)
     found = decode(footprints(shown, col, row + 5.0, blur=blur), shown)
@@ -174,8 +170,6 @@ def test_a_row_that_leaves_both_rows_beside_it_is_flagged(shoot, smooth: tuple[F
 @pytest.mark.parametrize("steepest", [12.0, 16.0, 18.0, 20.0, 24.0])
 def test_fringes_of_which_more_than_one_lies_on_a_pixel_are_flagged(steepest: float) -> None:
     """Their contrast is the other way round, half a period off, and a Gray code's cell agrees by chance."""
-    from optolever.patterns import sequence_from_text
-
     shown = sequence_from_text("gray+phase:steps=4,period=14", 120, 240)
     row, col = places(60, 64)
     u = 100 + 0.8 * (col - 32) + 3 * steepest * np.tanh((col - 32 - 0.1 * (row - 30)) / 3)
