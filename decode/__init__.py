@@ -37,6 +37,7 @@
 | `integrity`                | `check`: swapped, lost, repeated and torn frames, named                      |
 | `code_jumps`, `code_jump_kernels` | bits that are not those described, told by jumps                      |
 | `references`               | how well white and black bound a code's levels                               |
+| `stream_kernels`           | coordinates past the caches into their maps                                  |
 | `neighbour_kernels`        | what neighbours tell of a pixel: bends, steep maps, rows that stray           |
 | `mixed_kernels`            | footprints part of which sees nothing, beside a hole or at the border        |
 | `survivors`                | pixels that noise let pass where all around them are refused                 |

@@ -6,12 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .code_kernels import code_tile
-from .display_kernels import take_off_tile
+from .display_kernels import take_off_run
 from .fit_kernels import fit_tile
-from .flag_kernels import code_flags, common_tile, flag_finest, flag_fit, outlier_rows
+from .flag_kernels import code_flags, common_tile, finest_tile, flag_fit, outlier_rows
 from .jit import apart_kernel, fast_kernel, inline_kernel, leaf_kernel
 from .records import LINES, TILE, AxisRecord, Camera, CellLines, CodeRecord, FringeRecord, Scratch, Shared
 from .refit_kernels import refit
+from .stream_kernels import stream_widened
 from .unwrap_kernels import search_tile, sequential_tile
 
 __all__ = ["axis_pixels"]
@@ -36,8 +37,7 @@ def axis_pixels(
         _alone(first, n, camera, axis.alone, axis, shared, scratch)
         _fringes(first, n, camera, axis.code, axis.fringes, axis, shared, scratch)
     width = shared.flags.shape[1]
-    kept = scratch.kept[axis.number]
-    outlier_rows(start // width, stop // width, axis.least, axis.coord, shared.flags, kept)
+    outlier_rows(start // width, stop // width, axis.least, shared.flags, scratch.kept[axis.number])
 
 
 @leaf_kernel
@@ -78,7 +78,7 @@ def _alone(
     code_flags(n, camera, code.most, found, why)
     doubt, spread = lines[_DOUBT], lines[_SPREAD]
     _flat(n, code.pitch, found.far, found.up, found.down, found.place, doubt, spread)
-    _write(n, camera.floor, lines[_GUESS], spread, first, axis.flat_coord, axis.flat_sigma)
+    _write(first, n, camera.floor, None, lines[_GUESS], spread, axis, shared, scratch)
     _common(first, n, axis.joined, why, found.half, found.middle, doubt, shared)
 
 
@@ -164,21 +164,18 @@ def _finish(
 ) -> None:
     """Flags of unwrapped fringes, what the display shifts, and the maps."""
     lines, why, worst = scratch.lines, scratch.words[1], fringes.misfit
-    place, spread, doubt, half = lines[_PLACE], lines[_SPREAD], lines[_DOUBT], lines[_HALF]
+    place, spread, doubt = lines[_PLACE], lines[_SPREAD], lines[_DOUBT]
     last = len(fringes.periods) - 1
     sums, _, variance, misfit = _of_periods(last + 1, lines)
-    finest = sums[3 * last :]
-    flag_finest(
-        *(n, camera.read2, camera.gain, camera.dark, camera.scale, worst[last]),
-        *(fringes.disagreement, fringes.reach, np.float32(axis.extent), finest[0], finest[1], finest[2]),
-        *(variance[last], misfit[last], lines[_AGREEMENT], doubt, lines[_GAP], place, spread, half, why),
-    )
+    why[:n] = np.int32(0)
     for g in range(last):
         flag_fit(n, worst[g], camera.read2, camera.gain, sums[3 * g], variance[g], misfit[g], why)
-    if fringes.shown[0].size:
-        take_off_tile(n, fringes.shown, place, spread, lines[_STEP], scratch.words[0], why)
-    _write(n, camera.floor, place, spread, first, axis.flat_coord, axis.flat_sigma)
-    _common(first, n, axis.joined, why, half, finest[0], doubt, shared)
+    finest_tile(
+        *(n, axis.joined, camera, worst[last], fringes.disagreement, fringes.reach, np.float32(axis.extent)),
+        *(sums[3 * last :], variance[last], misfit[last], lines[_AGREEMENT], doubt, lines[_GAP]),
+        *(place, spread, why, first, shared),
+    )
+    _write(first, n, camera.floor, fringes.shown, place, spread, axis, shared, scratch)
 
 
 @inline_kernel
@@ -215,10 +212,43 @@ def _code_doubt(n: int, place: Array, guess: Array, far: Array, up: Array, down:
         doubt[x] += far[x] + (up[x] if place[x] < guess[x] else down[x])
 
 
+@inline_kernel
+def _write(
+    first: int,
+    n: int,
+    floor: Any,
+    shown: Any,
+    place: Array,
+    spread: Array,
+    axis: AxisRecord,
+    shared: Shared,
+    scratch: Scratch,
+) -> None:
+    """Coordinates and sigmas of a tile into the maps, row by row, and the rows into scratch.kept."""
+    width, kept = shared.flags.shape[1], scratch.kept[axis.number]
+    done = 0
+    while done < n:
+        row, col = (first + done) // width, (first + done) % width
+        end = min(col + n - done, width)
+        part, line = slice(done, done + end - col), kept[row % len(kept), col:end]
+        sigma, flags = axis.sigma[row, col:end], shared.flags[row, col:end]
+        if shown is None or shown[0].size == 0:
+            _roots(floor, place[part], spread[part], line, sigma)
+        else:
+            take_off_run(end - col, shown, floor, place[part], spread[part], line, sigma, flags)
+        stream_widened(line, axis.coord[row, col:end])
+        done += end - col
+
+
 @apart_kernel
-def _write(n: int, floor: Any, place: Array, spread: Array, first: int, coords: Array, sigmas: Array) -> None:
-    coord, sigma = coords[0, first : first + n], sigmas[0, first : first + n]
-    for x in range(n):
-        coord[x] = place[x]
+def _roots(floor: Any, place: Array, spread: Array, line: Array, sigma: Array) -> None:
+    for x in range(len(line)):
+        line[x] = place[x]
         error = np.sqrt(spread[x])
         sigma[x] = error if error > floor else floor
+
+
+@apart_kernel
+def _widen(line: Array, coord: Array) -> None:
+    for x in range(len(line)):
+        coord[x] = line[x]

@@ -40,7 +40,7 @@ _LEAST_LIGHT = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Tables:
-    """For take_off_tile; stairs: those of the cells are in them."""
+    """For take_off_run; stairs: those of the cells are in them."""
 
     kernel: tuple[NDArray[np.int32], float, F32, F32, int, int]
     stairs: bool
@@ -88,7 +88,7 @@ def border_table(sequence: Sequence, axis: str, footprint: float, blur: float | 
 
 
 def display_tables(sequence: Sequence, axis: AxisPlan, footprint: float, blur: float | None) -> Tables:
-    """What take_off_tile takes off, and whether the stairs of the cells are low enough to be part of it.
+    """What take_off_run takes off, and whether the stairs of the cells are low enough to be part of it.
 
     footprint: width of a camera pixel, blur: rms (None: not known), both in cells; taken in steps that change
     nothing, as a series of captures asks for the same tables again and again.

@@ -1,4 +1,4 @@
-"""Compiled: what the display shifts (see display) is taken off a tile of coordinates."""
+"""Compiled: what the display shifts (see display) is taken off coordinates on their way into the maps."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from .jit import apart_kernel, leaf_kernel
 
-__all__ = ["BEYOND", "BORDER", "MOST_LOST", "PER_CELL", "take_off_tile"]
+__all__ = ["BEYOND", "BORDER", "MOST_LOST", "PER_CELL", "take_off_run"]
 
 Array = NDArray[Any]
 
@@ -18,54 +18,65 @@ BEYOND = 4
 MOST_LOST = 0.03
 #: Share of the border in a shift that sigma has to hold, pattern pixels.
 BORDER = 1e-3
-_OFF = np.int32(16)
+_OFF = np.uint16(16)
 _PER_CELL, _START = np.float32(PER_CELL), np.float32(BEYOND * PER_CELL)
-_ZERO, _ONE = np.float32(0), np.float32(1)
-_HALF_WORD = np.int32(16)
+_ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
+_HALF_WORD, _POSITIVE = np.int32(16), np.int32(0x7FFFFFFF)
 
 
 @leaf_kernel
-def take_off_tile(
-    n: int, shown: Any, place: Array, spread: Array, at: Array, word: Array, why: Array
+def take_off_run(
+    n: int, shown: Any, floor: Any, place: Array, spread: Array, line: Array, sigma: Array, flags: Array
 ) -> None:
-    """Take the shift off place (n,), add the border's part of it to the variance `spread`, flag lost light.
+    """line = place less the shift, sigma = root of the variance `spread` and of what the border adds to it,
+    at least `floor`; lost light is flagged. All (n,).
 
     shown = (packed, unit, border, lost, low, high): tables at coordinates -BEYOND + k / PER_CELL; packed (K +
     1,) int32 = shift in the lower, its change up to k + 1 in the upper half word, both in `unit`, 0 at the
     end for what is beyond the table; border, lost (K,) float32; between k = low and high the border does
-    nothing. at, word (int32): room for (n,).
+    nothing.
     """
     packed, unit, border, lost, low, high = shown
     last = len(border) - 2
-    if _look(n, np.float32(low), np.float32(high), np.float32(last), place, at, word):
-        for x in range(n):
-            if at[x] >= 0 and at[x] <= last and not (low < at[x] < high):
-                k = int(at[x])
-                extra = border[k] + (at[x] - k) * (border[k + 1] - border[k])
-                if abs(extra) > BORDER:
-                    spread[x] += extra * extra
-                if lost[k] > MOST_LOST:
-                    why[x] |= _OFF
-    _interpolate(n, np.float32(unit), packed, word, at, place)
+    bounds = np.float32(low), np.float32(high), np.float32(last)
+    if not _take_off(n, np.float32(unit), floor, *bounds, packed, place, spread, line, sigma):
+        return
+    for x in range(n):
+        at = place[x] * _PER_CELL + _START
+        if at >= 0 and at <= last and not (low < at < high):
+            k = int(at)
+            extra = border[k] + (at - k) * (border[k + 1] - border[k])
+            if abs(extra) > BORDER:
+                sigma[x] = max(np.sqrt(spread[x] + extra * extra), floor)
+            if lost[k] > MOST_LOST:
+                flags[x] |= _OFF
 
 
 @apart_kernel
-def _look(n: int, low: Any, high: Any, last: Any, place: Array, at: Array, word: Array) -> bool:
-    """Place in the table, and the number of its entry; True if any is near the border."""
+def _take_off(
+    n: int,
+    unit: Any,
+    floor: Any,
+    low: Any,
+    high: Any,
+    last: Any,
+    packed: Array,
+    place: Array,
+    spread: Array,
+    line: Array,
+    sigma: Array,
+) -> bool:
+    """True if any pixel is near the border."""
     near = _ZERO
     for x in range(n):
         here = place[x] * _PER_CELL + _START
-        at[x] = here
-        inside = (here >= _ZERO) & (here <= last)
-        word[x] = np.int32(here if inside else last + _ONE + _ONE)
         near += _ONE if (here <= low) | (here >= high) else _ZERO
+        here = here if (here >= _ZERO) & (here <= last) else last + _TWO
+        entry = np.int32(here)
+        # unsigned, as signed indices are checked; below 2^31, so that one instruction fetches a whole vector
+        word = packed[np.uint32(entry & _POSITIVE)]
+        shift, change = np.float32(np.int32(word << _HALF_WORD) >> _HALF_WORD), np.float32(word >> _HALF_WORD)
+        line[x] = place[x] - unit * (shift + (here - np.float32(entry)) * change)
+        error = np.sqrt(spread[x])
+        sigma[x] = error if error > floor else floor
     return bool(near > _ZERO)
-
-
-@apart_kernel
-def _interpolate(n: int, unit: Any, packed: Array, entry: Array, at: Array, place: Array) -> None:
-    for x in range(n):
-        word = packed[np.uint32(entry[x])]  # unsigned, as signed indices are checked
-        shift = np.float32(np.int32(word << _HALF_WORD) >> _HALF_WORD)
-        change = np.float32(word >> _HALF_WORD)
-        place[x] -= unit * (shift + (at[x] - np.floor(at[x])) * change)

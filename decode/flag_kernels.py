@@ -5,14 +5,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import apart_kernel, fast_kernel, leaf_kernel, outer_kernel
-from .records import Camera, CellLines
+from .jit import apart_kernel, fast_kernel, inline_kernel, leaf_kernel, outer_kernel
+from .records import Camera, CellLines, Shared
 from .unwrap_kernels import UNKNOWN
 
 __all__ = [
     "code_flags",
     "common_tile",
-    "flag_finest",
+    "finest_tile",
     "flag_fit",
     "merge_rows",
     "outlier_rows",
@@ -30,11 +30,91 @@ _LEAST_CONTRAST2 = np.float32(4.0**2)
 _DOUBT = np.float32(1e-4)
 _UNKNOWN = np.float32(UNKNOWN / 10)
 _INF = np.float32(np.inf)
-_ZERO, _HALF, _ONE, _THREE = np.float32(0), np.float32(0.5), np.float32(1), np.float32(3)
+_ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
+_THREE, _FOUR = np.float32(3), np.float32(4)
+
+
+@leaf_kernel
+def finest_tile(
+    n: int,
+    joined: bool,
+    camera: Camera,
+    worst: Any,
+    disagreement: Any,
+    reach: Any,
+    extent: Any,
+    fit: Array,
+    variance: Array,
+    misfit: Array,
+    agreement: Array,
+    doubt: Array,
+    gap: Array,
+    place: Array,
+    spread: Array,
+    why: Array,
+    first: int,
+    shared: Shared,
+) -> None:
+    """All flags of the finest period, with those of others (`why`), its amplitude, offset and order error:
+    into the maps, from pixel `first` on.
+
+    fit = A, c, s (3, n).
+    LOW_CONTRAST: amplitude below 4 sigma; DARK: and offset below 8 sigma or `black`;
+    SATURATED: too few samples left; MOVED: residuals that noise does not explain;
+    ORDER_DOUBTFUL: periods disagree, an order is improbable, or code and fringe lie apart;
+    OFF_PATTERN: beyond the border by more than half a pixel and 3 sigma; INVALID: no number.
+    """
+    limits = camera.read2, camera.gain, camera.dark, camera.scale, worst, disagreement, reach, extent
+    end = first + n
+    flags, amplitude = shared.flat_flags[0, first:end], shared.flat_amplitude[0, first:end]
+    offset, error = shared.flat_offset[0, first:end], shared.flat_error[0, first:end]
+    of_fit = fit[0], fit[1], fit[2], variance, misfit
+    if joined:
+        _merge_finest(
+            *(n, *limits, *of_fit, agreement, doubt, gap, place, spread, why),
+            *(flags, amplitude, offset, error),
+        )
+    else:
+        _store_finest(
+            *(n, *limits, *of_fit, agreement, doubt, gap, place, spread, why),
+            *(flags, amplitude, offset, error),
+        )
+
+
+@inline_kernel
+def _why_finest(
+    noise: Any,
+    black: Any,
+    scale: Any,
+    worst: Any,
+    disagreement: Any,
+    reach: Any,
+    extent: Any,
+    mean: Any,
+    power: Any,
+    variance: Any,
+    misfit: Any,
+    agreement: Any,
+    doubt: Any,
+    gap: Any,
+    place: Any,
+    spread: Any,
+) -> Any:
+    low = scale * power < _LEAST_CONTRAST2 * noise
+    dark = low & ((mean < black) | (mean * mean < _FOUR * _LEAST_CONTRAST2 * noise))
+    wrong = (agreement > disagreement) | (doubt > _DOUBT) | (gap > reach)
+    beyond = abs(place - _HALF * (extent - _ONE)) - _HALF * extent
+    off = (beyond > _HALF) & (beyond * beyond > _THREE * _THREE * spread)
+    fine = (abs(place) < _INF) & (spread < _INF)
+    contrast = (_LOW if low else _NONE) | (_DARK if dark else _NONE)
+    lost = _SATURATED if variance > _UNKNOWN else _NONE
+    moved = _MOVED if misfit > worst * noise else _NONE
+    lies = (_ORDER if wrong else _NONE) | (_OFF if off else _NONE) | (_NONE if fine else _INVALID)
+    return contrast | lost | moved | lies
 
 
 @apart_kernel
-def flag_finest(
+def _store_finest(
     n: int,
     read2: Any,
     gain: Any,
@@ -54,39 +134,102 @@ def flag_finest(
     gap: Array,
     place: Array,
     spread: Array,
-    height: Array,
     why: Array,
+    flags: Array,
+    amplitude: Array,
+    offset: Array,
+    order_error: Array,
 ) -> None:
-    """All flags of the finest period: sets `why`, and the amplitude `height`.
-
-    LOW_CONTRAST: amplitude below 4 sigma; DARK: and offset below 8 sigma or `black`;
-    SATURATED: too few samples left; MOVED: residuals that noise does not explain;
-    ORDER_DOUBTFUL: periods disagree, an order is improbable, or code and fringe lie apart;
-    OFF_PATTERN: beyond the border by more than half a pixel and 3 sigma; INVALID: no number.
-    """
-    four = np.float32(4)
     for x in range(n):
         noise = read2 + gain * (a[x] if a[x] > _ZERO else _ZERO)
         power = c[x] * c[x] + s[x] * s[x]
-        low = scale * power < _LEAST_CONTRAST2 * noise
-        dark = low & ((a[x] < black) | (a[x] * a[x] < four * _LEAST_CONTRAST2 * noise))
-        wrong = (agreement[x] > disagreement) | (doubt[x] > _DOUBT) | (gap[x] > reach)
-        beyond = abs(place[x] - _HALF * (extent - _ONE)) - _HALF * extent
-        off = (beyond > _HALF) & (beyond * beyond > _THREE * _THREE * spread[x])
-        fine = (abs(place[x]) < _INF) & (spread[x] < _INF)
-        contrast = (_LOW if low else _NONE) | (_DARK if dark else _NONE)
-        lost = _SATURATED if variance[x] > _UNKNOWN else _NONE
-        moved = _MOVED if misfit[x] > worst * noise else _NONE
-        lies = (_ORDER if wrong else _NONE) | (_OFF if off else _NONE) | (_NONE if fine else _INVALID)
-        height[x] = np.sqrt(power)
-        why[x] = contrast | lost | moved | lies
+        own = _why_finest(
+            noise,
+            black,
+            scale,
+            worst,
+            disagreement,
+            reach,
+            extent,
+            a[x],
+            power,
+            variance[x],
+            misfit[x],
+            agreement[x],
+            doubt[x],
+            gap[x],
+            place[x],
+            spread[x],
+        )
+        height = np.sqrt(power)
+        wrong = doubt[x] if doubt[x] < _ONE else _ONE
+        flags[x] = why[x] | own
+        amplitude[x] = height
+        offset[x] = a[x]
+        order_error[x] = wrong
+
+
+@apart_kernel
+def _merge_finest(
+    n: int,
+    read2: Any,
+    gain: Any,
+    black: Any,
+    scale: Any,
+    worst: Any,
+    disagreement: Any,
+    reach: Any,
+    extent: Any,
+    a: Array,
+    c: Array,
+    s: Array,
+    variance: Array,
+    misfit: Array,
+    agreement: Array,
+    doubt: Array,
+    gap: Array,
+    place: Array,
+    spread: Array,
+    why: Array,
+    flags: Array,
+    amplitude: Array,
+    offset: Array,
+    order_error: Array,
+) -> None:
+    for x in range(n):
+        noise = read2 + gain * (a[x] if a[x] > _ZERO else _ZERO)
+        power = c[x] * c[x] + s[x] * s[x]
+        own = _why_finest(
+            noise,
+            black,
+            scale,
+            worst,
+            disagreement,
+            reach,
+            extent,
+            a[x],
+            power,
+            variance[x],
+            misfit[x],
+            agreement[x],
+            doubt[x],
+            gap[x],
+            place[x],
+            spread[x],
+        )
+        height = np.sqrt(power)
+        wrong = doubt[x] if doubt[x] < _ONE else _ONE
+        flags[x] |= why[x] | own
+        amplitude[x] = height if height < amplitude[x] else amplitude[x]
+        offset[x] = _HALF * (offset[x] + a[x])
+        order_error[x] = order_error[x] + wrong - order_error[x] * wrong
 
 
 @apart_kernel
 def flag_fit(
     n: int, worst: Any, read2: Any, gain: Any, a: Array, variance: Array, misfit: Array, why: Array
 ) -> None:
-    """SATURATED and MOVED of another period, as in flag_finest."""
+    """SATURATED and MOVED of another period, as in finest_tile."""
     for x in range(n):
         lost = _SATURATED if variance[x] > _UNKNOWN else _NONE
         noise = read2 + gain * (a[x] if a[x] > _ZERO else _ZERO)
@@ -189,23 +332,19 @@ def merge_rows(
 
 
 @leaf_kernel
-def outlier_rows(start: int, stop: int, least: Any, coord: Array, flags: Array, kept: Array) -> None:
+def outlier_rows(start: int, stop: int, least: Any, flags: Array, kept: Array) -> None:
     """Flag a pixel that leaves a line on which its two neighbours on either side agree.
 
-    Folds and edges pass: there the neighbours do not agree with each other. kept (R, W): the rows are left
-    there (see Scratch).
+    Folds and edges pass: there the neighbours do not agree with each other. kept (R, W): coordinates of the
+    rows (see Scratch).
     """
     for row in range(start, stop):
-        _outliers(row, least, coord, flags, kept[row % len(kept)])
+        _outliers(least, kept[row % len(kept)], flags[row])
 
 
 @apart_kernel
-def _outliers(row: int, limit: Any, coord: Array, flags: Array, line: Array) -> None:
-    width = coord.shape[1]
-    here, why = coord[row], flags[row]
-    for x in range(width):
-        line[x] = here[x]
-    inner = max(width - 4, 0)
+def _outliers(limit: Any, line: Array, why: Array) -> None:
+    inner = max(len(line) - 4, 0)
     left2, left, middle, right, right2 = line[:inner], line[1:], line[2:], line[3:], line[4:]
     for x in range(inner):
         jump = abs(middle[x] - _HALF * (left[x] + right[x]))

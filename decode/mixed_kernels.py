@@ -26,7 +26,8 @@ NOTHING = np.uint16(1 | 4 | 128)
 _BESIDE, _BORDER = np.float32(0.85), np.float32(0.96)
 #: Cells by which a pixel is surely nearer to it than another.
 _NEARER = 1.0
-_ZERO, _ONE, _THREE, _GOOD = np.float32(0), np.float32(1), np.float32(3), np.uint16(0)
+_ZERO, _ONE, _THREE, _HALF = np.float32(0), np.float32(1), np.float32(3), 0.5
+_GOOD = np.uint16(0)
 
 
 @leaf_kernel
@@ -40,11 +41,10 @@ def _sees_nothing_beside(row: int, x: int, flags: Array) -> bool:
 
 
 @leaf_kernel
-def _any_nothing(start: int, stop: int, flags: Array) -> bool:
+def _any_nothing(row: int, flags: Array) -> bool:
     none = np.uint16(0)
-    for row in range(start, stop):
-        for x in range(flags.shape[1]):
-            none |= flags[row, x]
+    for x in range(flags.shape[1]):
+        none |= flags[row, x]
     return bool((none & NOTHING) != 0)
 
 
@@ -142,7 +142,7 @@ def _brightest(row: int, read2: Any, gain: Any, amplitude: Array, offset: Array,
 
 
 @leaf_kernel
-def mixed_rows(start: int, stop: int, near: Near, shared: Shared, top: Array) -> None:
+def mixed_rows(start: int, stop: int, near: Near, shared: Shared, kept: Array, top: Array) -> None:
     """Flag pixels that part of their light lacks: dimmer than neighbours and beside nothing.
 
     What little light lacks goes into sigma. Rows with dim pixels near the border are noted in near.dim: what
@@ -151,11 +151,13 @@ def mixed_rows(start: int, stop: int, near: Near, shared: Shared, top: Array) ->
     flags, amplitude, offset = shared.flags, shared.amplitude, shared.offset
     u, v, sigma_u, sigma_v = near.u, near.v, near.sigma_u, near.sigma_v
     rows, cols = amplitude.shape
-    bordered = near.extents[0] < np.inf or near.extents[1] < np.inf
+    holes_above, holes_here = start > 0 and _any_nothing(start - 1, flags), _any_nothing(start, flags)
     for row in range(start, stop):
         here = amplitude[row]
-        holes = _any_nothing(max(row - 1, 0), min(row + 2, rows), flags)
-        beside = bordered and (_any_beside(row, near.u, 0, near) or _any_beside(row, near.v, 1, near))
+        holes_below = row + 1 < rows and _any_nothing(row + 1, flags)
+        holes = holes_above or holes_here or holes_below
+        holes_above, holes_here = holes_here, holes_below
+        beside = _any_beside(row, 0, near, kept) or _any_beside(row, 1, near, kept)
         if not (holes or beside):
             continue
         dim = _brightest(row, near.read2, near.gain, amplitude, offset, top)
@@ -176,20 +178,23 @@ def mixed_rows(start: int, stop: int, near: Near, shared: Shared, top: Array) ->
 
 
 @leaf_kernel
-def _any_beside(row: int, coord: Array, axis: int, near: Near) -> bool:
+def _any_beside(row: int, axis: int, near: Near, kept: Array) -> bool:
     """Whether any pixel of a row may be in the band beside the border, along one axis."""
-    half = 0.5 * near.extents[axis]
-    return bool(half < np.inf and _any_within(coord[row], half, near.bands[axis]))
+    half, (low, high) = 0.5 * near.extents[axis], near.bands[axis]
+    if not half < np.inf:
+        return False
+    line = kept[axis, row % kept.shape[1]]
+    return bool(_any_within(line, np.float32(half - _HALF), np.float32(half - high), np.float32(half - low)))
 
 
 @apart_kernel
-def _any_within(line: Array, half: float, band: tuple[float, float]) -> bool:
-    """Whether any coordinate of a row lies so far from the nearer border, half the extent from the middle."""
-    found = 0.0
+def _any_within(line: Array, middle: Any, near: Any, far: Any) -> bool:
+    """Whether any coordinate of a row lies further than `near` from the middle, and at most `far`."""
+    found = _ZERO
     for x in range(len(line)):
-        inside = half - abs(line[x] - (half - 0.5))
-        found += 1.0 if (inside >= band[0]) & (inside < band[1]) else 0.0
-    return found > 0
+        off = abs(line[x] - middle)
+        found += _ONE if (off > near) & (off <= far) else _ZERO
+    return bool(found > _ZERO)
 
 
 @leaf_kernel

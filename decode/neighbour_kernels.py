@@ -37,34 +37,22 @@ def near_rows(start: int, stop: int, near: Near, fresh: bool, shared: Shared, sc
     neighbours that do not count as such; None: the axis is continuous; near.least: distance of an outlier.
     fresh: these rows and those around are not among scratch.kept yet.
     """
+    few = scratch.kept.shape[1] - 2
+    for row in range(start, stop, few):
+        _few_rows(row, min(row + few, stop), near, fresh, shared, scratch)
+
+
+@leaf_kernel
+def _few_rows(start: int, stop: int, near: Near, fresh: bool, shared: Shared, scratch: Scratch) -> None:
+    """near_rows, of as many as scratch.kept holds together with those around."""
     kept, wide = scratch.kept, scratch.wide
     if near.shown[0]:
-        _axis_rows(
-            start,
-            stop,
-            near.steep[0],
-            near.least[0],
-            fresh,
-            near.u,
-            near.sigma_u,
-            shared,
-            kept[0],
-            wide,
-        )
+        steep, least = near.steep[0], near.least[0]
+        _axis_rows(start, stop, steep, least, fresh, near.u, near.sigma_u, shared, kept[0], wide)
     if near.shown[1]:
-        _axis_rows(
-            start,
-            stop,
-            near.steep[1],
-            near.least[1],
-            fresh,
-            near.v,
-            near.sigma_v,
-            shared,
-            kept[1],
-            wide,
-        )
-    mixed_rows(start, stop, near, shared, scratch.across)
+        steep, least = near.steep[1], near.least[1]
+        _axis_rows(start, stop, steep, least, fresh, near.v, near.sigma_v, shared, kept[1], wide)
+    mixed_rows(start, stop, near, shared, kept, scratch.across)
 
 
 @leaf_kernel
@@ -122,6 +110,12 @@ def _keep(row: Array, line: Array) -> None:
 
 
 @inline_kernel
+def _without(flags: Any, which: Any) -> Any:
+    """Whether none of these is set; in 16 bits, which the compiler does not find by itself."""
+    return np.uint16(flags & which) == _GOOD
+
+
+@inline_kernel
 def _widened(spread: Any, bend: Any) -> Any:
     shift = bend * _BOX
     return np.sqrt(spread * spread + shift * shift) if bend > _BENT * spread else spread
@@ -151,13 +145,11 @@ def _bend(
         along = abs((left[x] - middle) + (right[x] - middle))
         across = weight * abs((above[y] - middle) + (below[y] - middle))
         astray += _ONE if across > far else _ZERO
-        seen = ((bad_left[x] | bad_right[x]) & NOTHING) == _GOOD
-        step = abs(right[x] - left[x]) if seen else _ZERO
-        seen = ((bad_above[y] | bad_below[y]) & NOTHING) == _GOOD
-        other = weight * abs(below[y] - above[y]) if seen else _ZERO
+        beside, over = np.uint16(bad_left[x] | bad_right[x]), np.uint16(bad_above[y] | bad_below[y])
+        step = abs(right[x] - left[x]) if _without(beside, NOTHING) else _ZERO
+        other = weight * abs(below[y] - above[y]) if _without(over, NOTHING) else _ZERO
         steep += _ONE if (step > wide) | (other > wide) else _ZERO
-        beside, over = (bad_left[x] | bad_right[x]) & READ, (bad_above[y] | bad_below[y]) & READ
-        bend = (along if beside == _GOOD else _ZERO) + (across if over == _GOOD else _ZERO)
+        bend = (along if _without(beside, READ) else _ZERO) + (across if _without(over, READ) else _ZERO)
         spread[y] = _widened(spread[y], bend)
     for x in range(0, last + 1, max(last, 1)):
         middle = here[x]

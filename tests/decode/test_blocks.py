@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from optolever.blocks import THREADS_VARIABLE
 from optolever.decode import Correspondence, decode
+from optolever.decode.records import Near
+from optolever.decode.rows import Maps, near_step
 from optolever.patterns import sequence
 
 F64 = NDArray[np.float64]
@@ -82,3 +84,44 @@ def test_shadows_reach_across_blocks(
         other = run(rows, 3)
         for field in FIELDS:
             assert np.array_equal(getattr(one, field), getattr(other, field), equal_nan=True), field
+
+
+def test_neighbours_are_compared_in_blocks_of_any_size() -> None:
+    """More rows at once than a thread keeps, a hole, a dim border: as few at a time."""
+    rows, cols = 150, 140
+    v, u = np.mgrid[:rows, :cols].astype(np.float64)
+
+    def compared(block: int) -> Maps:
+        rng, maps = np.random.default_rng(3), Maps((rows, cols), {"u", "v"})
+        maps.coord["u"][...] = u + 2.3 + 30 * (u > 70)
+        maps.coord["v"][...] = v - 6 + 3e-4 * (u - 70) ** 2
+        for chart in (*maps.sigma.values(), maps.order_error):
+            chart[...] = 0.1
+        maps.flags[...] = rng.random((rows, cols)) < 0.01
+        maps.amplitude[...], maps.offset[...] = np.where(v % 37 < 5, 60, 90) + rng.random((rows, cols)), 100
+        near = Near(
+            shown=(True, True),
+            steep=(None, None),
+            least=(np.float32(5), np.float32(5)),
+            read2=np.float32(0.1),
+            gain=np.float32(0),
+            extents=(np.inf, 130.0),
+            bands=((np.inf, -np.inf), (-np.inf, 8.0)),
+            u=maps.coord["u"],
+            v=maps.coord["v"],
+            sigma_u=maps.sigma["u"],
+            sigma_v=maps.sigma["v"],
+            dim=np.zeros(rows, np.uint8),
+        )
+        step = near_step(near, maps)
+        for row in range(0, rows, block):
+            step(row, min(row + block, rows))
+        maps.order_error[:, 0] = near.dim
+        return maps
+
+    whole, few = compared(rows), compared(4)
+    assert 2 < whole.order_error[:, 0].sum() < 40
+    for one, other in zip(
+        (*whole.sigma.values(), *whole.common), (*few.sigma.values(), *few.common), strict=True
+    ):
+        assert np.array_equal(one, other)
