@@ -10,7 +10,7 @@
 | `exposures`                | codes under several exposures: each decoded, the best answer per pixel       |
 | `plan`, `arrays`           | what has to be computed, sorted by the frames' descriptions; as plain arrays |
 | `sample`                   | some pixels from all over the frames, fetched once                           |
-| `noise`                    | noise of the camera from what the frames cannot explain                      |
+| `noise`, `noise_kernels`   | noise of the camera from what the frames cannot explain                      |
 | `response`                 | `Response` of display and camera, inverted before fringes are fitted         |
 | `harmonics`                | error that a response leaves: harmonics of the fringes, aliased              |
 | `block_kernels`            | a block of rows, compiled: axes and neighbours while they are in the cache   |
@@ -25,7 +25,7 @@
 | `display`                  | grey values and border of the display: what they shift                       |
 | `display_kernels`          | that, taken off a tile                                                       |
 | `blur`, `blur_kernels`     | blur from the contrasts of a few rows                                        |
-| `swing`                    | or else from how these swing with the place in the cell                      |
+| `swing`, `swing_kernels`   | or else from how these swing with the place in the cell                      |
 | `cells`                    | stairs of the display's cells, taken off                                     |
 | `stairs_kernels`, `steep_kernels` | that, pixel by pixel: inverted, or the mean of what it may be         |
 | `gathering`, `run_kernels` | blur again, from how stairs gather coordinates at cells                      |

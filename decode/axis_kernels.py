@@ -91,7 +91,10 @@ def _fit(first: int, n: int, camera: Camera, fringes: FringeRecord, scratch: Scr
         count, index, model = fringes.samples[g], fringes.frame[g], fringes.model[g]
         again = fit_tile(
             *(n, camera.frames, camera.lut, index, first, np.float32(camera.clip)),
-            (fringes.solve[g], model, fringes.quad[g], count, fringes.even[g], fringes.quarters[g]),
+            *(
+                fringes.unlike,
+                (fringes.solve[g], model, fringes.quad[g], count, fringes.even[g], fringes.quarters[g]),
+            ),
             *(camera.read2, camera.gain, scratch.linear, fringes.own),
             *(sums[3 * g : 3 * g + 3], turns[g], variance[g], misfit[g]),
         )
@@ -110,16 +113,21 @@ def _of_periods(groups: int, lines: Array) -> tuple[Array, Array, Array, Array]:
     return lines[LINES:], rest[:groups], rest[groups : 2 * groups], rest[2 * groups :]
 
 
-@inline_kernel
+@leaf_kernel
 def _unwrap(
-    n: int, code: CodeRecord | None, fringes: FringeRecord, axis: AxisRecord, scratch: Scratch
+    n: int,
+    code: CodeRecord | None,
+    searched: bool | None,
+    fringes: FringeRecord,
+    axis: AxisRecord,
+    scratch: Scratch,
 ) -> None:
     """Orders of all periods: from a code, from a period that spans the surface, or by search."""
     lines, periods = scratch.lines, fringes.periods
     _, turns, variance, _ = _of_periods(len(periods), lines)
     place, spread, gap, doubt = lines[_PLACE], lines[_SPREAD], lines[_GAP], lines[_DOUBT]
     guess, agreement = lines[_GUESS], lines[_AGREEMENT]
-    if fringes.searched:
+    if searched is not None:
         low, high = -0.5, axis.extent - 0.5
         search_tile(n, periods, turns, variance, low, high, place, spread, agreement, gap, doubt)
         return
@@ -148,7 +156,7 @@ def _fringes(
     if fringes is None:
         return
     _fit(first, n, camera, fringes, scratch)
-    _unwrap(n, code, fringes, axis, scratch)
+    _unwrap(n, code, fringes.searched, fringes, axis, scratch)
     _finish(first, n, camera, fringes, axis, shared, scratch)
 
 

@@ -32,5 +32,6 @@ def block_rows(
         axis_pixels(first, last, camera, two, shared, scratch)
         ready = end if end == height else end - REACH
         if compare and ready > done:
-            near_rows(done, ready, near, False, shared, scratch)
+            # not fresh; a word that is no constant, so that it is compiled once for all callers
+            near_rows(done, ready, near, not compare, shared, scratch)
             done = ready

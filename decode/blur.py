@@ -6,11 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .blur_kernels import Swing, Wave, contrasts, sinc, swing_sums
-from .correspondence import Flag
+from .blur_kernels import Looked, Swing, Wave, contrasts, own_contrasts, sinc, swing_sums
 from .plan import AxisPlan, Fringe, Plan
-from .sample import quantile
-from .survey import Survey
+from .sample import quantile, quantiles
+from .survey import SPOILT, Survey
 from .swing import Blur, Contrasts, blur_by_swing, seems_to_swing
 
 __all__ = ["measured_blur"]
@@ -37,7 +36,6 @@ _WIDE = 0.7
 _ROUNDS, _TRIAL, _SLIGHT = 6, 0.01, 1e-3
 #: Share of the surface at either end where its border takes light from fringes of different periods.
 _MARGIN = 0.1
-_SPOILT = int(Flag.SATURATED | Flag.DARK | Flag.LOW_CONTRAST | Flag.MOVED | Flag.INVALID)
 
 
 def _referenced(wanted: Plan) -> bool:
@@ -61,27 +59,35 @@ def measured_blur(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan) -> Blur 
     if told is not None:
         return told
     period = axis.fringes[-1].period
-    if not seems_to_swing(_contrasts(seen, lut, axis, cols[::_EVERY]), period):
+    if not seems_to_swing(_contrasts(seen, lut, axis, cols[::_EVERY].copy()), period):
         return None
     return blur_by_swing(_contrasts(seen, lut, axis, cols), period)
 
 
+def _looked(seen: Survey, lut: Map, axis: AxisPlan, cols: Map) -> Looked:
+    coord = seen.lines(axis.axis)
+    return Looked(
+        frames=seen.frames[:, : len(coord)],
+        lut=lut if len(lut) else None,
+        cols=cols,
+        coord=coord,
+        below=seen.below(axis.axis),
+        apart=max(seen.apart, 1),
+        flags=seen.flags,
+        spoilt=SPOILT,
+        clip=seen.clip,
+        wide=_WIDE * axis.fringes[-1].period,
+        middle=0.5 * (axis.extent - 1),
+        reach=(0.5 - _MARGIN) * axis.extent,
+    )
+
+
 def _contrasts(seen: Survey, lut: Map, axis: AxisPlan, cols: Map) -> Contrasts:
     """Amplitude over offset of the finest fringe in those columns."""
-    coord, fringe = seen.lines(axis.axis), axis.fringes[-1]
-    raw = seen.frames[list(fringe.index), : len(coord)][:, :, cols]
-    levels = lut[raw] if len(lut) else raw.astype(np.float64)
-    offset, c, s = np.einsum("kn,nrc->krc", fringe.solve(), levels)
-    place = coord[:, cols]
-    down = np.abs(seen.below(axis.axis)[:, cols] - place) / max(seen.apart, 1)
-    along = 0.25 * np.abs(coord[:, cols + 2] - coord[:, cols - 2])
-    use = (seen.flags[:, cols] & _SPOILT == 0) & (down + along < _WIDE * fringe.period) & (offset > 0)
-    use &= raw.max(axis=0) < seen.clip
-    use &= np.abs(place - 0.5 * (axis.extent - 1)) < (0.5 - _MARGIN) * axis.extent
-    at = np.meshgrid(*(np.linspace(-1, 1, n) for n in use.shape), indexing="ij")
-    return Contrasts(
-        np.hypot(c, s)[use] / offset[use], place[use], np.stack([down, along])[:, use], np.stack(at)[:, use]
-    )
+    at = _looked(seen, lut, axis, cols)
+    room, found = np.empty((2, 3)), np.empty((6, len(at.coord) * len(cols)))
+    count = own_contrasts(at, _wave(axis.fringes[-1]), room, found)
+    return Contrasts(found[0, :count], found[1, :count], found[2:4, :count], found[4:, :count])
 
 
 def _by_contrast(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan, cols: Map) -> Blur | None:
@@ -93,26 +99,23 @@ def _by_contrast(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan, cols: Map
     nothing; nor does one that varies over the image by a tenth more than over a cell, nor fringes too alike.
     """
     whole = _referenced(wanted)
-    coord = seen.lines(axis.axis)
     if not (whole or len(axis.fringes) > 1):
         return None
     fine, coarse = axis.fringes[-1], None if whole else axis.fringes[0]
-    room = np.empty((4, len(coord) * len(cols)))
+    at = _looked(seen, lut, axis, cols)
+    room, found = np.empty((2, 3)), np.empty((4, len(at.coord) * len(cols)))
     count = contrasts(
-        *(seen.frames[:, : len(coord)], lut if len(lut) else None, cols),
-        *(_wave(fine), wanted.white, wanted.black),
-        *(_wave(coarse) if coarse else None, coord, seen.below(axis.axis), max(seen.apart, 1)),
-        *(seen.flags, _SPOILT, seen.clip, _WIDE),
-        *(0.5 * (axis.extent - 1), (0.5 - _MARGIN) * axis.extent, room),
+        at, _wave(fine), wanted.white, wanted.black, _wave(coarse) if coarse else None, room, found
     )
     if count < _FEWEST:
         return None
-    left, place, *sides = room[:, :count]
+    left, place, *sides = found[:, :count]
     widths = [quantile(side, 0.5) for side in sides]
     periods = [fine.period] if coarse is None else [fine.period, coarse.period]
-    noise = _noise(seen, fine, coarse, quantile(left, 0.5))
+    low, middle, high = quantiles(left, (0.25, 0.5, 0.75))
+    noise = _noise(seen, fine, coarse, middle)
     lever, by_chance = _lever(wanted, axis), noise / np.sqrt(count)
-    square = _square_blur(left, place, lever, periods, widths, noise)
+    square = _square_blur(left, place, (low, high), lever, periods, widths, noise)
     if square is None or (coarse and square * lever <= _TOLD * np.hypot(_UNSURE, by_chance)):
         return None
     return Blur(float(np.sqrt(square)), float(np.hypot(0.5 * _UNSURE, by_chance)) / lever)
@@ -121,11 +124,7 @@ def _by_contrast(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan, cols: Map
 def _noise(seen: Survey, fine: Fringe, coarse: Fringe | None, left: float) -> float:
     """Of a contrast of which that share is left, relative, rms; coarse: what it is compared with, None: white
     and black."""
-    step = max(1, seen.flags.shape[1] // _COLUMNS)
-    use = seen.flags[:, ::step] & _SPOILT == 0
-    if not use.any():
-        step, use = 1, seen.flags & _SPOILT == 0
-    amplitude, offset = (quantile(chart[: len(use), ::step][use], 0.5) for chart in seen.maps.common[1:3])
+    amplitude, offset = seen.usual_levels
     of_fine, of_whole = (
         0.5 * float(np.sum(fringe.solve()[1:] ** 2)) if fringe else 0.5 for fringe in (fine, coarse)
     )
@@ -134,19 +133,26 @@ def _noise(seen: Survey, fine: Fringe, coarse: Fringe | None, left: float) -> fl
 
 
 def _wave(fringe: Fringe) -> Wave:
-    """Its period, frames (N,) and what they weigh in cosine and sine (2, N)."""
-    return fringe.period, np.array(fringe.index), fringe.solve()[1:]
+    """As the kernels take it."""
+    return fringe.period, np.array(fringe.index), fringe.solve()
 
 
 def _square_blur(
-    left: F64, place: F64, lever: float, periods: list[float], widths: list[float], noise: float
+    left: F64,
+    place: F64,
+    quartiles: tuple[float, float],
+    lever: float,
+    periods: list[float],
+    widths: list[float],
+    noise: float,
 ) -> float | None:
     """Squared blur from what it left of the contrast at places (K,): exp(-lever blur^2), and its swing.
 
-    periods: of the fringe and, where no white and black were shown, of that against which its contrast is;
-    noise: of a contrast, relative. None where the contrast varies by more than that and the cells explain.
+    quartiles: of `left`; periods: of the fringe and, where no white and black were shown, of that against
+    which its contrast is; noise: of a contrast, relative. None where the contrast varies by more than that
+    and the cells explain.
     """
-    low, high = quantile(left, 0.25), quantile(left, 0.75)
+    low, high = quartiles
     used = np.abs(left - 0.5 * (low + high)) <= 3 * (high - low) + 1e-3
     left, seen = left[used], place[used]
     # noise adds to amplitudes and to one over them; not the median: where the display is sharp, contrast

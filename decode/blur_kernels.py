@@ -1,7 +1,7 @@
 """Compiled: what blur has left of a fringe's contrast, pixel by pixel (see blur)."""
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,110 +10,132 @@ from .fit_kernels import linear_level, phase_of
 from .jit import apart_kernel, inline_kernel, leaf_kernel, outer_kernel
 from .wave_kernels import cosine_sine
 
-__all__ = ["Swing", "Wave", "contrasts", "sinc", "swing_sums"]
+__all__ = ["Looked", "Swing", "Wave", "contrasts", "own_contrasts", "sinc", "swing_sums"]
 
 Array = NDArray[Any]
 _ONE = np.float32(1)
 Wave = tuple[float, Array, Array]
-"""A fringe: its period, frames (N,) and what they weigh in cosine and sine (2, N)."""
+"""A fringe: its period, frames (N,) and what they weigh in offset, cosine and sine (3, N)."""
 Swing = tuple[Any, Any, Any, Any, Any]
 """What blur leaves of a contrast, and sum and difference of both sidebands, of the fringe and of the one that
 it is compared with (0: of none)."""
 
 
+class Looked(NamedTuple):
+    """Where contrasts are read: frames (N, R, W), through lut (if any), at cols; coord (R, W), `below`:
+    `apart` rows further on; flags (R, W). Pixels with `spoilt` flags, samples of `clip` or more, a footprint
+    of `wide` cells or more, or not within `reach` of the `middle` are left out. Lengths in pattern pixels."""
+
+    frames: Array
+    lut: Array | None
+    cols: Array
+    coord: Array
+    below: Array
+    apart: int
+    flags: Array
+    spoilt: int
+    clip: float
+    wide: float
+    middle: float
+    reach: float
+
+
 @outer_kernel
 def contrasts(
-    frames: Array,
-    lut: Array | None,
-    cols: Array,
-    fine: Wave,
-    white: int,
-    black: int,
-    coarse: Wave | None,
-    coord: Array,
-    below: Array,
-    apart: int,
-    flags: Array,
-    spoilt: int,
-    clip: float,
-    wide: float,
-    middle: float,
-    reach: float,
-    seen: Array,
+    at: Looked, fine: Wave, white: int, black: int, coarse: Wave | None, room: Array, seen: Array
 ) -> int:
     """Contrast of `fine` over that of `coarse` or of white - black, each over what cells and footprint leave.
 
-    frames (N, R, W), through lut (if any); coord (R, W), `below`: `apart` rows further on. Into seen (4, K),
-    for pixels at cols without `spoilt` flags and samples of `clip` or more, whose footprint is below `wide`
-    periods and that lie within `reach` of the `middle`: what is left, place, footprint down and along.
-    Returns how many. All lengths are pattern pixels.
+    Into seen (4, K): what is left, place, footprint down and along. Returns of how many pixels. room: (2, 3).
     """
-    count = 0
-    for row in range(coord.shape[0]):
-        for x in cols:
-            place = coord[row, x]
-            if flags[row, x] & spoilt or not abs(place - middle) < reach:
+    count, least = 0, room[0]
+    fine_cell = _sinc(1 / fine[0])
+    coarse_cell = 1.0 if coarse is None else _sinc(1 / coarse[0])
+    for row in range(at.coord.shape[0]):
+        for x in at.cols:
+            if not _usable(at, row, x, least):
                 continue
-            down = abs(below[row, x] - place) / apart
-            along = 0.25 * abs(coord[row, x + 2] - coord[row, x - 2])
-            if not down + along < wide * fine[0]:
-                continue
-            top = _brightest(frames, row, x, fine[1])
+            top = _fit(at, row, x, fine, room[1])
+            fine_left = fine_cell * _sinc_near(least[1] / fine[0]) * _sinc_near(least[2] / fine[0])
+            part = math.sqrt(room[1, 1] ** 2 + room[1, 2] ** 2) / fine_left
             if coarse is None:
-                top = max(top, float(frames[white, row, x]))
+                whole = 0.5 * (_level(at, white, row, x) - _level(at, black, row, x))
+                top = max(top, float(at.frames[white, row, x]))
             else:
-                top = max(top, _brightest(frames, row, x, coarse[1]))
-            if top >= clip:
+                top = max(top, _fit(at, row, x, coarse, room[1]))
+                left = coarse_cell * _sinc_near(least[1] / coarse[0]) * _sinc_near(least[2] / coarse[0])
+                whole = math.sqrt(room[1, 1] ** 2 + room[1, 2] ** 2) / left
+            if top >= at.clip or not whole > 0:
                 continue
-            whole = _whole(frames, lut, row, x, white, black, coarse, down, along)
-            if not whole > 0:
+            seen[0, count] = part / whole
+            seen[1, count], seen[2, count], seen[3, count] = least[0], least[1], least[2]
+            count += 1
+    return count
+
+
+@outer_kernel
+def own_contrasts(at: Looked, fine: Wave, room: Array, seen: Array) -> int:
+    """Contrast of `fine` over its own offset: into seen (6, K), besides place, footprint down and along, and
+    where in the image, -1 to 1 along rows and columns."""
+    count, least = 0, room[0]
+    rows, cols = at.coord.shape[0], len(at.cols)
+    for row in range(rows):
+        for i in range(cols):
+            x = at.cols[i]
+            if not _usable(at, row, x, least):
                 continue
-            seen[0, count] = _contrast(frames, lut, row, x, fine, down, along) / whole
-            seen[1, count], seen[2, count], seen[3, count] = place, down, along
+            top = _fit(at, row, x, fine, room[1])
+            if top >= at.clip or not room[1, 0] > 0:
+                continue
+            seen[0, count] = math.sqrt(room[1, 1] ** 2 + room[1, 2] ** 2) / room[1, 0]
+            seen[1, count], seen[2, count], seen[3, count] = least[0], least[1], least[2]
+            seen[4, count], seen[5, count] = _from_end_to_end(row, rows), _from_end_to_end(i, cols)
             count += 1
     return count
 
 
 @leaf_kernel
-def _brightest(frames: Array, row: int, x: int, index: Array) -> float:
-    top = 0.0
-    for i in index:
-        top = max(top, float(frames[i, row, x]))
+def _from_end_to_end(i: int, count: int) -> float:
+    return 2 * i / (count - 1) - 1 if count > 1 else -1.0
+
+
+@leaf_kernel
+def _usable(at: Looked, row: int, x: int, found: Array) -> bool:
+    """found = place, footprint down and along."""
+    place = at.coord[row, x]
+    if at.flags[row, x] & at.spoilt or not abs(place - at.middle) < at.reach:
+        return False
+    down = abs(at.below[row, x] - place) / at.apart
+    along = 0.25 * abs(at.coord[row, x + 2] - at.coord[row, x - 2])
+    found[0], found[1], found[2] = place, down, along
+    return bool(down + along < at.wide)
+
+
+@leaf_kernel
+def _fit(at: Looked, row: int, x: int, fringe: Wave, found: Array) -> float:
+    """found = offset, cosine and sine; returns the brightest raw sample."""
+    index, weights = fringe[1], fringe[2]
+    a = c = s = top = 0.0
+    for k in range(len(index)):
+        level = _level(at, index[k], row, x)
+        top = max(top, float(at.frames[index[k], row, x]))
+        a += weights[0, k] * level
+        c += weights[1, k] * level
+        s += weights[2, k] * level
+    found[0], found[1], found[2] = a, c, s
     return top
 
 
 @leaf_kernel
-def _whole(
-    frames: Array,
-    lut: Array | None,
-    row: int,
-    x: int,
-    white: int,
-    black: int,
-    coarse: Wave | None,
-    down: float,
-    along: float,
-) -> float:
-    if coarse is None:
-        return 0.5 * float(
-            linear_level(frames[white, row, x], lut) - linear_level(frames[black, row, x], lut)
-        )
-    return float(_contrast(frames, lut, row, x, coarse, down, along))
+def _level(at: Looked, i: int, row: int, x: int) -> float:
+    return float(linear_level(at.frames[i, row, x], at.lut))
 
 
 @leaf_kernel
-def _contrast(
-    frames: Array, lut: Array | None, row: int, x: int, fringe: Wave, down: float, along: float
-) -> float:
-    """Amplitude, over what cells and footprint leave of it."""
-    period, index, weights = fringe
-    c = s = 0.0
-    for k in range(len(index)):
-        level = linear_level(frames[index[k], row, x], lut)
-        c += weights[0, k] * level
-        s += weights[1, k] * level
-    left = _sinc(1 / period) * _sinc(down / period) * _sinc(along / period)
-    return math.hypot(c, s) / float(left)
+def _sinc_near(x: float) -> float:
+    """sinc(x) for |x| < 0.7, good to 2e-6."""
+    q = (math.pi * x) ** 2
+    return 1 - q / 6 * (1 - q / 20 * (1 - q / 42 * (1 - q / 72 * (1 - q / 110))))
 
 
 def sinc(x: float) -> float:

@@ -17,7 +17,7 @@ nobody gave the blur (see gathering); where nothing tells it, the stairs that ma
 
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from optolever.blocks import over_rows
 
 from .gathering import contradicted, gathered, largest_left, solve_stairs
 from .plan import AxisPlan
+from .run_kernels import least_gradients, steps_along
 from .sample import quantile
 from .stairs_kernels import Footprint, Points, undo_rows
 from .swing import Blur
@@ -37,7 +38,7 @@ Map = NDArray[Any]
 F64 = NDArray[np.float64]
 #: Lines, pairs of neighbours on each and least distance of these that tell along which axis a coordinate
 #: changes.
-_LINES, _PAIRS, _APART = 8, 32, 8
+_LINES, _PAIRS, _APART = 8, 16, 8
 #: Attenuation below which the stairs (under 0.003 px) are left out.
 _NEGLIGIBLE = 0.012
 #: Pixels on either side over which the gradient is taken, as stairs themselves must not count as gradient,
@@ -60,7 +61,8 @@ class Stairs:
     """Of one axis. shares (G, 2): periods, and their shares in the coordinate; left: T, 0 where it is not
     known; fill: footprint over gradient, below 1 where stairs are higher than a footprint that fills it
     allows; seen, gradient (K,): how much runs of pixels gather at cells, and their gradients; unsure: T's
-    relative error; at_most: T where nothing tells more; told: something does, were it that it is 0.
+    relative error; at_most: T where nothing tells more; told: something does, were it that it is 0; down:
+    coordinates change down the columns.
     """
 
     shares: F64
@@ -71,6 +73,7 @@ class Stairs:
     unsure: float = 0.0
     at_most: float = 0.0
     told: bool = False
+    down: bool = False
 
     def known(self, left: float, unsure: float = 0.0) -> "Stairs":
         """With a T from elsewhere, unless these coordinates contradict it."""
@@ -104,8 +107,9 @@ def given_stairs(axis: AxisPlan, blur_px: float) -> Stairs:
 
 def read_stairs(axis: AxisPlan, coord: Map, sigma: Map, flags: Map) -> Stairs:
     """What decoded maps (H, W) tell of them."""
-    shares, seen = _shares(axis), gathered(coord, sigma, flags, _changes_down(coord))
-    return Stairs(shares, *solve_stairs(*seen, shares), *seen)
+    shares, down = _shares(axis), _changes_down(coord)
+    seen = gathered(coord, sigma, flags, down)
+    return Stairs(shares, *solve_stairs(*seen, shares), *seen, down=down)
 
 
 def take_off_stairs(stairs: Stairs, extent: int, coord: Map, sigma: Map, flags: Map) -> None:
@@ -135,12 +139,13 @@ def stairs_matter(stairs: Stairs, coord: Map, sigma: Map) -> bool:
         return True
     if stairs.at_most < _NEGLIGIBLE:
         return False
-    lines = coord.T if _changes_down(coord) else coord
-    every = max(1, lines.shape[1] // _SOME)
-    gradient = _least_gradient(lines[:: max(1, len(lines) // _LINES)], 1, slice(None), every)
+    lines = _lines(coord, stairs.down, _LINES)
+    every = max(1, lines.length // _SOME)
+    gradient = np.empty(len(lines.starts) * len(range(0, lines.length, every)))
+    least_gradients(lines.coord, lines.starts, lines.step, lines.length, every, _REACHES[0][0], gradient)
     square = _squares(stairs.at_most)
     variance = square[:, 0] @ square
-    return quantile(variance[_places(gradient)].ravel(), 0.9) >= (_SLIGHT * _usual(sigma)) ** 2
+    return quantile(variance[_places(gradient)], 0.9) >= (_SLIGHT * _usual(sigma)) ** 2
 
 
 def _squares(left: float) -> F64:
@@ -175,11 +180,11 @@ def _places(width: F64) -> NDArray[np.int64]:
     return np.minimum(width / _FINE, _WIDEST / _FINE - 1).astype(np.int64)
 
 
-def _least_gradient(coord: Map, axis: int, rows: slice, every: int = 1) -> F64:
+def _least_gradient(coord: Map, axis: int, rows: slice) -> F64:
     """Size of coord's gradient (R, W), cells a pixel, along an image axis, in some rows: over a reach on that
-    side where it is less, as pixels there may be wrong; 0: none. every: along rows, one pixel of so many."""
-    reach, here = _REACHES[0][0], coord[rows, ::every]
-    at = np.arange(coord.shape[axis])[rows if axis == 0 else slice(None, None, every)]
+    side where it is less, as pixels there may be wrong; 0: none."""
+    reach, here = _REACHES[0][0], coord[rows]
+    at = np.arange(coord.shape[axis])[rows if axis == 0 else slice(None)]
     sides = []
     for far in (np.maximum(at - reach, 0), np.minimum(at + reach, coord.shape[axis] - 1)):
         apart = np.abs(far - at).reshape(-1, 1) if axis == 0 else np.abs(far - at)
@@ -219,7 +224,7 @@ def _of_points(stairs: Stairs) -> Points:
 
 def _usual(sigma: Map) -> float:
     """Of sigma (H, W); 0 where there is none."""
-    some = sigma[:: max(1, len(sigma) // _LINES)]
+    some = sigma[:: max(1, len(sigma) // _LINES), :: max(1, sigma.shape[1] // _SOME)]
     known = some[some < np.inf]
     return quantile(known, 0.5) if len(known) else 0.0
 
@@ -229,15 +234,30 @@ def left_by(blur_px: float) -> float:
     return float(np.exp(-2 * (np.pi * blur_px) ** 2))
 
 
+class _Lines(NamedTuple):
+    """Some of a flat map's lines, see run_kernels."""
+
+    coord: F64
+    starts: NDArray[np.int64]
+    step: int
+    length: int
+
+
+def _lines(coord: Map, down: bool, count: int) -> _Lines:
+    """So many rows or (down) columns, about, of a map (H, W)."""
+    rows, cols = coord.shape
+    lines, length, apart, step = (cols, rows, 1, cols) if down else (rows, cols, cols, 1)
+    return _Lines(coord.reshape(-1), np.arange(0, lines, max(1, lines // count)) * apart, step, length)
+
+
 def _changes_down(coord: Map) -> bool:
     """Whether coord changes more from row to row than from column to column."""
-    rows, cols = (max(1, n // _LINES) for n in coord.shape)
-    return _change(coord.T[::cols]) > _change(coord[::rows])
+    return _change(_lines(coord, True, _LINES)) > _change(_lines(coord, False, _LINES))
 
 
-def _change(lines: Map) -> float:
-    """Usual step between neighbours along lines (R, W); 0 where there are none."""
-    apart = max(_APART, lines.shape[1] // _PAIRS)
-    steps = np.abs(lines[:, apart::apart] - lines[:, apart - 1 : -1 : apart])
-    known = steps[np.isfinite(steps)]
+def _change(lines: _Lines) -> float:
+    """Usual step between neighbours along lines; 0 where there are none."""
+    apart = max(_APART, lines.length // _PAIRS)
+    steps = np.empty(len(lines.starts) * (lines.length // apart))
+    known = steps[: steps_along(lines.coord, lines.starts, lines.step, lines.length, apart, steps)]
     return quantile(known, 0.5) if known.size else 0.0

@@ -196,7 +196,7 @@ def _fit_quarters(
         turns[x] = turn
         variance[x] = (of_read + of_level * level) * inverse + _TINY
         misfit[x] = contrast * contrast
-    return _ONE if np.float32(top) >= clip else _ZERO
+    return np.float32(top) >= clip
 
 
 @apart_kernel
@@ -261,7 +261,7 @@ def _uneven_variance(
         variance[x] = (spread * inverse * inverse + _TINY) * _TURN2
 
 
-@inline_kernel
+@leaf_kernel
 def _fit_lines(
     n: int,
     frames: Array,
@@ -269,6 +269,7 @@ def _fit_lines(
     row: int,
     first: int,
     clip: Any,
+    unlike: bool | None,
     period: tuple[Array, Array, Array, int, bool, bool],
     read2: Any,
     gain: Any,
@@ -278,21 +279,25 @@ def _fit_lines(
     misfit: Array,
 ) -> bool:
     """fit_tile of linear levels."""
-    solve, model, quad, count, even, quarters = period
+    quad, quarters = period[2], period[5]
     a, c, s = sums[0], sums[1], sums[2]
     of_read, of_level = read2 * quad[0, 0] * _TURN2, gain * quad[1, 0] * _TURN2
-    clipped, last = _ZERO, len(index) - 4
     if quarters:
-        clipped = _fit_quarters(
-            n, frames, index, row, first, clip, of_read, of_level, a, c, s, turns, variance, misfit
+        return bool(
+            _fit_quarters(
+                n, frames, index, row, first, clip, of_read, of_level, a, c, s, turns, variance, misfit
+            )
         )
-    else:
-        for k in range(0, last, 4):
-            clipped += _add_four(n, k == 0, frames, index, k, row, first, solve, clip, a, c, s)
-        clipped += _fit_four(
-            *(n, last == 0, frames, index, last, row, first, solve, clip),
-            *(of_read, of_level, a, c, s, turns, variance, misfit),
-        )
+    if unlike is None:
+        return False
+    solve, model, _, count, even, _ = period
+    clipped, last = _ZERO, len(index) - 4
+    for k in range(0, last, 4):
+        clipped += _add_four(n, k == 0, frames, index, k, row, first, solve, clip, a, c, s)
+    clipped += _fit_four(
+        *(n, last == 0, frames, index, last, row, first, solve, clip),
+        *(of_read, of_level, a, c, s, turns, variance, misfit),
+    )
     if not even:
         _uneven_variance(n, read2, gain, quad, a, c, s, variance)
     if count > 4:
@@ -309,6 +314,7 @@ def fit_tile(
     index: Array,
     first: int,
     clip: Any,
+    unlike: bool | None,
     period: tuple[Array, Array, Array, int, bool, bool],
     read2: Any,
     gain: Any,
@@ -321,17 +327,22 @@ def fit_tile(
 ) -> bool:
     """Least squares of I_i = model_i . (A, c, s) and the phase of (c, s).
 
-    index (M,); period = (solve (4, M), model (M, 4), quad (4, 3), count of samples, even, quarters): see
-    arrays.fringe_arrays, M = count padded to a multiple of 4; lut turns raw levels into linear ones unless
-    None (linear: room for (M, 1, n), own = 0, 1, ..., M - 1); raw levels >= clip are clipped.
+    index (M,); unlike: None if all periods are quarters; period = (solve (4, M), model (M, 4), quad (4, 3),
+    count of samples, even, quarters): see arrays.fringe_arrays, M = count padded to a multiple of 4; lut
+    turns raw levels into linear ones unless None (linear: room for (M, 1, n), own = 0, 1, ..., M - 1); raw
+    levels >= clip are clipped.
     Out, (n,): sums[0..2] = A, c, s; turns = phase / 2 pi; variance of turns; misfit = sum of
     squares of the residuals. True if any sample is clipped.
     """
     if lut is None:
         return bool(
-            _fit_lines(n, frames, index, 0, first, clip, period, read2, gain, sums, turns, variance, misfit)
+            _fit_lines(
+                n, frames, index, 0, first, clip, unlike, period, read2, gain, sums, turns, variance, misfit
+            )
         )
     for k in range(len(index)):
         _linearise(n, frames, index[k], 0, first, lut, k, linear)
     top = lut[int(min(clip, np.float32(len(lut) - 1)))]
-    return bool(_fit_lines(n, linear, own, 0, 0, top, period, read2, gain, sums, turns, variance, misfit))
+    return bool(
+        _fit_lines(n, linear, own, 0, 0, top, unlike, period, read2, gain, sums, turns, variance, misfit)
+    )

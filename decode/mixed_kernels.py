@@ -157,7 +157,7 @@ def mixed_rows(start: int, stop: int, near: Near, shared: Shared, kept: Array, t
         holes_below = row + 1 < rows and _any_nothing(row + 1, flags)
         holes = holes_above or holes_here or holes_below
         holes_above, holes_here = holes_here, holes_below
-        beside = _any_beside(row, 0, near, kept) or _any_beside(row, 1, near, kept)
+        beside = _any_beside(row, near, kept)
         if not (holes or beside):
             continue
         dim = _brightest(row, near.read2, near.gain, amplitude, offset, top)
@@ -178,13 +178,14 @@ def mixed_rows(start: int, stop: int, near: Near, shared: Shared, kept: Array, t
 
 
 @leaf_kernel
-def _any_beside(row: int, axis: int, near: Near, kept: Array) -> bool:
-    """Whether any pixel of a row may be in the band beside the border, along one axis."""
-    half, (low, high) = 0.5 * near.extents[axis], near.bands[axis]
-    if not half < np.inf:
-        return False
-    line = kept[axis, row % kept.shape[1]]
-    return bool(_any_within(line, np.float32(half - _HALF), np.float32(half - high), np.float32(half - low)))
+def _any_beside(row: int, near: Near, kept: Array) -> bool:
+    """Whether any pixel of a row may be in the band beside the border, along u or v."""
+    for axis in range(2):
+        half, (low, high) = 0.5 * near.extents[axis], near.bands[axis]
+        line, middle = kept[axis, row % kept.shape[1]], np.float32(half - _HALF)
+        if half < np.inf and _any_within(line, middle, np.float32(half - high), np.float32(half - low)):
+            return True
+    return False
 
 
 @apart_kernel

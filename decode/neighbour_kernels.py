@@ -177,7 +177,7 @@ def _too_steep(row: int, least: float, near: tuple[Array, Array, Array], shared:
             step, steps = max(step, across), max(steps, in_steps)
         over = steps > _STEEPER * wide
         if not over and step > wide:
-            over = _contrast(row, x, 0, shared) < _LOST * _contrast(row, x, REACH, shared)
+            over = _faded(row, x, shared)
         if over:
             flags[row, x] |= OUTLIER
 
@@ -192,15 +192,17 @@ def _climb(before: float, here: float, after: float, beside: Any, least: float) 
 
 
 @leaf_kernel
-def _contrast(row: int, x: int, reach: int, shared: Shared) -> float:
-    """Amplitude over offset: the largest within reach."""
+def _faded(row: int, x: int, shared: Shared) -> bool:
+    """Whether little is left of the contrast that a pixel within reach has."""
     rows, cols = shared.flags.shape
-    most = 0.0
-    for y in range(max(row - reach, 0), min(row + reach + 1, rows)):
-        for z in range(max(x - reach, 0), min(x + reach + 1, cols)):
+    own = most = 0.0
+    for y in range(max(row - REACH, 0), min(row + REACH + 1, rows)):
+        for z in range(max(x - REACH, 0), min(x + REACH + 1, cols)):
             if shared.flags[y, z] & NOTHING == 0:
-                most = max(most, shared.amplitude[y, z] / max(shared.offset[y, z], _ONE))
-    return most
+                contrast = shared.amplitude[y, z] / max(shared.offset[y, z], _ONE)
+                most = max(most, contrast)
+                own = contrast if y == row and z == x else own
+    return own < _LOST * most
 
 
 @leaf_kernel

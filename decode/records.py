@@ -118,8 +118,8 @@ class CellLines(NamedTuple):
 
 class FringeRecord(NamedTuple):
     """Periods, see arrays.FringeArrays (samples: count, frame: index; own: 0, 1, ...) and display_kernels
-    (shown); searched: no period spans the surface; reach: distance from the code's cell; disagreement: limit
-    of the periods' chi squared."""
+    (shown); unlike: some are no quarters, searched: no period spans the surface (both True or None); reach:
+    distance from the code's cell; disagreement: limit of the periods' chi squared."""
 
     samples: Array
     frame: Array
@@ -129,9 +129,10 @@ class FringeRecord(NamedTuple):
     quad: Array
     even: Array
     quarters: Array
+    unlike: bool | None
     periods: Array
     misfit: Array
-    searched: bool
+    searched: bool | None
     reach: np.float32
     disagreement: np.float32
     shown: Any

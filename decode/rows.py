@@ -35,6 +35,9 @@ _DARK = 0.02
 _STEEP_CELLS, _SURE_CELLS = 3.0, 1.5
 #: That footprint for XOR-Gray, whose bits all have their edges at the same places.
 _STEEP_XOR = 2.0
+#: Scratch that every thread keeps: of decoding and of comparing neighbours, for two widths.
+_KEPT = 4
+_own = local()
 #: Cells from the border up to which it may throw a shadow: in a strong blur; in periods of a fringe, 2 sigma
 #: (2 % of the light) of the blur that leaves 2 % of its contrast.
 _SHADOW, _SHADOW_PERIODS = 16.0, 0.9
@@ -108,13 +111,16 @@ def axes_step(
 
 
 def _rooms(width: int, periods: int = 0, samples: int = 0) -> Callable[[], Scratch]:
-    """Scratch of the thread that asks."""
-    own = local()
+    """Scratch of the thread that asks: the one that it had for images of that width last, if there is one."""
+    wanted = width, periods, samples
 
     def room() -> Scratch:
-        if not hasattr(own, "room"):
-            own.room = scratch(width, periods, samples)
-        return cast(Scratch, own.room)
+        kept = cast(dict[tuple[int, int, int], Scratch], _own.__dict__)
+        if wanted not in kept:
+            while len(kept) >= _KEPT:
+                kept.pop(next(iter(kept)))
+            kept[wanted] = scratch(*wanted)
+        return kept[wanted]
 
     return room
 
@@ -266,9 +272,10 @@ def _fringe_record(sequence: Sequence, axis: AxisPlan, tables: Tables) -> Fringe
         quad=arrays.quad,
         even=arrays.even,
         quarters=arrays.quarters,
+        unlike=None if arrays.quarters.all() else True,
         periods=arrays.periods,
         misfit=arrays.misfit.astype(F32),
-        searched=axis.code is None and axis.fringes[0].period < axis.extent,
+        searched=True if axis.code is None and axis.fringes[0].period < axis.extent else None,
         reach=F32(_reach(axis)),
         disagreement=F32(chi_squared_limit(len(axis.fringes) - 1)),
         shown=tables.kernel,

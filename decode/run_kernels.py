@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from .jit import fast_kernel, leaf_kernel, outer_kernel
 from .wave_kernels import cosine_sine
 
-__all__ = ["LINES", "RUN", "gather_runs"]
+__all__ = ["LINES", "RUN", "gather_runs", "least_gradients", "steps_along"]
 
 Array = NDArray[Any]
 
@@ -135,3 +135,41 @@ def _like_stairs(run: Array, fit: Array, wave: Array, noise: float) -> bool:
     stairs = float(along) * float(along) / float(weight)
     most = RUN * noise * noise * (1 + 5 * math.sqrt(2 / RUN))
     return bool(float(square) - stairs <= stairs + most)
+
+
+@outer_kernel
+def steps_along(coord: Array, starts: Array, step: int, length: int, apart: int, told: Array) -> int:
+    """Sizes of steps between neighbours, every `apart` pixels of lines of `length` that begin at `starts` of
+    a flat map and go in steps of `step`: into told (K,), the number of those that are known is returned."""
+    count = 0
+    for start in starts:
+        for x in range(apart, length, apart):
+            size = abs(coord[start + x * step] - coord[start + (x - 1) * step])
+            if size < np.inf:
+                told[count] = size
+                count += 1
+    return count
+
+
+@outer_kernel
+def least_gradients(
+    coord: Array, starts: Array, step: int, length: int, every: int, reach: int, told: Array
+) -> None:
+    """Sizes of the gradient along such lines, every so many pixels, over `reach` pixels on that side where it
+    is less, as pixels there may be wrong; 0: none. Into told (K,)."""
+    count = 0
+    for start in starts:
+        for x in range(0, length, every):
+            least = np.inf
+            for far in (max(x - reach, 0), min(x + reach, length - 1)):
+                apart = abs(far - x)
+                if apart > reach // 2:
+                    least = min(least, _size(coord[start + far * step] - coord[start + x * step]) / apart)
+            told[count] = least if least < np.inf else 0.0
+            count += 1
+
+
+@leaf_kernel
+def _size(change: float) -> float:
+    """Not a number: none."""
+    return abs(change) if abs(change) < np.inf else np.inf

@@ -1,5 +1,6 @@
 """Some pixels from all over the frames, fetched once: on them noise is measured, constraints are tested."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from optolever.blocks import over_rows, threads
 
-__all__ = ["Sample", "quantile", "sampled"]
+__all__ = ["Sample", "quantile", "quantiles", "sampled"]
 
 #: Lines and runs on each of them at most, pixels in a run: a run costs as much to fetch as one pixel.
 _LINES, _ACROSS, _RUN = 64, 16, 8
@@ -56,3 +57,10 @@ def quantile(values: NDArray[Any], share: float) -> float:
     """The value that this share of the values does not exceed (np.quantile takes five times as long)."""
     at = int(share * (len(values) - 1))
     return float(np.partition(values, at)[at])
+
+
+def quantiles(values: NDArray[Any], shares: Sequence[float]) -> list[float]:
+    """quantile for several shares at once."""
+    at = [int(share * (len(values) - 1)) for share in shares]
+    sorted_there = np.partition(values, at)
+    return [float(sorted_there[k]) for k in at]

@@ -1,6 +1,7 @@
 """Some rows, decoded before the rest: how large a pixel's footprint is, whether neighbours are such."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -9,17 +10,21 @@ from numpy.typing import NDArray
 from optolever.blocks import over_rows
 from optolever.patterns import Sequence
 
+from .correspondence import Flag
 from .job import Job
 from .noise import Noise
 from .plan import AxisPlan, Plan
 from .rows import Maps, axes_step, near_of
 from .sample import quantile
 
-__all__ = ["Survey", "is_continuous", "survey"]
+__all__ = ["SPOILT", "Survey", "is_continuous", "survey"]
 
 Map = NDArray[Any]
 #: Rows at most, distance of the rows between which the gradient is taken, rows of a block.
 _ROWS, _APART, _BLOCK = 16, 2, 8
+#: Flags of pixels whose contrast tells nothing; columns that tell the usual one, about.
+SPOILT = int(Flag.SATURATED | Flag.DARK | Flag.LOW_CONTRAST | Flag.MOVED | Flag.INVALID)
+_COLUMNS = 144
 #: Differences that the footprint's median is taken of, about.
 _FOOTPRINTS = 4096
 #: Second differences that are looked at in a row.
@@ -29,7 +34,7 @@ _BENDS = 64
 _BENT, _ROUGH = 2.0, 2.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Survey:
     """Frames (N, 2 R, W) and maps of R rows and, behind them, of those `apart` rows below; clip: level at
     which frames clip, noise: of the (linear) levels."""
@@ -64,6 +69,16 @@ class Survey:
             sure = size[size < np.inf]
             total += quantile(sure, 0.5) if len(sure) else 0.0
         return min(total, 8.0)
+
+    @cached_property
+    def usual_levels(self) -> tuple[float, float]:
+        """Amplitude and offset, medians of some pixels that are seen well (if there are such)."""
+        step = max(1, self.flags.shape[1] // _COLUMNS)
+        use = self.flags[:, ::step] & SPOILT == 0
+        if not use.any():
+            step, use = 1, self.flags & SPOILT == 0
+        amplitude, offset = (quantile(chart[: len(use), ::step][use], 0.5) for chart in self.maps.common[1:3])
+        return amplitude, offset
 
     def is_continuous(self, name: str) -> bool:
         """Whether neighbours look at neighbouring places, so that they tell something of each other."""

@@ -21,8 +21,8 @@ _SURVIVOR = np.uint16(Flag.OUTLIER)
 
 def flag_survivors(flags: NDArray[np.uint16]) -> None:
     """Flag good pixels (H, W) among refused ones as OUTLIER, in place."""
-    good = (flags == 0).view(np.uint8)
-    if good.all():
+    if flags.max(initial=0) == 0:
         return
+    good = (flags == 0).view(np.uint8)
     around = cv2.boxFilter(good, -1, (_SIDE, _SIDE), normalize=False, borderType=cv2.BORDER_REFLECT_101)
     np.bitwise_or(flags, _SURVIVOR, out=flags, where=(around <= _FEW) & good.view(np.bool_))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from optolever.decode.blur_kernels import contrasts, swing_sums
+from optolever.decode.blur_kernels import Looked, contrasts, own_contrasts, swing_sums
 
 F64 = NDArray[np.float64]
 ROWS, WIDTH, APART = 6, 60, 2
@@ -16,7 +16,8 @@ CLIP = 250.0
 
 def wave(period: float, first: int) -> tuple[float, NDArray[Any], F64]:
     """Four quarters from frame `first` on."""
-    return period, np.arange(first, first + 4), np.array([[0.5, 0, -0.5, 0], [0, 0.5, 0, -0.5]])
+    weights = [[0.25] * 4, [0.5, 0, -0.5, 0], [0, 0.5, 0, -0.5]]
+    return period, np.arange(first, first + 4), np.array(weights)
 
 
 def amplitude(levels: F64, first: int) -> F64:
@@ -44,19 +45,27 @@ def test_contrasts(whole: bool, linear: bool) -> None:
         return amplitude(levels, first)[:, cols] / left
 
     against = 0.5 * (levels[8] - levels[9])[:, cols] if whole else clear(4, COARSE)
-    top = frames[[0, 1, 2, 3, 8] if whole else slice(0, 8)].max(axis=0)[:, cols]
-    use = (flags[:, cols] == 0) & (down + along < 0.2 * FINE) & (against > 0) & (top < CLIP)
-    use &= np.abs(coord[:, cols] - 20) < 12
-    left = clear(0, FINE)[use] / against[use]
-    want = np.stack([left, coord[:, cols][use], down[use], along[use]])
-
-    seen = np.empty((4, ROWS * len(cols)))
-    count = contrasts(
-        *(frames, None if linear else lut, cols, wave(FINE, 0), 8, 9, None if whole else wave(COARSE, 4)),
-        *(coord, below, APART, flags, 1, CLIP, 0.2, 20.0, 12.0, seen),
+    top, own = (
+        frames[index].max(axis=0)[:, cols]
+        for index in ([0, 1, 2, 3] + ([8] if whole else [4, 5, 6, 7]), [0, 1, 2, 3])
     )
+    seen_at = (flags[:, cols] == 0) & (down + along < 0.2 * FINE) & (np.abs(coord[:, cols] - 20) < 12)
+    use, here = seen_at & (against > 0) & (top < CLIP), seen_at & (own < CLIP)
+    want = np.stack([clear(0, FINE)[use] / against[use], coord[:, cols][use], down[use], along[use]])
+    offset = levels[:4].mean(axis=0)[:, cols]
+    image = np.meshgrid(np.linspace(-1, 1, ROWS), np.linspace(-1, 1, len(cols)), indexing="ij")
+    plain = amplitude(levels, 0)[:, cols][here] / offset[here]
+    want_own = np.stack([plain, *(chart[here] for chart in (coord[:, cols], down, along, *image))])
+
+    at = Looked(
+        *(frames, None if linear else lut, cols, coord, below, APART, flags, 1, CLIP, 0.2 * FINE, 20.0, 12.0)
+    )
+    room, seen = np.empty((2, 3)), np.empty((6, ROWS * len(cols)))
+    count = contrasts(at, wave(FINE, 0), 8, 9, None if whole else wave(COARSE, 4), room, seen)
     assert 5 < count < 0.5 * use.size
-    np.testing.assert_allclose(seen[:, :count], want, rtol=1e-6)
+    np.testing.assert_allclose(seen[:4, :count], want, rtol=1e-5)
+    count = own_contrasts(at, wave(FINE, 0), room, seen)
+    np.testing.assert_allclose(seen[:, :count], want_own, rtol=1e-6, atol=1e-12)
 
 
 @pytest.mark.parametrize("coarse", [(0.0, 0.0), (0.03, -0.05)])

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from optolever.decode import decode
 from optolever.decode.swing import Contrasts, blur_by_swing
+from optolever.decode.swing_kernels import LINES, prepare, swing
 from optolever.patterns import sequence
 
 from .light import seen_by_pixels
@@ -42,6 +43,40 @@ def test_the_swing_tells_the_blur(period: float, width: float, blur: float) -> N
     assert found is not None
     assert abs(found.rms**2 - blur**2) < 3 * found.square_error + 0.004
     assert found.square_error < 0.02
+
+
+@pytest.mark.parametrize("square", [0.0, 0.03, 0.2])
+@pytest.mark.parametrize(("width", "period", "noise"), [(1.0, 3.2, 0.001), (2.0, 5.7, 0.05), (0.5, 9.0, 0.3)])
+def test_kernels_against_formulas(square: float, width: float, period: float, noise: float) -> None:
+    """Share of the swing, of one a quarter of a cell aside, and their error, by complex waves and pinv."""
+    seen, f = contrasts(width, 0.3, period, noise), 1 / period
+    left = np.prod(np.sinc(f * seen.sides), axis=0)
+    above, below = (
+        (-1) ** m
+        * f
+        / (f + m)
+        * np.prod(np.sinc((f + m) * seen.sides), axis=0)
+        / left
+        * np.exp(-2 * np.pi**2 * square * ((f + m) ** 2 - f**2))
+        for m in (1, -1)
+    )
+    wave = np.exp(2j * np.pi * seen.place)
+    wave = np.exp(2j * np.pi * seen.place - 1j * np.angle(1 + above * wave + below / wave) / f)
+    row, col = seen.at
+    slow = np.stack([np.ones(len(row)), row, col, row * row, row * col, col * col], axis=1)
+    less = np.eye(len(row)) - slow @ np.linalg.pinv(slow)
+    level = seen.contrast / left
+    rest = less @ (level / np.median(level))
+    model = less @ np.abs(1 + above * wave + below / wave)
+    aside = less @ np.abs(1 + 1j * (above * wave - below / wave))
+    share = model @ rest / (model @ model)
+    error = np.sqrt(np.mean((rest - share * model) ** 2) / (model @ model))
+    room = np.empty((LINES, len(row)), np.float32)
+    prepare(np.float32(f), *(np.float32(chart) for chart in (seen.contrast, seen.sides, seen.at)), room)
+    place = np.float32(seen.place - np.rint(seen.place))
+    found = swing(square, f, float(np.median(level)), place, room)
+    want = share, aside @ rest / (aside @ aside), error
+    np.testing.assert_allclose(found, want, rtol=1e-3, atol=1e-4)
 
 
 def test_noise_that_hides_the_swing_hides_the_blur() -> None:
