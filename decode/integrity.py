@@ -256,15 +256,21 @@ def _lit(sample: Sample, rules: F64) -> Lit:
     span = levels.max(axis=0) - levels.min(axis=0)
     top = 255.0 if levels.dtype == np.uint8 else float("inf")
     brightest = levels[np.abs(rules).max(axis=0) > 0].max(axis=0)
-    use = np.flatnonzero((span >= 0.5 * quantile(span, 0.9)) & (brightest < top))
+    bright = (span >= 0.5 * quantile(span, 0.9)) & (brightest < top)
     # by chance, as every so many pixels may be a fringe's period; sorted, as they are cut into bands
-    use = np.sort(np.random.default_rng(0).permutation(use)[:_PIXELS])
+    order = _by_chance(len(bright))
+    use = np.sort(order[bright[order]][:_PIXELS])
     contrast = float(np.median(span[use])) if len(use) else 0.0
     return Lit(
         levels[:, use].astype(np.float64),
         sample.row[use],
         float(np.hypot(max(noise, _LEAST_NOISE), _UNEVEN * contrast)),
     )
+
+
+@lru_cache(maxsize=4)
+def _by_chance(count: int) -> NDArray[np.int64]:
+    return np.random.default_rng(0).permutation(count)
 
 
 def _broken_by(rules: F64, levels: F64, noise: float) -> F64:

@@ -34,6 +34,15 @@ class Fringe:
         """Orthonormal combinations of the samples that the model does not reach (N - 3, N)."""
         return _matrices(self)[2]
 
+    def few(self) -> bool:
+        """Whether there are too few different shifts for a phase."""
+        return _few(self)
+
+
+@lru_cache(maxsize=64)
+def _few(fringe: Fringe) -> bool:
+    return len(np.unique(np.round(fringe.shifts, 6))) < 3
+
 
 @lru_cache(maxsize=64)
 def _matrices(fringe: Fringe) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:

@@ -9,6 +9,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from optolever.blocks import over_rows, threads
+from optolever.memory import roomy_empty
 
 __all__ = ["Sample", "quantile", "quantiles", "sampled"]
 
@@ -44,7 +45,7 @@ def sampled(frames: NDArray[Any]) -> Sample:
         return Sample(np.ascontiguousarray(lines)[:, :, None], at)
     # from one end of the lines to the other
     runs = sliding_window_view(lines, _RUN, axis=2)[:, :, :: (cols - _RUN) // (across - 1)]
-    fetched = np.empty(runs.shape, runs.dtype)
+    fetched = roomy_empty(runs.shape, runs.dtype)
 
     def fetch(start: int, stop: int) -> None:
         fetched[start:stop] = runs[start:stop]

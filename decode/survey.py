@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.blocks import over_rows
+from optolever.memory import roomy_empty
 from optolever.patterns import Sequence
 
 from .correspondence import Flag
@@ -92,7 +93,8 @@ def survey(job: Job, sequence: Sequence, wanted: Plan, axes: tuple[AxisPlan, ...
     count = _ROWS // 2 if few else _ROWS
     rows = np.unique(np.linspace(0, height - 1 - apart, count).astype(np.int64))
     both = np.concatenate([rows, rows + apart])
-    frames = np.take(job.frames, both, axis=1)
+    frames = roomy_empty((len(job.frames), len(both), width), job.frames.dtype)
+    np.take(job.frames, both, axis=1, out=frames, mode="clip")
     maps = Maps((len(both), width), {axis.axis for axis in axes})
     few_rows, near = replace(job, frames=frames), near_of(job, wanted, {}, {}, maps)
     over_rows(axes_step(few_rows, sequence, wanted, axes, {}, maps, near=near), len(both), _BLOCK)

@@ -83,8 +83,7 @@ def _seen(
 
 def by_table(axis: AxisPlan) -> bool:
     """True if only known grey values lead to an answer: free levels, fringes of fewer than three shifts."""
-    few = any(len(np.unique(np.round(fringe.shifts, 6))) < 3 for fringe in axis.fringes)
-    return bool(axis.levels) or few
+    return bool(axis.levels) or any(fringe.few() for fringe in axis.fringes)
 
 
 def shown_on(sequence: Sequence, wanted: Plan, axis: AxisPlan) -> Shown:

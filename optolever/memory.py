@@ -12,8 +12,10 @@ from numpy.typing import DTypeLike, NDArray
 
 __all__ = ["roomy_empty"]
 
-#: A huge page of the usual systems, bytes.
-_PAGE = 1 << 21
+#: A huge page of the usual systems, and what is too little to be kept, bytes.
+_PAGE, _LITTLE = 1 << 21, 1 << 16
+#: A line of the cache, bytes.
+_LINE = 64
 #: Bytes that are kept for later at most: the maps of two captures of 2 Mpx, with room.
 _MOST = 1 << 28
 #: Memory of arrays that nobody holds any more, by their size.
@@ -21,8 +23,8 @@ _kept: dict[int, list[NDArray[np.uint8]]] = {}
 
 
 def roomy_empty(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-    """np.empty; of one huge page or more: its pages are its own from the first to the last byte, and those of
-    an array of that size that nobody holds any more, if there is one.
+    """np.empty; but for little ones, the memory of an array of that size that nobody holds any more, if there
+    is one. Of one huge page or more: its pages are its own from the first to the last byte.
 
     The system clears what it gives to a process, which takes longer than writing to it.
     NumPy asks for huge pages, but the ends of an array share theirs with others, and what does not fill a
@@ -30,13 +32,13 @@ def roomy_empty(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     """
     kind = np.dtype(dtype)
     size = math.prod(shape) * kind.itemsize
-    if size < _PAGE:
+    if size < _LITTLE:
         return np.empty(shape, kind)
     room = _taken(size)
     # views of this array are held by it alone, as its own memory is not an array's
     held = np.frombuffer(room.data, np.uint8)
     weakref.finalize(held, _keep, size, room).atexit = False
-    start = -room.ctypes.data % _PAGE
+    start = -room.ctypes.data % (_PAGE if size >= _PAGE else _LINE)
     return held[start : start + size].view(kind).reshape(shape)
 
 
@@ -45,7 +47,7 @@ def _taken(size: int) -> NDArray[np.uint8]:
     try:
         return _kept[size].pop()  # one step: another thread takes another one, or none
     except (KeyError, IndexError):
-        return np.empty(size + 2 * _PAGE, np.uint8)
+        return np.empty(size + (2 * _PAGE if size >= _PAGE else _LINE), np.uint8)
 
 
 def _keep(size: int, room: NDArray[np.uint8]) -> None:

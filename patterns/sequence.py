@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -33,13 +33,19 @@ class Sequence:
     cols: int
     name: str = "custom"
     nominal: bool = False
+    _hash: int = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        # what is made of a sequence is kept by it, and asked for again and again
+        object.__setattr__(self, "_hash", hash((self.frames, self.rows, self.cols, self.name, self.nominal)))
         if not self.frames:
             raise InputError("sequence: frames is empty, must hold at least one frame")
         for name in ("rows", "cols"):
             if not 1 <= getattr(self, name) <= 1 << 16:
                 raise InputError(f"sequence: {name} is {getattr(self, name)}, must be in 1..{1 << 16}")
+
+    def __hash__(self) -> int:
+        return self._hash
 
     def __len__(self) -> int:
         return len(self.frames)
