@@ -3,7 +3,7 @@
 from .axis_kernels import axis_pixels
 from .jit import outer_kernel
 from .mixed_kernels import REACH
-from .neighbour_kernels import near_rows
+from .neighbour_kernels import near_block
 from .records import TILE, AxisRecord, Camera, Near, Scratch, Shared
 
 __all__ = ["block_rows"]
@@ -14,6 +14,7 @@ def block_rows(
     start: int,
     stop: int,
     near: Near,
+    decode: bool,
     compare: bool,
     camera: Camera,
     one: AxisRecord,
@@ -21,7 +22,12 @@ def block_rows(
     shared: Shared,
     scratch: Scratch,
 ) -> None:
-    """Rows start..stop of the maps; compare: those whose neighbours are in the block with these, too."""
+    """Rows start..stop of the maps; compare: those whose neighbours are in the block with these, too, or if
+    these rows are not to be decoded, all of them.
+    """
+    if not decode:
+        near_block(start, stop, near, compare, shared, scratch)
+        return
     height, width = shared.flags.shape
     few = max(TILE // width, 1)
     done = start + REACH if start else 0
@@ -33,5 +39,5 @@ def block_rows(
         ready = end if end == height else end - REACH
         if compare and ready > done:
             # not fresh; a word that is no constant, so that it is compiled once for all callers
-            near_rows(done, ready, near, not compare, shared, scratch)
+            near_block(done, ready, near, not compare, shared, scratch)
             done = ready

@@ -161,12 +161,11 @@ def _decoded(
         if axis.stripes is not None and swept_alone(axis)
     }
     near = near_of(job, wanted, told.blurs, told.footprints, maps)
-    neighbours = near_step(near, maps)
     cuts = shrinking(height, _BLOCK)
     if by_rows:
-        block = axes_step(job, sequence, wanted, plain, told.tables, maps, near=near, compare=at_once)
+        block, seams = axes_step(job, sequence, wanted, plain, told.tables, maps, near=near, compare=at_once)
         if at_once:
-            block = _with_seams(block, neighbours, height)
+            block = _with_seams(block, seams, height)
     else:
         block = _one_by_one(
             _step(job, sequence, wanted, axis, subpixel, told.tables, sweeps, maps, near, i > 0)
@@ -180,7 +179,7 @@ def _decoded(
 
     over_blocks(block, cuts, meanwhile=check)
     if not by_rows and _continuous(wanted, maps):
-        over_blocks(neighbours, cuts)
+        over_blocks(near_step(near, maps), cuts)
     if near.dim.any():
         over_blocks(shadow_step(near, maps), cuts)
     found = Correspondence(
@@ -294,7 +293,7 @@ def _step(
     if by_table(axis):
         shown, even = shown_on(sequence, wanted, axis), job.light is job.frames
         return table_step(job.light, job.bright, shown, axis, joined, own, common, even)
-    step = axes_step(job, sequence, wanted, (axis,), tables, maps, near=near, joined=joined)
+    step, _ = axes_step(job, sequence, wanted, (axis,), tables, maps, near=near, joined=joined)
     if subpixel and axis.code is not None and not axis.fringes:
         shown = shown_on(sequence, wanted, axis)
         return subpixel_step(job.light, job.bright, shown, step, own, job.noise.read2)

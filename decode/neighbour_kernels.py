@@ -13,7 +13,7 @@ from .jit import apart_kernel, inline_kernel, leaf_kernel, outer_kernel
 from .mixed_kernels import NOTHING, OUTLIER, REACH, READ, mixed_rows
 from .records import Near, Scratch, Shared
 
-__all__ = ["near_rows"]
+__all__ = ["near_block", "near_rows"]
 
 Array = NDArray[Any]
 
@@ -31,6 +31,12 @@ _HALF, _GOOD = np.float32(0.5), np.uint16(0)
 
 @outer_kernel
 def near_rows(start: int, stop: int, near: Near, fresh: bool, shared: Shared, scratch: Scratch) -> None:
+    """near_block, to be called from Python."""
+    near_block(start, stop, near, fresh, shared, scratch)
+
+
+@leaf_kernel
+def near_block(start: int, stop: int, near: Near, fresh: bool, shared: Shared, scratch: Scratch) -> None:
     """Compare rows start..stop with those around: bends go into sigma, steep and mixed pixels are flagged.
 
     near.steep: of a code alone along u and v, largest footprint and cell, pattern pixels, and the flags of
@@ -44,7 +50,7 @@ def near_rows(start: int, stop: int, near: Near, fresh: bool, shared: Shared, sc
 
 @leaf_kernel
 def _few_rows(start: int, stop: int, near: Near, fresh: bool, shared: Shared, scratch: Scratch) -> None:
-    """near_rows, of as many as scratch.kept holds together with those around."""
+    """near_block, of as many as scratch.kept holds together with those around."""
     kept, wide = scratch.kept, scratch.wide
     if near.shown[0]:
         steep, least = near.steep[0], near.least[0]

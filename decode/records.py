@@ -172,7 +172,7 @@ Steep = tuple[np.float32, np.float32, np.uint16]
 
 
 class Near(NamedTuple):
-    """What neighbours are asked, see neighbour_kernels.near_rows; dim (H,): rows with pixels to ask again."""
+    """What neighbours are asked, see neighbour_kernels.near_block; dim (H,): rows that are asked again."""
 
     shown: tuple[bool, bool]
     steep: tuple[Steep | None, Steep | None]

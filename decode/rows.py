@@ -87,8 +87,9 @@ def axes_step(
     near: Near,
     compare: bool = False,
     joined: bool = False,
-) -> Work:
-    """The work for one axis or both of bits and fringes; joined: another one went before.
+) -> tuple[Work, Work]:
+    """The work for one axis or both of bits and fringes, and the comparison with neighbours alone, once all
+    around is decoded; joined: another axis went before.
 
     compare: neighbours within the block are compared, too, as `near` says.
     """
@@ -105,9 +106,12 @@ def axes_step(
     room = _rooms(width, periods, samples)
 
     def step(start: int, stop: int) -> None:
-        block_rows(start, stop, near, compare, camera, one, two, shared, room())
+        block_rows(start, stop, near, True, compare, camera, one, two, shared, room())
 
-    return step
+    def beside(start: int, stop: int) -> None:
+        block_rows(start, stop, near, False, True, camera, one, two, shared, room())
+
+    return step, beside
 
 
 def _rooms(width: int, periods: int = 0, samples: int = 0) -> Callable[[], Scratch]:
@@ -126,7 +130,7 @@ def _rooms(width: int, periods: int = 0, samples: int = 0) -> Callable[[], Scrat
 
 
 def near_step(near: Near, maps: Maps) -> Work:
-    """The comparison with neighbours alone, once all around is decoded."""
+    """The comparison with neighbours alone, whatever decoded them."""
     shared, room = maps.shared, _rooms(maps.flags.shape[1])
 
     def step(start: int, stop: int) -> None:

@@ -97,7 +97,8 @@ def survey(job: Job, sequence: Sequence, wanted: Plan, axes: tuple[AxisPlan, ...
     np.take(job.frames, both, axis=1, out=frames, mode="clip")
     maps = Maps((len(both), width), {axis.axis for axis in axes})
     few_rows, near = replace(job, frames=frames), near_of(job, wanted, {}, {}, maps)
-    over_rows(axes_step(few_rows, sequence, wanted, axes, {}, maps, near=near), len(both), _BLOCK)
+    step, _ = axes_step(few_rows, sequence, wanted, axes, {}, maps, near=near)
+    over_rows(step, len(both), _BLOCK)
     return Survey(frames, maps, apart, job.clip, job.noise)
 
 
