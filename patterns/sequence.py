@@ -47,6 +47,10 @@ class Sequence:
     def __hash__(self) -> int:
         return self._hash
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Anew, as hashes of text differ from process to process."""
+        return Sequence, (self.frames, self.rows, self.cols, self.name, self.nominal)
+
     def __len__(self) -> int:
         return len(self.frames)
 

@@ -1,5 +1,11 @@
 """Sequences against the definitions of their codes."""
 
+import os
+import pickle
+import subprocess
+import sys
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -207,3 +213,20 @@ def test_long_run_gray_is_a_gray_code_without_narrow_stripes(bits: int) -> None:
         assert len(edges) < 2 or np.diff(edges).min() >= shortest_run(bits)
     least = {1: 1, 5: 4, 6: 4, 7: 5, 8: 5, 9: 5}.get(bits, 2 if bits < 5 else 7)
     assert shortest_run(bits) >= least  # the reflected code: 2
+
+
+def test_hash_goes_with_equality_from_process_to_process() -> None:
+    """What is kept by a sequence is found again by its equal, wherever that was made."""
+    own = sequence("phase", 30, 40, periods=(40, 8))
+    script = "import pickle, sys; from optolever.patterns import sequence; "
+    script += "sys.stdout.buffer.write(pickle.dumps(sequence('phase', 30, 40, periods=(40, 8))))"
+    for seed in ("1", "2"):
+        environment = {**os.environ, "PYTHONHASHSEED": seed}
+        told = subprocess.run(
+            [sys.executable, "-c", script], env=environment, capture_output=True, check=True
+        )
+        other = pickle.loads(told.stdout)
+        assert other == own
+        assert hash(other) == hash(own)
+    assert hash(replace(own, name="other")) != hash(own)
+    assert hash(replace(own, name=own.name)) == hash(own)
