@@ -126,8 +126,9 @@ def examine(
     """check for a plan; findings: rule_faults."""
     if not findings and found is not None and found.offset is not None:
         flags, offset = found.flags, found.offset
+        coded = [axis for axis in wanted.axes if axis.code is not None]
         faults = on_cores(
-            lambda axis: bit_faults(axis, stack, getattr(found, axis.axis), flags, offset), wanted.axes
+            lambda axis: bit_faults(axis, stack, getattr(found, axis.axis), flags, offset), coded
         )
         findings = tuple(_foreign(fault) for own in faults for fault in own)
     if not findings:
