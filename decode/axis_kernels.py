@@ -91,10 +91,8 @@ def _fit(first: int, n: int, camera: Camera, fringes: FringeRecord, scratch: Scr
         count, index, model = fringes.samples[g], fringes.frame[g], fringes.model[g]
         again = fit_tile(
             *(n, camera.frames, camera.lut, index, first, np.float32(camera.clip)),
-            *(
-                fringes.unlike,
-                (fringes.solve[g], model, fringes.quad[g], count, fringes.even[g], fringes.quarters[g]),
-            ),
+            fringes.unlike,
+            (fringes.solve[g], model, fringes.quad[g], count, fringes.even[g], fringes.quarters[g]),
             *(camera.read2, camera.gain, scratch.linear, fringes.own),
             *(sums[3 * g : 3 * g + 3], turns[g], variance[g], misfit[g]),
         )
@@ -254,9 +252,3 @@ def _roots(floor: Any, place: Array, spread: Array, line: Array, sigma: Array) -
         line[x] = place[x]
         error = np.sqrt(spread[x])
         sigma[x] = error if error > floor else floor
-
-
-@apart_kernel
-def _widen(line: Array, coord: Array) -> None:
-    for x in range(len(line)):
-        coord[x] = line[x]

@@ -140,8 +140,8 @@ class FringeRecord(NamedTuple):
 
 class AxisRecord(NamedTuple):
     """One axis of `extent` pattern pixels: what was shown (alone: the code, if there are no fringes); maps
-    (H, W), also (1, pixels); joined: the shared ones hold the other axis; least: distance of an outlier;
-    number: 0 for u, 1 for v."""
+    (H, W); joined: the shared ones hold the other axis; least: distance of an outlier; number: 0 for u, 1
+    for v."""
 
     code: CodeRecord | None
     alone: CodeRecord | None
@@ -152,8 +152,6 @@ class AxisRecord(NamedTuple):
     number: int
     coord: Array
     sigma: Array
-    flat_coord: Array
-    flat_sigma: Array
 
 
 class Shared(NamedTuple):

@@ -234,8 +234,6 @@ def _axis_record(
         number="uv".index(axis.axis),
         coord=coord,
         sigma=sigma,
-        flat_coord=_flat(coord),
-        flat_sigma=_flat(sigma),
     )
 
 
