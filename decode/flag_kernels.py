@@ -69,6 +69,7 @@ def finest_tile(
     flags, amplitude = shared.flat_flags[0, first:end], shared.flat_amplitude[0, first:end]
     offset, error = shared.flat_offset[0, first:end], shared.flat_error[0, first:end]
     of_fit = fit[0], fit[1], fit[2], variance, misfit
+    # two loops: one that asks within is stored by masks, which takes twice as long
     if joined:
         _merge_finest(
             *(n, *limits, *of_fit, agreement, doubt, gap, place, spread, why),
