@@ -115,7 +115,7 @@ def axes_step(
 
 
 def _rooms(width: int, periods: int = 0, samples: int = 0) -> Callable[[], Scratch]:
-    """Scratch of the thread that asks: the one that it had for images of that width last, if there is one."""
+    """Scratch of the thread that asks: the one that it had for such images last, if there is one."""
     wanted = width, periods, samples
 
     def room() -> Scratch:
@@ -186,7 +186,7 @@ def _outlying(axis: AxisPlan) -> np.float32:
 
 
 def _steep(code: Code, footprint: float) -> Steep:
-    """Of a code alone, see near_rows."""
+    """Of a code alone, see near_block."""
     most = code.cell * (_STEEP_XOR if code.kind == "xor-gray" else _STEEP_CELLS)
     if footprint > most:
         # those that look right may do so by chance: doubtful neighbours tell, too, and half of it is enough

@@ -53,7 +53,8 @@ def refine_rows(
                 light[m] = raw
                 used[m] = raw < clip
                 samples += used[m]
-            centre = int((first[at, col] + 0.5) * per_cell)
+            # a misread word may be a cell beyond the surface
+            centre = min(max(int((first[at, col] + 0.5) * per_cell), 0), places - 1)
             low, high = max(centre - reach, 0), min(centre + reach, places - 1)
             best, best_rss = low, np.inf
             for f in range(low, high + 1):

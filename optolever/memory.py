@@ -18,6 +18,8 @@ _PAGE, _LITTLE = 1 << 21, 1 << 16
 _LINE = 64
 #: Bytes that are kept for later at most: the maps of two captures of 2 Mpx, with room.
 _MOST = 1 << 28
+#: Arrays that are kept at most.
+_ROOMS = 64
 #: Memory of arrays that nobody holds any more, by their size.
 _kept: dict[int, list[NDArray[np.uint8]]] = {}
 
@@ -45,22 +47,30 @@ def roomy_empty(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
 def _taken(size: int) -> NDArray[np.uint8]:
     """Room for an array of this size and for its place among huge pages."""
     try:
-        return _kept[size].pop()  # one step: another thread takes another one, or none
+        return _pop(size)
     except (KeyError, IndexError):
         return np.empty(size + (2 * _PAGE if size >= _PAGE else _LINE), np.uint8)
+
+
+def _pop(size: int) -> NDArray[np.uint8]:
+    rooms = _kept[size]
+    room = rooms.pop()  # one step: another thread takes another one, or none
+    if not rooms:
+        _kept.pop(size, None)
+    return room
 
 
 def _keep(size: int, room: NDArray[np.uint8]) -> None:
     """Room that is not held any more, for the next array of its size; sizes that were kept first make way."""
     if size > _MOST:
         return
-    while sum(each * len(rooms) for each, rooms in list(_kept.items())) + size > _MOST:
-        _forget_one()
+    while _is_full(size):
+        with suppress(KeyError, IndexError, StopIteration):
+            _pop(next(iter(list(_kept))))
     _kept.setdefault(size, []).append(room)
 
 
-def _forget_one() -> None:
-    for rooms in list(_kept.values()):
-        with suppress(IndexError):
-            rooms.pop()
-            return
+def _is_full(size: int) -> bool:
+    """Whether room of that size would be too much."""
+    counts = [(each, len(rooms)) for each, rooms in list(_kept.items())]
+    return sum(count for _, count in counts) >= _ROOMS or sum(a * b for a, b in counts) + size > _MOST

@@ -4,7 +4,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -33,11 +33,9 @@ class Sequence:
     cols: int
     name: str = "custom"
     nominal: bool = False
-    _hash: int = field(init=False, repr=False, compare=False)
+    _hash: int | None = field(init=False, repr=False, compare=False, default=None)
 
     def __post_init__(self) -> None:
-        # what is made of a sequence is kept by it, and asked for again and again
-        object.__setattr__(self, "_hash", hash((self.frames, self.rows, self.cols, self.name, self.nominal)))
         if not self.frames:
             raise InputError("sequence: frames is empty, must hold at least one frame")
         for name in ("rows", "cols"):
@@ -45,7 +43,11 @@ class Sequence:
                 raise InputError(f"sequence: {name} is {getattr(self, name)}, must be in 1..{1 << 16}")
 
     def __hash__(self) -> int:
-        return self._hash
+        """Made once: what is made of a sequence is kept by it, and asked for again and again."""
+        if self._hash is None:
+            own = hash((self.frames, self.rows, self.cols, self.name, self.nominal))
+            object.__setattr__(self, "_hash", own)
+        return cast(int, self._hash)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Anew, as hashes of text differ from process to process."""

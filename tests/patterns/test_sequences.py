@@ -230,3 +230,11 @@ def test_hash_goes_with_equality_from_process_to_process() -> None:
         assert hash(other) == hash(own)
     assert hash(replace(own, name="other")) != hash(own)
     assert hash(replace(own, name=own.name)) == hash(own)
+
+
+def test_frames_that_cannot_be_hashed_are_shown_all_the_same() -> None:
+    own = sequence("phase", 30, 40, periods=8)
+    listed = Sequence(list(own.frames), 30, 40)  # type: ignore[arg-type]
+    assert np.array_equal(listed.render(), own.render())
+    with pytest.raises(InputError, match="frames is empty"):
+        Sequence([], 30, 40)  # type: ignore[arg-type]
