@@ -22,11 +22,12 @@ def block_rows(
     shared: Shared,
     scratch: Scratch,
 ) -> None:
-    """Rows start..stop of the maps; compare: those whose neighbours are in the block with these, too, or if
-    these rows are not to be decoded, all of them.
+    """Rows start..stop of the maps. decode: False: that is done, and they are compared with those around;
+    compare: so are, while they are decoded, those whose neighbours are in the block.
     """
+    # what is fresh is told by words that are no constants, so that near_block is compiled once
     if not decode:
-        near_block(start, stop, near, compare, shared, scratch)
+        near_block(start, stop, near, not decode, shared, scratch)
         return
     height, width = shared.flags.shape
     few = max(TILE // width, 1)
@@ -38,6 +39,5 @@ def block_rows(
         axis_pixels(first, last, camera, two, shared, scratch)
         ready = end if end == height else end - REACH
         if compare and ready > done:
-            # not fresh; a word that is no constant, so that it is compiled once for all callers
             near_block(done, ready, near, not compare, shared, scratch)
             done = ready

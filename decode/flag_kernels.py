@@ -65,51 +65,34 @@ def finest_tile(
     OFF_PATTERN: beyond the border by more than half a pixel and 3 sigma; INVALID: no number.
     """
     limits = camera.read2, camera.gain, camera.dark, camera.scale, worst, disagreement, reach, extent
+    fitted, told = (fit[0], fit[1], fit[2], variance, misfit), (agreement, doubt, gap, place, spread)
     end = first + n
     flags, amplitude = shared.flat_flags[0, first:end], shared.flat_amplitude[0, first:end]
     offset, error = shared.flat_offset[0, first:end], shared.flat_error[0, first:end]
-    of_fit = fit[0], fit[1], fit[2], variance, misfit
     # two loops: one that asks within is stored by masks, which takes twice as long
     if joined:
-        _merge_finest(
-            *(n, *limits, *of_fit, agreement, doubt, gap, place, spread, why),
-            *(flags, amplitude, offset, error),
-        )
+        _merge_finest(n, limits, fitted, told, why, flags, amplitude, offset, error)
     else:
-        _store_finest(
-            *(n, *limits, *of_fit, agreement, doubt, gap, place, spread, why),
-            *(flags, amplitude, offset, error),
-        )
+        _store_finest(n, limits, fitted, told, why, flags, amplitude, offset, error)
 
 
 @inline_kernel
-def _why_finest(
-    noise: Any,
-    black: Any,
-    scale: Any,
-    worst: Any,
-    disagreement: Any,
-    reach: Any,
-    extent: Any,
-    mean: Any,
-    power: Any,
-    variance: Any,
-    misfit: Any,
-    agreement: Any,
-    doubt: Any,
-    gap: Any,
-    place: Any,
-    spread: Any,
-) -> Any:
+def _why_finest(x: Any, limits: Any, fitted: Any, told: Any, power: Any) -> Any:
+    """Flags of pixel x."""
+    read2, gain, black, scale, worst, disagreement, reach, extent = limits
+    a, _, _, variance, misfit = fitted
+    agreement, doubt, gap, place, spread = told
+    mean = a[x]
+    noise = read2 + gain * (mean if mean > _ZERO else _ZERO)
     low = scale * power < _LEAST_CONTRAST2 * noise
     dark = low & ((mean < black) | (mean * mean < _FOUR * _LEAST_CONTRAST2 * noise))
-    wrong = (agreement > disagreement) | (doubt > _DOUBT) | (gap > reach)
-    beyond = abs(place - _HALF * (extent - _ONE)) - _HALF * extent
-    off = (beyond > _HALF) & (beyond * beyond > _THREE * _THREE * spread)
-    fine = (abs(place) < _INF) & (spread < _INF)
+    wrong = (agreement[x] > disagreement) | (doubt[x] > _DOUBT) | (gap[x] > reach)
+    beyond = abs(place[x] - _HALF * (extent - _ONE)) - _HALF * extent
+    off = (beyond > _HALF) & (beyond * beyond > _THREE * _THREE * spread[x])
+    fine = (abs(place[x]) < _INF) & (spread[x] < _INF)
     contrast = (_LOW if low else _NONE) | (_DARK if dark else _NONE)
-    lost = _SATURATED if variance > _UNKNOWN else _NONE
-    moved = _MOVED if misfit > worst * noise else _NONE
+    lost = _SATURATED if variance[x] > _UNKNOWN else _NONE
+    moved = _MOVED if misfit[x] > worst * noise else _NONE
     lies = (_ORDER if wrong else _NONE) | (_OFF if off else _NONE) | (_NONE if fine else _INVALID)
     return contrast | lost | moved | lies
 
@@ -117,110 +100,42 @@ def _why_finest(
 @apart_kernel
 def _store_finest(
     n: int,
-    read2: Any,
-    gain: Any,
-    black: Any,
-    scale: Any,
-    worst: Any,
-    disagreement: Any,
-    reach: Any,
-    extent: Any,
-    a: Array,
-    c: Array,
-    s: Array,
-    variance: Array,
-    misfit: Array,
-    agreement: Array,
-    doubt: Array,
-    gap: Array,
-    place: Array,
-    spread: Array,
+    limits: Any,
+    fitted: Any,
+    told: Any,
     why: Array,
     flags: Array,
     amplitude: Array,
     offset: Array,
     order_error: Array,
 ) -> None:
+    a, c, s, doubt = fitted[0], fitted[1], fitted[2], told[1]
     for x in range(n):
-        noise = read2 + gain * (a[x] if a[x] > _ZERO else _ZERO)
         power = c[x] * c[x] + s[x] * s[x]
-        own = _why_finest(
-            noise,
-            black,
-            scale,
-            worst,
-            disagreement,
-            reach,
-            extent,
-            a[x],
-            power,
-            variance[x],
-            misfit[x],
-            agreement[x],
-            doubt[x],
-            gap[x],
-            place[x],
-            spread[x],
-        )
-        height = np.sqrt(power)
-        wrong = doubt[x] if doubt[x] < _ONE else _ONE
-        flags[x] = why[x] | own
-        amplitude[x] = height
+        flags[x] = why[x] | _why_finest(x, limits, fitted, told, power)
+        amplitude[x] = np.sqrt(power)
         offset[x] = a[x]
-        order_error[x] = wrong
+        order_error[x] = doubt[x] if doubt[x] < _ONE else _ONE
 
 
 @apart_kernel
 def _merge_finest(
     n: int,
-    read2: Any,
-    gain: Any,
-    black: Any,
-    scale: Any,
-    worst: Any,
-    disagreement: Any,
-    reach: Any,
-    extent: Any,
-    a: Array,
-    c: Array,
-    s: Array,
-    variance: Array,
-    misfit: Array,
-    agreement: Array,
-    doubt: Array,
-    gap: Array,
-    place: Array,
-    spread: Array,
+    limits: Any,
+    fitted: Any,
+    told: Any,
     why: Array,
     flags: Array,
     amplitude: Array,
     offset: Array,
     order_error: Array,
 ) -> None:
+    a, c, s, doubt = fitted[0], fitted[1], fitted[2], told[1]
     for x in range(n):
-        noise = read2 + gain * (a[x] if a[x] > _ZERO else _ZERO)
         power = c[x] * c[x] + s[x] * s[x]
-        own = _why_finest(
-            noise,
-            black,
-            scale,
-            worst,
-            disagreement,
-            reach,
-            extent,
-            a[x],
-            power,
-            variance[x],
-            misfit[x],
-            agreement[x],
-            doubt[x],
-            gap[x],
-            place[x],
-            spread[x],
-        )
         height = np.sqrt(power)
         wrong = doubt[x] if doubt[x] < _ONE else _ONE
-        flags[x] |= why[x] | own
+        flags[x] |= why[x] | _why_finest(x, limits, fitted, told, power)
         amplitude[x] = height if height < amplitude[x] else amplitude[x]
         offset[x] = _HALF * (offset[x] + a[x])
         order_error[x] = order_error[x] + wrong - order_error[x] * wrong

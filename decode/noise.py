@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .noise_kernels import within
+from .noise_kernels import sigma_clipped
 from .plan import Code, Fringe, Plan
 from .sample import Sample, quantile
 
@@ -245,5 +245,5 @@ def _robust_variance(residual: F64) -> F64:
     middle = residual.shape[-1] // 2
     variance = (1.4826 * np.sqrt(np.partition(square, middle, axis=-1)[..., middle]) + 0.5) ** 2
     lines, found = square.reshape(-1, residual.shape[-1]), variance.reshape(-1)
-    within(lines, found)
+    sigma_clipped(lines, found)
     return np.asarray(found.reshape(variance.shape))

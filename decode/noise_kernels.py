@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from .jit import fast_kernel, outer_kernel
 
-__all__ = ["within"]
+__all__ = ["sigma_clipped"]
 
 Array = NDArray[Any]
 
@@ -15,7 +15,7 @@ _FAR, _ROUNDS = 16.0, 3
 
 
 @outer_kernel
-def within(square: Array, variance: Array) -> None:
+def sigma_clipped(square: Array, variance: Array) -> None:
     """variance (L,) = mean of the squares (L, K) within 4 deviations, from a first guess, which is kept where
     there are none."""
     for i in range(len(variance)):

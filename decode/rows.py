@@ -109,7 +109,7 @@ def axes_step(
         block_rows(start, stop, near, True, compare, camera, one, two, shared, room())
 
     def beside(start: int, stop: int) -> None:
-        block_rows(start, stop, near, False, True, camera, one, two, shared, room())
+        block_rows(start, stop, near, False, False, camera, one, two, shared, room())
 
     return step, beside
 
