@@ -3,14 +3,23 @@
 import hashlib
 from collections.abc import Callable
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, cast
 
 from numba import njit
 
-from optolever.compiling import Within, WithinApart, WithinWide, only_within
+from optolever.compiling import Usual, Within, WithinApart, WithinOnce, WithinWide, only_within
 
-__all__ = ["apart_kernel", "fast_kernel", "inline_kernel", "kernel", "leaf_kernel", "outer_kernel"]
+__all__ = [
+    "apart_kernel",
+    "called_kernel",
+    "fast_kernel",
+    "inline_kernel",
+    "kernel",
+    "leaf_kernel",
+    "outer_kernel",
+]
 
 Kernel = Callable[..., Any]
 #: Reorderings that let loops become vector instructions; NaN and infinity keep their meaning.
@@ -19,30 +28,38 @@ _USUAL: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 #: Without numba's run time, which counts references.
 _LEAF: dict[str, Any] = _USUAL | {"_nrt": False}
 #: To be called from Python, not from C.
-_OUTER: dict[str, Any] = {"cache": True, "no_cfunc_wrapper": True}
+_OUTER: dict[str, Any] = {"cache": True, "no_cfunc_wrapper": True, "pipeline_class": Usual}
 
 
-def _forget_stale() -> None:
-    """Drop this folder's cached code if a source changed: numba watches a kernel's own file only."""
-    folder = Path(__file__).parent
-    sources = sorted(folder.glob("*.py"))
-    state = "".join(f"{path.name} {path.stat().st_mtime_ns} {path.stat().st_size};" for path in sources)
-    stamp = folder / "__pycache__" / "kernels.stamp"
-    now = hashlib.sha256(state.encode()).hexdigest()
-    with suppress(OSError):  # a read-only installation has its cache elsewhere, and files that do not change
-        if stamp.exists() and stamp.read_text() == now:
+@lru_cache(maxsize=1)
+def _sources() -> str:
+    """What they are now."""
+    files = sorted(Path(__file__).parent.glob("*.py"))
+    state = "".join(f"{file.name} {file.stat().st_mtime_ns} {file.stat().st_size};" for file in files)
+    return hashlib.sha256(state.encode()).hexdigest()
+
+
+@lru_cache(maxsize=16)
+def _forget_stale(folder: str) -> None:
+    """Drop a folder's cached code if a source changed: numba watches a kernel's own file only."""
+    stamp = Path(folder) / "kernels.stamp"
+    with suppress(OSError):  # a read-only installation has files that do not change
+        if stamp.exists() and stamp.read_text() == _sources():
             return
         for cached in stamp.parent.glob("*.nb[ic]"):
             cached.unlink(missing_ok=True)
-        stamp.write_text(now)
+        stamp.write_text(_sources())
 
 
-_forget_stale()
+def _kept(dispatcher: Any) -> Kernel:
+    """A dispatcher whose cached code is that of these sources."""
+    _forget_stale(dispatcher._cache.cache_path)
+    return cast(Kernel, dispatcher)
 
 
 def kernel(function: Kernel) -> Kernel:
     """Compiled exactly as written, to be called from Python."""
-    return cast(Kernel, njit(**_USUAL, **_OUTER)(function))
+    return _kept(njit(**_USUAL, **_OUTER)(function))
 
 
 def outer_kernel(function: Kernel) -> Kernel:
@@ -51,12 +68,17 @@ def outer_kernel(function: Kernel) -> Kernel:
     Counting is an atomic addition per array and call: a third of the time of a decode, if it is done for
     every tile. Views of arrays that the caller holds are fine.
     """
-    return cast(Kernel, njit(**_LEAF, **_OUTER)(function))
+    return _kept(njit(**_LEAF, **_OUTER)(function))
 
 
 def leaf_kernel(function: Kernel) -> Kernel:
     """outer_kernel, but a part of other kernels, which alone can call it and with which it is optimised."""
     return cast(Kernel, only_within(njit(**_LEAF, pipeline_class=Within)(function)))
+
+
+def called_kernel(function: Kernel) -> Kernel:
+    """leaf_kernel that is called and not pasted: for those that many ask for, and that are not small."""
+    return cast(Kernel, only_within(njit(**_LEAF, pipeline_class=WithinOnce)(function)))
 
 
 def fast_kernel(function: Kernel) -> Kernel:

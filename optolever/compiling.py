@@ -1,5 +1,8 @@
 """How kernels are compiled where the usual way leaves speed behind."""
 
+import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, cast
 
 from numba.core.codegen import JITCodeLibrary
@@ -8,7 +11,7 @@ from numba.core.compiler_machinery import register_pass
 from numba.core.lowering import Lower
 from numba.core.typed_passes import NativeLowering
 
-__all__ = ["Apart", "Within", "WithinApart", "WithinWide", "only_within"]
+__all__ = ["Apart", "Usual", "Within", "WithinApart", "WithinOnce", "WithinWide", "only_within"]
 
 #: An attribute of LLVM's, which takes half of what a processor has unless it is told. Where vectors are
 #: narrower than that it changes nothing.
@@ -77,6 +80,22 @@ class _Within(NativeLowering):
         return True
 
 
+class _OnceLower(Lower):
+    def setup_function(self, fndesc: Any) -> None:
+        usual: Any = super()
+        usual.setup_function(fndesc)
+        self.function.attributes.add("noinline")
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
+class _WithinOnce(_Within):
+    _name = "optolever_within_once"
+
+    @property
+    def lowering_class(self) -> Any:
+        return _OnceLower
+
+
 @register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
 class _WithinWide(_Within, _Wide):
     _name = "optolever_within_wide"
@@ -95,11 +114,28 @@ def only_within(dispatcher: Any) -> Any:
     return dispatcher
 
 
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Without the search for garbage in cycles: a compiler makes so many objects, nearly all of which live
+    on, that it would take a seventh of the time. Numba compiles on one thread at a time."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
+
+
 class _Compiler(Compiler):
     """Numba's but for the last step."""
 
-    _lowering: type[NativeLowering]
+    _lowering: type[NativeLowering] = NativeLowering
     _noalias = False
+
+    def compile_extra(self, func: Any) -> Any:
+        with _uncollected():
+            return cast(Any, super()).compile_extra(func)
 
     def define_pipelines(self) -> Any:
         usual: Any = super()
@@ -110,6 +146,10 @@ class _Compiler(Compiler):
         steps.finalize()
         self.state.flags.noalias = self._noalias
         return [steps]
+
+
+class Usual(_Compiler):
+    """Numba's."""
 
 
 class Apart(_Compiler):
@@ -127,6 +167,12 @@ class Within(_Compiler):
     """
 
     _lowering = _Within
+
+
+class WithinOnce(_Compiler):
+    """Within, called and not pasted, wherever it is used."""
+
+    _lowering = _WithinOnce
 
 
 class WithinWide(_Compiler):

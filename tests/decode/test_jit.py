@@ -1,9 +1,16 @@
 """How kernels are compiled."""
 
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numba import njit
 
+from optolever.decode import jit
 from optolever.decode.jit import apart_kernel, fast_kernel, leaf_kernel, outer_kernel
 
 
@@ -36,3 +43,37 @@ def test_outer_kernels_are_called_from_python():
         return left
 
     assert total(np.arange(4.0)) == 6
+
+
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_cached_code_goes_with_the_sources(elsewhere, tmp_path):
+    """A part's change drops the code of kernels that it was compiled into, wherever numba keeps that."""
+    source = Path(jit.__file__).parent
+    house = tmp_path / "house"
+    shutil.copytree(source, house / "decode", ignore=shutil.ignore_patterns("__pycache__"))
+    part = house / "decode" / "part_kernels.py"
+    (house / "decode" / "__init__.py").write_text("")
+    (house / "decode" / "whole_kernels.py").write_text(
+        "from .jit import outer_kernel\nfrom .part_kernels import part\n\n\n"
+        "@outer_kernel\ndef whole():\n    return part()\n"
+    )
+    environment = os.environ | {"PYTHONPATH": str(house), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment.pop("NUMBA_CACHE_DIR", None)
+    if elsewhere:
+        environment["NUMBA_CACHE_DIR"] = str(tmp_path / "cache")
+    call = "from decode.whole_kernels import whole; print(whole(), sum(whole.stats.cache_hits.values()))"
+
+    def told() -> str:
+        command = [sys.executable, "-c", call]
+        run = subprocess.run(
+            command, capture_output=True, text=True, env=environment, cwd=tmp_path, check=True
+        )
+        return run.stdout.strip()
+
+    def write(answer: int) -> None:
+        part.write_text(f"from .jit import leaf_kernel\n\n\n@leaf_kernel\ndef part():\n    return {answer}\n")
+
+    write(10)
+    assert [told(), told()] == ["10 0", "10 1"]
+    write(200)
+    assert [told(), told()] == ["200 0", "200 1"]
