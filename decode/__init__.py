@@ -5,17 +5,19 @@
 | `correspondence`           | `Correspondence`, `Flag`, `difference` of two captures                       |
 | `decoder`                  | `decode`: which frames ask for which decoder, rows on threads                |
 | `rows`, `records`          | work on a block of rows: what the kernels are told, room for them            |
-| `survey`                   | some rows before the rest: footprint, whether neighbours are such            |
+| `survey`, `survey_kernels` | some rows before the rest: footprint, whether neighbours are such            |
 | `job`                      | frames, checked; the camera's response, clip level and noise                 |
 | `exposures`                | codes under several exposures: each decoded, the best answer per pixel       |
 | `plan`, `arrays`           | what has to be computed, sorted by the frames' descriptions; as plain arrays |
-| `sample`                   | some pixels from all over the frames, fetched once                           |
+| `sample`, `sample_kernels` | some pixels from all over the frames, fetched once                           |
 | `noise`, `noise_kernels`   | noise of the camera from what the frames cannot explain                      |
 | `response`                 | `Response` of display and camera, inverted before fringes are fitted         |
 | `harmonics`                | error that a response leaves: harmonics of the fringes, aliased              |
-| `block_kernels`            | a block of rows, compiled: axes and neighbours while they are in the cache   |
+| `block_kernels`            | blocks of rows, compiled: axes and neighbours while they are in the cache    |
+| `ticket_kernels`           | which block a thread takes: numbers that only one of them gets               |
 | `axis_kernels`             | one axis over a run of pixels: code and fringes, tile by tile                |
 | `fit_kernels`              | fringe fit of a tile                                                         |
+| `pair_kernels`             | two periods of four shifts, fitted and unwrapped in one go                   |
 | `refit_kernels`            | that again for pixels with clipped samples, or with weighed ones             |
 | `code_kernels`             | bits, code words, cells                                                      |
 | `bits`                     | how much of each bit the camera sees, how wide its edges look                |
@@ -46,6 +48,7 @@
 | `crossed_fit`, `crossed_kernels` | both fringes fitted at once within a window that the frame may cut    |
 | `guide`                    | where the camera looked at rest, for the two that follow one frame           |
 | `wave_kernels`             | sine and cosine                                                              |
+| `select_kernels`           | medians and other quantiles                                                  |
 | `jit`                      | how kernels are compiled and cached                                          |
 
 u along the pattern's columns, v along its rows, integer = pixel centre; sigma in pattern pixels, at least

@@ -7,13 +7,14 @@ from numpy.typing import NDArray
 
 from .code_kernels import code_tile
 from .display_kernels import take_off_run
-from .fit_kernels import fit_tile
+from .fit_kernels import fit_tile, variance_of
 from .flag_kernels import code_flags, common_tile, finest_tile, flag_fit, outlier_rows
 from .jit import apart_kernel, fast_kernel, inline_kernel, leaf_kernel
+from .pair_kernels import pair_tile
 from .records import LINES, TILE, AxisRecord, Camera, CellLines, CodeRecord, FringeRecord, Scratch, Shared
 from .refit_kernels import refit
 from .stream_kernels import stream_widened
-from .unwrap_kernels import search_tile, sequential_tile
+from .unwrap_kernels import MUCH_FINER, search_tile, sequential_tile
 
 __all__ = ["axis_pixels"]
 
@@ -140,6 +141,40 @@ def _unwrap(
 
 
 @leaf_kernel
+def _pair(
+    first: int,
+    n: int,
+    code: CodeRecord | None,
+    searched: bool | None,
+    unlike: bool | None,
+    lut: Array | None,
+    camera: Camera,
+    fringes: FringeRecord,
+    axis: AxisRecord,
+    scratch: Scratch,
+) -> bool:
+    """_fit, _unwrap and _flag_others of two periods of quarter shifts alone. False: there are others, or
+    something is clipped, or an order in doubt, and all is left to these."""
+    if code is None and searched is None and unlike is None and lut is None:
+        if len(fringes.periods) != 2 or camera.slope.size > 0:
+            return False
+        lines, periods, quad = scratch.lines, fringes.periods, fringes.quad
+        sums, _, variance, misfit = _of_periods(2, lines)
+        read2, gain = camera.read2, camera.gain
+        coarse, fine = variance_of(quad[0], read2, gain), variance_of(quad[1], read2, gain)
+        blended, guess = MUCH_FINER * periods[1] >= periods[0], np.float32(0.5 * (axis.extent - 1))
+        top, close = pair_tile(
+            *(n, camera.frames, fringes.frame, first, periods, coarse, fine, blended, guess),
+            *((fringes.misfit[0], read2, gain), sums[3], sums[4], sums[5], variance[1], misfit[1]),
+            *(lines[_PLACE], lines[_SPREAD], lines[_AGREEMENT], scratch.words[1]),
+        )
+        lines[_GAP, :n] = np.float32(0)
+        lines[_DOUBT, :n] = np.float32(0)
+        return bool(np.float32(top) < np.float32(camera.clip) and not close)
+    return False
+
+
+@leaf_kernel
 def _fringes(
     first: int,
     n: int,
@@ -153,9 +188,24 @@ def _fringes(
     """Phases of a tile, unwrapped, into the maps."""
     if fringes is None:
         return
-    _fit(first, n, camera, fringes, scratch)
-    _unwrap(n, code, fringes.searched, fringes, axis, scratch)
+    if not _pair(
+        first, n, code, fringes.searched, fringes.unlike, camera.lut, camera, fringes, axis, scratch
+    ):
+        _fit(first, n, camera, fringes, scratch)
+        _unwrap(n, code, fringes.searched, fringes, axis, scratch)
+        _flag_others(n, camera, fringes, scratch)
     _finish(first, n, camera, fringes, axis, shared, scratch)
+
+
+@leaf_kernel
+def _flag_others(n: int, camera: Camera, fringes: FringeRecord, scratch: Scratch) -> None:
+    """Flags of all periods but the finest one."""
+    why, last = scratch.words[1], len(fringes.periods) - 1
+    sums, _, variance, misfit = _of_periods(last + 1, scratch.lines)
+    why[:n] = np.int32(0)
+    for g in range(last):
+        worst = fringes.misfit[g]
+        flag_fit(n, worst, camera.read2, camera.gain, sums[3 * g], variance[g], misfit[g], why)
 
 
 @inline_kernel
@@ -169,17 +219,15 @@ def _finish(
     scratch: Scratch,
 ) -> None:
     """Flags of unwrapped fringes, what the display shifts, and the maps."""
-    lines, why, worst = scratch.lines, scratch.words[1], fringes.misfit
+    lines = scratch.lines
     place, spread, doubt = lines[_PLACE], lines[_SPREAD], lines[_DOUBT]
     last = len(fringes.periods) - 1
     sums, _, variance, misfit = _of_periods(last + 1, lines)
-    why[:n] = np.int32(0)
-    for g in range(last):
-        flag_fit(n, worst[g], camera.read2, camera.gain, sums[3 * g], variance[g], misfit[g], why)
+    worst = fringes.misfit[last]
     finest_tile(
-        *(n, axis.joined, camera, worst[last], fringes.disagreement, fringes.reach, np.float32(axis.extent)),
+        *(n, axis.joined, camera, worst, fringes.disagreement, fringes.reach, np.float32(axis.extent)),
         *(sums[3 * last :], variance[last], misfit[last], lines[_AGREEMENT], doubt, lines[_GAP]),
-        *(place, spread, why, first, shared),
+        *(place, spread, scratch.words[1], first, shared),
     )
     _write(first, n, camera.floor, fringes.shown, place, spread, axis, shared, scratch)
 

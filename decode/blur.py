@@ -1,14 +1,14 @@
 """How much a fringe is blurred: what its contrast has lost against white and black, or a coarser fringe."""
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .blur_kernels import Looked, Swing, Wave, contrasts, own_contrasts, sinc, swing_sums
+from .blur_kernels import Looked, Swing, Wave, contrasts, digest, own_contrasts, sinc, swing_sums
 from .plan import AxisPlan, Fringe, Plan
-from .sample import quantile, quantiles
 from .survey import SPOILT, Survey
 from .swing import Blur, Contrasts, blur_by_swing, seems_to_swing
 
@@ -54,7 +54,7 @@ def measured_blur(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan) -> Blur 
     rows, width = seen.lines(axis.axis).shape
     if rows < _LEAST_ROWS or width < 5:
         return None
-    cols = np.unique(np.linspace(2, width - 3, _COLUMNS).astype(int))
+    cols = _columns(width)
     told = _by_contrast(seen, lut, wanted, axis, cols)
     if told is not None:
         return told
@@ -62,6 +62,12 @@ def measured_blur(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan) -> Blur 
     if not seems_to_swing(_contrasts(seen, lut, axis, cols[::_EVERY].copy()), period):
         return None
     return blur_by_swing(_contrasts(seen, lut, axis, cols), period)
+
+
+@lru_cache(maxsize=4)
+def _columns(width: int) -> Map:
+    """Those that are looked at: neighbours are asked, too."""
+    return np.unique(np.linspace(2, width - 3, _COLUMNS).astype(int))
 
 
 def _looked(seen: Survey, lut: Map, axis: AxisPlan, cols: Map) -> Looked:
@@ -109,73 +115,74 @@ def _by_contrast(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan, cols: Map
     )
     if count < _FEWEST:
         return None
-    left, place, *sides = found[:, :count]
-    widths = [quantile(side, 0.5) for side in sides]
+    usual, kept = np.empty(6), np.empty((2, count), F32)
+    used = digest(found[:, :count], kept, usual)
+    *widths, low, middle, high, mean = usual.tolist()
     periods = [fine.period] if coarse is None else [fine.period, coarse.period]
-    low, middle, high = quantiles(left, (0.25, 0.5, 0.75))
     noise = _noise(seen, fine, coarse, middle)
-    lever, by_chance = _lever(wanted, axis), noise / np.sqrt(count)
-    square = _square_blur(left, place, (low, high), lever, periods, widths, noise)
-    if square is None or (coarse and square * lever <= _TOLD * np.hypot(_UNSURE, by_chance)):
+    lever, by_chance = _lever(wanted, axis), noise / math.sqrt(count)
+    square = _square_blur(kept[:, :used], mean, high - low, lever, periods, widths, noise)
+    if square is None or (coarse and square * lever <= _TOLD * math.hypot(_UNSURE, by_chance)):
         return None
-    return Blur(float(np.sqrt(square)), float(np.hypot(0.5 * _UNSURE, by_chance)) / lever)
+    return Blur(math.sqrt(square), math.hypot(0.5 * _UNSURE, by_chance) / lever)
 
 
 def _noise(seen: Survey, fine: Fringe, coarse: Fringe | None, left: float) -> float:
     """Of a contrast of which that share is left, relative, rms; coarse: what it is compared with, None: white
     and black."""
     amplitude, offset = seen.usual_levels
-    of_fine, of_whole = (
-        0.5 * float(np.sum(fringe.solve()[1:] ** 2)) if fringe else 0.5 for fringe in (fine, coarse)
-    )
+    of_fine, of_whole = (_magnified(fringe) if fringe else 0.5 for fringe in (fine, coarse))
     variance = seen.noise.variance(offset) / amplitude**2
-    return float(np.sqrt(variance * (of_fine + of_whole * left**2)))
+    return math.sqrt(variance * (of_fine + of_whole * left**2))
 
 
+@lru_cache(maxsize=64)
+def _magnified(fringe: Fringe) -> float:
+    """Variance of a fit's amplitude, in that of a sample."""
+    return 0.5 * float(np.sum(fringe.solve()[1:] ** 2))
+
+
+@lru_cache(maxsize=64)
 def _wave(fringe: Fringe) -> Wave:
     """As the kernels take it."""
     return fringe.period, np.array(fringe.index), fringe.solve()
 
 
 def _square_blur(
-    left: F64,
-    place: F64,
-    quartiles: tuple[float, float],
+    seen: Map,
+    mean: float,
+    spread: float,
     lever: float,
     periods: list[float],
     widths: list[float],
     noise: float,
 ) -> float | None:
-    """Squared blur from what it left of the contrast at places (K,): exp(-lever blur^2), and its swing.
+    """Squared blur from what it left of contrasts: exp(-lever blur^2), and its swing.
 
-    quartiles: of `left`; periods: of the fringe and, where no white and black were shown, of that against
-    which its contrast is; noise: of a contrast, relative. None where the contrast varies by more than that
-    and the cells explain.
+    seen (2, K), float32: that, and places in their cells, without what lies far from most; mean: of the
+    former, spread: distance of its quartiles; periods: of the fringe and, where white and black were not
+    shown, of that against which its contrast is; noise: of a contrast, relative. None where the contrast
+    varies by more than that and the cells explain.
     """
-    low, high = quartiles
-    used = np.abs(left - 0.5 * (low + high)) <= 3 * (high - low) + 1e-3
-    left, seen = left[used], place[used]
     # noise adds to amplitudes and to one over them; not the median: where the display is sharp, contrast
     # varies with the place
-    mean = float(left.mean()) / (1 + 0.5 * noise**2)
+    mean /= 1 + 0.5 * noise**2
     if not 0 < mean < 1.02:
         return None
-    square = max(-np.log(mean) / lever, 0.0)
-    shift = np.zeros(len(left), np.float32)
-    values = left.astype(np.float32), (seen - np.rint(seen)).astype(np.float32), shift
+    square, shift = max(-math.log(mean) / lever, 0.0), np.zeros(seen.shape[1], F32)
     for _ in range(_ROUNDS):
         swing = sum(abs(_sideband(period, widths, square, -1)) for period in periods)
         if swing < _SLIGHT:
             break
         # pixels that keep step with the cells do not average the swing, and it tells of blur, too
         one, other = (_swinging(periods, widths, now, lever) for now in (square, square + _TRIAL))
-        along, change = swing_sums(*values, periods[0], one, other)
+        along, change = swing_sums(*seen, shift, periods[0], one, other)
         step = _TRIAL * along / change
         square = max(square + step, 0.0)
         if abs(step) * lever < _SLIGHT:
             break
-    spread = high - low - _QUARTILES * mean * swing
-    return square if spread <= np.hypot(_VARIES, _NOISY * mean * noise) else None
+    spread -= _QUARTILES * mean * swing
+    return square if spread <= math.hypot(_VARIES, _NOISY * mean * noise) else None
 
 
 def _swinging(periods: list[float], widths: list[float], square: float, lever: float) -> Swing:
@@ -184,7 +191,7 @@ def _swinging(periods: list[float], widths: list[float], square: float, lever: f
         (_sideband(period, widths, square, 1), _sideband(period, widths, square, -1)) for period in periods
     ]
     (up, down), (coarse_up, coarse_down) = [*sides, (0.0, 0.0)][:2]
-    left, fine = np.exp(-lever * square), (up + down, up - down)
+    left, fine = math.exp(-lever * square), (up + down, up - down)
     return F32(left), F32(fine[0]), F32(fine[1]), F32(coarse_up + coarse_down), F32(coarse_up - coarse_down)
 
 

@@ -8,12 +8,15 @@ from numpy.typing import NDArray
 
 from .fit_kernels import linear_level, phase_of
 from .jit import apart_kernel, inline_kernel, leaf_kernel, outer_kernel
+from .select_kernels import least
 from .wave_kernels import cosine_sine
 
-__all__ = ["Looked", "Swing", "Wave", "contrasts", "own_contrasts", "sinc", "swing_sums"]
+__all__ = ["Looked", "Swing", "Wave", "contrasts", "digest", "own_contrasts", "sinc", "swing_sums"]
 
 Array = NDArray[Any]
 _ONE = np.float32(1)
+#: Distance from the middle of its quartiles, in that between them, at which a contrast lies far from them.
+_FAR, _SLIGHT = 3.0, 1e-3
 Wave = tuple[float, Array, Array]
 """A fringe: its period, frames (N,) and what they weigh in offset, cosine and sine (3, N)."""
 Swing = tuple[Any, Any, Any, Any, Any]
@@ -71,6 +74,27 @@ def contrasts(
             seen[1, count], seen[2, count], seen[3, count] = least[0], least[1], least[2]
             count += 1
     return count
+
+
+@outer_kernel
+def digest(seen: Array, room: Array, usual: Array) -> int:
+    """Of contrasts (4, K): medians of the footprint down and along, quartiles of what is left, and its mean
+    without what lies far from these: usual (6,). Into room (2, K), float32: what is not left out, and its
+    place in its cell; returns of how many pixels."""
+    left, count, used, total = seen[0], seen.shape[1], 0, 0.0
+    for k in range(5):
+        line = 2 + k if k < 2 else 0
+        for x in range(count):
+            room[0, x] = seen[line, x]
+        usual[k] = least(room[0], count, 0.5 if k < 2 else 0.25 * (k - 1))
+    middle, far = 0.5 * (usual[2] + usual[4]), _FAR * (usual[4] - usual[2]) + _SLIGHT
+    for x in range(count):
+        if abs(left[x] - middle) <= far:
+            room[0, used], room[1, used] = left[x], seen[1, x] - np.rint(seen[1, x])
+            total += left[x]
+            used += 1
+    usual[5] = total / max(used, 1)
+    return used
 
 
 @outer_kernel

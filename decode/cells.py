@@ -16,17 +16,17 @@ nobody gave the blur (see gathering); where nothing tells it, the stairs that ma
 """
 
 from dataclasses import dataclass, replace
-from functools import cache, partial
-from typing import Any, NamedTuple
+from functools import cache, lru_cache, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optolever.blocks import over_rows
 
-from .gathering import contradicted, gathered, largest_left, solve_stairs
-from .plan import AxisPlan
-from .run_kernels import least_gradients, steps_along
+from .gathering import Gathered, contradicted, gathered, largest_left, solve_stairs
+from .plan import AxisPlan, Fringe
+from .run_kernels import SOME, changes_down, large_variance
 from .sample import quantile
 from .stairs_kernels import Footprint, Points, undo_rows
 from .swing import Blur
@@ -36,9 +36,6 @@ __all__ = ["Stairs", "given_stairs", "left_by", "read_stairs", "stairs_matter", 
 
 Map = NDArray[Any]
 F64 = NDArray[np.float64]
-#: Lines, pairs of neighbours on each and least distance of these that tell along which axis a coordinate
-#: changes.
-_LINES, _PAIRS, _APART = 8, 16, 8
 #: Attenuation below which the stairs (under 0.003 px) are left out.
 _NEGLIGIBLE = 0.012
 #: Pixels on either side over which the gradient is taken, as stairs themselves must not count as gradient,
@@ -50,8 +47,9 @@ _REACHES, _LOW = ((8, 0.02), (2, 0.005)), 0.4
 _GENTLE, _UNEVEN, _NOISY = 0.8, 0.4, 0.02
 #: Of stairs that are not known: widest footprint and step of a table, cells; share of sigma that is left out.
 _WIDEST, _FINE, _SLIGHT = 4.0, 0.02, 0.2
-#: Pixels of a line, about, that tell whether such stairs matter.
-_SOME = 128
+#: Share of pixels whose stairs are no higher than those by which this is told; rows and columns, about, that
+#: tell the usual sigma.
+_MOST, _ROWS, _COLUMNS = 0.9, 8, 128
 #: Harmonics of the stairs, at most; what blur leaves of one that does not matter.
 _TERMS, _WEAK = 8, 1e-5
 
@@ -60,16 +58,14 @@ _TERMS, _WEAK = 8, 1e-5
 class Stairs:
     """Of one axis. shares (G, 2): periods, and their shares in the coordinate; left: T, 0 where it is not
     known; fill: footprint over gradient, below 1 where stairs are higher than a footprint that fills it
-    allows; seen, gradient (K,): how much runs of pixels gather at cells, and their gradients; unsure: T's
-    relative error; at_most: T where nothing tells more; told: something does, were it that it is 0; down:
-    coordinates change down the columns.
+    allows; runs: of pixels, how they gather at cells; unsure: T's relative error; at_most: T where nothing
+    tells more; told: something does, were it that it is 0; down: coordinates change down the columns.
     """
 
     shares: F64
     left: float
     fill: float
-    seen: F64
-    gradient: F64
+    runs: Gathered
     unsure: float = 0.0
     at_most: float = 0.0
     told: bool = False
@@ -79,7 +75,7 @@ class Stairs:
         """With a T from elsewhere, unless these coordinates contradict it."""
         if self.left > 0 or left < _NEGLIGIBLE:
             return self
-        if contradicted(left, self.seen, self.gradient, self.shares):
+        if contradicted(left, self.runs, self.shares):
             return replace(self, told=True)
         return replace(self, left=left, unsure=unsure, told=True)
 
@@ -92,7 +88,7 @@ class Stairs:
     @property
     def largest(self) -> float:
         """T that these coordinates leave possible."""
-        return largest_left(self.seen, self.gradient)
+        return largest_left(self.runs)
 
     def limited(self, at_most: float) -> "Stairs":
         """With a T that it does not exceed, where nothing tells it."""
@@ -102,14 +98,14 @@ class Stairs:
 def given_stairs(axis: AxisPlan, blur_px: float) -> Stairs:
     """Those of a known blur, rms in cells."""
     nothing = np.zeros(0)
-    return Stairs(_shares(axis), left_by(blur_px), 1.0, nothing, nothing, told=True)
+    return Stairs(_shares(axis), left_by(blur_px), 1.0, Gathered(nothing, nothing, nothing), told=True)
 
 
 def read_stairs(axis: AxisPlan, coord: Map, sigma: Map, flags: Map) -> Stairs:
     """What decoded maps (H, W) tell of them."""
-    shares, down = _shares(axis), _changes_down(coord)
-    seen = gathered(coord, sigma, flags, down)
-    return Stairs(shares, *solve_stairs(*seen, shares), *seen, down=down)
+    shares, down = _shares(axis), changes_down(coord.reshape(-1), coord.shape[1], np.empty(SOME, np.float32))
+    runs = gathered(coord, sigma, flags, down)
+    return Stairs(shares, *solve_stairs(runs, shares), runs, down=down)
 
 
 def take_off_stairs(stairs: Stairs, extent: int, coord: Map, sigma: Map, flags: Map) -> None:
@@ -139,13 +135,10 @@ def stairs_matter(stairs: Stairs, coord: Map, sigma: Map) -> bool:
         return True
     if stairs.at_most < _NEGLIGIBLE:
         return False
-    lines = _lines(coord, stairs.down, _LINES)
-    every = max(1, lines.length // _SOME)
-    gradient = np.empty(len(lines.starts) * len(range(0, lines.length, every)))
-    least_gradients(lines.coord, lines.starts, lines.step, lines.length, every, _REACHES[0][0], gradient)
     square = _squares(stairs.at_most)
-    variance = square[:, 0] @ square
-    return quantile(variance[_places(gradient)], 0.9) >= (_SLIGHT * _usual(sigma)) ** 2
+    lines, by_gradient = (coord.reshape(-1), coord.shape[1], stairs.down), square[:, 0] @ square
+    most = large_variance(*lines, _REACHES[0][0], by_gradient, 1 / _FINE, _MOST, np.empty(SOME, np.float32))
+    return bool(most >= (_SLIGHT * _usual(sigma)) ** 2)
 
 
 def _squares(left: float) -> F64:
@@ -200,10 +193,14 @@ def _undo(points: Points, footprint: Footprint, rest: tuple[Any, ...], start: in
 def _shares(axis: AxisPlan) -> F64:
     """Periods whose mean a coordinate is, and their shares in it (G, 2), as in unwrap_kernels. A swept stripe
     is one period of a cosine; of free grey values, a pixel reads the mean of the cells that it sees."""
-    fringes = axis.fringes
-    if axis.levels or not fringes:
+    if axis.levels or not axis.fringes:
         period = 2 * axis.stripes.width if axis.stripes and not axis.levels else axis.extent
         return np.array([[period, 1.0]])
+    return _of_fringes(axis.fringes)
+
+
+@lru_cache(maxsize=16)
+def _of_fringes(fringes: tuple[Fringe, ...]) -> F64:
     periods = [fringe.period for fringe in fringes]
     first = max((g for g in range(1, len(periods)) if periods[g] * MUCH_FINER < periods[g - 1]), default=0)
     told = np.array([len(fringe.index) / fringe.period**2 for fringe in fringes[first:]])
@@ -224,7 +221,7 @@ def _of_points(stairs: Stairs) -> Points:
 
 def _usual(sigma: Map) -> float:
     """Of sigma (H, W); 0 where there is none."""
-    some = sigma[:: max(1, len(sigma) // _LINES), :: max(1, sigma.shape[1] // _SOME)]
+    some = sigma[:: max(1, len(sigma) // _ROWS), :: max(1, sigma.shape[1] // _COLUMNS)]
     known = some[some < np.inf]
     return quantile(known, 0.5) if len(known) else 0.0
 
@@ -232,32 +229,3 @@ def _usual(sigma: Map) -> float:
 def left_by(blur_px: float) -> float:
     """T of a Gaussian blur, rms in cells."""
     return float(np.exp(-2 * (np.pi * blur_px) ** 2))
-
-
-class _Lines(NamedTuple):
-    """Some of a flat map's lines, see run_kernels."""
-
-    coord: F64
-    starts: NDArray[np.int64]
-    step: int
-    length: int
-
-
-def _lines(coord: Map, down: bool, count: int) -> _Lines:
-    """So many rows or (down) columns, about, of a map (H, W)."""
-    rows, cols = coord.shape
-    lines, length, apart, step = (cols, rows, 1, cols) if down else (rows, cols, cols, 1)
-    return _Lines(coord.reshape(-1), np.arange(0, lines, max(1, lines // count)) * apart, step, length)
-
-
-def _changes_down(coord: Map) -> bool:
-    """Whether coord changes more from row to row than from column to column."""
-    return _change(_lines(coord, True, _LINES)) > _change(_lines(coord, False, _LINES))
-
-
-def _change(lines: _Lines) -> float:
-    """Usual step between neighbours along lines; 0 where there are none."""
-    apart = max(_APART, lines.length // _PAIRS)
-    steps = np.empty(len(lines.starts) * (lines.length // apart))
-    known = steps[: steps_along(lines.coord, lines.starts, lines.step, lines.length, apart, steps)]
-    return quantile(known, 0.5) if known.size else 0.0

@@ -3,13 +3,12 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import reduce
-from threading import Lock
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optolever.blocks import Work, on_cores, over_blocks, shrinking
+from optolever.blocks import Work, on_cores, on_threads, over_blocks, shrinking
 from optolever.patterns import Sequence
 
 from .blur import measured_blur
@@ -19,14 +18,13 @@ from .display import Tables, display_tables
 from .exposures import better_of, by_exposure
 from .integrity import Finding, Integrity, examine, rule_faults
 from .job import Job, check_camera, checked, clip_level, job_of, levels_of
-from .mixed_kernels import REACH
 from .noise import QUANTISATION
 from .plan import AxisPlan, Plan, plan
 from .raster import by_raster, raster_of
 from .records import Near
 from .response import Response
-from .rows import Maps, axes_step, near_of, near_step, shadow_step
-from .survey import is_continuous, survey
+from .rows import Maps, axes_blocks, near_of, near_step, shadow_step
+from .survey import steps, survey
 from .survivors import flag_survivors
 from .sweep import Sweep, calibrated, stripe_step, swept_alone
 from .swing import Blur
@@ -122,7 +120,8 @@ def _surveyed(
 ) -> _Surveyed:
     """plain: axes that kernels decode by rows; on_display: those with fringes that cells showed."""
     seen = survey(job, sequence, wanted, plain, few=not on_display)
-    footprints = {axis.axis: seen.footprint(axis.axis) for axis in plain}
+    along = {axis.axis: seen.steps(axis.axis) for axis in plain}
+    footprints = {name: own.footprint for name, own in along.items()}
 
     def measure(axis: AxisPlan) -> Blur | None:
         return measured_blur(seen, job.lut, wanted, axis) if blur_px is None else Blur(blur_px, 0.0)
@@ -136,7 +135,7 @@ def _surveyed(
         known = blurs[axis.axis]
         rms = None if known is None else known.rms
         tables[axis.axis] = display_tables(sequence, axis, footprints[axis.axis], rms)
-    return _Surveyed(tables, blurs, footprints, all(seen.is_continuous(axis.axis) for axis in plain))
+    return _Surveyed(tables, blurs, footprints, all(own.continuous for own in along.values()))
 
 
 def _decoded(
@@ -162,22 +161,20 @@ def _decoded(
     }
     near = near_of(job, wanted, told.blurs, told.footprints, maps)
     cuts = shrinking(height, _BLOCK)
-    if by_rows:
-        block, seams = axes_step(job, sequence, wanted, plain, told.tables, maps, near=near, compare=at_once)
-        if at_once:
-            block = _with_seams(block, seams, height)
-    else:
-        block = _one_by_one(
-            _step(job, sequence, wanted, axis, subpixel, told.tables, sweeps, maps, near, i > 0)
-            for i, axis in enumerate(wanted.axes)
-        )
-
     faults: list[Finding] = []
 
     def check() -> None:
         faults.extend(rule_faults(job.frames, job.sample, wanted))
 
-    over_blocks(block, cuts, meanwhile=check)
+    if by_rows:
+        blocks = axes_blocks(job, sequence, wanted, plain, told.tables, maps, near=near, compare=at_once)
+        on_threads(blocks(cuts), len(cuts) - 1, meanwhile=check)
+    else:
+        block = _one_by_one(
+            _step(job, sequence, wanted, axis, subpixel, told.tables, sweeps, maps, near, i > 0)
+            for i, axis in enumerate(wanted.axes)
+        )
+        over_blocks(block, cuts, meanwhile=check)
     if not by_rows and _continuous(wanted, maps):
         over_blocks(near_step(near, maps), cuts)
     if near.dim.any():
@@ -238,27 +235,11 @@ def _one_by_one(steps: Iterable[Work]) -> Work:
     return block
 
 
-def _with_seams(block: Work, neighbours: Work, height: int) -> Work:
-    """The work on a block, and on the rows beside its ends where what lies beyond is done already."""
-    half_done: set[int] = set()
-    lock = Lock()
-
-    def step(start: int, stop: int) -> None:
-        block(start, stop)
-        for cut in (start, stop):
-            with lock:
-                both = cut in half_done
-                half_done.add(cut)
-            if both:
-                neighbours(cut - REACH, min(cut + REACH, height))
-
-    return step
-
-
 def _continuous(wanted: Plan, maps: Maps) -> bool:
     """Whether neighbours on decoded maps tell something of each other."""
     rows = slice(None, None, max(1, len(maps.flags) // _SAMPLED))
-    return all(is_continuous(maps.coord[a.axis][rows], maps.sigma[a.axis][rows]) for a in wanted.axes)
+    some = [tuple(np.ascontiguousarray(chart[rows]) for chart in maps.of(axis.axis)) for axis in wanted.axes]
+    return all(steps(coord, coord, sigma, 1).continuous for coord, sigma in some)
 
 
 def _flag_wrong_frames(seen: Integrity, found: Correspondence) -> None:
@@ -293,7 +274,11 @@ def _step(
     if by_table(axis):
         shown, even = shown_on(sequence, wanted, axis), job.light is job.frames
         return table_step(job.light, job.bright, shown, axis, joined, own, common, even)
-    step, _ = axes_step(job, sequence, wanted, (axis,), tables, maps, near=near, joined=joined)
+    blocks = axes_blocks(job, sequence, wanted, (axis,), tables, maps, near=near, joined=joined)
+
+    def step(start: int, stop: int) -> None:
+        blocks((start, stop))()
+
     if subpixel and axis.code is not None and not axis.fringes:
         shown = shown_on(sequence, wanted, axis)
         return subpixel_step(job.light, job.bright, shown, step, own, job.noise.read2)

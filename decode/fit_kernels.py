@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .jit import apart_kernel, inline_kernel, leaf_kernel
 
-__all__ = ["fit_tile", "linear_level", "phase_of"]
+__all__ = ["fit_tile", "highest", "linear_level", "phase_of", "quarter_fit", "variance_of"]
 
 Array = NDArray[Any]
 
@@ -157,6 +157,24 @@ def _fit_four(
     return clipped
 
 
+@inline_kernel
+def quarter_fit(f0: Any, f1: Any, f2: Any, f3: Any, of_read: Any, of_level: Any) -> Any:
+    """A, c, s, phase in turns, its variance, squared contrast of four samples a quarter apart: differences of
+    two samples, in place of 16 products. Variance: see _fit_four."""
+    mean, both = (f0 + f2) + (f1 + f3), (f0 + f2) - (f1 + f3)
+    a, c, s = _QUARTER * mean, _HALF * (f0 - f2), _HALF * (f1 - f3)
+    turn, inverse = phase_of(c, s)
+    level = a if a > _ZERO else _ZERO
+    return a, c, s, turn, (of_read + of_level * level) * inverse + _TINY, (_HALF * both) * (_HALF * both)
+
+
+@inline_kernel
+def highest(i0: Any, i1: Any, i2: Any, i3: Any) -> Any:
+    """Of four raw levels."""
+    one, other = (i0 if i0 > i1 else i1), (i2 if i2 > i3 else i3)
+    return one if one > other else other
+
+
 @apart_kernel
 def _fit_quarters(
     n: int,
@@ -174,28 +192,16 @@ def _fit_quarters(
     variance: Array,
     misfit: Array,
 ) -> Any:
-    """_fit_four for shifts of 0, 1, 2 and 3 quarters: differences of two samples, in place of 16 products."""
+    """_fit_four for shifts of 0, 1, 2 and 3 quarters."""
     end = first + n
     i0, i1 = frames[index[0], row, first:end], frames[index[1], row, first:end]
     i2, i3 = frames[index[2], row, first:end], frames[index[3], row, first:end]
     top = i0[0]
     for x in range(n):
-        one = i0[x] if i0[x] > i1[x] else i1[x]
-        other = i2[x] if i2[x] > i3[x] else i3[x]
-        most = one if one > other else other
+        most = highest(i0[x], i1[x], i2[x], i3[x])
         top = most if most > top else top
         f0, f1, f2, f3 = np.float32(i0[x]), np.float32(i1[x]), np.float32(i2[x]), np.float32(i3[x])
-        ax = _QUARTER * ((f0 + f2) + (f1 + f3))
-        cx, sx = _HALF * (f0 - f2), _HALF * (f1 - f3)
-        contrast = _HALF * ((f0 + f2) - (f1 + f3))
-        turn, inverse = phase_of(cx, sx)
-        level = ax if ax > _ZERO else _ZERO
-        a[x] = ax
-        c[x] = cx
-        s[x] = sx
-        turns[x] = turn
-        variance[x] = (of_read + of_level * level) * inverse + _TINY
-        misfit[x] = contrast * contrast
+        a[x], c[x], s[x], turns[x], variance[x], misfit[x] = quarter_fit(f0, f1, f2, f3, of_read, of_level)
     return np.float32(top) >= clip
 
 
@@ -261,6 +267,12 @@ def _uneven_variance(
         variance[x] = (spread * inverse * inverse + _TINY) * _TURN2
 
 
+@inline_kernel
+def variance_of(quad: Array, read2: Any, gain: Any) -> Any:
+    """of_read and of_level of _fit_four; quad: see arrays.fringe_arrays."""
+    return read2 * quad[0, 0] * _TURN2, gain * quad[1, 0] * _TURN2
+
+
 @leaf_kernel
 def _fit_lines(
     n: int,
@@ -281,7 +293,7 @@ def _fit_lines(
     """fit_tile of linear levels."""
     quad, quarters = period[2], period[5]
     a, c, s = sums[0], sums[1], sums[2]
-    of_read, of_level = read2 * quad[0, 0] * _TURN2, gain * quad[1, 0] * _TURN2
+    of_read, of_level = variance_of(quad, read2, gain)
     if quarters:
         return bool(
             _fit_quarters(

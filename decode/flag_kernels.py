@@ -10,6 +10,7 @@ from .records import Camera, CellLines, Shared
 from .unwrap_kernels import UNKNOWN
 
 __all__ = [
+    "MOVED",
     "code_flags",
     "common_tile",
     "finest_tile",
@@ -22,7 +23,7 @@ Array = NDArray[Any]
 
 # Flag's values, as the kernels need plain numbers of the width of their counters
 _NONE, _DARK, _SATURATED, _LOW = np.int32(0), np.int32(1), np.int32(2), np.int32(4)
-_ORDER, _OFF, _MOVED, _INVALID = np.int32(8), np.int32(16), np.int32(64), np.int32(128)
+_ORDER, _OFF, MOVED, _INVALID = np.int32(8), np.int32(16), np.int32(64), np.int32(128)
 _OUTLIER, _GOOD = np.uint16(32), np.uint16(0)
 #: Amplitude over noise below which a pixel is flagged.
 _LEAST_CONTRAST2 = np.float32(4.0**2)
@@ -92,7 +93,7 @@ def _why_finest(x: Any, limits: Any, fitted: Any, told: Any, power: Any) -> Any:
     fine = (abs(place[x]) < _INF) & (spread[x] < _INF)
     contrast = (_LOW if low else _NONE) | (_DARK if dark else _NONE)
     lost = _SATURATED if variance[x] > _UNKNOWN else _NONE
-    moved = _MOVED if misfit[x] > worst * noise else _NONE
+    moved = MOVED if misfit[x] > worst * noise else _NONE
     lies = (_ORDER if wrong else _NONE) | (_OFF if off else _NONE) | (_NONE if fine else _INVALID)
     return contrast | lost | moved | lies
 
@@ -149,7 +150,7 @@ def flag_fit(
     for x in range(n):
         lost = _SATURATED if variance[x] > _UNKNOWN else _NONE
         noise = read2 + gain * (a[x] if a[x] > _ZERO else _ZERO)
-        why[x] |= lost | (_MOVED if misfit[x] > worst * noise else _NONE)
+        why[x] |= lost | (MOVED if misfit[x] > worst * noise else _NONE)
 
 
 @apart_kernel
@@ -262,6 +263,11 @@ def outlier_rows(start: int, stop: int, least: Any, flags: Array, kept: Array) -
 def _outliers(limit: Any, line: Array, why: Array) -> None:
     inner = max(len(line) - 4, 0)
     left2, left, middle, right, right2 = line[:inner], line[1:], line[2:], line[3:], line[4:]
+    some = _ZERO
+    for x in range(inner):
+        some += _ONE if abs(middle[x] - _HALF * (left[x] + right[x])) > limit else _ZERO
+    if some == _ZERO:  # as a rule
+        return
     for x in range(inner):
         jump = abs(middle[x] - _HALF * (left[x] + right[x]))
         beside = abs(left[x] - left2[x]) + abs(right2[x] - right[x])

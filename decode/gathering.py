@@ -4,21 +4,19 @@ The mean of cos(2 pi (u + e(u))) over pixels that sample the cells evenly is T s
 an endless period (see cells for T and w); for others it is tabled.
 """
 
+import math
 from functools import cache, lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .run_kernels import LINES, RUN, gather_runs
+from .run_kernels import LINES, RUN, gather_runs, most_runs
 
-__all__ = ["contradicted", "gathered", "largest_left", "solve_stairs"]
+__all__ = ["Gathered", "contradicted", "gathered", "largest_left", "solve_stairs"]
 
 Map = NDArray[Any]
 F64 = NDArray[np.float64]
-#: Runs of pixels that are looked at, about, in groups side by side (down columns, a line of the cache holds
-#: pixels of several); what spreads these evenly.
-_RUNS, _BESIDE, _GOLDEN = 512, 8, 0.6180339887498949
 #: Runs that tell something, at least.
 _FEWEST = 8
 #: sinc(w) from which on a run of pixels tells the height of the stairs.
@@ -29,75 +27,66 @@ _LEVELS, _STEP, _WIDEST, _TERMS, _PLACES = 40, 0.02, 2.0, 16, 64
 _BLIND = 0.7
 
 
-def gathered(coord: Map, sigma: Map, flags: Map, down: bool) -> tuple[F64, F64]:
-    """By how much runs of pixels from all over the maps (H, W), along rows or (down) columns, gather at whole
-    cells (K,), and their gradients (K,)."""
+class Gathered(NamedTuple):
+    """Of runs of pixels (K,): how much they gather at whole cells, gradients w (cells a pixel), sinc(w)."""
+
+    seen: F64
+    gradient: F64
+    model: F64
+
+
+def gathered(coord: Map, sigma: Map, flags: Map, down: bool) -> Gathered:
+    """Of runs from all over the maps (H, W), along rows or (down) columns."""
     rows, cols = coord.shape
-    lines, length, apart, step = (cols, rows, 1, cols) if down else (rows, cols, cols, 1)
-    across = length // RUN
-    if across == 0:
-        return np.zeros(0), np.zeros(0)
-    chosen, run = _chosen(lines, across)
-    starts = chosen * apart + run * (RUN * step)
-    told, room = np.empty((2, len(starts))), np.empty((LINES, RUN), np.float32)
+    told = np.empty((3, most_runs(cols, rows) if down else most_runs(rows, cols)))
+    room = np.empty((LINES, RUN), np.float32)
     flat = coord.reshape(-1), sigma.reshape(-1), flags.reshape(-1)
-    count = gather_runs(starts, step, *flat, _parabolas(), room, told)
-    return told[0, :count], told[1, :count]
+    count = gather_runs(*flat, cols, down, _parabolas(), room, told)
+    return Gathered(*told[:, :count])
 
 
-def _chosen(lines: int, across: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Line and place along it of the runs, `across` of which a line holds: all, or groups from all over."""
-    if lines * across <= _RUNS:
-        line, run = np.divmod(np.arange(lines * across), across)
-        return line, run
-    beside = min(_BESIDE, lines)
-    group = np.arange(across * max(1, _RUNS // (across * beside)))
-    first = (group * _GOLDEN % 1.0 * (lines - beside + 1)).astype(np.int64)
-    return (first[:, None] + np.arange(beside)).ravel(), np.repeat(group % across, beside)
-
-
-def contradicted(attenuation: float, seen: F64, gradient: F64, shares: F64) -> bool:
+def contradicted(attenuation: float, runs: Gathered, shares: F64) -> bool:
     """Whether coordinates surely gather at whole cells by less than half of what T makes them.
 
     That is so for ideal cosines that no cells showed, whose contrast looks like that of a sharp display.
     """
-    if len(seen) < _FEWEST:
+    if len(runs.seen) < _FEWEST:
         return False
-    model = _table(shares)[round(attenuation * _LEVELS), _columns(gradient)]
+    model = _table(shares)[round(attenuation * _LEVELS), _columns(runs.gradient)]
     if not model.any():
         return False
-    share, doubt = _attenuation(seen, model)
+    share, doubt = _attenuation(runs.seen, model)
     return share + 4 * doubt < 0.5
 
 
-def largest_left(seen: F64, gradient: F64) -> float:
+def largest_left(runs: Gathered) -> float:
     """T that two standard errors of what runs of pixels tell leave possible; 1 where there are too few."""
-    if len(seen) < _FEWEST:
+    if len(runs.seen) < _FEWEST:
         return 1.0
-    attenuation, doubt = _attenuation(seen, np.sinc(gradient))
-    return float(np.clip(attenuation + 2 * doubt, 0.0, 1.0))
+    attenuation, doubt = _attenuation(runs.seen, runs.model)
+    return min(max(attenuation + 2 * doubt, 0.0), 1.0)
 
 
 def _attenuation(seen: F64, model: F64) -> tuple[float, float]:
     """T of low stairs and its standard error."""
-    weight = max(float(np.sum(model**2)), 1e-12)
-    attenuation = float(np.sum(seen * model)) / weight
-    return attenuation, float(np.sqrt(np.sum((seen - attenuation * model) ** 2 * model**2))) / weight
+    weight = max(float(model @ model), 1e-12)
+    attenuation = float(seen @ model) / weight
+    rest = (seen - attenuation * model) * model
+    return attenuation, math.sqrt(float(rest @ rest)) / weight
 
 
-def solve_stairs(seen: F64, gradient: F64, shares: F64) -> tuple[float, float]:
+def solve_stairs(runs: Gathered, shares: F64) -> tuple[float, float]:
     """(T, fill): what blur leaves of the cells' fundamental, and the footprint over the gradient, both 0..1.
 
     T is 0 where the frames cannot tell (1:1 sampling); fill is below 1 only if the stairs are higher than a
     footprint that fills the gradient allows.
     """
-    if len(seen) < _FEWEST:
+    if len(runs.seen) < _FEWEST:
         return 0.0, 1.0
-    model = np.sinc(gradient)
     # near 1:1 sampling stairs hardly show, and what little is seen would be blown up to any T
-    told = np.abs(model) > _TOLD
-    seen, gradient, model = seen[told], gradient[told], model[told]
-    if float(np.sum(model**2)) < 1.0:
+    told = np.abs(runs.model) > _TOLD
+    seen, gradient, model = runs.seen[told], runs.gradient[told], runs.model[told]
+    if float(model @ model) < 1.0:
         return 0.0, 1.0
     attenuation, doubt = _attenuation(seen, model)
     if attenuation < 4 * doubt:

@@ -179,22 +179,21 @@ def mixed_rows(start: int, stop: int, near: Near, shared: Shared, kept: Array, t
 
 @leaf_kernel
 def _any_beside(row: int, near: Near, kept: Array) -> bool:
-    """Whether any pixel of a row may be in the band beside the border, along u or v."""
+    """Whether any pixel of a row may be in the band beside the border, or beyond it, along u or v."""
     for axis in range(2):
-        half, (low, high) = 0.5 * near.extents[axis], near.bands[axis]
+        half, high = 0.5 * near.extents[axis], near.bands[axis][1]
         line, middle = kept[axis, row % kept.shape[1]], np.float32(half - _HALF)
-        if half < np.inf and _any_within(line, middle, np.float32(half - high), np.float32(half - low)):
+        if half < np.inf and _any_beyond(line, middle, np.float32(half - high)):
             return True
     return False
 
 
 @apart_kernel
-def _any_within(line: Array, middle: Any, near: Any, far: Any) -> bool:
-    """Whether any coordinate of a row lies further than `near` from the middle, and at most `far`."""
+def _any_beyond(line: Array, middle: Any, near: Any) -> bool:
+    """Whether any coordinate of a row lies further than `near` from the middle."""
     found = _ZERO
     for x in range(len(line)):
-        off = abs(line[x] - middle)
-        found += _ONE if (off > near) & (off <= far) else _ZERO
+        found += _ONE if abs(line[x] - middle) > near else _ZERO
     return bool(found > _ZERO)
 
 

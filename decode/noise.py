@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .noise_kernels import sigma_clipped
+from .noise_kernels import robust_variances
 from .plan import Code, Fringe, Plan
 from .sample import Sample, quantile
 
@@ -16,7 +16,7 @@ __all__ = ["QUANTISATION", "Noise", "estimate_noise"]
 
 #: Variance of rounding to whole levels.
 QUANTISATION = 1 / 12
-F64 = NDArray[np.float64]
+Floats = NDArray[Any]
 _BINS = 8
 #: Residuals of all codes or fringes that are used, about: 1 % of the noise.
 _ENOUGH = 8192
@@ -59,7 +59,8 @@ def estimate_noise(
     codes = [axis.code for axis in plan.axes if axis.code is not None]
     every = [fringe for axis in plan.axes for fringe in axis.fringes]
     over = [fringe for fringe in every if len(fringe.index) > 3]
-    pairs = [_of_fringe(levels, fringe, limit, slope, _ENOUGH // len(over)) for fringe in over]
+    alike = [tuple(f for f in over if len(f.index) == count) for count in {len(f.index) for f in over}]
+    pairs = [_of_fringes(levels, fringes, limit, slope, _ENOUGH // len(over)) for fringes in alike]
     if not _enough(pairs):
         pairs = [_of_pairs(raw, code, clip if len(slope) else limit, _ENOUGH // len(codes)) for code in codes]
     if not _enough(pairs) and not len(slope):
@@ -76,54 +77,72 @@ def estimate_noise(
     return _fit(level, residual, QUANTISATION if frames.dtype.kind == "u" else 1e-12)
 
 
-def _enough(pairs: list[tuple[F64, F64]]) -> bool:
+def _enough(pairs: list[tuple[Floats, Floats]]) -> bool:
     return sum(len(level) for level, _ in pairs) >= 50
 
 
-def _of_fringe(
-    levels: NDArray[Any], fringe: Fringe, limit: float, slope: NDArray[np.float32], enough: int
-) -> tuple[F64, F64]:
-    design, contrasts = fringe.design(), fringe.contrasts()[:_CONTRASTS]
-    own = levels[list(fringe.index), :: max(1, levels.shape[1] * len(contrasts) // enough)].astype(np.float64)
-    parameters = fringe.solve() @ own
-    residual = contrasts @ own
+def _of_fringes(
+    levels: NDArray[Any], fringes: tuple[Fringe, ...], limit: float, slope: NDArray[np.float32], enough: int
+) -> tuple[Floats, Floats]:
+    """Of fringes of the same number of samples, `enough` residuals of each."""
+    index, design, solve, contrasts = _together(fringes)
+    own = levels[:, :: max(1, levels.shape[1] * contrasts.shape[1] // enough)][index].astype(np.float32)
+    parameters, residual = solve @ own, contrasts @ own
+    fitted = design @ parameters
     if len(slope):
-        here = slope[np.clip(np.rint(design @ parameters), 0, len(slope) - 1).astype(int)]
+        here = slope[np.clip(np.rint(fitted), 0, len(slope) - 1).astype(int)]
         residual /= np.sqrt(contrasts**2 @ (1.0 / here**2))
-    keep = _clear(_lit(own, limit, _power(parameters)), _room(design @ parameters, limit), residual)
-    return np.tile(parameters[0, keep], len(residual)), residual[:, keep].ravel()
+    own, parameters, residual, fitted = (_pooled(each) for each in (own, parameters, residual, fitted))
+    keep = _clear(_lit(own, limit, _power(parameters)), _room(fitted, limit), residual)
+    return np.tile(parameters[0].take(keep), len(residual)), residual.take(keep, 1).ravel()
 
 
-def _power(parameters: F64) -> F64:
+def _pooled(each: Floats) -> Floats:
+    """(M, F K) of (F, M, K)."""
+    return each.swapaxes(0, 1).reshape(each.shape[1], -1)
+
+
+@lru_cache(maxsize=16)
+def _together(fringes: tuple[Fringe, ...]) -> tuple[NDArray[np.int64], Floats, Floats, Floats]:
+    """Of fringes of N samples each: frames (F, N), models (F, N, 3), their pseudo-inverses (F, 3, N) and some
+    contrasts that they do not reach (F, C, N)."""
+    matrices = zip(*((f.design(), f.solve(), f.contrasts()[:_CONTRASTS]) for f in fringes), strict=True)
+    design, solve, contrasts = (np.stack(each) for each in matrices)
+    design, solve, contrasts = (each.astype(np.float32) for each in (design, solve, contrasts))
+    return np.array([fringe.index for fringe in fringes]), design, solve, contrasts
+
+
+def _power(parameters: Floats) -> Floats:
     """Squared modulation of fits (3, K)."""
     return np.asarray(parameters[1] ** 2 + parameters[2] ** 2)
 
 
-def _lit(own: F64, limit: float, power: F64) -> NDArray[np.bool_]:
+def _lit(own: Floats, limit: float, power: Floats) -> NDArray[np.bool_]:
     """Pixels without clipped samples that see the pattern: a quarter of what others see of it, at least."""
     whole = np.asarray(own.max(axis=0) < limit)
     seen = whole & (power > 0.25**2 * quantile(power, 0.95))
     return seen if np.count_nonzero(seen) >= 50 else whole
 
 
-def _room(fitted: F64, limit: float) -> F64:
+def _room(fitted: Floats, limit: float) -> Floats:
     """Distance of a pixel's fitted samples from black and from the clip level."""
     return np.asarray(np.minimum(fitted.min(axis=0), limit - fitted.max(axis=0)))
 
 
-def _clear(keep: NDArray[np.bool_], room: F64, residual: F64) -> NDArray[np.bool_]:
-    """Pixels that stay 4 sigma clear of black and clipping (if few do: the better third).
+def _clear(keep: NDArray[np.bool_], room: Floats, residual: Floats) -> NDArray[np.int64]:
+    """Those pixels of `keep` that stay 4 sigma clear of black and clipping (if few do: the better third).
 
     Noise that is cut off looks smaller than it is. What decides is the fit and not the samples: to leave out
     a pixel because of its noise would select small noise.
     """
-    if not keep.any():
-        return keep
-    rough = 1.4826 * quantile(np.abs(residual[..., keep]).ravel(), 0.5)
-    return np.asarray(keep & (room >= min(4 * rough, quantile(room[keep], 0.65))))
+    at = np.flatnonzero(keep)  # numbers are taken faster than what a mask lets through
+    if not at.size:
+        return at
+    rough, own = 1.4826 * quantile(np.abs(residual.take(at, -1)).ravel(), 0.5), room[at]
+    return at[own >= min(4 * rough, quantile(own, 0.65))]
 
 
-def _of_offsets(levels: NDArray[Any], first: Fringe, second: Fringe, limit: float) -> tuple[F64, F64]:
+def _of_offsets(levels: NDArray[Any], first: Fringe, second: Fringe, limit: float) -> tuple[Floats, Floats]:
     offsets, variance = [], 0.0
     keep, room = np.ones(levels.shape[1], bool), np.full(levels.shape[1], np.inf)
     for fringe in (first, second):
@@ -139,7 +158,7 @@ def _of_offsets(levels: NDArray[Any], first: Fringe, second: Fringe, limit: floa
     return level[keep], difference[keep]
 
 
-def _of_pairs(levels: NDArray[Any], code: Code, limit: float, enough: int) -> tuple[F64, F64]:
+def _of_pairs(levels: NDArray[Any], code: Code, limit: float, enough: int) -> tuple[Floats, Floats]:
     both = (code.plain >= 0) & (code.inverse >= 0)
     if np.count_nonzero(both) < 2:
         return np.zeros(0), np.zeros(0)
@@ -157,7 +176,7 @@ def _of_pairs(levels: NDArray[Any], code: Code, limit: float, enough: int) -> tu
     return np.tile(middle[keep], len(residual)), residual[:, keep].ravel()
 
 
-def _of_flat_bits(levels: NDArray[Any], code: Code, plan: Plan, limit: float) -> tuple[F64, F64]:
+def _of_flat_bits(levels: NDArray[Any], code: Code, plan: Plan, limit: float) -> tuple[Floats, Floats]:
     """The two coarsest bits read white or black nearly everywhere; the fit sorts out their edges."""
     levels = levels.astype(np.float64)
     white, black = levels[plan.white], levels[plan.black]
@@ -178,7 +197,7 @@ def _offset_groups(plan: Plan, frames: int) -> list[list[int]]:
     return groups or [[i] for i in range(min(frames, 8))]
 
 
-def _of_neighbours(frames: NDArray[Any], lut: NDArray[np.float32], index: list[int]) -> tuple[F64, F64]:
+def _of_neighbours(frames: NDArray[Any], lut: NDArray[np.float32], index: list[int]) -> tuple[Floats, Floats]:
     rows = frames.shape[1]
     top = max(0, rows // 2 - 128)
     raw = frames[index, top : top + 256]
@@ -192,7 +211,7 @@ def _of_neighbours(frames: NDArray[Any], lut: NDArray[np.float32], index: list[i
     return around.ravel(), second.ravel() * np.sqrt(len(index))
 
 
-def _fit(level: F64, residual: F64, floor: float) -> Noise:
+def _fit(level: Floats, residual: Floats, floor: float) -> Noise:
     """Robust variance per level bin, then a weighted straight line that is nowhere below the floor."""
     if len(level) == 0:
         return Noise(floor)
@@ -204,7 +223,7 @@ def _fit(level: F64, residual: F64, floor: float) -> Noise:
     low, high = float(dithered.min()), float(dithered.max())
     place = ((dithered - low) * (65535 / max(high - low, 1e-9))).astype(np.uint16)
     order = np.argsort(place, kind="stable")[: bins * each].reshape(bins, each)
-    x, y = level[order].mean(axis=1), np.maximum(_robust_variance(residual[order]), floor)
+    x, y = level[order].mean(axis=1), np.maximum(_robust(residual[order]), floor)
     # a variance from n values has the relative error sqrt(2 / n)
     weight = np.sqrt(each / 2) / y
     if bins < 3 or np.ptp(x) < 0.05 * max(x.max(), 1.0):
@@ -218,7 +237,7 @@ def _fit(level: F64, residual: F64, floor: float) -> Noise:
     return Noise(start, slope)
 
 
-def _line(x: F64, y: F64, weight: F64) -> tuple[float, float, float]:
+def _line(x: Floats, y: Floats, weight: Floats) -> tuple[float, float, float]:
     """Slope and start of the straight line nearest to y, and the slope's standard error; weight: 1 / variance
     (np.polyfit takes five times as long)."""
     whole = float(weight.sum())
@@ -230,20 +249,17 @@ def _line(x: F64, y: F64, weight: F64) -> tuple[float, float, float]:
 
 
 @lru_cache(maxsize=4)
-def _dither(count: int) -> F64:
+def _dither(count: int) -> Floats:
     return np.random.default_rng(0).uniform(-1, 1, count)
 
 
-def _even(residual: F64, floor: float) -> Noise:
+def _even(residual: Floats, floor: float) -> Noise:
     """The same at all levels."""
-    return Noise(max(float(_robust_variance(residual)), floor))
+    return Noise(max(float(_robust(residual[None])[0]), floor))
 
 
-def _robust_variance(residual: F64) -> F64:
-    """Mean square (...,) within 4 robust deviations, from the median absolute value and then from itself."""
-    square = residual * residual
-    middle = residual.shape[-1] // 2
-    variance = (1.4826 * np.sqrt(np.partition(square, middle, axis=-1)[..., middle]) + 0.5) ** 2
-    lines, found = square.reshape(-1, residual.shape[-1]), variance.reshape(-1)
-    sigma_clipped(lines, found)
-    return np.asarray(found.reshape(variance.shape))
+def _robust(residual: Floats) -> Floats:
+    """Robust variances (L,) of residuals (L, K)."""
+    variance, room = np.empty(len(residual)), np.empty(residual.shape[1], np.float32)
+    robust_variances(residual.astype(np.float32, copy=False), room, variance)
+    return variance

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "MOST_ROWS",
+    "ROWS_AROUND",
     "TILE",
     "AxisRecord",
     "Camera",
@@ -27,12 +29,18 @@ Array = NDArray[Any]
 
 #: Pixels that are worked on at once.
 TILE = 4096
+#: Pixels, about, and rows at most that are decoded along one axis before the other: with fewer, a kernel is
+#: handed all its records more often. Rows are a power of two, so that blocks of any number of threads are cut
+#: into the same tiles.
+_BATCH, MOST_ROWS = 16384, 16
 #: Lines of a tile that are not those of a period, and those of a period.
 LINES, OF_PERIOD = 14, 6
 #: Rows that are kept besides those worked on at once: those that wait for neighbours, and one beyond.
 ROWS_AROUND = 8
 #: Bytes of a vector: what is not laid out by it takes two accesses each.
 _VECTOR = 64
+#: What lines are longer than a tile: places in lines that lie a power of two apart share few of the cache's.
+_APART = 64
 
 
 class Camera(NamedTuple):
@@ -202,17 +210,23 @@ class Scratch(NamedTuple):
     kept: Array
 
 
+def _at_once(width: int) -> int:
+    """Rows of that width that are decoded along one axis before the other."""
+    return min(1 << (max(_BATCH // width, 1).bit_length() - 1), MOST_ROWS)
+
+
 def scratch(width: int, periods: int = 0, samples: int = 0) -> Scratch:
     """For images `width` pixels wide; samples: of a period, if they are made linear."""
     lines = LINES + OF_PERIOD * periods
     padded = -(-width // _VECTOR) * _VECTOR
-    rows = max(TILE // width, 1) + ROWS_AROUND
-    room = np.empty(4 * TILE * (lines + 3 + samples) + (6 + 8 * rows) * padded + _VECTOR, np.uint8)
+    rows = _at_once(width) + ROWS_AROUND
+    tile = TILE + _APART
+    room = np.empty(4 * tile * (lines + 3 + samples) + (6 + 8 * rows) * padded + 4 * _VECTOR, np.uint8)
     start = -room.ctypes.data % _VECTOR
     taken = []
     for count, length, kind in (
-        *((lines, TILE, np.float32), (2, TILE, np.int32), (2, TILE, np.uint8)),
-        *((samples, TILE, np.float32), (1, padded, np.float32), (1, padded, np.uint16)),
+        *((lines, tile, np.float32), (2, tile, np.int32), (2, tile, np.uint8)),
+        *((samples, tile, np.float32), (1, padded, np.float32), (1, padded, np.uint16)),
         (2 * rows, padded, np.float32),
     ):
         size = count * length * np.dtype(kind).itemsize

@@ -1,6 +1,7 @@
 """Work on a block of rows: what block_kernels is told of a job, and the calls."""
 
 from collections.abc import Callable, Mapping
+from collections.abc import Sequence as Numbers
 from threading import local
 from typing import Any, cast
 
@@ -8,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.blocks import Work
-from optolever.memory import roomy_empty
+from optolever.memory import roomy_empty, roomy_together
 from optolever.patterns import Sequence
 
 from .arrays import axis_arrays, chi_squared_limit
-from .block_kernels import block_rows
+from .block_kernels import decode_blocks
 from .code_kernels import FROM_EXTREMES, FROM_PAIRS, FROM_WHITE_BLACK
 from .display import NO_TABLES, Tables
 from .job import Job
@@ -23,7 +24,7 @@ from .records import AxisRecord, Camera, CodeRecord, FringeRecord, Near, Scratch
 from .references import beyond_references
 from .swing import Blur
 
-__all__ = ["LOOSE", "Maps", "axes_step", "near_of", "near_step", "shadow_step"]
+__all__ = ["LOOSE", "Maps", "axes_blocks", "near_of", "near_step", "shadow_step"]
 
 Map = NDArray[Any]
 F32 = np.float32
@@ -38,6 +39,8 @@ _STEEP_XOR = 2.0
 #: Scratch that every thread keeps: of decoding and of comparing neighbours, for two widths.
 _KEPT = 4
 _own = local()
+#: Where rows are cut into blocks -> what every thread is to call, which does blocks that no other has begun.
+Blocks = Callable[[Numbers[int]], Callable[[], None]]
 #: Cells from the border up to which it may throw a shadow: in a strong blur; in periods of a fringe, 2 sigma
 #: (2 % of the light) of the blur that leaves 2 % of its contrast.
 _SHADOW, _SHADOW_PERIODS = 16.0, 0.9
@@ -47,15 +50,20 @@ class Maps:
     """What a decode writes: coord and sigma (H, W) of each axis, NaN and inf if it was not shown, and what
     both share; what was shown is written whole later on."""
 
-    def __init__(self, shape: tuple[int, int], shown: set[str]) -> None:
-        self.coord: dict[str, Map] = {}
-        self.sigma: dict[str, Map] = {}
-        for name in "uv":
-            there = name in shown
-            self.coord[name] = roomy_empty(shape, np.float64) if there else np.full(shape, np.nan)
-            self.sigma[name] = roomy_empty(shape, F32) if there else np.full(shape, np.inf, F32)
-        self.flags = roomy_empty(shape, np.uint16)
-        self.amplitude, self.offset, self.order_error = (roomy_empty(shape, F32) for _ in range(3))
+    def __init__(self, shape: tuple[int, int], shown: set[str], *, briefly: bool = False) -> None:
+        """briefly: all of them are dropped at the same time."""
+        here = [name for name in "uv" if name in shown]
+        kinds = [np.float64] * len(here) + [F32] * (len(here) + 3) + [np.uint16]
+        if briefly:
+            rooms = iter(roomy_together(shape, kinds))
+        else:
+            rooms = (roomy_empty(shape, kind) for kind in kinds)
+        self.coord: dict[str, Map] = {name: next(rooms) for name in here}
+        self.sigma: dict[str, Map] = {name: next(rooms) for name in here}
+        self.amplitude, self.offset, self.order_error, self.flags = rooms
+        for name in set("uv") - shown:
+            self.coord[name] = np.full(shape, np.nan)
+            self.sigma[name] = np.full(shape, np.inf, F32)
 
     @property
     def common(self) -> tuple[Map, Map, Map, Map]:
@@ -76,7 +84,7 @@ def _flat(chart: Map) -> Map:
     return chart.reshape(1, -1)
 
 
-def axes_step(
+def axes_blocks(
     job: Job,
     sequence: Sequence,
     wanted: Plan,
@@ -87,11 +95,9 @@ def axes_step(
     near: Near,
     compare: bool = False,
     joined: bool = False,
-) -> tuple[Work, Work]:
-    """The work for one axis or both of bits and fringes, and the comparison with neighbours alone, once all
-    around is decoded; joined: another axis went before.
-
-    compare: neighbours within the block are compared, too, as `near` says.
+) -> Blocks:
+    """The work for one axis or both of bits and fringes; joined: another axis went before; compare: so are
+    neighbours, as `near` says.
     """
     count, height, width = job.frames.shape
     camera = _camera(job, job.frames.reshape(count, 1, height * width))
@@ -105,13 +111,15 @@ def axes_step(
     samples = max((shape[1] for shape in fringes), default=0) if len(job.lut) else 0
     room = _rooms(width, periods, samples)
 
-    def step(start: int, stop: int) -> None:
-        block_rows(start, stop, near, True, compare, camera, one, two, shared, room())
+    def blocks(cuts: Numbers[int]) -> Callable[[], None]:
+        at, drawn = np.array(cuts), np.zeros(len(cuts), np.int64)
 
-    def beside(start: int, stop: int) -> None:
-        block_rows(start, stop, near, False, False, camera, one, two, shared, room())
+        def share() -> None:
+            decode_blocks(at, drawn, compare, near, camera, one, two, shared, room())
 
-    return step, beside
+        return share
+
+    return blocks
 
 
 def _rooms(width: int, periods: int = 0, samples: int = 0) -> Callable[[], Scratch]:

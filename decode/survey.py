@@ -1,13 +1,13 @@
 """Some rows, decoded before the rest: how large a pixel's footprint is, whether neighbours are such."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.blocks import over_rows
+from optolever.blocks import on_threads
 from optolever.memory import roomy_empty
 from optolever.patterns import Sequence
 
@@ -15,10 +15,11 @@ from .correspondence import Flag
 from .job import Job
 from .noise import Noise
 from .plan import AxisPlan, Plan
-from .rows import Maps, axes_step, near_of
+from .rows import Maps, axes_blocks, near_of
 from .sample import quantile
+from .survey_kernels import usual_steps
 
-__all__ = ["SPOILT", "Survey", "is_continuous", "survey"]
+__all__ = ["SPOILT", "Steps", "Survey", "steps", "survey"]
 
 Map = NDArray[Any]
 #: Rows at most, distance of the rows between which the gradient is taken, rows of a block.
@@ -59,18 +60,6 @@ class Survey:
         """Coordinates of the rows `apart` further on (R, W)."""
         return self.maps.coord[name][len(self.maps.flags) // 2 :]
 
-    def footprint(self, name: str) -> float:
-        """Median extent of a camera pixel in pattern cells, along both sides; at most 8."""
-        lines, below = self.lines(name), self.below(name)
-        step = max(1, lines.size // _FOOTPRINTS)
-        down = (below[:, ::step] - lines[:, ::step]) / max(self.apart, 1)
-        total = 0.0
-        for change in (lines[:, 1::step] - lines[:, :-1:step], down):
-            size = np.abs(change)
-            sure = size[size < np.inf]
-            total += quantile(sure, 0.5) if len(sure) else 0.0
-        return min(total, 8.0)
-
     @cached_property
     def usual_levels(self) -> tuple[float, float]:
         """Amplitude and offset, medians of some pixels that are seen well (if there are such)."""
@@ -81,9 +70,18 @@ class Survey:
         amplitude, offset = (quantile(chart[: len(use), ::step][use], 0.5) for chart in self.maps.common[1:3])
         return amplitude, offset
 
-    def is_continuous(self, name: str) -> bool:
-        """Whether neighbours look at neighbouring places, so that they tell something of each other."""
-        return is_continuous(self.lines(name), self.maps.sigma[name][: len(self.flags)])
+    def steps(self, name: str) -> "Steps":
+        """From pixel to pixel of an axis."""
+        sigma = self.maps.sigma[name][: len(self.flags)]
+        return steps(self.lines(name), self.below(name), sigma, self.apart)
+
+
+class Steps(NamedTuple):
+    """footprint: median extent of a camera pixel in pattern cells, along both sides, at most 8; continuous:
+    neighbours look at neighbouring places, so that they tell something of each other."""
+
+    footprint: float
+    continuous: bool
 
 
 def survey(job: Job, sequence: Sequence, wanted: Plan, axes: tuple[AxisPlan, ...], *, few: bool) -> Survey:
@@ -91,23 +89,30 @@ def survey(job: Job, sequence: Sequence, wanted: Plan, axes: tuple[AxisPlan, ...
     height, width = job.frames.shape[1:]
     apart = min(_APART, height - 1)
     count = _ROWS // 2 if few else _ROWS
-    rows = np.unique(np.linspace(0, height - 1 - apart, count).astype(np.int64))
-    both = np.concatenate([rows, rows + apart])
+    both = _rows_of(height, apart, count)
     frames = roomy_empty((len(job.frames), len(both), width), job.frames.dtype)
     np.take(job.frames, both, axis=1, out=frames, mode="clip")
-    maps = Maps((len(both), width), {axis.axis for axis in axes})
+    maps = Maps((len(both), width), {axis.axis for axis in axes}, briefly=True)
     few_rows, near = replace(job, frames=frames), near_of(job, wanted, {}, {}, maps)
-    step, _ = axes_step(few_rows, sequence, wanted, axes, {}, maps, near=near)
-    over_rows(step, len(both), _BLOCK)
+    cuts = [*range(0, len(both), _BLOCK), len(both)]
+    share = axes_blocks(few_rows, sequence, wanted, axes, {}, maps, near=near)(cuts)
+    on_threads(share, len(cuts) - 1)
     return Survey(frames, maps, apart, job.clip, job.noise)
 
 
-def is_continuous(lines: Map, sigma: Map) -> bool:
-    """Survey.is_continuous of coordinates (R, W) and their sigmas."""
-    at = np.arange(0, lines.shape[1] - 2, max(1, lines.shape[1] // _BENDS))
-    if not at.size:
-        return False
-    before, after = lines[:, at], lines[:, at + 2]
-    bend = quantile(np.abs(before - 2 * lines[:, at + 1] + after).ravel(), 0.5)
-    gradient = 0.5 * quantile(np.abs(after - before).ravel(), 0.5)
-    return bend < max(_BENT, 5 * quantile(sigma[:, at].ravel(), 0.5), _ROUGH * gradient)
+@lru_cache(maxsize=4)
+def _rows_of(height: int, apart: int, count: int) -> NDArray[np.int64]:
+    """So many rows from all over the image, and behind them those `apart` rows below."""
+    rows = np.unique(np.linspace(0, height - 1 - apart, count).astype(np.int64))
+    return np.concatenate([rows, rows + apart])
+
+
+def steps(lines: Map, below: Map, sigma: Map, apart: int) -> Steps:
+    """Of coordinates (R, W), of rows `apart` below them, and of their sigmas (R, W)."""
+    (rows, cols), every = lines.shape, max(1, lines.size // _FOOTPRINTS)
+    few = max(1, cols // _BENDS)
+    usual, room = np.empty(5), np.empty((3, rows * (cols // min(every, few) + 1)), np.float32)
+    usual_steps(lines, below, sigma, max(apart, 1.0), every, few, room, usual)
+    along, down, bend, gradient, spread = usual.tolist()
+    continuous = cols > 2 and bend < max(_BENT, 5 * spread, _ROUGH * gradient)
+    return Steps(min(along + down, 8.0), continuous)

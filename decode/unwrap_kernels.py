@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import apart_kernel, leaf_kernel
+from .jit import apart_kernel, inline_kernel, leaf_kernel
 
-__all__ = ["MUCH_FINER", "UNKNOWN", "search_tile", "sequential_tile"]
+__all__ = ["CERTAIN", "MUCH_FINER", "UNKNOWN", "add_doubt", "search_tile", "sequential_tile", "two_orders"]
 
 Array = NDArray[Any]
 
 #: Differences of chi squared beyond this are certain: exp(-20) = 2e-9.
-_CERTAIN = np.float32(40.0)
+CERTAIN = np.float32(40.0)
 #: A period so many times coarser than the next only gives the order: it holds less than 1/16 of the
 #: information, and its harmonics would weigh in with the ratio.
 MUCH_FINER = 4.0
@@ -61,11 +61,11 @@ def sequential_tile(
         *(n, periods[0], periods[1], blended, turns[0], variance[0], turns[1], variance[1], guess),
         *(coord, spread, near, far, misfit, gap, order_error),
     ):
-        _add_doubt(n, near, far, order_error)
+        add_doubt(n, near, far, order_error)
     for g in range(2, len(periods)):
         blended = MUCH_FINER * periods[g] >= periods[g - 1]
         if _next_order(n, periods[g], blended, turns[g], variance[g], coord, spread, near, far, misfit):
-            _add_doubt(n, near, far, order_error)
+            add_doubt(n, near, far, order_error)
 
 
 @apart_kernel
@@ -111,27 +111,39 @@ def _two_orders(
     order_error: Array,
 ) -> bool:
     """_first_order and the first _next_order, without the way through memory between them."""
-    inverse_coarse, square_coarse = _ONE / coarse, coarse * coarse
-    inverse, square, twice = _ONE / period, period * period, _TWO * period
-    start, slope = (_ZERO, _ONE) if blended else (_ONE, _ZERO)
+    slope = _ONE if blended else _ZERO
     close = _ZERO
     for x in range(n):
-        place = coarse * (coarse_turns[x] + np.rint(guess[x] * inverse_coarse - coarse_turns[x]))
-        before = coarse_variance[x] * square_coarse
-        step = period * (turns[x] + np.rint(place * inverse - turns[x])) - place
-        fine = variance[x] * square
-        share = _ONE / (before + fine)
-        weight = start + slope * (before * share)
-        beside = (square - twice * abs(step)) * share
-        gap[x] = abs(place - guess[x])
-        near[x] = beside
-        far[x] = (square + twice * abs(step)) * share
-        misfit[x] = step * step * share
-        coord[x] = place + weight * step
-        spread[x] = weight * fine
+        found = two_orders(
+            coarse, period, slope, coarse_turns[x], coarse_variance[x], turns[x], variance[x], guess[x]
+        )
+        coord[x], spread[x], near[x], far[x], misfit[x], gap[x] = found
         order_error[x] = _ZERO
-        close += _ONE if beside < _CERTAIN else _ZERO
+        close += _ONE if near[x] < CERTAIN else _ZERO
     return bool(close > _ZERO)
+
+
+@inline_kernel
+def two_orders(
+    coarse: Any,
+    period: Any,
+    slope: Any,
+    coarse_turn: Any,
+    coarse_variance: Any,
+    turn: Any,
+    variance: Any,
+    guess: Any,
+) -> Any:
+    """Coordinate, its variance, near, far, misfit and gap of one pixel, see sequential_tile; slope: 1 if both
+    periods share in the coordinate, 0 if the coarse one only tells the order."""
+    square, twice = period * period, _TWO * period
+    place = coarse * (coarse_turn + np.rint(guess * (_ONE / coarse) - coarse_turn))
+    before, fine = coarse_variance * (coarse * coarse), variance * square
+    step = period * (turn + np.rint(place * (_ONE / period) - turn)) - place
+    share = _ONE / (before + fine)
+    weight = (_ONE - slope) + slope * (before * share)
+    near, far = (square - twice * abs(step)) * share, (square + twice * abs(step)) * share
+    return place + weight * step, weight * fine, near, far, step * step * share, abs(place - guess)
 
 
 @apart_kernel
@@ -165,15 +177,15 @@ def _next_order(
         misfit[x] += step * step * share
         coord[x] += weight * step
         spread[x] = weight * fine
-        close += _ONE if beside < _CERTAIN else _ZERO
+        close += _ONE if beside < CERTAIN else _ZERO
     return bool(close > _ZERO)
 
 
 @leaf_kernel
-def _add_doubt(n: int, near: Array, far: Array, order_error: Array) -> None:
+def add_doubt(n: int, near: Array, far: Array, order_error: Array) -> None:
     """Probability that another order is the right one: both neighbours, from chi squared (flat prior)."""
     for x in range(n):
-        if near[x] < _CERTAIN:
+        if near[x] < CERTAIN:
             other = math.exp(-0.5 * float(near[x])) + math.exp(-0.5 * float(far[x]))
             order_error[x] += other / (1 + other)
 
@@ -224,9 +236,9 @@ def search_tile(
                 both = here_spread + fine_spread
                 step = period * (at_g + np.rint(here / period - at_g)) - here
                 chi += step * step / both
-                if chi > best + _CERTAIN:
+                if chi > best + CERTAIN:
                     break
-                if period * (period - 2 * abs(step)) / both < _CERTAIN:
+                if period * (period - 2 * abs(step)) / both < CERTAIN:
                     doubt += _doubt(period, abs(step), both)
                 alone = MUCH_FINER * period < periods[g - 1]
                 here += step if alone else here_spread / both * step
@@ -238,7 +250,7 @@ def search_tile(
                 worse = math.exp(max(-0.5 * (best - chi), -100.0)) if best < np.inf else 0.0
                 second_sum = (1 + second_sum) * worse
                 best, best_coord, best_spread, best_doubt = chi, here, here_spread, doubt
-            elif chi < best + _CERTAIN:
+            elif chi < best + CERTAIN:
                 second_sum += math.exp(-0.5 * (chi - best))
         coord[x] = best_coord
         spread[x] = best_spread

@@ -12,6 +12,7 @@ __all__ = [
     "THREADS_VARIABLE",
     "Work",
     "on_cores",
+    "on_threads",
     "over_blocks",
     "over_image",
     "over_rows",
@@ -55,18 +56,17 @@ def shrinking(rows: int, least: int) -> list[int]:
     """Where to cut range(rows), both its ends included: blocks of `least` rows or multiples thereof, smaller
     towards the end, so that all cores are done at about the same time and few rows lie at cuts.
     """
-    cuts = [0]
+    cuts, shares = [0], 2 * threads()
     while cuts[-1] < rows:
-        share = (rows - cuts[-1]) // (2 * threads()) // least
+        share = (rows - cuts[-1]) // shares // least
         cuts.append(min(cuts[-1] + max(share, 1) * least, rows))
     return cuts
 
 
 def over_blocks(work: Work, cuts: Sequence[int], meanwhile: Callable[[], None] | None = None) -> None:
-    """Call work(start, stop) for what lies between cuts, on all cores; exceptions come through.
+    """Call work(start, stop) for what lies between cuts, on all cores; meanwhile, exceptions: see on_threads.
 
-    The calling thread does what there is to do `meanwhile`, then takes its share; what no other thread has
-    begun when it is done is not waited for: work may call over_rows itself.
+    Blocks that no other thread has begun are not waited for: work may call over_rows itself.
     """
     blocks = list(pairwise(cuts))
     left = iter(blocks)
@@ -75,7 +75,17 @@ def over_blocks(work: Work, cuts: Sequence[int], meanwhile: Callable[[], None] |
         for start, stop in left:  # next() of a list's iterator is one step under the GIL
             work(start, stop)
 
-    count = min(threads(), len(blocks)) if len(blocks) > 1 else 1
+    on_threads(share, len(blocks), meanwhile)
+
+
+def on_threads(share: Callable[[], None], most: int, meanwhile: Callable[[], None] | None = None) -> None:
+    """Call share() on every core, `most` at most: each call does what no other has begun, until nothing is
+    left. Exceptions come through.
+
+    The calling thread does what there is to do `meanwhile` first; threads that have not begun when it is done
+    are not waited for.
+    """
+    count = min(threads(), most) if most > 1 else 1
     helpers = [_pool(os.getpid(), threads()).submit(share) for _ in range(count - 1)]
     try:
         if meanwhile is not None:

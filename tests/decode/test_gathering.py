@@ -14,7 +14,7 @@ def phasors(places: F64) -> NDArray[np.complex128]:
     return np.asarray(np.exp(2j * np.pi * places).mean(axis=1))
 
 
-def by_formula(runs: F64, noise: F64) -> tuple[F64, F64]:
+def by_formula(runs: F64, noise: F64) -> tuple[F64, F64, F64]:
     """What `gathered` says of unflagged runs (K, RUN) of usual sigma (K,)."""
     place = np.linspace(-1, 1, RUN)
     design = np.stack([np.ones(RUN), place, place**2], axis=1)
@@ -26,7 +26,7 @@ def by_formula(runs: F64, noise: F64) -> tuple[F64, F64]:
     gradient = np.abs(np.diff(fit, axis=1)).mean(axis=1)
     keep = like & even & (gradient > 0.05) & (np.abs(rest).max(axis=1) < 0.75 + 4 * noise)
     seen = (phasors(runs) - phasors(fit)).real * np.exp(2 * (np.pi * noise) ** 2)
-    return seen[keep], gradient[keep]
+    return seen[keep], gradient[keep], np.sinc(gradient[keep])
 
 
 def maps(rng: np.random.Generator) -> tuple[F64, NDArray[np.float32], NDArray[np.uint16]]:
@@ -61,4 +61,4 @@ def test_runs_gather_as_the_formula_says(down: bool) -> None:
 def test_images_smaller_than_a_run_tell_nothing() -> None:
     small = np.zeros((4, RUN - 1))
     told = gathered(small, small.astype(np.float32), small.astype(np.uint16), False)
-    assert [len(values) for values in told] == [0, 0]
+    assert [len(values) for values in told] == [0, 0, 0]

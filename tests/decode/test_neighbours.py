@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, Flag, decode
-from optolever.decode.survey import is_continuous
+from optolever.decode.survey import steps
 from optolever.patterns import Sequence, sequence, sequence_from_text
 
 F64 = NDArray[np.float64]
@@ -130,6 +130,10 @@ def test_places_by_chance_are_no_map() -> None:
     assert ((found.flags & Flag.OUTLIER) > 0).mean() < 0.01
     assert found.good.mean() > 0.99
     assert np.sqrt(np.mean(((found.u - u) / found.sigma_u)[found.good] ** 2)) == pytest.approx(1, abs=0.05)
+
+
+def is_continuous(lines: NDArray[np.float64], sigma: NDArray[np.float32]) -> bool:
+    return steps(lines, lines, sigma, 1).continuous
 
 
 def test_a_pixel_without_a_coordinate_leaves_the_others_continuous() -> None:
