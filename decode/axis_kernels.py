@@ -144,20 +144,15 @@ def _unwrap(
 def _pair(
     first: int,
     n: int,
-    code: CodeRecord | None,
-    searched: bool | None,
-    unlike: bool | None,
-    lut: Array | None,
+    pair: bool | None,
     camera: Camera,
     fringes: FringeRecord,
     axis: AxisRecord,
     scratch: Scratch,
 ) -> bool:
-    """_fit, _unwrap and _flag_others of two periods of quarter shifts alone. False: there are others, or
-    something is clipped, or an order in doubt, and all is left to these."""
-    if code is None and searched is None and unlike is None and lut is None:
-        if len(fringes.periods) != 2 or camera.slope.size > 0:
-            return False
+    """_fit, _unwrap and _flag_others of two periods at once. False: there are others, or something is
+    clipped, or an order in doubt, and all is left to these."""
+    if pair is not None:
         lines, periods, quad = scratch.lines, fringes.periods, fringes.quad
         sums, _, variance, misfit = _of_periods(2, lines)
         read2, gain = camera.read2, camera.gain
@@ -188,9 +183,7 @@ def _fringes(
     """Phases of a tile, unwrapped, into the maps."""
     if fringes is None:
         return
-    if not _pair(
-        first, n, code, fringes.searched, fringes.unlike, camera.lut, camera, fringes, axis, scratch
-    ):
+    if not _pair(first, n, fringes.pair, camera, fringes, axis, scratch):
         _fit(first, n, camera, fringes, scratch)
         _unwrap(n, code, fringes.searched, fringes, axis, scratch)
         _flag_others(n, camera, fringes, scratch)

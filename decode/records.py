@@ -126,8 +126,9 @@ class CellLines(NamedTuple):
 
 class FringeRecord(NamedTuple):
     """Periods, see arrays.FringeArrays (samples: count, frame: index; own: 0, 1, ...) and display_kernels
-    (shown); unlike: some are no quarters, searched: no period spans the surface (both True or None); reach:
-    distance from the code's cell; disagreement: limit of the periods' chi squared."""
+    (shown); unlike: some are no quarters, searched: no period spans the surface, pair: two periods of
+    quarters and linear levels are all there is (True or None); reach: distance from the code's cell;
+    disagreement: limit of the periods' chi squared."""
 
     samples: Array
     frame: Array
@@ -141,6 +142,7 @@ class FringeRecord(NamedTuple):
     periods: Array
     misfit: Array
     searched: bool | None
+    pair: bool | None
     reach: np.float32
     disagreement: np.float32
     shown: Any

@@ -235,7 +235,7 @@ def _axis_record(
     return AxisRecord(
         code=code,
         alone=None if axis.fringes else code,
-        fringes=_fringe_record(sequence, axis, tables) if axis.fringes else None,
+        fringes=_fringe_record(job, sequence, axis, tables) if axis.fringes else None,
         extent=float(axis.extent),
         least=_outlying(axis),
         joined=joined,
@@ -271,8 +271,9 @@ def _source(wanted: Plan, code: Code) -> int:
     return FROM_PAIRS if ((code.plain >= 0) & (code.inverse >= 0)).any() else FROM_EXTREMES
 
 
-def _fringe_record(sequence: Sequence, axis: AxisPlan, tables: Tables) -> FringeRecord:
-    arrays = axis_arrays(sequence, axis.axis)
+def _fringe_record(job: Job, sequence: Sequence, axis: AxisPlan, tables: Tables) -> FringeRecord:
+    arrays, linear = axis_arrays(sequence, axis.axis), not len(job.lut)
+    alone = axis.code is None and axis.fringes[0].period >= axis.extent
     return FringeRecord(
         samples=arrays.count,
         frame=arrays.index,
@@ -285,7 +286,8 @@ def _fringe_record(sequence: Sequence, axis: AxisPlan, tables: Tables) -> Fringe
         unlike=None if arrays.quarters.all() else True,
         periods=arrays.periods,
         misfit=arrays.misfit.astype(F32),
-        searched=True if axis.code is None and axis.fringes[0].period < axis.extent else None,
+        searched=None if alone or axis.code is not None else True,
+        pair=True if alone and len(arrays.periods) == 2 and arrays.quarters.all() and linear else None,
         reach=F32(_reach(axis)),
         disagreement=F32(chi_squared_limit(len(axis.fringes) - 1)),
         shown=tables.kernel,
