@@ -190,7 +190,7 @@ def _fringes(
     _finish(first, n, camera, fringes, axis, shared, scratch)
 
 
-@leaf_kernel
+@inline_kernel
 def _flag_others(n: int, camera: Camera, fringes: FringeRecord, scratch: Scratch) -> None:
     """Flags of all periods but the finest one."""
     why, last = scratch.words[1], len(fringes.periods) - 1

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optolever.blocks import Work, on_cores, on_threads, over_blocks, shrinking
+from optolever.compiling import uncollected
 from optolever.patterns import Sequence
 
 from .blur import measured_blur
@@ -37,6 +38,7 @@ _BLOCK, _SAMPLED = 16, 24
 Frames = NDArray[Any]
 
 
+@uncollected()
 def decode(
     frames: ArrayLike,
     sequence: Sequence,

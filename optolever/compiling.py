@@ -11,7 +11,16 @@ from numba.core.compiler_machinery import register_pass
 from numba.core.lowering import Lower
 from numba.core.typed_passes import NativeLowering
 
-__all__ = ["Apart", "Usual", "Within", "WithinApart", "WithinOnce", "WithinWide", "only_within"]
+__all__ = [
+    "Apart",
+    "Usual",
+    "Within",
+    "WithinApart",
+    "WithinOnce",
+    "WithinWide",
+    "only_within",
+    "uncollected",
+]
 
 #: An attribute of LLVM's, which takes half of what a processor has unless it is told. Where vectors are
 #: narrower than that it changes nothing.
@@ -115,9 +124,10 @@ def only_within(dispatcher: Any) -> Any:
 
 
 @contextmanager
-def _uncollected() -> Iterator[None]:
-    """Without the search for garbage in cycles: a compiler makes so many objects, nearly all of which live
-    on, that it would take a seventh of the time. Numba compiles on one thread at a time."""
+def uncollected() -> Iterator[None]:
+    """Without the search for garbage in cycles: a compiler makes so many objects, nearly all of which live on,
+    that it would take a seventh of the time, and amid a decode it takes as long as many of its steps.
+    """
     was_on = gc.isenabled()
     gc.disable()
     try:
@@ -134,7 +144,7 @@ class _Compiler(Compiler):
     _noalias = False
 
     def compile_extra(self, func: Any) -> Any:
-        with _uncollected():
+        with uncollected():
             return cast(Any, super()).compile_extra(func)
 
     def define_pipelines(self) -> Any:

@@ -1,5 +1,6 @@
 """How kernels are compiled."""
 
+import gc
 import os
 import shutil
 import subprocess
@@ -10,8 +11,10 @@ import numpy as np
 import pytest
 from numba import njit
 
-from optolever.decode import jit
+from optolever.decode import decode, jit
 from optolever.decode.jit import apart_kernel, fast_kernel, leaf_kernel, outer_kernel
+from optolever.errors import InputError
+from optolever.patterns import sequence
 
 
 @pytest.mark.parametrize("decorate", [leaf_kernel, fast_kernel, apart_kernel])
@@ -43,6 +46,23 @@ def test_outer_kernels_are_called_from_python():
         return left
 
     assert total(np.arange(4.0)) == 6
+
+
+@pytest.mark.parametrize("on", [True, False])
+def test_search_for_garbage_goes_on_as_before(on):
+    """After a decode, and after one that fails."""
+    assert gc.isenabled()
+    try:
+        if not on:
+            gc.disable()
+        shown = sequence("phase", 12, 16, periods=(24.0,))
+        decode(np.full((len(shown), 5, 6), 20, np.uint8), shown)
+        assert gc.isenabled() == on
+        with pytest.raises(InputError):
+            decode(np.zeros((1, 5, 6), np.uint8), shown)
+        assert gc.isenabled() == on
+    finally:
+        gc.enable()
 
 
 @pytest.mark.parametrize("elsewhere", [False, True])
