@@ -125,8 +125,8 @@ def only_within(dispatcher: Any) -> Any:
 
 @contextmanager
 def uncollected() -> Iterator[None]:
-    """Without the search for garbage in cycles: a compiler makes so many objects, nearly all of which live on,
-    that it would take a seventh of the time, and amid a decode it takes as long as many of its steps.
+    """Without the search for garbage in cycles: a compiler makes so many objects, nearly all of which live
+    on, that it would take a seventh of the time, and amid a decode it takes as long as many of its steps.
     """
     was_on = gc.isenabled()
     gc.disable()
