@@ -92,14 +92,12 @@ def _of_fringes(
     if len(slope):
         here = slope[np.clip(np.rint(fitted), 0, len(slope) - 1).astype(int)]
         residual /= np.sqrt(contrasts**2 @ (1.0 / here**2))
-    own, parameters, residual, fitted = (_pooled(each) for each in (own, parameters, residual, fitted))
-    keep = _clear(_lit(own, limit, _power(parameters)), _room(fitted, limit), residual)
-    return np.tile(parameters[0].take(keep), len(residual)), residual.take(keep, 1).ravel()
-
-
-def _pooled(each: Floats) -> Floats:
-    """(M, F K) of (F, M, K)."""
-    return each.swapaxes(0, 1).reshape(each.shape[1], -1)
+    told = []
+    for f, fit in enumerate(parameters):
+        at = _clear(_lit(own[f], limit, _power(fit)), _room(fitted[f], limit), residual[f])
+        told.append((np.tile(fit[0].take(at), len(residual[f])), residual[f].take(at, 1).ravel()))
+    level, rest = (np.concatenate(each) for each in zip(*told, strict=True))
+    return level, rest
 
 
 @lru_cache(maxsize=16)

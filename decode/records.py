@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
-    "MOST_ROWS",
     "ROWS_AROUND",
     "TILE",
     "AxisRecord",
@@ -32,7 +31,7 @@ TILE = 4096
 #: Pixels, about, and rows at most that are decoded along one axis before the other: with fewer, a kernel is
 #: handed all its records more often. Rows are a power of two, so that blocks of any number of threads are cut
 #: into the same tiles.
-_BATCH, MOST_ROWS = 16384, 16
+_BATCH, _MOST_ROWS = 16384, 16
 #: Lines of a tile that are not those of a period, and those of a period.
 LINES, OF_PERIOD = 14, 6
 #: Rows that are kept besides those worked on at once: those that wait for neighbours, and one beyond.
@@ -214,7 +213,7 @@ class Scratch(NamedTuple):
 
 def _at_once(width: int) -> int:
     """Rows of that width that are decoded along one axis before the other."""
-    return min(1 << (max(_BATCH // width, 1).bit_length() - 1), MOST_ROWS)
+    return min(1 << (max(_BATCH // width, 1).bit_length() - 1), _MOST_ROWS)
 
 
 def scratch(width: int, periods: int = 0, samples: int = 0) -> Scratch:

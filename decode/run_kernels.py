@@ -18,8 +18,8 @@ Array = NDArray[Any]
 RUN, LINES = 32, 6
 #: Runs that are looked at, about, in groups side by side (down columns, a line of the cache holds pixels of
 #: several); what spreads these evenly.
-RUNS, _BESIDE, _GOLDEN = 512, 8, 0.6180339887498949
-#: Lines, about, pairs of neighbours on each and least distance of these that tell along which axis a map
+_RUNS, _BESIDE, _GOLDEN = 512, 8, 0.6180339887498949
+#: _Lines, about, pairs of neighbours on each and least distance of these that tell along which axis a map
 #: changes; pixels of a line, about, that tell its gradients; of all lines, at most.
 _FEW, _PAIRS, _APART, _PLACES = 8, 16, 8, 128
 SOME = 2 * _FEW * 2 * _PLACES
@@ -30,7 +30,7 @@ _ROUGH = 0.75
 _ONE, _TWO, _HALF = np.float32(1), np.float32(2), np.float32(RUN // 2)
 
 
-class Lines(NamedTuple):
+class _Lines(NamedTuple):
     """A map that lies flat, as `lines` lines of `length` pixels that begin `apart` pixels from each other and
     go in steps of `step`."""
 
@@ -42,10 +42,10 @@ class Lines(NamedTuple):
 
 
 @leaf_kernel
-def lines_of(coord: Array, cols: int, down: bool) -> Lines:
+def _lines_of(coord: Array, cols: int, down: bool) -> _Lines:
     """Rows, or (down) columns, of a map that lies flat (pixels,)."""
     rows = len(coord) // cols
-    return Lines(coord, cols, rows, 1, cols) if down else Lines(coord, rows, cols, cols, 1)
+    return _Lines(coord, cols, rows, 1, cols) if down else _Lines(coord, rows, cols, cols, 1)
 
 
 @outer_kernel
@@ -66,15 +66,15 @@ def gather_runs(
     sample the cells evenly are left out: the number of the rest is returned. basis: orthonormal, of the
     parabolas over a run (3, RUN); room: (LINES, RUN), all float32.
     """
-    at, count = lines_of(coord, cols, down), 0
+    at, count = _lines_of(coord, cols, down), 0
     across = at.length // RUN
-    if at.lines * across <= RUNS:
+    if at.lines * across <= _RUNS:
         for i in range(at.lines * across):
             start = i // across * at.apart + i % across * RUN * at.step
             count += _gather(start, at.step, coord, sigma, flags, basis, room, told[:, count:])
         return count
     beside = min(_BESIDE, at.lines)
-    for group in range(across * max(1, RUNS // (across * beside))):
+    for group in range(across * max(1, _RUNS // (across * beside))):
         line = int(group * _GOLDEN % 1.0 * (at.lines - beside + 1))
         for i in range(line, line + beside):
             start = i * at.apart + group % across * RUN * at.step
@@ -85,7 +85,7 @@ def gather_runs(
 def most_runs(lines: int, length: int) -> int:
     """That gather_runs may look at."""
     across, beside = length // RUN, min(_BESIDE, lines)
-    return max(RUNS, across * max(1, RUNS // max(across * beside, 1)) * beside)
+    return max(_RUNS, across * max(1, _RUNS // max(across * beside, 1)) * beside)
 
 
 @leaf_kernel
@@ -194,12 +194,12 @@ def changes_down(coord: Array, cols: int, room: Array) -> bool:
     """Whether a map that lies flat changes more from row to row than from column to column: usual steps
     between neighbours on some lines. room: (SOME,), float32."""
     return bool(
-        _usual_step(lines_of(coord, cols, True), room) > _usual_step(lines_of(coord, cols, False), room)
+        _usual_step(_lines_of(coord, cols, True), room) > _usual_step(_lines_of(coord, cols, False), room)
     )
 
 
 @leaf_kernel
-def _usual_step(at: Lines, room: Array) -> float:
+def _usual_step(at: _Lines, room: Array) -> float:
     """Of those that are known; 0 where there are none."""
     apart, every, count = max(_APART, at.length // _PAIRS), max(1, at.lines // _FEW), 0
     for line in range(0, at.lines, every):
@@ -219,7 +219,7 @@ def large_variance(
     """The variance that this share of pixels on some lines does not exceed: table (K,), by the gradient in
     steps of 1 / per_cell, over `reach` pixels on that side where it is less, as pixels there may be wrong (0:
     none). room: (SOME,), float32."""
-    at, count = lines_of(coord, cols, down), 0
+    at, count = _lines_of(coord, cols, down), 0
     last = len(table) - 1
     for line in range(0, at.lines, max(1, at.lines // _FEW)):
         for x in range(0, at.length, max(1, at.length // _PLACES)):
