@@ -105,8 +105,7 @@ def _together(fringes: tuple[Fringe, ...]) -> tuple[NDArray[np.int64], Floats, F
     """Of fringes of N samples each: frames (F, N), models (F, N, 3), their pseudo-inverses (F, 3, N) and some
     contrasts that they do not reach (F, C, N)."""
     matrices = zip(*((f.design(), f.solve(), f.contrasts()[:_CONTRASTS]) for f in fringes), strict=True)
-    design, solve, contrasts = (np.stack(each) for each in matrices)
-    design, solve, contrasts = (each.astype(np.float32) for each in (design, solve, contrasts))
+    design, solve, contrasts = (np.stack(each).astype(np.float32) for each in matrices)
     return np.array([fringe.index for fringe in fringes]), design, solve, contrasts
 
 

@@ -19,7 +19,7 @@ RUN, LINES = 32, 6
 #: Runs that are looked at, about, in groups side by side (down columns, a line of the cache holds pixels of
 #: several); what spreads these evenly.
 _RUNS, _BESIDE, _GOLDEN = 512, 8, 0.6180339887498949
-#: _Lines, about, pairs of neighbours on each and least distance of these that tell along which axis a map
+#: Lines, about, pairs of neighbours on each and least distance of these that tell along which axis a map
 #: changes; pixels of a line, about, that tell its gradients; of all lines, at most.
 _FEW, _PAIRS, _APART, _PLACES = 8, 16, 8, 128
 SOME = 2 * _FEW * 2 * _PLACES

@@ -33,8 +33,8 @@ def least(values: Array, count: int, share: float) -> float:
     """The least of values[:count] >= 0 (float32) that this share of them does not exceed, as sample.quantile;
     0 of none.
 
-    Bit by bit from the first, as such numbers are in the order of their bits: to count thirty times in whole
-    vectors takes a fifth of the time of a selection, whose every comparison is a guess.
+    Bit by bit from the first, as such numbers are in the order of their bits: to count thirty times goes in
+    whole vectors, while a processor guesses every comparison of a selection wrong half the time.
     """
     if count == 0:
         return 0.0

@@ -112,7 +112,7 @@ def steps(lines: Map, below: Map, sigma: Map, apart: int) -> Steps:
     (rows, cols), every = lines.shape, max(1, lines.size // _FOOTPRINTS)
     few = max(1, cols // _BENDS)
     usual, room = np.empty(5), np.empty((3, rows * (cols // min(every, few) + 1)), np.float32)
-    usual_steps(lines, below, sigma, max(apart, 1.0), every, few, room, usual)
+    usual_steps(lines, below, sigma, float(max(apart, 1)), every, few, room, usual)
     along, down, bend, gradient, spread = usual.tolist()
     continuous = cols > 2 and bend < max(_BENT, 5 * spread, _ROUGH * gradient)
     return Steps(min(along + down, 8.0), continuous)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .jit import apart_kernel, inline_kernel, leaf_kernel
 
-__all__ = ["CERTAIN", "MUCH_FINER", "UNKNOWN", "add_doubt", "search_tile", "sequential_tile", "two_orders"]
+__all__ = ["CERTAIN", "MUCH_FINER", "UNKNOWN", "search_tile", "sequential_tile", "two_orders"]
 
 Array = NDArray[Any]
 
@@ -61,11 +61,11 @@ def sequential_tile(
         *(n, periods[0], periods[1], blended, turns[0], variance[0], turns[1], variance[1], guess),
         *(coord, spread, near, far, misfit, gap, order_error),
     ):
-        add_doubt(n, near, far, order_error)
+        _add_doubt(n, near, far, order_error)
     for g in range(2, len(periods)):
         blended = MUCH_FINER * periods[g] >= periods[g - 1]
         if _next_order(n, periods[g], blended, turns[g], variance[g], coord, spread, near, far, misfit):
-            add_doubt(n, near, far, order_error)
+            _add_doubt(n, near, far, order_error)
 
 
 @apart_kernel
@@ -182,7 +182,7 @@ def _next_order(
 
 
 @leaf_kernel
-def add_doubt(n: int, near: Array, far: Array, order_error: Array) -> None:
+def _add_doubt(n: int, near: Array, far: Array, order_error: Array) -> None:
     """Probability that another order is the right one: both neighbours, from chi squared (flat prior)."""
     for x in range(n):
         if near[x] < CERTAIN:

@@ -56,11 +56,23 @@ class _Unfinished(_Library):
         pass
 
 
-class _WideLower(Lower):
+class _MarkedLower(Lower):
+    """Functions with one more attribute of LLVM's."""
+
+    _mark: str
+
     def setup_function(self, fndesc: Any) -> None:
         usual: Any = super()
         usual.setup_function(fndesc)
-        set.add(self.function.attributes, _WIDTH)  # their own `add` knows attributes of one word only
+        set.add(self.function.attributes, self._mark)  # their own `add` knows attributes of one word only
+
+
+class _WideLower(_MarkedLower):
+    _mark = _WIDTH
+
+
+class _OnceLower(_MarkedLower):
+    _mark = "noinline"
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
@@ -87,13 +99,6 @@ class _Within(NativeLowering):
         state.targetctx.insert_user_function(part, state.cr.fndesc, [state.library])
         state.cr = state.cr._replace(cfunc=part)
         return True
-
-
-class _OnceLower(Lower):
-    def setup_function(self, fndesc: Any) -> None:
-        usual: Any = super()
-        usual.setup_function(fndesc)
-        self.function.attributes.add("noinline")
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
@@ -125,8 +130,9 @@ def only_within(dispatcher: Any) -> Any:
 
 @contextmanager
 def uncollected() -> Iterator[None]:
-    """Without the search for garbage in cycles: a compiler makes so many objects, nearly all of which live
-    on, that it would take a seventh of the time, and amid a decode it takes as long as many of its steps.
+    """Without the search for garbage in cycles, on all threads: a compiler makes so many objects, nearly all
+    of which live on, that it would take a seventh of the time. Around all kernels that a call may compile, so
+    that there is one search after them and not one after each.
     """
     was_on = gc.isenabled()
     gc.disable()

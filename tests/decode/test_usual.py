@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from optolever.decode.blur_kernels import digest
 from optolever.decode.jit import outer_kernel
+from optolever.decode.noise_kernels import robust_variances
 from optolever.decode.run_kernels import SOME, changes_down, large_variance
 from optolever.decode.sample import sampled
 from optolever.decode.select_kernels import least
@@ -111,6 +112,19 @@ def test_contrasts_in_few_numbers() -> None:
     assert used == near.sum() < 495
     np.testing.assert_allclose(room[0, :used], seen[0, near], rtol=1e-6)
     np.testing.assert_allclose(room[1, :used], (seen[1] - np.rint(seen[1]))[near], atol=1e-6)
+
+
+def test_outliers_do_not_move_a_variance() -> None:
+    residual = np.random.default_rng(7).normal(0, 2.0, (3, 4000)).astype(np.float32)
+    residual[0, ::10], residual[2] = 90.0, 0.0
+    found = np.empty(3)
+    robust_variances(residual, np.empty(4000, np.float32), found)
+    for own, got in zip(residual.astype(np.float64), found, strict=True):
+        variance = (1.4826 * middle(np.abs(own)) + 0.5) ** 2
+        for _ in range(3):
+            variance = np.mean(own[own**2 < 16 * variance] ** 2) if variance > 0 else 0.0
+        assert got == pytest.approx(variance, rel=1e-5)
+    assert found[:2] == pytest.approx(4.0, rel=0.1)
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
