@@ -11,7 +11,18 @@ from .fit_kernels import fit_tile, variance_of
 from .flag_kernels import code_flags, common_tile, finest_tile, flag_fit, outlier_rows
 from .jit import apart_kernel, fast_kernel, inline_kernel, leaf_kernel
 from .pair_kernels import pair_tile
-from .records import LINES, TILE, AxisRecord, Camera, CellLines, CodeRecord, FringeRecord, Scratch, Shared
+from .records import (
+    LINES,
+    NOUGHT,
+    TILE,
+    AxisRecord,
+    Camera,
+    CellLines,
+    CodeRecord,
+    FringeRecord,
+    Scratch,
+    Shared,
+)
 from .refit_kernels import refit
 from .stream_kernels import stream_widened
 from .unwrap_kernels import MUCH_FINER, search_tile, sequential_tile
@@ -22,7 +33,7 @@ Array = NDArray[Any]
 
 # lines of Scratch.lines; behind them a, c, s of all periods, then their turns, variances and misfits
 _PLACE, _SPREAD, _DOUBT, _GUESS, _HALF, _MIDDLE, _FAR, _UP, _DOWN = range(9)
-_GAP, _AGREEMENT, _STEP, _MARGIN, _SPARE = range(9, LINES)
+_GAP, _AGREEMENT, _STEP, _MARGIN, _SPARE = range(9, NOUGHT)
 
 
 @leaf_kernel
@@ -163,8 +174,6 @@ def _pair(
             *((fringes.misfit[0], read2, gain), sums[3], sums[4], sums[5], variance[1], misfit[1]),
             *(lines[_PLACE], lines[_SPREAD], lines[_AGREEMENT], scratch.words[1]),
         )
-        lines[_GAP, :n] = np.float32(0)
-        lines[_DOUBT, :n] = np.float32(0)
         return bool(np.float32(top) < np.float32(camera.clip) and not close)
     return False
 
@@ -183,11 +192,12 @@ def _fringes(
     """Phases of a tile, unwrapped, into the maps."""
     if fringes is None:
         return
-    if not _pair(first, n, fringes.pair, camera, fringes, axis, scratch):
+    paired = _pair(first, n, fringes.pair, camera, fringes, axis, scratch)
+    if not paired:
         _fit(first, n, camera, fringes, scratch)
         _unwrap(n, code, fringes.searched, fringes, axis, scratch)
         _flag_others(n, camera, fringes, scratch)
-    _finish(first, n, camera, fringes, axis, shared, scratch)
+    _finish(first, n, not paired, camera, fringes, axis, shared, scratch)
 
 
 @inline_kernel
@@ -205,21 +215,23 @@ def _flag_others(n: int, camera: Camera, fringes: FringeRecord, scratch: Scratch
 def _finish(
     first: int,
     n: int,
+    doubtful: bool,
     camera: Camera,
     fringes: FringeRecord,
     axis: AxisRecord,
     shared: Shared,
     scratch: Scratch,
 ) -> None:
-    """Flags of unwrapped fringes, what the display shifts, and the maps."""
+    """Flags of unwrapped fringes (doubtful: some orders may be), what the display shifts, and the maps."""
     lines = scratch.lines
-    place, spread, doubt = lines[_PLACE], lines[_SPREAD], lines[_DOUBT]
+    place, spread = lines[_PLACE], lines[_SPREAD]
+    doubt, gap = lines[_DOUBT if doubtful else NOUGHT], lines[_GAP if doubtful else NOUGHT]
     last = len(fringes.periods) - 1
     sums, _, variance, misfit = _of_periods(last + 1, lines)
     worst = fringes.misfit[last]
     finest_tile(
         *(n, axis.joined, camera, worst, fringes.disagreement, fringes.reach, np.float32(axis.extent)),
-        *(sums[3 * last :], variance[last], misfit[last], lines[_AGREEMENT], doubt, lines[_GAP]),
+        *(sums[3 * last :], variance[last], misfit[last], lines[_AGREEMENT], doubt, gap),
         *(place, spread, scratch.words[1], first, shared),
     )
     _write(first, n, camera.floor, fringes.shown, place, spread, axis, shared, scratch)

@@ -135,29 +135,28 @@ def stairs_matter(stairs: Stairs, coord: Map, sigma: Map) -> bool:
         return True
     if stairs.at_most < _NEGLIGIBLE:
         return False
-    square = _squares(stairs.at_most)
-    lines, by_gradient = (coord.reshape(-1), coord.shape[1], stairs.down), square[:, 0] @ square
+    lines, table = (coord.reshape(-1), coord.shape[1], stairs.down), _squares()
+    by_gradient = (_harmonics(stairs.at_most) ** 2 * table[:, 0]) @ table
     most = large_variance(*lines, _REACHES[0][0], by_gradient, 1 / _FINE, _MOST, np.empty(SOME, np.float32))
     return bool(most >= (_SLIGHT * _usual(sigma)) ** 2)
 
 
-def _squares(left: float) -> F64:
-    """What each harmonic (K,) of stairs of that T may add to a coordinate's variance, by the footprint along
-    one side (K, W); for both sides their product."""
-    k = np.arange(1, _TERMS + 1)[:, None]
-    height = left ** (k * k / 2) * _sincs() / np.sqrt(np.sqrt(2) * np.pi * k)
-    return np.asarray(height**2)
-
-
 @cache
-def _sincs() -> F64:
-    """What footprints leave of the harmonics (K, W)."""
-    return np.asarray(np.sinc(np.arange(1, _TERMS + 1)[:, None] * np.arange(0, _WIDEST, _FINE)))
+def _squares() -> F64:
+    """What each harmonic (K,) of stairs that no blur has lowered may add to a coordinate's variance, by the
+    footprint along one side (K, W); for both sides their product."""
+    k = np.arange(1, _TERMS + 1)[:, None]
+    return np.asarray(np.sinc(k * np.arange(0, _WIDEST, _FINE)) ** 2 / (np.sqrt(2) * np.pi * k))
+
+
+def _harmonics(left: float) -> F64:
+    """What blur of that T leaves of the square root of each harmonic's variance (K,)."""
+    return np.asarray(left ** np.arange(1, _TERMS + 1) ** 2)
 
 
 def _widen(left: float, coord: Map, sigma: Map) -> None:
     """Add the stairs themselves to sigma, in place, where they may be there and nobody knows."""
-    square = _squares(left)
+    square = _harmonics(left)[:, None] * _squares()
     variance = square.T @ square
 
     def work(start: int, stop: int) -> None:

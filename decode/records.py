@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "NOUGHT",
     "ROWS_AROUND",
     "TILE",
     "AxisRecord",
@@ -32,8 +33,9 @@ TILE = 4096
 #: handed all its records more often. Rows are a power of two, so that blocks of any number of threads are cut
 #: into the same tiles.
 _BATCH, _MOST_ROWS = 16384, 16
-#: Lines of a tile that are not those of a period, and those of a period.
-LINES, OF_PERIOD = 14, 6
+#: Lines of a tile that are not those of a period, and those of a period; the former's last one holds zeros.
+LINES, OF_PERIOD = 15, 6
+NOUGHT = LINES - 1
 #: Rows that are kept besides those worked on at once: those that wait for neighbours, and one beyond.
 ROWS_AROUND = 8
 #: Bytes of a vector: what is not laid out by it takes two accesses each.
@@ -234,6 +236,7 @@ def scratch(width: int, periods: int = 0, samples: int = 0) -> Scratch:
         taken.append(room[start : start + size].view(kind).reshape(count, length))
         start += size
     line, word, mark, linear, across, wide, kept = taken
+    line[NOUGHT] = 0
     return Scratch(
         *(line, word, mark, linear[:, None], np.empty((3, 4)), across[0, :width], wide[0, :width]),
         kept.reshape(2, rows, padded)[:, :, :width],

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import fast_kernel, leaf_kernel, outer_kernel
+from .jit import apart_kernel, fast_kernel, leaf_kernel, outer_kernel
 from .select_kernels import least
 from .wave_kernels import cosine_sine
 
@@ -96,7 +96,7 @@ def _gather(
     run, fit, spread = room[0], room[1], room[2]
     if not _fetch(start, step, coord, sigma, flags, run, spread):
         return 0
-    noise = _middle(spread)
+    noise = _middle(spread, room[3])
     gradient, rough = _smooth(run, basis, fit)
     if gradient <= _FLAT or not rough < _ROUGH + 4 * noise:
         return 0
@@ -129,16 +129,20 @@ def _fetch(
     return True
 
 
-@fast_kernel
-def _middle(values: Array) -> float:
-    """The upper one of the two in the middle, of RUN values: the least that half of them do not exceed."""
+@apart_kernel
+def _middle(values: Array, count: Array) -> float:
+    """The upper one of the two in the middle, of RUN values: the least that half of them do not exceed.
+    count: room."""
+    for x in range(RUN):
+        count[x] = np.float32(0)
+    for y in range(RUN):
+        one = values[y]
+        for x in range(RUN):
+            count[x] += _ONE if one <= values[x] else np.float32(0)
     middle = np.float32(np.inf)
     for x in range(RUN):
-        value, count = values[x], np.float32(0)
-        for y in range(RUN):
-            count += _ONE if values[y] <= value else np.float32(0)
-        if count > _HALF and value < middle:
-            middle = value
+        value = values[x] if count[x] > _HALF else np.float32(np.inf)
+        middle = value if value < middle else middle
     return float(middle)
 
 
