@@ -12,8 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .creases import Doubt
-from .edges import increments
+from .edges import Doubt, increments
 
 __all__ = ["correlation_excess"]
 

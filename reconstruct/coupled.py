@@ -14,8 +14,8 @@ from .alternatives import DirectEdges, MarchedEdges, march_variance
 from .anchors import Anchors
 from .calibration import rest_corrected
 from .correlation import correlation_excess
-from .creases import Doubt, edge_doubt, widened
-from .edges import edge_weights
+from .creases import edge_doubt, widened
+from .edges import Doubt, edge_weights
 from .heightmap import HeightFlag, HeightMap
 from .holes import bridged, noise_gain
 from .newton import Options, State, coarse_start, solve

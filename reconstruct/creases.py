@@ -4,9 +4,10 @@ An edge's increment comes from the cubic through four slopes, two on either side
 on one side up to the edge, the slopes of that side alone, extrapolated (Adams-Bashforth, three pixels), give
 the same increment. Where neither side does, slopes jump inside the edge (a cusp, a ridge, the rim of a
 contact) or one of its pixels is wrong, and the smaller of the two differences is about what the increment may
-be off by: the doubt. Its square joins the edge's variance, so that the solve goes around the crease, and what
-can only be reached across it gets a sigma that says so. What the cubic misses of a smooth curve, fourth
-differences tell; that joins the doubt.
+be off by: the doubt. The edges before and after share it, as which of them the slopes jump in is not sure. Its
+square joins the edge's variance, so that the solve goes around the crease, and what can only be reached across
+it gets a sigma that says so. What the cubic misses of a smooth curve, fourth differences tell; that joins the
+doubt.
 """
 
 import cv2
@@ -17,13 +18,13 @@ from numpy.typing import NDArray
 
 from optolever.blocks import over_image
 
-from .edges import _stencil, curl
+from .edges import Doubt, _stencil, curl
 
-__all__ = ["Doubt", "edge_doubt", "touched", "widened"]
+__all__ = ["edge_doubt", "touched", "widened"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Doubt = tuple[Floats, Floats]
+Pair = tuple[Floats, Floats]
 
 SIGMAS = 5.0  # of the difference's own noise: both sides exceed it by chance in no edge of a megapixel
 FAINT = 2.0  # of the same, for edges that continue a crease
@@ -47,6 +48,7 @@ _CERTAIN, _ABRUPT = 8.0, 0.2  # of its noise, of the largest step: what one side
 _ONE_SIDED = 0.25  # of that, at most, what the other side misses
 _KINK = 0.5  # of what one side alone misses, at the edge of three where it misses most
 _FEEBLE = 0.5  # of a slope's sigma
+_BY_ACCIDENT = 0.05  # of the doubt beside: an edge in less doubt lies beside a crease, and not in it
 
 
 def edge_doubt(
@@ -59,8 +61,7 @@ def edge_doubt(
     suspects: Mask | None = None,
     quick: bool = False,
 ) -> Doubt | None:
-    """What every edge's increment may be off by beyond its noise, (H, W) along columns and rows;
-    None if no edge is doubtful.
+    """The doubts of slopes p, q (H, W); None if no edge is doubtful.
 
     noise: what the slopes' noise really is, over what the variances say; suspects (H, W): pixels that are
     blamed for a curl and yet in use; quick: look first whether the slopes' third differences stand out
@@ -86,14 +87,25 @@ def edge_doubt(
     found[0] = False
     near = scipy.ndimage.maximum_filter(sure, _BESIDE)
     dx, dy = (
-        np.maximum(np.where(near, plain, np.where(found[parts], doubt, 0.0)), bend)
-        for doubt, plain, bend in ((dx, plain_x, bend_x), (dy, plain_y, bend_y))
+        np.where(near, plain, np.where(found[parts], doubt, 0.0))
+        for doubt, plain in ((dx, plain_x), (dy, plain_y))
     )
+    own = np.maximum(dx, bend_x), np.maximum(dy, bend_y)
+    wide = np.maximum(_beside(dx, 1), bend_x), np.maximum(_beside(dy, 0), bend_y)
     if suspects is not None and blamed:
-        more = np.where(suspects, _BLAME * _largest_curl(p, q, mask), 0.0)
-        dx, dy = np.maximum(dx, more), np.maximum(dy, more)
-        dx[:, :-1], dy[:-1] = np.maximum(dx[:, :-1], more[:, 1:]), np.maximum(dy[:-1], more[1:])
-    return _shared(dx, mask), _shared(dy.T, mask.T).T.copy()
+        curls = np.where(suspects, _BLAME * _largest_curl(p, q, mask), 0.0)
+        own, wide = _blamed(own, curls), _blamed(wide, curls)
+    return Doubt(*_shared(wide, mask), _shared(own, mask))
+
+
+def _beside(doubt: Floats, along: int) -> Floats:
+    """Doubts at least as large as those of the edges before and after, unless these say nothing of an edge.
+
+    Where a crease curves through the pixels, one side explains the very edge it lies in by accident, time and
+    again, and always when that is off to the same side: the next edge is in doubt instead.
+    """
+    most = scipy.ndimage.maximum_filter1d(doubt, 3, axis=along)
+    return np.where(doubt > _BY_ACCIDENT * most, most, doubt)
 
 
 def _largest_curl(p: Floats, q: Floats, mask: Mask) -> Floats:
@@ -105,8 +117,20 @@ def _largest_curl(p: Floats, q: Floats, mask: Mask) -> Floats:
     return largest
 
 
-def _shared(doubt: Floats, mask: Mask) -> Floats:
+def _blamed(doubt: Pair, curls: Floats) -> Pair:
+    """With the edges of pixels that are blamed for curls (H, W; 0: of others)."""
+    dx, dy = (np.maximum(part, curls) for part in doubt)
+    dx[:, :-1], dy[:-1] = np.maximum(dx[:, :-1], curls[:, 1:]), np.maximum(dy[:-1], curls[1:])
+    return dx, dy
+
+
+def _shared(doubt: Pair, mask: Mask) -> Pair:
     """The doubts, and their share in the cubics of the edges before and after."""
+    dx, dy = doubt
+    return _shared_along(dx, mask), _shared_along(dy.T, mask.T).T.copy()
+
+
+def _shared_along(doubt: Floats, mask: Mask) -> Floats:
     wide = doubt.copy()
     np.maximum(wide[:, 1:], _SHARE * doubt[:, :-1], out=wide[:, 1:])
     np.maximum(wide[:, :-1], _SHARE * doubt[:, 1:], out=wide[:, :-1])
@@ -168,6 +192,10 @@ def widened(doubt: Doubt, bridged: Mask) -> Doubt:
     """Edges of interpolated pixels get the largest doubt nearby: nobody saw what is between."""
     if not bridged.any():
         return doubt
+    return Doubt(*_widened(doubt[:2], bridged), None if doubt.own is None else _widened(doubt.own, bridged))
+
+
+def _widened(doubt: Pair, bridged: Mask) -> Pair:
     dx, dy = doubt
     near = np.maximum(dx, dy)
     near[:, 1:] = np.maximum(near[:, 1:], dx[:, :-1])

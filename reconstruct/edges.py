@@ -8,6 +8,7 @@ trapezoid where fewer than four neighbours stand.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,6 +18,7 @@ from optolever.blocks import over_image
 from optolever.compiling import Apart
 
 __all__ = [
+    "Doubt",
     "apply_laplacian",
     "curl",
     "defects",
@@ -30,6 +32,15 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _NONE = np.zeros((1, 1))
+
+
+class Doubt(NamedTuple):
+    """What every edge's increment may be off by beyond its noise (see `creases`), (H, W): x along columns, y
+    along rows; own: both, as the edges tell by themselves (None: as x and y)."""
+
+    x: Floats
+    y: Floats
+    own: tuple[Floats, Floats] | None = None
 
 
 def increments(p: Floats, q: Floats, mask: Mask) -> tuple[Floats, Floats]:
@@ -65,13 +76,13 @@ def edge_weights(
     var_q: Floats,
     root: Floats,
     mask: Mask,
-    doubt: tuple[Floats, Floats] | None = None,
+    doubt: Doubt | None = None,
 ) -> tuple[Floats, Floats]:
     """Weights (E_i E_j) / var_edge of the edges, var_edge the mean of its two pixels' slope variances
-    and the square of the edge's doubt (see `creases`).
+    and the square of the edge's doubt.
     """
     wx, wy = np.empty(var_p.shape), np.empty(var_p.shape)
-    dx, dy = (_NONE, _NONE) if doubt is None else doubt
+    dx, dy = (_NONE, _NONE) if doubt is None else doubt[:2]
     over_image(
         lambda start, stop: _edge_weights(var_p, var_q, root, mask, dx, dy, wx, wy, start, stop),
         var_p.shape,

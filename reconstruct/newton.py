@@ -16,8 +16,7 @@ import scipy.ndimage
 from numpy.typing import NDArray
 
 from .anchors import Samples
-from .creases import Doubt
-from .edges import defects, edge_weights, factor_increments
+from .edges import Doubt, defects, edge_weights, factor_increments
 from .linear import EdgeProblem, edge_problem
 from .measured import Measured
 from .pinning import AnchorRows, anchor_rows, free_constants

@@ -8,7 +8,8 @@ from scipy.ndimage import binary_dilation
 
 from optolever.decode import Flag
 
-from .creases import Doubt, touched
+from .creases import touched
+from .edges import Doubt
 from .fringe import extended
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .newton import State

@@ -10,8 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .creases import Doubt
-from .edges import defects, edge_weights
+from .edges import Doubt, defects, edge_weights
 from .newton import Options, State, solve
 from .problem import Problem
 
@@ -38,7 +37,7 @@ def reweighted(problem: Problem, state: State, options: Options) -> State:
         before, scale = scale, max(_scale(((rx, wx), (ry, wy))), _LEAST)
         if abs(before - scale) <= _SETTLED * scale:
             break
-        doubt = (np.abs(rx) / (_CAUCHY * scale), np.abs(ry) / (_CAUCHY * scale))
+        doubt = Doubt(np.abs(rx) / (_CAUCHY * scale), np.abs(ry) / (_CAUCHY * scale))
         state = solve(data, problem.samples, problem.labels, state.w, once, doubt)
     if doubt is not None:
         state = solve(data, problem.samples, problem.labels, state.w, options, doubt)

@@ -51,7 +51,7 @@ def _drawn(data: Measured, state: State, labels: Labels, rng: np.random.Generato
     errors = np.where(mask, noisy_p - p, 0.0), np.where(mask, noisy_q - q, 0.0)
     edges = None
     if state.doubt is not None:
-        dx, dy = state.doubt
+        dx, dy = state.doubt[:2]
         edges = dx * rng.standard_normal(mask.shape), dy * rng.standard_normal(mask.shape)
     known = state.rows.sigma * rng.standard_normal(state.rows.sigma.shape)
     return response(data, labels, state, errors, edges, known)

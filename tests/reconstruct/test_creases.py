@@ -7,6 +7,7 @@ import pytest
 
 from optolever.reconstruct import HeightFlag, reconstruct
 from optolever.reconstruct.creases import edge_doubt, widened
+from optolever.reconstruct.edges import Doubt
 from optolever.reconstruct.ways import reached_across
 
 WHOLE = np.ones((20, 30), dtype=bool)
@@ -63,7 +64,7 @@ def test_paths_from_the_anchor_take_the_least_doubtful_way() -> None:
     dx = np.zeros((20, 30))
     dx[:, 10] = 3.0
     dx[7, 10] = 2.0
-    found = reached_across((dx, np.zeros((20, 30))), np.ones((1, 1)), WHOLE, np.array([0]))
+    found = reached_across(Doubt(dx, np.zeros((20, 30))), np.ones((1, 1)), WHOLE, np.array([0]))
     np.testing.assert_array_equal(found, np.where(np.arange(30) > 10, 4.0, 0.0) + np.zeros((20, 1)))
 
 
@@ -72,7 +73,7 @@ def test_interpolated_pixels_share_the_doubt_around_them() -> None:
     dx[5, 5] = 1.0
     bridged = np.zeros((20, 30), dtype=bool)
     bridged[5, 7] = bridged[15, 20] = True
-    wide_x, wide_y = widened((dx, dy), bridged)
+    wide_x, wide_y, _ = widened(Doubt(dx, dy), bridged)
     assert wide_x[5, 6] == wide_x[5, 7] == wide_y[5, 7] == wide_y[4, 7] == 1.0
     assert not wide_x[15].any()
 

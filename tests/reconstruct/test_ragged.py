@@ -6,6 +6,7 @@ import numpy as np
 
 from optolever.decode import Correspondence
 from optolever.reconstruct import HeightFlag, reconstruct
+from optolever.reconstruct.edges import Doubt
 from optolever.reconstruct.outliers import lone
 from optolever.reconstruct.ways import cut_off
 
@@ -48,18 +49,18 @@ def test_cut_off_by_doubts_and_missing_pixels_together() -> None:
     limits = np.full((20, 20), 0.5), np.full((20, 20), 0.5)
     anchors = np.array([0])
     lost = np.zeros_like(mask)
-    assert not cut_off((dx, dy), limits, mask, anchors, lost).any()
+    assert not cut_off(Doubt(dx, dy), limits, mask, anchors, lost).any()
     beside = lost.copy()
     beside[10, 10] = True  # in the middle, it has no part in it
-    assert not cut_off((dx, dy), limits, mask & ~beside, anchors, beside).any()
+    assert not cut_off(Doubt(dx, dy), limits, mask & ~beside, anchors, beside).any()
     mask[10, 5] = False
     lost[10, 5] = True
-    away = cut_off((dx, dy), limits, mask, anchors, lost)
+    away = cut_off(Doubt(dx, dy), limits, mask, anchors, lost)
     expected = np.zeros_like(mask)
     expected[5:15, 5:15] = True
     np.testing.assert_array_equal(away, expected & mask)
     dx[7, 14] = 0.0  # a way out
-    assert not cut_off((dx, dy), limits, mask, anchors, lost).any()
+    assert not cut_off(Doubt(dx, dy), limits, mask, anchors, lost).any()
 
 
 def test_a_missing_pixel_flags_none_but_itself(exact) -> None:
