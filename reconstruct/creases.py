@@ -4,10 +4,9 @@ An edge's increment comes from the cubic through four slopes, two on either side
 on one side up to the edge, the slopes of that side alone, extrapolated (Adams-Bashforth, three pixels), give
 the same increment. Where neither side does, slopes jump inside the edge (a cusp, a ridge, the rim of a
 contact) or one of its pixels is wrong, and the smaller of the two differences is about what the increment may
-be off by: the doubt. The edges before and after share it, as which of them the slopes jump in is not sure. Its
-square joins the edge's variance, so that the solve goes around the crease, and what can only be reached across
-it gets a sigma that says so. What the cubic misses of a smooth curve, fourth differences tell; that joins the
-doubt.
+be off by: the doubt. Edges beside share it, as in which of them the slopes jump is not sure. Its square joins
+the edge's variance, so that the solve goes around the crease, and what can only be reached across it gets a
+sigma that says so. What the cubic misses of a smooth curve, fourth differences tell; that joins the doubt.
 """
 
 import cv2
@@ -48,7 +47,7 @@ _CERTAIN, _ABRUPT = 8.0, 0.2  # of its noise, of the largest step: what one side
 _ONE_SIDED = 0.25  # of that, at most, what the other side misses
 _KINK = 0.5  # of what one side alone misses, at the edge of three where it misses most
 _FEEBLE = 0.5  # of a slope's sigma
-_BY_ACCIDENT = 0.05  # of the doubt beside: an edge in less doubt lies beside a crease, and not in it
+_BY_ACCIDENT = 0.1  # of the doubt beside: next to a jump within one edge, an edge misses a twelfth of that
 
 
 def edge_doubt(
@@ -79,7 +78,8 @@ def edge_doubt(
     parts, count = scipy.ndimage.label(doubtful, structure=np.ones((3, 3)))
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
-    sure |= (sizes >= _CHAIN)[parts]
+    long = (sizes >= _CHAIN)[parts]
+    sure |= long
     if not (blamed or bends or sure.any()):
         return None
     found = np.zeros(count + 1, dtype=np.bool_)
@@ -90,21 +90,24 @@ def edge_doubt(
         np.where(near, plain, np.where(found[parts], doubt, 0.0))
         for doubt, plain in ((dx, plain_x), (dy, plain_y))
     )
+    lines = scipy.ndimage.maximum_filter(long, _BESIDE)
     own = np.maximum(dx, bend_x), np.maximum(dy, bend_y)
-    wide = np.maximum(_beside(dx, 1), bend_x), np.maximum(_beside(dy, 0), bend_y)
+    wide = np.maximum(_beside(dx, 1, lines), bend_x), np.maximum(_beside(dy, 0, lines), bend_y)
     if suspects is not None and blamed:
         curls = np.where(suspects, _BLAME * _largest_curl(p, q, mask), 0.0)
         own, wide = _blamed(own, curls), _blamed(wide, curls)
     return Doubt(*_shared(wide, mask), _shared(own, mask))
 
 
-def _beside(doubt: Floats, along: int) -> Floats:
-    """Doubts at least as large as those of the edges before and after, unless these say nothing of an edge.
+def _beside(doubt: Floats, along: int, lines: Mask) -> Floats:
+    """Doubts at least as large as those of the edges before and after, along lines (H, W) of doubts also of
+    those beside, unless these say nothing of an edge.
 
     Where a crease curves through the pixels, one side explains the very edge it lies in by accident, time and
     again, and always when that is off to the same side: the next edge is in doubt instead.
     """
     most = scipy.ndimage.maximum_filter1d(doubt, 3, axis=along)
+    most = np.where(lines, scipy.ndimage.maximum_filter(doubt, 3), most)
     return np.where(doubt > _BY_ACCIDENT * most, most, doubt)
 
 

@@ -42,6 +42,11 @@ class Doubt(NamedTuple):
     y: Floats
     own: tuple[Floats, Floats] | None = None
 
+    @property
+    def alone(self) -> "Doubt":
+        """As the edges tell by themselves."""
+        return self if self.own is None else Doubt(*self.own)
+
 
 def increments(p: Floats, q: Floats, mask: Mask) -> tuple[Floats, Floats]:
     """Edge increments of the slopes p (along columns) and q (along rows), each (H, W)."""

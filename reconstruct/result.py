@@ -73,11 +73,11 @@ def height_map(
     steep = np.zeros(outer.mask.shape, dtype=np.bool_)
     if doubt is not None:
         anchors = state.rows.pixel[state.share > 0]
-        more = reached_across(doubt, state.root, data.mask, anchors)
+        more, told = (reached_across(each, state.root, data.mask, anchors) for each in (doubt, doubt.alone))
         limits = _STEEP * np.sqrt(state.variances[0]), _STEEP * np.sqrt(state.variances[1])
         lost = ~data.mask | problem.bridged
-        away = cut_off(doubt, limits, data.mask, anchors, lost)
-        steep[problem.core] = away | (touched(doubt) & (more > (_STEEP**2) * variance))
+        away = cut_off(doubt.alone, limits, data.mask, anchors, lost)
+        steep[problem.core] = away | (touched(doubt) & (told > (_STEEP**2) * variance))
         variance = variance + more
     w, variance, known = extended(outer, problem.core, state.w, variance, data.mask)
     distance, sigma = outer.distance(w), np.sqrt(variance)

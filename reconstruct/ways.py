@@ -43,10 +43,9 @@ def cut_off(
     any height may hide between two pixels: no doubt is large enough. Where none is missing along the line,
     sigma holds what it leaves (reached_across). lost: pixels that were not seen.
     """
-    own_x, own_y = doubt.own or doubt[:2]
     index = np.arange(mask.size).reshape(mask.shape)
     inner = (mask[:, :-1] & mask[:, 1:], mask[:-1] & mask[1:])
-    open_x, open_y = inner[0] & (own_x <= limit[0])[:, :-1], inner[1] & (own_y <= limit[1])[:-1]
+    open_x, open_y = inner[0] & (doubt[0] <= limit[0])[:, :-1], inner[1] & (doubt[1] <= limit[1])[:-1]
     tail = np.concatenate([index[:, :-1][open_x], index[:-1][open_y]])
     head = np.concatenate([index[:, 1:][open_x], index[1:][open_y]])
     graph = scipy.sparse.coo_array((np.ones(tail.size), (tail, head)), shape=(mask.size, mask.size))
