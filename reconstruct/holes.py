@@ -112,8 +112,9 @@ _NEVER = np.iinfo(np.int64).max
 def _plan(order, at, sources, weights):  # type: ignore[no-untyped-def]
     """Which pass fills a pixel (order: 0 known, later the pass), from what and with what weights.
 
-    Mean over the axes of cubic interpolation or, where an axis has no second neighbours, linear; where no
-    axis has both sides and no other pixel of the pass has, linear extrapolation or the neighbour's value.
+    Mean over the axes of cubic interpolation across this pixel or, failing that, across it and one beside
+    it; where no axis has second neighbours, linear interpolation; where no axis has both sides and no other
+    pixel of the pass has, linear extrapolation or the neighbour's value.
     """
     left = at.shape[0]
     turn, sided = 0, True
@@ -150,14 +151,25 @@ def _is_known(order, i, j, turn):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
+def _pair(order, i, j, di, dj, turn):  # type: ignore[no-untyped-def]
+    """Distance, 1 or 2, of the nearest two known pixels in a row on that side; 0: there are none."""
+    for away in (1, 2):
+        first = _is_known(order, i + away * di, j + away * dj, turn)
+        if first and _is_known(order, i + (away + 1) * di, j + (away + 1) * dj, turn):
+            return away
+        if first:
+            return 0
+    return 0
+
+
+@njit(cache=True, nogil=True)
 def _kind(order, i, j, axis, turn):  # type: ignore[no-untyped-def]
+    """4, 3: cubic across one pixel, two; 2: linear; 1: from one side; 0: nothing beside."""
     di, dj = (1, 0) if axis == 0 else (0, 1)
-    sides, fars = 0, 0
-    for sign in (-1, 1):
-        if _is_known(order, i + sign * di, j + sign * dj, turn):
-            sides += 1
-            fars += 1 if _is_known(order, i + 2 * sign * di, j + 2 * sign * dj, turn) else 0
-    return 3 if sides == 2 and fars == 2 else sides
+    before, after = _pair(order, i, j, -di, -dj, turn), _pair(order, i, j, di, dj, turn)
+    if before > 0 and after > 0 and before + after <= 3:
+        return 6 - before - after
+    return int(_is_known(order, i - di, j - dj, turn)) + int(_is_known(order, i + di, j + dj, turn))
 
 
 @njit(cache=True, nogil=True)
@@ -166,12 +178,15 @@ def _weigh(order, i, j, axis, turn, kind, share, source, weight):  # type: ignor
     cols = order.shape[1]
     for side in range(2):
         sign = 2 * side - 1
-        a, b = i + sign * di, j + sign * dj
+        away = 1 if kind != 3 else _pair(order, i, j, sign * di, sign * dj, turn)
+        a, b = i + away * sign * di, j + away * sign * dj
         if not _is_known(order, a, b, turn):
             continue
         near, far = 0.5, 0.0
-        if kind == 3:
+        if kind == 4:
             near, far = 4.0 / 6.0, -1.0 / 6.0
+        elif kind == 3:
+            near, far = (1.0, -0.3) if away == 1 else (0.5, -0.2)
         elif kind == 1:
             near = 1.0
             if _is_known(order, a + sign * di, b + sign * dj, turn):
