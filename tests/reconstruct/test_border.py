@@ -43,6 +43,40 @@ def test_bridges_are_exact_for_cubics(exact) -> None:
     assert np.isfinite(filled.v).all()
 
 
+def test_slits_of_two_pixels_are_bridged_from_both_sides(exact) -> None:
+    """Exactly for cubics across them, with a sigma that knows how much they bend there; also where the slit
+    goes around an island."""
+    scene, _, correspondence = exact("paper-simulation", "flat", 40, 48)
+    data = prepare(correspondence, scene).outer
+    y, x = np.mgrid[:40, :48] / 10.0
+    field, straight = 2 + x - 0.3 * y + 0.2 * (x - 1.2) ** 3, 2 + x - 0.3 * y
+    holes = np.zeros((40, 48), dtype=bool)
+    holes[:, 20:22] = True
+    found = [
+        bridged(replace(data, u=np.where(holes, np.nan, u), v=np.where(holes, np.nan, u), mask=~holes), holes)
+        for u in (field, straight)
+    ]
+    assert found[0].mask.all()
+    np.testing.assert_allclose(found[0].u[holes], field[holes], rtol=1e-12)
+    np.testing.assert_allclose(found[1].sigma_u[holes], data.sigma_u[holes], rtol=1e-9)
+    assert np.all(found[0].sigma_u[holes] > found[1].sigma_u[holes])
+
+
+@pytest.mark.parametrize("peak", [0.21, 0.44])
+def test_an_island_behind_narrow_slits_stands_where_it_should(peak: float) -> None:
+    """A ring of missing pixels, two wide in a few places only; no noise, and yet sigma 0.01 px."""
+    scene = resize(load("prism48"), 148, 117)
+    truth = trace(scene, dent_from_text(f"gaussian:peak={peak},sigma=8.2,x=39,y=22.5", scene))
+    row, col = np.mgrid[:148, :117]
+    lost = np.abs(np.hypot(row - 74, col - 58.5) - 37) < 1.5
+    sigma = np.full(truth.u.shape, 0.01)
+    flags = np.where(truth.visible & ~lost, 0, 128).astype(np.uint16)
+    height = reconstruct(Correspondence(truth.u, truth.v, sigma, sigma.copy(), flags), scene)
+    good = height.good
+    assert good[74, 58]
+    assert np.max(np.abs(height.z - truth.z)[good] / height.sigma[good]) < 1.0
+
+
 @pytest.fixture(scope="module")
 def blurred(exact, noisy):
     """Noise as at a pattern's end: the outer rows and columns twenty times worse, some of them flagged."""
