@@ -22,7 +22,7 @@ Mask = NDArray[np.bool_]
 LARGEST = 9  # pixels
 NARROW = 2  # pixels between measured ones in a row or a column
 SHARE = 0.5  # of the image: where more is missing, it falls apart
-_UNSURE = 0.25  # of what a cubic across two pixels leaves the straight line by: an error that it may have
+_UNSURE = 0.25  # of `bent`: how far off cubics across two pixels, and straight lines from one side, may be
 _REACH = 4.0  # pixels, rms: over which the gain is averaged
 
 
@@ -84,7 +84,7 @@ def noise_gain(mask: Mask, holes: Mask) -> Floats:
 @dataclass(frozen=True, slots=True)
 class _Bridge:
     """pixels (M,) in the order in which they are filled, each from sources (M, 8) times weights (M, 8); bent:
-    the part of these by which cubics across two pixels leave the straight line.
+    the part of these by which cubics across two pixels leave the straight line, and that the last pixel.
     """
 
     pixels: Ints
@@ -94,7 +94,7 @@ class _Bridge:
 
 
 def _bridged(place: Floats, sigma: Floats, bridge: _Bridge) -> tuple[Floats, Floats]:
-    """Places and their sigmas: those of the neighbours, and what a cubic across two pixels may miss."""
+    """Places and their sigmas: those of the neighbours, and what is missed across two pixels or from one side."""
     place, sigma, size = place.copy(), sigma.copy(), np.abs(bridge.weights)
     _fill(place.reshape(-1), bridge.pixels, bridge.sources, bridge.weights)
     _fill(sigma.reshape(-1), bridge.pixels, bridge.sources, size / size.sum(axis=1, keepdims=True))
@@ -204,6 +204,8 @@ def _weigh(order, i, j, axis, turn, kind, share, source, weight, bent):  # type:
         k = 4 * axis + 2 * side
         if kind == 3:
             bent[k], bent[k + 1] = (near - (1.0 - away / 3.0)) * share, far * share
+        elif kind == 1 and far != 0.0:
+            bent[k], bent[k + 1] = share, -share
         source[k], weight[k] = a * cols + b, near * share
         if far != 0.0:
             source[k + 1], weight[k + 1] = (a + sign * di) * cols + b + sign * dj, far * share
