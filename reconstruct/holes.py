@@ -94,7 +94,7 @@ class _Bridge:
 
 
 def _bridged(place: Floats, sigma: Floats, bridge: _Bridge) -> tuple[Floats, Floats]:
-    """Places and their sigmas: those of the neighbours, and what is missed across two pixels or from one side."""
+    """Places and their sigmas: those of the neighbours, and what two pixels or one side may hide."""
     place, sigma, size = place.copy(), sigma.copy(), np.abs(bridge.weights)
     _fill(place.reshape(-1), bridge.pixels, bridge.sources, bridge.weights)
     _fill(sigma.reshape(-1), bridge.pixels, bridge.sources, size / size.sum(axis=1, keepdims=True))
