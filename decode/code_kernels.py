@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .doubt_kernels import lone, misread
+from .doubt_kernels import BRIGHTER, lone, misread
 from .jit import apart_kernel, fast_kernel, inline_kernel, leaf_kernel
 from .records import Camera, CellLines, CodeRecord
 
@@ -46,7 +46,8 @@ def code_tile(n: int, first: int, camera: Camera, code: CodeRecord, found: CellL
     found.clipped[:n] = np.uint8(0)
     found.place[:n] = code.edges.inside
     weak = found.weak
-    if _weak(n, read2, gain, code.loose, lone(source), middle, half, found.pair, found.single, weak):
+    limits = read2, gain, np.float32(camera.clip), code.loose, lone(source)
+    if _weak(n, *limits, middle, half, found.pair, found.single, weak):
         for x in range(n):
             if weak[x]:
                 misread(x, first, camera, code, found)
@@ -270,6 +271,7 @@ def _weak(
     n: int,
     read2: Any,
     gain: Any,
+    clip: Any,
     loose: Any,
     lone: Any,
     middle: Array,
@@ -281,8 +283,9 @@ def _weak(
     """Pixels with a bit whose margin is below 6 sigma."""
     for x in range(n):
         noise, systematic = read2 + gain * middle[x], (loose * half[x]) * (loose * half[x])
+        unsure = half[x] * (BRIGHTER if middle[x] + half[x] >= clip else loose)
         certain = (pair[x] * pair[x] > _CERTAIN * (_HALF * noise + systematic)) & (
-            single[x] * single[x] > _CERTAIN * (lone * noise + systematic)
+            single[x] * single[x] > _CERTAIN * (lone * noise + unsure * unsure)
         )
         weak[x] = np.uint8(0) if certain else np.uint8(1)
     count = 0

@@ -8,7 +8,10 @@ import numpy as np
 from .jit import inline_kernel, leaf_kernel
 from .records import Camera, CellLines, CodeRecord
 
-__all__ = ["lone", "misread"]
+__all__ = ["BRIGHTER", "lone", "misread"]
+
+#: Rms error of a threshold half way, in half contrasts, where white is clipped and may be a fifth brighter.
+BRIGHTER = np.float32(0.05)
 
 #: Variance and contrast over noise that are reckoned with at least; 1 / sqrt(2), 1 / sqrt(2 pi).
 _LEAST_SPREAD, _LOWEST, _HALF_ROOT, _PEAK = 1e-12, 1e-3, math.sqrt(0.5), 1 / math.sqrt(2 * math.pi)
@@ -80,6 +83,7 @@ def misread(x: int, first: int, camera: Camera, code: CodeRecord, found: CellLin
     cell, beside, edged = cells[word], 0.0, together or not code.fringed
     on_edges, at_edges, off = 0.0, 0.0, 0.0
     noise, systematic = float(read2 + gain * middle), float(code.loose * half) ** 2
+    unsure = float(BRIGHTER * half) ** 2 if middle + half >= clip else systematic
     for far_ones in range(2):
         for bit in range(len(plain)):
             step = cells[word ^ (1 << bit)] - cell
@@ -92,7 +96,7 @@ def misread(x: int, first: int, camera: Camera, code: CodeRecord, found: CellLin
             else:
                 raw = frames[max(plain[bit], inverse[bit]), 0, first + x]
                 margin = np.float32(raw) - middle
-                spread, lost = lone(code.source) * noise + systematic, raw >= clip and middle >= clip
+                spread, lost = lone(code.source) * noise + unsure, raw >= clip and middle >= clip
             if lost:
                 found.clipped[x] = 1
             sigma = math.sqrt(max(spread, _LEAST_SPREAD))

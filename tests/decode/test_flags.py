@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from optolever.decode import Correspondence, Flag, Response, decode
 from optolever.patterns import Frame, Sequence, sequence
 
+from .light import seen_by_pixels
+
 F64 = NDArray[np.float64]
 Shoot = Callable[..., NDArray[Any]]
 GRAY_PHASE = sequence("gray+phase", 150, 170)
@@ -69,6 +71,17 @@ def test_clipped_samples_are_left_out(shoot: Shoot, smooth: tuple[F64, F64]) -> 
     score = ((clipped.u - smooth[0]) / clipped.sigma_u)[clipped.good]
     assert np.sqrt(np.mean(score**2)) == pytest.approx(1, abs=0.15)
     assert silent(clipped, smooth) <= 1e-4
+
+
+def test_clipped_white_leaves_the_threshold_of_bits_in_doubt() -> None:
+    """White is a sixth brighter than it seems, half way to black is not: bits of a binary code that change at
+    one place are read to different sides of it, which leads far."""
+    shown, u = sequence("binary", 8, 256, inverses=False), np.linspace(4, 250, 4000)
+    light = np.repeat(1.2 * seen_by_pixels(shown, u, 0.7, 1.0), 8, axis=1)
+    light += 0.9 * np.random.default_rng(0).standard_normal(light.shape)
+    found = decode(np.clip(np.rint(light), 0, 255).astype(np.uint8), shown)
+    assert found.good.mean() > 0.5
+    assert np.abs(found.u - u)[found.good].max() < 1.5
 
 
 def test_saturated_where_too_few_samples_are_left(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
