@@ -33,6 +33,7 @@ Labels = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 
 _LARGE = 0.01  # of the image: smaller components are taken as parts of an unbroken rectangle
+_PASSAGE = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))  # what those that are narrow do not hold
 _SPECK = 64  # pixels: components that are a path to their anchor
 _RAGGED = 0.1  # of the pixels without one of their neighbours: more of them, and blocks are no conductors
 _FLOOR = 0.02  # of a slope's variance: the least that a height next to an exact anchor is given
@@ -43,7 +44,8 @@ def unknown_variance(data: Measured, state: State, labels: Labels, broken: bool 
 
     broken: whether the mask or many light edges make detours; otherwise as if there were none.
     Exact for weights by columns on a rectangle without holes; a mask adds what `mask_variance` finds, and
-    where it leaves mostly pixels without one of their neighbours, drawn noise has the last word.
+    where it leaves mostly pixels without one of their neighbours, or parts that only a few pixels join, drawn
+    noise has the last word.
     """
     factor = np.broadcast_to(state.root**2, state.w.shape)
     square = factor**2
@@ -60,9 +62,21 @@ def unknown_variance(data: Measured, state: State, labels: Labels, broken: bool 
     variance *= square
     variance -= gain
     variance = np.maximum(variance, _FLOOR * state.variances[0])
-    if np.count_nonzero(alone) > _RAGGED * np.count_nonzero(labels):
+    ragged = np.count_nonzero(alone) > _RAGGED * np.count_nonzero(labels)
+    if ragged or (broken and _narrow(labels > 0)):
         variance = settled(data, state, labels, variance)
     return variance
+
+
+def _narrow(inside: Mask) -> bool:
+    """Whether large parts of a mask are joined by passages of few pixels, which no block shows."""
+    parts = [_large_parts(inside), _large_parts(cv2.erode(inside.astype(np.uint8), _PASSAGE) > 0)]
+    return parts[1] > parts[0]
+
+
+def _large_parts(inside: Mask) -> int:
+    areas = cv2.connectedComponentsWithStats(inside.astype(np.uint8), connectivity=4)[2][1:, cv2.CC_STAT_AREA]
+    return int(np.count_nonzero(areas > _LARGE * inside.size))
 
 
 def _of_components(

@@ -77,6 +77,23 @@ def test_an_island_behind_narrow_slits_stands_where_it_should(peak: float) -> No
     assert np.max(np.abs(height.z - truth.z)[good] / height.sigma[good]) < 1.0
 
 
+def test_sigma_of_an_island_behind_passages_of_one_pixel() -> None:
+    """Against noise repeated: what the passages, which are bridged, let through (and not the blocks that they
+    are a part of)."""
+    scene = resize(load("paper-prototype"), 98, 188)
+    truth = trace(scene, dent_from_text("flat", scene))
+    row, col = np.mgrid[:98, :188]
+    lost = np.abs(np.hypot(row - 49, col - 94) - 24.5) < 1.5
+    sigma, flags = np.full(truth.u.shape, 0.05), np.where(truth.visible & ~lost, 0, 128).astype(np.uint16)
+    ratio = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        u, v = (part + 0.05 * rng.standard_normal(sigma.shape) for part in (truth.u, truth.v))
+        height = reconstruct(Correspondence(u, v, sigma, sigma.copy(), flags), scene)
+        ratio.append(((height.z - truth.z) / height.sigma)[49, 94])
+    assert 0.6 < np.sqrt(np.mean(np.square(ratio))) < 1.7  # 1.9 by blocks; bridges repeat noise: 1.4
+
+
 @pytest.fixture(scope="module")
 def blurred(exact, noisy):
     """Noise as at a pattern's end: the outer rows and columns twenty times worse, some of them flagged."""
