@@ -92,23 +92,22 @@ def edge_doubt(
     )
     lines = scipy.ndimage.maximum_filter(long, _BESIDE)
     own = np.maximum(dx, bend_x), np.maximum(dy, bend_y)
-    wide = np.maximum(_beside(dx, 1, lines), bend_x), np.maximum(_beside(dy, 0, lines), bend_y)
+    wide = np.maximum(_beside(dx, lines), bend_x), np.maximum(_beside(dy, lines), bend_y)
     if suspects is not None and blamed:
         curls = np.where(suspects, _BLAME * _largest_curl(p, q, mask), 0.0)
         own, wide = _blamed(own, curls), _blamed(wide, curls)
     return Doubt(*_shared(wide, mask), _shared(own, mask))
 
 
-def _beside(doubt: Floats, along: int, lines: Mask) -> Floats:
-    """Doubts at least as large as those of the edges before and after, along lines (H, W) of doubts also of
-    those beside, unless these say nothing of an edge.
+def _beside(doubt: Floats, lines: Mask) -> Floats:
+    """Doubts, along lines of them (H, W) at least as large as those of the edges around, unless these say
+    nothing of an edge.
 
     Where a crease curves through the pixels, one side explains the very edge it lies in by accident, time and
     again, and always when that is off to the same side: the next edge is in doubt instead.
     """
-    most = scipy.ndimage.maximum_filter1d(doubt, 3, axis=along)
-    most = np.where(lines, scipy.ndimage.maximum_filter(doubt, 3), most)
-    return np.where(doubt > _BY_ACCIDENT * most, most, doubt)
+    most = scipy.ndimage.maximum_filter(doubt, 3)
+    return np.where(lines & (doubt > _BY_ACCIDENT * most), most, doubt)
 
 
 def _largest_curl(p: Floats, q: Floats, mask: Mask) -> Floats:
