@@ -92,22 +92,24 @@ def edge_doubt(
     )
     lines = scipy.ndimage.maximum_filter(long, _BESIDE)
     own = np.maximum(dx, bend_x), np.maximum(dy, bend_y)
-    wide = np.maximum(_beside(dx, lines), bend_x), np.maximum(_beside(dy, lines), bend_y)
+    wide_x, wide_y = _beside(dx, var_p, lines), _beside(dy, var_q, lines)
+    wide = np.maximum(wide_x, bend_x), np.maximum(wide_y, bend_y)
     if suspects is not None and blamed:
         curls = np.where(suspects, _BLAME * _largest_curl(p, q, mask), 0.0)
         own, wide = _blamed(own, curls), _blamed(wide, curls)
     return Doubt(*_shared(wide, mask), _shared(own, mask))
 
 
-def _beside(doubt: Floats, lines: Mask) -> Floats:
+def _beside(doubt: Floats, variance: Floats, lines: Mask) -> Floats:
     """Doubts, along lines of them (H, W) at least as large as those of the edges around, unless these say
-    nothing of an edge.
+    nothing of an edge or noise hides what they do.
 
     Where a crease curves through the pixels, one side explains the very edge it lies in by accident, time and
     again, and always when that is off to the same side: the next edge is in doubt instead.
     """
     most = scipy.ndimage.maximum_filter(doubt, 3)
-    return np.where(lines & (doubt > _BY_ACCIDENT * most), most, doubt)
+    shared = lines & (doubt > _BY_ACCIDENT * most) & (most > _QUIET * np.sqrt(variance))
+    return np.where(shared, most, doubt)
 
 
 def _largest_curl(p: Floats, q: Floats, mask: Mask) -> Floats:

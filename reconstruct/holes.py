@@ -22,7 +22,6 @@ Mask = NDArray[np.bool_]
 LARGEST = 9  # pixels
 NARROW = 2  # pixels between measured ones in a row or a column
 SHARE = 0.5  # of the image: where more is missing, it falls apart
-_UNSURE = 0.25  # of `bent`: how far off cubics across two pixels, and straight lines from one side, may be
 _REACH = 4.0  # pixels, rms: over which the gain is averaged
 
 
@@ -57,11 +56,15 @@ def bridged(data: Measured, holes: Mask) -> Measured:
     if not holes.any():
         return data
     bridge = _bridge(data.mask & ~holes, holes)
-    u, sigma_u = _bridged(data.u, data.sigma_u, bridge)
-    v, sigma_v = _bridged(data.v, data.sigma_v, bridge)
+    fields = {name: getattr(data, name).copy() for name in ("u", "v", "sigma_u", "sigma_v")}
+    for name, field in fields.items():
+        weights = bridge.weights
+        if name.startswith("sigma"):  # those of the neighbours
+            weights = np.abs(weights) / np.abs(weights).sum(axis=1, keepdims=True)
+        _fill(field.reshape(-1), bridge.pixels, bridge.sources, weights)
     mask = data.mask & ~holes
     mask.reshape(-1)[bridge.pixels] = True
-    return replace(data, u=u, v=v, sigma_u=sigma_u, sigma_v=sigma_v, mask=mask)
+    return replace(data, mask=mask, **fields)
 
 
 def noise_gain(mask: Mask, holes: Mask) -> Floats:
@@ -83,43 +86,30 @@ def noise_gain(mask: Mask, holes: Mask) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class _Bridge:
-    """pixels (M,) in the order in which they are filled, each from sources (M, 8) times weights (M, 8); bent:
-    the part of these by which cubics across two pixels leave the straight line, and that the last pixel.
-    """
+    """pixels (M,) in the order in which they are filled, each from sources (M, 8) times weights (M, 8)."""
 
     pixels: Ints
     sources: Ints
     weights: Floats
-    bent: Floats
-
-
-def _bridged(place: Floats, sigma: Floats, bridge: _Bridge) -> tuple[Floats, Floats]:
-    """Places and their sigmas: those of the neighbours, and what two pixels or one side may hide."""
-    place, sigma, size = place.copy(), sigma.copy(), np.abs(bridge.weights)
-    _fill(place.reshape(-1), bridge.pixels, bridge.sources, bridge.weights)
-    _fill(sigma.reshape(-1), bridge.pixels, bridge.sources, size / size.sum(axis=1, keepdims=True))
-    bent = np.where(bridge.bent != 0, bridge.bent * place.reshape(-1)[bridge.sources], 0.0).sum(axis=1)
-    sigma.reshape(-1)[bridge.pixels] = np.hypot(sigma.reshape(-1)[bridge.pixels], _UNSURE * bent)
-    return place, sigma
 
 
 def _bridge(known: Mask, holes: Mask) -> _Bridge:
     """From both sides where there are both: extrapolation, which magnifies noise, comes last."""
     order = np.where(known, 0, _NEVER)
     at = np.argwhere(holes)
-    sources, (weights, bent) = np.zeros((len(at), 8), dtype=np.int64), np.zeros((2, len(at), 8))
-    _plan(order, at, sources, weights, bent)
+    sources, weights = np.zeros((len(at), 8), dtype=np.int64), np.zeros((len(at), 8))
+    _plan(order, at, sources, weights)
     turn = order[holes]
     first = np.argsort(turn, kind="stable")[: np.count_nonzero(turn < _NEVER)]
     pixels = (at @ np.array([known.shape[1], 1]))[first]
-    return _Bridge(pixels, sources[first], weights[first], bent[first])
+    return _Bridge(pixels, sources[first], weights[first])
 
 
 _NEVER = np.iinfo(np.int64).max
 
 
 @njit(cache=True, nogil=True)
-def _plan(order, at, sources, weights, bent):  # type: ignore[no-untyped-def]
+def _plan(order, at, sources, weights):  # type: ignore[no-untyped-def]
     """Which pass fills a pixel (order: 0 known, later the pass), from what and with what weights.
 
     Mean over the axes of cubic interpolation across this pixel or, failing that, across it and one beside
@@ -142,7 +132,7 @@ def _plan(order, at, sources, weights, bent):  # type: ignore[no-untyped-def]
             share = 0.5 if kinds[0] == kinds[1] else 1.0
             for axis in range(2):
                 if kinds[axis] == best:
-                    _weigh(order, i, j, axis, turn, best, share, sources[m], weights[m], bent[m])
+                    _weigh(order, i, j, axis, turn, best, share, sources[m], weights[m])
             order[i, j] = turn
             filled += 1
         left -= filled
@@ -183,7 +173,7 @@ def _kind(order, i, j, axis, turn):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _weigh(order, i, j, axis, turn, kind, share, source, weight, bent):  # type: ignore[no-untyped-def]
+def _weigh(order, i, j, axis, turn, kind, share, source, weight):  # type: ignore[no-untyped-def]
     di, dj = (1, 0) if axis == 0 else (0, 1)
     cols = order.shape[1]
     for side in range(2):
@@ -202,10 +192,6 @@ def _weigh(order, i, j, axis, turn, kind, share, source, weight, bent):  # type:
             if _is_known(order, a + sign * di, b + sign * dj, turn):
                 near, far = 2.0, -1.0
         k = 4 * axis + 2 * side
-        if kind == 3:
-            bent[k], bent[k + 1] = (near - (1.0 - away / 3.0)) * share, far * share
-        elif kind == 1 and far != 0.0:
-            bent[k], bent[k + 1] = share, -share
         source[k], weight[k] = a * cols + b, near * share
         if far != 0.0:
             source[k + 1], weight[k + 1] = (a + sign * di) * cols + b + sign * dj, far * share
