@@ -150,7 +150,7 @@ def _squares() -> F64:
 
 
 def _harmonics(left: float) -> F64:
-    """What blur of that T leaves of the square root of each harmonic's variance (K,)."""
+    """What a blur that leaves that much of the first harmonic's amplitude leaves of each (K,)."""
     return np.asarray(left ** np.arange(1, _TERMS + 1) ** 2)
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import binary_dilation, minimum_filter
 
 from optolever.decode import Flag
 
@@ -77,7 +77,7 @@ def height_map(
         limits = _STEEP * np.sqrt(state.variances[0]), _STEEP * np.sqrt(state.variances[1])
         lost = ~data.mask | problem.bridged
         away = cut_off(doubt.alone, limits, data.mask, anchors, lost)
-        steep[problem.core] = away | (touched(doubt) & (told > (_STEEP**2) * variance))
+        steep[problem.core] = away | (touched(doubt) & (told > (_STEEP**2) * _beside(variance, data.mask)))
         variance = variance + more
     w, variance, known = extended(outer, problem.core, state.w, variance, data.mask)
     distance, sigma = outer.distance(w), np.sqrt(variance)
@@ -110,6 +110,12 @@ def height_map(
     )
     x, y, z = o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2]
     return HeightMap(x, y, z, deviation, flags, diagnostics, problem.rays.lean)
+
+
+def _beside(variance: Floats, mask: Mask) -> Floats:
+    """The least around every pixel: where all of a pixel's edges share a doubt, its own variance holds it."""
+    least: Floats = minimum_filter(np.where(mask, variance, np.inf), 3)
+    return least
 
 
 def _unsettled(problem: Problem, state: State) -> Mask:

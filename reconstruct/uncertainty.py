@@ -33,7 +33,7 @@ Labels = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 
 _LARGE = 0.01  # of the image: smaller components are taken as parts of an unbroken rectangle
-_PASSAGE = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))  # what those that are narrow do not hold
+_PASSAGE = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))  # fits into no passage of one or two pixels
 _SPECK = 64  # pixels: components that are a path to their anchor
 _RAGGED = 0.1  # of the pixels without one of their neighbours: more of them, and blocks are no conductors
 _FLOOR = 0.02  # of a slope's variance: the least that a height next to an exact anchor is given
