@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .blur_kernels import Looked, Swing, Wave, contrasts, digest, own_contrasts, sinc, swing_sums
+from .blur_kernels import Looked, Swing, Wave, contrasts, digest, sinc, swing_sums
 from .plan import AxisPlan, Fringe, Plan
 from .survey import SPOILT, Survey
 from .swing import Blur, Contrasts, blur_by_swing, seems_to_swing
@@ -54,14 +54,18 @@ def measured_blur(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan) -> Blur 
     rows, width = seen.lines(axis.axis).shape
     if rows < _LEAST_ROWS or width < 5:
         return None
-    cols = _columns(width)
-    told = _by_contrast(seen, lut, wanted, axis, cols)
+    there = _contrasts(seen, lut, wanted, axis, _columns(width))
+    told = _by_contrast(seen, there, wanted, axis)
     if told is not None:
         return told
     period = axis.fringes[-1].period
-    if not seems_to_swing(_contrasts(seen, lut, axis, cols[::_EVERY].copy()), period):
+    if not seems_to_swing(_own(there[:, ::_EVERY]), period):
         return None
-    return blur_by_swing(_contrasts(seen, lut, axis, cols), period)
+    return blur_by_swing(_own(there), period)
+
+
+def _own(seen: F64) -> Contrasts:
+    return Contrasts(seen[4], seen[1], seen[2:4], seen[5:])
 
 
 @lru_cache(maxsize=4)
@@ -70,9 +74,10 @@ def _columns(width: int) -> Map:
     return np.unique(np.linspace(2, width - 3, _COLUMNS).astype(int))
 
 
-def _looked(seen: Survey, lut: Map, axis: AxisPlan, cols: Map) -> Looked:
-    coord = seen.lines(axis.axis)
-    return Looked(
+def _contrasts(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan, cols: Map) -> F64:
+    """Of the finest fringe in those columns, (7, K): see blur_kernels.contrasts."""
+    coord, fine = seen.lines(axis.axis), axis.fringes[-1]
+    at = Looked(
         frames=seen.frames[:, : len(coord)],
         lut=lut if len(lut) else None,
         cols=cols,
@@ -82,21 +87,25 @@ def _looked(seen: Survey, lut: Map, axis: AxisPlan, cols: Map) -> Looked:
         flags=seen.flags,
         spoilt=SPOILT,
         clip=seen.clip,
-        wide=_WIDE * axis.fringes[-1].period,
+        wide=_WIDE * fine.period,
         middle=0.5 * (axis.extent - 1),
         reach=(0.5 - _MARGIN) * axis.extent,
     )
+    coarse = _coarse(wanted, axis)
+    white = wanted.white if _referenced(wanted) else -1
+    found = np.empty((7, coord.shape[0] * len(cols)))
+    count = contrasts(
+        at, _wave(fine), white, wanted.black, _wave(coarse) if coarse else None, np.empty((2, 3)), found
+    )
+    return found[:, :count]
 
 
-def _contrasts(seen: Survey, lut: Map, axis: AxisPlan, cols: Map) -> Contrasts:
-    """Amplitude over offset of the finest fringe in those columns."""
-    at = _looked(seen, lut, axis, cols)
-    room, found = np.empty((2, 3)), np.empty((6, len(at.coord) * len(cols)))
-    count = own_contrasts(at, _wave(axis.fringes[-1]), room, found)
-    return Contrasts(found[0, :count], found[1, :count], found[2:4, :count], found[4:, :count])
+def _coarse(wanted: Plan, axis: AxisPlan) -> Fringe | None:
+    """The fringe with which the finest one is compared where white and black were not shown."""
+    return None if _referenced(wanted) or len(axis.fringes) < 2 else axis.fringes[0]
 
 
-def _by_contrast(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan, cols: Map) -> Blur | None:
+def _by_contrast(seen: Survey, there: F64, wanted: Plan, axis: AxisPlan) -> Blur | None:
     """Blur of the finest fringe, None where its contrast does not tell.
 
     Contrast against white - black, or against the coarsest fringe = sinc(1/P) of the cells, sinc(w/P) of each
@@ -104,19 +113,11 @@ def _by_contrast(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan, cols: Map
     the same of the coarsest fringe. A contrast higher than blur allows (nonlinear display or camera) tells
     nothing; nor does one that varies over the image by a tenth more than over a cell, nor fringes too alike.
     """
-    whole = _referenced(wanted)
-    if not (whole or len(axis.fringes) > 1):
-        return None
-    fine, coarse = axis.fringes[-1], None if whole else axis.fringes[0]
-    at = _looked(seen, lut, axis, cols)
-    room, found = np.empty((2, 3)), np.empty((4, len(at.coord) * len(cols)))
-    count = contrasts(
-        at, _wave(fine), wanted.white, wanted.black, _wave(coarse) if coarse else None, room, found
-    )
-    if count < _FEWEST:
+    fine, coarse, count = axis.fringes[-1], _coarse(wanted, axis), there.shape[1]
+    if count < _FEWEST or not (coarse or _referenced(wanted)):
         return None
     usual, kept = np.empty(6), np.empty((2, count), F32)
-    used = digest(found[:, :count], kept, usual)
+    used = digest(there, kept, usual)
     *widths, low, middle, high, mean = usual.tolist()
     periods = [fine.period] if coarse is None else [fine.period, coarse.period]
     noise = _noise(seen, fine, coarse, middle)

@@ -11,7 +11,7 @@ from .jit import apart_kernel, inline_kernel, leaf_kernel, outer_kernel
 from .select_kernels import least
 from .wave_kernels import cosine_sine
 
-__all__ = ["Looked", "Swing", "Wave", "contrasts", "digest", "own_contrasts", "sinc", "swing_sums"]
+__all__ = ["Looked", "Swing", "Wave", "contrasts", "digest", "sinc", "swing_sums"]
 
 Array = NDArray[Any]
 _ONE = np.float32(1)
@@ -47,31 +47,38 @@ class Looked(NamedTuple):
 def contrasts(
     at: Looked, fine: Wave, white: int, black: int, coarse: Wave | None, room: Array, seen: Array
 ) -> int:
-    """Contrast of `fine` over that of `coarse` or of white - black, each over what cells and footprint leave.
+    """Contrast of `fine` over that of `coarse` or of white - black (-1: not shown), each over what cells and
+    footprint leave; and over its own offset.
 
-    Into seen (4, K): what is left, place, footprint down and along. Returns of how many pixels. room: (2, 3).
+    Into seen (7, K): the former (1 where nothing is compared), place, footprint down and along, the latter,
+    where in the image, -1 to 1 along rows and columns. Returns of how many pixels. room: (2, 3).
     """
-    count, least = 0, room[0]
+    count, found, fit = 0, room[0], room[1]
+    rows, cols = at.coord.shape[0], len(at.cols)
     fine_cell = _sinc(1 / fine[0])
     coarse_cell = 1.0 if coarse is None else _sinc(1 / coarse[0])
-    for row in range(at.coord.shape[0]):
-        for x in at.cols:
-            if not _usable(at, row, x, least):
+    for row in range(rows):
+        for i in range(cols):
+            x = at.cols[i]
+            if not _usable(at, row, x, found):
                 continue
-            top = _fit(at, row, x, fine, room[1])
-            fine_left = fine_cell * _sinc_near(least[1] / fine[0]) * _sinc_near(least[2] / fine[0])
-            part = math.sqrt(room[1, 1] ** 2 + room[1, 2] ** 2) / fine_left
-            if coarse is None:
+            top = _fit(at, row, x, fine, fit)
+            height, offset = math.sqrt(fit[1] ** 2 + fit[2] ** 2), fit[0]
+            part = height / (fine_cell * _sinc_near(found[1] / fine[0]) * _sinc_near(found[2] / fine[0]))
+            whole = part
+            if coarse is not None:
+                top = max(top, _fit(at, row, x, coarse, fit))
+                left = coarse_cell * _sinc_near(found[1] / coarse[0]) * _sinc_near(found[2] / coarse[0])
+                whole = math.sqrt(fit[1] ** 2 + fit[2] ** 2) / left
+            elif white >= 0:
                 whole = 0.5 * (_level(at, white, row, x) - _level(at, black, row, x))
                 top = max(top, float(at.frames[white, row, x]))
-            else:
-                top = max(top, _fit(at, row, x, coarse, room[1]))
-                left = coarse_cell * _sinc_near(least[1] / coarse[0]) * _sinc_near(least[2] / coarse[0])
-                whole = math.sqrt(room[1, 1] ** 2 + room[1, 2] ** 2) / left
-            if top >= at.clip or not whole > 0:
+            if top >= at.clip or not whole > 0 or not offset > 0:
                 continue
             seen[0, count] = part / whole
-            seen[1, count], seen[2, count], seen[3, count] = least[0], least[1], least[2]
+            seen[1, count], seen[2, count], seen[3, count] = found[0], found[1], found[2]
+            seen[4, count] = height / offset
+            seen[5, count], seen[6, count] = _from_end_to_end(row, rows), _from_end_to_end(i, cols)
             count += 1
     return count
 
@@ -95,27 +102,6 @@ def digest(seen: Array, room: Array, usual: Array) -> int:
             used += 1
     usual[5] = total / max(used, 1)
     return used
-
-
-@outer_kernel
-def own_contrasts(at: Looked, fine: Wave, room: Array, seen: Array) -> int:
-    """Contrast of `fine` over its own offset: into seen (6, K), besides place, footprint down and along, and
-    where in the image, -1 to 1 along rows and columns."""
-    count, least = 0, room[0]
-    rows, cols = at.coord.shape[0], len(at.cols)
-    for row in range(rows):
-        for i in range(cols):
-            x = at.cols[i]
-            if not _usable(at, row, x, least):
-                continue
-            top = _fit(at, row, x, fine, room[1])
-            if top >= at.clip or not room[1, 0] > 0:
-                continue
-            seen[0, count] = math.sqrt(room[1, 1] ** 2 + room[1, 2] ** 2) / room[1, 0]
-            seen[1, count], seen[2, count], seen[3, count] = least[0], least[1], least[2]
-            seen[4, count], seen[5, count] = _from_end_to_end(row, rows), _from_end_to_end(i, cols)
-            count += 1
-    return count
 
 
 @leaf_kernel

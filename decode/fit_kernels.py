@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import apart_kernel, inline_kernel, leaf_kernel
+from .jit import apart_kernel, leaf_kernel, pasted_kernel
 
 __all__ = ["fit_tile", "highest", "linear_level", "phase_of", "quarter_fit", "variance_of"]
 
@@ -26,7 +26,7 @@ _A9, _A11, _A13 = (np.float32(a) for a in (0.01534607289, -0.00889876878, 0.0034
 _A15 = np.float32(-0.00064531073)
 
 
-@inline_kernel
+@pasted_kernel
 def _arctangent(t: Any) -> Any:
     """arctan(t) / (2 pi) for t in [0, 1]; error below 6e-9 turns, before rounding. In pairs (Estrin): one sum
     after the other is what a processor would wait for."""
@@ -37,7 +37,7 @@ def _arctangent(t: Any) -> Any:
     return t * (low + square * square * high)
 
 
-@inline_kernel
+@pasted_kernel
 def phase_of(c: Any, s: Any) -> Any:
     """Phase of (c, s) in turns, and 1 / (c^2 + s^2). One division serves both: it is what costs."""
     power = c * c + s * s
@@ -157,7 +157,7 @@ def _fit_four(
     return clipped
 
 
-@inline_kernel
+@pasted_kernel
 def quarter_fit(f0: Any, f1: Any, f2: Any, f3: Any, of_read: Any, of_level: Any) -> Any:
     """A, c, s, phase in turns, its variance, squared contrast of four samples a quarter apart: differences of
     two samples, in place of 16 products. Variance: see _fit_four."""
@@ -168,7 +168,7 @@ def quarter_fit(f0: Any, f1: Any, f2: Any, f3: Any, of_read: Any, of_level: Any)
     return a, c, s, turn, (of_read + of_level * level) * inverse + _TINY, (_HALF * both) * (_HALF * both)
 
 
-@inline_kernel
+@pasted_kernel
 def highest(i0: Any, i1: Any, i2: Any, i3: Any) -> Any:
     """Of four raw levels."""
     one, other = (i0 if i0 > i1 else i1), (i2 if i2 > i3 else i3)
@@ -267,7 +267,7 @@ def _uneven_variance(
         variance[x] = (spread * inverse * inverse + _TINY) * _TURN2
 
 
-@inline_kernel
+@pasted_kernel
 def variance_of(quad: Array, read2: Any, gain: Any) -> Any:
     """of_read and of_level of _fit_four; quad: see arrays.fringe_arrays."""
     return read2 * quad[0, 0] * _TURN2, gain * quad[1, 0] * _TURN2

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import apart_kernel, fast_kernel, inline_kernel, leaf_kernel, outer_kernel
+from .jit import apart_kernel, fast_kernel, leaf_kernel, outer_kernel, pasted_kernel
 from .records import Camera, CellLines, Shared
 from .unwrap_kernels import UNKNOWN
 
@@ -77,23 +77,22 @@ def finest_tile(
         _store_finest(n, limits, fitted, told, why, flags, amplitude, offset, error)
 
 
-@inline_kernel
-def _why_finest(x: Any, limits: Any, fitted: Any, told: Any, power: Any) -> Any:
-    """Flags of pixel x."""
+@pasted_kernel
+def _why_finest(limits: Any, power: Any, fit: Any, orders: Any) -> Any:
+    """Flags of a pixel: squared amplitude; offset, the phase's variance and misfit; what orders told."""
     read2, gain, black, scale, worst, disagreement, reach, extent = limits
-    a, _, _, variance, misfit = fitted
-    agreement, doubt, gap, place, spread = told
-    mean = a[x]
+    mean, variance, misfit = fit
+    agreement, doubt, gap, place, spread = orders
     noise = read2 + gain * (mean if mean > _ZERO else _ZERO)
     low = scale * power < _LEAST_CONTRAST2 * noise
     dark = low & ((mean < black) | (mean * mean < _FOUR * _LEAST_CONTRAST2 * noise))
-    wrong = (agreement[x] > disagreement) | (doubt[x] > _DOUBT) | (gap[x] > reach)
-    beyond = abs(place[x] - _HALF * (extent - _ONE)) - _HALF * extent
-    off = (beyond > _HALF) & (beyond * beyond > _THREE * _THREE * spread[x])
-    fine = (abs(place[x]) < _INF) & (spread[x] < _INF)
+    wrong = (agreement > disagreement) | (doubt > _DOUBT) | (gap > reach)
+    beyond = abs(place - _HALF * (extent - _ONE)) - _HALF * extent
+    off = (beyond > _HALF) & (beyond * beyond > _THREE * _THREE * spread)
+    fine = (abs(place) < _INF) & (spread < _INF)
     contrast = (_LOW if low else _NONE) | (_DARK if dark else _NONE)
-    lost = _SATURATED if variance[x] > _UNKNOWN else _NONE
-    moved = MOVED if misfit[x] > worst * noise else _NONE
+    lost = _SATURATED if variance > _UNKNOWN else _NONE
+    moved = MOVED if misfit > worst * noise else _NONE
     lies = (_ORDER if wrong else _NONE) | (_OFF if off else _NONE) | (_NONE if fine else _INVALID)
     return contrast | lost | moved | lies
 
@@ -110,10 +109,12 @@ def _store_finest(
     offset: Array,
     order_error: Array,
 ) -> None:
-    a, c, s, doubt = fitted[0], fitted[1], fitted[2], told[1]
+    a, c, s, variance, misfit = fitted
+    agreement, doubt, gap, place, spread = told
     for x in range(n):
         power = c[x] * c[x] + s[x] * s[x]
-        flags[x] = why[x] | _why_finest(x, limits, fitted, told, power)
+        fit, orders = (a[x], variance[x], misfit[x]), (agreement[x], doubt[x], gap[x], place[x], spread[x])
+        flags[x] = why[x] | _why_finest(limits, power, fit, orders)
         amplitude[x] = np.sqrt(power)
         offset[x] = a[x]
         order_error[x] = doubt[x] if doubt[x] < _ONE else _ONE
@@ -131,12 +132,14 @@ def _merge_finest(
     offset: Array,
     order_error: Array,
 ) -> None:
-    a, c, s, doubt = fitted[0], fitted[1], fitted[2], told[1]
+    a, c, s, variance, misfit = fitted
+    agreement, doubt, gap, place, spread = told
     for x in range(n):
         power = c[x] * c[x] + s[x] * s[x]
         height = np.sqrt(power)
         wrong = doubt[x] if doubt[x] < _ONE else _ONE
-        flags[x] |= why[x] | _why_finest(x, limits, fitted, told, power)
+        fit, orders = (a[x], variance[x], misfit[x]), (agreement[x], doubt[x], gap[x], place[x], spread[x])
+        flags[x] |= why[x] | _why_finest(limits, power, fit, orders)
         amplitude[x] = height if height < amplitude[x] else amplitude[x]
         offset[x] = _HALF * (offset[x] + a[x])
         order_error[x] = order_error[x] + wrong - order_error[x] * wrong

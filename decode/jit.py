@@ -9,7 +9,7 @@ from typing import Any, cast
 
 from numba import njit
 
-from optolever.compiling import Usual, Within, WithinApart, WithinOnce, WithinWide, only_within
+from optolever.compiling import Usual, Within, WithinApart, WithinOnce, WithinPasted, WithinWide, only_within
 
 __all__ = [
     "apart_kernel",
@@ -19,6 +19,7 @@ __all__ = [
     "kernel",
     "leaf_kernel",
     "outer_kernel",
+    "pasted_kernel",
 ]
 
 Kernel = Callable[..., Any]
@@ -98,3 +99,8 @@ def apart_kernel(function: Kernel) -> Kernel:
 def inline_kernel(function: Kernel) -> Kernel:
     """Pasted into its caller, so that the caller's loop can become vector instructions."""
     return cast(Kernel, njit(**_USUAL, cache=True, inline="always")(function))
+
+
+def pasted_kernel(function: Kernel) -> Kernel:
+    """fast_kernel, pasted by LLVM and not by numba, which would type it again in every caller."""
+    return cast(Kernel, only_within(njit(**_LEAF, fastmath=_REORDER, pipeline_class=WithinPasted)(function)))

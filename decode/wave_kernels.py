@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from .jit import inline_kernel
+from .jit import pasted_kernel
 
 __all__ = ["cosine_sine"]
 
@@ -15,7 +15,7 @@ _COSINE = tuple(np.float32((-1) ** k / math.factorial(2 * k)) for k in range(7))
 _PI, _ONE, _TWO = np.float32(np.pi), np.float32(1), np.float32(2)
 
 
-@inline_kernel
+@pasted_kernel
 def cosine_sine(turns: Any) -> Any:
     """Cosine and sine of turns (float32), from those of half of them."""
     half = _PI * (turns - np.rint(turns))

@@ -17,6 +17,7 @@ __all__ = [
     "Within",
     "WithinApart",
     "WithinOnce",
+    "WithinPasted",
     "WithinWide",
     "only_within",
     "uncollected",
@@ -75,6 +76,10 @@ class _OnceLower(_MarkedLower):
     _mark = "noinline"
 
 
+class _PastedLower(_MarkedLower):
+    _mark = "alwaysinline"
+
+
 @register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
 class _Wide(NativeLowering):
     _name = "optolever_wide"
@@ -108,6 +113,15 @@ class _WithinOnce(_Within):
     @property
     def lowering_class(self) -> Any:
         return _OnceLower
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
+class _WithinPasted(_Within):
+    _name = "optolever_within_pasted"
+
+    @property
+    def lowering_class(self) -> Any:
+        return _PastedLower
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
@@ -189,6 +203,12 @@ class WithinOnce(_Compiler):
     """Within, called and not pasted, wherever it is used."""
 
     _lowering = _WithinOnce
+
+
+class WithinPasted(_Compiler):
+    """Within, pasted wherever it is used: loops that call it become vectors."""
+
+    _lowering = _WithinPasted
 
 
 class WithinWide(_Compiler):

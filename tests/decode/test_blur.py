@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from optolever.decode.blur_kernels import Looked, contrasts, own_contrasts, swing_sums
+from optolever.decode.blur_kernels import Looked, contrasts, swing_sums
 
 F64 = NDArray[np.float64]
 ROWS, WIDTH, APART = 6, 60, 2
@@ -45,27 +45,26 @@ def test_contrasts(whole: bool, linear: bool) -> None:
         return amplitude(levels, first)[:, cols] / left
 
     against = 0.5 * (levels[8] - levels[9])[:, cols] if whole else clear(4, COARSE)
-    top, own = (
-        frames[index].max(axis=0)[:, cols]
-        for index in ([0, 1, 2, 3] + ([8] if whole else [4, 5, 6, 7]), [0, 1, 2, 3])
-    )
-    seen_at = (flags[:, cols] == 0) & (down + along < 0.2 * FINE) & (np.abs(coord[:, cols] - 20) < 12)
-    use, here = seen_at & (against > 0) & (top < CLIP), seen_at & (own < CLIP)
-    want = np.stack([clear(0, FINE)[use] / against[use], coord[:, cols][use], down[use], along[use]])
-    offset = levels[:4].mean(axis=0)[:, cols]
+    samples = [0, 1, 2, 3] + ([8] if whole else [4, 5, 6, 7])
+    top, offset = frames[samples].max(axis=0)[:, cols], levels[:4].mean(axis=0)[:, cols]
+    use = (flags[:, cols] == 0) & (down + along < 0.2 * FINE) & (np.abs(coord[:, cols] - 20) < 12)
+    use &= (against > 0) & (top < CLIP)
     image = np.meshgrid(np.linspace(-1, 1, ROWS), np.linspace(-1, 1, len(cols)), indexing="ij")
-    plain = amplitude(levels, 0)[:, cols][here] / offset[here]
-    want_own = np.stack([plain, *(chart[here] for chart in (coord[:, cols], down, along, *image))])
+    own = amplitude(levels, 0)[:, cols] / offset
+    left = clear(0, FINE)[use] / against[use]
+    want = np.stack([left, *(chart[use] for chart in (coord[:, cols], down, along, own, *image))])
 
     at = Looked(
         *(frames, None if linear else lut, cols, coord, below, APART, flags, 1, CLIP, 0.2 * FINE, 20.0, 12.0)
     )
-    room, seen = np.empty((2, 3)), np.empty((6, ROWS * len(cols)))
-    count = contrasts(at, wave(FINE, 0), 8, 9, None if whole else wave(COARSE, 4), room, seen)
+    room, seen = np.empty((2, 3)), np.empty((7, ROWS * len(cols)))
+    white = 8 if whole else -1
+    count = contrasts(at, wave(FINE, 0), white, 9, None if whole else wave(COARSE, 4), room, seen)
     assert 5 < count < 0.5 * use.size
-    np.testing.assert_allclose(seen[:4, :count], want, rtol=1e-5)
-    count = own_contrasts(at, wave(FINE, 0), room, seen)
-    np.testing.assert_allclose(seen[:, :count], want_own, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(seen[:, :count], want, rtol=1e-5, atol=1e-12)
+    alone = contrasts(at, wave(FINE, 0), -1, -1, None, room, seen)
+    assert alone > count
+    assert np.all(seen[0, :alone] == 1)
 
 
 @pytest.mark.parametrize("coarse", [(0.0, 0.0), (0.03, -0.05)])

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, Flag, decode
 from optolever.decode.survey import steps
+from optolever.decode.survivors import flag_survivors
 from optolever.patterns import Sequence, sequence, sequence_from_text
 
 F64 = NDArray[np.float64]
@@ -197,3 +198,21 @@ def test_what_noise_lets_pass_among_refused_pixels_is_flagged(
     left = found.flags[~strong] & np.uint16(0xFFFF ^ Flag.OUTLIER)
     assert np.mean(left == 0) > 5e-3  # there is something to flag
     assert found.good[~strong].mean() < 1e-3
+
+
+@pytest.mark.parametrize("row", range(13))
+@pytest.mark.parametrize("col", [0, 1, 7, 14])
+def test_a_pixel_that_refused_ones_surround(row: int, col: int) -> None:
+    """Wherever it lies; where as many are good as a line has, nothing is."""
+    flags = np.zeros((13, 15), np.uint16)
+    flags[max(row - 2, 0) : row + 3, max(col - 2, 0) : col + 3] = Flag.LOW_CONTRAST
+    flags[row, col] = 0
+    before = flags.copy()
+    flag_survivors(flags)
+    assert flags[row, col] == Flag.OUTLIER
+    flags[row, col] = 0
+    np.testing.assert_array_equal(flags, before)
+    before[max(row - 2, 0) : row + 3, col] = 0
+    after = before.copy()
+    flag_survivors(after)
+    np.testing.assert_array_equal(after[row], before[row])
