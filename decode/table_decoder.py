@@ -1,7 +1,8 @@
 """Decoding against known grey values: any code at all, and sub-cell answers of binary codes.
 
-A pixel's samples are compared with what each place of the surface showed (nearest code word by normalised
-correlation), then the place is refined between cells; sigma is the Fisher information of that fit.
+A pixel's samples are compared with what each place of the surface showed (nearest code words by normalised
+correlation), then these places are refined between cells; sigma is the Fisher information of the best fit, what
+the others leave the probability that it is one of them.
 """
 
 from collections.abc import Callable
@@ -46,8 +47,8 @@ _MANY = 0.15
 _STRANGE = 2.0
 _DARK, _SATURATED, _LOW, _ORDER, _OFF, _MOVED, _INVALID = 1, 2, 4, 8, 16, 64, 128
 _DOUBT = 1e-4
-#: Pixels around an answer that do not count as another answer.
-_GUARD = 3
+#: Answers of a pixel that are compared; pixels around one that do not count as another.
+_ANSWERS, _GUARD = 4, 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,16 +117,16 @@ def table_step(
 
     even: levels are as noisy as each other; a response's inverse magnifies the noise of dark ones.
     """
-    search = _search(frames, shown)
     sample = np.ascontiguousarray(frames[:, sampled_rows(frames.shape[1])])
-    blur, noise2 = _calibrate(sample, clip, shown, _search(sample, shown)(0, sample.shape[1])[0])
-    most = _most_noise(sample, shown)
+    coarse = _search(sample, clip, shown, answers=1)(0, sample.shape[1])[0]
+    blur, noise2 = _calibrate(sample, clip, shown, coarse)
+    most = _most_noise(sample, clip, shown)
     noise2, residue = min(noise2, most), noise2
+    search = _search(frames, clip, shown, blur)
     # coarse patterns hardly tell a small blur, and the border does not wait for it
     fine, lost = shown.fine(blur), shown.lost(max(blur, _USUAL_BLUR))
     # what the model does not explain goes into sigma, up to three times the noise
     limit = 3 * chi_squared_limit(len(shown.index) - 3)
-    coarse = _search(sample, shown)(0, sample.shape[1])[0]
     _, _, misfit, _, scale, _ = _refine(sample, clip, 0, sample.shape[1], shown, fine, coarse)
     lit = scale > 0.25 * np.percentile(scale, 95)
     # where many pixels fit no place, others fit a wrong one by chance
@@ -133,12 +134,12 @@ def table_step(
     wrong_frames = misfits or (even and residue > _STRANGE * most)
 
     def step(start: int, stop: int) -> None:
-        first, second = search(start, stop)
-        coord, curvature, misfit, offset, scale, count = _refine(
-            frames, clip, start, stop, shown, fine, first
+        answers = [_refine(frames, clip, start, stop, shown, fine, word) for word in search(start, stop)]
+        every = [np.stack(each) for each in zip(*answers, strict=True)]
+        best, wrong = _likeliest(every[2], every[5], noise2)
+        coord, curvature, misfit, offset, scale, count = (
+            np.take_along_axis(each, best[None], axis=0)[0] for each in every
         )
-        rival = _refine(frames, clip, start, stop, shown, fine, second)[2]
-        wrong = 1 / (1 + np.exp(np.clip((rival - misfit) / (2 * noise2), -80, 80)))
         why = flags_of_fit(curvature, misfit, scale, count, offset, noise2, limit)
         why |= np.where(wrong > _DOUBT, _ORDER, 0) | (_MOVED if wrong_frames else 0)
         why |= np.where(lost[_fine_place(coord, len(lost))] > MOST_LOST, _OFF, 0)
@@ -149,21 +150,35 @@ def table_step(
     return step
 
 
+def _likeliest(misfits: Map, counts: Map, noise2: float) -> tuple[NDArray[np.int64], Map]:
+    """Which of some answers (K, rows, W) fits best, and the probability that it is another one of them; where
+    the best one leaves more than noise, the model is off, by as much for the others."""
+    best = misfits.argmin(axis=0)
+    least, count = (np.take_along_axis(each, best[None], axis=0)[0] for each in (misfits, counts))
+    worse = (misfits - least) / (2 * noise2 * _excess(least, count, noise2))
+    others = np.exp(-np.minimum(worse, 80)).sum(axis=0) - 1
+    return best, others / (1 + others)
+
+
 def _fine_place(coord: Map, places: int) -> NDArray[np.int64]:
     """Of Shown.fine's places, those of coordinates."""
     return np.clip((np.nan_to_num(coord) + 0.5) * _PER_CELL, 0, places - 1).astype(np.int64)
 
 
-def _most_noise(sample: Map, shown: Shown) -> float:
+def _most_noise(sample: Map, clip: float, shown: Shown) -> float:
     """Variance that noise and an uneven display explain: a wrong frame's residuals must not pass for noise.
 
-    From second differences along rows, of the calmest frame: what it shows adds to them.
+    From second differences along rows, of the calmest frame: what it shows adds to them. Black is calmer than
+    all others where noise grows with the light, and so is what is clipped.
     """
     levels = sample[shown.index].astype(np.float64)
-    second = np.diff(levels, 2, axis=2).reshape(len(levels), -1)
-    if second.size == 0:
+    calm = []
+    for own in levels[shown.levels.any(axis=1)]:
+        second = np.abs(np.diff(own, 2, axis=1))[(own[:, 1:-1] < clip) & (own[:, 1:-1] > 0)]
+        calm += [float(np.median(second))] if second.size > own.size // 4 else []
+    if not calm:
         return float("inf")
-    spatial = 1.4826 * float(np.median(np.abs(second), axis=1).min()) / np.sqrt(6)
+    spatial = 1.4826 * min(calm) / np.sqrt(6)
     contrast = float(np.percentile(np.ptp(levels, axis=0), 75))
     return float(max(2 * spatial, 0.3) ** 2 + (_UNEVEN * contrast) ** 2)
 
@@ -278,29 +293,47 @@ def _refine(
     return coord, curvature, misfit, offset, scale, count
 
 
-def _search(frames: Map, shown: Shown) -> Callable[[int, int], tuple[Map, Map]]:
-    """The two nearest code words, not next to each other, of the whole surface by normalised correlation."""
-    words = shown.fine(0.5)[:, _PER_CELL // 4 :: _PER_CELL // 2]
-    words = words - words.mean(axis=0)
-    length = np.sqrt((words**2).sum(axis=0))
-    words = (words / np.maximum(length, 1e-6) * (length > 1e-3)).astype(np.float32)
+def _search(
+    frames: Map, clip: float, shown: Shown, blur: float = _USUAL_BLUR, answers: int = _ANSWERS
+) -> Callable[[int, int], list[Map]]:
+    """The nearest code words, not next to each other, of the whole surface by normalised correlation; the
+    later half of those of pixels with clipped samples without these."""
+    words = shown.fine(blur)[:, _PER_CELL // 4 :: _PER_CELL // 2]
+    far = words - words.mean(axis=0)
+    length = np.sqrt((far**2).sum(axis=0))
+    units = (far / np.maximum(length, 1e-6) * (length > 1e-3)).astype(np.float32)
 
-    def search(start: int, stop: int) -> tuple[Map, Map]:
+    def nearest(samples: Map) -> Map:
+        """Of pixels (M, K), (answers, K)."""
+        place = np.empty((answers, samples.shape[1]), np.float32)
+        score = (samples - samples.mean(axis=0)).T @ units
+        clipped = np.flatnonzero((samples >= clip).any(axis=0))
+        pick = np.arange(len(score))
+        for rank in range(answers):
+            if 0 < rank == answers // 2 and clipped.size:
+                own = _correlation(samples[:, clipped], samples[:, clipped] < clip, words)
+                score[clipped] = np.where(np.isinf(score[clipped]), -np.inf, own)
+            best = score.argmax(axis=1)
+            place[rank] = 0.5 * best - 0.25
+            for near in range(-2 * _GUARD, 2 * _GUARD + 1):
+                score[pick, np.clip(best + near, 0, words.shape[1] - 1)] = -np.inf
+        return place
+
+    def search(start: int, stop: int) -> list[Map]:
         samples = frames[shown.index, start:stop].reshape(len(shown.index), -1).astype(np.float32)
-        samples -= samples.mean(axis=0)
-        place = np.empty((2, samples.shape[1]), np.float32)
-        for part in range(0, samples.shape[1], 4096):
-            score = samples[:, part : part + 4096].T @ words
-            pick = np.arange(len(score))
-            for rank in (0, 1):
-                best = score.argmax(axis=1)
-                place[rank, part : part + 4096] = 0.5 * best - 0.25
-                for near in range(-2 * _GUARD, 2 * _GUARD + 1):
-                    score[pick, np.clip(best + near, 0, words.shape[1] - 1)] = -np.inf
-        shape = (stop - start, frames.shape[2])
-        return place[0].reshape(shape), place[1].reshape(shape)
+        parts = [nearest(samples[:, at : at + 4096]) for at in range(0, samples.shape[1], 4096)]
+        return list(np.concatenate(parts, axis=1).reshape(answers, stop - start, frames.shape[2]))
 
     return search
+
+
+def _correlation(samples: Map, used: Map, words: Map) -> Map:
+    """Normalised, of samples (M, K) that are used with words (M, L), (K, L); in units of the samples."""
+    some = used.astype(np.float32)
+    count = np.maximum(some.sum(axis=0), 1)[:, None]
+    own = np.where(used, samples - (samples * some).sum(axis=0) / count.T, 0).astype(np.float32)
+    spread = some.T @ words**2 - (some.T @ words) ** 2 / count
+    return np.asarray(own.T @ words / np.sqrt(np.maximum(spread, 1e-6)) * (spread > 1e-6))
 
 
 def flags_of_fit(

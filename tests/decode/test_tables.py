@@ -81,6 +81,40 @@ def test_micro_phase_shifting(shoot: Shoot, smooth: tuple[F64, F64], named: bool
     assert 0.7 < rms_score(found, smooth) < 1.1
 
 
+def dim_micro_phase(seed: int, flashes: float = 0.0) -> tuple[Correspondence, F64, F64]:
+    """What is decoded of faint light, noisier where it is bright, on 700 cells, and where it looked; flashes:
+    share of the samples that are white."""
+    shown, rng = sequence("micro-phase", 700, 700), np.random.default_rng(seed)
+    row, col = np.mgrid[:90, :120]
+    u, v = 20 + 5.4 * col + 0.6 * np.sin(row / 9), 15 + 7.3 * row + 0.8 * np.cos(col / 11)
+    tables = zip(*(table / 255.0 for table in shown.tables()), strict=True)
+    light = [30 * seen_cells(along, u, 1.4) * seen_cells(across, v, 1.4) for along, across in tables]
+    frames = np.array([level + np.sqrt(level / 25) * rng.standard_normal(u.shape) for level in light])
+    frames = np.clip(np.rint(57 + frames), 0, 255)
+    frames[rng.random(frames.shape) < flashes] = 255
+    return decode(frames.astype(np.uint8), shown), u, v
+
+
+def test_micro_phase_knows_when_it_may_be_elsewhere() -> None:
+    """Hundreds of places look alike: sigma and probability of a wrong order hold where white is noisier than
+    black."""
+    found, u, v = dim_micro_phase(3)
+    far = (np.abs(found.u - u) > 3) | (np.abs(found.v - v) > 3)
+    assert not (far & found.good).any()
+    assert 0.2 < found.good.mean() < 0.98
+    assert found.order_error is not None
+    assert far.sum() > 50
+    assert found.order_error.sum() == pytest.approx(far.sum(), rel=0.2)
+    assert rms_score(found, (u, v)) == pytest.approx(1, abs=0.06)
+
+
+def test_clipped_samples_do_not_lead_elsewhere() -> None:
+    found, u, v = dim_micro_phase(4, flashes=0.01)
+    far = (np.abs(found.u - u) > 3) | (np.abs(found.v - v) > 3)
+    assert not (far & found.good).any()
+    assert found.good.mean() > 0.2
+
+
 def test_pattern_that_was_just_invented(smooth: tuple[F64, F64]) -> None:
     """Random grey values on cells of two pixels: unknown to the decoder but for their table."""
     values = np.random.default_rng(0).integers(0, 256, (2, 12, 90))
