@@ -1,8 +1,8 @@
 """Decoding against known grey values: any code at all, and sub-cell answers of binary codes.
 
 A pixel's samples are compared with what each place of the surface showed (nearest code words by normalised
-correlation), then these places are refined between cells. Sigma is the Fisher information of the best fit; what
-the others leave tells the probability that it is one of them.
+correlation), then these places are refined between cells. Sigma is the Fisher information of the best fit;
+what the others leave tells the probability that it is one of them.
 """
 
 from collections.abc import Callable
