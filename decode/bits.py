@@ -32,11 +32,14 @@ def bit_edges(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> E
     """What a sample of raw levels (N, K) of frames and their noise tell of a code's bits; see records.Edges.
 
     Levels that are flat but for edges on a share e of the pixels, straight from one level to the other, have
-    the mean square 1 - 2 e / 3; below 1/3 all is edges, and lower.
+    the mean square 1 - 2 e / 3; below 1/3 all is edges, and lower. Such stripes are narrow, so that a picture
+    holds many of them, whose mean is half way between black and white, unless gamma or flicker moves it.
     """
-    square, spread = _squares(levels, noise, wanted, code)
+    square, mean, spread = _squares(levels, noise, wanted, code)
     half = _half_stripes(code.kind, len(code.plain))
     low = square < _ALL_EDGES
+    alone = np.minimum(code.plain, code.inverse) < 0
+    astray = float(np.abs(mean[low & alone]).max(initial=0.0))
     share = np.where(low, 0.0, (1 - square) / (1 - _ALL_EDGES))
     # as far for all bits: the best fit to their shares, reach / half
     reach = float(np.sum(share / half) / np.maximum(np.sum(~low / half**2), 1e-9))
@@ -48,13 +51,13 @@ def bit_edges(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> E
     contrast, level, share, reaches = (
         part.astype(np.float32) for part in (np.sqrt(square), level, share, reaches)
     )
-    return Edges(contrast, level, share, reaches, np.float32(inside**2 / 12))
+    return Edges(contrast, level, share, reaches, np.float32(inside**2 / 12), np.float32(astray))
 
 
-def _squares(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> tuple[F64, float]:
+def _squares(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> tuple[F64, F64, float]:
     """Mean square of each bit's margin (bits,), without that of the noise, over that of white and black or,
-    if these were not shown, of the best bit; the noise (rms) of the finest bit's margin, over the same. 1 and
-    0 where too few pixels see the pattern.
+    if these were not shown, of the best bit; the mean margin (bits,) and the noise (rms) of the finest bit's,
+    over the root of the same. 1, 0 and 0 where too few pixels see the pattern.
     """
     own = levels[:, :: max(1, levels.shape[1] // _PIXELS)].astype(np.float32)
     both = (code.plain >= 0) & (code.inverse >= 0)
@@ -68,13 +71,14 @@ def _squares(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> tu
     half = 0.5 * (high - low)
     lit = half > 0.25 * quantile(half, 0.95)
     if np.count_nonzero(lit) < _FEWEST:
-        return np.ones(len(code.plain)), 0.0
+        return np.ones(len(code.plain)), np.zeros(len(code.plain)), 0.0
     sample = noise.read2 + noise.gain * float(np.mean(0.5 * (high + low)[lit]))
     variance = np.where(both, 0.5, 1.0) * sample
     square = np.mean(margin[:, lit] ** 2, axis=1, dtype=np.float64) - variance
     flat = float(np.mean(half[lit] ** 2)) - 0.5 * sample if referenced else 0.0
     whole = max(float(square.max()), flat, 1e-9)
-    return np.clip(square / whole, 1e-6, 1.0), float(np.sqrt(variance[0] / whole))
+    mean = np.mean(margin[:, lit], axis=1, dtype=np.float64) / np.sqrt(whole)
+    return np.clip(square / whole, 1e-6, 1.0), mean, float(np.sqrt(variance[0] / whole))
 
 
 @lru_cache(maxsize=16)

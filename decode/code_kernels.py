@@ -46,7 +46,8 @@ def code_tile(n: int, first: int, camera: Camera, code: CodeRecord, found: CellL
     found.clipped[:n] = np.uint8(0)
     found.place[:n] = code.edges.inside
     weak = found.weak
-    limits = read2, gain, np.float32(camera.clip), code.loose, lone(source)
+    astray = max(code.loose, code.edges.astray)
+    limits = read2, gain, np.float32(camera.clip), code.loose, astray, lone(source)
     if _weak(n, *limits, middle, half, found.pair, found.single, weak):
         for x in range(n):
             if weak[x]:
@@ -273,6 +274,7 @@ def _weak(
     gain: Any,
     clip: Any,
     loose: Any,
+    astray: Any,
     lone: Any,
     middle: Array,
     half: Array,
@@ -281,9 +283,10 @@ def _weak(
     weak: Array,
 ) -> bool:
     """Pixels with a bit whose margin is below 6 sigma."""
+    brighter = BRIGHTER if astray < BRIGHTER else astray
     for x in range(n):
         noise, systematic = read2 + gain * middle[x], (loose * half[x]) * (loose * half[x])
-        unsure = half[x] * (BRIGHTER if middle[x] + half[x] >= clip else loose)
+        unsure = half[x] * (brighter if middle[x] + half[x] >= clip else astray)
         certain = (pair[x] * pair[x] > _CERTAIN * (_HALF * noise + systematic)) & (
             single[x] * single[x] > _CERTAIN * (lone * noise + unsure * unsure)
         )

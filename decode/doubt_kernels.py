@@ -83,7 +83,8 @@ def misread(x: int, first: int, camera: Camera, code: CodeRecord, found: CellLin
     cell, beside, edged = cells[word], 0.0, together or not code.fringed
     on_edges, at_edges, off = 0.0, 0.0, 0.0
     noise, systematic = float(read2 + gain * middle), float(code.loose * half) ** 2
-    unsure = float(BRIGHTER * half) ** 2 if middle + half >= clip else systematic
+    unsure = max(systematic, float(edges.astray * half) ** 2)
+    unsure = max(unsure, float(BRIGHTER * half) ** 2) if middle + half >= clip else unsure
     for far_ones in range(2):
         for bit in range(len(plain)):
             step = cells[word ^ (1 << bit)] - cell
