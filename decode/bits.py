@@ -26,6 +26,8 @@ _ALL_EDGES, _LEAST_SHARE = 1 / 3, 0.02
 #: Sigmas of a certain bit's margin; part of a cell's width that its edges leave, at least: how far they reach
 #: is an estimate.
 _CERTAIN, _LEAST_INSIDE = 6.0, 0.85
+#: Error of a threshold that was measured, as a share of how far it is from half way.
+_UNSURE = 0.25
 
 
 def bit_edges(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> Edges:
@@ -33,13 +35,12 @@ def bit_edges(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> E
 
     Levels that are flat but for edges on a share e of the pixels, straight from one level to the other, have
     the mean square 1 - 2 e / 3; below 1/3 all is edges, and lower. Such stripes are narrow, so that a picture
-    holds many of them, whose mean is half way between black and white, unless gamma or flicker moves it.
+    holds many of them: their mean is the light half way, which gamma, flicker and clipped white move.
     """
     square, mean, spread = _squares(levels, noise, wanted, code)
     half = _half_stripes(code.kind, len(code.plain))
     low = square < _ALL_EDGES
-    alone = np.minimum(code.plain, code.inverse) < 0
-    astray = float(np.abs(mean[low & alone]).max(initial=0.0))
+    shift, astray = _threshold(mean[low & (np.minimum(code.plain, code.inverse) < 0)])
     share = np.where(low, 0.0, (1 - square) / (1 - _ALL_EDGES))
     # as far for all bits: the best fit to their shares, reach / half
     reach = float(np.sum(share / half) / np.maximum(np.sum(~low / half**2), 1e-9))
@@ -51,7 +52,16 @@ def bit_edges(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> E
     contrast, level, share, reaches = (
         part.astype(np.float32) for part in (np.sqrt(square), level, share, reaches)
     )
-    return Edges(contrast, level, share, reaches, np.float32(inside**2 / 12), np.float32(astray))
+    numbers = inside**2 / 12, shift, astray
+    return Edges(contrast, level, share, reaches, *(np.float32(number) for number in numbers))
+
+
+def _threshold(means: F64) -> tuple[float, float]:
+    """Distance from the mid level, and its error, half contrasts, by the mean margins of narrow stripes."""
+    if not means.size:
+        return 0.0, 0.0
+    shift = float(means.mean())
+    return shift, max(float(np.abs(means - shift).max()), _UNSURE * abs(shift))
 
 
 def _squares(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> tuple[F64, F64, float]:

@@ -77,7 +77,10 @@ def _bits(n: int, first: int, frames: Array, code: CodeRecord, found: CellLines)
         else:
             sign = _ONE if plain[bit] >= 0 else -_ONE
             shown = max(plain[bit], inverse[bit])
-            _single(n, np.int32(1 << bit), sign, frames, shown, first, middle, found.single, found.most, cell)
+            _single(
+                *(n, np.int32(1 << bit), sign, code.edges.shift, frames, shown, first),
+                *(middle, half, found.single, found.most, cell),
+            )
         pairs += many
         bit += max(many, 1)
     return pairs
@@ -229,21 +232,25 @@ def _single(
     n: int,
     bit: Any,
     sign: Any,
+    shift: Any,
     frames: Array,
     at: int,
     first: int,
     middle: Array,
+    half: Array,
     single: Array,
     most: Array,
     word: Array,
 ) -> None:
-    """A bit shown without its inverse: its margin against the mid level, the least and the largest."""
+    """A bit shown without its inverse: its least margin against the threshold, `shift` half contrasts from
+    the mid level, and the largest distance from that."""
     line = frames[at, 0, first : first + n]
     for x in range(n):
-        margin = sign * (np.float32(line[x]) - middle[x])
+        above = np.float32(line[x]) - middle[x]
+        margin, far = sign * (above - shift * half[x]), abs(above)
         size = abs(margin)
         single[x] = size if size < single[x] else single[x]
-        most[x] = size if size > most[x] else most[x]
+        most[x] = far if far > most[x] else most[x]
         word[x] |= bit if margin > _ZERO else np.int32(0)
 
 

@@ -96,7 +96,7 @@ def misread(x: int, first: int, camera: Camera, code: CodeRecord, found: CellLin
                 spread, lost = 0.5 * noise + systematic, raw >= clip and other >= clip
             else:
                 raw = frames[max(plain[bit], inverse[bit]), 0, first + x]
-                margin = np.float32(raw) - middle
+                margin = np.float32(raw) - middle - edges.shift * half
                 spread, lost = lone(code.source) * noise + unsure, raw >= clip and middle >= clip
             if lost:
                 found.clipped[x] = 1

@@ -64,14 +64,15 @@ class Camera(NamedTuple):
 class Edges(NamedTuple):
     """Of each bit (bits,): rms contrast and level away from edges, both over the half contrast without blur;
     share of the pixels that are edges; how far an edge reaches to either side, cells. inside: variance of a
-    place in a cell whose bits are certain, cells^2; astray: how far from half way the levels of bits without
-    inverses lie that are black and white equally often, half contrasts."""
+    place in a cell whose bits are certain, cells^2. Of bits without inverses: their threshold's distance
+    from the mid level (shift), and its error (astray), half contrasts."""
 
     contrast: Array
     level: Array
     share: Array
     reach: Array
     inside: np.float32
+    shift: np.float32
     astray: np.float32
 
 
