@@ -65,6 +65,7 @@ def measured_blur(seen: Survey, lut: Map, wanted: Plan, axis: AxisPlan) -> Blur 
 
 
 def _own(seen: F64) -> Contrasts:
+    """Of contrasts (7, K) those over the offset."""
     return Contrasts(seen[4], seen[1], seen[2:4], seen[5:])
 
 
