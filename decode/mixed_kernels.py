@@ -24,6 +24,8 @@ NOTHING = np.uint16(1 | 4 | 128)
 #: Amplitude over the neighbours' largest, below which a pixel beside one that sees nothing, or near the
 #: border, has lost part of its light.
 _BESIDE, _BORDER = np.float32(0.85), np.float32(0.96)
+#: The same, of a neighbour that sees hardly anything.
+_FAINT = np.float32(0.25)
 #: Cells by which a pixel is surely nearer to it than another.
 _NEARER = 1.0
 _ZERO, _ONE, _THREE, _HALF = np.float32(0), np.float32(1), np.float32(3), 0.5
@@ -31,11 +33,12 @@ _GOOD = np.uint16(0)
 
 
 @leaf_kernel
-def _sees_nothing_beside(row: int, x: int, flags: Array) -> bool:
+def _sees_nothing_beside(row: int, x: int, flags: Array, amplitude: Array, faint: float) -> bool:
+    """Whether a neighbour does, or hardly anything: a contrast below `faint`."""
     rows, cols = flags.shape
     for y in range(max(row - 1, 0), min(row + 2, rows)):
         for z in range(max(x - 1, 0), min(x + 2, cols)):
-            if flags[y, z] & NOTHING:
+            if flags[y, z] & NOTHING or amplitude[y, z] < faint:
                 return True
     return False
 
@@ -168,7 +171,7 @@ def mixed_rows(start: int, stop: int, near: Near, shared: Shared, kept: Array, t
                 continue
             if beside and here[x] < _BORDER * top[x] and _at_border(row, x, near, flags):
                 near.dim[row] = 1
-            if holes and _sees_nothing_beside(row, x, flags):
+            if holes and _sees_nothing_beside(row, x, flags, amplitude, _FAINT * top[x]):
                 if here[x] < _BESIDE * top[x]:
                     flags[row, x] |= OUTLIER
                 # the part of the footprint that is left has its middle elsewhere

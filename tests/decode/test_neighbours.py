@@ -200,6 +200,18 @@ def test_what_noise_lets_pass_among_refused_pixels_is_flagged(
     assert found.good[~strong].mean() < 1e-3
 
 
+def test_dim_beside_what_hardly_sees_anything(shoot: Callable[..., Any], smooth: tuple[F64, F64]) -> None:
+    """Half of its light is gone, and what is left is of one side: also where the pixel beside still has some
+    contrast, and only the next one has none."""
+    shown, light = sequence("phase", 150, 170), np.full(smooth[0].shape, 60.0)
+    light[30, 38:41] = 0.5, 12, 28
+    light[60, 40] = 28  # dust
+    found = decode(shoot(shown, *smooth, noise=0.5, amplitude=light), shown, on_cells=False)
+    assert found.flags[30, 40] == Flag.OUTLIER
+    assert found.flags[60, 40] == 0
+    assert found.good.mean() > 0.99
+
+
 @pytest.mark.parametrize("row", range(13))
 @pytest.mark.parametrize("col", [0, 1, 7, 14])
 def test_a_pixel_that_refused_ones_surround(row: int, col: int) -> None:
