@@ -26,8 +26,10 @@ _ALL_EDGES, _LEAST_SHARE = 1 / 3, 0.02
 #: Sigmas of a certain bit's margin; part of a cell's width that its edges leave, at least: how far they reach
 #: is an estimate.
 _CERTAIN, _LEAST_INSIDE = 6.0, 0.85
-#: Error of a threshold that was measured, as a share of how far it is from half way.
-_UNSURE = 0.25
+#: Error of a threshold that was measured, as a share of how far it is from half way, and at least.
+_UNSURE, _LEAST_ERROR = 0.25, 0.005
+#: Variance of the mean of stripes some of which are in view, over their own.
+_IN_VIEW = 0.2**2
 
 
 def bit_edges(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> Edges:
@@ -40,7 +42,8 @@ def bit_edges(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> E
     square, mean, spread = _squares(levels, noise, wanted, code)
     half = _half_stripes(code.kind, len(code.plain))
     low = square < _ALL_EDGES
-    shift, astray = _threshold(mean[low & (np.minimum(code.plain, code.inverse) < 0)])
+    fine = low & (np.minimum(code.plain, code.inverse) < 0)
+    shift, astray = _threshold(mean[fine], square[fine])
     share = np.where(low, 0.0, (1 - square) / (1 - _ALL_EDGES))
     # as far for all bits: the best fit to their shares, reach / half
     reach = float(np.sum(share / half) / np.maximum(np.sum(~low / half**2), 1e-9))
@@ -56,12 +59,15 @@ def bit_edges(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> E
     return Edges(contrast, level, share, reaches, *(np.float32(number) for number in numbers))
 
 
-def _threshold(means: F64) -> tuple[float, float]:
-    """Distance from the mid level, and its error, half contrasts, by the mean margins of narrow stripes."""
-    if not means.size:
+def _threshold(mean: F64, square: F64) -> tuple[float, float]:
+    """Distance from the mid level, and its error, half contrasts, by mean and mean square of the margins of
+    narrow stripes (bits,): the fainter, the less it matters which part of them is in view."""
+    if not mean.size:
         return 0.0, 0.0
-    shift = float(means.mean())
-    return shift, max(float(np.abs(means - shift).max()), _UNSURE * abs(shift))
+    weight = 1 / (_IN_VIEW * np.maximum(square - mean**2, 0) + _LEAST_ERROR**2)
+    shift = float(np.average(mean, weights=weight))
+    scatter = float(np.sqrt(np.average((mean - shift) ** 2, weights=weight)))
+    return shift, max(scatter, _UNSURE * abs(shift), _LEAST_ERROR)
 
 
 def _squares(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> tuple[F64, F64, float]:
