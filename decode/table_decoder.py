@@ -302,6 +302,8 @@ def _search(
     far = words - words.mean(axis=0)
     length = np.sqrt((far**2).sum(axis=0))
     units = (far / np.maximum(length, 1e-6) * (length > 1e-3)).astype(np.float32)
+    # a small surface has no room for more
+    answers = min(answers, 1 + (words.shape[1] - 1) // (4 * _GUARD + 1))
 
     def nearest(samples: Map) -> Map:
         """Of pixels (M, K), (answers, K)."""

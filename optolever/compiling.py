@@ -93,6 +93,11 @@ class _Wide(NativeLowering):
 class _Within(NativeLowering):
     _name = "optolever_within"
     _library: type[_Library] = _Unfinished
+    _lower: type[Lower] = Lower
+
+    @property
+    def lowering_class(self) -> Any:
+        return self._lower
 
     def run_pass(self, state: Any) -> bool:
         """Of the usual pass all but machine code."""
@@ -109,24 +114,19 @@ class _Within(NativeLowering):
 @register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
 class _WithinOnce(_Within):
     _name = "optolever_within_once"
-
-    @property
-    def lowering_class(self) -> Any:
-        return _OnceLower
+    _lower = _OnceLower
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
 class _WithinPasted(_Within):
     _name = "optolever_within_pasted"
-
-    @property
-    def lowering_class(self) -> Any:
-        return _PastedLower
+    _lower = _PastedLower
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
-class _WithinWide(_Within, _Wide):
+class _WithinWide(_Within):
     _name = "optolever_within_wide"
+    _lower = _WideLower
     _library = _Library
 
 

@@ -77,7 +77,8 @@ def height_map(
         limits = _STEEP * np.sqrt(state.variances[0]), _STEEP * np.sqrt(state.variances[1])
         lost = ~data.mask | problem.bridged
         away = cut_off(doubt.alone, limits, data.mask, anchors, lost)
-        steep[problem.core] = away | (touched(doubt) & (told > (_STEEP**2) * _beside(variance, data.mask)))
+        beyond = told > (_STEEP**2) * _least_around(variance, data.mask)
+        steep[problem.core] = away | (touched(doubt) & beyond)
         variance = variance + more
     w, variance, known = extended(outer, problem.core, state.w, variance, data.mask)
     distance, sigma = outer.distance(w), np.sqrt(variance)
@@ -112,8 +113,8 @@ def height_map(
     return HeightMap(x, y, z, deviation, flags, diagnostics, problem.rays.lean)
 
 
-def _beside(variance: Floats, mask: Mask) -> Floats:
-    """The least around every pixel: where all of a pixel's edges share a doubt, its own variance holds it."""
+def _least_around(variance: Floats, mask: Mask) -> Floats:
+    """Of (H, W) in 3 x 3 pixels: where all of a pixel's edges share a doubt, its own variance holds it."""
     least: Floats = minimum_filter(np.where(mask, variance, np.inf), 3)
     return least
 

@@ -84,16 +84,16 @@ def test_clipped_white_leaves_the_threshold_of_bits_in_doubt() -> None:
     assert np.abs(found.u - u)[found.good].max() < 1.5
 
 
-@pytest.mark.parametrize(("gamma", "least"), [(1.0, 0.5), (1.75, 0.0)])
-def test_gamma_moves_the_threshold_of_blurred_bits(gamma: float, least: float) -> None:
-    """Stripes too fine for the blur all lie on one side of it, and would be read there with certainty."""
+@pytest.mark.parametrize("gamma", [1.0, 1.75])
+def test_gamma_moves_the_threshold_of_blurred_bits(gamma: float) -> None:
+    """Stripes too fine for the blur all lie on one side of half way: their mean is the threshold."""
     shown, u = sequence("binary", 8, 256, inverses=False), np.linspace(4, 250, 4000)
     light = np.repeat(seen_by_pixels(shown, u, 0.7, 0.75), 8, axis=1)
     light = 10 + 200 * (light / light.max()) ** (1 / gamma)
     light += 0.5 * np.random.default_rng(0).standard_normal(light.shape)
     found = decode(np.rint(light).astype(np.uint8), shown)
     assert not (found.good & (np.abs(found.u - u) > 1.5)).any()
-    assert found.good.mean() >= least
+    assert found.good.mean() > 0.5
 
 
 def test_saturated_where_too_few_samples_are_left(shoot: Shoot, smooth: tuple[F64, F64]) -> None:

@@ -133,6 +133,16 @@ def test_pattern_that_was_just_invented(smooth: tuple[F64, F64]) -> None:
     assert 0.7 < rms_score(found, smooth) < 1.3
 
 
+def test_a_surface_with_room_for_few_answers() -> None:
+    """No place is compared with itself: eight cells have no fourth one."""
+    values = np.random.default_rng(1).integers(0, 256, (12, 8))
+    shown = Sequence(tuple(Frame("levels", "u", levels=tuple(row.tolist())) for row in values), 8, 8)
+    u = np.broadcast_to(np.linspace(1, 6, 200), (8, 200))
+    found = decode(cell_frames(shown, u, np.full(u.shape, 3.5), blur=0.5, noise=1.0), shown)
+    assert found.good.mean() > 0.99
+    assert np.abs(found.u - u)[found.good].max() < 0.5
+
+
 @pytest.mark.parametrize("blur", [0.5, 0.9])
 def test_gray_within_its_cells(smooth: tuple[F64, F64], blur: float) -> None:
     shown = sequence("gray", 150, 170)
