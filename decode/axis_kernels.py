@@ -7,13 +7,12 @@ from numpy.typing import NDArray
 
 from .code_kernels import code_tile
 from .display_kernels import take_off_run
-from .fit_kernels import fit_tile, variance_of
+from .fit_kernels import fit_tile
 from .flag_kernels import code_flags, common_tile, finest_tile, flag_fit, outlier_rows
 from .jit import apart_kernel, fast_kernel, inline_kernel, leaf_kernel
-from .pair_kernels import pair_tile
+from .pair_kernels import highest_of, merge_pair, order_pair, pair_of, store_pair
 from .records import (
     LINES,
-    NOUGHT,
     TILE,
     AxisRecord,
     Camera,
@@ -25,7 +24,7 @@ from .records import (
 )
 from .refit_kernels import refit
 from .stream_kernels import stream_widened
-from .unwrap_kernels import MUCH_FINER, search_tile, sequential_tile
+from .unwrap_kernels import search_tile, sequential_tile
 
 __all__ = ["axis_pixels"]
 
@@ -33,7 +32,7 @@ Array = NDArray[Any]
 
 # lines of Scratch.lines; behind them a, c, s of all periods, then their turns, variances and misfits
 _PLACE, _SPREAD, _DOUBT, _GUESS, _HALF, _MIDDLE, _FAR, _UP, _DOWN = range(9)
-_GAP, _AGREEMENT, _STEP, _MARGIN, _SPARE = range(9, NOUGHT)
+_GAP, _AGREEMENT, _STEP, _MARGIN, _SPARE = range(9, LINES)
 
 
 @leaf_kernel
@@ -159,22 +158,33 @@ def _pair(
     camera: Camera,
     fringes: FringeRecord,
     axis: AxisRecord,
+    shared: Shared,
     scratch: Scratch,
 ) -> bool:
-    """_fit, _unwrap and _flag_others of two periods at once. False: there are others, or something is
-    clipped, or an order in doubt, and all is left to these."""
+    """All of two periods but their way into the maps of this axis; False: there are others, or something is
+    clipped."""
     if pair is not None:
-        lines, periods, quad = scratch.lines, fringes.periods, fringes.quad
-        sums, _, variance, misfit = _of_periods(2, lines)
-        read2, gain = camera.read2, camera.gain
-        coarse, fine = variance_of(quad[0], read2, gain), variance_of(quad[1], read2, gain)
-        blended, guess = MUCH_FINER * periods[1] >= periods[0], np.float32(0.5 * (axis.extent - 1))
-        top, close = pair_tile(
-            *(n, camera.frames, fringes.frame, first, periods, coarse, fine, blended, guess),
-            *((fringes.misfit[0], read2, gain), sums[3], sums[4], sums[5], variance[1], misfit[1]),
-            *(lines[_PLACE], lines[_SPREAD], lines[_AGREEMENT], scratch.words[1]),
-        )
-        return bool(np.float32(top) < np.float32(camera.clip) and not close)
+        frames, index = camera.frames, fringes.frame
+        if np.float32(highest_of(n, frames, index, first)) >= np.float32(camera.clip):
+            return False
+        lines, end = scratch.lines, first + n
+        of_fit, of_place = pair_of(camera, fringes, axis)
+        flags, amplitude = shared.flat_flags[0, first:end], shared.flat_amplitude[0, first:end]
+        offset, error = shared.flat_offset[0, first:end], shared.flat_error[0, first:end]
+        about, before, turns = lines[_STEP], lines[_MARGIN], lines[_SPARE]
+        place, spread = lines[_PLACE], lines[_SPREAD]
+        # two loops: one that asks within is stored by masks, which takes twice as long
+        if axis.joined:
+            merge_pair(
+                n, frames, index, first, of_fit, about, before, turns, spread, flags, amplitude, offset
+            )
+        else:
+            store_pair(
+                *(n, frames, index, first, of_fit, about, before, turns, spread),
+                *(flags, amplitude, offset, error),
+            )
+        order_pair(n, of_place, about, before, turns, spread, place, flags, error)
+        return True
     return False
 
 
@@ -192,12 +202,13 @@ def _fringes(
     """Phases of a tile, unwrapped, into the maps."""
     if fringes is None:
         return
-    paired = _pair(first, n, fringes.pair, camera, fringes, axis, scratch)
-    if not paired:
+    if not _pair(first, n, fringes.pair, camera, fringes, axis, shared, scratch):
         _fit(first, n, camera, fringes, scratch)
         _unwrap(n, code, fringes.searched, fringes, axis, scratch)
         _flag_others(n, camera, fringes, scratch)
-    _finish(first, n, not paired, camera, fringes, axis, shared, scratch)
+        _flag_finest(first, n, camera, fringes, axis, shared, scratch)
+    place, spread = scratch.lines[_PLACE], scratch.lines[_SPREAD]
+    _write(first, n, camera.floor, fringes.shown, place, spread, axis, shared, scratch)
 
 
 @inline_kernel
@@ -212,29 +223,24 @@ def _flag_others(n: int, camera: Camera, fringes: FringeRecord, scratch: Scratch
 
 
 @inline_kernel
-def _finish(
+def _flag_finest(
     first: int,
     n: int,
-    doubtful: bool,
     camera: Camera,
     fringes: FringeRecord,
     axis: AxisRecord,
     shared: Shared,
     scratch: Scratch,
 ) -> None:
-    """Flags of unwrapped fringes (doubtful: some orders may be), what the display shifts, and the maps."""
-    lines = scratch.lines
-    place, spread = lines[_PLACE], lines[_SPREAD]
-    doubt, gap = lines[_DOUBT if doubtful else NOUGHT], lines[_GAP if doubtful else NOUGHT]
-    last = len(fringes.periods) - 1
+    """Flags of unwrapped fringes, and the maps that both axes share."""
+    lines, last = scratch.lines, len(fringes.periods) - 1
     sums, _, variance, misfit = _of_periods(last + 1, lines)
     worst = fringes.misfit[last]
     finest_tile(
         *(n, axis.joined, camera, worst, fringes.disagreement, fringes.reach, np.float32(axis.extent)),
-        *(sums[3 * last :], variance[last], misfit[last], lines[_AGREEMENT], doubt, gap),
-        *(place, spread, scratch.words[1], first, shared),
+        *(sums[3 * last :], variance[last], misfit[last], lines[_AGREEMENT], lines[_DOUBT], lines[_GAP]),
+        *(lines[_PLACE], lines[_SPREAD], scratch.words[1], first, shared),
     )
-    _write(first, n, camera.floor, fringes.shown, place, spread, axis, shared, scratch)
 
 
 @inline_kernel

@@ -11,12 +11,15 @@ from .unwrap_kernels import UNKNOWN
 
 __all__ = [
     "MOVED",
+    "add_doubt",
     "code_flags",
     "common_tile",
     "finest_tile",
     "flag_fit",
     "merge_rows",
     "outlier_rows",
+    "why_placed",
+    "why_seen",
 ]
 
 Array = NDArray[Any]
@@ -65,7 +68,7 @@ def finest_tile(
     ORDER_DOUBTFUL: periods disagree, an order is improbable, or code and fringe lie apart;
     OFF_PATTERN: beyond the border by more than half a pixel and 3 sigma; INVALID: no number.
     """
-    limits = camera.read2, camera.gain, camera.dark, camera.scale, worst, disagreement, reach, extent
+    limits = camera.read2, camera.gain, (camera.dark, camera.scale, worst), (disagreement, reach, extent)
     fitted, told = (fit[0], fit[1], fit[2], variance, misfit), (agreement, doubt, gap, place, spread)
     end = first + n
     flags, amplitude = shared.flat_flags[0, first:end], shared.flat_amplitude[0, first:end]
@@ -78,23 +81,25 @@ def finest_tile(
 
 
 @pasted_kernel
-def _why_finest(limits: Any, power: Any, fit: Any, orders: Any) -> Any:
-    """Flags of a pixel: squared amplitude; offset, the phase's variance and misfit; what orders told."""
-    read2, gain, black, scale, worst, disagreement, reach, extent = limits
-    mean, variance, misfit = fit
-    agreement, doubt, gap, place, spread = orders
-    noise = read2 + gain * (mean if mean > _ZERO else _ZERO)
+def why_seen(limits: Any, power: Any, noise: Any, mean: Any, variance: Any, misfit: Any) -> Any:
+    """Flags of a fit: squared amplitude, a sample's variance, offset, the phase's variance, misfit."""
+    black, scale, worst = limits
     low = scale * power < _LEAST_CONTRAST2 * noise
     dark = low & ((mean < black) | (mean * mean < _FOUR * _LEAST_CONTRAST2 * noise))
+    contrast = (_LOW if low else _NONE) | (_DARK if dark else _NONE)
+    lost = _SATURATED if variance > _UNKNOWN else _NONE
+    return contrast | lost | (MOVED if misfit > worst * noise else _NONE)
+
+
+@pasted_kernel
+def why_placed(limits: Any, agreement: Any, doubt: Any, gap: Any, place: Any, spread: Any) -> Any:
+    """Flags of a pixel's place: what orders told, and its variance."""
+    disagreement, reach, extent = limits
     wrong = (agreement > disagreement) | (doubt > _DOUBT) | (gap > reach)
     beyond = abs(place - _HALF * (extent - _ONE)) - _HALF * extent
     off = (beyond > _HALF) & (beyond * beyond > _THREE * _THREE * spread)
     fine = (abs(place) < _INF) & (spread < _INF)
-    contrast = (_LOW if low else _NONE) | (_DARK if dark else _NONE)
-    lost = _SATURATED if variance > _UNKNOWN else _NONE
-    moved = MOVED if misfit > worst * noise else _NONE
-    lies = (_ORDER if wrong else _NONE) | (_OFF if off else _NONE) | (_NONE if fine else _INVALID)
-    return contrast | lost | moved | lies
+    return (_ORDER if wrong else _NONE) | (_OFF if off else _NONE) | (_NONE if fine else _INVALID)
 
 
 @apart_kernel
@@ -111,10 +116,13 @@ def _store_finest(
 ) -> None:
     a, c, s, variance, misfit = fitted
     agreement, doubt, gap, place, spread = told
+    read2, gain, of_fit, of_place = limits
     for x in range(n):
+        noise = read2 + gain * (a[x] if a[x] > _ZERO else _ZERO)
         power = c[x] * c[x] + s[x] * s[x]
-        fit, orders = (a[x], variance[x], misfit[x]), (agreement[x], doubt[x], gap[x], place[x], spread[x])
-        flags[x] = why[x] | _why_finest(limits, power, fit, orders)
+        seen = why_seen(of_fit, power, noise, a[x], variance[x], misfit[x])
+        lies = why_placed(of_place, agreement[x], doubt[x], gap[x], place[x], spread[x])
+        flags[x] = why[x] | seen | lies
         amplitude[x] = np.sqrt(power)
         offset[x] = a[x]
         order_error[x] = doubt[x] if doubt[x] < _ONE else _ONE
@@ -134,15 +142,26 @@ def _merge_finest(
 ) -> None:
     a, c, s, variance, misfit = fitted
     agreement, doubt, gap, place, spread = told
+    read2, gain, of_fit, of_place = limits
     for x in range(n):
+        noise = read2 + gain * (a[x] if a[x] > _ZERO else _ZERO)
         power = c[x] * c[x] + s[x] * s[x]
         height = np.sqrt(power)
         wrong = doubt[x] if doubt[x] < _ONE else _ONE
-        fit, orders = (a[x], variance[x], misfit[x]), (agreement[x], doubt[x], gap[x], place[x], spread[x])
-        flags[x] |= why[x] | _why_finest(limits, power, fit, orders)
+        seen = why_seen(of_fit, power, noise, a[x], variance[x], misfit[x])
+        lies = why_placed(of_place, agreement[x], doubt[x], gap[x], place[x], spread[x])
+        flags[x] |= why[x] | seen | lies
         amplitude[x] = height if height < amplitude[x] else amplitude[x]
         offset[x] = _HALF * (offset[x] + a[x])
         order_error[x] = order_error[x] + wrong - order_error[x] * wrong
+
+
+@leaf_kernel
+def add_doubt(x: int, wrong: Any, flags: Array, order_error: Array) -> None:
+    """Into maps that are flagged already: a pixel's probability of a wrong order."""
+    order_error[x] += wrong - order_error[x] * wrong
+    if wrong > _DOUBT:
+        flags[x] |= np.uint16(_ORDER)
 
 
 @apart_kernel

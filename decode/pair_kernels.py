@@ -1,6 +1,6 @@
-"""Compiled: two periods of four quarter shifts, fitted and unwrapped in one go.
+"""Compiled: two periods of four quarter shifts, fitted, unwrapped and flagged in one go, into the maps.
 
-What fit_kernels, unwrap_kernels and flag_kernels hand to each other through the cache, a sixth of what all of
+What fit_kernels, unwrap_kernels and flag_kernels hand to each other through the cache, a third of what all of
 them take, stays in registers. The formulas are theirs.
 """
 
@@ -9,65 +9,177 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .fit_kernels import highest, quarter_fit
-from .flag_kernels import MOVED
-from .jit import apart_kernel
-from .unwrap_kernels import CERTAIN, two_orders
+from .fit_kernels import TURN2, highest, phase_of, quarter_sums
+from .flag_kernels import MOVED, add_doubt, why_placed, why_seen
+from .jit import apart_kernel, leaf_kernel, pasted_kernel
+from .records import AxisRecord, Camera, FringeRecord
+from .unwrap_kernels import CERTAIN, beside
 
-__all__ = ["pair_tile"]
+__all__ = ["highest_of", "merge_pair", "order_pair", "pair_of", "store_pair"]
 
 Array = NDArray[Any]
-_ZERO, _ONE, _NONE = np.float32(0), np.float32(1), np.int32(0)
+_ZERO, _ONE, _TWO, _FOUR = np.float32(0), np.float32(1), np.float32(2), np.float32(4)
+_QUARTER, _HALF, _NONE = np.float32(0.25), np.float32(0.5), np.int32(0)
 
 
 @apart_kernel
-def pair_tile(
+def highest_of(n: int, frames: Array, index: Array, first: int) -> Any:
+    """Highest raw level of n pixels of frames index (2, 4)."""
+    end = first + n
+    i0, i1 = frames[index[0, 0], 0, first:end], frames[index[0, 1], 0, first:end]
+    i2, i3 = frames[index[0, 2], 0, first:end], frames[index[0, 3], 0, first:end]
+    k0, k1 = frames[index[1, 0], 0, first:end], frames[index[1, 1], 0, first:end]
+    k2, k3 = frames[index[1, 2], 0, first:end], frames[index[1, 3], 0, first:end]
+    top = i0[0]
+    for x in range(n):
+        one, other = highest(i0[x], i1[x], i2[x], i3[x]), highest(k0[x], k1[x], k2[x], k3[x])
+        most = one if one > other else other
+        top = most if most > top else top
+    return top
+
+
+@pasted_kernel
+def pair_of(camera: Camera, fringes: FringeRecord, axis: AxisRecord) -> Any:
+    """What store_pair and merge_pair are told, and order_pair. Amplitudes and offsets are not divided by 2
+    and 4 before they are stored."""
+    coarse, fine, extent = fringes.periods[0], fringes.periods[1], np.float32(axis.extent)
+    turn2 = _FOUR * TURN2
+    squares = turn2 * coarse * coarse * fringes.quad[0, 0, 0], turn2 * fine * fine * fringes.quad[1, 0, 0]
+    seen = camera.dark, _QUARTER * camera.scale, _FOUR * fringes.misfit[1]
+    middle, lies = _HALF * (extent - _ONE) / coarse, (_ZERO, fringes.reach, extent)
+    return (
+        (camera.read2, _QUARTER * camera.gain, *squares, _FOUR * fringes.misfit[0], seen),
+        (coarse, fine, middle, fringes.disagreement, lies),
+    )
+
+
+@pasted_kernel
+def _phase(f0: Any, f1: Any, f2: Any, f3: Any, read2: Any, gain: Any, square: Any) -> Any:
+    """Of four levels: 4 A, four times the squared amplitude and contrast (see quarter_sums), a sample's
+    variance, turns, and the variance of the place in the period."""
+    total, c, s, both = quarter_sums(f0, f1, f2, f3)
+    turn, inverse = phase_of(c, s)
+    noise = read2 + gain * (total if total > _ZERO else _ZERO)
+    return total, c * c + s * s, both * both, noise, turn, noise * (square * inverse)
+
+
+@pasted_kernel
+def _phases(i0: Any, i1: Any, i2: Any, i3: Any, k0: Any, k1: Any, k2: Any, k3: Any, limits: Any) -> Any:
+    """Of raw levels of the coarse and of the fine period: turns and variance of either, flags, and 4 A and
+    the squared 2 B of the fine one."""
+    read2, gain, of_coarse, of_fine, worst, seen = limits
+    _, _, left, rough, about, before = _phase(
+        *(np.float32(i0), np.float32(i1), np.float32(i2), np.float32(i3), read2, gain, of_coarse)
+    )
+    total, power, misfit, noise, turn, own = _phase(
+        *(np.float32(k0), np.float32(k1), np.float32(k2), np.float32(k3), read2, gain, of_fine)
+    )
+    why = why_seen(seen, power, noise, _QUARTER * total, _ZERO, misfit)
+    return about, before, turn, own, why | (MOVED if left > worst * rough else _NONE), total, power
+
+
+@apart_kernel
+def store_pair(
     n: int,
     frames: Array,
     index: Array,
     first: int,
-    periods: Array,
-    of_coarse: tuple[Any, Any],
-    of_fine: tuple[Any, Any],
-    blended: bool,
-    guess: Any,
-    limits: tuple[Any, Any, Any],
-    a: Array,
-    c: Array,
-    s: Array,
-    variance: Array,
-    misfit: Array,
-    coord: Array,
+    limits: Any,
+    about: Array,
+    before: Array,
+    turns: Array,
     spread: Array,
-    agreement: Array,
-    why: Array,
-) -> tuple[Any, bool]:
-    """fit_tile of the fine one of two periods, sequential_tile of both from one `guess` for all pixels (its
-    misfit: agreement), and flag_fit of the coarse one. Returns the highest raw level, and whether any orders
-    are close: few lines are written, and what these ask for is none of them.
-
-    index (2, 4); of_coarse, of_fine: see fit_kernels.variance_of; limits: worst, read2, gain of flag_fit.
+    flags: Array,
+    amplitude: Array,
+    offset: Array,
+    order_error: Array,
+) -> None:
+    """n pixels of two periods, frames index (2, 4), from pixel `first` on, none of which is clipped: turns of
+    the coarse one (about) and variance of its place (before), those of the fine one, and what finest_tile
+    writes, all (n,), of orders that are certain. limits: see pair_of.
     """
     end = first + n
     i0, i1 = frames[index[0, 0], 0, first:end], frames[index[0, 1], 0, first:end]
     i2, i3 = frames[index[0, 2], 0, first:end], frames[index[0, 3], 0, first:end]
     k0, k1 = frames[index[1, 0], 0, first:end], frames[index[1, 1], 0, first:end]
     k2, k3 = frames[index[1, 2], 0, first:end], frames[index[1, 3], 0, first:end]
-    coarse, fine, (worst, read2, gain) = periods[0], periods[1], limits
-    slope = _ONE if blended else _ZERO
-    top, close = i0[0], _ZERO
     for x in range(n):
-        one, other = highest(i0[x], i1[x], i2[x], i3[x]), highest(k0[x], k1[x], k2[x], k3[x])
-        most = one if one > other else other
-        top = most if most > top else top
-        f0, f1, f2, f3 = np.float32(i0[x]), np.float32(i1[x]), np.float32(i2[x]), np.float32(i3[x])
-        level, _, _, about, before, left = quarter_fit(f0, f1, f2, f3, of_coarse[0], of_coarse[1])
-        why[x] = MOVED if left > worst * (read2 + gain * (level if level > _ZERO else _ZERO)) else _NONE
-        f0, f1, f2, f3 = np.float32(k0[x]), np.float32(k1[x]), np.float32(k2[x]), np.float32(k3[x])
-        a[x], c[x], s[x], turn, own, misfit[x] = quarter_fit(f0, f1, f2, f3, of_fine[0], of_fine[1])
-        variance[x] = own
-        coord[x], spread[x], near, _, agreement[x], _ = two_orders(
-            coarse, fine, slope, about, before, turn, own, guess
+        about[x], before[x], turns[x], spread[x], flags[x], total, power = _phases(
+            i0[x], i1[x], i2[x], i3[x], k0[x], k1[x], k2[x], k3[x], limits
         )
-        close += _ONE if near < CERTAIN else _ZERO
-    return top, bool(close > _ZERO)
+        amplitude[x], offset[x] = _HALF * np.sqrt(power), _QUARTER * total
+        order_error[x] = _ZERO
+
+
+@apart_kernel
+def merge_pair(
+    n: int,
+    frames: Array,
+    index: Array,
+    first: int,
+    limits: Any,
+    about: Array,
+    before: Array,
+    turns: Array,
+    spread: Array,
+    flags: Array,
+    amplitude: Array,
+    offset: Array,
+) -> None:
+    """store_pair, what both axes share being that of the other axis so far."""
+    end = first + n
+    i0, i1 = frames[index[0, 0], 0, first:end], frames[index[0, 1], 0, first:end]
+    i2, i3 = frames[index[0, 2], 0, first:end], frames[index[0, 3], 0, first:end]
+    k0, k1 = frames[index[1, 0], 0, first:end], frames[index[1, 1], 0, first:end]
+    k2, k3 = frames[index[1, 2], 0, first:end], frames[index[1, 3], 0, first:end]
+    for x in range(n):
+        about[x], before[x], turns[x], spread[x], why, total, power = _phases(
+            i0[x], i1[x], i2[x], i3[x], k0[x], k1[x], k2[x], k3[x], limits
+        )
+        height = _HALF * np.sqrt(power)
+        flags[x] |= why
+        amplitude[x] = height if height < amplitude[x] else amplitude[x]
+        offset[x] = _HALF * (offset[x] + _QUARTER * total)
+
+
+@apart_kernel
+def _order(
+    n: int, limits: Any, about: Array, before: Array, turns: Array, spread: Array, coord: Array, flags: Array
+) -> bool:
+    """Whether any orders are close; about, before: in their place, the step to the order and its variance."""
+    coarse, fine, middle, most, lies = limits
+    over, close = _ONE / fine, _ZERO
+    for x in range(n):
+        rough = coarse * (about[x] + np.rint(middle - about[x]))
+        place = fine * (turns[x] + np.rint(rough * over - turns[x]))
+        own, step = spread[x], abs(place - rough)
+        both = before[x] + own
+        close += _ONE if fine * (fine - _TWO * step) < CERTAIN * both else _ZERO
+        flags[x] |= why_placed(lies, step * step - most * both, _ZERO, _ZERO, place, own)
+        coord[x], about[x], before[x] = place, step, both
+    return bool(close > _ZERO)
+
+
+@leaf_kernel
+def order_pair(
+    n: int,
+    limits: Any,
+    about: Array,
+    before: Array,
+    turns: Array,
+    spread: Array,
+    coord: Array,
+    flags: Array,
+    order_error: Array,
+) -> None:
+    """coord (n,) from what store_pair found, which is lost, its flags and order error. limits: see pair_of.
+
+    As in unwrap_kernels: the coarse period's place is nearest to the middle of the surface, the fine one's
+    nearest to that.
+    """
+    if _order(n, limits, about, before, turns, spread, coord, flags):
+        fine = limits[1]
+        for x in range(n):
+            if fine * (fine - _TWO * about[x]) < CERTAIN * before[x]:
+                wrong = beside(float(fine), float(about[x]), float(before[x]))
+                add_doubt(x, np.float32(wrong), flags, order_error)

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
-    "NOUGHT",
     "ROWS_AROUND",
     "TILE",
     "AxisRecord",
@@ -33,9 +32,8 @@ TILE = 4096
 #: handed all its records more often. Rows are a power of two, so that blocks of any number of threads are cut
 #: into the same tiles.
 _BATCH, _MOST_ROWS = 16384, 16
-#: Lines of a tile that are not those of a period, and those of a period; the former's last one holds zeros.
-LINES, OF_PERIOD = 15, 6
-NOUGHT = LINES - 1
+#: Lines of a tile that are not those of a period, and those of a period.
+LINES, OF_PERIOD = 14, 6
 #: Rows that are kept besides those worked on at once: those that wait for neighbours, and one beyond.
 ROWS_AROUND = 8
 #: Bytes of a vector: what is not laid out by it takes two accesses each.
@@ -131,8 +129,8 @@ class CellLines(NamedTuple):
 class FringeRecord(NamedTuple):
     """Periods, see arrays.FringeArrays (samples: count, frame: index; own: 0, 1, ...) and display_kernels
     (shown); unlike: some are no quarters, searched: no period spans the surface, pair: two periods of
-    quarters and linear levels are all there is (True or None); reach: distance from the code's cell;
-    disagreement: limit of the periods' chi squared."""
+    quarters, one much finer, and linear levels are all there is (True or None); reach: distance from the
+    code's cell; disagreement: limit of the periods' chi squared."""
 
     samples: Array
     frame: Array
@@ -239,7 +237,6 @@ def scratch(width: int, periods: int = 0, samples: int = 0) -> Scratch:
         taken.append(room[start : start + size].view(kind).reshape(count, length))
         start += size
     line, word, mark, linear, across, wide, kept = taken
-    line[NOUGHT] = 0
     return Scratch(
         *(line, word, mark, linear[:, None], np.empty((3, 4)), across[0, :width], wide[0, :width]),
         kept.reshape(2, rows, padded)[:, :, :width],

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import apart_kernel, inline_kernel, leaf_kernel
+from .jit import apart_kernel, leaf_kernel
 
-__all__ = ["CERTAIN", "MUCH_FINER", "UNKNOWN", "search_tile", "sequential_tile", "two_orders"]
+__all__ = ["CERTAIN", "MUCH_FINER", "UNKNOWN", "beside", "search_tile", "sequential_tile"]
 
 Array = NDArray[Any]
 
@@ -112,38 +112,20 @@ def _two_orders(
 ) -> bool:
     """_first_order and the first _next_order, without the way through memory between them."""
     slope = _ONE if blended else _ZERO
-    close = _ZERO
+    inverse, square, twice = _ONE / period, period * period, _TWO * period
+    over, close = _ONE / coarse, _ZERO
     for x in range(n):
-        found = two_orders(
-            coarse, period, slope, coarse_turns[x], coarse_variance[x], turns[x], variance[x], guess[x]
-        )
-        coord[x], spread[x], near[x], far[x], misfit[x], gap[x] = found
+        place = coarse * (coarse_turns[x] + np.rint(guess[x] * over - coarse_turns[x]))
+        before, fine = coarse_variance[x] * (coarse * coarse), variance[x] * square
+        step = period * (turns[x] + np.rint(place * inverse - turns[x])) - place
+        share = _ONE / (before + fine)
+        weight = (_ONE - slope) + slope * (before * share)
+        coord[x], spread[x] = place + weight * step, weight * fine
+        near[x], far[x] = (square - twice * abs(step)) * share, (square + twice * abs(step)) * share
+        misfit[x], gap[x] = step * step * share, abs(place - guess[x])
         order_error[x] = _ZERO
         close += _ONE if near[x] < CERTAIN else _ZERO
     return bool(close > _ZERO)
-
-
-@inline_kernel
-def two_orders(
-    coarse: Any,
-    period: Any,
-    slope: Any,
-    coarse_turn: Any,
-    coarse_variance: Any,
-    turn: Any,
-    variance: Any,
-    guess: Any,
-) -> Any:
-    """Coordinate, its variance, near, far, misfit and gap of one pixel, see sequential_tile; slope: 1 if both
-    periods share in the coordinate, 0 if the coarse one only tells the order."""
-    square, twice = period * period, _TWO * period
-    place = coarse * (coarse_turn + np.rint(guess * (_ONE / coarse) - coarse_turn))
-    before, fine = coarse_variance * (coarse * coarse), variance * square
-    step = period * (turn + np.rint(place * (_ONE / period) - turn)) - place
-    share = _ONE / (before + fine)
-    weight = (_ONE - slope) + slope * (before * share)
-    near, far = (square - twice * abs(step)) * share, (square + twice * abs(step)) * share
-    return place + weight * step, weight * fine, near, far, step * step * share, abs(place - guess)
 
 
 @apart_kernel
@@ -171,13 +153,12 @@ def _next_order(
         fine = variance[x] * square
         share = _ONE / (spread[x] + fine)
         weight = start + slope * (spread[x] * share)
-        beside = (square - twice * abs(step)) * share
-        near[x] = beside
+        near[x] = (square - twice * abs(step)) * share
         far[x] = (square + twice * abs(step)) * share
         misfit[x] += step * step * share
         coord[x] += weight * step
         spread[x] = weight * fine
-        close += _ONE if beside < CERTAIN else _ZERO
+        close += _ONE if near[x] < CERTAIN else _ZERO
     return bool(close > _ZERO)
 
 
@@ -191,7 +172,8 @@ def _add_doubt(n: int, near: Array, far: Array, order_error: Array) -> None:
 
 
 @leaf_kernel
-def _doubt(period: float, step: float, both: float) -> float:
+def beside(period: float, step: float, both: float) -> float:
+    """Probability that an order beside is the right one; both: variance of the step to the nearest one."""
     near = math.exp(-0.5 * period * (period - 2 * step) / both)
     far = math.exp(-0.5 * period * (period + 2 * step) / both)
     return (near + far) / (1 + near + far)
@@ -239,7 +221,7 @@ def search_tile(
                 if chi > best + CERTAIN:
                     break
                 if period * (period - 2 * abs(step)) / both < CERTAIN:
-                    doubt += _doubt(period, abs(step), both)
+                    doubt += beside(period, abs(step), both)
                 alone = MUCH_FINER * period < periods[g - 1]
                 here += step if alone else here_spread / both * step
                 here_spread = fine_spread if alone else here_spread / both * fine_spread
