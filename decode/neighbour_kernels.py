@@ -94,6 +94,8 @@ def _bend_rows(
             _keep(coord[down], kept[down % ring])
         near = kept[up % ring], kept[row % ring], kept[down % ring]
         inner = 0 < row < rows - 1
+        if not _any_bend(least, near, sigma[row]):  # as a rule
+            continue
         astray, steep = _bend(inner, least, near, flags[up], flags[row], flags[down], sigma[row])
         if astray:
             _strays(least, near, flags[up], flags[row], flags[down])
@@ -125,6 +127,32 @@ def _without(flags: Any, which: Any) -> Any:
 def _widened(spread: Any, bend: Any) -> Any:
     shift = bend * _BOX
     return np.sqrt(spread * spread + shift * shift) if bend > _BENT * spread else spread
+
+
+@apart_kernel
+def _any_bend(least: Any, near: tuple[Array, Array, Array], spread: Array) -> bool:
+    """Whether _bend has anything to tell of a row, were all of its pixels good; so it has of no numbers."""
+    above, here, below = near
+    last, far, wide = len(here) - 1, _TWO * least, _STEEP * least
+    left, middle, right, up, down, own = here[:-2], here[1:], here[2:], above[1:], below[1:], spread[1:]
+    found = _ZERO
+    for x in range(last - 1):
+        bend = abs((left[x] - middle[x]) + (right[x] - middle[x]))
+        bend += abs((up[x] - middle[x]) + (down[x] - middle[x]))
+        step, other = abs(right[x] - left[x]), abs(down[x] - up[x])
+        limit = _BENT * own[x]
+        calm = bend <= (limit if limit < far else far)
+        found += _ZERO if calm & ((step if step > other else other) <= wide) else _ONE
+    at_start = _end_bends(far, above[0], here[0], below[0], spread[0])
+    return (
+        bool(found > _ZERO) or at_start or _end_bends(far, above[last], here[last], below[last], spread[last])
+    )
+
+
+@leaf_kernel
+def _end_bends(far: Any, above: Any, here: Any, below: Any, spread: Any) -> bool:
+    """_any_bend at an end of the row."""
+    return not abs((above - here) + (below - here)) <= min(_BENT * spread, far)
 
 
 @apart_kernel
