@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from optolever.patterns import code_words
 
-from .code_jump_kernels import CALM, JUMP, mark_steps
+from .code_jump_kernels import CALM, JUMP, mark_lines
 from .correspondence import Flag
 from .plan import AxisPlan, Code
-from .sample import quantile
 
 __all__ = ["BitFault", "bit_faults"]
 
@@ -69,23 +68,25 @@ class _Lines:
     """
 
     def __init__(
-        self, code: Code, axis: AxisPlan, lines: NDArray[np.int64], along: bool, coords: Map, flags: Map
+        self, code: Code, axis: AxisPlan, lines: NDArray[np.int64], along: bool, coord: Map, flags: Map
     ) -> None:
-        self.code, self.lines, self.along, self.coords, self.flags = code, lines, along, coords, flags
-        every = coords[:, 1::_EVERY] - coords[:, :-1:_EVERY]
-        self.step = quantile(np.abs(every).ravel(), 0.5)
-        second = coords[:, 2::_EVERY] - 2 * coords[:, 1:-1:_EVERY] + coords[:, :-2:_EVERY]
-        self.bend = quantile(np.abs(second).ravel(), 0.5)
+        self.code, self.lines, self.along = code, lines, along
+        shape = len(lines), coord.shape[1 if along else 0]
+        self.coords, self.flags = np.empty(shape), np.empty(shape, flags.dtype)
+        self.marks = np.empty((shape[0], shape[1] - 3), np.uint8)
         # a fringe moves the answer by up to half its period from the code's cell
-        loose = 0.5 * axis.fringes[0].period if axis.fringes else 0.5 * code.cell
-        self.near = 0.5 * code.cell + loose + 2 * self.step
-        self.marks = np.empty((len(coords), coords.shape[1] - 3), np.uint8)
+        loose = 0.5 * code.cell + (0.5 * axis.fringes[0].period if axis.fringes else 0.5 * code.cell)
         # a code alone calls the edges of what is wrong outliers, too
         blind = _BLIND | int(Flag.OUTLIER) if axis.fringes else _BLIND
-        self.pairs, self.rough, jumps = mark_steps(
-            coords, flags, blind, _STEEP * code.cell, self.near, self.near + code.cell, self.marks
+        limits = blind, float(_STEEP * code.cell), (loose, float(code.cell))
+        usual, room = np.empty(2), np.empty((2, shape[0] * (shape[1] // _EVERY + 1)), np.float32)
+        self.pairs, self.rough, jumps = mark_lines(
+            *(coord, flags, lines, along, *limits, _EVERY),
+            *(self.coords, self.flags, usual, room, self.marks),
         )
         self.broken = jumps > 0
+        self.step, self.bend = usual.tolist()
+        self.near = loose + 2 * self.step
 
     def _cells(
         self, words: NDArray[np.int64], line: NDArray[np.int64], place: NDArray[np.int64]
@@ -150,8 +151,8 @@ def bit_faults(axis: AxisPlan, stack: Map, coord: Map, flags: Map, offset: Map) 
     height, width = coord.shape
     rows, cols = _lines(height, width), _lines(width, height)
     views = [
-        _Lines(code, axis, rows, True, coord[rows], flags[rows]),
-        _Lines(code, axis, cols, False, _columns(coord, cols), _columns(flags, cols)),
+        _Lines(code, axis, rows, True, coord, flags),
+        _Lines(code, axis, cols, False, coord, flags),
     ]
     whole = _alike(code, stack, offset, coord, flags, rows)
     if not whole:
@@ -162,10 +163,6 @@ def bit_faults(axis: AxisPlan, stack: Map, coord: Map, flags: Map, offset: Map) 
     # neighbours of a long-run Gray code are none to each other with any bit flipped, which was seen above
     rough = views[0].step > _STEEP * code.cell
     return () if rough or code.kind == "long-run-gray" else _jumping(axis, code, stack, offset, views)
-
-
-def _columns(chart: Map, cols: NDArray[np.int64]) -> Map:
-    return np.ascontiguousarray(np.take(chart, cols, axis=1).T)
 
 
 def _jumping(

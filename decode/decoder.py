@@ -214,7 +214,7 @@ def _take_off_stairs(
         # the contrast of long periods tells little of it
         return own.of_blur(measured.get(axis.axis))
 
-    told = [read(axis) for axis in axes]
+    told = on_cores(read, axes)
     # an axis whose pixels keep step with the cells cannot tell: the other one's is the same display
     most = max((stairs.left for stairs in told), default=0.0)
     at_most = min((stairs.largest for stairs in told), default=1.0)

@@ -104,8 +104,8 @@ def job_of(
         raw = known = estimate_noise(stack, sample, lut, clip, wanted, none)
     else:
         raw = known = Noise(noise**2 + (QUANTISATION if stack.dtype.kind == "u" else 0.0), gain)
-    level = float(sample.runs[:, ::8].mean())
-    silent = raw.variance(level) < 1.5 * QUANTISATION
+    silent = raw.read2 < 1.5 * QUANTISATION  # as a rule, all there is to ask
+    silent = silent and raw.variance(float(sample.runs[:, ::8].mean())) < 1.5 * QUANTISATION
     light, bright = stack, clip
     no_lut = subpixel or any(axis.stripes is not None or by_table(axis) for axis in wanted.axes)
     if len(lut) and no_lut:

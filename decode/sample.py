@@ -6,12 +6,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.blocks import over_rows, threads
+
 from .sample_kernels import RUN, fetch_runs
 
 __all__ = ["Sample", "quantile", "sampled"]
 
 #: Lines, and runs on each of them, about.
 _LINES, _ACROSS = 64, 16
+#: Pixels of a frame from which on threads share the frames.
+_LARGE = 1 << 18
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +47,12 @@ def sampled(frames: NDArray[Any]) -> Sample:
     # from one end of the lines to the other
     starts = np.arange(0, cols - RUN + 1, (cols - RUN) // (across - 1))
     runs = np.empty((len(frames), len(at), len(starts), RUN), frames.dtype)
-    fetch_runs(frames, at, starts, runs)
+
+    def fetch(first: int, last: int) -> None:
+        fetch_runs(frames[first:last], at, starts, runs[first:last])
+
+    # on small frames it takes less than waking a second thread
+    over_rows(fetch, len(frames), -(-len(frames) // (threads() if frames[0].size > _LARGE else 1)))
     return Sample(runs, at)
 
 
