@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_array
 
 from optolever.blocks import on_cores
 from optolever.errors import InputError
@@ -32,6 +33,7 @@ from .sweep import sweep_faults
 __all__ = ["Finding", "Integrity", "check", "examine", "rule_faults"]
 
 F64 = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
 _PIXELS = 2048
 #: Pixels that tell anything.
 _FEWEST = 64
@@ -85,7 +87,7 @@ class Integrity:
 class Lit:
     """Levels (N, K) of pixels that see the pattern, their rows (K,), and what is noise in them."""
 
-    levels: F64
+    levels: Floats
     row: NDArray[np.int64]
     noise: float
 
@@ -117,7 +119,7 @@ def check(frames: ArrayLike, sequence: Sequence, found: Correspondence | None = 
 def rule_faults(stack: NDArray[Any], sample: Sample, wanted: Plan) -> tuple[Finding, ...]:
     """What breaks the constraints of a plan, which takes no map; sample: of the stack."""
     rules = _constraints(wanted, len(stack))
-    return _broken(rules, stack, sample) if len(rules) else ()
+    return _broken(rules, _sparse_constraints(wanted, len(stack)), stack, sample) if len(rules) else ()
 
 
 def examine(
@@ -176,12 +178,12 @@ def _told(wanted: Plan, fault: str) -> set[int]:
     return told
 
 
-def _broken(rules: F64, stack: NDArray[Any], sample: Sample) -> tuple[Finding, ...]:
+def _broken(rules: F64, sparse: csr_array, stack: NDArray[Any], sample: Sample) -> tuple[Finding, ...]:
     lit = _lit(sample, rules)
     levels, noise = lit.levels, lit.noise
     if levels.shape[1] < _FEWEST:
         return ()
-    each = _broken_by(rules, levels, noise)
+    each = _broken_by(sparse, levels, noise)
     excess = each.mean(axis=1)
     if excess.max(initial=0.0) < _BROKEN:
         return _torn(rules, each, lit, stack)
@@ -237,6 +239,12 @@ def _pairs(wanted: Plan, axis: AxisPlan, count: int) -> list[F64]:
     return rows
 
 
+@lru_cache(maxsize=16)
+def _sparse_constraints(wanted: Plan, count: int) -> csr_array:
+    """_constraints, each of which is about a few frames only."""
+    return csr_array(_constraints(wanted, count).astype(np.float32))
+
+
 def _row(count: int, index: list[int], weights: F64) -> F64:
     row = np.zeros(count)
     row[index] = weights / np.linalg.norm(weights)
@@ -250,9 +258,9 @@ def _lit(sample: Sample, rules: F64) -> Lit:
     """
     # a quarter of the lines is enough for a median; of small whole numbers it takes half the time
     some: NDArray[Any] = sample.runs[:, ::4].astype(np.int16 if sample.runs.dtype == np.uint8 else np.float32)
-    second = (some[..., 2:] + some[..., :-2] - 2 * some[..., 1:-1]).reshape(len(some), -1)
+    second = _second_differences(some)
     middle = second.shape[1] // 2
-    spread = np.partition(np.abs(second), middle, axis=1)[:, middle].min() if second.size else 0.0
+    spread = np.partition(second, middle, axis=1)[:, middle].min() if second.size else 0.0
     noise = float(spread) * 1.4826 / np.sqrt(6)
     levels = sample.levels
     highest, asked = levels.max(axis=0), np.abs(rules).max(axis=0) > 0
@@ -265,10 +273,20 @@ def _lit(sample: Sample, rules: F64) -> Lit:
     use = np.sort(order[bright[order]][:_PIXELS])
     contrast = quantile(span[use], 0.5) if len(use) else 0.0
     return Lit(
-        levels[:, use].astype(np.float64),
+        levels[:, use].astype(np.float32),
         sample.row[use],
         float(np.hypot(max(noise, _LEAST_NOISE), _UNEVEN * contrast)),
     )
+
+
+def _second_differences(runs: NDArray[Any]) -> NDArray[Any]:
+    """Within runs (N, lines, K, pixels), absolute (N, M)."""
+    flat, pixels = runs.reshape(len(runs), -1), runs.shape[-1]
+    if pixels < 3:
+        return flat[:, :0]
+    every = np.empty_like(flat)  # across the ends of runs, too, as long lines go fast
+    np.abs(flat[:, 2:] + flat[:, :-2] - 2 * flat[:, 1:-1], out=every[:, :-2])
+    return every.reshape(len(runs), -1, pixels)[..., :-2].reshape(len(runs), -1)
 
 
 @lru_cache(maxsize=4)
@@ -276,23 +294,19 @@ def _by_chance(count: int) -> NDArray[np.int64]:
     return np.random.default_rng(0).permutation(count)
 
 
-def _broken_by(rules: F64, levels: F64, noise: float) -> F64:
+def _broken_by(rules: F64 | csr_array, levels: Floats, noise: float) -> Floats:
     """By how much each pixel breaks each constraint (R, K), beyond the mean of noise."""
-    # rule by rule, as each is about a few frames only
-    used = [np.flatnonzero(rule) for rule in rules]
-    score = np.array([rule[own] @ levels[own] for rule, own in zip(rules, used, strict=True)])
-    square = (score / noise).reshape(len(rules), levels.shape[1]) ** 2
-    return np.asarray(np.log1p(square) - _OF_NOISE)
+    return np.asarray(np.log1p(((rules @ levels) / noise) ** 2) - _OF_NOISE)
 
 
-def _excess(rules: F64, levels: F64, noise: float) -> F64:
+def _excess(rules: F64, levels: Floats, noise: float) -> Floats:
     """By how much each constraint is broken (R,): a mean that a few odd pixels do not move."""
     if levels.shape[1] == 0:
         return np.zeros(len(rules))
     return np.asarray(_broken_by(rules, levels, noise).mean(axis=1))
 
 
-def _replaced(rules: F64, levels: F64, noise: float) -> tuple[Finding, ...]:
+def _replaced(rules: F64, levels: Floats, noise: float) -> tuple[Finding, ...]:
     """A frame that is one of its neighbours again, all others in their places."""
     found = []
     for k in range(len(levels)):
@@ -309,12 +323,12 @@ def _replaced(rules: F64, levels: F64, noise: float) -> tuple[Finding, ...]:
     return (Finding(frames, "replaced", told, frames),)
 
 
-def _apart(levels: F64, i: int, j: int, noise: float) -> float:
+def _apart(levels: Floats, i: int, j: int, noise: float) -> float:
     """By how much two frames differ beyond their noise, as _excess."""
     return float(np.log1p(((levels[i] - levels[j]) / noise) ** 2 / 2).mean() - _OF_NOISE)
 
 
-def _single_fault(rules: F64, levels: F64, noise: float, excess: F64) -> tuple[Finding, ...]:
+def _single_fault(rules: F64, levels: Floats, noise: float, excess: Floats) -> tuple[Finding, ...]:
     """Two frames in each other's place, or one lost: those that mend most, if they mend it."""
     broken = float(np.maximum(excess, 0).sum())
     tried: list[tuple[float, Finding]] = []
@@ -359,7 +373,7 @@ def _faults(count: int) -> Iterator[tuple[Finding, NDArray[np.int64]]]:
         yield Finding((k,), "repeated", told, after), order
 
 
-def _torn(rules: F64, each: F64, lit: Lit, stack: NDArray[Any]) -> tuple[Finding, ...]:
+def _torn(rules: F64, each: Floats, lit: Lit, stack: NDArray[Any]) -> tuple[Finding, ...]:
     """A frame whose rows on one side of a line are those of its neighbour; each (R, K): see _broken_by."""
     levels, noise, rows = lit.levels, lit.noise, stack.shape[1]
     band = lit.row * _BANDS // rows
