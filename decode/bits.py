@@ -85,15 +85,16 @@ def _squares(levels: NDArray[Any], noise: Noise, wanted: Plan, code: Code) -> tu
         high, low = shown.max(axis=0), shown.min(axis=0)
     margin = np.where(both[:, None], 0.5 * (own[code.plain] - own[code.inverse]), shown - 0.5 * (high + low))
     half = 0.5 * (high - low)
-    lit = half > 0.25 * quantile(half, 0.95)
-    if np.count_nonzero(lit) < _FEWEST:
+    lit = np.flatnonzero(half > 0.25 * quantile(half, 0.95))
+    if len(lit) < _FEWEST:
         return np.ones(len(code.plain)), np.zeros(len(code.plain)), 0.0
     sample = noise.read2 + noise.gain * float(np.mean(0.5 * (high + low)[lit]))
     variance = np.where(both, 0.5, 1.0) * sample
-    square = np.mean(margin[:, lit] ** 2, axis=1, dtype=np.float64) - variance
+    margin = margin.take(lit, 1)
+    square = np.mean(margin**2, axis=1, dtype=np.float64) - variance
     flat = float(np.mean(half[lit] ** 2)) - 0.5 * sample if referenced else 0.0
     whole = max(float(square.max()), flat, 1e-9)
-    mean = np.mean(margin[:, lit], axis=1, dtype=np.float64) / np.sqrt(whole)
+    mean = np.mean(margin, axis=1, dtype=np.float64) / np.sqrt(whole)
     return np.clip(square / whole, 1e-6, 1.0), mean, float(np.sqrt(variance[0] / whole))
 
 

@@ -165,14 +165,14 @@ def _of_pairs(levels: NDArray[Any], code: Code, limit: float, enough: int) -> tu
     if np.count_nonzero(both) < 2:
         return np.zeros(0), np.zeros(0)
     count = min(int(np.count_nonzero(both)) - 1, _CONTRASTS)
-    levels = levels[:, :: max(1, levels.shape[1] * count // enough)].astype(np.float64)
+    levels = levels[:, :: max(1, levels.shape[1] * count // enough)].astype(np.float32)
     first, second = levels[code.plain[both]], levels[code.inverse[both]]
     middle = len(first) // 2
     half = 0.5 * np.partition(np.abs(first - second), middle, axis=0)[middle]
     sums = first + second
     middle = 0.5 * sums.mean(axis=0)
     contrasts = _against_the_mean(len(sums))
-    residual = contrasts @ sums / np.sqrt(2.0)
+    residual = contrasts @ sums * np.float32(0.5**0.5)
     room = _room(np.stack([middle - half, middle + half]), limit)
     keep = _clear(_lit(np.concatenate([first, second]), limit, half * half), room, residual)
     return np.tile(middle[keep], len(residual)), residual[:, keep].ravel()
@@ -181,7 +181,8 @@ def _of_pairs(levels: NDArray[Any], code: Code, limit: float, enough: int) -> tu
 @lru_cache(maxsize=16)
 def _against_the_mean(count: int) -> Floats:
     """Some contrasts (C, count) of numbers that do not change if all of these do by the same."""
-    return np.asarray(np.linalg.qr(np.ones((count, 1)), mode="complete")[0][:, 1:].T[:_CONTRASTS])
+    basis = np.linalg.qr(np.ones((count, 1)), mode="complete")[0]
+    return np.ascontiguousarray(basis[:, 1:].T[:_CONTRASTS], np.float32)
 
 
 def _of_flat_bits(levels: NDArray[Any], code: Code, plan: Plan, limit: float) -> tuple[Floats, Floats]:
