@@ -69,6 +69,7 @@ def _cell_lines(scratch: Scratch) -> CellLines:
         *(scratch.words[0], scratch.marks[0], lines[_FAR], lines[_UP], lines[_DOWN], lines[_GAP]),
         *(lines[_HALF], lines[_MIDDLE], scratch.marks[1]),
         *(lines[_STEP], lines[_SPARE], lines[_PLACE], lines[_SPREAD], lines[_AGREEMENT]),
+        *(scratch.shorts, scratch.sizes),
     )
 
 

@@ -81,7 +81,8 @@ class CodeRecord(NamedTuple):
     least significant; cells: word -> cell, which for a Gray code (gray) is computed; together: bits change
     together from cell to cell; fringed: a fringe tells where in a cell a pixel is; loose: systematic error of
     a margin, in half contrasts; beyond: half contrasts by which a bit's level may pass white or black; pitch,
-    origin: place of a cell; most: cells of the surface.
+    origin: place of a cell; most: cells of the surface; bytes: True if frames are such, and words 16 bits at
+    most, else None.
     """
 
     source: int
@@ -99,6 +100,7 @@ class CodeRecord(NamedTuple):
     pitch: np.float32
     origin: np.float32
     most: np.int32
+    bytes: bool | None
 
 
 class CellLines(NamedTuple):
@@ -107,7 +109,8 @@ class CellLines(NamedTuple):
     cell; weak: some bit is in doubt; probabilities that the truth is one cell up, one cell down, or anywhere
     else (far; 1 where levels are no bit's); mean square of a place's error (place, cells^2); half contrast,
     mid level; clipped = 1 where clipped samples make a bit unreadable. Room: least margins of bits with and
-    without inverse (pair, single), largest of the latter (most), extremes of a pair's sum (high, low).
+    without inverse (pair, single), largest of the latter (most), extremes of a pair's sum (high, low); of
+    bytes, shorts (4, n): all sums, a pair's extremes, words; sizes (2, n): least and largest margins.
     """
 
     cell: Array
@@ -124,6 +127,8 @@ class CellLines(NamedTuple):
     most: Array
     high: Array
     low: Array
+    shorts: Array
+    sizes: Array
 
 
 class FringeRecord(NamedTuple):
@@ -199,14 +204,17 @@ class Near(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Room of one thread: lines of a tile in float32, int32 and uint8, of linear levels, of a whole row.
+    """Room of one thread: lines of a tile in float32, int32, int16 and uint8 (marks, sizes), of linear
+    levels, of a whole row.
 
     kept (2, R, W): rows of u and v in float32, row r in line r % R, as long as their neighbours need them.
     """
 
     lines: Array
     words: Array
+    shorts: Array
     marks: Array
+    sizes: Array
     linear: Array
     equations: Array
     across: Array
@@ -225,19 +233,21 @@ def scratch(width: int, periods: int = 0, samples: int = 0) -> Scratch:
     padded = -(-width // _VECTOR) * _VECTOR
     rows = _at_once(width) + ROWS_AROUND
     tile = TILE + _APART
-    room = np.empty(4 * tile * (lines + 3 + samples) + (6 + 8 * rows) * padded + 4 * _VECTOR, np.uint8)
+    room = np.empty(4 * tile * (lines + 5 + samples) + (6 + 8 * rows) * padded + 4 * _VECTOR, np.uint8)
     start = -room.ctypes.data % _VECTOR
     taken = []
     for count, length, kind in (
-        *((lines, tile, np.float32), (2, tile, np.int32), (2, tile, np.uint8)),
+        *((lines, tile, np.float32), (2, tile, np.int32), (4, tile, np.int16)),
+        *((2, tile, np.uint8), (2, tile, np.uint8)),
         *((samples, tile, np.float32), (1, padded, np.float32), (1, padded, np.uint16)),
         (2 * rows, padded, np.float32),
     ):
         size = count * length * np.dtype(kind).itemsize
         taken.append(room[start : start + size].view(kind).reshape(count, length))
         start += size
-    line, word, mark, linear, across, wide, kept = taken
+    line, word, short, mark, size_of, linear, across, wide, kept = taken
     return Scratch(
-        *(line, word, mark, linear[:, None], np.empty((3, 4)), across[0, :width], wide[0, :width]),
+        *(line, word, short, mark, size_of, linear[:, None], np.empty((3, 4))),
+        *(across[0, :width], wide[0, :width]),
         kept.reshape(2, rows, padded)[:, :, :width],
     )

@@ -263,6 +263,7 @@ def _code_record(job: Job, wanted: Plan, axis: AxisPlan, code: Code) -> CodeReco
         pitch=F32(code.cell),
         origin=F32(0.5 * (code.cell - 1) + code.origin),
         most=np.int32(np.ceil((axis.extent - code.origin) / code.cell)),
+        bytes=True if job.frames.dtype == np.uint8 and len(code.plain) < 16 else None,
     )
 
 
