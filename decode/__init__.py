@@ -20,6 +20,7 @@
 | `pair_kernels`             | two periods of four shifts, fitted and unwrapped in one go                   |
 | `refit_kernels`            | that again for pixels with clipped samples, or with weighed ones             |
 | `code_kernels`             | bits, code words, cells                                                      |
+| `byte_kernels`             | that, of 8-bit frames whose bits all have inverses                           |
 | `bits`                     | how much of each bit the camera sees, how wide its edges look                |
 | `doubt_kernels`            | probability of a misread bit, and what it does to the place                  |
 | `unwrap_kernels`           | fringe orders from several periods or a code, probability of a wrong one     |

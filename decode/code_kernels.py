@@ -5,31 +5,55 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .doubt_kernels import BRIGHTER, lone, misread
-from .jit import apart_kernel, fast_kernel, inline_kernel, leaf_kernel, pasted_kernel
+from .byte_kernels import whole_bytes
+from .doubt_kernels import (
+    BRIGHTER,
+    FROM_EXTREMES,
+    FROM_PAIRS,
+    FROM_WHITE_BLACK,
+    SIX,
+    lone,
+    misread,
+    surely,
+    uneven,
+)
+from .jit import apart_kernel, fast_kernel, inline_kernel, leaf_kernel
 from .records import Camera, CellLines, CodeRecord
 
 __all__ = ["FROM_EXTREMES", "FROM_PAIRS", "FROM_WHITE_BLACK", "code_tile"]
 
 Array = NDArray[Any]
 
-#: Where the threshold of bits without inverse, the contrast and the offset come from.
-FROM_WHITE_BLACK, FROM_PAIRS, FROM_EXTREMES = 0, 1, 2
-#: Squared margin over variance beyond which a bit is certain: 6 sigma, 1e-9.
-_CERTAIN, _SIX = np.float32(36.0), np.float32(6.0)
 _HUGE = np.float32(1e30)
-#: Sums of a bit and its inverse that differ by more half contrasts: a sample was lit by something else. Two
-#: half contrasts flip a bit, fewer do where it is near its edge; real displays are uneven by a tenth.
-_ODD = np.float32(0.4)
-_ZERO, _HALF, _ONE, _NOUGHT = np.float32(0), np.float32(0.5), np.float32(1), np.int16(0)
+_ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
 
 @leaf_kernel
 def code_tile(n: int, first: int, camera: Camera, code: CodeRecord, found: CellLines) -> None:
     """Decode n pixels from `first` on, from raw levels: a response does not move a threshold half way."""
-    source, cell, half, middle = code.source, found.cell, found.half, found.middle
+    cell, weak = found.cell, found.weak
+    whole, doubtful = whole_bytes(n, first, camera, code, code.bytes, found)
+    if not whole:
+        doubtful = _any_levels(n, first, camera, code, found)
+    if doubtful:
+        for x in range(n):
+            if weak[x]:
+                misread(x, first, camera, code, found)
+    if not whole:
+        (read2, gain), most = camera.of_code, found.most
+        _odd(n, read2, gain, code.beyond, found.middle, found.half, most, found.high, found.low, found.far)
+    if code.gray:
+        _of_gray(n, cell)
+    else:
+        _looked_up(n, code.cells, cell)
+
+
+@leaf_kernel
+def _any_levels(n: int, first: int, camera: Camera, code: CodeRecord, found: CellLines) -> bool:
+    """Words, levels and least margins of pixels; whether any is weak."""
+    source, half, middle = code.source, found.half, found.middle
     read2, gain = camera.of_code
-    _start(n, cell, found.pair, found.single, half, middle)
+    _start(n, found.cell, found.pair, found.single, half, middle)
     found.most[:n] = _ZERO
     found.high[:n] = -_HUGE
     found.low[:n] = _HUGE
@@ -45,18 +69,9 @@ def code_tile(n: int, first: int, camera: Camera, code: CodeRecord, found: CellL
     found.down[:n] = _ZERO
     found.clipped[:n] = np.uint8(0)
     found.place[:n] = code.edges.inside
-    weak = found.weak
     astray = max(code.loose, code.edges.astray)
     limits = read2, gain, np.float32(camera.clip), code.loose, astray, lone(source)
-    if _weak(n, *limits, middle, half, found.pair, found.single, weak):
-        for x in range(n):
-            if weak[x]:
-                misread(x, first, camera, code, found)
-    _odd(n, read2, gain, code.beyond, middle, half, found.most, found.high, found.low, found.far)
-    if code.gray:
-        _of_gray(n, cell)
-    else:
-        _looked_up(n, code.cells, cell)
+    return bool(_weak(n, *limits, middle, half, found.pair, found.single, found.weak))
 
 
 @leaf_kernel
@@ -65,13 +80,15 @@ def _bits(n: int, first: int, frames: Array, code: CodeRecord, found: CellLines)
     plain, inverse = code.plain, code.inverse
     half, middle, cell = found.half, found.middle, found.cell
     pairs, bit = 0, 0
-    _start_bytes(n, code.bytes, found.shorts, found.sizes)
     while bit < len(plain):
         many = _paired(plain, inverse, bit)
         if many > 0:
             # the last bit of a Gray code leads to the next cell, and no further
             summed = bit > 0 or not code.gray
-            _some_pairs(n, first, bit, many, summed, code.bytes, frames, code, found)
+            _pairs(
+                *(n, bit, many, code.source == FROM_PAIRS, summed, frames, plain, inverse, first),
+                *(middle, half, found.pair, found.high, found.low, cell),
+            )
         else:
             sign = _ONE if plain[bit] >= 0 else -_ONE
             shown = max(plain[bit], inverse[bit])
@@ -81,35 +98,7 @@ def _bits(n: int, first: int, frames: Array, code: CodeRecord, found: CellLines)
             )
         pairs += many
         bit += max(many, 1)
-    if pairs > 0:
-        _widen(n, code.source == FROM_PAIRS, code.bytes, found)
     return pairs
-
-
-@leaf_kernel
-def _some_pairs(
-    n: int,
-    first: int,
-    bit: int,
-    many: int,
-    summed: bool,
-    of_bytes: bool | None,
-    frames: Array,
-    code: CodeRecord,
-    found: CellLines,
-) -> None:
-    """_pairs, of whichever numbers the frames hold."""
-    if of_bytes is None:
-        _pairs(
-            *(n, bit, many, code.source == FROM_PAIRS, summed, frames, code.plain, code.inverse, first),
-            *(found.middle, found.half, found.pair, found.high, found.low, found.cell),
-        )
-    else:
-        shorts, sizes = found.shorts, found.sizes
-        _byte_pairs(
-            *(n, bit, many, summed, frames, code.plain, code.inverse, first),
-            *(shorts[0], shorts[1], shorts[2], shorts[3], sizes[0], sizes[1]),
-        )
 
 
 @fast_kernel
@@ -117,11 +106,11 @@ def _of_gray(n: int, word: Array) -> None:
     """Cell of a Gray word: the parity of all bits from a bit on, by doubling; vectors, unlike a table."""
     for x in range(n):
         w = word[x]
-        w ^= w >> np.int32(1)
-        w ^= w >> np.int32(2)
-        w ^= w >> np.int32(4)
-        w ^= w >> np.int32(8)
-        word[x] = w ^ (w >> np.int32(16))
+        w = np.int32(w ^ np.int32(w >> 1))  # as numba makes int64 of them
+        w = np.int32(w ^ np.int32(w >> 2))
+        w = np.int32(w ^ np.int32(w >> 4))
+        w = np.int32(w ^ np.int32(w >> 8))
+        word[x] = np.int32(w ^ np.int32(w >> 16))
 
 
 @fast_kernel
@@ -253,111 +242,6 @@ def _pairs(
         word[x] |= bits | (b2 if m2 > _ZERO else none) | (b3 if m3 > _ZERO else none)
 
 
-@leaf_kernel
-def _start_bytes(n: int, of_bytes: bool | None, shorts: Array, sizes: Array) -> None:
-    """What _byte_pairs adds to."""
-    if of_bytes is not None:
-        shorts[0, :n] = _NOUGHT
-        shorts[1, :n] = np.int16(-0x8000)
-        shorts[2, :n] = np.int16(0x7FFF)
-        shorts[3, :n] = _NOUGHT
-        sizes[0, :n] = np.uint8(255)
-        sizes[1, :n] = np.uint8(0)
-
-
-@pasted_kernel
-def _byte_both(one: Any, two: Any, pair: Any, half: Any) -> Any:
-    """Sum, least and largest size of margins, these doubled, of a bit's byte and its inverse's."""
-    high, low = (one if one > two else two), (one if one < two else two)
-    size = np.uint8(high - low)
-    return np.int16(high + low), (size if size < pair else pair), (size if size > half else half)
-
-
-@apart_kernel
-def _byte_pairs(
-    n: int,
-    bit: int,
-    many: int,
-    summed: bool,
-    frames: Array,
-    plain: Array,
-    inverse: Array,
-    first: int,
-    total: Array,
-    high: Array,
-    low: Array,
-    word: Array,
-    pair: Array,
-    half: Array,
-) -> None:
-    """_pairs of bytes: in 16 and 8 bits, of which a vector holds two and four times as many."""
-    end = first + n
-    k1, k2, k3 = bit + min(1, many - 1), bit + min(2, many - 1), bit + min(3, many - 1)
-    i0, j0 = frames[plain[bit], 0, first:end], frames[inverse[bit], 0, first:end]
-    i1, j1 = frames[plain[k1], 0, first:end], frames[inverse[k1], 0, first:end]
-    i2, j2 = frames[plain[k2], 0, first:end], frames[inverse[k2], 0, first:end]
-    i3, j3 = frames[plain[k3], 0, first:end], frames[inverse[k3], 0, first:end]
-    b0, b1, b2, b3 = np.int16(1 << bit), np.int16(1 << k1), np.int16(1 << k2), np.int16(1 << k3)
-    w1 = np.int16(-1 if many > 1 else 0)
-    w2 = np.int16(-1 if many > 2 else 0)
-    w3 = np.int16(-1 if many > 3 else 0)
-    for x in range(n):
-        s0, least, most = _byte_both(i0[x], j0[x], pair[x], half[x])
-        s1, least, most = _byte_both(i1[x], j1[x], least, most)
-        s2, least, most = _byte_both(i2[x], j2[x], least, most)
-        s3, least, most = _byte_both(i3[x], j3[x], least, most)
-        s = s0 if summed else s3
-        top, bottom = (s if s > s1 else s1), (s if s < s1 else s1)
-        top, bottom = (top if top > s2 else s2), (bottom if bottom < s2 else s2)
-        top, bottom = (top if top > s3 else s3), (bottom if bottom < s3 else s3)
-        if summed or many > 1:
-            high[x] = top if top > high[x] else high[x]
-            low[x] = bottom if bottom < low[x] else low[x]
-        pair[x], half[x] = least, most
-        total[x] = np.int16(total[x] + s0 + np.int16(w1 & s1) + np.int16(w2 & s2) + np.int16(w3 & s3))
-        # bytes are compared, as numba would widen a difference
-        bits = np.int16((b0 if i0[x] > j0[x] else _NOUGHT) | (b1 if i1[x] > j1[x] else _NOUGHT))
-        more = np.int16((b2 if i2[x] > j2[x] else _NOUGHT) | (b3 if i3[x] > j3[x] else _NOUGHT))
-        word[x] = np.int16(word[x] | bits | more)
-
-
-@leaf_kernel
-def _widen(n: int, reference: bool, of_bytes: bool | None, found: CellLines) -> None:
-    """What _byte_pairs found, into the lines that _pairs writes."""
-    if of_bytes is not None:
-        shorts, sizes = found.shorts, found.sizes
-        _widen_pairs(
-            *(n, shorts[1], shorts[2], shorts[3], sizes[0]),
-            *(found.high, found.low, found.cell, found.pair),
-        )
-        if reference:
-            _widen_levels(n, shorts[0], sizes[1], found.middle, found.half)
-
-
-@apart_kernel
-def _widen_pairs(
-    n: int,
-    top: Array,
-    bottom: Array,
-    bits: Array,
-    least: Array,
-    high: Array,
-    low: Array,
-    word: Array,
-    pair: Array,
-) -> None:
-    for x in range(n):
-        high[x], low[x] = np.float32(top[x]), np.float32(bottom[x])
-        word[x] |= np.int32(bits[x])
-        pair[x] = _HALF * np.float32(least[x])
-
-
-@apart_kernel
-def _widen_levels(n: int, total: Array, most: Array, middle: Array, half: Array) -> None:
-    for x in range(n):
-        middle[x], half[x] = np.float32(total[x]), _HALF * np.float32(most[x])
-
-
 @apart_kernel
 def _single(
     n: int,
@@ -400,8 +284,8 @@ def _odd(
 ) -> None:
     """far = 1 where sums of bit and inverse differ, or a level lies outside black and white."""
     for x in range(n):
-        noise = _SIX * np.sqrt(read2 + gain * middle[x])
-        odd = (high[x] - low[x] > _ODD * half[x] + noise) | (most[x] > (_ONE + beyond) * half[x] + noise)
+        noise = SIX * np.sqrt(read2 + gain * middle[x])
+        odd = uneven(high[x] - low[x], half[x], noise) | (most[x] > (_ONE + beyond) * half[x] + noise)
         far[x] = _ONE if odd else far[x]
 
 
@@ -423,11 +307,9 @@ def _weak(
     """Pixels with a bit whose margin is below 6 sigma."""
     brighter = BRIGHTER if astray < BRIGHTER else astray
     for x in range(n):
-        noise, systematic = read2 + gain * middle[x], (loose * half[x]) * (loose * half[x])
-        unsure = half[x] * (brighter if middle[x] + half[x] >= clip else astray)
-        certain = (pair[x] * pair[x] > _CERTAIN * (_HALF * noise + systematic)) & (
-            single[x] * single[x] > _CERTAIN * (lone * noise + unsure * unsure)
-        )
+        noise, unsure = read2 + gain * middle[x], brighter if middle[x] + half[x] >= clip else astray
+        certain = surely(pair[x], _HALF * noise, loose * half[x])
+        certain &= surely(single[x], lone * noise, unsure * half[x])
         weak[x] = np.uint8(0) if certain else np.uint8(1)
     count = 0
     for x in range(n):

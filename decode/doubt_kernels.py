@@ -5,11 +5,28 @@ from typing import Any
 
 import numpy as np
 
-from .jit import inline_kernel, leaf_kernel
+from .jit import inline_kernel, leaf_kernel, pasted_kernel
 from .records import Camera, CellLines, CodeRecord
 
-__all__ = ["BRIGHTER", "lone", "misread"]
+__all__ = [
+    "BRIGHTER",
+    "FROM_EXTREMES",
+    "FROM_PAIRS",
+    "FROM_WHITE_BLACK",
+    "SIX",
+    "lone",
+    "misread",
+    "surely",
+    "uneven",
+]
 
+#: Where the threshold of bits without inverse, the contrast and the offset come from.
+FROM_WHITE_BLACK, FROM_PAIRS, FROM_EXTREMES = 0, 1, 2
+#: Squared margin over variance beyond which a bit is certain: 6 sigma, 1e-9.
+_CERTAIN, SIX = np.float32(36.0), np.float32(6.0)
+#: Sums of a bit and its inverse that differ by more half contrasts: a sample was lit by something else. Two
+#: half contrasts flip a bit, fewer do where it is near its edge; real displays are uneven by a tenth.
+_ODD = np.float32(0.4)
 #: Rms error of a threshold half way, in half contrasts, where white is clipped and may be a fifth brighter.
 BRIGHTER = np.float32(0.05)
 
@@ -20,7 +37,19 @@ _LEAST_SPREAD, _LOWEST, _HALF_ROOT, _PEAK = 1e-12, 1e-3, math.sqrt(0.5), 1 / mat
 @inline_kernel
 def lone(source: Any) -> Any:
     """Variance of a margin without inverse over that of a sample: the threshold has noise, too."""
-    return np.float32(1.0) if source == 2 else np.float32(1.5)
+    return np.float32(1.0) if source == FROM_EXTREMES else np.float32(1.5)
+
+
+@pasted_kernel
+def uneven(apart: Any, half: Any, noise: Any) -> Any:
+    """Whether the sums of bits and their inverses differ; noise: six sigma."""
+    return apart > _ODD * half + noise
+
+
+@pasted_kernel
+def surely(margin: Any, variance: Any, systematic: Any) -> Any:
+    """Whether a bit of that margin is certain; systematic: error."""
+    return margin * margin > _CERTAIN * (variance + systematic * systematic)
 
 
 @leaf_kernel
