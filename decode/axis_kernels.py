@@ -87,9 +87,8 @@ def _alone(
     if code is None:
         return
     lines, why, found = scratch.lines, scratch.words[1], _cell_lines(scratch)
-    code_flags(n, camera, code.most, found, why)
     doubt, spread = lines[_DOUBT], lines[_SPREAD]
-    _flat(n, code.pitch, found.far, found.up, found.down, found.place, doubt, spread)
+    code_flags(n, camera, code, found, why, doubt, spread)
     _write(first, n, camera.floor, None, lines[_GUESS], spread, axis, shared, scratch)
     _common(first, n, axis.joined, why, found.half, found.middle, doubt, shared)
 
@@ -258,17 +257,6 @@ def _common(
 def _centres(n: int, pitch: Any, origin: Any, cell: Array, centre: Array) -> None:
     for x in range(n):
         centre[x] = pitch * np.float32(cell[x]) + origin
-
-
-@fast_kernel
-def _flat(
-    n: int, pitch: Any, far: Array, up: Array, down: Array, place: Array, doubt: Array, spread: Array
-) -> None:
-    """A code alone: a bit may be wrong anywhere; place: variance, cells^2."""
-    for x in range(n):
-        doubt[x] = far[x] + up[x] + down[x]
-    for x in range(n):
-        spread[x] = pitch * pitch * place[x]
 
 
 @fast_kernel

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import apart_kernel, fast_kernel, leaf_kernel, outer_kernel, pasted_kernel
-from .records import Camera, CellLines, Shared
+from .jit import apart_kernel, leaf_kernel, outer_kernel, pasted_kernel
+from .records import Camera, CellLines, CodeRecord, Shared
 from .unwrap_kernels import UNKNOWN
 
 __all__ = [
@@ -210,31 +210,46 @@ def common_tile(
 
 
 @leaf_kernel
-def code_flags(n: int, camera: Camera, cells: Any, found: CellLines, why: Array) -> None:
-    """Flags of a code that stands alone: contrast, clipped bits, doubtful bits, cells off the pattern."""
+def code_flags(
+    n: int, camera: Camera, code: CodeRecord, found: CellLines, why: Array, doubt: Array, spread: Array
+) -> None:
+    """Flags of a code that stands alone: contrast, clipped bits, doubtful bits, cells off the pattern; the
+    probability that a bit is wrong, and the variance of the place."""
     read2, gain = camera.of_code
-    _flag_half(n, read2, gain, camera.dark, found.half, found.middle, why)
-    _flag_cells(n, cells, found.cell, found.far, found.clipped, why)
+    _flag_cells(
+        *(n, (read2, gain, camera.dark), (code.most, code.pitch * code.pitch), found.half, found.middle),
+        *(found.cell, found.far, found.up, found.down, found.clipped, found.place, why, doubt, spread),
+    )
 
 
-@fast_kernel
-def _flag_half(n: int, read2: Any, gain: Any, black: Any, half: Array, middle: Array, why: Array) -> None:
-    four = np.float32(4)
+@apart_kernel
+def _flag_cells(
+    n: int,
+    camera: Any,
+    cells: Any,
+    half: Array,
+    middle: Array,
+    cell: Array,
+    far: Array,
+    up: Array,
+    down: Array,
+    clipped: Array,
+    place: Array,
+    why: Array,
+    doubt: Array,
+    spread: Array,
+) -> None:
+    (read2, gain, black), (most, square) = camera, cells
     for x in range(n):
         noise = _LEAST_CONTRAST2 * (read2 + gain * (middle[x] if middle[x] > _ZERO else _ZERO))
         low = (half[x] <= _ZERO) | (half[x] * half[x] < noise)
-        dark = low & ((middle[x] < black) | (middle[x] * middle[x] < four * noise))
-        why[x] = (_LOW if low else _NONE) | (_DARK if dark else _NONE)
-
-
-@fast_kernel
-def _flag_cells(n: int, cells: Any, cell: Array, far: Array, clipped: Array, why: Array) -> None:
-    for x in range(n):
-        why[x] |= _SATURATED if np.int32(clipped[x]) > _NONE else _NONE
-    for x in range(n):
-        why[x] |= _ORDER if far[x] > _DOUBT else _NONE
-    for x in range(n):
-        why[x] |= _OFF if (cell[x] < _NONE) | (cell[x] >= cells) else _NONE
+        dark = low & ((middle[x] < black) | (middle[x] * middle[x] < _FOUR * noise))
+        contrast = (_LOW if low else _NONE) | (_DARK if dark else _NONE)
+        lost = _SATURATED if np.int32(clipped[x]) > _NONE else _NONE
+        off = _OFF if (cell[x] < _NONE) | (cell[x] >= most) else _NONE
+        why[x] = contrast | lost | off | (_ORDER if far[x] > _DOUBT else _NONE)
+        # a bit may be wrong anywhere
+        doubt[x], spread[x] = far[x] + up[x] + down[x], square * place[x]
 
 
 @outer_kernel
