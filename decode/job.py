@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from optolever.blocks import on_cores
 from optolever.errors import InputError
 from optolever.patterns import Sequence
 
@@ -123,5 +124,5 @@ def clip_level(stack: Frames) -> float:
         return 255.0
     if stack.dtype.kind == "f":
         return float("inf")
-    brightest = int(stack.max())
+    brightest = int(max(on_cores(np.max, list(stack)), default=0))
     return float(next(level for level in (255, 1023, 4095, 16383, 65535) if level >= brightest))
