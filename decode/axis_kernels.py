@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from .code_kernels import code_tile
 from .display_kernels import take_off_run
 from .fit_kernels import fit_tile
-from .flag_kernels import code_flags, common_tile, finest_tile, flag_fit, outlier_rows
+from .flag_kernels import code_tile_flags, finest_tile, flag_fit, outlier_rows
 from .jit import apart_kernel, fast_kernel, inline_kernel, leaf_kernel
 from .pair_kernels import highest_of, merge_pair, order_pair, pair_of, store_pair
 from .records import (
@@ -86,11 +86,9 @@ def _alone(
     """Cells of a code without fringes, into the maps."""
     if code is None:
         return
-    lines, why, found = scratch.lines, scratch.words[1], _cell_lines(scratch)
-    doubt, spread = lines[_DOUBT], lines[_SPREAD]
-    code_flags(n, camera, code, found, why, doubt, spread)
-    _write(first, n, camera.floor, None, lines[_GUESS], spread, axis, shared, scratch)
-    _common(first, n, axis.joined, why, found.half, found.middle, doubt, shared)
+    spread = scratch.lines[_SPREAD]
+    code_tile_flags(n, first, axis.joined, camera, code, _cell_lines(scratch), spread, shared)
+    _write(first, n, camera.floor, None, scratch.lines[_GUESS], spread, axis, shared, scratch)
 
 
 @inline_kernel
@@ -240,16 +238,6 @@ def _flag_finest(
         *(n, axis.joined, camera, worst, fringes.disagreement, fringes.reach, np.float32(axis.extent)),
         *(sums[3 * last :], variance[last], misfit[last], lines[_AGREEMENT], lines[_DOUBT], lines[_GAP]),
         *(lines[_PLACE], lines[_SPREAD], scratch.words[1], first, shared),
-    )
-
-
-@inline_kernel
-def _common(
-    first: int, n: int, joined: bool, why: Array, half: Array, middle: Array, doubt: Array, shared: Shared
-) -> None:
-    common_tile(
-        *(n, joined, why, half, middle, doubt, 0, first, shared.flat_flags, shared.flat_amplitude),
-        *(shared.flat_offset, shared.flat_error),
     )
 
 

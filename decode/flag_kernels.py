@@ -12,8 +12,7 @@ from .unwrap_kernels import UNKNOWN
 __all__ = [
     "MOVED",
     "add_doubt",
-    "code_flags",
-    "common_tile",
+    "code_tile_flags",
     "finest_tile",
     "flag_fit",
     "merge_rows",
@@ -176,7 +175,7 @@ def flag_fit(
 
 
 @apart_kernel
-def common_tile(
+def _common_tile(
     n: int,
     joined: bool,
     why: Array,
@@ -210,46 +209,85 @@ def common_tile(
 
 
 @leaf_kernel
-def code_flags(
-    n: int, camera: Camera, code: CodeRecord, found: CellLines, why: Array, doubt: Array, spread: Array
+def code_tile_flags(
+    n: int,
+    first: int,
+    joined: bool,
+    camera: Camera,
+    code: CodeRecord,
+    found: CellLines,
+    spread: Array,
+    shared: Shared,
 ) -> None:
-    """Flags of a code that stands alone: contrast, clipped bits, doubtful bits, cells off the pattern; the
-    probability that a bit is wrong, and the variance of the place."""
-    read2, gain = camera.of_code
-    _flag_cells(
-        *(n, (read2, gain, camera.dark), (code.most, code.pitch * code.pitch), found.half, found.middle),
-        *(found.cell, found.far, found.up, found.down, found.clipped, found.place, why, doubt, spread),
-    )
+    """Flags of a code that stands alone (contrast, clipped bits, doubtful bits, cells off the pattern), half
+    contrast, mid level and the probability that a bit is wrong: into the maps, from pixel `first` on; and the
+    variance of the place."""
+    end, (read2, gain) = first + n, camera.of_code
+    limits, square = (read2, gain, camera.dark, code.most), code.pitch * code.pitch
+    levels, doubts = (found.half, found.middle, found.clipped), (found.far, found.up, found.down)
+    flags, amplitude = shared.flat_flags[0, first:end], shared.flat_amplitude[0, first:end]
+    offset, error = shared.flat_offset[0, first:end], shared.flat_error[0, first:end]
+    told = limits, levels, doubts, found.cell, flags, amplitude, offset, error
+    if joined:
+        _merge_cells(n, *told)
+    else:
+        _store_cells(n, *told)
+    for x in range(n):
+        spread[x] = square * found.place[x]
+
+
+@pasted_kernel
+def _why_cell(limits: Any, half: Any, middle: Any, clipped: Any, cell: Any, far: Any) -> Any:
+    read2, gain, black, most = limits
+    noise = _LEAST_CONTRAST2 * (read2 + gain * (middle if middle > _ZERO else _ZERO))
+    low = (half <= _ZERO) | (half * half < noise)
+    dark = low & ((middle < black) | (middle * middle < _FOUR * noise))
+    contrast = (_LOW if low else _NONE) | (_DARK if dark else _NONE)
+    lost = _SATURATED if np.int32(clipped) > _NONE else _NONE
+    off = _OFF if (cell < _NONE) | (cell >= most) else _NONE
+    return contrast | lost | off | (_ORDER if far > _DOUBT else _NONE)
 
 
 @apart_kernel
-def _flag_cells(
+def _store_cells(
     n: int,
-    camera: Any,
-    cells: Any,
-    half: Array,
-    middle: Array,
+    limits: Any,
+    levels: Any,
+    doubts: Any,
     cell: Array,
-    far: Array,
-    up: Array,
-    down: Array,
-    clipped: Array,
-    place: Array,
-    why: Array,
-    doubt: Array,
-    spread: Array,
+    flags: Array,
+    amplitude: Array,
+    offset: Array,
+    order_error: Array,
 ) -> None:
-    (read2, gain, black), (most, square) = camera, cells
+    (half, middle, clipped), (far, up, down) = levels, doubts
     for x in range(n):
-        noise = _LEAST_CONTRAST2 * (read2 + gain * (middle[x] if middle[x] > _ZERO else _ZERO))
-        low = (half[x] <= _ZERO) | (half[x] * half[x] < noise)
-        dark = low & ((middle[x] < black) | (middle[x] * middle[x] < _FOUR * noise))
-        contrast = (_LOW if low else _NONE) | (_DARK if dark else _NONE)
-        lost = _SATURATED if np.int32(clipped[x]) > _NONE else _NONE
-        off = _OFF if (cell[x] < _NONE) | (cell[x] >= most) else _NONE
-        why[x] = contrast | lost | off | (_ORDER if far[x] > _DOUBT else _NONE)
-        # a bit may be wrong anywhere
-        doubt[x], spread[x] = far[x] + up[x] + down[x], square * place[x]
+        flags[x] = _why_cell(limits, half[x], middle[x], clipped[x], cell[x], far[x])
+        amplitude[x], offset[x] = half[x], middle[x]
+        wrong = far[x] + up[x] + down[x]  # a bit may be wrong anywhere
+        order_error[x] = wrong if wrong < _ONE else _ONE
+
+
+@apart_kernel
+def _merge_cells(
+    n: int,
+    limits: Any,
+    levels: Any,
+    doubts: Any,
+    cell: Array,
+    flags: Array,
+    amplitude: Array,
+    offset: Array,
+    order_error: Array,
+) -> None:
+    (half, middle, clipped), (far, up, down) = levels, doubts
+    for x in range(n):
+        flags[x] |= _why_cell(limits, half[x], middle[x], clipped[x], cell[x], far[x])
+        amplitude[x] = half[x] if half[x] < amplitude[x] else amplitude[x]
+        offset[x] = _HALF * (offset[x] + middle[x])
+        wrong = far[x] + up[x] + down[x]
+        wrong = wrong if wrong < _ONE else _ONE
+        order_error[x] = order_error[x] + wrong - order_error[x] * wrong
 
 
 @outer_kernel
@@ -266,10 +304,10 @@ def merge_rows(
     offset: Array,
     order_error: Array,
 ) -> None:
-    """common_tile for a block: why, height, mean, doubt (stop - start, W) into the maps."""
+    """_common_tile for a block: why, height, mean, doubt (stop - start, W) into the maps."""
     for row in range(start, stop):
         at = row - start
-        common_tile(
+        _common_tile(
             why.shape[1],
             joined,
             why[at],
