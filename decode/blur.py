@@ -18,7 +18,7 @@ Map = NDArray[Any]
 F64 = NDArray[np.float64]
 F32 = np.float32
 #: Columns sampled at most, rows and pixels at least.
-_COLUMNS, _LEAST_ROWS, _FEWEST = 288, 3, 64
+_COLUMNS, _LEAST_ROWS, _FEWEST = 144, 3, 64
 #: One of so many contrasts is asked first whether they swing.
 _EVERY = 4
 #: Systematic error of a contrast's ratio that is always reckoned with; a square blur below so many times what

@@ -121,7 +121,7 @@ def _surveyed(
     blur_px: float | None,
 ) -> _Surveyed:
     """plain: axes that kernels decode by rows; on_display: those with fringes that cells showed."""
-    seen = survey(job, sequence, wanted, plain)
+    seen = survey(job, sequence, wanted, plain, few=not on_display)
     along = {axis.axis: seen.steps(axis.axis) for axis in plain}
     footprints = {name: own.footprint for name, own in along.items()}
 

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.blocks import on_threads
 from optolever.memory import roomy_empty
 from optolever.patterns import Sequence
 
@@ -21,8 +22,8 @@ from .survey_kernels import usual_steps
 __all__ = ["SPOILT", "Steps", "Survey", "steps", "survey"]
 
 Map = NDArray[Any]
-#: Rows at most, distance of the rows between which the gradient is taken.
-_ROWS, _APART = 8, 2
+#: Rows at most, distance of the rows between which the gradient is taken, rows of a block.
+_ROWS, _APART, _BLOCK = 16, 2, 8
 #: Flags of pixels whose contrast tells nothing; columns that tell the usual one, about.
 SPOILT = int(Flag.SATURATED | Flag.DARK | Flag.LOW_CONTRAST | Flag.MOVED | Flag.INVALID)
 _COLUMNS = 144
@@ -83,16 +84,19 @@ class Steps(NamedTuple):
     continuous: bool
 
 
-def survey(job: Job, sequence: Sequence, wanted: Plan, axes: tuple[AxisPlan, ...]) -> Survey:
-    """Decode some rows of bits and fringes, on this thread: another one takes as long to wake up."""
+def survey(job: Job, sequence: Sequence, wanted: Plan, axes: tuple[AxisPlan, ...], *, few: bool) -> Survey:
+    """Decode some rows of bits and fringes; few: half of them."""
     height, width = job.frames.shape[1:]
     apart = min(_APART, height - 1)
-    both = _rows_of(height, apart, _ROWS)
+    count = _ROWS // 2 if few else _ROWS
+    both = _rows_of(height, apart, count)
     frames = roomy_empty((len(job.frames), len(both), width), job.frames.dtype)
     np.take(job.frames, both, axis=1, out=frames, mode="clip")
     maps = Maps((len(both), width), {axis.axis for axis in axes}, briefly=True)
     few_rows, near = replace(job, frames=frames), near_of(job, wanted, {}, {}, maps)
-    axes_blocks(few_rows, sequence, wanted, axes, {}, maps, near=near)((0, len(both)))()
+    cuts = [*range(0, len(both), _BLOCK), len(both)]
+    share = axes_blocks(few_rows, sequence, wanted, axes, {}, maps, near=near)(cuts)
+    on_threads(share, len(cuts) - 1)
     return Survey(frames, maps, apart, job.clip, job.noise)
 
 
