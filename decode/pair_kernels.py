@@ -20,6 +20,7 @@ __all__ = ["highest_of", "merge_pair", "order_pair", "pair_of", "store_pair"]
 Array = NDArray[Any]
 _ZERO, _ONE, _TWO, _FOUR = np.float32(0), np.float32(1), np.float32(2), np.float32(4)
 _QUARTER, _HALF, _NONE = np.float32(0.25), np.float32(0.5), np.int32(0)
+_TINY = np.float32(1e-20)
 
 
 @apart_kernel
@@ -43,24 +44,27 @@ def pair_of(camera: Camera, fringes: FringeRecord, axis: AxisRecord) -> Any:
     """What store_pair and merge_pair are told, and order_pair. Amplitudes and offsets are not divided by 2
     and 4 before they are stored."""
     coarse, fine, extent = fringes.periods[0], fringes.periods[1], np.float32(axis.extent)
-    turn2 = _FOUR * TURN2
-    squares = turn2 * coarse * coarse * fringes.quad[0, 0, 0], turn2 * fine * fine * fringes.quad[1, 0, 0]
+    read2, gain, quad = camera.read2, camera.gain, fringes.quad
+    of_coarse = _FOUR * (read2 * quad[0, 0, 0] * TURN2), gain * quad[0, 1, 0] * TURN2, coarse * coarse
+    of_fine = _FOUR * (read2 * quad[1, 0, 0] * TURN2), gain * quad[1, 1, 0] * TURN2, fine * fine
     seen = camera.dark, _QUARTER * camera.scale, _FOUR * fringes.misfit[1]
     middle, lies = _HALF * (extent - _ONE) / coarse, (_ZERO, fringes.reach, extent)
     return (
-        (camera.read2, _QUARTER * camera.gain, *squares, _FOUR * fringes.misfit[0], seen),
+        (read2, _QUARTER * gain, of_coarse, of_fine, _FOUR * fringes.misfit[0], seen),
         (coarse, fine, middle, fringes.disagreement, lies),
     )
 
 
 @pasted_kernel
-def _phase(f0: Any, f1: Any, f2: Any, f3: Any, read2: Any, gain: Any, square: Any) -> Any:
+def _phase(f0: Any, f1: Any, f2: Any, f3: Any, read2: Any, gain: Any, of_turns: Any) -> Any:
     """Of four levels: 4 A, four times the squared amplitude and contrast (see quarter_sums), a sample's
     variance, turns, and the variance of the place in the period."""
     total, c, s, both = quarter_sums(f0, f1, f2, f3)
     turn, inverse = phase_of(c, s)
-    noise = read2 + gain * (total if total > _ZERO else _ZERO)
-    return total, c * c + s * s, both * both, noise, turn, noise * (square * inverse)
+    level = total if total > _ZERO else _ZERO
+    # the products of fit_kernels and unwrap_kernels, as answers are to be the same to the last bit
+    variance = (of_turns[0] + of_turns[1] * level) * inverse + _TINY
+    return total, c * c + s * s, both * both, read2 + gain * level, turn, variance * of_turns[2]
 
 
 @pasted_kernel
