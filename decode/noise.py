@@ -22,8 +22,6 @@ _BINS = 8
 _ENOUGH = 8192
 #: Contrasts of a group of frames that are used at most.
 _CONTRASTS = 6
-#: Share of the pixels that tell, at least, however near to black or to clipping.
-_CLEAR = 0.35
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,9 +92,12 @@ def _of_fringes(
     if len(slope):
         here = slope[np.clip(np.rint(fitted), 0, len(slope) - 1).astype(int)]
         residual /= np.sqrt(contrasts**2 @ (1.0 / here**2))
-    each = residual.swapaxes(0, 1).reshape(residual.shape[1], -1)
-    at = _clear(_lit(own, limit, _power(parameters)).ravel(), _room(fitted, limit).ravel(), each)
-    return np.tile(parameters[:, 0].ravel().take(at), len(each)), each.take(at, 1).ravel()
+    told = []
+    for f, fit in enumerate(parameters):
+        at = _clear(_lit(own[f], limit, _power(fit)), _room(fitted[f], limit), residual[f])
+        told.append((np.tile(fit[0].take(at), len(residual[f])), residual[f].take(at, 1).ravel()))
+    level, rest = (np.concatenate(each) for each in zip(*told, strict=True))
+    return level, rest
 
 
 @lru_cache(maxsize=16)
@@ -109,27 +110,24 @@ def _together(fringes: tuple[Fringe, ...]) -> tuple[NDArray[np.int64], Floats, F
 
 
 def _power(parameters: Floats) -> Floats:
-    """Squared modulation of fits (..., 3, K)."""
-    return np.asarray(parameters[..., 1, :] ** 2 + parameters[..., 2, :] ** 2)
+    """Squared modulation of fits (3, K)."""
+    return np.asarray(parameters[1] ** 2 + parameters[2] ** 2)
 
 
 def _lit(own: Floats, limit: float, power: Floats) -> NDArray[np.bool_]:
-    """Pixels (..., K) without clipped samples (..., N, K) that see the pattern: a quarter of what others see
-    of it, at least."""
-    whole = np.asarray(own.max(axis=-2) < limit)
-    at = int(0.95 * (power.shape[-1] - 1))
-    seen = whole & (power > 0.25**2 * np.partition(power, at)[..., at : at + 1])
-    return np.where(np.count_nonzero(seen, axis=-1, keepdims=True) >= 50, seen, whole)
+    """Pixels without clipped samples that see the pattern: a quarter of what others see of it, at least."""
+    whole = np.asarray(own.max(axis=0) < limit)
+    seen = whole & (power > 0.25**2 * quantile(power, 0.95))
+    return seen if np.count_nonzero(seen) >= 50 else whole
 
 
 def _room(fitted: Floats, limit: float) -> Floats:
-    """Distance of a pixel's fitted samples (..., N, K) from black and from the clip level."""
-    return np.asarray(np.minimum(fitted.min(axis=-2), limit - fitted.max(axis=-2)))
+    """Distance of a pixel's fitted samples from black and from the clip level."""
+    return np.asarray(np.minimum(fitted.min(axis=0), limit - fitted.max(axis=0)))
 
 
 def _clear(keep: NDArray[np.bool_], room: Floats, residual: Floats) -> NDArray[np.int64]:
-    """Those pixels of `keep` (K,) that stay 4 sigma clear of black and clipping; if few do, the better
-    third. residual: (C, K).
+    """Those pixels of `keep` that stay 4 sigma clear of black and clipping (if few do: the better third).
 
     Noise that is cut off looks smaller than it is. What decides is the fit and not the samples: to leave out
     a pixel because of its noise would select small noise.
@@ -138,10 +136,7 @@ def _clear(keep: NDArray[np.bool_], room: Floats, residual: Floats) -> NDArray[n
     if not at.size:
         return at
     rough, own = 1.4826 * quantile(np.abs(residual.take(at, -1)).ravel(), 0.5), room[at]
-    clear = own >= 4 * rough
-    if np.count_nonzero(clear) < _CLEAR * len(clear):
-        clear = own >= quantile(own, 1 - _CLEAR)
-    return at[clear]
+    return at[own >= min(4 * rough, quantile(own, 0.65))]
 
 
 def _of_offsets(levels: NDArray[Any], first: Fringe, second: Fringe, limit: float) -> tuple[Floats, Floats]:
@@ -171,8 +166,7 @@ def _of_pairs(levels: NDArray[Any], code: Code, limit: float, enough: int) -> tu
     half = 0.5 * np.partition(np.abs(first - second), middle, axis=0)[middle]
     sums = first + second
     middle = 0.5 * sums.mean(axis=0)
-    contrasts = _against_the_mean(len(sums))
-    residual = contrasts @ sums * np.float32(0.5**0.5)
+    residual = _against_the_mean(len(sums)) @ sums * np.float32(0.5**0.5)
     room = _room(np.stack([middle - half, middle + half]), limit)
     keep = _clear(_lit(np.concatenate([first, second]), limit, half * half), room, residual)
     return np.tile(middle[keep], len(residual)), residual[:, keep].ravel()
