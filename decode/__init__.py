@@ -17,7 +17,7 @@
 | `ticket_kernels`           | which block a thread takes: numbers that only one of them gets               |
 | `axis_kernels`             | one axis over a run of pixels: code and fringes, tile by tile                |
 | `fit_kernels`              | fringe fit of a tile                                                         |
-| `pair_kernels`             | two periods of four shifts, fitted and unwrapped in one go                   |
+| `pair_kernels`             | two periods of four shifts, fitted, flagged and unwrapped in two loops       |
 | `refit_kernels`            | that again for pixels with clipped samples, or with weighed ones             |
 | `code_kernels`             | bits, code words, cells                                                      |
 | `byte_kernels`             | that, of 8-bit frames whose bits all have inverses                           |

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from .jit import apart_kernel, leaf_kernel, pasted_kernel
 
-__all__ = ["TURN2", "fit_tile", "highest", "linear_level", "phase_of", "quarter_sums"]
+__all__ = ["TINY", "TURN2", "fit_tile", "highest", "linear_level", "phase_of", "quarter_sums"]
 
 Array = NDArray[Any]
 
 TURN2 = np.float32(1 / (2 * np.pi) ** 2)
 _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 _HALF, _QUARTER = np.float32(0.5), np.float32(0.25)
-_TINY = np.float32(1e-20)
+TINY = np.float32(1e-20)
 #: arctan(t) / (2 pi) = t (A1 + A3 t^2 + ...) on [0, 1] with the least largest error, by Remez' exchange.
 _A1, _A3, _A5, _A7 = (np.float32(a) for a in (0.15915483736, -0.05304612135, 0.03174594929, -0.02213628934))
 _A9, _A11, _A13 = (np.float32(a) for a in (0.01534607289, -0.00889876878, 0.00347962469))
@@ -45,7 +45,7 @@ def phase_of(c: Any, s: Any) -> Any:
     swap = abs_s > abs_c
     high = abs_s if swap else abs_c
     low = abs_c if swap else abs_s
-    inverse = _ONE / (power * high + _TINY)
+    inverse = _ONE / (power * high + TINY)
     turn = _arctangent(low * power * inverse)
     turn = _QUARTER - turn if swap else turn
     turn = _HALF - turn if c < _ZERO else turn
@@ -152,7 +152,7 @@ def _fit_four(
         c[x] = cx
         s[x] = sx
         turns[x] = turn
-        variance[x] = (of_read + of_level * level) * inverse + _TINY
+        variance[x] = (of_read + of_level * level) * inverse + TINY
         misfit[x] = contrast * contrast
     return clipped
 
@@ -172,7 +172,7 @@ def _quarter_fit(f0: Any, f1: Any, f2: Any, f3: Any, of_read: Any, of_level: Any
     a, c, s = _QUARTER * total, _HALF * twice_c, _HALF * twice_s
     turn, inverse = phase_of(c, s)
     level = a if a > _ZERO else _ZERO
-    return a, c, s, turn, (of_read + of_level * level) * inverse + _TINY, (_HALF * both) * (_HALF * both)
+    return a, c, s, turn, (of_read + of_level * level) * inverse + TINY, (_HALF * both) * (_HALF * both)
 
 
 @pasted_kernel
@@ -269,9 +269,9 @@ def _uneven_variance(
         of_read = cc * r22 + ss * r11 - cs * r12
         of_offset = cc * a22 + ss * a11 - cs * a12
         of_fringe = cx * (cc * c22 + ss * c11 - cs * c12) + sx * (cc * s22 + ss * s11 - cs * s12)
-        inverse = _ONE / (cc + ss + _TINY)
+        inverse = _ONE / (cc + ss + TINY)
         spread = read2 * of_read + gain * (ax * of_offset + of_fringe)
-        variance[x] = (spread * inverse * inverse + _TINY) * TURN2
+        variance[x] = (spread * inverse * inverse + TINY) * TURN2
 
 
 @pasted_kernel

@@ -238,6 +238,7 @@ def code_tile_flags(
 
 @pasted_kernel
 def _why_cell(limits: Any, half: Any, middle: Any, clipped: Any, cell: Any, far: Any) -> Any:
+    """Flags of a pixel of a code: see code_tile_flags."""
     read2, gain, black, most = limits
     noise = _LEAST_CONTRAST2 * (read2 + gain * (middle if middle > _ZERO else _ZERO))
     low = (half <= _ZERO) | (half * half < noise)

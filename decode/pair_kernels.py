@@ -1,7 +1,8 @@
-"""Compiled: two periods of four quarter shifts, fitted, unwrapped and flagged in one go, into the maps.
+"""Compiled: two periods of four quarter shifts, in two loops: fitted and flagged, then unwrapped.
 
-What fit_kernels, unwrap_kernels and flag_kernels hand to each other through the cache, a third of what all of
-them take, stays in registers. The formulas are theirs.
+Most of what fit_kernels, unwrap_kernels and flag_kernels hand to each other through the cache stays in
+registers. The formulas are theirs. One loop for all would be slower: it is longer than what a processor has
+under way at once. Nor are storing and merging one, as a loop that asks within is stored by masks.
 """
 
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .fit_kernels import TURN2, highest, phase_of, quarter_sums
+from .fit_kernels import TINY, TURN2, highest, phase_of, quarter_sums
 from .flag_kernels import MOVED, add_doubt, why_placed, why_seen
 from .jit import apart_kernel, leaf_kernel, pasted_kernel
 from .records import AxisRecord, Camera, FringeRecord
@@ -20,7 +21,6 @@ __all__ = ["highest_of", "merge_pair", "order_pair", "pair_of", "store_pair"]
 Array = NDArray[Any]
 _ZERO, _ONE, _TWO, _FOUR = np.float32(0), np.float32(1), np.float32(2), np.float32(4)
 _QUARTER, _HALF, _NONE = np.float32(0.25), np.float32(0.5), np.int32(0)
-_TINY = np.float32(1e-20)
 
 
 @apart_kernel
@@ -63,7 +63,7 @@ def _phase(f0: Any, f1: Any, f2: Any, f3: Any, read2: Any, gain: Any, of_turns: 
     turn, inverse = phase_of(c, s)
     level = total if total > _ZERO else _ZERO
     # the products of fit_kernels and unwrap_kernels, as answers are to be the same to the last bit
-    variance = (of_turns[0] + of_turns[1] * level) * inverse + _TINY
+    variance = (of_turns[0] + of_turns[1] * level) * inverse + TINY
     return total, c * c + s * s, both * both, read2 + gain * level, turn, variance * of_turns[2]
 
 
