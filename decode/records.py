@@ -81,7 +81,7 @@ class CodeRecord(NamedTuple):
     least significant; cells: word -> cell, which for a Gray code (gray) is computed; together: bits change
     together from cell to cell; fringed: a fringe tells where in a cell a pixel is; loose: systematic error of
     a margin, in half contrasts; beyond: half contrasts by which a bit's level may pass white or black; pitch,
-    origin: place of a cell; most: cells of the surface; bytes: True if frames are such, and words 16 bits at
+    origin: place of a cell; most: cells of the surface; bytes: True if frames are such, and words 15 bits at
     most, else None.
     """
 
