@@ -3,13 +3,16 @@
 from typing import Any
 
 import numpy as np
+from numba.core import types
 from numpy.typing import NDArray
+
+from optolever.linking import Linked
 
 from .code_kernels import code_tile
 from .display_kernels import take_off_run
 from .fit_kernels import fit_tile
 from .flag_kernels import code_tile_flags, finest_tile, flag_fit, outlier_rows
-from .jit import apart_kernel, fast_kernel, inline_kernel, leaf_kernel
+from .jit import apart_kernel, fast_kernel, inline_kernel, leaf_kernel, linked_kernel
 from .pair_kernels import highest_of, merge_pair, order_pair, pair_of, store_pair
 from .records import (
     LINES,
@@ -26,7 +29,7 @@ from .refit_kernels import refit
 from .stream_kernels import stream_widened
 from .unwrap_kernels import search_tile, sequential_tile
 
-__all__ = ["axis_pixels"]
+__all__ = ["axis_parts", "axis_pixels", "shows"]
 
 Array = NDArray[Any]
 
@@ -43,22 +46,54 @@ def axis_pixels(
     if axis is None:
         return
     for first in range(start, stop, TILE):
-        n = min(TILE, stop - first)
-        _code(first, n, camera, axis.code, scratch)
-        _alone(first, n, camera, axis.alone, axis, shared, scratch)
-        _fringes(first, n, camera, axis.code, axis.fringes, axis, shared, scratch)
+        tile = first, min(TILE, stop - first), camera, axis, shared, scratch
+        _call_code(axis.code, tile)
+        _call_fringes(axis.fringes, tile)
     width = shared.flags.shape[1]
     outlier_rows(start // width, stop // width, axis.least, shared.flags, scratch.kept[axis.number])
 
 
-@leaf_kernel
-def _code(first: int, n: int, camera: Camera, code: CodeRecord | None, scratch: Scratch) -> None:
-    """Cells of a code: their centres (line _GUESS), and how doubtful they are."""
-    if code is None:
-        return
+@linked_kernel
+def code_of_tile(
+    first: int, n: int, camera: Camera, axis: AxisRecord, shared: Shared, scratch: Scratch
+) -> None:
+    """Cells of a code: their centres (line _GUESS), and how doubtful they are; of one without fringes, into
+    the maps."""
+    code: Any = axis.code
     found = _cell_lines(scratch)
     code_tile(n, first, camera, code, found)
     _centres(n, code.pitch, code.origin, found.cell, scratch.lines[_GUESS])
+    _alone(first, n, camera, axis.alone, axis, shared, scratch)
+
+
+@linked_kernel
+def fringes_of_tile(
+    first: int, n: int, camera: Camera, axis: AxisRecord, shared: Shared, scratch: Scratch
+) -> None:
+    """Phases of a tile, unwrapped, into the maps."""
+    fringes: Any = axis.fringes
+    if not _pair(first, n, fringes.pair, camera, fringes, axis, shared, scratch):
+        _fit(first, n, camera, fringes, scratch)
+        _unwrap(n, axis.code, fringes.searched, fringes, axis, scratch)
+        _flag_others(n, camera, fringes, scratch)
+        _flag_finest(first, n, camera, fringes, axis, shared, scratch)
+    place, spread = scratch.lines[_PLACE], scratch.lines[_SPREAD]
+    _write(first, n, camera.floor, fringes.shown, place, spread, axis, shared, scratch)
+
+
+_of_code, _of_fringes = code_of_tile.call, fringes_of_tile.call
+
+
+@leaf_kernel
+def _call_code(code: CodeRecord | None, tile: Any) -> None:
+    if code is not None:
+        _of_code(tile)
+
+
+@leaf_kernel
+def _call_fringes(fringes: FringeRecord | None, tile: Any) -> None:
+    if fringes is not None:
+        _of_fringes(tile)
 
 
 @inline_kernel
@@ -186,29 +221,6 @@ def _pair(
     return False
 
 
-@leaf_kernel
-def _fringes(
-    first: int,
-    n: int,
-    camera: Camera,
-    code: CodeRecord | None,
-    fringes: FringeRecord | None,
-    axis: AxisRecord,
-    shared: Shared,
-    scratch: Scratch,
-) -> None:
-    """Phases of a tile, unwrapped, into the maps."""
-    if fringes is None:
-        return
-    if not _pair(first, n, fringes.pair, camera, fringes, axis, shared, scratch):
-        _fit(first, n, camera, fringes, scratch)
-        _unwrap(n, code, fringes.searched, fringes, axis, scratch)
-        _flag_others(n, camera, fringes, scratch)
-        _flag_finest(first, n, camera, fringes, axis, shared, scratch)
-    place, spread = scratch.lines[_PLACE], scratch.lines[_SPREAD]
-    _write(first, n, camera.floor, fringes.shown, place, spread, axis, shared, scratch)
-
-
 @inline_kernel
 def _flag_others(n: int, camera: Camera, fringes: FringeRecord, scratch: Scratch) -> None:
     """Flags of all periods but the finest one."""
@@ -239,6 +251,18 @@ def _flag_finest(
         *(sums[3 * last :], variance[last], misfit[last], lines[_AGREEMENT], lines[_DOUBT], lines[_GAP]),
         *(lines[_PLACE], lines[_SPREAD], scratch.words[1], first, shared),
     )
+
+
+def axis_parts(camera: Any, axis: Any, shared: Any, scratch: Any) -> list[tuple[Linked, tuple[Any, ...]]]:
+    """What axis_pixels calls, for arguments of these types."""
+    own = types.int64, types.int64, camera, axis, shared, scratch
+    parts = (code_of_tile, shows(axis, "code")), (fringes_of_tile, shows(axis, "fringes"))
+    return [(part, own) for part, shown in parts if shown]
+
+
+def shows(axis: Any, what: str) -> bool:
+    """Whether an axis of this type, which may be that of None, has a "code" or "fringes"."""
+    return axis is not types.none and axis.types[axis.fields.index(what)] is not types.none
 
 
 @fast_kernel

@@ -2,12 +2,15 @@
 
 from typing import Any
 
+from numba.core import types as numba_types
 from numpy.typing import NDArray
 
-from .axis_kernels import axis_pixels
-from .jit import leaf_kernel, outer_kernel
+from optolever.linking import Linked
+
+from .axis_kernels import axis_parts, axis_pixels, shows
+from .jit import calling, leaf_kernel, outer_kernel
 from .mixed_kernels import REACH
-from .neighbour_kernels import near_block
+from .neighbour_kernels import call_near, near_block
 from .records import ROWS_AROUND, AxisRecord, Camera, Near, Scratch, Shared
 from .ticket_kernels import draw
 
@@ -16,6 +19,21 @@ __all__ = ["decode_blocks"]
 Array = NDArray[Any]
 
 
+def _parts(types: Any) -> list[tuple[Linked, tuple[Any, ...]]]:
+    """What decode_blocks calls, for arguments of these types."""
+    _, _, _, near, camera, one, two, shared, scratch = types
+    whole, flag = numba_types.int64, numba_types.boolean
+    axes = [part for axis in (one, two) for part in axis_parts(camera, axis, shared, scratch)]
+    return [*axes, (near_block, (whole, whole, near, flag, shared, scratch))]
+
+
+def _asked(types: Any) -> list[str]:
+    """What else decodes of such arguments ask for."""
+    _, _, _, _, _, one, two, _, _ = types
+    return ["all", *(what for what in ("code", "fringes") if shows(one, what) or shows(two, what))]
+
+
+@calling(_parts, _asked)
 @outer_kernel
 def decode_blocks(
     cuts: Array,
@@ -32,17 +50,16 @@ def decode_blocks(
     and how many of the two on either side of a cut are done, by all threads. compare: neighbours, too.
     """
     height, last = shared.flags.shape[0], len(cuts) - 1
-    fresh = len(drawn) > 0  # as ever; by a word that is no constant, so that near_block is compiled once
     while True:
         block = draw(drawn, 0)
         if block >= last:
             return
-        _decode(cuts[block], cuts[block + 1], compare, not fresh, near, camera, one, two, shared, scratch)
+        _decode(cuts[block], cuts[block + 1], compare, near, camera, one, two, shared, scratch)
         # those beside a cut once what lies beyond is done
         for cut in range(max(block, 1), min(block + 2, last) if compare else 0):
             if draw(drawn, cut) == 1:
                 start, stop = cuts[cut] - REACH, min(cuts[cut] + REACH, height)
-                near_block(start, stop, near, fresh, shared, scratch)
+                call_near((start, stop, near, True, shared, scratch))
 
 
 @leaf_kernel
@@ -50,7 +67,6 @@ def _decode(
     start: int,
     stop: int,
     compare: bool,
-    fresh: bool,
     near: Near,
     camera: Camera,
     one: AxisRecord,
@@ -69,5 +85,5 @@ def _decode(
         axis_pixels(first, last, camera, two, shared, scratch)
         ready = end if end == height else end - REACH
         if compare and ready > done:
-            near_block(done, ready, near, fresh, shared, scratch)
+            call_near((done, ready, near, False, shared, scratch))
             done = ready

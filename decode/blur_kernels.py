@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .fit_kernels import linear_level, phase_of
-from .jit import apart_kernel, inline_kernel, leaf_kernel, outer_kernel
+from .jit import apart_kernel, asked_by, inline_kernel, leaf_kernel, outer_kernel
 from .select_kernels import least
 from .wave_kernels import cosine_sine
 
@@ -83,6 +83,7 @@ def contrasts(
     return count
 
 
+@asked_by("fringes", "float64[:, :], float32[:, ::1], float64[::1]")
 @outer_kernel
 def digest(seen: Array, room: Array, usual: Array) -> int:
     """Of contrasts (4, K): medians of the footprint down and along, quartiles of what is left, and its mean
@@ -156,6 +157,10 @@ def sinc(x: float) -> float:
 _sinc = inline_kernel(sinc)
 
 
+@asked_by(
+    "fringes",
+    "float32[::1], float32[::1], float32[::1], float64, UniTuple(float32, 5), UniTuple(float32, 5)",
+)
 @outer_kernel
 def swing_sums(
     left: Array, place: Array, shift: Array, period: float, now: Swing, trial: Swing

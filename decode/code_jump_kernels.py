@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import leaf_kernel, outer_kernel
+from .jit import asked_by, leaf_kernel, outer_kernel
 from .select_kernels import least
 
 __all__ = ["CALM", "JUMP", "mark_lines"]
@@ -15,6 +15,11 @@ Array = NDArray[Any]
 CALM, JUMP = 1, 2
 
 
+@asked_by(
+    "code",
+    "float64[:, ::1], uint16[:, ::1], int64[::1], boolean, int64, float64, UniTuple(float64, 2), int64, "
+    "float64[:, ::1], uint16[:, ::1], float64[::1], float32[:, ::1], uint8[:, ::1]",
+)
 @outer_kernel
 def mark_lines(
     chart: Array,

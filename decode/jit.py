@@ -8,16 +8,23 @@ from pathlib import Path
 from typing import Any, cast
 
 from numba import njit
+from numba.core.sigutils import normalize_signature
 
 from optolever.compiling import Usual, Within, WithinApart, WithinOnce, WithinPasted, WithinWide, only_within
+from optolever.elsewhere import Task
+from optolever.linking import Linked, Parts, linking
 
 __all__ = [
     "apart_kernel",
+    "asked_by",
+    "asked_types",
     "called_kernel",
+    "calling",
     "fast_kernel",
     "inline_kernel",
     "kernel",
     "leaf_kernel",
+    "linked_kernel",
     "outer_kernel",
     "pasted_kernel",
 ]
@@ -25,11 +32,16 @@ __all__ = [
 Kernel = Callable[..., Any]
 #: Reorderings that let loops become vector instructions; NaN and infinity keep their meaning.
 _REORDER = {"contract", "reassoc", "nsz", "arcp"}
+#: Kernels that decodes of codes, of fringes or of all ask for beside their own, and the types that they take.
+_ASKED: dict[str, dict[Any, str]] = {}
+_types_of: Callable[[str], Any] = normalize_signature
 _USUAL: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 #: Without numba's run time, which counts references.
 _LEAF: dict[str, Any] = _USUAL | {"_nrt": False}
 #: To be called from Python, not from C.
 _OUTER: dict[str, Any] = {"cache": True, "no_cfunc_wrapper": True, "pipeline_class": Usual}
+#: Not even that.
+_UNWRAPPED: dict[str, Any] = {"no_cpython_wrapper": True}
 
 
 @lru_cache(maxsize=1)
@@ -75,6 +87,38 @@ def outer_kernel(function: Kernel) -> Kernel:
 def leaf_kernel(function: Kernel) -> Kernel:
     """outer_kernel, but a part of other kernels, which alone can call it and with which it is optimised."""
     return cast(Kernel, only_within(njit(**_LEAF, pipeline_class=Within)(function)))
+
+
+def linked_kernel(function: Kernel) -> Linked:
+    """outer_kernel that kernels call by address (see linking), and Python does not."""
+    return Linked(_kept(only_within(njit(**_LEAF, **_OUTER, **_UNWRAPPED)(function))))
+
+
+def calling(parts: Parts, asked: Callable[[Any], list[str]] = lambda _: []) -> Callable[[Kernel], Kernel]:
+    """For an outer kernel that calls linked ones. asked: by what else a decode does, see asked_by."""
+
+    def others(arguments: Any) -> list[Task]:
+        known = [dispatcher for use in asked(arguments) for dispatcher in _ASKED.get(use, ())]
+        return [(dispatcher, asked_types(dispatcher)) for dispatcher in known]
+
+    return lambda dispatcher: cast(Kernel, linking(dispatcher, parts, others))
+
+
+def asked_by(use: str, types: str) -> Callable[[Kernel], Kernel]:
+    """For a kernel that decodes of such a use ("all", "code", "fringes") call, ever with arguments of these
+    types: it is compiled while others are."""
+
+    def noted(dispatcher: Kernel) -> Kernel:
+        _ASKED.setdefault(use, {})[dispatcher] = types
+        return dispatcher
+
+    return noted
+
+
+def asked_types(dispatcher: Kernel) -> tuple[Any, ...]:
+    """What asked_by says of it."""
+    told = next(known[dispatcher] for known in _ASKED.values() if dispatcher in known)
+    return cast(tuple[Any, ...], _types_of(f"({told})")[0])
 
 
 def called_kernel(function: Kernel) -> Kernel:

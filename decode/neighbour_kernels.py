@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import apart_kernel, inline_kernel, leaf_kernel, outer_kernel
+from .jit import apart_kernel, calling, inline_kernel, leaf_kernel, linked_kernel, outer_kernel
 from .mixed_kernels import NOTHING, OUTLIER, REACH, READ, mixed_rows
 from .records import Near, Scratch, Shared
 
-__all__ = ["near_block", "near_rows"]
+__all__ = ["call_near", "near_block", "near_rows"]
 
 Array = NDArray[Any]
 
@@ -29,13 +29,7 @@ _ZERO, _ONE, _TWO, _THREE = np.float32(0), np.float32(1), np.float32(2), np.floa
 _HALF, _GOOD = np.float32(0.5), np.uint16(0)
 
 
-@outer_kernel
-def near_rows(start: int, stop: int, near: Near, fresh: bool, shared: Shared, scratch: Scratch) -> None:
-    """near_block, to be called from Python."""
-    near_block(start, stop, near, fresh, shared, scratch)
-
-
-@leaf_kernel
+@linked_kernel
 def near_block(start: int, stop: int, near: Near, fresh: bool, shared: Shared, scratch: Scratch) -> None:
     """Compare rows start..stop with those around: bends go into sigma, steep and mixed pixels are flagged.
 
@@ -46,6 +40,16 @@ def near_block(start: int, stop: int, near: Near, fresh: bool, shared: Shared, s
     few = scratch.kept.shape[1] - 2
     for row in range(start, stop, few):
         _few_rows(row, min(row + few, stop), near, fresh, shared, scratch)
+
+
+call_near = near_block.call
+
+
+@calling(lambda types: [(near_block, types)])
+@outer_kernel
+def near_rows(start: int, stop: int, near: Near, fresh: bool, shared: Shared, scratch: Scratch) -> None:
+    """near_block, to be called from Python."""
+    call_near((start, stop, near, fresh, shared, scratch))
 
 
 @leaf_kernel

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import apart_kernel, fast_kernel, leaf_kernel, outer_kernel
+from .jit import apart_kernel, asked_by, fast_kernel, leaf_kernel, outer_kernel
 from .select_kernels import least
 from .wave_kernels import cosine_sine
 
@@ -48,6 +48,11 @@ def _lines_of(coord: Array, cols: int, down: bool) -> _Lines:
     return _Lines(coord, cols, rows, 1, cols) if down else _Lines(coord, rows, cols, cols, 1)
 
 
+@asked_by(
+    "fringes",
+    "float64[::1], float32[::1], uint16[::1], int64, boolean, float32[:, ::1], float32[:, ::1], "
+    "float64[:, ::1]",
+)
 @outer_kernel
 def gather_runs(
     coord: Array,
@@ -193,6 +198,7 @@ def _like_stairs(run: Array, fit: Array, wave: Array, noise: float) -> bool:
     return bool(float(square) - stairs <= stairs + most)
 
 
+@asked_by("fringes", "float64[::1], int64, float32[::1]")
 @outer_kernel
 def changes_down(coord: Array, cols: int, room: Array) -> bool:
     """Whether a map that lies flat changes more from row to row than from column to column: usual steps
@@ -216,6 +222,7 @@ def _usual_step(at: _Lines, room: Array) -> float:
     return float(least(room, count, 0.5))
 
 
+@asked_by("fringes", "float64[::1], int64, boolean, int64, float64[::1], float64, float64, float32[::1]")
 @outer_kernel
 def large_variance(
     coord: Array, cols: int, down: bool, reach: int, table: Array, per_cell: float, share: float, room: Array

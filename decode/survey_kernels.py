@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import outer_kernel
+from .jit import asked_by, outer_kernel
 from .select_kernels import least
 
 __all__ = ["usual_steps"]
@@ -13,6 +13,10 @@ __all__ = ["usual_steps"]
 Array = NDArray[Any]
 
 
+@asked_by(
+    "all",
+    "float64[:, ::1], float64[:, ::1], float32[:, ::1], float64, int64, int64, float32[:, ::1], float64[::1]",
+)
 @outer_kernel
 def usual_steps(
     lines: Array, below: Array, sigma: Array, apart: float, every: int, few: int, room: Array, usual: Array

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .fit_kernels import phase_of
-from .jit import apart_kernel, leaf_kernel, outer_kernel
+from .jit import apart_kernel, asked_by, leaf_kernel, outer_kernel
 from .wave_kernels import cosine_sine
 
 __all__ = ["LEVEL", "LINES", "prepare", "swing"]
@@ -23,6 +23,7 @@ _ZERO, _HALF, _ONE, _PI = np.float32(0), np.float32(0.5), np.float32(1), np.floa
 _NEAR = np.float32(1e-4)
 
 
+@asked_by("fringes", "float32, float32[::1], float32[:, ::1], float32[:, ::1], float32[:, ::1]")
 @outer_kernel
 def prepare(f: Any, contrast: Array, sides: Array, at: Array, room: Array) -> None:
     """Of pixels (K,): contrast over what the footprint leaves of it (LEVEL), the same less the nearest
@@ -103,6 +104,7 @@ def _product(one: Array, other: Array) -> float:
     return float(total)
 
 
+@asked_by("fringes", "float64, float64, float64, float32[::1], float32[:, ::1]")
 @outer_kernel
 def swing(square: float, f: float, middle: float, place: Array, room: Array) -> tuple[float, float, float]:
     """Of a squared blur (cells^2): seen swing over what it should be, the same of a swing a quarter of a cell

@@ -97,3 +97,49 @@ def test_cached_code_goes_with_the_sources(elsewhere, tmp_path):
     assert [told(), told()] == ["10 0", "10 1"]
     write(200)
     assert [told(), told()] == ["200 0", "200 1"]
+
+
+_SEEN = """
+import numpy as np
+from optolever.decode import block_kernels, decode
+from optolever.decode.jit import _ASKED, asked_types
+from optolever.experiments import decode_speed
+from optolever.patterns import sequence
+
+size = 96, 128
+_, phase, _, fringes = decode_speed._phase_frames(size)
+gray = sequence("gray", *size)
+bits = decode_speed._shoot(gray.frames, *decode_speed._place(size))
+"""
+
+
+def _told(script: str, **environment: str) -> list[str]:
+    command = [sys.executable, "-c", _SEEN + script]
+    own = os.environ | environment
+    run = subprocess.run(command, capture_output=True, text=True, env=own)
+    assert run.returncode == 0, run.stderr
+    return run.stdout.split()
+
+
+def test_kernels_are_asked_for_as_they_say():
+    """What a cold start compiles ahead of time is what decodes call, with these types and no others."""
+    script = """
+decode(fringes, phase)
+decode(bits, gray)
+for use in ("fringes", "code", "all"):
+    for one in _ASKED[use]:
+        assert list(one.overloads) == [asked_types(one)], (one, list(one.overloads))
+    print(use, len(_ASKED[use]))
+"""
+    assert _told(script) == ["fringes", "7", "code", "1", "all", "1"]
+
+
+def test_a_cold_start_takes_two_processes_and_tells_the_same(tmp_path):
+    script = """
+found = decode(bits, gray)
+print(sum(block_kernels.decode_blocks.stats.cache_hits.values()), np.nansum(found.u), np.sum(found.flags))
+"""
+    hits, *cold = _told(script, NUMBA_CACHE_DIR=str(tmp_path), OPTOLEVER_THREADS="2")
+    assert hits == "1"  # the other process made it
+    _, *warm = _told(script)
+    assert cold == warm
