@@ -8,6 +8,7 @@ stripes and spots by how they follow each other (see sweep, raster_faults). Faul
 unseen: three steps alone, two whole pairs in each other's place, a fringe run backwards.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -28,6 +29,7 @@ from .plan import AxisPlan, Plan
 from .raster import raster_of
 from .raster_faults import RasterFault, raster_faults
 from .sample import Sample, quantile, sampled
+from .sample_kernels import least_rough
 from .sweep import sweep_faults
 
 __all__ = ["Finding", "Integrity", "check", "examine", "rule_faults"]
@@ -256,12 +258,9 @@ def _lit(sample: Sample, rules: F64) -> Lit:
 
     Noise: from second differences within runs, the least of the frames, as what they show adds to it.
     """
-    # a quarter of the lines is enough for a median; of small whole numbers it takes half the time
-    some: NDArray[Any] = sample.runs[:, ::4].astype(np.int16 if sample.runs.dtype == np.uint8 else np.float32)
-    second = _second_differences(some)
-    middle = second.shape[1] // 2
-    spread = np.partition(second, middle, axis=1)[:, middle].min() if second.size else 0.0
-    noise = float(spread) * 1.4826 / np.sqrt(6)
+    some = sample.runs[:, ::4].astype(np.float32)  # a quarter of the lines is enough for a median
+    some = some.reshape(len(some), -1, some.shape[-1])
+    noise = least_rough(some, np.empty(some[0].size, np.float32)) * 1.4826 / math.sqrt(6)
     levels = sample.levels
     highest, asked = levels.max(axis=0), np.abs(rules).max(axis=0) > 0
     span = highest - levels.min(axis=0)
@@ -270,23 +269,15 @@ def _lit(sample: Sample, rules: F64) -> Lit:
     bright = (span >= 0.5 * quantile(span, 0.9)) & (brightest < top)
     # by chance, as every so many pixels may be a fringe's period; sorted, as they are cut into bands
     order = _by_chance(len(bright))
-    use = np.sort(order[bright[order]][:_PIXELS])
+    chosen = np.zeros(len(bright), np.bool_)
+    chosen[order[bright[order]][:_PIXELS]] = True
+    use = np.flatnonzero(chosen)
     contrast = quantile(span[use], 0.5) if len(use) else 0.0
     return Lit(
-        levels[:, use].astype(np.float32),
+        levels.take(use, axis=1).astype(np.float32),
         sample.row[use],
         float(np.hypot(max(noise, _LEAST_NOISE), _UNEVEN * contrast)),
     )
-
-
-def _second_differences(runs: NDArray[Any]) -> NDArray[Any]:
-    """Within runs (N, lines, K, pixels), absolute (N, M)."""
-    flat, pixels = runs.reshape(len(runs), -1), runs.shape[-1]
-    if pixels < 3:
-        return flat[:, :0]
-    every = np.empty_like(flat)  # across the ends of runs, too, as long lines go fast
-    np.abs(flat[:, 2:] + flat[:, :-2] - 2 * flat[:, 1:-1], out=every[:, :-2])
-    return every.reshape(len(runs), -1, pixels)[..., :-2].reshape(len(runs), -1)
 
 
 @lru_cache(maxsize=4)

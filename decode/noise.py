@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .noise_kernels import robust_variances
+from .noise_kernels import LINES, fringe_residuals, robust_variances
 from .plan import Code, Fringe, Plan
 from .sample import Sample, quantile
 
@@ -85,19 +85,14 @@ def _of_fringes(
     levels: NDArray[Any], fringes: tuple[Fringe, ...], limit: float, slope: NDArray[np.float32], enough: int
 ) -> tuple[Floats, Floats]:
     """Of fringes of the same number of samples, `enough` residuals of each."""
-    index, design, solve, contrasts = _together(fringes)
-    own = levels[:, :: max(1, levels.shape[1] * contrasts.shape[1] // enough)][index].astype(np.float32)
-    parameters, residual = solve @ own, contrasts @ own
-    fitted = design @ parameters
-    if len(slope):
-        here = slope[np.clip(np.rint(fitted), 0, len(slope) - 1).astype(int)]
-        residual /= np.sqrt(contrasts**2 @ (1.0 / here**2))
-    told = []
-    for f, fit in enumerate(parameters):
-        at = _clear(_lit(own[f], limit, _power(fit)), _room(fitted[f], limit), residual[f])
-        told.append((np.tile(fit[0].take(at), len(residual[f])), residual[f].take(at, 1).ravel()))
-    level, rest = (np.concatenate(each) for each in zip(*told, strict=True))
-    return level, rest
+    index, *models = _together(fringes)
+    count = models[-1].shape[1]
+    own = levels[:, :: max(1, levels.shape[1] * count // enough)][index].astype(np.float32)
+    pixels = own.shape[2]
+    level, residual = np.empty((2, len(fringes) * count * pixels), np.float32)
+    room, weights = np.empty((LINES, pixels), np.float32), np.empty((count, pixels), np.float32)
+    used = fringe_residuals(own, *models, slope, limit, room, weights, level, residual)
+    return level[:used], residual[:used]
 
 
 @lru_cache(maxsize=16)

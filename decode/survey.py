@@ -22,8 +22,9 @@ from .survey_kernels import usual_steps
 __all__ = ["SPOILT", "Steps", "Survey", "steps", "survey"]
 
 Map = NDArray[Any]
-#: Rows at most, distance of the rows between which the gradient is taken, rows of a block.
-_ROWS, _APART, _BLOCK = 16, 2, 8
+#: Rows at most, distance of the rows between which the gradient is taken; pixels of a block, about: fewer are
+#: decoded before a second thread is awake.
+_ROWS, _APART, _BLOCK = 16, 2, 1 << 15
 #: Flags of pixels whose contrast tells nothing; columns that tell the usual one, about.
 SPOILT = int(Flag.SATURATED | Flag.DARK | Flag.LOW_CONTRAST | Flag.MOVED | Flag.INVALID)
 _COLUMNS = 144
@@ -94,7 +95,7 @@ def survey(job: Job, sequence: Sequence, wanted: Plan, axes: tuple[AxisPlan, ...
     np.take(job.frames, both, axis=1, out=frames, mode="clip")
     maps = Maps((len(both), width), {axis.axis for axis in axes}, briefly=True)
     few_rows, near = replace(job, frames=frames), near_of(job, wanted, {}, {}, maps)
-    cuts = [*range(0, len(both), _BLOCK), len(both)]
+    cuts = [*range(0, len(both), max(1, _BLOCK // width)), len(both)]
     share = axes_blocks(few_rows, sequence, wanted, axes, {}, maps, near=near)(cuts)
     on_threads(share, len(cuts) - 1)
     return Survey(frames, maps, apart, job.clip, job.noise)

@@ -131,7 +131,7 @@ for use in ("fringes", "code", "all"):
         assert list(one.overloads) == [asked_types(one)], (one, list(one.overloads))
     print(use, len(_ASKED[use]))
 """
-    assert _told(script) == ["fringes", "7", "code", "1", "all", "1"]
+    assert _told(script) == ["fringes", "8", "code", "1", "all", "2"]
 
 
 def test_a_cold_start_takes_two_processes_and_tells_the_same(tmp_path):

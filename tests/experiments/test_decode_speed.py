@@ -21,6 +21,7 @@ def test_figures_are_there() -> None:
         assert figures[f"{name}, optolever over floor"] == pytest.approx(ours / floor)
         assert figures[f"{name}, optolever over floor, processor time"] > 0
     assert figures["24 Gray frames, cv2 over optolever"] > 0
+    assert 0 < figures["16 phase frames, optolever with the display's cells"] < math.inf
     bound = decode_speed.PERIODS[-1] / (2 * np.pi) * np.sqrt(2 / decode_speed.STEPS)
     bound *= decode_speed.NOISE / decode_speed.AMPLITUDE
     assert figures["16 phase frames, optolever, rms error"] == pytest.approx(bound, rel=0.1)
