@@ -29,7 +29,7 @@ from .refit_kernels import refit
 from .stream_kernels import stream_widened
 from .unwrap_kernels import search_tile, sequential_tile
 
-__all__ = ["axis_parts", "axis_pixels", "shows"]
+__all__ = ["axis_parts", "axis_pixels"]
 
 Array = NDArray[Any]
 
@@ -256,13 +256,9 @@ def _flag_finest(
 def axis_parts(camera: Any, axis: Any, shared: Any, scratch: Any) -> list[tuple[Linked, tuple[Any, ...]]]:
     """What axis_pixels calls, for arguments of these types."""
     own = types.int64, types.int64, camera, axis, shared, scratch
-    parts = (code_of_tile, shows(axis, "code")), (fringes_of_tile, shows(axis, "fringes"))
-    return [(part, own) for part, shown in parts if shown]
-
-
-def shows(axis: Any, what: str) -> bool:
-    """Whether an axis of this type, which may be that of None, has a "code" or "fringes"."""
-    return axis is not types.none and axis.types[axis.fields.index(what)] is not types.none
+    shown = {} if axis is types.none else dict(zip(axis.fields, axis.types, strict=True))
+    parts = (fringes_of_tile, "fringes"), (code_of_tile, "code")
+    return [(part, own) for part, what in parts if shown.get(what, types.none) is not types.none]
 
 
 @fast_kernel

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from optolever.linking import Linked
 
-from .axis_kernels import axis_parts, axis_pixels, shows
+from .axis_kernels import axis_parts, axis_pixels
 from .jit import calling, leaf_kernel, outer_kernel
 from .mixed_kernels import REACH
 from .neighbour_kernels import call_near, near_block
@@ -27,13 +27,7 @@ def _parts(types: Any) -> list[tuple[Linked, tuple[Any, ...]]]:
     return [*axes, (near_block, (whole, whole, near, flag, shared, scratch))]
 
 
-def _asked(types: Any) -> list[str]:
-    """What else decodes of such arguments ask for."""
-    _, _, _, _, _, one, two, _, _ = types
-    return ["all", *(what for what in ("code", "fringes") if shows(one, what) or shows(two, what))]
-
-
-@calling(_parts, _asked)
+@calling(_parts)
 @outer_kernel
 def decode_blocks(
     cuts: Array,

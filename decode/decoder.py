@@ -18,6 +18,7 @@ from .correspondence import Correspondence, Flag
 from .display import Tables, display_tables
 from .exposures import better_of, by_exposure
 from .integrity import Finding, Integrity, examine, rule_faults
+from .jit import compiled_for
 from .job import Job, check_camera, checked, clip_level, job_of, levels_of
 from .noise import QUANTISATION
 from .plan import AxisPlan, Plan, plan
@@ -93,9 +94,18 @@ def decode(
     found = []
     for part in by_exposure(sequence):
         own = stack if len(part.index) == len(stack) else stack[part.index]
-        job = job_of(own, plan(part.sequence), noise, gain, clip, response, weigh_samples, subpixel)
-        found.append(_decoded(job, part.sequence, blur_px, on_cells, subpixel))
+        wanted = plan(part.sequence)
+        with compiled_for(*_uses(wanted)):
+            job = job_of(own, wanted, noise, gain, clip, response, weigh_samples, subpixel)
+            found.append(_decoded(job, part.sequence, blur_px, on_cells, subpixel))
     return reduce(better_of, found)
+
+
+def _uses(wanted: Plan) -> list[str]:
+    """What is shown, in the words of compiled_for."""
+    by_rows = [axis for axis in wanted.axes if not by_table(axis)]
+    shown = {"code": any(axis.code for axis in by_rows), "fringes": any(axis.fringes for axis in by_rows)}
+    return ["all", *(use for use, asked in shown.items() if asked)]
 
 
 @dataclass(frozen=True, slots=True)

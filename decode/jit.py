@@ -1,8 +1,8 @@
 """How this part compiles: cached on disk, without the interpreter's lock."""
 
 import hashlib
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, cast
@@ -11,7 +11,7 @@ from numba import njit
 from numba.core.sigutils import normalize_signature
 
 from optolever.compiling import Usual, Within, WithinApart, WithinOnce, WithinPasted, WithinWide, only_within
-from optolever.elsewhere import Task
+from optolever.elsewhere import claim, compiling_ahead
 from optolever.linking import Linked, Parts, linking
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "asked_types",
     "called_kernel",
     "calling",
+    "compiled_for",
     "fast_kernel",
     "inline_kernel",
     "kernel",
@@ -35,6 +36,8 @@ _REORDER = {"contract", "reassoc", "nsz", "arcp"}
 #: Kernels that decodes of codes, of fringes or of all ask for beside their own, and the types that they take.
 _ASKED: dict[str, dict[Any, str]] = {}
 _types_of: Callable[[str], Any] = normalize_signature
+#: Uses that this process has compiled for.
+_compiled: set[str] = set()
 _USUAL: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 #: Without numba's run time, which counts references.
 _LEAF: dict[str, Any] = _USUAL | {"_nrt": False}
@@ -94,25 +97,36 @@ def linked_kernel(function: Kernel) -> Linked:
     return Linked(_kept(only_within(njit(**_LEAF, **_OUTER, **_UNWRAPPED)(function))))
 
 
-def calling(parts: Parts, asked: Callable[[Any], list[str]] = lambda _: []) -> Callable[[Kernel], Kernel]:
-    """For an outer kernel that calls linked ones. asked: by what else a decode does, see asked_by."""
-
-    def others(arguments: Any) -> list[Task]:
-        known = [dispatcher for use in asked(arguments) for dispatcher in _ASKED.get(use, ())]
-        return [(dispatcher, asked_types(dispatcher)) for dispatcher in known]
-
-    return lambda dispatcher: cast(Kernel, linking(dispatcher, parts, others))
+def calling(parts: Parts) -> Callable[[Kernel], Kernel]:
+    """For an outer kernel that calls linked ones."""
+    return lambda dispatcher: cast(Kernel, linking(dispatcher, parts))
 
 
 def asked_by(use: str, types: str) -> Callable[[Kernel], Kernel]:
     """For a kernel that decodes of such a use ("all", "code", "fringes") call, ever with arguments of these
-    types: it is compiled while others are."""
+    types: see compiled_for."""
 
-    def noted(dispatcher: Kernel) -> Kernel:
+    def noted(dispatcher: Any) -> Kernel:
         _ASKED.setdefault(use, {})[dispatcher] = types
-        return dispatcher
+        usual = dispatcher.compile
+
+        def compile_once(signature: Any) -> Any:
+            claim(dispatcher, tuple(signature))
+            return usual(signature)
+
+        dispatcher.compile = compile_once
+        return cast(Kernel, dispatcher)
 
     return noted
+
+
+@contextmanager
+def compiled_for(*uses: str) -> Iterator[None]:
+    """Within, another process compiles what these ask for, if it is not there yet."""
+    tasks = [(one, asked_types(one)) for use in uses if use not in _compiled for one in _ASKED.get(use, {})]
+    with compiling_ahead(tasks):
+        yield
+    _compiled.update(uses)
 
 
 def asked_types(dispatcher: Kernel) -> tuple[Any, ...]:

@@ -11,15 +11,14 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 
-from .elsewhere import ALONE, Task, compile_all, is_kept
+from .elsewhere import ALONE, compile_all, is_kept
 
 __all__ = ["Linked", "linking"]
 
 _one_at_a_time = RLock()
 Types = tuple[types.Type, ...]
-#: What a kernel calls and what else is compiled at the same time -> for given types of its arguments.
+#: What a kernel calls, for given types of its arguments.
 Parts = Callable[[Types], Iterable[tuple["Linked", Types]]]
-Others = Callable[[Types], Iterable[Task]]
 
 
 class Linked:
@@ -88,8 +87,8 @@ def _call_of(part: Linked) -> Any:
     return call
 
 
-def linking(dispatcher: Any, parts: Parts, others: Others) -> Any:
-    """A dispatcher that calls linked kernels: they and what else is needed are compiled together."""
+def linking(dispatcher: Any, parts: Parts) -> Any:
+    """A dispatcher that calls linked kernels, which are compiled at the same time."""
     usual = dispatcher.compile
 
     def compile_linked(signature: Any) -> Any:
@@ -98,7 +97,7 @@ def linking(dispatcher: Any, parts: Parts, others: Others) -> Any:
         tasks = [(part.dispatcher, own) for part, own in wanted]
         with _one_at_a_time:  # of threads that all find nothing compiled
             if not all(is_kept(*task) for task in tasks):
-                compile_all(list(dict.fromkeys([*tasks, *others(arguments)])), (dispatcher, arguments))
+                compile_all(list(dict.fromkeys(tasks)), (dispatcher, arguments))
             for part, own in wanted:
                 part.link(own)
             return usual(signature)

@@ -40,7 +40,7 @@ def test_a_linked_kernel_is_called_and_not_copied() -> None:
         return [(part, (typeof(number), *types)) for number in (2.0, 1)]
 
     values = np.arange(5.0)
-    linking(caller, parts, lambda _: [])(values)
+    linking(caller, parts)(values)
     assert np.array_equal(values, np.arange(5) + 3)
     assert len(part.dispatcher.overloads) == 2
     code = caller.inspect_llvm(caller.signatures[0])
