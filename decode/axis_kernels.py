@@ -86,12 +86,14 @@ _of_code, _of_fringes = code_of_tile.call, fringes_of_tile.call
 
 @leaf_kernel
 def _call_code(code: CodeRecord | None, tile: Any) -> None:
+    """code_of_tile, if there is one."""
     if code is not None:
         _of_code(tile)
 
 
 @leaf_kernel
 def _call_fringes(fringes: FringeRecord | None, tile: Any) -> None:
+    """fringes_of_tile, if there are any."""
     if fringes is not None:
         _of_fringes(tile)
 

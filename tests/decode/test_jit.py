@@ -101,7 +101,7 @@ def test_cached_code_goes_with_the_sources(elsewhere, tmp_path):
 
 _SEEN = """
 import numpy as np
-from optolever.decode import block_kernels, decode
+from optolever.decode import axis_kernels, block_kernels, decode, neighbour_kernels
 from optolever.decode.jit import _ASKED, asked_types
 from optolever.experiments import decode_speed
 from optolever.patterns import sequence
@@ -137,9 +137,11 @@ for use in ("fringes", "code", "all"):
 def test_a_cold_start_takes_two_processes_and_tells_the_same(tmp_path):
     script = """
 found = decode(bits, gray)
-print(sum(block_kernels.decode_blocks.stats.cache_hits.values()), np.nansum(found.u), np.sum(found.flags))
+parts = axis_kernels.code_of_tile.dispatcher, neighbour_kernels.near_block.dispatcher
+kernels = [block_kernels.decode_blocks, *parts, *_ASKED["code"], *_ASKED["all"]]
+print(sum(sum(one.stats.cache_hits.values()) for one in kernels), np.nansum(found.u), np.sum(found.flags))
 """
     hits, *cold = _told(script, NUMBA_CACHE_DIR=str(tmp_path), OPTOLEVER_THREADS="2")
-    assert hits == "1"  # the other process made it
+    assert int(hits) > 0  # the other process made them
     _, *warm = _told(script)
     assert cold == warm
