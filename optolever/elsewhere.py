@@ -30,6 +30,8 @@ _serve()
 """
 
 
+#: Seconds that one kernel may take there: ten times the largest one's on a slow machine.
+_PATIENCE = 120.0
 #: The other process, while there is one.
 _helper: "_Helper | None" = None
 
@@ -157,14 +159,19 @@ class _Helper:
             if task in self._left:
                 self._left.remove(task)
             while self._at == task:
-                self._changed.wait()
+                self._wait()
 
     def wait(self) -> None:
         """Until it is done with what it is at; it begins nothing that nobody else does."""
         with self._changed:
             self._alone = None
             while self._at is not None:
-                self._changed.wait()
+                self._wait()
+
+    def _wait(self) -> None:
+        """For a change; should there be none, it is not waited for any more."""
+        if not self._changed.wait(_PATIENCE):
+            self._process.kill()
 
     def end(self) -> None:
         """Give up what it has not done."""

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -70,19 +71,30 @@ def kernels(count: int) -> list[Any]:
     return [made() for _ in range(count)]
 
 
-@pytest.mark.parametrize("fault", ["dies", "is not there", "is no Python"])
+@pytest.mark.skipif(os.name == "nt", reason="stand-ins are shell scripts")
+@pytest.mark.parametrize("fault", ["dies", "hangs", "is not there", "is no Python"])
 def test_all_is_compiled_here_if_the_other_process_fails(
     fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     program = tmp_path / ("editor" if fault == "is no Python" else "python")
-    if fault == "dies":
-        program.symlink_to("/bin/false")
+    if fault in ("dies", "hangs"):
+        program.write_text(f"#!/bin/sh\necho\n{'exec sleep 100' if fault == 'hangs' else ''}\n")
+        program.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(program))
     monkeypatch.setattr(elsewhere, "threads", lambda: 2)
     monkeypatch.setattr(elsewhere, "is_kept", lambda *_: False)
+    monkeypatch.setattr(elsewhere, "_PATIENCE", 0.2)
     *some, last = kernels(4)
-    types = (typeof(1.0),)
+    types, usual = (typeof(1.0),), some[0].compile
+
+    def late(signature: Any) -> None:
+        time.sleep(0.3)  # so that the other process has begun
+        usual(signature)
+
+    some[0].compile = late
     compile_all([(one, types) for one in some], (last, types))
+    for one in some:
+        one.compile(types)  # what was left to it
     assert all(types in one.overloads for one in some)
     assert not last.overloads
 
