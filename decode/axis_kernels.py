@@ -6,7 +6,7 @@ import numpy as np
 from numba.core import types
 from numpy.typing import NDArray
 
-from optolever.linking import Linked
+from optolever.linking import Part
 
 from .code_kernels import code_tile
 from .display_kernels import take_off_run
@@ -255,7 +255,7 @@ def _flag_finest(
     )
 
 
-def axis_parts(camera: Any, axis: Any, shared: Any, scratch: Any) -> list[tuple[Linked, tuple[Any, ...]]]:
+def axis_parts(camera: Any, axis: Any, shared: Any, scratch: Any) -> list[Part]:
     """What axis_pixels calls, for arguments of these types."""
     own = types.int64, types.int64, camera, axis, shared, scratch
     shown = {} if axis is types.none else dict(zip(axis.fields, axis.types, strict=True))

@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from numba.core import types as numba_types
+from numba.core import types
 from numpy.typing import NDArray
 
-from optolever.linking import Linked
+from optolever.linking import Part
 
 from .axis_kernels import axis_parts, axis_pixels
 from .jit import calling, leaf_kernel, outer_kernel
@@ -19,10 +19,10 @@ __all__ = ["decode_blocks"]
 Array = NDArray[Any]
 
 
-def _parts(types: Any) -> list[tuple[Linked, tuple[Any, ...]]]:
+def _parts(arguments: Any) -> list[Part]:
     """What decode_blocks calls, for arguments of these types."""
-    _, _, _, near, camera, one, two, shared, scratch = types
-    whole, flag = numba_types.int64, numba_types.boolean
+    _, _, _, near, camera, one, two, shared, scratch = arguments
+    whole, flag = types.int64, types.boolean
     axes = [part for axis in (one, two) for part in axis_parts(camera, axis, shared, scratch)]
     return [*axes, (near_block, (whole, whole, near, flag, shared, scratch))]
 

@@ -8,7 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .noise_kernels import LINES, fringe_residuals, robust_variances
+from .noise_kernels import (
+    CLEAR,
+    FEWEST,
+    LINES,
+    MOST,
+    OF_MEDIAN,
+    ROOMY,
+    SEEN,
+    fringe_residuals,
+    robust_variances,
+)
 from .plan import Code, Fringe, Plan
 from .sample import Sample, quantile
 
@@ -110,10 +120,10 @@ def _power(parameters: Floats) -> Floats:
 
 
 def _lit(own: Floats, limit: float, power: Floats) -> NDArray[np.bool_]:
-    """Pixels without clipped samples that see the pattern: a quarter of what others see of it, at least."""
+    """Pixels without clipped samples that see the pattern, as fringe_residuals chooses them."""
     whole = np.asarray(own.max(axis=0) < limit)
-    seen = whole & (power > 0.25**2 * quantile(power, 0.95))
-    return seen if np.count_nonzero(seen) >= 50 else whole
+    seen = whole & (power > SEEN * quantile(power, MOST))
+    return seen if np.count_nonzero(seen) >= FEWEST else whole
 
 
 def _room(fitted: Floats, limit: float) -> Floats:
@@ -122,16 +132,12 @@ def _room(fitted: Floats, limit: float) -> Floats:
 
 
 def _clear(keep: NDArray[np.bool_], room: Floats, residual: Floats) -> NDArray[np.int64]:
-    """Those pixels of `keep` that stay 4 sigma clear of black and clipping (if few do: the better third).
-
-    Noise that is cut off looks smaller than it is. What decides is the fit and not the samples: to leave out
-    a pixel because of its noise would select small noise.
-    """
+    """Those pixels of `keep` that stay clear of black and clipping, as fringe_residuals chooses them."""
     at = np.flatnonzero(keep)  # numbers are taken faster than what a mask lets through
     if not at.size:
         return at
-    rough, own = 1.4826 * quantile(np.abs(residual.take(at, -1)).ravel(), 0.5), room[at]
-    return at[own >= min(4 * rough, quantile(own, 0.65))]
+    rough, own = OF_MEDIAN * quantile(np.abs(residual.take(at, -1)).ravel(), 0.5), room[at]
+    return at[own >= min(CLEAR * rough, quantile(own, ROOMY))]
 
 
 def _of_offsets(levels: NDArray[Any], first: Fringe, second: Fringe, limit: float) -> tuple[Floats, Floats]:

@@ -9,19 +9,29 @@ from numpy.typing import NDArray
 from .jit import asked_by, fast_kernel, leaf_kernel, outer_kernel
 from .select_kernels import least
 
-__all__ = ["LINES", "fringe_residuals", "robust_variances"]
+__all__ = [
+    "CLEAR",
+    "FEWEST",
+    "LINES",
+    "MOST",
+    "OF_MEDIAN",
+    "ROOMY",
+    "SEEN",
+    "fringe_residuals",
+    "robust_variances",
+]
 
 Array = NDArray[Any]
 
 #: Deviations within which a residual counts, squared; rounds in which these are found.
 _FAR, _ROUNDS = 16.0, 3
 #: Deviation over median absolute value of a normal distribution; what a rounded median may lack, levels.
-_OF_MEDIAN, _HALF_A_LEVEL = 1.4826, 0.5
+OF_MEDIAN, _HALF_A_LEVEL = 1.4826, 0.5
 #: Modulation, squared, over that which most pixels do not exceed, from which on a pixel sees the pattern; how
 #: many do, at least; deviations that samples stay clear of black and clipping, and the share of the pixels
 #: that may be left out for that.
-_SEEN, _MOST, _FEWEST = 0.25**2, 0.95, 50
-_CLEAR, _ROOMY = 4.0, 0.65
+SEEN, MOST, FEWEST = 0.25**2, 0.95, 50
+CLEAR, ROOMY = 4.0, 0.65
 #: Lines of room: offset, cosine, sine; least and largest fitted sample; largest sample; room to both ends;
 #: one to select from.
 _LOW, _HIGH, _TOP, _ROOM, _ANY = range(3, 8)
@@ -64,8 +74,8 @@ def fringe_residuals(
     for f in range(fringes):
         out = residual[used : used + rest * pixels].reshape(rest, pixels)
         _fit(own[f], design[f], solve[f], contrasts[f], slope, np.float32(limit), room, weights, out)
-        seen = _seen(room, _SEEN * _power_of_most(room))
-        if seen < _FEWEST:
+        seen = _seen(room, SEEN * _power_of_most(room))
+        if seen < FEWEST:
             seen = _seen(room, -1.0)
         if seen > 0:
             used += _clear(seen, room, weights, out, level[used:], residual[used:])
@@ -159,7 +169,7 @@ def _power_of_most(room: Array) -> float:
     power, cosine, sine = room[_ANY], room[1], room[2]
     for x in range(len(power)):
         power[x] = cosine[x] * cosine[x] + sine[x] * sine[x]
-    return float(least(power, len(power), _MOST))
+    return float(least(power, len(power), MOST))
 
 
 @leaf_kernel
@@ -180,14 +190,14 @@ def _clear(seen: int, room: Array, spare: Array, out: Array, level: Array, resid
     for j in range(rest):
         for i in range(seen):
             every[j * seen + i] = abs(out[j, int(room[_TOP, i])])
-    rough = _OF_MEDIAN * least(every, rest * seen, 0.5)
+    rough = OF_MEDIAN * least(every, rest * seen, 0.5)
     for i in range(seen):
         far = room[_ROOM, int(room[_TOP, i])]
         line[i] = far
         lowest = far if far < lowest else lowest
     for i in range(seen):
         line[i] -= lowest
-    enough = min(_CLEAR * rough - lowest, least(line, seen, _ROOMY))
+    enough = min(CLEAR * rough - lowest, least(line, seen, ROOMY))
     kept = 0
     for i in range(seen):
         if line[i] >= enough:
@@ -208,7 +218,7 @@ def robust_variances(residual: Array, room: Array, variance: Array) -> None:
     for i in range(len(variance)):
         for x in range(count):
             room[x] = residual[i, x] * residual[i, x]
-        found = (_OF_MEDIAN * math.sqrt(least(room, count, 0.5)) + _HALF_A_LEVEL) ** 2
+        found = (OF_MEDIAN * math.sqrt(least(room, count, 0.5)) + _HALF_A_LEVEL) ** 2
         for _ in range(_ROUNDS):
             total, used = _sums(room, np.float32(_FAR * found))
             found = total / used if used > 0 else found

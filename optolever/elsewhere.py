@@ -17,10 +17,8 @@ __all__ = ["ALONE", "Task", "claim", "compile_all", "compiling_ahead", "is_kept"
 
 #: Name of what compiles a dispatcher whose code is used by another process.
 ALONE = "compile_alone"
-
 #: A dispatcher that caches on disk, and the types of its arguments.
 Task = tuple[Any, tuple[Any, ...]]
-
 #: What the other process runs: first it is told where modules are.
 _PROGRAM = """
 import pickle, sys
@@ -28,8 +26,6 @@ sys.path[:] = pickle.load(sys.stdin.buffer)
 from optolever.elsewhere import _serve
 _serve()
 """
-
-
 #: Seconds that one kernel may take there: ten times the largest one's on a slow machine.
 _PATIENCE = 120.0
 #: The other process, while there is one.

@@ -13,12 +13,13 @@ from numba.extending import intrinsic
 
 from .elsewhere import ALONE, compile_all, is_kept
 
-__all__ = ["Linked", "linking"]
+__all__ = ["Linked", "Part", "linking"]
 
 _one_at_a_time = RLock()
 Types = tuple[types.Type, ...]
-#: What a kernel calls, for given types of its arguments.
-Parts = Callable[[Types], Iterable[tuple["Linked", Types]]]
+#: A linked kernel and the types of its arguments; those that another one calls, for given types of its own.
+Part = tuple["Linked", Types]
+Parts = Callable[[Types], Iterable[Part]]
 
 
 class Linked:

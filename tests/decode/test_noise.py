@@ -23,10 +23,8 @@ def shown(steps: int) -> tuple[F64, F64, F64]:
 def seen(steps: int, noise: float, bright: float) -> F32:
     """Levels (2, N, K) of two fringes, some of them faint, some clipped."""
     rng = np.random.default_rng(steps)
-    phase, share = (
-        rng.uniform(0, 2 * np.pi, (2, 1, PIXELS)),
-        rng.choice([0.02, 0.3, 1.0, 1.1], (2, 1, PIXELS)),
-    )
+    phase = rng.uniform(0, 2 * np.pi, (2, 1, PIXELS))
+    share = rng.choice([0.02, 0.3, 1.0, 1.1], (2, 1, PIXELS))
     turns = 2 * np.pi * np.arange(steps)[:, None] / steps
     light = bright * (110 + 80 * share * np.cos(phase - turns)) + rng.normal(0, noise, (2, steps, PIXELS))
     # beside whole levels, as a slope is that of the nearest one: halves between would be a matter of rounding
