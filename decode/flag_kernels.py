@@ -328,11 +328,11 @@ def merge_rows(
 def outlier_rows(start: int, stop: int, least: Any, flags: Array, kept: Array) -> None:
     """Flag a pixel that leaves a line on which its two neighbours on either side agree.
 
-    Folds and edges pass: there the neighbours do not agree with each other. kept (R, W): coordinates of the
-    rows (see Scratch).
+    Folds and edges pass: there the neighbours do not agree with each other. kept (R, W or more): coordinates
+    of the rows (see Scratch).
     """
     for row in range(start, stop):
-        _outliers(least, kept[row % len(kept)], flags[row])
+        _outliers(least, kept[row % len(kept), : flags.shape[1]], flags[row])
 
 
 @apart_kernel

@@ -185,7 +185,7 @@ def _any_beside(row: int, near: Near, kept: Array) -> bool:
     """Whether any pixel of a row may be in the band beside the border, or beyond it, along u or v."""
     for axis in range(2):
         half, high = 0.5 * near.extents[axis], near.bands[axis][1]
-        line, middle = kept[axis, row % kept.shape[1]], np.float32(half - _HALF)
+        line, middle = kept[axis, row % kept.shape[1], : near.u.shape[1]], np.float32(half - _HALF)
         if half < np.inf and _any_beyond(line, middle, np.float32(half - high)):
             return True
     return False

@@ -90,13 +90,13 @@ def _bend_rows(
 ) -> None:
     """Add to sigma (H, W), rows start..stop, what the bend of coord (H, W) shifts the mean over a pixel, and
     flag those that leave both rows beside them by more than `least`, and those too steep for the fringe."""
-    flags, rows, ring = shared.flags, coord.shape[0], len(kept)
+    flags, (rows, cols), ring = shared.flags, coord.shape, len(kept)
     _keep_first(start, fresh, coord, kept)
     for row in range(start, stop):
         up, down = max(row - 1, 0), min(row + 1, rows - 1)
         if fresh:
             _keep(coord[down], kept[down % ring])
-        near = kept[up % ring], kept[row % ring], kept[down % ring]
+        near = kept[up % ring, :cols], kept[row % ring, :cols], kept[down % ring, :cols]
         inner = 0 < row < rows - 1
         if not _any_bend(least, near, sigma[row]):  # as a rule
             continue
@@ -269,7 +269,7 @@ def _steep_rows(
         up, down = max(row - 1, 0), min(row + 1, rows - 1)
         if fresh:
             _keep(coord[down], kept[down % ring])
-        near = kept[up % ring], kept[row % ring], kept[down % ring]
+        near = kept[up % ring, :cols], kept[row % ring, :cols], kept[down % ring, :cols]
         why = flags[up], flags[row], flags[down]
         # as a rule, all is good and flat
         calm = 0 < row < rows - 1 and cols > 2 and _all_good(why) and not _any_steep(limit, *near)

@@ -207,7 +207,8 @@ class Scratch(NamedTuple):
     """Room of one thread: lines of a tile in float32, int32, int16 and uint8 (marks, sizes), of linear
     levels, of a whole row.
 
-    kept (2, R, W): rows of u and v in float32, row r in line r % R, as long as their neighbours need them.
+    kept (2, R, W or more): rows of u and v in float32, row r in line r % R, as long as their neighbours need
+    them.
     """
 
     lines: Array
@@ -249,5 +250,5 @@ def scratch(width: int, periods: int = 0, samples: int = 0) -> Scratch:
     return Scratch(
         *(line, word, short, mark, size_of, linear[:, None], np.empty((3, 4))),
         *(across[0, :width], wide[0, :width]),
-        kept.reshape(2, rows, padded)[:, :, :width],
+        kept.reshape(2, rows, padded),
     )
