@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from optolever.linking import Part
 
+from .byte_kernels import byte_tile
 from .code_kernels import code_tile
 from .display_kernels import take_off_run
 from .fit_kernels import fit_tile
@@ -60,10 +61,8 @@ def code_of_tile(
     """Cells of a code: their centres (line _GUESS), and how doubtful they are; of one without fringes, into
     the maps."""
     code: Any = axis.code
-    found = _cell_lines(scratch)
-    code_tile(n, first, camera, code, found)
-    _centres(n, code.pitch, code.origin, found.cell, scratch.lines[_GUESS])
-    _alone(first, n, camera, axis.alone, axis, shared, scratch)
+    _of_bytes(first, n, camera, code.bytes, axis, shared, scratch)
+    _of_levels(first, n, camera, code.bytes, axis, shared, scratch)
 
 
 @linked_kernel
@@ -106,8 +105,42 @@ def _cell_lines(scratch: Scratch) -> CellLines:
         *(scratch.words[0], scratch.marks[0], lines[_FAR], lines[_UP], lines[_DOWN], lines[_GAP]),
         *(lines[_HALF], lines[_MIDDLE], scratch.marks[1]),
         *(lines[_STEP], lines[_SPARE], lines[_PLACE], lines[_SPREAD], lines[_AGREEMENT]),
-        *(scratch.shorts, scratch.sizes),
     )
+
+
+@leaf_kernel
+def _of_bytes(
+    first: int,
+    n: int,
+    camera: Camera,
+    of_bytes: bool | None,
+    axis: AxisRecord,
+    shared: Shared,
+    scratch: Scratch,
+) -> None:
+    """code_of_tile where frames are bytes and all bits have inverses."""
+    if of_bytes is not None:
+        code: Any = axis.code
+        byte_tile(first, n, camera, code, _cell_lines(scratch), axis, shared, scratch)
+
+
+@leaf_kernel
+def _of_levels(
+    first: int,
+    n: int,
+    camera: Camera,
+    of_bytes: bool | None,
+    axis: AxisRecord,
+    shared: Shared,
+    scratch: Scratch,
+) -> None:
+    """code_of_tile elsewhere."""
+    if of_bytes is None:
+        code: Any = axis.code
+        found = _cell_lines(scratch)
+        code_tile(n, first, camera, code, found)
+        _centres(n, code.pitch, code.origin, found.cell, scratch.lines[_GUESS])
+        _alone(first, n, camera, axis.alone, axis, shared, scratch)
 
 
 @leaf_kernel

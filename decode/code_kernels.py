@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .byte_kernels import whole_bytes
 from .doubt_kernels import (
     BRIGHTER,
     FROM_EXTREMES,
@@ -32,16 +31,12 @@ _ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
 def code_tile(n: int, first: int, camera: Camera, code: CodeRecord, found: CellLines) -> None:
     """Decode n pixels from `first` on, from raw levels: a response does not move a threshold half way."""
     cell, weak = found.cell, found.weak
-    whole, doubtful = whole_bytes(n, first, camera, code, code.bytes, found)
-    if not whole:
-        doubtful = _any_levels(n, first, camera, code, found)
-    if doubtful:
+    if _any_levels(n, first, camera, code, found):
         for x in range(n):
             if weak[x]:
                 misread(x, first, camera, code, found)
-    if not whole:
-        (read2, gain), most = camera.of_code, found.most
-        _odd(n, read2, gain, code.beyond, found.middle, found.half, most, found.high, found.low, found.far)
+    (read2, gain), most = camera.of_code, found.most
+    _odd(n, read2, gain, code.beyond, found.middle, found.half, most, found.high, found.low, found.far)
     if code.gray:
         _of_gray(n, cell)
     else:
@@ -285,7 +280,8 @@ def _odd(
     """far = 1 where sums of bit and inverse differ, or a level lies outside black and white."""
     for x in range(n):
         noise = SIX * np.sqrt(read2 + gain * middle[x])
-        odd = uneven(high[x] - low[x], half[x], noise) | (most[x] > (_ONE + beyond) * half[x] + noise)
+        outside = (most[x] > _ZERO) & (most[x] > (_ONE + beyond) * half[x] + noise)
+        odd = uneven(high[x] - low[x], half[x], noise) | outside
         far[x] = _ONE if odd else far[x]
 
 

@@ -13,10 +13,13 @@ __all__ = [
     "MOVED",
     "add_doubt",
     "code_tile_flags",
+    "either",
     "finest_tile",
     "flag_fit",
     "merge_rows",
     "outlier_rows",
+    "why_cell",
+    "why_misread",
     "why_placed",
     "why_seen",
 ]
@@ -77,6 +80,12 @@ def finest_tile(
         _merge_finest(n, limits, fitted, told, why, flags, amplitude, offset, error)
     else:
         _store_finest(n, limits, fitted, told, why, flags, amplitude, offset, error)
+
+
+@pasted_kernel
+def either(one: Any, other: Any) -> Any:
+    """Probability that one of two independent things is so."""
+    return one + other - one * other
 
 
 @pasted_kernel
@@ -152,13 +161,13 @@ def _merge_finest(
         flags[x] |= why[x] | seen | lies
         amplitude[x] = height if height < amplitude[x] else amplitude[x]
         offset[x] = _HALF * (offset[x] + a[x])
-        order_error[x] = order_error[x] + wrong - order_error[x] * wrong
+        order_error[x] = either(order_error[x], wrong)
 
 
 @leaf_kernel
 def add_doubt(x: int, wrong: Any, flags: Array, order_error: Array) -> None:
     """Into maps that are flagged already: a pixel's probability of a wrong order."""
-    order_error[x] += wrong - order_error[x] * wrong
+    order_error[x] = either(order_error[x], wrong)
     if wrong > _DOUBT:
         flags[x] |= np.uint16(_ORDER)
 
@@ -205,7 +214,7 @@ def _common_tile(
         amplitude[x] = height[x] if height[x] < amplitude[x] else amplitude[x]
         offset[x] = _HALF * (offset[x] + mean[x])
         wrong = doubt[x] if doubt[x] < _ONE else _ONE
-        order_error[x] = order_error[x] + wrong - order_error[x] * wrong
+        order_error[x] = either(order_error[x], wrong)
 
 
 @leaf_kernel
@@ -237,16 +246,21 @@ def code_tile_flags(
 
 
 @pasted_kernel
-def _why_cell(limits: Any, half: Any, middle: Any, clipped: Any, cell: Any, far: Any) -> Any:
+def why_misread(clipped: Any, far: Any) -> Any:
+    """Flags of a code's pixel whose bits are in doubt; far: probability that one leads far away."""
+    return (_SATURATED if np.int32(clipped) > _NONE else _NONE) | (_ORDER if far > _DOUBT else _NONE)
+
+
+@pasted_kernel
+def why_cell(limits: Any, half: Any, middle: Any, clipped: Any, cell: Any, far: Any) -> Any:
     """Flags of a pixel of a code: see code_tile_flags."""
     read2, gain, black, most = limits
     noise = _LEAST_CONTRAST2 * (read2 + gain * (middle if middle > _ZERO else _ZERO))
     low = (half <= _ZERO) | (half * half < noise)
     dark = low & ((middle < black) | (middle * middle < _FOUR * noise))
     contrast = (_LOW if low else _NONE) | (_DARK if dark else _NONE)
-    lost = _SATURATED if np.int32(clipped) > _NONE else _NONE
     off = _OFF if (cell < _NONE) | (cell >= most) else _NONE
-    return contrast | lost | off | (_ORDER if far > _DOUBT else _NONE)
+    return contrast | off | why_misread(clipped, far)
 
 
 @apart_kernel
@@ -263,7 +277,7 @@ def _store_cells(
 ) -> None:
     (half, middle, clipped), (far, up, down) = levels, doubts
     for x in range(n):
-        flags[x] = _why_cell(limits, half[x], middle[x], clipped[x], cell[x], far[x])
+        flags[x] = why_cell(limits, half[x], middle[x], clipped[x], cell[x], far[x])
         amplitude[x], offset[x] = half[x], middle[x]
         wrong = far[x] + up[x] + down[x]  # a bit may be wrong anywhere
         order_error[x] = wrong if wrong < _ONE else _ONE
@@ -283,12 +297,12 @@ def _merge_cells(
 ) -> None:
     (half, middle, clipped), (far, up, down) = levels, doubts
     for x in range(n):
-        flags[x] |= _why_cell(limits, half[x], middle[x], clipped[x], cell[x], far[x])
+        flags[x] |= why_cell(limits, half[x], middle[x], clipped[x], cell[x], far[x])
         amplitude[x] = half[x] if half[x] < amplitude[x] else amplitude[x]
         offset[x] = _HALF * (offset[x] + middle[x])
         wrong = far[x] + up[x] + down[x]
         wrong = wrong if wrong < _ONE else _ONE
-        order_error[x] = order_error[x] + wrong - order_error[x] * wrong
+        order_error[x] = either(order_error[x], wrong)
 
 
 @outer_kernel

@@ -81,8 +81,8 @@ class CodeRecord(NamedTuple):
     least significant; cells: word -> cell, which for a Gray code (gray) is computed; together: bits change
     together from cell to cell; fringed: a fringe tells where in a cell a pixel is; loose: systematic error of
     a margin, in half contrasts; beyond: half contrasts by which a bit's level may pass white or black; pitch,
-    origin: place of a cell; most: cells of the surface; bytes: True if frames are such, and words 15 bits at
-    most, else None.
+    origin: place of a cell; most: cells of the surface; bytes: True if frames are such, there are no fringes,
+    every bit has its inverse, and words have 15 bits at most, else None.
     """
 
     source: int
@@ -109,8 +109,7 @@ class CellLines(NamedTuple):
     cell; weak: some bit is in doubt; probabilities that the truth is one cell up, one cell down, or anywhere
     else (far; 1 where levels are no bit's); mean square of a place's error (place, cells^2); half contrast,
     mid level; clipped = 1 where clipped samples make a bit unreadable. Room: least margins of bits with and
-    without inverse (pair, single), largest of the latter (most), extremes of a pair's sum (high, low); of
-    bytes, shorts (4, n): all sums, a pair's extremes, words; sizes (2, n): least and largest margins.
+    without inverse (pair, single), largest of the latter (most), extremes of a pair's sum (high, low).
     """
 
     cell: Array
@@ -127,8 +126,6 @@ class CellLines(NamedTuple):
     most: Array
     high: Array
     low: Array
-    shorts: Array
-    sizes: Array
 
 
 class FringeRecord(NamedTuple):
@@ -234,11 +231,11 @@ def scratch(width: int, periods: int = 0, samples: int = 0) -> Scratch:
     padded = -(-width // _VECTOR) * _VECTOR
     rows = _at_once(width) + ROWS_AROUND
     tile = TILE + _APART
-    room = np.empty(4 * tile * (lines + 5 + samples) + (6 + 8 * rows) * padded + 4 * _VECTOR, np.uint8)
+    room = np.empty(4 * tile * (lines + 6 + samples) + (6 + 8 * rows) * padded + 4 * _VECTOR, np.uint8)
     start = -room.ctypes.data % _VECTOR
     taken = []
     for count, length, kind in (
-        *((lines, tile, np.float32), (2, tile, np.int32), (4, tile, np.int16)),
+        *((lines, tile, np.float32), (2, tile, np.int32), (6, tile, np.int16)),
         *((2, tile, np.uint8), (2, tile, np.uint8)),
         *((samples, tile, np.float32), (1, padded, np.float32), (1, padded, np.uint16)),
         (2 * rows, padded, np.float32),

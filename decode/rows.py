@@ -263,8 +263,14 @@ def _code_record(job: Job, wanted: Plan, axis: AxisPlan, code: Code) -> CodeReco
         pitch=F32(code.cell),
         origin=F32(0.5 * (code.cell - 1) + code.origin),
         most=np.int32(np.ceil((axis.extent - code.origin) / code.cell)),
-        bytes=True if job.frames.dtype == np.uint8 and len(code.plain) < 16 else None,
+        bytes=True if _in_bytes(job, axis, code) else None,
     )
+
+
+def _in_bytes(job: Job, axis: AxisPlan, code: Code) -> bool:
+    """Whether byte_kernels know such a code."""
+    paired = bool(((code.plain >= 0) & (code.inverse >= 0)).all())
+    return not axis.fringes and job.frames.dtype == np.uint8 and paired and len(code.plain) < 16
 
 
 def _source(wanted: Plan, code: Code) -> int:

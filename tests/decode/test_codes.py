@@ -56,7 +56,9 @@ def test_ideal_frames(
         ("gray", {"references": False}),
         ("gray", {}),
         ("binary", {"references": False}),
+        ("binary", {}),
         ("xor-gray", {"references": False}),
+        ("xor-gray", {}),
         ("gray+phase", {"inverses": True}),
     ],
 )
@@ -73,8 +75,12 @@ def test_bytes_are_decoded_as_wider_numbers_are(
     frames[3, 40:44, 20:30] = frames[5, 40:44, 20:30]  # pairs that are none
     one, two = decode(frames, shown), decode(frames.astype(np.uint16), shown, white_level=255)
     assert 0.05 < np.mean(one.flags != 0) < 0.95
-    for field in ("u", "v", "sigma_u", "sigma_v", "flags", "amplitude", "offset", "order_error"):
+    for field in ("u", "v", "sigma_u", "sigma_v", "flags", "amplitude", "offset"):
         assert np.array_equal(getattr(one, field), getattr(two, field), equal_nan=True), field
+    # probabilities of both axes are joined pixel by pixel, or in vectors, which round in other places
+    assert one.order_error is not None
+    assert two.order_error is not None
+    np.testing.assert_allclose(one.order_error, two.order_error, rtol=1e-6)
 
 
 @pytest.mark.parametrize("axes", ["u", "v"])
