@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .noise_kernels import (
-    CLEAR,
-    FEWEST,
+    DISTANCE,
+    LEVEL,
     LINES,
+    MODULATION,
     MOST,
-    OF_MEDIAN,
-    ROOMY,
-    SEEN,
+    clear_residuals,
     fringe_residuals,
-    robust_variances,
+    pair_residuals,
+    variances_by_level,
 )
 from .plan import Code, Fringe, Plan
 from .sample import Sample, quantile
@@ -28,6 +28,8 @@ __all__ = ["QUANTISATION", "Noise", "estimate_noise"]
 QUANTISATION = 1 / 12
 Floats = NDArray[Any]
 _BINS = 8
+#: Levels that are told from each other when they are sorted.
+_STEPS = 4096
 #: Residuals of all codes or fringes that are used, about: 1 % of the noise.
 _ENOUGH = 8192
 #: Contrasts of a group of frames that are used at most.
@@ -114,70 +116,51 @@ def _together(fringes: tuple[Fringe, ...]) -> tuple[NDArray[np.int64], Floats, F
     return np.array([fringe.index for fringe in fringes]), design, solve, contrasts
 
 
-def _power(parameters: Floats) -> Floats:
-    """Squared modulation of fits (3, K)."""
-    return np.asarray(parameters[1] ** 2 + parameters[2] ** 2)
-
-
-def _lit(own: Floats, limit: float, power: Floats) -> NDArray[np.bool_]:
-    """Pixels without clipped samples that see the pattern, as fringe_residuals chooses them."""
-    whole = np.asarray(own.max(axis=0) < limit)
-    seen = whole & (power > SEEN * quantile(power, MOST))
-    return seen if np.count_nonzero(seen) >= FEWEST else whole
-
-
-def _room(fitted: Floats, limit: float) -> Floats:
-    """Distance of a pixel's fitted samples from black and from the clip level."""
-    return np.asarray(np.minimum(fitted.min(axis=0), limit - fitted.max(axis=0)))
-
-
-def _clear(keep: NDArray[np.bool_], room: Floats, residual: Floats) -> NDArray[np.int64]:
-    """Those pixels of `keep` that stay clear of black and clipping, as fringe_residuals chooses them."""
-    at = np.flatnonzero(keep)  # numbers are taken faster than what a mask lets through
-    if not at.size:
-        return at
-    rough, own = OF_MEDIAN * quantile(np.abs(residual.take(at, -1)).ravel(), 0.5), room[at]
-    return at[own >= min(CLEAR * rough, quantile(own, ROOMY))]
-
-
 def _of_offsets(levels: NDArray[Any], first: Fringe, second: Fringe, limit: float) -> tuple[Floats, Floats]:
+    room = np.zeros((LINES, levels.shape[1]), np.float32)
     offsets, variance = [], 0.0
-    keep, room = np.ones(levels.shape[1], bool), np.full(levels.shape[1], np.inf)
+    room[DISTANCE], room[MODULATION] = np.inf, np.inf
     for fringe in (first, second):
         own, design = levels[list(fringe.index)].astype(np.float64), fringe.design()
         inverse = fringe.solve()
         parameters = inverse @ own
-        keep &= _lit(own, limit, _power(parameters))
-        room = np.minimum(room, _room(design @ parameters, limit))
+        fitted, seen = design @ parameters, np.hypot(parameters[1], parameters[2])
+        far = np.minimum(fitted.min(axis=0), limit - fitted.max(axis=0))
+        far[own.max(axis=0) >= limit] = -np.inf
+        room[DISTANCE] = np.minimum(room[DISTANCE], far)
+        # both are to see their fringe
+        room[MODULATION] = np.minimum(room[MODULATION], seen / max(quantile(seen, MOST), 1e-9))
         offsets.append(parameters[0])
         variance += float(np.sum(inverse[0] ** 2))
-    level, difference = 0.5 * (offsets[0] + offsets[1]), (offsets[0] - offsets[1]) / np.sqrt(variance)
-    keep = _clear(keep, room, difference)
-    return level[keep], difference[keep]
+    room[LEVEL] = 0.5 * (offsets[0] + offsets[1])
+    difference = ((offsets[0] - offsets[1]) / np.sqrt(variance)).astype(np.float32)[None]
+    weights, level, residual = np.empty_like(difference), *np.empty((2, difference.size), np.float32)
+    used = clear_residuals(room, weights, difference, level, residual)
+    return level[:used], residual[:used]
 
 
 def _of_pairs(levels: NDArray[Any], code: Code, limit: float, enough: int) -> tuple[Floats, Floats]:
     both = (code.plain >= 0) & (code.inverse >= 0)
-    if np.count_nonzero(both) < 2:
+    bits = int(np.count_nonzero(both))
+    if bits < 2:
         return np.zeros(0), np.zeros(0)
-    count = min(int(np.count_nonzero(both)) - 1, _CONTRASTS)
-    levels = levels[:, :: max(1, levels.shape[1] * count // enough)].astype(np.float32)
-    first, second = levels[code.plain[both]], levels[code.inverse[both]]
-    middle = len(first) // 2
-    half = 0.5 * np.partition(np.abs(first - second), middle, axis=0)[middle]
-    sums = first + second
-    middle = 0.5 * sums.mean(axis=0)
-    residual = _against_the_mean(len(sums)) @ sums * np.float32(0.5**0.5)
-    room = _room(np.stack([middle - half, middle + half]), limit)
-    keep = _clear(_lit(np.concatenate([first, second]), limit, half * half), room, residual)
-    return np.tile(middle[keep], len(residual)), residual[:, keep].ravel()
+    contrasts = _against_the_mean(bits)
+    count = len(contrasts)
+    index = np.stack([code.plain[both], code.inverse[both]])
+    own = levels[:, :: max(1, levels.shape[1] * count // enough)][index].astype(np.float32)
+    pixels = own.shape[2]
+    level, residual = np.empty((2, count * pixels), np.float32)
+    room, weights = np.empty((LINES, pixels), np.float32), np.empty((count, pixels), np.float32)
+    used = pair_residuals(own, contrasts, limit, room, weights, level, residual)
+    return level[:used], residual[:used]
 
 
 @lru_cache(maxsize=16)
 def _against_the_mean(count: int) -> Floats:
-    """Some contrasts (C, count) of numbers that do not change if all of these do by the same."""
+    """Some contrasts (C, count) of sums of two samples, in deviations of one, that do not change if all of
+    these do by the same."""
     basis = np.linalg.qr(np.ones((count, 1)), mode="complete")[0]
-    return np.ascontiguousarray(basis[:, 1:].T[:_CONTRASTS], np.float32)
+    return np.ascontiguousarray(0.5**0.5 * basis[:, 1:].T[:_CONTRASTS], np.float32)
 
 
 def _of_flat_bits(levels: NDArray[Any], code: Code, plan: Plan, limit: float) -> tuple[Floats, Floats]:
@@ -220,21 +203,14 @@ def _fit(level: Floats, residual: Floats, floor: float) -> Noise:
     if len(level) == 0:
         return Noise(floor)
     bins = min(_BINS, max(1, len(level) // 200))
-    # whole grey values: sums and differences have the same parity, which a bin of one level would select
-    dithered = level + _dither(len(level))
-    each = len(level) // bins
-    # of 16-bit numbers, as they are sorted by counting
-    low, high = float(dithered.min()), float(dithered.max())
-    place = ((dithered - low) * (65535 / max(high - low, 1e-9))).astype(np.uint16)
-    order = np.argsort(place, kind="stable")[: bins * each].reshape(bins, each)
-    x, y = level[order].mean(axis=1), np.maximum(_robust(residual[order]), floor)
+    x, y = _by_level(level, residual, bins, floor)
     # a variance from n values has the relative error sqrt(2 / n)
-    weight = np.sqrt(each / 2) / y
+    weight = np.sqrt(len(level) // bins / 2) / y
     if bins < 3 or np.ptp(x) < 0.05 * max(x.max(), 1.0):
-        return _even(residual, floor)
+        return _even(level, residual, floor)
     slope, start, error = _line(x, y, weight**2)
     if slope < 3 * error:
-        return _even(residual, floor)
+        return _even(level, residual, floor)
     if start < floor:
         slope = max(0.0, np.sum(weight**2 * x * (y - floor)) / np.sum(weight**2 * x * x))
         return Noise(floor, float(slope))
@@ -252,18 +228,21 @@ def _line(x: Floats, y: Floats, weight: Floats) -> tuple[float, float, float]:
     return slope, middle_y - slope * middle_x, spread**-0.5
 
 
+def _even(level: Floats, residual: Floats, floor: float) -> Noise:
+    """The same at all levels."""
+    return Noise(float(_by_level(level, residual, 1, floor)[1][0]))
+
+
+def _by_level(level: Floats, residual: Floats, bins: int, floor: float) -> tuple[Floats, Floats]:
+    """Mean level (bins,) and robust variance (bins,), at least `floor`."""
+    count, (mean, variance) = len(level), np.empty((2, bins))
+    told = (numbers.astype(np.float32, copy=False) for numbers in (level, residual, _dither(count)))
+    variances_by_level(*told, np.empty((3, count), np.float32), np.empty(_STEPS, np.int64), mean, variance)
+    return mean, np.maximum(variance, floor)
+
+
 @lru_cache(maxsize=4)
 def _dither(count: int) -> Floats:
-    return np.random.default_rng(0).uniform(-1, 1, count)
-
-
-def _even(residual: Floats, floor: float) -> Noise:
-    """The same at all levels."""
-    return Noise(max(float(_robust(residual[None])[0]), floor))
-
-
-def _robust(residual: Floats) -> Floats:
-    """Robust variances (L,) of residuals (L, K)."""
-    variance, room = np.empty(len(residual)), np.empty(residual.shape[1], np.float32)
-    robust_variances(residual.astype(np.float32, copy=False), room, variance)
-    return variance
+    """On whole grey values, sums and differences have the same parity, which a bin of one level would
+    select."""
+    return np.random.default_rng(0).uniform(-1, 1, count).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Compiled: what fringes do not explain of a sample, and the variance that outliers do not move."""
+"""Compiled: what fringes and bits do not explain of a sample, and variances that outliers do not move."""
 
 import math
 from typing import Any
@@ -6,19 +6,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import asked_by, fast_kernel, leaf_kernel, outer_kernel
+from .jit import apart_kernel, asked_by, fast_kernel, leaf_kernel, outer_kernel
 from .select_kernels import least
 
 __all__ = [
-    "CLEAR",
-    "FEWEST",
+    "DISTANCE",
+    "LEVEL",
     "LINES",
+    "MODULATION",
     "MOST",
-    "OF_MEDIAN",
-    "ROOMY",
-    "SEEN",
+    "clear_residuals",
     "fringe_residuals",
-    "robust_variances",
+    "pair_residuals",
+    "variances_by_level",
 ]
 
 Array = NDArray[Any]
@@ -26,17 +26,17 @@ Array = NDArray[Any]
 #: Deviations within which a residual counts, squared; rounds in which these are found.
 _FAR, _ROUNDS = 16.0, 3
 #: Deviation over median absolute value of a normal distribution; what a rounded median may lack, levels.
-OF_MEDIAN, _HALF_A_LEVEL = 1.4826, 0.5
+_OF_MEDIAN, _HALF_A_LEVEL = 1.4826, 0.5
 #: Modulation, squared, over that which most pixels do not exceed, from which on a pixel sees the pattern; how
 #: many do, at least; deviations that samples stay clear of black and clipping, and the share of the pixels
 #: that may be left out for that.
-SEEN, MOST, FEWEST = 0.25**2, 0.95, 50
-CLEAR, ROOMY = 4.0, 0.65
-#: Lines of room: offset, cosine, sine; least and largest fitted sample; largest sample; room to both ends;
-#: one to select from.
-_LOW, _HIGH, _TOP, _ROOM, _ANY = range(3, 8)
+_SEEN, MOST, _FEWEST = 0.25**2, 0.95, 50
+_CLEAR, _ROOMY = 4.0, 0.65
+#: Lines of room: offset; cosine and sine, whose root of squares is the modulation; least and largest fitted
+#: sample; largest sample; distance from both ends, -inf if a sample is clipped; one to select from.
+LEVEL, MODULATION, _SINE, _LOW, _HIGH, _TOP, DISTANCE, _ANY = range(8)
 LINES = 8
-_ZERO, _ONE, _INF = np.float32(0), np.float32(1), np.float32(np.inf)
+_ZERO, _HALF, _ONE, _INF = np.float32(0), np.float32(0.5), np.float32(1), np.float32(np.inf)
 
 
 @asked_by(
@@ -74,12 +74,52 @@ def fringe_residuals(
     for f in range(fringes):
         out = residual[used : used + rest * pixels].reshape(rest, pixels)
         _fit(own[f], design[f], solve[f], contrasts[f], slope, np.float32(limit), room, weights, out)
-        seen = _seen(room, SEEN * _power_of_most(room))
-        if seen < FEWEST:
-            seen = _seen(room, -1.0)
-        if seen > 0:
-            used += _clear(seen, room, weights, out, level[used:], residual[used:])
+        used += _chosen(room, weights, out, level[used:], residual[used:])
     return used
+
+
+@asked_by(
+    "code",
+    "float32[:, :, ::1], float32[:, ::1], float64, float32[:, ::1], float32[:, ::1], float32[::1], "
+    "float32[::1]",
+)
+@outer_kernel
+def pair_residuals(
+    own: Array, contrasts: Array, limit: float, room: Array, weights: Array, level: Array, residual: Array
+) -> int:
+    """fringe_residuals of one code, own (2, B, K): B bits and their inverses, whose sums are all the same.
+
+    contrasts (C, B): of numbers that do not change if all do by the same. What bits would be with neither
+    blur nor noise lies half the median of their differences from the mid level. own is lost.
+    """
+    rest, pixels = len(contrasts), own.shape[2]
+    out = residual[: rest * pixels].reshape(rest, pixels)
+    sums, sizes = own[0], own[1]
+    room[LEVEL], room[_TOP], room[_SINE] = _ZERO, -_INF, _ZERO
+    for bit in range(len(sums)):
+        _add_pair(sums[bit], sizes[bit], room[LEVEL], room[_TOP])
+    _sort(sizes)
+    _extremes_of_pairs(_HALF / np.float32(len(sums)), sizes[len(sizes) // 2], room)
+    _rooms(np.float32(limit), room)
+    for j in range(rest):
+        _combine(contrasts[j], sums, out[j])
+    return int(_chosen(room, weights, out, level, residual))
+
+
+@outer_kernel
+def clear_residuals(room: Array, weights: Array, out: Array, level: Array, residual: Array) -> int:
+    """The choice of fringe_residuals among residuals (C, K), of what lines LEVEL, MODULATION and DISTANCE of
+    room say of their pixels; line 2: 0."""
+    return int(_chosen(room, weights, out, level, residual))
+
+
+@leaf_kernel
+def _chosen(room: Array, weights: Array, out: Array, level: Array, residual: Array) -> int:
+    """Levels and residuals of the pixels that count; their number. out (C, K): all residuals."""
+    seen = _seen(room, _SEEN * _power_of_most(room))
+    if seen < _FEWEST:
+        seen = _seen(room, -1.0)
+    return _clear(seen, room, weights, out, level, residual) if seen > 0 else 0
 
 
 @leaf_kernel
@@ -127,9 +167,9 @@ def _combine(shares: Array, lines: Array, total: Array) -> None:
 def _extremes(sample: Array, model: Array, room: Array) -> None:
     """Of samples (K,) and of what is fitted to them."""
     a, c, s, low, high, top, fitted = (
-        room[0],
-        room[1],
-        room[2],
+        room[LEVEL],
+        room[MODULATION],
+        room[_SINE],
         room[_LOW],
         room[_HIGH],
         room[_TOP],
@@ -141,6 +181,44 @@ def _extremes(sample: Array, model: Array, room: Array) -> None:
         low[x] = here if here < low[x] else low[x]
         high[x] = here if here > high[x] else high[x]
         top[x] = sample[x] if sample[x] > top[x] else top[x]
+
+
+@apart_kernel
+def _add_pair(one: Array, other: Array, total: Array, top: Array) -> None:
+    """Of a bit's samples (K,) and its inverse's: their sum and the size of their difference, in place; sum of
+    all, largest sample."""
+    for x in range(len(one)):
+        a, b = one[x], other[x]
+        highest = a if a > b else b
+        one[x], other[x] = a + b, abs(a - b)
+        total[x] += a + b
+        top[x] = highest if highest > top[x] else top[x]
+
+
+@leaf_kernel
+def _sort(lines: Array) -> None:
+    """Of lines (B, K), every column: neighbours in turns, in whole vectors."""
+    count = len(lines)
+    for turn in range(count):
+        for k in range(turn % 2, count - 1, 2):
+            _swap(lines[k], lines[k + 1])
+
+
+@apart_kernel
+def _swap(one: Array, other: Array) -> None:
+    for x in range(len(one)):
+        a, b = one[x], other[x]
+        one[x], other[x] = (a if a < b else b), (b if a < b else a)
+
+
+@apart_kernel
+def _extremes_of_pairs(share: Any, difference: Array, room: Array) -> None:
+    """Mid level, from the sum of all samples and what a pair has of it; modulation, extremes."""
+    level, half, low, high = room[LEVEL], room[MODULATION], room[_LOW], room[_HIGH]
+    for x in range(len(difference)):
+        middle, off = share * level[x], _HALF * difference[x]
+        level[x], half[x] = middle, off
+        low[x], high[x] = middle - off, middle + off
 
 
 @leaf_kernel
@@ -157,7 +235,7 @@ def _weigh(share: Any, fitted: Array, slope: Array, weight: Array) -> None:
 @fast_kernel
 def _rooms(limit: Any, room: Array) -> None:
     """Distance of a pixel's fitted samples from black and clipping; -inf if a sample is clipped."""
-    low, high, top, far = room[_LOW], room[_HIGH], room[_TOP], room[_ROOM]
+    low, high, top, far = room[_LOW], room[_HIGH], room[_TOP], room[DISTANCE]
     for x in range(len(far)):
         above = limit - high[x]
         far[x] = (low[x] if low[x] < above else above) if top[x] < limit else -_INF
@@ -166,7 +244,7 @@ def _rooms(limit: Any, room: Array) -> None:
 @leaf_kernel
 def _power_of_most(room: Array) -> float:
     """Squared modulation that 95 % of the pixels do not exceed."""
-    power, cosine, sine = room[_ANY], room[1], room[2]
+    power, cosine, sine = room[_ANY], room[MODULATION], room[_SINE]
     for x in range(len(power)):
         power[x] = cosine[x] * cosine[x] + sine[x] * sine[x]
     return float(least(power, len(power), MOST))
@@ -177,7 +255,7 @@ def _seen(room: Array, power: float) -> int:
     """How many pixels have more than that, and no clipped sample: their numbers into line _TOP."""
     count = 0
     for x in range(room.shape[1]):
-        if room[_ROOM, x] > -_INF and room[1, x] ** 2 + room[2, x] ** 2 > power:
+        if room[DISTANCE, x] > -_INF and room[MODULATION, x] ** 2 + room[_SINE, x] ** 2 > power:
             room[_TOP, count] = x
             count += 1
     return count
@@ -190,14 +268,14 @@ def _clear(seen: int, room: Array, spare: Array, out: Array, level: Array, resid
     for j in range(rest):
         for i in range(seen):
             every[j * seen + i] = abs(out[j, int(room[_TOP, i])])
-    rough = OF_MEDIAN * least(every, rest * seen, 0.5)
+    rough = _OF_MEDIAN * least(every, rest * seen, 0.5)
     for i in range(seen):
-        far = room[_ROOM, int(room[_TOP, i])]
+        far = room[DISTANCE, int(room[_TOP, i])]
         line[i] = far
         lowest = far if far < lowest else lowest
     for i in range(seen):
         line[i] -= lowest
-    enough = min(CLEAR * rough - lowest, least(line, seen, ROOMY))
+    enough = min(_CLEAR * rough - lowest, least(line, seen, _ROOMY))
     kept = 0
     for i in range(seen):
         if line[i] >= enough:
@@ -206,23 +284,86 @@ def _clear(seen: int, room: Array, spare: Array, out: Array, level: Array, resid
     for j in range(rest):  # into the same memory: what is written has been read
         for i in range(kept):
             x = int(room[_TOP, i])
-            level[j * kept + i], residual[j * kept + i] = room[0, x], out[j, x]
+            level[j * kept + i], residual[j * kept + i] = room[LEVEL, x], out[j, x]
     return rest * kept
 
 
+@asked_by(
+    "all", "float32[::1], float32[::1], float32[::1], float32[:, ::1], int64[::1], float64[::1], float64[::1]"
+)
 @outer_kernel
-def robust_variances(residual: Array, room: Array, variance: Array) -> None:
-    """variance (L,) = mean squares of residuals (L, K) within 4 robust deviations, from the median absolute
-    value (and half a level) and then from itself. room: (K,), float32."""
-    count = residual.shape[1]
-    for i in range(len(variance)):
-        for x in range(count):
-            room[x] = residual[i, x] * residual[i, x]
-        found = (OF_MEDIAN * math.sqrt(least(room, count, 0.5)) + _HALF_A_LEVEL) ** 2
-        for _ in range(_ROUNDS):
-            total, used = _sums(room, np.float32(_FAR * found))
-            found = total / used if used > 0 else found
-        variance[i] = found
+def variances_by_level(
+    level: Array, residual: Array, dither: Array, room: Array, counts: Array, mean: Array, variance: Array
+) -> None:
+    """Of residuals (K,) as many in each of L groups, from low to high level (K,): mean level (L,) and mean
+    square (L,) of what lies within 4 robust deviations, from the median absolute value (and half a level)
+    and then from itself.
+
+    dither (K,) is added to levels before they are sorted, into `counts` steps. room: (3, K), all float32.
+    """
+    levels, residuals, square = room[0], room[1], room[2]
+    if len(mean) > 1:
+        _sort_by_level(level, residual, dither, square, counts, levels, residuals)
+        _in_groups(levels, residuals, square, mean, variance)
+    else:
+        _in_groups(level, residual, square, mean, variance)
+
+
+@leaf_kernel
+def _in_groups(levels: Array, residuals: Array, square: Array, mean: Array, variance: Array) -> None:
+    """Of residuals in the order of their levels."""
+    each = len(levels) // len(mean)
+    for i in range(len(mean)):
+        total, start = 0.0, i * each
+        for x in range(each):
+            here = residuals[start + x]
+            square[x] = here * here
+            total += levels[start + x]
+        mean[i], variance[i] = total / each, _robust(square[:each])
+
+
+@leaf_kernel
+def _sort_by_level(
+    level: Array, residual: Array, dither: Array, place: Array, counts: Array, levels: Array, residuals: Array
+) -> None:
+    """levels, residuals (K,) = these from low to high level, of equal steps as they come."""
+    steps, first = len(counts), 0
+    _places(level, dither, np.float32(steps - 1), place)
+    counts[:] = 0
+    for x in range(len(level)):
+        counts[int(place[x])] += 1
+    for k in range(steps):
+        count, counts[k] = counts[k], first
+        first += count
+    for x in range(len(level)):
+        k = int(place[x])
+        levels[counts[k]], residuals[counts[k]] = level[x], residual[x]
+        counts[k] += 1
+
+
+@apart_kernel
+def _places(level: Array, dither: Array, last: Any, place: Array) -> None:
+    """Dithered levels (K,), from 0 for the least to `last` for the largest."""
+    low, high = _INF, -_INF
+    for x in range(len(level)):
+        here = level[x] + dither[x]
+        low = here if here < low else low
+        high = here if here > high else high
+        place[x] = here
+    scale = last / (high - low) if high > low else _ZERO
+    for x in range(len(level)):
+        here = (place[x] - low) * scale
+        place[x] = here if here < last else last
+
+
+@leaf_kernel
+def _robust(square: Array) -> float:
+    """Mean of squares (K,) but of outliers, see variances_by_level."""
+    found = (_OF_MEDIAN * math.sqrt(least(square, len(square), 0.5)) + _HALF_A_LEVEL) ** 2
+    for _ in range(_ROUNDS):
+        total, used = _sums(square, np.float32(_FAR * found))
+        found = total / used if used > 0 else found
+    return found
 
 
 @fast_kernel

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import asked_by, outer_kernel
+from .jit import apart_kernel, asked_by, outer_kernel
 from .select_kernels import least
 
 __all__ = ["RUN", "fetch_runs", "least_rough"]
@@ -13,6 +13,7 @@ __all__ = ["RUN", "fetch_runs", "least_rough"]
 Array = NDArray[Any]
 #: Pixels in a run, which costs as much to fetch as one pixel.
 RUN = 8
+_TWO, _INF = np.float32(2), np.float32(np.inf)
 
 
 @asked_by("all", "float32[:, :, ::1], float32[::1]")
@@ -21,16 +22,26 @@ def least_rough(runs: Array, room: Array) -> float:
     """The least median, over frames, of the second differences' size within runs (N, K, pixels); room (K
     pixels,): all float32. 0 where runs are too short for any."""
     _, count, pixels = runs.shape
-    found = np.inf
+    found, used = np.inf, count * max(pixels - 2, 0)
+    if used == 0:
+        return 0.0
+    # of what is beyond a run's ends nothing is known: it comes last
+    share = (0.5 * (used - 1) + 0.25) / max(count * pixels - 1, 1)
     for i in range(len(runs)):
-        used = 0
+        _bends(runs[i].reshape(-1), room)
         for k in range(count):
-            run = runs[i, k]
-            for x in range(1, pixels - 1):
-                room[used] = abs(run[x - 1] + run[x + 1] - 2 * run[x])
-                used += 1
-        found = min(found, least(room, used, 0.5))
+            room[k * pixels] = room[(k + 1) * pixels - 1] = _INF
+        found = min(found, least(room, count * pixels, share))
     return found
+
+
+@apart_kernel
+def _bends(line: Array, bend: Array) -> None:
+    """Second differences' size (K,), as if all runs (K,) were one; not at its ends."""
+    inner = len(line) - 2
+    left, right, middle, out = line[:inner], line[2:], line[1:], bend[1:]
+    for x in range(inner):
+        out[x] = abs(left[x] + right[x] - _TWO * middle[x])
 
 
 @outer_kernel

@@ -25,6 +25,8 @@ Map = NDArray[Any]
 #: Rows at most, distance of the rows between which the gradient is taken; pixels of a block, about: fewer are
 #: decoded before a second thread is awake.
 _ROWS, _APART, _BLOCK = 16, 2, 1 << 15
+#: Pixels that tell whether maps are continuous, if nothing else is asked.
+_FEW_PIXELS = 8192
 #: Flags of pixels whose contrast tells nothing; columns that tell the usual one, about.
 SPOILT = int(Flag.SATURATED | Flag.DARK | Flag.LOW_CONTRAST | Flag.MOVED | Flag.INVALID)
 _COLUMNS = 144
@@ -86,10 +88,10 @@ class Steps(NamedTuple):
 
 
 def survey(job: Job, sequence: Sequence, wanted: Plan, axes: tuple[AxisPlan, ...], *, few: bool) -> Survey:
-    """Decode some rows of bits and fringes; few: half of them."""
+    """Decode some rows of bits and fringes; few: half of them, of wide images a quarter."""
     height, width = job.frames.shape[1:]
     apart = min(_APART, height - 1)
-    count = _ROWS // 2 if few else _ROWS
+    count = int(np.clip(_FEW_PIXELS // width, _ROWS // 4, _ROWS // 2)) if few else _ROWS
     both = _rows_of(height, apart, count)
     frames = roomy_empty((len(job.frames), len(both), width), job.frames.dtype)
     np.take(job.frames, both, axis=1, out=frames, mode="clip")
