@@ -71,13 +71,13 @@ def fringes_of_tile(
 ) -> None:
     """Phases of a tile, unwrapped, into the maps."""
     fringes: Any = axis.fringes
-    if not _pair(first, n, fringes.pair, camera, fringes, axis, shared, scratch):
+    paired = _pair(first, n, fringes.pair, camera, fringes, axis, shared, scratch)
+    if not paired:
         _fit(first, n, camera, fringes, scratch)
         _unwrap(n, axis.code, fringes.searched, fringes, axis, scratch)
         _flag_others(n, camera, fringes, scratch)
         _flag_finest(first, n, camera, fringes, axis, shared, scratch)
-    place, spread = scratch.lines[_PLACE], scratch.lines[_SPREAD]
-    _write(first, n, camera.floor, fringes.shown, place, spread, axis, shared, scratch)
+    _write(first, n, camera, fringes.shown, fringes.pair, paired, _PLACE, axis, shared, scratch)
 
 
 _of_code, _of_fringes = code_of_tile.call, fringes_of_tile.call
@@ -158,7 +158,7 @@ def _alone(
         return
     spread = scratch.lines[_SPREAD]
     code_tile_flags(n, first, axis.joined, camera, code, _cell_lines(scratch), spread, shared)
-    _write(first, n, camera.floor, None, scratch.lines[_GUESS], spread, axis, shared, scratch)
+    _write(first, n, camera, None, None, False, _GUESS, axis, shared, scratch)
 
 
 @inline_kernel
@@ -229,18 +229,16 @@ def _pair(
     shared: Shared,
     scratch: Scratch,
 ) -> bool:
-    """All of two periods but their way into the maps of this axis; False: there are others, or something is
-    clipped."""
+    """All of two periods but orders (see _ordered); False: there are others, or something is clipped."""
     if pair is not None:
         frames, index = camera.frames, fringes.frame
         if np.float32(highest_of(n, frames, index, first)) >= np.float32(camera.clip):
             return False
         lines, end = scratch.lines, first + n
-        of_fit, of_place = pair_of(camera, fringes, axis)
+        of_fit, _ = pair_of(camera, fringes, axis)
         flags, amplitude = shared.flat_flags[0, first:end], shared.flat_amplitude[0, first:end]
         offset, error = shared.flat_offset[0, first:end], shared.flat_error[0, first:end]
-        about, before, turns = lines[_STEP], lines[_MARGIN], lines[_SPARE]
-        place, spread = lines[_PLACE], lines[_SPREAD]
+        about, before, turns, spread = lines[_STEP], lines[_MARGIN], lines[_SPARE], lines[_SPREAD]
         # two loops: one that asks within is stored by masks, which takes twice as long
         if axis.joined:
             merge_pair(
@@ -251,9 +249,31 @@ def _pair(
                 *(n, frames, index, first, of_fit, about, before, turns, spread),
                 *(flags, amplitude, offset, error),
             )
-        order_pair(n, of_place, about, before, turns, spread, place, flags, error)
         return True
     return False
+
+
+@leaf_kernel
+def _ordered(
+    pair: bool | None,
+    at: int,
+    n: int,
+    camera: Camera,
+    axis: AxisRecord,
+    lines: Array,
+    coord: Array,
+    sigma: Array,
+    flags: Array,
+    error: Array,
+) -> None:
+    """What _pair leaves, of n pixels from place `at` of the tile on."""
+    if pair is not None:
+        fringes: Any = axis.fringes
+        _, limits = pair_of(camera, fringes, axis)
+        part = slice(at, at + n)
+        about, before, turns = lines[_STEP, part], lines[_MARGIN, part], lines[_SPARE, part]
+        spread = lines[_SPREAD, part]
+        order_pair(n, limits, camera.floor, about, before, turns, spread, coord, sigma, flags, error)
 
 
 @inline_kernel
@@ -309,37 +329,70 @@ def _code_doubt(n: int, place: Array, guess: Array, far: Array, up: Array, down:
         doubt[x] += far[x] + (up[x] if place[x] < guess[x] else down[x])
 
 
-@inline_kernel
+@leaf_kernel
 def _write(
     first: int,
     n: int,
-    floor: Any,
+    camera: Camera,
     shown: Any,
-    place: Array,
-    spread: Array,
+    pair: bool | None,
+    paired: bool,
+    line_of_places: int,
     axis: AxisRecord,
     shared: Shared,
     scratch: Scratch,
 ) -> None:
-    """Coordinates and sigmas of a tile into the maps, row by row, and the rows into scratch.kept."""
-    width, kept = shared.flags.shape[1], scratch.kept[axis.number]
-    done = 0
+    """Coordinates and sigmas of a tile into the maps, row by row, and the rows into scratch.kept.
+
+    paired: by _pair; otherwise places are in that line, and their variances in _SPREAD.
+    """
+    width, kept, lines = shared.flags.shape[1], scratch.kept[axis.number], scratch.lines
+    as_they_are, done = _is_empty(shown), 0
     while done < n:
         row, col = (first + done) // width, (first + done) % width
         end = min(col + n - done, width)
-        part, line = slice(done, done + end - col), kept[row % len(kept), col:end]
+        part, line, size = slice(done, done + end - col), kept[row % len(kept), col:end], end - col
+        place, spread = lines[line_of_places, part], lines[_SPREAD, part]
         sigma, flags = axis.sigma[row, col:end], shared.flags[row, col:end]
-        if shown is None or shown[0].size == 0:
-            _roots(floor, place[part], spread[part], line, sigma)
+        if paired:
+            error = shared.flat_error[0, first + done : first + done + size]
+            target = line if as_they_are else place
+            _ordered(pair, done, size, camera, axis, lines, target, sigma, flags, error)
         else:
-            take_off_run(end - col, shown, floor, place[part], spread[part], line, sigma, flags)
+            _roots(camera.floor, spread, sigma)
+            if as_they_are:
+                _copy(place, line)
+        if not as_they_are:
+            _take_off(size, shown, camera.floor, place, spread, line, sigma, flags)
         stream_widened(line, axis.coord[row, col:end])
-        done += end - col
+        done += size
+
+
+@leaf_kernel
+def _is_empty(shown: Any) -> bool:
+    """Whether there is nothing to take off."""
+    if shown is None:
+        return True
+    return bool(shown[0].size == 0)
+
+
+@leaf_kernel
+def _take_off(
+    n: int, shown: Any, floor: Any, place: Array, spread: Array, line: Array, sigma: Array, flags: Array
+) -> None:
+    """take_off_run, if there is something to take off."""
+    if shown is not None:
+        take_off_run(n, shown, floor, place, spread, line, sigma, flags)
 
 
 @apart_kernel
-def _roots(floor: Any, place: Array, spread: Array, line: Array, sigma: Array) -> None:
-    for x in range(len(line)):
-        line[x] = place[x]
+def _roots(floor: Any, spread: Array, sigma: Array) -> None:
+    for x in range(len(sigma)):
         error = np.sqrt(spread[x])
         sigma[x] = error if error > floor else floor
+
+
+@apart_kernel
+def _copy(place: Array, line: Array) -> None:
+    for x in range(len(line)):
+        line[x] = place[x]

@@ -28,8 +28,8 @@ _HALF_WORD, _POSITIVE = np.int32(16), np.int32(0x7FFFFFFF)
 def take_off_run(
     n: int, shown: Any, floor: Any, place: Array, spread: Array, line: Array, sigma: Array, flags: Array
 ) -> None:
-    """line = place less the shift, sigma = root of the variance `spread` and of what the border adds to it,
-    at least `floor`; lost light is flagged. All (n,).
+    """line = place less the shift; where the border adds to the variance `spread`, sigma, at least `floor`;
+    lost light is flagged. All (n,).
 
     shown = (packed, unit, border, lost, low, high): tables at coordinates -BEYOND + k / PER_CELL; packed (K +
     1,) int32 = shift in the lower, its change up to k + 1 in the upper half word, both in `unit`, 0 at the
@@ -39,7 +39,7 @@ def take_off_run(
     packed, unit, border, lost, low, high = shown
     last = len(border) - 2
     bounds = np.float32(low), np.float32(high), np.float32(last)
-    if not _take_off(n, np.float32(unit), floor, *bounds, packed, place, spread, line, sigma):
+    if not _take_off(n, np.float32(unit), *bounds, packed, place, line):
         return
     for x in range(n):
         at = place[x] * _PER_CELL + _START
@@ -54,17 +54,7 @@ def take_off_run(
 
 @apart_kernel
 def _take_off(
-    n: int,
-    unit: Any,
-    floor: Any,
-    low: Any,
-    high: Any,
-    last: Any,
-    packed: Array,
-    place: Array,
-    spread: Array,
-    line: Array,
-    sigma: Array,
+    n: int, unit: Any, low: Any, high: Any, last: Any, packed: Array, place: Array, line: Array
 ) -> bool:
     """True if any pixel is near the border."""
     near = _ZERO
@@ -77,6 +67,4 @@ def _take_off(
         word = packed[np.uint32(entry & _POSITIVE)]
         shift, change = np.float32(np.int32(word << _HALF_WORD) >> _HALF_WORD), np.float32(word >> _HALF_WORD)
         line[x] = place[x] - unit * (shift + (here - np.float32(entry)) * change)
-        error = np.sqrt(spread[x])
-        sigma[x] = error if error > floor else floor
     return bool(near > _ZERO)

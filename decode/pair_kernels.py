@@ -146,21 +146,38 @@ def merge_pair(
         offset[x] = _HALF * (offset[x] + _QUARTER * total)
 
 
+@pasted_kernel
+def _place(limits: Any, about: Any, before: Any, turns: Any, spread: Any) -> Any:
+    """Of a pixel's phases: its place, how far it lies from the coarse period's, the variance of that, and
+    whether another order is nearly as good."""
+    coarse, fine, middle, _, _ = limits
+    rough = coarse * (about + np.rint(middle - about))
+    place = fine * (turns + np.rint(rough * (_ONE / fine) - turns))
+    step, both = abs(place - rough), before + spread
+    return place, step, both, fine * (fine - _TWO * step) < CERTAIN * both
+
+
 @apart_kernel
 def _order(
-    n: int, limits: Any, about: Array, before: Array, turns: Array, spread: Array, coord: Array, flags: Array
+    n: int,
+    limits: Any,
+    floor: Any,
+    about: Array,
+    before: Array,
+    turns: Array,
+    spread: Array,
+    coord: Array,
+    sigma: Array,
+    flags: Array,
 ) -> bool:
-    """Whether any orders are close; about, before: in their place, the step to the order and its variance."""
-    coarse, fine, middle, most, lies = limits
-    over, close = _ONE / fine, _ZERO
+    """Whether any orders are close."""
+    (_, _, _, most, lies), close = limits, _ZERO
     for x in range(n):
-        rough = coarse * (about[x] + np.rint(middle - about[x]))
-        place = fine * (turns[x] + np.rint(rough * over - turns[x]))
-        own, step = spread[x], abs(place - rough)
-        both = before[x] + own
-        close += _ONE if fine * (fine - _TWO * step) < CERTAIN * both else _ZERO
-        flags[x] |= why_placed(lies, step * step - most * both, _ZERO, _ZERO, place, own)
-        coord[x], about[x], before[x] = place, step, both
+        place, step, both, near = _place(limits, about[x], before[x], turns[x], spread[x])
+        error = np.sqrt(spread[x])
+        close += _ONE if near else _ZERO
+        flags[x] |= why_placed(lies, step * step - most * both, _ZERO, _ZERO, place, spread[x])
+        coord[x], sigma[x] = place, error if error > floor else floor
     return bool(close > _ZERO)
 
 
@@ -168,22 +185,25 @@ def _order(
 def order_pair(
     n: int,
     limits: Any,
+    floor: Any,
     about: Array,
     before: Array,
     turns: Array,
     spread: Array,
     coord: Array,
+    sigma: Array,
     flags: Array,
     order_error: Array,
 ) -> None:
-    """coord (n,) from what store_pair found, which is lost, its flags and order error. limits: see pair_of.
+    """coord and sigma (n,), at least `floor`, from what store_pair found, its flags and order error. limits:
+    see pair_of.
 
     As in unwrap_kernels: the coarse period's place is nearest to the middle of the surface, the fine one's
     nearest to that.
     """
-    if _order(n, limits, about, before, turns, spread, coord, flags):
-        fine = limits[1]
+    if _order(n, limits, floor, about, before, turns, spread, coord, sigma, flags):
+        fine = float(limits[1])
         for x in range(n):
-            if fine * (fine - _TWO * about[x]) < CERTAIN * before[x]:
-                wrong = beside(float(fine), float(about[x]), float(before[x]))
-                add_doubt(x, np.float32(wrong), flags, order_error)
+            _, step, both, near = _place(limits, about[x], before[x], turns[x], spread[x])
+            if near:
+                add_doubt(x, np.float32(beside(fine, float(step), float(both))), flags, order_error)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from optolever.decode.noise_kernels import LINES, fringe_residuals
+from optolever.decode.noise_kernels import LINES, fringe_residuals, pair_residuals
 from optolever.decode.sample_kernels import least_rough
 
 F32 = NDArray[np.float32]
@@ -40,14 +40,20 @@ def expected(own: F64, model: tuple[F64, F64, F64], slope: F64, limit: float) ->
         here = slope[np.rint(fitted).clip(0, len(slope) - 1).astype(int)]
         residual = residual / np.sqrt(contrasts**2 @ (1 / here**2))
     power, whole = fit[1] ** 2 + fit[2] ** 2, own.max(axis=0) < limit
+    room = np.minimum(fitted.min(axis=0), limit - fitted.max(axis=0))
+    keep = clear(power, whole, room, residual)
+    return np.tile(fit[0, keep], len(contrasts)), residual[:, keep].ravel()
+
+
+def clear(power: F64, whole: NDArray[np.bool_], room: F64, residual: F64) -> NDArray[np.bool_]:
+    """Pixels (K,) that see the pattern and stay clear of black and clipping."""
     keep = whole & (power > np.sort(power)[int(0.95 * (PIXELS - 1))] / 16)
     keep = keep if keep.sum() >= 50 else whole
-    room = np.minimum(fitted.min(axis=0), limit - fitted.max(axis=0))
     if keep.any():
         sizes, rooms = np.sort(np.abs(residual[:, keep]).ravel()), np.sort(room[keep])
         rough, least = 1.4826 * sizes[(len(sizes) - 1) // 2], rooms[int(0.65 * (len(rooms) - 1))]
-        keep &= room >= min(4 * rough, least) - 1e-4
-    return np.tile(fit[0, keep], len(contrasts)), residual[:, keep].ravel()
+        keep = keep & (room >= min(4 * rough, least) - 1e-4)
+    return keep
 
 
 @pytest.mark.parametrize("limit", [255.0, np.inf])
@@ -72,6 +78,32 @@ def test_residuals_of_fringes(steps: int, noise: float, bright: float, curved: b
     assert np.allclose(level[:used], levels, atol=2e-3, rtol=1e-5)
     same = np.isclose(residual[:used], residuals, atol=2e-3, rtol=1e-5)
     assert np.count_nonzero(~same) <= (used // 1000 if curved else 0)  # a level halfway has either slope
+
+
+@pytest.mark.parametrize("limit", [255.0, np.inf])
+@pytest.mark.parametrize("bright", [0.3, 1.0, 1.6, 9.0])
+@pytest.mark.parametrize(("bits", "noise"), [(2, 1.0), (7, 4.0), (8, 20.0)])
+def test_residuals_of_bits_and_inverses(bits: int, noise: float, bright: float, limit: float) -> None:
+    rng = np.random.default_rng(bits)
+    share = rng.choice([0.02, 0.3, 1.0, 1.1], PIXELS)
+    lit = rng.choice([-1.0, -1.0, 0.3, 1.0, 1.0], (bits, PIXELS))  # some of them on edges
+    light = bright * (110 + 80 * share * np.stack([lit, -lit])) + rng.normal(0, noise, (2, bits, PIXELS))
+    own = np.rint(light).clip(0, 255).astype(np.float32)
+    contrasts = np.linalg.svd(np.ones((bits, 1)))[0][:, 1:].T * np.sqrt(0.5)
+    count = len(contrasts)
+    level, residual = np.empty((2, count * PIXELS), np.float32)
+    room, weights = np.empty((LINES, PIXELS), np.float32), np.empty((count, PIXELS), np.float32)
+    used = pair_residuals(own.copy(), contrasts.astype(np.float32), limit, room, weights, level, residual)
+    wide = own.astype(np.float64)
+    middle = wide.mean(axis=(0, 1))
+    half = 0.5 * np.sort(np.abs(wide[0] - wide[1]), axis=0)[bits // 2]
+    left = contrasts @ wide.sum(axis=0)
+    distance = np.minimum(middle - half, limit - middle - half)
+    keep = clear(half**2, wide.max(axis=(0, 1)) < limit, distance, left)
+    assert used == count * keep.sum()
+    assert (used == 0) == (bright > 2 and limit == 255)
+    assert np.allclose(level[:used], np.tile(middle[keep], count), atol=2e-3)
+    assert np.allclose(residual[:used], left[:, keep].ravel(), atol=2e-3)
 
 
 @pytest.mark.parametrize("pixels", [1, 2, 3, 8, 120])

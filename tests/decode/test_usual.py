@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from optolever.decode.blur_kernels import digest
 from optolever.decode.jit import outer_kernel
-from optolever.decode.noise_kernels import robust_variances
+from optolever.decode.noise_kernels import variances_by_level
 from optolever.decode.run_kernels import SOME, changes_down, large_variance
 from optolever.decode.sample import sampled
 from optolever.decode.select_kernels import least
@@ -114,17 +114,24 @@ def test_contrasts_in_few_numbers() -> None:
     np.testing.assert_allclose(room[1, :used], (seen[1] - np.rint(seen[1]))[near], atol=1e-6)
 
 
-def test_outliers_do_not_move_a_variance() -> None:
-    residual = np.random.default_rng(7).normal(0, 2.0, (3, 4000)).astype(np.float32)
-    residual[0, ::10], residual[2] = 90.0, 0.0
-    found = np.empty(3)
-    robust_variances(residual, np.empty(4000, np.float32), found)
-    for own, got in zip(residual.astype(np.float64), found, strict=True):
+@pytest.mark.parametrize("groups", [1, 3])
+def test_outliers_do_not_move_a_variance(groups: int) -> None:
+    """Residuals of three levels, in any order: none, some outliers among those of 4, and these alone."""
+    rng = np.random.default_rng(7)
+    residual = np.stack([np.zeros(4000), *rng.normal(0, 2.0, (2, 4000))]).astype(np.float32)
+    residual[1, ::10] = 90.0
+    level = np.repeat(np.float32([3, 70, 200]), 4000) + rng.uniform(-5, 5, 12000).astype(np.float32)
+    order, dither = rng.permutation(12000), rng.uniform(-1, 1, 12000).astype(np.float32)
+    mean, found = np.empty((2, groups))
+    room, counts = np.empty((3, 12000), np.float32), np.empty(4096, np.int64)
+    variances_by_level(level[order], residual.ravel()[order], dither, room, counts, mean, found)
+    for k, own in enumerate(residual.astype(np.float64).reshape(groups, -1)):
         variance = (1.4826 * middle(np.abs(own)) + 0.5) ** 2
         for _ in range(3):
             variance = np.mean(own[own**2 < 16 * variance] ** 2) if variance > 0 else 0.0
-        assert got == pytest.approx(variance, rel=1e-5)
-    assert found[:2] == pytest.approx(4.0, rel=0.1)
+        assert found[k] == pytest.approx(variance, rel=1e-5)
+        assert mean[k] == pytest.approx(level.reshape(groups, -1)[k].mean(dtype=np.float64), rel=1e-5)
+    assert groups == 1 or found[1:] == pytest.approx(4.0, rel=0.1)
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
