@@ -11,16 +11,21 @@
 | `plan`, `arrays`           | what has to be computed, sorted by the frames' descriptions; as plain arrays |
 | `sample`, `sample_kernels` | some pixels from all over the frames, fetched once                           |
 | `noise`, `noise_kernels`   | noise of the camera from what the frames cannot explain                      |
+| `variance_kernels`         | variances that outliers do not move, by level                                |
 | `response`                 | `Response` of display and camera, inverted before fringes are fitted         |
 | `harmonics`                | error that a response leaves: harmonics of the fringes, aliased              |
 | `block_kernels`            | blocks of rows, compiled: axes and neighbours while they are in the cache    |
 | `ticket_kernels`           | which block a thread takes: numbers that only one of them gets               |
 | `axis_kernels`             | one axis over a run of pixels: code and fringes, tile by tile                |
+| `tile_lines`               | what they keep of a tile                                                     |
+| `write_kernels`            | a tile's coordinates and sigmas on their way into the maps                   |
+| `fringe_kernels`           | fringes of a tile, step by step                                              |
 | `fit_kernels`              | fringe fit of a tile                                                         |
 | `pair_kernels`             | two periods of four shifts, fitted, flagged and unwrapped in two loops       |
 | `refit_kernels`            | that again for pixels with clipped samples, or with weighed ones             |
+| `cell_kernels`             | a code of a tile, step by step                                               |
 | `code_kernels`             | bits, code words, cells                                                      |
-| `byte_kernels`             | that, of 8-bit frames whose bits all have inverses                           |
+| `byte_kernels`             | all of that, of 8-bit frames whose bits have inverses, and into the maps     |
 | `bits`                     | how much of each bit the camera sees, how wide its edges look                |
 | `doubt_kernels`            | probability of a misread bit, and what it does to the place                  |
 | `unwrap_kernels`           | fringe orders from several periods or a code, probability of a wrong one     |

@@ -17,10 +17,10 @@ from .noise_kernels import (
     clear_residuals,
     fringe_residuals,
     pair_residuals,
-    variances_by_level,
 )
 from .plan import Code, Fringe, Plan
 from .sample import Sample, quantile
+from .variance_kernels import variances_by_level
 
 __all__ = ["QUANTISATION", "Noise", "estimate_noise"]
 

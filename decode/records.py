@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .tile_lines import LINES, OF_PERIOD
+
 __all__ = [
     "ROWS_AROUND",
     "TILE",
@@ -32,8 +34,6 @@ TILE = 4096
 #: handed all its records more often. Rows are a power of two, so that blocks of any number of threads are cut
 #: into the same tiles.
 _BATCH, _MOST_ROWS = 16384, 16
-#: Lines of a tile that are not those of a period, and those of a period.
-LINES, OF_PERIOD = 14, 6
 #: Rows that are kept besides those worked on at once: those that wait for neighbours, and one beyond.
 ROWS_AROUND = 8
 #: Bytes of a vector: what is not laid out by it takes two accesses each.

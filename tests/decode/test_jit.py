@@ -101,7 +101,7 @@ def test_cached_code_goes_with_the_sources(elsewhere, tmp_path):
 
 _SEEN = """
 import numpy as np
-from optolever.decode import axis_kernels, block_kernels, decode, neighbour_kernels
+from optolever.decode import block_kernels, cell_kernels, decode, fringe_kernels, neighbour_kernels
 from optolever.decode.jit import _ASKED, asked_types
 from optolever.experiments import decode_speed
 from optolever.patterns import sequence
@@ -137,7 +137,7 @@ for use in ("fringes", "code", "all"):
 def test_images_of_any_width_are_decoded_by_the_same_kernels():
     """Rows that are no whole vectors once were another kind of array: compiled again, and slower."""
     script = """
-parts = axis_kernels.fringes_of_tile.dispatcher, neighbour_kernels.near_block.dispatcher
+parts = fringe_kernels.fringes_of_tile.dispatcher, neighbour_kernels.near_block.dispatcher
 kernels = [block_kernels.decode_blocks, *parts]
 for width in (128, 131):
     _, phase, _, fringes = decode_speed._phase_frames((96, width))
@@ -151,7 +151,7 @@ for width in (128, 131):
 def test_a_cold_start_takes_two_processes_and_tells_the_same(tmp_path):
     script = """
 found = decode(bits, gray)
-parts = axis_kernels.code_of_tile.dispatcher, neighbour_kernels.near_block.dispatcher
+parts = cell_kernels.code_of_tile.dispatcher, neighbour_kernels.near_block.dispatcher
 kernels = [block_kernels.decode_blocks, *parts, *_ASKED["code"], *_ASKED["all"]]
 print(sum(sum(one.stats.cache_hits.values()) for one in kernels), np.nansum(found.u), np.sum(found.flags))
 """

@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from optolever.decode.blur_kernels import digest
 from optolever.decode.jit import outer_kernel
-from optolever.decode.noise_kernels import variances_by_level
 from optolever.decode.run_kernels import SOME, changes_down, large_variance
 from optolever.decode.sample import sampled
 from optolever.decode.select_kernels import least
 from optolever.decode.survey_kernels import usual_steps
 from optolever.decode.ticket_kernels import draw
+from optolever.decode.variance_kernels import variances_by_level
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
