@@ -26,7 +26,7 @@ Map = NDArray[Any]
 F64 = NDArray[np.float64]
 Event = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
 #: Lines looked at along either side, pixels in all of them.
-_LINES, _PIXELS = (16, 64), 16384
+_LINES, _PIXELS = (16, 64), 32768
 #: Jumps, less the bit's proper edges among them, that make a fault.
 _FEWEST = 8
 #: Share of the jumps and edges between the first and the last one that are proper edges, at most.
