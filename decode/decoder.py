@@ -104,7 +104,11 @@ def decode(
 def _uses(wanted: Plan) -> list[str]:
     """What is shown, in the words of compiled_for."""
     by_rows = [axis for axis in wanted.axes if not by_table(axis)]
-    shown = {"code": any(axis.code for axis in by_rows), "fringes": any(axis.fringes for axis in by_rows)}
+    shown = {
+        "code": any(axis.code for axis in by_rows),
+        "fringes": any(axis.fringes for axis in by_rows),
+        "code alone": any(axis.code and not axis.fringes for axis in by_rows),
+    }
     return ["all", *(use for use, asked in shown.items() if asked)]
 
 

@@ -33,7 +33,8 @@ __all__ = [
 Kernel = Callable[..., Any]
 #: Reorderings that let loops become vector instructions; NaN and infinity keep their meaning.
 _REORDER = {"contract", "reassoc", "nsz", "arcp"}
-#: Kernels that decodes of codes, of fringes or of all ask for beside their own, and the types that they take.
+#: Kernels that decodes of codes (alone), of fringes or of all ask for beside their own, and the types these
+#: take.
 _ASKED: dict[str, dict[Any, str]] = {}
 _types_of: Callable[[str], Any] = normalize_signature
 #: Uses that this process has compiled for.
@@ -103,8 +104,8 @@ def calling(parts: Parts) -> Callable[[Kernel], Kernel]:
 
 
 def asked_by(use: str, types: str) -> Callable[[Kernel], Kernel]:
-    """For a kernel that decodes of such a use ("all", "code", "fringes") call, ever with arguments of these
-    types: see compiled_for."""
+    """For a kernel that decodes of such a use ("all", "code", "code alone", "fringes") call, ever with
+    arguments of these types: see compiled_for."""
 
     def noted(dispatcher: Any) -> Kernel:
         _ASKED.setdefault(use, {})[dispatcher] = types

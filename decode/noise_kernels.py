@@ -74,7 +74,7 @@ def fringe_residuals(
 
 
 @asked_by(
-    "code",
+    "code alone",
     "float32[:, :, ::1], float32[:, ::1], float64, float32[:, ::1], float32[:, ::1], float32[::1], "
     "float32[::1]",
 )

@@ -126,12 +126,12 @@ def test_kernels_are_asked_for_as_they_say():
     script = """
 decode(fringes, phase)
 decode(bits, gray)
-for use in ("fringes", "code", "all"):
+for use in ("fringes", "code", "code alone", "all"):
     for one in _ASKED[use]:
         assert list(one.overloads) == [asked_types(one)], (one, list(one.overloads))
     print(use, len(_ASKED[use]))
 """
-    assert _told(script) == ["fringes", "8", "code", "2", "all", "3"]
+    assert _told(script) == ["fringes", "8", "code", "1", "code", "alone", "1", "all", "3"]
 
 
 def test_images_of_any_width_are_decoded_by_the_same_kernels():
