@@ -37,7 +37,8 @@ GLSL against float64, paper-simulation, decoded rms   1.539e-05 px  at most 0.00
     "--decode",
     "only_decode",
     is_flag=True,
-    help="Measure the decoder instead: speed beside memory, `fringes` and OpenCV, on the same frames.",
+    help="Measure the decoder instead: speed beside memory, `fringes` and OpenCV, on the same frames; errors "
+    "beside what noise allows.",
 )
 @click.option(
     "--reconstruct",

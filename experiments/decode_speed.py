@@ -1,4 +1,5 @@
-"""The decoder's speed beside what memory allows and beside other decoders, on the same frames in one run.
+"""The decoder's speed beside what memory allows and beside other decoders, on the same frames in one run; its
+errors: see decode_errors.
 
 The floor is a kernel of the same shape that reads every frame and writes outputs of the same size, into
 memory that the process has already, as decode does from its second call on (see optolever.memory).
@@ -28,6 +29,7 @@ from optolever.errors import InputError
 from optolever.memory import roomy_empty
 from optolever.patterns import Frame, Sequence, sequence
 
+from .decode_errors import decode_errors
 from .demo import Progress, silent
 from .figures import Figure
 from .metrics import rms
@@ -42,7 +44,7 @@ REPEATS, PEER_REPEATS, IN_A_ROW = 12, 3, 3
 OFFSET, AMPLITUDE, NOISE = 110.0, 95.0, 1.5  # levels
 PERIODS, STEPS = (2160.0, 48.0), 4
 LIMIT = 2.0  # times the floor
-PARTS = ("phase", "fringes", "gray", "first calls")
+PARTS = ("phase", "fringes", "gray", "first calls", "errors")
 _START = """
 import sys, time
 import numpy as np
@@ -64,8 +66,9 @@ def run_decode_figures(
     """Everything on frames of `size` (rows, cols), the surface's size too; peers that are missing say so.
 
     parts: of PARTS; all but "fringes" and "first calls", which compile for long, are done in no time.
+    "errors" are those of images of their own sizes.
     """
-    every = dict(zip(PARTS, (_phase, _fringes, _gray, _starts), strict=True))
+    every = dict(zip(PARTS, (_phase, _fringes, _gray, _starts, decode_errors), strict=True))
     figures: list[Figure] = []
     for done, name in enumerate(parts):
         if name not in every:

@@ -1,0 +1,190 @@
+"""The decoder's errors beside what noise allows: bounds, orders, error bars, responses.
+
+Frames are made in float64 from the definitions of the codes.
+"""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erfc
+from scipy.stats import mannwhitneyu
+
+from optolever.decode import Correspondence, Response, decode
+from optolever.patterns import Frame, Sequence, sequence
+
+from .figures import Figure
+from .metrics import rms
+
+__all__ = ["decode_errors"]
+
+F64 = NDArray[np.float64]
+#: Frames of what Monte Carlo tells: rows, columns; surface of these, cells; seeds of means over seeds.
+PIXELS, EXTENT, SEEDS = (600, 1000), 1260, 4
+OFFSET, AMPLITUDE = 120.0, 60.0  # levels
+RATIOS = (4.5, 10.0, 40.0)  # amplitude over noise
+#: Deviations of counting within which a share is what it is expected to be.
+COUNTED = 3.0
+
+
+def decode_errors(_: tuple[int, int] = PIXELS) -> Iterator[Figure]:
+    """All of them, of images of their own sizes."""
+    for part in (_bound, _orders, _doubt, _coverage, _cells, _responses):
+        yield from part()
+
+
+def _light(shown: Sequence, u: F64, v: F64) -> F64:
+    """-1 to 1 (N, H, W)."""
+    return np.stack([_shown(frame, v if frame.axis == "v" else u) for frame in shown.frames])
+
+
+def _shown(frame: Frame, coord: F64) -> F64:
+    if frame.kind == "phase":
+        return np.asarray(np.cos(2 * np.pi * coord / (frame.period_px or 1.0) - (frame.shift or 0.0)))
+    if frame.kind in ("white", "black"):
+        return np.full(coord.shape, 1.0 if frame.kind == "white" else -1.0)
+    cell = np.floor((coord + 0.5) / frame.cell_px).astype(np.int64)
+    word = cell ^ (cell >> 1) if frame.kind == "gray" else cell
+    lit = (word >> (frame.bit or 0)) & 1 != frame.inverted
+    return np.where(lit, 1.0, -1.0)
+
+
+def _fringes(counts: tuple[int, ...], steps: int, extent: int = EXTENT) -> Sequence:
+    """Of so many periods on the surface each, along u."""
+    periods = [extent / count for count in counts]
+    shifts = [2 * math.pi * k / steps for k in range(steps)]
+    frames = tuple(Frame("phase", "u", period_px=period, shift=k) for period in periods for k in shifts)
+    return Sequence(frames, 1, extent)
+
+
+def _along_u(shown: Sequence, noise: float, amplitude: float = AMPLITUDE) -> tuple[Correspondence, F64]:
+    """Of places all over the middle of the surface, levels that are not rounded: decoded, and their truth."""
+    rng = np.random.default_rng(1)
+    u = rng.uniform(0.05 * shown.cols, 0.95 * shown.cols, PIXELS)
+    frames = OFFSET + amplitude * _light(shown, u, u)
+    frames += noise * rng.standard_normal(frames.shape)
+    return decode(frames, shown, noise=noise, white_level=1e9, on_cells=False), u
+
+
+def _bound() -> Iterator[Figure]:
+    """sigma_phi = sqrt(2 / N) noise / amplitude: Cramer-Rao."""
+    for ratio, limit in ((10.0, 1.01), (4.0, 1.03)):
+        worst = 0.0
+        for steps in (3, 4, 5, 8, 16):
+            shown = _fringes((1,), steps, 64)
+            found, u = _along_u(shown, AMPLITUDE / ratio)
+            error = (found.u - u + 32) % 64 - 32
+            worst = max(worst, rms(error) / (64 / (2 * np.pi) * math.sqrt(2 / steps) / ratio))
+        name = f"phase noise over Cramer-Rao, amplitude over noise {ratio:g}, worst of N = 3, 4, 5, 8, 16"
+        yield Figure(name, worst, high=limit)
+
+
+def _orders() -> Iterator[Figure]:
+    """erfc(pi / (sqrt 2 sigma_phi sqrt(v1^2 + v2^2))), which takes phases for Gaussian."""
+    counts, steps, ratio = (9, 10), 4, 8.0
+    found, u = _along_u(_fringes(counts, steps), AMPLITUDE / ratio)
+    wrong = float(np.mean(_is_wrong(found.u - u, counts)))
+    told = float(erfc(math.pi / (math.sqrt(2) * math.sqrt(2 / steps) / ratio * math.hypot(*counts))))
+    counting = math.sqrt(told * (1 - told) / u.size)
+    note = f"{wrong:.5f} and {told:.5f}"
+    off = abs(wrong - told) / counting
+    yield Figure("wrong orders of 9 and 10 periods off erfc", off, "deviations", high=COUNTED, note=note)
+
+
+def _is_wrong(error: F64, counts: tuple[int, ...]) -> NDArray[np.bool_]:
+    return np.asarray(np.abs(error) > 0.3 * EXTENT / max(counts))
+
+
+def _doubt() -> Iterator[Figure]:
+    """Of a wrong pixel and a right one, how often is the wrong one more doubtful (area under the ROC)."""
+    counts = (9, 10, 11)
+    found, u = _along_u(_fringes(counts, 4), 14.0)
+    wrong, told = _is_wrong(found.u - u, counts), np.asarray(found.order_error, np.float64)
+    pairs = int(wrong.sum()) * int((~wrong).sum())
+    area = float(mannwhitneyu(told[wrong], told[~wrong]).statistic) / pairs
+    name = "order error of 9, 10 and 11 periods, N = 4, noise 14 of 60"
+    yield Figure(f"{name}: area under ROC", area, low=0.97)
+    yield Figure(f"{name}: predicted over seen", told.mean() / wrong.mean(), low=0.85, high=1.15)
+
+
+def _scene(rows: int = 240, cols: int = 320) -> tuple[F64, F64]:
+    """A smooth map within a surface of `rows` x `cols`, (rows, cols)."""
+    row, col = np.mgrid[:rows, :cols].astype(np.float64)
+    x, y = col / cols, row / rows
+    return cols * (0.04 + 0.9 * x + 0.01 * np.sin(7 * y)), rows * (0.04 + 0.9 * y + 0.01 * np.cos(7 * x))
+
+
+def _shoot(shown: Sequence, place: tuple[F64, F64], noise: float, seed: int = 0) -> NDArray[np.uint8]:
+    """Rounded to 8 bits."""
+    rng = np.random.default_rng(seed)
+    light = OFFSET + AMPLITUDE * _light(shown, *place)
+    light += noise * rng.standard_normal(light.shape)
+    return np.asarray(np.clip(np.rint(light), 0, 255), np.uint8)
+
+
+def _score(found: Correspondence, place: tuple[F64, F64]) -> F64:
+    """Errors of both axes over sigma, of pixels without flags."""
+    told = (found.u, found.sigma_u, place[0]), (found.v, found.sigma_v, place[1])
+    return np.concatenate([((coord - truth) / sigma)[found.good] for coord, sigma, truth in told])
+
+
+def _coverage() -> Iterator[Figure]:
+    """Noise is estimated from the frames."""
+    place = _scene()
+    for text in ("phase", "gray+phase"):
+        shown = sequence(text, *place[0].shape)
+        shares = []
+        for ratio in RATIOS:
+            frames = (_shoot(shown, place, AMPLITUDE / ratio, seed) for seed in range(SEEDS))
+            scores = [_score(decode(each, shown, on_cells=False), place) for each in frames]
+            score = np.abs(np.concatenate(scores))
+            shares.append([100 * float(np.mean(score < k)) for k in (1, 2)])
+        note = f"amplitude over noise {', '.join(f'{ratio:g}' for ratio in RATIOS)}"
+        for k, low, high in ((1, 66.3, 70.3), (2, 94.4, 96.4)):
+            some = [share[k - 1] for share in shares]
+            for which, value in (("least", min(some)), ("most", max(some))):
+                yield Figure(f"{text}, within {k} sigma, {which}", value, "%", low=low, high=high, note=note)
+
+
+def _cells() -> Iterator[Figure]:
+    rng = np.random.default_rng(5)
+    rows, cols = 240, 320
+    place = rng.uniform(-0.5, cols - 0.6, (rows, cols)), rng.uniform(-0.5, rows - 0.6, (rows, cols))
+    for text in ("gray", "binary"):
+        shown = sequence(text, rows, cols)
+        found = decode(_shoot(shown, place, 8.0), shown)
+        outside = np.abs(found.u - place[0])[found.good] > 0.5
+        stated = float(np.mean(np.asarray(found.order_error)[found.good]))
+        counting = math.sqrt(max(stated, 1 / outside.size) / outside.size)
+        yield Figure(f"{text}, rms(error) / sigma", rms(_score(found, place)), low=0.95, high=1.05)
+        more = (float(outside.mean()) - stated) / counting
+        name = f"{text}, cells without the truth beyond those stated"
+        yield Figure(name, more, "deviations", high=COUNTED, note=f"{outside.mean():.1e} and {stated:.1e}")
+
+
+def _responses() -> Iterator[Figure]:
+    """Errors with gamma and clipping handled, over those without them."""
+    place = _scene()
+    shown = sequence("gray+phase", *place[0].shape, steps=8)
+    light = 0.5 + 0.5 * _light(shown, *place)
+    noise = np.random.default_rng(2).standard_normal(light.shape)
+
+    def error(levels: F64, response: Response | None, top: float) -> float:
+        frames = np.clip(np.rint(levels + noise), 0, top).astype(np.uint8 if top == 255 else np.uint16)
+        kind = {"response": response, "weigh_samples": True} if response else {"white_level": top}
+        found = decode(frames, shown, on_cells=False, **kind)
+        return rms((found.u - place[0])[found.good])
+
+    plain = error(10 + 230 * light, None, 255.0)
+    bent = error(10 + 230 * light**2.2, _bent(), 255.0)
+    yield Figure("error with gamma 2.2, inverted, over that without", bent / plain, high=1.5)
+    bright = 10 + 290 * light
+    clipped, whole = error(bright, None, 255.0), error(bright, None, 65535.0)
+    yield Figure("error with levels up to 300 clipped at 255, over that without", clipped / whole, high=1.5)
+
+
+def _bent() -> Response:
+    """Of a camera that gives 10 + 230 of shown^2.2."""
+    shown = np.linspace(0, 255, 256)
+    return Response.from_table(shown, 10 + 230 * (shown / 255) ** 2.2)
