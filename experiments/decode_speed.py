@@ -38,6 +38,7 @@ __all__ = ["run_decode_figures"]
 
 Stack = NDArray[np.uint8]
 F64 = NDArray[np.float64]
+Measure = Callable[[tuple[int, int]], Iterator[Figure]]
 SIZE = (1080, 1920)
 #: Turns; those beside others, and calls in a row in each of these, as in a series of captures.
 REPEATS, PEER_REPEATS, IN_A_ROW = 12, 3, 3
@@ -68,7 +69,8 @@ def run_decode_figures(
     parts: of PARTS; all but "fringes" and "first calls", which compile for long, are done in no time.
     "errors" are those of images of their own sizes.
     """
-    every = dict(zip(PARTS, (_phase, _fringes, _gray, _starts, decode_errors), strict=True))
+    measure: tuple[Measure, ...] = (_phase, _fringes, _gray, _starts, decode_errors)
+    every = dict(zip(PARTS, measure, strict=True))
     figures: list[Figure] = []
     for done, name in enumerate(parts):
         if name not in every:
