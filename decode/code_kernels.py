@@ -280,6 +280,7 @@ def _odd(
     """far = 1 where sums of bit and inverse differ, or a level lies outside black and white."""
     for x in range(n):
         noise = SIX * np.sqrt(read2 + gain * middle[x])
+        # 0 where no bit is without its inverse
         outside = (most[x] > _ZERO) & (most[x] > (_ONE + beyond) * half[x] + noise)
         odd = uneven(high[x] - low[x], half[x], noise) | outside
         far[x] = _ONE if odd else far[x]

@@ -1,6 +1,7 @@
 """The decoder's errors beside what noise allows: bounds, orders, error bars, responses.
 
-Frames are made in float64 from the definitions of the codes.
+Light is computed in float64 from the definitions of the codes, without any of the package's tables; bounds
+and orders are of levels that are not rounded, the rest of whole ones.
 """
 
 import math
@@ -29,7 +30,7 @@ COUNTED = 3.0
 
 
 def decode_errors(_: tuple[int, int] = PIXELS) -> Iterator[Figure]:
-    """All of them, of images of their own sizes."""
+    """Figures of all parts, of images of their own sizes whatever size is asked for."""
     for part in (_bound, _orders, _doubt, _coverage, _cells, _responses):
         yield from part()
 
@@ -58,11 +59,11 @@ def _fringes(counts: tuple[int, ...], steps: int, extent: int = EXTENT) -> Seque
     return Sequence(frames, 1, extent)
 
 
-def _along_u(shown: Sequence, noise: float, amplitude: float = AMPLITUDE) -> tuple[Correspondence, F64]:
+def _along_u(shown: Sequence, noise: float) -> tuple[Correspondence, F64]:
     """Of places all over the middle of the surface, levels that are not rounded: decoded, and their truth."""
     rng = np.random.default_rng(1)
     u = rng.uniform(0.05 * shown.cols, 0.95 * shown.cols, PIXELS)
-    frames = OFFSET + amplitude * _light(shown, u, u)
+    frames = OFFSET + AMPLITUDE * _light(shown, u, u)
     frames += noise * rng.standard_normal(frames.shape)
     return decode(frames, shown, noise=noise, white_level=1e9, on_cells=False), u
 
