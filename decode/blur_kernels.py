@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .fit_kernels import linear_level, phase_of
+from .fit_kernels import linear_level
 from .jit import apart_kernel, asked_by, inline_kernel, leaf_kernel, outer_kernel
+from .phase_kernels import phase_of
 from .select_kernels import least
 from .wave_kernels import cosine_sine
 

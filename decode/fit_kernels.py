@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .jit import apart_kernel, leaf_kernel, pasted_kernel
+from .phase_kernels import phase_of
 
-__all__ = ["TINY", "TURN2", "fit_tile", "highest", "linear_level", "phase_of", "quarter_sums"]
+__all__ = ["TURN2", "fit_tile", "highest", "linear_level", "quarter_sums"]
 
 Array = NDArray[Any]
 
@@ -20,36 +21,6 @@ TURN2 = np.float32(1 / (2 * np.pi) ** 2)
 _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 _HALF, _QUARTER = np.float32(0.5), np.float32(0.25)
 TINY = np.float32(1e-20)
-#: arctan(t) / (2 pi) = t (A1 + A3 t^2 + ...) on [0, 1] with the least largest error, by Remez' exchange.
-_A1, _A3, _A5, _A7 = (np.float32(a) for a in (0.15915483736, -0.05304612135, 0.03174594929, -0.02213628934))
-_A9, _A11, _A13 = (np.float32(a) for a in (0.01534607289, -0.00889876878, 0.00347962469))
-_A15 = np.float32(-0.00064531073)
-
-
-@pasted_kernel
-def _arctangent(t: Any) -> Any:
-    """arctan(t) / (2 pi) for t in [0, 1]; error below 6e-9 turns, before rounding. In pairs (Estrin): one sum
-    after the other is what a processor would wait for."""
-    q = t * t
-    square = q * q
-    low = (_A1 + _A3 * q) + square * (_A5 + _A7 * q)
-    high = (_A9 + _A11 * q) + square * (_A13 + _A15 * q)
-    return t * (low + square * square * high)
-
-
-@pasted_kernel
-def phase_of(c: Any, s: Any) -> Any:
-    """Phase of (c, s) in turns, and 1 / (c^2 + s^2). One division serves both: it is what costs."""
-    power = c * c + s * s
-    abs_c, abs_s = abs(c), abs(s)
-    swap = abs_s > abs_c
-    high = abs_s if swap else abs_c
-    low = abs_c if swap else abs_s
-    inverse = _ONE / (power * high + TINY)
-    turn = _arctangent(low * power * inverse)
-    turn = _QUARTER - turn if swap else turn
-    turn = _HALF - turn if c < _ZERO else turn
-    return (-turn if s < _ZERO else turn), high * inverse
 
 
 @leaf_kernel
@@ -146,13 +117,13 @@ def _fit_four(
             ax += a[x]
             cx += c[x]
             sx += s[x]
-        turn, inverse = phase_of(cx, sx)
+        turn, _, inverse = phase_of(cx, sx)
         level = ax if ax > _ZERO else _ZERO
         a[x] = ax
         c[x] = cx
         s[x] = sx
         turns[x] = turn
-        variance[x] = (of_read + of_level * level) * inverse + TINY
+        variance[x] = (of_read + of_level * level) * (inverse * inverse) + TINY
         misfit[x] = contrast * contrast
     return clipped
 
@@ -170,9 +141,16 @@ def _quarter_fit(f0: Any, f1: Any, f2: Any, f3: Any, of_read: Any, of_level: Any
     """A, c, s, phase in turns, its variance, squared contrast of quarter_sums. Variance: see _fit_four."""
     total, twice_c, twice_s, both = quarter_sums(f0, f1, f2, f3)
     a, c, s = _QUARTER * total, _HALF * twice_c, _HALF * twice_s
-    turn, inverse = phase_of(c, s)
+    turn, _, inverse = phase_of(c, s)
     level = a if a > _ZERO else _ZERO
-    return a, c, s, turn, (of_read + of_level * level) * inverse + TINY, (_HALF * both) * (_HALF * both)
+    return (
+        a,
+        c,
+        s,
+        turn,
+        (of_read + of_level * level) * (inverse * inverse) + TINY,
+        (_HALF * both) * (_HALF * both),
+    )
 
 
 @pasted_kernel

@@ -12,15 +12,17 @@ from .unwrap_kernels import UNKNOWN
 __all__ = [
     "MOVED",
     "add_doubt",
+    "beyond_pattern",
     "code_tile_flags",
     "either",
     "finest_tile",
     "flag_fit",
     "merge_rows",
     "outlier_rows",
+    "seen_limits",
     "why_cell",
     "why_misread",
-    "why_placed",
+    "why_order",
     "why_seen",
 ]
 
@@ -70,7 +72,7 @@ def finest_tile(
     ORDER_DOUBTFUL: periods disagree, an order is improbable, or code and fringe lie apart;
     OFF_PATTERN: beyond the border by more than half a pixel and 3 sigma; INVALID: no number.
     """
-    limits = camera.read2, camera.gain, (camera.dark, camera.scale, worst), (disagreement, reach, extent)
+    limits = camera.read2, camera.gain, seen_limits(camera, worst), (disagreement, reach, extent)
     fitted, told = (fit[0], fit[1], fit[2], variance, misfit), (agreement, doubt, gap, place, spread)
     end = first + n
     flags, amplitude = shared.flat_flags[0, first:end], shared.flat_amplitude[0, first:end]
@@ -89,25 +91,44 @@ def either(one: Any, other: Any) -> Any:
 
 
 @pasted_kernel
-def why_seen(limits: Any, power: Any, noise: Any, mean: Any, variance: Any, misfit: Any) -> Any:
-    """Flags of a fit: squared amplitude, a sample's variance, offset, the phase's variance, misfit."""
-    black, scale, worst = limits
-    low = scale * power < _LEAST_CONTRAST2 * noise
-    dark = low & ((mean < black) | (mean * mean < _FOUR * _LEAST_CONTRAST2 * noise))
-    contrast = (_LOW if low else _NONE) | (_DARK if dark else _NONE)
+def seen_limits(camera: Camera, worst: Any) -> Any:
+    """What why_seen is told."""
+    low = _LEAST_CONTRAST2 / camera.scale
+    return low, camera.dark * camera.dark, _FOUR * _LEAST_CONTRAST2, worst
+
+
+@pasted_kernel
+def why_seen(limits: Any, power: Any, noise: Any, level: Any, variance: Any, misfit: Any) -> Any:
+    """Flags of a fit: squared amplitude, a sample's variance, offset (not below 0), the phase's variance,
+    misfit."""
+    low, black2, dark, worst = limits
+    lit = level * level >= (black2 if black2 > dark * noise else dark * noise)
+    contrast = (_LOW if lit else _LOW | _DARK) if power < low * noise else _NONE
     lost = _SATURATED if variance > _UNKNOWN else _NONE
     return contrast | lost | (MOVED if misfit > worst * noise else _NONE)
 
 
 @pasted_kernel
-def why_placed(limits: Any, agreement: Any, doubt: Any, gap: Any, place: Any, spread: Any) -> Any:
+def why_order(wrong: Any, off: Any) -> Any:
+    """Flags of a pixel's place."""
+    return (_ORDER if wrong else _NONE) | (_OFF if off else _NONE)
+
+
+@pasted_kernel
+def beyond_pattern(extent: Any, place: Any) -> Any:
+    """Distance from the border, negative within."""
+    return abs(place - _HALF * (extent - _ONE)) - _HALF * extent
+
+
+@pasted_kernel
+def _why_placed(limits: Any, agreement: Any, doubt: Any, gap: Any, place: Any, spread: Any) -> Any:
     """Flags of a pixel's place: what orders told, and its variance."""
     disagreement, reach, extent = limits
     wrong = (agreement > disagreement) | (doubt > _DOUBT) | (gap > reach)
-    beyond = abs(place - _HALF * (extent - _ONE)) - _HALF * extent
+    beyond = beyond_pattern(extent, place)
     off = (beyond > _HALF) & (beyond * beyond > _THREE * _THREE * spread)
     fine = (abs(place) < _INF) & (spread < _INF)
-    return (_ORDER if wrong else _NONE) | (_OFF if off else _NONE) | (_NONE if fine else _INVALID)
+    return why_order(wrong, off) | (_NONE if fine else _INVALID)
 
 
 @apart_kernel
@@ -126,10 +147,10 @@ def _store_finest(
     agreement, doubt, gap, place, spread = told
     read2, gain, of_fit, of_place = limits
     for x in range(n):
-        noise = read2 + gain * (a[x] if a[x] > _ZERO else _ZERO)
-        power = c[x] * c[x] + s[x] * s[x]
-        seen = why_seen(of_fit, power, noise, a[x], variance[x], misfit[x])
-        lies = why_placed(of_place, agreement[x], doubt[x], gap[x], place[x], spread[x])
+        level = a[x] if a[x] > _ZERO else _ZERO
+        noise, power = read2 + gain * level, c[x] * c[x] + s[x] * s[x]
+        seen = why_seen(of_fit, power, noise, level, variance[x], misfit[x])
+        lies = _why_placed(of_place, agreement[x], doubt[x], gap[x], place[x], spread[x])
         flags[x] = why[x] | seen | lies
         amplitude[x] = np.sqrt(power)
         offset[x] = a[x]
@@ -152,12 +173,12 @@ def _merge_finest(
     agreement, doubt, gap, place, spread = told
     read2, gain, of_fit, of_place = limits
     for x in range(n):
-        noise = read2 + gain * (a[x] if a[x] > _ZERO else _ZERO)
-        power = c[x] * c[x] + s[x] * s[x]
+        level = a[x] if a[x] > _ZERO else _ZERO
+        noise, power = read2 + gain * level, c[x] * c[x] + s[x] * s[x]
         height = np.sqrt(power)
         wrong = doubt[x] if doubt[x] < _ONE else _ONE
-        seen = why_seen(of_fit, power, noise, a[x], variance[x], misfit[x])
-        lies = why_placed(of_place, agreement[x], doubt[x], gap[x], place[x], spread[x])
+        seen = why_seen(of_fit, power, noise, level, variance[x], misfit[x])
+        lies = _why_placed(of_place, agreement[x], doubt[x], gap[x], place[x], spread[x])
         flags[x] |= why[x] | seen | lies
         amplitude[x] = height if height < amplitude[x] else amplitude[x]
         offset[x] = _HALF * (offset[x] + a[x])

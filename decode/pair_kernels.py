@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .fit_kernels import TINY, TURN2, highest, phase_of, quarter_sums
-from .flag_kernels import MOVED, add_doubt, why_placed, why_seen
+from .fit_kernels import TURN2, highest, quarter_sums
+from .flag_kernels import MOVED, add_doubt, beyond_pattern, seen_limits, why_order, why_seen
 from .jit import apart_kernel, leaf_kernel, pasted_kernel
+from .phase_kernels import phase_of
 from .records import AxisRecord, Camera, FringeRecord
 from .unwrap_kernels import CERTAIN, beside
 
@@ -20,7 +21,7 @@ __all__ = ["highest_of", "merge_pair", "order_pair", "pair_of", "store_pair"]
 
 Array = NDArray[Any]
 _ZERO, _ONE, _TWO, _FOUR = np.float32(0), np.float32(1), np.float32(2), np.float32(4)
-_QUARTER, _HALF, _NONE = np.float32(0.25), np.float32(0.5), np.int32(0)
+_QUARTER, _HALF, _THREE, _NONE = np.float32(0.25), np.float32(0.5), np.float32(3), np.int32(0)
 
 
 @apart_kernel
@@ -41,45 +42,53 @@ def highest_of(n: int, frames: Array, index: Array, first: int) -> Any:
 
 @pasted_kernel
 def pair_of(camera: Camera, fringes: FringeRecord, axis: AxisRecord) -> Any:
-    """What store_pair and merge_pair are told, and order_pair. Amplitudes and offsets are not divided by 2
-    and 4 before they are stored."""
+    """What store_pair and merge_pair are told, and order_pair. Offsets, amplitudes and misfits are four
+    times, twice and twice what they are until they are stored."""
     coarse, fine, extent = fringes.periods[0], fringes.periods[1], np.float32(axis.extent)
-    read2, gain, quad = camera.read2, camera.gain, fringes.quad
-    of_coarse = _FOUR * (read2 * quad[0, 0, 0] * TURN2), gain * quad[0, 1, 0] * TURN2, coarse * coarse
-    of_fine = _FOUR * (read2 * quad[1, 0, 0] * TURN2), gain * quad[1, 1, 0] * TURN2, fine * fine
-    seen = camera.dark, _QUARTER * camera.scale, _FOUR * fringes.misfit[1]
-    middle, lies = _HALF * (extent - _ONE) / coarse, (_ZERO, fringes.reach, extent)
+    low, black2, dark, worst = seen_limits(camera, _FOUR * fringes.misfit[1])
+    seen = _FOUR * low, black2, dark, worst
+    # a phase has the variance 2 / (4 B^2) of a sample's
+    of_coarse, of_fine = (_TWO * TURN2) * (coarse * coarse), (_TWO * TURN2) * (fine * fine)
+    middle, close = _HALF * (extent - _ONE), (-_TWO / fine, CERTAIN / (fine * fine))
     return (
-        (read2, _QUARTER * gain, of_coarse, of_fine, _FOUR * fringes.misfit[0], seen),
-        (coarse, fine, middle, fringes.disagreement, lies),
+        (camera.read2, _QUARTER * camera.gain, of_coarse, of_fine, _FOUR * fringes.misfit[0], seen),
+        (
+            coarse,
+            fine,
+            _HALF * (extent - _ONE),
+            _ONE / coarse,
+            _ONE / fine,
+            close,
+            fringes.disagreement,
+            extent,
+        ),
     )
 
 
 @pasted_kernel
-def _phase(f0: Any, f1: Any, f2: Any, f3: Any, read2: Any, gain: Any, of_turns: Any) -> Any:
-    """Of four levels: 4 A, four times the squared amplitude and contrast (see quarter_sums), a sample's
+def _phase(f0: Any, f1: Any, f2: Any, f3: Any, read2: Any, gain: Any, of_place: Any) -> Any:
+    """Of four levels: 4 A, 2 B, its square, the squared contrast that is left (see quarter_sums), a sample's
     variance, turns, and the variance of the place in the period."""
-    total, c, s, both = quarter_sums(f0, f1, f2, f3)
-    turn, inverse = phase_of(c, s)
-    level = total if total > _ZERO else _ZERO
-    # the products of fit_kernels and unwrap_kernels, as answers are to be the same to the last bit
-    variance = (of_turns[0] + of_turns[1] * level) * inverse + TINY
-    return total, c * c + s * s, both * both, read2 + gain * level, turn, variance * of_turns[2]
+    total, c, s, rest = quarter_sums(f0, f1, f2, f3)
+    turn, power, root = phase_of(c, s)
+    noise = read2 + gain * total
+    return total, power * root, power, rest * rest, noise, turn, noise * (of_place * (root * root))
 
 
 @pasted_kernel
 def _phases(i0: Any, i1: Any, i2: Any, i3: Any, k0: Any, k1: Any, k2: Any, k3: Any, limits: Any) -> Any:
-    """Of raw levels of the coarse and of the fine period: turns and variance of either, flags, and 4 A and
-    the squared 2 B of the fine one."""
+    """Of raw levels of the coarse and of the fine period: turns and variance of either, flags, and A and B of
+    the fine one."""
     read2, gain, of_coarse, of_fine, worst, seen = limits
-    _, _, left, rough, about, before = _phase(
+    _, _, _, left, rough, about, before = _phase(
         *(np.float32(i0), np.float32(i1), np.float32(i2), np.float32(i3), read2, gain, of_coarse)
     )
-    total, power, misfit, noise, turn, own = _phase(
+    total, height, power, misfit, noise, turn, own = _phase(
         *(np.float32(k0), np.float32(k1), np.float32(k2), np.float32(k3), read2, gain, of_fine)
     )
-    why = why_seen(seen, power, noise, _QUARTER * total, _ZERO, misfit)
-    return about, before, turn, own, why | (MOVED if left > worst * rough else _NONE), total, power
+    level = _QUARTER * total
+    why = why_seen(seen, power, noise, level, _ZERO, misfit)
+    return about, before, turn, own, why | (MOVED if left > worst * rough else _NONE), level, _HALF * height
 
 
 @apart_kernel
@@ -108,10 +117,9 @@ def store_pair(
     k0, k1 = frames[index[1, 0], 0, first:end], frames[index[1, 1], 0, first:end]
     k2, k3 = frames[index[1, 2], 0, first:end], frames[index[1, 3], 0, first:end]
     for x in range(n):
-        about[x], before[x], turns[x], spread[x], flags[x], total, power = _phases(
+        about[x], before[x], turns[x], spread[x], flags[x], offset[x], amplitude[x] = _phases(
             i0[x], i1[x], i2[x], i3[x], k0[x], k1[x], k2[x], k3[x], limits
         )
-        amplitude[x], offset[x] = _HALF * np.sqrt(power), _QUARTER * total
         order_error[x] = _ZERO
 
 
@@ -137,24 +145,23 @@ def merge_pair(
     k0, k1 = frames[index[1, 0], 0, first:end], frames[index[1, 1], 0, first:end]
     k2, k3 = frames[index[1, 2], 0, first:end], frames[index[1, 3], 0, first:end]
     for x in range(n):
-        about[x], before[x], turns[x], spread[x], why, total, power = _phases(
+        about[x], before[x], turns[x], spread[x], why, level, height = _phases(
             i0[x], i1[x], i2[x], i3[x], k0[x], k1[x], k2[x], k3[x], limits
         )
-        height = _HALF * np.sqrt(power)
         flags[x] |= why
         amplitude[x] = height if height < amplitude[x] else amplitude[x]
-        offset[x] = _HALF * (offset[x] + _QUARTER * total)
+        offset[x] = _HALF * (offset[x] + level)
 
 
 @pasted_kernel
 def _place(limits: Any, about: Any, before: Any, turns: Any, spread: Any) -> Any:
     """Of a pixel's phases: its place, how far it lies from the coarse period's, the variance of that, and
     whether another order is nearly as good."""
-    coarse, fine, middle, _, _ = limits
-    rough = coarse * (about + np.rint(middle - about))
-    place = fine * (turns + np.rint(rough * (_ONE / fine) - turns))
+    coarse, fine, middle, over_coarse, over_fine, (step_over, most), _, _ = limits
+    rough = coarse * (about + np.rint(middle * over_coarse - about))
+    place = fine * (turns + np.rint(rough * over_fine - turns))
     step, both = abs(place - rough), before + spread
-    return place, step, both, fine * (fine - _TWO * step) < CERTAIN * both
+    return place, step, both, _ONE + step_over * step < most * both
 
 
 @apart_kernel
@@ -171,13 +178,15 @@ def _order(
     flags: Array,
 ) -> bool:
     """Whether any orders are close."""
-    (_, _, _, most, lies), close = limits, _ZERO
+    most, extent, close = limits[6], limits[7], _ZERO
     for x in range(n):
         place, step, both, near = _place(limits, about[x], before[x], turns[x], spread[x])
         error = np.sqrt(spread[x])
+        error = error if error > floor else floor
         close += _ONE if near else _ZERO
-        flags[x] |= why_placed(lies, step * step - most * both, _ZERO, _ZERO, place, spread[x])
-        coord[x], sigma[x] = place, error if error > floor else floor
+        surely = _THREE * error if _THREE * error > _HALF else _HALF
+        flags[x] |= why_order(step * step > most * both, beyond_pattern(extent, place) > surely)
+        coord[x], sigma[x] = place, error
     return bool(close > _ZERO)
 
 

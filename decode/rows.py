@@ -282,6 +282,7 @@ def _source(wanted: Plan, code: Code) -> int:
 def _fringe_record(job: Job, sequence: Sequence, axis: AxisPlan, tables: Tables) -> FringeRecord:
     arrays, linear = axis_arrays(sequence, axis.axis), not len(job.lut)
     alone = axis.code is None and axis.fringes[0].period >= axis.extent
+    whole = job.frames.dtype.kind == "u"  # and no sum of them is beyond numbers
     two = len(arrays.periods) == 2 and bool(MUCH_FINER * arrays.periods[1] < arrays.periods[0])
     return FringeRecord(
         samples=arrays.count,
@@ -296,7 +297,7 @@ def _fringe_record(job: Job, sequence: Sequence, axis: AxisPlan, tables: Tables)
         periods=arrays.periods,
         misfit=arrays.misfit.astype(F32),
         searched=None if alone or axis.code is not None else True,
-        pair=True if alone and two and arrays.quarters.all() and linear else None,
+        pair=True if alone and two and arrays.quarters.all() and linear and whole else None,
         reach=F32(_reach(axis)),
         disagreement=F32(chi_squared_limit(len(axis.fringes) - 1)),
         shown=tables.kernel,

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .fit_kernels import phase_of
 from .jit import apart_kernel, inline_kernel, leaf_kernel
+from .phase_kernels import phase_of
 
 __all__ = ["PLACES", "likely_place", "read_as"]
 
@@ -65,7 +65,7 @@ def _add_period(
             real[i] += both * cosine[i]
             imag[i] += odd * sine[i]
     for i in range(PLACES):
-        turn, _ = phase_of(real[i], imag[i])
+        turn, _, _ = phase_of(real[i], imag[i])
         power = weight * (real[i] * real[i] + imag[i] * imag[i])
         error[i] += power * period * turn
         whole[i] += power

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .fit_kernels import phase_of
 from .jit import apart_kernel, asked_by, leaf_kernel, outer_kernel
+from .phase_kernels import phase_of
 from .wave_kernels import cosine_sine
 
 __all__ = ["LEVEL", "LINES", "prepare", "swing"]
