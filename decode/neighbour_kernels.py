@@ -21,6 +21,8 @@ Array = NDArray[Any]
 _BOX = np.float32(1 / 24)
 #: A second difference counts above so many sigma: four times its own noise.
 _BENT = np.float32(14.0)
+#: Pixels among which bends are looked for: where one is, all of them are worked out.
+_TOGETHER = 128
 #: Change of a coordinate over two pixels from which on it may be too steep, in distances of an outlier (0.4
 #: periods), and how many times that is; share of the contrast around that is left of a fringe of which most
 #: of a period lies on a pixel.
@@ -97,10 +99,17 @@ def _bend_rows(
         if fresh:
             _keep(coord[down], kept[down % ring])
         near = kept[up % ring, :cols], kept[row % ring, :cols], kept[down % ring, :cols]
-        inner = 0 < row < rows - 1
-        if not _any_bend(least, near, sigma[row]):  # as a rule
-            continue
-        astray, steep = _bend(inner, least, near, flags[up], flags[row], flags[down], sigma[row])
+        inner, bad, spread = 0 < row < rows - 1, (flags[up], flags[row], flags[down]), sigma[row]
+        astray, steep = False, False
+        for first in range(0, cols - 2, _TOGETHER):
+            part = slice(first, min(first + _TOGETHER + 2, cols))
+            beside = near[0][part], near[1][part], near[2][part]
+            if _any_bend(least, beside, spread[part]):  # as a rule not
+                why = bad[0][part], bad[1][part], bad[2][part]
+                strays, climbs = _bend(inner, least, beside, why, spread[part])
+                astray, steep = astray or strays, steep or climbs
+        if _bend_ends(inner, least, near, bad, spread):
+            astray = True
         if astray:
             _strays(least, near, flags[up], flags[row], flags[down])
         if steep:
@@ -135,28 +144,19 @@ def _widened(spread: Any, bend: Any) -> Any:
 
 @apart_kernel
 def _any_bend(least: Any, near: tuple[Array, Array, Array], spread: Array) -> bool:
-    """Whether _bend has anything to tell of a row, were all of its pixels good; so it has of no numbers."""
+    """Whether _bend has anything to tell, were all pixels good; so it has of no numbers."""
     above, here, below = near
-    last, far, wide = len(here) - 1, _TWO * least, _STEEP * least
+    far, wide = _TWO * least, _STEEP * least
     left, middle, right, up, down, own = here[:-2], here[1:], here[2:], above[1:], below[1:], spread[1:]
     found = _ZERO
-    for x in range(last - 1):
+    for x in range(len(here) - 2):
         bend = abs((left[x] - middle[x]) + (right[x] - middle[x]))
         bend += abs((up[x] - middle[x]) + (down[x] - middle[x]))
         step, other = abs(right[x] - left[x]), abs(down[x] - up[x])
         limit = _BENT * own[x]
         calm = bend <= (limit if limit < far else far)
         found += _ZERO if calm & ((step if step > other else other) <= wide) else _ONE
-    at_start = _end_bends(far, above[0], here[0], below[0], spread[0])
-    return (
-        bool(found > _ZERO) or at_start or _end_bends(far, above[last], here[last], below[last], spread[last])
-    )
-
-
-@leaf_kernel
-def _end_bends(far: Any, above: Any, here: Any, below: Any, spread: Any) -> bool:
-    """_any_bend at an end of the row."""
-    return not abs((above - here) + (below - here)) <= min(_BENT * spread, far)
+    return bool(found > _ZERO)
 
 
 @apart_kernel
@@ -164,20 +164,18 @@ def _bend(
     inner: bool,
     least: Any,
     near: tuple[Array, Array, Array],
-    bad_above: Array,
-    bad: Array,
-    bad_below: Array,
+    bad: tuple[Array, Array, Array],
     spread: Array,
 ) -> tuple[bool, bool]:
-    """One row, in float32 as fringes are decoded; at its two ends only what bends across it. Whether any
-    pixel is far from those above and below, taken together; whether any may be too steep."""
+    """Some pixels of a row between two more, in float32 as fringes are decoded. Whether any is far from those
+    above and below, taken together; whether any may be too steep."""
     above, here, below = near
-    last = len(here) - 1
+    bad_above, bad_here, bad_below = bad
     weight = _ONE if inner else _ZERO
     far, wide = _TWO * least, _STEEP * least
-    left, right, bad_left, bad_right = here[:-2], here[2:], bad[:-2], bad[2:]
+    left, right, bad_left, bad_right = here[:-2], here[2:], bad_here[:-2], bad_here[2:]
     astray, steep = _ZERO, _ZERO
-    for x in range(last - 1):
+    for x in range(len(here) - 2):
         y = x + 1
         middle = here[y]
         along = abs((left[x] - middle) + (right[x] - middle))
@@ -189,12 +187,26 @@ def _bend(
         steep += _ONE if (step > wide) | (other > wide) else _ZERO
         bend = (along if _without(beside, READ) else _ZERO) + (across if _without(over, READ) else _ZERO)
         spread[y] = _widened(spread[y], bend)
-    for x in range(0, last + 1, max(last, 1)):
-        middle = here[x]
-        across = weight * abs((above[x] - middle) + (below[x] - middle))
-        astray += _ONE if across > far else _ZERO
-        spread[x] = _widened(spread[x], across if ((bad_above[x] | bad_below[x]) & READ) == _GOOD else _ZERO)
     return bool(astray > _ZERO), bool(steep > _ZERO)
+
+
+@leaf_kernel
+def _bend_ends(
+    inner: bool,
+    least: Any,
+    near: tuple[Array, Array, Array],
+    bad: tuple[Array, Array, Array],
+    spread: Array,
+) -> bool:
+    """_bend at the two ends of a row, where only what bends across it is known; whether any is far."""
+    above, here, below = near
+    last, astray = len(here) - 1, False
+    for x in range(0, last + 1 if inner else 0, max(last, 1)):
+        across = abs((above[x] - here[x]) + (below[x] - here[x]))
+        astray = astray or across > _TWO * least
+        if ((bad[0][x] | bad[2][x]) & READ) == _GOOD:
+            spread[x] = _widened(spread[x], across)
+    return astray
 
 
 @leaf_kernel

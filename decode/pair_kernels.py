@@ -12,14 +12,17 @@ from numpy.typing import NDArray
 
 from .fit_kernels import TURN2, highest, quarter_sums
 from .flag_kernels import MOVED, add_doubt, beyond_pattern, seen_limits, why_order, why_seen
-from .jit import apart_kernel, leaf_kernel, pasted_kernel
+from .jit import apart_kernel, called_kernel, leaf_kernel, pasted_kernel
 from .phase_kernels import phase_of
 from .records import AxisRecord, Camera, FringeRecord
+from .stream_kernels import ahead
 from .unwrap_kernels import CERTAIN, beside
 
 __all__ = ["highest_of", "merge_pair", "order_pair", "pair_of", "store_pair"]
 
 Array = NDArray[Any]
+#: Pixels between two looks ahead at frames, which go so far: to the next tile.
+_APART = 128
 _ZERO, _ONE, _TWO, _FOUR = np.float32(0), np.float32(1), np.float32(2), np.float32(4)
 _QUARTER, _HALF, _THREE, _NONE = np.float32(0.25), np.float32(0.5), np.float32(3), np.int32(0)
 
@@ -52,16 +55,7 @@ def pair_of(camera: Camera, fringes: FringeRecord, axis: AxisRecord) -> Any:
     middle, close = _HALF * (extent - _ONE), (-_TWO / fine, CERTAIN / (fine * fine))
     return (
         (camera.read2, _QUARTER * camera.gain, of_coarse, of_fine, _FOUR * fringes.misfit[0], seen),
-        (
-            coarse,
-            fine,
-            _HALF * (extent - _ONE),
-            _ONE / coarse,
-            _ONE / fine,
-            close,
-            fringes.disagreement,
-            extent,
-        ),
+        (coarse, fine, middle, _ONE / coarse, _ONE / fine, close, fringes.disagreement, extent),
     )
 
 
@@ -116,11 +110,17 @@ def store_pair(
     i2, i3 = frames[index[0, 2], 0, first:end], frames[index[0, 3], 0, first:end]
     k0, k1 = frames[index[1, 0], 0, first:end], frames[index[1, 1], 0, first:end]
     k2, k3 = frames[index[1, 2], 0, first:end], frames[index[1, 3], 0, first:end]
-    for x in range(n):
-        about[x], before[x], turns[x], spread[x], flags[x], offset[x], amplitude[x] = _phases(
-            i0[x], i1[x], i2[x], i3[x], k0[x], k1[x], k2[x], k3[x], limits
-        )
-        order_error[x] = _ZERO
+    for start in range(0, n, _APART):
+        for y in range(start, start + _APART, 64):
+            for line in (i0, i1, i2, i3, k0, k1, k2, k3):
+                ahead(line, y + n)
+        base = np.uint64(start)
+        for z in range(min(_APART, n - start)):
+            x = base + np.uint64(z)
+            about[x], before[x], turns[x], spread[x], flags[x], offset[x], amplitude[x] = _phases(
+                i0[x], i1[x], i2[x], i3[x], k0[x], k1[x], k2[x], k3[x], limits
+            )
+            order_error[x] = _ZERO
 
 
 @apart_kernel
@@ -144,13 +144,19 @@ def merge_pair(
     i2, i3 = frames[index[0, 2], 0, first:end], frames[index[0, 3], 0, first:end]
     k0, k1 = frames[index[1, 0], 0, first:end], frames[index[1, 1], 0, first:end]
     k2, k3 = frames[index[1, 2], 0, first:end], frames[index[1, 3], 0, first:end]
-    for x in range(n):
-        about[x], before[x], turns[x], spread[x], why, level, height = _phases(
-            i0[x], i1[x], i2[x], i3[x], k0[x], k1[x], k2[x], k3[x], limits
-        )
-        flags[x] |= why
-        amplitude[x] = height if height < amplitude[x] else amplitude[x]
-        offset[x] = _HALF * (offset[x] + level)
+    for start in range(0, n, _APART):
+        for y in range(start, start + _APART, 64):
+            for line in (i0, i1, i2, i3, k0, k1, k2, k3):
+                ahead(line, y + n)
+        base = np.uint64(start)
+        for z in range(min(_APART, n - start)):
+            x = base + np.uint64(z)
+            about[x], before[x], turns[x], spread[x], why, level, height = _phases(
+                i0[x], i1[x], i2[x], i3[x], k0[x], k1[x], k2[x], k3[x], limits
+            )
+            flags[x] |= why
+            amplitude[x] = height if height < amplitude[x] else amplitude[x]
+            offset[x] = _HALF * (offset[x] + level)
 
 
 @pasted_kernel
@@ -215,4 +221,10 @@ def order_pair(
         for x in range(n):
             _, step, both, near = _place(limits, about[x], before[x], turns[x], spread[x])
             if near:
-                add_doubt(x, np.float32(beside(fine, float(step), float(both))), flags, order_error)
+                _doubt(x, fine, step, both, flags, order_error)
+
+
+@called_kernel
+def _doubt(x: int, fine: float, step: Any, both: Any, flags: Array, order_error: Array) -> None:
+    """Called, as a loop into which it is pasted works it out for all pixels."""
+    add_doubt(x, np.float32(beside(fine, float(step), float(both))), flags, order_error)

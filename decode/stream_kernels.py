@@ -55,6 +55,21 @@ def _data(context: Any, builder: Any, kind: Any, array: Any) -> Any:
     return context.make_array(kind)(context, builder, array).data
 
 
+def _ahead_of(typing: Any, line: Any, at: Any) -> Any:
+    """Ask for what is `at` numbers on, without waiting for it."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        data, word, byte = _data(context, builder, line, args[0]), ir.IntType(32), ir.IntType(8).as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
+        fetch = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
+        there = builder.bitcast(builder.gep(data, [args[1]]), byte)
+        builder.call(fetch, [there, *(ir.Constant(word, i) for i in (0, 2, 1))])
+        return context.get_dummy_value()
+
+    return types.void(line, types.intp), generate
+
+
+ahead: Any = intrinsic(_ahead_of)
 _address: Any = intrinsic(_address_of)
 _stream: Any = intrinsic(_stream_of)
 

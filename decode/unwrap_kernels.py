@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import apart_kernel, leaf_kernel
+from .jit import apart_kernel, called_kernel, leaf_kernel
 
 __all__ = ["CERTAIN", "MUCH_FINER", "UNKNOWN", "beside", "search_tile", "sequential_tile"]
 
@@ -167,8 +167,14 @@ def _add_doubt(n: int, near: Array, far: Array, order_error: Array) -> None:
     """Probability that another order is the right one: both neighbours, from chi squared (flat prior)."""
     for x in range(n):
         if near[x] < CERTAIN:
-            other = math.exp(-0.5 * float(near[x])) + math.exp(-0.5 * float(far[x]))
-            order_error[x] += other / (1 + other)
+            order_error[x] += _other(float(near[x]), float(far[x]))
+
+
+@called_kernel
+def _other(near: float, far: float) -> float:
+    """Called, as a loop into which it is pasted works it out for all pixels."""
+    other = math.exp(-0.5 * near) + math.exp(-0.5 * far)
+    return other / (1 + other)
 
 
 @leaf_kernel
