@@ -11,6 +11,8 @@ from numba.core.compiler_machinery import register_pass
 from numba.core.lowering import Lower
 from numba.core.typed_passes import NativeLowering
 
+from .typing_memory import remembering_types
+
 __all__ = [
     "Apart",
     "Usual",
@@ -164,7 +166,7 @@ class _Compiler(Compiler):
     _noalias = False
 
     def compile_extra(self, func: Any) -> Any:
-        with uncollected():
+        with uncollected(), remembering_types():
             return cast(Any, super()).compile_extra(func)
 
     def define_pipelines(self) -> Any:
