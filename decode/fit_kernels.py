@@ -13,14 +13,16 @@ from numpy.typing import NDArray
 from .jit import apart_kernel, leaf_kernel, pasted_kernel
 from .phase_kernels import phase_of
 
-__all__ = ["TURN2", "fit_tile", "highest", "linear_level", "quarter_sums"]
+__all__ = ["OF_QUARTERS", "TINY", "fit_tile", "highest", "linear_level", "quarter_sums"]
 
 Array = NDArray[Any]
 
-TURN2 = np.float32(1 / (2 * np.pi) ** 2)
+_TURN2 = np.float32(1 / (2 * np.pi) ** 2)
 _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 _HALF, _QUARTER = np.float32(0.5), np.float32(0.25)
 TINY = np.float32(1e-20)
+#: Variance of a phase, turns^2, of four samples a quarter apart: times a sample's over B^2.
+OF_QUARTERS = _HALF * _TURN2
 
 
 @leaf_kernel
@@ -123,7 +125,7 @@ def _fit_four(
         c[x] = cx
         s[x] = sx
         turns[x] = turn
-        variance[x] = (of_read + of_level * level) * (inverse * inverse) + TINY
+        variance[x] = (of_read + of_level * level) * inverse + TINY
         misfit[x] = contrast * contrast
     return clipped
 
@@ -137,20 +139,13 @@ def quarter_sums(f0: Any, f1: Any, f2: Any, f3: Any) -> Any:
 
 
 @pasted_kernel
-def _quarter_fit(f0: Any, f1: Any, f2: Any, f3: Any, of_read: Any, of_level: Any) -> Any:
-    """A, c, s, phase in turns, its variance, squared contrast of quarter_sums. Variance: see _fit_four."""
+def _quarter_fit(f0: Any, f1: Any, f2: Any, f3: Any, read2: Any, gain: Any) -> Any:
+    """A, c, s, phase in turns, its variance, squared contrast of quarter_sums."""
     total, twice_c, twice_s, both = quarter_sums(f0, f1, f2, f3)
     a, c, s = _QUARTER * total, _HALF * twice_c, _HALF * twice_s
     turn, _, inverse = phase_of(c, s)
-    level = a if a > _ZERO else _ZERO
-    return (
-        a,
-        c,
-        s,
-        turn,
-        (of_read + of_level * level) * (inverse * inverse) + TINY,
-        (_HALF * both) * (_HALF * both),
-    )
+    noise = read2 + gain * (a if a > _ZERO else _ZERO)
+    return a, c, s, turn, noise * (OF_QUARTERS * inverse) + TINY, (_HALF * both) * (_HALF * both)
 
 
 @pasted_kernel
@@ -168,8 +163,8 @@ def _fit_quarters(
     row: int,
     first: int,
     clip: Any,
-    of_read: Any,
-    of_level: Any,
+    read2: Any,
+    gain: Any,
     a: Array,
     c: Array,
     s: Array,
@@ -186,7 +181,7 @@ def _fit_quarters(
         most = highest(i0[x], i1[x], i2[x], i3[x])
         top = most if most > top else top
         f0, f1, f2, f3 = np.float32(i0[x]), np.float32(i1[x]), np.float32(i2[x]), np.float32(i3[x])
-        a[x], c[x], s[x], turns[x], variance[x], misfit[x] = _quarter_fit(f0, f1, f2, f3, of_read, of_level)
+        a[x], c[x], s[x], turns[x], variance[x], misfit[x] = _quarter_fit(f0, f1, f2, f3, read2, gain)
     return np.float32(top) >= clip
 
 
@@ -249,13 +244,13 @@ def _uneven_variance(
         of_fringe = cx * (cc * c22 + ss * c11 - cs * c12) + sx * (cc * s22 + ss * s11 - cs * s12)
         inverse = _ONE / (cc + ss + TINY)
         spread = read2 * of_read + gain * (ax * of_offset + of_fringe)
-        variance[x] = (spread * inverse * inverse + TINY) * TURN2
+        variance[x] = (spread * inverse * inverse + TINY) * _TURN2
 
 
 @pasted_kernel
 def _variance_of(quad: Array, read2: Any, gain: Any) -> Any:
     """of_read and of_level of _fit_four; quad: see arrays.fringe_arrays."""
-    return read2 * quad[0, 0] * TURN2, gain * quad[1, 0] * TURN2
+    return read2 * quad[0, 0] * _TURN2, gain * quad[1, 0] * _TURN2
 
 
 @leaf_kernel
@@ -278,16 +273,14 @@ def _fit_lines(
     """fit_tile of linear levels."""
     quad, quarters = period[2], period[5]
     a, c, s = sums[0], sums[1], sums[2]
-    of_read, of_level = _variance_of(quad, read2, gain)
     if quarters:
         return bool(
-            _fit_quarters(
-                n, frames, index, row, first, clip, of_read, of_level, a, c, s, turns, variance, misfit
-            )
+            _fit_quarters(n, frames, index, row, first, clip, read2, gain, a, c, s, turns, variance, misfit)
         )
     if unlike is None:
         return False
     solve, model, _, count, even, _ = period
+    of_read, of_level = _variance_of(quad, read2, gain)
     clipped, last = _ZERO, len(index) - 4
     for k in range(0, last, 4):
         clipped += _add_four(n, k == 0, frames, index, k, row, first, solve, clip, a, c, s)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .fit_kernels import TURN2, highest, quarter_sums
+from .fit_kernels import OF_QUARTERS, TINY, highest, quarter_sums
 from .flag_kernels import MOVED, add_doubt, beyond_pattern, seen_limits, why_order, why_seen
 from .jit import apart_kernel, called_kernel, leaf_kernel, pasted_kernel
 from .phase_kernels import phase_of
@@ -50,39 +50,39 @@ def pair_of(camera: Camera, fringes: FringeRecord, axis: AxisRecord) -> Any:
     coarse, fine, extent = fringes.periods[0], fringes.periods[1], np.float32(axis.extent)
     low, black2, dark, worst = seen_limits(camera, _FOUR * fringes.misfit[1])
     seen = _FOUR * low, black2, dark, worst
-    # a phase has the variance 2 / (4 B^2) of a sample's
-    of_coarse, of_fine = (_TWO * TURN2) * (coarse * coarse), (_TWO * TURN2) * (fine * fine)
     middle, close = _HALF * (extent - _ONE), (-_TWO / fine, CERTAIN / (fine * fine))
     return (
-        (camera.read2, _QUARTER * camera.gain, of_coarse, of_fine, _FOUR * fringes.misfit[0], seen),
+        (camera.read2, _QUARTER * camera.gain, coarse * coarse, fine * fine, _FOUR * fringes.misfit[0], seen),
         (coarse, fine, middle, _ONE / coarse, _ONE / fine, close, fringes.disagreement, extent),
     )
 
 
 @pasted_kernel
-def _phase(f0: Any, f1: Any, f2: Any, f3: Any, read2: Any, gain: Any, of_place: Any) -> Any:
-    """Of four levels: 4 A, 2 B, its square, the squared contrast that is left (see quarter_sums), a sample's
+def _phase(f0: Any, f1: Any, f2: Any, f3: Any, read2: Any, gain: Any, square: Any) -> Any:
+    """Of four levels: 4 A, (2 B)^2, the squared contrast that is left (see quarter_sums), a sample's
     variance, turns, and the variance of the place in the period."""
     total, c, s, rest = quarter_sums(f0, f1, f2, f3)
-    turn, power, root = phase_of(c, s)
+    turn, power, inverse = phase_of(c, s)
     noise = read2 + gain * total
-    return total, power * root, power, rest * rest, noise, turn, noise * (of_place * (root * root))
+    # the products of fit_kernels and unwrap_kernels, as answers are to be the same to the last bit
+    variance = noise * (_FOUR * OF_QUARTERS * inverse) + TINY
+    return total, power, rest * rest, noise, turn, variance * square
 
 
 @pasted_kernel
 def _phases(i0: Any, i1: Any, i2: Any, i3: Any, k0: Any, k1: Any, k2: Any, k3: Any, limits: Any) -> Any:
     """Of raw levels of the coarse and of the fine period: turns and variance of either, flags, and A and B of
     the fine one."""
-    read2, gain, of_coarse, of_fine, worst, seen = limits
-    _, _, _, left, rough, about, before = _phase(
-        *(np.float32(i0), np.float32(i1), np.float32(i2), np.float32(i3), read2, gain, of_coarse)
+    read2, gain, coarse2, fine2, worst, seen = limits
+    _, _, left, rough, about, before = _phase(
+        *(np.float32(i0), np.float32(i1), np.float32(i2), np.float32(i3), read2, gain, coarse2)
     )
-    total, height, power, misfit, noise, turn, own = _phase(
-        *(np.float32(k0), np.float32(k1), np.float32(k2), np.float32(k3), read2, gain, of_fine)
+    total, power, misfit, noise, turn, own = _phase(
+        *(np.float32(k0), np.float32(k1), np.float32(k2), np.float32(k3), read2, gain, fine2)
     )
-    level = _QUARTER * total
+    level, height = _QUARTER * total, _HALF * np.sqrt(power)
     why = why_seen(seen, power, noise, level, _ZERO, misfit)
-    return about, before, turn, own, why | (MOVED if left > worst * rough else _NONE), level, _HALF * height
+    return about, before, turn, own, why | (MOVED if left > worst * rough else _NONE), level, height
 
 
 @apart_kernel
