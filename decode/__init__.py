@@ -21,6 +21,7 @@
 | `write_kernels`            | a tile's coordinates and sigmas on their way into the maps                   |
 | `fringe_kernels`           | fringes of a tile, step by step                                              |
 | `fit_kernels`              | fringe fit of a tile                                                         |
+| `phase_kernels`            | phase of cosine and sine                                                     |
 | `pair_kernels`             | two periods of four shifts, fitted, flagged and unwrapped in two loops       |
 | `refit_kernels`            | that again for pixels with clipped samples, or with weighed ones             |
 | `cell_kernels`             | a code of a tile, step by step                                               |
@@ -45,7 +46,7 @@
 | `integrity`                | `check`: swapped, lost, repeated and torn frames, named                      |
 | `code_jumps`, `code_jump_kernels` | bits that are not those described, told by jumps                      |
 | `references`               | how well white and black bound a code's levels                               |
-| `stream_kernels`           | coordinates past the caches into their maps                                  |
+| `stream_kernels`           | coordinates past the caches into their maps, frames ahead into the caches    |
 | `neighbour_kernels`        | what neighbours tell of a pixel: bends, steep maps, rows that stray           |
 | `mixed_kernels`            | footprints part of which sees nothing, beside a hole or at the border        |
 | `survivors`                | pixels that noise let pass where all around them are refused                 |

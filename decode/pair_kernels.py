@@ -21,8 +21,8 @@ from .unwrap_kernels import CERTAIN, beside
 __all__ = ["highest_of", "merge_pair", "order_pair", "pair_of", "store_pair"]
 
 Array = NDArray[Any]
-#: Pixels between two looks ahead at frames, which go so far: to the next tile.
-_APART = 128
+#: Pixels between two looks ahead at frames, and bytes that come at once.
+_APART, _LINE = 128, 64
 _ZERO, _ONE, _TWO, _FOUR = np.float32(0), np.float32(1), np.float32(2), np.float32(4)
 _QUARTER, _HALF, _THREE, _NONE = np.float32(0.25), np.float32(0.5), np.float32(3), np.int32(0)
 
@@ -45,8 +45,8 @@ def highest_of(n: int, frames: Array, index: Array, first: int) -> Any:
 
 @pasted_kernel
 def pair_of(camera: Camera, fringes: FringeRecord, axis: AxisRecord) -> Any:
-    """What store_pair and merge_pair are told, and order_pair. Offsets, amplitudes and misfits are four
-    times, twice and twice what they are until they are stored."""
+    """What store_pair and merge_pair are told, and order_pair. Offsets are four times what they are until
+    they are stored, squared amplitudes and misfits, too."""
     coarse, fine, extent = fringes.periods[0], fringes.periods[1], np.float32(axis.extent)
     low, black2, dark, worst = seen_limits(camera, _FOUR * fringes.misfit[1])
     seen = _FOUR * low, black2, dark, worst
@@ -85,6 +85,15 @@ def _phases(i0: Any, i1: Any, i2: Any, i3: Any, k0: Any, k1: Any, k2: Any, k3: A
     return about, before, turn, own, why | (MOVED if left > worst * rough else _NONE), level, height
 
 
+@pasted_kernel
+def _look_ahead(start: int, n: int, lines: Any) -> None:
+    """What the next tile has where this one, of n pixels, has its next ones: on its way while these are
+    worked on, and not waited for. The processor itself looks a few lines ahead, of a few frames."""
+    for line in lines:
+        for x in range(start, start + _APART, _LINE // line.itemsize):
+            ahead(line, x + n)
+
+
 @apart_kernel
 def store_pair(
     n: int,
@@ -111,9 +120,7 @@ def store_pair(
     k0, k1 = frames[index[1, 0], 0, first:end], frames[index[1, 1], 0, first:end]
     k2, k3 = frames[index[1, 2], 0, first:end], frames[index[1, 3], 0, first:end]
     for start in range(0, n, _APART):
-        for y in range(start, start + _APART, 64):
-            for line in (i0, i1, i2, i3, k0, k1, k2, k3):
-                ahead(line, y + n)
+        _look_ahead(start, n, (i0, i1, i2, i3, k0, k1, k2, k3))
         base = np.uint64(start)
         for z in range(min(_APART, n - start)):
             x = base + np.uint64(z)
@@ -145,9 +152,7 @@ def merge_pair(
     k0, k1 = frames[index[1, 0], 0, first:end], frames[index[1, 1], 0, first:end]
     k2, k3 = frames[index[1, 2], 0, first:end], frames[index[1, 3], 0, first:end]
     for start in range(0, n, _APART):
-        for y in range(start, start + _APART, 64):
-            for line in (i0, i1, i2, i3, k0, k1, k2, k3):
-                ahead(line, y + n)
+        _look_ahead(start, n, (i0, i1, i2, i3, k0, k1, k2, k3))
         base = np.uint64(start)
         for z in range(min(_APART, n - start)):
             x = base + np.uint64(z)

@@ -1,7 +1,9 @@
-"""Compiled: coordinates on their way past the caches, for maps that nothing reads again soon.
+"""Compiled: coordinates on their way past the caches, for maps that nothing reads again soon, and frames on
+their way into them.
 
 What is written the usual way is read first, as a cache holds whole lines only: half the way to memory and
-back, and what was there makes room. LLVM knows of such stores, numba has no word for them.
+back, and what was there makes room. LLVM knows of such stores, and of what is to be read ahead; numba has no
+word for them.
 """
 
 from typing import Any
@@ -14,12 +16,14 @@ from numpy.typing import NDArray
 
 from .jit import leaf_kernel
 
-__all__ = ["stream_widened"]
+__all__ = ["ahead", "stream_widened"]
 
 Array = NDArray[Any]
 
 #: Numbers that are stored at once, and their bytes.
 _LANES, _LINE = 8, 64
+#: To llvm.prefetch: to be read, from the second-level cache on, data.
+_TO_READ = 0, 2, 1
 
 
 def _address_of(typing: Any, array: Any) -> Any:
@@ -56,14 +60,14 @@ def _data(context: Any, builder: Any, kind: Any, array: Any) -> Any:
 
 
 def _ahead_of(typing: Any, line: Any, at: Any) -> Any:
-    """Ask for what is `at` numbers on, without waiting for it."""
+    """Ask for what is `at` numbers on, even beyond the end; nothing waits for it."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         data, word, byte = _data(context, builder, line, args[0]), ir.IntType(32), ir.IntType(8).as_pointer()
         kind = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
         fetch = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
         there = builder.bitcast(builder.gep(data, [args[1]]), byte)
-        builder.call(fetch, [there, *(ir.Constant(word, i) for i in (0, 2, 1))])
+        builder.call(fetch, [there, *(ir.Constant(word, i) for i in _TO_READ)])
         return context.get_dummy_value()
 
     return types.void(line, types.intp), generate

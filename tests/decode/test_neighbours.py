@@ -9,6 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, Flag, decode
+from optolever.decode.records import Near
+from optolever.decode.rows import Maps, near_step
 from optolever.decode.survey import steps
 from optolever.decode.survivors import flag_survivors
 from optolever.patterns import Sequence, sequence, sequence_from_text
@@ -115,6 +117,47 @@ def test_folds_widen_sigma(shoot: Callable[..., NDArray[Any]]) -> None:
     shown = sequence("phase", 60, 150, steps=4)
     found = decode(footprints(shown, u, row, noise=0.3), shown)
     assert silent(found, centres(u), centres(row)) <= 1e-4
+
+
+@pytest.mark.parametrize("cols", [1, 2, 3, 129, 130, 131, 300])
+def test_every_bend_widens_sigma(cols: int) -> None:
+    """Rare ones, wherever they lie in a row, against all second differences by NumPy (on whole eighths, which
+    float32 holds)."""
+    rng, rows = np.random.default_rng(cols), 40
+    maps = Maps((rows, cols), {"u"})
+    maps.coord["u"][...] = np.arange(cols) + np.where(
+        rng.random((rows, cols)) < max(0.02, 0.3 / cols), 4.625, 0.125
+    )
+    sigma = rng.uniform(0.05, 0.3, (rows, cols)).astype(np.float32)
+    maps.sigma["u"][...], maps.flags[...] = sigma, 0
+    maps.amplitude[...], maps.offset[...], maps.order_error[...] = 60, 100, 0
+    near_step(near_alone(maps, least=1e6), maps)(0, rows)
+
+    u, bend = maps.coord["u"], np.zeros((rows, cols))
+    bend[:, 1:-1] += np.abs(u[:, :-2] - 2 * u[:, 1:-1] + u[:, 2:])
+    bend[1:-1] += np.abs(u[:-2] - 2 * u[1:-1] + u[2:])
+    bend[[0, -1], :: max(cols - 1, 1)] = 0
+    wider = np.where(bend > 14 * sigma, np.hypot(sigma, bend / 24), sigma)
+    np.testing.assert_allclose(maps.sigma["u"], wider, rtol=1e-6)
+    assert (wider > sigma).any()
+
+
+def near_alone(maps: Maps, least: float) -> Near:
+    """Of an axis u that is continuous."""
+    return Near(
+        shown=(True, False),
+        steep=(None, None),
+        least=(np.float32(least), np.float32(least)),
+        read2=np.float32(0.1),
+        gain=np.float32(0),
+        extents=(np.inf, np.inf),
+        bands=((np.inf, -np.inf), (np.inf, -np.inf)),
+        u=maps.coord["u"],
+        v=maps.coord["v"],
+        sigma_u=maps.sigma["u"],
+        sigma_v=maps.sigma["v"],
+        dim=np.zeros(len(maps.flags), np.uint8),
+    )
 
 
 def test_places_by_chance_are_no_map() -> None:
