@@ -54,7 +54,7 @@
 | `crossed`                  | `crossed`: displacement from a single crossed-fringe frame                   |
 | `crossed_fit`, `crossed_kernels` | both fringes fitted at once within a window that the frame may cut    |
 | `guide`                    | where the camera looked at rest, for the two that follow one frame           |
-| `wave_kernels`             | sine and cosine                                                              |
+| `wave_kernels`             | sine, cosine, exponential                                                    |
 | `select_kernels`           | medians and other quantiles                                                  |
 | `jit`                      | how kernels are compiled and cached                                          |
 

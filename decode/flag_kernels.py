@@ -11,7 +11,6 @@ from .unwrap_kernels import UNKNOWN
 
 __all__ = [
     "MOVED",
-    "add_doubt",
     "beyond_pattern",
     "code_tile_flags",
     "either",
@@ -21,6 +20,7 @@ __all__ = [
     "outlier_rows",
     "seen_limits",
     "why_cell",
+    "why_doubted",
     "why_misread",
     "why_order",
     "why_seen",
@@ -115,6 +115,12 @@ def why_order(wrong: Any, off: Any) -> Any:
 
 
 @pasted_kernel
+def why_doubted(wrong: Any) -> Any:
+    """Flags of a probability that the order is wrong."""
+    return _ORDER if wrong > _DOUBT else _NONE
+
+
+@pasted_kernel
 def beyond_pattern(extent: Any, place: Any) -> Any:
     """Distance from the border, negative within."""
     return abs(place - _HALF * (extent - _ONE)) - _HALF * extent
@@ -183,14 +189,6 @@ def _merge_finest(
         amplitude[x] = height if height < amplitude[x] else amplitude[x]
         offset[x] = _HALF * (offset[x] + a[x])
         order_error[x] = either(order_error[x], wrong)
-
-
-@leaf_kernel
-def add_doubt(x: int, wrong: Any, flags: Array, order_error: Array) -> None:
-    """Into maps that are flagged already: a pixel's probability of a wrong order."""
-    order_error[x] = either(order_error[x], wrong)
-    if wrong > _DOUBT:
-        flags[x] |= np.uint16(_ORDER)
 
 
 @apart_kernel

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .fit_kernels import OF_QUARTERS, TINY, highest, quarter_sums
-from .flag_kernels import MOVED, add_doubt, beyond_pattern, seen_limits, why_order, why_seen
-from .jit import apart_kernel, called_kernel, leaf_kernel, pasted_kernel
+from .flag_kernels import MOVED, beyond_pattern, either, seen_limits, why_doubted, why_order, why_seen
+from .jit import apart_kernel, leaf_kernel, pasted_kernel
 from .phase_kernels import phase_of
 from .records import AxisRecord, Camera, FringeRecord
 from .stream_kernels import ahead
-from .unwrap_kernels import CERTAIN, beside
+from .unwrap_kernels import CERTAIN, doubt_of
 
 __all__ = ["highest_of", "merge_pair", "order_pair", "pair_of", "store_pair"]
 
@@ -222,14 +222,25 @@ def order_pair(
     nearest to that.
     """
     if _order(n, limits, floor, about, before, turns, spread, coord, sigma, flags):
-        fine = float(limits[1])
-        for x in range(n):
-            _, step, both, near = _place(limits, about[x], before[x], turns[x], spread[x])
-            if near:
-                _doubt(x, fine, step, both, flags, order_error)
+        _doubt(n, limits, about, before, turns, spread, flags, order_error)
 
 
-@called_kernel
-def _doubt(x: int, fine: float, step: Any, both: Any, flags: Array, order_error: Array) -> None:
-    """Called, as a loop into which it is pasted works it out for all pixels."""
-    add_doubt(x, np.float32(beside(fine, float(step), float(both))), flags, order_error)
+@apart_kernel
+def _doubt(
+    n: int,
+    limits: Any,
+    about: Array,
+    before: Array,
+    turns: Array,
+    spread: Array,
+    flags: Array,
+    order_error: Array,
+) -> None:
+    """Into maps that are flagged already: probability of a wrong order."""
+    square, twice = limits[1] * limits[1], _TWO * limits[1]
+    for x in range(n):
+        _, step, both, near = _place(limits, about[x], before[x], turns[x], spread[x])
+        share = _ONE / both
+        wrong = doubt_of((square - twice * step) * share, (square + twice * step) * share) if near else _ZERO
+        flags[x] |= why_doubted(wrong)
+        order_error[x] = either(order_error[x], wrong)

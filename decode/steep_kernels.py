@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import apart_kernel, inline_kernel, leaf_kernel
+from .jit import apart_kernel, leaf_kernel
 from .phase_kernels import phase_of
+from .wave_kernels import falling
 
 __all__ = ["PLACES", "likely_place", "read_as"]
 
@@ -21,9 +22,6 @@ _ANGLES = 2 * np.pi * np.outer(np.arange(1, _TERMS + 1), (np.arange(PLACES) + 0.
 _COSINES, _SINES = np.cos(_ANGLES).astype(np.float32), np.sin(_ANGLES).astype(np.float32)
 _ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
 _STEP, _TWELFTH = np.float32(1 / PLACES), np.float32(1 / 12)
-#: Exponent from which on nothing is left; exp(-x) = exp(-x / 64)^64, the latter to this order.
-_FAR, _PART = np.float32(40), np.float32(1 / 64)
-_C2, _C3, _C4, _C5 = (np.float32(c) for c in (1 / 2, -1 / 6, 1 / 24, -1 / 120))
 
 
 @leaf_kernel
@@ -71,19 +69,6 @@ def _add_period(
         whole[i] += power
 
 
-@inline_kernel
-def _falling(x: Any) -> Any:
-    """exp(-x) for x in 0..40, to 1e-4."""
-    t = x * _PART
-    root = _ONE - t + t * t * (_C2 + t * (_C3 + t * (_C4 + t * _C5)))
-    root *= root
-    root *= root
-    root *= root
-    root *= root
-    root *= root
-    return root * root
-
-
 @apart_kernel
 def _mean(target: Any, variance: Any, curve: Array) -> Any:
     """Mean distance from the target of the places, and their variance."""
@@ -96,7 +81,7 @@ def _mean(target: Any, variance: Any, curve: Array) -> Any:
         cells = np.floor(off + _HALF)
         off -= cells
         x = _HALF * off * off / spread
-        weight = _falling(x if x < _FAR else _FAR) / np.sqrt(spread)
+        weight = falling(x) / np.sqrt(spread)
         # between two places the curve is a line, which tells more than half way where it rises fast
         nearer = _STEP * _TWELFTH * rise * off / spread
         nearer = nearer if nearer < _HALF * _STEP else _HALF * _STEP

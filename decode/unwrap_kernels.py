@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import apart_kernel, called_kernel, leaf_kernel
+from .jit import apart_kernel, leaf_kernel, pasted_kernel
+from .wave_kernels import falling
 
-__all__ = ["CERTAIN", "MUCH_FINER", "UNKNOWN", "beside", "search_tile", "sequential_tile"]
+__all__ = ["CERTAIN", "MUCH_FINER", "UNKNOWN", "doubt_of", "search_tile", "sequential_tile"]
 
 Array = NDArray[Any]
 
@@ -29,7 +30,7 @@ UNKNOWN = 1e20
 #: How far beyond [low, high] is not yet outside, pixels: blur and the dark border shift by that much.
 _SLACK = 0.5
 
-_ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
+_ZERO, _HALF, _ONE, _TWO = np.float32(0), np.float32(0.5), np.float32(1), np.float32(2)
 
 
 @leaf_kernel
@@ -162,23 +163,23 @@ def _next_order(
     return bool(close > _ZERO)
 
 
-@leaf_kernel
+@apart_kernel
 def _add_doubt(n: int, near: Array, far: Array, order_error: Array) -> None:
     """Probability that another order is the right one: both neighbours, from chi squared (flat prior)."""
     for x in range(n):
-        if near[x] < CERTAIN:
-            order_error[x] += _other(float(near[x]), float(far[x]))
+        order_error[x] += doubt_of(near[x], far[x]) if near[x] < CERTAIN else _ZERO
 
 
-@called_kernel
-def _other(near: float, far: float) -> float:
-    """Called, as a loop into which it is pasted works it out for all pixels."""
-    other = math.exp(-0.5 * near) + math.exp(-0.5 * far)
-    return other / (1 + other)
+@pasted_kernel
+def doubt_of(near: Any, far: Any) -> Any:
+    """Probability that one of the two orders beside is the right one, to 1e-4 of itself; near, far: chi
+    squared by which they are worse. Vectors, as where nothing is seen all pixels ask for it."""
+    other = falling(_HALF * near) + falling(_HALF * far)
+    return other / (_ONE + other)
 
 
 @leaf_kernel
-def beside(period: float, step: float, both: float) -> float:
+def _beside(period: float, step: float, both: float) -> float:
     """Probability that an order beside is the right one; both: variance of the step to the nearest one."""
     near = math.exp(-0.5 * period * (period - 2 * step) / both)
     far = math.exp(-0.5 * period * (period + 2 * step) / both)
@@ -227,7 +228,7 @@ def search_tile(
                 if chi > best + CERTAIN:
                     break
                 if period * (period - 2 * abs(step)) / both < CERTAIN:
-                    doubt += beside(period, abs(step), both)
+                    doubt += _beside(period, abs(step), both)
                 alone = MUCH_FINER * period < periods[g - 1]
                 here += step if alone else here_spread / both * step
                 here_spread = fine_spread if alone else here_spread / both * fine_spread

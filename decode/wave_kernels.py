@@ -1,4 +1,4 @@
-"""Compiled: sine and cosine of a place, in vectors."""
+"""Compiled: sine and cosine of a place, and an exponential, in vectors."""
 
 import math
 from typing import Any
@@ -7,11 +7,14 @@ import numpy as np
 
 from .jit import pasted_kernel
 
-__all__ = ["cosine_sine"]
+__all__ = ["cosine_sine", "falling"]
 
 #: Taylor's coefficients of sin and cos, good to 1e-7 up to a quarter of a turn.
 _SINE = tuple(np.float32((-1) ** k / math.factorial(2 * k + 1)) for k in range(6))
 _COSINE = tuple(np.float32((-1) ** k / math.factorial(2 * k)) for k in range(7))
+#: Exponent from which on nothing is left; exp(-x) = exp(-x / 64)^64, the latter to this order.
+_FAR, _PART = np.float32(40), np.float32(1 / 64)
+_C2, _C3, _C4, _C5 = (np.float32(c) for c in (1 / 2, -1 / 6, 1 / 24, -1 / 120))
 _PI, _ONE, _TWO = np.float32(np.pi), np.float32(1), np.float32(2)
 
 
@@ -25,3 +28,16 @@ def cosine_sine(turns: Any) -> Any:
     high = ((_COSINE[6] * q + _COSINE[5]) * q + _COSINE[4]) * q + _COSINE[3]
     cosine = ((high * q + _COSINE[2]) * q + _COSINE[1]) * q + _COSINE[0]
     return _ONE - _TWO * sine * sine, _TWO * sine * cosine
+
+
+@pasted_kernel
+def falling(x: Any) -> Any:
+    """exp(-x) of x >= 0, float32, to 1e-4 of itself; beyond 40 that of 40."""
+    t = (x if x < _FAR else _FAR) * _PART
+    root = _ONE - t + t * t * (_C2 + t * (_C3 + t * (_C4 + t * _C5)))
+    root *= root
+    root *= root
+    root *= root
+    root *= root
+    root *= root
+    return root * root

@@ -1,4 +1,4 @@
-"""The phase of two sums, in float32, against NumPy's in float64."""
+"""The phase of two sums, in float32, and the probability of a wrong order, against NumPy's in float64."""
 
 from typing import Any
 
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from optolever.decode.jit import apart_kernel, outer_kernel
 from optolever.decode.phase_kernels import phase_of
+from optolever.decode.unwrap_kernels import doubt_of
 
 F32 = NDArray[np.float32]
 
@@ -65,3 +66,26 @@ def test_the_answer_does_not_depend_on_where_a_pixel_lies() -> None:
         assert np.array_equal(found(c[first:], s[first:]), whole[:, first:])
     alone = np.concatenate([found(c[x : x + 1], s[x : x + 1]) for x in range(len(c))], axis=1)
     assert np.array_equal(alone, whole)
+
+
+@apart_kernel
+def _doubts(near: F32, far: F32, doubt: F32) -> None:
+    for x in range(len(near)):
+        doubt[x] = doubt_of(near[x], far[x])
+
+
+@outer_kernel
+def doubts(near: F32, far: F32, doubt: F32) -> None:
+    _doubts(near, far, doubt)
+
+
+def test_the_probability_of_an_order_beside() -> None:
+    """Of two that are worse by `near` and `far` in chi squared; if as good, 1/2 or 2/3."""
+    near = np.concatenate([[0.0, 0.0], np.geomspace(1e-6, 40, 4000)]).astype(np.float32)
+    far = (near * np.float32(1.5)).astype(np.float32)
+    far[1] = 1e6
+    doubt = np.empty_like(near)
+    doubts(near, far, doubt)
+    other = np.exp(-0.5 * near.astype(float)) + np.exp(-0.5 * far.astype(float))
+    np.testing.assert_allclose(doubt, other / (1 + other), rtol=1e-4)
+    np.testing.assert_allclose(doubt[:2], [2 / 3, 1 / 2], rtol=1e-6)
