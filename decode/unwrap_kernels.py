@@ -172,7 +172,7 @@ def _add_doubt(n: int, near: Array, far: Array, order_error: Array) -> None:
 
 @pasted_kernel
 def doubt_of(near: Any, far: Any) -> Any:
-    """Probability that one of the two orders beside is the right one, to 1e-4 of itself; near, far: chi
+    """Probability that one of the two orders beside is the right one, to 2e-5 of itself; near, far: chi
     squared by which they are worse. Vectors, as where nothing is seen all pixels ask for it."""
     other = falling(_HALF * near) + falling(_HALF * far)
     return other / (_ONE + other)

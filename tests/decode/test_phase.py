@@ -87,5 +87,5 @@ def test_the_probability_of_an_order_beside() -> None:
     doubt = np.empty_like(near)
     doubts(near, far, doubt)
     other = np.exp(-0.5 * near.astype(float)) + np.exp(-0.5 * far.astype(float))
-    np.testing.assert_allclose(doubt, other / (1 + other), rtol=1e-4)
+    np.testing.assert_allclose(doubt, other / (1 + other), rtol=2e-5)
     np.testing.assert_allclose(doubt[:2], [2 / 3, 1 / 2], rtol=1e-6)
