@@ -19,7 +19,7 @@ Array = NDArray[Any]
 
 #: A pixel's mean over a box lies off its centre's value by the sum of second derivatives times this.
 _BOX = np.float32(1 / 24)
-#: A second difference counts above so many sigma: four times its own noise.
+#: Second differences along and across, added, count above so many sigma: three times their own noise.
 _BENT = np.float32(14.0)
 #: Pixels among which bends are looked for: where one is, all of them are worked out.
 _TOGETHER = 128

@@ -236,7 +236,7 @@ def _doubt(
     flags: Array,
     order_error: Array,
 ) -> None:
-    """Into maps that are flagged already: probability of a wrong order."""
+    """Into maps that are flagged already: probabilities of wrong orders (n,), of those that are close."""
     square, twice = limits[1] * limits[1], _TWO * limits[1]
     for x in range(n):
         _, step, both, near = _place(limits, about[x], before[x], turns[x], spread[x])
