@@ -10,6 +10,7 @@ from typing import Any, cast
 from numba import njit
 from numba.core.sigutils import normalize_signature
 
+from optolever import compiling
 from optolever.compiling import Usual, Within, WithinApart, WithinOnce, WithinPasted, WithinWide, only_within
 from optolever.elsewhere import claim, compiling_ahead
 from optolever.linking import Linked, Parts, linking
@@ -50,8 +51,9 @@ _UNWRAPPED: dict[str, Any] = {"no_cpython_wrapper": True}
 
 @lru_cache(maxsize=1)
 def _sources() -> str:
-    """What they are now."""
-    files = sorted(Path(__file__).parent.glob("*.py"))
+    """What they are now, and those of how they are compiled."""
+    parts = Path(__file__).parent, Path(compiling.__file__).parent
+    files = [file for part in parts for file in sorted(part.glob("*.py"))]
     state = "".join(f"{file.name} {file.stat().st_mtime_ns} {file.stat().st_size};" for file in files)
     return hashlib.sha256(state.encode()).hexdigest()
 

@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.handing import handed_by_address
+
 from .tile_lines import LINES, OF_PERIOD
 
 __all__ = [
@@ -42,6 +44,7 @@ _VECTOR = 64
 _APART = 64
 
 
+@handed_by_address
 class Camera(NamedTuple):
     """frames (N, 1, pixels), rows end to end, clipped from level `clip` on; lut: linear level of a raw one,
     slope (empty: 1) its slope, scale: that at mid level, squared; variance = read2 + gain level, of codes:
@@ -59,6 +62,7 @@ class Camera(NamedTuple):
     floor: np.float32
 
 
+@handed_by_address
 class Edges(NamedTuple):
     """Of each bit (bits,): rms contrast and level away from edges, both over the half contrast without blur;
     share of the pixels that are edges; how far an edge reaches to either side, cells. inside: variance of a
@@ -74,6 +78,7 @@ class Edges(NamedTuple):
     astray: np.float32
 
 
+@handed_by_address
 class CodeRecord(NamedTuple):
     """Bits of a code.
 
@@ -103,6 +108,7 @@ class CodeRecord(NamedTuple):
     bytes: bool | None
 
 
+@handed_by_address
 class CellLines(NamedTuple):
     """What a code tells of the pixels of a tile, (n,) each.
 
@@ -128,6 +134,7 @@ class CellLines(NamedTuple):
     low: Array
 
 
+@handed_by_address
 class FringeRecord(NamedTuple):
     """Periods, see arrays.FringeArrays (samples: count, frame: index; own: 0, 1, ...) and display_kernels
     (shown); unlike: some are no quarters, searched: no period spans the surface, pair: two periods of
@@ -152,6 +159,7 @@ class FringeRecord(NamedTuple):
     shown: Any
 
 
+@handed_by_address
 class AxisRecord(NamedTuple):
     """One axis of `extent` pattern pixels: what was shown (alone: the code, if there are no fringes); maps
     (H, W); joined: the shared ones hold the other axis; least: distance of an outlier; number: 0 for u, 1
@@ -168,6 +176,7 @@ class AxisRecord(NamedTuple):
     sigma: Array
 
 
+@handed_by_address
 class Shared(NamedTuple):
     """Maps of both axes, (H, W) and (1, pixels)."""
 
@@ -183,6 +192,7 @@ class Shared(NamedTuple):
 Steep = tuple[np.float32, np.float32, np.uint16]
 
 
+@handed_by_address
 class Near(NamedTuple):
     """What neighbours are asked, see neighbour_kernels.near_block; dim (H,): rows that are asked again."""
 
@@ -200,6 +210,7 @@ class Near(NamedTuple):
     dim: Array
 
 
+@handed_by_address
 class Scratch(NamedTuple):
     """Room of one thread: lines of a tile in float32, int32, int16 and uint8 (marks, sizes), of linear
     levels, of a whole row.

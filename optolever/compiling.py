@@ -28,6 +28,21 @@ __all__ = [
 #: An attribute of LLVM's, which takes half of what a processor has unless it is told. Where vectors are
 #: narrower than that it changes nothing.
 _WIDTH = '"prefer-vector-width"="512"'
+#: Steps of numba's for what functions without its run time cannot have (closures, array expressions, `with`)
+#: and ours do not ask for (`literally`, its own inlined overloads): a twelfth of a cold start.
+_IDLE = {
+    "inline_closure_likes",
+    "make_function_op_code_to_jit_function",
+    "nopython_rewrites",
+    "with_lifting",
+    "find_literally",
+    "literal_unroll",
+    "LiteralPropagation",
+    "inline_overloads",
+    "dump_parfor_diagnostics",
+}
+#: More young objects than that are not searched at once.
+_MANY = 100_000
 
 
 class _Part:
@@ -147,8 +162,8 @@ def only_within(dispatcher: Any) -> Any:
 @contextmanager
 def uncollected() -> Iterator[None]:
     """Without the search for garbage in cycles, on all threads: a compiler makes so many objects, nearly all
-    of which live on, that it would take a seventh of the time. Around all kernels that a call may compile, so
-    that there is one search after them and not one after each.
+    of which live on, that it would take a seventh of the time. Around all kernels that a call may compile; if
+    it made many, they count as old after it, and are searched when Python finds a whole search worth while.
     """
     was_on = gc.isenabled()
     gc.disable()
@@ -156,6 +171,9 @@ def uncollected() -> Iterator[None]:
         yield
     finally:
         if was_on:
+            if gc.get_count()[0] > _MANY and not gc.get_freeze_count():  # which may be a program's own
+                gc.freeze()
+                gc.unfreeze()
             gc.enable()
 
 
@@ -173,7 +191,9 @@ class _Compiler(Compiler):
         usual: Any = super()
         (steps,) = usual.define_pipelines()
         steps.passes = [
-            (self._lowering if step is NativeLowering else step, why) for step, why in steps.passes
+            (self._lowering if step is NativeLowering else step, why)
+            for step, why in steps.passes
+            if self.state.flags.nrt or step.name() not in _IDLE
         ]
         steps.finalize()
         self.state.flags.noalias = self._noalias

@@ -12,6 +12,7 @@ from threading import Condition, Thread
 from typing import Any
 
 from .blocks import threads
+from .compiling import uncollected
 
 __all__ = ["ALONE", "Task", "claim", "compile_all", "compiling_ahead", "is_kept"]
 
@@ -183,6 +184,7 @@ class _Helper:
         self._process.wait()
 
 
+@uncollected()
 def _serve() -> None:
     """What the other process does: compile what it is told, and answer a line each time."""
     told, heard = sys.stdin.buffer, sys.stdout.buffer

@@ -1,0 +1,108 @@
+"""Records (named tuples) that compiled functions hand on by their address.
+
+Numba hands on every number of every array of a record: of the decoder's, 650 arguments in all, which every
+function puts together, and takes apart again for every call: a third of all that was compiled.
+"""
+
+from collections.abc import Iterable
+from typing import Any, TypeVar
+
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.core.cgutils import false_bit, intp_t, voidptr_t
+from numba.core.datamodel.models import PrimitiveModel
+from numba.core.registry import cpu_target
+from numba.core.typing.templates import AttributeTemplate, infer_getattr
+from numba.extending import NativeValue, lower_getattr_generic, register_model, typeof_impl, unbox
+
+__all__ = ["HandedRecord", "handed_by_address"]
+
+Record = TypeVar("Record", bound=type)
+_alloca: Any = cgutils.alloca_once
+_native: Any = NativeValue
+
+
+class HandedRecord(types.Type):
+    """Type of such a record: its class, and the types of its fields, which are read by name only."""
+
+    def __init__(self, record: Any, kinds: Iterable[types.Type]) -> None:
+        self.record, self.fields, self.types = record, record._fields, tuple(kinds)
+        super().__init__(f"{record.__name__}({', '.join(map(str, self.types))})")
+
+    @property
+    def key(self) -> Any:
+        return self.record, self.types
+
+
+@register_model(HandedRecord)
+class _Address(PrimitiveModel):
+    """Where its fields lie, one after the other, those of records within it among them."""
+
+    def __init__(self, manager: Any, kind: HandedRecord) -> None:
+        models: list[Any] = [manager[field] for field in kind.types]
+        own = [model.layout if isinstance(model, _Address) else model.get_value_type() for model in models]
+        self.layout: Any = ir.LiteralStructType(own)
+        self._offsets: list[int] | None = None
+        usual: Any = super()
+        usual.__init__(manager, kind, voidptr_t)
+
+    def place(self, builder: Any, address: Any, name: str) -> Any:
+        """Address of a field, as a pointer to what it is."""
+        at, target = self.fe_type.fields.index(name), cpu_target.target_context.target_data
+        if self._offsets is None:
+            self._offsets = [self.layout.get_element_offset(target, i) for i in range(len(self.layout))]
+        found = builder.gep(address, [intp_t(self._offsets[at])], inbounds=True)
+        return builder.bitcast(found, self.layout.elements[at].as_pointer())
+
+
+@infer_getattr
+class _Fields(AttributeTemplate):
+    key = HandedRecord
+
+    def generic_resolve(self, record: Any, name: str) -> Any:  # type: ignore[override]
+        """Type of a field; None: there is none of that name."""
+        return dict(zip(record.fields, record.types, strict=True)).get(name)
+
+
+def _model(context: Any, record: HandedRecord) -> Any:
+    return context.data_model_manager[record]
+
+
+@lower_getattr_generic(HandedRecord)  # type: ignore[no-untyped-call]
+def _field(context: Any, builder: Any, record: HandedRecord, address: Any, name: str) -> Any:
+    place = _model(context, record).place(builder, address, name)
+    inner = isinstance(record.types[record.fields.index(name)], HandedRecord)
+    return builder.bitcast(place, voidptr_t) if inner else builder.load(place)
+
+
+@unbox(HandedRecord)  # type: ignore[no-untyped-call]
+def _taken_over(kind: HandedRecord, record: Any, python: Any) -> Any:
+    """From Python: its fields in memory of the function that Python calls."""
+    builder, model = python.builder, _model(python.context, kind)
+    address = builder.bitcast(_alloca(builder, model.layout), voidptr_t)
+    wrong, cleanups = false_bit, []
+    for at, (name, field) in enumerate(zip(kind.fields, kind.types, strict=True)):
+        native = python.unbox(field, python.pyapi.tuple_getitem(record, at))
+        value, place = native.value, model.place(builder, address, name)
+        if isinstance(field, HandedRecord):
+            value = builder.load(builder.bitcast(value, place.type))
+        builder.store(value, place)
+        wrong = builder.or_(wrong, native.is_error)
+        cleanups += [native.cleanup] if native.cleanup else []
+
+    def clean() -> None:
+        for cleanup in cleanups:
+            cleanup()
+
+    return _native(address, is_error=wrong, cleanup=clean)
+
+
+def handed_by_address(record: Record) -> Record:
+    """Decorator of a class of named tuples, whose values all kernels are to hand on so."""
+
+    @typeof_impl.register(record)
+    def _type_of(value: Any, context: Any) -> Any:
+        kinds = [typeof_impl(field, context) for field in value]
+        return None if None in kinds else HandedRecord(record, kinds)
+
+    return record
