@@ -11,6 +11,7 @@ from numba.core.compiler_machinery import register_pass
 from numba.core.lowering import Lower
 from numba.core.typed_passes import NativeLowering
 
+from . import elements  # as an import tells numba  # noqa: F401
 from .typing_memory import remembering_types
 
 __all__ = [

@@ -1,0 +1,129 @@
+"""Numbers and parts of arrays, reached without detours, in functions without numba's run time.
+
+To reach one, numba puts what it knows of an array into memory and reads it from there, shape and strides
+twice: all of it is optimised away, but was a quarter of all that was compiled. What is done is the same.
+
+Importing this tells numba.
+"""
+
+import operator
+from collections.abc import Callable, Sequence
+from functools import reduce
+from typing import Any
+
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.core.imputils import lower_builtin
+from numba.np import arrayobj
+
+__all__: list[str] = []
+
+Values = Sequence[Any]
+_numba: Any = arrayobj
+_place: Any = cgutils.get_item_pointer2
+_unpacked: Any = cgutils.unpack_tuple
+_packed: Any = cgutils.pack_array
+_lowers: Callable[..., Callable[[Any], Any]] = lower_builtin
+_INTEGER: Any = cgutils.intp_t
+
+
+class _Taken:
+    """What numba's functions ask of an array, taken out of its value."""
+
+    def __init__(self, context: Any, builder: Any, kind: Any, array: Any) -> None:
+        self._model, self._builder, self._array = context.data_model_manager[kind], builder, array
+
+    def __getattr__(self, name: str) -> Any:
+        value = self._builder.extract_value(self._array, self._model.get_field_position(name))
+        setattr(self, name, value)
+        return value
+
+
+def _reached(context: Any, builder: Any, kind: Any, taken: _Taken, index: tuple[Values, Values]) -> Any:
+    """Address, shape and strides of what an index (its types and values) stands for; of a number both are
+    empty. None: numba is to see to it."""
+    if context.enable_nrt or context.enable_boundscheck:
+        return None
+    if not all(isinstance(one, types.Integer | types.SliceType) for one in index[0]):
+        return None
+    if any(isinstance(one, types.SliceType) for one in index[0]):
+        return _numba.basic_indexing(context, builder, kind, taken, *index)
+    shape, strides = (_unpacked(builder, each, kind.ndim) for each in (taken.shape, taken.strides))
+    at = [
+        _numba.fix_integer_index(context, builder, one, value, size)
+        for one, value, size in zip(*index, shape, strict=False)
+    ]
+    given = len(at)
+    at += [_INTEGER(0)] * (kind.ndim - given)
+    place = _place(context, builder, taken.data, shape, strides, kind.layout, at)
+    return place, shape[given:], strides[given:]
+
+
+def _kinds(index: Any) -> Values:
+    """Types of an index's parts."""
+    several = isinstance(index, types.BaseTuple)
+    return index.types if several else (index,)
+
+
+def _index(builder: Any, kind: Any, value: Any) -> tuple[Values, Values]:
+    """Types and values of an index's parts."""
+    kinds = _kinds(kind)
+    return kinds, (value,) if kinds[0] is kind else _unpacked(builder, value, len(kinds))
+
+
+def _view(context: Any, builder: Any, kind: Any, taken: _Taken, found: Any) -> Any:
+    """The array that is part of another one."""
+    place, shape, strides = found
+    model = context.data_model_manager[kind]
+    told = {
+        "meminfo": taken.meminfo,
+        "parent": taken.parent,
+        "nitems": reduce(builder.mul, shape),
+        "itemsize": taken.itemsize,
+        "data": place,
+        "shape": _packed(builder, shape),
+        "strides": _packed(builder, strides),
+    }
+    made = ir.Constant(model.get_value_type(), ir.Undefined)
+    for name, value in told.items():
+        made = builder.insert_value(made, value, model.get_field_position(name))
+    return made
+
+
+@_lowers(operator.getitem, types.Array, types.Integer)
+@_lowers(operator.getitem, types.Array, types.SliceType)
+@_lowers(operator.getitem, types.Array, types.BaseTuple)
+def _read(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    """array[index]"""
+    (kind, at), (array, value) = sig.args, args
+    taken = _Taken(context, builder, kind, array)
+    found = _reached(context, builder, kind, taken, _index(builder, at, value))
+    if found is None:
+        by_tuple = isinstance(at, types.BaseTuple)
+        usual = _numba.getitem_array_tuple if by_tuple else _numba.getitem_arraynd_intp
+        return usual(context, builder, sig, args)
+    if isinstance(sig.return_type, types.Array):
+        return _view(context, builder, sig.return_type, taken, found)
+    return _numba.load_item(context, builder, kind, found[0])
+
+
+@_lowers(operator.setitem, types.Array, types.Integer, types.Any)
+@_lowers(operator.setitem, types.Array, types.BaseTuple, types.Any)
+def _write(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    """array[index] = number, at one place; other assignments are numba's."""
+    (kind, at, given), (array, value, number) = sig.args, args
+    kinds = _kinds(at)
+    if len(kinds) == kind.ndim and all(isinstance(one, types.Integer) for one in kinds):
+        taken = _Taken(context, builder, kind, array)
+        found = _reached(context, builder, kind, taken, _index(builder, at, value))
+        if found is not None:
+            number = context.cast(builder, number, given, kind.dtype)
+            return _numba.store_item(context, builder, kind, number, found[0])
+    return _numba.setitem_array(context, builder, sig, args)
+
+
+@_lowers(len, types.Array)
+def _length(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    """len(array)"""
+    (kind,), (array,) = sig.args, args
+    return builder.extract_value(_Taken(context, builder, kind, array).shape, 0)
