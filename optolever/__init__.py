@@ -14,7 +14,7 @@ The parts, floor by floor (imports run downward only):
 | 0     | `errors`, `files` | one-line input errors, atomic files                                  |
 | 0     | `blocks`, `memory` | row blocks on threads, large arrays on whole huge pages             |
 | 0     | `compiling`, `linking`, `elsewhere` | how kernels are compiled: alone, linked, in two processes |
-| 0     | `handing`, `elements`, `typing_memory` | what makes compiling them quick |
+| 0     | `handing`, `elements`, `ranges`, `lowering`, `typing_memory` | what makes compiling them quick |
 """
 
 from importlib.metadata import version as _version

@@ -8,10 +8,10 @@ from typing import Any, cast
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.compiler_machinery import register_pass
-from numba.core.lowering import Lower
 from numba.core.typed_passes import NativeLowering
 
-from . import elements  # as an import tells numba  # noqa: F401
+from . import elements, ranges  # as an import tells numba  # noqa: F401
+from .lowering import PlainLower
 from .typing_memory import remembering_types
 
 __all__ = [
@@ -75,7 +75,7 @@ class _Unfinished(_Library):
         pass
 
 
-class _MarkedLower(Lower):
+class _MarkedLower(PlainLower):
     """Functions with one more attribute of LLVM's."""
 
     _mark: str
@@ -99,6 +99,15 @@ class _PastedLower(_MarkedLower):
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
+class _Plain(NativeLowering):
+    _name = "optolever_plain"
+
+    @property
+    def lowering_class(self) -> Any:
+        return PlainLower
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
 class _Wide(NativeLowering):
     _name = "optolever_wide"
 
@@ -111,7 +120,7 @@ class _Wide(NativeLowering):
 class _Within(NativeLowering):
     _name = "optolever_within"
     _library: type[_Library] = _Unfinished
-    _lower: type[Lower] = Lower
+    _lower: type[PlainLower] = PlainLower
 
     @property
     def lowering_class(self) -> Any:
@@ -179,9 +188,9 @@ def uncollected() -> Iterator[None]:
 
 
 class _Compiler(Compiler):
-    """Numba's but for the last step."""
+    """Numba's but for steps in vain, and how statements become LLVM's."""
 
-    _lowering: type[NativeLowering] = NativeLowering
+    _lowering: type[NativeLowering] = _Plain
     _noalias = False
 
     def compile_extra(self, func: Any) -> Any:

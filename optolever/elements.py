@@ -12,6 +12,7 @@ from functools import reduce
 from typing import Any
 
 from llvmlite import ir
+from llvmlite.ir.instructions import ExtractValue, InsertValue
 from numba.core import cgutils, types
 from numba.core.imputils import lower_builtin
 from numba.np import arrayobj
@@ -48,15 +49,48 @@ def _reached(context: Any, builder: Any, kind: Any, taken: _Taken, index: tuple[
         return None
     if any(isinstance(one, types.SliceType) for one in index[0]):
         return _numba.basic_indexing(context, builder, kind, taken, *index)
-    shape, strides = (_unpacked(builder, each, kind.ndim) for each in (taken.shape, taken.strides))
-    at = [
-        _numba.fix_integer_index(context, builder, one, value, size)
-        for one, value, size in zip(*index, shape, strict=False)
-    ]
-    given = len(at)
-    at += [_INTEGER(0)] * (kind.ndim - given)
-    place = _place(context, builder, taken.data, shape, strides, kind.layout, at)
+    shape = _unpacked(builder, taken.shape, kind.ndim)
+    at = [_counted(context, builder, *one) for one in zip(*index, shape, strict=False)]
+    given, whole = len(at), len(at) == kind.ndim
+    strides = [] if whole and kind.layout == "C" else _unpacked(builder, taken.strides, kind.ndim)
+    if kind.layout == "C":
+        place = builder.gep(taken.data, [_offset(builder, shape, at)])
+    else:
+        at += [_INTEGER(0)] * (kind.ndim - given)
+        place = _place(context, builder, taken.data, shape, strides, kind.layout, at)
     return place, shape[given:], strides[given:]
+
+
+def _counted(context: Any, builder: Any, kind: Any, value: Any, size: Any) -> Any:
+    """An index, counted from the start."""
+    value = _put_in(value)
+    if isinstance(value, ir.Constant) and isinstance(value.constant, int) and value.constant >= 0:
+        return context.cast(builder, value, kind, types.intp)
+    return _numba.fix_integer_index(context, builder, kind, value, size)
+
+
+def _put_in(value: Any) -> Any:
+    """What was put into a tuple, of what is taken out of it again."""
+    while isinstance(value, ExtractValue) and len(value.indices) == 1:
+        source = value.aggregate
+        while isinstance(source, InsertValue) and source.indices != value.indices:
+            source = source.aggregate
+        if not isinstance(source, InsertValue):
+            break
+        value = source.value
+    return value
+
+
+def _offset(builder: Any, shape: Values, at: Values) -> Any:
+    """Numbers before that one, in an array whose rows lie one after the other."""
+    total, step = None, None
+    for axis in reversed(range(len(shape))):
+        if axis < len(at):
+            part = at[axis] if step is None else builder.mul(at[axis], step)
+            total = part if total is None else builder.add(part, total)
+        if axis:
+            step = shape[axis] if step is None else builder.mul(shape[axis], step)
+    return total
 
 
 def _kinds(index: Any) -> Values:
