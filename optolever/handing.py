@@ -11,6 +11,7 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.cgutils import false_bit, intp_t, voidptr_t
 from numba.core.datamodel.models import PrimitiveModel
+from numba.core.imputils import impl_ret_borrowed
 from numba.core.registry import cpu_target
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import NativeValue, lower_getattr_generic, register_model, typeof_impl, unbox
@@ -20,6 +21,7 @@ __all__ = ["HandedRecord", "handed_by_address"]
 Record = TypeVar("Record", bound=type)
 _alloca: Any = cgutils.alloca_once
 _native: Any = NativeValue
+_borrowed: Any = impl_ret_borrowed
 
 
 class HandedRecord(types.Type):
@@ -71,16 +73,18 @@ def _model(context: Any, record: HandedRecord) -> Any:
 @lower_getattr_generic(HandedRecord)  # type: ignore[no-untyped-call]
 def _field(context: Any, builder: Any, record: HandedRecord, address: Any, name: str) -> Any:
     place = _model(context, record).place(builder, address, name)
-    inner = isinstance(record.types[record.fields.index(name)], HandedRecord)
-    return builder.bitcast(place, voidptr_t) if inner else builder.load(place)
+    kind = record.types[record.fields.index(name)]
+    if isinstance(kind, HandedRecord):
+        return builder.bitcast(place, voidptr_t)
+    return _borrowed(context, builder, kind, builder.load(place))
 
 
 @unbox(HandedRecord)  # type: ignore[no-untyped-call]
 def _taken_over(kind: HandedRecord, record: Any, python: Any) -> Any:
-    """From Python: its fields in memory of the function that Python calls."""
-    builder, model = python.builder, _model(python.context, kind)
+    """From Python: its fields in memory of the function that Python calls, and given back after it."""
+    builder, context, model = python.builder, python.context, _model(python.context, kind)
     address = builder.bitcast(_alloca(builder, model.layout), voidptr_t)
-    wrong, cleanups = false_bit, []
+    wrong, taken = false_bit, []
     for at, (name, field) in enumerate(zip(kind.fields, kind.types, strict=True)):
         native = python.unbox(field, python.pyapi.tuple_getitem(record, at))
         value, place = native.value, model.place(builder, address, name)
@@ -88,13 +92,16 @@ def _taken_over(kind: HandedRecord, record: Any, python: Any) -> Any:
             value = builder.load(builder.bitcast(value, place.type))
         builder.store(value, place)
         wrong = builder.or_(wrong, native.is_error)
-        cleanups += [native.cleanup] if native.cleanup else []
+        taken.append((field, native))
 
-    def clean() -> None:
-        for cleanup in cleanups:
-            cleanup()
+    def give_back() -> None:
+        for field, native in taken:
+            if native.cleanup:
+                native.cleanup()
+            if context.enable_nrt:
+                context.nrt.decref(builder, field, native.value)
 
-    return _native(address, is_error=wrong, cleanup=clean)
+    return _native(address, is_error=wrong, cleanup=give_back)
 
 
 def handed_by_address(record: Record) -> Record:

@@ -1,5 +1,6 @@
 """Records that kernels hand on by their address."""
 
+import sys
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -80,6 +81,26 @@ def test_fields_arrive_through_two_functions(start: int, missing: Inner | None) 
     wanted[10:14] = 0 if missing is None else [-1.5, 4, 10, 30]
     assert np.array_equal(found, wanted)
     assert np.array_equal(told.line, np.arange(1.0, 6.0))  # the arrays themselves, and not copies
+
+
+@njit(pipeline_class=Usual)
+def with_the_run_time(outer: Outer) -> float:
+    line, total = outer.line, 0.0
+    for x in range(3):
+        line = outer.line[x:]
+        total += line.sum() + outer.inner.flags.sum()
+    return float(total)
+
+
+def test_arrays_are_given_back() -> None:
+    told = record(missing=Inner(np.ones(4, bool), np.float32(0), None, True))
+    arrays = told.line, told.block, told.inner.flags, told.missing.flags if told.missing else None
+    before = [sys.getrefcount(array) for array in arrays]
+    for _ in range(5):
+        everything(told, np.zeros(20))
+        line = told.line.copy()
+        assert with_the_run_time(told) == sum(line.sum() - line[:x].sum() for x in range(3)) + 6
+    assert [sys.getrefcount(array) for array in arrays] == before
 
 
 def test_one_argument_each() -> None:
