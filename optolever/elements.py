@@ -43,7 +43,7 @@ class _Taken:
 def _reached(context: Any, builder: Any, kind: Any, taken: _Taken, index: tuple[Values, Values]) -> Any:
     """Address, shape and strides of what an index (its types and values) stands for; of a number both are
     empty. None: numba is to see to it."""
-    if context.enable_nrt or context.enable_boundscheck:
+    if context.enable_nrt or context.enable_boundscheck or not index[0]:
         return None
     if not all(isinstance(one, types.Integer | types.SliceType) for one in index[0]):
         return None
@@ -64,7 +64,8 @@ def _reached(context: Any, builder: Any, kind: Any, taken: _Taken, index: tuple[
 def _counted(context: Any, builder: Any, kind: Any, value: Any, size: Any) -> Any:
     """An index, counted from the start."""
     value = _put_in(value)
-    if isinstance(value, ir.Constant) and isinstance(value.constant, int) and value.constant >= 0:
+    number = value.constant if isinstance(value, ir.Constant) else None
+    if isinstance(number, int) and 0 <= number < 1 << (value.type.width - 1):
         return context.cast(builder, value, kind, types.intp)
     return _numba.fix_integer_index(context, builder, kind, value, size)
 
@@ -73,7 +74,7 @@ def _put_in(value: Any) -> Any:
     """What was put into a tuple, of what is taken out of it again."""
     while isinstance(value, ExtractValue) and len(value.indices) == 1:
         source = value.aggregate
-        while isinstance(source, InsertValue) and source.indices != value.indices:
+        while isinstance(source, InsertValue) and list(source.indices) != list(value.indices):
             source = source.aggregate
         if not isinstance(source, InsertValue):
             break
@@ -102,7 +103,7 @@ def _kinds(index: Any) -> Values:
 def _index(builder: Any, kind: Any, value: Any) -> tuple[Values, Values]:
     """Types and values of an index's parts."""
     kinds = _kinds(kind)
-    return kinds, (value,) if kinds[0] is kind else _unpacked(builder, value, len(kinds))
+    return kinds, _unpacked(builder, value, len(kinds)) if isinstance(kind, types.BaseTuple) else (value,)
 
 
 def _view(context: Any, builder: Any, kind: Any, taken: _Taken, found: Any) -> Any:

@@ -115,13 +115,15 @@ class _Helper:
         told, heard = self._process.stdin, self._process.stdout
         assert told is not None
         assert heard is not None
-        with suppress(OSError):
+        try:
             told.write(pickle.dumps(sys.path))
             told.flush()
             while heard.readline() and (task := self._next()) is not None:
                 function, types = task[0].py_func, task[1]
                 told.write(pickle.dumps((function.__module__, function.__qualname__, types)))
                 told.flush()
+        except Exception:  # it is gone, or cannot be told: what is left is compiled here
+            self._process.kill()
         with self._changed:
             self._at = None
             self._changed.notify_all()

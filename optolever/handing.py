@@ -38,7 +38,9 @@ class HandedRecord(types.Type):
 
 @register_model(HandedRecord)
 class _Address(PrimitiveModel):
-    """Where its fields lie, one after the other, those of records within it among them."""
+    """Where its fields lie, one after the other, those of records within it among them: in memory of the
+    function that Python calls. So it must not be kept: lists, generators and classes are told.
+    """
 
     def __init__(self, manager: Any, kind: HandedRecord) -> None:
         models: list[Any] = [manager[field] for field in kind.types]
@@ -47,6 +49,11 @@ class _Address(PrimitiveModel):
         self._offsets: list[int] | None = None
         usual: Any = super()
         usual.__init__(manager, kind, voidptr_t)
+
+    def _kept(self, *_: Any) -> Any:
+        raise NotImplementedError(f"{self.fe_type} is handed on by its address and cannot be kept")
+
+    get_data_type = as_data = from_data = _kept
 
     def place(self, builder: Any, address: Any, name: str) -> Any:
         """Address of a field, as a pointer to what it is."""

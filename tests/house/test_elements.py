@@ -79,6 +79,19 @@ def test_indices_of_all_kinds(index: Any) -> None:
     assert np.array_equal(out, _by_numpy(block, 2, 3, 4))
 
 
+@pytest.mark.parametrize("run_time", [False, True])
+def test_nothing_as_an_index_is_numbas(run_time: bool) -> None:
+    number = njit(_nrt=run_time)(lambda array: array[()])
+    assert number(np.array(3.0)) == 3.0
+
+
+def test_a_constant_that_is_no_index_from_the_start() -> None:
+    most = 2**64 - 1
+    line = np.arange(10.0)
+    assert njit(_nrt=False)(lambda array: array[np.int64(most)])(line[5:]) == 9.0
+    assert njit(_nrt=False)(lambda array: array[-2])(line[5:]) == 8.0
+
+
 @lean
 def _put(block: Array, i: int, j: int, number: Any, line: Array, flag: Array) -> None:
     block[i, j] = number

@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from numba import njit
-from numba.core.errors import TypingError
+from numba.core.errors import NumbaError, TypingError
+from numba.typed import List
 from numpy.typing import NDArray
 
 from optolever.compiling import Usual, Within, only_within
@@ -101,6 +102,17 @@ def test_arrays_are_given_back() -> None:
         line = told.line.copy()
         assert with_the_run_time(told) == sum(line.sum() - line[:x].sum() for x in range(3)) + 6
     assert [sys.getrefcount(array) for array in arrays] == before
+
+
+def test_they_cannot_be_kept_beyond_the_call() -> None:
+    @njit
+    def steps(outer: Outer) -> Any:
+        yield outer.line[0]
+        yield outer.line[1]
+
+    for keep in (steps, lambda outer: List([outer])):
+        with pytest.raises((NumbaError, NotImplementedError), match="cannot be kept"):
+            keep(record())
 
 
 def test_one_argument_each() -> None:

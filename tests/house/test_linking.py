@@ -72,6 +72,20 @@ def kernels(count: int) -> list[Any]:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="stand-ins are shell scripts")
+def test_what_the_other_process_cannot_be_told_is_not_waited_for() -> None:
+    class Untold:
+        py_func = staticmethod(time.sleep)
+
+    helper = elsewhere._Helper()
+    helper.add([], (Untold(), (lambda: None,)))  # which cannot be pickled
+    deadline = time.monotonic() + 60
+    while helper._at is None and helper._thread.is_alive() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    helper.wait()
+    helper.end()
+    assert not helper._thread.is_alive()
+
+
 @pytest.mark.parametrize("fault", ["dies", "hangs", "is not there", "is no Python"])
 def test_all_is_compiled_here_if_the_other_process_fails(
     fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
