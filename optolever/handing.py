@@ -1,7 +1,7 @@
 """Records (named tuples) that compiled functions hand on by their address.
 
 Numba hands on every number of every array of a record: of the decoder's, 650 arguments in all, which every
-function puts together, and takes apart again for every call: a third of all that was compiled.
+function puts together, and takes apart again for every call: a third of all text that went to LLVM.
 """
 
 from collections.abc import Iterable
