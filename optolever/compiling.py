@@ -101,30 +101,23 @@ class _PastedLower(_MarkedLower):
 @register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
 class _Plain(NativeLowering):
     _name = "optolever_plain"
-
-    @property
-    def lowering_class(self) -> Any:
-        return PlainLower
-
-
-@register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
-class _Wide(NativeLowering):
-    _name = "optolever_wide"
-
-    @property
-    def lowering_class(self) -> Any:
-        return _WideLower
-
-
-@register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
-class _Within(NativeLowering):
-    _name = "optolever_within"
-    _library: type[_Library] = _Unfinished
     _lower: type[PlainLower] = PlainLower
 
     @property
     def lowering_class(self) -> Any:
         return self._lower
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
+class _Wide(_Plain):
+    _name = "optolever_wide"
+    _lower = _WideLower
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
+class _Within(_Plain):
+    _name = "optolever_within"
+    _library: type[_Library] = _Unfinished
 
     def run_pass(self, state: Any) -> bool:
         """Of the usual pass all but machine code."""

@@ -24,6 +24,7 @@ _numba: Any = arrayobj
 _place: Any = cgutils.get_item_pointer2
 _unpacked: Any = cgutils.unpack_tuple
 _packed: Any = cgutils.pack_array
+_struct: Any = cgutils.pack_struct
 _lowers: Callable[..., Callable[[Any], Any]] = lower_builtin
 _INTEGER: Any = cgutils.intp_t
 
@@ -51,13 +52,15 @@ def _reached(context: Any, builder: Any, kind: Any, taken: _Taken, index: tuple[
         return _numba.basic_indexing(context, builder, kind, taken, *index)
     shape = _unpacked(builder, taken.shape, kind.ndim)
     at = [_counted(context, builder, *one) for one in zip(*index, shape, strict=False)]
-    given, whole = len(at), len(at) == kind.ndim
-    strides = [] if whole and kind.layout == "C" else _unpacked(builder, taken.strides, kind.ndim)
-    if kind.layout == "C":
+    given, in_order = len(at), kind.layout == "C"
+    if in_order and given == kind.ndim:
+        return builder.gep(taken.data, [_offset(builder, shape, at)]), [], []
+    strides = _unpacked(builder, taken.strides, kind.ndim)
+    if in_order:
         place = builder.gep(taken.data, [_offset(builder, shape, at)])
     else:
-        at += [_INTEGER(0)] * (kind.ndim - given)
-        place = _place(context, builder, taken.data, shape, strides, kind.layout, at)
+        whole = at + [_INTEGER(0)] * (kind.ndim - given)
+        place = _place(context, builder, taken.data, shape, strides, kind.layout, whole)
     return place, shape[given:], strides[given:]
 
 
@@ -119,10 +122,7 @@ def _view(context: Any, builder: Any, kind: Any, taken: _Taken, found: Any) -> A
         "shape": _packed(builder, shape),
         "strides": _packed(builder, strides),
     }
-    made = ir.Constant(model.get_value_type(), ir.Undefined)
-    for name, value in told.items():
-        made = builder.insert_value(made, value, model.get_field_position(name))
-    return made
+    return _struct(builder, [told[name] for name in sorted(told, key=model.get_field_position)])
 
 
 @_lowers(operator.getitem, types.Array, types.Integer)

@@ -6,7 +6,6 @@ Importing this tells numba.
 from collections.abc import Callable
 from typing import Any
 
-from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.imputils import builtin_registry, lower_builtin
 from numba.cpython import rangeobj  # whose ways it is asked for  # noqa: F401
@@ -17,15 +16,8 @@ _STATE, _ITERATOR = types.range_state64_type, types.range_iter64_type
 _integer: Any = cgutils.intp_t
 _alloca: Any = cgutils.alloca_once_value
 _unlikely: Any = cgutils.if_unlikely
+_packed: Any = cgutils.pack_struct
 _lowers: Callable[..., Callable[[Any], Any]] = lower_builtin
-
-
-def _made(context: Any, builder: Any, kind: Any, *values: Any) -> Any:
-    """A value of several parts."""
-    made = ir.Constant(context.get_value_type(kind), ir.Undefined)
-    for at, value in enumerate(values):
-        made = builder.insert_value(made, value, at)
-    return made
 
 
 def _instead(name: Any, *kinds: Any) -> Callable[[Any], Any]:
@@ -44,18 +36,18 @@ def _instead(name: Any, *kinds: Any) -> Callable[[Any], Any]:
 
 
 @_instead(range, types.int64)
-def _to(context: Any, builder: Any, _sig: Any, args: Any) -> Any:
-    return _made(context, builder, _STATE, _integer(0), args[0], _integer(1))
+def _to(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+    return _packed(builder, [_integer(0), args[0], _integer(1)])
 
 
 @_instead(range, types.int64, types.int64)
-def _from_to(context: Any, builder: Any, _sig: Any, args: Any) -> Any:
-    return _made(context, builder, _STATE, *args, _integer(1))
+def _from_to(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+    return _packed(builder, [*args, _integer(1)])
 
 
 @_instead(range, types.int64, types.int64, types.int64)
-def _by_steps(context: Any, builder: Any, _sig: Any, args: Any) -> Any:
-    return _made(context, builder, _STATE, *args)
+def _by_steps(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+    return _packed(builder, args)
 
 
 @_instead("getiter", _STATE)
@@ -72,14 +64,14 @@ def _begun(context: Any, builder: Any, _sig: Any, args: Any) -> Any:
     count = builder.add(builder.sdiv(way, step), one_more)
     count = builder.select(builder.icmp_unsigned("==", up, upwards), count, zero)
     here, left = (_alloca(builder, value) for value in (start, count))
-    return _made(context, builder, _ITERATOR, here, stop, step, left)
+    return _packed(builder, [here, stop, step, left])
 
 
 @_instead("iternext", _ITERATOR)
-def _next(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+def _next(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
     """A number, and whether it is one."""
     here, step, left = (builder.extract_value(args[0], at) for at in (0, 2, 3))
     value, count = builder.load(here), builder.load(left)
     builder.store(builder.add(value, step), here)
     builder.store(builder.sub(count, _integer(1)), left)
-    return _made(context, builder, sig.return_type, value, builder.icmp_signed(">", count, _integer(0)))
+    return _packed(builder, [value, builder.icmp_signed(">", count, _integer(0))])

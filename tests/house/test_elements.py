@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numba import njit
-from numba.core.codegen import CPUCodeLibrary
 from numpy.typing import NDArray
 
 from optolever.compiling import Usual
@@ -129,22 +128,15 @@ def test_with_the_run_time_numba_does_it() -> None:
     assert block[1, 2] == -5.0
 
 
-def test_nothing_goes_through_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_goes_through_memory(handed_to_llvm: dict[str, str]) -> None:
     """Of what is handed to LLVM, before anything is optimised."""
-    told: dict[str, str] = {}
-    usual = CPUCodeLibrary.add_ir_module
-
-    def noted(library: Any, module: Any) -> None:
-        told[module.name] = str(module)
-        usual(library, module)
 
     def work(block: Array, i: int, j: int) -> float:
         return float(block[i, j] + block[i][j] + len(block))
 
-    monkeypatch.setattr(CPUCodeLibrary, "add_ir_module", noted)
     for run_time in (False, True):
         njit(_nrt=run_time)(work).compile("(float64[:, ::1], int64, int64)")
-    ours, theirs = (text for name, text in told.items() if "work$" in name)
+    ours, theirs = (text for name, text in handed_to_llvm.items() if "work$" in name)
     array = "alloca {i8*, i8*, i64, i64, double*, [2 x i64], [2 x i64]}"
     assert theirs.count(array) > ours.count(array) == 0
     assert len(ours.splitlines()) < 0.6 * len(theirs.splitlines())

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numba import njit
-from numba.core.codegen import CPUCodeLibrary
 from numpy.typing import NDArray
 
 from optolever.compiling import Usual
@@ -45,18 +44,10 @@ def test_as_python_does_it(limit: float) -> None:
         assert np.array_equal(found, wanted)
 
 
-def test_less_is_handed_to_llvm(monkeypatch: pytest.MonkeyPatch) -> None:
-    told: dict[str, str] = {}
-    usual = CPUCodeLibrary.add_ir_module
-
-    def noted(library: Any, module: Any) -> None:
-        told[module.name] = str(module)
-        usual(library, module)
-
-    monkeypatch.setattr(CPUCodeLibrary, "add_ir_module", noted)
+def test_less_is_handed_to_llvm(handed_to_llvm: dict[str, str]) -> None:
     for way in ({"pipeline_class": Usual}, {}):
         njit(_nrt=False, **way)(_tangled).compile("(float64[::1], float64, float64[::1])")
-    ours, theirs = (text.splitlines() for name, text in told.items() if "_tangled$" in name)
+    ours, theirs = (text.splitlines() for name, text in handed_to_llvm.items() if "_tangled$" in name)
     assert len(ours) < 0.8 * len(theirs)
 
 
