@@ -1,0 +1,54 @@
+"""How loops are compiled: public Numba, without the interpreter's lock, cached on disk."""
+
+import hashlib
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, cast
+
+import numba
+
+__all__ = ["exact", "inlined", "kernel"]
+
+Kernel = Callable[..., Any]
+#: Reorderings that let loops become vector instructions; NaN and infinity keep their meaning.
+_REORDER = {"contract", "reassoc", "nsz", "arcp"}
+
+
+def kernel(function: Kernel) -> Kernel:
+    """A loop whose sums may be reordered, so that it becomes vector instructions."""
+    return _compiled(function, fastmath=_REORDER)
+
+
+def exact(function: Kernel) -> Kernel:
+    """A loop that is computed as it is written."""
+    return _compiled(function)
+
+
+def inlined(function: Kernel) -> Kernel:
+    """A small function that becomes part of its callers' loops."""
+    return _compiled(function, fastmath=_REORDER, inline="always")
+
+
+def _compiled(function: Kernel, **options: Any) -> Kernel:
+    """numba.njit, cached under a key of all sources: Numba itself watches a kernel's own file only, and not
+    the files of those that it calls."""
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = _cache_folder(Path(function.__code__.co_filename).parent)
+    try:
+        made = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+    finally:
+        numba.config.CACHE_DIR = before
+    return cast(Kernel, made)
+
+
+@lru_cache(maxsize=8)
+def _cache_folder(folder: Path) -> str:
+    """For kernels of a part: below its __pycache__, a folder for what its sources are now."""
+    part = folder
+    while (part.parent / "__init__.py").exists():
+        part = part.parent
+    state = hashlib.sha256()
+    for file in sorted(part.rglob("*.py")):
+        state.update(file.read_bytes())
+    return str(part / "__pycache__" / f"kernels-{state.hexdigest()[:16]}")
