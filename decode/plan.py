@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.patterns import BINARY_CODES, Sequence, code_words
 
-__all__ = ["AxisPlan", "Code", "Fringe", "Plan", "Stripes", "plan"]
+__all__ = ["AxisPlan", "Code", "Fringe", "Plan", "Stripes", "constraints", "plan"]
+
+F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -19,39 +21,17 @@ class Fringe:
 
     index: tuple[int, ...]
     period: float
-    shifts: NDArray[np.float64]
-    exposure: NDArray[np.float64]
+    shifts: F64
+    exposure: F64
 
-    def design(self) -> NDArray[np.float64]:
-        """Model matrix (N, 3)."""
-        return _matrices(self)[0]
-
-    def solve(self) -> NDArray[np.float64]:
-        """Its pseudo-inverse (3, N)."""
-        return _matrices(self)[1]
-
-    def contrasts(self) -> NDArray[np.float64]:
-        """Orthonormal combinations of the samples that the model does not reach (N - 3, N)."""
-        return _matrices(self)[2]
+    def design(self) -> F64:
+        """Model matrix (N, 3) of offset, c and s."""
+        waves = np.stack([np.ones(len(self.shifts)), np.cos(self.shifts), np.sin(self.shifts)], axis=1)
+        return np.asarray(self.exposure[:, None] * waves)
 
     def few(self) -> bool:
         """Whether there are too few different shifts for a phase."""
-        return _few(self)
-
-
-@lru_cache(maxsize=64)
-def _few(fringe: Fringe) -> bool:
-    return len(np.unique(np.round(fringe.shifts, 6))) < 3
-
-
-@lru_cache(maxsize=64)
-def _matrices(fringe: Fringe) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Design, its pseudo-inverse and what neither reaches, kept as long as the plan is."""
-    shifts = fringe.shifts
-    design = fringe.exposure[:, None] * np.stack(
-        [np.ones(len(shifts)), np.cos(shifts), np.sin(shifts)], axis=1
-    )
-    return design, np.linalg.pinv(design), np.linalg.qr(design, mode="complete")[0][:, 3:].T
+        return len(np.unique(np.round(np.mod(self.shifts, 2 * np.pi), 6))) < 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +50,7 @@ class Code:
         """Whether several bits change from one cell to the next, as they do in none of the Gray codes."""
         return self.kind in ("binary", "xor-gray")
 
-    def centre(self, cell: NDArray[np.int32]) -> NDArray[np.float64]:
+    def centre(self, cell: NDArray[np.int32]) -> F64:
         """Coordinate of a cell's centre, pattern pixels."""
         return cell.astype(np.float64) * self.cell + (0.5 * (self.cell - 1) + self.origin)
 
@@ -80,7 +60,7 @@ class Stripes:
     """Frames of a line swept over one axis, in the order of its places; width at half maximum, pattern px."""
 
     index: NDArray[np.int64]
-    at: NDArray[np.float64]
+    at: F64
     width: float
 
     def around(self, frames: tuple[int, ...]) -> tuple[float, float]:
@@ -92,19 +72,38 @@ class Stripes:
 
 @dataclass(frozen=True, slots=True)
 class AxisPlan:
-    """What was shown along one axis of `extent` pixels; fringes from coarse to fine."""
+    """What was shown along one axis of `extent` pixels; fringes from coarse to fine.
+
+    singles: fringes of too few shifts for a phase of their own (micro phase shifting)
+    """
 
     axis: str
     extent: int
     code: Code | None
     fringes: tuple[Fringe, ...]
+    singles: tuple[Fringe, ...]
     stripes: Stripes | None
     levels: tuple[int, ...]
+
+    @property
+    def looked_up(self) -> bool:
+        """Whether only a table of known levels leads to an answer."""
+        alone = bool(self.singles) and len(self.fringes) != 1
+        return bool(self.levels) or self.stripes is not None or alone
+
+    def frames(self) -> tuple[int, ...]:
+        """Numbers of all frames of this axis, ascending."""
+        found = {i for fringe in (*self.fringes, *self.singles) for i in fringe.index} | set(self.levels)
+        if self.code is not None:
+            found |= {int(i) for i in (*self.code.plain, *self.code.inverse) if i >= 0}
+        if self.stripes is not None:
+            found |= {int(i) for i in self.stripes.index}
+        return tuple(sorted(found))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """All axes, and the frames that serve both."""
+    """All axes, and the frames that serve both (-1: not shown); rows, cols: of the surface."""
 
     axes: tuple[AxisPlan, ...]
     white: int
@@ -155,7 +154,9 @@ def _axis_plan(sequence: Sequence, axis: str, extent: int) -> AxisPlan | None:
     levels = tuple(i for i, frame in mine if frame.kind == "levels")
     if code is None and not fringes and stripes is None and not levels:
         return None
-    return AxisPlan(axis, extent, code, fringes, stripes, levels)
+    whole = tuple(fringe for fringe in fringes if not fringe.few())
+    singles = tuple(fringe for fringe in fringes if fringe.few())
+    return AxisPlan(axis, extent, code, whole, singles, stripes, levels)
 
 
 def _code(sequence: Sequence, index: list[int], axis: str) -> Code | None:
@@ -220,3 +221,45 @@ def _fringe(sequence: Sequence, index: list[int], period: float, axis: str) -> F
     # an inverted fringe is the same fringe half a turn on
     shifts = np.array([(frame.shift or 0.0) + (math.pi if frame.inverted else 0.0) for frame in frames])
     return Fringe(tuple(index), period, shifts, np.array([frame.exposure for frame in frames]))
+
+
+def constraints(plan: Plan, count: int) -> tuple[F64, ...]:
+    """Orthonormal combinations (C, count) of a pixel's samples that are 0 whatever it looks at, by trust.
+
+    First those within one fringe (offset, c, s are free), then those within the pairs of bits and inverses (one
+    sum), last all of them: every fringe and pair, white and black share one mean level. What a frame shows
+    besides is free. Groups without any combination are left out.
+    """
+    fringes = [fringe for axis in plan.axes for fringe in axis.fringes]
+    pairs = [pair for axis in plan.axes if axis.code for pair in _pairs(axis.code)]
+    ends = [(plan.white, plan.black)] if plan.white >= 0 and plan.black >= 0 else []
+    within = [row for fringe in fringes for row in _null_space([fringe], [], count)]
+    groups = [within, _null_space([], pairs, count), _null_space(fringes, pairs + ends, count)]
+    return tuple(np.asarray(group, np.float64) for group in groups if len(group))
+
+
+def _pairs(code: Code) -> list[tuple[int, int]]:
+    both = (code.plain >= 0) & (code.inverse >= 0)
+    return list(zip(code.plain[both].tolist(), code.inverse[both].tolist(), strict=True))
+
+
+def _null_space(fringes: list[Fringe], pairs: list[tuple[int, int]], count: int) -> list[F64]:
+    """Rows (count,) orthogonal to: one mean level, c and s of each fringe, the difference of each pair."""
+    used = [i for fringe in fringes for i in fringe.index] + [i for pair in pairs for i in pair]
+    if not used:
+        return []
+    columns = [np.zeros(count)]
+    for fringe in fringes:
+        for part in fringe.design().T[1:]:
+            columns.append(np.zeros(count))
+            columns[-1][list(fringe.index)] = part
+        columns[0][list(fringe.index)] = fringe.exposure
+    for plain, inverse in pairs:
+        columns[0][[plain, inverse]] = 1.0
+        columns.append(np.zeros(count))
+        columns[-1][plain], columns[-1][inverse] = 1.0, -1.0
+    model = np.stack(columns, axis=1)[used]
+    free = np.linalg.qr(model, mode="complete")[0][:, np.linalg.matrix_rank(model) :]
+    rows = np.zeros((free.shape[1], count))
+    rows[:, used] = free.T
+    return list(rows)

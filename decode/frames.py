@@ -1,0 +1,138 @@
+"""The camera's frames: validated, their white level and response, and a sample of pixels from all over them."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optolever.blocks import on_cores
+from optolever.errors import InputError
+from optolever.kernels import exact
+from optolever.patterns import Sequence
+
+from .response import Response
+
+__all__ = ["Light", "fetch_rows", "light_of", "sample_levels", "sample_places"]
+
+F32 = NDArray[np.float32]
+#: Pixels of a run (a cache line of 8-bit frames), and runs of a sample: 16384 pixels, enough for 500 on a
+#: mirror that fills 3 % of the image.
+_RUN, _RUNS = 64, 256
+
+
+@dataclass(frozen=True, slots=True)
+class Light:
+    """Frames (N, H, W) uint8, uint16 or float32 and what turns their levels into linear ones.
+
+    clip    raw level from which on a sample is saturated
+    table   linear level of every raw one, float32; empty: levels are linear
+    rounding  variance that rounding to whole raw levels adds, levels^2
+    """
+
+    raw: NDArray[Any]
+    clip: float
+    table: F32
+    rounding: float
+
+    @property
+    def white(self) -> float:
+        """The linear level at which samples saturate."""
+        return float(self.table[min(int(self.clip), len(self.table) - 1)]) if len(self.table) else self.clip
+
+    def linear(self, raw: NDArray[Any]) -> F32:
+        """Linear levels of some raw ones, float32."""
+        return self.table[raw] if len(self.table) else raw.astype(np.float32)
+
+
+def light_of(
+    frames: ArrayLike, sequence: Sequence, white_level: float | None = None, response: Response | None = None
+) -> Light:
+    """Check frames against their description. InputError if they do not fit or are not finite."""
+    stack = np.asarray(frames)
+    if stack.ndim != 3 or 0 in stack.shape:
+        raise InputError(f"decode: frames have shape {stack.shape}, must be (N, H, W)")
+    if len(stack) != len(sequence):
+        raise InputError(f"decode: {len(stack)} frames, sequence {sequence.name} describes {len(sequence)}")
+    if white_level is not None and not white_level > 0:
+        raise InputError(f"decode: white_level is {white_level}, must be above 0")
+    if stack.dtype.kind == "f":
+        stack = _finite(stack)
+    elif stack.dtype not in (np.uint8, np.uint16):
+        raise InputError(f"decode: frames are {stack.dtype}, must be uint8, uint16 or float")
+    if response is not None and stack.dtype.kind != "u":
+        raise InputError(f"decode: response is given and frames are {stack.dtype}, must be uint8 or uint16")
+    table = np.zeros(0, np.float32) if response is None else response.table(stack.dtype)
+    clip = _clip_level(stack) if white_level is None else float(white_level)
+    rounding = 1 / 12 if stack.dtype.kind == "u" else 0.0
+    return Light(np.ascontiguousarray(stack), clip, table, rounding)
+
+
+def _finite(stack: NDArray[Any]) -> F32:
+    bad = np.flatnonzero(~np.isfinite(stack).all(axis=(1, 2)))
+    if len(bad):
+        raise InputError(f"decode: frame {bad[0]} holds values that are not finite")
+    return stack.astype(np.float32)
+
+
+def _clip_level(stack: NDArray[Any]) -> float:
+    """255, or the largest level of the fewest bits that hold the brightest sample of 16-bit frames."""
+    if stack.dtype == np.uint8:
+        return 255.0
+    if stack.dtype.kind == "f":
+        return float("inf")
+    brightest = int(max(on_cores(np.max, list(stack)), default=0))
+    return float(next(level for level in (255, 1023, 4095, 16383, 65535) if level >= brightest))
+
+
+def sample_places(shape: tuple[int, int], runs: int = _RUNS) -> NDArray[np.int64]:
+    """Row and column (K, 2) of pixels in runs along rows, spread evenly over an image (golden-ratio lattice);
+    of a small image all pixels."""
+    rows, cols = shape
+    if rows * cols <= runs * _RUN:
+        return np.stack(np.divmod(np.arange(rows * cols), cols), axis=1)
+    length = min(_RUN, cols)
+    number = np.arange(runs * _RUN // length)
+    row = ((number + 0.5) / len(number) * rows).astype(np.int64)
+    first = (np.mod(number * 0.6180339887498949, 1.0) * (cols - length + 1)).astype(np.int64)
+    across = first[:, None] + np.arange(length)
+    return np.stack([np.repeat(row, length), across.ravel()], axis=1)
+
+
+def sample_levels(light: Light, places: NDArray[np.int64]) -> F32:
+    """Linear levels (N, K) at places (K, 2); saturated samples are NaN."""
+    levels = np.empty((len(light.raw), len(places)), np.float32)
+    _gather(light.raw, places, light.table, np.float32(light.clip), levels)
+    return levels
+
+
+@exact
+def _gather(raw: Any, places: Any, table: Any, clip: Any, levels: Any) -> None:
+    for i in range(raw.shape[0]):
+        for k in range(places.shape[0]):
+            value = raw[i, places[k, 0], places[k, 1]]
+            if value >= clip:
+                levels[i, k] = np.nan
+            elif table.size > 0:
+                levels[i, k] = table[np.int64(value)]
+            else:
+                levels[i, k] = np.float32(value)
+
+
+@exact
+def fetch_rows(raw: Any, index: Any, row: Any, table: Any, clip: Any, light: Any) -> Any:
+    """Linear levels of the frames `index` (M,) in one row -> light (M, W); whether a sample is saturated."""
+    brightest = np.float32(0)
+    for m in range(index.size):
+        line, out = raw[index[m], row], light[m]
+        if table.size > 0:
+            for x in range(line.size):
+                value = np.float32(line[x])
+                brightest = max(brightest, value)
+                out[x] = table[np.int64(line[x])]
+        else:
+            for x in range(line.size):
+                value = np.float32(line[x])
+                brightest = max(brightest, value)
+                out[x] = value
+    return brightest >= clip
