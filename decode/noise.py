@@ -6,7 +6,7 @@ differences of neighbours. Only pixels that see the pattern count, clipped ones 
 means, which edges, reflections and a few moving pixels do not shift.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -33,13 +33,19 @@ _BINS = 8
 class Noise:
     """variance = read2 + gain * level of one sample, linear camera levels; rounding is part of read2.
 
-    misfit2: variance of what the constraints leave beyond that, a share of the squared amplitude: what is
-    shown or seen is not quite what was described.
+    Misfits are judged by more than that: rounding2, as rounding is no random error (all samples of a pixel may be
+    rounded alike), and misfit2 times the squared amplitude, what the constraints leave beyond noise in all pixels:
+    what is shown or seen is not quite what was described.
     """
 
     read2: float
     gain: float = 0.0
+    rounding2: float = 0.0
     misfit2: float = 0.0
+
+    def numbers(self) -> tuple[Any, ...]:
+        """The fields as float32, for kernels."""
+        return tuple(np.float32(x) for x in (self.read2, self.gain, self.rounding2, self.misfit2))
 
     def variance(self, level: Any) -> Any:
         """Variance of one sample at a level."""
@@ -94,6 +100,7 @@ def estimate_noise(light: Light, plan: Plan, sample: Sample) -> tuple[Noise, Sam
     for _ in range(2):  # of all pixels first, then of those that see the pattern
         level, residual = _residuals(light, plan, sample.only(lit), groups)
         noise = _fitted(level, residual, max(light.rounding, 1e-12))
+        noise = replace(noise, rounding2=light.rounding)
         mean = sample.levels.mean(axis=0)
         seen = amplitude**2 > _SURE**2 * factor * noise.variance(mean)
         if np.count_nonzero(seen) < _FEWEST:

@@ -43,15 +43,17 @@ class Fit:
         return cls(*(np.empty((rows, cols), np.float32) for _ in range(6)))
 
 
-def fit_fringe(light: Light, noise: Noise, fringe: Fringe, rows: tuple[int, int], fit: Fit) -> None:
-    """Fit one period in rows start..stop, in place."""
+def fit_fringe(
+    light: Light, noise: Noise, fringe: Fringe, rows: tuple[int, int], rounding: float, fit: Fit
+) -> None:
+    """Fit one period in rows start..stop, in place; rounding: variance (turns^2) that the shown grey values add."""
     design = fringe.design()
     covariance = np.linalg.inv(design.T @ design)
     _fit_rows(
         *(light.raw, np.array(fringe.index), light.table, np.float32(light.clip), *rows),
         *(design.astype(np.float32), np.linalg.pinv(design).astype(np.float32)),
         np.array([covariance[1, 1], covariance[1, 2], covariance[2, 2]], np.float32),
-        *(np.float32(noise.read2), np.float32(noise.gain), np.float32(noise.misfit2)),
+        *(*noise.numbers(), np.float32(rounding)),
         *(fit.turn, fit.variance, fit.amplitude, fit.offset, fit.chi2, fit.clipped),
     )
 
@@ -89,7 +91,9 @@ def _fit_rows(
     covariance: Any,
     read2: Any,
     gain: Any,
+    rounding2: Any,
     misfit2: Any,
+    rounding: Any,
     turn: Any,
     variance: Any,
     amplitude: Any,
@@ -107,13 +111,13 @@ def _fit_rows(
         _residuals(light, design, offset[r], cosine, sine, chi2[r])
         clipped[r, :] = np.float32(0)
         _phase_line(
-            *(offset[r], cosine, sine, covariance, read2, gain, misfit2),
+            *(offset[r], cosine, sine, covariance, read2, gain, rounding2, misfit2, rounding),
             *(turn[r], variance[r], amplitude[r], chi2[r]),
         )
         if saturated:
             for x in range(width):
                 _refit(
-                    *(raw, index, row, x, clip, light, design, read2, gain, misfit2),
+                    *(raw, index, row, x, clip, light, design, read2, gain, rounding2, misfit2, rounding),
                     *(turn[r], variance[r], amplitude[r], offset[r], chi2[r], clipped[r]),
                 )
 
@@ -157,7 +161,9 @@ def _phase_line(
     covariance: Any,
     read2: Any,
     gain: Any,
+    rounding2: Any,
     misfit2: Any,
+    rounding: Any,
     turn: Any,
     variance: Any,
     amplitude: Any,
@@ -170,9 +176,9 @@ def _phase_line(
         noise = read2 + gain * max(mean[x], np.float32(0))
         turn[x] = turn_of(s, c)
         across = c * c * ss - np.float32(2) * c * s * cs + s * s * cc
-        variance[x] = noise * across / (power * power * _TWO_PI * _TWO_PI)
+        variance[x] = rounding + noise * across / (power * power * _TWO_PI * _TWO_PI)
         amplitude[x] = np.sqrt(power)
-        chi2[x] = chi2[x] / (noise + misfit2 * power)
+        chi2[x] = chi2[x] / (noise + rounding2 + misfit2 * power)
 
 
 @exact
@@ -186,7 +192,9 @@ def _refit(
     design: Any,
     read2: Any,
     gain: Any,
+    rounding2: Any,
     misfit2: Any,
+    rounding: Any,
     turn: Any,
     variance: Any,
     amplitude: Any,
@@ -194,7 +202,7 @@ def _refit(
     chi2: Any,
     clipped: Any,
 ) -> None:
-    """Normal equations of the samples that are not saturated; variance infinite if they are too few."""
+    """Normal equations of the samples that are not saturated; variance 1e12 if they are too few."""
     count = 0
     whole, normal = np.zeros((3, 3)), np.zeros((3, 3))
     right = np.zeros(3)
@@ -210,7 +218,7 @@ def _refit(
         return
     clipped[x] = np.float32(count)
     if np.linalg.det(normal) < _DEGENERATE * np.linalg.det(whole):
-        variance[x] = np.float32(np.inf)
+        variance[x] = np.float32(1e12)
         return
     inverse = np.linalg.inv(normal)
     mean = inverse[0, 0] * right[0] + inverse[0, 1] * right[1] + inverse[0, 2] * right[2]
@@ -224,6 +232,6 @@ def _refit(
     power, noise = max(c * c + s * s, 1e-12), read2 + gain * max(mean, 0.0)
     across = c * c * inverse[2, 2] - 2 * c * s * inverse[1, 2] + s * s * inverse[1, 1]
     turn[x] = np.float32(np.arctan2(s, c) / (2 * np.pi))
-    variance[x] = np.float32(noise * across / (2 * np.pi * power) ** 2)
+    variance[x] = np.float32(rounding + noise * across / (2 * np.pi * power) ** 2)
     amplitude[x], offset[x] = np.float32(np.sqrt(power)), np.float32(mean)
-    chi2[x] = np.float32(rss / (noise + misfit2 * power))
+    chi2[x] = np.float32(rss / (noise + rounding2 + misfit2 * power))

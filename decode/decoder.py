@@ -1,0 +1,182 @@
+"""decode(): frames and their descriptions -> Correspondence."""
+
+from dataclasses import dataclass
+from functools import reduce
+from threading import local
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optolever.blocks import over_blocks, shrinking
+from optolever.errors import InputError
+from optolever.patterns import Sequence
+
+from .axis import AxisDecoder, axis_decoder
+from .correspondence import Correspondence
+from .display import measured_pixelation, no_pixelation
+from .exposures import better_of, by_exposure
+from .flags import Limits, Shared, limits_of, merge
+from .frames import Light, light_of
+from .noise import Noise, Sample, estimate_noise, sampled
+from .plan import Plan, plan
+from .response import Response
+from .spatial import Raw, check_rows
+
+__all__ = ["decode"]
+
+#: Rows of a block that a thread takes, at least.
+_BLOCK = 16
+#: Sigma that is stated for frames without noise beyond their rounding, pattern pixels.
+_LEAST_SIGMA = 0.01
+Mask = NDArray[np.bool_]
+
+
+def decode(
+    frames: ArrayLike,
+    sequence: Sequence,
+    *,
+    noise: float | None = None,
+    gain: float = 0.0,
+    white_level: float | None = None,
+    response: Response | None = None,
+    blur_px: float | None = None,
+    on_cells: bool = True,
+    subpixel: bool = False,
+    mask: ArrayLike | None = None,
+) -> Correspondence:
+    """Where on the pattern every camera pixel looks.
+
+    frames       (N, H, W) uint8 or uint16 (floats are taken, too), frame i as sequence.frames[i] describes it
+    noise, gain  of the camera: variance = noise^2 + gain * level, levels of the frames before rounding;
+                 without `noise` both are estimated from the frames
+    white_level  level at which the camera clips; default 255, for uint16 the 10, 12, 14 or 16 bits in use
+    response     camera level against shown level, inverted first
+    blur_px      rms blur between display and camera, cells; default: estimated (see display)
+    on_cells     frames were shown on the cells of a surface of the sequence's size, as Frame.tables says,
+                 dark around it; what that shifts is taken off (see display). False: ideal cosines
+    subpixel     binary codes: answers within their cells, from the blur of their edges, where it tells
+    mask         (H, W) bool: pixels to decode, the others are INVALID
+
+    A code under several exposures is decoded from each that shows all of it, every pixel from its best one:
+    amplitude and offset are levels of that exposure. InputError if frames and sequence do not fit or hold
+    values that are not finite.
+    """
+    light = light_of(frames, sequence, white_level, response)
+    inside = _mask(mask, light.raw.shape[1:])
+    options = _Options(_given_noise(noise, gain, light), blur_px, on_cells, subpixel, inside)
+    parts = by_exposure(sequence)
+    return reduce(better_of, (_decoded(_part(light, part.index), part.sequence, options) for part in parts))
+
+
+@dataclass(frozen=True, slots=True)
+class _Options:
+    noise: Noise | None
+    blur: float | None
+    on_cells: bool
+    subpixel: bool
+    mask: Mask | None
+
+
+def _mask(mask: ArrayLike | None, shape: tuple[int, ...]) -> Mask | None:
+    if mask is None:
+        return None
+    inside = np.asarray(mask)
+    if inside.shape != shape or inside.dtype != np.bool_:
+        raise InputError(f"decode: mask is {inside.dtype} {inside.shape}, must be bool {shape}")
+    return inside
+
+
+def _given_noise(noise: float | None, gain: float, light: Light) -> Noise | None:
+    for name, value in (("noise", noise), ("gain", gain)):
+        if value is not None and not 0 <= value < np.inf:
+            raise InputError(f"decode: {name} is {value}, must be finite and at least 0")
+    return None if noise is None else Noise(max(noise**2 + light.rounding, 1e-12), gain)
+
+
+def _part(light: Light, index: NDArray[np.int64]) -> Light:
+    if len(index) == len(light.raw):
+        return light
+    return Light(np.ascontiguousarray(light.raw[index]), light.clip, light.table, light.rounding)
+
+
+def _decoded(light: Light, sequence: Sequence, options: _Options) -> Correspondence:
+    """The six steps, for frames of one exposure."""
+    wanted = plan(sequence)
+    noise, lit = _noise(light, wanted, options)
+    decoders = [axis_decoder(axis, sequence, wanted, light, noise, lit, options.on_cells) for axis in wanted.axes]
+    raw, shared = _estimated(light, noise, decoders)
+    found = _among_neighbours(decoders, lit, raw, shared, options, sequence, noise)
+    if options.mask is not None:
+        np.bitwise_or(found.flags, np.uint16(128), out=found.flags, where=~options.mask)
+    return found
+
+
+def _noise(light: Light, wanted: Plan, options: _Options) -> tuple[Noise, Sample]:
+    noise, lit = estimate_noise(light, wanted, sampled(light, options.mask))
+    return (noise if options.noise is None else options.noise), lit
+
+
+def _estimated(
+    light: Light, noise: Noise, decoders: list[AxisDecoder]
+) -> tuple[dict[str, Raw], Shared]:
+    """Every axis, block by block of rows."""
+    shape = light.raw.shape[1:]
+    raw = {
+        decoder.axis.axis: Raw(np.empty(shape, np.float32), np.empty(shape, np.float32)) for decoder in decoders
+    }
+    shared = Shared(np.empty(shape, np.uint16), *(np.empty(shape, np.float32) for _ in range(3)))
+    cuts = shrinking(shape[0], _BLOCK)
+    room = local()
+
+    def block(start: int, stop: int) -> None:
+        for i, decoder in enumerate(decoders):
+            own = raw[decoder.axis.axis]
+            estimate = decoder.estimate((start, stop), own, room)
+            merge(estimate, noise, decoder.limits, i == 0, (start, stop), shared)
+
+    over_blocks(block, cuts)
+    return raw, shared
+
+
+def _among_neighbours(
+    decoders: list[AxisDecoder],
+    lit: Sample,
+    raw: dict[str, Raw],
+    shared: Shared,
+    options: _Options,
+    sequence: Sequence,
+    noise: Noise,
+) -> Correspondence:
+    """Pixelation taken off, edges and strays flagged."""
+    shape = shared.flags.shape
+    silent = bool(noise.variance(float(lit.levels.mean()) if lit.levels.size else 0.0) < 1.5 / 12)
+    least = _LEAST_SIGMA if silent else 0.0
+    cells = options.on_cells and not sequence.nominal
+    tables = {}
+    for decoder in decoders:
+        own = raw[decoder.axis.axis]
+        tables[decoder.axis.axis] = (
+            measured_pixelation(decoder.axis, options.blur, lit, own.coordinate, own.variance)
+            if cells
+            else no_pixelation()
+        )
+    out = {axis: [np.full(shape, fill, np.float32) for fill in (np.nan, np.inf)] for axis in "uv"}
+    flags = shared.flags.copy()
+
+    def block(start: int, stop: int) -> None:
+        for decoder in decoders:
+            name = decoder.axis.axis
+            extent = float(decoder.axis.extent) if cells else 0.0
+            check_rows(
+                (start, stop),
+                raw[name],
+                (shared.flags, shared.amplitude),
+                tables[name],
+                (extent, decoder.jump, least),
+                (*out[name], flags),
+            )
+
+    over_blocks(block, shrinking(shape[0], _BLOCK))
+    (u, sigma_u), (v, sigma_v) = out["u"], out["v"]
+    return Correspondence(u, v, sigma_u, sigma_v, flags, shared.amplitude, shared.offset, shared.error)

@@ -1,0 +1,117 @@
+"""Flags: what the estimates of both axes say against a pixel, made once, and the maps that the axes share."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from optolever.kernels import kernel
+
+from .correspondence import Flag
+from .estimate import Estimate
+from .noise import Noise
+
+__all__ = ["Limits", "Shared", "limits_of", "merge"]
+
+#: Probability of a wrong order above which a pixel is flagged.
+DOUBT = 1e-4
+#: Chance of a pixel without fault to be refused for its misfit.
+_CHANCE = 1e-6
+#: Modulation over its noise below which a pixel is flagged: noise alone reaches it once in 3.7e-6.
+_CONTRAST = 5.0
+#: Share of the camera's range that the brightest sample of a dark pixel reaches: 4 of 8 bits.
+_DIM = 1 / 16
+
+_DARK, _SATURATED, _LOW, _ORDER = (
+    np.int32(Flag.DARK),
+    np.int32(Flag.SATURATED),
+    np.int32(Flag.LOW_CONTRAST),
+    np.int32(Flag.ORDER_DOUBTFUL),
+)
+_OFF, _MOVED, _INVALID = np.int32(Flag.OFF_PATTERN), np.int32(Flag.MOVED), np.int32(Flag.INVALID)
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Of one axis: extent of the surface (px), modulation^2 over a sample's variance, chi2, darkest white level."""
+
+    extent: float
+    contrast2: float
+    misfit: float
+    dim: float
+
+
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """Maps (H, W) that both axes share: flags uint16; smaller amplitude, mean level, error float32."""
+
+    flags: NDArray[np.uint16]
+    amplitude: NDArray[np.float32]
+    offset: NDArray[np.float32]
+    error: NDArray[np.float32]
+
+
+def limits_of(extent: int, factor: float, freedom: int, white: float) -> Limits:
+    """factor: variance of the amplitude over that of a sample; freedom: of chi2; white: where samples saturate."""
+    most = float(chi2.isf(_CHANCE, freedom)) if freedom > 0 else np.inf
+    return Limits(extent, _CONTRAST**2 * factor, most, _DIM * white if np.isfinite(white) else 0.0)
+
+
+def merge(
+    estimate: Estimate, noise: Noise, limits: Limits, first: bool, rows: tuple[int, int], shared: Shared
+) -> None:
+    """One axis' estimate of rows start..stop into the shared maps; first: these hold nothing yet."""
+    part = slice(*rows)
+    _merge(
+        *(array.ravel() for array in estimate.arrays()),
+        *(np.float32(noise.read2), np.float32(noise.gain)),
+        *(np.float32(limits.extent), np.float32(limits.contrast2)),
+        *(np.float32(limits.misfit), np.float32(limits.dim), first),
+        *(shared.flags[part].ravel(), shared.amplitude[part].ravel()),
+        *(shared.offset[part].ravel(), shared.error[part].ravel()),
+    )
+
+
+@kernel
+def _merge(
+    coordinate: Any,
+    variance: Any,
+    error: Any,
+    amplitude: Any,
+    offset: Any,
+    misfit: Any,
+    clipped: Any,
+    read2: Any,
+    gain: Any,
+    extent: Any,
+    contrast2: Any,
+    most: Any,
+    dim: Any,
+    first: Any,
+    flags: Any,
+    least: Any,
+    mean: Any,
+    either: Any,
+) -> None:
+    half, zero, none = np.float32(0.5), np.float32(0), np.int32(0)
+    for x in range(coordinate.size):
+        c, a, o = coordinate[x], amplitude[x], offset[x]
+        noise = read2 + gain * max(o, zero)
+        faint = a * a < contrast2 * noise
+        known = abs(c) < np.float32(1e9)
+        blind = variance[x] > extent * extent
+        flag = _LOW if faint else none
+        flag |= _DARK if faint & (o + a < dim) else none
+        flag |= none if known else _INVALID
+        flag |= _SATURATED if blind & (clipped[x] > zero) else none
+        flag |= _ORDER if error[x] > np.float32(DOUBT) else none
+        flag |= _OFF if (c < -half) | (c > extent - half) else none
+        flag |= _MOVED if misfit[x] > most else none
+        joined = flag if first else flag | np.int32(flags[x])
+        flags[x] = np.uint16(joined)
+        least[x] = a if first else min(least[x], a)
+        mean[x] = o if first else half * (mean[x] + o)
+        wrong = min(error[x], np.float32(1))
+        either[x] = wrong if first else either[x] + wrong - either[x] * wrong
