@@ -148,27 +148,31 @@ def _cells(turns: Any, periods: Any, cell: Any) -> None:
 
 @kernel
 def _scores(turns: Any, variances: Any, periods: Any, order: Any, sums: Any) -> None:
-    """Of an order: sum of weights, weighted mean and misfit of the places that all periods give."""
+    """Of an order: place, sum of weights, weighted mean and misfit of the places that all periods give."""
     last = periods.size - 1
     fine = periods[last]
     place, weight, mean, square = sums[0], sums[1], sums[2], sums[3]
     t, v = turns[last], variances[last]
     for x in range(order.size):
         place[x] = fine * (order[x] + t[x])
+    for x in range(order.size):
         weight[x] = _ONE / (fine * fine * v[x])
-        mean[x], square[x] = np.float32(0), np.float32(0)
+    mean[:], square[:] = np.float32(0), np.float32(0)
     for j in range(last):
-        p = periods[j]
+        p, per_period = periods[j], _ONE / periods[j]
         t, v = turns[j], variances[j]
         for x in range(order.size):
-            off = place[x] / p - t[x]
-            away = p * (np.rint(off) - off)
-            own = _ONE / (p * p * v[x])
-            weight[x] += own
-            mean[x] += own * away
-            square[x] += own * away * away
+            weight[x] += _ONE / (p * p * v[x])
+        for x in range(order.size):
+            off = place[x] * per_period - t[x]
+            mean[x] += (np.rint(off) - off) / (p * v[x])
+        for x in range(order.size):
+            off = place[x] * per_period - t[x]
+            off = np.rint(off) - off
+            square[x] += off * off / v[x]
     for x in range(order.size):
         mean[x] = mean[x] / weight[x]
+    for x in range(order.size):
         square[x] = square[x] - weight[x] * mean[x] * mean[x]
 
 
@@ -198,18 +202,23 @@ def _better(
     b = min(1, last - 1)
     r0, r1 = periods[last] / periods[0], periods[last] / periods[b]
     v0, v1, v = variances[0], variances[b], variances[last]
+    score, rival = sums[3], sums[7]
+    for x in range(place.size):  # none listed: never better
+        rival[x] = np.float32(1e9) if other[x] < np.float32(-10000) else rival[x]
     for x in range(place.size):
-        none, lone = one[x] < np.float32(-10000), other[x] < np.float32(-10000)
-        swap = (sums[7, x] < sums[3, x]) & ~lone
-        best = sums[7, x] if swap else sums[3, x]
-        next_best = sums[3, x] if swap else sums[7, x]
-        place[x] = sums[4, x] + sums[6, x] if swap else sums[0, x] + sums[2, x]
-        var[x] = _ONE / (sums[5, x] if swap else sums[1, x])
-        chi2[x] = best
-        wrong = vanishing(np.float32(0.5) * (next_best - best))
-        wrong = np.float32(0) if lone else wrong / (_ONE + wrong)
-        left = _unlisted(tolerance, v0[x] + r0 * r0 * v[x], v1[x] + r1 * r1 * v[x])
-        error[x] = _ONE if none else min(wrong + left, _ONE)
+        wrong = vanishing(_HALF * abs(rival[x] - score[x]))
+        error[x] = wrong / (_ONE + wrong)
+    for x in range(place.size):
+        error[x] += _unlisted(tolerance, v0[x] + r0 * r0 * v[x], v1[x] + r1 * r1 * v[x])
+    for x in range(place.size):
+        error[x] = _ONE if one[x] < np.float32(-10000) else min(error[x], _ONE)
+    for x in range(place.size):
+        own, rest = sums[0, x] + sums[2, x], sums[4, x] + sums[6, x]
+        place[x] = rest if rival[x] < score[x] else own
+    for x in range(place.size):
+        var[x] = _ONE / (sums[5, x] if rival[x] < score[x] else sums[1, x])
+    for x in range(place.size):
+        chi2[x] = min(rival[x], score[x])
 
 
 @exact

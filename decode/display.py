@@ -37,6 +37,8 @@ _TERMS, _FINE, _COMPARED = 4, 256, 3
 _SIGNIFICANT = 9.0
 #: Footprint over period beyond which a fringe is not seen.
 _BLIND = 0.9
+#: Share of sigma that may be left out.
+_SLIGHT = 0.1
 #: Pixels of the sample that are compared at most.
 _MOST = 4096
 
@@ -59,10 +61,10 @@ class Pixelation:
         return float(np.sqrt(1 / 12 + blur**2))
 
 
-def no_pixelation() -> Pixelation:
-    """Of ideal fringes."""
-    nothing = np.zeros((len(WIDTHS), PLACES), np.float32)
-    return Pixelation(nothing, nothing, float("nan"))
+def no_pixelation(blur: float = float("nan")) -> Pixelation:
+    """Nothing that matters: of ideal fringes, or of a blur that leaves too little of the cells."""
+    nothing = np.zeros((0, PLACES), np.float32)
+    return Pixelation(nothing, nothing, blur)
 
 
 def shares_of(axis: AxisPlan) -> tuple[tuple[float, float], ...]:
@@ -149,6 +151,8 @@ def _table(
         own = cell_error(shares, WIDTHS, blur, place)
     unsure = [cell_error(shares, WIDTHS, end, place) - own for end in allowed]
     extra = np.max([(part**2).mean(axis=1) for part in unsure], axis=0)
+    if (shift**2 + variance + extra[:, None]).max() < (_SLIGHT * sigma) ** 2:
+        return no_pixelation(blur)
     return Pixelation(shift, (variance + extra[:, None]).astype(np.float32), blur)
 
 

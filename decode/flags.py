@@ -100,18 +100,28 @@ def _merge(
         c, a, o = coordinate[x], amplitude[x], offset[x]
         noise = read2 + gain * max(o, zero)
         faint = a * a < contrast2 * noise
-        known = abs(c) < np.float32(1e9)
         blind = variance[x] > extent * extent
-        flag = _LOW if faint else none
+        flag = none if first else np.int32(flags[x])
+        flag |= _LOW if faint else none
         flag |= _DARK if faint & (o + a < dim) else none
-        flag |= none if known else _INVALID
+        flag |= none if abs(c) < np.float32(1e9) else _INVALID
         flag |= _SATURATED if blind & (clipped[x] > zero) else none
         flag |= _ORDER if error[x] > np.float32(DOUBT) else none
         flag |= _OFF if (c < -half) | (c > extent - half) else none
         flag |= _MOVED if misfit[x] > most else none
-        joined = flag if first else flag | np.int32(flags[x])
-        flags[x] = np.uint16(joined)
-        least[x] = a if first else min(least[x], a)
-        mean[x] = o if first else half * (mean[x] + o)
-        wrong = min(error[x], np.float32(1))
-        either[x] = wrong if first else either[x] + wrong - either[x] * wrong
+        flags[x] = np.uint16(flag)
+    if first:
+        for x in range(coordinate.size):
+            least[x] = amplitude[x]
+        for x in range(coordinate.size):
+            mean[x] = offset[x]
+        for x in range(coordinate.size):
+            either[x] = min(error[x], np.float32(1))
+    else:
+        for x in range(coordinate.size):
+            least[x] = min(least[x], amplitude[x])
+        for x in range(coordinate.size):
+            mean[x] = half * (mean[x] + offset[x])
+        for x in range(coordinate.size):
+            wrong = min(error[x], np.float32(1))
+            either[x] += wrong - either[x] * wrong

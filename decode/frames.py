@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from optolever.blocks import on_cores
 from optolever.errors import InputError
-from optolever.kernels import exact
+from optolever.kernels import exact, kernel
 from optolever.patterns import Sequence
 
 from .response import Response
@@ -119,20 +119,18 @@ def _gather(raw: Any, places: Any, table: Any, clip: Any, levels: Any) -> None:
                 levels[i, k] = np.float32(value)
 
 
-@exact
+@kernel
 def fetch_rows(raw: Any, index: Any, row: Any, table: Any, clip: Any, light: Any) -> Any:
     """Linear levels of the frames `index` (M,) in one row -> light (M, W); whether a sample is saturated."""
-    brightest = np.float32(0)
+    saturated = 0
     for m in range(index.size):
         line, out = raw[index[m], row], light[m]
+        for x in range(line.size):
+            saturated += np.float32(line[x]) >= clip
         if table.size > 0:
             for x in range(line.size):
-                value = np.float32(line[x])
-                brightest = max(brightest, value)
                 out[x] = table[np.int64(line[x])]
         else:
             for x in range(line.size):
-                value = np.float32(line[x])
-                brightest = max(brightest, value)
-                out[x] = value
-    return brightest >= clip
+                out[x] = np.float32(line[x])
+    return saturated > 0

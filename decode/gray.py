@@ -85,7 +85,7 @@ def read_code(
 
 
 @inlined
-def _turned(z: Any) -> Any:
+def turned(z: Any) -> Any:
     """Q(z) for z >= 0 within 2 % (W. Boerjesson, C. Sundberg, doi:10.1109/TCOM.1979.1094433)."""
     return vanishing(np.float32(0.5) * z * z) / (
         np.float32(1.64) * z + np.sqrt(np.float32(0.76) * z * z + np.float32(4))
@@ -136,15 +136,18 @@ def _read_rows(
         if referenced:
             if fetch_rows(raw, ends, row, table, clip, light):
                 _count(raw[ends[0], row], clip, clipped[r])
-            _references(light, a, o)
+            _half_difference(light[0], light[1], a)
+            _half_sum(light[0], light[1], o)
         for b in range(bits):
             both = frames[b, 0] >= 0 and frames[b, 1] >= 0
             if both:
                 fetch_rows(raw, frames[b], row, table, clip, light)
                 if not referenced and pairs == 0:
-                    _first_pair(light, a, o)
+                    a[:] = np.float32(0)
+                    _half_sum(light[0], light[1], o)
                 pairs += 1
-                _pair(light, o, margin[b], total, square)
+                _half_difference(light[0], light[1], margin[b])
+                _uneven(light[0], light[1], o, total, square)
             else:
                 plain = frames[b, 0] >= 0
                 fetch_rows(raw, frames[b, 0:1] if plain else frames[b, 1:2], row, table, clip, light)
@@ -160,7 +163,7 @@ def _read_rows(
             noise = read2 + gain * max(o[x], np.float32(0))
             if second[x] * second[x] < np.float32(_WEAK * _WEAK) * noise and a[x] * a[x] > np.float32(8) * noise:
                 _weak_bits(
-                    *(x, margin, factor, word[x], cells, words, a[x], noise, cell, first, alone),
+                    *(x, margin, factor, words[word[x]], cells, words, a[x], noise, cell, first, alone),
                     *(place[r], var[r], error[r]),
                 )
 
@@ -172,38 +175,34 @@ def _count(line: Any, clip: Any, clipped: Any) -> None:
 
 
 @kernel
-def _references(light: Any, amplitude: Any, offset: Any) -> None:
-    white, black = light[0], light[1]
-    for x in range(offset.size):
-        amplitude[x] = np.float32(0.5) * (white[x] - black[x])
-        offset[x] = np.float32(0.5) * (white[x] + black[x])
+def _half_difference(one: Any, other: Any, out: Any) -> None:
+    for x in range(out.size):
+        out[x] = np.float32(0.5) * (one[x] - other[x])
 
 
 @kernel
-def _first_pair(light: Any, amplitude: Any, offset: Any) -> None:
-    one, other = light[0], light[1]
-    for x in range(offset.size):
-        amplitude[x] = np.float32(0)
-        offset[x] = np.float32(0.5) * (one[x] + other[x])
+def _half_sum(one: Any, other: Any, out: Any) -> None:
+    for x in range(out.size):
+        out[x] = np.float32(0.5) * (one[x] + other[x])
 
 
 @kernel
-def _pair(light: Any, offset: Any, margin: Any, total: Any, square: Any) -> None:
-    """Half the difference of a bit and its inverse; sums of how far their mean is off the usual level."""
-    one, other = light[0], light[1]
+def _uneven(one: Any, other: Any, offset: Any, total: Any, square: Any) -> None:
+    """Sums of how far the mean of a bit and its inverse is off the usual level."""
     for x in range(offset.size):
-        margin[x] = np.float32(0.5) * (one[x] - other[x])
+        total[x] += np.float32(0.5) * (one[x] + other[x]) - offset[x]
+    for x in range(offset.size):
         off = np.float32(0.5) * (one[x] + other[x]) - offset[x]
-        total[x] += off
         square[x] += off * off
 
 
 @kernel
-def _single(light: Any, plain: Any, offset: Any, amplitude: Any, margin: Any, chi2: Any) -> None:
+def _single(line: Any, plain: Any, offset: Any, amplitude: Any, margin: Any, chi2: Any) -> None:
     """Difference from the mean level; what most passes white and black, levels^2."""
     sign = np.float32(1) if plain else np.float32(-1)
     for x in range(offset.size):
-        margin[x] = sign * (light[x] - offset[x])
+        margin[x] = sign * (line[x] - offset[x])
+    for x in range(offset.size):
         over = max(abs(margin[x]) - amplitude[x], np.float32(0))
         chi2[x] = max(chi2[x], over * over)
 
@@ -216,13 +215,16 @@ def _largest(margin: Any, amplitude: Any) -> None:
 
 @kernel
 def _bit(margin: Any, scale: Any, b: Any, word: Any, weakest: Any, least: Any, second: Any) -> None:
+    """One more bit of the words; the weakest, its margin and the next one's, in deviations of a sample."""
     bit, number = np.int32(1 << b), np.int32(b)
     for x in range(word.size):
         word[x] |= bit if margin[x] > np.float32(0) else np.int32(0)
-        size = abs(margin[x]) * scale
-        second[x] = min(second[x], max(size, least[x]))
-        weakest[x] = number if size < least[x] else weakest[x]
-        least[x] = min(least[x], size)
+    for x in range(word.size):
+        second[x] = min(second[x], max(abs(margin[x]) * scale, least[x]))
+    for x in range(word.size):
+        weakest[x] = number if abs(margin[x]) * scale < least[x] else weakest[x]
+    for x in range(word.size):
+        least[x] = min(least[x], abs(margin[x]) * scale)
 
 
 @kernel
@@ -250,30 +252,41 @@ def _cells_line(
     error: Any,
     chi2: Any,
 ) -> None:
+    """Cells of the words; what the weakest bit leads to if noise turned it."""
     within = cell * cell / np.float32(12) if alone else np.float32(0)
     mixed = np.float32(1) if alone else np.float32(0)
-    count = np.float32(1) / max(pairs, np.float32(1))
+    one = np.float32(1)
+    count = one / max(pairs, one)
     # a mean of two samples; white and black are one more
-    known = np.float32(1) / (np.float32(1) + count) if referenced else np.float32(0)
+    known = one / (one + count) if referenced else np.float32(0)
+    known = one - known * count
+    for x in range(word.size):  # the cell that a turned bit leads to
+        weakest[x] = cells[word[x] ^ (np.int32(1) << weakest[x])]
     for x in range(word.size):
-        noise = read2 + gain * max(offset[x], np.float32(0))
-        inverse = np.float32(1) / np.sqrt(noise)
-        own = cells[word[x]]
-        other = cells[word[x] ^ (np.int32(1) << weakest[x])]
-        turned = _turned(least[x] * inverse)
-        also = _turned(second[x] * inverse)
-        beside = abs(own - other) == 1
-        step = np.float32(other - own) if beside else np.float32(0)
-        place[x] = first + cell * (np.float32(own) + mixed * turned * step)
-        spread = mixed * turned * (np.float32(1) - turned) * step * step
+        word[x] = cells[word[x]]
+    for x in range(word.size):  # in deviations
+        least[x] = least[x] / np.sqrt(read2 + gain * max(offset[x], np.float32(0)))
+    for x in range(word.size):
+        off = np.float32(weakest[x] - word[x])
+        step = off if abs(off) == one else np.float32(0)
+        place[x] = first + cell * (np.float32(word[x]) + mixed * turned(least[x]) * step)
+    for x in range(word.size):
+        beside = abs(weakest[x] - word[x]) == 1
+        wrong = turned(least[x])
+        spread = mixed * wrong * (one - wrong) if beside else np.float32(0)
         # an edge is as wide as a cell at most, and noise moves it by its share of the contrast
+        noise = read2 + gain * max(offset[x], np.float32(0))
         power = max(amplitude[x] * amplitude[x], noise)
         var[x] = within + cell * cell * (spread + np.float32(0.125) * noise / power)
-        wrong = np.float32(0) if beside else turned
+    for x in range(word.size):
+        noise = read2 + gain * max(offset[x], np.float32(0))
+        wrong = np.float32(0) if abs(weakest[x] - word[x]) == 1 else turned(least[x])
+        also = turned(second[x] / np.sqrt(noise))
         error[x] = wrong + also - wrong * also
+    for x in range(word.size):
+        noise = read2 + gain * max(offset[x], np.float32(0))
         unlike = rounding2 + misfit2 * amplitude[x] * amplitude[x]
-        of_pairs = square[x] - total[x] * total[x] * count * (np.float32(1) - known * count)
-        of_pairs = of_pairs / (np.float32(0.5) * noise + unlike)
+        of_pairs = (square[x] - total[x] * total[x] * count * known) / (np.float32(0.5) * noise + unlike)
         chi2[x] = of_pairs + chi2[x] / (np.float32(1.5) * noise + unlike)
 
 

@@ -107,7 +107,9 @@ def _fit_rows(
     for row in range(start, stop):
         r = row - start
         saturated = fetch_rows(raw, index, row, table, clip, light)
-        _fit_line(light, inverse, offset[r], cosine, sine)
+        combine(light, inverse[0], offset[r])
+        combine(light, inverse[1], cosine)
+        combine(light, inverse[2], sine)
         _residuals(light, design, offset[r], cosine, sine, chi2[r])
         clipped[r, :] = np.float32(0)
         _phase_line(
@@ -123,22 +125,16 @@ def _fit_rows(
 
 
 @kernel
-def _fit_line(light: Any, inverse: Any, mean: Any, cosine: Any, sine: Any) -> None:
-    """Offset, c and s of a line of pixels, three frames at first, then one by one."""
-    a, b, d = light[0], light[1], light[2]
-    m0, m1, m2 = inverse[0, 0], inverse[0, 1], inverse[0, 2]
-    c0, c1, c2 = inverse[1, 0], inverse[1, 1], inverse[1, 2]
-    s0, s1, s2 = inverse[2, 0], inverse[2, 1], inverse[2, 2]
-    for x in range(mean.size):
-        mean[x] = m0 * a[x] + m1 * b[x] + m2 * d[x]
-        cosine[x] = c0 * a[x] + c1 * b[x] + c2 * d[x]
-        sine[x] = s0 * a[x] + s1 * b[x] + s2 * d[x]
+def combine(light: Any, weights: Any, out: Any) -> None:
+    """Sum of light (N, W) by weights (N,) -> out (W,), N >= 3."""
+    a, b, c = light[0], light[1], light[2]
+    w0, w1, w2 = weights[0], weights[1], weights[2]
+    for x in range(out.size):
+        out[x] = w0 * a[x] + w1 * b[x] + w2 * c[x]
     for i in range(3, light.shape[0]):
-        one, m, c, s = light[i], inverse[0, i], inverse[1, i], inverse[2, i]
-        for x in range(mean.size):
-            mean[x] += m * one[x]
-            cosine[x] += c * one[x]
-            sine[x] += s * one[x]
+        one, w = light[i], weights[i]
+        for x in range(out.size):
+            out[x] += w * one[x]
 
 
 @kernel
@@ -169,16 +165,21 @@ def _phase_line(
     amplitude: Any,
     chi2: Any,
 ) -> None:
+    """Phase, amplitude, variance and chi2 of a line, one after the other."""
     cc, cs, ss = covariance[0], covariance[1], covariance[2]
+    for x in range(mean.size):
+        turn[x] = turn_of(sine[x], cosine[x])
+    for x in range(mean.size):
+        amplitude[x] = np.sqrt(max(cosine[x] * cosine[x] + sine[x] * sine[x], _TINY))
     for x in range(mean.size):
         c, s = cosine[x], sine[x]
         power = max(c * c + s * s, _TINY)
-        noise = read2 + gain * max(mean[x], np.float32(0))
-        turn[x] = turn_of(s, c)
         across = c * c * ss - np.float32(2) * c * s * cs + s * s * cc
+        noise = read2 + gain * max(mean[x], np.float32(0))
         variance[x] = rounding + noise * across / (power * power * _TWO_PI * _TWO_PI)
-        amplitude[x] = np.sqrt(power)
-        chi2[x] = chi2[x] / (noise + rounding2 + misfit2 * power)
+    for x in range(mean.size):
+        noise = read2 + gain * max(mean[x], np.float32(0)) + rounding2
+        chi2[x] = chi2[x] / (noise + misfit2 * amplitude[x] * amplitude[x])
 
 
 @exact

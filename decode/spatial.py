@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import exact
+from optolever.kernels import exact, kernel
 
 from .correspondence import Flag
 from .display import PLACES, WIDTHS, Pixelation
@@ -74,81 +74,171 @@ def _check(
     out_flags: Any,
 ) -> None:
     rows, cols = coord.shape
-    per_width = np.float32(1 / WIDTHS[1])
-    half, zero = np.float32(0.5), np.float32(0)
+    special = np.empty(cols, np.int32)
+    bend = np.empty((2, cols), np.float32)
+    # the border takes no light from pixels that are further from it
+    margin = np.float32(3) * np.sqrt(reach * reach + np.float32(WIDTHS[-1] ** 2 / 12)) if extent > 0 else -np.inf
+    low, high = np.float32(margin - 0.5), np.float32(extent - 0.5 - margin)
+    high = np.float32(np.inf) if extent <= 0 else high
     for y in range(start, stop):
         up, down = max(y - 1, 0), min(y + 1, rows - 1)
+        _special_line(
+            *(coord[y], coord[up], coord[down], variance[y], variance[up], variance[down]),
+            *(flags[y], flags[up], flags[down], jump, low, high, bend[0], bend[1], special),
+        )
+        if shift.size > 0:
+            _corrected_line(
+                coord[y], coord[up], coord[down], variance[y], np.float32(down - up), shift, unsure, out[y], sigma[y]
+            )
+        else:
+            out[y, :] = coord[y]
+            sigma[y, :] = variance[y]
         for x in range(cols):
-            c, var = coord[y, x], variance[y, x]
-            flag = np.uint16(0)
-            if flags[y, x] == 0:
-                before, after = max(x - 1, 0), min(x + 1, cols - 1)
-                left, right, above, below = coord[y, before], coord[y, after], coord[up, x], coord[down, x]
-                has_left, has_right = flags[y, before] == 0, flags[y, after] == 0
-                has_above, has_below = flags[up, x] == 0, flags[down, x] == 0
-                lost = zero
-                gx = right - left if has_left and has_right else zero
-                gy = below - above if has_above and has_below else zero
-                gx = gx * half if 0 < x < cols - 1 else gx
-                gy = gy * half if 0 < y < rows - 1 else gy
-                if not (has_left and has_right):
-                    lost, gx = _beside(
-                        has_left, has_right, c, left, right, amplitude[y, x], amplitude[y, before], amplitude[y, after]
-                    )
-                if not (has_above and has_below):
-                    more, gy = _beside(
-                        has_above, has_below, c, above, below, amplitude[y, x], amplitude[up, x], amplitude[down, x]
-                    )
-                    lost += more
-                if has_left + has_right + has_above + has_below <= 1 and rows > 2 and cols > 2:
-                    flag |= np.uint16(_OUTLIER)
-                across = has_left and has_right and 0 < x < cols - 1
-                along = has_above and has_below and 0 < y < rows - 1
-                beyond_x, beyond_y = zero, zero
-                if across:
-                    noise = _SURE * np.sqrt(variance[y, before] + np.float32(4) * var + variance[y, after])
-                    bend = abs(left + right - np.float32(2) * c)
-                    if bend > max(jump, noise):
-                        flag |= np.uint16(_OUTLIER)
-                    beyond_x = max(min(left, right) - c, c - max(left, right)) - noise
-                if along:
-                    noise = _SURE * np.sqrt(variance[up, x] + np.float32(4) * var + variance[down, x])
-                    bend = abs(above + below - np.float32(2) * c)
-                    if bend > max(jump, noise):
-                        flag |= np.uint16(_OUTLIER)
-                    beyond_y = max(min(above, below) - c, c - max(above, below)) - noise
-                if across and along and beyond_x > zero and beyond_y > zero:
-                    flag |= np.uint16(_OUTLIER)
-                width = np.sqrt(gx * gx + gy * gy)
-                k = min(np.int32(width * per_width + half), np.int32(shift.shape[0] - 1))
-                at = (c - np.floor(c)) * np.float32(PLACES)
-                i = min(np.int32(at), np.int32(PLACES - 1))
-                j = i + 1 if i + 1 < PLACES else 0
-                part = at - np.float32(i)
-                c = c + (np.float32(1) - part) * shift[k, i] + part * shift[k, j]
-                var = var + unsure[k, i] + lost
-                if extent > zero:
-                    deviation = np.sqrt(reach * reach + width * width * np.float32(1 / 12))
-                    away = min(c + half, extent - half - c)
-                    if away < np.float32(3) * deviation:
-                        dark = half * np.float32(math.erfc(away / (deviation * np.float32(1.4142135))))
-                        var += dark * dark * deviation * deviation
-                        if dark > np.float32(_LOST):
-                            flag |= np.uint16(_OFF)
-            out[y, x] = c
-            sigma[y, x] = max(np.sqrt(var), least)
-            out_flags[y, x] |= flag
+            if special[x] != 0 and flags[y, x] == 0:
+                flag, lost = _neighbours(y, x, coord, variance, flags, amplitude, jump)
+                border, dark = _border(coord[y, x], bend[0, x], bend[1, x], reach, extent)
+                sigma[y, x] += lost + dark
+                out_flags[y, x] |= flag | border
+        _root(sigma[y], least)
+
+
+@kernel
+def _root(sigma: Any, least: Any) -> None:
+    for x in range(sigma.size):
+        sigma[x] = max(np.sqrt(sigma[x]), least)
+
+
+@kernel
+def _special_line(
+    c: Any,
+    above: Any,
+    below: Any,
+    var: Any,
+    var_above: Any,
+    var_below: Any,
+    flags: Any,
+    flags_above: Any,
+    flags_below: Any,
+    jump: Any,
+    low: Any,
+    high: Any,
+    across: Any,
+    along: Any,
+    special: Any,
+) -> None:
+    """Pixels of which neighbours or the border tell something: those at the ends of a row are always asked."""
+    last = c.size - 1
+    sure, four = np.float32(_SURE * _SURE), np.float32(4)
+    special[:] = 1
+    across[:], along[:] = np.float32(0), np.float32(0)
+    for x in range(1, last):  # squared second difference over what noise allows, 0 where it does not matter
+        off = c[x - 1] + c[x + 1] - np.float32(2) * c[x]
+        across[x] = off * off / (sure * (var[x - 1] + four * var[x] + var[x + 1]))
+    for x in range(1, last):
+        off = above[x] + below[x] - np.float32(2) * c[x]
+        along[x] = off * off / (sure * (var_above[x] + four * var[x] + var_below[x]))
+    for x in range(1, last):
+        off = c[x - 1] + c[x + 1] - np.float32(2) * c[x]
+        wide = (off * off > jump * jump) & (across[x] > np.float32(1))
+        both = (across[x] > np.float32(1)) & (along[x] > np.float32(1))
+        special[x] = 1 if wide | both else 0
+    for x in range(1, last):
+        off = above[x] + below[x] - np.float32(2) * c[x]
+        wide = (off * off > jump * jump) & (along[x] > np.float32(1))
+        special[x] |= 1 if wide | (c[x] < low) | (c[x] > high) else 0
+    for x in range(1, last):
+        any_flag = flags[x - 1] | flags[x + 1] | flags_above[x] | flags_below[x]
+        special[x] |= 1 if any_flag != 0 else 0
+    for x in range(1, last):
+        across[x] = np.float32(0.5) * abs(c[x + 1] - c[x - 1])
+    for x in range(1, last):
+        along[x] = np.float32(0.5) * abs(below[x] - above[x])
+
+
+@kernel
+def _corrected_line(
+    c: Any, above: Any, below: Any, var: Any, rows: Any, shift: Any, unsure: Any, out: Any, total: Any
+) -> None:
+    """Pixelation taken off a line; its doubt joins the variance."""
+    last = c.size - 1
+    per_width, most = np.float32(1 / WIDTHS[1]), np.int32(shift.shape[0] - 1)
+    per_row = np.float32(1) / max(rows, np.float32(1))
+    for x in range(c.size):
+        before, after = max(x - 1, 0), min(x + 1, last)
+        gx = (c[after] - c[before]) / np.float32(max(after - before, 1))
+        gy = (below[x] - above[x]) * per_row
+        width = min(np.sqrt(gx * gx + gy * gy) * per_width, np.float32(1e4))
+        k = min(np.int32(width + np.float32(0.5)), most)
+        at = (c[x] - np.floor(c[x])) * np.float32(PLACES)
+        i = min(np.int32(at), np.int32(PLACES - 1))
+        part = at - np.float32(i)
+        j = (i + 1) & np.int32(PLACES - 1)
+        out[x] = c[x] + (np.float32(1) - part) * shift[k, i] + part * shift[k, j]
+        total[x] = var[x] + unsure[k, i]
+
+
+@exact
+def _neighbours(
+    y: Any, x: Any, coord: Any, variance: Any, flags: Any, amplitude: Any, jump: Any
+) -> tuple[Any, Any]:
+    """Flag of a good pixel, and squared shift of its centre of light, by those of its neighbours that are good."""
+    rows, cols = coord.shape
+    before, after, up, down = max(x - 1, 0), min(x + 1, cols - 1), max(y - 1, 0), min(y + 1, rows - 1)
+    c, var, zero = coord[y, x], variance[y, x], np.float32(0)
+    left, right, above, below = coord[y, before], coord[y, after], coord[up, x], coord[down, x]
+    has_left, has_right = flags[y, before] == 0, flags[y, after] == 0
+    has_above, has_below = flags[up, x] == 0, flags[down, x] == 0
+    flag, lost = np.uint16(0), zero
+    if not (has_left and has_right):
+        lost += _beside(
+            has_left, has_right, c, left, right, amplitude[y, x], amplitude[y, before], amplitude[y, after]
+        )
+    if not (has_above and has_below):
+        lost += _beside(
+            has_above, has_below, c, above, below, amplitude[y, x], amplitude[up, x], amplitude[down, x]
+        )
+    alone = int(has_left) + int(has_right) + int(has_above) + int(has_below) <= 1
+    if alone and rows > 2 and cols > 2:
+        flag |= np.uint16(_OUTLIER)
+    beyond_x, beyond_y = -zero, -zero
+    if has_left and has_right and 0 < x < cols - 1:
+        noise = np.float32(_SURE) * np.sqrt(variance[y, before] + np.float32(4) * var + variance[y, after])
+        if abs(left + right - np.float32(2) * c) > max(jump, noise):
+            flag |= np.uint16(_OUTLIER)
+        beyond_x = max(min(left, right) - c, c - max(left, right)) - noise
+    if has_above and has_below and 0 < y < rows - 1:
+        noise = np.float32(_SURE) * np.sqrt(variance[up, x] + np.float32(4) * var + variance[down, x])
+        if abs(above + below - np.float32(2) * c) > max(jump, noise):
+            flag |= np.uint16(_OUTLIER)
+        beyond_y = max(min(above, below) - c, c - max(above, below)) - noise
+    if beyond_x > zero and beyond_y > zero:
+        flag |= np.uint16(_OUTLIER)
+    return flag, lost
 
 
 @exact
 def _beside(
     has_one: Any, has_other: Any, c: Any, one: Any, other: Any, amplitude: Any, of_one: Any, of_other: Any
 ) -> Any:
-    """Squared shift of a pixel's centre of light that its lost amplitude allows, and the step to its neighbour."""
+    """Squared shift of a pixel's centre of light that its lost amplitude allows."""
     if not (has_one or has_other):
-        return np.float32(0), np.float32(0)
+        return np.float32(0)
     step = (c - one) if has_one else (other - c)
     whole = of_one if has_one else of_other
     share = max(np.float32(1) - amplitude / max(whole, np.float32(1e-6)), np.float32(0))
     off = np.float32(0.5) * share * step
-    return off * off, step
+    return off * off
+
+
+@exact
+def _border(c: Any, gx: Any, gy: Any, reach: Any, extent: Any) -> tuple[Any, Any]:
+    """Flag and variance by the light that a pixel takes from beyond the surface; its footprint is gx, gy."""
+    if extent <= 0:
+        return np.uint16(0), np.float32(0)
+    deviation = np.sqrt(reach * reach + (gx * gx + gy * gy) * np.float32(1 / 12))
+    away = min(c + np.float32(0.5), extent - np.float32(0.5) - c)
+    if away > np.float32(4) * deviation:
+        return np.uint16(0), np.float32(0)
+    dark = np.float32(0.5 * math.erfc(away / (deviation * 1.4142135623730951)))
+    off = dark * deviation
+    return (np.uint16(_OFF) if dark > np.float32(_LOST) else np.uint16(0)), off * off
