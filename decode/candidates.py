@@ -155,25 +155,21 @@ def _scores(turns: Any, variances: Any, periods: Any, order: Any, sums: Any) -> 
     t, v = turns[last], variances[last]
     for x in range(order.size):
         place[x] = fine * (order[x] + t[x])
-    for x in range(order.size):
         weight[x] = _ONE / (fine * fine * v[x])
-    mean[:], square[:] = np.float32(0), np.float32(0)
+        mean[x], square[x] = np.float32(0), np.float32(0)
     for j in range(last):
         p, per_period = periods[j], _ONE / periods[j]
         t, v = turns[j], variances[j]
         for x in range(order.size):
-            weight[x] += _ONE / (p * p * v[x])
-        for x in range(order.size):
             off = place[x] * per_period - t[x]
-            mean[x] += (np.rint(off) - off) / (p * v[x])
-        for x in range(order.size):
-            off = place[x] * per_period - t[x]
-            off = np.rint(off) - off
-            square[x] += off * off / v[x]
+            off = p * (np.rint(off) - off)
+            own = _ONE / (p * p * v[x])
+            weight[x] += own
+            mean[x] += own * off
+            square[x] += own * off * off
     for x in range(order.size):
+        square[x] -= mean[x] * mean[x] / weight[x]
         mean[x] = mean[x] / weight[x]
-    for x in range(order.size):
-        square[x] = square[x] - weight[x] * mean[x] * mean[x]
 
 
 @inlined
@@ -203,22 +199,17 @@ def _better(
     r0, r1 = periods[last] / periods[0], periods[last] / periods[b]
     v0, v1, v = variances[0], variances[b], variances[last]
     score, rival = sums[3], sums[7]
-    for x in range(place.size):  # none listed: never better
-        rival[x] = np.float32(1e9) if other[x] < np.float32(-10000) else rival[x]
     for x in range(place.size):
-        wrong = vanishing(_HALF * abs(rival[x] - score[x]))
-        error[x] = wrong / (_ONE + wrong)
-    for x in range(place.size):
-        error[x] += _unlisted(tolerance, v0[x] + r0 * r0 * v[x], v1[x] + r1 * r1 * v[x])
-    for x in range(place.size):
-        error[x] = _ONE if one[x] < np.float32(-10000) else min(error[x], _ONE)
-    for x in range(place.size):
-        own, rest = sums[0, x] + sums[2, x], sums[4, x] + sums[6, x]
-        place[x] = rest if rival[x] < score[x] else own
-    for x in range(place.size):
-        var[x] = _ONE / (sums[5, x] if rival[x] < score[x] else sums[1, x])
-    for x in range(place.size):
-        chi2[x] = min(rival[x], score[x])
+        alone = other[x] < np.float32(-10000)
+        gap = rival[x] - score[x]
+        swap = (gap < np.float32(0)) & ~alone
+        wrong = vanishing(_HALF * abs(gap))
+        wrong = np.float32(0) if alone else wrong / (_ONE + wrong)
+        wrong += _unlisted(tolerance, v0[x] + r0 * r0 * v[x], v1[x] + r1 * r1 * v[x])
+        error[x] = _ONE if one[x] < np.float32(-10000) else min(wrong, _ONE)
+        place[x] = sums[4, x] + sums[6, x] if swap else sums[0, x] + sums[2, x]
+        var[x] = _ONE / (sums[5, x] if swap else sums[1, x])
+        chi2[x] = rival[x] if swap else score[x]
 
 
 @exact

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optolever.blocks import over_blocks, shrinking
+from optolever.blocks import over_rows
 from optolever.errors import InputError
 from optolever.patterns import Sequence
 
@@ -18,14 +18,14 @@ from .display import measured_pixelation, no_pixelation
 from .exposures import better_of, by_exposure
 from .flags import Limits, Shared, limits_of, merge
 from .frames import Light, light_of
-from .noise import Noise, Sample, estimate_noise, sampled
+from .noise import Noise, Sample, estimate_noise
 from .plan import Plan, plan
 from .response import Response
 from .spatial import Raw, check_rows
 
 __all__ = ["decode"]
 
-#: Rows of a block that a thread takes, at least.
+#: Rows of a block that a thread takes: what it keeps of them fits the second-level cache.
 _BLOCK = 16
 #: Sigma that is stated for frames without noise beyond their rounding, pattern pixels.
 _LEAST_SIGMA = 0.01
@@ -113,7 +113,7 @@ def _decoded(light: Light, sequence: Sequence, options: _Options) -> Corresponde
 
 
 def _noise(light: Light, wanted: Plan, options: _Options) -> tuple[Noise, Sample]:
-    noise, lit = estimate_noise(light, wanted, sampled(light, options.mask))
+    noise, lit = estimate_noise(light, wanted, options.mask)
     return (noise if options.noise is None else options.noise), lit
 
 
@@ -126,7 +126,6 @@ def _estimated(
         decoder.axis.axis: Raw(np.empty(shape, np.float32), np.empty(shape, np.float32)) for decoder in decoders
     }
     shared = Shared(np.empty(shape, np.uint16), *(np.empty(shape, np.float32) for _ in range(3)))
-    cuts = shrinking(shape[0], _BLOCK)
     room = local()
 
     def block(start: int, stop: int) -> None:
@@ -135,7 +134,7 @@ def _estimated(
             estimate = decoder.estimate((start, stop), own, room)
             merge(estimate, noise, decoder.limits, i == 0, (start, stop), shared)
 
-    over_blocks(block, cuts)
+    over_rows(block, shape[0], _BLOCK)
     return raw, shared
 
 
@@ -177,6 +176,6 @@ def _among_neighbours(
                 (*out[name], flags),
             )
 
-    over_blocks(block, shrinking(shape[0], _BLOCK))
+    over_rows(block, shape[0], _BLOCK)
     (u, sigma_u), (v, sigma_v) = out["u"], out["v"]
     return Correspondence(u, v, sigma_u, sigma_v, flags, shared.amplitude, shared.offset, shared.error)

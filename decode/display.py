@@ -28,7 +28,7 @@ __all__ = ["Pixelation", "cell_error", "measured_pixelation", "no_pixelation", "
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 #: Places of a cell, widths of a footprint (cells) and blurs (cells rms) that are tabled.
-PLACES = 64
+PLACES = 128
 WIDTHS = np.linspace(0.0, 2.5, 51)
 _BLURS = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7, 0.8])
 #: Harmonics of the cells; finer places on which readings are inverted; harmonics of e that are compared.
@@ -45,7 +45,7 @@ _MOST = 4096
 
 @dataclass(frozen=True, slots=True)
 class Pixelation:
-    """What is added to a reading, and its variance, by footprint (51,) and place in the cell (64,), cells.
+    """What is added to a reading, and its variance, by footprint (51,) and place in the cell (128,), cells.
 
     blur: rms, cells; NaN where the map does not tell it. reach: rms extent of what a pixel sees beyond its centre.
     """

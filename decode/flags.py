@@ -110,18 +110,7 @@ def _merge(
         flag |= _OFF if (c < -half) | (c > extent - half) else none
         flag |= _MOVED if misfit[x] > most else none
         flags[x] = np.uint16(flag)
-    if first:
-        for x in range(coordinate.size):
-            least[x] = amplitude[x]
-        for x in range(coordinate.size):
-            mean[x] = offset[x]
-        for x in range(coordinate.size):
-            either[x] = min(error[x], np.float32(1))
-    else:
-        for x in range(coordinate.size):
-            least[x] = min(least[x], amplitude[x])
-        for x in range(coordinate.size):
-            mean[x] = half * (mean[x] + offset[x])
-        for x in range(coordinate.size):
-            wrong = min(error[x], np.float32(1))
-            either[x] += wrong - either[x] * wrong
+        wrong = min(error[x], np.float32(1))
+        least[x] = a if first else min(least[x], a)
+        mean[x] = o if first else half * (mean[x] + o)
+        either[x] = wrong if first else either[x] + wrong - either[x] * wrong

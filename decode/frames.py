@@ -8,17 +8,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from optolever.blocks import on_cores
 from optolever.errors import InputError
-from optolever.kernels import exact, kernel
+from optolever.kernels import exact, inlined, kernel
 from optolever.patterns import Sequence
 
 from .response import Response
 
-__all__ = ["Light", "fetch_rows", "light_of", "sample_levels", "sample_places"]
+__all__ = ["Light", "fetch_line", "level_of", "light_of", "sample_levels", "sample_places"]
 
 F32 = NDArray[np.float32]
-#: Pixels of a run (a cache line of 8-bit frames), and runs of a sample: 16384 pixels, enough for 500 on a
-#: mirror that fills 3 % of the image.
-_RUN, _RUNS = 64, 256
+#: Pixels of a run (a cache line of 8-bit frames).
+_RUN = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +38,11 @@ class Light:
     def white(self) -> float:
         """The linear level at which samples saturate."""
         return float(self.table[min(int(self.clip), len(self.table) - 1)]) if len(self.table) else self.clip
+
+    @property
+    def lut(self) -> F32 | None:
+        """The table for kernels, which leave out what a None does not need."""
+        return self.table if len(self.table) else None
 
     def linear(self, raw: NDArray[Any]) -> F32:
         """Linear levels of some raw ones, float32."""
@@ -85,7 +89,7 @@ def _clip_level(stack: NDArray[Any]) -> float:
     return float(next(level for level in (255, 1023, 4095, 16383, 65535) if level >= brightest))
 
 
-def sample_places(shape: tuple[int, int], runs: int = _RUNS) -> NDArray[np.int64]:
+def sample_places(shape: tuple[int, int], runs: int) -> NDArray[np.int64]:
     """Row and column (K, 2) of pixels in runs along rows, spread evenly over an image (golden-ratio lattice);
     of a small image all pixels."""
     rows, cols = shape
@@ -120,17 +124,15 @@ def _gather(raw: Any, places: Any, table: Any, clip: Any, levels: Any) -> None:
 
 
 @kernel
-def fetch_rows(raw: Any, index: Any, row: Any, table: Any, clip: Any, light: Any) -> Any:
-    """Linear levels of the frames `index` (M,) in one row -> light (M, W); whether a sample is saturated."""
-    saturated = 0
-    for m in range(index.size):
-        line, out = raw[index[m], row], light[m]
-        for x in range(line.size):
-            saturated += np.float32(line[x]) >= clip
-        if table.size > 0:
-            for x in range(line.size):
-                out[x] = table[np.int64(line[x])]
-        else:
-            for x in range(line.size):
-                out[x] = np.float32(line[x])
-    return saturated > 0
+def fetch_line(line: Any, table: Any, out: Any) -> None:
+    """Linear levels of one row of a frame."""
+    for x in range(out.size):
+        out[x] = table[np.int64(line[x])]
+
+
+@inlined
+def level_of(value: Any, table: Any) -> Any:
+    """Linear level of one raw one."""
+    if table is None:
+        return np.float32(value)
+    return table[np.int64(value)]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from optolever.kernels import exact, inlined, kernel
 
 from .estimate import Estimate
-from .frames import Light, fetch_rows
+from .frames import Light, fetch_line, level_of
 from .noise import Noise
 from .plan import Code, Plan
 from .unwrap import vanishing
@@ -76,7 +76,7 @@ def read_code(
     cell's edges only, for a fringe that tells the place.
     """
     _read_rows(
-        *(light.raw, light.table, np.float32(light.clip), *rows),
+        *(light.raw, light.lut, np.float32(min(light.clip, 1e9)), *rows),
         *(code.frames, code.factor, code.ends, code.cells, code.words),
         *(np.float32(code.cell), np.float32(code.first), alone, *noise.numbers()),
         *(estimate.coordinate, estimate.variance, estimate.error, estimate.amplitude),
@@ -120,41 +120,49 @@ def _read_rows(
     clipped: Any,
 ) -> None:
     width, bits = raw.shape[2], factor.size
-    light = np.empty((2, width), np.float32)
-    margin = np.empty((bits, width), np.float32)
+    light = np.empty((0 if table is None else 2, width), np.float32)
     word, weakest = np.empty(width, np.int32), np.empty(width, np.int32)
     least, second = np.empty(width, np.float32), np.empty(width, np.float32)
     total, square = np.empty(width, np.float32), np.empty(width, np.float32)
+    referenced = ends[0] >= 0
     for row in range(start, stop):
         r = row - start
         a, o, c2 = amplitude[r], offset[r], chi2[r]
-        referenced = ends[0] >= 0
+        _begin(word, weakest, least, second, total, square, a, c2, clipped[r])
         pairs = 0
-        word[:], weakest[:], total[:], square[:], c2[:] = 0, 0, 0, 0, 0
-        least[:], second[:] = np.float32(1e9), np.float32(1e9)
-        clipped[r, :] = np.float32(0)
         if referenced:
-            if fetch_rows(raw, ends, row, table, clip, light):
-                _count(raw[ends[0], row], clip, clipped[r])
-            _half_difference(light[0], light[1], a)
-            _half_sum(light[0], light[1], o)
-        for b in range(bits):
-            both = frames[b, 0] >= 0 and frames[b, 1] >= 0
-            if both:
-                fetch_rows(raw, frames[b], row, table, clip, light)
-                if not referenced and pairs == 0:
-                    a[:] = np.float32(0)
-                    _half_sum(light[0], light[1], o)
-                pairs += 1
-                _half_difference(light[0], light[1], margin[b])
-                _uneven(light[0], light[1], o, total, square)
+            if table is None:
+                _references(raw[ends[0], row], raw[ends[1], row], a, o)
             else:
-                plain = frames[b, 0] >= 0
-                fetch_rows(raw, frames[b, 0:1] if plain else frames[b, 1:2], row, table, clip, light)
-                _single(light[0], plain, o, a, margin[b], c2)
-            if not referenced:
-                _largest(margin[b], a)
-            _bit(margin[b], np.float32(1) / np.sqrt(factor[b]), b, word, weakest, least, second)
+                fetch_line(raw[ends[0], row], table, light[0])
+                fetch_line(raw[ends[1], row], table, light[1])
+                _references(light[0], light[1], a, o)
+            _saturated(raw[ends[0], row], clip, clipped[r])
+        for b in range(bits):
+            scale, bit, number = np.float32(1) / np.sqrt(factor[b]), np.int32(1 << b), np.int32(b)
+            plain, inverse = frames[b, 0], frames[b, 1]
+            if plain >= 0 and inverse >= 0:
+                free = not referenced and pairs == 0
+                pairs += 1
+                if table is None:
+                    one, other = raw[plain, row], raw[inverse, row]
+                else:
+                    fetch_line(raw[plain, row], table, light[0])
+                    fetch_line(raw[inverse, row], table, light[1])
+                    one, other = light[0], light[1]
+                if free:
+                    _half_sum(one, other, o)
+                _pair(one, other, scale, bit, number, o, total, square, word, weakest, least, second)
+                if not referenced:
+                    _largest(one, other, a)
+            else:
+                sign = np.float32(1) if plain >= 0 else np.float32(-1)
+                if table is None:
+                    one = raw[max(plain, inverse), row]
+                else:
+                    fetch_line(raw[max(plain, inverse), row], table, light[0])
+                    one = light[0]
+                _single(one, sign, scale, bit, number, o, a, c2, word, weakest, least, second)
         _cells_line(
             *(word, weakest, least, second, cells, cell, first, alone, np.float32(pairs), referenced),
             *(a, o, total, square, read2, gain, rounding2, misfit2, place[r], var[r], error[r], c2),
@@ -162,69 +170,129 @@ def _read_rows(
         for x in range(width):
             noise = read2 + gain * max(o[x], np.float32(0))
             if second[x] * second[x] < np.float32(_WEAK * _WEAK) * noise and a[x] * a[x] > np.float32(8) * noise:
+                for b in range(bits):
+                    total[b] = _margin(raw, frames[b], row, x, table, o[x])
                 _weak_bits(
-                    *(x, margin, factor, words[word[x]], cells, words, a[x], noise, cell, first, alone),
-                    *(place[r], var[r], error[r]),
+                    *(total[:bits], factor, cells, words, a[x], noise, cell, first, alone),
+                    *(x, place[r], var[r], error[r]),
                 )
 
 
-@exact
-def _count(line: Any, clip: Any, clipped: Any) -> None:
-    for x in range(line.size):
-        clipped[x] = np.float32(1) if line[x] >= clip else np.float32(0)
+@kernel
+def _begin(
+    word: Any,
+    weakest: Any,
+    least: Any,
+    second: Any,
+    total: Any,
+    square: Any,
+    amplitude: Any,
+    chi2: Any,
+    clipped: Any,
+) -> None:
+    zero, far = np.float32(0), np.float32(1e9)
+    for x in range(word.size):
+        word[x], weakest[x] = np.int32(0), np.int32(0)
+        least[x], second[x] = far, far
+        total[x], square[x], amplitude[x], chi2[x], clipped[x] = zero, zero, zero, zero, zero
 
 
 @kernel
-def _half_difference(one: Any, other: Any, out: Any) -> None:
-    for x in range(out.size):
-        out[x] = np.float32(0.5) * (one[x] - other[x])
+def _saturated(line: Any, clip: Any, clipped: Any) -> None:
+    for x in range(line.size):
+        clipped[x] = np.float32(1) if np.float32(line[x]) >= clip else np.float32(0)
+
+
+@kernel
+def _references(white: Any, black: Any, amplitude: Any, offset: Any) -> None:
+    half = np.float32(0.5)
+    for x in range(offset.size):
+        amplitude[x] = half * (np.float32(white[x]) - np.float32(black[x]))
+        offset[x] = half * (np.float32(white[x]) + np.float32(black[x]))
 
 
 @kernel
 def _half_sum(one: Any, other: Any, out: Any) -> None:
     for x in range(out.size):
-        out[x] = np.float32(0.5) * (one[x] + other[x])
+        out[x] = np.float32(0.5) * (np.float32(one[x]) + np.float32(other[x]))
 
 
 @kernel
-def _uneven(one: Any, other: Any, offset: Any, total: Any, square: Any) -> None:
-    """Sums of how far the mean of a bit and its inverse is off the usual level."""
-    for x in range(offset.size):
-        total[x] += np.float32(0.5) * (one[x] + other[x]) - offset[x]
-    for x in range(offset.size):
-        off = np.float32(0.5) * (one[x] + other[x]) - offset[x]
-        square[x] += off * off
-
-
-@kernel
-def _single(line: Any, plain: Any, offset: Any, amplitude: Any, margin: Any, chi2: Any) -> None:
-    """Difference from the mean level; what most passes white and black, levels^2."""
-    sign = np.float32(1) if plain else np.float32(-1)
-    for x in range(offset.size):
-        margin[x] = sign * (line[x] - offset[x])
-    for x in range(offset.size):
-        over = max(abs(margin[x]) - amplitude[x], np.float32(0))
-        chi2[x] = max(chi2[x], over * over)
-
-
-@kernel
-def _largest(margin: Any, amplitude: Any) -> None:
+def _largest(one: Any, other: Any, amplitude: Any) -> None:
     for x in range(amplitude.size):
-        amplitude[x] = max(amplitude[x], abs(margin[x]))
+        half = np.float32(0.5) * abs(np.float32(one[x]) - np.float32(other[x]))
+        amplitude[x] = max(amplitude[x], half)
 
 
 @kernel
-def _bit(margin: Any, scale: Any, b: Any, word: Any, weakest: Any, least: Any, second: Any) -> None:
-    """One more bit of the words; the weakest, its margin and the next one's, in deviations of a sample."""
-    bit, number = np.int32(1 << b), np.int32(b)
+def _pair(
+    one: Any,
+    other: Any,
+    scale: Any,
+    bit: Any,
+    number: Any,
+    offset: Any,
+    total: Any,
+    square: Any,
+    word: Any,
+    weakest: Any,
+    least: Any,
+    second: Any,
+) -> None:
+    """A bit and its inverse: the word, how weak its weakest bits are (deviations of a sample), and how far the mean
+    of both is off the usual level."""
+    half, none = np.float32(0.5), np.int32(0)
     for x in range(word.size):
-        word[x] |= bit if margin[x] > np.float32(0) else np.int32(0)
+        p, q = np.float32(one[x]), np.float32(other[x])
+        off = half * (p + q) - offset[x]
+        size = half * abs(p - q) * scale
+        weaker = size < least[x]
+        total[x] += off
+        square[x] += off * off
+        word[x] |= bit if p > q else none
+        second[x] = min(second[x], max(size, least[x]))
+        weakest[x] = number if weaker else weakest[x]
+        least[x] = min(least[x], size)
+
+
+@kernel
+def _single(
+    line: Any,
+    sign: Any,
+    scale: Any,
+    bit: Any,
+    number: Any,
+    offset: Any,
+    amplitude: Any,
+    chi2: Any,
+    word: Any,
+    weakest: Any,
+    least: Any,
+    second: Any,
+) -> None:
+    """A bit against the mean level; chi2: what most passes white and black, levels^2."""
+    zero, none = np.float32(0), np.int32(0)
     for x in range(word.size):
-        second[x] = min(second[x], max(abs(margin[x]) * scale, least[x]))
-    for x in range(word.size):
-        weakest[x] = number if abs(margin[x]) * scale < least[x] else weakest[x]
-    for x in range(word.size):
-        least[x] = min(least[x], abs(margin[x]) * scale)
+        margin = sign * (np.float32(line[x]) - offset[x])
+        size = abs(margin) * scale
+        over = max(abs(margin) - amplitude[x], zero)
+        weaker = size < least[x]
+        chi2[x] = max(chi2[x], over * over)
+        word[x] |= bit if margin > zero else none
+        second[x] = min(second[x], max(size, least[x]))
+        weakest[x] = number if weaker else weakest[x]
+        least[x] = min(least[x], size)
+
+
+@exact
+def _margin(raw: Any, frames: Any, row: Any, x: Any, table: Any, offset: Any) -> Any:
+    """Of one pixel: half the difference of a bit and its inverse, or that from the mean level."""
+    if frames[0] >= 0 and frames[1] >= 0:
+        one, other = level_of(raw[frames[0], row, x], table), level_of(raw[frames[1], row, x], table)
+        return np.float32(0.5) * (one - other)
+    if frames[0] >= 0:
+        return level_of(raw[frames[0], row, x], table) - offset
+    return offset - level_of(raw[frames[1], row, x], table)
 
 
 @kernel
@@ -260,42 +328,33 @@ def _cells_line(
     # a mean of two samples; white and black are one more
     known = one / (one + count) if referenced else np.float32(0)
     known = one - known * count
+    zero, half, eighth = np.float32(0), np.float32(0.5), np.float32(0.125)
     for x in range(word.size):  # the cell that a turned bit leads to
         weakest[x] = cells[word[x] ^ (np.int32(1) << weakest[x])]
     for x in range(word.size):
         word[x] = cells[word[x]]
-    for x in range(word.size):  # in deviations
-        least[x] = least[x] / np.sqrt(read2 + gain * max(offset[x], np.float32(0)))
     for x in range(word.size):
-        off = np.float32(weakest[x] - word[x])
-        step = off if abs(off) == one else np.float32(0)
-        place[x] = first + cell * (np.float32(word[x]) + mixed * turned(least[x]) * step)
-    for x in range(word.size):
-        beside = abs(weakest[x] - word[x]) == 1
-        wrong = turned(least[x])
-        spread = mixed * wrong * (one - wrong) if beside else np.float32(0)
+        noise = read2 + gain * max(offset[x], zero)
+        deviation = one / np.sqrt(noise)
+        wrong, also = turned(least[x] * deviation), turned(second[x] * deviation)
+        step = np.float32(weakest[x] - word[x])
+        beside = abs(step) == one
+        power = amplitude[x] * amplitude[x]
+        unlike = rounding2 + misfit2 * power
+        place[x] = first + cell * (np.float32(word[x]) + (mixed * wrong * step if beside else zero))
         # an edge is as wide as a cell at most, and noise moves it by its share of the contrast
-        noise = read2 + gain * max(offset[x], np.float32(0))
-        power = max(amplitude[x] * amplitude[x], noise)
-        var[x] = within + cell * cell * (spread + np.float32(0.125) * noise / power)
-    for x in range(word.size):
-        noise = read2 + gain * max(offset[x], np.float32(0))
-        wrong = np.float32(0) if abs(weakest[x] - word[x]) == 1 else turned(least[x])
-        also = turned(second[x] / np.sqrt(noise))
+        spread = (mixed * wrong * (one - wrong) if beside else zero) + eighth * noise / max(power, noise)
+        var[x] = within + cell * cell * spread
+        wrong = zero if beside else wrong
         error[x] = wrong + also - wrong * also
-    for x in range(word.size):
-        noise = read2 + gain * max(offset[x], np.float32(0))
-        unlike = rounding2 + misfit2 * amplitude[x] * amplitude[x]
-        of_pairs = (square[x] - total[x] * total[x] * count * known) / (np.float32(0.5) * noise + unlike)
+        of_pairs = (square[x] - total[x] * total[x] * count * known) / (half * noise + unlike)
         chi2[x] = of_pairs + chi2[x] / (np.float32(1.5) * noise + unlike)
 
 
 @exact
 def _weak_bits(
-    x: Any,
     margin: Any,
     factor: Any,
-    word: Any,
     cells: Any,
     words: Any,
     amplitude: Any,
@@ -303,15 +362,17 @@ def _weak_bits(
     cell: Any,
     first: Any,
     alone: Any,
+    x: Any,
     place: Any,
     var: Any,
     error: Any,
 ) -> None:
     """Posterior over the mixtures of one cell and the next that the weak bits of a pixel allow."""
     weak = np.empty(_MOST_WEAK, np.int64)
-    count = 0
+    count, word = 0, np.int32(0)
     for b in range(factor.size):
-        if margin[b, x] * margin[b, x] < _WEAK * _WEAK * noise * factor[b]:
+        word |= np.int32(1 << b) if margin[b] > 0 else np.int32(0)
+        if margin[b] * margin[b] < _WEAK * _WEAK * noise * factor[b]:
             if count == _MOST_WEAK:
                 error[x] = np.float32(1)
                 return
@@ -327,7 +388,7 @@ def _weak_bits(
             for before in range(2):
                 c = cells[this] - before
                 if 0 <= c < words.size - 1:
-                    rss, share = _mixture(x, margin, factor, words[c], words[c + 1], amplitude, noise)
+                    rss, share = _mixture(margin, factor, words[c], words[c + 1], amplitude, noise)
                     if turn == 0 and rss < best:
                         best, best_cell, best_share = rss, c, share
                     if turn == 1:
@@ -347,20 +408,20 @@ def _weak_bits(
 
 @exact
 def _mixture(
-    x: Any, margin: Any, factor: Any, one: Any, other: Any, amplitude: Any, noise: Any
+    margin: Any, factor: Any, one: Any, other: Any, amplitude: Any, noise: Any
 ) -> tuple[Any, Any]:
     """Misfit of the best mixture of two words, and the share of the other one."""
     top, bottom = 0.0, 1e-30
     for b in range(factor.size):
         if ((one ^ other) >> b) & 1:
             sign = 1.0 if (other >> b) & 1 else -1.0
-            top += (sign * margin[b, x] + amplitude) / factor[b]
+            top += (sign * margin[b] + amplitude) / factor[b]
             bottom += 2.0 * amplitude / factor[b]
     share = min(max(top / bottom, 0.0), 1.0)
     rss = 0.0
     for b in range(factor.size):
         first = 1.0 if (one >> b) & 1 else -1.0
         second = 1.0 if (other >> b) & 1 else -1.0
-        off = margin[b, x] - amplitude * ((1 - share) * first + share * second)
+        off = margin[b] - amplitude * ((1 - share) * first + share * second)
         rss += off * off / (factor[b] * noise)
     return rss, share

@@ -5,6 +5,7 @@ Cramer-Rao bound). Saturated samples leave the fit, pixel by pixel, as long as t
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from optolever.kernels import exact, inlined, kernel
 
-from .frames import Light, fetch_rows
+from .frames import Light, fetch_line, level_of
 from .noise import Noise
 from .plan import Fringe
 
@@ -47,15 +48,25 @@ def fit_fringe(
     light: Light, noise: Noise, fringe: Fringe, rows: tuple[int, int], rounding: float, fit: Fit
 ) -> None:
     """Fit one period in rows start..stop, in place; rounding: variance (turns^2) that the shown grey values add."""
-    design = fringe.design()
-    covariance = np.linalg.inv(design.T @ design)
+    weights = _weights(fringe)
     _fit_rows(
-        *(light.raw, np.array(fringe.index), light.table, np.float32(light.clip), *rows),
-        *(design.astype(np.float32), np.linalg.pinv(design).astype(np.float32)),
-        np.array([covariance[1, 1], covariance[1, 2], covariance[2, 2]], np.float32),
-        *(*noise.numbers(), np.float32(rounding)),
+        *(light.raw, np.array(fringe.index), light.lut, np.float32(min(light.clip, 1e9)), *rows, *weights),
+        *(*noise.numbers(), np.float32(rounding), np.float32(min(light.white, 1e9))),
         *(fit.turn, fit.variance, fit.amplitude, fit.offset, fit.chi2, fit.clipped),
     )
+
+
+@lru_cache(maxsize=64)
+def _weights(fringe: Fringe) -> tuple[F32, F32, F32]:
+    """Design (N, 3); weights (4, N) of offset, c, s and, of four samples, the one combination that these do not
+    reach; variances and covariance of c and s (3,)."""
+    design = fringe.design()
+    covariance = np.linalg.inv(design.T @ design)
+    free = np.linalg.qr(design, mode="complete")[0][:, 3:]
+    left = free.T if len(design) == 4 else np.zeros((1, len(design)))
+    weights = np.concatenate([np.linalg.pinv(design), left]).astype(np.float32)
+    spread = np.array([covariance[1, 1], covariance[1, 2], covariance[2, 2]], np.float32)
+    return design.astype(np.float32), weights, spread
 
 
 @inlined
@@ -87,13 +98,14 @@ def _fit_rows(
     start: Any,
     stop: Any,
     design: Any,
-    inverse: Any,
+    weights: Any,
     covariance: Any,
     read2: Any,
     gain: Any,
     rounding2: Any,
     misfit2: Any,
     rounding: Any,
+    white: Any,
     turn: Any,
     variance: Any,
     amplitude: Any,
@@ -101,52 +113,90 @@ def _fit_rows(
     chi2: Any,
     clipped: Any,
 ) -> None:
-    width = raw.shape[2]
-    light = np.empty((index.size, width), np.float32)
+    width, count = raw.shape[2], index.size
     cosine, sine = np.empty(width, np.float32), np.empty(width, np.float32)
+    light = np.empty((0 if table is None else count, width), np.float32)
     for row in range(start, stop):
         r = row - start
-        saturated = fetch_rows(raw, index, row, table, clip, light)
-        combine(light, inverse[0], offset[r])
-        combine(light, inverse[1], cosine)
-        combine(light, inverse[2], sine)
-        _residuals(light, design, offset[r], cosine, sine, chi2[r])
+        if table is None:
+            _sums_of_three_or_four(raw, index, row, weights, offset[r], cosine, sine, chi2[r])
+            for i in range(3 if count == 3 else 4, count):
+                _add(raw[index[i], row], weights[0, i], weights[1, i], weights[2, i], offset[r], cosine, sine)
+            if count > 4:
+                for i in range(count):
+                    e, c, s = design[i, 0], design[i, 1], design[i, 2]
+                    _residual(raw[index[i], row], e, c, s, offset[r], cosine, sine, chi2[r], i == 0)
+        else:
+            for i in range(count):
+                fetch_line(raw[index[i], row], table, light[i])
+            _sums_of_lines(light, weights, offset[r], cosine, sine, chi2[r])
+            if count > 4:
+                for i in range(count):
+                    e, c, s = design[i, 0], design[i, 1], design[i, 2]
+                    _residual(light[i], e, c, s, offset[r], cosine, sine, chi2[r], i == 0)
         clipped[r, :] = np.float32(0)
-        _phase_line(
-            *(offset[r], cosine, sine, covariance, read2, gain, rounding2, misfit2, rounding),
+        bright = _phase_line(
+            *(offset[r], cosine, sine, covariance, read2, gain, rounding2, misfit2, rounding, white),
             *(turn[r], variance[r], amplitude[r], chi2[r]),
         )
-        if saturated:
+        if bright > 0:
             for x in range(width):
                 _refit(
-                    *(raw, index, row, x, clip, light, design, read2, gain, rounding2, misfit2, rounding),
+                    *(raw, index, row, x, clip, table, design, read2, gain, rounding2, misfit2, rounding),
                     *(turn[r], variance[r], amplitude[r], offset[r], chi2[r], clipped[r]),
                 )
 
 
 @kernel
-def combine(light: Any, weights: Any, out: Any) -> None:
-    """Sum of light (N, W) by weights (N,) -> out (W,), N >= 3."""
-    a, b, c = light[0], light[1], light[2]
-    w0, w1, w2 = weights[0], weights[1], weights[2]
-    for x in range(out.size):
-        out[x] = w0 * a[x] + w1 * b[x] + w2 * c[x]
-    for i in range(3, light.shape[0]):
-        one, w = light[i], weights[i]
-        for x in range(out.size):
-            out[x] += w * one[x]
+def _sums_of_three_or_four(
+    raw: Any, index: Any, row: Any, w: Any, mean: Any, cosine: Any, sine: Any, square: Any
+) -> None:
+    """Offset, c, s of the first frames of a line; squared combination of four that these do not reach."""
+    a, b, d = raw[index[0], row], raw[index[1], row], raw[index[2], row]
+    four = index.size > 3
+    g = raw[index[3], row] if four else d
+    m0, m1, m2, m3 = w[0, 0], w[0, 1], w[0, 2], w[0, 3] if four else np.float32(0)
+    c0, c1, c2, c3 = w[1, 0], w[1, 1], w[1, 2], w[1, 3] if four else np.float32(0)
+    s0, s1, s2, s3 = w[2, 0], w[2, 1], w[2, 2], w[2, 3] if four else np.float32(0)
+    k0, k1, k2, k3 = w[3, 0], w[3, 1], w[3, 2], w[3, 3] if four else np.float32(0)
+    for x in range(mean.size):
+        va, vb, vd, vg = np.float32(a[x]), np.float32(b[x]), np.float32(d[x]), np.float32(g[x])
+        mean[x] = m0 * va + m1 * vb + m2 * vd + m3 * vg
+        cosine[x] = c0 * va + c1 * vb + c2 * vd + c3 * vg
+        sine[x] = s0 * va + s1 * vb + s2 * vd + s3 * vg
+        left = k0 * va + k1 * vb + k2 * vd + k3 * vg
+        square[x] = left * left
 
 
 @kernel
-def _residuals(light: Any, design: Any, mean: Any, cosine: Any, sine: Any, rss: Any) -> None:
-    """Sum of squared residuals of a line; nought of three samples, which a fit passes through."""
-    rss[:] = np.float32(0)
-    if light.shape[0] > 3:
-        for i in range(light.shape[0]):
-            one, e, c, s = light[i], design[i, 0], design[i, 1], design[i, 2]
-            for x in range(mean.size):
-                left = one[x] - e * mean[x] - c * cosine[x] - s * sine[x]
-                rss[x] += left * left
+def _sums_of_lines(light: Any, w: Any, mean: Any, cosine: Any, sine: Any, square: Any) -> None:
+    """The same of lines of linear levels (N, W)."""
+    mean[:], cosine[:], sine[:], square[:] = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
+    for i in range(light.shape[0]):
+        _add(light[i], w[0, i], w[1, i], w[2, i], mean, cosine, sine)
+        for x in range(mean.size):
+            square[x] += w[3, i] * light[i, x]
+    for x in range(mean.size):
+        square[x] = square[x] * square[x]
+
+
+@kernel
+def _add(line: Any, m: Any, c: Any, s: Any, mean: Any, cosine: Any, sine: Any) -> None:
+    for x in range(mean.size):
+        value = np.float32(line[x])
+        mean[x] += m * value
+        cosine[x] += c * value
+        sine[x] += s * value
+
+
+@kernel
+def _residual(
+    line: Any, e: Any, c: Any, s: Any, mean: Any, cosine: Any, sine: Any, square: Any, first: Any
+) -> None:
+    kept = np.float32(0) if first else np.float32(1)
+    for x in range(mean.size):
+        left = np.float32(line[x]) - e * mean[x] - c * cosine[x] - s * sine[x]
+        square[x] = kept * square[x] + left * left
 
 
 @kernel
@@ -160,26 +210,29 @@ def _phase_line(
     rounding2: Any,
     misfit2: Any,
     rounding: Any,
+    white: Any,
     turn: Any,
     variance: Any,
     amplitude: Any,
     chi2: Any,
-) -> None:
-    """Phase, amplitude, variance and chi2 of a line, one after the other."""
+) -> Any:
+    """Phase, variance, amplitude and chi2 of a line (chi2 holds squared residuals); number of pixels that may hold
+    a saturated sample: none of a fit that stays below white by more than its residuals."""
     cc, cs, ss = covariance[0], covariance[1], covariance[2]
-    for x in range(mean.size):
-        turn[x] = turn_of(sine[x], cosine[x])
-    for x in range(mean.size):
-        amplitude[x] = np.sqrt(max(cosine[x] * cosine[x] + sine[x] * sine[x], _TINY))
+    two = np.float32(2)
+    bright = 0
     for x in range(mean.size):
         c, s = cosine[x], sine[x]
         power = max(c * c + s * s, _TINY)
-        across = c * c * ss - np.float32(2) * c * s * cs + s * s * cc
+        height = np.sqrt(power)
         noise = read2 + gain * max(mean[x], np.float32(0))
-        variance[x] = rounding + noise * across / (power * power * _TWO_PI * _TWO_PI)
-    for x in range(mean.size):
-        noise = read2 + gain * max(mean[x], np.float32(0)) + rounding2
-        chi2[x] = chi2[x] / (noise + misfit2 * amplitude[x] * amplitude[x])
+        across = c * c * ss - two * c * s * cs + s * s * cc
+        bright += (mean[x] + height + np.sqrt(chi2[x])) > np.float32(0.999) * white
+        turn[x] = turn_of(s, c)
+        variance[x] = rounding + noise * across / (power * power * (_TWO_PI * _TWO_PI))
+        amplitude[x] = height
+        chi2[x] = chi2[x] / (noise + rounding2 + misfit2 * power)
+    return bright
 
 
 @exact
@@ -189,7 +242,7 @@ def _refit(
     row: Any,
     x: Any,
     clip: Any,
-    light: Any,
+    table: Any,
     design: Any,
     read2: Any,
     gain: Any,
@@ -205,18 +258,19 @@ def _refit(
 ) -> None:
     """Normal equations of the samples that are not saturated; variance 1e12 if they are too few."""
     count = 0
+    for i in range(index.size):
+        count += 0 if raw[index[i], row, x] < clip else 1
+    if count == 0:
+        return
     whole, normal = np.zeros((3, 3)), np.zeros((3, 3))
     right = np.zeros(3)
     for i in range(index.size):
         keep = raw[index[i], row, x] < clip
-        count += 0 if keep else 1
         for j in range(3):
             for k in range(3):
                 whole[j, k] += design[i, j] * design[i, k]
                 normal[j, k] += design[i, j] * design[i, k] if keep else 0.0
-            right[j] += design[i, j] * light[i, x] if keep else 0.0
-    if count == 0:
-        return
+            right[j] += design[i, j] * level_of(raw[index[i], row, x], table) if keep else 0.0
     clipped[x] = np.float32(count)
     if np.linalg.det(normal) < _DEGENERATE * np.linalg.det(whole):
         variance[x] = np.float32(1e12)
@@ -228,7 +282,7 @@ def _refit(
     rss = 0.0
     for i in range(index.size):
         if raw[index[i], row, x] < clip:
-            left = light[i, x] - design[i, 0] * mean - design[i, 1] * c - design[i, 2] * s
+            left = level_of(raw[index[i], row, x], table) - design[i, 0] * mean - design[i, 1] * c - design[i, 2] * s
             rss += left * left
     power, noise = max(c * c + s * s, 1e-12), read2 + gain * max(mean, 0.0)
     across = c * c * inverse[2, 2] - 2 * c * s * inverse[1, 2] + s * s * inverse[1, 1]

@@ -127,32 +127,20 @@ def _special_line(
     special: Any,
 ) -> None:
     """Pixels of which neighbours or the border tell something: those at the ends of a row are always asked."""
-    last = c.size - 1
-    sure, four = np.float32(_SURE * _SURE), np.float32(4)
-    special[:] = 1
-    across[:], along[:] = np.float32(0), np.float32(0)
-    for x in range(1, last):  # squared second difference over what noise allows, 0 where it does not matter
-        off = c[x - 1] + c[x + 1] - np.float32(2) * c[x]
-        across[x] = off * off / (sure * (var[x - 1] + four * var[x] + var[x + 1]))
+    last, two, half = c.size - 1, np.float32(2), np.float32(0.5)
+    sure, four, square = np.float32(_SURE * _SURE), np.float32(4), jump * jump
     for x in range(1, last):
-        off = above[x] + below[x] - np.float32(2) * c[x]
-        along[x] = off * off / (sure * (var_above[x] + four * var[x] + var_below[x]))
-    for x in range(1, last):
-        off = c[x - 1] + c[x + 1] - np.float32(2) * c[x]
-        wide = (off * off > jump * jump) & (across[x] > np.float32(1))
-        both = (across[x] > np.float32(1)) & (along[x] > np.float32(1))
-        special[x] = 1 if wide | both else 0
-    for x in range(1, last):
-        off = above[x] + below[x] - np.float32(2) * c[x]
-        wide = (off * off > jump * jump) & (along[x] > np.float32(1))
-        special[x] |= 1 if wide | (c[x] < low) | (c[x] > high) else 0
-    for x in range(1, last):
-        any_flag = flags[x - 1] | flags[x + 1] | flags_above[x] | flags_below[x]
-        special[x] |= 1 if any_flag != 0 else 0
-    for x in range(1, last):
-        across[x] = np.float32(0.5) * abs(c[x + 1] - c[x - 1])
-    for x in range(1, last):
-        along[x] = np.float32(0.5) * abs(below[x] - above[x])
+        off_x = c[x - 1] + c[x + 1] - two * c[x]
+        off_y = above[x] + below[x] - two * c[x]
+        bend_x = off_x * off_x > sure * (var[x - 1] + four * var[x] + var[x + 1])
+        bend_y = off_y * off_y > sure * (var_above[x] + four * var[x] + var_below[x])
+        wide = (bend_x & (off_x * off_x > square)) | (bend_y & (off_y * off_y > square)) | (bend_x & bend_y)
+        flag = flags[x - 1] | flags[x + 1] | flags_above[x] | flags_below[x]
+        special[x] = 1 if wide | (c[x] < low) | (c[x] > high) | (flag != 0) else 0
+        across[x] = half * abs(c[x + 1] - c[x - 1])
+        along[x] = half * abs(below[x] - above[x])
+    special[0], special[last] = 1, 1
+    across[0], across[last], along[0], along[last] = across[1], across[last - 1], along[1], along[last - 1]
 
 
 @kernel
@@ -160,21 +148,20 @@ def _corrected_line(
     c: Any, above: Any, below: Any, var: Any, rows: Any, shift: Any, unsure: Any, out: Any, total: Any
 ) -> None:
     """Pixelation taken off a line; its doubt joins the variance."""
-    last = c.size - 1
-    per_width, most = np.float32(1 / WIDTHS[1]), np.int32(shift.shape[0] - 1)
-    per_row = np.float32(1) / max(rows, np.float32(1))
+    last, one, half = c.size - 1, np.float32(1), np.float32(0.5)
+    per_width, most = np.float32(1 / WIDTHS[1]), np.float32(shift.shape[0] - 1)
+    per_row = one / max(rows, one)
+    at = np.empty(c.size, np.int32)
+    for x in range(1, last):
+        gx, gy = half * (c[x + 1] - c[x - 1]), per_row * (below[x] - above[x])
+        width = min(np.sqrt(gx * gx + gy * gy) * per_width + half, most)
+        place = (c[x] - np.floor(c[x])) * np.float32(PLACES)
+        at[x] = np.int32(width) * np.int32(PLACES) + (np.int32(place + half) & np.int32(PLACES - 1))
+    at[0], at[last] = at[1], at[last - 1]
+    shifts, doubts = shift.ravel(), unsure.ravel()
     for x in range(c.size):
-        before, after = max(x - 1, 0), min(x + 1, last)
-        gx = (c[after] - c[before]) / np.float32(max(after - before, 1))
-        gy = (below[x] - above[x]) * per_row
-        width = min(np.sqrt(gx * gx + gy * gy) * per_width, np.float32(1e4))
-        k = min(np.int32(width + np.float32(0.5)), most)
-        at = (c[x] - np.floor(c[x])) * np.float32(PLACES)
-        i = min(np.int32(at), np.int32(PLACES - 1))
-        part = at - np.float32(i)
-        j = (i + 1) & np.int32(PLACES - 1)
-        out[x] = c[x] + (np.float32(1) - part) * shift[k, i] + part * shift[k, j]
-        total[x] = var[x] + unsure[k, i]
+        out[x] = c[x] + shifts[at[x]]
+        total[x] = var[x] + doubts[at[x]]
 
 
 @exact

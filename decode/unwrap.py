@@ -13,16 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from optolever.kernels import exact, inlined, kernel
+from optolever.kernels import inlined, kernel
 
 from .estimate import Estimate
 from .phase import Fit
 
 __all__ = ["join_code", "refine_order", "start_order", "vanishing"]
 
-_ONE, _TWO = np.float32(1), np.float32(2)
-#: Pixels that are worked on while they are in the first-level cache.
-_TILE = 2048
+_ONE, _HALF = np.float32(1), np.float32(0.5)
 
 
 @inlined
@@ -88,17 +86,16 @@ def _start(
     misfit: Any,
     saturated: Any,
 ) -> None:
-    per_period, square = _ONE / period, period * period
+    order, square = middle / period, period * period
     for x in range(turn.size):
-        place[x] = period * (turn[x] + np.rint(middle * per_period - turn[x]))
-    for x in range(turn.size):
+        place[x] = period * (turn[x] + np.rint(order - turn[x]))
         var[x] = square * variance[x]
-    error[:] = beyond
-    misfit[:] = chi2
-    saturated[:] = clipped
+        error[x] = beyond
+        misfit[x] = chi2[x]
+        saturated[x] = clipped[x]
 
 
-@exact
+@kernel
 def _refine(
     turn: Any,
     variance: Any,
@@ -111,48 +108,20 @@ def _refine(
     misfit: Any,
     saturated: Any,
 ) -> None:
-    room = np.empty(_TILE, np.float32)
-    for begin in range(0, turn.size, _TILE):
-        end = min(begin + _TILE, turn.size)
-        _refine_tile(
-            *(turn[begin:end], variance[begin:end], chi2[begin:end], clipped[begin:end], period),
-            *(place[begin:end], var[begin:end], error[begin:end], misfit[begin:end], saturated[begin:end]),
-            room[: end - begin],
-        )
-
-
-@kernel
-def _refine_tile(
-    turn: Any,
-    variance: Any,
-    chi2: Any,
-    clipped: Any,
-    period: Any,
-    place: Any,
-    var: Any,
-    error: Any,
-    misfit: Any,
-    saturated: Any,
-    away: Any,
-) -> None:
     per_period, square = _ONE / period, period * period
-    for x in range(away.size):
-        away[x] = period * (turn[x] + np.rint(place[x] * per_period - turn[x])) - place[x]
-    for x in range(away.size):
-        misfit[x] += chi2[x] + away[x] * away[x] / (square * variance[x] + var[x])
-    for x in range(away.size):
-        # (p - |d|)^2 - d^2
-        gap = period * (period - _TWO * abs(away[x]))
-        wrong = vanishing(gap / (_TWO * (square * variance[x] + var[x])))
+    for x in range(turn.size):
+        rough, own = place[x], square * variance[x]
+        away = period * (turn[x] + np.rint(rough * per_period - turn[x])) - rough
+        inverse = _ONE / (own + var[x])
+        # ((p - |d|)^2 - d^2) / 2
+        wrong = vanishing(period * (_HALF * period - abs(away)) * inverse)
         wrong = wrong / (_ONE + wrong)
+        share = var[x] * inverse
         error[x] += wrong - wrong * error[x]
-    for x in range(away.size):
+        misfit[x] += chi2[x] + away * away * inverse
         saturated[x] = max(saturated[x], clipped[x])
-    for x in range(away.size):
-        place[x] += away[x] * var[x] / (square * variance[x] + var[x])
-    for x in range(away.size):
-        own = square * variance[x]
-        var[x] = own * var[x] / (own + var[x])
+        place[x] = rough + away * share
+        var[x] = own * share
 
 
 @kernel
@@ -175,17 +144,15 @@ def _join(
 ) -> None:
     per_period, square, zero = _ONE / period, period * period, np.float32(0)
     for x in range(turn.size):
-        place[x] = period * (turn[x] + np.rint(centre[x] * per_period - turn[x]))
-    for x in range(turn.size):
-        var[x] = square * variance[x]
-    for x in range(turn.size):
-        over = max(abs(place[x] - centre[x]) - half, zero)
-        misfit[x] = chi2[x] + centre_chi2[x] + over * over / (var[x] + centre_var[x])
-    for x in range(turn.size):
-        away = abs(place[x] - centre[x])
+        new = period * (turn[x] + np.rint(centre[x] * per_period - turn[x]))
+        own = square * variance[x]
+        inverse = _ONE / (own + centre_var[x])
+        away = abs(new - centre[x])
         over, other = max(away - half, zero), max(period - away - half, zero)
-        gap = max(other * other - over * over, zero)
-        wrong = vanishing(gap / (_TWO * (var[x] + centre_var[x])))
+        wrong = vanishing(_HALF * max(other * other - over * over, zero) * inverse)
         wrong = wrong / (_ONE + wrong)
         error[x] = wrong + centre_error[x] - wrong * centre_error[x]
-    saturated[:] = clipped
+        misfit[x] = chi2[x] + centre_chi2[x] + over * over * inverse
+        saturated[x] = clipped[x]
+        place[x] = new
+        var[x] = own
