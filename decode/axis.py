@@ -15,6 +15,7 @@ from .estimate import Estimate
 from .flags import Limits, limits_of
 from .frames import Light
 from .gray import CodePlan, code_plan, read_code
+from .micro import MicroTable, micro_table, unwrap_micro
 from .noise import Noise, Sample
 from .phase import Fit, fit_fringe
 from .plan import AxisPlan, Plan
@@ -37,6 +38,7 @@ class AxisDecoder:
     noise: Noise
     code: CodePlan | None
     orders: Orders | None
+    micro: MicroTable | None
     rounding: tuple[float, ...]
     limits: Limits
     freedom: int
@@ -53,6 +55,10 @@ class AxisDecoder:
         )
         if self.code is not None and not self.axis.fringes:
             read_code(self.light, self.noise, self.code, rows, True, estimate)
+        elif self.micro is not None:
+            fit = work.fit(0, count, estimate)
+            self._fit(0, rows, fit)
+            unwrap_micro(self.light, self.noise, fit, self.axis.fringes[0], self.micro, rows, estimate)
         elif self.orders is not None:
             self._close(rows, work, estimate)
         else:
@@ -126,16 +132,19 @@ def axis_decoder(
     on_cells: bool,
 ) -> AxisDecoder:
     """Choose the steps for an axis. InputError where its frames tell no place."""
-    if axis.looked_up or axis.singles:
+    if axis.looked_up:
         raise InputError("decode: not yet")
+    deviation = _deviation(axis, noise, lit) if axis.fringes else 0.0
     code = None if axis.code is None else code_plan(axis.code, plan)
+    micro = micro_table(axis, deviation) if axis.singles else None
     covered = code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
-    orders = None if covered else _orders(axis, noise, lit)
+    orders = None if covered else _orders(axis, deviation)
     tables = sequence.tables()["uv".index(axis.axis)]
     shown = on_cells and not sequence.nominal
     rounding = tuple(table_rounding(fringe, tables) if shown else 0.0 for fringe in axis.fringes)
-    freedom = sum(len(fringe.index) - 3 for fringe in axis.fringes) + len(axis.fringes) - 1
-    freedom += 1 + code.freedom if code is not None else 0
+    freedom = sum(len(fringe.index) - 3 for fringe in axis.fringes) + max(len(axis.fringes) - 1, 0)
+    freedom += sum(len(fringe.index) for fringe in axis.singles)
+    freedom += (1 if axis.fringes else 0) + code.freedom if code is not None else 0
     if axis.fringes:
         fine = axis.fringes[-1]
         jump, factor = fine.period / 4, 2 / len(fine.index)
@@ -143,15 +152,20 @@ def axis_decoder(
         assert code is not None
         jump, factor = 2 * code.cell, 0.5
     limits = limits_of(axis.extent, factor, freedom, light.white)
-    return AxisDecoder(axis, light, noise, code, orders, rounding, limits, freedom, jump)
+    return AxisDecoder(axis, light, noise, code, orders, micro, rounding, limits, freedom, jump)
 
 
-def _orders(axis: AxisPlan, noise: Noise, lit: Sample) -> Orders:
-    """The table of orders for the residues' noise at the usual contrast."""
+def _deviation(axis: AxisPlan, noise: Noise, lit: Sample) -> float:
+    """Deviation of a sample over the usual amplitude of the finest fringe."""
     fringe = axis.fringes[-1]
     levels = lit.levels[list(fringe.index)]
     c, s = np.linalg.pinv(fringe.design())[1:].astype(np.float32) @ levels
     usual = float(np.median(np.hypot(c, s))) if levels.size else 1.0
-    variance = float(np.mean(noise.variance(float(levels.mean() if levels.size else 0.0))))
-    turns = np.sqrt(2 / len(fringe.index) * variance) / max(usual, 1e-6) / (2 * np.pi)
-    return order_table(tuple(f.period for f in axis.fringes), axis.extent, float(turns * np.sqrt(2)))
+    variance = float(noise.variance(float(levels.mean() if levels.size else 0.0)))
+    return float(np.sqrt(variance) / max(usual, 1e-6))
+
+
+def _orders(axis: AxisPlan, deviation: float) -> Orders:
+    """The table of orders for the noise of residues, of two phases each."""
+    turns = deviation * np.sqrt(4 / len(axis.fringes[-1].index)) / (2 * np.pi)
+    return order_table(tuple(f.period for f in axis.fringes), axis.extent, float(turns))

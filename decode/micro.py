@@ -1,0 +1,351 @@
+"""Micro phase shifting: one period with steps of its own, one frame each of others that are nearly as long.
+
+The steps tell the place within their period, up to a whole number of periods k. At each of the places p (t + k) every
+other frame would show a known level o + a cos(2 pi u / p_m - d_m), so a table over the phase and the levels of three of
+them lists the k that are within the noise. The best of them is refined with all samples at once: least squares for
+offset, amplitude and place, started at the fit of the steps (M. Gupta, S. K. Nayar, CVPR 2012,
+doi:10.1109/CVPR.2012.6247753).
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.kernels import exact, inlined, kernel
+
+from .estimate import Estimate
+from .frames import Light, fetch_line
+from .noise import Noise
+from .phase import Fit
+from .plan import AxisPlan, Fringe
+from .unwrap import vanishing
+
+__all__ = ["MicroTable", "micro_table", "unwrap_micro"]
+
+#: Entries of the table along the phase and along each of three levels, which reach from -1.25 to 1.25.
+_PHASES, _LEVELS, _REACH = 32, 20, 1.25
+#: Deviations within which an order is listed. A level's own noise, that of offset and amplitude, and that of the phase
+#: add up to 1 + 1/3 + 2/3 + 2/3 of a sample's variance at most; over five levels the errors that they share to
+#: 1 + 5/3 + 5/3.
+_DEVIATIONS, _OF_LEVEL, _OF_ALL = 5.0, 8 / 3, 13 / 3
+_STEP = 2**0.5
+_ONE, _HALF, _TWO_PI = np.float32(1), np.float32(0.5), np.float32(2 * np.pi)
+
+
+@dataclass(frozen=True, slots=True)
+class MicroTable:
+    """frames (M,): numbers of the single frames, periods and shifts (turns) of them; used (3,): those of the table;
+    first, second, start, listed: orders by cell, as in candidates.Orders; tolerance: of a level over the amplitude."""
+
+    frames: NDArray[np.int64]
+    periods: NDArray[np.float32]
+    shifts: NDArray[np.float32]
+    used: NDArray[np.int64]
+    first: NDArray[np.int16]
+    second: NDArray[np.int16]
+    start: NDArray[np.int32]
+    listed: NDArray[np.int16]
+    tolerance: float
+
+
+def micro_table(axis: AxisPlan, deviation: float) -> MicroTable:
+    """Orders of the period with steps; deviation: of a sample over the usual amplitude."""
+    tolerance = max(_DEVIATIONS * np.sqrt(_OF_LEVEL) * deviation, 0.01)
+    tolerance = float(_STEP ** np.ceil(np.log(tolerance) / np.log(_STEP)))
+    singles = [(i, f.period, d) for f in axis.singles for i, d in zip(f.index, f.shifts.tolist(), strict=True)]
+    periods, shifts = tuple(s[1] for s in singles), tuple(s[2] / (2 * np.pi) for s in singles)
+    used = (0, len(singles) // 2, len(singles) - 1)
+    tables = _orders(axis.fringes[0].period, periods, shifts, used, axis.extent, tolerance)
+    return MicroTable(
+        np.array([s[0] for s in singles]),
+        *(np.array(periods, np.float32), np.array(shifts, np.float32), np.array(used), *tables, tolerance),
+    )
+
+
+@lru_cache(maxsize=8)
+def _orders(
+    period: float,
+    periods: tuple[float, ...],
+    shifts: tuple[float, ...],
+    used: tuple[int, ...],
+    extent: int,
+    tolerance: float,
+) -> tuple[NDArray[Any], ...]:
+    """Which orders may show which levels: in a cell of phases every level runs through an interval."""
+    order = np.arange(-1, int(np.ceil(extent / period)) + 1)
+    phase = (np.arange(_PHASES)[:, None] + np.linspace(0, 1, 9)) / _PHASES
+    place = period * (order[:, None, None] + phase)  # (K, phases, 9)
+    low, high = [], []
+    for m in used:
+        level = np.cos(2 * np.pi * (place / periods[m] - shifts[m]))
+        ends = level.min(axis=2) - tolerance, level.max(axis=2) + tolerance
+        cells = [np.clip((end + _REACH) / (2 * _REACH) * _LEVELS, 0, _LEVELS - 1).astype(int) for end in ends]
+        low.append(cells[0])
+        high.append(cells[1])
+    number, column = (part.ravel() for part in np.indices(low[0].shape))
+    found, owner, distance = [], [], []
+    spans = [int((h - l).max()) + 1 for l, h in zip(low, high, strict=True)]
+    for offset in np.ndindex(*spans):
+        at = [l.ravel() + o for l, o in zip(low, offset, strict=True)]
+        inside = np.all([a <= h.ravel() for a, h in zip(at, high, strict=True)], axis=0)
+        cell = ((column * _LEVELS + at[0]) * _LEVELS + at[1]) * _LEVELS + at[2]
+        found.append(cell[inside])
+        owner.append(number[inside])
+        middle = [a - 0.5 * (l.ravel() + h.ravel()) for a, l, h in zip(at, low, high, strict=True)]
+        distance.append(np.sum(np.square(middle), axis=0)[inside])
+    place_of, listed = np.concatenate(found), order[np.concatenate(owner)].astype(np.int16)
+    sort = np.lexsort((np.concatenate(distance), place_of))
+    listed = listed[sort]
+    count = np.bincount(place_of, minlength=_PHASES * _LEVELS**3)
+    start = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
+    best = np.full((2, len(count)), -20000, np.int16)
+    for rank in range(2):
+        has = count > rank
+        best[rank, has] = listed[start[:-1][has] + rank]
+    return best[0], best[1], start, listed
+
+
+def unwrap_micro(
+    light: Light, noise: Noise, fit: Fit, fringe: Fringe, table: MicroTable, rows: tuple[int, int], estimate: Estimate
+) -> None:
+    """Coordinates of rows start..stop from the fit of the steps and the single frames, in place."""
+    _micro_rows(
+        *(light.raw, light.lut, np.float32(min(light.clip, 1e9)), *rows, table.frames, table.periods, table.shifts),
+        *(table.used, table.first, table.second, table.start, table.listed, np.float32(table.tolerance)),
+        *(np.float32(fringe.period), np.float32(len(fringe.index)), *noise.numbers()),
+        *(fit.turn, fit.amplitude, fit.offset, fit.chi2, fit.clipped),
+        *(estimate.coordinate, estimate.variance, estimate.error, estimate.chi2, estimate.clipped),
+    )
+
+
+@inlined
+def cosine_of(turns: Any) -> Any:
+    """cos(2 pi turns), float32, to 3e-6: sin of what is left of a quarter turn, by its series to the 11th power."""
+    y = np.float32(0.25) - abs(turns - np.rint(turns))
+    z = y * y * (_TWO_PI * _TWO_PI)
+    p = np.float32(-1 / 39916800)
+    p = p * z + np.float32(1 / 362880)
+    p = p * z + np.float32(-1 / 5040)
+    p = p * z + np.float32(1 / 120)
+    p = p * z + np.float32(-1 / 6)
+    p = p * z + _ONE
+    return _TWO_PI * y * p
+
+
+@exact
+def _micro_rows(
+    raw: Any,
+    table: Any,
+    clip: Any,
+    first_row: Any,
+    stop_row: Any,
+    frames: Any,
+    periods: Any,
+    shifts: Any,
+    used: Any,
+    first: Any,
+    second: Any,
+    start: Any,
+    listed: Any,
+    tolerance: Any,
+    period: Any,
+    steps: Any,
+    read2: Any,
+    gain: Any,
+    rounding2: Any,
+    misfit2: Any,
+    turn: Any,
+    amplitude: Any,
+    offset: Any,
+    fitted: Any,
+    saturated: Any,
+    place: Any,
+    var: Any,
+    error: Any,
+    chi2: Any,
+    clipped: Any,
+) -> None:
+    width, count = raw.shape[2], frames.size
+    level = np.empty((count, width), np.float32)
+    line = np.empty(width, np.float32)
+    cell = np.empty(width, np.int32)
+    one, other = np.empty(width, np.float32), np.empty(width, np.float32)
+    score, rival = np.empty(width, np.float32), np.empty(width, np.float32)
+    sums = np.empty((9, width), np.float32)
+    for row in range(first_row, stop_row):
+        r = row - first_row
+        t, a, o = turn[r], amplitude[r], offset[r]
+        clipped[r, :] = saturated[r]
+        for m in range(count):
+            if table is None:
+                _level(raw[frames[m], row], o, a, clip, level[m], clipped[r], clip)
+            else:
+                fetch_line(raw[frames[m], row], table, line)
+                _level(line, o, a, table[np.int64(clip)], level[m], clipped[r], clip)
+        _cell(t, level[used[0]], level[used[1]], level[used[2]], cell)
+        for x in range(width):
+            one[x], other[x] = np.float32(first[cell[x]]), np.float32(second[cell[x]])
+        score[:], rival[:] = np.float32(0), np.float32(0)
+        for m in range(count):
+            _score(t, one, level[m], period, _ONE / periods[m], shifts[m], score)
+            _score(t, other, level[m], period, _ONE / periods[m], shifts[m], rival)
+        _choose(one, other, score, rival)
+        for x in range(width):
+            if start[cell[x] + 1] - start[cell[x]] > 2:
+                _search(x, t, level, period, periods, shifts, start, listed, cell, one, score, rival)
+        _normal(t, one, period, steps, place[r], sums)
+        for m in range(count):
+            _add_sample(level[m], place[r], _ONE / periods[m], shifts[m], sums)
+        _solve(
+            *(sums, a, o, one, other, score, rival, fitted[r], tolerance, read2, gain, rounding2, misfit2),
+            *(place[r], var[r], error[r], chi2[r]),
+        )
+
+
+@kernel
+def _level(line: Any, offset: Any, amplitude: Any, white: Any, level: Any, clipped: Any, clip: Any) -> None:
+    """Levels over the amplitude, from the offset on."""
+    for x in range(level.size):
+        value = np.float32(line[x])
+        level[x] = (value - offset[x]) / max(amplitude[x], np.float32(1e-6))
+        clipped[x] += _ONE if value >= white else np.float32(0)
+
+
+@kernel
+def _cell(turn: Any, a: Any, b: Any, c: Any, cell: Any) -> None:
+    scale, top, zero = np.float32(_LEVELS / (2 * _REACH)), np.float32(_LEVELS - 1), np.float32(0)
+    reach, levels = np.float32(_REACH), np.int32(_LEVELS)
+    for x in range(cell.size):
+        phase = turn[x] - np.floor(turn[x])
+        i = np.int32(min(phase * np.float32(_PHASES), np.float32(_PHASES - 1)))
+        j = np.int32(min(max((a[x] + reach) * scale, zero), top))
+        k = np.int32(min(max((b[x] + reach) * scale, zero), top))
+        l = np.int32(min(max((c[x] + reach) * scale, zero), top))
+        cell[x] = ((i * levels + j) * levels + k) * levels + l
+
+
+@kernel
+def _score(turn: Any, order: Any, level: Any, period: Any, per_period: Any, shift: Any, score: Any) -> None:
+    for x in range(order.size):
+        phase = turn[x] - np.floor(turn[x])
+        left = level[x] - cosine_of(period * (order[x] + phase) * per_period - shift)
+        score[x] += left * left + (np.float32(1e9) if order[x] < np.float32(-10000) else np.float32(0))
+
+
+@kernel
+def _choose(one: Any, other: Any, score: Any, rival: Any) -> None:
+    for x in range(one.size):
+        swap = rival[x] < score[x]
+        best, rest = min(score[x], rival[x]), max(score[x], rival[x])
+        one[x] = other[x] if swap else one[x]
+        score[x], rival[x] = best, rest
+
+
+@exact
+def _search(
+    x: Any,
+    turn: Any,
+    level: Any,
+    period: Any,
+    periods: Any,
+    shifts: Any,
+    start: Any,
+    listed: Any,
+    cell: Any,
+    one: Any,
+    score: Any,
+    rival: Any,
+) -> None:
+    """The listed orders after the second."""
+    phase = turn[x] - np.floor(turn[x])
+    for q in range(start[cell[x]] + 2, start[cell[x] + 1]):
+        order = np.float32(listed[q])
+        total = np.float32(0)
+        for m in range(periods.size):
+            left = level[m, x] - cosine_of(period * (order + phase) / periods[m] - shifts[m])
+            total += left * left
+        if total < score[x]:
+            rival[x], score[x], one[x] = score[x], total, order
+        elif total < rival[x]:
+            rival[x] = total
+
+
+@kernel
+def _normal(turn: Any, order: Any, period: Any, steps: Any, place: Any, sums: Any) -> None:
+    """Normal equations for offset, amplitude (of it) and place (turns of the period) of N even steps: diagonal."""
+    half = _HALF * steps
+    for x in range(order.size):
+        place[x] = period * (order[x] + turn[x] - np.floor(turn[x]))
+        sums[0, x], sums[1, x], sums[2, x] = steps, half, half * (_TWO_PI / period) * (_TWO_PI / period)
+        sums[3, x], sums[4, x], sums[5, x] = np.float32(0), np.float32(0), np.float32(0)
+        sums[6, x], sums[7, x], sums[8, x] = np.float32(0), np.float32(0), np.float32(0)
+
+
+@kernel
+def _add_sample(level: Any, place: Any, per_period: Any, shift: Any, sums: Any) -> None:
+    """One more sample: off-diagonals oa, ou, au, right sides o, a, u; residuals start at the steps' fit."""
+    slope = _TWO_PI * per_period
+    for x in range(place.size):
+        phase = place[x] * per_period - shift
+        c, s = cosine_of(phase), -slope * cosine_of(phase - np.float32(0.25))
+        left = level[x] - c
+        sums[0, x] += _ONE
+        sums[1, x] += c * c
+        sums[2, x] += s * s
+        sums[3, x] += c
+        sums[4, x] += s
+        sums[5, x] += c * s
+        sums[6, x] += left
+        sums[7, x] += c * left
+        sums[8, x] += s * left
+
+
+@kernel
+def _solve(
+    sums: Any,
+    amplitude: Any,
+    offset: Any,
+    one: Any,
+    other: Any,
+    score: Any,
+    rival: Any,
+    fitted: Any,
+    tolerance: Any,
+    read2: Any,
+    gain: Any,
+    rounding2: Any,
+    misfit2: Any,
+    place: Any,
+    var: Any,
+    error: Any,
+    chi2: Any,
+) -> None:
+    of_level, of_all = np.float32(_OF_LEVEL), np.float32(_OF_ALL)
+    for x in range(place.size):
+        oo, aa, uu = sums[0, x], sums[1, x], sums[2, x]
+        oa, ou, au = sums[3, x], sums[4, x], sums[5, x]
+        bo, ba, bu = sums[6, x], sums[7, x], sums[8, x]
+        # offset and amplitude eliminated
+        det = oo * aa - oa * oa
+        po, pa = (ou * aa - au * oa) / det, (au * oo - ou * oa) / det
+        curve = uu - po * ou - pa * au
+        step = (bu - po * bo - pa * ba) / curve
+        noise = read2 + gain * max(offset[x], np.float32(0))
+        power = max(amplitude[x] * amplitude[x], np.float32(1e-6))
+        relative = noise / power
+        place[x] += step
+        var[x] = relative / curve
+        lone = rival[x] > np.float32(1e8)
+        wrong = vanishing(_HALF * min((rival[x] - score[x]) / (of_all * relative), np.float32(1e4)))
+        wrong = np.float32(0) if lone else wrong / (_ONE + wrong)
+        left = vanishing(min(_HALF * tolerance * tolerance / (of_level * relative), np.float32(1e4)))
+        none = one[x] < np.float32(-10000)
+        error[x] = _ONE if none else min(wrong + np.float32(3) * left, _ONE)
+        # what offset, amplitude and place explain of the residuals
+        fo, fa = (bo * aa - ba * oa) / det, (ba * oo - bo * oa) / det
+        rss = score[x] - fo * bo - fa * ba - step * step * curve
+        judged = relative + rounding2 / power + misfit2
+        chi2[x] = fitted[x] + max(rss, np.float32(0)) / judged
