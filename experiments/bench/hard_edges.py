@@ -15,7 +15,7 @@ from optolever.patterns import Sequence, sequence_from_text
 
 from ..drawn import between
 from .hard_case import SIGMAS, Case, Found, FrameVerdict
-from .layered import Gloss, Layer, Outline, World, light, sampled
+from .layered import SAMPLES, Gloss, Layer, Outline, World, inside, light, sampled
 from .plain_decoder import plain_places
 
 __all__ = ["EDGE_CODES", "Draw", "Fault", "drawn_world", "edge_cases", "judged_draw", "taken"]
@@ -45,7 +45,7 @@ FAULTS = ("swapped", "twice", "torn")
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """kind: one of FAULTS; frame, other: swapped; or `frame` shows `other` again; torn: from row share `at` on.
+    """kind: one of FAULTS; frame, other: swapped, or `frame` shows `other`, torn: from row share `at` on.
 
     shown: the display does it, so that a picture shown twice has noise of its own each time; else the camera
     delivers the same numbers twice.
@@ -245,9 +245,11 @@ def taken(draw: Draw) -> Taken:
         right, wrong = (plain_places(levels, sequence) for levels in (ideal, draw.fault.spoil(ideal)))
         changed = np.asarray(np.hypot(right[0] - wrong[0], right[1] - wrong[1]) > MOVED)
     rows, cols = world.size
-    trouble = fine.trouble.reshape(rows, -1, cols, fine.u.shape[1] // cols).any((1, 3))
-    lit = centre.lit & (centre.projected >= LIT)
-    return _varied(draw, Taken(read, sequence, centre.u, centre.v, ~trouble, lit, changed))
+    trouble = inside(fine.trouble, SAMPLES).reshape(rows, SAMPLES, cols, SAMPLES).any((1, 3))
+    lit = inside(np.asarray(centre.lit & (centre.projected >= LIT)))
+    return _varied(
+        draw, Taken(read, sequence, inside(centre.u), inside(centre.v), np.asarray(~trouble), lit, changed)
+    )
 
 
 def _varied(draw: Draw, whole: Taken) -> Taken:

@@ -13,7 +13,7 @@ from optolever.patterns import sequence_from_text
 
 from .hard_case import Case, Found
 from .hard_edges import LIT, against_truth
-from .layered import Deviation, Layer, World, light, sampled
+from .layered import Deviation, Layer, World, inside, light, sampled
 
 __all__ = ["UNLIKE", "Unlike", "unlike_cases", "unlike_found"]
 
@@ -86,13 +86,16 @@ def unlike_found(unlike: Unlike, code: str, size: tuple[int, int]) -> Found:
     clean = light(world, sampled(world), sequence, unlike.deviation, rng)
     noise = NOISE * rng.standard_normal(clean.shape, np.float32)
     seen = decode(np.clip(np.rint(clean + noise), 0, 255).astype(np.uint8), sequence)
-    found = against_truth(seen, centre.u, centre.v, centre.lit & (centre.projected >= LIT))
+    u, v = inside(centre.u), inside(centre.v)
+    judged = inside(np.asarray(centre.lit & (centre.projected >= LIT)))
+    found = against_truth(seen, u, v, judged)
+    width = _width(seen, found, u, v)
     if not unlike.figure:
-        return replace(found, width=_width(seen, found, centre.u, centre.v))
+        return replace(found, width=width)
     return replace(
         found,
         silent_limit=BEYOND,
-        width=_width(seen, found, centre.u, centre.v),
+        width=width,
         width_limit=WIDTH,
         notices=len(getattr(seen, "notices", ())),
     )

@@ -11,6 +11,7 @@ and only then read: a pixel at an edge mixes two places. Nothing of the decoder'
 
 import math
 from dataclasses import dataclass
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -26,15 +27,18 @@ __all__ = [
     "Outline",
     "Samples",
     "World",
+    "inside",
     "light",
     "sampled",
-    "shade",
 ]
 
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+T = TypeVar("T", bound=np.generic)
 
 SAMPLES = 4  # per pixel and direction
+FINE = 32  # places of a sample within a pattern pixel
+MARGIN = 5  # px around the image, from which light spreads into it
 GLOSSY = 2.0  # levels of gloss, above which a sample counts as glossy
 NEARER = 1e-4  # inverse depth by which a surface must be nearer to cast a shadow
 
@@ -102,7 +106,7 @@ class Gloss:
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """size: camera (rows, cols); pattern: projector (rows, cols); layers[0]: the wall; scale r, origin (u0, v0),
+    """size, pattern: camera, projector (rows, cols); layers[0]: the wall; scale r, origin (u0, v0),
     disparity D, baseline t (radians): as above; holes: openings to the dark; prints: dark ink with sharp
     edges; gain: levels that projector light makes on albedo 1; ambient: other light, likewise; black: of the
     camera; spread: rms of the optics' point spread, camera pixels; seed: of the textures."""
@@ -131,7 +135,7 @@ class World:
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """What points of the image look at, all (n H, n W).
+    """What points of the image and of a margin around it look at, (n H, n W) with the margin each.
 
     u, v: projector coordinates; layer: number; lit: whether projector light falls there; projected, other:
     levels of projector light and of all other light; trouble: shadow, hole, gloss, or an edge of depth,
@@ -164,7 +168,7 @@ class Deviation:
 
 def sampled(world: World, count: int = SAMPLES) -> Samples:
     """The world at count x count points in every camera pixel; 1: at the pixels' centres."""
-    rows, cols = world.size
+    rows, cols = (n + 2 * MARGIN for n in world.size)
     y, x = (np.asarray((np.arange(n * count) + 0.5) / count - 0.5 * n, np.float32) for n in (rows, cols))
     x, y = np.meshgrid(x, y)
     layer, q = _nearest(world, x, y)
@@ -211,7 +215,7 @@ def _lighted(world: World, x: Floats, y: Floats, seen: Samples, count: int) -> S
     """With levels of light and what is in the way."""
     albedo = np.empty(x.shape, np.float32)
     for i, layer in enumerate(world.layers):
-        np.copyto(albedo, shade(world, layer.albedo, i, x.shape), where=seen.layer == i)
+        np.copyto(albedo, _texture(world, layer.albedo, i, x.shape), where=seen.layer == i)
     hole, ink = (_any(outlines, x, y) for outlines in (world.holes, world.prints))
     albedo[ink] *= 0.45
     albedo[hole] = 0.0
@@ -235,7 +239,7 @@ def _any(outlines: tuple[Outline, ...], x: Floats, y: Floats) -> Mask:
     return found
 
 
-def shade(world: World, between: tuple[float, float], number: int, shape: tuple[int, ...]) -> Floats:
+def _texture(world: World, between: tuple[float, float], number: int, shape: tuple[int, ...]) -> Floats:
     """A smooth texture (rows, cols) of albedo between two values, even in its logarithm."""
     low, high = np.log(between)
     rng = np.random.default_rng([world.seed, number])
@@ -257,8 +261,9 @@ def light(
     """
     away = deviation or Deviation()
     rows, cols = world.size
-    count = seen.u.shape[0] // rows
-    tables = [np.asarray((table / 255) ** away.gamma, np.float32) for table in sequence.tables()]
+    count = seen.u.shape[0] // (rows + 2 * MARGIN)
+    width = world.scale / count if count > 1 else 0.0
+    tables = [_seen(np.asarray((table / 255) ** away.gamma), width) for table in sequence.tables()]
     places = [_cells(seen, table.shape[1], axis, 0.0) for axis, table in enumerate(tables)]
     ghosts = [_cells(seen, table.shape[1], axis, away.apart[axis]) for axis, table in enumerate(tables)]
     still = _read(seen.other, world, count)
@@ -276,9 +281,20 @@ def light(
     return frames + still
 
 
-def _cells(seen: Samples, extent: int, axis: int, apart: float) -> NDArray[np.int64]:
-    coord = (seen.u, seen.v)[axis] + np.float32(apart)
-    return np.asarray(np.clip(np.rint(coord), 0, extent - 1), np.int64)
+def _seen(table: NDArray[np.float64], width: float) -> Floats:
+    """Means of brightness (N, cells) over `width` cells about FINE places in each cell, (N, FINE cells)."""
+    fine = np.repeat(table, FINE, axis=1)
+    reach = round(0.5 * width * FINE)
+    padded = np.pad(fine, ((0, 0), (reach + 1, reach)), mode="edge").cumsum(axis=1)
+    return np.asarray(
+        (padded[:, 2 * reach + 1 :] - padded[:, : -2 * reach - 1]) / (2 * reach + 1), np.float32
+    )
+
+
+def _cells(seen: Samples, fine: int, axis: int, apart: float) -> NDArray[np.int64]:
+    """Places in tables of `fine` entries."""
+    coord = (seen.u, seen.v)[axis] + np.float32(apart + 0.5)
+    return np.asarray(np.clip(coord * FINE, 0, fine - 1), np.int64)
 
 
 def _shown(sequence: Sequence, tables: list[Floats], places: list[NDArray[np.int64]], index: int) -> Floats:
@@ -294,7 +310,14 @@ def _shown(sequence: Sequence, tables: list[Floats], places: list[NDArray[np.int
 
 def _read(samples: Floats, world: World, count: int) -> Floats:
     """Means over the pixels, after the optics' point spread."""
-    if count == 1:
-        return samples
-    spread = cv2.GaussianBlur(samples, (0, 0), count * world.spread, borderType=cv2.BORDER_REPLICATE)
-    return np.asarray(cv2.resize(spread, world.size[::-1], interpolation=cv2.INTER_AREA), np.float32)
+    if count > 1:
+        rows, cols = (n // count for n in samples.shape)
+        spread = cv2.GaussianBlur(samples, (0, 0), count * world.spread, borderType=cv2.BORDER_REPLICATE)
+        samples = np.asarray(cv2.resize(spread, (cols, rows), interpolation=cv2.INTER_AREA), np.float32)
+    return inside(samples)
+
+
+def inside(image: NDArray[T], count: int = 1) -> NDArray[T]:
+    """The image (n H, n W) without its margin."""
+    around = slice(count * MARGIN, -count * MARGIN)
+    return image[around, around]
