@@ -36,10 +36,10 @@ EDGE_CODES = (
 PATTERN = (256, 512)
 AWAY = 3.0  # px from edges of depth, shadow, gloss, holes and ink, from which pixels are judged
 LIT = 20.0  # levels of projector light of a lit pixel
-MOVED = 1.0  # px by which a fault must move the place of a pixel
+MOVED = 0.2  # px by which a fault must move the place of a pixel: beyond what noise does to a fringe
 COUNTS = 0.01  # share of the lit pixels that a fault must move to be counted
 TOGETHER = 4  # frames that one finding may name at most: one period of fringes, or two bits with inverses
-VARIANTS = ("clean", "jpeg", "binned", "cropped")
+VARIANTS = ("raw", "jpeg", "binned", "cropped")
 FAULTS = ("swapped", "twice", "torn")
 
 

@@ -37,7 +37,7 @@ def pooled(results: Iterable[Result]) -> list[Pooled]:
     drawn = [result for result in results if result.case.part == "edges"]
     if not drawn:
         return []
-    clean = [result for result in drawn if "clean" in result.case.name.split()]
+    clean = [one for one in drawn if one.frames is not None and not one.frames.fault]
     spoilt = [one.frames for one in drawn if one.frames is not None and one.frames.fault]
     right = [one.frames for one in clean if one.frames is not None]
     asked = [frames for frames in spoilt if frames.counts]

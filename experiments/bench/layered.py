@@ -37,7 +37,7 @@ Mask = NDArray[np.bool_]
 T = TypeVar("T", bound=np.generic)
 
 SAMPLES = 4  # per pixel and direction
-FINE = 32  # places of a sample within a pattern pixel
+FINE = 128  # places of a sample within a pattern pixel
 MARGIN = 5  # px around the image, from which light spreads into it
 GLOSSY = 2.0  # levels of gloss, above which a sample counts as glossy
 NEARER = 1e-4  # inverse depth by which a surface must be nearer to cast a shadow
@@ -206,7 +206,8 @@ def _shadow(world: World, layer: Layer, u: Floats, v: Floats, q: Floats) -> Mask
     b = np.float32(px * bx + py * by - 1) + np.float32(bend) * (ax * np.float32(bx) + ay * np.float32(by))
     c = np.float32(layer.depth) + np.float32(px) * ax + np.float32(py) * ay
     c += np.float32(bend / 2) * (ax * ax + ay * ay)
-    own = 2 * c / (np.sqrt(np.maximum(b * b - np.float32(4 * a) * c, 0)) - b)
+    # no root: far off its outline, which then says so
+    own = 2 * c / np.maximum(np.sqrt(np.maximum(b * b - np.float32(4 * a) * c, 0)) - b, np.float32(1e-6))
     x, y = ax + np.float32(bx) * own + np.float32(cx), ay + np.float32(by) * own + np.float32(cy)
     return np.asarray(layer.outline.holds(x, y) & (own > q + NEARER))
 
