@@ -37,16 +37,22 @@ FAULTS = (SILENT, UNKNOWN, DIVERGED, BROKEN, ACCUSED, WIDE, UNSAID)
 class FrameVerdict:
     """What was said about whole frames.
 
-    fault: what was done to the frames ('': nothing); counts: whether it moves the decoded place of enough
-    pixels, so that it has to be named; named: whether it was; accused: pixels flagged WRONG_FRAME; findings:
-    sentences.
+    fault: what was done to the frames ('': nothing); moves: whether it moves the place of enough pixels;
+    perfect: whether the frames are now perfect ones of another scene, so that nobody could tell; named:
+    whether it was; accused: pixels flagged WRONG_FRAME; findings: sentences.
     """
 
     fault: str
-    counts: bool
+    moves: bool
+    perfect: bool
     named: bool
     accused: int
     findings: tuple[str, ...] = ()
+
+    @property
+    def counts(self) -> bool:
+        """True if the fault has to be named."""
+        return self.moves and not self.perfect
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,6 +229,8 @@ def _of_frames(result: Result, frames: FrameVerdict) -> Result:
     why = "; ".join(filter(None, (frames.fault, *frames.findings)))
     if not frames.fault:
         return replace(result, verdict=ACCUSED, why=f"{frames.accused} pixels; {why}")
-    if not frames.counts:
+    if not frames.moves:
         return replace(result, verdict=HARMLESS, why=why)
+    if frames.perfect:
+        return replace(result, verdict=LIMITED, why=f"perfect frames of another scene: {why}")
     return replace(result, verdict=NAMED if frames.named else UNNAMED, why=why)

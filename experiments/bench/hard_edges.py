@@ -15,8 +15,8 @@ from optolever.patterns import Sequence, sequence_from_text
 
 from ..drawn import between
 from .hard_case import SIGMAS, Case, Found, FrameVerdict
-from .layered import SAMPLES, Gloss, Layer, Outline, World, inside, light, sampled
-from .plain_decoder import plain_places
+from .layered import MARGIN, SAMPLES, Gloss, Layer, Outline, Samples, World, inside, light, sampled
+from .plain_decoder import plain_places, seams
 
 __all__ = ["EDGE_CODES", "Draw", "Fault", "drawn_world", "edge_cases", "judged_draw", "taken"]
 
@@ -38,6 +38,8 @@ AWAY = 3.0  # px from edges of depth, shadow, gloss, holes and ink, from which p
 LIT = 20.0  # levels of projector light of a lit pixel
 MOVED = 0.2  # px by which a fault must move the place of a pixel: beyond what noise does to a fringe
 COUNTS = 0.01  # share of the lit pixels that a fault must move to be counted
+UNLIKE = 0.25  # share of the light by which a level must differ from any that the wrong place could have
+SEAMS, SEAM = 8, 3.0  # neighbours on one surface, and px by which they are torn apart, that tell of a fault
 TOGETHER = 4  # frames that one finding may name at most: one period of fringes, or two bits with inverses
 VARIANTS = ("raw", "jpeg", "binned", "cropped")
 FAULTS = ("swapped", "twice", "torn")
@@ -88,8 +90,12 @@ class Draw:
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """Frames (N, H, W), true u and v (H, W), judged: lit pixels away from what is in the way; changed: pixels
-    whose place the fault moves, lit: pixels with enough projector light."""
+    """Frames (N, H, W), true u and v (H, W).
+
+    judged: lit pixels away from what is in the way; lit: pixels with enough projector light; changed: pixels
+    whose place the fault moves; unlike: those in which the wrong place does not explain the levels; torn: how
+    many neighbours on one surface the fault tears apart.
+    """
 
     frames: Frames
     sequence: Sequence
@@ -98,6 +104,18 @@ class Taken:
     judged: Mask
     lit: Mask
     changed: Mask
+    unlike: Mask
+    torn: int = 0
+
+    @property
+    def moved(self) -> float:
+        """Share of the lit pixels whose place the fault moves."""
+        return float(self.changed[self.lit].mean()) if self.lit.any() else 0.0
+
+    @property
+    def perfect(self) -> bool:
+        """True if the spoilt frames are perfect ones of another scene: nothing tells of the fault."""
+        return self.torn < SEAMS and float(self.unlike[self.lit].mean()) <= COUNTS
 
 
 def edge_cases(count: int, first: int, size: tuple[int, int]) -> Iterator[Case]:
@@ -239,40 +257,65 @@ def taken(draw: Draw) -> Taken:
     read = np.clip(np.rint(frames + noise), 0, 255).astype(np.uint8)
     if draw.fault is not None and not draw.fault.shown:
         read = draw.fault.spoil(read)
-    changed = np.zeros(world.size, np.bool_)
-    if draw.fault is not None:
-        ideal = light(world, centre, sequence)
-        right, wrong = (plain_places(levels, sequence) for levels in (ideal, draw.fault.spoil(ideal)))
-        changed = np.asarray(np.hypot(right[0] - wrong[0], right[1] - wrong[1]) > MOVED)
     rows, cols = world.size
     trouble = inside(fine.trouble, SAMPLES).reshape(rows, SAMPLES, cols, SAMPLES).any((1, 3))
     lit = inside(np.asarray(centre.lit & (centre.projected >= LIT)))
-    return _varied(
-        draw, Taken(read, sequence, inside(centre.u), inside(centre.v), np.asarray(~trouble), lit, changed)
+    none = np.zeros(world.size, np.bool_)
+    free = np.asarray(~trouble)
+    whole = Taken(read, sequence, inside(centre.u), inside(centre.v), free, lit, none, none)
+    return _varied(draw, _consequences(draw, centre, whole))
+
+
+def _consequences(draw: Draw, centre: Samples, whole: Taken) -> Taken:
+    """With what a fault does to ideal levels, and whether they are those of another scene."""
+    fault, sequence = draw.fault, whole.sequence
+    if fault is None:
+        return whole
+    ideal = light(draw.world, centre, sequence)
+    spoilt = fault.spoil(ideal)
+    right, wrong = plain_places(ideal, sequence), plain_places(spoilt, sequence)
+    u, v = (np.pad(place, MARGIN, mode="edge").astype(np.float32) for place in wrong)
+    explained = light(draw.world, replace(centre, u=u, v=v), sequence)
+    off = np.abs(explained - spoilt).max(axis=0) > UNLIKE * np.maximum(inside(centre.projected), LIT)
+    within = np.zeros(whole.lit.shape, np.bool_)
+    part = _window_of(draw, within.shape) if draw.variant == "cropped" else (slice(None), slice(None))
+    within[part] = (whole.judged & whole.lit)[part]
+    return replace(
+        whole,
+        changed=np.hypot(right[0] - wrong[0], right[1] - wrong[1]) > MOVED,
+        unlike=off,
+        torn=seams(right, wrong, within, SEAM),
     )
 
 
 def _varied(draw: Draw, whole: Taken) -> Taken:
     """As JPEG, binned 2 x 2, or cropped."""
     frames, u, v = whole.frames, whole.u, whole.v
-    masks = [whole.judged, whole.lit, whole.changed]
+    masks = [whole.judged, whole.lit, whole.changed, whole.unlike]
     if draw.variant == "jpeg":
         frames = np.stack([_jpeg(frame, draw.quality) for frame in frames])
     elif draw.variant == "binned":
         frames = np.rint(np.stack([_halved(frame.astype(np.float32)) for frame in frames])).astype(np.uint8)
         masks = [np.asarray(_halved(mask.astype(np.float32)) == 1) for mask in masks]
         u, v = _halved(u), _halved(v)
-    free, lit, changed = masks
-    apart = cv2.distanceTransform(free.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    judged = np.asarray(lit & (apart >= AWAY))
-    rows, cols = free.shape
-    top, left, height, width = draw.window if draw.variant == "cropped" else (0.0, 0.0, 1.0, 1.0)
-    part = (
-        slice(round(top * rows), round((top + height) * rows)),
-        slice(round(left * cols), round((left + width) * cols)),
+    free = masks[0].astype(np.uint8)
+    apart = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    masks[0] = np.asarray(masks[1] & (apart >= AWAY))
+    if draw.variant == "cropped":
+        part = _window_of(draw, free.shape)
+        frames, u, v = np.ascontiguousarray(frames[:, *part]), u[part], v[part]
+        masks = [mask[part] for mask in masks]
+    judged, lit, changed, unlike = masks
+    return Taken(frames, whole.sequence, u, v, judged, lit, changed, unlike, whole.torn)
+
+
+def _window_of(draw: Draw, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Rows and columns of a cropped image."""
+    top, left, height, width = draw.window
+    return (
+        slice(round(top * shape[0]), round((top + height) * shape[0])),
+        slice(round(left * shape[1]), round((left + width) * shape[1])),
     )
-    window = np.ascontiguousarray(frames[:, *part])
-    return Taken(window, whole.sequence, u[part], v[part], judged[part], lit[part], changed[part])
 
 
 def _jpeg(frame: Frames, quality: int) -> Frames:
@@ -291,10 +334,10 @@ def judged_draw(draw: Draw) -> Found:
     seen = decode(shot.frames, shot.sequence)
     found = against_truth(seen, shot.u, shot.v, shot.judged)
     report = check(shot.frames, shot.sequence, seen)
-    share = float(shot.changed[shot.lit].mean()) if shot.lit.any() else 0.0
     verdict = FrameVerdict(
         fault="" if draw.fault is None else str(draw.fault),
-        counts=share > COUNTS,
+        moves=shot.moved > COUNTS,
+        perfect=draw.fault is not None and shot.perfect,
         named=draw.fault is not None and names(report, draw.fault),
         accused=int(np.count_nonzero(seen.flags & Flag.WRONG_FRAME)),
         findings=tuple(finding.sentence for finding in report.findings[:3]),

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from optolever.patterns import Sequence
 
 __all__ = [
+    "MARGIN",
     "SAMPLES",
     "Deviation",
     "Gloss",

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from optolever.patterns import Frame, Sequence
 
-__all__ = ["plain_places"]
+__all__ = ["plain_places", "seams"]
 
 Floats = NDArray[np.floating]
 
@@ -20,6 +20,19 @@ Floats = NDArray[np.floating]
 def plain_places(levels: Floats, sequence: Sequence) -> tuple[Floats, Floats]:
     """u and v (H, W) of ideal levels (N, H, W) of bits (`gray`, `binary`) and fringes, coarse ones first."""
     return _along("u", sequence.cols, levels, sequence), _along("v", sequence.rows, levels, sequence)
+
+
+def seams(
+    right: tuple[Floats, Floats], wrong: tuple[Floats, Floats], within: NDArray[np.bool_], apart: float
+) -> int:
+    """Pairs of neighbours, both `within` (H, W), from one to the other of which the wrong places (u, v) go by
+    more than `apart` farther than the right ones."""
+    count = 0
+    for one, two in zip(right, wrong, strict=True):
+        farther = [np.abs(np.diff(two, axis=axis) - np.diff(one, axis=axis)) > apart for axis in (0, 1)]
+        count += int((farther[0] & within[1:] & within[:-1]).sum())
+        count += int((farther[1] & within[:, 1:] & within[:, :-1]).sum())
+    return count
 
 
 def _along(axis: str, extent: int, levels: Floats, sequence: Sequence) -> Floats:

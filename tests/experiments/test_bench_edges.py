@@ -236,6 +236,28 @@ def test_faults_are_what_they_are_called() -> None:
     assert order("torn", 4) == [0, 1, 2, 3, 1, 5]
 
 
+@pytest.mark.parametrize(
+    ("code", "other", "middle", "moved", "perfect"),
+    [
+        ("gray:inverses=false", 3, 105.0, 1.0, True),
+        ("gray:inverses=false", 3, 75.0, 0.5, False),  # an edge of bit 6 is in view: the map is torn
+        ("gray:inverses=false", 0, 105.0, 1.0, False),  # white
+        ("gray", 4, 105.0, 1.0, False),  # the inverses stay where they are
+        ("gray", 5, 105.0, 0.0, True),  # as dark as bit 7
+    ],
+)
+def test_perfect_frames_of_another_scene_are_nobodys_fault(
+    code: str, other: int, middle: float, moved: float, perfect: bool
+) -> None:
+    """Of eight bits of u, 66 to 122 in view, 7 (frame 2) is dark and 6 bright: in each other's place they make
+    the same scene elsewhere."""
+    world = replace(FLAT, black=5.0, pattern=(64, 256), origin=(middle, 31.0))
+    draw = replace(edges.drawn(0, False, SIZE), world=world, variant="raw", code=code)
+    shot = edges.taken(replace(draw, fault=edges.Fault("swapped", 2, other)))
+    assert shot.moved == pytest.approx(moved, abs=0.02)
+    assert shot.perfect == perfect
+
+
 def test_pixels_near_an_edge_are_not_judged() -> None:
     draw = replace(edges.drawn(2, False, (120, 160)), variant="raw")
     shot = edges.taken(draw)
