@@ -249,8 +249,8 @@ def test_faults_are_what_they_are_called() -> None:
 def test_perfect_frames_of_another_scene_are_nobodys_fault(
     code: str, other: int, middle: float, moved: float, perfect: bool
 ) -> None:
-    """Of eight bits of u, 66 to 122 in view, 7 (frame 2) is dark and 6 bright: in each other's place they make
-    the same scene elsewhere."""
+    """Of eight bits of u, 66 to 122 in view, 7 (frame 2) is dark and 6 bright: in each other's place they
+    make the same scene elsewhere."""
     world = replace(FLAT, black=5.0, pattern=(64, 256), origin=(middle, 31.0))
     draw = replace(edges.drawn(0, False, SIZE), world=world, variant="raw", code=code)
     shot = edges.taken(replace(draw, fault=edges.Fault("swapped", 2, other)))
