@@ -41,6 +41,7 @@ COUNTS = 0.01  # share of the lit pixels that a fault must move to be counted
 UNLIKE = 0.25  # share of the light by which a level must differ from any that the wrong place could have
 SEAMS, SEAM = 8, 3.0  # neighbours on one surface, and px by which they are torn apart, that tell of a fault
 TOGETHER = 4  # frames that one finding may name at most: one period of fringes, or two bits with inverses
+SUSPECTS = 6  # frames that all such findings may name together: who accuses all names nobody
 VARIANTS = ("raw", "jpeg", "binned", "cropped")
 FAULTS = ("swapped", "twice", "torn")
 
@@ -346,10 +347,11 @@ def judged_draw(draw: Draw) -> Found:
 
 
 def names(report: Integrity, fault: Fault) -> bool:
-    """Whether a finding about few frames holds one of the fault's."""
+    """Whether findings about few frames, and few of them in all, hold one of the fault's."""
     wrong = {fault.frame, fault.other} if fault.kind == "swapped" else {fault.frame}
-    few = [finding for finding in report.findings if len(finding.frames) <= TOGETHER]
-    return any(wrong & set(finding.frames) for finding in few)
+    few = [finding.frames for finding in report.findings if len(finding.frames) <= TOGETHER]
+    suspects = {frame for frames in few for frame in frames}
+    return bool(wrong & suspects) and len(suspects) <= SUSPECTS
 
 
 def against_truth(seen: Correspondence, u: Floats, v: Floats, judged: Mask) -> Found:

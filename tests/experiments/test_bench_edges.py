@@ -278,9 +278,9 @@ def oracle(shot: edges.Taken, off: float = 0.0, flags: int = 0) -> Correspondenc
 
 
 def verdict(
-    monkeypatch: pytest.MonkeyPatch, draw: edges.Draw, frames: tuple[int, ...] = (), **wrong: Any
+    monkeypatch: pytest.MonkeyPatch, draw: edges.Draw, *accused: tuple[int, ...], **wrong: Any
 ) -> Result:
-    findings = (Finding(frames, "made up", "made up"),) if frames else ()
+    findings = tuple(Finding(frames, "made up", "made up") for frames in accused)
     shot = edges.taken(draw)
     monkeypatch.setattr(edges, "decode", lambda *_: oracle(shot, **wrong))
     monkeypatch.setattr(edges, "check", lambda *_: Integrity(findings, 1))
@@ -314,6 +314,7 @@ def test_faulty_draws_are_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (blind.verdict, blind.fault) == ("not named", False)
     assert verdict(monkeypatch, bad, (2, 3)).verdict == "not named"
     assert verdict(monkeypatch, bad, tuple(range(12))).verdict == "not named"  # that is naming nobody
+    assert verdict(monkeypatch, bad, *((frame,) for frame in range(12))).verdict == "not named"
     alike = replace(bad, fault=edges.Fault("twice", 3, 3))
     assert verdict(monkeypatch, alike).verdict == "harmless fault"
     figures = {figure.name: figure for figure in pooled([right, blind])}
