@@ -83,7 +83,8 @@ def unlike_found(unlike: Unlike, code: str, size: tuple[int, int]) -> Found:
     """Decode what such a projector shows; errors, width of sigma, notices."""
     world, rng = smooth_world(size), np.random.default_rng(11)
     sequence, centre = sequence_from_text(code, *world.pattern), sampled(world, 1)
-    clean = light(world, sampled(world), sequence, unlike.deviation, rng)
+    fine = sampled(world)
+    clean = light(world, fine, sequence, unlike.deviation, rng)
     noise = NOISE * rng.standard_normal(clean.shape, np.float32)
     seen = decode(np.clip(np.rint(clean + noise), 0, 255).astype(np.uint8), sequence)
     u, v = inside(centre.u), inside(centre.v)
@@ -92,12 +93,14 @@ def unlike_found(unlike: Unlike, code: str, size: tuple[int, int]) -> Found:
     width = _width(seen, found, u, v)
     if not unlike.figure:
         return replace(found, width=width)
+    # bits are black and white: a gamma does nothing to them
+    unsaid = np.abs(clean - light(world, fine, sequence)).max() > NOISE / 10
     return replace(
         found,
         silent_limit=BEYOND,
         width=width,
         width_limit=WIDTH,
-        notices=len(getattr(seen, "notices", ())),
+        notices=len(getattr(seen, "notices", ())) if unsaid else None,
     )
 
 

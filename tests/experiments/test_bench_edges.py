@@ -363,3 +363,14 @@ def test_the_command_draws_as_many_as_asked_for(monkeypatch: pytest.MonkeyPatch,
     assert record["faults"] == 0
     assert {figure["name"] for figure in record["pooled"]} >= {"right frames accused, of draws"}
     assert len(hard_cases(wanted="edges")) == 48
+
+
+def test_no_notice_is_asked_of_bits_under_a_gamma(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Black and white stay black and white."""
+    world = unlike.smooth_world(SIZE)
+    u, v = truth(world)
+    sigma, flags = np.full(u.shape, 0.3), np.zeros(u.shape, np.uint16)
+    monkeypatch.setattr(unlike, "decode", lambda *_: Correspondence(u + 0.3, v + 0.3, sigma, sigma, flags))
+    cases = {one.name: one for one in unlike.unlike_cases(SIZE) if one.subject == "gray"}
+    assert run_case(cases["gamma 2.2"]).verdict == "good"
+    assert run_case(cases["flicker 2 %"]).verdict == "no notice"
