@@ -121,7 +121,8 @@ def command(
 
 def _pooled_cells(figure: "Pooled") -> list[str]:
     sign = "at least" if figure.at_least else "at most"
-    told = f"{sign} {number(figure.limit)}" + ("" if figure.met else ", missed")
+    told = "" if figure.limit is None else f"{sign} {number(figure.limit)}"
+    told += "" if figure.met else ", missed"
     return [figure.name, number(figure.value), told, str(figure.count)]
 
 
