@@ -39,7 +39,7 @@ class FrameVerdict:
 
     fault: what was done to the frames ('': nothing); moves: whether it moves the place of enough pixels;
     perfect: whether the frames are now perfect ones of another scene, so that nobody could tell; named:
-    whether it was; accused: pixels flagged WRONG_FRAME; findings: sentences.
+    whether it was; accused: pixels flagged WRONG_FRAME and nothing else; findings: sentences.
     """
 
     fault: str

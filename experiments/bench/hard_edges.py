@@ -340,7 +340,7 @@ def judged_draw(draw: Draw) -> Found:
         moves=shot.moved > COUNTS,
         perfect=draw.fault is not None and shot.perfect,
         named=draw.fault is not None and names(report, draw.fault),
-        accused=int(np.count_nonzero(seen.flags & Flag.WRONG_FRAME)),
+        accused=int(np.count_nonzero(seen.flags == Flag.WRONG_FRAME)),
         findings=tuple(finding.sentence for finding in report.findings[:3]),
     )
     return replace(found, frames=verdict)
