@@ -14,14 +14,18 @@ from ..demo import Progress, silent
 from ..images import new_figure
 from .hard_case import Case, Found, Result, run_case, silent_mask
 from .hard_decode import decode_cases
+from .hard_edges import edge_cases
 from .hard_random import random_cases
 from .hard_reconstruct import reconstruct_cases
+from .hard_unlike import unlike_cases
 
 __all__ = ["hard_cases", "run_hard", "save_picture"]
 
 DECODE_SIZE = (192, 192)
 RECONSTRUCT_SIZES = ((128, 128), (256, 256))
+EDGES_SIZE, UNLIKE_SIZE = (240, 320), (144, 192)
 QUICK_SIZE = (96, 96)
+DRAWS, QUICK_DRAWS = 24, 6
 
 
 def hard_cases(
@@ -30,20 +34,27 @@ def hard_cases(
     quick: bool = False,
     drawn: int = 0,
     first: int = 0,
+    draws: int = 0,
 ) -> list[Case]:
     """The cases whose label holds every word of `wanted`. sizes: of cameras, default 192 x 192 (decode), 128
     and 256 squared (reconstruct); quick: 96 x 96, fewer sequences, double precision only; drawn: so many
-    random ones instead, from number `first` on.
+    random ones instead, from number `first` on; draws: of scenes with edges, without and with a fault each,
+    0: 24 (quick: 6).
     """
     if drawn:
         return [
             case for case in random_cases(drawn, first) if all(word in case.label for word in wanted.split())
         ]
+    several = draws or (QUICK_DRAWS if quick else DRAWS)
     small = (QUICK_SIZE,) if quick else ()
     cases: list[Case] = []
     for size in sizes or small or (DECODE_SIZE,):
         cases += decode_cases(size, quick)
     cases += reconstruct_cases(sizes or small or RECONSTRUCT_SIZES, quick)
+    for size in sizes or (EDGES_SIZE,):
+        cases += edge_cases(several, first, size)
+    for size in sizes or small or (UNLIKE_SIZE,):
+        cases += unlike_cases(size)
     return [case for case in cases if all(word in case.label for word in wanted.split())]
 
 

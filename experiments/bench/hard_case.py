@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from optolever.errors import InputError
 
 from ..metrics import rms
 
-__all__ = ["LIMIT", "SIGMAS", "Case", "Found", "Result", "judged", "run_case"]
+__all__ = ["LIMIT", "SIGMAS", "Case", "Found", "FrameVerdict", "Result", "judged", "run_case"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -28,7 +28,31 @@ GOOD, SILENT, UNKNOWN, DIVERGED, REFUSED, BROKEN, LIMITED = (
     "failed",
     "cannot tell",
 )
-FAULTS = (SILENT, UNKNOWN, DIVERGED, BROKEN)
+ACCUSED, NAMED, UNNAMED, HARMLESS = "right frame accused", "named", "not named", "harmless fault"
+WIDE, UNSAID = "sigma too wide", "no notice"
+FAULTS = (SILENT, UNKNOWN, DIVERGED, BROKEN, ACCUSED, WIDE, UNSAID)
+
+
+@dataclass(frozen=True, slots=True)
+class FrameVerdict:
+    """What was said about whole frames.
+
+    fault: what was done to the frames ('': nothing); moves: whether it moves the place of enough pixels;
+    perfect: whether the frames are now perfect ones of another scene, so that nobody could tell; named:
+    whether it was; accused: pixels flagged WRONG_FRAME and nothing else; findings: sentences.
+    """
+
+    fault: str
+    moves: bool
+    perfect: bool
+    named: bool
+    accused: int
+    findings: tuple[str, ...] = ()
+
+    @property
+    def counts(self) -> bool:
+        """True if the fault has to be named."""
+        return self.moves and not self.perfect
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +62,9 @@ class Found:
     error: signed, of one coordinate or of the height (the worse one in units of its limit), NaN where the
     value is; limit: error beyond which an unflagged value is a silent one; expected: pixels that see the
     pattern; beside: pixels from which no light of the pattern can come; flags; unit: of the errors; scale:
-    what the rms is divided by.
+    what the rms is divided by; silent_limit: share of silent errors that is allowed; frames: what was said
+    about whole frames, where that is judged; width: median sigma over the rms error, at most width_limit;
+    notices: how many there are, where there must be one.
     """
 
     error: Floats
@@ -48,6 +74,11 @@ class Found:
     flags: NDArray[np.integer[Any]]
     unit: str
     scale: float = 1.0
+    silent_limit: float = LIMIT
+    frames: FrameVerdict | None = None
+    width: float = math.nan
+    width_limit: float = math.inf
+    notices: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +109,8 @@ class Case:
 class Result:
     """A case's verdict. error: rms of the unflagged, in `unit`; worst: over its limit (above 1: silent);
     flagged, wrong: shares of the pixels that see the pattern, those beyond their limit whether flagged or
-    not; silent: share of the unflagged, and their count; found: None if nothing was.
+    not; silent: share of the unflagged, and their count; pixels: that see the pattern; width: median sigma
+    over rms error; found: None if nothing was.
     """
 
     case: Case
@@ -91,6 +123,9 @@ class Result:
     wrong: float = math.nan
     silent: float = math.nan
     silent_count: int = 0
+    pixels: int = 0
+    width: float = math.nan
+    frames: FrameVerdict | None = None
     found: Found | None = None
 
     @property
@@ -117,6 +152,9 @@ class Result:
             "wrong": self.wrong,
             "silent": self.silent,
             "silent_count": self.silent_count,
+            "pixels": self.pixels,
+            "width": self.width,
+            "frames": None if self.frames is None else asdict(self.frames),
         }
 
 
@@ -150,9 +188,12 @@ def judged(case: Case, found: Found) -> Result:
         wrong=float((_beyond(found) & found.expected).sum()) / expected if expected else math.nan,
         silent=share,
         silent_count=count,
+        pixels=expected,
+        width=found.width,
+        frames=found.frames,
         found=found,
     )
-    return _with_verdict(result, unknown, share)
+    return _with_verdict(result, found, unknown)
 
 
 def silent_mask(found: Found) -> Mask:
@@ -165,10 +206,12 @@ def _beyond(found: Found) -> Mask:
         return np.asarray(~(np.abs(found.error) <= found.limit))
 
 
-def _with_verdict(result: Result, unknown: int, share: float) -> Result:
+def _with_verdict(result: Result, found: Found, unknown: int) -> Result:
+    if found.frames is not None and (found.frames.fault or found.frames.accused):
+        return _of_frames(result, found.frames)
     if unknown:
         return replace(result, verdict=UNKNOWN, why=f"{unknown} pixels")
-    if share > LIMIT:
+    if result.silent > found.silent_limit:
         if result.case.limit:
             return replace(result, verdict=LIMITED, why=result.case.limit)
         return replace(result, verdict=SILENT, why=f"{result.silent_count} pixels")
@@ -176,4 +219,18 @@ def _with_verdict(result: Result, unknown: int, share: float) -> Result:
         return replace(result, verdict=DIVERGED)
     if result.flagged == 1:
         return replace(result, why="all flagged")
-    return result
+    if found.width > found.width_limit:
+        return replace(result, verdict=WIDE, why=f"{found.width:.1f} times the error")
+    return replace(result, verdict=UNSAID) if found.notices == 0 else result
+
+
+def _of_frames(result: Result, frames: FrameVerdict) -> Result:
+    """The verdict where frames were spoilt, or right ones accused."""
+    why = "; ".join(filter(None, (frames.fault, *frames.findings)))
+    if not frames.fault:
+        return replace(result, verdict=ACCUSED, why=f"{frames.accused} pixels; {why}")
+    if not frames.moves:
+        return replace(result, verdict=HARMLESS, why=why)
+    if frames.perfect:
+        return replace(result, verdict=LIMITED, why=f"perfect frames of another scene: {why}")
+    return replace(result, verdict=NAMED if frames.named else UNNAMED, why=why)

@@ -1,0 +1,115 @@
+"""Projectors unlike what the sequence says: the error bars have to know, and a notice has to say so."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence, decode
+from optolever.patterns import sequence_from_text
+
+from .hard_case import Case, Found
+from .hard_edges import LIT, against_truth
+from .layered import Deviation, Layer, World, inside, light, sampled
+
+__all__ = ["UNLIKE", "Unlike", "unlike_cases", "unlike_found"]
+
+Floats = NDArray[np.float32]
+
+UNLIKE_CODES = (
+    "gray+phase",
+    "phase",
+    "phase:steps=3,periods=8.73782/8.05745/8",
+    "micro-phase",
+    "gray",
+)
+NOISE = 1.0  # rms levels
+BEYOND = 0.01  # share of the unflagged pixels that may be off by more than 5 sigma
+WIDTH = 4.0  # median sigma over the rms error, at most
+
+
+@dataclass(frozen=True, slots=True)
+class Unlike:
+    """A deviation; figure: whether silent errors, width of sigma and a notice are asked for."""
+
+    name: str
+    deviation: Deviation
+    figure: bool
+
+
+UNLIKE = (
+    Unlike("as described", Deviation(), False),
+    Unlike("gamma 2.2", Deviation(gamma=2.2), True),
+    Unlike("gamma 1.5", Deviation(gamma=1.5), True),
+    Unlike("flicker 2 %", Deviation(flicker=0.02), True),
+    Unlike("lag 5 %", Deviation(lag=0.05), False),
+    Unlike("lag 20 %", Deviation(lag=0.2), False),
+    Unlike("ghost 4 %", Deviation(ghost=0.04), False),
+    Unlike("ghost 10 %", Deviation(ghost=0.1), False),
+)
+
+
+def unlike_cases(size: tuple[int, int]) -> Iterator[Case]:
+    """Every deviation with every code, before a smooth wall."""
+    for unlike in UNLIKE:
+        for code in UNLIKE_CODES:
+            yield Case(
+                *("unlike", unlike.name, code, size),
+                partial(unlike_found, unlike, code, size),
+                NOISE,
+                "uint8",
+                "" if unlike.figure else "no figure is asked for",
+            )
+
+
+def smooth_world(size: tuple[int, int]) -> World:
+    """A tilted, bent wall that fills the image; nearly the whole pattern is seen."""
+    rows, cols = size
+    pattern = (round(0.9 * rows) + 24, round(0.9 * cols) + 24)
+    reach = 0.5 * math.hypot(rows, cols)
+    wall = Layer(None, 1.0, (0.05 / reach, -0.1 / reach), 0.3 / reach**2, (0.6, 1.0))
+    disparity, baseline = 40.0, 0.3
+    origin = (
+        0.5 * (pattern[1] - 1) + 1.05 * disparity * math.cos(baseline),
+        0.5 * (pattern[0] - 1) + 1.05 * disparity * math.sin(baseline),
+    )
+    return World(size, pattern, (wall,), 0.9, origin, disparity, baseline)
+
+
+def unlike_found(unlike: Unlike, code: str, size: tuple[int, int]) -> Found:
+    """Decode what such a projector shows; errors, width of sigma, notices."""
+    world, rng = smooth_world(size), np.random.default_rng(11)
+    sequence, centre = sequence_from_text(code, *world.pattern), sampled(world, 1)
+    fine = sampled(world)
+    clean = light(world, fine, sequence, unlike.deviation, rng)
+    noise = NOISE * rng.standard_normal(clean.shape, np.float32)
+    seen = decode(np.clip(np.rint(clean + noise), 0, 255).astype(np.uint8), sequence)
+    u, v = inside(centre.u), inside(centre.v)
+    judged = inside(np.asarray(centre.lit & (centre.projected >= LIT)))
+    found = against_truth(seen, u, v, judged)
+    width = _width(seen, found, u, v)
+    if not unlike.figure:
+        return replace(found, width=width)
+    # bits are black and white: a gamma does nothing to them
+    unsaid = np.abs(clean - light(world, fine, sequence)).max() > NOISE / 10
+    return replace(
+        found,
+        silent_limit=BEYOND,
+        width=width,
+        width_limit=WIDTH,
+        notices=len(getattr(seen, "notices", ())) if unsaid else None,
+    )
+
+
+def _width(seen: Correspondence, found: Found, u: Floats, v: Floats) -> float:
+    """Median sigma over the rms error of the unflagged pixels, of the axis where that is larger."""
+    use = found.expected & (found.flags == 0)
+    if not use.any():
+        return math.nan
+    axes = ((seen.u - u, seen.sigma_u), (seen.v - v, seen.sigma_v))
+    return max(
+        float(np.median(sigma[use]) / np.sqrt(np.mean(np.square(error[use])))) for error, sigma in axes
+    )

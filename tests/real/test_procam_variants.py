@@ -1,0 +1,168 @@
+"""procam_capture_0 as others would hand it in: without inverses, as JPEG, binned, cropped.
+
+The truth is made here, from the whole capture: bits by comparing with their inverses, a cubic map fitted to
+the white squares without those far from it. It knows nothing of the decoder.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence, Flag, decode
+from optolever.patterns import Sequence
+from optolever.projector import Capture
+
+F64 = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+DESCRIPTION = Path(__file__).with_name("procam_capture_0.toml")
+# As in test_procam: corners of the printed squares (column, row), the sheet around them, levels of light.
+BOARD = np.array([[256, 205], [954, 205], [955, 763], [244, 762]], np.float64)
+MARGIN, LIT, WHITE = 1.06, 20, 60
+GROSS, GROSS_JPEG = 2.0, 3.0  # projector px
+GOOD = 0.95
+SMOOTH = 4.0  # px from the edges of the white squares, from which their map counts as smooth
+VARIANTS = ("whole", "no inverses", "jpeg", "no inverses jpeg", "binned", "cropped")
+CROP = (slice(300, 700), slice(350, 850))  # inside the sheet and around no edge of the board
+
+
+@dataclass(frozen=True)
+class Variant:
+    """Frames, and per pixel (H, W): where it looks by the cubic map, light of the projector on the sheet."""
+
+    frames: NDArray[np.uint8]
+    sequence: Sequence
+    u: F64
+    v: F64
+    light: F64
+
+    @property
+    def lit(self) -> Mask:
+        return self.light > LIT
+
+    @property
+    def smooth(self) -> Mask:
+        """White squares without their borders."""
+        white = (self.light > WHITE).astype(np.uint8)
+        return cv2.distanceTransform(white, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) >= SMOOTH
+
+
+@pytest.fixture(scope="module")
+def capture(real: Path) -> Capture:
+    return Capture.load(real / "procam_capture_0", DESCRIPTION)
+
+
+def monomials(row: F64, col: F64) -> F64:
+    """Cubic ones of the scaled positions, (..., 10)."""
+    x, y = col / 640 - 1, row / 512 - 1
+    return np.stack([x**i * y**j for i in range(4) for j in range(4 - i)], axis=-1)
+
+
+def word(frames: NDArray[np.uint8], first: int) -> F64:
+    """Cells of ten Gray bits from frame `first` on, each followed by its inverse, most significant first."""
+    bits = frames[first : first + 20 : 2] > frames[first + 1 : first + 21 : 2]
+    return sum(bit.astype(np.float64) * 2 ** (9 - k) for k, bit in enumerate(np.logical_xor.accumulate(bits)))
+
+
+@pytest.fixture(scope="module")
+def whole(capture: Capture) -> Variant:
+    """The capture as it is, with its truth."""
+    frames = np.asarray(capture.frames)
+    centre = BOARD.mean(axis=0)
+    sheet = np.zeros(frames.shape[1:], np.uint8)
+    cv2.fillPoly(sheet, [np.round(centre + MARGIN * (BOARD - centre)).astype(np.int32)], 1)
+    light = (frames[40].astype(np.float64) - frames[41]) * sheet
+    row, col = np.mgrid[: light.shape[0], : light.shape[1]].astype(np.float64)
+    every, maps = monomials(row, col), []
+    for cells in (word(frames, 0), word(frames, 20)):
+        use = light > WHITE
+        for _ in range(3):
+            fit = np.linalg.lstsq(every[use], cells[use], rcond=None)[0]
+            use = (light > WHITE) & (np.abs(cells - every @ fit) < 2)
+        assert use.sum() > 0.97 * (light > WHITE).sum()
+        assert np.std((cells - every @ fit)[use]) < 0.36  # rounding alone: 0.29
+        maps.append(every @ fit)
+    return Variant(frames, capture.sequence, maps[0], maps[1], light)
+
+
+def without_inverses(of: Variant) -> Variant:
+    keep = [i for i, frame in enumerate(of.sequence.frames) if not frame.inverted]
+    frames = tuple(of.sequence.frames[i] for i in keep)
+    shown = Sequence(frames, of.sequence.rows, of.sequence.cols, "procam", of.sequence.nominal)
+    return Variant(of.frames[keep], shown, of.u, of.v, of.light)
+
+
+def as_jpeg(of: Variant, quality: int = 90) -> Variant:
+    packed = [cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, quality])[1] for frame in of.frames]
+    frames = np.stack([cv2.imdecode(one, cv2.IMREAD_GRAYSCALE) for one in packed])
+    return Variant(frames, of.sequence, of.u, of.v, of.light)
+
+
+def binned(of: Variant) -> Variant:
+    """2 x 2 pixels in one."""
+
+    def half(image: NDArray[np.generic]) -> F64:
+        rows, cols = image.shape
+        return image.reshape(rows // 2, 2, cols // 2, 2).astype(np.float64).mean((1, 3))
+
+    frames = np.stack([np.rint(half(frame)).astype(np.uint8) for frame in of.frames])
+    return Variant(frames, of.sequence, half(of.u), half(of.v), half(of.light))
+
+
+def cropped(of: Variant) -> Variant:
+    frames = np.ascontiguousarray(of.frames[:, *CROP])
+    return Variant(frames, of.sequence, of.u[CROP], of.v[CROP], of.light[CROP])
+
+
+def variant(name: str, whole: Variant) -> Variant:
+    made = whole
+    if "no inverses" in name:
+        made = without_inverses(made)
+    if "jpeg" in name:
+        made = as_jpeg(made)
+    return {"binned": binned, "cropped": cropped}.get(name, lambda same: same)(made)
+
+
+@pytest.fixture(scope="module", params=VARIANTS)
+def decoded(request: pytest.FixtureRequest, whole: Variant) -> tuple[str, Variant, Correspondence]:
+    made = variant(request.param, whole)
+    return request.param, made, decode(made.frames, made.sequence)
+
+
+def test_the_lit_board_is_good(decoded: tuple[str, Variant, Correspondence]) -> None:
+    """One weak finest bit is a cell of doubt, which sigma says, and no reason for a flag."""
+    _, made, found = decoded
+    assert found.good[made.lit].mean() >= GOOD
+
+
+def test_nothing_unflagged_is_grossly_wrong(decoded: tuple[str, Variant, Correspondence]) -> None:
+    name, made, found = decoded
+    use = made.lit & found.good
+    assert use.any()
+    error = np.hypot(found.u - made.u, found.v - made.v)[use]
+    assert error.max() <= (GROSS_JPEG if "jpeg" in name else GROSS)
+
+
+def test_no_frame_costs_a_pixel(decoded: tuple[str, Variant, Correspondence]) -> None:
+    """What `check` may notice in JPEG's noise is no reason to throw away a decode that is right."""
+    _, _, found = decoded
+    assert not (found.flags == Flag.WRONG_FRAME).any()
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_within_the_cells_sigma_is_true(name: str, whole: Variant) -> None:
+    """rms(error / sigma) on the smooth part, about the cubic map that fits the sub-pixel places."""
+    made = variant(name, whole)
+    found = decode(made.frames, made.sequence, subpixel=True)
+    use = made.smooth & found.good
+    assert use.sum() >= 0.9 * made.smooth.sum()
+    row, col = (index.astype(np.float64) for index in np.nonzero(use))
+    basis = monomials(row, col)
+    for place, sigma in ((found.u, found.sigma_u), (found.v, found.sigma_v)):
+        cells = place[use].astype(np.float64)
+        error = cells - basis @ np.linalg.lstsq(basis, cells, rcond=None)[0]
+        assert 0.8 <= np.sqrt(np.mean((error / sigma[use]) ** 2)) <= 1.2
