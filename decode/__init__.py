@@ -2,7 +2,8 @@
 
 | file                       | holds                                                                        |
 |----------------------------|------------------------------------------------------------------------------|
-| `correspondence`           | `Correspondence`, `Flag`, `difference` of two captures                       |
+| `correspondence`           | `Correspondence`, `Flag`                                                     |
+| `displacement`             | `Displacement`, `difference` of two captures                                 |
 | `decoder`                  | `decode`: which frames ask for which decoder, rows on threads                |
 | `rows`, `records`          | work on a block of rows: what the kernels are told, room for them            |
 | `survey`, `survey_kernels` | some rows before the rest: footprint, whether neighbours are such            |
@@ -50,10 +51,7 @@
 | `neighbour_kernels`        | what neighbours tell of a pixel: bends, steep maps, rows that stray           |
 | `mixed_kernels`            | footprints part of which sees nothing, beside a hole or at the border        |
 | `survivors`                | pixels that noise let pass where all around them are refused                 |
-| `lattice`, `line_crossing` | `lattice`: the paper's crossings, sub-pixel, tracked from the rest frame     |
-| `crossed`                  | `crossed`: displacement from a single crossed-fringe frame                   |
-| `crossed_fit`, `crossed_kernels` | both fringes fitted at once within a window that the frame may cut    |
-| `guide`                    | where the camera looked at rest, for the two that follow one frame           |
+| `single_shot/`             | `lattice`, `crossed`: one frame against one frame of the mirror at rest      |
 | `wave_kernels`             | sine, cosine, exponential                                                    |
 | `select_kernels`           | medians and other quantiles                                                  |
 | `jit`                      | how kernels are compiled and cached                                          |
@@ -62,14 +60,14 @@ u along the pattern's columns, v along its rows, integer = pixel centre; sigma i
 0.01 where the frames show no noise. An axis that was not shown is NaN with sigma inf and raises no flag.
 """
 
-from .correspondence import Correspondence, Flag, difference
-from .crossed import crossed
+from .correspondence import Correspondence, Flag
 from .decoder import decode
+from .displacement import Displacement, difference
 from .display import BorderTable, border_table
 from .harmonics import HarmonicError, harmonic_errors
 from .integrity import Finding, Integrity, check
-from .lattice import Crossings, lattice
 from .response import Response
+from .single_shot import Crossings, PatternMap, crossed, lattice
 from .swing import Contrasts, blur_by_swing, seems_to_swing
 
 __all__ = [
@@ -77,10 +75,12 @@ __all__ = [
     "Contrasts",
     "Correspondence",
     "Crossings",
+    "Displacement",
     "Finding",
     "Flag",
     "HarmonicError",
     "Integrity",
+    "PatternMap",
     "Response",
     "blur_by_swing",
     "border_table",

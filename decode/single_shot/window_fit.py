@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from optolever.blocks import over_rows
 
-from .crossed_kernels import MOMENTS, moments, solve
+from .window_kernels import MOMENTS, moments, solve
 
 __all__ = ["Fit", "Window"]
 
@@ -42,6 +42,8 @@ class Fit:
     height: tuple[F32, F32]
     #: Sigma of the phase over what it is in a whole window.
     growth: tuple[F32, F32]
+    #: Mean level without the fringes.
+    level: F32
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,11 +79,12 @@ class Window:
         growth = np.sqrt(least / np.maximum(share, 1e-6) ** 2 * ((1 - lean) ** 2 + wide))
         return cls(known, share, width, cell, mean, stretch, growth.astype(np.float32))
 
-    def fit(self, image: F32, phase_u: F32, phase_v: F32, cut: bool = True) -> Fit:
+    def fit(self, image: F32, carrier_u: F64, carrier_v: F64, cut: bool = True) -> Fit:
         """The fringes of an image (H, W) over carriers of these phases; without `cut` the phase is that of a
-        cut window's mean, as it must be while the phase may still jump by a turn.
+        cut window's mean, as it must be while the phase may still jump by a cycle.
         """
         rows, cols = image.shape
+        phase_u, phase_v = _wrapped(carrier_u), _wrapped(carrier_v)
         size = self.cell
         shape = -(-rows // size), -(-cols // size)
         sums = np.zeros((MOMENTS, *shape), np.float32)
@@ -90,11 +93,11 @@ class Window:
         )
         sigma = _sigma(self.width, size)
         windowed = np.array([_blurred(plane, sigma) for plane in sums])
-        out = np.empty((6, *shape), np.float32)
+        out = np.empty((7, *shape), np.float32)
         over_rows(lambda a, b: solve(windowed, _LEAST, a, b, out), shape[0], block=32)
         u, v = (self._lobe(out[k], -out[k + 1], cut) for k in (0, 2))
-        of_u, of_v = (self._whole(self.growth * np.sqrt(np.maximum(0.5 * own, 1.0))) for own in out[4:])
-        return Fit((u[0], v[0]), (u[1], v[1]), (of_u, of_v))
+        of_u, of_v = (self._whole(self.growth * np.sqrt(np.maximum(0.5 * own, 1.0))) for own in out[4:6])
+        return Fit((u[0], v[0]), (u[1], v[1]), (of_u, of_v), self._whole(out[6]))
 
     def _lobe(self, real: F32, imag: F32, cut: bool) -> tuple[F32, F32]:
         """Phase and half amplitude (H, W); a phase that turns is not interpolated itself."""
@@ -178,6 +181,11 @@ def _around(plane: F32, sigma: float, along: int, down: int) -> F32:
     weight /= weight.sum()
     lines = weight * place**along, weight * place**down
     return np.asarray(cv2.sepFilter2D(plane, cv2.CV_32F, *lines, borderType=cv2.BORDER_CONSTANT))
+
+
+def _wrapped(phase: F64) -> F32:
+    """Within half a cycle of 0, where float32 is good to 1e-7."""
+    return np.asarray((phase + np.pi) % (2 * np.pi) - np.pi, np.float32)
 
 
 def _blurred(plane: Any, sigma: float) -> F32:

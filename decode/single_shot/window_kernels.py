@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import inline_kernel, kernel
+from optolever.kernels import exact, inlined
 
 __all__ = ["MOMENTS", "moments", "solve"]
 
@@ -15,7 +15,7 @@ Array = NDArray[Any]
 MOMENTS = 18
 
 
-@kernel
+@exact
 def moments(
     image: Array, known: Array, phase_u: Array, phase_v: Array, size: int, start: int, stop: int, out: Array
 ) -> None:
@@ -54,19 +54,19 @@ def moments(
                 total[k] *= scale
 
 
-@kernel
+@exact
 def solve(mean: Array, least: float, start: int, stop: int, out: Array) -> None:
-    """Coefficients of cos u, sin u, cos v, sin v into out[:4] (6, R, C), from windowed moments.
+    """Coefficients of cos u, sin u, cos v, sin v into out[:4] (7, R, C), from windowed moments.
 
-    out[4:6]: diagonal elements of the inverse for sin u, sin v (2 where the window is whole). 0 and 1e9
-    where the window holds less than `least` of its weight.
+    out[4:6]: diagonal elements of the inverse for sin u, sin v (2 where the window is whole); out[6]: the mean
+    level. 0 and 1e9 where the window holds less than `least` of its weight.
     """
     matrix, right = np.empty((5, 5)), np.zeros((5, 3))
     for row in range(start, stop):
         for col in range(mean.shape[2]):
             m = mean[:, row, col]
             if not m[0] > least:
-                out[:4, row, col], out[4:, row, col] = 0.0, 1e9
+                out[:4, row, col], out[4:6, row, col], out[6, row, col] = 0.0, 1e9, 0.0
                 continue
             _fill(m, matrix)
             for k in range(5):
@@ -74,10 +74,10 @@ def solve(mean: Array, least: float, start: int, stop: int, out: Array) -> None:
             _eliminate(matrix, right)
             for k in range(4):
                 out[k, row, col] = right[k + 1, 0]
-            out[4, row, col], out[5, row, col] = right[2, 1], right[4, 2]
+            out[4, row, col], out[5, row, col], out[6, row, col] = right[2, 1], right[4, 2], right[0, 0]
 
 
-@inline_kernel
+@inlined
 def _fill(m: Any, matrix: Any) -> None:
     """The normal matrix over the window's weight; a trace on its diagonal keeps it regular."""
     place = 1
@@ -92,7 +92,7 @@ def _fill(m: Any, matrix: Any) -> None:
         matrix[i, i] += 1e-6
 
 
-@inline_kernel
+@inlined
 def _eliminate(matrix: Any, right: Any) -> None:
     """Solve in place; a positive matrix needs no pivots."""
     for i in range(5):

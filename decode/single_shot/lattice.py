@@ -11,8 +11,8 @@ from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
 from optolever.patterns import Frame, Sequence, lattice_lines
 
-from .guide import PatternMap, guide_map
-from .line_crossing import Found, locate
+from .prior import PatternMap, prior_map
+from .corners import Found, locate
 
 __all__ = ["Crossings", "lattice"]
 
@@ -57,12 +57,12 @@ class Crossings:
 
 
 def lattice(
-    frames: ArrayLike, rest: ArrayLike, sequence: Sequence, *, guide: PatternMap | None = None
+    frames: ArrayLike, rest: ArrayLike, sequence: Sequence, *, prior: PatternMap | None = None
 ) -> Crossings:
     """Crossings of the lattice in `frames`, each matched to the same one in `rest`.
 
     frames, rest  (N, H, W) as the sequence describes them, or the lattice frame alone, (H, W)
-    guide         where the camera looked at rest, to a quarter of the lattice's period (a trace, a decoded
+    prior         where the camera looked at rest, to a quarter of the lattice's period (a trace, a decoded
                   capture); default: the surface fills the frame, u along columns, v along rows
 
     A crossing is matched by walking from crossings that have not moved to their neighbours, so the
@@ -73,14 +73,14 @@ def lattice(
     if image.shape != still.shape:
         raise InputError(f"lattice: frames are {image.shape}, rest is {still.shape}, must be equal")
     index, pattern = _grid(frame, sequence)
-    start, steps = _expected(pattern, sequence, guide, still.shape)
+    start, steps = _expected(pattern, sequence, prior, still.shape)
     inside = np.isfinite(start).all(axis=1) & np.isfinite(steps).all(axis=(1, 2))
     found = locate(still, start[inside], steps[inside], frame.period_px or 1.0, frame.width_px or 1.0)
     keep = found.ok
     index, pattern = index[inside][keep], pattern[inside][keep]
     at_rest = Found(found.point[keep], found.sigma[keep], found.ok[keep])
     if len(index) == 0:
-        raise InputError("lattice: no crossing was found in the rest frame; is the guide that frame's?")
+        raise InputError("lattice: no crossing was found in the rest frame; is the prior that frame's?")
     now = _track(image, still, index, at_rest, steps[inside][keep], frame)
     at_rest, now = (_straightened(found, index, frame) for found in (at_rest, now))
     return Crossings(index, pattern, at_rest.point, now.point, now.sigma, at_rest.sigma)
@@ -117,16 +117,16 @@ def _grid(frame: Frame, sequence: Sequence) -> tuple[NDArray[np.int64], F64]:
 def _expected(
     pattern: F64,
     sequence: Sequence,
-    guide: PatternMap | None,
+    prior: PatternMap | None,
     shape: tuple[int, ...],
 ) -> tuple[F64, F64]:
     """Expected places at rest (K, 2), and camera steps (row, col) per pattern pixel of u, v (K, 2, 2)."""
-    if guide is None:
+    if prior is None:
         scale = np.array([shape[0] / sequence.rows, shape[1] / sequence.cols])
         point = (pattern[:, ::-1] + 0.5) * scale - 0.5
         steps = np.array([[0.0, scale[1]], [scale[0], 0.0]])
         return point, np.broadcast_to(steps, (len(point), 2, 2)).copy()
-    u, v = guide_map(guide, sequence, shape, "lattice")
+    u, v = prior_map(prior, sequence, shape)
     return _inverse(u, v, pattern)
 
 
@@ -141,7 +141,7 @@ def _inverse(u: F64, v: F64, pattern: F64) -> tuple[F64, F64]:
     determinant = np.linalg.det(gradient[row, col])
     good = np.isfinite(u[row, col]) & np.isfinite(v[row, col]) & (np.abs(determinant) > 1e-6)
     if np.count_nonzero(good) < 4:
-        raise InputError("lattice: guide holds fewer than 4 finite pixels")
+        raise InputError("lattice: prior holds fewer than 4 finite pixels")
     row, col = row[good], col[good]
     nearest = cKDTree(np.stack([u[row, col], v[row, col]], axis=1)).query(pattern)[1]
     place = np.stack([row[nearest], col[nearest]], axis=1).astype(np.float64)
