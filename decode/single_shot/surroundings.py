@@ -37,14 +37,17 @@ def seeing(height: F32, known: Mask, width: float) -> Mask:
     """Pixels that see the fringe, from the amplitude (H, W) that windows of this width see.
 
     Borders are where it falls to half of the largest within two widths, beyond which a window sees 2 % of
-    what lies behind the border. The usual amplitude weighs pixels by its square: many faint ones do not count.
+    what lies behind the border; half a width is left out along them, as a step of brightness has amplitude
+    as well. The usual amplitude weighs pixels by its square: many faint ones do not count.
     """
-    lit = np.where(known, height, np.float32(0))
+    lit = np.where(known, height, np.float32(0)).astype(np.float32)
     size = 2 * math.ceil(2 * width) + 1
     around = cv2.dilate(lit, np.ones((size, size), np.uint8))
     power = np.square(lit, dtype=np.float64)
     usual = float((power * lit).sum() / max(power.sum(), 1e-9))
-    return np.asarray(known & (height >= np.maximum(_HALF * around, _GLASS * usual)))
+    blind = known & (height < np.maximum(_HALF * around, _GLASS * usual))
+    size = 2 * math.ceil(width / 2) + 1
+    return np.asarray(known & (cv2.dilate(blind.astype(np.uint8), np.ones((size, size), np.uint8)) == 0))
 
 
 def overexposed(image: NDArray[Any], width: float) -> Mask:
