@@ -1,4 +1,4 @@
-"""Sub-pixel crossing of two dark lines: their centres beside the crossing, parabolas, intersection.
+"""Corner refinement: sub-pixel crossing of two dark lines by their centres, parabolas, intersection.
 
 Every crossing is looked at in its own lattice coordinates (s along u, t along v, pattern pixels), in which
 its lines are nearly s = 0 and t = 0. A line's centre is the centroid of its darkness 1 - I/background, row by
@@ -12,8 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Found", "locate"]
+__all__ = ["Corners", "refined"]
 
+F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 _SAMPLES = 41
 _REACH = 0.47
@@ -23,17 +24,22 @@ _LEAST_DARKNESS = 0.15
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """Places (K, 2) row, col, their sigma (K, 2), and whether there is a crossing (K,)."""
+class Corners:
+    """Places (..., 2) row, col, NaN where there is no crossing, and their sigma, camera pixels."""
 
     point: F64
     sigma: F64
-    ok: NDArray[np.bool_]
+
+    @property
+    def found(self) -> NDArray[np.bool_]:
+        """Where there is a crossing (...)."""
+        return np.asarray(np.isfinite(self.point).all(axis=-1))
 
 
-def locate(image: NDArray[np.float32], start: F64, steps: F64, period: float, width: float) -> Found:
-    """Crossings near start (K, 2); steps (K, 2, 2) = camera (row, col) per pattern pixel of u and of v."""
-    point = start.copy()
+def refined(image: F32, start: F64, steps: F64, period: float, width: float) -> Corners:
+    """Crossings near start (..., 2); steps (..., 2, 2) = camera (row, col) per pattern pixel of u and of v."""
+    shape, steps = start.shape, steps.reshape(-1, 2, 2)
+    point = start.reshape(-1, 2).copy()
     sigma = np.full(point.shape, np.inf)
     ok = np.asarray(np.isfinite(point).all(axis=1) & np.isfinite(steps).all(axis=(1, 2)))
     grid = np.linspace(-_REACH, _REACH, _SAMPLES) * period
@@ -43,14 +49,13 @@ def locate(image: NDArray[np.float32], start: F64, steps: F64, period: float, wi
         if len(active) == 0:
             break
         place, spread, good = _measure(image, point[active], steps[active], grid, width)
-        camera = np.einsum("ki,kij->kj", place, steps[active])
         ok[active] = good & (np.abs(place) < 0.5 * period).all(axis=1)
-        point[active] += np.where(ok[active, None], camera, 0.0)
+        point[active] += np.where(ok[active, None], np.einsum("ki,kij->kj", place, steps[active]), 0.0)
         sigma[active] = np.sqrt(np.einsum("ki,kij->kj", spread**2, steps[active] ** 2))
         move[active] = np.abs(place).max(axis=1)
     ok &= move < 0.1 * width
     point[~ok], sigma[~ok] = np.nan, np.inf
-    return Found(point, sigma, ok)
+    return Corners(point.reshape(shape), sigma.reshape(shape))
 
 
 def _measure(

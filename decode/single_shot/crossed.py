@@ -47,6 +47,9 @@ _SETTLED = 0.02
 #: Cycles over a window's rms width above which a pixel is flagged: a jump of one cycle looks like
 #: 1 / sqrt(2 pi) = 0.4.
 _STEEPEST = 0.3
+#: Contrast over that at rest below which a pixel is flagged: exp(-phi^2 / 2) at an rms misfit phi of an eighth
+#: of a cycle within the window.
+_RESOLVED = math.exp(-0.5 * (math.pi / 4) ** 2)
 #: Pattern pixels inside its outline where a camera pixel's footprint may cover what lies beside it.
 _MARGIN = 1.0
 
@@ -65,8 +68,8 @@ def crossed(
     period, as that of a picture which is one island. What is cut off from the largest good part of its
     island, and an island smaller than a window, is flagged. sigma holds noise, smoothing and borders. Flagged
     are pixels without a fringe or with one of less than 8 % of the usual amplitude (LOW_CONTRAST), where the
-    displacement is too steep to tell a slope from a jump by a period, does not settle, or has no connection
-    (ORDER_DOUBTFUL), and what was moved off the pattern (OFF_PATTERN).
+    displacement is too steep to tell a slope from a jump by a period, does not settle, costs contrast or has
+    no connection (ORDER_DOUBTFUL), and what was moved off the pattern (OFF_PATTERN).
     """
     period = _period(sequence)
     now, still = (
@@ -110,12 +113,15 @@ class _Pair:
 
 @dataclass(frozen=True, slots=True)
 class _Axis:
-    """Along one axis, (H, W): displacement, its noise, its change in the last pass (cycles); half amplitude."""
+    """Along one axis, (H, W): displacement, its noise, its change in the last pass (cycles); half amplitude;
+    whether the fringe within the window is unlike its local line.
+    """
 
     turn: F64
     random: F64
     change: F64
     height: F64
+    unresolved: Mask
 
 
 def _pair(
@@ -169,7 +175,12 @@ def _axis(pair: _Pair, before: Fit, after: Fit, k: int, turn: F64, changes: list
     )
     # what further passes would change, at least what the last one did: a geometric series
     ratio = np.minimum(last / np.maximum(change, 1e-9), 0.9)
-    return _Axis(turn, _GROWTH * random, last * np.maximum(1.0, ratio / (1.0 - ratio)), height)
+    # a mirror that loses light loses level and amplitude, a window that covers a jump the amplitude alone
+    expected = before.height[k] * after.level / np.maximum(before.level, 1e-3)
+    unresolved = after.height[k] < _RESOLVED * expected - 3 * max(pair.noise)
+    return _Axis(
+        turn, _GROWTH * random, last * np.maximum(1.0, ratio / (1.0 - ratio)), height, np.asarray(unresolved)
+    )
 
 
 def _flags(pair: _Pair, axes: list[_Axis]) -> NDArray[np.uint16]:
@@ -183,7 +194,7 @@ def _flags(pair: _Pair, axes: list[_Axis]) -> NDArray[np.uint16]:
     flags |= np.where(beside, int(Flag.OFF_PATTERN), 0)
     for axis in axes:
         lost = axis.height <= _LEAST * max(pair.noise)
-        doubtful = (_steep(axis.turn, pair) | (axis.change > _SETTLED)) & ~lost
+        doubtful = (_steep(axis, pair) | (axis.change > _SETTLED)) & ~lost
         flags |= np.where(lost, int(Flag.LOW_CONTRAST), 0) | np.where(doubtful, int(Flag.ORDER_DOUBTFUL), 0)
     # the area of as many pixels as a window's weights count for
     connected = largest_parts(flags == 0, islands, 4 * math.pi * pair.width**2)
@@ -227,9 +238,9 @@ def _around(change: F32, pair: _Pair) -> F64:
     return np.asarray(cv2.GaussianBlur(largest, (0, 0), pair.width), np.float64)
 
 
-def _steep(turns: F64, pair: _Pair) -> Mask:
+def _steep(axis: _Axis, pair: _Pair) -> Mask:
     """True where a window does not tell a slope from a jump by a whole cycle, nor its neighbours."""
-    slope = np.hypot(*np.gradient(np.where(pair.sees, turns, np.nan))).astype(np.float32)
-    slope = np.nan_to_num(slope, nan=0.0)
+    slope = np.hypot(*np.gradient(np.where(pair.sees, axis.turn, np.nan)))
+    steep = (slope * pair.width > _STEEPEST) | axis.unresolved
     size = 2 * math.ceil(pair.width / 2) + 1
-    return np.asarray(cv2.dilate(slope, np.ones((size, size), np.uint8)) * pair.width > _STEEPEST)
+    return np.asarray(cv2.dilate(steep.astype(np.uint8), np.ones((size, size), np.uint8)) > 0)
