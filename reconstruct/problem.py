@@ -101,7 +101,7 @@ def prepare(
 
 
 def require_correspondence(value: object, name: str = "correspondence") -> None:
-    """InputError unless value is a Correspondence: a displacement has a place only with the mirror at rest."""
+    """InputError unless value is a Correspondence: a displacement alone has no place on the pattern."""
     if isinstance(value, Displacement):
         raise InputError(f"{name}: is a Displacement; give displacement.added_to(correspondence at rest)")
     if not isinstance(value, Correspondence):

@@ -37,7 +37,7 @@ class Corners:
 
 
 def refined(image: F32, start: F64, steps: F64, period: float, width: float) -> Corners:
-    """Crossings near start (..., 2); steps (..., 2, 2) = camera (row, col) per pattern pixel of u and of v."""
+    """Crossings near start (..., 2); steps (..., 2, 2): camera (row, col) per pattern pixel of u and v."""
     shape, steps = start.shape, steps.reshape(-1, 2, 2)
     point = start.reshape(-1, 2).copy()
     sigma = np.full(point.shape, np.inf)

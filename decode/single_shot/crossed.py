@@ -47,8 +47,8 @@ _SETTLED = 0.02
 #: Cycles over a window's rms width above which a pixel is flagged: a jump of one cycle looks like
 #: 1 / sqrt(2 pi) = 0.4.
 _STEEPEST = 0.3
-#: Contrast over that at rest below which a pixel is flagged: exp(-phi^2 / 2) at an rms misfit phi of an eighth
-#: of a cycle within the window.
+#: Contrast over that at rest below which a pixel is flagged: exp(-phi^2 / 2) at an rms misfit phi of an
+#: eighth of a cycle within the window.
 _RESOLVED = math.exp(-0.5 * (math.pi / 4) ** 2)
 #: Pattern pixels inside its outline where a camera pixel's footprint may cover what lies beside it.
 _MARGIN = 1.0
@@ -134,7 +134,7 @@ def _pair(
     width = window_width(at_rest, known, period)
     clipped = overexposed(now, width) | overexposed(still, width)
     known &= ~clipped
-    pilot = Window.over(known, width).fit(images[1], *_carriers(at_rest, known, period), cut=False)
+    pilot = Window.over(known, width).fit(images[1], _carriers(at_rest, known, period), cut=False)
     sees = seeing(np.minimum(*pilot.height), known, width)
     width = window_width(at_rest, sees, period)
     # of white noise the window leaves sigma / (2 sqrt(pi) width), 1 / sqrt(2) of it in each quadrature
@@ -147,17 +147,17 @@ def _passes(pair: _Pair) -> tuple[list[_Axis], F32]:
     """Displacement along u and v, and the mean level of the deformed frame."""
     window = Window.over(pair.sees, pair.width)
     carrier = _carriers(pair.at_rest, pair.sees, pair.period)
-    before, after = (window.fit(image, *carrier, cut=False) for image in (pair.still, pair.now))
+    before, after = (window.fit(image, carrier, cut=False) for image in (pair.still, pair.now))
     rested, pressed = _added(carrier, before), []
     for k in (0, 1):
         clear = pair.sees & _clear(pair, before, after, k)
-        turn = unwrapped((after.phase[k] - before.phase[k]) / (2 * np.pi), clear)
+        turn = unwrapped(np.asarray(after.phase[k] - before.phase[k], np.float64) / (2 * np.pi), clear)
         pressed.append(rested[k] + 2 * np.pi * window.extended(turn))
     changes = []
     for _ in range(_PASSES - 1):
         lit = pair.sees & pair.inside(_turns(rested, pressed), _MARGIN)
-        before = window.fit(pair.still, *rested)
-        after = Window.over(lit, pair.width).fit(pair.now, *pressed)
+        before = window.fit(pair.still, rested)
+        after = Window.over(lit, pair.width).fit(pair.now, pressed)
         rested, pressed = _added(rested, before), _added(pressed, after)
         changes.append([_around(after.phase[k] - before.phase[k], pair) for k in (0, 1)])
     turns = _turns(rested, pressed)

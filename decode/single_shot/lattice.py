@@ -98,7 +98,7 @@ def _lattice_frame(sequence: Sequence) -> Frame:
 def _expected(
     pattern: F64, sequence: Sequence, prior: PatternMap | None, shape: tuple[int, ...]
 ) -> tuple[F64, F64]:
-    """Expected places (J, I, 2) and camera steps (row, col) per pattern pixel of u, v (J, I, 2, 2); or NaN."""
+    """Expected places (J, I, 2), camera steps (row, col) per pattern pixel of u, v (J, I, 2, 2); or NaN."""
     if prior is None:
         scale = np.array([shape[0] / sequence.rows, shape[1] / sequence.cols])
         steps = np.array([[0.0, scale[1]], [scale[0], 0.0]])

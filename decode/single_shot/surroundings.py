@@ -24,7 +24,7 @@ _GLASS = 0.08
 
 
 def window_width(at_rest: tuple[F64, F64], lit: Mask, period: float) -> float:
-    """Rms width of the window, camera pixels, from the flatter coordinate's median gradient where it is lit."""
+    """Rms width of the window, camera pixels, from the flatter coordinate's median gradient where lit."""
     steepness = []
     for coord in at_rest:
         slope = np.hypot(*np.gradient(coord))

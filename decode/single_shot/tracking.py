@@ -30,7 +30,7 @@ def tracked(image: F32, still: F32, rest: Corners, steps: F64, period: float, wi
     Crossings far from their expected places wait until more of their neighbours are found.
     """
     point, sigma = np.full(rest.point.shape, np.nan), np.full(rest.point.shape, np.inf)
-    front, expected = _unmoved(image, still, rest), rest.point
+    front, expected = _unmoved(image, still, rest), rest.point.copy()
     local = steps.copy()
     for limit in _LIMITS:
         tried = np.zeros(front.shape, int)
@@ -42,9 +42,12 @@ def tracked(image: F32, still: F32, rest: Corners, steps: F64, period: float, wi
             fresh = np.zeros(front.shape, bool)
             fresh[front] = accepted
             point[fresh], sigma[fresh] = found.point[accepted], found.sigma[accepted]
-            local, expected = _local_steps(point, local, period), rest.point + _predicted(point - rest.point)
-            front = _beside(fresh) & rest.found & np.isnan(point[..., 0]) & (tried < _TRIES)
-        front = _beside(np.isfinite(point[..., 0])) & rest.found & np.isnan(point[..., 0])
+            missing = rest.found & np.isnan(point[..., 0])
+            front = _beside(fresh) & missing & (tried < _TRIES)
+            local = _local_steps(point, local, period)
+            expected[front] = rest.point[front] + _predicted(point - rest.point, front)
+        front = _beside(np.isfinite(point[..., 0])) & missing
+        expected[front] = rest.point[front] + _predicted(point - rest.point, front)
     doubtful = _doubtful(point, rest.point, period * np.sqrt(np.abs(np.linalg.det(local))))
     point[doubtful], sigma[doubtful] = np.nan, np.inf
     return Corners(point, sigma)
@@ -64,31 +67,29 @@ def _beside(mask: Mask) -> Mask:
     return np.asarray(cv2.dilate(mask.astype(np.uint8), cross) > 0)
 
 
-def _predicted(shift: F64) -> F64:
-    """Displacement (J, I, 2) by the plane through those found among 5 x 5 neighbours, weighted 1 / distance^2."""
+def _predicted(shift: F64, front: Mask) -> F64:
+    """Displacement (K, 2) of the front by planes through those found among 5 x 5, weights 1 / distance^2."""
     j, i = (axis.ravel() for axis in np.mgrid[-2:3, -2:3])
     around = np.pad(shift, ((2, 2), (2, 2), (0, 0)), constant_values=np.nan)
-    near = np.lib.stride_tricks.sliding_window_view(around, (5, 5), (0, 1)).reshape(*shift.shape, 25)
-    known = np.isfinite(near[..., 0, :]) & ((j != 0) | (i != 0))
+    near = np.lib.stride_tricks.sliding_window_view(around, (5, 5), (0, 1))[front].reshape(-1, 2, 25)
+    known = np.isfinite(near[:, 0]) & ((j != 0) | (i != 0))
     weight = np.where(known, 1 / np.maximum(i**2 + j**2, 1.0) ** 2, 0.0)
     design = np.stack([np.ones(25), i, j], axis=1)
-    matrix = np.einsum("abn,np,nq->abpq", weight, design, design)
+    matrix = np.einsum("kn,np,nq->kpq", weight, design, design)
     matrix += np.diag([1e-12, _HELD**2, _HELD**2])
-    right = np.einsum("abn,np,abkn->abpk", weight, design, np.where(known[:, :, None], near, 0.0))
-    return np.asarray(np.linalg.solve(matrix, right)[..., 0, :])
+    right = np.einsum("kn,np,kcn->kpc", weight, design, np.where(known[:, None], near, 0.0))
+    return np.asarray(np.linalg.solve(matrix, right)[:, 0])
 
 
 def _local_steps(point: F64, before: F64, period: float) -> F64:
-    """Camera steps per pattern pixel (J, I, 2, 2): from found neighbours, else those of the crossing beside."""
+    """Camera steps per pattern pixel (J, I, 2, 2): from found neighbours, else those of crossings beside."""
     steps = before.copy()
     for axis in (0, 1):
         along = 1 - axis
         pad = [(0, 0)] * 3
         pad[along] = (1, 1)
         framed = np.pad(point, pad, constant_values=np.nan)
-        ahead, behind = (
-            np.take(framed, np.arange(k, k + point.shape[along]), along) - point for k in (2, 0)
-        )
+        ahead, behind = (np.take(framed, np.arange(k, k + point.shape[along]), along) - point for k in (2, 0))
         step = np.where(np.isnan(behind), ahead, np.where(np.isnan(ahead), -behind, (ahead - behind) / 2))
         known = np.isfinite(step)
         steps[..., axis, :][known] = step[known] / period

@@ -79,12 +79,12 @@ class Window:
         growth = np.sqrt(least / np.maximum(share, 1e-6) ** 2 * ((1 - lean) ** 2 + wide))
         return cls(known, share, width, cell, mean, stretch, growth.astype(np.float32))
 
-    def fit(self, image: F32, carrier_u: F64, carrier_v: F64, cut: bool = True) -> Fit:
-        """The fringes of an image (H, W) over carriers of these phases; without `cut` the phase is that of a
+    def fit(self, image: F32, carriers: list[F64], *, cut: bool = True) -> Fit:
+        """The fringes of an image (H, W) over carriers (u, v). Without `cut` the phase is that of a
         cut window's mean, as it must be while the phase may still jump by a cycle.
         """
         rows, cols = image.shape
-        phase_u, phase_v = _wrapped(carrier_u), _wrapped(carrier_v)
+        phase_u, phase_v = (_wrapped(carrier) for carrier in carriers)
         size = self.cell
         shape = -(-rows // size), -(-cols // size)
         sums = np.zeros((MOMENTS, *shape), np.float32)
@@ -185,7 +185,8 @@ def _around(plane: F32, sigma: float, along: int, down: int) -> F32:
 
 def _wrapped(phase: F64) -> F32:
     """Within half a cycle of 0, where float32 is good to 1e-7."""
-    return np.asarray((phase + np.pi) % (2 * np.pi) - np.pi, np.float32)
+    cycles = phase / (2 * np.pi)
+    return np.asarray(2 * np.pi * (cycles - np.rint(cycles)), np.float32)
 
 
 def _blurred(plane: Any, sigma: float) -> F32:

@@ -58,8 +58,8 @@ def moments(
 def solve(mean: Array, least: float, start: int, stop: int, out: Array) -> None:
     """Coefficients of cos u, sin u, cos v, sin v into out[:4] (7, R, C), from windowed moments.
 
-    out[4:6]: diagonal elements of the inverse for sin u, sin v (2 where the window is whole); out[6]: the mean
-    level. 0 and 1e9 where the window holds less than `least` of its weight.
+    out[4:6]: diagonal elements of the inverse for sin u, sin v (2 where the window is whole); out[6]: the
+    mean level. 0 and 1e9 where the window holds less than `least` of its weight.
     """
     matrix, right = np.empty((5, 5)), np.zeros((5, 3))
     for row in range(start, stop):

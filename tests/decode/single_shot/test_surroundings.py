@@ -46,7 +46,9 @@ def mirror(shape: str, share: float, row: F64, col: F64) -> Mask:
     return np.asarray((np.abs(np.abs(x) - 1.5 * size) < size) & (np.abs(y) < size))
 
 
-def picture(shape: str, share: float, around: str, pressed: bool, noise: float, seed: int) -> NDArray[np.uint8]:
+def picture(
+    shape: str, share: float, around: str, pressed: bool, noise: float, seed: int
+) -> NDArray[np.uint8]:
     """What an 8-bit camera takes; outside the mirror what stands `around` it."""
     light = np.zeros((ROWS, COLS))
     for dy in RAYS:
@@ -108,9 +110,7 @@ def test_two_periods_from_the_border_as_in_the_full_picture(
     found, whole, lit = decoded(shape, share, around, noise, cut), full[noise], inner(shape, share)
     assert lit.sum() > 1000
     assert found.good[lit].mean() > whole.good[lit].mean() - 0.03
-    for error, other, sigma in zip(
-        errors(found), errors(whole), (found.sigma_u, found.sigma_v), strict=True
-    ):
+    for error, other, sigma in zip(errors(found), errors(whole), (found.sigma_u, found.sigma_v), strict=True):
         good = lit & found.good
         assert np.sqrt(np.mean(error[good] ** 2)) <= 1.1 * np.sqrt(np.mean(other[lit] ** 2)) + 5e-4
         assert (np.abs(error) > 5 * sigma)[good].mean() <= 1e-4
@@ -149,6 +149,8 @@ def test_an_island_has_its_own_median_and_its_parts_hang_together() -> None:
         frames.append(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
     found = crossed(*frames, SHOWN, prior=SimpleNamespace(u=u, v=v))
     assert found.good[120:180, 250:290].all()
-    assert (np.abs(found.du - moved) < 0.5)[found.good].all()
+    error = np.abs(found.du - moved)[found.good]
+    assert error.max() < 0.2 * PERIOD
+    assert (error < 0.5).mean() > 1 - 1e-3
     assert (found.flags[140:160, 90:110] & Flag.ORDER_DOUBTFUL).all()
     assert found.good[80:220, 30:45].all()
