@@ -1,8 +1,50 @@
-"""Frames + Sequence -> Correspondence."""
+"""Frames + Sequence -> Correspondence: where on the pattern every camera pixel looks, how sure, and why not.
 
-from .correspondence import Correspondence, Flag, difference
+| file             | holds                                                                                  |
+|------------------|----------------------------------------------------------------------------------------|
+| `correspondence` | `Correspondence`, `Flag`                                                               |
+| `displacement`   | `Displacement`, `difference` of two captures                                           |
+| `decoder`        | `decode`: the steps, on one screen                                                     |
+| `axis`           | which steps the frames of one axis ask for, chained over a block of rows               |
+| `estimate`       | `Estimate`: what a block of rows tells of one axis on its way                          |
+| `plan`           | a sequence as periods, bits, references, levels; the constraints that it obeys         |
+| `frames`         | frames validated, white level, response; pixels from all over them                     |
+| `noise`          | photon transfer from what no scene can make of the frames; pixels that see the pattern |
+| `response`       | `Response` of display and camera, inverted before fringes are fitted                   |
+| `harmonics`      | error that a response leaves: harmonics of the fringes, aliased                        |
+| `phase`          | N-step least squares: phase, variance, amplitude, chi2                                 |
+| `unwrap`         | fringe orders from coarse to fine or from a code, probability of a wrong one           |
+| `candidates`     | fringe orders of close periods, by a table of those that fit                           |
+| `micro`          | micro phase shifting, likewise                                                         |
+| `gray`           | bits -> word -> cell, posterior of a wrong bit                                         |
+| `flags`          | flags, made once; maps that both axes share                                            |
+| `display`        | one model of what a display does: cell, footprint, blur; measured, taken off           |
+| `spatial`        | what neighbours tell: edges, partial footprints, strays                                |
+| `exposures`      | codes under several exposures: each decoded, the best answer per pixel                 |
+| `single_shot/`   | `lattice`, `crossed`: one frame against one at rest                                    |
+
+u along the pattern's columns, v along its rows, integer = pixel centre; sigma in pattern pixels, at least
+0.01 where the frames show no noise. An axis that was not shown is NaN with sigma inf and raises no flag.
+"""
+
+from .correspondence import Correspondence, Flag
 from .decoder import decode
+from .displacement import Displacement, difference
 from .harmonics import HarmonicError, harmonic_errors
 from .response import Response
+from .single_shot import Crossings, PatternMap, crossed, lattice
 
-__all__ = ["Correspondence", "Flag", "HarmonicError", "Response", "decode", "difference", "harmonic_errors"]
+__all__ = [
+    "Correspondence",
+    "Crossings",
+    "Displacement",
+    "Flag",
+    "HarmonicError",
+    "PatternMap",
+    "Response",
+    "crossed",
+    "decode",
+    "difference",
+    "harmonic_errors",
+    "lattice",
+]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
 
-__all__ = ["Correspondence", "Flag", "difference"]
+__all__ = ["Correspondence", "Flag"]
 
 Map = NDArray[np.floating[Any]]
 _REQUIRED = ("u", "v", "sigma_u", "sigma_v", "flags")
@@ -80,28 +80,3 @@ class Correspondence:
             return cls(**{name: value for name, value in arrays.items() if name in known})
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
-
-
-def difference(deformed: Correspondence, rest: Correspondence) -> Correspondence:
-    """Deformed minus rest: u and v are displacements in pattern pixels, sigmas add in square, flags or-ed.
-
-    Amplitude and offset stay those of the deformed capture; the probability that either order is wrong adds.
-    """
-    if deformed.u.shape != rest.u.shape:
-        raise InputError(f"difference: deformed is {deformed.u.shape}, rest is {rest.u.shape}, must be equal")
-    return Correspondence(
-        deformed.u - rest.u,
-        deformed.v - rest.v,
-        np.hypot(deformed.sigma_u, rest.sigma_u),
-        np.hypot(deformed.sigma_v, rest.sigma_v),
-        (deformed.flags | rest.flags).astype(np.uint16),
-        deformed.amplitude,
-        deformed.offset,
-        _either(deformed.order_error, rest.order_error),
-    )
-
-
-def _either(first: Map | None, second: Map | None) -> Map | None:
-    if first is None or second is None:
-        return first if second is None else second
-    return np.asarray(first + second - first * second)

@@ -55,7 +55,7 @@ def lattice_positions(
     not. InputError if fewer than two are found.
     """
     pattern = scene.pattern
-    crossings = lattice(dented, rest, shown, guide=trace(scene, dent("flat", scene)))
+    crossings = lattice(dented, rest, shown, prior=trace(scene, dent("flat", scene)))
     middle = crossings.index[np.argmin(np.abs(crossings.pattern[:, 1] - (pattern.rows - 1) / 2)), 1]
     column = crossings.index[:, 1] == middle
     found = int((column & crossings.found).sum())

@@ -22,7 +22,7 @@ from .newton import Options, State, coarse_start, solve
 from .outliers import curl_scale, curl_score, curl_suspects, lone
 from .paper import SeriesName
 from .paper_scene import reconstruct_paper
-from .problem import Problem, prepare
+from .problem import Problem, prepare, require_correspondence
 from .result import Spread, height_map
 from .reweighting import reweighted
 from .rounding import rounding_variance
@@ -77,7 +77,9 @@ def reconstruct(
     calibration. start: a height map of the same camera to start from, say of the last frame. Raises
     InputError if the arrays do not fit the scene, no pixel is left, or no anchor can be used.
     """
+    require_correspondence(correspondence)
     if rest is not None:
+        require_correspondence(rest, "rest")
         correspondence = rest_corrected(correspondence, rest, scene)
     if method in PAPER_METHODS:
         return reconstruct_paper(correspondence, scene, series=PAPER_METHODS[method])

@@ -7,7 +7,7 @@ import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence
+from optolever.decode import Correspondence, Displacement
 from optolever.errors import InputError
 from optolever.scene import Scene
 
@@ -18,7 +18,7 @@ from .holes import bridged, small_holes
 from .measured import Measured
 from .pinning import anchor_rows
 
-__all__ = ["Problem", "prepare"]
+__all__ = ["Problem", "prepare", "require_correspondence"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -98,6 +98,14 @@ def prepare(
     lost = int(np.count_nonzero(data.mask[core] & (labels == 0)))
     inner = inner if labels.all() else replace(inner, mask=labels > 0)
     return Problem(rays, valid, rows, cols, turned, outer, core, inner, near, labels, holes[core], lost)
+
+
+def require_correspondence(value: object, name: str = "correspondence") -> None:
+    """InputError unless value is a Correspondence: a displacement alone has no place on the pattern."""
+    if isinstance(value, Displacement):
+        raise InputError(f"{name}: is a Displacement; give displacement.added_to(correspondence at rest)")
+    if not isinstance(value, Correspondence):
+        raise InputError(f"{name}: is a {type(value).__name__}, must be a Correspondence")
 
 
 def _extent_of(mask: Mask) -> tuple[slice, slice]:

@@ -20,6 +20,7 @@ from optolever.scene import Scene
 from .calibration import rest_corrected
 from .geometry import pattern_plane, ray_field
 from .heightmap import HeightMap
+from .problem import require_correspondence
 
 __all__ = ["SlopeMap", "slope_map"]
 
@@ -73,6 +74,7 @@ def slope_map(
 
     rest: as in `reconstruct`. InputError if the shapes do not agree.
     """
+    require_correspondence(correspondence)
     if correspondence.u.shape != height.z.shape:
         raise InputError(f"correspondence: shape {correspondence.u.shape}, the height map {height.z.shape}")
     if height.z.shape != (scene.camera.rows, scene.camera.cols):

@@ -20,7 +20,7 @@ from .coupled import doubted, solved_height
 from .heightmap import HeightMap
 from .holes import bridged, small_holes
 from .newton import State, chord_step
-from .problem import Problem
+from .problem import Problem, require_correspondence
 from .result import Spread, height_map
 from .uncertainty import unknown_variance
 
@@ -46,6 +46,7 @@ class HeightStream:
 
     def update(self, correspondence: Correspondence) -> HeightMap:
         """The height of one more frame. Raises InputError as `reconstruct` does."""
+        require_correspondence(correspondence)
         height = None
         if self._last is not None and self._age < self._refresh:
             height = self._followed(correspondence)

@@ -56,16 +56,7 @@ def _ours(shot: Shot) -> Correspondence:
 def _single(shot: Shot, rest: Rest) -> Correspondence:
     """One frame: displacement from the frame at rest, added to where the pixels looked then."""
     taken, shown = shot.taken()
-    moved = crossed(taken.frames, rest.capture.frames, shown, guide=rest.seen)
-    return Correspondence(
-        rest.seen.u + moved.u,
-        rest.seen.v + moved.v,
-        np.hypot(rest.seen.sigma_u, moved.sigma_u),
-        np.hypot(rest.seen.sigma_v, moved.sigma_v),
-        moved.flags | rest.seen.flags,
-        moved.amplitude,
-        moved.offset,
-    )
+    return crossed(taken.frames, rest.capture.frames, shown, prior=rest.seen).added_to(rest.seen)
 
 
 def _exact(shot: Shot) -> Correspondence:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence, decode, difference
+from optolever.decode import Correspondence, Displacement, decode, difference
 from optolever.patterns import Sequence, sequence_from_text
 from optolever.projector import Capture, VirtualSensor
 from optolever.scene import (
@@ -183,7 +183,8 @@ def decoded(
     frames = taken.frames
     if condition.spoil is not None:
         frames = condition.spoil(frames.copy(), np.random.default_rng(7))
-    seen = decode(frames, shown)
+    deformed = decode(frames, shown)
+    seen: Correspondence | Displacement = deformed
     if isinstance(surface, Surface):
         truths = [trace(scene, surface)]
     else:
@@ -191,7 +192,7 @@ def decoded(
     if condition.rest:
         rest = dent_from_text("flat", scene)
         with VirtualSensor(scene, rest, shown, noise=condition.noise, seed=2, bits=condition.bits) as sensor:
-            seen = difference(seen, decode(sensor.capture().frames, shown))
+            seen = difference(deformed, decode(sensor.capture().frames, shown))
         truths = [_displacement(truth, trace(scene, rest)) for truth in truths]
     return compared(seen, truths, shown, 2.0 if condition.rest else 1.0)
 
@@ -203,7 +204,9 @@ def _displacement(deformed: Trace, rest: Trace) -> Trace:
     )
 
 
-def compared(seen: Correspondence, truths: list[Trace], shown: Sequence, captures: float = 1.0) -> Found:
+def compared(
+    seen: Correspondence | Displacement, truths: list[Trace], shown: Sequence, captures: float = 1.0
+) -> Found:
     """Errors against the truth; of a moving mirror, against all that was true while the frames were taken.
 
     The error is that of the coordinate which is worse in units of its limit; captures: how many were
@@ -213,8 +216,8 @@ def compared(seen: Correspondence, truths: list[Trace], shown: Sequence, capture
     visible = np.logical_and.reduce([truth.visible for truth in truths])
     somewhere = np.logical_or.reduce([truth.visible for truth in truths])
     parts = []
-    for name in ("u", "v"):
-        value, sigma = getattr(seen, name), getattr(seen, f"sigma_{name}")
+    values = (seen.du, seen.dv) if isinstance(seen, Displacement) else (seen.u, seen.v)
+    for name, value, sigma in zip("uv", values, (seen.sigma_u, seen.sigma_v), strict=True):
         stack = np.stack([getattr(truth, name) for truth in truths])
         low, high = stack.min(axis=0), stack.max(axis=0)
         error = value - np.clip(value, low, high)

@@ -119,7 +119,7 @@ def test_difference_adds_in_square_and_joins_flags(shoot: Shoot, smooth: tuple[F
     assert np.array_equal(delta.flags, moved.flags | rest.flags)
     assert (~delta.good)[:, :19].all()
     good = delta.good
-    score = ((delta.u - 0.4) / delta.sigma_u)[good]
+    score = ((delta.du - 0.4) / delta.sigma_u)[good]
     assert np.sqrt(np.mean(score**2)) == pytest.approx(1, abs=0.03)
     np.testing.assert_allclose(delta.sigma_v, np.hypot(moved.sigma_v, rest.sigma_v))
 

@@ -46,8 +46,8 @@ def bump(row: F64, col: F64, size: float) -> tuple[F64, F64]:
 @pytest.mark.parametrize("size", [0.0, 2.0, 8.0])
 def test_crossings_are_where_the_warp_puts_them(size: float) -> None:
     u, v = rest_map(ROW, COL)
-    guide = SimpleNamespace(u=u, v=v)
-    found = lattice(image(*bump(ROW, COL, size), seed=2), image(u, v, seed=1), SHOWN, guide=guide)
+    prior = SimpleNamespace(u=u, v=v)
+    found = lattice(image(*bump(ROW, COL, size), seed=2), image(u, v, seed=1), SHOWN, prior=prior)
     assert found.found.mean() > 0.97
     assert len(found.index) >= 50
     good = found.found
@@ -71,7 +71,7 @@ def test_sign_of_a_shift() -> None:
     u, v = rest_map(ROW, COL)
     far = np.clip((COL - 40) / 120, 0, 1) ** 2
     moved_u, moved_v = rest_map(ROW - 3 * far, COL - 20 * far)
-    found = lattice(image(moved_u, moved_v, 4), image(u, v, 3), SHOWN, guide=SimpleNamespace(u=u, v=v))
+    found = lattice(image(moved_u, moved_v, 4), image(u, v, 3), SHOWN, prior=SimpleNamespace(u=u, v=v))
     right = found.found & (found.now[:, 1] > 190)
     assert right.sum() > 10
     np.testing.assert_allclose((found.now - found.rest)[right], [[3.0, 20.0]] * right.sum(), atol=0.1)

@@ -28,30 +28,30 @@ def test_displacement(size: float) -> None:
     """Up to two periods, with its sign; the map at rest falls along columns."""
     bell = size * np.exp(-((COL - 120) ** 2 + (ROW - 100) ** 2) / (2 * 45**2))
     moved = image(REST.u + bell, REST.v - 0.5 * bell, 1.0, 1)
-    found = crossed(moved, image(REST.u, REST.v, 1.0, 2), SHOWN, guide=REST)
+    found = crossed(moved, image(REST.u, REST.v, 1.0, 2), SHOWN, prior=REST)
     inner = np.s_[20:-20, 20:-20]
     assert found.good[inner].mean() > 0.99
     smoothing = 0.06 * size
-    assert np.abs(found.u - bell)[inner].max() < 0.1 + smoothing
-    assert np.abs(found.v + 0.5 * bell)[inner].max() < 0.1 + smoothing
+    assert np.abs(found.du - bell)[inner].max() < 0.1 + smoothing
+    assert np.abs(found.dv + 0.5 * bell)[inner].max() < 0.1 + smoothing
 
 
 def test_smoothing_is_undone_and_its_rest_is_in_sigma() -> None:
     """A bell of 1.5 periods: one Gaussian of 0.6 periods would leave 5 % of its height."""
     bell = 8.0 * np.exp(-((COL - 120) ** 2 + (ROW - 100) ** 2) / (2 * 22**2))
-    found = crossed(image(REST.u + bell, REST.v, 1.0, 1), image(REST.u, REST.v, 1.0, 2), SHOWN, guide=REST)
+    found = crossed(image(REST.u + bell, REST.v, 1.0, 1), image(REST.u, REST.v, 1.0, 2), SHOWN, prior=REST)
     inner = np.s_[20:-20, 20:-20]
     assert found.good[inner].all()
-    assert np.sqrt(np.mean((found.u - bell)[inner] ** 2)) < 0.02
-    assert (np.abs(found.u - bell) < 5 * found.sigma_u)[found.good].all()
+    assert np.sqrt(np.mean((found.du - bell)[inner] ** 2)) < 0.02
+    assert (np.abs(found.du - bell) < 5 * found.sigma_u)[found.good].all()
 
 
 def test_what_is_too_steep_is_flagged_not_guessed() -> None:
     """A cusp of 60 px whose flank is steeper than the fringe: no unflagged pixel is off."""
     cusp = 60.0 * np.exp(-np.hypot(COL - 120, ROW - 100) / 12)
-    found = crossed(image(REST.u + cusp, REST.v, 1.0, 1), image(REST.u, REST.v, 1.0, 2), SHOWN, guide=REST)
+    found = crossed(image(REST.u + cusp, REST.v, 1.0, 1), image(REST.u, REST.v, 1.0, 2), SHOWN, prior=REST)
     assert 0.8 < found.good.mean() < 1
-    wrong = np.abs(found.u - cusp) > 5 * found.sigma_u
+    wrong = np.abs(found.du - cusp) > 5 * found.sigma_u
     assert wrong[found.good].mean() < 1e-3
     assert (found.flags[98:103, 118:123] & Flag.ORDER_DOUBTFUL).any()
 
@@ -62,9 +62,9 @@ def test_at_the_edge_of_the_frame(middle: tuple[int, int]) -> None:
     distance = np.hypot(ROW - middle[0], COL - middle[1])
     dome = 10.0 * np.cos(np.pi * np.minimum(distance, 160) / 160) ** 2 + 0.04 * (COL + ROW - 280)
     rest = image(REST.u, REST.v, 1.0, 2)
-    found = crossed(image(REST.u - dome, REST.v + 0.5 * dome, 1.0, 1), rest, SHOWN, guide=REST)
+    found = crossed(image(REST.u - dome, REST.v + 0.5 * dome, 1.0, 1), rest, SHOWN, prior=REST)
     assert found.good[1:-1, 1:-1].mean() > 0.99
-    for moved, sigma, true in ((found.u, found.sigma_u, -dome), (found.v, found.sigma_v, 0.5 * dome)):
+    for moved, sigma, true in ((found.du, found.sigma_u, -dome), (found.dv, found.sigma_v, 0.5 * dome)):
         error = (moved - true)[found.good]
         assert (np.abs(error) < 5 * sigma[found.good]).mean() > 1 - 1e-4
         assert np.sqrt(np.mean(error**2)) < 0.03
@@ -74,31 +74,31 @@ def test_what_leaves_the_pattern_is_dark_and_does_not_pull() -> None:
     """The frame looks beside the pattern below row 170 once the mirror is pressed."""
     moved = SimpleNamespace(u=REST.u, v=REST.v + 80.0)
     dark = np.where(moved.v < 299.5, image(moved.u, moved.v, 1.0, 1), 0).astype(np.uint8)
-    guide = SimpleNamespace(u=REST.u, v=REST.v + 75.0)
-    found = crossed(dark, image(guide.u, guide.v, 1.0, 2), SHOWN, guide=guide)
+    prior = SimpleNamespace(u=REST.u, v=REST.v + 75.0)
+    found = crossed(dark, image(prior.u, prior.v, 1.0, 2), SHOWN, prior=prior)
     beside = moved.v > 301
     assert beside.any()
     assert not found.good[beside].any()
-    error = np.abs(found.v - 5.0) / found.sigma_v
+    error = np.abs(found.dv - 5.0) / found.sigma_v
     assert (error[found.good] < 5).all()
     assert found.good[moved.v < 296].mean() > 0.98
 
 
 def test_sigma_of_the_noise() -> None:
     found = [
-        crossed(image(REST.u, REST.v, 6.0, k), image(REST.u, REST.v, 6.0, 50 + k), SHOWN, guide=REST)
+        crossed(image(REST.u, REST.v, 6.0, k), image(REST.u, REST.v, 6.0, 50 + k), SHOWN, prior=REST)
         for k in range(3)
     ]
     inner = np.s_[25:-25, 25:-25]
-    score = np.array([each.u[inner] / each.sigma_u[inner] for each in found])
+    score = np.array([each.du[inner] / each.sigma_u[inner] for each in found])
     assert np.sqrt(np.mean(score**2)) == pytest.approx(1, abs=0.15)
 
 
 def test_lost_fringe_and_unknown_map_are_flagged() -> None:
     contrast = np.where(COL < 80, 0.0, 1.0)
-    guide = SimpleNamespace(u=np.where(COL > 200, np.nan, REST.u), v=REST.v)
+    prior = SimpleNamespace(u=np.where(COL > 200, np.nan, REST.u), v=REST.v)
     rest = image(REST.u, REST.v, 1.0, 2)
-    found = crossed(image(REST.u, REST.v, 1.0, 1, contrast), rest, SHOWN, guide=guide)
+    found = crossed(image(REST.u, REST.v, 1.0, 1, contrast), rest, SHOWN, prior=prior)
     assert (found.flags[:, :50] & Flag.LOW_CONTRAST).all()
     assert (found.flags[:, 202:] & Flag.INVALID).all()
     assert found.good[20:-20, 110:180].all()
@@ -107,14 +107,14 @@ def test_lost_fringe_and_unknown_map_are_flagged() -> None:
 def test_default_guide_is_the_whole_surface() -> None:
     v, u = np.mgrid[:300, :300].astype(np.float64)
     found = crossed(image(u + 2.0, v, 1.0, 1), image(u, v, 1.0, 2), SHOWN)
-    assert np.median(found.u) == pytest.approx(2.0, abs=0.02)
+    assert np.median(found.du) == pytest.approx(2.0, abs=0.02)
 
 
 @pytest.mark.parametrize(
     ("now", "message"),
     [
         (np.zeros((30, 31)), "must be equal"),
-        (np.zeros((2, 30, 30)), "shape"),
+        (np.zeros((2, 30, 30)), "2 images"),
         (np.full((30, 30), np.inf), "finite"),
     ],
 )

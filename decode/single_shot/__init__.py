@@ -1,0 +1,20 @@
+"""One frame against one frame of the mirror at rest, for mirrors that move.
+
+| file             | holds                                                                                  |
+|------------------|----------------------------------------------------------------------------------------|
+| `crossed`        | `crossed`: Displacement of every pixel from a crossed fringe                           |
+| `window_fit`     | both fringes fitted at once within a Gaussian window                                   |
+| `window_kernels` | its normal equations, compiled                                                         |
+| `surroundings`   | which pixels see the fringe, and the noise there                                       |
+| `unwrap`         | phase unwrapping by quality, connected parts                                           |
+| `lattice`        | `lattice`: corners of the paper's lattice, at rest and deformed                        |
+| `tracking`       | corners followed from those that have not moved                                        |
+| `corners`        | corner refinement: sub-pixel crossing of two dark lines                                |
+| `prior`          | where the camera looked at rest                                                        |
+"""
+
+from .crossed import crossed
+from .lattice import Crossings, lattice
+from .prior import PatternMap
+
+__all__ = ["Crossings", "PatternMap", "crossed", "lattice"]

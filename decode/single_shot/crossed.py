@@ -1,0 +1,246 @@
+"""Single-shot crossed fringe: displacement of one frame against the rest frame, for what moves.
+
+The frame is the mean of a fringe along u and one along v. Both are fitted at once within a Gaussian window
+(window_fit.py) over the carriers that the map at rest predicts (the local-carrier form of Takeda, Ina,
+Kobayashi 1982, doi:10.1364/JOSA.72.000156). The phase of the deformed frame over that of the rest frame,
+unwrapped, is the displacement.
+
+The window smooths: of a spatial frequency that it passes with gain g, the first pass has g. The next pass
+takes the last one's phase into its carrier and adds the remainder, 1 - (1 - g)^k after k passes (van
+Cittert); the change in the last of them counts as error.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optolever.errors import InputError
+from optolever.patterns import Sequence
+
+from ..correspondence import Flag
+from ..displacement import Displacement
+from .prior import PatternMap, prior_map, single_frame
+from .surroundings import noise_of, overexposed, seeing, window_width
+from .unwrap import islands_of, largest_parts, unwrapped
+from .window_fit import Fit, Window
+
+__all__ = ["crossed"]
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+#: Half amplitude over its noise below which a pixel is flagged: a phase of sigma 1/6 rad.
+_LEAST = 6.0
+_PASSES = 4
+#: Factor of the passes on the noise: squared 2 (2 H(k) - H(2 k)), H(k) = 1 + 1/2 + ... + 1/k.
+_GROWTH = math.sqrt(
+    4 * sum(1 / k for k in range(1, _PASSES + 1)) - 2 * sum(1 / k for k in range(1, 2 * _PASSES + 1))
+)
+#: Largest of the noise within a window's width, over its rms.
+_LARGEST = 2.5
+#: Change in the last pass, cycles, above which a pixel is flagged: a tenth of the 0.2 of half a jump.
+_SETTLED = 0.02
+#: Cycles over a window's rms width above which a pixel is flagged: a jump of one cycle looks like
+#: 1 / sqrt(2 pi) = 0.4.
+_STEEPEST = 0.3
+#: Contrast over that at rest below which a pixel is flagged: exp(-phi^2 / 2) at an rms misfit phi of an
+#: eighth of a cycle within the window.
+_RESOLVED = math.exp(-0.5 * (math.pi / 4) ** 2)
+#: Pattern pixels inside its outline where a camera pixel's footprint may cover what lies beside it.
+_MARGIN = 1.0
+
+
+def crossed(
+    frame: ArrayLike, rest: ArrayLike, sequence: Sequence, *, prior: PatternMap | None = None
+) -> Displacement:
+    """Displacement (pattern pixels, deformed minus rest) of one crossed-fringe frame.
+
+    frame, rest  (H, W), or (N, H, W) as the sequence describes them
+    prior        where the camera looked at rest, to a fraction of a period across the fringe's own width
+                 (a trace, a decoded capture); default: the surface fills the frame
+
+    Whole periods follow from continuity within each island, a connected part of what sees the fringe at rest.
+    One frame cannot tell them otherwise: the median displacement of every island must be within half a
+    period, as that of a picture which is one island. What is cut off from the largest good part of its
+    island, and an island smaller than a window, is flagged. sigma holds noise, smoothing and borders. Flagged
+    are pixels without a fringe or with one of less than 8 % of the usual amplitude (LOW_CONTRAST), where the
+    displacement is too steep to tell a slope from a jump by a period, does not settle, costs contrast or has
+    no connection (ORDER_DOUBTFUL), and what was moved off the pattern (OFF_PATTERN).
+    """
+    period = _period(sequence)
+    now, still = (
+        single_frame(stack, sequence, "crossed", name) for stack, name in ((frame, "frame"), (rest, "rest"))
+    )
+    if now.shape != still.shape:
+        raise InputError(f"crossed: frame is {now.shape}, rest is {still.shape}, must be equal")
+    pair = _pair(now, still, prior_map(prior, sequence, still.shape), sequence, period)
+    axes, level = _passes(pair)
+    flags = _flags(pair, axes)
+    u, v = (period * axis.turn for axis in axes)
+    sigma_u, sigma_v = (period * np.hypot(axis.random, axis.change) for axis in axes)
+    amplitude = 2.0 * np.minimum(axes[0].height, axes[1].height)
+    return Displacement(u, v, sigma_u, sigma_v, flags, amplitude, level.astype(np.float64))
+
+
+@dataclass(frozen=True, slots=True)
+class _Pair:
+    """Both frames, where they look at rest on a pattern (rows, cols), and which pixels see the fringe (H, W).
+
+    noise: that of a half amplitude within a window of rms `width`, of both frames, camera levels
+    """
+
+    now: F32
+    still: F32
+    at_rest: tuple[F64, F64]
+    pattern: tuple[int, int]
+    period: float
+    width: float
+    noise: tuple[float, float]
+    clipped: Mask
+    sees: Mask
+
+    def inside(self, turns: list[F64] | None, margin: float) -> Mask:
+        """Pixels that look further than margin (pattern pixels) inside the pattern; None: at rest."""
+        u, v = self.at_rest
+        if turns is not None:
+            u, v = (coord + self.period * turn for coord, turn in zip((u, v), turns, strict=True))
+        return _inside(u, v, self.pattern, margin)
+
+
+@dataclass(frozen=True, slots=True)
+class _Axis:
+    """Along one axis, (H, W): displacement, its noise, its change in the last pass (cycles); half amplitude;
+    whether the fringe within the window is unlike its local line.
+    """
+
+    turn: F64
+    random: F64
+    change: F64
+    height: F64
+    unresolved: Mask
+
+
+def _pair(
+    now: NDArray[Any], still: NDArray[Any], at_rest: tuple[F64, F64], sequence: Sequence, period: float
+) -> _Pair:
+    """Window, noise and pixels that see the fringe, from the frame at rest."""
+    pattern = sequence.rows, sequence.cols
+    images = now.astype(np.float32), still.astype(np.float32)
+    known = _inside(*at_rest, pattern, _MARGIN)
+    width = window_width(at_rest, known, period)
+    clipped = overexposed(now, width) | overexposed(still, width)
+    known &= ~clipped
+    pilot = Window.over(known, width).fit(images[1], _carriers(at_rest, known, period), cut=False)
+    sees = seeing(np.minimum(*pilot.height), known, width)
+    width = window_width(at_rest, sees, period)
+    # of white noise the window leaves sigma / (2 sqrt(pi) width), 1 / sqrt(2) of it in each quadrature
+    gain = 1 / (2 * math.sqrt(2 * math.pi) * width)
+    noise = gain * noise_of(images[0], sees), gain * noise_of(images[1], sees)
+    return _Pair(*images, at_rest, pattern, period, width, noise, clipped, sees)
+
+
+def _passes(pair: _Pair) -> tuple[list[_Axis], F32]:
+    """Displacement along u and v, and the mean level of the deformed frame."""
+    window = Window.over(pair.sees, pair.width)
+    carrier = _carriers(pair.at_rest, pair.sees, pair.period)
+    before, after = (window.fit(image, carrier, cut=False) for image in (pair.still, pair.now))
+    rested, pressed = _added(carrier, before), []
+    for k in (0, 1):
+        clear = pair.sees & _clear(pair, before, after, k)
+        turn = unwrapped(np.asarray(after.phase[k] - before.phase[k], np.float64) / (2 * np.pi), clear)
+        pressed.append(rested[k] + 2 * np.pi * window.extended(turn))
+    changes = []
+    for _ in range(_PASSES - 1):
+        lit = pair.sees & pair.inside(_turns(rested, pressed), _MARGIN)
+        before = window.fit(pair.still, rested)
+        after = Window.over(lit, pair.width).fit(pair.now, pressed)
+        rested, pressed = _added(rested, before), _added(pressed, after)
+        changes.append([_around(after.phase[k] - before.phase[k], pair) for k in (0, 1)])
+    turns = _turns(rested, pressed)
+    return [_axis(pair, before, after, k, turns[k], changes) for k in (0, 1)], after.level
+
+
+def _axis(pair: _Pair, before: Fit, after: Fit, k: int, turn: F64, changes: list[list[F64]]) -> _Axis:
+    height = np.asarray(np.minimum(before.height[k], after.height[k]), np.float64)
+    # what one pass leaves of the noise; pass i changes 1 / sqrt(i (2 i - 1)) of it
+    noise = np.hypot(pair.noise[0] * after.growth[k], pair.noise[1] * before.growth[k])
+    random = noise / np.maximum(height, 1e-9) / (2 * np.pi)
+    last, change = (
+        np.sqrt(np.maximum(changes[i - 2][k] ** 2 - (_LARGEST * random) ** 2 / (i * (2 * i - 1)), 0))
+        for i in (_PASSES, _PASSES - 1)
+    )
+    # what further passes would change, at least what the last one did: a geometric series
+    ratio = np.minimum(last / np.maximum(change, 1e-9), 0.9)
+    # a mirror that loses light loses level and amplitude, a window that covers a jump the amplitude alone
+    expected = before.height[k] * after.level / np.maximum(before.level, 1e-3)
+    unresolved = after.height[k] < _RESOLVED * expected - 3 * max(pair.noise)
+    return _Axis(
+        turn, _GROWTH * random, last * np.maximum(1.0, ratio / (1.0 - ratio)), height, np.asarray(unresolved)
+    )
+
+
+def _flags(pair: _Pair, axes: list[_Axis]) -> NDArray[np.uint16]:
+    """Flags of every pixel from its own fit, then from its connection."""
+    known = np.isfinite(pair.at_rest[0]) & np.isfinite(pair.at_rest[1])
+    blind = pair.inside(None, _MARGIN) & ~pair.sees & ~pair.clipped
+    beside = known & ~pair.inside([axis.turn for axis in axes], 0.0)
+    flags = np.where(known, 0, int(Flag.INVALID)) | np.where(pair.clipped, int(Flag.SATURATED), 0)
+    flags |= np.where(blind, int(Flag.LOW_CONTRAST), 0)
+    islands = islands_of(flags == 0)
+    flags |= np.where(beside, int(Flag.OFF_PATTERN), 0)
+    for axis in axes:
+        lost = axis.height <= _LEAST * max(pair.noise)
+        doubtful = (_steep(axis, pair) | (axis.change > _SETTLED)) & ~lost
+        flags |= np.where(lost, int(Flag.LOW_CONTRAST), 0) | np.where(doubtful, int(Flag.ORDER_DOUBTFUL), 0)
+    # the area of as many pixels as a window's weights count for
+    connected = largest_parts(flags == 0, islands, 4 * math.pi * pair.width**2)
+    return (flags | np.where(connected, 0, int(Flag.ORDER_DOUBTFUL))).astype(np.uint16)
+
+
+def _period(sequence: Sequence) -> float:
+    for frame in sequence.frames:
+        if frame.kind == "crossed":
+            return frame.period_px or 1.0
+    raise InputError(f"crossed: sequence {sequence.name} has no frame of kind 'crossed'")
+
+
+def _inside(u: F64, v: F64, pattern: tuple[int, int], margin: float) -> Mask:
+    low, high = margin - 0.5, -margin - 0.5
+    rows, cols = pattern
+    return np.asarray((u > low) & (u < cols + high) & (v > low) & (v < rows + high))
+
+
+def _carriers(at_rest: tuple[F64, F64], known: Mask, period: float) -> list[F64]:
+    return [2 * np.pi / period * np.where(known, coord, 0.0) for coord in at_rest]
+
+
+def _added(phases: list[F64], fit: Fit) -> list[F64]:
+    return [phase + more for phase, more in zip(phases, fit.phase, strict=True)]
+
+
+def _turns(rested: list[F64], pressed: list[F64]) -> list[F64]:
+    return [(after - before) / (2 * np.pi) for before, after in zip(rested, pressed, strict=True)]
+
+
+def _clear(pair: _Pair, before: Fit, after: Fit, k: int) -> Mask:
+    return np.asarray(np.minimum(before.height[k], after.height[k]) > _LEAST * max(pair.noise))
+
+
+def _around(change: F32, pair: _Pair) -> F64:
+    """The largest change within a window's width, cycles, smoothed: solvers weigh by sigma."""
+    size = 2 * math.ceil(pair.width) + 1
+    own = np.where(pair.sees, np.abs(change) / np.float32(2 * np.pi), np.float32(0))
+    largest = cv2.dilate(own, np.ones((size, size), np.uint8))
+    return np.asarray(cv2.GaussianBlur(largest, (0, 0), pair.width), np.float64)
+
+
+def _steep(axis: _Axis, pair: _Pair) -> Mask:
+    """True where a window does not tell a slope from a jump by a whole cycle, nor its neighbours."""
+    slope = np.hypot(*np.gradient(np.where(pair.sees, axis.turn, np.nan)))
+    steep = (slope * pair.width > _STEEPEST) | axis.unresolved
+    size = 2 * math.ceil(pair.width / 2) + 1
+    return np.asarray(cv2.dilate(steep.astype(np.uint8), np.ones((size, size), np.uint8)) > 0)

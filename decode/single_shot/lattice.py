@@ -1,0 +1,155 @@
+"""Corners of the paper's lattice: sub-pixel in the rest frame, tracked into a deformed one."""
+
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from optolever.errors import InputError
+from optolever.files import load_arrays, save_arrays
+from optolever.patterns import Frame, Sequence, lattice_lines
+
+from .corners import Corners, refined
+from .prior import PatternMap, prior_map, single_frame
+from .tracking import tracked
+
+__all__ = ["Crossings", "lattice"]
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Crossings:
+    """K crossings found at rest; `now` is NaN and `sigma` inf where one was not found again.
+
+    index  (K, 2) numbers of the lines along u and v      pattern  (K, 2) their u, v, pattern pixels
+    rest   (K, 2) row, col at rest, camera pixels          now      (K, 2) row, col in the deformed frame
+    sigma, sigma_rest  (K, 2) standard deviations of row, col, camera pixels
+    """
+
+    index: NDArray[np.int64]
+    pattern: F64
+    rest: F64
+    now: F64
+    sigma: F64
+    sigma_rest: F64
+
+    @property
+    def found(self) -> NDArray[np.bool_]:
+        """True where the crossing was found in both frames, (K,)."""
+        return np.asarray(np.isfinite(self.now).all(axis=1))
+
+    def save(self, path: str | Path) -> None:
+        """Write an .npz with the fields' names."""
+        save_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)})
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Crossings":
+        """Read what save() wrote."""
+        names = [field.name for field in fields(cls)]
+        arrays = load_arrays(path, names)
+        return cls(**{name: arrays[name] for name in names})
+
+
+def lattice(
+    frames: ArrayLike, rest: ArrayLike, sequence: Sequence, *, prior: PatternMap | None = None
+) -> Crossings:
+    """Crossings of the lattice in `frames`, each matched to the same one in `rest`.
+
+    frames, rest  (N, H, W) as the sequence describes them, or the lattice frame alone, (H, W)
+    prior         where the camera looked at rest, to a quarter of the lattice's period (a trace, a decoded
+                  capture); default: the surface fills the frame, u along columns, v along rows
+
+    A crossing is matched by walking from crossings that have not moved to their neighbours, so the
+    displacement may be many periods as long as it changes by less than half a period from one to the next.
+    """
+    frame = _lattice_frame(sequence)
+    image, still = (
+        single_frame(stack, sequence, "lattice", name).astype(np.float32)
+        for stack, name in ((frames, "frames"), (rest, "rest"))
+    )
+    if image.shape != still.shape:
+        raise InputError(f"lattice: frames are {image.shape}, rest is {still.shape}, must be equal")
+    lines = lattice_lines(frame, sequence.cols), lattice_lines(frame, sequence.rows)
+    pattern = np.stack(np.meshgrid(*lines), axis=-1)
+    start, steps = _expected(pattern, sequence, prior, still.shape)
+    period, width = frame.period_px or 1.0, frame.width_px or 1.0
+    at_rest = refined(still, start, steps, period, width)
+    if not at_rest.found.any():
+        raise InputError("lattice: no crossing was found in the rest frame; is the prior that frame's?")
+    now = tracked(image, still, at_rest, steps, period, width)
+    at_rest, now = (_without_curvature(corners, width / period) for corners in (at_rest, now))
+    keep = at_rest.found
+    index = np.argwhere(keep)[:, ::-1]
+    return Crossings(
+        index, pattern[keep], at_rest.point[keep], now.point[keep], now.sigma[keep], at_rest.sigma[keep]
+    )
+
+
+def _lattice_frame(sequence: Sequence) -> Frame:
+    for frame in sequence.frames:
+        if frame.kind == "lattice":
+            return frame
+    raise InputError(f"lattice: sequence {sequence.name} has no frame of kind 'lattice'")
+
+
+def _expected(
+    pattern: F64, sequence: Sequence, prior: PatternMap | None, shape: tuple[int, ...]
+) -> tuple[F64, F64]:
+    """Expected places (J, I, 2), camera steps (row, col) per pattern pixel of u, v (J, I, 2, 2); or NaN."""
+    if prior is None:
+        scale = np.array([shape[0] / sequence.rows, shape[1] / sequence.cols])
+        steps = np.array([[0.0, scale[1]], [scale[0], 0.0]])
+        point = (pattern[..., ::-1] + 0.5) * scale - 0.5
+        return point, np.broadcast_to(steps, (*pattern.shape, 2)).copy()
+    place, steps = _inverse(*prior_map(prior, sequence, shape), pattern.reshape(-1, 2))
+    return place.reshape(pattern.shape), steps.reshape(*pattern.shape, 2)
+
+
+def _inverse(u: F64, v: F64, pattern: F64) -> tuple[F64, F64]:
+    """Camera places (K, 2) of pattern coordinates and camera steps (K, 2, 2) there; NaN outside the map.
+
+    From the nearest of about 40,000 pixels three Newton steps lead there: a map at rest is smooth.
+    """
+    thin = max(2, int(np.sqrt(u.size / 40000)))
+    gradient = np.stack([np.stack([*np.gradient(part)], axis=-1) for part in (u, v)], axis=-2)
+    row, col = (axis.ravel() for axis in np.mgrid[1 : u.shape[0] - 1 : thin, 1 : u.shape[1] - 1 : thin])
+    good = np.isfinite(u[row, col] + v[row, col]) & (np.abs(np.linalg.det(gradient[row, col])) > 1e-6)
+    if np.count_nonzero(good) < 4:
+        raise InputError("lattice: prior holds fewer than 4 finite pixels")
+    row, col = row[good], col[good]
+    nearest = cKDTree(np.stack([u[row, col], v[row, col]], axis=1)).query(pattern)[1]
+    place = np.stack([row[nearest], col[nearest]], axis=1).astype(np.float64)
+    for _ in range(3):
+        at = tuple(np.clip(np.rint(place[:, k]), 0, u.shape[k] - 1).astype(int) for k in (0, 1))
+        jacobian = gradient[at]
+        usable = np.abs(np.linalg.det(np.nan_to_num(jacobian))) > 1e-6
+        inverse = np.full(jacobian.shape, np.nan)
+        inverse[usable] = np.linalg.inv(jacobian[usable])
+        missing = pattern - np.stack([u[at], v[at]], axis=1)
+        place = np.stack(at, axis=1) + np.einsum("kij,kj->ki", inverse, missing)
+        place[~np.isfinite(place)] = -1.0
+    place[((place < 0) | (place > np.array(u.shape) - 1)).any(axis=1)] = np.nan
+    return place, inverse.transpose(0, 2, 1)
+
+
+def _without_curvature(corners: Corners, share: float) -> Corners:
+    """Less the shift that the map's curvature gives to the centroid of a line that is `share` periods wide.
+
+    Where the place x of pattern coordinate q curves, a line's darkness spreads as x'(q) dq, and its centroid
+    lies at x + 3/2 x'' m2, m2 = width^2 / 12. x'' from the neighbours; a third of the shift goes into sigma.
+    """
+    point, sigma = corners.point.copy(), corners.sigma.copy()
+    for axis in (0, 1):
+        own, inner = (np.moveaxis(part, 1 - axis, 0)[1:-1] for part in (corners.point, point))
+        ahead, behind = (np.moveaxis(corners.point, 1 - axis, 0)[cut] for cut in (np.s_[2:], np.s_[:-2]))
+        along = ahead - behind
+        along /= np.sqrt((along**2).sum(axis=-1, keepdims=True))
+        bend = ((ahead - 2 * own + behind) * along).sum(axis=-1, keepdims=True)
+        shift = np.nan_to_num(1.5 * share**2 / 12 * bend * along)
+        inner -= shift
+        spread = np.moveaxis(sigma, 1 - axis, 0)[1:-1]
+        spread[:] = np.hypot(spread, shift / 3)
+    return replace(corners, point=point, sigma=sigma)

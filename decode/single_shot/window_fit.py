@@ -1,0 +1,193 @@
+"""Two fringes fitted at once within a Gaussian window: what the window of crossed.py sees of a phase.
+
+Around every pixel the image is 1 + cos u + sin u + cos v + sin v with five coefficients, least squares with
+the window's weights. The mean level and the other fringe then leak nothing, also where the frame's edge cuts
+the window off. There the window sees not its middle but its mean, `shift` away from it: the phase's slope
+takes that off, which makes the fit a local line (Fan 1993, doi:10.1214/aos/1176349022).
+
+The window is wide, so that its sums are made of cells of a few pixels and what follows from them is
+interpolated; what that costs shows as change in the next pass.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.blocks import over_rows
+
+from .window_kernels import MOMENTS, moments, solve
+
+__all__ = ["Fit", "Window"]
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+#: Share of the window's weight below which nothing is told.
+_LEAST = 0.02
+#: Power of a window's share by which its phase is believed over what its neighbours say.
+_TRUST = 8
+#: A cut window's variance over the whole one's: not below, for shifts along its corners.
+_NARROW = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """Of both fringes, in order u, v, each (H, W): phase left over their carriers, half their amplitude."""
+
+    phase: tuple[F32, F32]
+    height: tuple[F32, F32]
+    #: Sigma of the phase over what it is in a whole window.
+    growth: tuple[F32, F32]
+    #: Mean level without the fringes.
+    level: F32
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A Gaussian of rms `width` pixels over the known pixels of a frame (H, W), on cells of `cell` pixels.
+
+    All else (R, C), in cells: share of the weight that is known; along columns and rows, shift of the mean of
+    what is known and how much of the step from one cell to the next that mean makes; sigma of a local line
+    over that of a whole window.
+    """
+
+    known: Mask
+    share: F32
+    width: float
+    cell: int
+    shift: tuple[F32, F32]
+    stretch: tuple[F32, F32]
+    growth: F32
+
+    @classmethod
+    def over(cls, known: Mask, width: float) -> "Window":
+        """The window of this width over these pixels."""
+        cell = max(1, int(width / 2.5))
+        sigma = _sigma(width, cell)
+        binned = _binned(known, cell)
+        share, mean, spread = _moments(binned, sigma)
+        stretch = (np.maximum(spread[0] / sigma**2, _NARROW), np.maximum(spread[1] / sigma**2, _NARROW))
+        # the squared weights are a Gaussian as well: variance of a local line's value at 0
+        least, middle, around = _moments(binned, sigma / math.sqrt(2))
+        tilt = [m / (s * sigma**2) for m, s in zip(mean, stretch, strict=True)]
+        lean = sum(t * (m - n) for t, m, n in zip(tilt, middle, mean, strict=True))
+        wide = sum(t * t * np.maximum(s, 0) for t, s in zip(tilt, around, strict=True))
+        growth = np.sqrt(least / np.maximum(share, 1e-6) ** 2 * ((1 - lean) ** 2 + wide))
+        return cls(known, share, width, cell, mean, stretch, growth.astype(np.float32))
+
+    def fit(self, image: F32, carriers: list[F64], *, cut: bool = True) -> Fit:
+        """The fringes of an image (H, W) over carriers (u, v). Without `cut` the phase is that of a
+        cut window's mean, as it must be while the phase may still jump by a cycle.
+        """
+        rows, cols = image.shape
+        phase_u, phase_v = (_wrapped(carrier) for carrier in carriers)
+        size = self.cell
+        shape = -(-rows // size), -(-cols // size)
+        sums = np.zeros((MOMENTS, *shape), np.float32)
+        over_rows(
+            lambda a, b: moments(image, self.known, phase_u, phase_v, size, a, b, sums), shape[0], block=16
+        )
+        sigma = _sigma(self.width, size)
+        windowed = np.array([_blurred(plane, sigma) for plane in sums])
+        out = np.empty((7, *shape), np.float32)
+        over_rows(lambda a, b: solve(windowed, _LEAST, a, b, out), shape[0], block=32)
+        u, v = (self._lobe(out[k], -out[k + 1], cut) for k in (0, 2))
+        of_u, of_v = (self._whole(self.growth * np.sqrt(np.maximum(0.5 * own, 1.0))) for own in out[4:6])
+        return Fit((u[0], v[0]), (u[1], v[1]), (of_u, of_v), self._whole(out[6]))
+
+    def _lobe(self, real: F32, imag: F32, cut: bool) -> tuple[F32, F32]:
+        """Phase and half amplitude (H, W); a phase that turns is not interpolated itself."""
+        if cut:
+            phase, size = self._at_middle(np.arctan2(imag, real)), np.hypot(real, imag)
+            real, imag = size * np.cos(phase), size * np.sin(phase)
+        real, imag = self._whole(real), self._whole(imag)
+        return np.arctan2(imag, real), np.float32(0.5) * np.hypot(real, imag)
+
+    def extended(self, phase: F64) -> F64:
+        """A phase (H, W) without jumps; where the window is cut, planes through what lies inside.
+
+        Fitted without `cut` it is bent there: the mean of a window that is steep is not the phase at its
+        mean. What is bent within a window no later pass sees.
+        """
+        rows, cols = (-size % self.cell for size in phase.shape)
+        whole = np.pad(phase, ((0, rows), (0, cols)), mode="edge")
+        cells = whole.reshape(len(self.share), self.cell, -1, self.cell).mean(axis=(1, 3), dtype=np.float64)
+        trust = self.share**_TRUST
+        plane = self._whole(_planes(cells, trust, _sigma(self.width, self.cell)))
+        weight = np.clip(self._whole(trust), 0.0, 1.0)
+        return np.asarray(weight * phase + (1.0 - weight) * plane)
+
+    def _at_middle(self, phase: F32) -> F32:
+        """The phase at each cell from the phases at the windows' means."""
+        slopes = np.gradient(phase, axis=1), np.gradient(phase, axis=0)
+        for shift, stretch, slope in zip(self.shift, self.stretch, slopes, strict=True):
+            phase = phase - shift / stretch * slope
+        return phase
+
+    def _whole(self, cells: F32) -> F32:
+        """From cells (R, C) to pixels (H, W); beyond the outermost cells' middles along straight lines."""
+        rows, cols = self.known.shape
+        framed = np.pad(cells, 1, mode="reflect", reflect_type="odd")
+        size = framed.shape[1] * self.cell, framed.shape[0] * self.cell
+        whole = np.asarray(cv2.resize(framed, size, interpolation=cv2.INTER_LINEAR))
+        return np.asarray(whole[self.cell : self.cell + rows, self.cell : self.cell + cols], np.float32)
+
+
+def _sigma(width: float, cell: int) -> float:
+    """Rms width in cells that, with the cells' own, makes up the window's."""
+    return math.sqrt(width**2 - (cell**2 - 1) / 12) / cell
+
+
+def _binned(known: Mask, cell: int) -> F32:
+    """Share of known pixels in every cell."""
+    rows, cols = (-size % cell for size in known.shape)
+    padded = np.pad(known, ((0, rows), (0, cols))).astype(np.float32)
+    return np.asarray(
+        padded.reshape(padded.shape[0] // cell, cell, -1, cell).mean(axis=(1, 3), dtype=np.float32)
+    )
+
+
+def _moments(known: F32, sigma: float) -> tuple[F32, tuple[F32, F32], tuple[F32, F32]]:
+    """Share of a window's weight that is known, its mean and its variance along columns and rows."""
+    share = _around(known, sigma, 0, 0)
+    over = np.reciprocal(np.maximum(share, np.float32(1e-6)), dtype=np.float32)
+    mean = _around(known, sigma, 1, 0) * over, _around(known, sigma, 0, 1) * over
+    square = _around(known, sigma, 2, 0) * over, _around(known, sigma, 0, 2) * over
+    return share, mean, (square[0] - mean[0] ** 2, square[1] - mean[1] ** 2)
+
+
+def _planes(values: F64, trust: F32, sigma: float) -> F32:
+    """At every cell the value of the plane through all around, weighted by trust and distance."""
+    powers = ((0, 0), (1, 0), (0, 1))
+    matrix = np.empty((*values.shape, 3, 3))
+    right = np.empty((*values.shape, 3, 1))
+    for i, (along, down) in enumerate(powers):
+        right[..., i, 0] = _around((trust * values).astype(np.float32), sigma, along, down)
+        for j, (also, below) in enumerate(powers):
+            matrix[..., i, j] = _around(trust, sigma, along + also, down + below)
+        matrix[..., i, i] += 1e-9  # nothing trusted around: 0
+    return np.asarray(np.linalg.solve(matrix, right)[..., 0, 0], np.float32)
+
+
+def _around(plane: F32, sigma: float, along: int, down: int) -> F32:
+    """Sums of a Gaussian's weights times the plane times powers of the distance along columns and rows."""
+    reach = math.ceil(4 * sigma)
+    place = np.arange(-reach, reach + 1, dtype=np.float64)
+    weight = np.exp(-0.5 * (place / sigma) ** 2)
+    weight /= weight.sum()
+    lines = weight * place**along, weight * place**down
+    return np.asarray(cv2.sepFilter2D(plane, cv2.CV_32F, *lines, borderType=cv2.BORDER_CONSTANT))
+
+
+def _wrapped(phase: F64) -> F32:
+    """Within half a cycle of 0, where float32 is good to 1e-7."""
+    cycles = phase / (2 * np.pi)
+    return np.asarray(2 * np.pi * (cycles - np.rint(cycles)), np.float32)
+
+
+def _blurred(plane: Any, sigma: float) -> F32:
+    return np.asarray(cv2.GaussianBlur(plane, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT))

@@ -1,0 +1,92 @@
+"""Displacement: its record, its way to a Correspondence, and that nothing takes it for one."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optolever import InputError
+from optolever.decode import Correspondence, Displacement, crossed, difference, lattice
+from optolever.patterns import sequence
+from optolever.reconstruct import HeightStream, reconstruct, slope_map
+from optolever.scene import dent, load, resize, trace
+
+ONE = np.ones((16, 20))
+
+
+def record(u: float, v: float, sigma: float, flag: int, wrong: float | None = None) -> Correspondence:
+    flags = np.zeros(ONE.shape, np.uint16)
+    flags[flag] = 1 << flag
+    error = None if wrong is None else wrong * ONE
+    return Correspondence(u * ONE, v * ONE, sigma * ONE, 2 * sigma * ONE, flags, 50 * ONE, 60 * ONE, error)
+
+
+def test_difference_and_sum() -> None:
+    """rest + (deformed - rest) is deformed; variances add each time, flags are or-ed, either order wrong."""
+    deformed, rest = record(7.0, 5.0, 0.3, 1, 0.1), record(4.5, 6.0, 0.4, 2, 0.2)
+    moved = difference(deformed, rest)
+    assert isinstance(moved, Displacement)
+    np.testing.assert_allclose(moved.du, 2.5)
+    np.testing.assert_allclose(moved.dv, -1.0)
+    np.testing.assert_allclose(moved.sigma_u, 0.5)
+    np.testing.assert_allclose(moved.sigma_v, 1.0)
+    np.testing.assert_array_equal(moved.flags, deformed.flags | rest.flags)
+    np.testing.assert_allclose(moved.order_error, 1 - 0.9 * 0.8)
+    whole = moved.added_to(replace(rest, order_error=None))
+    assert isinstance(whole, Correspondence)
+    np.testing.assert_allclose(whole.u, deformed.u)
+    np.testing.assert_allclose(whole.v, deformed.v)
+    np.testing.assert_allclose(whole.sigma_u**2, 0.5**2 + 0.4**2)
+    np.testing.assert_array_equal(whole.flags, moved.flags)
+    np.testing.assert_allclose(whole.order_error, 1 - 0.9 * 0.8)
+
+
+def test_it_comes_back_from_its_file_and_is_no_correspondence(tmp_path: Path) -> None:
+    moved = difference(record(7.0, 5.0, 0.3, 1), record(4.5, 6.0, 0.4, 2))
+    moved.save(tmp_path / "moved.npz")
+    again = Displacement.load(tmp_path / "moved.npz")
+    for name in ("du", "dv", "sigma_u", "sigma_v", "flags", "amplitude", "offset"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(moved, name))
+    assert again.order_error is None
+    with pytest.raises(InputError, match=r"moved\.npz: field 'u' is missing"):
+        Correspondence.load(tmp_path / "moved.npz")
+    assert repr(moved) == "Displacement(16 x 20 pixels, 87.5% good, median du +2.5, dv -1 pattern pixels)"
+
+
+def test_shapes_must_agree() -> None:
+    rest = record(1.0, 1.0, 0.1, 0)
+    small = Correspondence(*(np.zeros((4, 4)) for _ in range(4)), np.zeros((4, 4), np.uint16))
+    for call in (lambda: difference(rest, small), lambda: difference(rest, rest).added_to(small)):
+        with pytest.raises(InputError, match="must be equal"):
+            call()
+    with pytest.raises(InputError, match="dv has shape"):
+        replace(difference(rest, rest), dv=np.zeros((3, 3)))
+    with pytest.raises(InputError, match="must be integer"):
+        replace(difference(rest, rest), flags=np.zeros(ONE.shape))
+
+
+def test_no_solver_and_no_prior_takes_a_displacement() -> None:
+    """A flat mirror's displacements, 0 everywhere, gave HeightStream a mirror of 21 mm."""
+    scene = resize(load("paper-simulation"), 40, 48)
+    flat = trace(scene, dent("flat", scene))
+    sigma = np.full(flat.u.shape, 0.01)
+    flags = np.where(flat.visible, 0, 128).astype(np.uint16)
+    rest = Correspondence(flat.u, flat.v, sigma, sigma, flags)
+    moved = difference(rest, rest)
+    stream = HeightStream(scene)
+    for call in (
+        lambda: stream.update(moved),  # type: ignore[arg-type]
+        lambda: reconstruct(moved, scene),  # type: ignore[arg-type]
+        lambda: reconstruct(moved, scene, method="paper"),  # type: ignore[arg-type]
+        lambda: reconstruct(rest, scene, rest=moved),  # type: ignore[arg-type]
+        lambda: slope_map(reconstruct(rest, scene), moved, scene),  # type: ignore[arg-type]
+    ):
+        with pytest.raises(InputError, match=r"is a Displacement; give displacement\.added_to"):
+            call()
+    height = stream.update(moved.added_to(rest))
+    assert np.abs(height.z[height.good]).max() < 1e-2
+    for name, follow in (("crossed", crossed), ("lattice", lattice)):
+        image = np.zeros(flat.u.shape, np.uint8)
+        with pytest.raises(InputError, match="prior is a Displacement"):
+            follow(image, image, sequence(name, 40, 48), prior=moved)  # type: ignore[operator]
