@@ -29,7 +29,7 @@ __all__ = ["AxisDecoder", "axis_decoder"]
 class AxisDecoder:
     """What turns rows of frames into an Estimate of one axis.
 
-    rounding  variance (turns^2) of each fringe's phase by the rounding of the shown grey values
+    rounding  mean and variance (turns, turns^2) of each fringe's phase error by the rounding of shown grey values
     limits    beyond which pixels are flagged; jump: largest second difference of neighbours, pattern px
     """
 
@@ -39,7 +39,7 @@ class AxisDecoder:
     code: CodePlan | None
     orders: Orders | None
     micro: MicroTable | None
-    rounding: tuple[float, ...]
+    rounding: tuple[tuple[float, float], ...]
     limits: Limits
     freedom: int
     jump: float
@@ -141,7 +141,7 @@ def axis_decoder(
     orders = None if covered else _orders(axis, deviation)
     tables = sequence.tables()["uv".index(axis.axis)]
     shown = on_cells and not sequence.nominal
-    rounding = tuple(table_rounding(fringe, tables) if shown else 0.0 for fringe in axis.fringes)
+    rounding = tuple(table_rounding(fringe, tables) if shown else (0.0, 0.0) for fringe in axis.fringes)
     freedom = sum(len(fringe.index) - 3 for fringe in axis.fringes) + max(len(axis.fringes) - 1, 0)
     freedom += sum(len(fringe.index) for fringe in axis.singles)
     freedom += (1 if axis.fringes else 0) + code.freedom if code is not None else 0

@@ -14,7 +14,7 @@ from optolever.patterns import Sequence
 
 from .axis import AxisDecoder, axis_decoder
 from .correspondence import Correspondence
-from .display import measured_pixelation, no_pixelation
+from .display import measured_pixelation
 from .exposures import better_of, by_exposure
 from .flags import Limits, Shared, limits_of, merge
 from .frames import Light, light_of
@@ -155,10 +155,8 @@ def _among_neighbours(
     tables = {}
     for decoder in decoders:
         own = raw[decoder.axis.axis]
-        tables[decoder.axis.axis] = (
-            measured_pixelation(decoder.axis, options.blur, lit, own.coordinate, own.variance)
-            if cells
-            else no_pixelation()
+        tables[decoder.axis.axis] = measured_pixelation(
+            decoder.axis, cells, options.blur, lit, own.coordinate, own.variance
         )
     out = {axis: [np.full(shape, fill, np.float32) for fill in (np.nan, np.inf)] for axis in "uv"}
     flags = shared.flags.copy()

@@ -1,45 +1,47 @@
 """What a display does to a fringe: it is a grid of cells, read through the footprint of a pixel and a blur.
 
-A pixel that averages w cells of the map (a box), after a cell (a box of one) and a Gaussian blur of b cells, turns a
-fringe of P cells into itself and sidebands of frequency 1/P + m, m = +-1, +-2, ... It reads u + e(u) instead of u,
+A pixel at u takes the share W(k - u) of the light of cell k, W being a box of one cell, a box of the w cells that the
+pixel covers and a Gaussian of b cells in convolution. Of a fringe of P cells it reads u + e(u),
 
-    e = P / 2 pi arg(1 + sum over m of A_m exp(2 pi i m u)),
-    A_m = (-1)^m / (1 + m P) sinc((1/P + m) w) / sinc(w / P) T^(m^2 + 2 m / P),    T = exp(-2 (pi b)^2),
+    e(u) = P / 2 pi arg(sum over k of W(k - u) exp(2 pi i (k - u) / P)),
 
-and several periods share in the coordinate by their information N_j / P_j^2 (contrast_j)^2. The blur is what the
+periodic in u with a cell: for a sharp display treads of 1 - w on which u cannot be told. Several periods share in the coordinate by their information N_j / P_j^2 (contrast_j)^2. The blur is what the
 map tells itself: second differences of neighbours hold those of e, and the blur whose e leaves least of them is taken
 if it leaves significantly less than none does. Then E[u | reading] replaces the reading, and what is unsure (Var[u |
 reading], and the range of blurs that explain the map as well) joins the variance. Where the map does not tell, nothing
-is taken off and all that may be there joins the variance.
+is taken off and all that may be there joins the variance. What neighbours then still show beyond noise joins it, too.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from .noise import Sample
 from .plan import AxisPlan, Fringe
 
-__all__ = ["Pixelation", "cell_error", "measured_pixelation", "no_pixelation", "table_rounding"]
+__all__ = ["Pixelation", "cell_error", "cell_light", "measured_pixelation", "no_pixelation", "table_rounding"]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 #: Places of a cell, widths of a footprint (cells) and blurs (cells rms) that are tabled.
-PLACES = 64
+PLACES = 128
+#: Pixels on either side over which a footprint is taken: over fewer the cells themselves would count as gradient.
+REACH = 4
 _WIDEST = 2.5
 WIDTHS = np.linspace(0.0, _WIDEST, 51)
 _BLURS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7)
-#: Harmonics of the cells; finer places on which readings are inverted.
-_TERMS, _FINE = 4, 128
+#: Finer places on which readings are inverted.
+_FINE = 256
 #: Change of chi2 that is significant (three deviations).
 _SIGNIFICANT = 9.0
 #: Squared deviations beyond which a second difference says nothing of cells.
 _OUTLYING = 400.0
-#: Footprint over period beyond which a fringe is not seen.
-_BLIND = 0.9
+#: Pixels that tell it.
+_FEWEST = 200
 #: Share of sigma that may be left out.
 _SLIGHT = 0.1
 #: Pixels of the sample that are compared at most.
@@ -48,14 +50,16 @@ _MOST = 4096
 
 @dataclass(frozen=True, slots=True)
 class Pixelation:
-    """What is added to a reading, and its variance, by footprint (51,) and place in the cell (64,), cells.
+    """What is added to a reading, and its variance, by footprint (51,) and place in the cell (128,), cells.
 
-    blur: rms, cells; NaN where the map does not tell it. reach: rms extent of what a pixel sees beyond its centre.
+    blur: rms, cells; NaN where the map does not tell it. roughness: variance (px^2) that neighbours show beyond noise
+    and cells: whatever else the frames hold that was not described.
     """
 
     shift: F32
     variance: F32
     blur: float
+    roughness: float = 0.0
 
     @property
     def reach(self) -> float:
@@ -80,19 +84,34 @@ def shares_of(axis: AxisPlan) -> tuple[tuple[float, float], ...]:
     return tuple((period, share) for period, share in pairs if share > 0.01)
 
 
-def cell_error(shares: tuple[tuple[float, float], ...], width: Any, blur: float, place: F64) -> F64:
+def cell_light(distance: F64, width: F64, blur: float) -> F64:
+    """Share of a cell's light in a pixel, by the distance of their centres: box * box * Gaussian.
+
+    distance, width (footprint, > 0), blur (rms): cells, arrays that broadcast. The second difference of the Gaussian
+    integrated twice, R(t) = t Phi(t / b) + b phi(t / b), over both boxes.
+    """
+    spread = max(blur, 1e-3)
+
+    def twice(t: F64) -> F64:
+        z = t / spread
+        return np.asarray(t * ndtr(z) + spread * np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi))
+
+    far, near = (1 + width) / 2, (1 - width) / 2
+    ends = twice(distance + far) - twice(distance + near) - twice(distance - near) + twice(distance - far)
+    return np.asarray(ends / width)
+
+
+def cell_error(shares: tuple[tuple[float, float], ...], width: F64, blur: float, place: F64) -> F64:
     """e (W, K) in cells at places (K,) (cells) for footprints (W,)."""
-    m = np.concatenate([np.arange(1, _TERMS + 1), -np.arange(1, _TERMS + 1)])
-    waves = np.exp(2j * np.pi * m[:, None] * place)
-    width = np.atleast_1d(np.asarray(width, np.float64))[:, None]
-    left = max(np.exp(-2 * (np.pi * blur) ** 2), 1e-12)
+    reach = int(np.ceil(width.max() / 2 + 0.5 + 5 * blur)) + 1
+    cell = np.arange(-reach, reach + 2)
+    distance = (cell[:, None] - place)[:, None, :]  # (cells, 1, K)
+    light = cell_light(distance, np.maximum(width, 0.02)[None, :, None], blur)
     error, weight = np.zeros((2, len(width), len(place)))
     for period, share in shares:
-        seen = np.sinc(np.minimum(width, _BLIND * period) / period)
-        bands = left ** (m * m + 2 * m / period) * np.sinc((1 / period + m) * width) / seen
-        light = 1 + (bands * (-1.0) ** m / (1 + m * period)) @ waves
-        own = share * (left ** (period**-2.0) * seen) ** 2 * np.abs(light) ** 2
-        error += own * period / (2 * np.pi) * np.angle(light)
+        seen = np.einsum("cwk,ck->wk", light, np.exp(2j * np.pi / period * distance[:, 0]))
+        own = share * np.abs(seen) ** 2
+        error += own * period / (2 * np.pi) * np.angle(seen)
         weight += own
     return np.asarray(error / weight)
 
@@ -113,22 +132,28 @@ def _inverted(shares: tuple[tuple[float, float], ...], blur: float, sigma: float
     return shift.astype(np.float32), np.maximum(variance, 0).astype(np.float32)
 
 
-def measured_pixelation(axis: AxisPlan, blur: float | None, lit: Sample, coord: F32, variance: F32) -> Pixelation:
+def measured_pixelation(
+    axis: AxisPlan, on_cells: bool, blur: float | None, lit: Sample, coord: F32, variance: F32
+) -> Pixelation:
     """From the decoded map (H, W) of an axis and its variance at the sampled pixels that see the pattern.
 
-    blur: rms, cells, if it is known.
+    on_cells: the fringes were shown on cells; blur: rms, cells, if it is known.
     """
-    shares = shares_of(axis)
-    if not shares:
-        return no_pixelation()
+    shares = shares_of(axis) if on_cells else ()
     seen = _neighbours(lit, coord, variance)
-    sigma = 0.05 if seen is None else float(np.sqrt(np.median(seen.noise) / 6))
+    if not shares:
+        return replace(no_pixelation(), roughness=0.0 if seen is None else _roughness(seen, seen.place))
+    sigma = 0.05 if seen is None else float(np.sqrt(np.median(seen.noise)))
     usual = float(2.0 ** np.clip(np.rint(2 * np.log2(max(sigma, 1e-6))) / 2, -8, -1))
-    if blur is not None:
-        return _table(shares, blur, (blur, blur), usual)
     if seen is None:
-        return _table(shares, float("nan"), (0.0, 0.0), usual)
-    return _table(shares, *_fitted_blur(shares, usual, seen), usual)
+        return _table(shares, float("nan") if blur is None else blur, (blur or 0.0,) * 2, usual)
+    if blur is None:
+        blur, allowed = _fitted_blur(shares, usual, seen)
+        found = _table(shares, blur, allowed, usual)
+    else:
+        found = _table(shares, blur, (blur, blur), usual)
+    sure = replace(seen, noise=seen.noise + seen.looked_up(found.variance)[2]) if found.shift.size else seen
+    return replace(found, roughness=_roughness(sure, seen.place + seen.looked_up(found.shift)))
 
 
 def _table(
@@ -149,49 +174,69 @@ def _table(
 
 
 @dataclass(frozen=True, slots=True)
-class _Three:
-    """Readings (3, K) of neighbours in a row, their footprint (K,) and the variance of their second difference."""
+class _Neighbours:
+    """Readings (5, K) of neighbours in a row, their footprint (K,) and variance (K,)."""
 
     place: F32
     width: F32
     noise: F32
 
+    def looked_up(self, table: F32) -> Any:
+        """Entries (5, K) of a table by place and between footprints; 0 of an empty one."""
+        if not table.size:
+            return np.float32(0)
+        k = np.minimum((self.width / WIDTHS[1]).astype(int), len(WIDTHS) - 2)
+        part = (self.width / WIDTHS[1] - k).astype(np.float32)
+        i = np.rint((self.place - np.floor(self.place)) * PLACES).astype(int) % PLACES
+        return (1 - part) * table[k, i] + part * table[k + 1, i]
 
-def _neighbours(lit: Sample, coord: F32, variance: F32) -> _Three | None:
+
+def _neighbours(lit: Sample, coord: F32, variance: F32) -> _Neighbours | None:
     """Of neighbours along the direction in which the coordinate changes most."""
     row, col = lit.places[:: max(1, len(lit.places) // _MOST)].T
-    inside = (col > 0) & (col < coord.shape[1] - 1) & (row > 0) & (row < coord.shape[0] - 1)
+    rows, cols = coord.shape
+    inside = (col >= REACH) & (col < cols - REACH) & (row >= REACH) & (row < rows - REACH)
     row, col = row[inside], col[inside]
-    along, down = (
-        np.stack([coord[row + d * y, col + d * x] for d in (-1, 0, 1)]) for y, x in ((0, 1), (1, 0))
-    )
-    steps = [0.5 * np.abs(three[2] - three[0]) for three in (along, down)]
+    lines = [np.stack([coord[row + d * y, col + d * x] for d in range(-2, 3)]) for y, x in ((0, 1), (1, 0))]
+    steps = [
+        np.abs(coord[row + REACH * y, col + REACH * x] - coord[row - REACH * y, col - REACH * x]) / (2 * REACH)
+        for y, x in ((0, 1), (1, 0))
+    ]
+    noise = variance[row, col]
     with np.errstate(invalid="ignore"):
-        take = steps[0] >= steps[1]
-        three = np.where(take, along, down)
-        y, x = np.where(take, 0, 1), np.where(take, 1, 0)
-        noise = variance[row - y, col - x] + 4 * variance[row, col] + variance[row + y, col + x]
-        bend, width = three[0] - 2 * three[1] + three[2], np.hypot(*steps)
-        keep = (noise < 1) & (width < _WIDEST) & (np.abs(bend) < 1)
-    if np.count_nonzero(keep) < 200:
+        five, width = np.where(steps[0] >= steps[1], *lines), np.hypot(*steps)
+        keep = (noise < 1 / 6) & (width < _WIDEST - WIDTHS[1]) & (np.abs(np.diff(five, 2, axis=0)).max(axis=0) < 1)
+    if np.count_nonzero(keep) < _FEWEST:
         return None
-    return _Three(three[:, keep], width[keep], noise[keep])
+    return _Neighbours(five[:, keep], width[keep], noise[keep])
+
+
+def _roughness(seen: _Neighbours, place: F32) -> float:
+    """Variance of a coordinate that fourth differences of neighbours, which no smooth map has, show beyond noise:
+    their variance is 1 + 16 + 36 + 16 + 1 times that of a coordinate."""
+    fourth = np.diff(place, 4, axis=0)[0] ** 2 / (70 * seen.noise)
+    kept = fourth[fourth < _OUTLYING]
+    excess = float(kept.mean()) - 1 if len(kept) else 0.0
+    sure = 3 * np.sqrt(2 / max(len(kept), 1))
+    return float(np.median(seen.noise)) * excess if excess > max(sure, _SLIGHT) else 0.0
 
 
 def _fitted_blur(
-    shares: tuple[tuple[float, float], ...], sigma: float, seen: _Three
+    shares: tuple[tuple[float, float], ...], sigma: float, seen: _Neighbours
 ) -> tuple[float, tuple[float, float]]:
     """The blur whose correction leaves least of the second differences (NaN: none leaves significantly less), and
     the ends of those that do as well. The curvature of the map itself counts as noise."""
-    k = np.minimum(np.rint(seen.width / WIDTHS[1]).astype(int), len(WIDTHS) - 1)
-    i = np.rint((seen.place - np.floor(seen.place)) * PLACES).astype(int) % PLACES
     chi2 = []
     for blur in (*_BLURS, None):
-        three = seen.place if blur is None else seen.place + _inverted(shares, blur, sigma)[0][k, i]
-        bend = three[0] - 2 * three[1] + three[2]
-        chi2.append(np.minimum(bend**2 / seen.noise, _OUTLYING))
+        shift = doubt = np.zeros(1, np.float32)
+        if blur is not None:
+            shift, doubt = (seen.looked_up(table) for table in _inverted(shares, blur, sigma))
+            doubt = doubt[1] + 4 * doubt[2] + doubt[3]
+        bend = np.diff((seen.place + shift)[1:4], 2, axis=0)[0]
+        growth = 1 + doubt / (6 * seen.noise)
+        chi2.append(np.minimum(bend**2 / (6 * seen.noise * growth), _OUTLYING) + np.log(growth))
     left = np.sum(chi2, axis=1)
-    left /= max(1.0, float(left.min()) / len(k))
+    left /= max(1.0, float(left.min()) / len(seen.noise))
     best = int(np.argmin(left[:-1]))
     near = np.flatnonzero(left[:-1] <= left.min() + _SIGNIFICANT)
     allowed = (_BLURS[near[0]], _BLURS[near[-1]]) if len(near) else (_BLURS[-1], _BLURS[-1])
@@ -199,10 +244,11 @@ def _fitted_blur(
     return (_BLURS[best] if told else float("nan")), allowed
 
 
-def table_rounding(fringe: Fringe, tables: NDArray[np.uint8]) -> float:
-    """Variance (turns^2) of the phase of a cell by the rounding of its grey values; tables (N, extent)."""
+def table_rounding(fringe: Fringe, tables: NDArray[np.uint8]) -> tuple[float, float]:
+    """Mean and variance (turns, turns^2) of a cell's phase error by the rounding of its grey values; tables
+    (N, extent): grey values along the axis."""
     inverse = np.linalg.pinv(fringe.design())
-    place = np.arange(tables.shape[1])
     c, s = inverse[1:] @ tables[list(fringe.index)].astype(np.float64)
-    turns = np.arctan2(s, c) / (2 * np.pi) - place / fringe.period
-    return float(np.var(turns - np.rint(turns)))
+    turns = np.arctan2(s, c) / (2 * np.pi) - np.arange(tables.shape[1]) / fringe.period
+    turns -= np.rint(turns)
+    return float(turns.mean()), float(turns.var())

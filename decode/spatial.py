@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from optolever.kernels import exact, kernel
 
 from .correspondence import Flag
-from .display import PLACES, WIDTHS, Pixelation
+from .display import PLACES, REACH, WIDTHS, Pixelation
 
 __all__ = ["Raw", "check_rows"]
 
@@ -51,7 +51,8 @@ def check_rows(
     extent, jump, least = limits
     _check(
         *(*rows, raw.coordinate, raw.variance, *common, pixelation.shift, pixelation.variance),
-        *(np.float32(pixelation.reach), np.float32(extent), np.float32(jump), np.float32(least), *out),
+        *np.float32((pixelation.roughness, pixelation.reach, extent, jump, least)),
+        *out,
     )
 
 
@@ -65,6 +66,7 @@ def _check(
     amplitude: Any,
     shift: Any,
     unsure: Any,
+    roughness: Any,
     reach: Any,
     extent: Any,
     jump: Any,
@@ -87,8 +89,10 @@ def _check(
             *(flags[y], flags[up], flags[down], jump, low, high, bend[0], bend[1], special),
         )
         if shift.size > 0:
+            far, near = min(y + REACH, rows - 1), max(y - REACH, 0)
             _corrected_line(
-                coord[y], coord[up], coord[down], variance[y], np.float32(down - up), shift, unsure, out[y], sigma[y]
+                *(coord[y], coord[near], coord[far], variance[y], np.float32(far - near)),
+                *(shift, unsure, out[y], sigma[y]),
             )
         else:
             out[y, :] = coord[y]
@@ -99,13 +103,13 @@ def _check(
                 border, dark = _border(coord[y, x], bend[0, x], bend[1, x], reach, extent)
                 sigma[y, x] += lost + dark
                 out_flags[y, x] |= flag | border
-        _root(sigma[y], least)
+        _root(sigma[y], roughness, least)
 
 
 @kernel
-def _root(sigma: Any, least: Any) -> None:
+def _root(sigma: Any, roughness: Any, least: Any) -> None:
     for x in range(sigma.size):
-        sigma[x] = max(np.sqrt(sigma[x]), least)
+        sigma[x] = max(np.sqrt(sigma[x] + roughness), least)
 
 
 @kernel
@@ -149,19 +153,25 @@ def _corrected_line(
 ) -> None:
     """Pixelation taken off a line; its doubt joins the variance."""
     last, one, half = c.size - 1, np.float32(1), np.float32(0.5)
-    per_width, most = np.float32(1 / WIDTHS[1]), np.float32(shift.shape[0] - 1)
+    per_width, most = np.float32(1 / WIDTHS[1]), np.float32(shift.shape[0] - 1.001)
     per_row = one / max(rows, one)
-    at = np.empty(c.size, np.int32)
-    for x in range(1, last):
-        gx, gy = half * (c[x + 1] - c[x - 1]), per_row * (below[x] - above[x])
-        width = min(np.sqrt(gx * gx + gy * gy) * per_width + half, most)
-        place = (c[x] - np.floor(c[x])) * np.float32(PLACES)
-        at[x] = np.int32(width) * np.int32(PLACES) + (np.int32(place + half) & np.int32(PLACES - 1))
-    at[0], at[last] = at[1], at[last - 1]
+    at, part = np.empty(c.size, np.int32), np.empty(c.size, np.float32)
+    per_col, reach = np.float32(0.5 / REACH), min(REACH, last // 2)
+    for x in range(reach, last + 1 - reach):
+        gx, gy = per_col * (c[x + reach] - c[x - reach]), per_row * (below[x] - above[x])
+        part[x] = min(np.sqrt(gx * gx + gy * gy) * per_width, most)
+    for x in range(reach):  # at the ends the footprint of the nearest pixel that has one
+        part[x], part[last - x] = part[reach], part[last - reach]
+    for x in range(c.size):
+        width, place = np.int32(part[x]), (c[x] - np.floor(c[x])) * np.float32(PLACES)
+        at[x] = width * np.int32(PLACES) + (np.int32(place + half) & np.int32(PLACES - 1))
+        part[x] -= np.float32(width)
     shifts, doubts = shift.ravel(), unsure.ravel()
     for x in range(c.size):
-        out[x] = c[x] + shifts[at[x]]
-        total[x] = var[x] + doubts[at[x]]
+        i, p = at[x], part[x]
+        j = i + np.int32(PLACES)
+        out[x] = c[x] + (one - p) * shifts[i] + p * shifts[j]
+        total[x] = var[x] + (one - p) * doubts[i] + p * doubts[j]
 
 
 @exact
@@ -223,7 +233,8 @@ def _border(c: Any, gx: Any, gy: Any, reach: Any, extent: Any) -> tuple[Any, Any
     if extent <= 0:
         return np.uint16(0), np.float32(0)
     deviation = np.sqrt(reach * reach + (gx * gx + gy * gy) * np.float32(1 / 12))
-    away = min(c + np.float32(0.5), extent - np.float32(0.5) - c)
+    # the dark beyond draws readings inwards, to the centre of the outermost cell of a sharp display
+    away = min(c + np.float32(0.5), extent - np.float32(0.5) - c) - np.float32(0.25)
     if away > np.float32(4) * deviation:
         return np.uint16(0), np.float32(0)
     dark = np.float32(0.5 * math.erfc(away / (deviation * 1.4142135623730951)))
