@@ -14,7 +14,7 @@ from optolever.patterns import Sequence
 
 from .axis import AxisDecoder, axis_decoder
 from .correspondence import Correspondence
-from .display import measured_pixelation
+from .display import measured_pixelations
 from .exposures import better_of, by_exposure
 from .flags import Limits, Shared, limits_of, merge
 from .frames import Light, light_of
@@ -152,24 +152,21 @@ def _among_neighbours(
     silent = bool(noise.variance(float(lit.levels.mean()) if lit.levels.size else 0.0) < 1.5 / 12)
     least = _LEAST_SIGMA if silent else 0.0
     cells = options.on_cells and not sequence.nominal
-    tables = {}
-    for decoder in decoders:
-        own = raw[decoder.axis.axis]
-        tables[decoder.axis.axis] = measured_pixelation(
-            decoder.axis, cells, options.blur, lit, own.coordinate, own.variance
-        )
+    maps = tuple((one.coordinate, one.variance) for one in raw.values())
+    axes = tuple(decoder.axis for decoder in decoders)
+    pixelations = measured_pixelations(axes, maps, cells, options.blur, lit)
     out = {axis: [np.full(shape, fill, np.float32) for fill in (np.nan, np.inf)] for axis in "uv"}
     flags = shared.flags.copy()
 
     def block(start: int, stop: int) -> None:
-        for decoder in decoders:
+        for decoder, pixelation in zip(decoders, pixelations, strict=True):
             name = decoder.axis.axis
             extent = float(decoder.axis.extent) if cells else 0.0
             check_rows(
                 (start, stop),
                 raw[name],
                 (shared.flags, shared.amplitude),
-                tables[name],
+                pixelation,
                 (extent, decoder.jump, least),
                 (*out[name], flags),
             )

@@ -23,7 +23,7 @@ from scipy.special import ndtr
 from .noise import Sample
 from .plan import AxisPlan, Fringe
 
-__all__ = ["Pixelation", "cell_error", "cell_light", "measured_pixelation", "no_pixelation", "table_rounding"]
+__all__ = ["Pixelation", "cell_error", "cell_light", "measured_pixelations", "no_pixelation", "table_rounding"]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -132,26 +132,36 @@ def _inverted(shares: tuple[tuple[float, float], ...], blur: float, sigma: float
     return shift.astype(np.float32), np.maximum(variance, 0).astype(np.float32)
 
 
-def measured_pixelation(
-    axis: AxisPlan, on_cells: bool, blur: float | None, lit: Sample, coord: F32, variance: F32
-) -> Pixelation:
-    """From the decoded map (H, W) of an axis and its variance at the sampled pixels that see the pattern.
+def measured_pixelations(
+    axes: tuple[AxisPlan, ...], maps: tuple[tuple[F32, F32], ...], on_cells: bool, blur: float | None, lit: Sample
+) -> list[Pixelation]:
+    """Of each axis, from its decoded map (H, W) and variance at the sampled pixels that see the pattern.
 
-    on_cells: the fringes were shown on cells; blur: rms, cells, if it is known.
+    on_cells: fringes were shown on cells; blur: rms, cells, if it is known. Both axes are of one display: the blur is
+    what explains both.
     """
-    shares = shares_of(axis) if on_cells else ()
-    seen = _neighbours(lit, coord, variance)
-    if not shares:
-        return replace(no_pixelation(), roughness=0.0 if seen is None else _roughness(seen, seen.place))
-    sigma = 0.05 if seen is None else float(np.sqrt(np.median(seen.noise)))
-    usual = float(2.0 ** np.clip(np.rint(2 * np.log2(max(sigma, 1e-6))) / 2, -8, -1))
+    shares = [shares_of(axis) if on_cells else () for axis in axes]
+    seen = [_neighbours(lit, *own) for own in maps]
+    sigmas = [0.05 if one is None else float(np.sqrt(np.median(one.noise))) for one in seen]
+    usual = [float(2.0 ** np.clip(np.rint(2 * np.log2(max(sigma, 1e-6))) / 2, -8, -1)) for sigma in sigmas]
+    allowed = (0.0, 0.0) if blur is None else (blur, blur)
+    asked = [each for each in zip(shares, usual, seen, strict=True) if each[0] and each[2] is not None]
+    if blur is None and asked:
+        blur, allowed = _fitted_blur(np.sum([_misfits(*each) for each in asked], axis=0))
+    known = float("nan") if blur is None else blur
+    return [_pixelation(*each, known, allowed) for each in zip(shares, usual, seen, strict=True)]
+
+
+def _pixelation(
+    shares: tuple[tuple[float, float], ...],
+    sigma: float,
+    seen: "_Neighbours | None",
+    blur: float,
+    allowed: tuple[float, float],
+) -> Pixelation:
+    found = _table(shares, blur, allowed, sigma) if shares else no_pixelation()
     if seen is None:
-        return _table(shares, float("nan") if blur is None else blur, (blur or 0.0,) * 2, usual)
-    if blur is None:
-        blur, allowed = _fitted_blur(shares, usual, seen)
-        found = _table(shares, blur, allowed, usual)
-    else:
-        found = _table(shares, blur, (blur, blur), usual)
+        return found
     sure = replace(seen, noise=seen.noise + seen.looked_up(found.variance)[2]) if found.shift.size else seen
     return replace(found, roughness=_roughness(sure, seen.place + seen.looked_up(found.shift)))
 
@@ -221,11 +231,9 @@ def _roughness(seen: _Neighbours, place: F32) -> float:
     return float(np.median(seen.noise)) * excess if excess > max(sure, _SLIGHT) else 0.0
 
 
-def _fitted_blur(
-    shares: tuple[tuple[float, float], ...], sigma: float, seen: _Neighbours
-) -> tuple[float, tuple[float, float]]:
-    """The blur whose correction leaves least of the second differences (NaN: none leaves significantly less), and
-    the ends of those that do as well. The curvature of the map itself counts as noise."""
+def _misfits(shares: tuple[tuple[float, float], ...], sigma: float, seen: _Neighbours) -> F64:
+    """-2 log likelihood of second differences after the correction for each blur, and for none. The curvature of
+    the map itself counts as noise."""
     chi2 = []
     for blur in (*_BLURS, None):
         shift = doubt = np.zeros(1, np.float32)
@@ -236,7 +244,12 @@ def _fitted_blur(
         growth = 1 + doubt / (6 * seen.noise)
         chi2.append(np.minimum(bend**2 / (6 * seen.noise * growth), _OUTLYING) + np.log(growth))
     left = np.sum(chi2, axis=1)
-    left /= max(1.0, float(left.min()) / len(seen.noise))
+    return np.asarray(left / max(1.0, float(left.min()) / len(seen.noise)))
+
+
+def _fitted_blur(left: F64) -> tuple[float, tuple[float, float]]:
+    """The blur whose correction leaves least (NaN: none leaves significantly less), and the ends of those that do as
+    well."""
     best = int(np.argmin(left[:-1]))
     near = np.flatnonzero(left[:-1] <= left.min() + _SIGNIFICANT)
     allowed = (_BLURS[near[0]], _BLURS[near[-1]]) if len(near) else (_BLURS[-1], _BLURS[-1])
