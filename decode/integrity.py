@@ -1,0 +1,316 @@
+"""Are the frames those that the sequence describes? Swapped, lost, repeated, replaced and torn ones, named.
+
+Some hundred pixels that see the pattern, each with a neighbour on either side, are explained by every axis on its
+own (see sample_fit). A wrong frame shows in what stays unexplained, where the code is redundant, and in places that
+jump or fold along the picture that was shown instead, where it is not. Depth edges, shadows and gloss do both, too,
+at pixels that no single fault mends. So every single fault is tried in turn, and the one is named that mends many
+of these pixels and breaks hardly any other. Faults that are another scene's perfect picture stay unseen.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from math import erfc, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optolever.errors import InputError
+from optolever.patterns import Sequence
+
+from .correspondence import Correspondence
+from .exposures import by_exposure, numbered
+from .frames import Light, light_of, sample_levels
+from .noise import Noise, Sample, estimate_noise, sampled
+from .plan import AxisPlan, Plan, constraints
+from .sample_fit import AxisTable, axis_tables, bends, misfit_at, places
+
+__all__ = ["Finding", "Integrity", "check", "examine", "spoilt_pixels"]
+
+F32 = NDArray[np.float32]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+#: Pixels that are looked at, with four neighbours each; fewest that tell anything.
+_PIXELS, _FEWEST = 400, 32
+#: Pixels of the search's first round, and faults of its second.
+_FIRST, _SECOND = 64, 8
+#: Distance of neighbours: share of the image's width, px at least and at most.
+_APART, _NEAR, _FAR = 1 / 40, 3, 8
+#: Of a pixel's contrast, what its neighbours have at least.
+_ALIKE = 0.3
+#: Cost above which nothing is worse: log(1 + z^2) at z = 3.
+_MOST = 2.3
+#: Misfit (sum of squares over B^2) that has no cost to speak of: JPEG, weak finest bits; at most and at least.
+_MISFIT = (0.2, 1.0)
+#: Bend of the place that has no cost to speak of, cells.
+_BEND = 1.5
+#: Cost by which a pixel is mended, or broken.
+_MENDED = 0.7
+#: Difference of two frames that show the same, share of the contrast; share of the pixels where they do.
+_SAME, _MOSTLY = 0.35, 0.95
+#: Probability by chance, of all faults tried, above which nothing is named.
+_CHANCE = 1e-3
+#: Fewest pixels that are mended; share of the best fault's margin from which on another one may be it as well.
+_LEAST, _TIED = 8, 0.9
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A fault: numbers of the frames, what kind, and a sentence; `spoilt` frames are not those described, in
+    rows start..stop (None: all); span: axis and coordinates between which pixels saw them (None: everywhere).
+
+    kind: swapped | lost | repeated | replaced (by another frame) | torn | foreign (shows something else) |
+    inconsistent (something is wrong, and nothing tells with which frame: none is spoilt).
+    confidence: probability that it is no chance; share: of the lit pixels that it mends; leave_out: frames
+    without which the others still decode.
+    """
+
+    frames: tuple[int, ...]
+    kind: str
+    sentence: str
+    spoilt: tuple[int, ...] = ()
+    rows: tuple[int, int] | None = None
+    span: tuple[str, float, float] | None = None
+    confidence: float = 1.0
+    share: float = 0.0
+    leave_out: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Integrity:
+    """findings: none, if nothing is wrong that the code can tell; constraints: how many it obeys."""
+
+    findings: tuple[Finding, ...]
+    constraints: int
+
+
+def check(frames: ArrayLike, sequence: Sequence, found: Correspondence | None = None) -> Integrity:
+    """Look for a frame that is not what the sequence describes.
+
+    frames (N, H, W), frame i as sequence.frames[i] describes it; found: what decode made of them, which saves
+    the look-up of places that are right. Some 2000 pixels are looked at.
+    """
+    stack = np.asarray(frames)
+    if stack.ndim != 3 or len(stack) != len(sequence):
+        raise InputError(f"check: frames have shape {stack.shape}, sequence describes {len(sequence)} images")
+    light = light_of(stack, sequence)
+    findings: list[Finding] = []
+    count = 0
+    for part in by_exposure(sequence):
+        plan = numbered(part)
+        noise, lit = estimate_noise(light, plan, sampled(light))
+        findings += examine(light, plan, noise, lit, found)
+        count += sum(len(group) for group in constraints(plan, len(stack))[-1:])
+    return Integrity(tuple(dict.fromkeys(findings)), count)
+
+
+def examine(
+    light: Light, plan: Plan, noise: Noise, lit: Sample, found: Correspondence | None = None
+) -> tuple[Finding, ...]:
+    """The fault that explains what single pixels and their neighbours say; none, if there is none.
+
+    lit: pixels that see the pattern.
+    """
+    crosses = _crosses(light, plan, lit)
+    if crosses is None:
+        return ()
+    finding = _single_fault(crosses, light.raw.shape[1])
+    return () if finding is None else (replace(finding, leave_out=_left_out(finding, plan)),)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Crosses:
+    """Levels (N, 5, T) of pixels and of their neighbours to the left, right, above and below; rows (T,); half of
+    what a pixel's levels span (T,); tables of the axes, and scale of misfit and bend of each."""
+
+    levels: F32
+    row: Ints
+    contrast: F32
+    tables: tuple[AxisTable, ...]
+    scales: tuple[tuple[float, float], ...]
+
+    def only(self, keep: Any) -> "_Crosses":
+        return replace(self, levels=self.levels[:, :, keep], row=self.row[keep], contrast=self.contrast[keep])
+
+
+def _crosses(light: Light, plan: Plan, lit: Sample) -> _Crosses | None:
+    _, height, width = light.raw.shape
+    apart = min(max(round(width * _APART), _NEAR), _FAR)
+    # by chance, as every so many pixels may be a fringe's period
+    order = np.random.default_rng(0).permutation(len(lit.places))[:_PIXELS]
+    around = np.array([[0, 0], [0, -apart], [0, apart], [-apart, 0], [apart, 0]])
+    at = lit.places[np.sort(order)] + around[:, None]
+    at = at[:, ((at >= 0) & (at < (height, width))).all(axis=(0, 2))]
+    used = sorted({i for table in axis_tables(plan) for i in table.frames.tolist()})
+    levels = sample_levels(light, at.reshape(-1, 2)).reshape(len(light.raw), 5, -1)
+    contrast = np.ptp(levels[used], axis=0) / 2 if used else np.zeros(levels.shape[1:])
+    whole = (contrast > _ALIKE * contrast[0]).all(axis=0)  # not where a sample is NaN
+    if np.count_nonzero(whole) < _FEWEST:
+        return None
+    crosses = _Crosses(levels[:, :, whole], at[0, whole, 0], contrast[0, whole], axis_tables(plan), ())
+    order = np.arange(len(levels))
+    scales = []
+    for table in crosses.tables:
+        misfit, bend = _measures(crosses, table, order)
+        cell = table.axis.code.cell if table.axis.code else 1.0
+        scales.append((
+            float(np.clip(np.median(misfit), *_MISFIT)),
+            max(_BEND * max(cell, 1.0), 3 * float(np.quantile(bend, 0.3))),
+        ))
+    return replace(crosses, scales=tuple(scales))
+
+
+def _measures(crosses: _Crosses, table: AxisTable, order: Ints) -> tuple[F32, F32]:
+    """Misfit (P, T) and bends (2, T) of an axis, whose frame f is image order[f] (-1: none)."""
+    source = order[table.frames]
+    free = int(table.frames[np.argmin(source)]) if source.min() < 0 else -1
+    pixels = 5 if table.axis.code is not None else 1
+    levels = crosses.levels[np.maximum(source, 0), :pixels]
+    levels = levels.reshape(len(source), -1) / table.exposure[:, None]
+    place = places(table, levels, free)
+    misfit = np.min([misfit_at(table, levels, one, free)[0] for one in place], axis=0).reshape(pixels, -1)
+    if pixels == 1:
+        return misfit, np.zeros((2, misfit.shape[1]), np.float32)
+    return misfit, bends(place.reshape(len(place), 5, -1))
+
+
+def _cost(crosses: _Crosses, order: Ints, base: F32 | None = None) -> F32:
+    """Cost (axes, T) of every pixel; base: of the images in their own places, kept where an axis is untouched."""
+    costs = []
+    for k, table in enumerate(crosses.tables):
+        if base is not None and np.array_equal(order[table.frames], table.frames):
+            costs.append(base[k])
+            continue
+        misfit, bend = _measures(crosses, table, order)
+        odd, rough = crosses.scales[k]
+        costs.append(
+            np.minimum(np.log1p(misfit / odd), _MOST).mean(axis=0)
+            + np.minimum(np.log1p((bend / rough) ** 2), _MOST).sum(axis=0)
+        )
+    return np.asarray(costs, np.float32).reshape(len(crosses.tables), -1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Trial:
+    """A fault that was tried, and by how much it lowers the cost of pixels (T,); usual: how many are mended
+    where there is no such fault."""
+
+    finding: Finding
+    gain: F32
+    usual: int = 0
+
+    @property
+    def mended(self) -> int:
+        return int(np.count_nonzero(self.gain > _MENDED))
+
+    @property
+    def broken(self) -> int:
+        return int(np.count_nonzero(self.gain < -_MENDED))
+
+    @property
+    def margin(self) -> float:
+        return float(self.gain.sum())
+
+
+def _single_fault(crosses: _Crosses, rows: int) -> Finding | None:
+    count = len(crosses.levels)
+    base = _cost(crosses, np.arange(count))
+    total = base.sum(axis=0)
+    without = np.stack([_cost(crosses, _without(count, i), base).sum(axis=0) for i in range(count)])
+    first = np.argsort(total)[-_FIRST:]
+    some, own = crosses.only(first), base[:, first]
+    tried = [(finding, order, float((own - _cost(some, order, own)).sum())) for finding, order in _faults(count)]
+    tried.sort(key=lambda trial: -trial[2])
+    trials = []
+    for finding, order, _ in tried[:_SECOND]:
+        known = total
+        if order.min() < 0:  # what it is worth to know less is no gain of the fault
+            known = min(total, without[np.argmin(order)], without[-1], key=np.sum)
+        trials.append(_Trial(finding, known - _cost(crosses, order, base).sum(axis=0)))
+    trials += _replacements(crosses, total - without, rows)
+    trials = [trial for trial in trials if _chance(trial) * len(tried) < _CHANCE]
+    if not trials:
+        return None
+    best = max(trials, key=lambda trial: trial.margin)
+    alike = [t for t in trials if t.margin >= _TIED * best.margin and t.finding.kind == best.finding.kind]
+    told = " or ".join(dict.fromkeys(t.finding.sentence for t in alike[:4]))
+    return replace(
+        best.finding,
+        frames=tuple(sorted({i for t in alike for i in t.finding.frames})),
+        spoilt=tuple(sorted({i for t in alike for i in t.finding.spoilt})),
+        sentence=told,
+        confidence=1 - min(1.0, _chance(best) * len(tried)),
+        share=best.mended / len(total),
+    )
+
+
+def _without(count: int, frame: int) -> Ints:
+    order = np.arange(count)
+    order[frame] = -1
+    return order
+
+
+def _chance(trial: _Trial) -> float:
+    """Probability that as many more pixels are mended than broken (or mended without any fault) by chance."""
+    lost = max(trial.broken, trial.usual)
+    if trial.mended < _LEAST or trial.mended < 3 * lost:
+        return 1.0
+    return 0.5 * erfc((trial.mended - lost) / sqrt(2 * (trial.mended + lost)))
+
+
+def _faults(count: int) -> Iterator[tuple[Finding, Ints]]:
+    """Every fault that leaves all images whole, and which image is which frame under it (-1: none)."""
+    for i in range(count):
+        for j in range(i + 1, count):
+            order = np.arange(count)
+            order[[i, j]] = j, i
+            yield Finding((i, j), "swapped", f"frames {i} and {j} are in each other's place", (i, j)), order
+    for k in range(count - 1):
+        order = np.concatenate([np.arange(k), [-1], np.arange(k, count - 1)])
+        told = f"frame {k} is missing, those after it come one too early"
+        yield Finding((k,), "lost", told, tuple(range(k, count))), order
+    for k in range(1, count - 1):
+        order = np.concatenate([np.arange(k), np.arange(k + 1, count), [-1]])
+        told = f"frame {k - 1} is there twice, those after it come one late"
+        yield Finding((k,), "repeated", told, tuple(range(k, count))), order
+
+
+def _replacements(crosses: _Crosses, gains: F32, rows: int) -> Iterator[_Trial]:
+    """Frames that show another one instead, in all rows or on one side of a tear; gains (N, T): without each."""
+    mended = np.count_nonzero(gains > _MENDED, axis=1)
+    usual = int(np.median(mended))
+    by_row = np.argsort(crosses.row, kind="stable")
+    row, centre = crosses.row[by_row], crosses.levels[:, 0]
+    for i in np.flatnonzero(mended >= 3 * max(usual, 1)).tolist():
+        for j in range(len(gains)):
+            same = np.abs(centre[i] - centre[j]) < _SAME * crosses.contrast
+            for start, stop in _parts(same[by_row]) if i != j else ():
+                first, last = (int(row[start]) if start else 0), (int(row[stop]) if stop < len(row) else rows)
+                if (first, last) == (0, rows):
+                    finding = Finding((i,), "replaced", f"frame {i} is frame {j} again", (i,))
+                else:
+                    told = f"frame {i} is torn: in rows {first} to {last - 1} it shows frame {j}"
+                    finding = Finding((i,), "torn", told, (i,), (first, last))
+                yield _Trial(finding, gains[i, by_row[start:stop]], usual)
+
+
+def _parts(same: Mask) -> Iterator[tuple[int, int]]:
+    """Ranges from the first or to the last of sorted pixels, in which two frames are the same."""
+    count = len(same)
+    if same.mean() >= _MOSTLY:
+        yield 0, count
+        return
+    for flipped in (False, True):
+        run = same[::-1] if flipped else same
+        score = np.cumsum(np.where(run, 1 - _MOSTLY, -_MOSTLY))
+        length = int(np.argmax(score)) + 1
+        if length >= 8 and score[length - 1] > 0:
+            yield (count - length, count) if flipped else (0, length)
+
+
+def _left_out(finding: Finding, plan: Plan) -> tuple[int, ...]:
+    return ()
+
+
+def spoilt_pixels(finding: Finding, light: Light, plan: Plan, noise: Noise, found: Correspondence) -> Mask:
+    raise NotImplementedError
