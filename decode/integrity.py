@@ -33,7 +33,7 @@ Mask = NDArray[np.bool_]
 #: Pixels that are looked at, with four neighbours each; fewest that tell anything.
 _PIXELS, _FEWEST = 400, 32
 #: Pixels of the search's first round, and faults of its second.
-_FIRST, _SECOND = 64, 8
+_FIRST, _SECOND = 100, 16
 #: Distance of neighbours: share of the image's width, px at least and at most.
 _APART, _NEAR, _FAR = 1 / 40, 3, 8
 #: Of a pixel's contrast, what its neighbours have at least.
@@ -49,7 +49,7 @@ _MENDED = 0.7
 #: Difference of two frames that show the same, share of the contrast; share of the pixels where they do.
 _SAME, _MOSTLY = 0.35, 0.95
 #: Probability by chance, of all faults tried, above which nothing is named.
-_CHANCE = 1e-3
+_CHANCE = 0.01
 #: Fewest pixels that are mended; share of the best fault's margin from which on another one may be it as well.
 _LEAST, _TIED = 8, 0.9
 
@@ -154,7 +154,7 @@ def _crosses(light: Light, plan: Plan, lit: Sample) -> _Crosses | None:
         misfit, bend = _measures(crosses, table, order)
         cell = table.axis.code.cell if table.axis.code else 1.0
         scales.append((
-            float(np.clip(np.median(misfit), *_MISFIT)),
+            1.0 if table.axis.code and not table.axis.fringes else float(np.clip(np.median(misfit), *_MISFIT)),
             max(_BEND * max(cell, 1.0), 3 * float(np.quantile(bend, 0.3))),
         ))
     return replace(crosses, scales=tuple(scales))
@@ -193,11 +193,12 @@ def _cost(crosses: _Crosses, order: Ints, base: F32 | None = None) -> F32:
 @dataclass(frozen=True, slots=True, eq=False)
 class _Trial:
     """A fault that was tried, and by how much it lowers the cost of pixels (T,); usual: how many are mended
-    where there is no such fault."""
+    where there is no such fault; tried: number of such faults."""
 
     finding: Finding
     gain: F32
     usual: int = 0
+    tried: int = 1
 
     @property
     def mended(self) -> int:
@@ -217,7 +218,8 @@ def _single_fault(crosses: _Crosses, rows: int) -> Finding | None:
     base = _cost(crosses, np.arange(count))
     total = base.sum(axis=0)
     without = np.stack([_cost(crosses, _without(count, i), base).sum(axis=0) for i in range(count)])
-    first = np.argsort(total)[-_FIRST:]
+    costly = np.argsort(total)[len(total) // 2 :]
+    first = costly[:: max(1, len(costly) // _FIRST)]
     some, own = crosses.only(first), base[:, first]
     tried = [(finding, order, float((own - _cost(some, order, own)).sum())) for finding, order in _faults(count)]
     tried.sort(key=lambda trial: -trial[2])
@@ -226,9 +228,9 @@ def _single_fault(crosses: _Crosses, rows: int) -> Finding | None:
         known = total
         if order.min() < 0:  # what it is worth to know less is no gain of the fault
             known = min(total, without[np.argmin(order)], without[-1], key=np.sum)
-        trials.append(_Trial(finding, known - _cost(crosses, order, base).sum(axis=0)))
+        trials.append(_Trial(finding, known - _cost(crosses, order, base).sum(axis=0), 0, len(tried)))
     trials += _replacements(crosses, total - without, rows)
-    trials = [trial for trial in trials if _chance(trial) * len(tried) < _CHANCE]
+    trials = [trial for trial in trials if _chance(trial) < _CHANCE]
     if not trials:
         return None
     best = max(trials, key=lambda trial: trial.margin)
@@ -239,7 +241,7 @@ def _single_fault(crosses: _Crosses, rows: int) -> Finding | None:
         frames=tuple(sorted({i for t in alike for i in t.finding.frames})),
         spoilt=tuple(sorted({i for t in alike for i in t.finding.spoilt})),
         sentence=told,
-        confidence=1 - min(1.0, _chance(best) * len(tried)),
+        confidence=1 - _chance(best),
         share=best.mended / len(total),
     )
 
@@ -255,7 +257,7 @@ def _chance(trial: _Trial) -> float:
     lost = max(trial.broken, trial.usual)
     if trial.mended < _LEAST or trial.mended < 3 * lost:
         return 1.0
-    return 0.5 * erfc((trial.mended - lost) / sqrt(2 * (trial.mended + lost)))
+    return min(1.0, 0.5 * trial.tried * erfc((trial.mended - lost) / sqrt(2 * (trial.mended + lost))))
 
 
 def _faults(count: int) -> Iterator[tuple[Finding, Ints]]:
@@ -278,10 +280,10 @@ def _faults(count: int) -> Iterator[tuple[Finding, Ints]]:
 def _replacements(crosses: _Crosses, gains: F32, rows: int) -> Iterator[_Trial]:
     """Frames that show another one instead, in all rows or on one side of a tear; gains (N, T): without each."""
     mended = np.count_nonzero(gains > _MENDED, axis=1)
-    usual = int(np.median(mended))
+    usual = _usual(crosses, mended)
     by_row = np.argsort(crosses.row, kind="stable")
     row, centre = crosses.row[by_row], crosses.levels[:, 0]
-    for i in np.flatnonzero(mended >= 3 * max(usual, 1)).tolist():
+    for i in np.flatnonzero(mended >= np.maximum(3 * usual, _LEAST)).tolist():
         for j in range(len(gains)):
             same = np.abs(centre[i] - centre[j]) < _SAME * crosses.contrast
             for start, stop in _parts(same[by_row]) if i != j else ():
@@ -291,7 +293,24 @@ def _replacements(crosses: _Crosses, gains: F32, rows: int) -> Iterator[_Trial]:
                 else:
                     told = f"frame {i} is torn: in rows {first} to {last - 1} it shows frame {j}"
                     finding = Finding((i,), "torn", told, (i,), (first, last))
-                yield _Trial(finding, gains[i, by_row[start:stop]], usual)
+                yield _Trial(finding, gains[i, by_row[start:stop]], int(usual[i]), len(gains))
+
+
+def _usual(crosses: _Crosses, mended: Ints) -> Ints:
+    """How many pixels are mended without a frame that is right (N,): for a bit, without the next ones, as fine
+    ones mend more; else without those of its axis."""
+    usual = np.full(len(mended), int(np.median(mended)))
+    for table in crosses.tables:
+        code, others = table.axis.code, set(table.axis.frames())
+        for polarity in (code.plain, code.inverse) if code else ():
+            own = polarity[polarity >= 0]
+            others -= set(own.tolist())
+            if len(own) > 1:
+                around = np.concatenate([mended[own[1:2]], mended[own], mended[own[-2:-1]]])
+                usual[own] = np.minimum(around[:-2], around[2:])
+        if others:
+            usual[list(others)] = int(np.quantile(mended[list(others)], 0.4))
+    return usual
 
 
 def _parts(same: Mask) -> Iterator[tuple[int, int]]:
