@@ -50,6 +50,8 @@ _MENDED = 0.7
 _SAME, _MOSTLY = 0.35, 0.95
 #: Probability by chance, of all faults tried, above which nothing is named.
 _CHANCE = 0.01
+#: Share of the pixels around which a frame changes, from which on its picture is like no other.
+_STRUCTURED = 0.25
 #: Fewest pixels that are mended; share of the best fault's margin from which on another one may be it as well.
 _LEAST, _TIED = 8, 0.9
 
@@ -168,7 +170,10 @@ def _measures(crosses: _Crosses, table: AxisTable, order: Ints) -> tuple[F32, F3
     levels = crosses.levels[np.maximum(source, 0), :pixels]
     levels = levels.reshape(len(source), -1) / table.exposure[:, None]
     place = places(table, levels, free)
-    misfit = np.min([misfit_at(table, levels, one, free)[0] for one in place], axis=0).reshape(pixels, -1)
+    misfits = np.stack([misfit_at(table, levels, one, free)[0] for one in place])
+    misfit = misfits.min(axis=0).reshape(pixels, -1)
+    if table.axis.fringes:  # which tell what a bit must be
+        place = np.take_along_axis(place, misfits.argmin(axis=0)[None], axis=0)
     if pixels == 1:
         return misfit, np.zeros((2, misfit.shape[1]), np.float32)
     return misfit, bends(place.reshape(len(place), 5, -1))
@@ -283,7 +288,8 @@ def _replacements(crosses: _Crosses, gains: F32, rows: int) -> Iterator[_Trial]:
     usual = _usual(crosses, mended)
     by_row = np.argsort(crosses.row, kind="stable")
     row, centre = crosses.row[by_row], crosses.levels[:, 0]
-    for i in np.flatnonzero(mended >= np.maximum(3 * usual, _LEAST)).tolist():
+    structured = np.ptp(crosses.levels, axis=1) > crosses.contrast
+    for i in np.flatnonzero(mended >= np.maximum(usual, _LEAST)).tolist():
         for j in range(len(gains)):
             same = np.abs(centre[i] - centre[j]) < _SAME * crosses.contrast
             for start, stop in _parts(same[by_row]) if i != j else ():
@@ -293,7 +299,10 @@ def _replacements(crosses: _Crosses, gains: F32, rows: int) -> Iterator[_Trial]:
                 else:
                     told = f"frame {i} is torn: in rows {first} to {last - 1} it shows frame {j}"
                     finding = Finding((i,), "torn", told, (i,), (first, last))
-                yield _Trial(finding, gains[i, by_row[start:stop]], int(usual[i]), len(gains))
+                part = by_row[start:stop]
+                # no two frames with structure everywhere are the same in any scene
+                chance = 0 if structured[j, part].mean() > _STRUCTURED else int(usual[i])
+                yield _Trial(finding, gains[i, part], chance, len(gains))
 
 
 def _usual(crosses: _Crosses, mended: Ints) -> Ints:
