@@ -44,6 +44,10 @@ _MOST = 2.3
 _MISFIT = (0.2, 1.0)
 #: Bend of the place that has no cost to speak of, cells.
 _BEND = 1.5
+#: Share of that which comes of whole cells, one on a smooth map.
+_STEP = 1 / _BEND
+#: Cost of an axis above which a pixel is odd; share of odd pixels up to which the code's rules are obeyed.
+_ODD, _QUIET = 1.0, 0.03
 #: Cost by which a pixel is mended, or broken.
 _MENDED = 0.7
 #: Difference of two frames that show the same, share of the contrast; share of the pixels where they do.
@@ -52,6 +56,10 @@ _SAME, _MOSTLY = 0.35, 0.95
 _CHANCE = 0.01
 #: Share of the pixels around which a frame changes, from which on its picture is like no other.
 _STRUCTURED = 0.25
+#: Steps of a fringe that are left when one is dropped: three make a phase, four tell whether it is right.
+_STEPS = 4
+#: Deviations, and share of the amplitude, by which a frame may differ from what it should show.
+_SIGMAS, _UNLIKE = 4.0, 0.2
 #: Fewest pixels that are mended; share of the best fault's margin from which on another one may be it as well.
 _LEAST, _TIED = 8, 0.9
 
@@ -116,7 +124,7 @@ def examine(
     crosses = _crosses(light, plan, lit)
     if crosses is None:
         return ()
-    finding = _single_fault(crosses, light.raw.shape[1])
+    finding = _single_fault(crosses, plan, light.raw.shape[1])
     return () if finding is None else (replace(finding, leave_out=_left_out(finding, plan)),)
 
 
@@ -179,8 +187,8 @@ def _measures(crosses: _Crosses, table: AxisTable, order: Ints) -> tuple[F32, F3
     return misfit, bends(place.reshape(len(place), 5, -1))
 
 
-def _cost(crosses: _Crosses, order: Ints, base: F32 | None = None) -> F32:
-    """Cost (axes, T) of every pixel; base: of the images in their own places, kept where an axis is untouched."""
+def _cost(crosses: _Crosses, order: Ints, base: F32 | None = None, bent: bool = True) -> F32:
+    """Cost (axes, T) of every pixel, bent: of its bends, too; base: of the images in their own places, kept where an axis is untouched."""
     costs = []
     for k, table in enumerate(crosses.tables):
         if base is not None and np.array_equal(order[table.frames], table.frames):
@@ -188,10 +196,10 @@ def _cost(crosses: _Crosses, order: Ints, base: F32 | None = None) -> F32:
             continue
         misfit, bend = _measures(crosses, table, order)
         odd, rough = crosses.scales[k]
-        costs.append(
-            np.minimum(np.log1p(misfit / odd), _MOST).mean(axis=0)
-            + np.minimum(np.log1p((bend / rough) ** 2), _MOST).sum(axis=0)
-        )
+        cost = np.minimum(np.log1p(misfit / odd), _MOST).mean(axis=0)
+        if bent:
+            cost = cost + np.minimum(np.log1p((np.maximum(bend / rough - _STEP, 0)) ** 2), _MOST).sum(axis=0)
+        costs.append(cost)
     return np.asarray(costs, np.float32).reshape(len(crosses.tables), -1)
 
 
@@ -218,37 +226,60 @@ class _Trial:
         return float(self.gain.sum())
 
 
-def _single_fault(crosses: _Crosses, rows: int) -> Finding | None:
+def _single_fault(crosses: _Crosses, plan: Plan, rows: int) -> Finding | None:
     count = len(crosses.levels)
-    base = _cost(crosses, np.arange(count))
+    base, misfit = _cost(crosses, np.arange(count)), _cost(crosses, np.arange(count), bent=False)
     total = base.sum(axis=0)
-    without = np.stack([_cost(crosses, _without(count, i), base).sum(axis=0) for i in range(count)])
+    if max(np.count_nonzero(base > _ODD, axis=1), default=0) < _LEAST:
+        return None
+    rules = _rules(plan, count) if (misfit > _ODD).mean(axis=1).max() < _QUIET else np.zeros((0, count))
+    gains = np.stack([
+        total - _cost(crosses, _without(count, i), base).sum(axis=0)
+        if not rules[:, i].any() else np.zeros_like(total)
+        for i in range(count)
+    ])
     costly = np.argsort(total)[len(total) // 2 :]
     first = costly[:: max(1, len(costly) // _FIRST)]
     some, own = crosses.only(first), base[:, first]
-    tried = [(finding, order, float((own - _cost(some, order, own)).sum())) for finding, order in _faults(count)]
+    tried = [
+        (finding, order, float((own - _cost(some, order, own)).sum()))
+        for finding, order in _faults(count)
+        if _kept(rules, order)
+    ]
     tried.sort(key=lambda trial: -trial[2])
     trials = []
     for finding, order, _ in tried[:_SECOND]:
-        known = total
+        known = np.zeros_like(total)
         if order.min() < 0:  # what it is worth to know less is no gain of the fault
-            known = min(total, without[np.argmin(order)], without[-1], key=np.sum)
-        trials.append(_Trial(finding, known - _cost(crosses, order, base).sum(axis=0), 0, len(tried)))
-    trials += _replacements(crosses, total - without, rows)
+            known = max(known, gains[np.argmin(order)], gains[-1], key=np.sum)
+        gain = total - known - _cost(crosses, order, base).sum(axis=0)
+        trials.append(_Trial(finding, gain, 0, len(tried)))
+    trials += _replacements(crosses, gains, rows)
     trials = [trial for trial in trials if _chance(trial) < _CHANCE]
     if not trials:
         return None
     best = max(trials, key=lambda trial: trial.margin)
     alike = [t for t in trials if t.margin >= _TIED * best.margin and t.finding.kind == best.finding.kind]
-    told = " or ".join(dict.fromkeys(t.finding.sentence for t in alike[:4]))
     return replace(
         best.finding,
         frames=tuple(sorted({i for t in alike for i in t.finding.frames})),
         spoilt=tuple(sorted({i for t in alike for i in t.finding.spoilt})),
-        sentence=told,
+        sentence=" or ".join(list(dict.fromkeys(t.finding.sentence for t in alike))[:4]),
         confidence=1 - _chance(best),
         share=best.mended / len(total),
     )
+
+
+def _rules(plan: Plan, count: int) -> NDArray[np.float64]:
+    """Combinations (C, N) of a pixel's levels that are 0: of fringes by themselves, and of pairs of bits."""
+    groups = constraints(plan, count)
+    return np.concatenate([np.zeros((0, count)), *groups[:2]])
+
+
+def _kept(rules: NDArray[np.float64], order: Ints) -> bool:
+    """Whether what follows the rules still does with images in another order."""
+    known = order >= 0
+    return bool(np.abs(rules[:, known] - rules[:, order[known]]).max(initial=0.0) < 1e-6)
 
 
 def _without(count: int, frame: int) -> Ints:
@@ -260,7 +291,7 @@ def _without(count: int, frame: int) -> Ints:
 def _chance(trial: _Trial) -> float:
     """Probability that as many more pixels are mended than broken (or mended without any fault) by chance."""
     lost = max(trial.broken, trial.usual)
-    if trial.mended < _LEAST or trial.mended < 3 * lost:
+    if trial.mended < _LEAST or trial.mended < 2 * lost:
         return 1.0
     return min(1.0, 0.5 * trial.tried * erfc((trial.mended - lost) / sqrt(2 * (trial.mended + lost))))
 
@@ -285,7 +316,7 @@ def _faults(count: int) -> Iterator[tuple[Finding, Ints]]:
 def _replacements(crosses: _Crosses, gains: F32, rows: int) -> Iterator[_Trial]:
     """Frames that show another one instead, in all rows or on one side of a tear; gains (N, T): without each."""
     mended = np.count_nonzero(gains > _MENDED, axis=1)
-    usual = _usual(crosses, mended)
+    usual = _usual(crosses, np.maximum(mended - np.count_nonzero(gains < -_MENDED, axis=1), 0))
     by_row = np.argsort(crosses.row, kind="stable")
     row, centre = crosses.row[by_row], crosses.levels[:, 0]
     structured = np.ptp(crosses.levels, axis=1) > crosses.contrast
@@ -337,8 +368,93 @@ def _parts(same: Mask) -> Iterator[tuple[int, int]]:
 
 
 def _left_out(finding: Finding, plan: Plan) -> tuple[int, ...]:
-    return ()
+    """Frames without which the others still decode, the wrong ones among them; none, if there is no such choice."""
+    if finding.kind in ("lost", "repeated", "inconsistent"):
+        return ()
+    wrong, out = set(finding.spoilt), set[int]()
+    for axis in plan.axes:
+        own = wrong & set(axis.frames())
+        if not own:
+            continue
+        dropped = _droppable(axis, own, min(plan.white, plan.black) >= 0 and not {plan.white, plan.black} & wrong)
+        if dropped is None:
+            return ()
+        out |= dropped
+    ends = wrong & {plan.white, plan.black}
+    if ends and not all(_paired(axis, wrong) for axis in plan.axes if axis.code):
+        return ()
+    return tuple(sorted(out | ends))
+
+
+def _paired(axis: AxisPlan, wrong: set[int]) -> bool:
+    """Whether every bit is shown with its inverse, by right frames."""
+    assert axis.code is not None
+    own = [*axis.code.plain.tolist(), *axis.code.inverse.tolist()]
+    return min(own) >= 0 and not wrong & set(own)
+
+
+def _droppable(axis: AxisPlan, wrong: set[int], references: bool) -> set[int] | None:
+    """Frames of an axis to drop: bits whose other polarity is right, steps of five or more, whole periods."""
+    out = set[int]()
+    if axis.code is not None:
+        pairs = list(zip(axis.code.plain.tolist(), axis.code.inverse.tolist(), strict=True))
+        for pair in pairs:
+            bad = wrong & set(pair)
+            if bad and not (len(bad) == 1 and min(pair) >= 0 and references):
+                return None
+            out |= bad
+    fringes = [fringe for fringe in axis.fringes if not wrong & set(fringe.index)]
+    for fringe in axis.fringes:
+        bad = wrong & set(fringe.index)
+        if bad and len(fringe.index) - len(bad) >= _STEPS:
+            out |= bad
+        elif bad:
+            out |= set(fringe.index)
+            whole = any(other.period >= axis.extent for other in fringes)
+            if axis.looked_up or not (whole or axis.code is not None):
+                return None
+    return out if wrong <= out else None
 
 
 def spoilt_pixels(finding: Finding, light: Light, plan: Plan, noise: Noise, found: Correspondence) -> Mask:
-    raise NotImplementedError
+    """Pixels (H, W) that the wrong frames could have spoilt.
+
+    Where a spoilt frame does not show what it should at the place that was found; where swapped frames differ;
+    all that saw a frame whose bit no other frame confirms, or that come after a lost one.
+    """
+    shape = light.raw.shape[1:]
+    rows = slice(*finding.rows) if finding.rows else slice(None)
+    spoilt = np.zeros(shape, np.bool_)
+    if finding.kind in ("lost", "repeated"):
+        spoilt[rows] = True
+        return spoilt
+    tables = axis_tables(plan)
+    for frame in finding.spoilt:
+        for table in tables:
+            if frame in table.frames:
+                spoilt[rows] |= _contradicted(frame, finding, light, table, noise, found)[rows]
+    return spoilt
+
+
+def _contradicted(
+    frame: int, finding: Finding, light: Light, table: AxisTable, noise: Noise, found: Correspondence
+) -> Mask:
+    """Where a frame could have led to a wrong place along an axis (H, W)."""
+    level = light.linear(light.raw[frame])
+    others = [i for i in finding.spoilt if i != frame]
+    if finding.kind == "swapped" and len(others) == 1:
+        apart = np.abs(level - light.linear(light.raw[others[0]]))
+        return np.asarray(apart > _SIGMAS * np.sqrt(2 * noise.variance(level)))
+    code = table.axis.code
+    if code is not None and frame in (*code.plain, *code.inverse):
+        polarity, other = (code.plain, code.inverse) if frame in code.plain else (code.inverse, code.plain)
+        partner = int(other[np.flatnonzero(polarity == frame)[0]])
+        if partner < 0 or partner in finding.spoilt:
+            return np.ones(level.shape, np.bool_)
+    if found.amplitude is None or found.offset is None:
+        return np.ones(level.shape, np.bool_)
+    slot = int(np.flatnonzero(table.frames == frame)[0])
+    shown = table.shown[slot][table.entry(getattr(found, table.axis.axis))]
+    apart = np.abs(level / table.exposure[slot] - found.offset - found.amplitude * shown)
+    limit2 = _SIGMAS**2 * noise.variance(level) + (_UNLIKE * found.amplitude) ** 2
+    return np.asarray(~(apart**2 <= limit2))
