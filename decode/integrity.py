@@ -121,62 +121,109 @@ def examine(
 
     lit: pixels that see the pattern.
     """
-    crosses = _crosses(light, plan, lit)
+    if not axis_tables(plan) or (found is not None and _quiet(plan, lit, found)):
+        return ()
+    crosses = _crosses(light, plan, lit, found)
     if crosses is None:
         return ()
     finding = _single_fault(crosses, plan, light.raw.shape[1])
     return () if finding is None else (replace(finding, leave_out=_left_out(finding, plan)),)
 
 
+def _quiet(plan: Plan, lit: Sample, found: Correspondence) -> bool:
+    """Whether hardly a pixel is odd at the places that were found: nothing to look for."""
+    height, width = found.u.shape
+    chosen = _chosen(len(lit.places))
+    at = lit.places[chosen]
+    levels, apart = lit.levels[:, chosen], _apart(width)
+    for table in axis_tables(plan):
+        place = getattr(found, table.axis.axis)
+        row, col = at.T
+        centre = place[row, col]
+        misfit = misfit_at(table, levels[table.frames] / table.exposure[:, None], centre)[0]
+        others = [
+            place[np.clip(row + down, 0, height - 1), np.clip(col + along, 0, width - 1)]
+            for down, along in ((0, -apart), (0, apart), (-apart, 0), (apart, 0))
+        ]
+        bend = np.abs(np.stack([others[0] + others[1], others[2] + others[3]]) - 2 * centre)
+        inside = (row >= apart) & (row < height - apart) & (col >= apart) & (col < width - apart)
+        bend = np.where(inside, bend, 0) if table.axis.code else np.zeros_like(bend)
+        cost = _cost_of(misfit[None], np.nan_to_num(bend, nan=np.inf), *_scale(table, misfit, bend))
+        if np.count_nonzero(~(cost <= _ODD)) >= _LEAST:
+            return False
+    return True
+
+
+def _chosen(count: int) -> Ints:
+    """Some of `count` pixels: by chance, as every so many may be a fringe's period."""
+    return np.sort(np.random.default_rng(0).permutation(count)[:_PIXELS])
+
+
+def _apart(width: int) -> int:
+    return min(max(round(width * _APART), _NEAR), _FAR)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Crosses:
     """Levels (N, 5, T) of pixels and of their neighbours to the left, right, above and below; rows (T,); half of
-    what a pixel's levels span (T,); tables of the axes, and scale of misfit and bend of each."""
+    what a pixel's levels span (T,); tables of the axes; misfit and bend of each, and their scales."""
 
     levels: F32
     row: Ints
     contrast: F32
     tables: tuple[AxisTable, ...]
+    measured: tuple[tuple[F32, F32], ...]
     scales: tuple[tuple[float, float], ...]
 
     def only(self, keep: Any) -> "_Crosses":
         return replace(self, levels=self.levels[:, :, keep], row=self.row[keep], contrast=self.contrast[keep])
 
 
-def _crosses(light: Light, plan: Plan, lit: Sample) -> _Crosses | None:
+def _crosses(light: Light, plan: Plan, lit: Sample, found: Correspondence | None) -> _Crosses | None:
     _, height, width = light.raw.shape
-    apart = min(max(round(width * _APART), _NEAR), _FAR)
-    # by chance, as every so many pixels may be a fringe's period
-    order = np.random.default_rng(0).permutation(len(lit.places))[:_PIXELS]
+    apart = _apart(width)
     around = np.array([[0, 0], [0, -apart], [0, apart], [-apart, 0], [apart, 0]])
-    at = lit.places[np.sort(order)] + around[:, None]
+    at = lit.places[_chosen(len(lit.places))] + around[:, None]
     at = at[:, ((at >= 0) & (at < (height, width))).all(axis=(0, 2))]
     used = sorted({i for table in axis_tables(plan) for i in table.frames.tolist()})
     levels = sample_levels(light, at.reshape(-1, 2)).reshape(len(light.raw), 5, -1)
-    contrast = np.ptp(levels[used], axis=0) / 2 if used else np.zeros(levels.shape[1:])
+    contrast = np.ptp(levels[used], axis=0) / 2
     whole = (contrast > _ALIKE * contrast[0]).all(axis=0)  # not where a sample is NaN
     if np.count_nonzero(whole) < _FEWEST:
         return None
-    crosses = _Crosses(levels[:, :, whole], at[0, whole, 0], contrast[0, whole], axis_tables(plan), ())
+    tables = axis_tables(plan)
+    crosses = _Crosses(levels[:, :, whole], at[0, whole, 0], contrast[0, whole], tables, (), ())
     order = np.arange(len(levels))
-    scales = []
-    for table in crosses.tables:
-        misfit, bend = _measures(crosses, table, order)
-        cell = table.axis.code.cell if table.axis.code else 1.0
-        scales.append((
-            1.0 if table.axis.code and not table.axis.fringes else float(np.clip(np.median(misfit), *_MISFIT)),
-            max(_BEND * max(cell, 1.0), 3 * float(np.quantile(bend, 0.3))),
-        ))
-    return replace(crosses, scales=tuple(scales))
+    row, col = at[0, whole].T
+    known = [None if found is None else getattr(found, table.axis.axis)[row, col] for table in tables]
+    measured = tuple(_measures(crosses, table, order, one) for table, one in zip(tables, known, strict=True))
+    scales = tuple(_scale(table, *own) for table, own in zip(tables, measured, strict=True))
+    return replace(crosses, measured=measured, scales=scales)
 
 
-def _measures(crosses: _Crosses, table: AxisTable, order: Ints) -> tuple[F32, F32]:
-    """Misfit (P, T) and bends (2, T) of an axis, whose frame f is image order[f] (-1: none)."""
+def _scale(table: AxisTable, misfit: F32, bend: F32) -> tuple[float, float]:
+    """Misfit and bend that have no cost to speak of. Bits alone are weak at their finest, whatever is wrong."""
+    code = table.axis.code
+    odd = 1.0 if code and not table.axis.fringes else float(np.clip(np.nanmedian(misfit), *_MISFIT))
+    return odd, max(_BEND * max(code.cell if code else 1.0, 1.0), 3 * float(np.nanquantile(bend, 0.3)))
+
+
+def _measures(
+    crosses: _Crosses, table: AxisTable, order: Ints, known: Any = None
+) -> tuple[F32, F32]:
+    """Misfit (P, T) and bends (2, T) of an axis, whose frame f is image order[f] (-1: none); known (T,): places
+    that are only looked up where they do not explain the pixel."""
     source = order[table.frames]
     free = int(table.frames[np.argmin(source)]) if source.min() < 0 else -1
     pixels = 5 if table.axis.code is not None else 1
     levels = crosses.levels[np.maximum(source, 0), :pixels]
     levels = levels.reshape(len(source), -1) / table.exposure[:, None]
+    if known is not None and pixels == 1:
+        misfit = misfit_at(table, levels, known)[0]
+        odd = misfit > max(_MISFIT[0], 4 * float(np.median(misfit)))
+        if odd.any():
+            misfit[odd] = misfit_at(table, levels[:, odd], places(table, levels[:, odd])[0])[0]
+        return misfit[None], np.zeros((2, len(misfit)), np.float32)
     place = places(table, levels, free)
     misfits = np.stack([misfit_at(table, levels, one, free)[0] for one in place])
     misfit = misfits.min(axis=0).reshape(pixels, -1)
@@ -187,20 +234,22 @@ def _measures(crosses: _Crosses, table: AxisTable, order: Ints) -> tuple[F32, F3
     return misfit, bends(place.reshape(len(place), 5, -1))
 
 
-def _cost(crosses: _Crosses, order: Ints, base: F32 | None = None, bent: bool = True) -> F32:
-    """Cost (axes, T) of every pixel, bent: of its bends, too; base: of the images in their own places, kept where an axis is untouched."""
+def _cost(crosses: _Crosses, order: Ints, base: F32) -> F32:
+    """Cost (axes, T) of every pixel; base: of the images in their own places, kept where an axis is untouched."""
     costs = []
     for k, table in enumerate(crosses.tables):
-        if base is not None and np.array_equal(order[table.frames], table.frames):
+        if np.array_equal(order[table.frames], table.frames):
             costs.append(base[k])
             continue
-        misfit, bend = _measures(crosses, table, order)
-        odd, rough = crosses.scales[k]
-        cost = np.minimum(np.log1p(misfit / odd), _MOST).mean(axis=0)
-        if bent:
-            cost = cost + np.minimum(np.log1p((np.maximum(bend / rough - _STEP, 0)) ** 2), _MOST).sum(axis=0)
-        costs.append(cost)
+        costs.append(_cost_of(*_measures(crosses, table, order), *crosses.scales[k]))
     return np.asarray(costs, np.float32).reshape(len(crosses.tables), -1)
+
+
+def _cost_of(misfit: F32, bend: F32, odd: float, rough: float) -> F32:
+    """Cost (T,) of misfits (P, T) and bends (2, T)."""
+    beyond = np.maximum(bend / rough - _STEP, 0)
+    both = np.minimum(np.log1p(misfit / odd), _MOST).mean(axis=0), np.minimum(np.log1p(beyond**2), _MOST).sum(axis=0)
+    return np.asarray(both[0] + both[1], np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -228,11 +277,15 @@ class _Trial:
 
 def _single_fault(crosses: _Crosses, plan: Plan, rows: int) -> Finding | None:
     count = len(crosses.levels)
-    base, misfit = _cost(crosses, np.arange(count)), _cost(crosses, np.arange(count), bent=False)
-    total = base.sum(axis=0)
-    if max(np.count_nonzero(base > _ODD, axis=1), default=0) < _LEAST:
+    base = np.stack([_cost_of(*own, *scale) for own, scale in zip(crosses.measured, crosses.scales, strict=True)])
+    if np.count_nonzero(base > _ODD, axis=1).max() < _LEAST:
         return None
-    rules = _rules(plan, count) if (misfit > _ODD).mean(axis=1).max() < _QUIET else np.zeros((0, count))
+    total = base.sum(axis=0)
+    unruly = max(
+        float((np.log1p(misfit / odd).mean(axis=0) > _ODD).mean())
+        for (misfit, _), (odd, _) in zip(crosses.measured, crosses.scales, strict=True)
+    )
+    rules = _rules(plan, count) if unruly < _QUIET else np.zeros((0, count))
     gains = np.stack([
         total - _cost(crosses, _without(count, i), base).sum(axis=0)
         if not rules[:, i].any() else np.zeros_like(total)
