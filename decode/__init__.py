@@ -2,6 +2,17 @@
 
 from .correspondence import Correspondence, Flag, difference
 from .harmonics import HarmonicError, harmonic_errors
+from .integrity import Finding, Integrity, check
 from .response import Response
 
-__all__ = ["Correspondence", "Flag", "HarmonicError", "Response", "difference", "harmonic_errors"]
+__all__ = [
+    "Correspondence",
+    "Finding",
+    "Flag",
+    "HarmonicError",
+    "Integrity",
+    "Response",
+    "check",
+    "difference",
+    "harmonic_errors",
+]

@@ -56,6 +56,8 @@ _SAME, _MOSTLY = 0.35, 0.95
 _CHANCE = 0.01
 #: Share of the pixels around which a frame changes, from which on its picture is like no other.
 _STRUCTURED = 0.25
+#: Frames up to which any two may be swapped; of more (sweeps) only those next to each other.
+_ALL_PAIRS = 64
 #: Steps of a fringe that are left when one is dropped: three make a phase, four tell whether it is right.
 _STEPS = 4
 #: Deviations, and share of the amplitude, by which a frame may differ from what it should show.
@@ -352,7 +354,7 @@ def _chance(trial: _Trial) -> float:
 def _faults(count: int) -> Iterator[tuple[Finding, Ints]]:
     """Every fault that leaves all images whole, and which image is which frame under it (-1: none)."""
     for i in range(count):
-        for j in range(i + 1, count):
+        for j in range(i + 1, count if count <= _ALL_PAIRS else min(i + 3, count)):
             order = np.arange(count)
             order[[i, j]] = j, i
             yield Finding((i, j), "swapped", f"frames {i} and {j} are in each other's place", (i, j)), order
@@ -374,9 +376,12 @@ def _replacements(crosses: _Crosses, gains: F32, rows: int) -> Iterator[_Trial]:
     row, centre = crosses.row[by_row], crosses.levels[:, 0]
     structured = np.ptp(crosses.levels, axis=1) > crosses.contrast
     for i in np.flatnonzero(mended >= np.maximum(usual, _LEAST)).tolist():
-        for j in range(len(gains)):
-            same = np.abs(centre[i] - centre[j]) < _SAME * crosses.contrast
-            for start, stop in _parts(same[by_row]) if i != j else ():
+        same = np.abs(centre[i] - centre) < _SAME * crosses.contrast
+        same[i] = False
+        alike = same.mean(axis=1)
+        nearest = np.where(alike < _MOSTLY, np.inf, np.abs(centre[i] - centre).mean(axis=1))
+        for j in [int(nearest.argmin())] if alike.max() >= _MOSTLY else np.flatnonzero(same.any(axis=1)).tolist():
+            for start, stop in _parts(same[j, by_row]):
                 first, last = (int(row[start]) if start else 0), (int(row[stop]) if stop < len(row) else rows)
                 if (first, last) == (0, rows):
                     finding = Finding((i,), "replaced", f"frame {i} is frame {j} again", (i,))
