@@ -31,7 +31,7 @@ F32 = NDArray[np.float32]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 #: Pixels that are looked at, with four neighbours each; fewest that tell anything.
-_PIXELS, _FEWEST = 400, 32
+_PIXELS, _FEWEST = 600, 32
 #: Pixels of the search's first round, and faults of its second.
 _FIRST, _SECOND = 100, 16
 #: Distance of neighbours: share of the image's width, px at least and at most.
@@ -53,9 +53,13 @@ _MENDED = 0.7
 #: Difference of two frames that show the same, share of the contrast; share of the pixels where they do.
 _SAME, _MOSTLY = 0.35, 0.95
 #: Probability by chance, of all faults tried, above which nothing is named.
-_CHANCE = 0.01
+_CHANCE = 0.02
 #: Share of the pixels around which a frame changes, from which on its picture is like no other.
 _STRUCTURED = 0.25
+#: Faults after which all frames are in wrong places, and the share of the pixels that these spoil at least.
+_SHIFTED, _ALL_LATER = ("lost", "repeated"), 0.15
+#: Share of the pixels that a bit beside fringes mends at depth edges.
+_BESIDE = 0.05
 #: Frames up to which any two may be swapped; of more (sweeps) only those next to each other.
 _ALL_PAIRS = 64
 #: Steps of a fringe that are left when one is dropped: three make a phase, four tell whether it is right.
@@ -185,7 +189,12 @@ def _crosses(light: Light, plan: Plan, lit: Sample, found: Correspondence | None
     _, height, width = light.raw.shape
     apart = _apart(width)
     around = np.array([[0, 0], [0, -apart], [0, apart], [-apart, 0], [apart, 0]])
-    at = lit.places[_chosen(len(lit.places))] + around[:, None]
+    seen = lit.places
+    if len(seen) < _PIXELS:  # a wrong frame may look like noise that hides the pattern
+        sample = sampled(light)
+        span = np.ptp(sample.levels, axis=0)
+        seen = sample.places[span > _ALIKE * np.quantile(span, 0.99)]
+    at = seen[_chosen(len(seen))] + around[:, None]
     at = at[:, ((at >= 0) & (at < (height, width))).all(axis=(0, 2))]
     used = sorted({i for table in axis_tables(plan) for i in table.frames.tolist()})
     levels = sample_levels(light, at.reshape(-1, 2)).reshape(len(light.raw), 5, -1)
@@ -308,12 +317,13 @@ def _single_fault(crosses: _Crosses, plan: Plan, rows: int) -> Finding | None:
         if order.min() < 0:  # what it is worth to know less is no gain of the fault
             known = max(known, gains[np.argmin(order)], gains[-1], key=np.sum)
         gain = total - known - _cost(crosses, order, base).sum(axis=0)
-        trials.append(_Trial(finding, gain, 0, len(tried)))
+        near = finding.kind != "swapped" or finding.frames[1] - finding.frames[0] == 1
+        trials.append(_Trial(finding, gain, 0, count if near else len(tried)))
     trials += _replacements(crosses, gains, rows)
     trials = [trial for trial in trials if _chance(trial) < _CHANCE]
     if not trials:
         return None
-    best = max(trials, key=lambda trial: trial.margin)
+    best = max(trials, key=lambda trial: trial.margin * (_TIED if trial.finding.kind in _SHIFTED else 1))
     alike = [t for t in trials if t.margin >= _TIED * best.margin and t.finding.kind == best.finding.kind]
     return replace(
         best.finding,
@@ -346,6 +356,8 @@ def _without(count: int, frame: int) -> Ints:
 def _chance(trial: _Trial) -> float:
     """Probability that as many more pixels are mended than broken (or mended without any fault) by chance."""
     lost = max(trial.broken, trial.usual)
+    if trial.finding.kind in _SHIFTED and trial.mended < _ALL_LATER * len(trial.gain):
+        return 1.0
     if trial.mended < _LEAST or trial.mended < 2 * lost:
         return 1.0
     return min(1.0, 0.5 * trial.tried * erfc((trial.mended - lost) / sqrt(2 * (trial.mended + lost))))
@@ -406,6 +418,8 @@ def _usual(crosses: _Crosses, mended: Ints) -> Ints:
             if len(own) > 1:
                 around = np.concatenate([mended[own[1:2]], mended[own], mended[own[-2:-1]]])
                 usual[own] = np.minimum(around[:-2], around[2:])
+                if table.axis.fringes:  # beside which any bit mends what one of them spoils
+                    usual[own] = np.minimum(usual[own], int(_BESIDE * len(crosses.row)))
         if others:
             usual[list(others)] = int(np.quantile(mended[list(others)], 0.4))
     return usual
