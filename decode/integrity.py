@@ -56,8 +56,9 @@ _SAME, _MOSTLY = 0.35, 0.95
 _CHANCE = 0.02
 #: Share of the pixels around which a frame changes, from which on its picture is like no other.
 _STRUCTURED = 0.25
-#: Faults after which all frames are in wrong places, and the share of the pixels that these spoil at least.
-_SHIFTED, _ALL_LATER = ("lost", "repeated"), 0.15
+#: Faults after which all frames are in wrong places, and the share of the pixels that chance may mend
+#: where most are.
+_SHIFTED, _ALL_LATER = ("lost", "repeated"), 0.075
 #: Share of the pixels that a bit beside fringes mends at depth edges.
 _BESIDE = 0.05
 #: Frames up to which any two may be swapped; of more (sweeps) only those next to each other.
@@ -109,6 +110,8 @@ def check(frames: ArrayLike, sequence: Sequence, found: Correspondence | None = 
     stack = np.asarray(frames)
     if stack.ndim != 3 or len(stack) != len(sequence):
         raise InputError(f"check: frames have shape {stack.shape}, sequence describes {len(sequence)} images")
+    if any(frame.kind == "stripe" and frame.axis == "uv" for frame in sequence.frames):
+        return Integrity((), 0)  # of spots, nothing is told
     light = light_of(stack, sequence)
     findings: list[Finding] = []
     count = 0
@@ -219,9 +222,7 @@ def _scale(table: AxisTable, misfit: F32, bend: F32) -> tuple[float, float]:
     return odd, max(_BEND * max(code.cell if code else 1.0, 1.0), 3 * float(np.nanquantile(bend, 0.3)))
 
 
-def _measures(
-    crosses: _Crosses, table: AxisTable, order: Ints, known: Any = None
-) -> tuple[F32, F32]:
+def _measures(crosses: _Crosses, table: AxisTable, order: Ints, known: Any = None) -> tuple[F32, F32]:
     """Misfit (P, T) and bends (2, T) of an axis, whose frame f is image order[f] (-1: none); known (T,): places
     that are only looked up where they do not explain the pixel."""
     source = order[table.frames]
@@ -259,7 +260,10 @@ def _cost(crosses: _Crosses, order: Ints, base: F32) -> F32:
 def _cost_of(misfit: F32, bend: F32, odd: float, rough: float) -> F32:
     """Cost (T,) of misfits (P, T) and bends (2, T)."""
     beyond = np.maximum(bend / rough - _STEP, 0)
-    both = np.minimum(np.log1p(misfit / odd), _MOST).mean(axis=0), np.minimum(np.log1p(beyond**2), _MOST).sum(axis=0)
+    both = (
+        np.minimum(np.log1p(misfit / odd), _MOST).mean(axis=0),
+        np.minimum(np.log1p(beyond**2), _MOST).sum(axis=0),
+    )
     return np.asarray(both[0] + both[1], np.float32)
 
 
@@ -288,7 +292,9 @@ class _Trial:
 
 def _single_fault(crosses: _Crosses, plan: Plan, rows: int) -> Finding | None:
     count = len(crosses.levels)
-    base = np.stack([_cost_of(*own, *scale) for own, scale in zip(crosses.measured, crosses.scales, strict=True)])
+    base = np.stack(
+        [_cost_of(*own, *scale) for own, scale in zip(crosses.measured, crosses.scales, strict=True)]
+    )
     if np.count_nonzero(base > _ODD, axis=1).max() < _LEAST:
         return None
     total = base.sum(axis=0)
@@ -297,11 +303,14 @@ def _single_fault(crosses: _Crosses, plan: Plan, rows: int) -> Finding | None:
         for (misfit, _), (odd, _) in zip(crosses.measured, crosses.scales, strict=True)
     )
     rules = _rules(plan, count) if unruly < _QUIET else np.zeros((0, count))
-    gains = np.stack([
-        total - _cost(crosses, _without(count, i), base).sum(axis=0)
-        if not rules[:, i].any() else np.zeros_like(total)
-        for i in range(count)
-    ])
+    gains = np.stack(
+        [
+            total - _cost(crosses, _without(count, i), base).sum(axis=0)
+            if not rules[:, i].any()
+            else np.zeros_like(total)
+            for i in range(count)
+        ]
+    )
     costly = np.argsort(total)[len(total) // 2 :]
     first = costly[:: max(1, len(costly) // _FIRST)]
     some, own = crosses.only(first), base[:, first]
@@ -311,14 +320,16 @@ def _single_fault(crosses: _Crosses, plan: Plan, rows: int) -> Finding | None:
         if _kept(rules, order)
     ]
     tried.sort(key=lambda trial: -trial[2])
+    swept = any(axis.stripes is not None for axis in plan.axes)
     trials = []
     for finding, order, _ in tried[:_SECOND]:
-        known = np.zeros_like(total)
-        if order.min() < 0:  # what it is worth to know less is no gain of the fault
+        known, usual = np.zeros_like(total), 0
+        if order.min() < 0 and not swept:  # what it is worth to know less is no gain of the fault
             known = max(known, gains[np.argmin(order)], gains[-1], key=np.sum)
+            usual = int(_ALL_LATER * len(total))
         gain = total - known - _cost(crosses, order, base).sum(axis=0)
         near = finding.kind != "swapped" or finding.frames[1] - finding.frames[0] == 1
-        trials.append(_Trial(finding, gain, 0, count if near else len(tried)))
+        trials.append(_Trial(finding, gain, usual, count if near else len(tried)))
     trials += _replacements(crosses, gains, rows)
     trials = [trial for trial in trials if _chance(trial) < _CHANCE]
     if not trials:
@@ -356,8 +367,6 @@ def _without(count: int, frame: int) -> Ints:
 def _chance(trial: _Trial) -> float:
     """Probability that as many more pixels are mended than broken (or mended without any fault) by chance."""
     lost = max(trial.broken, trial.usual)
-    if trial.finding.kind in _SHIFTED and trial.mended < _ALL_LATER * len(trial.gain):
-        return 1.0
     if trial.mended < _LEAST or trial.mended < 2 * lost:
         return 1.0
     return min(1.0, 0.5 * trial.tried * erfc((trial.mended - lost) / sqrt(2 * (trial.mended + lost))))
@@ -392,7 +401,9 @@ def _replacements(crosses: _Crosses, gains: F32, rows: int) -> Iterator[_Trial]:
         same[i] = False
         alike = same.mean(axis=1)
         nearest = np.where(alike < _MOSTLY, np.inf, np.abs(centre[i] - centre).mean(axis=1))
-        for j in [int(nearest.argmin())] if alike.max() >= _MOSTLY else np.flatnonzero(same.any(axis=1)).tolist():
+        for j in (
+            [int(nearest.argmin())] if alike.max() >= _MOSTLY else np.flatnonzero(same.any(axis=1)).tolist()
+        ):
             for start, stop in _parts(same[j, by_row]):
                 first, last = (int(row[start]) if start else 0), (int(row[stop]) if stop < len(row) else rows)
                 if (first, last) == (0, rows):
@@ -448,7 +459,9 @@ def _left_out(finding: Finding, plan: Plan) -> tuple[int, ...]:
         own = wrong & set(axis.frames())
         if not own:
             continue
-        dropped = _droppable(axis, own, min(plan.white, plan.black) >= 0 and not {plan.white, plan.black} & wrong)
+        dropped = _droppable(
+            axis, own, min(plan.white, plan.black) >= 0 and not {plan.white, plan.black} & wrong
+        )
         if dropped is None:
             return ()
         out |= dropped

@@ -145,7 +145,9 @@ def _middle(table: AxisTable, slot: dict[int, int], pairs: list[tuple[int, int]]
     """Weights (n,) whose product with levels is the mean of white and black."""
     weights = np.zeros(len(table.frames), np.float32)
     own = [slot.get(int(table.frames[k]), -1) for k in table.references if k >= 0]
-    fringes = [[slot[i] for i in fringe.index] for fringe in table.axis.fringes if set(fringe.index) <= set(slot)]
+    fringes = [
+        [slot[i] for i in fringe.index] for fringe in table.axis.fringes if set(fringe.index) <= set(slot)
+    ]
     if len(own) == 2 and min(own) >= 0:
         used = own
     elif pairs:
