@@ -1,10 +1,11 @@
 """Are the frames those that the sequence describes? Swapped, lost, repeated, replaced and torn ones, named.
 
-Some hundred pixels that see the pattern, each with a neighbour on either side, are explained by every axis on its
-own (see sample_fit). A wrong frame shows in what stays unexplained, where the code is redundant, and in places that
-jump or fold along the picture that was shown instead, where it is not. Depth edges, shadows and gloss do both, too,
-at pixels that no single fault mends. So every single fault is tried in turn, and the one is named that mends many
-of these pixels and breaks hardly any other. Faults that are another scene's perfect picture stay unseen.
+Some hundred pixels that see the pattern, each with a neighbour on either side, are explained by every axis
+on its own (see sample_fit). A wrong frame shows in what stays unexplained, where the code is redundant, and in
+places that jump or fold along the picture that was shown instead, where it is not. Depth edges, shadows and
+gloss do both, too, at pixels that no single fault mends. So every single fault is tried in turn, and the one is
+named that mends many of these pixels and breaks hardly any other. Faults that are another scene's perfect
+picture stay unseen, and so do those of spots.
 """
 
 from collections.abc import Iterator
@@ -40,7 +41,7 @@ _APART, _NEAR, _FAR = 1 / 40, 3, 8
 _ALIKE = 0.3
 #: Cost above which nothing is worse: log(1 + z^2) at z = 3.
 _MOST = 2.3
-#: Misfit (sum of squares over B^2) that has no cost to speak of: JPEG, weak finest bits; at most and at least.
+#: Misfit (sum of squares over B^2) that has no cost to speak of: JPEG, weak finest bits; least, most.
 _MISFIT = (0.2, 1.0)
 #: Bend of the place that has no cost to speak of, cells.
 _BEND = 1.5
@@ -53,7 +54,7 @@ _MENDED = 0.7
 #: Difference of two frames that show the same, share of the contrast; share of the pixels where they do.
 _SAME, _MOSTLY = 0.35, 0.95
 #: Probability by chance, of all faults tried, above which nothing is named.
-_CHANCE = 0.02
+_CHANCE = 0.01
 #: Share of the pixels around which a frame changes, from which on its picture is like no other.
 _STRUCTURED = 0.25
 #: Faults after which all frames are in wrong places, and the share of the pixels that chance may mend
@@ -67,7 +68,7 @@ _ALL_PAIRS = 64
 _STEPS = 4
 #: Deviations, and share of the amplitude, by which a frame may differ from what it should show.
 _SIGMAS, _UNLIKE = 4.0, 0.2
-#: Fewest pixels that are mended; share of the best fault's margin from which on another one may be it as well.
+#: Fewest pixels that are mended; share of the best margin from which on a fault may be it, too.
 _LEAST, _TIED = 8, 0.9
 
 
@@ -174,8 +175,8 @@ def _apart(width: int) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Crosses:
-    """Levels (N, 5, T) of pixels and of their neighbours to the left, right, above and below; rows (T,); half of
-    what a pixel's levels span (T,); tables of the axes; misfit and bend of each, and their scales."""
+    """Levels (N, 5, T) of pixels and of their neighbours to the left, right, above and below; rows (T,); half
+    of what a pixel's levels span (T,); tables of the axes; misfit and bend of each, and their scales."""
 
     levels: F32
     row: Ints
@@ -216,15 +217,15 @@ def _crosses(light: Light, plan: Plan, lit: Sample, found: Correspondence | None
 
 
 def _scale(table: AxisTable, misfit: F32, bend: F32) -> tuple[float, float]:
-    """Misfit and bend that have no cost to speak of. Bits alone are weak at their finest, whatever is wrong."""
+    """Misfit and bend that have no cost to speak of. Bits alone are weak at their finest anyway."""
     code = table.axis.code
     odd = 1.0 if code and not table.axis.fringes else float(np.clip(np.nanmedian(misfit), *_MISFIT))
     return odd, max(_BEND * max(code.cell if code else 1.0, 1.0), 3 * float(np.nanquantile(bend, 0.3)))
 
 
 def _measures(crosses: _Crosses, table: AxisTable, order: Ints, known: Any = None) -> tuple[F32, F32]:
-    """Misfit (P, T) and bends (2, T) of an axis, whose frame f is image order[f] (-1: none); known (T,): places
-    that are only looked up where they do not explain the pixel."""
+    """Misfit (P, T) and bends (2, T) of an axis, whose frame f is image order[f] (-1: none); known (T,):
+    places that are only looked up where they do not explain the pixel."""
     source = order[table.frames]
     free = int(table.frames[np.argmin(source)]) if source.min() < 0 else -1
     pixels = 5 if table.axis.code is not None else 1
@@ -247,7 +248,7 @@ def _measures(crosses: _Crosses, table: AxisTable, order: Ints, known: Any = Non
 
 
 def _cost(crosses: _Crosses, order: Ints, base: F32) -> F32:
-    """Cost (axes, T) of every pixel; base: of the images in their own places, kept where an axis is untouched."""
+    """Cost (axes, T) of every pixel; base: of images in their own places, for axes that are untouched."""
     costs = []
     for k, table in enumerate(crosses.tables):
         if np.array_equal(order[table.frames], table.frames):
@@ -390,7 +391,7 @@ def _faults(count: int) -> Iterator[tuple[Finding, Ints]]:
 
 
 def _replacements(crosses: _Crosses, gains: F32, rows: int) -> Iterator[_Trial]:
-    """Frames that show another one instead, in all rows or on one side of a tear; gains (N, T): without each."""
+    """Frames that show another one instead, in all rows or beyond a tear; gains (N, T): without each."""
     mended = np.count_nonzero(gains > _MENDED, axis=1)
     usual = _usual(crosses, np.maximum(mended - np.count_nonzero(gains < -_MENDED, axis=1), 0))
     by_row = np.argsort(crosses.row, kind="stable")
@@ -414,12 +415,13 @@ def _replacements(crosses: _Crosses, gains: F32, rows: int) -> Iterator[_Trial]:
                 part = by_row[start:stop]
                 # no two frames with structure everywhere are the same in any scene
                 chance = 0 if structured[j, part].mean() > _STRUCTURED else int(usual[i])
-                yield _Trial(finding, gains[i, part], chance, len(gains))
+                ways = 4 if finding.rows else 1  # either side, and the row
+                yield _Trial(finding, gains[i, part], chance, ways * len(gains))
 
 
 def _usual(crosses: _Crosses, mended: Ints) -> Ints:
-    """How many pixels are mended without a frame that is right (N,): for a bit, without the next ones, as fine
-    ones mend more; else without those of its axis."""
+    """How many pixels are mended without a frame that is right (N,): for a bit, without the next ones, as
+    fine ones mend more; else without those of its axis."""
     usual = np.full(len(mended), int(np.median(mended)))
     for table in crosses.tables:
         code, others = table.axis.code, set(table.axis.frames())
@@ -451,7 +453,7 @@ def _parts(same: Mask) -> Iterator[tuple[int, int]]:
 
 
 def _left_out(finding: Finding, plan: Plan) -> tuple[int, ...]:
-    """Frames without which the others still decode, the wrong ones among them; none, if there is no such choice."""
+    """Frames without which the others still decode, the wrong ones among them; empty: there are none."""
     if finding.kind in ("lost", "repeated", "inconsistent"):
         return ()
     wrong, out = set(finding.spoilt), set[int]()
@@ -504,8 +506,8 @@ def _droppable(axis: AxisPlan, wrong: set[int], references: bool) -> set[int] | 
 def spoilt_pixels(finding: Finding, light: Light, plan: Plan, noise: Noise, found: Correspondence) -> Mask:
     """Pixels (H, W) that the wrong frames could have spoilt.
 
-    Where a spoilt frame does not show what it should at the place that was found; where swapped frames differ;
-    all that saw a frame whose bit no other frame confirms, or that come after a lost one.
+    Where a spoilt frame does not show what it should at the place that was found; where swapped frames
+    differ; all that saw a frame whose bit no other frame confirms, or that come after a lost one.
     """
     shape = light.raw.shape[1:]
     rows = slice(*finding.rows) if finding.rows else slice(None)

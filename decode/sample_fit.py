@@ -1,9 +1,8 @@
 """What some pixels say of the frames: places by which an axis explains them, and what stays unexplained.
 
-A pixel that looks at place x shows A + B t_i(x) in frame i. Codes are read bit by bit, fringes beside them refine
-the place; any other axis is looked up in a table of t by correlation. The sum of squared residuals over B^2 is the
-misfit; how the place bends from a pixel to its neighbours is the roughness. Neither needs more than a few thousand
-pixels, so this is NumPy.
+A pixel that looks at place x shows A + B t_i(x) in frame i. Codes are read bit by bit, fringes beside them
+refine the place; any other axis is looked up in a table of t by correlation. The sum of squared residuals
+over B^2 is the misfit; how the place bends from a pixel to its neighbours is the roughness.
 """
 
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ __all__ = ["AxisTable", "axis_tables", "bends", "misfit_at", "places"]
 
 F32 = NDArray[np.float32]
 Ints = NDArray[np.int64]
-#: Table entries per finest period: a phase is off by at most a 16th of a turn / 2, a residual of 0.2 B at most.
+#: Table entries per finest period: a phase is off by a 32nd of a turn, 0.2 B, at most.
 _PER_PERIOD = 16
 #: Pixels that are looked up together: the scores of a block stay in cache.
 _BLOCK = 256
@@ -119,7 +118,7 @@ def places(table: AxisTable, levels: F32, free: int = -1) -> F32:
 
 @lru_cache(maxsize=256)
 def _reader(table: AxisTable, free: int) -> tuple[F32, int]:
-    """Weights (bits, n) whose product with levels is above 0 where a bit is 1; mask of a bit that none shows."""
+    """Weights (bits, n) whose product with levels is above 0 where a bit is 1; mask of one that is lost."""
     assert table.axis.code is not None
     slot = {int(frame): k for k, frame in enumerate(table.frames) if frame != free}
     plain, inverse = (
@@ -187,7 +186,7 @@ def _looked_up(table: AxisTable, levels: F32, free: int) -> F32:
 
 @lru_cache(maxsize=64)
 def _centred(table: AxisTable, free: int) -> tuple[Ints, F32, F32]:
-    """Slots of the frames that say something, their table without its mean, of unit length, and that length."""
+    """Slots of the frames that say something, their table without mean, of unit length, and that length."""
     kept = np.flatnonzero(table.frames != free)
     shown = table.shown[kept] - table.shown[kept].mean(axis=0)
     length = np.maximum(np.linalg.norm(shown, axis=0), 1e-3).astype(np.float32)
@@ -207,8 +206,8 @@ def misfit_at(table: AxisTable, levels: F32, place: Any, free: int = -1) -> tupl
 
 
 def bends(place: F32) -> F32:
-    """Second differences (2, T) of places (A, 5, T) of a pixel and its neighbours to the left, right, above and
-    below, of those of the A answers that bend least."""
+    """Second differences (2, T) of places (A, 5, T) of a pixel and its neighbours to the left, right, above
+    and below, of those of the A answers that bend least."""
     centre, others = place[:, 0], place[:, 1:]
     least = np.full((2, place.shape[2]), np.inf, np.float32)
     for one, middle, two in product(range(len(place)), repeat=3):

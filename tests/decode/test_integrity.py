@@ -231,7 +231,7 @@ def _truth(smooth: tuple[F64, F64]) -> Correspondence:
 
 
 def test_only_pixels_that_a_wrong_step_could_spoil_are_blamed(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
-    """A step replaced by its neighbour is right where both are the same; of eight steps it can be left out."""
+    """A step replaced by its neighbour is right where both are the same; of eight, one may be left out."""
     shown = sequence("phase", 150, 170, steps=8, periods=(190.0, 16.0))
     frames = shoot(shown, *smooth, noise=1.0)
     before = frames[10].astype(float)
