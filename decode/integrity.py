@@ -1,11 +1,11 @@
 """Are the frames those that the sequence describes? Swapped, lost, repeated, replaced and torn ones, named.
 
 Some hundred pixels that see the pattern, each with a neighbour on either side, are explained by every axis
-on its own (see sample_fit). A wrong frame shows in what stays unexplained, where the code is redundant, and in
-places that jump or fold along the picture that was shown instead, where it is not. Depth edges, shadows and
-gloss do both, too, at pixels that no single fault mends. So every single fault is tried in turn, and the one is
-named that mends many of these pixels and breaks hardly any other. Faults that are another scene's perfect
-picture stay unseen, and so do those of spots.
+on its own (see sample_fit). A wrong frame shows in what stays unexplained, where the code is redundant, and
+in places that jump or fold along the picture that was shown instead, where it is not. Depth edges, shadows
+and gloss do both, too, at pixels that no single fault mends. So every single fault is tried in turn, and
+the one is named that mends many of these pixels and breaks hardly any other. Faults that are another
+scene's perfect picture stay unseen, and so do those of spots.
 """
 
 from collections.abc import Iterator
