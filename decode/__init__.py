@@ -20,6 +20,8 @@
 | `flags`          | flags, made once; maps that both axes share                                            |
 | `display`        | one model of what a display does: cell, footprint, blur; measured, taken off           |
 | `spatial`        | what neighbours tell: edges, partial footprints, strays                                |
+| `integrity`      | `check`: swapped, lost, repeated, replaced and torn frames, named                      |
+| `sample_fit`     | what a single pixel's samples say of each axis, for it                                 |
 | `exposures`      | codes under several exposures: each decoded, the best answer per pixel                 |
 | `single_shot/`   | `lattice`, `crossed`: one frame against one at rest                                    |
 
@@ -31,6 +33,7 @@ from .correspondence import Correspondence, Flag
 from .decoder import decode
 from .displacement import Displacement, difference
 from .harmonics import HarmonicError, harmonic_errors
+from .integrity import Finding, Integrity, check
 from .response import Response
 from .single_shot import Crossings, PatternMap, crossed, lattice
 
@@ -38,10 +41,13 @@ __all__ = [
     "Correspondence",
     "Crossings",
     "Displacement",
+    "Finding",
     "Flag",
     "HarmonicError",
+    "Integrity",
     "PatternMap",
     "Response",
+    "check",
     "crossed",
     "decode",
     "difference",

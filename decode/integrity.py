@@ -1,0 +1,547 @@
+"""Are the frames those that the sequence describes? Swapped, lost, repeated, replaced and torn ones, named.
+
+Some hundred pixels that see the pattern, each with a neighbour on either side, are explained by every axis
+on its own (see sample_fit). A wrong frame shows in what stays unexplained, where the code is redundant, and
+in places that jump or fold along the picture that was shown instead, where it is not. Depth edges, shadows
+and gloss do both, too, at pixels that no single fault mends. So every single fault is tried in turn, and
+the one is named that mends many of these pixels and breaks hardly any other. Faults that are another
+scene's perfect picture stay unseen, and so do those of spots.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from math import erfc, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optolever.errors import InputError
+from optolever.patterns import Sequence
+
+from .correspondence import Correspondence
+from .exposures import by_exposure, numbered
+from .frames import Light, light_of, sample_levels
+from .noise import Noise, Sample, estimate_noise
+from .plan import AxisPlan, Plan, constraints
+from .sample_fit import AxisTable, axis_tables, bends, misfit_at, places
+
+__all__ = ["Finding", "Integrity", "check", "examine", "spoilt_pixels"]
+
+F32 = NDArray[np.float32]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+#: Pixels that are looked at, with four neighbours each; fewest that tell anything.
+_PIXELS, _FEWEST = 600, 32
+#: Pixels of the search's first round, and faults of its second.
+_FIRST, _SECOND = 100, 16
+#: Distance of neighbours: share of the image's width, px at least and at most.
+_APART, _NEAR, _FAR = 1 / 40, 3, 8
+#: Of a pixel's contrast, what its neighbours have at least.
+_ALIKE = 0.3
+#: Cost above which nothing is worse: log(1 + z^2) at z = 3.
+_MOST = 2.3
+#: Misfit (sum of squares over B^2) that has no cost to speak of: JPEG, weak finest bits; least, most.
+_MISFIT = (0.2, 1.0)
+#: Bend of the place that has no cost to speak of, cells.
+_BEND = 1.5
+#: Share of that which comes of whole cells, one on a smooth map.
+_STEP = 1 / _BEND
+#: Cost of an axis above which a pixel is odd; share of odd pixels up to which the code's rules are obeyed.
+_ODD, _QUIET = 1.0, 0.03
+#: Cost by which a pixel is mended, or broken.
+_MENDED = 0.7
+#: Difference of two frames that show the same, share of the contrast; share of the pixels where they do.
+_SAME, _MOSTLY = 0.35, 0.95
+#: Probability by chance, of all faults tried, above which nothing is named.
+_CHANCE = 0.01
+#: Share of the pixels around which a frame changes, from which on its picture is like no other.
+_STRUCTURED = 0.25
+#: Faults after which all frames are in wrong places, and the share of the pixels that chance may mend
+#: where most are.
+_SHIFTED, _ALL_LATER = ("lost", "repeated"), 0.075
+#: Share of the pixels that a bit beside fringes mends at depth edges.
+_BESIDE = 0.05
+#: Frames up to which any two may be swapped; of more (sweeps) only those next to each other.
+_ALL_PAIRS = 64
+#: Steps of a fringe that are left when one is dropped: three make a phase, four tell whether it is right.
+_STEPS = 4
+#: Deviations, and share of the amplitude, by which a frame may differ from what it should show.
+_SIGMAS, _UNLIKE = 4.0, 0.2
+#: Fewest pixels that are mended; share of the best margin from which on a fault may be it, too.
+_LEAST, _TIED = 8, 0.9
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A fault: numbers of the frames, what kind, and a sentence; `spoilt` frames are not those described, in
+    rows start..stop (None: all); span: axis and coordinates between which pixels saw them (None: everywhere).
+
+    kind: swapped | lost | repeated | replaced (by another frame) | torn | foreign (shows something else) |
+    inconsistent (something is wrong, and nothing tells with which frame: none is spoilt).
+    confidence: probability that it is no chance; share: of the lit pixels that it mends; leave_out: frames
+    without which the others still decode.
+    """
+
+    frames: tuple[int, ...]
+    kind: str
+    sentence: str
+    spoilt: tuple[int, ...] = ()
+    rows: tuple[int, int] | None = None
+    span: tuple[str, float, float] | None = None
+    confidence: float = 1.0
+    share: float = 0.0
+    leave_out: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Integrity:
+    """findings: none, if nothing is wrong that the code can tell; constraints: how many it obeys."""
+
+    findings: tuple[Finding, ...]
+    constraints: int
+
+
+def check(frames: ArrayLike, sequence: Sequence, found: Correspondence | None = None) -> Integrity:
+    """Look for a frame that is not what the sequence describes.
+
+    frames (N, H, W), frame i as sequence.frames[i] describes it; found: what decode made of them, which saves
+    the look-up of places that are right. Some 2000 pixels are looked at.
+    """
+    stack = np.asarray(frames)
+    if stack.ndim != 3 or len(stack) != len(sequence):
+        raise InputError(f"check: frames have shape {stack.shape}, sequence describes {len(sequence)} images")
+    if any(frame.kind == "stripe" and frame.axis == "uv" for frame in sequence.frames):
+        return Integrity((), 0)  # of spots, nothing is told
+    light = light_of(stack, sequence)
+    findings: list[Finding] = []
+    count = 0
+    for part in by_exposure(sequence):
+        plan = numbered(part)
+        noise, lit = estimate_noise(light, plan)
+        findings += examine(light, plan, noise, lit, found)
+        count += sum(len(group) for group in constraints(plan, len(stack))[-1:])
+    return Integrity(tuple(dict.fromkeys(findings)), count)
+
+
+def examine(
+    light: Light, plan: Plan, noise: Noise, lit: Sample, found: Correspondence | None = None
+) -> tuple[Finding, ...]:
+    """The fault that explains what single pixels and their neighbours say; none, if there is none.
+
+    lit: pixels that see the pattern.
+    """
+    if not axis_tables(plan) or (found is not None and _quiet(plan, lit, found)):
+        return ()
+    crosses = _crosses(light, plan, lit, found)
+    if crosses is None:
+        return ()
+    finding = _single_fault(crosses, plan, light.raw.shape[1])
+    return () if finding is None else (replace(finding, leave_out=_left_out(finding, plan)),)
+
+
+def _quiet(plan: Plan, lit: Sample, found: Correspondence) -> bool:
+    """Whether hardly a pixel is odd at the places that were found: nothing to look for."""
+    height, width = found.u.shape
+    chosen = _chosen(len(lit.places))
+    at = lit.places[chosen]
+    levels, apart = lit.levels[:, chosen], _apart(width)
+    for table in axis_tables(plan):
+        place = getattr(found, table.axis.axis)
+        row, col = at.T
+        centre = place[row, col]
+        misfit = misfit_at(table, levels[table.frames] / table.exposure[:, None], centre)[0]
+        others = [
+            place[np.clip(row + down, 0, height - 1), np.clip(col + along, 0, width - 1)]
+            for down, along in ((0, -apart), (0, apart), (-apart, 0), (apart, 0))
+        ]
+        bend = np.abs(np.stack([others[0] + others[1], others[2] + others[3]]) - 2 * centre)
+        inside = (row >= apart) & (row < height - apart) & (col >= apart) & (col < width - apart)
+        bend = np.where(inside, bend, 0) if table.axis.code else np.zeros_like(bend)
+        cost = _cost_of(misfit[None], np.nan_to_num(bend, nan=np.inf), *_scale(table, misfit, bend))
+        if np.count_nonzero(~(cost <= _ODD)) >= _LEAST:
+            return False
+    return True
+
+
+def _chosen(count: int) -> Ints:
+    """Some of `count` pixels: by chance, as every so many may be a fringe's period."""
+    return np.sort(np.random.default_rng(0).permutation(count)[:_PIXELS])
+
+
+def _apart(width: int) -> int:
+    return min(max(round(width * _APART), _NEAR), _FAR)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Crosses:
+    """Levels (N, 5, T) of pixels and of their neighbours to the left, right, above and below; rows (T,); half
+    of what a pixel's levels span (T,); tables of the axes; misfit and bend of each, and their scales."""
+
+    levels: F32
+    row: Ints
+    contrast: F32
+    tables: tuple[AxisTable, ...]
+    measured: tuple[tuple[F32, F32], ...]
+    scales: tuple[tuple[float, float], ...]
+
+    def only(self, keep: Any) -> "_Crosses":
+        return replace(self, levels=self.levels[:, :, keep], row=self.row[keep], contrast=self.contrast[keep])
+
+
+def _crosses(light: Light, plan: Plan, lit: Sample, found: Correspondence | None) -> _Crosses | None:
+    _, height, width = light.raw.shape
+    apart = _apart(width)
+    around = np.array([[0, 0], [0, -apart], [0, apart], [-apart, 0], [apart, 0]])
+    seen = lit.places
+    if len(seen) < _PIXELS:  # a wrong frame may look like noise that hides the pattern
+        sample = sampled(light)
+        span = np.ptp(sample.levels, axis=0)
+        seen = sample.places[span > _ALIKE * np.quantile(span, 0.99)]
+    at = seen[_chosen(len(seen))] + around[:, None]
+    at = at[:, ((at >= 0) & (at < (height, width))).all(axis=(0, 2))]
+    used = sorted({i for table in axis_tables(plan) for i in table.frames.tolist()})
+    levels = sample_levels(light, at.reshape(-1, 2)).reshape(len(light.raw), 5, -1)
+    contrast = np.ptp(levels[used], axis=0) / 2
+    whole = (contrast > _ALIKE * contrast[0]).all(axis=0)  # not where a sample is NaN
+    if np.count_nonzero(whole) < _FEWEST:
+        return None
+    tables = axis_tables(plan)
+    crosses = _Crosses(levels[:, :, whole], at[0, whole, 0], contrast[0, whole], tables, (), ())
+    order = np.arange(len(levels))
+    row, col = at[0, whole].T
+    known = [None if found is None else getattr(found, table.axis.axis)[row, col] for table in tables]
+    measured = tuple(_measures(crosses, table, order, one) for table, one in zip(tables, known, strict=True))
+    scales = tuple(_scale(table, *own) for table, own in zip(tables, measured, strict=True))
+    return replace(crosses, measured=measured, scales=scales)
+
+
+def _scale(table: AxisTable, misfit: F32, bend: F32) -> tuple[float, float]:
+    """Misfit and bend that have no cost to speak of. Bits alone are weak at their finest anyway."""
+    code = table.axis.code
+    odd = 1.0 if code and not table.axis.fringes else float(np.clip(np.nanmedian(misfit), *_MISFIT))
+    return odd, max(_BEND * max(code.cell if code else 1.0, 1.0), 3 * float(np.nanquantile(bend, 0.3)))
+
+
+def _measures(crosses: _Crosses, table: AxisTable, order: Ints, known: Any = None) -> tuple[F32, F32]:
+    """Misfit (P, T) and bends (2, T) of an axis, whose frame f is image order[f] (-1: none); known (T,):
+    places that are only looked up where they do not explain the pixel."""
+    source = order[table.frames]
+    free = int(table.frames[np.argmin(source)]) if source.min() < 0 else -1
+    pixels = 5 if table.axis.code is not None else 1
+    levels = crosses.levels[np.maximum(source, 0), :pixels]
+    levels = levels.reshape(len(source), -1) / table.exposure[:, None]
+    if known is not None and pixels == 1:
+        misfit = misfit_at(table, levels, known)[0]
+        odd = misfit > max(_MISFIT[0], 4 * float(np.median(misfit)))
+        if odd.any():
+            misfit[odd] = misfit_at(table, levels[:, odd], places(table, levels[:, odd])[0])[0]
+        return misfit[None], np.zeros((2, len(misfit)), np.float32)
+    place = places(table, levels, free)
+    misfits = np.stack([misfit_at(table, levels, one, free)[0] for one in place])
+    misfit = misfits.min(axis=0).reshape(pixels, -1)
+    if table.axis.fringes:  # which tell what a bit must be
+        place = np.take_along_axis(place, misfits.argmin(axis=0)[None], axis=0)
+    if pixels == 1:
+        return misfit, np.zeros((2, misfit.shape[1]), np.float32)
+    return misfit, bends(place.reshape(len(place), 5, -1))
+
+
+def _cost(crosses: _Crosses, order: Ints, base: F32) -> F32:
+    """Cost (axes, T) of every pixel; base: of images in their own places, for axes that are untouched."""
+    costs = []
+    for k, table in enumerate(crosses.tables):
+        if np.array_equal(order[table.frames], table.frames):
+            costs.append(base[k])
+            continue
+        costs.append(_cost_of(*_measures(crosses, table, order), *crosses.scales[k]))
+    return np.asarray(costs, np.float32).reshape(len(crosses.tables), -1)
+
+
+def _cost_of(misfit: F32, bend: F32, odd: float, rough: float) -> F32:
+    """Cost (T,) of misfits (P, T) and bends (2, T)."""
+    beyond = np.maximum(bend / rough - _STEP, 0)
+    both = (
+        np.minimum(np.log1p(misfit / odd), _MOST).mean(axis=0),
+        np.minimum(np.log1p(beyond**2), _MOST).sum(axis=0),
+    )
+    return np.asarray(both[0] + both[1], np.float32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Trial:
+    """A fault that was tried, and by how much it lowers the cost of pixels (T,); usual: how many are mended
+    where there is no such fault; tried: number of such faults."""
+
+    finding: Finding
+    gain: F32
+    usual: int = 0
+    tried: int = 1
+
+    @property
+    def mended(self) -> int:
+        return int(np.count_nonzero(self.gain > _MENDED))
+
+    @property
+    def broken(self) -> int:
+        return int(np.count_nonzero(self.gain < -_MENDED))
+
+    @property
+    def margin(self) -> float:
+        return float(self.gain.sum())
+
+
+def _single_fault(crosses: _Crosses, plan: Plan, rows: int) -> Finding | None:
+    count = len(crosses.levels)
+    base = np.stack(
+        [_cost_of(*own, *scale) for own, scale in zip(crosses.measured, crosses.scales, strict=True)]
+    )
+    if np.count_nonzero(base > _ODD, axis=1).max() < _LEAST:
+        return None
+    total = base.sum(axis=0)
+    unruly = max(
+        float((np.log1p(misfit / odd).mean(axis=0) > _ODD).mean())
+        for (misfit, _), (odd, _) in zip(crosses.measured, crosses.scales, strict=True)
+    )
+    rules = _rules(plan, count) if unruly < _QUIET else np.zeros((0, count))
+    gains = np.stack(
+        [
+            total - _cost(crosses, _without(count, i), base).sum(axis=0)
+            if not rules[:, i].any()
+            else np.zeros_like(total)
+            for i in range(count)
+        ]
+    )
+    costly = np.argsort(total)[len(total) // 2 :]
+    first = costly[:: max(1, len(costly) // _FIRST)]
+    some, own = crosses.only(first), base[:, first]
+    tried = [
+        (finding, order, float((own - _cost(some, order, own)).sum()))
+        for finding, order in _faults(count)
+        if _kept(rules, order)
+    ]
+    tried.sort(key=lambda trial: -trial[2])
+    swept = any(axis.stripes is not None for axis in plan.axes)
+    trials = []
+    for finding, order, _ in tried[:_SECOND]:
+        known, usual = np.zeros_like(total), 0
+        if order.min() < 0 and not swept:  # what it is worth to know less is no gain of the fault
+            known = max(known, gains[np.argmin(order)], gains[-1], key=np.sum)
+            usual = int(_ALL_LATER * len(total))
+        gain = total - known - _cost(crosses, order, base).sum(axis=0)
+        near = finding.kind != "swapped" or finding.frames[1] - finding.frames[0] == 1
+        trials.append(_Trial(finding, gain, usual, count if near else len(tried)))
+    trials += _replacements(crosses, gains, rows)
+    trials = [trial for trial in trials if _chance(trial) < _CHANCE]
+    if not trials:
+        return None
+    best = max(trials, key=lambda trial: trial.margin * (_TIED if trial.finding.kind in _SHIFTED else 1))
+    alike = [t for t in trials if t.margin >= _TIED * best.margin and t.finding.kind == best.finding.kind]
+    return replace(
+        best.finding,
+        frames=tuple(sorted({i for t in alike for i in t.finding.frames})),
+        spoilt=tuple(sorted({i for t in alike for i in t.finding.spoilt})),
+        sentence=" or ".join(list(dict.fromkeys(t.finding.sentence for t in alike))[:4]),
+        confidence=1 - _chance(best),
+        share=best.mended / len(total),
+    )
+
+
+def _rules(plan: Plan, count: int) -> NDArray[np.float64]:
+    """Combinations (C, N) of a pixel's levels that are 0: of fringes by themselves, and of pairs of bits."""
+    groups = constraints(plan, count)
+    return np.concatenate([np.zeros((0, count)), *groups[:2]])
+
+
+def _kept(rules: NDArray[np.float64], order: Ints) -> bool:
+    """Whether what follows the rules still does with images in another order."""
+    known = order >= 0
+    return bool(np.abs(rules[:, known] - rules[:, order[known]]).max(initial=0.0) < 1e-6)
+
+
+def _without(count: int, frame: int) -> Ints:
+    order = np.arange(count)
+    order[frame] = -1
+    return order
+
+
+def _chance(trial: _Trial) -> float:
+    """Probability that as many more pixels are mended than broken (or mended without any fault) by chance."""
+    lost = max(trial.broken, trial.usual)
+    if trial.mended < _LEAST or trial.mended < 2 * lost:
+        return 1.0
+    return min(1.0, 0.5 * trial.tried * erfc((trial.mended - lost) / sqrt(2 * (trial.mended + lost))))
+
+
+def _faults(count: int) -> Iterator[tuple[Finding, Ints]]:
+    """Every fault that leaves all images whole, and which image is which frame under it (-1: none)."""
+    for i in range(count):
+        for j in range(i + 1, count if count <= _ALL_PAIRS else min(i + 3, count)):
+            order = np.arange(count)
+            order[[i, j]] = j, i
+            yield Finding((i, j), "swapped", f"frames {i} and {j} are in each other's place", (i, j)), order
+    for k in range(count - 1):
+        order = np.concatenate([np.arange(k), [-1], np.arange(k, count - 1)])
+        told = f"frame {k} is missing, those after it come one too early"
+        yield Finding((k,), "lost", told, tuple(range(k, count))), order
+    for k in range(1, count - 1):
+        order = np.concatenate([np.arange(k), np.arange(k + 1, count), [-1]])
+        told = f"frame {k - 1} is there twice, those after it come one late"
+        yield Finding((k,), "repeated", told, tuple(range(k, count))), order
+
+
+def _replacements(crosses: _Crosses, gains: F32, rows: int) -> Iterator[_Trial]:
+    """Frames that show another one instead, in all rows or beyond a tear; gains (N, T): without each."""
+    mended = np.count_nonzero(gains > _MENDED, axis=1)
+    usual = _usual(crosses, np.maximum(mended - np.count_nonzero(gains < -_MENDED, axis=1), 0))
+    by_row = np.argsort(crosses.row, kind="stable")
+    row, centre = crosses.row[by_row], crosses.levels[:, 0]
+    structured = np.ptp(crosses.levels, axis=1) > crosses.contrast
+    for i in np.flatnonzero(mended >= np.maximum(usual, _LEAST)).tolist():
+        same = np.abs(centre[i] - centre) < _SAME * crosses.contrast
+        same[i] = False
+        alike = same.mean(axis=1)
+        nearest = np.where(alike < _MOSTLY, np.inf, np.abs(centre[i] - centre).mean(axis=1))
+        for j in (
+            [int(nearest.argmin())] if alike.max() >= _MOSTLY else np.flatnonzero(same.any(axis=1)).tolist()
+        ):
+            for start, stop in _parts(same[j, by_row]):
+                first, last = (int(row[start]) if start else 0), (int(row[stop]) if stop < len(row) else rows)
+                if (first, last) == (0, rows):
+                    finding = Finding((i,), "replaced", f"frame {i} is frame {j} again", (i,))
+                else:
+                    told = f"frame {i} is torn: in rows {first} to {last - 1} it shows frame {j}"
+                    finding = Finding((i,), "torn", told, (i,), (first, last))
+                part = by_row[start:stop]
+                # no two frames with structure everywhere are the same in any scene
+                chance = 0 if structured[j, part].mean() > _STRUCTURED else int(usual[i])
+                ways = 4 if finding.rows else 1  # either side, and the row
+                yield _Trial(finding, gains[i, part], chance, ways * len(gains))
+
+
+def _usual(crosses: _Crosses, mended: Ints) -> Ints:
+    """How many pixels are mended without a frame that is right (N,): for a bit, without the next ones, as
+    fine ones mend more; else without those of its axis."""
+    usual = np.full(len(mended), int(np.median(mended)))
+    for table in crosses.tables:
+        code, others = table.axis.code, set(table.axis.frames())
+        for polarity in (code.plain, code.inverse) if code else ():
+            own = polarity[polarity >= 0]
+            others -= set(own.tolist())
+            if len(own) > 1:
+                around = np.concatenate([mended[own[1:2]], mended[own], mended[own[-2:-1]]])
+                usual[own] = np.minimum(around[:-2], around[2:])
+                if table.axis.fringes:  # beside which any bit mends what one of them spoils
+                    usual[own] = np.minimum(usual[own], int(_BESIDE * len(crosses.row)))
+        if others:
+            usual[list(others)] = int(np.quantile(mended[list(others)], 0.4))
+    return usual
+
+
+def _parts(same: Mask) -> Iterator[tuple[int, int]]:
+    """Ranges from the first or to the last of sorted pixels, in which two frames are the same."""
+    count = len(same)
+    if same.mean() >= _MOSTLY:
+        yield 0, count
+        return
+    for flipped in (False, True):
+        run = same[::-1] if flipped else same
+        score = np.cumsum(np.where(run, 1 - _MOSTLY, -_MOSTLY))
+        length = int(np.argmax(score)) + 1
+        if length >= 8 and score[length - 1] > 0:
+            yield (count - length, count) if flipped else (0, length)
+
+
+def _left_out(finding: Finding, plan: Plan) -> tuple[int, ...]:
+    """Frames without which the others still decode, the wrong ones among them; empty: there are none."""
+    if finding.kind in ("lost", "repeated", "inconsistent"):
+        return ()
+    wrong, out = set(finding.spoilt), set[int]()
+    for axis in plan.axes:
+        own = wrong & set(axis.frames())
+        if not own:
+            continue
+        dropped = _droppable(
+            axis, own, min(plan.white, plan.black) >= 0 and not {plan.white, plan.black} & wrong
+        )
+        if dropped is None:
+            return ()
+        out |= dropped
+    ends = wrong & {plan.white, plan.black}
+    if ends and not all(_paired(axis, wrong) for axis in plan.axes if axis.code):
+        return ()
+    return tuple(sorted(out | ends))
+
+
+def _paired(axis: AxisPlan, wrong: set[int]) -> bool:
+    """Whether every bit is shown with its inverse, by right frames."""
+    assert axis.code is not None
+    own = [*axis.code.plain.tolist(), *axis.code.inverse.tolist()]
+    return min(own) >= 0 and not wrong & set(own)
+
+
+def _droppable(axis: AxisPlan, wrong: set[int], references: bool) -> set[int] | None:
+    """Frames of an axis to drop: bits whose other polarity is right, steps of five or more, whole periods."""
+    out = set[int]()
+    if axis.code is not None:
+        pairs = list(zip(axis.code.plain.tolist(), axis.code.inverse.tolist(), strict=True))
+        for pair in pairs:
+            bad = wrong & set(pair)
+            if bad and not (len(bad) == 1 and min(pair) >= 0 and references):
+                return None
+            out |= bad
+    fringes = [fringe for fringe in axis.fringes if not wrong & set(fringe.index)]
+    for fringe in axis.fringes:
+        bad = wrong & set(fringe.index)
+        if bad and len(fringe.index) - len(bad) >= _STEPS:
+            out |= bad
+        elif bad:
+            out |= set(fringe.index)
+            whole = any(other.period >= axis.extent for other in fringes)
+            if axis.looked_up or not (whole or axis.code is not None):
+                return None
+    return out if wrong <= out else None
+
+
+def spoilt_pixels(finding: Finding, light: Light, plan: Plan, noise: Noise, found: Correspondence) -> Mask:
+    """Pixels (H, W) that the wrong frames could have spoilt.
+
+    Where a spoilt frame does not show what it should at the place that was found; where swapped frames
+    differ; all that saw a frame whose bit no other frame confirms, or that come after a lost one.
+    """
+    shape = light.raw.shape[1:]
+    rows = slice(*finding.rows) if finding.rows else slice(None)
+    spoilt = np.zeros(shape, np.bool_)
+    if finding.kind in ("lost", "repeated"):
+        spoilt[rows] = True
+        return spoilt
+    tables = axis_tables(plan)
+    for frame in finding.spoilt:
+        for table in tables:
+            if frame in table.frames:
+                spoilt[rows] |= _contradicted(frame, finding, light, table, noise, found)[rows]
+    return spoilt
+
+
+def _contradicted(
+    frame: int, finding: Finding, light: Light, table: AxisTable, noise: Noise, found: Correspondence
+) -> Mask:
+    """Where a frame could have led to a wrong place along an axis (H, W)."""
+    level = light.linear(light.raw[frame])
+    others = [i for i in finding.spoilt if i != frame]
+    if finding.kind == "swapped" and len(others) == 1:
+        apart = np.abs(level - light.linear(light.raw[others[0]]))
+        return np.asarray(apart > _SIGMAS * np.sqrt(2 * noise.variance(level)))
+    code = table.axis.code
+    if code is not None and frame in (*code.plain, *code.inverse):
+        polarity, other = (code.plain, code.inverse) if frame in code.plain else (code.inverse, code.plain)
+        partner = int(other[np.flatnonzero(polarity == frame)[0]])
+        if partner < 0 or partner in finding.spoilt:
+            return np.ones(level.shape, np.bool_)
+    if found.amplitude is None or found.offset is None:
+        return np.ones(level.shape, np.bool_)
+    slot = int(np.flatnonzero(table.frames == frame)[0])
+    shown = table.shown[slot][table.entry(getattr(found, table.axis.axis))]
+    apart = np.abs(level / table.exposure[slot] - found.offset - found.amplitude * shown)
+    limit2 = _SIGMAS**2 * noise.variance(level) + (_UNLIKE * found.amplitude) ** 2
+    return np.asarray(~(apart**2 <= limit2))

@@ -1,0 +1,217 @@
+"""What some pixels say of the frames: places by which an axis explains them, and what stays unexplained.
+
+A pixel that looks at place x shows A + B t_i(x) in frame i. Codes are read bit by bit, fringes beside them
+refine the place; any other axis is looked up in a table of t by correlation. The sum of squared residuals
+over B^2 is the misfit; how the place bends from a pixel to its neighbours is the roughness.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .plan import AxisPlan, Code, Fringe, Plan
+
+__all__ = ["AxisTable", "axis_tables", "bends", "misfit_at", "places"]
+
+F32 = NDArray[np.float32]
+Ints = NDArray[np.int64]
+#: Table entries per finest period: a phase is off by a 32nd of a turn, 0.2 B, at most.
+_PER_PERIOD = 16
+#: Pixels that are looked up together: the scores of a block stay in cache.
+_BLOCK = 256
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AxisTable:
+    """What the frames (n,) of an axis, white and black with them, show at places (M,): shown (n, M), -1..1.
+
+    exposure (n,): by which levels are divided.
+    """
+
+    axis: AxisPlan
+    frames: Ints
+    first: float
+    step: float
+    shown: F32
+    exposure: F32
+    references: tuple[int, int]
+
+    def entry(self, place: Any) -> Any:
+        """Number of the table's entry nearest to places."""
+        with np.errstate(invalid="ignore"):
+            at = np.nan_to_num(np.rint((place - self.first) / self.step))
+        return np.clip(at, 0, self.shown.shape[1] - 1).astype(np.int64)
+
+    def place(self, entry: Any) -> Any:
+        """Pattern pixels of an entry."""
+        return entry * self.step + self.first
+
+
+@lru_cache(maxsize=8)
+def axis_tables(plan: Plan) -> tuple[AxisTable, ...]:
+    """Tables of the axes whose levels are known from the plan: all but free ones."""
+    return tuple(_axis_table(plan, axis) for axis in plan.axes if not axis.levels)
+
+
+def _axis_table(plan: Plan, axis: AxisPlan) -> AxisTable:
+    both = (plan.white, plan.black) if plan.white >= 0 and plan.black >= 0 else ()
+    frames = np.array(sorted({*axis.frames(), *both}), np.int64)
+    slot = {int(frame): k for k, frame in enumerate(frames)}
+    fringes = (*axis.fringes, *axis.singles)
+    step = min([1.0, *(fringe.period / _PER_PERIOD for fringe in fringes)])
+    at = np.arange(-0.5 + step / 2, axis.extent - 0.5, step)
+    shown = np.zeros((len(frames), len(at)), np.float32)
+    exposure = np.ones(len(frames), np.float32)
+    for fringe in fringes:
+        own = [slot[i] for i in fringe.index]
+        shown[own] = np.cos(2 * np.pi * at / fringe.period - fringe.shifts[:, None])
+        exposure[own] = fringe.exposure
+    if axis.code is not None:
+        for frame, bits in _bit_tables(axis.code, at):
+            shown[slot[frame]] = bits
+    if axis.stripes is not None:
+        away = np.abs(at - axis.stripes.at[:, None]) / axis.stripes.width
+        line = np.where(away < 1, np.cos(np.pi * away), -1.0)
+        shown[[slot[int(i)] for i in axis.stripes.index]] = line
+    references = (-1, -1)
+    if both:
+        references = (slot[plan.white], slot[plan.black])
+        shown[references[0]], shown[references[1]] = 1.0, -1.0
+    return AxisTable(axis, frames, float(at[0]), step, shown, exposure, references)
+
+
+def _bit_tables(code: Code, at: Any) -> list[tuple[int, Any]]:
+    """Frame and what it shows at places, -1 or 1."""
+    word_of = np.argsort(code.cells)
+    cell = np.clip(((at + 0.5 - code.origin) // code.cell).astype(np.int64), 0, len(word_of) - 1)
+    tables = []
+    for bit, (plain, inverse) in enumerate(zip(code.plain.tolist(), code.inverse.tolist(), strict=True)):
+        line = 2.0 * ((word_of[cell] >> bit) & 1) - 1
+        tables += [(plain, line)] * (plain >= 0) + [(inverse, -line)] * (inverse >= 0)
+    return tables
+
+
+def places(table: AxisTable, levels: F32, free: int = -1) -> F32:
+    """Places (A, K) that levels (n, K) may mean, pattern pixels: A = 2 where a bit is not known.
+
+    free: number of a frame that says nothing (-1: all do).
+    """
+    code, fringes = table.axis.code, table.axis.fringes
+    if code is None:
+        return _looked_up(table, levels, free)[None]
+    reader, unknown = _reader(table, free)
+    word = (1 << np.arange(len(reader))) @ (reader @ levels > 0)
+    words = np.stack([word & ~unknown, word | unknown]) if unknown else word[None]
+    found = code.centre(code.cells[words])
+    for fringe in fringes:
+        inverse = _phase_reader(table, fringe, free)
+        if inverse is not None:
+            cosine, sine = inverse @ levels
+            turn = np.arctan2(sine, cosine) / (2 * np.pi) - found / fringe.period
+            found = found + (turn - np.rint(turn)) * fringe.period
+    return np.asarray(found, np.float32)
+
+
+@lru_cache(maxsize=256)
+def _reader(table: AxisTable, free: int) -> tuple[F32, int]:
+    """Weights (bits, n) whose product with levels is above 0 where a bit is 1; mask of one that is lost."""
+    assert table.axis.code is not None
+    slot = {int(frame): k for k, frame in enumerate(table.frames) if frame != free}
+    plain, inverse = (
+        [slot.get(int(i), -1) for i in polarity]
+        for polarity in (table.axis.code.plain, table.axis.code.inverse)
+    )
+    middle = _middle(table, slot, [(p, q) for p, q in zip(plain, inverse, strict=True) if min(p, q) >= 0])
+    weights, unknown = np.zeros((len(plain), len(table.frames)), np.float32), 0
+    for bit, (p, q) in enumerate(zip(plain, inverse, strict=True)):
+        if p >= 0:
+            weights[bit, p] += 1
+        if q >= 0:
+            weights[bit, q] -= 1
+        if min(p, q) < 0:
+            weights[bit] += -middle if p >= 0 else middle
+        if max(p, q) < 0:
+            unknown |= 1 << bit
+            weights[bit] = 0
+    return weights, unknown
+
+
+def _middle(table: AxisTable, slot: dict[int, int], pairs: list[tuple[int, int]]) -> F32:
+    """Weights (n,) whose product with levels is the mean of white and black."""
+    weights = np.zeros(len(table.frames), np.float32)
+    own = [slot.get(int(table.frames[k]), -1) for k in table.references if k >= 0]
+    fringes = [
+        [slot[i] for i in fringe.index] for fringe in table.axis.fringes if set(fringe.index) <= set(slot)
+    ]
+    if len(own) == 2 and min(own) >= 0:
+        used = own
+    elif pairs:
+        used = [k for pair in pairs for k in pair]
+    elif fringes:
+        used = fringes[-1]
+    else:
+        used = list(slot.values())
+    weights[used] = 1 / len(used)
+    return weights
+
+
+@lru_cache(maxsize=256)
+def _phase_reader(table: AxisTable, fringe: Fringe, free: int) -> F32 | None:
+    """Weights (2, n) of cosine and sine; None: too few frames are left."""
+    kept = [m for m, i in enumerate(fringe.index) if i != free]
+    if len(np.unique(np.round(np.mod(fringe.shifts[kept], 2 * np.pi), 6))) < 3:
+        return None
+    shifts = fringe.shifts[kept]
+    design = np.stack([np.ones(len(kept)), np.cos(shifts), np.sin(shifts)], axis=1)
+    weights = np.zeros((2, len(table.frames)), np.float32)
+    weights[:, np.searchsorted(table.frames, [fringe.index[m] for m in kept])] = np.linalg.pinv(design)[1:]
+    return weights
+
+
+def _looked_up(table: AxisTable, levels: F32, free: int) -> F32:
+    """Places (K,) of the largest normalised correlation."""
+    kept, shown, _ = _centred(table, free)
+    own = levels[kept]
+    own = own - own.mean(axis=0)
+    best = np.empty(levels.shape[1], np.int64)
+    for start in range(0, len(best), _BLOCK):
+        some = slice(start, start + _BLOCK)
+        best[some] = (own[:, some].T @ shown).argmax(axis=1)
+    return np.asarray(table.place(best), np.float32)
+
+
+@lru_cache(maxsize=64)
+def _centred(table: AxisTable, free: int) -> tuple[Ints, F32, F32]:
+    """Slots of the frames that say something, their table without mean, of unit length, and that length."""
+    kept = np.flatnonzero(table.frames != free)
+    shown = table.shown[kept] - table.shown[kept].mean(axis=0)
+    length = np.maximum(np.linalg.norm(shown, axis=0), 1e-3).astype(np.float32)
+    return kept, np.asarray(shown / length, np.float32), length
+
+
+def misfit_at(table: AxisTable, levels: F32, place: Any, free: int = -1) -> tuple[F32, F32]:
+    """Sum of squared residuals over B^2, and B (K,), of levels (n, K) at places (K,)."""
+    kept, shown, length = _centred(table, free)
+    at = table.entry(place)
+    own = levels[kept]
+    own = own - own.mean(axis=0)
+    along = np.einsum("nk,nk->k", own, shown[:, at])
+    whole = np.einsum("nk,nk->k", own, own)
+    scale = np.maximum(along / length[at], 1e-3)
+    return np.asarray((whole - np.maximum(along, 0) ** 2) / scale**2), np.asarray(scale)
+
+
+def bends(place: F32) -> F32:
+    """Second differences (2, T) of places (A, 5, T) of a pixel and its neighbours to the left, right, above
+    and below, of those of the A answers that bend least."""
+    centre, others = place[:, 0], place[:, 1:]
+    least = np.full((2, place.shape[2]), np.inf, np.float32)
+    for one, middle, two in product(range(len(place)), repeat=3):
+        for line in range(2):
+            bend = others[one, 2 * line] - 2 * centre[middle] + others[two, 2 * line + 1]
+            least[line] = np.minimum(least[line], np.abs(bend))
+    return least
