@@ -16,6 +16,7 @@ from .hard_case import Case, Found, Result, run_case, silent_mask
 from .hard_decode import decode_cases
 from .hard_random import random_cases
 from .hard_reconstruct import reconstruct_cases
+from .hard_surroundings import surroundings_cases
 
 __all__ = ["hard_cases", "run_hard", "save_picture"]
 
@@ -30,10 +31,11 @@ def hard_cases(
     quick: bool = False,
     drawn: int = 0,
     first: int = 0,
+    every: bool = False,
 ) -> list[Case]:
     """The cases whose label holds every word of `wanted`. sizes: of cameras, default 192 x 192 (decode), 128
     and 256 squared (reconstruct); quick: 96 x 96, fewer sequences, double precision only; drawn: so many
-    random ones instead, from number `first` on.
+    random ones instead, from number `first` on; every: all combinations of surroundings, not a choice.
     """
     if drawn:
         return [
@@ -43,6 +45,7 @@ def hard_cases(
     cases: list[Case] = []
     for size in sizes or small or (DECODE_SIZE,):
         cases += decode_cases(size, quick)
+        cases += surroundings_cases(size, quick, every)
     cases += reconstruct_cases(sizes or small or RECONSTRUCT_SIZES, quick)
     return [case for case in cases if all(word in case.label for word in wanted.split())]
 

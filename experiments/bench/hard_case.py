@@ -12,14 +12,16 @@ from optolever.errors import InputError
 
 from ..metrics import rms
 
-__all__ = ["LIMIT", "SIGMAS", "Case", "Found", "Result", "judged", "run_case"]
+__all__ = ["LIMIT", "SIGMAS", "Case", "Faults", "Found", "Result", "judged", "run_case"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 LIMIT = 1e-4  # silent errors, as a share of the unflagged pixels
 SIGMAS = 5.0  # beyond which an unflagged value is a silent error
-GOOD, SILENT, UNKNOWN, DIVERGED, REFUSED, BROKEN, LIMITED = (
+RATIO = 1.1  # rms error over that of the reference, at most
+LOSS = 0.03  # good share below that of the reference, at most
+GOOD, SILENT, UNKNOWN, DIVERGED, REFUSED, BROKEN, LIMITED, WORSE, MISSED = (
     "good",
     "silent errors",
     "unflagged NaN",
@@ -27,8 +29,10 @@ GOOD, SILENT, UNKNOWN, DIVERGED, REFUSED, BROKEN, LIMITED = (
     "refused",
     "failed",
     "cannot tell",
+    "worse than alone",
+    "fault missed",
 )
-FAULTS = (SILENT, UNKNOWN, DIVERGED, BROKEN)
+FAULTS = (SILENT, UNKNOWN, DIVERGED, BROKEN, WORSE, MISSED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +42,8 @@ class Found:
     error: signed, of one coordinate or of the height (the worse one in units of its limit), NaN where the
     value is; limit: error beyond which an unflagged value is a silent one; expected: pixels that see the
     pattern; beside: pixels from which no light of the pattern can come; flags; unit: of the errors; scale:
-    what the rms is divided by.
+    what the rms is divided by; reference: what the same pixels gave under better conditions, if the verdict
+    is relative to that.
     """
 
     error: Floats
@@ -48,6 +53,22 @@ class Found:
     flags: NDArray[np.integer[Any]]
     unit: str
     scale: float = 1.0
+    reference: "Found | None" = None
+
+
+@dataclass(frozen=True, slots=True)
+class Faults:
+    """Faults of frames, by name: which are detected, which should be, which of these are not."""
+
+    names: tuple[str, ...]
+    detected: tuple[bool, ...]
+    expected: tuple[bool, ...]
+
+    @property
+    def missed(self) -> list[str]:
+        """Names of those that should be detected and are not."""
+        each = zip(self.names, self.detected, self.expected, strict=True)
+        return [name for name, detected, expected in each if expected and not detected]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,17 +76,20 @@ class Case:
     """One hard case: a pure function of nothing.
 
     part: decode | reconstruct; name: what is hard; subject: sequence or solver; limit: why nobody could tell
-    from these frames that they are wrong ('': it can be told).
+    from these frames that they are wrong ('': it can be told); share, pixels: silent errors that pass, as a
+    share of the unflagged pixels and as a count, whichever is more.
     """
 
     part: str
     name: str
     subject: str
     size: tuple[int, int]
-    make: Callable[[], Found] = field(compare=False)
+    make: Callable[[], Found | Faults] = field(compare=False)
     noise: float = 0.0
     dtype: str = "float64"
     limit: str = ""
+    share: float = LIMIT
+    pixels: int = 0
 
     @property
     def label(self) -> str:
@@ -78,7 +102,7 @@ class Case:
 class Result:
     """A case's verdict. error: rms of the unflagged, in `unit`; worst: over its limit (above 1: silent);
     flagged, wrong: shares of the pixels that see the pattern, those beyond their limit whether flagged or
-    not; silent: share of the unflagged, and their count; found: None if nothing was.
+    not; silent: share of the unflagged, and their count; unflagged: pixels; found: None if nothing was.
     """
 
     case: Case
@@ -91,6 +115,7 @@ class Result:
     wrong: float = math.nan
     silent: float = math.nan
     silent_count: int = 0
+    unflagged: int = 0
     found: Found | None = None
 
     @property
@@ -117,6 +142,7 @@ class Result:
             "wrong": self.wrong,
             "silent": self.silent,
             "silent_count": self.silent_count,
+            "unflagged": self.unflagged,
         }
 
 
@@ -130,17 +156,47 @@ def run_case(case: Case) -> Result:
         return Result(case, BROKEN, f"{type(error).__name__}: {error}")
 
 
-def judged(case: Case, found: Found) -> Result:
-    """The verdict: NaN or silent errors among unflagged pixels, errors as large as the subject itself."""
+def judged(case: Case, found: Found | Faults) -> Result:
+    """The verdict: NaN or silent errors among unflagged pixels, errors as large as the subject itself; where
+    there is a reference, what is worse than in that; of faults, those that are missed.
+    """
+    if isinstance(found, Faults):
+        missed, expected = found.missed, max(sum(found.expected), 1)
+        result = Result(case, MISSED if missed else GOOD, silent=len(missed) / expected)
+        return replace(result, silent_count=len(missed), why=_listed(missed, found))
+    result = _measured(case, found)
+    if found.reference is None:
+        return _with_verdict(result, case.share, case.pixels)
+    return _compared(result, _measured(case, found.reference))
+
+
+def _listed(missed: list[str], found: Faults) -> str:
+    what = f"{sum(found.expected)} of {len(found.names)} can be detected"
+    return f"{', '.join(missed)}: {len(missed)} missed, {what}" if missed else what
+
+
+def _compared(result: Result, reference: Result) -> Result:
+    """The verdict relative to a reference of the same pixels."""
+    judged = _with_verdict(result, reference.silent + LIMIT, 0)
+    if judged.fault:
+        return judged
+    if result.flagged > reference.flagged + LOSS:
+        return replace(result, verdict=WORSE, why=f"{100 * reference.flagged:.3g} % flagged alone")
+    if result.error > RATIO * reference.error:
+        return replace(result, verdict=WORSE, why=f"{reference.error:.3g} {result.unit} rms alone")
+    return judged
+
+
+def _measured(case: Case, found: Found) -> Result:
+    """The numbers of a result."""
     stands = found.flags == 0
     seen = stands & found.expected
-    unknown = int((seen & ~np.isfinite(found.error)).sum())
     off = silent_mask(found)
     count, total = int(off.sum()), int(stands.sum())
     errors = found.error[seen & np.isfinite(found.error)]
     share = count / total if total else 0.0
     expected = int(found.expected.sum())
-    result = Result(
+    return Result(
         case,
         GOOD,
         error=rms(errors) / found.scale,
@@ -150,9 +206,9 @@ def judged(case: Case, found: Found) -> Result:
         wrong=float((_beyond(found) & found.expected).sum()) / expected if expected else math.nan,
         silent=share,
         silent_count=count,
+        unflagged=total,
         found=found,
     )
-    return _with_verdict(result, unknown, share)
 
 
 def silent_mask(found: Found) -> Mask:
@@ -165,10 +221,12 @@ def _beyond(found: Found) -> Mask:
         return np.asarray(~(np.abs(found.error) <= found.limit))
 
 
-def _with_verdict(result: Result, unknown: int, share: float) -> Result:
+def _with_verdict(result: Result, share: float, pixels: int) -> Result:
+    """share, pixels: silent errors that pass, of the unflagged and as a count."""
+    unknown = 0 if result.found is None else _unknown(result.found)
     if unknown:
         return replace(result, verdict=UNKNOWN, why=f"{unknown} pixels")
-    if share > LIMIT:
+    if result.silent > share and result.silent_count > pixels:
         if result.case.limit:
             return replace(result, verdict=LIMITED, why=result.case.limit)
         return replace(result, verdict=SILENT, why=f"{result.silent_count} pixels")
@@ -177,3 +235,8 @@ def _with_verdict(result: Result, unknown: int, share: float) -> Result:
     if result.flagged == 1:
         return replace(result, why="all flagged")
     return result
+
+
+def _unknown(found: Found) -> int:
+    """Unflagged pixels that see the pattern and have no value."""
+    return int(((found.flags == 0) & found.expected & ~np.isfinite(found.error)).sum())
