@@ -1,14 +1,14 @@
-"""Pictures by tracing rays through the area of every camera pixel: no footprint, no Jacobian, no model of a decoder.
+"""Frames by rays through the area of every camera pixel: no footprint, no Jacobian, no model of a decoder.
 
 `side`^2 rays a pixel (36 by default) are traced exactly (`scene.trace`: lens distortion, refraction at the
-face, dent, reflection). They form a sheared grid: ray (i, j) of a pixel stands at
+face, dent, reflection). They form a turned grid: ray (i, j) of a pixel stands at
 
-    ((i + (j + 1/2) / side) / side, (j + (i + 1/2) / side) / side)
+    ((i + (j + 1/2) / side) / side, (j + (side - i - 1/2) / side) / side)
 
-of it, so that all of them differ along columns and along rows. Each looks up the light of the display at the
-place that it meets: cells of even level as `Frame.tables` says, dark around them, seen through a Gaussian of
-`pattern.blur_px` cells; the pixel's light is their mean. It serves tests of whatever assumes something of a
-pixel: maps that bend, fold or end inside of one are averaged as they are.
+of it: all of them differ along columns and along rows, and the two do not correlate. Each looks up the light
+of the display at the place that it meets: cells of even level as `Frame.tables` says, dark around them, seen
+through a Gaussian of `pattern.blur_px` cells; the pixel's light is their mean. It serves tests of whatever
+assumes something of a pixel: maps that bend, fold or end inside of one are averaged as they are.
 """
 
 from dataclasses import dataclass, replace
@@ -106,7 +106,7 @@ class _AreaCamera:
         side = self._side
         pixel, ray = np.divmod(col, side * side)
         j, i = np.divmod(ray, side)
-        along, down = (i + (j + 0.5) / side) / side, (j + (i + 0.5) / side) / side
+        along, down = (i + (j + 0.5) / side) / side, (j + (side - i - 0.5) / side) / side
         return self._camera.rays_at(row + down - 0.5, pixel + along - 0.5)
 
 
@@ -158,8 +158,8 @@ def area_frames(
 def expose(
     lights: Light, sequence: Sequence, sensor: Sensor, lighting: Lighting | None = None, seed: int = 0
 ) -> NDArray[Any]:
-    """Frames (N, H, W) of light (N, H, W): dark current, offset, read and shot noise, clipped, rounded; uint8,
-    or uint16 from `sensor.bits` > 8 on. The noise of a pixel goes by `seed`, frame and place alone.
+    """Frames (N, H, W) of light (N, H, W): dark current, offset, read and shot noise, clipping, rounding;
+    uint8, or uint16 from `sensor.bits` > 8 on. The noise of a pixel goes by `seed`, frame and place alone.
     """
     dark = 0.0 if lighting is None else lighting.dark / (255.0 * sensor.exposure)
     frames = np.empty(lights.shape, np.uint8 if sensor.bits == 8 else np.uint16)

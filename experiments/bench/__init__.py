@@ -8,8 +8,10 @@
 | `store.py`, `sweeps.py` | one result file per cell; resumed runs, here or on Dask |
 | `methods.py`, `integration_peers.py` | every solver and integrator on the same cases; peers from PyPI |
 | `pareto.py`, `summary.py`, `report.py` | frontier and chart; the few rows that count; the page |
-| `hard.py`, `hard_case.py` | hard cases and their verdicts |
-| `hard_decode.py`, `hard_reconstruct.py`, `hard_random.py` | what is hard: written lists, and drawn |
+| `hard.py`, `hard_case.py`, `hard_pooled.py` | hard cases, their verdicts, drawn ones together |
+| `hard_decode.py`, `hard_reconstruct.py`, `hard_surroundings.py` | what is hard: written lists |
+| `hard_random.py`, `hard_rigs.py`, `rigs.py` | what is hard: drawn; rigs |
+| `surroundings.py`, `area_truth.py` | what is around a mirror; errors against the area of a pixel |
 """
 
 from .cell import Cell, Grid, load_grid
@@ -17,6 +19,7 @@ from .decoders import DECODERS
 from .defaults import DEFAULT_GRID
 from .hard import hard_cases, run_hard, save_picture
 from .hard_case import Case, Found, Result, judged
+from .hard_pooled import Pooled, pooled
 from .methods import MethodRow, missing_peers, run_methods
 from .pareto import frontier
 from .report import bench_html, bench_markdown, bench_table, write_bench_report
@@ -35,6 +38,7 @@ __all__ = [
     "Found",
     "Grid",
     "MethodRow",
+    "Pooled",
     "Result",
     "Row",
     "Store",
@@ -46,6 +50,7 @@ __all__ = [
     "judged",
     "load_grid",
     "missing_peers",
+    "pooled",
     "run_cells",
     "run_hard",
     "run_methods",

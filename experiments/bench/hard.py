@@ -23,6 +23,7 @@ __all__ = ["hard_cases", "run_hard", "save_picture"]
 DECODE_SIZE = (192, 192)
 RECONSTRUCT_SIZES = ((128, 128), (256, 256))
 QUICK_SIZE = (96, 96)
+QUICK_SURROUNDINGS = (144, 144)  # so that 3 % of them are 600 pixels
 
 
 def hard_cases(
@@ -34,8 +35,9 @@ def hard_cases(
     every: bool = False,
 ) -> list[Case]:
     """The cases whose label holds every word of `wanted`. sizes: of cameras, default 192 x 192 (decode), 128
-    and 256 squared (reconstruct); quick: 96 x 96, fewer sequences, double precision only; drawn: so many
-    random ones instead, from number `first` on; every: all combinations of surroundings, not a choice.
+    and 256 squared (reconstruct); quick: 96 x 96 (surroundings 144 x 144), fewer sequences, double precision
+    only; drawn: so many random ones instead, from number `first` on; every: all combinations of surroundings,
+    not a choice.
     """
     if drawn:
         return [
@@ -45,6 +47,7 @@ def hard_cases(
     cases: list[Case] = []
     for size in sizes or small or (DECODE_SIZE,):
         cases += decode_cases(size, quick)
+    for size in sizes or ((QUICK_SURROUNDINGS,) if quick else (DECODE_SIZE,)):
         cases += surroundings_cases(size, quick, every)
     cases += reconstruct_cases(sizes or small or RECONSTRUCT_SIZES, quick)
     return [case for case in cases if all(word in case.label for word in wanted.split())]

@@ -1,4 +1,4 @@
-"""Drawn hard cases of the decoder: a rig that nobody has thought of, seen by rays through its pixels' areas."""
+"""Drawn hard cases of the decoder: rigs that nobody has thought of, seen by rays through pixels' areas."""
 
 from functools import partial
 
@@ -7,11 +7,12 @@ import numpy as np
 from optolever.decode import decode
 from optolever.patterns import sequence_from_text
 from optolever.projector import area_frames, trace_area
+from optolever.scene import Sensor
 
 from ..drawn import between
 from .area_truth import area_errors
 from .hard_case import Case, Found
-from .rigs import KINDS, Rig, draw_rig
+from .rigs import KINDS, Rig, draw_rig, drawn_sensor
 
 __all__ = ["RIG_PIXELS", "RIG_SHARE", "decoded_rig", "rig_case", "rig_of"]
 
@@ -24,40 +25,40 @@ _SEED = 1977
 
 def rig_case(number: int) -> Case:
     """The drawn case of a number, always the same."""
-    kind, size, code = _drawn_case(number)
+    kind, size, code, sensor = _drawn_case(number)
     return Case(
         "decode",
         f"random {number}",
         f"{code} on {kind}",
         size,
         partial(decoded_rig, number),
+        round(sensor.noise, 2),
+        "uint8" if sensor.bits == 8 else "uint16",
         share=RIG_SHARE,
         pixels=RIG_PIXELS,
     )
 
 
-def rig_of(number: int) -> tuple[Rig, str]:
-    """The rig of a number and its sequence's text."""
-    kind, size, code = _drawn_case(number)
-    return draw_rig(np.random.default_rng([_SEED, number, 1]), kind, size), code
+def rig_of(number: int) -> tuple[Rig, str, Sensor]:
+    """The rig of a number, its sequence's text and its camera's sensor."""
+    kind, size, code, sensor = _drawn_case(number)
+    return draw_rig(np.random.default_rng([_SEED, number, 1]), kind, size), code, sensor
 
 
 def decoded_rig(number: int, centre: bool = False) -> Found:
     """Render, decode, compare with where every pixel's area (or, if asked for, its centre) looked."""
-    rig, code = rig_of(number)
-    scene, sensor = rig.scene, rig.scene.sensor
-    assert sensor is not None  # a drawn rig has one
-    shown = sequence_from_text(code, scene.pattern.rows, scene.pattern.cols)
-    area = trace_area(scene, rig.surface)
+    rig, code, sensor = rig_of(number)
+    shown = sequence_from_text(code, rig.scene.pattern.rows, rig.scene.pattern.cols)
+    area = trace_area(rig.scene, rig.surface)
     frames = area_frames(area, shown, sensor, rig.lighting, seed=number)
     return area_errors(decode(frames, shown), area, shown, centre)
 
 
-def _drawn_case(number: int) -> tuple[str, tuple[int, int], str]:
-    """Kind of rig, camera's size, sequence."""
+def _drawn_case(number: int) -> tuple[str, tuple[int, int], str, Sensor]:
+    """Kind of rig, camera's size, sequence, sensor."""
     rng = np.random.default_rng([_SEED, number, 0])
     rows, cols = rng.integers(*_SIZES, 2)
-    return str(rng.choice(KINDS)), (int(rows), int(cols)), _code(rng)
+    return str(rng.choice(KINDS)), (int(rows), int(cols)), _code(rng), drawn_sensor(rng)
 
 
 def _code(rng: np.random.Generator) -> str:

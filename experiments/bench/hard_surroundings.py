@@ -37,7 +37,9 @@ COVERS = 3
 """So many times every pair of values is in the list of cases that is not the full product."""
 QUICK = 12
 
-FAULT_CASES = tuple(zip(SEQUENCES, (0.1, 0.3, 0.6, 0.03, 0.1), ("dark", "room", "lamp", "dark", "reflection"), strict=True))
+FAULT_CASES = tuple(
+    zip(SEQUENCES, (0.1, 0.3, 0.6, 0.03, 0.1), ("dark", "room", "lamp", "dark", "reflection"), strict=True)
+)
 _SENSOR = Sensor(offset=20.0, exposure=200.0 / 255.0)  # amplitude 100
 _CHANGED = 0.01  # of the lit pixels: a fault that changes fewer of them by 3 times the noise need not be told
 

@@ -31,7 +31,7 @@ from optolever.scene import (
 
 from ..drawn import between, drawn_dent, together
 
-__all__ = ["KINDS", "LEAST_LIT", "Rig", "draw_rig"]
+__all__ = ["KINDS", "LEAST_LIT", "Rig", "draw_rig", "drawn_sensor"]
 
 Float = NDArray[np.float64]
 
@@ -47,8 +47,8 @@ _PLANE_CELLS = 4000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rig:
-    """A scene with its sensor and blur, its mirror's shape and light; lit: share of the image that sees the
-    pattern (of a coarse trace).
+    """A scene with its blur, its mirror's shape and light; lit: share of the image that sees the pattern (of
+    a coarse trace).
     """
 
     kind: str
@@ -59,17 +59,17 @@ class Rig:
 
 
 def draw_rig(rng: np.random.Generator, kind: str, size: tuple[int, int]) -> Rig:
-    """A rig of a kind (KINDS) with a camera of size (rows, cols), drawn until it sees enough of its pattern."""
+    """A rig of a kind (KINDS), camera of size (rows, cols), drawn until it sees enough of the pattern."""
     for _ in range(_TRIES):
         scene = _drawn_scene(rng, kind, size)
-        sensor, lighting = _drawn_sensor(rng), _drawn_lighting(rng)
+        lighting = _drawn_lighting(rng)
         dents = [drawn_dent(rng) for _ in range(rng.choice(3, p=(0.1, 0.7, 0.2)))]
         if scene is None:
             continue
         surface = together(dents, scene) if dents else dent("flat", scene)
         lit = float(trace(_coarse(scene), surface).visible.mean())
         if lit >= LEAST_LIT:
-            return Rig(kind, replace(scene, sensor=sensor), surface, lighting, lit)
+            return Rig(kind, scene, surface, lighting, lit)
     raise RuntimeError(f"{kind}: no rig in {_TRIES} draws sees {100 * LEAST_LIT:g} % of its image lit")
 
 
@@ -100,7 +100,12 @@ def _drawn_scene(rng: np.random.Generator, kind: str, size: tuple[int, int]) -> 
 
 
 def _drawn_camera(
-    rng: np.random.Generator, kind: str, mirror: Mirror, angle: float, face: Face | None, size: tuple[int, int]
+    rng: np.random.Generator,
+    kind: str,
+    mirror: Mirror,
+    angle: float,
+    face: Face | None,
+    size: tuple[int, int],
 ) -> Camera:
     """A camera that looks down at `angle` (rad) from the normal, more or less at the middle of the mirror,
     tilted by up to 6 degrees and rolled by up to 20; half of the cameras see all of the mirror and more.
@@ -133,7 +138,7 @@ def _drawn_camera(
 
 
 def _axes(angle: float, sideways: float, roll: float) -> tuple[Float, Float]:
-    """Axes u, v of a camera that looks down at `angle` from the normal, towards -x, and `sideways` along y."""
+    """Axes u, v of a camera that looks down at `angle` from the normal, towards -x, `sideways` along y."""
     u, v = np.array([-np.cos(angle), 0.0, np.sin(angle)]), np.array([0.0, 1.0, 0.0])
     looking = np.cross(u, v)
     v, looking = (
@@ -197,7 +202,7 @@ def _coarse(scene: Scene) -> Scene:
     return replace(resize(scene, _COARSE, _COARSE), pattern=scene.pattern)
 
 
-def _drawn_sensor(rng: np.random.Generator) -> Sensor:
+def drawn_sensor(rng: np.random.Generator) -> Sensor:
     """White at a third to all of full scale, one in ten beyond; 10, 12 or 16 bits in one of four."""
     offset = float(rng.uniform(0, 40))
     fill = float(rng.uniform(1.0, 1.2)) if rng.random() < 0.1 else between(rng, 0.35, 0.95)
@@ -214,5 +219,8 @@ def _drawn_lighting(rng: np.random.Generator) -> Lighting:
     """A backlight uneven by up to 30 %, vignetting up to 50 %, a dark current up to 15 levels."""
     u, v = rng.random(2)
     return Lighting(
-        float(rng.uniform(0, 0.3)), (float(u), float(v)), float(rng.uniform(0, 0.5)), float(rng.uniform(0, 15))
+        float(rng.uniform(0, 0.3)),
+        (float(u), float(v)),
+        float(rng.uniform(0, 0.5)),
+        float(rng.uniform(0, 15)),
     )

@@ -1,6 +1,7 @@
 """What is in the image around a mirror: where the mirror is, and the light of everything else.
 
-The mirror's pixels are those of an image that it fills: same light, same noise (expose's noise goes by place).
+The mirror's pixels are those of an image that it fills: same light, same noise, which
+`expose` draws by place.
 """
 
 from collections.abc import Callable
@@ -25,7 +26,7 @@ def mirror_mask(form: str, fill: float, shape: tuple[int, int], rng: np.random.G
 
 
 def surrounded(light: Light, mask: Mask, around: str, rng: np.random.Generator) -> Light:
-    """Light (N, H, W) of an image of which the mirror fills `mask`: around it is what AROUND[around] makes."""
+    """Light (N, H, W) of an image whose mirror fills `mask`; around it is what AROUND[around] makes."""
     return np.where(mask, light, AROUND[around](light, mask, rng)).astype(np.float32)
 
 
@@ -52,9 +53,7 @@ def _islands(fill: float, shape: tuple[int, int], rng: np.random.Generator) -> M
     return _rectangles([(0.6 * width, fill / width), (0.4 * width, fill / width)], shape, rng)
 
 
-def _rectangles(
-    sizes: list[tuple[float, float]], shape: tuple[int, int], rng: np.random.Generator
-) -> Mask:
+def _rectangles(sizes: list[tuple[float, float]], shape: tuple[int, int], rng: np.random.Generator) -> Mask:
     """Rectangles (width, height; shares of the image) from left to right with gaps between them."""
     rows, cols = shape
     mask = np.zeros(shape, np.bool_)
@@ -63,7 +62,9 @@ def _rectangles(
     at = float(rng.uniform(0.0, max(free - gap * (len(sizes) - 1), 0.0)))
     for width, height in sizes:
         top = float(rng.uniform(0.0, 1.0 - height))
-        mask[round(top * rows) : round((top + height) * rows), round(at * cols) : round((at + width) * cols)] = 1
+        mask[
+            round(top * rows) : round((top + height) * rows), round(at * cols) : round((at + width) * cols)
+        ] = 1
         at += width + gap
     return mask
 
