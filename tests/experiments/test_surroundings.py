@@ -78,7 +78,7 @@ def fake_decoder(monkeypatch: pytest.MonkeyPatch, noise: float, bias: float, fla
     [
         (0.0, 0.0, "good"),
         (1.0, 0.0, "silent errors"),
-        (0.01, 0.0, "worse than alone"),
+        (0.03, 0.0, "worse than alone"),
         (0.0, 0.2, "worse than alone"),
     ],
 )
