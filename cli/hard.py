@@ -123,6 +123,7 @@ def _pooled_cells(together: "Pooled") -> dict[str, str]:
         "silent errors": f"{together.silent_count} of {together.unflagged} unflagged pixels: "
         f"{number(together.silent)} (at most 1e-4)",
         "median flagged share": f"{number(100 * together.median_flagged, '%')} (at most 5 %)",
+        "median rms(error / sigma)": f"{number(together.median_normalised)} (worse of u, v; true: 1.28)",
     }
 
 

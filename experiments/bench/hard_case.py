@@ -102,7 +102,9 @@ class Case:
 class Result:
     """A case's verdict. error: rms of the unflagged, in `unit`; worst: over its limit (above 1: silent);
     flagged, wrong: shares of the pixels that see the pattern, those beyond their limit whether flagged or
-    not; silent: share of the unflagged, and their count; unflagged: pixels; found: None if nothing was.
+    not; silent: share of the unflagged, and their count; unflagged: pixels; normalised: rms of their
+    errors in units of sigma (of the worse coordinate: 1.28 if both sigmas are true); found: None if nothing
+    was.
     """
 
     case: Case
@@ -116,6 +118,7 @@ class Result:
     silent: float = math.nan
     silent_count: int = 0
     unflagged: int = 0
+    normalised: float = math.nan
     found: Found | None = None
 
     @property
@@ -143,6 +146,7 @@ class Result:
             "silent": self.silent,
             "silent_count": self.silent_count,
             "unflagged": self.unflagged,
+            "normalised": self.normalised,
         }
 
 
@@ -193,7 +197,9 @@ def _measured(case: Case, found: Found) -> Result:
     seen = stands & found.expected
     off = silent_mask(found)
     count, total = int(off.sum()), int(stands.sum())
-    errors = found.error[seen & np.isfinite(found.error)]
+    finite = seen & np.isfinite(found.error)
+    errors = found.error[finite]
+    ratios = np.abs(errors) / found.limit[finite]
     share = count / total if total else 0.0
     expected = int(found.expected.sum())
     return Result(
@@ -201,12 +207,13 @@ def _measured(case: Case, found: Found) -> Result:
         GOOD,
         error=rms(errors) / found.scale,
         unit=found.unit,
-        worst=float(np.max(np.abs(errors) / found.limit[seen & np.isfinite(found.error)], initial=0.0)),
+        worst=float(np.max(ratios, initial=0.0)),
         flagged=1.0 - float(seen.sum()) / expected if expected else math.nan,
         wrong=float((_beyond(found) & found.expected).sum()) / expected if expected else math.nan,
         silent=share,
         silent_count=count,
         unflagged=total,
+        normalised=SIGMAS * rms(ratios),
         found=found,
     )
 

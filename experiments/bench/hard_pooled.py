@@ -20,7 +20,8 @@ class Pooled:
     """Draws of the decoder together.
 
     draws; failed: of these, by their own verdict; refused; silent_count, unflagged: pixels of all draws;
-    silent: their share; median_flagged: over the draws, refused ones as 1.
+    silent: their share; median_flagged: over the draws, refused ones as 1; median_normalised: over the draws,
+    rms error in units of sigma (see Result), which says whether a decoder hides behind large sigmas.
     """
 
     draws: int
@@ -30,6 +31,7 @@ class Pooled:
     unflagged: int
     silent: float
     median_flagged: float
+    median_normalised: float
 
     @property
     def fault(self) -> bool:
@@ -46,6 +48,7 @@ class Pooled:
             "unflagged": self.unflagged,
             "silent": self.silent,
             "median_flagged": self.median_flagged,
+            "median_normalised": self.median_normalised,
             "fault": self.fault,
         }
 
@@ -56,6 +59,7 @@ def pooled(results: Iterable[Result]) -> Pooled | None:
     if not drawn:
         return None
     count, total = sum(one.silent_count for one in drawn), sum(one.unflagged for one in drawn)
+    normalised = [one.normalised for one in drawn if not math.isnan(one.normalised)]
     flagged = [1.0 if math.isnan(one.flagged) else one.flagged for one in drawn]
     return Pooled(
         len(drawn),
@@ -65,4 +69,5 @@ def pooled(results: Iterable[Result]) -> Pooled | None:
         total,
         count / total if total else 0.0,
         float(np.median(flagged)),
+        float(np.median(normalised)) if normalised else math.nan,
     )

@@ -37,6 +37,8 @@ COVERS = 3
 """So many times every pair of values is in the list of cases that is not the full product."""
 QUICK = 12
 
+FAULT_SIZE = 128
+"""Rows and columns, at most, of an image in whose frames every single fault is tried."""
 FAULT_CASES = tuple(
     zip(SEQUENCES, (0.1, 0.3, 0.6, 0.03, 0.1), ("dark", "room", "lamp", "dark", "reflection"), strict=True)
 )
@@ -79,7 +81,8 @@ def surroundings_cases(size: tuple[int, int], quick: bool = False, every: bool =
     for sequence, fill, around in FAULT_CASES[: 2 if quick else None]:
         each = Surroundings(sequence, 1.0, fill, "round", around, "prism48")
         name = each.name.replace("surroundings", "surroundings and frame faults:")
-        yield Case("decode", name, sequence, size, partial(_frame_faults, each, size), each.noise, "uint8")
+        small = min(size[0], FAULT_SIZE), min(size[1], FAULT_SIZE)
+        yield Case("decode", name, sequence, small, partial(_frame_faults, each, small), each.noise, "uint8")
 
 
 def pairwise_cover(values: tuple[tuple[Any, ...], ...], seed: int) -> list[tuple[Any, ...]]:
