@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from optolever.blocks import over_rows
-from optolever.errors import InputError
 from optolever.kernels import exact
 from optolever.patterns import Sequence
 from optolever.scene import Camera, Scene, Sensor, Surface, Trace, trace
@@ -135,16 +134,16 @@ def trace_area(scene: Scene, surface: Surface, side: int = 6) -> AreaTrace:
 
 
 def area_light(seen: AreaTrace, sequence: Sequence, lighting: Lighting | None = None) -> Light:
-    """Light (N, H, W) on the pixels, relative to one fully lit through an ideal mirror. InputError for frames
-    that vary along both axes.
-    """
+    """Light (N, H, W) on the pixels, relative to one fully lit through an ideal mirror."""
     rows, cols = seen.u.shape[:2]
     light = np.empty((len(sequence), rows, cols), np.float32)
     weight = seen.reflected * _dimming(seen, lighting or Lighting())
     for group in frame_groups(sequence, seen.scene.display):
         if group.axis == "uv":
-            raise InputError(f"sequence {sequence.name}: frames along both axes, must vary along one")
-        light[list(group.indices)] = np.moveaxis(_look_up(seen, group, weight), -1, 0)
+            for index in group.indices:
+                light[index] = _look_up_two(seen, group.response[sequence.render_frame(index)], weight)
+        else:
+            light[list(group.indices)] = np.moveaxis(_look_up(seen, group, weight), -1, 0)
     return light
 
 
@@ -211,6 +210,36 @@ def _look_up(seen: AreaTrace, group: FrameGroup, weight: Float) -> Light:
     return out.reshape(*seen.u.shape[:2], -1)
 
 
+def _look_up_two(seen: AreaTrace, image: Light, weight: Float) -> Light:
+    """Light (H, W) of a frame that varies along both axes: image (rows, cols) of its cells' light."""
+    blur, margin, rays = seen.scene.pattern.blur_px, _margin(seen.scene), seen.u.shape[2]
+    reach = margin if blur > 0.0 else 0
+    padded = np.pad(image.astype(np.float64), (margin + reach, margin + reach + 1))
+    shares = _shares(blur, reach)
+    places = [np.nan_to_num(at + margin + 0.5).reshape(-1, rays) for at in (seen.u, seen.v)]
+    weights = weight.reshape(-1, rays)
+    out = np.empty(weights.shape[0], np.float32)
+
+    def work(first: int, last: int) -> None:
+        part = slice(first, last)
+        _image_means(places[0][part], places[1][part], weights[part], padded, shares, out[part])
+
+    over_rows(work, out.size, _BLOCK)
+    return out.reshape(seen.u.shape[:2])
+
+
+def _shares(blur: float, reach: int) -> Float:
+    """Shares (F + 1, K) of the cells -reach..reach in the light at F + 1 places from the lower to the upper
+    edge of cell 0.
+    """
+    if blur == 0.0:
+        return np.ones((2, 1))
+    place = np.arange(_FINE + 1)[:, None] / _FINE - 0.5
+    cell = np.arange(-reach, reach + 1)[None, :]
+    shares: Float = ndtr((cell + 0.5 - place) / blur) - ndtr((cell - 0.5 - place) / blur)
+    return shares
+
+
 def _blurred(levels: Float, blur: float, margin: int) -> Float:
     """Light (F, n) of cells (K, n), dark around them, through a Gaussian of `blur` cells: from the lower edge
     of cell -margin on, in steps of 1 / _FINE of a cell (no blur: one value per cell).
@@ -219,11 +248,8 @@ def _blurred(levels: Float, blur: float, margin: int) -> Float:
     padded = np.pad(levels, ((margin + reach, margin + reach + 1), (0, 0)))
     if blur == 0.0:
         return np.ascontiguousarray(padded)
-    place = np.arange(_FINE)[:, None] / _FINE - 0.5
-    cell = np.arange(-reach, reach + 1)[None, :]
-    shares = ndtr((cell + 0.5 - place) / blur) - ndtr((cell - 0.5 - place) / blur)
     windows = sliding_window_view(padded, 2 * reach + 1, axis=0)
-    table: Float = np.einsum("cnk,pk->cpn", windows, shares, optimize=True)
+    table: Float = np.einsum("cnk,pk->cpn", windows, _shares(blur, reach)[:-1], optimize=True)
     return np.ascontiguousarray(table.reshape(-1, levels.shape[1]))
 
 
@@ -252,3 +278,28 @@ def _pixel_means(
                 sums[n] += weight * ((1.0 - s) * table[i, n] + s * table[i + 1, n])
         for n in range(sums.size):
             out[p, n] = sums[n] / at.shape[1]
+
+
+@exact
+def _image_means(at_u: Float, at_v: Float, weights: Float, image: Float, shares: Float, out: Light) -> None:
+    """Mean light (P,) over the rays of pixels.
+
+    at_u, at_v (P, R): places in cells from the image's start, to which `shares` (F + 1, K) reaches K / 2
+    cells beyond; weights (P, R): 0 where a ray sees nothing; image (rows, cols).
+    """
+    fine, reach = shares.shape[0] - 1, shares.shape[1]
+    for p in range(out.size):
+        total = 0.0
+        for r in range(at_u.shape[1]):
+            if weights[p, r] <= 0.0:
+                continue
+            col, row = int(at_u[p, r]), int(at_v[p, r])
+            x, y = (at_u[p, r] - col) * fine, (at_v[p, r] - row) * fine
+            i, j = min(int(x), fine - 1), min(int(y), fine - 1)
+            s, t = x - i, y - j
+            for k in range(reach):
+                along = 0.0
+                for m in range(reach):
+                    along += ((1.0 - s) * shares[i, m] + s * shares[i + 1, m]) * image[row + k, col + m]
+                total += weights[p, r] * ((1.0 - t) * shares[j, k] + t * shares[j + 1, k]) * along
+        out[p] = total / at_u.shape[1]
