@@ -5,7 +5,7 @@ the pixels that the mirror fills, light and noise are the same to the last bit, 
 comes from the surroundings.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from itertools import combinations, product
@@ -24,18 +24,18 @@ from .area_truth import area_errors
 from .hard_case import Case, Faults, Found
 from .surroundings import AROUND, FORMS, mirror_mask, surrounded
 
-__all__ = ["FILLS", "NOISES", "SEQUENCES", "Surroundings", "pairwise_cover", "surroundings_cases"]
+__all__ = ["FILLS", "NOISES", "SEQUENCES", "Surroundings", "covering", "surroundings_cases"]
 
 Frames = NDArray[Any]
 Mask = NDArray[np.bool_]
+Values = tuple[tuple[Any, ...], ...]
 
 SEQUENCES = ("gray+phase", "phase", "phase:steps=3", "micro-phase", "gray")
 NOISES = (0.3, 1.0, 2.5)
 FILLS = (0.6, 0.3, 0.1, 0.03)
 SCENES = ("prism48", "paper-simulation", "monitor-mirror")
-COVERS = 3
-"""So many times every pair of values is in the list of cases that is not the full product."""
 QUICK = 12
+"""So many of the list, from its start, for a quick look: each holds as many new pairs of values as it can."""
 
 FAULT_SIZE = 128
 """Rows and columns, at most, of an image in whose frames every single fault is tried."""
@@ -66,15 +66,15 @@ class Surroundings:
 
 
 def surroundings_cases(size: tuple[int, int], quick: bool = False, every: bool = False) -> Iterator[Case]:
-    """A list in which every pair of two values is (quick: a dozen of it; every: the full product), then
-    faults of frames.
+    """A list that holds every combination of sequence, fill and surroundings, and every pair of two values
+    (quick: a dozen of it; every: the full product); then faults of frames.
     """
     values = (SEQUENCES, NOISES, FILLS, tuple(FORMS), tuple(AROUND), SCENES)
     if every:
         chosen = [Surroundings(*each) for each in product(*values)]
     else:
-        covers = [pairwise_cover(values, seed) for seed in range(1 if quick else COVERS)]
-        chosen = [Surroundings(*each) for each in dict.fromkeys(each for cover in covers for each in cover)]
+        groups = (*combinations(range(len(values)), 2), (0, 2, 4))
+        chosen = [Surroundings(*each) for each in covering(values, groups, 0)]
     for each in chosen[: QUICK if quick else None]:
         make = partial(_decoded, each, size)
         yield Case("decode", each.name, f"{each.sequence} on {each.scene}", size, make, each.noise, "uint8")
@@ -85,26 +85,21 @@ def surroundings_cases(size: tuple[int, int], quick: bool = False, every: bool =
         yield Case("decode", name, sequence, small, partial(_frame_faults, each, small), each.noise, "uint8")
 
 
-def pairwise_cover(values: tuple[tuple[Any, ...], ...], seed: int) -> list[tuple[Any, ...]]:
-    """Tuples of one value each that hold every pair of two values at least once: greedily, of 60 drawn ones
-    the one that holds most pairs that are missing.
+def covering(values: Values, groups: Iterable[tuple[int, ...]], seed: int) -> list[tuple[Any, ...]]:
+    """Tuples of one value each that hold, for every group of positions, each combination of their values at
+    least once: greedily, of 60 drawn ones the one that holds most combinations that are missing.
     """
-    rng = np.random.default_rng([27, seed])
-    missing = {
-        (i, a, j, b) for i, j in combinations(range(len(values)), 2) for a in values[i] for b in values[j]
-    }
+    rng, groups = np.random.default_rng([27, seed]), tuple(groups)
+    missing = {(group, each) for group in groups for each in product(*(values[at] for at in group))}
     chosen = []
     while missing:
         drawn = [tuple(each[rng.integers(len(each))] for each in values) for _ in range(60)]
-        best = max(drawn, key=lambda one: len(_pairs(one) & missing))
-        if _pairs(best) & missing:
-            chosen.append(best)
-            missing -= _pairs(best)
+        held = [{(group, tuple(one[at] for at in group)) for group in groups} & missing for one in drawn]
+        best = max(range(len(drawn)), key=lambda at: len(held[at]))
+        if held[best]:
+            chosen.append(drawn[best])
+            missing -= held[best]
     return chosen
-
-
-def _pairs(one: tuple[Any, ...]) -> set[tuple[int, Any, int, Any]]:
-    return {(i, one[i], j, one[j]) for i, j in combinations(range(len(one)), 2)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
