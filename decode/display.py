@@ -28,13 +28,16 @@ __all__ = ["Pixelation", "cell_error", "measured_pixelation", "no_pixelation", "
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 #: Places of a cell, widths of a footprint (cells) and blurs (cells rms) that are tabled.
-PLACES = 128
-WIDTHS = np.linspace(0.0, 2.5, 51)
-_BLURS = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7, 0.8])
-#: Harmonics of the cells; finer places on which readings are inverted; harmonics of e that are compared.
-_TERMS, _FINE, _COMPARED = 4, 256, 3
+PLACES = 64
+_WIDEST = 2.5
+WIDTHS = np.linspace(0.0, _WIDEST, 51)
+_BLURS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7)
+#: Harmonics of the cells; finer places on which readings are inverted.
+_TERMS, _FINE = 4, 128
 #: Change of chi2 that is significant (three deviations).
 _SIGNIFICANT = 9.0
+#: Squared deviations beyond which a second difference says nothing of cells.
+_OUTLYING = 400.0
 #: Footprint over period beyond which a fringe is not seen.
 _BLIND = 0.9
 #: Share of sigma that may be left out.
@@ -45,7 +48,7 @@ _MOST = 4096
 
 @dataclass(frozen=True, slots=True)
 class Pixelation:
-    """What is added to a reading, and its variance, by footprint (51,) and place in the cell (128,), cells.
+    """What is added to a reading, and its variance, by footprint (51,) and place in the cell (64,), cells.
 
     blur: rms, cells; NaN where the map does not tell it. reach: rms extent of what a pixel sees beyond its centre.
     """
@@ -94,48 +97,38 @@ def cell_error(shares: tuple[tuple[float, float], ...], width: Any, blur: float,
     return np.asarray(error / weight)
 
 
-@lru_cache(maxsize=16)
-def _harmonics(shares: tuple[tuple[float, float], ...]) -> F64:
-    """Of e: coefficients of sin(2 pi h u), h = 1, 2, 3, by blur and footprint (B, 3, W)."""
-    place = (np.arange(PLACES) + 0.5) / PLACES
-    sines = np.stack([np.sin(2 * np.pi * h * place) for h in range(1, _COMPARED + 1)])
-    errors = np.stack([cell_error(shares, WIDTHS, float(blur), place) for blur in _BLURS])
-    return np.asarray(np.einsum("bwk,hk->bhw", errors, sines) * 2 / PLACES)
-
-
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=64)
 def _inverted(shares: tuple[tuple[float, float], ...], blur: float, sigma: float) -> tuple[F32, F32]:
-    """E[u] - reading and Var[u] beyond noise, of readings in the places of a cell, by footprint."""
+    """E[u] - reading and Var[u] beyond noise (W, PLACES), cells, of readings with that noise."""
     at = np.arange(_FINE) / _FINE
     reading = at + cell_error(shares, WIDTHS, blur, at)
-    place = np.arange(PLACES) / PLACES
-    away = place[:, None] - reading[:, None, :]  # (W, places, fine)
-    away -= np.rint(away)
-    spread = max(sigma, 1.5 / _FINE)
-    weight = np.exp(-0.5 * (away / spread) ** 2) + 1e-30
+    place = (np.arange(PLACES) / PLACES)[:, None]
+    away = place - reading[:, None, :]
+    weight = np.exp(-0.5 * ((away - np.rint(away)) / max(sigma, 1.5 / _FINE)) ** 2) + 1e-30
     weight /= weight.sum(axis=2, keepdims=True)
-    truth = at - place[:, None]
-    truth = truth - np.rint(truth)
+    truth = at - place
+    truth -= np.rint(truth)
     shift = (weight * truth).sum(axis=2)
-    variance = (weight * (truth - shift[..., None]) ** 2).sum(axis=2) - spread**2
+    variance = (weight * truth**2).sum(axis=2) - shift**2 - max(sigma, 1.5 / _FINE) ** 2
     return shift.astype(np.float32), np.maximum(variance, 0).astype(np.float32)
 
 
 def measured_pixelation(axis: AxisPlan, blur: float | None, lit: Sample, coord: F32, variance: F32) -> Pixelation:
-    """From the decoded map (H, W) of an axis and its variance at the sampled pixels that see the pattern."""
+    """From the decoded map (H, W) of an axis and its variance at the sampled pixels that see the pattern.
+
+    blur: rms, cells, if it is known.
+    """
     shares = shares_of(axis)
     if not shares:
         return no_pixelation()
-    sigma = 0.0
-    if blur is None:
-        seen = _second_differences(lit, coord, variance)
-        if seen is None:
-            return _table(shares, float("nan"), (0.0, float(_BLURS[-1])), 0.05)
-        place, width, bend, noise = seen
-        sigma = float(np.sqrt(np.median(noise) / 6))
-        best, low, high = _fitted_blur(_harmonics(shares), place, width, bend, noise)
-        return _table(shares, best, (low, high), sigma)
-    return _table(shares, blur, (blur, blur), 0.05)
+    seen = _neighbours(lit, coord, variance)
+    sigma = 0.05 if seen is None else float(np.sqrt(np.median(seen.noise) / 6))
+    usual = float(2.0 ** np.clip(np.rint(2 * np.log2(max(sigma, 1e-6))) / 2, -8, -1))
+    if blur is not None:
+        return _table(shares, blur, (blur, blur), usual)
+    if seen is None:
+        return _table(shares, float("nan"), (0.0, 0.0), usual)
+    return _table(shares, *_fitted_blur(shares, usual, seen), usual)
 
 
 def _table(
@@ -143,11 +136,10 @@ def _table(
 ) -> Pixelation:
     """The correction for a blur (NaN: none), what blurs between the allowed ones would change in the variance."""
     place = np.arange(PLACES) / PLACES
-    usual = round(float(np.clip(sigma, 0.005, 0.5)) * 100) / 100
     shift, variance = np.zeros((2, len(WIDTHS), PLACES), np.float32)
     own = np.zeros((len(WIDTHS), PLACES))
     if not np.isnan(blur):
-        shift, variance = _inverted(shares, round(blur, 2), usual)
+        shift, variance = _inverted(shares, blur, sigma)
         own = cell_error(shares, WIDTHS, blur, place)
     unsure = [cell_error(shares, WIDTHS, end, place) - own for end in allowed]
     extra = np.max([(part**2).mean(axis=1) for part in unsure], axis=0)
@@ -156,41 +148,55 @@ def _table(
     return Pixelation(shift, (variance + extra[:, None]).astype(np.float32), blur)
 
 
-def _second_differences(lit: Sample, coord: F32, variance: F32) -> tuple[F64, F64, F64, F64] | None:
-    """Places (3, K) of three neighbours in a row, footprint, second difference and its variance (K,)."""
+@dataclass(frozen=True, slots=True)
+class _Three:
+    """Readings (3, K) of neighbours in a row, their footprint (K,) and the variance of their second difference."""
+
+    place: F32
+    width: F32
+    noise: F32
+
+
+def _neighbours(lit: Sample, coord: F32, variance: F32) -> _Three | None:
+    """Of neighbours along the direction in which the coordinate changes most."""
     row, col = lit.places[:: max(1, len(lit.places) // _MOST)].T
-    inside = (col > 0) & (col < coord.shape[1] - 1)
+    inside = (col > 0) & (col < coord.shape[1] - 1) & (row > 0) & (row < coord.shape[0] - 1)
     row, col = row[inside], col[inside]
-    three = np.stack([coord[row, col + d] for d in (-1, 0, 1)]).astype(np.float64)
-    noise = sum(f * variance[row, col + d].astype(np.float64) for f, d in ((1, -1), (4, 0), (1, 1)))
-    bend, step = three[0] - 2 * three[1] + three[2], 0.5 * np.abs(three[2] - three[0])
-    down = np.minimum(row + 1, len(coord) - 1)
-    across = np.abs(coord[down, col] - coord[down - 1, col]).astype(np.float64)
-    keep = np.isfinite(bend) & np.isfinite(across) & (noise < 1) & (step < 4) & (across < 4)
-    keep &= np.abs(bend) < 0.5
+    along, down = (
+        np.stack([coord[row + d * y, col + d * x] for d in (-1, 0, 1)]) for y, x in ((0, 1), (1, 0))
+    )
+    steps = [0.5 * np.abs(three[2] - three[0]) for three in (along, down)]
+    with np.errstate(invalid="ignore"):
+        take = steps[0] >= steps[1]
+        three = np.where(take, along, down)
+        y, x = np.where(take, 0, 1), np.where(take, 1, 0)
+        noise = variance[row - y, col - x] + 4 * variance[row, col] + variance[row + y, col + x]
+        bend, width = three[0] - 2 * three[1] + three[2], np.hypot(*steps)
+        keep = (noise < 1) & (width < _WIDEST) & (np.abs(bend) < 1)
     if np.count_nonzero(keep) < 200:
         return None
-    width = np.hypot(step, across)
-    return three[:, keep], width[keep], bend[keep], np.asarray(noise)[keep]
+    return _Three(three[:, keep], width[keep], noise[keep])
 
 
 def _fitted_blur(
-    harmonics: F64, place: F64, width: F64, bend: F64, noise: F64
-) -> tuple[float, float, float]:
-    """The blur whose e explains second differences best (NaN: none significantly), and the ends of those that
-    explain them as well. The curvature of the map itself counts as noise."""
-    column = np.minimum(np.rint(width / WIDTHS[1]).astype(int), len(WIDTHS) - 1)
-    waves = [np.sin(2 * np.pi * h * place) for h in range(1, _COMPARED + 1)]
-    bends = np.stack([wave[0] - 2 * wave[1] + wave[2] for wave in waves])
-    left = np.array([(bend - (own[:, column] * bends).sum(axis=0)) for own in harmonics] + [bend])
-    square = np.minimum(left**2 / noise, 25.0)  # what is further off says nothing
-    scale = max(1.0, float(square.mean(axis=1).min()))
-    chi2 = square.sum(axis=1) / scale
-    best = int(np.argmin(chi2[:-1]))
-    near = np.flatnonzero(chi2[:-1] <= chi2.min() + _SIGNIFICANT)
-    low, high = (float(_BLURS[near[0]]), float(_BLURS[near[-1]])) if len(near) else (0.8, 0.8)
-    told = chi2[-1] - chi2[best] > _SIGNIFICANT
-    return (float(_BLURS[best]) if told else float("nan")), low, high
+    shares: tuple[tuple[float, float], ...], sigma: float, seen: _Three
+) -> tuple[float, tuple[float, float]]:
+    """The blur whose correction leaves least of the second differences (NaN: none leaves significantly less), and
+    the ends of those that do as well. The curvature of the map itself counts as noise."""
+    k = np.minimum(np.rint(seen.width / WIDTHS[1]).astype(int), len(WIDTHS) - 1)
+    i = np.rint((seen.place - np.floor(seen.place)) * PLACES).astype(int) % PLACES
+    chi2 = []
+    for blur in (*_BLURS, None):
+        three = seen.place if blur is None else seen.place + _inverted(shares, blur, sigma)[0][k, i]
+        bend = three[0] - 2 * three[1] + three[2]
+        chi2.append(np.minimum(bend**2 / seen.noise, _OUTLYING))
+    left = np.sum(chi2, axis=1)
+    left /= max(1.0, float(left.min()) / len(k))
+    best = int(np.argmin(left[:-1]))
+    near = np.flatnonzero(left[:-1] <= left.min() + _SIGNIFICANT)
+    allowed = (_BLURS[near[0]], _BLURS[near[-1]]) if len(near) else (_BLURS[-1], _BLURS[-1])
+    told = left[-1] - left[best] > _SIGNIFICANT
+    return (_BLURS[best] if told else float("nan")), allowed
 
 
 def table_rounding(fringe: Fringe, tables: NDArray[np.uint8]) -> float:

@@ -24,7 +24,7 @@ _OUTLIER, _OFF = int(Flag.OUTLIER), int(Flag.OFF_PATTERN)
 #: Deviations beyond which a neighbour contradicts.
 _SURE = 6.0
 #: Share of the light that may be lost beyond the border of the surface.
-_LOST = 0.25
+_LOST = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,5 +227,5 @@ def _border(c: Any, gx: Any, gy: Any, reach: Any, extent: Any) -> tuple[Any, Any
     if away > np.float32(4) * deviation:
         return np.uint16(0), np.float32(0)
     dark = np.float32(0.5 * math.erfc(away / (deviation * 1.4142135623730951)))
-    off = dark * deviation
+    off = dark * (max(away, np.float32(0)) + np.float32(0.5))  # the nearest cell that is missing
     return (np.uint16(_OFF) if dark > np.float32(_LOST) else np.uint16(0)), off * off
