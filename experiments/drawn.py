@@ -1,10 +1,16 @@
 """What cases drawn at random have in common: a logarithmic scale, dents in units of the usual one."""
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
+from numpy.typing import NDArray
 
-from optolever.scene import Scene, dent
+from optolever.scene import Scene, Surface, dent
 
-__all__ = ["FORMS", "between", "dent_params"]
+__all__ = ["FORMS", "between", "dent_params", "drawn_dent", "together"]
+
+Floats = NDArray[np.float64]
 
 #: Forms of dents and the parameter that is their width ('': as wide as the mirror).
 FORMS = {
@@ -32,3 +38,41 @@ def dent_params(form: str, scene: Scene, depth: float, width: float) -> dict[str
         spread = width * usual.params["sigma"]
         params[FORMS[form]] = spread**2 / params["peak"] if form == "ball" else spread
     return params
+
+
+def drawn_dent(rng: np.random.Generator) -> Callable[[Scene], Surface]:
+    """A dent of any form, a twentieth to twice as deep as the usual one, somewhere on the mirror."""
+    form = str(rng.choice(list(FORMS)))
+    return partial(
+        _placed,
+        form,
+        between(rng, 0.05, 2),
+        between(rng, 0.2, 2),
+        (float(rng.uniform(0.1, 0.85)), float(rng.uniform(0.1, 0.9))),
+        float(rng.uniform(-90, 90)),
+    )
+
+
+def _placed(
+    form: str, depth: float, width: float, place: tuple[float, float], angle: float, scene: Scene
+) -> Surface:
+    mirror, params = scene.mirror, dent_params(form, scene, depth, width)
+    if FORMS[form]:
+        params |= {"x": place[0] * mirror.length, "y": place[1] * mirror.width}
+    if form == "ridge":
+        params["angle_deg"] = angle
+    return dent(form, scene, **params)
+
+
+def together(dents: list[Callable[[Scene], Surface]], scene: Scene) -> Surface:
+    """All of the dents pressed at once: heights and slopes add up."""
+    surfaces = [made(scene) for made in dents]
+
+    def height(x: Floats, y: Floats) -> Floats:
+        return np.asarray(sum(surface.height(x, y) for surface in surfaces))
+
+    def gradient(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        slopes = [surface.gradient(x, y) for surface in surfaces]
+        return np.asarray(sum(p for p, _ in slopes)), np.asarray(sum(q for _, q in slopes))
+
+    return Surface(height, gradient)

@@ -7,6 +7,7 @@
 | `virtual.py` | `capture`, `VirtualSensor`: a scene with a dent seen by its camera, strip by strip |
 | `groups.py`, `footprint.py` | frames looked up together; light of the cells under a pixel's footprint |
 | `optics_gl.py`, `surface_gl.py`, `optics_numpy.py`, `rays.py` | light on the sensor: GLSL; float64 |
+| `raytraced.py` | frames by rays through every pixel's area, for tests of what assumes something of a pixel |
 | `electronics.py` | exposure, flicker, response, noise, quantisation: one function for both |
 | `capture.py`, `folder.py`, `source.py` | `Capture`, its folder format, and the seam for real cameras |
 | `sofast.py` | SOFAST's HDF5 measurements as captures |
@@ -17,6 +18,7 @@ from .benchmark import RendererSpeed, measure_renderer
 from .capture import Capture
 from .context import ContextInfo, NoContextError, context_info, release_context
 from .electronics import NOMINAL_SENSOR
+from .raytraced import AreaTrace, Lighting, area_frames, area_light, expose, trace_area
 from .renderer import PatternRenderer, render
 from .sofast import load_sofast, load_sofast_response
 from .source import FolderSource, FrameSource, PatternDisplay, record
@@ -26,10 +28,12 @@ from .window import Monitor, PatternWindow, monitors
 __all__ = [
     "NOMINAL_SENSOR",
     "RENDERERS",
+    "AreaTrace",
     "Capture",
     "ContextInfo",
     "FolderSource",
     "FrameSource",
+    "Lighting",
     "Monitor",
     "NoContextError",
     "PatternDisplay",
@@ -37,9 +41,12 @@ __all__ = [
     "PatternWindow",
     "RendererSpeed",
     "VirtualSensor",
+    "area_frames",
+    "area_light",
     "capture",
     "chosen_renderer",
     "context_info",
+    "expose",
     "load_sofast",
     "load_sofast_response",
     "measure_renderer",
@@ -47,4 +54,5 @@ __all__ = [
     "record",
     "release_context",
     "render",
+    "trace_area",
 ]

@@ -8,10 +8,12 @@
 | `store.py`, `sweeps.py` | one result file per cell; resumed runs, here or on Dask |
 | `methods.py`, `integration_peers.py` | every solver and integrator on the same cases; peers from PyPI |
 | `pareto.py`, `summary.py`, `report.py` | frontier and chart; the few rows that count; the page |
-| `hard.py`, `hard_case.py` | hard cases and their verdicts |
-| `hard_decode.py`, `hard_reconstruct.py`, `hard_random.py` | what is hard: written lists, and drawn |
+| `hard.py`, `hard_case.py`, `hard_pooled.py` | hard cases, their verdicts, figures over draws |
+| `hard_decode.py`, `hard_reconstruct.py`, `hard_surroundings.py` | what is hard: written lists |
+| `hard_random.py`, `hard_rigs.py`, `rigs.py` | what is hard: drawn; rigs |
 | `hard_edges.py`, `hard_unlike.py` | scenes with depth edges, faults in them; displays unlike the sequence |
-| `layered.py`, `plain_decoder.py`, `hard_pooled.py` | their light; codes by definition; figures over draws |
+| `layered.py`, `plain_decoder.py` | their light; codes by definition |
+| `surroundings.py`, `area_truth.py` | what is around a mirror; errors against the area of a pixel |
 """
 
 from .cell import Cell, Grid, load_grid

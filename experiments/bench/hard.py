@@ -17,6 +17,7 @@ from .hard_decode import decode_cases
 from .hard_edges import edge_cases
 from .hard_random import random_cases
 from .hard_reconstruct import reconstruct_cases
+from .hard_surroundings import surroundings_cases
 from .hard_unlike import unlike_cases
 
 __all__ = ["hard_cases", "run_hard", "save_picture"]
@@ -26,6 +27,7 @@ RECONSTRUCT_SIZES = ((128, 128), (256, 256))
 EDGES_SIZE, UNLIKE_SIZE = (240, 320), (144, 192)
 QUICK_SIZE = (96, 96)
 DRAWS, QUICK_DRAWS = 24, 6
+QUICK_SURROUNDINGS = (144, 144)  # so that 3 % of them are 600 pixels
 
 
 def hard_cases(
@@ -35,11 +37,12 @@ def hard_cases(
     drawn: int = 0,
     first: int = 0,
     draws: int = 0,
+    every: bool = False,
 ) -> list[Case]:
     """The cases whose label holds every word of `wanted`. sizes: of cameras, default 192 x 192 (decode), 128
-    and 256 squared (reconstruct); quick: 96 x 96, fewer sequences, double precision only; drawn: so many
-    random ones instead, from number `first` on; draws: of scenes with edges, without and with a fault each,
-    0: 24 (quick: 6).
+    and 256 squared (reconstruct); quick: 96 x 96 (surroundings 144 x 144), fewer sequences, double precision
+    only; drawn: so many random ones instead, from number `first` on; draws: of scenes with edges, without and
+    with a fault each, 0: 24 (quick: 6); every: all combinations of surroundings, not a choice.
     """
     if drawn:
         return [
@@ -50,6 +53,8 @@ def hard_cases(
     cases: list[Case] = []
     for size in sizes or small or (DECODE_SIZE,):
         cases += decode_cases(size, quick)
+    for size in sizes or ((QUICK_SURROUNDINGS,) if quick else (DECODE_SIZE,)):
+        cases += surroundings_cases(size, quick, every)
     cases += reconstruct_cases(sizes or small or RECONSTRUCT_SIZES, quick)
     for size in sizes or (EDGES_SIZE,):
         cases += edge_cases(several, first, size)

@@ -19,7 +19,9 @@ Mask = NDArray[np.bool_]
 
 LIMIT = 1e-4  # silent errors, as a share of the unflagged pixels
 SIGMAS = 5.0  # beyond which an unflagged value is a silent error
-GOOD, SILENT, UNKNOWN, DIVERGED, REFUSED, BROKEN, LIMITED = (
+RATIO = 1.1  # rms error over that of the reference, at most
+LOSS = 0.03  # good share below that of the reference, at most
+GOOD, SILENT, UNKNOWN, DIVERGED, REFUSED, BROKEN, LIMITED, WORSE, MISSED = (
     "good",
     "silent errors",
     "unflagged NaN",
@@ -27,32 +29,35 @@ GOOD, SILENT, UNKNOWN, DIVERGED, REFUSED, BROKEN, LIMITED = (
     "refused",
     "failed",
     "cannot tell",
+    "worse than alone",
+    "fault missed",
 )
 ACCUSED, NAMED, UNNAMED, HARMLESS = "right frame accused", "named", "not named", "harmless fault"
 WIDE, UNSAID = "sigma too wide", "no notice"
-FAULTS = (SILENT, UNKNOWN, DIVERGED, BROKEN, ACCUSED, WIDE, UNSAID)
+FAULTS = (SILENT, UNKNOWN, DIVERGED, BROKEN, WORSE, MISSED, ACCUSED, WIDE, UNSAID)
 
 
 @dataclass(frozen=True, slots=True)
 class FrameVerdict:
     """What was said about whole frames.
 
-    fault: what was done to the frames ('': nothing); moves: whether it moves the place of enough pixels;
-    perfect: whether the frames are now perfect ones of another scene, so that nobody could tell; named:
-    whether it was; accused: pixels flagged WRONG_FRAME and nothing else; findings: sentences.
+    fault: what was done to the frames ('': nothing); moves: whether it changes enough pixels; hidden: whether
+    nobody could tell, as the frames are perfect ones of another scene, or are not told where a mirror fills
+    the image; named: whether it was; accused: pixels flagged WRONG_FRAME and nothing else; findings: what the
+    check says.
     """
 
     fault: str
     moves: bool
-    perfect: bool
+    hidden: bool
     named: bool
-    accused: int
+    accused: int = 0
     findings: tuple[str, ...] = ()
 
     @property
     def counts(self) -> bool:
         """True if the fault has to be named."""
-        return self.moves and not self.perfect
+        return self.moves and not self.hidden
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,9 +67,9 @@ class Found:
     error: signed, of one coordinate or of the height (the worse one in units of its limit), NaN where the
     value is; limit: error beyond which an unflagged value is a silent one; expected: pixels that see the
     pattern; beside: pixels from which no light of the pattern can come; flags; unit: of the errors; scale:
-    what the rms is divided by; silent_limit: share of silent errors that is allowed; frames: what was said
-    about whole frames, where that is judged; width: median sigma over the rms error, at most width_limit;
-    notices: how many there are, where there must be one.
+    what the rms is divided by; reference: what the same pixels gave under better conditions, if the verdict
+    is relative to that; frames: what was said about whole frames, where that is judged; width: median sigma
+    over the rms error, at most width_limit; notices: how many there are, where there must be one.
     """
 
     error: Floats
@@ -74,7 +79,7 @@ class Found:
     flags: NDArray[np.integer[Any]]
     unit: str
     scale: float = 1.0
-    silent_limit: float = LIMIT
+    reference: "Found | None" = None
     frames: FrameVerdict | None = None
     width: float = math.nan
     width_limit: float = math.inf
@@ -86,17 +91,20 @@ class Case:
     """One hard case: a pure function of nothing.
 
     part: decode | reconstruct; name: what is hard; subject: sequence or solver; limit: why nobody could tell
-    from these frames that they are wrong ('': it can be told).
+    from these frames that they are wrong ('': it can be told); share, pixels: silent errors that pass, as a
+    share of the unflagged pixels and as a count, whichever is more.
     """
 
     part: str
     name: str
     subject: str
     size: tuple[int, int]
-    make: Callable[[], Found] = field(compare=False)
+    make: Callable[[], "Found | tuple[FrameVerdict, ...]"] = field(compare=False)
     noise: float = 0.0
     dtype: str = "float64"
     limit: str = ""
+    share: float = LIMIT
+    pixels: int = 0
 
     @property
     def label(self) -> str:
@@ -109,8 +117,9 @@ class Case:
 class Result:
     """A case's verdict. error: rms of the unflagged, in `unit`; worst: over its limit (above 1: silent);
     flagged, wrong: shares of the pixels that see the pattern, those beyond their limit whether flagged or
-    not; silent: share of the unflagged, and their count; pixels: that see the pattern; width: median sigma
-    over rms error; found: None if nothing was.
+    not; silent: share of the unflagged, and their count; pixels: that see the pattern; unflagged: pixels;
+    normalised: rms of their errors in units of sigma (of the worse coordinate: 1.28 if both sigmas are true);
+    width: median sigma over rms error; found: None if nothing was.
     """
 
     case: Case
@@ -124,6 +133,8 @@ class Result:
     silent: float = math.nan
     silent_count: int = 0
     pixels: int = 0
+    unflagged: int = 0
+    normalised: float = math.nan
     width: float = math.nan
     frames: FrameVerdict | None = None
     found: Found | None = None
@@ -153,6 +164,8 @@ class Result:
             "silent": self.silent,
             "silent_count": self.silent_count,
             "pixels": self.pixels,
+            "unflagged": self.unflagged,
+            "normalised": self.normalised,
             "width": self.width,
             "frames": None if self.frames is None else asdict(self.frames),
         }
@@ -168,32 +181,70 @@ def run_case(case: Case) -> Result:
         return Result(case, BROKEN, f"{type(error).__name__}: {error}")
 
 
-def judged(case: Case, found: Found) -> Result:
-    """The verdict: NaN or silent errors among unflagged pixels, errors as large as the subject itself."""
+def judged(case: Case, found: Found | tuple[FrameVerdict, ...]) -> Result:
+    """The verdict: NaN or silent errors among unflagged pixels, errors as large as the subject itself; where
+    there is a reference, what is worse than in that; of faults in frames, those that are missed.
+    """
+    if isinstance(found, tuple):
+        return _of_faults(case, found)
+    result = _measured(case, found)
+    if found.frames is not None and (found.frames.fault or found.frames.accused):
+        return _of_frames(result, found.frames)
+    if found.reference is None:
+        return _with_verdict(result, found, case.share, case.pixels)
+    return _compared(result, found, _measured(case, found.reference))
+
+
+def _of_faults(case: Case, faults: tuple[FrameVerdict, ...]) -> Result:
+    """The verdict on several faults of the same frames, each tried alone."""
+    asked = [one for one in faults if one.counts]
+    missed = [one.fault for one in asked if not one.named]
+    what = f"{len(asked)} of {len(faults)} can be detected"
+    why = f"{', '.join(missed)}: {len(missed)} missed, {what}" if missed else what
+    result = Result(case, MISSED if missed else GOOD, why, silent=len(missed) / max(len(asked), 1))
+    return replace(result, silent_count=len(missed))
+
+
+def _compared(result: Result, found: Found, reference: Result) -> Result:
+    """The verdict relative to a reference of the same pixels."""
+    judged = _with_verdict(result, found, reference.silent + LIMIT, 0)
+    if judged.fault:
+        return judged
+    if result.flagged > reference.flagged + LOSS:
+        return replace(result, verdict=WORSE, why=f"{100 * reference.flagged:.3g} % flagged alone")
+    if result.error > RATIO * reference.error:
+        return replace(result, verdict=WORSE, why=f"{reference.error:.3g} {result.unit} rms alone")
+    return judged
+
+
+def _measured(case: Case, found: Found) -> Result:
+    """The numbers of a result."""
     stands = found.flags == 0
     seen = stands & found.expected
-    unknown = int((seen & ~np.isfinite(found.error)).sum())
     off = silent_mask(found)
     count, total = int(off.sum()), int(stands.sum())
-    errors = found.error[seen & np.isfinite(found.error)]
+    finite = seen & np.isfinite(found.error)
+    errors = found.error[finite]
+    ratios = np.abs(errors) / found.limit[finite]
     share = count / total if total else 0.0
     expected = int(found.expected.sum())
-    result = Result(
+    return Result(
         case,
         GOOD,
         error=rms(errors) / found.scale,
         unit=found.unit,
-        worst=float(np.max(np.abs(errors) / found.limit[seen & np.isfinite(found.error)], initial=0.0)),
+        worst=float(np.max(ratios, initial=0.0)),
         flagged=1.0 - float(seen.sum()) / expected if expected else math.nan,
         wrong=float((_beyond(found) & found.expected).sum()) / expected if expected else math.nan,
         silent=share,
         silent_count=count,
         pixels=expected,
+        unflagged=total,
+        normalised=SIGMAS * rms(ratios),
         width=found.width,
         frames=found.frames,
         found=found,
     )
-    return _with_verdict(result, found, unknown)
 
 
 def silent_mask(found: Found) -> Mask:
@@ -206,12 +257,12 @@ def _beyond(found: Found) -> Mask:
         return np.asarray(~(np.abs(found.error) <= found.limit))
 
 
-def _with_verdict(result: Result, found: Found, unknown: int) -> Result:
-    if found.frames is not None and (found.frames.fault or found.frames.accused):
-        return _of_frames(result, found.frames)
+def _with_verdict(result: Result, found: Found, share: float, pixels: int) -> Result:
+    """share, pixels: silent errors that pass, of the unflagged and as a count."""
+    unknown = int(((found.flags == 0) & found.expected & ~np.isfinite(found.error)).sum())
     if unknown:
         return replace(result, verdict=UNKNOWN, why=f"{unknown} pixels")
-    if result.silent > found.silent_limit:
+    if result.silent > share and result.silent_count > pixels:
         if result.case.limit:
             return replace(result, verdict=LIMITED, why=result.case.limit)
         return replace(result, verdict=SILENT, why=f"{result.silent_count} pixels")
@@ -231,6 +282,6 @@ def _of_frames(result: Result, frames: FrameVerdict) -> Result:
         return replace(result, verdict=ACCUSED, why=f"{frames.accused} pixels; {why}")
     if not frames.moves:
         return replace(result, verdict=HARMLESS, why=why)
-    if frames.perfect:
+    if frames.hidden:
         return replace(result, verdict=LIMITED, why=f"perfect frames of another scene: {why}")
     return replace(result, verdict=NAMED if frames.named else UNNAMED, why=why)

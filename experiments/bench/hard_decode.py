@@ -27,7 +27,16 @@ from optolever.scene import (
 from .hard_case import SIGMAS, Case, Found
 from .measures import far_from_visible
 
-__all__ = ["CONDITIONS", "NOMINAL", "Condition", "decode_cases", "decoded", "flashes", "hot_pixels"]
+__all__ = [
+    "CONDITIONS",
+    "DISCRETE",
+    "NOMINAL",
+    "Condition",
+    "decode_cases",
+    "decoded",
+    "flashes",
+    "hot_pixels",
+]
 
 Frames = NDArray[Any]
 Spoil = Callable[[Frames, np.random.Generator], Frames]

@@ -5,20 +5,25 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from .hard_case import LIMIT, Result
+import numpy as np
+
+from .hard_case import LIMIT, REFUSED, Result
 
 __all__ = ["Pooled", "pooled"]
+
+GOOD_EDGES = 0.95  # share of pixels away from edges that are to be good
+FLAGGED = 0.05  # median over rigs of the flagged share of the pixels that see the pattern
 
 
 @dataclass(frozen=True, slots=True)
 class Pooled:
-    """A share over `count` draws, faults or pixels, and its limit, if any, from below (at_least) or above."""
+    """A figure over `count` draws, faults or pixels, and its limit, if any: lower (at_least) or upper."""
 
     name: str
     value: float
-    limit: float | None
-    at_least: bool
     count: int
+    limit: float | None = None
+    at_least: bool = False
 
     @property
     def met(self) -> bool:
@@ -33,39 +38,55 @@ class Pooled:
 
 
 def pooled(results: Iterable[Result]) -> list[Pooled]:
-    """The figures of scenes with edges; none without any."""
-    drawn = [result for result in results if result.case.part == "edges"]
-    if not drawn:
-        return []
-    clean = [one for one in drawn if one.frames is not None and not one.frames.fault]
-    spoilt = [one.frames for one in drawn if one.frames is not None and one.frames.fault]
-    right = [one.frames for one in clean if one.frames is not None]
-    asked = [frames for frames in spoilt if frames.counts]
-    pixels = sum(one.pixels for one in clean)
-    wrong = [one for one in drawn if one.frames is not None and one.frames.counts]
-    left = sum((1 - one.flagged) * one.pixels for one in wrong if one.pixels)
-    good = sum((1 - one.flagged) * one.pixels for one in clean if one.pixels)
-    silent = sum(one.silent_count for one in clean)
+    """The figures of drawn rigs and of scenes with edges; none without any."""
+    listed = list(results)
+    rigs = [one for one in listed if one.case.part == "decode" and one.case.name.startswith("random ")]
+    edges = [one for one in listed if one.case.part == "edges"]
+    return (_of_rigs(rigs) if rigs else []) + (_of_edges(edges) if edges else [])
+
+
+def _of_rigs(rigs: list[Result]) -> list[Pooled]:
+    """A rig that is refused is flagged altogether."""
+    flagged = [1.0 if math.isnan(one.flagged) else one.flagged for one in rigs]
+    normalised = [one.normalised for one in rigs if not math.isnan(one.normalised)]
     return [
-        _share("right frames accused, of draws", sum(one.accused > 0 for one in right), len(right), 0.0),
-        _share(
-            "wrong frames named, of faults that count",
-            sum(one.named for one in asked),
-            len(asked),
-            0.95,
-            True,
+        _share("rigs failed", sum(one.fault for one in rigs), len(rigs), 0.0),
+        _share("rigs refused", sum(one.verdict == REFUSED for one in rigs), len(rigs)),
+        _silent("silent errors on rigs, of unflagged pixels", rigs, LIMIT),
+        Pooled("flagged share of a rig, median", float(np.median(flagged)), len(rigs), FLAGGED),
+        Pooled(
+            "rms(error / sigma) of a rig, median (worse of u, v; true: 1.28)",
+            float(np.median(normalised)) if normalised else math.nan,
+            len(normalised),
         ),
-        _share("good pixels away from edges", good, pixels, 0.95, True),
-        _share("silent errors there, of unflagged pixels", silent, round(good), LIMIT),
-        _share(
-            "draws with a finding, of right ones", sum(one.findings != () for one in right), len(right), None
-        ),
-        _share(
-            "silent errors under faults that count", sum(one.silent_count for one in wrong), round(left), None
-        ),
-        _share("draws refused or failed", len(drawn) - len(spoilt) - len(right), len(drawn), 0.0),
     ]
 
 
-def _share(name: str, some: float, count: int, limit: float | None, at_least: bool = False) -> Pooled:
-    return Pooled(name, some / count if count else math.nan, limit, at_least, count)
+def _of_edges(draws: list[Result]) -> list[Pooled]:
+    judged = [(one, one.frames) for one in draws if one.frames is not None]
+    clean = [(one, frames) for one, frames in judged if not frames.fault]
+    asked = [(one, frames) for one, frames in judged if frames.counts]
+    right, wrong = [one for one, _ in clean], [one for one, _ in asked]
+    good, pixels = sum(one.unflagged for one in right), sum(one.pixels for one in right)
+    accused = sum(frames.accused > 0 for _, frames in clean)
+    named = sum(frames.named for _, frames in asked)
+    findings = sum(frames.findings != () for _, frames in clean)
+    return [
+        _share("right frames accused, of draws", accused, len(clean), 0.0),
+        _share("wrong frames named, of faults that count", named, len(asked), 0.95, True),
+        _share("good pixels away from edges", good, pixels, GOOD_EDGES, True),
+        _silent("silent errors there, of unflagged pixels", right, LIMIT),
+        _share("draws with a finding, of right ones", findings, len(clean)),
+        _silent("silent errors under faults that count", wrong),
+        _share("draws refused or failed", len(draws) - len(judged), len(draws), 0.0),
+    ]
+
+
+def _silent(name: str, results: list[Result], limit: float | None = None) -> Pooled:
+    return _share(
+        name, sum(one.silent_count for one in results), sum(one.unflagged for one in results), limit
+    )
+
+
+def _share(name: str, some: float, count: int, limit: float | None = None, at_least: bool = False) -> Pooled:
+    return Pooled(name, some / count if count else math.nan, count, limit, at_least)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from optolever.decode import Correspondence, decode
 from optolever.patterns import sequence_from_text
 
-from .hard_case import Case, Found
+from .hard_case import LIMIT, Case, Found
 from .hard_edges import LIT, against_truth
 from .layered import Deviation, Layer, World, inside, light, sampled
 
@@ -62,6 +62,7 @@ def unlike_cases(size: tuple[int, int]) -> Iterator[Case]:
                 NOISE,
                 "uint8",
                 "" if unlike.figure else "no figure is asked for",
+                BEYOND if unlike.figure else LIMIT,
             )
 
 
@@ -97,7 +98,6 @@ def unlike_found(unlike: Unlike, code: str, size: tuple[int, int]) -> Found:
     unsaid = np.abs(clean - light(world, fine, sequence)).max() > NOISE / 10
     return replace(
         found,
-        silent_limit=BEYOND,
         width=width,
         width_limit=WIDTH,
         notices=len(getattr(seen, "notices", ())) if unsaid else None,

@@ -125,10 +125,8 @@ def test_random_cases_are_the_same_for_the_same_number() -> None:
     assert np.array_equal(first.error, second.error, equal_nan=True)
 
 
-#: Near the pattern's edge, on short sweeps, among gaps, beside steep anchors.
-ONCE_WRONG = (7, 9, 37, 67, 69, 73, 74, 79, 90, 99, 102, 103, 148, 157, 224, 228)
-#: Binary codes whose fine bits are lost in blur or within a pixel: nothing is to be trusted.
-HOPELESS = (186, 202, 218)
+#: Among gaps, beside steep anchors.
+ONCE_WRONG = (7, 9, 37, 67, 69, 73, 79, 99, 103, 157)
 
 
 @pytest.mark.parametrize("number", ONCE_WRONG)
@@ -137,14 +135,6 @@ def test_random_cases_that_were_once_silently_wrong(number: int) -> None:
     result = judged(one, one.make())
     assert result.verdict == "good"
     assert result.flagged < 1
-
-
-@pytest.mark.parametrize("number", HOPELESS)
-def test_random_cases_of_which_nothing_can_be_told(number: int) -> None:
-    (one,) = hard_cases(drawn=1, first=number)
-    result = judged(one, one.make())
-    assert result.verdict == "good"
-    assert result.wrong > 0.3
 
 
 def test_lost_frames_are_what_they_are_called() -> None:

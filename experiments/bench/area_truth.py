@@ -1,0 +1,60 @@
+"""Errors of a Correspondence against what the rays of every pixel's area met."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence
+from optolever.patterns import Sequence
+from optolever.projector import AreaTrace
+
+from .hard_case import SIGMAS, Found
+from .hard_decode import DISCRETE
+from .measures import far_from_visible
+
+__all__ = ["area_errors"]
+
+Float = NDArray[np.float64]
+
+
+def area_errors(seen: Correspondence, area: AreaTrace, sequence: Sequence, centre: bool = False) -> Found:
+    """Errors of u or v (px), whichever is worse in units of its limit of 5 sigma (of a discrete code at least
+    1.5 px).
+
+    The truth is the mean over a pixel's area; centre: the place that its centre sees. A pixel part of which
+    sees no pattern need not be decoded, but where it is (unflagged) the truth is the mean over the part that
+    sees it, known to within half the distance of its rays, which the error is allowed.
+    """
+    discrete = not any(frame.kind in ("phase", "stripe", "crossed") for frame in sequence.frames)
+    truths = (area.centre.u, area.centre.v) if centre else area.mean()
+    lit, partly = area.visible, area.partly
+    parts = []
+    for name, truth, extent in zip("uv", truths, area.extent(), strict=True):
+        value = np.asarray(getattr(seen, name), np.float64)
+        sigma = np.asarray(getattr(seen, f"sigma_{name}"), np.float64)
+        error = value - truth
+        allowed = np.where(partly, _half_spacing(extent, area), 0.0)
+        error = np.sign(error) * np.maximum(np.abs(error) - allowed, 0.0)
+        limit = SIGMAS * sigma
+        parts.append((error, np.maximum(limit, DISCRETE) if discrete else limit))
+    (error_u, limit_u), (error_v, limit_v) = parts
+    with np.errstate(invalid="ignore", divide="ignore"):
+        worse = ~(np.abs(error_u) / limit_u >= np.abs(error_v) / limit_v)
+        error, limit = np.where(worse, error_v, error_u), np.where(worse, limit_v, limit_u)
+        wrong_part = partly & ~(np.abs(error) <= limit)
+    return Found(
+        error=error,
+        limit=limit,
+        expected=lit,
+        beside=np.asarray(far_from_visible(lit | partly) | wrong_part),
+        flags=seen.flags,
+        unit="px",
+    )
+
+
+def _half_spacing(extent: Float, area: AreaTrace) -> Float:
+    """Half the distance of neighbouring rays (H, W), cells; at least that of the usual pixel."""
+    side = np.sqrt(area.hit.shape[2])
+    lit = area.visible
+    usual = float(np.median(extent[lit])) if lit.any() else 0.0
+    spacing: Float = 0.5 * np.maximum(extent, usual) / side
+    return spacing

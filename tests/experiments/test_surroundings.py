@@ -1,0 +1,135 @@
+"""Mirrors cut out of an image that they fill: masks, what is around them, and the verdict relative to it."""
+
+from dataclasses import replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from optolever.decode import Correspondence, Flag
+from optolever.experiments.bench import hard_surroundings as hard
+from optolever.experiments.bench.hard_case import FrameVerdict, run_case
+from optolever.experiments.bench.surroundings import AROUND, FORMS, mirror_mask, surrounded
+
+SIZE = (64, 80)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("fill", hard.FILLS)
+def test_masks_fill_what_they_should(form: str, fill: float) -> None:
+    for seed in range(5):
+        mask = mirror_mask(form, fill, SIZE, np.random.default_rng(seed))
+        assert mask.mean() == pytest.approx(fill, rel=0.12)
+        assert ndimage.label(mask)[1] == (2 if form == "islands" else 1)
+
+
+@pytest.mark.parametrize("around", AROUND)
+def test_only_what_is_around_changes(around: str) -> None:
+    rng = np.random.default_rng(1)
+    light = rng.random((5, *SIZE)).astype(np.float32)
+    mask = mirror_mask("round", 0.1, SIZE, rng)
+    made = surrounded(light, mask, around, np.random.default_rng(2))
+    assert (made[:, mask] == light[:, mask]).all()
+    outside = made[:, ~mask]
+    constant = {"dark", "room", "lamp"}
+    assert (np.ptp(outside, axis=0).max() == 0) == (around in constant)
+    assert (outside.max() > 1) == (around == "lamp")
+    if around == "reflection":
+        assert outside.max() <= 0.04
+    if around == "room":
+        assert outside.std() > 0.1
+
+
+def test_every_pair_of_values_is_in_the_list() -> None:
+    cases = [case for case in hard.surroundings_cases((192, 192)) if "faults" not in case.name]
+    assert 80 <= len(cases) < 110
+    assert len({(case.subject.partition(" on ")[0], case.name.partition(",")[0]) for case in cases}) == 20
+    every = list(hard.surroundings_cases((192, 192), every=True))
+    assert {case.label for case in cases} < {case.label for case in every}
+    assert len(every) == 5 * 3 * 4 * 3 * 4 * 3 + 5
+    assert len(list(hard.surroundings_cases((144, 144), quick=True))) == hard.QUICK + 2
+    values = ((0, 1, 2), ("a", "b"), (5, 6, 7, 8))
+    chosen = hard.covering(values, combinations(range(3), 2), 0)
+    for i, j in combinations(range(3), 2):
+        assert {(one[i], one[j]) for one in chosen} == {(a, b) for a in values[i] for b in values[j]}
+    assert len(chosen) < 24
+
+
+def fake_decoder(monkeypatch: pytest.MonkeyPatch, noise: float, bias: float, flagged: float) -> None:
+    """A decoder that knows the truth; on images that a mirror does not fill it is off, or flags some more."""
+    hard._alone.cache_clear()
+    _, area = hard._area("prism48", (48, 48))
+    u, v = area.mean()
+    draws = np.random.default_rng(0).standard_normal(u.shape) * noise
+    more = np.random.default_rng(1).random(u.shape) < flagged
+
+    def decode(frames: Any, shown: Any) -> Correspondence:
+        part = float(np.median(np.ptp(frames, axis=0))) < 50
+        lit = np.ptp(frames, axis=0) > 50
+        flags = np.where(lit & ~(more if part else False), 0, int(Flag.DARK)).astype(np.uint16)
+        sigma = np.full(u.shape, noise)
+        return Correspondence(u + draws + (bias if part else 0.0), v, sigma, sigma, flags)
+
+    monkeypatch.setattr(hard, "decode", decode)
+
+
+@pytest.mark.parametrize(
+    ("bias", "flagged", "verdict"),
+    [
+        (0.0, 0.0, "good"),
+        (1.0, 0.0, "silent errors"),
+        (0.03, 0.0, "worse than alone"),
+        (0.0, 0.2, "worse than alone"),
+    ],
+)
+def test_a_decoder_that_surroundings_mislead_fails(
+    monkeypatch: pytest.MonkeyPatch, bias: float, flagged: float, verdict: str
+) -> None:
+    fake_decoder(monkeypatch, 0.02, bias, flagged)
+    one = hard.Surroundings("phase", 1.0, 0.3, "round", "dark", "prism48")
+    found = hard._decoded(one, (48, 48))
+    hard._alone.cache_clear()
+    (case,) = (case for case in list(hard.surroundings_cases((48, 48)))[:1])
+    assert run_case(replace(case, make=lambda: found)).verdict == verdict
+
+
+def test_what_is_unflagged_around_the_mirror_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
+    fake_decoder(monkeypatch, 0.02, 0.0, 0.0)
+    one = hard.Surroundings("phase", 1.0, 0.3, "round", "dark", "prism48")
+    found = hard._decoded(one, (48, 48))
+    hard._alone.cache_clear()
+    open_flags = replace(found, flags=np.zeros_like(found.flags))
+    case = next(hard.surroundings_cases((48, 48)))
+    assert run_case(replace(case, make=lambda: open_flags)).verdict == "silent errors"
+
+
+def test_a_missed_fault_is_a_fault() -> None:
+    case = next(hard.surroundings_cases((48, 48)))
+    found = (
+        FrameVerdict("0 and 1 swapped", moves=True, hidden=False, named=True),
+        FrameVerdict("1 lost", moves=True, hidden=False, named=False),
+        FrameVerdict("2 lost", moves=False, hidden=True, named=False),
+    )
+    result = run_case(replace(case, make=lambda: found))
+    assert (result.verdict, result.fault, result.silent_count) == ("fault missed", True, 1)
+    assert "1 lost" in result.why
+    assert "2 lost" not in result.why
+    named = tuple(replace(one, named=one.counts) for one in found)
+    assert run_case(replace(case, make=lambda: named)).verdict == "good"
+
+
+def test_faults_that_change_nothing_are_not_expected(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A judge that detects everything: all that matters is expected, and white for black matters."""
+    fake_decoder(monkeypatch, 0.02, 0.0, 0.0)
+    monkeypatch.setattr(hard, "_is_detected", lambda *_: True)
+    one = hard.Surroundings("gray+phase", 1.0, 0.3, "round", "dark", "prism48")
+    found = hard._frame_faults(one, (48, 48))
+    hard._alone.cache_clear()
+    counts = {one.fault: one.counts for one in found}
+    assert all(one.named for one in found if one.counts)
+    assert counts["0 and 1 swapped"]
+    orders = dict(hard._orders(4))
+    assert orders["1 and 2 swapped"].tolist() == [0, 2, 1, 3]
+    assert orders["1 lost"].tolist() == [0, 2, 3, 3]

@@ -1,0 +1,156 @@
+"""Rays through pixels' areas: against closed forms of a flat mirror, and against brute force."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from optolever.patterns import Frame, Sequence
+from optolever.projector import AreaTrace, Lighting, area_frames, area_light, expose, trace_area
+from optolever.projector.raytraced import _look_up_two
+from optolever.scene import Scene, Sensor, dent, load, resize, trace
+
+from .oracle import supersampled
+
+Float = NDArray[np.float64]
+
+FRAMES = (
+    Frame("white"),
+    Frame("gray", "u", bit=0),
+    Frame("gray", "v", bit=1),
+    Frame("phase", "u", period_px=8.0, shift=0.7),
+    Frame("phase", "v", period_px=5.5, shift=2.0),
+)
+
+
+def rig(name: str = "paper-simulation", size: int = 24, blur: float = 0.5) -> Scene:
+    scene = resize(load(name), size, size)
+    return replace(scene, pattern=replace(scene.pattern, blur_px=blur))
+
+
+def shown(scene: Scene, *frames: Frame) -> Sequence:
+    return Sequence(frames or FRAMES, scene.pattern.rows, scene.pattern.cols)
+
+
+@pytest.fixture(scope="module")
+def flat() -> AreaTrace:
+    scene = rig()
+    return trace_area(scene, dent("flat", scene))
+
+
+def box_mean(levels: Float, at: Float, width: Float, blur: float) -> Float:
+    """Mean over boxes (P,) of cells (K,), dark around them, blurred: int ndtr = x ndtr(x) + its density."""
+    cells = np.arange(levels.size)
+
+    def below(x: Float) -> Float:
+        if blur == 0.0:
+            return np.maximum(x, 0.0)
+        return np.asarray(x * ndtr(x / blur) + blur * np.exp(-0.5 * (x / blur) ** 2) / np.sqrt(2 * np.pi))
+
+    high, low = (at + sign * width / 2 for sign in (1, -1))
+    share = sum(
+        sign * (below(high[:, None] - cells - edge) - below(low[:, None] - cells - edge))
+        for sign, edge in ((1, -0.5), (-1, 0.5))
+    )
+    return np.asarray(share @ levels / width)
+
+
+@pytest.mark.parametrize(("blur", "tolerance"), [(0.0, 1 / 36), (0.3, 1.2e-3), (1.0, 4e-5)])
+def test_a_flat_mirror_averages_cells_over_a_box(blur: float, tolerance: float) -> None:
+    """Telecentric, no dent: every pixel sees the same box, along u by columns and along v by rows."""
+    scene = rig(blur=blur)
+    frames = shown(scene)
+    area = trace_area(scene, dent("flat", scene))
+    light = area_light(area, frames)
+    table_u, table_v = frames.tables()
+    centre = trace(scene, dent("flat", scene))
+    u, v = centre.u[0], centre.v[:, 0]
+    for index in range(len(frames)):
+        along = box_mean(table_u[index] / 255.0, u, np.abs(np.gradient(u)), blur)
+        down = box_mean(table_v[index] / 255.0, v, np.abs(np.gradient(v)), blur)
+        assert np.abs(light[index] - down[:, None] * along).max() < tolerance
+
+
+@pytest.mark.parametrize("name", ["monitor-mirror", "prism48"])
+def test_a_dent_is_the_mean_of_many_rays(name: str) -> None:
+    """Pinhole with distortion, total reflection lost: 12 x 12 rays of another program."""
+    scene = rig(name, 20)
+    surface = dent("gaussian", scene)
+    frames = shown(scene)
+    light = area_light(trace_area(scene, surface), frames)
+    assert np.abs(light - supersampled(scene, surface, frames, 12)).max() < 1.2e-3
+
+
+def test_the_mean_of_a_flat_mirror_is_what_its_centre_sees(flat: AreaTrace) -> None:
+    for mean, centre in zip(flat.mean(), (flat.centre.u, flat.centre.v), strict=True):
+        assert np.abs(mean - centre)[flat.visible].max() < 1e-9
+
+
+def test_all_rays_of_a_pixel_differ_along_both_axes(flat: AreaTrace) -> None:
+    """36 places each, evenly spaced over the pixel."""
+    for at, axis in ((flat.u, 1), (flat.v, 0)):
+        spacing = np.diff(np.sort(at[10, 10]))
+        width = np.abs(np.diff(at[:, :, 0], axis=axis)).mean()
+        assert spacing == pytest.approx(width / 36, rel=1e-6)
+
+
+def test_pixels_at_the_border_see_a_part() -> None:
+    scene = rig()
+    cut = replace(scene.pattern, cols=scene.pattern.cols // 2)
+    area = trace_area(replace(scene, pattern=cut), dent("flat", scene))
+    assert not (area.visible & area.partly).any()
+    inside = area.centre.u <= cut.cols - 0.5
+    assert (area.visible <= inside).all()
+    assert 0 < area.partly.sum() <= 2 * scene.camera.rows
+    u, _ = area.mean()
+    assert np.nanmax(u) <= cut.cols - 0.5
+    assert np.isnan(u[~area.visible & ~area.partly]).all()
+    beside = area_light(area, shown(area.scene))[0][~(area.visible | area.partly)]
+    assert (beside < 0.5).all()
+    assert (beside > 0).any()  # through the blur
+
+
+def test_lighting_dims_corners_and_the_display(flat: AreaTrace) -> None:
+    frames = shown(flat.scene, Frame("white"))
+    plain = area_light(flat, frames)[0]
+    vignetted = area_light(flat, frames, Lighting(vignetting=0.5))[0] / plain
+    assert vignetted[0, 0] == pytest.approx(0.5)
+    assert vignetted.max() == pytest.approx(1.0, abs=2e-3)
+    uneven = area_light(flat, frames, Lighting(backlight=0.3, brightest=(0.0, 0.0)))[0] / plain
+    assert uneven.max() == pytest.approx(1.0, abs=0.01)
+    assert uneven.min() == pytest.approx(0.7, abs=0.03)
+
+
+def test_dark_current_has_the_shot_noise_of_as_much_light(flat: AreaTrace) -> None:
+    frames = shown(flat.scene, Frame("black"))
+    sensor = Sensor(bits=16, offset=20.0, exposure=0.5, gain_e=4.0)
+    dark = area_frames(flat, frames, sensor, Lighting(dark=10.0)) / 257.0
+    assert dark.mean() == pytest.approx(30.0, abs=0.2)
+    assert dark.var() == pytest.approx(10.0 / 4.0, rel=0.15)
+
+
+def test_noise_goes_by_place(flat: AreaTrace) -> None:
+    """What is beside a pixel does not change its noise."""
+    frames = shown(flat.scene)
+    sensor, light = Sensor(noise=2.0, offset=30.0, exposure=0.5), area_light(flat, frames)
+    halved = light.copy()
+    halved[:, :, :12] *= 0.5
+    first, second = expose(light, frames, sensor, seed=3), expose(halved, frames, sensor, seed=3)
+    assert (first[:, :, 12:] == second[:, :, 12:]).all()
+    assert (first[:, :, :12] != second[:, :, :12]).mean() > 0.5
+
+
+@pytest.mark.parametrize("blur", [0.0, 0.6])
+def test_frames_along_both_axes(blur: float) -> None:
+    """Crossed fringes against brute force (whose own error is 1 / 24 without blur); fringes both ways."""
+    scene = rig("prism48", 20, blur)
+    surface, frames = dent("gaussian", scene), shown(scene, Frame("crossed", period_px=7.0))
+    area = trace_area(scene, surface)
+    light = area_light(area, frames)
+    assert np.abs(light - supersampled(scene, surface, frames, 12)).max() < (0.04 if blur == 0 else 1.2e-3)
+    single = shown(scene, Frame("phase", "u", period_px=8.0, shift=0.7))
+    image = (single.render_frame(0) / 255.0).astype(np.float32)
+    both_ways = _look_up_two(area, image, area.reflected)
+    assert np.abs(both_ways - area_light(area, single)[0]).max() < 1e-5
