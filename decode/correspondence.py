@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
+from optolever.notices import Notice, notices_from_array, notices_to_array
 
 __all__ = ["Correspondence", "Flag"]
 
@@ -40,6 +41,7 @@ class Correspondence:
     flags              uint16 bit field of Flag, 0 = good
     amplitude, offset  of the modulation, camera levels (the smaller amplitude of both axes, the mean level)
     order_error        probability that a fringe order or code bit is wrong
+    notices            what the whole capture wants its user to know
     """
 
     u: Map
@@ -50,10 +52,11 @@ class Correspondence:
     amplitude: Map | None = None
     offset: Map | None = None
     order_error: Map | None = None
+    notices: tuple[Notice, ...] = ()
 
     def __post_init__(self) -> None:
         shape = np.shape(self.u)
-        for field in fields(self):
+        for field in fields(self)[:-1]:
             value = getattr(self, field.name)
             if value is not None and (np.shape(value) != shape or len(shape) != 2):
                 raise InputError(
@@ -69,14 +72,17 @@ class Correspondence:
 
     def save(self, path: str | Path) -> None:
         """Write an .npz with the fields' names."""
-        save_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)})
+        arrays = {field.name: getattr(self, field.name) for field in fields(self)}
+        save_arrays(path, arrays | {"notices": notices_to_array(self.notices) if self.notices else None})
 
     @classmethod
     def load(cls, path: str | Path) -> "Correspondence":
         """Read what save() wrote; InputError names the file and the field."""
-        arrays = load_arrays(path, _REQUIRED)
+        arrays: dict[str, Any] = load_arrays(path, _REQUIRED)
         known = {field.name for field in fields(cls)}
         try:
+            if "notices" in arrays:
+                arrays["notices"] = notices_from_array(arrays["notices"])
             return cls(**{name: value for name, value in arrays.items() if name in known})
         except InputError as error:
             raise InputError(f"{path}: {error}") from error

@@ -1,6 +1,6 @@
 """decode(): frames and their descriptions -> Correspondence."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from threading import local
 from typing import Any
@@ -10,14 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from optolever.blocks import over_rows
 from optolever.errors import InputError
+from optolever.notices import Notice
 from optolever.patterns import Sequence
 
 from .axis import AxisDecoder, axis_decoder
-from .correspondence import Correspondence
+from .correspondence import Correspondence, Flag
 from .display import measured_pixelations
 from .exposures import better_of, by_exposure
 from .flags import Limits, Shared, limits_of, merge
 from .frames import Light, light_of
+from .integrity import examine, spoilt_pixels
 from .noise import Noise, Sample, estimate_noise
 from .plan import Plan, plan
 from .response import Response
@@ -44,6 +46,7 @@ def decode(
     on_cells: bool = True,
     subpixel: bool = False,
     mask: ArrayLike | None = None,
+    check: bool = True,
 ) -> Correspondence:
     """Where on the pattern every camera pixel looks.
 
@@ -57,6 +60,8 @@ def decode(
                  dark around it; what that shifts is taken off (see display). False: ideal cosines
     subpixel     binary codes: answers within their cells, from the blur of their edges, where it tells
     mask         (H, W) bool: pixels to decode, the others are INVALID
+    check        look for frames that are not those described (see integrity): a notice names them, what can do
+                 without them is decoded without them, else the pixels that they could have spoilt are flagged
 
     A code under several exposures is decoded from each that shows all of it, every pixel from its best one:
     amplitude and offset are levels of that exposure. InputError if frames and sequence do not fit or hold
@@ -64,7 +69,7 @@ def decode(
     """
     light = light_of(frames, sequence, white_level, response)
     inside = _mask(mask, light.raw.shape[1:])
-    options = _Options(_given_noise(noise, gain, light), blur_px, on_cells, subpixel, inside)
+    options = _Options(_given_noise(noise, gain, light), blur_px, on_cells, subpixel, inside, check)
     parts = by_exposure(sequence)
     return reduce(better_of, (_decoded(_part(light, part.index), part.sequence, options) for part in parts))
 
@@ -76,6 +81,7 @@ class _Options:
     on_cells: bool
     subpixel: bool
     mask: Mask | None
+    check: bool
 
 
 def _mask(mask: ArrayLike | None, shape: tuple[int, ...]) -> Mask | None:
@@ -108,8 +114,31 @@ def _decoded(light: Light, sequence: Sequence, options: _Options) -> Corresponde
     raw, shared = _estimated(light, noise, decoders)
     found = _among_neighbours(decoders, lit, raw, shared, options, sequence, noise)
     if options.mask is not None:
-        np.bitwise_or(found.flags, np.uint16(128), out=found.flags, where=~options.mask)
-    return found
+        np.bitwise_or(found.flags, np.uint16(Flag.INVALID), out=found.flags, where=~options.mask)
+    return _checked(light, sequence, wanted, noise, lit, found, options) if options.check else found
+
+
+def _checked(
+    light: Light,
+    sequence: Sequence,
+    wanted: Plan,
+    noise: Noise,
+    lit: Sample,
+    found: Correspondence,
+    options: _Options,
+) -> Correspondence:
+    """Without the frames that are not those described, or with what they could have spoilt flagged."""
+    findings = examine(light, wanted, noise, lit, found)
+    told = tuple(Notice(one.sentence, one.share, float("nan"), one.cure) for one in findings)
+    for finding in findings:
+        if finding.leave_out:
+            index = np.array([i for i in range(len(sequence)) if i not in finding.leave_out])
+            less = replace(sequence, frames=tuple(sequence.frames[i] for i in index))
+            found = _decoded(_part(light, index), less, replace(options, check=False))
+        else:
+            spoilt = spoilt_pixels(finding, light, wanted, noise, found)
+            np.bitwise_or(found.flags, np.uint16(Flag.WRONG_FRAME), out=found.flags, where=spoilt)
+    return replace(found, notices=found.notices + told)
 
 
 def _noise(light: Light, wanted: Plan, options: _Options) -> tuple[Noise, Sample]:

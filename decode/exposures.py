@@ -108,6 +108,7 @@ def _axis_numbered(axis: AxisPlan, index: NDArray[np.int64]) -> AxisPlan:
         axis,
         code=code and replace(code, plain=of(code.plain), inverse=of(code.inverse)),
         fringes=tuple(replace(f, index=tuple(index[list(f.index)].tolist())) for f in axis.fringes),
+        singles=tuple(replace(f, index=tuple(index[list(f.index)].tolist())) for f in axis.singles),
         stripes=stripes and replace(stripes, index=index[stripes.index]),
         levels=tuple(index[list(axis.levels)].tolist()),
     )
@@ -127,7 +128,7 @@ def better_of(first: Correspondence, second: Correspondence) -> Correspondence:
     names = ("u", "v", "sigma_u", "sigma_v", "flags", "amplitude", "offset", "order_error")
     merged = {name: np.where(take, getattr(second, name), getattr(first, name)) for name in names}
     merged["flags"][apart & first.good & second.good] |= np.uint16(Flag.MOVED)
-    return Correspondence(**merged)
+    return Correspondence(**merged, notices=tuple(dict.fromkeys(first.notices + second.notices)))
 
 
 def _ranks(found: Correspondence) -> tuple[NDArray[Any], ...]:

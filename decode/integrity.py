@@ -22,7 +22,7 @@ from optolever.patterns import Sequence
 from .correspondence import Correspondence
 from .exposures import by_exposure, numbered
 from .frames import Light, light_of, sample_levels
-from .noise import Noise, Sample, estimate_noise
+from .noise import Noise, Sample, estimate_noise, sampled
 from .plan import AxisPlan, Plan, constraints
 from .sample_fit import AxisTable, axis_tables, bends, misfit_at, places
 
@@ -92,6 +92,12 @@ class Finding:
     confidence: float = 1.0
     share: float = 0.0
     leave_out: tuple[int, ...] = ()
+
+    @property
+    def cure(self) -> str:
+        """What to do about it."""
+        left = "decoded without; " if self.leave_out else ""
+        return f"{left}capture again, or describe the frames as they were shown (--no-check: decode as described)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +201,7 @@ def _crosses(light: Light, plan: Plan, lit: Sample, found: Correspondence | None
     around = np.array([[0, 0], [0, -apart], [0, apart], [-apart, 0], [apart, 0]])
     seen = lit.places
     if len(seen) < _PIXELS:  # a wrong frame may look like noise that hides the pattern
-        sample = sampled(light)
+        sample = sampled(light, None, 256)
         span = np.ptp(sample.levels, axis=0)
         seen = sample.places[span > _ALIKE * np.quantile(span, 0.99)]
     at = seen[_chosen(len(seen))] + around[:, None]

@@ -12,7 +12,7 @@ from optolever import InputError
 from optolever.decode import Correspondence, check
 from optolever.decode.frames import light_of
 from optolever.decode.integrity import Finding, examine, spoilt_pixels
-from optolever.decode.noise import estimate_noise, sampled
+from optolever.decode.noise import estimate_noise
 from optolever.decode.plan import plan
 from optolever.patterns import Sequence, sequence
 
@@ -237,7 +237,7 @@ def test_only_pixels_that_a_wrong_step_could_spoil_are_blamed(shoot: Shoot, smoo
     before = frames[10].astype(float)
     frames[10] = frames[11]
     light, own = light_of(frames, shown), plan(shown)
-    noise, lit = estimate_noise(light, own, sampled(light))
+    noise, lit = estimate_noise(light, own)
     (finding,) = examine(light, own, noise, lit, _truth(smooth))
     assert finding.frames == finding.leave_out == (10,)
     assert finding.confidence > 0.99

@@ -1,0 +1,41 @@
+"""Notices: what a result wants its user to know, as data that is saved with it, printed and drawn."""
+
+import json
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+
+__all__ = ["Notice", "notices_from_array", "notices_to_array"]
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """name: what it is about, a sentence; size of it and the limit that it passes (NaN: none); cure: what to do."""
+
+    name: str
+    size: float
+    limit: float
+    cure: str
+
+    def __str__(self) -> str:
+        """One line."""
+        beyond = "" if self.limit != self.limit else f" ({self.size:.3g}, usual up to {self.limit:.3g})"
+        return f"{self.name}{beyond}: {self.cure}" if self.cure else f"{self.name}{beyond}"
+
+
+def notices_to_array(notices: Iterable[Notice]) -> NDArray[np.str_]:
+    """Lines of JSON, for an .npz."""
+    return np.array([json.dumps(asdict(notice)) for notice in notices], dtype=np.str_)
+
+
+def notices_from_array(lines: NDArray[Any]) -> tuple[Notice, ...]:
+    """Inverse of notices_to_array. InputError if a line is no notice."""
+    try:
+        return tuple(Notice(**json.loads(str(line))) for line in np.atleast_1d(lines))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"notices: not readable ({error})") from error
