@@ -17,6 +17,7 @@ from .benchmark import RendererSpeed, measure_renderer
 from .capture import Capture
 from .context import ContextInfo, NoContextError, context_info, release_context
 from .electronics import NOMINAL_SENSOR
+from .optics_numpy import Footprints, footprints, light_of
 from .renderer import PatternRenderer, render
 from .sofast import load_sofast, load_sofast_response
 from .source import FolderSource, FrameSource, PatternDisplay, record
@@ -29,6 +30,7 @@ __all__ = [
     "Capture",
     "ContextInfo",
     "FolderSource",
+    "Footprints",
     "FrameSource",
     "Monitor",
     "NoContextError",
@@ -40,6 +42,8 @@ __all__ = [
     "capture",
     "chosen_renderer",
     "context_info",
+    "footprints",
+    "light_of",
     "load_sofast",
     "load_sofast_response",
     "measure_renderer",

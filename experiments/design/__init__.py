@@ -35,9 +35,8 @@ from .fixed_search import offers
 from .judged import CASES, Case, drawn_cases
 from .on_demand import OnDemand, VirtualOnDemand
 from .outlook import Outlook
-from .prediction import predict
+from .prediction import Prediction, predict
 from .ranking import Design, DesignRow, merit, run_design, simulate
-from .records import Prediction
 from .sensitivity import Lever
 from .sensor_maps import SensorMaps, sensor_maps
 from .sensor_report import COLUMNS, SensorStudy, sensor_html, sensor_rows, write_sensor_report

@@ -9,6 +9,7 @@ possible next step would make of that share; the step that gains most per frame 
 import itertools
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,19 +18,17 @@ from scipy.special import erf
 from optolever.decode import Correspondence, Flag, decode
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
+from optolever.projector import light_of
 from optolever.reconstruct import HeightMap, reconstruct
 from optolever.scene import Scene, dent
 
-from .border import MOST_LOST, border_loss
 from .candidates import LEAST_STEPS, SPAN, pairs
 from .fixed_search import offers
-from .fringes import contrast
 from .on_demand import OnDemand
 from .outlook import Outlook
-from .prediction import predict_axis
-from .records import AxisPrediction
-from .sensitivity import NEGLIGIBLE, Lever, rms_where
-from .view import Floats, View
+from .prediction import BORDER, Prediction, predict
+from .sensitivity import Lever
+from .view import Floats, View, thinned
 
 __all__ = ["Adapted", "Goal", "Start", "Step", "adapt", "share_within", "starting"]
 
@@ -164,64 +163,62 @@ class _State:
     gains: tuple[float, float]
 
     @classmethod
-    def of(cls, images: NDArray[np.uint8], sequence: Sequence, start: Start, goal: Goal) -> "_State":
-        scene, lever, noise = start.scene, start.lever, start.noise
+    def of(cls, images: NDArray[Any], sequence: Sequence, start: Start, goal: Goal) -> "_State":
+        scene, lever = start.scene, start.lever
         seen = decode(images, sequence)
         height = reconstruct(seen, scene)
-        view = _measured_view(seen, sequence, lever)
-        sees = (view.light > 0) & (np.maximum(border_loss(view, "u"), border_loss(view, "v")) < MOST_LOST)
-        bias = _systematic(seen, view, sequence, scene, height, noise)
-        sigma = height.sigma * lever.truth_of_sigma
-        within = share_within(sigma, height.good, sees, goal.height, bias)
+        view = _measured_view(seen, images, sequence, lever)
+        sees = view.visible & (view.lost() < BORDER)
+        bias = _systematic(seen, predict(view, sequence, start.noise, pairs=2), height, scene)
+        within = share_within(height.sigma * lever.truth_of_sigma, height.good, sees, goal.height, bias)
         step = max(1, min(sees.shape) // SIDE)
         thin = (slice(step // 2, None, step),) * 2
-        sigma = np.where(height.good, sigma, np.nan)[thin]
-        return cls(
-            seen,
-            height,
-            within,
-            _thinned(replace(view, light=np.where(sees, view.light, 0.0)), step),
-            sigma,
-            lever.gains,
-        )
+        sigma = np.where(height.good, height.sigma * lever.truth_of_sigma, np.nan)[thin]
+        return cls(seen, height, within, _every(view, step), sigma, lever.gains)
 
 
-def _systematic(
-    seen: Correspondence, view: View, sequence: Sequence, scene: Scene, height: HeightMap, noise: float
-) -> Floats:
-    """What the stairs of the cells and the like make of the height (mm), by closed forms; NaN without one."""
-    u, v = (predict_axis(view, sequence, noise, axis) for axis in "uv")
-    if max(rms_where(there.bias, seen.good) for there in (u, v)) < NEGLIGIBLE:
+def _systematic(seen: Correspondence, there: Prediction, height: HeightMap, scene: Scene) -> Floats:
+    """Height error (mm, NaN without a height) from systematic errors of the decoder.
+
+    Run on images of what was measured, it errs as it did on those of the mirror. Of its mean error that part
+    counts which both pairs of draws have in common.
+    """
+    first, second = (np.where(there.passed == 1, there.error[k : k + 2].mean(axis=0), 0.0) for k in (0, 2))
+    mean = 0.5 * (first + second)
+    size = float(np.mean(mean**2))
+    if size == 0:
         return np.zeros(height.z.shape)
-    moved = replace(seen, u=seen.u + u.bias, v=seen.v + v.bias)
+    bias = mean * float(np.clip(np.mean(first * second) / size, 0.0, 1.0))
+    moved = replace(seen, u=seen.u + bias[0], v=seen.v + bias[1])
     return np.asarray(reconstruct(moved, scene, start=height).z - height.z)
 
 
-def _measured_view(seen: Correspondence, sequence: Sequence, lever: Lever) -> View:
-    """The full view with the light that was measured, 0 where nothing is seen: amplitude over what optics
-    leave of the finest fringe.
-
-    Places and footprints are those that were decoded where they stand, those at rest elsewhere.
-    """
+def _measured_view(seen: Correspondence, images: NDArray[Any], sequence: Sequence, lever: Lever) -> View:
+    """The whole view with the light that was measured, 0 where nothing is seen: mean level over the one that
+    full light would give. Places are those that were decoded where they stand, those at rest elsewhere;
+    footprints those at rest."""
     base = lever.full
-    good = seen.good
-    u, v = (np.where(good, mine, rest) for mine, rest in ((seen.u, base.truth.u), (seen.v, base.truth.v)))
-    finest = min(frame.period_px or math.inf for frame in sequence.frames if frame.kind == "phase")
-    blur = base.scene.pattern.blur_px
-    left = np.minimum(*(contrast(finest, base.widths[axis], blur) for axis in "uv"))
-    nominal = 2 * base.levels(1.0).half / np.maximum(base.light, 1e-9)
-    amplitude = np.asarray(seen.amplitude, np.float64)
-    light = 2 * amplitude / np.maximum(left * nominal, 1e-9)
-    sees = ((np.asarray(seen.flags) & _UNSEEN) == 0) & np.isfinite(light)
-    return replace(base, truth=replace(base.truth, u=u, v=v), light=np.where(sees, light, 0.0))
+    places = (np.where(seen.good, mine, rest) for mine, rest in
+              ((seen.u, base.truth.u), (seen.v, base.truth.v)))  # fmt: skip
+    u, v = places
+    sees = ((np.asarray(seen.flags) & _UNSEEN) == 0) & np.isfinite(u) & np.isfinite(v)
+    lit = replace(base.image, u=u.ravel(), v=v.ravel(), light=sees.ravel().astype(np.float64))
+    full = light_of(lit, sequence, base.scene.display, base.scene.pattern.blur_px).mean(axis=0)
+    sensor, dark = base.sensor, base.sensor.levels(np.zeros(1))
+    level = images.mean(axis=0).ravel() * 255 / (2**sensor.bits - 1) - dark
+    with np.errstate(divide="ignore", invalid="ignore"):
+        light = np.where(sees.ravel(), level / (sensor.levels(full) - dark), 0.0)
+    truth = replace(base.truth, u=u, v=v, visible=sees)
+    return replace(base, truth=truth, image=replace(lit, light=np.maximum(np.nan_to_num(light), 0.0)))
 
 
-def _thinned(view: View, step: int) -> View:
-    """Every step-th pixel of a view."""
+def _every(view: View, step: int) -> View:
+    """Every step-th pixel of a whole view."""
+    if step == 1:
+        return view
     thin = (slice(step // 2, None, step),) * 2
-    truth = replace(view.truth, u=view.truth.u[thin], v=view.truth.v[thin], visible=view.truth.visible[thin])
-    widths = {axis: (mine[0][thin], mine[1][thin]) for axis, mine in view.widths.items()}
-    return View(view.scene, truth, widths, view.light[thin], step * view.stride)
+    truth = replace(view.truth, **{name: getattr(view.truth, name)[thin] for name in ("u", "v", "visible")})
+    return thinned(view, view.scene, truth)
 
 
 def _first(lever: Lever, noise: float) -> tuple[Frame, ...]:
@@ -235,10 +232,9 @@ def _first_of(lever: Lever, axis: str, noise: float) -> tuple[Frame, ...]:
     found = []
     for periods in (*spanning, *pairs(extent)):
         frames = tuple(frame for period in periods for frame in _shifts(axis, period, [], LEAST_STEPS))
-        there = predict_axis(lever.view, Sequence(frames, pattern.rows, pattern.cols), noise, axis)
-        lost = max(float(there.failure[lever.seen].mean()), float(there.refused[lever.seen].mean()) / 10)
-        size = math.hypot(rms_where(there.noise, lever.seen), rms_where(there.bias, lever.seen))
-        found.append((lost > SAFE, lost if lost > SAFE else size, frames))
+        there = predict(lever.view, Sequence(frames, pattern.rows, pattern.cols), noise, axes=axis)
+        lost = max(there.failure, (1 - there.measured_share) / 10)
+        found.append((lost > SAFE, lost if lost > SAFE else there.rms(axis), frames))
     return min(found, key=lambda one: one[:2])[2]
 
 
@@ -276,9 +272,9 @@ def _best(state: _State, frames: tuple[Frame, ...], goal: Goal, noise: float) ->
     return following if gain > LEAST_GAIN * len(following) else None
 
 
-def _along(state: _State, frames: tuple[Frame, ...], axis: str, noise: float) -> AxisPrediction:
+def _along(state: _State, frames: tuple[Frame, ...], axis: str, noise: float) -> Prediction:
     pattern = state.view.scene.pattern
-    return predict_axis(state.view, Sequence(frames, pattern.rows, pattern.cols), noise, axis)
+    return predict(state.view, Sequence(frames, pattern.rows, pattern.cols), noise, axes=axis)
 
 
 def _options(frames: tuple[Frame, ...], state: _State) -> list[tuple[Frame, ...]]:
@@ -302,20 +298,20 @@ def _options(frames: tuple[Frame, ...], state: _State) -> list[tuple[Frame, ...]
     return options
 
 
-def _outlook(state: _State, goal: Goal, then: list[AxisPrediction], now: list[AxisPrediction]) -> float:
+def _outlook(state: _State, goal: Goal, then: list[Prediction], now: list[Prediction]) -> float:
     """Share predicted to be within the goal, of the errors `then` (u, v); now: of what was shown."""
-    good = np.isfinite(state.sigma) & (state.view.light > 0)
+    seen = state.view.visible
+    good = np.isfinite(state.sigma) & seen
     sizes = [
-        math.hypot(*(gain * rms_where(one.noise, good) for gain, one in zip(state.gains, told, strict=True)))
+        math.hypot(*(gain * one.rms(axis) for gain, one, axis in zip(state.gains, told, "uv", strict=True)))
         for told in (then, now)
     ]
     scale = sizes[0] / sizes[1] if sizes[1] > 0 else 1.0
     middle = float(np.median(state.sigma[good])) if good.any() else math.inf
     sigma = scale * np.where(good, state.sigma, middle)
-    passed = (1 - then[0].refused) * (1 - then[1].refused)
     with np.errstate(divide="ignore", invalid="ignore"):
-        each = passed * erf(goal.height / (math.sqrt(2) * sigma))
-    return float(np.nan_to_num(each)[state.view.light > 0].mean())
+        each = then[0].passed * then[1].passed * erf(goal.height / (math.sqrt(2) * sigma))
+    return float(np.nan_to_num(each)[seen].mean())
 
 
 def _words(frames: tuple[Frame, ...]) -> str:

@@ -13,8 +13,8 @@ from scipy.special import erf
 from optolever.errors import InputError
 from optolever.patterns import Sequence
 
-from .prediction import predict_axis
-from .sensitivity import Lever, rms_where
+from .prediction import predict
+from .sensitivity import Lever
 from .view import Floats
 
 __all__ = ["AxisTold", "Outlook"]
@@ -53,16 +53,14 @@ class Outlook:
     def _told(self, axis: str, sequence: Sequence) -> AxisTold:
         seen = self.lever.seen
         try:
-            there = predict_axis(self.lever.view, sequence, self._noise, axis)
+            there = predict(self.lever.view, sequence, self._noise, axes=axis)
         except InputError:
             return AxisTold(math.inf, 0.0, None)
-        passed = 1 - there.refused[seen]
-        size = math.hypot(rms_where(there.noise, seen), rms_where(there.bias, seen))
-        whole = bool(passed.min(initial=1.0) > 1 - 1e-6)
+        passed, size = there.passed[seen], there.rms(axis)
         return AxisTold(
             self.lever.gains["uv".index(axis)] * size if math.isfinite(size) else math.inf,
             float(passed.mean()),
-            None if whole else passed.astype(np.float32),
+            None if passed.all() else passed.astype(np.float32),
         )
 
     def share(self, sequence: Sequence) -> float:

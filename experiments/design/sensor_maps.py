@@ -114,7 +114,9 @@ def _solved(lever: Lever, text: str, noise: float) -> tuple[Floats, Floats]:
     view = lever.view
     sequence = sequence_from_text(text, view.scene.pattern.rows, view.scene.pattern.cols)
     there = predict(view, sequence, noise)
-    height = lever.solve(view, (there.u.stated, there.v.stated), there.solved)
+    known = np.asarray(there.good.all(axis=0))
+    stated = there.sigma.mean(axis=0)
+    height = lever.solve(view, np.zeros(stated.shape), stated, known)
     sigma = np.where(height.good & there.usable, height.sigma, np.nan)
     if view.stride > 1:
         sigma = sigma * lever.to_full
