@@ -23,7 +23,7 @@ from .options import (
 from .show import grid, number, progress, table, write_json
 
 if TYPE_CHECKING:
-    from optolever.experiments.design import DesignRow
+    from optolever.experiments.design import Design, DesignRow
 
 __all__ = ["command"]
 
@@ -41,7 +41,7 @@ Choice
   written to  best.toml
 """
 
-HEADER = ("sequence", "frames", "time", "predicted", "simulated", "wrong order", "measured", "")
+HEADER = ("sequence", "frames", "time", "predicted", "+-", "simulated", "wrong order", "measured", "")
 
 
 @click.command("design", epilog=sample(SAMPLE))
@@ -90,9 +90,9 @@ def command(
 ) -> None:
     """Rank codes and their parameters for a scene by predicted height error, and simulate the best.
 
-    Predicted in closed form: noise of the phase under blur, pixel and cell, misread orders and bits,
-    stairs of the cells; taken to heights by the scene's own solver. What fails too often or loses pixels
-    comes last.
+    Predicted by the decoder itself, run on images of the scene (of a large camera: on windows of its image),
+    and by the scene's own solver. What fails too often or loses pixels comes last; what --add brings is
+    always printed. +-: standard error of the prediction; measured: share of the pixels with a height.
     """
     writable(out, json_path)
     if out is not None and out.suffix != ".toml":
@@ -125,7 +125,7 @@ def command(
     grid(
         f"Height error, rms in mm: {scene.name}, at most {budget} frames",
         HEADER,
-        map(_cells, design.rows[:shown]),
+        map(_cells, _printed(design, shown, added)),
     )
     chosen = design.chosen
     table(
@@ -137,6 +137,11 @@ def command(
             **({"written to": str(out)} if out is not None and chosen is not None else {}),
         },
     )
+
+
+def _printed(design: "Design", shown: int, added: tuple[str, ...]) -> "list[DesignRow]":
+    """The best rows, and those that the user asked for."""
+    return design.rows[:shown] + [row for row in design.rows[shown:] if row.text in added]
 
 
 def _budget(frames: int | None, seconds: float | None, refresh: float) -> int:
@@ -155,6 +160,7 @@ def _cells(row: "DesignRow") -> list[Any]:
         str(row.frames),
         number(row.seconds, "s"),
         number(row.predicted),
+        number(100 * row.spread, "%") if math.isfinite(row.spread) else "",
         number(row.simulated) if math.isfinite(row.simulated) else "",
         f"{row.failure:.0e}",
         number(100 * row.share, "%"),

@@ -117,14 +117,13 @@ def run_design(
     pressed = dent or scene.dent or "flat"
     surface = dent_from_text(pressed, scene)
     pattern = scene.pattern
-    offered = [*candidates(pattern.rows, pattern.cols, frames), *extra]
-    if not offered:
+    by_text = {one.text: one for one in [*candidates(pattern.rows, pattern.cols, frames), *extra]}
+    if not by_text:
         raise InputError(f"frames: {frames}, no candidate fits; a fringe ladder on both axes needs 12")
     start = time.perf_counter()
     lever = Lever(scene, surface)
-    rows = rank(lever, offered, noise=noise, refresh=refresh, failure=failure, progress=progress)
+    rows = rank(lever, list(by_text.values()), noise=noise, refresh=refresh, failure=failure, progress=progress)
     ranked = time.perf_counter()
-    by_text = {candidate.text: candidate for candidate in offered}
     rows = _verified(rows, by_text, lever, noise, verify, seeds, renderer, progress)
     done = time.perf_counter()
     best = next((row for row in rows if not row.why), None)
