@@ -122,7 +122,9 @@ def run_design(
         raise InputError(f"frames: {frames}, no candidate fits; a fringe ladder on both axes needs 12")
     start = time.perf_counter()
     lever = Lever(scene, surface)
-    rows = rank(lever, list(by_text.values()), noise=noise, refresh=refresh, failure=failure, progress=progress)
+    rows = rank(
+        lever, list(by_text.values()), noise=noise, refresh=refresh, failure=failure, progress=progress
+    )
     ranked = time.perf_counter()
     rows = _verified(rows, by_text, lever, noise, verify, seeds, renderer, progress)
     done = time.perf_counter()

@@ -27,6 +27,16 @@ def test_design_writes_what_capture_takes(tmp_path: Path) -> None:
     assert len(list((tmp_path / "capture/frames").glob("*.png"))) == found["rows"][0]["frames"]
 
 
+def test_a_users_pattern_is_always_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Wherever it ranks, also where it is ruled out."""
+    added = ["--add", "stripe:step=32", "--add", "gray:inverses=false", "--frames", "12"]
+    options = ["--rows", "1", "--verify", "0", "--renderer", "numpy"]
+    assert run(["design", *PRISM, *added, *options]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for text in added[1:4:2]:
+        assert sum(line.startswith(text) for line in lines) == 1
+
+
 def test_sensor_writes_a_page_and_numbers(tmp_path: Path) -> None:
     out, numbers = tmp_path / "sensor", tmp_path / "sensor.json"
     sweep = ["--sweep", "angle=45/48", "--out", str(out), "--json", str(numbers)]
@@ -78,12 +88,19 @@ def test_adapt_stands_beside_the_best_fixed_sequence(
     assert f"on {found['fewer']} of 2 dents" in printed
 
 
+def _few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No figure is judged here."""
+    for name in ("MOST", "MOST_CLOSE"):
+        monkeypatch.setattr(exhaustive, name, 1)
+
+
 def test_choices_come_case_by_case(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Ctrl-C in the second case keeps the first one, printed and in the file."""
     numbers, small = tmp_path / "choices.json", replace(CASES[7], frames=12)
     monkeypatch.setattr(design, "CASES", (small, CASES[8]))
+    _few_draws(monkeypatch)
     real, asked = design.run_choices, []
 
     def until_interrupted(cases: tuple[Case, ...], **options: Any) -> Iterator[ChoiceRow]:
@@ -117,6 +134,7 @@ def test_a_draw_that_leaves_no_anchor_ends_no_case(monkeypatch: pytest.MonkeyPat
         return real(lever, candidate, noise, seeds, renderer)
 
     monkeypatch.setattr(exhaustive, "simulate", some)
+    _few_draws(monkeypatch)
     monkeypatch.setattr(exhaustive, "candidates", few)
     monkeypatch.setattr(ranking, "candidates", few)
     (row,) = design.run_choices([replace(CASES[7], frames=12)], pixels=48, seeds=1, more=1, renderer="numpy")
