@@ -1,9 +1,9 @@
 """Adaptive sensing: the next frames follow from what the last ones told, until the height is good enough.
 
 Asked for: a share of the pixels that see the pattern whose height is within a goal. A pixel of sigma s is
-within with erf(goal / (sqrt 2 s)), one without a height never. After every frame the closed forms of
-`prediction`, fed with the contrast, place, footprint and noise that were measured, tell what each
-possible next step would make of that share; the step that gains most per frame is taken.
+within with erf(goal / (sqrt 2 s)), one without a height never. After every frame the decoder, run
+on images of what was measured (place, light) as each possible next step would show it, tells what that step
+would make of that share; the step that gains most per frame is taken.
 """
 
 import itertools
@@ -22,8 +22,8 @@ from optolever.projector import light_of
 from optolever.reconstruct import HeightMap, reconstruct
 from optolever.scene import Scene, dent
 
-from .candidates import LEAST_STEPS, SPAN, pairs
-from .fixed_search import offers
+from .candidates import LEAST_STEPS, SPAN
+from .fixed_search import fringe_codes, offers
 from .on_demand import OnDemand
 from .outlook import Outlook
 from .prediction import BORDER, Prediction, predict
@@ -33,17 +33,14 @@ from .view import Floats, View, thinned
 __all__ = ["Adapted", "Goal", "Start", "Step", "adapt", "share_within", "starting"]
 
 _UNSEEN = int(Flag.DARK | Flag.OFF_PATTERN | Flag.INVALID)
-FIRST_PERIODS = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0, 32.0)
-#: Finer periods that are tried next, as shares of the finest shown.
-FINER = (0.6, 0.8)
+#: Finer periods that are tried next, as shares of the finest shown, and the finest of all.
+FINER, FINEST = (0.6, 0.8), 3.0
 #: Pixels along the shorter side of the camera by which the next frames are weighed up.
 SIDE = 60
 #: Gain of the share per frame under which nothing more is to be had.
 LEAST_GAIN = 1e-5
 #: Noise that the first frames are weighed up for, over the camera's.
 SPARE = 1.5
-#: Probability of a wrong order that the first frames may have at rest.
-SAFE = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,13 +112,27 @@ def starting(scene: Scene, noise: float, goal: Goal) -> Start:
     outlook, worse = (
         Outlook(thin, goal.height, spare * noise, lever.truth_of_sigma) for spare in (1.0, SPARE)
     )
-    found = _first(lever, noise)
+    found = _least(outlook)
     for offer in offers([outlook], goal.share, goal.frames):
         shown = [candidate.sequence for _, candidate in offer.best if _fringes_only(candidate.sequence)]
         if shown:
             found = max(shown, key=worse.share).frames
             break
     return Start(scene, lever, noise, found)
+
+
+def _least(outlook: Outlook) -> tuple[Frame, ...]:
+    """Three steps of two periods on each axis, of those that lose fewest pixels at rest the least error."""
+    view = outlook.lever.view
+    frames: list[Frame] = []
+    for axis in "uv":
+        codes = fringe_codes(axis, view.extent(axis), 2 * LEAST_STEPS)
+        told = [
+            outlook.axis(axis, Sequence(code.frames, view.extent("v"), view.extent("u"))) for code in codes
+        ]
+        best = min(range(len(codes)), key=lambda k: (round(-told[k].share, 2), told[k].size))
+        frames += codes[best].frames
+    return tuple(frames)
 
 
 def _fringes_only(sequence: Sequence) -> bool:
@@ -168,7 +179,7 @@ class _State:
         seen = decode(images, sequence)
         height = reconstruct(seen, scene)
         view = _measured_view(seen, images, sequence, lever)
-        sees = view.visible & (view.lost() < BORDER)
+        sees = view.visible & (view.lost < BORDER)
         bias = _systematic(seen, predict(view, sequence, start.noise, pairs=2), height, scene)
         within = share_within(height.sigma * lever.truth_of_sigma, height.good, sees, goal.height, bias)
         step = max(1, min(sees.shape) // SIDE)
@@ -219,23 +230,6 @@ def _every(view: View, step: int) -> View:
     thin = (slice(step // 2, None, step),) * 2
     truth = replace(view.truth, **{name: getattr(view.truth, name)[thin] for name in ("u", "v", "visible")})
     return thinned(view, view.scene, truth)
-
-
-def _first(lever: Lever, noise: float) -> tuple[Frame, ...]:
-    """Three steps of two periods on each axis: the ones of least noise whose order is safe at rest."""
-    return tuple(frame for axis in "uv" for frame in _first_of(lever, axis, noise))
-
-
-def _first_of(lever: Lever, axis: str, noise: float) -> tuple[Frame, ...]:
-    pattern, extent = lever.scene.pattern, lever.view.extent(axis)
-    spanning = [(SPAN * extent, fine) for fine in FIRST_PERIODS if 2 * fine < extent]
-    found = []
-    for periods in (*spanning, *pairs(extent)):
-        frames = tuple(frame for period in periods for frame in _shifts(axis, period, [], LEAST_STEPS))
-        there = predict(lever.view, Sequence(frames, pattern.rows, pattern.cols), noise, axes=axis)
-        lost = max(there.failure, (1 - there.measured_share) / 10)
-        found.append((lost > SAFE, lost if lost > SAFE else there.rms(axis), frames))
-    return min(found, key=lambda one: one[:2])[2]
 
 
 def _shifts(axis: str, period: float, shown: list[float], count: int) -> tuple[Frame, ...]:
@@ -290,7 +284,7 @@ def _options(frames: tuple[Frame, ...], state: _State) -> list[tuple[Frame, ...]
             options += [_shifts(axis, period, shifts, more) for more in (1, 2, 3)]
         ladder = sorted(shown)
         new = [math.sqrt(fine * coarse) for fine, coarse in itertools.pairwise(ladder) if coarse > 3 * fine]
-        new += [share * ladder[0] for share in FINER if share * ladder[0] >= FIRST_PERIODS[0]]
+        new += [share * ladder[0] for share in FINER if share * ladder[0] >= FINEST]
         extent = state.view.extent(axis)
         if ladder[-1] < extent:
             new += [SPAN * extent, math.sqrt(SPAN * extent * ladder[-1])]

@@ -81,7 +81,7 @@ def predict(
         tuple(frame for frame in sequence.frames if frame.axis is None or frame.axis in axes),
         *(sequence.rows, sequence.cols),
     )
-    usable = view.visible & (view.lost() < BORDER)
+    usable = view.visible & (view.lost < BORDER)
     told = len(shown) < len(sequence) or len(axes) == 1
     found = list(_decoded(view, shown, noise, range(first, first + pairs), told))
     # the seams between windows are edges that no scene has

@@ -67,12 +67,12 @@ class Lever:
     @cached_property
     def inner(self) -> Mask:
         """Pixels of the whole camera that the pattern's border does not touch: errors are told over these."""
-        return np.asarray(self.full.visible & (self.full.lost() < BORDER))
+        return np.asarray(self.full.visible & (self.full.lost < BORDER))
 
     @cached_property
     def seen(self) -> Mask:
         """`inner` on the view."""
-        return np.asarray(self.view.visible & (self.view.lost() < BORDER))
+        return np.asarray(self.view.visible & (self.view.lost < BORDER))
 
     @staticmethod
     def solve(view: View, shift: Floats, sigma: Floats, where: Mask) -> HeightMap:
@@ -99,6 +99,8 @@ class Lever:
         noise2, bias2, share = known.mean(axis=0)
         spread = self._spread(known[:, 0] + known[:, 1])
         share *= len(known) / len(pairs)
+        if self.view.stride > 1:  # pixels are refused elsewhere than in the windows
+            spread = math.hypot(spread, 1 - share)
         total = math.sqrt(noise2 + bias2)
         return HeightPrediction(math.sqrt(noise2), math.sqrt(bias2), total, spread, float(share))
 
@@ -245,7 +247,7 @@ class Lever:
 
 def _reference(view: View) -> tuple[Floats, Mask]:
     """Noise (cells) as a fringe has it, the more the less light; pixels that are solved."""
-    solved = view.visible & (view.lost() < HALF_LOST)
+    solved = view.visible & (view.lost < HALF_LOST)
     light = np.where(solved, view.light, 1.0)
     return np.where(solved, REFERENCE * np.median(light[solved]) / light, REFERENCE), solved
 

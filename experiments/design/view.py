@@ -8,6 +8,7 @@ of the pixels (see `sensitivity`). Errors that change more slowly than a window 
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from optolever.patterns import Frame, Sequence
 from optolever.projector import NOMINAL_SENSOR, Footprints, footprints, light_of
 from optolever.scene import Scene, Sensor, Surface, Trace, resize, trace
 
-__all__ = ["Floats", "Mask", "View", "light_lost", "stride_for", "thinned", "view_of"]
+__all__ = ["Floats", "Mask", "View", "stride_for", "thinned", "view_of"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -24,7 +25,7 @@ FINEST = 128  # pixels along the shorter side above which a camera is thinned
 BLOCK, MARGIN = 24, 4  # pixels of a window, and of its rim, which is decoded but not used
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class View:
     """A camera before the pattern. scene, truth: whose pixels (H, W) are solved; image: what is decoded, of
     `shape` pixels; pick (H, W): its pixel whose error stands for one that is solved; stride: pixels of the
@@ -56,17 +57,15 @@ class View:
         """Cells along an axis."""
         return self.scene.pattern.cols if axis == "u" else self.scene.pattern.rows
 
+    @cached_property
     def lost(self) -> Floats:
-        """Share (H, W) of a pixel's light that comes from beyond the pattern's border, 1 without any."""
-        return light_lost(self.image, self.scene)[self.pick]
-
-
-def light_lost(image: Footprints, scene: Scene) -> Floats:
-    """Share (P,) of the light of a white, endless pattern that the real one, which ends, does not send."""
-    white = Sequence((Frame("white"),), scene.pattern.rows, scene.pattern.cols)
-    seen = light_of(image, white, None, scene.pattern.blur_px)[0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(image.light > 0, 1 - seen / image.light, 1.0)
+        """Share (H, W) of the light of a white, endless pattern that the real one, which ends, does not send;
+        1 without any light."""
+        pattern = self.scene.pattern
+        white = Sequence((Frame("white"),), pattern.rows, pattern.cols)
+        seen = light_of(self.image, white, None, pattern.blur_px)[0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(self.image.light > 0, 1 - seen / self.image.light, 1.0)[self.pick]
 
 
 def stride_for(scene: Scene, finest: int = FINEST) -> int:
