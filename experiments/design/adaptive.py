@@ -109,9 +109,7 @@ def starting(scene: Scene, noise: float, goal: Goal) -> Start:
     rest = dent("flat", scene)
     lever = Lever(scene, rest)
     thin = Lever(scene, rest, stride=max(1, min(scene.camera.rows, scene.camera.cols) // SIDE))
-    outlook, worse = (
-        Outlook(thin, goal.height, spare * noise, lever.truth_of_sigma) for spare in (1.0, SPARE)
-    )
+    outlook, worse = (Outlook(thin, goal.height, spare * noise, lever.sigma_factor) for spare in (1.0, SPARE))
     found = _least(outlook)
     for offer in offers([outlook], goal.share, goal.frames):
         shown = [candidate.sequence for _, candidate in offer.best if _fringes_only(candidate.sequence)]
@@ -127,10 +125,10 @@ def _least(outlook: Outlook) -> tuple[Frame, ...]:
     frames: list[Frame] = []
     for axis in "uv":
         codes = fringe_codes(axis, view.extent(axis), 2 * LEAST_STEPS)
-        told = [
+        predicted = [
             outlook.axis(axis, Sequence(code.frames, view.extent("v"), view.extent("u"))) for code in codes
         ]
-        best = min(range(len(codes)), key=lambda k: (round(-told[k].share, 2), told[k].size))
+        best = min(range(len(codes)), key=lambda k: (round(-predicted[k].share, 2), predicted[k].size))
         frames += codes[best].frames
     return tuple(frames)
 
@@ -150,13 +148,13 @@ def adapt(source: OnDemand, start: Start, goal: Goal) -> Adapted:
         state = _State.of(images, sequence, start, goal)
         steps.append(Step(shown, len(frames), state.within))
         if state.within >= goal.share:
-            return Adapted(sequence, state.seen, state.height, steps, True, "")
+            return Adapted(sequence, state.decoded, state.height, steps, True, "")
         following = _best(state, frames, goal, start.noise)
         if following is None:
             why = "no further frame helps: the goal cannot be met on so many pixels"
-            return Adapted(sequence, state.seen, state.height, steps, False, why)
+            return Adapted(sequence, state.decoded, state.height, steps, False, why)
         if len(frames) + len(following) > goal.frames:
-            return Adapted(sequence, state.seen, state.height, steps, False, "the frames are used up")
+            return Adapted(sequence, state.decoded, state.height, steps, False, "the frames are used up")
         images = np.concatenate([images, source.show(following)])
         frames, shown = (*frames, *following), _words(following)
 
@@ -166,7 +164,7 @@ class _State:
     """What is known after some frames: correspondence, height, share within; a thinned view made of
     measurements, and there the height's sigma (NaN where there is none); gains: see Lever."""
 
-    seen: Correspondence
+    decoded: Correspondence
     height: HeightMap
     within: float
     view: View
@@ -176,43 +174,44 @@ class _State:
     @classmethod
     def of(cls, images: NDArray[Any], sequence: Sequence, start: Start, goal: Goal) -> "_State":
         scene, lever = start.scene, start.lever
-        seen = decode(images, sequence)
-        height = reconstruct(seen, scene)
-        view = _measured_view(seen, images, sequence, lever)
+        decoded = decode(images, sequence)
+        height = reconstruct(decoded, scene)
+        view = _measured_view(decoded, images, sequence, lever)
         sees = view.visible & (view.lost < BORDER)
-        bias = _systematic(seen, predict(view, sequence, start.noise, pairs=2), height, scene)
-        within = share_within(height.sigma * lever.truth_of_sigma, height.good, sees, goal.height, bias)
+        bias = _systematic(decoded, predict(view, sequence, start.noise, pairs=2), height, scene)
+        within = share_within(height.sigma * lever.sigma_factor, height.good, sees, goal.height, bias)
         step = max(1, min(sees.shape) // SIDE)
         thin = (slice(step // 2, None, step),) * 2
-        sigma = np.where(height.good, height.sigma * lever.truth_of_sigma, np.nan)[thin]
-        return cls(seen, height, within, _every(view, step), sigma, lever.gains)
+        sigma = np.where(height.good, height.sigma * lever.sigma_factor, np.nan)[thin]
+        return cls(decoded, height, within, _every(view, step), sigma, lever.gains)
 
 
-def _systematic(seen: Correspondence, there: Prediction, height: HeightMap, scene: Scene) -> Floats:
+def _systematic(decoded: Correspondence, prediction: Prediction, height: HeightMap, scene: Scene) -> Floats:
     """Height error (mm, NaN without a height) from systematic errors of the decoder.
 
     Run on images of what was measured, it errs as it did on those of the mirror. Of its mean error that part
     counts which both pairs of draws have in common.
     """
-    first, second = (np.where(there.passed == 1, there.error[k : k + 2].mean(axis=0), 0.0) for k in (0, 2))
+    first, second = (
+        np.where(prediction.passed == 1, prediction.error[k : k + 2].mean(axis=0), 0.0) for k in (0, 2)
+    )
     mean = 0.5 * (first + second)
     size = float(np.mean(mean**2))
     if size == 0:
         return np.zeros(height.z.shape)
     bias = mean * float(np.clip(np.mean(first * second) / size, 0.0, 1.0))
-    moved = replace(seen, u=seen.u + bias[0], v=seen.v + bias[1])
+    moved = replace(decoded, u=decoded.u + bias[0], v=decoded.v + bias[1])
     return np.asarray(reconstruct(moved, scene, start=height).z - height.z)
 
 
-def _measured_view(seen: Correspondence, images: NDArray[Any], sequence: Sequence, lever: Lever) -> View:
+def _measured_view(decoded: Correspondence, images: NDArray[Any], sequence: Sequence, lever: Lever) -> View:
     """The whole view with the light that was measured, 0 where nothing is seen: mean level over the one that
     full light would give. Places are those that were decoded where they stand, those at rest elsewhere;
     footprints those at rest."""
     base = lever.full
-    places = (np.where(seen.good, mine, rest) for mine, rest in
-              ((seen.u, base.truth.u), (seen.v, base.truth.v)))  # fmt: skip
-    u, v = places
-    sees = ((np.asarray(seen.flags) & _UNSEEN) == 0) & np.isfinite(u) & np.isfinite(v)
+    u = np.where(decoded.good, decoded.u, base.truth.u)
+    v = np.where(decoded.good, decoded.v, base.truth.v)
+    sees = ((np.asarray(decoded.flags) & _UNSEEN) == 0) & np.isfinite(u) & np.isfinite(v)
     lit = replace(base.image, u=u.ravel(), v=v.ravel(), light=sees.ravel().astype(np.float64))
     full = light_of(lit, sequence, base.scene.display, base.scene.pattern.blur_px).mean(axis=0)
     sensor, dark = base.sensor, base.sensor.levels(np.zeros(1))
@@ -294,18 +293,20 @@ def _options(frames: tuple[Frame, ...], state: _State) -> list[tuple[Frame, ...]
 
 def _outlook(state: _State, goal: Goal, then: list[Prediction], now: list[Prediction]) -> float:
     """Share predicted to be within the goal, of the errors `then` (u, v); now: of what was shown."""
-    seen = state.view.visible
-    good = np.isfinite(state.sigma) & seen
+    visible = state.view.visible
+    good = np.isfinite(state.sigma) & visible
     sizes = [
-        math.hypot(*(gain * one.rms(axis) for gain, one, axis in zip(state.gains, told, "uv", strict=True)))
-        for told in (then, now)
+        math.hypot(
+            *(gain * one.rms(axis) for gain, one, axis in zip(state.gains, predicted, "uv", strict=True))
+        )
+        for predicted in (then, now)
     ]
     scale = sizes[0] / sizes[1] if sizes[1] > 0 else 1.0
     middle = float(np.median(state.sigma[good])) if good.any() else math.inf
     sigma = scale * np.where(good, state.sigma, middle)
     with np.errstate(divide="ignore", invalid="ignore"):
         each = then[0].passed * then[1].passed * erf(goal.height / (math.sqrt(2) * sigma))
-    return float(np.nan_to_num(each)[seen].mean())
+    return float(np.nan_to_num(each)[visible].mean())
 
 
 def _words(frames: tuple[Frame, ...]) -> str:

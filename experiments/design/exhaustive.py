@@ -95,15 +95,15 @@ def _judge(case: Case, pixels: int, seeds: int, more: int, renderer: str, progre
                 found[text] = simulate(lever, design.candidates[text], case.noise, seen, renderer)
 
     simulated(set(design.candidates), 100, _draws(lever, CHANCE, seeds))
-    told = {row.text: row.predicted for row in design.rows if not row.why and row.predicted > 0}
-    told = {text: size for text, size in told.items() if text in found and found[text][0] > 0}
+    predicted = {row.text: row.predicted for row in design.rows if not row.why and row.predicted > 0}
+    predicted = {text: size for text, size in predicted.items() if text in found and found[text][0] > 0}
     least = min(merit(*error) for error in found.values())
     close = {text for text, error in found.items() if merit(*error) < CLOSE * least} | {chosen}
-    doubted = {text for text, error in told.items() if abs(error / found[text][0] - 1) > DOUBTED}
+    doubted = {text for text, error in predicted.items() if abs(error / found[text][0] - 1) > DOUBTED}
     simulated(close | doubted, 200, _draws(lever, CHANCE_AGAIN, more))
     found.setdefault(chosen, (math.nan, 0.0))
     best = min(close, key=lambda text: merit(*found[text]))
-    ratios = {text: error / found[text][0] for text, error in told.items()}
+    ratios = {text: error / found[text][0] for text, error in predicted.items()}
     outside = _outside(ratios)
     return ChoiceRow(
         case.name, chosen, *found[chosen], best, *found[best],
@@ -123,5 +123,5 @@ def _outside(ratios: dict[str, float]) -> dict[str, float]:
 
 
 def _draws(lever: Lever, uncertain: float, least: int) -> int:
-    """Draws whose rms height error is told within a standard error."""
+    """Draws whose rms height error is predicted within a standard error."""
     return int(np.clip(math.ceil((lever.scatter / uncertain) ** 2), least, max(least, MOST)))

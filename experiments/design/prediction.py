@@ -29,7 +29,7 @@ GROSS = 6.0, 1.0
 class Prediction:
     """Draws of a sequence in a view, two by two of opposite noise. error, sigma (D, 2, H, W): of u and v and
     as the decoder states it, cells, 0 and inf where a pixel is refused; good (D, H, W): whether it is not;
-    usable (H, W): pixels over which errors are told."""
+    usable (H, W): pixels over which errors are taken."""
 
     error: Floats
     sigma: Floats
@@ -56,8 +56,7 @@ class Prediction:
 
     def rms(self, axis: str) -> float:
         """Of the error along an axis over the usable pixels that are not refused, cells."""
-        there = self.good & self.usable
-        size = self.error[:, "uv".index(axis)][there]
+        size = self.error[:, "uv".index(axis)][self.good & self.usable]
         return float(np.sqrt(np.mean(size**2))) if size.size else float("nan")
 
     def and_more(self, more: "Prediction") -> "Prediction":
@@ -72,27 +71,27 @@ def predict(
     view: View, sequence: Sequence, noise: float, *, pairs: int = 1, first: int = 0, axes: str = "uv"
 ) -> Prediction:
     """`pairs` pairs of draws, from number `first` on, under Gaussian noise (rms, 8-bit levels) besides the
-    sensor's own. axes: along which errors are told; of one, its frames alone are decoded.
+    sensor's own. axes: along which errors are predicted; of one, its frames alone are decoded.
 
     InputError if the sequence does not fit the pattern, does not encode the axes or cannot be decoded.
     """
     _require_fit(view, sequence, axes)
-    shown = Sequence(
+    part = Sequence(
         tuple(frame for frame in sequence.frames if frame.axis is None or frame.axis in axes),
         *(sequence.rows, sequence.cols),
     )
     usable = view.visible & (view.lost < BORDER)
-    told = len(shown) < len(sequence) or len(axes) == 1
-    found = list(_decoded(view, shown, noise, range(first, first + pairs), told))
+    known = len(part) < len(sequence) or len(axes) == 1
+    decoded = list(_decoded(view, part, noise, range(first, first + pairs), known))
     # the seams between windows are edges that no scene has
     seams = int(Flag.WRONG_FRAME) if view.stride > 1 else 0
-    flags = np.stack([np.asarray(one.flags).ravel()[view.pick].astype(np.int64) & ~seams for one in found])
+    flags = np.stack([np.asarray(one.flags).ravel()[view.pick].astype(np.int64) & ~seams for one in decoded])
     good = (flags == 0) & view.visible
-    error, sigma = (np.zeros((len(found), 2, *good.shape[1:])) for _ in "es")
+    error, sigma = (np.zeros((len(decoded), 2, *good.shape[1:])) for _ in "es")
     for axis in axes:
         k, truth = "uv".index(axis), getattr(view.image, axis)[view.pick]
         at, stated = (
-            np.stack([np.asarray(getattr(one, name)).ravel()[view.pick] for one in found])
+            np.stack([np.asarray(getattr(one, name)).ravel()[view.pick] for one in decoded])
             for name in (axis, f"sigma_{axis}")
         )
         good &= np.isfinite(at)
@@ -113,23 +112,23 @@ def _require_fit(view: View, sequence: Sequence, axes: str) -> None:
             raise InputError(f"sequence {sequence.name}: no frame encodes {axis}; a height needs both axes")
 
 
-def _decoded(view: View, shown: Sequence, noise: float, seeds: range, told: bool) -> Iterator[Correspondence]:
-    """Images of the view as they are decoded, two for every seed; told: the decoder is told the noise, which
-    the whole sequence would tell it."""
+def _decoded(view: View, part: Sequence, noise: float, seeds: range, known: bool) -> Iterator[Correspondence]:
+    """What the decoder makes of images of the view, two for every seed; known: it is given the noise, which
+    it would otherwise estimate."""
     sensor, white = view.sensor, 2**view.sensor.bits - 1
     kind = np.uint8 if sensor.bits == 8 else np.uint16
-    light = light_of(view.image, shown, view.scene.display, view.scene.pattern.blur_px)
-    exposure = np.array([frame.exposure for frame in shown.frames])
+    light = light_of(view.image, part, view.scene.display, view.scene.pattern.blur_px)
+    exposure = np.array([frame.exposure for frame in part.frames])
     level = sensor.levels(np.maximum(light, 0.0) * exposure[:, None])
     read2, step = noise**2 + sensor.noise**2, 255 / white
     shot = np.maximum(level - sensor.offset, 0.0) / sensor.gain_e if sensor.gain_e > 0 else 0.0
     mean, scatter = (np.asarray(part / step, np.float32) for part in (level, np.sqrt(read2 + shot)))
-    known = {"noise": np.sqrt(read2) / step, "gain": _gain(sensor.gain_e) / step} if told else {}
+    given = {"noise": np.sqrt(read2) / step, "gain": _gain(sensor.gain_e) / step} if known else {}
     for seed in seeds:
         drawn = scatter * np.random.default_rng([seed, 11]).standard_normal(mean.shape, np.float32)
         for sign in (1, -1):
             raw = np.rint(mean + sign * drawn).clip(0, white).astype(kind)
-            yield decode(raw.reshape(-1, *view.shape), shown, white_level=white, **known)
+            yield decode(raw.reshape(-1, *view.shape), part, white_level=white, **given)
 
 
 def _gain(electrons: float) -> float:

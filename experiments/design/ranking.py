@@ -177,7 +177,7 @@ class _Draft:
     noise: float
     failure: float
     row: DesignRow
-    there: Prediction | None = None
+    prediction: Prediction | None = None
     pairs: Floats = field(default_factory=lambda: np.empty((0, 3)))
 
     @classmethod
@@ -185,11 +185,11 @@ class _Draft:
         count = len(candidate.sequence)
         row = DesignRow(candidate.text, count, count / refresh)
         try:
-            there = predict(lever.view, candidate.sequence, noise)
+            prediction = predict(lever.view, candidate.sequence, noise)
         except InputError as error:
             row = replace(row, why=f"no prediction: {error}")
             return cls(candidate, noise, failure, row)
-        return cls(candidate, noise, failure, row)._with(lever, there)
+        return cls(candidate, noise, failure, row)._with(lever, prediction)
 
     @property
     def value(self) -> float:
@@ -198,21 +198,21 @@ class _Draft:
 
     def again(self, lever: Lever, pairs: int) -> "_Draft":
         """With further pairs of draws."""
-        assert self.there is not None
-        first = len(self.there.error) // 2
+        assert self.prediction is not None
+        first = len(self.prediction.error) // 2
         more = predict(lever.view, self.candidate.sequence, self.noise, pairs=pairs, first=first)
         return self._with(lever, more)
 
     def _with(self, lever: Lever, more: Prediction) -> "_Draft":
-        there = more if self.there is None else self.there.and_more(more)
-        share, failure = there.measured_share, there.failure
+        prediction = more if self.prediction is None else self.prediction.and_more(more)
+        share, failure = prediction.measured_share, prediction.failure
         row = replace(self.row, failure=failure, share=share)
         if failure > self.failure:
-            row = replace(row, predicted=lever.quick(there), why=f"fails at {failure:.1e} of the pixels")
-            return replace(self, row=row, there=there)
+            row = replace(row, predicted=lever.quick(prediction), why=f"fails at {failure:.1e} of the pixels")
+            return replace(self, row=row, prediction=prediction)
         if share < LEAST_SHARE:
-            row = replace(row, predicted=lever.quick(there), why=f"measures {share:.0%} of the pixels")
-            return replace(self, row=row, there=there)
+            row = replace(row, predicted=lever.quick(prediction), why=f"measures {share:.0%} of the pixels")
+            return replace(self, row=row, prediction=prediction)
         pairs = np.concatenate([self.pairs, lever.pairs(more)])
         height = lever.pooled(pairs)
         row = replace(
@@ -223,7 +223,7 @@ class _Draft:
             bias=height.bias,
             share=height.share,
         )
-        return replace(self, row=row, there=there, pairs=pairs)
+        return replace(self, row=row, prediction=prediction, pairs=pairs)
 
 
 def simulate(
@@ -282,8 +282,8 @@ def _simulated(
 
 def _value(row: DesignRow, trust: float) -> float:
     """What a row is ranked by: its prediction, or the simulation where that says otherwise."""
-    told = merit(row.predicted, row.share)
+    predicted = merit(row.predicted, row.share)
     if math.isfinite(row.simulated):
         found = merit(row.simulated, row.simulated_share)
-        return told if abs(found / told - 1) < trust else found
-    return told
+        return predicted if abs(found / predicted - 1) < trust else found
+    return predicted

@@ -66,11 +66,11 @@ class Lever:
 
     @cached_property
     def inner(self) -> Mask:
-        """Pixels of the whole camera that the pattern's border does not touch: errors are told over these."""
+        """Pixels of the whole camera that the pattern's border does not touch: those that count."""
         return np.asarray(self.full.visible & (self.full.lost < BORDER))
 
     @cached_property
-    def seen(self) -> Mask:
+    def usable(self) -> Mask:
         """`inner` on the view."""
         return np.asarray(self.view.visible & (self.view.lost < BORDER))
 
@@ -83,13 +83,13 @@ class Lever:
         seen = Correspondence(truth.u + shift[0], truth.v + shift[1], stated[0], stated[1], flags)
         return reconstruct(seen, view.scene)
 
-    def height(self, there: Prediction) -> HeightPrediction:
+    def height(self, prediction: Prediction) -> HeightPrediction:
         """Rms height error that a prediction on `view` means; NaN where none of its draws gives a height."""
-        return self.pooled(self.pairs(there))
+        return self.pooled(self.pairs(prediction))
 
-    def pairs(self, there: Prediction) -> Floats:
+    def pairs(self, prediction: Prediction) -> Floats:
         """(K, 3), see `_pair`, of its pairs of draws."""
-        return np.array([self._pair(there, first) for first in range(0, len(there.error), 2)])
+        return np.array([self._pair(prediction, first) for first in range(0, len(prediction.error), 2)])
 
     def pooled(self, pairs: Floats) -> HeightPrediction:
         """What pairs of draws come to."""
@@ -107,39 +107,47 @@ class Lever:
     @staticmethod
     def _spread(squares: Floats) -> float:
         """Standard error of the root of the mean of squares; of few of them with what is usual."""
-        usual2 = (2 * UNSURE) ** 2
+        prior2 = (2 * UNSURE) ** 2
         own2 = float(np.sum((squares / squares.mean() - 1) ** 2))
         count = len(squares)
-        return 0.5 * math.sqrt((own2 + 2 * usual2) / (count + 1) / count)
+        return 0.5 * math.sqrt((own2 + 2 * prior2) / (count + 1) / count)
 
-    def _pair(self, there: Prediction, first: int) -> tuple[float, float, float]:
+    def _pair(self, prediction: Prediction, first: int) -> tuple[float, float, float]:
         """Of two draws of opposite noise: mean square of the height error (mm^2) from noise and from the
         rest, share of the usable pixels that got a height; NaN and 0 where none did."""
         pair = slice(first, first + 2)
-        view, both = self.view, np.asarray(there.good[pair].all(axis=0))
+        view, both = self.view, np.asarray(prediction.good[pair].all(axis=0))
         try:
             plus, minus = (
                 self.solve(view, *drawn)
-                for drawn in zip(there.error[pair], there.sigma[pair], there.good[pair], strict=True)
+                for drawn in zip(
+                    prediction.error[pair], prediction.sigma[pair], prediction.good[pair], strict=True
+                )
             )
-            luck = self._luck(0.5 * (there.error[first] - there.error[first + 1]), both, first)
+            factor = self._draw_factor(
+                0.5 * (prediction.error[first] - prediction.error[first + 1]), both, first
+            )
         except InputError:  # no anchor left
             return math.nan, math.nan, 0.0
-        reached = plus.good & minus.good & there.usable
+        reached = plus.good & minus.good & prediction.usable
         noise, rest = 0.5 * (plus.z - minus.z), 0.5 * (plus.z + minus.z) - view.truth.z
-        share = 0.5 * float(plus.good[there.usable].mean() + minus.good[there.usable].mean())
+        share = 0.5 * float(plus.good[prediction.usable].mean() + minus.good[prediction.usable].mean())
         weight = self._weighed
-        return (rms_where(weight * noise, reached) / luck) ** 2, rms_where(weight * rest, reached) ** 2, share
+        return (
+            (rms_where(weight * noise, reached) / factor) ** 2,
+            rms_where(weight * rest, reached) ** 2,
+            share,
+        )
 
-    def _luck(self, noise: Floats, known: Mask, number: int) -> float:
+    def _draw_factor(self, noise: Floats, known: Mask, number: int) -> float:
         """What a draw of noise (2, H, W) does to the reference, over what all draws do on average."""
         unit = np.random.default_rng([number, 3]).standard_normal(noise.shape)
         count = cv2.blur(known.astype(np.float64), (AROUND, AROUND))
         for k in range(2):
             around = cv2.blur(np.where(known, noise[k] ** 2, 0.0), (AROUND, AROUND))
-            usual = np.sqrt(np.maximum(around, 0.0) / np.maximum(count, 1e-9))
-            unit[k] = np.where(known & (usual > 0), noise[k] / np.maximum(usual, 1e-12), unit[k])
-        return self._reference_error(unit) / self._usual_error
+            local = np.sqrt(np.maximum(around, 0.0) / np.maximum(count, 1e-9))
+            unit[k] = np.where(known & (local > 0), noise[k] / np.maximum(local, 1e-12), unit[k])
+        return self._reference_error(unit) / self._mean_error
 
     @cached_property
     def scatter(self) -> float:
@@ -147,7 +155,7 @@ class Lever:
         return float(np.std(self._errors, ddof=1) / np.mean(self._errors))
 
     @cached_property
-    def _usual_error(self) -> float:
+    def _mean_error(self) -> float:
         """Rms height error of the reference over all draws, mm, on the whole camera."""
         if self.view.stride == 1:
             return math.sqrt(float(np.mean(np.square(self._errors))))
@@ -166,7 +174,7 @@ class Lever:
         """Rms height error (mm) of the reference under noise of rms 1 (2, H, W)."""
         noise, solved = _reference(self.view)
         height = self.solve(self.view, noise * unit, np.stack([noise, noise]), solved)
-        return rms_where(self._weighed * (height.z - self.view.truth.z), height.good & self.seen)
+        return rms_where(self._weighed * (height.z - self.view.truth.z), height.good & self.usable)
 
     def _drawn(self, index: int) -> Floats:
         return np.random.default_rng([0, index]).standard_normal((2, *self.view.truth.u.shape))
@@ -175,15 +183,15 @@ class Lever:
     def gains(self) -> tuple[float, float]:
         """Rms height error (mm) per cell of noise along u alone and along v alone."""
         draw, noise = self._drawn(0), _reference(self.view)[0]
-        unit = rms_where(noise, self.seen) * self._errors[0] / self._usual_error
+        unit = rms_where(noise, self.usable) * self._errors[0] / self._mean_error
         along = (np.stack([draw[0], 0 * draw[1]]), np.stack([0 * draw[0], draw[1]]))
         u, v = (self._reference_error(one) / unit for one in along)
         return u, v
 
-    def quick(self, there: Prediction) -> float:
+    def quick(self, prediction: Prediction) -> float:
         """Rms height error, mm, from the gains: no solve of its own; systematic errors as if they were
         noise."""
-        return math.hypot(*(gain * there.rms(axis) for gain, axis in zip(self.gains, "uv", strict=True)))
+        return math.hypot(*(gain * prediction.rms(axis) for gain, axis in zip(self.gains, "uv", strict=True)))
 
     @cached_property
     def to_full(self) -> Floats:
@@ -201,7 +209,7 @@ class Lever:
         if self.view.stride == 1:
             return np.ones(self.view.truth.u.shape)
         share = self._blocks[1]
-        return np.asarray(self.to_full * np.sqrt(share / share[self.seen].mean()))
+        return np.asarray(self.to_full * np.sqrt(share / share[self.usable].mean()))
 
     @cached_property
     def _blocks(self) -> tuple[Floats, Floats]:
@@ -218,10 +226,10 @@ class Lever:
 
     @cached_property
     def _sigma_view(self) -> Floats:
-        return _sigma(self.view, self.seen)
+        return _sigma(self.view, self.usable)
 
     @cached_property
-    def truth_of_sigma(self) -> Floats:
+    def sigma_factor(self) -> Floats:
         """Rms error over the solver's error bars, per pixel of the whole camera (averaged around it), by
         drawn noise: they are exact in the middle, wide next to the pattern's edge."""
         noise, solved = _reference(self.full)
@@ -238,10 +246,10 @@ class Lever:
         return np.asarray(np.sqrt(np.where(there > 1, around / np.maximum(there, 1e-9), 1.0)))
 
     @cached_property
-    def usual_sigma(self) -> tuple[float, Floats]:
+    def reference_sigma(self) -> tuple[float, Floats]:
         """(rms height error of the reference as `quick` tells it, its error bars (mm) on the whole camera at
         the pixels of the view, NaN where there are none): another code's scale with the former."""
-        size = math.hypot(*self.gains) * rms_where(_reference(self.view)[0], self.seen)
+        size = math.hypot(*self.gains) * rms_where(_reference(self.view)[0], self.usable)
         return size, self._sigma_view if self.view.stride == 1 else self._sigma_view * self.to_full
 
 
