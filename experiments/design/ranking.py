@@ -27,8 +27,8 @@ __all__ = ["Design", "DesignRow", "merit", "rank", "run_design", "simulate"]
 Progress = Callable[[str, int, int], None]
 #: Share of the pixels that a sequence must be expected to measure.
 LEAST_SHARE = 0.5
-#: Merit over the best one's up to which a row is predicted with more pairs of draws; so many more, twice.
-CLOSE, MORE_PAIRS = 1.25, (1, 3)
+#: Pairs of draws for every row; merit over the best one's up to which a row gets more: so many, twice.
+PAIRS, CLOSE, MORE_PAIRS = 2, 1.25, (1, 3)
 #: What a pixel without a height counts as, in rms errors of those that have one.
 LOST = 5.0
 #: Prediction and simulation that differ by more, beyond two standard errors of the simulation: it decides.
@@ -185,7 +185,7 @@ class _Draft:
         count = len(candidate.sequence)
         row = DesignRow(candidate.text, count, count / refresh)
         try:
-            prediction = predict(lever.view, candidate.sequence, noise)
+            prediction = predict(lever.view, candidate.sequence, noise, pairs=PAIRS)
         except InputError as error:
             row = replace(row, why=f"no prediction: {error}")
             return cls(candidate, noise, failure, row)

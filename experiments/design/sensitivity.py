@@ -26,7 +26,7 @@ from .view import Floats, Mask, View, stride_for, view_of
 __all__ = ["HeightPrediction", "Lever", "rms_where"]
 
 #: Draws of the reference: at least, at most, and the standard error of the rms from which on they are enough.
-FEW, MANY, ENOUGH = 8, 40, 0.02
+FEW, MANY, ENOUGH = 8, 40, 0.01
 REFERENCE = 0.01  # cells of noise
 #: Draws by which the solver's error bars are judged, pixels (rms) over which these are averaged.
 CALIBRATED, SMOOTH = 24, 1.0
@@ -35,7 +35,7 @@ HALF_LOST = 0.2
 #: Standard error that a single pair of draws usually leaves, as a share.
 UNSURE = 0.05
 #: Pixels around one over which the rms of its noise is taken.
-AROUND = 7
+AROUND = 15
 
 
 @dataclass(frozen=True, slots=True)
