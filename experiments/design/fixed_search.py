@@ -28,7 +28,7 @@ Progress = Callable[[str, int, int], None]
 #: Candidates of one number of frames that are predicted whole.
 WHOLE = 60
 #: Steps of all periods but the last, besides an even share; the last has the rest.
-FEW = (3, 4, 5, 6, 8)
+FEW = (3, 4, 6)
 #: Least share of the frames that an axis has.
 LEAST_SHARE = 0.3
 

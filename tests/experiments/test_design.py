@@ -184,7 +184,7 @@ def test_candidates_fit_the_budget() -> None:
 
 def test_the_choice_goes_through_a_file(prism: Scene, tmp_path: Path) -> None:
     """What wins is what a capture can show, and beats the default sequence at as many frames."""
-    design = run_design(prism, frames=14, verify=1, seeds=1, renderer="numpy")
+    design = run_design(prism, frames=12, verify=1, seeds=1, renderer="numpy")
     assert design.chosen is not None
     best = design.rows[0]
     assert best.text == design.chosen.text
@@ -311,7 +311,7 @@ def test_share_within_is_the_gaussian_one() -> None:
 
 
 def test_adaptive_sensing_stops_when_the_goal_is_met() -> None:
-    """A harder goal takes more frames; what it says of itself is what the truth says, mean of three draws.
+    """A harder goal takes more frames; what it says of itself is what the truth says, mean of two draws.
 
     Pixels are two cells wide here: stairs that are left shift whole images and tilt the mirror.
     """
@@ -322,7 +322,7 @@ def test_adaptive_sensing_stops_when_the_goal_is_met() -> None:
     for height in (5e-4, 3e-4):
         goal = Goal(height, 0.9, 60)
         start, told, within = starting(scene, 1.0, goal), [], []
-        for seed in range(3):
+        for seed in range(2):
             source = VirtualOnDemand(scene, surface, noise=1.0, seed=seed, renderer="numpy")
             done = adapt(source, start, goal)
             assert done.met
