@@ -30,14 +30,14 @@ __all__ = ["command"]
 SAMPLE = """
 $ optolever design --scene prism48 --size 96x128 --frames 14 --rows 3 --out best.toml
 Height error, rms in mm: prism48, at most 14 frames
-sequence                               frames  time      predicted  simulated  wrong order  measured
-phase:steps=3,periods=4.53333/4.37143  12      0.2 s     6.31e-05   6.53e-05   1e-10        100 %
-phase:steps=3,periods=6.8/6.44211      12      0.2 s     7.419e-05  7.647e-05  0e+00        100 %
-ladder: 2 to 5 px, steps 3/4           14      0.2333 s  7.927e-05  8.304e-05  0e+00        100 %
+sequence                               frames  time      predicted  +-   simulated  wrong order  measured
+phase:steps=3,periods=4.53333/4.37143  12      0.2 s     6.594e-05  1 %  6.532e-05  0e+00        100 %
+phase:steps=3,periods=6.8/6.44211      12      0.2 s     7.777e-05  1 %  7.649e-05  0e+00        100 %
+ladder: 2 to 5 px, steps 3/4           14      0.2333 s  8.226e-05  3 %  8.302e-05  0e+00        100 %
 Choice
   sequence    phase:steps=3,periods=4.53333/4.37143
   candidates  15
-  time        predict 3.866, simulate 1.274, total 5.14 s
+  time        predict 19.78, simulate 1.224, total 21 s
   written to  best.toml
 """
 
@@ -160,7 +160,7 @@ def _cells(row: "DesignRow") -> list[Any]:
         str(row.frames),
         number(row.seconds, "s"),
         number(row.predicted),
-        number(100 * row.spread, "%") if math.isfinite(row.spread) else "",
+        f"{100 * row.spread:.0f} %" if math.isfinite(row.spread) else "",
         number(row.simulated) if math.isfinite(row.simulated) else "",
         f"{row.failure:.0e}",
         number(100 * row.share, "%"),
