@@ -215,6 +215,8 @@ class _Draft:
             return replace(self, row=row, prediction=prediction)
         pairs = np.concatenate([self.pairs, lever.pairs(more)])
         height = lever.pooled(pairs)
+        if math.isnan(height.total):
+            return replace(self, row=replace(row, why="no height: no anchor is left"), prediction=prediction)
         row = replace(
             row,
             predicted=height.total,
