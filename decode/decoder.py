@@ -202,4 +202,18 @@ def _among_neighbours(
 
     over_rows(block, shape[0], _BLOCK)
     (u, sigma_u), (v, sigma_v) = out["u"], out["v"]
-    return Correspondence(u, v, sigma_u, sigma_v, flags, shared.amplitude, shared.offset, shared.error)
+    common = shared.amplitude, shared.offset, shared.error
+    rough = max(pixelation.roughness**0.5 for pixelation in pixelations)
+    return Correspondence(u, v, sigma_u, sigma_v, flags, *common, _unlike(noise, rough))
+
+
+def _unlike(noise: Noise, rough: float) -> tuple[Notice, ...]:
+    """What frames or neighbours show beyond noise."""
+    cure = "the response (gamma), flicker, a slow display or stray light; sigma holds what neighbours show of it"
+    told = []
+    if noise.misfit2 > 0:
+        share = float(np.sqrt(noise.misfit2))
+        told.append(Notice("frames contradict each other, share of the amplitude", share, 0.0, cure))
+    if rough > 0:
+        told.append(Notice("neighbours differ beyond noise, pattern px rms", rough, 0.0, cure))
+    return tuple(told)
