@@ -84,7 +84,10 @@ def command(
             inside = _inside(mask, roi, capture.frames.shape[1:])
             result = decode(
                 *(capture.frames, capture.sequence),
-                **{"response": inverse, "mask": inside, "on_cells": not no_cells, "check": not no_check},
+                response=inverse,
+                mask=inside,
+                on_cells=not no_cells,
+                check=not no_check,
             )
         seconds = time.perf_counter() - start
         left = [] if inverse is None else harmonic_errors(capture.frames, capture.sequence, inverse)
@@ -128,7 +131,9 @@ def _inside(mask: Path | None, roi: str | None, shape: tuple[int, ...]) -> "NDAr
         if image is None:
             raise InputError(f"{mask}: no readable image")
         if image.shape != shape:
-            raise InputError(f"{mask}: is {image.shape[0]}x{image.shape[1]}, frames are {shape[0]}x{shape[1]}")
+            raise InputError(
+                f"{mask}: is {image.shape[0]}x{image.shape[1]}, frames are {shape[0]}x{shape[1]}"
+            )
         inside &= image > 127
     if roi is not None:
         parts = roi.split(",")

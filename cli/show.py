@@ -16,7 +16,17 @@ if TYPE_CHECKING:
 
     from optolever.notices import Notice
 
-__all__ = ["Step", "dent_rows", "flag_shares", "grid", "number", "print_notices", "progress", "table", "write_json"]
+__all__ = [
+    "Step",
+    "dent_rows",
+    "flag_shares",
+    "grid",
+    "number",
+    "print_notices",
+    "progress",
+    "table",
+    "write_json",
+]
 
 
 def number(value: float, unit: str = "") -> str:

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 from functools import reduce
 from threading import local
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +16,7 @@ from .axis import AxisDecoder, axis_decoder
 from .correspondence import Correspondence, Flag
 from .display import measured_pixelations
 from .exposures import better_of, by_exposure
-from .flags import Limits, Shared, limits_of, merge
+from .flags import Shared, merge
 from .frames import Light, light_of
 from .integrity import examine, spoilt_pixels
 from .noise import Noise, Sample, estimate_noise
@@ -110,7 +109,9 @@ def _decoded(light: Light, sequence: Sequence, options: _Options) -> Corresponde
     """The six steps, for frames of one exposure."""
     wanted = plan(sequence)
     noise, lit = _noise(light, wanted, options)
-    decoders = [axis_decoder(axis, sequence, wanted, light, noise, lit, options.on_cells) for axis in wanted.axes]
+    decoders = [
+        axis_decoder(axis, sequence, wanted, light, noise, lit, options.on_cells) for axis in wanted.axes
+    ]
     raw, shared = _estimated(light, noise, decoders)
     found = _among_neighbours(decoders, lit, raw, shared, options, sequence, noise)
     if options.mask is not None:
@@ -146,13 +147,12 @@ def _noise(light: Light, wanted: Plan, options: _Options) -> tuple[Noise, Sample
     return (noise if options.noise is None else options.noise), lit
 
 
-def _estimated(
-    light: Light, noise: Noise, decoders: list[AxisDecoder]
-) -> tuple[dict[str, Raw], Shared]:
+def _estimated(light: Light, noise: Noise, decoders: list[AxisDecoder]) -> tuple[dict[str, Raw], Shared]:
     """Every axis, block by block of rows."""
     shape = light.raw.shape[1:]
     raw = {
-        decoder.axis.axis: Raw(np.empty(shape, np.float32), np.empty(shape, np.float32)) for decoder in decoders
+        decoder.axis.axis: Raw(np.empty(shape, np.float32), np.empty(shape, np.float32))
+        for decoder in decoders
     }
     shared = Shared(np.empty(shape, np.uint16), *(np.empty(shape, np.float32) for _ in range(3)))
     room = local()
@@ -209,7 +209,9 @@ def _among_neighbours(
 
 def _unlike(noise: Noise, rough: float) -> tuple[Notice, ...]:
     """What frames or neighbours show beyond noise."""
-    cure = "the response (gamma), flicker, a slow display or stray light; sigma holds what neighbours show of it"
+    cure = (
+        "the response (gamma), flicker, a slow display or stray light; sigma holds what neighbours show of it"
+    )
     told = []
     if noise.misfit2 > 0:
         share = float(np.sqrt(noise.misfit2))

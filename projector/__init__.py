@@ -18,8 +18,8 @@ from .benchmark import RendererSpeed, measure_renderer
 from .capture import Capture
 from .context import ContextInfo, NoContextError, context_info, release_context
 from .electronics import NOMINAL_SENSOR
-from .raytraced import AreaTrace, Lighting, area_frames, area_light, expose, trace_area
 from .optics_numpy import Footprints, footprints, light_of
+from .raytraced import AreaTrace, Lighting, area_frames, area_light, expose, trace_area
 from .renderer import PatternRenderer, render
 from .sofast import load_sofast, load_sofast_response
 from .source import FolderSource, FrameSource, PatternDisplay, record
