@@ -26,7 +26,18 @@ from optolever.patterns import Sequence
 
 from .estimate import Estimate
 from .frames import Light
-from .lookup_kernels import ANGLES, COARSE, LANES, PER_PX, Book, Camera, search_rows, sweep_rows, within_rows
+from .lookup_kernels import (
+    ANGLES,
+    COARSE,
+    LANES,
+    PER_PX,
+    SEARCH,
+    SWEEP,
+    WITHIN,
+    Book,
+    Camera,
+    match_rows,
+)
 from .noise import Noise, Sample
 from .plan import AxisPlan, Plan, Stripes
 
@@ -40,8 +51,8 @@ _PIXELS = 2048
 _SPREADS = (0.1, 0.2, 0.29, 0.42, 0.6, 0.85, 1.2, 1.7, 2.4)
 #: Spread of a pixel of one cell, no blur: what is assumed before anything is known.
 _USUAL = 12**-0.5
-#: Tables are kept for spreads in steps of 2 %, so that a series of captures shares them.
-_STEP = 1.02
+#: Tables are kept for spreads in steps of 1 %, so that a series of captures shares them.
+_STEP = 1.01
 #: Squared residuals that noise reaches once in so many pixels.
 _RARE = 1e-5
 #: Share of the amplitude from which on a pixel of the sample counts.
@@ -52,14 +63,14 @@ _LIT = 0.25
 class Table:
     """Known levels of one axis, as they are seen through `spread` (rms of footprint and blur, pattern px).
 
-    way      "search" (any levels), "sweep" (stripes) or "within" (codes)
+    way      SEARCH (any levels), SWEEP (stripes) or WITHIN (codes)
     book     codewords
     coarse   (M, P) unit codewords of a search; apart (P, 2) sine and cosine of the angle to the most similar one
     misfit2  variance of what the levels leave, over the squared amplitude
     unsure   relative error of the spread: by as much of the way to the cell's nearest edge are places wrong
     """
 
-    way: str
+    way: int
     book: Book
     coarse: F32
     apart: F64
@@ -75,7 +86,7 @@ class Table:
 
 
 def lookup_rows(light: Light, noise: Noise, table: Table, rows: tuple[int, int], estimate: Estimate) -> None:
-    """Decode rows start..stop, in place; of a code ("within"), refine the cells' centres that are there.
+    """Decode rows start..stop, in place; of a code (WITHIN), refine the cells' centres that are there.
 
     A row's answers depend on nothing but that row. NaN, infinite variance and error 1: no pattern.
     """
@@ -84,14 +95,9 @@ def lookup_rows(light: Light, noise: Noise, table: Table, rows: tuple[int, int],
         *(light.raw, light.table, float(light.clip)),
         *(float(noise.read2), float(noise.gain), float(misfit2)),
     )
-    out = estimate.arrays()
-    if table.way == "sweep":
-        sweep_rows(camera, table.book, int(table.book.samples // 2), *rows, out)
-    elif table.way == "search":
-        limit = float(chi2.isf(_RARE, max(table.freedom, 1)))
-        search_rows(camera, table.book, table.coarse, table.apart, limit, *rows, out)
-    else:
-        within_rows(camera, table.book, *rows, out)
+    limit = float(chi2.isf(_RARE, max(table.freedom, 1)))
+    match_rows(camera, table.book, table.way, table.coarse, table.apart, limit, *rows, estimate.arrays())
+    if table.way == WITHIN:
         # the way to the nearest edge is proportional to the spread of the edges
         phase = (estimate.coordinate + 0.5) / table.cell
         estimate.variance[:] += np.square(table.unsure * table.cell * (phase - np.rint(phase)))
@@ -113,22 +119,25 @@ def prepare(
     places, start = _thinned(lit.places, cells)
     small = replace(light, raw=np.ascontiguousarray(light.raw[:, places[:, 0], places[:, 1]][:, None, :]))
     if cells is not None:
-        way, spreads = "within", _SPREADS
+        way, spreads = WITHIN, _SPREADS
     elif axis.stripes is not None:
-        way, spreads = "sweep", _SPREADS + tuple(s * axis.stripes.width for s in (0.18, 0.25, 0.35, 0.5))
+        # 0: an ideal surface without cells
+        way, spreads = SWEEP, (0.0, *_SPREADS) + tuple(s * axis.stripes.width for s in (0.18, 0.25, 0.35, 0.5))
         spreads = tuple(sorted(s for s in spreads if s <= max(0.5 * axis.stripes.width, 1.2)))
     else:
-        way, spreads = "search", _SPREADS
+        way, spreads = SEARCH, _SPREADS
     trial = _Trial(small, noise, start, way)
     if len(places) == 0:
         return _table(sequence, plan, axis, way, _USUAL)
-    if way == "search":
+    if way == SEARCH:
         first = _table(sequence, plan, axis, way, _USUAL)
         trial = replace(trial, start=trial.decoded(first).coordinate[0].astype(np.float64))
-    tried = [trial.of(_table(sequence, plan, axis, way, spread)) for spread in spreads]
-    spread = _best(tried, way)
-    table = _table(sequence, plan, axis, way, _rounded(spread))
-    return trial.judged(table)
+    spread, share = _best([trial.of(_table(sequence, plan, axis, way, spread)) for spread in spreads], way), 1.15
+    while way != WITHIN and spread > 0 and share > _STEP:  # a parabola through wide steps is rough
+        near = [_rounded(spread * share**k) for k in (-1, 0, 1)]
+        spread = _best([trial.of(_table(sequence, plan, axis, way, one)) for one in near], way)
+        share = 1 + (share - 1) / 4
+    return trial.judged(_table(sequence, plan, axis, way, _rounded(spread)))
 
 
 def _thinned(places: NDArray[np.int64], cells: F64 | None) -> tuple[NDArray[np.int64], F64 | None]:
@@ -139,7 +148,7 @@ def _thinned(places: NDArray[np.int64], cells: F64 | None) -> tuple[NDArray[np.i
 
 
 def _rounded(spread: float) -> float:
-    return float(_STEP ** np.rint(np.log(spread) / np.log(_STEP)))
+    return float(_STEP ** np.rint(np.log(spread) / np.log(_STEP))) if spread > 0 else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,12 +167,12 @@ class _Trial:
     light: Light
     noise: Noise
     start: F64 | None
-    way: str
+    way: int
 
     def decoded(self, table: Table) -> Estimate:
         """The sample by a table, without its misfit."""
         found = Estimate.empty(1, self.light.raw.shape[2], table.freedom)
-        if table.way == "within":
+        if table.way == WITHIN:
             assert self.start is not None
             found.coordinate[0], found.variance[:] = self.start, np.inf
         lookup_rows(self.light, replace(self.noise, misfit2=0.0), table, (0, 1), found)
@@ -173,7 +182,7 @@ class _Trial:
         """How well a table fits."""
         found = self.decoded(table)
         used = np.isfinite(found.variance[0])
-        if table.way != "within" and used.any():
+        if table.way != WITHIN and used.any():
             used &= found.amplitude[0] > _LIT * np.percentile(found.amplitude[0][used], 95)
         misfit = np.where(used, found.chi2[0].astype(np.float64) / max(table.freedom, 1), np.nan)
         turn = np.exp(2j * np.pi * found.coordinate[0][used].astype(np.float64) / table.cell)
@@ -186,12 +195,15 @@ class _Trial:
         if not used.any():
             return table
         own = self.noise.variance(found.offset[0][used]) / np.square(found.amplitude[0][used])
-        left = np.maximum(quality.misfit[used] - 1, 0.0) * own
-        beyond = float(np.median(quality.misfit[used])) > 1 + 3 * np.sqrt(2 / max(table.freedom, 1) / used.sum())
-        return replace(table, misfit2=float(np.median(left)) if beyond else 0.0)
+        # median of chi2 over freedom (Wilson & Hilferty), and what chance adds to that of so many pixels
+        freedom = max(table.freedom, 1)
+        usual = (1 - 2 / (9 * freedom)) ** 3
+        beyond = np.median(quality.misfit[used]) / usual - 1
+        chance = 4 * np.sqrt(2 / (freedom * np.count_nonzero(used)))
+        return replace(table, misfit2=float(beyond * np.median(own)) if beyond > chance else 0.0)
 
 
-def _best(tried: list[_Quality], way: str) -> float:
+def _best(tried: list[_Quality], way: int) -> float:
     """The spread that fits best, between those that were tried: misfits of the same pixels, without those that no
     spread explains.
 
@@ -204,7 +216,7 @@ def _best(tried: list[_Quality], way: str) -> float:
         return _USUAL
     least = misfit[:, known].min(axis=0)
     total = misfit[:, known][:, least <= 3 * np.median(least)].mean(axis=1)
-    if way == "within":
+    if way == WITHIN:
         crowding = np.array([one.crowding for one in tried])
         total = np.where(total <= 1.2 * total.min(), crowding, np.inf)
     k = int(np.argmin(total))
@@ -252,8 +264,8 @@ def _similar(sequence: Sequence, index: tuple[int, ...], axis: str, spread: floa
     return np.ascontiguousarray(coarse.T), np.stack([np.sqrt(1 - cosine**2), cosine], axis=1)
 
 
-def _table(sequence: Sequence, plan: Plan, axis: AxisPlan, way: str, spread: float) -> Table:
-    if way == "sweep":
+def _table(sequence: Sequence, plan: Plan, axis: AxisPlan, way: int, spread: float) -> Table:
+    if way == SWEEP:
         assert axis.stripes is not None
         return Table(way, _sweep(axis.stripes, spread), np.zeros((0, 0), np.float32), np.zeros((0, 2)), spread)
     index = axis.frames() + tuple(i for i in (plan.white, plan.black) if i >= 0)
@@ -267,10 +279,10 @@ def _table(sequence: Sequence, plan: Plan, axis: AxisPlan, way: str, spread: flo
         *(np.array([-1.0]), reach, len(index) - 3),
     )
     empty = np.zeros((len(index), 0), np.float32), np.zeros((0, 2))
-    if way == "search" and spread == _USUAL:
+    if way == SEARCH and spread == _USUAL:
         coarse, apart = _similar(sequence, index, axis.axis, spread, math.ceil(3 * cell))
         return Table(way, book, coarse, apart, spread, cell)
-    coarse, apart = _similar(sequence, index, axis.axis, spread, math.ceil(3 * cell)) if way == "search" else empty
+    coarse, apart = _similar(sequence, index, axis.axis, spread, math.ceil(3 * cell)) if way == SEARCH else empty
     return Table(way, book, coarse, apart, spread, cell)
 
 
@@ -284,10 +296,13 @@ def _sweep(stripes: Stripes, spread: float) -> Book:
     half, beyond = math.ceil(1.25 * gap) + 1, math.ceil(4 * spread) + 1
     first = np.rint(at) - half
     cell = first[:, None] + np.arange(-beyond, 2 * half + beyond + 1)
-    shown = np.abs(cell[:, None, :] - at[begin[:, None] + np.arange(samples)][:, :, None]) / stripes.width
-    levels = np.where(shown < 1, 0.5 + 0.5 * np.cos(np.pi * np.minimum(shown, 1.0)), 0.0)
     place = np.arange(2 * half * PER_PX + 1) / PER_PX
-    seen = levels @ _weight(np.arange(-beyond, 2 * half + beyond + 1)[:, None] - place, spread)
+    if spread == 0:
+        cell = first[:, None] + place
+    shown = np.abs(cell[:, None, :] - at[begin[:, None] + np.arange(samples)][:, :, None]) / stripes.width
+    seen = np.where(shown < 1, 0.5 + 0.5 * np.cos(np.pi * np.minimum(shown, 1.0)), 0.0)
+    if spread > 0:
+        seen = seen @ _weight(np.arange(-beyond, 2 * half + beyond + 1)[:, None] - place, spread)
     words, angles, mean = _words(seen)
     return Book(stripes.index, samples, begin, words, angles, mean, first, PER_PX + PER_PX // 2, samples - 3)
 

@@ -10,9 +10,7 @@ import numpy as np
 
 from optolever.kernels import exact, kernel
 
-from .frames import fetch_rows
-
-__all__ = ["ANGLES", "LANES", "PER_PX", "Book", "Camera", "search_rows", "sweep_rows", "within_rows"]
+__all__ = ["ANGLES", "COARSE", "LANES", "PER_PX", "SEARCH", "SWEEP", "WITHIN", "Book", "Camera", "match_rows"]
 
 #: Codewords per pattern pixel, and samples per vector instruction: codewords are filled up to a multiple.
 PER_PX, LANES = 8, 8
@@ -23,8 +21,10 @@ ANGLES = 4
 #: Steps of a walk, each at most a pixel long; places that a search compares; pattern pixels around an answer
 #: that are no other answer.
 _STEPS, _ANSWERS, _GUARD = 12, 12, 2
-#: Pixels whose samples are turned into vectors together: they stay in the first cache.
-_BATCH = 64
+#: Where a pixel's search starts.
+SEARCH, SWEEP, WITHIN = 0, 1, 2
+#: Share of a stripe's light that another place has to show to be another answer, whatever the noise.
+_RIVAL = 0.6
 #: Squared deviations up to which another place is as good: 4.5 sigma.
 _NEAR = 20.0
 #: -log of the probability of another answer below which a search may be left out.
@@ -142,113 +142,80 @@ def _uneven(y: Any, offset: Any, a: Any, words: Any, mean: Any, q: Any, f: Any, 
 
 
 @kernel
-def _settle(
-    camera: Any, book: Any, words: Any, angles: Any, mean: Any, y: Any, used: Any, middle: Any, power: Any, fit: Any
-) -> Any:
-    """(place in codewords, its variance, scale, offset, chi2) of a fit (q, f, a, squared residuals)."""
-    q, f, a, rss = fit
+def _masked(words: Any, angles: Any, mean: Any, low: Any, used: Any, own: Any) -> None:
+    """Codewords low.. without the samples that are not used, into own, as many as it has room for."""
+    n, count, some = used.size, 0, own[0]
+    for i in range(n):
+        count += used[i]
+    for k in range(some.shape[0]):
+        total = np.float32(0)
+        for i in range(n):
+            total += words[low + k, i] if used[i] else np.float32(0)
+        total /= np.float32(max(count, 1))
+        own[2][k] = mean[low + k] + total
+        for i in range(n):
+            some[k, i] = words[low + k, i] - total if used[i] else np.float32(0)
+    for k in range(some.shape[0]):
+        zz, zd, dd = np.float32(0), np.float32(0), np.float32(0)
+        beyond = min(k + 1, some.shape[0] - 1)
+        for i in range(n):
+            d = some[beyond, i] - some[k, i]
+            zz += some[k, i] * some[k, i]
+            zd += some[k, i] * d
+            dd += d * d
+        own[1][k, 0], own[1][k, 1], own[1][k, 2], own[1][k, 3] = zz, zd, dd, angles[low + k, 3]
+
+
+@kernel
+def _fit(camera: Any, book: Any, b: Any, y: Any, used: Any, count: Any, middle: Any, power: Any, q: Any, own: Any) -> Any:
+    """Best place from codeword q of block b downhill: (place in codewords, its variance, scale, offset, squared
+    residuals, chi2); own: room for codewords without the samples that are not used."""
+    low = 0
+    words, angles, mean = book.words[b], book.angles[b], book.mean[b]
+    if count < book.samples:
+        low = min(max(q - own[0].shape[0] // 2, 0), words.shape[0] - own[0].shape[0])
+        _masked(words, angles, mean, low, used, own)
+        words, angles, mean = own
+    q, f, a, rss = _walk(y, power, words, angles, q - low)
     level = mean[q] + f * (mean[q + 1] - mean[q])
-    offset = middle - a * level
-    usual = camera.read2 + camera.gain * max(middle, 0.0) + camera.misfit2 * 0.25 * a * a
-    freedom = max(used - 3, 1)
-    excess = max(rss / (freedom * usual) - 2 * np.sqrt(2.0 / freedom), 1.0)
+    noise = camera.read2 + camera.gain * max(middle, 0.0) + camera.misfit2 * 0.25 * a * a
+    freedom = max(count - 3, 1)
+    excess = max(rss / (freedom * noise) - 2 * np.sqrt(2.0 / freedom), 1.0)
     place, variance = q + f, np.inf
-    if power * angles[q, 3] < _NEAR * usual * excess:
-        place, variance, a, rss = _spread(y, power, words, angles, q, book.reach, usual * excess)
+    if power * angles[q, 3] < _NEAR * noise * excess:
+        place, variance, a, rss = _spread(y, power, words, angles, q, book.reach, noise * excess)
     else:
         zz, zd, dd = angles[q, 0], angles[q, 1], angles[q, 2]
         across = zd + f * dd
         told = a * a * (dd - across * across / max(zz + f * (2 * zd + f * dd), 1e-12))
+        own_noise = noise
         if camera.gain > 0:
-            own = camera.read2 + camera.misfit2 * 0.25 * a * a
-            own += camera.gain * max(_uneven(y, offset, a, words, level, q, f, book.samples), 0.0)
-        else:
-            own = usual
+            seen = _uneven(y, middle - a * level, a, words, level, q, f, book.samples)
+            own_noise += camera.gain * (max(seen, 0.0) - max(middle, 0.0))
         if told > 0:
-            variance = own * excess / told
-    return place, variance, a, offset, rss / usual * (book.freedom / freedom)
-
-
-@exact
-def _masked(book: Any, b: Any, low: Any, used: Any, words: Any, angles: Any, mean: Any) -> None:
-    """Codewords low.. of block b without the samples that are not used, into the scratch of a pixel."""
-    n, count = book.samples, 0
-    for i in range(n):
-        count += used[i]
-    for k in range(words.shape[0]):
-        total = 0.0
-        for i in range(n):
-            total += book.words[b, low + k, i] if used[i] else 0.0
-        total /= max(count, 1)
-        mean[k] = book.mean[b, low + k] + total
-        for i in range(n):
-            words[k, i] = book.words[b, low + k, i] - total if used[i] else 0.0
-    for k in range(words.shape[0]):
-        zz, zd, dd = 0.0, 0.0, 0.0
-        for i in range(n):
-            d = words[k + 1, i] - words[k, i] if k + 1 < words.shape[0] else 0.0
-            zz += words[k, i] * words[k, i]
-            zd += words[k, i] * d
-            dd += d * d
-        angles[k, 0], angles[k, 1], angles[k, 2] = zz, zd, dd
-        angles[k, 3] = book.angles[b, low + k, 3]
-
-
-@exact
-def _centre(y: Any, used: Any, n: Any) -> Any:
-    """Samples without their mean, in place: (mean, power) of those that are used; the others become 0."""
-    count, total = 0, 0.0
-    for i in range(n):
-        count += used[i]
-        total += y[i] if used[i] else 0.0
-    middle, power = total / max(count, 1), 0.0
-    for i in range(n):
-        y[i] = y[i] - middle if used[i] else 0.0
-        power += y[i] * y[i]
-    return middle, power
-
-
-@exact
-def _store(out: Any, r: Any, x: Any, coordinate: Any, variance: Any, error: Any, a: Any, offset: Any, chi2: Any) -> None:
-    out[0][r, x], out[1][r, x], out[2][r, x] = coordinate, variance, error
-    out[3][r, x], out[4][r, x], out[5][r, x] = 0.5 * a, offset + 0.5 * a, chi2
-
-
-@exact
-def _nothing(out: Any, r: Any, x: Any, middle: Any, power: Any, used: Any) -> None:
-    """No pattern: the samples' deviation stands for the amplitude."""
-    out[0][r, x], out[1][r, x], out[2][r, x] = np.nan, np.inf, 1.0
-    out[3][r, x], out[4][r, x], out[5][r, x] = np.sqrt(power / max(used, 1)), middle, 0.0
+            variance = max(own_noise, camera.read2) * excess / told
+    return place + low, variance, a, middle - a * level, rss, rss / noise * (book.freedom / freedom)
 
 
 @kernel
-def _scores(y: Any, coarse: Any, score: Any) -> None:
-    """Correlation of samples with all unit codewords (M, P)."""
+def _scores(y: Any, used: Any, whole: Any, coarse: Any, score: Any) -> None:
+    """Correlation of samples with all codewords (M, P) of unit length; without samples that are not used."""
     score[:] = np.float32(0)
     for m in range(coarse.shape[0]):
         v = y[m]
         for p in range(score.size):
             score[p] += v * coarse[m, p]
-
-
-@kernel
-def _masked_scores(y: Any, used: Any, coarse: Any, score: Any) -> None:
-    """The same without samples that are not used."""
-    total, square = np.zeros(score.size, np.float32), np.full(score.size, np.float32(1e-6))
-    score[:] = np.float32(0)
-    count = 0
-    for m in range(coarse.shape[0]):
-        if used[m]:
-            v = y[m]
-            count += 1
-            for p in range(score.size):
-                c = coarse[m, p]
-                score[p] += v * c
-                total[p] += c
-                square[p] += c * c
-    part = np.float32(1.0 / max(count, 1))
-    for p in range(score.size):
-        score[p] /= np.sqrt(max(square[p] - total[p] * total[p] * part, np.float32(1e-3)))
+    if not whole:
+        total, square = np.zeros(score.size, np.float32), np.zeros(score.size, np.float32)
+        count = np.float32(0)
+        for m in range(coarse.shape[0]):
+            if used[m]:
+                count += np.float32(1)
+                for p in range(score.size):
+                    total[p] += coarse[m, p]
+                    square[p] += coarse[m, p] * coarse[m, p]
+        for p in range(score.size):
+            score[p] /= np.sqrt(max(square[p] - total[p] * total[p] / max(count, np.float32(1)), np.float32(1e-2)))
 
 
 @exact
@@ -271,208 +238,16 @@ def _highest(score: Any, place: Any, value: Any) -> None:
 
 
 @exact
-def _around(book: Any, b: Any, q: Any, used: Any, clipped: Any, scratch: Any) -> Any:
-    """First of the codewords around q, and these: the book's own, or without the clipped samples."""
-    if not clipped:
-        return 0
-    words, angles, mean = scratch
-    low = min(max(q - words.shape[0] // 2, 0), book.words.shape[1] - words.shape[0])
-    _masked(book, b, low, used, words, angles, mean)
-    return low
-
-
-@exact
-def _walked(book: Any, b: Any, y: Any, power: Any, q: Any, used: Any, clipped: Any, scratch: Any) -> Any:
-    """_walk from codeword q of block b; clipped: without the samples that are not used."""
-    if clipped:
-        low = _around(book, b, q, used, True, scratch)
-        k, f, a, rss = _walk(y, power, scratch[0], scratch[1], q - low)
-        return k + low, f, a, rss
-    return _walk(y, power, book.words[b], book.angles[b], q)
-
-
-@exact
-def _settled(
-    camera: Any, book: Any, b: Any, y: Any, count: Any, middle: Any, power: Any, fit: Any, used: Any, scratch: Any
-) -> Any:
-    """_settle, of samples some of which may be clipped."""
-    q, f, a, rss = fit
-    if count < book.samples:
-        low = _around(book, b, q, used, True, scratch)
-        k = min(q - low, scratch[0].shape[0] - 2)
-        place, variance, a, offset, chi2 = _settle(
-            camera, book, scratch[0], scratch[1], scratch[2], y, count, middle, power, (k, f, a, rss)
-        )
-        return place + low, variance, a, offset, chi2
-    return _settle(camera, book, book.words[b], book.angles[b], book.mean[b], y, count, middle, power, fit)
-
-
-@exact
-def _search(
-    book: Any, y: Any, power: Any, used: Any, clipped: Any, coarse: Any, score: Any, lists: Any, variance: Any, scratch: Any
-) -> Any:
-    """The best place of the whole surface, and the probability that it is another one of the highest."""
-    place, value, left, found = lists
-    if clipped:
-        _masked_scores(y, used, coarse, score)
-    else:
-        _scores(y, coarse, score)
-    _highest(score, place, value)
-    per = PER_PX // COARSE
-    fit = (0, 0.0, 0.0, power)
-    for k in range(place.size):
-        left[k], found[k] = power, -1e9
-        # codewords lie half a step from the best place at most, which costs no more than half of the score
-        if place[k] >= 0 and value[k] > 0.5 * value[0]:
-            one = _walked(book, 0, y, power, place[k] * per + per // 2, used, clipped, scratch)
-            left[k], found[k] = one[3], one[0] + one[1]
-            if one[3] < fit[3]:
-                fit = one
-    freedom = max(book.samples - 3, 1)
-    excess = max(fit[3] / (freedom * variance) - 2 * np.sqrt(2.0 / freedom), 1.0)
-    others = 0.0
-    for k in range(place.size):
-        if abs(found[k] - fit[0] - fit[1]) > _GUARD * book.reach:
-            again = False  # two maxima may lead to the same place
-            for j in range(k):
-                again |= abs(found[k] - found[j]) < PER_PX
-            if not again:
-                others += np.exp(-0.5 * max(left[k] - fit[3], 0.0) / (variance * excess))
-    return fit, others / (1 + others)
-
-
-@exact
-def search_rows(camera: Any, book: Any, coarse: Any, apart: Any, limit: Any, start: Any, stop: Any, out: Any) -> None:
-    """Any levels: from the neighbour's place on, or over the whole surface where that does not lead to an answer
-    that fits (squared residuals below `limit` variances) and that is surely the only one.
-
-    coarse (M, P): unit codewords of the whole surface; apart (P, 2): sine and cosine of the angle to the most
-    similar one elsewhere. With t the angle between samples and the answer, those to other codewords are apart - t
-    at least, and squared residuals power sin(apart) sin(apart - 2 t) larger.
-    """
-    n, width = book.samples, camera.raw.shape[2]
-    light = np.empty((n, width), np.float32)
-    batch = np.zeros((_BATCH, book.words.shape[2]), np.float32)
-    used, score = np.ones(n, np.bool_), np.empty(coarse.shape[1], np.float32)
-    nodes = min(2 * book.reach + 2 * PER_PX + 2, book.words.shape[1])
-    scratch = (
-        np.zeros((nodes, book.words.shape[2]), np.float32),
-        np.zeros((nodes, ANGLES), np.float32),
-        np.zeros(nodes, np.float32),
-    )
-    lists = (np.empty(_ANSWERS, np.int64), np.empty(_ANSWERS), np.empty(_ANSWERS), np.empty(_ANSWERS))
-    many, per = np.log(coarse.shape[1]), PER_PX // COARSE
-    for row in range(start, stop):
-        saturated = fetch_rows(camera.raw, book.index, row, camera.table, camera.clip, light)
-        last, slope = -1.0, 0.0
-        for begin in range(0, width, _BATCH):
-            end = min(begin + _BATCH, width)
-            _turn(light, begin, end, batch)
-            for x in range(begin, end):
-                y, r = batch[x - begin], row - start
-                count = n
-                if saturated:
-                    for i in range(n):
-                        used[i] = camera.raw[book.index[i], row, x] < camera.clip
-                        count -= not used[i]
-                out[6][r, x] = n - count
-                clipped = count < n
-                middle, power = _centre(y, used, n) if clipped else _centred(y, n)
-                variance = camera.read2 + camera.gain * max(middle, 0.0)
-                if power < (count - 1 + 5 * np.sqrt(2.0 * n)) * variance or count < 4:
-                    _nothing(out, r, x, middle, power, count)
-                    last = -1.0
-                    continue
-                variance += camera.misfit2 * power / n
-                fit, error, sure = (0, 0.0, 0.0, power), 1.0, False
-                if last >= 0:
-                    guess = int(last + slope)
-                    fit = _walked(book, 0, y, power, guess, used, clipped, scratch)
-                    if fit[3] < limit * variance:
-                        s, c = apart[fit[0] // per, 0], apart[fit[0] // per, 1]
-                        share = fit[3] / power
-                        lead = s * (s * (1 - 2 * share) - c * 2 * np.sqrt(share * max(1 - share, 0.0)))
-                        # dropped samples take their share of the distance with them
-                        lead *= (2.0 * count / n - 1) if clipped else 1.0
-                        lead = 0.5 * power * lead / variance - many
-                        sure = lead > _SURE
-                        error = np.exp(-lead)
-                if not sure:
-                    fit, error = _search(book, y, power, used, clipped, coarse, score, lists, variance, scratch)
-                place, var, a, offset, chi2 = _settled(
-                    camera, book, 0, y, count, middle, power, fit, used, scratch
-                )
-                if power - fit[3] < _NOTHING * variance or a <= 0:
-                    _nothing(out, r, x, middle, power, count)
-                    last = -1.0
-                    continue
-                slope = place - last if last >= 0 and abs(place - last) < 4 * PER_PX else 0.0
-                last = place
-                _store(
-                    *(out, r, x, book.first[0] + place / PER_PX, var / (PER_PX * PER_PX)),
-                    *(error, a, offset, chi2),
-                )
-
-
-@kernel
-def _turn(light: Any, begin: Any, end: Any, batch: Any) -> None:
-    for m in range(light.shape[0]):
-        for x in range(begin, end):
-            batch[x - begin, m] = light[m, x]
-
-
-@kernel
-def _centred(y: Any, n: Any) -> Any:
-    """_centre of samples all of which are used."""
-    total, power = np.float32(0), np.float32(0)
-    for i in range(n):
-        total += y[i]
-    middle = total / np.float32(n)
-    for i in range(n):
-        y[i] -= middle
-        power += y[i] * y[i]
-    return float(middle), float(power)
-
-
-@exact
-def within_rows(camera: Any, book: Any, start: Any, stop: Any, out: Any) -> None:
-    """Places around those that are there already (cells of a code), where they fit; else these stay."""
-    n, width = book.samples, camera.raw.shape[2]
-    light = np.empty((n, width), np.float32)
-    batch = np.zeros((_BATCH, book.words.shape[2]), np.float32)
-    used = np.ones(n, np.bool_)
-    nodes = min(2 * book.reach + 2 * PER_PX + 2, book.words.shape[1])
-    scratch = (
-        np.zeros((nodes, book.words.shape[2]), np.float32),
-        np.zeros((nodes, ANGLES), np.float32),
-        np.zeros(nodes, np.float32),
-    )
-    for row in range(start, stop):
-        saturated = fetch_rows(camera.raw, book.index, row, camera.table, camera.clip, light)
-        for begin in range(0, width, _BATCH):
-            end = min(begin + _BATCH, width)
-            _turn(light, begin, end, batch)
-            for x in range(begin, end):
-                y, r = batch[x - begin], row - start
-                count = n
-                if saturated:
-                    for i in range(n):
-                        used[i] = camera.raw[book.index[i], row, x] < camera.clip
-                        count -= not used[i]
-                cell = out[0][r, x]
-                if not np.isfinite(cell) or count < 4:
-                    continue
-                middle, power = _centre(y, used, n)
-                q = int(np.rint((cell - book.first[0]) * PER_PX))
-                fit = _walked(book, 0, y, power, q, used, count < n, scratch)
-                if fit[2] <= 0:
-                    continue
-                place, var, a, offset, chi2 = _settled(
-                    camera, book, 0, y, count, middle, power, fit, used, scratch
-                )
-                coordinate, variance = book.first[0] + place / PER_PX, var / (PER_PX * PER_PX)
-                if abs(coordinate - cell) * PER_PX < book.reach and variance < out[1][r, x]:
-                    out[0][r, x], out[1][r, x], out[5][r, x] = coordinate, variance, chi2
+def _others(left: Any, found: Any, best: Any, least: Any, noise: Any, guard: Any) -> Any:
+    """Probability that one of some places, other than the best, is the right one, from their squared residuals."""
+    total = 0.0
+    for k in range(left.size):
+        again = abs(found[k] - best) <= guard
+        for j in range(k):  # two maxima may lead to the same place
+            again |= abs(found[k] - found[j]) < PER_PX
+        if not again:
+            total += np.exp(-0.5 * max(left[k] - least, 0.0) / noise)
+    return total / (1 + total)
 
 
 @kernel
@@ -504,62 +279,105 @@ def _beside(raw: Any, index: Any, row: Any, at: Any, away: Any, other: Any) -> N
 
 
 @exact
-def _linear(camera: Any, value: Any) -> Any:
-    return camera.table[np.int64(value)] if camera.table.size > 0 else np.float32(value)
+def match_rows(camera: Any, book: Any, way: Any, coarse: Any, apart: Any, limit: Any, start: Any, stop: Any, out: Any) -> None:
+    """All pixels of rows start..stop into out, the arrays of an Estimate.
 
-
-@exact
-def sweep_rows(camera: Any, book: Any, away: Any, start: Any, stop: Any, out: Any) -> None:
-    """A swept stripe: block k of the book holds the places around stripe k, of the frames begin[k].. ."""
-    n, width = book.samples, camera.raw.shape[2]
-    top, other = np.empty(width, camera.raw.dtype), np.empty(width, camera.raw.dtype)
-    at = np.empty(width, np.int16)
+    WITHIN  around the places that are there (cells of a code) where that is better
+    SWEEP   a stripe: block k of the book holds the places around stripe k, of the frames begin[k]..
+    SEARCH  from the neighbour's place on, or over the whole surface where that does not lead to an answer that
+            fits (squared residuals below `limit` variances) and that is surely the only one: coarse (M, P) are
+            unit codewords of the whole surface, apart (P, 2) sine and cosine of the angle to the most similar one
+            elsewhere. With t the angle between samples and the answer, those to other codewords are apart - t at
+            least, and their squared residuals larger by power sin(apart) sin(apart - 2 t).
+    """
+    raw, n, width, freedom = camera.raw, book.samples, camera.raw.shape[2], max(book.freedom, 1)
+    top, other, at = np.zeros(width, raw.dtype), np.zeros(width, raw.dtype), np.zeros(width, np.int16)
     y, used = np.zeros(book.words.shape[2], np.float32), np.ones(n, np.bool_)
-    nodes = book.words.shape[1]
-    scratch = (
-        np.zeros((nodes, book.words.shape[2]), np.float32),
-        np.zeros((nodes, ANGLES), np.float32),
-        np.zeros(nodes, np.float32),
-    )
+    score = np.empty(coarse.shape[1], np.float32)
+    nodes = min(2 * book.reach + 2 * PER_PX + 2, book.words.shape[1])
+    own = np.zeros((nodes, y.size), np.float32), np.zeros((nodes, ANGLES), np.float32), np.zeros(nodes, np.float32)
+    place, value = np.empty(_ANSWERS, np.int64), np.empty(_ANSWERS)
+    left, found = np.empty(_ANSWERS), np.empty(_ANSWERS)
+    many, per = np.log(coarse.shape[1] + 1.0), PER_PX // COARSE
     for row in range(start, stop):
-        _brightest(camera.raw, book.index, row, top, at)
-        _beside(camera.raw, book.index, row, at, away, other)
-        block, hint = -1, 0
+        r, last, slope, block = row - start, -1.0, 0.0, 0
+        if way == SWEEP:
+            _brightest(raw, book.index, row, top, at)
+            _beside(raw, book.index, row, at, n // 2, other)
         for x in range(width):
-            r, k, count = row - start, int(at[x]), n
-            if top[x] >= camera.clip:
-                ahead = k
-                while ahead + 1 < book.index.size and camera.raw[book.index[ahead + 1], row, x] >= camera.clip:
+            b = np.int64(at[x])
+            if way == SWEEP and top[x] >= camera.clip:  # the middle of all that are saturated
+                ahead = b
+                while ahead + 1 < book.index.size and raw[book.index[ahead + 1], row, x] >= camera.clip:
                     ahead += 1
-                k = (k + ahead) // 2
+                b = (b + ahead) // 2
+            count, total = np.int64(0), 0.0
             for i in range(n):
-                value = camera.raw[book.index[book.begin[k] + i], row, x]
-                y[i] = _linear(camera, value)
-                used[i] = value < camera.clip
-                count -= not used[i]
-            out[6][r, x] = n - count
-            middle, power = _centre(y, used, n) if count < n else _centred(y, n)
-            variance = camera.read2 + camera.gain * max(middle, 0.0)
-            if power < _NOTHING * variance or count < 4:
-                _nothing(out, r, x, middle, power, count)
-                block = -1
+                level = raw[book.index[book.begin[b] + i], row, x]
+                used[i] = level < camera.clip
+                y[i] = camera.table[np.int64(level)] if camera.table.size > 0 else np.float32(level)
+                count += used[i]
+                total += y[i] if used[i] else 0.0
+            middle, power = total / max(count, 1), 0.0
+            for i in range(n):
+                y[i] = y[i] - middle if used[i] else 0.0
+                power += y[i] * y[i]
+            if way != WITHIN:
+                out[6][r, x] = n - count
+                out[0][r, x], out[1][r, x], out[2][r, x] = np.nan, np.inf, 1.0
+                out[3][r, x], out[4][r, x], out[5][r, x] = np.sqrt(power / max(count, 1)), middle, 0.0
+            noise = camera.read2 + camera.gain * max(middle, 0.0)
+            nothing = power < (count - 1 + 5 * np.sqrt(2.0 * n)) * noise or count < 4
+            if nothing or (way == WITHIN and not np.isfinite(out[0][r, x])):
+                last = -1.0
                 continue
-            if block != k:
-                hint = nodes // 2
-            fit = _walked(book, k, y, power, hint, used, count < n, scratch)
-            place, var, a, offset, chi2 = _settled(camera, book, k, y, count, middle, power, fit, used, scratch)
-            if power - fit[3] < _NOTHING * variance or a <= 0:
-                _nothing(out, r, x, middle, power, count)
-                block = -1
+            noise += camera.misfit2 * power / n
+            guess = int(last + slope)
+            if way == WITHIN:
+                guess = int(np.rint((out[0][r, x] - book.first[0]) * PER_PX))
+            elif way == SWEEP and (last < 0 or b != block):
+                guess = book.words.shape[1] // 2
+            fit, error, sure = (0.0, np.inf, 0.0, 0.0, power, 0.0), 1.0, way != SEARCH
+            if sure or last >= 0:
+                fit = _fit(camera, book, b, y, used, count, middle, power, guess, own)
+            if not sure and fit[4] < limit * noise:
+                s, c = apart[int(fit[0]) // per, 0], apart[int(fit[0]) // per, 1]
+                share = fit[4] / power
+                lead = s * (s * (1 - 2 * share) - c * 2 * np.sqrt(share * max(1 - share, 0.0)))
+                # samples that are dropped take their share of the distance with them
+                lead = 0.5 * lead * (2.0 * count / n - 1) * power / noise - many
+                sure, error = lead > _SURE, np.exp(-lead)
+            if not sure:
+                _scores(y, used, count == n, coarse, score)
+                _highest(score, place, value)
+                fit = (0.0, np.inf, 0.0, 0.0, power, 0.0)
+                for k in range(_ANSWERS):
+                    left[k], found[k] = power, -1e9
+                    # codewords are half a step from the best place at most: that costs less than half the score
+                    if place[k] >= 0 and value[k] > 0.5 * value[0]:
+                        one = _fit(camera, book, b, y, used, count, middle, power, place[k] * per + per // 2, own)
+                        left[k], found[k] = one[4], one[0]
+                        if one[4] < fit[4]:
+                            fit = one
+                excess = max(fit[4] / (freedom * noise) - 2 * np.sqrt(2.0 / freedom), 1.0)
+                error = _others(left, found, fit[0], fit[4], noise * excess, 2 * book.reach)
+            if power - fit[4] < _NOTHING * noise or fit[2] <= 0:
+                last = -1.0
                 continue
-            block, hint = k, int(place)
-            rival = max(_linear(camera, other[x]) - offset, 0.0)
-            lead = 0.5 * (a * a - rival * rival) / variance
-            error = 1 / (1 + np.exp(min(max(lead, -80.0), 80.0)))
-            # another place that is more than half as bright is no noise
-            if rival * rival > 25 * variance and rival > 0.6 * a:
-                error = max(error, rival / (rival + a))
-            _store(
-                *(out, r, x, book.first[k] + place / PER_PX, var / (PER_PX * PER_PX)),
-                *(error, a, offset, chi2),
-            )
+            coordinate, variance = book.first[b] + fit[0] / PER_PX, fit[1] / (PER_PX * PER_PX)
+            if way == WITHIN:
+                if abs(coordinate - out[0][r, x]) * PER_PX < book.reach and variance < out[1][r, x]:
+                    out[0][r, x], out[1][r, x], out[5][r, x] = coordinate, variance, fit[5]
+                continue
+            if way == SWEEP:
+                rival = camera.table[np.int64(other[x])] if camera.table.size > 0 else np.float32(other[x])
+                rival = max(rival - fit[3], 0.0)
+                lead = 0.5 * (fit[2] * fit[2] - rival * rival) / noise
+                error = 1 / (1 + np.exp(min(max(lead, -80.0), 80.0)))
+                # another place that is more than half as bright is no noise
+                if rival * rival > 25 * noise and rival > _RIVAL * fit[2]:
+                    error = max(error, rival / (rival + fit[2]))
+            slope = fit[0] - last if last >= 0 and b == block and abs(fit[0] - last) < 4 * PER_PX else 0.0
+            last, block = fit[0], b
+            out[0][r, x], out[1][r, x], out[2][r, x] = coordinate, variance, error
+            out[3][r, x], out[4][r, x], out[5][r, x] = 0.5 * fit[2], fit[3] + 0.5 * fit[2], fit[5]
