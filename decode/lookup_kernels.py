@@ -21,6 +21,10 @@ ANGLES = 4
 #: Steps of a walk, each at most a pixel long; places that a search compares; pattern pixels around an answer
 #: that are no other answer.
 _STEPS, _ANSWERS, _GUARD = 12, 12, 2
+#: Pixels whose samples are turned into vectors together: they stay in the first cache.
+_BATCH = 64
+#: Below all levels: what stands for a saturated one.
+_SATURATED = -1e9
 #: Where a pixel's search starts.
 SEARCH, SWEEP, WITHIN = 0, 1, 2
 #: Share of a stripe's light that another place has to show to be another answer, whatever the noise.
@@ -278,6 +282,85 @@ def _beside(raw: Any, index: Any, row: Any, at: Any, away: Any, other: Any) -> N
             other[x] = max(v, other[x])
 
 
+@kernel
+def _gather(camera: Any, book: Any, row: Any, first: Any, at: Any, lines: Any, batch: Any, pixels: Any) -> Any:
+    """Samples of the pixels first.. of a row without their mean -> batch (_BATCH, n); pixels (3, _BATCH): mean,
+    squared sum, how many are not saturated (those that are become 0). Whether all are the frames 0..n, or those
+    around the brightest one, `at`: where several are saturated, around the middle of them."""
+    raw, n, cols = camera.raw, book.samples, min(_BATCH, camera.raw.shape[2] - first)
+    middle, power, count = pixels[0], pixels[1], pixels[2]
+    window = at[first : first + cols]
+    for i in range(n):
+        own = lines[i]
+        if book.begin.size > 1:
+            for k in range(cols):
+                own[k] = raw[book.index[book.begin[window[k]] + i], row, first + k]
+        else:
+            _convert(raw[book.index[i], row, first : first + cols], own)
+    saturated, clip = 0, np.float32(camera.clip)
+    middle[:], power[:], count[:] = np.float32(0), np.float32(0), np.float32(n)
+    for i in range(n):
+        _add(lines[i], middle)
+        saturated += _above(lines[i], clip)
+    if saturated > 0 or camera.table.size > 0:
+        _linearised(camera, lines, cols, middle, count)
+    for k in range(_BATCH):
+        middle[k] /= count[k]
+    for i in range(n):
+        _deviate(lines[i], middle, power)
+    _transpose(lines, batch)
+
+
+@kernel
+def _convert(line: Any, out: Any) -> None:
+    for k in range(line.size):
+        out[k] = line[k]
+
+
+@kernel
+def _transpose(lines: Any, batch: Any) -> None:
+    for i in range(lines.shape[0]):
+        for k in range(lines.shape[1]):
+            batch[k, i] = lines[i, k]
+
+
+@kernel
+def _add(line: Any, total: Any) -> None:
+    for k in range(_BATCH):
+        total[k] += line[k]
+
+
+@kernel
+def _above(line: Any, clip: Any) -> Any:
+    count = np.int32(0)
+    for k in range(_BATCH):
+        count += np.int32(1) if line[k] >= clip else np.int32(0)
+    return count
+
+
+@kernel
+def _deviate(line: Any, mean: Any, power: Any) -> None:
+    """Less the mean, saturated samples 0; squares added."""
+    for k in range(_BATCH):
+        line[k] = line[k] - mean[k] if line[k] > np.float32(_SATURATED) else np.float32(0)
+        power[k] += line[k] * line[k]
+
+
+@exact
+def _linearised(camera: Any, lines: Any, cols: Any, total: Any, count: Any) -> None:
+    """Linear levels of raw ones, saturated ones far below 0; sum and number of those that are not."""
+    total[:], count[:] = np.float32(0), np.float32(1e-6)
+    for i in range(lines.shape[0]):
+        for k in range(cols):
+            level = lines[i, k]
+            if level >= camera.clip:
+                lines[i, k] = np.float32(2 * _SATURATED)
+            else:
+                lines[i, k] = camera.table[np.int64(level)] if camera.table.size > 0 else level
+                total[k] += lines[i, k]
+                count[k] += np.float32(1)
+
+
 @exact
 def match_rows(camera: Any, book: Any, way: Any, coarse: Any, apart: Any, limit: Any, start: Any, stop: Any, out: Any) -> None:
     """All pixels of rows start..stop into out, the arrays of an Estimate.
@@ -292,10 +375,11 @@ def match_rows(camera: Any, book: Any, way: Any, coarse: Any, apart: Any, limit:
     """
     raw, n, width, freedom = camera.raw, book.samples, camera.raw.shape[2], max(book.freedom, 1)
     top, other, at = np.zeros(width, raw.dtype), np.zeros(width, raw.dtype), np.zeros(width, np.int16)
-    y, used = np.zeros(book.words.shape[2], np.float32), np.ones(n, np.bool_)
+    batch, used = np.zeros((_BATCH, book.words.shape[2]), np.float32), np.ones(n, np.bool_)
+    lines, pixels = np.empty((n, _BATCH), np.float32), np.empty((3, _BATCH), np.float32)
     score = np.empty(coarse.shape[1], np.float32)
     nodes = min(2 * book.reach + 2 * PER_PX + 2, book.words.shape[1])
-    own = np.zeros((nodes, y.size), np.float32), np.zeros((nodes, ANGLES), np.float32), np.zeros(nodes, np.float32)
+    own = np.zeros((nodes, batch.shape[1]), np.float32), np.zeros((nodes, ANGLES), np.float32), np.zeros(nodes, np.float32)
     place, value = np.empty(_ANSWERS, np.int64), np.empty(_ANSWERS)
     left, found = np.empty(_ANSWERS), np.empty(_ANSWERS)
     many, per = np.log(coarse.shape[1] + 1.0), PER_PX // COARSE
@@ -304,24 +388,20 @@ def match_rows(camera: Any, book: Any, way: Any, coarse: Any, apart: Any, limit:
         if way == SWEEP:
             _brightest(raw, book.index, row, top, at)
             _beside(raw, book.index, row, at, n // 2, other)
+            for x in range(width):
+                if top[x] >= camera.clip:  # the middle of those that are saturated one after the other
+                    ahead = np.int64(at[x])
+                    while ahead + 1 < book.index.size and raw[book.index[ahead + 1], row, x] >= camera.clip:
+                        ahead += 1
+                    at[x] = (at[x] + ahead) // 2
         for x in range(width):
-            b = np.int64(at[x])
-            if way == SWEEP and top[x] >= camera.clip:  # the middle of all that are saturated
-                ahead = b
-                while ahead + 1 < book.index.size and raw[book.index[ahead + 1], row, x] >= camera.clip:
-                    ahead += 1
-                b = (b + ahead) // 2
-            count, total = np.int64(0), 0.0
-            for i in range(n):
-                level = raw[book.index[book.begin[b] + i], row, x]
-                used[i] = level < camera.clip
-                y[i] = camera.table[np.int64(level)] if camera.table.size > 0 else np.float32(level)
-                count += used[i]
-                total += y[i] if used[i] else 0.0
-            middle, power = total / max(count, 1), 0.0
-            for i in range(n):
-                y[i] = y[i] - middle if used[i] else 0.0
-                power += y[i] * y[i]
+            if x % _BATCH == 0:
+                _gather(camera, book, row, x, at, lines, batch, pixels)
+            b, y, middle, power = np.int64(at[x]), batch[x % _BATCH], float(pixels[0, x % _BATCH]), float(pixels[1, x % _BATCH])
+            count = np.int64(pixels[2, x % _BATCH])
+            if count < n:
+                for i in range(n):
+                    used[i] = raw[book.index[book.begin[b] + i], row, x] < camera.clip
             if way != WITHIN:
                 out[6][r, x] = n - count
                 out[0][r, x], out[1][r, x], out[2][r, x] = np.nan, np.inf, 1.0
