@@ -11,6 +11,7 @@ Start of the search: the neighbour's place (any levels), the brightest frame (st
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -30,6 +31,7 @@ from .lookup_kernels import (
     ANGLES,
     COARSE,
     LANES,
+    MEAN,
     PER_PX,
     SEARCH,
     SWEEP,
@@ -55,6 +57,8 @@ _USUAL = 12**-0.5
 _STEP = 1.01
 #: Squared residuals that noise reaches once in so many pixels.
 _RARE = 1e-5
+#: Relative step of a spread's derivatives; probability of another place below which a pixel may judge a spread.
+_NUDGE, _SAFE = 0.05, 1e-3
 #: Share of the amplitude from which on a pixel of the sample counts.
 _LIT = 0.25
 
@@ -97,7 +101,7 @@ def lookup_rows(light: Light, noise: Noise, table: Table, rows: tuple[int, int],
     )
     limit = float(chi2.isf(_RARE, max(table.freedom, 1)))
     match_rows(camera, table.book, table.way, table.coarse, table.apart, limit, *rows, estimate.arrays())
-    if table.way == WITHIN:
+    if table.unsure > 0:
         # the way to the nearest edge is proportional to the spread of the edges
         phase = (estimate.coordinate + 0.5) / table.cell
         estimate.variance[:] += np.square(table.unsure * table.cell * (phase - np.rint(phase)))
@@ -126,25 +130,30 @@ def prepare(
         spreads = tuple(sorted(s for s in spreads if s <= max(0.5 * axis.stripes.width, 1.2)))
     else:
         way, spreads = SEARCH, _SPREADS
-    trial = _Trial(small, noise, start, way)
     if len(places) == 0:
         return _table(sequence, plan, axis, way, _USUAL)
+    trial = _Trial(small, noise, start, way)
     if way == SEARCH:
-        first = _table(sequence, plan, axis, way, _USUAL)
-        trial = replace(trial, start=trial.decoded(first).coordinate[0].astype(np.float64))
-    spread, share = _best([trial.of(_table(sequence, plan, axis, way, spread)) for spread in spreads], way), 1.15
-    while way != WITHIN and spread > 0 and share > _STEP:  # a parabola through wide steps is rough
-        near = [_rounded(spread * share**k) for k in (-1, 0, 1)]
-        spread = _best([trial.of(_table(sequence, plan, axis, way, one)) for one in near], way)
-        share = 1 + (share - 1) / 4
-    return trial.judged(_table(sequence, plan, axis, way, _rounded(spread)))
+        first = trial.decoded(_table(sequence, plan, axis, way, _USUAL))
+        trial = replace(trial, start=np.where(first.error < _SAFE, first.coordinate, np.nan)[0].astype(np.float64))
+
+    def tried(spread: float) -> _Quality:
+        return trial.of(_table(sequence, plan, axis, WITHIN if way == SEARCH else way, spread))
+
+    spread = _best([tried(one) for one in spreads])
+    unsure = 0.0
+    if way == SWEEP:
+        if spread > 0:  # a parabola through wide steps is rough
+            spread = _best([tried(_rounded(spread * share)) for share in (0.9, 1.0, 1.1)])
+    else:
+        spread, unsure = _evened(tried, spread)
+    return trial.judged(replace(_table(sequence, plan, axis, way, _rounded(spread)), unsure=unsure))
 
 
 def _thinned(places: NDArray[np.int64], cells: F64 | None) -> tuple[NDArray[np.int64], F64 | None]:
-    """At most _PIXELS of the places, in runs."""
-    runs = np.arange(len(places)) // 32
-    keep = runs % max(1, -(-len(places) // _PIXELS)) == 0
-    return places[keep], None if cells is None else cells[keep]
+    """At most _PIXELS of the places, from all over the image."""
+    every = max(1, -(-len(places) // _PIXELS))
+    return places[::every], None if cells is None else cells[::every]
 
 
 def _rounded(spread: float) -> float:
@@ -153,11 +162,11 @@ def _rounded(spread: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Quality:
-    """Of a spread: chi2 over freedom of the sample's pixels (NaN: not decoded), crowding of the places."""
+    """Of a spread: chi2 over freedom of the sample's pixels (NaN: not decoded), crowding of the places, see _evened."""
 
     spread: float
     misfit: F64
-    crowding: float
+    crowding: complex
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +195,7 @@ class _Trial:
             used &= found.amplitude[0] > _LIT * np.percentile(found.amplitude[0][used], 95)
         misfit = np.where(used, found.chi2[0].astype(np.float64) / max(table.freedom, 1), np.nan)
         turn = np.exp(2j * np.pi * found.coordinate[0][used].astype(np.float64) / table.cell)
-        return _Quality(table.spread, misfit, float(np.abs(turn.mean())) if used.any() else 1.0)
+        return _Quality(table.spread, misfit, complex(turn.mean()) if used.any() else 1.0)
 
     def judged(self, table: Table) -> Table:
         """The table with what it leaves beyond noise."""
@@ -203,24 +212,41 @@ class _Trial:
         return replace(table, misfit2=float(beyond * np.median(own)) if beyond > chance else 0.0)
 
 
-def _best(tried: list[_Quality], way: int) -> float:
-    """The spread that fits best, between those that were tried: misfits of the same pixels, without those that no
-    spread explains.
+def _evened(tried: Callable[[float], _Quality], spread: float) -> tuple[float, float]:
+    """Spread with which places are spread evenly over the cells, and its relative error.
 
-    Within the cells of a code levels tell in what shares a pixel sees two cells, hardly how far from their edge
-    it is; with the right spread places are spread evenly over the cells. So of those that fit the most even one.
+    Levels tell in what shares a pixel sees two cells, hardly how far from their edge it is. With a wrong spread
+    places crowd: z = mean exp(2 pi i u / cell) of n pixels is 0 but for chance, 1 / sqrt(2 n) each way. Newton's
+    steps on z(log spread); what is left of z may be due to the spread.
     """
+    unsure = 1.0
+    for _ in range(3):
+        low, mid, high = (tried(_rounded(spread * (1 + step))) for step in (-_NUDGE, 0.0, _NUDGE))
+        slope = (high.crowding - low.crowding) / np.log(high.spread / low.spread)
+        steep = float(np.abs(slope)) ** 2
+        if steep < 1e-6:
+            return spread, unsure
+        step = float(np.clip(-(np.conj(slope) * mid.crowding).real / steep, -0.3, 0.3))
+        chance = 1 / np.sqrt(2 * max(np.count_nonzero(np.isfinite(mid.misfit)), 1))
+        unsure = float(min((np.abs(mid.crowding + slope * step) + chance) / np.sqrt(steep), 1.0))
+        better = tried(_rounded(spread * np.exp(step)))
+        if not np.nanmean(better.misfit) <= 1.2 * np.nanmean(mid.misfit):
+            return spread, unsure
+        spread = better.spread
+    return spread, unsure
+
+
+def _best(tried: list[_Quality]) -> float:
+    """The spread that fits best, between those that were tried: misfits of the same pixels, without those that no
+    spread explains."""
     misfit = np.array([one.misfit for one in tried])
     known = np.isfinite(misfit).all(axis=0)
     if not known.any():
         return _USUAL
     least = misfit[:, known].min(axis=0)
     total = misfit[:, known][:, least <= 3 * np.median(least)].mean(axis=1)
-    if way == WITHIN:
-        crowding = np.array([one.crowding for one in tried])
-        total = np.where(total <= 1.2 * total.min(), crowding, np.inf)
     k = int(np.argmin(total))
-    if 0 < k < len(tried) - 1 and np.isfinite(total[k - 1 : k + 2]).all():
+    if 0 < k < len(tried) - 1:
         square = np.array([one.spread**2 for one in tried[k - 1 : k + 2]])
         bend, slope, _ = np.polyfit(square, total[k - 1 : k + 2], 2)
         if bend > 0:
@@ -272,10 +298,10 @@ def _table(sequence: Sequence, plan: Plan, axis: AxisPlan, way: int, spread: flo
     if len(index) < 3:
         raise InputError(f"decode: axis {axis.axis} has {len(index)} frames, must have at least 3")
     cell = max(sequence.frames[i].cell_px for i in index)
-    words, angles, mean = _cached(sequence, index, axis.axis, spread)
+    words, angles = _cached(sequence, index, axis.axis, spread)
     reach = math.ceil(1.5 * cell * PER_PX)
     book = Book(
-        *(np.array(index), len(index), np.zeros(1, np.int64), words, angles, mean),
+        *(np.array(index), len(index), np.zeros(1, np.int64), words, angles),
         *(np.array([-1.0]), reach, len(index) - 3),
     )
     empty = np.zeros((len(index), 0), np.float32), np.zeros((0, 2))
@@ -303,8 +329,8 @@ def _sweep(stripes: Stripes, spread: float) -> Book:
     seen = np.where(shown < 1, 0.5 + 0.5 * np.cos(np.pi * np.minimum(shown, 1.0)), 0.0)
     if spread > 0:
         seen = seen @ _weight(np.arange(-beyond, 2 * half + beyond + 1)[:, None] - place, spread)
-    words, angles, mean = _words(seen)
-    return Book(stripes.index, samples, begin, words, angles, mean, first, PER_PX + PER_PX // 2, samples - 3)
+    words, angles = _words(seen)
+    return Book(stripes.index, samples, begin, words, angles, first, PER_PX + PER_PX // 2, samples - 3)
 
 
 def _weight(distance: F64, spread: float) -> F64:
@@ -340,7 +366,7 @@ def _seen(levels: F64, spread: float, beyond: Any) -> F64:
     return seen.reshape(len(levels), -1)[:, : (extent + 1) * PER_PX + 1]
 
 
-def _words(seen: F64) -> tuple[F32, F32, F32]:
+def _words(seen: F64) -> tuple[F32, F32]:
     """Levels (B, n, Q) or (n, Q) -> codewords without mean (B, Q, n filled up), angles (B, Q, ANGLES), means."""
     mean = seen.mean(axis=1)
     blocks, n, count = seen.shape
@@ -355,4 +381,5 @@ def _words(seen: F64) -> tuple[F32, F32, F32]:
     sine2[:, -1] = sine2[:, -2]
     least, most = (filtered(sine2, PER_PX + 1, axis=1) for filtered in (minimum_filter1d, maximum_filter1d))
     angles[:, :, 3] = np.where(most > 4 * least, least, 1.0)
-    return words, angles, np.ascontiguousarray(mean, np.float32)
+    angles[:, :, MEAN] = mean
+    return words, angles

@@ -16,8 +16,8 @@ __all__ = ["ANGLES", "COARSE", "LANES", "PER_PX", "SEARCH", "SWEEP", "WITHIN", "
 PER_PX, LANES = 8, 8
 #: Codewords per pattern pixel of the search over the whole surface.
 COARSE = 2
-#: Numbers kept of a codeword: |z|^2, z.d, |d|^2, least sin^2 of the next angles where they differ (else 1).
-ANGLES = 4
+#: Numbers kept of a codeword: |z|^2, z.d, |d|^2, least sin^2 of the next angles where they differ (else 1), mean.
+ANGLES, MEAN = 5, 4
 #: Steps of a walk, each at most a pixel long; places that a search compares; pattern pixels around an answer
 #: that are no other answer.
 _STEPS, _ANSWERS, _GUARD = 12, 12, 2
@@ -51,7 +51,7 @@ class Camera(NamedTuple):
 
 class Book(NamedTuple):
     """Codewords of B blocks: frames (M,); samples of a codeword n; its first frame (B,); z (B, Q, n filled up);
-    ANGLES (B, Q, 4); mean level (B, Q); coordinate of codeword 0 (B,); codewords around an answer that may be
+    ANGLES (B, Q, 5); coordinate of codeword 0 (B,); codewords around an answer that may be
     as good; freedom."""
 
     index: Any
@@ -59,24 +59,23 @@ class Book(NamedTuple):
     begin: Any
     words: Any
     angles: Any
-    mean: Any
     first: Any
     reach: Any
     freedom: Any
 
 
 @kernel
-def _walk(y: Any, power: Any, words: Any, angles: Any, q: Any) -> Any:
+def _walk(batch: Any, pixel: Any, power: Any, words: Any, angles: Any, b: Any, q: Any) -> Any:
     """From codeword q downhill: (q, f, a, squared residuals) of the best place on segments q..q+1."""
-    last = words.shape[0] - 2
+    last = words.shape[1] - 2
     q = min(max(q, 0), last)
     best_q, best_f, best_a, best, before = q, 0.0, 0.0, power, -1
     for _ in range(_STEPS):
         near, rise = np.float32(0), np.float32(0)
-        for i in range(y.size):
-            near += y[i] * words[q, i]
-            rise += y[i] * (words[q + 1, i] - words[q, i])
-        zz, zd, dd = angles[q, 0], angles[q, 1], angles[q, 2]
+        for i in range(batch.shape[1]):
+            near += batch[pixel, i] * words[b, q, i]
+            rise += batch[pixel, i] * (words[b, q + 1, i] - words[b, q, i])
+        zz, zd, dd = angles[b, q, 0], angles[b, q, 1], angles[b, q, 2]
         det = zz * dd - zd * zd
         a, af = near * dd - rise * zd, rise * zz - near * zd
         f = 0.0
@@ -99,22 +98,24 @@ def _walk(y: Any, power: Any, words: Any, angles: Any, q: Any) -> Any:
 
 
 @kernel
-def _spread(y: Any, power: Any, words: Any, angles: Any, middle: Any, reach: Any, variance: Any) -> Any:
+def _spread(
+    batch: Any, pixel: Any, power: Any, words: Any, angles: Any, b: Any, middle: Any, reach: Any, variance: Any
+) -> Any:
     """Posterior over the codewords around one: (mean place, its variance, a and squared residuals of the best),
     places in codewords."""
-    low, high = max(middle - reach, 0), min(middle + reach, words.shape[0] - 1)
+    low, high = max(middle - reach, 0), min(middle + reach, words.shape[1] - 1)
     best, best_a = power, 0.0
     total, moment, square = 0.0, 0.0, 0.0
     for q in range(low, high + 1):
         near = np.float32(0)
-        for i in range(y.size):
-            near += y[i] * words[q, i]
+        for i in range(batch.shape[1]):
+            near += batch[pixel, i] * words[b, q, i]
         if near > 0:
-            rss = power - near * near / max(angles[q, 0], 1e-12)
+            rss = power - near * near / max(angles[b, q, 0], 1e-12)
             if rss < best:
                 shrink = np.exp(-0.5 * (best - rss) / variance)
                 total, moment, square = total * shrink, moment * shrink, square * shrink
-                best, best_a = rss, near / max(angles[q, 0], 1e-12)
+                best, best_a = rss, near / max(angles[b, q, 0], 1e-12)
             weight = np.exp(-0.5 * (rss - best) / variance)
             place = float(q - middle)
             total, moment, square = (
@@ -129,84 +130,84 @@ def _spread(y: Any, power: Any, words: Any, angles: Any, middle: Any, reach: Any
 
 
 @kernel
-def _uneven(y: Any, offset: Any, a: Any, words: Any, mean: Any, q: Any, f: Any, n: Any) -> Any:
-    """Mean level of the samples, weighted by what each tells of the place."""
-    zz, zd = 0.0, 0.0
+def _weighted_level(offset: Any, a: Any, words: Any, angles: Any, b: Any, q: Any, f: Any, n: Any) -> Any:
+    """Mean level of the samples, weighted by what each of them tells of the place."""
+    zz, zd, dd = angles[b, q, 0], angles[b, q, 1], angles[b, q, 2]
+    turn = (zd + f * dd) / max(zz + f * (2 * zd + f * dd), 1e-12)
+    total, level = 0.0, 0.0
     for i in range(n):
-        z, d = words[q, i] + f * (words[q + 1, i] - words[q, i]), words[q + 1, i] - words[q, i]
-        zz += z * z
-        zd += z * d
-    told, level = 0.0, 0.0
-    for i in range(n):
-        z, d = words[q, i] + f * (words[q + 1, i] - words[q, i]), words[q + 1, i] - words[q, i]
-        own = (d - z * zd / max(zz, 1e-12)) ** 2
-        told += own
-        level += own * (offset + a * (mean + z))
-    return level / max(told, 1e-12)
+        d = words[b, q + 1, i] - words[b, q, i]
+        z = words[b, q, i] + f * d
+        own = (d - z * turn) * (d - z * turn)
+        total += own
+        level += own * max(offset + a * (angles[b, q, MEAN] + z), 0.0)
+    return level / max(total, 1e-12)
 
 
 @kernel
-def _masked(words: Any, angles: Any, mean: Any, low: Any, used: Any, own: Any) -> None:
-    """Codewords low.. without the samples that are not used, into own, as many as it has room for."""
-    n, count, some = used.size, 0, own[0]
+def _masked(words: Any, angles: Any, b: Any, low: Any, used: Any, own: Any, new: Any) -> None:
+    """Codewords low.. of block b without the samples that are not used, into own and new, as many as fit."""
+    n, count = used.size, 0
     for i in range(n):
         count += used[i]
-    for k in range(some.shape[0]):
+    for k in range(own.shape[1]):
         total = np.float32(0)
         for i in range(n):
-            total += words[low + k, i] if used[i] else np.float32(0)
+            total += words[b, low + k, i] if used[i] else np.float32(0)
         total /= np.float32(max(count, 1))
-        own[2][k] = mean[low + k] + total
+        new[0, k, MEAN] = angles[b, low + k, MEAN] + total
         for i in range(n):
-            some[k, i] = words[low + k, i] - total if used[i] else np.float32(0)
-    for k in range(some.shape[0]):
+            own[0, k, i] = words[b, low + k, i] - total if used[i] else np.float32(0)
+    for k in range(own.shape[1]):
         zz, zd, dd = np.float32(0), np.float32(0), np.float32(0)
-        beyond = min(k + 1, some.shape[0] - 1)
+        beyond = min(k + 1, own.shape[1] - 1)
         for i in range(n):
-            d = some[beyond, i] - some[k, i]
-            zz += some[k, i] * some[k, i]
-            zd += some[k, i] * d
+            d = own[0, beyond, i] - own[0, k, i]
+            zz += own[0, k, i] * own[0, k, i]
+            zd += own[0, k, i] * d
             dd += d * d
-        own[1][k, 0], own[1][k, 1], own[1][k, 2], own[1][k, 3] = zz, zd, dd, angles[low + k, 3]
+        new[0, k, 0], new[0, k, 1], new[0, k, 2], new[0, k, 3] = zz, zd, dd, angles[b, low + k, 3]
 
 
 @kernel
-def _fit(camera: Any, book: Any, b: Any, y: Any, used: Any, count: Any, middle: Any, power: Any, q: Any, own: Any) -> Any:
+def _fit(
+    camera: Any, shape: Any, words: Any, angles: Any, b: Any, batch: Any, pixel: Any, sums: Any, q: Any
+) -> Any:
     """Best place from codeword q of block b downhill: (place in codewords, its variance, scale, offset, squared
-    residuals, chi2); own: room for codewords without the samples that are not used."""
-    low = 0
-    words, angles, mean = book.words[b], book.angles[b], book.mean[b]
-    if count < book.samples:
-        low = min(max(q - own[0].shape[0] // 2, 0), words.shape[0] - own[0].shape[0])
-        _masked(words, angles, mean, low, used, own)
-        words, angles, mean = own
-    q, f, a, rss = _walk(y, power, words, angles, q - low)
-    level = mean[q] + f * (mean[q + 1] - mean[q])
-    noise = camera.read2 + camera.gain * max(middle, 0.0) + camera.misfit2 * 0.25 * a * a
-    freedom = max(count - 3, 1)
-    excess = max(rss / (freedom * noise) - 2 * np.sqrt(2.0 / freedom), 1.0)
+    residuals, chi2).
+
+    camera (read2, gain, misfit2), shape (samples, freedom, reach), sums of the pixel (mean, power, samples used)
+    """
+    read2, gain, misfit2 = camera
+    n, freedom, reach = shape
+    middle, power, count = sums
+    q, f, a, rss = _walk(batch, pixel, power, words, angles, b, q)
+    level = angles[b, q, MEAN] + f * (angles[b, q + 1, MEAN] - angles[b, q, MEAN])
+    offset = middle - a * level
+    noise = read2 + gain * max(middle, 0.0) + misfit2 * 0.25 * a * a
+    own_freedom = max(count - 3.0, 1.0)
+    excess = max(rss / (own_freedom * noise) - 2 * np.sqrt(2.0 / own_freedom), 1.0)
     place, variance = q + f, np.inf
-    if power * angles[q, 3] < _NEAR * noise * excess:
-        place, variance, a, rss = _spread(y, power, words, angles, q, book.reach, noise * excess)
+    if power * angles[b, q, 3] < _NEAR * noise * excess:
+        place, variance, a, rss = _spread(batch, pixel, power, words, angles, b, q, reach, noise * excess)
     else:
-        zz, zd, dd = angles[q, 0], angles[q, 1], angles[q, 2]
+        zz, zd, dd = angles[b, q, 0], angles[b, q, 1], angles[b, q, 2]
         across = zd + f * dd
         told = a * a * (dd - across * across / max(zz + f * (2 * zd + f * dd), 1e-12))
-        own_noise = noise
-        if camera.gain > 0:
-            seen = _uneven(y, middle - a * level, a, words, level, q, f, book.samples)
-            own_noise += camera.gain * (max(seen, 0.0) - max(middle, 0.0))
+        here = noise
+        if gain > 0:
+            here = noise + gain * (_weighted_level(offset, a, words, angles, b, q, f, n) - max(middle, 0.0))
         if told > 0:
-            variance = max(own_noise, camera.read2) * excess / told
-    return place + low, variance, a, middle - a * level, rss, rss / noise * (book.freedom / freedom)
+            variance = max(here, read2) * excess / told
+    return place, variance, a, offset, rss, rss / noise * (freedom / own_freedom)
 
 
 @kernel
-def _scores(y: Any, used: Any, whole: Any, coarse: Any, score: Any) -> None:
+def _scores(batch: Any, pixel: Any, used: Any, whole: Any, coarse: Any, score: Any) -> None:
     """Correlation of samples with all codewords (M, P) of unit length; without samples that are not used."""
     score[:] = np.float32(0)
     for m in range(coarse.shape[0]):
-        v = y[m]
+        v = batch[pixel, m]
         for p in range(score.size):
             score[p] += v * coarse[m, p]
     if not whole:
@@ -379,7 +380,10 @@ def match_rows(camera: Any, book: Any, way: Any, coarse: Any, apart: Any, limit:
     lines, pixels = np.empty((n, _BATCH), np.float32), np.empty((3, _BATCH), np.float32)
     score = np.empty(coarse.shape[1], np.float32)
     nodes = min(2 * book.reach + 2 * PER_PX + 2, book.words.shape[1])
-    own = np.zeros((nodes, batch.shape[1]), np.float32), np.zeros((nodes, ANGLES), np.float32), np.zeros(nodes, np.float32)
+    own = np.zeros((1, nodes, batch.shape[1]), np.float32)
+    own_angles = np.zeros((1, nodes, ANGLES), np.float32)
+    numbers, shape = (camera.read2, camera.gain, camera.misfit2), (n, book.freedom, book.reach)
+    words, angles = book.words, book.angles
     place, value = np.empty(_ANSWERS, np.int64), np.empty(_ANSWERS)
     left, found = np.empty(_ANSWERS), np.empty(_ANSWERS)
     many, per = np.log(coarse.shape[1] + 1.0), PER_PX // COARSE
@@ -397,8 +401,10 @@ def match_rows(camera: Any, book: Any, way: Any, coarse: Any, apart: Any, limit:
         for x in range(width):
             if x % _BATCH == 0:
                 _gather(camera, book, row, x, at, lines, batch, pixels)
-            b, y, middle, power = np.int64(at[x]), batch[x % _BATCH], float(pixels[0, x % _BATCH]), float(pixels[1, x % _BATCH])
-            count = np.int64(pixels[2, x % _BATCH])
+            pixel, b = x % _BATCH, np.int64(at[x])
+            middle, power = float(pixels[0, pixel]), float(pixels[1, pixel])
+            count = np.int64(pixels[2, pixel] + 0.5)
+            sums = (middle, power, count)
             if count < n:
                 for i in range(n):
                     used[i] = raw[book.index[book.begin[b] + i], row, x] < camera.clip
@@ -417,28 +423,40 @@ def match_rows(camera: Any, book: Any, way: Any, coarse: Any, apart: Any, limit:
                 guess = int(np.rint((out[0][r, x] - book.first[0]) * PER_PX))
             elif way == SWEEP and (last < 0 or b != block):
                 guess = book.words.shape[1] // 2
-            fit, error, sure = (0.0, np.inf, 0.0, 0.0, power, 0.0), 1.0, way != SEARCH
-            if sure or last >= 0:
-                fit = _fit(camera, book, b, y, used, count, middle, power, guess, own)
-            if not sure and fit[4] < limit * noise:
-                s, c = apart[int(fit[0]) // per, 0], apart[int(fit[0]) // per, 1]
-                share = fit[4] / power
-                lead = s * (s * (1 - 2 * share) - c * 2 * np.sqrt(share * max(1 - share, 0.0)))
-                # samples that are dropped take their share of the distance with them
-                lead = 0.5 * lead * (2.0 * count / n - 1) * power / noise - many
-                sure, error = lead > _SURE, np.exp(-lead)
-            if not sure:
-                _scores(y, used, count == n, coarse, score)
-                _highest(score, place, value)
-                fit = (0.0, np.inf, 0.0, 0.0, power, 0.0)
-                for k in range(_ANSWERS):
-                    left[k], found[k] = power, -1e9
+            fit, error, sure = (0.0, np.inf, 0.0, 0.0, power, 0.0), 1.0, False
+            for k in range(-1 if way != SEARCH or last >= 0 else 0, _ANSWERS):
+                if k == 0:
+                    _scores(batch, pixel, used, count == n, coarse, score)
+                    _highest(score, place, value)
+                    fit, left[:], found[:] = (0.0, np.inf, 0.0, 0.0, power, 0.0), power, -1e9
+                if k >= 0:
+                    guess = place[k] * per + per // 2
                     # codewords are half a step from the best place at most: that costs less than half the score
-                    if place[k] >= 0 and value[k] > 0.5 * value[0]:
-                        one = _fit(camera, book, b, y, used, count, middle, power, place[k] * per + per // 2, own)
-                        left[k], found[k] = one[4], one[0]
-                        if one[4] < fit[4]:
-                            fit = one
+                    if place[k] < 0 or value[k] < 0.5 * value[0]:
+                        continue
+                if count < n:
+                    low = min(max(guess - nodes // 2, 0), words.shape[1] - nodes)
+                    _masked(words, angles, b, low, used, own, own_angles)
+                    one = _fit(numbers, shape, own, own_angles, 0, batch, pixel, sums, guess - low)
+                    one = (one[0] + low, one[1], one[2], one[3], one[4], one[5])
+                else:
+                    one = _fit(numbers, shape, words, angles, b, batch, pixel, sums, guess)
+                if one[4] < fit[4]:
+                    fit = one
+                if k >= 0:
+                    left[k], found[k] = one[4], one[0]
+                elif way != SEARCH:
+                    sure = True
+                elif fit[4] < limit * noise:
+                    s, c = apart[int(fit[0]) // per, 0], apart[int(fit[0]) // per, 1]
+                    share = fit[4] / power
+                    lead = s * (s * (1 - 2 * share) - c * 2 * np.sqrt(share * max(1 - share, 0.0)))
+                    # samples that are dropped take their share of the distance with them
+                    lead = 0.5 * lead * (2.0 * count / n - 1) * power / noise - many
+                    sure, error = lead > _SURE, np.exp(-lead)
+                if sure:
+                    break
+            if not sure:
                 excess = max(fit[4] / (freedom * noise) - 2 * np.sqrt(2.0 / freedom), 1.0)
                 error = _others(left, found, fit[0], fit[4], noise * excess, 2 * book.reach)
             if power - fit[4] < _NOTHING * noise or fit[2] <= 0:
