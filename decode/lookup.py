@@ -217,7 +217,7 @@ def _evened(tried: Callable[[float], _Quality], spread: float) -> tuple[float, f
 
     Levels tell in what shares a pixel sees two cells, hardly how far from their edge it is. With a wrong spread
     places crowd: z = mean exp(2 pi i u / cell) of n pixels is 0 but for chance, 1 / sqrt(2 n) each way. Newton's
-    steps on z(log spread); what is left of z may be due to the spread.
+    steps on z(log spread). What is left of z beyond chance (pixels in step with the cells) may be due to the spread.
     """
     unsure = 1.0
     for _ in range(3):
@@ -228,7 +228,8 @@ def _evened(tried: Callable[[float], _Quality], spread: float) -> tuple[float, f
             return spread, unsure
         step = float(np.clip(-(np.conj(slope) * mid.crowding).real / steep, -0.3, 0.3))
         chance = 1 / np.sqrt(2 * max(np.count_nonzero(np.isfinite(mid.misfit)), 1))
-        unsure = float(min((np.abs(mid.crowding + slope * step) + chance) / np.sqrt(steep), 1.0))
+        left = max(float(np.abs(mid.crowding + slope * step)) - 3 * chance, 0.0)
+        unsure = min((left + chance) / float(np.sqrt(steep)), 1.0)
         better = tried(_rounded(spread * np.exp(step)))
         if not np.nanmean(better.misfit) <= 1.2 * np.nanmean(mid.misfit):
             return spread, unsure
