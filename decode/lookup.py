@@ -34,6 +34,7 @@ from .lookup_kernels import (
     MEAN,
     PER_PX,
     SEARCH,
+    STRAIGHT,
     SWEEP,
     WITHIN,
     Book,
@@ -48,7 +49,7 @@ __all__ = ["Table", "lookup_rows", "prepare"]
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 #: Pixels of the sample on which the spread is measured.
-_PIXELS = 2048
+_PIXELS = 4096
 #: Spreads that are tried, pattern pixels rms: from a pixel of a third of a cell to out of focus.
 _SPREADS = (0.1, 0.2, 0.29, 0.42, 0.6, 0.85, 1.2, 1.7, 2.4)
 #: Spread of a pixel of one cell, no blur: what is assumed before anything is known.
@@ -59,6 +60,8 @@ _STEP = 1.01
 _RARE = 1e-5
 #: Relative step of a spread's derivatives; probability of another place below which a pixel may judge a spread.
 _NUDGE, _SAFE = 0.05, 1e-3
+#: Parts of the sample that tell by how much places crowd by chance.
+_GROUPS = 16
 #: Share of the amplitude from which on a pixel of the sample counts.
 _LIT = 0.25
 
@@ -162,11 +165,12 @@ def _rounded(spread: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Quality:
-    """Of a spread: chi2 over freedom of the sample's pixels (NaN: not decoded), crowding of the places, see _evened."""
+    """Of a spread: chi2 over freedom of the sample's pixels (NaN: not decoded), crowding of the places
+    of _GROUPS parts of the sample, see _evened."""
 
     spread: float
     misfit: F64
-    crowding: complex
+    crowding: NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +199,8 @@ class _Trial:
             used &= found.amplitude[0] > _LIT * np.percentile(found.amplitude[0][used], 95)
         misfit = np.where(used, found.chi2[0].astype(np.float64) / max(table.freedom, 1), np.nan)
         turn = np.exp(2j * np.pi * found.coordinate[0][used].astype(np.float64) / table.cell)
-        return _Quality(table.spread, misfit, complex(turn.mean()) if used.any() else 1.0)
+        groups = np.array_split(turn, _GROUPS) if len(turn) >= _GROUPS else [np.ones(1)] * _GROUPS
+        return _Quality(table.spread, misfit, np.array([group.mean() for group in groups], np.complex128))
 
     def judged(self, table: Table) -> Table:
         """The table with what it leaves beyond noise."""
@@ -216,19 +221,19 @@ def _evened(tried: Callable[[float], _Quality], spread: float) -> tuple[float, f
     """Spread with which places are spread evenly over the cells, and its relative error.
 
     Levels tell in what shares a pixel sees two cells, hardly how far from their edge it is. With a wrong spread
-    places crowd: z = mean exp(2 pi i u / cell) of n pixels is 0 but for chance, 1 / sqrt(2 n) each way. Newton's
-    steps on z(log spread). What is left of z beyond chance (pixels in step with the cells) may be due to the spread.
+    places crowd: z = mean exp(2 pi i u / cell) is 0 but for chance, which parts of the sample tell. Newton's steps
+    on z(log spread). What is left of z beyond chance (pixels in step with the cells) may be due to the spread.
     """
     unsure = 1.0
     for _ in range(3):
         low, mid, high = (tried(_rounded(spread * (1 + step))) for step in (-_NUDGE, 0.0, _NUDGE))
-        slope = (high.crowding - low.crowding) / np.log(high.spread / low.spread)
-        steep = float(np.abs(slope)) ** 2
+        slope = (high.crowding - low.crowding).mean() / np.log(high.spread / low.spread)
+        crowding, steep = mid.crowding.mean(), float(np.abs(slope)) ** 2
         if steep < 1e-6:
             return spread, unsure
-        step = float(np.clip(-(np.conj(slope) * mid.crowding).real / steep, -0.3, 0.3))
-        chance = 1 / np.sqrt(2 * max(np.count_nonzero(np.isfinite(mid.misfit)), 1))
-        left = max(float(np.abs(mid.crowding + slope * step)) - 3 * chance, 0.0)
+        step = float(np.clip(-(np.conj(slope) * crowding).real / steep, -0.3, 0.3))
+        chance = float(np.sqrt(0.5 * np.mean(np.abs(mid.crowding - crowding) ** 2) / (_GROUPS - 1)))
+        left = max(float(np.abs(crowding + slope * step)) - 3 * chance, 0.0)
         unsure = min((left + chance) / float(np.sqrt(steep)), 1.0)
         better = tried(_rounded(spread * np.exp(step)))
         if not np.nanmean(better.misfit) <= 1.2 * np.nanmean(mid.misfit):
@@ -383,4 +388,10 @@ def _words(seen: F64) -> tuple[F32, F32]:
     least, most = (filtered(sine2, PER_PX + 1, axis=1) for filtered in (minimum_filter1d, maximum_filter1d))
     angles[:, :, 3] = np.where(most > 4 * least, least, 1.0)
     angles[:, :, MEAN] = mean
+    # the next steps in the same direction, to a twentieth of a radian, and of the same length, to a tenth
+    length = np.sqrt(dd)
+    turn = np.einsum("bqn,bqn->bq", step[:, 1:], step[:, :-1]) > 0.9988 * length[:, 1:] * length[:, :-1]
+    same = turn & (np.abs(length[:, 1:] - length[:, :-1]) < 0.1 * length[:, :-1])
+    angles[:, :, STRAIGHT] = 0
+    angles[:, 1:-2, STRAIGHT] = same[:, 1:-1] & same[:, :-2]
     return words, angles

@@ -16,8 +16,9 @@ __all__ = ["ANGLES", "COARSE", "LANES", "PER_PX", "SEARCH", "SWEEP", "WITHIN", "
 PER_PX, LANES = 8, 8
 #: Codewords per pattern pixel of the search over the whole surface.
 COARSE = 2
-#: Numbers kept of a codeword: |z|^2, z.d, |d|^2, least sin^2 of the next angles where they differ (else 1), mean.
-ANGLES, MEAN = 5, 4
+#: Numbers kept of a codeword: |z|^2, z.d, |d|^2, least sin^2 of the next angles where they differ (else 1), mean,
+#: whether the way is straight from the codeword before to the one after the next.
+ANGLES, MEAN, STRAIGHT = 6, 4, 5
 #: Steps of a walk, each at most a pixel long; places that a search compares; pattern pixels around an answer
 #: that are no other answer.
 _STEPS, _ANSWERS, _GUARD = 12, 12, 2
@@ -51,7 +52,7 @@ class Camera(NamedTuple):
 
 class Book(NamedTuple):
     """Codewords of B blocks: frames (M,); samples of a codeword n; its first frame (B,); z (B, Q, n filled up);
-    ANGLES (B, Q, 5); coordinate of codeword 0 (B,); codewords around an answer that may be
+    ANGLES (B, Q, 6); coordinate of codeword 0 (B,); codewords around an answer that may be
     as good; freedom."""
 
     index: Any
@@ -82,6 +83,8 @@ def _walk(batch: Any, pixel: Any, power: Any, words: Any, angles: Any, b: Any, q
         if det > 1e-9 * zz * zz:
             f = af / a if a > 0 else (99.0 if af > 0 else -99.0)
         inside = min(max(f, 0.0), 1.0)
+        if angles[b, q, STRAIGHT] > 0:
+            inside = min(max(f, -1.0), 2.0)
         length = zz + inside * (2 * zd + inside * dd)
         along = near + inside * rise
         rss = power - along * along / max(length, 1e-12)
@@ -167,6 +170,7 @@ def _masked(words: Any, angles: Any, b: Any, low: Any, used: Any, own: Any, new:
             zd += own[0, k, i] * d
             dd += d * d
         new[0, k, 0], new[0, k, 1], new[0, k, 2], new[0, k, 3] = zz, zd, dd, angles[b, low + k, 3]
+        new[0, k, STRAIGHT] = 0
 
 
 @kernel
@@ -383,19 +387,21 @@ def match_rows(camera: Any, book: Any, way: Any, coarse: Any, apart: Any, limit:
     own = np.zeros((1, nodes, batch.shape[1]), np.float32)
     own_angles = np.zeros((1, nodes, ANGLES), np.float32)
     numbers, shape = (camera.read2, camera.gain, camera.misfit2), (n, book.freedom, book.reach)
-    words, angles = book.words, book.angles
+    words, angles, index, begin, origin = book.words, book.angles, book.index, book.begin, book.first
+    coordinates, variances, errors, amplitudes, offsets, chi2, clipped = out
+    clip, table, reach = camera.clip, camera.table, book.reach
     place, value = np.empty(_ANSWERS, np.int64), np.empty(_ANSWERS)
     left, found = np.empty(_ANSWERS), np.empty(_ANSWERS)
     many, per = np.log(coarse.shape[1] + 1.0), PER_PX // COARSE
     for row in range(start, stop):
         r, last, slope, block = row - start, -1.0, 0.0, 0
         if way == SWEEP:
-            _brightest(raw, book.index, row, top, at)
-            _beside(raw, book.index, row, at, n // 2, other)
+            _brightest(raw, index, row, top, at)
+            _beside(raw, index, row, at, n // 2, other)
             for x in range(width):
-                if top[x] >= camera.clip:  # the middle of those that are saturated one after the other
+                if top[x] >= clip:  # the middle of those that are saturated one after the other
                     ahead = np.int64(at[x])
-                    while ahead + 1 < book.index.size and raw[book.index[ahead + 1], row, x] >= camera.clip:
+                    while ahead + 1 < index.size and raw[index[ahead + 1], row, x] >= clip:
                         ahead += 1
                     at[x] = (at[x] + ahead) // 2
         for x in range(width):
@@ -407,22 +413,22 @@ def match_rows(camera: Any, book: Any, way: Any, coarse: Any, apart: Any, limit:
             sums = (middle, power, count)
             if count < n:
                 for i in range(n):
-                    used[i] = raw[book.index[book.begin[b] + i], row, x] < camera.clip
+                    used[i] = raw[index[begin[b] + i], row, x] < clip
             if way != WITHIN:
-                out[6][r, x] = n - count
-                out[0][r, x], out[1][r, x], out[2][r, x] = np.nan, np.inf, 1.0
-                out[3][r, x], out[4][r, x], out[5][r, x] = np.sqrt(power / max(count, 1)), middle, 0.0
+                clipped[r, x] = n - count
+                coordinates[r, x], variances[r, x], errors[r, x] = np.nan, np.inf, 1.0
+                amplitudes[r, x], offsets[r, x], chi2[r, x] = np.sqrt(power / max(count, 1)), middle, 0.0
             noise = camera.read2 + camera.gain * max(middle, 0.0)
             nothing = power < (count - 1 + 5 * np.sqrt(2.0 * n)) * noise or count < 4
-            if nothing or (way == WITHIN and not np.isfinite(out[0][r, x])):
+            if nothing or (way == WITHIN and not np.isfinite(coordinates[r, x])):
                 last = -1.0
                 continue
             noise += camera.misfit2 * power / n
             guess = int(last + slope)
             if way == WITHIN:
-                guess = int(np.rint((out[0][r, x] - book.first[0]) * PER_PX))
+                guess = int(np.rint((coordinates[r, x] - origin[0]) * PER_PX))
             elif way == SWEEP and (last < 0 or b != block):
-                guess = book.words.shape[1] // 2
+                guess = words.shape[1] // 2
             fit, error, sure = (0.0, np.inf, 0.0, 0.0, power, 0.0), 1.0, False
             for k in range(-1 if way != SEARCH or last >= 0 else 0, _ANSWERS):
                 if k == 0:
@@ -458,17 +464,18 @@ def match_rows(camera: Any, book: Any, way: Any, coarse: Any, apart: Any, limit:
                     break
             if not sure:
                 excess = max(fit[4] / (freedom * noise) - 2 * np.sqrt(2.0 / freedom), 1.0)
-                error = _others(left, found, fit[0], fit[4], noise * excess, 2 * book.reach)
+                error = _others(left, found, fit[0], fit[4], noise * excess, 2 * reach)
             if power - fit[4] < _NOTHING * noise or fit[2] <= 0:
                 last = -1.0
                 continue
-            coordinate, variance = book.first[b] + fit[0] / PER_PX, fit[1] / (PER_PX * PER_PX)
+            coordinate, variance = origin[b] + fit[0] / PER_PX, fit[1] / (PER_PX * PER_PX)
             if way == WITHIN:
-                if abs(coordinate - out[0][r, x]) * PER_PX < book.reach and variance < out[1][r, x]:
-                    out[0][r, x], out[1][r, x], out[5][r, x] = coordinate, variance, fit[5]
+                if abs(coordinate - coordinates[r, x]) * PER_PX < reach and variance < variances[r, x]:
+                    coordinates[r, x], variances[r, x], chi2[r, x] = coordinate, variance, fit[5]
+                    amplitudes[r, x], offsets[r, x] = 0.5 * fit[2], fit[3] + 0.5 * fit[2]
                 continue
             if way == SWEEP:
-                rival = camera.table[np.int64(other[x])] if camera.table.size > 0 else np.float32(other[x])
+                rival = table[np.int64(other[x])] if table.size > 0 else np.float32(other[x])
                 rival = max(rival - fit[3], 0.0)
                 lead = 0.5 * (fit[2] * fit[2] - rival * rival) / noise
                 error = 1 / (1 + np.exp(min(max(lead, -80.0), 80.0)))
@@ -477,5 +484,5 @@ def match_rows(camera: Any, book: Any, way: Any, coarse: Any, apart: Any, limit:
                     error = max(error, rival / (rival + fit[2]))
             slope = fit[0] - last if last >= 0 and b == block and abs(fit[0] - last) < 4 * PER_PX else 0.0
             last, block = fit[0], b
-            out[0][r, x], out[1][r, x], out[2][r, x] = coordinate, variance, error
-            out[3][r, x], out[4][r, x], out[5][r, x] = 0.5 * fit[2], fit[3] + 0.5 * fit[2], fit[5]
+            coordinates[r, x], variances[r, x], errors[r, x] = coordinate, variance, error
+            amplitudes[r, x], offsets[r, x], chi2[r, x] = 0.5 * fit[2], fit[3] + 0.5 * fit[2], fit[5]

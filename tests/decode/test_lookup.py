@@ -60,7 +60,7 @@ def free(cols: int, frames: int, seed: int = 0) -> Sequence:
 
 
 def places(cols: int, width: float, rows: int = 40) -> F64:
-    return 6 + width * np.arange(int((cols - 14) / width)) + 0.0137 * np.arange(rows)[:, None]
+    return 6 + 0.97 * width * np.arange(int((cols - 14) / width)) + 0.0273 * np.arange(rows)[:, None]
 
 
 def seen(shown: Sequence, u: F64, width: float, blur: float, noise: float, scale: float = 1.0) -> NDArray[np.uint8]:
@@ -83,8 +83,8 @@ def test_free_levels(width: float, blur: float, noise: float) -> None:
     assert score.size > 0.97 * u.size
     assert np.mean(np.abs(score) > 5) <= 2e-4
     assert 0.5 < np.sqrt(np.mean(score**2)) < 1.25
-    assert np.median(found.amplitude) == pytest.approx(0.85 * 127.5, rel=0.02)
-    assert np.median(found.offset) == pytest.approx(16 + 0.85 * 127.5, rel=0.02)
+    assert np.median(found.amplitude) == pytest.approx(0.85 * 127.5, rel=0.05)
+    assert np.median(found.offset) == pytest.approx(16 + 0.85 * 127.5, rel=0.05)
 
 
 def test_levels_that_jump_and_dark_rows() -> None:
