@@ -1,13 +1,15 @@
 """Look-up: a pixel's samples against known levels, whatever they are.
 
-Free grey values, fringes of a single shift each, swept stripes, binary codes within their cells: the levels that
-each place of the surface shows through a pixel (cell, footprint, blur) are known, a codeword for each eighth of a
-pattern pixel. Samples are v = o + a t(u): normalised correlation finds the place, least squares between adjacent
-codewords refines it, the Fisher information of the fit is its variance; where codewords hardly differ over a part
-of the way (the treads of a sharp display's cells) mean and variance of the posterior. Probability of another
-answer: from the angle to the most similar codeword elsewhere, or from the highest correlations of all.
+Free grey values, fringes of a single shift each, swept stripes, binary codes within their cells: the levels
+that each place of the surface shows through a pixel (cell, footprint, blur) are known, a codeword for each
+eighth of a pattern pixel. Samples are v = o + a t(u): normalised correlation finds the place, least squares
+between adjacent codewords refines it, the Fisher information of the fit is its variance; where codewords
+hardly differ over a part of the way (the treads of a sharp display's cells) mean and variance of the
+posterior. Probability of another answer: from the angle to the most similar codeword elsewhere, or from the
+highest correlations of all.
 
-Start of the search: the neighbour's place (any levels), the brightest frame (stripes), the decoded cell (codes).
+Start of the search: the neighbour's place (any levels), the brightest frame (stripes), the decoded cell
+(codes).
 """
 
 import math
@@ -42,7 +44,8 @@ from .lookup_kernels import (
     match_rows,
 )
 from .noise import Noise, Sample
-from .plan import AxisPlan, Plan, Stripes
+from .plan import AxisPlan, Plan
+from .plan import plan as described
 
 __all__ = ["Table", "lookup_rows", "prepare"]
 
@@ -51,14 +54,15 @@ F64 = NDArray[np.float64]
 #: Pixels of the sample on which the spread is measured.
 _PIXELS = 4096
 #: Spreads that are tried, pattern pixels rms: from a pixel of a third of a cell to out of focus.
-_SPREADS = (0.1, 0.2, 0.29, 0.42, 0.6, 0.85, 1.2, 1.7, 2.4)
+_SPREADS: tuple[float, ...] = (0.12, 0.2, 0.29, 0.45, 0.7, 1.2, 2.4)
 #: Spread of a pixel of one cell, no blur: what is assumed before anything is known.
 _USUAL = 12**-0.5
 #: Tables are kept for spreads in steps of 1 %, so that a series of captures shares them.
 _STEP = 1.01
 #: Squared residuals that noise reaches once in so many pixels.
 _RARE = 1e-5
-#: Relative step of a spread's derivatives; probability of another place below which a pixel may judge a spread.
+#: Relative step of a spread's derivatives; probability of another place below which a pixel may judge a
+#: spread.
 _NUDGE, _SAFE = 0.05, 1e-3
 #: Parts of the sample that tell by how much places crowd by chance.
 _GROUPS = 16
@@ -72,7 +76,8 @@ class Table:
 
     way      SEARCH (any levels), SWEEP (stripes) or WITHIN (codes)
     book     codewords
-    coarse   (M, P) unit codewords of a search; apart (P, 2) sine and cosine of the angle to the most similar one
+    coarse   (M, P) unit codewords of a search; apart (P, 2) sine and cosine of the angle to the most similar
+    one
     misfit2  variance of what the levels leave, over the squared amplitude
     unsure   relative error of the spread: by as much of the way to the cell's nearest edge are places wrong
     """
@@ -125,20 +130,21 @@ def prepare(
     """
     places, start = _thinned(lit.places, cells)
     small = replace(light, raw=np.ascontiguousarray(light.raw[:, places[:, 0], places[:, 1]][:, None, :]))
-    if cells is not None:
-        way, spreads = WITHIN, _SPREADS
-    elif axis.stripes is not None:
-        # 0: an ideal surface without cells
-        way, spreads = SWEEP, (0.0, *_SPREADS) + tuple(s * axis.stripes.width for s in (0.18, 0.25, 0.35, 0.5))
-        spreads = tuple(sorted(s for s in spreads if s <= max(0.5 * axis.stripes.width, 1.2)))
-    else:
-        way, spreads = SEARCH, _SPREADS
+    way, spreads = SEARCH if cells is None else WITHIN, _SPREADS
+    if cells is None and axis.stripes is not None:
+        # 0: an ideal surface without cells; up to half a stripe's width
+        width = axis.stripes.width
+        wide = [share * width for share in (0.18, 0.25, 0.35, 0.5) if share * width > _SPREADS[-1]]
+        near = [spread for spread in _SPREADS if spread <= max(0.5 * width, 1.2)]
+        way, spreads = SWEEP, (0.0, *near, *wide)
     if len(places) == 0:
         return _table(sequence, plan, axis, way, _USUAL)
     trial = _Trial(small, noise, start, way)
     if way == SEARCH:
         first = trial.decoded(_table(sequence, plan, axis, way, _USUAL))
-        trial = replace(trial, start=np.where(first.error < _SAFE, first.coordinate, np.nan)[0].astype(np.float64))
+        trial = replace(
+            trial, start=np.where(first.error < _SAFE, first.coordinate, np.nan)[0].astype(np.float64)
+        )
 
     def tried(spread: float) -> _Quality:
         return trial.of(_table(sequence, plan, axis, WITHIN if way == SEARCH else way, spread))
@@ -220,9 +226,10 @@ class _Trial:
 def _evened(tried: Callable[[float], _Quality], spread: float) -> tuple[float, float]:
     """Spread with which places are spread evenly over the cells, and its relative error.
 
-    Levels tell in what shares a pixel sees two cells, hardly how far from their edge it is. With a wrong spread
-    places crowd: z = mean exp(2 pi i u / cell) is 0 but for chance, which parts of the sample tell. Newton's steps
-    on z(log spread). What is left of z beyond chance (pixels in step with the cells) may be due to the spread.
+    Levels tell in what shares a pixel sees two cells, hardly how far from their edge it is. With a wrong
+    spread places crowd: z = mean exp(2 pi i u / cell) is 0 but for chance, which parts of the sample tell.
+    Newton's steps on z(log spread). What is left of z beyond chance (pixels in step with the cells) may be
+    due to the spread.
     """
     unsure = 1.0
     for _ in range(3):
@@ -235,6 +242,8 @@ def _evened(tried: Callable[[float], _Quality], spread: float) -> tuple[float, f
         chance = float(np.sqrt(0.5 * np.mean(np.abs(mid.crowding - crowding) ** 2) / (_GROUPS - 1)))
         left = max(float(np.abs(crowding + slope * step)) - 3 * chance, 0.0)
         unsure = min((left + chance) / float(np.sqrt(steep)), 1.0)
+        if abs(step) < 0.5 * (_STEP - 1):
+            break
         better = tried(_rounded(spread * np.exp(step)))
         if not np.nanmean(better.misfit) <= 1.2 * np.nanmean(mid.misfit):
             return spread, unsure
@@ -243,8 +252,8 @@ def _evened(tried: Callable[[float], _Quality], spread: float) -> tuple[float, f
 
 
 def _best(tried: list[_Quality]) -> float:
-    """The spread that fits best, between those that were tried: misfits of the same pixels, without those that no
-    spread explains."""
+    """The spread that fits best, between those that were tried: misfits of the same pixels, without those
+    that no spread explains."""
     misfit = np.array([one.misfit for one in tried])
     known = np.isfinite(misfit).all(axis=0)
     if not known.any():
@@ -260,7 +269,7 @@ def _best(tried: list[_Quality]) -> float:
     return tried[k].spread
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=32)
 def _cached(sequence: Sequence, index: tuple[int, ...], axis: str, spread: float) -> tuple[Any, ...]:
     """Words, angles and means of any levels at the places -1 + k / PER_PX."""
     levels = sequence.tables()["uv".index(axis)][list(index)].astype(np.float64) / 255
@@ -272,7 +281,9 @@ def _cached(sequence: Sequence, index: tuple[int, ...], axis: str, spread: float
 
 
 @lru_cache(maxsize=8)
-def _similar(sequence: Sequence, index: tuple[int, ...], axis: str, spread: float, guard: int) -> tuple[F32, F64]:
+def _similar(
+    sequence: Sequence, index: tuple[int, ...], axis: str, spread: float, guard: int
+) -> tuple[F32, F64]:
     """Coarse unit codewords (M, P), and sine and cosine of the angle to the most similar one elsewhere."""
     words = _cached(sequence, index, axis, spread)[0][0][:, : len(index)].astype(np.float64)
     length = np.sqrt(np.square(words).sum(axis=1))
@@ -298,8 +309,9 @@ def _similar(sequence: Sequence, index: tuple[int, ...], axis: str, spread: floa
 
 def _table(sequence: Sequence, plan: Plan, axis: AxisPlan, way: int, spread: float) -> Table:
     if way == SWEEP:
-        assert axis.stripes is not None
-        return Table(way, _sweep(axis.stripes, spread), np.zeros((0, 0), np.float32), np.zeros((0, 2)), spread)
+        return Table(
+            way, _sweep(sequence, axis.axis, spread), np.zeros((0, 0), np.float32), np.zeros((0, 2)), spread
+        )
     index = axis.frames() + tuple(i for i in (plan.white, plan.black) if i >= 0)
     if len(index) < 3:
         raise InputError(f"decode: axis {axis.axis} has {len(index)} frames, must have at least 3")
@@ -314,19 +326,24 @@ def _table(sequence: Sequence, plan: Plan, axis: AxisPlan, way: int, spread: flo
     if way == SEARCH and spread == _USUAL:
         coarse, apart = _similar(sequence, index, axis.axis, spread, math.ceil(3 * cell))
         return Table(way, book, coarse, apart, spread, cell)
-    coarse, apart = _similar(sequence, index, axis.axis, spread, math.ceil(3 * cell)) if way == SEARCH else empty
+    coarse, apart = (
+        _similar(sequence, index, axis.axis, spread, math.ceil(3 * cell)) if way == SEARCH else empty
+    )
     return Table(way, book, coarse, apart, spread, cell)
 
 
-def _sweep(stripes: Stripes, spread: float) -> Book:
+@lru_cache(maxsize=32)
+def _sweep(sequence: Sequence, axis: str, spread: float) -> Book:
     """Raised cosines around each place of a sweep, of as many frames as one lights."""
+    (stripes,) = (one.stripes for one in described(sequence).axes if one.axis == axis)
+    assert stripes is not None
     at, count = stripes.at, len(stripes.at)
     pitch, gap = float(np.median(np.diff(at))), float(np.diff(at).max())
     window = max(2, math.ceil((1.25 * stripes.width + 2 * spread) / pitch))
     samples = 2 * min(window, (count - 1) // 2) + 1
     begin = np.clip(np.arange(count) - samples // 2, 0, count - samples)
     half, beyond = math.ceil(1.25 * gap) + 1, math.ceil(4 * spread) + 1
-    first = np.rint(at) - half
+    first = np.rint(at).astype(np.float64) - half
     cell = first[:, None] + np.arange(-beyond, 2 * half + beyond + 1)
     place = np.arange(2 * half * PER_PX + 1) / PER_PX
     if spread == 0:
@@ -342,8 +359,8 @@ def _sweep(stripes: Stripes, spread: float) -> Book:
 def _weight(distance: F64, spread: float) -> F64:
     """Share of a cell's light in what a pixel at a distance (pattern px) sees.
 
-    The cell through a footprint of up to a cell; a larger spread is a Gaussian blur besides. Differences of the
-    antiderivative t Phi(t / b) + b phi(t / b) of the normal distribution Phi.
+    The cell through a footprint of up to a cell; a larger spread is a Gaussian blur besides. Differences of
+    the antiderivative t Phi(t / b) + b phi(t / b) of the normal distribution Phi.
     """
     width = min(max(spread * math.sqrt(12), 0.05), 1.0)
     blur = math.sqrt(max(spread**2 - 1 / 12, 1e-6))
@@ -373,7 +390,8 @@ def _seen(levels: F64, spread: float, beyond: Any) -> F64:
 
 
 def _words(seen: F64) -> tuple[F32, F32]:
-    """Levels (B, n, Q) or (n, Q) -> codewords without mean (B, Q, n filled up), angles (B, Q, ANGLES), means."""
+    """Levels (B, n, Q) or (n, Q) -> codewords without mean (B, Q, n filled up), angles (B, Q, ANGLES),
+    means."""
     mean = seen.mean(axis=1)
     blocks, n, count = seen.shape
     words = np.zeros((blocks, count, -(-n // LANES) * LANES), np.float32)
@@ -390,8 +408,11 @@ def _words(seen: F64) -> tuple[F32, F32]:
     angles[:, :, MEAN] = mean
     # the next steps in the same direction, to a twentieth of a radian, and of the same length, to a tenth
     length = np.sqrt(dd)
-    turn = np.einsum("bqn,bqn->bq", step[:, 1:], step[:, :-1]) > 0.9988 * length[:, 1:] * length[:, :-1]
-    same = turn & (np.abs(length[:, 1:] - length[:, :-1]) < 0.1 * length[:, :-1])
+    turn = np.einsum("bqn,bqn->bq", step[:, 1:], step[:, :-1]) / np.maximum(length[:, 1:] * length[:, :-1], 1e-12)
+    same = (turn > 0.9988) & (np.abs(length[:, 1:] - length[:, :-1]) < 0.1 * length[:, :-1])
     angles[:, :, STRAIGHT] = 0
     angles[:, 1:-2, STRAIGHT] = same[:, 1:-1] & same[:, :-2]
+    # a corner of half a radian and more within two steps
+    corner = minimum_filter1d(turn, 5, axis=1) < np.cos(0.5)
+    angles[:, :-1, STRAIGHT] = np.where(corner, -1, angles[:, :-1, STRAIGHT])
     return words, angles

@@ -1,4 +1,5 @@
-"""Compiled: a pixel's samples against codewords, v = o + a t(u), t a polyline through codewords at close places.
+"""Compiled: a pixel's samples against codewords, v = o + a t(u), t a polyline through codewords at close
+places.
 
 Codewords are stored without their mean, so that the offset o drops out: y = v - mean(v) is compared with
 z(f) = z_q + f d_q, d_q = z_(q+1) - z_q, and the scale a and the place f of the best fit are a 2 x 2 system.
@@ -16,12 +17,12 @@ __all__ = ["ANGLES", "COARSE", "LANES", "PER_PX", "SEARCH", "SWEEP", "WITHIN", "
 PER_PX, LANES = 8, 8
 #: Codewords per pattern pixel of the search over the whole surface.
 COARSE = 2
-#: Numbers kept of a codeword: |z|^2, z.d, |d|^2, least sin^2 of the next angles where they differ (else 1), mean,
-#: whether the way is straight from the codeword before to the one after the next.
+#: Numbers kept of a codeword: |z|^2, z.d, |d|^2, least sin^2 of the next angles where they differ (else 1),
+#: mean, whether the way is straight from the codeword before to the one after the next.
 ANGLES, MEAN, STRAIGHT = 6, 4, 5
 #: Steps of a walk, each at most a pixel long; places that a search compares; pattern pixels around an answer
 #: that are no other answer.
-_STEPS, _ANSWERS, _GUARD = 12, 12, 2
+_STEPS, _ANSWERS = 16, 12
 #: Pixels whose samples are turned into vectors together: they stay in the first cache.
 _BATCH = 64
 #: Below all levels: what stands for a saturated one.
@@ -51,9 +52,9 @@ class Camera(NamedTuple):
 
 
 class Book(NamedTuple):
-    """Codewords of B blocks: frames (M,); samples of a codeword n; its first frame (B,); z (B, Q, n filled up);
-    ANGLES (B, Q, 6); coordinate of codeword 0 (B,); codewords around an answer that may be
-    as good; freedom."""
+    """Codewords of B blocks: frames (M,); samples of a codeword n; its first frame (B,); z (B, Q, n filled
+    up); ANGLES (B, Q, 6); coordinate of codeword 0 (B,); codewords around an answer that may be as good;
+    freedom."""
 
     index: Any
     samples: Any
@@ -67,10 +68,12 @@ class Book(NamedTuple):
 
 @kernel
 def _walk(batch: Any, pixel: Any, power: Any, words: Any, angles: Any, b: Any, q: Any) -> Any:
-    """From codeword q downhill: (q, f, a, squared residuals) of the best place on segments q..q+1."""
+    """From codeword q downhill: (q, f, a, squared residuals) of the best place on segments q..q+1; by how
+    much more the best one on the other side of a sharp corner leaves, and how far off it is (0: no corner)."""
     last = words.shape[1] - 2
     q = min(max(q, 0), last)
     best_q, best_f, best_a, best, before = q, 0.0, 0.0, power, -1
+    probe, centre, second, apart = 0, q, power, 0.0
     for _ in range(_STEPS):
         near, rise = np.float32(0), np.float32(0)
         for i in range(batch.shape[1]):
@@ -88,24 +91,41 @@ def _walk(batch: Any, pixel: Any, power: Any, words: Any, angles: Any, b: Any, q
         length = zz + inside * (2 * zd + inside * dd)
         along = near + inside * rise
         rss = power - along * along / max(length, 1e-12)
+        away = abs(q + inside - best_q - best_f)
         if along > 0 and rss < best:
+            if probe > 0 and away > 0:
+                second, apart = best, away
             best_q, best_f, best_a, best = q, inside, along / max(length, 1e-12), rss
-        if f == inside:
+        elif probe > 0 and away > 0 and rss < second:
+            second, apart = rss, away
+        target = min(max(q + min(max(int(np.floor(f)), -PER_PX), PER_PX), 0), last)
+        if probe == 0 and f != inside and target != q and target != before:
+            q, before = target, q
+            continue
+        # both sides of a sharp corner may have a best place of their own
+        if probe == 0:
+            centre = best_q
+        if probe == 4 or angles[b, centre, STRAIGHT] >= 0:
             break
-        step = min(max(int(np.floor(f)), -PER_PX), PER_PX)
-        target = min(max(q + step, 0), last)
-        if target in (q, before):
-            break
-        q, before = target, q
-    return best_q, best_f, best_a, max(best, 0.0)
+        probe += 1
+        q = min(max(centre + (probe - 3 if probe < 3 else probe - 2), 0), last)
+    return best_q, best_f, best_a, max(best, 0.0), second - best, apart
 
 
 @kernel
 def _spread(
-    batch: Any, pixel: Any, power: Any, words: Any, angles: Any, b: Any, middle: Any, reach: Any, variance: Any
+    batch: Any,
+    pixel: Any,
+    power: Any,
+    words: Any,
+    angles: Any,
+    b: Any,
+    middle: Any,
+    reach: Any,
+    variance: Any,
 ) -> Any:
-    """Posterior over the codewords around one: (mean place, its variance, a and squared residuals of the best),
-    places in codewords."""
+    """Posterior over the codewords around one: (mean place, its variance, a and squared residuals of the
+    best), places in codewords."""
     low, high = max(middle - reach, 0), min(middle + reach, words.shape[1] - 1)
     best, best_a = power, 0.0
     total, moment, square = 0.0, 0.0, 0.0
@@ -170,22 +190,23 @@ def _masked(words: Any, angles: Any, b: Any, low: Any, used: Any, own: Any, new:
             zd += own[0, k, i] * d
             dd += d * d
         new[0, k, 0], new[0, k, 1], new[0, k, 2], new[0, k, 3] = zz, zd, dd, angles[b, low + k, 3]
-        new[0, k, STRAIGHT] = 0
+        new[0, k, STRAIGHT] = min(angles[b, low + k, STRAIGHT], np.float32(0))
 
 
 @kernel
 def _fit(
     camera: Any, shape: Any, words: Any, angles: Any, b: Any, batch: Any, pixel: Any, sums: Any, q: Any
 ) -> Any:
-    """Best place from codeword q of block b downhill: (place in codewords, its variance, scale, offset, squared
-    residuals, chi2).
+    """Best place from codeword q of block b downhill: (place in codewords, its variance, scale, offset,
+    squared residuals, chi2).
 
-    camera (read2, gain, misfit2), shape (samples, freedom, reach), sums of the pixel (mean, power, samples used)
+    camera (read2, gain, misfit2), shape (samples, freedom, reach), sums of the pixel (mean, power, samples
+    used)
     """
     read2, gain, misfit2 = camera
     n, freedom, reach = shape
     middle, power, count = sums
-    q, f, a, rss = _walk(batch, pixel, power, words, angles, b, q)
+    q, f, a, rss, worse, apart = _walk(batch, pixel, power, words, angles, b, q)
     level = angles[b, q, MEAN] + f * (angles[b, q + 1, MEAN] - angles[b, q, MEAN])
     offset = middle - a * level
     noise = read2 + gain * max(middle, 0.0) + misfit2 * 0.25 * a * a
@@ -202,7 +223,9 @@ def _fit(
         if gain > 0:
             here = noise + gain * (_weighted_level(offset, a, words, angles, b, q, f, n) - max(middle, 0.0))
         if told > 0:
-            variance = max(here, read2) * excess / told
+            # the place on the other side of a sharp corner has a share of the posterior
+            share = 1 / (1 + np.exp(min(0.5 * worse / (noise * excess), 80.0)))
+            variance = max(here, read2) * excess / told + share * apart * apart
     return place, variance, a, offset, rss, rss / noise * (freedom / own_freedom)
 
 
@@ -224,7 +247,9 @@ def _scores(batch: Any, pixel: Any, used: Any, whole: Any, coarse: Any, score: A
                     total[p] += coarse[m, p]
                     square[p] += coarse[m, p] * coarse[m, p]
         for p in range(score.size):
-            score[p] /= np.sqrt(max(square[p] - total[p] * total[p] / max(count, np.float32(1)), np.float32(1e-2)))
+            score[p] /= np.sqrt(
+                max(square[p] - total[p] * total[p] / max(count, np.float32(1)), np.float32(1e-2))
+            )
 
 
 @exact
@@ -248,7 +273,8 @@ def _highest(score: Any, place: Any, value: Any) -> None:
 
 @exact
 def _others(left: Any, found: Any, best: Any, least: Any, noise: Any, guard: Any) -> Any:
-    """Probability that one of some places, other than the best, is the right one, from their squared residuals."""
+    """Probability that one of some places, other than the best, is the right one, from their squared
+    residuals."""
     total = 0.0
     for k in range(left.size):
         again = abs(found[k] - best) <= guard
@@ -288,10 +314,12 @@ def _beside(raw: Any, index: Any, row: Any, at: Any, away: Any, other: Any) -> N
 
 
 @kernel
-def _gather(camera: Any, book: Any, row: Any, first: Any, at: Any, lines: Any, batch: Any, pixels: Any) -> Any:
-    """Samples of the pixels first.. of a row without their mean -> batch (_BATCH, n); pixels (3, _BATCH): mean,
-    squared sum, how many are not saturated (those that are become 0). Whether all are the frames 0..n, or those
-    around the brightest one, `at`: where several are saturated, around the middle of them."""
+def _gather(
+    camera: Any, book: Any, row: Any, first: Any, at: Any, lines: Any, batch: Any, pixels: Any
+) -> Any:
+    """Samples of the pixels first.. of a row without their mean -> batch (_BATCH, n); pixels (3, _BATCH):
+    mean, squared sum, how many are not saturated (those that are become 0). Whether all are the frames 0..n,
+    or those around the brightest one, `at`: where several are saturated, around the middle of them."""
     raw, n, cols = camera.raw, book.samples, min(_BATCH, camera.raw.shape[2] - first)
     middle, power, count = pixels[0], pixels[1], pixels[2]
     window = at[first : first + cols]
@@ -367,16 +395,19 @@ def _linearised(camera: Any, lines: Any, cols: Any, total: Any, count: Any) -> N
 
 
 @exact
-def match_rows(camera: Any, book: Any, way: Any, coarse: Any, apart: Any, limit: Any, start: Any, stop: Any, out: Any) -> None:
+def match_rows(
+    camera: Any, book: Any, way: Any, coarse: Any, apart: Any, limit: Any, start: Any, stop: Any, out: Any
+) -> None:
     """All pixels of rows start..stop into out, the arrays of an Estimate.
 
     WITHIN  around the places that are there (cells of a code) where that is better
     SWEEP   a stripe: block k of the book holds the places around stripe k, of the frames begin[k]..
-    SEARCH  from the neighbour's place on, or over the whole surface where that does not lead to an answer that
-            fits (squared residuals below `limit` variances) and that is surely the only one: coarse (M, P) are
-            unit codewords of the whole surface, apart (P, 2) sine and cosine of the angle to the most similar one
-            elsewhere. With t the angle between samples and the answer, those to other codewords are apart - t at
-            least, and their squared residuals larger by power sin(apart) sin(apart - 2 t).
+    SEARCH  from the neighbour's place on, or over the whole surface where that does not lead to an answer
+    that
+            fits (squared residuals below `limit` variances) and that is surely the only one: coarse (M, P)
+            are unit codewords of the whole surface, apart (P, 2) sine and cosine of the angle to the most
+            similar one elsewhere. With t the angle between samples and the answer, those to other codewords
+            are apart - t at least, and their squared residuals larger by power sin(apart) sin(apart - 2 t).
     """
     raw, n, width, freedom = camera.raw, book.samples, camera.raw.shape[2], max(book.freedom, 1)
     top, other, at = np.zeros(width, raw.dtype), np.zeros(width, raw.dtype), np.zeros(width, np.int16)
@@ -417,7 +448,7 @@ def match_rows(camera: Any, book: Any, way: Any, coarse: Any, apart: Any, limit:
             if way != WITHIN:
                 clipped[r, x] = n - count
                 coordinates[r, x], variances[r, x], errors[r, x] = np.nan, np.inf, 1.0
-                amplitudes[r, x], offsets[r, x], chi2[r, x] = np.sqrt(power / max(count, 1)), middle, 0.0
+                amplitudes[r, x], offsets[r, x], chi2[r, x] = np.sqrt(power / (count + 1e-6)), middle, 0.0
             noise = camera.read2 + camera.gain * max(middle, 0.0)
             nothing = power < (count - 1 + 5 * np.sqrt(2.0 * n)) * noise or count < 4
             if nothing or (way == WITHIN and not np.isfinite(coordinates[r, x])):
@@ -437,7 +468,8 @@ def match_rows(camera: Any, book: Any, way: Any, coarse: Any, apart: Any, limit:
                     fit, left[:], found[:] = (0.0, np.inf, 0.0, 0.0, power, 0.0), power, -1e9
                 if k >= 0:
                     guess = place[k] * per + per // 2
-                    # codewords are half a step from the best place at most: that costs less than half the score
+                    # codewords are half a step from the best place at most: that costs less than half the
+                    # score
                     if place[k] < 0 or value[k] < 0.5 * value[0]:
                         continue
                 if count < n:

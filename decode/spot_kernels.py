@@ -45,8 +45,9 @@ def sum_rows(
     sums: Any,
     rival: Any,
 ) -> None:
-    """Sums over 2 half + 1 rows of index (R, C) into sums[:C], over as many columns into sums[C:]; `full` where one
-    of the samples is saturated. rival: brightest sample that is more than `away` places off along either axis."""
+    """Sums over 2 half + 1 rows of index (R, C) into sums[:C], over as many columns into sums[C:]; `full`
+    where one of the samples is saturated. rival: brightest sample that is more than `away` places off along
+    either axis."""
     width, down, across = raw.shape[2], index.shape[0], index.shape[1]
     top, other = np.empty(width, raw.dtype), np.empty(width, raw.dtype)
     at, row_of, col_of = np.empty(width, np.int16), np.empty(width, np.int16), np.empty(width, np.int16)

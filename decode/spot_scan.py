@@ -1,8 +1,9 @@
-"""A spot at a raster of places: summed over rows of the raster a stripe swept along u, over columns one along v.
+"""A spot at a raster of places: summed over rows of the raster a stripe swept along u, over columns one along
+v.
 
-The frames of a spot are products, so that a pixel's light is A f(v - row) g(u - column) + B: the sum over any rows
-of the raster is a stripe's sweep. They are those around the pixel's brightest frame, as the others hold nothing but
-noise; a sum of n samples has n times the variance of one, and n times the offset.
+The frames of a spot are products, so that a pixel's light is A f(v - row) g(u - column) + B: the sum over any
+rows of the raster is a stripe's sweep. They are those around the pixel's brightest frame, as the others hold
+nothing but noise; a sum of n samples has n times the variance of one, and n times the offset.
 """
 
 from dataclasses import dataclass, replace
@@ -61,8 +62,8 @@ class Raster:
 
 
 def raster_of(sequence: Sequence) -> Raster | None:
-    """The raster that a sequence's spots make, in any order; None: it shows no spots. White and black may be there,
-    too. InputError where places are missing or twice, or other codes are shown besides."""
+    """The raster that a sequence's spots make, in any order; None: it shows no spots. White and black may be
+    there, too. InputError where places are missing or twice, or other codes are shown besides."""
     spots = [i for i, frame in enumerate(sequence.frames) if frame.kind == "stripe" and frame.axis == "uv"]
     if not spots:
         return None
@@ -91,8 +92,8 @@ def raster_of(sequence: Sequence) -> Raster | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sums:
-    """The two sweeps as frames (C + R, rows, W) float32 of `sequence`, for lookup.prepare and lookup_rows; rival
-    (rows, W): the brightest sample far from the brightest place, linear levels."""
+    """The two sweeps as frames (C + R, rows, W) float32 of `sequence`, for lookup.prepare and lookup_rows;
+    rival (rows, W): the brightest sample far from the brightest place, linear levels."""
 
     light: Light
     sequence: Sequence
@@ -127,8 +128,8 @@ def sums_of(light: Light, sequence: Sequence, raster: Raster, rows: tuple[int, i
 
 
 def one_spot(estimate: Estimate, sums: Sums, raster: Raster, rows: tuple[int, int]) -> None:
-    """Levels of a sweep's sums -> levels of the frames, in place; a second bright place raises the probability of
-    another answer. rows: of the sums that the estimate has."""
+    """Levels of a sweep's sums -> levels of the frames, in place; a second bright place raises the
+    probability of another answer. rows: of the sums that the estimate has."""
     dark = (estimate.offset - estimate.amplitude) / np.float32(raster.summed)
     estimate.amplitude[:] /= np.float32(raster.steps)
     estimate.offset[:] = dark + estimate.amplitude

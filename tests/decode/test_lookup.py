@@ -42,7 +42,9 @@ class Case:
         return found
 
 
-def case(shown: Sequence, frames: NDArray[Any], noise: float, axis: int = 0, gain: float = 0.0, **more: Any) -> Case:
+def case(
+    shown: Sequence, frames: NDArray[Any], noise: float, axis: int = 0, gain: float = 0.0, **more: Any
+) -> Case:
     light = light_of(frames, shown)
     known, wanted = Noise(noise**2 + 1 / 12, gain), plan(shown)
     lit = sampled(light)
@@ -63,7 +65,9 @@ def places(cols: int, width: float, rows: int = 40) -> F64:
     return 6 + 0.97 * width * np.arange(int((cols - 14) / width)) + 0.0273 * np.arange(rows)[:, None]
 
 
-def seen(shown: Sequence, u: F64, width: float, blur: float, noise: float, scale: float = 1.0) -> NDArray[np.uint8]:
+def seen(
+    shown: Sequence, u: F64, width: float, blur: float, noise: float, scale: float = 1.0
+) -> NDArray[np.uint8]:
     light = np.concatenate([seen_by_pixels(shown, row, width, blur) for row in u], axis=1) * scale
     noisy = light + noise * np.random.default_rng(7).standard_normal(light.shape)
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
@@ -75,7 +79,9 @@ def scores(found: Estimate, truth: F64) -> F64:
     return np.asarray(((found.coordinate - truth) / np.sqrt(found.variance))[good], np.float64)
 
 
-@pytest.mark.parametrize(("width", "blur", "noise"), [(1.0, 0.02, 1.0), (0.6, 0.02, 2.0), (1.0, 0.5, 1.0), (2.0, 0.3, 1.0)])
+@pytest.mark.parametrize(
+    ("width", "blur", "noise"), [(1.0, 0.02, 1.0), (0.6, 0.02, 2.0), (1.0, 0.5, 1.0), (2.0, 0.3, 1.0)]
+)
 def test_free_levels(width: float, blur: float, noise: float) -> None:
     shown, u = free(200, 12), places(200, width)
     found = case(shown, seen(shown, u, width, blur, noise), noise).decoded()
@@ -139,7 +145,7 @@ def test_swept_stripe(shoot: Shoot, smooth: tuple[F64, F64], params: dict[str, f
         score = scores(found, truth)
         assert score.size > 0.999 * truth.size
         assert np.sqrt(np.mean(score**2)) == pytest.approx(1, abs=0.04)
-        assert np.abs((found.coordinate - truth)).max() < 0.03 * params["step"]
+        assert np.abs(found.coordinate - truth).max() < 0.03 * params["step"]
 
 
 def test_swept_stripe_in_shot_noise(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
@@ -153,7 +159,9 @@ def test_second_bright_stripe_and_darkness() -> None:
     u = places(170, 1.0)[:, :100]
     frames = seen(shown, u, 1.0, 0.3, 1.0)
     ghost = np.rint(0.5 * frames + 0.5 * seen(shown, u + 40, 1.0, 0.3, 1.0)).astype(np.uint8)
-    ghost[:, :10] = np.clip(np.rint(20 + np.random.default_rng(0).standard_normal(ghost[:, :10].shape)), 0, 255)
+    ghost[:, :10] = np.clip(
+        np.rint(20 + np.random.default_rng(0).standard_normal(ghost[:, :10].shape)), 0, 255
+    )
     found = case(shown, ghost, 1.0).decoded()
     assert (found.error[10:] > 0.1).all()
     assert np.mean(np.isnan(found.coordinate[:10]) | (found.error[:10] > 1e-4)) == 1
