@@ -64,6 +64,8 @@ _RARE = 1e-5
 #: Relative step of a spread's derivatives; probability of another place below which a pixel may judge a
 #: spread.
 _NUDGE, _SAFE = 0.05, 1e-3
+#: Misfit over the least up to which places may decide on the spread.
+_WORSE = 1.05
 #: Parts of the sample that tell by how much places crowd by chance.
 _GROUPS = 16
 #: Share of the amplitude from which on a pixel of the sample counts.
@@ -230,8 +232,11 @@ def _evened(tried: Callable[[float], _Quality], spread: float) -> tuple[float, f
     spread places crowd: z = mean exp(2 pi i u / cell) is 0 but for chance, which parts of the sample tell.
     Newton's steps on z(log spread). What is left of z beyond chance (pixels in step with the cells) may be
     due to the spread.
+
+    A relative error e of the spread moves places by k e of their way to the cell's nearest edge, and z by k
+    e, k = 1 without blur: so z is the relative error of that way.
     """
-    unsure = 1.0
+    unsure, least = 1.0, np.inf
     for _ in range(3):
         low, mid, high = (tried(_rounded(spread * (1 + step))) for step in (-_NUDGE, 0.0, _NUDGE))
         slope = (high.crowding - low.crowding).mean() / np.log(high.spread / low.spread)
@@ -241,11 +246,12 @@ def _evened(tried: Callable[[float], _Quality], spread: float) -> tuple[float, f
         step = float(np.clip(-(np.conj(slope) * crowding).real / steep, -0.3, 0.3))
         chance = float(np.sqrt(0.5 * np.mean(np.abs(mid.crowding - crowding) ** 2) / (_GROUPS - 1)))
         left = max(float(np.abs(crowding + slope * step)) - 3 * chance, 0.0)
-        unsure = min((left + chance) / float(np.sqrt(steep)), 1.0)
+        unsure = min(left + chance, 1.0)
+        least = min(least, float(np.nanmedian(mid.misfit)))
         if abs(step) < 0.5 * (_STEP - 1):
             break
         better = tried(_rounded(spread * np.exp(step)))
-        if not np.nanmean(better.misfit) <= 1.2 * np.nanmean(mid.misfit):
+        if not np.nanmedian(better.misfit) <= _WORSE * least:
             return spread, unsure
         spread = better.spread
     return spread, unsure
@@ -408,11 +414,8 @@ def _words(seen: F64) -> tuple[F32, F32]:
     angles[:, :, MEAN] = mean
     # the next steps in the same direction, to a twentieth of a radian, and of the same length, to a tenth
     length = np.sqrt(dd)
-    turn = np.einsum("bqn,bqn->bq", step[:, 1:], step[:, :-1]) / np.maximum(length[:, 1:] * length[:, :-1], 1e-12)
-    same = (turn > 0.9988) & (np.abs(length[:, 1:] - length[:, :-1]) < 0.1 * length[:, :-1])
-    angles[:, :, STRAIGHT] = 0
-    angles[:, 1:-2, STRAIGHT] = same[:, 1:-1] & same[:, :-2]
-    # a corner of half a radian and more within two steps
-    corner = minimum_filter1d(turn, 5, axis=1) < np.cos(0.5)
-    angles[:, :-1, STRAIGHT] = np.where(corner, -1, angles[:, :-1, STRAIGHT])
-    return words, angles
+    turn = np.einsum("bqn,bqn->bq", step[:, 1:], step[:, :-1]) / np.maximum(length[:, 1:] * length[:, :-1],
+    1e-12) same = (turn > 0.9988) & (np.abs(length[:, 1:] - length[:, :-1]) < 0.1 * length[:, :-1]) angles[:,
+    :, STRAIGHT] = 0 angles[:, 1:-2, STRAIGHT] = same[:, 1:-1] & same[:, :-2] # a corner of half a radian and
+    more within two steps corner = minimum_filter1d(turn, 5, axis=1) < np.cos(0.5) angles[:, :-1, STRAIGHT] =
+    np.where(corner, -1, angles[:, :-1, STRAIGHT]) return words, angles

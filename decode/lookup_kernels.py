@@ -69,7 +69,8 @@ class Book(NamedTuple):
 @kernel
 def _walk(batch: Any, pixel: Any, power: Any, words: Any, angles: Any, b: Any, q: Any) -> Any:
     """From codeword q downhill: (q, f, a, squared residuals) of the best place on segments q..q+1; by how
-    much more the best one on the other side of a sharp corner leaves, and how far off it is (0: no corner)."""
+    much more the best one on the other side of a sharp corner leaves, and how far off it is (0: no
+    corner)."""
     last = words.shape[1] - 2
     q = min(max(q, 0), last)
     best_q, best_f, best_a, best, before = q, 0.0, 0.0, power, -1
@@ -425,7 +426,7 @@ def match_rows(
     left, found = np.empty(_ANSWERS), np.empty(_ANSWERS)
     many, per = np.log(coarse.shape[1] + 1.0), PER_PX // COARSE
     for row in range(start, stop):
-        r, last, slope, block = row - start, -1.0, 0.0, 0
+        r, last, slope, block = row - start, -1.0, 0.0, np.int64(0)
         if way == SWEEP:
             _brightest(raw, index, row, top, at)
             _beside(raw, index, row, at, n // 2, other)
