@@ -414,8 +414,12 @@ def _words(seen: F64) -> tuple[F32, F32]:
     angles[:, :, MEAN] = mean
     # the next steps in the same direction, to a twentieth of a radian, and of the same length, to a tenth
     length = np.sqrt(dd)
-    turn = np.einsum("bqn,bqn->bq", step[:, 1:], step[:, :-1]) / np.maximum(length[:, 1:] * length[:, :-1],
-    1e-12) same = (turn > 0.9988) & (np.abs(length[:, 1:] - length[:, :-1]) < 0.1 * length[:, :-1]) angles[:,
-    :, STRAIGHT] = 0 angles[:, 1:-2, STRAIGHT] = same[:, 1:-1] & same[:, :-2] # a corner of half a radian and
-    more within two steps corner = minimum_filter1d(turn, 5, axis=1) < np.cos(0.5) angles[:, :-1, STRAIGHT] =
-    np.where(corner, -1, angles[:, :-1, STRAIGHT]) return words, angles
+    both = np.maximum(length[:, 1:] * length[:, :-1], 1e-12)
+    turn = np.einsum("bqn,bqn->bq", step[:, 1:], step[:, :-1]) / both
+    same = (turn > 0.9988) & (np.abs(length[:, 1:] - length[:, :-1]) < 0.1 * length[:, :-1])
+    angles[:, :, STRAIGHT] = 0
+    angles[:, 1:-2, STRAIGHT] = same[:, 1:-1] & same[:, :-2]
+    # a corner of half a radian and more within two steps
+    corner = minimum_filter1d(turn, 5, axis=1) < np.cos(0.5)
+    angles[:, :-1, STRAIGHT] = np.where(corner, -1, angles[:, :-1, STRAIGHT])
+    return words, angles
