@@ -206,7 +206,9 @@ class _Trial:
         if table.way != WITHIN and used.any():
             used &= found.amplitude[0] > _LIT * np.percentile(found.amplitude[0][used], 95)
         misfit = np.where(used, found.chi2[0].astype(np.float64) / max(table.freedom, 1), np.nan)
-        turn = np.exp(2j * np.pi * found.coordinate[0][used].astype(np.float64) / table.cell)
+        # the mean of exp(2 pi i u) over each place's posterior: half a tread is no crowd
+        place, variance = (part[0][used].astype(np.float64) for part in (found.coordinate, found.variance))
+        turn = np.exp(2j * np.pi * place / table.cell - 2 * np.pi**2 * variance / table.cell**2)
         groups = np.array_split(turn, _GROUPS) if len(turn) >= _GROUPS else [np.ones(1)] * _GROUPS
         return _Quality(table.spread, misfit, np.array([group.mean() for group in groups], np.complex128))
 
