@@ -64,6 +64,8 @@ _RARE = 1e-5
 #: Relative step of a spread's derivatives; probability of another place below which a pixel may judge a
 #: spread.
 _NUDGE, _SAFE = 0.05, 1e-3
+#: Relative error of a spread at least: of a footprint and a blur only one number is known.
+_SHAPE = 0.07
 #: Misfit over the least up to which places may decide on the spread.
 _WORSE = 1.05
 #: Parts of the sample that tell by how much places crowd by chance.
@@ -151,8 +153,12 @@ def prepare(
     def tried(spread: float) -> _Quality:
         return trial.of(_table(sequence, plan, axis, WITHIN if way == SEARCH else way, spread))
 
-    spread = _best([tried(one) for one in spreads])
-    unsure = 0.0
+    quality = [tried(one) for one in spreads]
+    spread, unsure = _best(quality), 0.0
+    fits = [one.usual for one in quality]
+    alike = [one for one, fit in zip(quality, fits, strict=True) if fit <= _WORSE * min(fits)]
+    if way != SWEEP and len(alike) > 1:
+        spread = min(alike, key=lambda one: float(np.abs(one.crowding.mean()))).spread
     if way == SWEEP:
         if spread > 0:  # a parabola through wide steps is rough
             spread = _best([tried(_rounded(spread * share)) for share in (0.9, 1.0, 1.1)])
@@ -179,6 +185,12 @@ class _Quality:
     spread: float
     misfit: F64
     crowding: NDArray[np.complex128]
+
+    @property
+    def usual(self) -> float:
+        """Median of the misfit."""
+        known = self.misfit[np.isfinite(self.misfit)]
+        return float(np.median(known)) if len(known) else np.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,7 +251,7 @@ def _evened(tried: Callable[[float], _Quality], spread: float) -> tuple[float, f
     e, k = 1 without blur: so z is the relative error of that way.
     """
     unsure, least = 1.0, np.inf
-    for _ in range(3):
+    for _ in range(6):
         low, mid, high = (tried(_rounded(spread * (1 + step))) for step in (-_NUDGE, 0.0, _NUDGE))
         slope = (high.crowding - low.crowding).mean() / np.log(high.spread / low.spread)
         crowding, steep = mid.crowding.mean(), float(np.abs(slope)) ** 2
@@ -248,12 +260,12 @@ def _evened(tried: Callable[[float], _Quality], spread: float) -> tuple[float, f
         step = float(np.clip(-(np.conj(slope) * crowding).real / steep, -0.3, 0.3))
         chance = float(np.sqrt(0.5 * np.mean(np.abs(mid.crowding - crowding) ** 2) / (_GROUPS - 1)))
         left = max(float(np.abs(crowding + slope * step)) - 3 * chance, 0.0)
-        unsure = min(left + chance, 1.0)
-        least = min(least, float(np.nanmedian(mid.misfit)))
+        unsure = min(max(left + chance, _SHAPE), 1.0)
+        least = min(least, mid.usual)
         if abs(step) < 0.5 * (_STEP - 1):
             break
         better = tried(_rounded(spread * np.exp(step)))
-        if not np.nanmedian(better.misfit) <= _WORSE * least:
+        if not better.usual <= _WORSE * least:
             return spread, unsure
         spread = better.spread
     return spread, unsure

@@ -125,32 +125,40 @@ def _spread(
     reach: Any,
     variance: Any,
 ) -> Any:
-    """Posterior over the codewords around one: (mean place, its variance, a and squared residuals of the
-    best), places in codewords."""
-    low, high = max(middle - reach, 0), min(middle + reach, words.shape[1] - 1)
+    """Posterior over the segments around one: (mean place, its variance, a and squared residuals of the best).
+
+    A segment has the weight exp(-rss / 2 variance) at its best place times the posterior's width in it:
+    all of a tread, sqrt(2 pi) deviations of a steep one.
+    """
+    low, high = max(middle - reach, 0), min(middle + reach, words.shape[1] - 2)
     best, best_a = power, 0.0
     total, moment, square = 0.0, 0.0, 0.0
     for q in range(low, high + 1):
-        near = np.float32(0)
+        near, rise = np.float32(0), np.float32(0)
         for i in range(batch.shape[1]):
             near += batch[pixel, i] * words[b, q, i]
-        if near > 0:
-            rss = power - near * near / max(angles[b, q, 0], 1e-12)
+            rise += batch[pixel, i] * (words[b, q + 1, i] - words[b, q, i])
+        zz, zd, dd = angles[b, q, 0], angles[b, q, 1], angles[b, q, 2]
+        det = max(zz * dd - zd * zd, 1e-9 * zz * zz)
+        a, af = near * dd - rise * zd, rise * zz - near * zd
+        own = variance * zz * zz / max(near * near * det / max(zz, 1e-12), 1e-12)  # of f, at a = near / zz
+        f = min(max(af / a, 0.0), 1.0) if own < 1 and a > 0 else 0.5
+        length, along = max(zz + f * (2 * zd + f * dd), 1e-12), near + f * rise
+        if along > 0:
+            rss = power - along * along / length
             if rss < best:
                 shrink = np.exp(-0.5 * (best - rss) / variance)
                 total, moment, square = total * shrink, moment * shrink, square * shrink
-                best, best_a = rss, near / max(angles[b, q, 0], 1e-12)
-            weight = np.exp(-0.5 * (rss - best) / variance)
-            place = float(q - middle)
-            total, moment, square = (
-                total + weight,
-                moment + weight * place,
-                square + weight * place * place,
-            )
+                best, best_a = rss, along / length
+            weight = np.exp(-0.5 * (rss - best) / variance) * min(np.sqrt(2 * np.pi * own), 1.0)
+            place = f + (q - middle)
+            total += weight
+            moment += weight * place
+            square += weight * (place * place + min(own, 1 / 12))
     if total <= 0:
         return float(middle), np.inf, 0.0, power
     mean = moment / total
-    return middle + mean, square / total - mean * mean + 1 / 12, best_a, max(best, 0.0)
+    return middle + mean, square / total - mean * mean, best_a, max(best, 0.0)
 
 
 @kernel
