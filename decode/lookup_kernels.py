@@ -125,7 +125,7 @@ def _spread(
     reach: Any,
     variance: Any,
 ) -> Any:
-    """Posterior over the segments around one: (mean place, its variance, a and squared residuals of the best).
+    """Posterior over segments around one: (mean place, its variance, a, squared residuals of the best).
 
     A segment has the weight exp(-rss / 2 variance) at its best place times the posterior's width in it:
     all of a tread, sqrt(2 pi) deviations of a steep one.
