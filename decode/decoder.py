@@ -12,7 +12,7 @@ from optolever.errors import InputError
 from optolever.notices import Notice
 from optolever.patterns import Sequence
 
-from .axis import AxisDecoder, axis_decoder
+from .axis import AxisDecoder, axis_decoders
 from .correspondence import Correspondence, Flag
 from .display import measured_pixelations
 from .exposures import better_of, by_exposure
@@ -109,9 +109,7 @@ def _decoded(light: Light, sequence: Sequence, options: _Options) -> Corresponde
     """The six steps, for frames of one exposure."""
     wanted = plan(sequence)
     noise, lit = _noise(light, wanted, options)
-    decoders = [
-        axis_decoder(axis, sequence, wanted, light, noise, lit, options.on_cells) for axis in wanted.axes
-    ]
+    decoders = axis_decoders(sequence, light, noise, lit, options.on_cells, options.subpixel)
     raw, shared = _estimated(light, noise, decoders)
     found = _among_neighbours(decoders, lit, raw, shared, options, sequence, noise)
     if options.mask is not None:
