@@ -194,9 +194,7 @@ def _decoder(
         table = prepare(sequence, wanted, axis, light, noise, lit, cells)
         jump = axis.stripes.width if axis.stripes else 2.0 * (1 if code is None else code.cell)
         limits = limits_of(axis.extent, 0.5, table.freedom, light.white)
-        return AxisDecoder(
-            axis, light, noise, code, None, None, table, None, (), limits, table.freedom, jump
-        )
+        return AxisDecoder(axis, light, noise, code, None, None, table, None, (), limits, table.freedom, jump)
     deviation = _deviation(axis, noise, lit) if axis.fringes else 0.0
     micro = micro_table(axis, deviation) if axis.singles else None
     covered = code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
@@ -214,9 +212,7 @@ def _decoder(
         assert code is not None
         jump, factor = 2 * code.cell, 0.5
     limits = limits_of(axis.extent, factor, freedom, light.white)
-    return AxisDecoder(
-        axis, light, noise, code, orders, micro, None, None, rounding, limits, freedom, jump
-    )
+    return AxisDecoder(axis, light, noise, code, orders, micro, None, None, rounding, limits, freedom, jump)
 
 
 def _cells(code: CodePlan, light: Light, noise: Noise, lit: Sample) -> NDArray[np.float64]:
