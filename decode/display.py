@@ -146,7 +146,7 @@ def _inverted(shares: tuple[tuple[float, float], ...], blur: float, sigma: float
 
 
 def measured_pixelations(
-    axes: tuple[AxisPlan, ...],
+    plan: Plan,
     maps: tuple[tuple[F32, F32], ...],
     on_cells: bool,
     blur: float | None,
