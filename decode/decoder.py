@@ -145,7 +145,7 @@ def _among_neighbours(
         for decoder, own, pixelation in zip(decoders, raw, pixelations, strict=True):
             limits = float(decoder.axis.extent) if shot.cells else 0.0, decoder.jump, least
             common, maps = (shared.flags, shared.amplitude), (*out[decoder.axis.axis], flags)
-            check_rows((start, stop), own, common, pixelation, limits, maps)
+            check_rows((start, stop), own, common, pixelation, limits, decoder.shift, maps)
 
     over_rows(block, shape[0], _BLOCK)
     notices = _unlike(shot.noise, max(pixelation.roughness**0.5 for pixelation in pixelations))
