@@ -31,7 +31,8 @@ __all__ = ["AxisDecoder", "axis_decoders"]
 class AxisDecoder:
     """What turns rows of frames into an Estimate of one axis.
 
-    rounding  mean and variance (turns, turns^2) of each fringe's phase error by the rounding of shown grey values
+    rounding  mean and variance (turns, turns^2) of each fringe's phase error by the rounding of shown grey
+              values
     limits    beyond which pixels are flagged; jump: largest second difference of neighbours, pattern px
     """
 
@@ -225,7 +226,8 @@ def _cells(code: CodePlan, light: Light, noise: Noise, lit: Sample) -> NDArray[n
 
 
 def _deviation(axis: AxisPlan, noise: Noise, lit: Sample) -> float:
-    """Deviation of a sample over the amplitude of the finest fringe that all but a twentieth of the pixels have."""
+    """Deviation of a sample over the amplitude of the finest fringe that all but a twentieth of the pixels
+    have."""
     fringe = axis.fringes[-1]
     levels = lit.levels[list(fringe.index)]
     c, s = np.linalg.pinv(fringe.design())[1:].astype(np.float32) @ levels
