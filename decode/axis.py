@@ -54,8 +54,9 @@ class AxisDecoder:
         count, width = rows[1] - rows[0], self.light.raw.shape[2]
         work = _room(room, count, width)
         part = slice(*rows)
+        error, amplitude, offset, chi2, clipped = (array[:count] for array in work.shared)
         estimate = Estimate(
-            *(raw.coordinate[part], raw.variance[part], *(array[:count] for array in work.shared)),
+            *(raw.coordinate[part], raw.variance[part], error, amplitude, offset, chi2, clipped),
             self.freedom,
         )
         if self.raster is not None:
@@ -133,8 +134,11 @@ class _Work:
     def code(self, count: int, freedom: int) -> Estimate:
         """Room for what a code tells."""
         if self.codes is None:
-            self.codes = Estimate.empty(*self.shared[0].shape, 0)
-        return Estimate(*(array[:count] for array in self.codes.arrays()), freedom)
+            rows, cols = self.shared[0].shape
+            self.codes = Estimate.empty(rows, cols, 0)
+        coordinate, variance, *others = (array[:count] for array in self.codes.arrays())
+        error, amplitude, offset, chi2, clipped = others
+        return Estimate(coordinate, variance, error, amplitude, offset, chi2, clipped, freedom)
 
 
 def _room(room: local, rows: int, cols: int) -> _Work:

@@ -166,9 +166,13 @@ def measured_pixelations(
     sigmas = [0.05 if one is None else float(np.sqrt(np.median(one.noise))) for one in seen]
     usual = [float(2.0 ** np.clip(np.rint(2 * np.log2(max(sigma, 1e-6))) / 2, -8, -1)) for sigma in sigmas]
     allowed = (0.0, 0.0) if blur is None else (blur, blur)
-    asked = [each for each in zip(shares, usual, seen, strict=True) if each[0] and each[2] is not None]
-    if blur is None and asked:
-        blur, allowed = _fitted_blur(np.sum([_misfits(*each) for each in asked], axis=0))
+    asked = [
+        _misfits(share, sigma, one)
+        for share, sigma, one in zip(shares, usual, seen, strict=True)
+        if blur is None and share and one is not None
+    ]
+    if asked:
+        blur, allowed = _fitted_blur(np.sum(asked, axis=0))
     known = float("nan") if blur is None else blur
     found = [_pixelation(*each, known, allowed) for each in zip(shares, usual, seen, strict=True)]
     return [replace(one, extent=_extent(plan, axis, lit)) for one, axis in zip(found, plan.axes, strict=True)]

@@ -61,7 +61,7 @@ def micro_table(axis: AxisPlan, deviation: float) -> MicroTable:
     ]
     periods, shifts = tuple(s[1] for s in singles), tuple(s[2] / (2 * np.pi) for s in singles)
     used = (0, len(singles) // 2, len(singles) - 1)
-    tables = _orders(axis.fringes[0].period, periods, shifts, used, axis.extent, tolerance)
+    tables: Any = _orders(axis.fringes[0].period, periods, shifts, used, axis.extent, tolerance)
     return MicroTable(
         np.array([s[0] for s in singles]),
         *(np.array(periods, np.float32), np.array(shifts, np.float32), np.array(used), *tables, tolerance),

@@ -53,7 +53,7 @@ def fit_fringe(
     weights = _weights(fringe)
     _fit_rows(
         *(light.raw, np.array(fringe.index), light.lut, np.float32(min(light.clip, 1e9)), *rows, *weights),
-        *(*noise.numbers(), *np.float32(rounding), np.float32(min(light.white, 1e9))),
+        *(*noise.numbers(), *map(np.float32, rounding), np.float32(min(light.white, 1e9))),
         *(fit.turn, fit.variance, fit.amplitude, fit.offset, fit.chi2, fit.clipped),
     )
 

@@ -53,7 +53,7 @@ def check_rows(
     extent, jump, least = limits
     _check(
         *(*rows, raw.coordinate, raw.variance, *common, pixelation.shift, pixelation.variance),
-        *np.float32((pixelation.roughness, pixelation.reach, extent, jump, least)),
+        *map(np.float32, (pixelation.roughness, pixelation.reach, extent, jump, least)),
         *out,
     )
 
