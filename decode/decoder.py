@@ -145,8 +145,9 @@ def _among_neighbours(
     def block(start: int, stop: int) -> None:
         for decoder, own, pixelation in zip(decoders, raw, pixelations, strict=True):
             limits = float(decoder.axis.extent) if shot.cells else 0.0, decoder.jump, least
-            common, maps = (shared.flags, shared.amplitude), (*out[decoder.axis.axis], flags)
-            check_rows((start, stop), own, common, pixelation, limits, maps)
+            coordinate, sigma = out[decoder.axis.axis]
+            common = shared.flags, shared.amplitude
+            check_rows((start, stop), own, common, pixelation, limits, (coordinate, sigma, flags))
 
     over_rows(block, shape[0], _BLOCK)
     notices = _unlike(shot.noise, max(pixelation.roughness**0.5 for pixelation in pixelations))
