@@ -55,8 +55,9 @@ class AxisDecoder:
         count, width = rows[1] - rows[0], self.light.raw.shape[2]
         work = _room(room, count, width)
         part = slice(*rows)
+        error, amplitude, offset, chi2, clipped = (array[:count] for array in work.shared)
         estimate = Estimate(
-            *(raw.coordinate[part], raw.variance[part], *(array[:count] for array in work.shared)),
+            *(raw.coordinate[part], raw.variance[part], error, amplitude, offset, chi2, clipped),
             self.freedom,
         )
         if self.raster is not None:
@@ -134,8 +135,11 @@ class _Work:
     def code(self, count: int, freedom: int) -> Estimate:
         """Room for what a code tells."""
         if self.codes is None:
-            self.codes = Estimate.empty(*self.shared[0].shape, 0)
-        return Estimate(*(array[:count] for array in self.codes.arrays()), freedom)
+            rows, cols = self.shared[0].shape
+            self.codes = Estimate.empty(rows, cols, 0)
+        coordinate, variance, *others = (array[:count] for array in self.codes.arrays())
+        error, amplitude, offset, chi2, clipped = others
+        return Estimate(coordinate, variance, error, amplitude, offset, chi2, clipped, freedom)
 
 
 def _room(room: local, rows: int, cols: int) -> _Work:
@@ -232,7 +236,8 @@ def _cells(code: CodePlan, light: Light, noise: Noise, lit: Sample) -> NDArray[n
 
 
 def _deviation(axis: AxisPlan, noise: Noise, lit: Sample) -> float:
-    """Deviation of a sample over the amplitude of the finest fringe that all but a twentieth of the pixels have."""
+    """Deviation of a sample over the amplitude of the finest fringe that all but a twentieth of the pixels
+    have."""
     fringe = axis.fringes[-1]
     levels = lit.levels[list(fringe.index)]
     c, s = np.linalg.pinv(fringe.design())[1:].astype(np.float32) @ levels

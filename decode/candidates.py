@@ -1,10 +1,10 @@
 """Fringe orders from periods none of which covers the surface: a table of the orders that fit.
 
-One period is measured best (of several the finest; in micro phase shifting the only one with steps of its own):
-its phase t leaves the places p (t + k), k = 0, 1, ... Every other observation at such a place is known, so a table
-over a few of them, quantised, lists the orders that are within the noise. Each pixel looks up its cell and compares
-the listed orders by what all observations say; the two that fit best tell the probability of a wrong one, and an
-order that the table's tolerance leaves out adds to it.
+One period is measured best (of several the finest; in micro phase shifting the only one with steps of its
+own): its phase t leaves the places p (t + k), k = 0, 1, ... Every other observation at such a place is known,
+so a table over a few of them, quantised, lists the orders that are within the noise. Each pixel looks up its
+cell and compares the listed orders by what all observations say; the two that fit best tell the probability
+of a wrong one, and an order that the table's tolerance leaves out adds to it.
 """
 
 from dataclasses import dataclass

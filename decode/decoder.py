@@ -59,8 +59,9 @@ def decode(
                  dark around it; what that shifts is taken off (see display). False: ideal cosines
     subpixel     binary codes: answers within their cells, from the blur of their edges, where it tells
     mask         (H, W) bool: pixels to decode, the others are INVALID
-    check        look for frames that are not those described (see integrity): a notice names them, what can do
-                 without them is decoded without them, else the pixels that they could have spoilt are flagged
+    check        look for frames that are not those described (see integrity): a notice names them, what can
+                 do without them is decoded without them, else the pixels that they could have spoilt are
+                 flagged
 
     A code under several exposures is decoded from each that shows all of it, every pixel from its best one:
     amplitude and offset are levels of that exposure. InputError if frames and sequence do not fit or hold

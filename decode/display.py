@@ -1,15 +1,17 @@
 """What a display does to a fringe: it is a grid of cells, read through the footprint of a pixel and a blur.
 
-A pixel at u takes the share W(k - u) of the light of cell k, W being a box of one cell, a box of the w cells that the
-pixel covers and a Gaussian of b cells in convolution. Of a fringe of P cells it reads u + e(u),
+A pixel at u takes the share W(k - u) of the light of cell k, W being a box of one cell, a box of the w cells
+that the pixel covers and a Gaussian of b cells in convolution. Of a fringe of P cells it reads u + e(u),
 
     e(u) = P / 2 pi arg(sum over k of W(k - u) exp(2 pi i (k - u) / P)),
 
-periodic in u with a cell: for a sharp display treads of 1 - w on which u cannot be told. Several periods share in the coordinate by their information N_j / P_j^2 (contrast_j)^2. The blur is what the
-map tells itself: second differences of neighbours hold those of e, and the blur whose e leaves least of them is taken
-if it leaves significantly less than none does. Then E[u | reading] replaces the reading, and what is unsure (Var[u |
-reading], and the range of blurs that explain the map as well) joins the variance. Where the map does not tell, nothing
-is taken off and all that may be there joins the variance. What neighbours then still show beyond noise joins it, too.
+periodic in u with a cell: for a sharp display treads of 1 - w on which u cannot be told. Several periods
+share in the coordinate by their information N_j / P_j^2 (contrast_j)^2. The blur is what the map tells
+itself: second differences of neighbours hold those of e, and the blur whose e leaves least of them is taken
+if it leaves significantly less than none does. Then E[u | reading] replaces the reading, and what is unsure
+(Var[u | reading], and the range of blurs that explain the map as well) joins the variance. Where the map does
+not tell, nothing is taken off and all that may be there joins the variance. What neighbours then still show
+beyond noise joins it, too.
 """
 
 from dataclasses import dataclass, replace
@@ -64,9 +66,9 @@ _MOST = 1024
 class Pixelation:
     """What is added to a reading, and its variance, by footprint (51,) and place in the cell (128,), cells.
 
-    blur: rms, cells; NaN where the map does not tell it. roughness: variance (px^2) that neighbours show beyond noise
-    and cells: whatever else the frames hold that was not described. extent: deviation of what a pixel sees by the
-    fringes' contrasts, cells, 0: they do not tell.
+    blur: rms, cells; NaN where the map does not tell it. roughness: variance (px^2) that neighbours show
+    beyond noise and cells: whatever else the frames hold that was not described. extent: deviation of what a
+    pixel sees by the fringes' contrasts, cells, 0: they do not tell.
     """
 
     shift: F32
@@ -77,8 +79,8 @@ class Pixelation:
 
     @property
     def reach(self) -> float:
-        """Deviation of what a pixel sees besides its footprint, cells: of a cell and its blur, by contrast where
-        the map does not tell that, of a large one where nothing does."""
+        """Deviation of what a pixel sees besides its footprint, cells: of a cell and its blur, by contrast
+        where the map does not tell that, of a large one where nothing does."""
         blur = self.blur if not np.isnan(self.blur) else _UNKNOWN
         told = np.isnan(self.blur) and self.extent > 0
         return max(self.extent, 12**-0.5) if told else float(np.sqrt(1 / 12 + blur**2))
@@ -91,7 +93,8 @@ def no_pixelation(blur: float = float("nan")) -> Pixelation:
 
 
 def shares_of(axis: AxisPlan) -> tuple[tuple[float, float], ...]:
-    """Periods of an axis and their information, shares of the finest's: N / P^2; coarse ones do not matter."""
+    """Periods of an axis and their information, shares of the finest's: N / P^2; coarse ones do not
+    matter."""
     fringes = (*axis.fringes, *axis.singles)
     if not fringes:
         return ()
@@ -103,8 +106,8 @@ def shares_of(axis: AxisPlan) -> tuple[tuple[float, float], ...]:
 def cell_light(distance: F64, width: F64, blur: float) -> F64:
     """Share of a cell's light in a pixel, by the distance of their centres: box * box * Gaussian.
 
-    distance, width (footprint, > 0), blur (rms): cells, arrays that broadcast. The second difference of the Gaussian
-    integrated twice, R(t) = t Phi(t / b) + b phi(t / b), over both boxes.
+    distance, width (footprint, > 0), blur (rms): cells, arrays that broadcast. The second difference of the
+    Gaussian integrated twice, R(t) = t Phi(t / b) + b phi(t / b), over both boxes.
     """
     spread = max(blur, 1e-3)
 
@@ -157,25 +160,29 @@ def measured_pixelations(
 ) -> list[Pixelation]:
     """Of each axis, from its decoded map (H, W) and variance at the sampled pixels that see the pattern.
 
-    on_cells: fringes were shown on cells; blur: rms, cells, if it is known. Both axes are of one display: the blur is
-    what explains both.
+    on_cells: fringes were shown on cells; blur: rms, cells, if it is known. Both axes are of one display: the
+    blur is what explains both.
     """
     shares = [shares_of(axis) if on_cells else () for axis in plan.axes]
     seen = [_neighbours(lit, *own) for own in maps]
     sigmas = [0.05 if one is None else float(np.sqrt(np.median(one.noise))) for one in seen]
     usual = [float(2.0 ** np.clip(np.rint(2 * np.log2(max(sigma, 1e-6))) / 2, -8, -1)) for sigma in sigmas]
     allowed = (0.0, 0.0) if blur is None else (blur, blur)
-    asked = [each for each in zip(shares, usual, seen, strict=True) if each[0] and each[2] is not None]
-    if blur is None and asked:
-        blur, allowed = _fitted_blur(np.sum([_misfits(*each) for each in asked], axis=0))
+    asked = [
+        _misfits(share, sigma, one)
+        for share, sigma, one in zip(shares, usual, seen, strict=True)
+        if blur is None and share and one is not None
+    ]
+    if asked:
+        blur, allowed = _fitted_blur(np.sum(asked, axis=0))
     known = float("nan") if blur is None else blur
     found = [_pixelation(*each, known, allowed) for each in zip(shares, usual, seen, strict=True)]
     return [replace(one, extent=_extent(plan, axis, lit)) for one, axis in zip(found, plan.axes, strict=True)]
 
 
 def _extent(plan: Plan, axis: AxisPlan, lit: Sample) -> float:
-    """Deviation s (cells) of what pixels see: contrast = exp(-2 (pi s / P)^2), of the coarsest period, or of white
-    and black, and the finest."""
+    """Deviation s (cells) of what pixels see: contrast = exp(-2 (pi s / P)^2), of the coarsest period, or of
+    white and black, and the finest."""
     sizes = [_amplitudes(fringe, lit) for fringe in (axis.fringes[:1] + axis.fringes[-1:])]
     periods = [fringe.period for fringe in (axis.fringes[:1] + axis.fringes[-1:])]
     if plan.white >= 0 and plan.black >= 0 and axis.fringes:
@@ -211,7 +218,8 @@ def _pixelation(
 def _table(
     shares: tuple[tuple[float, float], ...], blur: float | None, allowed: tuple[float, float], sigma: float
 ) -> Pixelation:
-    """The correction for a blur (None: none), what blurs between the allowed ones would change in the variance."""
+    """The correction for a blur (None: none), what blurs between the allowed ones would change in the
+    variance."""
     place = np.arange(PLACES) / PLACES
     shift, variance = np.zeros((2, len(WIDTHS), PLACES), np.float32)
     own = np.zeros((len(WIDTHS), PLACES))
@@ -270,8 +278,8 @@ def _neighbours(lit: Sample, coord: F32, variance: F32) -> _Neighbours | None:
 
 
 def _roughness(seen: _Neighbours, place: F32) -> float:
-    """Variance of a coordinate that fourth differences of neighbours, which no smooth map has, show beyond noise:
-    their variance is 1 + 16 + 36 + 16 + 1 times that of a coordinate."""
+    """Variance of a coordinate that fourth differences of neighbours, which no smooth map has, show beyond
+    noise: their variance is 1 + 16 + 36 + 16 + 1 times that of a coordinate."""
     fourth = np.diff(place, 4, axis=0)[0] ** 2 / (70 * seen.noise)
     kept = fourth[fourth < _OUTLYING]
     excess = float(kept.mean()) - 1 if len(kept) else 0.0
@@ -280,8 +288,8 @@ def _roughness(seen: _Neighbours, place: F32) -> float:
 
 
 def _misfits(shares: tuple[tuple[float, float], ...], sigma: float, seen: _Neighbours) -> F64:
-    """-2 log likelihood of second differences after the correction for each blur, and for none. The curvature of
-    the map itself counts as noise."""
+    """-2 log likelihood of second differences after the correction for each blur, and for none. The curvature
+    of the map itself counts as noise."""
     chi2 = []
     for blur in (*_BLURS, None):
         shift = doubt = np.zeros(1, np.float32)
@@ -296,8 +304,8 @@ def _misfits(shares: tuple[tuple[float, float], ...], sigma: float, seen: _Neigh
 
 
 def _fitted_blur(left: F64) -> tuple[float, tuple[float, float]]:
-    """The blur whose correction leaves least (NaN: none leaves significantly less), and the ends of those that do as
-    well."""
+    """The blur whose correction leaves least (NaN: none leaves significantly less), and the ends of those
+    that do as well."""
     best = int(np.argmin(left[:-1]))
     near = np.flatnonzero(left[:-1] <= left.min() + _SIGNIFICANT)
     allowed = (_BLURS[near[0]], _BLURS[near[-1]]) if len(near) else (_BLURS[-1], _BLURS[-1])

@@ -35,7 +35,8 @@ _OFF, _MOVED, _INVALID = np.int32(Flag.OFF_PATTERN), np.int32(Flag.MOVED), np.in
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Of one axis: extent of the surface (px), modulation^2 over a sample's variance, chi2, darkest white level."""
+    """Of one axis: extent of the surface (px), modulation^2 over a sample's variance, chi2, darkest white
+    level."""
 
     extent: float
     contrast2: float
@@ -54,7 +55,8 @@ class Shared:
 
 
 def limits_of(extent: int, factor: float, freedom: int, white: float) -> Limits:
-    """factor: variance of the amplitude over that of a sample; freedom: of chi2; white: where samples saturate."""
+    """factor: variance of the amplitude over that of a sample; freedom: of chi2; white: where samples
+    saturate."""
     most = float(chi2.isf(_CHANCE, freedom)) if freedom > 0 else np.inf
     return Limits(extent, _CONTRAST**2 * factor, most, _DIM * white if np.isfinite(white) else 0.0)
 

@@ -1,4 +1,5 @@
-"""The camera's frames: validated, their white level and response, and a sample of pixels from all over them."""
+"""The camera's frames: validated, their white level and response, and a sample of pixels from all over
+them."""
 
 from dataclasses import dataclass
 from typing import Any

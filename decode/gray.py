@@ -1,11 +1,11 @@
 """Binary codes: bits -> word -> cell, with the probability of a wrong bit.
 
-A bit is the sign of the difference from its inverse, or from the mean of white and black; the chance that noise
-turned it is Q(z), z that difference over its deviation. At the edge of a cell one bit of a Gray code is weak: read
-either way it leads to one of two cells side by side. Whatever else the weakest bit leads to, and any other weak
-bit, makes the cell doubtful. Where two bits or more are weak (codes that change several bits at once, or faint
-light) every word that they allow is compared: a pixel sees a mixture of one cell and the next,
-b = A ((1 - f) s(c) + f s(c + 1)), f in 0..1, and the posterior is over the cells c.
+A bit is the sign of the difference from its inverse, or from the mean of white and black; the chance that
+noise turned it is Q(z), z that difference over its deviation. At the edge of a cell one bit of a Gray code is
+weak: read either way it leads to one of two cells side by side. Whatever else the weakest bit leads to, and
+any other weak bit, makes the cell doubtful. Where two bits or more are weak (codes that change several bits
+at once, or faint light) every word that they allow is compared: a pixel sees a mixture of one cell and the
+next, b = A ((1 - f) s(c) + f s(c + 1)), f in 0..1, and the posterior is over the cells c.
 """
 
 from dataclasses import dataclass
@@ -72,8 +72,8 @@ def read_code(
 ) -> None:
     """Read the code in rows start..stop, in place: coordinates are cells' centres.
 
-    alone: variances are those of a place within the cell and of its neighbour where that is as likely; else of the
-    cell's edges only, for a fringe that tells the place.
+    alone: variances are those of a place within the cell and of its neighbour where that is as likely; else
+    of the cell's edges only, for a fringe that tells the place.
     """
     _read_rows(
         *(light.raw, light.lut, np.float32(min(light.clip, 1e9)), *rows),
@@ -242,8 +242,8 @@ def _pair(
     least: Any,
     second: Any,
 ) -> None:
-    """A bit and its inverse: the word, how weak its weakest bits are (deviations of a sample), and how far the mean
-    of both is off the usual level."""
+    """A bit and its inverse: the word, how weak its weakest bits are (deviations of a sample), and how far
+    the mean of both is off the usual level."""
     half, none = np.float32(0.5), np.int32(0)
     for x in range(word.size):
         p, q = np.float32(one[x]), np.float32(other[x])

@@ -97,7 +97,8 @@ class Finding:
     def cure(self) -> str:
         """What to do about it."""
         left = "decoded without; " if self.leave_out else ""
-        return f"{left}capture again, or describe the frames as they were shown (--no-check: decode as described)"
+        again = "capture again, or describe the frames as they were shown (--no-check: decode as described)"
+        return left + again
 
 
 @dataclass(frozen=True, slots=True)

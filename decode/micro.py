@@ -1,10 +1,10 @@
 """Micro phase shifting: one period with steps of its own, one frame each of others that are nearly as long.
 
-The steps tell the place within their period, up to a whole number of periods k. At each of the places p (t + k) every
-other frame would show a known level o + a cos(2 pi u / p_m - d_m), so a table over the phase and the levels of three of
-them lists the k that are within the noise. The best of them is refined with all samples at once: least squares for
-offset, amplitude and place, started at the fit of the steps (M. Gupta, S. K. Nayar, CVPR 2012,
-doi:10.1109/CVPR.2012.6247753).
+The steps tell the place within their period, up to a whole number of periods k. At each of the places
+p (t + k) every other frame would show a known level o + a cos(2 pi u / p_m - d_m), so a table over the phase
+and the levels of three of them lists the k that are within the noise. The best of them is refined with all
+samples at once: least squares for offset, amplitude and place, started at the fit of the steps (M. Gupta,
+S. K. Nayar, CVPR 2012, doi:10.1109/CVPR.2012.6247753).
 """
 
 from dataclasses import dataclass
@@ -27,9 +27,9 @@ __all__ = ["MicroTable", "micro_table", "unwrap_micro"]
 
 #: Entries of the table along the phase and along each of three levels, which reach from -1.25 to 1.25.
 _PHASES, _LEVELS, _REACH = 32, 20, 1.25
-#: Deviations within which an order is listed. A level's own noise, that of offset and amplitude, and that of the phase
-#: add up to 1 + 1/3 + 2/3 + 2/3 of a sample's variance at most; over five levels the errors that they share to
-#: 1 + 5/3 + 5/3.
+#: Deviations within which an order is listed. A level's own noise, that of offset and amplitude, and that of
+#: the phase add up to 1 + 1/3 + 2/3 + 2/3 of a sample's variance at most; over five levels the errors that
+#: they share to 1 + 5/3 + 5/3.
 _DEVIATIONS, _OF_LEVEL, _OF_ALL = 5.0, 8 / 3, 13 / 3
 _STEP = 2**0.5
 _ONE, _HALF, _TWO_PI = np.float32(1), np.float32(0.5), np.float32(2 * np.pi)
@@ -37,8 +37,9 @@ _ONE, _HALF, _TWO_PI = np.float32(1), np.float32(0.5), np.float32(2 * np.pi)
 
 @dataclass(frozen=True, slots=True)
 class MicroTable:
-    """frames (M,): numbers of the single frames, periods and shifts (turns) of them; used (3,): those of the table;
-    first, second, start, listed: orders by cell, as in candidates.Orders; tolerance: of a level over the amplitude."""
+    """frames (M,): numbers of the single frames, periods and shifts (turns) of them; used (3,): those of the
+    table; first, second, start, listed: orders by cell, as in candidates.Orders; tolerance: of a level over
+    the amplitude."""
 
     frames: NDArray[np.int64]
     periods: NDArray[np.float32]
@@ -60,7 +61,7 @@ def micro_table(axis: AxisPlan, deviation: float) -> MicroTable:
     ]
     periods, shifts = tuple(s[1] for s in singles), tuple(s[2] / (2 * np.pi) for s in singles)
     used = (0, len(singles) // 2, len(singles) - 1)
-    tables = _orders(axis.fringes[0].period, periods, shifts, used, axis.extent, tolerance)
+    tables: Any = _orders(axis.fringes[0].period, periods, shifts, used, axis.extent, tolerance)
     return MicroTable(
         np.array([s[0] for s in singles]),
         *(np.array(periods, np.float32), np.array(shifts, np.float32), np.array(used), *tables, tolerance),
@@ -139,7 +140,8 @@ def unwrap_micro(
 
 @inlined
 def cosine_of(turns: Any) -> Any:
-    """cos(2 pi turns), float32, to 3e-6: sin of what is left of a quarter turn, by its series to the 11th power."""
+    """cos(2 pi turns), float32, to 3e-6: sin of what is left of a quarter turn, by its series to the 11th
+    power."""
     y = np.float32(0.25) - abs(turns - np.rint(turns))
     z = y * y * (_TWO_PI * _TWO_PI)
     p = np.float32(-1 / 39916800)
@@ -291,7 +293,8 @@ def _search(
 
 @kernel
 def _normal(turn: Any, order: Any, period: Any, steps: Any, place: Any, sums: Any) -> None:
-    """Normal equations for offset, amplitude (of it) and place (turns of the period) of N even steps: diagonal."""
+    """Normal equations for offset, amplitude (of it) and place (turns of the period) of N even steps:
+    diagonal."""
     half = _HALF * steps
     for x in range(order.size):
         place[x] = period * (order[x] + turn[x] - np.floor(turn[x]))

@@ -1,8 +1,8 @@
 """Noise of the camera, from what no scene can make of the frames: variance = read^2 + gain * level.
 
-Photon transfer on the constraints that a sequence obeys (plan.constraints): residuals of fringes with more than
-three shifts, sums of bits and inverses, mean levels of fringes, else bits near the reference levels, else
-differences of neighbours. Only pixels that see the pattern count, clipped ones never; scales are trimmed
+Photon transfer on the constraints that a sequence obeys (plan.constraints): residuals of fringes with more
+than three shifts, sums of bits and inverses, mean levels of fringes, else bits near the reference levels,
+else differences of neighbours. Only pixels that see the pattern count, clipped ones never; scales are trimmed
 means, which edges, reflections and a few moving pixels do not shift.
 """
 
@@ -25,8 +25,8 @@ _SURE = 6.0
 _MOST = 8192
 #: Trimmed beyond so many deviations, and what that leaves of a normal variance.
 _TRIM, _LEFT = 3.0, 0.9733
-#: Residuals that tell a variance (18 %), pixels that tell noise and map well, runs of 64 pixels of a sample: 1000
-#: and 8000 pixels on a mirror that fills 10 % of the image.
+#: Residuals that tell a variance (18 %), pixels that tell noise and map well, runs of 64 pixels of a sample:
+#: 1000 and 8000 pixels on a mirror that fills 10 % of the image.
 _FEWEST, _ENOUGH = 64, 1024
 _FEW_RUNS, _MANY_RUNS = 128, 1024
 _BINS = 8
@@ -38,9 +38,9 @@ _UNLIKE = 0.2
 class Noise:
     """variance = read2 + gain * level of one sample, linear camera levels; rounding is part of read2.
 
-    Misfits are judged by more than that: rounding2, as rounding is no random error (all samples of a pixel may be
-    rounded alike), and misfit2 times the squared amplitude, what the constraints leave beyond noise in all pixels:
-    what is shown or seen is not quite what was described.
+    Misfits are judged by more than that: rounding2, as rounding is no random error (all samples of a pixel
+    may be rounded alike), and misfit2 times the squared amplitude, what the constraints leave beyond noise in
+    all pixels: what is shown or seen is not quite what was described.
     """
 
     read2: float
@@ -121,7 +121,8 @@ def _estimated(light: Light, plan: Plan, sample: Sample) -> tuple[Noise, Sample]
 
 
 def _misfit(sample: Sample, amplitude: F32, groups: tuple[F64, ...], noise: Noise) -> float:
-    """Variance that all constraints together leave beyond noise, of the bulk of pixels, over the amplitude^2."""
+    """Variance that all constraints together leave beyond noise, of the bulk of pixels, over the
+    amplitude^2."""
     if not groups or not sample.levels.size:
         return 0.0
     thin = max(1, sample.levels.shape[1] // _MOST)
@@ -151,8 +152,8 @@ def _residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32
 
 
 def _explained(plan: Plan, frames: NDArray[np.int64], levels: F32, residual: F32) -> F32:
-    """What a changed gain of single frames and harmonics of the fringe explain of a constraint's residuals (K,): they
-    follow the level and the phase, and are no noise."""
+    """What a changed gain of single frames and harmonics of the fringe explain of a constraint's residuals
+    (K,): they follow the level and the phase, and are no noise."""
     own = [f for axis in plan.axes for f in axis.fringes if set(frames.tolist()) <= set(f.index)]
     if not own:
         return np.zeros_like(residual)
@@ -187,7 +188,8 @@ def _neighbours(levels: F32, places: NDArray[np.int64]) -> tuple[F32, F32]:
 def _trimmed_variance(residual: F32) -> float:
     """Variance of the bulk of residuals: mean square of those within _TRIM deviations of it, iterated."""
     square = np.square(residual)
-    # from above: on whole grey values more than half of the residuals may be 0; 1.645: a normal's 90th percentile
+    # from above: on whole grey values more than half of the residuals may be 0; 1.645: a normal's 90th
+    # percentile
     variance = 4 * float(np.partition(square, at := int(0.9 * (len(square) - 1)))[at]) / 1.645**2 + 1e-12
     for _ in range(30):
         kept = square[square <= _TRIM**2 * variance]
@@ -199,7 +201,8 @@ def _trimmed_variance(residual: F32) -> float:
 
 
 def _fitted(level: F32, residual: F32, floor: float) -> Noise:
-    """Trimmed variance by level, and the weighted straight line through it that is nowhere below the floor."""
+    """Trimmed variance by level, and the weighted straight line through it that is nowhere below the
+    floor."""
     whole = max(_trimmed_variance(residual), floor) if len(residual) else floor
     if len(level) < 8 * _FEWEST:
         return Noise(whole)

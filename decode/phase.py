@@ -1,7 +1,8 @@
 """Phase shifting: least squares of N samples per period, I_i = e_i (A + c cos d_i + s sin d_i).
 
-Phase = atan2(s, c); its variance follows from the covariance of c and s (for N even steps 2 sigma^2 / (N B^2), the
-Cramer-Rao bound). Saturated samples leave the fit, pixel by pixel, as long as three others determine it.
+Phase = atan2(s, c); its variance follows from the covariance of c and s (for N even steps
+2 sigma^2 / (N B^2), the Cramer-Rao bound). Saturated samples leave the fit, pixel by pixel, as long as three
+others determine it.
 """
 
 from dataclasses import dataclass
@@ -28,8 +29,8 @@ _DEGENERATE = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """One period over a block, (R, W) float32: phase (turns), its variance (turns^2), amplitude, offset, squared
-    residuals over the variance of a sample, number of saturated samples."""
+    """One period over a block, (R, W) float32: phase (turns), its variance (turns^2), amplitude, offset,
+    squared residuals over the variance of a sample, number of saturated samples."""
 
     turn: F32
     variance: F32
@@ -58,8 +59,8 @@ def fit_fringe(
 
 @lru_cache(maxsize=64)
 def _weights(fringe: Fringe) -> tuple[F32, F32, F32]:
-    """Design (N, 3); weights (4, N) of offset, c, s and, of four samples, the one combination that these do not
-    reach; variances and covariance of c and s (3,)."""
+    """Design (N, 3); weights (4, N) of offset, c, s and, of four samples, the one combination that these do
+    not reach; variances and covariance of c and s (3,)."""
     design = fringe.design()
     covariance = np.linalg.inv(design.T @ design)
     free = np.linalg.qr(design, mode="complete")[0][:, 3:]
@@ -71,7 +72,8 @@ def _weights(fringe: Fringe) -> tuple[F32, F32, F32]:
 
 @inlined
 def turn_of(s: Any, c: Any) -> Any:
-    """atan2(s, c) / 2 pi in [-1/2, 1/2], float32, to 6e-9 turns: an odd polynomial on [0, 1] and symmetries."""
+    """atan2(s, c) / 2 pi in [-1/2, 1/2], float32, to 6e-9 turns: an odd polynomial on [0, 1] and
+    symmetries."""
     far, near = max(abs(s), abs(c)), min(abs(s), abs(c))
     t = near / max(far, _TINY)
     z = t * t
@@ -229,8 +231,8 @@ def _phase_line(
     amplitude: Any,
     chi2: Any,
 ) -> Any:
-    """Phase, variance, amplitude and chi2 of a line (chi2 holds squared residuals); number of pixels that may hold
-    a saturated sample: none of a fit that stays below white by more than its residuals."""
+    """Phase, variance, amplitude and chi2 of a line (chi2 holds squared residuals); number of pixels that may
+    hold a saturated sample: none of a fit that stays below white by more than its residuals."""
     cc, cs, ss = covariance[0], covariance[1], covariance[2]
     two = np.float32(2)
     bright = 0

@@ -103,7 +103,8 @@ class AxisPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """All axes, and the frames that serve both (-1: not shown). No axes: spots, which lie along both at once."""
+    """All axes, and the frames that serve both (-1: not shown). No axes: spots, which lie along both at
+    once."""
 
     axes: tuple[AxisPlan, ...]
     white: int
@@ -226,9 +227,9 @@ def _fringe(sequence: Sequence, index: list[int], period: float, axis: str) -> F
 def constraints(plan: Plan, count: int) -> tuple[F64, ...]:
     """Orthonormal combinations (C, count) of a pixel's samples that are 0 whatever it looks at, by trust.
 
-    First those within one fringe (offset, c, s are free), then those within the pairs of bits and inverses (one
-    sum), last all of them: every fringe and pair, white and black share one mean level. What a frame shows
-    besides is free. Groups without any combination are left out.
+    First those within one fringe (offset, c, s are free), then those within the pairs of bits and inverses
+    (one sum), last all of them: every fringe and pair, white and black share one mean level. What a frame
+    shows besides is free. Groups without any combination are left out.
     """
     fringes = [fringe for axis in plan.axes for fringe in axis.fringes]
     pairs = [pair for axis in plan.axes if axis.code for pair in _pairs(axis.code)]

@@ -1,9 +1,10 @@
 """What neighbours tell of a pixel: its footprint, what the display's cells shift in it, and whether it fits.
 
-A pixel that looks at two places at once (at the edge of an object, of a shadow, of the mirror) reads neither. Edges
-show as second differences that no single place can have: more than a quarter of the finest period, or two cells of a
-code, between neighbours. A pixel beside one that sees nothing may itself see only in part; its lost amplitude tells how
-much, and half of that share of the footprint is how far its centre of light may be off.
+A pixel that looks at two places at once (at the edge of an object, of a shadow, of the mirror) reads neither.
+Edges show as second differences that no single place can have: more than a quarter of the finest period, or
+two cells of a code, between neighbours. A pixel beside one that sees nothing may itself see only in part; its
+lost amplitude tells how much, and half of that share of the footprint is how far its centre of light may be
+off.
 """
 
 import math
@@ -157,8 +158,9 @@ def _special_line(
     along: Any,
     special: Any,
 ) -> None:
-    """Pixels of which neighbours or the border tell something: those at the ends of a row are always asked."""
-    last, two, half = c.size - 1, np.float32(2), np.float32(0.5)
+    """Pixels of which neighbours or the border tell something: those at the ends of a row are always
+    asked."""
+    last, two = c.size - 1, np.float32(2)
     sure, four, square = np.float32(_SURE * _SURE), np.float32(4), jump * jump
     for x in range(1, last):
         off_x = c[x - 1] + c[x + 1] - two * c[x]
@@ -217,7 +219,8 @@ def _corrected_line(
 def _neighbours(
     y: Any, x: Any, coord: Any, variance: Any, flags: Any, amplitude: Any, jump: Any
 ) -> tuple[Any, Any]:
-    """Flag of a good pixel, and squared shift of its centre of light, by those of its neighbours that are good."""
+    """Flag of a good pixel, and squared shift of its centre of light, by those of its neighbours that are
+    good."""
     rows, cols = coord.shape
     before, after, up, down = max(x - 1, 0), min(x + 1, cols - 1), max(y - 1, 0), min(y + 1, rows - 1)
     c, var, zero = coord[y, x], variance[y, x], np.float32(0)
@@ -264,7 +267,8 @@ def _neighbours(
 
 @exact
 def _continued(y: Any, x: Any, dy: Any, dx: Any, coord: Any, variance: Any, flags: Any) -> Any:
-    """Squared distance from the straight continuation of two pixels on one side; 1e12 if these do not continue."""
+    """Squared distance from the straight continuation of two pixels on one side; 1e12 if these do not
+    continue."""
     far = np.float32(1e12)
     y2, x2 = y + 2 * dy, x + 2 * dx
     if not (0 <= y2 < coord.shape[0] and 0 <= x2 < coord.shape[1]):

@@ -1,12 +1,14 @@
 """Fringe orders from coarse to fine: a coordinate that is known roughly chooses the order of a finer period.
 
-The rough coordinate x has a variance s^2 (a coarser period), or lies anywhere within half a cell of x (a code).
-A period p with phase t and variance p^2 v puts the pixel at p (t + k). With d the distance of the nearest such place
-from x, the next one is p - |d| away, so that with q(d) = max(|d| - half, 0)^2 / (s^2 + p^2 v)
+The rough coordinate x has a variance s^2 (a coarser period), or lies anywhere within half a cell of x (a
+code). A period p with phase t and variance p^2 v puts the pixel at p (t + k). With d the distance of the
+nearest such place from x, the next one is p - |d| away, so that with
+q(d) = max(|d| - half, 0)^2 / (s^2 + p^2 v)
 
     P(order is wrong) = 1 / (1 + exp((q(p - |d|) - q(d)) / 2)),
 
-and q(d) is a misfit with one degree of freedom. Coordinates of several periods are averaged by their variances.
+and q(d) is a misfit with one degree of freedom. Coordinates of several periods are averaged by their
+variances.
 """
 
 from typing import Any

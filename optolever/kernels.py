@@ -33,12 +33,13 @@ def inlined(function: Kernel) -> Kernel:
 def _compiled(function: Kernel, **options: Any) -> Kernel:
     """numba.njit, cached under a key of all sources: Numba itself watches a kernel's own file only, and not
     the files of those that it calls."""
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = _cache_folder(Path(function.__code__.co_filename).parent)
+    settings: Any = numba.config
+    before = settings.CACHE_DIR
+    settings.CACHE_DIR = _cache_folder(Path(function.__code__.co_filename).parent)
     try:
         made = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     finally:
-        numba.config.CACHE_DIR = before
+        settings.CACHE_DIR = before
     return cast(Kernel, made)
 
 

@@ -15,7 +15,8 @@ __all__ = ["Notice", "notices_from_array", "notices_to_array"]
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """name: what it is about, a sentence; size of it and the limit that it passes (NaN: none); cure: what to do."""
+    """name: what it is about, a sentence; size of it and the limit that it passes (NaN: none); cure: what to
+    do."""
 
     name: str
     size: float
