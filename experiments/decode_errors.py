@@ -173,8 +173,8 @@ def _responses() -> Iterator[Figure]:
 
     def error(levels: F64, response: Response | None, top: float) -> float:
         frames = np.clip(np.rint(levels + noise), 0, top).astype(np.uint8 if top == 255 else np.uint16)
-        kind = {"response": response, "weigh_samples": True} if response else {"white_level": top}
-        found = decode(frames, shown, on_cells=False, **kind)
+        white = None if response else top
+        found = decode(frames, shown, response=response, white_level=white, on_cells=False)
         return rms((found.u - place[0])[found.good])
 
     plain = error(10 + 230 * light, None, 255.0)
