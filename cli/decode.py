@@ -1,15 +1,19 @@
 """`optolever decode`: a capture folder (or a SOFAST file) to a correspondence."""
 
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from .options import FILE, HDF5, blame, json_option, sample, writable
-from .show import flag_shares, number, progress, table, write_json
+from .show import flag_shares, number, print_notices, progress, table, write_json
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from optolever.decode import Correspondence, Response
     from optolever.projector import Capture
 
@@ -42,9 +46,25 @@ Correspondence in c.npz
     metavar="H5",
     help="Response to invert before decoding: image calibration of SOFAST.",
 )
+@click.option(
+    "--mask", type=FILE, metavar="PNG", help="Pixels to decode: white in an image of the frames' size."
+)
+@click.option(
+    "--roi", metavar="TOP,LEFT,ROWS,COLS", help="Decode this rectangle only; the rest of C.npz is INVALID."
+)
+@click.option("--no-cells", is_flag=True, help="Frames were ideal cosines, not shown on a display's cells.")
+@click.option("--no-check", is_flag=True, help="Take the frames for those described.")
 @json_option
 def command(
-    source: Path, out: Path, description: Path | None, response: Path | None, json_path: Path | None
+    source: Path,
+    out: Path,
+    description: Path | None,
+    response: Path | None,
+    mask: Path | None,
+    roi: str | None,
+    no_cells: bool,
+    no_check: bool,
+    json_path: Path | None,
 ) -> None:
     """Decode a capture: where on the pattern does every camera pixel look, and how sure is that.
 
@@ -61,13 +81,22 @@ def command(
         start = time.perf_counter()
         with blame(source):
             inverse = _inverse(response)
-            result = decode(capture.frames, capture.sequence, response=inverse)
+            inside = _inside(mask, roi, capture.frames.shape[1:])
+            result = decode(
+                *(capture.frames, capture.sequence),
+                response=inverse,
+                mask=inside,
+                on_cells=not no_cells,
+                check=not no_check,
+            )
         seconds = time.perf_counter() - start
         left = [] if inverse is None else harmonic_errors(capture.frames, capture.sequence, inverse)
         step("write")
         result.save(out)
-    faults = _faults(capture, result)
-    numbers = _numbers(result) | {"frames": len(capture), "seconds": seconds, "faults": faults}
+    print_notices(result.notices)
+    told = [asdict(notice) for notice in result.notices]
+    numbers = _numbers(result) | {"frames": len(capture), "seconds": seconds, "notices": told}
+    numbers["faults"] = [notice.name for notice in result.notices]
     numbers["harmonic_error_px"] = {one.axis: {"rms": one.rms_px, "sigma": one.sigma_px} for one in left}
     write_json(json_path, numbers)
     rows, cols = result.u.shape
@@ -87,14 +116,36 @@ def command(
     )
 
 
-def _faults(capture: "Capture", result: "Correspondence") -> list[str]:
-    """What is wrong with the order of the frames, in words; on stderr too."""
-    from optolever.decode import check
+def _inside(mask: Path | None, roi: str | None, shape: tuple[int, ...]) -> "NDArray[np.bool_] | None":
+    """Pixels (H, W) that --mask and --roi leave; None: all."""
+    import cv2
+    import numpy as np
 
-    faults = [finding.sentence for finding in check(capture.frames, capture.sequence, result).findings]
-    for fault in faults:
-        click.echo(f"Notice: {fault}", err=True)
-    return faults
+    from optolever import InputError
+
+    if mask is None and roi is None:
+        return None
+    inside = np.ones(shape, np.bool_)
+    if mask is not None:
+        image = cv2.imread(str(mask), cv2.IMREAD_GRAYSCALE) if mask.is_file() else None
+        if image is None:
+            raise InputError(f"{mask}: no readable image")
+        if image.shape != shape:
+            raise InputError(
+                f"{mask}: is {image.shape[0]}x{image.shape[1]}, frames are {shape[0]}x{shape[1]}"
+            )
+        inside &= image > 127
+    if roi is not None:
+        parts = roi.split(",")
+        if len(parts) != 4 or not all(part.strip().isdecimal() for part in parts):
+            raise InputError(f"--roi {roi!r}: must be four whole numbers, TOP,LEFT,ROWS,COLS")
+        top, left, rows, cols = (int(part) for part in parts)
+        if rows < 1 or cols < 1 or top + rows > shape[0] or left + cols > shape[1]:
+            raise InputError(f"--roi {roi}: reaches beyond the frames, which are {shape[0]}x{shape[1]}")
+        rectangle = np.zeros(shape, np.bool_)
+        rectangle[top : top + rows, left : left + cols] = True
+        inside &= rectangle
+    return inside
 
 
 def _read(source: Path, description: Path | None) -> "Capture":

@@ -23,25 +23,25 @@ from .options import (
 from .show import grid, number, progress, table, write_json
 
 if TYPE_CHECKING:
-    from optolever.experiments.design import DesignRow
+    from optolever.experiments.design import Design, DesignRow
 
 __all__ = ["command"]
 
 SAMPLE = """
 $ optolever design --scene prism48 --size 96x128 --frames 14 --rows 3 --out best.toml
 Height error, rms in mm: prism48, at most 14 frames
-sequence                               frames  time      predicted  simulated  wrong order  measured
-phase:steps=3,periods=4.53333/4.37143  12      0.2 s     6.31e-05   6.53e-05   1e-10        100 %
-phase:steps=3,periods=6.8/6.44211      12      0.2 s     7.419e-05  7.647e-05  0e+00        100 %
-ladder: 2 to 5 px, steps 3/4           14      0.2333 s  7.927e-05  8.304e-05  0e+00        100 %
+sequence                               frames  time      predicted  +-   simulated  wrong order  measured
+phase:steps=3,periods=4.53333/4.37143  12      0.2 s     6.594e-05  1 %  6.532e-05  0e+00        100 %
+phase:steps=3,periods=6.8/6.44211      12      0.2 s     7.777e-05  1 %  7.649e-05  0e+00        100 %
+ladder: 2 to 5 px, steps 3/4           14      0.2333 s  8.226e-05  3 %  8.302e-05  0e+00        100 %
 Choice
   sequence    phase:steps=3,periods=4.53333/4.37143
   candidates  15
-  time        predict 3.866, simulate 1.274, total 5.14 s
+  time        predict 19.78, simulate 1.224, total 21 s
   written to  best.toml
 """
 
-HEADER = ("sequence", "frames", "time", "predicted", "simulated", "wrong order", "measured", "")
+HEADER = ("sequence", "frames", "time", "predicted", "+-", "simulated", "wrong order", "measured", "")
 
 
 @click.command("design", epilog=sample(SAMPLE))
@@ -90,9 +90,9 @@ def command(
 ) -> None:
     """Rank codes and their parameters for a scene by predicted height error, and simulate the best.
 
-    Predicted in closed form: noise of the phase under blur, pixel and cell, misread orders and bits,
-    stairs of the cells; taken to heights by the scene's own solver. What fails too often or loses pixels
-    comes last.
+    Predicted by the decoder itself, run on images of the scene (of a large camera: on windows of its image),
+    and by the scene's own solver. What fails too often or loses pixels comes last; what --add brings is
+    always printed. +-: standard error of the prediction; measured: share of the pixels with a height.
     """
     writable(out, json_path)
     if out is not None and out.suffix != ".toml":
@@ -125,7 +125,7 @@ def command(
     grid(
         f"Height error, rms in mm: {scene.name}, at most {budget} frames",
         HEADER,
-        map(_cells, design.rows[:shown]),
+        map(_cells, _printed(design, shown, added)),
     )
     chosen = design.chosen
     table(
@@ -137,6 +137,11 @@ def command(
             **({"written to": str(out)} if out is not None and chosen is not None else {}),
         },
     )
+
+
+def _printed(design: "Design", shown: int, added: tuple[str, ...]) -> "list[DesignRow]":
+    """The best rows, and those that the user asked for."""
+    return design.rows[:shown] + [row for row in design.rows[shown:] if row.text in added]
 
 
 def _budget(frames: int | None, seconds: float | None, refresh: float) -> int:
@@ -155,6 +160,7 @@ def _cells(row: "DesignRow") -> list[Any]:
         str(row.frames),
         number(row.seconds, "s"),
         number(row.predicted),
+        f"{100 * row.spread:.0f} %" if math.isfinite(row.spread) else "",
         number(row.simulated) if math.isfinite(row.simulated) else "",
         f"{row.failure:.0e}",
         number(100 * row.share, "%"),

@@ -14,7 +14,19 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rich.table import Table
 
-__all__ = ["Step", "dent_rows", "flag_shares", "grid", "number", "progress", "table", "write_json"]
+    from optolever.notices import Notice
+
+__all__ = [
+    "Step",
+    "dent_rows",
+    "flag_shares",
+    "grid",
+    "number",
+    "print_notices",
+    "progress",
+    "table",
+    "write_json",
+]
 
 
 def number(value: float, unit: str = "") -> str:
@@ -44,6 +56,14 @@ def dent_rows(dent: Mapping[str, Any], count: int) -> dict[str, str]:
         f"{give('volume', 'mm³')}, centroid ({x:.6g}, {y:.6g}) ± {dent['centroid_sigma']:.2g} mm",
         f"evidence {count}": dent["evidence"],
     }
+
+
+def print_notices(notices: "Iterable[Notice]") -> None:
+    """Print each on stderr, one line."""
+    import click
+
+    for notice in notices:
+        click.echo(f"Notice: {notice}", err=True)
 
 
 def table(title: str, rows: Mapping[str, str]) -> None:

@@ -156,11 +156,11 @@ def axis_decoder(
 
 
 def _deviation(axis: AxisPlan, noise: Noise, lit: Sample) -> float:
-    """Deviation of a sample over the usual amplitude of the finest fringe."""
+    """Deviation of a sample over the amplitude of the finest fringe that all but a twentieth of the pixels have."""
     fringe = axis.fringes[-1]
     levels = lit.levels[list(fringe.index)]
     c, s = np.linalg.pinv(fringe.design())[1:].astype(np.float32) @ levels
-    usual = float(np.median(np.hypot(c, s))) if levels.size else 1.0
+    usual = float(np.quantile(np.hypot(c, s), 0.05)) if levels.size else 1.0
     variance = float(noise.variance(float(levels.mean() if levels.size else 0.0)))
     return float(np.sqrt(variance) / max(usual, 1e-6))
 

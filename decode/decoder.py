@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 from functools import reduce
 from threading import local
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +16,7 @@ from .axis import AxisDecoder, axis_decoder
 from .correspondence import Correspondence, Flag
 from .display import measured_pixelations
 from .exposures import better_of, by_exposure
-from .flags import Limits, Shared, limits_of, merge
+from .flags import Shared, merge
 from .frames import Light, light_of
 from .integrity import examine, spoilt_pixels
 from .noise import Noise, Sample, estimate_noise
@@ -110,7 +109,9 @@ def _decoded(light: Light, sequence: Sequence, options: _Options) -> Corresponde
     """The six steps, for frames of one exposure."""
     wanted = plan(sequence)
     noise, lit = _noise(light, wanted, options)
-    decoders = [axis_decoder(axis, sequence, wanted, light, noise, lit, options.on_cells) for axis in wanted.axes]
+    decoders = [
+        axis_decoder(axis, sequence, wanted, light, noise, lit, options.on_cells) for axis in wanted.axes
+    ]
     raw, shared = _estimated(light, noise, decoders)
     found = _among_neighbours(decoders, lit, raw, shared, options, sequence, noise)
     if options.mask is not None:
@@ -146,13 +147,12 @@ def _noise(light: Light, wanted: Plan, options: _Options) -> tuple[Noise, Sample
     return (noise if options.noise is None else options.noise), lit
 
 
-def _estimated(
-    light: Light, noise: Noise, decoders: list[AxisDecoder]
-) -> tuple[dict[str, Raw], Shared]:
+def _estimated(light: Light, noise: Noise, decoders: list[AxisDecoder]) -> tuple[dict[str, Raw], Shared]:
     """Every axis, block by block of rows."""
     shape = light.raw.shape[1:]
     raw = {
-        decoder.axis.axis: Raw(np.empty(shape, np.float32), np.empty(shape, np.float32)) for decoder in decoders
+        decoder.axis.axis: Raw(np.empty(shape, np.float32), np.empty(shape, np.float32))
+        for decoder in decoders
     }
     shared = Shared(np.empty(shape, np.uint16), *(np.empty(shape, np.float32) for _ in range(3)))
     room = local()
@@ -202,4 +202,20 @@ def _among_neighbours(
 
     over_rows(block, shape[0], _BLOCK)
     (u, sigma_u), (v, sigma_v) = out["u"], out["v"]
-    return Correspondence(u, v, sigma_u, sigma_v, flags, shared.amplitude, shared.offset, shared.error)
+    common = shared.amplitude, shared.offset, shared.error
+    rough = max(pixelation.roughness**0.5 for pixelation in pixelations)
+    return Correspondence(u, v, sigma_u, sigma_v, flags, *common, _unlike(noise, rough))
+
+
+def _unlike(noise: Noise, rough: float) -> tuple[Notice, ...]:
+    """What frames or neighbours show beyond noise."""
+    cure = (
+        "the response (gamma), flicker, a slow display or stray light; sigma holds what neighbours show of it"
+    )
+    told = []
+    if noise.misfit2 > 0:
+        share = float(np.sqrt(noise.misfit2))
+        told.append(Notice("frames contradict each other, share of the amplitude", share, 0.0, cure))
+    if rough > 0:
+        told.append(Notice("neighbours differ beyond noise, pattern px rms", rough, 0.0, cure))
+    return tuple(told)

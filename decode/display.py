@@ -23,7 +23,14 @@ from scipy.special import ndtr
 from .noise import Sample
 from .plan import AxisPlan, Fringe
 
-__all__ = ["Pixelation", "cell_error", "cell_light", "measured_pixelations", "no_pixelation", "table_rounding"]
+__all__ = [
+    "Pixelation",
+    "cell_error",
+    "cell_light",
+    "measured_pixelations",
+    "no_pixelation",
+    "table_rounding",
+]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -133,7 +140,11 @@ def _inverted(shares: tuple[tuple[float, float], ...], blur: float, sigma: float
 
 
 def measured_pixelations(
-    axes: tuple[AxisPlan, ...], maps: tuple[tuple[F32, F32], ...], on_cells: bool, blur: float | None, lit: Sample
+    axes: tuple[AxisPlan, ...],
+    maps: tuple[tuple[F32, F32], ...],
+    on_cells: bool,
+    blur: float | None,
+    lit: Sample,
 ) -> list[Pixelation]:
     """Of each axis, from its decoded map (H, W) and variance at the sampled pixels that see the pattern.
 
@@ -209,13 +220,18 @@ def _neighbours(lit: Sample, coord: F32, variance: F32) -> _Neighbours | None:
     row, col = row[inside], col[inside]
     lines = [np.stack([coord[row + d * y, col + d * x] for d in range(-2, 3)]) for y, x in ((0, 1), (1, 0))]
     steps = [
-        np.abs(coord[row + REACH * y, col + REACH * x] - coord[row - REACH * y, col - REACH * x]) / (2 * REACH)
+        np.abs(coord[row + REACH * y, col + REACH * x] - coord[row - REACH * y, col - REACH * x])
+        / (2 * REACH)
         for y, x in ((0, 1), (1, 0))
     ]
     noise = variance[row, col]
     with np.errstate(invalid="ignore"):
         five, width = np.where(steps[0] >= steps[1], *lines), np.hypot(*steps)
-        keep = (noise < 1 / 6) & (width < _WIDEST - WIDTHS[1]) & (np.abs(np.diff(five, 2, axis=0)).max(axis=0) < 1)
+        keep = (
+            (noise < 1 / 6)
+            & (width < _WIDEST - WIDTHS[1])
+            & (np.abs(np.diff(five, 2, axis=0)).max(axis=0) < 1)
+        )
     if np.count_nonzero(keep) < _FEWEST:
         return None
     return _Neighbours(five[:, keep], width[keep], noise[keep])

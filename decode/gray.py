@@ -169,7 +169,10 @@ def _read_rows(
         )
         for x in range(width):
             noise = read2 + gain * max(o[x], np.float32(0))
-            if second[x] * second[x] < np.float32(_WEAK * _WEAK) * noise and a[x] * a[x] > np.float32(8) * noise:
+            if (
+                second[x] * second[x] < np.float32(_WEAK * _WEAK) * noise
+                and a[x] * a[x] > np.float32(8) * noise
+            ):
                 for b in range(bits):
                     total[b] = _margin(raw, frames[b], row, x, table, o[x])
                 _weak_bits(
@@ -407,9 +410,7 @@ def _weak_bits(
 
 
 @exact
-def _mixture(
-    margin: Any, factor: Any, one: Any, other: Any, amplitude: Any, noise: Any
-) -> tuple[Any, Any]:
+def _mixture(margin: Any, factor: Any, one: Any, other: Any, amplitude: Any, noise: Any) -> tuple[Any, Any]:
     """Misfit of the best mixture of two words, and the share of the other one."""
     top, bottom = 0.0, 1e-30
     for b in range(factor.size):

@@ -55,7 +55,9 @@ def micro_table(axis: AxisPlan, deviation: float) -> MicroTable:
     """Orders of the period with steps; deviation: of a sample over the usual amplitude."""
     tolerance = max(_DEVIATIONS * np.sqrt(_OF_LEVEL) * deviation, 0.01)
     tolerance = float(_STEP ** np.ceil(np.log(tolerance) / np.log(_STEP)))
-    singles = [(i, f.period, d) for f in axis.singles for i, d in zip(f.index, f.shifts.tolist(), strict=True)]
+    singles = [
+        (i, f.period, d) for f in axis.singles for i, d in zip(f.index, f.shifts.tolist(), strict=True)
+    ]
     periods, shifts = tuple(s[1] for s in singles), tuple(s[2] / (2 * np.pi) for s in singles)
     used = (0, len(singles) // 2, len(singles) - 1)
     tables = _orders(axis.fringes[0].period, periods, shifts, used, axis.extent, tolerance)
@@ -109,11 +111,25 @@ def _orders(
 
 
 def unwrap_micro(
-    light: Light, noise: Noise, fit: Fit, fringe: Fringe, table: MicroTable, rows: tuple[int, int], estimate: Estimate
+    light: Light,
+    noise: Noise,
+    fit: Fit,
+    fringe: Fringe,
+    table: MicroTable,
+    rows: tuple[int, int],
+    estimate: Estimate,
 ) -> None:
     """Coordinates of rows start..stop from the fit of the steps and the single frames, in place."""
     _micro_rows(
-        *(light.raw, light.lut, np.float32(min(light.clip, 1e9)), *rows, table.frames, table.periods, table.shifts),
+        *(
+            light.raw,
+            light.lut,
+            np.float32(min(light.clip, 1e9)),
+            *rows,
+            table.frames,
+            table.periods,
+            table.shifts,
+        ),
         *(table.used, table.first, table.second, table.start, table.listed, np.float32(table.tolerance)),
         *(np.float32(fringe.period), np.float32(len(fringe.index)), *noise.numbers()),
         *(fit.turn, fit.amplitude, fit.offset, fit.chi2, fit.clipped),

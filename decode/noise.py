@@ -30,6 +30,8 @@ _TRIM, _LEFT = 3.0, 0.9733
 _FEWEST, _ENOUGH = 64, 1024
 _FEW_RUNS, _MANY_RUNS = 128, 1024
 _BINS = 8
+#: Share of the noise's variance that a misfit has at least to be told from it.
+_UNLIKE = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,9 +113,21 @@ def _estimated(light: Light, plan: Plan, sample: Sample) -> tuple[Noise, Sample]
     amplitude, factor = modulation(plan, sample.levels)
     seen = amplitude**2 > _SURE**2 * factor * noise.variance(sample.levels.mean(axis=0))
     if _FEWEST <= np.count_nonzero(seen) < len(seen):
-        sample = sample.only(seen)
+        sample, amplitude = sample.only(seen), amplitude[seen]
         noise = _fitted(*_residuals(plan, sample, groups), floor)
-    return replace(noise, rounding2=light.rounding), sample
+    return replace(noise, rounding2=light.rounding, misfit2=_misfit(sample, amplitude, groups, noise)), sample
+
+
+def _misfit(sample: Sample, amplitude: F32, groups: tuple[F64, ...], noise: Noise) -> float:
+    """Variance that all constraints together leave beyond noise, of the bulk of pixels, over the amplitude^2."""
+    if not groups or not sample.levels.size:
+        return 0.0
+    thin = max(1, sample.levels.shape[1] // _MOST)
+    levels, power = sample.levels[:, ::thin], np.square(amplitude[::thin], dtype=np.float64)
+    square = np.square(groups[-1].astype(np.float32) @ levels).mean(axis=0)
+    beyond = square - noise.variance(levels.mean(axis=0))
+    found = float(np.median(beyond / np.maximum(power, 1e-9)))
+    return found if found > _UNLIKE * float(np.median(square - beyond)) / float(np.median(power)) else 0.0
 
 
 def _residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32, F32]:
@@ -125,10 +139,29 @@ def _residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32
         some = rows[:: max(1, len(rows) * levels.shape[1] // (2 * _MOST))].astype(np.float32)
         used = np.abs(some) > 0
         mean = (used.astype(np.float32) @ levels) / used.sum(axis=1, keepdims=True)
-        return mean.ravel(), (some @ levels).ravel()
+        residual = some @ levels
+        for one, own in zip(residual, some, strict=True):
+            one -= _explained(plan, np.flatnonzero(own), levels, one)
+        return mean.ravel(), residual.ravel()
     if plan.white >= 0 and plan.black >= 0:
         return _near_references(plan, levels)
     return _neighbours(levels, sample.places[::thin])
+
+
+def _explained(plan: Plan, frames: NDArray[np.int64], levels: F32, residual: F32) -> F32:
+    """What a changed gain of single frames and harmonics of the fringe explain of a constraint's residuals (K,): they
+    follow the level and the phase, and are no noise."""
+    own = [f for axis in plan.axes for f in axis.fringes if set(frames.tolist()) <= set(f.index)]
+    if not own:
+        return np.zeros_like(residual)
+    mean, c, s = np.linalg.pinv(own[0].design()).astype(np.float32) @ levels[list(own[0].index)]
+    power = np.maximum(np.hypot(c, s), np.float32(1e-6))
+    wave = (c + 1j * s) / power
+    waves = [power * part for k in (1, 2, 3) for part in ((wave**k).real, (wave**k).imag)]
+    design = np.stack([mean, *waves], axis=1).astype(np.float32)
+    kept = np.abs(residual) < 4 * np.sqrt(np.square(residual).mean()) + 1e-6
+    solved = np.linalg.lstsq(design[kept], residual[kept], rcond=None)[0]
+    return np.asarray(design @ solved, np.float32)
 
 
 def _near_references(plan: Plan, levels: F32) -> tuple[F32, F32]:

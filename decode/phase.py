@@ -144,7 +144,21 @@ def _fit_rows(
         if bright > 0:
             for x in range(width):
                 _refit(
-                    *(raw, index, row, x, clip, table, design, read2, gain, rounding2, misfit2, bias, rounding),
+                    *(
+                        raw,
+                        index,
+                        row,
+                        x,
+                        clip,
+                        table,
+                        design,
+                        read2,
+                        gain,
+                        rounding2,
+                        misfit2,
+                        bias,
+                        rounding,
+                    ),
                     *(turn[r], variance[r], amplitude[r], offset[r], chi2[r], clipped[r]),
                 )
 
@@ -286,7 +300,12 @@ def _refit(
     rss = 0.0
     for i in range(index.size):
         if raw[index[i], row, x] < clip:
-            left = level_of(raw[index[i], row, x], table) - design[i, 0] * mean - design[i, 1] * c - design[i, 2] * s
+            left = (
+                level_of(raw[index[i], row, x], table)
+                - design[i, 0] * mean
+                - design[i, 1] * c
+                - design[i, 2] * s
+            )
             rss += left * left
     power, noise = max(c * c + s * s, 1e-12), read2 + gain * max(mean, 0.0)
     across = c * c * inverse[2, 2] - 2 * c * s * inverse[1, 2] + s * s * inverse[1, 1]

@@ -79,7 +79,9 @@ def _check(
     special = np.empty(cols, np.int32)
     bend = np.empty((2, cols), np.float32)
     # the border takes no light from pixels that are further from it
-    margin = np.float32(3) * np.sqrt(reach * reach + np.float32(WIDTHS[-1] ** 2 / 12)) if extent > 0 else -np.inf
+    margin = (
+        np.float32(3) * np.sqrt(reach * reach + np.float32(WIDTHS[-1] ** 2 / 12)) if extent > 0 else -np.inf
+    )
     low, high = np.float32(margin - 0.5), np.float32(extent - 0.5 - margin)
     high = np.float32(np.inf) if extent <= 0 else high
     for y in range(start, stop):

@@ -18,6 +18,7 @@ from .benchmark import RendererSpeed, measure_renderer
 from .capture import Capture
 from .context import ContextInfo, NoContextError, context_info, release_context
 from .electronics import NOMINAL_SENSOR
+from .optics_numpy import Footprints, footprints, light_of
 from .raytraced import AreaTrace, Lighting, area_frames, area_light, expose, trace_area
 from .renderer import PatternRenderer, render
 from .sofast import load_sofast, load_sofast_response
@@ -32,6 +33,7 @@ __all__ = [
     "Capture",
     "ContextInfo",
     "FolderSource",
+    "Footprints",
     "FrameSource",
     "Lighting",
     "Monitor",
@@ -47,6 +49,8 @@ __all__ = [
     "chosen_renderer",
     "context_info",
     "expose",
+    "footprints",
+    "light_of",
     "load_sofast",
     "load_sofast_response",
     "measure_renderer",

@@ -1,31 +1,34 @@
 """The virtual sensor's light in float64, the reference of the GLSL one: scene.trace and footprint kernels."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optolever.blocks import over_rows
-from optolever.scene import Scene, Surface, Trace, movement, scene_window, trace
+from optolever.patterns import Sequence
+from optolever.scene import Display, Scene, Surface, Trace, movement, scene_window, trace
 
 from .footprint import look_up_one, look_up_two
-from .groups import FrameGroup
+from .groups import FrameGroup, frame_groups
 
-__all__ = ["NumpyOptics", "Seen", "see"]
+__all__ = ["Footprints", "NumpyOptics", "footprints", "light_of"]
 
 Float = NDArray[np.float64]
 _BLOCK = 4096  # pixels at a time per thread
 
 
-class Seen:
-    """What the pixels of some rows see: u, v (P,) in cells, light (P,) passed on (0: nothing is seen),
-    and how far they spread: boxes_u, boxes_v (P, 2) = d/dcol, d/drow in cells."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Footprints:
+    """Where P pixels look: u, v (P,) in cells, light (P,) that the mirror passes on (0: no pattern there),
+    boxes_u, boxes_v (P, 2): how far u and v move along a pixel's columns and along its rows, cells."""
 
-    __slots__ = ("boxes_u", "boxes_v", "light", "u", "v")
-
-    def __init__(self, u: Float, v: Float, light: Float, boxes_u: Float, boxes_v: Float) -> None:
-        self.u, self.v, self.light = u, v, light
-        self.boxes_u, self.boxes_v = boxes_u, boxes_v
+    u: Float
+    v: Float
+    light: Float
+    boxes_u: Float
+    boxes_v: Float
 
     def along(self, axis: str) -> Float:
         """(P, 6): position along the axis and its boxes, then position across it and its boxes."""
@@ -34,8 +37,8 @@ class Seen:
         return np.ascontiguousarray(np.hstack([v, u] if axis == "v" else [u, v]))
 
 
-def see(scene: Scene, surface: Surface, start: int, stop: int) -> Seen:
-    """Trace the pixels of rows start..stop, and the middles of their four edges for the footprint."""
+def footprints(scene: Scene, surface: Surface, start: int, stop: int) -> Footprints:
+    """Trace the pixels of rows start..stop, and the middles of their four edges."""
     rows, cols = stop - start, scene.camera.cols
     centre = trace(scene_window(scene, start, 0, rows, cols), surface)
     by_col = trace(scene_window(scene, start, -0.5, rows, cols + 1), surface)
@@ -49,7 +52,7 @@ def see(scene: Scene, surface: Surface, start: int, stop: int) -> Seen:
             movement(edges_row[:-1], at, edges_row[1:]),
         )
         spread.append(np.column_stack([box.ravel() for box in boxes]))
-    return Seen(centre.u.ravel(), centre.v.ravel(), _light(scene, centre).ravel(), *spread)
+    return Footprints(centre.u.ravel(), centre.v.ravel(), _light(scene, centre).ravel(), *spread)
 
 
 def _light(scene: Scene, seen: Trace) -> Float:
@@ -80,7 +83,7 @@ class NumpyOptics:
         self, surface: Surface, start: int, stop: int, frame: int | None = None
     ) -> list[tuple[int, NDArray[np.float32]]]:
         """(frame index, light (stop - start, W) float32) of all frames, or of one."""
-        seen = see(self._scene, surface, start, stop)
+        seen = footprints(self._scene, surface, start, stop)
         groups = self._groups
         if frame is not None:
             groups = [group.only(frame) for group in groups if frame in group.indices]
@@ -93,7 +96,18 @@ class NumpyOptics:
         return found
 
 
-def look_up(seen: Seen, group: FrameGroup, blur: float) -> NDArray[np.float32]:
+def light_of(
+    seen: Footprints, sequence: Sequence, display: Display | None, blur: float
+) -> NDArray[np.float32]:
+    """Light (N, P) of a sequence's frames on the pixels, relative to one fully lit, fully reflecting; blur:
+    rms, cells."""
+    light = np.empty((len(sequence), seen.light.size), np.float32)
+    for group in frame_groups(sequence, display):
+        light[list(group.indices)] = look_up(seen, group, blur).T
+    return light
+
+
+def look_up(seen: Footprints, group: FrameGroup, blur: float) -> NDArray[np.float32]:
     """Light of the group's frames on the pixels: (P, n)."""
     look = seen.along(group.axis)
     out = np.empty((seen.light.size, len(group.indices)), np.float32)

@@ -1,14 +1,15 @@
 """Adaptive sensing: the next frames follow from what the last ones told, until the height is good enough.
 
 Asked for: a share of the pixels that see the pattern whose height is within a goal. A pixel of sigma s is
-within with erf(goal / (sqrt 2 s)), one without a height never. After every frame the closed forms of
-`prediction`, fed with the contrast, place, footprint and noise that were measured, tell what each
-possible next step would make of that share; the step that gains most per frame is taken.
+within with erf(goal / (sqrt 2 s)), one without a height never. After every frame the decoder, run
+on images of what was measured (place, light) as each possible next step would show it, tells what that step
+would make of that share; the step that gains most per frame is taken.
 """
 
 import itertools
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,34 +18,29 @@ from scipy.special import erf
 from optolever.decode import Correspondence, Flag, decode
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
+from optolever.projector import light_of
 from optolever.reconstruct import HeightMap, reconstruct
 from optolever.scene import Scene, dent
 
-from .border import MOST_LOST, border_loss
-from .candidates import LEAST_STEPS, SPAN, pairs
-from .fixed_search import offers
-from .fringes import contrast
+from .candidates import LEAST_STEPS, SPAN
+from .fixed_search import fringe_codes, offers
 from .on_demand import OnDemand
 from .outlook import Outlook
-from .prediction import predict_axis
-from .records import AxisPrediction
-from .sensitivity import NEGLIGIBLE, Lever, rms_where
-from .view import Floats, View
+from .prediction import BORDER, Prediction, predict
+from .sensitivity import Lever
+from .view import Floats, View, thinned
 
 __all__ = ["Adapted", "Goal", "Start", "Step", "adapt", "share_within", "starting"]
 
 _UNSEEN = int(Flag.DARK | Flag.OFF_PATTERN | Flag.INVALID)
-FIRST_PERIODS = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0, 32.0)
-#: Finer periods that are tried next, as shares of the finest shown.
-FINER = (0.6, 0.8)
+#: Finer periods that are tried next, as shares of the finest shown, and the finest of all.
+FINER, FINEST = (0.6, 0.8), 3.0
 #: Pixels along the shorter side of the camera by which the next frames are weighed up.
 SIDE = 60
 #: Gain of the share per frame under which nothing more is to be had.
 LEAST_GAIN = 1e-5
 #: Noise that the first frames are weighed up for, over the camera's.
 SPARE = 1.5
-#: Probability of a wrong order that the first frames may have at rest.
-SAFE = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,16 +109,28 @@ def starting(scene: Scene, noise: float, goal: Goal) -> Start:
     rest = dent("flat", scene)
     lever = Lever(scene, rest)
     thin = Lever(scene, rest, stride=max(1, min(scene.camera.rows, scene.camera.cols) // SIDE))
-    outlook, worse = (
-        Outlook(thin, goal.height, spare * noise, lever.truth_of_sigma) for spare in (1.0, SPARE)
-    )
-    found = _first(lever, noise)
+    outlook, worse = (Outlook(thin, goal.height, spare * noise, lever.sigma_factor) for spare in (1.0, SPARE))
+    found = _least(outlook)
     for offer in offers([outlook], goal.share, goal.frames):
         shown = [candidate.sequence for _, candidate in offer.best if _fringes_only(candidate.sequence)]
         if shown:
             found = max(shown, key=worse.share).frames
             break
     return Start(scene, lever, noise, found)
+
+
+def _least(outlook: Outlook) -> tuple[Frame, ...]:
+    """Three steps of two periods on each axis, of those that lose fewest pixels at rest the least error."""
+    view = outlook.lever.view
+    frames: list[Frame] = []
+    for axis in "uv":
+        codes = fringe_codes(axis, view.extent(axis), 2 * LEAST_STEPS)
+        predicted = [
+            outlook.axis(axis, Sequence(code.frames, view.extent("v"), view.extent("u"))) for code in codes
+        ]
+        best = min(range(len(codes)), key=lambda k: (round(-predicted[k].share, 2), predicted[k].size))
+        frames += codes[best].frames
+    return tuple(frames)
 
 
 def _fringes_only(sequence: Sequence) -> bool:
@@ -140,13 +148,13 @@ def adapt(source: OnDemand, start: Start, goal: Goal) -> Adapted:
         state = _State.of(images, sequence, start, goal)
         steps.append(Step(shown, len(frames), state.within))
         if state.within >= goal.share:
-            return Adapted(sequence, state.seen, state.height, steps, True, "")
+            return Adapted(sequence, state.decoded, state.height, steps, True, "")
         following = _best(state, frames, goal, start.noise)
         if following is None:
             why = "no further frame helps: the goal cannot be met on so many pixels"
-            return Adapted(sequence, state.seen, state.height, steps, False, why)
+            return Adapted(sequence, state.decoded, state.height, steps, False, why)
         if len(frames) + len(following) > goal.frames:
-            return Adapted(sequence, state.seen, state.height, steps, False, "the frames are used up")
+            return Adapted(sequence, state.decoded, state.height, steps, False, "the frames are used up")
         images = np.concatenate([images, source.show(following)])
         frames, shown = (*frames, *following), _words(following)
 
@@ -156,7 +164,7 @@ class _State:
     """What is known after some frames: correspondence, height, share within; a thinned view made of
     measurements, and there the height's sigma (NaN where there is none); gains: see Lever."""
 
-    seen: Correspondence
+    decoded: Correspondence
     height: HeightMap
     within: float
     view: View
@@ -164,82 +172,63 @@ class _State:
     gains: tuple[float, float]
 
     @classmethod
-    def of(cls, images: NDArray[np.uint8], sequence: Sequence, start: Start, goal: Goal) -> "_State":
-        scene, lever, noise = start.scene, start.lever, start.noise
-        seen = decode(images, sequence)
-        height = reconstruct(seen, scene)
-        view = _measured_view(seen, sequence, lever)
-        sees = (view.light > 0) & (np.maximum(border_loss(view, "u"), border_loss(view, "v")) < MOST_LOST)
-        bias = _systematic(seen, view, sequence, scene, height, noise)
-        sigma = height.sigma * lever.truth_of_sigma
-        within = share_within(sigma, height.good, sees, goal.height, bias)
+    def of(cls, images: NDArray[Any], sequence: Sequence, start: Start, goal: Goal) -> "_State":
+        scene, lever = start.scene, start.lever
+        decoded = decode(images, sequence)
+        height = reconstruct(decoded, scene)
+        view = _measured_view(decoded, images, sequence, lever)
+        sees = view.visible & (view.lost < BORDER)
+        bias = _systematic(decoded, predict(view, sequence, start.noise, pairs=2), height, scene)
+        within = share_within(height.sigma * lever.sigma_factor, height.good, sees, goal.height, bias)
         step = max(1, min(sees.shape) // SIDE)
         thin = (slice(step // 2, None, step),) * 2
-        sigma = np.where(height.good, sigma, np.nan)[thin]
-        return cls(
-            seen,
-            height,
-            within,
-            _thinned(replace(view, light=np.where(sees, view.light, 0.0)), step),
-            sigma,
-            lever.gains,
-        )
+        sigma = np.where(height.good, height.sigma * lever.sigma_factor, np.nan)[thin]
+        return cls(decoded, height, within, _every(view, step), sigma, lever.gains)
 
 
-def _systematic(
-    seen: Correspondence, view: View, sequence: Sequence, scene: Scene, height: HeightMap, noise: float
-) -> Floats:
-    """What the stairs of the cells and the like make of the height (mm), by closed forms; NaN without one."""
-    u, v = (predict_axis(view, sequence, noise, axis) for axis in "uv")
-    if max(rms_where(there.bias, seen.good) for there in (u, v)) < NEGLIGIBLE:
+def _systematic(decoded: Correspondence, prediction: Prediction, height: HeightMap, scene: Scene) -> Floats:
+    """Height error (mm, NaN without a height) from systematic errors of the decoder.
+
+    Run on images of what was measured, it errs as it did on those of the mirror. Of its mean error that part
+    counts which both pairs of draws have in common.
+    """
+    first, second = (
+        np.where(prediction.passed == 1, prediction.error[k : k + 2].mean(axis=0), 0.0) for k in (0, 2)
+    )
+    mean = 0.5 * (first + second)
+    size = float(np.mean(mean**2))
+    if size == 0:
         return np.zeros(height.z.shape)
-    moved = replace(seen, u=seen.u + u.bias, v=seen.v + v.bias)
+    bias = mean * float(np.clip(np.mean(first * second) / size, 0.0, 1.0))
+    moved = replace(decoded, u=decoded.u + bias[0], v=decoded.v + bias[1])
     return np.asarray(reconstruct(moved, scene, start=height).z - height.z)
 
 
-def _measured_view(seen: Correspondence, sequence: Sequence, lever: Lever) -> View:
-    """The full view with the light that was measured, 0 where nothing is seen: amplitude over what optics
-    leave of the finest fringe.
-
-    Places and footprints are those that were decoded where they stand, those at rest elsewhere.
-    """
+def _measured_view(decoded: Correspondence, images: NDArray[Any], sequence: Sequence, lever: Lever) -> View:
+    """The whole view with the light that was measured, 0 where nothing is seen: mean level over the one that
+    full light would give. Places are those that were decoded where they stand, those at rest elsewhere;
+    footprints those at rest."""
     base = lever.full
-    good = seen.good
-    u, v = (np.where(good, mine, rest) for mine, rest in ((seen.u, base.truth.u), (seen.v, base.truth.v)))
-    finest = min(frame.period_px or math.inf for frame in sequence.frames if frame.kind == "phase")
-    blur = base.scene.pattern.blur_px
-    left = np.minimum(*(contrast(finest, base.widths[axis], blur) for axis in "uv"))
-    nominal = 2 * base.levels(1.0).half / np.maximum(base.light, 1e-9)
-    amplitude = np.asarray(seen.amplitude, np.float64)
-    light = 2 * amplitude / np.maximum(left * nominal, 1e-9)
-    sees = ((np.asarray(seen.flags) & _UNSEEN) == 0) & np.isfinite(light)
-    return replace(base, truth=replace(base.truth, u=u, v=v), light=np.where(sees, light, 0.0))
+    u = np.where(decoded.good, decoded.u, base.truth.u)
+    v = np.where(decoded.good, decoded.v, base.truth.v)
+    sees = ((np.asarray(decoded.flags) & _UNSEEN) == 0) & np.isfinite(u) & np.isfinite(v)
+    lit = replace(base.image, u=u.ravel(), v=v.ravel(), light=sees.ravel().astype(np.float64))
+    full = light_of(lit, sequence, base.scene.display, base.scene.pattern.blur_px).mean(axis=0)
+    sensor, dark = base.sensor, base.sensor.levels(np.zeros(1))
+    level = images.mean(axis=0).ravel() * 255 / (2**sensor.bits - 1) - dark
+    with np.errstate(divide="ignore", invalid="ignore"):
+        light = np.where(sees.ravel(), level / (sensor.levels(full) - dark), 0.0)
+    truth = replace(base.truth, u=u, v=v, visible=sees)
+    return replace(base, truth=truth, image=replace(lit, light=np.maximum(np.nan_to_num(light), 0.0)))
 
 
-def _thinned(view: View, step: int) -> View:
-    """Every step-th pixel of a view."""
+def _every(view: View, step: int) -> View:
+    """Every step-th pixel of a whole view."""
+    if step == 1:
+        return view
     thin = (slice(step // 2, None, step),) * 2
-    truth = replace(view.truth, u=view.truth.u[thin], v=view.truth.v[thin], visible=view.truth.visible[thin])
-    widths = {axis: (mine[0][thin], mine[1][thin]) for axis, mine in view.widths.items()}
-    return View(view.scene, truth, widths, view.light[thin], step * view.stride)
-
-
-def _first(lever: Lever, noise: float) -> tuple[Frame, ...]:
-    """Three steps of two periods on each axis: the ones of least noise whose order is safe at rest."""
-    return tuple(frame for axis in "uv" for frame in _first_of(lever, axis, noise))
-
-
-def _first_of(lever: Lever, axis: str, noise: float) -> tuple[Frame, ...]:
-    pattern, extent = lever.scene.pattern, lever.view.extent(axis)
-    spanning = [(SPAN * extent, fine) for fine in FIRST_PERIODS if 2 * fine < extent]
-    found = []
-    for periods in (*spanning, *pairs(extent)):
-        frames = tuple(frame for period in periods for frame in _shifts(axis, period, [], LEAST_STEPS))
-        there = predict_axis(lever.view, Sequence(frames, pattern.rows, pattern.cols), noise, axis)
-        lost = max(float(there.failure[lever.seen].mean()), float(there.refused[lever.seen].mean()) / 10)
-        size = math.hypot(rms_where(there.noise, lever.seen), rms_where(there.bias, lever.seen))
-        found.append((lost > SAFE, lost if lost > SAFE else size, frames))
-    return min(found, key=lambda one: one[:2])[2]
+    truth = replace(view.truth, **{name: getattr(view.truth, name)[thin] for name in ("u", "v", "visible")})
+    return thinned(view, view.scene, truth)
 
 
 def _shifts(axis: str, period: float, shown: list[float], count: int) -> tuple[Frame, ...]:
@@ -276,9 +265,9 @@ def _best(state: _State, frames: tuple[Frame, ...], goal: Goal, noise: float) ->
     return following if gain > LEAST_GAIN * len(following) else None
 
 
-def _along(state: _State, frames: tuple[Frame, ...], axis: str, noise: float) -> AxisPrediction:
+def _along(state: _State, frames: tuple[Frame, ...], axis: str, noise: float) -> Prediction:
     pattern = state.view.scene.pattern
-    return predict_axis(state.view, Sequence(frames, pattern.rows, pattern.cols), noise, axis)
+    return predict(state.view, Sequence(frames, pattern.rows, pattern.cols), noise, axes=axis)
 
 
 def _options(frames: tuple[Frame, ...], state: _State) -> list[tuple[Frame, ...]]:
@@ -294,7 +283,7 @@ def _options(frames: tuple[Frame, ...], state: _State) -> list[tuple[Frame, ...]
             options += [_shifts(axis, period, shifts, more) for more in (1, 2, 3)]
         ladder = sorted(shown)
         new = [math.sqrt(fine * coarse) for fine, coarse in itertools.pairwise(ladder) if coarse > 3 * fine]
-        new += [share * ladder[0] for share in FINER if share * ladder[0] >= FIRST_PERIODS[0]]
+        new += [share * ladder[0] for share in FINER if share * ladder[0] >= FINEST]
         extent = state.view.extent(axis)
         if ladder[-1] < extent:
             new += [SPAN * extent, math.sqrt(SPAN * extent * ladder[-1])]
@@ -302,20 +291,22 @@ def _options(frames: tuple[Frame, ...], state: _State) -> list[tuple[Frame, ...]
     return options
 
 
-def _outlook(state: _State, goal: Goal, then: list[AxisPrediction], now: list[AxisPrediction]) -> float:
+def _outlook(state: _State, goal: Goal, then: list[Prediction], now: list[Prediction]) -> float:
     """Share predicted to be within the goal, of the errors `then` (u, v); now: of what was shown."""
-    good = np.isfinite(state.sigma) & (state.view.light > 0)
+    visible = state.view.visible
+    good = np.isfinite(state.sigma) & visible
     sizes = [
-        math.hypot(*(gain * rms_where(one.noise, good) for gain, one in zip(state.gains, told, strict=True)))
-        for told in (then, now)
+        math.hypot(
+            *(gain * one.rms(axis) for gain, one, axis in zip(state.gains, predicted, "uv", strict=True))
+        )
+        for predicted in (then, now)
     ]
     scale = sizes[0] / sizes[1] if sizes[1] > 0 else 1.0
     middle = float(np.median(state.sigma[good])) if good.any() else math.inf
     sigma = scale * np.where(good, state.sigma, middle)
-    passed = (1 - then[0].refused) * (1 - then[1].refused)
     with np.errstate(divide="ignore", invalid="ignore"):
-        each = passed * erf(goal.height / (math.sqrt(2) * sigma))
-    return float(np.nan_to_num(each)[state.view.light > 0].mean())
+        each = then[0].passed * then[1].passed * erf(goal.height / (math.sqrt(2) * sigma))
+    return float(np.nan_to_num(each)[visible].mean())
 
 
 def _words(frames: tuple[Frame, ...]) -> str:

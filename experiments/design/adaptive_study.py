@@ -224,7 +224,7 @@ class Place:
         self.surface = dent_from_text(text, scene)
         stride = max(1, min(scene.camera.rows, scene.camera.cols) // SIDE)
         self.lever = Lever(scene, self.surface, stride=stride)
-        self.outlook = Outlook(self.lever, goal.height, start.noise, start.lever.truth_of_sigma)
+        self.outlook = Outlook(self.lever, goal.height, start.noise, start.lever.sigma_factor)
 
     def adaptive(self, seed: int) -> tuple[Any, float]:
         """(what adaptive sensing did, share of the pixels that see the pattern actually within the goal)."""

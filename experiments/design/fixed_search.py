@@ -1,8 +1,8 @@
 """The fixed sequence of fewest frames that meets a goal on several dents at once.
 
 Number of frames by number of frames, all that could be shown: fringes of two or three periods with steps of
-their own for every period and axis, and the codes of `candidates`. Each axis is predicted once by closed
-forms; of two axes together the share within the goal is at most
+their own for every period and axis, and the codes of `candidates`. Each axis is decoded once by itself;
+of two axes together the share within the goal is at most
 
     min(share that u passes, share that v passes, mean erf(goal / (sqrt 2 sigma))),
 
@@ -28,7 +28,7 @@ Progress = Callable[[str, int, int], None]
 #: Candidates of one number of frames that are predicted whole.
 WHOLE = 60
 #: Steps of all periods but the last, besides an even share; the last has the rest.
-FEW = (3, 4, 5, 6, 8)
+FEW = (3, 4, 6)
 #: Least share of the frames that an axis has.
 LEAST_SHARE = 0.3
 
@@ -59,8 +59,8 @@ def offers(outlooks: list[Outlook], need: float, most: int) -> Iterator[Offer]:
     for count in range(2 * LEAST_STEPS, most + 1):
         named = [c for c in candidates(rows, cols, count) if len(c.sequence) == count]
         promising, paired = _paired(order, rows, cols, count, need)
-        told = [(_worst(order, c.sequence, need), c) for c in [*named, *promising]]
-        best = sorted((one for one in told if one[0] >= need), key=lambda one: -one[0])
+        predicted = [(_worst(order, c.sequence, need), c) for c in [*named, *promising]]
+        best = sorted((one for one in predicted if one[0] >= need), key=lambda one: -one[0])
         yield Offer(count, best, len(named) + paired)
 
 
@@ -101,9 +101,9 @@ def _bound(
         alive = [np.flatnonzero((bound >= need).any(axis=other)) for other in (1, 0)]
         sizes, passed = [], []
         for axis, mine, some in zip("uv", codes, alive, strict=True):
-            told = [outlook.axis(axis, Sequence(mine[k].frames, rows, cols)) for k in some]
-            sizes.append(np.array([one.size for one in told]))
-            passed.append(np.array([one.share for one in told]))
+            predicted = [outlook.axis(axis, Sequence(mine[k].frames, rows, cols)) for k in some]
+            sizes.append(np.array([one.size for one in predicted]))
+            passed.append(np.array([one.share for one in predicted]))
         within = outlook.within_at(np.hypot(sizes[0][:, None], sizes[1]))
         both = np.minimum(np.minimum(passed[0][:, None], passed[1]), within)
         bound[np.ix_(*alive)] = np.minimum(bound[np.ix_(*alive)], both)

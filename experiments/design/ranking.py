@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable
 from collections.abc import Sequence as Many
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -18,19 +18,17 @@ from optolever.reconstruct import reconstruct
 from optolever.scene import Scene, dent_from_text
 
 from .candidates import Candidate, candidates
-from .prediction import predict
-from .records import Prediction
+from .prediction import Prediction, predict
 from .sensitivity import Lever, rms_where
+from .view import Floats
 
 __all__ = ["Design", "DesignRow", "merit", "rank", "run_design", "simulate"]
 
 Progress = Callable[[str, int, int], None]
-#: Bias over noise of a coordinate from which on it counts.
-COUNTS = 0.02
 #: Share of the pixels that a sequence must be expected to measure.
 LEAST_SHARE = 0.5
-#: Height error over the least one, above which the thinned camera is enough for systematic errors.
-FAR = 3.0
+#: Pairs of draws for every row; merit over the best one's up to which a row gets more: so many, twice.
+PAIRS, CLOSE, MORE_PAIRS = 2, 1.25, (1, 3)
 #: What a pixel without a height counts as, in rms errors of those that have one.
 LOST = 5.0
 #: Prediction and simulation that differ by more, beyond two standard errors of the simulation: it decides.
@@ -41,9 +39,9 @@ MOST = 4
 
 @dataclass(frozen=True, slots=True)
 class DesignRow:
-    """One candidate. predicted, noise, bias: rms height error and its parts (mm); failure: probability of a
-    wrong order or bit; share: of the pixels that it measures, predicted; why: what rules it out ('' :
-    nothing).
+    """One candidate. predicted, noise, bias: rms height error and its parts (mm); spread: standard error of
+    predicted, as a share; failure: share of wrong orders or bits that nobody flags; share: of the pixels that
+    it measures, predicted; why: what rules it out ('' : nothing).
 
     predicted and share together are what rows are ranked by (see merit).
     simulated, simulated_share: the same from rendered frames, NaN where they were not; note: why not.
@@ -53,6 +51,7 @@ class DesignRow:
     frames: int
     seconds: float
     predicted: float = math.nan
+    spread: float = math.nan
     noise: float = math.nan
     bias: float = math.nan
     failure: float = math.nan
@@ -118,14 +117,15 @@ def run_design(
     pressed = dent or scene.dent or "flat"
     surface = dent_from_text(pressed, scene)
     pattern = scene.pattern
-    offered = [*candidates(pattern.rows, pattern.cols, frames), *extra]
-    if not offered:
+    by_text = {one.text: one for one in [*candidates(pattern.rows, pattern.cols, frames), *extra]}
+    if not by_text:
         raise InputError(f"frames: {frames}, no candidate fits; a fringe ladder on both axes needs 12")
     start = time.perf_counter()
     lever = Lever(scene, surface)
-    rows = rank(lever, offered, noise=noise, refresh=refresh, failure=failure, progress=progress)
+    rows = rank(
+        lever, list(by_text.values()), noise=noise, refresh=refresh, failure=failure, progress=progress
+    )
     ranked = time.perf_counter()
-    by_text = {candidate.text: candidate for candidate in offered}
     rows = _verified(rows, by_text, lever, noise, verify, seeds, renderer, progress)
     done = time.perf_counter()
     best = next((row for row in rows if not row.why), None)
@@ -157,69 +157,75 @@ def rank(
     progress: Progress = silent,
 ) -> list[DesignRow]:
     """Rows from the least predicted merit on; those that fail too often come last."""
-    by_text = {candidate.text: candidate for candidate in offered}
     drafts = []
     for index, candidate in enumerate(offered):
         progress("predict", index, len(offered))
-        drafts.append(_draft(lever, candidate, noise, refresh))
-    drafts.sort(key=lambda draft: draft[0].noise if draft[0].noise > 0 else math.inf)
-    rows: list[DesignRow] = []
-    least = math.inf
-    for row, there in drafts:
-        progress("lever", len(rows), len(drafts))
-        if there is not None and row.failure <= failure and row.share >= LEAST_SHARE:
-            near = lever.quick(there, biased=True) < FAR * least
-            row = _solved(lever, by_text[row.text], row, there, noise, near)
-            least = min(least, row.predicted)
-        rows.append(_judged(row, failure))
-    return sorted(rows, key=_rank)
+        drafts.append(_Draft.of(lever, candidate, noise, refresh, failure))
+    for pairs in MORE_PAIRS:
+        near = [draft for draft in drafts if draft.value < CLOSE * min(draft.value for draft in drafts)]
+        for index, draft in enumerate(near if len(near) > 1 else []):
+            progress(f"the best {len(near)} again", index, len(near))
+            drafts[drafts.index(draft)] = draft.again(lever, pairs)
+    return [draft.row for draft in sorted(drafts, key=lambda draft: (bool(draft.row.why), draft.value))]
 
 
-def _rank(row: DesignRow) -> tuple[bool, float]:
-    return bool(row.why), merit(row.predicted, row.share)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Draft:
+    """A row, and the draws that it follows from."""
 
+    candidate: Candidate
+    noise: float
+    failure: float
+    row: DesignRow
+    prediction: Prediction | None = None
+    pairs: Floats = field(default_factory=lambda: np.empty((0, 3)))
 
-def _draft(
-    lever: Lever, candidate: Candidate, noise: float, refresh: float
-) -> tuple[DesignRow, Prediction | None]:
-    """What needs no solve: noise through the lever's gains, failure, share."""
-    count = len(candidate.sequence)
-    row = DesignRow(candidate.text, count, count / refresh)
-    try:
-        there = predict(lever.view, candidate.sequence, noise)
-    except InputError as error:
-        return replace(row, why=f"no prediction: {error}"), None
-    size = lever.quick(there)
-    return (
-        replace(row, predicted=size, noise=size, bias=0.0, failure=there.failure, share=there.measured_share),
-        there,
-    )
+    @classmethod
+    def of(cls, lever: Lever, candidate: Candidate, noise: float, refresh: float, failure: float) -> "_Draft":
+        count = len(candidate.sequence)
+        row = DesignRow(candidate.text, count, count / refresh)
+        try:
+            prediction = predict(lever.view, candidate.sequence, noise, pairs=PAIRS)
+        except InputError as error:
+            row = replace(row, why=f"no prediction: {error}")
+            return cls(candidate, noise, failure, row)
+        return cls(candidate, noise, failure, row)._with(lever, prediction)
 
+    @property
+    def value(self) -> float:
+        """Merit, infinite of what is ruled out."""
+        return math.inf if self.row.why else merit(self.row.predicted, self.row.share)
 
-def _biased(there: Prediction) -> bool:
-    """Whether systematic errors count."""
-    return any(
-        rms_where(axis.bias, there.usable) > COUNTS * rms_where(axis.noise, there.usable)
-        for axis in (there.u, there.v)
-    )
+    def again(self, lever: Lever, pairs: int) -> "_Draft":
+        """With further pairs of draws."""
+        assert self.prediction is not None
+        first = len(self.prediction.error) // 2
+        more = predict(lever.view, self.candidate.sequence, self.noise, pairs=pairs, first=first)
+        return self._with(lever, more)
 
-
-def _solved(
-    lever: Lever, candidate: Candidate, row: DesignRow, there: Prediction, noise: float, near: bool
-) -> DesignRow:
-    """The row with its own solves; near: to the best ones, worth every pixel of the camera."""
-    thinned = near and lever.view.stride > 1 and _biased(there)
-    wide = predict(lever.full, candidate.sequence, noise) if thinned else None
-    height = lever.height(there, wide)
-    return replace(row, predicted=height.total, noise=height.noise, bias=height.bias, share=height.share)
-
-
-def _judged(row: DesignRow, failure: float) -> DesignRow:
-    if not row.why and row.failure > failure:
-        return replace(row, why=f"fails at {row.failure:.1e} of the pixels")
-    if not row.why and row.share < LEAST_SHARE:
-        return replace(row, why=f"measures {row.share:.0%} of the pixels")
-    return row
+    def _with(self, lever: Lever, more: Prediction) -> "_Draft":
+        prediction = more if self.prediction is None else self.prediction.and_more(more)
+        share, failure = prediction.measured_share, prediction.failure
+        row = replace(self.row, failure=failure, share=share)
+        if failure > self.failure:
+            row = replace(row, predicted=lever.quick(prediction), why=f"fails at {failure:.1e} of the pixels")
+            return replace(self, row=row, prediction=prediction)
+        if share < LEAST_SHARE:
+            row = replace(row, predicted=lever.quick(prediction), why=f"measures {share:.0%} of the pixels")
+            return replace(self, row=row, prediction=prediction)
+        pairs = np.concatenate([self.pairs, lever.pairs(more)])
+        height = lever.pooled(pairs)
+        if math.isnan(height.total):
+            return replace(self, row=replace(row, why="no height: no anchor is left"), prediction=prediction)
+        row = replace(
+            row,
+            predicted=height.total,
+            spread=height.spread,
+            noise=height.noise,
+            bias=height.bias,
+            share=height.share,
+        )
+        return replace(self, row=row, prediction=prediction, pairs=pairs)
 
 
 def simulate(
@@ -278,8 +284,8 @@ def _simulated(
 
 def _value(row: DesignRow, trust: float) -> float:
     """What a row is ranked by: its prediction, or the simulation where that says otherwise."""
-    told = merit(row.predicted, row.share)
+    predicted = merit(row.predicted, row.share)
     if math.isfinite(row.simulated):
         found = merit(row.simulated, row.simulated_share)
-        return told if abs(found / told - 1) < trust else found
-    return told
+        return predicted if abs(found / predicted - 1) < trust else found
+    return predicted

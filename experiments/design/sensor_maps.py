@@ -113,9 +113,11 @@ def _solved(lever: Lever, text: str, noise: float) -> tuple[Floats, Floats]:
     """(sigma of the height in mm on the full camera, free mode) on the lever's view."""
     view = lever.view
     sequence = sequence_from_text(text, view.scene.pattern.rows, view.scene.pattern.cols)
-    there = predict(view, sequence, noise)
-    height = lever.solve(view, (there.u.stated, there.v.stated), there.solved)
-    sigma = np.where(height.good & there.usable, height.sigma, np.nan)
+    prediction = predict(view, sequence, noise)
+    known = np.asarray(prediction.good.all(axis=0))
+    stated = prediction.sigma.mean(axis=0)
+    height = lever.solve(view, np.zeros(stated.shape), stated, known)
+    sigma = np.where(height.good & prediction.usable, height.sigma, np.nan)
     if view.stride > 1:
         sigma = sigma * lever.to_full
     return sigma, _free_mode(lever, height)

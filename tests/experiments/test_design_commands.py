@@ -27,6 +27,19 @@ def test_design_writes_what_capture_takes(tmp_path: Path) -> None:
     assert len(list((tmp_path / "capture/frames").glob("*.png"))) == found["rows"][0]["frames"]
 
 
+def test_a_users_pattern_is_always_printed(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Wherever it ranks, also where it is ruled out."""
+    _little(monkeypatch)
+    added = ["--add", "stripe:step=32", "--add", "phase:steps=3,periods=101/24", "--frames", "12"]
+    options = ["--rows", "1", "--verify", "0", "--renderer", "numpy"]
+    assert run(["design", *PRISM, *added, *options]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for text in added[1:4:2]:
+        assert sum(line.startswith(text) for line in lines) == 1
+
+
 def test_sensor_writes_a_page_and_numbers(tmp_path: Path) -> None:
     out, numbers = tmp_path / "sensor", tmp_path / "sensor.json"
     sweep = ["--sweep", "angle=45/48", "--out", str(out), "--json", str(numbers)]
@@ -78,12 +91,24 @@ def test_adapt_stands_beside_the_best_fixed_sequence(
     assert f"on {found['fewer']} of 2 dents" in printed
 
 
+def _little(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few candidates, few draws: no figure is judged here."""
+    offer = ranking.candidates
+
+    def few(*asked: int) -> list[Any]:
+        return offer(*asked)[:5]
+
+    monkeypatch.setattr(ranking, "candidates", few)
+    monkeypatch.setattr(exhaustive, "MOST", 1)
+
+
 def test_choices_come_case_by_case(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Ctrl-C in the second case keeps the first one, printed and in the file."""
     numbers, small = tmp_path / "choices.json", replace(CASES[7], frames=12)
     monkeypatch.setattr(design, "CASES", (small, CASES[8]))
+    _little(monkeypatch)
     real, asked = design.run_choices, []
 
     def until_interrupted(cases: tuple[Case, ...], **options: Any) -> Iterator[ChoiceRow]:
@@ -105,10 +130,7 @@ def test_choices_come_case_by_case(
 
 def test_a_draw_that_leaves_no_anchor_ends_no_case(monkeypatch: pytest.MonkeyPatch) -> None:
     """What could be simulated with a few draws of noise counts with those."""
-    real, failed, offer = exhaustive.simulate, [], design.candidates
-
-    def few(*asked: int) -> list[Any]:
-        return offer(*asked)[:6]
+    real, failed = exhaustive.simulate, []
 
     def some(lever: Any, candidate: Any, noise: float, seeds: range, renderer: str) -> tuple[float, float]:
         if seeds[0] >= 200 and len(failed) < 2:
@@ -117,8 +139,7 @@ def test_a_draw_that_leaves_no_anchor_ends_no_case(monkeypatch: pytest.MonkeyPat
         return real(lever, candidate, noise, seeds, renderer)
 
     monkeypatch.setattr(exhaustive, "simulate", some)
-    monkeypatch.setattr(exhaustive, "candidates", few)
-    monkeypatch.setattr(ranking, "candidates", few)
+    _little(monkeypatch)
     (row,) = design.run_choices([replace(CASES[7], frames=12)], pixels=48, seeds=1, more=1, renderer="numpy")
     assert len(failed) == 2
     assert row.candidates > 0
