@@ -127,8 +127,8 @@ def _touch(start: int, stop: int, frames: Any, maps: Any, flags: Any) -> None:
 
 
 def toucher(frames: NDArray[Any]) -> Callable[[], None]:
-    """The floor: read all frames; write u, v, two sigmas, amplitude, offset, order error in float32, flags, as
-    decode. Into the same memory every time: the system clears what is new, which takes longer than writing it.
+    """The floor: read all frames; write u, v, two sigmas, amplitude, offset, order error in float32, flags,
+    as decode. Into the same memory every time: clearing what is new takes longer than writing it.
     """
     size = frames.shape[1:]
     maps = tuple(np.empty(size, np.float32) for _ in range(7))

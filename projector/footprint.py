@@ -21,6 +21,7 @@ Off the pattern it is dark.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +71,7 @@ def _shape(a: float, b: float, blur: float) -> tuple[float, float, float, float]
 
 
 @exact
-def _share(x: float, p: float, q: float, scale: float, s: float) -> float:
+def _share(x: Any, p: Any, q: Any, scale: Any, s: Any) -> Any:
     """H(x): the share of the footprint left of x, less one half."""
     if x >= p + REACH * s:
         return 0.5
@@ -81,7 +82,7 @@ def _share(x: float, p: float, q: float, scale: float, s: float) -> float:
 
 
 @exact
-def _extent(at: float, a: float, b: float, blur: float, cells: int) -> float:
+def _extent(at: Any, a: Any, b: Any, blur: Any, cells: Any) -> Any:
     """Share of the footprint that lies on the pattern along one axis."""
     p, q, scale, s = _shape(a, b, blur)
     return _share(cells - 0.5 - at, p, q, scale, s) - _share(-0.5 - at, p, q, scale, s)
