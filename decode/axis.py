@@ -1,28 +1,30 @@
 """One axis: which steps its frames ask for, and their chain over a block of rows."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from threading import local
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from optolever.errors import InputError
 from optolever.patterns import Sequence
 
 from .candidates import Orders, order_table, unwrap_close
 from .display import table_rounding
 from .estimate import Estimate
-from .flags import Limits, limits_of
+from .flags import DOUBT, Limits, limits_of
 from .frames import Light
 from .gray import CodePlan, code_plan, read_code
+from .lookup import Table, lookup_rows, prepare
 from .micro import MicroTable, micro_table, unwrap_micro
 from .noise import Noise, Sample
 from .phase import Fit, fit_fringe
-from .plan import AxisPlan, Plan
+from .plan import AxisPlan, Plan, plan
 from .spatial import Raw
+from .spot_scan import Raster, one_spot, raster_of, sums_of
 from .unwrap import join_code, refine_order, start_order
 
-__all__ = ["AxisDecoder", "axis_decoder"]
+__all__ = ["AxisDecoder", "axis_decoders"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +41,8 @@ class AxisDecoder:
     code: CodePlan | None
     orders: Orders | None
     micro: MicroTable | None
+    table: Table | None
+    raster: Raster | None
     rounding: tuple[tuple[float, float], ...]
     limits: Limits
     freedom: int
@@ -53,8 +57,14 @@ class AxisDecoder:
             *(raw.coordinate[part], raw.variance[part], *(array[:count] for array in work.shared)),
             self.freedom,
         )
-        if self.code is not None and not self.axis.fringes:
+        if self.raster is not None:
+            self._spots(rows, room, estimate)
+        elif self.code is not None and not self.axis.fringes:
             read_code(self.light, self.noise, self.code, rows, True, estimate)
+            if self.table is not None:
+                lookup_rows(self.light, self.noise, self.table, rows, estimate)
+        elif self.table is not None:
+            lookup_rows(self.light, self.noise, self.table, rows, estimate)
         elif self.micro is not None:
             fit = work.fit(0, count, estimate)
             self._fit(0, rows, fit)
@@ -83,6 +93,16 @@ class AxisDecoder:
                 read_code(self.light, self.noise, self.code, rows, False, code)
                 join_code(fit, fringe.period, code, self.code.cell, estimate)
 
+    def _spots(self, rows: tuple[int, int], room: local, estimate: Estimate) -> None:
+        """Both axes are looked up in the same sums."""
+        assert self.raster is not None
+        assert self.table is not None
+        if getattr(room, "rows", None) != rows:
+            room.rows, room.sums = rows, sums_of(self.light, self.raster, rows)
+        block = (0, rows[1] - rows[0])
+        lookup_rows(room.sums.light, room.sums.noise(self.noise, self.raster), self.table, block, estimate)
+        one_spot(estimate, room.sums, self.raster, block)
+
     def _close(self, rows: tuple[int, int], work: "_Work", estimate: Estimate) -> None:
         """All periods at once, by a table of orders."""
         assert self.orders is not None
@@ -90,6 +110,7 @@ class AxisDecoder:
         fits = [work.fit(i, count, estimate) for i in range(len(periods))]
         for i, fit in enumerate(fits):
             self._fit(i, rows, fit)
+        estimate.clipped[:] = 0
         unwrap_close(fits, periods, self.orders, estimate)
 
 
@@ -122,20 +143,59 @@ def _room(room: local, rows: int, cols: int) -> _Work:
     return work
 
 
-def axis_decoder(
+def axis_decoders(
+    sequence: Sequence, light: Light, noise: Noise, lit: Sample, on_cells: bool, subpixel: bool
+) -> list[AxisDecoder]:
+    """Choose the steps for each axis. InputError where its frames tell no place."""
+    raster = raster_of(sequence)
+    if raster is not None:
+        return _spot_decoders(sequence, raster, light, noise, lit)
+    wanted = plan(sequence)
+    return [_decoder(axis, sequence, wanted, light, noise, lit, on_cells, subpixel) for axis in wanted.axes]
+
+
+def _spot_decoders(
+    sequence: Sequence, raster: Raster, light: Light, noise: Noise, lit: Sample
+) -> list[AxisDecoder]:
+    """Both sweeps of a raster of spots, their tables from sums of the sampled pixels."""
+    few = sums_of(_sampled_light(light, lit), raster, (0, 1))
+    swept = raster.stripes(sequence)
+    own, summed = plan(swept), few.noise(noise, raster)
+    places = np.stack([np.zeros(len(lit.places), np.int64), np.arange(len(lit.places))], axis=1)
+    levels = Sample(places, few.light.raw[:, 0])
+    found = []
+    for axis in own.axes:
+        table = prepare(swept, own, axis, few.light, summed, levels)
+        limits = limits_of(axis.extent, 0.5, table.freedom, light.white)
+        ways = (None, None, None, table, raster, ())
+        found.append(AxisDecoder(axis, light, noise, *ways, limits, table.freedom, raster.width))
+    return found
+
+
+def _sampled_light(light: Light, lit: Sample) -> Light:
+    """The sampled pixels as frames of one row."""
+    row, col = lit.places.T
+    return replace(light, raw=np.ascontiguousarray(light.raw[:, row, col][:, None, :]))
+
+
+def _decoder(
     axis: AxisPlan,
     sequence: Sequence,
-    plan: Plan,
+    wanted: Plan,
     light: Light,
     noise: Noise,
     lit: Sample,
     on_cells: bool,
+    subpixel: bool,
 ) -> AxisDecoder:
-    """Choose the steps for an axis. InputError where its frames tell no place."""
-    if axis.looked_up:
-        raise InputError("decode: not yet")
+    code = None if axis.code is None else code_plan(axis.code, wanted)
+    if axis.looked_up or (subpixel and code is not None and not axis.fringes):
+        cells = None if code is None else _cells(code, light, noise, lit)
+        table = prepare(sequence, wanted, axis, light, noise, lit, cells)
+        jump = axis.stripes.width if axis.stripes else 2.0 * (1 if code is None else code.cell)
+        limits = limits_of(axis.extent, 0.5, table.freedom, light.white)
+        return AxisDecoder(axis, light, noise, code, None, None, table, None, (), limits, table.freedom, jump)
     deviation = _deviation(axis, noise, lit) if axis.fringes else 0.0
-    code = None if axis.code is None else code_plan(axis.code, plan)
     micro = micro_table(axis, deviation) if axis.singles else None
     covered = code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
     orders = None if covered else _orders(axis, deviation)
@@ -152,7 +212,16 @@ def axis_decoder(
         assert code is not None
         jump, factor = 2 * code.cell, 0.5
     limits = limits_of(axis.extent, factor, freedom, light.white)
-    return AxisDecoder(axis, light, noise, code, orders, micro, rounding, limits, freedom, jump)
+    return AxisDecoder(axis, light, noise, code, orders, micro, None, None, rounding, limits, freedom, jump)
+
+
+def _cells(code: CodePlan, light: Light, noise: Noise, lit: Sample) -> NDArray[np.float64]:
+    """Coordinates (K,) of the sampled pixels' cells; NaN where one is doubtful."""
+    estimate = Estimate.empty(1, len(lit.places), code.freedom)
+    if len(lit.places):
+        read_code(_sampled_light(light, lit), noise, code, (0, 1), True, estimate)
+    sure = estimate.error[0] < DOUBT
+    return np.where(sure, estimate.coordinate[0], np.nan).astype(np.float64)
 
 
 def _deviation(axis: AxisPlan, noise: Noise, lit: Sample) -> float:

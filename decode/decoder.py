@@ -12,7 +12,7 @@ from optolever.errors import InputError
 from optolever.notices import Notice
 from optolever.patterns import Sequence
 
-from .axis import AxisDecoder, axis_decoder
+from .axis import AxisDecoder, axis_decoders
 from .correspondence import Correspondence, Flag
 from .display import measured_pixelations
 from .exposures import better_of, by_exposure
@@ -30,7 +30,6 @@ __all__ = ["decode"]
 _BLOCK = 16
 #: Sigma that is stated for frames without noise beyond their rounding, pattern pixels.
 _LEAST_SIGMA = 0.01
-Mask = NDArray[np.bool_]
 
 
 def decode(
@@ -67,8 +66,9 @@ def decode(
     values that are not finite.
     """
     light = light_of(frames, sequence, white_level, response)
-    inside = _mask(mask, light.raw.shape[1:])
-    options = _Options(_given_noise(noise, gain, light), blur_px, on_cells, subpixel, inside, check)
+    options = _Options(
+        _given_noise(noise, gain, light), blur_px, on_cells, subpixel, _mask(mask, light), check
+    )
     parts = by_exposure(sequence)
     return reduce(better_of, (_decoded(_part(light, part.index), part.sequence, options) for part in parts))
 
@@ -79,14 +79,120 @@ class _Options:
     blur: float | None
     on_cells: bool
     subpixel: bool
-    mask: Mask | None
+    mask: NDArray[np.bool_] | None
     check: bool
 
 
-def _mask(mask: ArrayLike | None, shape: tuple[int, ...]) -> Mask | None:
+@dataclass(frozen=True, slots=True)
+class _Shot:
+    """Frames of one exposure, what they show, the camera's noise, and pixels that see the pattern."""
+
+    light: Light
+    sequence: Sequence
+    plan: Plan
+    noise: Noise
+    lit: Sample
+    cells: bool
+
+
+def _decoded(light: Light, sequence: Sequence, options: _Options) -> Correspondence:
+    """The steps: noise, each axis, flags, neighbours, integrity."""
+    wanted = plan(sequence)
+    noise, lit = estimate_noise(light, wanted, options.mask)
+    cells = options.on_cells and not sequence.nominal
+    shot = _Shot(light, sequence, wanted, options.noise or noise, lit, cells)
+    decoders = axis_decoders(sequence, light, shot.noise, lit, cells, options.subpixel)
+    raw, shared = _estimated(shot, decoders)
+    if options.mask is not None:
+        np.bitwise_or(shared.flags, np.uint16(Flag.INVALID), out=shared.flags, where=~options.mask)
+    found = _among_neighbours(shot, decoders, raw, shared, options.blur)
+    return _checked(shot, found, options) if options.check else found
+
+
+def _estimated(shot: _Shot, decoders: list[AxisDecoder]) -> tuple[list[Raw], Shared]:
+    """Every axis, block by block of rows; flags of both."""
+    shape = shot.light.raw.shape[1:]
+    raw = [Raw(np.empty(shape, np.float32), np.empty(shape, np.float32)) for _ in decoders]
+    shared = Shared(np.empty(shape, np.uint16), *(np.empty(shape, np.float32) for _ in range(3)))
+    room = local()
+
+    def block(start: int, stop: int) -> None:
+        for i, (decoder, own) in enumerate(zip(decoders, raw, strict=True)):
+            estimate = decoder.estimate((start, stop), own, room)
+            merge(estimate, shot.noise, decoder.limits, i == 0, (start, stop), shared)
+
+    over_rows(block, shape[0], _BLOCK)
+    return raw, shared
+
+
+def _among_neighbours(
+    shot: _Shot, decoders: list[AxisDecoder], raw: list[Raw], shared: Shared, blur: float | None
+) -> Correspondence:
+    """Pixelation taken off; edges, strays and partial footprints flagged or in sigma."""
+    shape = shared.flags.shape
+    shown = replace(shot.plan, axes=tuple(decoder.axis for decoder in decoders))
+    maps = tuple((one.coordinate, one.variance) for one in raw)
+    pixelations = measured_pixelations(shown, maps, shot.cells, blur, shot.lit)
+    least = _LEAST_SIGMA if _silent(shot) else 0.0
+    out = {axis: (np.full(shape, np.nan, np.float32), np.full(shape, np.inf, np.float32)) for axis in "uv"}
+    flags = shared.flags.copy()
+
+    def block(start: int, stop: int) -> None:
+        for decoder, own, pixelation in zip(decoders, raw, pixelations, strict=True):
+            limits = float(decoder.axis.extent) if shot.cells else 0.0, decoder.jump, least
+            common, maps = (shared.flags, shared.amplitude), (*out[decoder.axis.axis], flags)
+            check_rows((start, stop), own, common, pixelation, limits, maps)
+
+    over_rows(block, shape[0], _BLOCK)
+    notices = _unlike(shot.noise, max(pixelation.roughness**0.5 for pixelation in pixelations))
+    (u, sigma_u), (v, sigma_v) = out["u"], out["v"]
+    common = shared.amplitude, shared.offset, shared.error
+    return Correspondence(u, v, sigma_u, sigma_v, flags, *common, notices)
+
+
+def _checked(shot: _Shot, found: Correspondence, options: _Options) -> Correspondence:
+    """Without the frames that are not those described, or with what they could have spoilt flagged."""
+    findings = examine(shot.light, shot.plan, shot.noise, shot.lit, found)
+    told = tuple(Notice(one.sentence, one.share, float("nan"), one.cure) for one in findings)
+    for finding in findings:
+        if finding.leave_out:
+            index = np.array([i for i in range(len(shot.sequence)) if i not in finding.leave_out])
+            less = replace(shot.sequence, frames=tuple(shot.sequence.frames[i] for i in index))
+            found = _decoded(_part(shot.light, index), less, replace(options, check=False))
+        else:
+            spoilt = spoilt_pixels(finding, shot.light, shot.plan, shot.noise, found)
+            np.bitwise_or(found.flags, np.uint16(Flag.WRONG_FRAME), out=found.flags, where=spoilt)
+    return replace(found, notices=found.notices + told)
+
+
+def _unlike(noise: Noise, rough: float) -> tuple[Notice, ...]:
+    """What frames or neighbours show beyond noise."""
+    cure = "gamma, flicker, a slow display or stray light; sigma holds what neighbours show of it"
+    told = []
+    if noise.misfit2 > 0:
+        share = float(np.sqrt(noise.misfit2))
+        told.append(Notice("frames contradict each other, share of the amplitude", share, 0.0, cure))
+    if rough > 0:
+        told.append(Notice("neighbours differ beyond noise, pattern px rms", rough, 0.0, cure))
+    return tuple(told)
+
+
+def _silent(shot: _Shot) -> bool:
+    """Whether there is no noise beyond rounding."""
+    usual = float(shot.lit.levels.mean()) if shot.lit.levels.size else 0.0
+    return bool(shot.noise.variance(usual) < 1.5 / 12)
+
+
+def _part(light: Light, index: NDArray[np.int64]) -> Light:
+    if len(index) == len(light.raw):
+        return light
+    return replace(light, raw=np.ascontiguousarray(light.raw[index]))
+
+
+def _mask(mask: ArrayLike | None, light: Light) -> NDArray[np.bool_] | None:
     if mask is None:
         return None
-    inside = np.asarray(mask)
+    inside, shape = np.asarray(mask), light.raw.shape[1:]
     if inside.shape != shape or inside.dtype != np.bool_:
         raise InputError(f"decode: mask is {inside.dtype} {inside.shape}, must be bool {shape}")
     return inside
@@ -96,126 +202,6 @@ def _given_noise(noise: float | None, gain: float, light: Light) -> Noise | None
     for name, value in (("noise", noise), ("gain", gain)):
         if value is not None and not 0 <= value < np.inf:
             raise InputError(f"decode: {name} is {value}, must be finite and at least 0")
-    return None if noise is None else Noise(max(noise**2 + light.rounding, 1e-12), gain)
-
-
-def _part(light: Light, index: NDArray[np.int64]) -> Light:
-    if len(index) == len(light.raw):
-        return light
-    return Light(np.ascontiguousarray(light.raw[index]), light.clip, light.table, light.rounding)
-
-
-def _decoded(light: Light, sequence: Sequence, options: _Options) -> Correspondence:
-    """The six steps, for frames of one exposure."""
-    wanted = plan(sequence)
-    noise, lit = _noise(light, wanted, options)
-    decoders = [
-        axis_decoder(axis, sequence, wanted, light, noise, lit, options.on_cells) for axis in wanted.axes
-    ]
-    raw, shared = _estimated(light, noise, decoders)
-    found = _among_neighbours(decoders, lit, raw, shared, options, sequence, noise)
-    if options.mask is not None:
-        np.bitwise_or(found.flags, np.uint16(Flag.INVALID), out=found.flags, where=~options.mask)
-    return _checked(light, sequence, wanted, noise, lit, found, options) if options.check else found
-
-
-def _checked(
-    light: Light,
-    sequence: Sequence,
-    wanted: Plan,
-    noise: Noise,
-    lit: Sample,
-    found: Correspondence,
-    options: _Options,
-) -> Correspondence:
-    """Without the frames that are not those described, or with what they could have spoilt flagged."""
-    findings = examine(light, wanted, noise, lit, found)
-    told = tuple(Notice(one.sentence, one.share, float("nan"), one.cure) for one in findings)
-    for finding in findings:
-        if finding.leave_out:
-            index = np.array([i for i in range(len(sequence)) if i not in finding.leave_out])
-            less = replace(sequence, frames=tuple(sequence.frames[i] for i in index))
-            found = _decoded(_part(light, index), less, replace(options, check=False))
-        else:
-            spoilt = spoilt_pixels(finding, light, wanted, noise, found)
-            np.bitwise_or(found.flags, np.uint16(Flag.WRONG_FRAME), out=found.flags, where=spoilt)
-    return replace(found, notices=found.notices + told)
-
-
-def _noise(light: Light, wanted: Plan, options: _Options) -> tuple[Noise, Sample]:
-    noise, lit = estimate_noise(light, wanted, options.mask)
-    return (noise if options.noise is None else options.noise), lit
-
-
-def _estimated(light: Light, noise: Noise, decoders: list[AxisDecoder]) -> tuple[dict[str, Raw], Shared]:
-    """Every axis, block by block of rows."""
-    shape = light.raw.shape[1:]
-    raw = {
-        decoder.axis.axis: Raw(np.empty(shape, np.float32), np.empty(shape, np.float32))
-        for decoder in decoders
-    }
-    shared = Shared(np.empty(shape, np.uint16), *(np.empty(shape, np.float32) for _ in range(3)))
-    room = local()
-
-    def block(start: int, stop: int) -> None:
-        for i, decoder in enumerate(decoders):
-            own = raw[decoder.axis.axis]
-            estimate = decoder.estimate((start, stop), own, room)
-            merge(estimate, noise, decoder.limits, i == 0, (start, stop), shared)
-
-    over_rows(block, shape[0], _BLOCK)
-    return raw, shared
-
-
-def _among_neighbours(
-    decoders: list[AxisDecoder],
-    lit: Sample,
-    raw: dict[str, Raw],
-    shared: Shared,
-    options: _Options,
-    sequence: Sequence,
-    noise: Noise,
-) -> Correspondence:
-    """Pixelation taken off, edges and strays flagged."""
-    shape = shared.flags.shape
-    silent = bool(noise.variance(float(lit.levels.mean()) if lit.levels.size else 0.0) < 1.5 / 12)
-    least = _LEAST_SIGMA if silent else 0.0
-    cells = options.on_cells and not sequence.nominal
-    maps = tuple((one.coordinate, one.variance) for one in raw.values())
-    axes = tuple(decoder.axis for decoder in decoders)
-    pixelations = measured_pixelations(axes, maps, cells, options.blur, lit)
-    out = {axis: [np.full(shape, fill, np.float32) for fill in (np.nan, np.inf)] for axis in "uv"}
-    flags = shared.flags.copy()
-
-    def block(start: int, stop: int) -> None:
-        for decoder, pixelation in zip(decoders, pixelations, strict=True):
-            name = decoder.axis.axis
-            extent = float(decoder.axis.extent) if cells else 0.0
-            check_rows(
-                (start, stop),
-                raw[name],
-                (shared.flags, shared.amplitude),
-                pixelation,
-                (extent, decoder.jump, least),
-                (*out[name], flags),
-            )
-
-    over_rows(block, shape[0], _BLOCK)
-    (u, sigma_u), (v, sigma_v) = out["u"], out["v"]
-    common = shared.amplitude, shared.offset, shared.error
-    rough = max(pixelation.roughness**0.5 for pixelation in pixelations)
-    return Correspondence(u, v, sigma_u, sigma_v, flags, *common, _unlike(noise, rough))
-
-
-def _unlike(noise: Noise, rough: float) -> tuple[Notice, ...]:
-    """What frames or neighbours show beyond noise."""
-    cure = (
-        "the response (gamma), flicker, a slow display or stray light; sigma holds what neighbours show of it"
-    )
-    told = []
-    if noise.misfit2 > 0:
-        share = float(np.sqrt(noise.misfit2))
-        told.append(Notice("frames contradict each other, share of the amplitude", share, 0.0, cure))
-    if rough > 0:
-        told.append(Notice("neighbours differ beyond noise, pattern px rms", rough, 0.0, cure))
-    return tuple(told)
+    if noise is None:
+        return None
+    return Noise(max(noise**2 + light.rounding, 1e-12), gain, light.rounding)

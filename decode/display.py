@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from .noise import Sample
-from .plan import AxisPlan, Fringe
+from .plan import AxisPlan, Fringe, Plan
 
 __all__ = [
     "Pixelation",
@@ -49,6 +49,8 @@ _SIGNIFICANT = 9.0
 _OUTLYING = 400.0
 #: Pixels that tell it.
 _FEWEST = 200
+#: Blur that is assumed where nothing tells it, cells.
+_UNKNOWN = 1.0
 #: Share of sigma that may be left out.
 _SLIGHT = 0.1
 #: Pixels of the sample that are compared at most.
@@ -60,19 +62,23 @@ class Pixelation:
     """What is added to a reading, and its variance, by footprint (51,) and place in the cell (128,), cells.
 
     blur: rms, cells; NaN where the map does not tell it. roughness: variance (px^2) that neighbours show beyond noise
-    and cells: whatever else the frames hold that was not described.
+    and cells: whatever else the frames hold that was not described. extent: deviation of what a pixel sees by the
+    fringes' contrasts, cells, 0: they do not tell.
     """
 
     shift: F32
     variance: F32
     blur: float
     roughness: float = 0.0
+    extent: float = 0.0
 
     @property
     def reach(self) -> float:
-        """Deviation of a cell and its blur, cells; of a usual blur where none is known."""
-        blur = 0.5 if np.isnan(self.blur) else self.blur
-        return float(np.sqrt(1 / 12 + blur**2))
+        """Deviation of what a pixel sees besides its footprint, cells: of a cell and its blur, by contrast where
+        the map does not tell that, of a large one where nothing does."""
+        blur = self.blur if not np.isnan(self.blur) else _UNKNOWN
+        told = np.isnan(self.blur) and self.extent > 0
+        return max(self.extent, 12**-0.5) if told else float(np.sqrt(1 / 12 + blur**2))
 
 
 def no_pixelation(blur: float = float("nan")) -> Pixelation:
@@ -140,7 +146,7 @@ def _inverted(shares: tuple[tuple[float, float], ...], blur: float, sigma: float
 
 
 def measured_pixelations(
-    axes: tuple[AxisPlan, ...],
+    plan: Plan,
     maps: tuple[tuple[F32, F32], ...],
     on_cells: bool,
     blur: float | None,
@@ -151,7 +157,7 @@ def measured_pixelations(
     on_cells: fringes were shown on cells; blur: rms, cells, if it is known. Both axes are of one display: the blur is
     what explains both.
     """
-    shares = [shares_of(axis) if on_cells else () for axis in axes]
+    shares = [shares_of(axis) if on_cells else () for axis in plan.axes]
     seen = [_neighbours(lit, *own) for own in maps]
     sigmas = [0.05 if one is None else float(np.sqrt(np.median(one.noise))) for one in seen]
     usual = [float(2.0 ** np.clip(np.rint(2 * np.log2(max(sigma, 1e-6))) / 2, -8, -1)) for sigma in sigmas]
@@ -160,7 +166,26 @@ def measured_pixelations(
     if blur is None and asked:
         blur, allowed = _fitted_blur(np.sum([_misfits(*each) for each in asked], axis=0))
     known = float("nan") if blur is None else blur
-    return [_pixelation(*each, known, allowed) for each in zip(shares, usual, seen, strict=True)]
+    found = [_pixelation(*each, known, allowed) for each in zip(shares, usual, seen, strict=True)]
+    return [replace(one, extent=_extent(plan, axis, lit)) for one, axis in zip(found, plan.axes, strict=True)]
+
+
+def _extent(plan: Plan, axis: AxisPlan, lit: Sample) -> float:
+    """Deviation s (cells) of what pixels see: contrast = exp(-2 (pi s / P)^2), of the coarsest period, or of white
+    and black, and the finest."""
+    sizes = [_amplitudes(fringe, lit) for fringe in (axis.fringes[:1] + axis.fringes[-1:])]
+    periods = [fringe.period for fringe in (axis.fringes[:1] + axis.fringes[-1:])]
+    if plan.white >= 0 and plan.black >= 0 and axis.fringes:
+        sizes[0], periods[0] = 0.5 * np.abs(lit.levels[plan.white] - lit.levels[plan.black]), np.inf
+    if lit.levels.shape[1] < _FEWEST or not sizes or periods[0] == periods[1]:
+        return 0.0
+    lost = np.log(max(float(np.median(sizes[0] / np.maximum(sizes[1], 1e-6))), 1.0))
+    return float(np.sqrt(lost / (2 * np.pi**2 * (periods[1] ** -2 - periods[0] ** -2))))
+
+
+def _amplitudes(fringe: Fringe, lit: Sample) -> F32:
+    weights = np.linalg.pinv(fringe.design())[1:].astype(np.float32)
+    return np.asarray(np.hypot(*(weights @ lit.levels[list(fringe.index)])))
 
 
 def _pixelation(

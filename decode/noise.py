@@ -83,6 +83,8 @@ def modulation(plan: Plan, levels: F32) -> tuple[F32, float]:
 
     Fringes: the finest of each axis; codes: half the difference of white and black or of the coarsest pair.
     """
+    if not plan.axes:  # spots
+        return np.ptp(levels, axis=0) / 2, 0.5 * float(np.log(max(len(levels), 3)))
     least, variance = np.full(levels.shape[1], np.inf, np.float32), 0.0
     for axis in plan.axes:
         if axis.fringes:
@@ -145,7 +147,7 @@ def _residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32
         return mean.ravel(), residual.ravel()
     if plan.white >= 0 and plan.black >= 0:
         return _near_references(plan, levels)
-    return _neighbours(levels, sample.places[::thin])
+    return _neighbours(sample.levels[:, :_MOST], sample.places[:_MOST])
 
 
 def _explained(plan: Plan, frames: NDArray[np.int64], levels: F32, residual: F32) -> F32:

@@ -103,7 +103,7 @@ class AxisPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """All axes, and the frames that serve both (-1: not shown); rows, cols: of the surface."""
+    """All axes, and the frames that serve both (-1: not shown). No axes: spots, which lie along both at once."""
 
     axes: tuple[AxisPlan, ...]
     white: int
@@ -122,7 +122,7 @@ def plan(sequence: Sequence) -> Plan:
         for axis, extent in (("u", sequence.cols), ("v", sequence.rows))
         if (found := _axis_plan(sequence, axis, extent)) is not None
     )
-    if not axes:
+    if not axes and not any(frame.kind == "stripe" for frame in frames):
         kinds = ", ".join(sorted({frame.kind for frame in frames}))
         raise InputError(
             f"sequence {sequence.name}: frames are {kinds}, none of them encodes u or v by itself "

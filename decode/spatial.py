@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import exact, kernel
+from optolever.kernels import exact, inlined, kernel
 
 from .correspondence import Flag
 from .display import PLACES, REACH, WIDTHS, Pixelation
 
 __all__ = ["Raw", "check_rows"]
 
+_ONE = np.float32(1)
 _OUTLIER, _OFF = int(Flag.OUTLIER), int(Flag.OFF_PATTERN)
 #: Deviations beyond which a neighbour contradicts.
 _SURE = 6.0
@@ -93,7 +94,8 @@ def _check(
         if shift.size > 0:
             far, near = min(y + REACH, rows - 1), max(y - REACH, 0)
             _corrected_line(
-                *(coord[y], coord[near], coord[far], variance[y], np.float32(far - near)),
+                *(coord[y], coord[near], coord[far], variance[y], flags[y], flags[near], flags[far]),
+                np.float32(0.5 * (far - near)),
                 *(shift, unsure, out[y], sigma[y]),
             )
         else:
@@ -106,6 +108,15 @@ def _check(
                 sigma[y, x] += lost + dark
                 out_flags[y, x] |= flag | border
         _root(sigma[y], roughness, least)
+
+
+@inlined
+def _slope(before: Any, here: Any, after: Any, bad_before: Any, bad_after: Any, per_step: Any) -> Any:
+    """Change per pixel by those of two neighbours, equally far, that are good: 0 by none."""
+    low = here if bad_before != 0 else before
+    high = here if bad_after != 0 else after
+    scale = per_step if (bad_before != 0) | (bad_after != 0) else np.float32(0.5) * per_step
+    return scale * (high - low)
 
 
 @kernel
@@ -143,24 +154,36 @@ def _special_line(
         wide = (bend_x & (off_x * off_x > square)) | (bend_y & (off_y * off_y > square)) | (bend_x & bend_y)
         flag = flags[x - 1] | flags[x + 1] | flags_above[x] | flags_below[x]
         special[x] = 1 if wide | (c[x] < low) | (c[x] > high) | (flag != 0) else 0
-        across[x] = half * abs(c[x + 1] - c[x - 1])
-        along[x] = half * abs(below[x] - above[x])
+        across[x] = abs(_slope(c[x - 1], c[x], c[x + 1], flags[x - 1], flags[x + 1], _ONE))
+        along[x] = abs(_slope(above[x], c[x], below[x], flags_above[x], flags_below[x], _ONE))
     special[0], special[last] = 1, 1
     across[0], across[last], along[0], along[last] = across[1], across[last - 1], along[1], along[last - 1]
 
 
 @kernel
 def _corrected_line(
-    c: Any, above: Any, below: Any, var: Any, rows: Any, shift: Any, unsure: Any, out: Any, total: Any
+    c: Any,
+    above: Any,
+    below: Any,
+    var: Any,
+    flags: Any,
+    flags_above: Any,
+    flags_below: Any,
+    rows: Any,
+    shift: Any,
+    unsure: Any,
+    out: Any,
+    total: Any,
 ) -> None:
     """Pixelation taken off a line; its doubt joins the variance."""
     last, one, half = c.size - 1, np.float32(1), np.float32(0.5)
     per_width, most = np.float32(1 / WIDTHS[1]), np.float32(shift.shape[0] - 1.001)
     per_row = one / max(rows, one)
     at, part = np.empty(c.size, np.int32), np.empty(c.size, np.float32)
-    per_col, reach = np.float32(0.5 / REACH), min(REACH, last // 2)
+    per_col, reach = np.float32(1 / REACH), min(REACH, last // 2)
     for x in range(reach, last + 1 - reach):
-        gx, gy = per_col * (c[x + reach] - c[x - reach]), per_row * (below[x] - above[x])
+        gx = _slope(c[x - reach], c[x], c[x + reach], flags[x - reach], flags[x + reach], per_col)
+        gy = _slope(above[x], c[x], below[x], flags_above[x], flags_below[x], per_row)
         part[x] = min(np.sqrt(gx * gx + gy * gy) * per_width, most)
     for x in range(reach):  # at the ends the footprint of the nearest pixel that has one
         part[x], part[last - x] = part[reach], part[last - reach]
@@ -203,16 +226,40 @@ def _neighbours(
     if has_left and has_right and 0 < x < cols - 1:
         noise = np.float32(_SURE) * np.sqrt(variance[y, before] + np.float32(4) * var + variance[y, after])
         if abs(left + right - np.float32(2) * c) > max(jump, noise):
-            flag |= np.uint16(_OUTLIER)
+            off = min(
+                _continued(y, x, 0, -1, coord, variance, flags),
+                _continued(y, x, 0, 1, coord, variance, flags),
+            )
+            flag |= np.uint16(_OUTLIER) if off > np.float32(1e9) else np.uint16(0)
+            lost += off if off < np.float32(1e9) else zero
         beyond_x = max(min(left, right) - c, c - max(left, right)) - noise
     if has_above and has_below and 0 < y < rows - 1:
         noise = np.float32(_SURE) * np.sqrt(variance[up, x] + np.float32(4) * var + variance[down, x])
         if abs(above + below - np.float32(2) * c) > max(jump, noise):
-            flag |= np.uint16(_OUTLIER)
+            off = min(
+                _continued(y, x, -1, 0, coord, variance, flags),
+                _continued(y, x, 1, 0, coord, variance, flags),
+            )
+            flag |= np.uint16(_OUTLIER) if off > np.float32(1e9) else np.uint16(0)
+            lost += off if off < np.float32(1e9) else zero
         beyond_y = max(min(above, below) - c, c - max(above, below)) - noise
     if beyond_x > zero and beyond_y > zero:
         flag |= np.uint16(_OUTLIER)
     return flag, lost
+
+
+@exact
+def _continued(y: Any, x: Any, dy: Any, dx: Any, coord: Any, variance: Any, flags: Any) -> Any:
+    """Squared distance from the straight continuation of two pixels on one side; 1e12 if these do not continue."""
+    far = np.float32(1e12)
+    y2, x2 = y + 2 * dy, x + 2 * dx
+    if not (0 <= y2 < coord.shape[0] and 0 <= x2 < coord.shape[1]):
+        return far
+    if flags[y + dy, x + dx] != 0 or flags[y2, x2] != 0:
+        return far
+    off = coord[y, x] - np.float32(2) * coord[y + dy, x + dx] + coord[y2, x2]
+    noise = variance[y, x] + np.float32(4) * variance[y + dy, x + dx] + variance[y2, x2]
+    return off * off if off * off < np.float32(_SURE * _SURE) * noise else far
 
 
 @exact
@@ -235,10 +282,15 @@ def _border(c: Any, gx: Any, gy: Any, reach: Any, extent: Any) -> tuple[Any, Any
     if extent <= 0:
         return np.uint16(0), np.float32(0)
     deviation = np.sqrt(reach * reach + (gx * gx + gy * gy) * np.float32(1 / 12))
-    # the dark beyond draws readings inwards, to the centre of the outermost cell of a sharp display
-    away = min(c + np.float32(0.5), extent - np.float32(0.5) - c) - np.float32(0.25)
+    # light beyond t deviations is lost: what is left has its centre t + hazard(t) deviations from the border
+    away = min(c + np.float32(0.5), extent - np.float32(0.5) - c)
     if away > np.float32(4) * deviation:
         return np.uint16(0), np.float32(0)
-    dark = np.float32(0.5 * math.erfc(away / (deviation * 1.4142135623730951)))
-    off = dark * (max(away, np.float32(0)) + np.float32(0.5))  # the nearest cell that is missing
-    return (np.uint16(_OFF) if dark > np.float32(_LOST) else np.uint16(0)), off * off
+    true, hazard = away / deviation, 0.0
+    for _ in range(6):
+        left = 0.5 * math.erfc(-true * 0.7071067811865476)
+        hazard = 0.3989422804014327 * math.exp(-0.5 * true * true) / max(left, 1e-9)
+        true = max(away / deviation - hazard, -2.0)
+    dark = 0.5 * math.erfc(true * 0.7071067811865476)
+    off = np.float32(hazard) * deviation
+    return (np.uint16(_OFF) if dark > _LOST else np.uint16(0)), off * off

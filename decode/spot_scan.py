@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.blocks import over_rows
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
 
@@ -92,19 +91,18 @@ def raster_of(sequence: Sequence) -> Raster | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sums:
-    """The two sweeps as frames (C + R, rows, W) float32 of `sequence`, for lookup.prepare and lookup_rows;
+    """The two sweeps as frames (C + R, rows, W) float32, for lookup.prepare and lookup_rows;
     rival (rows, W): the brightest sample far from the brightest place, linear levels."""
 
     light: Light
-    sequence: Sequence
     rival: NDArray[np.float32]
 
     def noise(self, noise: Noise, raster: Raster) -> Noise:
         """Of a sum of samples, from that of one: read noise of each, gain on the sum of their levels."""
-        return Noise(noise.read2 * raster.summed, noise.gain, noise.misfit2)
+        return replace(noise, read2=noise.read2 * raster.summed)
 
 
-def sums_of(light: Light, sequence: Sequence, raster: Raster, rows: tuple[int, int]) -> Sums:
+def sums_of(light: Light, raster: Raster, rows: tuple[int, int]) -> Sums:
     """Sums over the raster's rows and columns around each pixel's brightest frame, of rows start..stop."""
     start, stop = rows
     count, width = sum(raster.index.shape), light.raw.shape[2]
@@ -116,15 +114,12 @@ def sums_of(light: Light, sequence: Sequence, raster: Raster, rows: tuple[int, i
         full = float(np.finfo(np.float32).max)
     away = max(2, int(np.ceil(1.5 * raster.steps)))
 
-    def block(first: int, last: int) -> None:
-        sum_rows(
-            *(light.raw, light.table, np.float32(light.clip), np.float32(full), start + first, start + last),
-            *(raster.index, raster.half, away, sums[:, first:last], rival[first:last]),
-        )
-
-    over_rows(block, stop - start, 8)
+    sum_rows(
+        *(light.raw, light.table, np.float32(light.clip), np.float32(full), start, stop),
+        *(raster.index, raster.half, away, sums, rival),
+    )
     summed = Light(sums, full, np.zeros(0, np.float32), 0.0)
-    return Sums(summed, raster.stripes(sequence), rival)
+    return Sums(summed, rival)
 
 
 def one_spot(estimate: Estimate, sums: Sums, raster: Raster, rows: tuple[int, int]) -> None:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence, Flag, decode
+from optolever.decode import Correspondence, Flag, Integrity, check, decode
 from optolever.patterns import Sequence, sequence_from_text
 
 from ..drawn import between
@@ -331,8 +331,6 @@ def _halved(image: Floats) -> Floats:
 
 def judged_draw(draw: Draw) -> Found:
     """Decode and check a draw; what is right and what is said about its frames."""
-    from optolever.decode import check
-
     shot = taken(draw)
     seen = decode(shot.frames, shot.sequence)
     found = against_truth(seen, shot.u, shot.v, shot.judged)
@@ -348,7 +346,7 @@ def judged_draw(draw: Draw) -> Found:
     return replace(found, frames=verdict)
 
 
-def names(report: Any, fault: Fault) -> bool:
+def names(report: Integrity, fault: Fault) -> bool:
     """Whether findings about few frames, and few of them in all, hold one of the fault's."""
     wrong = {fault.frame, fault.other} if fault.kind == "swapped" else {fault.frame}
     few = [finding.frames for finding in report.findings if len(finding.frames) <= TOGETHER]

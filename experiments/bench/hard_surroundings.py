@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence, Flag, decode
+from optolever.decode import Correspondence, Flag, check, decode
 from optolever.errors import InputError
 from optolever.patterns import Sequence, sequence_from_text
 from optolever.projector import AreaTrace, area_light, expose, trace_area
@@ -187,8 +187,6 @@ def _orders(count: int) -> Iterator[tuple[str, NDArray[np.int64]]]:
 
 def _is_detected(frames: Frames, shown: Sequence, mask: Mask) -> bool:
     """A finding, frames refused, or most of the mirror's pixels flagged for it."""
-    from optolever.decode import check
-
     try:
         found = decode(frames, shown)
         if check(frames, shown, found).findings:
