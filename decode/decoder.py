@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from optolever.blocks import over_rows
 from optolever.errors import InputError
+from optolever.memory import roomy_empty
 from optolever.notices import Notice
 from optolever.patterns import Sequence
 
@@ -112,8 +113,8 @@ def _decoded(light: Light, sequence: Sequence, options: _Options) -> Corresponde
 def _estimated(shot: _Shot, decoders: list[AxisDecoder]) -> tuple[list[Raw], Shared]:
     """Every axis, block by block of rows; flags of both."""
     shape = shot.light.raw.shape[1:]
-    raw = [Raw(np.empty(shape, np.float32), np.empty(shape, np.float32)) for _ in decoders]
-    shared = Shared(np.empty(shape, np.uint16), *(np.empty(shape, np.float32) for _ in range(3)))
+    raw = [Raw(*(roomy_empty(shape, np.float32) for _ in range(2))) for _ in decoders]
+    shared = Shared(roomy_empty(shape, np.uint16), *(roomy_empty(shape, np.float32) for _ in range(3)))
     room = local()
 
     def block(start: int, stop: int) -> None:
@@ -134,8 +135,11 @@ def _among_neighbours(
     maps = tuple((one.coordinate, one.variance) for one in raw)
     pixelations = measured_pixelations(shown, maps, shot.cells, blur, shot.lit)
     least = _LEAST_SIGMA if _silent(shot) else 0.0
-    out = {axis: (np.full(shape, np.nan, np.float32), np.full(shape, np.inf, np.float32)) for axis in "uv"}
-    flags = shared.flags.copy()
+    out = {axis: tuple(roomy_empty(shape, np.float32) for _ in range(2)) for axis in "uv"}
+    for axis in set("uv") - {decoder.axis.axis for decoder in decoders}:
+        out[axis][0][:], out[axis][1][:] = np.nan, np.inf
+    flags = roomy_empty(shape, np.uint16)
+    flags[:] = shared.flags
 
     def block(start: int, stop: int) -> None:
         for decoder, own, pixelation in zip(decoders, raw, pixelations, strict=True):

@@ -54,7 +54,7 @@ _UNKNOWN = 1.0
 #: Share of sigma that may be left out.
 _SLIGHT = 0.1
 #: Pixels of the sample that are compared at most.
-_MOST = 4096
+_MOST = 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,28 +195,32 @@ def _pixelation(
     blur: float,
     allowed: tuple[float, float],
 ) -> Pixelation:
-    found = _table(shares, blur, allowed, sigma) if shares else no_pixelation()
+    # None, as a NaN is another key each time
+    known = None if np.isnan(blur) else blur
+    found = _table(shares, known, allowed, sigma) if shares else no_pixelation()
     if seen is None:
         return found
     sure = replace(seen, noise=seen.noise + seen.looked_up(found.variance)[2]) if found.shift.size else seen
     return replace(found, roughness=_roughness(sure, seen.place + seen.looked_up(found.shift)))
 
 
+@lru_cache(maxsize=64)
 def _table(
-    shares: tuple[tuple[float, float], ...], blur: float, allowed: tuple[float, float], sigma: float
+    shares: tuple[tuple[float, float], ...], blur: float | None, allowed: tuple[float, float], sigma: float
 ) -> Pixelation:
-    """The correction for a blur (NaN: none), what blurs between the allowed ones would change in the variance."""
+    """The correction for a blur (None: none), what blurs between the allowed ones would change in the variance."""
     place = np.arange(PLACES) / PLACES
     shift, variance = np.zeros((2, len(WIDTHS), PLACES), np.float32)
     own = np.zeros((len(WIDTHS), PLACES))
-    if not np.isnan(blur):
+    if blur is not None:
         shift, variance = _inverted(shares, blur, sigma)
         own = cell_error(shares, WIDTHS, blur, place)
     unsure = [cell_error(shares, WIDTHS, end, place) - own for end in allowed]
     extra = np.max([(part**2).mean(axis=1) for part in unsure], axis=0)
     if (shift**2 + variance + extra[:, None]).max() < (_SLIGHT * sigma) ** 2:
-        return no_pixelation(blur)
-    return Pixelation(shift, (variance + extra[:, None]).astype(np.float32), blur)
+        return no_pixelation(float("nan") if blur is None else blur)
+    known = float("nan") if blur is None else blur
+    return Pixelation(shift, (variance + extra[:, None]).astype(np.float32), known)
 
 
 @dataclass(frozen=True, slots=True)

@@ -244,7 +244,8 @@ def _phase_line(
         height = np.sqrt(power)
         noise = read2 + gain * max(mean[x], np.float32(0))
         across = c * c * ss - two * c * s * cs + s * s * cc
-        bright += (mean[x] + height + np.sqrt(chi2[x])) > np.float32(0.999) * white
+        room = np.float32(0.999) * white - mean[x] - height
+        bright += (room < np.float32(0)) | (room * room < chi2[x])
         turn[x] = turn_of(s, c) - bias
         variance[x] = rounding + noise * across / (power * power * (_TWO_PI * _TWO_PI))
         amplitude[x] = height
