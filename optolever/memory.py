@@ -1,0 +1,88 @@
+"""Large arrays on whole huge pages, and used again: memory that is new to a process costs more than writing
+to it.
+"""
+
+import math
+import weakref
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+__all__ = ["roomy_empty", "roomy_together"]
+
+#: A huge page of the usual systems, and what is too little to be kept, bytes.
+_PAGE, _LITTLE = 1 << 21, 1 << 16
+#: A line of the cache, bytes.
+_LINE = 64
+#: Bytes that are kept for later at most: the maps of two captures of 2 Mpx, with room.
+_MOST = 1 << 28
+#: Arrays that are kept at most.
+_ROOMS = 64
+#: Memory of arrays that nobody holds any more, by their size.
+_kept: dict[int, list[NDArray[np.uint8]]] = {}
+
+
+def roomy_empty(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    """np.empty; but for little ones, the memory of an array of that size that nobody holds any more, if there
+    is one. Of one huge page or more: its pages are its own from the first to the last byte.
+
+    The system clears what it gives to a process, which takes longer than writing to it.
+    NumPy asks for huge pages, but the ends of an array share theirs with others, and what does not fill a
+    huge page is fetched by 4 KiB. The room beside the array is never touched, so that it takes no memory.
+    """
+    kind = np.dtype(dtype)
+    size = math.prod(shape) * kind.itemsize
+    if size < _LITTLE:
+        return np.empty(shape, kind)
+    room = _taken(size)
+    # views of this array are held by it alone, as its own memory is not an array's
+    held = np.frombuffer(room.data, np.uint8)
+    weakref.finalize(held, _keep, size, room).atexit = False
+    start = -room.ctypes.data % (_PAGE if size >= _PAGE else _LINE)
+    return held[start : start + size].view(kind).reshape(shape)
+
+
+def roomy_together(shape: tuple[int, ...], kinds: Sequence[DTypeLike]) -> list[NDArray[Any]]:
+    """Arrays of that shape side by side in the memory of one: for those that are dropped together."""
+    count, taken, start = math.prod(shape), [], 0
+    sizes = [-(-count * np.dtype(kind).itemsize // _LINE) * _LINE for kind in kinds]
+    room = roomy_empty((sum(sizes),), np.uint8)
+    for kind, size in zip(kinds, sizes, strict=True):
+        taken.append(room[start : start + size].view(kind)[:count].reshape(shape))
+        start += size
+    return taken
+
+
+def _taken(size: int) -> NDArray[np.uint8]:
+    """Room for an array of this size and for its place among huge pages."""
+    try:
+        return _pop(size)
+    except (KeyError, IndexError):
+        return np.empty(size + (2 * _PAGE if size >= _PAGE else _LINE), np.uint8)
+
+
+def _pop(size: int) -> NDArray[np.uint8]:
+    rooms = _kept[size]
+    room = rooms.pop()  # one step: another thread takes another one, or none
+    if not rooms:
+        _kept.pop(size, None)
+    return room
+
+
+def _keep(size: int, room: NDArray[np.uint8]) -> None:
+    """Room that is not held any more, for the next array of its size; sizes that were kept first make way."""
+    if size > _MOST:
+        return
+    while _is_full(size):
+        with suppress(KeyError, IndexError, StopIteration):
+            _pop(next(iter(list(_kept))))
+    _kept.setdefault(size, []).append(room)
+
+
+def _is_full(size: int) -> bool:
+    """Whether room of that size would be too much."""
+    counts = [(each, len(rooms)) for each, rooms in list(_kept.items())]
+    return sum(count for _, count in counts) >= _ROOMS or sum(a * b for a, b in counts) + size > _MOST
