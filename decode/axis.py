@@ -31,8 +31,8 @@ __all__ = ["AxisDecoder", "axis_decoders"]
 class AxisDecoder:
     """What turns rows of frames into an Estimate of one axis.
 
-    rounding  variance (turns^2) of each fringe's phase by the rounding of shown grey values, as far as `shift`
-              (pattern px, see display.rounding_shift) does not take it off
+    rounding  variance (turns^2) of each fringe's phase by the rounding of shown grey values, as far as
+              `shift` (pattern px, see display.rounding_shift) does not take it off
     limits    beyond which pixels are flagged; jump: largest second difference of neighbours, pattern px
     """
 

@@ -136,7 +136,7 @@ def _among_neighbours(
     maps = tuple((one.coordinate, one.variance) for one in raw)
     pixelations = measured_pixelations(shown, maps, shot.cells, blur, shot.lit)
     least = _LEAST_SIGMA if _silent(shot) else 0.0
-    out = {axis: tuple(roomy_empty(shape, np.float32) for _ in range(2)) for axis in "uv"}
+    out = {axis: (roomy_empty(shape, np.float32), roomy_empty(shape, np.float32)) for axis in "uv"}
     for axis in set("uv") - {decoder.axis.axis for decoder in decoders}:
         out[axis][0][:], out[axis][1][:] = np.nan, np.inf
     flags = roomy_empty(shape, np.uint16)

@@ -41,7 +41,7 @@ F64 = NDArray[np.float64]
 PLACES = 128
 #: Places of a cell at which shifts by rounded grey values are tabled; blur that is assumed for them, cells.
 PER_CELL, _USUAL_BLUR = 4, 0.5
-#: Pixels on either side over which a footprint is taken: over fewer the cells themselves would count as gradient.
+#: Pixels on either side over which a footprint is taken: over fewer the cells would count as gradient.
 REACH = 4
 _WIDEST = 2.5
 WIDTHS = np.linspace(0.0, _WIDEST, 51)
@@ -322,8 +322,8 @@ def table_rounding(fringe: Fringe, tables: NDArray[np.uint8]) -> F64:
 
 
 def rounding_shift(axis: AxisPlan, tables: NDArray[np.uint8]) -> F32:
-    """What rounded grey values shift, pattern px, at PER_CELL places of every cell from its edge on: the errors of
-    the cells and periods in their shares, through a pixel of a cell and a usual blur."""
+    """What rounded grey values shift, pattern px, at PER_CELL places of every cell from its edge on: the errors
+    of the cells and periods in their shares, through a pixel of a cell and a usual blur."""
     shares = dict(shares_of(axis))
     periods = [fringe for fringe in axis.fringes if fringe.period in shares]
     whole = sum(shares[fringe.period] for fringe in periods)

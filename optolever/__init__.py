@@ -12,7 +12,8 @@ The parts, floor by floor (imports run downward only):
 | 1     | `patterns`    | codes: Frame, Sequence                                                   |
 | 1     | `scene`       | what is physically there, and its exact ray tracing                      |
 | 0     | `errors`, `files` | one-line input errors, atomic files                                  |
-| 0     | `blocks`, `kernels`, `memory` | row blocks on threads; how loops are compiled; maps in memory used again |
+| 0     | `blocks`, `kernels` | row blocks on threads; how loops are compiled                      |
+| 0     | `memory`, `notices` | maps in memory used again; what a result wants its user to know    |
 """
 
 from importlib.metadata import version as _version

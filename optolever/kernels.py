@@ -46,8 +46,8 @@ def _compiled(function: Kernel, **options: Any) -> Kernel:
 
 @lru_cache(maxsize=16)
 def _cache_folder(folder: Path, chosen: str) -> str:
-    """For kernels of a part: below its __pycache__ or the NUMBA_CACHE_DIR that the user chose, a folder for what
-    the part's sources are now."""
+    """For kernels of a part: below its __pycache__ or the NUMBA_CACHE_DIR that the user chose, a folder for
+    what the part's sources are now."""
     part = folder
     while (part.parent / "__init__.py").exists():
         part = part.parent

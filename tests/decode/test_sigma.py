@@ -144,8 +144,8 @@ def soft(shown: Sequence, u: F64, blur: float, noise: float) -> NDArray[np.uint8
 @pytest.mark.parametrize("inverses", [True, False])
 @pytest.mark.parametrize("kind", ["gray", "binary", "long-run-gray"])
 def test_bits_in_blur_and_noise(kind: str, inverses: bool, blur: float, ratio: float) -> None:
-    """Bits that lead elsewhere are no more frequent than stated, sigma holds what they do within a cell and its
-    neighbours, none of it is silent."""
+    """Bits that lead elsewhere are no more frequent than stated, sigma holds what they do within a cell and
+    its neighbours, none of it is silent."""
     shown = sequence(kind, 256, 256, axes="u", inverses=inverses)
     row, col = np.mgrid[:150, :180]
     u = 8 + 0.25 * col + 0.05 * row + 1.3 * np.sin(row / 17)
