@@ -268,7 +268,8 @@ def _neighbours(lit: Sample, coord: F32, variance: F32) -> _Neighbours | None:
     with np.errstate(invalid="ignore"):
         five, width = np.where(steps[0] >= steps[1], *lines), np.hypot(*steps)
         keep = (
-            (noise < 1 / 6)
+            (noise > 0)
+            & (noise < 1 / 6)
             & (width < _WIDEST - WIDTHS[1])
             & (np.abs(np.diff(five, 2, axis=0)).max(axis=0) < 1)
         )
