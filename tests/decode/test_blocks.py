@@ -17,11 +17,15 @@ FIELDS = ("u", "v", "sigma_u", "sigma_v", "flags", "amplitude", "offset", "order
 
 
 def shown_as(name: str) -> Sequence:
-    """Two periods of four steps are fitted in one go, where nothing of a tile is clipped or in doubt."""
-    return sequence("phase", 120, 135, periods=(160.0, 20.0)) if name == "pair" else sequence(name, 120, 135)
+    """Close periods too."""
+    return (
+        sequence("phase", 150, 170, periods=(20.0, 22.0, 25.0))
+        if name == "close"
+        else sequence(name, 150, 170)
+    )
 
 
-@pytest.mark.parametrize("name", ["phase", "pair", "gray", "gray+phase"])
+@pytest.mark.parametrize("name", ["phase", "close", "gray", "gray+phase"])
 @pytest.mark.parametrize("rows", [7, 16, 32, 200])
 def test_blocks_change_nothing(
     name: str, rows: int, shoot: Shoot, smooth: tuple[F64, F64], monkeypatch: pytest.MonkeyPatch
@@ -62,10 +66,10 @@ def test_small_images(name: str, size: tuple[int, int], lit: bool, shoot: Shoot)
 
 @pytest.mark.parametrize("name", ["phase", "gray"])
 @pytest.mark.parametrize("rows", [16, 40])
-def test_shadows_reach_across_blocks(
+def test_a_border_in_view_does_not_depend_on_blocks(
     name: str, rows: int, shoot: Shoot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whether a dim pixel lies in the border's shadow is told by all pixels between it and the border."""
+    """Dim bands beside it: what neighbours tell of them crosses blocks."""
     shown = sequence(name, 90, 135)
     v, u = np.mgrid[:120, :130] + 2.3
     inside = 89.5 - v
@@ -80,9 +84,7 @@ def test_shadows_reach_across_blocks(
         return decode(frames, shown)
 
     one = run(120, 1)
-    edge = (inside > 11) & (inside < 14)
-    assert one.good[edge & (u < 55)].mean() < 0.2
-    assert one.good[(np.abs(inside - 9) < 2) & (u > 65)].mean() > 0.8
+    assert 0.5 < one.good[inside > 0].mean() < 1
     for _ in range(3):
         other = run(rows, 3)
         for field in FIELDS:
