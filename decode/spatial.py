@@ -48,7 +48,8 @@ def check_rows(
 ) -> None:
     """Rows start..stop of one axis.
 
-    common: flags (H, W) so far, amplitude (H, W). limits: extent of the surface (0: it has no border), largest
+    common: flags (H, W) so far, amplitude (H, W). limits: extent of the surface (0: it has no border),
+    largest
     second difference (px), least sigma (px). rounding: display.rounding_shift, empty: none. out: coordinate,
     sigma, flags (H, W), the last or-ed.
     """
@@ -298,6 +299,7 @@ def _beside(
 @exact
 def _border(c: Any, gx: Any, gy: Any, reach: Any, extent: Any) -> tuple[Any, Any, Any]:
     """Flag, shift and its variance by the light that a pixel misses from beyond the surface; footprint gx, gy.
+
 
     Of a normal distribution cut at t deviations from its centre, what is left has its centre hazard(t)
     deviations further inwards. reach is the most that a pixel sees, so that the shift is anything from none to that.
