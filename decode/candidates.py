@@ -34,8 +34,8 @@ class Orders:
     """Orders by cell of a table: the nearest and the next one (none: a number below -10000), and all of them
     (`listed` from start[cell] to start[cell + 1]).
 
-    tolerance: turns within which they are listed; extent: of the surface, px, from which all light comes: a place
-    beyond it is as unlikely as the noise that carries it there.
+    tolerance: turns within which they are listed; extent: of the surface, px, from which all light comes: a
+    place beyond it is as unlikely as the noise that carries it there.
     """
 
     first: NDArray[np.int16]

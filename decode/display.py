@@ -323,8 +323,8 @@ def table_rounding(fringe: Fringe, tables: NDArray[np.uint8]) -> F64:
 
 
 def rounding_shift(axis: AxisPlan, tables: NDArray[np.uint8]) -> F32:
-    """What rounded grey values shift, pattern px, at PER_CELL places of every cell from its edge on: the errors
-    of the cells and periods in their shares, through a pixel of a cell and a usual blur."""
+    """What rounded grey values shift, pattern px, at PER_CELL places of every cell from its edge on: the
+    errors of the cells and periods in their shares, through a pixel of a cell and a usual blur."""
     shares = dict(shares_of(axis))
     periods = [fringe for fringe in axis.fringes if fringe.period in shares]
     whole = sum(shares[fringe.period] for fringe in periods)

@@ -48,7 +48,7 @@ class Fit:
 def fit_fringe(
     light: Light, noise: Noise, fringe: Fringe, rows: tuple[int, int], rounding: float, fit: Fit
 ) -> None:
-    """Fit one period in rows start..stop, in place; rounding: variance (turns^2) that shown grey values add."""
+    """Fit one period in rows start..stop, in place; rounding: variance (turns^2) by rounded grey values."""
     weights = _weights(fringe)
     _fit_rows(
         *(light.raw, np.array(fringe.index), light.lut, np.float32(min(light.clip, 1e9)), *rows, *weights),

@@ -48,9 +48,9 @@ def check_rows(
 ) -> None:
     """Rows start..stop of one axis.
 
-    common: flags (H, W) so far, amplitude (H, W). limits: extent of the surface (0: it has no border), largest
-    second difference (px), least sigma (px). rounding: display.rounding_shift, empty: none. out: coordinate,
-    sigma, flags (H, W), the last or-ed.
+    common: flags (H, W) so far, amplitude (H, W). limits: extent of the surface (0: it has no border),
+    largest second difference (px), least sigma (px). rounding: display.rounding_shift, empty: none. out:
+    coordinate, sigma, flags (H, W), the last or-ed.
     """
     numbers = (pixelation.roughness, pixelation.reach, *limits)
     _check(
@@ -297,10 +297,11 @@ def _beside(
 
 @exact
 def _border(c: Any, gx: Any, gy: Any, reach: Any, extent: Any) -> tuple[Any, Any, Any]:
-    """Flag, shift and its variance by the light that a pixel misses from beyond the surface; footprint gx, gy.
+    """Flag, shift and its variance by the light that a pixel misses from beyond the surface.
 
-    Of a normal distribution cut at t deviations from its centre, what is left has its centre hazard(t)
-    deviations further inwards. reach is the most that a pixel sees, so that the shift is anything from none to that.
+    gx, gy: its footprint. Of a normal distribution cut at t deviations from its centre, what is left has its
+    centre hazard(t) deviations further inwards. reach is the most that a pixel sees, so that the shift is
+    anything from none to that.
     """
     none = np.float32(0)
     if extent <= 0:
