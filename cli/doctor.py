@@ -114,7 +114,7 @@ def _cache() -> str:
 
     here = Path(decode.__file__).parent
     place = here / "__pycache__" if os.access(here, os.W_OK) else Path("~/.cache/numba").expanduser()
-    kernels = len(list(place.glob("*.nbi"))) if place.is_dir() else 0
+    kernels = len(list(place.rglob("*.nbi"))) if place.is_dir() else 0
     return f"{place} ({kernels} kernels of decode)"
 
 

@@ -35,7 +35,7 @@ def _compiled(function: Kernel, **options: Any) -> Kernel:
     the files of those that it calls."""
     settings: Any = numba.config
     before = settings.CACHE_DIR
-    settings.CACHE_DIR = _cache_folder(Path(function.__code__.co_filename).parent)
+    settings.CACHE_DIR = _cache_folder(Path(function.__code__.co_filename).parent, before)
     try:
         made = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     finally:
@@ -44,12 +44,14 @@ def _compiled(function: Kernel, **options: Any) -> Kernel:
 
 
 @lru_cache(maxsize=8)
-def _cache_folder(folder: Path) -> str:
-    """For kernels of a part: below its __pycache__, a folder for what its sources are now."""
+def _cache_folder(folder: Path, chosen: str = "") -> str:
+    """For kernels of a part: below its __pycache__ or the folder that NUMBA_CACHE_DIR names, a folder for
+    what its sources are now."""
     part = folder
     while (part.parent / "__init__.py").exists():
         part = part.parent
     state = hashlib.sha256()
     for file in sorted(part.rglob("*.py")):
         state.update(file.read_bytes())
-    return str(part / "__pycache__" / f"kernels-{state.hexdigest()[:16]}")
+    base = Path(chosen) if chosen else part / "__pycache__"
+    return str(base / f"kernels-{state.hexdigest()[:16]}")
