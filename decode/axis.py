@@ -1,6 +1,6 @@
 """One axis: which steps its frames ask for, and their chain over a block of rows."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from threading import local
 from typing import Any
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from optolever.patterns import Sequence
 
 from .candidates import Orders, order_table, unwrap_close
-from .display import table_rounding
+from .display import rounding_shift, table_rounding
 from .estimate import Estimate
 from .flags import DOUBT, Limits, limits_of
 from .frames import Light
@@ -31,8 +31,8 @@ __all__ = ["AxisDecoder", "axis_decoders"]
 class AxisDecoder:
     """What turns rows of frames into an Estimate of one axis.
 
-    rounding  mean and variance (turns, turns^2) of each fringe's phase error by the rounding of shown grey
-              values
+    rounding  variance (turns^2) of each fringe's phase by the rounding of shown grey values, as far as
+              `shift` (pattern px, see display.rounding_shift) does not take it off
     limits    beyond which pixels are flagged; jump: largest second difference of neighbours, pattern px
     """
 
@@ -44,10 +44,11 @@ class AxisDecoder:
     micro: MicroTable | None
     table: Table | None
     raster: Raster | None
-    rounding: tuple[tuple[float, float], ...]
+    rounding: tuple[float, ...]
     limits: Limits
     freedom: int
     jump: float
+    shift: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
 
     def estimate(self, rows: tuple[int, int], raw: Raw, room: local) -> Estimate:
         """Decode rows start..stop; coordinates and variances into the whole maps."""
@@ -206,7 +207,10 @@ def _decoder(
     orders = None if covered else _orders(axis, deviation)
     tables = sequence.tables()["uv".index(axis.axis)]
     shown = on_cells and not sequence.nominal
-    rounding = tuple(table_rounding(fringe, tables) if shown else (0.0, 0.0) for fringe in axis.fringes)
+    rounding = [float(table_rounding(fringe, tables).var()) if shown else 0.0 for fringe in axis.fringes]
+    shift = np.zeros(0, np.float32)
+    if shown and axis.fringes and not axis.singles:
+        rounding[-1], shift = 0.0, rounding_shift(axis, tables)
     freedom = sum(len(fringe.index) - 3 for fringe in axis.fringes) + max(len(axis.fringes) - 1, 0)
     freedom += sum(len(fringe.index) for fringe in axis.singles)
     freedom += (1 if axis.fringes else 0) + code.freedom if code is not None else 0
@@ -217,7 +221,9 @@ def _decoder(
         assert code is not None
         jump, factor = 2 * code.cell, 0.5
     limits = limits_of(axis.extent, factor, freedom, light.white)
-    return AxisDecoder(axis, light, noise, code, orders, micro, None, None, rounding, limits, freedom, jump)
+    return AxisDecoder(
+        axis, light, noise, code, orders, micro, None, None, tuple(rounding), limits, freedom, jump, shift
+    )
 
 
 def _cells(code: CodePlan, light: Light, noise: Noise, lit: Sample) -> NDArray[np.float64]:

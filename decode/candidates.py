@@ -32,13 +32,18 @@ _ONE, _HALF = np.float32(1), np.float32(0.5)
 @dataclass(frozen=True, slots=True)
 class Orders:
     """Orders by cell of a table: the nearest and the next one (none: a number below -10000), and all of them
-    (`listed` from start[cell] to start[cell + 1]). tolerance: turns within which they are listed."""
+    (`listed` from start[cell] to start[cell + 1]).
+
+    tolerance: turns within which they are listed; extent: of the surface, px, from which all light comes: a
+    place beyond it is as unlikely as the noise that carries it there.
+    """
 
     first: NDArray[np.int16]
     second: NDArray[np.int16]
     start: NDArray[np.int32]
     listed: NDArray[np.int16]
     tolerance: float
+    extent: float
 
 
 def order_table(periods: tuple[float, ...], extent: int, deviation: float) -> Orders:
@@ -69,7 +74,7 @@ def _order_table(periods: tuple[float, ...], extent: int, tolerance: float) -> O
     for rank in range(2):
         has = count > rank
         best[rank, has] = listed[start[:-1][has] + rank]
-    return Orders(best[0], best[1], start, listed, tolerance)
+    return Orders(best[0], best[1], start, listed, tolerance, float(extent))
 
 
 def _wrapped(turns: Any) -> Any:
@@ -80,7 +85,7 @@ def unwrap_close(fits: list[Fit], periods: tuple[float, ...], orders: Orders, es
     """Coordinates from the phases of all periods, coarse to fine, in place."""
     turns, variances = (np.stack([getattr(f, n).ravel() for f in fits]) for n in ("turn", "variance"))
     _unwrap(
-        *(turns, variances, np.array(periods, np.float32)),
+        *(turns, variances, np.array(periods, np.float32), np.float32(orders.extent)),
         *(orders.first, orders.second, orders.start, orders.listed, np.float32(orders.tolerance)),
         *(estimate.coordinate.ravel(), estimate.variance.ravel(), estimate.error.ravel()),
         estimate.chi2.ravel(),
@@ -95,6 +100,7 @@ def _unwrap(
     turns: Any,
     variances: Any,
     periods: Any,
+    extent: Any,
     first: Any,
     second: Any,
     start: Any,
@@ -115,8 +121,8 @@ def _unwrap(
         _cells(t, periods, cell[:n])
         for x in range(n):
             one[x], other[x] = np.float32(first[cell[x]]), np.float32(second[cell[x]])
-        _scores(t, v, periods, one[:n], sums[:4, :n])
-        _scores(t, v, periods, other[:n], sums[4:, :n])
+        _scores(t, v, periods, extent, one[:n], sums[:4, :n])
+        _scores(t, v, periods, extent, other[:n], sums[4:, :n])
         _better(
             *(t, v, periods, tolerance, one[:n], other[:n], sums[:, :n]),
             *(place[begin:end], var[begin:end], error[begin:end], chi2[begin:end]),
@@ -125,7 +131,7 @@ def _unwrap(
             low, high = start[cell[x]], start[cell[x] + 1]
             if high - low > 2:
                 _compare_all(
-                    *(t, v, periods, tolerance, listed, low, high, x),
+                    *(t, v, periods, extent, tolerance, listed, low, high, x),
                     *(place[begin:end], var[begin:end], error[begin:end], chi2[begin:end]),
                 )
 
@@ -147,7 +153,7 @@ def _cells(turns: Any, periods: Any, cell: Any) -> None:
 
 
 @kernel
-def _scores(turns: Any, variances: Any, periods: Any, order: Any, sums: Any) -> None:
+def _scores(turns: Any, variances: Any, periods: Any, extent: Any, order: Any, sums: Any) -> None:
     """Of an order: place, sum of weights, weighted mean and misfit of the places that all periods give."""
     last = periods.size - 1
     fine = periods[last]
@@ -170,6 +176,9 @@ def _scores(turns: Any, variances: Any, periods: Any, order: Any, sums: Any) -> 
     for x in range(order.size):
         square[x] -= mean[x] * mean[x] / weight[x]
         mean[x] = mean[x] / weight[x]
+        at = place[x] + mean[x]
+        beyond = max(max(-_HALF - at, at + _HALF - extent), np.float32(0))
+        square[x] += beyond * beyond * weight[x]
 
 
 @inlined
@@ -217,6 +226,7 @@ def _compare_all(
     turns: Any,
     variances: Any,
     periods: Any,
+    extent: Any,
     tolerance: Any,
     listed: Any,
     low: Any,
@@ -241,7 +251,8 @@ def _compare_all(
             w += own
             m += own * away
             s += own * away * away
-        rss = s - m * m / w
+        beyond = max(-0.5 - at - m / w, at + m / w + 0.5 - extent, 0.0)
+        rss = s - m * m / w + beyond * beyond * w
         if rss < best:
             total = total * np.exp(-0.5 * (best - rss)) + 1.0 if total > 0 else 1.0
             best, found, weight = rss, at + m / w, w

@@ -136,7 +136,7 @@ def _among_neighbours(
     maps = tuple((one.coordinate, one.variance) for one in raw)
     pixelations = measured_pixelations(shown, maps, shot.cells, blur, shot.lit)
     least = _LEAST_SIGMA if _silent(shot) else 0.0
-    out = {axis: tuple(roomy_empty(shape, np.float32) for _ in range(2)) for axis in "uv"}
+    out = {axis: (roomy_empty(shape, np.float32), roomy_empty(shape, np.float32)) for axis in "uv"}
     for axis in set("uv") - {decoder.axis.axis for decoder in decoders}:
         out[axis][0][:], out[axis][1][:] = np.nan, np.inf
     flags = roomy_empty(shape, np.uint16)
@@ -145,9 +145,8 @@ def _among_neighbours(
     def block(start: int, stop: int) -> None:
         for decoder, own, pixelation in zip(decoders, raw, pixelations, strict=True):
             limits = float(decoder.axis.extent) if shot.cells else 0.0, decoder.jump, least
-            coordinate, sigma = out[decoder.axis.axis]
-            common = shared.flags, shared.amplitude
-            check_rows((start, stop), own, common, pixelation, limits, (coordinate, sigma, flags))
+            common, maps = (shared.flags, shared.amplitude), (*out[decoder.axis.axis], flags)
+            check_rows((start, stop), own, common, pixelation, limits, decoder.shift, maps)
 
     over_rows(block, shape[0], _BLOCK)
     notices = _unlike(shot.noise, max(pixelation.roughness**0.5 for pixelation in pixelations))

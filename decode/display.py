@@ -31,6 +31,7 @@ __all__ = [
     "cell_light",
     "measured_pixelations",
     "no_pixelation",
+    "rounding_shift",
     "table_rounding",
 ]
 
@@ -38,8 +39,9 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 #: Places of a cell, widths of a footprint (cells) and blurs (cells rms) that are tabled.
 PLACES = 128
-#: Pixels on either side over which a footprint is taken: over fewer the cells themselves would count as
-#: gradient.
+#: Places of a cell at which shifts by rounded grey values are tabled; blur that is assumed for them, cells.
+PER_CELL, _USUAL_BLUR = 4, 0.5
+#: Pixels on either side over which a footprint is taken: over fewer the cells would count as gradient.
 REACH = 4
 _WIDEST = 2.5
 WIDTHS = np.linspace(0.0, _WIDEST, 51)
@@ -311,11 +313,26 @@ def _fitted_blur(left: F64) -> tuple[float, tuple[float, float]]:
     return (_BLURS[best] if told else float("nan")), allowed
 
 
-def table_rounding(fringe: Fringe, tables: NDArray[np.uint8]) -> tuple[float, float]:
-    """Mean and variance (turns, turns^2) of a cell's phase error by the rounding of its grey values; tables
-    (N, extent): grey values along the axis."""
+def table_rounding(fringe: Fringe, tables: NDArray[np.uint8]) -> F64:
+    """Phase error (extent,), turns, of every cell by the rounding of its grey values; tables (N, extent)."""
     inverse = np.linalg.pinv(fringe.design())
     c, s = inverse[1:] @ tables[list(fringe.index)].astype(np.float64)
     turns = np.arctan2(s, c) / (2 * np.pi) - np.arange(tables.shape[1]) / fringe.period
-    turns -= np.rint(turns)
-    return float(turns.mean()), float(turns.var())
+    return np.asarray(turns - np.rint(turns))
+
+
+def rounding_shift(axis: AxisPlan, tables: NDArray[np.uint8]) -> F32:
+    """What rounded grey values shift, pattern px, at PER_CELL places of every cell from its edge on: the
+    errors of the cells and periods in their shares, through a pixel of a cell and a usual blur."""
+    shares = dict(shares_of(axis))
+    periods = [fringe for fringe in axis.fringes if fringe.period in shares]
+    whole = sum(shares[fringe.period] for fringe in periods)
+    cells = sum(
+        shares[fringe.period] / whole * fringe.period * table_rounding(fringe, tables) for fringe in periods
+    )
+    place = (np.arange(PER_CELL) + 0.5) / PER_CELL - 0.5
+    reach = np.arange(-3, 4)
+    light = cell_light(reach[:, None] - place, np.ones(1), _USUAL_BLUR)
+    padded = np.pad(np.asarray(cells, np.float64), 3, mode="edge")
+    seen = sum(light[i] * padded[i : i + axis.extent, None] for i in range(7))
+    return np.asarray(seen, np.float32).ravel()

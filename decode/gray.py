@@ -123,7 +123,7 @@ def _read_rows(
     light = np.empty((0 if table is None else 2, width), np.float32)
     word, weakest = np.empty(width, np.int32), np.empty(width, np.int32)
     least, second = np.empty(width, np.float32), np.empty(width, np.float32)
-    total, square = np.empty(width, np.float32), np.empty(width, np.float32)
+    total, square = np.empty(max(width, bits), np.float32), np.empty(width, np.float32)
     referenced = ends[0] >= 0
     for row in range(start, stop):
         r = row - start
@@ -146,23 +146,24 @@ def _read_rows(
                 pairs += 1
                 if table is None:
                     one, other = raw[plain, row], raw[inverse, row]
+                    _sums(one, other, free, referenced, o, a)
+                    _pair(one, other, scale, bit, number, o, total, square, word, weakest, least, second)
                 else:
                     fetch_line(raw[plain, row], table, light[0])
                     fetch_line(raw[inverse, row], table, light[1])
-                    one, other = light[0], light[1]
-                if free:
-                    _half_sum(one, other, o)
-                _pair(one, other, scale, bit, number, o, total, square, word, weakest, least, second)
-                if not referenced:
-                    _largest(one, other, a)
+                    _sums(light[0], light[1], free, referenced, o, a)
+                    _pair(
+                        *(light[0], light[1], scale, bit, number, o),
+                        *(total, square, word, weakest, least, second),
+                    )
             else:
                 sign = np.float32(1) if plain >= 0 else np.float32(-1)
+                line = raw[max(plain, inverse), row]
                 if table is None:
-                    one = raw[max(plain, inverse), row]
+                    _single(line, sign, scale, bit, number, o, a, c2, word, weakest, least, second)
                 else:
-                    fetch_line(raw[max(plain, inverse), row], table, light[0])
-                    one = light[0]
-                _single(one, sign, scale, bit, number, o, a, c2, word, weakest, least, second)
+                    fetch_line(line, table, light[0])
+                    _single(light[0], sign, scale, bit, number, o, a, c2, word, weakest, least, second)
         _cells_line(
             *(word, weakest, least, second, cells, cell, first, alone, np.float32(pairs), referenced),
             *(a, o, total, square, read2, gain, rounding2, misfit2, place[r], var[r], error[r], c2),
@@ -212,6 +213,15 @@ def _references(white: Any, black: Any, amplitude: Any, offset: Any) -> None:
     for x in range(offset.size):
         amplitude[x] = half * (np.float32(white[x]) - np.float32(black[x]))
         offset[x] = half * (np.float32(white[x]) + np.float32(black[x]))
+
+
+@exact
+def _sums(one: Any, other: Any, free: Any, referenced: Any, offset: Any, amplitude: Any) -> None:
+    """What stands in for white and black where these were not shown."""
+    if free:
+        _half_sum(one, other, offset)
+    if not referenced:
+        _largest(one, other, amplitude)
 
 
 @kernel

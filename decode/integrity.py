@@ -226,6 +226,8 @@ def _crosses(light: Light, plan: Plan, lit: Sample, found: Correspondence | None
 def _scale(table: AxisTable, misfit: F32, bend: F32) -> tuple[float, float]:
     """Misfit and bend that have no cost to speak of. Bits alone are weak at their finest anyway."""
     code = table.axis.code
+    if not (np.isfinite(misfit).any() and np.isfinite(bend).any()):  # no pixel sees the pattern
+        return 1.0, _BEND
     odd = 1.0 if code and not table.axis.fringes else float(np.clip(np.nanmedian(misfit), *_MISFIT))
     return odd, max(_BEND * max(code.cell if code else 1.0, 1.0), 3 * float(np.nanquantile(bend, 0.3)))
 

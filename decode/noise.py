@@ -155,7 +155,7 @@ def _explained(plan: Plan, frames: NDArray[np.int64], levels: F32, residual: F32
     """What a changed gain of single frames and harmonics of the fringe explain of a constraint's residuals
     (K,): they follow the level and the phase, and are no noise."""
     own = [f for axis in plan.axes for f in axis.fringes if set(frames.tolist()) <= set(f.index)]
-    if not own:
+    if not own or not residual.size:
         return np.zeros_like(residual)
     mean, c, s = np.linalg.pinv(own[0].design()).astype(np.float32) @ levels[list(own[0].index)]
     power = np.maximum(np.hypot(c, s), np.float32(1e-6))

@@ -46,14 +46,13 @@ class Fit:
 
 
 def fit_fringe(
-    light: Light, noise: Noise, fringe: Fringe, rows: tuple[int, int], rounding: tuple[float, float], fit: Fit
+    light: Light, noise: Noise, fringe: Fringe, rows: tuple[int, int], rounding: float, fit: Fit
 ) -> None:
-    """Fit one period in rows start..stop, in place; rounding: mean and variance (turns, turns^2) that the
-    shown grey values add."""
+    """Fit one period in rows start..stop, in place; rounding: variance (turns^2) by rounded grey values."""
     weights = _weights(fringe)
     _fit_rows(
         *(light.raw, np.array(fringe.index), light.lut, np.float32(min(light.clip, 1e9)), *rows, *weights),
-        *(*noise.numbers(), *map(np.float32, rounding), np.float32(min(light.white, 1e9))),
+        *(*noise.numbers(), np.float32(rounding), np.float32(min(light.white, 1e9))),
         *(fit.turn, fit.variance, fit.amplitude, fit.offset, fit.chi2, fit.clipped),
     )
 
@@ -107,7 +106,6 @@ def _fit_rows(
     gain: Any,
     rounding2: Any,
     misfit2: Any,
-    bias: Any,
     rounding: Any,
     white: Any,
     turn: Any,
@@ -140,7 +138,7 @@ def _fit_rows(
                     _residual(light[i], e, c, s, offset[r], cosine, sine, chi2[r], i == 0)
         clipped[r, :] = np.float32(0)
         bright = _phase_line(
-            *(offset[r], cosine, sine, covariance, read2, gain, rounding2, misfit2, bias, rounding, white),
+            *(offset[r], cosine, sine, covariance, read2, gain, rounding2, misfit2, rounding, white),
             *(turn[r], variance[r], amplitude[r], chi2[r]),
         )
         if bright > 0:
@@ -158,7 +156,6 @@ def _fit_rows(
                         gain,
                         rounding2,
                         misfit2,
-                        bias,
                         rounding,
                     ),
                     *(turn[r], variance[r], amplitude[r], offset[r], chi2[r], clipped[r]),
@@ -227,7 +224,6 @@ def _phase_line(
     gain: Any,
     rounding2: Any,
     misfit2: Any,
-    bias: Any,
     rounding: Any,
     white: Any,
     turn: Any,
@@ -248,7 +244,7 @@ def _phase_line(
         across = c * c * ss - two * c * s * cs + s * s * cc
         room = np.float32(0.999) * white - mean[x] - height
         bright += (room < np.float32(0)) | (room * room < chi2[x])
-        turn[x] = turn_of(s, c) - bias
+        turn[x] = turn_of(s, c)
         variance[x] = rounding + noise * across / (power * power * (_TWO_PI * _TWO_PI))
         amplitude[x] = height
         chi2[x] = chi2[x] / (noise + rounding2 + misfit2 * power)
@@ -268,7 +264,6 @@ def _refit(
     gain: Any,
     rounding2: Any,
     misfit2: Any,
-    bias: Any,
     rounding: Any,
     turn: Any,
     variance: Any,
@@ -312,7 +307,7 @@ def _refit(
             rss += left * left
     power, noise = max(c * c + s * s, 1e-12), read2 + gain * max(mean, 0.0)
     across = c * c * inverse[2, 2] - 2 * c * s * inverse[1, 2] + s * s * inverse[1, 1]
-    turn[x] = np.float32(np.arctan2(s, c) / (2 * np.pi) - bias)
+    turn[x] = np.float32(np.arctan2(s, c) / (2 * np.pi))
     variance[x] = np.float32(rounding + noise * across / (2 * np.pi * power) ** 2)
     amplitude[x], offset[x] = np.float32(np.sqrt(power)), np.float32(mean)
     chi2[x] = np.float32(rss / (noise + rounding2 + misfit2 * power))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from optolever.kernels import exact, inlined, kernel
 
 from .correspondence import Flag
-from .display import PLACES, REACH, WIDTHS, Pixelation
+from .display import PER_CELL, PLACES, REACH, WIDTHS, Pixelation
 
 __all__ = ["Raw", "check_rows"]
 
@@ -43,18 +43,20 @@ def check_rows(
     common: tuple[NDArray[np.uint16], Any],
     pixelation: Pixelation,
     limits: tuple[float, float, float],
+    rounding: NDArray[np.float32],
     out: tuple[Any, Any, NDArray[np.uint16]],
 ) -> None:
     """Rows start..stop of one axis.
 
     common: flags (H, W) so far, amplitude (H, W). limits: extent of the surface (0: it has no border),
-    largest second difference (px), least sigma (px). out: coordinate, sigma, flags (H, W), the last or-ed.
+    largest second difference (px), least sigma (px). rounding: display.rounding_shift, empty: none. out:
+    coordinate, sigma, flags (H, W), the last or-ed.
     """
-    extent, jump, least = limits
+    numbers = (pixelation.roughness, pixelation.reach, *limits)
     _check(
         *(*rows, raw.coordinate, raw.variance, *common, pixelation.shift, pixelation.variance),
-        *map(np.float32, (pixelation.roughness, pixelation.reach, extent, jump, least)),
-        *out,
+        *(np.float32(number) for number in numbers),
+        *(rounding, *out),
     )
 
 
@@ -73,6 +75,7 @@ def _check(
     extent: Any,
     jump: Any,
     least: Any,
+    rounding: Any,
     out: Any,
     sigma: Any,
     out_flags: Any,
@@ -102,10 +105,13 @@ def _check(
         else:
             out[y, :] = coord[y]
             sigma[y, :] = variance[y]
+        if rounding.size > 0:
+            _unrounded(coord[y], rounding, out[y])
         for x in range(cols):
             if special[x] != 0 and flags[y, x] == 0:
                 flag, lost = _neighbours(y, x, coord, variance, flags, amplitude, jump)
-                border, dark = _border(coord[y, x], bend[0, x], bend[1, x], reach, extent)
+                border, inwards, dark = _border(coord[y, x], bend[0, x], bend[1, x], reach, extent)
+                out[y, x] -= inwards
                 sigma[y, x] += lost + dark
                 out_flags[y, x] |= flag | border
         _root(sigma[y], roughness, least)
@@ -118,6 +124,15 @@ def _slope(before: Any, here: Any, after: Any, bad_before: Any, bad_after: Any, 
     high = here if bad_after != 0 else after
     scale = per_step if (bad_before != 0) | (bad_after != 0) else np.float32(0.5) * per_step
     return scale * (high - low)
+
+
+@kernel
+def _unrounded(coord: Any, rounding: Any, out: Any) -> None:
+    """What rounded grey values shift, taken off a line."""
+    most, per_cell, half = np.float32(rounding.size - 1), np.float32(PER_CELL), np.float32(0.5)
+    for x in range(out.size):
+        place = min(max((coord[x] + half) * per_cell, np.float32(0)), most)
+        out[x] -= rounding[np.int32(place)]
 
 
 @kernel
@@ -281,20 +296,27 @@ def _beside(
 
 
 @exact
-def _border(c: Any, gx: Any, gy: Any, reach: Any, extent: Any) -> tuple[Any, Any]:
-    """Flag and variance by the light that a pixel takes from beyond the surface; its footprint is gx, gy."""
+def _border(c: Any, gx: Any, gy: Any, reach: Any, extent: Any) -> tuple[Any, Any, Any]:
+    """Flag, shift and its variance by the light that a pixel misses from beyond the surface.
+
+    gx, gy: its footprint. Of a normal distribution cut at t deviations from its centre, what is left has its
+    centre hazard(t) deviations further inwards. reach is the most that a pixel sees, so that the shift is
+    anything from none to that.
+    """
+    none = np.float32(0)
     if extent <= 0:
-        return np.uint16(0), np.float32(0)
+        return np.uint16(0), none, none
     deviation = np.sqrt(reach * reach + (gx * gx + gy * gy) * np.float32(1 / 12))
-    # light beyond t deviations is lost: what is left has its centre t + hazard(t) deviations from the border
-    away = min(c + np.float32(0.5), extent - np.float32(0.5) - c)
+    low, high = c + np.float32(0.5), extent - np.float32(0.5) - c
+    away = min(low, high)
     if away > np.float32(4) * deviation:
-        return np.uint16(0), np.float32(0)
+        return np.uint16(0), none, none
     true, hazard = away / deviation, 0.0
     for _ in range(6):
         left = 0.5 * math.erfc(-true * 0.7071067811865476)
         hazard = 0.3989422804014327 * math.exp(-0.5 * true * true) / max(left, 1e-9)
         true = max(away / deviation - hazard, -2.0)
     dark = 0.5 * math.erfc(true * 0.7071067811865476)
-    off = np.float32(hazard) * deviation
-    return (np.uint16(_OFF) if dark > _LOST else np.uint16(0)), off * off
+    half = np.float32(0.5 * hazard) * deviation
+    inwards = half if low < high else -half
+    return (np.uint16(_OFF) if dark > _LOST else np.uint16(0)), inwards, half * half * np.float32(1 / 3)

@@ -1,8 +1,8 @@
 """The decoder's speed beside what memory allows and beside other decoders, on the same frames in one run; its
 errors: see decode_errors.
 
-The floor is a kernel of the same shape that reads every frame and writes as many bytes as decode, into memory
-that the process has already, as decode does from its second call on (see optolever.memory).
+The floor is a kernel of the same shape that reads every frame and writes as many bytes as decode, into
+memory that the process has already.
 `fringes` (GPL) is run, never copied, and only if it is installed; OpenCV's structured_light comes with
 OpenCV's contrib modules. Their frames are those of an ideal surface and camera: a smooth map, noise,
 rounding.
@@ -21,13 +21,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from optolever.blocks import over_rows
 from optolever.decode import decode
 from optolever.errors import InputError
-from optolever.memory import roomy_empty
+from optolever.kernels import kernel
 from optolever.patterns import Frame, Sequence, sequence
 
 from .decode_errors import decode_errors
@@ -55,7 +54,6 @@ import sys, time
 import numpy as np
 from optolever.decode import decode
 from optolever.errors import InputError
-from optolever.memory import roomy_empty
 from optolever.patterns import sequence_from_text
 frames = np.load(sys.argv[1])
 shown = sequence_from_text(sys.argv[2], *frames.shape[1:])
@@ -107,7 +105,7 @@ def _shown(frame: Frame, u: F64, v: F64) -> F64:
     return table[np.rint(coord).astype(np.int64)] / 127.5 - 1
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@kernel
 def _touch(start: int, stop: int, frames: Any, maps: Any, flags: Any) -> None:
     """Read every frame, write outputs of the same size."""
     cols = frames.shape[2]
@@ -126,12 +124,11 @@ def _touch(start: int, stop: int, frames: Any, maps: Any, flags: Any) -> None:
 
 def toucher(frames: NDArray[Any]) -> Callable[[], None]:
     """The floor: read all frames; write u, v, two sigmas, amplitude, offset, order error in float32, flags,
-    as decode. Into the same memory every time: the system clears what is new, which takes longer than writing
-    it.
+    as decode. Into the same memory every time: clearing what is new takes longer than writing it.
     """
     size = frames.shape[1:]
-    maps = tuple(roomy_empty(size, np.float32) for _ in range(7))
-    flags = roomy_empty(size, np.uint16)
+    maps = tuple(np.empty(size, np.float32) for _ in range(7))
+    flags = np.empty(size, np.uint16)
 
     def touch() -> None:
         over_rows(lambda start, stop: _touch(start, stop, frames, maps, flags), size[0], 32)

@@ -12,9 +12,8 @@ The parts, floor by floor (imports run downward only):
 | 1     | `patterns`    | codes: Frame, Sequence                                                   |
 | 1     | `scene`       | what is physically there, and its exact ray tracing                      |
 | 0     | `errors`, `files` | one-line input errors, atomic files                                  |
-| 0     | `blocks`, `memory` | row blocks on threads, large arrays on whole huge pages             |
-| 0     | `compiling`, `linking`, `elsewhere` | how kernels are compiled: alone, linked, in two processes |
-| 0     | `handing`, `elements`, `ranges`, `lowering`, `typing_memory` | what makes compiling them quick |
+| 0     | `blocks`, `kernels` | row blocks on threads; how loops are compiled                      |
+| 0     | `memory`, `notices` | maps in memory used again; what a result wants its user to know    |
 """
 
 from importlib.metadata import version as _version

@@ -11,6 +11,8 @@ import numba
 __all__ = ["exact", "inlined", "kernel"]
 
 Kernel = Callable[..., Any]
+#: Its settings are made when numba is imported: no checker knows them.
+_config: Any = numba.config
 #: Reorderings that let loops become vector instructions; NaN and infinity keep their meaning.
 _REORDER = {"contract", "reassoc", "nsz", "arcp"}
 
@@ -33,25 +35,23 @@ def inlined(function: Kernel) -> Kernel:
 def _compiled(function: Kernel, **options: Any) -> Kernel:
     """numba.njit, cached under a key of all sources: Numba itself watches a kernel's own file only, and not
     the files of those that it calls."""
-    settings: Any = numba.config
-    before = settings.CACHE_DIR
-    settings.CACHE_DIR = _cache_folder(Path(function.__code__.co_filename).parent, before)
+    before = _config.CACHE_DIR
+    _config.CACHE_DIR = _cache_folder(Path(function.__code__.co_filename).parent, before)
     try:
         made = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     finally:
-        settings.CACHE_DIR = before
+        _config.CACHE_DIR = before
     return cast(Kernel, made)
 
 
-@lru_cache(maxsize=8)
-def _cache_folder(folder: Path, chosen: str = "") -> str:
-    """For kernels of a part: below its __pycache__ or the folder that NUMBA_CACHE_DIR names, a folder for
-    what its sources are now."""
+@lru_cache(maxsize=16)
+def _cache_folder(folder: Path, chosen: str) -> str:
+    """For kernels of a part: below its __pycache__ or the NUMBA_CACHE_DIR that the user chose, a folder for
+    what the part's sources are now."""
     part = folder
     while (part.parent / "__init__.py").exists():
         part = part.parent
     state = hashlib.sha256()
     for file in sorted(part.rglob("*.py")):
         state.update(file.read_bytes())
-    base = Path(chosen) if chosen else part / "__pycache__"
-    return str(base / f"kernels-{state.hexdigest()[:16]}")
+    return str((Path(chosen) if chosen else part / "__pycache__") / f"kernels-{state.hexdigest()[:16]}")

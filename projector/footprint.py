@@ -21,10 +21,12 @@ Off the pattern it is dark.
 """
 
 import math
+from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from optolever.kernels import exact, inlined
 
 __all__ = ["ASKEW", "BLUR_FLOOR", "PARTS", "REACH", "SHARP_FLOOR", "look_up_one", "look_up_two"]
 
@@ -43,7 +45,7 @@ _ROOT_HALF = math.sqrt(0.5)
 _ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inlined
 def _twice_integrated(t: float, s: float) -> float:
     if s == 0.0:
         return 0.25 * t * abs(t)
@@ -54,7 +56,7 @@ def _twice_integrated(t: float, s: float) -> float:
     return 0.5 * ((t * t + s * s) * 0.5 * math.erf(z * _ROOT_HALF) + t * s * bell)
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _shape(a: float, b: float, blur: float) -> tuple[float, float, float, float]:
     """Boxes (of either sign) and blur -> p, q, 1 / (a b), s after the floors."""
     a, b = abs(a), abs(b)
@@ -68,8 +70,8 @@ def _shape(a: float, b: float, blur: float) -> tuple[float, float, float, float]
     return 0.5 * (wide + narrow), 0.5 * (wide - narrow), 1.0 / (wide * narrow), s
 
 
-@njit(cache=True, nogil=True)
-def _share(x: float, p: float, q: float, scale: float, s: float) -> float:
+@exact
+def _share(x: Any, p: Any, q: Any, scale: Any, s: Any) -> Any:
     """H(x): the share of the footprint left of x, less one half."""
     if x >= p + REACH * s:
         return 0.5
@@ -79,21 +81,21 @@ def _share(x: float, p: float, q: float, scale: float, s: float) -> float:
     return (outer - _twice_integrated(x + q, s) - _twice_integrated(x - q, s)) * scale
 
 
-@njit(cache=True, nogil=True)
-def _extent(at: float, a: float, b: float, blur: float, cells: int) -> float:
+@exact
+def _extent(at: Any, a: Any, b: Any, blur: Any, cells: Any) -> Any:
     """Share of the footprint that lies on the pattern along one axis."""
     p, q, scale, s = _shape(a, b, blur)
     return _share(cells - 0.5 - at, p, q, scale, s) - _share(-0.5 - at, p, q, scale, s)
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _span(at: float, p: float, s: float, cells: int) -> tuple[int, int]:
     """First and last cell that the footprint touches."""
     reach = p + REACH * s
     return max(0, math.ceil(at - reach - 0.5)), min(cells - 1, math.floor(at + reach + 0.5))
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _shares(at: float, a: float, b: float, blur: float, cells: int) -> tuple[int, NDArray[np.float64]]:
     """First cell under the footprint, and the shares W_k from it on."""
     p, q, scale, s = _shape(a, b, blur)
@@ -107,7 +109,7 @@ def _shares(at: float, a: float, b: float, blur: float, cells: int) -> tuple[int
     return first, weights
 
 
-@njit(cache=True, nogil=True)
+@exact
 def look_up_one(
     look: NDArray[np.float64],
     light: NDArray[np.float64],
@@ -143,7 +145,7 @@ def look_up_one(
             out[i, n] = sums[n] * share
 
 
-@njit(cache=True, nogil=True)
+@exact
 def look_up_two(
     look: NDArray[np.float64],
     light: NDArray[np.float64],
@@ -173,7 +175,7 @@ def look_up_two(
         out[i, :] = sums
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _add_cells(
     at: tuple[float, float],
     boxes: tuple[float, float, float, float],

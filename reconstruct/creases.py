@@ -12,10 +12,10 @@ sigma that says so. What the cubic misses of a smooth curve, fourth differences 
 import cv2
 import numpy as np
 import scipy.ndimage
-from numba import njit
 from numpy.typing import NDArray
 
 from optolever.blocks import over_image
+from optolever.kernels import exact, inlined
 
 from .edges import Doubt, _stencil, curl
 
@@ -219,7 +219,7 @@ def touched(doubt: Doubt) -> Mask:
     return pixels
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inlined
 def _trapezoid(mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-def]
     """Whether `edges._stencil` finds fewer than four neighbours in a row."""
     back = before >= 1 and mask[i - di, j - dj]
@@ -231,7 +231,7 @@ def _trapezoid(mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-de
     return not (back and before >= 2 and mask[i - 2 * di, j - 2 * dj])
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inlined
 def _curve(f, var, mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-def]
     """What the cubic misses of a curve in the increment from (i, j), by the fourth differences around
     it, where that matters; next to a border by those of the nearest edge that has both.
@@ -257,7 +257,7 @@ def _curve(f, var, mask, i, j, di, dj, before, after):  # type: ignore[no-untype
     return 0.0
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inlined
 def _edge(f, var, mask, i, j, di, dj, before, after, scale):  # type: ignore[no-untyped-def]
     """Of the edge from (i, j): what neither side explains, beyond the noise and whatever the noise (inf where
     no side can tell); whether it is beyond any noise; what one side misses that certainly should not.
@@ -306,7 +306,7 @@ def _edge(f, var, mask, i, j, di, dj, before, after, scale):  # type: ignore[no-
     return least if least > _FEEBLE * sigma else 0.0, whatever, sure, largest
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _doubt(f, var, mask, di, dj, scale, out, plain, most, bend, curve, sure, short, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = f.shape
     for i in range(start, stop):
@@ -324,7 +324,7 @@ def _doubt(f, var, mask, di, dj, scale, out, plain, most, bend, curve, sure, sho
                 out[i, j], plain[i, j], most[i, j], sure[i, j] = least, whatever, largest, certain
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _glance(f, var, mask, di, dj, scale, seen, start, stop):  # type: ignore[no-untyped-def]
     """Edges in doubt into seen (H, W): |= 1, if certain |= 2. Only edges whose third difference stands out of
     the noise are looked at, and those at the border; for masks without gaps.

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from optolever.blocks import over_rows
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
+from optolever.kernels import exact
 
 from .slope_map import SlopeMap
 
@@ -68,7 +68,7 @@ def curvature_map(slopes: SlopeMap, reach: int = 2) -> CurvatureMap:
     return CurvatureMap(*out)
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _fit(x, y, p, q, sigma_p, sigma_q, good, reach, out, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = x.shape
     for i in range(start, stop):

@@ -11,11 +11,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from optolever.blocks import over_image
-from optolever.compiling import Apart
+from optolever.kernels import exact, inlined
 
 __all__ = [
     "Doubt",
@@ -120,7 +119,7 @@ def curl(p: Floats, q: Floats, mask: Mask) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inlined
 def _stencil(f, mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-def]
     """Increment from (i, j) to (i + di, j + dj); before/after:
     how many pixels the image has on either side.
@@ -137,7 +136,7 @@ def _stencil(f, mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-d
     return 0.5 * (g0 + g1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", pipeline_class=Apart)
+@exact
 def _defects(p, q, w, root, mask, whole, gx, gy, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = p.shape
     full, scaled = int(w.shape[0] > 1), int(root.shape[0] > 1)
@@ -170,7 +169,7 @@ def _defects(p, q, w, root, mask, whole, gx, gy, start, stop):  # type: ignore[n
                 out_y[j] = (rise - (w1[j] - w0[j])) / (r0[j] * r1[j])
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inlined
 def _log_ratio(f0, f1):  # type: ignore[no-untyped-def]
     above, below = 1.0 + 0.5 * f0, 1.0 - 0.5 * f1
     if above > 0.05 and below > 0.05:
@@ -178,7 +177,7 @@ def _log_ratio(f0, f1):  # type: ignore[no-untyped-def]
     return 0.5 * (f0 + f1)
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _factor_increments(p_w, q_w, mask, gx, gy, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = p_w.shape
     for i in range(start, stop):
@@ -192,7 +191,7 @@ def _factor_increments(p_w, q_w, mask, gx, gy, start, stop):  # type: ignore[no-
             )
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _edge_weights(var_p, var_q, root, mask, dx, dy, wx, wy, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = var_p.shape
     scaled = 1 if root.shape[0] > 1 else 0
@@ -214,7 +213,7 @@ def _edge_weights(var_p, var_q, root, mask, dx, dy, wx, wy, start, stop):  # typ
                 wy[i, j] = 2.0 * both * both / (var_q[i, j] + var_q[i + 1, j] + more)
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _divergence(gx, gy, wx, wy, out, start, stop):  # type: ignore[no-untyped-def]
     cols = gx.shape[1]
     full = 1 if wx.shape[0] > 1 else 0
@@ -228,7 +227,7 @@ def _divergence(gx, gy, wx, wy, out, start, stop):  # type: ignore[no-untyped-de
             out[i, j] = total
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _laplacian(x, wx, wy, out, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = x.shape
     for i in range(start, stop):
@@ -245,7 +244,7 @@ def _laplacian(x, wx, wy, out, start, stop):  # type: ignore[no-untyped-def]
             out[i, j] = total
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _curl(p, q, mask, out, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = p.shape
     for i in range(start, min(stop, rows - 1)):

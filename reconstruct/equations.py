@@ -15,11 +15,10 @@ With the unknown w = log t, the slopes are p/t, their derivative with respect to
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from optolever.blocks import over_image
-from optolever.compiling import Apart
+from optolever.kernels import exact, inlined, kernel
 
 from .geometry import PAD, RayField
 
@@ -74,17 +73,17 @@ def slope_variances(
     return out
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inlined
 def _along_cols(a, k, r, c):  # type: ignore[no-untyped-def]
     return (8.0 * (a[k, r, c + 1] - a[k, r, c - 1]) - (a[k, r, c + 2] - a[k, r, c - 2])) / 12.0
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inlined
 def _along_rows(a, k, r, c):  # type: ignore[no-untyped-def]
     return (8.0 * (a[k, r + 1, c] - a[k, r - 1, c]) - (a[k, r + 2, c] - a[k, r - 2, c])) / 12.0
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inlined
 def _tilt(t, g, o, d, n, m, scale):  # type: ignore[no-untyped-def]
     """Change of t along an axis, and its derivative by t. g, o: change of the ray's direction and origin
     along the axis; m: of the normal n by t; scale = -1 / (n . d).
@@ -95,7 +94,7 @@ def _tilt(t, g, o, d, n, m, scale):  # type: ignore[no-untyped-def]
     return slope, scale * (tangent + (n[0] * g[0] + n[1] * g[1] + n[2] * g[2]))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"}, pipeline_class=Apart)
+@kernel
 def _slopes(o, d, plane, u, v, t, stride, p, q, p_t, q_t, start, stop):  # type: ignore[no-untyped-def]
     step = 1  # a constant for the compiler, which makes vector instructions of neighbouring pixels
     if stride is not None:
@@ -129,7 +128,7 @@ def _slopes(o, d, plane, u, v, t, stride, p, q, p_t, q_t, start, stop):  # type:
             q_t[i, j] = step * change
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inlined
 def _amid(a, i, j):  # type: ignore[no-untyped-def]
     """The mean of a pixel and its neighbours, opposite ones only, so that what is linear stays."""
     total, count = a[i, j], 1
@@ -146,7 +145,7 @@ def _amid(a, i, j):  # type: ignore[no-untyped-def]
     return total / count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@exact
 def _variances(o, d, plane, u, v, sigma_u, sigma_v, w, step, log, var_p, var_q, start, stop):  # type: ignore[no-untyped-def]
     size_u, size_v = (
         plane[1, 0] ** 2 + plane[1, 1] ** 2 + plane[1, 2] ** 2,

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.ndimage
-from numba import njit
 from numpy.typing import NDArray
+
+from optolever.kernels import exact
 
 from .measured import Measured
 
@@ -108,7 +109,7 @@ def _bridge(known: Mask, holes: Mask) -> _Bridge:
 _NEVER = np.iinfo(np.int64).max
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _plan(order, at, sources, weights):  # type: ignore[no-untyped-def]
     """Which pass fills a pixel (order: 0 known, later the pass), from what and with what weights.
 
@@ -144,13 +145,13 @@ def _plan(order, at, sources, weights):  # type: ignore[no-untyped-def]
             break
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _is_known(order, i, j, turn):  # type: ignore[no-untyped-def]
     """Whether a pixel was filled before this pass."""
     return 0 <= i < order.shape[0] and 0 <= j < order.shape[1] and order[i, j] < turn
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _pair(order, i, j, di, dj, turn):  # type: ignore[no-untyped-def]
     """Distance, 1 or 2, of the nearest two known pixels in a row on that side; 0: there are none."""
     for away in (1, 2):
@@ -162,7 +163,7 @@ def _pair(order, i, j, di, dj, turn):  # type: ignore[no-untyped-def]
     return 0
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _kind(order, i, j, axis, turn):  # type: ignore[no-untyped-def]
     """4, 3: cubic across one pixel, two; 2: linear; 1: from one side; 0: nothing beside."""
     di, dj = (1, 0) if axis == 0 else (0, 1)
@@ -172,7 +173,7 @@ def _kind(order, i, j, axis, turn):  # type: ignore[no-untyped-def]
     return int(_is_known(order, i - di, j - dj, turn)) + int(_is_known(order, i + di, j + dj, turn))
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _weigh(order, i, j, axis, turn, kind, share, source, weight):  # type: ignore[no-untyped-def]
     di, dj = (1, 0) if axis == 0 else (0, 1)
     cols = order.shape[1]
@@ -197,7 +198,7 @@ def _weigh(order, i, j, axis, turn, kind, share, source, weight):  # type: ignor
             source[k + 1], weight[k + 1] = (a + sign * di) * cols + b + sign * dj, far * share
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _fill(field, pixels, sources, weights):  # type: ignore[no-untyped-def]
     for m in range(pixels.size):
         total = 0.0
@@ -207,7 +208,7 @@ def _fill(field, pixels, sources, weights):  # type: ignore[no-untyped-def]
         field[pixels[m]] = total
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _gather(field, pixels, sources, weights):  # type: ignore[no-untyped-def]
     """The transpose of _fill."""
     for m in range(pixels.size - 1, -1, -1):

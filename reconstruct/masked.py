@@ -3,10 +3,10 @@
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from optolever.blocks import over_image
+from optolever.kernels import exact
 
 from .edges import apply_laplacian
 from .multigrid import Multigrid
@@ -88,7 +88,7 @@ def _turn(direction: Floats, beta: float, z: Floats) -> Callable[[int, int], Non
     return lambda start, stop: _scale_add(direction, beta, z, start, stop)
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _masked_dot(z, mask, r, sums, start, stop):  # type: ignore[no-untyped-def]
     for i in range(start, stop):
         total = 0.0
@@ -98,7 +98,7 @@ def _masked_dot(z, mask, r, sums, start, stop):  # type: ignore[no-untyped-def]
         sums[i] = total
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _descend(x, r, alpha, direction, image, start, stop):  # type: ignore[no-untyped-def]
     for i in range(start, stop):
         for j in range(x.shape[1]):
@@ -106,14 +106,14 @@ def _descend(x, r, alpha, direction, image, start, stop):  # type: ignore[no-unt
             r[i, j] -= alpha * image[i, j]
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _scale_add(direction, beta, z, start, stop):  # type: ignore[no-untyped-def]
     for i in range(start, stop):
         for j in range(z.shape[1]):
             direction[i, j] = z[i, j] + beta * direction[i, j]
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _apply(x, wx, wy, out, sums, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = x.shape
     for i in range(start, stop):

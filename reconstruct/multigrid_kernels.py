@@ -5,7 +5,8 @@ finest level. Shares of the left (across), upper (along) and corner neighbours i
 """
 
 import numpy as np
-from numba import njit
+
+from optolever.kernels import exact, inlined
 
 __all__ = [
     "galerkin",
@@ -19,7 +20,7 @@ __all__ = [
 ]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inlined
 def _around(right, down, falling, rising, i, j):  # type: ignore[no-untyped-def]
     """Weights to the eight neighbours: up left, up, up right, left, right, down left, down, down right."""
     rows, cols = right.shape
@@ -36,7 +37,7 @@ def _around(right, down, falling, rising, i, j):  # type: ignore[no-untyped-def]
     return nw, n, ne, w, e, sw, s, se
 
 
-@njit(cache=True, nogil=True)
+@exact
 def invert(right, down, falling, rising, inverse, start, stop):  # type: ignore[no-untyped-def]
     for i in range(start, stop):
         for j in range(right.shape[1]):
@@ -45,7 +46,7 @@ def invert(right, down, falling, rising, inverse, start, stop):  # type: ignore[
             inverse[i, j] = 1.0 / total if total > 0.0 else 0.0
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inlined
 def _part(one, other):  # type: ignore[no-untyped-def]
     """one / (one + other) within 0 and 1."""
     total = one + other
@@ -54,7 +55,7 @@ def _part(one, other):  # type: ignore[no-untyped-def]
     return min(1.0, max(0.0, one / total))
 
 
-@njit(cache=True, nogil=True)
+@exact
 def interpolation(right, down, falling, rising, across, along, corners, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = right.shape
     for r in range(start, stop):
@@ -89,7 +90,7 @@ def interpolation(right, down, falling, rising, across, along, corners, start, s
                 corners[r, c, 3] = share * (se + s * (1.0 - low) + e * (1.0 - far))
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inlined
 def _pairs(w, a, b, out):  # type: ignore[no-untyped-def]
     """Energy w (a - b)^2 of interpolated values as couplings of the four corners: top, left, falling, rising,
     right, bottom.
@@ -103,7 +104,7 @@ def _pairs(w, a, b, out):  # type: ignore[no-untyped-def]
     out[5] -= w * d2 * d3
 
 
-@njit(cache=True, nogil=True)
+@exact
 def galerkin(  # type: ignore[no-untyped-def]
     right,
     down,
@@ -164,7 +165,7 @@ def galerkin(  # type: ignore[no-untyped-def]
             out_below[r, c] = sums[5]
 
 
-@njit(cache=True, nogil=True)
+@exact
 def sweep_five(right, down, falling, rising, inverse, x, rhs, parity, forward, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = right.shape
     for r in range(start, stop):
@@ -183,7 +184,7 @@ def sweep_five(right, down, falling, rising, inverse, x, rhs, parity, forward, s
             x[i, j] = total * inverse[i, j]
 
 
-@njit(cache=True, nogil=True)
+@exact
 def sweep_nine(right, down, falling, rising, inverse, x, rhs, parity, forward, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = right.shape
     for r in range(start, stop):
@@ -210,7 +211,7 @@ def sweep_nine(right, down, falling, rising, inverse, x, rhs, parity, forward, s
             x[i, j] = total * inverse[i, j]
 
 
-@njit(cache=True, nogil=True)
+@exact
 def residual(right, down, falling, rising, x, rhs, out, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = right.shape
     nine = falling.shape[0] > 1
@@ -239,7 +240,7 @@ def residual(right, down, falling, rising, x, rhs, out, start, stop):  # type: i
             out[i, j] = total
 
 
-@njit(cache=True, nogil=True)
+@exact
 def restrict(fine, across, along, corners, out, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = fine.shape
     for r in range(start, stop):
@@ -267,7 +268,7 @@ def restrict(fine, across, along, corners, out, start, stop):  # type: ignore[no
             out[r, c] = total
 
 
-@njit(cache=True, nogil=True)
+@exact
 def interpolate(below, across, along, corners, x, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = x.shape
     small_rows, small_cols = below.shape

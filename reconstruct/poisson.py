@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
-from numba import njit
 from numpy.typing import NDArray
 
 from optolever.blocks import over_image, threads
+from optolever.kernels import exact
 
 __all__ = ["Accuracy", "ColumnPoisson", "PoissonResult", "column_profile"]
 
@@ -125,7 +125,7 @@ def column_profile(weights: Floats) -> Floats:
     return profile
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _factor(wx, wy, eigenvalues, reverse, inverse_pivot, start, stop):  # type: ignore[no-untyped-def]
     """Pivot = weight of the edge towards the heavy end + excess; the heavy end's own pivot is its excess."""
     cols = wx.size
@@ -142,7 +142,7 @@ def _factor(wx, wy, eigenvalues, reverse, inverse_pivot, start, stop):  # type: 
                 excess = w * excess / (w + excess)
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _substitute(wx, inverse_pivot, reverse, b, start, stop):  # type: ignore[no-untyped-def]
     """Each mode waits for its last column: several at once keep the processor busy."""
     cols = wx.size
@@ -168,7 +168,7 @@ def _substitute(wx, inverse_pivot, reverse, b, start, stop):  # type: ignore[no-
                     b[k, j] = (b[k, j] + wx[j - 1] * b[k, j - 1]) * inverse_pivot[k, j]
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _inverse_diagonal(wx, wy, eigenvalues, reverse, out, start, stop):  # type: ignore[no-untyped-def]
     cols = wx.size
     for k in range(start, stop):

@@ -9,10 +9,10 @@ import math
 
 import numpy as np
 import scipy.fft
-from numba import njit
 from numpy.typing import NDArray
 
 from optolever.blocks import over_rows, threads
+from optolever.kernels import exact, inlined
 
 __all__ = ["rectangle"]
 
@@ -42,7 +42,7 @@ def _eigenvalues(count: int) -> Floats:
     return values
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inlined
 def _row_increment(f, i, j, cubic):  # type: ignore[no-untyped-def]
     """From (i, j) to (i, j + 1)."""
     n = f.shape[1]
@@ -55,7 +55,7 @@ def _row_increment(f, i, j, cubic):  # type: ignore[no-untyped-def]
     return (13.0 * (f[i, j] + f[i, j + 1]) - f[i, j - 1] - f[i, j + 2]) / 24.0
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inlined
 def _col_increment(f, i, j, cubic):  # type: ignore[no-untyped-def]
     """From (i, j) to (i + 1, j)."""
     n = f.shape[0]
@@ -68,7 +68,7 @@ def _col_increment(f, i, j, cubic):  # type: ignore[no-untyped-def]
     return (13.0 * (f[i, j] + f[i + 1, j]) - f[i - 1, j] - f[i + 2, j]) / 24.0
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _divergence(p, q, cubic, rhs, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = p.shape
     for i in range(start, stop):
@@ -86,7 +86,7 @@ def _divergence(p, q, cubic, rhs, start, stop):  # type: ignore[no-untyped-def]
                 rhs[i, j] -= _col_increment(q, i, j, cubic)
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _divide(modes, down, across, start, stop):  # type: ignore[no-untyped-def]
     for i in range(start, stop):
         for j in range(modes.shape[1]):
@@ -96,7 +96,7 @@ def _divide(modes, down, across, start, stop):  # type: ignore[no-untyped-def]
                 modes[i, j] /= down[i] + across[j]
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _defects(p, q, z, cubic, left, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = p.shape
     for i in range(start, stop):

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
+from optolever.kernels import exact
 
 from .export import write_tiff
 from .x3p import write_x3p
@@ -120,7 +120,7 @@ def resample(
     return Grid(*out, x0=x0, y0=y0, pitch=pitch_mm)
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _gradients(x, y, z, good):  # type: ignore[no-untyped-def]
     """dz/dx, dz/dy (2, H, W) from the good neighbours along both image axes; NaN where an axis has none."""
     rows, cols = z.shape
@@ -142,7 +142,7 @@ def _gradients(x, y, z, good):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _raster(x, y, z, sigma, good, gradient, lean, z_out, sigma_out):  # type: ignore[no-untyped-def]
     """Fill every triangle of good pixels; x, y in grid steps, gradient and lean per grid step."""
     everywhere = lean.shape[1] == 1 and lean.shape[2] == 1

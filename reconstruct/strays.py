@@ -10,10 +10,10 @@ slopes (see `outliers`).
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from optolever.blocks import over_image
+from optolever.kernels import exact
 
 from .measured import Measured
 
@@ -58,7 +58,7 @@ def _missed(field: Floats, mask: Mask) -> Floats:
     return missed
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _nearest(f, mask, missed, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = f.shape
     for i in range(start, stop):
@@ -96,7 +96,7 @@ def _nearest(f, mask, missed, start, stop):  # type: ignore[no-untyped-def]
             missed[i, j] = nearest if count >= _FEWEST else _off_plane(f, mask, i, j)
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _off_plane(f, mask, i, j):  # type: ignore[no-untyped-def]
     """What a pixel misses the plane through the pixels around by, beyond what these miss it by; 0 if they are
     too few.

@@ -4,8 +4,9 @@ import numpy as np
 import scipy.ndimage
 import scipy.sparse
 import scipy.sparse.csgraph
-from numba import njit
 from numpy.typing import NDArray
+
+from optolever.kernels import exact
 
 from .edges import Doubt
 
@@ -71,7 +72,7 @@ def cut_off(
     return away
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _sweep(dx, dy, root, mask, least):  # type: ignore[no-untyped-def]
     """Shorten paths in four orders of the pixels; whether any became shorter."""
     rows, cols = mask.shape

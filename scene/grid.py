@@ -12,10 +12,10 @@ Source: Unser, Splines, IEEE Signal Processing Magazine 16(6), 1999, doi:10.1109
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from scipy.linalg import solve_banded
 
 from optolever import InputError
+from optolever.kernels import exact
 
 from .record import Float, Record, freeze, number, positive
 
@@ -83,7 +83,7 @@ def _prefilter(z: Float) -> Float:
     return solved
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _weights(t, w, s):  # type: ignore[no-untyped-def]
     u = 1.0 - t
     w[0], w[3] = u * u * u / 6.0, t * t * t / 6.0
@@ -92,7 +92,7 @@ def _weights(t, w, s):  # type: ignore[no-untyped-def]
     s[1], s[2] = t * (1.5 * t - 2.0), -u * (1.5 * u - 2.0)
 
 
-@njit(cache=True, nogil=True)
+@exact
 def _spline(c, x0, y0, dx, dy, x, y, z, zx, zy):  # type: ignore[no-untyped-def]
     rows, cols = c.shape[0] - 2, c.shape[1] - 2
     wx, wy, sx, sy = np.empty(4), np.empty(4), np.empty(4), np.empty(4)

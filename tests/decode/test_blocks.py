@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from optolever.blocks import THREADS_VARIABLE
 from optolever.decode import Correspondence, decode
-from optolever.decode.records import Near
-from optolever.decode.rows import Maps, near_step
 from optolever.patterns import Sequence, sequence
 
 F64 = NDArray[np.float64]
@@ -44,26 +42,6 @@ def test_blocks_change_nothing(
     assert 0.5 < one.good.mean() < 0.99
     for field in FIELDS:
         assert np.array_equal(getattr(one, field), getattr(other, field), equal_nan=True), field
-
-
-@pytest.mark.parametrize("noise", [1.5, 14.0])
-def test_two_periods_in_one_go(noise: float, shoot: Shoot, smooth: tuple[F64, F64]) -> None:
-    """A clipped pixel leaves its tile to the loops that take one period after the other: the same answers,
-    with orders that are certain and with such that are not."""
-    shown = sequence("phase", 120, 135, periods=(160.0, 20.0), steps=4)
-    frames = shoot(shown, *smooth, noise=noise)
-    frames[:, ::16] = np.minimum(frames[:, ::16], 254)
-    other = frames.copy()
-    other[0, ::16, 0] = 255
-    one, two = (decode(each, shown, noise=noise, blur_px=0.4) for each in (frames, other))
-    assert (one.order_error.max() > 1e-3) == (noise > 10)
-    same = np.ones(one.flags.shape, bool)
-    for row in range(0, 120, 16):  # and what these tell their neighbours
-        same[max(row - 4, 0) : row + 5, :8] = False
-    assert one.good[same].mean() > 0.5
-    assert (two.flags[::16, 0] == one.flags[::16, 0]).all()  # three samples are enough
-    for field in FIELDS:
-        np.testing.assert_allclose(getattr(one, field)[same], getattr(two, field)[same], rtol=2e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("size", [(1, 64), (64, 1), (1, 9), (6, 6), (8, 40), (40, 8)])
@@ -109,44 +87,3 @@ def test_shadows_reach_across_blocks(
         other = run(rows, 3)
         for field in FIELDS:
             assert np.array_equal(getattr(one, field), getattr(other, field), equal_nan=True), field
-
-
-def test_neighbours_are_compared_in_blocks_of_any_size() -> None:
-    """More rows at once than a thread keeps, a hole, a dim border: as few at a time."""
-    rows, cols = 150, 140
-    v, u = np.mgrid[:rows, :cols].astype(np.float64)
-
-    def compared(block: int) -> Maps:
-        rng, maps = np.random.default_rng(3), Maps((rows, cols), {"u", "v"})
-        maps.coord["u"][...] = u + 2.3 + 30 * (u > 70)
-        maps.coord["v"][...] = v - 6 + 3e-4 * (u - 70) ** 2
-        for chart in (*maps.sigma.values(), maps.order_error):
-            chart[...] = 0.1
-        maps.flags[...] = rng.random((rows, cols)) < 0.01
-        maps.amplitude[...], maps.offset[...] = np.where(v % 37 < 5, 60, 90) + rng.random((rows, cols)), 100
-        near = Near(
-            shown=(True, True),
-            steep=(None, None),
-            least=(np.float32(5), np.float32(5)),
-            read2=np.float32(0.1),
-            gain=np.float32(0),
-            extents=(np.inf, 130.0),
-            bands=((np.inf, -np.inf), (-np.inf, 8.0)),
-            u=maps.coord["u"],
-            v=maps.coord["v"],
-            sigma_u=maps.sigma["u"],
-            sigma_v=maps.sigma["v"],
-            dim=np.zeros(rows, np.uint8),
-        )
-        step = near_step(near, maps)
-        for row in range(0, rows, block):
-            step(row, min(row + block, rows))
-        maps.order_error[:, 0] = near.dim
-        return maps
-
-    whole, few = compared(rows), compared(4)
-    assert 2 < whole.order_error[:, 0].sum() < 40
-    for one, other in zip(
-        (*whole.sigma.values(), *whole.common), (*few.sigma.values(), *few.common), strict=True
-    ):
-        assert np.array_equal(one, other)

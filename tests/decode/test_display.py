@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from optolever.decode import Flag, border_table, decode
-from optolever.errors import InputError
+from optolever.decode import Flag, decode
 from optolever.patterns import Sequence, sequence
 
 from .light import seen_by_pixels
@@ -195,25 +194,6 @@ def test_an_axis_of_one_period_takes_the_blur_of_the_other() -> None:
         score = ((getattr(found, name) - truth) / getattr(found, f"sigma_{name}"))[found.flags == 0]
         assert score.size > 0.5 * u.size
         assert 0.3 < rms(score) < 1.15
-
-
-def test_the_border_table_is_what_decode_does() -> None:
-    """Pixels are refused where the table says so, and nothing is taken off far inside."""
-    shown, u, frames = _capture(120, 0.7, 0.8, period=8.0)
-    table = border_table(shown, "u", 0.7, 0.8)
-    found = decode(frames, shown, blur_px=0.8)
-    off = (found.flags & Flag.OFF_PATTERN).astype(bool).mean(axis=0)
-    refused = np.interp(u, table.at, table.refused.astype(float))
-    assert off[0] == 1
-    assert off[2:-2].max() == 0
-    assert refused[0] > 0.5
-    assert refused[3:-3].max() == 0
-    middle = (table.at > 20) & (table.at < 100)
-    assert not table.told[middle].any()
-    assert np.abs(table.shift[middle]).max() < 1e-6
-    assert np.abs(table.shift).max() > 0.1
-    with pytest.raises(InputError, match=r"axis is 'v', .*no fringes"):
-        border_table(shown, "v", 0.7, 0.8)
 
 
 def test_noise_is_not_taken_for_a_contrast_that_varies() -> None:

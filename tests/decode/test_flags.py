@@ -180,7 +180,7 @@ def test_dropped_frame_of_a_gray_code_is_no_silent_error(shoot: Shoot, smooth: t
 def test_gamma_is_no_silent_error_and_the_response_mends_it(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
     frames = shoot(GRAY_PHASE, *smooth, noise=0.7, gamma=2.2, offset=127.5, amplitude=127.5)
     raw = decode(frames, GRAY_PHASE, on_cells=False)
-    mended = decode(frames, GRAY_PHASE, response=Response.from_gamma(2.2), weigh_samples=True, on_cells=False)
+    mended = decode(frames, GRAY_PHASE, response=Response.from_gamma(2.2), on_cells=False)
     plain = decode(
         shoot(GRAY_PHASE, *smooth, noise=0.7, offset=127.5, amplitude=127.5), GRAY_PHASE, on_cells=False
     )

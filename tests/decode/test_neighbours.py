@@ -9,10 +9,6 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, Flag, decode
-from optolever.decode.records import Near
-from optolever.decode.rows import Maps, near_step
-from optolever.decode.survey import steps
-from optolever.decode.survivors import flag_survivors
 from optolever.patterns import Sequence, sequence, sequence_from_text
 
 F64 = NDArray[np.float64]
@@ -119,47 +115,6 @@ def test_folds_widen_sigma(shoot: Callable[..., NDArray[Any]]) -> None:
     assert silent(found, centres(u), centres(row)) <= 1e-4
 
 
-@pytest.mark.parametrize("cols", [1, 2, 3, 129, 130, 131, 300])
-def test_every_bend_widens_sigma(cols: int) -> None:
-    """Rare ones, wherever they lie in a row, against all second differences by NumPy (on whole eighths, which
-    float32 holds)."""
-    rng, rows = np.random.default_rng(cols), 40
-    maps = Maps((rows, cols), {"u"})
-    maps.coord["u"][...] = np.arange(cols) + np.where(
-        rng.random((rows, cols)) < max(0.02, 0.3 / cols), 4.625, 0.125
-    )
-    sigma = rng.uniform(0.05, 0.3, (rows, cols)).astype(np.float32)
-    maps.sigma["u"][...], maps.flags[...] = sigma, 0
-    maps.amplitude[...], maps.offset[...], maps.order_error[...] = 60, 100, 0
-    near_step(near_alone(maps, least=1e6), maps)(0, rows)
-
-    u, bend = maps.coord["u"], np.zeros((rows, cols))
-    bend[:, 1:-1] += np.abs(u[:, :-2] - 2 * u[:, 1:-1] + u[:, 2:])
-    bend[1:-1] += np.abs(u[:-2] - 2 * u[1:-1] + u[2:])
-    bend[[0, -1], :: max(cols - 1, 1)] = 0
-    wider = np.where(bend > 14 * sigma, np.hypot(sigma, bend / 24), sigma)
-    np.testing.assert_allclose(maps.sigma["u"], wider, rtol=1e-6)
-    assert (wider > sigma).any()
-
-
-def near_alone(maps: Maps, least: float) -> Near:
-    """Of an axis u that is continuous."""
-    return Near(
-        shown=(True, False),
-        steep=(None, None),
-        least=(np.float32(least), np.float32(least)),
-        read2=np.float32(0.1),
-        gain=np.float32(0),
-        extents=(np.inf, np.inf),
-        bands=((np.inf, -np.inf), (np.inf, -np.inf)),
-        u=maps.coord["u"],
-        v=maps.coord["v"],
-        sigma_u=maps.sigma["u"],
-        sigma_v=maps.sigma["v"],
-        dim=np.zeros(len(maps.flags), np.uint8),
-    )
-
-
 def test_places_by_chance_are_no_map() -> None:
     """Neighbours that have nothing to do with each other (a test of a decoder, a diffuser) flag nothing."""
     shown = sequence("phase", 100, 100, periods=(112.5, 16.0))
@@ -174,20 +129,6 @@ def test_places_by_chance_are_no_map() -> None:
     assert ((found.flags & Flag.OUTLIER) > 0).mean() < 0.01
     assert found.good.mean() > 0.99
     assert np.sqrt(np.mean(((found.u - u) / found.sigma_u)[found.good] ** 2)) == pytest.approx(1, abs=0.05)
-
-
-def is_continuous(lines: NDArray[np.float64], sigma: NDArray[np.float32]) -> bool:
-    return steps(lines, lines, sigma, 1).continuous
-
-
-def test_a_pixel_without_a_coordinate_leaves_the_others_continuous() -> None:
-    lines, sigma = np.tile(np.arange(200.0), (16, 1)), np.full((16, 200), 0.01, np.float32)
-    lines[3, 39:42] = np.nan
-    assert is_continuous(lines, sigma)
-    # steep, and misread by its footprint: still a map
-    assert is_continuous(np.round(4.7 * lines + 3.0 * (np.arange(200) % 2)), sigma)
-    assert not is_continuous(np.random.default_rng(0).uniform(0, 200, lines.shape), sigma)
-    assert not is_continuous(np.full_like(lines, np.nan), sigma)
 
 
 @pytest.mark.parametrize("code", ["xor-gray", "gray"])
@@ -253,21 +194,3 @@ def test_dim_beside_what_hardly_sees_anything(shoot: Callable[..., Any], smooth:
     assert found.flags[30, 40] == Flag.OUTLIER
     assert found.flags[60, 40] == 0
     assert found.good.mean() > 0.99
-
-
-@pytest.mark.parametrize("row", range(13))
-@pytest.mark.parametrize("col", [0, 1, 7, 14])
-def test_a_pixel_that_refused_ones_surround(row: int, col: int) -> None:
-    """Wherever it lies; where as many are good as a line has, nothing is."""
-    flags = np.zeros((13, 15), np.uint16)
-    flags[max(row - 2, 0) : row + 3, max(col - 2, 0) : col + 3] = Flag.LOW_CONTRAST
-    flags[row, col] = 0
-    before = flags.copy()
-    flag_survivors(flags)
-    assert flags[row, col] == Flag.OUTLIER
-    flags[row, col] = 0
-    np.testing.assert_array_equal(flags, before)
-    before[max(row - 2, 0) : row + 3, col] = 0
-    after = before.copy()
-    flag_survivors(after)
-    np.testing.assert_array_equal(after[row], before[row])

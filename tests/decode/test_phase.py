@@ -1,4 +1,4 @@
-"""The phase of two sums, in float32, and the probability of a wrong order, against NumPy's in float64."""
+"""One period's fit and the phase of two sums, against NumPy in float64."""
 
 from typing import Any
 
@@ -6,28 +6,26 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from optolever.decode.jit import apart_kernel, outer_kernel
-from optolever.decode.phase_kernels import phase_of
-from optolever.decode.unwrap_kernels import doubt_of
+from optolever.decode.frames import light_of
+from optolever.decode.noise import Noise
+from optolever.decode.phase import Fit, fit_fringe, turn_of
+from optolever.decode.plan import plan
+from optolever.kernels import exact
+from optolever.patterns import Frame, Sequence
 
 F32 = NDArray[np.float32]
 
 
-@apart_kernel
-def _phases(c: F32, s: F32, turns: F32, power: F32, inverse: F32) -> None:
-    for x in range(len(c)):
-        turns[x], power[x], inverse[x] = phase_of(c[x], s[x])
+@exact
+def _turns(c: Any, s: Any, out: Any) -> None:
+    for x in range(c.size):
+        out[x] = turn_of(s[x], c[x])
 
 
-@outer_kernel
-def phases(c: F32, s: F32, turns: F32, power: F32, inverse: F32) -> None:
-    _phases(c, s, turns, power, inverse)
-
-
-def found(c: Any, s: Any) -> F32:
-    told = np.empty((3, len(c)), np.float32)
-    phases(c.astype(np.float32), s.astype(np.float32), *told)
-    return told
+def turns(c: Any, s: Any) -> F32:
+    out = np.empty(len(c), np.float32)
+    _turns(c.astype(np.float32), s.astype(np.float32), out)
+    return out
 
 
 @pytest.mark.parametrize("size", [0.5, 1.0, 37.25, 255.0, 65535.0])
@@ -35,57 +33,53 @@ def test_all_directions(size: float) -> None:
     """The axes and the bisectors among them. Error: the polynomial's 6e-9 turns, and a rounding at 1/2."""
     at = np.linspace(-np.pi, np.pi, 8 * 12345 + 1)
     c, s = (np.float32(size) * part(at).astype(np.float32) for part in (np.cos, np.sin))
-    turns, power, inverse = found(c, s)
-    exact = np.arctan2(s.astype(float), c.astype(float)) / (2 * np.pi)
-    off = np.abs((turns - exact + 0.5) % 1 - 0.5)
-    assert off.max() < 6e-9 + 2**-24
-    assert np.abs(turns).max() <= 0.5
-    square = c.astype(float) ** 2 + s.astype(float) ** 2
-    np.testing.assert_allclose(power, square, rtol=3e-7)
-    np.testing.assert_allclose(inverse, 1 / square, rtol=6e-7)
+    found = turns(c, s)
+    truth = np.arctan2(s.astype(float), c.astype(float)) / (2 * np.pi)
+    assert np.abs((found - truth + 0.5) % 1 - 0.5).max() < 6e-9 + 2**-24
+    assert np.abs(found).max() <= 0.5
 
 
 def test_whole_numbers() -> None:
     """Differences of grey values; nothing is known where both are 0, and the answer is a number."""
     c, s = (each.ravel() for each in np.meshgrid(np.arange(-255.0, 256), np.arange(-255.0, 256)))
-    turns, power, inverse = found(c, s)
-    seen = (c != 0) | (s != 0)
-    off = turns - np.arctan2(s, c) / (2 * np.pi)
-    assert np.abs((off[seen] + 0.5) % 1 - 0.5).max() < 6e-9 + 2**-24
-    assert np.array_equal(power, c * c + s * s)
-    assert np.isfinite(turns).all()
-    assert np.isfinite(inverse).all()
-    assert (inverse[seen] > 0).all()
+    found = turns(c, s)
+    known = (c != 0) | (s != 0)
+    off = found - np.arctan2(s, c) / (2 * np.pi)
+    assert np.abs((off[known] + 0.5) % 1 - 0.5).max() < 6e-9 + 2**-24
+    assert np.isfinite(found).all()
 
 
-def test_the_answer_does_not_depend_on_where_a_pixel_lies() -> None:
-    """In a vector of the processor's, in what is left beyond these, or alone: the same to the last bit."""
-    c, s = np.random.default_rng(2).uniform(-200, 200, (2, 150)).astype(np.float32)
-    whole = found(c, s)
-    for first in range(0, 70, 3):
-        assert np.array_equal(found(c[first:], s[first:]), whole[:, first:])
-    alone = np.concatenate([found(c[x : x + 1], s[x : x + 1]) for x in range(len(c))], axis=1)
-    assert np.array_equal(alone, whole)
-
-
-@apart_kernel
-def _doubts(near: F32, far: F32, doubt: F32) -> None:
-    for x in range(len(near)):
-        doubt[x] = doubt_of(near[x], far[x])
-
-
-@outer_kernel
-def doubts(near: F32, far: F32, doubt: F32) -> None:
-    _doubts(near, far, doubt)
-
-
-def test_the_probability_of_an_order_beside() -> None:
-    """Of two that are worse by `near` and `far` in chi squared; if as good, 1/2 or 2/3."""
-    near = np.concatenate([[0.0, 0.0], np.geomspace(1e-6, 40, 4000)]).astype(np.float32)
-    far = (near * np.float32(1.5)).astype(np.float32)
-    far[1] = 1e6
-    doubt = np.empty_like(near)
-    doubts(near, far, doubt)
-    other = np.exp(-0.5 * near.astype(float)) + np.exp(-0.5 * far.astype(float))
-    np.testing.assert_allclose(doubt, other / (1 + other), rtol=2e-5)
-    np.testing.assert_allclose(doubt[:2], [2 / 3, 1 / 2], rtol=1e-6)
+@pytest.mark.parametrize("shifts", [(0.0, 2.1, 4.2), (0.0, 1.57, 3.14, 4.71), (0.3, 1.9, 4.0, 5.5, 2.2)])
+@pytest.mark.parametrize("clipped", [False, True])
+def test_a_period_is_fitted_by_least_squares(shifts: tuple[float, ...], clipped: bool) -> None:
+    """Any shifts; saturated samples leave the fit where three others are left, else nothing is known."""
+    rng, read, gain = np.random.default_rng(0), 2.0, 0.05
+    shown = Sequence(tuple(Frame("phase", "u", period_px=20.0, shift=shift) for shift in shifts), 4, 20)
+    design = np.stack([np.ones(len(shifts)), np.cos(shifts), np.sin(shifts)], axis=1)
+    light = design @ np.stack([np.full(600, 120.0), *(60 * rng.standard_normal((2, 600)))])
+    frames = np.clip(light + rng.normal(0, 2, light.shape), 0, 200 if clipped else None)
+    frames = frames.astype(np.float32)[:, None]
+    fringe = plan(shown).axes[0].fringes[0]
+    fit = Fit.empty(1, 600)
+    light_in = light_of(frames, shown, 200.0 if clipped else 1e9, None)
+    fit_fringe(light_in, Noise(read**2, gain), fringe, (0, 1), (0.0, 0.0), fit)
+    checked = 0
+    for x in range(600):
+        kept = frames[:, 0, x] < (200.0 if clipped else np.inf)
+        if kept.sum() < 3:
+            assert fit.variance[0, x] > 1
+            continue
+        own, level = design[kept], frames[kept, 0, x].astype(float)
+        if np.linalg.det(own.T @ own) < 0.05 * np.linalg.det(design.T @ design):
+            continue
+        a, c, s = np.linalg.lstsq(own, level, rcond=None)[0]
+        covariance = np.linalg.inv(own.T @ own)[1:, 1:] * (read**2 + gain * max(a, 0))
+        along = np.array([-s, c]) / (c * c + s * s) / (2 * np.pi)
+        assert (fit.turn[0, x] - np.arctan2(s, c) / (2 * np.pi) + 0.5) % 1 == pytest.approx(0.5, abs=1e-5)
+        assert fit.variance[0, x] == pytest.approx(along @ covariance @ along, rel=2e-3)
+        assert fit.amplitude[0, x] == pytest.approx(np.hypot(c, s), rel=1e-4)
+        assert fit.offset[0, x] == pytest.approx(a, rel=1e-4, abs=1e-3)
+        rss = np.sum((level - own @ [a, c, s]) ** 2) / (read**2 + gain * max(a, 0))
+        assert fit.chi2[0, x] == pytest.approx(rss, rel=2e-3, abs=2e-3)
+        checked += 1
+    assert checked > 200

@@ -40,7 +40,7 @@ def test_measured_from_a_ramp(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
     frames = shoot(shown, *smooth, **camera)
     errors = []
     for response in (None, measured):
-        found = decode(frames, shown, response=response, weigh_samples=response is not None, on_cells=False)
+        found = decode(frames, shown, response=response, on_cells=False)
         errors.append(float(np.std((found.u - smooth[0])[found.good])))
     assert errors[1] < 0.05
     assert errors[1] <= errors[0]

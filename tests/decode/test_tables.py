@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from optolever.decode import Correspondence, Flag, decode
-from optolever.decode.table_kernels import refine_rows
 from optolever.patterns import Frame, Sequence, sequence
 
 F64 = NDArray[np.float64]
@@ -159,18 +158,3 @@ def test_gray_without_blur_stays_within_its_cells(shoot: Shoot, smooth: tuple[F6
     shown = sequence("gray", 150, 170)
     found = decode(shoot(shown, *smooth, noise=1.0), shown, subpixel=True)
     assert rms_score(found, smooth) < 1.3
-
-
-def test_cells_beyond_the_surface_are_looked_for_at_its_end() -> None:
-    """A misread word may be such a cell: what lies behind the table in memory is none of its levels."""
-    rng = np.random.default_rng(0)
-    around = np.full((6, 400), 1e30, np.float32)
-    table = around[:, :160]
-    table[...] = rng.random((6, 160))
-    frames = (40 + 150 * table[:, -1:, None] + rng.normal(0, 1, (6, 1, 3))).astype(np.uint8)
-    coord, found = np.empty((1, 3)), [np.empty((1, 3), np.float32) for _ in range(4)]
-    first, count = np.array([[19.0, 31.0, 255.0]]), np.empty((1, 3), np.int32)
-    refine_rows(frames, 255.0, 0, 1, np.arange(6), table, 8, 16, first, coord, *found, count)
-    assert np.abs(coord - 19.4).max() < 0.2
-    scale = found[3]
-    assert np.abs(scale - 150).max() < 10

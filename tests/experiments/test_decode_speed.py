@@ -44,19 +44,18 @@ def test_frames_show_the_smooth_map(code: SpeedCode) -> None:
 
 
 def test_floor_writes_as_much_as_decode(monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[int] = []
+    written: list[int] = []
 
-    def counted(shape: tuple[int, ...], dtype: Any) -> Any:
-        made.append(int(np.prod(shape)) * np.dtype(dtype).itemsize)
-        return np.empty(shape, dtype)
+    def counted(start: int, stop: int, frames: Any, maps: Any, flags: Any) -> None:
+        written.extend(one[start:stop].nbytes for one in (*maps, flags))
 
     shown = speed_sequence(SPEED_CODES[0], SIZE)
     frames = speed_frames(shown, SIZE, 1.0)
-    monkeypatch.setattr(decode_speed, "roomy_empty", counted)
+    monkeypatch.setattr(decode_speed, "_touch", counted)
     decode_speed.toucher(frames)()
     found = decode(frames, shown)
     maps = (getattr(found, field.name) for field in fields(found) if field.name != "notices")
-    assert sum(made) == sum(one.nbytes for one in maps)
+    assert sum(written) == sum(one.nbytes for one in maps)
 
 
 def test_errors_beside_others() -> None:
