@@ -81,7 +81,7 @@ def command(
             figure.name,
             number(figure.value, figure.unit),
             _limit(figure),
-            figure.note if figure.met else "NOT MET",
+            figure.note if figure.met else f"NOT MET; {figure.note}".rstrip("; "),
         )
         for figure in figures
     ]

@@ -11,6 +11,7 @@
 | `figures.py`, `brute_force.py` | run_figures: the README's figures; what checks scene.trace |
 | `code_guide.py` | code_rows: which code when: predicted sigma and gross rate, faults tried |
 | `decode_speed.py` | run_decode_figures: the decoder beside memory and other decoders |
+| `speed_frames.py` | frames of every code for it |
 | `decode_errors.py` | its errors beside what noise allows |
 | `solver_figures.py`, `solver_bound.py` | run_solver_figures: the solver; its noise and the bound |
 | `drawn.py` | what cases drawn at random have in common |

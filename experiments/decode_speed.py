@@ -1,10 +1,11 @@
 """The decoder's speed beside what memory allows and beside other decoders, on the same frames in one run; its
 errors: see decode_errors.
 
-The floor is a kernel of the same shape that reads every frame and writes outputs of the same size, into
+The floor is a kernel of the same shape that reads every frame and writes as many bytes as decode, into
 memory that the process has already.
 `fringes` (GPL) is run, never copied, and only if it is installed; OpenCV's structured_light comes with
-OpenCV's contrib modules. Frames are those of an ideal surface and camera: a smooth map, noise, rounding.
+OpenCV's contrib modules. Their frames are those of an ideal surface and camera: a smooth map, noise,
+rounding.
 """
 
 import importlib
@@ -23,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.blocks import over_rows
-from optolever.decode import Correspondence, decode
+from optolever.decode import decode
 from optolever.errors import InputError
 from optolever.kernels import kernel
 from optolever.patterns import Frame, Sequence, sequence
@@ -32,6 +33,7 @@ from .decode_errors import decode_errors
 from .demo import Progress, silent
 from .figures import Figure
 from .metrics import rms
+from .speed_frames import SPEED_CODES, smooth_map, speed_frames, speed_sequence
 
 __all__ = ["run_decode_figures"]
 
@@ -39,12 +41,14 @@ Stack = NDArray[np.uint8]
 F64 = NDArray[np.float64]
 Measure = Callable[[tuple[int, int]], Iterator[Figure]]
 SIZE = (1080, 1920)
-#: Turns; those beside others, and calls in a row in each of these, as in a series of captures.
+#: Turns of floor and decode, fewer of codes whose decodes take longer together than so many seconds.
+PAIRS, FEWEST, SECONDS = 10, 3, 10.0
+#: Turns beside other decoders, and calls in a row in each of these, as in a series of captures.
 REPEATS, PEER_REPEATS, IN_A_ROW = 12, 3, 3
 OFFSET, AMPLITUDE, NOISE = 110.0, 95.0, 1.5  # levels
 PERIODS, STEPS = (2160.0, 48.0), 4
 LIMIT = 2.0  # times the floor
-PARTS = ("phase", "fringes", "gray", "first calls", "errors")
+PARTS = ("codes", "fringes", "gray", "first calls", "errors")
 _START = """
 import sys, time
 import numpy as np
@@ -64,10 +68,10 @@ def run_decode_figures(
 ) -> list[Figure]:
     """Everything on frames of `size` (rows, cols), the surface's size too; peers that are missing say so.
 
-    parts: of PARTS; all but "fringes" and "first calls", which compile for long, are done in no time.
+    parts: of PARTS; "fringes" and "first calls" compile for long.
     "errors" are those of images of their own sizes.
     """
-    measure: tuple[Measure, ...] = (_phase, _fringes, _gray, _starts, decode_errors)
+    measure: tuple[Measure, ...] = (_codes, _fringes, _gray, _starts, decode_errors)
     every = dict(zip(PARTS, measure, strict=True))
     figures: list[Figure] = []
     for done, name in enumerate(parts):
@@ -77,14 +81,6 @@ def run_decode_figures(
         figures += every[name](size)
     progress("", len(parts), len(parts))
     return figures
-
-
-def _place(size: tuple[int, int]) -> tuple[F64, F64]:
-    """Where the camera looks: within the surface, with a gradient that changes."""
-    row, col = np.mgrid[: size[0], : size[1]].astype(np.float64)
-    x, y = col / size[1], row / size[0]
-    u = size[1] * (0.03 + 0.93 * x + 0.005 * np.sin(9 * y))
-    return u, size[0] * (0.03 + 0.93 * y + 0.005 * np.cos(9 * x))
 
 
 def _shoot(frames: tuple[Frame, ...], u: F64, v: F64) -> Stack:
@@ -140,6 +136,36 @@ def toucher(frames: NDArray[Any]) -> Callable[[], None]:
     return touch
 
 
+def _codes(size: tuple[int, int]) -> Iterator[Figure]:
+    """Every code with decode's default options, beside the floor of its own frames."""
+    for code in SPEED_CODES:
+        shown = speed_sequence(code, size)
+        frames = speed_frames(shown, size, code.noise)
+        found = decode(frames, shown)
+        floor, ours, ratio = _pairs(toucher(frames), lambda: decode(frames, shown))  # noqa: B023
+        note = (
+            f"{1e9 * ours / frames.size:.2f} ns per frame and pixel; {len(shown)} frames: floor "
+            f"{1e3 * floor:.1f} ms, decode {1e3 * ours:.1f} ms; good {100 * found.good.mean():.4g} %"
+        )
+        yield Figure(f"{code.name}, decode over floor", ratio, "times", high=LIMIT, note=note)
+
+
+def _pairs(floor: Callable[[], Any], call: Callable[[], Any]) -> tuple[float, float, float]:
+    """Seconds of each and their ratio, medians over pairs of calls in turn; the first pair warms up."""
+    _timed(floor), _timed(call)
+    pairs = [(_timed(floor), _timed(call))]
+    count = int(np.clip(SECONDS / pairs[0][1], FEWEST, PAIRS))
+    pairs += [(_timed(floor), _timed(call)) for _ in range(count - 1)]
+    below, ours = np.array(pairs).T
+    return float(np.median(below)), float(np.median(ours)), float(np.median(ours / below))
+
+
+def _timed(call: Callable[[], Any]) -> float:
+    start = time.perf_counter()
+    call()
+    return time.perf_counter() - start
+
+
 def _least(*calls: Callable[[], Any], repeats: int = REPEATS, in_a_row: int = 1) -> list[tuple[float, float]]:
     """(wall, processor) seconds, the least of many runs that take turns: others may share the machine.
 
@@ -157,17 +183,6 @@ def _least(*calls: Callable[[], Any], repeats: int = REPEATS, in_a_row: int = 1)
     return [(float(wall), float(processor)) for wall, processor in taken]
 
 
-def _against_floor(name: str, frames: Stack, call: Callable[[], Any]) -> tuple[list[Figure], float]:
-    """call: decodes these frames."""
-    (floor, floor_work), (ours, work) = _least(toucher(frames), call)
-    return [
-        Figure(f"{name}, floor", 1e3 * floor, "ms", note=f"{1e3 * floor_work:.1f} ms of processor"),
-        Figure(f"{name}, optolever", 1e3 * ours, "ms", note=f"{1e3 * work:.1f} ms of processor"),
-        Figure(f"{name}, optolever over floor", ours / floor, high=LIMIT),
-        Figure(f"{name}, optolever over floor, processor time", work / floor_work, high=LIMIT),
-    ], ours
-
-
 def _error(name: str, u: NDArray[Any], v: NDArray[Any], truth: tuple[F64, F64], good: NDArray[Any]) -> Figure:
     distance = np.stack([u - truth[0], v - truth[1]])[:, good]
     note = f"{100 * good.mean():.3g} % of the pixels"
@@ -177,25 +192,8 @@ def _error(name: str, u: NDArray[Any], v: NDArray[Any], truth: tuple[F64, F64], 
 def _phase_frames(size: tuple[int, int]) -> tuple[str, Sequence, tuple[F64, F64], Stack]:
     """Two periods of four steps, both axes: name, sequence, truth, frames."""
     shown = sequence("phase", *size, periods=PERIODS, steps=STEPS)
-    truth = _place(size)
+    truth = smooth_map(size, size)
     return f"{len(shown)} phase frames", shown, truth, _shoot(shown.frames, *truth)
-
-
-def _phase(size: tuple[int, int]) -> Iterator[Figure]:
-    """Time and error of the same call, which is told what these frames are: ideal cosines. Of a display's
-    frames, cells and whole grey levels are measured and taken off, too, which takes longer.
-    """
-    name, shown, truth, frames = _phase_frames(size)
-
-    def plain() -> Correspondence:
-        return decode(frames, shown, on_cells=False)
-
-    yield from _against_floor(name, frames, plain)[0]
-    found = plain()
-    yield _error(f"{name}, optolever", found.u, found.v, truth, found.good)
-    (floor, _), (ours, work) = _least(toucher(frames), lambda: decode(frames, shown))
-    note = f"{1e3 * work:.1f} ms of processor; {ours / floor:.2f} times the floor"
-    yield Figure(f"{name}, optolever with the display's cells", 1e3 * ours, "ms", note=note)
 
 
 def _fringes(size: tuple[int, int]) -> Iterator[Figure]:
@@ -203,6 +201,8 @@ def _fringes(size: tuple[int, int]) -> Iterator[Figure]:
     ideal cosines, which is all that `fringes` knows.
     """
     name, shown, truth, frames = _phase_frames(size)
+    found = decode(frames, shown, on_cells=False)
+    yield _error(f"{name}, optolever", found.u, found.v, truth, found.good)
     if find_spec("fringes") is None:
         yield Figure(f"{name}, fringes", float("nan"), note="not installed")
         return
@@ -240,12 +240,12 @@ def _gray(size: tuple[int, int]) -> Iterator[Figure]:
     """Gray bits of both axes, each with its inverse."""
     rows, cols = size
     shown = sequence("gray", rows, cols, references=False)
-    truth = _place(size)
+    truth = smooth_map(size, size)
     frames = _shoot(shown.frames, *truth)
     name = f"{len(shown)} Gray frames"
-    figures, ours = _against_floor(name, frames, lambda: decode(frames, shown))
-    yield from figures
     found = decode(frames, shown)
+    ((ours, _),) = _least(lambda: decode(frames, shown))
+    yield Figure(f"{name}, optolever", 1e3 * ours, "ms")
     yield _error(f"{name}, optolever", found.u, found.v, truth, found.good)
     white, black = _shoot((Frame("white"), Frame("black")), *truth)
     code = cv2.structured_light.GrayCodePattern.create(cols, rows)
@@ -268,7 +268,7 @@ def _starts(size: tuple[int, int]) -> Iterator[Figure]:
     """The first call in a fresh process, its kernels compiled or cached."""
     for text in ("phase", "gray", "gray+phase"):
         shown = sequence(text, *size)
-        frames = _shoot(shown.frames, *_place(size))
+        frames = _shoot(shown.frames, *smooth_map(size, size))
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "frames.npy"
             np.save(path, frames)

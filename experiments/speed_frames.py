@@ -1,0 +1,123 @@
+"""Frames on which the decoder's speed is measured: every code that `optolever codes` compares, and more, as a
+display of cells with a blur shows them and a camera's pixels see them; the map is smooth.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from optolever.blocks import on_cores
+from optolever.patterns import Frame, Sequence, sequence_from_text
+
+__all__ = ["SPEED_CODES", "SpeedCode", "smooth_map", "speed_frames", "speed_sequence"]
+
+Stack = NDArray[np.uint8]
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+OFFSET, AMPLITUDE = 120.0, 100.0  # levels
+BLUR = 0.5  # cells, rms, between display and camera
+#: Places per cell at which a pixel may look; cells on either side of which it sees light.
+_PLACES, _REACH = 256, 4
+#: Free levels: frames of an axis, cells of the display that share a grey value.
+_FREE_FRAMES, _FREE_CELL = 12, 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedCode:
+    """text: of the sequence, or "levels": random grey values; noise: grey levels; extent: surface, cells
+    along either axis at most (0: as many as the camera has pixels)."""
+
+    text: str
+    noise: float = 1.0
+    extent: int = 0
+
+    @property
+    def name(self) -> str:
+        """Of its row in the table."""
+        name = "free levels" if self.text == "levels" else self.text
+        return name + (f" on {self.extent} cells" if self.extent else "") + f", noise {self.noise:g}"
+
+
+SPEED_CODES = (
+    SpeedCode("gray"),
+    SpeedCode("gray:inverses=false"),
+    SpeedCode("long-run-gray"),
+    SpeedCode("phase:steps=4"),
+    SpeedCode("phase:steps=8"),
+    SpeedCode("phase:steps=3,periods=8.73782/8.05745/8"),
+    SpeedCode("phase:steps=4,periods=20/22/25", extent=1100),
+    SpeedCode("phase:counts=1/40"),
+    SpeedCode("phase"),
+    SpeedCode("phase:steps=3,periods=576/64/7", extent=576),
+    SpeedCode("micro-phase"),
+    SpeedCode("micro-phase", noise=2.0),
+    SpeedCode("gray+phase"),
+    SpeedCode("stripe:step=16"),
+    SpeedCode("stripe:step=8"),
+    SpeedCode("levels"),
+)
+
+
+def speed_sequence(code: SpeedCode, size: tuple[int, int]) -> Sequence:
+    """On a surface of `size` (rows, cols), or as much of it as the code tells apart."""
+    rows, cols = (min(extent, code.extent or extent) for extent in size)
+    if code.text != "levels":
+        return sequence_from_text(code.text, rows, cols)
+    rng = np.random.default_rng(0)
+    frames = []
+    for axis, extent in (("u", cols), ("v", rows)):
+        for levels in rng.integers(0, 256, (_FREE_FRAMES, int(np.ceil(extent / _FREE_CELL)))).tolist():
+            frames.append(Frame("levels", axis, levels=tuple(levels), cell_px=_FREE_CELL))
+    return Sequence(tuple(frames), rows, cols)
+
+
+def smooth_map(size: tuple[int, int], surface: tuple[int, int]) -> tuple[F64, F64]:
+    """u and v of every pixel: within the surface, with a gradient that changes."""
+    row, col = np.mgrid[: size[0], : size[1]].astype(np.float64)
+    x, y = col / size[1], row / size[0]
+    u = surface[1] * (0.03 + 0.93 * x + 0.005 * np.sin(9 * y))
+    return u, surface[0] * (0.03 + 0.93 * y + 0.005 * np.cos(9 * x))
+
+
+def speed_frames(shown: Sequence, size: tuple[int, int], noise: float) -> Stack:
+    """Images (N, *size) of a surface with smooth_map, white noise of `noise` levels."""
+    places = smooth_map(size, (shown.rows, shown.cols))
+    index = [np.rint((place + _REACH) * _PLACES).astype(np.intp) for place in places]
+    widths = [0.93 * extent / pixels for extent, pixels in ((shown.cols, size[1]), (shown.rows, size[0]))]
+    weights = [_weights(width) for width in widths]
+    stack = np.empty((len(shown), *size), np.uint8)
+
+    def fill(i: int) -> None:
+        tables = shown.frames[i].tables(shown.rows, shown.cols)
+        light: Any = np.float32(1)
+        for table, weight, at in zip(tables, weights, index, strict=True):
+            if table.min() < 255:
+                light = light * _profile(table, weight)[at]
+        rng = np.random.default_rng(i)
+        level: Any = np.float32(OFFSET - AMPLITUDE) + np.float32(2 * AMPLITUDE) * light
+        level = level + np.float32(noise) * rng.standard_normal(size, dtype=np.float32)
+        stack[i] = np.clip(np.rint(level), 0, 255)
+
+    on_cores(fill, range(len(shown)))
+    return stack
+
+
+def _weights(width: float) -> F64:
+    """Share (cells, places) of the light of the cells around in a pixel of that width (cells): a cell,
+    blurred by a Gaussian, averaged over the pixel."""
+    within = width * (np.arange(32) + 0.5) / 32 - width / 2
+    distance = np.arange(-_REACH, _REACH + 1)[:, None] - np.arange(_PLACES) / _PLACES
+    ends = (distance[..., None] + within + edge for edge in (0.5, -0.5))
+    upper, lower = (ndtr(end / BLUR).mean(axis=-1) for end in ends)
+    return np.asarray(upper - lower)
+
+
+def _profile(table: NDArray[np.uint8], weights: F64) -> F32:
+    """What a pixel sees (0..1) from _REACH cells before the first on, by place; it is dark around the
+    surface."""
+    dark = np.pad(table / 255.0, 2 * _REACH)
+    return np.asarray(sliding_window_view(dark, len(weights)) @ weights, np.float32).ravel()
