@@ -300,8 +300,8 @@ def _border(c: Any, gx: Any, gy: Any, reach: Any, extent: Any) -> tuple[Any, Any
     """Flag, shift and its variance by the light that a pixel misses from beyond the surface.
 
     gx, gy: its footprint. Of a normal distribution cut at t deviations from its centre, what is left has its
-    centre hazard(t) deviations further inwards. reach is the most that a pixel sees, so that the shift is
-    anything from none to that.
+    centre hazard(t) deviations further inwards. reach bounds what a pixel sees: half of the shift is taken
+    off, and as much is unsure.
     """
     none = np.float32(0)
     if extent <= 0:
@@ -319,4 +319,4 @@ def _border(c: Any, gx: Any, gy: Any, reach: Any, extent: Any) -> tuple[Any, Any
     dark = 0.5 * math.erfc(true * 0.7071067811865476)
     half = np.float32(0.5 * hazard) * deviation
     inwards = half if low < high else -half
-    return (np.uint16(_OFF) if dark > _LOST else np.uint16(0)), inwards, half * half * np.float32(1 / 3)
+    return (np.uint16(_OFF) if dark > _LOST else np.uint16(0)), inwards, half * half
