@@ -17,10 +17,14 @@
 | `candidates`     | fringe orders of close periods, by a table of those that fit                           |
 | `micro`          | micro phase shifting, likewise                                                         |
 | `gray`           | bits -> word -> cell, posterior of a wrong bit                                         |
+| `lookup`         | any known levels: stripes, free grey values, codes within their cells                  |
+| `lookup_kernels`, `lookup_light` | its loops; rows of frames as it reads them                            |
+| `spot_scan`, `spot_kernels` | a raster of spots, summed to two sweeps                                     |
 | `flags`          | flags, made once; maps that both axes share                                            |
 | `display`        | one model of what a display does: cell, footprint, blur; measured, taken off           |
 | `spatial`        | what neighbours tell: edges, partial footprints, strays                                |
 | `integrity`      | `check`: swapped, lost, repeated, replaced and torn frames, named                      |
+| `spoilt`         | `Finding`: frames that a code can do without, pixels that a wrong one could have spoilt |
 | `sample_fit`     | what a single pixel's samples say of each axis, for it                                 |
 | `exposures`      | codes under several exposures: each decoded, the best answer per pixel                 |
 | `single_shot/`   | `lattice`, `crossed`: one frame against one at rest                                    |
@@ -33,9 +37,10 @@ from .correspondence import Correspondence, Flag
 from .decoder import decode
 from .displacement import Displacement, difference
 from .harmonics import HarmonicError, harmonic_errors
-from .integrity import Finding, Integrity, check
+from .integrity import Integrity, check
 from .response import Response
 from .single_shot import Crossings, PatternMap, crossed, lattice
+from .spoilt import Finding
 
 __all__ = [
     "Correspondence",

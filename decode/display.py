@@ -93,14 +93,16 @@ def no_pixelation(blur: float = float("nan")) -> Pixelation:
 
 
 def shares_of(axis: AxisPlan) -> tuple[tuple[float, float], ...]:
-    """Periods of an axis and their information, shares of the finest's: N / P^2; coarse ones do not
-    matter."""
-    fringes = (*axis.fringes, *axis.singles)
-    if not fringes:
+    """Periods that share in the coordinate of an axis, and their information over the first's: N / P^2.
+
+    Of a ladder the finest alone; of close periods, and in micro phase shifting, all.
+    """
+    if not axis.fringes:
         return ()
+    alone = axis.code is not None or axis.fringes[0].period >= axis.extent
+    fringes = (*(axis.fringes[-1:] if alone else axis.fringes), *axis.singles)
     weights = [len(fringe.index) / fringe.period**2 for fringe in fringes]
-    pairs = zip((f.period for f in fringes), (w / max(weights) for w in weights), strict=True)
-    return tuple((period, share) for period, share in pairs if share > 0.01)
+    return tuple((f.period, w / weights[0]) for f, w in zip(fringes, weights, strict=True))
 
 
 def cell_light(distance: F64, width: F64, blur: float) -> F64:

@@ -23,8 +23,9 @@ from .correspondence import Correspondence
 from .exposures import by_exposure, numbered
 from .frames import Light, light_of, sample_levels
 from .noise import Noise, Sample, estimate_noise, sampled
-from .plan import AxisPlan, Plan, constraints
+from .plan import Plan, constraints
 from .sample_fit import AxisTable, axis_tables, bends, misfit_at, places
+from .spoilt import Finding, left_out, spoilt_pixels
 
 __all__ = ["Finding", "Integrity", "check", "examine", "spoilt_pixels"]
 
@@ -64,41 +65,8 @@ _SHIFTED, _ALL_LATER = ("lost", "repeated"), 0.075
 _BESIDE = 0.05
 #: Frames up to which any two may be swapped; of more (sweeps) only those next to each other.
 _ALL_PAIRS = 64
-#: Steps of a fringe that are left when one is dropped: three make a phase, four tell whether it is right.
-_STEPS = 4
-#: Deviations, and share of the amplitude, by which a frame may differ from what it should show.
-_SIGMAS, _UNLIKE = 4.0, 0.2
 #: Fewest pixels that are mended; share of the best margin from which on a fault may be it, too.
 _LEAST, _TIED = 8, 0.9
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """A fault: numbers of the frames, what kind, and a sentence; `spoilt` frames are not those described, in
-    rows start..stop (None: all); span: axis and coordinates between which pixels saw them (None: everywhere).
-
-    kind: swapped | lost | repeated | replaced (by another frame) | torn | foreign (shows something else) |
-    inconsistent (something is wrong, and nothing tells with which frame: none is spoilt).
-    confidence: probability that it is no chance; share: of the lit pixels that it mends; leave_out: frames
-    without which the others still decode.
-    """
-
-    frames: tuple[int, ...]
-    kind: str
-    sentence: str
-    spoilt: tuple[int, ...] = ()
-    rows: tuple[int, int] | None = None
-    span: tuple[str, float, float] | None = None
-    confidence: float = 1.0
-    share: float = 0.0
-    leave_out: tuple[int, ...] = ()
-
-    @property
-    def cure(self) -> str:
-        """What to do about it."""
-        left = "decoded without; " if self.leave_out else ""
-        again = "capture again, or describe the frames as they were shown (--no-check: decode as described)"
-        return left + again
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +112,7 @@ def examine(
     if crosses is None:
         return ()
     finding = _single_fault(crosses, plan, light.raw.shape[1])
-    return () if finding is None else (replace(finding, leave_out=_left_out(finding, plan)),)
+    return () if finding is None else (replace(finding, leave_out=left_out(finding, plan)),)
 
 
 def _quiet(plan: Plan, lit: Sample, found: Correspondence) -> bool:
@@ -459,98 +427,3 @@ def _parts(same: Mask) -> Iterator[tuple[int, int]]:
         length = int(np.argmax(score)) + 1
         if length >= 8 and score[length - 1] > 0:
             yield (count - length, count) if flipped else (0, length)
-
-
-def _left_out(finding: Finding, plan: Plan) -> tuple[int, ...]:
-    """Frames without which the others still decode, the wrong ones among them; empty: there are none."""
-    if finding.kind in ("lost", "repeated", "inconsistent"):
-        return ()
-    wrong, out = set(finding.spoilt), set[int]()
-    for axis in plan.axes:
-        own = wrong & set(axis.frames())
-        if not own:
-            continue
-        dropped = _droppable(
-            axis, own, min(plan.white, plan.black) >= 0 and not {plan.white, plan.black} & wrong
-        )
-        if dropped is None:
-            return ()
-        out |= dropped
-    ends = wrong & {plan.white, plan.black}
-    if ends and not all(_paired(axis, wrong) for axis in plan.axes if axis.code):
-        return ()
-    return tuple(sorted(out | ends))
-
-
-def _paired(axis: AxisPlan, wrong: set[int]) -> bool:
-    """Whether every bit is shown with its inverse, by right frames."""
-    assert axis.code is not None
-    own = [*axis.code.plain.tolist(), *axis.code.inverse.tolist()]
-    return min(own) >= 0 and not wrong & set(own)
-
-
-def _droppable(axis: AxisPlan, wrong: set[int], references: bool) -> set[int] | None:
-    """Frames of an axis to drop: bits whose other polarity is right, steps of five or more, whole periods."""
-    out = set[int]()
-    if axis.code is not None:
-        pairs = list(zip(axis.code.plain.tolist(), axis.code.inverse.tolist(), strict=True))
-        for pair in pairs:
-            bad = wrong & set(pair)
-            if bad and not (len(bad) == 1 and min(pair) >= 0 and references):
-                return None
-            out |= bad
-    fringes = [fringe for fringe in axis.fringes if not wrong & set(fringe.index)]
-    for fringe in axis.fringes:
-        bad = wrong & set(fringe.index)
-        if bad and len(fringe.index) - len(bad) >= _STEPS:
-            out |= bad
-        elif bad:
-            out |= set(fringe.index)
-            whole = any(other.period >= axis.extent for other in fringes)
-            if axis.looked_up or not (whole or axis.code is not None):
-                return None
-    return out if wrong <= out else None
-
-
-def spoilt_pixels(finding: Finding, light: Light, plan: Plan, noise: Noise, found: Correspondence) -> Mask:
-    """Pixels (H, W) that the wrong frames could have spoilt.
-
-    Where a spoilt frame does not show what it should at the place that was found; where swapped frames
-    differ; all that saw a frame whose bit no other frame confirms, or that come after a lost one.
-    """
-    shape = light.raw.shape[1:]
-    rows = slice(*finding.rows) if finding.rows else slice(None)
-    spoilt = np.zeros(shape, np.bool_)
-    if finding.kind in ("lost", "repeated"):
-        spoilt[rows] = True
-        return spoilt
-    tables = axis_tables(plan)
-    for frame in finding.spoilt:
-        for table in tables:
-            if frame in table.frames:
-                spoilt[rows] |= _contradicted(frame, finding, light, table, noise, found)[rows]
-    return spoilt
-
-
-def _contradicted(
-    frame: int, finding: Finding, light: Light, table: AxisTable, noise: Noise, found: Correspondence
-) -> Mask:
-    """Where a frame could have led to a wrong place along an axis (H, W)."""
-    level = light.linear(light.raw[frame])
-    others = [i for i in finding.spoilt if i != frame]
-    if finding.kind == "swapped" and len(others) == 1:
-        apart = np.abs(level - light.linear(light.raw[others[0]]))
-        return np.asarray(apart > _SIGMAS * np.sqrt(2 * noise.variance(level)))
-    code = table.axis.code
-    if code is not None and frame in (*code.plain, *code.inverse):
-        polarity, other = (code.plain, code.inverse) if frame in code.plain else (code.inverse, code.plain)
-        partner = int(other[np.flatnonzero(polarity == frame)[0]])
-        if partner < 0 or partner in finding.spoilt:
-            return np.ones(level.shape, np.bool_)
-    if found.amplitude is None or found.offset is None:
-        return np.ones(level.shape, np.bool_)
-    slot = int(np.flatnonzero(table.frames == frame)[0])
-    shown = table.shown[slot][table.entry(getattr(found, table.axis.axis))]
-    apart = np.abs(level / table.exposure[slot] - found.offset - found.amplitude * shown)
-    limit2 = _SIGMAS**2 * noise.variance(level) + (_UNLIKE * found.amplitude) ** 2
-    return np.asarray(~(apart**2 <= limit2))

@@ -11,6 +11,8 @@ import numpy as np
 
 from optolever.kernels import exact, kernel
 
+from .lookup_light import BATCH, beside, brightest, gather
+
 __all__ = ["ANGLES", "COARSE", "LANES", "PER_PX", "SEARCH", "SWEEP", "WITHIN", "Book", "Camera", "match_rows"]
 
 #: Codewords per pattern pixel, and samples per vector instruction: codewords are filled up to a multiple.
@@ -23,10 +25,6 @@ ANGLES, MEAN, STRAIGHT = 6, 4, 5
 #: Steps of a walk, each at most a pixel long; places that a search compares; pattern pixels around an answer
 #: that are no other answer.
 _STEPS, _ANSWERS = 16, 12
-#: Pixels whose samples are turned into vectors together: they stay in the first cache.
-_BATCH = 64
-#: Below all levels: what stands for a saturated one.
-_SATURATED = -1e9
 #: Where a pixel's search starts.
 SEARCH, SWEEP, WITHIN = 0, 1, 2
 #: Share of a stripe's light that another place has to show to be another answer, whatever the noise.
@@ -294,115 +292,6 @@ def _others(left: Any, found: Any, best: Any, least: Any, noise: Any, guard: Any
     return total / (1 + total)
 
 
-@kernel
-def _brightest(raw: Any, index: Any, row: Any, top: Any, at: Any) -> None:
-    """Largest level of each pixel of a row, and which of the frames shows it first."""
-    line = raw[index[0], row]
-    for x in range(top.size):
-        top[x], at[x] = line[x], 0
-    for k in range(1, index.size):
-        line = raw[index[k], row]
-        place = np.int16(k)
-        for x in range(top.size):
-            v = line[x]
-            at[x] = place if v > top[x] else at[x]
-            top[x] = max(v, top[x])
-
-
-@kernel
-def _beside(raw: Any, index: Any, row: Any, at: Any, away: Any, other: Any) -> None:
-    """Largest level of the frames that are more than `away` from `at`."""
-    other[:] = 0
-    for k in range(index.size):
-        line = raw[index[k], row]
-        low, high = np.int16(k - away), np.int16(k + away)
-        for x in range(at.size):
-            v = line[x]
-            v = v if (at[x] < low) | (at[x] > high) else raw.dtype.type(0)
-            other[x] = max(v, other[x])
-
-
-@kernel
-def _gather(
-    camera: Any, book: Any, row: Any, first: Any, at: Any, lines: Any, batch: Any, pixels: Any
-) -> Any:
-    """Samples of the pixels first.. of a row without their mean -> batch (_BATCH, n); pixels (3, _BATCH):
-    mean, squared sum, how many are not saturated (those that are become 0). Whether all are the frames 0..n,
-    or those around the brightest one, `at`: where several are saturated, around the middle of them."""
-    raw, n, cols = camera.raw, book.samples, min(_BATCH, camera.raw.shape[2] - first)
-    middle, power, count = pixels[0], pixels[1], pixels[2]
-    window = at[first : first + cols]
-    for i in range(n):
-        own = lines[i]
-        if book.begin.size > 1:
-            for k in range(cols):
-                own[k] = raw[book.index[book.begin[window[k]] + i], row, first + k]
-        else:
-            _convert(raw[book.index[i], row, first : first + cols], own)
-    saturated, clip = 0, np.float32(camera.clip)
-    middle[:], power[:], count[:] = np.float32(0), np.float32(0), np.float32(n)
-    for i in range(n):
-        _add(lines[i], middle)
-        saturated += _above(lines[i], clip)
-    if saturated > 0 or camera.table.size > 0:
-        _linearised(camera, lines, cols, middle, count)
-    for k in range(_BATCH):
-        middle[k] /= count[k]
-    for i in range(n):
-        _deviate(lines[i], middle, power)
-    _transpose(lines, batch)
-
-
-@kernel
-def _convert(line: Any, out: Any) -> None:
-    for k in range(line.size):
-        out[k] = line[k]
-
-
-@kernel
-def _transpose(lines: Any, batch: Any) -> None:
-    for i in range(lines.shape[0]):
-        for k in range(lines.shape[1]):
-            batch[k, i] = lines[i, k]
-
-
-@kernel
-def _add(line: Any, total: Any) -> None:
-    for k in range(_BATCH):
-        total[k] += line[k]
-
-
-@kernel
-def _above(line: Any, clip: Any) -> Any:
-    count = np.int32(0)
-    for k in range(_BATCH):
-        count += np.int32(1) if line[k] >= clip else np.int32(0)
-    return count
-
-
-@kernel
-def _deviate(line: Any, mean: Any, power: Any) -> None:
-    """Less the mean, saturated samples 0; squares added."""
-    for k in range(_BATCH):
-        line[k] = line[k] - mean[k] if line[k] > np.float32(_SATURATED) else np.float32(0)
-        power[k] += line[k] * line[k]
-
-
-@exact
-def _linearised(camera: Any, lines: Any, cols: Any, total: Any, count: Any) -> None:
-    """Linear levels of raw ones, saturated ones far below 0; sum and number of those that are not."""
-    total[:], count[:] = np.float32(0), np.float32(1e-6)
-    for i in range(lines.shape[0]):
-        for k in range(cols):
-            level = lines[i, k]
-            if level >= camera.clip:
-                lines[i, k] = np.float32(2 * _SATURATED)
-            else:
-                lines[i, k] = camera.table[np.int64(level)] if camera.table.size > 0 else level
-                total[k] += lines[i, k]
-                count[k] += np.float32(1)
-
-
 @exact
 def match_rows(
     camera: Any, book: Any, way: Any, coarse: Any, apart: Any, limit: Any, start: Any, stop: Any, out: Any
@@ -420,8 +309,8 @@ def match_rows(
     """
     raw, n, width, freedom = camera.raw, book.samples, camera.raw.shape[2], max(book.freedom, 1)
     top, other, at = np.zeros(width, raw.dtype), np.zeros(width, raw.dtype), np.zeros(width, np.int16)
-    batch, used = np.zeros((_BATCH, book.words.shape[2]), np.float32), np.ones(n, np.bool_)
-    lines, pixels = np.empty((n, _BATCH), np.float32), np.empty((3, _BATCH), np.float32)
+    batch, used = np.zeros((BATCH, book.words.shape[2]), np.float32), np.ones(n, np.bool_)
+    lines, pixels = np.empty((n, BATCH), np.float32), np.empty((3, BATCH), np.float32)
     score = np.empty(coarse.shape[1], np.float32)
     nodes = min(2 * book.reach + 2 * PER_PX + 2, book.words.shape[1])
     own = np.zeros((1, nodes, batch.shape[1]), np.float32)
@@ -436,8 +325,8 @@ def match_rows(
     for row in range(start, stop):
         r, last, slope, block = row - start, -1.0, 0.0, np.int64(0)
         if way == SWEEP:
-            _brightest(raw, index, row, top, at)
-            _beside(raw, index, row, at, n // 2, other)
+            brightest(raw, index, row, top, at)
+            beside(raw, index, row, at, n // 2, other)
             for x in range(width):
                 if top[x] >= clip:  # the middle of those that are saturated one after the other
                     ahead = np.int64(at[x])
@@ -445,9 +334,9 @@ def match_rows(
                         ahead += 1
                     at[x] = (at[x] + ahead) // 2
         for x in range(width):
-            if x % _BATCH == 0:
-                _gather(camera, book, row, x, at, lines, batch, pixels)
-            pixel, b = x % _BATCH, np.int64(at[x])
+            if x % BATCH == 0:
+                gather(camera, book, row, x, at, lines, batch, pixels)
+            pixel, b = x % BATCH, np.int64(at[x])
             middle, power = float(pixels[0, pixel]), float(pixels[1, pixel])
             count = np.int64(pixels[2, pixel] + 0.5)
             sums = (middle, power, count)

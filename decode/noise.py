@@ -59,23 +59,28 @@ class Noise:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """Pixels from all over the image: places (K, 2) row and column, linear levels (N, K), NaN: saturated."""
+    """Pixels from all over the image: places (K, 2) row, column; linear levels (N, K); white: saturated."""
 
     places: NDArray[np.int64]
     levels: F32
+    white: float = float("inf")
 
     def only(self, keep: Any) -> "Sample":
         """Some of them."""
-        return Sample(self.places[keep], self.levels[:, keep])
+        return replace(self, places=self.places[keep], levels=self.levels[:, keep])
 
 
 def sampled(light: Light, mask: NDArray[np.bool_] | None, runs: int) -> Sample:
-    """A sample of pixels without saturated samples, in runs along rows; mask (H, W): of these only."""
+    """A sample of pixels in runs along rows, without saturated samples if there are any; mask (H, W): of
+    these only."""
     places = sample_places(light.raw.shape[1:], runs)
     if mask is not None:
         places = places[mask[places[:, 0], places[:, 1]]]
-    sample = Sample(places, sample_levels(light, places))
-    return sample.only(np.isfinite(sample.levels.sum(axis=0)))
+    levels = sample_levels(light, places)
+    whole = np.isfinite(levels.sum(axis=0))
+    if np.count_nonzero(whole) >= _FEWEST:
+        return Sample(places[whole], levels[:, whole])
+    return Sample(places, np.where(np.isnan(levels), np.float32(light.white), levels), light.white)
 
 
 def modulation(plan: Plan, levels: F32) -> tuple[F32, float]:
@@ -144,9 +149,10 @@ def _residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32
         used = np.abs(some) > 0
         mean = (used.astype(np.float32) @ levels) / used.sum(axis=1, keepdims=True)
         residual = some @ levels
+        kept = (used.astype(np.float32) @ (levels >= sample.white).astype(np.float32)) == 0
         for one, own in zip(residual, some, strict=True):
             one -= _explained(plan, np.flatnonzero(own), levels, one)
-        return mean.ravel(), residual.ravel()
+        return mean[kept], residual[kept]
     if plan.white >= 0 and plan.black >= 0:
         return _near_references(plan, levels)
     return _neighbours(sample.levels[:, :_MOST], sample.places[:_MOST])

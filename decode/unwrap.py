@@ -7,8 +7,8 @@ q(d) = max(|d| - half, 0)^2 / (s^2 + p^2 v)
 
     P(order is wrong) = 1 / (1 + exp((q(p - |d|) - q(d)) / 2)),
 
-and q(d) is a misfit with one degree of freedom. Coordinates of several periods are averaged by their
-variances.
+and q(d) is a misfit with one degree of freedom. The finer period's place stands: a coarser one would add
+little to its precision and all of what is wrong with its grey values.
 """
 
 from typing import Any
@@ -118,12 +118,11 @@ def _refine(
         # ((p - |d|)^2 - d^2) / 2
         wrong = vanishing(period * (_HALF * period - abs(away)) * inverse)
         wrong = wrong / (_ONE + wrong)
-        share = var[x] * inverse
         error[x] += wrong - wrong * error[x]
         misfit[x] += chi2[x] + away * away * inverse
         saturated[x] = max(saturated[x], clipped[x])
-        place[x] = rough + away * share
-        var[x] = own * share
+        place[x] = rough + away
+        var[x] = own
 
 
 @kernel

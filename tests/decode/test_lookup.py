@@ -47,7 +47,7 @@ def case(
 ) -> Case:
     light = light_of(frames, shown)
     known, wanted = Noise(noise**2 + 1 / 12, gain), plan(shown)
-    lit = sampled(light)
+    lit = sampled(light, None, 256)
     keep = np.ptp(lit.levels, axis=0) > 12 * noise
     cells = more.pop("cells", None)
     lit = Sample(lit.places[keep], lit.levels[:, keep])
@@ -195,12 +195,13 @@ def test_spots_are_two_sweeps() -> None:
     frames = np.clip(np.rint(frames + 3 * rng.standard_normal(frames.shape)), 0, 255).astype(np.uint8)
     raster = raster_of(shown)
     assert raster is not None
-    sums = sums_of(light_of(frames, shown), shown, raster, (0, 40))
+    sums = sums_of(light_of(frames, shown), raster, (0, 40))
+    swept = raster.stripes(shown)
     noise = sums.noise(Noise(9 + 1 / 12), raster)
-    wanted = plan(sums.sequence)
+    wanted = plan(swept)
     for axis, truth in enumerate((u, v)):
-        table = prepare(sums.sequence, wanted, wanted.axes[axis], sums.light, noise, sampled(sums.light))
-        found = Case(sums.sequence, sums.light, noise, table).decoded()
+        table = prepare(swept, wanted, wanted.axes[axis], sums.light, noise, sampled(sums.light, None, 256))
+        found = Case(swept, sums.light, noise, table).decoded()
         one_spot(found, sums, raster, (0, 40))
         score = scores(found, truth)
         assert score.size > 0.99 * truth.size

@@ -62,7 +62,7 @@ def test_a_period_is_fitted_by_least_squares(shifts: tuple[float, ...], clipped:
     fringe = plan(shown).axes[0].fringes[0]
     fit = Fit.empty(1, 600)
     light_in = light_of(frames, shown, 200.0 if clipped else 1e9, None)
-    fit_fringe(light_in, Noise(read**2, gain), fringe, (0, 1), (0.0, 0.0), fit)
+    fit_fringe(light_in, Noise(read**2, gain), fringe, (0, 1), 0.0, fit)
     checked = 0
     for x in range(600):
         kept = frames[:, 0, x] < (200.0 if clipped else np.inf)
