@@ -135,11 +135,8 @@ def _misfit(sample: Sample, amplitude: F32, groups: tuple[F64, ...], noise: Nois
     square = np.square(groups[-1].astype(np.float32) @ levels).mean(axis=0)
     beyond = square - noise.variance(levels.mean(axis=0))
     found = float(np.median(beyond / np.maximum(power, 1e-9)))
-    return (
-        found
-        if found > _UNLIKE * float(np.median(square - beyond)) / max(float(np.median(power)), 1e-9)
-        else 0.0
-    )
+    least = _UNLIKE * float(np.median(square - beyond)) / max(float(np.median(power)), 1e-9)
+    return found if found > least else 0.0
 
 
 def _residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32, F32]:
