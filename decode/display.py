@@ -122,26 +122,32 @@ def cell_light(distance: F64, width: F64, blur: float) -> F64:
     return np.asarray(ends / width)
 
 
-def cell_error(shares: tuple[tuple[float, float], ...], width: F64, blur: float, place: F64) -> F64:
-    """e (W, K) in cells at places (K,) (cells) for footprints (W,)."""
-    reach = int(np.ceil(width.max() / 2 + 0.5 + 5 * blur)) + 1
-    cell = np.arange(-reach, reach + 2)
-    distance = (cell[:, None] - place)[:, None, :]  # (cells, 1, K)
-    light = cell_light(distance, np.maximum(width, 0.02)[None, :, None], blur)
-    error, weight = np.zeros((2, len(width), len(place)))
+@lru_cache(maxsize=16)
+def _light(blur: float) -> tuple[F64, F64]:
+    """Distances (cells, _FINE) of cells from the fine places of a cell, and their light (cells, W, _FINE)."""
+    reach = int(np.ceil(_WIDEST / 2 + 0.5 + 5 * blur)) + 1
+    distance = np.arange(-reach, reach + 2)[:, None] - np.arange(_FINE) / _FINE
+    return distance, cell_light(distance[:, None, :], np.maximum(WIDTHS, 0.02)[None, :, None], blur)
+
+
+@lru_cache(maxsize=256)
+def cell_error(shares: tuple[tuple[float, float], ...], blur: float) -> F64:
+    """e (W, _FINE) in cells, by footprint (WIDTHS) and place in the cell."""
+    distance, light = _light(blur)
+    error, weight = np.zeros((2, len(WIDTHS), _FINE))
     for period, share in shares:
-        seen = np.einsum("cwk,ck->wk", light, np.exp(2j * np.pi / period * distance[:, 0]))
+        seen = np.einsum("cwk,ck->wk", light, np.exp(2j * np.pi / period * distance))
         own = share * np.abs(seen) ** 2
         error += own * period / (2 * np.pi) * np.angle(seen)
         weight += own
     return np.asarray(error / weight)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=256)
 def _inverted(shares: tuple[tuple[float, float], ...], blur: float, sigma: float) -> tuple[F32, F32]:
     """E[u] - reading and Var[u] beyond noise (W, PLACES), cells, of readings with that noise."""
     at = np.arange(_FINE) / _FINE
-    reading = at + cell_error(shares, WIDTHS, blur, at)
+    reading = at + cell_error(shares, blur)
     place = (np.arange(PLACES) / PLACES)[:, None]
     away = place - reading[:, None, :]
     weight = np.exp(-0.5 * ((away - np.rint(away)) / max(sigma, 1.5 / _FINE)) ** 2) + 1e-30
@@ -222,13 +228,12 @@ def _table(
 ) -> Pixelation:
     """The correction for a blur (None: none), what blurs between the allowed ones would change in the
     variance."""
-    place = np.arange(PLACES) / PLACES
     shift, variance = np.zeros((2, len(WIDTHS), PLACES), np.float32)
-    own = np.zeros((len(WIDTHS), PLACES))
+    own = np.zeros((len(WIDTHS), _FINE))
     if blur is not None:
         shift, variance = _inverted(shares, blur, sigma)
-        own = cell_error(shares, WIDTHS, blur, place)
-    unsure = [cell_error(shares, WIDTHS, end, place) - own for end in allowed]
+        own = cell_error(shares, blur)
+    unsure = [cell_error(shares, end) - own for end in allowed]
     extra = np.max([(part**2).mean(axis=1) for part in unsure], axis=0)
     if (shift**2 + variance + extra[:, None]).max() < (_SLIGHT * sigma) ** 2:
         return no_pixelation(float("nan") if blur is None else blur)

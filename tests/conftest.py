@@ -1,16 +1,33 @@
-"""Figures that the decoder is known to miss: each with its reason, listed beside this file."""
+"""What every test folder shares: where the repository and the real captures are."""
 
 import tomllib
 from pathlib import Path
 
 import pytest
 
-_LISTED = Path(__file__).with_name("missed_figures.toml")
+ROOT = Path(__file__).resolve().parents[1]
+#: Figures that the decoder is known to miss, with reasons.
+_MISSED = Path(__file__).with_name("missed_figures.toml")
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    """The repository's root."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def real() -> Path:
+    """../shared/real, the captures by real cameras that are kept beside the repository."""
+    folder = ROOT.parent / "shared" / "real"
+    if not folder.is_dir():
+        pytest.skip(f"{folder} is absent: no real captures to test with")
+    return folder
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark listed tests as expected to fail. One that passes is told (XPASS) and goes from the list."""
-    missed = tomllib.loads(_LISTED.read_text(encoding="utf-8"))
+    missed = tomllib.loads(_MISSED.read_text(encoding="utf-8"))
     for item in items:
         for group in missed["missed"]:
             if any(item.nodeid.startswith(prefix) for prefix in group["tests"]):
