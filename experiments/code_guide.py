@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from itertools import groupby, pairwise
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,8 +36,6 @@ CODES = (
     "gray+phase:steps=8,period=16",
     "stripe:step=8",
 )
-#: A period so many times coarser than the next only gives the order (as in the decoder).
-_MUCH_FINER = 4.0
 #: Camera of the trials, pixels; one cell each, about the middle of the surface.
 _TRIAL = (96, 128)
 _SILENT = 1e-4
@@ -166,10 +164,10 @@ def _fringes(
     spans = coded or groups[0][0] >= extent
     wrong = 0.0 if spans else _searched(single, extent)
     variance = single[0][1]
-    for (before, _), (period, own) in pairwise(single):
-        if spans:
+    for period, own in single[1:]:
+        if spans:  # a coarser period gives the order only
             wrong += math.erfc(period / 2 / math.sqrt(2 * (variance + own)))
-        variance = own if _MUCH_FINER * period < before else 1 / (1 / variance + 1 / own)
+        variance = own if spans else 1 / (1 / variance + 1 / own)
     together = math.lcm(*(Fraction(p).limit_denominator(64).numerator for p, _ in groups))
     return math.sqrt(variance), wrong, groups[0][0] if spans else float(together)
 
