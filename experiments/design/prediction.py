@@ -113,8 +113,8 @@ def _require_fit(view: View, sequence: Sequence, axes: str) -> None:
 
 
 def _decoded(view: View, part: Sequence, noise: float, seeds: range, known: bool) -> Iterator[Correspondence]:
-    """What the decoder makes of images of the view, two for every seed; known: it is given the noise, which
-    it would otherwise estimate."""
+    """What the decoder makes of images of the view, two for every seed; known: it is given noise and
+    blur, which it would otherwise estimate."""
     sensor, white = view.sensor, 2**view.sensor.bits - 1
     kind = np.uint8 if sensor.bits == 8 else np.uint16
     light = light_of(view.image, part, view.scene.display, view.scene.pattern.blur_px)
@@ -124,11 +124,14 @@ def _decoded(view: View, part: Sequence, noise: float, seeds: range, known: bool
     shot = np.maximum(level - sensor.offset, 0.0) / sensor.gain_e if sensor.gain_e > 0 else 0.0
     mean, scatter = (np.asarray(part / step, np.float32) for part in (level, np.sqrt(read2 + shot)))
     given = {"noise": np.sqrt(read2) / step, "gain": _gain(sensor.gain_e) / step} if known else {}
+    blur = view.scene.pattern.blur_px if known else None
     for seed in seeds:
         drawn = scatter * np.random.default_rng([seed, 11]).standard_normal(mean.shape, np.float32)
         for sign in (1, -1):
             raw = np.rint(mean + sign * drawn).clip(0, white).astype(kind)
-            yield decode(raw.reshape(-1, *view.shape), part, white_level=white, **given)
+            yield decode(
+                raw.reshape(-1, *view.shape), part, white_level=white, blur_px=blur, check=False, **given
+            )
 
 
 def _gain(electrons: float) -> float:
