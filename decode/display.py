@@ -44,7 +44,7 @@ PER_CELL, _USUAL_BLUR = 4, 0.5
 #: Pixels on either side over which a footprint is taken: over fewer the cells would count as gradient.
 REACH = 4
 _WIDEST = 2.5
-WIDTHS = np.linspace(0.0, _WIDEST, 26)
+WIDTHS = np.linspace(0.0, _WIDEST, 51)
 _BLURS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7)
 #: Finer places on which readings are inverted.
 _FINE = 256
@@ -64,7 +64,7 @@ _MOST = 1024
 
 @dataclass(frozen=True, slots=True)
 class Pixelation:
-    """What is added to a reading, and its variance, by footprint (26,) and place in the cell (128,), cells.
+    """What is added to a reading, and its variance, by footprint (51,) and place in the cell (128,), cells.
 
     blur: rms, cells; NaN where the map does not tell it. roughness: variance (px^2) that neighbours show
     beyond noise and cells: whatever else the frames hold that was not described. extent: deviation of what a
