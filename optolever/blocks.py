@@ -16,7 +16,6 @@ __all__ = [
     "over_blocks",
     "over_image",
     "over_rows",
-    "shrinking",
     "threads",
 ]
 
@@ -50,17 +49,6 @@ def threads() -> int:
 def over_rows(work: Work, rows: int, block: int = 64) -> None:
     """Call work(start, stop) for blocks that cover range(rows), on all cores; exceptions come through."""
     over_blocks(work, [*range(0, rows, block), rows])
-
-
-def shrinking(rows: int, least: int) -> list[int]:
-    """Where to cut range(rows), both its ends included: blocks of `least` rows or multiples thereof, smaller
-    towards the end, so that all cores are done at about the same time and few rows lie at cuts.
-    """
-    cuts, shares = [0], 2 * threads()
-    while cuts[-1] < rows:
-        share = (rows - cuts[-1]) // shares // least
-        cuts.append(min(cuts[-1] + max(share, 1) * least, rows))
-    return cuts
 
 
 def over_blocks(work: Work, cuts: Sequence[int], meanwhile: Callable[[], None] | None = None) -> None:

@@ -1,11 +1,10 @@
 """Row blocks on threads: everything is done once, whatever the number of threads; exceptions come through."""
 
 import threading
-from itertools import pairwise
 
 import pytest
 
-from optolever.blocks import THREADS_VARIABLE, on_cores, over_blocks, over_rows, shrinking
+from optolever.blocks import THREADS_VARIABLE, on_cores, over_blocks, over_rows
 
 
 @pytest.fixture(params=["1", "2", "5"])
@@ -24,21 +23,9 @@ def test_every_row_is_done_once(rows: int, block: int) -> None:
 
     over_rows(work, rows, block)
     assert sorted(done) == list(range(rows))
-    over_blocks(work, shrinking(rows, block), meanwhile=lambda: beside.append(threading.get_ident()))
+    over_blocks(work, [*range(0, rows, block), rows], meanwhile=lambda: beside.append(threading.get_ident()))
     assert sorted(done) == sorted(2 * list(range(rows)))
     assert beside == [threading.get_ident()]
-
-
-@pytest.mark.usefixtures("some_threads")
-@pytest.mark.parametrize("rows", [1, 16, 17, 1080])
-def test_blocks_shrink_to_the_least(rows: int) -> None:
-    cuts = shrinking(rows, 16)
-    sizes = [stop - start for start, stop in pairwise(cuts)]
-    assert cuts[0] == 0
-    assert cuts[-1] == rows
-    assert sizes == sorted(sizes, reverse=True)
-    assert all(size % 16 == 0 for size in sizes[:-1])
-    assert sizes[-1] <= 16
 
 
 @pytest.mark.usefixtures("some_threads")
