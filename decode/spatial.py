@@ -82,7 +82,7 @@ def _check(
 ) -> None:
     rows, cols = coord.shape
     special = np.empty(cols, np.int32)
-    bend = np.empty((2, cols), np.float32)
+    bend = np.zeros((2, max(cols, 2)), np.float32)  # of a row of two pixels none is written
     # the border takes no light from pixels that are further from it
     margin = (
         np.float32(3) * np.sqrt(reach * reach + np.float32(WIDTHS[-1] ** 2 / 12)) if extent > 0 else -np.inf
