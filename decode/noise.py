@@ -71,15 +71,11 @@ class Sample:
 
 
 def sampled(light: Light, mask: NDArray[np.bool_] | None, runs: int) -> Sample:
-    """A sample of pixels in runs along rows, without saturated samples if there are any; mask (H, W): of
-    these only."""
+    """A sample of pixels in runs along rows; mask (H, W): of these only."""
     places = sample_places(light.raw.shape[1:], runs)
     if mask is not None:
         places = places[mask[places[:, 0], places[:, 1]]]
     levels = sample_levels(light, places)
-    whole = np.isfinite(levels.sum(axis=0))
-    if np.count_nonzero(whole) >= _FEWEST:
-        return Sample(places[whole], levels[:, whole])
     return Sample(places, np.where(np.isnan(levels), np.float32(light.white), levels), light.white)
 
 
@@ -131,8 +127,15 @@ def _misfit(sample: Sample, amplitude: F32, groups: tuple[F64, ...], noise: Nois
     if not groups or not sample.levels.size:
         return 0.0
     thin = max(1, sample.levels.shape[1] // _MOST)
-    levels, power = sample.levels[:, ::thin], np.square(amplitude[::thin], dtype=np.float64)
-    square = np.square(groups[-1].astype(np.float32) @ levels).mean(axis=0)
+    rows, levels = groups[-1].astype(np.float32), sample.levels[:, ::thin]
+    whole = _unsaturated(rows, levels, sample.white)
+    count = whole.sum(axis=0)
+    told = count > 0
+    if not told.any():
+        return 0.0
+    levels, whole, count = levels[:, told], whole[:, told], count[told]
+    power = np.square(amplitude[::thin][told], dtype=np.float64)
+    square = (np.square(rows @ levels) * whole).sum(axis=0) / count
     beyond = square - noise.variance(levels.mean(axis=0))
     found = float(np.median(beyond / np.maximum(power, 1e-9)))
     least = _UNLIKE * float(np.median(square - beyond)) / max(float(np.median(power)), 1e-9)
@@ -149,47 +152,58 @@ def _residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32
         used = np.abs(some) > 0
         mean = (used.astype(np.float32) @ levels) / used.sum(axis=1, keepdims=True)
         residual = some @ levels
-        kept = (used.astype(np.float32) @ (levels >= sample.white).astype(np.float32)) == 0
-        for one, own in zip(residual, some, strict=True):
-            one -= _explained(plan, np.flatnonzero(own), levels, one)
+        kept = _unsaturated(some, levels, sample.white)
+        for one, own, whole in zip(residual, some, kept, strict=True):
+            one -= _explained(plan, np.flatnonzero(own), levels, one, whole)
         return mean[kept], residual[kept]
     if plan.white >= 0 and plan.black >= 0:
-        return _near_references(plan, levels)
-    return _neighbours(sample.levels[:, :_MOST], sample.places[:_MOST])
+        return _near_references(plan, levels, sample.white)
+    return _neighbours(sample.levels[:, :_MOST], sample.places[:_MOST], sample.white)
 
 
-def _explained(plan: Plan, frames: NDArray[np.int64], levels: F32, residual: F32) -> F32:
+def _unsaturated(rows: F32, levels: F32, white: float) -> NDArray[np.bool_]:
+    """Constraints (M, K) none of whose samples is saturated; rows (M, N), levels (N, K)."""
+    used, clipped = (np.abs(rows) > 0).astype(np.float32), (levels >= white).astype(np.float32)
+    return np.asarray(used @ clipped == 0)
+
+
+def _explained(
+    plan: Plan, frames: NDArray[np.int64], levels: F32, residual: F32, whole: NDArray[np.bool_]
+) -> F32:
     """What a changed gain of single frames and harmonics of the fringe explain of a constraint's residuals
-    (K,): they follow the level and the phase, and are no noise."""
+    (K,), by the unsaturated ones: they follow the level and the phase, and are no noise."""
     own = [f for axis in plan.axes for f in axis.fringes if set(frames.tolist()) <= set(f.index)]
-    if not own or not residual.size:
+    if not own or not whole.any():
         return np.zeros_like(residual)
     mean, c, s = np.linalg.pinv(own[0].design()).astype(np.float32) @ levels[list(own[0].index)]
     power = np.maximum(np.hypot(c, s), np.float32(1e-6))
     wave = (c + 1j * s) / power
     waves = [power * part for k in (1, 2, 3) for part in ((wave**k).real, (wave**k).imag)]
     design = np.stack([mean, *waves], axis=1).astype(np.float32)
-    kept = np.abs(residual) < 4 * np.sqrt(np.square(residual).mean()) + 1e-6
+    kept = whole & (np.abs(residual) < 4 * np.sqrt(np.square(residual[whole]).mean()) + 1e-6)
     solved = np.linalg.lstsq(design[kept], residual[kept], rcond=None)[0]
     return np.asarray(design @ solved, np.float32)
 
 
-def _near_references(plan: Plan, levels: F32) -> tuple[F32, F32]:
+def _near_references(plan: Plan, levels: F32, clip: float) -> tuple[F32, F32]:
     """Frames that show white or black nearly everywhere: their difference from the nearer reference."""
     white, black = levels[plan.white], levels[plan.black]
     frames = sorted({i for axis in plan.axes for i in axis.frames()})[:8]
     nearer = np.where(np.abs(levels[frames] - white) < np.abs(levels[frames] - black), white, black)
+    kept = (levels[frames] < clip) & (nearer < clip)
     return (
-        (0.5 * (levels[frames] + nearer)).ravel(),
-        ((levels[frames] - nearer) / np.sqrt(np.float32(2))).ravel(),
+        (0.5 * (levels[frames] + nearer))[kept],
+        ((levels[frames] - nearer) / np.sqrt(np.float32(2)))[kept],
     )
 
 
-def _neighbours(levels: F32, places: NDArray[np.int64]) -> tuple[F32, F32]:
+def _neighbours(levels: F32, places: NDArray[np.int64], clip: float) -> tuple[F32, F32]:
     """Second differences along runs of pixels, of every frame (J. Immerkaer, doi:10.1006/cviu.1996.0060)."""
     run = np.flatnonzero((places[2:, 0] == places[:-2, 0]) & (places[2:, 1] == places[:-2, 1] + 2))
-    bend = (levels[:, run] - 2 * levels[:, run + 1] + levels[:, run + 2]) / np.sqrt(np.float32(6))
-    return levels[:, run + 1].ravel(), bend.ravel()
+    three = levels[:, run], levels[:, run + 1], levels[:, run + 2]
+    kept = np.maximum.reduce(three) < clip
+    bend = (three[0] - 2 * three[1] + three[2]) / np.sqrt(np.float32(6))
+    return three[1][kept], bend[kept]
 
 
 def _trimmed_variance(residual: F32) -> float:
