@@ -23,7 +23,7 @@ from .integrity import examine, spoilt_pixels
 from .noise import Noise, Sample, estimate_noise
 from .plan import Plan, plan
 from .response import Response
-from .spatial import Raw, check_rows
+from .spatial import Raw, check_rows, despeckle
 
 __all__ = ["decode"]
 
@@ -145,14 +145,16 @@ def _among_neighbours(
     def block(start: int, stop: int) -> None:
         for decoder, own, pixelation in zip(decoders, raw, pixelations, strict=True):
             limits = float(decoder.axis.extent) if shot.cells else 0.0, decoder.jump, least
-            common, maps = (shared.flags, shared.amplitude), (*out[decoder.axis.axis], flags)
+            common = shared.flags, shared.amplitude, shared.offset
+            maps = (*out[decoder.axis.axis], flags)
             check_rows((start, stop), own, common, pixelation, limits, decoder.shift, maps)
 
     over_rows(block, shape[0], _BLOCK)
+    over_rows(lambda start, stop: despeckle(start, stop, flags, shared.flags), shape[0], _BLOCK)
     notices = _unlike(shot.noise, max(pixelation.roughness**0.5 for pixelation in pixelations))
     (u, sigma_u), (v, sigma_v) = out["u"], out["v"]
     common = shared.amplitude, shared.offset, shared.error
-    return Correspondence(u, v, sigma_u, sigma_v, flags, *common, notices)
+    return Correspondence(u, v, sigma_u, sigma_v, shared.flags, *common, notices)
 
 
 def _checked(shot: _Shot, found: Correspondence, options: _Options) -> Correspondence:

@@ -108,7 +108,7 @@ def _merge(
         flag |= _DARK if faint & (o + a < dim) else none
         flag |= none if abs(c) < np.float32(1e9) else _INVALID
         flag |= _SATURATED if (blind | faint) & (clipped[x] > zero) else none
-        flag |= _ORDER if error[x] > np.float32(DOUBT) else none
+        flag |= _ORDER if (error[x] > np.float32(DOUBT)) | blind else none
         flag |= _OFF if (c < -half) | (c > extent - half) else none
         flag |= _MOVED if misfit[x] > most else none
         flags[x] = np.uint16(flag)

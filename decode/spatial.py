@@ -19,12 +19,15 @@ from optolever.kernels import exact, inlined, kernel
 from .correspondence import Flag
 from .display import PER_CELL, PLACES, REACH, WIDTHS, Pixelation
 
-__all__ = ["Raw", "check_rows"]
+__all__ = ["Raw", "check_rows", "despeckle"]
 
 _ONE = np.float32(1)
 _OUTLIER, _OFF = int(Flag.OUTLIER), int(Flag.OFF_PATTERN)
 #: Deviations beyond which a neighbour contradicts.
 _SURE = 6.0
+#: Second differences are of the map from so many deviations on; what a pixel's curvature may be told wrong by:
+#: a fifth of a wave of four pixels, the shortest whose phase a pixel tells.
+_BULK, _LEFT = 2.5, 0.2**2
 #: Share of the light that may be lost beyond the border of the surface.
 _LOST = 0.1
 
@@ -40,7 +43,7 @@ class Raw:
 def check_rows(
     rows: tuple[int, int],
     raw: Raw,
-    common: tuple[NDArray[np.uint16], Any],
+    common: tuple[NDArray[np.uint16], Any, Any],
     pixelation: Pixelation,
     limits: tuple[float, float, float],
     rounding: NDArray[np.float32],
@@ -48,7 +51,7 @@ def check_rows(
 ) -> None:
     """Rows start..stop of one axis.
 
-    common: flags (H, W) so far, amplitude (H, W). limits: extent of the surface (0: it has no border),
+    common: flags (H, W) so far, amplitude and offset (H, W). limits: extent of the surface (0: it has no border),
     largest second difference (px), least sigma (px). rounding: display.rounding_shift, empty: none. out:
     coordinate, sigma, flags (H, W), the last or-ed.
     """
@@ -68,6 +71,7 @@ def _check(
     variance: Any,
     flags: Any,
     amplitude: Any,
+    offset: Any,
     shift: Any,
     unsure: Any,
     roughness: Any,
@@ -107,6 +111,14 @@ def _check(
             sigma[y, :] = variance[y]
         if rounding.size > 0:
             _unrounded(coord[y], rounding, out[y])
+        if (y >= 2) & (y < rows - 2):
+            inner = (y >= REACH) & (y < rows - REACH)
+            far, near = (y + REACH, y - REACH) if inner else (y, y)
+            above, below = (coord[up], coord[y - 2], coord[near]), (coord[down], coord[y + 2], coord[far])
+            bad_above = flags[up], flags[y - 2], flags[near]
+            bad_below = flags[down], flags[y + 2], flags[far]
+            light = offset[y], offset[up], offset[down]
+            _centred(coord[y], above, below, light, flags[y], bad_above, bad_below, inner, jump, out[y], sigma[y])
         for x in range(cols):
             if special[x] != 0 and flags[y, x] == 0:
                 flag, lost = _neighbours(y, x, coord, variance, flags, amplitude, jump)
@@ -117,6 +129,27 @@ def _check(
         _root(sigma[y], roughness, least)
 
 
+@exact
+def despeckle(start: Any, stop: Any, flags: Any, out: Any) -> None:
+    """Rows start..stop of flags (H, W): a good pixel of whose eight neighbours fewer than three are good (a
+    corner has three) passed by chance what refused them: OUTLIER."""
+    rows, cols = flags.shape
+    good = np.empty(cols + 2, np.int32)
+    for y in range(start, stop):
+        _good_around(flags[max(y - 1, 0)], flags[y], flags[min(y + 1, rows - 1)], good)
+        for x in range(cols):
+            lone = (flags[y, x] == 0) & (good[x] + good[x + 1] + good[x + 2] < 4) & (rows > 2) & (cols > 2)
+            out[y, x] = flags[y, x] | np.uint16(_OUTLIER if lone else 0)
+
+
+@kernel
+def _good_around(above: Any, here: Any, below: Any, good: Any) -> None:
+    """Good pixels of every column of three, (W + 2,): beyond the image as at its ends."""
+    for x in range(here.size):
+        good[x + 1] = np.int32(above[x] == 0) + np.int32(here[x] == 0) + np.int32(below[x] == 0)
+    good[0], good[here.size + 1] = good[1], good[here.size]
+
+
 @inlined
 def _slope(before: Any, here: Any, after: Any, bad_before: Any, bad_after: Any, per_step: Any) -> Any:
     """Change per pixel by those of two neighbours, equally far, that are good: 0 by none."""
@@ -124,6 +157,84 @@ def _slope(before: Any, here: Any, after: Any, bad_before: Any, bad_after: Any, 
     high = here if bad_after != 0 else after
     scale = per_step if (bad_before != 0) | (bad_after != 0) else np.float32(0.5) * per_step
     return scale * (high - low)
+
+
+@kernel
+def _centred(
+    c: Any,
+    above: Any,
+    below: Any,
+    light: Any,
+    flags: Any,
+    flags_above: Any,
+    flags_below: Any,
+    inner: Any,
+    jump: Any,
+    out: Any,
+    total: Any,
+) -> None:
+    """From the mean over a pixel, weighted by the light, to its centre.
+
+    Of u(s) = u + g s + s H s / 2 and light A (1 + a s) the mean over a pixel is u + (H_xx + H_yy) / 24 +
+    a g / 12.
+    above, below: the rows 1, 2 and REACH away, with their flags. Over REACH pixels the curvature is told with
+    next to no noise; it, and what it is more or less between next neighbours, count as far as they are beyond
+    noise (James and Stein's shrinkage); where next neighbours bend by `jump` there is no map.
+    """
+    last, zero, two, four = c.size - 1, np.float32(0), np.float32(2), np.float32(4)
+    wide, part = np.float32(1 / REACH**2), np.float32(1 / 24)
+    twelfth = np.float32(1 / 12)
+    unsure, more = np.float32(20 * _BULK**2), np.float32((7 / 6) ** 2 + 4 / 24**2 - 1)
+    some, all_of_it = np.float32(_LEFT / 24**2), np.float32(1 / 24**2)
+    (up, up_2, up_far), (down, down_2, down_far) = above, below
+    (bad_up, bad_up_2, bad_up_far), (bad_down, bad_down_2, bad_down_far) = flags_above, flags_below
+    bright, above_bright, below_bright = light
+    for x in range(2, last - 1):
+        before, after = max(x - REACH, 0), min(x + REACH, last)
+        near = (flags[x - 1] | flags[x + 1] | bad_up[x] | bad_down[x]) == 0
+        next_ = near & ((flags[x - 2] | flags[x + 2] | bad_up_2[x] | bad_down_2[x]) == 0)
+        far = next_ & inner & (x >= REACH) & (x <= last - REACH)
+        far &= (flags[before] | flags[after] | bad_up_far[x] | bad_down_far[x]) == 0
+        noise = unsure * (total[x] + (out[x] - c[x]) * (out[x] - c[x]))
+        broad = (c[before] + c[after] + up_far[x] + down_far[x] - four * c[x]) * wide if far else zero
+        broad *= _beyond(broad, noise * wide * wide)
+        bend = c[x - 1] + c[x + 1] + up[x] + down[x] - four * c[x] - broad if near else zero
+        smooth = bend * bend < jump * jump
+        turn_x = c[x + 2] - two * c[x + 1] + two * c[x - 1] - c[x - 2] if next_ else zero
+        turn_y = down_2[x] - two * down[x] + two * up[x] - up_2[x] if next_ else zero
+        share = _beyond(bend, noise) if next_ else zero
+        dims = _limited(bright[x - 1], bright[x], bright[x + 1]) * (c[x + 1] - c[x - 1])
+        dims += _limited(above_bright[x], bright[x], below_bright[x]) * (down[x] - up[x])
+        dims = dims / max(bright[x], np.float32(1e-6)) if near else zero
+        out[x] -= part * (broad + share * bend + dims) if smooth else zero
+        changing = bend * bend + np.float32(0.25) * (turn_x * turn_x + turn_y * turn_y)
+        jump_x = _jump(c[x + 1] - c[x - 1], c[x + 2] - c[x - 2], c[after] - c[before])
+        jump_y = _jump(down[x] - up[x], down_2[x] - up_2[x], down_far[x] - up_far[x])
+        jumps = jump_x * jump_x + jump_y * jump_y - two * noise if far else zero
+        doubt = (some if next_ else all_of_it) * max(changing - noise, zero) + max(jumps, zero) * twelfth
+        total[x] += share * more * total[x] + doubt if smooth else zero
+
+
+@inlined
+def _beyond(value: Any, noise: Any) -> Any:
+    """Share of a value that is beyond noise (variance)."""
+    return max(np.float32(1) - noise / (value * value + np.float32(1e-12)), np.float32(0))
+
+
+@inlined
+def _jump(one: Any, two: Any, four: Any) -> Any:
+    """J by differences over 2, 4 and 8 pixels of g x + k x^3 + J sign(x) / 2; its variance is 14.6 times that
+    of a pixel."""
+    return (four - np.float32(10) * two + np.float32(16) * one) * np.float32(1 / 7)
+
+
+@inlined
+def _limited(before: Any, here: Any, after: Any) -> Any:
+    """The lesser of both differences, 0 if their signs differ: beside an edge no gradient (minmod)."""
+    one, other = here - before, after - here
+    least = min(abs(one), abs(other))
+    least = least if one > np.float32(0) else -least
+    return least if one * other > np.float32(0) else np.float32(0)
 
 
 @kernel
@@ -230,10 +341,12 @@ def _neighbours(
     has_above, has_below = flags[up, x] == 0, flags[down, x] == 0
     flag, lost = np.uint16(0), zero
     if not (has_left and has_right):
+        lost += _one_sided(y, x, 0, 1 if has_right else -1, coord, variance, flags)
         lost += _beside(
             has_left, has_right, c, left, right, amplitude[y, x], amplitude[y, before], amplitude[y, after]
         )
     if not (has_above and has_below):
+        lost += _one_sided(y, x, 1 if has_below else -1, 0, coord, variance, flags)
         lost += _beside(
             has_above, has_below, c, above, below, amplitude[y, x], amplitude[up, x], amplitude[down, x]
         )
@@ -279,6 +392,20 @@ def _continued(y: Any, x: Any, dy: Any, dx: Any, coord: Any, variance: Any, flag
     off = coord[y, x] - np.float32(2) * coord[y + dy, x + dx] + coord[y2, x2]
     noise = variance[y, x] + np.float32(4) * variance[y + dy, x + dx] + variance[y2, x2]
     return off * off if off * off < np.float32(_SURE * _SURE) * noise else far
+
+
+@exact
+def _one_sided(y: Any, x: Any, dy: Any, dx: Any, coord: Any, variance: Any, flags: Any) -> Any:
+    """Squared shift of a pixel's mean from its centre by the curvature that pixels on one side show beyond
+    noise; where there is but one, of a map that bends as much as it rises."""
+    y1, x1, y2, x2 = y + dy, x + dx, y + 2 * dy, x + 2 * dx
+    if not (0 <= y1 < coord.shape[0] and 0 <= x1 < coord.shape[1]) or flags[y1, x1] != 0:
+        return np.float32(0)
+    bend, noise = coord[y1, x1] - coord[y, x], np.float32(0)
+    if 0 <= y2 < coord.shape[0] and 0 <= x2 < coord.shape[1] and flags[y2, x2] == 0:
+        bend = coord[y, x] - np.float32(2) * coord[y1, x1] + coord[y2, x2]
+        noise = variance[y, x] + np.float32(4) * variance[y1, x1] + variance[y2, x2]
+    return max(bend * bend - np.float32(_BULK**2) * noise, np.float32(0)) * np.float32(1 / 24**2)
 
 
 @exact
