@@ -25,7 +25,7 @@ _ONE = np.float32(1)
 _OUTLIER, _OFF = int(Flag.OUTLIER), int(Flag.OFF_PATTERN)
 #: Deviations beyond which a neighbour contradicts.
 _SURE = 6.0
-#: Second differences are of the map from so many deviations on; what a pixel's curvature may be told wrong by:
+#: Second differences are of the map from so many deviations on; what curvature may be told wrong by:
 #: a fifth of a wave of four pixels, the shortest whose phase a pixel tells.
 _BULK, _LEFT = 2.5, 0.2**2
 #: Share of the light that may be lost beyond the border of the surface.
@@ -51,9 +51,9 @@ def check_rows(
 ) -> None:
     """Rows start..stop of one axis.
 
-    common: flags (H, W) so far, amplitude and offset (H, W). limits: extent of the surface (0: it has no border),
-    largest second difference (px), least sigma (px). rounding: display.rounding_shift, empty: none. out:
-    coordinate, sigma, flags (H, W), the last or-ed.
+    common: flags (H, W) so far, amplitude and offset (H, W). limits: extent of the surface (0: it has no
+    border), largest second difference (px), least sigma (px). rounding: display.rounding_shift, empty: none.
+    out: coordinate, sigma, flags (H, W), the last or-ed.
     """
     numbers = (pixelation.roughness, pixelation.reach, *limits)
     _check(
@@ -118,7 +118,9 @@ def _check(
             bad_above = flags[up], flags[y - 2], flags[near]
             bad_below = flags[down], flags[y + 2], flags[far]
             light = offset[y], offset[up], offset[down]
-            _centred(coord[y], above, below, light, flags[y], bad_above, bad_below, inner, jump, out[y], sigma[y])
+            _centred(
+                coord[y], above, below, light, flags[y], bad_above, bad_below, inner, jump, out[y], sigma[y]
+            )
         for x in range(cols):
             if special[x] != 0 and flags[y, x] == 0:
                 flag, lost = _neighbours(y, x, coord, variance, flags, amplitude, jump)

@@ -16,17 +16,18 @@ __all__ = ["area_errors"]
 Float = NDArray[np.float64]
 
 
-def area_errors(seen: Correspondence, area: AreaTrace, sequence: Sequence, centre: bool = False) -> Found:
+def area_errors(seen: Correspondence, area: AreaTrace, sequence: Sequence) -> Found:
     """Errors of u or v (px), whichever is worse in units of its limit of 5 sigma (of a discrete code at least
     1.5 px).
 
-    The truth is the mean over a pixel's area; centre: the place that its centre sees. A pixel part of which
-    sees no pattern need not be decoded, but where it is (unflagged) the truth is the mean over the part that
-    sees it, known to within half the distance of its rays, which the error is allowed.
+    The truth is the place that a pixel's centre sees. A pixel part of which sees no pattern need not be
+    decoded, but where it is (unflagged) the truth is the mean over the part that sees it, known to within
+    half the distance of its rays, which the error is allowed.
     """
     discrete = not any(frame.kind in ("phase", "stripe", "crossed") for frame in sequence.frames)
-    truths = (area.centre.u, area.centre.v) if centre else area.mean()
     lit, partly = area.visible, area.partly
+    centres = area.centre.u, area.centre.v
+    truths = (np.where(partly, mean, at) for mean, at in zip(area.mean(), centres, strict=True))
     parts = []
     for name, truth, extent in zip("uv", truths, area.extent(), strict=True):
         value = np.asarray(getattr(seen, name), np.float64)

@@ -13,6 +13,7 @@ from optolever.files import atomic_file
 from ..demo import Progress, silent
 from ..images import new_figure
 from .hard_case import Case, Found, Result, run_case, silent_mask
+from .hard_curved import FORMS, curved_cases
 from .hard_decode import decode_cases
 from .hard_edges import edge_cases
 from .hard_random import random_cases
@@ -27,6 +28,7 @@ RECONSTRUCT_SIZES = ((128, 128), (256, 256))
 EDGES_SIZE, UNLIKE_SIZE = (240, 320), (144, 192)
 QUICK_SIZE = (96, 96)
 DRAWS, QUICK_DRAWS = 24, 6
+CURVED = 32  # scenes
 QUICK_SURROUNDINGS = (144, 144)  # so that 3 % of them are 600 pixels
 
 
@@ -42,7 +44,8 @@ def hard_cases(
     """The cases whose label holds every word of `wanted`. sizes: of cameras, default 192 x 192 (decode), 128
     and 256 squared (reconstruct); quick: 96 x 96 (surroundings 144 x 144), fewer sequences, double precision
     only; drawn: so many random ones instead, from number `first` on; draws: of scenes with edges, without and
-    with a fault each, 0: 24 (quick: 6); every: all combinations of surroundings, not a choice.
+    with a fault each, 0: 24 (quick: 6), and of mirrors that bend inside of a pixel, 0: 32 (quick: 4); every:
+    all combinations of surroundings, not a choice.
     """
     if drawn:
         return [
@@ -60,6 +63,7 @@ def hard_cases(
         cases += edge_cases(several, first, size)
     for size in sizes or small or (UNLIKE_SIZE,):
         cases += unlike_cases(size)
+    cases += curved_cases(draws or (len(FORMS) if quick else CURVED), first)
     return [case for case in cases if all(word in case.label for word in wanted.split())]
 
 

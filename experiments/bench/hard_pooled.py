@@ -38,11 +38,29 @@ class Pooled:
 
 
 def pooled(results: Iterable[Result]) -> list[Pooled]:
-    """The figures of drawn rigs and of scenes with edges; none without any."""
+    """The figures of drawn rigs, scenes with edges and curved mirrors; none without any."""
     listed = list(results)
     rigs = [one for one in listed if one.case.part == "decode" and one.case.name.startswith("random ")]
     edges = [one for one in listed if one.case.part == "edges"]
-    return (_of_rigs(rigs) if rigs else []) + (_of_edges(edges) if edges else [])
+    curved = [one for one in listed if one.case.part == "curved"]
+    of_curved = [
+        figure
+        for code in dict.fromkeys(one.case.subject for one in curved)
+        for figure in _of_code(code, curved)
+    ]
+    return (_of_rigs(rigs) if rigs else []) + (_of_edges(edges) if edges else []) + of_curved
+
+
+def _of_code(code: str, results: list[Result]) -> list[Pooled]:
+    """Silent errors and scores of one code on all mirrors that bend inside of a pixel."""
+    own = [one for one in results if one.case.subject == code]
+    told = [(one.unflagged, one.normalised) for one in own if not math.isnan(one.normalised)]
+    count = sum(pixels for pixels, _ in told)
+    square = sum(pixels * score**2 for pixels, score in told) / max(count, 1)
+    return [
+        _silent(f"silent errors of {code} on curved mirrors", own, LIMIT),
+        Pooled(f"rms(error / sigma) of {code} there (worse of u, v; true: 1.28)", math.sqrt(square), count),
+    ]
 
 
 def _of_rigs(rigs: list[Result]) -> list[Pooled]:

@@ -45,13 +45,13 @@ def rig_of(number: int) -> tuple[Rig, str, Sensor]:
     return draw_rig(np.random.default_rng([_SEED, number, 1]), kind, size), code, sensor
 
 
-def decoded_rig(number: int, centre: bool = False) -> Found:
-    """Render, decode, compare with where every pixel's area (or, if asked for, its centre) looked."""
+def decoded_rig(number: int) -> Found:
+    """Render, decode, compare with where every pixel looked."""
     rig, code, sensor = rig_of(number)
     shown = sequence_from_text(code, rig.scene.pattern.rows, rig.scene.pattern.cols)
     area = trace_area(rig.scene, rig.surface)
     frames = area_frames(area, shown, sensor, rig.lighting, seed=number)
-    return area_errors(decode(frames, shown), area, shown, centre)
+    return area_errors(decode(frames, shown), area, shown)
 
 
 def _drawn_case(number: int) -> tuple[str, tuple[int, int], str, Sensor]:
