@@ -14,8 +14,9 @@ from optolever.notices import Notice
 from optolever.patterns import Sequence
 
 from .axis import AxisDecoder, axis_decoders
+from .border import border_reach
 from .correspondence import Correspondence, Flag
-from .display import measured_pixelations
+from .display import Pixelation, measured_pixelations
 from .exposures import better_of, by_exposure
 from .flags import Shared, merge
 from .frames import Light, light_of
@@ -135,6 +136,7 @@ def _among_neighbours(
     shown = replace(shot.plan, axes=tuple(decoder.axis for decoder in decoders))
     maps = tuple((one.coordinate, one.variance) for one in raw)
     pixelations = measured_pixelations(shown, maps, shot.cells, blur, shot.lit)
+    reaches = _reaches(shot, decoders, raw, shared, pixelations)
     least = _LEAST_SIGMA if _silent(shot) else 0.0
     out = {axis: (roomy_empty(shape, np.float32), roomy_empty(shape, np.float32)) for axis in "uv"}
     for axis in set("uv") - {decoder.axis.axis for decoder in decoders}:
@@ -143,11 +145,11 @@ def _among_neighbours(
     flags[:] = shared.flags
 
     def block(start: int, stop: int) -> None:
-        for decoder, own, pixelation in zip(decoders, raw, pixelations, strict=True):
+        for decoder, own, pixelation, reach in zip(decoders, raw, pixelations, reaches, strict=True):
             limits = float(decoder.axis.extent) if shot.cells else 0.0, decoder.jump, least
             common = shared.flags, shared.amplitude, shared.offset
             maps = (*out[decoder.axis.axis], flags)
-            check_rows((start, stop), own, common, pixelation, limits, decoder.shift, maps)
+            check_rows((start, stop), own, common, pixelation, reach, limits, decoder.shift, maps)
 
     over_rows(block, shape[0], _BLOCK)
     over_rows(lambda start, stop: despeckle(start, stop, flags, shared.flags), shape[0], _BLOCK)
@@ -155,6 +157,19 @@ def _among_neighbours(
     (u, sigma_u), (v, sigma_v) = out["u"], out["v"]
     common = shared.amplitude, shared.offset, shared.error
     return Correspondence(u, v, sigma_u, sigma_v, shared.flags, *common, notices)
+
+
+def _reaches(
+    shot: _Shot, decoders: list[AxisDecoder], raw: list[Raw], shared: Shared, pixelations: list[Pixelation]
+) -> list[tuple[float, bool]]:
+    """How far pixels see, cells, and whether that is measured: by either border, or by the blur."""
+    if not shot.cells:
+        return [(0.0, False)] * len(raw)
+    extents = [decoder.axis.extent for decoder in decoders]
+    pairs = zip(raw, extents, strict=True)
+    told = [border_reach(one.coordinate, shared.offset, shared.flags, extent) for one, extent in pairs]
+    best = max(told, key=lambda reach: reach[1])
+    return [(best[0], True) if best[1] else (one.reach, False) for one in pixelations]
 
 
 def _checked(shot: _Shot, found: Correspondence, options: _Options) -> Correspondence:

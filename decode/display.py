@@ -67,23 +67,19 @@ class Pixelation:
     """What is added to a reading, and its variance, by footprint (51,) and place in the cell (128,), cells.
 
     blur: rms, cells; NaN where the map does not tell it. roughness: variance (px^2) that neighbours show
-    beyond noise and cells: whatever else the frames hold that was not described. extent: deviation of what a
-    pixel sees by the fringes' contrasts, cells, 0: they do not tell.
+    beyond noise and cells: whatever else the frames hold that was not described.
     """
 
     shift: F32
     variance: F32
     blur: float
     roughness: float = 0.0
-    extent: float = 0.0
 
     @property
     def reach(self) -> float:
-        """Deviation of what a pixel sees besides its footprint, cells: of a cell and its blur, by contrast
-        where the map does not tell that, of a large one where nothing does."""
-        blur = self.blur if not np.isnan(self.blur) else _UNKNOWN
-        told = np.isnan(self.blur) and self.extent > 0
-        return max(self.extent, 12**-0.5) if told else float(np.sqrt(1 / 12 + blur**2))
+        """Deviation of what a pixel sees besides its footprint, cells: of a cell and its blur, of a large one
+        where the map does not tell that."""
+        return float(np.sqrt(1 / 12 + (_UNKNOWN if np.isnan(self.blur) else self.blur) ** 2))
 
 
 def no_pixelation(blur: float = float("nan")) -> Pixelation:
@@ -184,26 +180,7 @@ def measured_pixelations(
     if asked:
         blur, allowed = _fitted_blur(np.sum(asked, axis=0))
     known = float("nan") if blur is None else blur
-    found = [_pixelation(*each, known, allowed) for each in zip(shares, usual, seen, strict=True)]
-    return [replace(one, extent=_extent(plan, axis, lit)) for one, axis in zip(found, plan.axes, strict=True)]
-
-
-def _extent(plan: Plan, axis: AxisPlan, lit: Sample) -> float:
-    """Deviation s (cells) of what pixels see: contrast = exp(-2 (pi s / P)^2), of the coarsest period, or of
-    white and black, and the finest."""
-    sizes = [_amplitudes(fringe, lit) for fringe in (axis.fringes[:1] + axis.fringes[-1:])]
-    periods = [fringe.period for fringe in (axis.fringes[:1] + axis.fringes[-1:])]
-    if plan.white >= 0 and plan.black >= 0 and axis.fringes:
-        sizes[0], periods[0] = 0.5 * np.abs(lit.levels[plan.white] - lit.levels[plan.black]), np.inf
-    if lit.levels.shape[1] < _FEWEST or not sizes or periods[0] == periods[1]:
-        return 0.0
-    lost = np.log(max(float(np.median(sizes[0] / np.maximum(sizes[1], 1e-6))), 1.0))
-    return float(np.sqrt(lost / (2 * np.pi**2 * (periods[1] ** -2 - periods[0] ** -2))))
-
-
-def _amplitudes(fringe: Fringe, lit: Sample) -> F32:
-    weights = np.linalg.pinv(fringe.design())[1:].astype(np.float32)
-    return np.asarray(np.hypot(*(weights @ lit.levels[list(fringe.index)])))
+    return [_pixelation(*each, known, allowed) for each in zip(shares, usual, seen, strict=True)]
 
 
 def _pixelation(
@@ -296,9 +273,9 @@ def _roughness(seen: _Neighbours, place: F32) -> float:
 
 
 def _misfits(shares: tuple[tuple[float, float], ...], sigma: float, seen: _Neighbours) -> F64:
-    """-2 log likelihood of second differences after the correction for each blur, and for none. The curvature
-    of the map itself counts as noise."""
-    chi2 = []
+    """-2 log likelihood of second differences after the correction for each blur, and for none. What the map
+    bends by itself is noise of a size that each of them fits for itself."""
+    left = []
     for blur in (*_BLURS, None):
         shift = doubt = np.zeros(1, np.float32)
         if blur is not None:
@@ -306,9 +283,10 @@ def _misfits(shares: tuple[tuple[float, float], ...], sigma: float, seen: _Neigh
             doubt = doubt[1] + 4 * doubt[2] + doubt[3]
         bend = np.diff((seen.place + shift)[1:4], 2, axis=0)[0]
         growth = 1 + doubt / (6 * seen.noise)
-        chi2.append(np.minimum(bend**2 / (6 * seen.noise * growth), _OUTLYING) + np.log(growth))
-    left = np.sum(chi2, axis=1)
-    return np.asarray(left / max(1.0, float(left.min()) / len(seen.noise)))
+        chi2 = np.minimum(bend**2 / (6 * seen.noise * growth), _OUTLYING)
+        more = max(1.0, float(chi2.mean()))
+        left.append(float((chi2 / more + np.log(growth * more)).sum()))
+    return np.array(left)
 
 
 def _fitted_blur(left: F64) -> tuple[float, tuple[float, float]]:

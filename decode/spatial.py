@@ -7,7 +7,6 @@ lost amplitude tells how much, and half of that share of the footprint is how fa
 off.
 """
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from optolever.kernels import exact, inlined, kernel
 
+from .border import MARGIN, inwards
 from .correspondence import Flag
 from .display import PER_CELL, PLACES, REACH, WIDTHS, Pixelation
 
@@ -28,8 +28,6 @@ _SURE = 6.0
 #: Second differences are of the map from so many deviations on; what curvature may be told wrong by:
 #: a fifth of a wave of four pixels, the shortest whose phase a pixel tells.
 _BULK, _LEFT = 2.5, 0.2**2
-#: Share of the light that may be lost beyond the border of the surface.
-_LOST = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +43,7 @@ def check_rows(
     raw: Raw,
     common: tuple[NDArray[np.uint16], Any, Any],
     pixelation: Pixelation,
+    reach: tuple[float, bool],
     limits: tuple[float, float, float],
     rounding: NDArray[np.float32],
     out: tuple[Any, Any, NDArray[np.uint16]],
@@ -55,7 +54,7 @@ def check_rows(
     border), largest second difference (px), least sigma (px). rounding: display.rounding_shift, empty: none.
     out: coordinate, sigma, flags (H, W), the last or-ed.
     """
-    numbers = (pixelation.roughness, pixelation.reach, *limits)
+    numbers = (pixelation.roughness, *reach, *limits)
     _check(
         *(*rows, raw.coordinate, raw.variance, *common, pixelation.shift, pixelation.variance),
         *(np.float32(number) for number in numbers),
@@ -76,6 +75,7 @@ def _check(
     unsure: Any,
     roughness: Any,
     reach: Any,
+    told: Any,
     extent: Any,
     jump: Any,
     least: Any,
@@ -87,10 +87,7 @@ def _check(
     rows, cols = coord.shape
     special = np.empty(cols, np.int32)
     bend = np.zeros((2, max(cols, 2)), np.float32)  # of a row of two pixels none is written
-    # the border takes no light from pixels that are further from it
-    margin = (
-        np.float32(3) * np.sqrt(reach * reach + np.float32(WIDTHS[-1] ** 2 / 12)) if extent > 0 else -np.inf
-    )
+    margin = np.float32(MARGIN if extent > 0 else -np.inf)
     low, high = np.float32(margin - 0.5), np.float32(extent - 0.5 - margin)
     high = np.float32(np.inf) if extent <= 0 else high
     for y in range(start, stop):
@@ -124,10 +121,10 @@ def _check(
         for x in range(cols):
             if special[x] != 0 and flags[y, x] == 0:
                 flag, lost = _neighbours(y, x, coord, variance, flags, amplitude, jump)
-                border, inwards, dark = _border(coord[y, x], bend[0, x], bend[1, x], reach, extent)
-                out[y, x] -= inwards
-                sigma[y, x] += lost + dark
-                out_flags[y, x] |= flag | border
+                off, shift_in, unsure_in = inwards(coord[y, x], bend[0, x], bend[1, x], reach, told, extent)
+                out[y, x] -= shift_in
+                sigma[y, x] += lost + unsure_in
+                out_flags[y, x] |= flag | np.uint16(_OFF if off else 0)
         _root(sigma[y], roughness, least)
 
 
@@ -422,30 +419,3 @@ def _beside(
     share = max(np.float32(1) - amplitude / max(whole, np.float32(1e-6)), np.float32(0))
     off = np.float32(0.5) * share * step
     return off * off
-
-
-@exact
-def _border(c: Any, gx: Any, gy: Any, reach: Any, extent: Any) -> tuple[Any, Any, Any]:
-    """Flag, shift and its variance by the light that a pixel misses from beyond the surface.
-
-    gx, gy: its footprint. Of a normal distribution cut at t deviations from its centre, what is left has its
-    centre hazard(t) deviations further inwards. reach bounds what a pixel sees: half of the shift is taken
-    off, and as much is unsure.
-    """
-    none = np.float32(0)
-    if extent <= 0:
-        return np.uint16(0), none, none
-    deviation = np.sqrt(reach * reach + (gx * gx + gy * gy) * np.float32(1 / 12))
-    low, high = c + np.float32(0.5), extent - np.float32(0.5) - c
-    away = min(low, high)
-    if away > np.float32(4) * deviation:
-        return np.uint16(0), none, none
-    true, hazard = away / deviation, 0.0
-    for _ in range(6):
-        left = 0.5 * math.erfc(-true * 0.7071067811865476)
-        hazard = 0.3989422804014327 * math.exp(-0.5 * true * true) / max(left, 1e-9)
-        true = max(away / deviation - hazard, -2.0)
-    dark = 0.5 * math.erfc(true * 0.7071067811865476)
-    half = np.float32(0.5 * hazard) * deviation
-    inwards = half if low < high else -half
-    return (np.uint16(_OFF) if dark > _LOST else np.uint16(0)), inwards, half * half

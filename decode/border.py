@@ -1,0 +1,96 @@
+"""The border of the display: beyond it is dark, so what a pixel sees there lies further inwards.
+
+A pixel sees the display through a kernel of some deviation s: cell, blur and footprint. Of a normal
+distribution cut at t deviations from its centre a share Q(t) is dark, and what is left has its centre
+hazard(t) = phi(t) / (1 - Q(t)) deviations further inwards. So a reading at r from the border and the light
+that is missing there tell s = r / (t + hazard(t)), whatever the code.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
+
+from optolever.kernels import exact
+
+__all__ = ["MARGIN", "border_reach", "inwards"]
+
+F32 = NDArray[np.float32]
+#: Cells from the border within which light may be missing: three deviations of a blur of three cells.
+MARGIN = 9.0
+#: Light that is missing where the reach is measured, and that may be missing of a good pixel.
+_DARK, _LOST = (0.1, 0.45), 0.1
+#: Every so many lines are looked at; pixels that tell a reach; pixels inwards at which no light is missing.
+_EVERY, _FEWEST, _FARTHEST = 8, 8, 60
+#: Share of a shift by a measured reach that is unsure: a box in place of the normal distribution (a sixth), a
+#: fringe whose contrast the blur halves (a tenth of the reach).
+_SHAPE = 0.25
+
+
+def border_reach(coord: F32, offset: F32, flags: NDArray[np.uint16], extent: int) -> tuple[float, int]:
+    """Deviation (cells) of what a pixel of no footprint sees, by the light that is missing beside the border,
+    and how many pixels tell it (0: too few). coord, offset (mean level), flags: (H, W); extent: of the
+    surface. Light of a room makes it less: the contrast, which it does not touch, swings with cells."""
+    along = coord[::_EVERY], offset[::_EVERY], flags[::_EVERY]
+    down = coord[:, ::_EVERY].T, offset[:, ::_EVERY].T, flags[:, ::_EVERY].T
+    found = np.concatenate([_told(*along, extent), _told(*down, extent)])
+    if len(found) < _FEWEST:
+        return math.nan, 0
+    return float(np.sqrt(max(np.median(found), 0.0))), len(found)
+
+
+def _told(coord: F32, offset: F32, flags: NDArray[np.uint16], extent: int) -> NDArray[np.float64]:
+    """s^2 without the footprint by every pixel of the lines (L, W) that tells it."""
+    away = np.minimum(coord + 0.5, extent - 0.5 - coord)
+    line, at = np.nonzero((away > 0) & (away < MARGIN / 2) & (flags == 0))
+    after, before = np.minimum(at + 1, coord.shape[1] - 1), np.maximum(at - 1, 0)
+    slope = (coord[line, after] - coord[line, before]) / np.maximum(after - before, 1)
+    slope *= np.where(2 * coord[line, at] < extent, 1, -1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        steps = np.ceil(MARGIN / np.abs(slope))
+        steps = np.where(steps < _FARTHEST, steps, 0).astype(np.int64) * np.sign(slope).astype(np.int64)
+    far = at + steps
+    kept = (steps != 0) & (far >= 0) & (far < coord.shape[1])
+    line, at, far, slope, steps = (one[kept] for one in (line, at, far, slope, steps))
+    dark = 1.0 - offset[line, at] / np.maximum(offset[line, far], 1e-6)
+    within = np.abs(coord[line, far] - coord[line, at])
+    kept = (
+        (within > 0.8 * MARGIN)
+        & (within < 3 * MARGIN)
+        & (flags[line, far] == 0)
+        & (dark > _DARK[0])
+        & (dark < _DARK[1])
+    )
+    t = -ndtri(dark[kept].astype(np.float64))
+    hazard = np.exp(-0.5 * t * t) / np.sqrt(2 * np.pi) / ndtr(t)
+    deviation = away[line, at][kept] / (t + hazard)
+    return np.asarray(deviation**2 - slope[kept] ** 2 / 12)
+
+
+@exact
+def inwards(c: Any, gx: Any, gy: Any, reach: Any, told: Any, extent: Any) -> tuple[Any, Any, Any]:
+    """Whether more light is missing than a good pixel may lack; shift inwards and its variance.
+
+    gx, gy: the footprint. A reach that is not measured (told = 0) bounds what a pixel sees: half of the shift
+    is taken off, and as much is unsure.
+    """
+    none = np.float32(0)
+    if extent <= 0:
+        return False, none, none
+    deviation = np.sqrt(reach * reach + (gx * gx + gy * gy) * np.float32(1 / 12))
+    low, high = c + np.float32(0.5), extent - np.float32(0.5) - c
+    away = min(low, high)
+    if away > np.float32(4) * deviation:
+        return False, none, none
+    true, hazard = away / deviation, 0.0
+    for _ in range(6):
+        left = 0.5 * math.erfc(-true * 0.7071067811865476)
+        hazard = 0.3989422804014327 * math.exp(-0.5 * true * true) / max(left, 1e-9)
+        true = max(away / deviation - hazard, -2.0)
+    dark = 0.5 * math.erfc(true * 0.7071067811865476)
+    shift = np.float32(hazard) * deviation
+    unsure = np.float32(_SHAPE if told else 0.5) * shift
+    taken = shift if told else np.float32(0.5) * shift
+    return dark > _LOST, taken if low < high else -taken, unsure * unsure
