@@ -108,16 +108,18 @@ def _check(
             sigma[y, :] = variance[y]
         if rounding.size > 0:
             _unrounded(coord[y], rounding, out[y])
-        if (y >= 2) & (y < rows - 2):
+        if (y >= 2) & (y < rows - 2) & (cols > 4):
             inner = (y >= REACH) & (y < rows - REACH)
-            far, near = (y + REACH, y - REACH) if inner else (y, y)
-            above, below = (coord[up], coord[y - 2], coord[near]), (coord[down], coord[y + 2], coord[far])
-            bad_above = flags[up], flags[y - 2], flags[near]
-            bad_below = flags[down], flags[y + 2], flags[far]
-            light = offset[y], offset[up], offset[down]
-            _centred(
-                coord[y], above, below, light, flags[y], bad_above, bad_below, inner, jump, out[y], sigma[y]
-            )
+            reach_y = REACH if inner else 2
+            above = coord[up], coord[y - 2], coord[y - reach_y]
+            below = coord[down], coord[y + 2], coord[y + reach_y]
+            bad_above = flags[up], flags[y - 2], flags[y - reach_y]
+            bad_below = flags[down], flags[y + 2], flags[y + reach_y]
+            lines = above, below, (offset[y], offset[up], offset[down]), flags[y], bad_above, bad_below
+            start, end = (REACH, cols - REACH) if inner & (cols > 2 * REACH) else (2, 2)
+            _centred((2, start, 2), coord[y], *lines, jump, out[y], sigma[y])
+            _centred((start, end, REACH), coord[y], *lines, jump, out[y], sigma[y])
+            _centred((end, cols - 2, 2), coord[y], *lines, jump, out[y], sigma[y])
         for x in range(cols):
             if special[x] != 0 and flags[y, x] == 0:
                 flag, lost = _neighbours(y, x, coord, variance, flags, amplitude, jump)
@@ -160,6 +162,7 @@ def _slope(before: Any, here: Any, after: Any, bad_before: Any, bad_after: Any, 
 
 @kernel
 def _centred(
+    span: Any,
     c: Any,
     above: Any,
     below: Any,
@@ -167,7 +170,6 @@ def _centred(
     flags: Any,
     flags_above: Any,
     flags_below: Any,
-    inner: Any,
     jump: Any,
     out: Any,
     total: Any,
@@ -176,42 +178,65 @@ def _centred(
 
     Of u(s) = u + g s + s H s / 2 and light A (1 + a s) the mean over a pixel is u + (H_xx + H_yy) / 24 +
     a g / 12.
-    above, below: the rows 1, 2 and REACH away, with their flags. Over REACH pixels the curvature is told with
-    next to no noise; it, and what it is more or less between next neighbours, count as far as they are beyond
-    noise (James and Stein's shrinkage); where next neighbours bend by `jump` there is no map.
+    span: first pixel, one after the last, reach: REACH, or 2 where the image ends before that. above, below:
+    the rows 1, 2 and reach away, with their flags. Over REACH pixels the curvature is told with next to no
+    noise; it, and what it is more or less between next neighbours, count as far as they are beyond noise
+    (James and Stein's shrinkage); where next neighbours bend by `jump` there is no map.
     """
-    last, zero, two, four = c.size - 1, np.float32(0), np.float32(2), np.float32(4)
-    wide, part = np.float32(1 / REACH**2), np.float32(1 / 24)
-    twelfth = np.float32(1 / 12)
+    first, end, reach = span
+    zero, two, four = np.float32(0), np.float32(2), np.float32(4)
+    wide, part, twelfth = np.float32(1 / REACH**2), np.float32(1 / 24), np.float32(1 / 12)
     unsure, more = np.float32(20 * _BULK**2), np.float32((7 / 6) ** 2 + 4 / 24**2 - 1)
     some, all_of_it = np.float32(_LEFT / 24**2), np.float32(1 / 24**2)
-    (up, up_2, up_far), (down, down_2, down_far) = above, below
-    (bad_up, bad_up_2, bad_up_far), (bad_down, bad_down_2, bad_down_far) = flags_above, flags_below
-    bright, above_bright, below_bright = light
-    for x in range(2, last - 1):
-        before, after = max(x - REACH, 0), min(x + REACH, last)
-        near = (flags[x - 1] | flags[x + 1] | bad_up[x] | bad_down[x]) == 0
-        next_ = near & ((flags[x - 2] | flags[x + 2] | bad_up_2[x] | bad_down_2[x]) == 0)
-        far = next_ & inner & (x >= REACH) & (x <= last - REACH)
-        far &= (flags[before] | flags[after] | bad_up_far[x] | bad_down_far[x]) == 0
-        noise = unsure * (total[x] + (out[x] - c[x]) * (out[x] - c[x]))
-        broad = (c[before] + c[after] + up_far[x] + down_far[x] - four * c[x]) * wide if far else zero
+    whole = reach == REACH
+    # views of one length: an index that only counts up is known not to wrap round
+    here, left, right = c[first:end], c[first - 1 : end - 1], c[first + 1 : end + 1]
+    left_2, right_2 = c[first - 2 : end - 2], c[first + 2 : end + 2]
+    left_far, right_far = c[first - reach : end - reach], c[first + reach : end + reach]
+    up, up_2, up_far = above[0][first:end], above[1][first:end], above[2][first:end]
+    down, down_2, down_far = below[0][first:end], below[1][first:end], below[2][first:end]
+    bad_left, bad_right = flags[first - 1 : end - 1], flags[first + 1 : end + 1]
+    bad_left_2, bad_right_2 = flags[first - 2 : end - 2], flags[first + 2 : end + 2]
+    bad_left_far, bad_right_far = flags[first - reach : end - reach], flags[first + reach : end + reach]
+    bad_up, bad_up_2, bad_up_far = (
+        flags_above[0][first:end],
+        flags_above[1][first:end],
+        flags_above[2][first:end],
+    )
+    bad_down, bad_down_2, bad_down_far = (
+        flags_below[0][first:end],
+        flags_below[1][first:end],
+        flags_below[2][first:end],
+    )
+    bright, bright_up, bright_down = light[0][first:end], light[1][first:end], light[2][first:end]
+    bright_left, bright_right = light[0][first - 1 : end - 1], light[0][first + 1 : end + 1]
+    shifted, variance = out[first:end], total[first:end]
+    for x in range(here.size):
+        near = (bad_left[x] | bad_right[x] | bad_up[x] | bad_down[x]) == 0
+        next_ = near & ((bad_left_2[x] | bad_right_2[x] | bad_up_2[x] | bad_down_2[x]) == 0)
+        far = (bad_left_far[x] | bad_right_far[x] | bad_up_far[x] | bad_down_far[x]) == 0
+        far &= next_ & whole
+        u, was = here[x], shifted[x]
+        noise = unsure * (variance[x] + (was - u) * (was - u))
+        broad = (left_far[x] + right_far[x] + up_far[x] + down_far[x] - four * u) * wide if far else zero
         broad *= _beyond(broad, noise * wide * wide)
-        bend = c[x - 1] + c[x + 1] + up[x] + down[x] - four * c[x] - broad if near else zero
-        smooth = bend * bend < jump * jump
-        turn_x = c[x + 2] - two * c[x + 1] + two * c[x - 1] - c[x - 2] if next_ else zero
-        turn_y = down_2[x] - two * down[x] + two * up[x] - up_2[x] if next_ else zero
+        bend = left[x] + right[x] + up[x] + down[x] - four * u - broad if near else zero
         share = _beyond(bend, noise) if next_ else zero
-        dims = _limited(bright[x - 1], bright[x], bright[x + 1]) * (c[x + 1] - c[x - 1])
-        dims += _limited(above_bright[x], bright[x], below_bright[x]) * (down[x] - up[x])
+        one_x, one_y = right[x] - left[x], down[x] - up[x]
+        two_x, two_y = right_2[x] - left_2[x], down_2[x] - up_2[x]
+        turn_x, turn_y = two_x - two * one_x, two_y - two * one_y
+        turn = np.float32(0.25) * (turn_x * turn_x + turn_y * turn_y) if next_ else zero
+        dims = _limited(bright_left[x], bright[x], bright_right[x]) * one_x
+        dims += _limited(bright_up[x], bright[x], bright_down[x]) * one_y
         dims = dims / max(bright[x], np.float32(1e-6)) if near else zero
-        out[x] -= part * (broad + share * bend + dims) if smooth else zero
-        changing = bend * bend + np.float32(0.25) * (turn_x * turn_x + turn_y * turn_y)
-        jump_x = _jump(c[x + 1] - c[x - 1], c[x + 2] - c[x - 2], c[after] - c[before])
-        jump_y = _jump(down[x] - up[x], down_2[x] - up_2[x], down_far[x] - up_far[x])
+        jump_x = _jump(one_x, two_x, right_far[x] - left_far[x])
+        jump_y = _jump(one_y, two_y, down_far[x] - up_far[x])
         jumps = jump_x * jump_x + jump_y * jump_y - two * noise if far else zero
-        doubt = (some if next_ else all_of_it) * max(changing - noise, zero) + max(jumps, zero) * twelfth
-        total[x] += share * more * total[x] + doubt if smooth else zero
+        doubt = (some if next_ else all_of_it) * max(bend * bend + turn - noise, zero)
+        doubt += max(jumps, zero) * twelfth + share * more * variance[x]
+        smooth = bend * bend < jump * jump
+        shifted[x] = was - (part * (broad + share * bend + dims) if smooth else zero)
+        variance[x] += doubt if smooth else zero
 
 
 @inlined
