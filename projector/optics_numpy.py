@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from optolever.blocks import over_rows
 from optolever.patterns import Sequence
-from optolever.scene import Display, Scene, Surface, Trace, movement, scene_window, trace
+from optolever.scene import Display, Scene, Surface, Trace, mean_beside, movement, scene_window, trace
 
 from .footprint import look_up_one, look_up_two
 from .groups import FrameGroup, frame_groups
@@ -21,7 +21,7 @@ _BLOCK = 4096  # pixels at a time per thread
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footprints:
-    """Where P pixels look: u, v (P,) in cells, light (P,) that the mirror passes on (0: no pattern there),
+    """Where P pixels look: u, v (P,), mean over the pixel, in cells, light (P,) that the mirror passes on (0: no pattern there),
     boxes_u, boxes_v (P, 2): how far u and v move along a pixel's columns and along its rows, cells."""
 
     u: Float
@@ -43,16 +43,14 @@ def footprints(scene: Scene, surface: Surface, start: int, stop: int) -> Footpri
     centre = trace(scene_window(scene, start, 0, rows, cols), surface)
     by_col = trace(scene_window(scene, start, -0.5, rows, cols + 1), surface)
     by_row = trace(scene_window(scene, start - 0.5, 0, rows + 1, cols), surface)
-    spread = []
+    means, spread = [], []
     for name in ("u", "v"):
         at = getattr(centre, name)
         edges_col, edges_row = getattr(by_col, name), getattr(by_row, name)
-        boxes = (
-            movement(edges_col[:, :-1], at, edges_col[:, 1:]),
-            movement(edges_row[:-1], at, edges_row[1:]),
-        )
-        spread.append(np.column_stack([box.ravel() for box in boxes]))
-    return Footprints(centre.u.ravel(), centre.v.ravel(), _light(scene, centre).ravel(), *spread)
+        ends = (edges_col[:, :-1], at, edges_col[:, 1:]), (edges_row[:-1], at, edges_row[1:])
+        means.append((at + mean_beside(*ends[0]) + mean_beside(*ends[1])).ravel())
+        spread.append(np.column_stack([movement(*three).ravel() for three in ends]))
+    return Footprints(*means, _light(scene, centre).ravel(), *spread)
 
 
 def _light(scene: Scene, seen: Trace) -> Float:

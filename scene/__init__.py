@@ -31,7 +31,7 @@ from .sofast import SOFAST_SCREEN, SofastRig, load_sofast_rig
 from .surface import Formula, Surface, surface_from_array
 from .telecentric import TelecentricCamera, prism_camera
 from .tracing import Trace, trace
-from .window import movement, scene_window
+from .window import mean_beside, movement, scene_window
 
 __all__ = [
     "SOFAST_SCREEN",
@@ -55,6 +55,7 @@ __all__ = [
     "dent_names",
     "load",
     "load_sofast_rig",
+    "mean_beside",
     "movement",
     "moving_dent",
     "preset_names",

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from .pinhole import PinholeCamera
 from .scene import Camera, Scene
 
-__all__ = ["movement", "scene_window"]
+__all__ = ["mean_beside", "movement", "scene_window"]
 
 Float = NDArray[np.float64]
 
@@ -25,6 +25,13 @@ def movement(before: Float, centre: Float, behind: Float) -> Float:
     whole = np.where(np.isfinite(before) & np.isfinite(behind), behind - before, 2.0 * half)
     moved: Float = np.nan_to_num(whole, nan=0.0)
     return moved
+
+
+def mean_beside(before: Float, centre: Float, behind: Float) -> Float:
+    """Mean of a coordinate over a pixel less its centre's, from one end to the other (Simpson's rule); 0 where
+    one end sees nothing (NaN)."""
+    apart: Float = np.nan_to_num((before - 2.0 * centre + behind) / 6.0, nan=0.0)
+    return apart
 
 
 def _window(camera: Camera, row: float, col: float, rows: int, cols: int) -> Camera:

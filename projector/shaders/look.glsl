@@ -22,6 +22,11 @@ vec2 moved(vec2 centre, vec4 before, vec4 behind) {
     return behind.z > 0.0 ? 2.0 * (behind.xy - centre) : vec2(0.0);
 }
 
+// Mean over the pixel less its centre, along one direction (Simpson's rule).
+vec2 mean_beside(vec2 centre, vec4 before, vec4 behind) {
+    return before.z > 0.0 && behind.z > 0.0 ? (before.xy - 2.0 * centre + behind.xy) / 6.0 : vec2(0.0);
+}
+
 ivec2 under(float at, Footprint f, int count) {
     float far = reach(f);
     return ivec2(max(0, int(ceil(at - far - 0.5))), min(count - 1, int(floor(at + far + 0.5))));
@@ -71,8 +76,10 @@ void main() {
     vec4 sums[$QUADS];
     for (int n = 0; n < $QUADS; ++n) sums[n] = vec4(0.0);
     if (look.z > 0.0) {
-        vec2 by_col = moved(look.xy, texelFetch(edges_col, at, 0), texelFetch(edges_col, at + ivec2(1, 0), 0));
-        vec2 by_row = moved(look.xy, texelFetch(edges_row, at, 0), texelFetch(edges_row, at + ivec2(0, 1), 0));
+        vec4 left = texelFetch(edges_col, at, 0), right = texelFetch(edges_col, at + ivec2(1, 0), 0);
+        vec4 above = texelFetch(edges_row, at, 0), below = texelFetch(edges_row, at + ivec2(0, 1), 0);
+        vec2 by_col = moved(look.xy, left, right), by_row = moved(look.xy, above, below);
+        look.xy += mean_beside(look.xy, left, right) + mean_beside(look.xy, above, below);
 #ifdef BOTH
         // The shares' product leaves out that u and v vary together over a footprint that lies askew: cut it up.
         int parts = abs(by_col.x * by_col.y + by_row.x * by_row.y) > $ASKEW ? $PARTS : 1;
