@@ -21,8 +21,9 @@ _BLOCK = 4096  # pixels at a time per thread
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footprints:
-    """Where P pixels look: u, v (P,), mean over the pixel, in cells, light (P,) that the mirror passes on (0: no pattern there),
-    boxes_u, boxes_v (P, 2): how far u and v move along a pixel's columns and along its rows, cells."""
+    """Where P pixels look: u, v (P,), mean over the pixel, in cells, light (P,) that the mirror passes on (0:
+    no pattern there), boxes_u, boxes_v (P, 2): how far u and v move along a pixel's columns and along its
+    rows, cells."""
 
     u: Float
     v: Float
@@ -50,7 +51,7 @@ def footprints(scene: Scene, surface: Surface, start: int, stop: int) -> Footpri
         ends = (edges_col[:, :-1], at, edges_col[:, 1:]), (edges_row[:-1], at, edges_row[1:])
         means.append((at + mean_beside(*ends[0]) + mean_beside(*ends[1])).ravel())
         spread.append(np.column_stack([movement(*three).ravel() for three in ends]))
-    return Footprints(*means, _light(scene, centre).ravel(), *spread)
+    return Footprints(means[0], means[1], _light(scene, centre).ravel(), spread[0], spread[1])
 
 
 def _light(scene: Scene, seen: Trace) -> Float:

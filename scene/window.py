@@ -28,7 +28,7 @@ def movement(before: Float, centre: Float, behind: Float) -> Float:
 
 
 def mean_beside(before: Float, centre: Float, behind: Float) -> Float:
-    """Mean of a coordinate over a pixel less its centre's, from one end to the other (Simpson's rule); 0 where
+    """Mean of a coordinate over a pixel less its centre's, from end to end (Simpson's rule); 0 where
     one end sees nothing (NaN)."""
     apart: Float = np.nan_to_num((before - 2.0 * centre + behind) / 6.0, nan=0.0)
     return apart
