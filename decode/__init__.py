@@ -23,6 +23,8 @@
 | `flags`          | flags, made once; maps that both axes share                                            |
 | `display`        | one model of what a display does: cell, footprint, blur; measured, taken off           |
 | `spatial`        | what neighbours tell: edges, partial footprints, strays                                |
+| `centre`         | from the mean over a pixel to its centre: curvature and light inside of it             |
+| `border`         | light that is missing beside the display's border, and how far that tells a pixel sees |
 | `integrity`      | `check`: swapped, lost, repeated, replaced and torn frames, named                      |
 | `spoilt`         | `Finding`: frames that a code can do without, pixels that a wrong one could have spoilt |
 | `sample_fit`     | what a single pixel's samples say of each axis, for it                                 |

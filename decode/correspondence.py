@@ -36,7 +36,9 @@ class Flag(IntFlag):
 class Correspondence:
     """Per camera pixel, all (H, W).
 
-    u, v               pattern pixels, integer = pixel centre; NaN along an axis that was not encoded
+    u, v               what the centre of the camera's pixel sees, pattern pixels, integer = pixel centre
+                       (what is read is the mean over its area, see centre); NaN along an axis that was not
+                       encoded
     sigma_u, sigma_v   standard deviations, pattern pixels; inf along an axis that was not encoded
     flags              uint16 bit field of Flag, 0 = good
     amplitude, offset  of the modulation, camera levels (the smaller amplitude of both axes, the mean level)

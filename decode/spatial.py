@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from optolever.kernels import exact, inlined, kernel
 
 from .border import MARGIN, inwards
+from .centre import BULK, centred
 from .correspondence import Flag
 from .display import PER_CELL, PLACES, REACH, WIDTHS, Pixelation
 
@@ -25,9 +26,6 @@ _ONE = np.float32(1)
 _OUTLIER, _OFF = int(Flag.OUTLIER), int(Flag.OFF_PATTERN)
 #: Deviations beyond which a neighbour contradicts.
 _SURE = 6.0
-#: Second differences are of the map from so many deviations on; what curvature may be told wrong by:
-#: a fifth of a wave of four pixels, the shortest whose phase a pixel tells.
-_BULK, _LEFT = 2.5, 0.2**2
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,9 +115,9 @@ def _check(
             bad_below = flags[down], flags[y + 2], flags[y + reach_y]
             lines = above, below, (offset[y], offset[up], offset[down]), flags[y], bad_above, bad_below
             start, end = (REACH, cols - REACH) if inner & (cols > 2 * REACH) else (2, 2)
-            _centred((2, start, 2), coord[y], *lines, jump, out[y], sigma[y])
-            _centred((start, end, REACH), coord[y], *lines, jump, out[y], sigma[y])
-            _centred((end, cols - 2, 2), coord[y], *lines, jump, out[y], sigma[y])
+            centred((2, start, 2), coord[y], *lines, jump, out[y], sigma[y])
+            centred((start, end, REACH), coord[y], *lines, jump, out[y], sigma[y])
+            centred((end, cols - 2, 2), coord[y], *lines, jump, out[y], sigma[y])
         for x in range(cols):
             if special[x] != 0 and flags[y, x] == 0:
                 flag, lost = _neighbours(y, x, coord, variance, flags, amplitude, jump)
@@ -158,107 +156,6 @@ def _slope(before: Any, here: Any, after: Any, bad_before: Any, bad_after: Any, 
     high = here if bad_after != 0 else after
     scale = per_step if (bad_before != 0) | (bad_after != 0) else np.float32(0.5) * per_step
     return scale * (high - low)
-
-
-@kernel
-def _centred(
-    span: Any,
-    c: Any,
-    above: Any,
-    below: Any,
-    light: Any,
-    flags: Any,
-    flags_above: Any,
-    flags_below: Any,
-    jump: Any,
-    out: Any,
-    total: Any,
-) -> None:
-    """From the mean over a pixel, weighted by the light, to its centre.
-
-    Of u(s) = u + g s + s H s / 2 and light A (1 + a s) the mean over a pixel is u + (H_xx + H_yy) / 24 +
-    a g / 12.
-    span: first pixel, one after the last, reach: REACH, or 2 where the image ends before that. above, below:
-    the rows 1, 2 and reach away, with their flags. Over REACH pixels the curvature is told with next to no
-    noise; it, and what it is more or less between next neighbours, count as far as they are beyond noise
-    (James and Stein's shrinkage); where next neighbours bend by `jump` there is no map.
-    """
-    first, end, reach = span
-    zero, two, four = np.float32(0), np.float32(2), np.float32(4)
-    wide, part, twelfth = np.float32(1 / REACH**2), np.float32(1 / 24), np.float32(1 / 12)
-    unsure, more = np.float32(20 * _BULK**2), np.float32((7 / 6) ** 2 + 4 / 24**2 - 1)
-    some, all_of_it = np.float32(_LEFT / 24**2), np.float32(1 / 24**2)
-    whole = reach == REACH
-    # views of one length: an index that only counts up is known not to wrap round
-    here, left, right = c[first:end], c[first - 1 : end - 1], c[first + 1 : end + 1]
-    left_2, right_2 = c[first - 2 : end - 2], c[first + 2 : end + 2]
-    left_far, right_far = c[first - reach : end - reach], c[first + reach : end + reach]
-    up, up_2, up_far = above[0][first:end], above[1][first:end], above[2][first:end]
-    down, down_2, down_far = below[0][first:end], below[1][first:end], below[2][first:end]
-    bad_left, bad_right = flags[first - 1 : end - 1], flags[first + 1 : end + 1]
-    bad_left_2, bad_right_2 = flags[first - 2 : end - 2], flags[first + 2 : end + 2]
-    bad_left_far, bad_right_far = flags[first - reach : end - reach], flags[first + reach : end + reach]
-    bad_up, bad_up_2, bad_up_far = (
-        flags_above[0][first:end],
-        flags_above[1][first:end],
-        flags_above[2][first:end],
-    )
-    bad_down, bad_down_2, bad_down_far = (
-        flags_below[0][first:end],
-        flags_below[1][first:end],
-        flags_below[2][first:end],
-    )
-    bright, bright_up, bright_down = light[0][first:end], light[1][first:end], light[2][first:end]
-    bright_left, bright_right = light[0][first - 1 : end - 1], light[0][first + 1 : end + 1]
-    shifted, variance = out[first:end], total[first:end]
-    for x in range(here.size):
-        near = (bad_left[x] | bad_right[x] | bad_up[x] | bad_down[x]) == 0
-        next_ = near & ((bad_left_2[x] | bad_right_2[x] | bad_up_2[x] | bad_down_2[x]) == 0)
-        far = (bad_left_far[x] | bad_right_far[x] | bad_up_far[x] | bad_down_far[x]) == 0
-        far &= next_ & whole
-        u, was = here[x], shifted[x]
-        noise = unsure * (variance[x] + (was - u) * (was - u))
-        broad = (left_far[x] + right_far[x] + up_far[x] + down_far[x] - four * u) * wide if far else zero
-        broad *= _beyond(broad, noise * wide * wide)
-        bend = left[x] + right[x] + up[x] + down[x] - four * u - broad if near else zero
-        share = _beyond(bend, noise) if next_ else zero
-        one_x, one_y = right[x] - left[x], down[x] - up[x]
-        two_x, two_y = right_2[x] - left_2[x], down_2[x] - up_2[x]
-        turn_x, turn_y = two_x - two * one_x, two_y - two * one_y
-        turn = np.float32(0.25) * (turn_x * turn_x + turn_y * turn_y) if next_ else zero
-        dims = _limited(bright_left[x], bright[x], bright_right[x]) * one_x
-        dims += _limited(bright_up[x], bright[x], bright_down[x]) * one_y
-        dims = dims / max(bright[x], np.float32(1e-6)) if near else zero
-        jump_x = _jump(one_x, two_x, right_far[x] - left_far[x])
-        jump_y = _jump(one_y, two_y, down_far[x] - up_far[x])
-        jumps = jump_x * jump_x + jump_y * jump_y - two * noise if far else zero
-        doubt = (some if next_ else all_of_it) * max(bend * bend + turn - noise, zero)
-        doubt += max(jumps, zero) * twelfth + share * more * variance[x]
-        smooth = bend * bend < jump * jump
-        shifted[x] = was - (part * (broad + share * bend + dims) if smooth else zero)
-        variance[x] += doubt if smooth else zero
-
-
-@inlined
-def _beyond(value: Any, noise: Any) -> Any:
-    """Share of a value that is beyond noise (variance)."""
-    return max(np.float32(1) - noise / (value * value + np.float32(1e-12)), np.float32(0))
-
-
-@inlined
-def _jump(one: Any, two: Any, four: Any) -> Any:
-    """J by differences over 2, 4 and 8 pixels of g x + k x^3 + J sign(x) / 2; its variance is 14.6 times that
-    of a pixel."""
-    return (four - np.float32(10) * two + np.float32(16) * one) * np.float32(1 / 7)
-
-
-@inlined
-def _limited(before: Any, here: Any, after: Any) -> Any:
-    """The lesser of both differences, 0 if their signs differ: beside an edge no gradient (minmod)."""
-    one, other = here - before, after - here
-    least = min(abs(one), abs(other))
-    least = least if one > np.float32(0) else -least
-    return least if one * other > np.float32(0) else np.float32(0)
 
 
 @kernel
@@ -429,7 +326,7 @@ def _one_sided(y: Any, x: Any, dy: Any, dx: Any, coord: Any, variance: Any, flag
     if 0 <= y2 < coord.shape[0] and 0 <= x2 < coord.shape[1] and flags[y2, x2] == 0:
         bend = coord[y, x] - np.float32(2) * coord[y1, x1] + coord[y2, x2]
         noise = variance[y, x] + np.float32(4) * variance[y1, x1] + variance[y2, x2]
-    return max(bend * bend - np.float32(_BULK**2) * noise, np.float32(0)) * np.float32(1 / 24**2)
+    return max(bend * bend - np.float32(BULK**2) * noise, np.float32(0)) * np.float32(1 / 24**2)
 
 
 @exact
