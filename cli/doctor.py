@@ -9,7 +9,8 @@ from pathlib import Path
 
 import click
 
-from .options import json_option, sample, writable
+from .options import json_option, sample
+from .outputs import Program
 from .show import table, write_json
 
 __all__ = ["command"]
@@ -36,11 +37,10 @@ EXTRAS = {"h5py": "pip install 'optolever[sofast]'; without it SOFAST's HDF5 fil
 PROGRAMS = {"xvfb-run": "apt-get install xvfb", "chromium": "apt-get install chromium"}
 
 
-@click.command("doctor", epilog=sample(SAMPLE))
+@click.command("doctor", cls=Program, epilog=sample(SAMPLE))
 @json_option
 def command(json_path: Path | None) -> None:
     """Say which OpenGL context, cameras, monitors and versions there are, and what is missing."""
-    writable(json_path)
     found = {
         "optolever": _version("optolever") or "not installed",
         "python": f"{platform.python_version()}, {platform.platform(terse=True)}",
