@@ -2,6 +2,7 @@
 .npz.
 """
 
+import errno
 import os
 import secrets
 import shutil
@@ -31,6 +32,7 @@ __all__ = [
     "together",
 ]
 
+_FAILED = "cannot be written"
 _READ_ONLY = 0o222  # without any of these bits a file is read-only, for root too
 
 
@@ -76,7 +78,13 @@ class _Output:
         except InputError as error:
             raise InputError(str(error).replace(str(self.temporary), str(self.asked))) from error
         except OSError as error:
-            raise InputError(f"{self.asked}: cannot be written ({error.strerror or error})") from error
+            where, reason = str(error.filename or self.temporary), error.strerror or str(error)
+            if str(self.temporary) not in where:
+                raise
+            if not reason.startswith(_FAILED):
+                reason = f"{_FAILED} ({reason})"
+            where = where.replace(str(self.temporary), str(self.asked))
+            raise OSError(error.errno or errno.EIO, reason, where) from error
 
 
 _waiting: ContextVar[list[_Output] | None] = ContextVar("outputs that wait for others", default=None)
@@ -121,7 +129,7 @@ def atomic_file(path: str | Path) -> Iterator[Path]:
     """Yield a path (same suffix) to write to; `path` becomes what it holds only if the block succeeds.
 
     Of a link the target is replaced; a device or a pipe is written through; a file keeps its mode.
-    InputError, in one line that names `path`, where it may not or cannot be written.
+    InputError where it may not be written; OSError of `path` where that fails, as on a full disk.
     """
     asked = Path(path)
     require_writable(asked)
@@ -136,7 +144,9 @@ def atomic_file(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(path: str | Path) -> Iterator[Path]:
-    """Yield a folder beside `path` that becomes `path` if the block succeeds; `path` must hold no files."""
+    """Yield a folder beside `path` that becomes `path` if the block succeeds; `path` must hold no files.
+    Errors as of atomic_file.
+    """
     target = Path(path)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise InputError(f"{target}: exists and is no empty folder; nothing is written over, name another")
