@@ -2,6 +2,7 @@
 
 - `app`: the program `optolever`, the one place where errors become a line and an exit code
 - `options`: arguments that several commands share (--json, --size, scenes)
+- `outputs`: where commands write, checked before they work
 - `show`: tables, progress bars, JSON
 - one file a command: `demo`, `capture`, `decode`, `reconstruct`, `paper`, `figures`, `methods`,
   `bench`, `sweep`, `hard`, `design`, `choices`, `codes`, `sensor`, `adapt`, `names`,

@@ -15,8 +15,8 @@ from .options import (
     sample,
     scene_option,
     size_option,
-    writable,
 )
+from .outputs import Program
 from .show import grid, number, progress, table, write_json
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ ridge:peak=0.09,sigma=3.5
 """
 
 
-@click.command("adapt", epilog=sample(SAMPLE))
+@click.command("adapt", cls=Program, epilog=sample(SAMPLE))
 @scene_option
 @click.option(
     "--dent",
@@ -89,7 +89,6 @@ def command(
     goal, or says why it cannot be; every dent is printed when it is done. Beside it stands the fixed sequence
     of fewest frames that meets the same goal on all dents, by the mean share of the same seeds.
     """
-    writable(json_path)
     from optolever.experiments.design import AdaptiveRow, Goal, run_adaptive, study_dents
 
     scene = load_scene(scene_name, size)

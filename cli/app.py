@@ -77,9 +77,7 @@ def run(args: Sequence[str] | None = None) -> int:
         hint = f" (see {context.command_path} --help)" if context is not None else ""
         return _complain(f"{error.format_message()}{hint}")
     except OSError as error:
-        if error.filename is None:
-            raise
-        return _complain(f"{error.filename}: {error.strerror}")
+        return _complain(f"{error.filename or 'input or output'}: {error.strerror or error}")
     except (click.Abort, KeyboardInterrupt):
         click.echo("optolever: interrupted", err=True)
         return 130

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import FILE, SIZE, json_option, renderer_option, report_into, sample
+from .options import FILE, SIZE, json_option, renderer_option, sample
+from .outputs import Program, report_option
 from .show import grid, number, progress, table, write_json
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ Run
 """
 
 
-@click.command("bench", epilog=sample(SAMPLE))
+@click.command("bench", cls=Program, epilog=sample(SAMPLE))
 @click.option("--scene", "scenes", multiple=True, metavar="PRESET_OR_TOML", help="Again for more.")
 @click.option("--dent", "dents", multiple=True, metavar="NAME[:KEY=VALUE,...]", help="Default: the scene's.")
 @click.option(
@@ -56,9 +57,7 @@ Run
     help="Frames that the display shows per second; default 60.",
 )
 @renderer_option
-@click.option(
-    "--out", type=FILE, default=Path("out/bench"), show_default=True, metavar="DIR", help="Gets the report."
-)
+@report_option("bench", "Gets the report.", "report.html", "results.json", "results.csv")
 @click.option("--readme", is_flag=True, help="Print the summary as a Markdown table, in place of all rows.")
 @json_option
 def command(
@@ -76,7 +75,6 @@ def command(
     grid's. DIR gets report.html (a section per mirror with a chart of time against error), results.json,
     results.csv and a file per cell. --grid with many cells: see optolever sweep.
     """
-    report_into(out, json_path)
     from optolever.experiments.bench import Store, time_cells
 
     asked = _grid(grid_path, lists, refresh, renderer)

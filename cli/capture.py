@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from .options import FILE, dent_of, json_option, load_scene, sample, virtual_sensor, writable
+from .options import FILE, dent_of, json_option, load_scene, sample, virtual_sensor
+from .outputs import Program
 from .show import number, progress, table, write_json
 
 __all__ = ["command"]
@@ -25,7 +26,7 @@ Capture in capture
 """
 
 
-@click.command("capture", epilog=sample(SAMPLE))
+@click.command("capture", cls=Program, epilog=sample(SAMPLE))
 @virtual_sensor(scene=None, noise=0.0)
 @click.option(
     "--out", type=FILE, required=True, metavar="DIR", help="Folder to make; it must be new or empty."
@@ -47,8 +48,7 @@ def command(
     DIR receives capture.toml and frames/*.png, and, since the sensor is virtual, scene.toml and truth.npz:
     for every camera pixel the exact u, v, x, y, z, normal, incidence, visible.
     """
-    writable(json_path)
-    from optolever.files import atomic_folder
+    from optolever.files import atomic_folder, together
     from optolever.patterns import sequence_from_text
     from optolever.projector import capture
     from optolever.scene import dent_from_text, trace
@@ -58,24 +58,25 @@ def command(
     scene = replace(scene, dent=pressed)
     surface = dent_from_text(pressed, scene)
     shown = sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
-    with atomic_folder(out) as folder, progress() as step:
-        step(f"capture {len(shown)} frames")
-        start = time.perf_counter()
-        record = capture(scene, surface, shown, renderer=renderer, noise=noise, seed=seed)
-        seconds = time.perf_counter() - start
-        step("trace the truth")
-        truth = trace(scene, surface)
-        step("write")
-        record.save(folder, truth)
-    numbers = {
-        "frames": len(shown),
-        "rows": scene.camera.rows,
-        "cols": scene.camera.cols,
-        "visible_share": float(truth.visible.mean()),
-        "mean_level": float(record.frames.mean()),
-        "seconds": seconds,
-    }
-    write_json(json_path, numbers)
+    with together(), progress() as step:
+        with atomic_folder(out) as folder:
+            step(f"capture {len(shown)} frames")
+            start = time.perf_counter()
+            record = capture(scene, surface, shown, renderer=renderer, noise=noise, seed=seed)
+            seconds = time.perf_counter() - start
+            step("trace the truth")
+            truth = trace(scene, surface)
+            step("write")
+            record.save(folder, truth)
+        numbers = {
+            "frames": len(shown),
+            "rows": scene.camera.rows,
+            "cols": scene.camera.cols,
+            "visible_share": float(truth.visible.mean()),
+            "mean_level": float(record.frames.mean()),
+            "seconds": seconds,
+        }
+        write_json(json_path, numbers)
     table(
         f"Capture in {out}",
         {

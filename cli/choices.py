@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 import click
 
 from .bench import interrupted
-from .options import json_option, renderer_option, sample, writable
+from .options import json_option, renderer_option, sample
+from .outputs import Program
 from .show import number, progress, table, write_json
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ In all
 """
 
 
-@click.command("choices", epilog=sample(SAMPLE))
+@click.command("choices", cls=Program, epilog=sample(SAMPLE))
 @click.option(
     "--case", "numbers", multiple=True, type=click.IntRange(0, 9), metavar="N", help="Default: all."
 )
@@ -68,7 +69,6 @@ def command(
         raise click.UsageError("--first goes with --random")
     if numbers and drawn:
         raise click.UsageError("--case and --random exclude each other")
-    writable(json_path)
     from optolever.experiments.design import CASES, drawn_cases, run_choices
 
     if drawn:

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .options import SIZE, json_option, sample, writable
+from .options import SIZE, json_option, sample
+from .outputs import Program
 from .show import grid, number, progress, write_json
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ gray+phase  23      200 px  0.03001 px  0      4 px    100 %  100 %
 HEADER = ("code", "frames", "range", "sigma", "gross", "stripe", "lost", "swapped")
 
 
-@click.command("codes", epilog=sample(SAMPLE))
+@click.command("codes", cls=Program, epilog=sample(SAMPLE))
 @click.argument("codes", nargs=-1, metavar="[CODE]...")
 @click.option(
     "--size", type=SIZE, default="1080x1920", show_default=True, metavar="ROWSxCOLS", help="Surface."
@@ -41,7 +42,6 @@ def command(
     orders or bits; stripe: the narrowest, which blur wipes out first; lost, swapped: share of the frames
     that may be lost (or change places with the next) without an unflagged error, tried on a simulated patch.
     """
-    writable(json_path)
     from optolever.experiments import CODES, code_rows
 
     with progress() as step:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import FILE, HDF5, blame, json_option, sample, writable
+from .options import FILE, HDF5, blame, json_option, sample
+from .outputs import OUTPUT, Program
 from .show import flag_shares, number, print_notices, progress, table, write_json
 
 if TYPE_CHECKING:
@@ -31,9 +32,11 @@ Correspondence in c.npz
 """
 
 
-@click.command("decode", epilog=sample(SAMPLE))
+@click.command("decode", cls=Program, epilog=sample(SAMPLE))
 @click.argument("source", type=FILE, metavar="DIR")
-@click.option("--out", type=FILE, required=True, metavar="C.npz", help="File to write the correspondence to.")
+@click.option(
+    "--out", type=OUTPUT, required=True, metavar="C.npz", help="File to write the correspondence to."
+)
 @click.option(
     "--description",
     type=FILE,
@@ -72,8 +75,8 @@ def command(
     `sofast`). C.npz receives u, v, sigma_u, sigma_v (pattern pixels), flags (0 = good), amplitude, offset.
     """
     from optolever.decode import decode, harmonic_errors
+    from optolever.files import together
 
-    writable(out, json_path)
     with progress() as step:
         step("read frames")
         capture = _read(source, description)
@@ -92,13 +95,14 @@ def command(
         seconds = time.perf_counter() - start
         left = [] if inverse is None else harmonic_errors(capture.frames, capture.sequence, inverse)
         step("write")
-        result.save(out)
+        numbers = _numbers(result) | {"frames": len(capture), "seconds": seconds}
+        numbers["notices"] = [asdict(notice) for notice in result.notices]
+        numbers["faults"] = [notice.name for notice in result.notices]
+        numbers["harmonic_error_px"] = {one.axis: {"rms": one.rms_px, "sigma": one.sigma_px} for one in left}
+        with together():
+            result.save(out)
+            write_json(json_path, numbers)
     print_notices(result.notices)
-    told = [asdict(notice) for notice in result.notices]
-    numbers = _numbers(result) | {"frames": len(capture), "seconds": seconds, "notices": told}
-    numbers["faults"] = [notice.name for notice in result.notices]
-    numbers["harmonic_error_px"] = {one.axis: {"rms": one.rms_px, "sigma": one.sigma_px} for one in left}
-    write_json(json_path, numbers)
     rows, cols = result.u.shape
     table(
         f"Correspondence in {out}",

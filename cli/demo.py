@@ -4,7 +4,8 @@ from pathlib import Path
 
 import click
 
-from .options import FILE, dent_of, json_option, load_scene, report_into, sample, virtual_sensor
+from .options import dent_of, json_option, load_scene, sample, virtual_sensor
+from .outputs import Program, report_option
 from .show import number, progress, table, write_json
 
 __all__ = ["command"]
@@ -24,7 +25,7 @@ Demo: paper-simulation, raised-cosine:peak=1.3, gray+phase, 22 frames
 """
 
 
-@click.command("demo", epilog=sample(SAMPLE))
+@click.command("demo", cls=Program, epilog=sample(SAMPLE))
 @virtual_sensor(scene="paper-simulation", noise=1.0)
 @click.option(
     "--blur",
@@ -32,9 +33,7 @@ Demo: paper-simulation, raised-cosine:peak=1.3, gray+phase, 22 frames
     metavar="CELLS",
     help="Rms blur of the pattern in cells, in place of the scene's own.",
 )
-@click.option(
-    "--out", type=FILE, default=Path("out/demo"), show_default=True, metavar="DIR", help="Gets report.html."
-)
+@report_option("demo", "Gets report.html.", "report.html")
 @json_option
 def command(
     scene_name: str,
@@ -53,10 +52,10 @@ def command(
     DIR/report.html is one self-contained page: patterns, frames, maps of u and v, flags, the height as a
     picture and as a surface that can be turned, error, error against sigma, the time of every stage.
     """
-    report_into(out, json_path)
     from dataclasses import replace
 
     from optolever.experiments import run_demo, write_demo_report
+    from optolever.files import report_folder, together
 
     scene = load_scene(scene_name, size)
     if blur is not None:
@@ -65,10 +64,10 @@ def command(
     with progress() as step:
         result = run_demo(scene, dent, sequence, noise=noise, seed=seed, renderer=renderer, progress=step)
         step("report")
-        out.mkdir(parents=True, exist_ok=True)
-        result = write_demo_report(result, out / "report.html")
-    numbers = result.to_dict()
-    write_json(json_path, numbers)
+        with report_folder(out), together():
+            result = write_demo_report(result, out / "report.html")
+            numbers = result.to_dict()
+            write_json(json_path, numbers)
     metrics, seconds = result.metrics, result.seconds
     table(
         f"Demo: {scene.name}, {pressed}, {sequence}, {len(result.sequence)} frames",

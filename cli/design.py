@@ -9,7 +9,6 @@ import click
 from optolever import InputError
 
 from .options import (
-    FILE,
     dent_of,
     json_option,
     load_scene,
@@ -18,8 +17,8 @@ from .options import (
     sample,
     scene_option,
     size_option,
-    writable,
 )
+from .outputs import OUTPUT, Program
 from .show import grid, number, progress, table, write_json
 
 if TYPE_CHECKING:
@@ -44,7 +43,7 @@ Choice
 HEADER = ("sequence", "frames", "time", "predicted", "+-", "simulated", "wrong order", "measured", "")
 
 
-@click.command("design", epilog=sample(SAMPLE))
+@click.command("design", cls=Program, epilog=sample(SAMPLE))
 @scene_option
 @click.option(
     "--dent", metavar="NAME[:KEY=VALUE,...]", help="Default: the dent that the scene names, or none."
@@ -69,7 +68,9 @@ HEADER = ("sequence", "frames", "time", "predicted", "+-", "simulated", "wrong o
               help="Rows of the table to print; the JSON file has all.")  # fmt: skip
 @renderer_option
 @size_option
-@click.option("--out", type=FILE, metavar="FILE.toml", help="Gets the best sequence, for capture --sequence.")
+@click.option(
+    "--out", type=OUTPUT, metavar="FILE.toml", help="Gets the best sequence, for capture --sequence."
+)
 @json_option
 def command(
     scene_name: str,
@@ -94,10 +95,10 @@ def command(
     and by the scene's own solver. What fails too often or loses pixels comes last; what --add brings is
     always printed. +-: standard error of the prediction; measured: share of the pixels with a height.
     """
-    writable(out, json_path)
     if out is not None and out.suffix != ".toml":
         raise InputError(f"{out}: must end in .toml, so that --sequence knows it for a file")
     from optolever.experiments.design import run_design, user_candidate
+    from optolever.files import together
 
     budget = _budget(frames, seconds, refresh)
     scene = load_scene(scene_name, size)
@@ -119,9 +120,10 @@ def command(
             renderer=renderer,
             progress=step,
         )
-    if out is not None and design.chosen is not None:
-        design.chosen.sequence.save(out)
-    write_json(json_path, design.to_dict())
+    with together():
+        if out is not None and design.chosen is not None:
+            design.chosen.sequence.save(out)
+        write_json(json_path, design.to_dict())
     grid(
         f"Height error, rms in mm: {scene.name}, at most {budget} frames",
         HEADER,

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import click
 
-from .options import json_option, sample, writable
+from .options import json_option, sample
+from .outputs import Program
 from .show import table, write_json
 
 __all__ = ["command"]
@@ -36,11 +37,10 @@ EXTRAS = {"h5py": "pip install 'optolever[sofast]'; without it SOFAST's HDF5 fil
 PROGRAMS = {"xvfb-run": "apt-get install xvfb", "chromium": "apt-get install chromium"}
 
 
-@click.command("doctor", epilog=sample(SAMPLE))
+@click.command("doctor", cls=Program, epilog=sample(SAMPLE))
 @json_option
 def command(json_path: Path | None) -> None:
     """Say which OpenGL context, cameras, monitors and versions there are, and what is missing."""
-    writable(json_path)
     found = {
         "optolever": _version("optolever") or "not installed",
         "python": f"{platform.python_version()}, {platform.platform(terse=True)}",
@@ -107,15 +107,13 @@ def _cameras() -> str:
 
 def _cache() -> str:
     """Where compiled kernels are kept; the first decode of a capture compiles them."""
-    folder = os.environ.get("NUMBA_CACHE_DIR")
-    if folder:
-        return folder
     from optolever import decode
+    from optolever.kernels import cache_folder
 
-    here = Path(decode.__file__).parent
-    place = here / "__pycache__" if os.access(here, os.W_OK) else Path("~/.cache/numba").expanduser()
-    kernels = len(list(place.rglob("*.nbi"))) if place.is_dir() else 0
-    return f"{place} ({kernels} kernels of decode)"
+    place = cache_folder(Path(decode.__file__).parent)
+    if place is None:
+        return "none: every process compiles for itself"
+    return f"{place} ({len(list(place.rglob('*.nbi')))} kernels of decode)"
 
 
 def _missing(found: dict[str, str]) -> dict[str, str]:
@@ -126,6 +124,11 @@ def _missing(found: dict[str, str]) -> dict[str, str]:
         missing["OpenGL"] = (
             "on Debian: apt-get install libegl1 libgl1 libgl1-mesa-dri; "
             "without it the NumPy renderer draws, correct and slower"
+        )
+    if found["numba cache"].startswith("none"):
+        missing["numba cache"] = (
+            "set NUMBA_CACHE_DIR to a folder that can be written; "
+            "without it the first decode of every process takes seconds longer"
         )
     missing |= {name: cost for name, cost in EXTRAS.items() if _version(name) is None}
     missing |= {

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .options import json_option, sample, size_option, writable
+from .options import json_option, sample, size_option
+from .outputs import Program
 from .show import grid, number, progress, write_json
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ GLSL against float64, paper-simulation, decoded rms   1.539e-05 px  at most 0.00
 """
 
 
-@click.command("figures", epilog=sample(SAMPLE))
+@click.command("figures", cls=Program, epilog=sample(SAMPLE))
 @click.option(
     "--seeds",
     type=click.IntRange(min=1),
@@ -61,7 +62,6 @@ def command(
     the demo with and without blur, and error bars over many seeds. --size resamples the demo alone (with
     --decode: it is the size of the frames, 1080x1920 if not given).
     """
-    writable(json_path)
     from optolever.experiments import run_decode_figures, run_figures, run_solver_figures
 
     if only_decode and only_reconstruct:

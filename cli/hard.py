@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import click
 
 from .bench import interrupted
-from .options import FILE, SIZE, json_option, report_into, sample
+from .options import SIZE, json_option, sample
+from .outputs import Program, report_option
 from .show import grid, number, progress, table, write_json
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ HEADER = (
 )
 
 
-@click.command("hard", epilog=sample(SAMPLE))
+@click.command("hard", cls=Program, epilog=sample(SAMPLE))
 @click.option("--size", "sizes", multiple=True, type=SIZE, metavar="ROWSxCOLS", help="Again for more.")
 @click.option("--filter", "wanted", default="", metavar="WORDS", help="Only cases that hold all these words.")
 @click.option("--quick", is_flag=True, help="96x96, fewer sequences, double precision only.")
@@ -54,9 +55,7 @@ HEADER = (
 )
 @click.option("--first", type=click.IntRange(0), default=0, metavar="N", help="The first one's number.")
 @click.option("--all", "every", is_flag=True, help="Every combination of surroundings, not a choice of them.")
-@click.option(
-    "--out", type=FILE, default=Path("out/hard"), show_default=True, metavar="DIR", help="Gets the pictures."
-)
+@report_option("hard", "Gets the pictures.")
 @json_option
 def command(
     sizes: tuple[tuple[int, int], ...],
@@ -88,8 +87,8 @@ def command(
     Exit code 1 if any case is silently wrong, or a figure over all draws is missed; where nobody could tell
     from the frames, the row says so.
     """
-    report_into(out, json_path)
     from optolever.experiments.bench import hard_cases, pooled, run_hard, save_picture
+    from optolever.files import report_folder
 
     if first and not (drawn or draws):
         raise click.UsageError("--first goes with --random or --draws")
@@ -100,11 +99,10 @@ def command(
     cases = hard_cases(sizes, wanted, quick, drawn, first, draws, every)
     if not cases:
         raise click.UsageError(f"--filter {wanted!r}: no case holds these words")
-    out.mkdir(parents=True, exist_ok=True)
     rows: list[list[str]] = []
     results: list[Result] = []
     faults = 0
-    with interrupted() as stopped, progress() as step:
+    with report_folder(out), interrupted() as stopped, progress() as step:
         for result in run_hard(cases, step):
             rows.append(_cells(result))
             results.append(replace(result, found=None))

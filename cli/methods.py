@@ -5,7 +5,8 @@ from pathlib import Path
 
 import click
 
-from .options import FILE, SIZE, json_option, sample, writable
+from .options import FILE, SIZE, json_option, sample
+from .outputs import Program
 from .show import grid, number, progress, write_json
 
 __all__ = ["command"]
@@ -22,7 +23,7 @@ paper-drops  0.02219 s  0.02 s     0.006875   -            0 %        -
 HEADER = ("method", "time", "processor", "error", "error/sigma", "flagged", "silent", "")
 
 
-@click.command("methods", epilog=sample(SAMPLE))
+@click.command("methods", cls=Program, epilog=sample(SAMPLE))
 @click.option(
     "--size",
     type=SIZE,
@@ -58,7 +59,6 @@ def command(
     silent ones (unflagged, off by more than 5 sigma). Packages from PyPI run beside, where installed (extra
     `bench`).
     """
-    writable(json_path)
     from optolever.experiments.bench import missing_peers, run_methods
 
     with progress() as step:

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import click
 
-from .options import json_option, sample, writable
+from .options import json_option, sample
+from .outputs import Program
 from .show import table, write_json
 
 __all__ = ["command"]
@@ -22,11 +23,10 @@ Names
 """
 
 
-@click.command("names", epilog=sample(SAMPLE))
+@click.command("names", cls=Program, epilog=sample(SAMPLE))
 @json_option
 def command(json_path: Path | None) -> None:
     """List the scenes, dents, sequences and methods that the other commands take by name."""
-    writable(json_path)
     from optolever.patterns import sequence_names
     from optolever.reconstruct import method_names
     from optolever.scene import dent_names, preset_names

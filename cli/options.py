@@ -10,6 +10,8 @@ import click
 
 from optolever import InputError
 
+from .outputs import OUTPUT
+
 if TYPE_CHECKING:
     from optolever.scene import Scene
 
@@ -22,12 +24,10 @@ __all__ = [
     "load_scene",
     "noise_option",
     "renderer_option",
-    "report_into",
     "sample",
     "scene_option",
     "seed_option",
     "size_option",
-    "writable",
 ]
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -57,7 +57,7 @@ SIZE = _Size()
 def json_option(command: Command) -> Command:
     """--json FILE: the numbers of the run for other programs."""
     text = "Write the numbers as JSON too."
-    return click.option("--json", "json_path", type=FILE, metavar="FILE", help=text)(command)
+    return click.option("--json", "json_path", type=OUTPUT, metavar="FILE", help=text)(command)
 
 
 def size_option(command: Command) -> Command:
@@ -152,22 +152,3 @@ def blame(path: Path) -> Iterator[None]:
     except InputError as error:
         text = str(error)
         raise InputError(text if str(path) in text else f"{path}: {text}") from error
-
-
-def writable(*paths: Path | None) -> None:
-    """InputError unless every file can be made where it is asked for: known before the work, not after."""
-    for path in paths:
-        if path is None:
-            continue
-        if path.is_dir():
-            raise InputError(f"{path}: is a folder, a file is to be written here")
-        if not path.parent.is_dir():
-            raise InputError(f"{path}: folder {path.parent} does not exist")
-
-
-def report_into(folder: Path, json_path: Path | None) -> None:
-    """InputError unless a report can go into `folder`, which is made with the report, not before."""
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file, a folder is to be made here")
-    if json_path is not None and json_path.parent != folder:
-        writable(json_path)

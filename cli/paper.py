@@ -6,15 +6,14 @@ from typing import TYPE_CHECKING
 import click
 
 from .options import (
-    FILE,
     json_option,
     noise_option,
     renderer_option,
-    report_into,
     sample,
     seed_option,
     size_option,
 )
+from .outputs import Program, report_option
 from .show import grid, number, progress, table, write_json
 
 if TYPE_CHECKING:
@@ -34,14 +33,12 @@ smooth  exact   reflection  pixels   true sign, gamma kept    0.127    3.7   1.8
 HEADER = ("case", "data", "light", "method", "equations", "drops", "rises", "mean", "peak", "field")
 
 
-@click.command("paper", epilog=sample(SAMPLE))
+@click.command("paper", cls=Program, epilog=sample(SAMPLE))
 @noise_option(1.0)
 @seed_option
 @renderer_option
 @size_option
-@click.option(
-    "--out", type=FILE, default=Path("out/paper"), show_default=True, metavar="DIR", help="Gets report.html."
-)
+@report_option("paper", "Gets report.html.", "report.html")
 @json_option
 def command(
     noise: float,
@@ -57,15 +54,15 @@ def command(
     sign, and by the dense solver; from exact correspondences and from rendered, noisy 8-bit frames. Errors
     are rms over the peak depth, along the line through the dent's middle; field: over all pixels.
     """
-    report_into(out, json_path)
     from optolever.experiments import run_paper, write_paper_report
+    from optolever.files import report_folder, together
 
     with progress() as step:
         study = run_paper(noise=noise, seed=seed, size=size, renderer=renderer, progress=step)
         step("report")
-        out.mkdir(parents=True, exist_ok=True)
-        study = write_paper_report(study, out / "report.html")
-    write_json(json_path, study.to_dict())
+        with report_folder(out), together():
+            study = write_paper_report(study, out / "report.html")
+            write_json(json_path, study.to_dict())
     grid("Errors in % of the peak depth", HEADER, [_cells(row) for row in study.rows])
     table(
         "Run",

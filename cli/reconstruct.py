@@ -10,7 +10,8 @@ import click
 
 from optolever import InputError
 
-from .options import FILE, HDF5, blame, json_option, load_scene, sample, scene_option, size_option, writable
+from .options import FILE, HDF5, blame, json_option, load_scene, sample, scene_option, size_option
+from .outputs import OUTPUT, Program
 from .show import dent_rows, flag_shares, number, progress, table, write_json
 
 if TYPE_CHECKING:
@@ -54,10 +55,10 @@ class _Anchor(click.ParamType[Any]):
         return x, y, z
 
 
-@click.command("reconstruct", epilog=sample(SAMPLE))
+@click.command("reconstruct", cls=Program, epilog=sample(SAMPLE))
 @click.argument("source", type=FILE, metavar="C.npz")
 @scene_option
-@click.option("--out", type=FILE, required=True, metavar="H.npz", help="File to write the height map to.")
+@click.option("--out", type=OUTPUT, required=True, metavar="H.npz", help="File to write the height map to.")
 @click.option("--method", default="coupled", show_default=True, help="Solver, by name (optolever names).")
 @click.option(
     "--anchor",
@@ -65,12 +66,12 @@ class _Anchor(click.ParamType[Any]):
     help="What fixes the height: the camera-side edge at rest (default), a known point (mm; default of a "
     "SOFAST rig: where it measured its distance), or nothing.",
 )
-@click.option("--tiff", type=FILE, metavar="FILE", help="Also write the height as float32 TIFF.")
-@click.option("--ply", type=FILE, metavar="FILE", help="Also write the surface as PLY.")
+@click.option("--tiff", type=OUTPUT, metavar="FILE", help="Also write the height as float32 TIFF.")
+@click.option("--ply", type=OUTPUT, metavar="FILE", help="Also write the surface as PLY.")
 @click.option(
     "--grid",
     "grids",
-    type=FILE,
+    type=OUTPUT,
     multiple=True,
     metavar="FILE",
     help="Also write the surface on a regular grid of x and y: .npz (with sigma), .tif (with its scale) or "
@@ -85,7 +86,7 @@ class _Anchor(click.ParamType[Any]):
 @click.option(
     "--slopes",
     "slopes_path",
-    type=FILE,
+    type=OUTPUT,
     metavar="FILE.npz",
     help="Also write slope_x, slope_y and the curvature, each with its sigma.",
 )
@@ -113,10 +114,9 @@ def command(
     reaches are flagged, not guessed. A scene ending in .h5 is a result of OpenCSP's SOFAST (extra `sofast`):
     its camera, facet and screen, for a correspondence decoded from its measurement.
     """
-    writable(out, json_path, tiff, ply, slopes_path, *grids)
     writers = [(path, _grid_writer(path)) for path in grids]
     from optolever.decode import Correspondence
-    from optolever.files import save_arrays
+    from optolever.files import save_arrays, together
     from optolever.reconstruct import contacts, curvature_map, on_rig, reconstruct, slope_map
     from optolever.scene import load_sofast_rig
 
@@ -130,31 +130,33 @@ def command(
         scene, anchor = rig.scene, anchor or rig.datum
     else:
         scene = load_scene(scene_name, size)
-    with progress() as step, blame(source):
-        step("reconstruct")
-        start = time.perf_counter()
-        height = reconstruct(correspondence, scene, method=method, anchor=anchor)
-        seconds = time.perf_counter() - start
-        step("contacts")
-        slopes = slope_map(height, correspondence, scene)
-        dents = [contact.to_dict() for contact in contacts(height, slopes)]
-        step("compare")
-        numbers = _numbers(height) | {"seconds": seconds, "contacts": dents}
-        if truth is not None:
-            numbers |= _against_truth(truth, correspondence, height)
+    with progress() as step:
+        with blame(source):
+            step("reconstruct")
+            start = time.perf_counter()
+            height = reconstruct(correspondence, scene, method=method, anchor=anchor)
+            seconds = time.perf_counter() - start
+            step("contacts")
+            slopes = slope_map(height, correspondence, scene)
+            dents = [contact.to_dict() for contact in contacts(height, slopes)]
+            step("compare")
+            numbers = _numbers(height) | {"seconds": seconds, "contacts": dents}
+            if truth is not None:
+                numbers |= _against_truth(truth, correspondence, height)
+            grid = height.resample(pitch) if grids else None
         step("write")
-        height.save(out)
-        if tiff is not None:
-            height.save_tiff(tiff)
-        if ply is not None:
-            height.save_ply(ply)
-        if slopes_path is not None:
-            save_arrays(slopes_path, asdict(slopes) | asdict(curvature_map(slopes)))
-        if grids:
-            grid = height.resample(pitch)
-            for path, write in writers:
-                write(grid, path)
-    write_json(json_path, numbers)
+        with together():
+            height.save(out)
+            if tiff is not None:
+                height.save_tiff(tiff)
+            if ply is not None:
+                height.save_ply(ply)
+            if slopes_path is not None:
+                save_arrays(slopes_path, asdict(slopes) | asdict(curvature_map(slopes)))
+            if grid is not None:
+                for path, write in writers:
+                    write(grid, path)
+            write_json(json_path, numbers)
     table(f"Height map in {out}", _rows(numbers))
 
 

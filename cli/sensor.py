@@ -8,15 +8,14 @@ import click
 from optolever import InputError
 
 from .options import (
-    FILE,
     json_option,
     load_scene,
     noise_option,
-    report_into,
     sample,
     scene_option,
     size_option,
 )
+from .outputs import Program, report_option
 from .show import grid, number, progress, table, write_json
 
 __all__ = ["command"]
@@ -48,7 +47,7 @@ Report
 """
 
 
-@click.command("sensor", epilog=sample(SAMPLE))
+@click.command("sensor", cls=Program, epilog=sample(SAMPLE))
 @scene_option
 @click.option(
     "--sweep",
@@ -66,9 +65,7 @@ Report
 )
 @noise_option(1.0)
 @size_option
-@click.option(
-    "--out", type=FILE, default=Path("out/sensor"), show_default=True, metavar="DIR", help="Gets report.html."
-)
+@report_option("sensor", "Gets report.html.", "report.html")
 @json_option
 def command(
     scene_name: str,
@@ -84,7 +81,6 @@ def command(
     Everything at rest, on a thinned camera; error bars are those of the full one. A sweep tells the same
     numbers for other values of one thing.
     """
-    report_into(out, json_path)
     asked = [_sweep(text) for text in sweeps]
     from optolever.experiments.design import (
         COLUMNS,
@@ -95,6 +91,7 @@ def command(
         sweep_sensor,
         write_sensor_report,
     )
+    from optolever.files import report_folder, together
 
     for name, _ in asked:
         if name not in SWEEPS:
@@ -116,9 +113,9 @@ def command(
         step("report")
         seconds["total"] = time.perf_counter() - start
         study = SensorStudy(maps, rows, settings | {"sweeps": list(sweeps)}, seconds)
-        out.mkdir(parents=True, exist_ok=True)
-        write_sensor_report(study, out / "report.html")
-    write_json(json_path, study.to_dict())
+        with report_folder(out), together():
+            write_sensor_report(study, out / "report.html")
+            write_json(json_path, study.to_dict())
     table(f"Sensor {scene.name}", {key: number(value) for key, value in maps.numbers().items()})
     for name, _ in asked:
         mine = [row for row in rows if row["sweep"] == name]

@@ -11,7 +11,8 @@ import click
 from optolever.blocks import ONE_THREAD
 
 from .bench import finish, interrupted
-from .options import FILE, json_option, report_into, sample
+from .options import FILE, json_option, sample
+from .outputs import Program, report_option
 from .show import progress
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ where grid.toml holds
 """
 
 
-@click.command("sweep", epilog=sample(SAMPLE))
+@click.command("sweep", cls=Program, epilog=sample(SAMPLE))
 @click.argument("grid_path", type=FILE, metavar="GRID.toml")
 @click.option(
     "--workers",
@@ -46,9 +47,7 @@ where grid.toml holds
     help="Local processes of one thread each; 0: this one. Default: one per core where Dask is installed.",
 )
 @click.option("--scheduler", metavar="ADDRESS", help="A running Dask scheduler, such as tcp://10.0.0.1:8786.")
-@click.option(
-    "--out", type=FILE, default=Path("out/sweep"), show_default=True, metavar="DIR", help="Gets the results."
-)
+@report_option("sweep", "Gets the results.", "report.html", "results.json", "results.csv")
 @json_option
 def command(
     grid_path: Path, workers: int | None, scheduler: str | None, out: Path, json_path: Path | None
@@ -59,7 +58,6 @@ def command(
     renderer, refresh. Each cell is seeded by itself and becomes one file in DIR/cells, so that Ctrl-C or a
     lost worker costs nothing that was finished, and the numbers do not depend on where they were computed.
     """
-    report_into(out, json_path)
     os.environ.update(ONE_THREAD)  # before NumPy is loaded: the same sums here as on any worker
     from optolever.experiments.bench import Cluster, Store, load_grid, sweep
 

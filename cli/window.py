@@ -7,7 +7,8 @@ import click
 
 from optolever import InputError
 
-from .options import SIZE, json_option, sample, writable
+from .options import SIZE, json_option, sample
+from .outputs import Program
 from .show import grid, number, table, write_json
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ Shown on monitor 1
 """
 
 
-@click.command("show", epilog=sample(SAMPLE))
+@click.command("show", cls=Program, epilog=sample(SAMPLE))
 @click.option(
     "--sequence", "text", metavar="NAME[:KEY=VALUE,...]", default="gray+phase", show_default=True,
     help="What to show; a .toml file that design or Sequence.save wrote.",
@@ -54,7 +55,6 @@ def command(
     The pattern starts in the upper left corner; what it does not cover stays black. With --seconds, --json
     tells when every frame came on, seconds after the first.
     """
-    writable(json_path)
     from optolever.projector import PatternWindow, monitors
 
     found = monitors()

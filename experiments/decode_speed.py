@@ -28,6 +28,7 @@ from optolever.decode import decode
 from optolever.errors import InputError
 from optolever.kernels import kernel
 from optolever.patterns import Frame, Sequence, sequence
+from optolever.processes import safe_path
 
 from .decode_errors import decode_errors
 from .demo import Progress, silent
@@ -279,11 +280,12 @@ def _starts(size: tuple[int, int]) -> Iterator[Figure]:
 
 def _first_call(path: Path, text: str, cache: Path) -> float:
     """Seconds of the first decode in a process whose compiled kernels are in `cache`."""
-    run = subprocess.run(
-        [sys.executable, "-c", _START, str(path), text],
-        env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    with safe_path():
+        run = subprocess.run(
+            [sys.executable, "-c", _START, str(path), text],
+            env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
     return float(run.stdout)

@@ -10,7 +10,16 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-__all__ = ["figure_uri", "new_figure", "png_uri", "robust_limits", "shrink", "thin", "thumbnail"]
+__all__ = [
+    "figure_png",
+    "figure_uri",
+    "new_figure",
+    "png_uri",
+    "robust_limits",
+    "shrink",
+    "thin",
+    "thumbnail",
+]
 
 RESOLUTION = 110  # dots per inch of every figure
 TEXT = {"size": 9.0}
@@ -23,11 +32,16 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
-def figure_uri(figure: Figure) -> str:
-    """A figure as a PNG data URI."""
+def figure_png(figure: Figure) -> bytes:
+    """A figure as a PNG."""
     stream = io.BytesIO()
     figure.savefig(stream, format="png")
-    return _uri(stream.getvalue())
+    return stream.getvalue()
+
+
+def figure_uri(figure: Figure) -> str:
+    """A figure as a PNG data URI."""
+    return _uri(figure_png(figure))
 
 
 def png_uri(image: NDArray[np.uint8]) -> str:

@@ -12,7 +12,7 @@ import jinja2
 from markupsafe import Markup
 
 from optolever import __version__
-from optolever.files import atomic_file
+from optolever.files import atomic_file, report_folder
 
 from .maps import length_unit
 
@@ -59,8 +59,8 @@ def render_page(template: str, context: dict[str, Any]) -> str:
 
 
 def write_page(path: str | Path, html: str) -> None:
-    """Write a page, whole or not at all."""
-    with atomic_file(path) as temporary:
+    """Write a page, whole or not at all, into a folder that is made if it is absent."""
+    with report_folder(Path(path).parent), atomic_file(path) as temporary:
         temporary.write_text(html, encoding="utf-8")
 
 

@@ -1,11 +1,18 @@
-"""Files that are whole or absent (written beside, then renamed), and array records as .npz."""
+"""The one place where outputs are opened: whole or absent (written beside, then renamed); array records as
+.npz.
+"""
 
+import errno
 import os
+import secrets
 import shutil
+import stat
 import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,41 +21,185 @@ from numpy.typing import NDArray
 
 from optolever.errors import InputError
 
-__all__ = ["atomic_file", "atomic_folder", "load_arrays", "save_arrays"]
+__all__ = [
+    "atomic_file",
+    "atomic_folder",
+    "load_arrays",
+    "report_folder",
+    "require_folder",
+    "require_writable",
+    "save_arrays",
+    "together",
+]
+
+_FAILED = "cannot be written"
+_READ_ONLY = 0o222  # without any of these bits a file is read-only, for root too
+
+
+@dataclass(frozen=True, slots=True)
+class _Output:
+    """What was asked for, what a link leads to there, and where it is written before it takes that place."""
+
+    asked: Path
+    target: Path
+    temporary: Path
+
+    @property
+    def through(self) -> bool:
+        """Whether the target is a device or a pipe, which is written through and never replaced."""
+        return _is_stream(self.target)
+
+    def take_place(self) -> None:
+        """Become what was asked for. An existing file keeps its mode."""
+        with self.blamed():
+            if self.through:
+                with self.temporary.open("rb") as source, _stream(self.target) as stream:
+                    shutil.copyfileobj(source, stream)
+                return
+            if self.target.is_file():
+                self.temporary.chmod(stat.S_IMODE(self.target.stat().st_mode))
+            elif self.target.is_dir():
+                self.target.rmdir()
+            self.temporary.replace(self.target)
+
+    def discard(self) -> None:
+        """Leave nothing behind."""
+        if self.temporary.is_dir():
+            shutil.rmtree(self.temporary, ignore_errors=True)
+        else:
+            with suppress(OSError):
+                self.temporary.unlink(missing_ok=True)
+
+    @contextmanager
+    def blamed(self) -> Iterator[None]:
+        """Failures to write are one line about the file that was asked for, not about where it is written."""
+        try:
+            yield
+        except InputError as error:
+            raise InputError(str(error).replace(str(self.temporary), str(self.asked))) from error
+        except OSError as error:
+            where, reason = str(error.filename or self.temporary), error.strerror or str(error)
+            if str(self.temporary) not in where:
+                raise
+            if not reason.startswith(_FAILED):
+                reason = f"{_FAILED} ({reason})"
+            where = where.replace(str(self.temporary), str(self.asked))
+            raise OSError(error.errno or errno.EIO, reason, where) from error
+
+
+_waiting: ContextVar[list[_Output] | None] = ContextVar("outputs that wait for others", default=None)
+
+
+@contextmanager
+def together() -> Iterator[None]:
+    """What is written inside takes its place when the block succeeds: all of it or nothing."""
+    outputs: list[_Output] = []
+    before = _waiting.set(outputs)
+    try:
+        yield
+        # renaming does not fail for want of room, writing to a device may: so devices come first
+        for output in sorted(outputs, key=lambda output: not output.through):
+            output.take_place()
+    finally:
+        _waiting.reset(before)
+        for output in outputs:
+            output.discard()
+
+
+@contextmanager
+def _placed(output: _Output) -> Iterator[Path]:
+    """Yield where to write; at the end the output takes its place, or waits for the others of `together`."""
+    waiting = _waiting.get()
+    before = _waiting.set(None)  # what is written into a folder is in its place at once
+    try:
+        with output.blamed():
+            yield output.temporary
+        if waiting is not None:
+            waiting.append(output)
+        else:
+            output.take_place()
+    finally:
+        _waiting.reset(before)
+        if waiting is None or output not in waiting:
+            output.discard()
 
 
 @contextmanager
 def atomic_file(path: str | Path) -> Iterator[Path]:
-    """Yield a path beside `path` (same suffix) to write to; it replaces `path` only if the block succeeds."""
-    target = Path(path)
-    _require_parent(target)
-    handle, name = tempfile.mkstemp(prefix=".", suffix=target.suffix, dir=target.parent)
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        yield temporary
-        temporary.chmod(0o666 & ~_umask())
-        temporary.replace(target)
-    finally:
-        temporary.unlink(missing_ok=True)
+    """Yield a path (same suffix) to write to; `path` becomes what it holds only if the block succeeds.
+
+    Of a link the target is replaced; a device or a pipe is written through; a file keeps its mode.
+    InputError where it may not be written; OSError of `path` where that fails, as on a full disk.
+    """
+    asked = Path(path)
+    require_writable(asked)
+    target = _target(asked)
+    folder = Path(tempfile.gettempdir()) if _is_stream(target) else target.parent
+    output = _Output(asked, target, folder / f".{secrets.token_hex(8)}{target.suffix}")
+    with _placed(output):
+        private = target.is_file() or output.through
+        os.close(os.open(output.temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600 if private else 0o666))
+        yield output.temporary
 
 
 @contextmanager
 def atomic_folder(path: str | Path) -> Iterator[Path]:
-    """Yield a folder beside `path` that becomes `path` if the block succeeds; `path` must hold no files."""
+    """Yield a folder beside `path` that becomes `path` if the block succeeds; `path` must hold no files.
+    Errors as of atomic_file.
+    """
     target = Path(path)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise InputError(f"{target}: exists and is no empty folder; nothing is written over, name another")
-    _require_parent(target)
-    temporary = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
+    _require_parent(target, target)
+    output = _Output(target, target, target.parent / f".{target.name}.{secrets.token_hex(8)}")
+    with _placed(output):
+        output.temporary.mkdir()
+        yield output.temporary
+
+
+@contextmanager
+def report_folder(path: str | Path) -> Iterator[Path]:
+    """The folder, made if it is absent; what was made goes again if the block fails with nothing in it."""
+    folder = Path(path)
+    require_folder(folder)
+    made = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
-        yield temporary
-        temporary.chmod(0o777 & ~_umask())
-        if target.exists():
-            target.rmdir()
-        temporary.replace(target)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        folder.mkdir(parents=True, exist_ok=True)
+        yield folder
+    except BaseException:
+        for each in made:
+            with suppress(OSError):
+                each.rmdir()
+        raise
+
+
+def require_writable(path: str | Path) -> None:
+    """InputError unless a file can be written there: for before the work, not after."""
+    asked = Path(path)
+    if asked.is_dir():
+        raise InputError(f"{asked}: is a folder, a file is to be written here")
+    if asked.exists():
+        _require_permission(asked, asked)
+    target = _target(asked)
+    if _is_stream(target):
+        return
+    if target.is_symlink():
+        raise InputError(f"{asked}: a link that leads to itself")
+    _require_parent(asked, target)
+
+
+def require_folder(path: str | Path, *files: str) -> None:
+    """InputError unless such files can be written into a folder, which may be absent."""
+    folder = Path(path)
+    if folder.is_dir():
+        _require_permission(folder, folder)
+        for name in files:
+            require_writable(folder / name)
+        return
+    there = next(each for each in (folder, *folder.absolute().parents) if each.exists() or each.is_symlink())
+    if not there.is_dir():
+        raise InputError(f"{there}: is a file, a folder is to be made here")
+    _require_permission(there, folder)
 
 
 def save_arrays(path: str | Path, arrays: Mapping[str, Any]) -> None:
@@ -73,13 +224,42 @@ def load_arrays(path: str | Path, required: Sequence[str]) -> dict[str, NDArray[
     return arrays
 
 
-def _require_parent(target: Path) -> None:
+def _require_parent(asked: Path, target: Path) -> None:
     parent = target.parent
     if not parent.is_dir():
-        raise InputError(f"{target}: folder {parent} does not exist")
+        raise InputError(f"{asked}: folder {parent} does not exist")
+    _require_permission(parent, asked)
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+def _require_permission(path: Path, asked: Path) -> None:
+    """InputError unless this process may write there, and unless nobody may: a mode without any w."""
+    mode = path.stat().st_mode
+    if mode & _READ_ONLY and os.access(path, os.W_OK):
+        return
+    what = "" if path == asked else f"folder {path}: "
+    raise InputError(f"{asked}: {what}no permission to write (mode {stat.S_IMODE(mode):04o})")
+
+
+def _target(asked: Path) -> Path:
+    """What a link leads to; a stream stays as it was asked for (those in /proc lead to no name)."""
+    return asked if _is_stream(asked) else Path(os.path.realpath(asked))
+
+
+def _is_stream(path: Path) -> bool:
+    """Whether it exists and is no file and no folder, or is where this process's own output goes."""
+    return path.exists() and not path.is_dir() and (not path.is_file() or _descriptor(path) is not None)
+
+
+def _descriptor(path: Path) -> int | None:
+    """Which of stdout and stderr goes to this file: `/dev/stdout` of a program whose output is redirected."""
+    for descriptor in (1, 2):
+        with suppress(OSError):
+            if os.path.samestat(os.fstat(descriptor), path.stat()):
+                return descriptor
+    return None
+
+
+def _stream(path: Path) -> Any:
+    """Open for writing; stdout and stderr go on where they are."""
+    descriptor = _descriptor(path)
+    return path.open("wb") if descriptor is None else os.fdopen(os.dup(descriptor), "wb")

@@ -1,6 +1,8 @@
 """How loops are compiled: public Numba, without the interpreter's lock, cached on disk."""
 
 import hashlib
+import os
+import tempfile
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
@@ -8,7 +10,7 @@ from typing import Any, cast
 
 import numba
 
-__all__ = ["exact", "inlined", "kernel"]
+__all__ = ["cache_folder", "exact", "inlined", "kernel"]
 
 Kernel = Callable[..., Any]
 #: Its settings are made when numba is imported: no checker knows them.
@@ -34,24 +36,43 @@ def inlined(function: Kernel) -> Kernel:
 
 def _compiled(function: Kernel, **options: Any) -> Kernel:
     """numba.njit, cached under a key of all sources: Numba itself watches a kernel's own file only, and not
-    the files of those that it calls."""
-    before = _config.CACHE_DIR
-    _config.CACHE_DIR = _cache_folder(Path(function.__code__.co_filename).parent, before)
+    the files of those that it calls. Where nothing can be kept, every process compiles for itself."""
+    folder = cache_folder(Path(function.__code__.co_filename).parent)
+    before, _config.CACHE_DIR = _config.CACHE_DIR, str(folder or "")
     try:
-        made = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+        made = numba.njit(cache=folder is not None, nogil=True, error_model="numpy", **options)(function)
     finally:
         _config.CACHE_DIR = before
     return cast(Kernel, made)
 
 
 @lru_cache(maxsize=16)
-def _cache_folder(folder: Path, chosen: str) -> str:
-    """For kernels of a part: below its __pycache__ or the NUMBA_CACHE_DIR that the user chose, a folder for
-    what the part's sources are now."""
+def cache_folder(folder: Path) -> Path | None:
+    """Where the compiled kernels of the part around `folder` are kept, for what its sources are now; None if
+    nowhere. The first that can be written: NUMBA_CACHE_DIR, the part's __pycache__, the user's cache folder.
+
+    A place that others may write to, as the system's folder for temporary files, is none of them: what is
+    kept is loaded as code. Nor is NUMBA_CACHE_DIR taken from Numba, which reads a file in the working folder.
+    """
     part = folder
     while (part.parent / "__init__.py").exists():
         part = part.parent
     state = hashlib.sha256()
     for file in sorted(part.rglob("*.py")):
         state.update(file.read_bytes())
-    return str((Path(chosen) if chosen else part / "__pycache__") / f"kernels-{state.hexdigest()[:16]}")
+    places = [Path(os.environ.get("NUMBA_CACHE_DIR") or part / "__pycache__"), part / "__pycache__"]
+    user = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
+    if user.is_absolute():  # a user without a name, as in containers, has no home folder: "~" stays
+        places.append(user / "optolever")
+    chosen = (place / f"kernels-{state.hexdigest()[:16]}" for place in places)
+    return next((place for place in chosen if _can_be_written(place)), None)
+
+
+def _can_be_written(folder: Path) -> bool:
+    """Whether a file can be made there; the folder is made, as Numba would."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError:
+        return False
+    return True

@@ -88,8 +88,8 @@ class Sequence:
         """Write 000.png, 001.png, ... and sequence.toml into a new folder, for other displays."""
         with atomic_folder(folder) as target:
             for index in range(len(self.frames)):
-                if not cv2.imwrite(str(target / f"{index:03d}.png"), self.render_frame(index)):
-                    raise InputError(f"{folder}: {index:03d}.png could not be written")
+                _, data = cv2.imencode(".png", self.render_frame(index))
+                (target / f"{index:03d}.png").write_bytes(data.tobytes())
             (target / "sequence.toml").write_text(tomli_w.dumps(self.to_dict()), encoding="utf-8")
 
     def save(self, path: str | Path) -> None:

@@ -1,13 +1,16 @@
 """The OpenGL context: EGL (a GPU, or Mesa's llvmpipe) first, then the platform's own; else one clear line.
 
 Contexts are current per thread, so each thread that asks gets one of its own; `release_context` ends it.
+A process that was forked from one that had one gets none: it would wait for ever for the driver's threads,
+which stay behind.
 """
 
+import os
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import moderngl
 
@@ -65,10 +68,39 @@ class _Local(threading.local):
 _local = _Local()
 
 
+class _Process:
+    """Whether this process has had a context, and what a fork left it of its parent's."""
+
+    drawn = False
+    forked = False
+    abandoned: ClassVar[list[moderngl.Context | None]] = []
+
+
+def _forget() -> None:
+    """In a forked process: keep what belongs to the parent's driver, never to touch it, nor to free it."""
+    _Process.forked = _Process.drawn
+    _Process.abandoned.append(_local.context)
+    _local.context = None
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget)
+
+
+def _require_own_driver() -> None:
+    if _Process.forked:
+        raise NoContextError(
+            "no OpenGL context in a process that was forked from one that has drawn (the driver's threads "
+            "stay behind); start it by multiprocessing's 'spawn', or draw with renderer 'numpy'"
+        )
+
+
 def context() -> moderngl.Context:
     """This thread's context, made at the first call. NoContextError (one line) where none can be made."""
+    _require_own_driver()
     if _local.context is None:
         _local.context, _local.backend = _create()
+        _Process.drawn = True
         # Objects that nobody released are collected there, for `collect` to free and for tests to count.
         _local.context.gc_mode = "context_gc"
     return _local.context
@@ -98,6 +130,8 @@ def context_info(ctx: moderngl.Context | None = None) -> ContextInfo:
 
 def free(ctx: moderngl.Context, *items: Any) -> None:
     """Release GL objects; none of the framebuffers stays bound (moderngl would bind a deleted one again)."""
+    if _Process.forked:
+        return
     ctx.detect_framebuffer(0).use()
     for item in items:
         item.release()
@@ -115,6 +149,7 @@ def collect(ctx: moderngl.Context) -> int:
 @contextmanager
 def checked(ctx: moderngl.Context) -> Iterator[moderngl.Context]:
     """Run a block of GL work; an error that the driver holds afterwards is raised here, not met later."""
+    _require_own_driver()
     _raise_error(ctx, "before")
     yield ctx
     _raise_error(ctx, "during")

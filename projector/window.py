@@ -1,23 +1,42 @@
 """A real window that shows a sequence: chosen monitor, full screen, vsync, one frame at a time."""
 
+import importlib
 import time
 from dataclasses import dataclass
+from functools import lru_cache
 from types import TracebackType
 from typing import Any, Self
 
-import glfw
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.patterns import Sequence
+from optolever.processes import safe_path
 
 from .renderer import FramePainter
 
 __all__ = ["Monitor", "PatternWindow", "monitors"]
 
 _WAIT_S = 0.1  # between looks at whether the window was closed
+
+
+@lru_cache(maxsize=1)
+def _library() -> Any:
+    """GLFW's binding, imported for who has a window: it starts a Python for every libglfw that it finds."""
+    with safe_path():
+        return importlib.import_module("glfw")
+
+
+class _Glfw:
+    """The module glfw, from its first use on."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(_library(), name)
+
+
+glfw: Any = _Glfw()
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +179,7 @@ class PatternWindow:
 
 
 def _initialise() -> None:
-    glfw.ERROR_REPORTING = "exception"
+    _library().ERROR_REPORTING = "exception"
     try:
         if not glfw.init():
             raise InputError("display: GLFW cannot start (is DISPLAY set?)")

@@ -25,6 +25,7 @@
 | `correlation.py`, `rounding.py` | errors that neighbouring pixels share; those of discrete codes |
 | `strays.py`, `outliers.py` | wrong pixels: by their neighbours, by the curl of the slopes |
 | `integrate.py`, `integrators.py` | plain gradient fields: integrate(), its family of solvers |
+| `quadrilateral.py` | the same for pixels that lie anywhere |
 | `rectangle.py` | the same on a rectangle, at the price of its two cosine transforms |
 | `heightmap.py`, `resampling.py` | HeightMap; its regular grid, with conserved sigma |
 | `export.py`, `x3p.py` | TIFF and PLY; X3P (ISO 25178-72) |

@@ -1,5 +1,6 @@
 """Height maps in other programs' formats: float32 TIFF and binary PLY."""
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,11 @@ def write_tiff(path: str | Path, z: Floats, pitch_mm: float | None = None) -> No
     scale: dict[str, Any] = {}
     if pitch_mm is not None:
         scale = {"resolution": (10.0 / pitch_mm, 10.0 / pitch_mm), "resolutionunit": "CENTIMETER"}
+    # in memory first: NumPy's writing into a file does not say why it failed
+    image = io.BytesIO()
+    tifffile.imwrite(image, z.astype(np.float32), metadata={"unit": "mm", "axes": "YX"}, **scale)
     with atomic_file(path) as temporary:
-        tifffile.imwrite(temporary, z.astype(np.float32), metadata={"unit": "mm", "axes": "YX"}, **scale)
+        temporary.write_bytes(image.getbuffer())
 
 
 def write_ply(path: str | Path, x: Floats, y: Floats, z: Floats, sigma: Floats, good: Mask) -> None:

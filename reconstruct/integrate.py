@@ -12,6 +12,7 @@
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.ndimage
@@ -22,6 +23,7 @@ from optolever.errors import InputError
 from .edges import edge_weights, increments
 from .integrators import SOLVERS, Field, defect
 from .linear import SEPARABLE_SPREAD, spread
+from .quadrilateral import quadrilateral_increments, quadrilateral_weights
 from .rectangle import rectangle
 
 __all__ = ["Integral", "integrate", "integrator_names"]
@@ -63,27 +65,40 @@ def integrate(
     *,
     mask: ArrayLike | None = None,
     weights: ArrayLike | tuple[ArrayLike, ArrayLike] | None = None,
-    spacing: float | tuple[float, float] = 1.0,
+    spacing: float | tuple[ArrayLike, ArrayLike] = 1.0,
 ) -> Integral:
     """Heights whose slopes are gx = dz/dx (along columns) and gy = dz/dy (along rows), in the least-squares
     sense.
 
-    gx, gy (H, W): sampled at pixels, spacing (dx, dy) apart, NaN where unknown; mask (H, W): pixels to use;
-    weights (H, W) or a pair of them for gx and gy: inverse variances. Raises InputError for input that does
-    not fit.
+    gx, gy (H, W): sampled at pixels, NaN where unknown; mask (H, W): pixels to use; weights (H, W) or a pair
+    of them for gx and gy: inverse variances. spacing: of the pixels (dx, dy), or where they lie: x, y (H, W),
+    or x (W,) of the columns and y (H,) of the rows. An edge's weight is then the inverse variance of its
+    increment for slopes of equal variance, times the mean square of the edges' lengths. Raises InputError for
+    input that does not fit.
     """
-    p, q, inside = _checked(gx, gy, mask, spacing)
+    p, q, inside = _checked(gx, gy, mask)
+    steps, places = _spaced(spacing, p.shape)
+    if places is not None:
+        inside &= np.isfinite(places[0]) & np.isfinite(places[1])
+    if not inside.any():
+        raise InputError("mask: no pixel with a gradient is left")
     wp, wq = _weights(weights, p.shape, inside)
-    name = _choose(inside, wp, wq) if method == "auto" else method
+    name = _choose(inside, wp, wq, places is None) if method == "auto" else method
     if name not in integrator_names():
         raise InputError(
             f"method = {method!r}: unknown, must be auto or one of {', '.join(integrator_names())}"
         )
+    if places is not None and name in (*RECTANGLES, "weighted"):
+        raise InputError(f"method = {name!r}: needs an even grid; 'cg', 'direct' and 'robust' do not")
+    if steps != (1.0, 1.0):
+        p, q = p * steps[0], q * steps[1]
     if name in RECTANGLES:
         _require_plain(name, inside, wp is not None)
         z, left_over = rectangle(p, q, name == "dct4")
         return Integral(z, name, 1, left_over, np.ones(p.shape, dtype=np.int32))
-    field = _field(p, q, wp, wq, inside, name)
+    if name in ("weighted", "march"):
+        _require_plain(name, inside, name == "march" and wp is not None)
+    field = _field(p, q, wp, wq, inside) if places is None else _field_at(places, p, q, wp, wq, inside)
     z, iterations, left = SOLVERS[name](field)
     labels = _labels(inside)
     z = _centred(z, labels)
@@ -99,24 +114,39 @@ def _require_plain(name: str, inside: Mask, weighted: bool) -> None:
         raise InputError(f"method = {name!r}: takes no weights; 'weighted', 'cg', 'direct' and 'robust' do")
 
 
-def _checked(
-    gx: ArrayLike, gy: ArrayLike, mask: ArrayLike | None, spacing: float | tuple[float, float]
-) -> tuple[Floats, Floats, Mask]:
-    """Slopes per pixel, and the pixels to use."""
+def _checked(gx: ArrayLike, gy: ArrayLike, mask: ArrayLike | None) -> tuple[Floats, Floats, Mask]:
+    """Slopes, and the pixels to use."""
     p, q = (np.ascontiguousarray(g, dtype=np.float64) for g in (gx, gy))
     if p.ndim != 2 or p.shape != q.shape:
         raise InputError(f"gradient: gx has shape {p.shape}, gy {q.shape}; must be equal and 2-D")
-    steps = np.broadcast_to(np.asarray(spacing, dtype=np.float64), (2,))
-    if not np.all(np.isfinite(steps) & (steps != 0)):
-        raise InputError(f"spacing = {spacing}: must be finite and not zero")
     inside = np.isfinite(p) & np.isfinite(q)
     if mask is not None:
         if np.shape(mask) != p.shape:
             raise InputError(f"mask: shape {np.shape(mask)}, must be {p.shape} as the gradient")
         inside &= np.asarray(mask, dtype=np.bool_)
-    if not inside.any():
-        raise InputError("mask: no pixel with a gradient is left")
-    return (p, q, inside) if np.all(steps == 1.0) else (p * steps[0], q * steps[1], inside)
+    return p, q, inside
+
+
+def _spaced(spacing: Any, shape: tuple[int, ...]) -> tuple[tuple[float, float], tuple[Floats, Floats] | None]:
+    """Steps between the pixels of an even grid, or 1 and their places x, y (H, W)."""
+    try:
+        pair = (spacing, spacing) if isinstance(spacing, int | float) else spacing
+        x, y = (np.asarray(part, dtype=np.float64) for part in pair)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"spacing: must be a number, a pair of them, or places x, y ({error})") from error
+    if x.ndim == y.ndim == 0:
+        if not all(np.isfinite(step) and step != 0 for step in (x, y)):
+            raise InputError(f"spacing = {spacing}: must be finite and not zero")
+        return (float(x), float(y)), None
+    lines = (shape[1],), (shape[0],)
+    if (x.shape, y.shape) not in ((shape, shape), lines):
+        raise InputError(
+            f"spacing: x has shape {x.shape}, y {y.shape}; must be {shape} as the gradient, "
+            f"or {lines[0]} of the columns and {lines[1]} of the rows"
+        )
+    if x.ndim == 1:
+        x, y = np.meshgrid(x, y)
+    return (1.0, 1.0), (x, y)
 
 
 def _weights(
@@ -138,24 +168,31 @@ def _weights(
     return found[0], found[1]
 
 
-def _choose(inside: Mask, wp: Floats | None, wq: Floats | None) -> str:
+def _choose(inside: Mask, wp: Floats | None, wq: Floats | None, even: bool) -> str:
     if wp is None or wq is None:
-        return "dct4" if inside.all() else "cg"
-    if inside.all() and max(spread(wp), spread(wq)) < SEPARABLE_SPREAD:
+        return "dct4" if even and inside.all() else "cg"
+    if even and inside.all() and max(spread(wp), spread(wq)) < SEPARABLE_SPREAD:
         return "weighted"
     contrast = max(float(np.max(w[inside])) / float(np.min(w[inside])) for w in (wp, wq))
     return "direct" if contrast > 1e4 and inside.sum() <= 1 << 18 else "cg"
 
 
-def _field(p: Floats, q: Floats, wp: Floats | None, wq: Floats | None, inside: Mask, name: str) -> Field:
-    if name in ("weighted", "march"):
-        _require_plain(name, inside, name == "march" and wp is not None)
+def _field(p: Floats, q: Floats, wp: Floats | None, wq: Floats | None, inside: Mask) -> Field:
     gx, gy = increments(p, q, inside)
     if wp is None or wq is None:
         wx, wy = _unit_weights(inside)
     else:
         wx, wy = edge_weights(1.0 / wp, 1.0 / wq, _ONE, inside)
     return Field(gx, gy, wx, wy, inside)
+
+
+def _field_at(
+    places: tuple[Floats, Floats], p: Floats, q: Floats, wp: Floats | None, wq: Floats | None, inside: Mask
+) -> Field:
+    """Of pixels that lie at x, y (H, W)."""
+    one = np.ones(p.shape)
+    wx, wy = quadrilateral_weights(one if wp is None else wp, one if wq is None else wq, *places, inside)
+    return Field(*quadrilateral_increments(p, q, *places, inside), wx, wy, inside)
 
 
 def _unit_weights(inside: Mask) -> tuple[Floats, Floats]:

@@ -20,6 +20,9 @@ _ACCURACY = Accuracy(relative=1e-12)
 _CAUCHY = 2.385  # deviations at which a defect's weight is one half: 95 % efficiency under Gaussian noise
 _ROBUST_STEPS = 30
 _ROBUST_CHANGE = 1e-3  # of the defects' scale: where reweighting stops
+_NEGLIGIBLE = 0.1  # energy of a solve's error: what no height is off by, in its own standard deviations
+_PATIENCE = 50  # conjugate gradients that cost a factorisation; steeper weights still make it many more
+_FACTORISED = 1 << 20  # pixels: 1 GB of factors
 _ROUNDING = 1e-4  # of the increments: defects below it are quadrature and rounding, no outliers
 
 
@@ -78,10 +81,15 @@ def _robust(f: Field) -> _Solution:
     floor = _ROUNDING * _scale(f, f.gx, f.gy)
     wx, wy, s, iterations = f.wx, f.wy, 0.0, 0
     z = np.zeros(f.mask.shape)
+    factorise = False
     for _ in range(_ROBUST_STEPS):
-        accuracy = Accuracy(energy=_ROBUST_CHANGE * s, relative=1e-10)
-        result = MaskedEdges(wx, wy, f.mask).solve(f.gx, f.gy, accuracy, start=z)
-        z, iterations = result.x, iterations + result.iterations
+        accuracy = Accuracy(energy=_NEGLIGIBLE * s, relative=1e-10)
+        if not factorise:
+            result = MaskedEdges(wx, wy, f.mask).solve(f.gx, f.gy, accuracy, z, _PATIENCE)
+            factorise = result.iterations == _PATIENCE and int(f.mask.sum()) <= _FACTORISED
+            z, iterations = result.x, iterations + result.iterations
+        if factorise:
+            z, iterations = DirectEdges(wx, wy, f.mask).solve(f.gx, f.gy, accuracy).x, iterations + 1
         rx, ry = _residuals(f, z)
         before, s = s, max(_scale(f, rx, ry), floor)
         if s == floor or abs(before - s) <= _ROBUST_CHANGE * s:

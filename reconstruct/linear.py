@@ -75,9 +75,11 @@ class MaskedEdges:
         """The separable problem with the columns' mean weights."""
         return ColumnPoisson(column_profile(self._wx), column_profile(self._wy), self._wx.shape[0])
 
-    def solve(self, gx: Floats, gy: Floats, accuracy: Accuracy, start: Floats | None = None) -> PoissonResult:
-        """Preconditioned conjugate gradients."""
-        return self._poisson.solve(divergence(gx, gy, self._wx, self._wy), accuracy, start)
+    def solve(
+        self, gx: Floats, gy: Floats, accuracy: Accuracy, start: Floats | None = None, limit: int = 500
+    ) -> PoissonResult:
+        """Preconditioned conjugate gradients, `limit` iterations at most."""
+        return self._poisson.solve(divergence(gx, gy, self._wx, self._wy), accuracy, start, limit)
 
     def energy(self, gx: Floats, gy: Floats) -> float:
         """sum w_e g_e^2."""

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from optolever.files import atomic_file
 
 from ..demo import Progress, silent
-from ..images import new_figure
+from ..images import figure_png, new_figure
 from .hard_case import Case, Found, Result, run_case, silent_mask
 from .hard_curved import FORMS, curved_cases
 from .hard_decode import decode_cases
@@ -81,8 +81,9 @@ def save_picture(result: Result, folder: Path) -> Path | None:
         return None
     name = re.sub(r"[^A-Za-z0-9.=-]+", "-", result.case.label).strip("-")
     path = folder / f"{name}.png"
+    picture = figure_png(_figure(result, result.found))
     with atomic_file(path) as temporary:
-        _figure(result, result.found).savefig(temporary, format="png")
+        temporary.write_bytes(picture)
     return path
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from optolever.blocks import ONE_THREAD
 from optolever.errors import InputError
+from optolever.processes import safe_path
 
 from ..demo import Progress, silent
 from .cell import Cell, grouped
@@ -112,14 +113,15 @@ def compile_apart(cells: list[Cell]) -> None:
 def _compiling(cells: list[Cell]) -> "subprocess.Popen[str]":
     """The process that does it, started."""
     code = "from optolever.experiments.bench import warm_up_from_json; warm_up_from_json()"
-    process = subprocess.Popen(
-        [sys.executable, "-c", code],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        text=True,
-        env=os.environ | ONE_THREAD,
-    )
+    with safe_path():
+        process = subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            text=True,
+            env=os.environ | ONE_THREAD,
+        )
     if process.stdin is not None:
         with process.stdin as channel:
             channel.write(json.dumps([cell.to_dict() for cell in cells]))
@@ -164,5 +166,5 @@ def _client(cluster: Cluster) -> Iterator[tuple[Any, Any]]:
         "dashboard_address": None,
         "env": ONE_THREAD,
     }
-    with dask.LocalCluster(**options) as local, dask.Client(local) as client:
+    with safe_path(), dask.LocalCluster(**options) as local, dask.Client(local) as client:
         yield dask, client

@@ -204,7 +204,9 @@ def test_a_users_module_in_the_working_folder(tmp_path: Path, monkeypatch: pytes
     )
     monkeypatch.setattr(sys, "path", [part for part in sys.path if part])
     monkeypatch.chdir(tmp_path)
+    before = list(sys.path)
     assert user_candidate("nearby:waves", 40, 60).sequence == sequence("phase", 40, 60)
+    assert sys.path == before  # nothing that is imported later comes from there
     sys.modules.pop("nearby")
 
 

@@ -1,5 +1,6 @@
 """The wheel: every part folder is a package of it, and everything that a part reads travels inside."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -113,3 +114,57 @@ def test_the_installed_wheel_works_without_the_checkout(wheel: Path, tmp_path: P
     )
     assert run.returncode == 0, run.stderr
     assert "paper-simulation" in run.stdout
+
+
+CONTAINER = """
+import os, sys
+sys.path.insert(0, sys.argv[1])
+from pathlib import Path
+import optolever.decode
+from optolever.cli import run
+from optolever.kernels import cache_folder
+from optolever.patterns import sequence
+assert Path(optolever.decode.__file__).is_relative_to(sys.argv[1])
+assert cache_folder(Path(optolever.decode.__file__).parent) is None
+shown = sequence("phase", 16, 16, periods=16.0)
+found = optolever.decode.decode(shown.render(), shown, on_cells=False)
+print("decoded", found.good.any())
+sys.exit(run(["doctor"]))
+"""
+
+
+def test_an_image_without_a_home_and_with_packages_that_are_read_only(wheel: Path, tmp_path: Path) -> None:
+    """As a container has it: no kernel can be kept, the decoder runs, `doctor` says what that costs.
+
+    Root may write everywhere: for him too a folder cannot be made where there is a file.
+    """
+    target = tmp_path / "site"
+    zipfile.ZipFile(wheel).extractall(target)
+    for package in {path.parent for path in target.rglob("__init__.py")}:
+        (package / "__pycache__").write_text("")
+    environment = {"HOME": "/dev/null", "PATH": os.environ["PATH"]}
+    command = [sys.executable, "-c", CONTAINER, str(target)]
+    run = subprocess.run(command, env=environment, cwd="/", capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert "decoded True" in run.stdout
+    assert "NUMBA_CACHE_DIR" in run.stdout
+
+
+#: One cell that compiles little.
+GRID = 'scenes = ["paper-simulation"]\nsizes = ["32x32"]\nsequences = ["exact"]\nsolvers = ["paper"]\n'
+MARKED = ("ctypes", "glob", "json", "multiprocessing", "random", "struct", "textwrap", "types", "optolever")
+
+
+@pytest.mark.parametrize("words", [["show", "--list"], ["sweep", "grid.toml", "--workers", "1"]])
+def test_nothing_is_imported_from_the_working_folder(words: list[str], tmp_path: Path) -> None:
+    """Not by the programs either that GLFW's binding and Dask start."""
+    script = Path(sys.executable).with_name("optolever")
+    if not script.is_file():
+        pytest.skip(f"{script} is absent: optolever is not installed as a program")
+    for name in MARKED:
+        mark = f"open({str(tmp_path / 'run')!r}, 'a').write({name!r})\n"
+        (tmp_path / f"{name}.py").write_text(mark)
+    (tmp_path / "grid.toml").write_text(GRID)
+    done = subprocess.run([script, *words], cwd=tmp_path, check=False, capture_output=True, text=True)
+    assert done.returncode == 0 or "display" in done.stderr, done.stderr
+    assert not (tmp_path / "run").exists(), (tmp_path / "run").read_text()

@@ -1,5 +1,8 @@
 """The context, and life without one."""
 
+import os
+import subprocess
+import sys
 import threading
 
 import moderngl
@@ -99,3 +102,53 @@ def make_an_error(ctx: moderngl.Context, texture: moderngl.Texture) -> None:
     target.use()
     target.release()
     ctx.framebuffer([texture]).release()
+
+
+FORK = """
+import multiprocessing, os
+from optolever import InputError
+from optolever.patterns import sequence
+from optolever.projector import PatternRenderer, capture, chosen_renderer, release_context
+from optolever.scene import dent, load, resize
+scene = resize(load("paper-simulation"), 16, 16)
+shown = sequence("ramp", scene.pattern.rows, scene.pattern.cols)
+flat = dent("flat", scene)
+drawn = capture(scene, flat, shown, renderer="gl").frames
+
+def child(queue):
+    try:
+        capture(scene, flat, shown, renderer="gl")
+    except InputError as error:
+        queue.put(str(error))
+    again = capture(scene, flat, shown).frames.astype(int)
+    queue.put((chosen_renderer("auto"), int(abs(again - drawn).max())))
+    release_context()
+
+def fork():
+    context = multiprocessing.get_context("fork")
+    queue = context.Queue()
+    process = context.Process(target=child, args=(queue,))
+    process.start()
+    print(queue.get(timeout=60), queue.get(timeout=60), sep="|")
+    process.join()
+    assert process.exitcode == 0
+
+with PatternRenderer(shown) as inherited:
+    fork()
+release_context()
+fork()
+assert (capture(scene, flat, shown, renderer="gl").frames == drawn).all()
+"""
+
+
+@pytest.mark.usefixtures("gl")
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+def test_a_forked_process_draws_with_numpy_and_does_not_wait_for_ever() -> None:
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", FORK], check=True, capture_output=True, text=True, timeout=120
+    )
+    for line in done.stdout.splitlines():
+        refused, found = line.split("|")
+        assert "spawn" in refused
+        assert found in ("('numpy', 0)", "('numpy', 1)")
+    assert len(done.stdout.splitlines()) == 2

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+import scipy.sparse
+import scipy.sparse.linalg
 
 from optolever import InputError
 from optolever.reconstruct import integrate, integrator_names
@@ -116,6 +118,74 @@ def test_spacing() -> None:
     np.testing.assert_allclose(stretched.z, integrate(gx, gy).z, atol=1e-12)
 
 
+def bump(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A bump off the centre of the unit square, and its slopes by x and y."""
+    z = np.exp(-((x - 0.45) ** 2 + (y - 0.55) ** 2) / (2 * 0.15**2))
+    return z, -(x - 0.45) / 0.15**2 * z, -(y - 0.55) / 0.15**2 * z
+
+
+def places(name: str, rows: int, cols: int) -> tuple[np.ndarray, np.ndarray]:
+    """Grids of the unit square: x, y (H, W)."""
+    x, y = np.meshgrid((np.arange(cols) + 0.5) / cols, (np.arange(rows) + 0.5) / rows)
+    if name == "geometric":
+        return np.expm1(1.5 * x) / np.expm1(1.5), y**1.3
+    if name == "quadrilateral":
+        return x + 0.08 * x * np.sin(2 * y + 1) + 0.1 * y, y + 0.1 * x**2 - 0.05 * np.cos(3 * x)
+    if name == "turned":
+        return 0.5 + 0.6 * (x - y), 0.6 * (x + y) - 0.1
+    if name == "jittered":
+        rng = np.random.default_rng(0)
+        return x + rng.uniform(-0.3, 0.3, x.shape) / cols, y + rng.uniform(-0.3, 0.3, x.shape) / rows
+    return x, y
+
+
+@pytest.mark.parametrize("masked", [False, True])
+@pytest.mark.parametrize("name", ["even", "geometric", "quadrilateral", "turned", "jittered"])
+def test_pixels_that_lie_anywhere(name: str, masked: bool) -> None:
+    x, y = places(name, 100, 120)
+    z, gx, gy = bump(x, y)
+    mask = np.hypot(x - 0.55, y - 0.5) > 0.1 if masked else np.ones(x.shape, dtype=bool)
+    x[~mask] = np.nan
+    result = integrate(gx, gy, mask=mask, spacing=(x, y))
+    assert result.method == "cg"
+    assert rms((result.z - z)[mask]) < 1e-6 * rms(z)
+    assert np.isnan(result.z[~mask]).all()
+
+
+def test_lines_of_an_uneven_grid() -> None:
+    x, y = places("geometric", 40, 50)
+    _, gx, gy = bump(x, y)
+    lines = integrate(gx, gy, spacing=(x[0], y[:, 0]))
+    np.testing.assert_array_equal(lines.z, integrate(gx, gy, spacing=(x, y)).z)
+
+
+def test_fifth_degree_is_exact_wherever_the_pixels_lie() -> None:
+    """Down to grids of few rows, where fewer terms can be told apart: degrees that these bear."""
+    for shape, degree in (((9, 11), 5), ((6, 7), 5), ((3, 3), 3), ((2, 2), 2), ((1, 5), 1), ((1, 2), 1)):
+        x, y = places("jittered", *shape)
+        powers = [(m, n) for m in range(degree + 1) for n in range(degree + 1 - m)]
+        share = np.random.default_rng(1).standard_normal(len(powers))
+        z = sum(a * x**m * y**n for a, (m, n) in zip(share, powers, strict=True))
+        gx = sum(a * m * x ** max(m - 1, 0) * y**n for a, (m, n) in zip(share, powers, strict=True))
+        gy = sum(a * n * x**m * y ** max(n - 1, 0) for a, (m, n) in zip(share, powers, strict=True))
+        for method in ("cg", "direct", "march"):
+            found = integrate(gx, gy, method, spacing=(x, y)).z
+            np.testing.assert_allclose(found - found[0, 0], z - z[0, 0], atol=1e-6)
+
+
+def test_edges_count_by_what_noise_does_to_their_increments() -> None:
+    """Noise of the slopes alone: where it is low, weights keep what is high elsewhere away."""
+    rng = np.random.default_rng(0)
+    x, y = places("geometric", 60, 60)
+    sigma = np.where(x > 0.5, 3.0, 0.3)
+    errors = []
+    for weights in (None, 1 / sigma**2):
+        trials = (sigma * rng.standard_normal((2, *x.shape)) for _ in range(8))
+        found = (integrate(*noise, weights=weights, spacing=(x, y)).z[x < 0.5] for noise in trials)
+        errors.append([rms(z) for z in found])
+    assert np.mean(errors[1]) < 0.8 * np.mean(errors[0])
+
+
 def test_turned_and_mirrored_fields() -> None:
     _, gx, gy = gaussian(SIZE, SIZE)
     straight = integrate(gx, gy).z
@@ -140,6 +210,55 @@ def test_robust_leaves_outliers_behind() -> None:
     assert np.median(robust.edge_weights[0][wrong]) < 0.1
 
 
+def torn(rows: int, cols: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """z, its slopes per pixel, a star for a mask: a cliff that rises along a curve, which no slope shows."""
+    y, x = np.mgrid[:rows, :cols].astype(float)
+    x, y = x / cols, y / rows
+    above = y > 0.5 + 0.12 * np.sin(6 * x)
+    rise = np.clip(x - 0.25, 0, None)
+    z = 5 * np.sin(3 * x) * np.cos(2.5 * y) + 14 * above * rise**2
+    gx = (15 * np.cos(3 * x) * np.cos(2.5 * y) + 28 * above * rise) / cols
+    gy = -12.5 * np.sin(3 * x) * np.sin(2.5 * y) / rows
+    away = np.hypot((x - 0.5) / 0.45, (y - 0.5) / 0.46)
+    return z, gx, gy, away < 0.8 + 0.18 * np.cos(5 * np.arctan2(y - 0.5, x - 0.5))
+
+
+def cauchy_loop(gx: np.ndarray, gy: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Reweighted normal equations, factorised anew thirty times."""
+    number = np.cumsum(mask).reshape(mask.shape) - 1
+    ends, data = [], []
+    for g, first, second in zip(
+        increments(gx, gy, mask), (np.s_[:, :-1], np.s_[:-1]), (np.s_[:, 1:], np.s_[1:]), strict=True
+    ):
+        exists = mask[first] & mask[second]
+        ends.append((number[first][exists], number[second][exists]))
+        data.append(g[first][exists])
+    tail, head = np.concatenate(ends, axis=1)
+    g, every = np.concatenate(data), np.arange(tail.size)
+    signs = np.repeat([-1.0, 1.0], tail.size)
+    shape = (tail.size, int(mask.sum()))
+    step = scipy.sparse.csr_array((signs, (np.tile(every, 2), np.r_[tail, head])), shape=shape)[:, 1:]
+    weight = np.ones(g.shape)
+    for _ in range(30):
+        normal = (step.T @ scipy.sparse.diags_array(weight) @ step).tocsc()
+        found = scipy.sparse.linalg.spsolve(normal, step.T @ (weight * g))
+        left = g - step @ found
+        weight = 1 / (1 + (left / (2.385 * 1.4826 * np.median(np.abs(left)))) ** 2)
+    z = np.full(mask.shape, np.nan)
+    z[mask] = np.r_[0.0, found]
+    return z
+
+
+@pytest.mark.parametrize("noise", [1e-2, 1e-4])
+def test_robust_at_cliffs_is_a_plain_cauchy_loop(noise: float) -> None:
+    """The same heights within a fraction of what noise does to them, without thousands of iterations."""
+    z, gx, gy, mask = torn(96, 112)
+    gx, gy = (g + noise * np.random.default_rng(0).standard_normal(g.shape) for g in (gx, gy))
+    found, loop = integrate(gx, gy, "robust", mask=mask), cauchy_loop(gx, gy, mask)
+    assert rms((found.z - z)[mask]) == pytest.approx(rms((loop - z)[mask]), rel=0.02)
+    assert found.iterations < 600
+
+
 @pytest.mark.parametrize(
     ("options", "word"),
     [
@@ -149,6 +268,13 @@ def test_robust_leaves_outliers_behind() -> None:
         ({"weights": np.zeros((8, 8))}, "weights"),
         ({"weights": np.ones((3, 8))}, "weights"),
         ({"spacing": 0.0}, "spacing"),
+        ({"spacing": "wide"}, "spacing"),
+        ({"spacing": (1.0, 1.0, 1.0)}, "spacing"),
+        ({"spacing": (np.ones((8, 9)), np.ones((8, 8)))}, "spacing"),
+        ({"spacing": (np.ones((8, 8)), np.ones((8, 8)))}, "spacing"),
+        ({"spacing": (np.arange(8.0), 1.0)}, "spacing"),
+        ({"spacing": (np.arange(8.0), np.arange(8.0)), "method": "dct4"}, "even grid"),
+        ({"spacing": (np.full((8, 8), np.nan), np.ones((8, 8)))}, "mask"),
         ({"method": "dct4", "mask": np.eye(8, dtype=bool)}, "rectangle"),
         ({"method": "dct4", "weights": np.ones((8, 8))}, "weights"),
         ({"method": "march", "mask": np.eye(8, dtype=bool)}, "rectangle"),

@@ -1,0 +1,135 @@
+"""Where commands write: the checks of every output, made before a command does any work.
+
+An output is an option of type OUTPUT, or made by `report_option`; what else names a file is an input.
+"""
+
+import mimetypes
+import re
+import tomllib
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from optolever.errors import InputError
+
+__all__ = ["OUTPUT", "Program", "report_option"]
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+class _OutputFile(click.Path):
+    """A file to write."""
+
+
+class _ReportFolder(click.Path):
+    """A folder to write into, made if it is absent, and the files that it gets."""
+
+    def __init__(self, *files: str) -> None:
+        super().__init__(path_type=Path)
+        self.files = files
+
+
+OUTPUT = _OutputFile(path_type=Path)
+
+
+def report_option(command: str, text: str, *files: str) -> Callable[[Function], Function]:
+    """--out DIR, by default out/COMMAND; files: what it gets for certain."""
+    default = Path("out") / command
+    return click.option(
+        "--out", type=_ReportFolder(*files), default=default, show_default=True, metavar="DIR", help=text
+    )
+
+
+class Program(click.Command):
+    """A command that begins only if each of its outputs may be written and none of them is an input."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Check, then run. InputError names the output."""
+        from optolever.files import require_folder, require_writable
+
+        values = list(self._values(ctx))
+        folders = [(Path(value), kind.files) for kind, value in values if isinstance(kind, _ReportFolder)]
+        outputs = [folder / name for folder, files in folders for name in files]
+        for folder, files in folders:
+            require_folder(folder, *files)
+        made = {folder.absolute() for folder, _ in folders}
+        for kind, value in values:
+            if isinstance(kind, _OutputFile):
+                outputs.append(Path(value))
+                if Path(value).absolute().parent not in made or Path(value).parent.exists():
+                    require_writable(value)
+        inputs = [
+            str(value)
+            for kind, value in values
+            if isinstance(value, str | Path) and not isinstance(kind, _OutputFile | _ReportFolder)
+        ]
+        _require_apart(outputs, inputs)
+        return super().invoke(ctx)
+
+    def _values(self, ctx: click.Context) -> Iterator[tuple[Any, Any]]:
+        """Type and value of every argument, those given several times one by one."""
+        for parameter in self.params:
+            value = ctx.params.get(parameter.name or "")
+            for each in value if isinstance(value, tuple) else (value,):
+                if each is not None:
+                    yield parameter.type, each
+
+
+def _require_apart(outputs: list[Path], inputs: Iterable[str]) -> None:
+    """InputError if two outputs are one file, or an output is what a command reads."""
+    for place, path in enumerate(outputs):
+        if not path.exists():
+            same = next((other for other in outputs[:place] if other.absolute() == path.absolute()), None)
+        elif not path.is_file():
+            continue  # devices take whatever comes
+        else:
+            same = next((other for other in outputs[:place] if _same(path, other)), None)
+            for text in inputs:
+                if any(_reads(Path(name), path) for name in _texts(text)):
+                    raise InputError(
+                        f"{path}: is an input ({text}), it would be destroyed; name another output"
+                    )
+        if same is not None:
+            raise InputError(f"{path}: is named for two outputs, each needs a file of its own")
+
+
+def _reads(source: Path, path: Path) -> bool:
+    """Whether a command that is given `source` reads the file `path`: itself; what it names, if it is TOML;
+    TOML and images in it, if it is a folder.
+    """
+    if source.is_dir():
+        kind = mimetypes.guess_type(path.name)[0] or ""
+        inside = path.resolve().is_relative_to(source.resolve())
+        return inside and (path.suffix == ".toml" or kind.startswith("image/"))
+    if not source.is_file():
+        return False
+    return _same(source, path) or any(_same(source.parent / name, path) for name in _named(source))
+
+
+def _named(source: Path) -> set[str]:
+    """Every text in a TOML file; nothing of others, nor of one that cannot be read, which its reader says."""
+    if source.suffix != ".toml":
+        return set()
+    try:
+        values: list[Any] = [tomllib.loads(source.read_text(encoding="utf-8"))]
+    except (OSError, ValueError):
+        return set()
+    texts = set()
+    while values:
+        value = values.pop()
+        if isinstance(value, str):
+            texts |= _texts(value)
+        elif isinstance(value, dict | list):
+            values += value.values() if isinstance(value, dict) else value
+    return texts
+
+
+def _texts(text: str) -> set[str]:
+    """A text and its parts, as in relief:path=picture.png."""
+    return {text, *re.split("[:=,]", text)} - {""}
+
+
+def _same(one: Path, other: Path) -> bool:
+    return one.is_file() and other.is_file() and one.samefile(other)

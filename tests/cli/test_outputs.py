@@ -1,0 +1,259 @@
+"""Outputs: devices and links written through, inputs and read-only files kept, full disks leave nothing."""
+
+import importlib
+import json
+import os
+import resource
+import shutil
+import stat
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from optolever.cli.app import COMMANDS, MODULES
+from optolever.cli.outputs import OUTPUT, Program
+from optolever.patterns import sequence
+from optolever.reconstruct import HeightMap
+
+from .conftest import SCENE, Chain
+from .conftest import Program as Run
+from .test_bad_input import assert_refused
+
+
+@contextmanager
+def full_disk(room: int = 16384) -> Iterator[None]:
+    """No file of this process may grow beyond `room` bytes."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.fixture
+def device(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """/dev/null and /dev/full that may be spoilt: for root of his own, for others the system's."""
+    folder = tmp_path_factory.mktemp("devices")
+
+    def made(name: str) -> Path:
+        system, own = Path("/dev") / name, folder / name
+        if os.geteuid():
+            return system
+        try:
+            os.mknod(own, 0o666 | stat.S_IFCHR, system.stat().st_rdev)
+            os.close(os.open(own, os.O_WRONLY))
+        except OSError as error:
+            pytest.skip(f"no device can be made here: {error}")
+        return own
+
+    return made
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_checks_its_outputs(name: str) -> None:
+    command = importlib.import_module(f"optolever.cli.{MODULES.get(name, name)}").command
+    assert isinstance(command, Program)
+    kinds = {parameter.name: parameter.type for parameter in command.params}
+    assert kinds["json_path"] is OUTPUT
+
+
+def test_a_device_stays_a_device(optolever: Run, device: Callable[[str], Path]) -> None:
+    null = device("null")
+    assert optolever("names", "--json", null).code == 0
+    assert stat.S_ISCHR(null.stat().st_mode)
+
+
+def test_a_pipe_is_written_through(optolever: Run, tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    read: list[str] = []
+    reader = threading.Thread(target=lambda: read.append(pipe.read_text()))
+    reader.start()
+    assert optolever("names", "--json", pipe).code == 0
+    reader.join(10)
+    assert "scenes" in json.loads(read[0])
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+
+
+def test_standard_output_goes_on_where_it_is(tmp_path: Path) -> None:
+    """A pipe, and a file that the shell has opened: JSON first, then what the command prints."""
+    command = [
+        sys.executable,
+        "-c",
+        "from optolever.cli import main; main()",
+        "names",
+        "--json",
+        "/dev/stdout",
+    ]
+    piped = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+    with (tmp_path / "log").open("w") as log:
+        subprocess.run(command, check=True, stdout=log)
+    assert (tmp_path / "log").read_text() == piped
+    record, end = json.JSONDecoder().raw_decode(piped)
+    assert "scenes" in record
+    assert "paper-simulation" in piped[end:]
+
+
+def test_a_links_target_is_written(optolever: Run, tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    for name, old in (("old", "an older result"), ("absent", None)):
+        target, link = tmp_path / "there" / name, tmp_path / f"{name}.json"
+        if old is not None:
+            target.write_text(old)
+        link.symlink_to(target)
+        assert optolever("names", "--json", link).code == 0
+        assert link.is_symlink()
+        assert "scenes" in json.loads(target.read_text())
+    assert sorted(path.name for path in (tmp_path / "there").iterdir()) == ["absent", "old"]
+
+
+def test_a_link_that_leads_nowhere_is_refused(optolever: Run, tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    (tmp_path / "off").symlink_to(tmp_path / "none" / "off")
+    assert_refused(optolever, tmp_path, ["names", "--json", tmp_path / "loop"], ("loop", "itself"))
+    assert_refused(optolever, tmp_path, ["names", "--json", tmp_path / "off"], ("off", "does not exist"))
+
+
+def test_a_file_keeps_its_mode(optolever: Run, tmp_path: Path) -> None:
+    path = tmp_path / "names.json"
+    path.write_text("")
+    path.chmod(0o640)
+    assert optolever("names", "--json", path).code == 0
+    assert stat.S_IMODE(path.stat().st_mode) == 0o640
+    before = os.umask(0o027)
+    try:
+        assert optolever("names", "--json", tmp_path / "new.json").code == 0
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "new.json").stat().st_mode) == 0o640
+
+
+def test_read_only_files_and_folders_are_kept_by_root_too(optolever: Run, tmp_path: Path) -> None:
+    """Before any work: what the command would read does not even exist."""
+    path = tmp_path / "c.npz"
+    path.write_bytes(b"an older result")
+    path.chmod(0o444)
+    assert_refused(optolever, tmp_path, ["decode", "nowhere", "--out", path], (str(path), "0444"))
+    locked = tmp_path / "locked"
+    locked.mkdir()
+    locked.chmod(0o555)
+    reports = (["demo"], ["paper"], ["bench"], ["hard"], ["sensor", "--scene", "none"])
+    for args in (
+        ["decode", "nowhere", "--out", locked / "c.npz"],
+        ["reconstruct", "nowhere", "--scene", "none", "--out", tmp_path / "h.npz", "--ply", locked / "h.ply"],
+        ["capture", "--scene", "paper-simulation", "--out", locked / "capture"],
+        *([*report, "--out", locked] for report in reports),
+        *([*report, "--out", locked / "deeper" / "report"] for report in reports),
+        ["sweep", "nowhere", "--out", locked],
+    ):
+        assert_refused(optolever, tmp_path, args, (str(locked), "0555"))
+
+
+def test_no_output_is_an_input(optolever: Run, chain: Chain, tmp_path: Path) -> None:
+    capture, found = tmp_path / "capture", tmp_path / "c.npz"
+    shutil.copytree(chain.capture, capture)
+    shutil.copy(chain.correspondence, found)
+    (tmp_path / "link.npz").symlink_to(found)
+    os.link(found, tmp_path / "hard.npz")
+    shutil.copy(capture / "frames/003.png", tmp_path / "mask.png")
+    (tmp_path / "grid.toml").write_text("[cells]\n")
+    described = tmp_path / "other.toml"
+    described.write_text((capture / "capture.toml").read_text())
+    solve = ["reconstruct", found, "--scene", capture / "scene.toml"]
+    out = ["--out", tmp_path / "new"]
+    dented = ["capture", *SCENE, "--dent", f"relief:path={tmp_path / 'mask.png'},peak=1"]
+    for args in (
+        [*solve, "--out", found],
+        [*solve, "--out", tmp_path / "link.npz"],
+        [*solve, "--out", tmp_path / "hard.npz"],
+        [*solve, *out, "--slopes", found],
+        [*solve, *out, "--grid", capture / "scene.toml"],
+        [*solve, *out, "--truth", capture / "truth.npz", "--json", capture / "truth.npz"],
+        ["reconstruct", tmp_path / "link.npz", "--scene", capture / "scene.toml", "--out", found],
+        ["decode", capture, "--out", capture / "capture.toml"],
+        ["decode", capture, "--out", capture / "frames/003.png"],
+        ["decode", capture, *out, "--json", capture / "scene.toml"],
+        ["decode", capture, *out, "--description", described, "--json", described],
+        ["decode", capture, *out, "--mask", tmp_path / "mask.png", "--json", tmp_path / "mask.png"],
+        ["capture", "--scene", capture / "scene.toml", *out, "--json", capture / "scene.toml"],
+        [*dented, *out, "--json", tmp_path / "mask.png"],
+        ["sweep", tmp_path / "grid.toml", *out, "--json", tmp_path / "grid.toml"],
+        ["design", *SCENE, "--add", capture, "--json", capture / "frames/003.png"],
+    ):
+        path = next(str(arg) for arg in args[::-1] if str(arg).startswith(str(tmp_path)))
+        assert_refused(optolever, tmp_path, args, (path, "is an input"))
+
+
+def test_two_outputs_are_two_files(optolever: Run, tmp_path: Path) -> None:
+    path = tmp_path / "c.npz"
+    args = ["decode", "nowhere", "--out", path, "--json", path]
+    assert_refused(optolever, tmp_path, args, (str(path), "two outputs"))
+    path.write_bytes(b"an older result")
+    assert_refused(optolever, tmp_path, args, (str(path), "two outputs"))
+
+
+def test_results_may_lie_beside_the_frames_and_be_made_again(
+    optolever: Run, chain: Chain, tmp_path: Path
+) -> None:
+    shutil.copytree(chain.capture, tmp_path / "capture")
+    for _ in range(2):
+        args = ["--out", tmp_path / "capture/c.npz", "--json", tmp_path / "capture/n.json"]
+        assert optolever("decode", tmp_path / "capture", *args).code == 0
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing(optolever: Run, chain: Chain, tmp_path: Path) -> None:
+    """New files are absent, older ones as they were."""
+    (tmp_path / "h.npz").write_bytes(b"an older result")
+    solve = ["reconstruct", chain.correspondence, "--scene", chain.capture / "scene.toml"]
+    for name, args in {"c.npz": ["decode", chain.capture], "h.npz": solve}.items():
+        path = tmp_path / name
+        with full_disk():
+            assert_refused(optolever, tmp_path, [*args, "--out", path], (str(path), "File too large"))
+
+
+def test_every_writer_says_that_the_disk_is_full(chain: Chain, tmp_path: Path) -> None:
+    height = HeightMap.load(chain.height)
+    grid = height.resample()
+    writers: dict[str, Callable[[Path], None]] = {
+        "h.npz": height.save,
+        "h.tif": height.save_tiff,
+        "h.ply": height.save_ply,
+        "g.npz": grid.save,
+        "g.tif": grid.save_tiff,
+        "g.x3p": grid.save_x3p,
+        "s.toml": sequence("gray+phase", 96, 96).save,
+        "s": sequence("gray+phase", 512, 512).save_png,
+    }
+    for name, write in writers.items():
+        path = tmp_path / name
+        with full_disk(1024), pytest.raises(OSError, match=r"cannot be written .*File too large") as raised:
+            write(path)
+        assert str(raised.value.filename).startswith(str(path)), name
+        assert not list(tmp_path.iterdir()), name
+
+
+def test_a_full_disk_leaves_no_folder(optolever: Run, tmp_path: Path) -> None:
+    for args in (
+        ["capture", *SCENE, "--noise", "2", "--renderer", "numpy", "--out", tmp_path / "capture"],
+        ["demo", "--size", "96x96", "--renderer", "numpy", "--out", tmp_path / "deep/er/demo"],
+    ):
+        with full_disk(4096):
+            assert_refused(optolever, tmp_path, args, (str(args[-1]), "File too large"))
+        assert not list(tmp_path.iterdir())
+
+
+def test_all_outputs_or_none(
+    optolever: Run, chain: Chain, tmp_path: Path, device: Callable[[str], Path]
+) -> None:
+    """The last one does not fit: those before it, whole already, are not left either."""
+    full = device("full")
+    solve = ["reconstruct", chain.correspondence, "--scene", chain.capture / "scene.toml"]
+    args = [*solve, "--out", tmp_path / "h.npz", "--ply", tmp_path / "h.ply", "--json", full]
+    assert_refused(optolever, tmp_path, args, (str(full), "No space left"))
+    assert stat.S_ISCHR(full.stat().st_mode)
