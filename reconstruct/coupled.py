@@ -98,14 +98,20 @@ def solved_height(
 ) -> tuple[Problem, State, HeightMap]:
     """`reconstruct` by one of the dense methods, with what was solved and how it ended."""
     options = _METHODS[method]
+    singular = np.zeros(correspondence.u.shape, dtype=np.bool_)
     for _ in range(_ATTEMPTS):
-        whole = prepare(correspondence, scene, anchor, mask)
+        whole = prepare(correspondence, scene, anchor, mask, singular)
         removed = strays(whole.data, ~whole.bridged)
         problem = replace(whole, data=bridged(whole.data, removed))
         first = _warm(problem, start) if start is not None else None
         if first is None:
             first = coarse_start(problem.data, problem.samples, problem.labels, options)
         state = _solve(problem, first, options)
+        hollow = problem.data.singular(state.w)
+        problem = replace(problem, singular=problem.singular | hollow)
+        if hollow.any():
+            singular |= problem.in_image(hollow)
+            continue
         if state.astray is None or not 0 < np.count_nonzero(state.astray) < _FEW * state.astray.size:
             break
         correspondence = _without(correspondence, problem, state.astray)
@@ -145,9 +151,7 @@ def _without(correspondence: Correspondence, problem: Problem, astray: Mask) -> 
     """The correspondence with pixels flagged that kept all others from converging: right before the pattern,
     where slopes depend on the height most, noise can drive one away on its own.
     """
-    outer = np.zeros(problem.outer.mask.shape, dtype=np.bool_)
-    outer[problem.core] = astray
-    flags = np.where(problem.to_image(outer, False), HeightFlag.NOT_CONVERGED, 0).astype(np.uint16)
+    flags = np.where(problem.in_image(astray), HeightFlag.NOT_CONVERGED, 0).astype(np.uint16)
     return replace(correspondence, flags=correspondence.flags | flags)
 
 

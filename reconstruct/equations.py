@@ -22,11 +22,13 @@ from optolever.kernels import exact, inlined, kernel
 
 from .geometry import PAD, RayField
 
-__all__ = ["slope_variances", "slopes"]
+__all__ = ["no_normal", "slope_variances", "slopes"]
 
 Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 _SWING = 0.05  # noise over the way to the pattern: what noise does to a slope depends on where noise put it
+_SURE = 3.0  # standard deviations: beyond them lies noise of a normal distribution but for 0.3 %
 _ALONG, _ACROSS = 2, 1  # rows and columns on either side that tell where it is without
 
 
@@ -71,6 +73,31 @@ def slope_variances(
         u.shape,
     )
     return out
+
+
+def no_normal(
+    rays: RayField,
+    plane: Floats,
+    u: Floats,
+    v: Floats,
+    sigma_u: Floats,
+    sigma_v: Floats,
+    w: Floats,
+    var_p: Floats,
+    var_q: Floats,
+    step: int = 1,
+) -> Mask:
+    """Pixels whose normal n ~ e - d is lost in noise, (rows, cols).
+
+    e has no direction where X is at P, and is d where X is on the ray's way on from P: X must be farther
+    from that half-line than its own noise may move it, and farther from P than a pixel's noisy slopes, of
+    variances var_p and var_q, move P.
+    """
+    found = np.empty(u.shape, dtype=np.bool_)
+    log = rays.logarithmic
+    arrays = rays.origins, rays.directions, plane, u, v, sigma_u, sigma_v, w, var_p, var_q, step, log, found
+    over_image(lambda start, stop: _no_normal(*arrays, start, stop), u.shape)
+    return found
 
 
 @inlined
@@ -203,3 +230,24 @@ def _variances(o, d, plane, u, v, sigma_u, sigma_v, w, step, log, var_p, var_q, 
                     var_p[i, j] = more * (by_u * by_u + by_v * by_v)
                 else:
                     var_q[i, j] = more * (by_u * by_u + by_v * by_v)
+
+
+@exact
+def _no_normal(o, d, plane, u, v, sigma_u, sigma_v, w, var_p, var_q, step, log, out, start, stop):  # type: ignore[no-untyped-def]
+    size_u = plane[1, 0] ** 2 + plane[1, 1] ** 2 + plane[1, 2] ** 2
+    size_v = plane[2, 0] ** 2 + plane[2, 1] ** 2 + plane[2, 2] ** 2
+    for i in range(start, stop):
+        r = PAD + step * i
+        for j in range(u.shape[1]):
+            c = PAD + step * j
+            t = math.exp(w[i, j]) if log else w[i, j]
+            unit = t if log else 1.0
+            away, ahead = 0.0, 0.0
+            for k in range(3):
+                x = plane[0, k] + u[i, j] * plane[1, k] + v[i, j] * plane[2, k] - o[k, r, c] - t * d[k, r, c]
+                away += x * x
+                ahead += x * d[k, r, c]
+            beside = away - max(ahead, 0.0) ** 2
+            noise = max(size_u * sigma_u[i, j] ** 2, size_v * sigma_v[i, j] ** 2)
+            moved = unit * unit * max(var_p[i, j], var_q[i, j])
+            out[i, j] = not (beside > _SURE**2 * noise and away > moved)

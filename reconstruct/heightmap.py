@@ -28,13 +28,15 @@ class HeightFlag(IntFlag):
     is reached only across slopes that change too fast between pixels (a cusp, a rim), what that may cost
     exceeds three sigma of the noise and is in its sigma (not so where pixels are missing along the same
     line: a step of any height may hide there, and the whole piece behind it is flagged); NOT_CONVERGED:
-    the last steps still moved it, or so many others that nothing can be said of any.
+    the last steps still moved it, or so many others that nothing can be said of any; SINGULAR: the pattern
+    lies within its noise of the mirror or of the ray there, so that no normal can be told.
     """
 
     NO_ANCHOR = 1024
     CURL = 2048
     STEEP = 4096
     NOT_CONVERGED = 8192
+    SINGULAR = 16384
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .equations import slope_variances, slopes
+from .equations import no_normal, slope_variances, slopes
 from .geometry import PAD, RayField, rest_distance
 
 __all__ = ["Measured"]
@@ -91,6 +91,14 @@ class Measured:
         return slope_variances(
             self.rays, self.plane, self.u, self.v, self.sigma_u, self.sigma_v, w, self.step
         )
+
+    def singular(self, w: Floats) -> Mask:
+        """Pixels of the mask to which noise leaves no normal if the mirror is at w, see
+        `equations.no_normal`.
+        """
+        sigmas = self.sigma_u, self.sigma_v
+        found = no_normal(self.rays, self.plane, self.u, self.v, *sigmas, w, *self.variances(w), self.step)
+        return found & self.mask
 
     def clearance(self, w: Floats) -> Floats:
         """Distance from the mirror point at w to the pattern point, mm; NaN where u or v is."""

@@ -103,6 +103,7 @@ def solve(
     problem, root, phi = plain, _ONE, None
     iterations = 0
     energies: list[float] = []
+    merits: list[float] = []
     steps: list[float] = []
     change, share = np.zeros(w.shape), np.zeros(rows.pixel.shape)
     while True:
@@ -115,11 +116,13 @@ def solve(
             problem = options.build(*weights, data.mask, doubt is None)
         gx, gy = defects(p, q, w, root, data.mask)
         energies.append(problem.energy(gx, gy))
-        if _worse(energies) and len(steps) < options.max_steps:  # half of the last step was too much
+        merits.append(energies[-1] + _anchor_energy(root, rows, w, (p, q), variances))
+        if _worse(merits) and len(steps) < options.max_steps:  # half of the last step was too much
             change *= 0.5
             w = w - change
             steps[-1] *= 0.5
             energies.pop()
+            merits.pop()
             steps.append(steps[-1])
             continue
         quiet = min(1.0, math.sqrt(energies[-1] / data.mask.sum()))  # data may be better than announced
@@ -202,14 +205,38 @@ def _anchored(
     factor = np.broadcast_to(root**2, w.shape)
     change = factor * potential
     error = rows.predict(w + change, *slopes) - rows.known
-    pixel = rows.pixel
     count = int(labels.max())
-    spread = rows.sigma**2 + rows.spread(*variances) + 0.25 * variances[0].ravel()[pixel]
-    constants, share = free_constants(rows, error, factor.ravel()[pixel], spread, count)
+    constants, share = free_constants(
+        rows, error, factor.ravel()[rows.pixel], _anchor_spread(rows, variances), count
+    )
     change += factor * (constants[1] if count == 1 else constants[labels])
     if not labels.all():
         change *= labels > 0
     return change, share
+
+
+def _anchor_spread(rows: AnchorRows, variances: tuple[Floats, Floats]) -> Floats:
+    """Variance of what the anchors' rows predict minus what is known, (M,)."""
+    spread: Floats = rows.sigma**2 + rows.spread(*variances) + 0.25 * variances[0].ravel()[rows.pixel]
+    return spread
+
+
+def _anchor_energy(
+    root: Floats,
+    rows: AnchorRows,
+    w: Floats,
+    slopes: tuple[Floats, Floats],
+    variances: tuple[Floats, Floats],
+) -> float:
+    """What the anchors ask for, squared over its variance: no slope sees it, and yet a step that brings it
+    about is progress.
+    """
+    factor = np.broadcast_to(root**2, w.shape).ravel()[rows.pixel]
+    error = rows.predict(w, *slopes) - rows.known
+    spread = _anchor_spread(rows, variances)
+    constants, share = free_constants(rows, error, factor, spread, int(rows.component.max()))
+    weights = np.bincount(rows.component, np.where(share > 0, factor**2 / spread, 0.0), constants.size)
+    return float(weights @ np.square(constants))
 
 
 def _limited(change: Floats, data: Measured, w: Floats) -> Floats:

@@ -39,7 +39,8 @@ class Problem:
     window's rows and columns are exchanged, so that the slopes' variances go by columns; outer: that grid,
     core: the part of it without noisy border lines (see `fringe`), to which data and samples belong; labels:
     its anchored components from 1 on; bridged: pixels of small holes, interpolated; lost: valid pixels
-    without an anchor.
+    without an anchor; singular: valid pixels of the core without a normal (see
+    `Measured.singular`), which are not solved.
     """
 
     rays: RayField
@@ -54,6 +55,7 @@ class Problem:
     labels: Labels
     bridged: Mask
     lost: int
+    singular: Mask
 
     def to_grid(self, image: NDArray[Any]) -> NDArray[Any]:
         """The outer grid's part of an array of the image (H, W)."""
@@ -66,12 +68,22 @@ class Problem:
         image[self.rows, self.cols] = grid.T if self.turned else grid
         return image
 
+    def in_image(self, part: Mask) -> Mask:
+        """A mask of the core as one of the image (H, W)."""
+        outer = np.zeros(self.outer.mask.shape, dtype=np.bool_)
+        outer[self.core] = part
+        return self.to_image(outer, False)
+
 
 def prepare(
-    correspondence: Correspondence, scene: Scene, anchor: Anchors = None, mask: Mask | None = None
+    correspondence: Correspondence,
+    scene: Scene,
+    anchor: Anchors = None,
+    mask: Mask | None = None,
+    singular: Mask | None = None,
 ) -> Problem:
-    """Everything up to the solve.
-    Raises InputError where the input makes no sense or no anchor can be used.
+    """Everything up to the solve. singular (H, W): pixels known to have no normal, beside those that have
+    none if the mirror rests. Raises InputError where the input makes no sense or no anchor can be used.
     """
     rays = ray_field(scene.camera)
     valid = _valid(correspondence, rays, mask)
@@ -82,11 +94,20 @@ def prepare(
     turned = _rows_rule(data)
     if turned:
         data, samples = _transposed(data), samples.transposed()
+
+    def on_grid(image: Mask) -> Mask:
+        return image[rows, cols].T if turned else image[rows, cols]
+
     holes, solid = np.zeros_like(data.mask), solid_window(data.mask)
     holes[solid] = small_holes(data.mask[solid])
     outer = bridged(data, holes)
     for core in core_windows(outer):
         inner = outer if core == _extent_of(outer.mask) else outer.cropped(core)
+        hollow = inner.singular(inner.rest())
+        if singular is not None:
+            hollow |= inner.mask & on_grid(singular)[core]
+        if hollow.any():  # after holes are bridged: across these none is
+            inner = replace(inner, mask=inner.mask & ~hollow)
         near = samples.window(core[0].start, core[1].start)
         labels = _anchored_labels(inner, near)
         if labels.any():
@@ -95,9 +116,11 @@ def prepare(
         raise InputError(
             f"anchor: none has valid pixels (four in a row, unless it is on one) within {EDGE_REACH:g} pixels"
         )
-    lost = int(np.count_nonzero(data.mask[core] & (labels == 0)))
+    lost = int(np.count_nonzero(data.mask[core] & ~hollow & (labels == 0)))
     inner = inner if labels.all() else replace(inner, mask=labels > 0)
-    return Problem(rays, valid, rows, cols, turned, outer, core, inner, near, labels, holes[core], lost)
+    bridges = holes[core] & ~hollow
+    hollow &= on_grid(valid)[core]
+    return Problem(rays, valid, rows, cols, turned, outer, core, inner, near, labels, bridges, lost, hollow)
 
 
 def require_correspondence(value: object, name: str = "correspondence") -> None:
