@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import FILE, HDF5, blame, json_option, sample
+from .options import FILE, HDF5, blame, json_option, mask_from, sample
 from .outputs import OUTPUT, Program
 from .show import flag_shares, number, print_notices, progress, table, write_json
 
@@ -122,23 +122,13 @@ def command(
 
 def _inside(mask: Path | None, roi: str | None, shape: tuple[int, ...]) -> "NDArray[np.bool_] | None":
     """Pixels (H, W) that --mask and --roi leave; None: all."""
-    import cv2
     import numpy as np
 
     from optolever import InputError
 
     if mask is None and roi is None:
         return None
-    inside = np.ones(shape, np.bool_)
-    if mask is not None:
-        image = cv2.imread(str(mask), cv2.IMREAD_GRAYSCALE) if mask.is_file() else None
-        if image is None:
-            raise InputError(f"{mask}: no readable image")
-        if image.shape != shape:
-            raise InputError(
-                f"{mask}: is {image.shape[0]}x{image.shape[1]}, frames are {shape[0]}x{shape[1]}"
-            )
-        inside &= image > 127
+    inside = np.ones(shape, np.bool_) if mask is None else mask_from(mask, shape, "frames are")
     if roi is not None:
         parts = roi.split(",")
         if len(parts) != 4 or not all(part.strip().isdecimal() for part in parts):

@@ -6,7 +6,7 @@ import click
 
 from .options import dent_of, json_option, load_scene, sample, virtual_sensor
 from .outputs import Program, report_option
-from .show import number, progress, table, write_json
+from .show import number, print_notices, progress, table, write_json
 
 __all__ = ["command"]
 
@@ -68,6 +68,7 @@ def command(
             result = write_demo_report(result, out / "report.html")
             numbers = result.to_dict()
             write_json(json_path, numbers)
+    print_notices(result.height.notices)
     metrics, seconds = result.metrics, result.seconds
     table(
         f"Demo: {scene.name}, {pressed}, {sequence}, {len(result.sequence)} frames",

@@ -13,6 +13,9 @@ from optolever import InputError
 from .outputs import OUTPUT
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from optolever.scene import Scene
 
 __all__ = [
@@ -22,6 +25,7 @@ __all__ = [
     "blame",
     "json_option",
     "load_scene",
+    "mask_from",
     "noise_option",
     "renderer_option",
     "sample",
@@ -142,6 +146,19 @@ def load_scene(name: str, size: tuple[int, int] | None = None) -> "Scene":
 
     scene = load(name)
     return scene if size is None else resize(scene, *size)
+
+
+def mask_from(path: Path, shape: tuple[int, ...], others: str) -> "NDArray[np.bool_]":
+    """White pixels of an image of the given shape; InputError if it is none, or not as large as `others`."""
+    import cv2
+    import numpy as np
+
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
+    if image is None:
+        raise InputError(f"{path}: no readable image")
+    if image.shape != shape:
+        raise InputError(f"{path}: is {image.shape[0]}x{image.shape[1]}, {others} {shape[0]}x{shape[1]}")
+    return np.asarray(image > 127)
 
 
 @contextmanager

@@ -10,9 +10,9 @@ import click
 
 from optolever import InputError
 
-from .options import FILE, HDF5, blame, json_option, load_scene, sample, scene_option, size_option
+from .options import FILE, HDF5, blame, json_option, load_scene, mask_from, sample, scene_option, size_option
 from .outputs import OUTPUT, Program
-from .show import dent_rows, flag_shares, number, progress, table, write_json
+from .show import dent_rows, flag_shares, number, print_notices, progress, table, write_json
 
 if TYPE_CHECKING:
     from optolever.decode import Correspondence
@@ -28,6 +28,7 @@ Height map in h.npz
   height              -0.005971 to 1.3 mm
   sigma               3.85e-05 mm (median of the good)
   off_pattern         1.169 %
+  chi2                1.012 per degree of freedom (484), 1 by noise alone
   error               0.000139 of the peak depth, rms
   rms(error / sigma)  1.062
   dent 1              depth 1.3 ± 3.9e-05 mm; half depth: area 1742 ± 0.16 mm²,
@@ -66,6 +67,20 @@ class _Anchor(click.ParamType[Any]):
     help="What fixes the height: the camera-side edge at rest (default), a known point (mm; default of a "
     "SOFAST rig: where it measured its distance), or nothing.",
 )
+@click.option(
+    "--rest",
+    "rest_path",
+    type=FILE,
+    metavar="REST.npz",
+    help="Correspondence of the mirror at rest: what it shows that the scene does not predict comes off.",
+)
+@click.option(
+    "--mask",
+    "mask_path",
+    type=FILE,
+    metavar="PNG",
+    help="Pixels to reconstruct: white in an image of the camera's size.",
+)
 @click.option("--tiff", type=OUTPUT, metavar="FILE", help="Also write the height as float32 TIFF.")
 @click.option("--ply", type=OUTPUT, metavar="FILE", help="Also write the surface as PLY.")
 @click.option(
@@ -99,6 +114,8 @@ def command(
     out: Path,
     method: str,
     anchor: Any,
+    rest_path: Path | None,
+    mask_path: Path | None,
     tiff: Path | None,
     ply: Path | None,
     grids: tuple[Path, ...],
@@ -121,12 +138,15 @@ def command(
     from optolever.scene import load_sofast_rig
 
     correspondence = Correspondence.load(source)
+    rest = None if rest_path is None else Correspondence.load(rest_path)
+    mask = None if mask_path is None else mask_from(mask_path, correspondence.u.shape, f"{source} is")
     if Path(scene_name).suffix.lower() in HDF5:
         if size is not None:
             raise InputError(f"--size: {scene_name} is a SOFAST rig, its size is that of its camera")
         rig = load_sofast_rig(scene_name)
         with blame(source):
             correspondence = on_rig(correspondence, rig)
+            rest = None if rest is None else on_rig(rest, rig)
         scene, anchor = rig.scene, anchor or rig.datum
     else:
         scene = load_scene(scene_name, size)
@@ -134,7 +154,7 @@ def command(
         with blame(source):
             step("reconstruct")
             start = time.perf_counter()
-            height = reconstruct(correspondence, scene, method=method, anchor=anchor)
+            height = reconstruct(correspondence, scene, method, anchor, mask, rest=rest)
             seconds = time.perf_counter() - start
             step("contacts")
             slopes = slope_map(height, correspondence, scene)
@@ -157,6 +177,7 @@ def command(
                 for path, write in writers:
                     write(grid, path)
             write_json(json_path, numbers)
+    print_notices(height.notices)
     table(f"Height map in {out}", _rows(numbers))
 
 
@@ -185,6 +206,10 @@ def _numbers(height: "HeightMap") -> dict[str, Any]:
         "z_max_mm": float(height.z[good].max()) if some else float("nan"),
         "sigma_mm": float(np.median(height.sigma[good])) if some else float("nan"),
         "flags": flag_shares(height.flags, Flag, HeightFlag),
+        "defect": height.diagnostics.defect,
+        "chi2": height.diagnostics.chi2,
+        "freedom": height.diagnostics.freedom,
+        "notices": [asdict(notice) for notice in height.notices],
     }
 
 
@@ -205,6 +230,10 @@ def _rows(numbers: dict[str, Any]) -> dict[str, str]:
         "sigma": number(numbers["sigma_mm"], "mm (median of the good)"),
         **{name: number(100 * share, "%") for name, share in numbers["flags"].items()},
     }
+    if numbers["chi2"] is not None:
+        rows["chi2"] = (
+            f"{number(numbers['chi2'])} per degree of freedom ({numbers['freedom']}), 1 by noise alone"
+        )
     if "height_rms_rel" in numbers:
         rows["error"] = f"{number(numbers['height_rms_rel'])} of the peak depth, rms"
         rows["rms(error / sigma)"] = number(numbers["sigma_ratio_height"])

@@ -78,6 +78,7 @@ class Displacement:
             self.amplitude,
             self.offset,
             _probability_or(rest.order_error, self.order_error),
+            rest.notices,
         )
 
     def save(self, path: str | Path) -> None:

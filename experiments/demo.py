@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -63,6 +63,7 @@ class DemoResult:
             "peak_bytes": self.peak_bytes,
             "settings": self.settings,
             "contacts": [contact.to_dict() for contact in self.contacts],
+            "notices": [asdict(notice) for notice in self.height.notices],
         }
 
 

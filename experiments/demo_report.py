@@ -49,6 +49,7 @@ def demo_html(result: DemoResult) -> str:
         "surface": surface,
         "surface_json": embedded_json(surface),
         "flags": rows,
+        "notices": result.height.notices,
         "contacts": result.contacts,
         "visible_share": float(result.truth.visible.mean()),
         "frames": frames,

@@ -26,6 +26,7 @@ MEANING = {
     "CURL": "the slopes contradict each other around this pixel",
     "STEEP": "steeper than the optical lever can measure",
     "NOT_CONVERGED": "the solver found no answer here",
+    "SINGULAR": "the pattern lies within its noise of the mirror: no slope can be told",
 }
 COLOURS = [
     "#4c566a",
@@ -41,6 +42,7 @@ COLOURS = [
     "#1f5f8b",
     "#6b2737",
     "#5d737e",
+    "#b08968",
 ]
 MORE = "#9c9c9c"
 

@@ -50,6 +50,7 @@ def render_page(template: str, context: dict[str, Any]) -> str:
     }
     environment.filters.update(filters)
     common = {
+        "notices": (),
         "version": __version__,
         "versions": versions(),
         "style": Markup((FOLDER / "style.css").read_text()),

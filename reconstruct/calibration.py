@@ -2,17 +2,25 @@
 what it shows that the scene does not predict is calibration.
 """
 
+from dataclasses import replace
+
 import numpy as np
+from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, Flag
 from optolever.errors import InputError
-from optolever.scene import Scene, dent, trace
+from optolever.scene import Scene
+
+from .geometry import pattern_plane, ray_field, rest_distance
 
 __all__ = ["rest_corrected"]
 
+Floats = NDArray[np.float64]
+
 
 def rest_corrected(correspondence: Correspondence, rest: Correspondence, scene: Scene) -> Correspondence:
-    """The correspondence less the rest capture's deviation from the traced flat mirror, pixel by pixel.
+    """The correspondence less the rest capture's deviation from what the scene predicts of a flat mirror,
+    pixel by pixel.
 
     Right to first order in the dent: every pixel's error of pattern pose, scale and lens is taken as it is at
     rest. The sigmas add in square. Pixels that the rest capture does not know are flagged INVALID.
@@ -27,15 +35,37 @@ def rest_corrected(correspondence: Correspondence, rest: Correspondence, scene: 
             f"correspondence: {correspondence.u.shape[0]} x {correspondence.u.shape[1]} pixels, the scene's "
             f"camera has {scene.camera.rows} x {scene.camera.cols}"
         )
-    flat = trace(scene, dent("flat", scene))
-    known = rest.good & flat.visible
+    flat_u, flat_v = _flat(scene)
+    known = rest.good & np.isfinite(flat_u)
     unknown = np.where(~known & correspondence.good, int(Flag.INVALID), 0)
-    return Correspondence(
-        correspondence.u - np.where(known, rest.u - flat.u, 0.0),
-        correspondence.v - np.where(known, rest.v - flat.v, 0.0),
-        np.hypot(correspondence.sigma_u, np.where(known, rest.sigma_u, 0.0)),
-        np.hypot(correspondence.sigma_v, np.where(known, rest.sigma_v, 0.0)),
-        (correspondence.flags | unknown).astype(np.uint16),
-        correspondence.amplitude,
-        correspondence.offset,
+    return replace(
+        correspondence,
+        u=correspondence.u - np.where(known, rest.u - flat_u, 0.0),
+        v=correspondence.v - np.where(known, rest.v - flat_v, 0.0),
+        sigma_u=np.hypot(correspondence.sigma_u, np.where(known, rest.sigma_u, 0.0)),
+        sigma_v=np.hypot(correspondence.sigma_v, np.where(known, rest.sigma_v, 0.0)),
+        flags=(correspondence.flags | unknown).astype(np.uint16),
+        notices=tuple(dict.fromkeys(correspondence.notices + rest.notices)),
     )
+
+
+def _flat(scene: Scene) -> tuple[Floats, Floats]:
+    """Where on the pattern's plane every pixel looks by the flat mirror z = 0, u and v (H, W); NaN where it
+    does not.
+
+    Neither mirror nor pattern end: a scene that is a little wrong has its edges elsewhere, and what a pixel
+    saw at rest tells where they are.
+    """
+    rays, plane = ray_field(scene.camera), pattern_plane(scene)
+    o, d = rays.inner_origins, rays.inner_directions
+    away = rest_distance(o, d)
+    point = o + away * d
+    out = d * np.array([1.0, 1.0, -1.0])[:, None, None]
+    normal = np.cross(plane[1], plane[2])
+    offset = plane[0][:, None, None] - point
+    with np.errstate(divide="ignore", invalid="ignore"):
+        way = np.einsum("k,kij->ij", normal, offset) / np.einsum("k,kij->ij", normal, out)
+        landed = way * out - offset
+        seen = (away > 0) & (way > 0)
+    u, v = (np.einsum("k,kij->ij", axis / (axis @ axis), landed) for axis in plane[1:])
+    return np.where(seen, u, np.nan), np.where(seen, v, np.nan)

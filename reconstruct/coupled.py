@@ -13,17 +13,18 @@ from optolever.scene import Scene
 from .alternatives import DirectEdges, MarchedEdges, march_variance
 from .anchors import Anchors
 from .calibration import rest_corrected
+from .circulation import circulation_chi2
 from .correlation import correlation_excess
 from .creases import edge_doubt, widened
 from .edges import Doubt, edge_weights
-from .heightmap import HeightFlag, HeightMap
+from .heightmap import HeightMap
 from .holes import bridged, noise_gain
 from .newton import Options, State, coarse_start, solve
 from .outliers import curl_scale, curl_score, curl_suspects, lone
 from .paper import SeriesName
 from .paper_scene import reconstruct_paper
 from .problem import Problem, prepare, require_correspondence
-from .result import Spread, height_map
+from .result import Spread, height_map, judged
 from .reweighting import reweighted
 from .rounding import rounding_variance
 from .strays import strays
@@ -43,8 +44,7 @@ _METHODS = {
 }
 _CURL_LIMIT = 8.0  # standard deviations
 _REWEIGHTED = 2  # solves with doubtful edges: the slopes depend a little on the height
-_ATTEMPTS = 3  # with pixels left out that do not converge
-_FEW = 0.01  # of the pixels: more that do not settle are not to blame one by one
+_ATTEMPTS = 3  # with pixels left out that have no normal where the mirror turns out to be
 _BETTER = 3.0  # times: data less better than that by its curl may hide what neighbours share
 _NOISIER = 1.2  # times the announced noise, by the curl: sigma grows to what it is
 _ROUNDS = 6  # of leaving out lone pixels with a curl
@@ -82,7 +82,10 @@ def reconstruct(
         require_correspondence(rest, "rest")
         correspondence = rest_corrected(correspondence, rest, scene)
     if method in PAPER_METHODS:
-        return reconstruct_paper(correspondence, scene, series=PAPER_METHODS[method])
+        if mask is not None:
+            raise InputError(f"mask: method {method!r} takes none, it solves whole rows")
+        height = reconstruct_paper(correspondence, scene, series=PAPER_METHODS[method])
+        return replace(height, notices=correspondence.notices)
     if method not in _METHODS:
         raise InputError(f"method = {method!r}: unknown, must be one of {', '.join(method_names())}")
     return solved_height(correspondence, scene, anchor, mask, method, start)[2]
@@ -98,23 +101,7 @@ def solved_height(
 ) -> tuple[Problem, State, HeightMap]:
     """`reconstruct` by one of the dense methods, with what was solved and how it ended."""
     options = _METHODS[method]
-    singular = np.zeros(correspondence.u.shape, dtype=np.bool_)
-    for _ in range(_ATTEMPTS):
-        whole = prepare(correspondence, scene, anchor, mask, singular)
-        removed = strays(whole.data, ~whole.bridged)
-        problem = replace(whole, data=bridged(whole.data, removed))
-        first = _warm(problem, start) if start is not None else None
-        if first is None:
-            first = coarse_start(problem.data, problem.samples, problem.labels, options)
-        state = _solve(problem, first, options)
-        hollow = problem.data.singular(state.w)
-        problem = replace(problem, singular=problem.singular | hollow)
-        if hollow.any():
-            singular |= problem.in_image(hollow)
-            continue
-        if state.astray is None or not 0 < np.count_nonzero(state.astray) < _FEW * state.astray.size:
-            break
-        correspondence = _without(correspondence, problem, state.astray)
+    whole, problem, state, removed = _first(correspondence, scene, anchor, mask, options, start)
     measured, suspects = whole.data, removed.copy()
     for _ in range(_ROUNDS):
         score, scale = _curl(problem, state)
@@ -144,15 +131,38 @@ def solved_height(
         variance *= state.root**4
     spread = _spread(problem, state, removed)
     height = height_map(problem, state, correspondence.flags, suspects, curl, method, variance, spread)
-    return problem, state, height
+    chi2, freedom = circulation_chi2(problem.data, state)
+    if spread.rounding is not None:  # errors of discrete codes are shared by neighbours
+        chi2 /= height.diagnostics.correlation
+    return problem, state, judged(height, chi2, freedom, correspondence.notices)
 
 
-def _without(correspondence: Correspondence, problem: Problem, astray: Mask) -> Correspondence:
-    """The correspondence with pixels flagged that kept all others from converging: right before the pattern,
-    where slopes depend on the height most, noise can drive one away on its own.
+def _first(
+    correspondence: Correspondence,
+    scene: Scene,
+    anchor: Anchors,
+    mask: Mask | None,
+    options: Options,
+    start: HeightMap | None,
+) -> tuple[Problem, Problem, State, Mask]:
+    """The problem, the same without strays, its solution, and what was removed. Pixels that cannot be solved
+    are left out first; where the mirror turns out to be elsewhere than at rest, once more.
     """
-    flags = np.where(problem.in_image(astray), HeightFlag.NOT_CONVERGED, 0).astype(np.uint16)
-    return replace(correspondence, flags=correspondence.flags | flags)
+    singular = np.zeros(correspondence.u.shape, dtype=np.bool_)
+    for _ in range(_ATTEMPTS):
+        whole = prepare(correspondence, scene, anchor, mask, singular, not options.newton)
+        removed = strays(whole.data, ~whole.bridged)
+        problem = replace(whole, data=bridged(whole.data, removed))
+        first = _warm(problem, start) if start is not None else None
+        if first is None:
+            first = coarse_start(problem.data, problem.samples, problem.labels, options)
+        state = _solve(problem, first, options)
+        hollow = problem.data.singular(state.w, not options.newton)
+        problem = replace(problem, singular=problem.singular | hollow)
+        if not hollow.any():
+            break
+        singular |= problem.in_image(hollow)
+    return whole, problem, state, removed
 
 
 def _spread(problem: Problem, state: State, removed: Mask) -> Spread:

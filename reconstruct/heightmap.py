@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
+from optolever.notices import Notice, notices_from_array, notices_to_array
 
 from .export import write_ply, write_tiff
 from .resampling import Grid, Lean, natural_pitch, resample
@@ -29,7 +30,8 @@ class HeightFlag(IntFlag):
     exceeds three sigma of the noise and is in its sigma (not so where pixels are missing along the same
     line: a step of any height may hide there, and the whole piece behind it is flagged); NOT_CONVERGED:
     the last steps still moved it, or so many others that nothing can be said of any; SINGULAR: the pattern
-    lies within its noise of the mirror or of the ray there, so that no normal can be told.
+    lies within its noise of the mirror or of the ray there, so that there is no normal (method 'fixed-point':
+    or so near that it does not contract).
     """
 
     NO_ANCHOR = 1024
@@ -47,8 +49,11 @@ class Diagnostics:
     linear solves or conjugate-gradient iterations; defect: rms edge defect over its standard deviation (below
     1: noise alone); curl: robust scale of the slopes' curl over its standard deviation (well above 1: the
     calibration rules, not noise); both None if unknown; components: connected components solved; lost: pixels
-    in components without an anchor; correlation: factor on the variance for errors that neighbouring pixels
-    share (1: independent noise); solver: of the linear problems; notes: what else a reader should know.
+    in components without an anchor; chi2: how the slopes contradict each other around blocks of pixels, over
+    what noise explains, per degree of freedom, of which there are `freedom` (see `circulation`; about 1 if
+    the scene is right, None if there is no whole block); correlation: factor on the variance for errors
+    that neighbouring pixels share (1: independent noise); solver: of the linear problems; notes: what else a
+    reader should know.
     """
 
     method: str
@@ -60,6 +65,8 @@ class Diagnostics:
     components: int = 0
     lost: int = 0
     correlation: float = 1.0
+    chi2: float | None = None
+    freedom: int = 0
     solver: str = ""
     notes: tuple[str, ...] = ()
 
@@ -84,7 +91,7 @@ class HeightMap:
     x, y, z: NaN where nothing is known; sigma: standard deviation of z at that pixel, whose point then moves
     along the pixel's ray; flags: uint16, 0 = good: the decoder's bits and those of HeightFlag;
     lean: dx/dz and dy/dz along the rays, (2, H, W), or (2, 1, 1) if all are parallel, None if unknown (taken
-    as upright).
+    as upright); notices: what the whole map wants its user to know, the correspondence's included.
     """
 
     x: Floats
@@ -94,6 +101,7 @@ class HeightMap:
     flags: NDArray[np.uint16]
     diagnostics: Diagnostics = field(default_factory=lambda: Diagnostics("unknown"))
     lean: Lean | None = None
+    notices: tuple[Notice, ...] = ()
 
     def __post_init__(self) -> None:
         shape = np.shape(self.z)
@@ -121,7 +129,11 @@ class HeightMap:
     def save(self, path: str | Path) -> None:
         """Write an .npz with the fields' names."""
         arrays: dict[str, Any] = {name: getattr(self, name) for name in _ARRAYS}
-        save_arrays(path, arrays | {"diagnostics": self.diagnostics.to_json(), "lean": self.lean})
+        told = notices_to_array(self.notices) if self.notices else None
+        save_arrays(
+            path,
+            arrays | {"diagnostics": self.diagnostics.to_json(), "lean": self.lean, "notices": told},
+        )
 
     @classmethod
     def load(cls, path: str | Path) -> "HeightMap":
@@ -135,7 +147,8 @@ class HeightMap:
                 raise InputError(f"{path}: field 'diagnostics' is not readable ({error})") from error
         try:
             known = {name: arrays[name] for name in _ARRAYS}
-            return cls(**known, diagnostics=diagnostics, lean=arrays.get("lean"))
+            notices = notices_from_array(arrays["notices"]) if "notices" in arrays else ()
+            return cls(**known, diagnostics=diagnostics, lean=arrays.get("lean"), notices=notices)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
 

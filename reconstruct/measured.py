@@ -92,12 +92,16 @@ class Measured:
             self.rays, self.plane, self.u, self.v, self.sigma_u, self.sigma_v, w, self.step
         )
 
-    def singular(self, w: Floats) -> Mask:
+    def singular(self, w: Floats, picard: bool = False) -> Mask:
         """Pixels of the mask to which noise leaves no normal if the mirror is at w, see
-        `equations.no_normal`.
+        `equations.no_normal`; picard: and those where a fixed point is none, since slopes change with w by
+        as much as w over a pixel.
         """
         sigmas = self.sigma_u, self.sigma_v
         found = no_normal(self.rays, self.plane, self.u, self.v, *sigmas, w, *self.variances(w), self.step)
+        if picard:
+            _, _, p_w, q_w = self.slopes(w)
+            found |= np.maximum(np.abs(p_w), np.abs(q_w)) >= 1.0
         return found & self.mask
 
     def clearance(self, w: Floats) -> Floats:

@@ -65,8 +65,8 @@ class State:
     iterations: linear solves and conjugate-gradient iterations; converged: whether the last step met the
     tolerance, or noise hides what is left in every pixel; energy: sum of the squared edge defects over
     their variances, before the last step; bend: how much curves may mislead every anchor; doubt: of the
-    edges; astray (rows, cols): pixels that still moved if it did not converge; unsettled: those that steps
-    like the last ones would still move.
+    edges; unsettled (rows, cols): pixels that steps like the last ones would still move, if it did not
+    converge.
     """
 
     w: Floats
@@ -81,7 +81,6 @@ class State:
     energy: float
     bend: Floats
     doubt: Doubt | None = None
-    astray: NDArray[np.bool_] | None = None
     unsettled: NDArray[np.bool_] | None = None
 
 
@@ -135,9 +134,8 @@ def solve(
         steps.append(float(np.sqrt(np.mean(change**2))))
         converged = _left(steps) <= max(tolerance, _NOISE_SHARE * quiet * noise)
         if converged or len(steps) >= options.max_steps:
-            left, astray, unsettled = energies[-1], None, None
+            left, unsettled = energies[-1], None
             if not converged:
-                astray = data.mask & (np.square(change) > np.square(_ASTRAY) * variances[0])
                 rest = change / (1 - min(_rate(steps), _SLOWEST))
                 unsettled = data.mask & (np.square(rest) > np.square(_ASTRAY) * variances[0])
                 converged = not unsettled.any()
@@ -154,7 +152,6 @@ def solve(
                 left,
                 rows.bend(p),
                 doubt,
-                astray,
                 unsettled,
             )
 
@@ -281,11 +278,13 @@ def coarse_start(data: Measured, samples: Samples, labels: Labels, options: Opti
     if step < 3:
         return rest
     coarse = data.strided(step)
+    usable = np.count_nonzero(coarse.mask)
+    coarse.mask[...] &= ~coarse.singular(coarse.rest(), not options.newton)
     parts = scipy.ndimage.label(coarse.mask)[0].astype(np.int32)
     local = samples.window(0, 0, step)
     rows = anchor_rows(local, coarse, parts)
     anchored = np.isin(parts, np.unique(rows.component)) & (parts > 0)
-    if np.count_nonzero(anchored) < 0.5 * np.count_nonzero(coarse.mask):
+    if np.count_nonzero(anchored) < 0.5 * usable:
         return rest
     coarse.mask[...] = anchored
     parts = scipy.ndimage.label(anchored)[0].astype(np.int32)

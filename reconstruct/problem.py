@@ -39,8 +39,8 @@ class Problem:
     window's rows and columns are exchanged, so that the slopes' variances go by columns; outer: that grid,
     core: the part of it without noisy border lines (see `fringe`), to which data and samples belong; labels:
     its anchored components from 1 on; bridged: pixels of small holes, interpolated; lost: valid pixels
-    without an anchor; singular: valid pixels of the core without a normal (see
-    `Measured.singular`), which are not solved.
+    without an anchor; singular: valid pixels of the core that cannot be
+    solved (see `Measured.singular`).
     """
 
     rays: RayField
@@ -81,9 +81,11 @@ def prepare(
     anchor: Anchors = None,
     mask: Mask | None = None,
     singular: Mask | None = None,
+    picard: bool = False,
 ) -> Problem:
-    """Everything up to the solve. singular (H, W): pixels known to have no normal, beside those that have
-    none if the mirror rests. Raises InputError where the input makes no sense or no anchor can be used.
+    """Everything up to the solve. singular (H, W): pixels that cannot be solved, beside those that cannot if
+    the mirror rests; picard: by a fixed point (see `Measured.singular`). Raises InputError where the input
+    makes no sense or no anchor can be used.
     """
     rays = ray_field(scene.camera)
     valid = _valid(correspondence, rays, mask)
@@ -103,7 +105,7 @@ def prepare(
     outer = bridged(data, holes)
     for core in core_windows(outer):
         inner = outer if core == _extent_of(outer.mask) else outer.cropped(core)
-        hollow = inner.singular(inner.rest())
+        hollow = inner.singular(inner.rest(), picard)
         if singular is not None:
             hollow |= inner.mask & on_grid(singular)[core]
         if hollow.any():  # after holes are bridged: across these none is

@@ -1,13 +1,16 @@
 """The solved grid as a HeightMap: points, sigma, flags, diagnostics."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, minimum_filter
 
 from optolever.decode import Flag
+from optolever.notices import Notice
 
+from .circulation import contradiction
 from .creases import touched
 from .edges import Doubt
 from .fringe import extended
@@ -17,7 +20,7 @@ from .problem import Problem
 from .uncertainty import unknown_variance
 from .ways import cut_off, reached_across
 
-__all__ = ["height_map"]
+__all__ = ["Spread", "height_map", "judged"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -113,6 +116,14 @@ def height_map(
     )
     x, y, z = o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2]
     return HeightMap(x, y, z, deviation, flags, diagnostics, problem.rays.lean)
+
+
+def judged(height: HeightMap, chi2: float, freedom: int, before: tuple[Notice, ...]) -> HeightMap:
+    """The height with what its slopes' circulation says of the scene (see `circulation`), and the notices of
+    that and of the correspondence, `before`."""
+    known = None if math.isnan(chi2) else chi2
+    diagnostics = replace(height.diagnostics, chi2=known, freedom=freedom)
+    return replace(height, diagnostics=diagnostics, notices=before + contradiction(known, freedom))
 
 
 def _least_around(variance: Floats, mask: Mask) -> Floats:

@@ -2,10 +2,11 @@
 
 As long as the pixels that can be used stay the same but for small holes, a frame costs one look at the
 equations and one linear solve with the last factorisation and the last integrating factor (a chord step; a
-second one after a large change). Sigma, anchors' shares and the curl alarm are those of the last frame that
-was solved in full.
+second one after a large change). Sigma, anchors' shares, chi2 and the curl alarm are those of the last frame
+that was solved in full.
 """
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -21,7 +22,7 @@ from .heightmap import HeightMap
 from .holes import bridged, small_holes
 from .newton import State, chord_step
 from .problem import Problem, require_correspondence
-from .result import Spread, height_map
+from .result import Spread, height_map, judged
 from .uncertainty import unknown_variance
 
 __all__ = ["HeightStream"]
@@ -87,6 +88,8 @@ class HeightStream:
                     variance,
                     Spread(last.diagnostics.correlation),
                 )
+                chi2, freedom = last.diagnostics.chi2, last.diagnostics.freedom
+                height = judged(height, math.nan if chi2 is None else chi2, freedom, correspondence.notices)
                 self._last = problem, state, variance, height
                 return height
         return None

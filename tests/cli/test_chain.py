@@ -5,10 +5,11 @@ import tomllib
 import zipfile
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
-from .conftest import SCENE, Chain, Program
+from .conftest import SCENE, SIZE, Chain, Program
 
 LEVER = 16.37  # mm, a tenth of the mirror: nearer to the pattern the lever is too short for a tight bound
 
@@ -147,3 +148,63 @@ def test_what_a_response_leaves_is_told(optolever: Program, chain: Chain, tmp_pa
     assert rms[0]["rms"] < 5 * rms[0]["sigma"]
     assert rms[1]["rms"] > max(5 * rms[1]["sigma"], 5 * rms[0]["rms"])
     assert chain.numbers["decode"]["harmonic_error_px"] == {}
+
+
+@pytest.mark.parametrize("scene", ["paper-simulation", "monitor-mirror"])
+def test_a_wrong_scene_is_told_and_a_capture_at_rest_mends_it(
+    optolever: Program, tmp_path: Path, scene: str
+) -> None:
+    """The pattern's pitch is 0.5 % other than the scene says."""
+    where = ["--scene", scene, "--size", SIZE]
+    for name, dent in (("dented", "gaussian"), ("rest", "flat")):
+        done = optolever("capture", *where, "--dent", dent, "--renderer", "numpy", "--out", tmp_path / name)
+        assert done.code == 0, done.err
+        done = optolever("decode", tmp_path / name, "--out", tmp_path / f"{name}.npz")
+        assert done.code == 0, done.err
+    right = (tmp_path / "dented" / "scene.toml").read_text()
+    pitch = str(tomllib.loads(right)["pattern"]["pitch_mm"])
+    wrong = tmp_path / "wrong.toml"
+    wrong.write_text(right.replace(f"pitch_mm = {pitch}", f"pitch_mm = {1.005 * float(pitch)!r}", 1))
+    assert wrong.read_text() != right
+    mask = np.zeros((96, 96), np.uint8)
+    mask[:, :80] = 255
+    cv2.imwrite(str(tmp_path / "mask.png"), mask)
+    numbers = {}
+    for name, words in {
+        "raw": [],
+        "rest": ["--rest", tmp_path / "rest.npz"],
+        "part": ["--rest", tmp_path / "rest.npz", "--mask", tmp_path / "mask.png"],
+    }.items():
+        done = optolever(
+            "reconstruct", tmp_path / "dented.npz", "--scene", wrong, "--out", tmp_path / f"{name}-h.npz",
+            "--truth", tmp_path / "dented" / "truth.npz", "--json", tmp_path / "n.json", *words,
+        )  # fmt: skip
+        assert done.code == 0, done.err
+        numbers[name] = json.loads((tmp_path / "n.json").read_text())
+        notices = [line for line in done.err.splitlines() if line.startswith("Notice: ")]
+        assert len(notices) == len(numbers[name]["notices"])
+        if name == "raw":
+            assert any("contradict" in line and "--rest" in line for line in notices)
+            assert numbers[name]["chi2"] > numbers[name]["notices"][-1]["limit"]
+    assert numbers["rest"]["height_rms_rel"] < 0.1 * numbers["raw"]["height_rms_rel"]
+    with np.load(tmp_path / "part-h.npz") as height:
+        assert (height["flags"][:, 80:] != 0).all()
+        assert (height["flags"][:, :80] == 0).mean() > 0.8
+
+
+def test_masks_and_rests_that_do_not_fit(optolever: Program, chain: Chain, tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "small.png"), np.zeros((8, 8), np.uint8))
+    for words, text in (
+        (["--mask", tmp_path / "small.png"], "8x8"),
+        (["--mask", tmp_path / "none.png"], "none.png"),
+        (["--rest", tmp_path / "none.npz"], "none.npz"),
+        (["--rest", chain.height], "field"),
+    ):
+        done = optolever(
+            "reconstruct", chain.correspondence, "--scene", chain.capture / "scene.toml",
+            "--out", tmp_path / "h.npz", *words,
+        )  # fmt: skip
+        assert done.code == 2
+        assert len(done.err.strip().splitlines()) == 1
+        assert text in done.err
+        assert not (tmp_path / "h.npz").exists()

@@ -4,8 +4,7 @@ Nothing of `optolever.scene` is used to follow a ray: rays, Snell's law, the mee
 bisection of a sampled bracket, reflection and the pattern's plane are written out here once more.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,6 @@ from optolever.scene import (
 )
 
 Floats = NDArray[np.float64]
-Height = Callable[[Floats, Floats], Floats]
 
 SAMPLES = 600  # along every ray, to find the first crossing
 HALVINGS = 60
@@ -39,6 +37,12 @@ class Seen:
     point: Floats
     way: Floats
     visible: NDArray[np.bool_]
+
+    def amid(self) -> tuple[int, int]:
+        """The pixel of the median way."""
+        seen = np.argwhere(self.visible)
+        row, col = seen[np.argsort(self.way[self.visible])[len(seen) // 2]]
+        return int(row), int(col)
 
     def correspondence(self, sigma: float = 0.02, noise: float = 0.0, seed: int = 0) -> Correspondence:
         """What a decoder would make of it."""
@@ -109,53 +113,69 @@ def see(scene: Scene, surface: Surface) -> Seen:
     across = np.cross(pattern.u_axis, pattern.v_axis)[:, None, None]
     way = ((pattern.origin[:, None, None] - point) * across).sum(axis=0) / (out * across).sum(axis=0)
     landed = point + way * out - pattern.origin[:, None, None]
-    u, v = ((landed * axis[:, None, None]).sum(axis=0) / pattern.pitch for axis in (pattern.u_axis, pattern.v_axis))
+    u, v = (
+        (landed * axis[:, None, None]).sum(axis=0) / pattern.pitch
+        for axis in (pattern.u_axis, pattern.v_axis)
+    )
     visible = found & (facing > 0) & (way > 0)
     visible &= (u >= -0.5) & (u <= pattern.cols - 0.5) & (v >= -0.5) & (v <= pattern.rows - 0.5)
     u, v, way = (np.where(visible, part, np.nan) for part in (u, v, way))
     return Seen(u, v, np.where(visible, point, np.nan), way, visible)
 
 
-def touching_rig(number: int, size: tuple[int, int] = (72, 80)) -> Scene:
-    """Rigs 0 .. 7: prisms of 35 to 60 degrees, telecentric and pinhole, without and behind a face, whose
-    pattern plane meets the resting mirror in view or passes over it by up to 0.015 mm."""
-    rng = np.random.default_rng([28, number])
-    rows, cols = size
+def touching_rig(number: int, size: tuple[int, int] = (48, 56)) -> Scene:
+    """A prism of 35 to 60 degrees drawn by that seed, telecentric (even) or pinhole, as a rule behind a face,
+    tilted and rolled, whose pattern plane meets the resting mirror in view or passes over it by up to 0.015
+    mm.
+    """
+    rng = np.random.default_rng([77, number])
     length = float(rng.uniform(30, 160))
     mirror = Mirror(length, length * float(rng.uniform(0.6, 1.3)))
     angle, pattern_angle = np.radians(rng.uniform(35, 60, 2))
-    u, v = np.array([-np.cos(angle), 0.0, np.sin(angle)]), np.array([0.0, 1.0, 0.0])
+    roll = np.radians(rng.uniform(-20, 20)) if rng.random() < 0.7 else 0.0
+    tilt = np.radians(rng.uniform(-6, 6, 2)) if rng.random() < 0.7 else np.zeros(2)
+    u, v = camera_axes(angle + tilt[0], tilt[1], roll + 0.5 * np.pi * rng.integers(4))
     ahead = np.cross(u, v)
     middle = np.array([0.5 * length, 0.5 * mirror.width, 0.0])
-    field = np.array([length * np.cos(angle), mirror.width]) * float(rng.uniform(1.0, 1.1))
-    face = Face(np.array([length, 0.0, 0.0]), ahead, float(rng.uniform(1.33, 1.55))) if number & 2 else None
+    rows, cols = size
+    field = np.array([1.3 * length * np.cos(angle), mirror.width]) * float(rng.uniform(0.8, 1.1))
+    inward = np.array([-np.sin(angle), 0.0, -np.cos(angle)])
+    index = float(rng.uniform(1.33, 1.55)) if rng.random() < 0.6 else None
+    face = None if index is None else Face(np.array([length, 0.0, 0.0]), inward, index)
     camera: Camera
-    if number & 1:
-        distance = length * float(rng.uniform(2.0, 5.0))
-        focal = distance * np.array([cols, rows]) / field
-        if face is not None:  # bent rays see less
-            focal = focal * 0.9
-        centre = 0.5 * np.array([cols - 1, rows - 1])
+    if number % 2:
+        distance = length * float(rng.uniform(2, 5))
+        focal, centre = distance * np.array([cols, rows]) / field, 0.5 * np.array([cols - 1, rows - 1])
         camera = PinholeCamera(middle - distance * ahead, u, v, focal, centre, rows, cols, face=face)
     else:
         pitch = field / (cols, rows)
-        corner = middle - length * ahead - 0.5 * ((cols - 1) * pitch[0] * u + (rows - 1) * pitch[1] * v)
+        corner = middle - 2 * length * ahead - 0.5 * ((cols - 1) * pitch[0] * u + (rows - 1) * pitch[1] * v)
         camera = TelecentricCamera(corner, u, v, pitch, rows, cols, face)
-    cells = 400
-    pattern = prism_pattern(float(pattern_angle), cols=cells, rows=cells, pitch=1.3 * length / cells)
-    # where the pattern's plane meets the mirror: at its edge, or on a column of pixels, or just above one
-    scene = Scene(f"touching {number}", mirror, pattern, camera)
-    if number & 4:
-        o, d = rays_of(camera)
-        x = (o - o[2] / d[2] * d)[0]
-        column = x[rows // 2, cols - 5]
-        gap = float(rng.uniform(0.0, 0.015))
-        shift = np.array([float(column), 0.0, gap])
-    else:
-        shift = np.array([0.0, 0.0, float(rng.choice([0.0, 0.015]))])
-    from dataclasses import replace
+    o, d = rays_of(camera)
+    x = (o - o[2] / d[2] * d)[0]
+    inside = np.sort(x[(x > 0) & (x < length)])
+    kind = rng.integers(3)
+    if kind == 0:  # at the mirror's edge, or just above it
+        at, gap = 0.0, float(rng.choice([0, 0.015]))
+    elif kind == 1:  # through the view
+        at, gap = float(np.quantile(inside, 0.1)), 0.0
+    else:  # through a pixel, or just above it
+        at, gap = float(inside[30]), float(rng.uniform(0, 0.015))
+    pattern = prism_pattern(float(pattern_angle), 400, 400, 1.4 * length / 400)
+    shift = np.array([at, -0.2 * length, gap])
+    return Scene(f"touching {number}", mirror, replace(pattern, origin=pattern.origin + shift), camera)
 
-    return replace(scene, pattern=replace(pattern, origin=pattern.origin + shift))
+
+def camera_axes(angle: float, sideways: float, roll: float) -> tuple[Floats, Floats]:
+    """Axes u, v of a camera that looks down at `angle` (rad) from the normal, towards -x."""
+    u, v = np.array([-np.cos(angle), 0.0, np.sin(angle)]), np.array([0.0, 1.0, 0.0])
+    ahead = np.cross(u, v)
+    v, ahead = (
+        np.cos(sideways) * v - np.sin(sideways) * ahead,
+        np.cos(sideways) * ahead + np.sin(sideways) * v,
+    )
+    u = np.cross(v, ahead)
+    return np.cos(roll) * u + np.sin(roll) * v, np.cos(roll) * v - np.sin(roll) * u
 
 
 def dents_of(scene: Scene) -> list[Surface]:

@@ -1,0 +1,140 @@
+"""Whether noise explains how the slopes contradict each other: chi2 on right and on wrong geometry."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optolever import InputError
+from optolever.notices import Notice
+from optolever.reconstruct import HeightMap, HeightStream, PixelAnchor, reconstruct
+from optolever.reconstruct.circulation import chi2_limit, contradiction
+from optolever.scene import Scene
+
+SIZE = (120, 136)
+
+
+def turned(scene: Scene, degrees: float, axis: int) -> Scene:
+    """The camera turned about an axis of the mirror's frame."""
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    turn = np.eye(3)
+    angle = np.radians(degrees)
+    turn[first, first] = turn[second, second] = np.cos(angle)
+    turn[second, first], turn[first, second] = np.sin(angle), -np.sin(angle)
+    camera = scene.camera
+    return replace(scene, camera=replace(camera, u_axis=turn @ camera.u_axis, v_axis=turn @ camera.v_axis))
+
+
+def finer(scene: Scene, share: float) -> Scene:
+    """A pattern whose pitch is other than the scene says."""
+    return replace(scene, pattern=replace(scene.pattern, pitch=(1 - share) * scene.pattern.pitch))
+
+
+def known(truth) -> PixelAnchor:
+    row, col = SIZE[0] // 2, SIZE[1] // 2
+    return PixelAnchor(row, col, float(truth.z[row, col]))
+
+
+@pytest.mark.parametrize("preset", ["paper-simulation", "prism48", "monitor-mirror"])
+@pytest.mark.parametrize("dent", ["flat", "gaussian", "raised-cosine", "ridge:angle_deg=30"])
+@pytest.mark.parametrize("noise", [1e-3, 0.05])
+def test_chi2_is_one_where_the_scene_is_right(exact, noisy, preset: str, dent: str, noise: float) -> None:
+    """Whatever the noise: curvature is no contradiction."""
+    scene, truth, _ = exact(preset, dent, *SIZE)
+    height = reconstruct(noisy(truth, noise, noise, seed=7), scene, anchor=known(truth))
+    found = height.diagnostics
+    assert found.freedom > 100
+    assert abs(found.chi2 - 1) < 4 * np.sqrt(2 / found.freedom)
+    assert height.notices == ()
+
+
+@pytest.mark.parametrize(
+    ("preset", "wrong"),
+    [
+        (preset, wrong)
+        for preset in ("paper-simulation", "prism48", "monitor-mirror")
+        for wrong in ("camera 2", "pitch")
+    ]
+    + [("monitor-mirror", "camera 0")],
+)
+def test_wrong_scenes_are_noticed(exact, noisy, preset: str, wrong: str) -> None:
+    """Not so a camera that leans within or across the plane of a prism's section: there another mirror, in
+    which no slope contradicts another, shows the same.
+    """
+    scene, truth, _ = exact(preset, "gaussian", *SIZE)
+    other = finer(scene, 0.002) if wrong == "pitch" else turned(scene, 0.2, int(wrong[-1]))
+    height = reconstruct(noisy(truth, 0.02, 0.02), other, anchor=known(truth))
+    (notice,) = height.notices
+    assert notice.size == height.diagnostics.chi2 > notice.limit
+    assert "--rest" in notice.cure
+    assert len(str(notice).splitlines()) == 1
+
+
+def test_the_limit_is_that_of_chance() -> None:
+    """Of 20000 draws with the right sigma none is above the limit; few freedoms allow more."""
+    rng = np.random.default_rng(0)
+    for freedom in (1, 10, 500):
+        drawn = rng.chisquare(freedom, 20000) / freedom
+        assert np.mean(drawn * 1.15**2 > chi2_limit(freedom)) < 5e-4
+    assert contradiction(None, 0) == ()
+    assert contradiction(1.3, 500) == ()
+    assert len(contradiction(2.0, 500)) == 1
+
+
+def test_notices_are_carried_and_saved(exact, tmp_path: Path) -> None:
+    scene, truth, c = exact("paper-simulation", "gaussian", *SIZE)
+    told = Notice("frames contradict each other", 2.0, 1.0, "take them again")
+    height = reconstruct(replace(c, notices=(told,)), turned(scene, 0.2, 2), anchor=known(truth))
+    assert height.notices[0] == told
+    assert len(height.notices) == 2
+    height.save(tmp_path / "h.npz")
+    assert HeightMap.load(tmp_path / "h.npz").notices == height.notices
+    paper = reconstruct(replace(c, notices=(told,)), scene, method="paper")
+    assert paper.notices == (told,)
+    with np.load(tmp_path / "h.npz") as saved:
+        arrays = dict(saved) | {"notices": np.array(["no json"])}
+    np.savez(tmp_path / "bad.npz", **arrays)
+    with pytest.raises(InputError, match=r"bad\.npz.*notices"):
+        HeightMap.load(tmp_path / "bad.npz")
+
+
+def test_a_stream_tells_what_its_frames_and_its_scene_say(exact, noisy) -> None:
+    scene, truth, _ = exact("monitor-mirror", "gaussian", *SIZE)
+    told = Notice("frames contradict each other", 2.0, 1.0, "take them again")
+    stream = HeightStream(turned(scene, 0.2, 2), known(truth))
+    heights = [
+        stream.update(replace(noisy(truth, 0.02, 0.02, seed), notices=notices))
+        for seed, notices in enumerate(((), (told,)))
+    ]
+    assert [len(height.notices) for height in heights] == [1, 2]
+    assert heights[1].diagnostics.chi2 == heights[0].diagnostics.chi2
+
+
+def test_a_mask_is_nothing_for_whole_rows(exact) -> None:
+    scene, _, c = exact("paper-simulation", "gaussian", 96, 96)
+    with pytest.raises(InputError, match="mask"):
+        reconstruct(c, scene, method="paper", mask=np.ones((96, 96), np.bool_))
+
+
+@pytest.mark.parametrize("preset", ["paper-simulation", "monitor-mirror"])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_capture_at_rest_takes_off_a_camera_that_looks_elsewhere(
+    exact, noisy, preset: str, axis: int
+) -> None:
+    """By the default anchor; in open air too, where a wrong scene has the mirror's edges elsewhere."""
+    scene, truth, _ = exact(preset, "gaussian", *SIZE)
+    _, flat, _ = exact(preset, "flat", *SIZE)
+    seen, rest = (noisy(each, 0.02, 0.02, seed) for seed, each in enumerate((truth, flat)))
+    other = turned(scene, 0.2, axis)
+
+    def error(height: HeightMap) -> float:
+        return float(np.sqrt(np.nanmean((height.z - truth.z) ** 2)) / np.nanmax(truth.z))
+
+    raw = reconstruct(seen, other, anchor=known(truth))
+    mended = reconstruct(seen, other, rest=rest)
+    assert error(mended) < 0.1 * error(raw)
+    assert error(mended) < 0.02
+    assert (mended.good & truth.visible).sum() > 0.95 * truth.visible.sum()
+    if raw.notices:  # what is left is of second order
+        assert mended.diagnostics.chi2 < 0.02 * raw.diagnostics.chi2
