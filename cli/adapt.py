@@ -17,7 +17,7 @@ from .options import (
     size_option,
 )
 from .outputs import Program
-from .show import grid, number, progress, table, write_json
+from .show import grid, number, print_notices, progress, table, write_json
 
 if TYPE_CHECKING:
     from optolever.experiments.design import AdaptiveRow, AdaptiveStudy
@@ -100,6 +100,7 @@ def command(
         def told(row: AdaptiveRow) -> None:
             rows.append(row)
             with step.aside():
+                print_notices(row.notices)
                 table(row.dent, _told(row))
             write_json(json_path, {"rows": [asdict(row) for row in rows]})
 

@@ -14,7 +14,7 @@ from .options import (
     size_option,
 )
 from .outputs import Program, report_option
-from .show import grid, number, progress, table, write_json
+from .show import grid, number, print_notices, progress, table, write_json
 
 if TYPE_CHECKING:
     from optolever.experiments import PaperRow
@@ -63,6 +63,7 @@ def command(
         with report_folder(out), together():
             study = write_paper_report(study, out / "report.html")
             write_json(json_path, study.to_dict())
+    print_notices(study.notices)
     grid("Errors in % of the peak depth", HEADER, [_cells(row) for row in study.rows])
     table(
         "Run",

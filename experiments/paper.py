@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, Flag, decode
+from optolever.notices import Notice
 from optolever.patterns import sequence
 from optolever.projector import capture, chosen_renderer
 from optolever.reconstruct import (
@@ -82,6 +83,11 @@ class PaperStudy:
     seconds: dict[str, float]
     peak_bytes: int
     settings: dict[str, Any]
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Of all rows, each once."""
+        return tuple(dict.fromkeys(notice for row in self.rows for notice in row.notices))
 
     def find(self, **fields: Any) -> PaperRow:
         """The row with these fields."""
@@ -247,7 +253,7 @@ def _on_pixels(setup: Setup, seen: Correspondence, data: str, drawn: Curves) -> 
     dense = reconstruct(seen, setup.scene)
     names = (case.name, data, "reflection", "dense")
     found = dense_row(middle, dense, setup.row, setup.peak, names, drawn)
-    yield replace(found, field=_field(setup, dense.z, dense.good))
+    yield replace(found, field=_field(setup, dense.z, dense.good), notices=dense.notices)
 
 
 def _field(setup: Setup, z: Array, good: NDArray[np.bool_]) -> float:

@@ -41,6 +41,7 @@ def paper_html(study: PaperStudy) -> str:
     context = {
         "asked": study.settings,
         "cases": cases,
+        "notices": study.notices,
         "by_name": {case["id"]: case for case in cases},
         "stages": stage_bars(timed.seconds),
         "memory_gib": timed.peak_bytes / 2**30,

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.notices import Notice
 from optolever.reconstruct import HeightMap, PaperGeometry, Profile, recursion
 
 from .metrics import rms
@@ -28,7 +29,7 @@ class PaperRow:
     paper's equations (dense: None); points: how many; drops, rises, mean: rms of each series (dense: mean
     alone); largest: of the mean; peak: estimated over true depth at the deepest point, minus 1; theta: rms
     error of the mean's slope angle (rad); field: rms over all pixels, where the whole field
-    was reconstructed, by the drops (rises diverge in noise).
+    was reconstructed, by the drops (rises diverge in noise); notices: of the dense solver's height map.
     """
 
     case: str
@@ -45,6 +46,7 @@ class PaperRow:
     peak: float
     theta: float
     field: float | None = None
+    notices: tuple[Notice, ...] = ()
 
 
 def curve_name(data: str, law: str, method: str, sign: int | None = None, gamma: bool | None = None) -> str:

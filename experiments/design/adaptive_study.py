@@ -14,6 +14,7 @@ import numpy as np
 
 from optolever.decode import decode
 from optolever.errors import InputError
+from optolever.notices import Notice
 from optolever.patterns import Sequence
 from optolever.projector import capture
 from optolever.reconstruct import HeightMap, reconstruct
@@ -47,7 +48,7 @@ DOUBTFUL, SIMULATED = 0.01, 10
 class AdaptiveRow:
     """One dent: frames that adaptive sensing took (mean over the seeds), share actually within the goal, that
     of the fixed sequence; met: what the adaptive measurement said of itself; why not; steps of the first
-    seed; seconds."""
+    seed; seconds; notices of the last height maps."""
 
     dent: str
     frames: float
@@ -57,6 +58,7 @@ class AdaptiveRow:
     steps: list[Step]
     seconds: float
     fixed_within: float = math.nan
+    notices: tuple[Notice, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -174,6 +176,7 @@ def _measured(place: "Place", seeds: int) -> AdaptiveRow:
         next((run.why for run, _ in runs if run.why), ""),
         runs[0][0].steps,
         time.perf_counter() - start,
+        notices=tuple(dict.fromkeys(notice for run, _ in runs for notice in run.height.notices)),
     )
 
 

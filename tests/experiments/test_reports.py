@@ -4,6 +4,7 @@ turns.
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from optolever.experiments import DemoResult, PaperStudy, demo_html, paper_html, write_demo_report
+from optolever.notices import Notice
 
 Browser = Callable[..., str]
 DEMO_IDS = [
@@ -127,6 +129,19 @@ def test_words_of_a_run_cannot_break_the_page(demo: DemoResult) -> None:
         )
     )
     assert "<script>alert" not in html
+
+
+def test_notices_are_on_the_pages(demo: DemoResult, study: PaperStudy) -> None:
+    """Escaped, as all words of a run."""
+    notice = Notice("slopes <contradict> each other", 9.0, 1.5, "calibrate")
+    told = replace(demo, height=replace(demo.height, notices=(notice,)))
+    rows = [replace(row, notices=(notice,)) for row in study.rows]
+    for html, plain in (
+        (demo_html(told), demo_html(demo)),
+        (paper_html(replace(study, rows=rows)), paper_html(study)),
+    ):
+        assert html.count("slopes &lt;contradict&gt; each other (9, usual up to 1.5): calibrate") == 1
+        assert 'id="notices"' not in plain
 
 
 def test_paper_page_has_its_tables_and_figures(paper_page: Path, browser: Browser) -> None:
