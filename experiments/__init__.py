@@ -15,6 +15,7 @@
 | `decode_errors.py` | its errors beside what noise allows |
 | `solver_figures.py`, `solver_bound.py` | run_solver_figures: the solver; its noise and the bound |
 | `drawn.py` | what cases drawn at random have in common |
+| `scene_errors.py` | scenes that are a little wrong: how many are noticed, what a rest capture mends |
 | `bench/` | speed against error, hard cases, sweeps: a face of its own |
 | `page.py`, `images.py`, `maps.py`, `report/` | HTML page, PNG, maps in mm; templates, style, viewer |
 """
