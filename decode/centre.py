@@ -15,9 +15,12 @@ from .display import REACH
 
 __all__ = ["BULK", "STEEP", "centred", "extended", "row_at"]
 
-#: Second differences are of the map from so many deviations on; what curvature may be told wrong by:
-#: a fifth of a wave of four pixels, the shortest whose phase a pixel tells.
-BULK, _LEFT = 2.5, 0.2**2
+#: Second differences are of the map from so many deviations on.
+BULK = 2.5
+#: Squared shares: of a fourth difference, what a second one over 24 leaves of waves (1 / sinc - 1, down to
+#: 2.4 pixels); of a second one, all; of the way between both neighbours (two pixels), how far the lesser
+#: change of light, as a step or a speck anywhere in the pixel, moves its centre of light.
+_SHORT, _ALL, _EDGE = np.float32(1 / 64**2), np.float32(1 / 24**2), np.float32(1 / 8**2)
 #: Turns of a fringe in a pixel from which on it tells no place: a quarter of its contrast is left.
 STEEP = 0.8
 
@@ -47,10 +50,9 @@ def centred(
     turns of the finest fringe in a px.
     """
     jump, per_turn = limits
-    zero, half, two = np.float32(0), np.float32(0.5), np.float32(2)
+    zero, half, two, four = np.float32(0), np.float32(0.5), np.float32(2), np.float32(4)
     wide, part, twelfth = np.float32(1 / REACH**2), np.float32(1 / 24), np.float32(1 / 12)
     unsure, more = np.float32(20 * BULK**2), np.float32((7 / 6) ** 2 + 4 / 24**2 - 1)
-    some, all_of_it = np.float32(_LEFT / 24**2), np.float32(1 / 24**2)
     whole, size, at = reach == REACH, out.size, REACH
     # views of one length: an index that only counts up is known not to wrap round
     here, left, right = c[at : at + size], c[at - 1 : at - 1 + size], c[at + 1 : at + 1 + size]
@@ -72,26 +74,29 @@ def centred(
         one_x, one_y = right[x] - left[x], down[x] - up[x]
         two_x, two_y = right_2[x] - left_2[x], down_2[x] - up_2[x]
         factor_x, factor_y = _factor(half * one_x * per_turn), _factor(half * one_y * per_turn)
+        near_x, near_y = left[x] + right[x] - two * u, up[x] + down[x] - two * u
         broad_x = (left_far[x] + right_far[x] - two * u) * wide if far else zero
         broad_y = (up_far[x] + down_far[x] - two * u) * wide if far else zero
         broad = broad_x + broad_y
         there = _beyond(broad, noise * wide * wide)
-        bend_x = left[x] + right[x] - two * u - there * broad_x if near else zero
-        bend_y = up[x] + down[x] - two * u - there * broad_y if near else zero
-        bend = bend_x + bend_y
+        bend_x, bend_y = near_x - there * broad_x, near_y - there * broad_y
+        bend = bend_x + bend_y if near else zero
         share = _beyond(bend, noise) if next_ else zero
         bends = factor_x * (there * broad_x + share * bend_x) + factor_y * (there * broad_y + share * bend_y)
-        turn_x, turn_y = two_x - two * one_x, two_y - two * one_y
-        turn = np.float32(0.25) * (turn_x * turn_x + turn_y * turn_y) if next_ else zero
-        dims = _limited(bright[max(x - 1, 0)], bright[x], bright[min(x + 1, size - 1)]) * one_x
-        dims += _limited(bright_up[x], bright[x], bright_down[x]) * one_y
-        dims = dims / max(bright[x], np.float32(1e-6)) if near else zero
+        fourth_x = left_2[x] + right_2[x] - two * u - four * near_x
+        fourth_y = up_2[x] + down_2[x] - two * u - four * near_y
+        short = (fourth_x * fourth_x + fourth_y * fourth_y) * _SHORT if next_ else bend * bend * _ALL
+        before, lit, after = bright[max(x - 1, 0)], bright[x], bright[min(x + 1, size - 1)]
+        edge_x, light_x = _in_light(before, lit, after)
+        edge_y, light_y = _in_light(bright_up[x], lit, bright_down[x])
+        dims = light_x * one_x + light_y * one_y if near else zero
+        edge_x, edge_y = edge_x * one_x, edge_y * one_y
+        edges = (edge_x * edge_x + edge_y * edge_y) * _EDGE if near else zero
         jump_x = _jump(one_x, two_x, right_far[x] - left_far[x])
         jump_y = _jump(one_y, two_y, down_far[x] - up_far[x])
         jumps = jump_x * jump_x + jump_y * jump_y - two * noise if far else zero
-        doubt = (some if next_ else all_of_it) * max(bend * bend + turn - noise, zero)
-        doubt += max(jumps, zero) * twelfth + share * more * total[x]
-        smooth = bend * bend < jump * jump
+        doubt = short + edges + max(jumps, zero) * twelfth + share * more * total[x]
+        smooth = max(near_x * near_x, near_y * near_y) < jump * jump
         out[x] = was - (part * (bends + dims) if smooth else zero)
         total[x] += doubt if smooth else zero
 
@@ -154,9 +159,10 @@ def _jump(one: Any, two: Any, four: Any) -> Any:
 
 
 @inlined
-def _limited(before: Any, here: Any, after: Any) -> Any:
-    """The lesser of both differences, 0 if their signs differ: beside an edge no gradient (minmod)."""
+def _in_light(before: Any, here: Any, after: Any) -> tuple[Any, Any]:
+    """Lesser of the relative changes of light to both neighbours: its size, and itself, 0 if their signs
+    differ (minmod: beside an edge no gradient)."""
     one, other = here - before, after - here
-    least = min(abs(one), abs(other))
-    least = least if one > np.float32(0) else -least
-    return least if one * other > np.float32(0) else np.float32(0)
+    least = min(abs(one), abs(other)) / max(here, np.float32(1e-6))
+    slope = least if one > np.float32(0) else -least
+    return least, slope if one * other > np.float32(0) else np.float32(0)
