@@ -33,7 +33,8 @@ class AxisDecoder:
 
     rounding  variance (turns^2) of each fringe's phase by the rounding of shown grey values, as far as
               `shift` (pattern px, see display.rounding_shift) does not take it off
-    limits    beyond which pixels are flagged; jump: largest second difference of neighbours, pattern px
+    limits    beyond which pixels are flagged; jump: largest second difference of neighbours, pattern px;
+              per_turn: turns of the finest fringe in a pattern px, 0 without one
     """
 
     axis: AxisPlan
@@ -48,6 +49,7 @@ class AxisDecoder:
     limits: Limits
     freedom: int
     jump: float
+    per_turn: float = 0.0
     shift: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
 
     def estimate(self, rows: tuple[int, int], raw: Raw, room: local) -> Estimate:
@@ -216,13 +218,14 @@ def _decoder(
     freedom += (1 if axis.fringes else 0) + code.freedom if code is not None else 0
     if axis.fringes:
         fine = axis.fringes[-1]
-        jump, factor = fine.period / 4, 2 / len(fine.index)
+        jump, per_turn, factor = fine.period / 4, 1 / fine.period, 2 / len(fine.index)
     else:
         assert code is not None
-        jump, factor = 2 * code.cell, 0.5
+        jump, per_turn, factor = 2.0 * code.cell, 0.0, 0.5
     limits = limits_of(axis.extent, factor, freedom, light.white)
     return AxisDecoder(
-        axis, light, noise, code, orders, micro, None, None, tuple(rounding), limits, freedom, jump, shift
+        *(axis, light, noise, code, orders, micro, None, None, tuple(rounding), limits, freedom, jump),
+        *(per_turn, shift),
     )
 
 

@@ -13,7 +13,7 @@ from optolever.kernels import inlined, kernel
 
 from .display import REACH
 
-__all__ = ["BULK", "centred"]
+__all__ = ["BULK", "STEEP", "centred", "extended", "row_at"]
 
 #: Second differences are of the map from so many deviations on; what curvature may be told wrong by:
 #: a fifth of a wave of four pixels, the shortest whose phase a pixel tells.
@@ -21,11 +21,13 @@ BULK, _LEFT = 2.5, 0.2**2
 #: Squared curvature over next neighbours, of its squared differences from that over neighbours two pixels
 #: away, on a map whose pixels have nothing to do with each other: 20 / (2 (2 + (3 / 2)^2 + 2 / 4^2)).
 _ROUGH = 20 / 8.75
+#: Turns of a fringe in a pixel from which on it tells no place: a quarter of its contrast is left.
+STEEP = 0.8
 
 
 @kernel
 def centred(
-    span: Any,
+    reach: Any,
     c: Any,
     above: Any,
     below: Any,
@@ -33,80 +35,120 @@ def centred(
     flags: Any,
     flags_above: Any,
     flags_below: Any,
-    jump: Any,
+    limits: Any,
     out: Any,
     total: Any,
 ) -> None:
     """From the mean over a pixel, weighted by the light, to its centre.
 
     Of u(s) = u + g s + s H s / 2 and light A (1 + a s) the mean over a pixel is u + (H_xx + H_yy) / 24 +
-    a g / 12.
-    span: first pixel, one after the last, reach: REACH, or 2 where the image ends before that. above, below:
-    the rows 1, 2 and reach away, with their flags. Over REACH pixels the curvature is told with next to no
-    noise; it, and what it is more or less between next neighbours, count as far as they are beyond noise, and
-    the latter as far as neighbours two pixels away show it, too (James and Stein's shrinkage): what changes
-    from pixel to pixel (a rough mirror, a neighbour at an edge) is no curvature and goes into the variance.
-    Where next neighbours bend by `jump` there is no map.
+    a g / 12; of a fringe see `_factor`.
+    c, flags: the row between REACH pixels beyond either end (see `extended`). above, below: the rows 1, 2 and
+    reach away (W,), with their flags; light: the row and those next to it. Over REACH pixels the curvature is
+    told with next to no noise; it, and what it is more or less between next neighbours, count as far as they
+    are beyond noise, and the latter as far as neighbours two pixels away show it, too (James and Stein's
+    shrinkage): what changes from pixel to pixel (a rough mirror, a neighbour at an edge) is no curvature and
+    goes into the variance. limits: by what neighbours of a map bend at most, px;
+    turns of the finest fringe in a px.
     """
-    first, end, reach = span
-    zero, two, four, quarter = np.float32(0), np.float32(2), np.float32(4), np.float32(0.25)
+    jump, per_turn = limits
+    zero, quarter, half, two = np.float32(0), np.float32(0.25), np.float32(0.5), np.float32(2)
     wide, part, twelfth = np.float32(1 / REACH**2), np.float32(1 / 24), np.float32(1 / 12)
     unsure, more = np.float32(20 * BULK**2), np.float32((7 / 6) ** 2 + 4 / 24**2 - 1)
     rough = np.float32(_ROUGH)
     some, all_of_it = np.float32(_LEFT / 24**2), np.float32(1 / 24**2)
-    whole = reach == REACH
+    whole, size, at = reach == REACH, out.size, REACH
     # views of one length: an index that only counts up is known not to wrap round
-    here, left, right = c[first:end], c[first - 1 : end - 1], c[first + 1 : end + 1]
-    left_2, right_2 = c[first - 2 : end - 2], c[first + 2 : end + 2]
-    left_far, right_far = c[first - reach : end - reach], c[first + reach : end + reach]
-    up, up_2, up_far = above[0][first:end], above[1][first:end], above[2][first:end]
-    down, down_2, down_far = below[0][first:end], below[1][first:end], below[2][first:end]
-    bad_left, bad_right = flags[first - 1 : end - 1], flags[first + 1 : end + 1]
-    bad_left_2, bad_right_2 = flags[first - 2 : end - 2], flags[first + 2 : end + 2]
-    bad_left_far, bad_right_far = flags[first - reach : end - reach], flags[first + reach : end + reach]
-    bad_up, bad_up_2, bad_up_far = (
-        flags_above[0][first:end],
-        flags_above[1][first:end],
-        flags_above[2][first:end],
-    )
-    bad_down, bad_down_2, bad_down_far = (
-        flags_below[0][first:end],
-        flags_below[1][first:end],
-        flags_below[2][first:end],
-    )
-    bright, bright_up, bright_down = light[0][first:end], light[1][first:end], light[2][first:end]
-    bright_left, bright_right = light[0][first - 1 : end - 1], light[0][first + 1 : end + 1]
-    shifted, variance = out[first:end], total[first:end]
-    for x in range(here.size):
+    here, left, right = c[at : at + size], c[at - 1 : at - 1 + size], c[at + 1 : at + 1 + size]
+    left_2, right_2 = c[at - 2 : at - 2 + size], c[at + 2 : at + 2 + size]
+    left_far, right_far = c[:size], c[2 * at : 2 * at + size]
+    (up, up_2, up_far), (down, down_2, down_far) = above, below
+    bad_left, bad_right = flags[at - 1 : at - 1 + size], flags[at + 1 : at + 1 + size]
+    bad_left_2, bad_right_2 = flags[at - 2 : at - 2 + size], flags[at + 2 : at + 2 + size]
+    bad_left_far, bad_right_far = flags[:size], flags[2 * at : 2 * at + size]
+    (bad_up, bad_up_2, bad_up_far), (bad_down, bad_down_2, bad_down_far) = flags_above, flags_below
+    bright, bright_up, bright_down = light
+    for x in range(size):
         near = (bad_left[x] | bad_right[x] | bad_up[x] | bad_down[x]) == 0
         next_ = near & ((bad_left_2[x] | bad_right_2[x] | bad_up_2[x] | bad_down_2[x]) == 0)
         far = (bad_left_far[x] | bad_right_far[x] | bad_up_far[x] | bad_down_far[x]) == 0
         far &= next_ & whole
-        u, was = here[x], shifted[x]
-        noise = unsure * (variance[x] + (was - u) * (was - u))
-        broad = (left_far[x] + right_far[x] + up_far[x] + down_far[x] - four * u) * wide if far else zero
-        broad *= _beyond(broad, noise * wide * wide)
+        u, was = here[x], out[x]
+        noise = unsure * (total[x] + (was - u) * (was - u))
+        one_x, one_y = right[x] - left[x], down[x] - up[x]
+        two_x, two_y = right_2[x] - left_2[x], down_2[x] - up_2[x]
+        factor_x, factor_y = _factor(half * one_x * per_turn), _factor(half * one_y * per_turn)
+        broad_x = (left_far[x] + right_far[x] - two * u) * wide if far else zero
+        broad_y = (up_far[x] + down_far[x] - two * u) * wide if far else zero
+        broad = broad_x + broad_y
+        there = _beyond(broad, noise * wide * wide)
         bend_x, bend_y = left[x] + right[x] - two * u, up[x] + down[x] - two * u
-        bend = bend_x + bend_y - broad if near else zero
         off_x = bend_x - quarter * (left_2[x] + right_2[x] - two * u)
         off_y = bend_y - quarter * (up_2[x] + down_2[x] - two * u)
         uneven = max(rough * (off_x * off_x + off_y * off_y) - noise, zero) if next_ else zero
+        bend_x = bend_x - there * broad_x if near else zero
+        bend_y = bend_y - there * broad_y if near else zero
+        bend = bend_x + bend_y
         share = _beyond(bend, noise + uneven) if next_ else zero
-        one_x, one_y = right[x] - left[x], down[x] - up[x]
-        two_x, two_y = right_2[x] - left_2[x], down_2[x] - up_2[x]
+        bends = factor_x * (there * broad_x + share * bend_x) + factor_y * (there * broad_y + share * bend_y)
         turn_x, turn_y = two_x - two * one_x, two_y - two * one_y
         turn = quarter * (turn_x * turn_x + turn_y * turn_y) if next_ else zero
-        dims = _limited(bright_left[x], bright[x], bright_right[x]) * one_x
+        dims = _limited(bright[max(x - 1, 0)], bright[x], bright[min(x + 1, size - 1)]) * one_x
         dims += _limited(bright_up[x], bright[x], bright_down[x]) * one_y
         dims = dims / max(bright[x], np.float32(1e-6)) if near else zero
         jump_x = _jump(one_x, two_x, right_far[x] - left_far[x])
         jump_y = _jump(one_y, two_y, down_far[x] - up_far[x])
         jumps = jump_x * jump_x + jump_y * jump_y - two * noise if far else zero
         doubt = (some if next_ else all_of_it) * max(bend * bend + turn - noise, zero) + all_of_it * uneven
-        doubt += max(jumps, zero) * twelfth + share * more * variance[x]
+        doubt += max(jumps, zero) * twelfth + share * more * total[x]
         smooth = bend * bend < jump * jump
-        shifted[x] = was - (part * (broad + share * bend + dims) if smooth else zero)
-        variance[x] += doubt if smooth else zero
+        # slopes beside a pixel that sees nothing are NaN
+        out[x] = was - (part * (bends + dims) if smooth & near else zero)
+        total[x] += doubt if smooth else zero
+
+
+@kernel
+def extended(line: Any, flags: Any, out: Any, out_flags: Any) -> None:
+    """A line (W,) between REACH pixels beyond either end (W + 2 REACH,): two by the parabola through the last
+    three, good where these are; those farther away are not."""
+    last, at = line.size - 1, REACH
+    out[at : at + line.size], out_flags[at : at + line.size] = line, flags
+    out[:at], out[at + last + 1 :] = line[0], line[last]
+    out_flags[:at], out_flags[at + last + 1 :] = 1, 1
+    for k in (1, 2):
+        out[at - k] = _parabola(line[0], line[1], line[2], k)
+        out[at + last + k] = _parabola(line[last], line[last - 1], line[last - 2], k)
+        out_flags[at - k] = flags[0] | flags[1] | flags[2]
+        out_flags[at + last + k] = flags[last] | flags[last - 1] | flags[last - 2]
+
+
+@kernel
+def row_at(maps: Any, flags: Any, y: Any, out: Any, out_flags: Any) -> tuple[Any, Any]:
+    """Row y of a map (H, W) and of its flags; one or two rows beyond it as `extended` has them, in `out`."""
+    rows = maps.shape[0]
+    if 0 <= y < rows:
+        return maps[y], flags[y]
+    end, k, step = (0, -y, 1) if y < 0 else (rows - 1, y - rows + 1, -1)
+    for x in range(out.size):
+        out[x] = _parabola(maps[end, x], maps[end + step, x], maps[end + 2 * step, x], k)
+        out_flags[x] = flags[end, x] | flags[end + step, x] | flags[end + 2 * step, x]
+    return out, out_flags
+
+
+@inlined
+def _parabola(end: Any, next_: Any, third: Any, k: Any) -> Any:
+    """k beyond the end of three values, 1 or 2."""
+    one = np.float32(3) * (end - next_) + third
+    return one if k == 1 else np.float32(3) * (one - end) + next_
+
+
+@inlined
+def _factor(turns: Any) -> Any:
+    """What a bend shifts the phase of a fringe of which so many turns w lie on a pixel, over what it shifts
+    the mean place: -3 sinc''(w) / (pi^2 sinc(w)), here by the first term of its series and the pole at 1 (to
+    0.01 up to half a turn, to 8 % near one)."""
+    square = min(turns * turns, np.float32(STEEP**2))
+    return np.float32(1) - np.float32(2 * np.pi**2 / 15) * square / (np.float32(1) - square)
 
 
 @inlined

@@ -146,7 +146,8 @@ def _among_neighbours(
 
     def block(start: int, stop: int) -> None:
         for decoder, own, pixelation, reach in zip(decoders, raw, pixelations, reaches, strict=True):
-            limits = float(decoder.axis.extent) if shot.cells else 0.0, decoder.jump, least
+            extent = float(decoder.axis.extent) if shot.cells else 0.0
+            limits = extent, decoder.jump, decoder.per_turn, least
             common = shared.flags, shared.amplitude, shared.offset
             maps = (*out[decoder.axis.axis], flags)
             check_rows((start, stop), own, common, pixelation, reach, limits, decoder.shift, maps)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from optolever.kernels import exact, inlined, kernel
 
 from .border import MARGIN, inwards
-from .centre import BULK, centred
+from .centre import BULK, STEEP, centred, extended, row_at
 from .correspondence import Flag
 from .display import PER_CELL, PLACES, REACH, WIDTHS, Pixelation
 
@@ -42,14 +42,15 @@ def check_rows(
     common: tuple[NDArray[np.uint16], Any, Any],
     pixelation: Pixelation,
     reach: tuple[float, bool],
-    limits: tuple[float, float, float],
+    limits: tuple[float, float, float, float],
     rounding: NDArray[np.float32],
     out: tuple[Any, Any, NDArray[np.uint16]],
 ) -> None:
     """Rows start..stop of one axis.
 
     common: flags (H, W) so far, amplitude and offset (H, W). limits: extent of the surface (0: it has no
-    border), largest second difference (px), least sigma (px). rounding: display.rounding_shift, empty: none.
+    border), largest second difference (px), turns of the finest fringe in a px, least sigma (px). rounding:
+    display.rounding_shift, empty: none.
     out: coordinate, sigma, flags (H, W), the last or-ed.
     """
     numbers = (pixelation.roughness, *reach, *limits)
@@ -76,6 +77,7 @@ def _check(
     told: Any,
     extent: Any,
     jump: Any,
+    per_turn: Any,
     least: Any,
     rounding: Any,
     out: Any,
@@ -85,6 +87,8 @@ def _check(
     rows, cols = coord.shape
     special = np.empty(cols, np.int32)
     bend = np.zeros((2, max(cols, 2)), np.float32)  # of a row of two pixels none is written
+    wide, wide_flags = np.empty(cols + 2 * REACH, np.float32), np.empty(cols + 2 * REACH, np.uint16)
+    beyond, bad_beyond = np.empty((4, cols), np.float32), np.empty((4, cols), np.uint16)
     margin = np.float32(MARGIN if extent > 0 else -np.inf)
     low, high = np.float32(margin - 0.5), np.float32(extent - 0.5 - margin)
     high = np.float32(np.inf) if extent <= 0 else high
@@ -92,7 +96,7 @@ def _check(
         up, down = max(y - 1, 0), min(y + 1, rows - 1)
         _special_line(
             *(coord[y], coord[up], coord[down], variance[y], variance[up], variance[down]),
-            *(flags[y], flags[up], flags[down], jump, low, high, bend[0], bend[1], special),
+            *(flags[y], flags[up], flags[down], (jump, per_turn), low, high, bend[0], bend[1], special),
         )
         if shift.size > 0:
             far, near = min(y + REACH, rows - 1), max(y - REACH, 0)
@@ -106,21 +110,26 @@ def _check(
             sigma[y, :] = variance[y]
         if rounding.size > 0:
             _unrounded(coord[y], rounding, out[y])
-        if (y >= 2) & (y < rows - 2) & (cols > 4):
-            inner = (y >= REACH) & (y < rows - REACH)
-            reach_y = REACH if inner else 2
-            above = coord[up], coord[y - 2], coord[y - reach_y]
-            below = coord[down], coord[y + 2], coord[y + reach_y]
-            bad_above = flags[up], flags[y - 2], flags[y - reach_y]
-            bad_below = flags[down], flags[y + 2], flags[y + reach_y]
-            lines = above, below, (offset[y], offset[up], offset[down]), flags[y], bad_above, bad_below
-            start, end = (REACH, cols - REACH) if inner & (cols > 2 * REACH) else (2, 2)
-            centred((2, start, 2), coord[y], *lines, jump, out[y], sigma[y])
-            centred((start, end, REACH), coord[y], *lines, jump, out[y], sigma[y])
-            centred((end, cols - 2, 2), coord[y], *lines, jump, out[y], sigma[y])
+        if (rows > 4) & (cols > 4):
+            extended(coord[y], flags[y], wide, wide_flags)
+            reach_y = REACH if (y >= REACH) & (y < rows - REACH) else 2
+            above, bad_above = row_at(coord, flags, y - 1, beyond[0], bad_beyond[0])
+            above_2, bad_above_2 = row_at(coord, flags, y - 2, beyond[1], bad_beyond[1])
+            above_far, bad_above_far = row_at(coord, flags, y - reach_y, beyond[1], bad_beyond[1])
+            below, bad_below = row_at(coord, flags, y + 1, beyond[2], bad_beyond[2])
+            below_2, bad_below_2 = row_at(coord, flags, y + 2, beyond[3], bad_beyond[3])
+            below_far, bad_below_far = row_at(coord, flags, y + reach_y, beyond[3], bad_beyond[3])
+            centred(
+                *(reach_y, wide, (above, above_2, above_far), (below, below_2, below_far)),
+                *((offset[y], offset[up], offset[down]), wide_flags),
+                *((bad_above, bad_above_2, bad_above_far), (bad_below, bad_below_2, bad_below_far)),
+                *((jump, per_turn), out[y], sigma[y]),
+            )
         for x in range(cols):
             if special[x] != 0 and flags[y, x] == 0:
                 flag, lost = _neighbours(y, x, coord, variance, flags, amplitude, jump)
+                if per_turn > 0 and _undersampled(y, x, coord, flags, per_turn):
+                    flag |= np.uint16(_OUTLIER)
                 off, shift_in, unsure_in = inwards(coord[y, x], bend[0, x], bend[1, x], reach, told, extent)
                 out[y, x] -= shift_in
                 sigma[y, x] += lost + unsure_in
@@ -184,7 +193,7 @@ def _special_line(
     flags: Any,
     flags_above: Any,
     flags_below: Any,
-    jump: Any,
+    limits: Any,
     low: Any,
     high: Any,
     across: Any,
@@ -193,8 +202,9 @@ def _special_line(
 ) -> None:
     """Pixels of which neighbours or the border tell something: those at the ends of a row are always
     asked."""
-    last, two = c.size - 1, np.float32(2)
+    last, two, (jump, per_turn) = c.size - 1, np.float32(2), limits
     sure, four, square = np.float32(_SURE * _SURE), np.float32(4), jump * jump
+    half_a_turn = np.float32(0.5) / max(per_turn, np.float32(1e-9))
     for x in range(1, last):
         off_x = c[x - 1] + c[x + 1] - two * c[x]
         off_y = above[x] + below[x] - two * c[x]
@@ -202,9 +212,11 @@ def _special_line(
         bend_y = off_y * off_y > sure * (var_above[x] + four * var[x] + var_below[x])
         wide = (bend_x & (off_x * off_x > square)) | (bend_y & (off_y * off_y > square)) | (bend_x & bend_y)
         flag = flags[x - 1] | flags[x + 1] | flags_above[x] | flags_below[x]
-        special[x] = 1 if wide | (c[x] < low) | (c[x] > high) | (flag != 0) else 0
         across[x] = abs(_slope(c[x - 1], c[x], c[x + 1], flags[x - 1], flags[x + 1], _ONE))
         along[x] = abs(_slope(above[x], c[x], below[x], flags_above[x], flags_below[x], _ONE))
+        far = max(abs(c[x] - c[x - 1]), abs(c[x + 1] - c[x]), abs(c[x] - above[x]), abs(below[x] - c[x]))
+        wide |= (c[x] < low) | (c[x] > high) | (far > half_a_turn)
+        special[x] = 1 if wide | (flag != 0) else 0
     special[0], special[last] = 1, 1
     across[0], across[last], along[0], along[last] = across[1], across[last - 1], along[1], along[last - 1]
 
@@ -298,6 +310,34 @@ def _neighbours(
     if beyond_x > zero and beyond_y > zero:
         flag |= np.uint16(_OUTLIER)
     return flag, lost
+
+
+@exact
+def _undersampled(y: Any, x: Any, coord: Any, flags: Any, per_turn: Any) -> Any:
+    """Whether a pixel takes so many turns of the finest fringe that its order is by chance.
+
+    More than half a turn lies between it and both neighbours, so that these cannot vouch for it, and steps
+    between pixels up to two away differ by a quarter of a turn or are refused; or it takes nearly a turn: its
+    contrast is lost, and reversed beyond.
+    """
+    for dy, dx in ((0, 1), (1, 0)):
+        steps = [_step(y + k * dy, x + k * dx, dy, dx, coord, flags) * per_turn for k in range(-2, 2)]
+        least, most = min(steps), max(steps)
+        if min(steps[1], steps[2]) > np.float32(0.5) and (
+            most > least + np.float32(0.25) or steps[1] + steps[2] > np.float32(2 * STEEP)
+        ):
+            return True
+    return False
+
+
+@exact
+def _step(y: Any, x: Any, dy: Any, dx: Any, coord: Any, flags: Any) -> Any:
+    """From a pixel to the next; infinite where one of both is refused, 0 beyond the image."""
+    if y < 0 or x < 0 or y + dy >= coord.shape[0] or x + dx >= coord.shape[1]:
+        return np.float32(0)
+    if (flags[y, x] | flags[y + dy, x + dx]) != 0:
+        return np.float32(np.inf)
+    return abs(coord[y + dy, x + dx] - coord[y, x])
 
 
 @exact

@@ -21,7 +21,7 @@ __all__ = ["SensorMaps", "sensor_maps"]
 
 Floats = NDArray[np.float64]
 SIDE = 96  # pixels along the shorter side of the camera on which maps are made
-NUDGE = 1e-3  # of the mirror's length: by how much the anchor moves to show the free mode
+NUDGE = 1e-4  # of the mirror's length: by how much the anchor moves either way to show the free mode
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +132,7 @@ def _free_mode(lever: Lever, height: HeightMap) -> Floats:
     one = np.where(good, 0.01, np.inf)
     seen = Correspondence(view.truth.u, view.truth.v, one, one, np.where(good, 0, 128).astype(np.uint16))
     step = NUDGE * view.scene.mirror.length
-    solved = [reconstruct(seen, view.scene, anchor=(*at, z)) for z in (0.0, step)]
+    solved = [reconstruct(seen, view.scene, anchor=(*at, z)) for z in (-step, step)]
     change = np.where(good, solved[1].z - solved[0].z, np.nan)
     mode: Floats = change / np.nanmax(np.abs(change))
     return mode
