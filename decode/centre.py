@@ -17,10 +17,17 @@ __all__ = ["BULK", "STEEP", "centred", "extended", "row_at"]
 
 #: Second differences are of the map from so many deviations on.
 BULK = 2.5
+#: Squared second difference over the squared fourth one, of pixels that have nothing to do with each other: a
+#: sum over both axes of 20 variances, and of two times 70.
+_ROUGH = np.float32(20 / 140)
+#: Twice the squared fourth differences of noise of variance 1.
+_BY_NOISE = np.float32(2 * 140)
 #: Squared shares: of a fourth difference, what a second one over 24 leaves of waves (1 / sinc - 1, down to
 #: 2.4 pixels); of a second one, all; of the way between both neighbours (two pixels), how far the lesser
 #: change of light, as a step or a speck anywhere in the pixel, moves its centre of light.
 _SHORT, _ALL, _EDGE = np.float32(1 / 64**2), np.float32(1 / 24**2), np.float32(1 / 8**2)
+#: Squared deviations from the surface's border within which its shadow lies.
+_FARTHEST = np.float32(4**2)
 #: Turns of a fringe in a pixel from which on it tells no place: a quarter of its contrast is left.
 STEEP = 0.8
 
@@ -46,13 +53,19 @@ def centred(
     c, flags: the row between REACH pixels beyond either end (see `extended`). above, below: the rows 1, 2 and
     reach away (W,), with their flags; light: the row and those next to it. Over REACH pixels the curvature is
     told with next to no noise; it, and what it is more or less between next neighbours, count as far as they
-    are beyond noise (James and Stein's shrinkage). limits: by what neighbours of a map bend at most, px;
-    turns of the finest fringe in a px.
+    are beyond noise (James and Stein's shrinkage), and the latter as far as it does not change from pixel to
+    pixel (a rough mirror, a neighbour at an edge). limits: by what neighbours of a map bend at most, px (of a
+    code its finest stripe); turns of the finest fringe in a px; squared reach of a pixel of no footprint, and
+    extent of the surface (infinite: no border); in the border's shadow (see border) nothing is taken off.
     """
-    jump, per_turn = limits
+    jump, per_turn, reach2, extent = limits
     zero, half, two, four = np.float32(0), np.float32(0.5), np.float32(2), np.float32(4)
     wide, part, twelfth = np.float32(1 / REACH**2), np.float32(1 / 24), np.float32(1 / 12)
     unsure, more = np.float32(20 * BULK**2), np.float32((7 / 6) ** 2 + 4 / 24**2 - 1)
+    # by noise of a fringe: twice the relative variance of a difference of mean levels, by that of a place
+    grain = np.float32(2 * (2 * np.pi) ** 2) * per_turn * per_turn
+    # the finest stripe of a code: parts of others that lie on a pixel move what it reads
+    stripe = jump if per_turn == 0 else np.float32(np.inf)
     whole, size, at = reach == REACH, out.size, REACH
     # views of one length: an index that only counts up is known not to wrap round
     here, left, right = c[at : at + size], c[at - 1 : at - 1 + size], c[at + 1 : at + 1 + size]
@@ -81,24 +94,32 @@ def centred(
         there = _beyond(broad, noise * wide * wide)
         bend_x, bend_y = near_x - there * broad_x, near_y - there * broad_y
         bend = bend_x + bend_y if near else zero
-        share = _beyond(bend, noise) if next_ else zero
-        bends = factor_x * (there * broad_x + share * bend_x) + factor_y * (there * broad_y + share * bend_y)
         fourth_x = left_2[x] + right_2[x] - two * u - four * near_x
         fourth_y = up_2[x] + down_2[x] - two * u - four * near_y
-        short = (fourth_x * fourth_x + fourth_y * fourth_y) * _SHORT if next_ else bend * bend * _ALL
+        uneven = fourth_x * fourth_x + fourth_y * fourth_y
+        share = _beyond(bend, max(noise, _ROUGH * uneven)) if next_ else zero
+        bends = factor_x * (there * broad_x + share * bend_x) + factor_y * (there * broad_y + share * bend_y)
+        short = max(uneven - _BY_NOISE * total[x], zero) * _SHORT if next_ else bend * bend * _ALL
         before, lit, after = bright[max(x - 1, 0)], bright[x], bright[min(x + 1, size - 1)]
         edge_x, light_x = _in_light(before, lit, after)
         edge_y, light_y = _in_light(bright_up[x], lit, bright_down[x])
         dims = light_x * one_x + light_y * one_y if near else zero
-        edge_x, edge_y = edge_x * one_x, edge_y * one_y
-        edges = (edge_x * edge_x + edge_y * edge_y) * _EDGE if near else zero
-        jump_x = _jump(one_x, two_x, right_far[x] - left_far[x])
-        jump_y = _jump(one_y, two_y, down_far[x] - up_far[x])
-        jumps = jump_x * jump_x + jump_y * jump_y - two * noise if far else zero
-        doubt = short + edges + max(jumps, zero) * twelfth + share * more * total[x]
+        edge_x = max(edge_x * edge_x - grain * total[x], zero) * one_x * one_x
+        edge_y = max(edge_y * edge_y - grain * total[x], zero) * one_y * one_y
+        edges = (edge_x + edge_y) * _EDGE if near else zero
+        jump_x = _jump(one_x, two_x, right_far[x] - left_far[x]) if far else two * one_x - two_x
+        jump_y = _jump(one_y, two_y, down_far[x] - up_far[x]) if far else two * one_y - two_y
+        jumps = jump_x * jump_x + jump_y * jump_y - two * noise if next_ else zero
         smooth = max(near_x * near_x, near_y * near_y) < jump * jump
-        out[x] = was - (part * (bends + dims) if smooth else zero)
-        total[x] += doubt if smooth else zero
+        # clear of the border's shadow, as neighbours two pixels away are
+        away = max(min(u + half, extent - half - u) - max(abs(one_x), abs(one_y)), zero)
+        clear = away * away > _FARTHEST * (reach2 + (one_x * one_x + one_y * one_y) * np.float32(1 / 48))
+        # slopes beside a pixel that sees nothing are NaN
+        out[x] = was - (part * (bends + dims) if smooth & near & clear else zero)
+        least_x, least_y = min(abs(u - left[x]), abs(right[x] - u)), min(abs(u - up[x]), abs(down[x] - u))
+        over = max(least_x + least_y - stripe, zero) if near else zero
+        doubt = short + (edges if clear else bend * bend * _ALL) + max(jumps, zero) * twelfth
+        total[x] += (doubt + share * more * total[x] if smooth else zero) + over * over * twelfth
 
 
 @kernel
@@ -154,7 +175,7 @@ def _beyond(value: Any, noise: Any) -> Any:
 @inlined
 def _jump(one: Any, two: Any, four: Any) -> Any:
     """J by differences over 2, 4 and 8 pixels of g x + k x^3 + J sign(x) / 2; its variance is 14.6 times that
-    of a pixel."""
+    of a pixel. (By the first two of g x + J sign(x) / 2: 2 one - two, 10 times.)"""
     return (four - np.float32(10) * two + np.float32(16) * one) * np.float32(1 / 7)
 
 

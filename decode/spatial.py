@@ -25,7 +25,7 @@ __all__ = ["Raw", "check_rows", "despeckle"]
 _ONE = np.float32(1)
 _OUTLIER, _OFF = int(Flag.OUTLIER), int(Flag.OFF_PATTERN)
 #: Flags of pixels that see no pattern.
-_UNSEEN = np.uint16(Flag.DARK | Flag.LOW_CONTRAST | Flag.SATURATED | Flag.OFF_PATTERN | Flag.INVALID)
+_UNSEEN = np.uint16(Flag.DARK | Flag.LOW_CONTRAST | Flag.SATURATED | Flag.INVALID)
 #: Deviations beyond which a neighbour contradicts.
 _SURE = 6.0
 #: Of a squared second difference, the squared shift of a pixel's mean from its centre.
@@ -96,6 +96,7 @@ def _check(
     margin = np.float32(MARGIN if extent > 0 else -np.inf)
     low, high = np.float32(margin - 0.5), np.float32(extent - 0.5 - margin)
     high = np.float32(np.inf) if extent <= 0 else high
+    border = np.float32(np.inf) if extent <= 0 else extent
     for y in range(start, stop):
         up, down = max(y - 1, 0), min(y + 1, rows - 1)
         _special_line(
@@ -127,7 +128,7 @@ def _check(
                 *(reach_y, wide, (above, above_2, above_far), (below, below_2, below_far)),
                 *((offset[y], offset[up], offset[down]), wide_flags),
                 *((bad_above, bad_above_2, bad_above_far), (bad_below, bad_below_2, bad_below_far)),
-                *((jump, per_turn), out[y], sigma[y]),
+                *((jump, per_turn, reach * reach, border), out[y], sigma[y]),
             )
         for x in range(cols):
             if special[x] != 0 and flags[y, x] == 0:
@@ -272,50 +273,49 @@ def _neighbours(
     good."""
     rows, cols = coord.shape
     maps = coord, variance, flags, amplitude
-    beside, torn, lost_x, beyond_x = _along(y, x, 0, 1, maps, limits)
-    others, torn_y, lost_y, beyond_y = _along(y, x, 1, 0, maps, limits)
+    beside, torn, lost_x, bend_x, beyond_x = _along(y, x, 0, 1, maps, limits)
+    others, torn_y, lost_y, bend_y, beyond_y = _along(y, x, 1, 0, maps, limits)
     alone = (beside + others <= 1) & (rows > 2) & (cols > 2)
     outlier = alone | torn | torn_y | ((beyond_x > 0) & (beyond_y > 0))
-    return np.uint16(_OUTLIER if outlier else 0), lost_x + lost_y
+    # beside a refused pixel nothing is taken off (see centre)
+    bends = (bend_x + bend_y) * _BEND if beside + others < 4 else np.float32(0)
+    return np.uint16(_OUTLIER if outlier else 0), lost_x + lost_y + bends
 
 
 @exact
-def _along(y: Any, x: Any, dy: Any, dx: Any, maps: Any, limits: Any) -> tuple[Any, Any, Any, Any]:
+def _along(y: Any, x: Any, dy: Any, dx: Any, maps: Any, limits: Any) -> tuple[Any, Any, Any, Any, Any]:
     """How many of both neighbours on an axis are good, whether they say that the pixel is of neither side,
-    squared shift that they allow, and by how much the pixel is beyond both, noise taken off (-1: not known).
+    squared shift that they allow, squared second difference beyond noise, and by how much the pixel is beyond
+    both, noise taken off (-1: not known).
     """
     coord, variance, flags, amplitude = maps
-    jump = limits[0]
-    y0, x0, y1, x1 = (
-        max(y - dy, 0),
-        max(x - dx, 0),
-        min(y + dy, coord.shape[0] - 1),
-        min(x + dx, coord.shape[1] - 1),
-    )
+    none, jump, none_beyond = np.float32(0), limits[0], np.float32(-1)
+    y0, x0 = max(y - dy, 0), max(x - dx, 0)
+    y1, x1 = min(y + dy, coord.shape[0] - 1), min(x + dx, coord.shape[1] - 1)
     inside = ((y0 < y) | (x0 < x)) & ((y1 > y) | (x1 > x))
     here, before, after = coord[y, x], coord[y0, x0], coord[y1, x1]
     has_before, has_after = flags[y0, x0] == 0, flags[y1, x1] == 0
     count, off = int(has_before) + int(has_after), before + after - np.float32(2) * here
     if count < 2:
-        lost = _beside(
-            has_before, has_after, here, before, after, amplitude[y, x], amplitude[y0, x0], amplitude[y1, x1]
-        )
-        side = 1 if has_after else -1
+        lights = amplitude[y, x], amplitude[y0, x0], amplitude[y1, x1]
+        lost, side = _beside(has_before, has_after, here, before, after, *lights), 1 if has_after else -1
         bend = _one_sided(y, x, side * dy, side * dx, coord, variance, flags)
         if (count == 1) & inside & (((flags[y0, x0] | flags[y1, x1]) & _UNSEEN) == 0):
             bend = max(bend, _of_one_order(off, limits) ** 2)
-        return count, False, lost + bend * _BEND, np.float32(-1)
+        return count, False, lost, bend, none_beyond
     if not inside:
-        return count, False, np.float32(0), np.float32(-1)
-    noise = np.float32(_SURE) * np.sqrt(variance[y0, x0] + np.float32(4) * variance[y, x] + variance[y1, x1])
-    lost, torn = np.float32(0), False
+        return count, False, none, none, none_beyond
+    noise = variance[y0, x0] + np.float32(4) * variance[y, x] + variance[y1, x1]
+    bend = max(min(off * off, np.float32(4) * jump * jump) - np.float32(BULK**2) * noise, none)
+    noise, lost = np.float32(_SURE) * np.sqrt(noise), none
     if abs(off) > max(jump, noise):
         one = _continued(y, x, -dy, -dx, coord, variance, flags)
         lost = min(one, _continued(y, x, dy, dx, coord, variance, flags))
-        torn = lost > np.float32(1e9)
-        lost += min(abs(off), np.float32(2) * jump) ** 2 * _BEND
+        if lost > np.float32(1e9):
+            return count, True, none, none, none_beyond
+        lost += bend * _BEND
     beyond = max(min(before, after) - here, here - max(before, after)) - noise
-    return count, torn, np.float32(0) if torn else lost, beyond
+    return count, False, lost, bend, beyond
 
 
 @exact

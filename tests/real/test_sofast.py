@@ -1,17 +1,26 @@
 """sofast_facet: a heliostat facet measured by OpenCSP's SOFAST; its own result is the answer to compare with.
 
 Its slopes rest on a fitted paraboloid; the free-form solve here finds height from the screen points alone.
+SOFAST states the mean over a pixel, and so do the first steps of decode; decode's answer is what the pixel's
+centre sees, as far as neighbours show it.
 """
 
 from dataclasses import replace
 from pathlib import Path
+from threading import local
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from optolever.cli import run
-from optolever.decode import Correspondence
+from optolever.decode import Correspondence, Response
+from optolever.decode.axis import axis_decoders
+from optolever.decode.frames import light_of
+from optolever.decode.noise import estimate_noise
+from optolever.decode.plan import plan
+from optolever.decode.spatial import Raw
+from optolever.projector import load_sofast, load_sofast_response
 from optolever.reconstruct import HeightMap, SlopeMap, reconstruct
 from optolever.scene import SofastRig, load_sofast_rig
 
@@ -51,17 +60,34 @@ def screen(screen_file: Path) -> Correspondence:
 
 
 @pytest.fixture(scope="module")
-def on_plane(screen: Correspondence, rig: SofastRig) -> Correspondence:
-    """The same on the rig's flat pattern, where the facet is; cells of 1 mm."""
-    u, v = rig.pattern_coordinates(screen.u / COLS, 1 - screen.v / ROWS)
+def readings(real: Path, screen: Correspondence) -> Correspondence:
+    """What pixels read, the mean over each: the steps of decode without those among neighbours."""
+    capture = load_sofast(real / "sofast_facet/measurement_facet.h5")
+    table = load_sofast_response(real / "sofast_facet/image_calibration.h5")
+    light = light_of(capture.frames, capture.sequence, response=Response.from_table(*table))
+    noise, lit = estimate_noise(light, plan(capture.sequence))
+    found = {}
+    for decoder in axis_decoders(capture.sequence, light, noise, lit, False, False):
+        raw = Raw(*np.empty((2, *screen.flags.shape), np.float32))
+        decoder.estimate((0, len(screen.flags)), raw, local())
+        found[decoder.axis.axis] = raw
+    u, v = found["u"], found["v"]
+    sigmas = {"sigma_u": np.sqrt(u.variance), "sigma_v": np.sqrt(v.variance)}
+    return replace(screen, u=u.coordinate, v=v.coordinate, **sigmas)
+
+
+@pytest.fixture(scope="module")
+def on_plane(readings: Correspondence, rig: SofastRig) -> Correspondence:
+    """The readings on the rig's flat pattern, where the facet is; cells of 1 mm."""
+    u, v = rig.pattern_coordinates(readings.u / COLS, 1 - readings.v / ROWS)
     seen = rig.mask & np.isfinite(u)
     scale_u, scale_v = rig.scene.pattern.cols / COLS, rig.scene.pattern.rows / ROWS
     return replace(
-        screen,
+        readings,
         u=np.where(seen, u, np.nan),
         v=np.where(seen, v, np.nan),
-        sigma_u=screen.sigma_u * scale_u,
-        sigma_v=screen.sigma_v * scale_v,
+        sigma_u=readings.sigma_u * scale_u,
+        sigma_v=readings.sigma_v * scale_v,
         flags=np.where(seen, 0, UNSEEN).astype(np.uint16),
     )
 
@@ -119,10 +145,42 @@ def surface_points(real: Path) -> Floats:
     return 1000 * expected(real, "SlopeSolverData/v_surf_points_facet").T + np.array([606.0, 606.0, 0.0])
 
 
-def test_screen_fractions(real: Path, rig: SofastRig, screen: Correspondence) -> None:
+def test_screen_fractions(real: Path, rig: SofastRig, readings: Correspondence) -> None:
     x, y = expected(real, "CalculationDataGeometryFacet/v_screen_points_fractional_screens")
-    assert np.abs(screen.u[rig.mask] / COLS - x).max() < 1e-6
-    assert np.abs(1 - screen.v[rig.mask] / ROWS - y).max() < 1e-6
+    assert np.abs(readings.u[rig.mask] / COLS - x).max() < 1e-6
+    assert np.abs(1 - readings.v[rig.mask] / ROWS - y).max() < 1e-6
+
+
+def curvature(screen: Floats, step: int) -> Floats:
+    """Sum of both second differences over so many pixels, per pixel^2; NaN where one is missing."""
+    padded = np.pad(screen, step, constant_values=np.nan)
+    inner = slice(step, -step)
+    around = sum(np.roll(padded, step * sign, axis)[inner, inner] for sign in (-1, 1) for axis in (0, 1))
+    return np.asarray((around - 4 * screen) / step**2)
+
+
+def test_centres_follow_the_curvature_that_neighbours_share(
+    real: Path, rig: SofastRig, screen: Correspondence
+) -> None:
+    """Mean and centre differ by a 24th of the curvature: of SOFAST's own map, over one pixel or more; by no
+    more than a trace where its curvatures over one and two pixels contradict each other (a rough
+    mirror); and by no more than sigma holds at the facet's edge."""
+    x, y = expected(real, "CalculationDataGeometryFacet/v_screen_points_fractional_screens")
+    maps = (screen.u, screen.sigma_u, COLS * x), (screen.v, screen.sigma_v, ROWS * (1 - y))
+    for found, sigma, own in maps:
+        read = np.full(rig.mask.shape, np.nan)
+        read[rig.mask] = own
+        moved = np.abs(found - read)
+        one, two, four = (np.abs(curvature(read, step)) / 24 for step in (1, 2, 4))
+        inside = np.isfinite(four)
+        assert (moved <= np.maximum(one, two) + four + 1e-3)[inside].all()
+        contrary = np.isfinite(two) & (np.abs(curvature(read, 1) - curvature(read, 2)) > 24 * one)
+        assert contrary.sum() > 1000
+        beyond = np.maximum(moved - np.nan_to_num(four), 0)[contrary]
+        bend = np.maximum(one, two)[contrary]
+        assert np.sqrt(np.mean(beyond**2)) < 0.05 * np.sqrt(np.mean(bend**2))
+        edge = rig.mask & np.isnan(one)
+        assert (moved < 1.5 * sigma)[edge].all()
 
 
 def test_screen_points(real: Path, rig: SofastRig, on_plane: Correspondence) -> None:
