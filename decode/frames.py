@@ -56,13 +56,12 @@ class Light:
         return self.spread if len(self.spread) else None
 
     def under(self, read2: float, gain: float) -> "Light":
-        """With the table and the spread of a response for a camera whose noise variance is read2 + gain *
-        raw level."""
+        """With the spread of a response for a camera whose noise variance is read2 + gain * raw level."""
         if self.response is None:
             return self
         variance = read2 + gain * np.arange(len(self.table), dtype=np.float64)
-        table, spread = self.response.read(variance)
-        return replace(self, table=table, spread=spread, steep=(spread / variance).astype(np.float32))
+        spread = self.response.spread(variance)
+        return replace(self, spread=spread, steep=(spread / variance).astype(np.float32))
 
     def linear(self, raw: NDArray[Any]) -> F32:
         """Linear levels of some raw ones, float32."""

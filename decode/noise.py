@@ -31,7 +31,7 @@ _TRIM, _LEFT = 3.0, 0.9733
 _FEWEST, _ENOUGH = 64, 1024
 _FEW_RUNS, _MANY_RUNS = 128, 1024
 _BINS = 8
-#: Rounds of the noise and the tables of a response, which are made for a noise.
+#: Rounds of the noise and the spread of a response, which is that of a noise.
 _ROUNDS = 3
 #: Share of the noise's variance that a misfit has at least to be told from it.
 _UNLIKE = 0.2
@@ -154,7 +154,7 @@ def under_response(light: Light, noise: Noise, lit: Sample) -> tuple[Light, Nois
     if light.response is None:
         return light, noise, lit
     light = light.under(noise.read2, noise.gain)
-    lit = _sample_at(light, lit.places)
+    lit = _sample_at(light, lit.places)  # all have a spread now
     if not lit.levels.size:
         return light, noise, lit
     usual = float(lit.variance(noise).mean())

@@ -90,37 +90,6 @@ class Response:
         above = self.shown[-1] + slope[1] * np.maximum(value - self.seen[-1], 0)
         return np.where(value < self.seen[0], below, np.where(value > self.seen[-1], above, inside))
 
-    def read(self, variance: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Mean and variance of the shown level by every raw level; variance: the camera's noise, (levels,).
-
-        Every shown level is as likely as any other: p(s | raw) ~ N(raw; seen(s), variance). Where the display
-        ends, levels go on with the slope of the last pair, or of the whole table where that is less: a camera
-        that hardly tells the darkest levels apart must not lead far beyond them.
-        """
-        node = np.linspace(-4.0, 4.0, 34)
-        raw, deviation = np.arange(len(variance)), np.sqrt(variance)
-        value, spread = np.empty((2, len(raw)), np.float32)
-        for start in range(0, len(raw), 4096):
-            some = slice(start, start + 4096)
-            shown = self._extended(raw[some, None] + deviation[some, None] * node)
-            step, middle = np.diff(shown, axis=1), (shown[:, 1:] + shown[:, :-1]) / 2
-            weight = step * np.exp(-np.square(node[1:] + node[:-1]) / 8)
-            weight /= weight.sum(axis=1, keepdims=True)
-            mean = (weight * middle).sum(axis=1)
-            value[some] = mean
-            spread[some] = (weight * (np.square(middle - mean[:, None]) + np.square(step) / 12)).sum(axis=1)
-        return value, spread
-
-    def _extended(self, seen: NDArray[np.float64]) -> NDArray[np.float64]:
-        """shown_of, beyond the table with no more than its mean slope."""
-        whole = np.ptp(self.shown) / np.ptp(self.seen)
-        slope = np.minimum(np.diff(self.shown)[[0, -1]] / np.diff(self.seen)[[0, -1]], whole)
-        inside = np.interp(seen, self.seen, self.shown)
-        beyond = slope[0] * np.minimum(seen - self.seen[0], 0) + slope[1] * np.maximum(
-            seen - self.seen[-1], 0
-        )
-        return np.asarray(inside + beyond)
-
     def slope(self) -> NDArray[np.float32]:
         """d seen / d shown at shown levels 0..255."""
         shown = np.arange(256.0)
@@ -129,4 +98,33 @@ class Response:
 
     def table(self, dtype: np.dtype[Any]) -> NDArray[np.float32]:
         """Shown level of every raw level of an unsigned integer type."""
-        return self.shown_of(np.arange(np.iinfo(dtype).max + 1)).astype(np.float32)
+        return self._bounded(np.arange(np.iinfo(dtype).max + 1)).astype(np.float32)
+
+    def spread(self, variance: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Variance of the shown level by every raw level; variance: the camera's noise, (levels,).
+
+        Every shown level is as likely as any other: p(s | raw) ~ N(raw; seen(s), variance).
+        """
+        node = np.linspace(-4.0, 4.0, 34)
+        raw, deviation = np.arange(len(variance)), np.sqrt(variance)
+        found = np.empty(len(raw), np.float32)
+        for start in range(0, len(raw), 4096):
+            some = slice(start, start + 4096)
+            shown = self._bounded(raw[some, None] + deviation[some, None] * node)
+            step, middle = np.diff(shown, axis=1), (shown[:, 1:] + shown[:, :-1]) / 2
+            weight = step * np.exp(-np.square(node[1:] + node[:-1]) / 8)
+            weight /= weight.sum(axis=1, keepdims=True)
+            off = middle - (weight * middle).sum(axis=1, keepdims=True)
+            found[some] = (weight * (np.square(off) + np.square(step) / 12)).sum(axis=1)
+        return found
+
+    def _bounded(self, seen: NDArray[Any]) -> NDArray[np.float64]:
+        """shown_of, beyond the table with no more than its mean slope: a camera that hardly tells the darkest
+        levels apart must not lead far beyond them."""
+        whole = np.ptp(self.shown) / np.ptp(self.seen)
+        slope = np.minimum(np.diff(self.shown)[[0, -1]] / np.diff(self.seen)[[0, -1]], whole)
+        inside = np.interp(seen, self.seen, self.shown)
+        beyond = slope[0] * np.minimum(seen - self.seen[0], 0) + slope[1] * np.maximum(
+            seen - self.seen[-1], 0
+        )
+        return np.asarray(inside + beyond)
