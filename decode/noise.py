@@ -31,6 +31,8 @@ _TRIM, _LEFT = 3.0, 0.9733
 _FEWEST, _ENOUGH = 64, 1024
 _FEW_RUNS, _MANY_RUNS = 128, 1024
 _BINS = 8
+#: Share of the constraints, of those with the least slopes, that tell the noise under a response.
+_STRAIGHT = 0.25
 #: Rounds of the noise and the spread of a response, which is that of a noise.
 _ROUNDS = 3
 #: Share of the noise's variance that a misfit has at least to be told from it.
@@ -208,6 +210,8 @@ def _residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32
         slopes = np.broadcast_to(few.slopes(some), mean.shape)
         residual = some @ levels / slopes
         kept = _unsaturated(some, levels, sample.white)
+        if few.steep is not None:  # the inverse is straight over the noise where it is not steep
+            kept &= slopes <= np.quantile(slopes, _STRAIGHT)
         for one, own, slope, whole in zip(residual, some, slopes, kept, strict=True):
             one -= _explained(plan, np.flatnonzero(own), levels, one, whole, slope)
         return mean[kept], residual[kept]
