@@ -60,11 +60,14 @@ def _fringes(counts: tuple[int, ...], steps: int, extent: int = EXTENT) -> Seque
     return Sequence(frames, 1, extent)
 
 
-def _along_u(shown: Sequence, noise: float) -> tuple[Correspondence, F64]:
-    """Of places all over the middle of the surface, levels that are not rounded: decoded, and their truth."""
+def _along_u(shown: Sequence, noise: float, smooth: bool = False) -> tuple[Correspondence, F64]:
+    """Of places all over the middle of the surface, of a smooth map or with nothing to do with each other,
+    levels that are not rounded: decoded, and their truth."""
     rng = np.random.default_rng(1)
-    rows, cols = (np.linspace(0, 1, size) for size in PIXELS)
-    u = (0.05 + 0.89 * cols + 0.01 * rows[:, None]) * shown.cols
+    u = rng.uniform(0.05 * shown.cols, 0.95 * shown.cols, PIXELS)
+    if smooth:
+        rows, cols = (np.linspace(0, 1, size) for size in PIXELS)
+        u = (0.05 + 0.89 * cols + 0.01 * rows[:, None]) * shown.cols
     frames = OFFSET + AMPLITUDE * _light(shown, u, u)
     frames += noise * rng.standard_normal(frames.shape)
     return decode(frames, shown, noise=noise, white_level=1e9, on_cells=False), u
@@ -76,7 +79,7 @@ def _bound() -> Iterator[Figure]:
         worst = 0.0
         for steps in (3, 4, 5, 8, 16):
             shown = _fringes((1,), steps, 64)
-            found, u = _along_u(shown, AMPLITUDE / ratio)
+            found, u = _along_u(shown, AMPLITUDE / ratio, smooth=True)
             error = (found.u - u + 32) % 64 - 32
             worst = max(worst, rms(error) / (64 / (2 * np.pi) * math.sqrt(2 / steps) / ratio))
         name = f"phase noise over Cramer-Rao, amplitude over noise {ratio:g}, worst of N = 3, 4, 5, 8, 16"
