@@ -21,7 +21,7 @@ from .exposures import better_of, by_exposure
 from .flags import Shared, merge
 from .frames import Light, light_of
 from .integrity import examine, spoilt_pixels
-from .noise import Noise, Sample, estimate_noise
+from .noise import Noise, Sample, estimate_noise, under_response
 from .plan import Plan, plan
 from .response import Response
 from .spatial import Raw, check_rows, despeckle
@@ -102,8 +102,9 @@ def _decoded(light: Light, sequence: Sequence, options: _Options) -> Corresponde
     """The steps: noise, each axis, flags, neighbours, integrity."""
     wanted = plan(sequence)
     noise, lit = estimate_noise(light, wanted, options.mask)
+    light, noise, lit = under_response(light, options.noise or noise, lit)
     cells = options.on_cells and not sequence.nominal
-    shot = _Shot(light, sequence, wanted, options.noise or noise, lit, cells)
+    shot = _Shot(light, sequence, wanted, noise, lit, cells)
     decoders = axis_decoders(sequence, light, shot.noise, lit, cells, options.subpixel)
     raw, shared = _estimated(shot, decoders)
     if options.mask is not None:

@@ -1,7 +1,7 @@
 """The camera's frames: validated, their white level and response, and a sample of pixels from all over
 them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from optolever.patterns import Sequence
 
 from .response import Response
 
-__all__ = ["Light", "fetch_line", "level_of", "light_of", "sample_levels", "sample_places"]
+__all__ = ["Light", "fetch_line", "level_of", "light_of", "sample_levels", "sample_places", "variance_of"]
 
 F32 = NDArray[np.float32]
 #: Pixels of a run (a cache line of 8-bit frames).
@@ -28,12 +28,17 @@ class Light:
     clip    raw level from which on a sample is saturated
     table   linear level of every raw one, float32; empty: levels are linear
     rounding  variance that rounding to whole raw levels adds, levels^2
+    response  that the table inverts; of the linear level of every raw one, empty: all alike:
+    spread  variance, levels^2; steep: the same over that of the raw level
     """
 
     raw: NDArray[Any]
     clip: float
     table: F32
     rounding: float
+    response: Response | None = None
+    spread: F32 = field(default_factory=lambda: np.zeros(0, np.float32))
+    steep: F32 = field(default_factory=lambda: np.zeros(0, np.float32))
 
     @property
     def white(self) -> float:
@@ -44,6 +49,19 @@ class Light:
     def lut(self) -> F32 | None:
         """The table for kernels, which leave out what a None does not need."""
         return self.table if len(self.table) else None
+
+    @property
+    def weights(self) -> F32 | None:
+        """The spread for kernels, likewise."""
+        return self.spread if len(self.spread) else None
+
+    def under(self, read2: float, gain: float) -> "Light":
+        """With the spread of a response for a camera whose noise variance is read2 + gain * raw level."""
+        if self.response is None:
+            return self
+        variance = read2 + gain * np.arange(len(self.table), dtype=np.float64)
+        spread = self.response.spread(variance)
+        return replace(self, spread=spread, steep=(spread / variance).astype(np.float32))
 
     def linear(self, raw: NDArray[Any]) -> F32:
         """Linear levels of some raw ones, float32."""
@@ -70,7 +88,7 @@ def light_of(
     table = np.zeros(0, np.float32) if response is None else response.table(stack.dtype)
     clip = _clip_level(stack) if white_level is None else float(white_level)
     rounding = 1 / 12 if stack.dtype.kind == "u" else 0.0
-    return Light(np.ascontiguousarray(stack), clip, table, rounding)
+    return Light(np.ascontiguousarray(stack), clip, table, rounding, response)
 
 
 def _finite(stack: NDArray[Any]) -> F32:
@@ -129,6 +147,14 @@ def fetch_line(line: Any, table: Any, out: Any) -> None:
     """Linear levels of one row of a frame."""
     for x in range(out.size):
         out[x] = table[np.int64(line[x])]
+
+
+@inlined
+def variance_of(value: Any, spread: Any, more: Any) -> Any:
+    """Variance of a linear level by the raw one, and more; 1 where all have the same."""
+    if spread is None:
+        return 1.0
+    return spread[np.int64(value)] + more
 
 
 @inlined

@@ -3,7 +3,8 @@
 Photon transfer on the constraints that a sequence obeys (plan.constraints): residuals of fringes with more
 than three shifts, sums of bits and inverses, mean levels of fringes, else bits near the reference levels,
 else differences of neighbours. Only pixels that see the pattern count, clipped ones never; scales are trimmed
-means, which edges, reflections and a few moving pixels do not shift.
+means, which edges, reflections and a few moving pixels do not shift. Where a response is inverted the noise
+is that of the camera's levels: residuals are divided by the slope of the inverse (see under_response).
 """
 
 from dataclasses import dataclass, replace
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from .frames import Light, sample_levels, sample_places
 from .plan import Plan, constraints
 
-__all__ = ["Noise", "Sample", "estimate_noise", "modulation", "sampled"]
+__all__ = ["Noise", "Sample", "estimate_noise", "modulation", "sampled", "under_response"]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -30,6 +31,10 @@ _TRIM, _LEFT = 3.0, 0.9733
 _FEWEST, _ENOUGH = 64, 1024
 _FEW_RUNS, _MANY_RUNS = 128, 1024
 _BINS = 8
+#: Share of the constraints, of those with the least slopes, that tell the noise under a response.
+_STRAIGHT = 0.25
+#: Rounds of the noise and the spread of a response, which is that of a noise.
+_ROUNDS = 3
 #: Share of the noise's variance that a misfit has at least to be told from it.
 _UNLIKE = 0.2
 
@@ -59,15 +64,40 @@ class Noise:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """Pixels from all over the image: places (K, 2) row, column; linear levels (N, K); white: saturated."""
+    """Pixels from all over the image: places (K, 2) row, column; linear levels (N, K); white: saturated.
+
+    Under a response: the camera's levels (N, K), and the variance of the linear ones over that of these.
+    """
 
     places: NDArray[np.int64]
     levels: F32
     white: float = float("inf")
+    camera: F32 | None = None
+    steep: F32 | None = None
 
     def only(self, keep: Any) -> "Sample":
         """Some of them."""
-        return replace(self, places=self.places[keep], levels=self.levels[:, keep])
+        camera, steep = (one if one is None else one[:, keep] for one in (self.camera, self.steep))
+        return replace(
+            self, places=self.places[keep], levels=self.levels[:, keep], camera=camera, steep=steep
+        )
+
+    def variance(self, noise: Noise) -> Any:
+        """Variance of a sample of each pixel (K,), linear levels^2; under a response their mean."""
+        if self.steep is None:
+            return noise.variance(self.levels.mean(axis=0))
+        return (noise.variance(self.camera) * self.steep).mean(axis=0)
+
+    def variances(self, rows: F32, noise: Noise) -> Any:
+        """Variance (M, K) of orthonormal combinations (M, N) of the samples."""
+        if self.steep is None:
+            return np.broadcast_to(self.variance(noise), (len(rows), self.levels.shape[1]))
+        return np.square(rows) @ (noise.variance(self.camera) * self.steep)
+
+    def slopes(self, rows: Any) -> Any:
+        """Deviation of combinations (M, N) of the samples over that of one camera level, (M, K) or (M, 1)."""
+        square = np.square(rows)
+        return np.sqrt(square.sum(axis=1, keepdims=True) if self.steep is None else square @ self.steep)
 
 
 def sampled(light: Light, mask: NDArray[np.bool_] | None, runs: int) -> Sample:
@@ -75,8 +105,16 @@ def sampled(light: Light, mask: NDArray[np.bool_] | None, runs: int) -> Sample:
     places = sample_places(light.raw.shape[1:], runs)
     if mask is not None:
         places = places[mask[places[:, 0], places[:, 1]]]
+    return _sample_at(light, places)
+
+
+def _sample_at(light: Light, places: NDArray[np.int64]) -> Sample:
     levels = sample_levels(light, places)
-    return Sample(places, np.where(np.isnan(levels), np.float32(light.white), levels), light.white)
+    sample = Sample(places, np.where(np.isnan(levels), np.float32(light.white), levels), light.white)
+    if light.weights is None:
+        return sample
+    raw = light.raw[:, places[:, 0], places[:, 1]]
+    return replace(sample, camera=raw.astype(np.float32), steep=light.steep[raw])
 
 
 def modulation(plan: Plan, levels: F32) -> tuple[F32, float]:
@@ -101,11 +139,29 @@ def modulation(plan: Plan, levels: F32) -> tuple[F32, float]:
 
 def estimate_noise(light: Light, plan: Plan, mask: NDArray[np.bool_] | None = None) -> tuple[Noise, Sample]:
     """The camera's noise, and a sample of pixels that see the pattern: a larger one where these are few."""
+    if light.response is not None and light.weights is None:
+        light = light.under(light.rounding, 0.0)
     for runs in (_FEW_RUNS, _MANY_RUNS):
-        noise, lit = _estimated(light, plan, sampled(light, mask, runs))
+        for _ in range(1 if light.response is None else _ROUNDS):
+            noise, lit = _estimated(light, plan, sampled(light, mask, runs))
+            light = light.under(noise.read2, noise.gain)
         if lit.levels.shape[1] >= _ENOUGH:
             break
     return noise, lit
+
+
+def under_response(light: Light, noise: Noise, lit: Sample) -> tuple[Light, Noise, Sample]:
+    """Of a camera with this noise: levels that its response inverts, each with its variance; the noise of
+    such levels in the mean; the sample in such levels. As they are without a response."""
+    if light.response is None:
+        return light, noise, lit
+    light = light.under(noise.read2, noise.gain)
+    lit = _sample_at(light, lit.places)  # all have a spread now
+    if not lit.levels.size:
+        return light, noise, lit
+    usual = float(lit.variance(noise).mean())
+    rounding = noise.rounding2 * usual / float(noise.variance(lit.camera).mean())
+    return light, Noise(usual, 0.0, rounding, noise.misfit2), lit
 
 
 def _estimated(light: Light, plan: Plan, sample: Sample) -> tuple[Noise, Sample]:
@@ -114,7 +170,7 @@ def _estimated(light: Light, plan: Plan, sample: Sample) -> tuple[Noise, Sample]
     floor = max(light.rounding, 1e-12)
     noise = _fitted(*_residuals(plan, sample, groups), floor)
     amplitude, factor = modulation(plan, sample.levels)
-    seen = amplitude**2 > _SURE**2 * factor * noise.variance(sample.levels.mean(axis=0))
+    seen = amplitude**2 > _SURE**2 * factor * sample.variance(noise)
     if _FEWEST <= np.count_nonzero(seen) < len(seen):
         sample, amplitude = sample.only(seen), amplitude[seen]
         noise = _fitted(*_residuals(plan, sample, groups), floor)
@@ -127,16 +183,15 @@ def _misfit(sample: Sample, amplitude: F32, groups: tuple[F64, ...], noise: Nois
     if not groups or not sample.levels.size:
         return 0.0
     thin = max(1, sample.levels.shape[1] // _MOST)
-    rows, levels = groups[-1].astype(np.float32), sample.levels[:, ::thin]
-    whole = _unsaturated(rows, levels, sample.white)
-    count = whole.sum(axis=0)
-    told = count > 0
+    rows, some = groups[-1].astype(np.float32), sample.only(slice(None, None, thin))
+    whole = _unsaturated(rows, some.levels, sample.white)
+    told = whole.any(axis=0)
     if not told.any():
         return 0.0
-    levels, whole, count = levels[:, told], whole[:, told], count[told]
+    some, whole = some.only(told), whole[:, told]
     power = np.square(amplitude[::thin][told], dtype=np.float64)
-    square = (np.square(rows @ levels) * whole).sum(axis=0) / count
-    beyond = square - noise.variance(levels.mean(axis=0))
+    square = (np.square(rows @ some.levels) * whole).sum(axis=0) / whole.sum(axis=0)
+    beyond = square - (some.variances(rows, noise) * whole).sum(axis=0) / whole.sum(axis=0)
     found = float(np.median(beyond / np.maximum(power, 1e-9)))
     least = _UNLIKE * float(np.median(square - beyond)) / max(float(np.median(power)), 1e-9)
     return found if found > least else 0.0
@@ -145,20 +200,24 @@ def _misfit(sample: Sample, amplitude: F32, groups: tuple[F64, ...], noise: Nois
 def _residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32, F32]:
     """Level and residual (M,) of the constraints that are trusted most, or of what stands in for them."""
     thin = max(1, sample.levels.shape[1] // _MOST)
-    levels = sample.levels[:, ::thin]
+    few = sample.only(slice(None, None, thin))
+    levels, camera = few.levels, few.levels if few.camera is None else few.camera
     if groups:
         rows = groups[0]
         some = rows[:: max(1, len(rows) * levels.shape[1] // (2 * _MOST))].astype(np.float32)
         used = np.abs(some) > 0
-        mean = (used.astype(np.float32) @ levels) / used.sum(axis=1, keepdims=True)
-        residual = some @ levels
+        mean = (used.astype(np.float32) @ camera) / used.sum(axis=1, keepdims=True)
+        slopes = np.broadcast_to(few.slopes(some), mean.shape)
+        residual = some @ levels / slopes
         kept = _unsaturated(some, levels, sample.white)
-        for one, own, whole in zip(residual, some, kept, strict=True):
-            one -= _explained(plan, np.flatnonzero(own), levels, one, whole)
+        if few.steep is not None:  # the inverse is straight over the noise where it is not steep
+            kept &= slopes <= np.quantile(slopes, _STRAIGHT)
+        for one, own, slope, whole in zip(residual, some, slopes, kept, strict=True):
+            one -= _explained(plan, np.flatnonzero(own), levels, one, whole, slope)
         return mean[kept], residual[kept]
     if plan.white >= 0 and plan.black >= 0:
-        return _near_references(plan, levels, sample.white)
-    return _neighbours(sample.levels[:, :_MOST], sample.places[:_MOST], sample.white)
+        return _near_references(plan, few, camera)
+    return _neighbours(sample.only(slice(_MOST)))
 
 
 def _unsaturated(rows: F32, levels: F32, white: float) -> NDArray[np.bool_]:
@@ -168,10 +227,11 @@ def _unsaturated(rows: F32, levels: F32, white: float) -> NDArray[np.bool_]:
 
 
 def _explained(
-    plan: Plan, frames: NDArray[np.int64], levels: F32, residual: F32, whole: NDArray[np.bool_]
+    plan: Plan, frames: NDArray[np.int64], levels: F32, residual: F32, whole: NDArray[np.bool_], slope: F32
 ) -> F32:
     """What a changed gain of single frames and harmonics of the fringe explain of a constraint's residuals
-    (K,), by the unsaturated ones: they follow the level and the phase, and are no noise."""
+    (K,), over their slopes, by the unsaturated ones: they follow the level and the phase, and are no
+    noise."""
     own = [f for axis in plan.axes for f in axis.fringes if set(frames.tolist()) <= set(f.index)]
     if not own or not whole.any():
         return np.zeros_like(residual)
@@ -179,31 +239,40 @@ def _explained(
     power = np.maximum(np.hypot(c, s), np.float32(1e-6))
     wave = (c + 1j * s) / power
     waves = [power * part for k in (1, 2, 3) for part in ((wave**k).real, (wave**k).imag)]
-    design = np.stack([mean, *waves], axis=1).astype(np.float32)
+    design = np.stack([mean, *waves], axis=1).astype(np.float32) / slope[:, None]
     kept = whole & (np.abs(residual) < 4 * np.sqrt(np.square(residual[whole]).mean()) + 1e-6)
     solved = np.linalg.lstsq(design[kept], residual[kept], rcond=None)[0]
     return np.asarray(design @ solved, np.float32)
 
 
-def _near_references(plan: Plan, levels: F32, clip: float) -> tuple[F32, F32]:
+def _near_references(plan: Plan, few: Sample, camera: F32) -> tuple[F32, F32]:
     """Frames that show white or black nearly everywhere: their difference from the nearer reference."""
-    white, black = levels[plan.white], levels[plan.black]
+    levels, ends = few.levels, [plan.white, plan.black]
     frames = sorted({i for axis in plan.axes for i in axis.frames()})[:8]
-    nearer = np.where(np.abs(levels[frames] - white) < np.abs(levels[frames] - black), white, black)
-    kept = (levels[frames] < clip) & (nearer < clip)
-    return (
-        (0.5 * (levels[frames] + nearer))[kept],
-        ((levels[frames] - nearer) / np.sqrt(np.float32(2)))[kept],
-    )
+    off = np.abs(levels[frames, None] - levels[ends])
+
+    def nearer(of: F32) -> Any:
+        return np.where(off[:, 0] < off[:, 1], of[plan.white], of[plan.black])
+
+    kept = np.maximum(levels[frames], nearer(levels)) < few.white
+    steep = np.float32(2) if few.steep is None else few.steep[frames] + nearer(few.steep)
+    residual = (levels[frames] - nearer(levels)) / np.sqrt(steep)
+    return (0.5 * (camera[frames] + nearer(camera)))[kept], residual[kept]
 
 
-def _neighbours(levels: F32, places: NDArray[np.int64], clip: float) -> tuple[F32, F32]:
+def _neighbours(few: Sample) -> tuple[F32, F32]:
     """Second differences along runs of pixels, of every frame (J. Immerkaer, doi:10.1006/cviu.1996.0060)."""
+    places = few.places
     run = np.flatnonzero((places[2:, 0] == places[:-2, 0]) & (places[2:, 1] == places[:-2, 1] + 2))
-    three = levels[:, run], levels[:, run + 1], levels[:, run + 2]
-    kept = np.maximum.reduce(three) < clip
-    bend = (three[0] - 2 * three[1] + three[2]) / np.sqrt(np.float32(6))
-    return three[1][kept], bend[kept]
+
+    def three(of: F32) -> tuple[F32, F32, F32]:
+        return of[:, run], of[:, run + 1], of[:, run + 2]
+
+    one, middle, other = three(few.levels)
+    kept = np.maximum(np.maximum(one, middle), other) < few.white
+    steep = (np.ones_like(middle),) * 3 if few.steep is None else three(few.steep)
+    bend = (one - 2 * middle + other) / np.sqrt(steep[0] + 4 * steep[1] + steep[2])
+    return three(few.levels if few.camera is None else few.camera)[1][kept], bend[kept]
 
 
 def _trimmed_variance(residual: F32) -> float:

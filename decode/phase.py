@@ -2,7 +2,7 @@
 
 Phase = atan2(s, c); its variance follows from the covariance of c and s (for N even steps
 2 sigma^2 / (N B^2), the Cramer-Rao bound). Saturated samples leave the fit, pixel by pixel, as long as three
-others determine it.
+others determine it; where a response is inverted every sample has the weight of its own variance.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from optolever.kernels import exact, inlined, kernel
 
-from .frames import Light, fetch_line, level_of
+from .frames import Light, fetch_line, level_of, variance_of
 from .noise import Noise
 from .plan import Fringe
 
@@ -51,7 +51,8 @@ def fit_fringe(
     """Fit one period in rows start..stop, in place; rounding: variance (turns^2) by rounded grey values."""
     weights = _weights(fringe)
     _fit_rows(
-        *(light.raw, np.array(fringe.index), light.lut, np.float32(min(light.clip, 1e9)), *rows, *weights),
+        *(light.raw, np.array(fringe.index), light.lut, light.weights, np.float32(min(light.clip, 1e9))),
+        *(*rows, *weights),
         *(*noise.numbers(), np.float32(rounding), np.float32(min(light.white, 1e9))),
         *(fit.turn, fit.variance, fit.amplitude, fit.offset, fit.chi2, fit.clipped),
     )
@@ -96,6 +97,7 @@ def _fit_rows(
     raw: Any,
     index: Any,
     table: Any,
+    spread: Any,
     clip: Any,
     start: Any,
     stop: Any,
@@ -141,23 +143,11 @@ def _fit_rows(
             *(offset[r], cosine, sine, covariance, read2, gain, rounding2, misfit2, rounding, white),
             *(turn[r], variance[r], amplitude[r], chi2[r]),
         )
-        if bright > 0:
+        if (bright > 0) | (spread is not None):
             for x in range(width):
                 _refit(
-                    *(
-                        raw,
-                        index,
-                        row,
-                        x,
-                        clip,
-                        table,
-                        design,
-                        read2,
-                        gain,
-                        rounding2,
-                        misfit2,
-                        rounding,
-                    ),
+                    *(raw, index, row, x, clip, table, spread, design),
+                    *(read2, gain, rounding2, misfit2, rounding),
                     *(turn[r], variance[r], amplitude[r], offset[r], chi2[r], clipped[r]),
                 )
 
@@ -259,6 +249,7 @@ def _refit(
     x: Any,
     clip: Any,
     table: Any,
+    spread: Any,
     design: Any,
     read2: Any,
     gain: Any,
@@ -272,42 +263,65 @@ def _refit(
     chi2: Any,
     clipped: Any,
 ) -> None:
-    """Normal equations of the samples that are not saturated; variance 1e12 if they are too few."""
+    """Weighted normal equations of the samples that are not saturated; variance 1e12 if they are too few.
+
+    Under a response a sample's variance is its own and what frames contradict each other by, of the amplitude
+    that samples of one weight have."""
     count = 0
+    whole, normal, right = np.zeros(6), np.zeros(6), np.zeros(3)
+    alike = misfit2 * amplitude[x] * amplitude[x]
     for i in range(index.size):
-        count += 0 if raw[index[i], row, x] < clip else 1
-    if count == 0:
+        sample = raw[index[i], row, x]
+        weight, keep = 1.0 / variance_of(sample, spread, alike), sample < clip
+        count += 0 if keep else 1
+        _add_to(design[i], weight, whole)
+        if keep:
+            _add_to(design[i], weight, normal)
+            for j in range(3):
+                right[j] += weight * design[i, j] * level_of(sample, table)
+    if count == 0 and spread is None:
         return
-    whole, normal = np.zeros((3, 3)), np.zeros((3, 3))
-    right = np.zeros(3)
-    for i in range(index.size):
-        keep = raw[index[i], row, x] < clip
-        for j in range(3):
-            for k in range(3):
-                whole[j, k] += design[i, j] * design[i, k]
-                normal[j, k] += design[i, j] * design[i, k] if keep else 0.0
-            right[j] += design[i, j] * level_of(raw[index[i], row, x], table) if keep else 0.0
     clipped[x] = np.float32(count)
-    if np.linalg.det(normal) < _DEGENERATE * np.linalg.det(whole):
+    inverse = np.empty(6)
+    if _inverted(normal, inverse) < _DEGENERATE * _inverted(whole, np.empty(6)):
         variance[x] = np.float32(1e12)
         return
-    inverse = np.linalg.inv(normal)
-    mean = inverse[0, 0] * right[0] + inverse[0, 1] * right[1] + inverse[0, 2] * right[2]
-    c = inverse[1, 0] * right[0] + inverse[1, 1] * right[1] + inverse[1, 2] * right[2]
-    s = inverse[2, 0] * right[0] + inverse[2, 1] * right[1] + inverse[2, 2] * right[2]
-    rss = 0.0
+    mean = inverse[0] * right[0] + inverse[1] * right[1] + inverse[2] * right[2]
+    c = inverse[1] * right[0] + inverse[3] * right[1] + inverse[4] * right[2]
+    s = inverse[2] * right[0] + inverse[4] * right[1] + inverse[5] * right[2]
+    power = max(c * c + s * s, 1e-12)
+    noise = read2 + gain * max(mean, 0.0) if spread is None else 1.0
+    unlike, misfit = rounding2 + (misfit2 * power if spread is None else 0.0), 0.0
     for i in range(index.size):
-        if raw[index[i], row, x] < clip:
-            left = (
-                level_of(raw[index[i], row, x], table)
-                - design[i, 0] * mean
-                - design[i, 1] * c
-                - design[i, 2] * s
-            )
-            rss += left * left
-    power, noise = max(c * c + s * s, 1e-12), read2 + gain * max(mean, 0.0)
-    across = c * c * inverse[2, 2] - 2 * c * s * inverse[1, 2] + s * s * inverse[1, 1]
+        sample = raw[index[i], row, x]
+        if sample < clip:
+            left = level_of(sample, table) - design[i, 0] * mean - design[i, 1] * c - design[i, 2] * s
+            misfit += left * left / (noise * variance_of(sample, spread, alike) + unlike)
+    across = c * c * inverse[5] - 2 * c * s * inverse[4] + s * s * inverse[3]
     turn[x] = np.float32(np.arctan2(s, c) / (2 * np.pi))
     variance[x] = np.float32(rounding + noise * across / (2 * np.pi * power) ** 2)
     amplitude[x], offset[x] = np.float32(np.sqrt(power)), np.float32(mean)
-    chi2[x] = np.float32(rss / (noise + rounding2 + misfit2 * power))
+    chi2[x] = np.float32(misfit)
+
+
+@inlined
+def _add_to(d: Any, weight: Any, sums: Any) -> None:
+    """A sample's share in the upper triangle of the normal matrix."""
+    sums[0] += weight * d[0] * d[0]
+    sums[1] += weight * d[0] * d[1]
+    sums[2] += weight * d[0] * d[2]
+    sums[3] += weight * d[1] * d[1]
+    sums[4] += weight * d[1] * d[2]
+    sums[5] += weight * d[2] * d[2]
+
+
+@inlined
+def _inverted(m: Any, out: Any) -> Any:
+    """Determinant of a symmetric matrix by its upper triangle, and that of its inverse."""
+    out[0], out[1] = m[3] * m[5] - m[4] * m[4], m[2] * m[4] - m[1] * m[5]
+    out[2], out[3] = m[1] * m[4] - m[2] * m[3], m[0] * m[5] - m[2] * m[2]
+    out[4], out[5] = m[1] * m[2] - m[0] * m[4], m[0] * m[3] - m[1] * m[1]
+    size = m[0] * out[0] + m[1] * out[1] + m[2] * out[2]
+    for k in range(6):
+        out[k] /= size if size > 0 else 1.0
+    return size

@@ -98,4 +98,23 @@ class Response:
 
     def table(self, dtype: np.dtype[Any]) -> NDArray[np.float32]:
         """Shown level of every raw level of an unsigned integer type."""
-        return self.shown_of(np.arange(np.iinfo(dtype).max + 1)).astype(np.float32)
+        return self._bounded(np.arange(np.iinfo(dtype).max + 1)).astype(np.float32)
+
+    def spread(self, variance: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Variance of `table` by the camera's noise, whose variance is given by raw level, (levels,)."""
+        node, weight = np.polynomial.hermite_e.hermegauss(9)
+        raw, deviation = np.arange(len(variance)), np.sqrt(variance)
+        shown = np.stack([self._bounded(raw + deviation * z) for z in node])
+        mean = weight @ shown / weight.sum()
+        return np.asarray(weight @ np.square(shown - mean) / weight.sum(), np.float32)
+
+    def _bounded(self, seen: NDArray[Any]) -> NDArray[np.float64]:
+        """shown_of, beyond the table with no more than its mean slope: a camera that hardly tells the darkest
+        levels apart must not lead far beyond them."""
+        whole = np.ptp(self.shown) / np.ptp(self.seen)
+        slope = np.minimum(np.diff(self.shown)[[0, -1]] / np.diff(self.seen)[[0, -1]], whole)
+        inside = np.interp(seen, self.seen, self.shown)
+        beyond = slope[0] * np.minimum(seen - self.seen[0], 0) + slope[1] * np.maximum(
+            seen - self.seen[-1], 0
+        )
+        return np.asarray(inside + beyond)

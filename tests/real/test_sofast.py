@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever.cli import run
-from optolever.decode import Correspondence, Response
+from optolever.decode import Correspondence, Response, decode
 from optolever.decode.axis import axis_decoders
 from optolever.decode.frames import light_of
 from optolever.decode.noise import estimate_noise
@@ -159,13 +159,15 @@ def curvature(screen: Floats, step: int) -> Floats:
     return np.asarray((around - 4 * screen) / step**2)
 
 
-def test_centres_follow_the_curvature_that_neighbours_share(
-    real: Path, rig: SofastRig, screen: Correspondence
-) -> None:
+def test_centres_follow_the_curvature_that_neighbours_share(real: Path, rig: SofastRig) -> None:
     """Mean and centre differ by a 24th of the curvature: of SOFAST's own map, over one pixel or more; by no
     more than a trace where its curvatures over one and two pixels contradict each other (a rough
     mirror); and by no more than sigma holds at the facet's edge."""
     x, y = expected(real, "CalculationDataGeometryFacet/v_screen_points_fractional_screens")
+    capture = load_sofast(real / "sofast_facet/measurement_facet.h5")
+    table = load_sofast_response(real / "sofast_facet/image_calibration.h5")
+    linear = Response.from_table(*table).shown_of(capture.frames)  # of one weight, as SOFAST has them
+    screen = decode(linear, capture.sequence, check=False)
     maps = (screen.u, screen.sigma_u, COLS * x), (screen.v, screen.sigma_v, ROWS * (1 - y))
     for found, sigma, own in maps:
         read = np.full(rig.mask.shape, np.nan)
