@@ -34,8 +34,8 @@ def border_reach(
 ) -> tuple[float, int]:
     """Deviation (cells) of what a pixel of no footprint sees, by the light that is missing beside the border,
     and how many pixels tell it (0: too few). coord, offset (mean level), amplitude, flags: (H, W); extent: of
-    the surface. Light of a room is in the mean level only, the amplitude swings with the display's cells: both
-    together tell how much of the level is the display's."""
+    the surface. Light of a room is in the mean level only, the amplitude swings with the display's cells: the
+    two tell how much of the level is the display's."""
     maps = coord, offset, amplitude, flags
     along, down = [one[::_EVERY] for one in maps], [one[:, ::_EVERY].T for one in maps]
     beside = [
