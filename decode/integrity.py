@@ -175,7 +175,7 @@ def _crosses(light: Light, plan: Plan, lit: Sample, found: Correspondence | None
         seen = sample.places[span > _ALIKE * np.quantile(span, 0.99)]
     at = seen[_chosen(len(seen))] + around[:, None]
     at = at[:, ((at >= 0) & (at < (height, width))).all(axis=(0, 2))]
-    used = sorted({i for table in axis_tables(plan) for i in table.frames.tolist()})
+    used = _used(plan)
     levels = sample_levels(light, at.reshape(-1, 2)).reshape(len(light.raw), 5, -1)
     contrast = np.ptp(levels[used], axis=0) / 2
     whole = (contrast > _ALIKE * contrast[0]).all(axis=0)  # not where a sample is NaN
@@ -294,7 +294,7 @@ def _single_fault(crosses: _Crosses, plan: Plan, rows: int) -> Finding | None:
     some, own = crosses.only(first), base[:, first]
     tried = [
         (finding, order, float((own - _cost(some, order, own)).sum()))
-        for finding, order in _faults(count)
+        for finding, order in _faults(count, _used(plan))
         if _kept(rules, order)
     ]
     tried.sort(key=lambda trial: -trial[2])
@@ -350,10 +350,16 @@ def _chance(trial: _Trial) -> float:
     return min(1.0, 0.5 * trial.tried * erfc((trial.mended - lost) / sqrt(2 * (trial.mended + lost))))
 
 
-def _faults(count: int) -> Iterator[tuple[Finding, Ints]]:
-    """Every fault that leaves all images whole, and which image is which frame under it (-1: none)."""
-    for i in range(count):
-        for j in range(i + 1, count if count <= _ALL_PAIRS else min(i + 3, count)):
+def _used(plan: Plan) -> list[int]:
+    """Numbers of the frames that a plan looks at, ascending."""
+    return sorted({i for table in axis_tables(plan) for i in table.frames.tolist()})
+
+
+def _faults(count: int, used: list[int]) -> Iterator[tuple[Finding, Ints]]:
+    """Every fault that leaves all images whole, and which image is which frame under it (-1: none); swaps are
+    of frames that are used."""
+    for k, i in enumerate(used):
+        for j in used[k + 1 : None if len(used) <= _ALL_PAIRS else k + 3]:
             order = np.arange(count)
             order[[i, j]] = j, i
             yield Finding((i, j), "swapped", f"frames {i} and {j} are in each other's place", (i, j)), order

@@ -82,7 +82,7 @@ def test_order_and_incomplete_exposures_do_not_matter(shoot: Shoot, smooth: tupl
     order = np.random.default_rng(3).permutation(len(mixed))
     plain = decode(frames[: len(both)], both)
     found = decode(frames[order], replace(mixed, frames=tuple(mixed.frames[i] for i in order)))
-    np.testing.assert_array_equal(found.u, plain.u)
+    np.testing.assert_allclose(found.u, plain.u, rtol=2**-23)  # one ulp of float32
     np.testing.assert_array_equal(found.flags, plain.flags)
 
 
@@ -113,9 +113,7 @@ def test_swapped_frames_of_one_exposure_keep_their_numbers(shoot: Shoot, smooth:
     wrong = [half + 6, half + 11]
     frames[wrong] = frames[wrong[::-1]]
     (finding,) = check(frames, both).findings
-    # each one's partner in the other's place would look the same
-    partners = {half + 7, half + 10}
-    assert (finding.kind, set(finding.frames)) == ("swapped", partners | set(wrong))
+    assert (finding.kind, set(finding.frames)) == ("swapped", set(wrong))
 
 
 def test_no_exposure_is_whole() -> None:
