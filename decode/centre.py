@@ -103,7 +103,8 @@ def centred(
         before, lit, after = bright[max(x - 1, 0)], bright[x], bright[min(x + 1, size - 1)]
         edge_x, light_x = _in_light(before, lit, after)
         edge_y, light_y = _in_light(bright_up[x], lit, bright_down[x])
-        dims = light_x * one_x + light_y * one_y if near else zero
+        # of a code it is less than its cells round off, and what noise of the light would make of it
+        dims = light_x * one_x + light_y * one_y if near & (per_turn > zero) else zero
         edge_x = max(edge_x * edge_x - grain * total[x], zero) * one_x * one_x
         edge_y = max(edge_y * edge_y - grain * total[x], zero) * one_y * one_y
         edges = (edge_x + edge_y) * _EDGE if near else zero
