@@ -37,9 +37,9 @@ def border_reach(
     the surface. Light of a room is in the mean level only, the amplitude swings with the display's cells: the
     two tell how much of the level is the display's."""
     maps = coord, offset, amplitude, flags
-    along, down = [one[::_EVERY] for one in maps], [one[:, ::_EVERY].T for one in maps]
+    along, down = tuple(one[::_EVERY] for one in maps), tuple(one[:, ::_EVERY].T for one in maps)
     beside = [
-        np.concatenate(parts) for parts in zip(_beside(*along, extent), _beside(*down, extent), strict=True)
+        np.concatenate(parts) for parts in zip(_beside(along, extent), _beside(down, extent), strict=True)
     ]
     away, width2, dark, lost = beside
     telling = (lost > _DARK[0]) & (lost < 1 - _DARK[0])
@@ -55,11 +55,11 @@ def border_reach(
     return float(np.sqrt(max(np.median(found), 0.0))), len(found)
 
 
-def _beside(
-    coord: F32, offset: F32, amplitude: F32, flags: NDArray[np.uint16], extent: int
-) -> tuple[NDArray[np.float64], ...]:
-    """Of pixels beside the border, on lines (L, W): distance from it, variance of the footprint, and the
-    shares of level and of amplitude that are missing against a pixel further inwards."""
+def _beside(maps: tuple[Any, ...], extent: int) -> tuple[NDArray[np.float64], ...]:
+    """Of pixels beside the border, on lines (L, W) of the maps of `border_reach`: distance from it, variance
+    of the footprint, and the shares of level and amplitude that are missing against a pixel further inwards.
+    """
+    coord, offset, amplitude, flags = maps
     away = np.minimum(coord + 0.5, extent - 0.5 - coord)
     line, at = np.nonzero((away > 0) & (away < MARGIN / 2) & (flags == 0))
     after, before = np.minimum(at + 1, coord.shape[1] - 1), np.maximum(at - 1, 0)
