@@ -220,7 +220,7 @@ def save_arrays(path: str | Path, arrays: Mapping[str, Any]) -> None:
 
 
 def load_arrays(
-    path: str | Path, required: Sequence[str], texts: Sequence[str] = ("notices",)
+    path: str | Path, required: Sequence[str], texts: Sequence[str] = ("notices", "diagnostics")
 ) -> dict[str, NDArray[Any]]:
     """Read an .npz. InputError if the file is missing or unreadable, lacks a required field, or holds other
     than real numbers in a field that is not one of `texts`."""
