@@ -115,6 +115,34 @@ def test_folds_widen_sigma(shoot: Callable[..., NDArray[Any]]) -> None:
     assert silent(found, centres(u), centres(row)) <= 1e-4
 
 
+def test_bends_are_taken_off_up_to_the_images_border() -> None:
+    """Waves whose crests lie on the image's border: of the shift by the bend a third is left there at most."""
+    row, col = places(40, 53)
+    height = 1.6 * np.cos(2 * np.pi * row / 13) + 1.6 * np.cos(2 * np.pi * col / 13)
+    u, v = 40 + 1.5 * col + height, 20 + row
+    shown = sequence("gray+phase", 80, 160)
+    found = decode(footprints(shown, u, v, noise=0.3), shown)
+    assert silent(found, centres(u), centres(v)) <= 1e-4
+    assert found.good.mean() > 0.99
+    shift = 1.6 * (2 * np.pi / 13) ** 2 / 24
+    for border in (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1]):
+        assert abs((found.u - centres(u))[border].mean()) < shift / 3
+
+
+@pytest.mark.parametrize("name", ["gray+phase", "micro-phase"])
+def test_light_that_steps_inside_of_a_pixel_is_in_sigma(name: str) -> None:
+    """Behind a slanted edge a quarter of the light is left: pixels on it see one side more than the other."""
+    row, col = places(60, 80)
+    u, v = 10 + 1.7 * col, 8 + 1.5 * row
+    dark = np.where(col + 0.13 * row > 44, 0.75, 0.0)
+    shown = sequence(name, 120, 160)
+    found = decode(footprints(shown, u, v, noise=0.3, dark=dark), shown)
+    assert silent(found, centres(u), centres(v)) <= 1e-3
+    assert found.good.mean() > 0.97
+    flat = np.abs(centres(col) + 0.13 * centres(row) - 44) > 4
+    assert np.median(found.sigma_u[flat & found.good]) < 0.03
+
+
 def test_places_by_chance_are_no_map() -> None:
     """Neighbours that have nothing to do with each other (a test of a decoder, a diffuser) flag nothing."""
     shown = sequence("phase", 100, 100, periods=(112.5, 16.0))
