@@ -116,7 +116,7 @@ def test_folds_widen_sigma(shoot: Callable[..., NDArray[Any]]) -> None:
 
 
 def test_bends_are_taken_off_up_to_the_images_border() -> None:
-    """Waves whose crests lie on the image's border: of the shift by the bend a third is left there at most."""
+    """Waves with crests on the image's border: of the shift by the bend a third is left there at most."""
     row, col = places(40, 53)
     height = 1.6 * np.cos(2 * np.pi * row / 13) + 1.6 * np.cos(2 * np.pi * col / 13)
     u, v = 40 + 1.5 * col + height, 20 + row
