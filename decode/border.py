@@ -29,20 +29,37 @@ _EVERY, _FEWEST, _FARTHEST = 8, 8, 60
 _SHAPE = 0.25
 
 
-def border_reach(coord: F32, offset: F32, flags: NDArray[np.uint16], extent: int) -> tuple[float, int]:
+def border_reach(
+    coord: F32, offset: F32, amplitude: F32, flags: NDArray[np.uint16], extent: int
+) -> tuple[float, int]:
     """Deviation (cells) of what a pixel of no footprint sees, by the light that is missing beside the border,
-    and how many pixels tell it (0: too few). coord, offset (mean level), flags: (H, W); extent: of the
-    surface. Light of a room makes it less: the contrast, which it does not touch, swings with cells."""
-    along = coord[::_EVERY], offset[::_EVERY], flags[::_EVERY]
-    down = coord[:, ::_EVERY].T, offset[:, ::_EVERY].T, flags[:, ::_EVERY].T
-    found = np.concatenate([_told(*along, extent), _told(*down, extent)])
-    if len(found) < _FEWEST:
+    and how many pixels tell it (0: too few). coord, offset (mean level), amplitude, flags: (H, W); extent: of
+    the surface. Light of a room is in the mean level only, the amplitude swings with the display's cells: the
+    two tell how much of the level is the display's."""
+    maps = coord, offset, amplitude, flags
+    along, down = tuple(one[::_EVERY] for one in maps), tuple(one[:, ::_EVERY].T for one in maps)
+    beside = [
+        np.concatenate(parts) for parts in zip(_beside(along, extent), _beside(down, extent), strict=True)
+    ]
+    away, width2, dark, lost = beside
+    telling = (lost > _DARK[0]) & (lost < 1 - _DARK[0])
+    if np.count_nonzero(telling) < _FEWEST:
         return math.nan, 0
+    dark = dark / np.clip(np.median(dark[telling] / lost[telling]), _DARK[0], 1.0)
+    kept = (dark > _DARK[0]) & (dark < _DARK[1])
+    if np.count_nonzero(kept) < _FEWEST:
+        return math.nan, 0
+    t = -ndtri(dark[kept])
+    hazard = np.exp(-0.5 * t * t) / np.sqrt(2 * np.pi) / ndtr(t)
+    found = (away[kept] / (t + hazard)) ** 2 - width2[kept]
     return float(np.sqrt(max(np.median(found), 0.0))), len(found)
 
 
-def _told(coord: F32, offset: F32, flags: NDArray[np.uint16], extent: int) -> NDArray[np.float64]:
-    """s^2 without the footprint by every pixel of the lines (L, W) that tells it."""
+def _beside(maps: tuple[Any, ...], extent: int) -> tuple[NDArray[np.float64], ...]:
+    """Of pixels beside the border, on lines (L, W) of the maps of `border_reach`: distance from it, variance
+    of the footprint, and the shares of level and amplitude that are missing against a pixel further inwards.
+    """
+    coord, offset, amplitude, flags = maps
     away = np.minimum(coord + 0.5, extent - 0.5 - coord)
     line, at = np.nonzero((away > 0) & (away < MARGIN / 2) & (flags == 0))
     after, before = np.minimum(at + 1, coord.shape[1] - 1), np.maximum(at - 1, 0)
@@ -53,20 +70,12 @@ def _told(coord: F32, offset: F32, flags: NDArray[np.uint16], extent: int) -> ND
         steps = np.where(steps < _FARTHEST, steps, 0).astype(np.int64) * np.sign(slope).astype(np.int64)
     far = at + steps
     kept = (steps != 0) & (far >= 0) & (far < coord.shape[1])
-    line, at, far, slope, steps = (one[kept] for one in (line, at, far, slope, steps))
-    dark = 1.0 - offset[line, at] / np.maximum(offset[line, far], 1e-6)
+    line, at, far, slope = (one[kept] for one in (line, at, far, slope))
     within = np.abs(coord[line, far] - coord[line, at])
-    kept = (
-        (within > 0.8 * MARGIN)
-        & (within < 3 * MARGIN)
-        & (flags[line, far] == 0)
-        & (dark > _DARK[0])
-        & (dark < _DARK[1])
-    )
-    t = -ndtri(dark[kept].astype(np.float64))
-    hazard = np.exp(-0.5 * t * t) / np.sqrt(2 * np.pi) / ndtr(t)
-    deviation = away[line, at][kept] / (t + hazard)
-    return np.asarray(deviation**2 - slope[kept] ** 2 / 12)
+    kept = (within > 0.8 * MARGIN) & (within < 3 * MARGIN) & (flags[line, far] == 0)
+    line, at, far, slope = (one[kept] for one in (line, at, far, slope))
+    shares = (1.0 - one[line, at] / np.maximum(one[line, far], 1e-6) for one in (offset, amplitude))
+    return tuple(np.asarray(one, np.float64) for one in (away[line, at], slope**2 / 12, *shares))
 
 
 @exact

@@ -15,12 +15,19 @@ from .display import REACH
 
 __all__ = ["BULK", "STEEP", "centred", "extended", "row_at"]
 
-#: Second differences are of the map from so many deviations on; what curvature may be told wrong by:
-#: a fifth of a wave of four pixels, the shortest whose phase a pixel tells.
-BULK, _LEFT = 2.5, 0.2**2
-#: Squared curvature over next neighbours, of its squared differences from that over neighbours two pixels
-#: away, on a map whose pixels have nothing to do with each other: 20 / (2 (2 + (3 / 2)^2 + 2 / 4^2)).
-_ROUGH = 20 / 8.75
+#: Second differences are of the map from so many deviations on.
+BULK = 2.5
+#: Squared second difference over the squared fourth one, of pixels that have nothing to do with each other: a
+#: sum over both axes of 20 variances, and of two times 70.
+_ROUGH = np.float32(20 / 140)
+#: Twice the squared fourth differences of noise of variance 1.
+_BY_NOISE = np.float32(2 * 140)
+#: Squared shares: of a fourth difference, what a second one over 24 leaves of waves (1 / sinc - 1, down to
+#: 2.4 pixels); of a second one, all; of the way between both neighbours (two pixels), how far the lesser
+#: change of light, as a step or a speck anywhere in the pixel, moves its centre of light.
+_SHORT, _ALL, _EDGE = np.float32(1 / 64**2), np.float32(1 / 24**2), np.float32(1 / 8**2)
+#: Squared deviations from the surface's border within which its shadow lies.
+_FARTHEST = np.float32(4**2)
 #: Turns of a fringe in a pixel from which on it tells no place: a quarter of its contrast is left.
 STEEP = 0.8
 
@@ -46,17 +53,19 @@ def centred(
     c, flags: the row between REACH pixels beyond either end (see `extended`). above, below: the rows 1, 2 and
     reach away (W,), with their flags; light: the row and those next to it. Over REACH pixels the curvature is
     told with next to no noise; it, and what it is more or less between next neighbours, count as far as they
-    are beyond noise, and the latter as far as neighbours two pixels away show it, too (James and Stein's
-    shrinkage): what changes from pixel to pixel (a rough mirror, a neighbour at an edge) is no curvature and
-    goes into the variance. limits: by what neighbours of a map bend at most, px;
-    turns of the finest fringe in a px.
+    are beyond noise (James and Stein's shrinkage), and the latter as far as it does not change from pixel to
+    pixel (a rough mirror, a neighbour at an edge). limits: by what neighbours of a map bend at most, px (of a
+    code its finest stripe); turns of the finest fringe in a px; squared reach of a pixel of no footprint, and
+    extent of the surface (infinite: no border); in the border's shadow (see border) nothing is taken off.
     """
-    jump, per_turn = limits
-    zero, quarter, half, two = np.float32(0), np.float32(0.25), np.float32(0.5), np.float32(2)
+    jump, per_turn, reach2, extent = limits
+    zero, half, two, four = np.float32(0), np.float32(0.5), np.float32(2), np.float32(4)
     wide, part, twelfth = np.float32(1 / REACH**2), np.float32(1 / 24), np.float32(1 / 12)
     unsure, more = np.float32(20 * BULK**2), np.float32((7 / 6) ** 2 + 4 / 24**2 - 1)
-    rough = np.float32(_ROUGH)
-    some, all_of_it = np.float32(_LEFT / 24**2), np.float32(1 / 24**2)
+    # by noise of a fringe: twice the relative variance of a difference of mean levels, by that of a place
+    grain = np.float32(2 * (2 * np.pi) ** 2) * per_turn * per_turn
+    # the finest stripe of a code: parts of others that lie on a pixel move what it reads
+    stripe = jump if per_turn == 0 else np.float32(np.inf)
     whole, size, at = reach == REACH, out.size, REACH
     # views of one length: an index that only counts up is known not to wrap round
     here, left, right = c[at : at + size], c[at - 1 : at - 1 + size], c[at + 1 : at + 1 + size]
@@ -78,33 +87,40 @@ def centred(
         one_x, one_y = right[x] - left[x], down[x] - up[x]
         two_x, two_y = right_2[x] - left_2[x], down_2[x] - up_2[x]
         factor_x, factor_y = _factor(half * one_x * per_turn), _factor(half * one_y * per_turn)
+        near_x, near_y = left[x] + right[x] - two * u, up[x] + down[x] - two * u
         broad_x = (left_far[x] + right_far[x] - two * u) * wide if far else zero
         broad_y = (up_far[x] + down_far[x] - two * u) * wide if far else zero
         broad = broad_x + broad_y
         there = _beyond(broad, noise * wide * wide)
-        bend_x, bend_y = left[x] + right[x] - two * u, up[x] + down[x] - two * u
-        off_x = bend_x - quarter * (left_2[x] + right_2[x] - two * u)
-        off_y = bend_y - quarter * (up_2[x] + down_2[x] - two * u)
-        uneven = max(rough * (off_x * off_x + off_y * off_y) - noise, zero) if next_ else zero
-        bend_x = bend_x - there * broad_x if near else zero
-        bend_y = bend_y - there * broad_y if near else zero
-        bend = bend_x + bend_y
-        share = _beyond(bend, noise + uneven) if next_ else zero
+        bend_x, bend_y = near_x - there * broad_x, near_y - there * broad_y
+        bend = bend_x + bend_y if near else zero
+        fourth_x = left_2[x] + right_2[x] - two * u - four * near_x
+        fourth_y = up_2[x] + down_2[x] - two * u - four * near_y
+        uneven = fourth_x * fourth_x + fourth_y * fourth_y
+        share = _beyond(bend, max(noise, _ROUGH * uneven)) if next_ else zero
         bends = factor_x * (there * broad_x + share * bend_x) + factor_y * (there * broad_y + share * bend_y)
-        turn_x, turn_y = two_x - two * one_x, two_y - two * one_y
-        turn = quarter * (turn_x * turn_x + turn_y * turn_y) if next_ else zero
-        dims = _limited(bright[max(x - 1, 0)], bright[x], bright[min(x + 1, size - 1)]) * one_x
-        dims += _limited(bright_up[x], bright[x], bright_down[x]) * one_y
-        dims = dims / max(bright[x], np.float32(1e-6)) if near else zero
-        jump_x = _jump(one_x, two_x, right_far[x] - left_far[x])
-        jump_y = _jump(one_y, two_y, down_far[x] - up_far[x])
-        jumps = jump_x * jump_x + jump_y * jump_y - two * noise if far else zero
-        doubt = (some if next_ else all_of_it) * max(bend * bend + turn - noise, zero) + all_of_it * uneven
-        doubt += max(jumps, zero) * twelfth + share * more * total[x]
-        smooth = bend * bend < jump * jump
+        short = max(uneven - _BY_NOISE * total[x], zero) * _SHORT if next_ else bend * bend * _ALL
+        before, lit, after = bright[max(x - 1, 0)], bright[x], bright[min(x + 1, size - 1)]
+        edge_x, light_x = _in_light(before, lit, after)
+        edge_y, light_y = _in_light(bright_up[x], lit, bright_down[x])
+        # of a code it is less than its cells round off, and what noise of the light would make of it
+        dims = light_x * one_x + light_y * one_y if near & (per_turn > zero) else zero
+        edge_x = max(edge_x * edge_x - grain * total[x], zero) * one_x * one_x
+        edge_y = max(edge_y * edge_y - grain * total[x], zero) * one_y * one_y
+        edges = (edge_x + edge_y) * _EDGE if near else zero
+        jump_x = _jump(one_x, two_x, right_far[x] - left_far[x]) if far else two * one_x - two_x
+        jump_y = _jump(one_y, two_y, down_far[x] - up_far[x]) if far else two * one_y - two_y
+        jumps = jump_x * jump_x + jump_y * jump_y - two * noise if next_ else zero
+        smooth = max(near_x * near_x, near_y * near_y) < jump * jump
+        # clear of the border's shadow, as neighbours two pixels away are
+        away = max(min(u + half, extent - half - u) - max(abs(one_x), abs(one_y)), zero)
+        clear = away * away > _FARTHEST * (reach2 + (one_x * one_x + one_y * one_y) * np.float32(1 / 48))
         # slopes beside a pixel that sees nothing are NaN
-        out[x] = was - (part * (bends + dims) if smooth & near else zero)
-        total[x] += doubt if smooth else zero
+        out[x] = was - (part * (bends + dims) if smooth & near & clear else zero)
+        least_x, least_y = min(abs(u - left[x]), abs(right[x] - u)), min(abs(u - up[x]), abs(down[x] - u))
+        over = max(least_x + least_y - stripe, zero) if near else zero
+        doubt = short + (edges if clear else bend * bend * _ALL) + max(jumps, zero) * twelfth
+        total[x] += (doubt + share * more * total[x] if smooth else zero) + over * over * twelfth
 
 
 @kernel
@@ -160,14 +176,15 @@ def _beyond(value: Any, noise: Any) -> Any:
 @inlined
 def _jump(one: Any, two: Any, four: Any) -> Any:
     """J by differences over 2, 4 and 8 pixels of g x + k x^3 + J sign(x) / 2; its variance is 14.6 times that
-    of a pixel."""
+    of a pixel. (By the first two of g x + J sign(x) / 2: 2 one - two, 10 times.)"""
     return (four - np.float32(10) * two + np.float32(16) * one) * np.float32(1 / 7)
 
 
 @inlined
-def _limited(before: Any, here: Any, after: Any) -> Any:
-    """The lesser of both differences, 0 if their signs differ: beside an edge no gradient (minmod)."""
+def _in_light(before: Any, here: Any, after: Any) -> tuple[Any, Any]:
+    """Lesser of the relative changes of light to both neighbours: its size, and itself, 0 if their signs
+    differ (minmod: beside an edge no gradient)."""
     one, other = here - before, after - here
-    least = min(abs(one), abs(other))
-    least = least if one > np.float32(0) else -least
-    return least if one * other > np.float32(0) else np.float32(0)
+    least = min(abs(one), abs(other)) / max(here, np.float32(1e-6))
+    slope = least if one > np.float32(0) else -least
+    return least, slope if one * other > np.float32(0) else np.float32(0)

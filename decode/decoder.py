@@ -168,8 +168,9 @@ def _reaches(
     if not shot.cells:
         return [(0.0, False)] * len(raw)
     extents = [decoder.axis.extent for decoder in decoders]
+    light = shared.offset, shared.amplitude, shared.flags
     pairs = zip(raw, extents, strict=True)
-    told = [border_reach(one.coordinate, shared.offset, shared.flags, extent) for one, extent in pairs]
+    told = [border_reach(one.coordinate, *light, extent) for one, extent in pairs]
     best = max(told, key=lambda reach: reach[1])
     return [(best[0], True) if best[1] else (one.reach, False) for one in pixelations]
 

@@ -24,8 +24,12 @@ __all__ = ["Raw", "check_rows", "despeckle"]
 
 _ONE = np.float32(1)
 _OUTLIER, _OFF = int(Flag.OUTLIER), int(Flag.OFF_PATTERN)
+#: Flags of pixels that see no pattern.
+_UNSEEN = np.uint16(Flag.DARK | Flag.LOW_CONTRAST | Flag.SATURATED | Flag.INVALID)
 #: Deviations beyond which a neighbour contradicts.
 _SURE = 6.0
+#: Of a squared second difference, the squared shift of a pixel's mean from its centre.
+_BEND = np.float32(1 / 24**2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +96,7 @@ def _check(
     margin = np.float32(MARGIN if extent > 0 else -np.inf)
     low, high = np.float32(margin - 0.5), np.float32(extent - 0.5 - margin)
     high = np.float32(np.inf) if extent <= 0 else high
+    border = np.float32(np.inf) if extent <= 0 else extent
     for y in range(start, stop):
         up, down = max(y - 1, 0), min(y + 1, rows - 1)
         _special_line(
@@ -123,11 +128,11 @@ def _check(
                 *(reach_y, wide, (above, above_2, above_far), (below, below_2, below_far)),
                 *((offset[y], offset[up], offset[down]), wide_flags),
                 *((bad_above, bad_above_2, bad_above_far), (bad_below, bad_below_2, bad_below_far)),
-                *((jump, per_turn), out[y], sigma[y]),
+                *((jump, per_turn, reach * reach, border), out[y], sigma[y]),
             )
         for x in range(cols):
             if special[x] != 0 and flags[y, x] == 0:
-                flag, lost = _neighbours(y, x, coord, variance, flags, amplitude, jump)
+                flag, lost = _neighbours(y, x, coord, variance, flags, amplitude, (jump, per_turn))
                 if per_turn > 0 and _undersampled(y, x, coord, flags, per_turn):
                     flag |= np.uint16(_OUTLIER)
                 off, shift_in, unsure_in = inwards(coord[y, x], bend[0, x], bend[1, x], reach, told, extent)
@@ -262,54 +267,65 @@ def _corrected_line(
 
 @exact
 def _neighbours(
-    y: Any, x: Any, coord: Any, variance: Any, flags: Any, amplitude: Any, jump: Any
+    y: Any, x: Any, coord: Any, variance: Any, flags: Any, amplitude: Any, limits: Any
 ) -> tuple[Any, Any]:
     """Flag of a good pixel, and squared shift of its centre of light, by those of its neighbours that are
     good."""
     rows, cols = coord.shape
-    before, after, up, down = max(x - 1, 0), min(x + 1, cols - 1), max(y - 1, 0), min(y + 1, rows - 1)
-    c, var, zero = coord[y, x], variance[y, x], np.float32(0)
-    left, right, above, below = coord[y, before], coord[y, after], coord[up, x], coord[down, x]
-    has_left, has_right = flags[y, before] == 0, flags[y, after] == 0
-    has_above, has_below = flags[up, x] == 0, flags[down, x] == 0
-    flag, lost = np.uint16(0), zero
-    if not (has_left and has_right):
-        lost += _one_sided(y, x, 0, 1 if has_right else -1, coord, variance, flags)
-        lost += _beside(
-            has_left, has_right, c, left, right, amplitude[y, x], amplitude[y, before], amplitude[y, after]
-        )
-    if not (has_above and has_below):
-        lost += _one_sided(y, x, 1 if has_below else -1, 0, coord, variance, flags)
-        lost += _beside(
-            has_above, has_below, c, above, below, amplitude[y, x], amplitude[up, x], amplitude[down, x]
-        )
-    alone = int(has_left) + int(has_right) + int(has_above) + int(has_below) <= 1
-    if alone and rows > 2 and cols > 2:
-        flag |= np.uint16(_OUTLIER)
-    beyond_x, beyond_y = -zero, -zero
-    if has_left and has_right and 0 < x < cols - 1:
-        noise = np.float32(_SURE) * np.sqrt(variance[y, before] + np.float32(4) * var + variance[y, after])
-        if abs(left + right - np.float32(2) * c) > max(jump, noise):
-            off = min(
-                _continued(y, x, 0, -1, coord, variance, flags),
-                _continued(y, x, 0, 1, coord, variance, flags),
-            )
-            flag |= np.uint16(_OUTLIER) if off > np.float32(1e9) else np.uint16(0)
-            lost += off if off < np.float32(1e9) else zero
-        beyond_x = max(min(left, right) - c, c - max(left, right)) - noise
-    if has_above and has_below and 0 < y < rows - 1:
-        noise = np.float32(_SURE) * np.sqrt(variance[up, x] + np.float32(4) * var + variance[down, x])
-        if abs(above + below - np.float32(2) * c) > max(jump, noise):
-            off = min(
-                _continued(y, x, -1, 0, coord, variance, flags),
-                _continued(y, x, 1, 0, coord, variance, flags),
-            )
-            flag |= np.uint16(_OUTLIER) if off > np.float32(1e9) else np.uint16(0)
-            lost += off if off < np.float32(1e9) else zero
-        beyond_y = max(min(above, below) - c, c - max(above, below)) - noise
-    if beyond_x > zero and beyond_y > zero:
-        flag |= np.uint16(_OUTLIER)
-    return flag, lost
+    maps = coord, variance, flags, amplitude
+    beside, torn, lost_x, bend_x, beyond_x = _along(y, x, 0, 1, maps, limits)
+    others, torn_y, lost_y, bend_y, beyond_y = _along(y, x, 1, 0, maps, limits)
+    alone = (beside + others <= 1) & (rows > 2) & (cols > 2)
+    outlier = alone | torn | torn_y | ((beyond_x > 0) & (beyond_y > 0))
+    # beside a refused pixel nothing is taken off (see centre)
+    bends = (bend_x + bend_y) * _BEND if beside + others < 4 else np.float32(0)
+    return np.uint16(_OUTLIER if outlier else 0), lost_x + lost_y + bends
+
+
+@exact
+def _along(y: Any, x: Any, dy: Any, dx: Any, maps: Any, limits: Any) -> tuple[Any, Any, Any, Any, Any]:
+    """How many of both neighbours on an axis are good, whether they say that the pixel is of neither side,
+    squared shift that they allow, squared second difference beyond noise, and by how much the pixel is beyond
+    both, noise taken off (-1: not known).
+    """
+    coord, variance, flags, amplitude = maps
+    none, jump, none_beyond = np.float32(0), limits[0], np.float32(-1)
+    y0, x0 = max(y - dy, 0), max(x - dx, 0)
+    y1, x1 = min(y + dy, coord.shape[0] - 1), min(x + dx, coord.shape[1] - 1)
+    inside = ((y0 < y) | (x0 < x)) & ((y1 > y) | (x1 > x))
+    here, before, after = coord[y, x], coord[y0, x0], coord[y1, x1]
+    has_before, has_after = flags[y0, x0] == 0, flags[y1, x1] == 0
+    count, off = int(has_before) + int(has_after), before + after - np.float32(2) * here
+    if count < 2:
+        lights = amplitude[y, x], amplitude[y0, x0], amplitude[y1, x1]
+        lost, side = _beside(has_before, has_after, here, before, after, *lights), 1 if has_after else -1
+        bend = _one_sided(y, x, side * dy, side * dx, coord, variance, flags)
+        if (count == 1) & inside & (((flags[y0, x0] | flags[y1, x1]) & _UNSEEN) == 0):
+            bend = max(bend, _of_one_order(off, limits) ** 2)
+        return count, False, lost, bend, none_beyond
+    if not inside:
+        return count, False, none, none, none_beyond
+    noise = variance[y0, x0] + np.float32(4) * variance[y, x] + variance[y1, x1]
+    bend = max(min(off * off, np.float32(4) * jump * jump) - np.float32(BULK**2) * noise, none)
+    noise, lost = np.float32(_SURE) * np.sqrt(noise), none
+    if abs(off) > max(jump, noise):
+        one = _continued(y, x, -dy, -dx, coord, variance, flags)
+        lost = min(one, _continued(y, x, dy, dx, coord, variance, flags))
+        if lost > np.float32(1e9):
+            return count, True, none, none, none_beyond
+        lost += bend * _BEND
+    beyond = max(min(before, after) - here, here - max(before, after)) - noise
+    return count, False, lost, bend, beyond
+
+
+@exact
+def _of_one_order(off: Any, limits: Any) -> Any:
+    """A second difference whose order is not known: the least that it can be of a fringe, of a code what a
+    map may have."""
+    jump, per_turn = limits
+    if per_turn > 0:
+        return off - np.rint(off * per_turn) / per_turn
+    return min(abs(off), np.float32(2) * jump)
 
 
 @exact
@@ -357,8 +373,8 @@ def _continued(y: Any, x: Any, dy: Any, dx: Any, coord: Any, variance: Any, flag
 
 @exact
 def _one_sided(y: Any, x: Any, dy: Any, dx: Any, coord: Any, variance: Any, flags: Any) -> Any:
-    """Squared shift of a pixel's mean from its centre by the curvature that pixels on one side show beyond
-    noise; where there is but one, of a map that bends as much as it rises."""
+    """Squared second difference that pixels on one side show beyond noise; where there is but one, of a map
+    that bends as much as it rises."""
     y1, x1, y2, x2 = y + dy, x + dx, y + 2 * dy, x + 2 * dx
     if not (0 <= y1 < coord.shape[0] and 0 <= x1 < coord.shape[1]) or flags[y1, x1] != 0:
         return np.float32(0)
@@ -366,7 +382,7 @@ def _one_sided(y: Any, x: Any, dy: Any, dx: Any, coord: Any, variance: Any, flag
     if 0 <= y2 < coord.shape[0] and 0 <= x2 < coord.shape[1] and flags[y2, x2] == 0:
         bend = coord[y, x] - np.float32(2) * coord[y1, x1] + coord[y2, x2]
         noise = variance[y, x] + np.float32(4) * variance[y1, x1] + variance[y2, x2]
-    return max(bend * bend - np.float32(BULK**2) * noise, np.float32(0)) * np.float32(1 / 24**2)
+    return max(bend * bend - np.float32(BULK**2) * noise, np.float32(0))
 
 
 @exact

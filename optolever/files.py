@@ -3,12 +3,16 @@
 """
 
 import errno
+import math
 import os
 import secrets
 import shutil
 import stat
+import struct
 import tempfile
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -20,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
+from optolever.memory import require_room
 
 __all__ = [
     "atomic_file",
@@ -33,6 +38,11 @@ __all__ = [
 ]
 
 _FAILED = "cannot be written"
+#: What the readers of ZIP and NPY raise on damaged files: methods that they do not know, encryption, lies.
+_UNREADABLE = (
+    *(OSError, ValueError, EOFError, KeyError, AttributeError, TypeError, zipfile.BadZipFile, zlib.error),
+    *(NotImplementedError, RuntimeError, SyntaxError, OverflowError, struct.error, tokenize.TokenError),
+)
 _READ_ONLY = 0o222  # without any of these bits a file is read-only, for root too
 
 
@@ -209,19 +219,47 @@ def save_arrays(path: str | Path, arrays: Mapping[str, Any]) -> None:
         np.savez(stream, allow_pickle=False, **present)
 
 
-def load_arrays(path: str | Path, required: Sequence[str]) -> dict[str, NDArray[Any]]:
-    """Read an .npz. InputError if the file is missing, unreadable or lacks a required field."""
+def load_arrays(
+    path: str | Path, required: Sequence[str], texts: Sequence[str] = ("notices", "diagnostics")
+) -> dict[str, NDArray[Any]]:
+    """Read an .npz. InputError if the file is missing or unreadable, lacks a required field, or holds other
+    than real numbers in a field that is not one of `texts`."""
     if not Path(path).is_file():
         raise InputError(f"{path}: no such file")
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, AttributeError, TypeError) as error:
+        with zipfile.ZipFile(path) as archive:
+            arrays = dict(_member(archive, info) for info in archive.infolist())
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    except _UNREADABLE as error:
         raise InputError(f"{path}: not a readable .npz ({error})") from error
+    for name, array in arrays.items():
+        if array.dtype.kind not in ("U" if name in texts else "biuf"):
+            wanted = "text" if name in texts else "real numbers"
+            raise InputError(f"{path}: field {name!r} is {array.dtype}, must be {wanted}")
     missing = [name for name in required if name not in arrays]
     if missing:
         raise InputError(f"{path}: field {missing[0]!r} is missing (has {', '.join(sorted(arrays))})")
     return arrays
+
+
+def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> tuple[str, NDArray[Any]]:
+    """Name and array of a member. What it says of its size is compared with the file before any is read."""
+    name = info.filename.removesuffix(".npy")
+    with archive.open(info) as stream:
+        version = np.lib.format.read_magic(stream)
+        read = (
+            np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        )
+        shape, _, dtype = read(stream)
+        size, held = math.prod(shape) * dtype.itemsize, info.file_size - stream.tell()
+    if dtype.hasobject or size != held:
+        raise InputError(
+            f"field {name!r} is {shape} of {dtype}, {size} bytes, but the file holds {held} of it"
+        )
+    require_room(f"field {name!r}", size)
+    with archive.open(info) as stream:
+        return name, np.asarray(np.lib.format.read_array(stream, allow_pickle=False))
 
 
 def _require_parent(asked: Path, target: Path) -> None:

@@ -3,15 +3,20 @@ to it.
 """
 
 import math
+import os
+import re
 import weakref
 from collections.abc import Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-__all__ = ["roomy_empty", "roomy_together"]
+from optolever.errors import InputError
+
+__all__ = ["require_room", "roomy_empty", "roomy_together"]
 
 #: A huge page of the usual systems, and what is too little to be kept, bytes.
 _PAGE, _LITTLE = 1 << 21, 1 << 16
@@ -23,6 +28,22 @@ _MOST = 1 << 28
 _ROOMS = 64
 #: Memory of arrays that nobody holds any more, by their size.
 _kept: dict[int, list[NDArray[np.uint8]]] = {}
+
+
+def require_room(what: str, size: float) -> None:
+    """InputError if so many bytes are more than the machine has left: what for, how many, what there is."""
+    there = _available()
+    if size > there:
+        raise InputError(f"{what}: takes {size / 2**30:.3g} GiB of memory, {there / 2**30:.3g} GiB are free")
+
+
+def _available() -> int:
+    """Bytes that can be had without swapping; of a system that does not tell, all that it has."""
+    with suppress(OSError):
+        found = re.search(r"MemAvailable:\s*(\d+) kB", Path("/proc/meminfo").read_text(encoding="ascii"))
+        if found:
+            return int(found[1]) * 1024
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
 def roomy_empty(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:

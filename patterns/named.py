@@ -5,6 +5,8 @@ import math
 from collections.abc import Callable, Iterable
 from typing import Any
 
+import numpy as np
+
 from optolever.errors import InputError
 
 from .codes import bits_for
@@ -17,8 +19,9 @@ Frames = tuple[Frame, ...]
 #: By how much the periods of micro phase shifting are longer than the first.
 _MICRO = (0.056, 0.113, 0.181, 0.256, 0.34)
 _REFERENCES = (Frame("white"), Frame("black"))
-#: Frames of a raster of spots at most: a minute at 60 frames per second, and a folder that still opens.
-_MOST_SPOTS = 4096
+#: Frames of a raster of spots at most (a minute at 60 frames per second, and a folder that still opens); of
+#: any sequence its steps, its periods, its places.
+_MOST_SPOTS, _MOST = 4096, 1 << 16
 
 
 def sequence_names() -> tuple[str, ...]:
@@ -30,12 +33,14 @@ def sequence(name: str, rows: int, cols: int, **params: Any) -> Sequence:
     """The named sequence for a surface of rows x cols pixels; `axes` is 'uv' (default), 'u' or 'v'."""
     if name not in _BUILDERS:
         raise InputError(f"sequence: name is {name!r}, known are {', '.join(_BUILDERS)}")
-    known = tuple(inspect.signature(_BUILDERS[name]).parameters)[2:]
-    for key in params:
-        if key not in known:
+    wanted = dict(list(inspect.signature(_BUILDERS[name]).parameters.items())[2:])
+    for key, value in params.items():
+        if key not in wanted:
             raise InputError(
-                f"sequence {name}: unknown parameter {key!r}, known are {', '.join(known) or 'none'}"
+                f"sequence {name}: unknown parameter {key!r}, known are {', '.join(wanted) or 'none'}"
             )
+        if not (value is None and wanted[key].default is None):
+            _check(f"sequence {name}: {key}", value, wanted[key].annotation)
     if params.get("axes", "uv") not in ("u", "v", "uv"):
         raise InputError(f"sequence {name}: axes is {params['axes']!r}, must be 'u', 'v' or 'uv'")
     for size_name, size in (("rows", rows), ("cols", cols)):
@@ -45,6 +50,25 @@ def sequence(name: str, rows: int, cols: int, **params: Any) -> Sequence:
         return Sequence(_BUILDERS[name](rows, cols, **params), rows, cols, name)
     except (TypeError, ValueError) as error:
         raise InputError(f"sequence {name}: {error}") from error
+
+
+def _check(what: str, value: Any, wanted: Any) -> None:
+    """InputError unless a parameter is what its builder's annotation says: numbers above 0, and finite."""
+    if wanted is bool:
+        if not isinstance(value, bool):
+            raise InputError(f"{what} is {value!r}, must be true or false")
+    elif wanted is int:
+        if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= _MOST:
+            raise InputError(f"{what} is {value!r}, must be a whole number in 1..{_MOST}")
+    elif wanted is not str:
+        several = "Iterable" in str(wanted) and isinstance(value, Iterable) and not isinstance(value, str)
+        numbers = list(value) if several else [value]
+        for number in numbers:
+            is_number = isinstance(number, int | float | np.number) and not isinstance(number, bool)
+            if not (is_number and 0 < number < math.inf):
+                raise InputError(f"{what} is {value!r}, must be above 0 and finite")
+        if not 0 < len(numbers) <= _MOST:
+            raise InputError(f"{what} has {len(numbers)} values, must be 1 to {_MOST}")
 
 
 def sequence_from_text(text: str, rows: int, cols: int) -> Sequence:
@@ -58,6 +82,8 @@ def sequence_from_text(text: str, rows: int, cols: int) -> Sequence:
         key, equals, value = item.partition("=")
         if not equals:
             raise InputError(f"sequence {text!r}: {item!r} is no parameter, must be name=value")
+        if key.strip() in params:
+            raise InputError(f"sequence {text!r}: {key.strip()} is given twice")
         params[key.strip()] = _parsed(value.strip())
     return sequence(name.strip(), rows, cols, **params)
 
@@ -208,6 +234,8 @@ def _stripe(
     width = 2 * step if width is None else width
     frames: list[Frame] = []
     for axis, extent in _extents(rows, cols, axes):
+        if extent / step > _MOST:
+            raise InputError(f"step is {step:g}, must be at least {extent / _MOST:g} on {extent} cells")
         for k in range(-1, math.ceil((extent - 1) / step) + 2):
             at = k * step
             frames.append(
@@ -227,8 +255,6 @@ def _spot(rows: int, cols: int, *, step: float = 8.0, width: float | None = None
 
     Its places along either axis are those of a stripe of that step and width (default two steps).
     """
-    if step <= 0:
-        raise InputError(f"step is {step:g}, must be above 0")
     width = 2 * step if width is None else width
     along, down = (1 + math.ceil((extent - 1) / step) + 2 for extent in (cols, rows))
     if along * down > _MOST_SPOTS:

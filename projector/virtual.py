@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from optolever.blocks import threads
 from optolever.errors import InputError
+from optolever.memory import require_room
 from optolever.patterns import Sequence
 from optolever.scene import Scene, Surface
 
 from .capture import Capture, Image, with_exposure
-from .context import NoContextError, context
+from .context import NoContextError, context, context_info
 from .electronics import NOMINAL_SENSOR, FrameElectronics, flicker_factor
 from .groups import frame_groups
 from .optics_gl import GLOptics
@@ -86,6 +87,17 @@ def chosen_renderer(renderer: str) -> str:
     return "gl"
 
 
+def _fitting(chosen: str, asked: str, scene: Scene) -> str:
+    """'numpy' in place of a GL that was not asked for and has no textures so wide; else as chosen."""
+    if chosen == "numpy":
+        return chosen
+    widest = max(scene.camera.cols, scene.pattern.rows, scene.pattern.cols)
+    most = context_info().max_texture
+    if widest > most and asked == "gl":
+        raise InputError(f"renderer: 'gl' draws at most {most} pixels in a row here, the scene has {widest}")
+    return "numpy" if widest > most else chosen
+
+
 class VirtualSensor:
     """A camera that does not exist: a FrameSource whose frames are rendered. A context manager.
 
@@ -122,7 +134,7 @@ class VirtualSensor:
         self._noise = float(np.hypot(noise, self._sensor.noise))
         self._bits = self._sensor.bits if bits is None else bits
         self._strip = min(scene.camera.rows, max(1, _STRIP // scene.camera.cols))
-        self._optics: _Optics = self._make_optics(chosen_renderer(renderer))
+        self._optics: _Optics = self._make_optics(_fitting(chosen_renderer(renderer), renderer, scene))
         self._still = self._optics.load(surface) if isinstance(surface, Surface) else None
 
     def __enter__(self) -> Self:
@@ -183,7 +195,10 @@ class VirtualSensor:
         return NumpyOptics(self._scene, groups)
 
     def _blank(self, count: int) -> NDArray[Any]:
-        return np.empty((count, *self.shape), np.uint8 if self._bits == 8 else np.uint16)
+        kind = np.uint8 if self._bits == 8 else np.uint16
+        rows, cols = self.shape
+        require_room(f"{count} frames of {rows}x{cols} pixels", count * rows * cols * np.dtype(kind).itemsize)
+        return np.empty((count, rows, cols), kind)
 
     def _instants(self, index: int) -> list[float]:
         """The times at which a moving mirror is rendered for a frame."""

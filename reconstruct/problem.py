@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, Displacement
 from optolever.errors import InputError
-from optolever.scene import Scene
+from optolever.scene import Pattern, Scene
 
 from .anchors import EDGE_REACH, Anchors, Samples, anchor_samples
 from .fringe import core_windows, solid_window
@@ -27,6 +27,8 @@ Labels = NDArray[np.int32]
 
 #: Pattern pixels; what is announced as more certain is taken as this.
 _LEAST_SIGMA = 1e-5
+#: Deviations that noise may lead beyond the pattern.
+_NOISE = 5.0
 #: Pixels of a component: an anchor beside fewer is reached without any idea of how the slope changes.
 _FEWEST = 4
 
@@ -88,7 +90,7 @@ def prepare(
     makes no sense or no anchor can be used.
     """
     rays = ray_field(scene.camera)
-    valid = _valid(correspondence, rays, mask)
+    valid = _valid(correspondence, rays, scene.pattern, mask)
     samples = anchor_samples(anchor, scene, rays, valid)
     rows, cols = (_extent(valid, axis) for axis in (1, 0))
     data = _window(correspondence, rays, pattern_plane(scene), valid, rows, cols)
@@ -154,8 +156,8 @@ def _window(
     return Measured(rays.cropped(rows, cols), plane, u, v, sigma_u, sigma_v, inside)
 
 
-def _valid(c: Correspondence, rays: RayField, mask: Mask | None) -> Mask:
-    """Pixels to solve for; InputError where the input makes no sense."""
+def _valid(c: Correspondence, rays: RayField, pattern: Pattern, mask: Mask | None) -> Mask:
+    """Pixels to solve for: unflagged and on the pattern; InputError where the input makes no sense."""
     if c.u.shape != rays.shape:
         raise InputError(
             f"correspondence: {c.u.shape[0]} x {c.u.shape[1]} pixels, the scene's camera has "
@@ -183,7 +185,19 @@ def _valid(c: Correspondence, rays: RayField, mask: Mask | None) -> Mask:
             )
     if not valid.any():
         raise InputError("correspondence: no pixel has both u and v")
+    valid &= _on(c.u, c.sigma_u, pattern.cols) & _on(c.v, c.sigma_v, pattern.rows)
+    if not valid.any():
+        raise InputError(
+            f"correspondence: no pixel lies on the scene's pattern of {pattern.rows} x {pattern.cols} cells"
+        )
     return valid
+
+
+def _on(at: NDArray[Any], sigma: NDArray[Any], extent: int) -> Mask:
+    """Whether places lie on the pattern, but for noise and half a cell that the border's shadow moves."""
+    with np.errstate(invalid="ignore"):
+        beyond = np.maximum(-0.5 - at, at - (extent - 0.5))
+        return np.asarray(beyond <= 0.5 + _NOISE * np.minimum(sigma, extent))
 
 
 def _rows_rule(data: Measured) -> bool:

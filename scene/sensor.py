@@ -51,10 +51,10 @@ class Sensor(Record):
 
     def __post_init__(self) -> None:
         freeze(self, bits=integer("sensor.bits", self.bits, 8, 16))
-        for name in ("gamma", "exposure", "flicker_hz", "frame_s"):
-            freeze(self, **{name: positive(f"sensor.{name}", getattr(self, name))})
+        for name, most in (("gamma", 100), ("exposure", 1e9), ("flicker_hz", 1e12), ("frame_s", 1e9)):
+            freeze(self, **{name: positive(f"sensor.{name}", getattr(self, name), below=most)})
         for name in ("noise", "gain_e", "shutter_s"):
-            freeze(self, **{name: positive(f"sensor.{name}", getattr(self, name), zero=True)})
+            freeze(self, **{name: positive(f"sensor.{name}", getattr(self, name), zero=True, below=1e9)})
         freeze(self, flicker=positive("sensor.flicker", self.flicker, zero=True, below=1))
         freeze(self, offset=number("sensor.offset", self.offset))
         if self.shutter_s > self.frame_s:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from optolever.blocks import over_rows
 from optolever.files import load_arrays, save_arrays
+from optolever.memory import require_room
 
 from .meeting import Bounds, bounds_of, first_meeting, meets_again
 from .record import Float
@@ -57,6 +58,7 @@ def trace(scene: Scene, surface: Surface) -> Trace:
     d' = d - 2 (d.n) n), reaches the pattern's plane without meeting the mirror again, and lands on a cell.
     """
     rows, cols = scene.camera.rows, scene.camera.cols
+    require_room(f"camera of {rows}x{cols} pixels", rows * cols * (9 * 8 + 1))
     u, v, x, y, z, incidence = (np.full((rows, cols), np.nan) for _ in range(6))
     normal = np.full((rows, cols, 3), np.nan)
     result = Trace(u, v, x, y, z, normal, incidence, np.zeros((rows, cols), np.bool_))

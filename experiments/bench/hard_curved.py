@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from optolever.decode import decode
 from optolever.patterns import sequence_from_text
 from optolever.projector import area_frames, trace_area
-from optolever.scene import Scene, Sensor, Surface, dent, load, resize
+from optolever.scene import Scene, Sensor, Surface, dent, load, resize, trace
 
 from .area_truth import area_errors
 from .hard_case import Case, Found
@@ -31,6 +31,7 @@ _SEED = 4711
 _SIZES = 160, 300  # rows and columns of a camera: from, below
 _NOISES = 0.3, 1.0, 2.0  # rms levels
 _STEEPEST = np.radians(4.2)
+_WAVE = 3.0  # pixels
 
 
 def curved_cases(scenes: int, first: int = 0) -> Iterator[Case]:
@@ -105,9 +106,10 @@ def _relief(rng: np.random.Generator, scene: Scene) -> Surface:
 
 
 def _ripples(rng: np.random.Generator, scene: Scene) -> Surface:
-    """A plane wave of 3 to 15 % of the mirror's length, that fades out towards x = L0."""
+    """A plane wave of 3 to 15 % of the mirror's length, that fades out towards x = L0; at least _WAVE pixels
+    long (shorter ones alias: no pixels of a camera tell them from long ones)."""
     length = scene.mirror.length
-    wave = 2 * np.pi / (length * rng.uniform(0.03, 0.15))
+    wave = 2 * np.pi / max(length * rng.uniform(0.03, 0.15), _WAVE * _pixel(scene))
     angle = rng.uniform(0, np.pi)
     kx, ky = wave * np.cos(angle), wave * np.sin(angle)
     size = np.radians(rng.uniform(0.3, 2.0)) / wave
@@ -125,6 +127,14 @@ def _ripples(rng: np.random.Generator, scene: Scene) -> Surface:
         return size * (change * up + share * kx * across), size * share * ky * across
 
     return Surface(height, gradient)
+
+
+def _pixel(scene: Scene) -> float:
+    """Distance of neighbouring pixels on the mirror at rest, mm: the larger one of both axes, median."""
+    rest = trace(scene, dent("flat", scene))
+    points = np.stack([rest.x, rest.y])
+    steps = [np.hypot(*np.diff(points, axis=axis)) for axis in (1, 2)]
+    return float(max(np.nanmedian(step) for step in steps))
 
 
 def _ridge(rng: np.random.Generator, scene: Scene) -> Surface:

@@ -1,6 +1,6 @@
 """Cells to rows: frames once for all that take them, decoded once, then every solver."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -8,8 +8,10 @@ import numpy as np
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
+from optolever.patterns import sequence_from_text
 from optolever.projector import Capture
 from optolever.reconstruct import prism_geometry, recursion
+from optolever.scene import dent_from_text, load
 
 from ..decode_speed import toucher
 from ..metrics import rms
@@ -30,11 +32,17 @@ LATTICE_PIXELS = 10  # camera pixels that a lattice line needs, as in the paper'
 LATTICE_LINES = 64
 
 
-def check(cells: Iterable[Cell]) -> None:
-    """InputError if a cell names a solver or decoder that does not exist: known before the work."""
+def check(cells: Sequence[Cell]) -> None:
+    """InputError if a cell names what does not exist: known before the work."""
     for cell in cells:
         solver(cell.solver)
         decoder(cell.decoder)
+    for name, dent, shown in dict.fromkeys((cell.scene, cell.dent, cell.shown) for cell in cells):
+        scene = load(name)
+        if dent:
+            dent_from_text(dent, scene)
+        if shown != "exact":
+            sequence_from_text(shown, scene.pattern.rows, scene.pattern.cols)
 
 
 def run_cells(cells: Iterable[Cell], *, timed: bool = True) -> Iterator[Row]:

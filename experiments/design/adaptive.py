@@ -219,7 +219,11 @@ def _measured_view(decoded: Correspondence, images: NDArray[Any], sequence: Sequ
     with np.errstate(divide="ignore", invalid="ignore"):
         light = np.where(sees.ravel(), level / (sensor.levels(full) - dark), 0.0)
     truth = replace(base.truth, u=u, v=v, visible=sees)
-    return replace(base, truth=truth, image=replace(lit, light=np.maximum(np.nan_to_num(light), 0.0)))
+    image, centre = (
+        replace(lit, light=np.maximum(np.nan_to_num(light), 0.0)),
+        np.stack([u.ravel(), v.ravel()]),
+    )
+    return replace(base, truth=truth, image=image, centre=centre)
 
 
 def _every(view: View, step: int) -> View:

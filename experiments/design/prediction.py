@@ -89,7 +89,8 @@ def predict(
     good = (flags == 0) & view.visible
     error, sigma = (np.zeros((len(decoded), 2, *good.shape[1:])) for _ in "es")
     for axis in axes:
-        k, truth = "uv".index(axis), getattr(view.image, axis)[view.pick]
+        k = "uv".index(axis)
+        truth = view.centre[k][view.pick]
         at, stated = (
             np.stack([np.asarray(getattr(one, name)).ravel()[view.pick] for one in decoded])
             for name in (axis, f"sigma_{axis}")

@@ -28,12 +28,13 @@ BLOCK, MARGIN = 24, 4  # pixels of a window, and of its rim, which is decoded bu
 @dataclass(frozen=True, eq=False)
 class View:
     """A camera before the pattern. scene, truth: whose pixels (H, W) are solved; image: what is decoded, of
-    `shape` pixels; pick (H, W): its pixel whose error stands for one that is solved; stride: pixels of the
-    whole camera between two that are solved."""
+    `shape` pixels; centre (2, pixels): what their centres see, u and v; pick (H, W): its pixel whose error
+    stands for one that is solved; stride: pixels of the whole camera between two that are solved."""
 
     scene: Scene
     truth: Trace
     image: Footprints
+    centre: Floats
     shape: tuple[int, int]
     pick: NDArray[np.intp]
     stride: float
@@ -78,7 +79,8 @@ def view_of(scene: Scene, surface: Surface, stride: int = 1) -> View:
     rows, cols = scene.camera.rows, scene.camera.cols
     image, shape = footprints(scene, surface, 0, rows), (rows, cols)
     pick = np.arange(rows * cols).reshape(shape)
-    whole = View(scene, trace(scene, surface), image, shape, pick, 1.0)
+    truth = trace(scene, surface)
+    whole = View(scene, truth, image, _centre(truth), shape, pick, 1.0)
     if stride == 1:
         return whole
     thin_rows, thin_cols = (max(8, round(n / stride)) for n in shape)
@@ -96,7 +98,11 @@ def thinned(whole: View, scene: Scene, truth: Trace) -> View:
     )
     stride = float(np.sqrt(full[0] / size[0] * full[1] / size[1]))
     pick = rows[:, None] * len(across) + cols
-    return View(scene, truth, image, (len(down), len(across)), pick, stride)
+    return View(scene, truth, image, whole.centre[:, index], (len(down), len(across)), pick, stride)
+
+
+def _centre(truth: Trace) -> Floats:
+    return np.stack([truth.u.ravel(), truth.v.ravel()])
 
 
 def _windows(full: int, few: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -155,7 +155,7 @@ def test_text_form() -> None:
         ("phase:steps=2", "steps is 2"),
         ("phase:steps", "no parameter"),
         ("gray:axes=w", "axes is 'w'"),
-        ("phase:periods=-3", "period_px is -3"),
+        ("phase:periods=-3", "periods is -3"),
         ("phase:steps=x", "sequence phase"),
         ("gray:inverses=false,references=false", "both false"),
     ],

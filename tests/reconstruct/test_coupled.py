@@ -214,7 +214,7 @@ def test_islands_without_an_anchor_are_flagged_and_not_guessed(exact, cut) -> No
 def test_a_wild_pixel_is_flagged(exact) -> None:
     scene, _, correspondence = exact("paper-simulation", "raised-cosine", 96, 96)
     u = correspondence.u.copy()
-    u[40, 30] += 20
+    u[40, 30] -= 20
     height = reconstruct(replace(correspondence, u=u), scene)
     assert height.flags[40, 30] & HeightFlag.CURL
     assert np.count_nonzero(height.flags & HeightFlag.CURL) <= 5
