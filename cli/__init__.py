@@ -6,7 +6,7 @@
 - `show`: tables, progress bars, JSON
 - one file a command: `demo`, `capture`, `decode`, `reconstruct`, `paper`, `figures`, `methods`,
   `bench`, `sweep`, `hard`, `design`, `choices`, `codes`, `sensor`, `adapt`, `names`,
-  `doctor`, and `window`, which is the command `show`
+  `doctor`, `lab` (those for work on the program), and `window`, which is the command `show`
 """
 
 from .app import main, run

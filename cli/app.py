@@ -32,6 +32,7 @@ COMMANDS = (
     "show",
     "names",
     "doctor",
+    "lab",
 )
 
 

@@ -16,6 +16,7 @@
 | `solver_figures.py`, `solver_bound.py` | run_solver_figures: the solver; its noise and the bound |
 | `drawn.py` | what cases drawn at random have in common |
 | `scene_errors.py` | scenes that are a little wrong: how many are noticed, what a rest capture mends |
+| `fuzz.py` | fuzz: inputs damaged at random, what the program makes of them |
 | `bench/` | speed against error, hard cases, sweeps: a face of its own |
 | `page.py`, `images.py`, `maps.py`, `report/` | HTML page, PNG, maps in mm; templates, style, viewer |
 """
@@ -26,6 +27,7 @@ from .decode_speed import run_decode_figures
 from .demo import DemoResult, run_demo
 from .demo_report import demo_html, write_demo_report
 from .figures import Figure, run_figures
+from .fuzz import FUZZED, Outcome, fuzz
 from .metrics import height_metrics, peak_bytes
 from .paper import PaperStudy, run_paper
 from .paper_report import paper_html, write_paper_report
@@ -34,14 +36,17 @@ from .solver_figures import run_solver_figures
 
 __all__ = [
     "CODES",
+    "FUZZED",
     "CodeRow",
     "DemoResult",
     "Figure",
+    "Outcome",
     "PaperRow",
     "PaperStudy",
     "brute_force",
     "code_rows",
     "demo_html",
+    "fuzz",
     "height_metrics",
     "paper_html",
     "peak_bytes",

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.blocks import over_rows
+from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
 from optolever.memory import require_room
 
@@ -45,6 +46,11 @@ class Trace:
     def load(cls, path: str | Path) -> "Trace":
         """Read what `save` wrote; InputError if the file is not that."""
         arrays = load_arrays(path, _FIELDS)
+        shape = arrays["u"].shape
+        for name in _FIELDS:
+            wanted = (*shape, 3) if name == "normal" else shape
+            if len(shape) != 2 or arrays[name].shape != wanted:
+                raise InputError(f"{path}: {name} has shape {arrays[name].shape}, u {shape}; must be (H, W)")
         return cls(**{name: arrays[name] for name in _FIELDS})
 
 

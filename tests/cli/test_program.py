@@ -16,9 +16,9 @@ from optolever.cli.app import COMMANDS
 from .conftest import Program
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", [*(name for name in COMMANDS if name != "lab"), "lab fuzz"])
 def test_help_has_synopsis_options_and_a_sample_with_output(command: str, optolever: Program) -> None:
-    outcome = optolever(command, "--help")
+    outcome = optolever(*command.split(), "--help")
     assert outcome.code == 0
     assert f"Usage: optolever {command}" in outcome.out
     assert "--json" in outcome.out

@@ -41,6 +41,8 @@ def test_programs_lines_parse(root: Path) -> None:
     for line in lines:
         name, *args = shlex.split(line)[1:]
         command = app.get_command(click.Context(app), name)
+        if isinstance(command, click.Group):
+            command = command.get_command(click.Context(command), args.pop(0))
         assert command is not None, line
         known = {option for parameter in command.params for option in parameter.opts} | {"--help"}
         unknown = [arg for arg in args if arg.startswith("--") and arg not in known]
