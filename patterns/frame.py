@@ -1,6 +1,5 @@
 """Frame: one image to show, described completely, and its plain form for TOML."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
@@ -37,6 +36,9 @@ _AXES: dict[str, tuple[str | None, ...]] = {
     "crossed": (None, "uv"),
     "lattice": (None, "uv"),
 }
+#: Cells, radians or factors at most: beyond, a float holds no millionth of them. A fringe of half a cell or
+#: less is none that a surface shows.
+_MOST, _LEAST_PERIOD = 1e9, 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,12 +90,14 @@ class Frame:
     def _check_numbers(self) -> None:
         for name in ("period_px", "shift", "width_px", "at_u", "at_v", "cell_px", "offset_px", "exposure"):
             value = getattr(self, name)
-            if value is not None and not math.isfinite(value):
-                raise InputError(f"frame: {name} is {value}, must be finite")
+            if value is not None and not abs(value) <= _MOST:
+                raise InputError(f"frame: {name} is {value}, must be finite and at most {_MOST:g}")
         for name in ("period_px", "width_px", "cell_px", "exposure"):
             value = getattr(self, name)
             if value is not None and value <= 0:
                 raise InputError(f"frame: {name} is {value}, must be above 0")
+        if self.period_px is not None and self.period_px < _LEAST_PERIOD:
+            raise InputError(f"frame: period_px is {self.period_px}, must be at least {_LEAST_PERIOD:g}")
         if self.bit is not None and not 0 <= self.bit <= 30:
             raise InputError(f"frame: bit is {self.bit}, must be in 0..30")
         for level in (*(self.levels or ()), *(() if self.level is None else (self.level,))):

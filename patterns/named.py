@@ -2,7 +2,8 @@
 
 import inspect
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,7 @@ def sequence(name: str, rows: int, cols: int, **params: Any) -> Sequence:
     if name not in _BUILDERS:
         raise InputError(f"sequence: name is {name!r}, known are {', '.join(_BUILDERS)}")
     wanted = dict(list(inspect.signature(_BUILDERS[name]).parameters.items())[2:])
+    params = {key: tuple(value) if isinstance(value, Iterator) else value for key, value in params.items()}
     for key, value in params.items():
         if key not in wanted:
             raise InputError(
@@ -58,7 +60,7 @@ def _check(what: str, value: Any, wanted: Any) -> None:
         if not isinstance(value, bool):
             raise InputError(f"{what} is {value!r}, must be true or false")
     elif wanted is int:
-        if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= _MOST:
+        if isinstance(value, bool) or not isinstance(value, Integral) or not 1 <= int(value) <= _MOST:
             raise InputError(f"{what} is {value!r}, must be a whole number in 1..{_MOST}")
     elif wanted is not str:
         several = "Iterable" in str(wanted) and isinstance(value, Iterable) and not isinstance(value, str)

@@ -37,6 +37,8 @@ __all__ = ["read_description", "read_folder", "read_image", "write_folder"]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 _VERSION = 1
+#: Seconds (or microseconds since 1970) at most: up to here a float holds whole numbers.
+_LATEST = 2.0**53
 _DESCRIPTION, _FRAMES, _SCENE, _TRUTH = "capture.toml", "frames", "scene.toml", "truth.npz"
 _KEYS = ("version", "rows", "cols", "bits", "name", "nominal", "frames")
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -193,7 +195,7 @@ def _times(tables: list[Mapping[str, Any]], path: Path) -> NDArray[np.float64] |
     if all(time is None for time in times):
         return None
     for i, time in enumerate(times):
-        if not isinstance(time, int | float) or isinstance(time, bool) or not np.isfinite(time):
+        if not isinstance(time, int | float) or isinstance(time, bool) or not abs(time) <= _LATEST:
             shown = "missing" if time is None else repr(time)
             raise InputError(
                 f"{path}: frames[{i}]: time is {shown}, must be seconds (in every frame or in none)"

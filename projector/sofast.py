@@ -70,11 +70,14 @@ def _fringes(path: str | Path, axis: str, extent: int, periods: NDArray[Any], na
     if periods.ndim != 1 or not periods.size or (periods <= 0).any():
         raise InputError(f"{path}: {name} = {periods.tolist()}, must be periods per screen above 0")
     shifts = [2 * math.pi * step / _STEPS for step in range(_STEPS)]
-    return [
-        Frame("phase", axis, period_px=extent / float(count), shift=shift)
-        for count in periods
-        for shift in shifts
-    ]
+    try:
+        return [
+            Frame("phase", axis, period_px=extent / float(count), shift=shift)
+            for count in periods
+            for shift in shifts
+        ]
+    except InputError as error:
+        raise InputError(f"{path}: {name} = {periods.tolist()}: {error}") from error
 
 
 def _require_images(path: str | Path, name: str, images: NDArray[Any], count: int) -> None:

@@ -228,6 +228,8 @@ def _anchor_energy(
     """What the anchors ask for, squared over its variance: no slope sees it, and yet a step that brings it
     about is progress.
     """
+    if not rows.pixel.size:
+        return 0.0
     factor = np.broadcast_to(root**2, w.shape).ravel()[rows.pixel]
     error = rows.predict(w, *slopes) - rows.known
     spread = _anchor_spread(rows, variances)

@@ -211,7 +211,8 @@ def _rows_rule(data: Measured) -> bool:
     for axis in (0, 1):
         count = np.isfinite(values).sum(axis=axis)
         total = np.nansum(np.where(np.isfinite(values), values, np.nan), axis=axis)
-        spreads.append(float(np.var((total / np.maximum(count, 1))[count > 0])))
+        means = (total / np.maximum(count, 1))[count > 0]
+        spreads.append(float(np.var(means)) if means.size else 0.0)
     return spreads[1] > 4.0 * spreads[0] + 1e-3
 
 

@@ -145,7 +145,10 @@ def _value(path: str | Path, name: str, value: Any) -> Any:
             raise InputError(f"{path}: renderer is {value!r}, must be auto, gl or numpy")
         return value
     if name == "refresh":
-        return _number(path, name, value, above=True)
+        number = _number(path, name, value, above=True)
+        if not 1e-3 <= number <= 1e6:
+            raise InputError(f"{path}: refresh is {value!r}, must be 0.001 to 1e6 Hz")
+        return number
     if not isinstance(value, list) or not value:
         raise InputError(f"{path}: {name} is {value!r}, must be a list with at least one entry")
     if name == "sizes":
