@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import click
 import pytest
 
 from optolever.cli.app import COMMANDS, MODULES
@@ -58,9 +59,10 @@ def device(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_checks_its_outputs(name: str) -> None:
     command = importlib.import_module(f"optolever.cli.{MODULES.get(name, name)}").command
-    assert isinstance(command, Program)
-    kinds = {parameter.name: parameter.type for parameter in command.params}
-    assert kinds["json_path"] is OUTPUT
+    for each in command.commands.values() if isinstance(command, click.Group) else [command]:
+        assert isinstance(each, Program)
+        kinds = {parameter.name: parameter.type for parameter in each.params}
+        assert kinds["json_path"] is OUTPUT
 
 
 def test_a_device_stays_a_device(optolever: Run, device: Callable[[str], Path]) -> None:
