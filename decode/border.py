@@ -22,8 +22,9 @@ F32 = NDArray[np.float32]
 MARGIN = 9.0
 #: Light that is missing where the reach is measured, and that may be missing of a good pixel.
 _DARK, _LOST = (0.1, 0.45), 0.1
-#: Every so many lines are looked at; pixels that tell a reach; pixels inwards at which no light is missing.
-_EVERY, _FEWEST, _FARTHEST = 8, 8, 60
+#: Lines that are looked at along either axis; pixels that tell a reach; pixels inwards at which no light is
+#: missing.
+_LINES, _FEWEST, _FARTHEST = 100, 8, 60
 #: Share of a shift by a measured reach that is unsure: a box in place of the normal distribution (a sixth), a
 #: fringe whose contrast the blur halves (a tenth of the reach).
 _SHAPE = 0.25
@@ -37,11 +38,10 @@ def border_reach(
     the surface. Light of a room is in the mean level only, the amplitude swings with the display's cells: the
     two tell how much of the level is the display's."""
     maps = coord, offset, amplitude, flags
-    along, down = tuple(one[::_EVERY] for one in maps), tuple(one[:, ::_EVERY].T for one in maps)
-    beside = [
-        np.concatenate(parts) for parts in zip(_beside(along, extent), _beside(down, extent), strict=True)
-    ]
-    away, width2, dark, lost = beside
+    every, beside = (max(1, count // _LINES) for count in coord.shape)
+    along, down = tuple(one[::every] for one in maps), tuple(one[:, ::beside].T for one in maps)
+    both = zip(_beside(along, extent), _beside(down, extent), strict=True)
+    away, width2, dark, lost = (np.concatenate(parts) for parts in both)
     telling = (lost > _DARK[0]) & (lost < 1 - _DARK[0])
     if np.count_nonzero(telling) < _FEWEST:
         return math.nan, 0

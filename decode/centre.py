@@ -13,7 +13,7 @@ from optolever.kernels import inlined, kernel
 
 from .display import REACH
 
-__all__ = ["BULK", "STEEP", "centred", "extended", "row_at"]
+__all__ = ["BULK", "STEEP", "centred", "windowed"]
 
 #: Second differences are of the map from so many deviations on.
 BULK = 2.5
@@ -33,30 +33,60 @@ STEEP = 0.8
 
 
 @kernel
-def centred(
-    reach: Any,
-    c: Any,
-    above: Any,
-    below: Any,
-    light: Any,
-    flags: Any,
-    flags_above: Any,
-    flags_below: Any,
-    limits: Any,
-    out: Any,
-    total: Any,
-) -> None:
-    """From the mean over a pixel, weighted by the light, to its centre.
+def windowed(coord: Any, flags: Any, start: Any, stop: Any, out: Any) -> None:
+    """Rows start..stop of a map (H, W) with REACH pixels on every side, (stop - start + 2 REACH,
+    W + 2 REACH): NaN what is refused. Two pixels beyond the image are on the parabola through the last
+    three."""
+    rows, cols = coord.shape
+    out[:] = np.float32(np.nan)
+    first = start - REACH
+    for y in range(max(first, 0), min(stop + REACH, rows)):
+        line, own, refused = out[y - first, REACH : REACH + cols], coord[y], flags[y]
+        for x in range(cols):
+            line[x] = own[x] if refused[x] == 0 else np.float32(np.nan)
+    if rows > 2:
+        for k in (1, 2):
+            if first <= -k:
+                _beyond_line(out[-first], out[1 - first], out[2 - first], k, out[-k - first])
+            if rows - 1 + k < stop + REACH:
+                at = rows - 1 - first
+                _beyond_line(out[at], out[at - 1], out[at - 2], k, out[at + k])
+    if cols > 2:
+        last = REACH + cols - 1
+        for line in out:
+            for k in (1, 2):
+                line[REACH - k] = _parabola(line[REACH], line[REACH + 1], line[REACH + 2], k)
+                line[last + k] = _parabola(line[last], line[last - 1], line[last - 2], k)
+
+
+@kernel
+def _beyond_line(end: Any, next_: Any, third: Any, k: Any, out: Any) -> None:
+    for x in range(out.size):
+        out[x] = _parabola(end[x], next_[x], third[x], k)
+
+
+@inlined
+def _parabola(end: Any, next_: Any, third: Any, k: Any) -> Any:
+    """k beyond the end of three values, 1 or 2."""
+    one = np.float32(3) * (end - next_) + third
+    return one if k == 1 else np.float32(3) * (one - end) + next_
+
+
+@kernel
+def centred(here: Any, window: Any, k: Any, ends: Any, light: Any, limits: Any, out: Any, total: Any) -> None:
+    """From the mean over a pixel, weighted by the light, to its centre, along a line (W,).
 
     Of u(s) = u + g s + s H s / 2 and light A (1 + a s) the mean over a pixel is u + (H_xx + H_yy) / 24 +
     a g / 12; of a fringe see `_factor`.
-    c, flags: the row between REACH pixels beyond either end (see `extended`). above, below: the rows 1, 2 and
-    reach away (W,), with their flags; light: the row and those next to it. Over REACH pixels the curvature is
-    told with next to no noise; it, and what it is more or less between next neighbours, count as far as they
-    are beyond noise (James and Stein's shrinkage), and the latter as far as it does not change from pixel to
-    pixel (a rough mirror, a neighbour at an edge). limits: by what neighbours of a map bend at most, px (of a
-    code its finest stripe); turns of the finest fringe in a px; squared reach of a pixel of no footprint, and
-    extent of the surface (infinite: no border); in the border's shadow (see border) nothing is taken off.
+    here: the line. window: see `windowed`, k: the line's row in it. ends: two (W,), NaN where no pixel is
+    REACH to the left, or right, else 0. light: of the line, (W + 2,) with its ends repeated, and of those
+    above and below (W,). limits: by what neighbours of a map bend at most, px (of a code its finest stripe);
+    turns of the finest fringe in a px; squared reach of a pixel of no footprint, and extent of the surface
+    (infinite: no border); in the border's shadow (see border) nothing is taken off.
+
+    Over REACH pixels the curvature is told with next to no noise; it, and what it is more or less between
+    next neighbours, count as far as they are beyond noise (James and Stein's shrinkage), and the latter as
+    far as it does not change from pixel to pixel (a rough mirror, a neighbour at an edge).
     """
     jump, per_turn, reach2, extent = limits
     zero, half, two, four = np.float32(0), np.float32(0.5), np.float32(2), np.float32(4)
@@ -66,96 +96,59 @@ def centred(
     grain = np.float32(2 * (2 * np.pi) ** 2) * per_turn * per_turn
     # the finest stripe of a code: parts of others that lie on a pixel move what it reads
     stripe = jump if per_turn == 0 else np.float32(np.inf)
-    whole, size, at = reach == REACH, out.size, REACH
+    size, at = out.size, REACH
+    first, last = ends
     # views of one length: an index that only counts up is known not to wrap round
-    here, left, right = c[at : at + size], c[at - 1 : at - 1 + size], c[at + 1 : at + 1 + size]
-    left_2, right_2 = c[at - 2 : at - 2 + size], c[at + 2 : at + 2 + size]
-    left_far, right_far = c[:size], c[2 * at : 2 * at + size]
-    (up, up_2, up_far), (down, down_2, down_far) = above, below
-    bad_left, bad_right = flags[at - 1 : at - 1 + size], flags[at + 1 : at + 1 + size]
-    bad_left_2, bad_right_2 = flags[at - 2 : at - 2 + size], flags[at + 2 : at + 2 + size]
-    bad_left_far, bad_right_far = flags[:size], flags[2 * at : 2 * at + size]
-    (bad_up, bad_up_2, bad_up_far), (bad_down, bad_down_2, bad_down_far) = flags_above, flags_below
+    line = window[k]
+    left, right = line[at - 1 : at - 1 + size], line[at + 1 : at + 1 + size]
+    left_2, right_2 = line[at - 2 : at - 2 + size], line[at + 2 : at + 2 + size]
+    left_far, right_far = line[:size], line[2 * at : 2 * at + size]
+    up, down = window[k - 1, at : at + size], window[k + 1, at : at + size]
+    up_2, down_2 = window[k - 2, at : at + size], window[k + 2, at : at + size]
+    up_far, down_far = window[k - at, at : at + size], window[k + at, at : at + size]
     bright, bright_up, bright_down = light
+    before, lit, after = bright[:size], bright[1 : 1 + size], bright[2 : 2 + size]
     for x in range(size):
-        near = (bad_left[x] | bad_right[x] | bad_up[x] | bad_down[x]) == 0
-        next_ = near & ((bad_left_2[x] | bad_right_2[x] | bad_up_2[x] | bad_down_2[x]) == 0)
-        far = (bad_left_far[x] | bad_right_far[x] | bad_up_far[x] | bad_down_far[x]) == 0
-        far &= next_ & whole
         u, was = here[x], out[x]
-        noise = unsure * (total[x] + (was - u) * (was - u))
         one_x, one_y = right[x] - left[x], down[x] - up[x]
         two_x, two_y = right_2[x] - left_2[x], down_2[x] - up_2[x]
-        factor_x, factor_y = _factor(half * one_x * per_turn), _factor(half * one_y * per_turn)
         near_x, near_y = left[x] + right[x] - two * u, up[x] + down[x] - two * u
-        broad_x = (left_far[x] + right_far[x] - two * u) * wide if far else zero
-        broad_y = (up_far[x] + down_far[x] - two * u) * wide if far else zero
-        broad = broad_x + broad_y
-        there = _beyond(broad, noise * wide * wide)
-        bend_x, bend_y = near_x - there * broad_x, near_y - there * broad_y
-        bend = bend_x + bend_y if near else zero
         fourth_x = left_2[x] + right_2[x] - two * u - four * near_x
         fourth_y = up_2[x] + down_2[x] - two * u - four * near_y
-        uneven = fourth_x * fourth_x + fourth_y * fourth_y
+        broad_x = (left_far[x] + right_far[x] - two * u) * wide
+        broad_y = (up_far[x] + down_far[x] - two * u) * wide
+        bend, uneven = near_x + near_y, fourth_x * fourth_x + fourth_y * fourth_y
+        # where one is refused, what it is in is NaN
+        near, next_ = bend == bend, uneven == uneven
+        far = next_ & (broad_x + broad_y + first[x] + last[x] == broad_x + broad_y)
+        noise = unsure * (total[x] + (was - u) * (was - u))
+        factor_x, factor_y = _factor(half * one_x * per_turn), _factor(half * one_y * per_turn)
+        broad_x, broad_y = broad_x if far else zero, broad_y if far else zero
+        there = _beyond(broad_x + broad_y, noise * wide * wide)
+        bend_x, bend_y = near_x - there * broad_x, near_y - there * broad_y
+        bend = bend_x + bend_y if near else zero
         share = _beyond(bend, max(noise, _ROUGH * uneven)) if next_ else zero
         bends = factor_x * (there * broad_x + share * bend_x) + factor_y * (there * broad_y + share * bend_y)
         short = max(uneven - _BY_NOISE * total[x], zero) * _SHORT if next_ else bend * bend * _ALL
-        before, lit, after = bright[max(x - 1, 0)], bright[x], bright[min(x + 1, size - 1)]
-        edge_x, light_x = _in_light(before, lit, after)
-        edge_y, light_y = _in_light(bright_up[x], lit, bright_down[x])
+        edge_x, light_x = _in_light(before[x], lit[x], after[x])
+        edge_y, light_y = _in_light(bright_up[x], lit[x], bright_down[x])
         # of a code it is less than its cells round off, and what noise of the light would make of it
-        dims = light_x * one_x + light_y * one_y if near & (per_turn > zero) else zero
+        dims = light_x * one_x + light_y * one_y if per_turn > zero else zero
         edge_x = max(edge_x * edge_x - grain * total[x], zero) * one_x * one_x
         edge_y = max(edge_y * edge_y - grain * total[x], zero) * one_y * one_y
         edges = (edge_x + edge_y) * _EDGE if near else zero
         jump_x = _jump(one_x, two_x, right_far[x] - left_far[x]) if far else two * one_x - two_x
         jump_y = _jump(one_y, two_y, down_far[x] - up_far[x]) if far else two * one_y - two_y
-        jumps = jump_x * jump_x + jump_y * jump_y - two * noise if next_ else zero
-        smooth = max(near_x * near_x, near_y * near_y) < jump * jump
+        jumps = max(jump_x * jump_x + jump_y * jump_y - two * noise, zero) if next_ else zero
+        smooth = near & (near_x * near_x < jump * jump) & (near_y * near_y < jump * jump)
         # clear of the border's shadow, as neighbours two pixels away are
         away = max(min(u + half, extent - half - u) - max(abs(one_x), abs(one_y)), zero)
         clear = away * away > _FARTHEST * (reach2 + (one_x * one_x + one_y * one_y) * np.float32(1 / 48))
-        # slopes beside a pixel that sees nothing are NaN
-        out[x] = was - (part * (bends + dims) if smooth & near & clear else zero)
+        out[x] = was - (part * (bends + dims) if smooth & clear else zero)
         least_x, least_y = min(abs(u - left[x]), abs(right[x] - u)), min(abs(u - up[x]), abs(down[x] - u))
         over = max(least_x + least_y - stripe, zero) if near else zero
-        doubt = short + (edges if clear else bend * bend * _ALL) + max(jumps, zero) * twelfth
-        total[x] += (doubt + share * more * total[x] if smooth else zero) + over * over * twelfth
-
-
-@kernel
-def extended(line: Any, flags: Any, out: Any, out_flags: Any) -> None:
-    """A line (W,) between REACH pixels beyond either end (W + 2 REACH,): two by the parabola through the last
-    three, good where these are; those farther away are not."""
-    last, at = line.size - 1, REACH
-    out[at : at + line.size], out_flags[at : at + line.size] = line, flags
-    out[:at], out[at + last + 1 :] = line[0], line[last]
-    out_flags[:at], out_flags[at + last + 1 :] = 1, 1
-    for k in (1, 2):
-        out[at - k] = _parabola(line[0], line[1], line[2], k)
-        out[at + last + k] = _parabola(line[last], line[last - 1], line[last - 2], k)
-        out_flags[at - k] = flags[0] | flags[1] | flags[2]
-        out_flags[at + last + k] = flags[last] | flags[last - 1] | flags[last - 2]
-
-
-@kernel
-def row_at(maps: Any, flags: Any, y: Any, out: Any, out_flags: Any) -> tuple[Any, Any]:
-    """Row y of a map (H, W) and of its flags; one or two rows beyond it as `extended` has them, in `out`."""
-    rows = maps.shape[0]
-    if 0 <= y < rows:
-        return maps[y], flags[y]
-    end, k, step = (0, -y, 1) if y < 0 else (rows - 1, y - rows + 1, -1)
-    for x in range(out.size):
-        out[x] = _parabola(maps[end, x], maps[end + step, x], maps[end + 2 * step, x], k)
-        out_flags[x] = flags[end, x] | flags[end + step, x] | flags[end + 2 * step, x]
-    return out, out_flags
-
-
-@inlined
-def _parabola(end: Any, next_: Any, third: Any, k: Any) -> Any:
-    """k beyond the end of three values, 1 or 2."""
-    one = np.float32(3) * (end - next_) + third
-    return one if k == 1 else np.float32(3) * (one - end) + next_
+        doubt = short + (edges if clear else bend * bend * _ALL) + jumps * twelfth
+        total[x] += doubt + (share * more * total[x] if smooth else zero) + over * over * twelfth
 
 
 @inlined

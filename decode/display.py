@@ -220,20 +220,21 @@ def _table(
 
 @dataclass(frozen=True, slots=True)
 class _Neighbours:
-    """Readings (5, K) of neighbours in a row, their footprint (K,) and variance (K,)."""
+    """Readings (5, K) of neighbours in a row and their variance (K,); where in a table by place and footprint
+    they are (5, K), and how far their footprint is to the next one's row (K,)."""
 
     place: F32
-    width: F32
     noise: F32
+    entry: NDArray[np.int64]
+    part: F32
 
     def looked_up(self, table: F32) -> Any:
         """Entries (5, K) of a table by place and between footprints; 0 of an empty one."""
         if not table.size:
             return np.float32(0)
-        k = np.minimum((self.width / WIDTHS[1]).astype(int), len(WIDTHS) - 2)
-        part = (self.width / WIDTHS[1] - k).astype(np.float32)
-        i = np.rint((self.place - np.floor(self.place)) * PLACES).astype(int) % PLACES
-        return (1 - part) * table[k, i] + part * table[k + 1, i]
+        entry, part = self.entry, self.part
+        flat = table.ravel()
+        return (1 - part) * flat[entry] + part * flat[entry + PLACES]
 
 
 def _neighbours(lit: Sample, coord: F32, variance: F32) -> _Neighbours | None:
@@ -259,7 +260,10 @@ def _neighbours(lit: Sample, coord: F32, variance: F32) -> _Neighbours | None:
         )
     if np.count_nonzero(keep) < _FEWEST:
         return None
-    return _Neighbours(five[:, keep], width[keep], noise[keep])
+    place, steps = five[:, keep], width[keep] / WIDTHS[1]
+    whole = np.minimum(steps.astype(int), len(WIDTHS) - 2)
+    entry = whole * PLACES + np.rint((place - np.floor(place)) * PLACES).astype(int) % PLACES
+    return _Neighbours(place, noise[keep], entry, (steps - whole).astype(np.float32))
 
 
 def _roughness(seen: _Neighbours, place: F32) -> float:

@@ -24,7 +24,7 @@ from .exposures import by_exposure, numbered
 from .frames import Light, light_of, sample_levels
 from .noise import Noise, Sample, estimate_noise, sampled
 from .plan import Plan, constraints
-from .sample_fit import AxisTable, axis_tables, bends, misfit_at, places
+from .sample_fit import AxisTable, axis_tables, bends, misfit_at, misfit_beside_edges, places
 from .spoilt import Finding, left_out, spoilt_pixels
 
 __all__ = ["Finding", "Integrity", "check", "examine", "spoilt_pixels"]
@@ -125,7 +125,7 @@ def _quiet(plan: Plan, lit: Sample, found: Correspondence) -> bool:
         place = getattr(found, table.axis.axis)
         row, col = at.T
         centre = place[row, col]
-        misfit = misfit_at(table, levels[table.frames] / table.exposure[:, None], centre)[0]
+        misfit = misfit_beside_edges(table, levels[table.frames] / table.exposure[:, None], centre)
         others = [
             place[np.clip(row + down, 0, height - 1), np.clip(col + along, 0, width - 1)]
             for down, along in ((0, -apart), (0, apart), (-apart, 0), (apart, 0))

@@ -241,7 +241,8 @@ def _explained(
     waves = [power * part for k in (1, 2, 3) for part in ((wave**k).real, (wave**k).imag)]
     design = np.stack([mean, *waves], axis=1).astype(np.float32) / slope[:, None]
     kept = whole & (np.abs(residual) < 4 * np.sqrt(np.square(residual[whole]).mean()) + 1e-6)
-    solved = np.linalg.lstsq(design[kept], residual[kept], rcond=None)[0]
+    some = design[kept].astype(np.float64)
+    solved = np.linalg.pinv(some.T @ some, hermitian=True) @ (some.T @ residual[kept])
     return np.asarray(design @ solved, np.float32)
 
 

@@ -224,8 +224,7 @@ def _phase_line(
     """Phase, variance, amplitude and chi2 of a line (chi2 holds squared residuals); number of pixels that may
     hold a saturated sample: none of a fit that stays below white by more than its residuals."""
     cc, cs, ss = covariance[0], covariance[1], covariance[2]
-    two = np.float32(2)
-    bright = 0
+    two, bright = np.float32(2), np.float32(0)
     for x in range(mean.size):
         c, s = cosine[x], sine[x]
         power = max(c * c + s * s, _TINY)
@@ -233,7 +232,7 @@ def _phase_line(
         noise = read2 + gain * max(mean[x], np.float32(0))
         across = c * c * ss - two * c * s * cs + s * s * cc
         room = np.float32(0.999) * white - mean[x] - height
-        bright += (room < np.float32(0)) | (room * room < chi2[x])
+        bright += np.float32((room < np.float32(0)) | (room * room < chi2[x]))
         turn[x] = turn_of(s, c)
         variance[x] = rounding + noise * across / (power * power * (_TWO_PI * _TWO_PI))
         amplitude[x] = height

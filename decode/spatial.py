@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from optolever.kernels import exact, inlined, kernel
 
 from .border import MARGIN, inwards
-from .centre import BULK, STEEP, centred, extended, row_at
+from .centre import BULK, STEEP, centred, windowed
 from .correspondence import Flag
 from .display import PER_CELL, PLACES, REACH, WIDTHS, Pixelation
 
@@ -89,53 +89,47 @@ def _check(
     out_flags: Any,
 ) -> None:
     rows, cols = coord.shape
-    special = np.empty(cols, np.int32)
-    bend = np.zeros((2, max(cols, 2)), np.float32)  # of a row of two pixels none is written
-    wide, wide_flags = np.empty(cols + 2 * REACH, np.float32), np.empty(cols + 2 * REACH, np.uint16)
-    beyond, bad_beyond = np.empty((4, cols), np.float32), np.empty((4, cols), np.uint16)
+    window = np.empty((stop - start + 2 * REACH, cols + 2 * REACH), np.float32)
+    windowed(coord, flags, start, stop, window)
+    special, light = np.empty(cols, np.int32), np.empty(cols + 2, np.float32)
+    at, part = np.empty(cols, np.uint32), np.empty(cols, np.float32)
+    # NaN where none is REACH pixels away: anywhere, to the left, to the right
+    none, no_left, no_right = np.full((3, cols), np.nan, np.float32)
+    no_left[REACH:], no_right[: max(cols - REACH, 0)] = 0, 0
     margin = np.float32(MARGIN if extent > 0 else -np.inf)
     low, high = np.float32(margin - 0.5), np.float32(extent - 0.5 - margin)
     high = np.float32(np.inf) if extent <= 0 else high
     border = np.float32(np.inf) if extent <= 0 else extent
     for y in range(start, stop):
-        up, down = max(y - 1, 0), min(y + 1, rows - 1)
+        up, down, k = max(y - 1, 0), min(y + 1, rows - 1), y - start + REACH
         _special_line(
-            *(coord[y], coord[up], coord[down], variance[y], variance[up], variance[down]),
-            *(flags[y], flags[up], flags[down], (jump, per_turn), low, high, bend[0], bend[1], special),
+            *(window, k, variance[y], variance[up], variance[down], (jump, per_turn), low, high, special)
         )
         if shift.size > 0:
-            far, near = min(y + REACH, rows - 1), max(y - REACH, 0)
-            _corrected_line(
-                *(coord[y], coord[near], coord[far], variance[y], flags[y], flags[near], flags[far]),
-                np.float32(0.5 * (far - near)),
-                *(shift, unsure, out[y], sigma[y]),
-            )
+            far = none if y < REACH else window[k - REACH, REACH : REACH + cols]
+            near = none if y >= rows - REACH else window[k + REACH, REACH : REACH + cols]
+            most = np.float32(shift.shape[0] - 1.001)
+            _footprint_line(coord[y], window[k], far, near, (no_left, no_right), most, at, part)
+            _corrected_line(coord[y], variance[y], at, part, shift.ravel(), unsure.ravel(), out[y], sigma[y])
         else:
             out[y, :] = coord[y]
             sigma[y, :] = variance[y]
         if rounding.size > 0:
             _unrounded(coord[y], rounding, out[y])
         if (rows > 4) & (cols > 4):
-            extended(coord[y], flags[y], wide, wide_flags)
-            reach_y = REACH if (y >= REACH) & (y < rows - REACH) else 2
-            above, bad_above = row_at(coord, flags, y - 1, beyond[0], bad_beyond[0])
-            above_2, bad_above_2 = row_at(coord, flags, y - 2, beyond[1], bad_beyond[1])
-            above_far, bad_above_far = row_at(coord, flags, y - reach_y, beyond[1], bad_beyond[1])
-            below, bad_below = row_at(coord, flags, y + 1, beyond[2], bad_beyond[2])
-            below_2, bad_below_2 = row_at(coord, flags, y + 2, beyond[3], bad_beyond[3])
-            below_far, bad_below_far = row_at(coord, flags, y + reach_y, beyond[3], bad_beyond[3])
-            centred(
-                *(reach_y, wide, (above, above_2, above_far), (below, below_2, below_far)),
-                *((offset[y], offset[up], offset[down]), wide_flags),
-                *((bad_above, bad_above_2, bad_above_far), (bad_below, bad_below_2, bad_below_far)),
-                *((jump, per_turn, reach * reach, border), out[y], sigma[y]),
-            )
+            light[1 : cols + 1], light[0], light[cols + 1] = offset[y], offset[y, 0], offset[y, cols - 1]
+            limits = jump, per_turn, reach * reach, border
+            ends = (no_left, no_right) if REACH <= y < rows - REACH else (none, none)
+            centred(*(coord[y], window, k, ends, (light, offset[up], offset[down]), limits, out[y], sigma[y]))
         for x in range(cols):
             if special[x] != 0 and flags[y, x] == 0:
                 flag, lost = _neighbours(y, x, coord, variance, flags, amplitude, (jump, per_turn))
                 if per_turn > 0 and _undersampled(y, x, coord, flags, per_turn):
                     flag |= np.uint16(_OUTLIER)
-                off, shift_in, unsure_in = inwards(coord[y, x], bend[0, x], bend[1, x], reach, told, extent)
+                here = window[k, x + REACH]
+                gx = _slope(window[k, x + REACH - 1], here, window[k, x + REACH + 1], _ONE)
+                gy = _slope(window[k - 1, x + REACH], here, window[k + 1, x + REACH], _ONE)
+                off, shift_in, unsure_in = inwards(here, gx, gy, reach, told, extent)
                 out[y, x] -= shift_in
                 sigma[y, x] += lost + unsure_in
                 out_flags[y, x] |= flag | np.uint16(_OFF if off else 0)
@@ -164,12 +158,12 @@ def _good_around(above: Any, here: Any, below: Any, good: Any) -> None:
 
 
 @inlined
-def _slope(before: Any, here: Any, after: Any, bad_before: Any, bad_after: Any, per_step: Any) -> Any:
-    """Change per pixel by those of two neighbours, equally far, that are good: 0 by none."""
-    low = here if bad_before != 0 else before
-    high = here if bad_after != 0 else after
-    scale = per_step if (bad_before != 0) | (bad_after != 0) else np.float32(0.5) * per_step
-    return scale * (high - low)
+def _slope(before: Any, here: Any, after: Any, per_step: Any) -> Any:
+    """Change per pixel by two neighbours, equally far; by one where the other is refused (NaN), 0 by none."""
+    low = before if before == before else here
+    high = after if after == after else here
+    both = before + after == before + after
+    return (np.float32(0.5) if both else _ONE) * per_step * (high - low)
 
 
 @kernel
@@ -178,7 +172,7 @@ def _unrounded(coord: Any, rounding: Any, out: Any) -> None:
     most, per_cell, half = np.float32(rounding.size - 1), np.float32(PER_CELL), np.float32(0.5)
     for x in range(out.size):
         place = min(max((coord[x] + half) * per_cell, np.float32(0)), most)
-        out[x] -= rounding[np.int32(place)]
+        out[x] -= rounding[np.uint32(np.int32(place))]
 
 
 @kernel
@@ -189,80 +183,66 @@ def _root(sigma: Any, roughness: Any, least: Any) -> None:
 
 @kernel
 def _special_line(
-    c: Any,
-    above: Any,
-    below: Any,
+    window: Any,
+    k: Any,
     var: Any,
     var_above: Any,
     var_below: Any,
-    flags: Any,
-    flags_above: Any,
-    flags_below: Any,
     limits: Any,
     low: Any,
     high: Any,
-    across: Any,
-    along: Any,
     special: Any,
 ) -> None:
     """Pixels of which neighbours or the border tell something: those at the ends of a row are always
     asked."""
-    last, two, (jump, per_turn) = c.size - 1, np.float32(2), limits
+    size, two, (jump, per_turn) = special.size, np.float32(2), limits
     sure, four, square = np.float32(_SURE * _SURE), np.float32(4), jump * jump
     half_a_turn = np.float32(0.5) / max(per_turn, np.float32(1e-9))
+    last = max(size - 1, 1)
+    line, above = window[k, REACH:], window[k - 1, REACH:]
+    below, own = window[k + 1, REACH:], var
     for x in range(1, last):
-        off_x = c[x - 1] + c[x + 1] - two * c[x]
-        off_y = above[x] + below[x] - two * c[x]
-        bend_x = off_x * off_x > sure * (var[x - 1] + four * var[x] + var[x + 1])
-        bend_y = off_y * off_y > sure * (var_above[x] + four * var[x] + var_below[x])
+        c, left, right, up, down = line[x], line[x - 1], line[x + 1], above[x], below[x]
+        off_x, off_y = left + right - two * c, up + down - two * c
+        bend_x = off_x * off_x > sure * (own[x - 1] + four * own[x] + own[x + 1])
+        bend_y = off_y * off_y > sure * (var_above[x] + four * own[x] + var_below[x])
         wide = (bend_x & (off_x * off_x > square)) | (bend_y & (off_y * off_y > square)) | (bend_x & bend_y)
-        flag = flags[x - 1] | flags[x + 1] | flags_above[x] | flags_below[x]
-        across[x] = abs(_slope(c[x - 1], c[x], c[x + 1], flags[x - 1], flags[x + 1], _ONE))
-        along[x] = abs(_slope(above[x], c[x], below[x], flags_above[x], flags_below[x], _ONE))
-        far = max(abs(c[x] - c[x - 1]), abs(c[x + 1] - c[x]), abs(c[x] - above[x]), abs(below[x] - c[x]))
-        wide |= (c[x] < low) | (c[x] > high) | (far > half_a_turn)
-        special[x] = 1 if wide | (flag != 0) else 0
-    special[0], special[last] = 1, 1
-    across[0], across[last], along[0], along[last] = across[1], across[last - 1], along[1], along[last - 1]
+        far = max(max(abs(c - left), abs(right - c)), max(abs(c - up), abs(down - c)))
+        wide |= (c < low) | (c > high) | (far > half_a_turn)
+        beside = off_x + off_y != off_x + off_y  # one that is refused
+        special[x] = 1 if wide | beside else 0
+    special[0], special[size - 1] = 1, 1
+
+
+@kernel
+def _footprint_line(
+    c: Any, line: Any, above: Any, below: Any, ends: Any, most: Any, at: Any, part: Any
+) -> None:
+    """Where in the tables of a Pixelation the pixels of a line are: its entry, by place in the cell and whole
+    steps of the footprint's width, and how far it is to the next step."""
+    half, per_step, per_width = np.float32(0.5), np.float32(1 / REACH), np.float32(1 / WIDTHS[1])
+    size, (before, after) = c.size, ends
+    left, right = line[:size], line[2 * REACH : 2 * REACH + size]
+    for x in range(size):
+        gx = _slope(left[x] + before[x], c[x], right[x] + after[x], per_step)
+        gy = _slope(above[x], c[x], below[x], per_step)
+        width = np.sqrt(gx * gx + gy * gy) * per_width
+        width = width if width < most else most
+        place = np.int32((c[x] - np.floor(c[x])) * np.float32(PLACES) + half) & np.int32(PLACES - 1)
+        at[x] = np.uint32(np.int32(width)) * np.uint32(PLACES) + np.uint32(place)
+        part[x] = width - np.floor(width)
 
 
 @kernel
 def _corrected_line(
-    c: Any,
-    above: Any,
-    below: Any,
-    var: Any,
-    flags: Any,
-    flags_above: Any,
-    flags_below: Any,
-    rows: Any,
-    shift: Any,
-    unsure: Any,
-    out: Any,
-    total: Any,
+    c: Any, var: Any, at: Any, part: Any, shifts: Any, doubts: Any, out: Any, total: Any
 ) -> None:
     """Pixelation taken off a line; its doubt joins the variance."""
-    last, one, half = c.size - 1, np.float32(1), np.float32(0.5)
-    per_width, most = np.float32(1 / WIDTHS[1]), np.float32(shift.shape[0] - 1.001)
-    per_row = one / max(rows, one)
-    at, part = np.empty(c.size, np.int32), np.empty(c.size, np.float32)
-    per_col, reach = np.float32(1 / REACH), min(REACH, last // 2)
-    for x in range(reach, last + 1 - reach):
-        gx = _slope(c[x - reach], c[x], c[x + reach], flags[x - reach], flags[x + reach], per_col)
-        gy = _slope(above[x], c[x], below[x], flags_above[x], flags_below[x], per_row)
-        part[x] = min(np.sqrt(gx * gx + gy * gy) * per_width, most)
-    for x in range(reach):  # at the ends the footprint of the nearest pixel that has one
-        part[x], part[last - x] = part[reach], part[last - reach]
-    for x in range(c.size):
-        width, place = np.int32(part[x]), (c[x] - np.floor(c[x])) * np.float32(PLACES)
-        at[x] = width * np.int32(PLACES) + (np.int32(place + half) & np.int32(PLACES - 1))
-        part[x] -= np.float32(width)
-    shifts, doubts = shift.ravel(), unsure.ravel()
+    one, next_shifts, next_doubts = np.float32(1), shifts[PLACES:], doubts[PLACES:]
     for x in range(c.size):
         i, p = at[x], part[x]
-        j = i + np.int32(PLACES)
-        out[x] = c[x] + (one - p) * shifts[i] + p * shifts[j]
-        total[x] = var[x] + (one - p) * doubts[i] + p * doubts[j]
+        out[x] = c[x] + (one - p) * shifts[i] + p * next_shifts[i]
+        total[x] = var[x] + (one - p) * doubts[i] + p * next_doubts[i]
 
 
 @exact
