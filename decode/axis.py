@@ -1,6 +1,7 @@
 """One axis: which steps its frames ask for, and their chain over a block of rows."""
 
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from threading import local
 from typing import Any
 
@@ -207,12 +208,9 @@ def _decoder(
     micro = micro_table(axis, deviation) if axis.singles else None
     covered = code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
     orders = None if covered else _orders(axis, deviation)
-    tables = sequence.tables()["uv".index(axis.axis)]
-    shown = on_cells and not sequence.nominal
-    rounding = [float(table_rounding(fringe, tables).var()) if shown else 0.0 for fringe in axis.fringes]
-    shift = np.zeros(0, np.float32)
-    if shown and axis.fringes and not axis.singles:
-        rounding[-1], shift = 0.0, rounding_shift(axis, tables)
+    rounding, shift = (0.0,) * len(axis.fringes), np.zeros(0, np.float32)
+    if on_cells and not sequence.nominal and axis.fringes:
+        rounding, shift = _rounding(axis.axis, sequence)
     freedom = sum(len(fringe.index) - 3 for fringe in axis.fringes) + max(len(axis.fringes) - 1, 0)
     freedom += sum(len(fringe.index) for fringe in axis.singles)
     freedom += (1 if axis.fringes else 0) + code.freedom if code is not None else 0
@@ -224,9 +222,20 @@ def _decoder(
         jump, per_turn, factor = 2.0 * code.cell, 0.0, 0.5
     limits = limits_of(axis.extent, factor, freedom, light.white)
     return AxisDecoder(
-        *(axis, light, noise, code, orders, micro, None, None, tuple(rounding), limits, freedom, jump),
+        *(axis, light, noise, code, orders, micro, None, None, rounding, limits, freedom, jump),
         *(per_turn, shift),
     )
+
+
+@lru_cache(maxsize=16)
+def _rounding(name: str, sequence: Sequence) -> tuple[tuple[float, ...], NDArray[np.float32]]:
+    """What the rounding of shown grey values leaves in each fringe's phase, and the shift that is known."""
+    axis = next(one for one in plan(sequence).axes if one.axis == name)
+    tables = sequence.tables()["uv".index(name)]
+    left = [float(table_rounding(fringe, tables).var()) for fringe in axis.fringes]
+    if axis.singles:
+        return tuple(left), np.zeros(0, np.float32)
+    return (*left[:-1], 0.0), rounding_shift(axis, tables)
 
 
 def _cells(code: CodePlan, light: Light, noise: Noise, lit: Sample) -> NDArray[np.float64]:

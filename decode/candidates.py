@@ -114,17 +114,21 @@ def _unwrap(
     size, tile = place.size, 2048
     cell, one, other = np.empty(tile, np.int32), np.empty(tile, np.float32), np.empty(tile, np.float32)
     sums = np.empty((8, tile), np.float32)
+    t, v = np.empty((turns.shape[0], tile), np.float32), np.empty((turns.shape[0], tile), np.float32)
+    weights = np.empty((turns.shape[0], tile), np.float32)
     for begin in range(0, size, tile):
         end = min(begin + tile, size)
         n = end - begin
-        t, v = turns[:, begin:end], variances[:, begin:end]
+        for j in range(turns.shape[0]):  # contiguous lines: slices of many lines are read one by one
+            t[j, :n], v[j, :n] = turns[j, begin:end], variances[j, begin:end]
+            weights[j] = _ONE / (periods[j] * periods[j] * v[j])
         _cells(t, periods, cell[:n])
         for x in range(n):
             one[x], other[x] = np.float32(first[cell[x]]), np.float32(second[cell[x]])
-        _scores(t, v, periods, extent, one[:n], sums[:4, :n])
-        _scores(t, v, periods, extent, other[:n], sums[4:, :n])
+        _scores(t, weights, periods, extent, one[:n], sums[:4])
+        _scores(t, weights, periods, extent, other[:n], sums[4:])
         _better(
-            *(t, v, periods, tolerance, one[:n], other[:n], sums[:, :n]),
+            *(t, v, periods, tolerance, one[:n], other[:n], sums),
             *(place[begin:end], var[begin:end], error[begin:end], chi2[begin:end]),
         )
         for x in range(n):
@@ -153,32 +157,30 @@ def _cells(turns: Any, periods: Any, cell: Any) -> None:
 
 
 @kernel
-def _scores(turns: Any, variances: Any, periods: Any, extent: Any, order: Any, sums: Any) -> None:
+def _scores(turns: Any, weights: Any, periods: Any, extent: Any, order: Any, sums: Any) -> None:
     """Of an order: place, sum of weights, weighted mean and misfit of the places that all periods give."""
     last = periods.size - 1
     fine = periods[last]
     place, weight, mean, square = sums[0], sums[1], sums[2], sums[3]
-    t, v = turns[last], variances[last]
+    t, w = turns[last], weights[last]
     for x in range(order.size):
         place[x] = fine * (order[x] + t[x])
-        weight[x] = _ONE / (fine * fine * v[x])
-        mean[x], square[x] = np.float32(0), np.float32(0)
+        weight[x], mean[x], square[x] = w[x], np.float32(0), np.float32(0)
     for j in range(last):
         p, per_period = periods[j], _ONE / periods[j]
-        t, v = turns[j], variances[j]
+        t, w = turns[j], weights[j]
         for x in range(order.size):
             off = place[x] * per_period - t[x]
             off = p * (np.rint(off) - off)
-            own = _ONE / (p * p * v[x])
-            weight[x] += own
-            mean[x] += own * off
-            square[x] += own * off * off
+            weight[x] += w[x]
+            mean[x] += w[x] * off
+            square[x] += w[x] * off * off
     for x in range(order.size):
-        square[x] -= mean[x] * mean[x] / weight[x]
-        mean[x] = mean[x] / weight[x]
-        at = place[x] + mean[x]
+        off = mean[x] / weight[x]
+        at = place[x] + off
         beyond = max(max(-_HALF - at, at + _HALF - extent), np.float32(0))
-        square[x] += beyond * beyond * weight[x]
+        square[x] += beyond * beyond * weight[x] - mean[x] * off
+        mean[x] = off
 
 
 @inlined

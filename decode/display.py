@@ -279,13 +279,13 @@ def _roughness(seen: _Neighbours, place: F32) -> float:
 def _misfits(shares: tuple[tuple[float, float], ...], sigma: float, seen: _Neighbours) -> F64:
     """-2 log likelihood of second differences after the correction for each blur, and for none. What the map
     bends by itself is noise of a size that each of them fits for itself."""
-    left = []
+    left, seen = [], replace(seen, place=seen.place[1:4], entry=seen.entry[1:4])
     for blur in (*_BLURS, None):
         shift = doubt = np.zeros(1, np.float32)
         if blur is not None:
             shift, doubt = (seen.looked_up(table) for table in _inverted(shares, blur, sigma))
-            doubt = doubt[1] + 4 * doubt[2] + doubt[3]
-        bend = np.diff((seen.place + shift)[1:4], 2, axis=0)[0]
+            doubt = doubt[0] + 4 * doubt[1] + doubt[2]
+        bend = np.diff(seen.place + shift, 2, axis=0)[0]
         growth = 1 + doubt / (6 * seen.noise)
         chi2 = np.minimum(bend**2 / (6 * seen.noise * growth), _OUTLYING)
         more = max(1.0, float(chi2.mean()))

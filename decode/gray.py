@@ -30,6 +30,12 @@ _WEAK = 5.0
 _MOST_WEAK = 5
 
 
+#: What a line keeps of the bits read so far: the value of the weakest, how weak it and the next are, the
+#: largest half difference, what most passes white and black. It is passed on from line to line: compilers
+#: make slow conditional stores of a maximum in place.
+_WEAKEST, _LEAST, _SECOND, _LARGEST, _OVER, _KEPT = 0, 1, 2, 3, 4, 5
+
+
 @dataclass(frozen=True, slots=True)
 class CodePlan:
     """A code as the kernel needs it.
@@ -121,14 +127,13 @@ def _read_rows(
 ) -> None:
     width, bits = raw.shape[2], factor.size
     light = np.empty((0 if table is None else 2, width), np.float32)
-    word, weakest = np.empty(width, np.int32), np.empty(width, np.int32)
-    least, second = np.empty(width, np.float32), np.empty(width, np.float32)
+    word, of_bits = np.empty(width, np.int32), np.empty((2, _KEPT, width), np.float32)
     total, square = np.empty(max(width, bits), np.float32), np.empty(width, np.float32)
     referenced = ends[0] >= 0
     for row in range(start, stop):
         r = row - start
         a, o, c2 = amplitude[r], offset[r], chi2[r]
-        _begin(word, weakest, least, second, total, square, a, c2, clipped[r])
+        _begin(word, of_bits[0], total, square, clipped[r])
         pairs = 0
         if referenced:
             if table is None:
@@ -139,31 +144,36 @@ def _read_rows(
                 _references(light[0], light[1], a, o)
             _saturated(raw[ends[0], row], clip, clipped[r])
         for b in range(bits):
-            scale, bit, number = np.float32(1) / np.sqrt(factor[b]), np.int32(1 << b), np.int32(b)
+            scale, bit = np.float32(1) / np.sqrt(factor[b]), np.int32(1 << b)
             plain, inverse = frames[b, 0], frames[b, 1]
+            before, after = of_bits[b % 2], of_bits[1 - b % 2]
             if plain >= 0 and inverse >= 0:
                 free = not referenced and pairs == 0
                 pairs += 1
                 if table is None:
                     one, other = raw[plain, row], raw[inverse, row]
-                    _sums(one, other, free, referenced, o, a)
-                    _pair(one, other, scale, bit, number, o, total, square, word, weakest, least, second)
+                    if free:
+                        _half_sum(one, other, o)
+                    _pair(one, other, scale, bit, o, total, square, word, before, after)
                 else:
                     fetch_line(raw[plain, row], table, light[0])
                     fetch_line(raw[inverse, row], table, light[1])
-                    _sums(light[0], light[1], free, referenced, o, a)
-                    _pair(
-                        *(light[0], light[1], scale, bit, number, o),
-                        *(total, square, word, weakest, least, second),
-                    )
+                    if free:
+                        _half_sum(light[0], light[1], o)
+                    _pair(light[0], light[1], scale, bit, o, total, square, word, before, after)
             else:
                 sign = np.float32(1) if plain >= 0 else np.float32(-1)
                 line = raw[max(plain, inverse), row]
                 if table is None:
-                    _single(line, sign, scale, bit, number, o, a, c2, word, weakest, least, second)
+                    _single(line, sign, scale, bit, o, a, word, before, after)
                 else:
                     fetch_line(line, table, light[0])
-                    _single(light[0], sign, scale, bit, number, o, a, c2, word, weakest, least, second)
+                    _single(light[0], sign, scale, bit, o, a, word, before, after)
+        kept = of_bits[bits % 2]
+        weakest, least, second = kept[_WEAKEST], kept[_LEAST], kept[_SECOND]
+        if not referenced:
+            a[:] = kept[_LARGEST]
+        c2[:] = kept[_OVER]
         _cells_line(
             *(word, weakest, least, second, cells, cell, first, alone, np.float32(pairs), referenced),
             *(a, o, total, square, read2, gain, rounding2, misfit2, place[r], var[r], error[r], c2),
@@ -183,22 +193,12 @@ def _read_rows(
 
 
 @kernel
-def _begin(
-    word: Any,
-    weakest: Any,
-    least: Any,
-    second: Any,
-    total: Any,
-    square: Any,
-    amplitude: Any,
-    chi2: Any,
-    clipped: Any,
-) -> None:
+def _begin(word: Any, of_bits: Any, total: Any, square: Any, clipped: Any) -> None:
     zero, far = np.float32(0), np.float32(1e9)
+    of_bits[_WEAKEST], of_bits[_LARGEST], of_bits[_OVER] = zero, zero, zero
+    of_bits[_LEAST], of_bits[_SECOND] = far, far
     for x in range(word.size):
-        word[x], weakest[x] = np.int32(0), np.int32(0)
-        least[x], second[x] = far, far
-        total[x], square[x], amplitude[x], chi2[x], clipped[x] = zero, zero, zero, zero, zero
+        word[x], total[x], square[x], clipped[x] = np.int32(0), zero, zero, zero
 
 
 @kernel
@@ -215,26 +215,10 @@ def _references(white: Any, black: Any, amplitude: Any, offset: Any) -> None:
         offset[x] = half * (np.float32(white[x]) + np.float32(black[x]))
 
 
-@exact
-def _sums(one: Any, other: Any, free: Any, referenced: Any, offset: Any, amplitude: Any) -> None:
-    """What stands in for white and black where these were not shown."""
-    if free:
-        _half_sum(one, other, offset)
-    if not referenced:
-        _largest(one, other, amplitude)
-
-
 @kernel
 def _half_sum(one: Any, other: Any, out: Any) -> None:
     for x in range(out.size):
         out[x] = np.float32(0.5) * (np.float32(one[x]) + np.float32(other[x]))
-
-
-@kernel
-def _largest(one: Any, other: Any, amplitude: Any) -> None:
-    for x in range(amplitude.size):
-        half = np.float32(0.5) * abs(np.float32(one[x]) - np.float32(other[x]))
-        amplitude[x] = max(amplitude[x], half)
 
 
 @kernel
@@ -243,29 +227,29 @@ def _pair(
     other: Any,
     scale: Any,
     bit: Any,
-    number: Any,
     offset: Any,
     total: Any,
     square: Any,
     word: Any,
-    weakest: Any,
-    least: Any,
-    second: Any,
+    before: Any,
+    after: Any,
 ) -> None:
     """A bit and its inverse: the word, how weak its weakest bits are (deviations of a sample), and how far
     the mean of both is off the usual level."""
     half, none = np.float32(0.5), np.int32(0)
+    least, weakest = before[_LEAST], np.float32(bit)
+    after[_OVER] = before[_OVER]
     for x in range(word.size):
         p, q = np.float32(one[x]), np.float32(other[x])
-        off = half * (p + q) - offset[x]
-        size = half * abs(p - q) * scale
-        weaker = size < least[x]
+        off, apart = half * (p + q) - offset[x], half * abs(p - q)
+        size = apart * scale
         total[x] += off
         square[x] += off * off
         word[x] |= bit if p > q else none
-        second[x] = min(second[x], max(size, least[x]))
-        weakest[x] = number if weaker else weakest[x]
-        least[x] = min(least[x], size)
+        after[_LARGEST, x] = max(before[_LARGEST, x], apart)
+        after[_SECOND, x] = min(before[_SECOND, x], max(size, least[x]))
+        after[_WEAKEST, x] = weakest if size < least[x] else before[_WEAKEST, x]
+        after[_LEAST, x] = min(least[x], size)
 
 
 @kernel
@@ -274,27 +258,25 @@ def _single(
     sign: Any,
     scale: Any,
     bit: Any,
-    number: Any,
     offset: Any,
     amplitude: Any,
-    chi2: Any,
     word: Any,
-    weakest: Any,
-    least: Any,
-    second: Any,
+    before: Any,
+    after: Any,
 ) -> None:
-    """A bit against the mean level; chi2: what most passes white and black, levels^2."""
+    """A bit against the mean level; over: what most passes white and black, levels^2."""
     zero, none = np.float32(0), np.int32(0)
+    least, weakest = before[_LEAST], np.float32(bit)
+    after[_LARGEST] = before[_LARGEST]
     for x in range(word.size):
         margin = sign * (np.float32(line[x]) - offset[x])
         size = abs(margin) * scale
         over = max(abs(margin) - amplitude[x], zero)
-        weaker = size < least[x]
-        chi2[x] = max(chi2[x], over * over)
         word[x] |= bit if margin > zero else none
-        second[x] = min(second[x], max(size, least[x]))
-        weakest[x] = number if weaker else weakest[x]
-        least[x] = min(least[x], size)
+        after[_OVER, x] = max(before[_OVER, x], over * over)
+        after[_SECOND, x] = min(before[_SECOND, x], max(size, least[x]))
+        after[_WEAKEST, x] = weakest if size < least[x] else before[_WEAKEST, x]
+        after[_LEAST, x] = min(least[x], size)
 
 
 @exact
@@ -343,14 +325,14 @@ def _cells_line(
     known = one - known * count
     zero, half, eighth = np.float32(0), np.float32(0.5), np.float32(0.125)
     for x in range(word.size):  # the cell that a turned bit leads to
-        weakest[x] = cells[word[x] ^ (np.int32(1) << weakest[x])]
+        weakest[x] = np.float32(cells[word[x] ^ np.int32(weakest[x])])
     for x in range(word.size):
         word[x] = cells[word[x]]
     for x in range(word.size):
         noise = read2 + gain * max(offset[x], zero)
         deviation = one / np.sqrt(noise)
         wrong, also = turned(least[x] * deviation), turned(second[x] * deviation)
-        step = np.float32(weakest[x] - word[x])
+        step = weakest[x] - np.float32(word[x])
         beside = abs(step) == one
         power = amplitude[x] * amplitude[x]
         unlike = rounding2 + misfit2 * power

@@ -59,8 +59,10 @@ def micro_table(axis: AxisPlan, deviation: float) -> MicroTable:
     singles = [
         (i, f.period, d) for f in axis.singles for i, d in zip(f.index, f.shifts.tolist(), strict=True)
     ]
+    # of the table the last three: what it has not sorted out yet, the others refuse
+    singles += [singles.pop(k) for k in (len(singles) - 1, len(singles) // 2, 0)]
+    used = (len(singles) - 3, len(singles) - 2, len(singles) - 1)
     periods, shifts = tuple(s[1] for s in singles), tuple(s[2] / (2 * np.pi) for s in singles)
-    used = (0, len(singles) // 2, len(singles) - 1)
     tables: Any = _orders(axis.fringes[0].period, periods, shifts, used, axis.extent, tolerance)
     return MicroTable(
         np.array([s[0] for s in singles]),
@@ -285,6 +287,8 @@ def _search(
         for m in range(periods.size):
             left = level[m, x] - cosine_of(period * (order + phase) / periods[m] - shifts[m])
             total += left * left
+            if total >= rival[x]:
+                break
         if total < score[x]:
             rival[x], score[x], one[x] = score[x], total, order
         elif total < rival[x]:

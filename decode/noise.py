@@ -182,7 +182,7 @@ def _misfit(sample: Sample, amplitude: F32, groups: tuple[F64, ...], noise: Nois
     amplitude^2."""
     if not groups or not sample.levels.size:
         return 0.0
-    thin = max(1, sample.levels.shape[1] // _MOST)
+    thin = max(1, sample.levels.shape[1] // _ENOUGH)
     rows, some = groups[-1].astype(np.float32), sample.only(slice(None, None, thin))
     whole = _unsaturated(rows, some.levels, sample.white)
     told = whole.any(axis=0)
@@ -190,7 +190,7 @@ def _misfit(sample: Sample, amplitude: F32, groups: tuple[F64, ...], noise: Nois
         return 0.0
     some, whole = some.only(told), whole[:, told]
     power = np.square(amplitude[::thin][told], dtype=np.float64)
-    square = (np.square(rows @ some.levels) * whole).sum(axis=0) / whole.sum(axis=0)
+    square = (np.square(_product(rows, some.levels)) * whole).sum(axis=0) / whole.sum(axis=0)
     beyond = square - (some.variances(rows, noise) * whole).sum(axis=0) / whole.sum(axis=0)
     found = float(np.median(beyond / np.maximum(power, 1e-9)))
     least = _UNLIKE * float(np.median(square - beyond)) / max(float(np.median(power)), 1e-9)
@@ -206,9 +206,9 @@ def _residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32
         rows = groups[0]
         some = rows[:: max(1, len(rows) * levels.shape[1] // (2 * _MOST))].astype(np.float32)
         used = np.abs(some) > 0
-        mean = (used.astype(np.float32) @ camera) / used.sum(axis=1, keepdims=True)
+        mean = _product(used.astype(np.float32), camera) / used.sum(axis=1, keepdims=True)
         slopes = np.broadcast_to(few.slopes(some), mean.shape)
-        residual = some @ levels / slopes
+        residual = _product(some, levels) / slopes
         kept = _unsaturated(some, levels, sample.white)
         if few.steep is not None:  # the inverse is straight over the noise where it is not steep
             kept &= slopes <= np.quantile(slopes, _STRAIGHT)
@@ -223,7 +223,7 @@ def _residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32
 def _unsaturated(rows: F32, levels: F32, white: float) -> NDArray[np.bool_]:
     """Constraints (M, K) none of whose samples is saturated; rows (M, N), levels (N, K)."""
     used, clipped = (np.abs(rows) > 0).astype(np.float32), (levels >= white).astype(np.float32)
-    return np.asarray(used @ clipped == 0)
+    return np.asarray(_product(used, clipped) == 0)
 
 
 def _explained(
@@ -242,8 +242,13 @@ def _explained(
     design = np.stack([mean, *waves], axis=1).astype(np.float32) / slope[:, None]
     kept = whole & (np.abs(residual) < 4 * np.sqrt(np.square(residual[whole]).mean()) + 1e-6)
     some = design[kept].astype(np.float64)
-    solved = np.linalg.pinv(some.T @ some, hermitian=True) @ (some.T @ residual[kept])
-    return np.asarray(design @ solved, np.float32)
+    solved = np.linalg.pinv(_product(some.T, some), hermitian=True) @ _product(some.T, residual[kept, None])
+    return np.asarray(_product(design, solved)[:, 0], np.float32)
+
+
+def _product(one: Any, other: Any) -> Any:
+    """Matrix product by NumPy's own loop: a library's threads wait busily for more, and take the cores."""
+    return np.einsum("mn,nk->mk", one, other)
 
 
 def _near_references(plan: Plan, few: Sample, camera: F32) -> tuple[F32, F32]:

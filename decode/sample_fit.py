@@ -216,7 +216,7 @@ def misfit_beside_edges(table: AxisTable, levels: F32, place: Any) -> F32:
     before, after = (shown[:, table.entry(place + side)] for side in (-1, 1))
     at = table.entry(place)
     off = (own - levels.mean(axis=0)) / scale - (shown[:, at] - table.shown[:, at].mean(axis=0))
-    return np.asarray(found - (off**2 * (before != after)).sum(axis=0))
+    return np.asarray(np.maximum(found - (off**2 * (before != after)).sum(axis=0), 0))
 
 
 def bends(place: F32) -> F32:

@@ -94,7 +94,8 @@ def _check(
     special, light = np.empty(cols, np.int32), np.empty(cols + 2, np.float32)
     at, part = np.empty(cols, np.uint32), np.empty(cols, np.float32)
     # NaN where none is REACH pixels away: anywhere, to the left, to the right
-    none, no_left, no_right = np.full((3, cols), np.nan, np.float32)
+    none = np.full(cols, np.nan, np.float32)
+    no_left, no_right = none.copy(), none.copy()
     no_left[REACH:], no_right[: max(cols - REACH, 0)] = 0, 0
     margin = np.float32(MARGIN if extent > 0 else -np.inf)
     low, high = np.float32(margin - 0.5), np.float32(extent - 0.5 - margin)

@@ -120,7 +120,7 @@ def _refine(
         wrong = wrong / (_ONE + wrong)
         error[x] += wrong - wrong * error[x]
         misfit[x] += chi2[x] + away * away * inverse
-        saturated[x] = max(saturated[x], clipped[x])
+        saturated[x] += clipped[x]
         place[x] = rough + away
         var[x] = own
 
