@@ -213,9 +213,7 @@ def _micro_rows(
             _score(t, one, level[m], period, _ONE / periods[m], shifts[m], score)
             _score(t, other, level[m], period, _ONE / periods[m], shifts[m], rival)
         _choose(one, other, score, rival)
-        for x in range(width):
-            if start[cell[x] + 1] - start[cell[x]] > 2:
-                _search(x, t, level, period, periods, shifts, start, listed, cell, one, score, rival)
+        _search(t, level, period, periods, shifts, start, listed, cell, one, score, rival)
         _normal(t, one, period, steps, place[r], sums)
         for m in range(count):
             _add_sample(level[m], place[r], _ONE / periods[m], shifts[m], sums)
@@ -264,9 +262,8 @@ def _choose(one: Any, other: Any, score: Any, rival: Any) -> None:
         score[x], rival[x] = best, rest
 
 
-@exact
+@kernel
 def _search(
-    x: Any,
     turn: Any,
     level: Any,
     period: Any,
@@ -280,19 +277,18 @@ def _search(
     rival: Any,
 ) -> None:
     """The listed orders after the second."""
-    phase = turn[x] - np.floor(turn[x])
-    for q in range(start[cell[x]] + 2, start[cell[x] + 1]):
-        order = np.float32(listed[q])
-        total = np.float32(0)
-        for m in range(periods.size):
-            left = level[m, x] - cosine_of(period * (order + phase) / periods[m] - shifts[m])
-            total += left * left
-            if total >= rival[x]:
-                break
-        if total < score[x]:
-            rival[x], score[x], one[x] = score[x], total, order
-        elif total < rival[x]:
-            rival[x] = total
+    for x in range(cell.size):
+        for q in range(start[cell[x]] + 2, start[cell[x] + 1]):
+            place, total = period * (np.float32(listed[q]) + turn[x] - np.floor(turn[x])), np.float32(0)
+            for m in range(periods.size):
+                left = level[m, x] - cosine_of(place / periods[m] - shifts[m])
+                total += left * left
+                if total >= rival[x]:
+                    break
+            if total < score[x]:
+                rival[x], score[x], one[x] = score[x], total, np.float32(listed[q])
+            elif total < rival[x]:
+                rival[x] = total
 
 
 @kernel
