@@ -182,7 +182,7 @@ def _misfit(sample: Sample, amplitude: F32, groups: tuple[F64, ...], noise: Nois
     amplitude^2."""
     if not groups or not sample.levels.size:
         return 0.0
-    thin = max(1, sample.levels.shape[1] // _ENOUGH)
+    thin = max(1, sample.levels.shape[1] // _MOST)
     rows, some = groups[-1].astype(np.float32), sample.only(slice(None, None, thin))
     whole = _unsaturated(rows, some.levels, sample.white)
     told = whole.any(axis=0)
