@@ -7,6 +7,7 @@ TOML only.
 | file | holds |
 |---|---|
 | `mirror.py`, `pattern.py`, `medium.py`, `sensor.py` | records; Fresnel; display and sensor response |
+| `pattern_shape.py` | displays that are not flat: bow, table of points |
 | `telecentric.py`, `pinhole.py`, `face.py` | cameras: pixel -> ray, lens distortion, refraction at a face |
 | `scene.py`, `reading.py`, `writing.py`, `presets/` | Scene, resize; strict TOML; the scenes on board |
 | `surface.py`, `grid.py` | Surface (height and gradient), Formula; height array as a bicubic spline |
@@ -23,6 +24,7 @@ from .grid import Grid
 from .medium import Medium
 from .mirror import Mirror
 from .pattern import Pattern, prism_pattern
+from .pattern_shape import Bow, PatternShape, PointTable
 from .pinhole import PinholeCamera
 from .reading import load, preset_names
 from .scene import Camera, Scene, resize
@@ -35,6 +37,7 @@ from .window import mean_beside, movement, scene_window
 
 __all__ = [
     "SOFAST_SCREEN",
+    "Bow",
     "Camera",
     "Display",
     "Face",
@@ -43,7 +46,9 @@ __all__ = [
     "Medium",
     "Mirror",
     "Pattern",
+    "PatternShape",
     "PinholeCamera",
+    "PointTable",
     "Scene",
     "Sensor",
     "SofastRig",

@@ -3,6 +3,7 @@
 import math
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,9 +16,10 @@ from .face import Face
 from .medium import Medium
 from .mirror import Mirror
 from .pattern import Pattern, prism_pattern
+from .pattern_shape import Bow, PatternShape, PointTable
 from .pinhole import PinholeCamera
 from .pose import look_at, rotation_from_vector
-from .record import Float, finite, integer, positive, vector
+from .record import Float, finite, integer, number, positive, vector
 from .scene import Camera, Scene
 from .sensor import Display, Sensor
 from .telecentric import TelecentricCamera, prism_camera
@@ -169,14 +171,39 @@ def _pattern(table: _Table) -> Pattern:
     cols, rows = table.take("size", _size)
     pitch = table.take("pitch_mm", positive)
     blur_px = table.get("blur_px", _non_negative, 0.0)
+    shape = _shape(table, rows, cols)
     if "angle_deg" in table:
         angle = table.take("angle_deg", _angle)
-        table.done("size, pitch_mm, blur_px, angle_deg (which excludes an explicit pose)")
-        return prism_pattern(angle, rows, cols, pitch, blur_px)
+        table.done("size, pitch_mm, blur_px, bow, table, angle_deg (which excludes an explicit pose)")
+        return replace(prism_pattern(angle, rows, cols, pitch, blur_px), shape=shape)
     origin = table.take("origin_mm", vector)
     u_axis, v_axis = _axes(table)
-    table.done("size, pitch_mm, blur_px, angle_deg, origin_mm, u_axis, v_axis, rotation_deg")
-    return Pattern(origin, u_axis, v_axis, pitch, rows, cols, blur_px)
+    table.done("size, pitch_mm, blur_px, bow, table, angle_deg, origin_mm, u_axis, v_axis, rotation_deg")
+    return Pattern(origin, u_axis, v_axis, pitch, rows, cols, blur_px, shape)
+
+
+def _shape(table: _Table, rows: int, cols: int) -> PatternShape | None:
+    """[pattern.bow] or [pattern.table]; None: flat."""
+    if "bow" in table:
+        bow, flat = table.take("bow", _table), Bow.of_pattern(rows, cols)
+        b20, b11, b02 = (bow.get(name, number, 0.0) for name in ("b20", "b11", "b02"))
+        centre, half = bow.get("centre_px", _centre, flat.centre), bow.get("half_px", _pair, flat.half)
+        bow.done("b20, b11, b02, centre_px, half_px")
+        return Bow(b20, b11, b02, centre, half)
+    if "table" in table:
+        points = table.take("table", _table)
+        places, offsets = (points.take(name, _rows) for name in ("places_px", "offsets_mm"))
+        points.done("places_px, offsets_mm")
+        return PointTable(places, offsets)
+    return None
+
+
+def _rows(name: str, value: Any) -> Float:
+    """A list of lists of numbers, all of one length."""
+    try:
+        return np.array(value, dtype=np.float64)
+    except (ValueError, TypeError) as error:
+        raise InputError(f"{name}: must be a list of lists of numbers, all of one length") from error
 
 
 def _axes(table: _Table) -> tuple[Float, Float]:

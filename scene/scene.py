@@ -73,5 +73,4 @@ def _resize_camera(camera: Camera, rows: int, cols: int, by_row: float, by_col: 
 
 def _resize_pattern(pattern: Pattern, by: float) -> Pattern:
     rows, cols = (max(1, math.ceil(count / by - 1e-6)) for count in (pattern.rows, pattern.cols))
-    origin = pattern.origin + 0.5 * pattern.pitch * (by - 1) * (pattern.u_axis + pattern.v_axis)
-    return replace(pattern, rows=rows, cols=cols, pitch=pattern.pitch * by, origin=origin)
+    return pattern.resampled(rows, cols, 1 / by, 0.5 / by - 0.5)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .face import Face
+from .pattern_shape import Bow
 from .pinhole import PinholeCamera
 
 if TYPE_CHECKING:
@@ -31,6 +32,9 @@ def scene_table(scene: "Scene") -> Table:
         },
         "camera": _camera(scene.camera),
     }
+    if pattern.shape is not None:
+        name = "bow" if isinstance(pattern.shape, Bow) else "table"
+        table["pattern"][name] = pattern.shape.table()
     if scene.dent is not None:
         table = {"name": scene.name, "dent": scene.dent, **table}
     for name in ("medium", "display", "sensor"):
