@@ -10,6 +10,7 @@ TOML only.
 | `pattern_shape.py` | displays that are not flat: bow, table of points |
 | `telecentric.py`, `pinhole.py`, `face.py` | cameras: pixel -> ray, lens distortion, refraction at a face |
 | `scene.py`, `reading.py`, `writing.py`, `presets/` | Scene, resize; strict TOML; the scenes on board |
+| `parameters.py`, `covariance.py` | the numbers that a calibration adjusts; how sure they are |
 | `surface.py`, `grid.py` | Surface (height and gradient), Formula; height array as a bicubic spline |
 | `forms.py`, `dents.py`, `relief.py` | closed forms of the dents; dents by name; a dent from an image |
 | `meeting.py`, `tracing.py` | first meeting of ray and surface; Trace, trace |
@@ -18,11 +19,13 @@ TOML only.
 | `record.py`, `pose.py` | equality and checks of records; x_A = T_AB x_B |
 """
 
+from .covariance import Covariance
 from .dents import dent, dent_from_text, dent_names, moving_dent
 from .face import Face
 from .grid import Grid
 from .medium import Medium
 from .mirror import Mirror
+from .parameters import adjusted, parameter_values
 from .pattern import Pattern, prism_pattern
 from .pattern_shape import Bow, PatternShape, PointTable
 from .pinhole import PinholeCamera
@@ -39,6 +42,7 @@ __all__ = [
     "SOFAST_SCREEN",
     "Bow",
     "Camera",
+    "Covariance",
     "Display",
     "Face",
     "Formula",
@@ -55,6 +59,7 @@ __all__ = [
     "Surface",
     "TelecentricCamera",
     "Trace",
+    "adjusted",
     "dent",
     "dent_from_text",
     "dent_names",
@@ -63,6 +68,7 @@ __all__ = [
     "mean_beside",
     "movement",
     "moving_dent",
+    "parameter_values",
     "preset_names",
     "prism_camera",
     "prism_pattern",

@@ -11,10 +11,12 @@ import numpy as np
 
 from optolever import InputError
 
+from .covariance import Covariance
 from .dents import dent_from_text
 from .face import Face
 from .medium import Medium
 from .mirror import Mirror
+from .parameters import parameter_values
 from .pattern import Pattern, prism_pattern
 from .pattern_shape import Bow, PatternShape, PointTable
 from .pinhole import PinholeCamera
@@ -23,6 +25,7 @@ from .record import Float, finite, integer, number, positive, vector
 from .scene import Camera, Scene
 from .sensor import Display, Sensor
 from .telecentric import TelecentricCamera, prism_camera
+from .writing import FOREIGN
 
 __all__ = ["load", "preset_names"]
 
@@ -49,7 +52,7 @@ def load(preset_or_path: str | Path) -> Scene:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
         raise InputError(f"{path}: not readable as TOML: {error}") from error
     try:
-        return _scene(_Table("", content), path.stem)
+        return _scene(_Table("", content), path)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
@@ -124,8 +127,8 @@ def _non_negative(name: str, value: Any) -> float:
     return positive(name, value, zero=True)
 
 
-def _scene(top: _Table, stem: str) -> Scene:
-    name = top.get("name", _text, stem)
+def _scene(top: _Table, path: Path) -> Scene:
+    name = top.get("name", _text, path.stem)
     dent = top.take("dent", _text) if "dent" in top else None
     mirror = _mirror(top.take("mirror", _table))
     pattern = _pattern(top.take("pattern", _table))
@@ -133,11 +136,32 @@ def _scene(top: _Table, stem: str) -> Scene:
     camera = _camera(top.take("camera", _table), mirror, medium)
     display = _display(top.take("display", _table)) if "display" in top else None
     sensor = _sensor(top.take("sensor", _table)) if "sensor" in top else None
-    top.done("name, dent, mirror, pattern, camera, medium, display, sensor")
-    scene = Scene(name, mirror, pattern, camera, medium, display, sensor, dent)
+    covariance = _covariance(top.take("calibration", _table), path) if "calibration" in top else None
+    for section in FOREIGN:
+        top.get(section, _table, top)
+    top.done(
+        "name, dent, mirror, pattern, camera, medium, display, sensor, calibration, " + ", ".join(FOREIGN)
+    )
+    scene = Scene(name, mirror, pattern, camera, medium, display, sensor, dent, covariance)
+    if covariance is not None:
+        _require_known(scene, covariance)
     if dent is not None:
         dent_from_text(dent, scene)
     return scene
+
+
+def _covariance(table: _Table, path: Path) -> Covariance:
+    """[calibration]: the covariance's file, beside the scene's."""
+    name = table.take("covariance", _text)
+    table.done("covariance")
+    return Covariance.load(path.parent / name)
+
+
+def _require_known(scene: Scene, covariance: Covariance) -> None:
+    known = parameter_values(scene)
+    for name in covariance.names:
+        if name not in known:
+            raise InputError(f"calibration: the scene has no number {name!r}")
 
 
 def _mirror(table: _Table) -> Mirror:
