@@ -24,6 +24,7 @@ from .outliers import curl_scale, curl_score, curl_suspects, lone
 from .paper import SeriesName
 from .paper_scene import reconstruct_paper
 from .problem import Problem, prepare, require_correspondence
+from .propagation import Measurement, calibration_modes
 from .result import Spread, height_map, judged
 from .reweighting import reweighted
 from .rounding import rounding_variance
@@ -78,6 +79,7 @@ def reconstruct(
     InputError if the arrays do not fit the scene, no pixel is left, or no anchor can be used.
     """
     require_correspondence(correspondence)
+    before_rest = correspondence
     if rest is not None:
         require_correspondence(rest, "rest")
         correspondence = rest_corrected(correspondence, rest, scene)
@@ -88,7 +90,11 @@ def reconstruct(
         return replace(height, notices=correspondence.notices)
     if method not in _METHODS:
         raise InputError(f"method = {method!r}: unknown, must be one of {', '.join(method_names())}")
-    return solved_height(correspondence, scene, anchor, mask, method, start)[2]
+    height = solved_height(correspondence, scene, anchor, mask, method, start)[2]
+    if scene.covariance is None:
+        return height
+    measured = Measurement(before_rest, anchor, mask, rest, method)
+    return replace(height, calibration=calibration_modes(reconstruct, measured, scene, height))
 
 
 def solved_height(

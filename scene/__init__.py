@@ -36,7 +36,7 @@ from .sofast import SOFAST_SCREEN, SofastRig, load_sofast_rig
 from .surface import Formula, Surface, surface_from_array
 from .telecentric import TelecentricCamera, prism_camera
 from .tracing import Trace, trace
-from .window import mean_beside, movement, scene_window
+from .window import mean_beside, movement, scene_window, strided
 
 __all__ = [
     "SOFAST_SCREEN",
@@ -74,6 +74,7 @@ __all__ = [
     "prism_pattern",
     "resize",
     "scene_window",
+    "strided",
     "surface_from_array",
     "trace",
 ]
