@@ -9,18 +9,22 @@
 | `model.py` | where pixels look by a target |
 | `adjust.py` | the bundle adjustment and its covariance |
 | `start.py` | a start without a guess, in open air |
+| `figures.py` | what a calibration is worth, by simulation |
 | `rigs.py` | rigs with errors and their captures, for figures and tests |
 | `observability.py` | singular values in prior units, warnings |
 """
 
 from .calibrate import Calibration, calibrate, left_out
+from .figures import SETUPS, Figure, figures, mode_chi2
 from .observation import Observation
 from .priors import default_priors
 from .targets import Ball, Flat, Plate, Points, Rest, Target
 
 __all__ = [
+    "SETUPS",
     "Ball",
     "Calibration",
+    "Figure",
     "Flat",
     "Observation",
     "Plate",
@@ -29,5 +33,7 @@ __all__ = [
     "Target",
     "calibrate",
     "default_priors",
+    "figures",
     "left_out",
+    "mode_chi2",
 ]

@@ -1,6 +1,7 @@
 """What the errors of a calibrated rig do to a height map.
 
-M_j = z(theta + L_j) - z(theta), L a root of the covariance of the scene's numbers: one solve per row of L.
+M_j = (z(theta + h L_j) - z(theta))/h, L a root of the covariance of the scene's numbers: one solve per row of
+L; h is small, since a rig that is off by a whole sigma of a wide prior may have no solution.
 The modes are smooth: they are solved on a coarse grid of the camera's pixels and interpolated linearly.
 """
 
@@ -22,6 +23,7 @@ __all__ = ["Measurement", "calibration_modes"]
 
 Floats = NDArray[np.float64]
 
+_STEP = 0.05  # of a standard deviation
 _LINES = 96  # rows or columns of the coarse grid, at least
 
 
@@ -83,7 +85,7 @@ def _modes(solve: Callable[..., HeightMap], measured: Measurement, scene: Scene,
         return np.where(found.good, found.z, np.nan)
 
     before = heights(np.zeros(len(names)))
-    return np.stack([heights(row) - before for row in scene.covariance.root])
+    return np.stack([(heights(_STEP * row) - before) / _STEP for row in scene.covariance.root])
 
 
 def _interpolated(coarse: Floats, step: int, known: NDArray[np.bool_]) -> NDArray[np.float32]:
