@@ -94,7 +94,21 @@ def reconstruct(
     if scene.covariance is None:
         return height
     measured = Measurement(before_rest, anchor, mask, rest, method)
-    return replace(height, calibration=calibration_modes(reconstruct, measured, scene, height))
+    return replace(height, calibration=calibration_modes(_height_alone, measured, scene, height))
+
+
+def _height_alone(measured: Measurement, scene: Scene) -> Floats:
+    """z (H, W) of a dense method in mm, without sigma and without a look at creases; NaN where unsolved."""
+    correspondence = measured.correspondence
+    if measured.rest is not None:
+        correspondence = rest_corrected(correspondence, measured.rest, scene)
+    options = _METHODS[measured.method]
+    _, problem, state, _ = _first(correspondence, scene, measured.anchor, measured.mask, options, None)
+    rays = problem.data.rays
+    z = rays.inner_origins[2] + problem.data.distance(state.w) * rays.inner_directions[2]
+    grid = np.full(problem.outer.mask.shape, np.nan)
+    grid[problem.core] = np.where(problem.labels > 0, z, np.nan)
+    return problem.to_image(grid, np.nan)
 
 
 def solved_height(

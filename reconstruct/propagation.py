@@ -23,6 +23,8 @@ __all__ = ["Measurement", "calibration_modes"]
 
 Floats = NDArray[np.float64]
 
+Solver = Callable[["Measurement", Scene], Floats]
+
 _STEP = 0.05  # of a standard deviation
 _LINES = 96  # rows or columns of the coarse grid, at least
 
@@ -49,7 +51,7 @@ class Measurement:
 
 
 def calibration_modes(
-    solve: Callable[..., HeightMap], measured: Measurement, scene: Scene, height: HeightMap
+    solve: Solver, measured: Measurement, scene: Scene, height: HeightMap
 ) -> NDArray[np.float32]:
     """Modes (r, H, W) in mm; NaN where the map has no height. Where the coarse grid holds no solution (few
     pixels, ragged masks), all pixels are solved.
@@ -67,22 +69,14 @@ def calibration_modes(
     raise AssertionError
 
 
-def _modes(solve: Callable[..., HeightMap], measured: Measurement, scene: Scene, step: int) -> Floats:
+def _modes(solve: Solver, measured: Measurement, scene: Scene, step: int) -> Floats:
     assert scene.covariance is not None
     names, own = scene.covariance.names, parameter_values(scene)
 
     def heights(change: Floats) -> Floats:
         values = {name: own[name] + moved for name, moved in zip(names, change, strict=True)}
         thinned = strided(adjusted(scene, values), step)
-        found = solve(
-            measured.correspondence,
-            thinned,
-            measured.method,
-            measured.anchor,
-            measured.mask,
-            rest=measured.rest,
-        )
-        return np.where(found.good, found.z, np.nan)
+        return solve(measured, thinned)
 
     before = heights(np.zeros(len(names)))
     return np.stack([(heights(_STEP * row) - before) / _STEP for row in scene.covariance.root])
