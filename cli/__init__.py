@@ -4,7 +4,7 @@
 - `options`: arguments that several commands share (--json, --size, scenes)
 - `outputs`: where commands write, checked before they work
 - `show`: tables, progress bars, JSON
-- one file a command: `demo`, `capture`, `decode`, `reconstruct`, `paper`, `figures`, `methods`,
+- one file a command: `demo`, `capture`, `decode`, `calibrate`, `reconstruct`, `paper`, `figures`, `methods`,
   `bench`, `sweep`, `hard`, `design`, `choices`, `codes`, `sensor`, `adapt`, `names`,
   `doctor`, `lab` (those for work on the program), and `window`, which is the command `show`
 """

@@ -17,6 +17,7 @@ COMMANDS = (
     "demo",
     "capture",
     "decode",
+    "calibrate",
     "reconstruct",
     "paper",
     "figures",

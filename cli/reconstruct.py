@@ -205,6 +205,11 @@ def _numbers(height: "HeightMap") -> dict[str, Any]:
         "z_min_mm": float(height.z[good].min()) if some else float("nan"),
         "z_max_mm": float(height.z[good].max()) if some else float("nan"),
         "sigma_mm": float(np.median(height.sigma[good])) if some else float("nan"),
+        "calibration_sigma_mm": (
+            float(np.median(height.calibration_sigma[good]))
+            if some and height.calibration is not None
+            else None
+        ),
         "flags": flag_shares(height.flags, Flag, HeightFlag),
         "defect": height.diagnostics.defect,
         "chi2": height.diagnostics.chi2,
@@ -230,6 +235,8 @@ def _rows(numbers: dict[str, Any]) -> dict[str, str]:
         "sigma": number(numbers["sigma_mm"], "mm (median of the good)"),
         **{name: number(100 * share, "%") for name, share in numbers["flags"].items()},
     }
+    if numbers["calibration_sigma_mm"] is not None:
+        rows["sigma, rig's"] = number(numbers["calibration_sigma_mm"], "mm (common to the whole map)")
     if numbers["chi2"] is not None:
         rows["chi2"] = (
             f"{number(numbers['chi2'])} per degree of freedom ({numbers['freedom']}), 1 by noise alone"

@@ -6,6 +6,7 @@ The parts, floor by floor (imports run downward only):
 |-------|---------------|--------------------------------------------------------------------------|
 | 5     | `cli`         | commands and progress                                                    |
 | 4     | `experiments` | demo, paper tables, benchmarks, report                                   |
+| 4     | `calibration` | captures of simple targets -> Scene with covariance                        |
 | 3     | `reconstruct` | Correspondence + Scene -> HeightMap                                      |
 | 2     | `projector`   | shows a Sequence, brings frames back: virtual sensor, folder             |
 | 2     | `decode`      | frames + Sequence -> Correspondence                                      |

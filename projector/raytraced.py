@@ -112,12 +112,7 @@ class _AreaCamera:
 def trace_area(scene: Scene, surface: Surface, side: int = 6) -> AreaTrace:
     """Trace side^2 rays through every pixel."""
     pattern, margin = scene.pattern, _margin(scene)
-    wide = replace(
-        pattern,
-        origin=pattern.origin - margin * pattern.pitch * (pattern.u_axis + pattern.v_axis),
-        rows=pattern.rows + 2 * margin,
-        cols=pattern.cols + 2 * margin,
-    )
+    wide = pattern.resampled(pattern.rows + 2 * margin, pattern.cols + 2 * margin, 1.0, margin)
     camera = cast(Camera, _AreaCamera(scene.camera, side))
     rays = trace(replace(scene, pattern=wide, camera=camera), surface)
     shape = scene.camera.rows, scene.camera.cols, side * side

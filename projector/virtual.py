@@ -91,6 +91,10 @@ def _fitting(chosen: str, asked: str, scene: Scene) -> str:
     """'numpy' in place of a GL that was not asked for and has no textures so wide; else as chosen."""
     if chosen == "numpy":
         return chosen
+    if scene.pattern.shape is not None:
+        if asked == "gl":
+            raise InputError("renderer: 'gl' draws flat patterns only, the scene's has a shape; take 'numpy'")
+        return "numpy"
     widest = max(scene.camera.cols, scene.pattern.rows, scene.pattern.cols)
     most = context_info().max_texture
     if widest > most and asked == "gl":

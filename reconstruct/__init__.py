@@ -6,6 +6,7 @@
 | `stream.py` | HeightStream: one chord step a frame |
 | `problem.py`, `result.py` | checks, window, orientation, components; the solved grid as a HeightMap |
 | `calibration.py` | a rest capture as reference |
+| `propagation.py` | what the errors of a calibrated rig do to a height map |
 | `circulation.py` | whether noise explains how the slopes contradict each other |
 | `sofast.py` | a SOFAST measurement on its rig's flat pattern |
 | `holes.py`, `fringe.py` | small holes bridged; noisy border lines left out and reached from inside |

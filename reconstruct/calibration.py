@@ -11,7 +11,7 @@ from optolever.decode import Correspondence, Flag
 from optolever.errors import InputError
 from optolever.scene import Scene
 
-from .geometry import pattern_plane, ray_field, rest_distance
+from .geometry import ray_field, rest_distance
 
 __all__ = ["rest_corrected"]
 
@@ -50,22 +50,17 @@ def rest_corrected(correspondence: Correspondence, rest: Correspondence, scene: 
 
 
 def _flat(scene: Scene) -> tuple[Floats, Floats]:
-    """Where on the pattern's plane every pixel looks by the flat mirror z = 0, u and v (H, W); NaN where it
+    """Where on the pattern's surface every pixel looks by the flat mirror z = 0, u and v (H, W); NaN where it
     does not.
 
     Neither mirror nor pattern end: a scene that is a little wrong has its edges elsewhere, and what a pixel
     saw at rest tells where they are.
     """
-    rays, plane = ray_field(scene.camera), pattern_plane(scene)
+    rays = ray_field(scene.camera)
     o, d = rays.inner_origins, rays.inner_directions
     away = rest_distance(o, d)
-    point = o + away * d
     out = d * np.array([1.0, 1.0, -1.0])[:, None, None]
-    normal = np.cross(plane[1], plane[2])
-    offset = plane[0][:, None, None] - point
-    with np.errstate(divide="ignore", invalid="ignore"):
-        way = np.einsum("k,kij->ij", normal, offset) / np.einsum("k,kij->ij", normal, out)
-        landed = way * out - offset
-        seen = (away > 0) & (way > 0)
-    u, v = (np.einsum("k,kij->ij", axis / (axis @ axis), landed) for axis in plane[1:])
-    return np.where(seen, u, np.nan), np.where(seen, v, np.nan)
+    u, v, way = scene.pattern.landing((o + away * d).reshape(3, -1), out.reshape(3, -1))
+    with np.errstate(invalid="ignore"):
+        seen = (away > 0) & (way.reshape(away.shape) > 0)
+    return tuple(np.where(seen, at.reshape(away.shape), np.nan) for at in (u, v))  # type: ignore[return-value]

@@ -24,6 +24,7 @@ from .outliers import curl_scale, curl_score, curl_suspects, lone
 from .paper import SeriesName
 from .paper_scene import reconstruct_paper
 from .problem import Problem, prepare, require_correspondence
+from .propagation import Measurement, calibration_modes
 from .result import Spread, height_map, judged
 from .reweighting import reweighted
 from .rounding import rounding_variance
@@ -78,6 +79,7 @@ def reconstruct(
     InputError if the arrays do not fit the scene, no pixel is left, or no anchor can be used.
     """
     require_correspondence(correspondence)
+    before_rest = correspondence
     if rest is not None:
         require_correspondence(rest, "rest")
         correspondence = rest_corrected(correspondence, rest, scene)
@@ -88,7 +90,25 @@ def reconstruct(
         return replace(height, notices=correspondence.notices)
     if method not in _METHODS:
         raise InputError(f"method = {method!r}: unknown, must be one of {', '.join(method_names())}")
-    return solved_height(correspondence, scene, anchor, mask, method, start)[2]
+    height = solved_height(correspondence, scene, anchor, mask, method, start)[2]
+    if scene.covariance is None:
+        return height
+    measured = Measurement(before_rest, anchor, mask, rest, method)
+    return replace(height, calibration=calibration_modes(_height_alone, measured, scene, height))
+
+
+def _height_alone(measured: Measurement, scene: Scene) -> Floats:
+    """z (H, W) of a dense method in mm, without sigma and without a look at creases; NaN where unsolved."""
+    correspondence = measured.correspondence
+    if measured.rest is not None:
+        correspondence = rest_corrected(correspondence, measured.rest, scene)
+    options = _METHODS[measured.method]
+    _, problem, state, _ = _first(correspondence, scene, measured.anchor, measured.mask, options, None)
+    rays = problem.data.rays
+    z = rays.inner_origins[2] + problem.data.distance(state.w) * rays.inner_directions[2]
+    grid = np.full(problem.outer.mask.shape, np.nan)
+    grid[problem.core] = np.where(problem.labels > 0, z, np.nan)
+    return problem.to_image(grid, np.nan)
 
 
 def solved_height(

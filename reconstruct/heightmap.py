@@ -91,7 +91,9 @@ class HeightMap:
     x, y, z: NaN where nothing is known; sigma: standard deviation of z at that pixel, whose point then moves
     along the pixel's ray; flags: uint16, 0 = good: the decoder's bits and those of HeightFlag;
     lean: dx/dz and dy/dz along the rays, (2, H, W), or (2, 1, 1) if all are parallel, None if unknown (taken
-    as upright); notices: what the whole map wants its user to know, the correspondence's included.
+    as upright); notices: what the whole map wants its user to know, the correspondence's included;
+    calibration: (r, H, W) mm, what one standard deviation of every independent error of the rig does to z,
+    apart from `sigma`; one error moves the whole map. None: the scene has no covariance.
     """
 
     x: Floats
@@ -102,6 +104,7 @@ class HeightMap:
     diagnostics: Diagnostics = field(default_factory=lambda: Diagnostics("unknown"))
     lean: Lean | None = None
     notices: tuple[Notice, ...] = ()
+    calibration: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         shape = np.shape(self.z)
@@ -113,6 +116,42 @@ class HeightMap:
             raise InputError(
                 f"height map: lean has shape {self.lean.shape}, must be {(2, *shape)} or (2, 1, 1)"
             )
+
+        if self.calibration is not None and (
+            self.calibration.ndim != 3 or self.calibration.shape[1:] != shape
+        ):
+            raise InputError(
+                f"height map: calibration has shape {self.calibration.shape}, must be (r, *{shape})"
+            )
+
+    @property
+    def calibration_sigma(self) -> Floats:
+        """Standard deviation of z (mm) by the rig alone: root sum square of the modes; 0 without any."""
+        if self.calibration is None:
+            return np.zeros(self.z.shape)
+        modes = self.calibration.astype(np.float64)
+        return np.asarray(np.sqrt((modes * modes).sum(axis=0)))
+
+    @property
+    def total_sigma(self) -> Floats:
+        """Standard deviation of z (mm): noise and rig."""
+        return np.hypot(self.sigma, self.calibration_sigma)
+
+    def difference(self, other: "HeightMap") -> tuple[Floats, Floats]:
+        """z less another map's of the same rig, pixel by pixel, and its standard deviation (mm): modes are
+        common to both, so that most of them cancels. InputError where the maps' shapes or rigs differ.
+        """
+        counts = [0 if each.calibration is None else len(each.calibration) for each in (self, other)]
+        if self.z.shape != other.z.shape or counts[0] != counts[1]:
+            raise InputError(
+                f"difference: maps of {self.z.shape} and {other.z.shape} pixels with {counts[0]} and "
+                f"{counts[1]} modes; must be of one rig"
+            )
+        noise = np.hypot(self.sigma, other.sigma)
+        if self.calibration is None or other.calibration is None:
+            return self.z - other.z, noise
+        modes = self.calibration - other.calibration
+        return self.z - other.z, np.sqrt(noise**2 + np.einsum("rij,rij->ij", modes, modes))
 
     @property
     def good(self) -> NDArray[np.bool_]:
@@ -132,7 +171,9 @@ class HeightMap:
         told = notices_to_array(self.notices) if self.notices else None
         save_arrays(
             path,
-            arrays | {"diagnostics": self.diagnostics.to_json(), "lean": self.lean, "notices": told},
+            arrays
+            | {"diagnostics": self.diagnostics.to_json(), "lean": self.lean, "notices": told}
+            | {"calibration": self.calibration},
         )
 
     @classmethod
@@ -148,7 +189,14 @@ class HeightMap:
         try:
             known = {name: arrays[name] for name in _ARRAYS}
             notices = notices_from_array(arrays["notices"]) if "notices" in arrays else ()
-            return cls(**known, diagnostics=diagnostics, lean=arrays.get("lean"), notices=notices)
+            modes = arrays.get("calibration")
+            return cls(
+                **known,
+                diagnostics=diagnostics,
+                lean=arrays.get("lean"),
+                notices=notices,
+                calibration=modes,
+            )
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
 

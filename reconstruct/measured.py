@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.scene import PatternShape
+
 from .equations import no_normal, slope_variances, slopes
 from .geometry import PAD, RayField, rest_distance
 
@@ -27,7 +29,9 @@ class Measured:
     """Correspondences on a grid with their rays.
 
     u, v, sigma_u, sigma_v (rows, cols) pattern pixels, used where mask is true; rays: of the fine grid, of
-    which this grid holds every step-th row and column; plane (3, 3): see `geometry.pattern_plane`.
+    which this grid holds every step-th row and column; plane (3, 3): see `geometry.pattern_plane`; shape:
+    what the pattern's surface has off that plane. With one, a mirror at w looks at the place of the plane
+    that lies on the line to the pattern point: the same direction, which is all that slopes ask for.
     """
 
     rays: RayField
@@ -38,6 +42,7 @@ class Measured:
     sigma_v: Floats
     mask: Mask
     step: int = 1
+    shape: PatternShape | None = None
 
     def strided(self, step: int) -> "Measured":
         """Every step-th pixel."""
@@ -84,13 +89,12 @@ class Measured:
 
     def slopes(self, w: Floats) -> tuple[Floats, ...]:
         """p, q, dp/dw, dq/dw at w."""
-        return slopes(self.rays, self.plane, self.u, self.v, w, self.step)
+        return slopes(self.rays, self.plane, *self._on_plane(w), w, self.step)
 
     def variances(self, w: Floats) -> tuple[Floats, Floats]:
         """Variances of p and q at w."""
-        return slope_variances(
-            self.rays, self.plane, self.u, self.v, self.sigma_u, self.sigma_v, w, self.step
-        )
+        u, v = self._on_plane(w)
+        return slope_variances(self.rays, self.plane, u, v, self.sigma_u, self.sigma_v, w, self.step)
 
     def singular(self, w: Floats, picard: bool = False) -> Mask:
         """Pixels of the mask to which noise leaves no normal if the mirror is at w, see
@@ -98,7 +102,8 @@ class Measured:
         as much as w over a pixel.
         """
         sigmas = self.sigma_u, self.sigma_v
-        found = no_normal(self.rays, self.plane, self.u, self.v, *sigmas, w, *self.variances(w), self.step)
+        u, v = self._on_plane(w)
+        found = no_normal(self.rays, self.plane, u, v, *sigmas, w, *self.variances(w), self.step)
         if picard:
             _, _, p_w, q_w = self.slopes(w)
             found |= np.maximum(np.abs(p_w), np.abs(q_w)) >= 1.0
@@ -106,11 +111,37 @@ class Measured:
 
     def clearance(self, w: Floats) -> Floats:
         """Distance from the mirror point at w to the pattern point, mm; NaN where u or v is."""
-        pick = (slice(None), slice(PAD, -PAD, self.step), slice(PAD, -PAD, self.step))
-        point = self.rays.origins[pick] + self.distance(w) * self.rays.directions[pick]
-        seen = self.plane[0] + self.u[..., None] * self.plane[1] + self.v[..., None] * self.plane[2]
-        away: Floats = np.linalg.norm(np.moveaxis(seen, -1, 0) - point, axis=0)
+        u, v = self._on_plane(w)
+        seen = self.plane[0] + u[..., None] * self.plane[1] + v[..., None] * self.plane[2]
+        away: Floats = np.linalg.norm(np.moveaxis(seen, -1, 0) - self._points(w), axis=0)
         return away
+
+    def _points(self, w: Floats) -> Floats:
+        """Mirror points (3, rows, cols) at w, mm."""
+        pick = (slice(None), slice(PAD, -PAD, self.step), slice(PAD, -PAD, self.step))
+        points: Floats = self.rays.origins[pick] + self.distance(w) * self.rays.directions[pick]
+        return points
+
+    def _on_plane(self, w: Floats) -> tuple[Floats, Floats]:
+        """u and v of the places on the pattern's plane that lie in line with its points, seen from w.
+
+        e/h of the way from point to mirror, whose height over the plane is h, e that of the pattern point.
+        """
+        if self.shape is None:
+            return self.u, self.v
+        pitch = np.linalg.norm(self.plane[1:], axis=1)
+        axes = self.plane[1:] / pitch[:, None]
+        offset = self.shape.offset(self.u, self.v)
+        local = np.tensordot(
+            np.stack([*axes, np.cross(*axes)]), self._points(w) - self.plane[0][:, None, None], 1
+        )
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = offset[..., 2] / (local[2] - offset[..., 2])
+        u, v = (
+            (at := own + offset[..., k] / pitch[k]) - share * (local[k] / pitch[k] - at)
+            for k, own in enumerate((self.u, self.v))
+        )
+        return u, v
 
     def rest(self) -> Floats:
         """The unknown of the mirror at rest: t in mm, or log t."""

@@ -94,6 +94,7 @@ def prepare(
     samples = anchor_samples(anchor, scene, rays, valid)
     rows, cols = (_extent(valid, axis) for axis in (1, 0))
     data = _window(correspondence, rays, pattern_plane(scene), valid, rows, cols)
+    data = replace(data, shape=scene.pattern.shape)
     samples = samples.window(rows.start, cols.start)
     turned = _rows_rule(data)
     if turned:

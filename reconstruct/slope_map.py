@@ -87,7 +87,10 @@ def slope_map(
     plane, d = pattern_plane(scene), ray_field(scene.camera).inner_directions
     point = (height.x, height.y, height.z)
     u, v = (np.asarray(part, dtype=np.float64) for part in (correspondence.u, correspondence.v))
-    away = [plane[0, k] + u * plane[1, k] + v * plane[2, k] - point[k] for k in range(3)]
+    if scene.pattern.shape is None:
+        away = [plane[0, k] + u * plane[1, k] + v * plane[2, k] - point[k] for k in range(3)]
+    else:
+        away = [part - point[k] for k, part in enumerate(np.moveaxis(scene.pattern.point(u, v), -1, 0))]
     inverse = 1.0 / np.sqrt(away[0] ** 2 + away[1] ** 2 + away[2] ** 2)
     e = [part * inverse for part in away]
     n = [e[k] - d[k] for k in range(3)]

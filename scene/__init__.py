@@ -7,8 +7,10 @@ TOML only.
 | file | holds |
 |---|---|
 | `mirror.py`, `pattern.py`, `medium.py`, `sensor.py` | records; Fresnel; display and sensor response |
+| `pattern_shape.py` | displays that are not flat: bow, table of points |
 | `telecentric.py`, `pinhole.py`, `face.py` | cameras: pixel -> ray, lens distortion, refraction at a face |
 | `scene.py`, `reading.py`, `writing.py`, `presets/` | Scene, resize; strict TOML; the scenes on board |
+| `parameters.py`, `covariance.py` | the numbers that a calibration adjusts; how sure they are |
 | `surface.py`, `grid.py` | Surface (height and gradient), Formula; height array as a bicubic spline |
 | `forms.py`, `dents.py`, `relief.py` | closed forms of the dents; dents by name; a dent from an image |
 | `meeting.py`, `tracing.py` | first meeting of ray and surface; Trace, trace |
@@ -17,12 +19,15 @@ TOML only.
 | `record.py`, `pose.py` | equality and checks of records; x_A = T_AB x_B |
 """
 
+from .covariance import Covariance
 from .dents import dent, dent_from_text, dent_names, moving_dent
 from .face import Face
 from .grid import Grid
 from .medium import Medium
 from .mirror import Mirror
+from .parameters import adjusted, parameter_values
 from .pattern import Pattern, prism_pattern
+from .pattern_shape import Bow, PatternShape, PointTable
 from .pinhole import PinholeCamera
 from .reading import load, preset_names
 from .scene import Camera, Scene, resize
@@ -31,11 +36,13 @@ from .sofast import SOFAST_SCREEN, SofastRig, load_sofast_rig
 from .surface import Formula, Surface, surface_from_array
 from .telecentric import TelecentricCamera, prism_camera
 from .tracing import Trace, trace
-from .window import mean_beside, movement, scene_window
+from .window import mean_beside, movement, scene_window, strided
 
 __all__ = [
     "SOFAST_SCREEN",
+    "Bow",
     "Camera",
+    "Covariance",
     "Display",
     "Face",
     "Formula",
@@ -43,13 +50,16 @@ __all__ = [
     "Medium",
     "Mirror",
     "Pattern",
+    "PatternShape",
     "PinholeCamera",
+    "PointTable",
     "Scene",
     "Sensor",
     "SofastRig",
     "Surface",
     "TelecentricCamera",
     "Trace",
+    "adjusted",
     "dent",
     "dent_from_text",
     "dent_names",
@@ -58,11 +68,13 @@ __all__ = [
     "mean_beside",
     "movement",
     "moving_dent",
+    "parameter_values",
     "preset_names",
     "prism_camera",
     "prism_pattern",
     "resize",
     "scene_window",
+    "strided",
     "surface_from_array",
     "trace",
 ]

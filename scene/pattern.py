@@ -1,12 +1,16 @@
-"""The pattern surface: a flat grid of square cells in any pose."""
+"""The pattern surface: a grid of square cells in any pose, flat or of a `shape`."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .pattern_shape import PatternShape
 from .record import Float, Record, freeze, integer, orthonormal, positive, vector
 
 __all__ = ["Pattern", "prism_pattern"]
+
+_STEPS = 60
+_SETTLED = 1e-12  # cells, of the last step
 
 
 @dataclass(frozen=True, eq=False)
@@ -14,7 +18,8 @@ class Pattern(Record):
     """Cell (u, v) (column, row) has its centre at origin + u pitch u_axis + v pitch v_axis.
 
     In the mirror's frame: origin (3,) mm, u_axis and v_axis (3,) unit and perpendicular, pitch mm;
-    blur_px: rms radius, in cells, of the Gaussian through which the camera reads the pattern (0: none).
+    blur_px: rms radius, in cells, of the Gaussian through which the camera reads the pattern (0: none);
+    shape: what lies off that plane, or None.
     """
 
     origin: Float
@@ -24,6 +29,7 @@ class Pattern(Record):
     rows: int
     cols: int
     blur_px: float = 0.0
+    shape: PatternShape | None = None
 
     def __post_init__(self) -> None:
         u_axis, v_axis = orthonormal("pattern", self.u_axis, self.v_axis)
@@ -42,7 +48,45 @@ class Pattern(Record):
         du = self.pitch * np.asarray(u, np.float64)[..., None] * self.u_axis
         dv = self.pitch * np.asarray(v, np.float64)[..., None] * self.v_axis
         point: Float = self.origin + du + dv
-        return point
+        if self.shape is None:
+            return point
+        off = self.shape.offset(*np.broadcast_arrays(np.asarray(u, np.float64), np.asarray(v, np.float64)))
+        return point + off @ np.stack([self.u_axis, self.v_axis, self.normal])
+
+    def landing(self, points: Float, directions: Float) -> tuple[Float, Float, Float]:
+        """Where rays (3, n) meet the pattern: coordinates u, v in cells and way (mm, < 0: behind).
+
+        Off the plane by fixed-point steps, each to the plane through the last place's cell; they contract by
+        the surface's slope times the tangent of incidence. NaN where they do not settle.
+        """
+        offset = points - self.origin[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slant, height = self.normal @ directions, self.normal @ offset
+            way = -height / slant
+            u, v = self._along(offset + way * directions)
+            if self.shape is None:
+                return u, v, way
+            moved = np.full(u.shape, np.inf)
+            for _ in range(_STEPS):
+                off = self.shape.offset(u, v)
+                way = (off[..., 2] - height) / slant
+                u_next, v_next = self._along(offset + way * directions)
+                u_next, v_next = u_next - off[..., 0] / self.pitch, v_next - off[..., 1] / self.pitch
+                moved = np.abs(u_next - u) + np.abs(v_next - v)
+                u, v = u_next, v_next
+                if not np.any(moved > _SETTLED):
+                    break
+        settled = moved <= 1e3 * _SETTLED
+        return np.where(settled, u, np.nan), np.where(settled, v, np.nan), way
+
+    def resampled(self, rows: int, cols: int, scale: float, shift: float) -> "Pattern":
+        """The surface in rows x cols cells scale u + shift, scale v + shift; blur in cells stays."""
+        start = self.origin - shift / scale * self.pitch * (self.u_axis + self.v_axis)
+        shape = None if self.shape is None else self.shape.mapped(scale, shift)
+        return replace(self, rows=rows, cols=cols, pitch=self.pitch / scale, origin=start, shape=shape)
+
+    def _along(self, landed: Float) -> tuple[Float, Float]:
+        return self.u_axis @ landed / self.pitch, self.v_axis @ landed / self.pitch
 
     def coordinates(self, points: Float) -> tuple[Float, Float]:
         """Pattern coordinates (u, v) in cells of points (..., 3) in mm, projected along the normal."""

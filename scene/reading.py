@@ -3,6 +3,7 @@
 import math
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -10,17 +11,21 @@ import numpy as np
 
 from optolever import InputError
 
+from .covariance import Covariance
 from .dents import dent_from_text
 from .face import Face
 from .medium import Medium
 from .mirror import Mirror
+from .parameters import parameter_values
 from .pattern import Pattern, prism_pattern
+from .pattern_shape import Bow, PatternShape, PointTable
 from .pinhole import PinholeCamera
 from .pose import look_at, rotation_from_vector
-from .record import Float, finite, integer, positive, vector
+from .record import Float, finite, integer, number, positive, vector
 from .scene import Camera, Scene
 from .sensor import Display, Sensor
 from .telecentric import TelecentricCamera, prism_camera
+from .writing import FOREIGN
 
 __all__ = ["load", "preset_names"]
 
@@ -47,7 +52,7 @@ def load(preset_or_path: str | Path) -> Scene:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
         raise InputError(f"{path}: not readable as TOML: {error}") from error
     try:
-        return _scene(_Table("", content), path.stem)
+        return _scene(_Table("", content), path)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
@@ -122,8 +127,8 @@ def _non_negative(name: str, value: Any) -> float:
     return positive(name, value, zero=True)
 
 
-def _scene(top: _Table, stem: str) -> Scene:
-    name = top.get("name", _text, stem)
+def _scene(top: _Table, path: Path) -> Scene:
+    name = top.get("name", _text, path.stem)
     dent = top.take("dent", _text) if "dent" in top else None
     mirror = _mirror(top.take("mirror", _table))
     pattern = _pattern(top.take("pattern", _table))
@@ -131,11 +136,32 @@ def _scene(top: _Table, stem: str) -> Scene:
     camera = _camera(top.take("camera", _table), mirror, medium)
     display = _display(top.take("display", _table)) if "display" in top else None
     sensor = _sensor(top.take("sensor", _table)) if "sensor" in top else None
-    top.done("name, dent, mirror, pattern, camera, medium, display, sensor")
-    scene = Scene(name, mirror, pattern, camera, medium, display, sensor, dent)
+    covariance = _covariance(top.take("calibration", _table), path) if "calibration" in top else None
+    for section in FOREIGN:
+        top.get(section, _table, top)
+    top.done(
+        "name, dent, mirror, pattern, camera, medium, display, sensor, calibration, " + ", ".join(FOREIGN)
+    )
+    scene = Scene(name, mirror, pattern, camera, medium, display, sensor, dent, covariance)
+    if covariance is not None:
+        _require_known(scene, covariance)
     if dent is not None:
         dent_from_text(dent, scene)
     return scene
+
+
+def _covariance(table: _Table, path: Path) -> Covariance:
+    """[calibration]: the covariance's file, beside the scene's."""
+    name = table.take("covariance", _text)
+    table.done("covariance")
+    return Covariance.load(path.parent / name)
+
+
+def _require_known(scene: Scene, covariance: Covariance) -> None:
+    known = parameter_values(scene)
+    for name in covariance.names:
+        if name not in known:
+            raise InputError(f"calibration: the scene has no number {name!r}")
 
 
 def _mirror(table: _Table) -> Mirror:
@@ -169,14 +195,39 @@ def _pattern(table: _Table) -> Pattern:
     cols, rows = table.take("size", _size)
     pitch = table.take("pitch_mm", positive)
     blur_px = table.get("blur_px", _non_negative, 0.0)
+    shape = _shape(table, rows, cols)
     if "angle_deg" in table:
         angle = table.take("angle_deg", _angle)
-        table.done("size, pitch_mm, blur_px, angle_deg (which excludes an explicit pose)")
-        return prism_pattern(angle, rows, cols, pitch, blur_px)
+        table.done("size, pitch_mm, blur_px, bow, table, angle_deg (which excludes an explicit pose)")
+        return replace(prism_pattern(angle, rows, cols, pitch, blur_px), shape=shape)
     origin = table.take("origin_mm", vector)
     u_axis, v_axis = _axes(table)
-    table.done("size, pitch_mm, blur_px, angle_deg, origin_mm, u_axis, v_axis, rotation_deg")
-    return Pattern(origin, u_axis, v_axis, pitch, rows, cols, blur_px)
+    table.done("size, pitch_mm, blur_px, bow, table, angle_deg, origin_mm, u_axis, v_axis, rotation_deg")
+    return Pattern(origin, u_axis, v_axis, pitch, rows, cols, blur_px, shape)
+
+
+def _shape(table: _Table, rows: int, cols: int) -> PatternShape | None:
+    """[pattern.bow] or [pattern.table]; None: flat."""
+    if "bow" in table:
+        bow, flat = table.take("bow", _table), Bow.of_pattern(rows, cols)
+        b20, b11, b02 = (bow.get(name, number, 0.0) for name in ("b20", "b11", "b02"))
+        centre, half = bow.get("centre_px", _centre, flat.centre), bow.get("half_px", _pair, flat.half)
+        bow.done("b20, b11, b02, centre_px, half_px")
+        return Bow(b20, b11, b02, centre, half)
+    if "table" in table:
+        points = table.take("table", _table)
+        places, offsets = (points.take(name, _rows) for name in ("places_px", "offsets_mm"))
+        points.done("places_px, offsets_mm")
+        return PointTable(places, offsets)
+    return None
+
+
+def _rows(name: str, value: Any) -> Float:
+    """A list of lists of numbers, all of one length."""
+    try:
+        return np.array(value, dtype=np.float64)
+    except (ValueError, TypeError) as error:
+        raise InputError(f"{name}: must be a list of lists of numbers, all of one length") from error
 
 
 def _axes(table: _Table) -> tuple[Float, Float]:

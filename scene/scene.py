@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from optolever.files import atomic_file
+from optolever.files import atomic_file, together
 
+from .covariance import Covariance
 from .medium import Medium
 from .mirror import Mirror
 from .pattern import Pattern
@@ -16,7 +17,7 @@ from .pinhole import PinholeCamera
 from .record import Record, integer
 from .sensor import Display, Sensor
 from .telecentric import TelecentricCamera
-from .writing import scene_table
+from .writing import foreign_sections, scene_table
 
 __all__ = ["Camera", "Scene", "resize"]
 
@@ -28,7 +29,8 @@ class Scene(Record):
     """A mirror at rest, a pattern surface and a camera, all in the mirror's frame (mm).
 
     medium None: an ideal mirror that reflects everything; display None: light proportional to level;
-    sensor None: 8 bit, linear, without noise; dent: the dent to show where none is named (`dent_from_text`).
+    sensor None: 8 bit, linear, without noise; dent: the dent to show where none is named (`dent_from_text`);
+    covariance: of the numbers that a calibration adjusted, None: they are taken as exact.
     """
 
     name: str
@@ -39,11 +41,24 @@ class Scene(Record):
     display: Display | None = None
     sensor: Sensor | None = None
     dent: str | None = None
+    covariance: Covariance | None = None
 
     def save(self, path: str | Path) -> None:
-        """Write the scene as TOML, to be read by `load`; what is absent is left out."""
-        with atomic_file(path) as temporary:
-            temporary.write_bytes(tomli_w.dumps(scene_table(self)).encode())
+        """Write the scene as TOML, to be read by `load`, a covariance as .npz beside it; what is absent is
+        left out. Sections of other programs' that a file of that name has are kept.
+        """
+        table, file = scene_table(self), Path(path)
+        kept = foreign_sections(file) if file.is_file() else {}
+        if self.covariance is None:
+            with atomic_file(path) as temporary:
+                temporary.write_bytes(tomli_w.dumps(table | kept).encode())
+            return
+        beside = file.with_suffix(".calibration.npz")
+        table["calibration"] = {"covariance": beside.name}
+        with together():
+            self.covariance.save(beside)
+            with atomic_file(path) as temporary:
+                temporary.write_bytes(tomli_w.dumps(table | kept).encode())
 
 
 def resize(scene: Scene, rows: int, cols: int) -> Scene:
@@ -58,7 +73,13 @@ def resize(scene: Scene, rows: int, cols: int) -> Scene:
     if by_col == by_row == 1:
         return scene
     camera = _resize_camera(scene.camera, rows, cols, by_row, by_col)
-    return replace(scene, camera=camera, pattern=_resize_pattern(scene.pattern, math.sqrt(by_col * by_row)))
+    pattern = _resize_pattern(scene.pattern, math.sqrt(by_col * by_row))
+    covariance = scene.covariance
+    if covariance is not None:
+        pixels = {"f": 1 / by_col, "cx": 1 / by_col, "cy": 1 / by_row, "pitch_u": by_col, "pitch_v": by_row}
+        factors = {f"camera.{name}": factor for name, factor in pixels.items()}
+        covariance = covariance.scaled(factors | {"pattern.pitch": pattern.pitch / scene.pattern.pitch})
+    return replace(scene, camera=camera, pattern=pattern, covariance=covariance)
 
 
 def _resize_camera(camera: Camera, rows: int, cols: int, by_row: float, by_col: float) -> Camera:
@@ -73,5 +94,4 @@ def _resize_camera(camera: Camera, rows: int, cols: int, by_row: float, by_col: 
 
 def _resize_pattern(pattern: Pattern, by: float) -> Pattern:
     rows, cols = (max(1, math.ceil(count / by - 1e-6)) for count in (pattern.rows, pattern.cols))
-    origin = pattern.origin + 0.5 * pattern.pitch * (by - 1) * (pattern.u_axis + pattern.v_axis)
-    return replace(pattern, rows=rows, cols=cols, pitch=pattern.pitch * by, origin=origin)
+    return pattern.resampled(rows, cols, 1 / by, 0.5 / by - 0.5)

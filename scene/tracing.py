@@ -61,7 +61,7 @@ def trace(scene: Scene, surface: Surface) -> Trace:
     """Follow the ray of every pixel's centre to the pattern.
 
     Visible: it meets the mirror within its extent, is reflected once (n ~ (-dh/dx, -dh/dy, 1), then
-    d' = d - 2 (d.n) n), reaches the pattern's plane without meeting the mirror again, and lands on a cell.
+    d' = d - 2 (d.n) n), reaches the pattern's surface without meeting the mirror again, and lands on a cell.
     """
     rows, cols = scene.camera.rows, scene.camera.cols
     require_room(f"camera of {rows}x{cols} pixels", rows * cols * (9 * 8 + 1))
@@ -87,7 +87,7 @@ def _trace_rows(scene: Scene, surface: Surface, bounds: Bounds, result: Trace, s
     normal = _normal(surface, points)
     cosine = -(d * normal).sum(axis=0)
     out = d + 2 * cosine * normal
-    u, v, distance = _on_pattern(scene, points, out)
+    u, v, distance = scene.pattern.landing(points, out)
     seen = (distance > 0) & (cosine > 0) & _on_cells(scene, u, v)
     seen[seen] = ~meets_again(points[:, seen], out[:, seen], distance[seen], surface, bounds)
     at = met[seen]
@@ -105,16 +105,6 @@ def _normal(surface: Surface, points: Float) -> Float:
     normal[0], normal[1] = np.negative(slope_x), np.negative(slope_y)
     normal /= np.sqrt((normal * normal).sum(axis=0))
     return normal
-
-
-def _on_pattern(scene: Scene, points: Float, directions: Float) -> tuple[Float, Float, Float]:
-    """Where rays (3, n) meet the pattern's plane: coordinates u, v and distance (mm, < 0: behind)."""
-    pattern = scene.pattern
-    offset = points - pattern.origin[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        distance = -(pattern.normal @ offset) / (pattern.normal @ directions)
-        landed = offset + distance * directions
-    return pattern.u_axis @ landed / pattern.pitch, pattern.v_axis @ landed / pattern.pitch, distance
 
 
 def _on_cells(scene: Scene, u: Float, v: Float) -> NDArray[np.bool_]:

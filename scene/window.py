@@ -1,4 +1,4 @@
-"""A part of the image as a camera of its own, and how far the view moves across a pixel."""
+"""A part of the image, or every n-th pixel, as its own camera, and how far the view moves across a pixel."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from .pinhole import PinholeCamera
 from .scene import Camera, Scene
 
-__all__ = ["mean_beside", "movement", "scene_window"]
+__all__ = ["mean_beside", "movement", "scene_window", "strided"]
 
 Float = NDArray[np.float64]
 
@@ -16,6 +16,19 @@ Float = NDArray[np.float64]
 def scene_window(scene: Scene, row: float, col: float, rows: int, cols: int) -> Scene:
     """The scene seen by a camera whose pixel (0, 0) is at (row, col) of its camera, fractions allowed."""
     return replace(scene, camera=_window(scene.camera, row, col, rows, cols))
+
+
+def strided(scene: Scene, step: int) -> Scene:
+    """The scene with a camera of every step-th row and column, from pixel (0, 0) on; no covariance."""
+    camera = scene.camera
+    rows, cols = -(-camera.rows // step), -(-camera.cols // step)
+    if isinstance(camera, PinholeCamera):
+        thinned: Camera = replace(
+            camera, focal=camera.focal / step, centre=camera.centre / step, rows=rows, cols=cols
+        )
+    else:
+        thinned = replace(camera, pitch=camera.pitch * step, rows=rows, cols=cols)
+    return replace(scene, camera=thinned, covariance=None)
 
 
 def movement(before: Float, centre: Float, behind: Float) -> Float:

@@ -1,19 +1,34 @@
 """Scenes to TOML: explicit poses in full precision, so that what is read back is equal."""
 
+import tomllib
 from dataclasses import fields
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .face import Face
+from .pattern_shape import Bow
 from .pinhole import PinholeCamera
 
 if TYPE_CHECKING:
     from .scene import Scene
 
-__all__ = ["scene_table"]
+__all__ = ["FOREIGN", "foreign_sections", "scene_table"]
 
 Table = dict[str, Any]
+
+#: Sections of a rig's file that other parts own; read past here, kept on writing.
+FOREIGN = ("rest", "response", "devices", "sync")
+
+
+def foreign_sections(path: Path) -> Table:
+    """Those of a file that is there; none if it is no TOML."""
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError):
+        return {}
+    return {name: content[name] for name in FOREIGN if name in content}
 
 
 def scene_table(scene: "Scene") -> Table:
@@ -31,6 +46,9 @@ def scene_table(scene: "Scene") -> Table:
         },
         "camera": _camera(scene.camera),
     }
+    if pattern.shape is not None:
+        name = "bow" if isinstance(pattern.shape, Bow) else "table"
+        table["pattern"][name] = pattern.shape.table()
     if scene.dent is not None:
         table = {"name": scene.name, "dent": scene.dent, **table}
     for name in ("medium", "display", "sensor"):

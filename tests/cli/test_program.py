@@ -16,7 +16,9 @@ from optolever.cli.app import COMMANDS
 from .conftest import Program
 
 
-@pytest.mark.parametrize("command", [*(name for name in COMMANDS if name != "lab"), "lab fuzz"])
+@pytest.mark.parametrize(
+    "command", [*(name for name in COMMANDS if name != "lab"), "lab fuzz", "lab calibration"]
+)
 def test_help_has_synopsis_options_and_a_sample_with_output(command: str, optolever: Program) -> None:
     outcome = optolever(*command.split(), "--help")
     assert outcome.code == 0

@@ -14,6 +14,7 @@ FLOOR = {
     "decode": 2,
     "projector": 2,
     "reconstruct": 3,
+    "calibration": 4,
     "experiments": 4,
     "cli": 5,
 }

@@ -1,0 +1,39 @@
+"""calibration: captures of simple targets -> a scene with covariance.
+
+| file | holds |
+|---|---|
+| `calibrate.py` | calibrate(): the stages, the result |
+| `targets.py` | Flat, Rest, Ball, Plate, Points: form, own unknowns, priors |
+| `observation.py` | a capture of a target, checks, the sample that is used |
+| `priors.py` | what is free, held or known of a scene; the gauge |
+| `model.py` | where pixels look by a target |
+| `adjust.py` | the bundle adjustment and its covariance |
+| `start.py` | a start without a guess, in open air |
+| `figures.py` | what a calibration is worth, by simulation |
+| `rigs.py` | rigs with errors and their captures, for figures and tests |
+| `observability.py` | singular values in prior units, warnings |
+"""
+
+from .calibrate import Calibration, calibrate, left_out
+from .figures import SETUPS, Figure, figures, mode_chi2
+from .observation import Observation
+from .priors import default_priors
+from .targets import Ball, Flat, Plate, Points, Rest, Target
+
+__all__ = [
+    "SETUPS",
+    "Ball",
+    "Calibration",
+    "Figure",
+    "Flat",
+    "Observation",
+    "Plate",
+    "Points",
+    "Rest",
+    "Target",
+    "calibrate",
+    "default_priors",
+    "figures",
+    "left_out",
+    "mode_chi2",
+]

@@ -1,0 +1,164 @@
+"""The bundle adjustment: all captures, all unknowns, one least-squares problem.
+
+Residuals (model - (u, v))/sigma on every capture's sample, and one row (value - mean)/sigma for every prior;
+dense, by `scipy.optimize.least_squares`. Covariance C = max(1, chi)^2 (J^T J)^-1.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from optolever.scene import Scene, adjusted, parameter_values
+
+from .model import predicted
+from .observation import Sample
+from .targets import Points
+
+__all__ = ["Adjustment", "Problem", "adjust"]
+
+Floats = NDArray[np.float64]
+
+_LOST = 1e4  # residual of a pixel that sees nothing there
+_TINY = {"k1": 1e-4, "k2": 1e-3, "k3": 1e-2, "p1": 1e-5, "p2": 1e-5, "index": 1e-5, "pitch": 1e-7}
+_TINY |= {"pitch_u": 1e-7, "pitch_v": 1e-7, "f": 1e-1, "cx": 1e-2, "cy": 1e-2, "rx": 1e-5, "ry": 1e-5}
+_TINY |= {"rz": 1e-5, "tilt_x": 1e-5, "tilt_y": 1e-5}
+_SMALL = 1e-3  # mm: step of a length
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is adjusted: names (p,) with prior means and sigmas; the others stay as `fixed` says.
+
+    owners: per name, the samples that it moves.
+    """
+
+    scene: Scene
+    samples: Sequence[Sample]
+    sigmas: Mapping[str, float]
+    means: Mapping[str, float]
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    points: Sequence[Points] = ()
+    frame: str = ""
+
+    @property
+    def names(self) -> list[str]:
+        """Of the unknowns."""
+        return list(self.sigmas)
+
+    def named(self, vector: Floats) -> dict[str, float]:
+        """Values of the unknowns and of what is fixed."""
+        return dict(self.fixed) | dict(zip(self.names, vector.tolist(), strict=True))
+
+    def rest_shape(self, values: Mapping[str, float]) -> Floats:
+        """Residuals of known points on the frame's surface."""
+        target = next(sample.target for sample in self.samples if sample.name == self.frame)
+        shape = target.shape(self.frame, values, self.scene.mirror)
+        rows = [(shape(np.asarray(p.x), np.asarray(p.y))[0] - np.asarray(p.z)) / p.sigma for p in self.points]
+        return np.concatenate(rows) if rows else np.zeros(0)
+
+    def data(self, vector: Floats, only: Sequence[int] | None = None) -> list[Floats]:
+        """Residuals (2 n,) of the samples, or of some."""
+        values = self.named(vector)
+        known = parameter_values(self.scene)
+        scene = adjusted(self.scene, {name: value for name, value in values.items() if name in known})
+        found = []
+        for index in range(len(self.samples)) if only is None else only:
+            s = self.samples[index]
+            shape = s.target.shape(s.name, values, scene.mirror)
+            with np.errstate(all="ignore"):
+                u, v, _ = predicted(scene, shape, s.row, s.col)
+                rows = np.concatenate([(u - s.u) / s.sigma_u, (v - s.v) / s.sigma_v])
+            found.append(np.clip(np.nan_to_num(rows, nan=_LOST, posinf=_LOST, neginf=-_LOST), -1e8, 1e8))
+        if only is None and self.points:
+            found.append(self.rest_shape(values))
+        return found
+
+    def residuals(self, vector: Floats) -> Floats:
+        """All rows: samples, points, priors."""
+        return np.concatenate([*self.data(vector), self._prior(vector)])
+
+    def jacobian(self, vector: Floats) -> Floats:
+        """Forward differences, of a capture's own unknowns on its own rows only."""
+        counts = [2 * len(sample.row) for sample in self.samples]
+        starts = np.concatenate([[0], np.cumsum(counts)])
+        extra = sum(len(np.asarray(p.x)) for p in self.points)
+        data = int(starts[-1]) + extra
+        rows = np.zeros((data + len(vector), len(vector)))
+        before = self.data(vector)
+        for k, name in enumerate(self.names):
+            step, only = _step(name), self._moved(name)
+            ahead = vector.copy()
+            ahead[k] += step
+            for index, moved in zip(only, self.data(ahead, only), strict=True):
+                rows[starts[index] : starts[index + 1], k] = (moved - before[index]) / step
+            if extra:
+                rows[starts[-1] : data, k] = (self.rest_shape(self.named(ahead)) - before[-1]) / step
+            rows[data + k, k] = 1 / self.sigmas[name]
+        return rows
+
+    def _prior(self, vector: Floats) -> Floats:
+        means = np.array([self.means.get(name, 0.0) for name in self.names])
+        prior: Floats = (vector - means) / np.array(list(self.sigmas.values()))
+        return prior
+
+    def _moved(self, name: str) -> list[int]:
+        """Samples that an unknown moves."""
+        head = name.rpartition(".")[0]
+        if head in ("camera", "pattern", "face"):
+            return list(range(len(self.samples)))
+        return [
+            index
+            for index, sample in enumerate(self.samples)
+            if name in sample.target.unknowns(sample.name, sample.name == self.frame)
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class Adjustment:
+    """values (p,) at the minimum, jacobian there (data rows first, then one row per prior), chi of the data
+    per degree of freedom, chis of every sample, evaluations."""
+
+    problem: Problem
+    values: Floats
+    jacobian: Floats
+    chi: float
+    chis: dict[str, float]
+    evaluations: int
+
+    @property
+    def covariance(self) -> Floats:
+        """(p, p): max(1, chi)^2 (J^T J)^-1, by singular values of the scaled Jacobian."""
+        scale = np.array(list(self.problem.sigmas.values()))
+        _, singular, right = np.linalg.svd(np.linalg.qr(self.jacobian * scale, mode="r"))
+        inverse = (right.T / singular**2) @ right
+        found: Floats = max(1.0, self.chi) ** 2 * inverse * np.outer(scale, scale)
+        return 0.5 * (found + found.T)
+
+
+def adjust(problem: Problem, start: Mapping[str, float]) -> Adjustment:
+    """The minimum from a start (names that it lacks: the prior's mean)."""
+    first = np.array([start.get(name, problem.means.get(name, 0.0)) for name in problem.names])
+    found = least_squares(
+        problem.residuals,
+        first,
+        problem.jacobian,
+        x_scale="jac",
+        method="lm",  # QR; the singular values that trf takes of every step cost ten times that
+        ftol=1e-10,
+        xtol=1e-12,
+        gtol=1e-12,
+        max_nfev=40,
+    )
+    data = problem.data(found.x)
+    count = sum(rows.size for rows in data)
+    chi = float(np.sqrt(sum((rows**2).sum() for rows in data) / max(1, count - len(first))))
+    named = zip(problem.samples, data, strict=False)
+    chis = {sample.name: float(np.sqrt(np.mean(rows**2))) for sample, rows in named}
+    return Adjustment(problem, found.x, problem.jacobian(found.x), chi, chis, int(found.nfev))
+
+
+def _step(name: str) -> float:
+    return _TINY.get(name.rpartition(".")[2], _SMALL)

@@ -1,0 +1,230 @@
+"""calibrate(): captures of simple targets -> a scene with covariance, and what there is to say of it."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+from optolever.notices import Notice
+from optolever.scene import Covariance, Scene, adjusted, parameter_values
+
+from .adjust import Adjustment, Problem, adjust
+from .observability import Direction, directions, notices
+from .observation import Observation, Sample, frame_of, sampled
+from .priors import GAUGE, is_pose, resolved
+from .start import Flatview, open_air_start
+from .targets import Ball, Flat, Points, Rest
+
+__all__ = ["Calibration", "calibrate", "left_out"]
+
+Floats = NDArray[np.float64]
+
+_NO_BALL = 5.0  # chi of a ball's capture, and sigmas of its radius: it is none
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """scene: adjusted, with its covariance; adjustment: how that went; start: the scene it started from, and
+    whether that was found without a guess; directions: weakest first; notices: warnings by name."""
+
+    scene: Scene
+    adjustment: Adjustment
+    observations: tuple[Observation, ...]
+    start: Scene
+    guessed: bool
+    directions: tuple[Direction, ...]
+    notices: tuple[Notice, ...]
+
+    @property
+    def parameters(self) -> list[dict[str, Any]]:
+        """Per unknown: name, value, sigma, prior mean and sigma."""
+        problem = self.adjustment.problem
+        sigmas = np.sqrt(np.diag(self.adjustment.covariance))
+        return [
+            {
+                "name": name,
+                "value": float(value),
+                "sigma": float(sigma),
+                "prior": float(problem.means.get(name, 0.0)),
+                "prior_sigma": float(problem.sigmas[name]),
+            }
+            for name, value, sigma in zip(problem.names, self.adjustment.values, sigmas, strict=True)
+        ]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain types."""
+        return {
+            "chi": self.adjustment.chi,
+            "captures": self.adjustment.chis,
+            "evaluations": self.adjustment.evaluations,
+            "start": "preset" if self.guessed else "without a guess",
+            "parameters": self.parameters,
+            "directions": [
+                {"singular": each.singular, "parts": dict(each.parts)} for each in self.directions
+            ],
+            "notices": [str(notice) for notice in self.notices],
+        }
+
+
+def calibrate(
+    scene: Scene,
+    observations: Sequence[Observation],
+    priors: Mapping[str, float] | None = None,
+    *,
+    points: Sequence[Points] = (),
+    guess: bool = False,
+) -> Calibration:
+    """The scene that explains the captures, with its covariance.
+
+    priors: name -> standard deviation (inf: free, 0: held) in place of `default_priors`; their means are the
+    scene's numbers. points: known heights of the surface at rest. guess: start from the scene even where
+    captures in open air tell where to start. InputError names the capture or the prior that is wrong.
+    """
+    scene = replace(scene, covariance=None)
+    samples = sampled(observations, (scene.camera.rows, scene.camera.cols))
+    frame = frame_of(observations)
+    if points and not any(isinstance(sample.target, Rest) for sample in samples):
+        raise InputError("Points: need a capture of the mirror at Rest, whose heights they are")
+    samples = sorted(samples, key=lambda sample: sample.name != frame)
+    sigmas = resolved(scene, priors)
+    means = {name: value for name, value in parameter_values(scene).items() if name in sigmas}
+    base, first = scene, dict(means)
+    told = any(is_pose(name) and math.isfinite(sigma) and sigma > 0 for name, sigma in (priors or {}).items())
+    found = None if guess or told else _without_guess(scene, samples, sigmas)
+    if found is not None:
+        base, first = found
+    problem = _problem(base, samples, sigmas, means, points, frame)
+    if found is None:
+        first = _staged(problem, first)
+    result = adjust(problem, first)
+    if found is not None and result.chi > _NO_BALL:  # a bad start: the scene's own may be better
+        again = _problem(scene, samples, sigmas, means, points, frame)
+        other = adjust(again, _staged(again, dict(means)))
+        if other.chi < result.chi:
+            base, found, result = scene, None, other
+    _require_balls(result)
+    return _judged(base, result, observations, found is None)
+
+
+def left_out(calibration: Calibration, name: str) -> float:
+    """chi of a capture that is left out of the adjustment, its own pose adjusted to it afterwards."""
+    whole = calibration.adjustment.problem
+    others = [sample for sample in whole.samples if sample.name != name]
+    if name == whole.frame or not others:
+        return math.nan
+    values = whole.named(calibration.adjustment.values)
+    sigmas = {key: value for key, value in whole.sigmas.items() if not key.startswith(f"{name}.")}
+    found = adjust(replace(whole, samples=others, sigmas=sigmas), values)
+    return _own(whole, name, values | found.problem.named(found.values)).chi
+
+
+def _problem(
+    scene: Scene,
+    samples: Sequence[Sample],
+    sigmas: Mapping[str, float],
+    means: Mapping[str, float],
+    points: Sequence[Points],
+    frame: str,
+) -> Problem:
+    every = dict(sigmas)
+    for sample in samples:
+        every |= sample.target.unknowns(sample.name, sample.name == frame)
+    return Problem(scene, samples, every, means, {}, points, frame)
+
+
+def _without_guess(
+    scene: Scene, samples: Sequence[Sample], sigmas: Mapping[str, float]
+) -> tuple[Scene, dict[str, float]] | None:
+    """A start from flats in open air: scene and first values of the unknowns."""
+    views = [Flatview(s.name, s.row, s.col, s.u, s.v) for s in samples if isinstance(s.target, Flat)]
+    if len(views) != len(samples) or scene.medium is not None:
+        return None
+    found = open_air_start(scene, views)
+    if found is None:
+        return None
+    base, poses = found
+    values = {name: value for name, value in parameter_values(base).items() if name in sigmas}
+    return base, values | dict(poses)
+
+
+def _staged(problem: Problem, first: dict[str, float]) -> dict[str, float]:
+    """First values by steps: the frame's capture with the scene, then each other's own unknowns."""
+    (frame,) = (sample for sample in problem.samples if sample.name == problem.frame)
+    values = first
+    if isinstance(frame.target, Rest):  # of a flat alone nothing is known before the others join
+        own = set(frame.target.unknowns(problem.frame, True)) | set(parameter_values(problem.scene))
+        shared = {name: sigma for name, sigma in problem.sigmas.items() if name in own}
+        at_rest = adjust(replace(problem, samples=[frame], sigmas=shared), first)
+        values = first | at_rest.problem.named(at_rest.values)
+    for sample in problem.samples:
+        if sample.name != problem.frame:
+            alone = _own(problem, sample.name, values | _first_pose(problem, sample, values))
+            values |= alone.problem.named(alone.values)
+    return values
+
+
+def _first_pose(problem: Problem, sample: Sample, values: Mapping[str, float]) -> dict[str, float]:
+    """A ball lies under the middle of its pixels, as deep as its contact's radius a tells: a^2 = R d."""
+    if not isinstance(sample.target, Ball):
+        return {}
+    known = parameter_values(problem.scene)
+    scene = adjusted(problem.scene, {name: value for name, value in values.items() if name in known})
+    o, d = scene.camera.rays_at(sample.row, sample.col)
+    foot = o - (o[:, 2] / d[:, 2])[:, None] * d
+    middle = foot[:, :2].mean(axis=0)
+    half = 0.5 * np.ptp(foot[:, 1])
+    place = middle - 0.5 * np.array([scene.mirror.length, scene.mirror.width])
+    return {
+        f"{sample.name}.x": float(place[0]),
+        f"{sample.name}.y": float(place[1]),
+        f"{sample.name}.depth": float(half**2 / sample.target.radius),
+    }
+
+
+def _own(problem: Problem, name: str, values: Mapping[str, float]) -> Adjustment:
+    """A capture's own unknowns alone, all others held."""
+    (sample,) = (sample for sample in problem.samples if sample.name == name)
+    own = [key for key in sample.target.unknowns(name, False) if key.startswith(f"{name}.")]
+    sigmas = {key: problem.sigmas[key] for key in own}
+    held = {key: value for key, value in values.items() if key not in own}
+    missing = {key: 0.0 for key in problem.sigmas if key not in own and key not in held}
+    return adjust(replace(problem, samples=[sample], sigmas=sigmas, fixed=held | missing, points=()), values)
+
+
+def _require_balls(result: Adjustment) -> None:
+    for sample in result.problem.samples:
+        if not isinstance(sample.target, Ball):
+            continue
+        chi, name = result.chis[sample.name], f"{sample.name}.radius"
+        off = abs(result.problem.named(result.values)[name]) / sample.target.sigma
+        if max(chi, off) > _NO_BALL and chi > 2 * result.chis[result.problem.frame]:
+            raise InputError(
+                f"capture {sample.name!r}: it is no ball of radius {sample.target.radius:g} mm, or its mask "
+                f"holds more than the contact (chi {chi:.3g}, radius off by {off:.3g} sigma, usual up to "
+                f"{_NO_BALL:g})"
+            )
+
+
+def _judged(
+    base: Scene, result: Adjustment, observations: Sequence[Observation], guessed: bool
+) -> Calibration:
+    known = parameter_values(base)
+    names = [name for name in result.problem.names if name in known]
+    at = [result.problem.names.index(name) for name in names]
+    values = result.problem.named(result.values)
+    covariance = Covariance(tuple(names), result.covariance[np.ix_(at, at)], result.chi, GAUGE)
+    scene = adjusted(base, {name: values[name] for name in names})
+    found = directions(result, names)
+    return Calibration(
+        replace(scene, covariance=covariance),
+        result,
+        tuple(observations),
+        base,
+        guessed,
+        tuple(found),
+        notices(result, found, observations),
+    )

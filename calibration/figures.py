@@ -1,0 +1,158 @@
+"""What a calibration is worth, by simulation: `optolever lab calibration`.
+
+Truth is traced or rendered by the scene, never by the adjustment's model. An error of calibration moves a
+whole height map at once, so that a map is one sample: chi2/r of the r coefficients of its modes.
+"""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence, decode
+from optolever.patterns import sequence
+from optolever.projector import capture as render
+from optolever.reconstruct import HeightMap, PixelAnchor, reconstruct
+from optolever.scene import Covariance, Scene, Surface, trace
+
+from .calibrate import calibrate
+from .priors import default_priors
+from .rigs import Capturer, Rig, correspondence_of, open_air, prism
+
+__all__ = ["SETUPS", "Figure", "figures", "mode_chi2"]
+
+Floats = NDArray[np.float64]
+
+_SHARE = 0.999  # of the modes' variance: how many are counted
+_COLUMNS = {"air": (100, 480), "prism": (200, 400)}  # of the images, traced and rendered
+_NOISE = {"air": 0.0016, "prism": 0.005}  # of the thinned pattern's cells: 0.02 of the display's
+
+#: Name -> (kind, captures, pinhole).
+SETUPS = {
+    **{f"air K = {k}": ("air", k, False) for k in (3, 5, 8)},
+    "prism, rest + 3 balls": ("prism", 3, False),
+    "pinhole, rest + 3 balls": ("prism", 3, True),
+    "prism, rest": ("prism", 0, False),
+    "prism, priors alone": ("typed", 0, False),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One draw. error: rms of dent less rest over the dent's depth; scale, sigma_scale: relative error of its
+    depth, and what the modes predict; chi: of the adjustment; chi2: of the r = modes coefficients, per mode;
+    sigma: predicted rms of the modes, mm."""
+
+    setup: str
+    seed: int
+    error: float
+    scale: float
+    chi: float
+    chi2: float
+    modes: int
+    sigma: float
+    sigma_scale: float
+    evaluations: int
+
+    def to_dict(self) -> dict[str, float | str]:
+        """As plain types."""
+        return asdict(self)
+
+
+def mode_chi2(error: Floats, modes: NDArray[np.float32], sigma: Floats) -> tuple[float, int]:
+    """chi2 per mode of an error map's coefficients on the r leading principal modes that hold 99.9 % of the
+    variance, noise of sigma per pixel counted in; and r. All (n,), modes (k, n)."""
+    _, sizes, right = np.linalg.svd(modes.astype(np.float64), full_matrices=False)
+    held = np.cumsum(sizes**2) / (sizes**2).sum()
+    count = int(np.searchsorted(held, _SHARE)) + 1
+    coefficients = right[:count] @ error / sizes[:count]
+    noise = (right[:count] ** 2 @ sigma**2) / sizes[:count] ** 2
+    return float(np.mean(coefficients**2 / (1 + noise))), count
+
+
+def figures(setup: str, seeds: range, rendered: bool = False) -> Iterator[Figure]:
+    """One draw per seed: a rig with its own errors, captures, calibration, and a dent measured with it."""
+    for seed in seeds:
+        yield _figure(setup, seed, rendered)
+
+
+def _figure(setup: str, seed: int, rendered: bool) -> Figure:
+    kind, count, pinhole = SETUPS[setup]
+    rng = np.random.default_rng([seed, sorted(SETUPS).index(setup)])
+    take = (
+        _rendering(seed) if rendered else correspondence_of(_NOISE["air" if kind == "air" else "prism"], rng)
+    )
+    size = _COLUMNS["air" if kind == "air" else "prism"][rendered]
+    rig = open_air(rng, count, take, size=size) if kind == "air" else prism(rng, count, take, pinhole, size)
+    if kind == "typed":
+        scene, chi, evaluations = _typed(rig.given), 1.0, 0
+    else:
+        start = rig.truth if kind == "air" and not rendered else rig.given
+        found = calibrate(start, rig.observations, guess=start is rig.truth)
+        scene, chi, evaluations = found.scene, found.adjustment.chi, found.adjustment.evaluations
+    dented, flat = (
+        _measured(rig, scene, surface, take, 100 + k) for k, surface in enumerate((rig.dent, rig.rest))
+    )
+    return _judged(setup, seed, rig, dented, flat, (chi, evaluations))
+
+
+def _typed(scene: Scene) -> Scene:
+    """The scene with its default priors as covariance: nothing was calibrated."""
+    priors = default_priors(scene)
+    return replace(scene, covariance=Covariance(tuple(priors), np.diag([s * s for s in priors.values()])))
+
+
+def _rendering(seed: int) -> Capturer:
+    """Captures as frames of a virtual sensor with a noise of one level, decoded."""
+
+    def take(scene: Scene, surface: Surface, index: int) -> Correspondence:
+        shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
+        taken = render(scene, surface, shown, noise=1.0, seed=1000 * seed + index)
+        return decode(taken.frames, taken.sequence)
+
+    return take
+
+
+def _measured(
+    rig: Rig, scene: Scene, surface: Surface, take: Capturer, index: int
+) -> tuple[HeightMap, Floats]:
+    """Height by the calibrated scene, anchored at a pixel where it is known, and the truth."""
+    seen = trace(rig.truth, surface)
+    row, cols = seen.z.shape[0] // 2, seen.z.shape[1]
+    known = np.flatnonzero(np.isfinite(seen.z[row, cols // 10 :])) + cols // 10
+    anchor = PixelAnchor(row, int(known[0]), float(seen.z[row, known[0]]))
+    height = reconstruct(take(rig.truth, surface, index), scene, anchor=anchor)
+    return height, seen.z
+
+
+def _judged(
+    setup: str,
+    seed: int,
+    rig: Rig,
+    dented: tuple[HeightMap, Floats],
+    flat: tuple[HeightMap, Floats],
+    adjusted: tuple[float, int],
+) -> Figure:
+    (height, z), (rest, z0) = dented, flat
+    good = height.good & rest.good & np.isfinite(z) & np.isfinite(z0)
+    assert height.calibration is not None
+    assert rest.calibration is not None
+    change, true = (height.z - rest.z)[good], (z - z0)[good]
+    error, depth = change - true, float(true.max())
+    chi2, modes = mode_chi2((height.z - z)[good], height.calibration[:, good], height.sigma[good])
+    common = (height.calibration - rest.calibration)[:, good]
+    slope = float(error @ true / (true @ true))
+    slopes = common @ true / (true @ true)
+    return Figure(
+        setup,
+        seed,
+        float(np.sqrt(np.mean(error**2))) / depth,
+        slope,
+        adjusted[0],
+        chi2,
+        modes,
+        float(np.sqrt(np.mean(height.calibration_sigma[good] ** 2))),
+        float(np.sqrt((slopes**2).sum())),
+        adjusted[1],
+    )

@@ -1,0 +1,125 @@
+"""What the captures tell and what only the priors do: singular values in prior units, and warnings."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.notices import Notice
+
+from .adjust import Adjustment
+from .observation import Observation
+from .priors import GAUGE, MEANING
+from .targets import Ball, Flat, Plate
+
+__all__ = ["Direction", "directions", "notices"]
+
+Floats = NDArray[np.float64]
+
+_WEAK = 3.0  # singular value in prior units: below, the prior says as much as the captures
+_TILT = math.radians(2.0)  # between mirrors: below, they are nearly one pose
+_CHI = 1.2
+_CONTACT = 300  # pixels
+_PART = 0.3  # share of a direction's length from which a number is named
+
+
+@dataclass(frozen=True, slots=True)
+class Direction:
+    """A combination of numbers: how much sharper the captures know it than the priors (singular value), and
+    the numbers behind it with their shares."""
+
+    singular: float
+    parts: tuple[tuple[str, float], ...]
+
+    def __str__(self) -> str:
+        """In words."""
+        names = [MEANING.get(name, (name, ""))[0] for name, _ in self.parts]
+        cures = dict.fromkeys(MEANING.get(name, ("", ""))[1] for name, _ in self.parts)
+        cure = "; ".join(each for each in cures if each)
+        what = names[0] if len(names) == 1 else f"a combination of {', '.join(names)}"
+        return f"{what} is known from your prior alone{': ' + cure if cure else ''}"
+
+
+def directions(found: Adjustment, names: Sequence[str]) -> list[Direction]:
+    """Of these numbers, weakest first: the others are eliminated (columns projected out)."""
+    problem = found.problem
+    order = problem.names
+    scale = np.array(list(problem.sigmas.values()))
+    rows = (found.jacobian * scale)[: -len(order)]
+    chosen = [order.index(name) for name in names]
+    rest = [k for k in range(len(order)) if k not in chosen]
+    own, others = rows[:, chosen], np.vstack([rows[:, rest], np.eye(len(rest))])
+    own = np.vstack([own, np.zeros((len(rest), len(chosen)))])
+    triangle = np.asarray(np.linalg.qr(np.hstack([others, own]), mode="r"))
+    own = triangle[len(rest) :, len(rest) :]
+    _, singular, right = np.linalg.svd(own, full_matrices=False)
+    result = []
+    for size, vector in zip(singular[::-1], right[::-1], strict=True):
+        big = np.argsort(-np.abs(vector))
+        parts = tuple((names[k], float(vector[k])) for k in big if abs(vector[k]) >= _PART)
+        result.append(Direction(float(size), parts or ((names[big[0]], float(vector[big[0]])),)))
+    return result
+
+
+def notices(
+    found: Adjustment, weak: Sequence[Direction], observations: Sequence[Observation]
+) -> tuple[Notice, ...]:
+    """Warnings by name, and what passes through one to one."""
+    told = [
+        Notice(str(each), each.singular, _WEAK, "singular value in prior units")
+        for each in weak
+        if each.singular < _WEAK
+    ]
+    told += _poses(found, observations)
+    chis = {"all captures": found.chi} | found.chis
+    told += [
+        Notice(f"chi of {name}", chi, _CHI, "the model does not explain it: leave it out, or free more")
+        for name, chi in chis.items()
+        if chi > _CHI
+    ]
+    balls = [each for each in observations if isinstance(each.target, Ball)]
+    for each in balls:
+        count = int(np.count_nonzero(each.usable))
+        if count < _CONTACT:
+            cure = "take a larger ball, or press deeper"
+            told.append(
+                Notice(f"{count} contact pixels of {each.name}, fewer than {_CONTACT}", count, math.nan, cure)
+            )
+    through = []
+    flats = {each.target.flatness for each in observations if isinstance(each.target, Flat)}
+    if flats:
+        through.append(
+            f"the flatness of the reference ({', '.join(f'{1e3 * f:g}' for f in sorted(flats))} um)"
+        )
+    if balls:
+        through.append("the radius of the ball")
+    if through:
+        told.append(
+            Notice(f"{' and '.join(through)} pass into the heights one to one", math.nan, math.nan, "")
+        )
+    return (*told, Notice(GAUGE, math.nan, math.nan, ""))
+
+
+def _poses(found: Adjustment, observations: Sequence[Observation]) -> list[Notice]:
+    """Too few, parallel or nearly parallel mirrors, where no ball makes up for them."""
+    values = found.problem.named(found.values)
+    posed = [each for each in observations if isinstance(each.target, Flat | Plate)]
+    balls = any(isinstance(each.target, Ball) for each in observations)
+    if balls:
+        return []
+    if not posed:
+        cure = "the scale of the depth is known from your priors alone: press a ball"
+        return [Notice("rest without a ball", math.nan, math.nan, cure)]
+    told = []
+    if len(posed) < 3:
+        cure = "the null space is not empty: add tilted poses"
+        told.append(Notice(f"K = {len(posed)} poses without a ball", len(posed), math.nan, cure))
+    tilts = np.array([[values.get(f"{p.name}.{key}", 0.0) for key in ("tilt_x", "tilt_y")] for p in posed])
+    apart = float(np.linalg.norm(tilts[:, None] - tilts[None], axis=-1).max())
+    if apart < _TILT and len(posed) > 1:
+        name = "parallel poses" if apart < 0.1 * _TILT else "tilts below 2 degrees"
+        cure = f"mirrors differ by {math.degrees(apart):.2g} degrees: tilt them by 3 to 8"
+        told.append(Notice(name, math.nan, math.nan, cure))
+    return told

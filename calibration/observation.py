@@ -1,0 +1,122 @@
+"""A capture of a target, and the sample of it that the adjustment uses."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence
+from optolever.errors import InputError
+
+from .targets import Ball, Flat, Plate, Rest, Target
+
+__all__ = ["Observation", "Sample", "frame_of", "sampled"]
+
+Floats = NDArray[np.float64]
+
+_GRID = 40  # rows and columns of the sample
+_FEWEST = 100  # pixels: less is no mirror
+_LEAST_SIGMA = 1e-4  # cells: no model of a rig is better
+_SAME = 5.0  # sigma: two captures that agree so far everywhere are one pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observation:
+    """name: what the unknowns of this capture are called by; target: what it shows; mask (H, W): pixels to
+    use among the good ones (a pressed ball's contact), None: all."""
+
+    name: str
+    target: Target
+    correspondence: Correspondence
+    mask: NDArray[np.bool_] | None = None
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """Pixels (H, W) that tell something of the target."""
+        c = self.correspondence
+        good = c.good & np.isfinite(c.u) & np.isfinite(c.v)
+        return good if self.mask is None else good & self.mask
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample:
+    """Pixels (n,) of an observation: row, col, coordinates u, v and their sigmas in cells."""
+
+    name: str
+    target: Target
+    row: Floats
+    col: Floats
+    u: Floats
+    v: Floats
+    sigma_u: Floats
+    sigma_v: Floats
+
+
+def sampled(observations: Sequence[Observation], shape: tuple[int, int]) -> list[Sample]:
+    """40 x 40 pixels of each, on a grid over what is usable. InputError names the capture that is wrong."""
+    if not observations:
+        raise InputError("calibration: no capture is left; at least one of Flat or Rest is needed")
+    names = [each.name for each in observations]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"capture {name!r}: the name is taken twice")
+    for each in observations:
+        _require(each, shape)
+    _require_different(observations)
+    return [_sample(each) for each in observations]
+
+
+def frame_of(observations: Sequence[Observation]) -> str:
+    """The capture whose plane is z = 0: the first at rest, else the first flat."""
+    for kind in (Rest, Flat):
+        for each in observations:
+            if isinstance(each.target, kind):
+                return each.name
+    raise InputError("calibration: no capture is Flat or Rest; one must say where z = 0 is")
+
+
+def _require(each: Observation, shape: tuple[int, int]) -> None:
+    found = each.correspondence.u.shape
+    if found != shape:
+        raise InputError(f"capture {each.name!r}: {found} pixels, the scene's camera has {shape}")
+    if each.mask is not None and each.mask.shape != shape:
+        raise InputError(f"capture {each.name!r}: mask of {each.mask.shape} pixels, must be {shape}")
+    count = int(np.count_nonzero(each.usable))
+    if count < _FEWEST:
+        raise InputError(
+            f"capture {each.name!r}: {count} usable pixels, must be {_FEWEST} or more; is the mirror in view?"
+        )
+
+
+def _require_different(observations: Sequence[Observation]) -> None:
+    """InputError where two flats are the same to within their noise: they count twice and tell once."""
+    posed = [each for each in observations if isinstance(each.target, Flat | Plate | Ball)]
+    for i, one in enumerate(posed):
+        for other in posed[:i]:
+            both = one.usable & other.usable
+            if both.sum() < _FEWEST:
+                continue
+            a, b = one.correspondence, other.correspondence
+            noise = np.hypot(a.sigma_u, b.sigma_u)[both] + _LEAST_SIGMA
+            if np.mean(np.abs(a.u - b.u)[both] <= _SAME * noise) > 0.99:
+                raise InputError(
+                    f"captures {other.name!r} and {one.name!r}: the same pose twice (within noise); move it"
+                )
+
+
+def _sample(each: Observation) -> Sample:
+    usable, c = each.usable, each.correspondence
+    lines = [np.flatnonzero(usable.any(axis=1 - axis)) for axis in (0, 1)]
+    picked = [np.unique(np.linspace(at[0], at[-1], _GRID).round().astype(int)) for at in lines]
+    row, col = (part.ravel() for part in np.meshgrid(*picked, indexing="ij"))
+    on = usable[row, col]
+    row, col = row[on], col[on]
+    if row.size < _FEWEST // 2:  # scattered
+        row, col = np.nonzero(usable)
+        some = np.linspace(0, row.size - 1, min(row.size, _GRID * _GRID)).astype(int)
+        row, col = row[some], col[some]
+    values = [np.asarray(part[row, col], np.float64) for part in (c.u, c.v, c.sigma_u, c.sigma_v)]
+    sigmas = [np.maximum(sigma, _LEAST_SIGMA) for sigma in values[2:]]
+    where = row.astype(np.float64), col.astype(np.float64)
+    return Sample(each.name, each.target, *where, *values[:2], *sigmas)

@@ -1,0 +1,194 @@
+"""Rigs with errors and captures of targets on them, for the figures and tests of the calibration.
+
+The truth is traced by `scene.trace` (or rendered through it), never by the adjustment's own model.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence
+from optolever.scene import (
+    Bow,
+    Face,
+    PinholeCamera,
+    Scene,
+    Surface,
+    adjusted,
+    load,
+    parameter_values,
+    resize,
+    trace,
+)
+
+from .observation import Observation
+from .priors import default_priors
+from .targets import Ball, Flat, Rest
+
+__all__ = ["Rig", "ball_cap", "correspondence_of", "open_air", "prism", "shape_surface"]
+
+Floats = NDArray[np.float64]
+Rng = np.random.Generator
+Capturer = Callable[[Scene, Surface, int], Correspondence]
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """truth: the scene as it is; given: as it was typed; observations of targets; dent: to measure, and the
+    same mirror without it."""
+
+    truth: Scene
+    given: Scene
+    observations: list[Observation]
+    dent: Surface
+    rest: Surface
+
+
+def correspondence_of(noise: float, rng: Rng) -> Capturer:
+    """Captures as exact correspondences with Gaussian noise (cells)."""
+
+    def capture(scene: Scene, surface: Surface, _: int) -> Correspondence:
+        seen = trace(scene, surface)
+        size = seen.u.shape
+        u, v = (part + noise * rng.standard_normal(size) for part in (seen.u, seen.v))
+        sigma = np.full(size, noise)
+        return Correspondence(u, v, sigma, sigma, flags=np.where(seen.visible, 0, 1).astype(np.uint16))
+
+    return capture
+
+
+def shape_surface(height: Callable[[Floats, Floats], Floats]) -> Surface:
+    """A surface from its height alone: slopes by the complex step (h(x + i e) / e, exact to rounding)."""
+    tiny = 1e-30
+
+    def gradient(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        x, y = np.asarray(x, np.complex128), np.asarray(y, np.complex128)
+        return height(x + 1j * tiny, y).imag / tiny, height(x, y + 1j * tiny).imag / tiny  # type: ignore[arg-type]
+
+    return Surface(lambda x, y: np.asarray(height(x, y), np.float64), gradient)
+
+
+def _plane(scene: Scene, z0: float, a: float, b: float) -> Surface:
+    middle = 0.5 * scene.mirror.length, 0.5 * scene.mirror.width
+    return shape_surface(lambda x, y: z0 + a * (x - middle[0]) + b * (y - middle[1]))
+
+
+def open_air(
+    rng: Rng, poses: int, capture: Capturer, tilts: tuple[float, float] = (3.0, 8.0), size: int = 160
+) -> Rig:
+    """`monitor-mirror` with another lens, display pose and a bow of 0.2 mm; K flats, none known before."""
+    base = resize(load("monitor-mirror"), size * 4 // 5, size)
+    pattern = base.pattern
+    bow = Bow.of_pattern(pattern.rows, pattern.cols, *(0.2 * rng.standard_normal(3)))
+    camera = base.camera
+    truth = replace(base, pattern=replace(pattern, shape=bow))
+    values = {"camera.f": camera.focal[0] * (1.0 + 0.05 * rng.uniform(-1, 1))}  # type: ignore[union-attr]
+    values |= {"camera.rx": 0.01 * rng.uniform(-1, 1), "camera.k1": -0.1, "camera.k2": 0.05}
+    values |= {f"pattern.{name}": 0.03 * rng.uniform(-1, 1) for name in ("rx", "ry", "rz")}
+    values |= {f"pattern.{name}": 8.0 * rng.uniform(-1, 1) for name in ("x", "y", "z")}
+    truth = adjusted(truth, values)
+    observations: list[Observation] = []
+    turn = rng.uniform(0, 2 * np.pi)
+    for k in range(poses):
+        tilt = np.radians(rng.uniform(*tilts)) if k else 0.0
+        angle = turn + 2 * np.pi * k * 0.382  # golden: no two tilts about one axis
+        surface = _plane(truth, rng.uniform(-5, 5) if k else 0.0, tilt * np.cos(angle), tilt * np.sin(angle))
+        observations.append(Observation(f"flat{k}", Flat(1e-6), capture(truth, surface, k)))
+    x, y = 0.5 * truth.mirror.length, 0.5 * truth.mirror.width
+
+    def dent(a: Floats, b: Floats) -> Floats:
+        height: Floats = 0.5 * np.exp(-((a - x) ** 2 + (b - y) ** 2) / (2 * 18.0**2))
+        return height
+
+    return Rig(truth, base, observations, shape_surface(dent), _plane(truth, 0.0, 0.0, 0.0))
+
+
+def prism(rng: Rng, balls: int, capture: Capturer, pinhole: bool = False, size: int = 200) -> Rig:
+    """`prism48`, or a pinhole behind its capture face, every number off by a draw of its prior; the mirror
+    sags by 20 um; rest and `balls` balls of 25 to 40 mm."""
+    base = _behind_face(size) if pinhole else resize(load("prism48"), size * 3 // 4, size)
+    length, width = base.mirror.length, base.mirror.width
+    priors = default_priors(base)
+    known = {name: sigma * rng.standard_normal() for name, sigma in priors.items()}
+    own = parameter_values(base)
+    truth = adjusted(base, {name: own[name] + error for name, error in known.items()})
+    sags = 0.02 / np.sqrt(7) * rng.standard_normal(7)
+
+    def sag(x: Floats, y: Floats) -> Floats:
+        s, t = 2 * x / length - 1, 2 * y / width - 1  # Legendre's polynomials, written out
+        p2, q2 = 1.5 * s * s - 0.5, 1.5 * t * t - 0.5
+        p3, q3 = 2.5 * s**3 - 1.5 * s, 2.5 * t**3 - 1.5 * t
+        terms = (p2, s * t, q2, p3, p2 * t, s * q2, q3)
+        total: Floats = sum(c * term for c, term in zip(sags, terms, strict=True))
+        return total
+
+    rest = shape_surface(sag)
+    observations = [Observation("rest", Rest(3), capture(truth, rest, 0))]
+    for k in range(balls):
+        radius = rng.uniform(25, 40)
+        x, y = length * rng.uniform(0.35, 0.7), width * rng.uniform(0.35, 0.65)
+        surface = shape_surface(ball_cap(sag, x, y, 0.3, radius))
+        c = capture(truth, surface, 1 + k)
+        seen = trace(truth, surface)
+        with np.errstate(invalid="ignore"):
+            inside = np.hypot(seen.x - x, seen.y - y) < 0.8 * np.sqrt(0.3 * radius)
+        observations.append(Observation(f"ball{k}", Ball(radius, 1e-4 * radius), c, np.asarray(inside)))
+
+    def dented(x: Floats, y: Floats) -> Floats:
+        square = (x - 0.5 * length) ** 2 + (y - 0.5 * width) ** 2
+        height: Floats = sag(x, y) + 0.3 * np.exp(-square / 128.0)
+        return height
+
+    return Rig(truth, base, observations, shape_surface(dented), rest)
+
+
+def ball_cap(
+    under: Callable[[Floats, Floats], Floats], x0: float, y0: float, depth: float, radius: float
+) -> Callable[[Floats, Floats], Floats]:
+    """Height of a mirror `under` into which a ball is pressed: a sphere in the contact, a = sqrt(R d),
+    outside of it a skirt with the same height and slope at a that falls to `under`'s."""
+    a = np.sqrt(radius * depth)
+
+    def sphere(square: Floats) -> Floats:
+        cap: Floats = depth - radius + np.sqrt(radius**2 - square)
+        return cap
+
+    edge, slope = sphere(np.float64(a * a)), -a / np.sqrt(radius**2 - a * a)  # type: ignore[arg-type]
+
+    def height(x: Floats, y: Floats) -> Floats:
+        square = (x - x0) ** 2 + (y - y0) ** 2
+        in_contact = np.real(square) < a * a
+        far = np.sqrt(np.where(in_contact, a * a, square)) - a
+        skirt = edge * np.exp(slope / edge * far)
+        blend = np.exp(-far)  # under's own form is left to the ball within the contact only
+        cap = sphere(np.where(in_contact, square, 0.0))
+        result: Floats = np.where(in_contact, cap, skirt + (1 - blend) * under(x, y))
+        return result
+
+    return height
+
+
+def _behind_face(size: int) -> Scene:
+    """`prism48` seen by a pinhole 150 mm before its capture face."""
+    flat = resize(load("prism48"), size * 3 // 4, size)
+    camera, index = flat.camera, flat.medium.index if flat.medium else 1.41
+    forward = np.cross(camera.u_axis, camera.v_axis)
+    assert not isinstance(camera, PinholeCamera)
+    half = 0.5 * np.array([camera.cols - 1, camera.rows - 1]) * camera.pitch
+    middle = camera.origin + half[0] * camera.u_axis + half[1] * camera.v_axis
+    away = 150.0
+    focal = 1.05 * away / camera.pitch
+    centre = 0.5 * np.array([camera.cols - 1, camera.rows - 1])
+    lens = PinholeCamera(
+        middle - away * forward,
+        camera.u_axis,
+        camera.v_axis,
+        focal,
+        centre,
+        camera.rows,
+        camera.cols,
+        face=Face(middle, forward, index),
+    )
+    return replace(flat, camera=lens)

@@ -1,0 +1,173 @@
+"""`optolever calibrate`: captures of simple targets to a scene with covariance."""
+
+import math
+import re
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from optolever import InputError
+
+from .options import blame, json_option, load_scene, mask_from, sample, scene_option, size_option
+from .outputs import OUTPUT, Program
+from .show import grid, number, print_notices, progress, table, write_json
+
+if TYPE_CHECKING:
+    from optolever.calibration import Calibration, Observation, Target
+    from optolever.decode import Correspondence
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ optolever calibrate --scene monitor-mirror --out rig.toml \\
+      flat=p0.npz flat=p1.npz flat=p2.npz
+...
+$ optolever calibrate --scene prism48 --out rig.toml \\
+      rest=rest.npz ball:30,0.003=b.npz@contact.png --without b
+"""
+
+_TARGET = re.compile(r"(?P<kind>[a-z]+)(:(?P<numbers>[^=]*))?=(?P<path>[^@]+)(@(?P<mask>.+))?")
+
+
+@click.command("calibrate", cls=Program, epilog=sample(SAMPLE))
+@click.argument("captures", nargs=-1, required=True, metavar="TARGET=CAPTURE[@MASK.png]...")
+@scene_option
+@click.option(
+    "--out", type=OUTPUT, required=True, metavar="RIG.toml", help="Scene to write, with covariance."
+)
+@click.option(
+    "--prior",
+    "priors",
+    multiple=True,
+    metavar="NUMBER=SIGMA",
+    help="Of a scene's number; 0: held, inf: free.",
+)
+@click.option("--without", multiple=True, metavar="NAME", help="Leave a capture out, by its file's stem.")
+@click.option("--guess", is_flag=True, help="Start from the scene's numbers, in open air too.")
+@click.option("--leave-one-out", is_flag=True, help="Also show chi of every capture by the others.")
+@size_option
+@json_option
+def command(
+    captures: tuple[str, ...],
+    scene_name: str,
+    out: Path,
+    priors: tuple[str, ...],
+    without: tuple[str, ...],
+    guess: bool,
+    leave_one_out: bool,
+    size: tuple[int, int] | None,
+    json_path: Path | None,
+) -> None:
+    """Measure the rig: adjust a scene to captures of simple targets.
+
+    A capture is what decode wrote (.npz) or a folder of frames. TARGET is flat[:FLATNESS] (a reference mirror
+    in any pose, mm), rest[:ORDER[,SIGMA]] (the sensor's own surface), ball:RADIUS,SIGMA (its contact alone,
+    by the mask) or plate. reconstruct takes RIG.toml and tells what its errors do to the heights.
+    """
+    from optolever.calibration import calibrate, left_out
+    from optolever.files import together
+
+    scene = load_scene(scene_name, size)
+    chosen = {name: _number(f"--prior {name}", value) for name, value in map(_pair, priors)}
+    with progress() as step:
+        step("read captures")
+        observations = [_observation(text) for text in captures]
+        names = [each.name for each in observations]
+        for name in without:
+            if name not in names:
+                raise InputError(f"--without {name}: no such capture, must be one of {', '.join(names)}")
+        used = [each for each in observations if each.name not in without]
+        step("adjust")
+        start = time.perf_counter()
+        found = calibrate(scene, used, chosen, guess=guess)
+        numbers = found.to_dict() | {"seconds": time.perf_counter() - start}
+        if leave_one_out:
+            step("leave one out")
+            numbers["left_out"] = {each.name: left_out(found, each.name) for each in used}
+        step("write")
+        with together():
+            found.scene.save(out)
+            write_json(json_path, numbers)
+    print_notices(found.notices)
+    _show(found, numbers, out)
+
+
+def _show(found: "Calibration", numbers: dict[str, Any], out: Path) -> None:
+    rows = [
+        (each["name"], *(number(each[key]) for key in ("value", "sigma", "prior_sigma")))
+        for each in found.parameters
+    ]
+    grid("Numbers (mm, rad, px)", ("name", "value", "sigma", "prior sigma"), rows)
+    beside = numbers.get("left_out", {})
+    shown = {name: number(chi) for name, chi in numbers["captures"].items()}
+    shown = {
+        n: f"chi {chi}" + (f", left out {number(beside[n])}" if n in beside else "")
+        for n, chi in shown.items()
+    }
+    rest = {"chi": number(numbers["chi"]), "start": numbers["start"], "time": number(numbers["seconds"], "s")}
+    table(f"Rig in {out}", shown | rest)
+
+
+def _pair(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise InputError(f"--prior {text}: must be NUMBER=SIGMA, such as pattern.z=0.5")
+    return name, value
+
+
+def _number(what: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{what} = {text!r}: must be a number") from None
+
+
+def _observation(text: str) -> "Observation":
+    """The capture of one argument, named by its file's stem."""
+    from optolever.calibration import Observation
+
+    match = _TARGET.fullmatch(text)
+    if match is None:
+        raise InputError(
+            f"capture {text!r}: must be TARGET=CAPTURE, such as flat=pose.npz or ball:30,0.003=b.npz"
+        )
+    path = Path(match["path"])
+    given = match["numbers"].split(",") if match["numbers"] else []
+    target = _target(match["kind"], [_number(f"capture {text!r}: {match['kind']}", part) for part in given])
+    correspondence = _correspondence(path)
+    mask = None
+    if match["mask"]:
+        mask = mask_from(Path(match["mask"]), correspondence.u.shape, f"{path} is")
+    return Observation(path.stem, target, correspondence, mask)
+
+
+def _target(kind: str, numbers: list[float]) -> "Target":
+    from optolever.calibration import Ball, Flat, Plate, Rest
+
+    counts = {"flat": (0, 1), "rest": (0, 2), "ball": (2, 2), "plate": (0, 0)}
+    if kind not in counts:
+        raise InputError(f"target {kind!r}: unknown, must be one of {', '.join(counts)}")
+    least, most = counts[kind]
+    if not least <= len(numbers) <= most:
+        raise InputError(f"target {kind}: {len(numbers)} numbers, must be {least} to {most}")
+    if kind == "rest":
+        order = numbers[0] if numbers else 3
+        if not (math.isfinite(order) and order == int(order)):
+            raise InputError(f"target rest: order {order:g}, must be a whole number")
+        return Rest(int(order), *numbers[1:])
+    made: Target = {"flat": Flat, "ball": Ball, "plate": Plate}[kind](*numbers)
+    return made
+
+
+def _correspondence(path: Path) -> "Correspondence":
+    """What was decoded, or a folder of frames, decoded now."""
+    from optolever.decode import Correspondence, decode
+    from optolever.projector import Capture
+
+    if not path.is_dir():
+        return Correspondence.load(path)
+    capture = Capture.load(path)
+    with blame(path):
+        return decode(capture.frames, capture.sequence)

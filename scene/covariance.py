@@ -1,0 +1,73 @@
+"""How sure the numbers of a scene are: the covariance that a calibration leaves, saved beside the scene."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from optolever import InputError
+from optolever.files import load_arrays, save_arrays
+
+from .record import Float, Record, freeze
+
+__all__ = ["Covariance"]
+
+
+@dataclass(frozen=True, eq=False)
+class Covariance(Record):
+    """How sure the numbers of a scene are: names (p,), covariance matrix (p, p) in their units.
+
+    chi: of the adjustment that it comes from; gauge: in words, what was held. InputError unless the matrix is
+    symmetric and positive definite.
+    """
+
+    names: tuple[str, ...]
+    matrix: Float
+    chi: float = 1.0
+    gauge: str = ""
+
+    def __post_init__(self) -> None:
+        matrix = np.array(self.matrix, dtype=np.float64)
+        size = len(self.names)
+        if matrix.shape != (size, size) or not np.isfinite(matrix).all():
+            raise InputError(f"covariance: has shape {matrix.shape}, must be ({size}, {size}) and finite")
+        scale = np.sqrt(np.abs(np.diag(matrix)))
+        if not (scale > 0).all() or np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max():
+            raise InputError("covariance: is not symmetric with a positive diagonal")
+        least = float(np.linalg.eigvalsh(matrix / np.outer(scale, scale)).min()) if size else 1.0
+        if least < -1e-9:
+            raise InputError(
+                f"covariance: is not positive, its smallest correlation eigenvalue is {least:.3g}"
+            )
+        matrix.flags.writeable = False
+        freeze(self, matrix=matrix, names=tuple(self.names))
+
+    @property
+    def root(self) -> Float:
+        """L (r, p), r <= p: matrix = L^T L, rows by falling share, those of rounding left out."""
+        scale = np.sqrt(np.diag(self.matrix))
+        shares, vectors = np.linalg.eigh(self.matrix / np.outer(scale, scale))
+        some = shares > 1e-14 * shares.max()
+        root: Float = (np.sqrt(shares[some]) * vectors[:, some]).T[::-1] * scale
+        return root
+
+    def scaled(self, factors: Mapping[str, float]) -> "Covariance":
+        """In other units: each number named times its factor."""
+        by = np.array([factors.get(name, 1.0) for name in self.names])
+        return replace(self, matrix=self.matrix * np.outer(by, by))
+
+    def save(self, path: str | Path) -> None:
+        """Write as .npz."""
+        texts = {"names": np.array(self.names), "gauge": np.array(self.gauge)}
+        save_arrays(path, {**texts, "matrix": self.matrix, "chi": self.chi})
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Covariance":
+        """Read what `save` wrote; InputError names the file and what is wrong."""
+        arrays = load_arrays(path, ("names", "matrix", "chi", "gauge"), ("names", "gauge"))
+        names = tuple(str(name) for name in np.atleast_1d(arrays["names"]))
+        try:
+            return cls(names, arrays["matrix"], float(arrays["chi"]), str(arrays["gauge"]))
+        except (InputError, TypeError, ValueError) as error:
+            raise InputError(f"{path}: {error}") from error

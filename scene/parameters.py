@@ -1,0 +1,112 @@
+"""The numbers of a scene that a calibration adjusts, by name, and a scene with other ones.
+
+Intrinsic numbers (focal length, pitches, bow, index) are values; poses are changes of the scene's own, 0 in
+it: the camera's and the face's in the mirror's axes, the pattern's in its own axes about its middle. mm, rad.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from optolever import InputError
+
+from .face import Face
+from .pattern import Pattern
+from .pattern_shape import Bow
+from .pinhole import PinholeCamera
+from .pose import rotate, rotation_from_vector
+from .record import Float
+from .scene import Camera, Scene
+
+__all__ = ["adjusted", "parameter_values"]
+
+_LENS = ("k1", "k2", "p1", "p2", "k3")
+_BOW = ("b20", "b11", "b02")
+_POSE = ("x", "y", "z", "rx", "ry", "rz")
+
+
+def parameter_values(scene: Scene) -> dict[str, float]:
+    """All names that `adjusted` takes for this scene, with the scene's values."""
+    camera, pattern = scene.camera, scene.pattern
+    values = {f"camera.{name}": 0.0 for name in _POSE}
+    if isinstance(camera, PinholeCamera):
+        values |= {"camera.f": camera.focal[0], "camera.cx": camera.centre[0], "camera.cy": camera.centre[1]}
+        values |= {f"camera.{name}": value for name, value in zip(_LENS, camera.distortion, strict=True)}
+    else:
+        values |= {"camera.pitch_u": camera.pitch[0], "camera.pitch_v": camera.pitch[1]}
+    if camera.face is not None:
+        values |= {"face.rx": 0.0, "face.ry": 0.0, "face.distance": 0.0, "face.index": camera.face.index}
+    values |= {f"pattern.{name}": 0.0 for name in _POSE} | {"pattern.pitch": pattern.pitch}
+    if pattern.shape is None or isinstance(pattern.shape, Bow):
+        values |= {
+            f"pattern.{name}": 0.0 if pattern.shape is None else getattr(pattern.shape, name) for name in _BOW
+        }
+    return {name: float(value) for name, value in values.items()}
+
+
+def adjusted(scene: Scene, values: Mapping[str, float]) -> Scene:
+    """The scene with these numbers; InputError for names that it does not have."""
+    known = parameter_values(scene)
+    for name in values:
+        if name not in known:
+            raise InputError(f"parameter {name!r}: the scene has none, must be one of {', '.join(known)}")
+    every = known | dict(values)
+    return replace(scene, camera=_camera(scene.camera, every), pattern=_pattern(scene.pattern, every))
+
+
+def _turn(values: Mapping[str, float], part: str) -> tuple[Float, Float]:
+    """Shift (3,) and rotation vector (3,) of a part."""
+    pose = np.array([values[f"{part}.{name}"] for name in _POSE])
+    return pose[:3], pose[3:]
+
+
+def _camera(camera: Camera, values: Mapping[str, float]) -> Camera:
+    shift, turn = _turn(values, "camera")
+    rotation = rotation_from_vector(turn)
+    posed: dict[str, Any] = {
+        "origin": camera.origin + shift,
+        "u_axis": rotate(rotation, camera.u_axis),
+        "v_axis": rotate(rotation, camera.v_axis),
+        "face": None if camera.face is None else _face(camera.face, values),
+    }
+    if isinstance(camera, PinholeCamera):
+        focal = camera.focal * (values["camera.f"] / camera.focal[0])
+        centre = np.array([values["camera.cx"], values["camera.cy"]])
+        lens = np.array([values[f"camera.{name}"] for name in _LENS])
+        return replace(camera, **posed, focal=focal, centre=centre, distortion=lens)
+    return replace(camera, **posed, pitch=np.array([values["camera.pitch_u"], values["camera.pitch_v"]]))
+
+
+def _face(face: Face, values: Mapping[str, float]) -> Face:
+    """Turned about its point in two axes of its plane (the mirror's y, and what is across), moved along its
+    normal."""
+    first = np.cross([0.0, 1.0, 0.0], face.normal)
+    first = first / np.linalg.norm(first) if np.linalg.norm(first) > 1e-9 else np.array([1.0, 0.0, 0.0])
+    second = np.cross(face.normal, first)
+    rotation = rotation_from_vector(values["face.rx"] * first + values["face.ry"] * second)
+    return replace(
+        face,
+        point=face.point + values["face.distance"] * face.normal,
+        normal=rotate(rotation, face.normal),
+        index=values["face.index"],
+    )
+
+
+def _pattern(pattern: Pattern, values: Mapping[str, float]) -> Pattern:
+    shift, turn = _turn(values, "pattern")
+    axes = np.stack([pattern.u_axis, pattern.v_axis, pattern.normal])
+    rotation = rotation_from_vector(turn @ axes)
+    half = 0.5 * np.array([pattern.cols - 1, pattern.rows - 1])
+    middle = pattern.origin + pattern.pitch * half @ axes[:2] + shift @ axes
+    u_axis, v_axis = rotate(rotation, pattern.u_axis), rotate(rotation, pattern.v_axis)
+    pitch = values["pattern.pitch"]
+    origin = middle - pitch * (half[0] * u_axis + half[1] * v_axis)
+    shape = pattern.shape
+    if "pattern.b20" in values:
+        bow = shape if isinstance(shape, Bow) else Bow.of_pattern(pattern.rows, pattern.cols)
+        b20, b11, b02 = (values[f"pattern.{name}"] for name in _BOW)
+        bowed = isinstance(shape, Bow) or any((b20, b11, b02))
+        shape = replace(bow, b20=b20, b11=b11, b02=b02) if bowed else None
+    return replace(pattern, origin=origin, u_axis=u_axis, v_axis=v_axis, pitch=pitch, shape=shape)

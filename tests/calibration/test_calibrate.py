@@ -1,0 +1,307 @@
+"""The adjustment against scene.trace: model, derivatives, convergence, truth of the covariance, warnings."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from optolever import InputError
+from optolever.calibration import (
+    Ball,
+    Calibration,
+    Flat,
+    Observation,
+    Plate,
+    Points,
+    Rest,
+    calibrate,
+    left_out,
+)
+from optolever.calibration.adjust import Problem
+from optolever.calibration.model import predicted
+from optolever.calibration.observation import sampled
+from optolever.calibration.rigs import Rig, correspondence_of, open_air, prism, shape_surface
+from optolever.calibration.targets import Target
+from optolever.scene import Covariance, adjusted, parameter_values, trace
+
+
+def air(seed: int, poses: int, tilts: tuple[float, float] = (3.0, 8.0), noise: float = 0.0016) -> Rig:
+    rng = np.random.default_rng(seed)
+    return open_air(rng, poses, correspondence_of(noise, rng), tilts, size=100)
+
+
+def prisms(seed: int, balls: int, pinhole: bool = False) -> Rig:
+    rng = np.random.default_rng(seed)
+    return prism(rng, balls, correspondence_of(0.005, rng), pinhole)
+
+
+def deviations(found: Calibration, rig: Rig) -> float:
+    """chi2 per number of the scene: (estimate - truth)^T C^-1 (estimate - truth) / p."""
+    base, truth = found.start, rig.truth
+    covariance = found.scene.covariance
+    assert covariance is not None
+    values = found.adjustment.problem.named(found.adjustment.values)
+    own = parameter_values(truth)
+    poses = [name for name in covariance.names if own[name] == 0 and "pattern.b" not in name]
+    back = dict.fromkeys(poses, 0.0)
+    if base != truth:  # poses of the truth as changes of the base's: small turns add
+        back = {
+            name: float(value) for name, value in zip(poses, _poses_between(base, truth, poses), strict=True)
+        }
+    miss = np.array([values[name] - (back[name] if name in back else own[name]) for name in covariance.names])
+    return float(miss @ np.linalg.solve(covariance.matrix, miss)) / len(miss)
+
+
+def _poses_between(base, truth, names):  # type: ignore[no-untyped-def]
+    """Pose changes that make base into truth, by Newton's method on the scenes' vectors."""
+
+    def vectors(values):  # type: ignore[no-untyped-def]
+        intrinsic = {n: v for n, v in parameter_values(truth).items() if v != 0 and n not in names}
+        s = adjusted(base, intrinsic | dict(zip(names, values, strict=True)))
+        parts = [s.camera.origin, s.camera.u_axis, s.camera.v_axis]
+        parts += [s.pattern.origin, s.pattern.u_axis, s.pattern.v_axis]
+        parts += [] if s.camera.face is None else [s.camera.face.normal, s.camera.face.point]
+        return np.concatenate(parts)
+
+    s = truth
+    goal = [
+        s.camera.origin,
+        s.camera.u_axis,
+        s.camera.v_axis,
+        s.pattern.origin,
+        s.pattern.u_axis,
+        s.pattern.v_axis,
+    ]
+    goal += [] if s.camera.face is None else [s.camera.face.normal, s.camera.face.point]
+    x = np.zeros(len(names))
+    for _ in range(8):
+        at = vectors(x)
+        j = np.stack([(vectors(x + 1e-6 * e) - at) / 1e-6 for e in np.eye(len(x))], axis=1)
+        x = x - np.linalg.lstsq(j, at - np.concatenate(goal), rcond=None)[0]
+    assert np.abs(vectors(x) - np.concatenate(goal)).max() < 1e-8
+    return x
+
+
+@pytest.mark.parametrize("pinhole", [False, True])
+@pytest.mark.parametrize(
+    ("target", "values"),
+    [
+        (Plate(), {"a.height": 0.4, "a.tilt_x": 0.01, "a.tilt_y": -0.02}),
+        (Rest(3), {f"rest.L{i}{n - i}": 0.01 * (i - 0.7) * n for n in (2, 3) for i in range(n + 1)}),
+        (Ball(30.0, 0.01), {"a.x": 1.0, "a.y": -2.0, "a.depth": 0.3, "a.radius": 0.02}),
+        (Flat(1e-3), {"a.height": 0.4, "a.tilt_x": 0.01, "a.tilt_y": -0.02, "flat 0.001.L20": 0.003,
+                      "flat 0.001.L11": 0.002, "flat 0.001.L02": -0.001}),
+    ],
+)  # fmt: skip
+def test_the_model_is_what_the_ray_tracer_sees(
+    pinhole: bool, target: Target, values: dict[str, float]
+) -> None:
+    truth = prisms(0, 0, pinhole).truth if not isinstance(target, Flat) else air(0, 1).truth
+    shape = target.shape("a", values, truth.mirror)
+    seen = trace(truth, shape_surface(_written_out(target, values, truth.mirror)))
+    on = seen.visible
+    if isinstance(target, Ball):
+        on &= np.hypot(seen.x - 31.0, seen.y - 20.5) < 2.5
+    row, col = np.nonzero(on)
+    u, v, point = predicted(truth, shape, row.astype(float), col.astype(float))
+    assert on.sum() > 100
+    assert np.abs(u - seen.u[on]).max() < 1e-9
+    assert np.abs(v - seen.v[on]).max() < 1e-9
+    assert np.abs(point[2] - seen.z[on]).max() < 1e-10
+
+
+def _written_out(target, values, mirror):  # type: ignore[no-untyped-def]
+    """The targets' heights from their definitions, slopes by the complex step of shape_surface."""
+    legendre = [lambda s: 1.0, lambda s: s, lambda s: 1.5 * s * s - 0.5, lambda s: 2.5 * s**3 - 1.5 * s]
+
+    def height(x, y):  # type: ignore[no-untyped-def]
+        s, t = 2 * x / mirror.length - 1, 2 * y / mirror.width - 1
+        if isinstance(target, Ball):
+            square = (x - mirror.length / 2 - 1.0) ** 2 + (y - mirror.width / 2 + 2.0) ** 2
+            near = np.real(square) < 9.0
+            return np.where(near, 0.3 - 30.02 + np.sqrt(30.02**2 - np.where(near, square, 0)), 0.15 + 0 * x)
+        z = values.get("a.height", 0.0) + values.get("a.tilt_x", 0.0) * (x - mirror.length / 2)
+        z = z + values.get("a.tilt_y", 0.0) * (y - mirror.width / 2)
+        for name, c in values.items():
+            if ".L" in name:
+                z = z + c * legendre[int(name[-2])](s) * legendre[int(name[-1])](t)
+        return z
+
+    return height
+
+
+def test_derivatives_are_central_differences_of_the_residuals() -> None:
+    rig = air(1, 3)
+    found = calibrate(rig.truth, rig.observations, guess=True)
+    problem, at = found.adjustment.problem, found.adjustment.values
+    rows = problem.jacobian(at)
+    for k, name in enumerate(problem.names):
+        step = 1e-3 if name.endswith(("height", ".x", ".y", ".z", ".f", ".cx", ".cy")) else 1e-5
+        moved = [problem.residuals(at + sign * step * np.eye(len(at))[k]) for sign in (1, -1)]
+        expected = (moved[0] - moved[1]) / (2 * step)
+        assert np.abs(rows[:, k] - expected).max() < 1e-3 * np.abs(expected).max() + 1e-6, name
+
+
+@pytest.mark.parametrize("poses", [3, 5])
+def test_open_air_without_a_guess(poses: int) -> None:
+    rig = air(poses, poses)
+    far = replace(rig.given, pattern=replace(rig.given.pattern, origin=np.array([300.0, 0.0, 700.0])))
+    found = calibrate(far, rig.observations)
+    assert not found.guessed
+    assert 0.9 < found.adjustment.chi < 1.1
+    sigma = {each["name"]: each["sigma"] for each in found.parameters}
+    truth = parameter_values(rig.truth)
+    for name in (
+        "camera.f",
+        "camera.cx",
+        "camera.cy",
+        "camera.k1",
+        "pattern.b20",
+        "pattern.b11",
+        "pattern.b02",
+    ):
+        value = parameter_values(found.scene)[name]
+        assert abs(value - truth[name]) < 5 * sigma[name], name
+    assert all(0.8 < left_out(found, f"flat{k}") < 1.5 for k in range(1, poses))
+
+
+def test_covariance_is_true() -> None:
+    """(estimate - truth)^T C^-1 (estimate - truth) per number, mean over draws."""
+    misses = []
+    for seed in range(8):
+        rig = air(seed, 3)
+        misses.append(deviations(calibrate(rig.truth, rig.observations, guess=True), rig))
+    assert 0.75 < np.mean(misses) < 1.3
+    misses = []
+    for seed in range(6):
+        rig = prisms(seed, 3)
+        misses.append(deviations(calibrate(rig.given, rig.observations), rig))
+    assert 0.75 < np.mean(misses) < 1.3
+
+
+def test_prism_with_balls_behind_a_face() -> None:
+    rig = prisms(2, 3, pinhole=True)
+    found = calibrate(rig.given, rig.observations)
+    assert 0.9 < found.adjustment.chi < 1.1
+    assert 0.05 < deviations(found, rig) < 3
+
+
+def warned(found: Calibration) -> str:
+    return "\n".join(str(notice) for notice in found.notices)
+
+
+def test_what_cannot_be_observed_is_warned_of() -> None:
+    parallel = air(3, 3, (0.01, 0.02))
+    assert "parallel poses" in warned(calibrate(parallel.truth, parallel.observations, guess=True))
+    small = air(3, 3, (0.9, 1.0))
+    assert "tilts below 2 degrees" in warned(calibrate(small.truth, small.observations, guess=True))
+    one = air(3, 1)
+    text = warned(calibrate(one.truth, one.observations, guess=True))
+    assert "K = 1" in text
+    assert "known from your prior alone" in text
+    rest = prisms(1, 0)
+    text = warned(calibrate(rest.given, rest.observations))
+    assert "rest without a ball" in text
+    assert "the pattern's distance" in text
+    many = air(3, 5)
+    good = warned(calibrate(many.truth, many.observations, guess=True))
+    assert "singular value" not in good
+    assert "flatness of the reference" in good
+
+
+def test_flatness_and_radius_enter_the_covariance() -> None:
+    rig = air(4, 5)
+    sharp, soft = (
+        calibrate(rig.truth, [replace(each, target=Flat(f)) for each in rig.observations], guess=True)
+        for f in (1e-6, 0.1)
+    )
+    sigma = [{each["name"]: each["sigma"] for each in found.parameters} for found in (sharp, soft)]
+    assert sigma[1]["pattern.b20"] > 1.5 * sigma[0]["pattern.b20"]
+
+
+def test_known_points_hold_the_rest() -> None:
+    rig = prisms(5, 0)
+    x, y = np.array([15.0, 30.0, 45.0]), np.array([10.0, 22.0, 30.0])
+    known = Points(x, y, rig.rest.height(x, y), 1e-4)
+    with_points, without = (
+        calibrate(rig.given, rig.observations, points=points) for points in ((known,), ())
+    )
+    shapes = [
+        np.mean([each["sigma"] for each in found.parameters if each["name"].startswith("rest.")])
+        for found in (with_points, without)
+    ]
+    assert shapes[0] < shapes[1]
+
+
+def test_a_step_of_the_problem_is_refused_nothing_it_does_not_name() -> None:
+    rig = air(1, 3)
+    samples = sampled(rig.observations, (rig.given.camera.rows, rig.given.camera.cols))
+    problem = Problem(rig.truth, samples, {"camera.nonsense": 1.0}, {}, frame="flat0")
+    with pytest.raises((InputError, KeyError)):
+        problem.residuals(np.zeros(1))
+
+
+def bad(rig: Rig, name: str) -> list[Observation]:
+    first, *others = rig.observations
+    c = first.correspondence
+    if name == "size":
+        cut = {key: getattr(c, key)[:-1] for key in ("u", "v", "sigma_u", "sigma_v", "flags")}
+        return [replace(first, correspondence=type(c)(**cut)), *others]
+    if name == "mirror":
+        return [replace(first, correspondence=replace(c, flags=np.ones_like(c.flags))), *others]
+    if name == "twice":
+        return [first, *others, replace(others[0], name="again")]
+    return [replace(first, target=Plate()), *(replace(each, target=Plate()) for each in others)]
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("size", "pixels"), ("mirror", "mirror in view"), ("twice", "same pose twice"), ("frame", "z = 0")],
+)
+def test_bad_captures_are_one_line(name: str, told: str) -> None:
+    rig = air(6, 3)
+    with pytest.raises(InputError, match=told) as caught:
+        calibrate(rig.given, bad(rig, name))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_ball_that_is_none() -> None:
+    rig = prisms(7, 1)
+    rest, ball = rig.observations
+    wrong = [rest, replace(ball, target=Ball(200.0, 0.01))]
+    with pytest.raises(InputError, match="no ball of radius 200"):
+        calibrate(rig.given, wrong)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Flat(0.0),
+        lambda: Ball(0.0, 1.0),
+        lambda: Ball(10.0, 0.0),
+        lambda: Rest(3, -1.0),
+        lambda: Rest(0),
+    ],
+)
+def test_sigma_zero_is_refused(make) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(InputError, match="must be"):
+        make()
+
+
+def test_priors_by_name_only() -> None:
+    rig = air(6, 3)
+    for priors, told in (
+        ({"camera.g": 1.0}, "no such number"),
+        ({"camera.f": -1.0}, "at least 0"),
+        ({"camera.x": 1.0}, "gauge"),
+    ):
+        with pytest.raises(InputError, match=told):
+            calibrate(rig.given, rig.observations, priors)
+
+
+@pytest.mark.parametrize(
+    "matrix", [np.diag([1.0, -1.0]), np.array([[1.0, 2.0], [2.0, 1.0]]), np.eye(3), np.full((2, 2), np.nan)]
+)
+def test_a_covariance_that_is_none(matrix) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(InputError, match="covariance"):
+        Covariance(("a", "b"), matrix)

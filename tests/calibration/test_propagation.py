@@ -1,0 +1,108 @@
+"""Modes of a rig's covariance in the heights, against draws of rigs that are wrong by as much."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optolever import InputError
+from optolever.calibration import calibrate
+from optolever.calibration.rigs import Rig, correspondence_of, open_air, prism
+from optolever.decode import Correspondence
+from optolever.reconstruct import HeightMap, PointAnchor, reconstruct
+from optolever.scene import Covariance, Scene, adjusted, load, parameter_values, trace
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    rng = np.random.default_rng(11)
+    return prism(rng, 0, correspondence_of(0.005, rng), size=160)
+
+
+def uncalibrated(scene: Scene) -> Scene:
+    """Priors that a user gives: 0.1 degree, 0.05 mm."""
+    sigmas = {"camera.rx": 2e-3, "camera.ry": 2e-3, "pattern.x": 0.05, "pattern.z": 0.05, "pattern.ry": 2e-3}
+    return replace(scene, covariance=Covariance(tuple(sigmas), np.diag([s**2 for s in sigmas.values()])))
+
+
+def exact(scene: Scene, rig: Rig, dented: bool = True) -> tuple[Correspondence, PointAnchor]:
+    surface = rig.dent if dented else rig.rest
+    seen = trace(scene, surface)
+    sigma = np.full(seen.u.shape, 1e-3)
+    found = Correspondence(seen.u, seen.v, sigma, sigma, flags=np.where(seen.visible, 0, 1).astype(np.uint16))
+    x, y = 0.9 * scene.mirror.length, 0.5 * scene.mirror.width
+    z = float(surface.height(np.array(x), np.array(y)))
+    return found, PointAnchor(x, y, z)
+
+
+def test_modes_are_what_a_wrong_rig_does(rig: Rig) -> None:
+    """Numbers that are off by a combination of the root's rows move the heights by that of the modes."""
+    scene = uncalibrated(rig.truth)
+    given, anchor = exact(rig.truth, rig)
+    height = reconstruct(given, scene, anchor=anchor)
+    assert height.calibration is not None
+    assert height.calibration.shape == (5, *height.z.shape)
+    share = np.random.default_rng(0).standard_normal(5)
+    change = share @ scene.covariance.root  # type: ignore[union-attr]
+    own = parameter_values(scene)
+    named = {n: own[n] + d for n, d in zip(scene.covariance.names, change, strict=True)}  # type: ignore[union-attr]
+    wrong = reconstruct(given, replace(adjusted(scene, named), covariance=None), anchor=anchor)
+    moved, predicted = wrong.z - height.z, np.tensordot(share, height.calibration, 1)
+    both = wrong.good & height.good
+    assert np.sqrt(np.mean((moved - predicted)[both] ** 2)) < 0.05 * np.sqrt(np.mean(moved[both] ** 2))
+
+
+def test_common_modes_cancel_in_a_difference(rig: Rig) -> None:
+    scene = uncalibrated(rig.truth)
+    pressed, rest = (
+        reconstruct(given, scene, anchor=at)
+        for given, at in (exact(rig.truth, rig, d) for d in (True, False))
+    )
+    change, sigma = pressed.difference(rest)
+    good = pressed.good & rest.good
+    assert np.median(sigma[good]) < 0.2 * np.median(pressed.total_sigma[good])
+    assert np.nanmax(change[good]) == pytest.approx(0.3, rel=0.01)
+    with pytest.raises(InputError, match="one rig"):
+        pressed.difference(replace(rest, calibration=None))
+
+
+def test_without_a_covariance_nothing_changes(rig: Rig) -> None:
+    given, anchor = exact(rig.truth, rig)
+    plain, with_modes = (reconstruct(given, s, anchor=anchor) for s in (rig.truth, uncalibrated(rig.truth)))
+    assert plain.calibration is None
+    assert np.array_equal(plain.z, with_modes.z, equal_nan=True)
+    assert np.array_equal(plain.total_sigma, plain.sigma, equal_nan=True)
+    assert (with_modes.total_sigma >= with_modes.sigma)[with_modes.good].all()
+
+
+def test_saved_and_loaded(rig: Rig, tmp_path: Path) -> None:
+    scene = uncalibrated(rig.truth)
+    scene.save(tmp_path / "rig.toml")
+    assert load(tmp_path / "rig.toml") == scene
+    text = (tmp_path / "rig.toml").read_text() + "\n[devices]\ncamera = 'x'\n"
+    (tmp_path / "rig.toml").write_text(text)
+    scene.save(tmp_path / "rig.toml")
+    assert "[devices]" in (tmp_path / "rig.toml").read_text()
+    given, anchor = exact(rig.truth, rig)
+    height = reconstruct(given, load(tmp_path / "rig.toml"), anchor=anchor)
+    height.save(tmp_path / "h.npz")
+    again = HeightMap.load(tmp_path / "h.npz")
+    assert np.array_equal(again.calibration, height.calibration, equal_nan=True)
+    (tmp_path / "rig.calibration.npz").unlink()
+    with pytest.raises(InputError, match=r"rig\.calibration\.npz"):
+        load(tmp_path / "rig.toml")
+
+
+def test_heights_of_a_calibrated_rig_in_open_air() -> None:
+    """Total sigma against the error of a dent."""
+    rng = np.random.default_rng(5)
+    rig = open_air(rng, 3, correspondence_of(0.0016, rng), size=100)
+    found = calibrate(rig.truth, rig.observations, guess=True)
+    given, anchor = exact(rig.truth, rig)
+    height = reconstruct(given, found.scene, anchor=anchor)
+    truth = trace(rig.truth, rig.dent)
+    error = (height.z - truth.z)[height.good]
+    ratio = np.sqrt(np.mean(error**2) / np.mean(height.total_sigma[height.good] ** 2))
+    assert 0.05 < ratio < 3
+    assert height.calibration_sigma[height.good].max() > 3 * height.sigma[height.good].max()

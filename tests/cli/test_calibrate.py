@@ -1,0 +1,85 @@
+"""`optolever calibrate`: from captures to a rig that `reconstruct` takes; what is refused."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optolever.calibration.rigs import Rig, correspondence_of, open_air
+from optolever.reconstruct import HeightMap
+from optolever.scene import load
+
+from .conftest import Program
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> tuple[Rig, Path]:
+    folder = tmp_path_factory.mktemp("captures")
+    rng = np.random.default_rng(3)
+    rig = open_air(rng, 4, correspondence_of(0.0016, rng), size=60)
+    rig.given.save(folder / "given.toml")
+    for each in rig.observations:
+        each.correspondence.save(folder / f"{each.name}.npz")
+    return rig, folder
+
+
+def test_from_captures_to_heights_with_modes(
+    rig: tuple[Rig, Path], tmp_path: Path, optolever: Program
+) -> None:
+    folder = rig[1]
+    flats = [f"flat:1e-6={folder}/flat{k}.npz" for k in range(4)]
+    out, numbers = tmp_path / "rig.toml", tmp_path / "rig.json"
+    scene_and_out = ("--scene", str(folder / "given.toml"), "--out", str(out))
+    outcome = optolever("calibrate", *flats, *scene_and_out, "--without", "flat3", "--json", str(numbers))
+    assert outcome.code == 0, outcome.err
+    assert "camera.f" in outcome.out
+    assert "gauge" in outcome.err
+    found = json.loads(numbers.read_text())
+    assert set(found["captures"]) == {"flat0", "flat1", "flat2"}
+    assert found["start"] == "without a guess"
+    scene = load(out)
+    assert scene.covariance is not None
+    assert (tmp_path / "rig.calibration.npz").is_file()
+    height = tmp_path / "h.npz"
+    scene_and_out = ("--scene", str(out), "--out", str(height))
+    outcome = optolever("reconstruct", str(folder / "flat0.npz"), *scene_and_out, "--anchor", "75,55,0")
+    assert outcome.code == 0, outcome.err
+    assert "rig's" in outcome.out
+    modes = HeightMap.load(height).calibration
+    assert modes is not None
+    assert len(modes) == len(scene.covariance.root)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["flat"], "TARGET=CAPTURE"),
+        (["mirror=flat0.npz"], "flat, rest, ball, plate"),
+        (["ball:10=flat0.npz"], "2 to 2"),
+        (["flat:0=flat0.npz"], "greater than 0"),
+        (["flat:x=flat0.npz"], "must be a number"),
+        (["rest:2.5=flat0.npz"], "whole number"),
+        (["flat=nothing.npz"], "no such file"),
+        (["plate=flat0.npz"], "Flat or Rest"),
+        (["flat=flat0.npz", "--without", "a"], "no such capture"),
+        (["flat=flat0.npz", "--prior", "a"], "NUMBER=SIGMA"),
+        (["flat=flat0.npz", "--prior", "a=1"], "no such number"),
+        (["flat=flat0.npz", "flat=flat0.npz"], "taken twice"),
+    ],
+)
+def test_bad_input_is_one_line(
+    rig: tuple[Rig, Path],
+    words: list[str],
+    told: str,
+    tmp_path: Path,
+    optolever: Program,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(rig[1])
+    out = tmp_path / "rig.toml"
+    outcome = optolever("calibrate", *words, "--scene", "given.toml", "--out", str(out))
+    assert outcome.code == 2
+    assert told in outcome.err
+    assert len(outcome.err.strip().splitlines()) == 1
+    assert not out.exists()
