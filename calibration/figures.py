@@ -72,12 +72,15 @@ def mode_chi2(error: Floats, modes: NDArray[np.float32], sigma: Floats) -> tuple
 
 
 def figures(setup: str, seeds: range, rendered: bool = False) -> Iterator[Figure]:
-    """One draw per seed: a rig with its own errors, captures, calibration, and a dent measured with it."""
+    """One draw per seed: a rig with its own errors, captures, calibration, and a dent measured with it; none
+    where no height is left unflagged."""
     for seed in seeds:
-        yield _figure(setup, seed, rendered)
+        figure = _figure(setup, seed, rendered)
+        if figure is not None:
+            yield figure
 
 
-def _figure(setup: str, seed: int, rendered: bool) -> Figure:
+def _figure(setup: str, seed: int, rendered: bool) -> Figure | None:
     kind, count, pinhole = SETUPS[setup]
     rng = np.random.default_rng([seed, sorted(SETUPS).index(setup)])
     take = (
@@ -91,6 +94,8 @@ def _figure(setup: str, seed: int, rendered: bool) -> Figure:
         start = rig.truth if kind == "air" and not rendered else rig.given
         found = calibrate(start, rig.observations, guess=start is rig.truth)
         scene, chi, evaluations = found.scene, found.adjustment.chi, found.adjustment.evaluations
+    if not rendered:  # what noise does to the measured map is reconstruct's to tell
+        take = correspondence_of(1e-4, rng)
     dented, flat = (
         _measured(rig, scene, surface, take, 100 + k) for k, surface in enumerate((rig.dent, rig.rest))
     )
@@ -133,9 +138,11 @@ def _judged(
     dented: tuple[HeightMap, Floats],
     flat: tuple[HeightMap, Floats],
     adjusted: tuple[float, int],
-) -> Figure:
+) -> Figure | None:
     (height, z), (rest, z0) = dented, flat
     good = height.good & rest.good & np.isfinite(z) & np.isfinite(z0)
+    if not good.any():
+        return None
     assert height.calibration is not None
     assert rest.calibration is not None
     change, true = (height.z - rest.z)[good], (z - z0)[good]

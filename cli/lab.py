@@ -67,7 +67,7 @@ def fuzz_command(cases: int, seed: int, json_path: Path | None) -> int:
 CALIBRATION = """
 $ optolever lab calibration --draws 3 --setup "prism, rest + 3 balls"
 Dent less rest, relative to its depth
-set-up                 error  worst  scale  scale/sigma  chi2/r  r  chi
+set-up                 draws  error  worst  scale  scale/sigma  chi2/r  r  chi
 prism, rest + 3 balls  ...
 """
 
@@ -102,6 +102,9 @@ def calibration_command(
                 step(name, len(drawn), draws)
                 drawn.append(each)
             found += drawn
+            if not drawn:
+                rows.append((name, "0", *["-"] * 7))
+                continue
             column = {
                 key: np.array([getattr(each, key) for each in drawn])
                 for key in ("error", "scale", "sigma_scale", "chi2", "chi", "modes")
@@ -109,8 +112,10 @@ def calibration_command(
             share = column["scale"] / column["sigma_scale"]
             cells = [np.median(column["error"]), column["error"].max(), np.abs(column["scale"]).max()]
             cells += [np.sqrt(np.mean(share**2)), column["chi2"].mean(), np.median(column["modes"])]
-            rows.append((name, *(f"{cell:.3g}" for cell in cells), f"{column['chi'].max():.3g}"))
-    heads = ("set-up", "error", "worst", "scale", "scale/sigma", "chi2/r", "r", "chi")
+            rows.append(
+                (name, str(len(drawn)), *(f"{cell:.3g}" for cell in cells), f"{column['chi'].max():.3g}")
+            )
+    heads = ("set-up", "draws", "error", "worst", "scale", "scale/sigma", "chi2/r", "r", "chi")
     grid("Dent less rest, relative to its depth", heads, rows)
     if json_path is not None:
         write_json(json_path, {"figures": [each.to_dict() for each in found]})

@@ -1,0 +1,20 @@
+"""chi2 of mode coefficients, against draws of maps made of the modes."""
+
+import numpy as np
+import pytest
+
+from optolever.calibration import mode_chi2
+
+
+@pytest.mark.parametrize(("factor", "expected"), [(1.0, 1.0), (3.0, 9.0)])
+def test_mode_chi2_of_drawn_maps(factor: float, expected: float) -> None:
+    rng = np.random.default_rng(0)
+    modes = (rng.standard_normal((5, 400)) * np.array([5.0, 2.0, 1.0, 1.0, 1e-3])[:, None]).astype(np.float32)
+    sigma = np.full(400, 0.1)
+    found = []
+    for _ in range(300):
+        error = factor * (rng.standard_normal(5) @ modes + 0.1 * rng.standard_normal(400))
+        chi2, count = mode_chi2(error, modes, sigma)
+        found.append(chi2)
+        assert count == 4
+    assert np.mean(found) == pytest.approx(expected, rel=0.15)
