@@ -192,7 +192,7 @@ def _read_rows(
         for x in range(width):
             noise = read2 + gain * max(o[x], np.float32(0))
             if (
-                second[x] * second[x] < np.float32(_WEAK * _WEAK) * noise
+                second[x] * second[x] < np.float32(_WEAK * _WEAK) * (noise + unlike2 * a[x] * a[x])
                 and a[x] * a[x] > np.float32(8) * noise
             ):
                 for b in range(bits):
@@ -370,11 +370,11 @@ def _cells_line(
         word[x] = cells[word[x]]
     for x in range(word.size):
         noise = read2 + gain * max(offset[x], zero)
-        deviation = one / np.sqrt(noise)
+        power = amplitude[x] * amplitude[x]
+        deviation = one / np.sqrt(noise + unlike2 * power)
         wrong, also = turned(least[x] * deviation), turned(second[x] * deviation)
         step = np.float32(weakest[x] - word[x])
         beside = abs(step) == one
-        power = amplitude[x] * amplitude[x]
         unlike = rounding2 + misfit2 * power
         place[x] = first + cell * (np.float32(word[x]) + (mixed * wrong * step if beside else zero))
         # an edge is as wide as a cell at most, and noise moves it by its share of the contrast
@@ -408,7 +408,7 @@ def _weak_bits(
     count, word = 0, np.int32(0)
     for b in range(factor.size):
         word |= np.int32(1 << b) if margin[b] > 0 else np.int32(0)
-        if margin[b] * margin[b] < _WEAK * _WEAK * noise * factor[b]:
+        if margin[b] * margin[b] < _WEAK * _WEAK * (noise + unlike2 * amplitude * amplitude) * factor[b]:
             if count == _MOST_WEAK:
                 error[x] = np.float32(1)
                 return
