@@ -186,13 +186,27 @@ def _read_rows(
                     fetch_line(line, table, light[0])
                     _single(light[0], sign, scale, bit, number, o, a, c2, word, weakest, least, second)
         _cells_line(
-            *(word, weakest, least, second, cells, cell, first, alone, np.float32(pairs), referenced),
+            *(
+                word,
+                weakest,
+                least,
+                second,
+                cells,
+                cell,
+                first,
+                alone,
+                np.float32(pairs),
+                np.float32(bits),
+                referenced,
+            ),
             *(a, o, total, square, read2, gain, rounding2, misfit2, unlike2, place[r], var[r], error[r], c2),
         )
         for x in range(width):
             noise = read2 + gain * max(o[x], np.float32(0))
             if (
-                second[x] * second[x] < np.float32(_WEAK * _WEAK) * (noise + unlike2 * a[x] * a[x])
+                second[x] * second[x]
+                < np.float32(_WEAK * _WEAK)
+                * (noise + (unlike2 * a[x] * a[x] if pairs < bits else np.float32(0)))
                 and a[x] * a[x] > np.float32(8) * noise
             ):
                 for b in range(bits):
@@ -340,6 +354,7 @@ def _cells_line(
     first: Any,
     alone: Any,
     pairs: Any,
+    bits: Any,
     referenced: Any,
     amplitude: Any,
     offset: Any,
@@ -363,6 +378,8 @@ def _cells_line(
     # a mean of two samples; white and black are one more
     known = one / (one + count) if referenced else np.float32(0)
     known = one - known * count
+    # a bit and its inverse are off by the same: their difference keeps its sign
+    threshold2 = unlike2 if pairs < bits else np.float32(0)
     zero, half, eighth = np.float32(0), np.float32(0.5), np.float32(0.125)
     for x in range(word.size):  # the cell that a turned bit leads to
         weakest[x] = cells[word[x] ^ (np.int32(1) << weakest[x])]
@@ -371,7 +388,7 @@ def _cells_line(
     for x in range(word.size):
         noise = read2 + gain * max(offset[x], zero)
         power = amplitude[x] * amplitude[x]
-        deviation = one / np.sqrt(noise + unlike2 * power)
+        deviation = one / np.sqrt(noise + threshold2 * power)
         wrong, also = turned(least[x] * deviation), turned(second[x] * deviation)
         step = np.float32(weakest[x] - word[x])
         beside = abs(step) == one
@@ -408,7 +425,13 @@ def _weak_bits(
     count, word = 0, np.int32(0)
     for b in range(factor.size):
         word |= np.int32(1 << b) if margin[b] > 0 else np.int32(0)
-        if margin[b] * margin[b] < _WEAK * _WEAK * (noise + unlike2 * amplitude * amplitude) * factor[b]:
+        if (
+            margin[b] * margin[b]
+            < _WEAK
+            * _WEAK
+            * (noise + (unlike2 * amplitude * amplitude if factor[b] > 1 else 0.0))
+            * factor[b]
+        ):
             if count == _MOST_WEAK:
                 error[x] = np.float32(1)
                 return
