@@ -197,7 +197,7 @@ def _decoder(
     on_cells: bool,
     subpixel: bool,
 ) -> AxisDecoder:
-    code = None if axis.code is None else code_plan(axis.code, wanted)
+    code = None if axis.code is None else code_plan(axis.code, wanted, noise, lit)
     if axis.looked_up or (subpixel and code is not None and not axis.fringes):
         cells = None if code is None else _cells(code, light, noise, lit)
         table = prepare(sequence, wanted, axis, light, noise, lit, cells)

@@ -5,7 +5,8 @@ noise turned it is Q(z), z that difference over its deviation. At the edge of a 
 weak: read either way it leads to one of two cells side by side. Whatever else the weakest bit leads to, and
 any other weak bit, makes the cell doubtful. Where two bits or more are weak (codes that change several bits
 at once, or faint light) every word that they allow is compared: a pixel sees a mixture of one cell and the
-next, b = A ((1 - f) s(c) + f s(c + 1)), f in 0..1, and the posterior is over the cells c.
+next, b = A ((1 - f) s(c) + f s(c + 1)), f in 0..1, s the cells' levels behind the blur (bit_levels), and the
+posterior is over the cells c.
 """
 
 from dataclasses import dataclass
@@ -16,9 +17,10 @@ from numpy.typing import NDArray
 
 from optolever.kernels import exact, inlined, kernel
 
+from .bit_levels import fitted_levels
 from .estimate import Estimate
 from .frames import Light, fetch_line, level_of
-from .noise import Noise
+from .noise import Noise, Sample
 from .plan import Code, Plan
 from .unwrap import vanishing
 
@@ -43,7 +45,8 @@ class CodePlan:
     frames (bits, 2): of each bit, least significant first, and its inverse, -1: not shown
     factor (bits,)  variance of a bit's difference over that of a sample
     ends            white, black; -1: not shown
-    cells           word -> cell; words (cells,) the other way round
+    cells           word -> cell
+    levels          (cells, bits) what a cell shows of a bit, -1..1; misfit2: variance that this leaves
     cell, first     width of a cell and coordinate of the centre of cell 0, pattern pixels
     freedom         degrees of freedom of chi2
     """
@@ -52,14 +55,15 @@ class CodePlan:
     factor: NDArray[np.float32]
     ends: NDArray[np.int64]
     cells: NDArray[np.int32]
-    words: NDArray[np.int32]
+    levels: NDArray[np.float32]
+    misfit2: float
     cell: float
     first: float
     freedom: int
 
 
-def code_plan(code: Code, plan: Plan) -> CodePlan:
-    """The numbers of a code."""
+def code_plan(code: Code, plan: Plan, noise: Noise, lit: Sample) -> CodePlan:
+    """The numbers of a code, the blur of its bits by pixels that see the pattern."""
     frames = np.stack([code.plain, code.inverse], axis=1)
     pairs = (frames >= 0).all(axis=1)
     referenced = plan.white >= 0 and plan.black >= 0
@@ -70,7 +74,23 @@ def code_plan(code: Code, plan: Plan) -> CodePlan:
     freedom = max(int(pairs.sum()) - (0 if referenced else 1), 0) + int((~pairs).any())
     first = 0.5 * (code.cell - 1) + code.origin
     ends = np.array([plan.white, plan.black] if referenced else [-1, -1])
-    return CodePlan(frames, factor, ends, code.cells, words, code.cell, first, freedom)
+    margin, amplitude = _margins(frames, ends, lit.levels)
+    variance = lit.variance(noise) / np.square(amplitude)
+    levels, misfit2 = fitted_levels(words, margin / amplitude, variance, factor)
+    return CodePlan(frames, factor, ends, code.cells, levels, misfit2, code.cell, first, freedom)
+
+
+def _margins(frames: NDArray[np.int64], ends: NDArray[np.int64], levels: Any) -> tuple[Any, Any]:
+    """Differences (bits, K) of bits, and the amplitude (K,), of sampled levels (N, K); as _margin below."""
+    pairs, single = np.all(frames >= 0, axis=1, keepdims=True), np.where(frames[:, :1] >= 0, 1, -1)
+    mean = 0.5 * (levels[ends[0]] + levels[ends[1]])
+    margin = np.where(
+        pairs,
+        0.5 * (levels[frames[:, 0]] - levels[frames[:, 1]]),
+        single * (levels[frames.max(axis=1)] - mean),
+    )
+    amplitude = np.abs(margin).max(axis=0) if ends[0] < 0 else 0.5 * (levels[ends[0]] - levels[ends[1]])
+    return margin, np.maximum(amplitude, np.float32(1e-3))
 
 
 def read_code(
@@ -83,7 +103,7 @@ def read_code(
     """
     _read_rows(
         *(light.raw, light.lut, np.float32(min(light.clip, 1e9)), *rows),
-        *(code.frames, code.factor, code.ends, code.cells, code.words),
+        *(code.frames, code.factor, code.ends, code.cells, code.levels, np.float32(code.misfit2)),
         *(np.float32(code.cell), np.float32(code.first), alone, *noise.numbers()),
         *(estimate.coordinate, estimate.variance, estimate.error, estimate.amplitude),
         *(estimate.offset, estimate.chi2, estimate.clipped),
@@ -109,7 +129,8 @@ def _read_rows(
     factor: Any,
     ends: Any,
     cells: Any,
-    words: Any,
+    levels: Any,
+    unlike2: Any,
     cell: Any,
     first: Any,
     alone: Any,
@@ -175,19 +196,33 @@ def _read_rows(
             a[:] = kept[_LARGEST]
         c2[:] = kept[_OVER]
         _cells_line(
-            *(word, weakest, least, second, cells, cell, first, alone, np.float32(pairs), referenced),
-            *(a, o, total, square, read2, gain, rounding2, misfit2, place[r], var[r], error[r], c2),
+            *(
+                word,
+                weakest,
+                least,
+                second,
+                cells,
+                cell,
+                first,
+                alone,
+                np.float32(pairs),
+                np.float32(bits),
+                referenced,
+            ),
+            *(a, o, total, square, read2, gain, rounding2, misfit2, unlike2, place[r], var[r], error[r], c2),
         )
         for x in range(width):
             noise = read2 + gain * max(o[x], np.float32(0))
             if (
-                second[x] * second[x] < np.float32(_WEAK * _WEAK) * noise
+                second[x] * second[x]
+                < np.float32(_WEAK * _WEAK)
+                * (noise + (unlike2 * a[x] * a[x] if pairs < bits else np.float32(0)))
                 and a[x] * a[x] > np.float32(8) * noise
             ):
                 for b in range(bits):
                     total[b] = _margin(raw, frames[b], row, x, table, o[x])
                 _weak_bits(
-                    *(total[:bits], factor, cells, words, a[x], noise, cell, first, alone),
+                    *(total[:bits], factor, cells, levels, a[x], noise, unlike2, cell, first, alone),
                     *(x, place[r], var[r], error[r]),
                 )
 
@@ -301,6 +336,7 @@ def _cells_line(
     first: Any,
     alone: Any,
     pairs: Any,
+    bits: Any,
     referenced: Any,
     amplitude: Any,
     offset: Any,
@@ -310,6 +346,7 @@ def _cells_line(
     gain: Any,
     rounding2: Any,
     misfit2: Any,
+    unlike2: Any,
     place: Any,
     var: Any,
     error: Any,
@@ -323,6 +360,8 @@ def _cells_line(
     # a mean of two samples; white and black are one more
     known = one / (one + count) if referenced else np.float32(0)
     known = one - known * count
+    # a bit and its inverse are off by the same: their difference keeps its sign
+    threshold2 = unlike2 if pairs < bits else np.float32(0)
     zero, half, eighth = np.float32(0), np.float32(0.5), np.float32(0.125)
     for x in range(word.size):  # the cell that a turned bit leads to
         weakest[x] = np.float32(cells[word[x] ^ np.int32(weakest[x])])
@@ -330,11 +369,11 @@ def _cells_line(
         word[x] = cells[word[x]]
     for x in range(word.size):
         noise = read2 + gain * max(offset[x], zero)
-        deviation = one / np.sqrt(noise)
+        power = amplitude[x] * amplitude[x]
+        deviation = one / np.sqrt(noise + threshold2 * power)
         wrong, also = turned(least[x] * deviation), turned(second[x] * deviation)
         step = weakest[x] - np.float32(word[x])
         beside = abs(step) == one
-        power = amplitude[x] * amplitude[x]
         unlike = rounding2 + misfit2 * power
         place[x] = first + cell * (np.float32(word[x]) + (mixed * wrong * step if beside else zero))
         # an edge is as wide as a cell at most, and noise moves it by its share of the contrast
@@ -343,7 +382,7 @@ def _cells_line(
         wrong = zero if beside else wrong
         error[x] = wrong + also - wrong * also
         of_pairs = (square[x] - total[x] * total[x] * count * known) / (half * noise + unlike)
-        chi2[x] = of_pairs + chi2[x] / (np.float32(1.5) * noise + unlike)
+        chi2[x] = of_pairs + chi2[x] / (np.float32(1.5) * noise + unlike + unlike2 * power)
 
 
 @exact
@@ -351,9 +390,10 @@ def _weak_bits(
     margin: Any,
     factor: Any,
     cells: Any,
-    words: Any,
+    levels: Any,
     amplitude: Any,
     noise: Any,
+    unlike2: Any,
     cell: Any,
     first: Any,
     alone: Any,
@@ -367,54 +407,78 @@ def _weak_bits(
     count, word = 0, np.int32(0)
     for b in range(factor.size):
         word |= np.int32(1 << b) if margin[b] > 0 else np.int32(0)
-        if margin[b] * margin[b] < _WEAK * _WEAK * noise * factor[b]:
+        if (
+            margin[b] * margin[b]
+            < _WEAK
+            * _WEAK
+            * (noise + (unlike2 * amplitude * amplitude if factor[b] > 1 else 0.0))
+            * factor[b]
+        ):
             if count == _MOST_WEAK:
                 error[x] = np.float32(1)
                 return
             weak[count] = b
             count += 1
-    best, best_cell, best_share = np.inf, 0, 0.0
-    weight, near = 0.0, 0.0
-    for turn in range(2):  # the best mixture, then the weight of all and of those beside it
+    judged = noise / (amplitude * amplitude) + unlike2
+    best, at, curve = np.inf, 0, 1.0
+    weight, near, beside = 0.0, 0.0, 0.0
+    for turn in range(2):  # the best mixture, then the weight of all, of its cell and those beside it
         for some in range(1 << count):
             this = word
             for i in range(count):
                 this ^= np.int32(((some >> i) & 1) << weak[i])
             for before in range(2):
                 c = cells[this] - before
-                if 0 <= c < words.size - 1:
-                    rss, share = _mixture(margin, factor, words[c], words[c + 1], amplitude, noise)
+                if 0 <= c < levels.shape[0] - 1:
+                    rss, share, sharp = _mixture(margin, factor, levels[c], levels[c + 1], amplitude)
+                    rss /= judged
+                    here = c + (1 if share > 0.5 else 0)
                     if turn == 0 and rss < best:
-                        best, best_cell, best_share = rss, c, share
+                        best, at, curve = rss, here, sharp
                     if turn == 1:
-                        here = np.exp(-0.5 * (rss - best))
-                        weight += here
-                        near += here if abs(c - best_cell) <= 1 else 0.0
+                        likely = np.exp(-0.5 * (rss - best))
+                        weight += likely
+                        near += likely * _near(c, share, np.sqrt(judged / sharp), at)
+                        beside += likely if abs(here - at) == 1 else 0.0
     if weight == 0.0:
         error[x] = np.float32(1)
         return
-    at = best_cell + (1 if best_share > 0.5 else 0)
     place[x] = first + cell * np.float32(at)
+    spread = beside / weight if alone else 0.0
     # the mixture's edge is known to the noise of its share, a cell to its width
     within = 1 / 12 if alone else 0.0
-    var[x] = cell * cell * np.float32(within + min(0.125 * noise / (amplitude * amplitude), 0.25))
+    var[x] = cell * cell * np.float32(within + min(noise / (amplitude * amplitude * curve), 0.25) + spread)
     error[x] = np.float32(1 - near / weight)
 
 
+@inlined
+def _near(c: Any, share: Any, deviation: Any, at: Any) -> Any:
+    """Chance that a place between cells c and c + 1, known to a deviation, lies in cell `at` or beside."""
+    if c == at or c == at - 1:
+        return 1.0
+    if c != at + 1 and c != at - 2:
+        return 0.0
+    z = np.float32((1.5 - abs(c + share - at)) / deviation)
+    return 1.0 - turned(z) if z > 0 else turned(-z)
+
+
 @exact
-def _mixture(margin: Any, factor: Any, one: Any, other: Any, amplitude: Any, noise: Any) -> tuple[Any, Any]:
-    """Misfit of the best mixture of two words, and the share of the other one."""
-    top, bottom = 0.0, 1e-30
+def _mixture(margin: Any, factor: Any, one: Any, other: Any, amplitude: Any) -> tuple[Any, Any, Any]:
+    """Of the best mixture of two cells' levels: squared misfit over the factor and the squared amplitude, the
+    share of the other one, and its curvature."""
+    top, bottom = 0.0, 1e-6
     for b in range(factor.size):
-        if ((one ^ other) >> b) & 1:
-            sign = 1.0 if (other >> b) & 1 else -1.0
-            top += (sign * margin[b] + amplitude) / factor[b]
-            bottom += 2.0 * amplitude / factor[b]
+        step = other[b] - one[b]
+        top += step * (margin[b] / amplitude - one[b]) / factor[b]
+        bottom += step * step / factor[b]
     share = min(max(top / bottom, 0.0), 1.0)
-    rss = 0.0
+    rss, common, singles = 0.0, 0.0, 0
     for b in range(factor.size):
-        first = 1.0 if (one >> b) & 1 else -1.0
-        second = 1.0 if (other >> b) & 1 else -1.0
-        off = margin[b] - amplitude * ((1 - share) * first + share * second)
-        rss += off * off / (factor[b] * noise)
-    return rss, share
+        off = margin[b] / amplitude - one[b] - share * (other[b] - one[b])
+        if factor[b] > 1:  # a sample against the mean of white and black, whose noise all of these share
+            rss += off * off
+            common += off
+            singles += 1
+        else:
+            rss += off * off / factor[b]
+    return rss - common * common / (singles + 2), share, bottom

@@ -173,7 +173,9 @@ def _estimated(light: Light, plan: Plan, sample: Sample) -> tuple[Noise, Sample]
     seen = amplitude**2 > _SURE**2 * factor * sample.variance(noise)
     if _FEWEST <= np.count_nonzero(seen) < len(seen):
         sample, amplitude = sample.only(seen), amplitude[seen]
-        noise = _fitted(*_residuals(plan, sample, groups), floor)
+        level, residual = _residuals(plan, sample, groups)
+        if len(residual) >= _FEWEST:  # single pixels have no neighbours
+            noise = _fitted(level, residual, floor)
     return replace(noise, rounding2=light.rounding, misfit2=_misfit(sample, amplitude, groups, noise)), sample
 
 
@@ -215,9 +217,7 @@ def _residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32
         for one, own, slope, whole in zip(residual, some, slopes, kept, strict=True):
             one -= _explained(plan, np.flatnonzero(own), levels, one, whole, slope)
         return mean[kept], residual[kept]
-    if plan.white >= 0 and plan.black >= 0:
-        return _near_references(plan, few, camera)
-    return _neighbours(sample.only(slice(_MOST)))
+    return _neighbours(plan, sample.only(slice(_MOST)))
 
 
 def _unsaturated(rows: F32, levels: F32, white: float) -> NDArray[np.bool_]:
@@ -251,34 +251,43 @@ def _product(one: Any, other: Any) -> Any:
     return np.einsum("mn,nk->mk", one, other)
 
 
-def _near_references(plan: Plan, few: Sample, camera: F32) -> tuple[F32, F32]:
-    """Frames that show white or black nearly everywhere: their difference from the nearer reference."""
-    levels, ends = few.levels, [plan.white, plan.black]
-    frames = sorted({i for axis in plan.axes for i in axis.frames()})[:8]
-    off = np.abs(levels[frames, None] - levels[ends])
+def _neighbours(plan: Plan, few: Sample) -> tuple[F32, F32]:
+    """Second differences along runs of pixels, of every frame (J. Immerkaer, doi:10.1006/cviu.1996.0060).
 
-    def nearer(of: F32) -> Any:
-        return np.where(off[:, 0] < off[:, 1], of[plan.white], of[plan.black])
-
-    kept = np.maximum(levels[frames], nearer(levels)) < few.white
-    steep = np.float32(2) if few.steep is None else few.steep[frames] + nearer(few.steep)
-    residual = (levels[frames] - nearer(levels)) / np.sqrt(steep)
-    return (0.5 * (camera[frames] + nearer(camera)))[kept], residual[kept]
-
-
-def _neighbours(few: Sample) -> tuple[F32, F32]:
-    """Second differences along runs of pixels, of every frame (J. Immerkaer, doi:10.1006/cviu.1996.0060)."""
+    Beside references: of the distance from the nearer one, which is free of the scene's own light and dark.
+    That distance itself is no noise: light that comes by way of the scene is less where half of the pattern
+    is dark, and edges of bits are blurred.
+    """
     places = few.places
     run = np.flatnonzero((places[2:, 0] == places[:-2, 0]) & (places[2:, 1] == places[:-2, 1] + 2))
+    frames, off, steep, same = _off_references(plan, few)
+    camera = (few.levels if few.camera is None else few.camera)[frames]
 
-    def three(of: F32) -> tuple[F32, F32, F32]:
+    def three(of: Any) -> tuple[Any, Any, Any]:
         return of[:, run], of[:, run + 1], of[:, run + 2]
 
-    one, middle, other = three(few.levels)
-    kept = np.maximum(np.maximum(one, middle), other) < few.white
-    steep = (np.ones_like(middle),) * 3 if few.steep is None else three(few.steep)
-    bend = (one - 2 * middle + other) / np.sqrt(steep[0] + 4 * steep[1] + steep[2])
-    return three(few.levels if few.camera is None else few.camera)[1][kept], bend[kept]
+    (one, middle, other), spread = three(off), three(steep)
+    bend = (one - 2 * middle + other) / np.sqrt(spread[0] + 4 * spread[1] + spread[2])
+    a, b, c = three(same)
+    kept = (a >= 0) & (a == b) & (b == c)
+    return three(camera)[1][kept], bend[kept]
+
+
+def _off_references(plan: Plan, few: Sample) -> tuple[list[int], F32, F32, NDArray[np.int8]]:
+    """Frames (F,) of bits; per pixel (F, K) their difference from the nearer of white and black, its variance
+    over that of a camera level, and which of the two it is, -1: saturated. Without references all frames as
+    they are."""
+    levels, ends = few.levels, [plan.white, plan.black]
+    steep = np.ones_like(levels) if few.steep is None else few.steep
+    if min(ends) < 0:
+        return list(range(len(levels))), levels, steep, -(levels >= few.white).astype(np.int8)
+    frames = sorted({i for axis in plan.axes for i in axis.frames()})
+    distance = np.abs(levels[frames, None] - levels[ends])
+    nearer = (distance[:, 0] >= distance[:, 1]).astype(np.int8)
+    reference = np.where(nearer == 0, levels[ends[0]], levels[ends[1]])
+    more = steep[frames] + np.where(nearer == 0, steep[ends[0]], steep[ends[1]])
+    nearer[np.maximum(levels[frames], reference) >= few.white] = -1
+    return frames, levels[frames] - reference, more, nearer
 
 
 def _trimmed_variance(residual: F32) -> float:
