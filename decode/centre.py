@@ -147,7 +147,7 @@ def centred(here: Any, window: Any, k: Any, ends: Any, light: Any, limits: Any, 
         out[x] = was - (part * (bends + dims) if smooth & clear else zero)
         least_x, least_y = min(abs(u - left[x]), abs(right[x] - u)), min(abs(u - up[x]), abs(down[x] - u))
         over = max(least_x + least_y - stripe, zero) if near else zero
-        doubt = short + (edges if clear else bend * bend * _ALL) + jumps * twelfth
+        doubt = short + (edges + jumps * twelfth if clear else bend * bend * _ALL)
         total[x] += doubt + (share * more * total[x] if smooth else zero) + over * over * twelfth
 
 
