@@ -17,6 +17,7 @@
 | `candidates`     | fringe orders of close periods, by a table of those that fit                           |
 | `micro`          | micro phase shifting, likewise                                                         |
 | `gray`           | bits -> word -> cell, posterior of a wrong bit                                         |
+| `bit_levels`     | what cells show of bits behind a blur; posterior of pixels with weak bits               |
 | `lookup`         | any known levels: stripes, free grey values, codes within their cells                  |
 | `lookup_kernels`, `lookup_light` | its loops; rows of frames as it reads them                            |
 | `spot_scan`, `spot_kernels` | a raster of spots, summed to two sweeps                                     |

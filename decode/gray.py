@@ -15,25 +15,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import exact, inlined, kernel
+from optolever.kernels import exact, kernel
 
-from .bit_levels import fitted_levels
+from .bit_levels import WEAK, fitted_levels, turned, weak_bits
 from .estimate import Estimate
 from .frames import Light, fetch_line, level_of
 from .noise import Noise, Sample
 from .plan import Code, Plan
-from .unwrap import vanishing
 
 __all__ = ["CodePlan", "code_plan", "read_code"]
 
 #: Pixels that tell the blur at most: medians to 4 %.
 _PIXELS = 1024
-#: Deviations within which a bit is weak: noise turns others once in 3.5e6.
-_WEAK = 5.0
-#: Weak bits of which all combinations are tried; with more a pixel tells nothing.
-_MOST_WEAK = 5
-
-
 #: What a line keeps of the bits read so far: the value of the weakest, how weak it and the next are, the
 #: largest half difference, what most passes white and black. It is passed on from line to line: compilers
 #: make slow conditional stores of a maximum in place.
@@ -110,14 +103,6 @@ def read_code(
         *(np.float32(code.cell), np.float32(code.first), alone, *noise.numbers()),
         *(estimate.coordinate, estimate.variance, estimate.error, estimate.amplitude),
         *(estimate.offset, estimate.chi2, estimate.clipped),
-    )
-
-
-@inlined
-def turned(z: Any) -> Any:
-    """Q(z) for z >= 0 within 2 % (W. Boerjesson, C. Sundberg, doi:10.1109/TCOM.1979.1094433)."""
-    return vanishing(np.float32(0.5) * z * z) / (
-        np.float32(1.64) * z + np.sqrt(np.float32(0.76) * z * z + np.float32(4))
     )
 
 
@@ -218,13 +203,13 @@ def _read_rows(
             noise = read2 + gain * max(o[x], np.float32(0))
             if (
                 second[x] * second[x]
-                < np.float32(_WEAK * _WEAK)
+                < np.float32(WEAK * WEAK)
                 * (noise + (unlike2 * a[x] * a[x] if pairs < bits else np.float32(0)))
                 and a[x] * a[x] > np.float32(8) * noise
             ):
                 for b in range(bits):
                     total[b] = _margin(raw, frames[b], row, x, table, o[x])
-                _weak_bits(
+                weak_bits(
                     *(total[:bits], factor, cells, levels, a[x], noise, unlike2, cell, first, alone),
                     *(x, place[r], var[r], error[r]),
                 )
@@ -386,102 +371,3 @@ def _cells_line(
         error[x] = wrong + also - wrong * also
         of_pairs = (square[x] - total[x] * total[x] * count * known) / (half * noise + unlike)
         chi2[x] = of_pairs + chi2[x] / (np.float32(1.5) * noise + unlike + unlike2 * power)
-
-
-@exact
-def _weak_bits(
-    margin: Any,
-    factor: Any,
-    cells: Any,
-    levels: Any,
-    amplitude: Any,
-    noise: Any,
-    unlike2: Any,
-    cell: Any,
-    first: Any,
-    alone: Any,
-    x: Any,
-    place: Any,
-    var: Any,
-    error: Any,
-) -> None:
-    """Posterior over the mixtures of one cell and the next that the weak bits of a pixel allow."""
-    weak = np.empty(_MOST_WEAK, np.int64)
-    count, word = 0, np.int32(0)
-    for b in range(factor.size):
-        word |= np.int32(1 << b) if margin[b] > 0 else np.int32(0)
-        if (
-            margin[b] * margin[b]
-            < _WEAK
-            * _WEAK
-            * (noise + (unlike2 * amplitude * amplitude if factor[b] > 1 else 0.0))
-            * factor[b]
-        ):
-            if count == _MOST_WEAK:
-                error[x] = np.float32(1)
-                return
-            weak[count] = b
-            count += 1
-    judged = noise / (amplitude * amplitude) + unlike2
-    best, at, curve = np.inf, 0, 1.0
-    weight, near, beside = 0.0, 0.0, 0.0
-    for turn in range(2):  # the best mixture, then the weight of all, of its cell and those beside it
-        for some in range(1 << count):
-            this = word
-            for i in range(count):
-                this ^= np.int32(((some >> i) & 1) << weak[i])
-            for before in range(2):
-                c = cells[this] - before
-                if 0 <= c < levels.shape[0] - 1:
-                    rss, share, sharp = _mixture(margin, factor, levels[c], levels[c + 1], amplitude)
-                    rss /= judged
-                    here = c + (1 if share > 0.5 else 0)
-                    if turn == 0 and rss < best:
-                        best, at, curve = rss, here, sharp
-                    if turn == 1:
-                        likely = np.exp(-0.5 * (rss - best))
-                        weight += likely
-                        near += likely * _near(c, share, np.sqrt(judged / sharp), at)
-                        beside += likely if abs(here - at) == 1 else 0.0
-    if weight == 0.0:
-        error[x] = np.float32(1)
-        return
-    place[x] = first + cell * np.float32(at)
-    spread = beside / weight if alone else 0.0
-    # the mixture's edge is known to the noise of its share, a cell to its width
-    within = 1 / 12 if alone else 0.0
-    var[x] = cell * cell * np.float32(within + min(noise / (amplitude * amplitude * curve), 0.25) + spread)
-    error[x] = np.float32(1 - near / weight)
-
-
-@inlined
-def _near(c: Any, share: Any, deviation: Any, at: Any) -> Any:
-    """Chance that a place between cells c and c + 1, known to a deviation, lies in cell `at` or beside."""
-    if c == at or c == at - 1:
-        return 1.0
-    if c != at + 1 and c != at - 2:
-        return 0.0
-    z = np.float32((1.5 - abs(c + share - at)) / deviation)
-    return 1.0 - turned(z) if z > 0 else turned(-z)
-
-
-@exact
-def _mixture(margin: Any, factor: Any, one: Any, other: Any, amplitude: Any) -> tuple[Any, Any, Any]:
-    """Of the best mixture of two cells' levels: squared misfit over the factor and the squared amplitude, the
-    share of the other one, and its curvature."""
-    top, bottom = 0.0, 1e-6
-    for b in range(factor.size):
-        step = other[b] - one[b]
-        top += step * (margin[b] / amplitude - one[b]) / factor[b]
-        bottom += step * step / factor[b]
-    share = min(max(top / bottom, 0.0), 1.0)
-    rss, common, singles = 0.0, 0.0, 0
-    for b in range(factor.size):
-        off = margin[b] / amplitude - one[b] - share * (other[b] - one[b])
-        if factor[b] > 1:  # a sample against the mean of white and black, whose noise all of these share
-            rss += off * off
-            common += off
-            singles += 1
-        else:
-            rss += off * off / factor[b]
-    return rss - common * common / (singles + 2), share, bottom
