@@ -59,9 +59,11 @@ def micro_table(axis: AxisPlan, deviation: float) -> MicroTable:
     singles = [
         (i, f.period, d) for f in axis.singles for i, d in zip(f.index, f.shifts.tolist(), strict=True)
     ]
-    # of the table the last three: what it has not sorted out yet, the others refuse
-    singles += [singles.pop(k) for k in (len(singles) - 1, len(singles) // 2, 0)]
-    used = (len(singles) - 3, len(singles) - 2, len(singles) - 1)
+    # those of the table last: what it has not sorted out yet, the others refuse
+    tabled = (0, len(singles) // 2, len(singles) - 1)
+    order = sorted(range(len(singles)), key=lambda k: k in tabled)
+    used = tuple(order.index(k) for k in tabled)
+    singles = [singles[k] for k in order]
     periods, shifts = tuple(s[1] for s in singles), tuple(s[2] / (2 * np.pi) for s in singles)
     tables: Any = _orders(axis.fringes[0].period, periods, shifts, used, axis.extent, tolerance)
     return MicroTable(

@@ -4,6 +4,7 @@ A case must end with 0 and a result that holds, or with 2, one line on stderr an
 """
 
 import io
+import json
 import re
 import resource
 import shutil
@@ -11,7 +12,7 @@ import signal
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -23,7 +24,7 @@ import numpy as np
 from optolever.decode import Correspondence, decode
 from optolever.errors import InputError
 from optolever.patterns import sequence
-from optolever.projector import capture
+from optolever.projector import Capture, capture
 from optolever.reconstruct import HeightMap
 from optolever.scene import Scene, dent, load, resize, trace
 
@@ -34,8 +35,8 @@ Run = Callable[[list[str]], int]
 #: A case may take so many seconds, and so many bytes more than the process had at its start.
 _SECONDS, _BYTES = 30, 4 << 30
 _SIZE = 24, 32
-#: Heights of a mirror of 48 mm that no dent has, mm.
-_DEEPEST = 48.0
+#: Heights of a mirror of 48 mm that no dent has, mm; places that no pattern has, pattern px.
+_DEEPEST, _WIDEST = 48.0, 65536.0
 _EXTREMES = (
     *("0", "-1", "1e308", "-1e308", "1e-308", "nan", "inf", "65536", "65537", "20000", "0.5", "true"),
     *('"x"', '""', "[]", "{}", "[1, 2]", "99999999999999999999", "\\u0000", "1979-05-27"),
@@ -58,7 +59,7 @@ class Outcome:
 def fuzz(run: Run, cases: int, seed: int, folder: Path) -> Iterator[Outcome]:
     """Run so many cases through `run`, the program in this process. folder: empty, for their files."""
     base = _base(folder / "base")
-    before, kinds = _peak(), [kind for kind in FUZZED if kind != "hdf5" or find_spec("h5py")]
+    kinds = [kind for kind in FUZZED if kind != "hdf5" or find_spec("h5py")]
     for number in range(seed, seed + cases):
         rng = np.random.default_rng([number, 28])
         work = folder / "case"
@@ -66,10 +67,11 @@ def fuzz(run: Run, cases: int, seed: int, folder: Path) -> Iterator[Outcome]:
         shutil.copytree(base, work)
         kind = str(rng.choice(kinds))
         args = [str(word).replace("@", str(work)) for word in FUZZED[kind](rng, work)]
-        yield _outcome(run, number, kind, args, work, before)
+        yield _outcome(run, number, kind, args, work)
 
 
-def _outcome(run: Run, number: int, kind: str, args: list[str], work: Path, before: int) -> Outcome:
+def _outcome(run: Run, number: int, kind: str, args: list[str], work: Path) -> Outcome:
+    before = _peak(anew=True)
     said, start, code, fault = io.StringIO(), time.perf_counter(), None, ""
     try:
         with redirect_stderr(said), redirect_stdout(io.StringIO()), _limited():
@@ -79,10 +81,10 @@ def _outcome(run: Run, number: int, kind: str, args: list[str], work: Path, befo
     except BaseException:
         fault = traceback.format_exc(limit=-1)
     seconds, lines = time.perf_counter() - start, said.getvalue().strip().splitlines()
-    results = [work / name for name in ("out.npz", "out")]
+    results = [work / name for name in ("out.npz", "out", "sweep/results.json")]
     if not fault:
         if code == 0:
-            fault = _unsound(results[0])
+            fault = next(filter(None, (_unsound(result) for result in results if result.exists())), "")
         elif code != 2 or len(lines) != 1:
             fault = f"exit code {code}, {len(lines)} lines: {' / '.join(lines)[:200]}"
         elif any(result.exists() for result in results):
@@ -95,21 +97,32 @@ def _outcome(run: Run, number: int, kind: str, args: list[str], work: Path, befo
 
 
 def _unsound(path: Path) -> str:
-    """What is wrong with a result: pixels that are good and yet no numbers, or far off all that is there."""
-    if not path.exists():
-        return ""
+    """What is wrong with a result: it cannot be read, or pixels that are good are no numbers or far off all
+    that is there."""
     try:
-        found: Any = HeightMap.load(path)
-        values: tuple[Any, ...] = (found.z, found.sigma)
-        most = _DEEPEST
+        values, most = _values(path)
+    except (InputError, ValueError) as error:
+        return f"{path.name} cannot be read: {error}"
+    for value in values:
+        off = value[~(np.abs(value) < most)]
+        if off.size:
+            return f"unflagged values of {off[0]}"
+    return ""
+
+
+def _values(path: Path) -> tuple[list[Any], float]:
+    """What a result says of good pixels, and what all of it must be below."""
+    if path.is_dir():
+        return [Capture.load(path).frames.ravel()], float("inf")
+    if path.suffix == ".json":
+        return [np.zeros(len(json.loads(path.read_text(encoding="utf-8"))))], float("inf")
+    try:
+        height = HeightMap.load(path)
+        return [height.z[height.good], height.sigma[height.good]], _DEEPEST
     except InputError:
         found = Correspondence.load(path)
-        values, most = (found.u, found.v, found.sigma_u, found.sigma_v), 1e5
-    for value in values:
-        good = np.asarray(value)[found.good]
-        if not (np.abs(good) < most).all():
-            return f"unflagged values of {good[~(np.abs(good) < most)][0]}"
-    return ""
+        maps = (found.u, found.v, found.sigma_u, found.sigma_v)
+        return [value[found.good] for value in maps], _WIDEST
 
 
 class _TooLong(BaseException):
@@ -132,7 +145,14 @@ def _limited() -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def _peak() -> int:
+def _peak(anew: bool = False) -> int:
+    """The most bytes that the process had; anew: from now on, where the system can (Linux)."""
+    with suppress(OSError):
+        if anew:
+            Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+        found = re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text(encoding="ascii"))
+        if found:
+            return int(found[1]) * 1024
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 
@@ -242,7 +262,7 @@ def _npz(rng: np.random.Generator, path: Path) -> None:
 
 
 def _hdf5(rng: np.random.Generator, path: Path) -> None:
-    """A measurement as SOFAST writes it, small, with one field that is not what it should be."""
+    """A measurement as SOFAST writes it, small, with one field, or none, that is not what it should be."""
     import h5py
 
     shape = (*_SIZE, 2)
@@ -252,7 +272,8 @@ def _hdf5(rng: np.random.Generator, path: Path) -> None:
         "fringe_periods_x": np.array([1.0]),
         "fringe_periods_y": np.array([1.0]),
     }
-    wrong = str(rng.choice(list(fields)))
+    fields["fringe_images"][:] = rng.integers(0, 255, fields["fringe_images"].shape)
+    wrong = str(rng.choice([*fields, "none"]))
     with h5py.File(path, "w") as file:
         for name, value in fields.items():
             full = f"MeasurementSofastFringe/{name}"

@@ -1,6 +1,8 @@
 """Swept stripes, free grey values, micro phase shifting, Gray codes within their cells."""
 
+from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -158,3 +160,14 @@ def test_gray_without_blur_stays_within_its_cells(shoot: Shoot, smooth: tuple[F6
     shown = sequence("gray", 150, 170)
     found = decode(shoot(shown, *smooth, noise=1.0), shown, subpixel=True)
     assert rms_score(found, smooth) < 1.3
+
+
+def test_micro_phase_of_one_single_frame_is_decoded() -> None:
+    """Fewer frames than the table of orders has axes."""
+    whole = sequence("micro-phase", 24, 32)
+    periods = Counter((frame.axis, frame.period_px) for frame in whole.frames)
+    single = [next(f for f in whole.frames if f.axis == a and periods[a, f.period_px] == 1) for a in "uv"]
+    kept = tuple(f for f in whole.frames if periods[f.axis, f.period_px] > 1 or f in single)
+    shown = replace(whole, frames=kept)
+    found = decode(shown.render(), shown, on_cells=False)
+    assert found.u.shape == (24, 32)
