@@ -95,6 +95,8 @@ def centred(here: Any, window: Any, k: Any, ends: Any, light: Any, limits: Any, 
     # by noise of a fringe: twice the relative variance of a difference of mean levels, by that of a place
     grain = np.float32(2 * (2 * np.pi) ** 2) * per_turn * per_turn
     # the finest stripe of a code: parts of others that lie on a pixel move what it reads
+    # squared fourth differences that second ones of one map may make: beyond, it is an edge (see spatial)
+    most = np.float32(2 * 4**2) * jump * jump
     stripe = jump if per_turn == 0 else np.float32(np.inf)
     size, at = out.size, REACH
     first, last = ends
@@ -124,12 +126,14 @@ def centred(here: Any, window: Any, k: Any, ends: Any, light: Any, limits: Any, 
         noise = unsure * (total[x] + (was - u) * (was - u))
         factor_x, factor_y = _factor(half * one_x * per_turn), _factor(half * one_y * per_turn)
         broad_x, broad_y = broad_x if far else zero, broad_y if far else zero
-        there = _beyond(broad_x + broad_y, noise * wide * wide)
+        ragged = max(uneven - _BY_NOISE * total[x], zero) if next_ else zero
+        there = _beyond(broad_x + broad_y, max(noise * wide * wide, _ROUGH * ragged))
         bend_x, bend_y = near_x - there * broad_x, near_y - there * broad_y
         bend = bend_x + bend_y if near else zero
         share = _beyond(bend, max(noise, _ROUGH * uneven)) if next_ else zero
         bends = factor_x * (there * broad_x + share * bend_x) + factor_y * (there * broad_y + share * bend_y)
-        short = max(uneven - _BY_NOISE * total[x], zero) * _SHORT if next_ else bend * bend * _ALL
+        whole = min(bend * bend, four * jump * jump)
+        short = min(ragged, most) * _SHORT if next_ else whole * _ALL
         edge_x, light_x = _in_light(before[x], lit[x], after[x])
         edge_y, light_y = _in_light(bright_up[x], lit[x], bright_down[x])
         # of a code it is less than its cells round off, and what noise of the light would make of it
@@ -147,7 +151,7 @@ def centred(here: Any, window: Any, k: Any, ends: Any, light: Any, limits: Any, 
         out[x] = was - (part * (bends + dims) if smooth & clear else zero)
         least_x, least_y = min(abs(u - left[x]), abs(right[x] - u)), min(abs(u - up[x]), abs(down[x] - u))
         over = max(least_x + least_y - stripe, zero) if near else zero
-        doubt = short + (edges + jumps * twelfth if clear else bend * bend * _ALL)
+        doubt = short + (edges + jumps * twelfth if clear else whole * _ALL)
         total[x] += doubt + (share * more * total[x] if smooth else zero) + over * over * twelfth
 
 

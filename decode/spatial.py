@@ -128,8 +128,8 @@ def _check(
                 if per_turn > 0 and _undersampled(y, x, coord, flags, per_turn):
                     flag |= np.uint16(_OUTLIER)
                 here = window[k, x + REACH]
-                gx = _slope(window[k, x + REACH - 1], here, window[k, x + REACH + 1], _ONE)
-                gy = _slope(window[k - 1, x + REACH], here, window[k + 1, x + REACH], _ONE)
+                gx = _step_on_a_map(window[k, x + REACH - 1], here, window[k, x + REACH + 1], jump)
+                gy = _step_on_a_map(window[k - 1, x + REACH], here, window[k + 1, x + REACH], jump)
                 off, shift_in, unsure_in = inwards(here, gx, gy, reach, told, extent)
                 out[y, x] -= shift_in
                 sigma[y, x] += lost + unsure_in
@@ -165,6 +165,16 @@ def _slope(before: Any, here: Any, after: Any, per_step: Any) -> Any:
     high = after if after == after else here
     both = before + after == before + after
     return (np.float32(0.5) if both else _ONE) * per_step * (high - low)
+
+
+@inlined
+def _step_on_a_map(before: Any, here: Any, after: Any, jump: Any) -> Any:
+    """Size of the change per pixel by two neighbours; by the nearer in value where these bend by more than a
+    map does (the other is beyond an edge) or one is refused; 0 by none."""
+    one, other = abs(here - before), abs(after - here)
+    least = one if (one < other) | (other != other) else other
+    least = np.float32(0.5) * abs(after - before) if abs(before + after - here - here) <= jump else least
+    return least if least == least else np.float32(0)
 
 
 @kernel
