@@ -16,8 +16,8 @@ from optolever.cli import run
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.patterns import sequence_from_text
-from optolever.reconstruct import reconstruct
 from optolever.projector import load_sofast
+from optolever.reconstruct import reconstruct
 from optolever.scene import dent, load, load_sofast_rig, resize, trace
 from optolever.scene import sofast as rig
 
