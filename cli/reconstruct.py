@@ -90,7 +90,7 @@ class _Anchor(click.ParamType[Any]):
     multiple=True,
     metavar="FILE",
     help="Also write the surface on a regular grid of x and y: .npz (with sigma), .tif (with its scale) or "
-    ".x3p (ISO 25178-72); again for more.",
+    ".x3p (ISO 25178-72, only written, never read); again for more.",
 )
 @click.option(
     "--pitch",

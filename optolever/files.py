@@ -222,30 +222,30 @@ def save_arrays(path: str | Path, arrays: Mapping[str, Any]) -> None:
 def load_arrays(
     path: str | Path, required: Sequence[str], texts: Sequence[str] = ("notices", "diagnostics")
 ) -> dict[str, NDArray[Any]]:
-    """Read an .npz. InputError if the file is missing or unreadable, lacks a required field, or holds other
-    than real numbers in a field that is not one of `texts`."""
+    """Read an .npz. InputError if the file is missing or unreadable, lacks a required field, holds other than
+    real numbers in a field that is not one of `texts`, or more than fits in memory: all before any is read.
+    """
     if not Path(path).is_file():
         raise InputError(f"{path}: no such file")
     try:
         with zipfile.ZipFile(path) as archive:
-            arrays = dict(_member(archive, info) for info in archive.infolist())
+            members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+            missing = [name for name in required if name not in members]
+            if missing:
+                raise InputError(f"field {missing[0]!r} is missing (has {', '.join(sorted(members))})")
+            sizes = {name: _claimed_size(archive, info, name, texts) for name, info in members.items()}
+            if sizes:
+                largest = max(sizes, key=sizes.__getitem__)
+                require_room(f"{len(sizes)} fields, the largest {largest!r}", sum(sizes.values()))
+            return {name: _member(archive, info) for name, info in members.items()}
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     except _UNREADABLE as error:
         raise InputError(f"{path}: not a readable .npz ({error})") from error
-    for name, array in arrays.items():
-        if array.dtype.kind not in ("U" if name in texts else "biuf"):
-            wanted = "text" if name in texts else "real numbers"
-            raise InputError(f"{path}: field {name!r} is {array.dtype}, must be {wanted}")
-    missing = [name for name in required if name not in arrays]
-    if missing:
-        raise InputError(f"{path}: field {missing[0]!r} is missing (has {', '.join(sorted(arrays))})")
-    return arrays
 
 
-def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> tuple[str, NDArray[Any]]:
-    """Name and array of a member. What it says of its size is compared with the file before any is read."""
-    name = info.filename.removesuffix(".npy")
+def _claimed_size(archive: zipfile.ZipFile, info: zipfile.ZipInfo, name: str, texts: Sequence[str]) -> int:
+    """Bytes of a member's array. InputError if that is not what the file holds, or of the wrong kind."""
     with archive.open(info) as stream:
         version = np.lib.format.read_magic(stream)
         read = (
@@ -253,13 +253,18 @@ def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> tuple[str, NDArr
         )
         shape, _, dtype = read(stream)
         size, held = math.prod(shape) * dtype.itemsize, info.file_size - stream.tell()
-    if dtype.hasobject or size != held:
+    if dtype.kind not in ("U" if name in texts else "biuf"):
+        raise InputError(f"field {name!r} is {dtype}, must be {'text' if name in texts else 'real numbers'}")
+    if size != held:
         raise InputError(
             f"field {name!r} is {shape} of {dtype}, {size} bytes, but the file holds {held} of it"
         )
-    require_room(f"field {name!r}", size)
+    return size
+
+
+def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
     with archive.open(info) as stream:
-        return name, np.asarray(np.lib.format.read_array(stream, allow_pickle=False))
+        return np.asarray(np.lib.format.read_array(stream, allow_pickle=False))
 
 
 def _require_parent(asked: Path, target: Path) -> None:

@@ -20,7 +20,9 @@ _DEFLATE = 1032
 def load_fields(
     path: str | Path, required: Sequence[str], optional: Sequence[str] = ()
 ) -> dict[str, NDArray[Any]]:
-    """Numeric datasets by their full names. InputError names the file and the field that cannot be had."""
+    """Numeric datasets by their full names. InputError names the file and the field that cannot be had, or
+    says that all together claim more than the file can hold or fits in memory: before any is read.
+    """
     try:
         import h5py
     except ModuleNotFoundError as error:
@@ -30,28 +32,32 @@ def load_fields(
     names = [*required, *optional]
     try:
         with h5py.File(path, "r") as file:
-            arrays = {
-                name: _read(file[name], name, Path(path).stat().st_size) for name in names if name in file
-            }
+            missing = [name for name in required if name not in file]
+            if missing:
+                raise InputError(f"field {missing[0]!r} is missing")
+            datasets = {name: file[name] for name in names if name in file}
+            sizes = {name: _claimed_size(dataset, name) for name, dataset in datasets.items()}
+            claimed, held = sum(sizes.values()), Path(path).stat().st_size
+            what = f"{len(sizes)} fields, the largest {max(sizes, key=sizes.__getitem__)!r}"
+            if claimed > _DEFLATE * held:
+                raise InputError(f"{what} claim {claimed} bytes, the file has {held}")
+            require_room(what, claimed)
+            return {name: _read(dataset, name) for name, dataset in datasets.items()}
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     except (OSError, KeyError, RuntimeError, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: not a readable HDF5 file ({error})") from error
-    for name in required:
-        if name not in arrays:
-            raise InputError(f"{path}: field {name!r} is missing")
-    return arrays
 
 
-def _read(dataset: Any, name: str, file_size: int) -> NDArray[Any]:
-    """A dataset, unless it claims more than its file can hold."""
+def _claimed_size(dataset: Any, name: str) -> int:
+    """Bytes of a dataset's array. InputError if it is none of real numbers."""
     shape, dtype = getattr(dataset, "shape", None), getattr(dataset, "dtype", None)
     if shape is None or dtype is None or dtype.kind not in "biuf":
         raise InputError(f"field {name!r} is {dtype or 'no dataset'}, must be finite numbers")
-    size = math.prod(shape) * dtype.itemsize
-    if size > _DEFLATE * file_size:
-        raise InputError(f"field {name!r} claims {size} bytes, the file has {file_size}")
-    require_room(f"field {name!r}", size)
+    return int(math.prod(shape) * dtype.itemsize)
+
+
+def _read(dataset: Any, name: str) -> NDArray[Any]:
     array = np.asarray(dataset[()])
     if not np.isfinite(array).all():
         raise InputError(f"field {name!r} is not finite, must be finite numbers")

@@ -37,17 +37,20 @@ def load_sofast(path: str | Path) -> Capture:
     InputError names the file, the field and the limit where the fields do not belong together.
     """
     fields = load_fields(path, [_IMAGES, _MASKS, _PERIODS_X, _PERIODS_Y])
+    images, masks, x, y = (fields[name] for name in (_IMAGES, _MASKS, _PERIODS_X, _PERIODS_Y))
+    for name, periods in ((_PERIODS_X, x), (_PERIODS_Y, y)):
+        if periods.ndim != 1:
+            raise InputError(f"{path}: {name} has shape {periods.shape}, must be (n,)")
+    _require_images(path, _MASKS, masks, 2)
+    _require_images(path, _IMAGES, images, _STEPS * (len(x) + len(y)))
+    if images.shape[:2] != masks.shape[:2]:
+        raise InputError(f"{path}: {_MASKS} has shape {masks.shape}, {_IMAGES} has {images.shape}")
     frames = (
         Frame("black"),
         Frame("white"),
-        *_fringes(path, "v", ROWS, fields[_PERIODS_Y], _PERIODS_Y),
-        *_fringes(path, "u", COLS, fields[_PERIODS_X], _PERIODS_X),
+        *_fringes(path, "v", ROWS, y, _PERIODS_Y),
+        *_fringes(path, "u", COLS, x, _PERIODS_X),
     )
-    images, masks = fields[_IMAGES], fields[_MASKS]
-    _require_images(path, _MASKS, masks, 2)
-    _require_images(path, _IMAGES, images, len(frames) - 2)
-    if images.shape[:2] != masks.shape[:2]:
-        raise InputError(f"{path}: {_MASKS} has shape {masks.shape}, {_IMAGES} has {images.shape}")
     stack = np.concatenate([np.moveaxis(masks, 2, 0), np.moveaxis(images, 2, 0)])
     return Capture(np.ascontiguousarray(stack), Sequence(frames, ROWS, COLS, "sofast", nominal=True))
 
@@ -67,7 +70,7 @@ def load_sofast_response(path: str | Path) -> tuple[NDArray[np.float64], NDArray
 
 
 def _fringes(path: str | Path, axis: str, extent: int, periods: NDArray[Any], name: str) -> list[Frame]:
-    if periods.ndim != 1 or not periods.size or (periods <= 0).any():
+    if not periods.size or (periods <= 0).any():
         raise InputError(f"{path}: {name} = {periods.tolist()}, must be periods per screen above 0")
     shifts = [2 * math.pi * step / _STEPS for step in range(_STEPS)]
     try:
@@ -81,5 +84,5 @@ def _fringes(path: str | Path, axis: str, extent: int, periods: NDArray[Any], na
 
 
 def _require_images(path: str | Path, name: str, images: NDArray[Any], count: int) -> None:
-    if images.dtype != np.uint8 or images.ndim != 3 or images.shape[2] != count:
+    if images.dtype != np.uint8 or images.ndim != 3 or images.shape[2] != count or not images.size:
         raise InputError(f"{path}: {name} is {images.dtype} {images.shape}, must be uint8 (H, W, {count})")

@@ -30,7 +30,7 @@
 | `quadrilateral.py` | the same for pixels that lie anywhere |
 | `rectangle.py` | the same on a rectangle, at the price of its two cosine transforms |
 | `heightmap.py`, `resampling.py` | HeightMap; its regular grid, with conserved sigma |
-| `export.py`, `x3p.py` | TIFF and PLY; X3P (ISO 25178-72) |
+| `export.py`, `x3p.py` | TIFF and PLY; X3P (ISO 25178-72); only written |
 | `slope_map.py`, `curvature.py` | slopes from the normals, curvature from the slopes, with sigma |
 | `contact.py`, `contact_dent.py` | contacts: depth, area, volume, centroid; one dent's pixels |
 | `contact_edge.py` | the edge of a contact, by what elastic contact does to the slopes |

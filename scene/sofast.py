@@ -39,6 +39,16 @@ _ORIENTATION = tuple(
 )
 _SCREEN = ("DisplayShape/xy_screen_fraction", "DisplayShape/xy_screen_coords")
 _MM = 1000.0
+_LARGEST = 1e9  # metres and pixels: products of such values are far from overflow
+#: Shapes of the fields; None: any extent. Vectors may lie along any axis.
+_SHAPES: dict[str, tuple[int | None, ...]] = {
+    **dict(zip(_CAMERA, ((3, 3), (5,), (2,)), strict=True)),
+    **dict.fromkeys(_ORIENTATION, (3,)),
+    **dict.fromkeys(_SCREEN, (2, None)),
+    _CORNERS: (3, None),
+    _MASK: (None, None),
+    _ALIGNMENT: (4, 4),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,16 +76,40 @@ class SofastRig:
 
 
 def load_sofast_rig(path: str | Path) -> SofastRig:
-    """Read camera, display shape, pose and mask of a SOFAST result. InputError names what is missing."""
+    """Read camera, display shape, pose and mask of a SOFAST result. InputError names what is missing, of
+    another shape, or no rig.
+    """
     fields = load_fields(path, [*_CAMERA, *_ORIENTATION, *_SCREEN, _CORNERS, _MASK], [_ALIGNMENT])
+    try:
+        _require_shapes(fields)
+        return _rig(fields)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def _require_shapes(fields: dict[str, NDArray[Any]]) -> None:
+    for name, array in fields.items():
+        wanted = _SHAPES[name]
+        shape = np.squeeze(array).shape if len(wanted) == 1 else array.shape
+        fits = len(shape) == len(wanted) and all(
+            need in (None, extent) for need, extent in zip(wanted, shape, strict=True)
+        )
+        if not fits or not array.size:
+            text = ", ".join("n" if need is None else str(need) for need in wanted)
+            raise InputError(f"{name} has shape {array.shape}, must be ({text})")
+        largest = max(float(array.max()), -float(array.min()))
+        if largest >= _LARGEST:
+            raise InputError(f"{name} has values up to {largest:g}, must be below {_LARGEST:g}")
+    shape, points = fields[_SCREEN[0]].shape, fields[_SCREEN[1]].shape
+    if shape != points or points[1] < 3:
+        raise InputError(f"{_SCREEN[1]} has shape {points}, {_SCREEN[0]} {shape}; must be one (2, n), n >= 3")
+    cols, rows = fields[_CAMERA[2]].ravel().tolist()
+    if fields[_MASK].shape != (rows, cols):
+        raise InputError(f"{_MASK} has shape {fields[_MASK].shape}, {_CAMERA[2]} is ({cols}, {rows})")
+
+
+def _rig(fields: dict[str, NDArray[Any]]) -> SofastRig:
     fractions, points = (fields[name].T.astype(np.float64) for name in _SCREEN)
-    if (
-        fractions.shape != points.shape
-        or fractions.ndim != 2
-        or fractions.shape[1] != 2
-        or len(fractions) < 3
-    ):
-        raise InputError(f"{path}: {_SCREEN[1]} has shape {points.T.shape}, {_SCREEN[0]} {fractions.T.shape}")
     corners = _MM * fields[_CORNERS][:2]
     mirror = Mirror(*(float(extent) for extent in np.ptp(corners, axis=1)))
     offset = np.array([*(-corners.min(axis=1)), 0.0])
@@ -103,7 +137,7 @@ def _pattern(origin: Float, axes: Float, points: Float) -> Pattern:
 
 
 def _camera(fields: dict[str, NDArray[Any]], origin: Float, rotation: Float) -> PinholeCamera:
-    matrix, distortion, shape = (fields[name] for name in _CAMERA)
+    matrix, distortion, shape = (fields[name].squeeze() for name in _CAMERA)
     return PinholeCamera(
         origin=origin,
         u_axis=rotation[:, 0],
@@ -112,7 +146,7 @@ def _camera(fields: dict[str, NDArray[Any]], origin: Float, rotation: Float) -> 
         centre=matrix[:2, 2],
         rows=int(shape[1]),
         cols=int(shape[0]),
-        distortion=distortion.ravel(),
+        distortion=distortion,
     )
 
 

@@ -1,7 +1,9 @@
 """Damaged and absurd inputs: one line, exit code 2, nothing written, whatever the file claims to be."""
 
 import io
+import re
 import struct
+import tomllib
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -9,12 +11,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from optolever import memory
 from optolever.cli import run
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.patterns import sequence_from_text
+from optolever.projector import load_sofast
 from optolever.reconstruct import reconstruct
-from optolever.scene import dent, load, resize, trace
+from optolever.scene import dent, load, load_sofast_rig, resize, trace
+from optolever.scene import sofast as rig
+
+from .conftest import Chain
 
 Fields = dict[str, Any]
 
@@ -62,10 +69,16 @@ def test_sizes_that_no_memory_holds(size: str, tmp_path: Path, capfd: pytest.Cap
 
 
 def test_an_exposure_without_end(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    text = Path("scene/presets/prism48.toml").read_text(encoding="utf-8")
     scene = tmp_path / "scene.toml"
-    scene.write_text(text + "\n[sensor]\nexposure = 1e308\n" if "[sensor]" not in text else text)
-    assert "exposure" in refused(["sensor", "--scene", str(scene), "--out", str(tmp_path / "s")], capfd)
+    load("prism48").save(scene)
+    text, count = re.subn(r"(?m)^exposure = .*$", "exposure = 1e308", scene.read_text(encoding="utf-8"))
+    if not count:
+        text += "\n[sensor]\nexposure = 1e308\n"
+    scene.write_text(text)
+    assert tomllib.loads(text)["sensor"]["exposure"] == 1e308
+    told = refused(["capture", "--scene", str(scene), "--out", str(tmp_path / "s")], capfd)
+    assert "scene.toml: sensor.exposure = 1e+308: must be less than 1e+09" in told
+    assert not (tmp_path / "s").exists()
 
 
 def test_names_of_a_sweep(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -153,6 +166,150 @@ def test_hdf5_that_claims_more_than_it_holds(tmp_path: Path, capfd: pytest.Captu
             shape = (40000, 40000, 16)
             file.create_dataset(f"MeasurementSofastFringe/{name}", shape, "u1", chunks=(1000, 1000, 1))
     assert "claims" in refused(["decode", str(path), "--out", str(tmp_path / "c.npz")], capfd)
+
+
+@pytest.mark.parametrize("name", ["u", "flags"])
+def test_a_missing_field_is_told_before_any_is_read(name: str, tmp_path: Path) -> None:
+    """Not the lie of another field: no byte of it counts if the file is of another kind."""
+    others = {key: value for key, value in fields().items() if key != name}
+    path = written(tmp_path / "c.npz", {"more": np.zeros((24, 32))} | others, lambda _, data: data[:-8])
+    with pytest.raises(InputError, match=rf"c\.npz: field '{name}' is missing"):
+        Correspondence.load(path)
+
+
+def test_fields_of_an_npz_count_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = written(tmp_path / "c.npz", fields())
+    held = sum(value.nbytes for value in fields().values())
+    monkeypatch.setattr(memory, "_available", lambda: held)
+    Correspondence.load(path)
+    monkeypatch.setattr(memory, "_available", lambda: held - 1)
+    with pytest.raises(InputError, match=r"c\.npz: 5 fields, .*GiB"):
+        Correspondence.load(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("normal", np.zeros((96, 96)), "normal has shape (96, 96)"),
+        ("normal", np.zeros((96, 96, 4)), "normal has shape (96, 96, 4)"),
+        ("z", np.zeros((96, 95)), "z has shape (96, 95)"),
+        ("z", np.float64(0), "z has shape ()"),
+        ("u", np.zeros((0, 96)), "(0, 96)"),
+        ("u", np.zeros(96 * 96), "(9216,)"),
+        ("visible", np.ones((1, 96, 96), np.bool_), "visible has shape (1, 96, 96)"),
+        (None, np.s_[:48], "z has shape (48, 96), the height map (96, 96)"),
+        (None, np.s_[:, 1:], "z has shape (96, 95), the height map (96, 96)"),
+        (None, np.s_[None], "(1, 96, 96)"),
+    ],
+)
+def test_truth_of_another_shape(
+    name: str | None, value: Any, said: str, chain: Chain, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with np.load(chain.capture / "truth.npz") as archive:
+        arrays = dict(archive)
+    changed = {key: array[value] for key, array in arrays.items()} if name is None else {name: value}
+    truth = written(tmp_path / "truth.npz", arrays | changed)
+    args = ["reconstruct", str(chain.correspondence), "--scene", str(chain.capture / "scene.toml")]
+    told = refused([*args, "--truth", str(truth), "--out", str(tmp_path / "h.npz")], capfd)
+    assert "truth.npz" in told
+    assert said in told
+    assert not (tmp_path / "h.npz").exists()
+
+
+def sofast(path: Path, images: Any, masks: Any, x: Any, y: Any) -> Path:
+    h5py = pytest.importorskip("h5py")
+    names = ("fringe_images", "mask_images", "fringe_periods_x", "fringe_periods_y")
+    with h5py.File(path, "w") as file:
+        for name, value in zip(names, (images, masks, x, y), strict=True):
+            file[f"MeasurementSofastFringe/{name}"] = value
+    return path
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        ({"x": np.ones((1000, 1000))}, "fringe_periods_x has shape (1000, 1000)"),
+        ({"y": np.float64(4)}, "fringe_periods_y has shape ()"),
+        ({"x": np.ones(1_000_000)}, "fringe_images is uint8 (6, 8, 8), must be uint8 (H, W, 4000004)"),
+        ({"x": np.ones(0), "images": np.zeros((6, 8, 4), np.uint8)}, "fringe_periods_x"),
+        ({"images": np.zeros((6, 8, 7), np.uint8)}, "(6, 8, 7)"),
+        ({"images": np.zeros((6, 8, 8))}, "float64"),
+        ({"images": np.zeros((6, 9, 8), np.uint8)}, "(6, 9, 8)"),
+        ({"masks": np.zeros((2, 6, 8), np.uint8)}, "(2, 6, 8)"),
+        ({"masks": np.zeros((0, 8, 2), np.uint8), "images": np.zeros((0, 8, 8), np.uint8)}, "(0, 8, 2)"),
+    ],
+)
+def test_fields_of_sofast(
+    damage: Fields, said: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    whole = {
+        "images": np.zeros((6, 8, 8), np.uint8),
+        "masks": np.zeros((6, 8, 2), np.uint8),
+        "x": np.ones(1),
+        "y": np.ones(1),
+    }
+    path = sofast(tmp_path / "m.h5", **(whole | damage))
+    told = refused(["decode", str(path), "--out", str(tmp_path / "c.npz")], capfd)
+    assert said in told
+    assert len(told) < 400
+
+
+def test_fields_of_hdf5_count_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    arrays = (np.zeros((6, 8, 8), np.uint8), np.zeros((6, 8, 2), np.uint8), np.ones(1), np.ones(1))
+    path, held = sofast(tmp_path / "m.h5", *arrays), sum(array.nbytes for array in arrays)
+    monkeypatch.setattr(memory, "_available", lambda: held)
+    load_sofast(path)
+    monkeypatch.setattr(memory, "_available", lambda: held - 1)
+    with pytest.raises(InputError, match=r"m\.h5: 4 fields, .*fringe_images.*GiB"):
+        load_sofast(path)
+
+
+def test_claims_of_hdf5_count_together(tmp_path: Path) -> None:
+    """Each field claims what all of the file could hold, together it is twice that."""
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "m.h5"
+    with h5py.File(path, "w") as file:
+        for name in ("fringe_images", "mask_images"):
+            shape = (1000, 1400, 2)
+            file.create_dataset(f"MeasurementSofastFringe/{name}", shape, "u1", chunks=(1000, 1400, 1))
+        for name in ("fringe_periods_x", "fringe_periods_y"):
+            file[f"MeasurementSofastFringe/{name}"] = np.ones(1)
+    assert 2_800_000 < 1032 * path.stat().st_size < 5_600_000
+    with pytest.raises(InputError, match=r"m\.h5: 4 fields, .* claim 5600016 bytes"):
+        load_sofast(path)
+
+
+def rig_fields() -> Fields:
+    """A facet of 1 m x 0.5 m seen from 10 m, a screen of 2 m x 1 m beside the camera."""
+    square = np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.5, 0.5]])
+    camera = ((np.diag([500.0, 500.0, 1.0])), np.zeros(5), np.array([20, 10]))
+    pose = (np.array([np.pi, 0.0, 0.0]), np.array([0.0, 0.0, 10.0]), np.array([np.pi, 0, 0]), np.zeros(3))
+    screen = (np.array([[0.0, 1, 1, 0], [0, 0, 1, 1]]), square * 2)
+    names = (*rig._CAMERA, *rig._ORIENTATION, *rig._SCREEN, rig._CORNERS, rig._MASK, rig._ALIGNMENT)
+    values = (*camera, *pose, *screen, np.vstack([square, np.zeros(4)]), np.ones((10, 20), bool), np.eye(4))
+    return dict(zip(names, values, strict=True))
+
+
+def rig_file(path: Path, arrays: Fields) -> Path:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        for name, value in arrays.items():
+            file[name] = value
+    return path
+
+
+def test_a_whole_rig_of_sofast(tmp_path: Path) -> None:
+    assert load_sofast_rig(rig_file(tmp_path / "r.h5", rig_fields())).scene.mirror.length == 1000
+
+
+@pytest.mark.parametrize("name", list(rig._SHAPES))
+@pytest.mark.parametrize("value", [np.float64(1), np.ones((2, 3, 4)), np.ones(0), np.full((3, 1), 1e300)])
+def test_fields_of_a_rig_of_sofast(name: str, value: Any, tmp_path: Path) -> None:
+    path = rig_file(tmp_path / "r.h5", rig_fields() | {name: value})
+    with pytest.raises(InputError, match=r"r\.h5: ") as error:
+        load_sofast_rig(path)
+    assert name in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("far", [1e38, -1e6, 500.0])
