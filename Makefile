@@ -6,10 +6,10 @@ BIN := $(VENV)/bin
 OUT := out
 
 .DEFAULT_GOAL := help
-.PHONY: help demo paper test lint format typecheck ci clean
+.PHONY: help demo paper test test-slow test-all lint format typecheck ci clean
 
 help:  ## list the targets
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):[^#]*## /  make \1\t/' | expand -t 20
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## /  make \1\t/' | expand -t 20
 
 demo: $(VENV)/.run  ## the main job: paper-simulation, 1637 x 1637, Gray + phase; report in out/demo
 	$(BIN)/optolever demo --out $(OUT)/demo --json $(OUT)/demo/demo.json
@@ -17,7 +17,13 @@ demo: $(VENV)/.run  ## the main job: paper-simulation, 1637 x 1637, Gray + phase
 paper: $(VENV)/.run  ## the paper's tables against the dense solver; report in out/paper
 	$(BIN)/optolever paper --out $(OUT)/paper --json $(OUT)/paper/paper.json
 
-test: $(VENV)/.dev  ## all tests
+test: $(VENV)/.dev  ## the tests of every day
+	$(BIN)/python -m pytest -m "not slow"
+
+test-slow: $(VENV)/.dev  ## what those leave out: bounds, coverage over seeds, drawn rigs, Dask, the browser
+	$(BIN)/python -m pytest -m slow
+
+test-all: $(VENV)/.dev  ## all tests, before a release
 	$(BIN)/python -m pytest
 
 lint: $(VENV)/.dev  ## ruff: rules and format

@@ -7,10 +7,10 @@ which stay behind.
 
 import os
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import moderngl
 
@@ -22,8 +22,11 @@ __all__ = [
     "context",
     "context_info",
     "free",
+    "keep",
     "release_context",
 ]
+
+T = TypeVar("T")
 
 _PACKAGES = "libegl1 libgl1 libgl1-mesa-dri"
 _REQUIRE = 330
@@ -63,6 +66,7 @@ class ContextInfo:
 class _Local(threading.local):
     context: moderngl.Context | None = None
     backend: str = ""
+    kept: dict[str, Any]  # GL objects that live as long as the context, by name
 
 
 _local = _Local()
@@ -73,13 +77,14 @@ class _Process:
 
     drawn = False
     forked = False
-    abandoned: ClassVar[list[moderngl.Context | None]] = []
+    abandoned: ClassVar[list[Any]] = []
 
 
 def _forget() -> None:
     """In a forked process: keep what belongs to the parent's driver, never to touch it, nor to free it."""
     _Process.forked = _Process.drawn
-    _Process.abandoned.append(_local.context)
+    if _local.context is not None:
+        _Process.abandoned += [_local.context, _local.kept]
     _local.context = None
 
 
@@ -100,6 +105,7 @@ def context() -> moderngl.Context:
     _require_own_driver()
     if _local.context is None:
         _local.context, _local.backend = _create()
+        _local.kept = {}
         _Process.drawn = True
         # Objects that nobody released are collected there, for `collect` to free and for tests to count.
         _local.context.gc_mode = "context_gc"
@@ -109,9 +115,20 @@ def context() -> moderngl.Context:
 def release_context() -> None:
     """Free this thread's context, if it has one."""
     if _local.context is not None:
+        for item in _local.kept.values():
+            item.release()
         collect(_local.context)
         _local.context.release()
         _local.context = None
+
+
+def keep(name: str, make: Callable[[moderngl.Context], T]) -> T:
+    """An object of this thread's context, made at the first call, released with the context."""
+    ctx = context()
+    if name not in _local.kept:
+        _local.kept[name] = make(ctx)
+    found: T = _local.kept[name]
+    return found
 
 
 def context_info(ctx: moderngl.Context | None = None) -> ContextInfo:

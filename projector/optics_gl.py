@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from optolever.scene import Scene, Surface
 
-from .context import checked, context, context_info, free
+from .context import checked, context, context_info, free, keep
 from .footprint import ASKEW, BLUR_FLOOR, PARTS, REACH, SHARP_FLOOR
 from .groups import FrameGroup
 from .rays import parallel_rays, resting_rays
@@ -54,7 +54,7 @@ def look_source(scene: Scene, group: FrameGroup, quads: int) -> ShaderSource:
 
 @dataclass(frozen=True, slots=True)
 class _Program:
-    """A compiled fragment shader, ready to cover a target."""
+    """A compiled fragment shader, ready to cover a target. Sensors share it: uniforms are set per drawing."""
 
     program: moderngl.Program
     vertices: moderngl.VertexArray
@@ -84,6 +84,16 @@ class _Program:
         self.program.release()
 
 
+def _program(source: ShaderSource) -> _Program:
+    """A source's program, compiled once in a context: drivers take longer for that than for the drawing."""
+
+    def make(ctx: moderngl.Context) -> _Program:
+        program = compile_program(ctx, source)
+        return _Program(program, ctx.vertex_array(program, []))
+
+    return keep(source.text, make)
+
+
 @dataclass(frozen=True, slots=True)
 class _Look:
     """A group's program and its tables on the GPU, for `quads` attachments of four frames each."""
@@ -106,7 +116,6 @@ class GLOptics:
         self._parallel = parallel_rays(scene)
         self._most = 4 * context_info().max_attachments
         self._groups = [part for group in groups for part in group.split(self._most)]
-        self._programs: dict[str, _Program] = {}
         self._looks: dict[int | None, list[_Look]] = {}
         rows, cols = strip, scene.camera.cols
         quads = max(_quads(group) for group in self._groups)
@@ -126,13 +135,13 @@ class GLOptics:
         free(self._ctx, surface)
 
     def release(self) -> None:
-        """Free what lies on the GPU; the context stays."""
+        """Free what lies on the GPU; the context stays, and its programs with it."""
         tables = [
             texture for looks in self._looks.values() for look in looks for texture in look.textures.values()
         ]
         targets = (self._seen, self._edges_col, self._edges_row, *self._light)
         attached = [item for framebuffer, textures in targets for item in (framebuffer, *textures)]
-        free(self._ctx, *self._programs.values(), *tables, *attached)
+        free(self._ctx, *tables, *attached)
 
     def render(
         self, surface: LoadedSurface, start: int, stop: int, frame: int | None = None
@@ -176,19 +185,13 @@ class GLOptics:
         first: tuple[float, float],
         shape: tuple[int, int],
     ) -> None:
-        program = self._program(trace_source(self._scene, surface, edges=edges))
+        program = _program(trace_source(self._scene, surface, edges=edges))
         program.set(first=first[::-1], **self._uniforms(surface, _BEYOND if edges else 0.0))
         rays = {} if self._parallel is not None else self._ray_textures(first, shape)
         grid = {} if surface.texture is None else {"coefficients": surface.texture}
         program.draw(target[0], shape, grid | rays)
         for texture in rays.values():
             texture.release()
-
-    def _program(self, source: ShaderSource) -> _Program:
-        if source.text not in self._programs:
-            program = compile_program(self._ctx, source)
-            self._programs[source.text] = _Program(program, self._ctx.vertex_array(program, []))
-        return self._programs[source.text]
 
     def _ray_textures(
         self, first: tuple[float, float], shape: tuple[int, int]
@@ -209,6 +212,8 @@ class GLOptics:
     def _look_up(self, look: _Look, framebuffer: moderngl.Framebuffer, rows: int) -> None:
         seen = {"seen": self._seen, "edges_col": self._edges_col, "edges_row": self._edges_row}
         textures = {name: target[1][0] for name, target in seen.items()} | look.textures
+        pattern = self._scene.pattern
+        look.program.set(cells=(pattern.cols, pattern.rows), blur=pattern.blur_px)
         look.program.draw(framebuffer, (rows, self._scene.camera.cols), textures)
 
     def _looks_of(self, frame: int | None) -> list[_Look]:
@@ -221,9 +226,8 @@ class GLOptics:
         return self._looks[frame]
 
     def _make_look(self, group: FrameGroup) -> _Look:
-        pattern = self._scene.pattern
         quads = _quads(group)
-        program = self._program(look_source(self._scene, group, quads))
+        program = _program(look_source(self._scene, group, quads))
         textures = {}
         if group.axis == "uv":
             textures["table_u"], textures["table_v"] = (
@@ -232,7 +236,6 @@ class GLOptics:
             textures["response"] = _texture(self._ctx, group.response[None, :, None], "f4")
         else:
             textures["table"] = _texture(self._ctx, _in_quads(group.light), "f4")
-        program.set(cells=(pattern.cols, pattern.rows), blur=pattern.blur_px)
         return _Look(group, quads, program, textures)
 
     def _uniforms(self, surface: LoadedSurface, beyond: float) -> dict[str, Any]:

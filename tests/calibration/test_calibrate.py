@@ -142,7 +142,7 @@ def test_derivatives_are_central_differences_of_the_residuals() -> None:
         assert np.abs(rows[:, k] - expected).max() < 1e-3 * np.abs(expected).max() + 1e-6, name
 
 
-@pytest.mark.parametrize("poses", [3, 5])
+@pytest.mark.parametrize("poses", [3, pytest.param(5, marks=pytest.mark.slow)])
 def test_open_air_without_a_guess(poses: int) -> None:
     rig = air(poses, poses)
     far = replace(rig.given, pattern=replace(rig.given.pattern, origin=np.array([300.0, 0.0, 700.0])))

@@ -9,7 +9,7 @@ import pytest
 
 from optolever.cli.app import app
 
-TARGET = re.compile(r"^([a-z]+):", re.MULTILINE)
+TARGET = re.compile(r"^([a-z-]+):", re.MULTILINE)
 
 
 def command_lines(root: Path) -> list[str]:
@@ -59,7 +59,9 @@ def test_files_that_texts_point_at_exist(root: Path) -> None:
 
 def test_ci_runs_what_the_readme_says(root: Path) -> None:
     script = (root / ".ci/run").read_text()
-    assert re.search(r"^make test", script, re.MULTILINE)
+    steps = re.findall(r"^make (\S+) \|\| status=1$", script, re.MULTILINE)
+    assert steps == ["lint", "typecheck", "test", "test-slow"]
+    assert script.endswith('exit "$status"\n')
     if not (root / ".ci/run").stat().st_mode & 0o100:
         pytest.fail(".ci/run is not executable")
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from optolever import InputError
 from optolever.patterns import Frame, Sequence, sequence
-from optolever.projector import NOMINAL_SENSOR, VirtualSensor, capture
+from optolever.projector import NOMINAL_SENSOR, VirtualSensor, capture, optics_gl, release_context
 from optolever.projector.groups import frame_groups
 from optolever.projector.optics_gl import GLOptics
 from optolever.scene import (
@@ -30,6 +30,7 @@ from optolever.scene import (
 
 from .oracle import part, supersampled
 
+COMPILE = optics_gl.compile_program
 DENTS = [name for name in dent_names() if name != "relief"]
 SIZE = 96
 SHAPES = (
@@ -265,16 +266,29 @@ def test_motion_during_the_exposure_averages(request: pytest.FixtureRequest, ren
         np.testing.assert_allclose(seen[index], np.mean(stills, axis=0), atol=1.5)
 
 
-def test_moving_frames_share_their_programs(gl: moderngl.Context) -> None:
-    """A program per frame would take a second for ten of them."""
-    scene = resize(load("paper-simulation"), 16, 16)
-    moving = moving_dent("gaussian", scene, {"x": 40.0}, x=60.0)
-    with VirtualSensor(
-        scene, moving, sequence("gray", scene.pattern.rows, scene.pattern.cols), renderer="gl"
-    ) as sensor:
-        sensor.capture()
-        assert isinstance(sensor._optics, GLOptics)
-        assert len(sensor._optics._programs) == 4  # centres, edges, along u, along v
+@pytest.mark.usefixtures("gl_info")
+def test_sensors_share_their_programs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compiling takes longer than drawing: once in a context, and none draws with another's uniforms."""
+    compiled: list[str] = []
+    monkeypatch.setattr(
+        optics_gl, "compile_program", lambda ctx, source: compiled.append(source.text) or COMPILE(ctx, source)
+    )
+    release_context()
+    scenes = [resize(load("paper-simulation"), size, size) for size in (16, 24)]
+    moving = moving_dent("gaussian", scenes[0], {"x": 40.0}, x=60.0)
+    codes = [sequence("gray", scene.pattern.rows, scene.pattern.cols) for scene in scenes]
+    alone = [
+        capture(scene, moving, code, renderer="gl").frames for scene, code in zip(scenes, codes, strict=True)
+    ]
+    assert len(compiled) == 4  # centres, edges, along u, along v
+    with (
+        VirtualSensor(scenes[0], moving, codes[0], renderer="gl") as first,
+        VirtualSensor(scenes[1], moving, codes[1], renderer="gl") as second,
+    ):
+        for _ in range(2):
+            np.testing.assert_array_equal(first.capture().frames, alone[0])
+            np.testing.assert_array_equal(second.capture().frames, alone[1])
+    assert len(compiled) == 4
 
 
 def test_more_frames_than_attachments(gl: moderngl.Context) -> None:
