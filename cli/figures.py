@@ -1,4 +1,4 @@
-"""`optolever figures`: what the README's table tells, measured here and now."""
+"""`optolever figures`: figures beside their limits, measured here and now."""
 
 from dataclasses import asdict
 from pathlib import Path

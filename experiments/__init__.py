@@ -8,7 +8,7 @@
 | `paper.py`, `paper_rows.py` | run_paper: the paper's simulation and experiment, and its table |
 | `paper_simulation.py`, `paper_frames.py` | its measurement: exact; lattice crossings from frames |
 | `paper_report.py`, `paper_figures.py` | the page of that |
-| `figures.py`, `brute_force.py` | run_figures: the README's figures; what checks scene.trace |
+| `figures.py`, `brute_force.py` | run_figures: figures beside their limits; what checks scene.trace |
 | `code_guide.py` | code_rows: which code when: predicted sigma and gross rate, faults tried |
 | `decode_speed.py` | run_decode_figures: the decoder beside memory and other decoders |
 | `speed_frames.py` | frames of every code for it |

@@ -1,4 +1,4 @@
-"""The figures of the README's table, measured in one run: exactness, renderers, solver, noise, speed."""
+"""Figures beside the limits that each is to keep, measured in one run: exactness, renderers, solver, noise, speed."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace

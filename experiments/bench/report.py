@@ -125,7 +125,7 @@ def bench_table(rows: Iterable[Row], refresh: float) -> Iterator[tuple[str, list
 
 
 def bench_markdown(rows: Iterable[Row]) -> str:
-    """The table of the README: a few rows per mirror."""
+    """The table of the benchmarks page: a few rows per mirror."""
     return markdown([(group.name, group.rows) for group in groups(rows)])
 
 

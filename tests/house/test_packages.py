@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-NOT_PARTS = {"tests", "typings", "out", "build", "dist"}
+NOT_PARTS = {"docs", "tests", "typings", "out", "build", "dist"}
 
 
 def pyproject(root: Path) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""No sentence of the README that no command backs: its commands exist, with the options it gives them."""
+"""README and pages say nothing that no command backs: commands, options, links and figures exist."""
 
 import re
 import shlex
@@ -12,9 +12,14 @@ from optolever.cli.app import app
 TARGET = re.compile(r"^([a-z-]+):", re.MULTILINE)
 
 
-def command_lines(root: Path) -> list[str]:
-    """Lines of the README's code blocks that call make or optolever, continuation lines joined."""
-    text = (root / "README.md").read_text()
+def pages(root: Path) -> list[Path]:
+    """README and all pages of the documentation."""
+    return [root / "README.md", *sorted((root / "docs").rglob("*.md"))]
+
+
+def command_lines(page: Path) -> list[str]:
+    """Lines of a page's code blocks that call make or optolever, continuation lines joined."""
+    text = page.read_text()
     blocks = re.findall(r"^```[a-z]*\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     lines = "".join(blocks).replace("\\\n", " ").splitlines()
     bare = [re.sub(r"^\$ ", "", line).split("#")[0].strip() for line in lines]
@@ -22,39 +27,54 @@ def command_lines(root: Path) -> list[str]:
     return [line for line in [*bare, *inline] if re.match(r"(make|optolever)\b", line)]
 
 
-def test_the_two_commands_come_first(root: Path) -> None:
-    lines = command_lines(root)
+def test_the_readme_is_short_and_begins_with_two_commands(root: Path) -> None:
+    lines = command_lines(root / "README.md")
     assert lines[:2] == ["make demo", "make test"]
+    assert len((root / "README.md").read_text().splitlines()) <= 150
+
+
+def test_figures_of_accuracy_say_what_they_hold_for(root: Path) -> None:
+    text = (root / "README.md").read_text()
+    section = text.partition("## How accurate\n")[2].partition("\n## ")[0]
+    assert "*Simulated, geometry known*" in section
+    assert len(re.findall(r"^\| `optolever demo.*`", section, re.MULTILINE)) == 3
+
+
+def test_the_picture_is_small(root: Path) -> None:
+    assert (root / "docs/readme.png").stat().st_size <= 200_000
 
 
 def test_make_targets_exist(root: Path) -> None:
     targets = set(TARGET.findall((root / "Makefile").read_text()))
-    named = {word for line in command_lines(root) if line.startswith("make ") for word in line.split()[1:]}
+    lines = [line for page in pages(root) for line in command_lines(page)]
+    named = {word for line in lines if line.startswith("make ") for word in line.split()[1:]}
     assert named
     assert not named - targets
 
 
 def test_programs_lines_parse(root: Path) -> None:
-    """Each line names a command and options that exist; `a | b` lists are names of commands."""
-    lines = [line for line in command_lines(root) if line.startswith("optolever ")]
-    assert len(lines) >= 4
-    for line in lines:
-        name, *args = shlex.split(line)[1:]
+    """Each line names a command and options that exist."""
+    lines = [(page.name, line) for page in pages(root) for line in command_lines(page)]
+    calls = [(page, shlex.split(line)[1:]) for page, line in lines if line.startswith("optolever ")]
+    assert len(calls) >= 4
+    for page, (name, *args) in calls:
+        if name.startswith("--"):
+            continue
         command = app.get_command(click.Context(app), name)
-        if isinstance(command, click.Group):
+        if isinstance(command, click.Group) and args and not args[0].startswith("-"):
             command = command.get_command(click.Context(command), args.pop(0))
-        assert command is not None, line
+        assert command is not None, f"{page}: {name} {args}"
         known = {option for parameter in command.params for option in parameter.opts} | {"--help"}
         unknown = [arg for arg in args if arg.startswith("--") and arg not in known]
-        assert not unknown, f"{line}: {unknown}"
+        assert not unknown, f"{page}: {name} {args}: {unknown}"
 
 
 def test_files_that_texts_point_at_exist(root: Path) -> None:
-    for name in ("README.md", "CONTRIBUTING.md"):
-        text = (root / name).read_text()
-        linked = re.findall(r"\]\((?!https?:)([^)#]+)\)", text)
-        missing = [link for link in linked if not (root / link).exists()]
-        assert not missing, f"{name}: {missing}"
+    for page in (*pages(root), root / "CONTRIBUTING.md"):
+        linked = re.findall(r"\]\((?!https?:)([^)#\s]+)(?:#[^)]*)?\)", page.read_text())
+        figures = [link for link in linked if "_figures/" in link]  # drawn when the pages are built
+        missing = [link for link in linked if link not in figures and not (page.parent / link).exists()]
+        assert not missing, f"{page.name}: {missing}"
 
 
 def test_ci_runs_what_the_readme_says(root: Path) -> None:
@@ -78,7 +98,9 @@ def test_the_python_sample_runs(root: Path, tmp_path: Path, monkeypatch: pytest.
 
 def test_no_reader_of_x3p_is_promised(root: Path) -> None:
     """There is a writer and no reader: wherever the format is offered, that is said."""
-    assert "X3P and PLY are only written, never read" in " ".join((root / "README.md").read_text().split())
+    for page in pages(root):
+        text = " ".join(page.read_text().split())
+        assert "X3P" not in text or "only written, never read" in text, page.name
     option = next(
         option
         for option in app.get_command(click.Context(app), "reconstruct").params  # type: ignore[union-attr]
