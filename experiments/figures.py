@@ -1,4 +1,4 @@
-"""Figures beside the limits that each is to keep, measured in one run: exactness, renderers, solver, noise, speed."""
+"""Figures beside the limits that each is to keep: exactness, renderers, solver, noise, speed."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
