@@ -108,6 +108,7 @@ def test_a_scheduler_that_is_not_there(tmp_path: Path, grid: Grid) -> None:
         list(sweep(grid.cells(), Store(tmp_path / "out"), nowhere))
 
 
+@pytest.mark.slow
 def test_a_killed_worker_loses_nothing_and_changes_nothing(tmp_path: Path, grid: Grid) -> None:
     """Two local workers, one killed in the middle, against a fresh process that runs cell after cell."""
     dask: Any = pytest.importorskip("distributed", reason="distributed is not installed (extra dask)")

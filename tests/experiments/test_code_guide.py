@@ -19,13 +19,13 @@ SIZE = (120, 170)
 @pytest.mark.parametrize(
     ("name", "tolerance"),
     [
-        ("gray", 0.06),
-        ("long-run-gray", 0.06),
+        pytest.param("gray", 0.06, marks=pytest.mark.slow),
+        pytest.param("long-run-gray", 0.06, marks=pytest.mark.slow),
         ("phase:steps=4", 0.05),
-        ("phase:steps=3,periods=20/22/25", 0.05),
+        pytest.param("phase:steps=3,periods=20/22/25", 0.05, marks=pytest.mark.slow),
         ("gray+phase", 0.05),
-        ("micro-phase", 0.12),
-        ("stripe:step=8", 0.06),
+        pytest.param("micro-phase", 0.12, marks=pytest.mark.slow),
+        pytest.param("stripe:step=8", 0.06, marks=pytest.mark.slow),
     ],
 )
 def test_predicted_sigma_is_the_scatter_of_a_simulation(name: str, tolerance: float) -> None:
@@ -40,7 +40,7 @@ def test_predicted_sigma_is_the_scatter_of_a_simulation(name: str, tolerance: fl
     assert max(scatter) == pytest.approx(sigma, rel=tolerance)
 
 
-@pytest.mark.parametrize("name", ["spot:step=8", "spot:step=16"])
+@pytest.mark.parametrize("name", [pytest.param("spot:step=8", marks=pytest.mark.slow), "spot:step=16"])
 def test_predicted_sigma_of_spots_is_a_bound_that_is_nearly_reached(name: str) -> None:
     shown = sequence_from_text(name, *SIZE)
     row, col = np.mgrid[:100, :140].astype(float)

@@ -9,6 +9,7 @@ from optolever.decode import Correspondence, decode
 from optolever.experiments import decode_errors, run_decode_figures
 
 
+@pytest.mark.slow
 def test_all_are_met() -> None:
     figures = run_decode_figures(parts=("errors",))
     assert len(figures) == 19

@@ -23,6 +23,7 @@ SIZE = (40, 64)
 LARGER = (180, 240)
 
 
+@pytest.mark.slow
 def test_every_code_has_its_row() -> None:
     """Ratio and time of each; what is decoded is good."""
     figures = run_decode_figures(size=SIZE, parts=("codes",))

@@ -73,6 +73,7 @@ def test_predicted_height_error_is_that_of_a_simulation(lever: Lever, text: str)
     assert share == pytest.approx(told.share, abs=0.01)
 
 
+@pytest.mark.slow
 def test_predicted_where_cells_are_coarse_and_the_map_bends() -> None:
     """A ball's rim seen in cells of 1.4 pixels at a blur of 0.4: stairs count as noise, creases as loss."""
     scene = resize(varied(load("paper-simulation"), "pattern", 0.7), 96, 96)
@@ -85,6 +86,7 @@ def test_predicted_where_cells_are_coarse_and_the_map_bends() -> None:
     assert there.share == pytest.approx(share, abs=0.006)
 
 
+@pytest.mark.slow
 def test_predicted_beside_a_clamped_edge() -> None:
     """Where the mirror bends beside its anchor, what the solver extrapolates adds to the border's shift."""
     scene = resize(load("paper-prototype"), 172, 108)
@@ -163,6 +165,7 @@ def test_a_thinned_camera_predicts_the_full_one() -> None:
     assert sizes[1] == pytest.approx(sizes[0], rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_thinned_camera_predicts_errors_next_to_the_patterns_edge() -> None:
     """paper-simulation reaches it, where errors grow without limit: every fourth pixel within 10 %."""
     scene = resize(load("paper-simulation"), 192, 192)
@@ -182,6 +185,7 @@ def test_candidates_fit_the_budget() -> None:
     assert len({candidate.text for candidate in found}) == len(found)
 
 
+@pytest.mark.slow
 def test_the_choice_goes_through_a_file(prism: Scene, tmp_path: Path) -> None:
     """What wins is what a capture can show, and beats the default sequence at as many frames."""
     design = run_design(prism, frames=12, verify=1, seeds=1, renderer="numpy")
@@ -312,6 +316,7 @@ def test_share_within_is_the_gaussian_one() -> None:
     assert share_within(sigma, there, np.ones_like(there), 1.2) == pytest.approx(found, abs=0.01)
 
 
+@pytest.mark.slow
 def test_adaptive_sensing_stops_when_the_goal_is_met() -> None:
     """A harder goal takes more frames; what it says of itself is what the truth says, mean of two draws.
 
@@ -338,6 +343,7 @@ def test_adaptive_sensing_stops_when_the_goal_is_met() -> None:
     assert counts[1] > counts[0]
 
 
+@pytest.mark.slow
 def test_adaptive_sensing_says_when_a_goal_cannot_be_met() -> None:
     scene = resize(load("paper-prototype"), 80, 50)
     source = VirtualOnDemand(scene, dent("flat", scene), noise=1.0, renderer="numpy")
@@ -359,6 +365,7 @@ def places() -> list[Place]:
     return [Place(start, text, goal, "numpy") for text in ("flat", "gaussian:peak=0.1,sigma=6")]
 
 
+@pytest.mark.slow
 def test_shares_are_predicted_as_they_are_measured(places: list[Place]) -> None:
     """Mean of four draws."""
     pattern = places[0].scene.pattern

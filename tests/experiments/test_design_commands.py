@@ -16,6 +16,7 @@ from optolever.experiments.design import CASES, Case, ChoiceRow, drawn_cases, ex
 PRISM = ["--scene", "prism48", "--size", "72x96"]
 
 
+@pytest.mark.slow
 def test_design_writes_what_capture_takes(tmp_path: Path) -> None:
     best, numbers = tmp_path / "best.toml", tmp_path / "design.json"
     budget = ["--time", "0.2", "--refresh", "60", "--verify", "1", "--renderer", "numpy"]
@@ -77,6 +78,7 @@ def test_adapt_tells_its_steps(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert "Adaptive sensing" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_adapt_stands_beside_the_best_fixed_sequence(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -128,6 +130,7 @@ def test_choices_come_case_by_case(
     assert f"within 5 % of the best  {int(row['excess'] <= 0.05)} of 1" in printed
 
 
+@pytest.mark.slow
 def test_a_draw_that_leaves_no_anchor_ends_no_case(monkeypatch: pytest.MonkeyPatch) -> None:
     """What could be simulated with a few draws of noise counts with those."""
     real, failed = exhaustive.simulate, []

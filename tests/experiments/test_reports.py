@@ -102,6 +102,7 @@ def test_demo_page_has_everything(demo_page: Path, demo: DemoResult, browser: Br
     assert "--dent gaussian" in dom
 
 
+@pytest.mark.slow
 def test_surface_is_drawn_turns_and_takes_colours(demo_page: Path, tmp_path: Path, browser: Browser) -> None:
     page = tmp_path / "turn.html"
     html = demo_page.read_text(encoding="utf-8")
@@ -113,6 +114,7 @@ def test_surface_is_drawn_turns_and_takes_colours(demo_page: Path, tmp_path: Pat
     assert 'data-recoloured="true"' in dom
 
 
+@pytest.mark.slow
 def test_screenshot_shows_a_surface(demo_page: Path, tmp_path: Path, browser: Browser) -> None:
     target = tmp_path / "page.png"
     browser(demo_page, "--window-size=1280,1200", f"--screenshot={target}")
@@ -131,19 +133,20 @@ def test_words_of_a_run_cannot_break_the_page(demo: DemoResult) -> None:
     assert "<script>alert" not in html
 
 
-def test_notices_are_on_the_pages(demo: DemoResult, study: PaperStudy) -> None:
+def test_notices_are_on_the_pages(
+    demo: DemoResult, study: PaperStudy, demo_page: Path, paper_page: Path
+) -> None:
     """Escaped, as all words of a run."""
     notice = Notice("slopes <contradict> each other", 9.0, 1.5, "calibrate")
     told = replace(demo, height=replace(demo.height, notices=(notice,)))
     rows = [replace(row, notices=(notice,)) for row in study.rows]
-    for html, plain in (
-        (demo_html(told), demo_html(demo)),
-        (paper_html(replace(study, rows=rows)), paper_html(study)),
-    ):
+    pages = (demo_html(told), demo_page), (paper_html(replace(study, rows=rows)), paper_page)
+    for html, plain in pages:
         assert html.count("slopes &lt;contradict&gt; each other (9, usual up to 1.5): calibrate") == 1
-        assert 'id="notices"' not in plain
+        assert 'id="notices"' not in plain.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_paper_page_has_its_tables_and_figures(paper_page: Path, browser: Browser) -> None:
     dom = browser(paper_page, "--dump-dom")
     for case in ("smooth", "needle", "tent", "pencil"):
