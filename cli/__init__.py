@@ -1,12 +1,11 @@
 """Commands: parse, call, print. No mathematics, and no heavy import before a command runs.
 
 - `app`: the program `optolever`, the one place where errors become a line and an exit code
+- `commands`: which commands there are, `lab` with those for work on the program; loaded when called
 - `options`: arguments that several commands share (--json, --size, scenes)
 - `outputs`: where commands write, checked before they work
 - `show`: tables, progress bars, JSON
-- one file a command: `demo`, `capture`, `decode`, `calibrate`, `reconstruct`, `paper`, `figures`, `methods`,
-  `bench`, `sweep`, `hard`, `design`, `choices`, `codes`, `sensor`, `adapt`, `names`,
-  `doctor`, `lab` (those for work on the program), and `window`, which is the command `show`
+- one file a command, named as it; `window` is the command `show`, `rigs` is `lab calibration`
 """
 
 from .app import main, run

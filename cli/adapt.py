@@ -1,4 +1,4 @@
-"""`optolever adapt`: frames chosen one after the other, until the height is good enough."""
+"""`optolever lab adapt`: frames chosen one after the other, until the height is good enough."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever adapt --scene paper-prototype --size 200x125 --goal 2e-4 \\
+$ optolever lab adapt --scene paper-prototype --size 200x125 --goal 2e-4 \\
       --dent ridge:peak=0.09,sigma=3.5 --seeds 1 --no-compare
 Adaptive sensing: paper-prototype, 95 % within 0.0002 mm
 ridge:peak=0.09,sigma=3.5
@@ -83,7 +83,7 @@ def command(
     size: tuple[int, int] | None,
     json_path: Path | None,
 ) -> None:
-    """Measure adaptively on a virtual sensor: the next frames follow from what was measured so far.
+    """Choose frames from what was measured so far, virtually.
 
     It starts with the frames that the mirror at rest needs, and stops when the share asked for is within the
     goal, or says why it cannot be; every dent is printed when it is done. Beside it stands the fixed sequence

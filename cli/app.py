@@ -3,7 +3,6 @@
 0: done. 2: the input cannot be used (one line on stderr says what, where, and the limit). 130: Ctrl-C.
 """
 
-import importlib
 import sys
 from collections.abc import Sequence
 
@@ -11,52 +10,13 @@ import click
 
 from optolever import InputError, __version__
 
+from .commands import Program
+
 __all__ = ["app", "main", "run"]
-
-COMMANDS = (
-    "demo",
-    "capture",
-    "decode",
-    "calibrate",
-    "reconstruct",
-    "paper",
-    "figures",
-    "methods",
-    "bench",
-    "sweep",
-    "hard",
-    "design",
-    "choices",
-    "codes",
-    "sensor",
-    "adapt",
-    "show",
-    "names",
-    "doctor",
-    "lab",
-)
-
-
-MODULES = {"show": "window"}  # files that are not named as their command
-
-
-class _Lazy(click.Group):
-    """A group whose commands are modules beside this one, imported when they are asked for."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in COMMANDS:
-            return None
-        module = MODULES.get(cmd_name, cmd_name)
-        command = importlib.import_module(f".{module}", __package__).command
-        assert isinstance(command, click.Command)
-        return command
 
 
 @click.group(
-    cls=_Lazy,
+    cls=Program,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Start with: optolever demo --out out/demo",
 )
@@ -64,7 +24,7 @@ class _Lazy(click.Group):
 def app() -> None:
     """Patterns on a surface, a mirror that deforms, a camera: from the frames the height of the mirror.
 
-    The chain is capture -> decode -> reconstruct; demo runs it whole and writes a report.
+    The chain is capture -> decode -> reconstruct -> report; demo runs it whole.
     """
 
 

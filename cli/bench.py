@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .options import FILE, SIZE, json_option, renderer_option, sample
-from .outputs import Program, report_option
+from .outputs import PEERS, Program, report_option
 from .show import grid, number, progress, table, write_json
 
 if TYPE_CHECKING:
@@ -69,15 +69,19 @@ def command(
     json_path: Path | None,
     **lists: tuple[Any, ...],
 ) -> None:
-    """Measure what sequences and solvers are worth: time, memory, error, error bars, silent errors.
+    """Compare speed and error of sequences and solvers.
 
-    Every combination of the lists runs, here and one after the other; what is not given is the default
-    grid's. DIR gets report.html (a section per mirror with a chart of time against error), results.json,
-    results.csv and a file per cell. --grid with many cells: see optolever sweep.
+    Time, memory, error, error bars, silent errors. Every combination of the lists runs, here and one after
+    the other; what is not given is the default grid's. DIR gets report.html (a section per mirror with a
+    chart of time against error), results.json, results.csv and a file per cell. --grid with many cells: see
+    optolever lab sweep.
     """
-    from optolever.experiments.bench import Store, time_cells
+    from optolever.experiments.bench import Store, absent_modules, time_cells
 
     asked = _grid(grid_path, lists, refresh, renderer)
+    absent = absent_modules(asked.cells())
+    if absent:
+        click.echo(f"Not installed, no numbers: {', '.join(absent)} ({PEERS})", err=True)
     start = time.perf_counter()
     rows: list[Row] = []
     with interrupted() as stopped, progress() as step:

@@ -60,7 +60,7 @@ def command(
     size: tuple[int, int] | None,
     json_path: Path | None,
 ) -> None:
-    """Measure the rig: adjust a scene to captures of simple targets.
+    """Measure the rig: adjust a scene to captures of targets.
 
     A capture is what decode wrote (.npz) or a folder of frames. TARGET is flat[:FLATNESS] (a reference mirror
     in any pose, mm), rest[:ORDER[,SIGMA]] (the sensor's own surface), ball:RADIUS,SIGMA (its contact alone,

@@ -43,7 +43,7 @@ def command(
     out: Path,
     json_path: Path | None,
 ) -> None:
-    """Show a sequence to a dented mirror and keep what the camera sees.
+    """Render what a camera sees of a sequence in a dented mirror.
 
     DIR receives capture.toml and frames/*.png, and, since the sensor is virtual, scene.toml and truth.npz:
     for every camera pixel the exact u, v, x, y, z, normal, incidence, visible.

@@ -1,4 +1,4 @@
-"""`optolever choices`: is the first choice of `design` the right one."""
+"""`optolever lab choices`: is the first choice of `design` the right one."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever choices --case 2 --pixels 72 --more 4
+$ optolever lab choices --case 2 --pixels 72 --more 4
 Case 2: prism48 distance 5, flat, blur 0.6, noise 3, 24 frames
   chosen       phase:steps=6,periods=5.1/4.83158: 0.0001118 mm rms on 99.98 %
   best of all  phase:steps=6,periods=5.1/4.83158: 0.0001118 mm rms on 99.98 %
@@ -55,10 +55,10 @@ def command(
     renderer: str,
     json_path: Path | None,
 ) -> None:
-    """Choose by `design` for ten scenes and simulate every candidate of each: how far from the best is it?
+    """Compare what design chooses with the best of all candidates.
 
-    --random draws scenes, dents, blur, noise and frames that nobody has thought of; a number's is always the
-    same.
+    For ten scenes every candidate is simulated: how far from the best is the choice? --random draws scenes,
+    dents, blur, noise and frames that nobody has thought of; a number's is always the same.
 
     One to eight minutes a scene; each is printed when done, and Ctrl-C keeps those. merit: rms error over
     all pixels, one without a height counted as five times the rms of the others; excess: merit of the choice

@@ -1,4 +1,4 @@
-"""`optolever codes`: which code when."""
+"""`optolever lab codes`: which code when."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever codes gray phase gray+phase --size 200x320
+$ optolever lab codes gray phase gray+phase --size 200x320
 Codes
 code        frames  range   sigma       gross  stripe  lost   swapped
 gray        36      200 px  0.2887 px   0      2 px    100 %  83.33 %
@@ -36,11 +36,12 @@ HEADER = ("code", "frames", "range", "sigma", "gross", "stripe", "lost", "swappe
 def command(
     codes: tuple[str, ...], size: tuple[int, int], amplitude: float, noise: float, json_path: Path | None
 ) -> None:
-    """What codes cost, tell and detect on a surface, under white noise; CODE as in --sequence.
+    """Predict what codes cost, resolve and detect in white noise.
 
-    range: pixels without ambiguity; sigma: predicted, of the worse axis; gross: predicted share of wrong
-    orders or bits; stripe: the narrowest, which blur wipes out first; lost, swapped: share of the frames
-    that may be lost (or change places with the next) without an unflagged error, tried on a simulated patch.
+    CODE as in --sequence. range: pixels without ambiguity; sigma: predicted, of the worse axis; gross:
+    predicted share of wrong orders or bits; stripe: the narrowest, which blur wipes out first; lost, swapped:
+    share of the frames that may be lost (or change places with the next) without an unflagged error, tried on
+    a simulated patch.
     """
     from optolever.experiments import CODES, code_rows
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import FILE, HDF5, blame, json_option, mask_from, sample
-from .outputs import OUTPUT, Program
+from .options import FILE, blame, json_option, mask_from, sample
+from .outputs import HDF5, OUTPUT, Program
 from .show import flag_shares, number, print_notices, progress, table, write_json
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def command(
     no_check: bool,
     json_path: Path | None,
 ) -> None:
-    """Decode a capture: where on the pattern does every camera pixel look, and how sure is that.
+    """Find where on the pattern every pixel looks, and how surely.
 
     DIR is a folder with capture.toml and its frames, or a measurement of OpenCSP's SOFAST (HDF5, extra
     `sofast`). C.npz receives u, v, sigma_u, sigma_v (pattern pixels), flags (0 = good), amplitude, offset.

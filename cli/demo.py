@@ -47,7 +47,10 @@ def command(
     out: Path,
     json_path: Path | None,
 ) -> None:
-    """Show a sequence to a dented mirror, decode what the camera saw, reconstruct the mirror, compare.
+    """Simulate a measurement, reconstruct it, compare; one page.
+
+    The sequence is shown to a dented mirror, the frames are decoded, the height is reconstructed and compared
+    with the truth.
 
     DIR/report.html is one self-contained page: patterns, frames, maps of u and v, flags, the height as a
     picture and as a surface that can be turned, error, error against sigma, the time of every stage.

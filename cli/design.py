@@ -89,7 +89,7 @@ def command(
     out: Path | None,
     json_path: Path | None,
 ) -> None:
-    """Rank codes and their parameters for a scene by predicted height error, and simulate the best.
+    """Rank codes for a scene by predicted error; simulate the best.
 
     Predicted by the decoder itself, run on images of the scene (of a large camera: on windows of its image),
     and by the scene's own solver. What fails too often or loses pixels comes last; what --add brings is

@@ -40,7 +40,7 @@ PROGRAMS = {"xvfb-run": "apt-get install xvfb", "chromium": "apt-get install chr
 @click.command("doctor", cls=Program, epilog=sample(SAMPLE))
 @json_option
 def command(json_path: Path | None) -> None:
-    """Say which OpenGL context, cameras, monitors and versions there are, and what is missing."""
+    """Say what OpenGL, cameras, monitors, extras there are."""
     found = {
         "optolever": _version("optolever") or "not installed",
         "python": f"{platform.python_version()}, {platform.platform(terse=True)}",

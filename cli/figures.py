@@ -1,4 +1,4 @@
-"""`optolever figures`: figures beside their limits, measured here and now."""
+"""`optolever lab figures`: figures beside their limits, measured here and now."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever figures
+$ optolever lab figures
 Figures
 figure                                                measured      limit
 trace against brute force, paper-simulation, largest  8.527e-14 px  at most 1e-09
@@ -56,7 +56,7 @@ def command(
     size: tuple[int, int] | None,
     json_path: Path | None,
 ) -> None:
-    """Measure exactness, renderers, solver, noise and speed, each beside the limit it is to keep.
+    """Measure exactness, speed and noise, each beside its limit.
 
     Trace against brute force, GLSL against float64, frames per second, heights from exact correspondences,
     the demo with and without blur, and error bars over many seeds. --size resamples the demo alone (with

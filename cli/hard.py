@@ -1,4 +1,4 @@
-"""`optolever hard`: the hard cases of decode and reconstruct, a verdict for each."""
+"""`optolever lab hard`: the hard cases of decode and reconstruct, a verdict for each."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever hard --quick --filter "decode defocus" --out hard
+$ optolever lab hard --quick --filter "decode defocus" --out hard
 Hard cases
 part    case     subject     size   noise  input  error       flagged  wrong  silent  worst   verdict
 decode  defocus  gray+phase  96x96  1      uint8  0.2178 px   19.4 %   0 %    0       0.7374  good
@@ -68,7 +68,7 @@ def command(
     out: Path,
     json_path: Path | None,
 ) -> int:
-    """Run decode and reconstruct on what is hard, and look for what is wrong without a flag.
+    """Decode and solve hard cases; look for errors without a flag.
 
     A row per case: rms error of the unflagged pixels, flagged share, share that is wrong (off by more than 5
     sigma; discrete codes by more than 1.5 px), flagged or not, silent errors (wrong and unflagged, of the

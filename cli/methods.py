@@ -1,4 +1,4 @@
-"""`optolever methods`: every solver and integrator on the same cases, speed beside error."""
+"""`optolever lab methods`: every solver and integrator on the same cases, speed beside error."""
 
 from itertools import groupby
 from pathlib import Path
@@ -6,13 +6,13 @@ from pathlib import Path
 import click
 
 from .options import FILE, SIZE, json_option, sample
-from .outputs import Program
+from .outputs import PEERS, Program
 from .show import grid, number, progress, write_json
 
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever methods --size 128x128 --case "reconstruct, cusp" \\
+$ optolever lab methods --size 128x128 --case "reconstruct, cusp" \\
       --method coupled --method march --method paper-drops
 reconstruct, cusp
 method       time       processor  error      error/sigma  flagged    silent
@@ -52,7 +52,7 @@ def command(
     files: tuple[Path, ...],
     json_path: Path | None,
 ) -> None:
-    """Measure speed against error of every method on the same fields and mirrors.
+    """Compare speed and error of every solver and integrator.
 
     integrate: plain gradient fields; error without its mean over the field's rms. reconstruct: heights from
     correspondences; error of the unflagged pixels over the peak depth, rms(error / sigma), flagged pixels,
@@ -61,9 +61,11 @@ def command(
     """
     from optolever.experiments.bench import missing_peers, run_methods
 
+    missing = missing_peers()
+    if missing:
+        click.echo(f"Not installed, not beside: {', '.join(missing)} ({PEERS})", err=True)
     with progress() as step:
         rows = run_methods(size, cases, methods, step, files)
-    missing = missing_peers()
     write_json(json_path, {"size": size, "rows": [row.to_dict() for row in rows], "not_installed": missing})
     for title, group in groupby(rows, key=lambda row: f"{row.part}, {row.case}"):
         lines = [
@@ -80,5 +82,3 @@ def command(
             for row in group
         ]
         grid(title, HEADER, lines)
-    if missing:
-        click.echo(f"Not installed, not beside: {', '.join(missing)} (pip install 'optolever[bench]')")

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FILE",
-    "HDF5",
     "SIZE",
     "blame",
     "json_option",
@@ -36,7 +35,6 @@ __all__ = [
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 FILE = click.Path(path_type=Path)
-HDF5 = (".h5", ".hdf5")
 
 
 class _Size(click.ParamType[tuple[int, int]]):

@@ -3,6 +3,7 @@
 An output is an option of type OUTPUT, or made by `report_option`; what else names a file is an input.
 """
 
+import importlib.util
 import mimetypes
 import re
 import tomllib
@@ -14,8 +15,10 @@ import click
 
 from optolever.errors import InputError
 
-__all__ = ["OUTPUT", "Program", "report_option"]
+__all__ = ["HDF5", "OUTPUT", "PEERS", "Program", "report_option"]
 
+HDF5 = (".h5", ".hdf5")
+PEERS = "pip install 'optolever[bench]'"
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -66,6 +69,7 @@ class Program(click.Command):
             if isinstance(value, str | Path) and not isinstance(kind, _OutputFile | _ReportFolder)
         ]
         _require_apart(outputs, inputs)
+        _require_readers(inputs)
         return super().invoke(ctx)
 
     def _values(self, ctx: click.Context) -> Iterator[tuple[Any, Any]]:
@@ -93,6 +97,13 @@ def _require_apart(outputs: list[Path], inputs: Iterable[str]) -> None:
                     )
         if same is not None:
             raise InputError(f"{path}: is named for two outputs, each needs a file of its own")
+
+
+def _require_readers(inputs: Iterable[str]) -> None:
+    """InputError if an input is HDF5 and what reads it is not installed: before any work, not after it."""
+    for text in inputs:
+        if Path(text).suffix.lower() in HDF5 and importlib.util.find_spec("h5py") is None:
+            raise InputError(f"{text}: HDF5 needs h5py; pip install 'optolever[sofast]'")
 
 
 def _reads(source: Path, path: Path) -> bool:

@@ -48,11 +48,12 @@ def command(
     out: Path,
     json_path: Path | None,
 ) -> None:
-    """Redo the seed paper's simulation (smooth and needle dent) and its experiment (a pencil's tip).
+    """Redo the seed paper's simulation and its pencil experiment.
 
-    By the paper's recursion on lattice points and on every pixel, as printed and with the reflection law's
-    sign, and by the dense solver; from exact correspondences and from rendered, noisy 8-bit frames. Errors
-    are rms over the peak depth, along the line through the dent's middle; field: over all pixels.
+    Smooth and needle dent, and a pencil's tip. By the paper's recursion on lattice points and on every pixel,
+    as printed and with the reflection law's sign, and by the dense solver; from exact correspondences and
+    from rendered, noisy 8-bit frames. Errors are rms over the peak depth, along the line through the dent's
+    middle; field: over all pixels.
     """
     from optolever.experiments import run_paper, write_paper_report
     from optolever.files import report_folder, together

@@ -10,8 +10,8 @@ import click
 
 from optolever import InputError
 
-from .options import FILE, HDF5, blame, json_option, load_scene, mask_from, sample, scene_option, size_option
-from .outputs import OUTPUT, Program
+from .options import FILE, blame, json_option, load_scene, mask_from, sample, scene_option, size_option
+from .outputs import HDF5, OUTPUT, Program
 from .show import dent_rows, flag_shares, number, print_notices, progress, table, write_json
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ def command(
     size: tuple[int, int] | None,
     json_path: Path | None,
 ) -> None:
-    """Reconstruct the mirror's height from a correspondence and the scene that it was captured in.
+    """Reconstruct the mirror's height, with an error bar per pixel.
 
     H.npz receives x, y, z, sigma (mm) and flags (0 = good) on the camera's pixels. Pixels that no anchor
     reaches are flagged, not guessed. A scene ending in .h5 is a result of OpenCSP's SOFAST (extra `sofast`):

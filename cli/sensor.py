@@ -1,4 +1,4 @@
-"""`optolever sensor`: what a scene can measure, before it is built."""
+"""`optolever lab sensor`: what a scene can measure, before it is built."""
 
 import time
 from pathlib import Path
@@ -21,7 +21,7 @@ from .show import grid, number, progress, table, write_json
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever sensor --scene prism48 --size 96x128 --sweep angle=45/48/50 --out sensor
+$ optolever lab sensor --scene prism48 --size 96x128 --sweep angle=45/48/50 --out sensor
 Sensor prism48
   visible_share          1
   slope_low_deg          -24.09
@@ -76,10 +76,11 @@ def command(
     out: Path,
     json_path: Path | None,
 ) -> None:
-    """Map what a scene can measure: slopes, total reflection, lever, free mode, error bars of the height.
+    """Map what a scene can measure, before it is built.
 
-    Everything at rest, on a thinned camera; error bars are those of the full one. A sweep tells the same
-    numbers for other values of one thing.
+    Slopes, total reflection, lever, free mode, error bars of the height. Everything at rest, on a thinned
+    camera; error bars are those of the full one. A sweep tells the same numbers for other values of one
+    thing.
     """
     asked = [_sweep(text) for text in sweeps]
     from optolever.experiments.design import (

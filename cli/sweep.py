@@ -1,4 +1,4 @@
-"""`optolever sweep`: a grid of cells, resumable, here or on a Dask cluster."""
+"""`optolever lab sweep`: a grid of cells, resumable, here or on a Dask cluster."""
 
 import importlib.util
 import os
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from optolever import InputError
 from optolever.blocks import ONE_THREAD
 
 from .bench import finish, interrupted
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever sweep grid.toml --workers 2 --out sweep
+$ optolever lab sweep grid.toml --workers 2 --out sweep
 paper-simulation, own dent, 64 × 64, noise 1
 sequence    solver   frames  display  decode  solve   rms         max     err/sigma  flagged  silent
 gray+phase  coupled  18      0.30 s   9.9 ms  0.01 s  1.1 × 10⁻³  0.0157  0.933      3.08 %   0.00 %
@@ -52,20 +53,22 @@ where grid.toml holds
 def command(
     grid_path: Path, workers: int | None, scheduler: str | None, out: Path, json_path: Path | None
 ) -> None:
-    """Run every combination of the lists in GRID.toml; what DIR already has is not run again.
+    """Run every combination of the lists in GRID.toml.
 
-    GRID.toml: scenes, sequences, and optionally solvers, dents, sizes ('96x96' or 'own'), noises, seeds,
-    renderer, refresh. Each cell is seeded by itself and becomes one file in DIR/cells, so that Ctrl-C or a
-    lost worker costs nothing that was finished, and the numbers do not depend on where they were computed.
+    What DIR already has is not run again. GRID.toml: scenes, sequences, and optionally solvers, dents, sizes
+    ('96x96' or 'own'), noises, seeds, renderer, refresh. Each cell is seeded by itself and becomes one file
+    in DIR/cells, so that Ctrl-C or a lost worker costs nothing that was finished, and the numbers do not
+    depend on where they were computed.
     """
+    dask = importlib.util.find_spec("distributed") is not None
+    if (workers or scheduler) and not dask:
+        raise InputError("--workers, --scheduler: need Dask; pip install 'optolever[dask]', or --workers 0")
     os.environ.update(ONE_THREAD)  # before NumPy is loaded: the same sums here as on any worker
     from optolever.experiments.bench import Cluster, Store, load_grid, sweep
 
     asked = load_grid(grid_path)
     if workers is None:
-        workers = (
-            (os.cpu_count() or 1) if scheduler is None and importlib.util.find_spec("distributed") else 0
-        )
+        workers = (os.cpu_count() or 1) if scheduler is None and dask else 0
     start = time.perf_counter()
     rows: list[Row] = []
     with interrupted() as stopped, progress() as step:

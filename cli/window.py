@@ -50,10 +50,10 @@ def command(
     listing: bool,
     json_path: Path | None,
 ) -> None:
-    """Show a sequence on a monitor, one pattern pixel per screen pixel, for a camera of your own.
+    """Show a sequence on a monitor, for a camera of your own.
 
-    The pattern starts in the upper left corner; what it does not cover stays black. With --seconds, --json
-    tells when every frame came on, seconds after the first.
+    One pattern pixel per screen pixel. The pattern starts in the upper left corner; what it does not cover
+    stays black. With --seconds, --json tells when every frame came on, seconds after the first.
     """
     from optolever.projector import PatternWindow, monitors
 

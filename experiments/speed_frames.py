@@ -1,5 +1,5 @@
-"""Frames on which the decoder's speed is measured: every code that `optolever codes` compares, and more, as a
-display of cells with a blur shows them and a camera's pixels see them; the map is smooth.
+"""Frames on which the decoder's speed is measured: every code that `optolever lab codes` compares, and more,
+as a display of cells with a blur shows them and a camera's pixels see them; the map is smooth.
 """
 
 from dataclasses import dataclass

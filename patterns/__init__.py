@@ -16,7 +16,7 @@ from .codes import BINARY_CODES, bits_for, code_words
 from .frame import KINDS, Frame
 from .levels import frame_tables, lattice_lines
 from .long_run import shortest_run
-from .named import sequence, sequence_from_text, sequence_names
+from .named import sequence, sequence_from_text, sequence_names, sequence_parameters
 from .sequence import Sequence
 
 __all__ = [
@@ -31,5 +31,6 @@ __all__ = [
     "sequence",
     "sequence_from_text",
     "sequence_names",
+    "sequence_parameters",
     "shortest_run",
 ]

@@ -14,7 +14,7 @@ from .codes import bits_for
 from .frame import Frame
 from .sequence import Sequence
 
-__all__ = ["sequence", "sequence_from_text", "sequence_names"]
+__all__ = ["sequence", "sequence_from_text", "sequence_names", "sequence_parameters"]
 
 Frames = tuple[Frame, ...]
 #: By how much the periods of micro phase shifting are longer than the first.
@@ -30,11 +30,21 @@ def sequence_names() -> tuple[str, ...]:
     return tuple(_BUILDERS)
 
 
-def sequence(name: str, rows: int, cols: int, **params: Any) -> Sequence:
-    """The named sequence for a surface of rows x cols pixels; `axes` is 'uv' (default), 'u' or 'v'."""
+def sequence_parameters(name: str) -> dict[str, Any]:
+    """Parameters of a named sequence and their defaults; None: it follows from the others."""
+    return {key: value.default for key, value in _wanted(name).items()}
+
+
+def _wanted(name: str) -> dict[str, inspect.Parameter]:
+    """What a builder takes beside rows and cols. InputError for a name that there is not."""
     if name not in _BUILDERS:
         raise InputError(f"sequence: name is {name!r}, known are {', '.join(_BUILDERS)}")
-    wanted = dict(list(inspect.signature(_BUILDERS[name]).parameters.items())[2:])
+    return dict(list(inspect.signature(_BUILDERS[name]).parameters.items())[2:])
+
+
+def sequence(name: str, rows: int, cols: int, **params: Any) -> Sequence:
+    """The named sequence for a surface of rows x cols pixels; `axes` is 'uv' (default), 'u' or 'v'."""
+    wanted = _wanted(name)
     params = {key: tuple(value) if isinstance(value, Iterator) else value for key, value in params.items()}
     for key, value in params.items():
         if key not in wanted:

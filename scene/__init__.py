@@ -20,7 +20,7 @@ TOML only.
 """
 
 from .covariance import Covariance
-from .dents import dent, dent_from_text, dent_names, moving_dent
+from .dents import dent, dent_from_text, dent_names, dent_parameters, moving_dent
 from .face import Face
 from .grid import Grid
 from .medium import Medium
@@ -63,6 +63,7 @@ __all__ = [
     "dent",
     "dent_from_text",
     "dent_names",
+    "dent_parameters",
     "load",
     "load_sofast_rig",
     "mean_beside",

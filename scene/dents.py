@@ -13,7 +13,7 @@ from .relief import relief
 from .scene import Scene
 from .surface import Formula, Surface
 
-__all__ = ["dent", "dent_from_text", "dent_names", "moving_dent"]
+__all__ = ["dent", "dent_from_text", "dent_names", "dent_parameters", "moving_dent"]
 
 _TAPER = 0.1  # share of the mirror's length, at x = L0, over which dents fade to zero
 _PEAK = 1.3 / 163.7  # default peak over the mirror's shorter side: paper-simulation's 1.3 mm
@@ -89,8 +89,16 @@ def dent_names() -> tuple[str, ...]:
     return tuple(_DEFAULTS)
 
 
+def dent_parameters(name: str, scene: Scene) -> dict[str, Any]:
+    """Parameters of a named dent and their defaults on a scene's mirror (mm); None: it must be given."""
+    if name not in _DEFAULTS:
+        raise InputError(f"dent {name!r}: unknown, must be one of {', '.join(_DEFAULTS)}")
+    return {**dict.fromkeys(_TEXTS.get(name, ())), **_DEFAULTS[name](scene)}
+
+
 def dent(name: str, scene: Scene, **params: Any) -> Surface:
-    """The named dent on the scene's mirror; what is not given (mm) suits the mirror's size.
+    """The named dent on the scene's mirror; what is not given (mm) suits the mirror's size. The name may be
+    the command line's text: `dent("gaussian:peak=0.3", scene)`.
 
     | name | parameters |
     |---|---|
@@ -106,6 +114,12 @@ def dent(name: str, scene: Scene, **params: Any) -> Surface:
 
     InputError on an unknown name or parameter, or a value out of range.
     """
+    if ":" in name:
+        name, written = _from_text(name)
+        twice = next(iter(written.keys() & params.keys()), None)
+        if twice is not None:
+            raise InputError(f"dent {name!r}: parameter {twice!r} is given twice, must be given once")
+        params = written | params
     values = _checked(name, scene, params)
     if name == "relief":
         return relief(scene, taper=_TAPER * scene.mirror.length, **values)
@@ -116,6 +130,12 @@ def dent(name: str, scene: Scene, **params: Any) -> Surface:
 
 def dent_from_text(text: str, scene: Scene) -> Surface:
     """The dent that the command line writes as 'gaussian:peak=1.3,sigma=20' (or just 'gaussian')."""
+    name, params = _from_text(text)
+    return dent(name, scene, **params)
+
+
+def _from_text(text: str) -> tuple[str, dict[str, Any]]:
+    """Name and parameters of the command line's form."""
     name, _, rest = text.partition(":")
     params: dict[str, Any] = {}
     for item in filter(None, rest.split(",")):
@@ -125,7 +145,7 @@ def dent_from_text(text: str, scene: Scene) -> Surface:
         if key in params:
             raise InputError(f"dent {text!r}: parameter {key!r} is given twice, must be given once")
         params[key] = value if key in _TEXTS.get(name.strip(), ()) else _parsed(text, key, value)
-    return dent(name.strip(), scene, **params)
+    return name.strip(), params
 
 
 def moving_dent(

@@ -27,7 +27,7 @@ from .methods import MethodRow, missing_peers, run_methods
 from .pareto import frontier
 from .report import bench_html, bench_markdown, bench_table, write_bench_report
 from .row import Row
-from .run import run_cells
+from .run import absent_modules, run_cells
 from .solvers import solver_names
 from .store import Store
 from .sweeps import Cluster, sweep, time_cells, warm_up_from_json
@@ -45,6 +45,7 @@ __all__ = [
     "Result",
     "Row",
     "Store",
+    "absent_modules",
     "bench_html",
     "bench_markdown",
     "bench_table",

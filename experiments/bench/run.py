@@ -25,7 +25,7 @@ from .shot import Place, Shot, place_of, shoot
 from .solvers import Solver, installed, solver
 from .timing import Measured, measured, once
 
-__all__ = ["Bench", "check", "run_cells", "warm_up"]
+__all__ = ["Bench", "absent_modules", "check", "run_cells", "warm_up"]
 
 TINY = (48, 48)  # camera on which everything is compiled before anything is timed
 LATTICE_PIXELS = 10  # camera pixels that a lattice line needs, as in the paper's study
@@ -43,6 +43,14 @@ def check(cells: Sequence[Cell]) -> None:
             dent_from_text(dent, scene)
         if shown != "exact":
             sequence_from_text(shown, scene.pattern.rows, scene.pattern.cols)
+
+
+def absent_modules(cells: Iterable[Cell]) -> tuple[str, ...]:
+    """Packages that the decoders and solvers of cells ask for, and that are not installed."""
+    asked = dict.fromkeys(
+        module for cell in cells for module in (decoder(cell.decoder).module, solver(cell.solver).module)
+    )
+    return tuple(module for module in asked if module is not None and not installed(module))
 
 
 def run_cells(cells: Iterable[Cell], *, timed: bool = True) -> Iterator[Row]:

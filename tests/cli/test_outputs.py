@@ -13,10 +13,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import click
 import pytest
 
-from optolever.cli.app import COMMANDS, MODULES
+from optolever.cli.commands import LAB, SECTIONS, module_of
 from optolever.cli.outputs import OUTPUT, Program
 from optolever.patterns import sequence
 from optolever.reconstruct import HeightMap
@@ -56,13 +55,14 @@ def device(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     return made
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize(
+    "name", [name for names in (*SECTIONS.values(), *LAB.values()) for name in names if name != "lab"]
+)
 def test_every_command_checks_its_outputs(name: str) -> None:
-    command = importlib.import_module(f"optolever.cli.{MODULES.get(name, name)}").command
-    for each in command.commands.values() if isinstance(command, click.Group) else [command]:
-        assert isinstance(each, Program)
-        kinds = {parameter.name: parameter.type for parameter in each.params}
-        assert kinds["json_path"] is OUTPUT
+    command = importlib.import_module(f"optolever.cli.{module_of(name)}").command
+    assert isinstance(command, Program)
+    kinds = {parameter.name: parameter.type for parameter in command.params}
+    assert kinds["json_path"] is OUTPUT
 
 
 def test_a_device_stays_a_device(optolever: Run, device: Callable[[str], Path]) -> None:

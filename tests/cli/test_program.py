@@ -1,6 +1,7 @@
 """The program itself: help with real samples, speed of --help, exit codes, interruption, doctor."""
 
 import json
+import os
 import re
 import shlex
 import subprocess
@@ -11,13 +12,17 @@ from pathlib import Path
 
 import pytest
 
-from optolever.cli.app import COMMANDS
+from optolever.cli.commands import LAB, SECTIONS
+from optolever.cli.commands import Program as Top
 
 from .conftest import Program
 
+USER = [name for names in SECTIONS.values() for name in names]
+LABORATORY = [name for names in LAB.values() for name in names]
+
 
 @pytest.mark.parametrize(
-    "command", [*(name for name in COMMANDS if name != "lab"), "lab fuzz", "lab calibration"]
+    "command", [*(name for name in USER if name != "lab"), *(f"lab {name}" for name in LABORATORY)]
 )
 def test_help_has_synopsis_options_and_a_sample_with_output(command: str, optolever: Program) -> None:
     outcome = optolever(*command.split(), "--help")
@@ -27,6 +32,48 @@ def test_help_has_synopsis_options_and_a_sample_with_output(command: str, optole
     sample = outcome.out.partition("Sample:")[2].strip().splitlines()
     assert sample[0].startswith(f"$ optolever {command}")
     assert len(sample) > 3, "the sample shows no output"
+
+
+@pytest.mark.parametrize(("group", "names"), [("", USER), ("lab", LABORATORY)])
+def test_help_shows_every_summary_whole(group: str, names: list[str]) -> None:
+    """A line of 80 columns each, nothing cut, under headings."""
+    command = [sys.executable, "-c", "from optolever.cli import main; main()", *group.split(), "--help"]
+    environment = {**os.environ, "COLUMNS": "80"}
+    lines = subprocess.run(
+        command, env=environment, capture_output=True, text=True, check=True
+    ).stdout.splitlines()
+    for name in names:
+        (line,) = [line for line in lines if re.match(rf"  {name}  +", line)]
+        assert len(line) <= 80
+        assert line.endswith(".")
+        assert "..." not in line
+    assert {f"{heading}:" for heading in (LAB if group else SECTIONS)} <= set(lines)
+
+
+def test_old_names_work_and_are_not_listed(optolever: Program) -> None:
+    listed = optolever("--help").out
+    for name in LABORATORY:
+        known = name in Top.aliases
+        assert known == (name not in ("fuzz", "calibration"))
+        assert f"\n  {name} " not in listed
+        assert optolever(name, "--help").code == (0 if known else 2)
+
+
+def test_what_is_missing_is_said_before_the_work(
+    optolever: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    grid = tmp_path / "grid.toml"
+    grid.write_text("scenes = ['paper-simulation']\nsequences = ['gray']\n")
+    calls = {
+        "optolever[sofast]": ["decode", tmp_path / "none.h5", "--out", tmp_path / "c.npz"],
+        "optolever[dask]": ["lab", "sweep", grid, "--workers", "2", "--out", tmp_path / "o"],
+    }
+    for extra, args in calls.items():
+        outcome = optolever(*args)
+        assert outcome.code == 2
+        assert f"pip install '{extra}'" in outcome.err
+        assert not list(tmp_path.glob("o*"))
 
 
 def shape(text: str) -> str:
@@ -91,6 +138,10 @@ def test_names_are_those_that_work(optolever: Program, tmp_path: Path) -> None:
     assert {"flat", "tilt", "raised-cosine", "gaussian", "ball", "needle", "ridge"} <= set(names["dents"])
     assert {"gray", "binary", "stripe", "spot", "phase", "gray+phase", "lattice"} <= set(names["sequences"])
     assert "coupled" in names["methods"]
+    fringes = names["parameters"]["sequences"]["gray+phase"]
+    assert fringes == {"axes": "uv", "steps": 4, "period": 8.0, "inverses": False}
+    assert names["parameters"]["dents"]["gaussian"]["peak"] == pytest.approx(1.3)
+    assert names["parameters"]["dents"]["relief"]["path"] is None
 
 
 def test_doctor_says_what_there_is_and_what_is_missing(optolever: Program, tmp_path: Path) -> None:

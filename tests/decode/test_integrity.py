@@ -260,7 +260,7 @@ def test_a_whole_period_or_a_polarity_is_left_out(shoot: Shoot, smooth: tuple[F6
 
 
 def test_three_steps_in_another_order_are_another_mirror() -> None:
-    """What `optolever hard` calls undecidable is so: the same frames, bit for bit, from another place."""
+    """What `optolever lab hard` calls undecidable is so: the same frames, bit for bit, from another place."""
     shown = sequence("phase", 60, 60, steps=3, counts=0.9, axes="u")
     rng = np.random.default_rng(1)
     phase = rng.uniform(0, 2 * np.pi, (20, 30))

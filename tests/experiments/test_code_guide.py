@@ -1,4 +1,4 @@
-"""`optolever codes`: what is predicted is what a simulation gives; what is called detected is."""
+"""`optolever lab codes`: what is predicted is what a simulation gives; what is called detected is."""
 
 import json
 from pathlib import Path

@@ -177,3 +177,13 @@ def test_a_file_that_is_no_image(tmp_path):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(InputError, match=rf"{name}: is no image"):
             dent("relief", scene, path=str(tmp_path / name))
+
+
+def test_a_dent_takes_the_command_lines_text() -> None:
+    scene = load("prism48")
+    x, y = np.linspace(1.0, 20.0, 5), np.linspace(2.0, 15.0, 5)
+    written = dent("gaussian:peak=0.3,sigma=4", scene)
+    assert np.array_equal(written.height(x, y), dent("gaussian", scene, peak=0.3, sigma=4.0).height(x, y))
+    assert written.height(x, y).max() > 0.01
+    with pytest.raises(InputError, match="'peak' is given twice"):
+        dent("gaussian:peak=0.3", scene, peak=0.2)

@@ -1,0 +1,59 @@
+"""`optolever lab fuzz`: damaged inputs of every kind, by number."""
+
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+import click
+
+from .options import json_option, sample
+from .outputs import Program
+from .show import grid, progress, table, write_json
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ optolever lab fuzz --cases 100 --seed 1
+Damaged inputs
+kind       cases  results  refused  faults
+arguments  9      2        7        0
+...
+"""
+
+
+@click.command("fuzz", cls=Program, epilog=sample(SAMPLE))
+@click.option("--cases", type=click.IntRange(1), default=1000, show_default=True, metavar="N")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="The first one's number.")
+@json_option
+def command(cases: int, seed: int, json_path: Path | None) -> int:
+    """Run the program on damaged inputs of every kind.
+
+    Each must end with 0 and a result that holds, or with 2, one line and no result, within 30 s and 4 GiB.
+    Exit code 1 if one does not.
+    """
+    from optolever.experiments import FUZZED, fuzz
+
+    from .app import run
+
+    ended: Counter[tuple[str, str]] = Counter()
+    faults = []
+    with tempfile.TemporaryDirectory() as folder, progress() as step:
+        for done, outcome in enumerate(fuzz(run, cases, seed, Path(folder))):
+            step("cases", done, cases)
+            ended[
+                outcome.kind, "faults" if outcome.fault else ("results", "", "refused")[outcome.code or 0]
+            ] += 1
+            if outcome.fault:
+                faults.append(outcome)
+    columns = ("results", "refused", "faults")
+    rows = [(kind, *(str(ended[kind, name]) for name in columns)) for kind in FUZZED]
+    grid("Damaged inputs", ("kind", *columns), rows)
+    for outcome in faults:
+        last = outcome.fault.strip().splitlines()[-1]
+        click.echo(f"case {outcome.number}, {outcome.kind}: {last}\n  {' '.join(outcome.args)}")
+    table("Verdict", {"faults": f"{len(faults)} of {cases}"})
+    if json_path is not None:
+        write_json(
+            json_path, {"cases": cases, "seed": seed, "faults": [outcome.number for outcome in faults]}
+        )
+    return 1 if faults else 0
