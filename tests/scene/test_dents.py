@@ -181,9 +181,9 @@ def test_a_file_that_is_no_image(tmp_path):
 
 def test_a_dent_takes_the_command_lines_text() -> None:
     scene = load("prism48")
-    x, y = np.linspace(1.0, 20.0, 5), np.linspace(2.0, 15.0, 5)
+    x, y = np.linspace(1.0, 30.0, 5), np.linspace(2.0, 22.5, 5)
     written = dent("gaussian:peak=0.3,sigma=4", scene)
     assert np.array_equal(written.height(x, y), dent("gaussian", scene, peak=0.3, sigma=4.0).height(x, y))
-    assert written.height(x, y).max() > 0.01
+    assert written.height(x, y).max() == pytest.approx(0.3, rel=1e-3)  # at its centre
     with pytest.raises(InputError, match="'peak' is given twice"):
         dent("gaussian:peak=0.3", scene, peak=0.2)
