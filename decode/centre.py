@@ -13,7 +13,7 @@ from optolever.kernels import inlined, kernel
 
 from .display import REACH
 
-__all__ = ["BULK", "STEEP", "centred", "windowed"]
+__all__ = ["BULK", "STEEP", "centred", "lesser", "windowed"]
 
 #: Second differences are of the map from so many deviations on.
 BULK = 2.5
@@ -77,7 +77,7 @@ def centred(here: Any, window: Any, k: Any, ends: Any, light: Any, limits: Any, 
     """From the mean over a pixel, weighted by the light, to its centre, along a line (W,).
 
     Of u(s) = u + g s + s H s / 2 and light A (1 + a s) the mean over a pixel is u + (H_xx + H_yy) / 24 +
-    a g / 12; of a fringe see `_factor`.
+    a g / 12; of a fringe see `_factor` and `_across`.
     here: the line. window: see `windowed`, k: the line's row in it. ends: two (W,), NaN where no pixel is
     REACH to the left, or right, else 0. light: of the line, (W + 2,) with its ends repeated, and of those
     above and below (W,). limits: by what neighbours of a map bend at most, px (of a code its finest stripe);
@@ -108,6 +108,8 @@ def centred(here: Any, window: Any, k: Any, ends: Any, light: Any, limits: Any, 
     up, down = window[k - 1, at : at + size], window[k + 1, at : at + size]
     up_2, down_2 = window[k - 2, at : at + size], window[k + 2, at : at + size]
     up_far, down_far = window[k - at, at : at + size], window[k + at, at : at + size]
+    before_up, after_up = window[k - 1, at - 1 : at - 1 + size], window[k - 1, at + 1 : at + 1 + size]
+    before_down, after_down = window[k + 1, at - 1 : at - 1 + size], window[k + 1, at + 1 : at + 1 + size]
     bright, bright_up, bright_down = light
     before, lit, after = bright[:size], bright[1 : 1 + size], bright[2 : 2 + size]
     for x in range(size):
@@ -124,7 +126,8 @@ def centred(here: Any, window: Any, k: Any, ends: Any, light: Any, limits: Any, 
         near, next_ = bend == bend, uneven == uneven
         far = next_ & (broad_x + broad_y + first[x] + last[x] == broad_x + broad_y)
         noise = unsure * (total[x] + (was - u) * (was - u))
-        factor_x, factor_y = _factor(half * one_x * per_turn), _factor(half * one_y * per_turn)
+        turns_x, turns_y = half * one_x * per_turn, half * one_y * per_turn
+        factor_x, factor_y = _factor(turns_x), _factor(turns_y)
         broad_x, broad_y = broad_x if far else zero, broad_y if far else zero
         ragged = max(uneven - _BY_NOISE * total[x], zero) if next_ else zero
         there = _beyond(broad_x + broad_y, max(noise * wide * wide, _ROUGH * ragged))
@@ -132,6 +135,10 @@ def centred(here: Any, window: Any, k: Any, ends: Any, light: Any, limits: Any, 
         bend = bend_x + bend_y if near else zero
         share = _beyond(bend, max(noise, _ROUGH * uneven)) if next_ else zero
         bends = factor_x * (there * broad_x + share * bend_x) + factor_y * (there * broad_y + share * bend_y)
+        turned = _across(turns_x) * _across(turns_y)
+        twist = (before_up[x] + after_down[x] - before_down[x] - after_up[x]) * turned
+        twisted = near & (twist == twist)
+        bends -= twist if twisted else zero
         whole = min(bend * bend, four * jump * jump)
         short = min(ragged, most) * _SHORT if next_ else whole * _ALL
         edge_x, light_x = _in_light(before[x], lit[x], after[x])
@@ -149,8 +156,15 @@ def centred(here: Any, window: Any, k: Any, ends: Any, light: Any, limits: Any, 
         away = max(min(u + half, extent - half - u) - max(abs(one_x), abs(one_y)), zero)
         clear = away * away > _FARTHEST * (reach2 + (one_x * one_x + one_y * one_y) * np.float32(1 / 48))
         out[x] = was - (part * (bends + dims) if smooth & clear else zero)
-        least_x, least_y = min(abs(u - left[x]), abs(right[x] - u)), min(abs(u - up[x]), abs(down[x] - u))
-        over = max(least_x + least_y - stripe, zero) if near else zero
+        least_x, least_y = lesser(u - left[x], right[x] - u), lesser(u - up[x], down[x] - u)
+        over = max(least_x + least_y - stripe, zero)
+        # as of a ridge, where a diagonal neighbour is refused
+        bent = near_x * near_y * turned * turned * np.float32(16)
+        short += abs(bent) * _ALL if near & (not twisted) else zero
+        # terms of the next order are by the turns squared less than these
+        most_turns = turns_x * turns_x + turns_y * turns_y
+        size_of = abs(factor_x * near_x) + abs(factor_y * near_y) + (abs(twist) if twisted else zero)
+        short += size_of * size_of * most_turns * most_turns * _ALL if near else zero
         doubt = short + (edges + jumps * twelfth if clear else whole * _ALL)
         total[x] += doubt + (share * more * total[x] if smooth else zero) + over * over * twelfth
 
@@ -162,6 +176,27 @@ def _factor(turns: Any) -> Any:
     0.01 up to half a turn, to 8 % near one)."""
     square = min(turns * turns, np.float32(STEEP**2))
     return np.float32(1) - np.float32(2 * np.pi**2 / 15) * square / (np.float32(1) - square)
+
+
+@inlined
+def _across(turns: Any) -> Any:
+    """sqrt(6) c(w) of a fringe of which w turns lie on a pixel, c(w) = -sinc'(w) / (2 pi sinc(w)).
+
+    H_xy shifts the mean place by -H_xy c(w_x) c(w_y); sqrt(6), squared, is 24 (of the bends beside it) over 4
+    (of the difference that tells H_xy). By the pole at 1 and the first term of the rest of the series,
+    c(w) = (w / pi) (1 / (1 - w^2) + pi^2 / 6 - 1).
+    """
+    square = min(turns * turns, np.float32(STEEP**2))
+    least = np.float32(np.pi**2 / 6 - 1)
+    return np.float32(np.sqrt(6) / np.pi) * turns * (np.float32(1) / (np.float32(1) - square) + least)
+
+
+@inlined
+def lesser(one: Any, other: Any) -> Any:
+    """The lesser size of two changes; of one where the other is refused (NaN), 0 of none."""
+    one, other = abs(one), abs(other)
+    least = one if (one < other) | (other != other) else other
+    return least if least == least else np.float32(0)
 
 
 @inlined

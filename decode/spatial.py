@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from optolever.kernels import exact, inlined, kernel
 
 from .border import MARGIN, inwards
-from .centre import BULK, STEEP, centred, windowed
+from .centre import BULK, STEEP, centred, lesser, windowed
 from .correspondence import Flag
 from .display import PER_CELL, PLACES, REACH, WIDTHS, Pixelation
 
@@ -125,11 +125,14 @@ def _check(
         for x in range(cols):
             if special[x] != 0 and flags[y, x] == 0:
                 flag, lost = _neighbours(y, x, coord, variance, flags, amplitude, (jump, per_turn))
-                if per_turn > 0 and _undersampled(y, x, coord, flags, per_turn):
+                here, left, right = window[k, x + REACH], window[k, x + REACH - 1], window[k, x + REACH + 1]
+                above, below = window[k - 1, x + REACH], window[k + 1, x + REACH]
+                gx, gy = _step_on_a_map(left, here, right, jump), _step_on_a_map(above, here, below, jump)
+                # what bends inside of half a turn or more, only all neighbours tell
+                beside = left + right + above + below != left + right + above + below
+                unknown = beside & ((gx + gy) * per_turn > np.float32(0.5))
+                if per_turn > 0 and (unknown or _undersampled(y, x, coord, flags, per_turn)):
                     flag |= np.uint16(_OUTLIER)
-                here = window[k, x + REACH]
-                gx = _step_on_a_map(window[k, x + REACH - 1], here, window[k, x + REACH + 1], jump)
-                gy = _step_on_a_map(window[k - 1, x + REACH], here, window[k + 1, x + REACH], jump)
                 off, shift_in, unsure_in = inwards(here, gx, gy, reach, told, extent)
                 out[y, x] -= shift_in
                 sigma[y, x] += lost + unsure_in
@@ -171,10 +174,8 @@ def _slope(before: Any, here: Any, after: Any, per_step: Any) -> Any:
 def _step_on_a_map(before: Any, here: Any, after: Any, jump: Any) -> Any:
     """Size of the change per pixel by two neighbours; by the nearer in value where these bend by more than a
     map does (the other is beyond an edge) or one is refused; 0 by none."""
-    one, other = abs(here - before), abs(after - here)
-    least = one if (one < other) | (other != other) else other
-    least = np.float32(0.5) * abs(after - before) if abs(before + after - here - here) <= jump else least
-    return least if least == least else np.float32(0)
+    least = lesser(here - before, after - here)
+    return np.float32(0.5) * abs(after - before) if abs(before + after - here - here) <= jump else least
 
 
 @kernel

@@ -64,6 +64,21 @@ def silent(found: Correspondence, u: F64, v: F64, limit: float | None = None) ->
     return float(off[found.good].mean())
 
 
+def test_the_mixed_second_derivative_is_taken_off() -> None:
+    """Of a fringe it shifts a mean by u_xy sinc'(w_x) sinc'(w_y) / (4 pi^2 sinc(w_x) sinc(w_y)), w turns."""
+    row, col = places(17, 17)
+    u = 70 + 3.0 * (col - 8) + 3.0 * (row - 8) + 0.15 * (col - 8) * (row - 8)
+    v = 20 + row
+    found = decode(
+        footprints(sequence("gray+phase", 60, 160), u, v, noise=0.3), sequence("gray+phase", 60, 160)
+    )
+    w, step = 3.0 / 8, 1e-4
+    slope = (np.sinc(w + step) - np.sinc(w - step)) / (2 * step) / (2 * np.pi * np.sinc(w))
+    inner = np.s_[4:-4, 4:-4]
+    assert found.good[inner].all()
+    assert abs((found.u - centres(u))[inner].mean()) < 0.15 * slope**2 / 4
+
+
 @pytest.mark.parametrize("name", ["phase", "gray+phase", "stripe:step=4", "gray"])
 def test_beside_a_hole(name: str) -> None:
     """Pixels whose footprint is half in a hole see the mean of what is left; steep maps make that matter."""
