@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 OUT := out
 
 .DEFAULT_GOAL := help
-.PHONY: help demo paper test test-slow test-all lint format typecheck ci clean
+.PHONY: help demo paper docs test test-slow test-all lint format typecheck ci clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## /  make \1\t/' | expand -t 20
@@ -16,6 +16,10 @@ demo: $(VENV)/.run  ## the main job: paper-simulation, 1637 x 1637, Gray + phase
 
 paper: $(VENV)/.run  ## the paper's tables against the dense solver; report in out/paper
 	$(BIN)/optolever paper --out $(OUT)/paper --json $(OUT)/paper/paper.json
+
+docs: $(VENV)/.docs  ## the pages, as HTML in out/docs
+	$(BIN)/python docs/figures.py docs/_figures
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs $(OUT)/docs
 
 test: $(VENV)/.dev  ## the tests of every day
 	$(BIN)/python -m pytest -m "not slow"
@@ -41,7 +45,7 @@ ci:  ## what CI runs
 	bash .ci/run
 
 clean:  ## remove what was made here, the environment included
-	rm -rf $(VENV) $(OUT) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache
+	rm -rf $(VENV) $(OUT) docs/_figures build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache
 
 # The first Python on PATH that is new enough; `make PYTHON=/path/to/python ...` names another.
 PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.11 python; do \
@@ -57,4 +61,8 @@ $(VENV)/.run: pyproject.toml | $(BIN)/python
 
 $(VENV)/.dev: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	@touch $@ $(VENV)/.run
+
+$(VENV)/.docs: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
 	@touch $@ $(VENV)/.run

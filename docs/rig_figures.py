@@ -42,14 +42,13 @@ def names(axes: Axes, scene: Scene) -> None:
 
 def frame_of_reference(axes: Axes, scene: Scene) -> None:
     """The mirror's x and z, the pattern's axis and the camera's columns that lie in the cut, as arrows."""
-    unit = 0.25 * scene.mirror.length
+    unit = 0.2 * max(scene.mirror.length, camera_ends(scene)[:, 2].max())
     _arrow(axes, (0.0, 0.0), (unit, 0.0), "x", "black")
     _arrow(axes, (0.0, 0.0), (0.0, unit), "z", "black")
     along_u = _along_u(scene)
     axis = scene.pattern.u_axis if along_u else scene.pattern.v_axis
-    _arrow(axes, pattern_ends(scene)[0][[0, 2]], unit * axis[[0, 2]], "u" if along_u else "v", PATTERN)
-    columns = scene.camera.u_axis[[0, 2]]
-    _arrow(axes, camera_ends(scene)[0][[0, 2]], unit * columns, "columns", CAMERA)
+    _beside(axes, scene, pattern_ends(scene)[0], unit * axis, "u" if along_u else "v", PATTERN)
+    _beside(axes, scene, camera_ends(scene)[0], unit * scene.camera.u_axis, "columns", CAMERA)
 
 
 def pattern_ends(scene: Scene) -> Floats:
@@ -100,4 +99,14 @@ def _text(axes: Axes, place: Any, text: str, colour: str, shift: tuple[float, fl
 def _arrow(axes: Axes, foot: Any, way: Any, name: str, colour: str) -> None:
     tip = np.asarray(foot) + np.asarray(way)
     axes.annotate("", tip, foot, arrowprops={"arrowstyle": "->", "color": colour, "lw": 1.8})
-    _text(axes, tip, name, colour, (6, 6), "left")
+    ahead = 10 * np.asarray(way) / np.linalg.norm(way)
+    _text(axes, tip, name, colour, (ahead[0], ahead[1]), "center")
+
+
+def _beside(axes: Axes, scene: Scene, foot: Floats, way: Floats, name: str, colour: str) -> None:
+    """An arrow beside what it belongs to, on the side away from the mirror's middle."""
+    along = way[[0, 2]] / np.linalg.norm(way[[0, 2]])
+    across = np.array([-along[1], along[0]])
+    away = foot[[0, 2]] + way[[0, 2]] - np.array([0.5 * scene.mirror.length, 0.0])
+    shift = 0.05 * scene.mirror.length * np.sign(across @ away) * across
+    _arrow(axes, foot[[0, 2]] + shift, way[[0, 2]], name, colour)

@@ -43,7 +43,27 @@ def _wanted(name: str) -> dict[str, inspect.Parameter]:
 
 
 def sequence(name: str, rows: int, cols: int, **params: Any) -> Sequence:
-    """The named sequence for a surface of rows x cols pixels; `axes` is 'uv' (default), 'u' or 'v'."""
+    """The named sequence for a surface of rows x cols pixels (cells).
+
+    | name | parameters and defaults (lengths in cells) |
+    |---|---|
+    | gray, binary, xor-gray, long-run-gray | axes='uv', inverses=True, cell=1.0, references=True |
+    | phase | axes='uv', steps=4, periods or counts (default: three periods, from 9/8 of the surface to 16) |
+    | gray+phase | axes='uv', steps=4, period=8.0, inverses=False |
+    | micro-phase | axes='uv', period=16.0, periods (default: five more, to a third longer) |
+    | stripe | axes='uv', step=4.0, width (default: two steps) |
+    | spot | step=8.0, width (default: two steps) |
+    | lattice | period=25.0, width (default: a fifth of the period), references=False |
+    | crossed | period=16.0 |
+    | ramp | count=18 |
+
+    axes: 'uv', 'u' or 'v'; inverses: each bit is followed by its inverse; references: white and black come
+    first; steps: shifts of every fringe; counts: fringes on each axis, in place of periods. InputError for an
+    unknown name or parameter, or a value out of range.
+
+    >>> sequence("phase", rows=480, cols=640, steps=3, periods=(64, 16)).shape
+    (12, 480, 640)
+    """
     wanted = _wanted(name)
     params = {key: tuple(value) if isinstance(value, Iterator) else value for key, value in params.items()}
     for key, value in params.items():

@@ -80,7 +80,7 @@ def test_files_that_texts_point_at_exist(root: Path) -> None:
 def test_ci_runs_what_the_readme_says(root: Path) -> None:
     script = (root / ".ci/run").read_text()
     steps = re.findall(r"^make (\S+) \|\| status=1$", script, re.MULTILINE)
-    assert steps == ["lint", "typecheck", "test", "test-slow"]
+    assert steps == ["lint", "typecheck", "docs", "test", "test-slow"]
     assert script.endswith('exit "$status"\n')
     if not (root / ".ci/run").stat().st_mode & 0o100:
         pytest.fail(".ci/run is not executable")

@@ -1,0 +1,84 @@
+"""What pages show runs: blocks of Python, commands and TOML files of a page, in order, in one folder.
+
+A block behind `<!-- not run: REASON -->` is left out. A TOML block that begins with `# NAME.toml` is written.
+"""
+
+import re
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from optolever.cli import run
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").rglob("*.md"))
+#: Pages that measure for seconds; the others are run every day.
+SLOW = {
+    "docs/howto/calibrate.md",
+    "docs/howto/compare.md",
+    "docs/howto/facet.md",
+    "docs/howto/rest.md",
+    "docs/howto/stream.md",
+    "docs/rig/monitor.md",
+    "docs/rig/prism.md",
+}
+BLOCK = re.compile(
+    r"(<!-- not run: [^>]+ -->\n)?^```(python|console|toml)\n(.*?)^```", re.MULTILINE | re.DOTALL
+)
+
+
+@dataclass(frozen=True)
+class Block:
+    language: str
+    text: str
+
+
+def blocks(text: str) -> list[Block]:
+    return [Block(found[2], found[3]) for found in BLOCK.finditer(text) if not found[1]]
+
+
+def play(page: str, text: str) -> None:
+    """Run the blocks of a page in the working folder."""
+    names: dict[str, object] = {"__name__": "__page__"}
+    for block in blocks(text):
+        first = block.text.partition("\n")[0]
+        if block.language == "python":
+            exec(compile(block.text, page, "exec"), names)
+        elif block.language == "toml" and re.fullmatch(r"# [\w-]+\.toml", first):
+            Path(first[2:]).write_text(block.text)
+        elif block.language == "console":
+            for line in block.text.replace("\\\n", " ").splitlines():
+                if line.startswith("$ optolever "):
+                    assert run(shlex.split(line)[2:]) == 0, f"{page}: {line}"
+
+
+@pytest.mark.parametrize(
+    "page", [pytest.param(page, marks=pytest.mark.slow if page in SLOW else ()) for page in PAGES]
+)
+def test_page_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    if page == "docs/howto/frames.md":  # images of the display, taken by a camera that sees it one to one
+        _images(tmp_path)
+    play(page, (ROOT / page).read_text())
+
+
+def _images(folder: Path) -> None:
+    from optolever.patterns import sequence
+    from optolever.projector import Capture
+
+    shown = sequence("gray+phase", rows=120, cols=160)
+    Capture(shown.render(), shown).save(folder / "capture")
+
+
+def test_blocks_are_found() -> None:
+    text = "```python\na\n```\n<!-- not run: needs a camera -->\n```console\nb\n```\n```toml\nc\n```\n"
+    assert blocks(text) == [Block("python", "a\n"), Block("toml", "c\n")]
+
+
+def test_every_code_block_names_its_language() -> None:
+    """Else it would be neither run nor checked."""
+    for page in PAGES:
+        fences = re.findall(r"^```(\S*)", (ROOT / page).read_text(), re.MULTILINE)[::2]
+        assert set(fences) <= {"python", "console", "toml", "{toctree}", "{eval-rst}"}, page
