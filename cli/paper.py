@@ -1,4 +1,4 @@
-"""`optolever paper`: the seed paper's tables, redone."""
+"""`optolever paper`: the tables of Saga, Kajimoto and Tachi, redone."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -48,7 +48,7 @@ def command(
     out: Path,
     json_path: Path | None,
 ) -> None:
-    """Redo the seed paper's simulation and its pencil experiment.
+    """Redo Saga, Kajimoto and Tachi's simulation and experiment.
 
     Smooth and needle dent, and a pencil's tip. By the paper's recursion on lattice points and on every pixel,
     as printed and with the reflection law's sign, and by the dense solver; from exact correspondences and

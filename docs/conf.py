@@ -31,6 +31,8 @@ def plain_text(app: Any, what: str, name: str, obj: Any, options: Any, lines: li
     """Docstrings are plain text with tables, no reStructuredText."""
     text = "\n".join(lines).strip("\n")
     parts = [part.split("\n") for part in re.split(r"\n\s*\n", text) if part]
+    if what == "module":  # a face's table of files is for those who work on it
+        parts = [part for part in parts if not part[0].startswith("|")]
     lines[:] = [line for part in parts for line in paragraph(part)]
 
 
