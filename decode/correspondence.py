@@ -1,9 +1,9 @@
 """Correspondence: where on the pattern every camera pixel looks, how sure that is, and what is wrong."""
 
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from enum import IntFlag
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,9 @@ from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
 from optolever.notices import Notice, notices_from_array, notices_to_array
 
-__all__ = ["Correspondence", "Flag"]
+__all__ = ["Correspondence", "Flag", "PixelMaps"]
 
 Map = NDArray[np.floating[Any]]
-_REQUIRED = ("u", "v", "sigma_u", "sigma_v", "flags")
 
 
 class Flag(IntFlag):
@@ -32,8 +31,54 @@ class Flag(IntFlag):
     WRONG_FRAME = 256
 
 
+class PixelMaps:
+    """What records of maps (H, W) of camera pixels share: checks and .npz; `notices` alone is no map."""
+
+    __slots__ = ()
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+    flags: NDArray[np.uint16]
+
+    def __post_init__(self) -> None:
+        record, first = type(self).__name__.lower(), fields(self)[0].name
+        shape = np.shape(getattr(self, first))
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name == "notices" or value is None:
+                continue
+            if np.shape(value) != shape or len(shape) != 2:
+                found = f"{field.name} has shape {np.shape(value)}"
+                raise InputError(f"{record}: {found}, must be 2-D like {first} {shape}")
+        if np.asarray(self.flags).dtype.kind not in "ui":
+            raise InputError(f"{record}: flags is {np.asarray(self.flags).dtype}, must be integer")
+
+    @property
+    def good(self) -> NDArray[np.bool_]:
+        """True where no flag is set."""
+        return np.asarray(self.flags == 0)
+
+    def save(self, path: str | Path) -> None:
+        """Write an .npz with the fields' names."""
+        arrays = {field.name: getattr(self, field.name) for field in fields(self)}
+        if "notices" in arrays:
+            arrays["notices"] = notices_to_array(arrays["notices"]) if arrays["notices"] else None
+        save_arrays(path, arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read what save() wrote; InputError names the file and the field."""
+        required = tuple(field.name for field in fields(cls) if field.default is MISSING)
+        arrays: dict[str, Any] = load_arrays(path, required)
+        known = {field.name for field in fields(cls)} & set(arrays)
+        try:
+            if "notices" in known:
+                arrays["notices"] = notices_from_array(arrays["notices"])
+            return cls(**{name: arrays[name] for name in known})
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+
+
 @dataclass(frozen=True, slots=True)
-class Correspondence:
+class Correspondence(PixelMaps):
     """Per camera pixel, all (H, W).
 
     u, v               what the centre of the camera's pixel sees, pattern pixels, integer = pixel centre
@@ -55,36 +100,3 @@ class Correspondence:
     offset: Map | None = None
     order_error: Map | None = None
     notices: tuple[Notice, ...] = ()
-
-    def __post_init__(self) -> None:
-        shape = np.shape(self.u)
-        for field in fields(self)[:-1]:
-            value = getattr(self, field.name)
-            if value is not None and (np.shape(value) != shape or len(shape) != 2):
-                raise InputError(
-                    f"correspondence: {field.name} has shape {np.shape(value)}, must be 2-D like u {shape}"
-                )
-        if np.asarray(self.flags).dtype.kind not in "ui":
-            raise InputError(f"correspondence: flags is {np.asarray(self.flags).dtype}, must be integer")
-
-    @property
-    def good(self) -> NDArray[np.bool_]:
-        """True where no flag is set."""
-        return np.asarray(self.flags == 0)
-
-    def save(self, path: str | Path) -> None:
-        """Write an .npz with the fields' names."""
-        arrays = {field.name: getattr(self, field.name) for field in fields(self)}
-        save_arrays(path, arrays | {"notices": notices_to_array(self.notices) if self.notices else None})
-
-    @classmethod
-    def load(cls, path: str | Path) -> "Correspondence":
-        """Read what save() wrote; InputError names the file and the field."""
-        arrays: dict[str, Any] = load_arrays(path, _REQUIRED)
-        known = {field.name for field in fields(cls)}
-        try:
-            if "notices" in arrays:
-                arrays["notices"] = notices_from_array(arrays["notices"])
-            return cls(**{name: value for name, value in arrays.items() if name in known})
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from error

@@ -1,25 +1,22 @@
 """Displacement: how far the pattern has moved for every camera pixel since the mirror was at rest."""
 
-from dataclasses import dataclass, fields
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
-from optolever.files import load_arrays, save_arrays
 
-from .correspondence import Correspondence
+from .correspondence import Correspondence, PixelMaps
 
 __all__ = ["Displacement", "difference"]
 
 Map = NDArray[np.floating[Any]]
-_REQUIRED = ("du", "dv", "sigma_u", "sigma_v", "flags")
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class Displacement:
+class Displacement(PixelMaps):
     """Deformed minus rest, per camera pixel, all (H, W). Its .npz holds no u and v: no Correspondence.
 
     du, dv             pattern pixels
@@ -38,17 +35,6 @@ class Displacement:
     offset: Map | None = None
     order_error: Map | None = None
 
-    def __post_init__(self) -> None:
-        shape = np.shape(self.du)
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if value is not None and (np.shape(value) != shape or len(shape) != 2):
-                raise InputError(
-                    f"displacement: {field.name} has shape {np.shape(value)}, must be 2-D like du {shape}"
-                )
-        if np.asarray(self.flags).dtype.kind not in "ui":
-            raise InputError(f"displacement: flags is {np.asarray(self.flags).dtype}, must be integer")
-
     def __repr__(self) -> str:
         rows, cols = self.flags.shape
         good = self.good
@@ -57,11 +43,6 @@ class Displacement:
             u, v = (np.median(part[good]) for part in (self.du, self.dv))
             text += f", median du {u:+.3g}, dv {v:+.3g} pattern pixels"
         return text + ")"
-
-    @property
-    def good(self) -> NDArray[np.bool_]:
-        """True where no flag is set."""
-        return np.asarray(self.flags == 0)
 
     def added_to(self, rest: Correspondence) -> Correspondence:
         """Where the deformed mirror looks: rest + displacement; variances add, flags are or-ed.
@@ -80,20 +61,6 @@ class Displacement:
             _probability_or(rest.order_error, self.order_error),
             rest.notices,
         )
-
-    def save(self, path: str | Path) -> None:
-        """Write an .npz with the fields' names."""
-        save_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)})
-
-    @classmethod
-    def load(cls, path: str | Path) -> "Displacement":
-        """Read what save() wrote; InputError names the file and the field."""
-        arrays = load_arrays(path, _REQUIRED)
-        known = {field.name for field in fields(cls)}
-        try:
-            return cls(**{name: value for name, value in arrays.items() if name in known})
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from error
 
 
 def difference(deformed: Correspondence, rest: Correspondence) -> Displacement:

@@ -48,8 +48,8 @@ _MISFIT = (0.2, 1.0)
 _BEND = 1.5
 #: Share of that which comes of whole cells, one on a smooth map.
 _STEP = 1 / _BEND
-#: Cost of an axis above which a pixel is odd; share of odd pixels up to which the code's rules are obeyed.
-_ODD, _QUIET = 1.0, 0.03
+#: Cost of an axis above which a pixel is odd.
+_ODD = 1.0
 #: Cost by which a pixel is mended, or broken.
 _MENDED = 0.7
 #: Difference of two frames that show the same, share of the contrast; share of the pixels where they do.
@@ -108,7 +108,7 @@ def examine(
     """
     if not axis_tables(plan) or (found is not None and _quiet(plan, lit, found)):
         return ()
-    crosses = _crosses(light, plan, lit, found)
+    crosses = _crosses(light, plan, lit)
     if crosses is None:
         return ()
     finding = _single_fault(crosses, plan, light.raw.shape[1])
@@ -133,7 +133,7 @@ def _quiet(plan: Plan, lit: Sample, found: Correspondence) -> bool:
         bend = np.abs(np.stack([others[0] + others[1], others[2] + others[3]]) - 2 * centre)
         inside = (row >= apart) & (row < height - apart) & (col >= apart) & (col < width - apart)
         bend = np.where(inside, bend, 0) if table.axis.code else np.zeros_like(bend)
-        cost = _cost_of(misfit[None], np.nan_to_num(bend, nan=np.inf), *_scale(table, misfit, bend))
+        cost = _cost(misfit[None], np.nan_to_num(bend, nan=np.inf), *_scale(table, misfit, bend))
         if np.count_nonzero(~(cost <= _ODD)) >= _LEAST:
             return False
     return True
@@ -151,20 +151,33 @@ def _apart(width: int) -> int:
 @dataclass(frozen=True, slots=True, eq=False)
 class _Crosses:
     """Levels (N, 5, T) of pixels and of their neighbours to the left, right, above and below; rows (T,); half
-    of what a pixel's levels span (T,); tables of the axes; misfit and bend of each, and their scales."""
+    of what a pixel's levels span (T,); tables of the axes, the misfit and bend of each that have no cost to
+    speak of, and the cost (axes, T) of images in their own places."""
 
     levels: F32
     row: Ints
     contrast: F32
     tables: tuple[AxisTable, ...]
-    measured: tuple[tuple[F32, F32], ...]
     scales: tuple[tuple[float, float], ...]
+    own: F32
 
     def only(self, keep: Any) -> "_Crosses":
-        return replace(self, levels=self.levels[:, :, keep], row=self.row[keep], contrast=self.contrast[keep])
+        """Some of the pixels."""
+        levels, own = self.levels[:, :, keep], self.own[:, keep]
+        return replace(self, levels=levels, row=self.row[keep], contrast=self.contrast[keep], own=own)
+
+    def cost(self, order: Ints) -> F32:
+        """Cost (T,) of all axes where frame i is image order[i] (-1: none)."""
+        moved = [not np.array_equal(order[table.frames], table.frames) for table in self.tables]
+        every = zip(self.tables, self.scales, self.own, moved, strict=True)
+        costs = [
+            _cost(*_measures(self.levels, table, order), *scale) if changed else own
+            for table, scale, own, changed in every
+        ]
+        return np.asarray(np.sum(costs, axis=0), np.float32)
 
 
-def _crosses(light: Light, plan: Plan, lit: Sample, found: Correspondence | None) -> _Crosses | None:
+def _crosses(light: Light, plan: Plan, lit: Sample) -> _Crosses | None:
     _, height, width = light.raw.shape
     apart = _apart(width)
     around = np.array([[0, 0], [0, -apart], [0, apart], [-apart, 0], [apart, 0]])
@@ -175,20 +188,16 @@ def _crosses(light: Light, plan: Plan, lit: Sample, found: Correspondence | None
         seen = sample.places[span > _ALIKE * np.quantile(span, 0.99)]
     at = seen[_chosen(len(seen))] + around[:, None]
     at = at[:, ((at >= 0) & (at < (height, width))).all(axis=(0, 2))]
-    used = _used(plan)
     levels = sample_levels(light, at.reshape(-1, 2)).reshape(len(light.raw), 5, -1)
-    contrast = np.ptp(levels[used], axis=0) / 2
+    contrast = np.ptp(levels[_used(plan)], axis=0) / 2
     whole = (contrast > _ALIKE * contrast[0]).all(axis=0)  # not where a sample is NaN
     if np.count_nonzero(whole) < _FEWEST:
         return None
-    tables = axis_tables(plan)
-    crosses = _Crosses(levels[:, :, whole], at[0, whole, 0], contrast[0, whole], tables, (), ())
-    order = np.arange(len(levels))
-    row, col = at[0, whole].T
-    known = [None if found is None else getattr(found, table.axis.axis)[row, col] for table in tables]
-    measured = tuple(_measures(crosses, table, order, one) for table, one in zip(tables, known, strict=True))
-    scales = tuple(_scale(table, *own) for table, own in zip(tables, measured, strict=True))
-    return replace(crosses, measured=measured, scales=scales)
+    levels, tables = levels[:, :, whole], axis_tables(plan)
+    measured = [_measures(levels, table, np.arange(len(levels))) for table in tables]
+    scales = tuple(_scale(table, *both) for table, both in zip(tables, measured, strict=True))
+    own = np.stack([_cost(*both, *scale) for both, scale in zip(measured, scales, strict=True)])
+    return _Crosses(levels, at[0, whole, 0], contrast[0, whole], tables, scales, own)
 
 
 def _scale(table: AxisTable, misfit: F32, bend: F32) -> tuple[float, float]:
@@ -200,42 +209,24 @@ def _scale(table: AxisTable, misfit: F32, bend: F32) -> tuple[float, float]:
     return odd, max(_BEND * max(code.cell if code else 1.0, 1.0), 3 * float(np.nanquantile(bend, 0.3)))
 
 
-def _measures(crosses: _Crosses, table: AxisTable, order: Ints, known: Any = None) -> tuple[F32, F32]:
-    """Misfit (P, T) and bends (2, T) of an axis, whose frame f is image order[f] (-1: none); known (T,):
-    places that are only looked up where they do not explain the pixel."""
+def _measures(levels: F32, table: AxisTable, order: Ints) -> tuple[F32, F32]:
+    """Misfit (P, T) and bends (2, T) of an axis, whose frame f is image order[f] (-1: none). Where it has no
+    bits it is looked up from all frames at once, and no neighbour tells more."""
     source = order[table.frames]
     free = int(table.frames[np.argmin(source)]) if source.min() < 0 else -1
     pixels = 5 if table.axis.code is not None else 1
-    levels = crosses.levels[np.maximum(source, 0), :pixels]
-    levels = levels.reshape(len(source), -1) / table.exposure[:, None]
-    if known is not None and pixels == 1:
-        misfit = misfit_at(table, levels, known)[0]
-        odd = misfit > max(_MISFIT[0], 4 * float(np.median(misfit)))
-        if odd.any():
-            misfit[odd] = misfit_at(table, levels[:, odd], places(table, levels[:, odd])[0])[0]
-        return misfit[None], np.zeros((2, len(misfit)), np.float32)
-    place = places(table, levels, free)
-    misfits = np.stack([misfit_at(table, levels, one, free)[0] for one in place])
+    some = levels[np.maximum(source, 0), :pixels].reshape(len(source), -1) / table.exposure[:, None]
+    place = places(table, some, free)
+    misfits = np.stack([misfit_at(table, some, one, free)[0] for one in place])
     misfit = misfits.min(axis=0).reshape(pixels, -1)
-    if table.axis.fringes:  # which tell what a bit must be
-        place = np.take_along_axis(place, misfits.argmin(axis=0)[None], axis=0)
     if pixels == 1:
         return misfit, np.zeros((2, misfit.shape[1]), np.float32)
+    if table.axis.fringes:  # which tell what a bit must be
+        place = np.take_along_axis(place, misfits.argmin(axis=0)[None], axis=0)
     return misfit, bends(place.reshape(len(place), 5, -1))
 
 
-def _cost(crosses: _Crosses, order: Ints, base: F32) -> F32:
-    """Cost (axes, T) of every pixel; base: of images in their own places, for axes that are untouched."""
-    costs = []
-    for k, table in enumerate(crosses.tables):
-        if np.array_equal(order[table.frames], table.frames):
-            costs.append(base[k])
-            continue
-        costs.append(_cost_of(*_measures(crosses, table, order), *crosses.scales[k]))
-    return np.asarray(costs, np.float32).reshape(len(crosses.tables), -1)
-
-
-def _cost_of(misfit: F32, bend: F32, odd: float, rough: float) -> F32:
+def _cost(misfit: F32, bend: F32, odd: float, rough: float) -> F32:
     """Cost (T,) of misfits (P, T) and bends (2, T)."""
     beyond = np.maximum(bend / rough - _STEP, 0)
     both = (
@@ -269,44 +260,22 @@ class _Trial:
 
 
 def _single_fault(crosses: _Crosses, plan: Plan, rows: int) -> Finding | None:
-    count = len(crosses.levels)
-    base = np.stack(
-        [_cost_of(*own, *scale) for own, scale in zip(crosses.measured, crosses.scales, strict=True)]
-    )
-    if np.count_nonzero(base > _ODD, axis=1).max() < _LEAST:
+    count, total = len(crosses.levels), crosses.own.sum(axis=0)
+    if np.count_nonzero(crosses.own > _ODD, axis=1).max() < _LEAST:
         return None
-    total = base.sum(axis=0)
-    unruly = max(
-        float((np.log1p(misfit / odd).mean(axis=0) > _ODD).mean())
-        for (misfit, _), (odd, _) in zip(crosses.measured, crosses.scales, strict=True)
-    )
-    rules = _rules(plan, count) if unruly < _QUIET else np.zeros((0, count))
-    gains = np.stack(
-        [
-            total - _cost(crosses, _without(count, i), base).sum(axis=0)
-            if not rules[:, i].any()
-            else np.zeros_like(total)
-            for i in range(count)
-        ]
-    )
+    gains = np.stack([total - crosses.cost(_without(count, i)) for i in range(count)])
     costly = np.argsort(total)[len(total) // 2 :]
-    first = costly[:: max(1, len(costly) // _FIRST)]
-    some, own = crosses.only(first), base[:, first]
-    tried = [
-        (finding, order, float((own - _cost(some, order, own)).sum()))
-        for finding, order in _faults(count, _used(plan))
-        if _kept(rules, order)
-    ]
-    tried.sort(key=lambda trial: -trial[2])
+    some = crosses.only(costly[:: max(1, len(costly) // _FIRST)])
+    tried = sorted(_faults(count, _used(plan)), key=lambda fault: float(some.cost(fault[1]).sum()))
     swept = any(axis.stripes is not None for axis in plan.axes)
     trials = []
-    for finding, order, _ in tried[:_SECOND]:
+    for finding, order in tried[:_SECOND]:
         known, usual = np.zeros_like(total), 0
         if order.min() < 0 and not swept:  # what it is worth to know less is no gain of the fault
             known = max(known, gains[np.argmin(order)], gains[-1], key=np.sum)
             usual = int(_ALL_LATER * len(total))
-        gain = total - known - _cost(crosses, order, base).sum(axis=0)
         near = finding.kind != "swapped" or finding.frames[1] - finding.frames[0] == 1
+        gain = total - known - crosses.cost(order)
         trials.append(_Trial(finding, gain, usual, count if near else len(tried)))
     trials += _replacements(crosses, gains, rows)
     trials = [trial for trial in trials if _chance(trial) < _CHANCE]
@@ -322,18 +291,6 @@ def _single_fault(crosses: _Crosses, plan: Plan, rows: int) -> Finding | None:
         confidence=1 - _chance(best),
         share=best.mended / len(total),
     )
-
-
-def _rules(plan: Plan, count: int) -> NDArray[np.float64]:
-    """Combinations (C, N) of a pixel's levels that are 0: of fringes by themselves, and of pairs of bits."""
-    groups = constraints(plan, count)
-    return np.concatenate([np.zeros((0, count)), *groups[:2]])
-
-
-def _kept(rules: NDArray[np.float64], order: Ints) -> bool:
-    """Whether what follows the rules still does with images in another order."""
-    known = order >= 0
-    return bool(np.abs(rules[:, known] - rules[:, order[known]]).max(initial=0.0) < 1e-6)
 
 
 def _without(count: int, frame: int) -> Ints:

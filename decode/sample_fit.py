@@ -119,44 +119,20 @@ def places(table: AxisTable, levels: F32, free: int = -1) -> F32:
 @lru_cache(maxsize=256)
 def _reader(table: AxisTable, free: int) -> tuple[F32, int]:
     """Weights (bits, n) whose product with levels is above 0 where a bit is 1; mask of one that is lost."""
-    assert table.axis.code is not None
-    slot = {int(frame): k for k, frame in enumerate(table.frames) if frame != free}
-    plain, inverse = (
-        [slot.get(int(i), -1) for i in polarity]
-        for polarity in (table.axis.code.plain, table.axis.code.inverse)
-    )
-    middle = _middle(table, slot, [(p, q) for p, q in zip(plain, inverse, strict=True) if min(p, q) >= 0])
-    weights, unknown = np.zeros((len(plain), len(table.frames)), np.float32), 0
-    for bit, (p, q) in enumerate(zip(plain, inverse, strict=True)):
-        if p >= 0:
-            weights[bit, p] += 1
-        if q >= 0:
-            weights[bit, q] -= 1
-        if min(p, q) < 0:
-            weights[bit] += -middle if p >= 0 else middle
-        if max(p, q) < 0:
-            unknown |= 1 << bit
-            weights[bit] = 0
+    code, known = table.axis.code, [int(i) for i in table.frames if i != free]
+    assert code is not None
+    both = [int(table.frames[k]) for k in table.references if k >= 0]
+    # the mean level: that of white and black, else of all, in which pairs of bits cancel
+    mean = np.isin(table.frames, both if both and free not in both else known).astype(np.float32)
+    mean /= mean.sum()
+    weights, unknown = np.zeros((len(code.plain), len(table.frames)), np.float32), 0
+    for bit, pair in enumerate(zip(code.plain, code.inverse, strict=True)):
+        shown = [sign * (table.frames == i) for sign, i in zip((1, -1), pair, strict=True) if i in known]
+        unknown |= 0 if shown else 1 << bit
+        if shown:
+            weights[bit] = np.sum(shown, axis=0)
+            weights[bit] -= weights[bit].sum() * mean
     return weights, unknown
-
-
-def _middle(table: AxisTable, slot: dict[int, int], pairs: list[tuple[int, int]]) -> F32:
-    """Weights (n,) whose product with levels is the mean of white and black."""
-    weights = np.zeros(len(table.frames), np.float32)
-    own = [slot.get(int(table.frames[k]), -1) for k in table.references if k >= 0]
-    fringes = [
-        [slot[i] for i in fringe.index] for fringe in table.axis.fringes if set(fringe.index) <= set(slot)
-    ]
-    if len(own) == 2 and min(own) >= 0:
-        used = own
-    elif pairs:
-        used = [k for pair in pairs for k in pair]
-    elif fringes:
-        used = fringes[-1]
-    else:
-        used = list(slot.values())
-    weights[used] = 1 / len(used)
-    return weights
 
 
 @lru_cache(maxsize=256)

@@ -23,10 +23,9 @@ _SIGMAS, _UNLIKE = 4.0, 0.2
 @dataclass(frozen=True, slots=True)
 class Finding:
     """A fault: numbers of the frames, what kind, and a sentence; `spoilt` frames are not those described, in
-    rows start..stop (None: all); span: axis and coordinates between which pixels saw them (None: everywhere).
+    rows start..stop (None: all).
 
-    kind: swapped | lost | repeated | replaced (by another frame) | torn | foreign (shows something else) |
-    inconsistent (something is wrong, and nothing tells with which frame: none is spoilt).
+    kind: swapped | lost | repeated | replaced (by another frame) | torn.
     confidence: probability that it is no chance; share: of the lit pixels that it mends; leave_out: frames
     without which the others still decode.
     """
@@ -36,7 +35,6 @@ class Finding:
     sentence: str
     spoilt: tuple[int, ...] = ()
     rows: tuple[int, int] | None = None
-    span: tuple[str, float, float] | None = None
     confidence: float = 1.0
     share: float = 0.0
     leave_out: tuple[int, ...] = ()
@@ -51,53 +49,36 @@ class Finding:
 
 def left_out(finding: Finding, plan: Plan) -> tuple[int, ...]:
     """Frames without which the others still decode, the wrong ones among them; empty: there are none."""
-    if finding.kind in ("lost", "repeated", "inconsistent"):
+    wrong, ends = set(finding.spoilt), {plan.white, plan.black}
+    found = [_droppable(axis, wrong, ends) for axis in plan.axes]
+    if finding.kind in ("lost", "repeated") or None in found:
         return ()
-    wrong, out = set(finding.spoilt), set[int]()
-    for axis in plan.axes:
-        own = wrong & set(axis.frames())
-        if not own:
-            continue
-        dropped = _droppable(
-            axis, own, min(plan.white, plan.black) >= 0 and not {plan.white, plan.black} & wrong
-        )
-        if dropped is None:
-            return ()
-        out |= dropped
-    ends = wrong & {plan.white, plan.black}
-    if ends and not all(_paired(axis, wrong) for axis in plan.axes if axis.code):
-        return ()
-    return tuple(sorted(out | ends))
+    return tuple(sorted((wrong & ends).union(*(one or set() for one in found))))
 
 
-def _paired(axis: AxisPlan, wrong: set[int]) -> bool:
-    """Whether every bit is shown with its inverse, by right frames."""
-    assert axis.code is not None
-    own = [*axis.code.plain.tolist(), *axis.code.inverse.tolist()]
-    return min(own) >= 0 and not wrong & set(own)
-
-
-def _droppable(axis: AxisPlan, wrong: set[int], references: bool) -> set[int] | None:
-    """Frames of an axis to drop: bits whose other polarity is right, steps of five or more, whole periods."""
-    out = set[int]()
-    if axis.code is not None:
-        pairs = list(zip(axis.code.plain.tolist(), axis.code.inverse.tolist(), strict=True))
-        for pair in pairs:
-            bad = wrong & set(pair)
-            if bad and not (len(bad) == 1 and min(pair) >= 0 and references):
-                return None
-            out |= bad
-    fringes = [fringe for fringe in axis.fringes if not wrong & set(fringe.index)]
+def _droppable(axis: AxisPlan, wrong: set[int], ends: set[int]) -> set[int] | None:
+    """Frames of an axis to drop: bits whose other polarity is right beside white and black, steps of five or
+    more, whole periods; None: it does not decode without the wrong ones."""
+    out, own = set[int](), wrong & set(axis.frames())
+    code = axis.code
+    pairs = [] if code is None else list(zip(code.plain.tolist(), code.inverse.tolist(), strict=True))
+    paired = all(min(pair) >= 0 and not wrong & set(pair) for pair in pairs)
+    if not paired and wrong & ends:
+        return None  # bits that are read against white and black
+    for pair in pairs:
+        bad = wrong & set(pair)
+        if bad and (len(bad) > 1 or min(*pair, *ends) < 0):
+            return None
+        out |= bad
     for fringe in axis.fringes:
         bad = wrong & set(fringe.index)
-        if bad and len(fringe.index) - len(bad) >= _STEPS:
-            out |= bad
-        elif bad:
-            out |= set(fringe.index)
-            whole = any(other.period >= axis.extent for other in fringes)
-            if axis.looked_up or not (whole or axis.code is not None):
-                return None
-    return out if wrong <= out else None
+        if bad:
+            out |= bad if len(fringe.index) - len(bad) >= _STEPS else set(fringe.index)
+    left = [fringe for fringe in axis.fringes if not out >= set(fringe.index)]
+    whole = code is not None or any(fringe.period >= axis.extent for fringe in left)
+    if not own <= out or (len(left) < len(axis.fringes) and (axis.looked_up or not whole)):
+        return None
+    return out
 
 
 def spoilt_pixels(finding: Finding, light: Light, plan: Plan, noise: Noise, found: Correspondence) -> Mask:
