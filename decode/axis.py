@@ -97,7 +97,7 @@ class AxisDecoder:
             else:
                 code = work.code(count, self.code.freedom)
                 read_code(self.light, self.noise, self.code, rows, False, code)
-                join_code(fit, fringe.period, code, self.code.cell, estimate)
+                join_code(fit, fringe.period, code, float(self.code.cell), estimate)
 
     def _spots(self, rows: tuple[int, int], room: local, estimate: Estimate) -> None:
         """Both axes are looked up in the same sums."""
@@ -201,7 +201,7 @@ def _decoder(
     if axis.looked_up or (subpixel and code is not None and not axis.fringes):
         cells = None if code is None else _cells(code, light, noise, lit)
         table = prepare(sequence, wanted, axis, light, noise, lit, cells)
-        jump = axis.stripes.width if axis.stripes else 2.0 * (1 if code is None else code.cell)
+        jump = axis.stripes.width if axis.stripes else 2.0 * (1 if code is None else float(code.cell))
         limits = limits_of(axis.extent, 0.5, table.freedom, light.white)
         return AxisDecoder(axis, light, noise, code, None, None, table, None, (), limits, table.freedom, jump)
     deviation = _deviation(axis, noise, lit) if axis.fringes else 0.0
@@ -219,7 +219,7 @@ def _decoder(
         jump, per_turn, factor = fine.period / 4, 1 / fine.period, 2 / len(fine.index)
     else:
         assert code is not None
-        jump, per_turn, factor = 2.0 * code.cell, 0.0, 0.5
+        jump, per_turn, factor = 2.0 * float(code.cell), 0.0, 0.5
     limits = limits_of(axis.extent, factor, freedom, light.white)
     return AxisDecoder(
         *(axis, light, noise, code, orders, micro, None, None, rounding, limits, freedom, jump),

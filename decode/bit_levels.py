@@ -5,7 +5,7 @@ of cells levels are interpolated. The blur is the one that explains the bits of 
 best; what it does not explain (light that comes by way of the scene, other blurs) is a misfit of the levels.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from optolever.kernels import exact, inlined
 
 from .unwrap import vanishing
 
-__all__ = ["WEAK", "blurred_levels", "fitted_levels", "turned", "weak_bits"]
+__all__ = ["WEAK", "CodePlan", "blurred_levels", "fitted_levels", "turned", "weak_bits"]
 
 F32 = NDArray[np.float32]
 #: Blurs that are tried, cells: a Gray code's finest bit keeps 3 % of its contrast behind the last one.
@@ -26,6 +26,29 @@ _FEWEST = 64
 WEAK = 5.0
 #: Weak bits of which all combinations are tried; with more a pixel tells nothing.
 _MOST_WEAK = 5
+
+
+class CodePlan(NamedTuple):
+    """A code as the kernels need it.
+
+    frames (bits, 2): of each bit, least significant first, and its inverse, -1: not shown
+    factor (bits,)  variance of a bit's difference over that of a sample
+    ends            white, black; -1: not shown
+    cells           word -> cell
+    levels          (cells, bits) what a cell shows of a bit, -1..1; misfit2: variance that this leaves
+    cell, first     width of a cell and coordinate of the centre of cell 0, pattern pixels
+    freedom         degrees of freedom of chi2; the numbers before it are float32, as the loops are
+    """
+
+    frames: NDArray[np.int64]
+    factor: F32
+    ends: NDArray[np.int64]
+    cells: NDArray[np.int32]
+    levels: F32
+    misfit2: Any
+    cell: Any
+    first: Any
+    freedom: int
 
 
 def blurred_levels(words: NDArray[np.int32], bits: int, blur: float) -> F32:
@@ -82,34 +105,19 @@ def turned(z: Any) -> Any:
 
 
 @exact
-def weak_bits(
-    margin: Any,
-    factor: Any,
-    cells: Any,
-    levels: Any,
-    amplitude: Any,
-    noise: Any,
-    unlike2: Any,
-    cell: Any,
-    first: Any,
-    alone: Any,
-    x: Any,
-    place: Any,
-    var: Any,
-    error: Any,
-) -> None:
-    """Posterior over the mixtures of one cell and the next that the weak bits of a pixel allow."""
+def weak_bits(margin: Any, code: Any, amplitude: Any, noise: Any, alone: Any, read: Any) -> Any:
+    """Posterior over the mixtures of one cell and the next that the weak bits of a pixel allow: place,
+    variance, probability of another cell; read: place and variance as they are where it tells nothing."""
+    factor, cells, levels = code.factor, code.cells, code.levels
+    unlike2 = float(code.misfit2)
     weak = np.empty(_MOST_WEAK, np.int64)
     count, word = 0, np.int32(0)
     for b in range(factor.size):
         word |= np.int32(1 << b) if margin[b] > 0 else np.int32(0)
-        if (
-            margin[b] * margin[b]
-            < WEAK * WEAK * (noise + (unlike2 * amplitude * amplitude if factor[b] > 1 else 0.0)) * factor[b]
-        ):
+        threshold = unlike2 * amplitude * amplitude if factor[b] > 1 else 0.0
+        if margin[b] * margin[b] < WEAK * WEAK * (noise + threshold) * factor[b]:
             if count == _MOST_WEAK:
-                error[x] = np.float32(1)
-                return
+                return read[0], read[1], np.float32(1)
             weak[count] = b
             count += 1
     judged = noise / (amplitude * amplitude) + unlike2
@@ -134,14 +142,12 @@ def weak_bits(
                         near += likely * _near(c, share, np.sqrt(judged / sharp), at)
                         beside += likely if abs(here - at) == 1 else 0.0
     if weight == 0.0:
-        error[x] = np.float32(1)
-        return
-    place[x] = first + cell * np.float32(at)
-    spread = beside / weight if alone else 0.0
+        return read[0], read[1], np.float32(1)
     # the mixture's edge is known to the noise of its share, a cell to its width
-    within = 1 / 12 if alone else 0.0
-    var[x] = cell * cell * np.float32(within + min(noise / (amplitude * amplitude * curve), 0.25) + spread)
-    error[x] = np.float32(1 - near / weight)
+    variance = min(noise / (amplitude * amplitude * curve), 0.25)
+    variance += 1 / 12 + beside / weight if alone else 0.0
+    place = code.first + code.cell * np.float32(at)
+    return place, code.cell * code.cell * np.float32(variance), np.float32(1 - near / weight)
 
 
 @inlined

@@ -9,15 +9,14 @@ next, b = A ((1 - f) s(c) + f s(c + 1)), f in 0..1, s the cells' levels behind t
 posterior is over the cells c.
 """
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optolever.kernels import exact, kernel
 
-from .bit_levels import WEAK, fitted_levels, turned, weak_bits
+from .bit_levels import WEAK, CodePlan, fitted_levels, turned, weak_bits
 from .estimate import Estimate
 from .frames import Light, fetch_line, level_of
 from .noise import Noise, Sample
@@ -33,28 +32,11 @@ _PIXELS = 1024
 _WEAKEST, _LEAST, _SECOND, _LARGEST, _OVER, _KEPT = 0, 1, 2, 3, 4, 5
 
 
-@dataclass(frozen=True, slots=True)
-class CodePlan:
-    """A code as the kernel needs it.
+class _Sums(NamedTuple):
+    """Of a line (W,): what the means of pairs are off the usual level, summed; their squares."""
 
-    frames (bits, 2): of each bit, least significant first, and its inverse, -1: not shown
-    factor (bits,)  variance of a bit's difference over that of a sample
-    ends            white, black; -1: not shown
-    cells           word -> cell
-    levels          (cells, bits) what a cell shows of a bit, -1..1; misfit2: variance that this leaves
-    cell, first     width of a cell and coordinate of the centre of cell 0, pattern pixels
-    freedom         degrees of freedom of chi2
-    """
-
-    frames: NDArray[np.int64]
-    factor: NDArray[np.float32]
-    ends: NDArray[np.int64]
-    cells: NDArray[np.int32]
-    levels: NDArray[np.float32]
-    misfit2: float
-    cell: float
-    first: float
-    freedom: int
+    off: Any
+    square: Any
 
 
 def code_plan(code: Code, plan: Plan, noise: Noise, lit: Sample) -> CodePlan:
@@ -73,7 +55,8 @@ def code_plan(code: Code, plan: Plan, noise: Noise, lit: Sample) -> CodePlan:
     margin, amplitude = _margins(frames, ends, few.levels)
     variance = few.variance(noise) / np.square(amplitude)
     levels, misfit2 = fitted_levels(words, margin / amplitude, variance, factor)
-    return CodePlan(frames, factor, ends, code.cells, levels, misfit2, code.cell, first, freedom)
+    unlike2, cell, start = (np.float32(one) for one in (misfit2, code.cell, first))
+    return CodePlan(frames, factor, ends, code.cells, levels, unlike2, cell, start, freedom)
 
 
 def _margins(frames: NDArray[np.int64], ends: NDArray[np.int64], levels: Any) -> tuple[Any, Any]:
@@ -97,131 +80,86 @@ def read_code(
     alone: variances are those of a place within the cell and of its neighbour where that is as likely; else
     of the cell's edges only, for a fringe that tells the place.
     """
-    _read_rows(
-        *(light.raw, light.lut, np.float32(min(light.clip, 1e9)), *rows),
-        *(code.frames, code.factor, code.ends, code.cells, code.levels, np.float32(code.misfit2)),
-        *(np.float32(code.cell), np.float32(code.first), alone, *noise.numbers()),
-        *(estimate.coordinate, estimate.variance, estimate.error, estimate.amplitude),
-        *(estimate.offset, estimate.chi2, estimate.clipped),
-    )
+    clip = np.float32(min(light.clip, 1e9))
+    _read_rows(light.raw, light.lut, clip, *rows, code, alone, noise.numbers(), estimate.arrays())
 
 
 @exact
 def _read_rows(
-    raw: Any,
-    table: Any,
-    clip: Any,
-    start: Any,
-    stop: Any,
-    frames: Any,
-    factor: Any,
-    ends: Any,
-    cells: Any,
-    levels: Any,
-    unlike2: Any,
-    cell: Any,
-    first: Any,
-    alone: Any,
-    read2: Any,
-    gain: Any,
-    rounding2: Any,
-    misfit2: Any,
-    place: Any,
-    var: Any,
-    error: Any,
-    amplitude: Any,
-    offset: Any,
-    chi2: Any,
-    clipped: Any,
+    raw: Any, table: Any, clip: Any, start: Any, stop: Any, code: Any, alone: Any, noise: Any, out: Any
 ) -> None:
-    width, bits = raw.shape[2], factor.size
-    light = np.empty((0 if table is None else 2, width), np.float32)
+    """Rows start..stop; noise: Noise.numbers(), out: Estimate.arrays()."""
+    place, var, error, amplitude, offset, chi2, clipped = out
+    width, bits = raw.shape[2], code.factor.size
+    light = np.empty((2, width), np.float32)
     word, of_bits = np.empty(width, np.int32), np.empty((2, _KEPT, width), np.float32)
-    total, square = np.empty(max(width, bits), np.float32), np.empty(width, np.float32)
-    referenced = ends[0] >= 0
+    sums = _Sums(np.empty(width, np.float32), np.empty(width, np.float32))
+    margin = np.empty(bits, np.float32)
+    referenced = code.ends[0] >= 0
     for row in range(start, stop):
         r = row - start
-        a, o, c2 = amplitude[r], offset[r], chi2[r]
-        _begin(word, of_bits[0], total, square, clipped[r])
+        a, o = amplitude[r], offset[r]
+        _begin(word, of_bits[0], sums, clipped[r])
         pairs = 0
         if referenced:
             if table is None:
-                _references(raw[ends[0], row], raw[ends[1], row], a, o)
+                _references(raw[code.ends[0], row], raw[code.ends[1], row], a, o)
             else:
-                fetch_line(raw[ends[0], row], table, light[0])
-                fetch_line(raw[ends[1], row], table, light[1])
+                _fetch(raw, code.ends, row, table, light)
                 _references(light[0], light[1], a, o)
-            _saturated(raw[ends[0], row], clip, clipped[r])
+            _saturated(raw[code.ends[0], row], clip, clipped[r])
         for b in range(bits):
-            scale, bit = np.float32(1) / np.sqrt(factor[b]), np.int32(1 << b)
-            plain, inverse = frames[b, 0], frames[b, 1]
+            scale, bit = np.float32(1) / np.sqrt(code.factor[b]), np.int32(1 << b)
             before, after = of_bits[b % 2], of_bits[1 - b % 2]
+            plain, inverse = code.frames[b]
             if plain >= 0 and inverse >= 0:
                 free = not referenced and pairs == 0
                 pairs += 1
                 if table is None:
                     one, other = raw[plain, row], raw[inverse, row]
-                    if free:
-                        _half_sum(one, other, o)
-                    _pair(one, other, scale, bit, o, total, square, word, before, after)
+                    _pair(one, other, free, scale, bit, o, sums, word, before, after)
                 else:
-                    fetch_line(raw[plain, row], table, light[0])
-                    fetch_line(raw[inverse, row], table, light[1])
-                    if free:
-                        _half_sum(light[0], light[1], o)
-                    _pair(light[0], light[1], scale, bit, o, total, square, word, before, after)
+                    _fetch(raw, code.frames[b], row, table, light)
+                    _pair(light[0], light[1], free, scale, bit, o, sums, word, before, after)
             else:
                 sign = np.float32(1) if plain >= 0 else np.float32(-1)
-                line = raw[max(plain, inverse), row]
                 if table is None:
-                    _single(line, sign, scale, bit, o, a, word, before, after)
+                    _single(raw[max(plain, inverse), row], sign, scale, bit, o, a, word, before, after)
                 else:
-                    fetch_line(line, table, light[0])
+                    fetch_line(raw[max(plain, inverse), row], table, light[0])
                     _single(light[0], sign, scale, bit, o, a, word, before, after)
         kept = of_bits[bits % 2]
-        weakest, least, second = kept[_WEAKEST], kept[_LEAST], kept[_SECOND]
         if not referenced:
             a[:] = kept[_LARGEST]
-        c2[:] = kept[_OVER]
         _cells_line(
-            *(
-                word,
-                weakest,
-                least,
-                second,
-                cells,
-                cell,
-                first,
-                alone,
-                np.float32(pairs),
-                np.float32(bits),
-                referenced,
-            ),
-            *(a, o, total, square, read2, gain, rounding2, misfit2, unlike2, place[r], var[r], error[r], c2),
+            word, kept, code, alone, np.float32(pairs), noise, sums, a, o, place[r], var[r], error[r], chi2[r]
         )
         for x in range(width):
-            noise = read2 + gain * max(o[x], np.float32(0))
-            if (
-                second[x] * second[x]
-                < np.float32(WEAK * WEAK)
-                * (noise + (unlike2 * a[x] * a[x] if pairs < bits else np.float32(0)))
-                and a[x] * a[x] > np.float32(8) * noise
-            ):
+            own = noise.read2 + noise.gain * max(o[x], np.float32(0))
+            threshold = code.misfit2 * a[x] * a[x] if pairs < bits else np.float32(0)
+            weak = kept[_SECOND, x] * kept[_SECOND, x] < np.float32(WEAK * WEAK) * (own + threshold)
+            if weak and a[x] * a[x] > np.float32(8) * own:
                 for b in range(bits):
-                    total[b] = _margin(raw, frames[b], row, x, table, o[x])
-                weak_bits(
-                    *(total[:bits], factor, cells, levels, a[x], noise, unlike2, cell, first, alone),
-                    *(x, place[r], var[r], error[r]),
+                    margin[b] = _margin(raw, code.frames[b], row, x, table, o[x])
+                place[r, x], var[r, x], error[r, x] = weak_bits(
+                    margin, code, a[x], own, alone, (place[r, x], var[r, x])
                 )
 
 
 @kernel
-def _begin(word: Any, of_bits: Any, total: Any, square: Any, clipped: Any) -> None:
+def _fetch(raw: Any, frames: Any, row: Any, table: Any, light: Any) -> None:
+    """Linear levels of a row of two frames."""
+    fetch_line(raw[frames[0], row], table, light[0])
+    fetch_line(raw[frames[1], row], table, light[1])
+
+
+@kernel
+def _begin(word: Any, of_bits: Any, sums: Any, clipped: Any) -> None:
     zero, far = np.float32(0), np.float32(1e9)
     of_bits[_WEAKEST], of_bits[_LARGEST], of_bits[_OVER] = zero, zero, zero
     of_bits[_LEAST], of_bits[_SECOND] = far, far
     for x in range(word.size):
-        word[x], total[x], square[x], clipped[x] = np.int32(0), zero, zero, zero
+        word[x], sums.off[x], sums.square[x], clipped[x] = np.int32(0), zero, zero, zero
 
 
 @kernel
@@ -239,35 +177,32 @@ def _references(white: Any, black: Any, amplitude: Any, offset: Any) -> None:
 
 
 @kernel
-def _half_sum(one: Any, other: Any, out: Any) -> None:
-    for x in range(out.size):
-        out[x] = np.float32(0.5) * (np.float32(one[x]) + np.float32(other[x]))
-
-
-@kernel
 def _pair(
     one: Any,
     other: Any,
+    free: Any,
     scale: Any,
     bit: Any,
     offset: Any,
-    total: Any,
-    square: Any,
+    sums: Any,
     word: Any,
     before: Any,
     after: Any,
 ) -> None:
     """A bit and its inverse: the word, how weak its weakest bits are (deviations of a sample), and how far
-    the mean of both is off the usual level."""
+    the mean of both is off the usual level, which a `free` one tells itself."""
     half, none = np.float32(0.5), np.int32(0)
+    if free:
+        for x in range(word.size):
+            offset[x] = half * (np.float32(one[x]) + np.float32(other[x]))
     least, weakest = before[_LEAST], np.float32(bit)
     after[_OVER] = before[_OVER]
     for x in range(word.size):
         p, q = np.float32(one[x]), np.float32(other[x])
         off, apart = half * (p + q) - offset[x], half * abs(p - q)
         size = apart * scale
-        total[x] += off
-        square[x] += off * off
+        sums.off[x] += off
+        sums.square[x] += off * off
         word[x] |= bit if p > q else none
         after[_LARGEST, x] = max(before[_LARGEST, x], apart)
         after[_SECOND, x] = min(before[_SECOND, x], max(size, least[x]))
@@ -316,58 +251,47 @@ def _margin(raw: Any, frames: Any, row: Any, x: Any, table: Any, offset: Any) ->
 @kernel
 def _cells_line(
     word: Any,
-    weakest: Any,
-    least: Any,
-    second: Any,
-    cells: Any,
-    cell: Any,
-    first: Any,
+    kept: Any,
+    code: Any,
     alone: Any,
     pairs: Any,
-    bits: Any,
-    referenced: Any,
+    noise: Any,
+    sums: Any,
     amplitude: Any,
     offset: Any,
-    total: Any,
-    square: Any,
-    read2: Any,
-    gain: Any,
-    rounding2: Any,
-    misfit2: Any,
-    unlike2: Any,
     place: Any,
     var: Any,
     error: Any,
     chi2: Any,
 ) -> None:
     """Cells of the words; what the weakest bit leads to if noise turned it."""
-    within = cell * cell / np.float32(12) if alone else np.float32(0)
-    mixed = np.float32(1) if alone else np.float32(0)
-    one = np.float32(1)
+    zero, half, eighth, one = np.float32(0), np.float32(0.5), np.float32(0.125), np.float32(1)
+    weakest, least, second, over = kept[_WEAKEST], kept[_LEAST], kept[_SECOND], kept[_OVER]
+    cells, cell, first = code.cells, code.cell, code.first
+    within, mixed = (cell * cell / np.float32(12), one) if alone else (zero, zero)
     count = one / max(pairs, one)
     # a mean of two samples; white and black are one more
-    known = one / (one + count) if referenced else np.float32(0)
-    known = one - known * count
+    known = one - (count / (one + count) if code.ends[0] >= 0 else zero)
     # a bit and its inverse are off by the same: their difference keeps its sign
-    threshold2 = unlike2 if pairs < bits else np.float32(0)
-    zero, half, eighth = np.float32(0), np.float32(0.5), np.float32(0.125)
+    threshold2 = code.misfit2 if pairs < np.float32(code.factor.size) else zero
     for x in range(word.size):  # the cell that a turned bit leads to
         weakest[x] = np.float32(cells[word[x] ^ np.int32(weakest[x])])
     for x in range(word.size):
         word[x] = cells[word[x]]
     for x in range(word.size):
-        noise = read2 + gain * max(offset[x], zero)
+        own = noise.read2 + noise.gain * max(offset[x], zero)
         power = amplitude[x] * amplitude[x]
-        deviation = one / np.sqrt(noise + threshold2 * power)
+        deviation = one / np.sqrt(own + threshold2 * power)
         wrong, also = turned(least[x] * deviation), turned(second[x] * deviation)
         step = weakest[x] - np.float32(word[x])
         beside = abs(step) == one
-        unlike = rounding2 + misfit2 * power
         place[x] = first + cell * (np.float32(word[x]) + (mixed * wrong * step if beside else zero))
         # an edge is as wide as a cell at most, and noise moves it by its share of the contrast
-        spread = (mixed * wrong * (one - wrong) if beside else zero) + eighth * noise / max(power, noise)
+        spread = (mixed * wrong * (one - wrong) if beside else zero) + eighth * own / max(power, own)
         var[x] = within + cell * cell * spread
         wrong = zero if beside else wrong
         error[x] = wrong + also - wrong * also
-        of_pairs = (square[x] - total[x] * total[x] * count * known) / (half * noise + unlike)
-        chi2[x] = of_pairs + chi2[x] / (np.float32(1.5) * noise + unlike + unlike2 * power)
+        unlike = noise.rounding2 + noise.misfit2 * power
+        rss = sums.square[x] - sums.off[x] * sums.off[x] * count * known
+        singles = np.float32(1.5) * own + unlike + code.misfit2 * power
+        chi2[x] = rss / (half * own + unlike) + over[x] / singles

@@ -8,7 +8,7 @@ is that of the camera's levels: residuals are divided by the slope of the invers
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,15 @@ _ROUNDS = 3
 _UNLIKE = 0.2
 
 
+class Numbers(NamedTuple):
+    """Fields of Noise as float32, for kernels."""
+
+    read2: np.float32
+    gain: np.float32
+    rounding2: np.float32
+    misfit2: np.float32
+
+
 @dataclass(frozen=True, slots=True)
 class Noise:
     """variance = read2 + gain * level of one sample, linear camera levels; rounding is part of read2.
@@ -53,9 +62,9 @@ class Noise:
     rounding2: float = 0.0
     misfit2: float = 0.0
 
-    def numbers(self) -> tuple[Any, ...]:
+    def numbers(self) -> Numbers:
         """The fields as float32, for kernels."""
-        return tuple(np.float32(x) for x in (self.read2, self.gain, self.rounding2, self.misfit2))
+        return Numbers(*(np.float32(x) for x in (self.read2, self.gain, self.rounding2, self.misfit2)))
 
     def variance(self, level: Any) -> Any:
         """Variance of one sample at a level."""
