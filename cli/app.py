@@ -38,6 +38,10 @@ def run(args: Sequence[str] | None = None) -> int:
         context = getattr(error, "ctx", None)
         hint = f" (see {context.command_path} --help)" if context is not None else ""
         return _complain(f"{error.format_message()}{hint}")
+    except MemoryError as error:
+        from optolever.memory import free_memory
+
+        return _complain(f"{error or 'too little memory'}; {free_memory() / 2**30:.3g} GiB are free")
     except OSError as error:
         return _complain(f"{error.filename or 'input or output'}: {error.strerror or error}")
     except (click.Abort, KeyboardInterrupt):

@@ -8,7 +8,7 @@ import click
 
 from .options import json_option, sample
 from .outputs import Program
-from .show import grid, progress, table, write_json
+from .show import grid, number, progress, table, write_json
 
 __all__ = ["command"]
 
@@ -36,13 +36,14 @@ def command(cases: int, seed: int, json_path: Path | None) -> int:
     from .app import run
 
     ended: Counter[tuple[str, str]] = Counter()
-    faults = []
+    faults, slowest, largest = [], 0.0, 0
     with tempfile.TemporaryDirectory() as folder, progress() as step:
         for done, outcome in enumerate(fuzz(run, cases, seed, Path(folder))):
             step("cases", done, cases)
             ended[
                 outcome.kind, "faults" if outcome.fault else ("results", "", "refused")[outcome.code or 0]
             ] += 1
+            slowest, largest = max(slowest, outcome.seconds), max(largest, outcome.bytes)
             if outcome.fault:
                 faults.append(outcome)
     columns = ("results", "refused", "faults")
@@ -51,9 +52,9 @@ def command(cases: int, seed: int, json_path: Path | None) -> int:
     for outcome in faults:
         last = outcome.fault.strip().splitlines()[-1]
         click.echo(f"case {outcome.number}, {outcome.kind}: {last}\n  {' '.join(outcome.args)}")
-    table("Verdict", {"faults": f"{len(faults)} of {cases}"})
+    verdict = {"faults": f"{len(faults)} of {cases}", "slowest": number(slowest, "s")}
+    table("Verdict", verdict | {"memory": number(largest / 2**30, "GiB (the most of one case)")})
     if json_path is not None:
-        write_json(
-            json_path, {"cases": cases, "seed": seed, "faults": [outcome.number for outcome in faults]}
-        )
+        found = {"seconds": slowest, "bytes": largest, "faults": [outcome.number for outcome in faults]}
+        write_json(json_path, {"cases": cases, "seed": seed} | found)
     return 1 if faults else 0

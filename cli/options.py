@@ -151,9 +151,9 @@ def mask_from(path: Path, shape: tuple[int, ...], others: str) -> "NDArray[np.bo
     import cv2
     import numpy as np
 
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
-    if image is None:
-        raise InputError(f"{path}: no readable image")
+    from optolever.pictures import read_picture
+
+    image = read_picture(path, cv2.IMREAD_GRAYSCALE)
     if image.shape != shape:
         raise InputError(f"{path}: is {image.shape[0]}x{image.shape[1]}, {others} {shape[0]}x{shape[1]}")
     return np.asarray(image > 127)

@@ -5,6 +5,7 @@ An output is an option of type OUTPUT, or made by `report_option`; what else nam
 
 import importlib.util
 import mimetypes
+import os
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
@@ -84,18 +85,13 @@ class Program(click.Command):
 def _require_apart(outputs: list[Path], inputs: Iterable[str]) -> None:
     """InputError if two outputs are one file, or an output is what a command reads."""
     for place, path in enumerate(outputs):
-        if not path.exists():
-            same = next((other for other in outputs[:place] if other.absolute() == path.absolute()), None)
-        elif not path.is_file():
+        if path.exists() and not path.is_file():
             continue  # devices take whatever comes
-        else:
-            same = next((other for other in outputs[:place] if _same(path, other)), None)
-            for text in inputs:
-                if any(_reads(Path(name), path) for name in _texts(text)):
-                    raise InputError(
-                        f"{path}: is an input ({text}), it would be destroyed; name another output"
-                    )
-        if same is not None:
+        for text in inputs:
+            if any(_reads(Path(name), path) for name in _texts(text)):
+                what = "is an input" if path.exists() else "would become an input"
+                raise InputError(f"{path}: {what} ({text}), which it would destroy; name another output")
+        if any(_same(path, other) for other in outputs[:place]):
             raise InputError(f"{path}: is named for two outputs, each needs a file of its own")
 
 
@@ -113,10 +109,13 @@ def _reads(source: Path, path: Path) -> bool:
     if source.is_dir():
         kind = mimetypes.guess_type(path.name)[0] or ""
         inside = path.resolve().is_relative_to(source.resolve())
-        return inside and (path.suffix == ".toml" or kind.startswith("image/"))
+        # another picture among the frames spoils a capture, too
+        return inside and (kind.startswith("image/") or (path.suffix == ".toml" and path.exists()))
     if not source.is_file():
         return False
-    return _same(source, path) or any(_same(source.parent / name, path) for name in _named(source))
+    return _same(source, path) or any(
+        _same(source.parent / name, path) for name in _named(source) if (source.parent / name).is_file()
+    )
 
 
 def _named(source: Path) -> set[str]:
@@ -143,4 +142,7 @@ def _texts(text: str) -> set[str]:
 
 
 def _same(one: Path, other: Path) -> bool:
-    return one.is_file() and other.is_file() and one.samefile(other)
+    """One file by two names; or what will be one, by where its links lead."""
+    if one.exists() and other.exists():
+        return one.is_file() and one.samefile(other)
+    return os.path.realpath(one) == os.path.realpath(other)

@@ -56,6 +56,9 @@ _OUTLYING = 400.0
 _FEWEST = 200
 #: Blur that is assumed where nothing tells it, cells.
 _UNKNOWN = 1.0
+#: Of the mean square of fourth differences along a row, how much more it varies than one of independent ones:
+#: sum over k of the squared correlation C(8, 4 + k) / C(8, 4), C(16, 8) / C(8, 4)^2.
+_OVERLAP = 12870 / 70**2
 #: Share of sigma that may be left out.
 _SLIGHT = 0.1
 #: Pixels of the sample that are compared at most.
@@ -272,7 +275,7 @@ def _roughness(seen: _Neighbours, place: F32) -> float:
     fourth = np.diff(place, 4, axis=0)[0] ** 2 / (70 * seen.noise)
     kept = fourth[fourth < _OUTLYING]
     excess = float(kept.mean()) - 1 if len(kept) else 0.0
-    sure = 3 * np.sqrt(2 / max(len(kept), 1))
+    sure = 3 * np.sqrt(2 * _OVERLAP / max(len(kept), 1))
     return float(np.median(seen.noise)) * excess if excess > max(sure, _SLIGHT) else 0.0
 
 

@@ -197,14 +197,16 @@ def _misfit(sample: Sample, amplitude: F32, groups: tuple[F64, ...], noise: Nois
     rows, some = groups[-1].astype(np.float32), sample.only(slice(None, None, thin))
     whole = _unsaturated(rows, some.levels, sample.white)
     told = whole.any(axis=0)
-    if not told.any():
+    if np.count_nonzero(told) < _FEWEST:  # the noise itself is not known better than what it leaves
         return 0.0
     some, whole = some.only(told), whole[:, told]
     power = np.square(amplitude[::thin][told], dtype=np.float64)
     square = (np.square(_product(rows, some.levels)) * whole).sum(axis=0) / whole.sum(axis=0)
     beyond = square - (some.variances(rows, noise) * whole).sum(axis=0) / whole.sum(axis=0)
     found = float(np.median(beyond / np.maximum(power, 1e-9)))
-    least = _UNLIKE * float(np.median(square - beyond)) / max(float(np.median(power)), 1e-9)
+    # a mean square varies by sqrt(2 / n), a median by sqrt(pi / 2) more
+    chance = max(_UNLIKE, 3 * float(np.sqrt(np.pi / whole.sum())))
+    least = chance * float(np.median(square - beyond)) / max(float(np.median(power)), 1e-9)
     return found if found > least else 0.0
 
 

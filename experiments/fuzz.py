@@ -5,6 +5,7 @@ A case must end with 0 and a result that holds, or with 2, one line on stderr an
 
 import io
 import json
+import os
 import re
 import resource
 import shutil
@@ -16,7 +17,7 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppres
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import cv2
 import numpy as np
@@ -28,59 +29,104 @@ from optolever.projector import Capture, capture
 from optolever.reconstruct import HeightMap
 from optolever.scene import Scene, dent, load, resize, trace
 
+from .damage import EXTREMES, damage_bytes, damage_npz, damage_picture, damage_toml, draw_array
+
 __all__ = ["FUZZED", "Outcome", "fuzz"]
 
 Run = Callable[[list[str]], int]
 
-#: A case may take so many seconds, and so many bytes more than the process had at its start.
+#: A case may take so many seconds of the processor, and so many bytes more than the process had at its start.
 _SECONDS, _BYTES = 30, 4 << 30
+#: What waits for something that does not come has no processor time, s.
+_HANGS = 300
 _SIZE = 24, 32
-#: Heights of a mirror of 48 mm that no dent has, mm; places that no pattern has, pattern px.
-_DEEPEST, _WIDEST = 48.0, 65536.0
-_EXTREMES = (
-    *("0", "-1", "1e308", "-1e308", "1e-308", "nan", "inf", "65536", "65537", "20000", "0.5", "true"),
-    *('"x"', '""', "[]", "{}", "[1, 2]", "99999999999999999999", "\\u0000", "1979-05-27"),
-)
+#: Places that no pattern has, pattern px.
+_WIDEST = 65536.0
+#: The share of sweeps: each starts a process that compiles.
+_SWEEPS = 0.02
+#: What the commands read, and options that they have with values, most of which they take.
+_SOURCES = {
+    "capture": ["--scene", "@/scene.toml", "--renderer", "numpy"],
+    "decode": ["@/capture"],
+    "reconstruct": ["@/c.npz", "--scene", "@/scene.toml"],
+}
+_DENTS = ("flat", "tilt", "raised-cosine", "gaussian:peak=0.3", "ball:radius=5,depth=0.3", "needle", "ridge")
+_CODES = ("gray", "binary:cell=2", "xor-gray", "phase:steps=3", "gray+phase:steps=4", "micro-phase", "stripe")
+_OPTIONS: dict[str, dict[str, tuple[str, ...]]] = {
+    "capture": {
+        "--sequence": (*_CODES, "long-run-gray", "spot", "lattice", "crossed", "ramp", "@/sequence.toml"),
+        "--dent": (*_DENTS, "rounded-needle", "relief:path=@/mask.png", "gaussian:peak=-9", "ball:depth=40"),
+        "--noise": ("0", "1", "20", "1e4"),
+        "--seed": ("0", "7", "99999999999"),
+        "--size": ("1x1", "2x2", "12x16", "3x200", "64x64"),
+    },
+    "decode": {
+        "--roi": ("0,0,24,32", "3,3,1,1", "0,0,1,32", "20,30,4,2", "24,0,1,1", "-1,0,2,2"),
+        "--mask": ("@/mask.png", "@/mask.tif", "@/capture/frames/001.png"),
+        "--no-cells": (),
+        "--no-check": (),
+        "--description": ("@/capture/capture.toml", "@/sequence.toml", "@/scene.toml"),
+    },
+    "reconstruct": {
+        "--method": ("coupled", "direct", "robust", "march", "fixed-point", "paper", "paper-rises"),
+        "--anchor": ("edge", "none", "30,20,0", "30,20,1", "0,0,0", "1e9,0,0", "nan,0,0"),
+        "--rest": ("@/c.npz",),
+        "--mask": ("@/mask.png", "@/capture/frames/001.png"),
+        "--pitch": ("1", "0.3", "1e-9", "1e9"),
+        "--grid": ("@/grid.npz", "@/grid.tif", "@/grid.x3p"),
+        "--tiff": ("@/h.tif",),
+        "--ply": ("@/h.ply",),
+        "--slopes": ("@/s.npz",),
+        "--truth": ("@/truth.npz",),
+        "--size": ("24x32", "12x16"),
+    },
+}
 _WORDS = ("prism48", "gray", "phase:steps=1000000", "nosuch", "", "-", "/dev/null", "/", "1e400", "--", "0x0")
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a case did. code: its exit code, None if it did not end by itself; fault: '' if it held."""
+    """What a case did. code: its exit code, None if it did not end by itself; bytes: the most that it had
+    more than the process had at its start; fault: '' if it held."""
 
     number: int
     kind: str
     args: tuple[str, ...]
     code: int | None
     seconds: float
+    bytes: int
     fault: str
 
 
 def fuzz(run: Run, cases: int, seed: int, folder: Path) -> Iterator[Outcome]:
     """Run so many cases through `run`, the program in this process. folder: empty, for their files."""
     base = _base(folder / "base")
-    kinds = [kind for kind in FUZZED if kind != "hdf5" or find_spec("h5py")]
+    _compile(run, base)
+    kinds = [kind for kind in FUZZED if kind != "grid" and (kind != "hdf5" or find_spec("h5py"))]
     for number in range(seed, seed + cases):
         rng = np.random.default_rng([number, 28])
         work = folder / "case"
         shutil.rmtree(work, ignore_errors=True)
         shutil.copytree(base, work)
-        kind = str(rng.choice(kinds))
+        kind = "grid" if rng.random() < _SWEEPS else str(rng.choice(kinds))
         args = [str(word).replace("@", str(work)) for word in FUZZED[kind](rng, work)]
         yield _outcome(run, number, kind, args, work)
 
 
 def _outcome(run: Run, number: int, kind: str, args: list[str], work: Path) -> Outcome:
     before = _peak(anew=True)
-    said, start, code, fault = io.StringIO(), time.perf_counter(), None, ""
-    try:
-        with redirect_stderr(said), redirect_stdout(io.StringIO()), _limited():
-            code = run(args)
-    except SystemExit as error:
-        code = error.code if isinstance(error.code, int) else 1
-    except BaseException:
-        fault = traceback.format_exc(limit=-1)
-    seconds, lines = time.perf_counter() - start, said.getvalue().strip().splitlines()
+    start, code, fault = time.process_time(), None, ""
+    with (work / "stderr").open("w+", encoding="utf-8", errors="replace") as said:
+        try:
+            with _into(said), redirect_stdout(io.StringIO()), _limited():
+                code = run(args)
+        except SystemExit as error:
+            code = error.code if isinstance(error.code, int) else 1
+        except BaseException:
+            fault = traceback.format_exc(limit=-1)
+        seconds = time.process_time() - start
+        said.seek(0)
+        lines = said.read().strip().splitlines()
     results = [work / name for name in ("out.npz", "out", "sweep/results.json")]
     if not fault:
         if code == 0:
@@ -91,14 +137,15 @@ def _outcome(run: Run, number: int, kind: str, args: list[str], work: Path) -> O
             fault = "refused, and something is written"
     if seconds > _SECONDS:
         fault = f"{seconds:.0f} s"
-    if _peak() - before > _BYTES:
-        fault = fault or f"{(_peak() - before) / 2**30:.1f} GiB"
-    return Outcome(number, kind, tuple(args), code, seconds, fault)
+    grown = _peak() - before
+    if grown > _BYTES:
+        fault = fault or f"{grown / 2**30:.1f} GiB"
+    return Outcome(number, kind, tuple(args), code, seconds, grown, fault)
 
 
 def _unsound(path: Path) -> str:
-    """What is wrong with a result: it cannot be read, or pixels that are good are no numbers or far off all
-    that is there."""
+    """What is wrong with a result: it cannot be read, or pixels that are good are no numbers or, without a
+    notice, far off all that is there."""
     try:
         values, most = _values(path)
     except (InputError, ValueError) as error:
@@ -111,18 +158,52 @@ def _unsound(path: Path) -> str:
 
 
 def _values(path: Path) -> tuple[list[Any], float]:
-    """What a result says of good pixels, and what all of it must be below."""
+    """What a result says of good pixels, and what all of it must be below: heights the mirror's length."""
     if path.is_dir():
         return [Capture.load(path).frames.ravel()], float("inf")
     if path.suffix == ".json":
         return [np.zeros(len(json.loads(path.read_text(encoding="utf-8"))))], float("inf")
     try:
         height = HeightMap.load(path)
-        return [height.z[height.good], height.sigma[height.good]], _DEEPEST
+        good = height.good
+        length = max((np.ptp(each[good]) for each in (height.x, height.y) if good.any()), default=0.0)
+        # a pixel alone, or a row of them, is no length
+        most = float("inf") if height.notices or good.sum() < sum(good.shape) else length
+        # the paper's method has no sigma, which is infinite there
+        return [height.z[good], np.nan_to_num(height.sigma[good], nan=np.nan, posinf=0.0)], most
     except InputError:
         found = Correspondence.load(path)
         maps = (found.u, found.v, found.sigma_u, found.sigma_v)
         return [value[found.good] for value in maps], _WIDEST
+
+
+def _compile(run: Run, base: Path) -> None:
+    """Run what is in order, before the clock counts: loops are compiled once on a machine."""
+    with redirect_stderr(io.StringIO()), redirect_stdout(io.StringIO()):
+        given = [str(base / "c.npz"), "--scene", str(base / "scene.toml"), "--rest", str(base / "c.npz")]
+        for method in ("coupled", "robust", "march", "fixed-point", "paper"):
+            run(["reconstruct", *given, "--method", method, "--out", str(base / "out.npz")])
+        for code in _OPTIONS["capture"]["--sequence"][:-1]:
+            shutil.rmtree(base / "out", ignore_errors=True)
+            given = ["--scene", str(base / "scene.toml"), "--renderer", "numpy", "--sequence", code]
+            if run(["capture", *given, "--out", str(base / "out")]) == 0:
+                run(["decode", str(base / "out"), "--out", str(base / "out.npz")])
+    shutil.rmtree(base / "out", ignore_errors=True)
+    (base / "out.npz").unlink(missing_ok=True)
+
+
+@contextmanager
+def _into(said: TextIO) -> Iterator[None]:
+    """What Python and the libraries below it write to stderr."""
+    before = os.dup(2)
+    try:
+        with redirect_stderr(said):
+            os.dup2(said.fileno(), 2)
+            yield
+            said.flush()
+    finally:
+        os.dup2(before, 2)
+        os.close(before)
 
 
 class _TooLong(BaseException):
@@ -131,18 +212,21 @@ class _TooLong(BaseException):
 
 @contextmanager
 def _limited() -> Iterator[None]:
-    """_TooLong after _SECONDS, where Python runs."""
+    """_TooLong after _SECONDS of the processor, or where nothing happens, in Python."""
 
     def stop(*_: Any) -> None:
         raise _TooLong
 
-    before = signal.signal(signal.SIGALRM, stop)
-    signal.alarm(_SECONDS)
+    before = {kind: signal.signal(kind, stop) for kind in (signal.SIGALRM, signal.SIGPROF)}
+    signal.setitimer(signal.ITIMER_PROF, _SECONDS)
+    signal.alarm(_HANGS)
     try:
         yield
     finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
         signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
+        for kind, handler in before.items():
+            signal.signal(kind, handler)
 
 
 def _peak(anew: bool = False) -> int:
@@ -173,94 +257,6 @@ def _base(folder: Path) -> Path:
     return folder
 
 
-def _bytes(rng: np.random.Generator, path: Path) -> None:
-    """Flip, cut, repeat or blank bytes of a file."""
-    data = bytearray(path.read_bytes())
-    at, count = int(rng.integers(len(data))), int(rng.integers(1, 64))
-    way = rng.integers(4)
-    if way == 0:
-        for place in rng.integers(len(data), size=count):
-            data[place] ^= 1 << int(rng.integers(8))
-    elif way == 1:
-        del data[at:]
-    elif way == 2:
-        data[at:at] = data[at : at + count]
-    else:
-        data[at : at + count] = bytes(len(data[at : at + count]))
-    path.write_bytes(data)
-
-
-def _toml(rng: np.random.Generator, path: Path) -> None:
-    """Replace values, drop or repeat lines, or damage bytes."""
-    if rng.random() < 0.2:
-        _bytes(rng, path)
-        return
-    lines = path.read_text(encoding="utf-8").splitlines()
-    for _ in range(rng.integers(1, 3)):
-        filled = [i for i, line in enumerate(lines) if line.strip()]
-        i, way = int(rng.choice(filled)), rng.random()
-        if way < 0.7 and "=" in lines[i]:
-            key, _, value = lines[i].partition("=")
-            number = list(re.finditer(r"-?[\d.]+(e-?\d+)?|\w+", value))
-            extreme = str(rng.choice(_EXTREMES))
-            if number and rng.random() < 0.7:
-                one = number[int(rng.integers(len(number)))]
-                if rng.random() < 0.4:
-                    extreme = _nudged(rng, one[0])
-                value = value[: one.start()] + extreme + value[one.end() :]
-                lines[i] = f"{key}={value}"
-            else:
-                lines[i] = f"{key}= {extreme}"
-        elif way < 0.85:
-            lines[i] = ""
-        else:
-            lines.insert(i, lines[i])
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def _nudged(rng: np.random.Generator, text: str) -> str:
-    """A number near another one, whole where that is; other text as it was."""
-    try:
-        value = float(text) * float(np.exp(0.3 * rng.standard_normal()))
-    except ValueError:
-        return text
-    return str(round(value)) if text.lstrip("-").isdigit() else f"{value:.6g}"
-
-
-def _array(rng: np.random.Generator, value: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """An array with other values, another type or another shape."""
-    way, flat = rng.integers(6), np.array(value).ravel()
-    if way == 0 and flat.size and value.dtype.kind == "f":
-        flat[rng.integers(flat.size, size=3)] = rng.choice([np.nan, np.inf, -np.inf, 1e38, -1e6, 0.0, -1.0])
-        return flat.reshape(value.shape)
-    if way == 1:
-        return value[:-1] if value.ndim else np.zeros(3)
-    if way == 2:
-        return np.zeros((0, *value.shape[1:]), value.dtype)
-    if way == 3:
-        return (
-            value.astype(rng.choice(["c16", "U8", "i1", "f2", "?"])) if value.dtype.kind in "fiu" else value
-        )
-    if way == 4:
-        return np.array("text") if rng.random() < 0.5 else np.zeros((2,) * 7)
-    return value[..., None]
-
-
-def _npz(rng: np.random.Generator, path: Path) -> None:
-    if rng.random() < 0.5:
-        _bytes(rng, path)
-        return
-    with np.load(path) as archive:
-        arrays = {name: archive[name] for name in archive.files}
-    name = str(rng.choice(list(arrays)))
-    if rng.random() < 0.1:
-        del arrays[name]
-    else:
-        with np.errstate(all="ignore"):
-            arrays[name] = _array(rng, arrays[name])
-    np.savez(path, **arrays)
-
-
 def _hdf5(rng: np.random.Generator, path: Path) -> None:
     """A measurement as SOFAST writes it, small, with one field, or none, that is not what it should be."""
     import h5py
@@ -282,29 +278,31 @@ def _hdf5(rng: np.random.Generator, path: Path) -> None:
                 file.create_dataset(full, huge, "u1", chunks=(1, 1, 1))
             elif name == wrong:
                 with np.errstate(all="ignore"):
-                    changed = _array(rng, value)
+                    changed = draw_array(rng, value)
                 file[full] = changed if changed.dtype.kind != "U" else "text"
             else:
                 file[full] = value
     if rng.random() < 0.3:
-        _bytes(rng, path)
+        damage_bytes(rng, path)
 
 
 _Words = list[str]
 
 
 def _of_scene(rng: np.random.Generator, work: Path) -> _Words:
-    _toml(rng, work / "scene.toml")
-    return ["reconstruct", "@/c.npz", "--scene", "@/scene.toml", "--out", "@/out.npz"]
+    damage_toml(rng, work / "scene.toml")
+    if rng.random() < 0.5:
+        return ["reconstruct", "@/c.npz", "--scene", "@/scene.toml", "--out", "@/out.npz"]
+    return ["capture", "--scene", "@/scene.toml", "--renderer", "numpy", "--out", "@/out"]
 
 
 def _of_capture(rng: np.random.Generator, work: Path) -> _Words:
-    _toml(rng, work / "capture/capture.toml")
+    damage_toml(rng, work / "capture/capture.toml")
     return ["decode", "@/capture", "--out", "@/out.npz"]
 
 
 def _of_sequence(rng: np.random.Generator, work: Path) -> _Words:
-    _toml(rng, work / "sequence.toml")
+    damage_toml(rng, work / "sequence.toml")
     given = ["--scene", "prism48", "--size", f"{_SIZE[0]}x{_SIZE[1]}", "--renderer", "numpy"]
     return ["capture", *given, "--sequence", "@/sequence.toml", "--out", "@/out"]
 
@@ -312,19 +310,23 @@ def _of_sequence(rng: np.random.Generator, work: Path) -> _Words:
 def _of_grid(rng: np.random.Generator, work: Path) -> _Words:
     grid = 'scenes = ["prism48"]\nsequences = ["gray"]\nsizes = ["12x16"]\nnoises = [1.0]\nseeds = [0]\n'
     (work / "grid.toml").write_text(grid + 'renderer = "numpy"\nsolvers = ["fixed-point"]\nrefresh = 60.0\n')
-    _toml(rng, work / "grid.toml")
+    damage_toml(rng, work / "grid.toml")
     return ["sweep", "@/grid.toml", "--workers", "0", "--out", "@/sweep"]
 
 
 def _of_frames(rng: np.random.Generator, work: Path) -> _Words:
+    """One frame, or all of them in the same way."""
     frames = sorted((work / "capture/frames").iterdir())
-    _bytes(rng, frames[int(rng.integers(len(frames)))])
+    state = rng.bit_generator.state
+    for frame in frames if rng.random() < 0.5 else [frames[int(rng.integers(len(frames)))]]:
+        rng.bit_generator.state = state
+        damage_picture(rng, frame)
     return ["decode", "@/capture", "--out", "@/out.npz"]
 
 
 def _of_masks(rng: np.random.Generator, work: Path) -> _Words:
     name = str(rng.choice(["mask.png", "mask.tif"]))
-    _bytes(rng, work / name)
+    damage_picture(rng, work / name)
     if rng.random() < 0.5:
         return ["decode", "@/capture", "--mask", f"@/{name}", "--out", "@/out.npz"]
     return ["reconstruct", "@/c.npz", "--scene", "@/scene.toml", "--mask", f"@/{name}", "--out", "@/out.npz"]
@@ -333,10 +335,10 @@ def _of_masks(rng: np.random.Generator, work: Path) -> _Words:
 def _of_arrays(rng: np.random.Generator, work: Path) -> _Words:
     which = str(rng.choice(["c.npz", "truth", "rest"]))
     if which == "c.npz":
-        _npz(rng, work / which)
+        damage_npz(rng, work / which)
         return ["reconstruct", "@/c.npz", "--scene", "@/scene.toml", "--out", "@/out.npz"]
     shutil.copy(work / ("truth.npz" if which == "truth" else "c.npz"), work / "other.npz")
-    _npz(rng, work / "other.npz")
+    damage_npz(rng, work / "other.npz")
     given = ["--scene", "@/scene.toml", f"--{which}", "@/other.npz"]
     return ["reconstruct", "@/c.npz", *given, "--out", "@/out.npz"]
 
@@ -347,33 +349,25 @@ def _of_hdf5(rng: np.random.Generator, work: Path) -> _Words:
 
 
 def _of_words(rng: np.random.Generator, work: Path) -> _Words:
-    """Arguments replaced, dropped, repeated."""
-    words = [
-        [
-            "capture",
-            "--scene",
-            "@/scene.toml",
-            "--sequence",
-            "gray+phase:steps=4",
-            "--noise",
-            "1",
-            "--seed",
-            "1",
-        ],
-        ["decode", "@/capture", "--noise", "1", "--roi", "0:20,0:30"],
-        ["reconstruct", "@/c.npz", "--scene", "@/scene.toml", "--method", "coupled", "--anchor", "edge"],
-    ][int(rng.integers(3))]
-    words += ["--out", "@/out" if words[0] == "capture" else "@/out.npz"]
-    i, way = int(rng.integers(1, len(words) - 2)), rng.integers(4)
+    """Arguments drawn from those that exist; in half of the cases one of them replaced, dropped, repeated."""
+    command = str(rng.choice(list(_OPTIONS)))
+    words = [command, *_SOURCES[command]]
+    for option, values in _OPTIONS[command].items():
+        if rng.random() < 0.35:
+            words += [option, str(rng.choice(values))] if values else [option]
+    words += ["--out", "@/out" if command == "capture" else "@/out.npz"]
+    if rng.random() < 0.5:
+        return words
+    i, way = int(rng.integers(1, len(words) - 1)), rng.integers(4)
     if way == 0:
         del words[i]
     elif way == 1:
         words.insert(i, words[i])
     elif way == 2:
-        words[i] = str(rng.choice([*_WORDS, *_EXTREMES]))
+        words[i] = str(rng.choice([*_WORDS, *EXTREMES]))
     else:
         cut = int(rng.integers(len(words[i])))
-        words[i] = words[i][:cut] + str(rng.choice(_EXTREMES)) + words[i][cut + 1 :]
+        words[i] = words[i][:cut] + str(rng.choice(EXTREMES)) + words[i][cut + 1 :]
     return words
 
 

@@ -16,7 +16,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from optolever.errors import InputError
 
-__all__ = ["require_room", "roomy_empty", "roomy_together"]
+__all__ = ["free_memory", "require_room", "roomy_empty", "roomy_together"]
 
 #: A huge page of the usual systems, and what is too little to be kept, bytes.
 _PAGE, _LITTLE = 1 << 21, 1 << 16
@@ -32,12 +32,12 @@ _kept: dict[int, list[NDArray[np.uint8]]] = {}
 
 def require_room(what: str, size: float) -> None:
     """InputError if so many bytes are more than the machine has left: what for, how many, what there is."""
-    there = _available()
+    there = free_memory()
     if size > there:
         raise InputError(f"{what}: takes {size / 2**30:.3g} GiB of memory, {there / 2**30:.3g} GiB are free")
 
 
-def _available() -> int:
+def free_memory() -> int:
     """Bytes that can be had without swapping; of a system that does not tell, all that it has."""
     with suppress(OSError):
         found = re.search(r"MemAvailable:\s*(\d+) kB", Path("/proc/meminfo").read_text(encoding="ascii"))

@@ -12,7 +12,6 @@ Others' captures are described by such a file kept elsewhere. Nothing else is al
 """
 
 import tomllib
-import zlib
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -27,6 +26,7 @@ from optolever.blocks import threads
 from optolever.errors import InputError
 from optolever.files import atomic_folder
 from optolever.patterns import Sequence
+from optolever.pictures import read_picture
 from optolever.scene import Scene, Trace, load
 
 if TYPE_CHECKING:
@@ -41,7 +41,6 @@ _VERSION = 1
 _LATEST = 2.0**53
 _DESCRIPTION, _FRAMES, _SCENE, _TRUTH = "capture.toml", "frames", "scene.toml", "truth.npz"
 _KEYS = ("version", "rows", "cols", "bits", "name", "nominal", "frames")
-_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 # Noise has no repetitions to look for: on noisy fringes this beats zlib's level 3 in size and time.
 _PNG_OPTIONS = (
     cv2.IMWRITE_PNG_COMPRESSION,
@@ -115,14 +114,7 @@ def read_description(path: Path) -> tuple[Sequence, list[str], NDArray[np.float6
 
 def read_image(path: Path, bits: int) -> Image:
     """One grey image (H, W), values below 2^bits. InputError if it is missing, damaged or something else."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
-    data = path.read_bytes()
-    if data.startswith(_PNG_SIGNATURE):
-        _require_whole_png(path, data)
-    image: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
-    if image is None:
-        raise InputError(f"{path}: not an image ({len(data)} bytes)")
+    image = read_picture(path)
     if image.ndim == 3:
         if image.shape[2] != 3 or (image != image[..., :1]).any():
             raise InputError(f"{path}: {image.shape[2]} colour channels, must be grey")
@@ -211,26 +203,6 @@ def _require_no_extra(base: Path, files: list[str]) -> None:
     named = [name for name in files if name.startswith(f"{_FRAMES}/")]
     if extra and named:
         raise InputError(f"{base / extra[0]}: not in the description, the limit is its {len(named)} frames")
-
-
-def _require_whole_png(path: Path, data: bytes) -> None:
-    """Length and CRC of every chunk: OpenCV hands out what it could read of a damaged file."""
-    at = len(_PNG_SIGNATURE)
-    view = memoryview(data)
-    while at + 12 <= len(data):
-        length = int.from_bytes(view[at : at + 4], "big")
-        end = at + 12 + length
-        if end > len(data):
-            break
-        kind = bytes(view[at + 4 : at + 8])
-        if zlib.crc32(view[at + 4 : end - 4]) != int.from_bytes(view[end - 4 : end], "big"):
-            raise InputError(
-                f"{path}: damaged PNG (checksum of chunk {kind.decode('latin-1')!r} at byte {at})"
-            )
-        if kind == b"IEND":
-            return
-        at = end
-    raise InputError(f"{path}: truncated PNG ({len(data)} bytes, no end)")
 
 
 def _size(image: Image) -> str:

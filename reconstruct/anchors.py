@@ -37,6 +37,10 @@ Mask = NDArray[np.bool_]
 EDGE_REACH = 4.0  # pixels over which the slope may be extrapolated to the edge
 
 
+#: Where a mirror may be, mm: scenes go no further.
+_MOST = 1e9
+
+
 @dataclass(frozen=True, slots=True)
 class EdgeAnchor:
     """The camera-side edge x = L0 of the mirror rests at z = 0; sigma: standard deviation of that z in mm."""
@@ -142,8 +146,8 @@ def _point(values: Any) -> PointAnchor:
 
 def _samples(anchor: Anchor, scene: Scene, rays: RayField, mask: Mask) -> Samples:
     for name in anchor.__slots__:
-        if not np.isfinite(getattr(anchor, name)):
-            raise InputError(f"anchor.{name} = {getattr(anchor, name)}: must be finite")
+        if not abs(getattr(anchor, name)) <= _MOST:
+            raise InputError(f"anchor.{name} = {getattr(anchor, name)}: must be finite, at most {_MOST:g} mm")
     if anchor.sigma < 0:
         raise InputError(f"anchor.sigma = {anchor.sigma}: must be at least 0 mm")
     if isinstance(anchor, EdgeAnchor):
@@ -168,7 +172,8 @@ def _edge_samples(anchor: EdgeAnchor, scene: Scene, rays: RayField, mask: Mask) 
     """Where the image of the line x = L0, z = 0 crosses the rows (or the columns) next to valid pixels."""
     length = scene.mirror.length
     x = _rest_x(rays.inner_origins, rays.inner_directions)
-    per_row, per_col = (np.gradient(x, axis=axis) for axis in (0, 1))
+    with np.errstate(invalid="ignore"):  # rays along the mirror meet it nowhere
+        per_row, per_col = (np.gradient(x, axis=axis) for axis in (0, 1))
     axis = int(np.median(np.abs(per_col)) >= np.median(np.abs(per_row)))
     step = per_col if axis == 1 else per_row
     with np.errstate(divide="ignore", invalid="ignore"):

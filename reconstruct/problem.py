@@ -89,7 +89,13 @@ def prepare(
     the mirror rests; picard: by a fixed point (see `Measured.singular`). Raises InputError where the input
     makes no sense or no anchor can be used.
     """
-    rays = ray_field(scene.camera)
+    size, camera = correspondence.u.shape, scene.camera
+    if size != (camera.rows, camera.cols):
+        raise InputError(
+            f"correspondence: {size[0]} x {size[1]} pixels, the scene's camera has "
+            f"{camera.rows} x {camera.cols}"
+        )
+    rays = ray_field(camera)
     valid = _valid(correspondence, rays, scene.pattern, mask)
     samples = anchor_samples(anchor, scene, rays, valid)
     rows, cols = (_extent(valid, axis) for axis in (1, 0))
@@ -159,11 +165,6 @@ def _window(
 
 def _valid(c: Correspondence, rays: RayField, pattern: Pattern, mask: Mask | None) -> Mask:
     """Pixels to solve for: unflagged and on the pattern; InputError where the input makes no sense."""
-    if c.u.shape != rays.shape:
-        raise InputError(
-            f"correspondence: {c.u.shape[0]} x {c.u.shape[1]} pixels, the scene's camera has "
-            f"{rays.shape[0]} x {rays.shape[1]}"
-        )
     valid = c.good
     if mask is not None:
         if np.shape(mask) != rays.shape:

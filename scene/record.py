@@ -15,6 +15,9 @@ __all__ = ["Float", "Record", "finite", "freeze", "integer", "number", "orthonor
 Float = NDArray[np.float64]
 
 _UNIT = 1e-12  # an axis this close to unit length is left as it is, so that a saved scene loads back equal
+#: Numbers of a scene (mm, px): up to a thousand kilometres, what is above 0 from a nanometre on. Squares of
+#: what is beyond leave float64, and what is as unlike as that leaves no digits to a solver.
+_MOST, _LEAST = 1e9, 1e-6
 _RIGHT_ANGLE = 1e-9  # largest cosine between two axes that are called perpendicular
 
 
@@ -46,9 +49,11 @@ def number(name: str, value: Any) -> float:
 
 
 def finite(name: str, value: float) -> float:
-    """`value`, if it is neither NaN nor infinite."""
+    """`value`, if it is neither NaN nor infinite nor beyond all that a scene has."""
     if not math.isfinite(value):
         raise InputError(f"{name} = {value}: must be finite")
+    if abs(value) > _MOST:
+        raise InputError(f"{name} = {value}: must be at most {_MOST:g}")
     return value
 
 
@@ -57,6 +62,8 @@ def positive(name: str, value: Any, zero: bool = False, below: float = math.inf)
     checked = number(name, value)
     if checked < 0 or (checked == 0 and not zero):
         raise InputError(f"{name} = {value!r}: must be {'at least' if zero else 'greater than'} 0")
+    if 0 < checked < _LEAST and not zero:
+        raise InputError(f"{name} = {value!r}: must be at least {_LEAST:g}")
     if checked >= below:
         raise InputError(f"{name} = {value!r}: must be less than {below:g}")
     return checked
@@ -95,7 +102,7 @@ def orthonormal(name: str, u_axis: Any, v_axis: Any) -> tuple[Float, Float]:
 
 def _unit(name: str, axis: Float) -> Float:
     length = float(np.linalg.norm(axis))
-    if length == 0:
+    if length < _LEAST:
         raise InputError(f"{name} = {axis.tolist()}: must not be zero")
     if abs(length - 1) <= _UNIT:
         return axis

@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from optolever import InputError
+from optolever.pictures import read_picture
 
 from .forms import taper_of
 from .grid import Grid
@@ -44,11 +44,7 @@ def relief(scene: Scene, *, path: str, peak: float, smooth: float, taper: float)
 
 def _grey(path: Path) -> Float:
     """The image as 0..1 (rows, cols); InputError if it is none."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
-    image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED) if path.stat().st_size else None
-    if image is None:
-        raise InputError(f"{path}: is no image that OpenCV can read")
+    image = read_picture(path)
     white = {"uint8": 255.0, "uint16": 65535.0}.get(image.dtype.name, 1.0)
     grey = image.astype(np.float64) / white
     return grey if grey.ndim == 2 else grey[:, :, : min(3, grey.shape[2])].mean(axis=2)

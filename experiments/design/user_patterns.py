@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence, sequence_from_text, sequence_names
+from optolever.pictures import read_picture
 
 from .candidates import Candidate
 
@@ -126,9 +127,7 @@ def _frame(path: Path, index: int, table: Any, rows: int, cols: int) -> Frame:
 
 
 def _image(path: Path, rows: int, cols: int) -> NDArray[np.uint8]:
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
-    if image is None:
-        raise InputError(f"{path}: is no image that can be read")
+    image = read_picture(path, cv2.IMREAD_GRAYSCALE)
     if image.shape != (rows, cols):
         raise InputError(
             f"{path}: is {image.shape[0]}x{image.shape[1]} pixels, the pattern has {rows}x{cols}"

@@ -5,9 +5,11 @@ import re
 import struct
 import tomllib
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -16,6 +18,7 @@ from optolever.cli import run
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.patterns import sequence_from_text
+from optolever.pictures import read_picture
 from optolever.projector import load_sofast
 from optolever.reconstruct import reconstruct
 from optolever.scene import dent, load, load_sofast_rig, resize, trace
@@ -77,7 +80,7 @@ def test_an_exposure_without_end(tmp_path: Path, capfd: pytest.CaptureFixture[st
     scene.write_text(text)
     assert tomllib.loads(text)["sensor"]["exposure"] == 1e308
     told = refused(["capture", "--scene", str(scene), "--out", str(tmp_path / "s")], capfd)
-    assert "scene.toml: sensor.exposure = 1e+308: must be less than 1e+09" in told
+    assert "scene.toml: sensor.exposure = 1e+308: must be at most 1e+09" in told
     assert not (tmp_path / "s").exists()
 
 
@@ -180,9 +183,9 @@ def test_a_missing_field_is_told_before_any_is_read(name: str, tmp_path: Path) -
 def test_fields_of_an_npz_count_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = written(tmp_path / "c.npz", fields())
     held = sum(value.nbytes for value in fields().values())
-    monkeypatch.setattr(memory, "_available", lambda: held)
+    monkeypatch.setattr(memory, "free_memory", lambda: held)
     Correspondence.load(path)
-    monkeypatch.setattr(memory, "_available", lambda: held - 1)
+    monkeypatch.setattr(memory, "free_memory", lambda: held - 1)
     with pytest.raises(InputError, match=r"c\.npz: 5 fields, .*GiB"):
         Correspondence.load(path)
 
@@ -257,9 +260,9 @@ def test_fields_of_sofast(
 def test_fields_of_hdf5_count_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     arrays = (np.zeros((6, 8, 8), np.uint8), np.zeros((6, 8, 2), np.uint8), np.ones(1), np.ones(1))
     path, held = sofast(tmp_path / "m.h5", *arrays), sum(array.nbytes for array in arrays)
-    monkeypatch.setattr(memory, "_available", lambda: held)
+    monkeypatch.setattr(memory, "free_memory", lambda: held)
     load_sofast(path)
-    monkeypatch.setattr(memory, "_available", lambda: held - 1)
+    monkeypatch.setattr(memory, "free_memory", lambda: held - 1)
     with pytest.raises(InputError, match=r"m\.h5: 4 fields, .*fringe_images.*GiB"):
         load_sofast(path)
 
@@ -320,3 +323,32 @@ def test_places_far_off_the_pattern_are_not_solved(far: float) -> None:
     found = reconstruct(Correspondence(**arrays), scene)
     assert found.flags[row, col] != 0
     assert np.abs(found.z[found.good]).max() < 1e-4
+
+
+def _png(rows: int, cols: int, data: bytes) -> bytes:
+    """A PNG whose header claims so many grey pixels; checksums are right."""
+
+    def chunk(kind: bytes, of: bytes) -> bytes:
+        return struct.pack(">I", len(of)) + kind + of + struct.pack(">I", zlib.crc32(kind + of))
+
+    head = chunk(b"IHDR", struct.pack(">IIBBBBB", cols, rows, 8, 0, 0, 0, 0))
+    return b"\x89PNG\r\n\x1a\n" + head + chunk(b"IDAT", zlib.compress(data)) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize("size", [(60000, 60000), (20000, 20000)])
+def test_a_picture_that_claims_more_than_it_holds(size: tuple[int, int], tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    path.write_bytes(_png(*size, bytes(1000)))
+    with pytest.raises(InputError, match=rf"a\.png: claims {size[0]}x{size[1]} pixels"):
+        read_picture(path)
+
+
+def test_damage_is_one_line_for_libraries_too(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    whole = np.full((24, 32), 255, np.uint8)
+    for name, start in (("a.tif", 60), ("a.png", 45)):
+        cv2.imwrite(str(tmp_path / name), whole)
+        data = (tmp_path / name).read_bytes()
+        (tmp_path / name).write_bytes(data[:start])
+        with pytest.raises(InputError, match=r"not an image|truncated"):
+            read_picture(tmp_path / name)
+    assert capfd.readouterr().err == ""

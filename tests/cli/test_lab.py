@@ -1,6 +1,5 @@
 """Commands of the laboratory."""
 
-import os
 from pathlib import Path
 
 import pytest
@@ -8,11 +7,11 @@ import pytest
 from optolever.cli import run
 
 
+@pytest.mark.parametrize("cases", [100, pytest.param(1000, marks=pytest.mark.slow)])
 def test_damaged_inputs_end_in_one_line_or_a_result_that_holds(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    cases: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """100 cases; 1000 where OPTOLEVER_SLOW is set."""
-    cases = "1000" if os.environ.get("OPTOLEVER_SLOW") else "100"
-    code = run(["lab", "fuzz", "--cases", cases, "--seed", "7", "--json", str(tmp_path / "f.json")])
+    path = tmp_path / "f.json"
+    code = run(["lab", "fuzz", "--cases", str(cases), "--seed", "7", "--json", str(path)])
     assert code == 0, capfd.readouterr().out
-    assert (tmp_path / "f.json").is_file()
+    assert path.is_file()

@@ -180,6 +180,7 @@ def test_no_output_is_an_input(optolever: Run, chain: Chain, tmp_path: Path) -> 
         ["reconstruct", tmp_path / "link.npz", "--scene", capture / "scene.toml", "--out", found],
         ["decode", capture, "--out", capture / "capture.toml"],
         ["decode", capture, "--out", capture / "frames/003.png"],
+        ["decode", capture, *out, "--json", capture / "frames/new.png"],
         ["decode", capture, *out, "--json", capture / "scene.toml"],
         ["decode", capture, *out, "--description", described, "--json", described],
         ["decode", capture, *out, "--mask", tmp_path / "mask.png", "--json", tmp_path / "mask.png"],
@@ -189,7 +190,7 @@ def test_no_output_is_an_input(optolever: Run, chain: Chain, tmp_path: Path) -> 
         ["design", *SCENE, "--add", capture, "--json", capture / "frames/003.png"],
     ):
         path = next(str(arg) for arg in args[::-1] if str(arg).startswith(str(tmp_path)))
-        assert_refused(optolever, tmp_path, args, (path, "is an input"))
+        assert_refused(optolever, tmp_path, args, (path, "an input (", "would destroy"))
 
 
 def test_two_outputs_are_two_files(optolever: Run, tmp_path: Path) -> None:
@@ -198,6 +199,14 @@ def test_two_outputs_are_two_files(optolever: Run, tmp_path: Path) -> None:
     assert_refused(optolever, tmp_path, args, (str(path), "two outputs"))
     path.write_bytes(b"an older result")
     assert_refused(optolever, tmp_path, args, (str(path), "two outputs"))
+
+
+def test_files_that_are_not_there_yet_are_two_files(optolever: Run, tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "link.json").symlink_to(tmp_path / "new.npz")
+    for other in (tmp_path / "folder/../new.npz", tmp_path / "link.json"):
+        args = ["decode", "nowhere", "--out", tmp_path / "new.npz", "--json", other]
+        assert_refused(optolever, tmp_path, args, (str(other), "two outputs"))
 
 
 def test_results_may_lie_beside_the_frames_and_be_made_again(

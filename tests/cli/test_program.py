@@ -9,6 +9,7 @@ import sys
 import textwrap
 import time
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
@@ -152,3 +153,16 @@ def test_doctor_says_what_there_is_and_what_is_missing(optolever: Program, tmp_p
     assert {"optolever", "python", "numpy", "OpenGL", "cameras", "monitors"} <= set(report["found"])
     if report["found"]["OpenGL"].startswith("none"):
         assert "libegl1" in report["missing"]["OpenGL"]
+
+
+def test_too_little_memory_is_one_line(
+    optolever: Program, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def load(_: object) -> NoReturn:
+        raise MemoryError("Unable to allocate 32 GiB")
+
+    monkeypatch.setattr("optolever.decode.Correspondence.load", load)
+    (tmp_path / "c.npz").touch()
+    ended = optolever("reconstruct", tmp_path / "c.npz", "--scene", "prism48", "--out", tmp_path / "h.npz")
+    assert ended.code == 2
+    assert re.fullmatch(r"optolever: Unable to allocate 32 GiB; [\d.e+]+ GiB are free\n", ended.err)

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, decode, difference
 from optolever.patterns import Frame, Sequence, sequence
+from optolever.projector import capture
+from optolever.scene import dent, load, resize
 
 from .conftest import level
 
@@ -157,3 +159,15 @@ def test_bits_in_blur_and_noise(kind: str, inverses: bool, blur: float, ratio: f
     assert np.count_nonzero(np.abs(error) > 1.5) <= 1e-4 * error.size
     if error.size > 1000:
         assert 0.75 < np.sqrt(np.mean((error / found.sigma_u[found.good]) ** 2)) < 1.25
+
+
+def test_white_noise_alone_gives_no_notice() -> None:
+    """Limits are those of chance however few pixels there are: the sensor's own noise, one pixel or all."""
+    scene = resize(load("prism48"), 24, 32)
+    shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
+    flat, single = dent("flat", scene), np.zeros((24, 32), bool)
+    single[12, 16] = True
+    for seed in range(20):
+        frames = capture(scene, flat, shown, renderer="numpy", noise=1.0, seed=seed).frames
+        for mask in (None, single):
+            assert decode(frames, shown, mask=mask).notices == (), seed

@@ -100,3 +100,16 @@ def test_nan_in_an_unflagged_pixel_is_flagged_not_fatal(case) -> None:
     assert np.isnan(height.z[7, 9])
     assert np.isfinite(height.z[height.good]).all()
     assert np.nanmax(np.abs(height.z - truth.z)) < 1e-3
+
+
+def test_a_camera_far_larger_than_the_correspondence(case) -> None:
+    """The sizes are compared before any ray is made: of 65536 x 65536 pixels they are 32 GiB and more."""
+    scene, _, correspondence = case
+    camera = replace(scene.camera, rows=65536, cols=65536)
+    assert "the scene's camera has 65536 x 65536" in complaint(correspondence, replace(scene, camera=camera))
+
+
+def test_an_anchor_beyond_all_scenes(case) -> None:
+    scene, _, correspondence = case
+    message = complaint(correspondence, scene, anchor=(1e308, 0.0, 0.0))
+    assert "anchor.x = 1e+308: must be finite, at most 1e+09 mm" in message

@@ -148,6 +148,11 @@ BAD = [
     (MINIMAL.replace("[60, 45]", "[60, 0]"), r"mirror\.size_mm = 0\.0: must be greater than 0"),
     (MINIMAL.replace("[60, 45]", "[60, nan]"), r"mirror\.size_mm = nan: must be finite"),
     (MINIMAL.replace("[60, 45]", "[inf, 45]"), r"mirror\.size_mm = inf: must be finite"),
+    (MINIMAL.replace("[60, 45]", "[1e308, 45]"), r"mirror\.size_mm = 1e\+308: must be at most 1e\+09"),
+    (
+        MINIMAL.replace("pitch_mm = 0.1", "pitch_mm = 1e-9"),
+        r"pattern\.pitch_mm = 1e-09: must be at least 1e-06",
+    ),
     (MINIMAL.replace("[60, 45]", "[true, 45]"), r"mirror\.size_mm = True: must be a number"),
     (
         MINIMAL.replace("pitch_mm = 0.1", "pitch_mm = -0.1"),
