@@ -311,7 +311,7 @@ def _of_grid(rng: np.random.Generator, work: Path) -> _Words:
     grid = 'scenes = ["prism48"]\nsequences = ["gray"]\nsizes = ["12x16"]\nnoises = [1.0]\nseeds = [0]\n'
     (work / "grid.toml").write_text(grid + 'renderer = "numpy"\nsolvers = ["fixed-point"]\nrefresh = 60.0\n')
     damage_toml(rng, work / "grid.toml")
-    return ["sweep", "@/grid.toml", "--workers", "0", "--out", "@/sweep"]
+    return ["lab", "sweep", "@/grid.toml", "--workers", "0", "--out", "@/sweep"]
 
 
 def _of_frames(rng: np.random.Generator, work: Path) -> _Words:
