@@ -96,9 +96,9 @@ def notices(
     if balls:
         through.append("the radius of the ball")
     if through:
-        told.append(
-            Notice(f"{' and '.join(through)} pass into the heights one to one", math.nan, math.nan, "")
-        )
+        verb = "pass" if len(through) > 1 else "passes"
+        name = f"{' and '.join(through)} {verb} into the heights one to one"
+        told.append(Notice(name, math.nan, math.nan, ""))
     return (*told, Notice(GAUGE, math.nan, math.nan, ""))
 
 

@@ -126,6 +126,7 @@ class Points:
             raise InputError(f"Points: x, y, z have shapes {shapes}, must be (n,) each")
 
 
+#: What a capture for a calibration shows.
 Target = Flat | Rest | Plate | Ball
 
 

@@ -16,7 +16,11 @@ Words = NDArray[np.int64]
 
 
 def bits_for(cells: int) -> int:
-    """Bits that tell `cells` cells apart."""
+    """Bits that tell `cells` cells apart.
+
+    >>> bits_for(1000)
+    10
+    """
     return max(1, (cells - 1).bit_length())
 
 
@@ -28,6 +32,10 @@ def code_words(kind: str, cell: Words, bits: int | None = None) -> Words:
               to 16, which is another code for each number of them: see long_run
     xor-gray  Gray bits, all but the last xored with the last: every frame is finely striped, against
               indirect light (Gupta et al., CVPR 2011, doi:10.1109/CVPR.2011.5995321)
+
+    >>> import numpy as np
+    >>> [int(word) for word in code_words("gray", np.arange(4))]
+    [0, 1, 3, 2]
     """
     gray = cell ^ (cell >> 1)
     if kind == "binary":

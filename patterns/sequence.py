@@ -26,6 +26,10 @@ class Sequence:
 
     nominal: rows and cols are only the unit of the coordinates (a foreign capture of an unknown display), so
     that nothing follows from them about the cells on which the frames were shown.
+
+    >>> fringe = Frame("phase", "u", period_px=16.0, shift=0.0)
+    >>> Sequence((fringe,), rows=4, cols=8).render()[0, 0].tolist()
+    [255, 245, 218, 176, 128, 79, 37, 10]
     """
 
     frames: tuple[Frame, ...]

@@ -13,6 +13,7 @@ from optolever.scene import Sensor
 
 __all__ = ["NOMINAL_SENSOR", "FrameElectronics", "flicker_factor"]
 
+#: Of a scene that names none: level = 16 + 216.75 light, 8 bits, without noise.
 NOMINAL_SENSOR = Sensor(offset=16.0, exposure=0.85)
 """The sensor of a scene that names none: linear, dark at 16, white at 232.75: noise is not clipped."""
 

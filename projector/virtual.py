@@ -23,6 +23,7 @@ from .optics_numpy import NumpyOptics
 
 __all__ = ["RENDERERS", "VirtualSensor", "capture", "chosen_renderer"]
 
+#: What draws the light: OpenGL where there is a context, OpenGL, NumPy in float64.
 RENDERERS = ("auto", "gl", "numpy")
 
 _STRIP = 1 << 19  # pixels of a frame whose light is held at a time

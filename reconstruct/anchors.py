@@ -80,6 +80,7 @@ class DistanceAnchor:
     sigma: float = 0.0
 
 
+#: What settles the free mode of a component.
 Anchor = EdgeAnchor | PointAnchor | PixelAnchor | DistanceAnchor
 Anchors = Anchor | str | tuple[float, float, float] | Sequence[Anchor | tuple[float, float, float]] | None
 

@@ -75,6 +75,12 @@ def integrate(
     or x (W,) of the columns and y (H,) of the rows. An edge's weight is then the inverse variance of its
     increment for slopes of equal variance, times the mean square of the edges' lengths. Raises InputError for
     input that does not fit.
+
+    >>> import numpy as np
+    >>> row, column = np.mgrid[:32, :48]
+    >>> plane = integrate(np.full((32, 48), 0.5), np.full((32, 48), -0.25)).z
+    >>> bool(np.allclose(plane, 0.5 * (column - 23.5) - 0.25 * (row - 15.5)))
+    True
     """
     p, q, inside = _checked(gx, gy, mask)
     steps, places = _spaced(spacing, p.shape)

@@ -18,6 +18,7 @@ __all__ = ["PaperGeometry", "PaperResult", "Profile", "SeriesName", "recursion",
 
 Array = NDArray[np.float64]
 _TINY = 1e-12  # mm
+#: Which of the paper's series: drops from l = L0, rises from l = 0, their mean.
 SeriesName = Literal["mean", "rises", "drops"]
 
 

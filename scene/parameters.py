@@ -47,7 +47,13 @@ def parameter_values(scene: Scene) -> dict[str, float]:
 
 
 def adjusted(scene: Scene, values: Mapping[str, float]) -> Scene:
-    """The scene with these numbers; InputError for names that it does not have."""
+    """The scene with these numbers; InputError for names that it does not have.
+
+    >>> rig = load("prism48")
+    >>> moved = adjusted(rig, {"pattern.z": 0.5})  # mm, along the pattern's normal
+    >>> round(float((moved.pattern.origin - rig.pattern.origin) @ rig.pattern.normal), 6)
+    0.5
+    """
     known = parameter_values(scene)
     for name in values:
         if name not in known:

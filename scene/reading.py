@@ -39,7 +39,11 @@ def preset_names() -> tuple[str, ...]:
 
 
 def load(preset_or_path: str | Path) -> Scene:
-    """The preset of that name, or the scene in that TOML file; InputError if there is none, or a bad one."""
+    """The preset of that name, or the scene in that TOML file; InputError if there is none, or a bad one.
+
+    >>> load("prism48").mirror
+    Mirror(length=60.0, width=45.0)
+    """
     path = Path(preset_or_path)
     if str(preset_or_path) in preset_names():
         path = _PRESETS / f"{preset_or_path}.toml"

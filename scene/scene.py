@@ -21,6 +21,7 @@ from .writing import foreign_sections, scene_table
 
 __all__ = ["Camera", "Scene", "resize"]
 
+#: What a scene's `camera` may be.
 Camera = TelecentricCamera | PinholeCamera
 
 
@@ -67,6 +68,10 @@ def resize(scene: Scene, rows: int, cols: int) -> Scene:
     The field of view stays: the outer edges of the camera's pixels do not move, the pattern keeps its first
     corner and covers at least what it covered. Blur stays the same in cells, so that a small scene samples
     like a big one.
+
+    >>> small = resize(load("prism48"), 60, 80)
+    >>> small.camera.rows, small.camera.cols, small.pattern.rows, small.pattern.cols
+    (60, 80, 75, 75)
     """
     rows, cols = integer("rows", rows), integer("cols", cols)
     by_col, by_row = scene.camera.cols / cols, scene.camera.rows / rows

@@ -62,6 +62,11 @@ def trace(scene: Scene, surface: Surface) -> Trace:
 
     Visible: it meets the mirror within its extent, is reflected once (n ~ (-dh/dx, -dh/dy, 1), then
     d' = d - 2 (d.n) n), reaches the pattern's surface without meeting the mirror again, and lands on a cell.
+
+    >>> rig = resize(load("prism48"), 60, 80)
+    >>> seen = trace(rig, dent("flat", rig))
+    >>> seen.u.shape, round(float(seen.u[30, 40]), 1)
+    ((60, 80), 32.5)
     """
     rows, cols = scene.camera.rows, scene.camera.cols
     require_room(f"camera of {rows}x{cols} pixels", rows * cols * (9 * 8 + 1))
