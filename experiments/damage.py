@@ -3,6 +3,7 @@
 import re
 import tomllib
 from collections.abc import Callable
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +62,7 @@ def _damage_values(rng: np.random.Generator, path: Path) -> None:
             holder[key] = float(rng.choice(_NUMBERS))
         elif way < 0.9:
             other, name = places[int(rng.integers(len(places)))]
-            holder[key] = other[name]
+            holder[key] = deepcopy(other[name])  # a table is never its own part
         elif way < 0.95:
             del holder[key]
         elif isinstance(holder, list):
