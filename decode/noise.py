@@ -217,6 +217,8 @@ def _residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32
     levels, camera = few.levels, few.levels if few.camera is None else few.camera
     if groups:
         rows = groups[0]
+        if not _unsaturated(rows.astype(np.float32), levels, sample.white).any():
+            rows = _of_four(plan, rows)
         some = rows[:: max(1, len(rows) * levels.shape[1] // (2 * _MOST))].astype(np.float32)
         used = np.abs(some) > 0
         mean = _product(used.astype(np.float32), camera) / used.sum(axis=1, keepdims=True)
@@ -229,6 +231,19 @@ def _residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32
             one -= _explained(plan, np.flatnonzero(own), levels, one, whole, slope)
         return mean[kept], residual[kept]
     return _neighbours(plan, sample.only(slice(_MOST)))
+
+
+def _of_four(plan: Plan, rows: F64) -> F64:
+    """Combinations (M, N) of four neighbouring steps of a fringe that are 0: where it is clipped somewhere in
+    every pixel, some of them are whole. As `rows` where no fringe has more steps."""
+    found = []
+    for fringe in (one for axis in plan.axes for one in axis.fringes if len(one.index) > 4):
+        order = np.argsort(np.mod(fringe.shifts, 2 * np.pi))
+        for k in range(len(order)):
+            four = np.roll(order, k)[:4]
+            found.append(np.zeros(rows.shape[1]))
+            found[-1][np.array(fringe.index)[four]] = np.linalg.svd(fringe.design()[four])[0][:, 3]
+    return np.stack(found) if found else rows
 
 
 def _unsaturated(rows: F32, levels: F32, white: float) -> NDArray[np.bool_]:
