@@ -20,8 +20,7 @@
 | `newton.py` | Newton's method with an integrating factor, the start from a coarser grid |
 | `anchors.py`, `pinning.py` | what is known of the mirror; from there to every component's free constant |
 | `free_mode.py` | what no slope measurement sees |
-| `uncertainty.py`, `mask_variance.py` | variance of the height; what a mask adds to it |
-| `sampled.py` | the same by drawn noise, where a mask is ragged |
+| `uncertainty.py`, `monte_carlo.py` | variance of the height: closed form of a rectangle, drawn noise |
 | `creases.py` | edges whose increment is in doubt: cusps, ridges, rims, wrong pixels |
 | `ways.py` | what those leave on the way from the anchors, and what they cut off |
 | `correlation.py`, `rounding.py` | errors that neighbouring pixels share; those of discrete codes |

@@ -10,13 +10,13 @@ from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.scene import Scene
 
-from .alternatives import DirectEdges, MarchedEdges, march_variance
+from .alternatives import DirectEdges, MarchedEdges
 from .anchors import Anchors
 from .calibration import rest_corrected
 from .circulation import circulation_chi2
 from .correlation import correlation_excess
 from .creases import edge_doubt, widened
-from .edges import Doubt, edge_weights
+from .edges import Doubt
 from .heightmap import HeightMap
 from .holes import bridged, noise_gain
 from .newton import Options, State, coarse_start, solve
@@ -143,14 +143,10 @@ def solved_height(
         state = reweighted(problem, state, options)
     elif method != "march":
         state = _around_creases(problem, state, options, scale, removed, suspects & ~removed)
-    variance = None
-    if isinstance(state.problem, MarchedEdges):
-        doubt = doubted(problem, state, scale, removed, suspects & ~removed)
-        weights = edge_weights(*state.variances, state.root, problem.data.mask, doubt)
-        variance = march_variance(*weights, state.problem.spine, state.rows.pixel, state.share)
-        variance *= state.root**4
+    else:
+        state = replace(state, doubt=doubted(problem, state, scale, removed, suspects & ~removed))
     spread = _spread(problem, state, removed)
-    height = height_map(problem, state, correspondence.flags, suspects, curl, method, variance, spread)
+    height = height_map(problem, state, correspondence.flags, suspects, curl, method, None, spread)
     chi2, freedom = circulation_chi2(problem.data, state)
     if spread.rounding is not None:  # errors of discrete codes are shared by neighbours
         chi2 /= height.diagnostics.correlation

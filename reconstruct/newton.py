@@ -22,7 +22,7 @@ from .measured import Measured
 from .pinning import AnchorRows, anchor_rows, free_constants
 from .poisson import Accuracy
 
-__all__ = ["Options", "State", "chord_step", "coarse_start", "response", "solve"]
+__all__ = ["Options", "State", "chord_step", "coarse_start", "edge_errors", "response", "solve"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -168,25 +168,31 @@ def chord_step(data: Measured, labels: Labels, state: State) -> State:
     return replace(state, w=state.w + change, steps=(size,), iterations=step.iterations)
 
 
+def edge_errors(
+    data: Measured, state: State, slopes: tuple[Floats, Floats], doubts: tuple[Floats, Floats] | None = None
+) -> tuple[Floats, Floats]:
+    """What errors of the slopes, and of single edges' increments, are in units of the integrating factor."""
+    gx, gy = defects(*slopes, _ZERO, state.root, data.mask)
+    if doubts is not None:
+        root = np.broadcast_to(state.root, gx.shape)
+        gx[:, :-1] += doubts[0][:, :-1] / (root[:, :-1] * root[:, 1:])
+        gy[:-1] += doubts[1][:-1] / (root[:-1] * root[1:])
+    return gx, gy
+
+
 def response(
-    data: Measured,
     labels: Labels,
     state: State,
+    edges: tuple[Floats, Floats],
     slopes: tuple[Floats, Floats],
-    edges: tuple[Floats, Floats] | None,
     anchors: Floats,
 ) -> Floats:
-    """What errors of the slopes, of single edges' increments and of the anchors' known values (M,) do to the
-    solution, first order.
+    """What errors of the edges (see `edge_errors`), of the slopes behind them and of the anchors' known
+    values (M,) do to the solution, first order.
     """
-    gx, gy = defects(*slopes, _ZERO, state.root, data.mask)
-    if edges is not None:
-        root = np.broadcast_to(state.root, gx.shape)
-        gx[:, :-1] += edges[0][:, :-1] / (root[:, :-1] * root[:, 1:])
-        gy[:-1] += edges[1][:-1] / (root[:-1] * root[1:])
-    step = state.problem.solve(gx, gy, Accuracy(relative=_RESPONSE))
+    step = state.problem.solve(*edges, Accuracy(relative=_RESPONSE))
     rows = replace(state.rows, known=anchors)
-    return _anchored(step.x, state.root, labels, rows, np.zeros(gx.shape), slopes, state.variances)[0]
+    return _anchored(step.x, state.root, labels, rows, np.zeros(state.w.shape), slopes, state.variances)[0]
 
 
 def _anchored(
