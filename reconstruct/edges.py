@@ -40,8 +40,8 @@ _NONE = np.zeros((1, 1))
 
 
 class Doubt(NamedTuple):
-    """What every edge's increment may be off by beyond its noise (see `creases`), (H, W): x along columns, y
-    along rows; own: both, as the edges tell by themselves (None: as x and y)."""
+    """What every edge's increment may be off by beyond its noise (see `discontinuities`), (H, W): x along
+    columns, y along rows; own: both, as the edges tell by themselves (None: as x and y)."""
 
     x: Floats
     y: Floats

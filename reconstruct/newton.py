@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from .anchors import Samples
 from .edges import Doubt, defects, edge_weights, factor_increments
+from .gauge import AnchorRows, anchor_rows, free_constants
 from .linear import EdgeProblem, edge_problem
 from .measured import Measured
-from .pinning import AnchorRows, anchor_rows, free_constants
 from .poisson import Accuracy
 
 __all__ = ["Options", "State", "chord_step", "coarse_start", "edge_errors", "response", "solve"]
@@ -93,7 +93,7 @@ def solve(
     doubt: Doubt | None = None,
 ) -> State:
     """Iterate from w. labels: connected components of the mask from 1 on,
-    each with an anchor sample at least; doubt: of the edges' increments, see `creases`.
+    each with an anchor sample at least; doubt: of the edges' increments, see `discontinuities`.
     """
     rows = anchor_rows(samples, data, labels)
     variances = _guarded(data.variances(w), data.mask)

@@ -10,14 +10,14 @@ from scipy.ndimage import binary_dilation, minimum_filter
 from optolever.decode import Flag
 from optolever.notices import Notice
 
+from .border import extended
 from .circulation import contradiction
-from .creases import touched
-from .fringe import extended
+from .discontinuities import touched
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .newton import State
+from .path_variance import cut_off, reached_across
 from .problem import Problem
 from .uncertainty import unknown_variance
-from .ways import cut_off, reached_across
 
 __all__ = ["Spread", "height_map", "judged"]
 
@@ -26,7 +26,7 @@ Mask = NDArray[np.bool_]
 
 _MOVING = 0.05  # of the pixels: more that still move are not to blame one by one
 _AROUND = 4  # pixels: so far are heights continued into lines that were not solved
-_STEEP = 3.0  # standard deviations of the noise: where what is doubted of creases exceeds them
+_STEEP = 3.0  # standard deviations of the noise: where the doubt of discontinuities exceeds them
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,9 +7,9 @@ import pytest
 
 from optolever.decode import Correspondence
 from optolever.reconstruct import HeightFlag, reconstruct
+from optolever.reconstruct.curl import lone
 from optolever.reconstruct.edges import Doubt
-from optolever.reconstruct.outliers import lone
-from optolever.reconstruct.ways import cut_off
+from optolever.reconstruct.path_variance import cut_off
 
 
 def passage(shape: tuple[int, int]) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Creases: edges along which the slope changes too fast between pixels for any quadrature to be trusted.
+"""Discontinuities: edges along which the slope changes too fast between pixels for any quadrature.
 
 An edge's increment comes from the cubic through four slopes, two on either side. Where the surface is smooth
 on one side up to the edge, the slopes of that side alone, extrapolated (Adams-Bashforth, three pixels), give
