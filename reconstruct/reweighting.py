@@ -23,7 +23,7 @@ Pair = tuple[Floats, Floats]
 _ONE = np.ones((1, 1))
 _CAUCHY = 2.385  # deviations at which the weight is one half: 95 % efficiency under Gaussian noise
 _STEPS = 30
-_SETTLED = 1e-2  # change of the defects' scale, relative
+_SETTLED = 1e-3  # change of the defects' scale, relative
 _LEAST = 0.1  # of an edge's standard deviation: data better than announced need no steeper weights
 
 
