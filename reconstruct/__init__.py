@@ -9,7 +9,7 @@
 | `propagation.py` | what the errors of a calibrated rig do to a height map |
 | `circulation.py` | whether noise explains how the slopes contradict each other |
 | `sofast.py` | a SOFAST measurement on its rig's flat pattern |
-| `holes.py`, `fringe.py` | small holes bridged; noisy border lines left out and reached from inside |
+| `holes.py`, `border.py` | small holes bridged; noisy border lines left out and reached from inside |
 | `geometry.py`, `measured.py` | rays of the camera as arrays; a pixel grid with its measurement |
 | `equations.py` | slopes of the mirror per pixel, in closed form, and their variances |
 | `edges.py` | increments along pixel edges, weights, and the operators on them |
@@ -18,22 +18,20 @@
 | `multigrid_kernels.py` | its kernels |
 | `alternatives.py`, `reweighting.py` | sparse factorisation and marching; robust reweighting |
 | `newton.py` | Newton's method with an integrating factor, the start from a coarser grid |
-| `anchors.py`, `pinning.py` | what is known of the mirror; from there to every component's free constant |
-| `free_mode.py` | what no slope measurement sees |
-| `uncertainty.py`, `mask_variance.py` | variance of the height; what a mask adds to it |
-| `sampled.py` | the same by drawn noise, where a mask is ragged |
-| `creases.py` | edges whose increment is in doubt: cusps, ridges, rims, wrong pixels |
-| `ways.py` | what those leave on the way from the anchors, and what they cut off |
+| `anchors.py`, `gauge.py` | what is known of the mirror; from there to every component's free constant |
+| `null_space.py` | what no slope measurement sees |
+| `uncertainty.py`, `monte_carlo.py` | variance of the height: closed form of a rectangle, drawn noise |
+| `discontinuities.py` | edges whose increment is in doubt: cusps, ridges, rims, wrong pixels |
+| `path_variance.py` | what those leave on the way from the anchors, and what they cut off |
 | `correlation.py`, `rounding.py` | errors that neighbouring pixels share; those of discrete codes |
-| `strays.py`, `outliers.py` | wrong pixels: by their neighbours, by the curl of the slopes |
+| `outliers.py`, `curl.py` | wrong pixels: by their neighbours, by the curl of the slopes |
 | `integrate.py`, `integrators.py` | plain gradient fields: integrate(), its family of solvers |
 | `quadrilateral.py` | the same for pixels that lie anywhere |
 | `rectangle.py` | the same on a rectangle, at the price of its two cosine transforms |
 | `heightmap.py`, `resampling.py` | HeightMap; its regular grid, with conserved sigma |
 | `export.py`, `x3p.py` | TIFF and PLY; X3P (ISO 25178-72); only written |
 | `slope_map.py`, `curvature.py` | slopes from the normals, curvature from the slopes, with sigma |
-| `contact.py`, `contact_dent.py` | contacts: depth, area, volume, centroid; one dent's pixels |
-| `contact_edge.py` | the edge of a contact, by what elastic contact does to the slopes |
+| `contact/` | contacts: depth, area, volume, centroid, and the edge of what presses on the mirror |
 | `paper.py`, `paper_equations.py`, `paper_scene.py` | the paper's recursion, by equations and on a scene |
 """
 
@@ -41,9 +39,9 @@ from .anchors import Anchor, DistanceAnchor, EdgeAnchor, PixelAnchor, PointAncho
 from .contact import Contact, contacts
 from .coupled import method_names, reconstruct
 from .curvature import CurvatureMap, curvature_map
-from .free_mode import free_mode
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .integrate import Integral, integrate, integrator_names
+from .null_space import null_space
 from .paper import PaperGeometry, PaperResult, Profile, SeriesName, recursion, series
 from .paper_equations import (
     angle_increment,
@@ -65,6 +63,8 @@ from .resampling import Grid
 from .slope_map import SlopeMap, slope_map
 from .sofast import on_rig
 from .stream import HeightStream
+
+free_mode = null_space  # its name before
 
 __all__ = [
     "Anchor",
@@ -96,6 +96,7 @@ __all__ = [
     "integrator_names",
     "method_names",
     "mirror_position",
+    "null_space",
     "on_rig",
     "pattern_angle",
     "pattern_position",

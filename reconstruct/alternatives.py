@@ -14,7 +14,7 @@ from .edges import divergence
 from .linear import MaskedEdges, SeparableEdges
 from .poisson import Accuracy, PoissonResult
 
-__all__ = ["DirectEdges", "MarchedEdges", "march_variance", "marched"]
+__all__ = ["DirectEdges", "MarchedEdges", "marched"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -89,6 +89,8 @@ def _dissection(rows: int, cols: int) -> NDArray[np.int64]:
 class MarchedEdges(SeparableEdges):
     """Full rectangle: sums down the column whose edges weigh most, and from there along every row."""
 
+    closed = False
+
     def __init__(self, wx: Floats, wy: Floats, mask: Mask, separable: bool = True) -> None:
         if not mask.all():
             hidden = int(np.count_nonzero(~mask))
@@ -108,25 +110,3 @@ def marched(gx: Floats, gy: Floats, spine: int = 0) -> Floats:
     x -= x[:, spine : spine + 1]
     x[1:] += np.cumsum(gy[:-1, spine])[:, None]
     return x
-
-
-def march_variance(wx: Floats, wy: Floats, spine: int, pixel: NDArray[np.int64], share: Floats) -> Floats:
-    """Variance of a potential marched over edges of weights wx, wy (rows, cols), pinned by anchors of shares
-    at pixels (M,) each.
-
-    Every edge of the path adds its own 1/w; an error down the spine counts with the share of the anchors on
-    the other side of it. What the anchors' own rows add between them is left out where there are several.
-    """
-    rows, cols = wx.shape
-    along = np.zeros((rows, cols))
-    along[:, 1:] = np.cumsum(1.0 / wx[:, :-1], axis=1)
-    away: Floats = np.abs(along - along[:, spine : spine + 1])
-    step = 1.0 / wy[:-1, spine]
-    below = np.zeros(rows)
-    np.add.at(below, pixel // cols, share)
-    beyond = np.cumsum(below[::-1])[::-1][1:]  # the anchors' share after every edge of the spine
-    before = np.concatenate([[0.0], np.cumsum(step * (1.0 - beyond) ** 2)])
-    after = np.concatenate([np.cumsum((step * beyond**2)[::-1])[::-1], [0.0]])
-    start = away.ravel()[pixel] @ share**2
-    variance: Floats = away + (before + after)[:, None] + start
-    return variance

@@ -1,6 +1,6 @@
 """reconstruct(): Correspondence + Scene -> HeightMap."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.ndimage
@@ -10,17 +10,19 @@ from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.scene import Scene
 
-from .alternatives import DirectEdges, MarchedEdges, march_variance
+from .alternatives import DirectEdges, MarchedEdges
 from .anchors import Anchors
 from .calibration import rest_corrected
 from .circulation import circulation_chi2
 from .correlation import correlation_excess
-from .creases import edge_doubt, widened
-from .edges import Doubt, edge_weights
+from .curl import curl_scale, curl_score, curl_suspects, lone
+from .discontinuities import edge_doubt, widened
+from .edges import Doubt
 from .heightmap import HeightMap
 from .holes import bridged, noise_gain
+from .measured import Measured
 from .newton import Options, State, coarse_start, solve
-from .outliers import curl_scale, curl_score, curl_suspects, lone
+from .outliers import outliers
 from .paper import SeriesName
 from .paper_scene import reconstruct_paper
 from .problem import Problem, prepare, require_correspondence
@@ -28,7 +30,6 @@ from .propagation import Measurement, calibration_modes
 from .result import Spread, height_map, judged
 from .reweighting import reweighted
 from .rounding import rounding_variance
-from .strays import strays
 
 __all__ = ["doubted", "method_names", "reconstruct", "solved_height"]
 
@@ -98,7 +99,7 @@ def reconstruct(
 
 
 def _height_alone(measured: Measurement, scene: Scene) -> Floats:
-    """z (H, W) of a dense method in mm, without sigma and without a look at creases; NaN where unsolved."""
+    """z (H, W) of a dense method in mm, without sigma and a look at discontinuities; NaN: unsolved."""
     correspondence = measured.correspondence
     if measured.rest is not None:
         correspondence = rest_corrected(correspondence, measured.rest, scene)
@@ -122,7 +123,43 @@ def solved_height(
     """`reconstruct` by one of the dense methods, with what was solved and how it ended."""
     options = _METHODS[method]
     whole, problem, state, removed = _first(correspondence, scene, anchor, mask, options, start)
-    measured, suspects = whole.data, removed.copy()
+    problem, state, wrong = _without_curl(whole.data, problem, state, removed, options)
+    problem, state, noise = _at_its_noise(problem, state, wrong.scale, options)
+    blamed = wrong.suspects & ~wrong.removed
+    if method == "robust":
+        state = reweighted(problem, state, options)
+    elif method == "march":
+        state = replace(state, doubt=doubted(problem, state, noise, wrong.removed, blamed))
+    else:
+        state = _around_discontinuities(problem, state, options, noise, wrong.removed, blamed)
+    spread = _spread(problem, state, wrong.removed)
+    height = height_map(
+        problem, state, correspondence.flags, wrong.suspects, wrong.scale, method, None, spread
+    )
+    chi2, freedom = circulation_chi2(problem.data, state)
+    if spread.rounding is not None:  # errors of discrete codes are shared by neighbours
+        chi2 /= height.diagnostics.correlation
+    return problem, state, judged(height, chi2, freedom, correspondence.notices)
+
+
+@dataclass(frozen=True, slots=True)
+class _Wrong:
+    """suspects (rows, cols): pixels with a curl or without agreement with their neighbours; removed: those of
+    them that were replaced; scale: the curl's of the others, see `curl_scale`.
+    """
+
+    suspects: Mask
+    removed: Mask
+    scale: float
+
+
+def _without_curl(
+    measured: Measured, problem: Problem, state: State, removed: Mask, options: Options
+) -> tuple[Problem, State, _Wrong]:
+    """The solution without lone pixels whose slopes have a curl. measured: the data with them; removed:
+    pixels that are left out already.
+    """
+    suspects = removed.copy()
     for _ in range(_ROUNDS):
         score, scale = _curl(problem, state)
         limit = _CURL_LIMIT * max(1.0, scale) if np.isfinite(scale) else _CURL_LIMIT
@@ -131,30 +168,22 @@ def solved_height(
         removable = lone(found, problem.data) & ~removed
         if not removable.any():
             break
-        removed |= removable
+        removed = removed | removable
         problem = replace(problem, data=bridged(measured, removed))
         state = _solve(problem, state.w, options)
-    curl = scale
-    if scale > _NOISIER and not problem.data.whole_cells(problem.bridged):
-        problem = replace(problem, data=problem.data.noisier(scale), outer=problem.outer.noisier(scale))
-        state = _solve(problem, state.w, options)
-        scale = 1.0
-    if method == "robust":
-        state = reweighted(problem, state, options)
-    elif method != "march":
-        state = _around_creases(problem, state, options, scale, removed, suspects & ~removed)
-    variance = None
-    if isinstance(state.problem, MarchedEdges):
-        doubt = doubted(problem, state, scale, removed, suspects & ~removed)
-        weights = edge_weights(*state.variances, state.root, problem.data.mask, doubt)
-        variance = march_variance(*weights, state.problem.spine, state.rows.pixel, state.share)
-        variance *= state.root**4
-    spread = _spread(problem, state, removed)
-    height = height_map(problem, state, correspondence.flags, suspects, curl, method, variance, spread)
-    chi2, freedom = circulation_chi2(problem.data, state)
-    if spread.rounding is not None:  # errors of discrete codes are shared by neighbours
-        chi2 /= height.diagnostics.correlation
-    return problem, state, judged(height, chi2, freedom, correspondence.notices)
+    return problem, state, _Wrong(suspects, removed, scale)
+
+
+def _at_its_noise(
+    problem: Problem, state: State, scale: float, options: Options
+) -> tuple[Problem, State, float]:
+    """The same with sigma as large as the curl's scale says, and the scale that is left; not where rounding
+    makes the curl.
+    """
+    if not scale > _NOISIER or problem.data.whole_cells(problem.bridged):
+        return problem, state, scale
+    problem = replace(problem, data=problem.data.noisier(scale), outer=problem.outer.noisier(scale))
+    return problem, _solve(problem, state.w, options), 1.0
 
 
 def _first(
@@ -165,13 +194,13 @@ def _first(
     options: Options,
     start: HeightMap | None,
 ) -> tuple[Problem, Problem, State, Mask]:
-    """The problem, the same without strays, its solution, and what was removed. Pixels that cannot be solved
-    are left out first; where the mirror turns out to be elsewhere than at rest, once more.
+    """The problem, the same without outliers, its solution, and what was removed. Pixels that cannot be
+    solved are left out first; where the mirror turns out to be elsewhere than at rest, once more.
     """
     singular = np.zeros(correspondence.u.shape, dtype=np.bool_)
     for _ in range(_ATTEMPTS):
         whole = prepare(correspondence, scene, anchor, mask, singular, not options.newton)
-        removed = strays(whole.data, ~whole.bridged)
+        removed = outliers(whole.data, ~whole.bridged)
         problem = replace(whole, data=bridged(whole.data, removed))
         first = _warm(problem, start) if start is not None else None
         if first is None:
@@ -201,7 +230,7 @@ def _solve(problem: Problem, first: Floats, options: Options) -> State:
     return solve(problem.data, problem.samples, problem.labels, first, options)
 
 
-def _around_creases(
+def _around_discontinuities(
     problem: Problem, state: State, options: Options, noise: float, removed: Mask, blamed: Mask
 ) -> State:
     """The solution with doubtful edges held in doubt, if there are any. noise: the curl's scale; removed:

@@ -17,25 +17,31 @@ from optolever.blocks import over_image
 from optolever.kernels import exact, inlined
 
 __all__ = [
+    "AT_END",
     "Doubt",
     "apply_laplacian",
+    "cubic_at_end",
+    "cubic_inside",
     "curl",
     "defects",
     "divergence",
     "edge_weights",
     "factor_increments",
     "increments",
+    "stencil",
 ]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+AT_END = (9.0 / 24.0, 19.0 / 24.0, -5.0 / 24.0, 1.0 / 24.0)  # the cubic's increment over its first edge
+
 _NONE = np.zeros((1, 1))
 
 
 class Doubt(NamedTuple):
-    """What every edge's increment may be off by beyond its noise (see `creases`), (H, W): x along columns, y
-    along rows; own: both, as the edges tell by themselves (None: as x and y)."""
+    """What every edge's increment may be off by beyond its noise (see `discontinuities`), (H, W): x along
+    columns, y along rows; own: both, as the edges tell by themselves (None: as x and y)."""
 
     x: Floats
     y: Floats
@@ -120,7 +126,19 @@ def curl(p: Floats, q: Floats, mask: Mask) -> Floats:
 
 
 @inlined
-def _stencil(f, mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-def]
+def cubic_inside(before, g0, g1, after):  # type: ignore[no-untyped-def]
+    """Increment from g0 to g1 of the cubic through four slopes in a row."""
+    return (13.0 * (g0 + g1) - before - after) / 24.0
+
+
+@inlined
+def cubic_at_end(g0, g1, g2, g3):  # type: ignore[no-untyped-def]
+    """Increment from g0 to g1 likewise, see AT_END."""
+    return (9.0 * g0 + 19.0 * g1 - 5.0 * g2 + g3) / 24.0
+
+
+@inlined
+def stencil(f, mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-def]
     """Increment from (i, j) to (i + di, j + dj); before/after:
     how many pixels the image has on either side.
     """
@@ -128,11 +146,11 @@ def _stencil(f, mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-d
     back = before >= 1 and mask[i - di, j - dj]
     ahead = after >= 2 and mask[i + 2 * di, j + 2 * dj]
     if back and ahead:
-        return (13.0 * (g0 + g1) - f[i - di, j - dj] - f[i + 2 * di, j + 2 * dj]) / 24.0
+        return cubic_inside(f[i - di, j - dj], g0, g1, f[i + 2 * di, j + 2 * dj])
     if ahead and after >= 3 and mask[i + 3 * di, j + 3 * dj]:
-        return (9.0 * g0 + 19.0 * g1 - 5.0 * f[i + 2 * di, j + 2 * dj] + f[i + 3 * di, j + 3 * dj]) / 24.0
+        return cubic_at_end(g0, g1, f[i + 2 * di, j + 2 * dj], f[i + 3 * di, j + 3 * dj])
     if back and before >= 2 and mask[i - 2 * di, j - 2 * dj]:
-        return (9.0 * g1 + 19.0 * g0 - 5.0 * f[i - di, j - dj] + f[i - 2 * di, j - 2 * dj]) / 24.0
+        return cubic_at_end(g1, g0, f[i - di, j - dj], f[i - 2 * di, j - 2 * dj])
     return 0.5 * (g0 + g1)
 
 
@@ -148,24 +166,24 @@ def _defects(p, q, w, root, mask, whole, gx, gy, start, stop):  # type: ignore[n
         if inner:  # the common case, without a look at the mask
             row, q0, q1, q2, q3 = p[i], q[i - 1], q[i], q[i + 1], q[i + 2]
             for j in range(1, cols - 2):
-                rise = (13.0 * (row[j] + row[j + 1]) - row[j - 1] - row[j + 2]) / 24.0
+                rise = cubic_inside(row[j - 1], row[j], row[j + 1], row[j + 2])
                 out_x[j] = (rise - (w0[j + 1] - w0[j])) / (r0[j] * r0[j + 1])
             for j in range(cols):
-                rise = (13.0 * (q1[j] + q2[j]) - q0[j] - q3[j]) / 24.0
+                rise = cubic_inside(q0[j], q1[j], q2[j], q3[j])
                 out_y[j] = (rise - (w1[j] - w0[j])) / (r0[j] * r1[j])
         for j in range(cols):
             if inner and 1 <= j < cols - 2:
                 continue
             out_x[j] = 0.0
             if j + 1 < cols and mask[i, j] and mask[i, j + 1]:
-                rise = _stencil(p, mask, i, j, 0, 1, j, cols - 1 - j)
+                rise = stencil(p, mask, i, j, 0, 1, j, cols - 1 - j)
                 out_x[j] = (rise - (w0[j + 1] - w0[j])) / (r0[j] * r0[j + 1])
         if inner:
             continue
         for j in range(cols):
             out_y[j] = 0.0
             if i + 1 < rows and mask[i, j] and mask[i + 1, j]:
-                rise = _stencil(q, mask, i, j, 1, 0, i, rows - 1 - i)
+                rise = stencil(q, mask, i, j, 1, 0, i, rows - 1 - i)
                 out_y[j] = (rise - (w1[j] - w0[j])) / (r0[j] * r1[j])
 
 

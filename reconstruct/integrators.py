@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from .alternatives import DirectEdges, marched
 from .linear import MaskedEdges, SeparableEdges
 from .poisson import Accuracy
+from .reweighting import cauchy, scaled_median
 
 __all__ = ["SOLVERS", "Field", "defect"]
 
@@ -17,9 +18,6 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _ACCURACY = Accuracy(relative=1e-12)
-_CAUCHY = 2.385  # deviations at which a defect's weight is one half: 95 % efficiency under Gaussian noise
-_ROBUST_STEPS = 30
-_ROBUST_CHANGE = 1e-3  # of the defects' scale: where reweighting stops
 _NEGLIGIBLE = 0.1  # energy of a solve's error: what no height is off by, in its own standard deviations
 _PATIENCE = 50  # conjugate gradients that cost a factorisation; steeper weights still make it many more
 _FACTORISED = 1 << 20  # pixels: 1 GB of factors
@@ -73,36 +71,28 @@ def _direct(f: Field) -> _Solution:
 
 
 def _robust(f: Field) -> _Solution:
-    """Iteratively reweighted least squares with Cauchy weights 1 / (1 + (r / (2.385 s))^2) on the edge
-    defects.
+    """Cauchy weights on the edge defects, see `reweighting`."""
+    floor = _ROUNDING * scaled_median((f.gx, f.gy), (f.wx, f.wy))
+    z, iterations, factorise = np.zeros(f.mask.shape), 0, False
+    left, scale = (f.wx, f.wy), 0.0
 
-    s: scaled median absolute defect over the edges' own standard deviations. doi:10.1080/03610927708827533
-    """
-    floor = _ROUNDING * _scale(f, f.gx, f.gy)
-    wx, wy, s, iterations = f.wx, f.wy, 0.0, 0
-    z = np.zeros(f.mask.shape)
-    factorise = False
-    for _ in range(_ROBUST_STEPS):
-        accuracy = Accuracy(energy=_NEGLIGIBLE * s, relative=1e-10)
+    def step(doubts: tuple[Floats, Floats] | None) -> tuple[Floats, Floats]:
+        nonlocal z, iterations, factorise, left, scale
+        if doubts is not None:
+            left = f.wx / (1.0 + f.wx * doubts[0] ** 2), f.wy / (1.0 + f.wy * doubts[1] ** 2)
+        accuracy = Accuracy(energy=_NEGLIGIBLE * scale, relative=1e-10)
         if not factorise:
-            result = MaskedEdges(wx, wy, f.mask).solve(f.gx, f.gy, accuracy, z, _PATIENCE)
+            result = MaskedEdges(*left, f.mask).solve(f.gx, f.gy, accuracy, z, _PATIENCE)
             factorise = result.iterations == _PATIENCE and int(f.mask.sum()) <= _FACTORISED
             z, iterations = result.x, iterations + result.iterations
         if factorise:
-            z, iterations = DirectEdges(wx, wy, f.mask).solve(f.gx, f.gy, accuracy).x, iterations + 1
-        rx, ry = _residuals(f, z)
-        before, s = s, max(_scale(f, rx, ry), floor)
-        if s == floor or abs(before - s) <= _ROBUST_CHANGE * s:
-            break
-        wx, wy = (w / (1.0 + w * (r / (_CAUCHY * s)) ** 2) for w, r in ((f.wx, rx), (f.wy, ry)))
-    return z, iterations, (wx, wy)
+            z, iterations = DirectEdges(*left, f.mask).solve(f.gx, f.gy, accuracy).x, iterations + 1
+        residuals = _residuals(f, z)
+        scale = scaled_median(residuals, (f.wx, f.wy))
+        return residuals
 
-
-def _scale(f: Field, rx: Floats, ry: Floats) -> float:
-    """Scaled median of absolute edge values over the edges' own standard deviations."""
-    pairs = ((rx, f.wx), (ry, f.wy))
-    scaled = np.concatenate([np.abs(r[w > 0]) * np.sqrt(w[w > 0]) for r, w in pairs])
-    return 1.4826 * float(np.median(scaled)) if scaled.size else 0.0
+    cauchy(step, (f.wx, f.wy), floor)
+    return z, iterations, left
 
 
 def _march(f: Field) -> _Solution:

@@ -32,6 +32,10 @@ class EdgeProblem(Protocol):
     def weights(self) -> tuple[Floats, Floats] | None:
         """The edges' weights (rows, cols), None where the columns' say it all."""
 
+    @property
+    def closed(self) -> bool:
+        """Whether the solution's variance has a closed form: least squares, on the columns' weights alone."""
+
     def solve(self, gx: Floats, gy: Floats, accuracy: Accuracy, start: Floats | None = None) -> PoissonResult:
         """Potential up to a constant per component; iterations begin at start and stop at the accuracy."""
 
@@ -43,6 +47,7 @@ class SeparableEdges:
     """Full rectangle, weights by columns: exact."""
 
     weights = None
+    closed = True
 
     def __init__(self, wx: Floats, wy: Floats) -> None:
         self._wx = _mean_profile(wx)[None, :]
@@ -64,6 +69,8 @@ class SeparableEdges:
 
 class MaskedEdges:
     """Any mask, any weights: conjugate gradients."""
+
+    closed = False
 
     def __init__(self, wx: Floats, wy: Floats, mask: Mask) -> None:
         self._wx, self._wy = wx, wy

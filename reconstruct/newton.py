@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from .anchors import Samples
 from .edges import Doubt, defects, edge_weights, factor_increments
+from .gauge import AnchorRows, anchor_rows, free_constants
 from .linear import EdgeProblem, edge_problem
 from .measured import Measured
-from .pinning import AnchorRows, anchor_rows, free_constants
 from .poisson import Accuracy
 
-__all__ = ["Options", "State", "chord_step", "coarse_start", "response", "solve"]
+__all__ = ["Options", "State", "chord_step", "coarse_start", "edge_errors", "response", "solve"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -93,7 +93,7 @@ def solve(
     doubt: Doubt | None = None,
 ) -> State:
     """Iterate from w. labels: connected components of the mask from 1 on,
-    each with an anchor sample at least; doubt: of the edges' increments, see `creases`.
+    each with an anchor sample at least; doubt: of the edges' increments, see `discontinuities`.
     """
     rows = anchor_rows(samples, data, labels)
     variances = _guarded(data.variances(w), data.mask)
@@ -168,25 +168,31 @@ def chord_step(data: Measured, labels: Labels, state: State) -> State:
     return replace(state, w=state.w + change, steps=(size,), iterations=step.iterations)
 
 
+def edge_errors(
+    data: Measured, state: State, slopes: tuple[Floats, Floats], doubts: tuple[Floats, Floats] | None = None
+) -> tuple[Floats, Floats]:
+    """What errors of the slopes, and of single edges' increments, are in units of the integrating factor."""
+    gx, gy = defects(*slopes, _ZERO, state.root, data.mask)
+    if doubts is not None:
+        root = np.broadcast_to(state.root, gx.shape)
+        gx[:, :-1] += doubts[0][:, :-1] / (root[:, :-1] * root[:, 1:])
+        gy[:-1] += doubts[1][:-1] / (root[:-1] * root[1:])
+    return gx, gy
+
+
 def response(
-    data: Measured,
     labels: Labels,
     state: State,
+    edges: tuple[Floats, Floats],
     slopes: tuple[Floats, Floats],
-    edges: tuple[Floats, Floats] | None,
     anchors: Floats,
 ) -> Floats:
-    """What errors of the slopes, of single edges' increments and of the anchors' known values (M,) do to the
-    solution, first order.
+    """What errors of the edges (see `edge_errors`), of the slopes behind them and of the anchors' known
+    values (M,) do to the solution, first order.
     """
-    gx, gy = defects(*slopes, _ZERO, state.root, data.mask)
-    if edges is not None:
-        root = np.broadcast_to(state.root, gx.shape)
-        gx[:, :-1] += edges[0][:, :-1] / (root[:, :-1] * root[:, 1:])
-        gy[:-1] += edges[1][:-1] / (root[:-1] * root[1:])
-    step = state.problem.solve(gx, gy, Accuracy(relative=_RESPONSE))
+    step = state.problem.solve(*edges, Accuracy(relative=_RESPONSE))
     rows = replace(state.rows, known=anchors)
-    return _anchored(step.x, state.root, labels, rows, np.zeros(gx.shape), slopes, state.variances)[0]
+    return _anchored(step.x, state.root, labels, rows, np.zeros(state.w.shape), slopes, state.variances)[0]
 
 
 def _anchored(

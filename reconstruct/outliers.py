@@ -1,129 +1,121 @@
-"""Curl of the slopes around four pixels: zero for any surface,
-so that what exceeds the noise is wrong data.
+"""Outliers: measurements that agree with no continuation of their neighbours.
+
+A pixel of a mirror continues the coordinates on one side of it at least, also beside a crease, a rim or a
+hole: three pixels of its row or column, extrapolated, or the cubic through two on either side. One that
+misses all of these by many times its noise is wrong. Where gaps leave no such continuation, the plane through
+the pixels around takes their place. Only large errors show in this way; what is left shows in the curl of the
+slopes (see `curl`).
 """
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .edges import curl
+from optolever.blocks import over_image
+from optolever.kernels import exact
+
 from .measured import Measured
 
-__all__ = ["curl_scale", "curl_score", "curl_suspects", "lone"]
+__all__ = ["outliers"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_CALM = 0.3  # quantile of the pixels around that other wrong pixels nearby leave alone
-_STANDS_OUT = 30.0  # times that quantile
+_LIMIT = 6.0  # standard deviations of the nearest continuation's own noise
+_FEWEST = 3  # continuations: fewer of them prove nothing
+_LEAST = 0.02  # pattern pixels: what a curve may be off by from its continuation
+_STANDS_OUT = 5.0  # times what most of the eight neighbours miss theirs by: finer data is curved everywhere
+_ROWS, _COLS = np.array([0, 0, 0, 1, 1, 2, 2, 2]), np.array([0, 1, 2, 0, 2, 0, 1, 2])
+_AROUND, _ENOUGH = 2, 8  # pixels: reach of the plane, and how many it takes
+_CURVED = 3.0  # times what the plane misses the others by
+_NOISE_CENTRE, _NOISE_SIDE = 1.30, 4.47  # of the difference to a continuation, per pixel's sigma
 
 
-def curl_score(p: Floats, q: Floats, var_p: Floats, var_q: Floats, mask: Mask) -> Floats:
-    """Curl of the square (i, j) .. (i + 1, j + 1) over its standard deviation, (H, W);
-    NaN where a corner is masked.
+def outliers(data: Measured, seen: Mask | None = None) -> Mask:
+    """Pixels of the mask whose u or v agrees with no neighbours, (rows, cols). seen: the mask without what
+    was interpolated.
     """
-    total = var_p + var_q
-    around = np.full(total.shape, np.nan)
-    around[:-1, :-1] = 0.25 * (total[:-1, :-1] + total[1:, :-1] + total[:-1, 1:] + total[1:, 1:])
-    score: Floats = curl(p, q, mask) / np.sqrt(around)
-    return score
+    mask = data.mask if seen is None else np.ascontiguousarray(data.mask & seen)
+    found = np.zeros(mask.shape, dtype=np.bool_)
+    for field, sigma in ((data.u, data.sigma_u), (data.v, data.sigma_v)):
+        missed = _missed(field, mask)
+        at = np.argwhere(missed > np.maximum(_LIMIT * sigma, _LEAST))
+        if at.size:
+            row, col = at.T
+            near = row[:, None] + _ROWS, col[:, None] + _COLS
+            around = np.where(np.pad(mask, 1)[near], np.pad(missed, 1)[near], np.nan)
+            around[np.isnan(around).all(axis=1)] = 0.0
+            alone = missed[row, col] > _STANDS_OUT * np.nanmedian(around, axis=1)
+            found[row[alone], col[alone]] = True
+    return found
 
 
-def curl_scale(score: Floats) -> float:
-    """Robust standard deviation of the score (1 for noise as announced), from at most a million squares."""
-    sample = np.abs(score[:: max(1, score.shape[0] // 512)])
-    sample = sample[np.isfinite(sample)]
-    return 1.4826 * float(np.median(sample)) if sample.size else float("nan")
-
-
-def curl_suspects(score: Floats, limit: float, cleared: Mask) -> Mask:
-    """Pixels to which the large curls point, (H, W).
-
-    An outlier spoils the four squares around it, its neighbours share two of them or one; so a pixel is
-    suspected if the sum of the squares' evidence is over limit^2 and largest among its neighbours. Removed
-    suspects clear their squares, and what remains is looked at again. cleared (H, W): pixels that have been
-    replaced and cannot be to blame.
-    """
-    evidence = np.square(np.nan_to_num(score, nan=0.0, posinf=1e150, neginf=-1e150))
-    evidence = np.minimum(evidence, 1e12)
-    # On a border a pixel has two squares: as much evidence in these as an inner pixel has in four.
-    share = 4.0 / np.maximum(_around(np.isfinite(score).astype(np.float64)), 1.0)
-    suspects = np.zeros(score.shape, dtype=np.bool_)
-    for _ in range(8):
-        if not (evidence > limit**2).any():
-            break
-        total = np.where(cleared, 0.0, _around(evidence) * share)
-        largest = total.copy()
-        padded = np.pad(total, 1)
-        for dr in range(3):
-            for dc in range(3):
-                np.maximum(largest, padded[dr : dr + total.shape[0], dc : dc + total.shape[1]], out=largest)
-        found = (total > limit**2) & (total >= largest)
-        suspects |= found
-        evidence[_touched(found)] = 0.0
-    return suspects
-
-
-def lone(suspects: Mask, data: Measured) -> Mask:
-    """Suspects that are out of line with smooth surroundings: wrong pixels, not a cusp, a crease or a fold,
-    (H, W).
-
-    Measured by what a cubic through the neighbours misses, over sigma: many times the calmer third of the 5 x
-    5 pixels around. A feature of the surface is missed by as much all along.
-    """
-    single = np.zeros_like(suspects)
-    at = np.argwhere(suspects)
-    if at.size:
-        rough = np.maximum(_missed(data.u, data.sigma_u, at), _missed(data.v, data.sigma_v, at))
-        around = rough.reshape(len(at), -1)
-        around[np.isnan(around).all(axis=1)] = 0.0
-        with np.errstate(invalid="ignore"):
-            stands_out = around[:, around.shape[1] // 2] > _STANDS_OUT * np.nanquantile(around, _CALM, axis=1)
-        single[tuple(at[stands_out].T)] = True
-    return single
-
-
-def _missed(field: Floats, sigma: Floats, at: NDArray[np.intp]) -> Floats:
-    """|value - cubic through its neighbours| / sigma in the 5 x 5 pixels around each place, (M, 5, 5).
-
-    The mean of the predictions along the row and along the column, or the one that the image's border leaves.
-    """
-    reach = np.arange(-4, 5)
-    rows, cols = at[:, 0, None, None] + reach[:, None], at[:, 1, None, None] + reach
-    inside = (rows >= 0) & (rows < field.shape[0]) & (cols >= 0) & (cols < field.shape[1])
-    rows, cols = np.clip(rows, 0, field.shape[0] - 1), np.clip(cols, 0, field.shape[1] - 1)
-    patch = np.where(inside, field[rows, cols], np.nan)
-    middle = slice(2, 7)
-    along, across = (_cubic(turned)[:, middle] for turned in (patch.transpose(0, 2, 1), patch))
-    along = along.transpose(0, 2, 1)[:, middle]
-    across = across[:, :, middle]
-    one = np.where(np.isnan(along), across, along)
-    other = np.where(np.isnan(across), along, across)
-    missed: Floats = np.abs(patch[:, middle, middle] - 0.5 * (one + other))
-    missed /= sigma[rows, cols][:, middle, middle]
+def _missed(field: Floats, mask: Mask) -> Floats:
+    """Distance to the nearest continuation over that one's noise for a sigma of one."""
+    missed = np.zeros(field.shape)
+    over_image(lambda start, stop: _nearest(field, mask, missed, start, stop), field.shape)
     return missed
 
 
-def _cubic(patch: Floats) -> Floats:
-    """Prediction of rows 2 .. -3 from the two rows on either side (M, n, n); NaN in the others."""
-    out = np.full(patch.shape, np.nan)
-    near, far = patch[:, 1:-3] + patch[:, 3:-1], patch[:, :-4] + patch[:, 4:]
-    out[:, 2:-2] = (4.0 * near - far) / 6.0
-    return out
+@exact
+def _nearest(f, mask, missed, start, stop):  # type: ignore[no-untyped-def]
+    rows, cols = f.shape
+    for i in range(start, stop):
+        for j in range(cols):
+            if not mask[i, j]:
+                continue
+            count = 0
+            nearest = np.inf
+            for axis in range(2):
+                di, dj = (0, 1) if axis == 0 else (1, 0)
+                sides = 0
+                near, far = 0.0, 0.0
+                for sign in (-1, 1):
+                    values = 0
+                    guess = 0.0
+                    weight = 3.0
+                    for k in range(1, 4):
+                        a, b = i + k * sign * di, j + k * sign * dj
+                        if not (0 <= a < rows and 0 <= b < cols and mask[a, b]):
+                            break
+                        values += 1
+                        guess += weight * f[a, b]
+                        weight = -3.0 if k == 1 else 1.0
+                        if k == 1:
+                            near += f[a, b]
+                        elif k == 2:
+                            far += f[a, b]
+                    if values == 3:
+                        count += 1
+                        nearest = min(nearest, abs(f[i, j] - guess) / _NOISE_SIDE)
+                    sides += values >= 2
+                if sides == 2:
+                    count += 1
+                    nearest = min(nearest, abs(f[i, j] - (4.0 * near - far) / 6.0) / _NOISE_CENTRE)
+            missed[i, j] = nearest if count >= _FEWEST else _off_plane(f, mask, i, j)
 
 
-def _around(evidence: Floats) -> Floats:
-    """Sum over the four squares that hold a pixel."""
-    total = evidence.copy()
-    total[1:] += evidence[:-1]
-    total[:, 1:] += evidence[:, :-1]
-    total[1:, 1:] += evidence[:-1, :-1]
-    return total
-
-
-def _touched(pixels: Mask) -> Mask:
-    """Squares that hold one of the pixels."""
-    squares = pixels.copy()
-    squares[:-1] |= pixels[1:]
-    squares[:, :-1] |= pixels[:, 1:]
-    squares[:-1, :-1] |= pixels[1:, 1:]
-    return squares
+@exact
+def _off_plane(f, mask, i, j):  # type: ignore[no-untyped-def]
+    """What a pixel misses the plane through the pixels around by, beyond what these miss it by; 0 if they are
+    too few.
+    """
+    rows, cols = f.shape
+    moments, right = np.zeros((3, 3)), np.zeros(3)
+    count, squares = 0, 0.0
+    for a in range(max(0, i - _AROUND), min(rows, i + _AROUND + 1)):
+        for b in range(max(0, j - _AROUND), min(cols, j + _AROUND + 1)):
+            if mask[a, b] and not (a == i and b == j):
+                rise, at = f[a, b] - f[i, j], (1.0, float(a - i), float(b - j))
+                count += 1
+                squares += rise * rise
+                for m in range(3):
+                    right[m] += at[m] * rise
+                    for n in range(3):
+                        moments[m, n] += at[m] * at[n]
+    if count < _ENOUGH or abs(np.linalg.det(moments)) < 1.0:
+        return 0.0
+    plane = np.linalg.solve(moments, right)
+    left = max(0.0, squares - float((plane * right).sum()))
+    return max(0.0, abs(plane[0]) - _CURVED * math.sqrt(left / (count - 3)))

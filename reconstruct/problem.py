@@ -12,11 +12,11 @@ from optolever.errors import InputError
 from optolever.scene import Pattern, Scene
 
 from .anchors import EDGE_REACH, Anchors, Samples, anchor_samples
-from .fringe import core_windows, solid_window
+from .border import core_windows, solid_window
+from .gauge import anchor_rows
 from .geometry import RayField, pattern_plane, ray_field
 from .holes import bridged, small_holes
 from .measured import Measured
-from .pinning import anchor_rows
 
 __all__ = ["Problem", "prepare", "require_correspondence"]
 
@@ -39,7 +39,7 @@ class Problem:
 
     rays, valid: of the whole image (H, W); rows, cols: the window that holds valid pixels; turned: the
     window's rows and columns are exchanged, so that the slopes' variances go by columns; outer: that grid,
-    core: the part of it without noisy border lines (see `fringe`), to which data and samples belong; labels:
+    core: the part of it without noisy border lines (see `border`), to which data and samples belong; labels:
     its anchored components from 1 on; bridged: pixels of small holes, interpolated; lost: valid pixels
     without an anchor; singular: valid pixels of the core that cannot be
     solved (see `Measured.singular`).

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from optolever.blocks import over_rows, threads
 from optolever.kernels import exact, inlined
 
+from .edges import cubic_at_end, cubic_inside
+
 __all__ = ["rectangle"]
 
 Floats = NDArray[np.float64]
@@ -43,29 +45,17 @@ def _eigenvalues(count: int) -> Floats:
 
 
 @inlined
-def _row_increment(f, i, j, cubic):  # type: ignore[no-untyped-def]
-    """From (i, j) to (i, j + 1)."""
-    n = f.shape[1]
+def _increment(f, i, j, di, dj, cubic):  # type: ignore[no-untyped-def]
+    """From (i, j) to (i + di, j + dj)."""
+    k, n = (i, f.shape[0]) if di == 1 else (j, f.shape[1])
+    g0, g1 = f[i, j], f[i + di, j + dj]
     if not cubic or n < 4:
-        return 0.5 * (f[i, j] + f[i, j + 1])
-    if j == 0:
-        return (9.0 * f[i, 0] + 19.0 * f[i, 1] - 5.0 * f[i, 2] + f[i, 3]) / 24.0
-    if j == n - 2:
-        return (9.0 * f[i, n - 1] + 19.0 * f[i, n - 2] - 5.0 * f[i, n - 3] + f[i, n - 4]) / 24.0
-    return (13.0 * (f[i, j] + f[i, j + 1]) - f[i, j - 1] - f[i, j + 2]) / 24.0
-
-
-@inlined
-def _col_increment(f, i, j, cubic):  # type: ignore[no-untyped-def]
-    """From (i, j) to (i + 1, j)."""
-    n = f.shape[0]
-    if not cubic or n < 4:
-        return 0.5 * (f[i, j] + f[i + 1, j])
-    if i == 0:
-        return (9.0 * f[0, j] + 19.0 * f[1, j] - 5.0 * f[2, j] + f[3, j]) / 24.0
-    if i == n - 2:
-        return (9.0 * f[n - 1, j] + 19.0 * f[n - 2, j] - 5.0 * f[n - 3, j] + f[n - 4, j]) / 24.0
-    return (13.0 * (f[i, j] + f[i + 1, j]) - f[i - 1, j] - f[i + 2, j]) / 24.0
+        return 0.5 * (g0 + g1)
+    if k == 0:
+        return cubic_at_end(g0, g1, f[i + 2 * di, j + 2 * dj], f[i + 3 * di, j + 3 * dj])
+    if k == n - 2:
+        return cubic_at_end(g1, g0, f[i - di, j - dj], f[i - 2 * di, j - 2 * dj])
+    return cubic_inside(f[i - di, j - dj], g0, g1, f[i + 2 * di, j + 2 * dj])
 
 
 @exact
@@ -74,16 +64,16 @@ def _divergence(p, q, cubic, rhs, start, stop):  # type: ignore[no-untyped-def]
     for i in range(start, stop):
         before = 0.0
         for j in range(cols - 1):
-            after = _row_increment(p, i, j, cubic)
+            after = _increment(p, i, j, 0, 1, cubic)
             rhs[i, j] = before - after
             before = after
         rhs[i, cols - 1] = before
         if i > 0:
             for j in range(cols):
-                rhs[i, j] += _col_increment(q, i - 1, j, cubic)
+                rhs[i, j] += _increment(q, i - 1, j, 1, 0, cubic)
         if i < rows - 1:
             for j in range(cols):
-                rhs[i, j] -= _col_increment(q, i, j, cubic)
+                rhs[i, j] -= _increment(q, i, j, 1, 0, cubic)
 
 
 @exact
@@ -102,8 +92,8 @@ def _defects(p, q, z, cubic, left, start, stop):  # type: ignore[no-untyped-def]
     for i in range(start, stop):
         total = 0.0
         for j in range(cols - 1):
-            total += (_row_increment(p, i, j, cubic) - z[i, j + 1] + z[i, j]) ** 2
+            total += (_increment(p, i, j, 0, 1, cubic) - z[i, j + 1] + z[i, j]) ** 2
         if i < rows - 1:
             for j in range(cols):
-                total += (_col_increment(q, i, j, cubic) - z[i + 1, j] + z[i, j]) ** 2
+                total += (_increment(q, i, j, 1, 0, cubic) - z[i + 1, j] + z[i, j]) ** 2
         left[i] = total

@@ -10,25 +10,23 @@ from scipy.ndimage import binary_dilation, minimum_filter
 from optolever.decode import Flag
 from optolever.notices import Notice
 
+from .border import extended
 from .circulation import contradiction
-from .creases import touched
-from .edges import Doubt
-from .fringe import extended
+from .discontinuities import touched
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .newton import State
+from .path_variance import cut_off, reached_across
 from .problem import Problem
 from .uncertainty import unknown_variance
-from .ways import cut_off, reached_across
 
 __all__ = ["Spread", "height_map", "judged"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_FEW = 0.01  # of the edges
 _MOVING = 0.05  # of the pixels: more that still move are not to blame one by one
 _AROUND = 4  # pixels: so far are heights continued into lines that were not solved
-_STEEP = 3.0  # standard deviations of the noise: where what is doubted of creases exceeds them
+_STEEP = 3.0  # standard deviations of the noise: where the doubt of discontinuities exceeds them
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +69,7 @@ def height_map(
     data, doubt = problem.data, state.doubt
     outer = problem.outer.overlaid(problem.core, data)
     if variance is None:
-        variance = unknown_variance(data, state, problem.labels, _detours(doubt, data.mask))
+        variance = unknown_variance(data, state, problem.labels)
     variance, correlation = (spread or Spread()).applied(variance, data.mask)
     steep = np.zeros(outer.mask.shape, dtype=np.bool_)
     if doubt is not None:
@@ -141,9 +139,3 @@ def _unsettled(problem: Problem, state: State) -> Mask:
     core = np.zeros(problem.outer.mask.shape, dtype=np.bool_)
     core[problem.core] = moving
     return problem.to_image(binary_dilation(core, iterations=_AROUND), False)
-
-
-def _detours(doubt: Doubt | None, mask: Mask) -> bool:
-    """Whether paths are blocked: by a mask, or by doubts that are more than a few."""
-    share = 0.0 if doubt is None else np.count_nonzero(doubt[0]) / mask.size
-    return doubt is None or not bool(mask.all()) or share > _FEW

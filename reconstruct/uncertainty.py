@@ -17,144 +17,42 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-import scipy.ndimage
 from numpy.typing import NDArray
 
-from .mask_variance import mask_excess
 from .measured import Measured
+from .monte_carlo import monte_carlo_variance
 from .newton import State
 from .poisson import ColumnPoisson
-from .sampled import settled
 
 __all__ = ["averaging_gain", "edge_diagonal", "unknown_variance"]
 
 Floats = NDArray[np.float64]
 Labels = NDArray[np.int32]
-Mask = NDArray[np.bool_]
 
-_LARGE = 0.01  # of the image: smaller components are taken as parts of an unbroken rectangle
-_PASSAGE = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))  # fits into no passage of one or two pixels
-_SPECK = 64  # pixels: components that are a path to their anchor
-_RAGGED = 0.1  # of the pixels without one of their neighbours: more of them, and blocks are no conductors
 _FLOOR = 0.02  # of a slope's variance: the least that a height next to an exact anchor is given
 
 
-def unknown_variance(data: Measured, state: State, labels: Labels, broken: bool = True) -> Floats:
-    """Variance of w in every pixel, (rows, cols).
-
-    broken: whether the mask or many light edges make detours; otherwise as if there were none.
-    Exact for weights by columns on a rectangle without holes; a mask adds what `mask_variance` finds, and
-    where it leaves mostly pixels without one of their neighbours, or parts that only a few pixels join, drawn
-    noise has the last word.
+def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
+    """Variance of w in every pixel, (rows, cols): the closed form of a least-squares solve with weights by
+    columns on a rectangle without holes; for others drawn noise (see `monte_carlo`).
     """
-    factor = np.broadcast_to(state.root**2, state.w.shape)
-    square = factor**2
-    alone = _alone(labels)
-    # what is averaged is no noisier than its neighbours
-    least = cv2.erode(averaging_gain(*state.variances), cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)))
-    gain = np.where(alone, 0.0, least)
-    own = _anchor_variance(state, factor, gain)
-    lean = state.share * state.bend / factor.ravel()[state.rows.pixel]
-    variance = _of_components(state, labels, broken, own, lean, square)
-    alone &= labels > 0
-    if broken and state.problem.weights is not None and alone.any():
-        variance[alone] += _hanging(*state.problem.weights, state.problem.columns)[alone]
-    variance *= square
-    variance -= gain
-    variance = np.maximum(variance, _FLOOR * state.variances[0])
-    ragged = np.count_nonzero(alone) > _RAGGED * np.count_nonzero(labels)
-    if ragged or (broken and _narrow(labels > 0)):
-        variance = settled(data, state, labels, variance)
-    return variance
-
-
-def _narrow(inside: Mask) -> bool:
-    """Whether large parts of a mask are joined by passages of few pixels, which no block shows."""
-    parts = [_large_parts(inside), _large_parts(cv2.erode(inside.astype(np.uint8), _PASSAGE) > 0)]
-    return parts[1] > parts[0]
-
-
-def _large_parts(inside: Mask) -> int:
-    areas = cv2.connectedComponentsWithStats(inside.astype(np.uint8), connectivity=4)[2][1:, cv2.CC_STAT_AREA]
-    return int(np.count_nonzero(areas > _LARGE * inside.size))
-
-
-def _of_components(
-    state: State, labels: Labels, broken: bool, own: Floats, lean: Floats, square: Floats
-) -> Floats:
-    """Variance of the potential, component by component; own: of its anchors; lean: what they share."""
-    columns = state.problem.columns
-    variance = edge_diagonal(columns)
-    sizes = np.bincount(labels.ravel())
-    boxes = scipy.ndimage.find_objects(labels)
-    for label in np.unique(state.rows.component):
-        pick = state.rows.component == label
-        known = float(own[pick].sum() + lean[pick].sum() ** 2)
-        if sizes[label] <= _SPECK:
-            box = boxes[label - 1]
-            assert box is not None
-            inside = labels[box] == label
-            rise = (np.maximum(*state.variances) / square)[box]
-            variance[box][inside] = (known + _steps(state, pick, labels.shape)[box] * rise)[inside]
-            continue
-        load = np.zeros(labels.shape)
-        np.add.at(load.reshape(-1), state.rows.pixel[pick], state.share[pick])
-        green = columns.solve(load)
-        inside = labels == label
-        variance[inside] += (float(np.vdot(load, green)) + known - 2.0 * green)[inside]
-        if broken and state.problem.weights is not None and sizes[label] >= _LARGE * labels.size:
-            wx, wy = (weight * inside for weight in state.problem.weights)
-            scale = square / state.variances[0]
-            variance[inside] += (mask_excess(wx, wy, columns, inside, load, scale) / scale)[inside]
-    return variance
-
-
-def _anchor_variance(state: State, factor: Floats, gain: Floats) -> Floats:
-    """What every anchor row's own uncertainty adds to its component's potential, (M,)."""
     rows = state.rows
-    gained, at = (part.ravel()[rows.pixel] for part in (gain, factor))
-    variance: Floats = state.share**2 * (rows.sigma**2 + rows.spread(*state.variances) - gained) / at**2
-    return variance
-
-
-def _steps(state: State, pick: Mask, shape: tuple[int, int]) -> Floats:
-    """Pixel edges from a component's anchors, at least."""
-    row, col = np.divmod(state.rows.pixel[pick], shape[1])
-    share = state.share[pick]
-    i, j = np.ogrid[: shape[0], : shape[1]]
-    steps: Floats = np.abs(i - share @ row) + np.abs(j - share @ col)
-    return steps
-
-
-def _alone(labels: Labels) -> Mask:
-    """Pixels beside one that is missing: their errors are not averaged with that neighbour's."""
-    missing = labels == 0
-    alone = np.zeros(labels.shape, dtype=np.bool_)
-    if missing.any():
-        alone[1:] |= missing[:-1]
-        alone[:-1] |= missing[1:]
-        alone[:, 1:] |= missing[:, :-1]
-        alone[:, :-1] |= missing[:, 1:]
-    return alone
-
-
-def _hanging(wx: Floats, wy: Floats, columns: ColumnPoisson) -> Floats:
-    """What a pixel's own edges conduct less than the rectangle's would: as a variance that is its own."""
-    full_x, full_y = np.tile(columns.wx, (wx.shape[0], 1)), np.tile(columns.wy, (wy.shape[0], 1))
-    full_x[:, -1], full_y[-1] = 0.0, 0.0
-    own, whole = _conductance(wx, wy), _conductance(full_x, full_y)
-    present = own > 0
-    more = np.where(present, 1.0 / np.where(present, own, 1.0), 0.0) - 1.0 / whole
-    hanging: Floats = np.maximum(more, 0.0)
-    return hanging
-
-
-def _conductance(wx: Floats, wy: Floats) -> Floats:
-    """Sum of the weights of a pixel's edges."""
-    total = wx + wy
-    total[:, 1:] += wx[:, :-1]
-    total[1:] += wy[:-1]
-    return total
+    factor = np.broadcast_to(state.root**2, state.w.shape)
+    at = factor.ravel()[rows.pixel]
+    # what is averaged is no noisier than its neighbours
+    gain = cv2.erode(averaging_gain(*state.variances), cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)))
+    share = state.share / state.share.sum()
+    own = share**2 * (rows.sigma**2 + rows.spread(*state.variances) - gain.ravel()[rows.pixel]) / at**2
+    load = np.zeros(labels.shape)
+    np.add.at(load.reshape(-1), rows.pixel, share)
+    green = state.problem.columns.solve(load)
+    potential = edge_diagonal(state.problem.columns) + float(np.vdot(load, green)) + own.sum() - 2.0 * green
+    variance = np.maximum(factor**2 * potential - gain, _FLOOR * state.variances[0])
+    if not state.problem.closed:
+        variance = monte_carlo_variance(data, state, labels, variance, load)
+    lean = np.bincount(rows.component, state.share * state.bend / at, int(labels.max()) + 1)
+    bent: Floats = variance + factor**2 * np.square(lean)[labels]
+    return bent
 
 
 def averaging_gain(var_p: Floats, var_q: Floats) -> Floats:

@@ -7,9 +7,9 @@ import pytest
 
 from optolever.decode import Correspondence
 from optolever.reconstruct import HeightMap, reconstruct
-from optolever.reconstruct.fringe import solid_window
+from optolever.reconstruct.border import solid_window
+from optolever.reconstruct.gauge import anchor_rows
 from optolever.reconstruct.holes import LARGEST, bridged, small_holes
-from optolever.reconstruct.pinning import anchor_rows
 from optolever.reconstruct.problem import prepare
 from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
 

@@ -3,17 +3,28 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from optolever.decode import Correspondence
 from optolever.reconstruct import HeightFlag, reconstruct
+from optolever.reconstruct.curl import lone
 from optolever.reconstruct.edges import Doubt
-from optolever.reconstruct.outliers import lone
-from optolever.reconstruct.ways import cut_off
+from optolever.reconstruct.path_variance import cut_off
 
 
-def test_sigma_of_dropouts_is_what_repeated_noise_gives(exact) -> None:
+def passage(shape: tuple[int, int]) -> np.ndarray:
+    """Halves that two rows of pixels join."""
+    lost = np.zeros(shape, dtype=np.bool_)
+    lost[:, 30:34] = True
+    lost[20:22] = False
+    return lost
+
+
+@pytest.mark.parametrize("mask", ["dropouts", "passage"])
+def test_sigma_of_a_mask_is_what_repeated_noise_gives(exact, mask: str) -> None:
     scene, truth, _ = exact("paper-simulation", "gaussian", 64, 64)
-    lost = np.random.default_rng(5).random(truth.u.shape) < 0.35
+    shape = truth.u.shape
+    lost = np.random.default_rng(5).random(shape) < 0.35 if mask == "dropouts" else passage(shape)
     flags = np.where(truth.visible & ~lost, 0, 128).astype(np.uint16)
     sigma = np.full(truth.u.shape, 0.05)
     ratios = []

@@ -29,6 +29,7 @@ def test_the_tracer_agrees_with_the_brute_force(number: int) -> None:
 def test_a_pattern_that_touches_the_mirror_costs_its_pixels_alone(number: int, method: str) -> None:
     """LinAlgError, RuntimeError, infs or NaNs, or every pixel NOT_CONVERGED until they were flagged first."""
     scene = touching_rig(number)
+    silent = solved = 0
     for k, surface in enumerate(dents_of(scene)):
         seen = see(scene, surface)
         row, col = seen.amid()
@@ -38,7 +39,9 @@ def test_a_pattern_that_touches_the_mirror_costs_its_pixels_alone(number: int, m
             good = height.good
             assert good.sum() > 0.95 * seen.visible.sum()
             error = np.abs(height.z - seen.point[2])[good]
-            assert np.mean(error > 5 * height.sigma[good] + 1e-9 * scene.mirror.length) < 1e-3
+            silent += np.count_nonzero(error > 5 * height.sigma[good] + 1e-9 * scene.mirror.length)
+            solved += error.size
+    assert silent < 3e-4 * solved  # neighbours share an error: one run alone is one event
 
 
 def test_a_pixel_on_the_pattern_is_flagged() -> None:

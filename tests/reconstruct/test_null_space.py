@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from optolever.reconstruct import free_mode
+from optolever.reconstruct import null_space
 
 
 def test_the_prism_turns_about_the_pattern_edge(exact) -> None:
     """45 degrees: in proportion to x; the trapezoid's integrating factor is exact for that."""
     scene, truth, _ = exact("paper-simulation", "flat", 64, 96)
-    mode = free_mode(scene)
+    mode = null_space(scene)
     known = np.isfinite(mode)
     assert known.mean() > 0.9
     ratio = (mode / truth.x)[known]

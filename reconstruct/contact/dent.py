@@ -6,8 +6,8 @@ import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
 
-from .heightmap import HeightMap
-from .slope_map import SlopeMap
+from ..heightmap import HeightMap
+from ..slope_map import SlopeMap
 
 __all__ = ["Dent", "cells"]
 

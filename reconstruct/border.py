@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from .edges import AT_END
 from .measured import Measured
 
 __all__ = ["core_windows", "extended", "solid_window"]
@@ -26,7 +27,6 @@ NOISY = 3.0  # times the next line's sigma
 HOLLOW = 0.5, 0.9  # share of a line's pixels that is seen at most, and of a line's inside at least
 BLIND = 0.5, 0.15  # of the way to the pattern: noise of the outermost line's slopes, and of the next one's
 _OPEN = (23.0 / 12.0, -16.0 / 12.0, 5.0 / 12.0)
-_CLOSED = (9.0 / 24.0, 19.0 / 24.0, -5.0 / 24.0, 1.0 / 24.0)
 _STEPS = 3  # of Newton
 _APART = 3.0  # sigmas by which both may differ: a slope whose noise is not small is no slope
 
@@ -189,10 +189,10 @@ def _closed(
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         for _ in range(_STEPS):
             slope, change, spread = _slopes(data, w, axis, lines)
-            off = w[here] - first + inward * sum(c * s for c, s in zip(_CLOSED, slope, strict=True))
-            w[here] -= off / (1.0 + inward * _CLOSED[0] * change[0])
+            off = w[here] - first + inward * sum(c * s for c, s in zip(AT_END, slope, strict=True))
+            w[here] -= off / (1.0 + inward * AT_END[0] * change[0])
     own, w[here] = w[here].copy(), start
-    return own, np.asarray(sum(c**2 * s for c, s in zip(_CLOSED, spread, strict=True)))
+    return own, np.asarray(sum(c**2 * s for c, s in zip(AT_END, spread, strict=True)))
 
 
 def _slopes(

@@ -1,4 +1,4 @@
-"""Creases: edges along which the slope changes too fast between pixels for any quadrature to be trusted.
+"""Discontinuities: edges along which the slope changes too fast between pixels for any quadrature.
 
 An edge's increment comes from the cubic through four slopes, two on either side. Where the surface is smooth
 on one side up to the edge, the slopes of that side alone, extrapolated (Adams-Bashforth, three pixels), give
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from optolever.blocks import over_image
 from optolever.kernels import exact, inlined
 
-from .edges import Doubt, _stencil, curl
+from .edges import Doubt, cubic_at_end, curl, stencil
 
 __all__ = ["edge_doubt", "touched", "widened"]
 
@@ -221,7 +221,7 @@ def touched(doubt: Doubt) -> Mask:
 
 @inlined
 def _trapezoid(mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-def]
-    """Whether `edges._stencil` finds fewer than four neighbours in a row."""
+    """Whether `edges.stencil` finds fewer than four neighbours in a row."""
     back = before >= 1 and mask[i - di, j - dj]
     ahead = after >= 2 and mask[i + 2 * di, j + 2 * dj]
     if back and ahead:
@@ -263,7 +263,7 @@ def _edge(f, var, mask, i, j, di, dj, before, after, scale):  # type: ignore[no-
     no side can tell); whether it is beyond any noise; what one side misses that certainly should not.
     """
     i1, j1 = i + di, j + dj
-    centre = _stencil(f, mask, i, j, di, dj, before, after)
+    centre = stencil(f, mask, i, j, di, dj, before, after)
     sigma = np.sqrt(0.5 * (var[i, j] + var[i1, j1]))
     rise = abs(f[i1, j1] - f[i, j])
     least, certain, whatever, largest = np.inf, np.inf, np.inf, 0.0
@@ -285,7 +285,7 @@ def _edge(f, var, mask, i, j, di, dj, before, after, scale):  # type: ignore[no-
                 g3 = f[a + 3 * ai, b + 3 * aj]
                 away = max(away, _BEND * abs(g0 - g3 - 3.0 * (g1 - g2)))
                 finer = abs(centre - (55.0 * g0 - 59.0 * g1 + 37.0 * g2 - 9.0 * g3) / 24.0)
-                finer = max(finer, abs(centre - (9.0 * g + 19.0 * g0 - 5.0 * g1 + g2) / 24.0))
+                finer = max(finer, abs(centre - cubic_at_end(g, g0, g1, g2)))
                 if room >= 4 and mask[a + 4 * ai, b + 4 * aj]:
                     g4 = f[a + 4 * ai, b + 4 * aj]
                     finer = max(finer, _BEND4 * abs(g0 + g4 - 4.0 * (g1 + g3) + 6.0 * g2))
@@ -316,7 +316,7 @@ def _doubt(f, var, mask, di, dj, scale, out, plain, most, bend, curve, sure, sho
                 continue
             before, after = (i, rows - 1 - i) if di == 1 else (j, cols - 1 - j)
             short[i, j] = _trapezoid(mask, i, j, di, dj, before, after)
-            centre = _stencil(f, mask, i, j, di, dj, before, after)
+            centre = stencil(f, mask, i, j, di, dj, before, after)
             bend[i, j] = abs(centre - 0.5 * (f[i, j] + f[i1, j1]))
             curve[i, j] = _curve(f, var, mask, i, j, di, dj, before, after)
             least, whatever, certain, largest = _edge(f, var, mask, i, j, di, dj, before, after, scale)

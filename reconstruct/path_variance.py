@@ -1,4 +1,4 @@
-"""Ways from the anchors to every pixel: what doubtful edges (see creases) leave there, what they close."""
+"""What edges in doubt (see `discontinuities`) leave on the paths from the anchors, and what they close."""
 
 import numpy as np
 import scipy.ndimage

@@ -11,14 +11,14 @@ from .edges import edge_weights, factor_increments
 from .linear import edge_problem
 from .poisson import Accuracy
 
-__all__ = ["free_mode"]
+__all__ = ["null_space"]
 
 Floats = NDArray[np.float64]
 
 _ACCURACY = Accuracy(relative=1e-12)
 
 
-def free_mode(scene: Scene) -> Floats:
+def null_space(scene: Scene) -> Floats:
     """How the mirror at rest may move unseen, (H, W): change of z on the camera's pixels, largest value 1.
 
     Slopes tell the height up to a multiple of it (45-degree prism: in proportion to x, a rotation about the

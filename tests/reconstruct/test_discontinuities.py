@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from optolever.reconstruct import HeightFlag, reconstruct
-from optolever.reconstruct.creases import edge_doubt, widened
+from optolever.reconstruct.discontinuities import edge_doubt, widened
 from optolever.reconstruct.edges import Doubt
-from optolever.reconstruct.ways import reached_across
+from optolever.reconstruct.path_variance import reached_across
 
 WHOLE = np.ones((20, 30), dtype=bool)
 VARIANCE = np.full((20, 30), 1e-6)

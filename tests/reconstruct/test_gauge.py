@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from optolever.reconstruct.pinning import anchor_rows
+from optolever.reconstruct.gauge import anchor_rows
 from optolever.reconstruct.problem import prepare
 
 

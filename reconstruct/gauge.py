@@ -1,4 +1,4 @@
-"""From known distances to the free constant of every component: linear rows on the grid,
+"""The gauge: from known distances to the free constant of every component: linear rows on the grid,
 and their robust mean.
 """
 

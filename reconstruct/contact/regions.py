@@ -2,7 +2,7 @@
 
 On an elastic surface the dent is wider than the contact: under Hertz's ball the edge stands at half the
 depth, and a tenth of it is reached at four times the radius. So the edge is looked for in the slopes, see
-`contact_edge`; where they show none, the numbers are those of the area deeper than half the depth, and the
+`edge`; where they show none, the numbers are those of the area deeper than half the depth, and the
 evidence says so.
 """
 
@@ -14,11 +14,11 @@ import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
 
-from .contact_dent import Dent, cells
-from .contact_edge import Profile, SectorEdge, fit_edge
-from .heightmap import HeightFlag, HeightMap
-from .resampling import natural_pitch
-from .slope_map import SlopeMap
+from ..heightmap import HeightFlag, HeightMap
+from ..resampling import natural_pitch
+from ..slope_map import SlopeMap
+from .dent import Dent, cells
+from .edge import Profile, SectorEdge, fit_edge
 
 __all__ = ["Contact", "contacts"]
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from optolever.reconstruct.strays import strays
+from optolever.reconstruct.outliers import outliers
 
 SIGMA = 0.05
 
 
 class Field:
-    """What `strays` looks at."""
+    """What `outliers` looks at."""
 
     def __init__(self, u: np.ndarray, sigma: float = SIGMA, mask: np.ndarray | None = None) -> None:
         self.u, self.v = u, np.zeros(u.shape)
@@ -31,12 +31,12 @@ def test_large_errors_are_found_in_pairs_too_and_nothing_else() -> None:
     places = [(5, 5), (0, 30), (20, 69), (21, 69), (40, 40), (40, 41)]
     for k, (row, col) in enumerate(places):
         u[row, col] += (-1) ** k * (4.0 + k)
-    found = strays(Field(u))
+    found = outliers(Field(u))
     assert set(map(tuple, np.argwhere(found).tolist())) == set(places)
 
 
 @pytest.mark.parametrize("sigma", [SIGMA, 1e-5])
-def test_a_crease_a_jump_and_a_tip_are_no_strays(sigma: float) -> None:
+def test_a_crease_a_jump_and_a_tip_are_no_outliers(sigma: float) -> None:
     y, x = np.mgrid[:60, :70]
     rng = np.random.default_rng(3)
     for feature in (
@@ -45,7 +45,7 @@ def test_a_crease_a_jump_and_a_tip_are_no_strays(sigma: float) -> None:
         5 * np.exp(-np.hypot(x - 34.5, y - 29.5) / 6),
     ):
         field = Field(ground() + feature + sigma * rng.standard_normal((60, 70)), sigma)
-        assert strays(field).sum() <= 2
+        assert outliers(field).sum() <= 2
 
 
 def test_too_few_neighbours_prove_nothing() -> None:
@@ -53,8 +53,8 @@ def test_too_few_neighbours_prove_nothing() -> None:
     mask[30] = True
     u = noisy()
     u[30, 35] += 50.0
-    assert not strays(Field(u, mask=mask))[29].any()
-    assert not strays(Field(u, mask=mask))[30, :34].any()
+    assert not outliers(Field(u, mask=mask))[29].any()
+    assert not outliers(Field(u, mask=mask))[30, :34].any()
 
 
 def test_a_wrong_pixel_among_gaps_is_told_by_the_plane_around_it() -> None:
@@ -65,7 +65,7 @@ def test_a_wrong_pixel_among_gaps_is_told_by_the_plane_around_it() -> None:
         seen[row, col] = True
         u[row, col] += 5.0
         u[row, [col - 1, col + 1]] += 2.5
-    found = strays(Field(u), seen)
+    found = outliers(Field(u), seen)
     assert found[20, 30]
     assert found[41, 12]
     assert found.sum() == 2
