@@ -141,10 +141,5 @@ def test_long_calls_tell_how_far_they_are(chain: Chain, caplog: pytest.LogCaptur
             assert counts == sorted(counts)
             assert told[-1][1] == told[-1][2]
             assert all(text for text, _, _ in told)
-    assert [
-        record.getMessage().split()[0] for record in caplog.records if record.levelno == logging.INFO
-    ] == [
-        "capture",
-        "decode",
-        "reconstruct",
-    ]
+    told_of = [record.getMessage().split()[0] for record in caplog.records if record.levelno == logging.INFO]
+    assert told_of == ["capture", "decode", "reconstruct"]
