@@ -62,7 +62,7 @@ def command(
         with atomic_folder(out) as folder:
             step(f"capture {len(shown)} frames")
             start = time.perf_counter()
-            record = capture(scene, surface, shown, renderer=renderer, noise=noise, seed=seed)
+            record = capture(scene, surface, shown, renderer=renderer, noise=noise, seed=seed, progress=step)
             seconds = time.perf_counter() - start
             step("trace the truth")
             truth = trace(scene, surface)

@@ -91,6 +91,7 @@ def command(
                 mask=inside,
                 on_cells=not no_cells,
                 check=not no_check,
+                progress=step,
             )
         seconds = time.perf_counter() - start
         left = [] if inverse is None else harmonic_errors(capture.frames, capture.sequence, inverse)

@@ -154,7 +154,7 @@ def command(
         with blame(source):
             step("reconstruct")
             start = time.perf_counter()
-            height = reconstruct(correspondence, scene, method, anchor, mask, rest=rest)
+            height = reconstruct(correspondence, scene, method, anchor, mask, rest=rest, progress=step)
             seconds = time.perf_counter() - start
             step("contacts")
             slopes = slope_map(height, correspondence, scene)

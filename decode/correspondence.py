@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
 from optolever.notices import Notice, notices_from_array, notices_to_array
+from optolever.records import Axes, Comparable, flag_line, plot_maps, span
 
 __all__ = ["Correspondence", "Flag", "PixelMaps"]
 
@@ -31,7 +32,7 @@ class Flag(IntFlag):
     WRONG_FRAME = 256
 
 
-class PixelMaps:
+class PixelMaps(Comparable):
     """What records of maps (H, W) of camera pixels share: checks and .npz; `notices` alone is no map."""
 
     __slots__ = ()
@@ -77,7 +78,7 @@ class PixelMaps:
             raise InputError(f"{path}: {error}") from error
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Correspondence(PixelMaps):
     """Per camera pixel, all (H, W).
 
@@ -100,3 +101,18 @@ class Correspondence(PixelMaps):
     offset: Map | None = None
     order_error: Map | None = None
     notices: tuple[Notice, ...] = ()
+
+    def __repr__(self) -> str:
+        good = self.good
+        rows, cols = good.shape
+        lines = [f"Correspondence: {rows} x {cols} pixels, {100 * good.mean():.4g} % good"]
+        for axis, values, sigma in (("u", self.u, self.sigma_u), ("v", self.v, self.sigma_v)):
+            lines.append(f"  {axis} {span(values, good)}, sigma {span(sigma, good)} pattern pixels")
+        lines.append("  " + flag_line(self.flags, {flag.value: str(flag.name) for flag in Flag}))
+        return "\n".join([*lines, *([f"  notices: {len(self.notices)}"] if self.notices else [])])
+
+    def plot(self, axes: Any = None) -> Axes:
+        """Draw u and v of the good pixels, and their sigma, with matplotlib; the axes, one per map."""
+        sigma = np.hypot(self.sigma_u, self.sigma_v)
+        maps = {"u [pattern px]": self.u, "v [pattern px]": self.v, "sigma of both [pattern px]": sigma}
+        return plot_maps({title: np.where(self.good, one, np.nan) for title, one in maps.items()}, axes)

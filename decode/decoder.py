@@ -12,6 +12,7 @@ from optolever.errors import InputError
 from optolever.memory import roomy_empty
 from optolever.notices import Notice
 from optolever.patterns import Sequence
+from optolever.records import LOG, Progress, logged, silent
 
 from .axis import AxisDecoder, axis_decoders
 from .border import border_reach
@@ -47,6 +48,7 @@ def decode(
     subpixel: bool = False,
     mask: ArrayLike | None = None,
     check: bool = True,
+    progress: Progress = silent,
 ) -> Correspondence:
     """Where on the pattern every camera pixel looks.
 
@@ -63,6 +65,7 @@ def decode(
     check        look for frames that are not those described (see integrity): a notice names them, what can
                  do without them is decoded without them, else the pixels that they could have spoilt are
                  flagged
+    progress     called with what is being done, how many steps are done, and of how many
 
     A code under several exposures is decoded from each that shows all of it, every pixel from its best one:
     amplitude and offset are levels of that exposure. InputError if frames and sequence do not fit or hold
@@ -70,10 +73,16 @@ def decode(
     """
     light = light_of(frames, sequence, white_level, response)
     options = _Options(
-        _given_noise(noise, gain, light), blur_px, on_cells, subpixel, _mask(mask, light), check
+        _given_noise(noise, gain, light), blur_px, on_cells, subpixel, _mask(mask, light), check, progress
     )
     parts = by_exposure(sequence)
-    return reduce(better_of, (_decoded(_part(light, part.index), part.sequence, options) for part in parts))
+    with logged(f"decode {light.raw.shape} by {sequence.name}"):
+        found = reduce(
+            better_of, (_decoded(_part(light, part.index), part.sequence, options) for part in parts)
+        )
+    for notice in found.notices:
+        LOG.warning("%s", notice)
+    return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +93,7 @@ class _Options:
     subpixel: bool
     mask: NDArray[np.bool_] | None
     check: bool
+    progress: Progress
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,17 +110,25 @@ class _Shot:
 
 def _decoded(light: Light, sequence: Sequence, options: _Options) -> Correspondence:
     """The steps: noise, each axis, flags, neighbours, integrity."""
+    step, steps = options.progress, 3 + options.check
+    step("noise", 0, steps)
     wanted = plan(sequence)
     noise, lit = estimate_noise(light, wanted, options.mask)
     light, noise, lit = under_response(light, options.noise or noise, lit)
     cells = options.on_cells and not sequence.nominal
     shot = _Shot(light, sequence, wanted, noise, lit, cells)
     decoders = axis_decoders(sequence, light, shot.noise, lit, cells, options.subpixel)
+    step("axes", 1, steps)
     raw, shared = _estimated(shot, decoders)
     if options.mask is not None:
         np.bitwise_or(shared.flags, np.uint16(Flag.INVALID), out=shared.flags, where=~options.mask)
+    step("neighbours", 2, steps)
     found = _among_neighbours(shot, decoders, raw, shared, options.blur)
-    return _checked(shot, found, options) if options.check else found
+    if options.check:
+        step("frames", 3, steps)
+        found = _checked(shot, found, options)
+    step("decoded", steps, steps)
+    return found
 
 
 def _estimated(shot: _Shot, decoders: list[AxisDecoder]) -> tuple[list[Raw], Shared]:
@@ -183,7 +201,7 @@ def _checked(shot: _Shot, found: Correspondence, options: _Options) -> Correspon
         if finding.leave_out:
             index = np.array([i for i in range(len(shot.sequence)) if i not in finding.leave_out])
             less = replace(shot.sequence, frames=tuple(shot.sequence.frames[i] for i in index))
-            found = _decoded(_part(shot.light, index), less, replace(options, check=False))
+            found = _decoded(_part(shot.light, index), less, replace(options, check=False, progress=silent))
         else:
             spoilt = spoilt_pixels(finding, shot.light, shot.plan, shot.noise, found)
             np.bitwise_or(found.flags, np.uint16(Flag.WRONG_FRAME), out=found.flags, where=spoilt)

@@ -15,7 +15,7 @@ __all__ = ["Displacement", "difference"]
 Map = NDArray[np.floating[Any]]
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
 class Displacement(PixelMaps):
     """Deformed minus rest, per camera pixel, all (H, W). Its .npz holds no u and v: no Correspondence.
 

@@ -4,6 +4,7 @@
 |---|---|
 | `demo.py`, `metrics.py` | run_demo: the whole chain on a virtual sensor; how good it was |
 | `demo_report.py`, `demo_pictures.py`, `demo_inputs.py` | the demo's page: result; flags, maps, frames |
+| `record_report.py` | the page of saved records |
 | `calibration.py`, `flag_words.py`, `surface_view.py` | error against sigma; flag words; the surface |
 | `paper.py`, `paper_rows.py` | run_paper: the paper's simulation and experiment, and its table |
 | `paper_simulation.py`, `paper_frames.py` | its measurement: exact; lattice crossings from frames |
@@ -32,6 +33,7 @@ from .metrics import height_metrics, peak_bytes
 from .paper import PaperStudy, run_paper
 from .paper_report import paper_html, write_paper_report
 from .paper_rows import PaperRow
+from .record_report import record_html, write_record_report
 from .solver_figures import run_solver_figures
 
 __all__ = [
@@ -51,6 +53,7 @@ __all__ = [
     "paper_html",
     "peak_bytes",
     "predict_code",
+    "record_html",
     "run_decode_figures",
     "run_demo",
     "run_figures",
@@ -59,4 +62,5 @@ __all__ = [
     "seen",
     "write_demo_report",
     "write_paper_report",
+    "write_record_report",
 ]

@@ -1,7 +1,7 @@
 """The whole chain on a virtual sensor: scene, dent -> frames -> correspondence -> height, against truth."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -11,17 +11,12 @@ from optolever.decode import Correspondence, decode
 from optolever.patterns import Sequence, sequence_from_text
 from optolever.projector import Capture, capture, chosen_renderer
 from optolever.reconstruct import Contact, HeightMap, contacts, reconstruct, slope_map
+from optolever.records import Progress, silent
 from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
 
 from .metrics import height_metrics, peak_bytes
 
 __all__ = ["DemoResult", "Progress", "Stages", "resolve", "run_demo", "silent"]
-
-Progress = Callable[[str, int, int], None]
-
-
-def silent(text: str, done: int, total: int) -> None:
-    """Progress that nobody watches."""
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,13 @@
-"""What the demo report shows of the input: flags, correspondence, frames."""
+"""What reports show of a run's input: flags, correspondence, frames."""
 
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.decode import Correspondence
 from optolever.patterns import Frame
+from optolever.projector import Capture
+from optolever.reconstruct import HeightMap
 
-from .demo import DemoResult
 from .flag_words import FlagRow, flag_index, flag_rows
 from .images import png_uri, robust_limits, thumbnail
 from .maps import Panel, camera_figure, flags_figure
@@ -16,16 +18,15 @@ Array = NDArray[np.float64]
 THUMBNAIL = 150  # pixels
 
 
-def flags_table(result: DemoResult) -> tuple[list[FlagRow], str]:
+def flags_table(height: HeightMap) -> tuple[list[FlagRow], str]:
     """Counts of every reason, and a map of them as the camera sees it."""
-    flags = np.asarray(result.height.flags)
+    flags = np.asarray(height.flags)
     rows = flag_rows(flags)
     return rows, flags_figure(flag_index(flags, rows), [row.colour for row in rows])
 
 
-def correspondence_picture(result: DemoResult) -> str:
+def correspondence_picture(seen: Correspondence) -> str:
     """Maps of u and v, and of what is left of them without their best plane: the lever's deflection."""
-    seen = result.correspondence
     panels = []
     for letter, values, what in (("u", seen.u, "pattern column"), ("v", seen.v, "pattern row")):
         known = np.where(seen.good, values, np.nan)
@@ -36,15 +37,15 @@ def correspondence_picture(result: DemoResult) -> str:
     return camera_figure(panels)
 
 
-def frame_pairs(result: DemoResult) -> list[dict[str, str]]:
+def frame_pairs(capture: Capture) -> list[dict[str, str]]:
     """Every frame as it was shown and as the camera saw it, in small, with a few words."""
     return [
         {
-            "shown": png_uri(thumbnail(result.sequence.render_frame(index), THUMBNAIL)),
-            "seen": png_uri(thumbnail(result.capture.frames[index], THUMBNAIL)),
+            "shown": png_uri(thumbnail(capture.sequence.render_frame(index), THUMBNAIL)),
+            "seen": png_uri(thumbnail(capture.frames[index], THUMBNAIL)),
             "name": f"{index + 1}. {frame_words(frame)}",
         }
-        for index, frame in enumerate(result.sequence.frames)
+        for index, frame in enumerate(capture.sequence.frames)
     ]
 
 

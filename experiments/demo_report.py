@@ -29,7 +29,7 @@ def demo_html(result: DemoResult) -> str:
     start = time.perf_counter()
     view = HeightView.of(result)
     surface = view.surface()
-    rows, flags_map = flags_table(result)
+    rows, flags_map = flags_table(result.height)
     pictures = {
         "height": view.height_map(),
         "profile": view.profile(),
@@ -38,9 +38,9 @@ def demo_html(result: DemoResult) -> str:
         "reliability": view.reliability(),
         "sigma": view.sigma_map(),
         "flags": flags_map,
-        "correspondence": correspondence_picture(result),
+        "correspondence": correspondence_picture(result.correspondence),
     }
-    frames = frame_pairs(result)
+    frames = frame_pairs(result.capture)
     timed = result.with_report(time.perf_counter() - start)
     context = {
         "asked": result.settings,

@@ -16,13 +16,32 @@ The parts, floor by floor (imports run downward only):
 | 0     | `hdf5`, `pictures` | other programs' arrays and pictures, damaged or not                 |
 | 0     | `blocks`, `kernels` | row blocks on threads; how loops are compiled                      |
 | 0     | `processes`   | other Pythons that are started, none with the working folder on its path |
+| 0     | `records`     | equality, a few lines and a plot of what holds arrays; the logger          |
 | 0     | `memory`, `notices` | maps in memory used again; what a result wants its user to know    |
+
+`import optolever` is enough: a part is imported when it is asked for, as in `optolever.decode.decode(...)`,
+the part `decode` and its function. `logging.getLogger("optolever")` says what they do.
 """
 
+import importlib as _importlib
 from importlib.metadata import version as _version
+from types import ModuleType as _ModuleType
 
 from optolever.errors import InputError
 
 __version__ = _version("optolever")
 
 __all__ = ["InputError", "__version__"]
+
+_PARTS = ("calibration", "cli", "decode", "experiments", "patterns", "projector", "reconstruct", "scene")
+
+
+def __getattr__(name: str) -> _ModuleType:
+    """A part, imported when it is asked for."""
+    if name not in _PARTS:
+        raise AttributeError(f"module 'optolever' has no attribute {name!r}")
+    return _importlib.import_module(f"optolever.{name}")
+
+
+def __dir__() -> list[str]:
+    return [*__all__, *_PARTS]

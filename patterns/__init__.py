@@ -2,10 +2,9 @@
 
 | file        | holds                                                                 |
 |-------------|-----------------------------------------------------------------------|
-| `frame`     | `Frame`, one image described completely, to and from TOML types        |
+| `frame`     | `Frame`, one image described completely; its tables of grey values     |
 | `codes`     | binary code words: binary, Gray, XOR-Gray, ...                         |
 | `long_run`  | Gray codes without narrow stripes                                      |
-| `levels`    | the 1-D tables of grey values of a frame, per axis                     |
 | `sequence`  | `Sequence`: frames and surface size; images, PNG export                |
 | `named`     | `sequence("gray+phase", rows, cols, ...)` and its command-line form    |
 
@@ -13,8 +12,7 @@ Pattern coordinates: u along columns, v along rows, integer = pixel centre.
 """
 
 from .codes import BINARY_CODES, bits_for, code_words
-from .frame import KINDS, Frame
-from .levels import frame_tables, lattice_lines
+from .frame import KINDS, Frame, frame_tables, lattice_lines
 from .long_run import shortest_run
 from .named import sequence, sequence_from_text, sequence_names, sequence_parameters
 from .sequence import Sequence

@@ -1,6 +1,7 @@
 """Sequence: the frames that go together, and the size of the surface that shows them."""
 
 import tomllib
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,14 +14,14 @@ from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.files import atomic_file, atomic_folder
+from optolever.records import Axes, plot_maps
 
-from .frame import Frame
-from .levels import frame_tables
+from .frame import Frame, frame_tables
 
 __all__ = ["Sequence"]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Sequence:
     """Frames in the order of showing, on a surface of rows x cols pixels.
 
@@ -45,6 +46,18 @@ class Sequence:
         for name in ("rows", "cols"):
             if not 1 <= getattr(self, name) <= 1 << 16:
                 raise InputError(f"sequence: {name} is {getattr(self, name)}, must be in 1..{1 << 16}")
+
+    def __repr__(self) -> str:
+        counts = Counter((frame.kind, frame.axis) for frame in self.frames)
+        kinds = ", ".join(f"{n} {kind}{f' {axis}' if axis else ''}" for (kind, axis), n in counts.items())
+        return f"Sequence {self.name!r}: {len(self)} frames of {self.rows} x {self.cols} pixels: {kinds}"
+
+    def plot(self, axes: Any = None) -> Axes:
+        """Draw the frames, four at most, evenly chosen, in grey levels; the axes."""
+        chosen = np.unique(np.linspace(0, len(self) - 1, min(4, len(self))).round().astype(int))
+        return plot_maps(
+            {f"frame {i + 1}: {self.frames[i].kind}": self.render_frame(i) for i in chosen}, axes
+        )
 
     def __hash__(self) -> int:
         """Made once: what is made of a sequence is kept by it, and asked for again and again."""

@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.patterns import Sequence
+from optolever.records import Axes, plot_maps
 from optolever.scene import Scene, Trace
 
 from .folder import Image, read_folder, write_folder
@@ -16,7 +17,7 @@ from .folder import Image, read_folder, write_folder
 __all__ = ["Capture", "Image", "with_exposure"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Capture:
     """Frames (N, H, W) of the N patterns of `sequence`, in its order.
 
@@ -48,6 +49,21 @@ class Capture:
         object.__setattr__(self, "sequence", sequence)
         object.__setattr__(self, "exposure", np.array([frame.exposure for frame in sequence.frames]))
 
+    def __repr__(self) -> str:
+        rows, cols = self.shape
+        scene = "no scene" if self.scene is None else f"scene {self.scene.name}"
+        return (
+            f"Capture: {len(self)} frames of {rows} x {cols} pixels, {self.bits} bits, {scene}\n"
+            f"  levels {self.frames.min()} to {self.frames.max()} of {self.white}\n"
+            f"  of {self.sequence!r}"
+        )
+
+    def plot(self, axes: Any = None) -> Axes:
+        """Draw the first and the last frame, and the contrast of all, in camera levels; the axes."""
+        span = self.frames.max(axis=0).astype(np.int64) - self.frames.min(axis=0)
+        maps = {"first frame [levels]": self.frames[0], "last frame [levels]": self.frames[-1]}
+        return plot_maps({**maps, "brightest less darkest [levels]": span}, axes)
+
     def __len__(self) -> int:
         return int(self.frames.shape[0])
 
@@ -66,7 +82,7 @@ class Capture:
 
         The folder must not hold files; it is whole or absent afterwards.
         """
-        write_folder(folder, self, truth)
+        write_folder(folder, self.frames, self.sequence, self.timestamps, self.bits, self.scene, truth)
 
     @classmethod
     def load(cls, folder: str | Path, description: str | Path | None = None) -> Self:

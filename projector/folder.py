@@ -15,7 +15,7 @@ import tomllib
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
@@ -28,9 +28,6 @@ from optolever.files import atomic_folder
 from optolever.patterns import Sequence
 from optolever.pictures import read_picture
 from optolever.scene import Scene, Trace, load
-
-if TYPE_CHECKING:
-    from .capture import Capture
 
 __all__ = ["read_description", "read_folder", "read_image", "write_folder"]
 
@@ -50,16 +47,25 @@ _PNG_OPTIONS = (
 )
 
 
-def write_folder(folder: str | Path, capture: "Capture", truth: Trace | None) -> None:
-    """Write a capture, and where known its scene and truth, all or nothing."""
+def write_folder(
+    folder: str | Path,
+    frames: Image,
+    sequence: Sequence,
+    times: NDArray[np.float64] | None,
+    bits: int,
+    scene: Scene | None,
+    truth: Trace | None,
+) -> None:
+    """Write the fields of a Capture, and where known its scene and truth, all or nothing."""
     with atomic_folder(folder) as target:
         (target / _FRAMES).mkdir()
-        files = [f"{_FRAMES}/{index:03d}.png" for index in range(len(capture))]
+        files = [f"{_FRAMES}/{index:03d}.png" for index in range(len(frames))]
         with ThreadPoolExecutor(threads()) as pool:
-            list(pool.map(_write_image, (target / file for file in files), capture.frames))
-        (target / _DESCRIPTION).write_text(tomli_w.dumps(_described(capture, files)), encoding="utf-8")
-        if capture.scene is not None:
-            capture.scene.save(target / _SCENE)
+            list(pool.map(_write_image, (target / file for file in files), frames))
+        description = tomli_w.dumps(_described(sequence, times, bits, files))
+        (target / _DESCRIPTION).write_text(description, encoding="utf-8")
+        if scene is not None:
+            scene.save(target / _SCENE)
         if truth is not None:
             truth.save(target / _TRUTH)
 
@@ -145,16 +151,16 @@ def _read_scene(path: Path, sequence: Sequence, image: Image) -> Scene | None:
     return scene
 
 
-def _described(capture: "Capture", files: list[str]) -> dict[str, Any]:
-    sequence = capture.sequence.to_dict()
-    tables = [{"file": file, **table} for file, table in zip(files, sequence["frames"], strict=True)]
-    if capture.timestamps is not None:
-        for table, time in zip(tables, capture.timestamps.tolist(), strict=True):
+def _described(
+    sequence: Sequence, times: NDArray[np.float64] | None, bits: int, files: list[str]
+) -> dict[str, Any]:
+    plain = sequence.to_dict()
+    tables = [{"file": file, **table} for file, table in zip(files, plain["frames"], strict=True)]
+    if times is not None:
+        for table, time in zip(tables, times.tolist(), strict=True):
             table["time"] = time
-    head: dict[str, Any] = {
-        key: sequence[key] for key in ("name", "rows", "cols", "nominal") if key in sequence
-    }
-    return {"version": _VERSION, **head, "bits": capture.bits, "frames": tables}
+    head: dict[str, Any] = {key: plain[key] for key in ("name", "rows", "cols", "nominal") if key in plain}
+    return {"version": _VERSION, **head, "bits": bits, "frames": tables}
 
 
 def _write_image(path: Path, image: Image) -> None:

@@ -12,6 +12,7 @@ from optolever.blocks import threads
 from optolever.errors import InputError
 from optolever.memory import require_room
 from optolever.patterns import Sequence
+from optolever.records import Progress, logged, silent
 from optolever.scene import Scene, Surface
 
 from .capture import Capture, Image, with_exposure
@@ -57,20 +58,27 @@ def capture(
     bits: int | None = None,
     exposure: NDArray[np.float64] | float | None = None,
     samples: int = 8,
+    progress: Progress = silent,
 ) -> Capture:
-    """What the scene's camera records of `sequence`; see VirtualSensor for the parameters."""
-    with VirtualSensor(
-        scene,
-        surface,
-        sequence,
-        renderer=renderer,
-        noise=noise,
-        seed=seed,
-        bits=bits,
-        exposure=exposure,
-        samples=samples,
-    ) as sensor:
-        return sensor.capture()
+    """What the scene's camera records of `sequence`; see VirtualSensor for the parameters.
+
+    progress: called with what is being done, how many rows (frames, if it moves) are done, of how many.
+    """
+    with (
+        VirtualSensor(
+            scene,
+            surface,
+            sequence,
+            renderer=renderer,
+            noise=noise,
+            seed=seed,
+            bits=bits,
+            exposure=exposure,
+            samples=samples,
+        ) as sensor,
+        logged(f"capture {len(sequence)} frames of {sensor.shape}"),
+    ):
+        return sensor.capture(progress)
 
 
 def chosen_renderer(renderer: str) -> str:
@@ -176,14 +184,15 @@ class VirtualSensor:
         image: Image = out[0]
         return image
 
-    def capture(self) -> Capture:
+    def capture(self, progress: Progress = silent) -> Capture:
         """All frames. A still mirror is traced once for all of them."""
         frames = self._blank(len(self._sequence))
         if self._still is not None:
-            self._expose(dict(enumerate(frames)), [], None)
+            self._expose(dict(enumerate(frames)), [], None, progress)
         else:
             for index, frame in enumerate(frames):
                 self._expose({index: frame}, self._instants(index), index)
+                progress("frames", index + 1, len(frames))
         times = np.array([self.time(index) for index in range(len(frames))])
         return Capture(frames, self._sequence, self._scene, timestamps=times, bits=self._bits)
 
@@ -215,7 +224,13 @@ class VirtualSensor:
         gain = self._sequence.frames[index].exposure * flicker_factor(self._sensor, self.time(index))
         return FrameElectronics.of_frame(self._sensor, gain, self._noise, self._bits, self._seed, index)
 
-    def _expose(self, frames: Mapping[int, Image], instants: list[float], frame: int | None) -> None:
+    def _expose(
+        self,
+        frames: Mapping[int, Image],
+        instants: list[float],
+        frame: int | None,
+        progress: Progress = silent,
+    ) -> None:
         """Render strip by strip; meanwhile the electronics make numbers of the strip before."""
         electronics = {index: self._electronics(index) for index in frames}
         surfaces = [self._still] if self._still is not None else self._load_moving(instants)
@@ -228,6 +243,7 @@ class VirtualSensor:
                         pool.submit(electronics[index].expose, light, frames[index][start:stop])
                         for index, light in lights
                     ]
+                    progress("rows", stop, self.shape[0])
                 _finish(working)
         finally:
             for surface in surfaces if self._still is None else []:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
+from optolever.records import LOG, Progress, logged, silent
 from optolever.scene import Scene
 
 from .alternatives import DirectEdges, MarchedEdges
@@ -66,6 +67,7 @@ def reconstruct(
     *,
     rest: Correspondence | None = None,
     start: HeightMap | None = None,
+    progress: Progress = silent,
 ) -> HeightMap:
     """The mirror behind a correspondence.
 
@@ -76,8 +78,9 @@ def reconstruct(
     anchor: what settles the free mode: 'edge' (default: the camera-side edge x = L0 rests), a point (x, y, z)
     in mm, or anchors of `anchors`. mask (H, W): pixels to use, among those without a flag. rest: what was
     decoded from the mirror at rest; its deviation from the scene's prediction is taken off as an error of
-    calibration. start: a height map of the same camera to start from, say of the last frame. Raises
-    InputError if the arrays do not fit the scene, no pixel is left, or no anchor can be used.
+    calibration. start: a height map of the same camera to start from, say of the last frame.
+    progress: called with what is being done, how many steps are done, and of how many. Raises InputError if
+    the arrays do not fit the scene, no pixel is left, or no anchor can be used.
     """
     require_correspondence(correspondence)
     before_rest = correspondence
@@ -91,11 +94,18 @@ def reconstruct(
         return replace(height, notices=correspondence.notices)
     if method not in _METHODS:
         raise InputError(f"method = {method!r}: unknown, must be one of {', '.join(method_names())}")
-    height = solved_height(correspondence, scene, anchor, mask, method, start)[2]
-    if scene.covariance is None:
-        return height
-    measured = Measurement(before_rest, anchor, mask, rest, method)
-    return replace(height, calibration=calibration_modes(_height_alone, measured, scene, height))
+    steps = 1 if scene.covariance is None else 2
+    progress("height", 0, steps)
+    with logged(f"reconstruct {correspondence.u.shape} by {method}"):
+        height = solved_height(correspondence, scene, anchor, mask, method, start)[2]
+    for notice in height.notices:
+        LOG.warning("%s", notice)
+    if scene.covariance is not None:
+        progress("errors of the rig", 1, steps)
+        measured = Measurement(before_rest, anchor, mask, rest, method)
+        height = replace(height, calibration=calibration_modes(_height_alone, measured, scene, height))
+    progress("reconstructed", steps, steps)
+    return height
 
 
 def _height_alone(measured: Measurement, scene: Scene) -> Floats:

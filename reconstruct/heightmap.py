@@ -1,7 +1,7 @@
 """HeightMap: where the mirror is, how sure that is, and why not where it fails; and its files."""
 
 import json
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from enum import IntFlag
 from pathlib import Path
 from typing import Any
@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.decode import Flag
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
 from optolever.notices import Notice, notices_from_array, notices_to_array
+from optolever.records import Axes, Comparable, flag_line, plot_maps, span
 
 from .export import write_ply, write_tiff
 from .resampling import Grid, Lean, natural_pitch, resample
@@ -84,8 +86,8 @@ class Diagnostics:
         return cls(**values)
 
 
-@dataclass(frozen=True, slots=True)
-class HeightMap:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class HeightMap(Comparable):
     """Mirror points on the camera's pixels, (H, W) each, mm in the mirror's frame.
 
     x, y, z: NaN where nothing is known; sigma: standard deviation of z at that pixel, whose point then moves
@@ -123,6 +125,44 @@ class HeightMap:
             raise InputError(
                 f"height map: calibration has shape {self.calibration.shape}, must be (r, *{shape})"
             )
+
+    def __repr__(self) -> str:
+        good = self.good
+        rows, cols = good.shape
+        names = {flag.value: str(flag.name) for flag in (*Flag, *HeightFlag)}
+        lines = [f"HeightMap: {rows} x {cols} pixels, {100 * good.mean():.4g} % good"]
+        lines.append(f"  z {span(self.z, good)} mm, sigma {span(self.sigma, good)} mm")
+        lines.append(f"  x {span(self.x, good)}, y {span(self.y, good)} mm")
+        lines.append("  " + flag_line(self.flags, names))
+        modes = 0 if self.calibration is None else len(self.calibration)
+        return "\n".join(
+            [*lines, f"  method {self.diagnostics.method}, {modes} modes, {len(self.notices)} notices"]
+        )
+
+    def plot(self, axes: Any = None) -> Axes:
+        """Draw z and its standard deviation (noise and rig) of the good pixels with matplotlib; the axes."""
+        maps = {"z [mm]": self.z, "sigma [mm]": self.total_sigma}
+        return plot_maps({title: np.where(self.good, one, np.nan) for title, one in maps.items()}, axes)
+
+    def __sub__(self, other: "HeightMap") -> "HeightMap":
+        """This map less another one of the same rig, pixel by pixel: sigma is that of both, modes cancel as
+        far as they are common, flags are those of either. x, y and lean are this map's.
+        """
+        if not isinstance(other, HeightMap):
+            return NotImplemented
+        z, _ = self.difference(other)
+        modes = None
+        if self.calibration is not None and other.calibration is not None:
+            modes = self.calibration - other.calibration
+        return replace(
+            self,
+            z=z,
+            sigma=np.hypot(self.sigma, other.sigma),
+            flags=self.flags | other.flags,
+            diagnostics=Diagnostics("difference"),
+            notices=tuple(dict.fromkeys((*self.notices, *other.notices))),
+            calibration=modes,
+        )
 
     @property
     def calibration_sigma(self) -> Floats:

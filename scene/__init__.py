@@ -14,6 +14,7 @@ TOML only.
 | `surface.py`, `grid.py` | Surface (height and gradient), Formula; height array as a bicubic spline |
 | `forms.py`, `dents.py`, `relief.py` | closed forms of the dents; dents by name; a dent from an image |
 | `meeting.py`, `tracing.py` | first meeting of ray and surface; Trace, trace |
+| `drawing.py` | the rig from the side |
 | `window.py` | a part of the image as a camera; how far the view moves across a pixel |
 | `sofast.py` | the rig of an OpenCSP SOFAST result (HDF5) as a scene |
 | `record.py`, `pose.py` | equality and checks of records; x_A = T_AB x_B |

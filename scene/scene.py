@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tomli_w
@@ -10,6 +11,7 @@ import tomli_w
 from optolever.files import atomic_file, together
 
 from .covariance import Covariance
+from .drawing import draw_side
 from .medium import Medium
 from .mirror import Mirror
 from .pattern import Pattern
@@ -25,7 +27,7 @@ __all__ = ["Camera", "Scene", "resize"]
 Camera = TelecentricCamera | PinholeCamera
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Scene(Record):
     """A mirror at rest, a pattern surface and a camera, all in the mirror's frame (mm).
 
@@ -44,11 +46,34 @@ class Scene(Record):
     dent: str | None = None
     covariance: Covariance | None = None
 
+    def __repr__(self) -> str:
+        mirror, pattern, camera = self.mirror, self.pattern, self.camera
+        inside = "ideal mirror" if self.medium is None else f"in a medium of index {self.medium.index:g}"
+        return (
+            f"Scene {self.name!r}: mirror {mirror.length:g} x {mirror.width:g} mm, {inside}\n"
+            f"  {type(camera).__name__} of {camera.rows} x {camera.cols} pixels\n"
+            f"  pattern of {pattern.rows} x {pattern.cols} cells of {pattern.pitch:.4g} mm"
+        )
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw mirror, pattern and rays at rest from the side (x, z in mm) with matplotlib; the axes."""
+        camera, pattern = self.camera, self.pattern
+        cols = np.linspace(0, camera.cols - 1, 9)
+        starts, d = camera.rays_at(np.full(9, (camera.rows - 1) / 2), cols)
+        met = starts - (starts[:, 2] / d[:, 2])[:, None] * d
+        out = d * [1, 1, -1]
+        u, v, _ = pattern.landing(met.T, out.T)
+        ends = pattern.point(np.array([-0.5, pattern.cols - 0.5]), np.full(2, (pattern.rows - 1) / 2))
+        landed = pattern.point(u, v)
+        return draw_side(self.mirror.length, ends, np.stack([starts, met, landed], axis=1), axes)
+
     def save(self, path: str | Path) -> None:
         """Write the scene as TOML, to be read by `load`, a covariance as .npz beside it; what is absent is
         left out. Sections of other programs' that a file of that name has are kept.
         """
-        table, file = scene_table(self), Path(path)
+        others = {"medium": self.medium, "display": self.display, "sensor": self.sensor}
+        table = scene_table(self.name, self.mirror, self.pattern, self.camera, self.dent, others)
+        file = Path(path)
         kept = foreign_sections(file) if file.is_file() else {}
         if self.covariance is None:
             with atomic_file(path) as temporary:

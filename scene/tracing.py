@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from optolever.blocks import over_rows
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
 from optolever.memory import require_room
+from optolever.records import Axes, Comparable, plot_maps, span
 
 from .meeting import Bounds, bounds_of, first_meeting, meets_again
 from .record import Float
@@ -21,8 +23,8 @@ __all__ = ["Trace", "trace"]
 _BLOCK = 16  # rows at a time: a block's temporaries stay in the cache
 
 
-@dataclass(frozen=True)
-class Trace:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trace(Comparable):
     """What every camera pixel sees, (H, W), NaN where it sees no pattern.
 
     u, v: pattern coordinates in cells; x, y, z: point on the mirror (mm); normal (H, W, 3): unit, on the
@@ -37,6 +39,20 @@ class Trace:
     normal: Float
     incidence: Float
     visible: NDArray[np.bool_]
+
+    def __repr__(self) -> str:
+        rows, cols = self.visible.shape
+        seen = self.visible
+        return (
+            f"Trace: {rows} x {cols} pixels, {100 * seen.mean():.4g} % visible\n"
+            f"  u {span(self.u, seen)}, v {span(self.v, seen)} pattern pixels\n"
+            f"  x {span(self.x, seen)}, y {span(self.y, seen)}, z {span(self.z, seen)} mm\n"
+            f"  incidence {span(np.degrees(self.incidence), seen)} degrees"
+        )
+
+    def plot(self, axes: Any = None) -> Axes:
+        """Draw u, v and z with matplotlib; the axes, one per map."""
+        return plot_maps({"u [pattern px]": self.u, "v [pattern px]": self.v, "z [mm]": self.z}, axes)
 
     def save(self, path: str | Path) -> None:
         """Write all fields as .npz."""

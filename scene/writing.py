@@ -1,18 +1,18 @@
 """Scenes to TOML: explicit poses in full precision, so that what is read back is equal."""
 
 import tomllib
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .face import Face
+from .mirror import Mirror
+from .pattern import Pattern
 from .pattern_shape import Bow
 from .pinhole import PinholeCamera
-
-if TYPE_CHECKING:
-    from .scene import Scene
 
 __all__ = ["FOREIGN", "foreign_sections", "scene_table"]
 
@@ -31,11 +31,12 @@ def foreign_sections(path: Path) -> Table:
     return {name: content[name] for name in FOREIGN if name in content}
 
 
-def scene_table(scene: "Scene") -> Table:
-    """The scene as plain TOML types; what is absent is left out."""
-    mirror, pattern = scene.mirror, scene.pattern
+def scene_table(
+    name: str, mirror: Mirror, pattern: Pattern, camera: Any, dent: str | None, others: Mapping[str, Any]
+) -> Table:
+    """A scene's parts as plain TOML types; others: records by section, None: left out."""
     table: Table = {
-        "name": scene.name,
+        "name": name,
         "mirror": {"size_mm": [mirror.length, mirror.width]},
         "pattern": {
             "size": [pattern.cols, pattern.rows],
@@ -44,17 +45,16 @@ def scene_table(scene: "Scene") -> Table:
             "origin_mm": pattern.origin.tolist(),
             **_axes(pattern),
         },
-        "camera": _camera(scene.camera),
+        "camera": _camera(camera),
     }
     if pattern.shape is not None:
-        name = "bow" if isinstance(pattern.shape, Bow) else "table"
-        table["pattern"][name] = pattern.shape.table()
-    if scene.dent is not None:
-        table = {"name": scene.name, "dent": scene.dent, **table}
-    for name in ("medium", "display", "sensor"):
-        record = getattr(scene, name)
+        shape = "bow" if isinstance(pattern.shape, Bow) else "table"
+        table["pattern"][shape] = pattern.shape.table()
+    if dent is not None:
+        table = {"name": name, "dent": dent, **table}
+    for section, record in others.items():
         if record is not None:
-            table[name] = {field.name: getattr(record, field.name) for field in fields(record)}
+            table[section] = {field.name: getattr(record, field.name) for field in fields(record)}
     return table
 
 

@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
+from optolever.reconstruct import HeightMap
+
 from .conftest import SCENE, SIZE, Chain, Program
 
 LEVER = 16.37  # mm, a tenth of the mirror: nearer to the pattern the lever is too short for a tight bound
@@ -208,3 +210,23 @@ def test_masks_and_rests_that_do_not_fit(optolever: Program, chain: Chain, tmp_p
         assert len(done.err.strip().splitlines()) == 1
         assert text in done.err
         assert not (tmp_path / "h.npz").exists()
+
+
+def test_a_page_from_saved_records(optolever: Program, chain: Chain, tmp_path: Path) -> None:
+    """Shows what is in the files, and only what is given; asks the network for nothing."""
+    words = ["report", chain.height, "--json", tmp_path / "r.json"]
+    assert optolever(*words, "--out", tmp_path / "bare").code == 0
+    extra = ["--correspondence", chain.correspondence, "--capture", chain.capture]
+    outcome = optolever(*words, *extra, "--out", tmp_path / "full")
+    assert outcome.code == 0, outcome.err
+    bare, full = ((tmp_path / name / "report.html").read_text() for name in ("bare", "full"))
+    height = HeightMap.load(chain.height)
+    assert json.loads((tmp_path / "r.json").read_text())["good_share"] == pytest.approx(height.good.mean())
+    for name in ("height-map", "sigma-map", "flag-counts", "flags-map", "surface-data"):
+        assert f'id="{name}"' in bare
+        assert f'id="{name}"' in full
+    assert 'id="correspondence-maps"' in full
+    assert 'id="correspondence-maps"' not in bare
+    assert full.count('alt="camera frame') == 20
+    assert 'alt="camera frame' not in bare
+    assert "https://" not in full.replace("data:", "")

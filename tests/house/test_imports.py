@@ -93,6 +93,45 @@ def test_faces_have_a_map_and_a_complete_all(part: str) -> None:
     assert not unmapped, f"the docstring of {part}/__init__.py does not name {unmapped}"
 
 
+def graph(folder: Path) -> dict[str, set[str]]:
+    """file -> files of the same part that it imports from, wherever the statement stands, also for types."""
+    paths = {path.relative_to(folder).with_suffix("").as_posix(): path for path in folder.rglob("*.py")}
+    found: dict[str, set[str]] = {}
+    for name, path in paths.items():
+        targets = set()
+        for _, level, module, names in imports(path):
+            if level:
+                base = path.relative_to(folder).parts[: -level or None]
+                places = [module.split(".")] if module else [[each] for each in names]
+                targets |= {"/".join((*base, *place)) for place in places}
+        found[name] = {f"{each}/__init__" if each not in paths else each for each in targets} & paths.keys()
+    return found
+
+
+def circles(edges: dict[str, set[str]]) -> set[str]:
+    """Files from which an import leads back to themselves: what stays when files are taken away that import
+    nothing of the rest, and files that nothing of the rest imports.
+    """
+    left = dict(edges)
+    while True:
+        imported = set().union(*left.values())
+        ends = {name for name, targets in left.items() if name not in imported or not targets}
+        if not ends:
+            return set(left)
+        left = {name: targets - ends for name, targets in left.items() if name not in ends}
+
+
+@pytest.mark.parametrize("part", FLOOR)
+def test_no_import_leads_back(part: str) -> None:
+    assert not circles(graph(ROOT / part))
+
+
+def test_circles_are_found() -> None:
+    line = {"a": {"b"}, "b": {"c"}, "c": set[str](), "d": {"b"}}
+    assert not circles(line)
+    assert circles(line | {"c": {"b"}}) == {"b", "c"}
+
+
 def test_the_scan_finds_what_it_forbids(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(globals(), "ROOT", tmp_path)
     bad = {

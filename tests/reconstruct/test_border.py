@@ -60,7 +60,7 @@ def test_slits_of_two_pixels_are_bridged_from_both_sides(exact) -> None:
     np.testing.assert_allclose(found[1].sigma_u[holes], data.sigma_u[holes], rtol=1e-9)
 
 
-@pytest.mark.parametrize("peak", [0.21, 0.44])
+@pytest.mark.parametrize("peak", [0.21, pytest.param(0.44, marks=pytest.mark.slow)])
 def test_an_island_behind_narrow_slits_stands_where_it_should(peak: float) -> None:
     """A ring of missing pixels, two wide in a few places only; no noise, and yet sigma 0.01 px."""
     scene = resize(load("prism48"), 148, 117)
@@ -75,6 +75,7 @@ def test_an_island_behind_narrow_slits_stands_where_it_should(peak: float) -> No
     assert np.max(np.abs(height.z - truth.z)[good] / height.sigma[good]) < 1.0
 
 
+@pytest.mark.slow
 def test_sigma_of_an_island_behind_passages_of_one_pixel() -> None:
     """Against noise repeated: what the passages, which are bridged, let through (and not the blocks that they
     are a part of)."""
@@ -150,6 +151,7 @@ def test_outliers_among_good_pixels_are_left_out(exact, noisy) -> None:
     assert (height.flags[heavy & ~wrong] == 0).mean() > 0.97
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("missing", [0, 2, 3])
 def test_an_edge_reached_over_pixels_is_as_sure_as_it_says(exact, noisy, cut, missing: int) -> None:
     """The anchor's error is common to all pixels beside it: its mean over seeds, over the stated sigma."""

@@ -59,7 +59,7 @@ def bound(data, w: np.ndarray, at_edge: np.ndarray) -> np.ndarray:
     return (scale**2 * np.diag(inverse)).reshape(w.shape)
 
 
-@pytest.mark.parametrize("cut", [1.0, 0.9])
+@pytest.mark.parametrize("cut", [1.0, pytest.param(0.9, marks=pytest.mark.slow)])
 def test_error_at_the_bound(exact, noisy, cut: float) -> None:
     """Whole prism and cut prism (x >= 0.1 L0): rms error over 150 seeds within 5 % of the bound,
     but for chance.

@@ -38,7 +38,7 @@ def known(truth) -> PixelAnchor:
 
 @pytest.mark.parametrize("preset", ["paper-simulation", "prism48", "monitor-mirror"])
 @pytest.mark.parametrize("dent", ["flat", "gaussian", "raised-cosine", "ridge:angle_deg=30"])
-@pytest.mark.parametrize("noise", [1e-3, 0.05])
+@pytest.mark.parametrize("noise", [pytest.param(1e-3, marks=pytest.mark.slow), 0.05])
 def test_chi2_is_one_where_the_scene_is_right(exact, noisy, preset: str, dent: str, noise: float) -> None:
     """Whatever the noise: curvature is no contradiction."""
     scene, truth, _ = exact(preset, dent, *SIZE)

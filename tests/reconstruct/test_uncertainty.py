@@ -67,7 +67,7 @@ def test_averaging_gain(ratio: float) -> None:
     assert found == pytest.approx(inverse[middle, middle] - true[middle, middle], rel=0.02)
 
 
-@pytest.mark.parametrize("anchor", ["edge", "pixel"])
+@pytest.mark.parametrize("anchor", ["edge", pytest.param("pixel", marks=pytest.mark.slow)])
 def test_coverage(exact, noisy, anchor: str) -> None:
     """rms(error / sigma) of repeated noise, pixel by pixel of the whole image,
     at every distance from the anchor.

@@ -1,0 +1,145 @@
+"""Records as Python objects: a few lines, a plot, equality; parts at the package's name; log and progress."""
+
+import logging
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from optolever import InputError
+from optolever.decode import Correspondence, decode
+from optolever.patterns import Sequence, sequence
+from optolever.projector import Capture, capture
+from optolever.reconstruct import HeightMap, reconstruct
+from optolever.scene import Scene, Trace, dent, load, resize, trace
+
+Chain = tuple[Scene, Sequence, Trace, Capture, Correspondence, HeightMap]
+
+
+@pytest.fixture(scope="module")
+def chain() -> Chain:
+    scene = resize(load("paper-simulation"), 40, 40)
+    surface = dent("gaussian", scene)
+    shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
+    seen = capture(scene, surface, shown, renderer="numpy", noise=1.0)
+    where = decode(seen.frames, shown)
+    return scene, shown, trace(scene, surface), seen, where, reconstruct(where, scene)
+
+
+def test_a_record_is_one_to_five_lines(chain: Chain) -> None:
+    for record in chain:
+        lines = repr(record).splitlines()
+        assert 1 <= len(lines) <= 5
+        assert max(map(len, lines)) <= 160
+    scene, _, truth, _, where, height = chain
+    assert "40 x 40" in repr(where)
+    assert f"{100 * where.good.mean():.4g} % good" in repr(where)
+    assert "pattern pixels" in repr(where)
+    assert f"{height.z[height.good].max():.5g} mm" in repr(height)
+    assert f"{truth.z[truth.visible].max():.5g} mm" in repr(truth)
+    assert scene.name in repr(scene)
+    assert "nowhere known" in repr(replace(where, flags=np.ones_like(where.flags)))
+
+
+def test_equality_is_of_what_is_held_and_never_raises(chain: Chain) -> None:
+    _, _, truth, _, where, height = chain
+    assert where == replace(where, u=where.u.copy())
+    assert where != replace(where, u=where.u + 1e-3)
+    assert where != replace(where, amplitude=None)
+    assert height == replace(height, z=height.z.copy())  # NaN where nothing is known
+    assert height != replace(height, sigma=2 * height.sigma)
+    assert truth == replace(truth, u=truth.u.copy())
+    assert (where == height) is False
+    assert where != "a correspondence"
+
+
+def test_records_are_drawn(chain: Chain) -> None:
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    scene, _, _, _, where, height = chain
+    for record in chain[1:]:
+        axes = record.plot()
+        assert all(ax.images and ax.get_title() for ax in axes)
+    drawn = height.plot()[0].images[0].get_array()
+    assert np.ma.allequal(drawn, np.ma.masked_invalid(np.where(height.good, height.z, np.nan)))
+    _, mine = pyplot.subplots(1, 3)
+    assert list(where.plot(mine)) == list(mine)
+    assert scene.plot().get_xlabel() == "x [mm]"
+    pyplot.close("all")
+
+
+def test_rays_of_a_drawn_rig_are_those_of_the_mirror_at_rest() -> None:
+    pytest.importorskip("matplotlib").use("Agg")
+    from matplotlib import pyplot
+
+    scene = resize(load("prism48"), 31, 33)
+    truth = trace(scene, dent("flat", scene))
+    rays = [line.get_xydata() for line in scene.plot().lines[:9]]
+    cols = np.linspace(0, 32, 9).astype(int)
+    for ray, col in zip(rays, cols, strict=True):
+        assert ray[1] == pytest.approx([truth.x[15, col], 0.0], abs=1e-9)
+        place = scene.pattern.point(truth.u[15, col], truth.v[15, col])
+        assert ray[2] == pytest.approx(place[[0, 2]], abs=1e-9)
+    pyplot.close("all")
+
+
+def test_the_difference_of_two_maps(chain: Chain) -> None:
+    height = chain[-1]
+    rng = np.random.default_rng(4)
+    modes = rng.normal(size=(2, *height.z.shape)).astype(np.float32)
+    flags = height.flags.copy()
+    flags[3, 4] |= 2
+    pressed = replace(height, calibration=modes)
+    rest = replace(height, z=height.z - 0.25, sigma=2 * height.sigma, flags=flags, calibration=0.5 * modes)
+    apart = pressed - rest
+    assert isinstance(apart, HeightMap)
+    good = apart.good
+    assert not good[3, 4]
+    assert apart.z[good] == pytest.approx(0.25)
+    expected = np.sqrt(5 * height.sigma**2 + 0.25 * (modes.astype(float) ** 2).sum(axis=0))
+    assert apart.total_sigma[good] == pytest.approx(expected[good], rel=1e-6)
+    assert apart.total_sigma[good] == pytest.approx(pressed.difference(rest)[1][good], rel=1e-6)
+    with pytest.raises(InputError, match="must be of one rig"):
+        _ = pressed - height
+
+
+def test_one_import_is_enough() -> None:
+    """And imports nothing heavy by itself."""
+    code = (
+        "import sys, optolever; "
+        "heavy = {'numpy', 'scipy', 'cv2', 'numba', 'matplotlib'} & set(sys.modules); "
+        "assert not heavy, heavy; "
+        "assert {'decode', 'scene'} <= set(dir(optolever)); "
+        "assert callable(optolever.decode.decode) and callable(optolever.scene.load); "
+        "assert 'matplotlib' not in sys.modules; "
+        "assert not hasattr(optolever, 'nothing')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_long_calls_tell_how_far_they_are(chain: Chain, caplog: pytest.LogCaptureFixture) -> None:
+    scene, shown, _, seen, where, _ = chain
+    told: list[tuple[str, int, int]] = []
+
+    def listen(text: str, done: int, total: int) -> None:
+        told.append((text, done, total))
+
+    with caplog.at_level(logging.INFO, logger="optolever"):
+        for call in (
+            lambda: capture(scene, dent("flat", scene), shown, renderer="numpy", progress=listen),
+            lambda: decode(seen.frames, shown, progress=listen),
+            lambda: reconstruct(where, scene, progress=listen),
+        ):
+            told.clear()
+            call()
+            counts = [done for _, done, _ in told]
+            assert counts == sorted(counts)
+            assert told[-1][1] == told[-1][2]
+            assert all(text for text, _, _ in told)
+    told_of = [record.getMessage().split()[0] for record in caplog.records if record.levelno == logging.INFO]
+    assert told_of == ["capture", "decode", "reconstruct"]
