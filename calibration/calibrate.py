@@ -57,6 +57,13 @@ class Calibration:
             for name, value, sigma in zip(problem.names, self.adjustment.values, sigmas, strict=True)
         ]
 
+    @property
+    def residuals(self) -> dict[str, tuple[Floats, Floats, Floats, Floats]]:
+        """Per capture: row, col (n,) of its sample, and predicted less measured u and v (n,), in sigma."""
+        problem = self.adjustment.problem
+        named = zip(problem.samples, problem.data(self.adjustment.values), strict=False)
+        return {s.name: (s.row, s.col, rows[: len(s.row)], rows[len(s.row) :]) for s, rows in named}
+
     def to_dict(self) -> dict[str, Any]:
         """As plain types."""
         return {
@@ -111,15 +118,19 @@ def calibrate(
 
 
 def left_out(calibration: Calibration, name: str) -> float:
-    """chi of a capture that is left out of the adjustment, its own pose adjusted to it afterwards."""
+    """chi of a capture by all the others: what it adds to the least sum of squares, per degree of freedom, so
+    that what the others leave open of the rig counts as such. NaN of the capture that is the frame."""
     whole = calibration.adjustment.problem
     others = [sample for sample in whole.samples if sample.name != name]
     if name == whole.frame or not others:
         return math.nan
-    values = whole.named(calibration.adjustment.values)
-    sigmas = {key: value for key, value in whole.sigmas.items() if not key.startswith(f"{name}.")}
-    found = adjust(replace(whole, samples=others, sigmas=sigmas), values)
-    return _own(whole, name, values | found.problem.named(found.values)).chi
+    own = {key for key in whole.sigmas if key.startswith(f"{name}.")}
+    sigmas = {key: value for key, value in whole.sigmas.items() if key not in own}
+    first = whole.named(calibration.adjustment.values)
+    without = adjust(replace(whole, samples=others, sigmas=sigmas), first)
+    (sample,) = (sample for sample in whole.samples if sample.name == name)
+    added = calibration.adjustment.cost - without.cost
+    return math.sqrt(max(0.0, added) / (2 * len(sample.row) - len(own)))
 
 
 def _problem(

@@ -15,6 +15,7 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
         "capture",
         "decode",
         "calibrate",
+        "rest",
         "reconstruct",
     ),
     "Plan and compare": ("design", "bench", "paper", "lab"),
