@@ -11,6 +11,7 @@
 | `start.py` | a start without a guess, in open air |
 | `figures.py` | what a calibration is worth, by simulation |
 | `rigs.py` | rigs with errors and their captures, for figures and tests |
+| `rest.py` | the map of the mirror at rest, kept with the rig; drift |
 | `observability.py` | singular values in prior units, warnings |
 """
 
@@ -18,6 +19,7 @@ from .calibrate import Calibration, calibrate, left_out
 from .figures import SETUPS, Figure, figures, mode_chi2
 from .observation import Observation
 from .priors import default_priors
+from .rest import RestMap, load_rest, store_rest
 from .targets import Ball, Flat, Plate, Points, Rest, Target
 
 __all__ = [
@@ -30,10 +32,13 @@ __all__ = [
     "Plate",
     "Points",
     "Rest",
+    "RestMap",
     "Target",
     "calibrate",
     "default_priors",
     "figures",
     "left_out",
+    "load_rest",
     "mode_chi2",
+    "store_rest",
 ]

@@ -81,21 +81,22 @@ class Problem:
         return np.concatenate([*self.data(vector), self._prior(vector)])
 
     def jacobian(self, vector: Floats) -> Floats:
-        """Forward differences, of a capture's own unknowns on its own rows only."""
+        """Central differences (forward ones are wrong by the curvature, which along a weak direction exceeds
+        the slope); a capture's own unknowns move its own rows alone.
+        """
         counts = [2 * len(sample.row) for sample in self.samples]
         starts = np.concatenate([[0], np.cumsum(counts)])
         extra = sum(len(np.asarray(p.x)) for p in self.points)
         data = int(starts[-1]) + extra
         rows = np.zeros((data + len(vector), len(vector)))
-        before = self.data(vector)
         for k, name in enumerate(self.names):
             step, only = _step(name), self._moved(name)
-            ahead = vector.copy()
-            ahead[k] += step
-            for index, moved in zip(only, self.data(ahead, only), strict=True):
-                rows[starts[index] : starts[index + 1], k] = (moved - before[index]) / step
+            ahead, behind = (vector + sign * step * (np.arange(len(vector)) == k) for sign in (1, -1))
+            for index, one, other in zip(only, self.data(ahead, only), self.data(behind, only), strict=True):
+                rows[starts[index] : starts[index + 1], k] = (one - other) / (2 * step)
             if extra:
-                rows[starts[-1] : data, k] = (self.rest_shape(self.named(ahead)) - before[-1]) / step
+                moved = [self.rest_shape(self.named(each)) for each in (ahead, behind)]
+                rows[starts[-1] : data, k] = (moved[0] - moved[1]) / (2 * step)
             rows[data + k, k] = 1 / self.sigmas[name]
         return rows
 
@@ -119,7 +120,7 @@ class Problem:
 @dataclass(frozen=True, eq=False)
 class Adjustment:
     """values (p,) at the minimum, jacobian there (data rows first, then one row per prior), chi of the data
-    per degree of freedom, chis of every sample, evaluations."""
+    per degree of freedom, chis of every sample, evaluations; cost: sum of squares, priors included."""
 
     problem: Problem
     values: Floats
@@ -127,6 +128,7 @@ class Adjustment:
     chi: float
     chis: dict[str, float]
     evaluations: int
+    cost: float
 
     @property
     def covariance(self) -> Floats:
@@ -150,14 +152,16 @@ def adjust(problem: Problem, start: Mapping[str, float]) -> Adjustment:
         ftol=1e-10,
         xtol=1e-12,
         gtol=1e-12,
-        max_nfev=40,
+        max_nfev=200,
     )
     data = problem.data(found.x)
     count = sum(rows.size for rows in data)
     chi = float(np.sqrt(sum((rows**2).sum() for rows in data) / max(1, count - len(first))))
     named = zip(problem.samples, data, strict=False)
     chis = {sample.name: float(np.sqrt(np.mean(rows**2))) for sample, rows in named}
-    return Adjustment(problem, found.x, problem.jacobian(found.x), chi, chis, int(found.nfev))
+    return Adjustment(
+        problem, found.x, problem.jacobian(found.x), chi, chis, int(found.nfev), 2 * float(found.cost)
+    )
 
 
 def _step(name: str) -> float:

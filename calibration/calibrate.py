@@ -23,6 +23,8 @@ __all__ = ["Calibration", "calibrate", "left_out"]
 
 Floats = NDArray[np.float64]
 
+_STARTS = 12
+_ALIKE = 0.1  # of chi2: two minima are one
 _NO_BALL = 5.0  # chi of a ball's capture, and sigmas of its radius: it is none
 
 
@@ -54,6 +56,13 @@ class Calibration:
             }
             for name, value, sigma in zip(problem.names, self.adjustment.values, sigmas, strict=True)
         ]
+
+    @property
+    def residuals(self) -> dict[str, tuple[Floats, Floats, Floats, Floats]]:
+        """Per capture: row, col (n,) of its sample, and predicted less measured u and v (n,), in sigma."""
+        problem = self.adjustment.problem
+        named = zip(problem.samples, problem.data(self.adjustment.values), strict=False)
+        return {s.name: (s.row, s.col, rows[: len(s.row)], rows[len(s.row) :]) for s, rows in named}
 
     def to_dict(self) -> dict[str, Any]:
         """As plain types."""
@@ -98,12 +107,10 @@ def calibrate(
     if found is not None:
         base, first = found
     problem = _problem(base, samples, sigmas, means, points, frame)
-    if found is None:
-        first = _staged(problem, first)
-    result = adjust(problem, first)
+    result = adjust(problem, first) if found is not None else _least(problem, first)
     if found is not None and result.chi > _NO_BALL:  # a bad start: the scene's own may be better
         again = _problem(scene, samples, sigmas, means, points, frame)
-        other = adjust(again, _staged(again, dict(means)))
+        other = _least(again, dict(means))
         if other.chi < result.chi:
             base, found, result = scene, None, other
     _require_balls(result)
@@ -111,15 +118,19 @@ def calibrate(
 
 
 def left_out(calibration: Calibration, name: str) -> float:
-    """chi of a capture that is left out of the adjustment, its own pose adjusted to it afterwards."""
+    """chi of a capture by all the others: what it adds to the least sum of squares, per degree of freedom, so
+    that what the others leave open of the rig counts as such. NaN of the capture that is the frame."""
     whole = calibration.adjustment.problem
     others = [sample for sample in whole.samples if sample.name != name]
     if name == whole.frame or not others:
         return math.nan
-    values = whole.named(calibration.adjustment.values)
-    sigmas = {key: value for key, value in whole.sigmas.items() if not key.startswith(f"{name}.")}
-    found = adjust(replace(whole, samples=others, sigmas=sigmas), values)
-    return _own(whole, name, values | found.problem.named(found.values)).chi
+    own = {key for key in whole.sigmas if key.startswith(f"{name}.")}
+    sigmas = {key: value for key, value in whole.sigmas.items() if key not in own}
+    first = whole.named(calibration.adjustment.values)
+    without = adjust(replace(whole, samples=others, sigmas=sigmas), first)
+    (sample,) = (sample for sample in whole.samples if sample.name == name)
+    added = calibration.adjustment.cost - without.cost
+    return math.sqrt(max(0.0, added) / (2 * len(sample.row) - len(own)))
 
 
 def _problem(
@@ -149,6 +160,24 @@ def _without_guess(
     base, poses = found
     values = {name: value for name, value in parameter_values(base).items() if name in sigmas}
     return base, values | dict(poses)
+
+
+def _least(problem: Problem, mean: dict[str, float]) -> Adjustment:
+    """The least of the minima from the priors' mean and from draws of the priors: rest alone has several.
+    Ends once two starts met the least. Of flats nothing is drawn: their poses are free."""
+    found = [adjust(problem, _staged(problem, mean))]
+    (frame,) = (sample for sample in problem.samples if sample.name == problem.frame)
+    drawn = sorted(set(parameter_values(problem.scene)) & set(problem.sigmas))
+    if not isinstance(frame.target, Rest) or not drawn:
+        return found[0]
+    rng = np.random.default_rng(0)
+    while len(found) < _STARTS:
+        first = {name: mean.get(name, 0.0) + problem.sigmas[name] * rng.standard_normal() for name in drawn}
+        found.append(adjust(problem, _staged(problem, mean | first)))
+        costs = sorted(each.cost for each in found)
+        if costs[1] - costs[0] < _ALIKE:
+            break
+    return min(found, key=lambda each: each.cost)
 
 
 def _staged(problem: Problem, first: dict[str, float]) -> dict[str, float]:

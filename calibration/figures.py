@@ -25,7 +25,8 @@ __all__ = ["SETUPS", "Figure", "figures", "mode_chi2"]
 Floats = NDArray[np.float64]
 
 _SHARE = 0.999  # of the modes' variance: how many are counted
-_COLUMNS = {"air": (100, 480), "prism": (200, 400)}  # of the images, traced and rendered
+# Columns of the images, traced and rendered: a ball's contact must hold enough pixels.
+_COLUMNS = {"air": (100, 480), "balls": (200, 400), "rest": (100, 400)}
 _NOISE = {"air": 0.0016, "prism": 0.005}  # of the thinned pattern's cells: 0.02 of the display's
 
 #: Name -> (kind, captures, pinhole).
@@ -86,7 +87,7 @@ def _figure(setup: str, seed: int, rendered: bool) -> Figure | None:
     take = (
         _rendering(seed) if rendered else correspondence_of(_NOISE["air" if kind == "air" else "prism"], rng)
     )
-    size = _COLUMNS["air" if kind == "air" else "prism"][rendered]
+    size = _COLUMNS["air" if kind == "air" else "balls" if count else "rest"][rendered]
     rig = open_air(rng, count, take, size=size) if kind == "air" else prism(rng, count, take, pinhole, size)
     if kind == "typed":
         scene, chi, evaluations = _typed(rig.given), 1.0, 0

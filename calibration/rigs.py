@@ -4,7 +4,7 @@ The truth is traced by `scene.trace` (or rendered through it), never by the adju
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,13 +37,14 @@ Capturer = Callable[[Scene, Surface, int], Correspondence]
 @dataclass(frozen=True, eq=False)
 class Rig:
     """truth: the scene as it is; given: as it was typed; observations of targets; dent: to measure, and the
-    same mirror without it."""
+    same mirror without it; numbers: of the truth, as changes of the given (`parameter_values`)."""
 
     truth: Scene
     given: Scene
     observations: list[Observation]
     dent: Surface
     rest: Surface
+    numbers: dict[str, float] = field(default_factory=dict)
 
 
 def correspondence_of(noise: float, rng: Rng) -> Capturer:
@@ -111,9 +112,9 @@ def prism(rng: Rng, balls: int, capture: Capturer, pinhole: bool = False, size: 
     base = _behind_face(size) if pinhole else resize(load("prism48"), size * 3 // 4, size)
     length, width = base.mirror.length, base.mirror.width
     priors = default_priors(base)
-    known = {name: sigma * rng.standard_normal() for name, sigma in priors.items()}
     own = parameter_values(base)
-    truth = adjusted(base, {name: own[name] + error for name, error in known.items()})
+    numbers = {name: own[name] + sigma * rng.standard_normal() for name, sigma in priors.items()}
+    truth = adjusted(base, numbers)
     sags = 0.02 / np.sqrt(7) * rng.standard_normal(7)
 
     def sag(x: Floats, y: Floats) -> Floats:
@@ -141,7 +142,7 @@ def prism(rng: Rng, balls: int, capture: Capturer, pinhole: bool = False, size: 
         height: Floats = sag(x, y) + 0.3 * np.exp(-square / 128.0)
         return height
 
-    return Rig(truth, base, observations, shape_surface(dented), rest)
+    return Rig(truth, base, observations, shape_surface(dented), rest, numbers)
 
 
 def ball_cap(

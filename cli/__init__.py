@@ -5,8 +5,8 @@
 - `options`: arguments that several commands share (--json, --size, scenes)
 - `outputs`: where commands write, checked before they work
 - `show`: tables, progress bars, JSON
-- one file a command, named as it: `demo`, `doctor`, `names`; `capture`, `decode`, `calibrate`, `reconstruct`,
-  `report` and `window`, which is the command `show`; `design`, `bench`, `paper`
+- one file a command, named as it: `demo`, `doctor`, `names`; `capture`, `decode`, `calibrate`, `rest`,
+  `reconstruct`, `report` and `window`, which is the command `show`; `design`, `bench`, `paper`
 - `lab`: `figures`, `methods`, `codes`, `sweep`, `hard`, `fuzz`, `choices`, `sensor`, `adapt`
   and `rigs`, which is `lab calibration`
 """

@@ -2,6 +2,7 @@
 
 import math
 import re
+import shlex
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,8 +18,10 @@ from .show import grid, number, print_notices, progress, table, write_json
 if TYPE_CHECKING:
     from optolever.calibration import Calibration, Observation, Target
     from optolever.decode import Correspondence
+    from optolever.experiments import RigStudy
+    from optolever.scene import Scene
 
-__all__ = ["command"]
+__all__ = ["command", "correspondence_of"]
 
 SAMPLE = """
 $ optolever calibrate --scene monitor-mirror --out rig.toml \\
@@ -47,6 +50,7 @@ _TARGET = re.compile(r"(?P<kind>[a-z]+)(:(?P<numbers>[^=]*))?=(?P<path>[^@]+)(@(
 @click.option("--without", multiple=True, metavar="NAME", help="Leave a capture out, by its file's stem.")
 @click.option("--guess", is_flag=True, help="Start from the scene's numbers, in open air too.")
 @click.option("--leave-one-out", is_flag=True, help="Also show chi of every capture by the others.")
+@click.option("--report", "page", type=OUTPUT, metavar="FILE.html", help="Also write a page about it.")
 @size_option
 @json_option
 def command(
@@ -57,6 +61,7 @@ def command(
     without: tuple[str, ...],
     guess: bool,
     leave_one_out: bool,
+    page: Path | None,
     size: tuple[int, int] | None,
     json_path: Path | None,
 ) -> None:
@@ -67,6 +72,7 @@ def command(
     by the mask) or plate. reconstruct takes RIG.toml and tells what its errors do to the heights.
     """
     from optolever.calibration import calibrate, left_out
+    from optolever.experiments import write_rig_report
     from optolever.files import together
 
     scene = load_scene(scene_name, size)
@@ -86,12 +92,42 @@ def command(
         if leave_one_out:
             step("leave one out")
             numbers["left_out"] = {each.name: left_out(found, each.name) for each in used}
+        study = None
+        if page is not None:
+            step("report")
+            study = _study(scene, found, numbers, captures, scene_name, out)
         step("write")
         with together():
             found.scene.save(out)
+            if study is not None and page is not None:
+                write_rig_report(study, page)
             write_json(json_path, numbers)
     print_notices(found.notices)
     _show(found, numbers, out)
+
+
+def _study(
+    given: "Scene",
+    found: "Calibration",
+    numbers: dict[str, Any],
+    captures: tuple[str, ...],
+    scene_name: str,
+    out: Path,
+) -> "RigStudy":
+    from optolever.experiments import RigStudy
+
+    command = shlex.join(["optolever", "calibrate", "--scene", scene_name, "--out", str(out), *captures])
+    seconds = {"adjust": numbers["seconds"]}
+    return RigStudy(
+        given,
+        found.scene,
+        found.adjustment.chi,
+        found.parameters,
+        found.residuals,
+        found.notices,
+        seconds,
+        command,
+    )
 
 
 def _show(found: "Calibration", numbers: dict[str, Any], out: Path) -> None:
@@ -136,7 +172,7 @@ def _observation(text: str) -> "Observation":
     path = Path(match["path"])
     given = match["numbers"].split(",") if match["numbers"] else []
     target = _target(match["kind"], [_number(f"capture {text!r}: {match['kind']}", part) for part in given])
-    correspondence = _correspondence(path)
+    correspondence = correspondence_of(path)
     mask = None
     if match["mask"]:
         mask = mask_from(Path(match["mask"]), correspondence.u.shape, f"{path} is")
@@ -161,7 +197,7 @@ def _target(kind: str, numbers: list[float]) -> "Target":
     return made
 
 
-def _correspondence(path: Path) -> "Correspondence":
+def correspondence_of(path: Path) -> "Correspondence":
     """What was decoded, or a folder of frames, decoded now."""
     from optolever.decode import Correspondence, decode
     from optolever.projector import Capture

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from optolever.decode import Correspondence
     from optolever.reconstruct import Grid, HeightMap
 
-__all__ = ["command"]
+__all__ = ["Anchor", "command"]
 
 SAMPLE = """
 $ optolever reconstruct c.npz --scene capture/scene.toml \\
@@ -41,7 +41,7 @@ Height map in h.npz
 """
 
 
-class _Anchor(click.ParamType[Any]):
+class Anchor(click.ParamType[Any]):
     """edge, none, or a known point of the mirror X,Y,Z in mm."""
 
     name = "edge|none|X,Y,Z"
@@ -63,7 +63,7 @@ class _Anchor(click.ParamType[Any]):
 @click.option("--method", default="coupled", show_default=True, help="Solver, by name (optolever names).")
 @click.option(
     "--anchor",
-    type=_Anchor(),
+    type=Anchor(),
     help="What fixes the height: the camera-side edge at rest (default), a known point (mm; default of a "
     "SOFAST rig: where it measured its distance), or nothing.",
 )
@@ -105,6 +105,14 @@ class _Anchor(click.ParamType[Any]):
     metavar="FILE.npz",
     help="Also write slope_x, slope_y and the curvature, each with its sigma.",
 )
+@click.option(
+    "--change",
+    "change_path",
+    type=OUTPUT,
+    metavar="FILE.npz",
+    help="Also write the height less that at rest (a rig with [rest]): x, y, z and its sigma.",
+)
+@click.option("--facet", metavar="NAME", help="Of a SOFAST result: its group; default: facet_000.")
 @click.option("--truth", type=FILE, metavar="TRUTH.npz", help="Compare with the truth of a virtual capture.")
 @size_option
 @json_option
@@ -121,6 +129,8 @@ def command(
     grids: tuple[Path, ...],
     pitch: float | None,
     slopes_path: Path | None,
+    change_path: Path | None,
+    facet: str | None,
     truth: Path | None,
     size: tuple[int, int] | None,
     json_path: Path | None,
@@ -132,6 +142,7 @@ def command(
     its camera, facet and screen, for a correspondence decoded from its measurement.
     """
     writers = [(path, _grid_writer(path)) for path in grids]
+    from optolever.calibration import load_rest
     from optolever.decode import Correspondence
     from optolever.files import save_arrays, together
     from optolever.reconstruct import contacts, curvature_map, on_rig, reconstruct, slope_map
@@ -143,19 +154,27 @@ def command(
     if Path(scene_name).suffix.lower() in HDF5:
         if size is not None:
             raise InputError(f"--size: {scene_name} is a SOFAST rig, its size is that of its camera")
-        rig = load_sofast_rig(scene_name)
+        rig = load_sofast_rig(scene_name, *(() if facet is None else (facet,)))
         with blame(source):
             correspondence = on_rig(correspondence, rig)
             rest = None if rest is None else on_rig(rest, rig)
         scene, anchor = rig.scene, anchor or rig.datum
     else:
+        if facet is not None:
+            raise InputError(f"--facet {facet}: {scene_name} is no SOFAST result (.h5)")
         scene = load_scene(scene_name, size)
+    sofast = Path(scene_name).suffix.lower() in HDF5
+    at_rest = None if sofast or size is not None else load_rest(scene_name)
+    if change_path is not None and at_rest is None:
+        raise InputError(f"--change {change_path}: {scene_name} has no rest map; run `optolever rest`")
     with progress() as step:
         with blame(source):
+            drift = () if at_rest is None else at_rest.notices(correspondence)
             step("reconstruct")
             start = time.perf_counter()
             height = reconstruct(correspondence, scene, method, anchor, mask, rest=rest, progress=step)
             seconds = time.perf_counter() - start
+            height = replace(height, notices=height.notices + drift)
             step("contacts")
             slopes = slope_map(height, correspondence, scene)
             dents = [contact.to_dict() for contact in contacts(height, slopes)]
@@ -171,6 +190,9 @@ def command(
                 height.save_tiff(tiff)
             if ply is not None:
                 height.save_ply(ply)
+            if change_path is not None and at_rest is not None:
+                change, sigma = at_rest.dent(height)
+                save_arrays(change_path, {"x": height.x, "y": height.y, "z": change, "sigma": sigma})
             if slopes_path is not None:
                 save_arrays(slopes_path, asdict(slopes) | asdict(curvature_map(slopes)))
             if grid is not None:

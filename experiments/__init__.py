@@ -9,6 +9,7 @@
 | `paper.py`, `paper_rows.py` | run_paper: the paper's simulation and experiment, and its table |
 | `paper_simulation.py`, `paper_frames.py` | its measurement: exact; lattice crossings from frames |
 | `paper_report.py`, `paper_figures.py` | the page of that |
+| `rig_report.py` | the page of a calibration |
 | `figures.py`, `brute_force.py` | run_figures: figures beside their limits; what checks scene.trace |
 | `code_guide.py` | code_rows: which code when: predicted sigma and gross rate, faults tried |
 | `decode_speed.py` | run_decode_figures: the decoder beside memory and other decoders |
@@ -34,6 +35,7 @@ from .paper import PaperStudy, run_paper
 from .paper_report import paper_html, write_paper_report
 from .paper_rows import PaperRow
 from .record_report import record_html, write_record_report
+from .rig_report import RigStudy, rig_html, write_rig_report
 from .solver_figures import run_solver_figures
 
 __all__ = [
@@ -45,6 +47,7 @@ __all__ = [
     "Outcome",
     "PaperRow",
     "PaperStudy",
+    "RigStudy",
     "brute_force",
     "code_rows",
     "demo_html",
@@ -54,6 +57,7 @@ __all__ = [
     "peak_bytes",
     "predict_code",
     "record_html",
+    "rig_html",
     "run_decode_figures",
     "run_demo",
     "run_figures",
@@ -63,4 +67,5 @@ __all__ = [
     "write_demo_report",
     "write_paper_report",
     "write_record_report",
+    "write_rig_report",
 ]

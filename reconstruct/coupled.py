@@ -108,18 +108,18 @@ def reconstruct(
     return height
 
 
-def _height_alone(measured: Measurement, scene: Scene) -> Floats:
-    """z (H, W) of a dense method in mm, without sigma and a look at discontinuities; NaN: unsolved."""
+def _height_alone(measured: Measurement, scene: Scene, start: HeightMap | None) -> HeightMap:
+    """Height by a dense method, without sigma and without a look at discontinuities; NaN where unsolved."""
     correspondence = measured.correspondence
     if measured.rest is not None:
         correspondence = rest_corrected(correspondence, measured.rest, scene)
     options = _METHODS[measured.method]
-    _, problem, state, _ = _first(correspondence, scene, measured.anchor, measured.mask, options, None)
-    rays = problem.data.rays
-    z = rays.inner_origins[2] + problem.data.distance(state.w) * rays.inner_directions[2]
+    _, problem, state, _ = _first(correspondence, scene, measured.anchor, measured.mask, options, start)
     grid = np.full(problem.outer.mask.shape, np.nan)
-    grid[problem.core] = np.where(problem.labels > 0, z, np.nan)
-    return problem.to_image(grid, np.nan)
+    grid[problem.core] = np.where(problem.labels > 0, problem.data.distance(state.w), np.nan)
+    o, d = problem.rays.inner_origins, problem.rays.inner_directions
+    x, y, z = o + problem.to_image(grid, np.nan) * d
+    return HeightMap(x, y, z, np.full_like(z, np.nan), np.zeros(z.shape, np.uint16))
 
 
 def solved_height(

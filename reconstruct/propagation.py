@@ -23,7 +23,7 @@ __all__ = ["Measurement", "calibration_modes"]
 
 Floats = NDArray[np.float64]
 
-Solver = Callable[["Measurement", Scene], Floats]
+Solver = Callable[["Measurement", Scene, HeightMap | None], HeightMap]
 
 _STEP = 0.05  # of a standard deviation
 _LINES = 96  # rows or columns of the coarse grid, at least
@@ -73,13 +73,12 @@ def _modes(solve: Solver, measured: Measurement, scene: Scene, step: int) -> Flo
     assert scene.covariance is not None
     names, own = scene.covariance.names, parameter_values(scene)
 
-    def heights(change: Floats) -> Floats:
+    def height(change: Floats, start: HeightMap | None = None) -> HeightMap:
         values = {name: own[name] + moved for name, moved in zip(names, change, strict=True)}
-        thinned = strided(adjusted(scene, values), step)
-        return solve(measured, thinned)
+        return solve(measured, strided(adjusted(scene, values), step), start)
 
-    before = heights(np.zeros(len(names)))
-    return np.stack([(heights(_STEP * row) - before) / _STEP for row in scene.covariance.root])
+    before = height(np.zeros(len(names)))
+    return np.stack([(height(_STEP * row, before).z - before.z) / _STEP for row in scene.covariance.root])
 
 
 def _interpolated(coarse: Floats, step: int, known: NDArray[np.bool_]) -> NDArray[np.float32]:

@@ -1,4 +1,4 @@
-"""What was decoded of a SOFAST measurement, on the flat pattern of the rig that SOFAST calibrated."""
+"""What was decoded of a SOFAST measurement, on the pattern of the rig that SOFAST calibrated."""
 
 from dataclasses import replace
 
@@ -22,6 +22,7 @@ def on_rig(correspondence: Correspondence, rig: SofastRig) -> Correspondence:
             f"correspondence: shape {correspondence.u.shape}, the SOFAST rig's camera has {rig.mask.shape}"
         )
     rows, cols = SOFAST_SCREEN
+    width, height = rig.extent
     u, v = rig.pattern_coordinates(correspondence.u / cols, 1.0 - correspondence.v / rows)
     seen = rig.mask & np.isfinite(u) & np.isfinite(v)
     unseen = np.where(seen, 0, int(Flag.INVALID))
@@ -29,7 +30,7 @@ def on_rig(correspondence: Correspondence, rig: SofastRig) -> Correspondence:
         correspondence,
         u=np.where(seen, u, np.nan),
         v=np.where(seen, v, np.nan),
-        sigma_u=correspondence.sigma_u * (rig.scene.pattern.cols / cols),
-        sigma_v=correspondence.sigma_v * (rig.scene.pattern.rows / rows),
+        sigma_u=correspondence.sigma_u * (width / cols),
+        sigma_v=correspondence.sigma_v * (height / rows),
         flags=(correspondence.flags | unseen).astype(np.uint16),
     )

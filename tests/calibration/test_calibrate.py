@@ -179,6 +179,16 @@ def test_covariance_is_true() -> None:
     assert 0.75 < np.mean(misses) < 1.3
 
 
+def test_rest_alone_ends_in_the_least_minimum() -> None:
+    """This rig has a second minimum, 100 in chi2 above the truth's numbers, that chi (1.01) does not show."""
+    rng = np.random.default_rng([0, 5])
+    rig = prism(rng, 0, correspondence_of(0.005, rng))
+    found = calibrate(rig.given, rig.observations).adjustment
+    names = found.problem.names
+    at_truth = found.problem.residuals(np.array([rig.numbers.get(name, 0.0) for name in names]))
+    assert found.cost < at_truth @ at_truth
+
+
 def test_prism_with_balls_behind_a_face() -> None:
     rig = prisms(2, 3, pinhole=True)
     found = calibrate(rig.given, rig.observations)

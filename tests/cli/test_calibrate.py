@@ -31,8 +31,15 @@ def test_from_captures_to_heights_with_modes(
     flats = [f"flat:1e-6={folder}/flat{k}.npz" for k in range(4)]
     out, numbers = tmp_path / "rig.toml", tmp_path / "rig.json"
     scene_and_out = ("--scene", str(folder / "given.toml"), "--out", str(out))
-    outcome = optolever("calibrate", *flats, *scene_and_out, "--without", "flat3", "--json", str(numbers))
+    page = tmp_path / "rig.html"
+    also = ("--without", "flat3", "--json", str(numbers), "--report", str(page))
+    outcome = optolever("calibrate", *flats, *scene_and_out, *also)
     assert outcome.code == 0, outcome.err
+    html = page.read_text()
+    assert all(
+        text in html for text in ("flat2: chi", "camera.f", "flatness of the reference", "Correlations")
+    )
+    assert html.count("data:image/png") == 3 + 3  # residuals of each capture; correlations, sigma, sketch
     assert "camera.f" in outcome.out
     assert "gauge" in outcome.err
     found = json.loads(numbers.read_text())
@@ -49,6 +56,17 @@ def test_from_captures_to_heights_with_modes(
     modes = HeightMap.load(height).calibration
     assert modes is not None
     assert len(modes) == len(scene.covariance.root)
+    change = ("--change", str(tmp_path / "d.npz"))
+    outcome = optolever("reconstruct", str(folder / "flat0.npz"), *scene_and_out, *change)
+    assert outcome.code == 2
+    assert "optolever rest" in outcome.err
+    outcome = optolever("rest", str(folder / "flat0.npz"), "--scene", str(out), "--anchor", "75,55,0")
+    assert outcome.code == 0, outcome.err
+    drifted = str(folder / "flat1.npz")
+    outcome = optolever("reconstruct", drifted, *scene_and_out, *change, "--anchor", "75,55,0")
+    assert outcome.code == 0, outcome.err
+    assert "drift" in outcome.err
+    assert {"x", "y", "z", "sigma"} == set(np.load(tmp_path / "d.npz"))
 
 
 @pytest.mark.parametrize(

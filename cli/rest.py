@@ -1,0 +1,76 @@
+"""`optolever rest`: the mirror at rest, solved once and stored with the rig."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from optolever import InputError
+
+from .options import blame, json_option, sample
+from .outputs import Program
+from .reconstruct import Anchor
+from .show import number, print_notices, progress, table, write_json
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ optolever rest rest.npz --scene rig.toml
+Rest map in rig.rest.npz
+...
+$ optolever reconstruct pressed.npz --scene rig.toml --out h.npz --change dent.npz
+"""
+
+
+@click.command("rest", cls=Program, epilog=sample(SAMPLE))
+@click.argument("source", type=click.Path(exists=True, path_type=Path), metavar="CAPTURE")
+@click.option(
+    "--scene",
+    "rig",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    required=True,
+    metavar="RIG.toml",
+    help="The rig, as calibrate wrote it.",
+)
+@click.option("--anchor", type=Anchor(), help="What fixes the height, as reconstruct takes it.")
+@json_option
+def command(source: Path, rig: Path, anchor: Any, json_path: Path | None) -> None:
+    """Store the mirror at rest with the rig.
+
+    Dents are the height less that at rest (reconstruct --change). CAPTURE, of the untouched mirror, is what
+    decode wrote (.npz) or a folder of frames. Run it anew whenever reconstruct says that the rest has
+    drifted: the rig's calibration stays.
+    """
+    import numpy as np
+
+    from optolever.calibration import RestMap, store_rest
+    from optolever.reconstruct import reconstruct
+    from optolever.scene import load
+
+    from .calibrate import correspondence_of
+
+    scene = load(rig)
+    with progress() as step:
+        step("read")
+        seen = correspondence_of(source)
+        step("reconstruct")
+        with blame(source):
+            height = reconstruct(seen, scene, anchor=anchor)
+            if not height.good.any():
+                raise InputError("no height is good; is the mirror at rest in view?")
+        step("write")
+        path = store_rest(rig, RestMap(height, seen))
+    good = height.good
+    numbers = {
+        "good_share": float(good.mean()),
+        "z_rms_mm": float(np.sqrt(np.mean(height.z[good] ** 2))),
+        "sigma_mm": float(np.median(height.total_sigma[good])),
+    }
+    write_json(json_path, numbers)
+    print_notices(height.notices)
+    rows = {
+        "good": number(100 * numbers["good_share"], "% of the pixels"),
+        "height": number(numbers["z_rms_mm"], "mm rms"),
+        "sigma": number(numbers["sigma_mm"], "mm (median, noise and rig)"),
+    }
+    table(f"Rest map in {path}", rows)

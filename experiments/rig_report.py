@@ -1,0 +1,184 @@
+"""The page of `optolever calibrate`: what the captures leave unexplained, numbers, what the rig's errors do
+to the heights; the prose is in report/rig.html.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence
+from optolever.notices import Notice
+from optolever.reconstruct import HeightMap, PixelAnchor, reconstruct
+from optolever.scene import Scene, dent, resize, trace
+
+from .images import figure_uri, new_figure, robust_limits
+from .maps import length_unit
+from .metrics import peak_bytes
+from .page import render_page, scientific, stage_bars, write_page
+
+__all__ = ["RigStudy", "rig_html", "sigma_at_rest", "write_rig_report"]
+
+Floats = NDArray[np.float64]
+
+_LINES = 60  # rows of the image on which sigma is predicted
+
+
+@dataclass(frozen=True, eq=False)
+class RigStudy:
+    """given, scene: the rig before and after, this with its covariance; chi: of the adjustment; parameters:
+    name, value, sigma, prior, prior_sigma of each; residuals: capture -> row, col (n,) and what is left of u
+    and v (n,), in sigma; notices; seconds per stage; command: that was run."""
+
+    given: Scene
+    scene: Scene
+    chi: float
+    parameters: Sequence[Mapping[str, Any]]
+    residuals: Mapping[str, tuple[Floats, Floats, Floats, Floats]]
+    notices: Sequence[Notice]
+    seconds: dict[str, float]
+    command: str
+
+
+def write_rig_report(study: RigStudy, path: str | Path) -> None:
+    """Write the page."""
+    write_page(path, rig_html(study))
+
+
+def rig_html(study: RigStudy) -> str:
+    """The whole page."""
+    rest = sigma_at_rest(study.scene)
+    return render_page(
+        "rig.html",
+        {
+            "name": study.scene.name,
+            "chi": study.chi,
+            "sigma": float(np.nanmedian(rest.calibration_sigma)),
+            "warnings": [str(each) for each in study.notices if each.cure or each.limit == each.limit],
+            "remarks": [str(each) for each in study.notices if not (each.cure or each.limit == each.limit)],
+            "captures": [
+                {"name": name, "chi": _rms(found[2:]), "figure": _residual_figure(found)}
+                for name, found in study.residuals.items()
+            ],
+            "numbers": _numbers(study.parameters),
+            "correlations": _correlation_figure(study.scene),
+            "sketch": _sketch(study.given, study.scene),
+            "heights": _sigma_figure(rest),
+            "stages": stage_bars(study.seconds),
+            "memory_gib": peak_bytes() / 2**30,
+            "command": study.command,
+        },
+    )
+
+
+def sigma_at_rest(scene: Scene) -> HeightMap:
+    """The mirror z = 0 as this rig would measure it, anchored in the middle of the image: its modes are what
+    the rig's errors do to the height."""
+    rows = min(_LINES, scene.camera.rows)
+    small = resize(scene, rows, max(8, round(rows * scene.camera.cols / scene.camera.rows)))
+    seen = trace(small, dent("flat", small))
+    sigma = np.full(seen.u.shape, 0.01)
+    flags = np.where(seen.visible, 0, 1).astype(np.uint16)
+    visible = np.argwhere(seen.visible)
+    middle = 0.5 * np.array(seen.u.shape)
+    row, col = visible[np.argmin(np.linalg.norm(visible - middle, axis=1))].tolist()
+    exact = Correspondence(seen.u, seen.v, sigma, sigma.copy(), flags)
+    return reconstruct(exact, small, anchor=PixelAnchor(row, col, 0.0))
+
+
+def _rms(parts: Sequence[Floats]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(list(parts)) ** 2)))
+
+
+def _numbers(parameters: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    heads = ("number", "value", "sigma", "prior", "its sigma", "sharper by")
+    rows = []
+    for each in parameters:
+        gain = each["prior_sigma"] / each["sigma"]
+        cells = [scientific(each[key]) for key in ("value", "sigma", "prior", "prior_sigma")]
+        # what the captures tell less of than the prior
+        rows.append({"kind": "bad" if gain < 2 else "", "cells": [each["name"], *cells, scientific(gain)]})
+    columns = [{"name": head, "numeric": k > 0} for k, head in enumerate(heads)]
+    return {"id": "numbers-table", "columns": columns, "rows": rows}
+
+
+def _residual_figure(found: tuple[Floats, Floats, Floats, Floats]) -> str:
+    row, col, *parts = found
+    figure = new_figure(8.0, 2.6)
+    for axes, values, name in zip(figure.subplots(1, 2), parts, ("u", "v"), strict=True):
+        low, high = robust_limits(values, symmetric=True)
+        drawn = axes.scatter(col, row, c=values, s=7, cmap="RdBu_r", vmin=low, vmax=high, marker="s")
+        axes.set_aspect("equal")
+        axes.invert_yaxis()
+        axes.set_title(f"{name}: predicted less measured", fontsize=9, loc="left")
+        axes.tick_params(labelsize=7)
+        figure.colorbar(drawn, ax=axes, label="sigma")
+    return figure_uri(figure)
+
+
+def _correlation_figure(scene: Scene) -> str:
+    assert scene.covariance is not None
+    matrix = scene.covariance.matrix
+    scale = np.sqrt(np.diag(matrix))
+    size = 2.0 + 0.24 * len(scale)
+    figure = new_figure(size + 1.0, size)
+    axes = figure.subplots()
+    drawn = axes.imshow(matrix / np.outer(scale, scale), cmap="RdBu_r", vmin=-1, vmax=1)
+    ticks = range(len(scale))
+    axes.set_xticks(ticks, scene.covariance.names, rotation=90, fontsize=7)
+    axes.set_yticks(ticks, scene.covariance.names, fontsize=7)
+    figure.colorbar(drawn, ax=axes, label="correlation")
+    return figure_uri(figure)
+
+
+def _sigma_figure(rest: HeightMap) -> str:
+    assert rest.calibration is not None
+    _, sizes, right = np.linalg.svd(np.nan_to_num(rest.calibration.reshape(len(rest.calibration), -1)), False)
+    known = np.isfinite(rest.z)
+    modes = [np.where(known, (s * r).reshape(known.shape), np.nan) for s, r in zip(sizes, right, strict=True)]
+    factor, unit = length_unit(float(np.nanmax(rest.calibration_sigma)))
+    shown = [("sigma of the height", rest.calibration_sigma)]
+    shown += [(f"mode {k + 1}", mode) for k, mode in enumerate(modes[:2])]
+    figure = new_figure(10.0, 2.8)
+    for axes, (name, values) in zip(figure.subplots(1, 3)[: len(shown)], shown, strict=False):
+        low, high = robust_limits(factor * values, symmetric=name != "sigma of the height")
+        colours = "viridis" if name == "sigma of the height" else "RdBu_r"
+        values = np.where(known, factor * values, np.nan)
+        drawn = axes.scatter(rest.x, rest.y, c=values, s=6, cmap=colours, vmin=low, vmax=high, marker="s")
+        axes.set_aspect("equal")
+        axes.set_title(name, fontsize=9, loc="left")
+        axes.set_xlabel("x, mm", fontsize=8)
+        axes.tick_params(labelsize=7)
+        figure.colorbar(drawn, ax=axes, label=unit)
+    return figure_uri(figure)
+
+
+def _sketch(before: Scene, after: Scene) -> str:
+    """From the side (x, z) and from above (x, y): mirror, pattern, camera and its middle ray."""
+    figure = new_figure(9.0, 3.6)
+    both = figure.subplots(1, 2)
+    for scene, colour, name in ((before, "#9aa4b2", "before"), (after, "#b3402e", "after")):
+        pattern = scene.pattern
+        u, v = np.array([0, 1, 1, 0, 0]) * (pattern.cols - 1), np.array([0, 0, 1, 1, 0]) * (pattern.rows - 1)
+        screen = pattern.point(u.astype(np.float64), v.astype(np.float64))
+        camera = scene.camera
+        o, d = camera.rays_at(*(0.5 * np.array([[camera.rows - 1], [camera.cols - 1]])))
+        foot = o - (o[:, 2:] / d[:, 2:]) * d
+        ray = np.vstack([o, foot])
+        length, width = scene.mirror.length, scene.mirror.width
+        mirror = np.array([[0, 0, 0], [length, 0, 0], [length, width, 0], [0, width, 0], [0, 0, 0]], float)
+        for axes, (first, second) in zip(both, ((0, 2), (0, 1)), strict=True):
+            for line, style in ((screen, "-"), (ray, "--"), (mirror, "-")):
+                axes.plot(line[:, first], line[:, second], style, color=colour, lw=1.3)
+            axes.plot(*o[0, [first, second]], "o", color=colour, ms=5, label=name)
+    for axes, label in zip(both, "zy", strict=True):
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlabel("x, mm", fontsize=8)
+        axes.set_ylabel(f"{label}, mm", fontsize=8)
+        axes.tick_params(labelsize=7)
+        axes.spines[["top", "right"]].set_visible(False)
+    both[0].legend(fontsize=8, frameon=False)
+    return figure_uri(figure)
