@@ -13,26 +13,26 @@ from optolever.patterns import Sequence
 from .candidates import Orders, order_table, unwrap_close
 from .display import rounding_shift, table_rounding
 from .estimate import Estimate
-from .flags import DOUBT, Limits, limits_of
+from .flags import DOUBT, Limits, Shared, limits_of, merge
 from .frames import Light
 from .gray import CodePlan, code_plan, read_code
 from .lookup import Table, lookup_rows, prepare
 from .micro import MicroTable, micro_table, unwrap_micro
 from .noise import Noise, Sample
-from .phase import Fit, fit_fringe
+from .phase import Fit, Periods, fit_rows, periods_of
 from .plan import AxisPlan, Plan, plan
 from .spatial import Raw
 from .spot_scan import Raster, one_spot, raster_of, sums_of
-from .unwrap import join_code, refine_order, start_order
+from .unwrap import climb
 
 __all__ = ["AxisDecoder", "axis_decoders"]
 
 
 @dataclass(frozen=True, slots=True)
 class AxisDecoder:
-    """What turns rows of frames into an Estimate of one axis.
+    """What turns rows of frames into coordinates of one axis.
 
-    rounding  variance (turns^2) of each fringe's phase by the rounding of shown grey values, as far as
+    periods   of the fringes, with the variance that the rounding of shown grey values leaves, as far as
               `shift` (pattern px, see display.rounding_shift) does not take it off
     limits    beyond which pixels are flagged; jump: largest second difference of neighbours, pattern px;
               per_turn: turns of the finest fringe in a pattern px, 0 without one
@@ -46,15 +46,37 @@ class AxisDecoder:
     micro: MicroTable | None
     table: Table | None
     raster: Raster | None
-    rounding: tuple[float, ...]
+    periods: Periods | None
     limits: Limits
     freedom: int
     jump: float
     per_turn: float = 0.0
-    shift: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
+    shift: NDArray[np.float32] = field(default_factory=lambda: np.zeros(1, np.float32))
 
-    def estimate(self, rows: tuple[int, int], raw: Raw, room: local) -> Estimate:
-        """Decode rows start..stop; coordinates and variances into the whole maps."""
+    def decode(self, rows: tuple[int, int], raw: Raw, first: bool, shared: Shared, room: local) -> None:
+        """Rows start..stop: coordinates and variances into the axis' maps, the rest into the shared ones."""
+        count = rows[1] - rows[0]
+        if self.periods is not None and self.micro is None:
+            into = raw.coordinate, raw.variance, self.limits.numbers(), first, shared.maps()
+            if self.orders is not None:
+                unwrap_close(self.light, self.noise, self.periods, self.orders, rows, into)
+            else:
+                code = self._cell(rows, _room(room, count, self.light.raw.shape[2]))
+                climb(self.light, self.noise, self.periods, self.axis.extent, code, rows, into)
+        else:
+            estimate = self._estimate(rows, raw, room)
+            merge(estimate, self.noise, self.limits, first, rows, shared)
+
+    def _cell(self, rows: tuple[int, int], work: "_Work") -> tuple[Estimate, float] | None:
+        """What a code tells a fringe, and its cell; None without one."""
+        if self.code is None:
+            return None
+        estimate = work.code(rows[1] - rows[0], self.code.freedom)
+        read_code(self.light, self.noise, self.code, rows, False, estimate)
+        return estimate, float(self.code.cell)
+
+    def _estimate(self, rows: tuple[int, int], raw: Raw, room: local) -> Estimate:
+        """Rows start..stop of what is no ladder of periods."""
         count, width = rows[1] - rows[0], self.light.raw.shape[2]
         work = _room(room, count, width)
         part = slice(*rows)
@@ -65,39 +87,22 @@ class AxisDecoder:
         )
         if self.raster is not None:
             self._spots(rows, room, estimate)
-        elif self.code is not None and not self.axis.fringes:
-            read_code(self.light, self.noise, self.code, rows, True, estimate)
+        elif self.micro is not None:
+            self._micro(rows, work, estimate)
+        else:
+            if self.code is not None:
+                read_code(self.light, self.noise, self.code, rows, True, estimate)
             if self.table is not None:
                 lookup_rows(self.light, self.noise, self.table, rows, estimate)
-        elif self.table is not None:
-            lookup_rows(self.light, self.noise, self.table, rows, estimate)
-        elif self.micro is not None:
-            fit = work.fit(0, count, estimate)
-            self._fit(0, rows, fit)
-            unwrap_micro(self.light, self.noise, fit, self.axis.fringes[0], self.micro, rows, estimate)
-        elif self.orders is not None:
-            self._close(rows, work, estimate)
-        else:
-            self._ladder(rows, work, estimate)
         return estimate
 
-    def _fit(self, i: int, rows: tuple[int, int], fit: Fit) -> None:
-        fit_fringe(self.light, self.noise, self.axis.fringes[i], rows, self.rounding[i], fit)
-
-    def _ladder(self, rows: tuple[int, int], work: "_Work", estimate: Estimate) -> None:
-        """From the code or the coarsest period to the finest."""
-        count = rows[1] - rows[0]
-        fit = work.fit(0, count, estimate)
-        for i, fringe in enumerate(self.axis.fringes):
-            self._fit(i, rows, fit)
-            if i > 0:
-                refine_order(fit, fringe.period, estimate)
-            elif self.code is None:
-                start_order(fit, fringe.period, self.axis.extent, estimate)
-            else:
-                code = work.code(count, self.code.freedom)
-                read_code(self.light, self.noise, self.code, rows, False, code)
-                join_code(fit, fringe.period, code, float(self.code.cell), estimate)
+    def _micro(self, rows: tuple[int, int], work: "_Work", estimate: Estimate) -> None:
+        """The period with steps of its own, then the single frames."""
+        assert self.periods is not None
+        assert self.micro is not None
+        fit = work.fit(rows[1] - rows[0], estimate)
+        fit_rows(self.light, self.noise, self.periods, 0, rows, fit)
+        unwrap_micro(self.light, self.noise, fit, self.axis.fringes[0], self.micro, rows, estimate)
 
     def _spots(self, rows: tuple[int, int], room: local, estimate: Estimate) -> None:
         """Both axes are looked up in the same sums."""
@@ -109,30 +114,18 @@ class AxisDecoder:
         lookup_rows(room.sums.light, room.sums.noise(self.noise, self.raster), self.table, block, estimate)
         one_spot(estimate, room.sums, self.raster, block)
 
-    def _close(self, rows: tuple[int, int], work: "_Work", estimate: Estimate) -> None:
-        """All periods at once, by a table of orders."""
-        assert self.orders is not None
-        count, periods = rows[1] - rows[0], tuple(fringe.period for fringe in self.axis.fringes)
-        fits = [work.fit(i, count, estimate) for i in range(len(periods))]
-        for i, fit in enumerate(fits):
-            self._fit(i, rows, fit)
-        estimate.clipped[:] = 0
-        unwrap_close(fits, periods, self.orders, estimate)
-
 
 @dataclass(slots=True)
 class _Work:
     """Arrays of a block that a thread uses again and again."""
 
     shared: tuple[Any, ...]
-    fits: list[tuple[Any, ...]]
+    own: tuple[Any, ...]
     codes: Estimate | None
 
-    def fit(self, i: int, count: int, estimate: Estimate) -> Fit:
-        """Room for the i-th fit; all of them leave amplitude and offset in the estimate, the finest last."""
-        while len(self.fits) <= i:
-            self.fits.append(tuple(np.empty_like(self.shared[0]) for _ in range(4)))
-        turn, variance, chi2, clipped = (array[:count] for array in self.fits[i])
+    def fit(self, count: int, estimate: Estimate) -> Fit:
+        """Room for a fit that leaves amplitude and offset in the estimate."""
+        turn, variance, chi2, clipped = (array[:count] for array in self.own)
         return Fit(turn, variance, estimate.amplitude, estimate.offset, chi2, clipped)
 
     def code(self, count: int, freedom: int) -> Estimate:
@@ -148,7 +141,8 @@ class _Work:
 def _room(room: local, rows: int, cols: int) -> _Work:
     work: _Work | None = getattr(room, "work", None)
     if work is None or len(work.shared[0]) < rows:
-        work = room.work = _Work(tuple(np.empty((rows, cols), np.float32) for _ in range(5)), [], None)
+        arrays = tuple(np.empty((rows, cols), np.float32) for _ in range(9))
+        work = room.work = _Work(arrays[:5], arrays[5:], None)
     return work
 
 
@@ -176,7 +170,7 @@ def _spot_decoders(
     for axis in own.axes:
         table = prepare(swept, own, axis, few.light, summed, levels)
         limits = limits_of(axis.extent, 0.5, table.freedom, light.white)
-        ways = (None, None, None, table, raster, ())
+        ways = (None, None, None, table, raster, None)
         found.append(AxisDecoder(axis, light, noise, *ways, limits, table.freedom, raster.width))
     return found
 
@@ -203,14 +197,17 @@ def _decoder(
         table = prepare(sequence, wanted, axis, light, noise, lit, cells)
         jump = axis.stripes.width if axis.stripes else 2.0 * (1 if code is None else float(code.cell))
         limits = limits_of(axis.extent, 0.5, table.freedom, light.white)
-        return AxisDecoder(axis, light, noise, code, None, None, table, None, (), limits, table.freedom, jump)
+        return AxisDecoder(
+            axis, light, noise, code, None, None, table, None, None, limits, table.freedom, jump
+        )
     deviation = _deviation(axis, noise, lit) if axis.fringes else 0.0
     micro = micro_table(axis, deviation) if axis.singles else None
     covered = code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
     orders = None if covered else _orders(axis, deviation)
-    rounding, shift = (0.0,) * len(axis.fringes), np.zeros(0, np.float32)
+    rounding, shift = (0.0,) * len(axis.fringes), np.zeros(1, np.float32)
     if on_cells and not sequence.nominal and axis.fringes:
         rounding, shift = _rounding(axis.axis, sequence)
+    periods = periods_of(axis.fringes, rounding) if axis.fringes else None
     freedom = sum(len(fringe.index) - 3 for fringe in axis.fringes) + max(len(axis.fringes) - 1, 0)
     freedom += sum(len(fringe.index) for fringe in axis.singles)
     freedom += (1 if axis.fringes else 0) + code.freedom if code is not None else 0
@@ -222,7 +219,7 @@ def _decoder(
         jump, per_turn, factor = 2.0 * float(code.cell), 0.0, 0.5
     limits = limits_of(axis.extent, factor, freedom, light.white)
     return AxisDecoder(
-        *(axis, light, noise, code, orders, micro, None, None, rounding, limits, freedom, jump),
+        *(axis, light, noise, code, orders, micro, None, None, periods, limits, freedom, jump),
         *(per_turn, shift),
     )
 
@@ -234,7 +231,7 @@ def _rounding(name: str, sequence: Sequence) -> tuple[tuple[float, ...], NDArray
     tables = sequence.tables()["uv".index(name)]
     left = [float(table_rounding(fringe, tables).var()) for fringe in axis.fringes]
     if axis.singles:
-        return tuple(left), np.zeros(0, np.float32)
+        return tuple(left), np.zeros(1, np.float32)
     return (*left[:-1], 0.0), rounding_shift(axis, tables)
 
 

@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 
 from optolever.kernels import exact, inlined, kernel
 
-from .estimate import Estimate
-from .phase import Fit
-from .unwrap import vanishing
+from .flags import merge_line
+from .frames import Light
+from .noise import Noise
+from .phase import Periods, fit_line
+from .unwrap import less_likely, vanishing
 
 __all__ = ["Orders", "order_table", "unwrap_close"]
 
@@ -38,8 +40,8 @@ class Orders:
     place beyond it is as unlikely as the noise that carries it there.
     """
 
-    first: NDArray[np.int16]
-    second: NDArray[np.int16]
+    first: NDArray[np.float32]
+    second: NDArray[np.float32]
     start: NDArray[np.int32]
     listed: NDArray[np.int16]
     tolerance: float
@@ -70,7 +72,7 @@ def _order_table(periods: tuple[float, ...], extent: int, tolerance: float) -> O
     place, listed = place[sort], order[number[sort]].astype(np.int16)
     count = np.bincount(place, minlength=_ENTRIES**2)
     start = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
-    best = np.full((2, _ENTRIES**2), -20000, np.int16)
+    best = np.full((2, _ENTRIES**2), -20000, np.float32)
     for rank in range(2):
         has = count > rank
         best[rank, has] = listed[start[:-1][has] + rank]
@@ -81,63 +83,87 @@ def _wrapped(turns: Any) -> Any:
     return turns - np.rint(turns)
 
 
-def unwrap_close(fits: list[Fit], periods: tuple[float, ...], orders: Orders, estimate: Estimate) -> None:
-    """Coordinates from the phases of all periods, coarse to fine, in place."""
-    turns, variances = (np.stack([getattr(f, n).ravel() for f in fits]) for n in ("turn", "variance"))
-    _unwrap(
-        *(turns, variances, np.array(periods, np.float32), np.float32(orders.extent)),
-        *(orders.first, orders.second, orders.start, orders.listed, np.float32(orders.tolerance)),
-        *(estimate.coordinate.ravel(), estimate.variance.ravel(), estimate.error.ravel()),
-        estimate.chi2.ravel(),
-    )
-    for fit in fits:
-        np.add(estimate.chi2, fit.chi2, out=estimate.chi2)
-        np.maximum(estimate.clipped, fit.clipped, out=estimate.clipped)
+def unwrap_close(
+    light: Light,
+    noise: Noise,
+    periods: Periods,
+    orders: Orders,
+    rows: tuple[int, int],
+    into: tuple[Any, ...],
+) -> None:
+    """Coordinates of rows start..stop from all periods, coarse to fine; into: see `unwrap.climb`."""
+    crowded = bool(np.diff(orders.start).max() > 2)
+    listed = orders.first, orders.second, orders.start, orders.listed, crowded
+    numbers = np.float32(orders.extent), np.float32(orders.tolerance)
+    _unwrap(*light.numbers(), noise.numbers(), periods, *rows, listed, numbers, *into)
 
 
 @exact
 def _unwrap(
-    turns: Any,
-    variances: Any,
+    raw: Any,
+    table: Any,
+    spread: Any,
+    saturated: Any,
+    noise: Any,
     periods: Any,
-    extent: Any,
-    first: Any,
-    second: Any,
-    start: Any,
-    listed: Any,
-    tolerance: Any,
+    begin: Any,
+    end: Any,
+    orders: Any,
+    numbers: Any,
     place: Any,
     var: Any,
-    error: Any,
-    chi2: Any,
+    limits: Any,
+    is_first: Any,
+    shared: Any,
 ) -> None:
-    size, tile = place.size, 2048
-    cell, one, other = np.empty(tile, np.int32), np.empty(tile, np.float32), np.empty(tile, np.float32)
-    sums = np.empty((8, tile), np.float32)
-    t, v = np.empty((turns.shape[0], tile), np.float32), np.empty((turns.shape[0], tile), np.float32)
-    weights = np.empty((turns.shape[0], tile), np.float32)
-    for begin in range(0, size, tile):
-        end = min(begin + tile, size)
-        n = end - begin
-        for j in range(turns.shape[0]):  # contiguous lines: slices of many lines are read one by one
-            t[j, :n], v[j, :n] = turns[j, begin:end], variances[j, begin:end]
-            weights[j] = _ONE / (periods[j] * periods[j] * v[j])
-        _cells(t, periods, cell[:n])
-        for x in range(n):
-            one[x], other[x] = np.float32(first[cell[x]]), np.float32(second[cell[x]])
-        _scores(t, weights, periods, extent, one[:n], sums[:4])
-        _scores(t, weights, periods, extent, other[:n], sums[4:])
-        _better(
-            *(t, v, periods, tolerance, one[:n], other[:n], sums),
-            *(place[begin:end], var[begin:end], error[begin:end], chi2[begin:end]),
-        )
-        for x in range(n):
+    """A row at a time, so that what its fits tell is still in the cache."""
+    width, count, period = raw.shape[2], periods.number.size, periods.period
+    first, second, start, listed, crowded = orders
+    extent, tolerance = numbers
+    work = np.empty((2 + periods.frame.shape[1], width), np.float32)
+    t, v = np.empty((count, width), np.float32), np.empty((count, width), np.float32)
+    weights, of_fit = np.empty((count, width), np.float32), np.empty((2, width), np.float32)
+    scored = np.empty((3, width), np.float32)
+    one, other, room = scored[0], scored[1], scored[2]
+    cell, sums = np.empty(width, np.int32), np.empty((6, width), np.float32)
+    own = np.empty((5, width), np.float32)
+    error, amplitude, offset, misfit, clipped = own[0], own[1], own[2], own[3], own[4]
+    flags, least, mean, either = shared
+    for row in range(begin, end):
+        lines = place[row], var[row], error, misfit
+        clipped[:], misfit[:] = np.float32(0), np.float32(0)
+        for j in range(count):
+            fit = t[j], v[j], amplitude, offset, of_fit[0], of_fit[1]
+            fit_line(raw, table, spread, saturated, noise, periods, j, row, work, fit)
+            _kept(v[j], of_fit[0], of_fit[1], period[j], weights[j], misfit, clipped)
+        _cells(t, period, cell)
+        _listed_first(first, second, cell, one, other)
+        _scores(t, weights, period, extent, one, room, sums[:3])
+        _scores(t, weights, period, extent, other, room, sums[3:])
+        _better(other, sums, lines)
+        _doubt(v, period, tolerance, one, other, sums, error)
+        for x in range(width if crowded else 0):
             low, high = start[cell[x]], start[cell[x] + 1]
             if high - low > 2:
-                _compare_all(
-                    *(t, v, periods, extent, tolerance, listed, low, high, x),
-                    *(place[begin:end], var[begin:end], error[begin:end], chi2[begin:end]),
-                )
+                _compare_all(t, v, period, extent, tolerance, listed[low:high], x, sums, lines)
+        found = place[row], var[row], error, amplitude, offset, misfit, clipped
+        merge_line(found, noise, limits, is_first, (flags[row], least[row], mean[row], either[row]))
+
+
+@kernel
+def _listed_first(first: Any, second: Any, cell: Any, one: Any, other: Any) -> None:
+    for x in range(cell.size):
+        one[x], other[x] = first[cell[x]], second[cell[x]]
+
+
+@kernel
+def _kept(var: Any, chi2: Any, saturated: Any, period: Any, weight: Any, misfit: Any, clipped: Any) -> None:
+    """Of a period's fit: the weight of its place, its misfit, its saturated samples."""
+    square = period * period
+    for x in range(var.size):
+        weight[x] = _ONE / (square * var[x])
+        misfit[x] += chi2[x]
+        clipped[x] = max(clipped[x], saturated[x])
 
 
 @kernel
@@ -157,11 +183,11 @@ def _cells(turns: Any, periods: Any, cell: Any) -> None:
 
 
 @kernel
-def _scores(turns: Any, weights: Any, periods: Any, extent: Any, order: Any, sums: Any) -> None:
-    """Of an order: place, sum of weights, weighted mean and misfit of the places that all periods give."""
+def _scores(turns: Any, weights: Any, periods: Any, extent: Any, order: Any, mean: Any, sums: Any) -> None:
+    """Of an order: weighted mean of the places that all periods give, sum of weights, misfit; mean: room."""
     last = periods.size - 1
     fine = periods[last]
-    place, weight, mean, square = sums[0], sums[1], sums[2], sums[3]
+    place, weight, square = sums[0], sums[1], sums[2]
     t, w = turns[last], weights[last]
     for x in range(order.size):
         place[x] = fine * (order[x] + t[x])
@@ -180,7 +206,7 @@ def _scores(turns: Any, weights: Any, periods: Any, extent: Any, order: Any, sum
         at = place[x] + off
         beyond = max(max(-_HALF - at, at + _HALF - extent), np.float32(0))
         square[x] += beyond * beyond * weight[x] - mean[x] * off
-        mean[x] = off
+        place[x] = at
 
 
 @inlined
@@ -191,36 +217,36 @@ def _unlisted(tolerance: Any, variance: Any, other: Any) -> Any:
 
 
 @kernel
-def _better(
-    turns: Any,
-    variances: Any,
-    periods: Any,
-    tolerance: Any,
-    one: Any,
-    other: Any,
-    sums: Any,
-    place: Any,
-    var: Any,
-    error: Any,
-    chi2: Any,
-) -> None:
-    """The order that fits better, and the probability that it is the other one or one that is not listed."""
+def _better(other: Any, sums: Any, lines: Any) -> None:
+    """The order that fits better; its misfit joins that of the fits."""
+    place, var, _, misfit = lines
+    at, weight, score = sums[0], sums[1], sums[2]
+    other_at, other_weight, rival = sums[3], sums[4], sums[5]
+    for x in range(place.size):
+        swap = (rival[x] < score[x]) & (other[x] > np.float32(-10000))
+        here, there = at[x], other_at[x]
+        of_one, of_other = weight[x], other_weight[x]
+        best, next_ = score[x], rival[x]
+        place[x] = there if swap else here
+        var[x] = _ONE / (of_other if swap else of_one)
+        misfit[x] += next_ if swap else best
+
+
+@kernel
+def _doubt(variances: Any, periods: Any, tolerance: Any, one: Any, other: Any, sums: Any, error: Any) -> None:
+    """The probability that it is the other one or one that is not listed. (A loop of its own: compilers make
+    no vector instructions of one that writes to as many lines.)"""
     last = periods.size - 1
     b = min(1, last - 1)
     r0, r1 = periods[last] / periods[0], periods[last] / periods[b]
     v0, v1, v = variances[0], variances[b], variances[last]
-    score, rival = sums[3], sums[7]
-    for x in range(place.size):
+    score, rival = sums[2], sums[5]
+    for x in range(error.size):
         alone = other[x] < np.float32(-10000)
-        gap = rival[x] - score[x]
-        swap = (gap < np.float32(0)) & ~alone
-        wrong = vanishing(_HALF * abs(gap))
-        wrong = np.float32(0) if alone else wrong / (_ONE + wrong)
+        wrong = less_likely(_HALF * abs(rival[x] - score[x]))
+        wrong = np.float32(0) if alone else wrong
         wrong += _unlisted(tolerance, v0[x] + r0 * r0 * v[x], v1[x] + r1 * r1 * v[x])
         error[x] = _ONE if one[x] < np.float32(-10000) else min(wrong, _ONE)
-        place[x] = sums[4, x] + sums[6, x] if swap else sums[0, x] + sums[2, x]
-        var[x] = _ONE / (sums[5, x] if swap else sums[1, x])
-        chi2[x] = rival[x] if swap else score[x]
 
 
 @exact
@@ -231,20 +257,17 @@ def _compare_all(
     extent: Any,
     tolerance: Any,
     listed: Any,
-    low: Any,
-    high: Any,
     x: Any,
-    place: Any,
-    var: Any,
-    error: Any,
-    chi2: Any,
+    sums: Any,
+    lines: Any,
 ) -> None:
     """As above, over all orders of a cell."""
+    place, var, error, misfit = lines
     last = periods.size - 1
     fine = periods[last]
     best, total, found, weight = np.inf, 0.0, 0.0, 1.0
-    for q in range(low, high):
-        at = fine * (listed[q] + turns[last, x])
+    for order in listed:
+        at = fine * (order + turns[last, x])
         w, m, s = 1.0 / (fine * fine * variances[last, x]), 0.0, 0.0
         for j in range(last):
             off = at / periods[j] - turns[j, x]
@@ -260,7 +283,8 @@ def _compare_all(
             best, found, weight = rss, at + m / w, w
         else:
             total += np.exp(-0.5 * (rss - best))
-    place[x], var[x], chi2[x] = np.float32(found), np.float32(1.0 / weight), np.float32(best)
+    place[x], var[x] = np.float32(found), np.float32(1.0 / weight)
+    misfit[x] += np.float32(best) - min(sums[2, x], sums[5, x])
     r0, r1 = fine / periods[0], fine / periods[min(1, last - 1)]
     v, v0, v1 = variances[last, x], variances[0, x], variances[min(1, last - 1), x]
     left = _unlisted(tolerance, v0 + r0 * r0 * v, v1 + r1 * r1 * v)

@@ -19,7 +19,7 @@ from .border import border_reach
 from .correspondence import Correspondence, Flag
 from .display import Pixelation, measured_pixelations
 from .exposures import better_of, by_exposure
-from .flags import Shared, merge
+from .flags import Shared
 from .frames import Light, light_of
 from .integrity import examine, spoilt_pixels
 from .noise import Noise, Sample, estimate_noise, under_response
@@ -140,8 +140,7 @@ def _estimated(shot: _Shot, decoders: list[AxisDecoder]) -> tuple[list[Raw], Sha
 
     def block(start: int, stop: int) -> None:
         for i, (decoder, own) in enumerate(zip(decoders, raw, strict=True)):
-            estimate = decoder.estimate((start, stop), own, room)
-            merge(estimate, shot.noise, decoder.limits, i == 0, (start, stop), shared)
+            decoder.decode((start, stop), own, i == 0, shared, room)
 
     over_rows(block, shape[0], _BLOCK)
     return raw, shared
@@ -156,6 +155,7 @@ def _among_neighbours(
     maps = tuple((one.coordinate, one.variance) for one in raw)
     pixelations = measured_pixelations(shown, maps, shot.cells, blur, shot.lit)
     reaches = _reaches(shot, decoders, raw, shared, pixelations)
+    tables, roughness = [one.tables() for one in pixelations], [one.roughness for one in pixelations]
     least = _LEAST_SIGMA if _silent(shot) else 0.0
     out = {axis: (roomy_empty(shape, np.float32), roomy_empty(shape, np.float32)) for axis in "uv"}
     for axis in set("uv") - {decoder.axis.axis for decoder in decoders}:
@@ -164,16 +164,16 @@ def _among_neighbours(
     flags[:] = shared.flags
 
     def block(start: int, stop: int) -> None:
-        for decoder, own, pixelation, reach in zip(decoders, raw, pixelations, reaches, strict=True):
+        for decoder, own, table, rough, reach in zip(decoders, raw, tables, roughness, reaches, strict=True):
             extent = float(decoder.axis.extent) if shot.cells else 0.0
-            limits = extent, decoder.jump, decoder.per_turn, least
+            limits = rough, extent, decoder.jump, decoder.per_turn, least
             common = shared.flags, shared.amplitude, shared.offset
             maps = (*out[decoder.axis.axis], flags)
-            check_rows((start, stop), own, common, pixelation, reach, limits, decoder.shift, maps)
+            check_rows((start, stop), own, common, table, reach, limits, decoder.shift, maps)
 
     over_rows(block, shape[0], _BLOCK)
     over_rows(lambda start, stop: despeckle(start, stop, flags, shared.flags), shape[0], _BLOCK)
-    notices = _unlike(shot.noise, max(pixelation.roughness**0.5 for pixelation in pixelations))
+    notices = _unlike(shot.noise, max(roughness) ** 0.5)
     (u, sigma_u), (v, sigma_v) = out["u"], out["v"]
     common = shared.amplitude, shared.offset, shared.error
     return Correspondence(u, v, sigma_u, sigma_v, shared.flags, *common, notices)

@@ -84,6 +84,17 @@ class Pixelation:
         where the map does not tell that."""
         return float(np.sqrt(1 / 12 + (_UNKNOWN if np.isnan(self.blur) else self.blur) ** 2))
 
+    def tables(self) -> tuple[F32, F32]:
+        """Both by footprint in steps of a place, so that the nearest entry is as near in either; one 0 of a
+        correction that is empty."""
+        if not self.shift.size:
+            return np.zeros(1, np.float32), np.zeros(1, np.float32)
+        step = np.arange(int(_WIDEST * PLACES) + 1) / PLACES / WIDTHS[1]
+        row = np.minimum(step.astype(int), len(WIDTHS) - 2)
+        part = (step - row).astype(np.float32)[:, None]
+        shift, variance = ((1 - part) * one[row] + part * one[row + 1] for one in (self.shift, self.variance))
+        return shift.ravel(), variance.ravel()
+
 
 def no_pixelation(blur: float = float("nan")) -> Pixelation:
     """Nothing that matters: of ideal fringes, or of a blur that leaves too little of the cells."""

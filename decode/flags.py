@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from optolever.kernels import kernel
+from optolever.kernels import exact, kernel
 
 from .correspondence import Flag
 from .estimate import Estimate
 from .noise import Noise
 
-__all__ = ["Limits", "Shared", "limits_of", "merge"]
+__all__ = ["Limits", "Shared", "limits_of", "merge", "merge_line"]
 
 #: Probability of a wrong order above which a pixel is flagged.
 DOUBT = 1e-4
@@ -43,6 +43,10 @@ class Limits:
     misfit: float
     dim: float
 
+    def numbers(self) -> tuple[Any, ...]:
+        """The fields as float32, for kernels."""
+        return tuple(np.float32(x) for x in (self.extent, self.contrast2, self.misfit, self.dim))
+
 
 @dataclass(frozen=True, slots=True)
 class Shared:
@@ -52,6 +56,10 @@ class Shared:
     amplitude: NDArray[np.float32]
     offset: NDArray[np.float32]
     error: NDArray[np.float32]
+
+    def maps(self) -> tuple[Any, ...]:
+        """The maps, for kernels."""
+        return self.flags, self.amplitude, self.offset, self.error
 
 
 def limits_of(extent: int, factor: float, freedom: int, white: float) -> Limits:
@@ -65,38 +73,26 @@ def merge(
     estimate: Estimate, noise: Noise, limits: Limits, first: bool, rows: tuple[int, int], shared: Shared
 ) -> None:
     """One axis' estimate of rows start..stop into the shared maps; first: these hold nothing yet."""
-    part = slice(*rows)
-    _merge(
-        *(array.ravel() for array in estimate.arrays()),
-        *(np.float32(noise.read2), np.float32(noise.gain)),
-        *(np.float32(limits.extent), np.float32(limits.contrast2)),
-        *(np.float32(limits.misfit), np.float32(limits.dim), first),
-        *(shared.flags[part].ravel(), shared.amplitude[part].ravel()),
-        *(shared.offset[part].ravel(), shared.error[part].ravel()),
-    )
+    _merge(estimate.arrays(), noise.numbers(), limits.numbers(), first, *rows, shared.maps())
+
+
+@exact
+def _merge(estimate: Any, noise: Any, limits: Any, first: Any, start: Any, stop: Any, shared: Any) -> None:
+    place, var, error, amplitude, offset, misfit, clipped = estimate
+    flags, least, mean, either = shared
+    for row in range(start, stop):
+        r = row - start
+        lines = place[r], var[r], error[r], amplitude[r], offset[r], misfit[r], clipped[r]
+        merge_line(lines, noise, limits, first, (flags[row], least[row], mean[row], either[row]))
 
 
 @kernel
-def _merge(
-    coordinate: Any,
-    variance: Any,
-    error: Any,
-    amplitude: Any,
-    offset: Any,
-    misfit: Any,
-    clipped: Any,
-    read2: Any,
-    gain: Any,
-    extent: Any,
-    contrast2: Any,
-    most: Any,
-    dim: Any,
-    first: Any,
-    flags: Any,
-    least: Any,
-    mean: Any,
-    either: Any,
-) -> None:
+def merge_line(estimate: Any, noise: Any, limits: Any, first: Any, shared: Any) -> None:
+    """One axis' estimate of a row (W,) into that of the shared maps."""
+    coordinate, variance, error, amplitude, offset, misfit, clipped = estimate
+    read2, gain, _, _ = noise
+    extent, contrast2, most, dim = limits
+    flags, least, mean, either = shared
     half, zero, none = np.float32(0.5), np.float32(0), np.int32(0)
     for x in range(coordinate.size):
         c, a, o = coordinate[x], amplitude[x], offset[x]

@@ -14,7 +14,15 @@ from optolever.patterns import Sequence
 
 from .response import Response
 
-__all__ = ["Light", "fetch_line", "level_of", "light_of", "sample_levels", "sample_places", "variance_of"]
+__all__ = [
+    "Light",
+    "fetch_line",
+    "level_of",
+    "light_of",
+    "sample_levels",
+    "sample_places",
+    "variance_of",
+]
 
 F32 = NDArray[np.float32]
 #: Pixels of a run (a cache line of 8-bit frames).
@@ -54,6 +62,12 @@ class Light:
     def weights(self) -> F32 | None:
         """The spread for kernels, likewise."""
         return self.spread if len(self.spread) else None
+
+    def numbers(self) -> tuple[Any, ...]:
+        """For kernels: raw, table and spread (None: there is none, and what they need is left out), raw and
+        linear levels from which on samples are saturated."""
+        saturated = tuple(np.float32(min(level, 1e9)) for level in (self.clip, self.white))
+        return self.raw, self.lut, self.weights, saturated
 
     def under(self, read2: float, gain: float) -> "Light":
         """With the spread of a response for a camera whose noise variance is read2 + gain * raw level."""

@@ -6,8 +6,7 @@ others determine it; where a response is inverted every sample has the weight of
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from .frames import Light, fetch_line, level_of, variance_of
 from .noise import Noise
 from .plan import Fringe
 
-__all__ = ["Fit", "fit_fringe", "turn_of"]
+__all__ = ["Fit", "Periods", "fit_line", "fit_rows", "periods_of", "turn_of"]
 
 F32 = NDArray[np.float32]
 _TINY = np.float32(1e-12)
@@ -45,30 +44,53 @@ class Fit:
         return cls(*(np.empty((rows, cols), np.float32) for _ in range(6)))
 
 
-def fit_fringe(
-    light: Light, noise: Noise, fringe: Fringe, rows: tuple[int, int], rounding: float, fit: Fit
-) -> None:
-    """Fit one period in rows start..stop, in place; rounding: variance (turns^2) by rounded grey values."""
-    weights = _weights(fringe)
-    _fit_rows(
-        *(light.raw, np.array(fringe.index), light.lut, light.weights, np.float32(min(light.clip, 1e9))),
-        *(*rows, *weights),
-        *(*noise.numbers(), np.float32(rounding), np.float32(min(light.white, 1e9))),
-        *(fit.turn, fit.variance, fit.amplitude, fit.offset, fit.chi2, fit.clipped),
+class Periods(NamedTuple):
+    """Fringes of an axis as kernels need them: K periods of N samples at most.
+
+    period (K,): pattern px; number (K,) of samples; frame (K, N) of each; design (K, N, 3); weights
+    (K, 4, N) of offset, c, s and, of four samples, the one combination that these do not reach; covariance
+    (K, 3): variances and covariance of c and s; rounding (K,): variance (turns^2) by rounded grey values.
+    """
+
+    period: F32
+    number: NDArray[np.int64]
+    frame: NDArray[np.int64]
+    design: F32
+    weights: F32
+    covariance: F32
+    rounding: F32
+
+
+def periods_of(fringes: tuple[Fringe, ...], rounding: tuple[float, ...]) -> Periods:
+    """Of an axis' fringes, rounding: variance (turns^2) of each one's phase by rounded grey values."""
+    most, designs = max(len(fringe.index) for fringe in fringes), [fringe.design() for fringe in fringes]
+    spread = [np.linalg.inv(design.T @ design) for design in designs]
+    padded = [most - len(design) for design in designs]
+    index = [np.pad(np.array(f.index), (0, n)) for f, n in zip(fringes, padded, strict=True)]
+    weights = [np.pad(_weights(d), ((0, 0), (0, n))) for d, n in zip(designs, padded, strict=True)]
+    design = [np.pad(d, ((0, n), (0, 0))) for d, n in zip(designs, padded, strict=True)]
+    return Periods(
+        np.array([fringe.period for fringe in fringes], np.float32),
+        np.array([len(fringe.index) for fringe in fringes]),
+        np.stack(index),
+        np.stack(design).astype(np.float32),
+        np.stack(weights).astype(np.float32),
+        np.array([(c[1, 1], c[1, 2], c[2, 2]) for c in spread], np.float32),
+        np.array(rounding, np.float32),
     )
 
 
-@lru_cache(maxsize=64)
-def _weights(fringe: Fringe) -> tuple[F32, F32, F32]:
-    """Design (N, 3); weights (4, N) of offset, c, s and, of four samples, the one combination that these do
-    not reach; variances and covariance of c and s (3,)."""
-    design = fringe.design()
-    covariance = np.linalg.inv(design.T @ design)
+def _weights(design: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of offset, c, s and of what they leave of four samples (4, N); design (N, 3)."""
     free = np.linalg.qr(design, mode="complete")[0][:, 3:]
     left = free.T if len(design) == 4 else np.zeros((1, len(design)))
-    weights = np.concatenate([np.linalg.pinv(design), left]).astype(np.float32)
-    spread = np.array([covariance[1, 1], covariance[1, 2], covariance[2, 2]], np.float32)
-    return design.astype(np.float32), weights, spread
+    return np.concatenate([np.linalg.pinv(design), left])
+
+
+def fit_rows(light: Light, noise: Noise, periods: Periods, k: int, rows: tuple[int, int], fit: Fit) -> None:
+    """Fit the k-th period in rows start..stop, in place."""
+    arrays = fit.turn, fit.variance, fit.amplitude, fit.offset, fit.chi2, fit.clipped
+    _fit_rows(*light.numbers(), noise.numbers(), periods, k, *rows, arrays)
 
 
 @inlined
@@ -95,61 +117,66 @@ def turn_of(s: Any, c: Any) -> Any:
 @exact
 def _fit_rows(
     raw: Any,
-    index: Any,
     table: Any,
     spread: Any,
-    clip: Any,
+    saturated: Any,
+    noise: Any,
+    periods: Any,
+    k: Any,
     start: Any,
     stop: Any,
-    design: Any,
-    weights: Any,
-    covariance: Any,
-    read2: Any,
-    gain: Any,
-    rounding2: Any,
-    misfit2: Any,
-    rounding: Any,
-    white: Any,
-    turn: Any,
-    variance: Any,
-    amplitude: Any,
-    offset: Any,
-    chi2: Any,
-    clipped: Any,
+    fit: Any,
 ) -> None:
-    width, count = raw.shape[2], index.size
-    cosine, sine = np.empty(width, np.float32), np.empty(width, np.float32)
-    light = np.empty((0 if table is None else count, width), np.float32)
+    work = np.empty((2 + periods.frame.shape[1], raw.shape[2]), np.float32)
+    turn, variance, amplitude, offset, chi2, clipped = fit
     for row in range(start, stop):
         r = row - start
-        if table is None:
-            _sums_of_three_or_four(raw, index, row, weights, offset[r], cosine, sine, chi2[r])
-            for i in range(3 if count == 3 else 4, count):
-                _add(raw[index[i], row], weights[0, i], weights[1, i], weights[2, i], offset[r], cosine, sine)
-            if count > 4:
-                for i in range(count):
-                    e, c, s = design[i, 0], design[i, 1], design[i, 2]
-                    _residual(raw[index[i], row], e, c, s, offset[r], cosine, sine, chi2[r], i == 0)
-        else:
+        line = turn[r], variance[r], amplitude[r], offset[r], chi2[r], clipped[r]
+        fit_line(raw, table, spread, saturated, noise, periods, k, row, work, line)
+
+
+@exact
+def fit_line(
+    raw: Any,
+    table: Any,
+    spread: Any,
+    saturated: Any,
+    noise: Any,
+    periods: Any,
+    k: Any,
+    row: Any,
+    work: Any,
+    fit: Any,
+) -> None:
+    """Fit the k-th period in a row; work: (2 + N, W); fit: turn, variance, amplitude, offset, chi2, clipped,
+    each (W,), see `Fit`."""
+    turn, variance, amplitude, offset, chi2, clipped = fit
+    count = periods.number[k]
+    index, design, weights = periods.frame[k, :count], periods.design[k], periods.weights[k]
+    cosine, sine = work[0], work[1]
+    if table is None:
+        _sums_of_three_or_four(raw, index, row, weights, offset, cosine, sine, chi2)
+        for i in range(4, count):
+            _add(raw[index[i], row], weights[0, i], weights[1, i], weights[2, i], offset, cosine, sine)
+        if count > 4:
             for i in range(count):
-                fetch_line(raw[index[i], row], table, light[i])
-            _sums_of_lines(light, weights, offset[r], cosine, sine, chi2[r])
-            if count > 4:
-                for i in range(count):
-                    e, c, s = design[i, 0], design[i, 1], design[i, 2]
-                    _residual(light[i], e, c, s, offset[r], cosine, sine, chi2[r], i == 0)
-        clipped[r, :] = np.float32(0)
-        bright = _phase_line(
-            *(offset[r], cosine, sine, covariance, read2, gain, rounding2, misfit2, rounding, white),
-            *(turn[r], variance[r], amplitude[r], chi2[r]),
-        )
-        if (bright > 0) | (spread is not None):
-            for x in range(width):
-                _refit(
-                    *(raw, index, row, x, clip, table, spread, design),
-                    *(read2, gain, rounding2, misfit2, rounding),
-                    *(turn[r], variance[r], amplitude[r], offset[r], chi2[r], clipped[r]),
-                )
+                e, c, s = design[i, 0], design[i, 1], design[i, 2]
+                _residual(raw[index[i], row], e, c, s, offset, cosine, sine, chi2, i == 0)
+    else:
+        light = work[2 : 2 + count]
+        for i in range(count):
+            fetch_line(raw[index[i], row], table, light[i])
+        _sums_of_lines(light, weights, offset, cosine, sine, chi2)
+        if count > 4:
+            for i in range(count):
+                e, c, s = design[i, 0], design[i, 1], design[i, 2]
+                _residual(light[i], e, c, s, offset, cosine, sine, chi2, i == 0)
+    clipped[:] = np.float32(0)
+    known = periods.covariance[k], periods.rounding[k], saturated[1]
+    bright = _phase_line(offset, cosine, sine, known, noise, turn, variance, amplitude, chi2)
+    if (bright > 0) | (spread is not None):
+        for x in range(turn.size):
+            _refit(raw, table, spread, saturated[0], index, row, x, design, noise, periods.rounding[k], fit)
 
 
 @kernel
@@ -209,13 +236,8 @@ def _phase_line(
     mean: Any,
     cosine: Any,
     sine: Any,
-    covariance: Any,
-    read2: Any,
-    gain: Any,
-    rounding2: Any,
-    misfit2: Any,
-    rounding: Any,
-    white: Any,
+    known: Any,
+    noise: Any,
     turn: Any,
     variance: Any,
     amplitude: Any,
@@ -223,49 +245,49 @@ def _phase_line(
 ) -> Any:
     """Phase, variance, amplitude and chi2 of a line (chi2 holds squared residuals); number of pixels that may
     hold a saturated sample: none of a fit that stays below white by more than its residuals."""
+    covariance, rounding, white = known
+    read2, gain, rounding2, misfit2 = noise
     cc, cs, ss = covariance[0], covariance[1], covariance[2]
     two, bright = np.float32(2), np.float32(0)
     for x in range(mean.size):
         c, s = cosine[x], sine[x]
         power = max(c * c + s * s, _TINY)
         height = np.sqrt(power)
-        noise = read2 + gain * max(mean[x], np.float32(0))
+        own = read2 + gain * max(mean[x], np.float32(0))
+        unlike = own + rounding2 + misfit2 * power
         across = c * c * ss - two * c * s * cs + s * s * cc
         room = np.float32(0.999) * white - mean[x] - height
         bright += np.float32((room < np.float32(0)) | (room * room < chi2[x]))
         turn[x] = turn_of(s, c)
-        variance[x] = rounding + noise * across / (power * power * (_TWO_PI * _TWO_PI))
+        # one division for both quotients
+        square = power * power * (_TWO_PI * _TWO_PI)
+        inverse = np.float32(1) / (square * unlike)
+        variance[x] = rounding + own * across * unlike * inverse
         amplitude[x] = height
-        chi2[x] = chi2[x] / (noise + rounding2 + misfit2 * power)
+        chi2[x] = chi2[x] * square * inverse
     return bright
 
 
 @exact
 def _refit(
     raw: Any,
+    table: Any,
+    spread: Any,
+    clip: Any,
     index: Any,
     row: Any,
     x: Any,
-    clip: Any,
-    table: Any,
-    spread: Any,
     design: Any,
-    read2: Any,
-    gain: Any,
-    rounding2: Any,
-    misfit2: Any,
+    noise: Any,
     rounding: Any,
-    turn: Any,
-    variance: Any,
-    amplitude: Any,
-    offset: Any,
-    chi2: Any,
-    clipped: Any,
+    fit: Any,
 ) -> None:
     """Weighted normal equations of the samples that are not saturated; variance 1e12 if they are too few.
 
     Under a response a sample's variance is its own and what frames contradict each other by, of the amplitude
     that samples of one weight have."""
+    read2, gain, rounding2, misfit2 = noise
+    turn, variance, amplitude, offset, chi2, clipped = fit
     count = 0
     whole, normal, right = np.zeros(6), np.zeros(6), np.zeros(3)
     alike = misfit2 * amplitude[x] * amplitude[x]
@@ -289,16 +311,16 @@ def _refit(
     c = inverse[1] * right[0] + inverse[3] * right[1] + inverse[4] * right[2]
     s = inverse[2] * right[0] + inverse[4] * right[1] + inverse[5] * right[2]
     power = max(c * c + s * s, 1e-12)
-    noise = read2 + gain * max(mean, 0.0) if spread is None else 1.0
+    own = read2 + gain * max(mean, 0.0) if spread is None else 1.0
     unlike, misfit = rounding2 + (misfit2 * power if spread is None else 0.0), 0.0
     for i in range(index.size):
         sample = raw[index[i], row, x]
         if sample < clip:
             left = level_of(sample, table) - design[i, 0] * mean - design[i, 1] * c - design[i, 2] * s
-            misfit += left * left / (noise * variance_of(sample, spread, alike) + unlike)
+            misfit += left * left / (own * variance_of(sample, spread, alike) + unlike)
     across = c * c * inverse[5] - 2 * c * s * inverse[4] + s * s * inverse[3]
     turn[x] = np.float32(np.arctan2(s, c) / (2 * np.pi))
-    variance[x] = np.float32(rounding + noise * across / (2 * np.pi * power) ** 2)
+    variance[x] = np.float32(rounding + own * across / (2 * np.pi * power) ** 2)
     amplitude[x], offset[x] = np.float32(np.sqrt(power)), np.float32(mean)
     chi2[x] = np.float32(misfit)
 

@@ -18,7 +18,7 @@ from optolever.kernels import exact, inlined, kernel
 from .border import MARGIN, inwards
 from .centre import BULK, STEEP, centred, lesser, windowed
 from .correspondence import Flag
-from .display import PER_CELL, PLACES, REACH, WIDTHS, Pixelation
+from .display import PER_CELL, PLACES, REACH
 
 __all__ = ["Raw", "check_rows", "despeckle"]
 
@@ -44,23 +44,22 @@ def check_rows(
     rows: tuple[int, int],
     raw: Raw,
     common: tuple[NDArray[np.uint16], Any, Any],
-    pixelation: Pixelation,
+    tables: tuple[Any, Any],
     reach: tuple[float, bool],
-    limits: tuple[float, float, float, float],
+    limits: tuple[float, float, float, float, float],
     rounding: NDArray[np.float32],
     out: tuple[Any, Any, NDArray[np.uint16]],
 ) -> None:
     """Rows start..stop of one axis.
 
-    common: flags (H, W) so far, amplitude and offset (H, W). limits: extent of the surface (0: it has no
-    border), largest second difference (px), turns of the finest fringe in a px, least sigma (px). rounding:
-    display.rounding_shift, empty: none.
+    common: flags (H, W) so far, amplitude and offset (H, W). tables: of a Pixelation. limits: its roughness
+    (px^2), extent of the surface (0: it has no border), largest second difference (px), turns of the finest
+    fringe in a px, least sigma (px). rounding: display.rounding_shift.
     out: coordinate, sigma, flags (H, W), the last or-ed.
     """
-    numbers = (pixelation.roughness, *reach, *limits)
     _check(
-        *(*rows, raw.coordinate, raw.variance, *common, pixelation.shift, pixelation.variance),
-        *(np.float32(number) for number in numbers),
+        *(*rows, raw.coordinate, raw.variance, *common, *tables),
+        *(np.float32(number) for number in (*reach, *limits)),
         *(rounding, *out),
     )
 
@@ -76,9 +75,9 @@ def _check(
     offset: Any,
     shift: Any,
     unsure: Any,
-    roughness: Any,
     reach: Any,
     told: Any,
+    roughness: Any,
     extent: Any,
     jump: Any,
     per_turn: Any,
@@ -92,7 +91,8 @@ def _check(
     window = np.empty((stop - start + 2 * REACH, cols + 2 * REACH), np.float32)
     windowed(coord, flags, start, stop, window)
     special, light = np.empty(cols, np.int32), np.empty(cols + 2, np.float32)
-    at, part = np.empty(cols, np.uint32), np.empty(cols, np.float32)
+    at, rounded = np.zeros(cols, np.uint32), np.zeros(cols, np.uint32)
+    most = np.float32(shift.size // PLACES - 1)
     # NaN where none is REACH pixels away: anywhere, to the left, to the right
     none = np.full(cols, np.nan, np.float32)
     no_left, no_right = none.copy(), none.copy()
@@ -106,17 +106,16 @@ def _check(
         _special_line(
             *(window, k, variance[y], variance[up], variance[down], (jump, per_turn), low, high, special)
         )
-        if shift.size > 0:
+        if shift.size > 1:
             far = none if y < REACH else window[k - REACH, REACH : REACH + cols]
             near = none if y >= rows - REACH else window[k + REACH, REACH : REACH + cols]
-            most = np.float32(shift.shape[0] - 1.001)
-            _footprint_line(coord[y], window[k], far, near, (no_left, no_right), most, at, part)
-            _corrected_line(coord[y], variance[y], at, part, shift.ravel(), unsure.ravel(), out[y], sigma[y])
-        else:
-            out[y, :] = coord[y]
-            sigma[y, :] = variance[y]
-        if rounding.size > 0:
-            _unrounded(coord[y], rounding, out[y])
+            _entry_line(coord[y], window[k], (far, near), (no_left, no_right), most, at)
+        if rounding.size > 1:
+            _rounded_line(coord[y], np.float32(rounding.size - 1), rounded)
+        _corrected_line(
+            *(coord[y], variance[y], (at, rounded), (shift, unsure), rounding),
+            *(out[y], sigma[y]),
+        )
         if (rows > 4) & (cols > 4):
             light[1 : cols + 1], light[0], light[cols + 1] = offset[y], offset[y, 0], offset[y, cols - 1]
             limits = jump, per_turn, reach * reach, border
@@ -179,15 +178,6 @@ def _step_on_a_map(before: Any, here: Any, after: Any, jump: Any) -> Any:
 
 
 @kernel
-def _unrounded(coord: Any, rounding: Any, out: Any) -> None:
-    """What rounded grey values shift, taken off a line."""
-    most, per_cell, half = np.float32(rounding.size - 1), np.float32(PER_CELL), np.float32(0.5)
-    for x in range(out.size):
-        place = min(max((coord[x] + half) * per_cell, np.float32(0)), most)
-        out[x] -= rounding[np.uint32(np.int32(place))]
-
-
-@kernel
 def _root(sigma: Any, roughness: Any, least: Any) -> None:
     for x in range(sigma.size):
         sigma[x] = max(np.sqrt(sigma[x] + roughness), least)
@@ -227,34 +217,35 @@ def _special_line(
 
 
 @kernel
-def _footprint_line(
-    c: Any, line: Any, above: Any, below: Any, ends: Any, most: Any, at: Any, part: Any
-) -> None:
-    """Where in the tables of a Pixelation the pixels of a line are: its entry, by place in the cell and whole
-    steps of the footprint's width, and how far it is to the next step."""
-    half, per_step, per_width = np.float32(0.5), np.float32(1 / REACH), np.float32(1 / WIDTHS[1])
-    size, (before, after) = c.size, ends
+def _entry_line(c: Any, line: Any, sides: Any, ends: Any, most: Any, at: Any) -> None:
+    """Entries of a Pixelation by place in the cell and width of the footprint, of `most` steps at most."""
+    half, per_step, places = np.float32(0.5), np.float32(1 / REACH), np.float32(PLACES)
+    size, (above, below), (before, after) = c.size, sides, ends
     left, right = line[:size], line[2 * REACH : 2 * REACH + size]
     for x in range(size):
         gx = _slope(left[x] + before[x], c[x], right[x] + after[x], per_step)
         gy = _slope(above[x], c[x], below[x], per_step)
-        width = np.sqrt(gx * gx + gy * gy) * per_width
+        width = np.sqrt(gx * gx + gy * gy) * places + half
         width = width if width < most else most
-        place = np.int32((c[x] - np.floor(c[x])) * np.float32(PLACES) + half) & np.int32(PLACES - 1)
+        place = np.int32((c[x] - np.floor(c[x])) * places + half) & np.int32(PLACES - 1)
         at[x] = np.uint32(np.int32(width)) * np.uint32(PLACES) + np.uint32(place)
-        part[x] = width - np.floor(width)
 
 
 @kernel
-def _corrected_line(
-    c: Any, var: Any, at: Any, part: Any, shifts: Any, doubts: Any, out: Any, total: Any
-) -> None:
-    """Pixelation taken off a line; its doubt joins the variance."""
-    one, next_shifts, next_doubts = np.float32(1), shifts[PLACES:], doubts[PLACES:]
+def _rounded_line(c: Any, most: Any, at: Any) -> None:
+    """Entries of display.rounding_shift, 0 to most."""
+    per_cell, half = np.float32(PER_CELL), np.float32(0.5)
     for x in range(c.size):
-        i, p = at[x], part[x]
-        out[x] = c[x] + (one - p) * shifts[i] + p * next_shifts[i]
-        total[x] = var[x] + (one - p) * doubts[i] + p * next_doubts[i]
+        at[x] = np.uint32(np.int32(min(max((c[x] + half) * per_cell, np.float32(0)), most)))
+
+
+@kernel
+def _corrected_line(c: Any, var: Any, entries: Any, tables: Any, rounding: Any, out: Any, total: Any) -> None:
+    """Pixelation taken off a line, what is unsure of it into the variance."""
+    (at, rounded), (shifts, doubts) = entries, tables
+    for x in range(c.size):
+        out[x] = c[x] + shifts[at[x]] - rounding[rounded[x]]
+        total[x] = var[x] + doubts[at[x]]
 
 
 @exact

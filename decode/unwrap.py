@@ -15,12 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from optolever.kernels import inlined, kernel
+from optolever.kernels import exact, inlined, kernel
 
 from .estimate import Estimate
-from .phase import Fit
+from .flags import merge_line
+from .frames import Light
+from .noise import Noise
+from .phase import Periods, fit_line
 
-__all__ = ["join_code", "refine_order", "start_order", "vanishing"]
+__all__ = ["climb", "less_likely", "vanishing"]
 
 _ONE, _HALF = np.float32(1), np.float32(0.5)
 
@@ -28,7 +31,19 @@ _ONE, _HALF = np.float32(1), np.float32(0.5)
 @inlined
 def vanishing(x: Any) -> Any:
     """exp(-x) for x >= 0 from above, float32: (1 + x / 256)^-256 is 1.2 times that at x = 10."""
-    y = _ONE / (_ONE + x * np.float32(1 / 256))
+    return _ONE / _growing(x)
+
+
+@inlined
+def less_likely(x: Any) -> Any:
+    """Probability of the one of two that is exp(-x) times as likely, x >= 0."""
+    return _ONE / (_ONE + _growing(x))
+
+
+@inlined
+def _growing(x: Any) -> Any:
+    """exp(x) from below, float32, infinite from x = 106 on."""
+    y = _ONE + x * np.float32(1 / 256)
     y = y * y
     y = y * y
     y = y * y
@@ -39,55 +54,78 @@ def vanishing(x: Any) -> Any:
     return y * y
 
 
-def start_order(fit: Fit, period: float, extent: int, estimate: Estimate) -> None:
-    """Coordinates from the coarsest period alone: the place nearest to the middle of the surface."""
-    beyond = max(0.0, 1 - period / extent)  # so much of the surface has another order
-    _start(
-        *(fit.turn.ravel(), fit.variance.ravel(), fit.chi2.ravel(), fit.clipped.ravel()),
-        *(np.float32(period), np.float32((extent - 1) / 2), np.float32(beyond)),
-        *(estimate.coordinate.ravel(), estimate.variance.ravel(), estimate.error.ravel()),
-        *(estimate.chi2.ravel(), estimate.clipped.ravel()),
-    )
+def climb(
+    light: Light,
+    noise: Noise,
+    periods: Periods,
+    extent: int,
+    code: tuple[Estimate, float] | None,
+    rows: tuple[int, int],
+    into: tuple[Any, ...],
+) -> None:
+    """Rows start..stop from the coarsest period to the finest.
 
-
-def refine_order(fit: Fit, period: float, estimate: Estimate) -> None:
-    """Coordinates from a finer period, in place."""
-    _refine(
-        *(fit.turn.ravel(), fit.variance.ravel(), fit.chi2.ravel(), fit.clipped.ravel(), np.float32(period)),
-        *(estimate.coordinate.ravel(), estimate.variance.ravel(), estimate.error.ravel()),
-        *(estimate.chi2.ravel(), estimate.clipped.ravel()),
-    )
-
-
-def join_code(fit: Fit, period: float, code: Estimate, cell: float, estimate: Estimate) -> None:
-    """Coordinates from a period whose order a code of cells (pattern pixels) tells.
-
-    code: coordinate of the cell's centre, variance beyond the cell's own.
+    code: what a code tells (coordinate of the cell's centre, variance beyond the cell's own) and its cell,
+    pattern px; without one the coarsest period's order is that of the place nearest to the middle of the
+    surface. into: coordinate and variance (H, W), and what flags.merge_line takes: limits, whether the axis
+    is the first, shared maps.
     """
-    _join(
-        *(fit.turn.ravel(), fit.variance.ravel(), fit.chi2.ravel(), fit.clipped.ravel()),
-        *(np.float32(period), np.float32(cell / 2)),
-        *(code.coordinate.ravel(), code.variance.ravel(), code.error.ravel(), code.chi2.ravel()),
-        *(estimate.coordinate.ravel(), estimate.variance.ravel(), estimate.error.ravel()),
-        *(estimate.chi2.ravel(), estimate.clipped.ravel()),
-    )
+    coarsest = float(periods.period[0])
+    half, known = 0.0, None
+    if code is not None:
+        known, half = code[0].arrays(), code[1] / 2
+    beyond = max(0.0, 1 - coarsest / extent)  # so much of the surface has another order
+    numbers = tuple(np.float32(number) for number in ((extent - 1) / 2, beyond, half))
+    _climb(*light.numbers(), noise.numbers(), periods, *rows, numbers, known, *into)
+
+
+@exact
+def _climb(
+    raw: Any,
+    table: Any,
+    spread: Any,
+    saturated: Any,
+    noise: Any,
+    periods: Any,
+    start: Any,
+    stop: Any,
+    numbers: Any,
+    code: Any,
+    place: Any,
+    var: Any,
+    limits: Any,
+    first: Any,
+    shared: Any,
+) -> None:
+    """A row at a time, so that what its fits tell is still in the cache."""
+    width = raw.shape[2]
+    work = np.empty((2 + periods.frame.shape[1], width), np.float32)
+    own = np.empty((9, width), np.float32)
+    turn, variance, chi2, clipped, amplitude, offset = own[0], own[1], own[2], own[3], own[4], own[5]
+    error, misfit, lost = own[6], own[7], own[8]
+    flags, least, mean, either = shared
+    middle, beyond, half = numbers
+    for row in range(start, stop):
+        r = row - start
+        fit = turn, variance, amplitude, offset, chi2, clipped
+        lines = place[row], var[row], error, misfit, lost
+        for k in range(periods.number.size):
+            fit_line(raw, table, spread, saturated, noise, periods, k, row, work, fit)
+            told = turn, variance, chi2, clipped, periods.period[k]
+            if k > 0:
+                _refine(told, lines)
+            elif code is None:
+                _start(told, middle, beyond, lines)
+            else:
+                _join(told, half, (code[0][r], code[1][r], code[2][r], code[5][r]), lines)
+        found = place[row], var[row], error, amplitude, offset, misfit, lost
+        merge_line(found, noise, limits, first, (flags[row], least[row], mean[row], either[row]))
 
 
 @kernel
-def _start(
-    turn: Any,
-    variance: Any,
-    chi2: Any,
-    clipped: Any,
-    period: Any,
-    middle: Any,
-    beyond: Any,
-    place: Any,
-    var: Any,
-    error: Any,
-    misfit: Any,
-    saturated: Any,
-) -> None:
+def _start(told: Any, middle: Any, beyond: Any, lines: Any) -> None:
+    turn, variance, chi2, clipped, period = told
+    place, var, error, misfit, saturated = lines
     order, square = middle / period, period * period
     for x in range(turn.size):
         place[x] = period * (turn[x] + np.rint(order - turn[x]))
@@ -98,26 +136,16 @@ def _start(
 
 
 @kernel
-def _refine(
-    turn: Any,
-    variance: Any,
-    chi2: Any,
-    clipped: Any,
-    period: Any,
-    place: Any,
-    var: Any,
-    error: Any,
-    misfit: Any,
-    saturated: Any,
-) -> None:
+def _refine(told: Any, lines: Any) -> None:
+    turn, variance, chi2, clipped, period = told
+    place, var, error, misfit, saturated = lines
     per_period, square = _ONE / period, period * period
     for x in range(turn.size):
         rough, own = place[x], square * variance[x]
         away = period * (turn[x] + np.rint(rough * per_period - turn[x])) - rough
         inverse = _ONE / (own + var[x])
         # ((p - |d|)^2 - d^2) / 2
-        wrong = vanishing(period * (_HALF * period - abs(away)) * inverse)
-        wrong = wrong / (_ONE + wrong)
+        wrong = less_likely(period * (_HALF * period - abs(away)) * inverse)
         error[x] += wrong - wrong * error[x]
         misfit[x] += chi2[x] + away * away * inverse
         saturated[x] += clipped[x]
@@ -126,23 +154,10 @@ def _refine(
 
 
 @kernel
-def _join(
-    turn: Any,
-    variance: Any,
-    chi2: Any,
-    clipped: Any,
-    period: Any,
-    half: Any,
-    centre: Any,
-    centre_var: Any,
-    centre_error: Any,
-    centre_chi2: Any,
-    place: Any,
-    var: Any,
-    error: Any,
-    misfit: Any,
-    saturated: Any,
-) -> None:
+def _join(told: Any, half: Any, code: Any, lines: Any) -> None:
+    turn, variance, chi2, clipped, period = told
+    centre, centre_var, centre_error, centre_chi2 = code
+    place, var, error, misfit, saturated = lines
     per_period, square, zero = _ONE / period, period * period, np.float32(0)
     for x in range(turn.size):
         new = period * (turn[x] + np.rint(centre[x] * per_period - turn[x]))
@@ -150,8 +165,7 @@ def _join(
         inverse = _ONE / (own + centre_var[x])
         away = abs(new - centre[x])
         over, other = max(away - half, zero), max(period - away - half, zero)
-        wrong = vanishing(_HALF * max(other * other - over * over, zero) * inverse)
-        wrong = wrong / (_ONE + wrong)
+        wrong = less_likely(_HALF * max(other * other - over * over, zero) * inverse)
         error[x] = wrong + centre_error[x] - wrong * centre_error[x]
         misfit[x] = chi2[x] + centre_chi2[x] + over * over * inverse
         saturated[x] = clipped[x]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from optolever.decode.frames import light_of
 from optolever.decode.noise import Noise
-from optolever.decode.phase import Fit, fit_fringe, turn_of
+from optolever.decode.phase import Fit, fit_rows, periods_of, turn_of
 from optolever.decode.plan import plan
 from optolever.kernels import exact
 from optolever.patterns import Frame, Sequence
@@ -62,7 +62,7 @@ def test_a_period_is_fitted_by_least_squares(shifts: tuple[float, ...], clipped:
     fringe = plan(shown).axes[0].fringes[0]
     fit = Fit.empty(1, 600)
     light_in = light_of(frames, shown, 200.0 if clipped else 1e9, None)
-    fit_fringe(light_in, Noise(read**2, gain), fringe, (0, 1), 0.0, fit)
+    fit_rows(light_in, Noise(read**2, gain), periods_of((fringe,), (0.0,)), 0, (0, 1), fit)
     checked = 0
     for x in range(600):
         kept = frames[:, 0, x] < (200.0 if clipped else np.inf)
