@@ -25,6 +25,7 @@ from .noise import Noise, Sample, estimate_noise, under_response
 from .plan import Plan, plan
 from .response import Response
 from .spatial import Raw, check_rows, despeckle
+from .spot_scan import raster_of
 
 __all__ = ["decode"]
 
@@ -72,6 +73,7 @@ def decode(
     options = _Options(
         _given_noise(noise, gain, light), blur_px, on_cells, subpixel, _mask(mask, light), check
     )
+    raster_of(sequence)  # of an exposure alone it may be whole
     parts = by_exposure(sequence)
     return reduce(better_of, (_decoded(_part(light, part.index), part.sequence, options) for part in parts))
 
@@ -105,7 +107,9 @@ def _decoded(light: Light, sequence: Sequence, options: _Options) -> Corresponde
     light, noise, lit = under_response(light, options.noise or noise, lit)
     cells = options.on_cells and not sequence.nominal
     shot = _Shot(light, sequence, wanted, noise, lit, cells)
-    decoders = axis_decoders(sequence, light, shot.noise, lit, cells, options.subpixel)
+    decoders = axis_decoders(
+        sequence, light, shot.noise, lit, cells, options.subpixel, options.noise is not None
+    )
     raw, shared = _estimated(shot, decoders)
     if options.mask is not None:
         np.bitwise_or(shared.flags, np.uint16(Flag.INVALID), out=shared.flags, where=~options.mask)
@@ -123,7 +127,7 @@ def _estimated(shot: _Shot, decoders: list[AxisDecoder]) -> tuple[list[Raw], Sha
     def block(start: int, stop: int) -> None:
         for i, (decoder, own) in enumerate(zip(decoders, raw, strict=True)):
             estimate = decoder.estimate((start, stop), own, room)
-            merge(estimate, shot.noise, decoder.limits, i == 0, (start, stop), shared)
+            merge(estimate, decoder.noise, decoder.limits, i == 0, (start, stop), shared)
 
     over_rows(block, shape[0], _BLOCK)
     return raw, shared
@@ -172,7 +176,11 @@ def _reaches(
     pairs = zip(raw, extents, strict=True)
     told = [border_reach(one.coordinate, *light, extent) for one, extent in pairs]
     best = max(told, key=lambda reach: reach[1])
-    return [(best[0], True) if best[1] else (one.reach, False) for one in pixelations]
+    if best[1]:
+        return [(best[0], True)] * len(raw)
+    tables = [decoder.table for decoder in decoders]
+    measured = zip(tables, pixelations, strict=True)
+    return [(one.reach if table is None else table.spread, False) for table, one in measured]
 
 
 def _checked(shot: _Shot, found: Correspondence, options: _Options) -> Correspondence:
