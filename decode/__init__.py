@@ -18,7 +18,7 @@
 | `micro`          | micro phase shifting, likewise                                                         |
 | `gray`           | bits -> word -> cell, posterior of a wrong bit                                         |
 | `bit_levels`     | what cells show of bits behind a blur; posterior of pixels with weak bits               |
-| `lookup`         | any known levels: stripes, free grey values, codes within their cells                  |
+| `lookup`, `lookup_tables` | any known levels: stripes, free grey values, codes within cells; tables |
 | `lookup_kernels`, `lookup_light` | its loops; rows of frames as it reads them                            |
 | `spot_scan`, `spot_kernels` | a raster of spots, summed to two sweeps                                     |
 | `flags`          | flags, made once; maps that both axes share                                            |

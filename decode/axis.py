@@ -20,7 +20,7 @@ from .lookup import Table, lookup_rows, prepare
 from .micro import MicroTable, micro_table, unwrap_micro
 from .noise import Noise, Sample
 from .phase import Fit, Periods, fit_rows, periods_of
-from .plan import AxisPlan, Plan, plan
+from .plan import AxisPlan, Plan, constraints, plan
 from .spatial import Raw
 from .spot_scan import Raster, one_spot, raster_of, sums_of
 from .unwrap import climb
@@ -147,18 +147,22 @@ def _room(room: local, rows: int, cols: int) -> _Work:
 
 
 def axis_decoders(
-    sequence: Sequence, light: Light, noise: Noise, lit: Sample, on_cells: bool, subpixel: bool
+    sequence: Sequence, light: Light, noise: Noise, lit: Sample, on_cells: bool, subpixel: bool, known: bool
 ) -> list[AxisDecoder]:
-    """Choose the steps for each axis. InputError where its frames tell no place."""
-    raster = raster_of(sequence)
+    """Choose the steps for each axis. InputError where its frames tell no place.
+
+    known: whether the noise is; else, where no rule of the frames tells it, a look-up measures it.
+    """
+    wanted, raster = plan(sequence), raster_of(sequence)
+    measure = not known and not constraints(wanted, len(sequence))
     if raster is not None:
-        return _spot_decoders(sequence, raster, light, noise, lit)
-    wanted = plan(sequence)
-    return [_decoder(axis, sequence, wanted, light, noise, lit, on_cells, subpixel) for axis in wanted.axes]
+        return _spot_decoders(sequence, raster, light, noise, lit, measure)
+    options = on_cells, subpixel, measure
+    return [_decoder(axis, sequence, wanted, light, noise, lit, *options) for axis in wanted.axes]
 
 
 def _spot_decoders(
-    sequence: Sequence, raster: Raster, light: Light, noise: Noise, lit: Sample
+    sequence: Sequence, raster: Raster, light: Light, noise: Noise, lit: Sample, measure: bool
 ) -> list[AxisDecoder]:
     """Both sweeps of a raster of spots, their tables from sums of the sampled pixels."""
     few = sums_of(_sampled_light(light, lit), raster, (0, 1))
@@ -168,10 +172,11 @@ def _spot_decoders(
     levels = Sample(places, few.light.raw[:, 0])
     found = []
     for axis in own.axes:
-        table = prepare(swept, own, axis, few.light, summed, levels)
+        table = prepare(swept, own, axis, few.light, summed, levels, measure=measure)
         limits = limits_of(axis.extent, 0.5, table.freedom, light.white)
         ways = (None, None, None, table, raster, None)
-        found.append(AxisDecoder(axis, light, noise, *ways, limits, table.freedom, raster.width))
+        single = noise if table.noise is None else few.single(table.noise, raster)
+        found.append(AxisDecoder(axis, light, single, *ways, limits, table.freedom, raster.width))
     return found
 
 
@@ -190,11 +195,13 @@ def _decoder(
     lit: Sample,
     on_cells: bool,
     subpixel: bool,
+    measure: bool,
 ) -> AxisDecoder:
     code = None if axis.code is None else code_plan(axis.code, wanted, noise, lit)
     if axis.looked_up or (subpixel and code is not None and not axis.fringes):
         cells = None if code is None else _cells(code, light, noise, lit)
-        table = prepare(sequence, wanted, axis, light, noise, lit, cells)
+        table = prepare(sequence, wanted, axis, light, noise, lit, cells, measure)
+        noise = table.noise or noise
         jump = axis.stripes.width if axis.stripes else 2.0 * (1 if code is None else float(code.cell))
         limits = limits_of(axis.extent, 0.5, table.freedom, light.white)
         return AxisDecoder(

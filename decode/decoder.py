@@ -26,6 +26,7 @@ from .noise import Noise, Sample, estimate_noise, under_response
 from .plan import Plan, plan
 from .response import Response
 from .spatial import Raw, check_rows, despeckle
+from .spot_scan import raster_of
 
 __all__ = ["decode"]
 
@@ -75,6 +76,7 @@ def decode(
     options = _Options(
         _given_noise(noise, gain, light), blur_px, on_cells, subpixel, _mask(mask, light), check, progress
     )
+    raster_of(sequence)  # of an exposure alone it may be whole
     parts = by_exposure(sequence)
     with logged(f"decode {light.raw.shape} by {sequence.name}"):
         found = reduce(
@@ -117,7 +119,8 @@ def _decoded(light: Light, sequence: Sequence, options: _Options) -> Corresponde
     light, noise, lit = under_response(light, options.noise or noise, lit)
     cells = options.on_cells and not sequence.nominal
     shot = _Shot(light, sequence, wanted, noise, lit, cells)
-    decoders = axis_decoders(sequence, light, shot.noise, lit, cells, options.subpixel)
+    known = options.noise is not None
+    decoders = axis_decoders(sequence, light, shot.noise, lit, cells, options.subpixel, known)
     step("axes", 1, steps)
     raw, shared = _estimated(shot, decoders)
     if options.mask is not None:
@@ -190,7 +193,11 @@ def _reaches(
     pairs = zip(raw, extents, strict=True)
     told = [border_reach(one.coordinate, *light, extent) for one, extent in pairs]
     best = max(told, key=lambda reach: reach[1])
-    return [(best[0], True) if best[1] else (one.reach, False) for one in pixelations]
+    if best[1]:
+        return [(best[0], True)] * len(raw)
+    tables = [decoder.table for decoder in decoders]
+    measured = zip(tables, pixelations, strict=True)
+    return [(one.reach if table is None else table.spread, False) for table, one in measured]
 
 
 def _checked(shot: _Shot, found: Correspondence, options: _Options) -> Correspondence:

@@ -13,28 +13,36 @@ from optolever.kernels import exact, kernel
 
 from .lookup_light import BATCH, beside, brightest, gather
 
-__all__ = ["ANGLES", "COARSE", "LANES", "PER_PX", "SEARCH", "SWEEP", "WITHIN", "Book", "Camera", "match_rows"]
+__all__ = [
+    "COARSE",
+    "LANES",
+    "PER_PX",
+    "SEARCH",
+    "SWEEP",
+    "WITHIN",
+    "Book",
+    "Camera",
+    "match_rows",
+]
 
 #: Codewords per pattern pixel, and samples per vector instruction: codewords are filled up to a multiple.
 PER_PX, LANES = 8, 8
 #: Codewords per pattern pixel of the search over the whole surface.
 COARSE = 2
-#: Numbers kept of a codeword: |z|^2, z.d, |d|^2, least sin^2 of the next angles where they differ (else 1),
-#: mean, whether the way is straight from the codeword before to the one after the next.
-ANGLES, MEAN, STRAIGHT = 6, 4, 5
-#: Steps of a walk, each at most a pixel long; places that a search compares; pattern pixels around an answer
-#: that are no other answer.
-_STEPS, _ANSWERS = 16, 12
 #: Where a pixel's search starts.
 SEARCH, SWEEP, WITHIN = 0, 1, 2
+#: Steps of a walk, each at most a pixel long; places that a search compares.
+_STEPS, _ANSWERS = 16, 12
+#: Codewords beside the neighbour's place from which a walk starts, too: off the tread of a sharp cell.
+_BESIDE = 5
 #: Share of a stripe's light that another place has to show to be another answer, whatever the noise.
 _RIVAL = 0.6
-#: Squared deviations up to which another place is as good: 4.5 sigma.
-_NEAR = 20.0
 #: -log of the probability of another answer below which a search may be left out.
 _SURE = 16.0
 #: Explained power over the noise below which there is no pattern: chance reaches it once in 1e4 (2 freedoms).
 _NOTHING = 18.0
+#: Squared deviations up to which another place is as good: 4.5 sigma.
+_NEAR = 20.0
 
 
 class Camera(NamedTuple):
@@ -50,73 +58,100 @@ class Camera(NamedTuple):
 
 
 class Book(NamedTuple):
-    """Codewords of B blocks: frames (M,); samples of a codeword n; its first frame (B,); z (B, Q, n filled
-    up); ANGLES (B, Q, 6); coordinate of codeword 0 (B,); codewords around an answer that may be as good;
-    freedom."""
+    """Codewords of B blocks: frames (M,); samples of a codeword n; of each stripe of a sweep (one of all
+    others) its first frame, its block, the coordinate of codeword 0; z (B, Q, n filled up); |z|^2, z.d,
+    |d|^2, mean, least sin^2 of the next angles where they differ, else 1 (B, Q, 5); codewords around an
+    answer that may be as good; freedom."""
 
     index: Any
     samples: Any
     begin: Any
+    block: Any
+    first: Any
     words: Any
     angles: Any
-    first: Any
     reach: Any
     freedom: Any
 
 
 @kernel
-def _walk(batch: Any, pixel: Any, power: Any, words: Any, angles: Any, b: Any, q: Any) -> Any:
-    """From codeword q downhill: (q, f, a, squared residuals) of the best place on segments q..q+1; by how
-    much more the best one on the other side of a sharp corner leaves, and how far off it is (0: no
-    corner)."""
-    last = words.shape[1] - 2
-    q = min(max(q, 0), last)
-    best_q, best_f, best_a, best, before = q, 0.0, 0.0, power, -1
-    probe, centre, second, apart = 0, q, power, 0.0
-    for _ in range(_STEPS):
-        near, rise = np.float32(0), np.float32(0)
-        for i in range(batch.shape[1]):
-            near += batch[pixel, i] * words[b, q, i]
-            rise += batch[pixel, i] * (words[b, q + 1, i] - words[b, q, i])
-        zz, zd, dd = angles[b, q, 0], angles[b, q, 1], angles[b, q, 2]
-        det = zz * dd - zd * zd
-        a, af = near * dd - rise * zd, rise * zz - near * zd
-        f = 0.0
-        if det > 1e-9 * zz * zz:
-            f = af / a if a > 0 else (99.0 if af > 0 else -99.0)
-        inside = min(max(f, 0.0), 1.0)
-        if angles[b, q, STRAIGHT] > 0:
-            inside = min(max(f, -1.0), 2.0)
-        length = zz + inside * (2 * zd + inside * dd)
-        along = near + inside * rise
-        rss = power - along * along / max(length, 1e-12)
-        away = abs(q + inside - best_q - best_f)
-        if along > 0 and rss < best:
-            if probe > 0 and away > 0:
-                second, apart = best, away
-            best_q, best_f, best_a, best = q, inside, along / max(length, 1e-12), rss
-        elif probe > 0 and away > 0 and rss < second:
-            second, apart = rss, away
-        target = min(max(q + min(max(int(np.floor(f)), -PER_PX), PER_PX), 0), last)
-        if probe == 0 and f != inside and target != q and target != before:
-            q, before = target, q
-            continue
-        # both sides of a sharp corner may have a best place of their own
-        if probe == 0:
-            centre = best_q
-        if probe == 4 or angles[b, centre, STRAIGHT] >= 0:
-            break
-        probe += 1
-        q = min(max(centre + (probe - 3 if probe < 3 else probe - 2), 0), last)
-    return best_q, best_f, best_a, max(best, 0.0), second - best, apart
+def _products(y: Any, k: Any, used: Any, whole: Any, z: Any, angles: Any, b: Any, q: Any) -> Any:
+    """y.z, y.d, |z|^2, z.d, |d|^2 of pixel k and segment q of block b, over the samples that are used; y is
+    0 elsewhere."""
+    near, rise = np.float32(0), np.float32(0)
+    for i in range(y.shape[1]):
+        near += y[k, i] * z[b, q, i]
+        rise += y[k, i] * (z[b, q + 1, i] - z[b, q, i])
+    if whole:
+        return near, rise, angles[b, q, 0], angles[b, q, 1], angles[b, q, 2]
+    zz, zd, dd = np.float32(0), np.float32(0), np.float32(0)
+    count, mean, step = np.float32(1e-6), np.float32(0), np.float32(0)
+    for i in range(y.shape[1]):
+        w, d = used[i], z[b, q + 1, i] - z[b, q, i]
+        count, mean, step = count + w, mean + w * z[b, q, i], step + w * d
+        zz, zd, dd = zz + w * z[b, q, i] * z[b, q, i], zd + w * z[b, q, i] * d, dd + w * d * d
+    return near, rise, zz - mean * mean / count, zd - mean * step / count, dd - step * step / count
 
 
 @kernel
-def _spread(
-    batch: Any,
-    pixel: Any,
+def _walk(y: Any, k: Any, used: Any, whole: Any, power: Any, z: Any, angles: Any, b: Any, start: Any) -> Any:
+    """From codeword `start` downhill: (q, f, a, squared residuals) of the best place on segments q..q+1."""
+    last = z.shape[1] - 2
+    q = min(max(start, 0), last)
+    best_q, best_f, best_a, best, before = q, 0.0, 0.0, power, -1
+    for _ in range(_STEPS):
+        near, rise, zz, zd, dd = _products(y, k, used, whole, z, angles, b, q)
+        a, af = near * dd - rise * zd, rise * zz - near * zd
+        f = 0.0
+        if zz * dd - zd * zd > 1e-9 * zz * zz:
+            f = af / a if a > 0 else (99.0 if af > 0 else -99.0)
+        inside = min(max(f, 0.0), 1.0)
+        length = max(zz + inside * (2 * zd + inside * dd), 1e-12)
+        along = near + inside * rise
+        rss = power - along * along / length
+        if along > 0 and rss < best:
+            best_q, best_f, best_a, best = q, inside, along / length, rss
+        target = min(max(q + min(max(int(np.floor(f)), -PER_PX), PER_PX), 0), last)
+        if f == inside or target in (q, before):
+            break
+        before, q = q, target
+    return best_q, best_f, best_a, max(best, 0.0)
+
+
+@kernel
+def _told(used: Any, whole: Any, z: Any, angles: Any, b: Any, q: Any, f: Any) -> Any:
+    """Of the samples that are used: their squared change per codeword that no scale or offset makes, and over
+    the scale their mean level, and that in shares of this change."""
+    zz, zd, dd, low, step = angles[b, q, 0], angles[b, q, 1], angles[b, q, 2], np.float32(0), np.float32(0)
+    if not whole:
+        _, _, zz, zd, dd = _products(z[b], q, used, whole, z, angles, b, q)
+        count = np.float32(1e-6)
+        for i in range(z.shape[2]):
+            count += used[i]
+            low += used[i] * z[b, q, i]
+            step += used[i] * (z[b, q + 1, i] - z[b, q, i])
+        low, step = low / count, step / count
+    turn = np.float32((zd + f * dd) / max(zz + f * (2 * zd + f * dd), 1e-12))
+    part, total, level = np.float32(f), np.float32(0), np.float32(0)
+    for i in range(z.shape[2]):
+        d = z[b, q + 1, i] - z[b, q, i] - step
+        here = z[b, q, i] - low + part * d
+        own = d - here * turn
+        own *= own * (np.float32(1) if whole else used[i])
+        total += own
+        level += own * here
+    mean = angles[b, q, 3] + low + f * (angles[b, q + 1, 3] - angles[b, q, 3] + step)
+    return total, mean, level / max(total, np.float32(1e-12))
+
+
+@kernel
+def _posterior(
+    y: Any,
+    k: Any,
+    used: Any,
+    whole: Any,
     power: Any,
-    words: Any,
+    z: Any,
     angles: Any,
     b: Any,
     middle: Any,
@@ -128,15 +163,10 @@ def _spread(
     A segment has the weight exp(-rss / 2 variance) at its best place times the posterior's width in it:
     all of a tread, sqrt(2 pi) deviations of a steep one.
     """
-    low, high = max(middle - reach, 0), min(middle + reach, words.shape[1] - 2)
     best, best_a = power, 0.0
     total, moment, square = 0.0, 0.0, 0.0
-    for q in range(low, high + 1):
-        near, rise = np.float32(0), np.float32(0)
-        for i in range(batch.shape[1]):
-            near += batch[pixel, i] * words[b, q, i]
-            rise += batch[pixel, i] * (words[b, q + 1, i] - words[b, q, i])
-        zz, zd, dd = angles[b, q, 0], angles[b, q, 1], angles[b, q, 2]
+    for q in range(max(middle - reach, 0), min(middle + reach, z.shape[1] - 2) + 1):
+        near, rise, zz, zd, dd = _products(y, k, used, whole, z, angles, b, q)
         det = max(zz * dd - zd * zd, 1e-9 * zz * zz)
         a, af = near * dd - rise * zd, rise * zz - near * zd
         own = variance * zz * zz / max(near * near * det / max(zz, 1e-12), 1e-12)  # of f, at a = near / zz
@@ -156,107 +186,54 @@ def _spread(
     if total <= 0:
         return float(middle), np.inf, 0.0, power
     mean = moment / total
-    return middle + mean, square / total - mean * mean, best_a, max(best, 0.0)
+    spread = square / total - mean * mean
+    # where a tread ends is known to a codeword
+    return middle + mean, spread + (1 / 12 if spread > 1 / 12 else 0.0), best_a, max(best, 0.0)
 
 
 @kernel
-def _weighted_level(offset: Any, a: Any, words: Any, angles: Any, b: Any, q: Any, f: Any, n: Any) -> Any:
-    """Mean level of the samples, weighted by what each of them tells of the place."""
-    zz, zd, dd = angles[b, q, 0], angles[b, q, 1], angles[b, q, 2]
-    turn = (zd + f * dd) / max(zz + f * (2 * zd + f * dd), 1e-12)
-    total, level = 0.0, 0.0
-    for i in range(n):
-        d = words[b, q + 1, i] - words[b, q, i]
-        z = words[b, q, i] + f * d
-        own = (d - z * turn) * (d - z * turn)
-        total += own
-        level += own * max(offset + a * (angles[b, q, MEAN] + z), 0.0)
-    return level / max(total, 1e-12)
-
-
-@kernel
-def _masked(words: Any, angles: Any, b: Any, low: Any, used: Any, own: Any, new: Any) -> None:
-    """Codewords low.. of block b without the samples that are not used, into own and new, as many as fit."""
-    n, count = used.size, 0
-    for i in range(n):
-        count += used[i]
-    for k in range(own.shape[1]):
-        total = np.float32(0)
-        for i in range(n):
-            total += words[b, low + k, i] if used[i] else np.float32(0)
-        total /= np.float32(max(count, 1))
-        new[0, k, MEAN] = angles[b, low + k, MEAN] + total
-        for i in range(n):
-            own[0, k, i] = words[b, low + k, i] - total if used[i] else np.float32(0)
-    for k in range(own.shape[1]):
-        zz, zd, dd = np.float32(0), np.float32(0), np.float32(0)
-        beyond = min(k + 1, own.shape[1] - 1)
-        for i in range(n):
-            d = own[0, beyond, i] - own[0, k, i]
-            zz += own[0, k, i] * own[0, k, i]
-            zd += own[0, k, i] * d
-            dd += d * d
-        new[0, k, 0], new[0, k, 1], new[0, k, 2], new[0, k, 3] = zz, zd, dd, angles[b, low + k, 3]
-        new[0, k, STRAIGHT] = min(angles[b, low + k, STRAIGHT], np.float32(0))
-
-
-@kernel
-def _fit(
-    camera: Any, shape: Any, words: Any, angles: Any, b: Any, batch: Any, pixel: Any, sums: Any, q: Any
+def _placed(
+    numbers: Any, fit: Any, y: Any, k: Any, used: Any, sums: Any, z: Any, angles: Any, b: Any, shape: Any
 ) -> Any:
-    """Best place from codeword q of block b downhill: (place in codewords, its variance, scale, offset,
-    squared residuals, chi2).
+    """Of a walk's result: (place in codewords, its variance, scale, offset, chi2).
 
-    camera (read2, gain, misfit2), shape (samples, freedom, reach), sums of the pixel (mean, power, samples
-    used)
+    numbers: read2, gain, misfit2; sums of the pixel: mean, power, samples used, all samples; shape: reach of
+    a posterior, freedom.
     """
-    read2, gain, misfit2 = camera
-    n, freedom, reach = shape
-    middle, power, count = sums
-    q, f, a, rss, worse, apart = _walk(batch, pixel, power, words, angles, b, q)
-    level = angles[b, q, MEAN] + f * (angles[b, q + 1, MEAN] - angles[b, q, MEAN])
-    offset = middle - a * level
+    (q, f, a, rss), (read2, gain, misfit2), (middle, power, count, n) = fit, numbers, sums
+    told, mean, level = _told(used, count == n, z, angles, b, q, f)
+    offset = middle - a * mean
+    own = max(count - 3.0, 1.0)
     noise = read2 + gain * max(middle, 0.0) + misfit2 * 0.25 * a * a
-    own_freedom = max(count - 3.0, 1.0)
-    excess = max(rss / (own_freedom * noise) - 2 * np.sqrt(2.0 / own_freedom), 1.0)
-    place, variance = q + f, np.inf
-    if power * angles[b, q, 3] < _NEAR * noise * excess:
-        place, variance, a, rss = _spread(batch, pixel, power, words, angles, b, q, reach, noise * excess)
+    excess = max(rss / (own * noise) - 2 * np.sqrt(2.0 / own), 1.0)
+    if power * angles[b, q, 4] < _NEAR * noise * excess:
+        place, variance, a, rss = _posterior(
+            y, k, used, count == n, power, z, angles, b, q, shape[0], noise * excess
+        )
     else:
-        zz, zd, dd = angles[b, q, 0], angles[b, q, 1], angles[b, q, 2]
-        across = zd + f * dd
-        told = a * a * (dd - across * across / max(zz + f * (2 * zd + f * dd), 1e-12))
-        here = noise
-        if gain > 0:
-            here = noise + gain * (_weighted_level(offset, a, words, angles, b, q, f, n) - max(middle, 0.0))
-        if told > 0:
-            # the place on the other side of a sharp corner has a share of the posterior
-            share = 1 / (1 + np.exp(min(0.5 * worse / (noise * excess), 80.0)))
-            variance = max(here, read2) * excess / told + share * apart * apart
-    return place, variance, a, offset, rss, rss / noise * (freedom / own_freedom)
+        here = read2 + gain * max(offset + a * (mean + level), 0.0) + misfit2 * 0.25 * a * a
+        place, variance = q + f, here * excess / max(a * a * told, 1e-12)
+    return place, variance, a, offset, rss / noise * shape[1] / own
 
 
 @kernel
-def _scores(batch: Any, pixel: Any, used: Any, whole: Any, coarse: Any, score: Any) -> None:
+def _scores(y: Any, k: Any, used: Any, whole: Any, coarse: Any, score: Any) -> None:
     """Correlation of samples with all codewords (M, P) of unit length; without samples that are not used."""
     score[:] = np.float32(0)
     for m in range(coarse.shape[0]):
-        v = batch[pixel, m]
+        v = y[k, m]
         for p in range(score.size):
             score[p] += v * coarse[m, p]
     if not whole:
         total, square = np.zeros(score.size, np.float32), np.zeros(score.size, np.float32)
-        count = np.float32(0)
+        count = np.float32(1e-6)
         for m in range(coarse.shape[0]):
-            if used[m]:
-                count += np.float32(1)
-                for p in range(score.size):
-                    total[p] += coarse[m, p]
-                    square[p] += coarse[m, p] * coarse[m, p]
+            count += used[m]
+            for p in range(score.size):
+                total[p] += used[m] * coarse[m, p]
+                square[p] += used[m] * coarse[m, p] * coarse[m, p]
         for p in range(score.size):
-            score[p] /= np.sqrt(
-                max(square[p] - total[p] * total[p] / max(count, np.float32(1)), np.float32(1e-2))
-            )
+            score[p] /= np.sqrt(max(square[p] - total[p] * total[p] / count, np.float32(1e-2)))
 
 
 @exact
@@ -279,17 +256,70 @@ def _highest(score: Any, place: Any, value: Any) -> None:
 
 
 @exact
-def _others(left: Any, found: Any, best: Any, least: Any, noise: Any, guard: Any) -> Any:
-    """Probability that one of some places, other than the best, is the right one, from their squared
-    residuals."""
+def _searched(
+    y: Any,
+    pixel: Any,
+    used: Any,
+    sums: Any,
+    z: Any,
+    angles: Any,
+    reach: Any,
+    coarse: Any,
+    score: Any,
+    noise: Any,
+    first: Any,
+) -> Any:
+    """(walk's result, probability of another answer) of a search over the whole surface; first: the result
+    near the neighbour's place."""
+    place, value = np.empty(_ANSWERS, np.int64), np.empty(_ANSWERS)
+    left, found = np.empty(_ANSWERS + 1), np.empty(_ANSWERS + 1)
+    whole, power, per = sums[2] == sums[3], sums[1], PER_PX // COARSE
+    _scores(y, pixel, used, whole, coarse, score)
+    _highest(score, place, value)
+    fit = first
+    left[0], found[0], count = first[3], first[0] + first[1], 1
+    for k in range(_ANSWERS):
+        # codewords are half a step from the best place at most: that costs less than half the score
+        if place[k] >= 0 and value[k] >= 0.5 * value[0]:
+            one = _walk(y, pixel, used, whole, power, z, angles, 0, place[k] * per + per // 2)
+            fit = one if one[3] < fit[3] else fit
+            left[count], found[count] = one[3], one[0] + one[1]
+            count += 1
+    own = max(sums[2] - 3.0, 1.0)
+    noise *= max(fit[3] / (own * noise) - 2 * np.sqrt(2.0 / own), 1.0)
     total = 0.0
-    for k in range(left.size):
-        again = abs(found[k] - best) <= guard
+    for k in range(count):
+        again = abs(found[k] - fit[0] - fit[1]) <= 2 * reach
         for j in range(k):  # two maxima may lead to the same place
             again |= abs(found[k] - found[j]) < PER_PX
         if not again:
-            total += np.exp(-0.5 * max(left[k] - least, 0.0) / noise)
-    return total / (1 + total)
+            total += np.exp(-0.5 * max(left[k] - fit[3], 0.0) / noise)
+    return fit, total / (1 + total)
+
+
+@exact
+def _only_one(fit: Any, sums: Any, apart: Any, many: Any, noise: Any) -> Any:
+    """Whether an answer is surely the only one: with t the angle between samples and the answer, those to
+    other codewords are apart - t at least, and their squared residuals larger by
+    power sin(apart) sin(apart - 2 t). many: log of the number of answers."""
+    _, power, count, n = sums
+    s, c = apart[fit[0] // (PER_PX // COARSE), 0], apart[fit[0] // (PER_PX // COARSE), 1]
+    rss = min(fit[3], power)
+    lead = s * (s * (power - 2 * rss) - c * 2 * np.sqrt(rss * (power - rss)))
+    # samples that are dropped take their share of the distance with them
+    return 0.5 * lead * (2 * count - n) > (_SURE + many) * n * noise
+
+
+@exact
+def _second_stripe(fit: Any, rival: Any, offset: Any, noise: Any) -> Any:
+    """Probability that a sweep's answer is the stripe of that level."""
+    light = max(rival - offset, 0.0)
+    lead = 0.5 * (fit[2] * fit[2] - light * light) / noise
+    error = 1 / (1 + np.exp(min(max(lead, -80.0), 80.0)))
+    # another place that is more than half as bright is no noise
+    if light * light > 25 * noise and light > _RIVAL * fit[2]:
+        error = max(error, light / (light + fit[2]))
+    return error
 
 
 @exact
@@ -301,118 +331,80 @@ def match_rows(
     WITHIN  around the places that are there (cells of a code) where that is better
     SWEEP   a stripe: block k of the book holds the places around stripe k, of the frames begin[k]..
     SEARCH  from the neighbour's place on, or over the whole surface where that does not lead to an answer
-    that
-            fits (squared residuals below `limit` variances) and that is surely the only one: coarse (M, P)
-            are unit codewords of the whole surface, apart (P, 2) sine and cosine of the angle to the most
-            similar one elsewhere. With t the angle between samples and the answer, those to other codewords
-            are apart - t at least, and their squared residuals larger by power sin(apart) sin(apart - 2 t).
+            that fits (squared residuals below `limit` variances) and that is surely the only one: coarse
+            (M, P) are unit codewords of the whole surface, apart (P, 2) sine and cosine of the angle to the
+            most similar one elsewhere.
     """
     raw, n, width, freedom = camera.raw, book.samples, camera.raw.shape[2], max(book.freedom, 1)
     top, other, at = np.zeros(width, raw.dtype), np.zeros(width, raw.dtype), np.zeros(width, np.int16)
-    batch, used = np.zeros((BATCH, book.words.shape[2]), np.float32), np.ones(n, np.bool_)
+    batch, used = np.zeros((BATCH, book.words.shape[2]), np.float32), np.ones(book.words.shape[2], np.float32)
     lines, pixels = np.empty((n, BATCH), np.float32), np.empty((3, BATCH), np.float32)
     score = np.empty(coarse.shape[1], np.float32)
-    nodes = min(2 * book.reach + 2 * PER_PX + 2, book.words.shape[1])
-    own = np.zeros((1, nodes, batch.shape[1]), np.float32)
-    own_angles = np.zeros((1, nodes, ANGLES), np.float32)
-    numbers, shape = (camera.read2, camera.gain, camera.misfit2), (n, book.freedom, book.reach)
-    words, angles, index, begin, origin = book.words, book.angles, book.index, book.begin, book.first
+    many = np.log(coarse.shape[1] + 1.0)
+    numbers, table, clip = (camera.read2, camera.gain, camera.misfit2), camera.table, camera.clip
+    words, angles, first = book.words, book.angles, book.first
     coordinates, variances, errors, amplitudes, offsets, chi2, clipped = out
-    clip, table, reach = camera.clip, camera.table, book.reach
-    place, value = np.empty(_ANSWERS, np.int64), np.empty(_ANSWERS)
-    left, found = np.empty(_ANSWERS), np.empty(_ANSWERS)
-    many, per = np.log(coarse.shape[1] + 1.0), PER_PX // COARSE
     for row in range(start, stop):
-        r, last, slope, block = row - start, -1.0, 0.0, np.int64(0)
+        r, last, slope = row - start, np.nan, 0.0
         if way == SWEEP:
-            brightest(raw, index, row, top, at)
-            beside(raw, index, row, at, n // 2, other)
-            for x in range(width):
-                if top[x] >= clip:  # the middle of those that are saturated one after the other
-                    ahead = np.int64(at[x])
-                    while ahead + 1 < index.size and raw[index[ahead + 1], row, x] >= clip:
-                        ahead += 1
-                    at[x] = (at[x] + ahead) // 2
+            brightest(raw, book.index, row, clip, top, at)
+            beside(raw, book.index, row, at, n // 2, other)
         for x in range(width):
             if x % BATCH == 0:
                 gather(camera, book, row, x, at, lines, batch, pixels)
-            pixel, b = x % BATCH, np.int64(at[x])
-            middle, power = float(pixels[0, pixel]), float(pixels[1, pixel])
-            count = np.int64(pixels[2, pixel] + 0.5)
-            sums = (middle, power, count)
-            if count < n:
+            k, stripe = x % BATCH, np.int64(at[x])
+            b = book.block[stripe]
+            middle, power, count = float(pixels[0, k]), float(pixels[1, k]), np.int64(pixels[2, k] + 0.5)
+            sums, whole = (middle, power, count, n), count == n
+            if not whole:
+                used[:] = np.float32(0)
                 for i in range(n):
-                    used[i] = raw[index[begin[b] + i], row, x] < clip
+                    used[i] = (
+                        np.float32(1) if raw[book.index[book.begin[stripe] + i], row, x] < clip else used[i]
+                    )
             if way != WITHIN:
                 clipped[r, x] = n - count
                 coordinates[r, x], variances[r, x], errors[r, x] = np.nan, np.inf, 1.0
                 amplitudes[r, x], offsets[r, x], chi2[r, x] = np.sqrt(power / (count + 1e-6)), middle, 0.0
+            else:
+                last, slope = float(coordinates[r, x]), 0.0
             noise = camera.read2 + camera.gain * max(middle, 0.0)
             nothing = power < (count - 1 + 5 * np.sqrt(2.0 * n)) * noise or count < 4
-            if nothing or (way == WITHIN and not np.isfinite(coordinates[r, x])):
-                last = -1.0
+            if nothing or (way == WITHIN and not np.isfinite(last)):
+                last = np.nan
                 continue
             noise += camera.misfit2 * power / n
-            guess = int(last + slope)
-            if way == WITHIN:
-                guess = int(np.rint((coordinates[r, x] - origin[0]) * PER_PX))
-            elif way == SWEEP and (last < 0 or b != block):
-                guess = words.shape[1] // 2
-            fit, error, sure = (0.0, np.inf, 0.0, 0.0, power, 0.0), 1.0, False
-            for k in range(-1 if way != SEARCH or last >= 0 else 0, _ANSWERS):
-                if k == 0:
-                    _scores(batch, pixel, used, count == n, coarse, score)
-                    _highest(score, place, value)
-                    fit, left[:], found[:] = (0.0, np.inf, 0.0, 0.0, power, 0.0), power, -1e9
-                if k >= 0:
-                    guess = place[k] * per + per // 2
-                    # codewords are half a step from the best place at most: that costs less than half the
-                    # score
-                    if place[k] < 0 or value[k] < 0.5 * value[0]:
-                        continue
-                if count < n:
-                    low = min(max(guess - nodes // 2, 0), words.shape[1] - nodes)
-                    _masked(words, angles, b, low, used, own, own_angles)
-                    one = _fit(numbers, shape, own, own_angles, 0, batch, pixel, sums, guess - low)
-                    one = (one[0] + low, one[1], one[2], one[3], one[4], one[5])
-                else:
-                    one = _fit(numbers, shape, words, angles, b, batch, pixel, sums, guess)
-                if one[4] < fit[4]:
-                    fit = one
-                if k >= 0:
-                    left[k], found[k] = one[4], one[0]
-                elif way != SEARCH:
-                    sure = True
-                elif fit[4] < limit * noise:
-                    s, c = apart[int(fit[0]) // per, 0], apart[int(fit[0]) // per, 1]
-                    share = fit[4] / power
-                    lead = s * (s * (1 - 2 * share) - c * 2 * np.sqrt(share * max(1 - share, 0.0)))
-                    # samples that are dropped take their share of the distance with them
-                    lead = 0.5 * lead * (2.0 * count / n - 1) * power / noise - many
-                    sure, error = lead > _SURE, np.exp(-lead)
-                if sure:
-                    break
+            known = last == last
+            guess = int(np.rint((last + slope - first[stripe]) * PER_PX)) if known else words.shape[1] // 2
+            fit, error, sure = (0, 0.0, 0.0, power), 0.0, way != SEARCH
+            if known or way != SEARCH:
+                fit = _walk(batch, k, used, whole, power, words, angles, b, guess)
+                for side in (-_BESIDE, _BESIDE):
+                    if fit[3] > limit * noise:
+                        one = _walk(batch, k, used, whole, power, words, angles, b, guess + side)
+                        fit = one if one[3] < fit[3] else fit
+                if way == SEARCH and fit[3] < limit * noise:
+                    sure = _only_one(fit, sums, apart, many, noise)
             if not sure:
-                excess = max(fit[4] / (freedom * noise) - 2 * np.sqrt(2.0 / freedom), 1.0)
-                error = _others(left, found, fit[0], fit[4], noise * excess, 2 * reach)
-            if power - fit[4] < _NOTHING * noise or fit[2] <= 0:
-                last = -1.0
+                fit, error = _searched(
+                    batch, k, used, sums, words, angles, book.reach, coarse, score, noise, fit
+                )
+            if power - fit[3] < _NOTHING * noise or fit[2] <= 0:
+                last = np.nan
                 continue
-            coordinate, variance = origin[b] + fit[0] / PER_PX, fit[1] / (PER_PX * PER_PX)
+            place, variance, a, offset, misfit = _placed(
+                numbers, fit, batch, k, used, sums, words, angles, b, (book.reach, freedom)
+            )
+            coordinate, variance = first[stripe] + place / PER_PX, variance / (PER_PX * PER_PX)
             if way == WITHIN:
-                if abs(coordinate - coordinates[r, x]) * PER_PX < reach and variance < variances[r, x]:
-                    coordinates[r, x], variances[r, x], chi2[r, x] = coordinate, variance, fit[5]
-                    amplitudes[r, x], offsets[r, x] = 0.5 * fit[2], fit[3] + 0.5 * fit[2]
-                continue
-            if way == SWEEP:
-                rival = table[np.int64(other[x])] if table.size > 0 else np.float32(other[x])
-                rival = max(rival - fit[3], 0.0)
-                lead = 0.5 * (fit[2] * fit[2] - rival * rival) / noise
-                error = 1 / (1 + np.exp(min(max(lead, -80.0), 80.0)))
-                # another place that is more than half as bright is no noise
-                if rival * rival > 25 * noise and rival > _RIVAL * fit[2]:
-                    error = max(error, rival / (rival + fit[2]))
-            slope = fit[0] - last if last >= 0 and b == block and abs(fit[0] - last) < 4 * PER_PX else 0.0
-            last, block = fit[0], b
-            coordinates[r, x], variances[r, x], errors[r, x] = coordinate, variance, error
-            amplitudes[r, x], offsets[r, x], chi2[r, x] = 0.5 * fit[2], fit[3] + 0.5 * fit[2], fit[5]
+                if abs(coordinate - last) * PER_PX >= book.reach or variance >= variances[r, x]:
+                    continue
+            else:
+                if way == SWEEP:
+                    rival = table[np.int64(other[x])] if table.size > 0 else np.float32(other[x])
+                    error = _second_stripe(fit, rival, offset, noise)
+                errors[r, x] = error
+                slope = coordinate - last if abs(coordinate - last) < 4 else 0.0
+                last = coordinate
+            coordinates[r, x], variances[r, x], chi2[r, x] = coordinate, variance, misfit
+            amplitudes[r, x], offsets[r, x] = 0.5 * a, offset + 0.5 * a

@@ -15,8 +15,9 @@ _SATURATED = -1e9
 
 
 @kernel
-def brightest(raw: Any, index: Any, row: Any, top: Any, at: Any) -> None:
-    """Largest level of each pixel of a row, and which of the frames shows it first."""
+def brightest(raw: Any, index: Any, row: Any, clip: Any, top: Any, at: Any) -> None:
+    """Largest level of each pixel of a row, and which of the frames shows it first; the middle of those that
+    are saturated one after the other."""
     line = raw[index[0], row]
     for x in range(top.size):
         top[x], at[x] = line[x], 0
@@ -27,6 +28,12 @@ def brightest(raw: Any, index: Any, row: Any, top: Any, at: Any) -> None:
             v = line[x]
             at[x] = place if v > top[x] else at[x]
             top[x] = max(v, top[x])
+    for x in range(top.size):
+        ahead = np.int64(at[x])
+        if top[x] >= clip:
+            while ahead + 1 < index.size and raw[index[ahead + 1], row, x] >= clip:
+                ahead += 1
+            at[x] = (at[x] + ahead) // 2
 
 
 @kernel

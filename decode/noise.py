@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from .frames import Light, sample_levels, sample_places
 from .plan import Plan, constraints
 
-__all__ = ["Noise", "Sample", "estimate_noise", "modulation", "sampled", "under_response"]
+__all__ = ["Noise", "Sample", "estimate_noise", "fitted_noise", "modulation", "sampled", "under_response"]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -177,14 +177,14 @@ def _estimated(light: Light, plan: Plan, sample: Sample) -> tuple[Noise, Sample]
     """Of all pixels first, then of those that see the pattern."""
     groups = constraints(plan, len(light.raw))
     floor = max(light.rounding, 1e-12)
-    noise = _fitted(*_residuals(plan, sample, groups), floor)
+    noise = fitted_noise(*_residuals(plan, sample, groups), floor)
     amplitude, factor = modulation(plan, sample.levels)
     seen = amplitude**2 > _SURE**2 * factor * sample.variance(noise)
     if _FEWEST <= np.count_nonzero(seen) < len(seen):
         sample, amplitude = sample.only(seen), amplitude[seen]
         level, residual = _residuals(plan, sample, groups)
         if len(residual) >= _FEWEST:  # single pixels have no neighbours
-            noise = _fitted(level, residual, floor)
+            noise = fitted_noise(level, residual, floor)
     return replace(noise, rounding2=light.rounding, misfit2=_misfit(sample, amplitude, groups, noise)), sample
 
 
@@ -331,7 +331,7 @@ def _trimmed_variance(residual: F32) -> float:
     return max(variance, 1e-12)
 
 
-def _fitted(level: F32, residual: F32, floor: float) -> Noise:
+def fitted_noise(level: F32, residual: F32, floor: float) -> Noise:
     """Trimmed variance by level, and the weighted straight line through it that is nowhere below the
     floor."""
     whole = max(_trimmed_variance(residual), floor) if len(residual) else floor

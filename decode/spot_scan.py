@@ -101,6 +101,10 @@ class Sums:
         """Of a sum of samples, from that of one: read noise of each, gain on the sum of their levels."""
         return replace(noise, read2=noise.read2 * raster.summed)
 
+    def single(self, noise: Noise, raster: Raster) -> Noise:
+        """Of one sample, from that of a sum."""
+        return replace(noise, read2=noise.read2 / raster.summed)
+
 
 def sums_of(light: Light, raster: Raster, rows: tuple[int, int]) -> Sums:
     """Sums over the raster's rows and columns around each pixel's brightest frame, of rows start..stop."""
