@@ -168,9 +168,16 @@ def chord_step(data: Measured, labels: Labels, state: State) -> State:
     return replace(state, w=state.w + change, steps=(size,), iterations=step.iterations)
 
 
-def edge_errors(data: Measured, state: State, slopes: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    """What errors of the slopes make of the edges' increments, in units of the integrating factor."""
-    return defects(*slopes, _ZERO, state.root, data.mask)
+def edge_errors(
+    data: Measured, state: State, slopes: tuple[Floats, Floats], doubts: tuple[Floats, Floats] | None = None
+) -> tuple[Floats, Floats]:
+    """What errors of the slopes, and of single edges' increments, are in units of the integrating factor."""
+    gx, gy = defects(*slopes, _ZERO, state.root, data.mask)
+    if doubts is not None:
+        root = np.broadcast_to(state.root, gx.shape)
+        gx[:, :-1] += doubts[0][:, :-1] / (root[:, :-1] * root[:, 1:])
+        gy[:-1] += doubts[1][:-1] / (root[:-1] * root[1:])
+    return gx, gy
 
 
 def response(
