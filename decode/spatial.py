@@ -258,7 +258,8 @@ def _neighbours(
     maps = coord, variance, flags, amplitude
     beside, torn, lost_x, bend_x, beyond_x = _along(y, x, 0, 1, maps, limits)
     others, torn_y, lost_y, bend_y, beyond_y = _along(y, x, 1, 0, maps, limits)
-    alone = (beside + others <= 1) & (rows > 2) & (cols > 2)
+    # without one on an axis nothing tells what it takes there, or how much of it is lost
+    alone = ((beside == 0) | (others == 0)) & (rows > 2) & (cols > 2)
     outlier = alone | torn | torn_y | ((beyond_x > 0) & (beyond_y > 0))
     # beside a refused pixel nothing is taken off (see centre)
     bends = (bend_x + bend_y) * _BEND if beside + others < 4 else np.float32(0)
