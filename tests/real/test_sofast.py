@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from optolever.cli import run
 from optolever.decode import Correspondence, Response, decode
 from optolever.decode.axis import axis_decoders
+from optolever.decode.flags import Shared
 from optolever.decode.frames import light_of
 from optolever.decode.noise import estimate_noise
 from optolever.decode.plan import plan
@@ -67,9 +68,11 @@ def readings(real: Path, screen: Correspondence) -> Correspondence:
     light = light_of(capture.frames, capture.sequence, response=Response.from_table(*table))
     noise, lit = estimate_noise(light, plan(capture.sequence))
     found = {}
-    for decoder in axis_decoders(capture.sequence, light, noise, lit, False, False):
-        raw = Raw(*np.empty((2, *screen.flags.shape), np.float32))
-        decoder.estimate((0, len(screen.flags)), raw, local())
+    shape = screen.flags.shape
+    for decoder in axis_decoders(capture.sequence, light, noise, lit, False, False, False):
+        raw = Raw(*np.empty((2, *shape), np.float32))
+        shared = Shared(np.zeros(shape, np.uint16), *np.zeros((3, *shape), np.float32))
+        decoder.decode((0, len(screen.flags)), raw, True, shared, local())
         found[decoder.axis.axis] = raw
     u, v = found["u"], found["v"]
     sigmas = {"sigma_u": np.sqrt(u.variance), "sigma_v": np.sqrt(v.variance)}
