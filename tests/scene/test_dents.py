@@ -175,7 +175,7 @@ def test_a_file_that_is_no_image(tmp_path):
     scene = load("prism48")
     for name, content in (("empty.png", b""), ("text.png", b"no image")):
         (tmp_path / name).write_bytes(content)
-        with pytest.raises(InputError, match=rf"{name}: is no image"):
+        with pytest.raises(InputError, match=rf"{name}: not an image"):
             dent("relief", scene, path=str(tmp_path / name))
 
 
