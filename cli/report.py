@@ -14,7 +14,7 @@ SAMPLE = """
 $ optolever report h.npz --correspondence c.npz --capture capture --out report
 Report of h.npz
   good           98.83 % of the pixels
-  sigma, median  1.2e-05 mm
+  sigma, median  3.915e-05 mm
   page           report/report.html
 """
 
