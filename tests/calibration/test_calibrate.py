@@ -200,6 +200,7 @@ def warned(found: Calibration) -> str:
     return "\n".join(str(notice) for notice in found.notices)
 
 
+@pytest.mark.slow  # minutes: every start of the adjustment is tried
 def test_what_cannot_be_observed_is_warned_of() -> None:
     parallel = air(3, 3, (0.01, 0.02))
     assert "parallel poses" in warned(calibrate(parallel.truth, parallel.observations, guess=True))
@@ -275,6 +276,7 @@ def test_bad_captures_are_one_line(name: str, told: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow  # minutes: every start of the adjustment is tried
 def test_a_ball_that_is_none() -> None:
     rig = prisms(7, 1)
     rest, ball = rig.observations
