@@ -43,8 +43,8 @@ _AXES: dict[str, tuple[str | None, ...]] = {
     "lattice": (None, "uv"),
 }
 #: Cells, radians or factors at most: beyond, a float holds no millionth of them. A fringe of half a cell or
-#: less is none that a surface shows.
-_MOST, _LEAST_PERIOD = 1e9, 0.5
+#: less is none that a surface shows; places in cells or stripes of less than a millionth leave whole numbers.
+_MOST, _LEAST_PERIOD, _LEAST_WIDTH = 1e9, 0.5, 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +102,10 @@ class Frame:
             value = getattr(self, name)
             if value is not None and value <= 0:
                 raise InputError(f"frame: {name} is {value}, must be above 0")
+        for name in ("width_px", "cell_px"):
+            value = getattr(self, name)
+            if value is not None and value < _LEAST_WIDTH:
+                raise InputError(f"frame: {name} is {value}, must be at least {_LEAST_WIDTH:g}")
         if self.period_px is not None and self.period_px < _LEAST_PERIOD:
             raise InputError(f"frame: period_px is {self.period_px}, must be at least {_LEAST_PERIOD:g}")
         if self.bit is not None and not 0 <= self.bit <= 30:

@@ -29,6 +29,8 @@ RENDERERS = ("auto", "gl", "numpy")
 
 _STRIP = 1 << 19  # pixels of a frame whose light is held at a time
 
+_LOUDEST = 1e9  # levels rms, as of a scene's sensor
+
 Light = NDArray[np.float32]
 Motion = Callable[[float], Surface]
 
@@ -137,8 +139,8 @@ class VirtualSensor:
         samples: int = 8,
     ) -> None:
         _require_fit(scene, sequence)
-        if not (np.isfinite(noise) and noise >= 0):
-            raise InputError(f"noise: {noise}, must be at least 0 levels")
+        if not 0 <= noise < _LOUDEST:
+            raise InputError(f"noise: {noise}, must be at least 0 levels and below {_LOUDEST:g}")
         if samples < 1:
             raise InputError(f"samples: {samples}, must be at least 1")
         self._scene, self._surface, self._seed, self._samples = scene, surface, seed, samples

@@ -238,3 +238,9 @@ def test_frames_that_cannot_be_hashed_are_shown_all_the_same() -> None:
     assert np.array_equal(listed.render(), own.render())
     with pytest.raises(InputError, match="frames is empty"):
         Sequence([], 30, 40)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["cell_px", "width_px"])
+def test_widths_that_no_whole_number_counts_are_refused(name: str) -> None:
+    with pytest.raises(InputError, match=f"{name} is 1e-300, must be at least 1e-06"):
+        Frame("levels", "u", levels=(0, 255), **{name: 1e-300})

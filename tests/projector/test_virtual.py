@@ -304,6 +304,7 @@ def test_more_frames_than_attachments(gl: moderngl.Context) -> None:
     [
         ({"noise": -1.0}, ("noise", "-1.0", "at least 0")),
         ({"noise": float("nan")}, ("noise", "nan")),
+        ({"noise": 1e300}, ("noise", "1e+300", "below 1e+09")),
         ({"bits": 7}, ("bits", "7", "8 and 16")),
         ({"samples": 0}, ("samples", "0")),
         ({"exposure": [1.0]}, ("exposure", "(1,)")),
