@@ -1,4 +1,4 @@
-"""The reconstructor's figures: exactness and time, growth and memory, plain integration, a stream.
+"""The reconstructor's figures: exactness and time, growth and memory, plain integration, cliffs, a stream.
 
 Heights from exact correspondences, relative to the peak depth. Times are those of a second call, wall clock;
 processor time beside them, for machines that are shared.
@@ -7,7 +7,7 @@ processor time beside them, for machines that are shared.
 import time
 import tracemalloc
 from collections.abc import Callable, Iterator
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from optolever.projector import capture
 from optolever.reconstruct import HeightMap, HeightStream, PixelAnchor, integrate, reconstruct
 from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
 
+from .cliffs import cauchy_loop, cliff
 from .demo import Progress, silent
 from .figures import Figure
 from .metrics import rms
@@ -35,6 +36,7 @@ LARGE = 2048
 STATED = 0.01  # px: sigma of exact correspondences
 PRISM, RIG = "paper-simulation", "monitor-mirror"
 INTEGRATED = 512
+CLIFFS, ROUGH = (512, 612), (1e-2, 1e-4)  # pixels; noise of the slopes, per pixel
 STREAM, FRAMES = (480, 640), "phase"
 PEAKS = (1.0, 1.01, 1.02, 1.03)
 STREAMED = 24  # frames
@@ -48,6 +50,7 @@ def run_solver_figures(*, seeds: int = 30, progress: Progress = silent) -> list[
         "other mirrors": _others,
         "growth and memory": _growth,
         "integration": _integration,
+        "cliffs": _cliffs,
         "noise": lambda: bound_figures(seeds),
         "stream": _stream,
     }
@@ -128,6 +131,32 @@ def _integration() -> Iterator[Figure]:
         alone.append(_timed(lambda: _transforms(gx), warm=False)[2])
     ratio = float(np.median(whole) / np.median(alone))
     yield Figure(f"{name}, time over its two transforms", ratio, high=2.0)
+
+
+def _cliffs() -> Iterator[Figure]:
+    """Robust integration over a cliff against a plain loop of reweighted sparse solves."""
+    for noise in ROUGH:
+        z, gx, gy, mask = cliff(*CLIFFS, noise)
+        integrate(gx, gy, "robust", mask=mask)  # what is compiled once is not counted
+        turns = [
+            (
+                _timed(partial(integrate, gx, gy, "robust", mask=mask), warm=False),
+                _timed(partial(cauchy_loop, gx, gy, mask), warm=False),
+            )
+            for _ in range(2)  # by turns, so that both meet the same load
+        ]
+        own, loop = (min(turn[k][2] for turn in turns) for k in (0, 1))
+        errors = [(found - z)[mask] for found in (turns[0][0][0].z, turns[0][1][0])]
+        whole, middle = ([size(error - np.median(error)) for error in errors] for size in (rms, _middle))
+        name = f"robust over a cliff, {CLIFFS[0]} x {CLIFFS[1]}, noise {noise:g}"
+        note = f"processor time: {own:.1f} s, loop {loop:.1f} s"
+        yield Figure(f"{name}, time over a plain loop's", own / loop, high=1.0, note=note)
+        note = f"rms {whole[0]:.3g}, loop {whole[1]:.3g}; median {middle[0]:.3g}, loop {middle[1]:.3g}"
+        yield Figure(f"{name}, rms error over a plain loop's", whole[0] / whole[1], high=1.02, note=note)
+
+
+def _middle(error: Array) -> float:
+    return float(np.median(np.abs(error)))
 
 
 def _transforms(values: Array) -> Array:

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-import scipy.sparse
-import scipy.sparse.linalg
 
 from optolever import InputError
+from optolever.experiments.cliffs import cauchy_loop, cliff
 from optolever.reconstruct import integrate, integrator_names
 from optolever.reconstruct.edges import increments
 
@@ -210,50 +209,10 @@ def test_robust_leaves_outliers_behind() -> None:
     assert np.median(robust.edge_weights[0][wrong]) < 0.1
 
 
-def torn(rows: int, cols: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """z, its slopes per pixel, a star for a mask: a cliff that rises along a curve, which no slope shows."""
-    y, x = np.mgrid[:rows, :cols].astype(float)
-    x, y = x / cols, y / rows
-    above = y > 0.5 + 0.12 * np.sin(6 * x)
-    rise = np.clip(x - 0.25, 0, None)
-    z = 5 * np.sin(3 * x) * np.cos(2.5 * y) + 14 * above * rise**2
-    gx = (15 * np.cos(3 * x) * np.cos(2.5 * y) + 28 * above * rise) / cols
-    gy = -12.5 * np.sin(3 * x) * np.sin(2.5 * y) / rows
-    away = np.hypot((x - 0.5) / 0.45, (y - 0.5) / 0.46)
-    return z, gx, gy, away < 0.8 + 0.18 * np.cos(5 * np.arctan2(y - 0.5, x - 0.5))
-
-
-def cauchy_loop(gx: np.ndarray, gy: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Reweighted normal equations, factorised anew thirty times."""
-    number = np.cumsum(mask).reshape(mask.shape) - 1
-    ends, data = [], []
-    for g, first, second in zip(
-        increments(gx, gy, mask), (np.s_[:, :-1], np.s_[:-1]), (np.s_[:, 1:], np.s_[1:]), strict=True
-    ):
-        exists = mask[first] & mask[second]
-        ends.append((number[first][exists], number[second][exists]))
-        data.append(g[first][exists])
-    tail, head = np.concatenate(ends, axis=1)
-    g, every = np.concatenate(data), np.arange(tail.size)
-    signs = np.repeat([-1.0, 1.0], tail.size)
-    shape = (tail.size, int(mask.sum()))
-    step = scipy.sparse.csr_array((signs, (np.tile(every, 2), np.r_[tail, head])), shape=shape)[:, 1:]
-    weight = np.ones(g.shape)
-    for _ in range(30):
-        normal = (step.T @ scipy.sparse.diags_array(weight) @ step).tocsc()
-        found = scipy.sparse.linalg.spsolve(normal, step.T @ (weight * g))
-        left = g - step @ found
-        weight = 1 / (1 + (left / (2.385 * 1.4826 * np.median(np.abs(left)))) ** 2)
-    z = np.full(mask.shape, np.nan)
-    z[mask] = np.r_[0.0, found]
-    return z
-
-
 @pytest.mark.parametrize("noise", [1e-2, 1e-4])
 def test_robust_at_cliffs_is_a_plain_cauchy_loop(noise: float) -> None:
     """The same heights within a fraction of what noise does to them, without thousands of iterations."""
-    z, gx, gy, mask = torn(96, 112)
-    gx, gy = (g + noise * np.random.default_rng(0).standard_normal(g.shape) for g in (gx, gy))
+    z, gx, gy, mask = cliff(96, 112, noise)
     found, loop = integrate(gx, gy, "robust", mask=mask), cauchy_loop(gx, gy, mask)
     assert rms((found.z - z)[mask]) == pytest.approx(rms((loop - z)[mask]), rel=0.02)
     assert found.iterations < 600
