@@ -11,6 +11,7 @@
 | `paper_report.py`, `paper_figures.py` | the page of that |
 | `rig_report.py` | the page of a calibration |
 | `figures.py`, `brute_force.py` | run_figures: figures beside their limits; what checks scene.trace |
+| `cliffs.py` | a cliff behind a mask, and the plain robust integration of it |
 | `code_guide.py` | code_rows: which code when: predicted sigma and gross rate, faults tried |
 | `decode_speed.py` | run_decode_figures: the decoder beside memory and other decoders |
 | `speed_frames.py` | frames of every code for it |
