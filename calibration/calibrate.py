@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.notices import Notice
+from optolever.records import Axes
 from optolever.scene import Covariance, Scene, adjusted, parameter_values
 
 from .adjust import Adjustment, Problem, adjust
@@ -28,7 +29,7 @@ _ALIKE = 0.1  # of chi2: two minima are one
 _NO_BALL = 5.0  # chi of a ball's capture, and sigmas of its radius: it is none
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
     """scene: adjusted, with its covariance; adjustment: how that went; start: the scene it started from, and
     whether that was found without a guess; directions: weakest first; notices: warnings by name."""
@@ -40,6 +41,29 @@ class Calibration:
     guessed: bool
     directions: tuple[Direction, ...]
     notices: tuple[Notice, ...]
+
+    def __repr__(self) -> str:
+        solved = self.adjustment
+        start = "a preset" if self.guessed else "no guess"
+        lines = [
+            f"Calibration of {self.scene.name}: {len(solved.values)} parameters, {len(solved.chis)} captures"
+        ]
+        lines.append(f"  chi {solved.chi:.4g}, from {start}, {solved.evaluations} evaluations")
+        return "\n".join([*lines, f"  {len(self.notices)} notices"])
+
+    def plot(self, axes: Any = None) -> Axes:
+        """Draw each capture's residuals, arrows in sigma at the pixels, with matplotlib; the axes."""
+        import matplotlib.pyplot as plt
+
+        residuals = self.residuals
+        if axes is None:
+            _, axes = plt.subplots(1, len(residuals), figsize=(4.8 * len(residuals), 4.2), squeeze=False)
+        drawn = np.atleast_1d(np.asarray(axes, dtype=object)).ravel()[: len(residuals)]
+        for (name, (row, col, u, v)), ax in zip(residuals.items(), drawn, strict=True):
+            ax.quiver(col, row, u, v, np.hypot(u, v), angles="xy")
+            ax.set_title(f"{name}: predicted less measured, sigma")
+            ax.invert_yaxis()
+        return drawn
 
     @property
     def parameters(self) -> list[dict[str, Any]]:

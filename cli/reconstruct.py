@@ -42,9 +42,9 @@ Height map in h.npz
 
 
 class Anchor(click.ParamType[Any]):
-    """edge, none, or a known point of the mirror X,Y,Z in mm."""
+    """edge, or a known point of the mirror X,Y,Z in mm; none, for methods that take no anchor."""
 
-    name = "edge|none|X,Y,Z"
+    name = "edge|X,Y,Z"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         if value in ("edge", "none"):
@@ -52,7 +52,7 @@ class Anchor(click.ParamType[Any]):
         try:
             x, y, z = (float(part) for part in str(value).split(","))
         except ValueError:
-            self.fail(f"{value!r} is none of edge, none, X,Y,Z (mm)", param, ctx)
+            self.fail(f"{value!r} is neither edge nor X,Y,Z (mm)", param, ctx)
         return x, y, z
 
 
@@ -64,8 +64,8 @@ class Anchor(click.ParamType[Any]):
 @click.option(
     "--anchor",
     type=Anchor(),
-    help="What fixes the height: the camera-side edge at rest (default), a known point (mm; default of a "
-    "SOFAST rig: where it measured its distance), or nothing.",
+    help="What fixes the height: the camera-side edge at rest (default), or a known point (mm; default of a "
+    "SOFAST rig: where it measured its distance).",
 )
 @click.option(
     "--rest",

@@ -83,9 +83,9 @@ class MirrorGrid:
 
 def length_unit(size: float) -> tuple[float, str]:
     """Factor and name of the unit in which a length given in mm reads well."""
-    if size >= 0.1 or size == 0 or not np.isfinite(size):
+    if abs(size) >= 0.1 or size == 0 or not np.isfinite(size):
         return 1.0, "mm"
-    return (1e3, "µm") if size >= 1e-4 else (1e6, "nm")
+    return (1e3, "µm") if abs(size) >= 1e-4 else (1e6, "nm")
 
 
 def mirror_figure(panels: list[Panel], grid: MirrorGrid) -> str:

@@ -55,7 +55,7 @@ def record_html(
         "size": height.z.shape,
         "good_share": float(good.mean()),
         "deepest": float(z[good].max()) if good.any() else float("nan"),
-        "highest": float(z[good].min()) if good.any() else float("nan"),
+        "least": float(z[good].min()) if good.any() else float("nan"),
         "sigma": middle,
         "pictures": {
             "height": mirror_figure([deep], grid),

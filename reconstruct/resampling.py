@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
 from optolever.kernels import exact
+from optolever.records import Axes, Comparable, plot_maps, span
 
 from .export import write_tiff
 from .x3p import write_x3p
@@ -31,8 +32,8 @@ Lean = NDArray[np.floating[Any]]
 _LIMIT = 64_000_000  # grid points
 
 
-@dataclass(frozen=True, slots=True)
-class Grid:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Grid(Comparable):
     """Heights on a regular grid: z[i, j] and sigma[i, j] at x = x0 + j pitch, y = y0 + i pitch, all in mm.
 
     NaN where no good points surround the grid point.
@@ -43,6 +44,16 @@ class Grid:
     x0: float
     y0: float
     pitch: float
+
+    def __repr__(self) -> str:
+        (rows, cols), known = self.z.shape, np.isfinite(self.z)
+        lines = [f"Grid: {rows} x {cols} points, pitch {self.pitch:.5g} mm, {100 * known.mean():.4g} % known"]
+        lines.append(f"  z {span(self.z)} mm, sigma {span(self.sigma)} mm")
+        return "\n".join([*lines, f"  x {span(self.x)}, y {span(self.y)} mm"])
+
+    def plot(self, axes: Any = None) -> Axes:
+        """Draw z and its standard deviation with matplotlib; the axes."""
+        return plot_maps({"z [mm]": self.z, "sigma [mm]": self.sigma}, axes)
 
     @property
     def x(self) -> Floats:

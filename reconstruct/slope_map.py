@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
+from optolever.records import Axes, Comparable, plot_maps, span
 from optolever.scene import Scene
 
 from .calibration import rest_corrected
@@ -29,8 +30,8 @@ Floats = NDArray[np.float64]
 _ARRAYS = ("x", "y", "slope_x", "slope_y", "sigma_x", "sigma_y", "flags")
 
 
-@dataclass(frozen=True, slots=True)
-class SlopeMap:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class SlopeMap(Comparable):
     """dz/dx and dz/dy on the camera's pixels, (H, W) each; x, y in mm, slopes and their sigmas mm per mm.
 
     flags: those of the height map; NaN where the height is.
@@ -50,6 +51,25 @@ class SlopeMap:
             found = np.shape(getattr(self, name))
             if found != shape or len(shape) != 2:
                 raise InputError(f"slope map: {name} has shape {found}, must be 2-D like x {shape}")
+
+    def __repr__(self) -> str:
+        good = self.good
+        rows, cols = good.shape
+        return "\n".join(
+            [f"SlopeMap: {rows} x {cols} pixels, {100 * good.mean():.4g} % good"]
+            + [
+                f"  slope_{name} {span(slope, good)}, sigma {span(sigma, good)} mm per mm"
+                for name, slope, sigma in (
+                    ("x", self.slope_x, self.sigma_x),
+                    ("y", self.slope_y, self.sigma_y),
+                )
+            ]
+        )
+
+    def plot(self, axes: Any = None) -> Axes:
+        """Draw both slopes of the good pixels with matplotlib; the axes."""
+        maps = {"slope_x [mm/mm]": self.slope_x, "slope_y [mm/mm]": self.slope_y}
+        return plot_maps({title: np.where(self.good, one, np.nan) for title, one in maps.items()}, axes)
 
     @property
     def good(self) -> NDArray[np.bool_]:

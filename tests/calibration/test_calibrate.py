@@ -242,6 +242,14 @@ def test_known_points_hold_the_rest() -> None:
         for found in (with_points, without)
     ]
     assert shapes[0] < shapes[1]
+    lines = repr(with_points).splitlines()
+    assert len(lines) == 3
+    assert f"{len(with_points.parameters)} parameters, 1 captures" in lines[0]
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("Agg")
+    (axes,) = with_points.plot()
+    u = next(iter(with_points.residuals.values()))[2]
+    np.testing.assert_array_equal(axes.collections[0].U, u)
 
 
 def test_a_step_of_the_problem_is_refused_nothing_it_does_not_name() -> None:

@@ -77,7 +77,7 @@ def test_robust_limits() -> None:
 
 def test_units_and_words() -> None:
     assert length_unit(2.0) == (1.0, "mm")
-    assert length_unit(2e-3) == (1e3, "µm")
+    assert length_unit(2e-3) == length_unit(-2e-3) == (1e3, "µm")
     assert length_unit(2e-6) == (1e6, "nm")
     assert scientific(3.21e-5) == "3.2 × 10⁻⁵"
     assert scientific(-4e-9) == "−4.0 × 10⁻⁹"

@@ -12,7 +12,7 @@ from optolever import InputError
 from optolever.decode import Correspondence, decode
 from optolever.patterns import Sequence, sequence
 from optolever.projector import Capture, capture
-from optolever.reconstruct import HeightMap, reconstruct
+from optolever.reconstruct import Grid, HeightMap, SlopeMap, reconstruct, slope_map
 from optolever.scene import Scene, Trace, dent, load, resize, trace
 
 Chain = tuple[Scene, Sequence, Trace, Capture, Correspondence, HeightMap]
@@ -28,8 +28,14 @@ def chain() -> Chain:
     return scene, shown, trace(scene, surface), seen, where, reconstruct(where, scene)
 
 
-def test_a_record_is_one_to_five_lines(chain: Chain) -> None:
-    for record in chain:
+@pytest.fixture(scope="module")
+def derived(chain: Chain) -> tuple[Grid, SlopeMap]:
+    scene, _, _, _, where, height = chain
+    return height.resample(), slope_map(height, where, scene)
+
+
+def test_a_record_is_one_to_five_lines(chain: Chain, derived: tuple[Grid, SlopeMap]) -> None:
+    for record in (*chain, *derived):
         lines = repr(record).splitlines()
         assert 1 <= len(lines) <= 5
         assert max(map(len, lines)) <= 160
@@ -40,10 +46,12 @@ def test_a_record_is_one_to_five_lines(chain: Chain) -> None:
     assert f"{height.z[height.good].max():.5g} mm" in repr(height)
     assert f"{truth.z[truth.visible].max():.5g} mm" in repr(truth)
     assert scene.name in repr(scene)
+    assert f"{np.nanmax(derived[0].z):.5g} mm" in repr(derived[0])
+    assert f"{derived[1].slope_y[height.good].max():.5g}, sigma" in repr(derived[1])
     assert "nowhere known" in repr(replace(where, flags=np.ones_like(where.flags)))
 
 
-def test_equality_is_of_what_is_held_and_never_raises(chain: Chain) -> None:
+def test_equality_is_of_what_is_held_and_never_raises(chain: Chain, derived: tuple[Grid, SlopeMap]) -> None:
     _, _, truth, _, where, height = chain
     assert where == replace(where, u=where.u.copy())
     assert where != replace(where, u=where.u + 1e-3)
@@ -51,17 +59,19 @@ def test_equality_is_of_what_is_held_and_never_raises(chain: Chain) -> None:
     assert height == replace(height, z=height.z.copy())  # NaN where nothing is known
     assert height != replace(height, sigma=2 * height.sigma)
     assert truth == replace(truth, u=truth.u.copy())
+    assert all(record == replace(record) for record in derived)
+    assert derived[0] != replace(derived[0], pitch=1.0)
     assert (where == height) is False
     assert where != "a correspondence"
 
 
-def test_records_are_drawn(chain: Chain) -> None:
+def test_records_are_drawn(chain: Chain, derived: tuple[Grid, SlopeMap]) -> None:
     matplotlib = pytest.importorskip("matplotlib")
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
     scene, _, _, _, where, height = chain
-    for record in chain[1:]:
+    for record in (*chain[1:], *derived):
         axes = record.plot()
         assert all(ax.images and ax.get_title() for ax in axes)
     drawn = height.plot()[0].images[0].get_array()
