@@ -165,6 +165,7 @@ def test_open_air_without_a_guess(poses: int) -> None:
     assert all(0.8 < left_out(found, f"flat{k}") < 1.5 for k in range(1, poses))
 
 
+@pytest.mark.slow  # 14 adjustments; every day: one of a prism, the numbers of open air
 def test_covariance_is_true() -> None:
     """(estimate - truth)^T C^-1 (estimate - truth) per number, mean over draws."""
     misses = []
@@ -179,6 +180,7 @@ def test_covariance_is_true() -> None:
     assert 0.75 < np.mean(misses) < 1.3
 
 
+@pytest.mark.slow  # every start of the adjustment is tried
 def test_rest_alone_ends_in_the_least_minimum() -> None:
     """This rig has a second minimum, 100 in chi2 above the truth's numbers, that chi (1.01) does not show."""
     rng = np.random.default_rng([0, 5])
@@ -221,7 +223,7 @@ def test_what_cannot_be_observed_is_warned_of() -> None:
 
 
 def test_flatness_and_radius_enter_the_covariance() -> None:
-    rig = air(4, 5)
+    rig = air(4, 3)
     sharp, soft = (
         calibrate(rig.truth, [replace(each, target=Flat(f)) for each in rig.observations], guess=True)
         for f in (1e-6, 0.1)

@@ -227,6 +227,8 @@ def test_a_page_from_saved_records(optolever: Program, chain: Chain, tmp_path: P
         assert f'id="{name}"' in full
     assert 'id="correspondence-maps"' in full
     assert 'id="correspondence-maps"' not in bare
+    assert not height.notices
+    assert 'id="notices"' not in bare
     assert full.count('alt="camera frame') == 20
     assert 'alt="camera frame' not in bare
     assert "https://" not in full.replace("data:", "")

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from optolever.experiments import DemoResult, PaperStudy, demo_html, paper_html, write_demo_report
+from optolever.experiments import DemoResult, PaperStudy, paper_html, write_demo_report
 from optolever.notices import Notice
 
 Browser = Callable[..., str]
@@ -61,17 +61,25 @@ setTimeout(() => {
 """
 
 
+#: On both pages, as are words of the demo's command that no page may run.
+NOTICE = Notice("slopes <contradict> each other", 9.0, 1.5, "calibrate")
+BAD_WORDS = "</title><script>alert(1)</script>"
+
+
 @pytest.fixture(scope="module")
 def demo_page(demo: DemoResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("report") / "report.html"
-    assert write_demo_report(demo, path).seconds["report"] > 0
+    height, settings = replace(demo.height, notices=(NOTICE,)), demo.settings | {"sequence": BAD_WORDS}
+    told = replace(demo, height=height, settings=settings)
+    assert write_demo_report(told, path).seconds["report"] > 0
     return path
 
 
 @pytest.fixture(scope="module")
 def paper_page(study: PaperStudy, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("report") / "paper.html"
-    path.write_text(paper_html(study), encoding="utf-8")
+    rows = [replace(row, notices=(NOTICE,)) for row in study.rows]
+    path.write_text(paper_html(replace(study, rows=rows)), encoding="utf-8")
     return path
 
 
@@ -124,26 +132,12 @@ def test_screenshot_shows_a_surface(demo_page: Path, tmp_path: Path, browser: Br
     assert len(np.unique(viewer.reshape(-1, 3), axis=0)) > 500
 
 
-def test_words_of_a_run_cannot_break_the_page(demo: DemoResult) -> None:
-    html = demo_html(
-        type(demo)(
-            **{**vars(demo), "settings": {**demo.settings, "dent": "</title><script>alert(1)</script>"}}
-        )
-    )
-    assert "<script>alert" not in html
-
-
-def test_notices_are_on_the_pages(
-    demo: DemoResult, study: PaperStudy, demo_page: Path, paper_page: Path
-) -> None:
-    """Escaped, as all words of a run."""
-    notice = Notice("slopes <contradict> each other", 9.0, 1.5, "calibrate")
-    told = replace(demo, height=replace(demo.height, notices=(notice,)))
-    rows = [replace(row, notices=(notice,)) for row in study.rows]
-    pages = (demo_html(told), demo_page), (paper_html(replace(study, rows=rows)), paper_page)
-    for html, plain in pages:
+def test_words_and_notices_of_a_run_cannot_break_the_pages(demo_page: Path, paper_page: Path) -> None:
+    pages = [page.read_text(encoding="utf-8") for page in (demo_page, paper_page)]
+    for html in pages:
         assert html.count("slopes &lt;contradict&gt; each other (9, usual up to 1.5): calibrate") == 1
-        assert 'id="notices"' not in plain.read_text(encoding="utf-8")
+    assert "<script>alert" not in pages[0]
+    assert "&lt;script&gt;alert" in pages[0]
 
 
 @pytest.mark.slow

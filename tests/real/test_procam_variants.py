@@ -26,7 +26,9 @@ MARGIN, LIT, WHITE = 1.06, 20, 60
 GROSS, GROSS_JPEG = 2.0, 3.0  # projector px
 GOOD = 0.95
 SMOOTH = 4.0  # px from the edges of the white squares, from which their map counts as smooth
-VARIANTS = ("whole", "no inverses", "jpeg", "no inverses jpeg", "binned", "cropped")
+EVERY_DAY = ("whole", "no inverses", "cropped")
+RARER = ("jpeg", "no inverses jpeg", "binned")
+VARIANTS = [*EVERY_DAY, *(pytest.param(name, marks=pytest.mark.slow) for name in RARER)]
 CROP = (slice(300, 700), slice(350, 850))  # inside the sheet and around no edge of the board
 
 

@@ -29,7 +29,7 @@ def relative_rms(height: HeightMap, truth: np.ndarray) -> float:
     ("preset", "name", "size", "limit"),
     [
         ("paper-simulation", "raised-cosine", 192, 1e-6),
-        ("paper-simulation", "needle", 640, 1e-5),
+        pytest.param("paper-simulation", "needle", 640, 1e-5, marks=pytest.mark.slow),
         ("paper-simulation", "tilt", 192, 1e-6),
         ("prism48", "gaussian", 192, 1e-6),
         ("monitor-mirror", "gaussian", 192, 1e-6),

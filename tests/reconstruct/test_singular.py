@@ -23,8 +23,12 @@ def test_the_tracer_agrees_with_the_brute_force(number: int) -> None:
 
 @pytest.mark.parametrize(
     ("number", "method"),
-    [(number, method) for number in (1, 3, 5, 6, 11) for method in ("coupled", "direct")]
-    + [(1, "robust"), (12, "fixed-point"), (15, "fixed-point")],
+    [
+        *[(1, "coupled"), (5, "coupled"), (6, "direct"), (12, "fixed-point")],
+        *(pytest.param(n, "coupled", marks=pytest.mark.slow) for n in (3, 6, 11)),
+        *(pytest.param(n, "direct", marks=pytest.mark.slow) for n in (1, 3, 5, 11)),
+        *(pytest.param(n, m, marks=pytest.mark.slow) for n, m in ((1, "robust"), (15, "fixed-point"))),
+    ],
 )
 def test_a_pattern_that_touches_the_mirror_costs_its_pixels_alone(number: int, method: str) -> None:
     """LinAlgError, RuntimeError, infs or NaNs, or every pixel NOT_CONVERGED until they were flagged first."""

@@ -103,7 +103,7 @@ def full() -> dict[float, Displacement]:
 @pytest.mark.parametrize("cut", [False, True], ids=["prior-goes-on", "prior-NaN"])
 @pytest.mark.parametrize("around", ["dark", "room", "reflection", "lamp"])
 @pytest.mark.parametrize(("shape", "share"), [("round", 0.3), ("oblong", 0.1), ("islands", 0.3)])
-@pytest.mark.parametrize("noise", [1.0, 2.5])
+@pytest.mark.parametrize("noise", [1.0, pytest.param(2.5, marks=pytest.mark.slow)])
 def test_two_periods_from_the_border_as_in_the_full_picture(
     full: dict[float, Displacement], shape: str, share: float, around: str, noise: float, cut: bool
 ) -> None:
