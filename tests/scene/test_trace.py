@@ -158,11 +158,8 @@ def solve3(pattern, direction, hit):
 @pytest.mark.parametrize("name", [n for n in dent_names() if n != "relief"])
 @pytest.mark.parametrize(
     "scene",
-    [
-        pytest.param(prism(), id="45", marks=pytest.mark.slow),
-        pytest.param(prism(48.0, 50.0), id="48-50"),
-        pytest.param(rig(), id="pinhole"),
-    ],
+    [pytest.param(prism(), marks=pytest.mark.slow), prism(48.0, 50.0), rig()],
+    ids=["45", "48-50", "pinhole"],
 )
 def test_every_dent_against_brute_force(name, scene):
     params, height = heights(name, scene)
