@@ -98,13 +98,14 @@ class Outcome:
     fault: str
 
 
-def fuzz(run: Run, cases: int, seed: int, folder: Path) -> Iterator[Outcome]:
-    """Run so many cases through `run`, the program in this process. folder: empty, for their files."""
+def fuzz(run: Run, cases: int, seed: int, first: int, folder: Path) -> Iterator[Outcome]:
+    """Run so many cases through `run`, the program in this process, each drawn by seed and number.
+    folder: empty, for their files."""
     base = _base(folder / "base")
     _compile(run, base)
     kinds = [kind for kind in FUZZED if kind != "grid" and (kind != "hdf5" or find_spec("h5py"))]
-    for number in range(seed, seed + cases):
-        rng = np.random.default_rng([number, 28])
+    for number in range(first, first + cases):
+        rng = np.random.default_rng([seed, number])
         work = folder / "case"
         shutil.rmtree(work, ignore_errors=True)
         shutil.copytree(base, work)
