@@ -24,7 +24,9 @@ scene      5        6        0
 @click.command("fuzz", cls=Program, epilog=sample(SAMPLE))
 @click.option("--cases", type=click.IntRange(1), default=1000, show_default=True, metavar="N")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")
-@click.option("--first", type=click.IntRange(0), default=0, show_default=True, help="The first case's number.")
+@click.option(
+    "--first", type=click.IntRange(0), default=0, show_default=True, help="The first case's number."
+)
 @json_option
 def command(cases: int, seed: int, first: int, json_path: Path | None) -> int:
     """Run the program on damaged inputs of every kind.
@@ -52,7 +54,9 @@ def command(cases: int, seed: int, first: int, json_path: Path | None) -> int:
     grid("Damaged inputs", ("kind", *columns), rows)
     for outcome in faults:
         last = outcome.fault.strip().splitlines()[-1]
-        click.echo(f"--seed {seed} --first {outcome.number}, {outcome.kind}: {last}\n  {' '.join(outcome.args)}")
+        click.echo(
+            f"--seed {seed} --first {outcome.number}, {outcome.kind}: {last}\n  {' '.join(outcome.args)}"
+        )
     verdict = {"faults": f"{len(faults)} of {cases}", "slowest": number(slowest, "s")}
     table("Verdict", verdict | {"memory": number(largest / 2**30, "GiB (the most of one case)")})
     if json_path is not None:

@@ -215,8 +215,8 @@ def _jump(one: Any, two: Any, four: Any) -> Any:
 @inlined
 def _in_light(before: Any, here: Any, after: Any) -> tuple[Any, Any]:
     """Lesser of the relative changes of light to both neighbours: its size, and itself, 0 if their signs
-    differ (minmod: beside an edge no gradient)."""
+    differ (minmod: beside an edge no gradient). At most 2: light is nowhere negative in the pixel."""
     one, other = here - before, after - here
-    least = min(abs(one), abs(other)) / max(here, np.float32(1e-6))
+    least = min(min(abs(one), abs(other)) / max(here, np.float32(1e-6)), np.float32(2))
     slope = least if one > np.float32(0) else -least
     return least, slope if one * other > np.float32(0) else np.float32(0)

@@ -70,13 +70,14 @@ def load_sofast_response(path: str | Path) -> tuple[NDArray[np.float64], NDArray
 
 
 def _fringes(path: str | Path, axis: str, extent: int, periods: NDArray[Any], name: str) -> list[Frame]:
-    if not periods.size or (periods <= 0).any():
+    counts = periods.astype(np.float64)
+    if not counts.size or (counts <= 0).any():
         raise InputError(f"{path}: {name} = {periods.tolist()}, must be periods per screen above 0")
     shifts = [2 * math.pi * step / _STEPS for step in range(_STEPS)]
     try:
         return [
-            Frame("phase", axis, period_px=extent / float(count), shift=shift)
-            for count in periods
+            Frame("phase", axis, period_px=extent / count, shift=shift)
+            for count in counts.tolist()
             for shift in shifts
         ]
     except InputError as error:

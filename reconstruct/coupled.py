@@ -149,7 +149,7 @@ def solved_height(
     chi2, freedom = circulation_chi2(problem.data, state)
     if spread.rounding is not None:  # errors of discrete codes are shared by neighbours
         chi2 /= height.diagnostics.correlation
-    return problem, state, judged(height, chi2, freedom, correspondence.notices)
+    return problem, state, judged(height, scene.mirror, chi2, freedom, correspondence.notices)
 
 
 @dataclass(frozen=True, slots=True)

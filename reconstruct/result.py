@@ -9,6 +9,7 @@ from scipy.ndimage import binary_dilation, minimum_filter
 
 from optolever.decode import Flag
 from optolever.notices import Notice
+from optolever.scene import Mirror
 
 from .border import extended
 from .circulation import contradiction
@@ -116,12 +117,29 @@ def height_map(
     return HeightMap(x, y, z, deviation, flags, diagnostics, problem.rays.lean)
 
 
-def judged(height: HeightMap, chi2: float, freedom: int, before: tuple[Notice, ...]) -> HeightMap:
-    """The height with what its slopes' circulation says of the scene (see `circulation`), and the notices of
-    that and of the correspondence, `before`."""
+def judged(
+    height: HeightMap, mirror: Mirror, chi2: float, freedom: int, before: tuple[Notice, ...]
+) -> HeightMap:
+    """The height with what its slopes' circulation (see `circulation`) and its outline say of the scene, and
+    the notices of these and of the correspondence, `before`."""
     known = None if math.isnan(chi2) else chi2
     diagnostics = replace(height.diagnostics, chi2=known, freedom=freedom)
-    return replace(height, diagnostics=diagnostics, notices=before + contradiction(known, freedom))
+    notices = before + contradiction(known, freedom) + _off_mirror(height, mirror)
+    return replace(height, diagnostics=diagnostics, notices=notices)
+
+
+def _off_mirror(height: HeightMap, mirror: Mirror) -> tuple[Notice, ...]:
+    """The notice that good pixels lie off the mirror by more than one pixel, which may see it in part."""
+    off = np.hypot(
+        np.maximum(np.maximum(-height.x, height.x - mirror.length), 0),
+        np.maximum(np.maximum(-height.y, height.y - mirror.width), 0),
+    )
+    steps = np.hypot(np.diff(height.x, axis=1), np.diff(height.y, axis=1))[height.good[:, 1:]]
+    farthest, step = (float(each.max(initial=0)) for each in (off[height.good], steps[np.isfinite(steps)]))
+    if not farthest > step:
+        return ()
+    cure = "check the mirror's size, where the camera is and its pitch, or calibrate the rig"
+    return (Notice("points lie off the mirror, mm", farthest, step, cure),)
 
 
 def _least_around(variance: Floats, mask: Mask) -> Floats:

@@ -88,8 +88,9 @@ class HeightStream:
                     variance,
                     Spread(last.diagnostics.correlation),
                 )
-                chi2, freedom = last.diagnostics.chi2, last.diagnostics.freedom
-                height = judged(height, math.nan if chi2 is None else chi2, freedom, correspondence.notices)
+                freedom = last.diagnostics.freedom
+                chi2 = math.nan if last.diagnostics.chi2 is None else last.diagnostics.chi2
+                height = judged(height, self._scene.mirror, chi2, freedom, correspondence.notices)
                 self._last = problem, state, variance, height
                 return height
         return None

@@ -234,6 +234,7 @@ def sofast(path: Path, images: Any, masks: Any, x: Any, y: Any) -> Path:
         ({"x": np.ones((1000, 1000))}, "fringe_periods_x has shape (1000, 1000)"),
         ({"y": np.float64(4)}, "fringe_periods_y has shape ()"),
         ({"x": np.ones(1_000_000)}, "fringe_images is uint8 (6, 8, 8), must be uint8 (H, W, 4000004)"),
+        ({"x": np.nextafter(np.zeros(1, np.longdouble), 1)}, "fringe_periods_x"),
         ({"x": np.ones(0), "images": np.zeros((6, 8, 4), np.uint8)}, "fringe_periods_x"),
         ({"images": np.zeros((6, 8, 7), np.uint8)}, "(6, 8, 7)"),
         ({"images": np.zeros((6, 8, 8))}, "float64"),

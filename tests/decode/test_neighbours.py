@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -156,6 +157,24 @@ def test_light_that_steps_inside_of_a_pixel_is_in_sigma(name: str) -> None:
     assert found.good.mean() > 0.97
     flat = np.abs(centres(col) + 0.13 * centres(row) - 44) > 4
     assert np.median(found.sigma_u[flat & found.good]) < 0.03
+
+
+def test_light_that_steps_without_a_level_moves_no_place_far() -> None:
+    """Shifts of u that are told wrongly leave mean levels below 0: the slope of such light knows no bound."""
+    shown = sequence("gray+phase", 30, 30)
+    told = {np.pi: 1.85, 1.5 * np.pi: 8.0}
+    frames = [
+        replace(frame, shift=told.get(frame.shift or 0.0, frame.shift)) if frame.axis == "u" else frame
+        for frame in shown.frames
+    ]
+    row, col = places(24, 32)
+    seen = footprints(shown, 2 + 0.9 * col, 2 + 1.1 * row)
+    found = decode(seen, replace(shown, frames=tuple(frames)))
+    assert found.offset is not None
+    assert found.offset.min() < 0
+    assert found.good.any()
+    for coord in (found.u, found.v):
+        assert np.abs(coord[found.good]).max() < 100
 
 
 def test_places_by_chance_are_no_map() -> None:

@@ -71,6 +71,16 @@ def test_wrong_scenes_are_noticed(exact, noisy, preset: str, wrong: str) -> None
     assert len(str(notice).splitlines()) == 1
 
 
+def test_a_camera_that_sees_beyond_the_mirror_is_noticed(exact, noisy) -> None:
+    """Moved along it, no slope contradicts another."""
+    scene, truth, _ = exact("prism48", "flat", *SIZE)
+    camera = replace(scene.camera, origin=scene.camera.origin + [3.0, 0.0, 0.0])
+    height = reconstruct(noisy(truth, 0.02, 0.02), replace(scene, camera=camera))
+    (notice,) = height.notices
+    assert notice.size == pytest.approx(height.x[height.good].max() - scene.mirror.length)
+    assert notice.size > 2.0
+
+
 def test_the_limit_is_that_of_chance() -> None:
     """Of 20000 draws with the right sigma none is above the limit; few freedoms allow more."""
     rng = np.random.default_rng(0)
