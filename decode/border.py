@@ -50,9 +50,19 @@ def border_reach(
     if np.count_nonzero(kept) < _FEWEST:
         return math.nan, 0
     t = -ndtri(dark[kept])
-    hazard = np.exp(-0.5 * t * t) / np.sqrt(2 * np.pi) / ndtr(t)
-    found = (away[kept] / (t + hazard)) ** 2 - width2[kept]
-    return float(np.sqrt(max(np.median(found), 0.0))), len(found)
+    squares = (away[kept] / (t + _hazard(t))) ** 2 - width2[kept]
+    found = float(np.sqrt(max(np.median(squares), 0.0)))
+    # noise of faint light is missing anywhere: a reach has to explain most of what is, and is not, beside it
+    steps = np.linspace(-2.0, 5.0, 141)
+    true = np.interp(away / np.sqrt(found**2 + width2), steps + _hazard(steps), steps)
+    if np.sum((dark - ndtr(-true)) ** 2) > 0.5 * np.sum(dark**2):
+        return math.nan, 0
+    return found, len(squares)
+
+
+def _hazard(t: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of the normal distribution, phi(t) / Phi(t)."""
+    return np.asarray(np.exp(-0.5 * t * t) / np.sqrt(2 * np.pi) / ndtr(t))
 
 
 def _beside(maps: tuple[Any, ...], extent: int) -> tuple[NDArray[np.float64], ...]:

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, Flag, decode
+from optolever.decode.border import border_reach
 from optolever.patterns import Sequence, sequence, sequence_from_text
 
 F64 = NDArray[np.float64]
@@ -120,6 +121,15 @@ def test_what_only_looks_like_the_borders_shadow(turned: bool, shoot: Callable[.
     fading = 90 * (1 - 0.5 * np.exp(-(((inside + 1) / 3) ** 2)))
     found = decode(shoot(shown, u, v, noise=0.5, offset=fading + 10, amplitude=fading), shown)
     assert (found.flags[band & (inside < 4)] & Flag.OUTLIER).all()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_noise_of_faint_light_tells_no_shadow_of_the_border(seed: int) -> None:
+    """Light seems to be missing here and there, of a reflection of a few levels: no reach explains where."""
+    rng = np.random.default_rng(seed)
+    coord = np.tile(0.6 * np.arange(64) - 0.3, (48, 1)).astype(np.float32)
+    light = [(4 + 0.5 * rng.standard_normal(coord.shape)).astype(np.float32) for _ in range(2)]
+    assert border_reach(coord, *light, np.zeros(coord.shape, np.uint16), 500)[1] == 0
 
 
 def test_folds_widen_sigma(shoot: Callable[..., NDArray[Any]]) -> None:
