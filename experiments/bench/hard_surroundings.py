@@ -160,13 +160,18 @@ def _within(found: Found, mask: Mask, beside: bool) -> Found:
 def _frame_faults(case: Surroundings, size: tuple[int, int]) -> tuple[FrameVerdict, ...]:
     """Swaps of neighbouring frames and lost frames: those that are detected where the mirror fills the image,
     and change at least 1 % of the mirror's pixels by 3 times the noise, are to be detected here.
+    Not so a bit swapped with its inverse where the mirror sees one block of it alone: that is the picture of
+    another mirror.
     """
     alone, mask = _alone(case.scene, case.sequence, case.noise, size), _mask(case, size)
     light = surrounded(alone.light, mask, case.around, np.random.default_rng(8))
     full, here = (_taken(each, alone.shown, case.noise) for each in (alone.light, light))
     lit = alone.light[:, mask & alone.area.visible] * np.float32(255.0 * _SENSOR.exposure)
+    seen = {"u": alone.area.centre.u[mask], "v": alone.area.centre.v[mask]}
     verdicts = []
     for name, order in _orders(len(full)):
+        if _mirrors(order, alone.shown, seen):
+            continue
         moves = bool((np.abs(lit[order] - lit) > 3.0 * case.noise).any(axis=0).mean() >= _CHANGED)
         hidden = not (moves and _is_detected(full[order], alone.shown, mask))
         named = not hidden and _is_detected(here[order], alone.shown, mask)
@@ -183,6 +188,19 @@ def _orders(count: int) -> Iterator[tuple[str, NDArray[np.int64]]]:
         lost = np.arange(count)
         lost[index:-1] += 1
         yield f"{index} lost", lost
+
+
+def _mirrors(order: NDArray[np.int64], shown: Sequence, seen: dict[str, NDArray[Any]]) -> bool:
+    """Whether a bit is swapped with its inverse, and what is seen (px) lies in one of its blocks, which that
+    turns round."""
+    at = int(np.argmax(order != np.arange(len(order))))
+    first, other = shown.frames[at], shown.frames[order[at]]
+    swapped = bool((order[order] == np.arange(len(order))).all())
+    if not swapped or first.bit is None or replace(first, inverted=other.inverted) != other:
+        return False
+    assert first.axis is not None
+    blocks = np.floor(seen[first.axis] / ((first.cell_px or 1.0) * 2.0 ** (first.bit + 1)))
+    return bool(np.ptp(blocks[np.isfinite(blocks)]) == 0)
 
 
 def _is_detected(frames: Frames, shown: Sequence, mask: Mask) -> bool:
