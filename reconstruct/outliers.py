@@ -102,20 +102,24 @@ def _off_plane(f, mask, i, j):  # type: ignore[no-untyped-def]
     too few.
     """
     rows, cols = f.shape
-    moments, right = np.zeros((3, 3)), np.zeros(3)
-    count, squares = 0, 0.0
-    for a in range(max(0, i - _AROUND), min(rows, i + _AROUND + 1)):
-        for b in range(max(0, j - _AROUND), min(cols, j + _AROUND + 1)):
-            if mask[a, b] and not (a == i and b == j):
-                rise, at = f[a, b] - f[i, j], (1.0, float(a - i), float(b - j))
-                count += 1
-                squares += rise * rise
-                for m in range(3):
-                    right[m] += at[m] * rise
-                    for n in range(3):
-                        moments[m, n] += at[m] * at[n]
-    if count < _ENOUGH or abs(np.linalg.det(moments)) < 1.0:
+    n, a1, b1, a2, ab, b2 = 0, 0, 0, 0, 0, 0
+    z, za, zb, squares = 0.0, 0.0, 0.0, 0.0
+    for a in range(-_AROUND, _AROUND + 1):
+        for b in range(-_AROUND, _AROUND + 1):
+            r, c = i + a, j + b
+            if (a == 0 and b == 0) or not (0 <= r < rows and 0 <= c < cols) or not mask[r, c]:
+                continue
+            rise = f[r, c] - f[i, j]
+            n, a1, b1, a2, ab, b2 = n + 1, a1 + a, b1 + b, a2 + a * a, ab + a * b, b2 + b * b
+            z, za, zb, squares = z + rise, za + a * rise, zb + b * rise, squares + rise * rise
+    # normal equations by cofactors, exact in whole numbers; numpy.linalg takes seconds to compile
+    c00, c01, c02 = a2 * b2 - ab * ab, b1 * ab - a1 * b2, a1 * ab - b1 * a2
+    c11, c12, c22 = n * b2 - b1 * b1, a1 * b1 - n * ab, n * a2 - a1 * a1
+    det = n * c00 + a1 * c01 + b1 * c02
+    if n < _ENOUGH or det == 0:
         return 0.0
-    plane = np.linalg.solve(moments, right)
-    left = max(0.0, squares - float((plane * right).sum()))
-    return max(0.0, abs(plane[0]) - _CURVED * math.sqrt(left / (count - 3)))
+    level = (c00 * z + c01 * za + c02 * zb) / det
+    by_a = (c01 * z + c11 * za + c12 * zb) / det
+    by_b = (c02 * z + c12 * za + c22 * zb) / det
+    left = max(0.0, squares - (level * z + by_a * za + by_b * zb))
+    return max(0.0, abs(level) - _CURVED * math.sqrt(left / (n - 3)))
