@@ -17,6 +17,7 @@
 | `speed_frames.py` | frames of every code for it |
 | `decode_errors.py` | its errors beside what noise allows |
 | `solver_figures.py`, `solver_bound.py` | run_solver_figures: the solver; its noise and the bound |
+| `timing.py` | seconds by the clock and of the processor, and memory |
 | `drawn.py` | what cases drawn at random have in common |
 | `scene_errors.py` | scenes that are a little wrong: how many are noticed, what a rest capture mends |
 | `fuzz.py`, `damage.py` | fuzz: inputs damaged at random, what the program makes of them; the damage |

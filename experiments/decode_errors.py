@@ -18,7 +18,7 @@ from optolever.patterns import Frame, Sequence, sequence
 from .figures import Figure
 from .metrics import rms
 
-__all__ = ["decode_errors"]
+__all__ = ["decode_errors", "shown_level"]
 
 F64 = NDArray[np.float64]
 #: Frames of what Monte Carlo tells: rows, columns; surface of these, cells; seeds of means over seeds.
@@ -38,10 +38,11 @@ def decode_errors(_: tuple[int, int] = PIXELS) -> Iterator[Figure]:
 
 def _light(shown: Sequence, u: F64, v: F64) -> F64:
     """-1 to 1 (N, H, W)."""
-    return np.stack([_shown(frame, v if frame.axis == "v" else u) for frame in shown.frames])
+    return np.stack([shown_level(frame, v if frame.axis == "v" else u) for frame in shown.frames])
 
 
-def _shown(frame: Frame, coord: F64) -> F64:
+def shown_level(frame: Frame, coord: F64) -> F64:
+    """-1 to 1 at a coordinate along the frame's axis, by the definition of its code."""
     if frame.kind == "phase":
         return np.asarray(np.cos(2 * np.pi * coord / (frame.period_px or 1.0) - (frame.shift or 0.0)))
     if frame.kind in ("white", "black"):

@@ -13,7 +13,6 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -30,11 +29,12 @@ from optolever.kernels import kernel
 from optolever.patterns import Frame, Sequence, sequence
 from optolever.processes import safe_path
 
-from .decode_errors import decode_errors
+from .decode_errors import decode_errors, shown_level
 from .demo import Progress, silent
 from .figures import Figure
 from .metrics import rms
 from .speed_frames import SPEED_CODES, smooth_map, speed_frames, speed_sequence
+from .timing import timed
 
 __all__ = ["run_decode_figures"]
 
@@ -90,20 +90,10 @@ def _shoot(frames: tuple[Frame, ...], u: F64, v: F64) -> Stack:
     stack = np.empty((len(frames), *u.shape), np.uint8)
     for i, frame in enumerate(frames):
         light = OFFSET + NOISE * rng.standard_normal(u.shape, dtype=np.float32)
-        stack[i] = np.clip(np.rint(light + AMPLITUDE * _shown(frame, u, v)), 0, 255)
+        stack[i] = np.clip(
+            np.rint(light + AMPLITUDE * shown_level(frame, v if frame.axis == "v" else u)), 0, 255
+        )
     return stack
-
-
-def _shown(frame: Frame, u: F64, v: F64) -> F64:
-    """-1 to 1."""
-    coord = v if frame.axis == "v" else u
-    if frame.kind == "phase":
-        return np.asarray(np.cos(2 * np.pi * coord / (frame.period_px or 1.0) - (frame.shift or 0.0)))
-    if frame.axis is None:
-        return np.full(u.shape, 1.0 if frame.kind == "white" else -1.0)
-    extent = int(coord.max()) + 2
-    table = frame.tables(extent, extent)["uv".index(frame.axis)]
-    return table[np.rint(coord).astype(np.int64)] / 127.5 - 1
 
 
 @kernel
@@ -153,18 +143,12 @@ def _codes(size: tuple[int, int]) -> Iterator[Figure]:
 
 def _pairs(floor: Callable[[], Any], call: Callable[[], Any]) -> tuple[float, float, float]:
     """Seconds of each and their ratio, medians over pairs of calls in turn; the first pair warms up."""
-    _timed(floor), _timed(call)
-    pairs = [(_timed(floor), _timed(call))]
+    floor(), call()
+    pairs = [(timed(floor)[1], timed(call)[1])]
     count = int(np.clip(SECONDS / pairs[0][1], FEWEST, PAIRS))
-    pairs += [(_timed(floor), _timed(call)) for _ in range(count - 1)]
+    pairs += [(timed(floor)[1], timed(call)[1]) for _ in range(count - 1)]
     below, ours = np.array(pairs).T
     return float(np.median(below)), float(np.median(ours)), float(np.median(ours / below))
-
-
-def _timed(call: Callable[[], Any]) -> float:
-    start = time.perf_counter()
-    call()
-    return time.perf_counter() - start
 
 
 def _least(*calls: Callable[[], Any], repeats: int = REPEATS, in_a_row: int = 1) -> list[tuple[float, float]]:
@@ -176,9 +160,7 @@ def _least(*calls: Callable[[], Any], repeats: int = REPEATS, in_a_row: int = 1)
     for run in range(repeats + 1):
         for k, call in enumerate(calls):
             for _ in range(in_a_row if run else 1):
-                wall, processor = time.perf_counter(), time.process_time()
-                call()
-                spent = time.perf_counter() - wall, time.process_time() - processor
+                spent = timed(call)[1:]
                 if run:  # the first compiles
                     taken[k] = np.minimum(taken[k], spent)
     return [(float(wall), float(processor)) for wall, processor in taken]
@@ -251,10 +233,8 @@ def _gray(size: tuple[int, int]) -> Iterator[Figure]:
     white, black = _shoot((Frame("white"), Frame("black")), *truth)
     code = cv2.structured_light.GrayCodePattern.create(cols, rows)
     images = list(frames)
-    start = time.perf_counter()
     # its loop over all pixels wants two cameras: it is given the same one twice
-    code.decode([images, images], None, [black] * 2, [white] * 2)
-    seconds = 0.5 * (time.perf_counter() - start)
+    seconds = 0.5 * timed(lambda: code.decode([images, images], None, [black] * 2, [white] * 2))[1]
     yield Figure(f"{name}, cv2", 1e3 * seconds, "ms", note="whole u, v; half of its time for two cameras")
     yield Figure(f"{name}, cv2 over optolever", seconds / ours, low=100)
     chosen = np.random.default_rng(0).integers(0, size, (2000, 2))

@@ -8,7 +8,6 @@ import time
 import tracemalloc
 from collections.abc import Callable, Iterator
 from functools import lru_cache, partial
-from typing import Any
 
 import numpy as np
 import scipy.fft
@@ -25,6 +24,7 @@ from .demo import Progress, silent
 from .figures import Figure
 from .metrics import rms
 from .solver_bound import bound_figures
+from .timing import timed
 
 __all__ = ["run_solver_figures"]
 
@@ -89,7 +89,8 @@ def _solved(
     seconds: float | None = None,
     mask: Mask | None = None,
 ) -> Iterator[Figure]:
-    height, wall, processor = _timed(lambda: _height(scene, truth, mask))
+    _height(scene, truth, mask)  # what is compiled or loaded once is not counted
+    height, wall, processor = timed(lambda: _height(scene, truth, mask))
     rows, cols = truth.u.shape
     yield Figure(f"{name}, {rows} x {cols}, known point", _error(height, truth), "of the depth", high=limit)
     solved = height.diagnostics
@@ -100,7 +101,8 @@ def _solved(
 def _growth() -> Iterator[Figure]:
     """Processor time against N log N, and memory."""
     scene, truth = _mirror(PRISM, "raised-cosine", SIDE)
-    small = min(_timed(lambda: _height(scene, truth, None))[2] for _ in range(2))
+    _height(scene, truth, None)
+    small = min(timed(lambda: _height(scene, truth, None))[2] for _ in range(2))
     for name, mask in (("whole", None), ("behind a blob", _blob(SIDE))):
         seen = _seen(truth, mask)
         anchor = _known(truth)
@@ -111,7 +113,7 @@ def _growth() -> Iterator[Figure]:
         yield Figure(f"memory above the inputs, {name}", peak, "float64 images", high=40)
     scene, truth = _mirror(PRISM, "raised-cosine", LARGE)
     yield from _solved("prism, 4 Mpx", scene, truth, 1e-9, 6.0)
-    large = min(_timed(lambda: _height(scene, truth, None), warm=False)[2] for _ in range(2))
+    large = min(timed(lambda: _height(scene, truth, None))[2] for _ in range(2))
     expected = (LARGE / SIDE) ** 2 * np.log(LARGE) / np.log(SIDE)
     yield Figure("growth over that of N log N", large / small / float(expected), high=1.1)
 
@@ -127,8 +129,8 @@ def _integration() -> Iterator[Figure]:
     yield Figure(name, rms(found - truth) / rms(truth), "of the field", high=3e-9)
     whole, alone = [], []
     for _ in range(15):  # by turns, so that both meet the same load
-        whole.append(_timed(lambda: integrate(gx, gy, spacing=step), warm=False)[2])
-        alone.append(_timed(lambda: _transforms(gx), warm=False)[2])
+        whole.append(timed(lambda: integrate(gx, gy, spacing=step))[2])
+        alone.append(timed(lambda: _transforms(gx))[2])
     ratio = float(np.median(whole) / np.median(alone))
     yield Figure(f"{name}, time over its two transforms", ratio, high=2.0)
 
@@ -140,8 +142,8 @@ def _cliffs() -> Iterator[Figure]:
         integrate(gx, gy, "robust", mask=mask)  # what is compiled once is not counted
         turns = [
             (
-                _timed(partial(integrate, gx, gy, "robust", mask=mask), warm=False),
-                _timed(partial(cauchy_loop, gx, gy, mask), warm=False),
+                timed(partial(integrate, gx, gy, "robust", mask=mask)),
+                timed(partial(cauchy_loop, gx, gy, mask)),
             )
             for _ in range(2)  # by turns, so that both meet the same load
         ]
@@ -192,15 +194,6 @@ def _stream() -> Iterator[Figure]:
     note = f"{1000 * processor / len(turn):.0f} ms of processor time each"
     yield Figure("stream, 640 x 480, decode and height", len(turn) / wall, "heights/s", low=30, note=note)
     yield Figure("stream, off the converged height, rms", worst, "sigma", high=0.1)
-
-
-def _timed(work: Callable[[], Any], warm: bool = True) -> tuple[Any, float, float]:
-    """What the second call gives, its seconds by the clock and of the processor."""
-    if warm:
-        work()
-    start, processor = time.perf_counter(), time.process_time()
-    result = work()
-    return result, time.perf_counter() - start, time.process_time() - processor
 
 
 def _height(scene: Scene, truth: Trace, mask: Mask | None, known: bool = True) -> HeightMap:

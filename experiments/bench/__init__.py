@@ -4,7 +4,7 @@
 |---|---|
 | `cell.py`, `defaults.py` | Cell, Grid, TOML grids, keys and seeds; the grid of `optolever bench` |
 | `shot.py`, `decoders.py`, `solvers.py`, `decoupled.py` | mirror and frames; who decodes; who solves |
-| `run.py`, `timing.py`, `measures.py`, `row.py` | cells to rows; time and memory; numbers; the record |
+| `run.py`, `measures.py`, `row.py` | cells to rows; numbers; the record |
 | `store.py`, `sweeps.py` | one result file per cell; resumed runs, here or on Dask |
 | `methods.py`, `integration_peers.py` | every solver and integrator on the same cases; peers from PyPI |
 | `pareto.py`, `summary.py`, `report.py` | frontier and chart; the few rows that count; the page |

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .solvers import installed
+from .solvers import installed, mbipy
 
 __all__ = ["missing_peers", "peer_integrators"]
 
@@ -23,7 +23,7 @@ def peer_integrators() -> Iterator[tuple[str, Integrator]]:
     """Names, and calls of (dz/dcol, dz/drow) per pixel that give z up to a constant; what is installed."""
     if installed("mbipy"):
         for name in _MBIPY:
-            yield f"mbipy {name}", partial(_mbipy, name)
+            yield f"mbipy {name}", partial(_by_column, name)
     if installed("pyGrad2Surf"):
         yield "pyGrad2Surf g2s", _g2s
 
@@ -33,9 +33,8 @@ def missing_peers() -> tuple[str, ...]:
     return tuple(name for name in ("mbipy", "pyGrad2Surf") if not installed(name))
 
 
-def _mbipy(name: str, gx: Floats, gy: Floats) -> Floats:
-    integrators: Any = importlib.import_module("mbipy.normal_integration")
-    return np.asarray(getattr(integrators, name)(gy, gx), dtype=np.float64)
+def _by_column(name: str, gx: Floats, gy: Floats) -> Floats:
+    return mbipy(name, gy, gx)
 
 
 def _g2s(gx: Floats, gy: Floats) -> Floats:

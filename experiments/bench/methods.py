@@ -1,9 +1,8 @@
 """Speed against error of every method in one run: plain integration of fields, and heights of mirrors."""
 
 import math
-import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,15 +11,17 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.files import load_arrays
 from optolever.reconstruct import HeightMap, PixelAnchor, integrate, integrator_names, reconstruct
 from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
 
-from ..metrics import rms, sigma_ratio
-from .hard_case import SIGMAS
+from ..metrics import rms
+from ..timing import timed
 from .hard_reconstruct import PROBLEMS, spoiled
 from .integration_peers import missing_peers, peer_integrators
+from .measures import measures
 from .solvers import installed, solver, solver_names
 
 __all__ = ["FIELDS", "MIRRORS", "MethodRow", "load_field", "missing_peers", "run_methods"]
@@ -121,13 +122,11 @@ def _wanted(text: str, words: tuple[str, ...]) -> bool:
     return not words or any(word in text for word in words)
 
 
-def _timed(call: Callable[[], Any]) -> tuple[Any, float, float]:
+def _best(call: Callable[[], Any]) -> tuple[Any, float, float]:
     """Result, wall and processor seconds: the better of two runs, unless they are very long."""
     best, cpu, value = math.inf, math.inf, None
     for _ in range(2):
-        start, used = time.perf_counter(), time.process_time()
-        value = call()
-        seconds, spent = time.perf_counter() - start, time.process_time() - used
+        value, seconds, spent = timed(call)
         best, cpu = min(best, seconds), min(cpu, spent)
         if spent > AGAIN:
             break
@@ -192,14 +191,14 @@ def _own(name: str, gx: Floats, gy: Floats, mask: Mask) -> Floats:
 
 def _transforms(z: Floats, part: str, case: str, name: str) -> MethodRow:
     workers = 2
-    _, seconds, cpu = _timed(lambda: scipy.fft.idctn(scipy.fft.dctn(z, workers=workers), workers=workers))
+    _, seconds, cpu = _best(lambda: scipy.fft.idctn(scipy.fft.dctn(z, workers=workers), workers=workers))
     return MethodRow(part, case, name, seconds, cpu)
 
 
 def _integrated(
     call: Callable[[], Floats], z: Floats, mask: Mask, part: str, case: str, name: str
 ) -> MethodRow:
-    found, seconds, cpu = _timed(call)
+    found, seconds, cpu = _best(call)
     error = (found - z)[mask]
     return MethodRow(part, case, name, seconds, cpu, rms(error - np.mean(error)) / rms(z[mask]))
 
@@ -226,8 +225,8 @@ def _height(case: Mirror, size: tuple[int, int], part: str, name: str, method: s
         call = partial(reconstruct, seen, scene, method=method, anchor=_middle(scene, truth))
     else:
         call = partial(solver(method).run, seen, scene)
-    height, seconds, cpu = _timed(call)
-    return _judged(height, truth, MethodRow(part, name, method, seconds, cpu))
+    height, seconds, cpu = _best(call)
+    return _judged(seen, height, truth, MethodRow(part, name, method, seconds, cpu))
 
 
 def _middle(scene: Scene, truth: Trace) -> PixelAnchor:
@@ -235,22 +234,14 @@ def _middle(scene: Scene, truth: Trace) -> PixelAnchor:
     return PixelAnchor(float(row), float(col), float(truth.z[row, col]))
 
 
-def _judged(height: HeightMap, truth: Trace, row: MethodRow) -> MethodRow:
+def _judged(seen: Correspondence, height: HeightMap, truth: Trace, row: MethodRow) -> MethodRow:
     """The row with what the height is worth."""
-    good = height.good & truth.visible
-    error = height.z[good] - truth.z[good]
-    known = np.isfinite(height.sigma[good])
-    silent = (
-        float(np.mean(np.abs(error[known]) > SIGMAS * height.sigma[good][known])) if known.any() else math.nan
-    )
-    return MethodRow(
-        row.part,
-        row.case,
-        row.method,
-        row.seconds,
-        row.cpu,
-        rms(error) / float(np.max(np.abs(truth.z[truth.visible]))),
-        sigma_ratio(height.z, truth.z, height.sigma, good),
-        1.0 - float(good.sum()) / float(truth.visible.sum()),
-        silent,
+    numbers = measures(truth, seen, height)
+    known = bool(np.isfinite(height.sigma[height.good]).any())
+    return replace(
+        row,
+        error=numbers["height_rms_rel"],
+        sigma_ratio=numbers["sigma_ratio_height"],
+        flagged=numbers["flagged_share"],
+        silent=numbers["silent_share"] if known else math.nan,
     )

@@ -17,13 +17,13 @@ from ..decode_speed import toucher
 from ..metrics import rms
 from ..paper_frames import lattice_frames, lattice_positions
 from ..paper_simulation import seen_points
+from ..timing import Measured, measured, once
 from .cell import Cell, grouped
 from .decoders import Decoder, decoder
 from .measures import measures
 from .row import ABSENT, DONE, FAILED, USELESS, Row
 from .shot import Place, Shot, place_of, shoot
 from .solvers import Solver, installed, solver
-from .timing import Measured, measured, once
 
 __all__ = ["Bench", "absent_modules", "check", "run_cells", "warm_up"]
 

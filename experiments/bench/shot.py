@@ -13,8 +13,8 @@ from optolever.projector import Capture, capture
 from optolever.scene import Scene, Surface, Trace, dent, dent_from_text, trace
 
 from ..demo import resolve
+from ..timing import once
 from .cell import Cell
-from .timing import once
 
 __all__ = ["Place", "Rest", "Shot", "place_of", "shoot"]
 

@@ -16,7 +16,7 @@ from optolever.scene import Scene
 
 from .decoupled import Floats, decoupled, frankot_chellappa
 
-__all__ = ["Solver", "installed", "solver", "solver_names"]
+__all__ = ["Solver", "installed", "mbipy", "solver", "solver_names"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class Solver:
     module: str | None = None
 
 
-def _mbipy(name: str, per_row: Floats, per_col: Floats) -> Floats:
+def mbipy(name: str, per_row: Floats, per_col: Floats) -> Floats:
     """Integrator `name` of mbipy (MIT)."""
     integrators: Any = importlib.import_module("mbipy.normal_integration")
     return np.asarray(getattr(integrators, name)(per_row, per_col), dtype=np.float64)
@@ -38,7 +38,7 @@ def _mbipy(name: str, per_row: Floats, per_col: Floats) -> Floats:
 _PLAIN = {"decoupled": Solver("decoupled", "own", partial(decoupled, integrate=frankot_chellappa))}
 _PEERS = {
     f"mbipy-{short}": Solver(
-        f"mbipy-{short}", "peer", partial(decoupled, integrate=partial(_mbipy, name)), "mbipy"
+        f"mbipy-{short}", "peer", partial(decoupled, integrate=partial(mbipy, name)), "mbipy"
     )
     for short, name in (("frankot", "frankot"), ("dct", "dct_poisson"), ("southwell", "southwell"))
 }

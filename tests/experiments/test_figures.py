@@ -21,19 +21,6 @@ def test_brute_force_on_a_flat_mirror_at_45_degrees() -> None:
     assert v == pytest.approx(row, abs=1e-9)
 
 
-@pytest.mark.parametrize("name", ["prism48", "monitor-mirror"])
-def test_trace_agrees_with_brute_force(name: str) -> None:
-    scene = resize(load(name), 32, 32)
-    surface = dent_from_text("gaussian", scene)
-    exact = trace(scene, surface)
-    row, col = (index.ravel().astype(np.float64) for index in np.mgrid[:32:5, :32:5])
-    u, v = brute_force(scene, surface, row, col)
-    at = row.astype(int), col.astype(int)
-    seen = exact.visible[at]
-    assert seen.any()
-    assert np.hypot(exact.u[at] - u, exact.v[at] - v)[seen].max() < 1e-9
-
-
 def test_limits() -> None:
     assert Figure("a", 1.0).met
     assert Figure("a", 1.0, high=1.0).met

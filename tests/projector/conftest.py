@@ -34,3 +34,12 @@ def gl(gl_info: ContextInfo) -> Iterator[moderngl.Context]:
     assert ctx.error == "GL_NO_ERROR"
     gc.collect()
     assert collect(ctx) == 0
+
+
+@pytest.fixture(params=["gl", "numpy"])
+def renderer(request: pytest.FixtureRequest) -> str:
+    """Both renderers, one after the other; skips the first where no context draws."""
+    name: str = request.param
+    if name == "gl":
+        request.getfixturevalue("gl")
+    return name

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from optolever.patterns import Sequence
+from optolever.projector.groups import frame_groups
+from optolever.projector.optics_gl import GLOptics
 from optolever.scene import Camera, PinholeCamera, Scene, Surface, trace
 
 Float = NDArray[np.float64]
@@ -35,6 +37,17 @@ def finer(camera: Camera, times: int) -> Camera:
     corner = camera.origin - 0.5 * (camera.pitch[0] * camera.u_axis + camera.pitch[1] * camera.v_axis)
     origin = corner + 0.5 * (pitch[0] * camera.u_axis + pitch[1] * camera.v_axis)
     return replace(camera, rows=rows, cols=cols, origin=origin, pitch=pitch)
+
+
+def shader_traced(scene: Scene, surface: Surface, sequence: Sequence) -> Float:
+    """What the shader traces of a sequence's places: u, v, and whether they are seen, (H, W, 3)."""
+    rows = scene.camera.rows
+    optics = GLOptics(scene, frame_groups(sequence, None), rows)
+    loaded = optics.load(surface)
+    seen = optics.seen(loaded, 0, rows).astype(np.float64)
+    optics.unload(loaded)
+    optics.release()
+    return seen
 
 
 def light_of_rays(images: Float, u: Float, v: Float, blur: float) -> Float:

@@ -248,6 +248,7 @@ BAD: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
         ("capture.toml", "frames[0]", "'lens'"),
     ),
     "missing rows": (edit("rows = 30", ""), ("capture.toml", "rows")),
+    "wrong version": (edit("version = 1", "version = 7"), ("capture.toml", "version", "7")),
     "no version": (edit("version = 1", ""), ("capture.toml", "version", "missing", "must be 1")),
     "bits too many": (edit("bits = 8", "bits = 24"), ("capture.toml", "bits", "24", "8 to 16")),
     "bits in words": (edit("bits = 8", 'bits = "8"'), ("capture.toml", "bits", "'8'")),

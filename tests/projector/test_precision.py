@@ -8,12 +8,10 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever.patterns import sequence
-from optolever.projector.groups import frame_groups
-from optolever.projector.optics_gl import GLOptics
 from optolever.projector.rays import exact_sums, parallel_rays, resting_rays
 from optolever.scene import Scene, Surface, dent, load, preset_names, surface_from_array, trace
 
-from .oracle import part
+from .oracle import part, shader_traced
 
 ROWS = 24
 BIAS_PX = 3e-6
@@ -28,13 +26,7 @@ def strip(name: str) -> Scene:
 
 def errors(scene: Scene, surface: Surface) -> NDArray[np.float64]:
     """(2, n): u and v of the shader less those of float64, where both see."""
-    optics = GLOptics(
-        scene, frame_groups(sequence("gray", scene.pattern.rows, scene.pattern.cols), None), ROWS
-    )
-    loaded = optics.load(surface)
-    seen = optics.seen(loaded, 0, ROWS).astype(np.float64)
-    optics.unload(loaded)
-    optics.release()
+    seen = shader_traced(scene, surface, sequence("gray", scene.pattern.rows, scene.pattern.cols))
     truth = trace(scene, surface)
     both = (seen[..., 2] > 0) & truth.visible
     assert np.count_nonzero((seen[..., 2] > 0) != truth.visible) <= 2

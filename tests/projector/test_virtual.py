@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from optolever import InputError
 from optolever.patterns import Frame, Sequence, sequence
 from optolever.projector import NOMINAL_SENSOR, VirtualSensor, capture, optics_gl, release_context
-from optolever.projector.groups import frame_groups
-from optolever.projector.optics_gl import GLOptics
 from optolever.scene import (
     Display,
     Medium,
@@ -28,7 +26,7 @@ from optolever.scene import (
     trace,
 )
 
-from .oracle import part, supersampled
+from .oracle import part, shader_traced, supersampled
 
 COMPILE = optics_gl.compile_program
 DENTS = [name for name in dent_names() if name != "relief"]
@@ -83,11 +81,7 @@ def test_glsl_correspondences_and_frames_are_numpys(gl: moderngl.Context, name: 
     scene = resize(load(preset), SIZE, SIZE)
     surface = surfaces(scene, name)
     truth = trace(scene, surface)
-    optics = GLOptics(scene, frame_groups(shown(scene), None), SIZE)
-    loaded = optics.load(surface)
-    seen = optics.seen(loaded, 0, SIZE).astype(np.float64)
-    optics.unload(loaded)
-    optics.release()
+    seen = shader_traced(scene, surface, shown(scene))
     visible = seen[..., 2] > 0
     assert np.count_nonzero(visible != truth.visible) <= 2
     both = visible & truth.visible
@@ -109,11 +103,7 @@ def test_correspondences_at_full_resolution(gl: moderngl.Context, name: str) -> 
     scene = replace(whole, camera=part(whole.camera, 800, 0, 40, whole.camera.cols))
     surface = surfaces(whole, name)
     truth = trace(scene, surface)
-    optics = GLOptics(scene, frame_groups(shown(scene), None), 40)
-    loaded = optics.load(surface)
-    seen = optics.seen(loaded, 0, 40).astype(np.float64)
-    optics.unload(loaded)
-    optics.release()
+    seen = shader_traced(scene, surface, shown(scene))
     both = (seen[..., 2] > 0) & truth.visible
     assert both.mean() > 0.9
     # At the needle's very tip there is no normal; one pixel's ray meets it to 1e-14 mm.
@@ -135,16 +125,11 @@ def detail(name: str, blur: float, turn: float = 0.0, **changes: object) -> tupl
     return replace(whole, pattern=pattern, camera=camera, **changes), dent(name, whole)
 
 
-@pytest.mark.parametrize("renderer", ["gl", "numpy"])
 @pytest.mark.parametrize(
     ("name", "blur", "turn"),
     [("raised-cosine", 0.5, 0.0), ("needle", 0.5, 0.0), ("gaussian", 1.5, 0.0), ("gaussian", 0.5, 0.5)],
 )
-def test_frames_are_those_of_many_rays(
-    request: pytest.FixtureRequest, renderer: str, name: str, blur: float, turn: float
-) -> None:
-    if renderer == "gl":
-        request.getfixturevalue("gl")
+def test_frames_are_those_of_many_rays(renderer: str, name: str, blur: float, turn: float) -> None:
     scene, surface = detail(name, blur, turn)
     seen = levels(capture(scene, surface, shown(scene), renderer=renderer, bits=16).frames)
     expected = 16 + 216.75 * supersampled(scene, surface, shown(scene), 8)
@@ -153,13 +138,8 @@ def test_frames_are_those_of_many_rays(
     assert np.ptp(expected[3]) > 100
 
 
-@pytest.mark.parametrize("renderer", ["gl", "numpy"])
 @pytest.mark.parametrize("turn", [0.0, 0.5])
-def test_sharp_patterns_are_those_of_many_rays(
-    request: pytest.FixtureRequest, renderer: str, turn: float
-) -> None:
-    if renderer == "gl":
-        request.getfixturevalue("gl")
+def test_sharp_patterns_are_those_of_many_rays(renderer: str, turn: float) -> None:
     scene, surface = detail("raised-cosine", 0.0, turn)
     seen = levels(capture(scene, surface, shown(scene), renderer=renderer, bits=16).frames)
     expected = 16 + 216.75 * supersampled(scene, surface, shown(scene), 48)
@@ -167,12 +147,7 @@ def test_sharp_patterns_are_those_of_many_rays(
         assert rms(seen[index] - expected[index]) < 0.6, SHAPES[index]
 
 
-@pytest.mark.parametrize("renderer", ["gl", "numpy"])
-def test_pinhole_display_response_and_fresnel_are_those_of_many_rays(
-    request: pytest.FixtureRequest, renderer: str
-) -> None:
-    if renderer == "gl":
-        request.getfixturevalue("gl")
+def test_pinhole_display_response_and_fresnel_are_those_of_many_rays(renderer: str) -> None:
     whole = load("monitor-mirror")
     camera = part(whole.camera, 400, 600, 8, 9)
     scene = replace(whole, camera=camera, medium=Medium(1.0, 1.5), display=Display(gamma=2.2, black=0.02))
@@ -184,14 +159,9 @@ def test_pinhole_display_response_and_fresnel_are_those_of_many_rays(
         assert rms(seen[index] - expected[index]) < 0.5, frame
 
 
-@pytest.mark.parametrize("renderer", ["gl", "numpy"])
 @pytest.mark.parametrize("degrees", [40.0, 44.0, 44.9, 46.0])
-def test_fresnel_dims_below_the_critical_angle(
-    request: pytest.FixtureRequest, renderer: str, degrees: float
-) -> None:
+def test_fresnel_dims_below_the_critical_angle(renderer: str, degrees: float) -> None:
     """White on a flat mirror at 45 degrees is as bright as Fresnel's formulas with complex cosines say."""
-    if renderer == "gl":
-        request.getfixturevalue("gl")
     small = resize(load("paper-simulation"), 24, 24)
     index = 1.0 / np.sin(np.radians(degrees))  # so that 45 degrees is above or below the critical angle
     scene = replace(small, medium=Medium(index))
@@ -205,10 +175,7 @@ def test_fresnel_dims_below_the_critical_angle(
     np.testing.assert_allclose(seen, 16 + 216.75 * 0.5 * (s + p), atol=0.02)
 
 
-@pytest.mark.parametrize("renderer", ["gl", "numpy"])
-def test_off_the_pattern_and_off_the_mirror_it_is_dark(request: pytest.FixtureRequest, renderer: str) -> None:
-    if renderer == "gl":
-        request.getfixturevalue("gl")
+def test_off_the_pattern_and_off_the_mirror_it_is_dark(renderer: str) -> None:
     whole = resize(load("paper-simulation"), 48, 48)
     short = replace(whole, pattern=replace(whole.pattern, cols=20))
     wide = replace(short, camera=part(short.camera, -6, 0, 48, 48))
@@ -219,11 +186,8 @@ def test_off_the_pattern_and_off_the_mirror_it_is_dark(request: pytest.FixtureRe
     assert (frames[0][visible] > 16).all()
 
 
-@pytest.mark.parametrize("renderer", ["gl", "numpy"])
-def test_a_wall_hides_what_is_behind_it(request: pytest.FixtureRequest, renderer: str) -> None:
+def test_a_wall_hides_what_is_behind_it(renderer: str) -> None:
     """A ridge so high that rays meet the mirror twice: GLSL marches like scene.trace."""
-    if renderer == "gl":
-        request.getfixturevalue("gl")
     scene = resize(load("paper-simulation"), 64, 64)
     surface = dent("ridge", scene, peak=30.0, sigma=6.0)
     visible = trace(scene, surface).visible
@@ -248,10 +212,7 @@ def test_a_moving_mirror_is_where_it_is_when_the_frame_is_taken() -> None:
     ).mean() > 0.05
 
 
-@pytest.mark.parametrize("renderer", ["gl", "numpy"])
-def test_motion_during_the_exposure_averages(request: pytest.FixtureRequest, renderer: str) -> None:
-    if renderer == "gl":
-        request.getfixturevalue("gl")
+def test_motion_during_the_exposure_averages(renderer: str) -> None:
     small = resize(load("paper-simulation"), 32, 32)
     scene = replace(small, sensor=replace(NOMINAL_SENSOR, frame_s=0.1, shutter_s=0.08, bits=16))
     moving = moving_dent("gaussian", scene, {"x": 80.0}, x=60.0)

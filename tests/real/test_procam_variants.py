@@ -5,7 +5,6 @@ the white squares without those far from it. It knows nothing of the decoder.
 """
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -16,14 +15,12 @@ from optolever.decode import Correspondence, Flag, decode
 from optolever.patterns import Sequence
 from optolever.projector import Capture
 
+from .conftest import GROSS, LIT, WHITE, monomials
+
 F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-DESCRIPTION = Path(__file__).with_name("procam_capture_0.toml")
-# As in test_procam: corners of the printed squares (column, row), the sheet around them, levels of light.
-BOARD = np.array([[256, 205], [954, 205], [955, 763], [244, 762]], np.float64)
-MARGIN, LIT, WHITE = 1.06, 20, 60
-GROSS, GROSS_JPEG = 2.0, 3.0  # projector px
+GROSS_JPEG = 3.0  # projector px
 GOOD = 0.95
 SMOOTH = 4.0  # px from the edges of the white squares, from which their map counts as smooth
 EVERY_DAY = ("whole", "no inverses", "cropped")
@@ -53,17 +50,6 @@ class Variant:
         return cv2.distanceTransform(white, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) >= SMOOTH
 
 
-@pytest.fixture(scope="module")
-def capture(real: Path) -> Capture:
-    return Capture.load(real / "procam_capture_0", DESCRIPTION)
-
-
-def monomials(row: F64, col: F64) -> F64:
-    """Cubic ones of the scaled positions, (..., 10)."""
-    x, y = col / 640 - 1, row / 512 - 1
-    return np.stack([x**i * y**j for i in range(4) for j in range(4 - i)], axis=-1)
-
-
 def word(frames: NDArray[np.uint8], first: int) -> F64:
     """Cells of ten Gray bits from frame `first` on, each followed by its inverse, most significant first."""
     bits = frames[first : first + 20 : 2] > frames[first + 1 : first + 21 : 2]
@@ -71,13 +57,9 @@ def word(frames: NDArray[np.uint8], first: int) -> F64:
 
 
 @pytest.fixture(scope="module")
-def whole(capture: Capture) -> Variant:
+def whole(procam: Capture, light: F64) -> Variant:
     """The capture as it is, with its truth."""
-    frames = np.asarray(capture.frames)
-    centre = BOARD.mean(axis=0)
-    sheet = np.zeros(frames.shape[1:], np.uint8)
-    cv2.fillPoly(sheet, [np.round(centre + MARGIN * (BOARD - centre)).astype(np.int32)], 1)
-    light = (frames[40].astype(np.float64) - frames[41]) * sheet
+    frames = np.asarray(procam.frames)
     row, col = np.mgrid[: light.shape[0], : light.shape[1]].astype(np.float64)
     every, maps = monomials(row, col), []
     for cells in (word(frames, 0), word(frames, 20)):
@@ -88,7 +70,7 @@ def whole(capture: Capture) -> Variant:
         assert use.sum() > 0.97 * (light > WHITE).sum()
         assert np.std((cells - every @ fit)[use]) < 0.36  # rounding alone: 0.29
         maps.append(every @ fit)
-    return Variant(frames, capture.sequence, maps[0], maps[1], light)
+    return Variant(frames, procam.sequence, maps[0], maps[1], light)
 
 
 def without_inverses(of: Variant) -> Variant:
@@ -156,10 +138,10 @@ def test_no_frame_costs_a_pixel(decoded: tuple[str, Variant, Correspondence]) ->
 
 
 @pytest.mark.parametrize("name", VARIANTS)
-def test_within_the_cells_sigma_is_true(name: str, whole: Variant) -> None:
+def test_within_the_cells_sigma_is_true(name: str, whole: Variant, within: Correspondence) -> None:
     """rms(error / sigma) on the smooth part, about the cubic map that fits the sub-pixel places."""
     made = variant(name, whole)
-    found = decode(made.frames, made.sequence, subpixel=True)
+    found = within if name == "whole" else decode(made.frames, made.sequence, subpixel=True)
     use = made.smooth & found.good
     assert use.sum() >= 0.9 * made.smooth.sum()
     row, col = (index.astype(np.float64) for index in np.nonzero(use))

@@ -61,34 +61,29 @@ def test_slits_of_two_pixels_are_bridged_from_both_sides(exact) -> None:
 
 
 @pytest.mark.parametrize("peak", [0.21, pytest.param(0.44, marks=pytest.mark.slow)])
-def test_an_island_behind_narrow_slits_stands_where_it_should(peak: float) -> None:
+def test_an_island_behind_narrow_slits_stands_where_it_should(noisy, cut, peak: float) -> None:
     """A ring of missing pixels, two wide in a few places only; no noise, and yet sigma 0.01 px."""
     scene = resize(load("prism48"), 148, 117)
     truth = trace(scene, dent_from_text(f"gaussian:peak={peak},sigma=8.2,x=39,y=22.5", scene))
     row, col = np.mgrid[:148, :117]
     lost = np.abs(np.hypot(row - 74, col - 58.5) - 37) < 1.5
-    sigma = np.full(truth.u.shape, 0.01)
-    flags = np.where(truth.visible & ~lost, 0, 128).astype(np.uint16)
-    height = reconstruct(Correspondence(truth.u, truth.v, sigma, sigma.copy(), flags), scene)
+    height = reconstruct(cut(noisy(truth, 0.01), ~lost), scene)
     good = height.good
     assert good[74, 58]
     assert np.max(np.abs(height.z - truth.z)[good] / height.sigma[good]) < 1.0
 
 
 @pytest.mark.slow
-def test_sigma_of_an_island_behind_passages_of_one_pixel() -> None:
+def test_sigma_of_an_island_behind_passages_of_one_pixel(noisy, cut) -> None:
     """Against noise repeated: what the passages, which are bridged, let through (and not the blocks that they
     are a part of)."""
     scene = resize(load("paper-prototype"), 98, 188)
     truth = trace(scene, dent_from_text("flat", scene))
     row, col = np.mgrid[:98, :188]
     lost = np.abs(np.hypot(row - 49, col - 94) - 24.5) < 1.5
-    sigma, flags = np.full(truth.u.shape, 0.05), np.where(truth.visible & ~lost, 0, 128).astype(np.uint16)
     ratio = []
     for seed in range(12):
-        rng = np.random.default_rng(seed)
-        u, v = (part + 0.05 * rng.standard_normal(sigma.shape) for part in (truth.u, truth.v))
-        height = reconstruct(Correspondence(u, v, sigma, sigma.copy(), flags), scene)
+        height = reconstruct(cut(noisy(truth, 0.05, 0.05, seed), ~lost), scene)
         ratio.append(((height.z - truth.z) / height.sigma)[49, 94])
     assert 0.6 < np.sqrt(np.mean(np.square(ratio))) < 1.7  # 1.9 by blocks; bridges repeat noise: 1.4
 

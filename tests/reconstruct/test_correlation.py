@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from optolever.decode import Correspondence
 from optolever.reconstruct import reconstruct
 from optolever.reconstruct.correlation import correlation_excess
 
@@ -34,14 +35,16 @@ def test_slopes_that_tell_nothing_do_not_hide_the_others() -> None:
     assert abs(found / usual - 1) < 0.15
 
 
+def whole_cells(seen: Correspondence) -> Correspondence:
+    """Rounded to whole pattern pixels, with their sigma."""
+    sigma = np.full(seen.u.shape, 1 / np.sqrt(12))
+    return replace(seen, u=np.rint(seen.u), v=np.rint(seen.v), sigma_u=sigma, sigma_v=sigma.copy())
+
+
 def test_quantised_coordinates_get_a_wider_sigma(exact) -> None:
     """Whole pattern pixels, as a Gray code tells them; without the factor the ratio is 3 and more."""
     scene, truth, correspondence = exact("paper-simulation", "raised-cosine", 192, 192)
-    sigma = np.full(truth.u.shape, 1 / np.sqrt(12))
-    coarse = replace(
-        correspondence, u=np.rint(truth.u), v=np.rint(truth.v), sigma_u=sigma, sigma_v=sigma.copy()
-    )
-    height = reconstruct(coarse, scene)
+    height = reconstruct(whole_cells(correspondence), scene)
     good = height.good
     ratio = np.sqrt(np.mean(((height.z - truth.z)[good] / height.sigma[good]) ** 2))
     assert height.diagnostics.correlation > 1.5
@@ -51,10 +54,6 @@ def test_quantised_coordinates_get_a_wider_sigma(exact) -> None:
 def test_whole_cells_on_a_smooth_mirror_are_no_creases(exact) -> None:
     """Rounding errors are those of neighbours: a curl without noise, steps that had looked like creases."""
     scene, truth, correspondence = exact("monitor-mirror", "raised-cosine:peak=0.24", 96, 115)
-    sigma = np.full(truth.u.shape, 1 / np.sqrt(12))
-    coarse = replace(
-        correspondence, u=np.rint(truth.u), v=np.rint(truth.v), sigma_u=sigma, sigma_v=sigma.copy()
-    )
-    height = reconstruct(coarse, scene)
+    height = reconstruct(whole_cells(correspondence), scene)
     assert height.good[truth.visible].mean() > 0.99
     assert np.sqrt(np.nanmean((height.z - truth.z) ** 2)) < 0.03 * 0.24

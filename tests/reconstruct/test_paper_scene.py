@@ -7,18 +7,13 @@ import pytest
 from numpy.testing import assert_allclose
 
 from optolever import InputError
-from optolever.decode import Correspondence
 from optolever.reconstruct import capture_positions, prism_geometry, reconstruct, reconstruct_paper
 from optolever.scene import Scene, Trace, dent, load, resize, trace
 
+from .conftest import correspondence_of
+
 SCENE = resize(load("paper-simulation"), 40, 320)
 PEAK = 1.3
-
-
-def exact(seen: Trace) -> Correspondence:
-    """What a perfect decoder gives."""
-    sigma = np.full(seen.u.shape, 0.01)
-    return Correspondence(seen.u, seen.v, sigma, sigma, np.where(seen.visible, 0, 16).astype(np.uint16))
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +33,7 @@ def test_capture_positions_run_from_the_far_edge() -> None:
 
 
 def test_drops_recover_the_dent_with_its_places(seen: Trace) -> None:
-    height = reconstruct_paper(exact(seen), SCENE, series="drops")
+    height = reconstruct_paper(correspondence_of(seen), SCENE, series="drops")
     assert np.array_equal(height.good, seen.visible)
     error = (height.z - seen.z)[seen.visible]
     assert np.sqrt(np.mean(error**2)) / PEAK < 0.006
@@ -50,27 +45,28 @@ def test_drops_recover_the_dent_with_its_places(seen: Trace) -> None:
 def test_unequal_angles() -> None:
     scene = resize(load("prism48"), 20, 400)
     seen = trace(scene, dent("gaussian", scene))
-    height = reconstruct_paper(exact(seen), scene, series="drops")
+    height = reconstruct_paper(correspondence_of(seen), scene, series="drops")
     peak = np.nanmax(seen.z)
     assert np.sqrt(np.nanmean((height.z - seen.z) ** 2)) / peak < 0.02
 
 
 def test_printed_sign_turns_the_dent_round(seen: Trace) -> None:
-    height = reconstruct_paper(exact(seen), SCENE, sign=-1, series="drops")
+    height = reconstruct_paper(correspondence_of(seen), SCENE, sign=-1, series="drops")
     middle = (SCENE.camera.rows // 2, SCENE.camera.cols // 4)
     assert height.z[middle] < 0 < seen.z[middle]
 
 
 def test_mean_is_the_mean(seen: Trace) -> None:
     drops, rises, mean = (
-        reconstruct_paper(exact(seen), SCENE, series=name).z for name in ("drops", "rises", "mean")
+        reconstruct_paper(correspondence_of(seen), SCENE, series=name).z
+        for name in ("drops", "rises", "mean")
     )
     assert_allclose(mean, (drops + rises) / 2, atol=1e-12)
-    assert_allclose(reconstruct(exact(seen), SCENE, method="paper").z, mean)
+    assert_allclose(reconstruct(correspondence_of(seen), SCENE, method="paper").z, mean)
 
 
 def test_flagged_pixels_have_no_height(seen: Trace) -> None:
-    measured = exact(seen)
+    measured = correspondence_of(seen)
     measured.flags[5, 100:110] = 4
     height = reconstruct_paper(measured, SCENE)
     assert np.isnan(height.z[5, 100:110]).all()
@@ -91,4 +87,4 @@ def test_only_prisms(scene: Scene) -> None:
 
 def test_other_shapes_are_refused(seen: Trace) -> None:
     with pytest.raises(InputError, match="shape"):
-        reconstruct_paper(exact(seen), load("paper-simulation"))
+        reconstruct_paper(correspondence_of(seen), load("paper-simulation"))

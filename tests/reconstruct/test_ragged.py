@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from optolever.decode import Correspondence
 from optolever.reconstruct import HeightFlag, reconstruct
 from optolever.reconstruct.curl import lone
 from optolever.reconstruct.edges import Doubt
@@ -21,19 +20,13 @@ def passage(shape: tuple[int, int]) -> np.ndarray:
 
 
 @pytest.mark.parametrize("mask", ["dropouts", "passage"])
-def test_sigma_of_a_mask_is_what_repeated_noise_gives(exact, mask: str) -> None:
+def test_sigma_of_a_mask_is_what_repeated_noise_gives(exact, noisy, cut, mask: str) -> None:
     scene, truth, _ = exact("paper-simulation", "gaussian", 64, 64)
     shape = truth.u.shape
     lost = np.random.default_rng(5).random(shape) < 0.35 if mask == "dropouts" else passage(shape)
-    flags = np.where(truth.visible & ~lost, 0, 128).astype(np.uint16)
-    sigma = np.full(truth.u.shape, 0.05)
     ratios = []
     for seed in range(12):
-        u, v = (
-            part + 0.05 * np.random.default_rng((seed, k)).standard_normal(part.shape)
-            for k, part in enumerate((truth.u, truth.v))
-        )
-        height = reconstruct(Correspondence(u, v, sigma, sigma, flags), scene)
+        height = reconstruct(cut(noisy(truth, 0.05, 0.05, seed), ~lost), scene)
         ratios.append(np.where(height.good, (height.z - truth.z) / height.sigma, np.nan))
     with np.errstate(invalid="ignore"):
         squares = np.square(ratios)
@@ -41,13 +34,12 @@ def test_sigma_of_a_mask_is_what_repeated_noise_gives(exact, mask: str) -> None:
     assert np.nanmean(squares > 25) < 1e-3
 
 
-def test_specks_beside_the_anchor_are_not_guessed(exact) -> None:
+def test_specks_beside_the_anchor_are_not_guessed(exact, noisy, cut) -> None:
     scene, truth, _ = exact("paper-simulation", "gaussian", 64, 64)
-    flags = np.where(truth.visible, 0, 128).astype(np.uint16)
-    flags[18:25, 0:5] = 128
-    flags[21, 0] = 0
-    sigma = np.full(truth.u.shape, 0.01)
-    height = reconstruct(Correspondence(truth.u, truth.v, sigma, sigma, flags), scene)
+    keep = np.ones(truth.u.shape, dtype=np.bool_)
+    keep[18:25, 0:5] = False
+    keep[21, 0] = True
+    height = reconstruct(cut(noisy(truth, 0.01), keep), scene)
     assert height.flags[21, 0] & HeightFlag.NO_ANCHOR
     assert height.good[30, 30]
 
@@ -74,16 +66,15 @@ def test_cut_off_by_doubts_and_missing_pixels_together() -> None:
     assert not cut_off(Doubt(dx, dy), limits, mask, anchors, lost).any()
 
 
-def test_a_missing_pixel_flags_none_but_itself(exact) -> None:
+def test_a_missing_pixel_flags_none_but_itself(exact, noisy, cut) -> None:
     """Where doubts surround the anchors' edge (slopes change fast there), holes elsewhere change nothing."""
     scene, truth, _ = exact("paper-prototype", "ball:peak=0.075,radius=910", 172, 108)
-    sigma = np.full(truth.u.shape, 7e-4)
     share = []
     for hole in (None, (80, 50), (55, 107)):
-        flags = np.where(truth.visible, 0, 128).astype(np.uint16)
+        keep = np.ones(truth.u.shape, dtype=np.bool_)
         if hole is not None:
-            flags[hole] = 128
-        share.append(reconstruct(Correspondence(truth.u, truth.v, sigma, sigma, flags), scene).good.mean())
+            keep[hole] = False
+        share.append(reconstruct(cut(noisy(truth, 7e-4), keep), scene).good.mean())
     assert share[0] > 0.9
     np.testing.assert_allclose(share[1:], share[0], atol=1e-3)
 

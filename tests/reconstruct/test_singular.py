@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from optolever.decode import Correspondence
 from optolever.reconstruct import HeightFlag, PixelAnchor, reconstruct
 from optolever.scene import dent, load, resize, trace
 
@@ -61,14 +60,11 @@ def test_a_pixel_on_the_pattern_is_flagged() -> None:
 
 @pytest.mark.parametrize("preset", ["paper-simulation", "prism48", "monitor-mirror"])
 @pytest.mark.parametrize("off", [1e-3, 0.1])
-def test_exact_data_with_an_anchor_that_is_off(preset: str, off: float) -> None:
+def test_exact_data_with_an_anchor_that_is_off(noisy, preset: str, off: float) -> None:
     """The free mode takes no slope: steps along it were held for steps too far, no pixel converged."""
     scene = resize(load(preset), 96, 112)
     truth = trace(scene, dent("flat", scene))
-    sigma = np.full(truth.u.shape, 0.02)
-    flags = np.where(truth.visible, 0, 16).astype(np.uint16)
-    flat = Correspondence(truth.u, truth.v, sigma, sigma.copy(), flags)
-    height = reconstruct(flat, scene, anchor=PixelAnchor(48, 56, off))
+    height = reconstruct(noisy(truth), scene, anchor=PixelAnchor(48, 56, off))
     assert height.diagnostics.converged
     assert height.good.mean() > 0.99
     assert height.z[48, 56] == pytest.approx(off, rel=1e-3)

@@ -1,4 +1,4 @@
-"""How long a stage takes and how much memory: first traced, uncounted, then the best of a few runs."""
+"""How long a call takes, by the clock and of the processor, and how much memory."""
 
 import time
 import tracemalloc
@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["Measured", "measured", "once"]
+__all__ = ["Measured", "measured", "once", "timed"]
 
 RUNS = 3  # timed runs of a short stage
 BUDGET = 1.0  # s, that repeated runs may take together
@@ -24,11 +24,17 @@ class Measured:
     bytes: int | None = None
 
 
+def timed(call: Callable[[], Any]) -> tuple[Any, float, float]:
+    """What a call gives, its seconds by the clock and of the processor."""
+    start, processor = time.perf_counter(), time.process_time()
+    value = call()
+    return value, time.perf_counter() - start, time.process_time() - processor
+
+
 def once(call: Callable[[], Any]) -> Measured:
     """Run a stage and look at the clock."""
-    start = time.perf_counter()
-    value = call()
-    return Measured(value, time.perf_counter() - start)
+    value, seconds, _ = timed(call)
+    return Measured(value, seconds)
 
 
 def measured(call: Callable[[], Any]) -> Measured:
