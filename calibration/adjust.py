@@ -59,11 +59,17 @@ class Problem:
         rows = [(shape(np.asarray(p.x), np.asarray(p.y))[0] - np.asarray(p.z)) / p.sigma for p in self.points]
         return np.concatenate(rows) if rows else np.zeros(0)
 
-    def data(self, vector: Floats, only: Sequence[int] | None = None) -> list[Floats]:
-        """Residuals (2 n,) of the samples, or of some."""
-        values = self.named(vector)
+    def scene_at(self, vector: Floats) -> Scene:
+        """The scene with these numbers."""
         known = parameter_values(self.scene)
-        scene = adjusted(self.scene, {name: value for name, value in values.items() if name in known})
+        return adjusted(self.scene, {n: value for n, value in self.named(vector).items() if n in known})
+
+    def data(
+        self, vector: Floats, only: Sequence[int] | None = None, scene: Scene | None = None
+    ) -> list[Floats]:
+        """Residuals (2 n,) of the samples, or of some; scene: `scene_at` there, where it is known."""
+        values = self.named(vector)
+        scene = self.scene_at(vector) if scene is None else scene
         found = []
         for index in range(len(self.samples)) if only is None else only:
             s = self.samples[index]
@@ -89,10 +95,13 @@ class Problem:
         extra = sum(len(np.asarray(p.x)) for p in self.points)
         data = int(starts[-1]) + extra
         rows = np.zeros((data + len(vector), len(vector)))
+        here, known = self.scene_at(vector), parameter_values(self.scene)
         for k, name in enumerate(self.names):
             step, only = _step(name), self._moved(name)
+            scene = None if name in known else here
             ahead, behind = (vector + sign * step * (np.arange(len(vector)) == k) for sign in (1, -1))
-            for index, one, other in zip(only, self.data(ahead, only), self.data(behind, only), strict=True):
+            both = (self.data(moved, only, scene) for moved in (ahead, behind))
+            for index, one, other in zip(only, *both, strict=True):
                 rows[starts[index] : starts[index + 1], k] = (one - other) / (2 * step)
             if extra:
                 moved = [self.rest_shape(self.named(each)) for each in (ahead, behind)]

@@ -17,7 +17,7 @@ from .adjust import Adjustment, Problem, adjust
 from .observability import Direction, directions, notices
 from .observation import Observation, Sample, frame_of, sampled
 from .priors import GAUGE, is_pose, resolved
-from .start import Flatview, open_air_start
+from .start import open_air_start
 from .targets import Ball, Flat, Points, Rest
 
 __all__ = ["Calibration", "calibrate", "left_out"]
@@ -25,6 +25,8 @@ __all__ = ["Calibration", "calibrate", "left_out"]
 Floats = NDArray[np.float64]
 
 _STARTS = 12
+_HOPELESS = 3  # starts after which a ball that none of them explains is none
+_START_PIXELS = 200  # of a capture: starts are found on these
 _ALIKE = 0.1  # of chi2: two minima are one
 _NO_BALL = 5.0  # chi of a ball's capture, and sigmas of its radius: it is none
 
@@ -175,7 +177,7 @@ def _without_guess(
     scene: Scene, samples: Sequence[Sample], sigmas: Mapping[str, float]
 ) -> tuple[Scene, dict[str, float]] | None:
     """A start from flats in open air: scene and first values of the unknowns."""
-    views = [Flatview(s.name, s.row, s.col, s.u, s.v) for s in samples if isinstance(s.target, Flat)]
+    views = [s.thinned(_START_PIXELS) for s in samples if isinstance(s.target, Flat)]
     if len(views) != len(samples) or scene.medium is not None:
         return None
     found = open_air_start(scene, views)
@@ -189,19 +191,22 @@ def _without_guess(
 def _least(problem: Problem, mean: dict[str, float]) -> Adjustment:
     """The least of the minima from the priors' mean and from draws of the priors: rest alone has several.
     Ends once two starts met the least. Of flats nothing is drawn: their poses are free."""
-    found = [adjust(problem, _staged(problem, mean))]
+    few = replace(problem, samples=[sample.thinned(_START_PIXELS) for sample in problem.samples])
     (frame,) = (sample for sample in problem.samples if sample.name == problem.frame)
     drawn = sorted(set(parameter_values(problem.scene)) & set(problem.sigmas))
-    if not isinstance(frame.target, Rest) or not drawn:
-        return found[0]
+    some = isinstance(frame.target, Rest) and bool(drawn)
     rng = np.random.default_rng(0)
-    while len(found) < _STARTS:
+    found = [adjust(few, _staged(few, mean))]
+    while some and len(found) < _STARTS:
         first = {name: mean.get(name, 0.0) + problem.sigmas[name] * rng.standard_normal() for name in drawn}
-        found.append(adjust(problem, _staged(problem, mean | first)))
+        found.append(adjust(few, _staged(few, mean | first)))
         costs = sorted(each.cost for each in found)
         if costs[1] - costs[0] < _ALIKE:
             break
-    return min(found, key=lambda each: each.cost)
+        if len(found) == _HOPELESS:
+            _require_balls(min(found, key=lambda each: each.cost))
+    best = min(found, key=lambda each: each.cost)
+    return adjust(problem, best.problem.named(best.values))
 
 
 def _staged(problem: Problem, first: dict[str, float]) -> dict[str, float]:

@@ -4,6 +4,7 @@ Truth is traced or rendered by the scene, never by the adjustment's model. An er
 whole height map at once, so that a map is one sample: chi2/r of the r coefficients of its modes.
 """
 
+import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 
@@ -27,6 +28,7 @@ Floats = NDArray[np.float64]
 _SHARE = 0.999  # of the modes' variance: how many are counted
 # Columns of the images, traced and rendered: a ball's contact must hold enough pixels.
 _COLUMNS = {"air": (100, 480), "balls": (200, 400), "rest": (100, 400)}
+_FLATNESS = 1e-3  # mm, of the reference: `Flat`'s own
 _NOISE = {"air": 0.0016, "prism": 0.005}  # of the thinned pattern's cells: 0.02 of the display's
 
 #: Name -> (kind, captures, pinhole).
@@ -43,7 +45,7 @@ SETUPS = {
 class Figure:
     """One draw. error: rms of dent less rest over the dent's depth; scale, sigma_scale: relative error of its
     depth, and what the modes predict; chi: of the adjustment; chi2: of the r = modes coefficients, per mode;
-    sigma: predicted rms of the modes, mm."""
+    sigma: predicted rms of the modes, mm; seconds of processor time that the calibration took."""
 
     setup: str
     seed: int
@@ -54,7 +56,7 @@ class Figure:
     modes: int
     sigma: float
     sigma_scale: float
-    evaluations: int
+    seconds: float
 
     def to_dict(self) -> dict[str, float | str]:
         """As plain types."""
@@ -88,19 +90,23 @@ def _figure(setup: str, seed: int, rendered: bool) -> Figure | None:
         _rendering(seed) if rendered else correspondence_of(_NOISE["air" if kind == "air" else "prism"], rng)
     )
     size = _COLUMNS["air" if kind == "air" else "balls" if count else "rest"][rendered]
-    rig = open_air(rng, count, take, size=size) if kind == "air" else prism(rng, count, take, pinhole, size)
-    if kind == "typed":
-        scene, chi, evaluations = _typed(rig.given), 1.0, 0
+    if kind == "air":
+        rig = open_air(rng, count, take, size=size, flatness=_FLATNESS)
     else:
-        start = rig.truth if kind == "air" and not rendered else rig.given
-        found = calibrate(start, rig.observations, guess=start is rig.truth)
-        scene, chi, evaluations = found.scene, found.adjustment.chi, found.adjustment.evaluations
+        rig = prism(rng, count, take, pinhole, size)
+    started, chi = time.process_time(), 1.0
+    if kind == "typed":
+        scene = _typed(rig.given)
+    else:
+        found = calibrate(rig.given, rig.observations)
+        scene, chi = found.scene, found.adjustment.chi
+    seconds = time.process_time() - started
     if not rendered:  # what noise does to the measured map is reconstruct's to tell
         take = correspondence_of(1e-4, rng)
     dented, flat = (
         _measured(rig, scene, surface, take, 100 + k) for k, surface in enumerate((rig.dent, rig.rest))
     )
-    return _judged(setup, seed, rig, dented, flat, (chi, evaluations))
+    return _judged(setup, seed, rig, dented, flat, (chi, seconds))
 
 
 def _typed(scene: Scene) -> Scene:
@@ -138,7 +144,7 @@ def _judged(
     rig: Rig,
     dented: tuple[HeightMap, Floats],
     flat: tuple[HeightMap, Floats],
-    adjusted: tuple[float, int],
+    adjusted: tuple[float, float],
 ) -> Figure | None:
     (height, z), (rest, z0) = dented, flat
     good = height.good & rest.good & np.isfinite(z) & np.isfinite(z0)

@@ -71,15 +71,16 @@ def shape_surface(height: Callable[[Floats, Floats], Floats]) -> Surface:
     return Surface(lambda x, y: np.asarray(height(x, y), np.float64), gradient)
 
 
-def _plane(scene: Scene, z0: float, a: float, b: float) -> Surface:
-    middle = 0.5 * scene.mirror.length, 0.5 * scene.mirror.width
-    return shape_surface(lambda x, y: z0 + a * (x - middle[0]) + b * (y - middle[1]))
-
-
 def open_air(
-    rng: Rng, poses: int, capture: Capturer, tilts: tuple[float, float] = (3.0, 8.0), size: int = 160
+    rng: Rng,
+    poses: int,
+    capture: Capturer,
+    tilts: tuple[float, float] = (3.0, 8.0),
+    size: int = 160,
+    flatness: float = 1e-6,
 ) -> Rig:
-    """`monitor-mirror` with another lens, display pose and a bow of 0.2 mm; K flats, none known before."""
+    """`monitor-mirror` with another lens, display pose and a bow of 0.2 mm; K poses of one reference, whose
+    form is drawn from its flatness (mm); nothing of them is known before."""
     base = resize(load("monitor-mirror"), size * 4 // 5, size)
     pattern = base.pattern
     bow = Bow.of_pattern(pattern.rows, pattern.cols, *(0.2 * rng.standard_normal(3)))
@@ -91,19 +92,31 @@ def open_air(
     values |= {f"pattern.{name}": 8.0 * rng.uniform(-1, 1) for name in ("x", "y", "z")}
     truth = adjusted(truth, values)
     observations: list[Observation] = []
+    form = flatness * rng.standard_normal(3)
+    length, width = truth.mirror.length, truth.mirror.width
+
+    def reference(z0: float, a: float, b: float) -> Surface:
+        def height(x: Floats, y: Floats) -> Floats:
+            s, t = 2 * x / length - 1, 2 * y / width - 1
+            bulge = form[0] * (1.5 * s * s - 0.5) + form[1] * s * t + form[2] * (1.5 * t * t - 0.5)
+            total: Floats = z0 + 0.5 * (a * length * s + b * width * t) + bulge
+            return total
+
+        return shape_surface(height)
+
     turn = rng.uniform(0, 2 * np.pi)
     for k in range(poses):
         tilt = np.radians(rng.uniform(*tilts)) if k else 0.0
         angle = turn + 2 * np.pi * k * 0.382  # golden: no two tilts about one axis
-        surface = _plane(truth, rng.uniform(-5, 5) if k else 0.0, tilt * np.cos(angle), tilt * np.sin(angle))
-        observations.append(Observation(f"flat{k}", Flat(1e-6), capture(truth, surface, k)))
-    x, y = 0.5 * truth.mirror.length, 0.5 * truth.mirror.width
+        surface = reference(rng.uniform(-5, 5) if k else 0.0, tilt * np.cos(angle), tilt * np.sin(angle))
+        observations.append(Observation(f"flat{k}", Flat(flatness), capture(truth, surface, k)))
+    x, y = 0.5 * length, 0.5 * width
 
     def dent(a: Floats, b: Floats) -> Floats:
         height: Floats = 0.5 * np.exp(-((a - x) ** 2 + (b - y) ** 2) / (2 * 18.0**2))
         return height
 
-    return Rig(truth, base, observations, shape_surface(dent), _plane(truth, 0.0, 0.0, 0.0))
+    return Rig(truth, base, observations, shape_surface(dent), shape_surface(lambda x, y: 0 * (x + y)))
 
 
 def prism(rng: Rng, balls: int, capture: Capturer, pinhole: bool = False, size: int = 200) -> Rig:

@@ -7,7 +7,7 @@ display's origin o and the distances d_i (Sturm, Bonfort, inria-00387128; Takaha
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -16,25 +16,16 @@ from numpy.typing import NDArray
 
 from optolever.scene import PinholeCamera, Scene
 
-__all__ = ["Flatview", "open_air_start"]
+from .observation import Sample
+
+__all__ = ["open_air_start"]
 
 Floats = NDArray[np.float64]
 
 _LEAST_TURN = 1e-3  # rad between two images: below, their axis is noise
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Flatview:
-    """Pixels (row, col) and where they look (u, v) by a flat mirror, (n,) each."""
-
-    name: str
-    row: Floats
-    col: Floats
-    u: Floats
-    v: Floats
-
-
-def open_air_start(scene: Scene, views: Sequence[Flatview]) -> tuple[Scene, Mapping[str, float]] | None:
+def open_air_start(scene: Scene, views: Sequence[Sample]) -> tuple[Scene, Mapping[str, float]] | None:
     """A scene whose z = 0 is the first view's mirror, and the poses of the others; None: not possible.
 
     Of the given scene the pattern's pitch and cells, the image's size, and where on the mirror and which way
@@ -78,7 +69,7 @@ def open_air_start(scene: Scene, views: Sequence[Flatview]) -> tuple[Scene, Mapp
     return start, poses
 
 
-def _virtual_displays(scene: Scene, views: Sequence[Flatview]) -> tuple[PinholeCamera, Floats, Floats] | None:
+def _virtual_displays(scene: Scene, views: Sequence[Sample]) -> tuple[PinholeCamera, Floats, Floats] | None:
     """The lens, and axes (K, 3, 3) and origins (K, 3) of the display's images in the camera's frame."""
     camera, pitch = scene.camera, scene.pattern.pitch
     assert isinstance(camera, PinholeCamera)

@@ -166,13 +166,16 @@ def _legendre(values: Values, order: int, mirror: Mirror) -> Shape:
     for key, value in values.items():
         table[int(key[-2]), int(key[-1])] = value
 
-    by_x = legendre.legder(table, axis=0) * 2 / mirror.length
-    by_y = legendre.legder(table, axis=1) * 2 / mirror.width
+    by_x, by_y = np.zeros_like(table), np.zeros_like(table)
+    by_x[:-1] = legendre.legder(table, axis=0) * 2 / mirror.length
+    by_y[:, :-1] = legendre.legder(table, axis=1) * 2 / mirror.width
+    tables = np.hstack([table, by_x, by_y])
 
     def shape(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
-        sx, sy = 2 * x / mirror.length - 1, 2 * y / mirror.width - 1
-        z, zx, zy = (legendre.legval2d(sx, sy, each) for each in (table, by_x, by_y))
-        return np.asarray(z, np.float64), np.asarray(zx, np.float64), np.asarray(zy, np.float64)
+        along_x = legendre.legvander(2 * x / mirror.length - 1, order) @ tables
+        along_y = legendre.legvander(2 * y / mirror.width - 1, order)
+        z, zx, zy = np.einsum("...kj,...j->k...", along_x.reshape(*x.shape, 3, order + 1), along_y)
+        return z, zx, zy
 
     return shape
 

@@ -13,7 +13,7 @@ __all__ = ["command"]
 SAMPLE = """
 $ optolever lab calibration --draws 3 --setup "prism, rest + 3 balls"
 Dent less rest, relative to its depth
-set-up                 draws  error  worst  scale  scale/sigma  chi2/r  r  chi
+set-up                 draws  error  worst  scale  scale/sigma  chi2/r  r  chi  seconds
 prism, rest + 3 balls  ...
 """
 
@@ -48,19 +48,18 @@ def command(draws: int, setups: tuple[str, ...], rendered: bool, seed: int, json
                 drawn.append(each)
             found += drawn
             if not drawn:
-                rows.append((name, "0", *["-"] * 7))
+                rows.append((name, "0", *["-"] * 8))
                 continue
             column = {
                 key: np.array([getattr(each, key) for each in drawn])
-                for key in ("error", "scale", "sigma_scale", "chi2", "chi", "modes")
+                for key in ("error", "scale", "sigma_scale", "chi2", "chi", "modes", "seconds")
             }
             share = column["scale"] / column["sigma_scale"]
             cells = [np.median(column["error"]), column["error"].max(), np.abs(column["scale"]).max()]
             cells += [np.sqrt(np.mean(share**2)), column["chi2"].mean(), np.median(column["modes"])]
-            rows.append(
-                (name, str(len(drawn)), *(f"{cell:.3g}" for cell in cells), f"{column['chi'].max():.3g}")
-            )
-    heads = ("set-up", "draws", "error", "worst", "scale", "scale/sigma", "chi2/r", "r", "chi")
+            cells += [column["chi"].max(), column["seconds"].max()]
+            rows.append((name, str(len(drawn)), *(f"{cell:.3g}" for cell in cells)))
+    heads = ("set-up", "draws", "error", "worst", "scale", "scale/sigma", "chi2/r", "r", "chi", "seconds")
     grid("Dent less rest, relative to its depth", heads, rows)
     if json_path is not None:
         write_json(json_path, {"figures": [each.to_dict() for each in found]})
