@@ -149,8 +149,9 @@ class Adjustment:
         return 0.5 * (found + found.T)
 
 
-def adjust(problem: Problem, start: Mapping[str, float]) -> Adjustment:
-    """The minimum from a start (names that it lacks: the prior's mean)."""
+def adjust(problem: Problem, start: Mapping[str, float], tolerance: float = 1e-10) -> Adjustment:
+    """The minimum from a start (names that it lacks: the prior's mean), until a step lowers the sum of
+    squares by less than a share of `tolerance`."""
     first = np.array([start.get(name, problem.means.get(name, 0.0)) for name in problem.names])
     found = least_squares(
         problem.residuals,
@@ -158,7 +159,7 @@ def adjust(problem: Problem, start: Mapping[str, float]) -> Adjustment:
         problem.jacobian,
         x_scale="jac",
         method="lm",  # QR; the singular values that trf takes of every step cost ten times that
-        ftol=1e-10,
+        ftol=tolerance,
         xtol=1e-12,
         gtol=1e-12,
         max_nfev=200,

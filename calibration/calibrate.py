@@ -24,10 +24,11 @@ __all__ = ["Calibration", "calibrate", "left_out"]
 
 Floats = NDArray[np.float64]
 
-_STARTS = 12
-_HOPELESS = 3  # starts after which a ball that none of them explains is none
+_STARTS = 8
+_COSTLIER = 25.0  # five sigma: the difference D of two sums of squares is known to 2 sqrt(D)
 _START_PIXELS = 200  # of a capture: starts are found on these
-_ALIKE = 0.1  # of chi2: two minima are one
+_ROUGH = 1e-6  # of the sum of squares: starts end so early
+_ALIKE = 0.1  # of the sum of squares: two minima are one
 _NO_BALL = 5.0  # chi of a ball's capture, and sigmas of its radius: it is none
 
 
@@ -133,7 +134,7 @@ def calibrate(
     if found is not None:
         base, first = found
     problem = _problem(base, samples, sigmas, means, points, frame)
-    result = adjust(problem, first) if found is not None else _least(problem, first)
+    result = _least(problem, first) if found is None else adjust(problem, _roughly(problem, first))
     if found is not None and result.chi > _NO_BALL:  # a bad start: the scene's own may be better
         again = _problem(scene, samples, sigmas, means, points, frame)
         other = _least(again, dict(means))
@@ -189,39 +190,52 @@ def _without_guess(
 
 
 def _least(problem: Problem, mean: dict[str, float]) -> Adjustment:
-    """The least of the minima from the priors' mean and from draws of the priors: rest alone has several.
-    Ends once two starts met the least. Of flats nothing is drawn: their poses are free."""
-    few = replace(problem, samples=[sample.thinned(_START_PIXELS) for sample in problem.samples])
+    """The least of the minima that the mirror at rest leaves, each joined by the other captures. Of flats
+    nothing is drawn: their poses are free."""
+    (frame,) = (sample for sample in problem.samples if sample.name == problem.frame)
+    starts = _rest_minima(_thinned(problem), mean) if isinstance(frame.target, Rest) else [mean]
+    joined = (_roughly(problem, _staged(_thinned(problem), first)) for first in starts)
+    return min((adjust(problem, first) for first in joined), key=lambda each: each.cost)
+
+
+def _rest_minima(problem: Problem, mean: dict[str, float]) -> list[dict[str, float]]:
+    """The mirror at rest alone has several minima: those from the priors' mean and from draws of the priors,
+    each once, and no costlier than noise could make the least."""
     (frame,) = (sample for sample in problem.samples if sample.name == problem.frame)
     drawn = sorted(set(parameter_values(problem.scene)) & set(problem.sigmas))
-    some = isinstance(frame.target, Rest) and bool(drawn)
+    own = {*drawn, *frame.target.unknowns(problem.frame, True)}
+    alone = replace(
+        problem, samples=[frame], sigmas={key: problem.sigmas[key] for key in problem.sigmas if key in own}
+    )
     rng = np.random.default_rng(0)
-    found = [adjust(few, _staged(few, mean))]
-    while some and len(found) < _STARTS:
-        first = {name: mean.get(name, 0.0) + problem.sigmas[name] * rng.standard_normal() for name in drawn}
-        found.append(adjust(few, _staged(few, mean | first)))
-        costs = sorted(each.cost for each in found)
-        if costs[1] - costs[0] < _ALIKE:
-            break
-        if len(found) == _HOPELESS:
-            _require_balls(min(found, key=lambda each: each.cost))
-    best = min(found, key=lambda each: each.cost)
-    return adjust(problem, best.problem.named(best.values))
+    found: list[Adjustment] = []
+    for k in range(_STARTS if drawn else 1):
+        scatter = dict(zip(drawn, rng.standard_normal(len(drawn)), strict=True))
+        first = {key: mean.get(key, 0.0) + problem.sigmas[key] * scatter[key] for key in drawn}
+        each = adjust(alone, mean | first if k else mean, _ROUGH)
+        if all(abs(each.cost - other.cost) > _ALIKE for other in found):
+            found.append(each)
+    least = min(each.cost for each in found)
+    return [mean | each.problem.named(each.values) for each in found if each.cost < least + _COSTLIER]
+
+
+def _thinned(problem: Problem) -> Problem:
+    return replace(problem, samples=[sample.thinned(_START_PIXELS) for sample in problem.samples])
+
+
+def _roughly(problem: Problem, first: Mapping[str, float]) -> dict[str, float]:
+    """The minimum of the thinned captures."""
+    found = adjust(_thinned(problem), first, _ROUGH)
+    return found.problem.named(found.values)
 
 
 def _staged(problem: Problem, first: dict[str, float]) -> dict[str, float]:
-    """First values by steps: the frame's capture with the scene, then each other's own unknowns."""
-    (frame,) = (sample for sample in problem.samples if sample.name == problem.frame)
+    """First values of the captures beside the frame's, each by itself."""
     values = first
-    if isinstance(frame.target, Rest):  # of a flat alone nothing is known before the others join
-        own = set(frame.target.unknowns(problem.frame, True)) | set(parameter_values(problem.scene))
-        shared = {name: sigma for name, sigma in problem.sigmas.items() if name in own}
-        at_rest = adjust(replace(problem, samples=[frame], sigmas=shared), first)
-        values = first | at_rest.problem.named(at_rest.values)
     for sample in problem.samples:
         if sample.name != problem.frame:
             alone = _own(problem, sample.name, values | _first_pose(problem, sample, values))
-            values |= alone.problem.named(alone.values)
+            values = values | alone.problem.named(alone.values)
     return values
 
 
@@ -250,7 +264,9 @@ def _own(problem: Problem, name: str, values: Mapping[str, float]) -> Adjustment
     sigmas = {key: problem.sigmas[key] for key in own}
     held = {key: value for key, value in values.items() if key not in own}
     missing = {key: 0.0 for key in problem.sigmas if key not in own and key not in held}
-    return adjust(replace(problem, samples=[sample], sigmas=sigmas, fixed=held | missing, points=()), values)
+    return adjust(
+        replace(problem, samples=[sample], sigmas=sigmas, fixed=held | missing, points=()), values, _ROUGH
+    )
 
 
 def _require_balls(result: Adjustment) -> None:

@@ -2,11 +2,14 @@
 
 Truth is traced or rendered by the scene, never by the adjustment's model. An error of calibration moves a
 whole height map at once, so that a map is one sample: chi2/r of the r coefficients of its modes.
+In open air less a plane: where along the reference the frame lies is the gauge's choice, and there the slope
+of the reference's own form is the frame's tilt.
 """
 
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +66,7 @@ class Figure:
         return asdict(self)
 
 
-def mode_chi2(error: Floats, modes: NDArray[np.float32], sigma: Floats) -> tuple[float, int]:
+def mode_chi2(error: Floats, modes: NDArray[np.floating[Any]], sigma: Floats) -> tuple[float, int]:
     """chi2 per mode of an error map's coefficients on the r leading principal modes that hold 99.9 % of the
     variance, noise of sigma per pixel counted in; and r. All (n,), modes (k, n)."""
     _, sizes, right = np.linalg.svd(modes.astype(np.float64), full_matrices=False)
@@ -154,7 +157,11 @@ def _judged(
     assert rest.calibration is not None
     change, true = (height.z - rest.z)[good], (z - z0)[good]
     error, depth = change - true, float(true.max())
-    chi2, modes = mode_chi2((height.z - z)[good], height.calibration[:, good], height.sigma[good])
+    absolute, moved = (height.z - z)[good], height.calibration[:, good].astype(np.float64)
+    if SETUPS[setup][0] == "air":
+        plane = np.linalg.qr(np.stack([np.ones(true.size), height.x[good], height.y[good]], axis=1))[0]
+        absolute, moved = (part - (part @ plane) @ plane.T for part in (absolute, moved))
+    chi2, modes = mode_chi2(absolute, moved, height.sigma[good])
     common = (height.calibration - rest.calibration)[:, good]
     slope = float(error @ true / (true @ true))
     slopes = common @ true / (true @ true)

@@ -34,7 +34,9 @@ _ARRAYS = ("x", "y", "slope_x", "slope_y", "sigma_x", "sigma_y", "flags")
 class SlopeMap(Comparable):
     """dz/dx and dz/dy on the camera's pixels, (H, W) each; x, y in mm, slopes and their sigmas mm per mm.
 
-    flags: those of the height map; NaN where the height is.
+    flags: those of the height map; NaN where the height is. calibration: (r, 2, H, W), slopes of the height
+    map's modes: what one standard deviation of every independent error of the rig does to them, apart from
+    the sigmas. None: the height map has no modes.
     """
 
     x: Floats
@@ -44,6 +46,7 @@ class SlopeMap(Comparable):
     sigma_x: Floats
     sigma_y: Floats
     flags: NDArray[np.uint16]
+    calibration: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         shape = np.shape(self.x)
@@ -76,15 +79,23 @@ class SlopeMap(Comparable):
         """True where no flag is set."""
         return np.asarray(self.flags == 0)
 
+    @property
+    def total_sigma(self) -> tuple[Floats, Floats]:
+        """Standard deviations of slope_x and slope_y: noise and rig."""
+        if self.calibration is None:
+            return self.sigma_x, self.sigma_y
+        rig = np.sqrt((self.calibration.astype(np.float64) ** 2).sum(axis=0))
+        return np.hypot(self.sigma_x, rig[0]), np.hypot(self.sigma_y, rig[1])
+
     def save(self, path: str | Path) -> None:
         """Write an .npz with the fields' names."""
-        save_arrays(path, {name: getattr(self, name) for name in _ARRAYS})
+        save_arrays(path, {name: getattr(self, name) for name in (*_ARRAYS, "calibration")})
 
     @classmethod
     def load(cls, path: str | Path) -> "SlopeMap":
         """Read what save() wrote; InputError names the file and the field."""
         arrays = load_arrays(path, _ARRAYS)
-        return cls(**{name: arrays[name] for name in _ARRAYS})
+        return cls(**{name: arrays[name] for name in _ARRAYS}, calibration=arrays.get("calibration"))
 
 
 def slope_map(
@@ -133,7 +144,22 @@ def slope_map(
         "sigma_y": np.sqrt(variances[1]),
     }
     fields = {name: np.where(known, field, np.nan) for name, field in fields.items()}
-    return SlopeMap(height.x, height.y, flags=height.flags, **fields)
+    return SlopeMap(height.x, height.y, flags=height.flags, calibration=_mode_slopes(height), **fields)
+
+
+def _mode_slopes(height: HeightMap) -> NDArray[np.float32] | None:
+    """Slopes (r, 2, H, W) of the modes over x and y: their differences along rows and columns, by the chain
+    rule."""
+    if height.calibration is None:
+        return None
+    (x0, x1), (y0, y1) = np.gradient(height.x), np.gradient(height.y)
+    area = x0 * y1 - x1 * y0
+    slopes = np.empty((len(height.calibration), 2, *height.z.shape), np.float32)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for mode, slope in zip(height.calibration, slopes, strict=True):
+            m0, m1 = np.gradient(mode.astype(np.float64))
+            slope[:] = (m0 * y1 - m1 * y0) / area, (x0 * m1 - x1 * m0) / area
+    return slopes
 
 
 def _moved(direction: Floats, e: list[Floats], n: list[Floats], slopes: list[Floats]) -> list[Floats]:

@@ -19,7 +19,8 @@ CORE = 0.7  # of the depth: the dent's middle is that of what is deeper
 
 @dataclass(frozen=True, slots=True)
 class Dent:
-    """Known pixels around one dent as flat arrays; cell: their area, mm^2; inside: those of the dent; peak:
+    """Known pixels around one dent as flat arrays; modes (r, N), slope_modes (r, 2, N): of the rig's errors,
+    r = 0 without a covariance; cell: their area, mm^2; inside: those of the dent; peak:
     the number of the deepest; pitch: size of a pixel, mm; middle: where r, phi start.
     """
 
@@ -29,6 +30,8 @@ class Dent:
     sigma: Floats
     slopes: Floats
     slope_sigmas: Floats
+    modes: Floats
+    slope_modes: Floats
     cell: Floats
     inside: Mask
     peak: int
@@ -46,6 +49,9 @@ class Dent:
         middle = float(height.x[whole].mean()), float(height.y[whole].mean())
         r = np.hypot(height.x - middle[0], height.y - middle[1])
         near = usable & (r < 2.0 * r[inside].max())
+        shape, both = height.z.shape, (height.calibration, slopes.calibration)
+        height_modes = np.zeros((0, *shape)) if both[0] is None or both[1] is None else both[0]
+        slope_modes = np.zeros((0, 2, *shape)) if both[0] is None or both[1] is None else both[1]
         return cls(
             height.x[near],
             height.y[near],
@@ -53,6 +59,8 @@ class Dent:
             height.sigma[near],
             np.stack([slopes.slope_x[near], slopes.slope_y[near]]),
             np.stack([slopes.sigma_x[near], slopes.sigma_y[near]]),
+            height_modes[:, near].astype(np.float64),
+            np.nan_to_num(slope_modes[:, :, near].astype(np.float64)),
             cell[near],
             inside[near],
             int(np.argmax(np.where(inside[near], height.z[near], -np.inf))),
@@ -73,9 +81,14 @@ class Dent:
         return phi
 
     @property
+    def direction(self) -> Floats:
+        """Unit vectors (2, N) away from the middle."""
+        return np.stack([np.cos(self.phi), np.sin(self.phi)])
+
+    @property
     def radial(self) -> tuple[Floats, Floats]:
         """Slope away from the middle and its sigma."""
-        ray = np.stack([np.cos(self.phi), np.sin(self.phi)])
+        ray = self.direction
         return (self.slopes * ray).sum(axis=0), np.hypot(*(self.slope_sigmas * ray))
 
 

@@ -35,12 +35,14 @@ _OUTLINE = 4  # waves around: how smooth a contact's outline is
 _TIP = 3.0  # pixels: steepest so near to the middle is a tip
 _SHARE = 0.6  # of the sectors
 _GAIN = (25.0, 6.0)  # of chi^2: five sigma, and what n sectors scatter by, per sqrt(n)
+_STEP = 0.05  # of a mode, by which it is differenced
 _UNDER = 0.85  # of the edge: where the surface follows the indenter
 
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """One dent. Lengths in mm, sigma: standard deviations.
+    """One dent. Lengths in mm, sigma: standard deviations; those of depth, volume, half depth's area and the
+    indenter's radius hold the errors of a calibrated rig.
 
     found: whether the slopes show the edge of a contact; evidence: in words; x, y, depth: of the deepest
     point. area, volume, centroid (x, y): of the contact if one is found, else of what is deeper than half the
@@ -254,18 +256,29 @@ def _half_depth(dent: Dent, evidence: str) -> Contact:
     slope = np.hypot(*dent.slopes)
     rise = np.maximum(slope, 1e-12) * dent.pitch
 
-    def member(level: float) -> Floats:
-        share: Floats = np.where(dent.inside, np.clip(0.5 + (dent.z - level) / rise, 0.0, 1.0), 0.0)
+    def member(level: float, z: Floats = dent.z) -> Floats:
+        share: Floats = np.where(dent.inside, np.clip(0.5 + (z - level) / rise, 0.0, 1.0), 0.0)
         return share
+
+    def moved(mode: Floats) -> Floats:
+        """What a mode does to area and volume: the rim and the level move with it."""
+        sides = []
+        for step in (_STEP, -_STEP):
+            z = dent.z + step * mode
+            cells_in = member(0.5 * (depth + step * mode[dent.peak]), z) * dent.cell
+            sides.append([cells_in.sum(), cells_in @ z])
+        change: Floats = np.subtract(*sides) / (2 * _STEP)
+        return change
 
     half = member(0.5 * depth)
     area = float(np.sum(half * dent.cell))
     rim = dent.inside & (np.abs(dent.z - 0.5 * depth) < rise)
-    error = float(np.median(dent.sigma[rim])) if rim.any() else depth_sigma
-    error = float(np.hypot(error, 0.5 * depth_sigma))
+    noise = float(dent.sigma[dent.peak])
+    error = float(np.hypot(np.median(dent.sigma[rim]) if rim.any() else noise, 0.5 * noise))
     shifted = [float(np.sum(member(0.5 * depth + by) * dent.cell)) for by in (-error, error)]
-    area_sigma = 0.5 * abs(shifted[0] - shifted[1])
-    volume, common = _volume(dent, half, area)
+    area_noise = 0.5 * abs(shifted[0] - shifted[1])
+    rig = np.linalg.norm(np.array([moved(mode) for mode in dent.modes]).reshape(-1, 2), axis=0)
+    volume, common = _volume(replace(dent, modes=dent.modes[:0]), half, area)
     weight = half * dent.cell / max(area, 1e-300)
     centroid = float(np.sum(weight * dent.x)), float(np.sum(weight * dent.y))
     at_rim = float(np.median(slope[rim])) if rim.any() else 0.0
@@ -277,9 +290,9 @@ def _half_depth(dent: Dent, evidence: str) -> Contact:
         depth=depth,
         depth_sigma=depth_sigma,
         area=area,
-        area_sigma=area_sigma,
+        area_sigma=float(np.hypot(area_noise, rig[0])),
         volume=volume,
-        volume_sigma=float(np.hypot(common, 0.5 * depth * area_sigma)),
+        volume_sigma=float(np.linalg.norm([common, 0.5 * depth * area_noise, rig[1]])),
         centroid=centroid,
         centroid_sigma=error / at_rim if at_rim > 0 else float("nan"),
         edge=np.empty((0, 2)),
@@ -290,7 +303,8 @@ def _depth(dent: Dent) -> tuple[float, float]:
     """Height of the deepest point and its sigma: the top of a paraboloid through the pixels around it where
     one fits, else of the deepest pixel.
     """
-    z, sigma = float(dent.z[dent.peak]), float(dent.sigma[dent.peak])
+    z = float(dent.z[dent.peak])
+    sigma = float(np.linalg.norm([dent.sigma[dent.peak], *dent.modes[:, dent.peak]]))
     dx, dy = dent.x - dent.x[dent.peak], dent.y - dent.y[dent.peak]
     near = np.hypot(dx, dy) < 3.2 * dent.pitch
     if np.count_nonzero(near) < 12:
@@ -308,10 +322,11 @@ def _depth(dent: Dent) -> tuple[float, float]:
 
 
 def _volume(dent: Dent, member: Floats, area: float) -> tuple[float, float]:
-    """Volume over an area, and what the height's error adds if it is common to all of it."""
-    weight = member * dent.cell
-    total = max(float(weight.sum()), 1e-300)
-    return area * float(np.sum(weight * dent.z)) / total, area * float(np.sum(weight * dent.sigma)) / total
+    """Volume over an area, and what errors of the height add: noise as if it were common to all of it, and
+    the rig's modes."""
+    weight = area * member * dent.cell / max(float((member * dent.cell).sum()), 1e-300)
+    sigma = float(np.linalg.norm([weight @ dent.sigma, *(dent.modes @ weight)]))
+    return float(weight @ dent.z), sigma
 
 
 def _indenter(dent: Dent, inside: Mask) -> tuple[float, float]:
@@ -323,7 +338,8 @@ def _indenter(dent: Dent, inside: Mask) -> tuple[float, float]:
     terms: Floats = np.stack([np.cos(phi), np.sin(phi), dent.r[inside]], axis=1) * w[:, None]
     covariance = np.linalg.inv(terms.T @ terms)
     k = float(-(covariance @ (terms.T @ (slope * w)))[2])
-    k_sigma = float(np.sqrt(covariance[2, 2]))
+    modes = covariance @ terms.T @ ((dent.slope_modes * dent.direction).sum(axis=1)[:, inside] * w).T
+    k_sigma = float(np.linalg.norm([np.sqrt(covariance[2, 2]), *modes[2]]))
     if abs(k) < 2 * k_sigma:
         return float("inf"), float("nan")
     return 1.0 / k, k_sigma / k**2

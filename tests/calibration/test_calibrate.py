@@ -286,7 +286,7 @@ def test_bad_captures_are_one_line(name: str, told: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.slow  # minutes: every start of the adjustment is tried
+@pytest.mark.slow  # half a minute: the adjustment does not converge
 def test_a_ball_that_is_none() -> None:
     rig = prisms(7, 1)
     rest, ball = rig.observations

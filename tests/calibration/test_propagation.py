@@ -10,8 +10,16 @@ from optolever import InputError
 from optolever.calibration import calibrate
 from optolever.calibration.rigs import Rig, correspondence_of, open_air, prism
 from optolever.decode import Correspondence
-from optolever.reconstruct import HeightMap, PointAnchor, reconstruct
-from optolever.scene import Covariance, Scene, adjusted, load, parameter_values, trace
+from optolever.reconstruct import (
+    Contact,
+    HeightMap,
+    PointAnchor,
+    SlopeMap,
+    contacts,
+    reconstruct,
+    slope_map,
+)
+from optolever.scene import Covariance, Scene, adjusted, dent, load, parameter_values, resize, trace
 
 
 @pytest.fixture(scope="module")
@@ -106,3 +114,45 @@ def test_heights_of_a_calibrated_rig_in_open_air() -> None:
     ratio = np.sqrt(np.mean(error**2) / np.mean(height.total_sigma[height.good] ** 2))
     assert 0.05 < ratio < 3
     assert height.calibration_sigma[height.good].max() > 3 * height.sigma[height.good].max()
+
+
+@pytest.mark.parametrize("kind", ["gaussian", "ball"])
+def test_figures_and_slopes_hold_the_rig(kind: str) -> None:
+    """Standard deviations of a dent's figures and slopes against rigs that are wrong by each row of the
+    covariance's root, measured anew."""
+    if kind == "gaussian":
+        truth = resize(load("prism48"), 150, 200)
+        surface = dent("gaussian", truth, peak=0.3, sigma=7.0)
+    else:  # Hertz: contact radius 20 mm
+        truth = resize(load("paper-simulation"), 128, 128)
+        surface = dent("ball", truth, peak=1.3, radius=400 / 1.3)
+    scene = uncalibrated(truth)
+    assert scene.covariance is not None
+    seen = trace(truth, surface)
+    noise = np.full(seen.u.shape, 1e-3)
+    flags = np.where(seen.visible, 0, 1).astype(np.uint16)
+    given = Correspondence(seen.u, seen.v, noise, noise, flags=flags)
+
+    def measured(by: Scene) -> tuple[Contact, SlopeMap]:
+        height = reconstruct(given, by)
+        slopes = slope_map(height, given, by)
+        return contacts(height, slopes)[0], slopes
+
+    (plain, flat), (figures, slopes) = measured(truth), measured(scene)
+    own, step = parameter_values(truth), 0.2
+    squares = dict.fromkeys(("depth", "volume", "area", "indenter_radius"), 0.0)
+    turned = np.zeros((2, *seen.u.shape))
+    for row in scene.covariance.root:
+        change = zip(scene.covariance.names, row, strict=True)
+        moved, other = measured(adjusted(truth, {name: own[name] + step * by for name, by in change}))
+        for name in squares:
+            squares[name] += ((getattr(moved, name) - getattr(plain, name)) / step) ** 2
+        turned += (np.stack([other.slope_x - flat.slope_x, other.slope_y - flat.slope_y]) / step) ** 2
+    assert plain.found == (kind == "ball")
+    names = ["depth", "volume", "area"] if kind == "gaussian" else ["depth", "indenter_radius"]
+    for name in names:
+        both, alone = (getattr(each, f"{name}_sigma") for each in (figures, plain))
+        assert np.sqrt(both**2 - alone**2) == pytest.approx(np.sqrt(squares[name]), rel=0.2), name
+    for predicted, alone, square in zip(slopes.total_sigma, flat.total_sigma, turned, strict=True):
+        ratio = np.sqrt(predicted**2 - alone**2) / np.sqrt(square)
+        assert np.nanmedian(ratio) == pytest.approx(1, abs=0.02)
