@@ -267,7 +267,7 @@ def _half_depth(dent: Dent, evidence: str) -> Contact:
             z = dent.z + step * mode
             cells_in = member(0.5 * (depth + step * mode[dent.peak]), z) * dent.cell
             sides.append([cells_in.sum(), cells_in @ z])
-        change: Floats = np.subtract(*sides) / (2 * _STEP)
+        change: Floats = (np.array(sides[0]) - np.array(sides[1])) / (2 * _STEP)
         return change
 
     half = member(0.5 * depth)
