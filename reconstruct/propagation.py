@@ -77,8 +77,10 @@ def _modes(solve: Solver, measured: Measurement, scene: Scene, step: int) -> Flo
         values = {name: own[name] + moved for name, moved in zip(names, change, strict=True)}
         return solve(measured, strided(adjusted(scene, values), step), start)
 
-    before = height(np.zeros(len(names)))
-    return np.stack([(height(_STEP * row, before).z - before.z) / _STEP for row in scene.covariance.root])
+    first = height(np.zeros(len(names)))
+    # what further steps from there would still change is no mode
+    own_z = height(np.zeros(len(names)), first).z
+    return np.stack([(height(_STEP * row, first).z - own_z) / _STEP for row in scene.covariance.root])
 
 
 def _interpolated(coarse: Floats, step: int, known: NDArray[np.bool_]) -> NDArray[np.float32]:
