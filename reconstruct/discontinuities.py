@@ -68,19 +68,19 @@ def edge_doubt(
     """
     if quick and suspects is None and _smooth(p, q, var_p, var_q, mask, noise):
         return None
-    dx, plain_x, sure_x, bend_x = _axis(p, var_p, mask, 0, 1, noise)
-    dy, plain_y, sure_y, bend_y = _axis(q, var_q, mask, 1, 0, noise)
+    dx, plain_x, sure_x, curve_x = _axis(p, var_p, mask, 0, 1, noise)
+    dy, plain_y, sure_y, curve_y = _axis(q, var_q, mask, 1, 0, noise)
     blamed = suspects is not None and bool(suspects.any())
-    bends = bool((bend_x > 0).any() or (bend_y > 0).any())
+    curves = bool((curve_x > 0).any() or (curve_y > 0).any())
     sure, doubtful = sure_x | sure_y, (dx > 0) | (dy > 0)
-    if not (blamed or bends or sure.any()) and np.count_nonzero(doubtful) < _CHAIN:
+    if not (blamed or curves or sure.any()) and np.count_nonzero(doubtful) < _CHAIN:
         return None
     parts, count = scipy.ndimage.label(doubtful, structure=np.ones((3, 3)))
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
     long = (sizes >= _CHAIN)[parts]
     sure |= long
-    if not (blamed or bends or sure.any()):
+    if not (blamed or curves or sure.any()):
         return None
     found = np.zeros(count + 1, dtype=np.bool_)
     found[parts[sure]] = True
@@ -91,9 +91,9 @@ def edge_doubt(
         for doubt, plain in ((dx, plain_x), (dy, plain_y))
     )
     lines = scipy.ndimage.maximum_filter(long, _BESIDE)
-    own = np.maximum(dx, bend_x), np.maximum(dy, bend_y)
+    own = np.maximum(dx, curve_x), np.maximum(dy, curve_y)
     wide_x, wide_y = _beside(dx, var_p, lines), _beside(dy, var_q, lines)
-    wide = np.maximum(wide_x, bend_x), np.maximum(wide_y, bend_y)
+    wide = np.maximum(wide_x, curve_x), np.maximum(wide_y, curve_y)
     if suspects is not None and blamed:
         curls = np.where(suspects, _BLAME * _largest_curl(p, q, mask), 0.0)
         own, wide = _blamed(own, curls), _blamed(wide, curls)
@@ -159,14 +159,14 @@ def _smooth(p: Floats, q: Floats, var_p: Floats, var_q: Floats, mask: Mask, nois
 def _axis(
     f: Floats, variance: Floats, mask: Mask, di: int, dj: int, noise: float
 ) -> tuple[Floats, Floats, Mask, Floats]:
-    """Doubts beyond the noise, doubts whatever the noise, where they are beyond any noise;
-    and what cubics miss of a curve, and edges of the trapezoid rule of the curves that others nearby see.
+    """Doubts beyond the noise, doubts whatever the noise, where they are beyond any noise; and what cubics
+    miss of a curve.
     """
-    out, plain, most, bend, curve = (np.zeros(f.shape) for _ in range(5))
-    sure, short = np.zeros((2, *f.shape), dtype=np.bool_)
+    out, plain, most, curve = (np.zeros(f.shape) for _ in range(4))
+    sure = np.zeros(f.shape, dtype=np.bool_)
     over_image(
         lambda start, stop: _doubt(
-            f, variance, mask, di, dj, noise, out, plain, most, bend, curve, sure, short, start, stop
+            f, variance, mask, di, dj, noise, out, plain, most, curve, sure, start, stop
         ),
         f.shape,
     )
@@ -179,17 +179,11 @@ def _axis(
         for doubt in (out, plain):
             doubt[kink] = np.maximum(doubt, _KINK * most)[kink]
         sure |= kink
-    if short.any():
-        bend = np.where(short, scipy.ndimage.maximum_filter(bend, _NEAR), 0.0)
-        bend[bend < _FEEBLE * np.sqrt(variance)] = 0.0
-    else:
-        bend[...] = 0.0
     if curve.any():
         # noise makes such edges one by one, a curve side by side
         beside = np.array([[1, 0, 1]]) if dj else np.array([[1], [0], [1]])
         curve *= scipy.ndimage.maximum_filter(curve, footprint=beside) > 0
-        bend = np.maximum(bend, curve)
-    return out, plain, sure, bend
+    return out, plain, sure, curve
 
 
 def widened(doubt: Doubt, bridged: Mask) -> Doubt:
@@ -217,18 +211,6 @@ def touched(doubt: Doubt) -> Mask:
     pixels[:, 1:] |= doubt[0][:, :-1] > 0
     pixels[1:] |= doubt[1][:-1] > 0
     return pixels
-
-
-@inlined
-def _trapezoid(mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-def]
-    """Whether `edges.stencil` finds fewer than four neighbours in a row."""
-    back = before >= 1 and mask[i - di, j - dj]
-    ahead = after >= 2 and mask[i + 2 * di, j + 2 * dj]
-    if back and ahead:
-        return False
-    if ahead and after >= 3 and mask[i + 3 * di, j + 3 * dj]:
-        return False
-    return not (back and before >= 2 and mask[i - 2 * di, j - 2 * dj])
 
 
 @inlined
@@ -307,7 +289,7 @@ def _edge(f, var, mask, i, j, di, dj, before, after, scale):  # type: ignore[no-
 
 
 @exact
-def _doubt(f, var, mask, di, dj, scale, out, plain, most, bend, curve, sure, short, start, stop):  # type: ignore[no-untyped-def]
+def _doubt(f, var, mask, di, dj, scale, out, plain, most, curve, sure, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = f.shape
     for i in range(start, stop):
         for j in range(cols):
@@ -315,9 +297,6 @@ def _doubt(f, var, mask, di, dj, scale, out, plain, most, bend, curve, sure, sho
             if i1 >= rows or j1 >= cols or not mask[i, j] or not mask[i1, j1]:
                 continue
             before, after = (i, rows - 1 - i) if di == 1 else (j, cols - 1 - j)
-            short[i, j] = _trapezoid(mask, i, j, di, dj, before, after)
-            centre = stencil(f, mask, i, j, di, dj, before, after)
-            bend[i, j] = abs(centre - 0.5 * (f[i, j] + f[i1, j1]))
             curve[i, j] = _curve(f, var, mask, i, j, di, dj, before, after)
             least, whatever, certain, largest = _edge(f, var, mask, i, j, di, dj, before, after, scale)
             if np.isfinite(whatever):

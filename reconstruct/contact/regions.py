@@ -6,7 +6,7 @@ depth, and a tenth of it is reached at four times the radius. So the edge is loo
 evidence says so.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -129,18 +129,15 @@ def _contact(dent: Dent) -> Contact:
 
 def _steepest(dent: Dent) -> Floats:
     """Radius of the steepest descent in every of _GUESSES directions, mm."""
-    r, sector = dent.r, _sector(dent.phi, _GUESSES)
-    slope, sigma = dent.radial
     found = np.full(_GUESSES, np.nan)
-    for k in range(_GUESSES):
-        pick = sector == k
-        if not (pick & dent.inside).any():
+    for k, (r, slope, sigma, inside) in enumerate(_sectors(dent, _GUESSES)):
+        if not inside.any():
             continue
-        pick &= r < 1.2 * r[pick & dent.inside].max()
-        ring = (r[pick] / (1.5 * dent.pitch)).astype(np.intp)
+        near = r < 1.2 * r[inside].max()
+        ring = (r[near] / (1.5 * dent.pitch)).astype(np.intp)
         count = np.bincount(ring)
-        mean = np.bincount(ring, slope[pick]) / np.maximum(count, 1)
-        noise = np.sqrt(np.bincount(ring, sigma[pick] ** 2)) / np.maximum(count, 1)
+        mean = np.bincount(ring, slope[near]) / np.maximum(count, 1)
+        noise = np.sqrt(np.bincount(ring, sigma[near] ** 2)) / np.maximum(count, 1)
         found[k] = (np.argmin(np.where(count > 0, mean + 2.0 * noise, np.inf)) + 0.5) * 1.5 * dent.pitch
     found = np.where(np.isfinite(found), found, np.nanmedian(found))
     smooth: Floats = scipy.ndimage.median_filter(found, size=5, mode="wrap")
@@ -167,14 +164,10 @@ def _edges(dent: Dent, guesses: Floats, sharp: bool) -> list[SectorEdge | None]:
     size = np.median(guesses) / dent.pitch
     count = int(np.clip(min(2 * np.pi * size / _SECTOR, size**2 / _POPULATED), *_SECTORS))
     around = np.interp(_angles(count), _angles(guesses.size), guesses, period=2 * np.pi)
-    r, sector = dent.r, _sector(dent.phi, count)
-    slope, sigma = dent.radial
-    found = []
-    for k in range(count):
-        pick = np.flatnonzero(sector == k)
-        pick = pick[np.argsort(r[pick])]
-        found.append(fit_edge(Profile(r[pick], slope[pick], sigma[pick], dent.pitch), around[k], sharp))
-    return found
+    return [
+        fit_edge(Profile(r, slope, sigma, dent.pitch), guess, sharp)
+        for (r, slope, sigma, _), guess in zip(_sectors(dent, count), around, strict=True)
+    ]
 
 
 def _polar(edges: Sequence[SectorEdge | None]) -> tuple[Floats, Floats]:
@@ -351,6 +344,11 @@ def _angles(count: int) -> Floats:
     return middles
 
 
-def _sector(phi: Floats, count: int) -> NDArray[np.intp]:
-    sector: NDArray[np.intp] = ((phi + np.pi) / (2 * np.pi) * count).astype(np.intp) % count
-    return sector
+def _sectors(dent: Dent, count: int) -> Iterator[tuple[Floats, Floats, Floats, Mask]]:
+    """Radius, radial slope, its sigma and whether inside, of every sector's pixels, sorted by radius."""
+    sector = ((dent.phi + np.pi) / (2 * np.pi) * count).astype(np.intp) % count
+    order = np.lexsort((dent.r, sector))
+    ends = np.searchsorted(sector[order], np.arange(1, count))
+    slope, sigma = dent.radial
+    fields = (np.split(part[order], ends) for part in (dent.r, slope, sigma, dent.inside))
+    return zip(*fields, strict=True)
