@@ -1,6 +1,7 @@
 """`optolever calibrate`: from captures to a rig that `reconstruct` takes; what is refused."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from optolever.calibration.rigs import Rig, correspondence_of, open_air
 from optolever.reconstruct import HeightMap
-from optolever.scene import load
+from optolever.scene import Covariance, load
 
 from .conftest import Program
 
@@ -101,3 +102,45 @@ def test_bad_input_is_one_line(
     assert told in outcome.err
     assert len(outcome.err.strip().splitlines()) == 1
     assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("small", "the scene's camera has"), ("dark", "mirror in view"), ("again", "the same pose twice")],
+)
+def test_captures_that_do_not_fit_are_one_line(
+    rig: tuple[Rig, Path], name: str, told: str, tmp_path: Path, optolever: Program
+) -> None:
+    given, folder = rig
+    c = given.observations[1].correspondence
+    if name == "small":
+        c = type(c)(*(part[1:] for part in (c.u, c.v, c.sigma_u, c.sigma_v)), flags=c.flags[1:])
+    if name == "dark":
+        c = replace(c, flags=np.ones_like(c.flags))
+    c.save(tmp_path / f"{name}.npz")
+    flats = [f"flat={folder}/flat{k}.npz" for k in range(3)]
+    out = tmp_path / "rig.toml"
+    scene = ("--scene", str(folder / "given.toml"), "--out", str(out))
+    outcome = optolever("calibrate", *flats, f"flat={tmp_path / name}.npz", *scene)
+    assert outcome.code == 2
+    assert f"capture '{name}'" in outcome.err or f"and '{name}'" in outcome.err
+    assert told in outcome.err
+    assert len(outcome.err.strip().splitlines()) == 1
+    assert not out.exists()
+
+
+def test_a_covariance_that_is_not_positive_is_one_line(
+    rig: tuple[Rig, Path], tmp_path: Path, optolever: Program
+) -> None:
+    given, folder = rig
+    known = Covariance(("pattern.x", "pattern.z"), np.eye(2))
+    replace(given.given, covariance=known).save(tmp_path / "rig.toml")
+    file = tmp_path / "rig.calibration.npz"
+    arrays = dict(np.load(file))
+    np.savez(file, **(arrays | {"matrix": np.array([[1.0, 2.0], [2.0, 1.0]])}))
+    words = (str(folder / "flat0.npz"), "--scene", str(tmp_path / "rig.toml"))
+    outcome = optolever("reconstruct", *words, "--out", str(tmp_path / "h.npz"))
+    assert outcome.code == 2
+    assert "rig.calibration.npz" in outcome.err
+    assert "not positive" in outcome.err
+    assert len(outcome.err.strip().splitlines()) == 1
