@@ -18,7 +18,7 @@ from .observability import Direction, directions, notices
 from .observation import Observation, Sample, frame_of, sampled
 from .priors import GAUGE, is_pose, resolved
 from .start import open_air_start
-from .targets import Ball, Flat, Points, Rest
+from .targets import Ball, Flat, Plate, Points, Rest
 
 __all__ = ["Calibration", "calibrate", "left_out"]
 
@@ -91,11 +91,26 @@ class Calibration:
         named = zip(problem.samples, problem.data(self.adjustment.values), strict=False)
         return {s.name: (s.row, s.col, rows[: len(s.row)], rows[len(s.row) :]) for s, rows in named}
 
+    @property
+    def decoded(self) -> dict[str, float]:
+        """Per capture: share of the image that is decoded (and in its mask)."""
+        return {each.name: float(each.usable.mean()) for each in self.observations}
+
+    @property
+    def tilts(self) -> dict[str, float]:
+        """Per flat or plate: its tilt against the frame's mirror, degrees."""
+        values = self.adjustment.problem.named(self.adjustment.values)
+        posed = [each.name for each in self.observations if isinstance(each.target, Flat | Plate)]
+        slopes = {n: [values.get(f"{n}.{key}", 0.0) for key in ("tilt_x", "tilt_y")] for n in posed}
+        return {name: math.degrees(math.atan(math.hypot(*slope))) for name, slope in slopes.items()}
+
     def to_dict(self) -> dict[str, Any]:
         """As plain types."""
         return {
             "chi": self.adjustment.chi,
             "captures": self.adjustment.chis,
+            "decoded": self.decoded,
+            "tilts_deg": self.tilts,
             "evaluations": self.adjustment.evaluations,
             "start": "preset" if self.guessed else "without a guess",
             "parameters": self.parameters,

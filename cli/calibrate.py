@@ -137,11 +137,12 @@ def _show(found: "Calibration", numbers: dict[str, Any], out: Path) -> None:
     ]
     grid("Numbers (mm, rad, px)", ("name", "value", "sigma", "prior sigma"), rows)
     beside = numbers.get("left_out", {})
-    shown = {name: number(chi) for name, chi in numbers["captures"].items()}
-    shown = {
-        n: f"chi {chi}" + (f", left out {number(beside[n])}" if n in beside else "")
-        for n, chi in shown.items()
-    }
+    shown = {}
+    for name, chi in numbers["captures"].items():
+        parts = [f"chi {number(chi)}", f"{100 * numbers['decoded'][name]:.0f} % of the image"]
+        parts += [f"tilt {numbers['tilts_deg'][name]:.1f} degrees"] if name in numbers["tilts_deg"] else []
+        parts += [f"left out {number(beside[name])}"] if name in beside else []
+        shown[name] = ", ".join(parts)
     rest = {"chi": number(numbers["chi"]), "start": numbers["start"], "time": number(numbers["seconds"], "s")}
     table(f"Rig in {out}", shown | rest)
 

@@ -46,6 +46,10 @@ def test_from_captures_to_heights_with_modes(
     found = json.loads(numbers.read_text())
     assert set(found["captures"]) == {"flat0", "flat1", "flat2"}
     assert found["start"] == "without a guess"
+    assert found["tilts_deg"]["flat0"] == 0
+    assert all(2.9 < found["tilts_deg"][f"flat{k}"] < 8.1 for k in (1, 2))  # as `open_air` draws them
+    assert all(share > 0.5 for share in found["decoded"].values())
+    assert "of the image, tilt" in outcome.out
     scene = load(out)
     assert scene.covariance is not None
     assert (tmp_path / "rig.calibration.npz").is_file()
