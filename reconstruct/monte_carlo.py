@@ -54,7 +54,7 @@ def _drawn(
     data: Measured, state: State, labels: Labels, load: Floats, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
     """Answers (rows, cols) of the solution and of the rectangle to one draw of noise, and of what is in doubt
-    of the edges where the solve does not go around it (a march).
+    of the edges: STEEP is what a path costs beyond both, as a rough mirror has doubts everywhere.
     """
     mask, rows = data.mask, state.rows
     p, q = data.slopes(state.w)[:2]
@@ -64,7 +64,7 @@ def _drawn(
     noisy_p, noisy_q = data.shifted(du, dv).slopes(state.w)[:2]
     slopes = np.where(mask, noisy_p - p, 0.0), np.where(mask, noisy_q - q, 0.0)
     doubts = None
-    if state.doubt is not None and state.problem.weights is None:
+    if state.doubt is not None:
         dx, dy = state.doubt[:2]
         doubts = dx * rng.standard_normal(mask.shape), dy * rng.standard_normal(mask.shape)
     edges = edge_errors(data, state, slopes, doubts)
