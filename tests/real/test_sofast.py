@@ -216,3 +216,19 @@ def test_free_form_solve(real: Path, rig: SofastRig, on_plane: Correspondence) -
     assert np.sqrt(np.mean(error**2)) < 2e-6  # asked for: 5 microradian rms and 30 at most
     assert np.abs(error).max() < 30e-6
     assert np.sqrt(np.mean(edge_defects(height, on_plane, rig, use) ** 2)) < 0.5e-3
+
+
+@pytest.mark.parametrize("group", ["Camera", "DisplayShape", "SpatialOrientation", "DataSofastInput"])
+def test_an_input_of_sofast_alone_is_refused_by_what_it_lacks(
+    real: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], group: str
+) -> None:
+    """SOFAST keeps camera, display, orientation and facet in files of their own, too; none is a rig."""
+    alone = tmp_path / f"{group}.h5"
+    with h5py.File(real / "sofast_facet/data_expected_facet.h5") as file, h5py.File(alone, "w") as part:
+        file.copy(group, part)
+    given = tmp_path / "c.npz"
+    Correspondence(*np.ones((4, 8, 8)), flags=np.zeros((8, 8), np.uint16)).save(given)
+    assert run(["reconstruct", str(given), "--scene", str(alone), "--out", str(tmp_path / "h.npz")]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert f"{alone}: field '" in line
+    assert "is missing" in line
