@@ -98,8 +98,8 @@ def seed_option(command: Command) -> Command:
 
 def renderer_option(command: Command) -> Command:
     """--renderer."""
-    kind = click.Choice(["auto", "gl", "numpy"])
-    text = "auto: OpenGL where there is a context, else NumPy."
+    kind = click.Choice(["auto", "gl", "numpy", "rays"])
+    text = "auto: OpenGL where there is a context, else NumPy; rays: 36 a pixel, where mirrors bend in it."
     return click.option("--renderer", type=kind, default="auto", show_default=True, help=text)(command)
 
 

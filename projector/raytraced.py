@@ -22,12 +22,12 @@ from scipy.special import ndtr
 from optolever.blocks import over_rows
 from optolever.kernels import exact
 from optolever.patterns import Sequence
-from optolever.scene import Camera, Scene, Sensor, Surface, Trace, trace
+from optolever.scene import Camera, Scene, Sensor, Surface, Trace, scene_window, trace
 
 from .electronics import FrameElectronics
 from .groups import FrameGroup, frame_groups
 
-__all__ = ["AreaTrace", "Lighting", "area_frames", "area_light", "expose", "trace_area"]
+__all__ = ["AreaTrace", "Lighting", "RayOptics", "area_frames", "area_light", "expose", "trace_area"]
 
 Float = NDArray[np.float64]
 Light = NDArray[np.float32]
@@ -35,6 +35,7 @@ Light = NDArray[np.float32]
 _REACH = 5.0  # the blur is cut off here, in units of its rms: 6e-7 of the light
 _FINE = 128  # places in a cell at which the blurred light is tabulated; in between it is interpolated
 _BLOCK = 1024  # pixels at a time per thread
+_TRACED = 1 << 14  # pixels whose rays are held at a time
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +141,37 @@ def area_light(seen: AreaTrace, sequence: Sequence, lighting: Lighting | None = 
         else:
             light[list(group.indices)] = np.moveaxis(_look_up(seen, group, weight), -1, 0)
     return light
+
+
+class RayOptics:
+    """Light on the camera's pixels for the virtual sensor; see optics_numpy.NumpyOptics."""
+
+    def __init__(self, scene: Scene, sequence: Sequence) -> None:
+        self._scene, self._sequence = scene, sequence
+
+    def load(self, surface: Surface) -> Surface:
+        """The surface in the form that `render` takes."""
+        return surface
+
+    def unload(self, surface: Surface) -> None:
+        """Nothing is held for a surface."""
+
+    def release(self) -> None:
+        """Nothing is held."""
+
+    def render(
+        self, surface: Surface, start: int, stop: int, frame: int | None = None
+    ) -> list[tuple[int, Light]]:
+        """(frame index, light (stop - start, W) float32) of all frames, or of one."""
+        indices = range(len(self._sequence)) if frame is None else (frame,)
+        shown = replace(self._sequence, frames=tuple(self._sequence.frames[index] for index in indices))
+        cols = self._scene.camera.cols
+        light = np.empty((len(shown), stop - start, cols), np.float32)
+        step = max(1, _TRACED // cols)
+        for row in range(start, stop, step):
+            window = scene_window(self._scene, row, 0, min(step, stop - row), cols)
+            light[:, row - start : row - start + step] = area_light(trace_area(window, surface), shown)
+        return list(zip(indices, light, strict=True))
 
 
 def area_frames(

@@ -21,11 +21,13 @@ from .electronics import NOMINAL_SENSOR, FrameElectronics, flicker_factor
 from .groups import frame_groups
 from .optics_gl import GLOptics
 from .optics_numpy import NumpyOptics
+from .raytraced import RayOptics
 
 __all__ = ["RENDERERS", "VirtualSensor", "capture", "chosen_renderer"]
 
-#: What draws the light: OpenGL where there is a context, OpenGL, NumPy in float64.
-RENDERERS = ("auto", "gl", "numpy")
+#: What draws the light: OpenGL where there is a context, OpenGL, NumPy in float64; these two take a pixel's
+#: footprint for a parallelogram, the last one averages 36 rays, for maps that bend inside of a pixel.
+RENDERERS = ("auto", "gl", "numpy", "rays")
 
 _STRIP = 1 << 19  # pixels of a frame whose light is held at a time
 
@@ -84,10 +86,10 @@ def capture(
 
 
 def chosen_renderer(renderer: str) -> str:
-    """'gl' or 'numpy'; 'auto' is 'gl' where there is a context. InputError for 'gl' without one."""
+    """'gl', 'numpy' or 'rays'; 'auto' is 'gl' where there is a context. InputError for 'gl' without one."""
     if renderer not in RENDERERS:
         raise InputError(f"renderer: {renderer!r}, must be one of {', '.join(RENDERERS)}")
-    if renderer == "numpy":
+    if renderer in ("numpy", "rays"):
         return renderer
     try:
         context()
@@ -100,7 +102,7 @@ def chosen_renderer(renderer: str) -> str:
 
 def _fitting(chosen: str, asked: str, scene: Scene) -> str:
     """'numpy' in place of a GL that was not asked for and has no textures so wide; else as chosen."""
-    if chosen == "numpy":
+    if chosen != "gl":
         return chosen
     if scene.pattern.shape is not None:
         if asked == "gl":
@@ -119,7 +121,8 @@ class VirtualSensor:
     surface: the mirror's shape, or a callable t (s) -> Surface of a moving one; frame i is taken at t = i
     frame_s,
         and with a shutter averaged over `samples` instants of it.
-    renderer: 'gl', 'numpy' (float64, the reference), or 'auto', OpenGL where there is a context.
+    renderer: 'gl', 'numpy' (float64, the reference), 'rays' (36 of them over every pixel, where the map
+    bends inside of one), or 'auto', OpenGL where there is a context.
     noise: rms of Gaussian noise in 8-bit levels, added to the sensor's own; seed: of all noise, same on
     every machine. bits: of the camera (default: the scene's sensor). exposure: of each frame, relative to
     the sensor's. A scene without a sensor has NOMINAL_SENSOR: level = 16 + 216.75 light.
@@ -205,6 +208,8 @@ class VirtualSensor:
         self._optics.release()
 
     def _make_optics(self, renderer: str) -> _Optics:
+        if renderer == "rays":
+            return RayOptics(self._scene, self._sequence)
         groups = frame_groups(self._sequence, self._scene.display)
         if renderer == "gl":
             return GLOptics(self._scene, groups, self._strip)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from optolever.errors import InputError
+from optolever.projector import RENDERERS
 
 __all__ = ["Cell", "Grid", "grouped", "load_grid"]
 
@@ -141,8 +142,8 @@ def load_grid(path: str | Path) -> Grid:
 
 def _value(path: str | Path, name: str, value: Any) -> Any:
     if name == "renderer":
-        if value not in ("auto", "gl", "numpy"):
-            raise InputError(f"{path}: renderer is {value!r}, must be auto, gl or numpy")
+        if value not in RENDERERS:
+            raise InputError(f"{path}: renderer is {value!r}, must be one of {', '.join(RENDERERS)}")
         return value
     if name == "refresh":
         number = _number(path, name, value, above=True)

@@ -8,7 +8,15 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from optolever.patterns import Frame, Sequence
-from optolever.projector import AreaTrace, Lighting, area_frames, area_light, expose, trace_area
+from optolever.projector import (
+    AreaTrace,
+    Lighting,
+    VirtualSensor,
+    area_frames,
+    area_light,
+    expose,
+    trace_area,
+)
 from optolever.projector.raytraced import _look_up_two
 from optolever.scene import Scene, Sensor, dent, load, resize, trace
 
@@ -110,6 +118,18 @@ def test_pixels_at_the_border_see_a_part() -> None:
     beside = area_light(area, shown(area.scene))[0][~(area.visible | area.partly)]
     assert (beside < 0.5).all()
     assert (beside > 0).any()  # through the blur
+
+
+def test_the_virtual_sensor_by_rays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In strips and frame by frame, the frames of one trace of the whole area."""
+    monkeypatch.setattr("optolever.projector.raytraced._TRACED", 60)
+    scene = rig()
+    surface, sequence = dent("ridge", scene, angle_deg=30.0), shown(scene)
+    sensor = Sensor(offset=16.0, exposure=216.75 / 255)
+    whole = area_frames(trace_area(scene, surface), sequence, sensor)
+    with VirtualSensor(replace(scene, sensor=sensor), surface, sequence, renderer="rays") as virtual:
+        np.testing.assert_array_equal(virtual.capture().frames, whole)
+        np.testing.assert_array_equal(virtual.grab(3), whole[3])
 
 
 def test_lighting_dims_corners_and_the_display(flat: AreaTrace) -> None:
