@@ -20,7 +20,6 @@
 | `bit_levels`     | what cells show of bits behind a blur; posterior of pixels with weak bits               |
 | `lookup`, `lookup_tables` | any known levels: stripes, free grey values, codes within cells; tables |
 | `lookup_kernels`, `lookup_light` | its loops; rows of frames as it reads them                            |
-| `spread`         | how far a pixel sees, footprint and blur: the likeliest of its samples                  |
 | `spot_scan`, `spot_kernels` | a raster of spots, summed to two sweeps                                     |
 | `flags`          | flags, made once; maps that both axes share                                            |
 | `display`        | one model of what a display does: cell, footprint, blur; measured, taken off           |

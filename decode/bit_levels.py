@@ -9,27 +9,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import correlate1d
-from scipy.special import ndtr
+from scipy.stats import norm
 
 from optolever.kernels import exact, inlined
 
 from .unwrap import vanishing
 
-__all__ = [
-    "GROUP",
-    "WEAK",
-    "CodePlan",
-    "bits_in_groups",
-    "blurred_levels",
-    "fitted_levels",
-    "turned",
-    "weak_bits",
-]
+__all__ = ["WEAK", "CodePlan", "blurred_levels", "fitted_levels", "turned", "weak_bits"]
 
 F32 = NDArray[np.float32]
-#: Bits that are compared in one pass over a line.
-GROUP = 4
 #: Blurs that are tried, cells: a Gray code's finest bit keeps 3 % of its contrast behind the last one.
 _BLURS = np.arange(0.0, 1.8, 0.2)
 #: Pixels that tell a blur; fewer tell none.
@@ -45,10 +33,6 @@ class CodePlan(NamedTuple):
 
     frames (bits, 2): of each bit, least significant first, and its inverse, -1: not shown
     factor (bits,)  variance of a bit's difference over that of a sample
-    value, scale    of bits, filled up to whole groups by some that are sure, and one over the deviation that
-                    noise of 1 makes of their difference
-    counts          1 where a difference counts as large: that of pairs where these tell the amplitude, else
-                    of the others, which must not pass it
     ends            white, black; -1: not shown
     cells           word -> cell
     levels          (cells, bits) what a cell shows of a bit, -1..1; misfit2: variance that this leaves
@@ -58,9 +42,6 @@ class CodePlan(NamedTuple):
 
     frames: NDArray[np.int64]
     factor: F32
-    value: NDArray[np.int32]
-    scale: F32
-    counts: F32
     ends: NDArray[np.int64]
     cells: NDArray[np.int32]
     levels: F32
@@ -70,21 +51,16 @@ class CodePlan(NamedTuple):
     freedom: int
 
 
-def bits_in_groups(factor: F32, counts: NDArray[np.bool_]) -> tuple[NDArray[np.int32], F32, F32]:
-    """value, scale and counts of a CodePlan."""
-    more = (0, -len(factor) % GROUP)
-    value, scale = np.pad(1 << np.arange(len(factor)), more), np.pad(factor, more, constant_values=1) ** -0.5
-    return value.astype(np.int32), scale, np.pad(counts, more).astype(np.float32)
-
-
 def blurred_levels(words: NDArray[np.int32], bits: int, blur: float) -> F32:
     """Levels (cells, bits) at the centres of cells, black -1, white 1; words (cells,); blur in cells."""
     sharp = np.where((words[:, None] >> np.arange(bits)) & 1, 1.0, -1.0)
     if blur == 0:
         return sharp.astype(np.float32)
     reach = int(np.ceil(4 * blur))
-    weights = np.diff(ndtr((np.arange(-reach, reach + 2) - 0.5) / blur))
-    return np.asarray(correlate1d(sharp, weights / weights.sum(), axis=0, mode="nearest"), np.float32)
+    edges = norm.cdf((np.arange(-reach, reach + 2) - 0.5) / blur)
+    around = np.pad(sharp, ((reach, reach), (0, 0)), mode="edge")
+    weights = np.diff(edges) / (edges[-1] - edges[0])
+    return np.asarray(sum(w * around[i : i + len(sharp)] for i, w in enumerate(weights)), np.float32)
 
 
 def fitted_levels(words: NDArray[np.int32], margin: F32, variance: F32, factor: F32) -> tuple[F32, float]:

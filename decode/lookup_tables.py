@@ -6,55 +6,45 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.special import ndtr
 
 from optolever.errors import InputError
 from optolever.patterns import Sequence
 
-from .display import cell_light
 from .lookup_kernels import COARSE, LANES, PER_PX, SEARCH, SWEEP, Book
 from .noise import Noise
 from .plan import AxisPlan, Plan
 from .plan import plan as described
 
-__all__ = ["USUAL", "Pixel", "Table", "spread_of", "table_of"]
+__all__ = ["USUAL", "Table", "table_of"]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
-#: Footprint and blur (rms), pattern px.
-Pixel = tuple[float, float]
-#: A pixel of one cell and nearly no blur: what is assumed before anything is known.
-USUAL: Pixel = (1.0, 0.03)
-
-
-def spread_of(pixel: Pixel) -> float:
-    """Deviation (pattern px) of what a pixel sees."""
-    return math.hypot(pixel[0] / math.sqrt(12), pixel[1])
+#: Spread of a pixel of one cell, no blur: what is assumed before anything is known.
+USUAL = 12**-0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
-    """Known levels of one axis, as a pixel sees them.
+    """Known levels of one axis, as they are seen through `spread` (rms of footprint and blur, pattern px).
 
     way      SEARCH (any levels), SWEEP (stripes) or WITHIN (codes)
     book     codewords
-    cell     of the display's levels, pattern px; per: codewords per pattern px
     coarse   (M, P) unit codewords of a search; apart (P, 2) sine and cosine of the angle to the most similar
     one
     misfit2  variance of what the levels leave, over the squared amplitude
     noise    of the camera, as residuals tell it; None: it was known
-    unsure   relative error of the footprint: of the way to the cell's nearest edge, by which places are wrong
+    unsure   relative error of the spread: by as much of the way to the cell's nearest edge are places wrong
     """
 
     way: int
     book: Book
     coarse: F32
     apart: F64
-    pixel: Pixel
+    spread: float
     cell: float = 1.0
-    per: int = PER_PX
     misfit2: float = 0.0
     unsure: float = 0.0
     noise: Noise | None = None
@@ -64,29 +54,24 @@ class Table:
         """Degrees of freedom of chi2: samples of a codeword less offset, scale and place."""
         return int(self.book.freedom)
 
-    @property
-    def spread(self) -> float:
-        """Deviation (pattern px) of what a pixel sees."""
-        return spread_of(self.pixel)
-
 
 @lru_cache(maxsize=32)
-def _cached(sequence: Sequence, index: tuple[int, ...], axis: str, pixel: Pixel, per: int) -> tuple[F32, F32]:
-    """Words and angles of any levels at the places -1 + k / per."""
+def _cached(sequence: Sequence, index: tuple[int, ...], axis: str, spread: float) -> tuple[F32, F32]:
+    """Words and angles of any levels at the places -1 + k / PER_PX."""
     levels = sequence.tables()["uv".index(axis)][list(index)].astype(np.float64) / 255
     for k, i in enumerate(index):
         frame = sequence.frames[i]
         if frame.kind in ("white", "black"):
             levels[k] = float((frame.kind == "white") != frame.inverted)
-    return _words(_seen(levels, pixel, per, "edge" if sequence.nominal else "constant")[None])
+    return _words(_seen(levels, spread, "edge" if sequence.nominal else "constant")[None])
 
 
 @lru_cache(maxsize=8)
 def _similar(
-    sequence: Sequence, index: tuple[int, ...], axis: str, pixel: Pixel, reach: int
+    sequence: Sequence, index: tuple[int, ...], axis: str, spread: float, reach: int
 ) -> tuple[F32, F64]:
     """Coarse unit codewords (M, P), and sine and cosine of the angle to the most similar one elsewhere."""
-    words = _cached(sequence, index, axis, pixel, PER_PX)[0][0][:, : len(index)].astype(np.float64)
+    words = _cached(sequence, index, axis, spread)[0][0][:, : len(index)].astype(np.float64)
     length = np.sqrt(np.square(words).sum(axis=1))
     unit = words / np.maximum(length, 1e-3 * length.max() + 1e-12)[:, None]
     per = PER_PX // COARSE
@@ -108,53 +93,45 @@ def _similar(
     return np.ascontiguousarray(coarse.T), np.stack([np.sqrt(1 - cosine**2), cosine], axis=1)
 
 
-def table_of(
-    sequence: Sequence,
-    plan: Plan,
-    axis: AxisPlan,
-    way: int,
-    pixel: Pixel,
-    most: float = 0.0,
-    per: int = PER_PX,
-) -> Table:
-    """The table of an axis for a pixel and a way of its search; most: spread that a stripe's frames allow;
-    per: codewords per pattern pixel, of other tables than a stripe's."""
+def table_of(sequence: Sequence, plan: Plan, axis: AxisPlan, way: int, spread: float) -> Table:
+    """The table of an axis for a spread (pattern px) and a way of its search."""
     if way == SWEEP:
-        book = _sweep(sequence, axis.axis, pixel, max(most, spread_of(pixel)))
-        return Table(way, book, np.zeros((0, 0), np.float32), np.zeros((0, 2)), pixel)
+        return Table(
+            way, _sweep(sequence, axis.axis, spread), np.zeros((0, 0), np.float32), np.zeros((0, 2)), spread
+        )
     index = axis.frames() + tuple(i for i in (plan.white, plan.black) if i >= 0)
     if len(index) < 3:
         raise InputError(f"decode: axis {axis.axis} has {len(index)} frames, must have at least 3")
     cell = max(sequence.frames[i].cell_px for i in index)
     reach = math.ceil(1.5 * cell * PER_PX)
-    key = sequence, index, axis.axis, pixel
+    key = sequence, index, axis.axis, spread
     one, first = np.zeros(1, np.int64), np.array([-1.0])
-    book = Book(np.array(index), len(index), one, one, first, *_cached(*key, per), reach, len(index) - 3)
+    book = Book(np.array(index), len(index), one, one, first, *_cached(*key), reach, len(index) - 3)
     empty = np.zeros((len(index), 0), np.float32), np.zeros((0, 2))
-    return Table(way, book, *(_similar(*key, reach) if way == SEARCH else empty), pixel, cell, per)
+    return Table(way, book, *(_similar(*key, reach) if way == SEARCH else empty), spread, cell)
 
 
 @lru_cache(maxsize=32)
-def _sweep(sequence: Sequence, axis: str, pixel: Pixel, most: float) -> Book:
+def _sweep(sequence: Sequence, axis: str, spread: float) -> Book:
     """Raised cosines around each place of a sweep, of as many frames as one lights."""
     (stripes,) = (one.stripes for one in described(sequence).axes if one.axis == axis)
     assert stripes is not None
     at, count = stripes.at, len(stripes.at)
     pitch, gap = float(np.median(np.diff(at))), float(np.diff(at).max())
-    window = max(2, math.ceil((1.25 * stripes.width + 2 * most) / pitch))
+    window = max(2, math.ceil((1.25 * stripes.width + 2 * spread) / pitch))
     samples = 2 * min(window, (count - 1) // 2) + 1
     begin = np.clip(np.arange(count) - samples // 2, 0, count - samples)
-    half, beyond = math.ceil(1.25 * gap) + 1, math.ceil(4 * spread_of(pixel)) + 1
+    half, beyond = math.ceil(1.25 * gap) + 1, math.ceil(4 * spread) + 1
     first = np.rint(at).astype(np.float64) - half
     # stripes at equal steps from cells share a block
     away = at[begin[:, None] + np.arange(samples)] - first[:, None]
     away, block = np.unique(away, axis=0, return_inverse=True)
     place = np.arange(2 * half * PER_PX + 1) / PER_PX
-    cell = np.arange(-beyond, 2 * half + beyond + 1.0) if pixel[0] > 0 else place
+    cell = np.arange(-beyond, 2 * half + beyond + 1.0) if spread > 0 else place
     shown = np.abs(cell - away[:, :, None]) / stripes.width
     seen = np.where(shown < 1, 0.5 + 0.5 * np.cos(np.pi * np.minimum(shown, 1.0)), 0.0)
-    if pixel[0] > 0:
-        seen = seen @ cell_light(cell[:, None] - place, np.array(pixel[0]), pixel[1])
+    if spread > 0:
+        seen = seen @ _weight(cell[:, None] - place, spread)
     words, angles = _words(seen)
     return Book(
         *(stripes.index, samples, begin, block.ravel(), first),
@@ -162,14 +139,37 @@ def _sweep(sequence: Sequence, axis: str, pixel: Pixel, most: float) -> Book:
     )
 
 
-def _seen(levels: F64, pixel: Pixel, per: int, beyond: Any) -> F64:
-    """Levels (M, E) of cells as pixels at -1 + k / per see them, (M, (E + 1) per + 1)."""
-    reach = math.ceil(0.5 * pixel[0] + 4 * pixel[1]) + 1
-    around = np.pad(levels, ((0, 0), (reach + 1, reach + 2)), mode=beyond)
-    away = np.arange(-reach, reach + 2)[:, None] - np.arange(per) / per
-    light = cell_light(away, np.array(pixel[0]), pixel[1])
-    seen = sliding_window_view(around, len(light), axis=1) @ light
-    return np.asarray(seen.reshape(len(levels), -1)[:, : (levels.shape[1] + 1) * per + 1])
+def _weight(distance: F64, spread: float) -> F64:
+    """Share of a cell's light in what a pixel at a distance (pattern px) sees.
+
+    The cell through a footprint of up to a cell; a larger spread is a Gaussian blur besides. Differences of
+    the antiderivative t Phi(t / b) + b phi(t / b) of the normal distribution Phi.
+    """
+    width = min(max(spread * math.sqrt(12), 0.05), 1.0)
+    blur = math.sqrt(max(spread**2 - 1 / 12, 1e-6))
+
+    def integral(t: F64) -> F64:
+        z = t / blur
+        return np.asarray(t * ndtr(z) + blur / math.sqrt(2 * math.pi) * np.exp(-0.5 * z * z))
+
+    def edge(t: F64) -> F64:
+        return np.asarray((integral(t + 0.5 * width) - integral(t - 0.5 * width)) / width)
+
+    return edge(distance + 0.5) - edge(distance - 0.5)
+
+
+def _seen(levels: F64, spread: float, beyond: Any) -> F64:
+    """Levels (M, E) of cells as pixels at -1 + k / PER_PX see them, (M, (E + 1) PER_PX + 1)."""
+    extent, reach = levels.shape[1], math.ceil(4 * spread) + 1
+    around = np.pad(levels, ((0, 0), (reach + 2, reach + 2)), mode=beyond)
+    seen = np.zeros((len(levels), extent + 2, PER_PX))
+    for s in range(PER_PX):
+        for r in range(-reach, reach + 1):
+            # cell m + r - 1 of the place m - 1 + s / PER_PX
+            weight = float(_weight(np.array(r - s / PER_PX), spread))
+            if weight > 0:
+                seen[:, :, s] += weight * around[:, reach + 1 + r : reach + 1 + r + extent + 2]
+    return seen.reshape(len(levels), -1)[:, : (extent + 1) * PER_PX + 1]
 
 
 def _words(seen: F64) -> tuple[F32, F32]:
