@@ -110,10 +110,9 @@ class Measured:
         return found & self.mask
 
     def clearance(self, w: Floats) -> Floats:
-        """Distance from the mirror point at w to the pattern point, mm; NaN where u or v is no number."""
+        """Distance from the mirror point at w to the pattern point, mm; NaN where u or v is."""
         u, v = self._on_plane(w)
-        with np.errstate(invalid="ignore"):  # infinite ones, times an axis' zeros
-            seen = self.plane[0] + u[..., None] * self.plane[1] + v[..., None] * self.plane[2]
+        seen = self.plane[0] + u[..., None] * self.plane[1] + v[..., None] * self.plane[2]
         away: Floats = np.linalg.norm(np.moveaxis(seen, -1, 0) - self._points(w), axis=0)
         return away
 

@@ -155,7 +155,8 @@ def _window(
     c: Correspondence, rays: RayField, plane: Floats, valid: Mask, rows: slice, cols: slice
 ) -> Measured:
     u, v, sigma_u, sigma_v = (
-        np.ascontiguousarray(part[rows, cols], dtype=np.float64) for part in (c.u, c.v, c.sigma_u, c.sigma_v)
+        np.where(np.isfinite(part[rows, cols]), part[rows, cols], np.nan).astype(np.float64)
+        for part in (c.u, c.v, c.sigma_u, c.sigma_v)
     )
     for sigma in (sigma_u, sigma_v):  # exact data still carries the weights that the scene gives it
         np.maximum(sigma, _LEAST_SIGMA, out=sigma)

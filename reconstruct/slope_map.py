@@ -117,7 +117,8 @@ def slope_map(
         correspondence = rest_corrected(correspondence, rest, scene)
     plane, d = pattern_plane(scene), ray_field(scene.camera).inner_directions
     point = (height.x, height.y, height.z)
-    u, v = (np.asarray(part, dtype=np.float64) for part in (correspondence.u, correspondence.v))
+    known = np.isfinite(height.z)
+    u, v = (np.where(known, part, np.nan).astype(np.float64) for part in (correspondence.u, correspondence.v))
     if scene.pattern.shape is None:
         away = [plane[0, k] + u * plane[1, k] + v * plane[2, k] - point[k] for k in range(3)]
     else:
