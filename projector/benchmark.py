@@ -63,7 +63,7 @@ def measure_renderer(
     start = time.perf_counter()
     capture(sized, surface, seen, renderer=chosen, noise=1.0)
     captured = len(seen) / (time.perf_counter() - start)
-    name = str(context_info()) if chosen == "gl" else {"numpy": "NumPy", "rays": "rays"}[chosen]
+    name = str(context_info()) if chosen == "gl" else "NumPy"
     return RendererSpeed(rows, cols, chosen, name, drawn, read_back, captured)
 
 

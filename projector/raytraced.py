@@ -26,6 +26,7 @@ from optolever.scene import Camera, Scene, Sensor, Surface, Trace, scene_window,
 
 from .electronics import FrameElectronics
 from .groups import FrameGroup, frame_groups
+from .optics_numpy import HeldNowhere
 
 __all__ = ["AreaTrace", "Lighting", "RayOptics", "area_frames", "area_light", "expose", "trace_area"]
 
@@ -143,21 +144,11 @@ def area_light(seen: AreaTrace, sequence: Sequence, lighting: Lighting | None = 
     return light
 
 
-class RayOptics:
-    """Light on the camera's pixels for the virtual sensor; see optics_numpy.NumpyOptics."""
+class RayOptics(HeldNowhere):
+    """Light on the camera's pixels for the virtual sensor, relative to a fully lit, fully reflecting one."""
 
     def __init__(self, scene: Scene, sequence: Sequence) -> None:
         self._scene, self._sequence = scene, sequence
-
-    def load(self, surface: Surface) -> Surface:
-        """The surface in the form that `render` takes."""
-        return surface
-
-    def unload(self, surface: Surface) -> None:
-        """Nothing is held for a surface."""
-
-    def release(self) -> None:
-        """Nothing is held."""
 
     def render(
         self, surface: Surface, start: int, stop: int, frame: int | None = None

@@ -25,8 +25,8 @@ from .raytraced import RayOptics
 
 __all__ = ["RENDERERS", "VirtualSensor", "capture", "chosen_renderer"]
 
-#: What draws the light: OpenGL where there is a context, OpenGL, NumPy in float64; these two take a pixel's
-#: footprint for a parallelogram, the last one averages 36 rays, for maps that bend inside of a pixel.
+#: What draws the light: OpenGL where there is a context, OpenGL, NumPy in float64 (all of these take a
+#: pixel's footprint for a parallelogram), or the mean of 36 rays, for maps that bend inside of a pixel.
 RENDERERS = ("auto", "gl", "numpy", "rays")
 
 _STRIP = 1 << 19  # pixels of a frame whose light is held at a time

@@ -130,13 +130,14 @@ def judged(
 
 def _off_mirror(height: HeightMap, mirror: Mirror) -> tuple[Notice, ...]:
     """The notice that good pixels lie off the mirror by more than one pixel, which may see it in part."""
-    off = np.hypot(
-        np.maximum(np.maximum(-height.x, height.x - mirror.length), 0),
-        np.maximum(np.maximum(-height.y, height.y - mirror.width), 0),
-    )
-    steps = np.hypot(np.diff(height.x, axis=1), np.diff(height.y, axis=1))[height.good[:, 1:]]
-    farthest, step = (float(each.max(initial=0)) for each in (off[height.good], steps[np.isfinite(steps)]))
-    if not farthest > step:
+    x, y = height.x[height.good], height.y[height.good]
+    if x.size == 0:
+        return ()
+    farthest = float(max(-x.min(), x.max() - mirror.length, -y.min(), y.max() - mirror.width))
+    if farthest <= 0:
+        return ()
+    step = float(np.nanmax(np.hypot(np.diff(height.x, axis=1), np.diff(height.y, axis=1)), initial=0))
+    if farthest <= step:
         return ()
     cure = "check the mirror's size, where the camera is and its pitch, or calibrate the rig"
     return (Notice("points lie off the mirror, mm", farthest, step, cure),)

@@ -137,7 +137,6 @@ def slope_map(
     ):
         for k, change in enumerate(_moved(direction, e, n, slopes)):
             variances[k] += (change * inverse * sigma) ** 2
-    known = np.isfinite(height.z)
     fields: dict[str, Any] = {
         "slope_x": slopes[0],
         "slope_y": slopes[1],

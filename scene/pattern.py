@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .pattern_shape import PatternShape
-from .pose import rotation_from_axes
+from .pose import cross
 from .record import Float, Record, freeze, integer, orthonormal, positive, vector
 
 __all__ = ["Pattern", "prism_pattern"]
@@ -42,7 +42,7 @@ class Pattern(Record):
     @property
     def normal(self) -> Float:
         """u x v (3,), unit; away from a viewer who sees u to the right and v downwards."""
-        return rotation_from_axes(self.u_axis, self.v_axis)[:, 2].copy()
+        return cross(self.u_axis, self.v_axis)
 
     def point(self, u: Float | float, v: Float | float) -> Float:
         """Points (..., 3) in mm of pattern coordinates u, v in cells."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .face import Face
-from .pose import rotation_from_axes, transform
+from .pose import cross, rotation_from_axes, transform
 from .record import Float, Record, freeze, integer, orthonormal, positive, vector
 
 __all__ = ["TelecentricCamera", "prism_camera"]
@@ -44,9 +44,8 @@ class TelecentricCamera(Record):
         """Origins (..., 3) in mm and unit directions (..., 3) of the rays of (fractional) pixels."""
         row, col = np.broadcast_arrays(np.asarray(row, np.float64), np.asarray(col, np.float64))
         local = np.stack([col * self.pitch[0], row * self.pitch[1], np.zeros_like(col)], axis=-1)
-        rotation = self.rotation
-        origins = transform(rotation, self.origin, local)
-        directions = np.broadcast_to(rotation[:, 2].copy(), origins.shape)
+        origins = transform(self.rotation, self.origin, local)
+        directions = np.broadcast_to(cross(self.u_axis, self.v_axis), origins.shape)
         return (origins, directions) if self.face is None else self.face.cross(origins, directions)
 
     def rays(self) -> tuple[Float, Float]:

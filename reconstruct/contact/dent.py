@@ -49,9 +49,9 @@ class Dent:
         middle = float(height.x[whole].mean()), float(height.y[whole].mean())
         r = np.hypot(height.x - middle[0], height.y - middle[1])
         near = usable & (r < 2.0 * r[inside].max())
-        shape, both = height.z.shape, (height.calibration, slopes.calibration)
-        height_modes = np.zeros((0, *shape)) if both[0] is None or both[1] is None else both[0]
-        slope_modes = np.zeros((0, 2, *shape)) if both[0] is None or both[1] is None else both[1]
+        height_modes, slope_modes = height.calibration, slopes.calibration
+        if height_modes is None or slope_modes is None:
+            height_modes, slope_modes = np.zeros((0, *near.shape)), np.zeros((0, 2, *near.shape))
         return cls(
             height.x[near],
             height.y[near],
