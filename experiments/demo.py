@@ -12,11 +12,12 @@ from optolever.patterns import Sequence, sequence_from_text
 from optolever.projector import Capture, capture, chosen_renderer
 from optolever.reconstruct import Contact, HeightMap, contacts, reconstruct, slope_map
 from optolever.records import Progress, silent
-from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
+from optolever.scene import Scene, Trace, dent_from_text, trace
 
 from .metrics import height_metrics, peak_bytes
+from .place import USUAL, resolve
 
-__all__ = ["DemoResult", "Progress", "Stages", "resolve", "run_demo", "silent"]
+__all__ = ["DemoResult", "Progress", "Stages", "run_demo", "silent"]
 
 
 @dataclass(frozen=True)
@@ -79,12 +80,6 @@ class Stages:
         self._progress(name, len(self.seconds), self._count)
 
 
-def resolve(scene: Scene | str | Path, size: tuple[int, int] | None = None) -> Scene:
-    """A scene, or the one of a preset or TOML file, resampled to size (rows, cols) if one is given."""
-    known = scene if isinstance(scene, Scene) else load(scene)
-    return known if size is None else resize(known, *size)
-
-
 def run_demo(
     scene: Scene | str | Path = "paper-simulation",
     dent: str | None = None,
@@ -104,7 +99,7 @@ def run_demo(
     8-bit levels. renderer: auto, gl or numpy. InputError for names that do not exist.
     """
     place, drawn_by = resolve(scene, size), chosen_renderer(renderer)
-    dent = dent or place.dent or "raised-cosine"
+    dent = dent or place.dent or USUAL
     surface = dent_from_text(dent, place)
     shown = sequence_from_text(sequence, place.pattern.rows, place.pattern.cols)
     stages = Stages(4, progress)

@@ -1,25 +1,24 @@
 """Figures beside the limits that each is to keep: exactness, renderers, solver, noise, speed."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence, decode
+from optolever.decode import decode
 from optolever.patterns import Sequence, sequence
 from optolever.projector import NoContextError, capture, context_info, measure_renderer
-from optolever.reconstruct import PixelAnchor, reconstruct
-from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
+from optolever.reconstruct import reconstruct
+from optolever.scene import dent_from_text, load, resize, trace
 
 from .brute_force import brute_force
 from .demo import Progress, run_demo, silent
-from .metrics import rms
+from .metrics import relative_error, rms
+from .place import Place, exact, middle_anchor
 
-__all__ = ["Figure", "run_figures"]
-
-Array = NDArray[np.float64]
+__all__ = ["Figure", "Parts", "measured_parts", "run_figures"]
 
 SIDE = 1024  # pixels of the solver's cases, square
 RAYS = 500
@@ -46,11 +45,24 @@ class Figure:
         return (self.low is None or self.value >= self.low) and (self.high is None or self.value <= self.high)
 
 
+Parts = Mapping[str, Callable[[], Iterable[Figure]]]
+
+
+def measured_parts(parts: Parts, progress: Progress) -> list[Figure]:
+    """The figures of all parts, measured one after the other."""
+    figures: list[Figure] = []
+    for done, (name, part) in enumerate(parts.items()):
+        progress(name, done, len(parts))
+        figures += part()
+    progress("", len(parts), len(parts))
+    return figures
+
+
 def run_figures(
     *, seeds: int = SEEDS, size: tuple[int, int] | None = None, progress: Progress = silent
 ) -> list[Figure]:
     """Measure everything; size (rows, cols) resamples the demo, seeds: runs of the mean over seeds."""
-    parts: dict[str, Callable[[], Iterator[Figure]]] = {
+    parts: Parts = {
         "trace": _tracing,
         "renderers": _renderers,
         "renderer speed": _speed,
@@ -58,12 +70,7 @@ def run_figures(
         "demo": lambda: _demo(size),
         "seeds": lambda: _many_seeds(seeds),
     }
-    figures: list[Figure] = []
-    for done, (name, part) in enumerate(parts.items()):
-        progress(name, done, len(parts))
-        figures += part()
-    progress("", len(parts), len(parts))
-    return figures
+    return measured_parts(parts, progress)
 
 
 def _tracing() -> Iterator[Figure]:
@@ -117,25 +124,16 @@ def _speed() -> Iterator[Figure]:
 
 def _solver() -> Iterator[Figure]:
     """Heights from exact correspondences, relative to the peak depth."""
-    scene = resize(load("paper-simulation"), SIDE, SIDE)
-    smooth, needle = (trace(scene, dent_from_text(dent, scene)) for dent in ("raised-cosine", "needle"))
-    yield Figure(
-        "solver, raised cosine, edge at rest", _height_error(scene, smooth), "of the depth", high=1e-6
-    )
-    yield Figure(
-        "solver, raised cosine, known point", _height_error(scene, smooth, True), "of the depth", high=1e-8
-    )
-    yield Figure("solver, needle, edge at rest", _height_error(scene, needle), "of the depth", high=1e-5)
-
-
-def _height_error(scene: Scene, truth: Trace, known: bool = False) -> float:
-    sigma = np.full(truth.u.shape, 0.01)
-    flags = np.where(truth.visible, 0, 128).astype(np.uint16)
-    middle = (scene.camera.rows // 2, scene.camera.cols // 2)
-    anchor = PixelAnchor(float(middle[0]), float(middle[1]), float(truth.z[middle])) if known else None
-    height = reconstruct(Correspondence(truth.u, truth.v, sigma, sigma, flags), scene, anchor=anchor)
-    error = (height.z - truth.z)[height.good & truth.visible]
-    return rms(error) / float(np.nanmax(np.abs(truth.z)))
+    for dent, known, limit in (
+        ("raised-cosine", False, 1e-6),
+        ("raised-cosine", True, 1e-8),
+        ("needle", False, 1e-5),
+    ):
+        place = Place.of("paper-simulation", dent, (SIDE, SIDE))
+        anchor = middle_anchor(place.truth) if known else None
+        height = reconstruct(exact(place.truth), place.scene, anchor=anchor)
+        name = f"solver, {dent.replace('-', ' ')}, {'known point' if known else 'edge at rest'}"
+        yield Figure(name, relative_error(height, place.truth), "of the depth", high=limit)
 
 
 def _demo(size: tuple[int, int] | None) -> Iterator[Figure]:

@@ -12,7 +12,7 @@ from optolever.decode import Correspondence
 from optolever.reconstruct import HeightMap
 from optolever.scene import Trace
 
-__all__ = ["height_metrics", "peak_bytes", "rms", "sigma_ratio", "unflagged"]
+__all__ = ["height_metrics", "peak_bytes", "relative_error", "rms", "sigma_ratio", "unflagged"]
 
 Array = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
@@ -32,6 +32,12 @@ def sigma_ratio(value: Array, truth: Array, sigma: Array, where: Mask) -> float:
 def unflagged(truth: Trace, height: HeightMap) -> Mask:
     """Pixels whose height stands: without a flag, and with a mirror point to compare with."""
     return np.asarray(height.good & truth.visible)
+
+
+def relative_error(height: HeightMap, truth: Trace) -> float:
+    """Rms height error over the unflagged pixels, over the largest true height."""
+    stands = unflagged(truth, height)
+    return rms((height.z - truth.z)[stands]) / float(np.nanmax(np.abs(truth.z)))
 
 
 def height_metrics(truth: Trace, correspondence: Correspondence, height: HeightMap) -> dict[str, float]:

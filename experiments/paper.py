@@ -4,14 +4,14 @@ Every case is a scene and a dent; every case is seen exactly and through rendere
 every result is a row of numbers along the line through the dent's middle, errors over the peak depth.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence, Flag, decode
+from optolever.decode import Correspondence, decode
 from optolever.notices import Notice
 from optolever.patterns import sequence
 from optolever.projector import capture, chosen_renderer
@@ -23,19 +23,19 @@ from optolever.reconstruct import (
     reconstruct,
     reconstruct_paper,
 )
-from optolever.scene import Scene, Surface, Trace, dent_from_text, trace
+from optolever.scene import Scene, Surface
 
-from .demo import Progress, Stages, resolve, silent
+from .demo import Progress, Stages, silent
 from .metrics import peak_bytes, rms
 from .paper_frames import lattice_column
 from .paper_rows import Curves, PaperRow, dense_row, paper_rows
 from .paper_simulation import Points, lattice_points, pixel_points, seen_points
+from .place import Dent, Place, exact
 
 __all__ = ["CASES", "Case", "PaperStudy", "run_paper"]
 
 Array = NDArray[np.float64]
 PIXELS_PER_LINE = 10
-EXACT_SIGMA = 0.01  # px, given to exact correspondences: the solver weighs by ratios of sigmas only
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class Case:
 
     name: str
     scene: str
-    dent: str | Callable[[Scene], Surface] | None
+    dent: Dent
     lines: int
     rendered: bool = True
 
@@ -111,46 +111,39 @@ class PaperStudy:
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """A case built: its scene, its dent, and the truth on every pixel."""
+    """A case built: its mirror, and the largest depth along the line through the middle, mm."""
 
     case: Case
-    scene: Scene
-    dent: str
-    surface: Surface
+    place: Place
     geometry: PaperGeometry
-    truth: Trace
     peak: float
 
     @classmethod
     def of(cls, case: Case, size: tuple[int, int] | None) -> "Setup":
         """The case's scene and dent, traced."""
-        scene = resolve(case.scene, size)
-        if callable(case.dent):
-            text, surface = case.name, case.dent(scene)
-        else:
-            text = case.dent or scene.dent or "raised-cosine"
-            surface = dent_from_text(text, scene)
-        x = np.linspace(0, scene.mirror.length, 4001)
-        peak = float(np.max(surface.height(x, np.full_like(x, scene.mirror.width / 2))))
-        return cls(case, scene, text, surface, prism_geometry(scene), trace(scene, surface), peak)
+        place = Place.of(case.scene, case.dent, size)
+        mirror = place.scene.mirror
+        x = np.linspace(0, mirror.length, 4001)
+        peak = float(np.max(place.surface.height(x, np.full_like(x, mirror.width / 2))))
+        return cls(case, place, prism_geometry(place.scene), peak)
 
     @property
     def lines(self) -> int:
         """Rendered lattice lines: the case's, or as many as a smaller camera can tell apart."""
-        return min(self.case.lines, self.scene.camera.cols // PIXELS_PER_LINE)
+        return min(self.case.lines, self.place.scene.camera.cols // PIXELS_PER_LINE)
 
     @property
     def row(self) -> int:
         """The camera's middle row."""
-        return self.scene.camera.rows // 2
+        return self.place.scene.camera.rows // 2
 
     def middle(self, seen: Correspondence) -> Points:
         """What the middle row measured, from l = 0 on, and the truth; NaN where it carries a flag."""
-        row, truth = self.row, self.truth
+        row, truth = self.row, self.place.truth
         x, y = truth.x[row], truth.y[row]
-        theta = np.arctan(np.asarray(self.surface.gradient(x, y)[0], dtype=np.float64))
-        m = np.where(seen.good[row], pattern_positions(self.scene, seen.u[row]), np.nan)
-        w = capture_positions(self.scene, row, np.arange(x.size, dtype=np.float64))
+        theta = np.arctan(np.asarray(self.place.surface.gradient(x, y)[0], dtype=np.float64))
+        m = np.where(seen.good[row], pattern_positions(self.place.scene, seen.u[row]), np.nan)
+        w = capture_positions(self.place.scene, row, np.arange(x.size, dtype=np.float64))
         return Points(*(field[::-1] for field in (m, w, x, truth.z[row], theta)))
 
 
@@ -178,7 +171,7 @@ def run_paper(
             rows += _simulated(setup, drawn)
         if case.rendered:
             with stages.stage(f"{case.name}: exact correspondence"):
-                rows += _on_pixels(setup, _exact(setup.truth), "exact", drawn)
+                rows += _on_pixels(setup, exact(setup.place.truth), "exact", drawn)
             with stages.stage(f"{case.name}: lattice frames"):
                 rows += _on_lattice(setup, drawn, noise=noise, seed=seed, renderer=renderer)
             with stages.stage(f"{case.name}: sequence frames"):
@@ -187,8 +180,8 @@ def run_paper(
         curves[case.name] = drawn
         taken[case.name] = {
             "scene": case.scene,
-            "size": [setup.scene.camera.rows, setup.scene.camera.cols],
-            "dent": setup.dent,
+            "size": [setup.place.scene.camera.rows, setup.place.scene.camera.cols],
+            "dent": setup.place.dent,
             "peak_mm": setup.peak,
             "length_mm": setup.geometry.length,
             "lines": case.lines,
@@ -202,30 +195,25 @@ def run_paper(
     )
 
 
-def _exact(truth: Trace) -> Correspondence:
-    """The correspondence that a perfect decoder would give."""
-    sigma = np.full(truth.u.shape, EXACT_SIGMA)
-    flags = np.where(truth.visible, 0, int(Flag.OFF_PATTERN)).astype(np.uint16)
-    return Correspondence(truth.u, truth.v, sigma, sigma, flags)
-
-
 def _decoded(setup: Setup, *, noise: float, seed: int, renderer: str) -> Correspondence:
-    pattern = setup.scene.pattern
+    pattern = setup.place.scene.pattern
     shown = sequence("gray+phase", pattern.rows, pattern.cols)
-    seen = capture(setup.scene, setup.surface, shown, renderer=renderer, noise=noise, seed=seed)
+    seen = capture(setup.place.scene, setup.place.surface, shown, renderer=renderer, noise=noise, seed=seed)
     return decode(seen.frames, shown)
 
 
 def _simulated(setup: Setup, drawn: Curves) -> Iterator[PaperRow]:
     """The seed's two-dimensional simulation: lattice lines and a line of pixels, by both laws."""
     case, geometry = setup.case, setup.geometry
-    w = capture_positions(setup.scene, setup.row, np.arange(setup.scene.camera.cols, dtype=np.float64))
+    w = capture_positions(
+        setup.place.scene, setup.row, np.arange(setup.place.scene.camera.cols, dtype=np.float64)
+    )
     for law, forward, signs in (("reflection", 1, (1, -1)), ("print", -1, (-1,))):
-        points = lattice_points(setup.scene, setup.surface, geometry, case.lines, forward)
+        points = lattice_points(setup.place.scene, setup.place.surface, geometry, case.lines, forward)
         names = (case.name, "exact", law, "lattice")
         yield from paper_rows(points, geometry, setup.peak, names, drawn, signs)
         if forward == -1 or not case.rendered:  # else the traced scene has them
-            points = pixel_points(setup.scene, setup.surface, geometry, w, forward)
+            points = pixel_points(setup.place.scene, setup.place.surface, geometry, w, forward)
             names = (case.name, "exact", law, "pixels")
             yield from paper_rows(points, geometry, setup.peak, names, drawn, signs)
 
@@ -233,9 +221,9 @@ def _simulated(setup: Setup, drawn: Curves) -> Iterator[PaperRow]:
 def _on_lattice(setup: Setup, drawn: Curves, *, noise: float, seed: int, renderer: str) -> Iterator[PaperRow]:
     """One column of lattice crossings from a rendered rest frame and a rendered dented frame."""
     m, w, y = lattice_column(
-        setup.scene, setup.surface, setup.lines, noise=noise, seed=seed, renderer=renderer
+        setup.place.scene, setup.place.surface, setup.lines, noise=noise, seed=seed, renderer=renderer
     )
-    points = seen_points(setup.surface, setup.geometry, m, w, y)
+    points = seen_points(setup.place.surface, setup.geometry, m, w, y)
     names = (setup.case.name, "frames", "reflection", "lattice")
     yield from paper_rows(points, setup.geometry, setup.peak, names, drawn)
 
@@ -246,11 +234,11 @@ def _on_pixels(setup: Setup, seen: Correspondence, data: str, drawn: Curves) -> 
     names = (case.name, data, "reflection", "pixels")
     for row in paper_rows(middle, setup.geometry, setup.peak, names, drawn):
         if (row.sign, row.gamma) == (1, True):
-            whole = reconstruct_paper(seen, setup.scene, series="drops")
+            whole = reconstruct_paper(seen, setup.place.scene, series="drops")
             yield replace(row, field=_field(setup, whole.z, whole.good))
         else:
             yield row
-    dense = reconstruct(seen, setup.scene)
+    dense = reconstruct(seen, setup.place.scene)
     names = (case.name, data, "reflection", "dense")
     found = dense_row(middle, dense, setup.row, setup.peak, names, drawn)
     yield replace(found, field=_field(setup, dense.z, dense.good), notices=dense.notices)
@@ -258,5 +246,5 @@ def _on_pixels(setup: Setup, seen: Correspondence, data: str, drawn: Curves) -> 
 
 def _field(setup: Setup, z: Array, good: NDArray[np.bool_]) -> float:
     """Rms error over all pixels that stand, over the peak depth."""
-    use = good & setup.truth.visible
-    return rms(z[use] - setup.truth.z[use]) / setup.peak
+    use = good & setup.place.truth.visible
+    return rms(z[use] - setup.place.truth.z[use]) / setup.peak

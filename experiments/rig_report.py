@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence
 from optolever.notices import Notice
 from optolever.reconstruct import HeightMap, PixelAnchor, reconstruct
 from optolever.scene import Scene, dent, resize, trace
 
 from .images import figure_uri, new_figure, robust_limits
 from .maps import length_unit
-from .metrics import peak_bytes
+from .metrics import peak_bytes, rms
 from .page import render_page, scientific, stage_bars, write_page
+from .place import exact
 
 __all__ = ["RigStudy", "rig_html", "sigma_at_rest", "write_rig_report"]
 
@@ -80,17 +80,14 @@ def sigma_at_rest(scene: Scene) -> HeightMap:
     rows = min(_LINES, scene.camera.rows)
     small = resize(scene, rows, max(8, round(rows * scene.camera.cols / scene.camera.rows)))
     seen = trace(small, dent("flat", small))
-    sigma = np.full(seen.u.shape, 0.01)
-    flags = np.where(seen.visible, 0, 1).astype(np.uint16)
     visible = np.argwhere(seen.visible)
     middle = 0.5 * np.array(seen.u.shape)
     row, col = visible[np.argmin(np.linalg.norm(visible - middle, axis=1))].tolist()
-    exact = Correspondence(seen.u, seen.v, sigma, sigma.copy(), flags)
-    return reconstruct(exact, small, anchor=PixelAnchor(row, col, 0.0))
+    return reconstruct(exact(seen), small, anchor=PixelAnchor(row, col, 0.0))
 
 
 def _rms(parts: Sequence[Floats]) -> float:
-    return float(np.sqrt(np.mean(np.concatenate(list(parts)) ** 2)))
+    return rms(np.concatenate(list(parts)))
 
 
 def _numbers(parameters: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

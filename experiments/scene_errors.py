@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from optolever.decode import Correspondence, Flag
 from optolever.errors import InputError
 from optolever.reconstruct import HeightMap, PixelAnchor, reconstruct
 from optolever.scene import Scene, Trace, dent, trace
 
 from .bench.rigs import KINDS, draw_rig
 from .drawn import between
+from .metrics import rms
+from .place import exact
 
 __all__ = ["ERRORS", "SceneError", "scene_errors", "turned"]
 
@@ -56,7 +57,7 @@ def scene_errors(cases: int, seed: int = 0) -> Iterator[SceneError]:
         rig = draw_rig(rng, kind, _SIZE)
         noise = between(rng, 0.002, 0.1)
         truth, flat = trace(rig.scene, rig.surface), trace(rig.scene, dent("flat", rig.scene))
-        seen, rest = _seen(truth, noise, rng), _seen(flat, noise, rng)
+        seen, rest = (exact(one, noise=noise, rng=rng) for one in (truth, flat))
         inner = distance_transform_edt(np.pad(truth.visible & flat.visible, 1))[1:-1, 1:-1]
         row, col = (int(at) for at in np.unravel_index(int(np.argmax(inner)), inner.shape))
         anchor = PixelAnchor(row, col, float(truth.z[row, col]))
@@ -97,18 +98,11 @@ def turned(scene: Scene, axis: Floats, angle: float) -> Scene:
     return replace(scene, camera=replace(camera, u_axis=turn @ camera.u_axis, v_axis=turn @ camera.v_axis))
 
 
-def _seen(truth: Trace, noise: float, rng: np.random.Generator) -> Correspondence:
-    u, v = (part + noise * rng.standard_normal(part.shape) for part in (truth.u, truth.v))
-    flags = np.where(truth.visible, 0, int(Flag.OFF_PATTERN)).astype(np.uint16)
-    sigma = np.full(u.shape, noise)
-    return Correspondence(u, v, sigma, sigma.copy(), flags)
-
-
 def _error(height: HeightMap, truth: Trace) -> float:
     """Rms error over the range of the truth, wherever both have a height."""
     error = (height.z - truth.z)[truth.visible & np.isfinite(height.z)]
     deep = float(np.ptp(truth.z[truth.visible]))
-    return float(np.sqrt(np.mean(error**2))) / deep if error.size and deep > 0 else float("nan")
+    return rms(error) / deep if deep > 0 else float("nan")
 
 
 def main(cases: int) -> None:

@@ -15,16 +15,17 @@ import scipy.sparse
 import scipy.sparse.linalg
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence
 from optolever.reconstruct import reconstruct
-from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
+from optolever.scene import Scene, Trace
 
 from .figures import Figure
+from .place import Place, exact
 
 __all__ = ["bound_figures", "least_variance"]
 
 Array = NDArray[np.float64]
 
+PRISM, DENT = "paper-simulation", "raised-cosine"
 SIDE = 64
 NOISES = (0.01, 0.1, 1.0)  # px
 CUTS = {"full prism": 1.0, "cut prism": 0.9}  # share of the columns, from the camera's side: x >= 0.1 L0
@@ -35,35 +36,33 @@ _CUBIC = ((-1, 13, 13, -1), (9, 19, -5, 1), (1, -5, 19, 9))  # / 24: inside, at 
 
 def bound_figures(seeds: int) -> Iterator[Figure]:
     """Errors over the bound, and coverage."""
-    scene, truth = _mirror(SIDE)
+    place = Place.of(PRISM, DENT, (SIDE, SIDE))
     for name, share in CUTS.items():
         cols = round(share * SIDE)
-        least = least_variance(scene, truth, cols)
+        least = least_variance(place.scene, place.truth, cols)
         for noise in NOISES:
-            errors = np.array([_error(scene, truth, noise, seed, cols)[0] for seed in range(2 * seeds)])
+            errors = np.array([_error(place, noise, seed, cols)[0] for seed in range(2 * seeds)])
             squares = errors[:, ::EVERY, :cols:EVERY] ** 2 / least
             note = f"{100 * float(np.mean(np.isnan(errors[:, :, :cols]))):.2g} % flagged"
             ratio = float(np.sqrt(np.nanmean(squares))) / noise
             yield Figure(f"error over the bound, {name}, {noise:g} px", ratio, high=1.05, note=note)
-    scene, truth = _mirror(COVERED)
+    place = Place.of(PRISM, DENT, (COVERED, COVERED))
     shares = []
     for seed in range(seeds):
-        error, sigma = _error(scene, truth, 0.1, seed, COVERED)
+        error, sigma = _error(place, 0.1, seed, COVERED)
         stands = np.isfinite(error)
         shares.append(float(np.mean(np.abs(error[stands]) < sigma[stands])))
     name = f"within one sigma, {COVERED} x {COVERED}, mean over {seeds} seeds"
     yield Figure(name, 100 * float(np.mean(shares)), "%", low=65, high=71)
 
 
-def _error(scene: Scene, truth: Trace, noise: float, seed: int, cols: int) -> tuple[Array, Array]:
+def _error(place: Place, noise: float, seed: int, cols: int) -> tuple[Array, Array]:
     """Height minus truth (NaN where flagged) and sigma, from noisy correspondences of the first columns."""
-    rng = np.random.default_rng(seed)
-    u, v = (part + noise * rng.standard_normal(part.shape) for part in (truth.u, truth.v))
-    sigma = np.full(u.shape, noise)
-    flags = np.where(truth.visible, 0, 128).astype(np.uint16)
-    mask = np.zeros(u.shape, dtype=np.bool_)
+    truth = place.truth
+    seen = exact(truth, noise=noise, rng=np.random.default_rng(seed))
+    mask = np.zeros(truth.u.shape, dtype=np.bool_)
     mask[:, :cols] = True
-    height = reconstruct(Correspondence(u, v, sigma, sigma, flags), scene, mask=mask)
+    height = reconstruct(seen, place.scene, mask=mask)
     return np.where(height.good, height.z - truth.z, np.nan), height.sigma
 
 
@@ -147,8 +146,3 @@ def _slopes(scene: Scene, u: Array, v: Array, t: Array) -> tuple[Array, Array]:
         moved = ahead[0] - behind[0] + t[..., None] * (ahead[1] - behind[1])
         slopes.append(-np.sum(normal * moved, axis=-1) / np.sum(normal * directions, axis=-1))
     return slopes[0], slopes[1]
-
-
-def _mirror(side: int) -> tuple[Scene, Trace]:
-    scene = resize(load("paper-simulation"), side, side)
-    return scene, trace(scene, dent_from_text("raised-cosine", scene))

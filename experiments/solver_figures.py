@@ -6,23 +6,24 @@ processor time beside them, for machines that are shared.
 
 import time
 import tracemalloc
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import lru_cache, partial
 
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence, decode
+from optolever.decode import decode
 from optolever.patterns import sequence_from_text
 from optolever.projector import capture
-from optolever.reconstruct import HeightMap, HeightStream, PixelAnchor, integrate, reconstruct
-from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
+from optolever.reconstruct import HeightMap, HeightStream, integrate, reconstruct
+from optolever.scene import dent_from_text, load, resize
 
 from .cliffs import cauchy_loop, cliff
 from .demo import Progress, silent
-from .figures import Figure
-from .metrics import rms
+from .figures import Figure, Parts, measured_parts
+from .metrics import relative_error, rms
+from .place import Place, exact, middle_anchor
 from .solver_bound import bound_figures
 from .timing import timed
 
@@ -33,7 +34,6 @@ Mask = NDArray[np.bool_]
 
 SIDE = 1024
 LARGE = 2048
-STATED = 0.01  # px: sigma of exact correspondences
 PRISM, RIG = "paper-simulation", "monitor-mirror"
 INTEGRATED = 512
 CLIFFS, ROUGH = (512, 612), (1e-2, 1e-4)  # pixels; noise of the slopes, per pixel
@@ -44,7 +44,7 @@ STREAMED = 24  # frames
 
 def run_solver_figures(*, seeds: int = 30, progress: Progress = silent) -> list[Figure]:
     """Measure everything; seeds: runs of the means over noise."""
-    parts: dict[str, Callable[[], Iterator[Figure]]] = {
+    parts: Parts = {
         "whole prism": _whole,
         "masks": _masked,
         "other mirrors": _others,
@@ -54,45 +54,36 @@ def run_solver_figures(*, seeds: int = 30, progress: Progress = silent) -> list[
         "noise": lambda: bound_figures(seeds),
         "stream": _stream,
     }
-    figures: list[Figure] = []
-    for done, (name, part) in enumerate(parts.items()):
-        progress(name, done, len(parts))
-        figures += part()
-    progress("", len(parts), len(parts))
-    return figures
+    return measured_parts(parts, progress)
 
 
 def _whole() -> Iterator[Figure]:
-    scene, truth = _mirror(PRISM, "raised-cosine", SIDE)
-    yield from _solved("prism, raised cosine", scene, truth, 1e-9, 1.0)
-    error = _error(_height(scene, truth, None, known=False), truth)
+    place = _mirror(PRISM, "raised-cosine", SIDE)
+    yield from _solved("prism, raised cosine", place, 1e-9, 1.0)
+    error = relative_error(reconstruct(exact(place.truth), place.scene), place.truth)
     yield Figure("prism, raised cosine, edge at rest", error, "of the depth", high=1e-6)
 
 
 def _masked() -> Iterator[Figure]:
-    scene, truth = _mirror(PRISM, "raised-cosine", SIDE)
+    place = _mirror(PRISM, "raised-cosine", SIDE)
     for name, mask in (("disk", _disk(SIDE)), ("blob", _blob(SIDE))):
-        yield from _solved(f"prism behind a {name}", scene, truth, 1e-8, 2.5, mask)
+        yield from _solved(f"prism behind a {name}", place, 1e-8, 2.5, mask)
 
 
 def _others() -> Iterator[Figure]:
-    yield from _solved("pinhole", *_mirror(RIG, "", SIDE), 1e-8, 2.5)
-    yield from _solved("folded map", *_mirror(PRISM, "gaussian:peak=2,sigma=9", SIDE), 1e-8)
-    yield from _solved("needle", *_mirror(PRISM, "needle", SIDE), 5e-6)
+    yield from _solved("pinhole", _mirror(RIG, "", SIDE), 1e-8, 2.5)
+    yield from _solved("folded map", _mirror(PRISM, "gaussian:peak=2,sigma=9", SIDE), 1e-8)
+    yield from _solved("needle", _mirror(PRISM, "needle", SIDE), 5e-6)
 
 
 def _solved(
-    name: str,
-    scene: Scene,
-    truth: Trace,
-    limit: float,
-    seconds: float | None = None,
-    mask: Mask | None = None,
+    name: str, place: Place, limit: float, seconds: float | None = None, mask: Mask | None = None
 ) -> Iterator[Figure]:
-    _height(scene, truth, mask)  # what is compiled or loaded once is not counted
-    height, wall, processor = timed(lambda: _height(scene, truth, mask))
-    rows, cols = truth.u.shape
-    yield Figure(f"{name}, {rows} x {cols}, known point", _error(height, truth), "of the depth", high=limit)
+    _height(place, mask)  # what is compiled or loaded once is not counted
+    height, wall, processor = timed(lambda: _height(place, mask))
+    rows, cols = place.truth.u.shape
+    error = relative_error(height, place.truth)
+    yield Figure(f"{name}, {rows} x {cols}, known point", error, "of the depth", high=limit)
     solved = height.diagnostics
     note = f"{processor:.2f} s of processor time, {len(solved.steps)} steps, {solved.iterations} iterations"
     yield Figure(f"{name}, time", wall, "s", high=seconds, note=note)
@@ -100,20 +91,19 @@ def _solved(
 
 def _growth() -> Iterator[Figure]:
     """Processor time against N log N, and memory."""
-    scene, truth = _mirror(PRISM, "raised-cosine", SIDE)
-    _height(scene, truth, None)
-    small = min(timed(lambda: _height(scene, truth, None))[2] for _ in range(2))
+    place = _mirror(PRISM, "raised-cosine", SIDE)
+    _height(place)
+    small = min(timed(lambda: _height(place))[2] for _ in range(2))
     for name, mask in (("whole", None), ("behind a blob", _blob(SIDE))):
-        seen = _seen(truth, mask)
-        anchor = _known(truth)
+        seen, anchor = exact(place.truth, mask), middle_anchor(place.truth)
         tracemalloc.start()
-        reconstruct(seen, scene, anchor=anchor)
-        peak = tracemalloc.get_traced_memory()[1] / truth.u.nbytes
+        reconstruct(seen, place.scene, anchor=anchor)
+        peak = tracemalloc.get_traced_memory()[1] / place.truth.u.nbytes
         tracemalloc.stop()
         yield Figure(f"memory above the inputs, {name}", peak, "float64 images", high=40)
-    scene, truth = _mirror(PRISM, "raised-cosine", LARGE)
-    yield from _solved("prism, 4 Mpx", scene, truth, 1e-9, 6.0)
-    large = min(timed(lambda: _height(scene, truth, None))[2] for _ in range(2))
+    place = _mirror(PRISM, "raised-cosine", LARGE)
+    yield from _solved("prism, 4 Mpx", place, 1e-9, 6.0)
+    large = min(timed(lambda: _height(place))[2] for _ in range(2))
     expected = (LARGE / SIDE) ** 2 * np.log(LARGE) / np.log(SIDE)
     yield Figure("growth over that of N log N", large / small / float(expected), high=1.1)
 
@@ -196,24 +186,8 @@ def _stream() -> Iterator[Figure]:
     yield Figure("stream, off the converged height, rms", worst, "sigma", high=0.1)
 
 
-def _height(scene: Scene, truth: Trace, mask: Mask | None, known: bool = True) -> HeightMap:
-    return reconstruct(_seen(truth, mask), scene, anchor=_known(truth) if known else None)
-
-
-def _known(truth: Trace) -> PixelAnchor:
-    row, col = (size // 2 for size in truth.u.shape)
-    return PixelAnchor(float(row), float(col), float(truth.z[row, col]))
-
-
-def _seen(truth: Trace, mask: Mask | None) -> Correspondence:
-    sigma = np.full(truth.u.shape, STATED)
-    seen = truth.visible if mask is None else truth.visible & mask
-    return Correspondence(truth.u, truth.v, sigma, sigma, np.where(seen, 0, 128).astype(np.uint16))
-
-
-def _error(height: HeightMap, truth: Trace) -> float:
-    stands = height.good & truth.visible
-    return rms((height.z - truth.z)[stands]) / float(np.nanmax(np.abs(truth.z)))
+def _height(place: Place, mask: Mask | None = None) -> HeightMap:
+    return reconstruct(exact(place.truth, mask), place.scene, anchor=middle_anchor(place.truth))
 
 
 def _disk(side: int) -> Mask:
@@ -229,6 +203,5 @@ def _blob(side: int) -> Mask:
 
 
 @lru_cache(maxsize=2)
-def _mirror(name: str, shape: str, side: int) -> tuple[Scene, Trace]:
-    scene = resize(load(name), side, side)
-    return scene, trace(scene, dent_from_text(shape or scene.dent or "flat", scene))
+def _mirror(name: str, shape: str, side: int) -> Place:
+    return Place.of(name, shape, (side, side))

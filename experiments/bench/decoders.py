@@ -16,11 +16,11 @@ from optolever.decode import Correspondence, Flag, crossed, decode
 from optolever.errors import InputError
 from optolever.patterns import Sequence, sequence
 
+from ..place import exact
 from .shot import Rest, Shot
 
 __all__ = ["DECODERS", "Decoder", "decoder"]
 
-EXACT_SIGMA = 0.01  # px, of the exact correspondence: solvers weigh by ratios of sigmas only
 FRINGES_MODULATION = 5.0  # levels, the least amplitude that `fringes` is told to take
 CV2_BLACK = 40  # levels between white and black, OpenCV's own default for what is lit
 
@@ -57,14 +57,6 @@ def _single(shot: Shot, rest: Rest) -> Correspondence:
     """One frame: displacement from the frame at rest, added to where the pixels looked then."""
     taken, shown = shot.taken()
     return crossed(taken.frames, rest.capture.frames, shown, prior=rest.seen).added_to(rest.seen)
-
-
-def _exact(shot: Shot) -> Correspondence:
-    """What a perfect decoder would give."""
-    truth = shot.place.truth
-    sigma = np.full(truth.u.shape, EXACT_SIGMA)
-    flags = np.where(truth.visible, 0, int(Flag.OFF_PATTERN)).astype(np.uint16)
-    return Correspondence(truth.u, truth.v, sigma, sigma, flags)
 
 
 def _fringes(shot: Shot, verbose: bool = True) -> Any:
@@ -141,7 +133,7 @@ def _cv2_frames(shot: Shot) -> tuple[Any, Any]:
 
 DECODERS = {
     "optolever": Decoder("optolever", "own", _ours),
-    "exact": Decoder("exact", "floor", _exact),
+    "exact": Decoder("exact", "floor", lambda shot: exact(shot.place.truth)),
     "fringes": Decoder(
         "fringes", "peer", _fringes, "fringes", clock=lambda shot: _fringes(shot, verbose=False)
     ),

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, Flag
 from optolever.reconstruct import reconstruct
-from optolever.scene import Scene, Surface, Trace, dent_from_text, load, resize, trace
+from optolever.scene import Scene, Surface, Trace
 
+from ..place import EXACT_SIGMA, Dent, Place
 from .hard_case import SIGMAS, Case, Found
 from .measures import far_from_visible
 
@@ -19,12 +20,10 @@ __all__ = ["HIDDEN", "PROBLEMS", "Problem", "reconstruct_cases", "reconstructed"
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Shape = str | Callable[[Scene], Surface]
 #: (truth, random numbers) -> lost pixels; or (u, v) changed in place
 Hide = Callable[[Trace, Scene, np.random.Generator], Mask]
 
 NOISES = (0.0, 0.05)
-STATED = 0.01  # px: the sigma that a decoder states without noise
 DTYPES = ("float64", "float32")
 
 
@@ -33,7 +32,7 @@ class Problem:
     """A mirror, what of it is not seen (flagged by the decoder), and how many pixels are wrong unflagged."""
 
     name: str
-    dent: Shape
+    dent: Dent
     scene: str = "paper-simulation"
     hide: Hide | None = None
     outliers: float = 0.0
@@ -158,10 +157,9 @@ def reconstruct_cases(sizes: tuple[tuple[int, int], ...], quick: bool = False) -
 
 def reconstructed(problem: Problem, size: tuple[int, int], noise: float, dtype: str) -> Found:
     """Spoil the true correspondence, reconstruct, compare with the mirror."""
-    scene, truth = _mirror(problem.scene, problem.dent, size)
-    seen = spoiled(problem, scene, truth, noise, dtype)
-    height = reconstruct(seen, scene)
-    peak = float(np.max(np.abs(truth.z[truth.visible])))
+    place = _mirror(problem.scene, problem.dent, size)
+    truth = place.truth
+    height = reconstruct(spoiled(problem, place, noise, dtype), place.scene)
     return Found(
         error=height.z - truth.z,
         limit=np.asarray(SIGMAS * height.sigma),
@@ -169,29 +167,25 @@ def reconstructed(problem: Problem, size: tuple[int, int], noise: float, dtype: 
         beside=far_from_visible(truth.visible),
         flags=height.flags,
         unit="peak",
-        scale=peak,
+        scale=place.peak,
     )
 
 
-def spoiled(problem: Problem, scene: Scene, truth: Trace, noise: float, dtype: str) -> Correspondence:
+def spoiled(problem: Problem, place: Place, noise: float, dtype: str) -> Correspondence:
     """The true correspondence with noise (px), lost pixels flagged, outliers not."""
-    rng = np.random.default_rng(11)
+    rng, truth = np.random.default_rng(11), place.truth
     shape = truth.u.shape
     u, v = (part + noise * rng.standard_normal(shape) for part in (truth.u, truth.v))
     lost = ~truth.visible
     if problem.hide is not None:
-        lost |= problem.hide(truth, scene, rng)
+        lost |= problem.hide(truth, place.scene, rng)
     if problem.outliers:
         wrong = rng.random(shape) < problem.outliers
         u[wrong] += rng.normal(0.0, 20.0, int(wrong.sum()))
-    sigma = np.full(shape, max(noise, STATED))
+    sigma = np.full(shape, max(noise, EXACT_SIGMA))
     flags = np.where(lost, int(Flag.INVALID), 0).astype(np.uint16)
     kind: Any = np.dtype(dtype)
     return Correspondence(u.astype(kind), v.astype(kind), sigma.astype(kind), sigma.astype(kind), flags)
 
 
-@lru_cache(maxsize=4)
-def _mirror(name: str, shape: Shape, size: tuple[int, int]) -> tuple[Scene, Trace]:
-    scene = resize(load(name), *size)
-    surface = dent_from_text(shape or scene.dent or "flat", scene) if isinstance(shape, str) else shape(scene)
-    return scene, trace(scene, surface)
+_mirror = lru_cache(maxsize=4)(Place.of)

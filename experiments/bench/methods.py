@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.files import load_arrays
-from optolever.reconstruct import HeightMap, PixelAnchor, integrate, integrator_names, reconstruct
-from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
+from optolever.reconstruct import HeightMap, integrate, integrator_names, reconstruct
+from optolever.records import Progress, silent
+from optolever.scene import Trace
 
 from ..metrics import rms
+from ..place import Place, middle_anchor
 from ..timing import timed
 from .hard_reconstruct import PROBLEMS, spoiled
 from .integration_peers import missing_peers, peer_integrators
@@ -28,7 +30,6 @@ __all__ = ["FIELDS", "MIRRORS", "MethodRow", "load_field", "missing_peers", "run
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Progress = Callable[[str, int, int], None]
 
 AGAIN = 20.0  # s of a processor: what takes less is run a second time, without what the first run compiles
 NOISE = 0.05  # px
@@ -90,7 +91,7 @@ def run_methods(
     size: tuple[int, int],
     cases: tuple[str, ...] = (),
     methods: tuple[str, ...] = (),
-    progress: Progress = lambda text, done, total: None,
+    progress: Progress = silent,
     files: tuple[Path, ...] = (),
 ) -> list[MethodRow]:
     """Every method on every case; `cases` and `methods` keep those that hold one of the words given.
@@ -216,22 +217,15 @@ def _mirrors(size: tuple[int, int]) -> Iterator[tuple[str, str, str, Run]]:
 
 def _height(case: Mirror, size: tuple[int, int], part: str, name: str, method: str) -> MethodRow:
     problem = next(problem for problem in PROBLEMS if problem.name == case.problem)
-    scene = resize(load(problem.scene), *size)
-    shape = problem.dent
-    surface = dent_from_text(shape or scene.dent or "flat", scene) if isinstance(shape, str) else shape(scene)
-    truth = trace(scene, surface)
-    seen = spoiled(problem, scene, truth, case.noise, "float64")
+    place = Place.of(problem.scene, problem.dent, size)
+    seen = spoiled(problem, place, case.noise, "float64")
     if case.point:
-        call = partial(reconstruct, seen, scene, method=method, anchor=_middle(scene, truth))
+        anchor = middle_anchor(place.truth)
+        call = partial(reconstruct, seen, place.scene, method=method, anchor=anchor)
     else:
-        call = partial(solver(method).run, seen, scene)
+        call = partial(solver(method).run, seen, place.scene)
     height, seconds, cpu = _best(call)
-    return _judged(seen, height, truth, MethodRow(part, name, method, seconds, cpu))
-
-
-def _middle(scene: Scene, truth: Trace) -> PixelAnchor:
-    row, col = scene.camera.rows // 2, scene.camera.cols // 2
-    return PixelAnchor(float(row), float(col), float(truth.z[row, col]))
+    return _judged(seen, height, place.truth, MethodRow(part, name, method, seconds, cpu))
 
 
 def _judged(seen: Correspondence, height: HeightMap, truth: Trace, row: MethodRow) -> MethodRow:

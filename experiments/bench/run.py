@@ -17,12 +17,13 @@ from ..decode_speed import toucher
 from ..metrics import rms
 from ..paper_frames import lattice_frames, lattice_positions
 from ..paper_simulation import seen_points
+from ..place import Place
 from ..timing import Measured, measured, once
 from .cell import Cell, grouped
 from .decoders import Decoder, decoder
 from .measures import measures
 from .row import ABSENT, DONE, FAILED, USELESS, Row
-from .shot import Place, Shot, place_of, shoot
+from .shot import Shot, place_of, shoot
 from .solvers import Solver, installed, solver
 
 __all__ = ["Bench", "absent_modules", "check", "run_cells", "warm_up"]
@@ -199,7 +200,7 @@ def _paper_line(row: Row, place: Place) -> Row:
     solved = once(lambda: recursion(points.m, points.w, geometry).mean.d)
     known = np.isfinite(solved.value) & np.isfinite(points.d)
     error = np.abs(solved.value - points.d)[known]
-    peak = float(np.max(np.abs(place.truth.z[place.truth.visible])))
+    peak = place.peak
     stages = (("render", taken), ("decode", found), ("reconstruct", solved))
     return replace(
         row,

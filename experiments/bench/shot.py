@@ -10,24 +10,15 @@ from optolever.decode import Correspondence, decode
 from optolever.errors import InputError
 from optolever.patterns import Sequence, sequence_from_text
 from optolever.projector import Capture, capture
-from optolever.scene import Scene, Surface, Trace, dent, dent_from_text, trace
+from optolever.scene import Surface, dent
 
-from ..demo import resolve
+from ..place import Place
 from ..timing import once
 from .cell import Cell
 
-__all__ = ["Place", "Rest", "Shot", "place_of", "shoot"]
+__all__ = ["Rest", "Shot", "place_of", "shoot"]
 
 AT_REST = "gray+phase:steps=8"
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """A dented mirror: scene, shape, and what every pixel truly sees."""
-
-    scene: Scene
-    surface: Surface
-    truth: Trace
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,9 +56,7 @@ class Shot:
 
 def place_of(cell: Cell) -> Place:
     """The cell's mirror, traced. InputError for names that do not exist."""
-    scene = resolve(cell.scene, cell.size)
-    surface = dent_from_text(cell.dent or scene.dent or "raised-cosine", scene)
-    return Place(scene, surface, trace(scene, surface))
+    return Place.of(cell.scene, cell.dent, cell.size)
 
 
 def shoot(place: Place, cell: Cell) -> Shot:

@@ -1,0 +1,81 @@
+"""A dented mirror before a camera: its truth, and the correspondence that a perfect decoder would give."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence, Flag
+from optolever.reconstruct import PixelAnchor
+from optolever.scene import Scene, Surface, Trace, dent_from_text, load, resize, trace
+
+__all__ = ["EXACT_SIGMA", "USUAL", "Dent", "Place", "exact", "middle_anchor", "resolve"]
+
+Dent = str | Callable[[Scene], Surface] | None
+EXACT_SIGMA = 0.01  # px, of exact correspondences: solvers weigh by ratios of sigmas only
+USUAL = "raised-cosine"
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A dented mirror: scene, shape, and what every pixel truly sees; dent: how the shape is called."""
+
+    scene: Scene
+    surface: Surface
+    truth: Trace
+    dent: str
+
+    @classmethod
+    def of(cls, scene: Scene | str | Path, dent: Dent = None, size: tuple[int, int] | None = None) -> "Place":
+        """The mirror of a scene, preset or TOML file, traced; size (rows, cols) resamples the camera.
+
+        dent: as on the command line, or a function of the scene; none: the scene's own, else a raised cosine.
+        InputError for names that do not exist.
+        """
+        known = resolve(scene, size)
+        if callable(dent):
+            name, surface = getattr(dent, "__name__", ""), dent(known)
+        else:
+            name = dent or known.dent or USUAL
+            surface = dent_from_text(name, known)
+        return cls(known, surface, trace(known, surface), name)
+
+    @property
+    def peak(self) -> float:
+        """Largest height or depth that is seen, mm."""
+        return float(np.max(np.abs(self.truth.z[self.truth.visible])))
+
+
+def resolve(scene: Scene | str | Path, size: tuple[int, int] | None = None) -> Scene:
+    """A scene, or the one of a preset or TOML file, resampled to size (rows, cols) if one is given."""
+    known = scene if isinstance(scene, Scene) else load(scene)
+    return known if size is None else resize(known, *size)
+
+
+def exact(
+    truth: Trace,
+    where: NDArray[np.bool_] | None = None,
+    *,
+    noise: float = 0.0,
+    rng: np.random.Generator | None = None,
+) -> Correspondence:
+    """Where every pixel truly looks, flagged where it sees no pattern and beside `where` (H, W).
+
+    noise: rms px of white noise, drawn by rng and stated as sigma; 0: EXACT_SIGMA is stated.
+    """
+    u, v = truth.u, truth.v
+    if rng is not None:
+        u, v = (part + noise * rng.standard_normal(part.shape) for part in (u, v))
+    sigma = np.full(u.shape, noise or EXACT_SIGMA)
+    seen = truth.visible if where is None else truth.visible & where
+    return Correspondence(
+        u, v, sigma, sigma.copy(), np.where(seen, 0, int(Flag.OFF_PATTERN)).astype(np.uint16)
+    )
+
+
+def middle_anchor(truth: Trace) -> PixelAnchor:
+    """The true height of the pixel in the middle."""
+    row, col = (size // 2 for size in truth.u.shape)
+    return PixelAnchor(float(row), float(col), float(truth.z[row, col]))
