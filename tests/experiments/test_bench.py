@@ -104,12 +104,6 @@ def test_a_grid_is_read(tmp_path: Path) -> None:
         load_grid(tmp_path / "none.toml")
 
 
-def test_unknown_names_are_known_before_the_work() -> None:
-    for cell in (replace(CELL, solver="magic"), replace(CELL, sequence="gray@magic")):
-        with pytest.raises(InputError, match="magic"):
-            running.check([cell])
-
-
 def test_frontier_against_brute_force() -> None:
     rng = np.random.default_rng(3)
     points = [(float(t), float(e)) for t, e in rng.integers(0, 12, (60, 2))]
@@ -291,13 +285,3 @@ def test_the_report_has_a_section_per_mirror(rows: list[Row]) -> None:
     assert absent == [
         "lattice with coupled, decoupled: not applicable: lattice crossings are sparse: method paper only"
     ]
-
-
-def test_the_face_names_what_there_is() -> None:
-    assert set(bench.DECODERS) == {"optolever", "exact", "fringes", "cv2"}
-    grid = bench.DEFAULT_GRID
-    running.check(grid.cells())
-    own = [name for name in grid.sequences if "@" not in name and name not in ("exact", "lattice")]
-    assert len(own) >= 8
-    assert len(grid.scenes) >= 3
-    assert len([name for name in grid.solvers if "mbipy" not in name]) >= 4

@@ -61,18 +61,6 @@ def test_published_table(
     assert (row.drops, row.rises, row.mean) == pytest.approx((drops, rises, mean), rel=0.02)
 
 
-def test_every_case_has_every_row(study: PaperStudy) -> None:
-    for case in ("smooth", "needle", "pencil"):
-        for data in ("exact", "frames"):
-            assert study.find(case=case, data=data, method="dense").field is not None
-            for method in ("lattice", "pixels"):
-                for sign in (1, -1):
-                    for gamma in (True, False):
-                        study.find(
-                            case=case, data=data, law="reflection", method=method, sign=sign, gamma=gamma
-                        )
-
-
 def test_frames_tell_what_exact_data_tell(study: PaperStudy) -> None:
     """Drops on the lattice: noise and rendering change the third digit, not the story."""
     for case in ("smooth", "pencil"):

@@ -96,14 +96,6 @@ def test_the_mean_of_a_flat_mirror_is_what_its_centre_sees(flat: AreaTrace) -> N
         assert np.abs(mean - centre)[flat.visible].max() < 1e-9
 
 
-def test_all_rays_of_a_pixel_differ_along_both_axes(flat: AreaTrace) -> None:
-    """36 places each, evenly spaced over the pixel."""
-    for at, axis in ((flat.u, 1), (flat.v, 0)):
-        spacing = np.diff(np.sort(at[10, 10]))
-        width = np.abs(np.diff(at[:, :, 0], axis=axis)).mean()
-        assert spacing == pytest.approx(width / 36, rel=1e-6)
-
-
 def test_pixels_at_the_border_see_a_part() -> None:
     scene = rig()
     cut = replace(scene.pattern, cols=scene.pattern.cols // 2)

@@ -51,28 +51,6 @@ def test_equals_fitpack():
     assert np.abs(grid.gradient(x, y)[1] - truth.ev(y, x, dx=1)).max() < 1e-11
 
 
-def test_heights_at_the_nodes():
-    grid = random_grid()
-    assert np.abs(grid.height(*nodes(*grid.z.shape)) - grid.z).max() < 1e-13
-
-
-def test_the_documented_sum_over_four_by_four():
-    """What GLSL evaluates from `coefficients`, written out."""
-    grid = random_grid()
-    rows, cols = grid.z.shape
-    x, y = inside(grid, 50)
-
-    def weights(t):
-        return np.array([(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]) / 6
-
-    for px, py, z in zip(x, y, grid.height(x, y), strict=True):
-        gx = min(max((px - grid.x0) / grid.dx, 0), cols - 1)
-        gy = min(max((py - grid.y0) / grid.dy, 0), rows - 1)
-        ix, iy = min(int(gx), cols - 2), min(int(gy), rows - 2)
-        block = grid.coefficients[iy : iy + 4, ix : ix + 4]
-        assert weights(gy - iy) @ block @ weights(gx - ix) == pytest.approx(z, abs=1e-13)
-
-
 def test_level_and_without_a_step_beyond_the_edges():
     grid = random_grid()
     rows, cols = grid.z.shape
@@ -85,15 +63,6 @@ def test_level_and_without_a_step_beyond_the_edges():
         assert np.array_equal(grid.gradient(0 * x + beyond, y)[1], along)
     assert np.array_equal(grid.height(x, 0 * y - 99), grid.height(x, 0 * y + Y0))
     assert np.array_equal(grid.height(x, 0 * y + 99), grid.height(x, 0 * y + bottom))
-
-
-def test_slopes_are_continuous_across_nodes():
-    grid = random_grid()
-    _, y = inside(grid)
-    for col in (1, 5, 20):
-        node = X0 + DX * col
-        before, after = (grid.gradient(0 * y + node + e, y) for e in (-1e-9, 1e-9))
-        assert np.abs(np.subtract(before, after)).max() < 1e-5
 
 
 def test_nan_in_nan_out():
