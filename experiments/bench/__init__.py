@@ -10,7 +10,7 @@
 | `pareto.py`, `summary.py`, `report.py` | frontier and chart; the few rows that count; the page |
 | `hard.py`, `hard_case.py`, `hard_pooled.py` | hard cases, their verdicts, figures over draws |
 | `hard_decode.py`, `hard_reconstruct.py`, `hard_surroundings.py` | what is hard: written lists |
-| `hard_random.py`, `hard_rigs.py`, `rigs.py` | what is hard: drawn; rigs |
+| `hard_drawn.py`, `rigs.py` | what is hard: drawn; rigs |
 | `hard_curved.py` | mirrors that bend inside of a pixel |
 | `hard_edges.py`, `hard_unlike.py` | scenes with depth edges, faults in them; displays unlike the sequence |
 | `layered.py`, `plain_decoder.py` | their light; codes by definition |

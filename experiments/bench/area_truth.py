@@ -1,5 +1,7 @@
 """Errors of a Correspondence against what the rays of every pixel's area met."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,8 +9,8 @@ from optolever.decode import Correspondence
 from optolever.patterns import Sequence
 from optolever.projector import AreaTrace
 
-from .hard_case import SIGMAS, Found
-from .hard_decode import DISCRETE
+from .hard_case import SIGMAS, Found, worse_of
+from .hard_decode import DISCRETE, discrete
 from .measures import far_from_visible
 
 __all__ = ["area_errors"]
@@ -24,32 +26,21 @@ def area_errors(seen: Correspondence, area: AreaTrace, sequence: Sequence) -> Fo
     decoded, but where it is (unflagged) the truth is the mean over the part that sees it, known to within
     half the distance of its rays, which the error is allowed.
     """
-    discrete = not any(frame.kind in ("phase", "stripe", "crossed") for frame in sequence.frames)
     lit, partly = area.visible, area.partly
     centres = area.centre.u, area.centre.v
     truths = (np.where(partly, mean, at) for mean, at in zip(area.mean(), centres, strict=True))
-    parts = []
+    errors, limits = [], []
     for name, truth, extent in zip("uv", truths, area.extent(), strict=True):
         value = np.asarray(getattr(seen, name), np.float64)
         sigma = np.asarray(getattr(seen, f"sigma_{name}"), np.float64)
         error = value - truth
         allowed = np.where(partly, _half_spacing(extent, area), 0.0)
-        error = np.sign(error) * np.maximum(np.abs(error) - allowed, 0.0)
-        limit = SIGMAS * sigma
-        parts.append((error, np.maximum(limit, DISCRETE) if discrete else limit))
-    (error_u, limit_u), (error_v, limit_v) = parts
-    with np.errstate(invalid="ignore", divide="ignore"):
-        worse = ~(np.abs(error_u) / limit_u >= np.abs(error_v) / limit_v)
-        error, limit = np.where(worse, error_v, error_u), np.where(worse, limit_v, limit_u)
-        wrong_part = partly & ~(np.abs(error) <= limit)
-    return Found(
-        error=error,
-        limit=limit,
-        expected=lit,
-        beside=np.asarray(far_from_visible(lit | partly) | wrong_part),
-        flags=seen.flags,
-        unit="px",
-    )
+        errors.append(np.sign(error) * np.maximum(np.abs(error) - allowed, 0.0))
+        limits.append(np.maximum(SIGMAS * sigma, DISCRETE if discrete(sequence) else 0.0))
+    found = worse_of(errors, limits, lit, far_from_visible(lit | partly), seen.flags)
+    with np.errstate(invalid="ignore"):
+        wrong_part = partly & ~(np.abs(found.error) <= found.limit)
+    return replace(found, beside=np.asarray(found.beside | wrong_part))
 
 
 def _half_spacing(extent: Float, area: AreaTrace) -> Float:

@@ -15,8 +15,8 @@ from ..images import figure_png, new_figure
 from .hard_case import Case, Found, Result, run_case, silent_mask
 from .hard_curved import FORMS, curved_cases
 from .hard_decode import decode_cases
+from .hard_drawn import random_cases
 from .hard_edges import edge_cases
-from .hard_random import random_cases
 from .hard_reconstruct import reconstruct_cases
 from .hard_surroundings import surroundings_cases
 from .hard_unlike import unlike_cases

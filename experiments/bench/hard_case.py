@@ -1,8 +1,8 @@
 """A hard case, what it gave, and the verdict: nothing may be wrong that is not flagged."""
 
 import math
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -12,10 +12,11 @@ from optolever.errors import InputError
 
 from ..metrics import rms
 
-__all__ = ["LIMIT", "SIGMAS", "Case", "Found", "FrameVerdict", "Result", "judged", "run_case"]
+__all__ = ["LIMIT", "SIGMAS", "Case", "Found", "FrameVerdict", "Result", "judged", "run_case", "worse_of"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Values = NDArray[Any]
 
 LIMIT = 1e-4  # silent errors, as a share of the unflagged pixels
 SIGMAS = 5.0  # beyond which an unflagged value is a silent error
@@ -86,6 +87,21 @@ class Found:
     notices: int | None = None
 
 
+def worse_of(
+    errors: Iterable[NDArray[Any]],
+    limits: Iterable[NDArray[Any]],
+    expected: Mask,
+    beside: Mask,
+    flags: NDArray[Any],
+) -> Found:
+    """Errors of u and v (px) within their limits, (H, W) each: of the one that is worse in units of it."""
+    (error_u, error_v), (limit_u, limit_v) = errors, limits
+    with np.errstate(invalid="ignore", divide="ignore"):
+        worse = ~(np.abs(error_u) / limit_u >= np.abs(error_v) / limit_v)
+    error, limit = np.where(worse, error_v, error_u), np.where(worse, limit_v, limit_u)
+    return Found(error, np.asarray(limit, np.float64), expected, beside, flags, "px")
+
+
 @dataclass(frozen=True, slots=True)
 class Case:
     """One hard case: a pure function of nothing.
@@ -147,28 +163,10 @@ class Result:
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
         case = self.case
-        return {
-            "part": case.part,
-            "case": case.name,
-            "subject": case.subject,
-            "size": list(case.size),
-            "noise": case.noise,
-            "dtype": case.dtype,
-            "verdict": self.verdict,
-            "why": self.why,
-            "error": self.error,
-            "unit": self.unit,
-            "worst": self.worst,
-            "flagged": self.flagged,
-            "wrong": self.wrong,
-            "silent": self.silent,
-            "silent_count": self.silent_count,
-            "pixels": self.pixels,
-            "unflagged": self.unflagged,
-            "normalised": self.normalised,
-            "width": self.width,
-            "frames": None if self.frames is None else asdict(self.frames),
-        }
+        of_case = {"part": case.part, "case": case.name, "subject": case.subject, "size": list(case.size)}
+        own = {one.name: getattr(self, one.name) for one in fields(self) if one.name not in ("case", "found")}
+        frames = None if self.frames is None else asdict(self.frames)
+        return {**of_case, "noise": case.noise, "dtype": case.dtype, **own, "frames": frames}
 
 
 def run_case(case: Case) -> Result:

@@ -9,13 +9,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.decode import decode
-from optolever.patterns import sequence_from_text
-from optolever.projector import area_frames, trace_area
 from optolever.scene import Scene, Sensor, Surface, dent, load, resize, trace
 
-from .area_truth import area_errors
 from .hard_case import Case, Found
+from .hard_drawn import AREA_PIXELS, AREA_SHARE, decoded_area, drawn_size
 from .rigs import KINDS, draw_rig
 
 __all__ = ["CURVED_CODES", "FORMS", "curved_cases", "curved_scene"]
@@ -24,9 +21,6 @@ Float = NDArray[np.float64]
 
 CURVED_CODES = "gray+phase", "phase", "micro-phase", "gray"
 FORMS = "relief", "ripples", "ridge", "ball"
-SHARE, PIXELS = 1e-3, 3
-"""Silent errors that one scene may have: this share of its unflagged pixels, or so many pixels."""
-
 _SEED = 4711
 _SIZES = 160, 300  # rows and columns of a camera: from, below
 _NOISES = 0.3, 1.0, 2.0  # rms levels
@@ -37,23 +31,21 @@ _WAVE = 3.0  # pixels
 def curved_cases(scenes: int, first: int = 0) -> Iterator[Case]:
     """Every code on so many drawn scenes: in turn a form of dent each; four in the preset, four on rigs."""
     for number in range(first, first + scenes):
-        rng = _rng(number)
-        size, noise = _size(rng), float(rng.choice(_NOISES))
+        _, size, noise = _drawn(number)
         for code in CURVED_CODES:
             yield Case(
                 *("curved", f"{FORMS[number % len(FORMS)]} {number}", code, size),
                 partial(curved_found, number, code),
                 noise,
                 "uint8",
-                share=SHARE,
-                pixels=PIXELS,
+                share=AREA_SHARE,
+                pixels=AREA_PIXELS,
             )
 
 
 def curved_scene(number: int) -> tuple[Scene, Surface, Sensor]:
     """The scene of a number, always the same."""
-    rng = _rng(number)
-    size, noise = _size(rng), float(rng.choice(_NOISES))
+    rng, size, noise = _drawn(number)
     if number // len(FORMS) % 2:
         scene = draw_rig(rng, str(rng.choice(KINDS)), size).scene
     else:
@@ -65,18 +57,13 @@ def curved_scene(number: int) -> tuple[Scene, Surface, Sensor]:
 def curved_found(number: int, code: str) -> Found:
     """Render, decode, compare."""
     scene, surface, sensor = curved_scene(number)
-    sequence = sequence_from_text(code, scene.pattern.rows, scene.pattern.cols)
-    area = trace_area(scene, surface)
-    return area_errors(decode(area_frames(area, sequence, sensor, seed=number), sequence), area, sequence)
+    return decoded_area(scene, surface, code, sensor, number)
 
 
-def _rng(number: int) -> np.random.Generator:
-    return np.random.default_rng([_SEED, number])
-
-
-def _size(rng: np.random.Generator) -> tuple[int, int]:
-    rows, cols = rng.integers(*_SIZES, 2)
-    return int(rows), int(cols)
+def _drawn(number: int) -> tuple[np.random.Generator, tuple[int, int], float]:
+    """Random numbers of a scene, its camera's size and noise."""
+    rng = np.random.default_rng([_SEED, number])
+    return rng, drawn_size(rng, _SIZES), float(rng.choice(_NOISES))
 
 
 def _relief(rng: np.random.Generator, scene: Scene) -> Surface:

@@ -24,7 +24,7 @@ from optolever.scene import (
     trace,
 )
 
-from .hard_case import SIGMAS, Case, Found
+from .hard_case import SIGMAS, Case, Found, worse_of
 from .measures import far_from_visible
 
 __all__ = [
@@ -34,6 +34,7 @@ __all__ = [
     "Condition",
     "decode_cases",
     "decoded",
+    "discrete",
     "flashes",
     "hot_pixels",
 ]
@@ -221,28 +222,21 @@ def compared(
     The error is that of the coordinate which is worse in units of its limit; captures: how many were
     decoded for it, each of which may be wrong by as much.
     """
-    discrete = not any(frame.kind in ("phase", "stripe", "crossed") for frame in shown.frames)
     visible = np.logical_and.reduce([truth.visible for truth in truths])
     somewhere = np.logical_or.reduce([truth.visible for truth in truths])
-    parts = []
+    errors, limits = [], []
     values = (seen.du, seen.dv) if isinstance(seen, Displacement) else (seen.u, seen.v)
     for name, value, sigma in zip("uv", values, (seen.sigma_u, seen.sigma_v), strict=True):
         stack = np.stack([getattr(truth, name) for truth in truths])
         low, high = stack.min(axis=0), stack.max(axis=0)
-        error = value - np.clip(value, low, high)
-        limit = np.full(value.shape, captures * DISCRETE) if discrete else SIGMAS * sigma
-        parts.append((error, np.asarray(limit, dtype=np.float64)))
-    (error_u, limit_u), (error_v, limit_v) = parts
-    with np.errstate(invalid="ignore", divide="ignore"):
-        worse = ~(np.abs(error_u) / limit_u >= np.abs(error_v) / limit_v)
-    return Found(
-        error=np.where(worse, error_v, error_u),
-        limit=np.where(worse, limit_v, limit_u),
-        expected=visible,
-        beside=far_from_visible(somewhere),
-        flags=seen.flags,
-        unit="px",
-    )
+        errors.append(value - np.clip(value, low, high))
+        limits.append(np.full(value.shape, captures * DISCRETE) if discrete(shown) else SIGMAS * sigma)
+    return worse_of(errors, limits, visible, far_from_visible(somewhere), seen.flags)
+
+
+def discrete(shown: Sequence) -> bool:
+    """Whether a sequence tells cells only."""
+    return not any(frame.kind in ("phase", "stripe", "crossed") for frame in shown.frames)
 
 
 def _scene(condition: Condition, size: tuple[int, int]) -> Scene:

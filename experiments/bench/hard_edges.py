@@ -14,7 +14,7 @@ from optolever.decode import Correspondence, Flag, Integrity, check, decode
 from optolever.patterns import Sequence, sequence_from_text
 
 from ..drawn import between
-from .hard_case import SIGMAS, Case, Found, FrameVerdict
+from .hard_case import SIGMAS, Case, Found, FrameVerdict, worse_of
 from .layered import MARGIN, SAMPLES, Gloss, Layer, Outline, Samples, World, inside, light, sampled
 from .plain_decoder import plain_places, seams
 
@@ -358,13 +358,5 @@ def against_truth(seen: Correspondence, u: Floats, v: Floats, judged: Mask) -> F
     """Errors of the judged pixels, the worse coordinate in units of 5 sigma; the others count as flagged."""
     errors = [np.asarray(seen.u - u, np.float64), np.asarray(seen.v - v, np.float64)]
     limits = [np.asarray(SIGMAS * sigma, np.float64) for sigma in (seen.sigma_u, seen.sigma_v)]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        worse = ~(np.abs(errors[0]) / limits[0] >= np.abs(errors[1]) / limits[1])
-    return Found(
-        error=np.where(worse, errors[1], errors[0]),
-        limit=np.where(worse, limits[1], limits[0]),
-        expected=judged,
-        beside=np.zeros(judged.shape, np.bool_),
-        flags=np.where(judged, seen.flags, seen.flags | np.uint16(Flag.INVALID)),
-        unit="px",
-    )
+    flags = np.where(judged, seen.flags, seen.flags | np.uint16(Flag.INVALID))
+    return worse_of(errors, limits, judged, np.zeros(judged.shape, np.bool_), flags)

@@ -117,14 +117,7 @@ def test_a_spoiled_scene_is_refused(optolever: Program, chain: Chain, tmp_path: 
 ARGUMENTS = {
     "no such scene": (["capture", "--scene", "paper-simulatoin", "--out", "OUT"], ("paper-simulatoin",)),
     "no such dent": (["capture", *SCENE, "--dent", "dint", "--out", "OUT"], ("dint", "gaussian")),
-    "unknown dent key": (["capture", *SCENE, "--dent", "gaussian:sgima=2", "--out", "OUT"], ("sgima",)),
-    "dent value": (["capture", *SCENE, "--dent", "gaussian:peak=deep", "--out", "OUT"], ("peak", "deep")),
-    "NaN in a dent": (["capture", *SCENE, "--dent", "gaussian:peak=nan", "--out", "OUT"], ("peak", "nan")),
     "no such sequence": (["capture", *SCENE, "--sequence", "grey", "--out", "OUT"], ("grey", "gray")),
-    "too few steps": (
-        ["capture", *SCENE, "--sequence", "phase:steps=2", "--out", "OUT"],
-        ("steps", "2", "3"),
-    ),
     "negative noise": (["capture", *SCENE, "--noise", "-1", "--out", "OUT"], ("--noise", "-1")),
     "size": (
         ["capture", "--scene", "paper-simulation", "--size", "9by9", "--out", "OUT"],

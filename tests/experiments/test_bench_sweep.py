@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from optolever import InputError
-from optolever.blocks import ONE_THREAD, threads
+from optolever.blocks import ONE_THREAD
 from optolever.cli import run
 from optolever.experiments.bench import Cell, Cluster, Grid, Row, Store, load_grid, sweep
 from optolever.experiments.bench.cell import grouped
@@ -92,13 +92,6 @@ def test_interrupted_from_the_keyboard(tmp_path: Path, grid: Grid, monkeypatch: 
     assert len(json.loads((tmp_path / "o/results.json").read_text())["rows"]) == 1
     assert (tmp_path / "o/report.html").is_file()
     assert len((tmp_path / "o/results.csv").read_text().splitlines()) == 2
-
-
-def test_threads_can_be_set(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("OPTOLEVER_THREADS", "3")
-    assert threads() == 3
-    monkeypatch.setenv("OPTOLEVER_THREADS", "many")
-    assert threads() >= 1
 
 
 def test_a_scheduler_that_is_not_there(tmp_path: Path, grid: Grid) -> None:

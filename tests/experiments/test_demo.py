@@ -5,8 +5,7 @@ import math
 
 import pytest
 
-from optolever import InputError
-from optolever.experiments import DemoResult, run_demo
+from optolever.experiments import DemoResult
 from optolever.experiments.demo_report import demo_command
 
 RELIED_ON = (
@@ -45,24 +44,8 @@ def test_total_is_the_sum_and_the_report_joins_it(demo: DemoResult) -> None:
     assert timed.with_report(1.0).seconds["total"] == pytest.approx(demo.seconds["total"] + 1.0)
 
 
-def test_progress_is_told() -> None:
-    told: list[tuple[str, int, int]] = []
-    run_demo(size=(24, 24), renderer="numpy", progress=lambda *step: told.append(step))
-    assert told[0] == ("trace", 0, 4)
-    assert told[-1] == ("reconstruct", 4, 4)
-
-
 def test_command_repeats_the_run(demo: DemoResult) -> None:
     words = demo_command(demo.settings).split()
     assert words[:2] == ["optolever", "demo"]
     assert words[words.index("--size") + 1] == "96x96"
     assert words[words.index("--dent") + 1] == "gaussian"
-
-
-@pytest.mark.parametrize(
-    "bad",
-    [{"scene": "no-such-scene"}, {"dent": "no-such-dent"}, {"sequence": "no-such"}, {"renderer": "pencil"}],
-)
-def test_unknown_names(bad: dict[str, str]) -> None:
-    with pytest.raises(InputError):
-        run_demo(**{"size": (24, 24), "renderer": "numpy", **bad})

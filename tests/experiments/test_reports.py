@@ -7,8 +7,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 
 from optolever.experiments import DemoResult, PaperStudy, paper_html, write_demo_report
@@ -120,16 +118,6 @@ def test_surface_is_drawn_turns_and_takes_colours(demo_page: Path, tmp_path: Pat
     dom = browser(page, "--dump-dom", "--virtual-time-budget=5000")
     assert 'data-turned="true"' in dom
     assert 'data-recoloured="true"' in dom
-
-
-@pytest.mark.slow
-def test_screenshot_shows_a_surface(demo_page: Path, tmp_path: Path, browser: Browser) -> None:
-    target = tmp_path / "page.png"
-    browser(demo_page, "--window-size=1280,1200", f"--screenshot={target}")
-    picture = cv2.imread(str(target))
-    assert picture.shape == (1200, 1280, 3)
-    viewer = picture[600:1100, 150:1130]
-    assert len(np.unique(viewer.reshape(-1, 3), axis=0)) > 500
 
 
 def test_words_and_notices_of_a_run_cannot_break_the_pages(demo_page: Path, paper_page: Path) -> None:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from optolever.decode import Correspondence, Flag
-from optolever.experiments.bench import hard_cases, hard_rigs, judged, pooled, run_hard
+from optolever.experiments.bench import hard_drawn, judged, pooled, run_hard
 from optolever.experiments.bench.area_truth import area_errors
 from optolever.experiments.bench.hard_case import run_case
-from optolever.experiments.bench.hard_rigs import rig_case, rig_of
+from optolever.experiments.bench.hard_drawn import rig_case, rig_of
 from optolever.patterns import sequence
 from optolever.projector import AreaTrace, trace_area
 from optolever.scene import dent, load, resize
@@ -20,15 +20,6 @@ def true_correspondence(area: AreaTrace, sigma: float = 0.01) -> Correspondence:
     u, v = area.mean()
     flags = np.where(area.visible, 0, int(Flag.OFF_PATTERN)).astype(np.uint16)
     return Correspondence(u, v, np.full(u.shape, sigma), np.full(u.shape, sigma), flags)
-
-
-def test_a_number_is_a_rig() -> None:
-    (first, code, sensor), (again, code_again, sensor_again) = rig_of(14), rig_of(14)
-    assert (first.kind, code, sensor) == (again.kind, code_again, sensor_again)
-    assert first.scene == again.scene
-    assert first.lighting == again.lighting
-    assert first.surface.height(3.0, 4.0) == again.surface.height(3.0, 4.0)
-    assert rig_case(14).label == hard_cases(drawn=1, first=14)[0].label
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +71,7 @@ def test_a_wrong_decoder_fails_and_is_pooled(monkeypatch: pytest.MonkeyPatch) ->
         right = true_correspondence(area)
         off = np.random.default_rng(3).random(right.u.shape) < share
         monkeypatch.setattr(
-            hard_rigs, "decode", lambda *_: replace(right, u=np.where(off, 2.0 + right.u, right.u))
+            hard_drawn, "decode", lambda *_: replace(right, u=np.where(off, 2.0 + right.u, right.u))
         )
 
     fake(0.0)
