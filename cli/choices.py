@@ -1,5 +1,6 @@
 """`optolever lab choices`: is the first choice of `design` the right one."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -84,7 +85,7 @@ def command(
                 )
             rows.append(row)
             table(f"Case {index}: {row.case}", _told(row))
-            write_json(json_path, {"rows": [row.to_dict() for row in rows], "pixels": pixels})
+            write_json(json_path, {"rows": [asdict(row) for row in rows], "pixels": pixels})
     good = sum(row.excess <= 0.05 for row in rows)
     near = sum(row.within_15 * row.candidates for row in rows) / max(1, sum(row.candidates for row in rows))
     table(

@@ -1,5 +1,6 @@
 """`optolever lab methods`: every solver and integrator on the same cases, speed beside error."""
 
+from dataclasses import asdict
 from itertools import groupby
 from pathlib import Path
 
@@ -66,7 +67,7 @@ def command(
         click.echo(f"Not installed, not beside: {', '.join(missing)} ({PEERS})", err=True)
     with progress() as step:
         rows = run_methods(size, cases, methods, step, files)
-    write_json(json_path, {"size": size, "rows": [row.to_dict() for row in rows], "not_installed": missing})
+    write_json(json_path, {"size": size, "rows": [asdict(row) for row in rows], "not_installed": missing})
     for title, group in groupby(rows, key=lambda row: f"{row.part}, {row.case}"):
         lines = [
             [

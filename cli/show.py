@@ -1,6 +1,5 @@
 """What a person sees: tables on stdout, progress on stderr (only on a terminal), JSON for programs."""
 
-import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -104,25 +103,11 @@ def _print(title: str, lines: "Table", width: int | None = None) -> None:
 
 
 def write_json(path: Path | None, values: Mapping[str, Any]) -> None:
-    """Write a record as JSON, whole or not at all; NaN and infinities become null. No path, no file."""
-    if path is None:
-        return
-    from optolever.files import atomic_file
+    """`optolever.files.write_json`; no path, no file."""
+    if path is not None:
+        from optolever import files
 
-    with atomic_file(path) as temporary:
-        temporary.write_text(json.dumps(_plain(values), indent=2, allow_nan=False) + "\n")
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return str(value) if isinstance(value, Path) else value
+        files.write_json(path, values)
 
 
 WIDE = 240  # columns of a grid; a terminal folds what it cannot show

@@ -27,7 +27,7 @@ from optolever.scene import Scene, Surface
 
 from .demo import Progress, Stages, silent
 from .metrics import peak_bytes, rms
-from .paper_frames import lattice_column
+from .paper_frames import lattice_frames, lattice_positions
 from .paper_rows import Curves, PaperRow, dense_row, paper_rows
 from .paper_simulation import Points, lattice_points, pixel_points, seen_points
 from .place import Dent, Place, exact
@@ -220,10 +220,10 @@ def _simulated(setup: Setup, drawn: Curves) -> Iterator[PaperRow]:
 
 def _on_lattice(setup: Setup, drawn: Curves, *, noise: float, seed: int, renderer: str) -> Iterator[PaperRow]:
     """One column of lattice crossings from a rendered rest frame and a rendered dented frame."""
-    m, w, y = lattice_column(
-        setup.place.scene, setup.place.surface, setup.lines, noise=noise, seed=seed, renderer=renderer
-    )
-    points = seen_points(setup.place.surface, setup.geometry, m, w, y)
+    scene, surface = setup.place.scene, setup.place.surface
+    frames = lattice_frames(scene, surface, setup.lines, noise=noise, seed=seed, renderer=renderer)
+    m, w, y = lattice_positions(scene, *frames)
+    points = seen_points(surface, setup.geometry, m, w, y)
     names = (setup.case.name, "frames", "reflection", "lattice")
     yield from paper_rows(points, setup.geometry, setup.peak, names, drawn)
 

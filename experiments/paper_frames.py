@@ -12,21 +12,10 @@ from optolever.projector import capture
 from optolever.reconstruct import capture_positions, pattern_positions, prism_geometry
 from optolever.scene import Scene, Surface, dent, trace
 
-__all__ = ["lattice_column", "lattice_frames", "lattice_positions"]
+__all__ = ["lattice_frames", "lattice_positions"]
 
 Array = NDArray[np.float64]
 Frame = NDArray[Any]
-
-
-def lattice_column(
-    scene: Scene, surface: Surface, lines: int, *, noise: float, seed: int, renderer: str
-) -> tuple[Array, Array, Array]:
-    """Measured m, w and y (mm) of the crossings along the pattern line nearest to the mirror's middle.
-
-    See `lattice_frames` and `lattice_positions`.
-    """
-    frames = lattice_frames(scene, surface, lines, noise=noise, seed=seed, renderer=renderer)
-    return lattice_positions(scene, *frames)
 
 
 def lattice_frames(
@@ -49,7 +38,7 @@ def lattice_frames(
 def lattice_positions(
     scene: Scene, shown: Sequence, rest: Frame, dented: Frame
 ) -> tuple[Array, Array, Array]:
-    """m, w and y (mm) of the crossings along the middle.
+    """m, w and y (mm) of the crossings along the pattern line nearest to the mirror's middle.
 
     m is where the crossing is printed, w and y are where it was found in the dented frame, NaN if it was
     not. InputError if fewer than two are found.

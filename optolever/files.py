@@ -3,6 +3,7 @@
 """
 
 import errno
+import json
 import math
 import os
 import secrets
@@ -35,6 +36,7 @@ __all__ = [
     "require_writable",
     "save_arrays",
     "together",
+    "write_json",
 ]
 
 _FAILED = "cannot be written"
@@ -242,6 +244,24 @@ def load_arrays(
         raise InputError(f"{path}: {error}") from error
     except _UNREADABLE as error:
         raise InputError(f"{path}: not a readable .npz ({error})") from error
+
+
+def write_json(path: str | Path, values: Mapping[str, Any]) -> None:
+    """Write a record as JSON, whole or not at all; NaN and infinities become null."""
+    with atomic_file(path) as temporary:
+        temporary.write_text(json.dumps(_plain(values), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return str(value) if isinstance(value, Path) else value
 
 
 def _claimed_size(archive: zipfile.ZipFile, info: zipfile.ZipInfo, name: str, texts: Sequence[str]) -> int:

@@ -2,7 +2,7 @@
 
 | file | holds |
 |---|---|
-| `cell.py`, `defaults.py` | Cell, Grid, TOML grids, keys and seeds; the grid of `optolever bench` |
+| `cell.py` | Cell, Grid, TOML grids, keys and seeds; the grid of `optolever bench` |
 | `shot.py`, `decoders.py`, `solvers.py`, `decoupled.py` | mirror and frames; who decodes; who solves |
 | `run.py`, `measures.py`, `row.py` | cells to rows; numbers; the record |
 | `store.py`, `sweeps.py` | one result file per cell; resumed runs, here or on Dask |
@@ -17,9 +17,8 @@
 | `surroundings.py`, `area_truth.py` | what is around a mirror; errors against the area of a pixel |
 """
 
-from .cell import Cell, Grid, load_grid
+from .cell import DEFAULT_GRID, Cell, Grid, load_grid
 from .decoders import DECODERS
-from .defaults import DEFAULT_GRID
 from .hard import hard_cases, run_hard, save_picture
 from .hard_case import Case, Found, Result, judged
 from .hard_pooled import Pooled, pooled

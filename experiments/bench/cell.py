@@ -1,4 +1,6 @@
-"""Cell: one measurement of a grid, with a key and a seed of its own; Grid: the cells of a TOML file."""
+"""Cell: one measurement of a grid, with a key and a seed of its own; Grid: the cells of a TOML file; the grid
+that `optolever bench` runs when nothing else is asked for.
+"""
 
 import hashlib
 import json
@@ -14,7 +16,7 @@ from typing import Any
 from optolever.errors import InputError
 from optolever.projector import RENDERERS
 
-__all__ = ["Cell", "Grid", "grouped", "load_grid"]
+__all__ = ["DEFAULT_GRID", "Cell", "Grid", "grouped", "load_grid"]
 
 Size = tuple[int, int]
 
@@ -115,7 +117,36 @@ class Grid:
             yield replace(cell, noise=0.0, seed=0) if cell.decoder == "exact" else cell
 
 
-_LISTS = ("scenes", "sequences", "solvers", "dents", "sizes", "noises", "seeds")
+#: Periods of 20, 22 and 25 px repeat together after 1100 px, more than any pattern of a 512 x 512 camera.
+_PERIODS = "periods=20/22/25"
+#: Of the kind that `optolever design` prefers: three periods of n, n - 1 and n - sqrt(n) fringes, here on
+#: up to 1122 px (n = 1122 / 8).
+_DESIGNED = "phase:steps=3,periods=8.73782/8.05745/8"
+
+DEFAULT_GRID = Grid(
+    scenes=("paper-simulation", "prism48", "monitor-mirror"),
+    sizes=((512, 512),),
+    sequences=(
+        "exact",
+        "gray+phase",
+        "gray+phase:steps=8",
+        "gray+phase:steps=3,period=16",
+        "phase",
+        f"phase:steps=3,{_PERIODS}",
+        "phase:steps=3,periods=576/64/7",
+        _DESIGNED,
+        f"{_DESIGNED}@fringes",
+        f"phase:steps=4,{_PERIODS}",
+        "gray",
+        "gray@cv2",
+        "xor-gray",
+        "binary",
+        "stripe:step=8",
+        "crossed:period=10",
+        "lattice",
+    ),
+    solvers=("coupled", "paper", "paper-drops", "decoupled", "mbipy-frankot", "mbipy-dct"),
+)
 
 
 def load_grid(path: str | Path) -> Grid:

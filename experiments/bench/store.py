@@ -3,13 +3,12 @@ stopped.
 """
 
 import json
-import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from optolever import __version__
-from optolever.files import atomic_file
+from optolever.files import atomic_file, write_json
 
 from .cell import Cell
 from .row import FAILED, Row, csv_text
@@ -41,29 +40,12 @@ class Store:
     def save(self, row: Row) -> None:
         """Write a cell's row."""
         record = {"version": __version__, "row": row.to_dict()}
-        with atomic_file(self.path(row.cell)) as temporary:
-            temporary.write_text(_json(record), encoding="utf-8")
+        write_json(self.path(row.cell), record)
 
     def finish(self, rows: Iterable[Row], settings: dict[str, Any], refresh: float) -> None:
         """Write results.json and results.csv of all rows."""
         listed = list(rows)
         record = {"settings": settings, "rows": [row.flat(refresh) for row in listed]}
-        with atomic_file(self.folder / "results.json") as temporary:
-            temporary.write_text(_json(record), encoding="utf-8")
+        write_json(self.folder / "results.json", record)
         with atomic_file(self.folder / "results.csv") as temporary:
             temporary.write_text(csv_text(listed, refresh), encoding="utf-8")
-
-
-def _json(value: Any) -> str:
-    return json.dumps(_plain(value), indent=1, allow_nan=False) + "\n"
-
-
-def _plain(value: Any) -> Any:
-    """What is not finite becomes null."""
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

@@ -18,6 +18,7 @@ from optolever.notices import Notice
 from optolever.patterns import Sequence
 from optolever.projector import capture
 from optolever.reconstruct import HeightMap, reconstruct
+from optolever.records import Progress, silent
 from optolever.scene import Scene, dent_from_text
 
 from .adaptive import Goal, Start, Step, adapt, starting
@@ -37,7 +38,6 @@ __all__ = [
     "study_dents",
 ]
 
-Progress = Callable[[str, int, int], None]
 SIDE = 60  # pixels along the shorter side of the camera by which shares are predicted
 #: Predicted share under the goal's, up to which a fixed sequence is worth simulating; of one number of
 #: frames so many at most.
@@ -133,7 +133,7 @@ def run_adaptive(
     seeds: int = 2,
     compare: bool = True,
     renderer: str = "auto",
-    progress: Progress = lambda *_: None,
+    progress: Progress = silent,
     told: Callable[[AdaptiveRow], None] = lambda row: None,
 ) -> AdaptiveStudy:
     """Measure every dent adaptively; compare: find the best fixed sequence too (minutes).
@@ -180,9 +180,7 @@ def _measured(place: "Place", seeds: int) -> AdaptiveRow:
     )
 
 
-def best_fixed(
-    places: "list[Place]", goal: Goal, seeds: int, progress: Progress = lambda *_: None
-) -> FixedSearch:
+def best_fixed(places: "list[Place]", goal: Goal, seeds: int, progress: Progress = silent) -> FixedSearch:
     """The fixed sequence of fewest frames whose mean share over the seeds meets the goal on every place.
 
     Predicted first, then simulated from the most promising on. A miss of this search is the search's, not

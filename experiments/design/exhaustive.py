@@ -4,14 +4,14 @@ kinds.
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from optolever.errors import InputError
+from optolever.records import Progress, silent
 from optolever.scene import dent_from_text
 
 from .judged import Case
@@ -20,7 +20,6 @@ from .sensitivity import Lever
 
 __all__ = ["ChoiceRow", "run_choices"]
 
-Progress = Callable[[str, int, int], None]
 #: Standard errors of simulated rms errors, of every candidate and of those that are simulated again; draws of
 #: noise at most.
 CHANCE, CHANCE_AGAIN, MOST = 0.05, 0.0125, 160
@@ -51,10 +50,6 @@ class ChoiceRow:
     median_error: float
     seconds: float
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values."""
-        return asdict(self)
-
 
 def run_choices(
     cases: Sequence[Case],
@@ -63,7 +58,7 @@ def run_choices(
     seeds: int = 3,
     more: int = 10,
     renderer: str = "auto",
-    progress: Progress = lambda text, done, total: None,
+    progress: Progress = silent,
 ) -> Iterator[ChoiceRow]:
     """Choose for every case, simulate every candidate with `seeds` draws at least, the best ones with `more`;
     see CHANCE."""

@@ -10,7 +10,7 @@ by which nearly all fall out. The rest is predicted whole, the most promising fi
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 
@@ -24,7 +24,6 @@ from .outlook import Outlook
 
 __all__ = ["Offer", "fringe_codes", "offers"]
 
-Progress = Callable[[str, int, int], None]
 #: Candidates of one number of frames that are predicted whole.
 WHOLE = 60
 #: Steps of all periods but the last, besides an even share; the last has the rest.

@@ -4,7 +4,6 @@ best.
 
 import math
 import time
-from collections.abc import Callable
 from collections.abc import Sequence as Many
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
@@ -15,6 +14,7 @@ from optolever.decode import decode
 from optolever.errors import InputError
 from optolever.projector import capture
 from optolever.reconstruct import reconstruct
+from optolever.records import Progress, silent
 from optolever.scene import Scene, dent_from_text
 
 from .candidates import Candidate, candidates
@@ -24,7 +24,6 @@ from .view import Floats
 
 __all__ = ["Design", "DesignRow", "merit", "rank", "run_design", "simulate"]
 
-Progress = Callable[[str, int, int], None]
 #: Share of the pixels that a sequence must be expected to measure.
 LEAST_SHARE = 0.5
 #: Pairs of draws for every row; merit over the best one's up to which a row gets more: so many, twice.
@@ -82,10 +81,6 @@ class Design:
             "settings": self.settings,
             "seconds": self.seconds,
         }
-
-
-def silent(text: str, done: int, total: int) -> None:
-    """Progress that nobody watches."""
 
 
 def merit(error: float, share: float) -> float:

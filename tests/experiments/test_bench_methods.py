@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -58,7 +59,7 @@ def test_mirrors() -> None:
     assert math.isnan(row(rows, "smooth", "paper").silent)
     assert row(rows, "smooth, known point", "coupled").error < 1e-3
     assert "coupled" in method_names()
-    json.dumps([row.to_dict() for row in rows])
+    json.dumps([asdict(row) for row in rows])
 
 
 def test_fields_of_others(tmp_path: Path) -> None:
