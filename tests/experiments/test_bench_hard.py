@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,22 +35,37 @@ def case(limit: str = "") -> Case:
     return Case("decode", "made up", "gray", SHAPE, found, limit=limit)
 
 
-def test_a_right_answer_is_good() -> None:
-    result = judged(case(), found())
-    assert (result.verdict, result.silent, result.flagged, result.fault) == ("good", 0.0, 0.0, False)
-    assert result.error == pytest.approx(0.1)
-    assert result.worst == pytest.approx(0.2)
+#: What is changed in a right answer (field: pixels, value), and the verdict on it.
+VERDICTS: dict[str, tuple[dict[str, tuple[Any, float]], str]] = {
+    "right": ({}, "good"),
+    "one pixel of 600 off": ({"error": (np.s_[3, 4], -0.6)}, "silent errors"),
+    "and flagged": ({"error": (np.s_[3, 4], -0.6), "flags": (np.s_[3, 4], 8)}, "good"),
+    "no number": ({"error": (np.s_[0, 0], np.nan)}, "unflagged NaN"),
+    "beside the mirror": ({"expected": (np.s_[:2], 0), "beside": (np.s_[:1], 1)}, "silent errors"),
+    "beside and flagged": (
+        {"expected": (np.s_[:2], 0), "beside": (np.s_[:1], 1), "flags": (np.s_[:2], 1)},
+        "good",
+    ),
+    "as large as the subject": ({"error": (np.s_[:], 3.0), "limit": (np.s_[:], 9.0)}, "diverged"),
+    "all flagged": ({"flags": (np.s_[:], 1)}, "good"),
+}
 
 
-def test_one_silent_pixel_in_600_is_too_many() -> None:
-    wrong = found()
-    wrong.error[3, 4] = -0.6
-    result = judged(case(), wrong)
-    assert (result.verdict, result.silent_count, result.fault) == ("silent errors", 1, True)
-    wrong.flags[3, 4] = 8
-    result = judged(case(), wrong)
-    assert (result.verdict, result.fault) == ("good", False)
-    assert result.flagged == pytest.approx(1 / 600)
+@pytest.mark.parametrize("name", VERDICTS)
+def test_verdicts(name: str) -> None:
+    changes, verdict = VERDICTS[name]
+    made = found()
+    for field, (where, value) in changes.items():
+        getattr(made, field)[where] = value
+    result = judged(case(), made)
+    assert (result.verdict, result.fault) == (verdict, verdict != "good")
+    stands = made.flags == 0
+    assert result.flagged == pytest.approx(1 - (stands & made.expected).sum() / made.expected.sum())
+    if verdict != "unflagged NaN":
+        off = (np.abs(made.error) > made.limit) & made.expected
+        assert result.silent_count == (stands & (off | made.beside)).sum()
+    if name == "right":
+        assert (result.error, result.worst) == (pytest.approx(0.1), pytest.approx(0.2))
 
 
 def test_what_nobody_can_tell_is_no_fault_but_said() -> None:
@@ -57,28 +73,6 @@ def test_what_nobody_can_tell_is_no_fault_but_said() -> None:
     wrong.error[:] = 3.0
     result = judged(case("nothing to check"), wrong)
     assert (result.verdict, result.why, result.fault) == ("cannot tell", "nothing to check", False)
-
-
-def test_nothing_may_be_nan_or_stand_beside_the_mirror() -> None:
-    wrong = found()
-    wrong.error[0, 0] = np.nan
-    assert judged(case(), wrong).verdict == "unflagged NaN"
-    wrong = found()
-    wrong.expected[:2], wrong.beside[:1] = False, True
-    wrong.error[:2] = np.nan
-    result = judged(case(), wrong)
-    assert (result.verdict, result.silent_count) == ("silent errors", 30)
-    wrong.flags[:2] = 1
-    assert judged(case(), wrong).verdict == "good"
-
-
-def test_divergence_and_flagging_everything() -> None:
-    wrong = replace(found(), scale=0.01, limit=np.full(SHAPE, 9.0))
-    assert judged(case(), wrong).verdict == "diverged"
-    assert judged(case(), replace(wrong, unit="px")).verdict == "good"
-    nothing = replace(found(), flags=np.ones(SHAPE, np.uint16))
-    result = judged(case(), nothing)
-    assert (result.verdict, result.why) == ("good", "all flagged")
 
 
 def test_what_breaks_is_a_fault_and_what_is_refused_is_not() -> None:
