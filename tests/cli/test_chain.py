@@ -48,15 +48,6 @@ def test_height_matches_the_truth(chain: Chain) -> None:
     )
 
 
-def test_the_same_seed_gives_the_same_frames(optolever: Program, tmp_path: Path) -> None:
-    args = ["capture", *SCENE, "--sequence", "gray", "--noise", "2", "--renderer", "numpy"]
-    for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
-        assert optolever(*args, "--seed", seed, "--out", tmp_path / name).code == 0
-    first, again, other = ((tmp_path / name / "frames/000.png").read_bytes() for name in "abc")
-    assert first == again
-    assert first != other
-
-
 def test_flat_capture_is_flat(optolever: Program, tmp_path: Path) -> None:
     """No dent: a result like any other."""
     capture, c, h = tmp_path / "capture", tmp_path / "c.npz", tmp_path / "h.npz"

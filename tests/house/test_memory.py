@@ -56,15 +56,3 @@ def test_no_more_than_a_quarter_gigabyte_is_kept() -> None:
     before = kept()
     del huge
     assert kept() == before
-
-
-def test_small_arrays_are_numpys() -> None:
-    assert roomy_empty((10, 10), np.float64).base is None
-
-
-def test_few_arrays_are_kept() -> None:
-    """However many sizes there were, what is kept is looked through in no time."""
-    for k in range(300):
-        roomy_empty((20000 + k,), np.float32)
-    assert sum(len(rooms) for rooms in memory._kept.values()) <= 64
-    assert len(memory._kept) <= 64
