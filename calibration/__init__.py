@@ -12,6 +12,7 @@
 | `figures.py` | what a calibration is worth, by simulation |
 | `rigs.py` | rigs with errors and their captures, for figures and tests |
 | `rest.py` | the map of the mirror at rest, kept with the rig; drift |
+| `sources.py` | the independent errors behind the covariance |
 | `observability.py` | singular values in prior units, warnings |
 """
 

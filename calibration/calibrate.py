@@ -17,6 +17,7 @@ from .adjust import Adjustment, Problem, adjust
 from .observability import Direction, directions, notices
 from .observation import Observation, Sample, frame_of, sampled
 from .priors import GAUGE, is_pose, resolved
+from .sources import error_sources
 from .start import open_air_start
 from .targets import Ball, Flat, Plate, Points, Rest
 
@@ -305,7 +306,9 @@ def _judged(
     names = [name for name in result.problem.names if name in known]
     at = [result.problem.names.index(name) for name in names]
     values = result.problem.named(result.values)
-    covariance = Covariance(tuple(names), result.covariance[np.ix_(at, at)], result.chi, GAUGE)
+    sources, parts = error_sources(result)
+    known_by = sources, parts[:, at][:, :, at]
+    covariance = Covariance(tuple(names), result.covariance[np.ix_(at, at)], result.chi, GAUGE, *known_by)
     scene = adjusted(base, {name: values[name] for name in names})
     found = directions(result, names)
     return Calibration(

@@ -12,7 +12,17 @@ from optolever import InputError
 
 from .options import FILE, blame, json_option, load_scene, mask_from, sample, scene_option, size_option
 from .outputs import HDF5, OUTPUT, Program
-from .show import dent_rows, flag_shares, number, print_notices, progress, table, write_json
+from .show import (
+    budget_rows,
+    dent_rows,
+    flag_shares,
+    grid,
+    number,
+    print_notices,
+    progress,
+    table,
+    write_json,
+)
 
 if TYPE_CHECKING:
     from optolever.decode import Correspondence
@@ -145,7 +155,15 @@ def command(
     from optolever.calibration import load_rest
     from optolever.decode import Correspondence
     from optolever.files import save_arrays, together
-    from optolever.reconstruct import contacts, curvature_map, on_rig, reconstruct, slope_map
+    from optolever.reconstruct import (
+        budget,
+        contacts,
+        curvature_map,
+        free_mode_of,
+        on_rig,
+        reconstruct,
+        slope_map,
+    )
     from optolever.scene import load_sofast_rig
 
     correspondence = Correspondence.load(source)
@@ -180,9 +198,12 @@ def command(
             dents = [contact.to_dict() for contact in contacts(height, slopes)]
             step("compare")
             numbers = _numbers(height) | {"seconds": seconds, "contacts": dents}
+            if height.calibration is not None:
+                less = None if at_rest is None else at_rest.height
+                numbers["budget_mm"] = budget(height, less, free_mode_of(height, scene, anchor))
             if truth is not None:
                 numbers |= _against_truth(truth, correspondence, height)
-            grid = height.resample(pitch) if grids else None
+            regular = height.resample(pitch) if grids else None
         step("write")
         with together():
             height.save(out)
@@ -195,12 +216,14 @@ def command(
                 save_arrays(change_path, {"x": height.x, "y": height.y, "z": change, "sigma": sigma})
             if slopes_path is not None:
                 save_arrays(slopes_path, asdict(slopes) | asdict(curvature_map(slopes)))
-            if grid is not None:
+            if regular is not None:
                 for path, write in writers:
-                    write(grid, path)
+                    write(regular, path)
             write_json(json_path, numbers)
     print_notices(height.notices)
     table(f"Height map in {out}", _rows(numbers))
+    if "budget_mm" in numbers:
+        grid("Uncertainty by source", *budget_rows(numbers["budget_mm"]))
 
 
 GRID_WRITERS = {".npz": "save", ".tif": "save_tiff", ".tiff": "save_tiff", ".x3p": "save_x3p"}

@@ -6,7 +6,7 @@ import click
 
 from .options import FILE, json_option, sample
 from .outputs import Program, report_option
-from .show import number, print_notices, table, write_json
+from .show import budget_rows, grid, number, print_notices, table, write_json
 
 __all__ = ["command"]
 
@@ -23,10 +23,18 @@ Report of h.npz
 @click.argument("source", type=FILE, metavar="H.npz")
 @click.option("--correspondence", type=FILE, metavar="C.npz", help="What decode wrote: adds maps of u and v.")
 @click.option("--capture", "folder", type=FILE, metavar="DIR", help="Capture folder: adds its frames.")
+@click.option(
+    "--less", type=FILE, metavar="H.npz", help="Height map of the same rig: uncertainty of the difference."
+)
 @report_option("report", "Gets report.html.", "report.html")
 @json_option
 def command(
-    source: Path, correspondence: Path | None, folder: Path | None, out: Path, json_path: Path | None
+    source: Path,
+    correspondence: Path | None,
+    folder: Path | None,
+    less: Path | None,
+    out: Path,
+    json_path: Path | None,
 ) -> None:
     """Write a page from saved records: height, error bars, flags.
 
@@ -39,19 +47,22 @@ def command(
     from optolever.experiments import write_record_report
     from optolever.files import report_folder, together
     from optolever.projector import Capture
-    from optolever.reconstruct import HeightMap
+    from optolever.reconstruct import HeightMap, budget
 
     height = HeightMap.load(source)
     seen = None if correspondence is None else Correspondence.load(correspondence)
     capture = None if folder is None else Capture.load(folder)
+    other = None if less is None else HeightMap.load(less)
     words = ["optolever", "report", str(source)]
-    for name, value in (("--correspondence", correspondence), ("--capture", folder)):
+    for name, value in (("--correspondence", correspondence), ("--capture", folder), ("--less", less)):
         words += [] if value is None else [name, str(value)]
     good = height.good
     sigma = float(np.median(height.total_sigma[good])) if good.any() else float("nan")
+    readings = budget(height, other)
     with report_folder(out), together():
-        write_record_report(out / "report.html", height, seen, capture, tuple(words))
-        write_json(json_path, {"good_share": float(good.mean()), "sigma_mm": sigma})
+        write_record_report(out / "report.html", height, seen, capture, tuple(words), other)
+        numbers = {"good_share": float(good.mean()), "sigma_mm": sigma}
+        write_json(json_path, numbers | {"budget_mm": readings})
     print_notices(height.notices)
     table(
         f"Report of {source}",
@@ -61,3 +72,5 @@ def command(
             "page": str(out / "report.html"),
         },
     )
+    if readings:
+        grid("Uncertainty by source", *budget_rows(readings))

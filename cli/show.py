@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Step",
+    "budget_rows",
     "dent_rows",
     "flag_shares",
     "grid",
@@ -55,6 +56,16 @@ def dent_rows(dent: Mapping[str, Any], count: int) -> dict[str, str]:
         f"{give('volume', 'mm³')}, centroid ({x:.6g}, {y:.6g}) ± {dent['centroid_sigma']:.2g} mm",
         f"evidence {count}": dent["evidence"],
     }
+
+
+def budget_rows(readings: "Mapping[str, Mapping[str, float]]") -> tuple[list[str], list[list[str]]]:
+    """Header and rows for `grid` of an uncertainty budget (mm), in micrometres: a row per source."""
+    names = list(dict.fromkeys(name for sources in readings.values() for name in sources))
+    rows = [
+        [name, *(number(1e3 * sources[name]) if name in sources else "" for sources in readings.values())]
+        for name in names
+    ]
+    return ["um", *readings], rows
 
 
 def print_notices(notices: "Iterable[Notice]") -> None:

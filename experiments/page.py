@@ -4,7 +4,7 @@ import importlib.metadata
 import json
 import math
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from optolever.files import atomic_file, report_folder
 from .maps import length_unit
 
 __all__ = [
+    "budget_table",
     "embedded_json",
     "percent",
     "render_page",
@@ -68,6 +69,24 @@ def write_page(path: str | Path, html: str) -> None:
 def embedded_json(value: Any) -> Markup:
     """JSON that can stand inside a script element."""
     return Markup(json.dumps(value, allow_nan=False).replace("<", "\\u003c"))
+
+
+def budget_table(readings: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
+    """An uncertainty budget (mm, see `reconstruct.budget`) as a table in micrometres, a row per source."""
+    names = dict.fromkeys(name for sources in readings.values() for name in sources)
+    heads = ("standard deviation, um", *readings)
+    rows = [
+        {
+            "kind": "",
+            "cells": [
+                name,
+                *(scientific(1e3 * each[name]) if name in each else "" for each in readings.values()),
+            ],
+        }
+        for name in names
+    ]
+    columns = [{"name": head, "numeric": k > 0} for k, head in enumerate(heads)]
+    return {"id": "budget-table", "columns": columns, "rows": rows}
 
 
 def versions() -> list[tuple[str, str]]:

@@ -8,13 +8,13 @@ import numpy as np
 
 from optolever.decode import Correspondence
 from optolever.projector import Capture
-from optolever.reconstruct import HeightMap
+from optolever.reconstruct import HeightMap, budget
 
 from .demo_inputs import correspondence_picture, flags_table, frame_pairs
 from .images import robust_limits
 from .maps import MirrorGrid, Panel, length_unit, mirror_figure
 from .metrics import peak_bytes
-from .page import embedded_json, render_page, stage_bars, write_page
+from .page import budget_table, embedded_json, render_page, stage_bars, write_page
 from .surface_view import surface_data
 
 __all__ = ["record_html", "write_record_report"]
@@ -26,9 +26,11 @@ def write_record_report(
     correspondence: Correspondence | None = None,
     capture: Capture | None = None,
     command: tuple[str, ...] = (),
+    less: HeightMap | None = None,
 ) -> None:
-    """Write the page; command: the words that repeat it, of which the third names what is reported."""
-    write_page(path, record_html(height, correspondence, capture, command))
+    """Write the page; command: the words that repeat it, of which the third names what is reported; less: a
+    map of the same rig, for the uncertainty of the difference."""
+    write_page(path, record_html(height, correspondence, capture, command, less))
 
 
 def record_html(
@@ -36,6 +38,7 @@ def record_html(
     correspondence: Correspondence | None = None,
     capture: Capture | None = None,
     command: tuple[str, ...] = (),
+    less: HeightMap | None = None,
 ) -> str:
     """The whole page."""
     start = time.perf_counter()
@@ -63,6 +66,7 @@ def record_html(
             "flags": flags_map,
             "correspondence": "" if correspondence is None else correspondence_picture(correspondence),
         },
+        "budget": budget_table(budget(height, less)),
         "surface": surface,
         "surface_json": embedded_json(surface),
         "flags": rows,

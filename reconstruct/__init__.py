@@ -7,6 +7,7 @@
 | `problem.py`, `result.py` | checks, window, orientation, components; the solved grid as a HeightMap |
 | `calibration.py` | a rest capture as reference |
 | `propagation.py` | what the errors of a calibrated rig do to a height map |
+| `budget.py` | the uncertainty of a height, a depth, a difference, by its sources |
 | `circulation.py` | whether noise explains how the slopes contradict each other |
 | `sofast.py` | a SOFAST measurement on its rig's flat pattern |
 | `holes.py`, `border.py` | small holes bridged; noisy border lines left out and reached from inside |
@@ -36,6 +37,7 @@
 """
 
 from .anchors import Anchor, DistanceAnchor, EdgeAnchor, PixelAnchor, PointAnchor
+from .budget import ANCHOR, NOISE, TOTAL, budget, free_mode_of
 from .contact import Contact, contacts
 from .coupled import method_names, reconstruct
 from .curvature import CurvatureMap, curvature_map
@@ -67,6 +69,9 @@ from .stream import HeightStream
 free_mode = null_space  # its name before
 
 __all__ = [
+    "ANCHOR",
+    "NOISE",
+    "TOTAL",
     "Anchor",
     "Contact",
     "CurvatureMap",
@@ -86,11 +91,13 @@ __all__ = [
     "SeriesName",
     "SlopeMap",
     "angle_increment",
+    "budget",
     "capture_position",
     "capture_positions",
     "contacts",
     "curvature_map",
     "free_mode",
+    "free_mode_of",
     "height_increment",
     "integrate",
     "integrator_names",

@@ -103,7 +103,10 @@ def reconstruct(
     if scene.covariance is not None:
         progress("errors of the rig", 1, steps)
         measured = Measurement(before_rest, anchor, mask, rest, method)
-        height = replace(height, calibration=calibration_modes(_height_alone, measured, scene, height))
+        modes = calibration_modes(_height_alone, measured, scene, height)
+        known = scene.covariance
+        sources = known.sources or ("the numbers of the rig",)
+        height = replace(height, calibration=modes, sources=sources, shares=known.shares)
     progress("reconstructed", steps, steps)
     return height
 

@@ -96,6 +96,8 @@ class HeightMap(Comparable):
     as upright); notices: what the whole map wants its user to know, the correspondence's included;
     calibration: (r, H, W) mm, what one standard deviation of every independent error of the rig does to z,
     apart from `sigma`; one error moves the whole map. None: the scene has no covariance.
+    sources, shares (s, r, r): what is behind these errors, in words, and each one's part of their covariance
+    (see `budget`); none: not known.
     """
 
     x: Floats
@@ -107,6 +109,8 @@ class HeightMap(Comparable):
     lean: Lean | None = None
     notices: tuple[Notice, ...] = ()
     calibration: NDArray[np.float32] | None = None
+    sources: tuple[str, ...] = ()
+    shares: Floats | None = None
 
     def __post_init__(self) -> None:
         shape = np.shape(self.z)
@@ -125,6 +129,10 @@ class HeightMap(Comparable):
             raise InputError(
                 f"height map: calibration has shape {self.calibration.shape}, must be (r, *{shape})"
             )
+        modes = 0 if self.calibration is None else len(self.calibration)
+        if self.shares is not None and self.shares.shape != (len(self.sources), modes, modes):
+            found = f"{len(self.sources)} sources, {modes} modes"
+            raise InputError(f"height map: shares has shape {self.shares.shape}, of {found}")
 
     def __repr__(self) -> str:
         good = self.good
@@ -213,13 +221,14 @@ class HeightMap(Comparable):
             path,
             arrays
             | {"diagnostics": self.diagnostics.to_json(), "lean": self.lean, "notices": told}
-            | {"calibration": self.calibration},
+            | {"calibration": self.calibration, "shares": self.shares}
+            | ({} if self.shares is None else {"sources": np.array(self.sources)}),
         )
 
     @classmethod
     def load(cls, path: str | Path) -> "HeightMap":
         """Read what save() wrote; InputError names the file and the field."""
-        arrays = load_arrays(path, _ARRAYS)
+        arrays = load_arrays(path, _ARRAYS, ("notices", "diagnostics", "sources"))
         diagnostics = Diagnostics("unknown")
         if "diagnostics" in arrays:
             try:
@@ -236,6 +245,8 @@ class HeightMap(Comparable):
                 lean=arrays.get("lean"),
                 notices=notices,
                 calibration=modes,
+                sources=tuple(str(name) for name in np.atleast_1d(arrays.get("sources", ()))),
+                shares=arrays.get("shares"),
             )
         except InputError as error:
             raise InputError(f"{path}: {error}") from error

@@ -19,7 +19,7 @@ from optolever.scene import Scene, adjusted, parameter_values, strided
 from .anchors import Anchors, DistanceAnchor, PixelAnchor
 from .heightmap import HeightMap
 
-__all__ = ["Measurement", "calibration_modes"]
+__all__ = ["Measurement", "calibration_modes", "interpolated"]
 
 Floats = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ def calibration_modes(
             if each == 1:
                 raise
             continue
-        return _interpolated(coarse, each, np.isfinite(height.z))
+        return interpolated(coarse, each, np.isfinite(height.z))
     raise AssertionError
 
 
@@ -83,7 +83,7 @@ def _modes(solve: Solver, measured: Measurement, scene: Scene, step: int) -> Flo
     return np.stack([(height(_STEP * row, first).z - own_z) / _STEP for row in scene.covariance.root])
 
 
-def _interpolated(coarse: Floats, step: int, known: NDArray[np.bool_]) -> NDArray[np.float32]:
+def interpolated(coarse: Floats, step: int, known: NDArray[np.bool_]) -> NDArray[np.float32]:
     """From every step-th pixel to all; gaps from their nearest neighbours."""
     rows, cols = (np.arange(size) / step for size in known.shape)
     place = np.meshgrid(rows, cols, indexing="ij")

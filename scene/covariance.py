@@ -20,12 +20,16 @@ class Covariance(Record):
 
     chi: of the adjustment that it comes from; gauge: in words, what was held. InputError unless the matrix is
     symmetric and positive definite.
+    sources, parts (s, p, p): the independent errors behind it, in words, and what each adds to the matrix;
+    none: not known.
     """
 
     names: tuple[str, ...]
     matrix: Float
     chi: float = 1.0
     gauge: str = ""
+    sources: tuple[str, ...] = ()
+    parts: Float | None = None
 
     def __post_init__(self) -> None:
         matrix = np.array(self.matrix, dtype=np.float64)
@@ -41,7 +45,14 @@ class Covariance(Record):
                 f"covariance: is not positive, its smallest correlation eigenvalue is {least:.3g}"
             )
         matrix.flags.writeable = False
-        freeze(self, matrix=matrix, names=tuple(self.names))
+        freeze(self, matrix=matrix, names=tuple(self.names), sources=tuple(self.sources))
+        parts = np.zeros((0, size, size)) if self.parts is None else np.array(self.parts, dtype=np.float64)
+        if parts.shape != (len(self.sources), size, size) or not np.isfinite(parts).all():
+            found = f"{len(self.sources)} sources with parts of shape {parts.shape}"
+            raise InputError(f"covariance: has {found}, must be one ({size}, {size}) each and finite")
+        if len(parts) and np.abs(parts.sum(axis=0) - matrix).max() > 1e-6 * np.abs(matrix).max():
+            raise InputError("covariance: its parts do not add up to the matrix")
+        freeze(self, parts=parts if len(parts) else None)
 
     @property
     def root(self) -> Float:
@@ -55,19 +66,34 @@ class Covariance(Record):
     def scaled(self, factors: Mapping[str, float]) -> "Covariance":
         """In other units: each number named times its factor."""
         by = np.array([factors.get(name, 1.0) for name in self.names])
-        return replace(self, matrix=self.matrix * np.outer(by, by))
+        parts = None if self.parts is None else self.parts * np.outer(by, by)
+        return replace(self, matrix=self.matrix * np.outer(by, by), parts=parts)
+
+    @property
+    def shares(self) -> Float:
+        """(s, r, r): what each source adds to the covariance of the r independent errors that `root` has as
+        rows, all of variance 1: they sum to the unit matrix. One source without parts."""
+        if self.parts is None:
+            return np.eye(len(self.root))[None]
+        inverse = np.linalg.pinv(self.root / np.sqrt(np.diag(self.matrix)))  # (p, r) of scaled numbers
+        scale = np.sqrt(np.diag(self.matrix))
+        shares: Float = inverse.T @ (self.parts / np.outer(scale, scale)) @ inverse
+        return shares
 
     def save(self, path: str | Path) -> None:
         """Write as .npz."""
         texts = {"names": np.array(self.names), "gauge": np.array(self.gauge)}
-        save_arrays(path, {**texts, "matrix": self.matrix, "chi": self.chi})
+        parts = {} if self.parts is None else {"sources": np.array(self.sources), "parts": self.parts}
+        save_arrays(path, {**texts, "matrix": self.matrix, "chi": self.chi, **parts})
 
     @classmethod
     def load(cls, path: str | Path) -> "Covariance":
         """Read what `save` wrote; InputError names the file and what is wrong."""
-        arrays = load_arrays(path, ("names", "matrix", "chi", "gauge"), ("names", "gauge"))
+        arrays = load_arrays(path, ("names", "matrix", "chi", "gauge"), ("names", "gauge", "sources"))
         names = tuple(str(name) for name in np.atleast_1d(arrays["names"]))
+        sources = tuple(str(name) for name in np.atleast_1d(arrays.get("sources", ())))
+        known = arrays["matrix"], float(arrays["chi"]), str(arrays["gauge"])
         try:
-            return cls(names, arrays["matrix"], float(arrays["chi"]), str(arrays["gauge"]))
+            return cls(names, *known, sources, arrays.get("parts"))
         except (InputError, TypeError, ValueError) as error:
             raise InputError(f"{path}: {error}") from error

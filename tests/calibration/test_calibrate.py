@@ -17,7 +17,7 @@ from optolever.calibration import (
     calibrate,
     left_out,
 )
-from optolever.calibration.adjust import Problem
+from optolever.calibration.adjust import Problem, adjust
 from optolever.calibration.model import predicted
 from optolever.calibration.observation import sampled
 from optolever.calibration.rigs import Rig, correspondence_of, open_air, prism, shape_surface
@@ -327,3 +327,34 @@ def test_priors_by_name_only() -> None:
 def test_a_covariance_that_is_none(matrix) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(InputError, match="covariance"):
         Covariance(("a", "b"), matrix)
+
+
+def test_sources_are_what_their_errors_do_to_the_numbers(ball_rig: Calibration) -> None:
+    """The ball's: adjusted anew with its radius off by a tenth of its sigma, both ways; the frames': by the
+    data's rows."""
+    solved, known = ball_rig.adjustment, ball_rig.scene.covariance
+    problem, chi = solved.problem, max(1.0, solved.chi)
+    assert known is not None
+    assert known.parts is not None
+    parts = dict(zip(known.sources, known.parts, strict=True))
+    own = [problem.names.index(each) for each in known.names]
+    sigma = np.sqrt(np.diag(known.matrix))
+    scale = np.outer(sigma, sigma)
+    off = 0.1 * problem.sigmas["ball0.radius"]
+    ahead, behind = (
+        adjust(replace(problem, means={**problem.means, "ball0.radius": each}), problem.named(solved.values))
+        for each in (off, -off)
+    )
+    change = chi * (ahead.values - behind.values)[own] / 0.2
+    ball = parts["the radius of the ball"]
+    assert np.abs((ball - np.outer(change, change)) / scale).max() < 0.02 * np.abs(ball / scale).max()
+    gain = solved.covariance @ solved.jacobian[: -len(problem.names)].T / chi
+    noise = (gain @ gain.T)[np.ix_(own, own)]
+    assert np.abs((parts["noise of the calibration's captures"] - noise) / scale).max() < 1e-6
+
+
+@pytest.fixture(scope="module")
+def ball_rig() -> Calibration:
+    rng = np.random.default_rng(8)
+    rig = prism(rng, 1, correspondence_of(0.005, rng), size=160)
+    return calibrate(rig.given, rig.observations)

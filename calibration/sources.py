@@ -1,0 +1,54 @@
+"""Where the covariance comes from: independent errors in words, and what each adds.
+
+The estimate is (J^T J)^-1 J^T times the rows' errors, all of variance 1: so a row adds g g^T, g its column of
+(J^T J)^-1 J^T. A prior's row has one entry, 1/sigma; what the priors leave of the sum is the captures' noise.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .adjust import Adjustment
+
+__all__ = ["error_sources"]
+
+Floats = NDArray[np.float64]
+
+_NOISE = "noise of the calibration's captures"
+_WORDS = {
+    "camera": "the camera, by its prior",
+    "pattern": "the pattern's place, by its prior",
+    "face": "the camera's face, by its prior",
+    "display": "the display's shape, by its prior",
+    "pitch": "the pattern's pitch, by its prior",
+    "flat": "the flatness of the reference",
+    "rest": "the form of the mirror at rest, by its prior",
+    "radius": "the radius of the ball",
+}
+_PLACES = "places of the targets, by their priors"
+
+
+def error_sources(found: Adjustment) -> tuple[tuple[str, ...], Floats]:
+    """Names of the sources that add anything, and what each adds to `found.covariance`, (s, p, p)."""
+    covariance = found.covariance
+    parts: dict[str, Floats] = {}
+    for k, (name, sigma) in enumerate(found.problem.sigmas.items()):
+        column = covariance[:, k] / (sigma * max(1.0, found.chi))
+        word = _source(name)
+        parts[word] = parts.get(word, 0.0) + np.outer(column, column)
+    noise = covariance - np.sum(list(parts.values()), axis=0)
+    parts = {_NOISE: noise} | parts
+    return tuple(parts), np.stack(list(parts.values()))
+
+
+def _source(name: str) -> str:
+    """In words, of the prior of a number."""
+    head, _, last = name.rpartition(".")
+    if head.startswith("flat ") and last.startswith("L"):
+        return _WORDS["flat"]
+    if head == "pattern":
+        return _WORDS["display" if last.startswith("b") else "pitch" if last == "pitch" else "pattern"]
+    if head == "rest" and last.startswith("L"):
+        return _WORDS["rest"]
+    if head in ("camera", "face"):
+        return _WORDS[head]
+    return _WORDS["radius"] if last == "radius" else _PLACES

@@ -1,0 +1,105 @@
+"""The uncertainty budget against solves of rigs that are wrong in one number, and of anchors that are."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optolever import InputError
+from optolever.decode import Correspondence
+from optolever.reconstruct import (
+    ANCHOR,
+    NOISE,
+    TOTAL,
+    HeightMap,
+    PointAnchor,
+    budget,
+    free_mode_of,
+    reconstruct,
+)
+from optolever.scene import Covariance, Scene, adjusted, dent, load, resize, trace
+
+SIGMAS = {"camera.ry": 1e-4, "pattern.z": 0.02}  # rad, mm
+
+
+@pytest.fixture(scope="module")
+def rig() -> Scene:
+    small = resize(load("prism48"), 72, 96)
+    parts = np.stack(
+        [np.diag([s**2 if k == j else 0 for j in range(2)]) for k, s in enumerate(SIGMAS.values())]
+    )
+    known = Covariance(tuple(SIGMAS), parts.sum(axis=0), sources=("camera", "pattern"), parts=parts)
+    return replace(small, covariance=known)
+
+
+def measured(
+    rig: Scene, name: str, anchor: PointAnchor | None = None, used: Scene | None = None, **numbers: float
+) -> HeightMap:
+    """What a scene (the rig's own) makes of exact places that the rig sees."""
+    scene = rig if used is None else used
+    seen = trace(rig, dent(name, rig, **numbers))
+    sigma = np.full(seen.u.shape, 1e-3)
+    flags = np.where(seen.visible, 0, 1).astype(np.uint16)
+    return reconstruct(Correspondence(seen.u, seen.v, sigma, sigma, flags), scene, anchor=anchor)
+
+
+def test_every_source_is_what_its_error_does(rig: Scene) -> None:
+    height, rest = measured(rig, "gaussian", peak=0.2, sigma=5.0), measured(rig, "flat")
+    found = budget(height, rest)
+    point, depth, change = found.values()
+    at = np.unravel_index(np.argmax(np.where(height.good, height.z, -1)), height.z.shape)
+    around = height.good & (height.z <= 0.1 * height.z[at])
+    for source, (name, sigma) in zip(("camera", "pattern"), SIGMAS.items(), strict=True):
+        wrong = adjusted(replace(rig, covariance=None), {name: 0.2 * sigma})
+        moved, moved_rest = (
+            (measured(rig, kind, None, wrong, **numbers).z - right.z) / 0.2
+            for right, kind, numbers in (
+                (height, "gaussian", {"peak": 0.2, "sigma": 5.0}),
+                (rest, "flat", {}),
+            )
+        )
+        assert point[source] == pytest.approx(abs(moved[at]), rel=0.02)
+        assert depth[source] == pytest.approx(abs(moved[at] - np.nanmean(moved[around])), rel=0.02)
+        assert change[source] == pytest.approx(abs((moved - moved_rest)[at]), rel=0.05)
+    for each in found.values():
+        squares = [value**2 for name, value in each.items() if name != TOTAL]
+        assert each[TOTAL] == pytest.approx(np.sqrt(sum(squares)))
+    assert point[NOISE] == pytest.approx(height.sigma[at])
+    assert point[TOTAL] == pytest.approx(height.total_sigma[at], rel=1e-5)
+
+
+def test_an_anchor_that_is_wrong(rig: Scene) -> None:
+    bare = replace(rig, covariance=None)
+    exact, off = (
+        measured(bare, "gaussian", PointAnchor(40.0, 10.0, z), peak=0.2, sigma=4.0) for z in (0.0, 1e-3)
+    )
+    point, depth = budget(exact, None, free_mode_of(exact, bare, PointAnchor(40.0, 10.0, 0.0))).values()
+    at = np.unravel_index(np.argmax(np.where(exact.good, exact.z, -1)), exact.z.shape)
+    around = exact.good & (exact.z <= 0.1 * exact.z[at])
+    moved = off.z - exact.z
+    assert point[ANCHOR] == pytest.approx(moved[at], rel=0.02)
+    assert depth[ANCHOR] == pytest.approx(abs(moved[at] - np.nanmean(moved[around])), abs=0.02e-3)
+
+
+def test_sources_are_kept(rig: Scene, tmp_path: Path) -> None:
+    height = measured(rig, "flat")
+    height.save(tmp_path / "h.npz")
+    back = HeightMap.load(tmp_path / "h.npz")
+    assert back.sources == ("camera", "pattern")
+    assert budget(back) == budget(height)
+    rig.save(tmp_path / "rig.toml")
+    assert load(tmp_path / "rig.toml") == rig
+    assert budget(replace(height, flags=np.ones_like(height.flags))) == {}
+
+
+def test_parts_that_are_none() -> None:
+    with pytest.raises(InputError, match="add up"):
+        Covariance(("a",), np.eye(1), sources=("one",), parts=2 * np.ones((1, 1, 1)))
+    with pytest.raises(InputError, match="sources"):
+        Covariance(("a",), np.eye(1), sources=("one",))
+    flat = np.zeros((4, 4))
+    with pytest.raises(InputError, match="shares"):
+        HeightMap(
+            *(flat,) * 4, flags=np.zeros((4, 4), np.uint16), sources=("one",), shares=np.zeros((1, 2, 2))
+        )
