@@ -43,15 +43,15 @@ def budget(
         return {}
     at = _deepest(height, good)
     around = good & (height.z <= _SHALLOW * height.z[at])
-    readings = {"height at the deepest point": _one(height, at, None, free)}
+    readings = {"height (deepest)": _one(height, at, None, free)}
     if around.any():
-        readings["depth of the dent there"] = _one(height, at, around, free)
+        readings["depth of the dent"] = _one(height, at, around, free)
     if less is not None:
         difference = height - less
         both = difference.good & np.isfinite(difference.z) & np.isfinite(difference.sigma)
         if both.any():
             place = _deepest(difference, both)
-            readings["difference of the two maps at its deepest point"] = _one(difference, place, None, None)
+            readings["difference of maps"] = _one(difference, place, None, None)
     return readings
 
 

@@ -40,6 +40,7 @@ def test_from_captures_to_heights_with_modes(
     assert all(
         text in html for text in ("flat2: chi", "camera.f", "flatness of the reference", "Correlations")
     )
+    assert all(text in html for text in ("Uncertainty by source", "difference of maps", "noise of the cal"))
     assert html.count("data:image/png") == 3 + 3  # residuals of each capture; correlations, sigma, sketch
     assert "camera.f" in outcome.out
     assert "gauge" in outcome.err
@@ -55,9 +56,13 @@ def test_from_captures_to_heights_with_modes(
     assert (tmp_path / "rig.calibration.npz").is_file()
     height = tmp_path / "h.npz"
     scene_and_out = ("--scene", str(out), "--out", str(height))
-    outcome = optolever("reconstruct", str(folder / "flat0.npz"), *scene_and_out, "--anchor", "75,55,0")
+    also = ("--anchor", "75,55,0", "--json", str(numbers))
+    outcome = optolever("reconstruct", str(folder / "flat0.npz"), *scene_and_out, *also)
     assert outcome.code == 0, outcome.err
     assert "rig's" in outcome.out
+    assert "the flatness of the reference" in outcome.out
+    found = json.loads(numbers.read_text())["budget_mm"]["height (deepest)"]
+    assert found["total"] > found["noise of the calibration's captures"] > 0
     modes = HeightMap.load(height).calibration
     assert modes is not None
     assert len(modes) == len(scene.covariance.root)
@@ -67,6 +72,10 @@ def test_from_captures_to_heights_with_modes(
     assert "optolever rest" in outcome.err
     outcome = optolever("rest", str(folder / "flat0.npz"), "--scene", str(out), "--anchor", "75,55,0")
     assert outcome.code == 0, outcome.err
+    less = ("--less", str(tmp_path / "rig.rest.npz"), "--out", str(tmp_path / "page"))
+    outcome = optolever("report", str(height), *less)
+    assert outcome.code == 0, outcome.err
+    assert "difference of maps" in (tmp_path / "page" / "report.html").read_text()
     drifted = str(folder / "flat1.npz")
     outcome = optolever("reconstruct", drifted, *scene_and_out, *change, "--anchor", "75,55,0")
     assert outcome.code == 0, outcome.err
