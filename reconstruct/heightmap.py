@@ -130,7 +130,7 @@ class HeightMap(Comparable):
                 f"height map: calibration has shape {self.calibration.shape}, must be (r, *{shape})"
             )
         modes = 0 if self.calibration is None else len(self.calibration)
-        if self.shares is not None and self.shares.shape != (len(self.sources), modes, modes):
+        if modes and self.shares is not None and self.shares.shape != (len(self.sources), modes, modes):
             found = f"{len(self.sources)} sources, {modes} modes"
             raise InputError(f"height map: shares has shape {self.shares.shape}, of {found}")
 

@@ -98,8 +98,12 @@ def test_parts_that_are_none() -> None:
         Covariance(("a",), np.eye(1), sources=("one",), parts=2 * np.ones((1, 1, 1)))
     with pytest.raises(InputError, match="sources"):
         Covariance(("a",), np.eye(1), sources=("one",))
-    flat = np.zeros((4, 4))
+    flat, modes = np.zeros((4, 4)), np.zeros((1, 4, 4), np.float32)
     with pytest.raises(InputError, match="shares"):
         HeightMap(
-            *(flat,) * 4, flags=np.zeros((4, 4), np.uint16), sources=("one",), shares=np.zeros((1, 2, 2))
+            *(flat,) * 4,
+            flags=np.zeros((4, 4), np.uint16),
+            calibration=modes,
+            sources=("one",),
+            shares=np.zeros((1, 2, 2)),
         )
