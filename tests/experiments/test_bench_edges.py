@@ -181,6 +181,34 @@ def test_a_number_is_always_the_same_draw() -> None:
     assert edges.drawn(5, True, SIZE) != edges.drawn(6, True, SIZE)
 
 
+def test_draws_cover_what_they_claim() -> None:
+    draws = [edges.drawn(number, True, (240, 320)) for number in range(96)]
+    assert {(draw.code, draw.variant) for draw in draws} == {
+        (code, variant) for code in edges.EDGE_CODES for variant in edges.VARIANTS
+    }
+    faults = [draw.fault for draw in draws if draw.fault is not None]
+    assert {(fault.kind, fault.shown) for fault in faults} == {
+        (kind, shown) for kind in edges.FAULTS for shown in (True, False)
+    }
+    assert {len(draw.world.layers) for draw in draws} == {3, 4, 5, 6}
+    jumps = [(layer.depth - 1) * draw.world.disparity for draw in draws for layer in draw.world.layers[1:]]
+    assert min(jumps) < 20
+    assert max(jumps) > 120
+    assert min(draw.world.spread for draw in draws) >= 0.6
+    assert min(draw.quality for draw in draws) < 80 < 90 < max(draw.quality for draw in draws)
+    assert {draw.world.gloss[0].lamp for draw in draws} == {False, True}
+    assert all(edges.drawn(number, False, SIZE).fault is None for number in range(12))
+
+
+def test_no_bit_takes_its_inverses_place() -> None:
+    rng, sequence = np.random.default_rng(0), sequence_from_text("gray:references=false", 4, 4)
+    for _ in range(200):
+        fault = edges.drawn_fault(rng, sequence)
+        one, two = sequence.frames[fault.frame], sequence.frames[fault.other]
+        assert fault.kind != "swapped" or (one.bit, one.axis) != (two.bit, two.axis)
+        assert fault.frame != fault.other
+
+
 def test_variants_are_what_they_are_called() -> None:
     plain = replace(edges.drawn(1, False, SIZE), variant="raw")
     whole = edges.taken(plain)
@@ -194,6 +222,18 @@ def test_variants_are_what_they_are_called() -> None:
     part = edges.taken(replace(plain, variant="cropped", window=(0.25, 0.5, 0.5, 0.5)))
     assert np.array_equal(part.frames, whole.frames[:, 12:36, 32:])
     assert np.array_equal(part.judged, whole.judged[12:36, 32:])
+
+
+def test_faults_are_what_they_are_called() -> None:
+    frames = np.broadcast_to(np.arange(6)[:, None, None], (6, 8, 2)).copy()
+
+    def order(kind: str, row: int) -> list[int]:
+        return [int(n) for n in edges.Fault(kind, 4, 1, 0.5).spoil(frames)[:, row, 0]]
+
+    assert order("swapped", 0) == [0, 4, 2, 3, 1, 5]
+    assert order("twice", 0) == [0, 1, 2, 3, 1, 5]
+    assert order("torn", 3) == [0, 1, 2, 3, 4, 5]
+    assert order("torn", 4) == [0, 1, 2, 3, 1, 5]
 
 
 @pytest.mark.parametrize(

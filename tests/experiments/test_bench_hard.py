@@ -15,6 +15,7 @@ from optolever.cli import run
 from optolever.experiments.bench import Case, Found, hard_cases, judged, run_hard, save_picture
 from optolever.experiments.bench import hard_decode as decoding
 from optolever.experiments.bench import hard_reconstruct as solving
+from optolever.experiments.bench.hard_drawn import random_cases
 
 SHAPE = (20, 30)
 
@@ -135,6 +136,20 @@ def test_random_cases_that_were_once_silently_wrong(number: int) -> None:
     assert result.flagged < 1
 
 
+def test_lost_frames_are_what_they_are_called() -> None:
+    rng = np.random.default_rng(0)
+    frames = np.broadcast_to(np.arange(9)[:, None, None], (9, 6, 4)).copy()
+
+    def order(spoil: decoding.Spoil, row: int = 0) -> list[int]:
+        return [int(level) for level in spoil(frames.copy(), rng)[:, row, 0]]
+
+    assert order(decoding._duplicated) == [0, 1, 2, 3, 3, 5, 6, 7, 8]
+    assert order(decoding._dropped) == [0, 1, 2, 4, 5, 6, 7, 8, 8]
+    assert order(decoding._swapped) == [0, 1, 2, 3, 5, 4, 6, 7, 8]
+    assert order(decoding._torn) == list(range(9))
+    assert order(decoding._torn, row=5) == [0, 1, 2, 3, 3, 5, 6, 7, 8]
+
+
 def test_a_moving_mirror_may_be_where_it_ever_was() -> None:
     """The truth is the range of what was true; discrete codes have a limit of their own."""
     from optolever.decode import Correspondence
@@ -189,3 +204,12 @@ def test_no_picture_of_nothing(tmp_path: Path) -> None:
     (result,) = run_hard([replace(case(), make=partial(int, "x"))])
     assert result.verdict == "failed"
     assert save_picture(result, tmp_path) is None
+
+
+@pytest.mark.slow
+def test_a_needle_among_holes_has_a_sigma() -> None:
+    """Drawn case 501: slopes of 1e20 times the usual variance left negative variances of heights."""
+    (case,) = random_cases(1, first=501)
+    seen = case.make()
+    assert np.isfinite(seen.limit[seen.flags == 0]).all()
+    assert judged(case, seen).verdict == "good"

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from optolever import InputError
 from optolever.decode import decode
 from optolever.experiments import decode_speed, run_decode_figures
 from optolever.experiments.speed_frames import (
@@ -66,3 +67,29 @@ def test_errors_beside_others() -> None:
     assert figures["16 phase frames, optolever, rms error"] == pytest.approx(bound, rel=0.1)
     assert figures["24 Gray frames, cv2 over optolever"] > 0
     assert figures["24 Gray frames, optolever, rms error"] < 1
+
+
+def test_fringes_stands_in_both_modes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its compiler takes 20 s: a stand-in with its interface, which knows the answer."""
+    u, v = smooth_map(SIZE, SIZE)
+
+    class Decoded:
+        x = np.stack([u, v])[..., None]
+
+    class Coder:
+        def decode(self, frames: Any, verbose: bool = False) -> Decoded:
+            assert frames.shape == (16, *SIZE, 1)
+            return Decoded()
+
+    monkeypatch.setattr(decode_speed, "find_spec", lambda name: name)
+    monkeypatch.setattr(decode_speed, "_fringes_coder", lambda rows, cols: Coder())
+    figures = {f.name: f for f in run_decode_figures(size=SIZE, parts=("fringes",))}
+    for mode in ("fringes", "fringes verbose"):
+        assert figures[f"16 phase frames, {mode} over optolever"].value > 0
+        assert "flags" in figures[f"16 phase frames, {mode}"].note
+    assert figures["16 phase frames, fringes, rms error"].value == 0
+
+
+def test_unknown_part() -> None:
+    with pytest.raises(InputError, match="part 'speed' is unknown"):
+        run_decode_figures(size=SIZE, parts=("speed",))

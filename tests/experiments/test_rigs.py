@@ -1,18 +1,27 @@
 """Drawn rigs: the same for the same number, what they cover, and a judge that notices what is wrong."""
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
 
 from optolever.decode import Correspondence, Flag
-from optolever.experiments.bench import hard_drawn, judged, pooled, run_hard
+from optolever.experiments.bench import hard_cases, hard_drawn, judged, pooled, run_hard
 from optolever.experiments.bench.area_truth import area_errors
 from optolever.experiments.bench.hard_case import run_case
 from optolever.experiments.bench.hard_drawn import rig_case, rig_of
+from optolever.experiments.bench.rigs import KINDS, LEAST_LIT, Rig
 from optolever.patterns import sequence
 from optolever.projector import AreaTrace, trace_area
-from optolever.scene import dent, load, resize
+from optolever.scene import PinholeCamera, Sensor, dent, load, resize
+
+NUMBERS = range(0, 128, 2)
+
+
+@lru_cache(maxsize=1)
+def drawn() -> list[tuple[Rig, str, Sensor]]:
+    return [rig_of(number) for number in NUMBERS]
 
 
 def true_correspondence(area: AreaTrace, sigma: float = 0.01) -> Correspondence:
@@ -20,6 +29,56 @@ def true_correspondence(area: AreaTrace, sigma: float = 0.01) -> Correspondence:
     u, v = area.mean()
     flags = np.where(area.visible, 0, int(Flag.OFF_PATTERN)).astype(np.uint16)
     return Correspondence(u, v, np.full(u.shape, sigma), np.full(u.shape, sigma), flags)
+
+
+def test_a_number_is_a_rig() -> None:
+    (first, code, sensor), (again, code_again, sensor_again) = drawn()[7], rig_of(NUMBERS[7])
+    assert (first.kind, code, sensor) == (again.kind, code_again, sensor_again)
+    assert first.scene == again.scene
+    assert first.lighting == again.lighting
+    assert first.surface.height(3.0, 4.0) == again.surface.height(3.0, 4.0)
+    assert rig_case(14).label == hard_cases(drawn=1, first=14)[0].label
+
+
+def test_rigs_cover_what_they_claim() -> None:
+    rigs = [rig for rig, _, _ in drawn()]
+    lit = np.array([rig.lit for rig in rigs])
+    assert {rig.kind for rig in rigs} == set(KINDS)
+    assert lit.min() >= LEAST_LIT
+    assert (lit < 0.1).any()
+    assert (lit > 0.97).any()
+    assert 0.2 < (lit < 0.5).mean() < 0.7
+    prisms = [rig.scene for rig in rigs if rig.kind.startswith("prism")]
+    faces = [scene.camera.face for scene in prisms if scene.camera.face is not None]
+    assert 0 < len(faces) < len(prisms)
+    assert 0 < sum(scene.medium is not None for scene in prisms) < len(prisms)
+    indices = [face.index for face in faces]
+    assert 1.33 <= min(indices) < 1.38
+    assert 1.5 < max(indices) <= 1.55
+    angles = np.degrees([np.arccos(scene.pattern.u_axis[0]) for scene in prisms])
+    assert 35 <= angles.min() < 40
+    assert 55 < angles.max() <= 60
+    cameras = [rig.scene.camera for rig in rigs]
+    assert all(camera.distortion.any() for camera in cameras if isinstance(camera, PinholeCamera))
+    blurs = [rig.scene.pattern.blur_px for rig in rigs]
+    assert 0.3 <= min(blurs) < 0.4
+    assert 0.9 < max(blurs) <= 1.0
+    lights = [rig.lighting for rig in rigs]
+    assert max(light.vignetting for light in lights) > 0.45
+    assert max(light.backlight for light in lights) > 0.27
+    assert max(light.dark for light in lights) > 10
+
+
+def test_codes_and_sensors() -> None:
+    codes = [rig_case(number).subject.partition(" on ")[0] for number in range(0, 800, 2)]
+    kinds = [code.partition(":")[0] for code in codes]
+    assert max(set(codes), key=codes.count) == "gray+phase"
+    assert set(kinds) >= {"gray+phase", "phase", "micro-phase", "gray", "binary", "stripe", "xor-gray"}
+    assert "phase:steps=3,periods=8.73782/8.05745/8" in codes
+    sensors = [sensor for _, _, sensor in drawn()]
+    assert {sensor.bits for sensor in sensors} == {8, 10, 12, 16}
+    assert 0 < sum(sensor.gain_e > 0 for sensor in sensors) < len(sensors)
+    assert all(0.3 <= sensor.noise <= 3 for sensor in sensors)
 
 
 @pytest.fixture(scope="module")

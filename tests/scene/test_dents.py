@@ -69,6 +69,14 @@ def test_default_peak_is_the_papers_scaled_to_the_mirror(name, scene):
     assert top == pytest.approx(1.3 * side / 163.7, rel=1e-12)
 
 
+def test_raised_cosine_is_the_designs_formula():
+    scene = load("paper-simulation")
+    x, y = points(scene)
+    k = 2 * np.pi / 163.7
+    expected = 1.3 / 4 * (1 - np.cos(k * x)) * (1 - np.cos(k * y))
+    assert np.abs(dent("raised-cosine", scene).height(x, y) - expected).max() < 1e-15
+
+
 def test_hertz_contact_profile():
     """Inside: the ball's paraboloid; at the rim half the depth; far away 4/(3 pi) contact/r."""
     scene = load("paper-simulation")

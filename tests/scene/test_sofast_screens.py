@@ -128,6 +128,15 @@ def test_facets_by_name(tmp_path: Path) -> None:
         load_sofast_rig(path)
 
 
+def test_undefined_mirrors_are_told(tmp_path: Path) -> None:
+    path = rig_file(tmp_path / "r.h5", {"screen_x": 0.7, "screen_y": 0.4})
+    with h5py.File(path, "a") as file:
+        del file["DataSofastInput"]
+    with pytest.raises(InputError, match=r"v_facet_corners.* is missing") as error:
+        load_sofast_rig(path)
+    assert "\n" not in str(error.value)
+
+
 @pytest.mark.parametrize(
     ("display", "told"),
     [
