@@ -9,6 +9,7 @@
 | `model.py` | where pixels look by a target |
 | `adjust.py` | the bundle adjustment and its covariance |
 | `start.py` | a start without a guess, in open air |
+| `judgement.py` | what every capture is worth, one by one |
 | `figures.py` | what a calibration is worth, by simulation |
 | `rigs.py` | rigs with errors and their captures, for figures and tests |
 | `rest.py` | the map of the mirror at rest, kept with the rig; drift |
@@ -18,6 +19,7 @@
 
 from .calibrate import Calibration, calibrate, left_out
 from .figures import SETUPS, Figure, figures, mode_chi2
+from .judgement import Judgement, judged
 from .observation import Observation
 from .priors import default_priors
 from .rest import RestMap, load_rest, store_rest
@@ -29,6 +31,7 @@ __all__ = [
     "Calibration",
     "Figure",
     "Flat",
+    "Judgement",
     "Observation",
     "Plate",
     "Points",
@@ -38,6 +41,7 @@ __all__ = [
     "calibrate",
     "default_priors",
     "figures",
+    "judged",
     "left_out",
     "load_rest",
     "mode_chi2",

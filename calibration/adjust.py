@@ -17,7 +17,7 @@ from .model import predicted
 from .observation import Sample
 from .targets import Points
 
-__all__ = ["Adjustment", "Problem", "adjust"]
+__all__ = ["Adjustment", "Problem", "adjust", "covariance_of"]
 
 Floats = NDArray[np.float64]
 
@@ -142,11 +142,15 @@ class Adjustment:
     @property
     def covariance(self) -> Floats:
         """(p, p): max(1, chi)^2 (J^T J)^-1, by singular values of the scaled Jacobian."""
-        scale = np.array(list(self.problem.sigmas.values()))
-        _, singular, right = np.linalg.svd(np.linalg.qr(self.jacobian * scale, mode="r"))
-        inverse = (right.T / singular**2) @ right
-        found: Floats = max(1.0, self.chi) ** 2 * inverse * np.outer(scale, scale)
-        return 0.5 * (found + found.T)
+        return covariance_of(self.jacobian, np.array(list(self.problem.sigmas.values())), self.chi)
+
+
+def covariance_of(jacobian: Floats, scale: Floats, chi: float) -> Floats:
+    """max(1, chi)^2 (J^T J)^-1 of numbers whose priors' sigmas are `scale` (p,)."""
+    _, singular, right = np.linalg.svd(np.linalg.qr(jacobian * scale, mode="r"))
+    inverse = (right.T / singular**2) @ right
+    found: Floats = max(1.0, chi) ** 2 * inverse * np.outer(scale, scale)
+    return 0.5 * (found + found.T)
 
 
 def adjust(problem: Problem, start: Mapping[str, float], tolerance: float = 1e-10) -> Adjustment:

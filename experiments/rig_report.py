@@ -11,21 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.notices import Notice
-from optolever.reconstruct import HeightMap, PixelAnchor, budget, free_mode_of, reconstruct
-from optolever.scene import Scene, Surface, dent, resize, trace
+from optolever.reconstruct import HeightMap, predicted_budget, sigma_at_rest
+from optolever.scene import Scene
 
 from .images import figure_uri, new_figure, robust_limits
 from .maps import length_unit
 from .metrics import peak_bytes, rms
 from .page import budget_table, render_page, scientific, stage_bars, write_page
-from .place import exact
 
-__all__ = ["RigStudy", "predicted_budget", "rig_html", "sigma_at_rest", "write_rig_report"]
+__all__ = ["RigStudy", "rig_html", "write_rig_report"]
 
 Floats = NDArray[np.float64]
-
-_LINES = 60  # rows of the image on which sigma is predicted
-_DEPTH, _WIDTH = 1 / 300, 1 / 8  # of the mirror's length: the dent that the budget is for
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,44 +65,12 @@ def rig_html(study: RigStudy) -> str:
             "sketch": _sketch(study.given, study.scene),
             "heights": _sigma_figure(rest),
             "budget": budget_table(predicted_budget(study.scene)),
-            "depth": _DEPTH * study.scene.mirror.length,
+            "depth": study.scene.mirror.length / 300,
             "stages": stage_bars(study.seconds),
             "memory_gib": peak_bytes() / 2**30,
             "command": study.command,
         },
     )
-
-
-def sigma_at_rest(scene: Scene) -> HeightMap:
-    """The mirror z = 0 as this rig would measure it, anchored in the middle of the image: its modes are what
-    the rig's errors do to the height."""
-    small = _coarse(scene)
-    return _measured(small, dent("flat", small), 0.5)[0]
-
-
-def predicted_budget(scene: Scene) -> dict[str, dict[str, float]]:
-    """Uncertainty of a dent in the middle of the mirror by its sources, see `reconstruct.budget`."""
-    small = _coarse(scene)
-    length = small.mirror.length
-    pressed = dent("gaussian", small, peak=_DEPTH * length, sigma=0.5 * _WIDTH * length)
-    (rest, _), (height, anchor) = (_measured(small, each, 0.2) for each in (dent("flat", small), pressed))
-    return budget(height, rest, free_mode_of(height, small, anchor))
-
-
-def _coarse(scene: Scene) -> Scene:
-    rows = min(_LINES, scene.camera.rows)
-    return resize(scene, rows, max(8, round(rows * scene.camera.cols / scene.camera.rows)))
-
-
-def _measured(small: Scene, surface: Surface, place: float) -> tuple[HeightMap, PixelAnchor]:
-    """A surface as this rig would measure it, anchored where it is, at a share of the image's rows and in the
-    middle of its columns."""
-    seen = trace(small, surface)
-    visible = np.argwhere(seen.visible)
-    middle = np.array([place, 0.5]) * seen.u.shape
-    row, col = visible[np.argmin(np.linalg.norm(visible - middle, axis=1))].tolist()
-    anchor = PixelAnchor(row, col, float(seen.z[row, col]))
-    return reconstruct(exact(seen), small, anchor=anchor), anchor
 
 
 def _rms(parts: Sequence[Floats]) -> float:

@@ -8,6 +8,7 @@
 | `calibration.py` | a rest capture as reference |
 | `propagation.py` | what the errors of a calibrated rig do to a height map |
 | `budget.py` | the uncertainty of a height, a depth, a difference, by its sources |
+| `predicted.py` | what a rig would measure: its sigma at rest and of a dent |
 | `circulation.py` | whether noise explains how the slopes contradict each other |
 | `sofast.py` | a SOFAST measurement on its rig's flat pattern |
 | `holes.py`, `border.py` | small holes bridged; noisy border lines left out and reached from inside |
@@ -61,6 +62,7 @@ from .paper_scene import (
     reconstruct_paper,
     row_recursion,
 )
+from .predicted import predicted_budget, predicted_maps, sigma_at_rest
 from .resampling import Grid
 from .slope_map import SlopeMap, slope_map
 from .sofast import on_rig
@@ -108,12 +110,15 @@ __all__ = [
     "pattern_angle",
     "pattern_position",
     "pattern_positions",
+    "predicted_budget",
+    "predicted_maps",
     "prism_geometry",
     "reconstruct",
     "reconstruct_paper",
     "recursion",
     "row_recursion",
     "series",
+    "sigma_at_rest",
     "slope_angle",
     "slope_map",
 ]

@@ -1,0 +1,113 @@
+"""What every capture is worth, in the order in which they came: how much of it is of use, how far it is
+tilted, and what it adds to the predicted sigma of a height.
+
+Information adds: the matrix of some captures is the sum of theirs, J_k^T J_k, and the priors'. Its inverse,
+through the heights' derivatives by the scene's numbers, is the sigma that these captures leave.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.decode import Flag
+from optolever.reconstruct import predicted_maps
+from optolever.scene import Covariance, Scene
+
+from .adjust import Adjustment, covariance_of
+from .calibrate import Calibration
+from .observation import Observation
+
+__all__ = ["Judgement", "judged"]
+
+Floats = NDArray[np.float64]
+
+_UNSEEN = int(Flag.DARK | Flag.LOW_CONTRAST | Flag.OFF_PATTERN | Flag.INVALID)
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """Of a capture. seen: share of the image in which the mirror shows the pattern; decoded: share that the
+    adjustment may use (good, in the mask); tilt: against the frame's mirror, degrees, None of what is no
+    plane. Standard deviations by the rig alone (mm) of a height of the map (median over the mirror) and of
+    the depth of a dent against the mirror at rest: by the captures up to this one, and by all but this one
+    (None of the capture that says where z = 0 is)."""
+
+    name: str
+    seen: float
+    decoded: float
+    tilt: float | None
+    height_so_far: float
+    depth_so_far: float
+    height_without: float | None
+    depth_without: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain types."""
+        lengths = {f"{key}_mm": getattr(self, key) for key in self.__slots__[4:]}
+        return {"seen": self.seen, "decoded": self.decoded, "tilt_deg": self.tilt} | lengths
+
+
+def judged(found: Calibration) -> list[Judgement]:
+    """Every capture of a calibration, the frame's first, the others in the order that they were given."""
+    solved, scene = found.adjustment, found.scene
+    assert scene.covariance is not None
+    names = [sample.name for sample in solved.problem.samples]
+    heights, depth = _derivatives(scene)
+    sigmas = {}
+    for k, name in enumerate(names):
+        others = [each for each in names if each != name]
+        for key, some in (("so_far", names[: k + 1]), ("without", others)):
+            known = _covariance(solved, some, scene.covariance.names)
+            each = np.sqrt(np.einsum("pn,pq,qn->n", heights, known, heights))
+            sigmas[name, key] = float(np.median(each)), float(np.sqrt(depth @ known @ depth))
+    by_name = {each.name: each for each in found.observations}
+    return [
+        Judgement(
+            name,
+            _seen(by_name[name]),
+            found.decoded[name],
+            found.tilts.get(name),
+            *sigmas[name, "so_far"],
+            *((None, None) if name == solved.problem.frame else sigmas[name, "without"]),
+        )
+        for name in names
+    ]
+
+
+def _seen(each: Observation) -> float:
+    return float(np.mean((each.correspondence.flags & _UNSEEN) == 0))
+
+
+def _covariance(solved: Adjustment, captures: Sequence[str], names: Sequence[str]) -> Floats:
+    """Of these numbers by these captures, at the minimum of all and with its chi."""
+    problem = solved.problem
+    kept = np.ones(len(solved.jacobian), dtype=np.bool_)
+    start = 0
+    for sample in problem.samples:
+        stop = start + 2 * len(sample.row)
+        kept[start:stop] = sample.name in captures
+        start = stop
+    at = [problem.names.index(name) for name in names]
+    whole = covariance_of(solved.jacobian[kept], np.array(list(problem.sigmas.values())), solved.chi)
+    return whole[np.ix_(at, at)]
+
+
+def _derivatives(scene: Scene) -> tuple[Floats, Floats]:
+    """By the numbers of the scene's covariance: of the height in n pixels (p, n), and of a dent's depth
+    (p,). The modes of numbers that are wrong one by one, each by its own sigma."""
+    assert scene.covariance is not None
+    own = np.diag(scene.covariance.matrix)
+    alone = Covariance(scene.covariance.names, np.diag(own))
+    small, height, rest, _ = predicted_maps(replace(scene, covariance=alone))
+    assert small.covariance is not None
+    assert height.calibration is not None
+    assert rest.calibration is not None
+    unit = np.sqrt(np.diag(small.covariance.matrix) / own)  # of the small scene's numbers
+    by_mode = unit[:, None] * np.linalg.pinv(small.covariance.root)
+    both = height.good & rest.good
+    depth = (height.calibration - rest.calibration)[:, both]
+    deepest = int(np.argmax((height.z - rest.z)[both]))
+    return by_mode @ height.calibration[:, both], by_mode @ depth[:, deepest]

@@ -1,0 +1,58 @@
+"""What a rig would measure: exact places of a known surface, with the rig's errors, on a small image."""
+
+import numpy as np
+
+from optolever.decode import Correspondence
+from optolever.scene import Scene, Surface, dent, resize, trace
+
+from .anchors import PixelAnchor
+from .budget import budget, free_mode_of
+from .coupled import reconstruct
+from .heightmap import HeightMap
+
+__all__ = ["predicted_budget", "predicted_maps", "sigma_at_rest"]
+
+_LINES = 60  # rows of the image
+_NOISE = 0.01  # cells
+_DEPTH, _WIDTH = 1 / 300, 1 / 16  # of the mirror's length: a dent's depth and its sigma
+
+
+def sigma_at_rest(scene: Scene) -> HeightMap:
+    """The mirror z = 0 as this rig would measure it, anchored in the middle of the image: its modes are what
+    the rig's errors do to the height."""
+    small = _coarse(scene)
+    return _measured(small, dent("flat", small), 0.5)[0]
+
+
+def predicted_maps(scene: Scene) -> tuple[Scene, HeightMap, HeightMap, PixelAnchor]:
+    """The scene on fewer pixels, a dent in the middle of the mirror as it would measure it, the mirror at
+    rest, and the anchor beside the dent."""
+    small = _coarse(scene)
+    length = small.mirror.length
+    pressed = dent("gaussian", small, peak=_DEPTH * length, sigma=_WIDTH * length)
+    height, anchor = _measured(small, pressed, 0.2)
+    return small, height, _measured(small, dent("flat", small), 0.2)[0], anchor
+
+
+def predicted_budget(scene: Scene) -> dict[str, dict[str, float]]:
+    """Uncertainty of that dent by its sources, see `budget`."""
+    small, height, rest, anchor = predicted_maps(scene)
+    return budget(height, rest, free_mode_of(height, small, anchor))
+
+
+def _coarse(scene: Scene) -> Scene:
+    rows = min(_LINES, scene.camera.rows)
+    return resize(scene, rows, max(8, round(rows * scene.camera.cols / scene.camera.rows)))
+
+
+def _measured(small: Scene, surface: Surface, place: float) -> tuple[HeightMap, PixelAnchor]:
+    """A surface, anchored where it is, at a share of the image's rows and in the middle of its columns."""
+    seen = trace(small, surface)
+    sigma = np.full(seen.u.shape, _NOISE)
+    flags = np.where(seen.visible, 0, 1).astype(np.uint16)
+    visible = np.argwhere(seen.visible)
+    middle = np.array([place, 0.5]) * seen.u.shape
+    row, col = visible[np.argmin(np.linalg.norm(visible - middle, axis=1))].tolist()
+    exact = Correspondence(seen.u, seen.v, sigma, sigma.copy(), flags)
+    anchor = PixelAnchor(row, col, float(seen.z[row, col]))
+    return reconstruct(exact, small, anchor=anchor), anchor
