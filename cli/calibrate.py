@@ -71,7 +71,7 @@ def command(
     in any pose, mm), rest[:ORDER[,SIGMA]] (the sensor's own surface), ball:RADIUS,SIGMA (its contact alone,
     by the mask) or plate. reconstruct takes RIG.toml and tells what its errors do to the heights.
     """
-    from optolever.calibration import calibrate, left_out
+    from optolever.calibration import calibrate, judged, left_out
     from optolever.experiments import write_rig_report
     from optolever.files import together
 
@@ -89,6 +89,8 @@ def command(
         start = time.perf_counter()
         found = calibrate(scene, used, chosen, guess=guess)
         numbers = found.to_dict() | {"seconds": time.perf_counter() - start}
+        step("judge captures")
+        numbers["judged"] = {each.name: each.to_dict() for each in judged(found)}
         if leave_one_out:
             step("leave one out")
             numbers["left_out"] = {each.name: left_out(found, each.name) for each in used}
@@ -124,6 +126,7 @@ def _study(
         found.adjustment.chi,
         found.parameters,
         found.residuals,
+        numbers["judged"],
         found.notices,
         seconds,
         command,
@@ -136,15 +139,24 @@ def _show(found: "Calibration", numbers: dict[str, Any], out: Path) -> None:
         for each in found.parameters
     ]
     grid("Numbers (mm, rad, px)", ("name", "value", "sigma", "prior sigma"), rows)
-    beside = numbers.get("left_out", {})
-    shown = {}
-    for name, chi in numbers["captures"].items():
-        parts = [f"chi {number(chi)}", f"{100 * numbers['decoded'][name]:.0f} % of the image"]
-        parts += [f"tilt {numbers['tilts_deg'][name]:.1f} degrees"] if name in numbers["tilts_deg"] else []
-        parts += [f"left out {number(beside[name])}"] if name in beside else []
-        shown[name] = ", ".join(parts)
+    grid("Captures; what is left of sigma in um, of a height and of a dent's depth", *_judged_rows(numbers))
     rest = {"chi": number(numbers["chi"]), "start": numbers["start"], "time": number(numbers["seconds"], "s")}
-    table(f"Rig in {out}", shown | rest)
+    table(f"Rig in {out}", rest)
+
+
+def _judged_rows(numbers: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
+    """Header, and a row per capture in the order in which they came."""
+    head = ["capture", "chi", "seen", "decoded", "tilt", "height so far", "without it"]
+    head += ["depth so far", "without it"] + (["chi left out"] if "left_out" in numbers else [])
+    rows = []
+    for name, each in numbers["judged"].items():
+        row = [name, number(numbers["captures"][name])]
+        row += [f"{100 * each[key]:.0f} %" for key in ("seen", "decoded")]
+        row.append("" if each["tilt_deg"] is None else f"{each['tilt_deg']:.1f} deg")
+        for key in ("height_so_far_mm", "height_without_mm", "depth_so_far_mm", "depth_without_mm"):
+            row.append("" if each[key] is None else number(1e3 * each[key]))
+        rows.append(row + ([number(numbers["left_out"][name])] if "left_out" in numbers else []))
+    return head, rows
 
 
 def _pair(text: str) -> tuple[str, str]:

@@ -28,13 +28,15 @@ Floats = NDArray[np.float64]
 class RigStudy:
     """given, scene: the rig before and after, this with its covariance; chi: of the adjustment; parameters:
     name, value, sigma, prior, prior_sigma of each; residuals: capture -> row, col (n,) and what is left of u
-    and v (n,), in sigma; notices; seconds per stage; command: that was run."""
+    and v (n,), in sigma; judged: capture -> what it is worth (`calibration.Judgement`); notices; seconds per stage;
+    command: that was run."""
 
     given: Scene
     scene: Scene
     chi: float
     parameters: Sequence[Mapping[str, Any]]
     residuals: Mapping[str, tuple[Floats, Floats, Floats, Floats]]
+    judged: Mapping[str, Mapping[str, float | None]]
     notices: Sequence[Notice]
     seconds: dict[str, float]
     command: str
@@ -60,6 +62,7 @@ def rig_html(study: RigStudy) -> str:
                 {"name": name, "chi": _rms(found[2:]), "figure": _residual_figure(found)}
                 for name, found in study.residuals.items()
             ],
+            "judged": _judged(study.judged),
             "numbers": _numbers(study.parameters),
             "correlations": _correlation_figure(study.scene),
             "sketch": _sketch(study.given, study.scene),
@@ -75,6 +78,23 @@ def rig_html(study: RigStudy) -> str:
 
 def _rms(parts: Sequence[Floats]) -> float:
     return rms(np.concatenate(list(parts)))
+
+
+def _judged(judged: Mapping[str, Mapping[str, float | None]]) -> dict[str, Any]:
+    heads = ["capture", "seen", "decoded", "tilt, degrees", "height so far, um", "without it, um"]
+    heads += ["depth so far, um", "without it, um"]
+    keys = ["seen", "decoded", "tilt_deg", "height_so_far_mm", "height_without_mm"]
+    keys += ["depth_so_far_mm", "depth_without_mm"]
+    rows = []
+    for name, each in judged.items():
+        known = [(key, each[key]) for key in keys]
+        cells = [
+            "" if value is None else scientific(value * 1e3 if key.endswith("mm") else value)
+            for key, value in known
+        ]
+        rows.append({"kind": "", "cells": [name, *cells]})
+    columns = [{"name": n, "numeric": k > 0} for k, n in enumerate(heads)]
+    return {"id": "judged-table", "columns": columns, "rows": rows}
 
 
 def _numbers(parameters: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

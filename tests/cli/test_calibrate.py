@@ -50,7 +50,13 @@ def test_from_captures_to_heights_with_modes(
     assert found["tilts_deg"]["flat0"] == 0
     assert all(2.9 < found["tilts_deg"][f"flat{k}"] < 8.1 for k in (1, 2))  # as `open_air` draws them
     assert all(share > 0.5 for share in found["decoded"].values())
-    assert "of the image, tilt" in outcome.out
+    assert list(found["judged"]) == ["flat0", "flat1", "flat2"]
+    so_far = [each["depth_so_far_mm"] for each in found["judged"].values()]
+    assert so_far[2] < so_far[1] < so_far[0]
+    assert found["judged"]["flat1"]["depth_without_mm"] > so_far[2]
+    assert found["judged"]["flat0"]["depth_without_mm"] is None
+    assert "depth so far" in outcome.out
+    assert "depth so far" in html
     scene = load(out)
     assert scene.covariance is not None
     assert (tmp_path / "rig.calibration.npz").is_file()
