@@ -28,8 +28,8 @@ Floats = NDArray[np.float64]
 class RigStudy:
     """given, scene: the rig before and after, this with its covariance; chi: of the adjustment; parameters:
     name, value, sigma, prior, prior_sigma of each; residuals: capture -> row, col (n,) and what is left of u
-    and v (n,), in sigma; judged: capture -> what it is worth (`calibration.Judgement`); notices; seconds per stage;
-    command: that was run."""
+    and v (n,), in sigma; judged: capture -> what it is worth (`calibration.Judgement`); notices; seconds per
+    stage; command: that was run."""
 
     given: Scene
     scene: Scene
