@@ -8,7 +8,6 @@
 | `surroundings`   | which pixels see the fringe, and the noise there                                       |
 | `unwrap`         | phase unwrapping by quality, connected parts                                           |
 | `lattice`        | `lattice`: corners of the paper's lattice, at rest and deformed                        |
-| `tracking`       | corners followed from those that have not moved                                        |
 | `corners`        | corner refinement: sub-pixel crossing of two dark lines                                |
 | `prior`          | where the camera looked at rest                                                        |
 """

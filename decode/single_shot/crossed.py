@@ -28,7 +28,7 @@ from .surroundings import noise_of, overexposed, seeing, window_width
 from .unwrap import islands_of, largest_parts, unwrapped
 from .window_fit import Fit, Window
 
-__all__ = ["crossed"]
+__all__ = ["crossed", "displaced"]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -77,9 +77,27 @@ def crossed(
     )
     if now.shape != still.shape:
         raise InputError(f"crossed: frame is {now.shape}, rest is {still.shape}, must be equal")
-    pair = _pair(now, still, prior_map(prior, sequence, still.shape), sequence, period)
+    return displaced(
+        now, still, prior_map(prior, sequence, still.shape), (sequence.rows, sequence.cols), period
+    )
+
+
+def displaced(
+    now: NDArray[Any],
+    still: NDArray[Any],
+    at_rest: tuple[F64, F64],
+    pattern: tuple[int, int],
+    period: float,
+    settled: float = _SETTLED,
+) -> Displacement:
+    """Displacement between frames (H, W) of fringes, or lines, along u and v of a pattern (rows, cols).
+
+    at_rest: u and v (H, W) of the frame at rest; settled: change in the last pass, cycles, above which a
+    pixel is flagged.
+    """
+    pair = _pair(now, still, at_rest, pattern, period)
     axes, level = _passes(pair)
-    flags = _flags(pair, axes)
+    flags = _flags(pair, axes, settled)
     u, v = (period * axis.turn for axis in axes)
     sigma_u, sigma_v = (period * np.hypot(axis.random, axis.change) for axis in axes)
     amplitude = 2.0 * np.minimum(axes[0].height, axes[1].height)
@@ -125,10 +143,9 @@ class _Axis:
 
 
 def _pair(
-    now: NDArray[Any], still: NDArray[Any], at_rest: tuple[F64, F64], sequence: Sequence, period: float
+    now: NDArray[Any], still: NDArray[Any], at_rest: tuple[F64, F64], pattern: tuple[int, int], period: float
 ) -> _Pair:
     """Window, noise and pixels that see the fringe, from the frame at rest."""
-    pattern = sequence.rows, sequence.cols
     images = now.astype(np.float32), still.astype(np.float32)
     known = _inside(*at_rest, pattern, _MARGIN)
     width = window_width(at_rest, known, period)
@@ -183,7 +200,7 @@ def _axis(pair: _Pair, before: Fit, after: Fit, k: int, turn: F64, changes: list
     )
 
 
-def _flags(pair: _Pair, axes: list[_Axis]) -> NDArray[np.uint16]:
+def _flags(pair: _Pair, axes: list[_Axis], settled: float) -> NDArray[np.uint16]:
     """Flags of every pixel from its own fit, then from its connection."""
     known = np.isfinite(pair.at_rest[0]) & np.isfinite(pair.at_rest[1])
     blind = pair.inside(None, _MARGIN) & ~pair.sees & ~pair.clipped
@@ -194,7 +211,7 @@ def _flags(pair: _Pair, axes: list[_Axis]) -> NDArray[np.uint16]:
     flags |= np.where(beside, int(Flag.OFF_PATTERN), 0)
     for axis in axes:
         lost = axis.height <= _LEAST * max(pair.noise)
-        doubtful = (_steep(axis, pair) | (axis.change > _SETTLED)) & ~lost
+        doubtful = (_steep(axis, pair) | (axis.change > settled)) & ~lost
         flags |= np.where(lost, int(Flag.LOW_CONTRAST), 0) | np.where(doubtful, int(Flag.ORDER_DOUBTFUL), 0)
     # the area of as many pixels as a window's weights count for
     connected = largest_parts(flags == 0, islands, 4 * math.pi * pair.width**2)

@@ -12,12 +12,16 @@ from optolever.files import load_arrays, save_arrays
 from optolever.patterns import Frame, Sequence, lattice_lines
 
 from .corners import Corners, refined
+from .crossed import displaced
 from .prior import PatternMap, prior_map, single_frame
-from .tracking import tracked
 
 __all__ = ["Crossings", "lattice"]
 
 F64 = NDArray[np.float64]
+#: Change of the displacement in its last pass, cycles: a line's number needs no more.
+_SETTLED = 0.1
+#: From its expected place, periods: half a period away the next line is as near.
+_FARTHEST = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,24 +66,29 @@ def lattice(
     prior         where the camera looked at rest, to a quarter of the lattice's period (a trace, a decoded
                   capture); default: the surface fills the frame, u along columns, v along rows
 
-    A crossing is matched by walking from crossings that have not moved to their neighbours, so the
-    displacement may be many periods as long as it changes by less than half a period from one to the next.
+    A crossing is matched by the displacement of the lattice's first harmonic, which is a crossed fringe: its
+    median in each connected part of the mirror must be within half a period (see crossed).
     """
     frame = _lattice_frame(sequence)
     image, still = (
-        single_frame(stack, sequence, "lattice", name).astype(np.float32)
-        for stack, name in ((frames, "frames"), (rest, "rest"))
+        single_frame(stack, sequence, "lattice", name) for stack, name in ((frames, "frames"), (rest, "rest"))
     )
     if image.shape != still.shape:
         raise InputError(f"lattice: frames are {image.shape}, rest is {still.shape}, must be equal")
     lines = lattice_lines(frame, sequence.cols), lattice_lines(frame, sequence.rows)
     pattern = np.stack(np.meshgrid(*lines), axis=-1)
-    start, steps = _expected(pattern, sequence, prior, still.shape)
     period, width = frame.period_px or 1.0, frame.width_px or 1.0
-    at_rest = refined(still, start, steps, period, width)
+    u, v = prior_map(prior, sequence, still.shape)
+    at_rest = refined(still.astype(np.float32), *_inverse(u, v, pattern), period, width)
     if not at_rest.found.any():
         raise InputError("lattice: no crossing was found in the rest frame; is the prior that frame's?")
-    now = tracked(image, still, at_rest, steps, period, width)
+    moved = displaced(image, still, (u, v), (sequence.rows, sequence.cols), period, _SETTLED)
+    du, dv = (np.where(moved.good, part, np.nan) for part in (moved.du, moved.dv))
+    start, steps = _inverse(u + du, v + dv, pattern)
+    now = refined(image.astype(np.float32), start, steps, period, width)
+    size = period * np.sqrt(np.abs(np.linalg.det(np.where(now.found[..., None, None], steps, 0))))
+    far = np.hypot(*np.moveaxis(now.point - start, -1, 0)) > _FARTHEST * size
+    now.point[far], now.sigma[far] = np.nan, np.inf
     at_rest, now = (_without_curvature(corners, width / period) for corners in (at_rest, now))
     keep = at_rest.found
     index = np.argwhere(keep)[:, ::-1]
@@ -95,28 +104,18 @@ def _lattice_frame(sequence: Sequence) -> Frame:
     raise InputError(f"lattice: sequence {sequence.name} has no frame of kind 'lattice'")
 
 
-def _expected(
-    pattern: F64, sequence: Sequence, prior: PatternMap | None, shape: tuple[int, ...]
-) -> tuple[F64, F64]:
-    """Expected places (J, I, 2), camera steps (row, col) per pattern pixel of u, v (J, I, 2, 2); or NaN."""
-    if prior is None:
-        scale = np.array([shape[0] / sequence.rows, shape[1] / sequence.cols])
-        steps = np.array([[0.0, scale[1]], [scale[0], 0.0]])
-        point = (pattern[..., ::-1] + 0.5) * scale - 0.5
-        return point, np.broadcast_to(steps, (*pattern.shape, 2)).copy()
-    place, steps = _inverse(*prior_map(prior, sequence, shape), pattern.reshape(-1, 2))
-    return place.reshape(pattern.shape), steps.reshape(*pattern.shape, 2)
+def _inverse(u: F64, v: F64, points: F64) -> tuple[F64, F64]:
+    """Camera places (J, I, 2), row and column, of pattern coordinates (J, I, 2), and camera steps per pattern
+    pixel of u, v there (J, I, 2, 2); NaN outside the map.
 
-
-def _inverse(u: F64, v: F64, pattern: F64) -> tuple[F64, F64]:
-    """Camera places (K, 2) of pattern coordinates and camera steps (K, 2, 2) there; NaN outside the map.
-
-    From the nearest of about 40,000 pixels three Newton steps lead there: a map at rest is smooth.
+    From the nearest of about 40,000 pixels three Newton steps lead there: a map is smooth.
     """
+    pattern = points.reshape(-1, 2)
     thin = max(2, int(np.sqrt(u.size / 40000)))
     gradient = np.stack([np.stack([*np.gradient(part)], axis=-1) for part in (u, v)], axis=-2)
     row, col = (axis.ravel() for axis in np.mgrid[1 : u.shape[0] - 1 : thin, 1 : u.shape[1] - 1 : thin])
-    good = np.isfinite(u[row, col] + v[row, col]) & (np.abs(np.linalg.det(gradient[row, col])) > 1e-6)
+    area = np.abs(np.linalg.det(np.nan_to_num(gradient[row, col])))
+    good = np.isfinite(u[row, col] + v[row, col]) & (area > 1e-6)
     if np.count_nonzero(good) < 4:
         raise InputError("lattice: prior holds fewer than 4 finite pixels")
     row, col = row[good], col[good]
@@ -131,8 +130,9 @@ def _inverse(u: F64, v: F64, pattern: F64) -> tuple[F64, F64]:
         missing = pattern - np.stack([u[at], v[at]], axis=1)
         place = np.stack(at, axis=1) + np.einsum("kij,kj->ki", inverse, missing)
         place[~np.isfinite(place)] = -1.0
-    place[((place < 0) | (place > np.array(u.shape) - 1)).any(axis=1)] = np.nan
-    return place, inverse.transpose(0, 2, 1)
+    beside = np.abs(place - np.stack(at, axis=1)) > 1.5
+    place[(beside | (place < 0) | (place > np.array(u.shape) - 1)).any(axis=1)] = np.nan
+    return place.reshape(points.shape), inverse.transpose(0, 2, 1).reshape(*points.shape, 2)
 
 
 def _without_curvature(corners: Corners, share: float) -> Corners:
