@@ -18,12 +18,11 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optolever.errors import InputError
 from optolever.patterns import Sequence
 
 from ..correspondence import Flag
 from ..displacement import Displacement
-from .prior import PatternMap, prior_map, single_frame
+from .prior import PatternMap, frame_pair, prior_map
 from .surroundings import noise_of, overexposed, seeing, window_width
 from .unwrap import islands_of, largest_parts, unwrapped
 from .window_fit import Fit, Window
@@ -71,15 +70,9 @@ def crossed(
     displacement is too steep to tell a slope from a jump by a period, does not settle, costs contrast or has
     no connection (ORDER_DOUBTFUL), and what was moved off the pattern (OFF_PATTERN).
     """
-    period = _period(sequence)
-    now, still = (
-        single_frame(stack, sequence, "crossed", name) for stack, name in ((frame, "frame"), (rest, "rest"))
-    )
-    if now.shape != still.shape:
-        raise InputError(f"crossed: frame is {now.shape}, rest is {still.shape}, must be equal")
-    return displaced(
-        now, still, prior_map(prior, sequence, still.shape), (sequence.rows, sequence.cols), period
-    )
+    fringe, now, still = frame_pair(frame, rest, sequence, "crossed")
+    at_rest = prior_map(prior, sequence, still.shape)
+    return displaced(now, still, at_rest, (sequence.rows, sequence.cols), fringe.period_px or 1.0)
 
 
 def displaced(
@@ -216,13 +209,6 @@ def _flags(pair: _Pair, axes: list[_Axis], settled: float) -> NDArray[np.uint16]
     # the area of as many pixels as a window's weights count for
     connected = largest_parts(flags == 0, islands, 4 * math.pi * pair.width**2)
     return (flags | np.where(connected, 0, int(Flag.ORDER_DOUBTFUL))).astype(np.uint16)
-
-
-def _period(sequence: Sequence) -> float:
-    for frame in sequence.frames:
-        if frame.kind == "crossed":
-            return frame.period_px or 1.0
-    raise InputError(f"crossed: sequence {sequence.name} has no frame of kind 'crossed'")
 
 
 def _inside(u: F64, v: F64, pattern: tuple[int, int], margin: float) -> Mask:

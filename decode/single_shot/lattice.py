@@ -9,11 +9,11 @@ from scipy.spatial import cKDTree
 
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
-from optolever.patterns import Frame, Sequence, lattice_lines
+from optolever.patterns import Sequence, lattice_lines
 
 from .corners import Corners, refined
 from .crossed import displaced
-from .prior import PatternMap, prior_map, single_frame
+from .prior import PatternMap, frame_pair, prior_map
 
 __all__ = ["Crossings", "lattice"]
 
@@ -69,12 +69,7 @@ def lattice(
     A crossing is matched by the displacement of the lattice's first harmonic, which is a crossed fringe: its
     median in each connected part of the mirror must be within half a period (see crossed).
     """
-    frame = _lattice_frame(sequence)
-    image, still = (
-        single_frame(stack, sequence, "lattice", name) for stack, name in ((frames, "frames"), (rest, "rest"))
-    )
-    if image.shape != still.shape:
-        raise InputError(f"lattice: frames are {image.shape}, rest is {still.shape}, must be equal")
+    frame, image, still = frame_pair(frames, rest, sequence, "lattice")
     lines = lattice_lines(frame, sequence.cols), lattice_lines(frame, sequence.rows)
     pattern = np.stack(np.meshgrid(*lines), axis=-1)
     period, width = frame.period_px or 1.0, frame.width_px or 1.0
@@ -97,13 +92,6 @@ def lattice(
     )
 
 
-def _lattice_frame(sequence: Sequence) -> Frame:
-    for frame in sequence.frames:
-        if frame.kind == "lattice":
-            return frame
-    raise InputError(f"lattice: sequence {sequence.name} has no frame of kind 'lattice'")
-
-
 def _inverse(u: F64, v: F64, points: F64) -> tuple[F64, F64]:
     """Camera places (J, I, 2), row and column, of pattern coordinates (J, I, 2), and camera steps per pattern
     pixel of u, v there (J, I, 2, 2); NaN outside the map.
@@ -116,8 +104,8 @@ def _inverse(u: F64, v: F64, points: F64) -> tuple[F64, F64]:
     row, col = (axis.ravel() for axis in np.mgrid[1 : u.shape[0] - 1 : thin, 1 : u.shape[1] - 1 : thin])
     area = np.abs(np.linalg.det(np.nan_to_num(gradient[row, col])))
     good = np.isfinite(u[row, col] + v[row, col]) & (area > 1e-6)
-    if np.count_nonzero(good) < 4:
-        raise InputError("lattice: prior holds fewer than 4 finite pixels")
+    if not good.any():
+        return np.full(points.shape, np.nan), np.full((*points.shape, 2), np.nan)
     row, col = row[good], col[good]
     nearest = cKDTree(np.stack([u[row, col], v[row, col]], axis=1)).query(pattern)[1]
     place = np.stack([row[nearest], col[nearest]], axis=1).astype(np.float64)

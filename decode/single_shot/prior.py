@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
-from optolever.patterns import Sequence
+from optolever.patterns import Frame, Sequence
 
 from ..correspondence import Correspondence
 from ..displacement import Displacement
 
-__all__ = ["PatternMap", "prior_map", "single_frame"]
+__all__ = ["PatternMap", "frame_pair", "prior_map"]
 
 F64 = NDArray[np.float64]
 
@@ -44,13 +44,26 @@ def prior_map(prior: PatternMap | None, sequence: Sequence, shape: tuple[int, ..
     return u, v
 
 
-def single_frame(stack: Any, sequence: Sequence, kind: str, name: str) -> NDArray[Any]:
-    """The frame of this kind (H, W) of a stack that the sequence describes, or of that frame alone."""
-    array = np.asarray(stack)
+def frame_pair(
+    now: Any, rest: Any, sequence: Sequence, kind: str
+) -> tuple[Frame, NDArray[Any], NDArray[Any]]:
+    """The frame of this kind that a sequence describes, and both its images (H, W)."""
+    number = next((i for i, frame in enumerate(sequence.frames) if frame.kind == kind), None)
+    if number is None:
+        raise InputError(f"{kind}: sequence {sequence.name} has no frame of kind {kind!r}")
+    images = [_image(stack, sequence, number, name) for stack, name in ((now, "frame"), (rest, "rest"))]
+    if images[0].shape != images[1].shape:
+        raise InputError(f"{kind}: frame is {images[0].shape}, rest is {images[1].shape}, must be equal")
+    return sequence.frames[number], images[0], images[1]
+
+
+def _image(stack: Any, sequence: Sequence, number: int, name: str) -> NDArray[Any]:
+    """One image (H, W) of a stack that the sequence describes, or that image alone."""
+    array, kind = np.asarray(stack), sequence.frames[number].kind
     if array.ndim == 3:
         if len(array) != len(sequence):
             raise InputError(f"{kind}: {name} has {len(array)} images, sequence describes {len(sequence)}")
-        array = array[[frame.kind for frame in sequence.frames].index(kind)]
+        array = array[number]
     if array.ndim != 2 or min(array.shape) < 16:
         raise InputError(f"{kind}: {name} has shape {array.shape}, must be (H, W), at least 16 x 16")
     if not np.isfinite(array).all():

@@ -17,10 +17,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.blocks import over_rows
-
-from .window_kernels import MOMENTS, moments, solve
-
 __all__ = ["Fit", "Window"]
 
 F32 = NDArray[np.float32]
@@ -83,21 +79,30 @@ class Window:
         """The fringes of an image (H, W) over carriers (u, v). Without `cut` the phase is that of a
         cut window's mean, as it must be while the phase may still jump by a cycle.
         """
-        rows, cols = image.shape
-        phase_u, phase_v = (_wrapped(carrier) for carrier in carriers)
-        size = self.cell
-        shape = -(-rows // size), -(-cols // size)
-        sums = np.zeros((MOMENTS, *shape), np.float32)
-        over_rows(
-            lambda a, b: moments(image, self.known, phase_u, phase_v, size, a, b, sums), shape[0], block=16
-        )
-        sigma = _sigma(self.width, size)
-        windowed = np.array([_blurred(plane, sigma) for plane in sums])
-        out = np.empty((7, *shape), np.float32)
-        over_rows(lambda a, b: solve(windowed, _LEAST, a, b, out), shape[0], block=32)
+        phases = [_wrapped(carrier) for carrier in carriers]
+        waves = [self.known.astype(np.float32)]
+        waves += [waves[0] * wave(phase) for phase in phases for wave in (np.cos, np.sin)]
+        lit = self.known * image
+        matrix, right = np.empty((5, 5, *self.share.shape)), np.zeros((5, 3, *self.share.shape))
+        for i, wave in enumerate(waves):
+            right[i, 0] = self._mean(wave * lit)
+            for j in range(i + 1):
+                matrix[i, j] = matrix[j, i] = self._mean(wave * waves[j])
+            matrix[i, i] += 1e-6  # keeps it regular
+        right[2, 1] = right[4, 2] = 1.0
+        solved = np.where(self.share > _LEAST, _solved(matrix, right), 0.0).astype(np.float32)
+        level, *out = solved[:, 0]
+        # inverse's diagonal at the sines: 2 where the window is whole
+        spread = [np.where(self.share > _LEAST, own, np.float32(1e9)) for own in (solved[2, 1], solved[4, 2])]
         u, v = (self._lobe(out[k], -out[k + 1], cut) for k in (0, 2))
-        of_u, of_v = (self._whole(self.growth * np.sqrt(np.maximum(0.5 * own, 1.0))) for own in out[4:6])
-        return Fit((u[0], v[0]), (u[1], v[1]), (of_u, of_v), self._whole(out[6]))
+        of_u, of_v = (self._whole(self.growth * np.sqrt(np.maximum(0.5 * own, 1.0))) for own in spread)
+        return Fit((u[0], v[0]), (u[1], v[1]), (of_u, of_v), self._whole(level))
+
+    def _mean(self, plane: F32) -> F32:
+        """Mean of a plane (H, W), 0 where it is unknown, over the known part of the window around every
+        cell (R, C)."""
+        blurred = _around(_binned(plane, self.cell), _sigma(self.width, self.cell), 0, 0)
+        return np.asarray(blurred / np.maximum(self.share, np.float32(_LEAST)))
 
     def _lobe(self, real: F32, imag: F32, cut: bool) -> tuple[F32, F32]:
         """Phase and half amplitude (H, W); a phase that turns is not interpolated itself."""
@@ -142,13 +147,25 @@ def _sigma(width: float, cell: int) -> float:
     return math.sqrt(width**2 - (cell**2 - 1) / 12) / cell
 
 
-def _binned(known: Mask, cell: int) -> F32:
-    """Share of known pixels in every cell."""
-    rows, cols = (-size % cell for size in known.shape)
-    padded = np.pad(known, ((0, rows), (0, cols))).astype(np.float32)
-    return np.asarray(
-        padded.reshape(padded.shape[0] // cell, cell, -1, cell).mean(axis=(1, 3), dtype=np.float32)
-    )
+def _binned(plane: Any, cell: int) -> F32:
+    """Mean of a plane (H, W) over every cell (R, C), 0 beyond it."""
+    rows, cols = (-size % cell for size in plane.shape)
+    whole = cv2.copyMakeBorder(plane.astype(np.float32), 0, rows, 0, cols, cv2.BORDER_CONSTANT)
+    size = whole.shape[1] // cell, whole.shape[0] // cell
+    return np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA))
+
+
+def _solved(matrix: F64, right: F64) -> F64:
+    """matrix^-1 right, (5, 5, R, C) and (5, K, R, C), both spoilt; a positive matrix needs no pivots."""
+    for i in range(5):
+        for j in range(i + 1, 5):
+            factor = matrix[j, i] / matrix[i, i]
+            matrix[j, i + 1 :] -= factor * matrix[i, i + 1 :]
+            right[j] -= factor * right[i]
+    for i in range(4, -1, -1):
+        right[i] -= np.einsum("jrc,jkrc->krc", matrix[i, i + 1 :], right[i + 1 :])
+        right[i] /= matrix[i, i]
+    return right
 
 
 def _moments(known: F32, sigma: float) -> tuple[F32, tuple[F32, F32], tuple[F32, F32]]:
@@ -187,7 +204,3 @@ def _wrapped(phase: F64) -> F32:
     """Within half a cycle of 0, where float32 is good to 1e-7."""
     cycles = phase / (2 * np.pi)
     return np.asarray(2 * np.pi * (cycles - np.rint(cycles)), np.float32)
-
-
-def _blurred(plane: Any, sigma: float) -> F32:
-    return np.asarray(cv2.GaussianBlur(plane, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT))
