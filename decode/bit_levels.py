@@ -15,9 +15,20 @@ from optolever.kernels import exact, inlined
 
 from .unwrap import vanishing
 
-__all__ = ["WEAK", "CodePlan", "blurred_levels", "fitted_levels", "turned", "weak_bits"]
+__all__ = [
+    "GROUP",
+    "WEAK",
+    "CodePlan",
+    "bits_in_groups",
+    "blurred_levels",
+    "fitted_levels",
+    "turned",
+    "weak_bits",
+]
 
 F32 = NDArray[np.float32]
+#: Bits that are compared in one pass over a line.
+GROUP = 4
 #: Blurs that are tried, cells: a Gray code's finest bit keeps 3 % of its contrast behind the last one.
 _BLURS = np.arange(0.0, 1.8, 0.2)
 #: Pixels that tell a blur; fewer tell none.
@@ -33,6 +44,10 @@ class CodePlan(NamedTuple):
 
     frames (bits, 2): of each bit, least significant first, and its inverse, -1: not shown
     factor (bits,)  variance of a bit's difference over that of a sample
+    value, scale    of bits, filled up to whole groups by some that are sure, and one over the deviation that
+                    noise of 1 makes of their difference
+    counts          1 where a difference counts as large: that of pairs where these tell the amplitude, else
+                    of the others, which must not pass it
     ends            white, black; -1: not shown
     cells           word -> cell
     levels          (cells, bits) what a cell shows of a bit, -1..1; misfit2: variance that this leaves
@@ -42,6 +57,9 @@ class CodePlan(NamedTuple):
 
     frames: NDArray[np.int64]
     factor: F32
+    value: NDArray[np.int32]
+    scale: F32
+    counts: F32
     ends: NDArray[np.int64]
     cells: NDArray[np.int32]
     levels: F32
@@ -49,6 +67,13 @@ class CodePlan(NamedTuple):
     cell: Any
     first: Any
     freedom: int
+
+
+def bits_in_groups(factor: F32, counts: NDArray[np.bool_]) -> tuple[NDArray[np.int32], F32, F32]:
+    """value, scale and counts of a CodePlan."""
+    more = (0, -len(factor) % GROUP)
+    value, scale = np.pad(1 << np.arange(len(factor)), more), np.pad(factor, more, constant_values=1) ** -0.5
+    return value.astype(np.int32), scale, np.pad(counts, more).astype(np.float32)
 
 
 def blurred_levels(words: NDArray[np.int32], bits: int, blur: float) -> F32:

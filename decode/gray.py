@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import exact, kernel
+from optolever.kernels import exact, inlined, kernel
 
-from .bit_levels import WEAK, CodePlan, fitted_levels, turned, weak_bits
+from .bit_levels import GROUP, WEAK, CodePlan, bits_in_groups, fitted_levels, turned, weak_bits
 from .estimate import Estimate
-from .frames import Light, fetch_line, level_of
+from .frames import Light, level_of
 from .noise import Noise, Sample
 from .plan import Code, Plan
 
@@ -26,17 +26,20 @@ __all__ = ["CodePlan", "code_plan", "read_code"]
 
 #: Pixels that tell the blur at most: medians to 4 %.
 _PIXELS = 1024
-#: What a line keeps of the bits read so far: the value of the weakest, how weak it and the next are, the
-#: largest half difference, what most passes white and black. It is passed on from line to line: compilers
-#: make slow conditional stores of a maximum in place.
-_WEAKEST, _LEAST, _SECOND, _LARGEST, _OVER, _KEPT = 0, 1, 2, 3, 4, 5
+#: What a line keeps of the bits compared so far: the value of the weakest, how weak it and the next are, the
+#: largest difference that counts. It is passed on from group to group: compilers make slow conditional stores
+#: of a maximum in place.
+_WEAKEST, _LEAST, _SECOND, _LARGEST, _KEPT = 0, 1, 2, 3, 4
 
 
-class _Sums(NamedTuple):
-    """Of a line (W,): what the means of pairs are off the usual level, summed; their squares."""
+class _Lines(NamedTuple):
+    """Room for a line: margins (bits, W), words (W,), what is kept of bits (2, _KEPT, W), and what the means
+    of pairs are off the usual level, summed, and squared (2, W)."""
 
+    margin: Any
+    word: Any
+    kept: Any
     off: Any
-    square: Any
 
 
 def code_plan(code: Code, plan: Plan, noise: Noise, lit: Sample) -> CodePlan:
@@ -56,7 +59,8 @@ def code_plan(code: Code, plan: Plan, noise: Noise, lit: Sample) -> CodePlan:
     variance = few.variance(noise) / np.square(amplitude)
     levels, misfit2 = fitted_levels(words, margin / amplitude, variance, factor)
     unlike2, cell, start = (np.float32(one) for one in (misfit2, code.cell, first))
-    return CodePlan(frames, factor, ends, code.cells, levels, unlike2, cell, start, freedom)
+    of_bits = bits_in_groups(factor, pairs != referenced)
+    return CodePlan(frames, factor, *of_bits, ends, code.cells, levels, unlike2, cell, start, freedom)
 
 
 def _margins(frames: NDArray[np.int64], ends: NDArray[np.int64], levels: Any) -> tuple[Any, Any]:
@@ -90,76 +94,63 @@ def _read_rows(
 ) -> None:
     """Rows start..stop; noise: Noise.numbers(), out: Estimate.arrays()."""
     place, var, error, amplitude, offset, chi2, clipped = out
-    width, bits = raw.shape[2], code.factor.size
-    light = np.empty((2, width), np.float32)
-    word, of_bits = np.empty(width, np.int32), np.empty((2, _KEPT, width), np.float32)
-    sums = _Sums(np.empty(width, np.float32), np.empty(width, np.float32))
-    margin = np.empty(bits, np.float32)
-    referenced = code.ends[0] >= 0
+    width, bits, pairs = raw.shape[2], code.factor.size, np.float32(np.sum(code.factor < 1))
+    lines = _Lines(
+        np.full((code.value.size, width), np.float32(1e9)),
+        np.empty(width, np.int32),
+        np.empty((2, _KEPT, width), np.float32),
+        np.empty((2, width), np.float32),
+    )
+    # a bit and its inverse are off by the same: their difference keeps its sign
+    misfit2 = np.float32(0) if pairs == bits else code.misfit2
     for row in range(start, stop):
         r = row - start
-        a, o = amplitude[r], offset[r]
-        _begin(word, of_bits[0], sums, clipped[r])
-        pairs = 0
-        if referenced:
-            if table is None:
-                _references(raw[code.ends[0], row], raw[code.ends[1], row], a, o)
-            else:
-                _fetch(raw, code.ends, row, table, light)
-                _references(light[0], light[1], a, o)
+        a, o, numbers = amplitude[r], offset[r], (pairs, misfit2, alone, noise)
+        clipped[r], lines.off[:] = np.float32(0), np.float32(0)
+        if code.ends[0] >= 0:
+            _references(raw[code.ends[0], row], raw[code.ends[1], row], table, a, o)
             _saturated(raw[code.ends[0], row], clip, clipped[r])
-        for b in range(bits):
-            scale, bit = np.float32(1) / np.sqrt(code.factor[b]), np.int32(1 << b)
-            before, after = of_bits[b % 2], of_bits[1 - b % 2]
-            plain, inverse = code.frames[b]
-            if plain >= 0 and inverse >= 0:
-                free = not referenced and pairs == 0
-                pairs += 1
-                if table is None:
-                    one, other = raw[plain, row], raw[inverse, row]
-                    _pair(one, other, free, scale, bit, o, sums, word, before, after)
-                else:
-                    _fetch(raw, code.frames[b], row, table, light)
-                    _pair(light[0], light[1], free, scale, bit, o, sums, word, before, after)
-            else:
-                sign = np.float32(1) if plain >= 0 else np.float32(-1)
-                if table is None:
-                    _single(raw[max(plain, inverse), row], sign, scale, bit, o, a, word, before, after)
-                else:
-                    fetch_line(raw[max(plain, inverse), row], table, light[0])
-                    _single(light[0], sign, scale, bit, o, a, word, before, after)
-        kept = of_bits[bits % 2]
-        if not referenced:
-            a[:] = kept[_LARGEST]
-        _cells_line(
-            word, kept, code, alone, np.float32(pairs), noise, sums, a, o, place[r], var[r], error[r], chi2[r]
-        )
+        _margins_line(raw, row, table, code, o, lines)
+        kept = _compared(code, lines)
+        if code.ends[0] < 0:
+            a[:], kept[_LARGEST] = kept[_LARGEST], np.float32(0)
+        _cells_line(lines, kept, code, numbers, a, o, place[r], var[r], error[r], chi2[r])
+        _several_weak(kept[_SECOND], misfit2, noise, a, o, lines.word)
         for x in range(width):
-            own = noise.read2 + noise.gain * max(o[x], np.float32(0))
-            threshold = code.misfit2 * a[x] * a[x] if pairs < bits else np.float32(0)
-            weak = kept[_SECOND, x] * kept[_SECOND, x] < np.float32(WEAK * WEAK) * (own + threshold)
-            if weak and a[x] * a[x] > np.float32(8) * own:
-                for b in range(bits):
-                    margin[b] = _margin(raw, code.frames[b], row, x, table, o[x])
+            if lines.word[x] != 0:
+                own = noise.read2 + noise.gain * max(o[x], np.float32(0))
                 place[r, x], var[r, x], error[r, x] = weak_bits(
-                    margin, code, a[x], own, alone, (place[r, x], var[r, x])
+                    lines.margin[:bits, x], code, a[x], own, alone, (place[r, x], var[r, x])
                 )
 
 
-@kernel
-def _fetch(raw: Any, frames: Any, row: Any, table: Any, light: Any) -> None:
-    """Linear levels of a row of two frames."""
-    fetch_line(raw[frames[0], row], table, light[0])
-    fetch_line(raw[frames[1], row], table, light[1])
+@exact
+def _margins_line(raw: Any, row: Any, table: Any, code: Any, offset: Any, lines: Any) -> None:
+    """Of every bit half the difference from its inverse, or that from the mean level, which the first pair
+    tells where no references do."""
+    free = code.ends[0] < 0
+    for b in range(code.factor.size):
+        plain, inverse = code.frames[b]
+        if plain >= 0 and inverse >= 0:
+            _pair(raw[plain, row], raw[inverse, row], table, free, offset, lines.margin[b], lines.off)
+            free = False
+        else:
+            sign = np.float32(1) if plain >= 0 else np.float32(-1)
+            _single(raw[max(plain, inverse), row], table, sign, offset, lines.margin[b])
 
 
-@kernel
-def _begin(word: Any, of_bits: Any, sums: Any, clipped: Any) -> None:
-    zero, far = np.float32(0), np.float32(1e9)
-    of_bits[_WEAKEST], of_bits[_LARGEST], of_bits[_OVER] = zero, zero, zero
-    of_bits[_LEAST], of_bits[_SECOND] = far, far
-    for x in range(word.size):
-        word[x], sums.off[x], sums.square[x], clipped[x] = np.int32(0), zero, zero, zero
+@exact
+def _compared(code: Any, lines: Any) -> Any:
+    """Words of a line, and what is kept of their bits (_KEPT, W)."""
+    before, after = lines.kept[0], lines.kept[1]
+    lines.word[:], before[_WEAKEST], before[_LARGEST] = 0, np.float32(0), np.float32(0)
+    before[_LEAST], before[_SECOND] = np.float32(1e9), np.float32(1e9)
+    for b in range(0, code.value.size, GROUP):
+        group = slice(b, b + GROUP)
+        bits = code.value[group], code.scale[group], code.counts[group]
+        _join(lines.margin[group], bits, lines.word, before, after)
+        before, after = after, before
+    return before
 
 
 @kernel
@@ -169,94 +160,68 @@ def _saturated(line: Any, clip: Any, clipped: Any) -> None:
 
 
 @kernel
-def _references(white: Any, black: Any, amplitude: Any, offset: Any) -> None:
+def _references(white: Any, black: Any, table: Any, amplitude: Any, offset: Any) -> None:
     half = np.float32(0.5)
     for x in range(offset.size):
-        amplitude[x] = half * (np.float32(white[x]) - np.float32(black[x]))
-        offset[x] = half * (np.float32(white[x]) + np.float32(black[x]))
+        high, low = level_of(white[x], table), level_of(black[x], table)
+        amplitude[x], offset[x] = half * (high - low), half * (high + low)
 
 
 @kernel
-def _pair(
-    one: Any,
-    other: Any,
-    free: Any,
-    scale: Any,
-    bit: Any,
-    offset: Any,
-    sums: Any,
-    word: Any,
-    before: Any,
-    after: Any,
-) -> None:
-    """A bit and its inverse: the word, how weak its weakest bits are (deviations of a sample), and how far
-    the mean of both is off the usual level, which a `free` one tells itself."""
-    half, none = np.float32(0.5), np.int32(0)
+def _pair(one: Any, other: Any, table: Any, free: Any, offset: Any, margin: Any, sums: Any) -> None:
+    """A bit and its inverse: half their difference, and how far their mean is off the usual level, which a
+    `free` one tells itself."""
+    half, (off, square) = np.float32(0.5), (sums[0], sums[1])
     if free:
-        for x in range(word.size):
-            offset[x] = half * (np.float32(one[x]) + np.float32(other[x]))
-    least, weakest = before[_LEAST], np.float32(bit)
-    after[_OVER] = before[_OVER]
-    for x in range(word.size):
-        p, q = np.float32(one[x]), np.float32(other[x])
-        off, apart = half * (p + q) - offset[x], half * abs(p - q)
-        size = apart * scale
-        sums.off[x] += off
-        sums.square[x] += off * off
-        word[x] |= bit if p > q else none
-        after[_LARGEST, x] = max(before[_LARGEST, x], apart)
-        after[_SECOND, x] = min(before[_SECOND, x], max(size, least[x]))
-        after[_WEAKEST, x] = weakest if size < least[x] else before[_WEAKEST, x]
-        after[_LEAST, x] = min(least[x], size)
+        for x in range(offset.size):
+            offset[x] = half * (level_of(one[x], table) + level_of(other[x], table))
+    for x in range(offset.size):
+        p, q = level_of(one[x], table), level_of(other[x], table)
+        away = half * (p + q) - offset[x]
+        margin[x] = half * (p - q)
+        off[x] += away
+        square[x] += away * away
 
 
 @kernel
-def _single(
-    line: Any,
-    sign: Any,
-    scale: Any,
-    bit: Any,
-    offset: Any,
-    amplitude: Any,
-    word: Any,
-    before: Any,
-    after: Any,
-) -> None:
-    """A bit against the mean level; over: what most passes white and black, levels^2."""
-    zero, none = np.float32(0), np.int32(0)
-    least, weakest = before[_LEAST], np.float32(bit)
-    after[_LARGEST] = before[_LARGEST]
+def _single(line: Any, table: Any, sign: Any, offset: Any, margin: Any) -> None:
+    for x in range(offset.size):
+        margin[x] = sign * (level_of(line[x], table) - offset[x])
+
+
+@kernel
+def _join(margin: Any, bits: Any, word: Any, before: Any, after: Any) -> None:
+    """A group of bits, whose margins are (GROUP, W), joins the words and what is kept of them."""
+    value, scale, counts = bits
     for x in range(word.size):
-        margin = sign * (np.float32(line[x]) - offset[x])
-        size = abs(margin) * scale
-        over = max(abs(margin) - amplitude[x], zero)
-        word[x] |= bit if margin > zero else none
-        after[_OVER, x] = max(before[_OVER, x], over * over)
-        after[_SECOND, x] = min(before[_SECOND, x], max(size, least[x]))
-        after[_WEAKEST, x] = weakest if size < least[x] else before[_WEAKEST, x]
-        after[_LEAST, x] = min(least[x], size)
+        kept = word[x], before[_WEAKEST, x], before[_LEAST, x], before[_SECOND, x], before[_LARGEST, x]
+        for k in range(GROUP):
+            kept = _with_bit(margin[k, x], value[k], scale[k], counts[k], kept)
+        word[x], after[_WEAKEST, x], after[_LEAST, x], after[_SECOND, x], after[_LARGEST, x] = kept
 
 
-@exact
-def _margin(raw: Any, frames: Any, row: Any, x: Any, table: Any, offset: Any) -> Any:
-    """Of one pixel: half the difference of a bit and its inverse, or that from the mean level."""
-    if frames[0] >= 0 and frames[1] >= 0:
-        one, other = level_of(raw[frames[0], row, x], table), level_of(raw[frames[1], row, x], table)
-        return np.float32(0.5) * (one - other)
-    if frames[0] >= 0:
-        return level_of(raw[frames[0], row, x], table) - offset
-    return offset - level_of(raw[frames[1], row, x], table)
+@inlined
+def _with_bit(margin: Any, value: Any, scale: Any, counts: Any, kept: Any) -> Any:
+    """Word, value of the weakest bit, how weak it and the next are (deviations of a sample), largest margin
+    that counts."""
+    word, weakest, least, second, largest = kept
+    size = abs(margin)
+    weak = size * scale
+    return (
+        word + value * np.int32(margin > np.float32(0)),
+        np.float32(value) if weak < least else weakest,
+        min(least, weak),
+        min(second, max(weak, least)),
+        max(largest, size * counts),
+    )
 
 
 @kernel
 def _cells_line(
-    word: Any,
+    lines: Any,
     kept: Any,
     code: Any,
-    alone: Any,
-    pairs: Any,
-    noise: Any,
-    sums: Any,
+    numbers: Any,
     amplitude: Any,
     offset: Any,
     place: Any,
@@ -266,14 +231,13 @@ def _cells_line(
 ) -> None:
     """Cells of the words; what the weakest bit leads to if noise turned it."""
     zero, half, eighth, one = np.float32(0), np.float32(0.5), np.float32(0.125), np.float32(1)
-    weakest, least, second, over = kept[_WEAKEST], kept[_LEAST], kept[_SECOND], kept[_OVER]
-    cells, cell, first = code.cells, code.cell, code.first
+    weakest, least, second, largest = kept[_WEAKEST], kept[_LEAST], kept[_SECOND], kept[_LARGEST]
+    word, off, square = lines.word, lines.off[0], lines.off[1]
+    (pairs, misfit2, alone, noise), (cells, cell, first) = numbers, (code.cells, code.cell, code.first)
     within, mixed = (cell * cell / np.float32(12), one) if alone else (zero, zero)
     count = one / max(pairs, one)
     # a mean of two samples; white and black are one more
     known = one - (count / (one + count) if code.ends[0] >= 0 else zero)
-    # a bit and its inverse are off by the same: their difference keeps its sign
-    threshold2 = code.misfit2 if pairs < np.float32(code.factor.size) else zero
     for x in range(word.size):  # the cell that a turned bit leads to
         weakest[x] = np.float32(cells[word[x] ^ np.int32(weakest[x])])
     for x in range(word.size):
@@ -281,7 +245,7 @@ def _cells_line(
     for x in range(word.size):
         own = noise.read2 + noise.gain * max(offset[x], zero)
         power = amplitude[x] * amplitude[x]
-        deviation = one / np.sqrt(own + threshold2 * power)
+        deviation = one / np.sqrt(own + misfit2 * power)
         wrong, also = turned(least[x] * deviation), turned(second[x] * deviation)
         step = weakest[x] - np.float32(word[x])
         beside = abs(step) == one
@@ -292,6 +256,18 @@ def _cells_line(
         wrong = zero if beside else wrong
         error[x] = wrong + also - wrong * also
         unlike = noise.rounding2 + noise.misfit2 * power
-        rss = sums.square[x] - sums.off[x] * sums.off[x] * count * known
+        rss = square[x] - off[x] * off[x] * count * known
+        over = max(largest[x] - amplitude[x], zero)
         singles = np.float32(1.5) * own + unlike + code.misfit2 * power
-        chi2[x] = rss / (half * own + unlike) + over[x] / singles
+        chi2[x] = rss / (half * own + unlike) + over * over / singles
+
+
+@kernel
+def _several_weak(second: Any, misfit2: Any, noise: Any, amplitude: Any, offset: Any, several: Any) -> None:
+    """Whether (W,) more than one bit is weak in a pixel that is not as weak itself."""
+    sure = np.float32(WEAK * WEAK)
+    for x in range(several.size):
+        own = noise.read2 + noise.gain * max(offset[x], np.float32(0))
+        power = amplitude[x] * amplitude[x]
+        weak = second[x] * second[x] < sure * (own + misfit2 * power)
+        several[x] = np.int32(weak & (power > np.float32(8) * own))

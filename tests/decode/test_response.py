@@ -61,6 +61,27 @@ def test_grey_values_and_sweeps_are_inverted_too(
 
 
 @pytest.mark.parametrize(
+    ("name", "params", "worst"),
+    [("gray", {}, 0.6), ("gray", {"inverses": False}, 0.6), ("gray+phase", {}, 0.1)],
+)
+@pytest.mark.parametrize("curve", [1.0, 2.2])
+def test_bits_are_inverted_too(
+    shoot: Shoot, smooth: tuple[F64, F64], name: str, params: dict[str, bool], worst: float, curve: float
+) -> None:
+    """Places as a linear camera tells them; a straight response changes none of them."""
+    shown = sequence(name, 150, 170, **params)
+    frames = shoot(shown, *smooth, gamma=curve, noise=0.5, offset=127.5, amplitude=120)
+    found = decode(frames, shown, response=Response.from_gamma(curve), on_cells=False)
+    assert found.good.mean() > 0.9
+    for place, truth in zip((found.u, found.v), smooth, strict=True):
+        assert np.abs(place - truth)[found.good].max() < worst
+    if curve == 1:
+        plain = decode(frames, shown, on_cells=False)
+        np.testing.assert_array_equal(plain.good, found.good)
+        np.testing.assert_allclose(found.u[found.good], plain.u[found.good], atol=0.02)
+
+
+@pytest.mark.parametrize(
     ("make", "message"),
     [
         (lambda: Response(np.array([0.0, 1.0]), np.array([1.0, 1.0])), "seen must be finite and rise"),
