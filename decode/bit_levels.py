@@ -5,6 +5,7 @@ of cells levels are interpolated. The blur is the one that explains the bits of 
 best; what it does not explain (light that comes by way of the scene, other blurs) is a misfit of the levels.
 """
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -94,29 +95,35 @@ def fitted_levels(words: NDArray[np.int32], margin: F32, variance: F32, factor: 
     factor (bits,) of a difference over that of a sample.
     """
     bits, count = margin.shape
-    sharp = blurred_levels(words, bits, 0.0)
+    tried = _tried_levels(tuple(words.tolist()), bits)
     if count < _FEWEST or len(words) < 2:
-        return sharp, 0.0
+        return tried[0], 0.0
     cells = np.empty(len(words), np.int64)
     cells[words] = np.arange(len(words))
     cell = cells[((margin > 0) << np.arange(bits)[:, None]).sum(axis=0)]
     expected = float(np.median(variance)) * max(bits - 1, 1)
-    tried = [blurred_levels(words, bits, float(blur)) for blur in _BLURS]
     left = [float(np.median(_least_misfit(levels, cell, margin, factor))) for levels in tried]
     best = int(np.argmin(left))
     return tried[best], max(left[best] - expected, 0.0) / bits
 
 
+@lru_cache(maxsize=4)
+def _tried_levels(words: tuple[int, ...], bits: int) -> tuple[F32, ...]:
+    """Levels of a code behind each of the blurs."""
+    return tuple(blurred_levels(np.array(words, np.int32), bits, float(blur)) for blur in _BLURS)
+
+
 def _least_misfit(levels: F32, cell: NDArray[np.int64], margin: F32, factor: F32) -> Any:
     """Squared misfit (K,), over the factor, of the best mixture of a cell and one beside it."""
+    per_deviation = factor**-0.5
+    levels, margin = levels * per_deviation, np.ascontiguousarray(margin.T) * per_deviation
     least = np.full(len(cell), np.inf)
     for before in (0, 1):
         at = np.clip(cell - before, 0, len(levels) - 2)
-        first, step = levels[at].T, (levels[at + 1] - levels[at]).T
-        weight = step / factor[:, None]
-        share = (weight * (margin - first)).sum(axis=0) / np.maximum((weight * step).sum(axis=0), 1e-12)
-        left = margin - first - np.clip(share, 0, 1) * step
-        least = np.minimum(least, (np.square(left) / factor[:, None]).sum(axis=0))
+        step, left = levels[at + 1] - levels[at], margin - levels[at]
+        top, bottom = (np.einsum("kb,kb->k", step, one) for one in (left, step))
+        left -= np.clip(top / np.maximum(bottom, 1e-12), 0, 1)[:, None] * step
+        least = np.minimum(least, np.einsum("kb,kb->k", left, left))
     return least
 
 
