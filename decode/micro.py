@@ -38,15 +38,13 @@ _ONE, _HALF, _TWO_PI = np.float32(1), np.float32(0.5), np.float32(2 * np.pi)
 @dataclass(frozen=True, slots=True)
 class MicroTable:
     """frames (M,): numbers of the single frames, periods and shifts (turns) of them; used (3,): those of the
-    table; first, second, start, listed: orders by cell, as in candidates.Orders; tolerance: of a level over
-    the amplitude."""
+    table; start, listed: orders by cell, as in candidates.Orders; tolerance: of a level over the
+    amplitude."""
 
     frames: NDArray[np.int64]
     periods: NDArray[np.float32]
     shifts: NDArray[np.float32]
     used: NDArray[np.int64]
-    first: NDArray[np.int16]
-    second: NDArray[np.int16]
     start: NDArray[np.int32]
     listed: NDArray[np.int16]
     tolerance: float
@@ -108,11 +106,8 @@ def _orders(
     listed = listed[sort]
     count = np.bincount(place_of, minlength=_PHASES * _LEVELS**3)
     start = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
-    best = np.full((2, len(count)), -20000, np.int16)
-    for rank in range(2):
-        has = count > rank
-        best[rank, has] = listed[start[:-1][has] + rank]
-    return best[0], best[1], start, listed
+    # two more, so that two can be read of any cell
+    return start, np.concatenate([listed, np.zeros(2, np.int16)])
 
 
 def unwrap_micro(
@@ -135,7 +130,7 @@ def unwrap_micro(
             table.periods,
             table.shifts,
         ),
-        *(table.used, table.first, table.second, table.start, table.listed, np.float32(table.tolerance)),
+        *(table.used, table.start, table.listed, np.float32(table.tolerance)),
         *(np.float32(fringe.period), np.float32(len(fringe.index)), *noise.numbers()),
         *(fit.turn, fit.amplitude, fit.offset, fit.chi2, fit.clipped),
         *(estimate.coordinate, estimate.variance, estimate.error, estimate.chi2, estimate.clipped),
@@ -168,8 +163,6 @@ def _micro_rows(
     periods: Any,
     shifts: Any,
     used: Any,
-    first: Any,
-    second: Any,
     start: Any,
     listed: Any,
     tolerance: Any,
@@ -193,7 +186,8 @@ def _micro_rows(
     width, count = raw.shape[2], frames.size
     level = np.empty((count, width), np.float32)
     line = np.empty(width, np.float32)
-    cell = np.empty(width, np.int32)
+    cell = np.empty(width, np.uint32)
+    room = np.empty((2, width), np.uint32), np.empty((4, width), np.float32)
     one, other = np.empty(width, np.float32), np.empty(width, np.float32)
     score, rival = np.empty(width, np.float32), np.empty(width, np.float32)
     sums = np.empty((9, width), np.float32)
@@ -208,14 +202,13 @@ def _micro_rows(
                 fetch_line(raw[frames[m], row], table, line)
                 _level(line, o, a, table[np.int64(clip)], level[m], clipped[r], clip)
         _cell(t, level[used[0]], level[used[1]], level[used[2]], cell)
-        for x in range(width):
-            one[x], other[x] = np.float32(first[cell[x]]), np.float32(second[cell[x]])
+        _listed_first(start, listed, cell, one, other)
         score[:], rival[:] = np.float32(0), np.float32(0)
         for m in range(count):
             _score(t, one, level[m], period, _ONE / periods[m], shifts[m], score)
             _score(t, other, level[m], period, _ONE / periods[m], shifts[m], rival)
         _choose(one, other, score, rival)
-        _search(t, level, period, periods, shifts, start, listed, cell, one, score, rival)
+        _search((t, level, period, periods, shifts), start, listed, cell, room, one, score, rival)
         _normal(t, one, period, steps, place[r], sums)
         for m in range(count):
             _add_sample(level[m], place[r], _ONE / periods[m], shifts[m], sums)
@@ -244,7 +237,18 @@ def _cell(turn: Any, a: Any, b: Any, c: Any, cell: Any) -> None:
         j = np.int32(min(max((a[x] + reach) * scale, zero), top))
         k = np.int32(min(max((b[x] + reach) * scale, zero), top))
         l = np.int32(min(max((c[x] + reach) * scale, zero), top))
-        cell[x] = ((i * levels + j) * levels + k) * levels + l
+        cell[x] = np.uint32(((i * levels + j) * levels + k) * levels + l)
+
+
+@kernel
+def _listed_first(start: Any, listed: Any, cell: Any, one: Any, other: Any) -> None:
+    """The first two orders of cells; -20000: there is none."""
+    none = np.float32(-20000)
+    end, next_ = start[1:], listed[1:]
+    for x in range(cell.size):
+        at = np.uint32(start[cell[x]])
+        count, first, second = end[cell[x]] - start[cell[x]], np.float32(listed[at]), np.float32(next_[at])
+        one[x], other[x] = first if count > 0 else none, second if count > 1 else none
 
 
 @kernel
@@ -264,33 +268,60 @@ def _choose(one: Any, other: Any, score: Any, rival: Any) -> None:
         score[x], rival[x] = best, rest
 
 
-@kernel
+@exact
 def _search(
-    turn: Any,
-    level: Any,
-    period: Any,
-    periods: Any,
-    shifts: Any,
-    start: Any,
-    listed: Any,
-    cell: Any,
-    one: Any,
-    score: Any,
-    rival: Any,
+    seen: Any, start: Any, listed: Any, cell: Any, room: Any, one: Any, score: Any, rival: Any
 ) -> None:
-    """The listed orders after the second."""
+    """The listed orders after the second: of all pixels that have a third, then of those that have a fourth,
+    and so on, so that they are compared in loops of vectors. Of every one the frames of the table come last:
+    the others refuse most."""
+    turn, level, period, periods, shifts = seen
+    pixels, asked, lines = room[0][0], room[0][1], room[1]
     for x in range(cell.size):
-        for q in range(start[cell[x]] + 2, start[cell[x] + 1]):
-            place, total = period * (np.float32(listed[q]) + turn[x] - np.floor(turn[x])), np.float32(0)
-            for m in range(periods.size):
-                left = level[m, x] - cosine_of(place / periods[m] - shifts[m])
-                total += left * left
-                if total >= rival[x]:
-                    break
-            if total < score[x]:
-                rival[x], score[x], one[x] = score[x], total, np.float32(listed[q])
-            elif total < rival[x]:
-                rival[x] = total
+        pixels[x] = x
+    rank, left = 2, _with_more(start, cell, 2, pixels)
+    while left > 0:
+        own, order, of_one, total = lines[0][:left], lines[1][:left], lines[2][:left], lines[3][:left]
+        of_rank, some = listed[rank:], pixels[:left]
+        for n in range(left):
+            own[n], order[n] = turn[some[n]], np.float32(of_rank[np.uint32(start[cell[some[n]]])])
+            asked[n], total[n] = some[n], np.float32(0)
+        for m in range(periods.size):
+            of_all, count = level[m], own.size
+            for n in range(count):
+                of_one[n] = of_all[asked[n]]
+            _score(own, order, of_one, period, _ONE / periods[m], shifts[m], total)
+            if m < periods.size - 3:
+                count = _not_refused(asked, own, order, total, rival)
+                own, order, of_one, total = own[:count], order[:count], of_one[:count], total[:count]
+        for n in range(total.size):
+            x, better = asked[n], total[n] < score[asked[n]]
+            rival[x] = score[x] if better else min(rival[x], total[n])
+            score[x], one[x] = (total[n], order[n]) if better else (score[x], one[x])
+        rank += 1
+        left = _with_more(start, cell, rank, some)
+
+
+@exact
+def _not_refused(asked: Any, own: Any, order: Any, total: Any, rival: Any) -> Any:
+    """How many of the orders fit better than the second best so far; they move to the front."""
+    count = 0
+    for n in range(total.size):
+        x, so_far = asked[n], total[n]
+        asked[count], own[count], order[count], total[count] = x, own[n], order[n], so_far
+        count += np.int64(so_far < rival[x])
+    return count
+
+
+@exact
+def _with_more(start: Any, cell: Any, rank: Any, pixels: Any) -> Any:
+    """How many of the pixels have more than `rank` listed orders; they move to the front."""
+    count, end = 0, start[1:]
+    for n in range(pixels.size):
+        x = pixels[n]
+        pixels[count] = x
+        count += np.int64(end[cell[x]] - start[cell[x]] > rank)
+    return count
 
 
 @kernel

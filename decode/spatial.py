@@ -259,8 +259,8 @@ def _neighbours(
     beside, torn, lost_x, bend_x, beyond_x = _along(y, x, 0, 1, maps, limits)
     others, torn_y, lost_y, bend_y, beyond_y = _along(y, x, 1, 0, maps, limits)
     # without one on an axis, nothing tells where the centre of what is left of its light is
-    alone = (beside + others <= 1) | ((beside == 0) | (others == 0)) & _mostly_lost(y, x, amplitude)
-    alone = alone & (rows > 2) & (cols > 2)
+    alone = beside + others <= 1 or (beside * others == 0 and _mostly_lost(y, x, amplitude))
+    alone = alone and rows > 2 and cols > 2
     outlier = alone | torn | torn_y | ((beyond_x > 0) & (beyond_y > 0))
     # beside a refused pixel nothing is taken off (see centre)
     bends = (bend_x + bend_y) * _BEND if beside + others < 4 else np.float32(0)
@@ -333,12 +333,14 @@ def _undersampled(y: Any, x: Any, coord: Any, flags: Any, per_turn: Any) -> Any:
     contrast is lost, and reversed beyond.
     """
     for dy, dx in ((0, 1), (1, 0)):
-        steps = [_step(y + k * dy, x + k * dx, dy, dx, coord, flags) * per_turn for k in range(-2, 2)]
-        least, most = min(steps), max(steps)
-        if min(steps[1], steps[2]) > np.float32(0.5) and (
-            most > least + np.float32(0.25) or steps[1] + steps[2] > np.float32(2 * STEEP)
-        ):
-            return True
+        before = _step(y - dy, x - dx, dy, dx, coord, flags) * per_turn
+        after = _step(y, x, dy, dx, coord, flags) * per_turn
+        if min(before, after) > np.float32(0.5):
+            first = _step(y - 2 * dy, x - 2 * dx, dy, dx, coord, flags) * per_turn
+            last = _step(y + dy, x + dx, dy, dx, coord, flags) * per_turn
+            least, most = min(before, after, first, last), max(before, after, first, last)
+            if most > least + np.float32(0.25) or before + after > np.float32(2 * STEEP):
+                return True
     return False
 
 
