@@ -309,7 +309,7 @@ def _not_refused(asked: Any, own: Any, order: Any, total: Any, rival: Any) -> An
     for n in range(total.size):
         x, so_far = asked[n], total[n]
         asked[count], own[count], order[count], total[count] = x, own[n], order[n], so_far
-        count += np.int64(so_far < rival[x])
+        count += 1 if so_far < rival[x] else 0
     return count
 
 
@@ -320,7 +320,7 @@ def _with_more(start: Any, cell: Any, rank: Any, pixels: Any) -> Any:
     for n in range(pixels.size):
         x = pixels[n]
         pixels[count] = x
-        count += np.int64(end[cell[x]] - start[cell[x]] > rank)
+        count += 1 if end[cell[x]] - start[cell[x]] > rank else 0
     return count
 
 

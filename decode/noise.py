@@ -248,8 +248,10 @@ def _of_four(plan: Plan, rows: F64) -> F64:
 
 def _unsaturated(rows: F32, levels: F32, white: float) -> NDArray[np.bool_]:
     """Constraints (M, K) none of whose samples is saturated; rows (M, N), levels (N, K)."""
-    used, clipped = (np.abs(rows) > 0).astype(np.float32), (levels >= white).astype(np.float32)
-    return np.asarray(_product(used, clipped) == 0)
+    clipped = levels >= white
+    if not clipped.any():
+        return np.ones((len(rows), levels.shape[1]), np.bool_)
+    return np.asarray(_product((np.abs(rows) > 0).astype(np.float32), clipped.astype(np.float32)) == 0)
 
 
 def _explained(
@@ -264,7 +266,8 @@ def _explained(
     mean, c, s = np.linalg.pinv(own[0].design()).astype(np.float32) @ levels[list(own[0].index)]
     power = np.maximum(np.hypot(c, s), np.float32(1e-6))
     wave = (c + 1j * s) / power
-    waves = [power * part for k in (1, 2, 3) for part in ((wave**k).real, (wave**k).imag)]
+    harmonics = wave, wave * wave, wave * wave * wave
+    waves = [power * part for one in harmonics for part in (one.real, one.imag)]
     design = np.stack([mean, *waves], axis=1).astype(np.float32) / slope[:, None]
     kept = whole & (np.abs(residual) < 4 * np.sqrt(np.square(residual[whole]).mean()) + 1e-6)
     some = design[kept].astype(np.float64)
@@ -285,17 +288,17 @@ def _neighbours(plan: Plan, few: Sample) -> tuple[F32, F32]:
     is dark, and edges of bits are blurred.
     """
     places = few.places
-    run = np.flatnonzero((places[2:, 0] == places[:-2, 0]) & (places[2:, 1] == places[:-2, 1] + 2))
+    run = (places[2:, 0] == places[:-2, 0]) & (places[2:, 1] == places[:-2, 1] + 2)
     frames, off, steep, same = _off_references(plan, few)
     camera = (few.levels if few.camera is None else few.camera)[frames]
 
     def three(of: Any) -> tuple[Any, Any, Any]:
-        return of[:, run], of[:, run + 1], of[:, run + 2]
+        return of[:, :-2], of[:, 1:-1], of[:, 2:]
 
     (one, middle, other), spread = three(off), three(steep)
     bend = (one - 2 * middle + other) / np.sqrt(spread[0] + 4 * spread[1] + spread[2])
     a, b, c = three(same)
-    kept = (a >= 0) & (a == b) & (b == c)
+    kept = run & (a >= 0) & (a == b) & (b == c)
     return three(camera)[1][kept], bend[kept]
 
 

@@ -224,6 +224,7 @@ def _fringe(sequence: Sequence, index: list[int], period: float, axis: str) -> F
     return Fringe(tuple(index), period, shifts, np.array([frame.exposure for frame in frames]))
 
 
+@lru_cache(maxsize=16)
 def constraints(plan: Plan, count: int) -> tuple[F64, ...]:
     """Orthonormal combinations (C, count) of a pixel's samples that are 0 whatever it looks at, by trust.
 
