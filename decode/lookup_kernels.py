@@ -41,6 +41,8 @@ _RIVAL = 0.6
 _SURE = 16.0
 #: Explained power over the noise below which there is no pattern: chance reaches it once in 1e4 (2 freedoms).
 _NOTHING = 18.0
+#: Squared deviations from which on a segment adds nothing to a posterior: exp(-15).
+_FAR = 30.0
 #: Squared deviations up to which another place is as good: 4.5 sigma.
 _NEAR = 20.0
 
@@ -165,15 +167,17 @@ def _posterior(
     """
     best, best_a = power, 0.0
     total, moment, square = 0.0, 0.0, 0.0
-    for q in range(max(middle - reach, 0), min(middle + reach, z.shape[1] - 2) + 1):
-        near, rise, zz, zd, dd = _products(y, k, used, whole, z, angles, b, q)
-        det = max(zz * dd - zd * zd, 1e-9 * zz * zz)
-        a, af = near * dd - rise * zd, rise * zz - near * zd
-        own = variance * zz * zz / max(near * near * det / max(zz, 1e-12), 1e-12)  # of f, at a = near / zz
-        f = min(max(af / a, 0.0), 1.0) if own < 1 and a > 0 else 0.5
-        length, along = max(zz + f * (2 * zd + f * dd), 1e-12), near + f * rise
-        if along > 0:
-            rss = power - along * along / length
+    for way in (1, -1):
+        # on, and back from the middle, until nothing is left of it
+        q, rss = middle if way > 0 else middle - 1, best
+        while abs(q - middle) <= reach and 0 <= q < z.shape[1] - 1 and rss - best <= _FAR * variance:
+            near, rise, zz, zd, dd = _products(y, k, used, whole, z, angles, b, q)
+            det = max(zz * dd - zd * zd, 1e-9 * zz * zz)
+            a, af = near * dd - rise * zd, rise * zz - near * zd
+            own = variance * zz * zz / max(near * near * det / max(zz, 1e-12), 1e-12)  # of f, at a = near / zz
+            f = min(max(af / a, 0.0), 1.0) if own < 1 and a > 0 else 0.5
+            length, along = max(zz + f * (2 * zd + f * dd), 1e-12), near + f * rise
+            rss = power - along * along / length if along > 0 else np.inf
             if rss < best:
                 shrink = np.exp(-0.5 * (best - rss) / variance)
                 total, moment, square = total * shrink, moment * shrink, square * shrink
@@ -183,6 +187,7 @@ def _posterior(
             total += weight
             moment += weight * place
             square += weight * (place * place + min(own, 1 / 12))
+            q += way
     if total <= 0:
         return float(middle), np.inf, 0.0, power
     mean = moment / total
