@@ -20,7 +20,7 @@
 | `bit_levels`     | what cells show of bits behind a blur; posterior of pixels with weak bits               |
 | `lookup`, `lookup_tables` | any known levels: stripes, free grey values, codes within cells; tables |
 | `lookup_kernels`, `lookup_light` | its loops; rows of frames as it reads them                            |
-| `spot_scan`, `spot_kernels` | a raster of spots, summed to two sweeps                                     |
+| `spot_scan` | a raster of spots: two sweeps                                                               |
 | `flags`          | flags, made once; maps that both axes share                                            |
 | `display`        | one model of what a display does: cell, footprint, blur; measured, taken off           |
 | `spatial`        | what neighbours tell: edges, partial footprints, strays                                |

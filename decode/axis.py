@@ -22,7 +22,7 @@ from .noise import Noise, Sample
 from .phase import Fit, Periods, fit_rows, periods_of
 from .plan import AxisPlan, Plan, constraints, plan
 from .spatial import Raw
-from .spot_scan import Raster, one_spot, raster_of, sums_of
+from .spot_scan import raster_axes
 from .unwrap import climb
 
 __all__ = ["AxisDecoder", "axis_decoders"]
@@ -45,7 +45,6 @@ class AxisDecoder:
     orders: Orders | None
     micro: MicroTable | None
     table: Table | None
-    raster: Raster | None
     periods: Periods | None
     limits: Limits
     freedom: int
@@ -85,9 +84,7 @@ class AxisDecoder:
             *(raw.coordinate[part], raw.variance[part], error, amplitude, offset, chi2, clipped),
             self.freedom,
         )
-        if self.raster is not None:
-            self._spots(rows, room, estimate)
-        elif self.micro is not None:
+        if self.micro is not None:
             self._micro(rows, work, estimate)
         else:
             if self.code is not None:
@@ -103,16 +100,6 @@ class AxisDecoder:
         fit = work.fit(rows[1] - rows[0], estimate)
         fit_rows(self.light, self.noise, self.periods, 0, rows, fit)
         unwrap_micro(self.light, self.noise, fit, self.axis.fringes[0], self.micro, rows, estimate)
-
-    def _spots(self, rows: tuple[int, int], room: local, estimate: Estimate) -> None:
-        """Both axes are looked up in the same sums."""
-        assert self.raster is not None
-        assert self.table is not None
-        if getattr(room, "rows", None) != rows:
-            room.rows, room.sums = rows, sums_of(self.light, self.raster, rows)
-        block = (0, rows[1] - rows[0])
-        lookup_rows(room.sums.light, room.sums.noise(self.noise, self.raster), self.table, block, estimate)
-        one_spot(estimate, room.sums, self.raster, block)
 
 
 @dataclass(slots=True)
@@ -153,31 +140,10 @@ def axis_decoders(
 
     known: whether the noise is; else, where no rule of the frames tells it, a look-up measures it.
     """
-    wanted, raster = plan(sequence), raster_of(sequence)
-    measure = not known and not constraints(wanted, len(sequence))
-    if raster is not None:
-        return _spot_decoders(sequence, raster, light, noise, lit, measure)
-    options = on_cells, subpixel, measure
-    return [_decoder(axis, sequence, wanted, light, noise, lit, *options) for axis in wanted.axes]
-
-
-def _spot_decoders(
-    sequence: Sequence, raster: Raster, light: Light, noise: Noise, lit: Sample, measure: bool
-) -> list[AxisDecoder]:
-    """Both sweeps of a raster of spots, their tables from sums of the sampled pixels."""
-    few = sums_of(_sampled_light(light, lit), raster, (0, 1))
-    swept = raster.stripes(sequence)
-    own, summed = plan(swept), few.noise(noise, raster)
-    places = np.stack([np.zeros(len(lit.places), np.int64), np.arange(len(lit.places))], axis=1)
-    levels = Sample(places, few.light.raw[:, 0])
-    found = []
-    for axis in own.axes:
-        table = prepare(swept, own, axis, few.light, summed, levels, measure=measure)
-        limits = limits_of(axis.extent, 0.5, table.freedom, light.white)
-        ways = (None, None, None, table, raster, None)
-        single = noise if table.noise is None else few.single(table.noise, raster)
-        found.append(AxisDecoder(axis, light, single, *ways, limits, table.freedom, raster.width))
-    return found
+    wanted = plan(sequence)
+    options = on_cells, subpixel, not known and not constraints(wanted, len(sequence))
+    axes = raster_axes(sequence) or wanted.axes
+    return [_decoder(axis, sequence, wanted, light, noise, lit, *options) for axis in axes]
 
 
 def _sampled_light(light: Light, lit: Sample) -> Light:
@@ -204,9 +170,7 @@ def _decoder(
         noise = table.noise or noise
         jump = axis.stripes.width if axis.stripes else 2.0 * (1 if code is None else float(code.cell))
         limits = limits_of(axis.extent, 0.5, table.freedom, light.white)
-        return AxisDecoder(
-            axis, light, noise, code, None, None, table, None, None, limits, table.freedom, jump
-        )
+        return AxisDecoder(axis, light, noise, code, None, None, table, None, limits, table.freedom, jump)
     deviation = _deviation(axis, noise, lit) if axis.fringes else 0.0
     micro = micro_table(axis, deviation) if axis.singles else None
     covered = code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
@@ -226,7 +190,7 @@ def _decoder(
         jump, per_turn, factor = 2.0 * float(code.cell), 0.0, 0.5
     limits = limits_of(axis.extent, factor, freedom, light.white)
     return AxisDecoder(
-        *(axis, light, noise, code, orders, micro, None, None, periods, limits, freedom, jump),
+        *(axis, light, noise, code, orders, micro, None, periods, limits, freedom, jump),
         *(per_turn, shift),
     )
 

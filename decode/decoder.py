@@ -26,7 +26,7 @@ from .noise import Noise, Sample, estimate_noise, under_response
 from .plan import Plan, plan
 from .response import Response
 from .spatial import Raw, check_rows, despeckle
-from .spot_scan import raster_of
+from .spot_scan import raster_axes
 
 __all__ = ["decode"]
 
@@ -76,7 +76,7 @@ def decode(
     options = _Options(
         _given_noise(noise, gain, light), blur_px, on_cells, subpixel, _mask(mask, light), check, progress
     )
-    raster_of(sequence)  # of an exposure alone it may be whole
+    raster_axes(sequence)  # of an exposure alone it may be whole
     parts = by_exposure(sequence)
     with logged(f"decode {light.raw.shape} by {sequence.name}"):
         found = reduce(

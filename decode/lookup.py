@@ -204,7 +204,7 @@ class _Trial:
         """The camera's noise by what a table leaves of the samples."""
         found, book = self.decoded(replace(table, way=WITHIN) if self.way == SEARCH else table), table.book
         lit = np.isfinite(found.variance[0]) & (found.amplitude[0] > 0)
-        lit[np.arange(len(lit)) % (1 + lit.size * book.samples // _RESIDUALS) > 0] = False
+        lit[np.arange(len(lit)) % (1 + lit.size * table.book.frames.shape[1] // _RESIDUALS) > 0] = False
         if table.way == SWEEP:
             lit &= found.error[0] < _SAFE
         place, amplitude, offset = (
@@ -212,17 +212,15 @@ class _Trial:
         )
         if not len(place):
             return self.noise
-        middle = book.first + (book.words.shape[1] - 1) / (2 * PER_PX)
-        stripe = np.abs(place[:, None] - middle).argmin(axis=1)
-        block = book.block[stripe]
-        at = np.clip((place - book.first[stripe]) * PER_PX, 0, book.words.shape[1] - 1.001)
+        raw = self.light.raw[:, 0, lit]
+        swept = raw[book.index].argmax(axis=0) if table.way == SWEEP else np.zeros(len(place), np.intp)
+        first, block = book.first[swept], book.block[swept]
+        at = np.clip((place - first) * PER_PX, 0, book.words.shape[1] - 1.001)
         q = at.astype(np.int64)
-        f, n = (at - q)[:, None], book.samples
+        f, (n, summed) = (at - q)[:, None], book.frames.shape[1:]
         words = book.words[:, :, :n] + book.angles[:, :, 3:4]
         shown = (1 - f) * words[block, q] + f * words[block, q + 1]
-        raw = self.light.raw[
-            book.index[book.begin[stripe][:, None] + np.arange(n)], 0, np.flatnonzero(lit)[:, None]
-        ]
+        raw = raw[book.frames[swept], np.arange(len(place))[:, None, None]]
         told = (offset - amplitude)[:, None] + 2 * amplitude[:, None] * shown
         # divided by what the fit of offset, scale and place leaves of a sample's own deviation
         scale, step = (
@@ -232,8 +230,8 @@ class _Trial:
         step -= (step * scale).sum(axis=1, keepdims=True) * scale
         step /= np.sqrt(np.square(step).sum(axis=1, keepdims=True)) + _TINY
         left = 1 - 1 / n - scale**2 - step**2
-        residual = (self.light.linear(raw) - told) / np.sqrt(np.maximum(left, 1 / n))
-        kept = (raw < self.light.clip) & (left > 1 / n)
+        residual = (self.light.linear(raw).mean(axis=2) - told) / np.sqrt(np.maximum(left, 1 / n) / summed)
+        kept = (raw < self.light.clip).all(axis=2) & (left > 1 / n)
         return fitted_noise(
             told[kept].astype(np.float32), residual[kept].astype(np.float32), max(self.light.rounding, 1e-12)
         )
@@ -245,6 +243,7 @@ class _Trial:
         if not used.any():
             return table
         own = self.noise.variance(found.offset[0][used]) / np.square(found.amplitude[0][used])
+        own /= table.book.frames.shape[2]
         # median of chi2 over freedom (Wilson & Hilferty), and what chance adds to that of so many pixels
         freedom = max(table.freedom, 1)
         usual = (1 - 2 / (9 * freedom)) ** 3

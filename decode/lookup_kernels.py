@@ -11,7 +11,7 @@ import numpy as np
 
 from optolever.kernels import exact, kernel
 
-from .lookup_light import BATCH, beside, brightest, gather
+from .lookup_light import BATCH, SATURATED, beside, brightest, gather
 
 __all__ = [
     "COARSE",
@@ -60,20 +60,21 @@ class Camera(NamedTuple):
 
 
 class Book(NamedTuple):
-    """Codewords of B blocks: frames (M,); samples of a codeword n; of each stripe of a sweep (one of all
-    others) its first frame, its block, the coordinate of codeword 0; z (B, Q, n filled up); |z|^2, z.d,
-    |d|^2, mean, least sin^2 of the next angles where they differ, else 1 (B, Q, 5); codewords around an
-    answer that may be as good; freedom."""
+    """Codewords of B blocks: of each stripe or spot of a sweep (one of all others) the frames (K, n, S) of
+    its n samples, each the mean of S, its block, the coordinate of codeword 0; spots side by side along the
+    other axis; z (B, Q, n filled up); |z|^2, z.d, |d|^2, mean, least sin^2 of the next angles where they
+    differ, else 1 (B, Q, 5); codewords around an answer that may be as good; freedom; frames (K,) of the
+    stripes or spots."""
 
-    index: Any
-    samples: Any
-    begin: Any
+    frames: Any
     block: Any
     first: Any
     words: Any
     angles: Any
     reach: Any
     freedom: Any
+    index: Any
+    across: Any
 
 
 @kernel
@@ -174,7 +175,8 @@ def _posterior(
             near, rise, zz, zd, dd = _products(y, k, used, whole, z, angles, b, q)
             det = max(zz * dd - zd * zd, 1e-9 * zz * zz)
             a, af = near * dd - rise * zd, rise * zz - near * zd
-            own = variance * zz * zz / max(near * near * det / max(zz, 1e-12), 1e-12)  # of f, at a = near / zz
+            # of f, at a = near / zz
+            own = variance * zz * zz / max(near * near * det / max(zz, 1e-12), 1e-12)
             f = min(max(af / a, 0.0), 1.0) if own < 1 and a > 0 else 0.5
             length, along = max(zz + f * (2 * zd + f * dd), 1e-12), near + f * rise
             rss = power - along * along / length if along > 0 else np.inf
@@ -334,26 +336,28 @@ def match_rows(
     """All pixels of rows start..stop into out, the arrays of an Estimate.
 
     WITHIN  around the places that are there (cells of a code) where that is better
-    SWEEP   a stripe: block k of the book holds the places around stripe k, of the frames begin[k]..
+    SWEEP   a stripe: block k of the book holds the places around stripe k
     SEARCH  from the neighbour's place on, or over the whole surface where that does not lead to an answer
             that fits (squared residuals below `limit` variances) and that is surely the only one: coarse
             (M, P) are unit codewords of the whole surface, apart (P, 2) sine and cosine of the angle to the
             most similar one elsewhere.
     """
-    raw, n, width, freedom = camera.raw, book.samples, camera.raw.shape[2], max(book.freedom, 1)
+    raw, n, width, freedom = camera.raw, book.frames.shape[1], camera.raw.shape[2], max(book.freedom, 1)
     top, other, at = np.zeros(width, raw.dtype), np.zeros(width, raw.dtype), np.zeros(width, np.int16)
     batch, used = np.zeros((BATCH, book.words.shape[2]), np.float32), np.ones(book.words.shape[2], np.float32)
     lines, pixels = np.empty((n, BATCH), np.float32), np.empty((3, BATCH), np.float32)
     score = np.empty(coarse.shape[1], np.float32)
     many = np.log(coarse.shape[1] + 1.0)
-    numbers, table, clip = (camera.read2, camera.gain, camera.misfit2), camera.table, camera.clip
+    summed, table = book.frames.shape[2], camera.table
+    read2, gain = camera.read2 / summed, camera.gain / summed
+    numbers = read2, gain, camera.misfit2
     words, angles, first = book.words, book.angles, book.first
     coordinates, variances, errors, amplitudes, offsets, chi2, clipped = out
     for row in range(start, stop):
         r, last, slope = row - start, np.nan, 0.0
         if way == SWEEP:
-            brightest(raw, book.index, row, clip, top, at)
-            beside(raw, book.index, row, at, n // 2, other)
+            brightest(raw, book.index, row, camera.clip, top, at)
+            beside(raw, book.index, row, at, n // 2, book.across, other)
         for x in range(width):
             if x % BATCH == 0:
                 gather(camera, book, row, x, at, lines, batch, pixels)
@@ -362,18 +366,15 @@ def match_rows(
             middle, power, count = float(pixels[0, k]), float(pixels[1, k]), np.int64(pixels[2, k] + 0.5)
             sums, whole = (middle, power, count, n), count == n
             if not whole:
-                used[:] = np.float32(0)
                 for i in range(n):
-                    used[i] = (
-                        np.float32(1) if raw[book.index[book.begin[stripe] + i], row, x] < clip else used[i]
-                    )
+                    used[i] = np.float32(lines[i, k] > SATURATED)
             if way != WITHIN:
                 clipped[r, x] = n - count
                 coordinates[r, x], variances[r, x], errors[r, x] = np.nan, np.inf, 1.0
                 amplitudes[r, x], offsets[r, x], chi2[r, x] = np.sqrt(power / (count + 1e-6)), middle, 0.0
             else:
                 last, slope = float(coordinates[r, x]), 0.0
-            noise = camera.read2 + camera.gain * max(middle, 0.0)
+            noise = read2 + gain * max(middle, 0.0)
             nothing = power < (count - 1 + 5 * np.sqrt(2.0 * n)) * noise or count < 4
             if nothing or (way == WITHIN and not np.isfinite(last)):
                 last = np.nan
@@ -407,7 +408,7 @@ def match_rows(
             else:
                 if way == SWEEP:
                     rival = table[np.int64(other[x])] if table.size > 0 else np.float32(other[x])
-                    error = _second_stripe(fit, rival, offset, noise)
+                    error = _second_stripe(fit, rival, offset, noise * summed)
                 errors[r, x] = error
                 slope = coordinate - last if abs(coordinate - last) < 4 else 0.0
                 last = coordinate

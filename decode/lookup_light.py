@@ -4,14 +4,14 @@ from typing import Any
 
 import numpy as np
 
-from optolever.kernels import exact, kernel
+from optolever.kernels import inlined, kernel
 
-__all__ = ["BATCH", "beside", "brightest", "gather"]
+__all__ = ["BATCH", "SATURATED", "beside", "brightest", "gather"]
 
 #: Pixels whose samples are turned into vectors together: they stay in the first cache.
 BATCH = 64
-#: Below all levels: what stands for a saturated one.
-_SATURATED = -1e9
+#: What stands for the level of a saturated sample: the mean of any with one is none, either.
+SATURATED = np.float32(-np.inf)
 
 
 @kernel
@@ -37,92 +37,90 @@ def brightest(raw: Any, index: Any, row: Any, clip: Any, top: Any, at: Any) -> N
 
 
 @kernel
-def beside(raw: Any, index: Any, row: Any, at: Any, away: Any, other: Any) -> None:
-    """Largest level of the frames that are more than `away` from `at`."""
+def beside(raw: Any, index: Any, row: Any, at: Any, away: Any, across: Any, other: Any) -> None:
+    """Largest level of the frames that are more than `away` from `at` along either axis of a raster that is
+    `across` frames wide."""
     other[:] = 0
+    down, right = np.empty(at.size, np.int16), np.empty(at.size, np.int16)
+    for x in range(at.size):
+        down[x], right[x] = at[x] // across, at[x] % across
     for k in range(index.size):
-        line = raw[index[k], row]
-        low, high = np.int16(k - away), np.int16(k + away)
-        for x in range(at.size):
-            v = line[x]
-            v = v if (at[x] < low) | (at[x] > high) else raw.dtype.type(0)
-            other[x] = max(v, other[x])
+        _compare(raw[index[k], row], k // across, k % across, away, down, right, other)
 
 
 @kernel
-def gather(camera: Any, book: Any, row: Any, first: Any, at: Any, lines: Any, batch: Any, pixels: Any) -> Any:
-    """Samples of the pixels first.. of a row without their mean -> batch (BATCH, n); pixels (3, BATCH):
-    mean, squared sum, how many are not saturated (those that are become 0). Whether all are the frames 0..n,
-    or those around the brightest one, `at`: where several are saturated, around the middle of them."""
-    raw, n, cols = camera.raw, book.samples, min(BATCH, camera.raw.shape[2] - first)
+def _compare(line: Any, i: Any, j: Any, away: Any, down: Any, right: Any, other: Any) -> None:
+    above, below = np.int16(i - away), np.int16(i + away)
+    left, beyond = np.int16(j - away), np.int16(j + away)
+    for x in range(line.size):
+        near = (down[x] >= above) & (down[x] <= below) & (right[x] >= left) & (right[x] <= beyond)
+        v = line[x]
+        v = other.dtype.type(0) if near else v
+        other[x] = max(v, other[x])
+
+
+@kernel
+def gather(
+    camera: Any, book: Any, row: Any, first: Any, at: Any, lines: Any, batch: Any, pixels: Any
+) -> None:
+    """Samples of the pixels first.. of a row -> lines (n, BATCH), linear levels, SATURATED where they are;
+    without their mean -> batch (BATCH, n), saturated ones 0; pixels (3, BATCH): mean, squared sum, how many
+    are not saturated. Of a sweep those around the brightest frame, `at`."""
+    raw, frames, cols = camera.raw, book.frames, min(BATCH, camera.raw.shape[2] - first)
     middle, power, count = pixels[0], pixels[1], pixels[2]
-    window = at[first : first + cols]
-    for i in range(n):
-        own = lines[i]
-        if book.begin.size > 1:
-            for k in range(cols):
-                own[k] = raw[book.index[book.begin[window[k]] + i], row, first + k]
+    clip = np.float32(camera.clip)
+    for i in range(lines.shape[0]):
+        if frames.shape[0] == 1:
+            _convert(raw[frames[0, i, 0], row, first : first + cols], camera.table, clip, lines[i])
         else:
-            convert(raw[book.index[i], row, first : first + cols], own)
-    saturated, clip = 0, np.float32(camera.clip)
-    middle[:], power[:], count[:] = np.float32(0), np.float32(0), np.float32(n)
-    for i in range(n):
-        add(lines[i], middle)
-        saturated += above(lines[i], clip)
-    if saturated > 0 or camera.table.size > 0:
-        linearised(camera, lines, cols, middle, count)
+            for k in range(cols):
+                lines[i, k] = _mean(raw, camera.table, clip, frames[at[first + k], i], row, first + k)
+    middle[:], power[:], count[:] = np.float32(0), np.float32(0), np.float32(1e-6)
+    for i in range(lines.shape[0]):
+        _add(lines[i], middle, count)
     for k in range(BATCH):
         middle[k] /= count[k]
-    for i in range(n):
-        deviate(lines[i], middle, power)
-    transpose(lines, batch)
-
-
-@kernel
-def convert(line: Any, out: Any) -> None:
-    for k in range(line.size):
-        out[k] = line[k]
-
-
-@kernel
-def transpose(lines: Any, batch: Any) -> None:
     for i in range(lines.shape[0]):
-        for k in range(lines.shape[1]):
-            batch[k, i] = lines[i, k]
+        _deviate(lines[i], middle, power, batch[:, i])
+
+
+@inlined
+def _level(value: Any, table: Any, clip: Any) -> Any:
+    linear = table[np.int64(value)] if table.size > 0 else np.float32(value)
+    return SATURATED if value >= clip else linear
 
 
 @kernel
-def add(line: Any, total: Any) -> None:
+def _mean(raw: Any, table: Any, clip: Any, frames: Any, row: Any, col: Any) -> Any:
+    """Mean level of some frames; SATURATED if one is."""
+    total = np.float32(0)
+    for j in range(frames.size):
+        total += _level(raw[frames[j], row, col], table, clip)
+    return total / np.float32(frames.size)
+
+
+@kernel
+def _convert(line: Any, table: Any, clip: Any, out: Any) -> None:
+    if table.size > 0:
+        for k in range(line.size):
+            out[k] = _level(line[k], table, clip)
+    else:
+        for k in range(line.size):
+            out[k] = SATURATED if line[k] >= clip else np.float32(line[k])
+
+
+@kernel
+def _add(line: Any, total: Any, count: Any) -> None:
     for k in range(BATCH):
-        total[k] += line[k]
+        whole = line[k] > SATURATED
+        total[k] += line[k] if whole else np.float32(0)
+        count[k] += np.float32(1) if whole else np.float32(0)
 
 
 @kernel
-def above(line: Any, clip: Any) -> Any:
-    count = np.int32(0)
-    for k in range(BATCH):
-        count += np.int32(1) if line[k] >= clip else np.int32(0)
-    return count
-
-
-@kernel
-def deviate(line: Any, mean: Any, power: Any) -> None:
+def _deviate(line: Any, mean: Any, power: Any, out: Any) -> None:
     """Less the mean, saturated samples 0; squares added."""
     for k in range(BATCH):
-        line[k] = line[k] - mean[k] if line[k] > np.float32(_SATURATED) else np.float32(0)
-        power[k] += line[k] * line[k]
-
-
-@exact
-def linearised(camera: Any, lines: Any, cols: Any, total: Any, count: Any) -> None:
-    """Linear levels of raw ones, saturated ones far below 0; sum and number of those that are not."""
-    total[:], count[:] = np.float32(0), np.float32(1e-6)
-    for i in range(lines.shape[0]):
-        for k in range(cols):
-            level = lines[i, k]
-            if level >= camera.clip:
-                lines[i, k] = np.float32(2 * _SATURATED)
-            else:
-                lines[i, k] = camera.table[np.int64(level)] if camera.table.size > 0 else level
-                total[k] += lines[i, k]
-                count[k] += np.float32(1)
+        own = line[k] - mean[k] if line[k] > SATURATED else np.float32(0)
+        power[k] += own * own
+        out[k] = own

@@ -17,6 +17,7 @@ from .lookup_kernels import COARSE, LANES, PER_PX, SEARCH, SWEEP, Book
 from .noise import Noise
 from .plan import AxisPlan, Plan
 from .plan import plan as described
+from .spot_scan import raster_axes
 
 __all__ = ["USUAL", "Table", "table_of"]
 
@@ -105,23 +106,23 @@ def table_of(sequence: Sequence, plan: Plan, axis: AxisPlan, way: int, spread: f
     cell = max(sequence.frames[i].cell_px for i in index)
     reach = math.ceil(1.5 * cell * PER_PX)
     key = sequence, index, axis.axis, spread
-    one, first = np.zeros(1, np.int64), np.array([-1.0])
-    book = Book(np.array(index), len(index), one, one, first, *_cached(*key), reach, len(index) - 3)
+    one, first, frames = np.zeros(1, np.int64), np.array([-1.0]), np.array(index)
+    book = Book(frames[None, :, None], one, first, *_cached(*key), reach, len(index) - 3, frames, 1)
     empty = np.zeros((len(index), 0), np.float32), np.zeros((0, 2))
     return Table(way, book, *(_similar(*key, reach) if way == SEARCH else empty), spread, cell)
 
 
 @lru_cache(maxsize=32)
 def _sweep(sequence: Sequence, axis: str, spread: float) -> Book:
-    """Raised cosines around each place of a sweep, of as many frames as one lights."""
-    (stripes,) = (one.stripes for one in described(sequence).axes if one.axis == axis)
+    """Raised cosines around each place of a sweep, of as many frames as one lights; of spots the mean of as
+    many along the other axis as are lit: their light is a product."""
+    axes = raster_axes(sequence) or described(sequence).axes
+    (stripes,) = (one.stripes for one in axes if one.axis == axis)
     assert stripes is not None
-    at, count = stripes.at, len(stripes.at)
-    pitch, gap = float(np.median(np.diff(at))), float(np.diff(at).max())
-    window = max(2, math.ceil((1.25 * stripes.width + 2 * spread) / pitch))
-    samples = 2 * min(window, (count - 1) // 2) + 1
-    begin = np.clip(np.arange(count) - samples // 2, 0, count - samples)
-    half, beyond = math.ceil(1.25 * gap) + 1, math.ceil(4 * spread) + 1
+    at, index = stripes.at, stripes.index.reshape(len(stripes.at), -1)
+    samples, begin = _around(at, 1.25 * stripes.width + 2 * spread, 2)
+    summed, side = _around(stripes.beside, stripes.width - stripes.pitch, 1)
+    half, beyond = math.ceil(1.25 * np.diff(at).max()) + 1, math.ceil(4 * spread) + 1
     first = np.rint(at).astype(np.float64) - half
     # stripes at equal steps from cells share a block
     away = at[begin[:, None] + np.arange(samples)] - first[:, None]
@@ -132,11 +133,24 @@ def _sweep(sequence: Sequence, axis: str, spread: float) -> Book:
     seen = np.where(shown < 1, 0.5 + 0.5 * np.cos(np.pi * np.minimum(shown, 1.0)), 0.0)
     if spread > 0:
         seen = seen @ _weight(cell[:, None] - place, spread)
-    words, angles = _words(seen)
+    # raised cosines at equal steps add up to their width in steps
+    words, angles = _words(seen * min(stripes.width / (stripes.pitch * summed), 1.0))
+    window = begin[:, None, None, None] + np.arange(samples)[:, None]
+    frames = index[window, side[:, None, None] + np.arange(summed)]
+    every = len(side)
     return Book(
-        *(stripes.index, samples, begin, block.ravel(), first),
-        *(words, angles, PER_PX + PER_PX // 2, samples - 3),
+        *(frames.reshape(-1, samples, summed), np.repeat(block.ravel(), every), np.repeat(first, every)),
+        *(words, angles, PER_PX + PER_PX // 2, samples - 3, index.ravel(), every),
     )
+
+
+def _around(at: F64, reach: float, least: int) -> tuple[int, NDArray[np.int64]]:
+    """How many places, as many everywhere, lie within reach of each, and the first of them."""
+    count = len(at)
+    if count == 1:
+        return 1, np.zeros(1, np.int64)
+    half = min(max(least, math.ceil(reach / float(np.median(np.diff(at))))), (count - 1) // 2)
+    return 2 * half + 1, np.clip(np.arange(count) - half, 0, count - 2 * half - 1)
 
 
 def _weight(distance: F64, spread: float) -> F64:

@@ -30,6 +30,8 @@ _TRIM, _LEFT = 3.0, 0.9733
 #: 1000 and 8000 pixels on a mirror that fills 10 % of the image.
 _FEWEST, _ENOUGH = 64, 1024
 _FEW_RUNS, _MANY_RUNS = 128, 1024
+#: Second differences that tell the noise at most: of a sweep's many frames fewer pixels do.
+_BENDS = 1 << 18
 _BINS = 8
 #: Share of the constraints, of those with the least slopes, that tell the noise under a response.
 _STRAIGHT = 0.25
@@ -290,6 +292,7 @@ def _neighbours(plan: Plan, few: Sample) -> tuple[F32, F32]:
     places = few.places
     run = (places[2:, 0] == places[:-2, 0]) & (places[2:, 1] == places[:-2, 1] + 2)
     frames, off, steep, same = _off_references(plan, few)
+    run = run[:: 1 + len(frames) * len(run) // _BENDS]
     camera = (few.levels if few.camera is None else few.camera)[frames]
 
     def three(of: Any) -> tuple[Any, Any, Any]:

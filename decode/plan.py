@@ -1,7 +1,7 @@
 """From a sequence's descriptions to what has to be computed: which frame serves which axis and code."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -57,11 +57,20 @@ class Code:
 
 @dataclass(frozen=True, slots=True)
 class Stripes:
-    """Frames of a line swept over one axis, in the order of its places; width at half maximum, pattern px."""
+    """Frames of a line swept over one axis, in the order of its places; width at half maximum, pattern px.
+
+    Of spots: frames (n, m) at n places of this axis and m of the other one, `beside`.
+    """
 
     index: NDArray[np.int64]
     at: F64
     width: float
+    beside: F64 = field(default_factory=lambda: np.zeros(1))
+
+    @property
+    def pitch(self) -> float:
+        """Step of the places along the other axis; the width where there is one only."""
+        return float(np.median(np.diff(self.beside))) if len(self.beside) > 1 else self.width
 
     def around(self, frames: tuple[int, ...]) -> tuple[float, float]:
         """Coordinates between which pixels were lit by these frames, or by those next to them."""
@@ -97,7 +106,7 @@ class AxisPlan:
         if self.code is not None:
             found |= {int(i) for i in (*self.code.plain, *self.code.inverse) if i >= 0}
         if self.stripes is not None:
-            found |= {int(i) for i in self.stripes.index}
+            found |= {int(i) for i in self.stripes.index.ravel()}
         return tuple(sorted(found))
 
 

@@ -13,7 +13,7 @@ from optolever.decode.frames import Light, light_of
 from optolever.decode.lookup import Table, lookup_rows, prepare
 from optolever.decode.noise import Noise, Sample, sampled
 from optolever.decode.plan import plan
-from optolever.decode.spot_scan import one_spot, raster_of, sums_of
+from optolever.decode.spot_scan import raster_axes
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence, sequence
 
@@ -53,7 +53,8 @@ def case(
     lit = Sample(lit.places[keep], lit.levels[:, keep])
     if cells is not None:
         cells = cells[lit.places[:, 0], lit.places[:, 1]]
-    return Case(shown, light, known, prepare(shown, wanted, wanted.axes[axis], light, known, lit, cells))
+    own = (raster_axes(shown) or wanted.axes)[axis]
+    return Case(shown, light, known, prepare(shown, wanted, own, light, known, lit, cells))
 
 
 def free(cols: int, frames: int, seed: int = 0) -> Sequence:
@@ -193,16 +194,8 @@ def test_spots_are_two_sweeps() -> None:
         [12 + 190 * profile(u, f.at_u, f.width_px) * profile(v, f.at_v, f.width_px) for f in shown.frames]
     )
     frames = np.clip(np.rint(frames + 3 * rng.standard_normal(frames.shape)), 0, 255).astype(np.uint8)
-    raster = raster_of(shown)
-    assert raster is not None
-    sums = sums_of(light_of(frames, shown), raster, (0, 40))
-    swept = raster.stripes(shown)
-    noise = sums.noise(Noise(9 + 1 / 12), raster)
-    wanted = plan(swept)
     for axis, truth in enumerate((u, v)):
-        table = prepare(swept, wanted, wanted.axes[axis], sums.light, noise, sampled(sums.light, None, 256))
-        found = Case(swept, sums.light, noise, table).decoded()
-        one_spot(found, sums, raster, (0, 40))
+        found = case(shown, frames, 3.0, axis).decoded()
         score = scores(found, truth)
         assert score.size > 0.99 * truth.size
         assert np.sqrt(np.mean(score**2)) == pytest.approx(1, abs=0.06)
@@ -221,4 +214,4 @@ def test_spots_are_two_sweeps() -> None:
 )
 def test_bad_rasters(change: Callable[[tuple[Frame, ...]], tuple[Frame, ...]], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        raster_of(Sequence(change(sequence("spot", 40, 60).frames), 40, 60))
+        raster_axes(Sequence(change(sequence("spot", 40, 60).frames), 40, 60))
