@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from optolever.patterns import Sequence
 
@@ -77,7 +77,7 @@ def lookup_rows(light: Light, noise: Noise, table: Table, rows: tuple[int, int],
         *(light.raw, light.table, float(light.clip)),
         *(float(noise.read2), float(noise.gain), float(misfit2)),
     )
-    limit = float(chi2.isf(_RARE, max(table.freedom, 1)))
+    limit = float(chdtri(max(table.freedom, 1), _RARE))
     match_rows(camera, table.book, table.way, table.coarse, table.apart, limit, *rows, estimate.arrays())
     if table.unsure > 0:
         # the way to the nearest edge is proportional to the spread of the edges

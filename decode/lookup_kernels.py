@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optolever.kernels import exact, kernel
+from optolever.kernels import exact, inlined, kernel
 
 from .lookup_light import BATCH, SATURATED, beside, brightest, gather
 
@@ -60,11 +60,16 @@ class Camera(NamedTuple):
 
 
 class Book(NamedTuple):
-    """Codewords of B blocks: of each stripe or spot of a sweep (one of all others) the frames (K, n, S) of
-    its n samples, each the mean of S, its block, the coordinate of codeword 0; spots side by side along the
-    other axis; z (B, Q, n filled up); |z|^2, z.d, |d|^2, mean, least sin^2 of the next angles where they
-    differ, else 1 (B, Q, 5); codewords around an answer that may be as good; freedom; frames (K,) of the
-    stripes or spots."""
+    """Codewords of B blocks.
+
+    frames   (K, n, S) of each stripe or spot of a sweep (one of all others): its n samples, each the mean of S
+    block, first  (K,) its block, and the coordinate of codeword 0
+    words    (B, Q, n filled up) z
+    angles   (B, Q, 5) |z|^2, z.d, |d|^2, mean, least sin^2 of the angles beside where the next ones differ,
+             else 1
+    reach    codewords around an answer that may be as good
+    index    (K,) frames of the stripes or spots; across: how many lie side by side along the other axis
+    """
 
     frames: Any
     block: Any
@@ -77,7 +82,7 @@ class Book(NamedTuple):
     across: Any
 
 
-@kernel
+@inlined
 def _products(y: Any, k: Any, used: Any, whole: Any, z: Any, angles: Any, b: Any, q: Any) -> Any:
     """y.z, y.d, |z|^2, z.d, |d|^2 of pixel k and segment q of block b, over the samples that are used; y is
     0 elsewhere."""

@@ -74,7 +74,7 @@ def gather(
             _convert(raw[frames[0, i, 0], row, first : first + cols], camera.table, clip, lines[i])
         else:
             for k in range(cols):
-                lines[i, k] = _mean(raw, camera.table, clip, frames[at[first + k], i], row, first + k)
+                lines[i, k] = _mean(raw, camera.table, clip, frames, at[first + k], i, row, first + k)
     middle[:], power[:], count[:] = np.float32(0), np.float32(0), np.float32(1e-6)
     for i in range(lines.shape[0]):
         _add(lines[i], middle, count)
@@ -90,13 +90,13 @@ def _level(value: Any, table: Any, clip: Any) -> Any:
     return SATURATED if value >= clip else linear
 
 
-@kernel
-def _mean(raw: Any, table: Any, clip: Any, frames: Any, row: Any, col: Any) -> Any:
-    """Mean level of some frames; SATURATED if one is."""
+@inlined
+def _mean(raw: Any, table: Any, clip: Any, frames: Any, k: Any, i: Any, row: Any, col: Any) -> Any:
+    """Mean level of the frames [k, i]; SATURATED if one is."""
     total = np.float32(0)
-    for j in range(frames.size):
-        total += _level(raw[frames[j], row, col], table, clip)
-    return total / np.float32(frames.size)
+    for j in range(frames.shape[2]):
+        total += _level(raw[frames[k, i, j], row, col], table, clip)
+    return total / np.float32(frames.shape[2])
 
 
 @kernel
