@@ -62,11 +62,10 @@ class Camera(NamedTuple):
 class Book(NamedTuple):
     """Codewords of B blocks.
 
-    frames   (K, n, S) of each stripe or spot of a sweep (one of all others): its n samples, each the mean of S
+    frames   (K, n, S) of each stripe or spot of a sweep (one of all others): n samples, each the mean of S
     block, first  (K,) its block, and the coordinate of codeword 0
     words    (B, Q, n filled up) z
-    angles   (B, Q, 5) |z|^2, z.d, |d|^2, mean, least sin^2 of the angles beside where the next ones differ,
-             else 1
+    angles   (B, Q, 5) |z|^2, z.d, |d|^2, mean, least sin^2 of the next angles where they differ, else 1
     reach    codewords around an answer that may be as good
     index    (K,) frames of the stripes or spots; across: how many lie side by side along the other axis
     """

@@ -201,6 +201,5 @@ def _words(seen: F64) -> tuple[F32, F32]:
     sine2 = np.maximum(zz * dd - zd * zd, 0.0) / np.maximum(zz * zz, 1e-12)
     sine2[:, -1] = sine2[:, -2]
     least, most = (filtered(sine2, PER_PX + 1, axis=1) for filtered in (minimum_filter1d, maximum_filter1d))
-    # 4.5 deviations within a segment and those beside it leave nothing further away
-    uneven = np.where(most > 4 * least, minimum_filter1d(sine2, 3, axis=1), 1.0)
+    uneven = np.where(most > 4 * least, least, 1.0)
     return words, np.stack([*products, mean, uneven], axis=2, dtype=np.float32, casting="same_kind")
