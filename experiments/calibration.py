@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from .images import figure_uri, new_figure
+from .images import figure_uri, label_axes, new_figure
 
 __all__ = ["Quantity", "histogram_figure", "reliability", "reliability_figure"]
 
@@ -57,12 +57,9 @@ def histogram_figure(quantities: list[Quantity]) -> str:
                 np.clip(error / sigma, -5, 5), bins=np.linspace(-5, 5, 81), density=True, color="#6c9bcf"
             )
         axes.plot(t, np.exp(-(t**2) / 2) / np.sqrt(2 * np.pi), color="#b3402e", lw=1.4, label="unit normal")
-        axes.set_title(quantity.name, fontsize=10, loc="left")
-        axes.set_xlabel("error / sigma", fontsize=9)
+        label_axes(axes, "error / sigma", title=quantity.name)
         axes.set_xlim(-5, 5)
         axes.set_ylim(0, 0.55)
-        axes.tick_params(labelsize=8)
-        axes.spines[["top", "right"]].set_visible(False)
     figure.axes[0].set_ylabel("density", fontsize=9)
     figure.axes[0].legend(fontsize=8, frameon=False, loc="upper left")
     return figure_uri(figure)
@@ -87,9 +84,6 @@ def reliability_figure(quantities: list[Quantity]) -> str:
                 axis.set_major_locator(LogLocator(subs=subs))
                 axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
                 axis.set_minor_formatter(NullFormatter())
-        axes.set_title(quantity.name, fontsize=10, loc="left")
-        axes.set_xlabel(f"predicted sigma [{quantity.unit}]", fontsize=9)
-        axes.set_ylabel(f"rms error [{quantity.unit}]", fontsize=9)
-        axes.tick_params(labelsize=8)
-        axes.spines[["top", "right"]].set_visible(False)
+        unit = f"[{quantity.unit}]"
+        label_axes(axes, f"predicted sigma {unit}", f"rms error {unit}", quantity.name)
     return figure_uri(figure)

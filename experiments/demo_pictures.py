@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from .calibration import Quantity, histogram_figure, reliability_figure
 from .demo import DemoResult
-from .images import figure_uri, new_figure, robust_limits
+from .images import figure_uri, label_axes, new_figure, robust_limits
 from .maps import MirrorGrid, Panel, length_unit, mirror_figure
 from .metrics import unflagged
 from .surface_view import surface_data
@@ -122,16 +122,13 @@ class HeightView:
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.3, 1))
         upper.plot(x, true, color="#9aa6b2", lw=4, label="true")
         upper.plot(x, z, color="#2563a8", lw=1.3, label="measured")
-        upper.set_ylabel("z [mm]", fontsize=9)
+        label_axes(upper, "", "z [mm]")
         lower.fill_between(x, -2 * sigma, 2 * sigma, color="#e0a030", alpha=0.35, lw=0, label="±2 sigma")
         lower.plot(x, error, color="#b3402e", lw=0.8, label="error")
         lower.axhline(0, color="#5a6675", lw=0.6)
         limit = 1.15 * robust_limits(np.concatenate([error, 2.5 * sigma]), symmetric=True)[1]
         lower.set_ylim(-limit, limit)
-        lower.set_ylabel(f"error [{self.unit}]", fontsize=9)
-        lower.set_xlabel("x [mm]", fontsize=9)
+        label_axes(lower, "x [mm]", f"error [{self.unit}]")
         for axes in (upper, lower):
             axes.legend(fontsize=8, frameon=False, ncols=2)
-            axes.tick_params(labelsize=8)
-            axes.spines[["top", "right"]].set_visible(False)
         return figure_uri(figure)

@@ -6,6 +6,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 __all__ = [
     "figure_png",
     "figure_uri",
+    "label_axes",
     "new_figure",
     "png_uri",
     "robust_limits",
@@ -30,6 +32,15 @@ def new_figure(width: float, height: float) -> Figure:
     figure = Figure(figsize=(width, height), dpi=RESOLUTION, layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
     return figure
+
+
+def label_axes(axes: Axes, x: str = "", y: str = "", title: str = "", frame: bool = False) -> None:
+    """Names of the axes and a title, in the sizes of a report; frame: also above and on the right."""
+    axes.set_xlabel(x, fontsize=9)
+    axes.set_ylabel(y, fontsize=9)
+    axes.set_title(title, fontsize=10, loc="left")
+    axes.tick_params(labelsize=8)
+    axes.spines[["top", "right"]].set_visible(frame)
 
 
 def figure_png(figure: Figure) -> bytes:

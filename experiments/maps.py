@@ -3,16 +3,16 @@
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from .images import figure_uri, new_figure, robust_limits, shrink, thin
+from .images import figure_uri, label_axes, new_figure, robust_limits, shrink, thin
 
 __all__ = ["MirrorGrid", "Panel", "camera_figure", "flags_figure", "length_unit", "mirror_figure"]
 
 Array = NDArray[np.float64]
+CAMERA = "camera column [px]", "camera row [px]"
 SIDE = 520  # samples on the longer side of a drawn map
 
 
@@ -104,7 +104,7 @@ def camera_figure(panels: list[Panel]) -> str:
         for p in panels
     ]
     extent = (-0.5, cols - 0.5, rows - 0.5, -0.5)
-    return _draw(small, extent, ("camera column [px]", "camera row [px]"), rows / cols, "upper")
+    return _draw(small, extent, CAMERA, rows / cols, "upper")
 
 
 def flags_figure(index: NDArray[np.integer], colours: list[str]) -> str:
@@ -120,7 +120,7 @@ def flags_figure(index: NDArray[np.integer], colours: list[str]) -> str:
         extent=(-0.5, cols - 0.5, rows - 0.5, -0.5),
         interpolation="nearest",
     )
-    _label(axes, "", ("camera column [px]", "camera row [px]"))
+    label_axes(axes, *CAMERA, frame=True)
     return figure_uri(figure)
 
 
@@ -148,15 +148,8 @@ def _draw(
             interpolation="nearest",
         )
         axes.set_facecolor("#d9dde2")
-        _label(axes, panel.title, names)
+        label_axes(axes, *names, panel.title, frame=True)
         bar = figure.colorbar(image, ax=axes, fraction=0.046, pad=0.02)
         bar.set_label(panel.label, fontsize=9)
         bar.ax.tick_params(labelsize=8)
     return figure_uri(figure)
-
-
-def _label(axes: Axes, title: str, names: tuple[str, str]) -> None:
-    axes.set_title(title, fontsize=10, loc="left")
-    axes.set_xlabel(names[0], fontsize=9)
-    axes.set_ylabel(names[1], fontsize=9)
-    axes.tick_params(labelsize=8)

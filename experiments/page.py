@@ -4,7 +4,7 @@ import importlib.metadata
 import json
 import math
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ __all__ = [
     "seconds_text",
     "share_text",
     "stage_bars",
+    "table",
     "versions",
     "write_page",
 ]
@@ -74,19 +75,12 @@ def embedded_json(value: Any) -> Markup:
 def budget_table(readings: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
     """An uncertainty budget (mm, see `reconstruct.budget`) as a table in micrometres, a row per source."""
     names = dict.fromkeys(name for sources in readings.values() for name in sources)
-    heads = ("standard deviation, um", *readings)
+    known = readings.values()
     rows = [
-        {
-            "kind": "",
-            "cells": [
-                name,
-                *(scientific(1e3 * each[name]) if name in each else "" for each in readings.values()),
-            ],
-        }
+        ("", [name, *(scientific(1e3 * each[name]) if name in each else "" for each in known)])
         for name in names
     ]
-    columns = [{"name": head, "numeric": k > 0} for k, head in enumerate(heads)]
-    return {"id": "budget-table", "columns": columns, "rows": rows}
+    return table("budget-table", ("standard deviation, um", *readings), rows)
 
 
 def versions() -> list[tuple[str, str]]:
@@ -144,6 +138,14 @@ def seconds_text(seconds: float) -> str:
     if seconds < 0.01:
         return f"{1e3 * seconds:.1f} ms"
     return f"{seconds:.2f} s" if seconds < 10 else f"{seconds:.1f} s"
+
+
+def table(
+    name: str, heads: Iterable[str], rows: Iterable[tuple[str, list[str]]], texts: int = 1
+) -> dict[str, Any]:
+    """What parts.html draws as a table of rows (kind, cells); texts: columns on the left without numbers."""
+    columns = [{"name": head, "numeric": k >= texts} for k, head in enumerate(heads)]
+    return {"id": name, "columns": columns, "rows": [{"kind": kind, "cells": cells} for kind, cells in rows]}
 
 
 def stage_bars(seconds: dict[str, float]) -> list[dict[str, Any]]:

@@ -1,10 +1,9 @@
 """Figures of the paper report: the seed's figures 5 to 14 and 20 redrawn, all methods beside each other."""
 
 import numpy as np
-from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from .images import figure_uri, new_figure
+from .images import figure_uri, label_axes, new_figure
 from .maps import length_unit
 from .paper_rows import curve_name
 
@@ -29,7 +28,7 @@ def shape_figure(curve: Curve) -> str:
     axes = figure.subplots()
     axes.plot(curve["l"], curve["d"], color="#1b2430", lw=1.6)
     axes.invert_yaxis()
-    _finish(axes, "l [mm]", "d [mm]", "the dent, into the prism downwards")
+    label_axes(axes, "l [mm]", "d [mm]", "the dent, into the prism downwards")
     return figure_uri(figure)
 
 
@@ -59,7 +58,7 @@ def series_figure(curve: Curve, fine: Curve) -> str:
             )
         if against:
             axes.axhline(0, color="#5a6675", lw=0.6)
-        _finish(axes, "l [mm]", label, "")
+        label_axes(axes, "l [mm]", label, "")
     grid[0, 1].legend(fontsize=8, frameon=False)
     return figure_uri(figure)
 
@@ -78,15 +77,7 @@ def comparison_figure(curves: dict[str, Curve], peak: float) -> str:
             marker = "o" if method == "lattice" else ""
             axes.semilogy(curve["l"], error, color=colour, lw=1, marker=marker, ms=2.5, label=label)
         axes.axhline(0.01, color="#5a6675", lw=0.8, ls=":")
-        _finish(axes, "l [mm]", "|error of d| / peak" if data == "exact" else "", titles[data])
+        label_axes(axes, "l [mm]", "|error of d| / peak" if data == "exact" else "", titles[data])
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, fontsize=8, frameon=False, loc="outside upper center", ncols=5)
     return figure_uri(figure)
-
-
-def _finish(axes: Axes, x: str, y: str, title: str) -> None:
-    axes.set_xlabel(x, fontsize=9)
-    axes.set_ylabel(y, fontsize=9)
-    axes.set_title(title, fontsize=10, loc="left")
-    axes.tick_params(labelsize=8)
-    axes.spines[["top", "right"]].set_visible(False)

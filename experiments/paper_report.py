@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from .page import render_page, share_text, stage_bars, write_page
+from .page import render_page, share_text, stage_bars, table, write_page
 from .paper import PaperStudy
 from .paper_figures import comparison_figure, series_figure, shape_figure
 from .paper_rows import PaperRow, curve_name
@@ -89,29 +89,14 @@ def _case(study: PaperStudy, name: str) -> dict[str, Any]:
 
 def _table(study: PaperStudy, name: str) -> dict[str, Any]:
     """All rows of a case, grouped by how they were seen."""
-    heads = ("method", "sign", "gamma")
-    numbers = (
-        "points",
-        "drops",
-        "rises",
-        "mean",
-        "largest",
-        "at the peak",
-        "θ [mrad]",
-        "whole field",
-    )
-    lines: list[dict[str, Any]] = []
+    heads = ("method", "sign", "gamma", "points", "drops", "rises", "mean", "largest", "at the peak")
+    lines: list[tuple[str, list[str]]] = []
     for data, law, title in GROUPS:
         found = [row for row in study.rows if (row.case, row.data, row.law) == (name, data, law)]
         if found:
-            lines.append({"kind": "group", "cells": [title]})
-        lines += [{"kind": "best" if row.method == "dense" else "", "cells": _cells(row)} for row in found]
-    columns = [{"name": head, "numeric": False} for head in heads]
-    return {
-        "id": f"table-{name}",
-        "columns": columns + [{"name": head, "numeric": True} for head in numbers],
-        "rows": lines,
-    }
+            lines.append(("group", [title]))
+        lines += [("best" if row.method == "dense" else "", _cells(row)) for row in found]
+    return table(f"table-{name}", (*heads, "θ [mrad]", "whole field"), lines, texts=3)
 
 
 def _cells(row: PaperRow) -> list[str]:

@@ -17,7 +17,7 @@ from optolever.scene import Scene
 from .images import figure_uri, new_figure, robust_limits
 from .maps import length_unit
 from .metrics import peak_bytes, rms
-from .page import budget_table, render_page, scientific, stage_bars, write_page
+from .page import budget_table, render_page, scientific, stage_bars, table, write_page
 
 __all__ = ["RigStudy", "rig_html", "write_rig_report"]
 
@@ -92,9 +92,8 @@ def _judged(judged: Mapping[str, Mapping[str, float | None]]) -> dict[str, Any]:
             "" if value is None else scientific(value * 1e3 if key.endswith("mm") else value)
             for key, value in known
         ]
-        rows.append({"kind": "", "cells": [name, *cells]})
-    columns = [{"name": n, "numeric": k > 0} for k, n in enumerate(heads)]
-    return {"id": "judged-table", "columns": columns, "rows": rows}
+        rows.append(("", [name, *cells]))
+    return table("judged-table", heads, rows)
 
 
 def _numbers(parameters: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -104,9 +103,8 @@ def _numbers(parameters: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         gain = each["prior_sigma"] / each["sigma"]
         cells = [scientific(each[key]) for key in ("value", "sigma", "prior", "prior_sigma")]
         # what the captures tell less of than the prior
-        rows.append({"kind": "bad" if gain < 2 else "", "cells": [each["name"], *cells, scientific(gain)]})
-    columns = [{"name": head, "numeric": k > 0} for k, head in enumerate(heads)]
-    return {"id": "numbers-table", "columns": columns, "rows": rows}
+        rows.append(("bad" if gain < 2 else "", [each["name"], *cells, scientific(gain)]))
+    return table("numbers-table", heads, rows)
 
 
 def _residual_figure(found: tuple[Floats, Floats, Floats, Floats]) -> str:

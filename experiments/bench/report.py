@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..metrics import peak_bytes
-from ..page import percent, render_page, scientific, seconds_text, stage_bars, write_page
+from ..page import percent, render_page, scientific, seconds_text, stage_bars, table, write_page
 from .pareto import frontier, pareto_figure
 from .row import Row
 from .summary import SUMMARY, ahead_of_peers, markdown, summary, summary_cells
@@ -156,19 +156,18 @@ def _section(place: int, group: Group, refresh: float) -> dict[str, Any]:
     floors, best = group.floors(), group.best(refresh)
     done = [i for i, row in enumerate(group.rows) if row.done]
     order = sorted(done, key=lambda i: _rank(group.rows[i]))
-    lines = [
-        {
-            "kind": "best" if i in best else "",
-            "cells": table_cells(group.rows[i], refresh, floors.get(group.rows[i].cell.solver)),
-        }
+    lines = (
+        (
+            "best" if i in best else "",
+            table_cells(group.rows[i], refresh, floors.get(group.rows[i].cell.solver)),
+        )
         for i in order
-    ]
-    columns = [{"name": name, "numeric": i >= 2} for i, name in enumerate(HEADER)]
+    )
     return {
         "id": f"mirror-{place}",
         "name": group.name,
         "chart": pareto_figure(group.rows, refresh),
-        "table": {"id": f"rows-{place}", "columns": columns, "rows": lines},
+        "table": table(f"rows-{place}", HEADER, lines, texts=2),
         "headline": _headline(group),
         "summary": _summary(place, group),
         "absent": group.absent(),
@@ -177,9 +176,8 @@ def _section(place: int, group: Group, refresh: float) -> dict[str, Any]:
 
 def _summary(place: int, group: Group) -> dict[str, Any]:
     """The table of `summary`."""
-    columns = [{"name": name, "numeric": i >= 3} for i, name in enumerate(SUMMARY)]
-    lines = [{"kind": "", "cells": summary_cells(line)} for line in summary(group.rows)]
-    return {"id": f"summary-{place}", "columns": columns, "rows": lines}
+    lines = (("", summary_cells(line)) for line in summary(group.rows))
+    return table(f"summary-{place}", SUMMARY, lines, texts=3)
 
 
 def _headline(group: Group) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from ..images import figure_uri, new_figure
 from ..maps import MirrorGrid, Panel, length_unit, mirror_figure
 from ..metrics import peak_bytes
-from ..page import render_page, scientific, stage_bars, write_page
+from ..page import render_page, scientific, stage_bars, table, write_page
 from .sensor_maps import Floats, SensorMaps
 
 __all__ = ["COLUMNS", "SensorStudy", "sensor_html", "sensor_rows", "write_sensor_report"]
@@ -93,9 +93,8 @@ def _cell(value: float | str) -> str:
 
 def _table(name: str, rows: list[dict[str, float | str]]) -> dict[str, Any]:
     mine = [row for row in rows if row["sweep"] == name]
-    heads = [{"name": heading or name, "numeric": True} for _, heading in COLUMNS]
-    body = [{"kind": "", "cells": cells} for cells in sensor_rows(mine)]
-    return {"id": f"table-{name}", "columns": heads, "rows": body}
+    lines = (("", cells) for cells in sensor_rows(mine))
+    return table(f"table-{name}", (heading or name for _, heading in COLUMNS), lines, texts=0)
 
 
 def _pictures(maps: SensorMaps) -> dict[str, str]:
@@ -157,7 +156,7 @@ def _curve(name: str, rows: list[dict[str, float | str]]) -> str:
 
 
 def _command(asked: dict[str, Any]) -> str:
-    words = ["optolever", "sensor", "--scene", str(asked["scene"]), "--sequence", asked["sequence"]]
+    words = ["optolever", "lab", "sensor", "--scene", str(asked["scene"]), "--sequence", asked["sequence"]]
     words += ["--noise", f"{asked['noise']:g}"]
     if asked["size"] is not None:
         words += ["--size", "{}x{}".format(*asked["size"])]

@@ -120,8 +120,8 @@ def test_random_cases_are_the_same_for_the_same_number() -> None:
     assert np.array_equal(first.error, second.error, equal_nan=True)
 
 
-#: Among gaps, beside steep anchors; 501: slopes of 1e20 times the usual variance.
-ONCE_WRONG = (7, 9, 37, 67, 69, 73, 79, 99, 103, 157, 501)
+#: Among gaps, beside steep anchors.
+ONCE_WRONG = (7, 9, 37, 67, 69, 73, 79, 99, 103, 157)
 EVERY_DAY = (103,)
 
 
