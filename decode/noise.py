@@ -292,11 +292,12 @@ def _neighbours(plan: Plan, few: Sample) -> tuple[F32, F32]:
     places = few.places
     run = (places[2:, 0] == places[:-2, 0]) & (places[2:, 1] == places[:-2, 1] + 2)
     frames, off, steep, same = _off_references(plan, few)
-    run = run[:: 1 + len(frames) * len(run) // _BENDS]
+    step = 1 + len(frames) * len(run) // _BENDS
+    run = run[::step]
     camera = (few.levels if few.camera is None else few.camera)[frames]
 
     def three(of: Any) -> tuple[Any, Any, Any]:
-        return of[:, :-2], of[:, 1:-1], of[:, 2:]
+        return of[:, :-2:step], of[:, 1:-1:step], of[:, 2::step]
 
     (one, middle, other), spread = three(off), three(steep)
     bend = (one - 2 * middle + other) / np.sqrt(spread[0] + 4 * spread[1] + spread[2])
