@@ -15,12 +15,13 @@ from .measured import Measured
 from .newton import State, edge_errors, response
 from .poisson import ColumnPoisson
 
-__all__ = ["monte_carlo_variance"]
+__all__ = ["FLOOR", "monte_carlo_variance"]
 
 Floats = NDArray[np.float64]
 Labels = NDArray[np.int32]
 Pair = tuple[Floats, Floats]
 
+FLOOR = 0.02  # of a slope's variance: the least that a height next to an exact anchor is given
 _DRAWS = 48
 _PIXELS = 1 << 22  # solved in all: fewer draws for large images
 _FEWEST = 4
@@ -38,16 +39,21 @@ def monte_carlo_variance(
     count = int(np.clip(_PIXELS // np.count_nonzero(inside), _FEWEST, _DRAWS))
     rng = np.random.default_rng(_SEED)
     sums = np.zeros((3, *rectangle.shape))
+    # weights that do not go by columns: the rectangle's variance says nothing of the solution's size
+    scale = np.maximum(rectangle, FLOOR * state.variances[0])
     for _ in range(count):
-        own, control = _drawn(data, state, labels, load, rng)
-        sums += np.stack([own * own, own * control, control * control]) / rectangle
+        own, control = (
+            errors / np.sqrt(size)
+            for errors, size in zip(_drawn(data, state, labels, load, rng), (scale, rectangle), strict=True)
+        )
+        sums += np.stack([own * own, own * control, control * control])
     share = np.maximum(scipy.ndimage.uniform_filter(inside.astype(np.float64), _BLOCK), 1e-3)
     means = np.where(inside, sums / count, 0.0)
     nearby = np.stack([scipy.ndimage.uniform_filter(part, _BLOCK) / share for part in means])
     own, both, control = (count * means + _PRIOR * nearby) / (count + _PRIOR)
     slope = np.divide(both, control, out=np.zeros_like(both), where=control > 0)
     left = (own - slope * both) * count / (count - 1)
-    return np.where(inside, rectangle * (slope**2 + left), rectangle)
+    return np.where(inside, scale * (slope**2 + left), rectangle)
 
 
 def _drawn(

@@ -8,19 +8,20 @@ covariance is smaller,
     E L^-1 E - c,    c = < sum_a w_a l_a (1 - |A_a|^2) / (sum_a w_a l_a)^2 >,   l = 2 - 2 cos k, a = x, y,
 
 averaged over the Brillouin zone: c is local (the correction is an operator of order zero) and a fifth of the
-slopes' variance, about. |A| = (13 cos(k/2) - cos(3k/2)) / 12 for the four-pixel increments.
+slopes' variance, about, that of the columns' weights as all of this. |A| = (13 cos(k/2) - cos(3k/2)) / 12 for
+the four-pixel increments.
 An anchor sum_m a_m w_m = known subtracts the covariance with it: var_i = G_ii - 2 (G a)_i + a.G a. What a
 curve adds on the way to the anchors, it adds to all of them alike: the square of its weighted sum joins.
 """
 
 from functools import lru_cache
 
-import cv2
 import numpy as np
+import scipy.ndimage
 from numpy.typing import NDArray
 
 from .measured import Measured
-from .monte_carlo import monte_carlo_variance
+from .monte_carlo import FLOOR, monte_carlo_variance
 from .newton import State
 from .poisson import ColumnPoisson
 
@@ -29,25 +30,25 @@ __all__ = ["averaging_gain", "edge_diagonal", "unknown_variance"]
 Floats = NDArray[np.float64]
 Labels = NDArray[np.int32]
 
-_FLOOR = 0.02  # of a slope's variance: the least that a height next to an exact anchor is given
-
 
 def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
     """Variance of w in every pixel, (rows, cols): the closed form of a least-squares solve with weights by
     columns on a rectangle without holes; for others drawn noise (see `monte_carlo`).
     """
-    rows = state.rows
+    rows, columns = state.rows, state.problem.columns
     factor = np.broadcast_to(state.root**2, state.w.shape)
     at = factor.ravel()[rows.pixel]
+    along_rows = 1.0 / columns.wy
+    along_cols = np.divide(1.0, columns.wx, out=along_rows.copy(), where=columns.wx > 0)
     # what is averaged is no noisier than its neighbours
-    gain = cv2.erode(averaging_gain(*state.variances), cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)))
+    gain = scipy.ndimage.minimum_filter1d(averaging_gain(along_cols, along_rows), 3)
     share = state.share / state.share.sum()
-    own = share**2 * (rows.sigma**2 + rows.spread(*state.variances) - gain.ravel()[rows.pixel]) / at**2
+    own = share**2 * ((rows.sigma**2 + rows.spread(*state.variances)) / at**2 - gain[rows.pixel % gain.size])
     load = np.zeros(labels.shape)
     np.add.at(load.reshape(-1), rows.pixel, share)
-    green = state.problem.columns.solve(load)
-    potential = edge_diagonal(state.problem.columns) + float(np.vdot(load, green)) + own.sum() - 2.0 * green
-    variance = np.maximum(factor**2 * potential - gain, _FLOOR * state.variances[0])
+    green = columns.solve(load)
+    potential = edge_diagonal(columns) + float(np.vdot(load, green)) + own.sum() - 2.0 * green
+    variance = factor**2 * np.maximum(potential - gain, FLOOR * along_cols)
     if not state.problem.closed:
         variance = monte_carlo_variance(data, state, labels, variance, load)
     lean = np.bincount(rows.component, state.share * state.bend / at, int(labels.max()) + 1)
