@@ -3,6 +3,7 @@ so that what exceeds the noise is wrong data.
 """
 
 import numpy as np
+import scipy.ndimage
 from numpy.typing import NDArray
 
 from .edges import curl
@@ -52,12 +53,7 @@ def curl_suspects(score: Floats, limit: float, cleared: Mask) -> Mask:
         if not (evidence > limit**2).any():
             break
         total = np.where(cleared, 0.0, _around(evidence) * share)
-        largest = total.copy()
-        padded = np.pad(total, 1)
-        for dr in range(3):
-            for dc in range(3):
-                np.maximum(largest, padded[dr : dr + total.shape[0], dc : dc + total.shape[1]], out=largest)
-        found = (total > limit**2) & (total >= largest)
+        found = (total > limit**2) & (total >= scipy.ndimage.maximum_filter(total, 3))
         suspects |= found
         evidence[_touched(found)] = 0.0
     return suspects

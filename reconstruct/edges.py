@@ -109,11 +109,13 @@ def divergence(gx: Floats, gy: Floats, wx: Floats, wy: Floats) -> Floats:
     return out
 
 
-def apply_laplacian(x: Floats, wx: Floats, wy: Floats) -> Floats:
-    """D^T w D x for weights (H, W) that are zero where no edge is."""
-    out = np.empty(x.shape)
-    over_image(lambda start, stop: _laplacian(x, wx, wy, out, start, stop), x.shape)
-    return out
+def apply_laplacian(x: Floats, wx: Floats, wy: Floats, out: Floats) -> float:
+    """D^T w D x into out, for weights (H, W) that are zero where no edge is; its product with x, as a sum of
+    squares.
+    """
+    sums = np.empty(x.shape[0])
+    over_image(lambda start, stop: _laplacian(x, wx, wy, out, sums, start, stop), x.shape)
+    return float(sums.sum())
 
 
 def curl(p: Floats, q: Floats, mask: Mask) -> Floats:
@@ -246,20 +248,27 @@ def _divergence(gx, gy, wx, wy, out, start, stop):  # type: ignore[no-untyped-de
 
 
 @exact
-def _laplacian(x, wx, wy, out, start, stop):  # type: ignore[no-untyped-def]
+def _laplacian(x, wx, wy, out, sums, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = x.shape
     for i in range(start, stop):
+        total = 0.0
         for j in range(cols):
-            total = 0.0
+            here = x[i, j]
+            value = 0.0
             if j > 0:
-                total += wx[i, j - 1] * (x[i, j] - x[i, j - 1])
+                value += wx[i, j - 1] * (here - x[i, j - 1])
             if j + 1 < cols:
-                total -= wx[i, j] * (x[i, j + 1] - x[i, j])
+                rise = x[i, j + 1] - here
+                value -= wx[i, j] * rise
+                total += wx[i, j] * rise * rise
             if i > 0:
-                total += wy[i - 1, j] * (x[i, j] - x[i - 1, j])
+                value += wy[i - 1, j] * (here - x[i - 1, j])
             if i + 1 < rows:
-                total -= wy[i, j] * (x[i + 1, j] - x[i, j])
-            out[i, j] = total
+                rise = x[i + 1, j] - here
+                value -= wy[i, j] * rise
+                total += wy[i, j] * rise * rise
+            out[i, j] = value
+        sums[i] = total
 
 
 @exact

@@ -184,12 +184,9 @@ def _choose(inside: Mask, wp: Floats | None, wq: Floats | None, even: bool) -> s
 
 
 def _field(p: Floats, q: Floats, wp: Floats | None, wq: Floats | None, inside: Mask) -> Field:
-    gx, gy = increments(p, q, inside)
-    if wp is None or wq is None:
-        wx, wy = _unit_weights(inside)
-    else:
-        wx, wy = edge_weights(1.0 / wp, 1.0 / wq, _ONE, inside)
-    return Field(gx, gy, wx, wy, inside)
+    one = np.ones(p.shape)
+    variances = one if wp is None else 1.0 / wp, one if wq is None else 1.0 / wq
+    return Field(*increments(p, q, inside), *edge_weights(*variances, _ONE, inside), inside)
 
 
 def _field_at(
@@ -199,13 +196,6 @@ def _field_at(
     one = np.ones(p.shape)
     wx, wy = quadrilateral_weights(one if wp is None else wp, one if wq is None else wq, *places, inside)
     return Field(*quadrilateral_increments(p, q, *places, inside), wx, wy, inside)
-
-
-def _unit_weights(inside: Mask) -> tuple[Floats, Floats]:
-    wx, wy = np.zeros(inside.shape), np.zeros(inside.shape)
-    wx[:, :-1] = inside[:, :-1] & inside[:, 1:]
-    wy[:-1] = inside[:-1] & inside[1:]
-    return wx, wy
 
 
 def _labels(inside: Mask) -> Labels:

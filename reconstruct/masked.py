@@ -39,16 +39,17 @@ class MaskedPoisson:
         meets the accuracy.
         """
         x = np.zeros(rhs.shape) if start is None else start * self._mask
-        r = rhs * self._mask
+        r, image = rhs * self._mask, np.empty(rhs.shape)
         if start is not None:
-            r -= apply_laplacian(x, self.wx, self.wy)
+            apply_laplacian(x, self.wx, self.wy, image)
+            r -= image
         z, energy = self._preconditioned(r)
         first = energy
-        direction, image = z.copy(), np.empty(rhs.shape)
+        direction = z.copy()
         for iteration in range(limit):
             if energy <= 0.0 or accuracy.met(energy, first, z):
                 return PoissonResult(x, iteration, float(np.sqrt(max(energy, 0.0))))
-            alpha = energy / self._image(direction, image)
+            alpha = energy / apply_laplacian(direction, self.wx, self.wy, image)
             over_image(_descent(x, r, alpha, direction, image), rhs.shape)
             before = energy
             z, energy = self._preconditioned(r)
@@ -63,12 +64,6 @@ class MaskedPoisson:
         sums = np.empty(r.shape[0])
         over_image(lambda start, stop: _masked_dot(z, self._mask, r, sums, start, stop), r.shape)
         return z, float(sums.sum())
-
-    def _image(self, x: Floats, out: Floats) -> float:
-        """D^T w D x into out; its product with x, as a sum of squares."""
-        sums = np.empty(x.shape[0])
-        over_image(lambda start, stop: _apply(x, self.wx, self.wy, out, sums, start, stop), x.shape)
-        return float(sums.sum())
 
 
 def _filled(weights: Floats, axis: int) -> Floats:
@@ -111,27 +106,3 @@ def _scale_add(direction, beta, z, start, stop):  # type: ignore[no-untyped-def]
     for i in range(start, stop):
         for j in range(z.shape[1]):
             direction[i, j] = z[i, j] + beta * direction[i, j]
-
-
-@exact
-def _apply(x, wx, wy, out, sums, start, stop):  # type: ignore[no-untyped-def]
-    rows, cols = x.shape
-    for i in range(start, stop):
-        total = 0.0
-        for j in range(cols):
-            here = x[i, j]
-            value = 0.0
-            if j > 0:
-                value += wx[i, j - 1] * (here - x[i, j - 1])
-            if j + 1 < cols:
-                rise = x[i, j + 1] - here
-                value -= wx[i, j] * rise
-                total += wx[i, j] * rise * rise
-            if i > 0:
-                value += wy[i - 1, j] * (here - x[i - 1, j])
-            if i + 1 < rows:
-                rise = x[i + 1, j] - here
-                value -= wy[i, j] * rise
-                total += wy[i, j] * rise * rise
-            out[i, j] = value
-        sums[i] = total

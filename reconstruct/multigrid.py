@@ -21,8 +21,7 @@ from .multigrid_kernels import (
     invert,
     residual,
     restrict,
-    sweep_five,
-    sweep_nine,
+    sweep,
 )
 
 __all__ = ["Multigrid"]
@@ -160,7 +159,6 @@ def _dense_inverse(weights: tuple[Floats, Floats, Floats, Floats]) -> Floats:
 def _relax(level: _Level, x: Floats, rhs: Floats, parity: int, forward: bool) -> None:
     """One Gauss-Seidel sweep over every second row."""
     half = (level.shape[0] - parity + 1) // 2
-    sweep = sweep_nine if level.falling.shape == level.shape else sweep_five
     over_image(
         lambda start, stop: sweep(*level.weights, level.inverse, x, rhs, parity, forward, start, stop),
         (half, 2 * level.right.shape[1]),

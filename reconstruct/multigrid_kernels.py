@@ -15,8 +15,7 @@ __all__ = [
     "invert",
     "residual",
     "restrict",
-    "sweep_five",
-    "sweep_nine",
+    "sweep",
 ]
 
 
@@ -166,8 +165,9 @@ def galerkin(  # type: ignore[no-untyped-def]
 
 
 @exact
-def sweep_five(right, down, falling, rising, inverse, x, rhs, parity, forward, start, stop):  # type: ignore[no-untyped-def]
+def sweep(right, down, falling, rising, inverse, x, rhs, parity, forward, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = right.shape
+    nine = falling.shape[0] > 1
     for r in range(start, stop):
         i = 2 * r + parity
         for k in range(cols):
@@ -175,34 +175,15 @@ def sweep_five(right, down, falling, rising, inverse, x, rhs, parity, forward, s
             total = rhs[i, j]
             if i > 0:
                 total += down[i - 1, j] * x[i - 1, j]
-            if i + 1 < rows:
-                total += down[i, j] * x[i + 1, j]
-            if j > 0:
-                total += right[i, j - 1] * x[i, j - 1]
-            if j + 1 < cols:
-                total += right[i, j] * x[i, j + 1]
-            x[i, j] = total * inverse[i, j]
-
-
-@exact
-def sweep_nine(right, down, falling, rising, inverse, x, rhs, parity, forward, start, stop):  # type: ignore[no-untyped-def]
-    rows, cols = right.shape
-    for r in range(start, stop):
-        i = 2 * r + parity
-        for k in range(cols):
-            j = k if forward else cols - 1 - k
-            total = rhs[i, j]
-            if i > 0:
-                total += down[i - 1, j] * x[i - 1, j]
-                if j > 0:
+                if nine and j > 0:
                     total += falling[i - 1, j - 1] * x[i - 1, j - 1]
-                if j + 1 < cols:
+                if nine and j + 1 < cols:
                     total += rising[i - 1, j + 1] * x[i - 1, j + 1]
             if i + 1 < rows:
                 total += down[i, j] * x[i + 1, j]
-                if j > 0:
+                if nine and j > 0:
                     total += rising[i, j] * x[i + 1, j - 1]
-                if j + 1 < cols:
+                if nine and j + 1 < cols:
                     total += falling[i, j] * x[i + 1, j + 1]
             if j > 0:
                 total += right[i, j - 1] * x[i, j - 1]
