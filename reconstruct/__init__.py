@@ -4,6 +4,7 @@
 |---|---|
 | `coupled.py` | reconstruct(): the chain from measurement to HeightMap |
 | `stream.py` | HeightStream: one chord step a frame |
+| `arrays.py` | names of arrays by what they hold |
 | `problem.py`, `result.py` | checks, window, orientation, components; the solved grid as a HeightMap |
 | `calibration.py` | a rest capture as reference |
 | `propagation.py` | what the errors of a calibrated rig do to a height map |

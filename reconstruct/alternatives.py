@@ -6,18 +6,15 @@ import numpy as np
 import scipy.ndimage
 import scipy.sparse
 import scipy.sparse.linalg
-from numpy.typing import NDArray
 
 from optolever.errors import InputError
 
+from .arrays import Floats, Ints, Mask
 from .edges import divergence
 from .linear import MaskedEdges, SeparableEdges
 from .poisson import Accuracy, PoissonResult
 
 __all__ = ["DirectEdges", "MarchedEdges", "marched"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _LEAF = 24  # pixels that are not cut any further
 
@@ -67,12 +64,12 @@ class DirectEdges(MaskedEdges):
 
 
 @lru_cache(maxsize=2)
-def _dissection(rows: int, cols: int) -> NDArray[np.int64]:
+def _dissection(rows: int, cols: int) -> Ints:
     """Pixels in the order of nested dissection: both halves of a rectangle, then the line between them, whose
     factors fill up little (doi:10.1137/0710032)."""
     index, order = np.arange(rows * cols).reshape(rows, cols), []
 
-    def cut(part: NDArray[np.int64]) -> None:
+    def cut(part: Ints) -> None:
         if part.size <= _LEAF:
             order.append(part.ravel())
             return

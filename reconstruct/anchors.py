@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.scene import Scene
 
+from .arrays import Floats, Mask
 from .geometry import RayField, rest_distance
 
 __all__ = [
@@ -30,9 +30,6 @@ __all__ = [
     "Samples",
     "anchor_samples",
 ]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 EDGE_REACH = 4.0  # pixels over which the slope may be extrapolated to the edge
 

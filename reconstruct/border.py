@@ -11,15 +11,13 @@ known better than that, w_0 = w_1 + (9 p_0 + 19 p_1 - 5 p_2 + p_3) / 24 (Adams-M
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .arrays import Floats, Mask
 from .edges import AT_END
 from .measured import Measured
 
 __all__ = ["core_windows", "extended", "solid_window"]
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Window = tuple[slice, slice]
 
 DEPTH = 4  # lines on every side at most

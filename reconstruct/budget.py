@@ -6,19 +6,17 @@ with f the weighted sum of the modes, (r,), a source of shares A adds f^T A f; A
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.scene import Scene, strided
 
 from .anchors import Anchors, PixelAnchor, PointAnchor
+from .arrays import Floats, Mask
 from .heightmap import HeightMap
 from .null_space import null_space
 from .propagation import interpolated
 
 __all__ = ["ANCHOR", "NOISE", "TOTAL", "budget", "free_mode_of"]
-
-Floats = NDArray[np.float64]
 
 NOISE, TOTAL = "noise of the frames, independent", "total"
 #: Not part of the total: anchors are taken as exact.
@@ -79,7 +77,7 @@ def free_mode_of(height: HeightMap, scene: Scene, anchor: Anchors = None) -> tup
     return (mode, value) if value > 0 else None
 
 
-def _deepest(height: HeightMap, good: NDArray[np.bool_]) -> tuple[int, int]:
+def _deepest(height: HeightMap, good: Mask) -> tuple[int, int]:
     """Row and column that is deepest even if noise made it so by three sigma."""
     row, col = divmod(int(np.argmax(np.where(good, height.z - 3 * height.sigma, -np.inf))), good.shape[1])
     return row, col
@@ -88,7 +86,7 @@ def _deepest(height: HeightMap, good: NDArray[np.bool_]) -> tuple[int, int]:
 def _one(
     height: HeightMap,
     at: tuple[int, int],
-    around: NDArray[np.bool_] | None,
+    around: Mask | None,
     free: tuple[Floats, float] | None,
 ) -> dict[str, float]:
     """Sources of the height at a pixel, less the mean around."""

@@ -5,17 +5,15 @@ what it shows that the scene does not predict is calibration.
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, Flag
 from optolever.errors import InputError
 from optolever.scene import Scene
 
+from .arrays import Floats
 from .geometry import ray_field, rest_distance
 
 __all__ = ["rest_corrected"]
-
-Floats = NDArray[np.float64]
 
 
 def rest_corrected(correspondence: Correspondence, rest: Correspondence, scene: Scene) -> Correspondence:

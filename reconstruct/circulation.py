@@ -21,17 +21,15 @@ import math
 import numpy as np
 import scipy.linalg
 import scipy.special
-from numpy.typing import NDArray
 
 from optolever.notices import Notice
 
+from .arrays import Floats, Ints
 from .edges import defects, edge_weights
 from .measured import Measured
 from .newton import State
 
 __all__ = ["chi2_limit", "circulation_chi2", "contradiction"]
-
-Floats = NDArray[np.float64]
 
 _LINES = 24  # along the longer side: a dense covariance of (24 - 1)^2 blocks at most
 _LEAST = 8  # pixels apart: the ends of sums share what is 0.3 pixels' noise
@@ -107,7 +105,7 @@ def contradiction(chi2: float | None, freedom: int) -> tuple[Notice, ...]:
     return (Notice(name, chi2, chi2_limit(freedom), _CURE),)
 
 
-def _sums(g: Floats, weight: Floats, ends: NDArray[np.int64]) -> tuple[Floats, Floats]:
+def _sums(g: Floats, weight: Floats, ends: Ints) -> tuple[Floats, Floats]:
     """Sums of edge data (lines, pixels) from end to end, and of the edges' variances; NaN where one is
     missing.
     """

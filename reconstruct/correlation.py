@@ -10,14 +10,11 @@ octave of wavelengths adds the same to a height, and what has a curl has a part 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .arrays import Floats, Mask
 from .edges import Doubt, increments
 
 __all__ = ["correlation_excess"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _SMALLEST = 4  # pixels: below it an edge's four slopes overlap
 _LEAST = 1.5  # excess below which noise counts as independent

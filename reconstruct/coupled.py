@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.ndimage
-from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
@@ -13,6 +12,7 @@ from optolever.scene import Scene
 
 from .alternatives import DirectEdges, MarchedEdges
 from .anchors import Anchors
+from .arrays import Floats, Mask
 from .calibration import rest_corrected
 from .circulation import circulation_chi2
 from .correlation import correlation_excess
@@ -33,9 +33,6 @@ from .reweighting import reweighted
 from .rounding import rounding_variance
 
 __all__ = ["doubted", "method_names", "reconstruct", "solved_height"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 PAPER_METHODS: dict[str, SeriesName] = {"paper": "mean", "paper-rises": "rises", "paper-drops": "drops"}
 _METHODS = {

@@ -6,13 +6,11 @@ import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
 
+from .arrays import Floats, Mask
 from .edges import curl
 from .measured import Measured
 
 __all__ = ["curl_scale", "curl_score", "curl_suspects", "lone"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _CALM = 0.3  # quantile of the pixels around that other wrong pixels nearby leave alone
 _STANDS_OUT = 30.0  # times that quantile

@@ -8,18 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever.blocks import over_rows
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
 from optolever.kernels import exact
 
+from .arrays import Floats
 from .slope_map import SlopeMap
 
 __all__ = ["CurvatureMap", "curvature_map"]
-
-Floats = NDArray[np.float64]
 
 _ARRAYS = ("xx", "xy", "yy", "sigma_xx", "sigma_xy", "sigma_yy", "mean", "sigma_mean")
 

@@ -12,18 +12,14 @@ sigma that says so. What the cubic misses of a smooth curve, fourth differences 
 import cv2
 import numpy as np
 import scipy.ndimage
-from numpy.typing import NDArray
 
 from optolever.blocks import over_image
 from optolever.kernels import exact, inlined
 
+from .arrays import Floats, Mask, Pair
 from .edges import Doubt, cubic_at_end, curl, stencil
 
 __all__ = ["edge_doubt", "touched", "widened"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Pair = tuple[Floats, Floats]
 
 SIGMAS = 5.0  # of the difference's own noise: both sides exceed it by chance in no edge of a megapixel
 FAINT = 2.0  # of the same, for edges that continue a crease

@@ -11,10 +11,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever.blocks import over_image
 from optolever.kernels import exact, inlined
+
+from .arrays import Floats, Mask
 
 __all__ = [
     "AT_END",
@@ -30,9 +31,6 @@ __all__ = [
     "increments",
     "stencil",
 ]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 AT_END = (9.0 / 24.0, 19.0 / 24.0, -5.0 / 24.0, 1.0 / 24.0)  # the cubic's increment over its first edge
 
@@ -109,13 +107,13 @@ def divergence(gx: Floats, gy: Floats, wx: Floats, wy: Floats) -> Floats:
     return out
 
 
-def apply_laplacian(x: Floats, wx: Floats, wy: Floats, out: Floats) -> float:
-    """D^T w D x into out, for weights (H, W) that are zero where no edge is; its product with x, as a sum of
+def apply_laplacian(x: Floats, wx: Floats, wy: Floats, out: Floats | None = None) -> tuple[Floats, float]:
+    """D^T w D x (into out) for weights (H, W) that are zero where no edge is; its product with x, as a sum of
     squares.
     """
-    sums = np.empty(x.shape[0])
-    over_image(lambda start, stop: _laplacian(x, wx, wy, out, sums, start, stop), x.shape)
-    return float(sums.sum())
+    image, sums = np.empty(x.shape) if out is None else out, np.empty(x.shape[0])
+    over_image(lambda start, stop: _laplacian(x, wx, wy, image, sums, start, stop), x.shape)
+    return image, float(sums.sum())
 
 
 def curl(p: Floats, q: Floats, mask: Mask) -> Floats:

@@ -15,17 +15,14 @@ With the unknown w = log t, the slopes are p/t, their derivative with respect to
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever.blocks import over_image
 from optolever.kernels import exact, inlined, kernel
 
+from .arrays import Floats, Mask
 from .geometry import PAD, RayField
 
 __all__ = ["no_normal", "slope_variances", "slopes"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _SWING = 0.05  # noise over the way to the pattern: what noise does to a slope depends on where noise put it
 _SURE = 3.0  # standard deviations: beyond them lies noise of a normal distribution but for 0.3 %

@@ -6,15 +6,13 @@ from typing import Any
 
 import numpy as np
 import tifffile
-from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.files import atomic_file
 
-__all__ = ["write_ply", "write_tiff"]
+from .arrays import Floats, Labels, Mask
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+__all__ = ["write_ply", "write_tiff"]
 
 
 def write_tiff(path: str | Path, z: Floats, pitch_mm: float | None = None) -> None:
@@ -56,7 +54,7 @@ def write_ply(path: str | Path, x: Floats, y: Floats, z: Floats, sigma: Floats, 
         stream.write(faces.tobytes())
 
 
-def _triangles(good: Mask) -> NDArray[np.int32]:
+def _triangles(good: Mask) -> Labels:
     """Vertex numbers (N, 3) of the two triangles of every square of four good pixels' halves."""
     number = np.cumsum(good).reshape(good.shape).astype(np.int32) - 1
     a, b, c, d = (

@@ -6,16 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .anchors import EDGE_REACH, Samples
+from .arrays import Floats, Ints, Labels, Mask
 from .measured import Measured
 
 __all__ = ["AnchorRows", "anchor_rows", "free_constants"]
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 _LONG = 8  # pixels whose slopes tell how to go on over more than one pixel
 _THERE = 0.05  # pixels: an anchor so near needs no slopes
@@ -63,7 +59,7 @@ class AnchorRows:
         return added
 
 
-def anchor_rows(samples: Samples, data: Measured, labels: NDArray[np.int32]) -> AnchorRows:
+def anchor_rows(samples: Samples, data: Measured, labels: Labels) -> AnchorRows:
     """Tie the samples (in this grid's pixels) to the nearest valid pixels; left out are those without one in
     reach, and those with fewer than four slopes to tell the way.
     """

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.scene import Scene
 
-__all__ = ["PAD", "RayField", "pattern_plane", "ray_field", "rest_distance"]
+from .arrays import Floats
 
-Floats = NDArray[np.float64]
+__all__ = ["PAD", "RayField", "pattern_plane", "ray_field", "rest_distance"]
 
 PAD = 2  # pixels beyond the image on every side: the reach of a 4th-order central difference
 

@@ -15,12 +15,12 @@ from optolever.files import load_arrays, save_arrays
 from optolever.notices import Notice, notices_from_array, notices_to_array
 from optolever.records import Axes, Comparable, flag_line, plot_maps, span
 
+from .arrays import Floats, Mask
 from .export import write_ply, write_tiff
 from .resampling import Grid, Lean, natural_pitch, resample
 
 __all__ = ["Diagnostics", "HeightFlag", "HeightMap"]
 
-Floats = NDArray[np.float64]
 _ARRAYS = ("x", "y", "z", "sigma", "flags")
 
 
@@ -202,7 +202,7 @@ class HeightMap(Comparable):
         return self.z - other.z, np.sqrt(noise**2 + np.einsum("rij,rij->ij", modes, modes))
 
     @property
-    def good(self) -> NDArray[np.bool_]:
+    def good(self) -> Mask:
         """True where no flag is set."""
         return np.asarray(self.flags == 0)
 

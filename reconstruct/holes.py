@@ -8,17 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.ndimage
-from numpy.typing import NDArray
 
 from optolever.kernels import exact
 
+from .arrays import Floats, Ints, Mask
 from .measured import Measured
 
 __all__ = ["bridged", "noise_gain", "small_holes"]
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 LARGEST = 9  # pixels
 NARROW = 2  # pixels between measured ones in a row or a column

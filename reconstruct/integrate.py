@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 import scipy.ndimage
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from optolever.errors import InputError
 
+from .arrays import Floats, Labels, Mask
 from .edges import edge_weights, increments
 from .integrators import SOLVERS, Field, defect
 from .linear import SEPARABLE_SPREAD, spread
@@ -27,10 +28,6 @@ from .quadrilateral import quadrilateral_increments, quadrilateral_weights
 from .rectangle import rectangle
 
 __all__ = ["Integral", "integrate", "integrator_names"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Labels = NDArray[np.int32]
 
 RECTANGLES = ("dct2", "dct4")  # by `rectangle`, beside the solvers of edge increments
 

@@ -5,17 +5,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .alternatives import DirectEdges, marched
+from .arrays import Floats, Mask
 from .linear import MaskedEdges, SeparableEdges
 from .poisson import Accuracy
 from .reweighting import cauchy, scaled_median
 
 __all__ = ["SOLVERS", "Field", "defect"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _ACCURACY = Accuracy(relative=1e-12)
 _NEGLIGIBLE = 0.1  # energy of a solve's error: what no height is off by, in its own standard deviations

@@ -5,16 +5,13 @@ the cheapest solver that fits the weights.
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .arrays import Floats, Mask
 from .edges import divergence
 from .masked import MaskedPoisson
 from .poisson import Accuracy, ColumnPoisson, PoissonResult, column_profile
 
 __all__ = ["EdgeProblem", "MaskedEdges", "SeparableEdges", "edge_problem", "spread"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 SEPARABLE_SPREAD = (
     0.4  # rms of the log weights about their columns' mean: a loss of 1 to 2 % in sigma at most

@@ -3,19 +3,16 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever.blocks import over_image
 from optolever.kernels import exact
 
+from .arrays import Floats, Mask
 from .edges import apply_laplacian
 from .multigrid import Multigrid
 from .poisson import Accuracy, PoissonResult, column_profile
 
 __all__ = ["MaskedPoisson"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _LEAK = 1e-4  # of its column's mean weight: what a missing edge conducts in the preconditioner
 
@@ -41,15 +38,14 @@ class MaskedPoisson:
         x = np.zeros(rhs.shape) if start is None else start * self._mask
         r, image = rhs * self._mask, np.empty(rhs.shape)
         if start is not None:
-            apply_laplacian(x, self.wx, self.wy, image)
-            r -= image
+            r -= apply_laplacian(x, self.wx, self.wy)[0]
         z, energy = self._preconditioned(r)
         first = energy
         direction = z.copy()
         for iteration in range(limit):
             if energy <= 0.0 or accuracy.met(energy, first, z):
                 return PoissonResult(x, iteration, float(np.sqrt(max(energy, 0.0))))
-            alpha = energy / apply_laplacian(direction, self.wx, self.wy, image)
+            alpha = energy / apply_laplacian(direction, self.wx, self.wy, image)[1]
             over_image(_descent(x, r, alpha, direction, image), rhs.shape)
             before = energy
             z, energy = self._preconditioned(r)

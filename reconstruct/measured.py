@@ -6,17 +6,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever.scene import PatternShape
 
+from .arrays import Floats, Mask
 from .equations import no_normal, slope_variances, slopes
 from .geometry import PAD, RayField, rest_distance
 
 __all__ = ["Measured"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: Share of pixels, at most, between the cells of a discrete code: wrong ones that were replaced.
 _BETWEEN = 0.1

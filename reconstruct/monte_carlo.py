@@ -8,18 +8,14 @@ few draws are enough where a mask changes little; where it changes all, b tends 
 
 import numpy as np
 import scipy.ndimage
-from numpy.typing import NDArray
 
+from .arrays import Floats, Labels, Pair
 from .edges import divergence
 from .measured import Measured
 from .newton import State, edge_errors, response
 from .poisson import ColumnPoisson
 
 __all__ = ["FLOOR", "monte_carlo_variance"]
-
-Floats = NDArray[np.float64]
-Labels = NDArray[np.int32]
-Pair = tuple[Floats, Floats]
 
 FLOOR = 0.02  # of a slope's variance: the least that a height next to an exact anchor is given
 _DRAWS = 48

@@ -10,10 +10,10 @@ symmetric and serves conjugate gradients as preconditioner: about ten iterations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever.blocks import over_image
 
+from .arrays import Floats
 from .multigrid_kernels import (
     galerkin,
     interpolate,
@@ -25,8 +25,6 @@ from .multigrid_kernels import (
 )
 
 __all__ = ["Multigrid"]
-
-Floats = NDArray[np.float64]
 
 _COARSEST = 60  # pixels that are solved by a dense inverse
 

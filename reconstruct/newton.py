@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.interpolate
 import scipy.ndimage
-from numpy.typing import NDArray
 
 from .anchors import Samples
+from .arrays import Floats, Labels, Mask
 from .edges import Doubt, defects, edge_weights, factor_increments
 from .gauge import AnchorRows, anchor_rows, free_constants
 from .linear import EdgeProblem, edge_problem
@@ -23,10 +23,6 @@ from .measured import Measured
 from .poisson import Accuracy
 
 __all__ = ["Options", "State", "chord_step", "coarse_start", "edge_errors", "response", "solve"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Labels = NDArray[np.int32]
 
 _ONE, _ZERO = np.ones((1, 1)), np.zeros((1, 1))
 _COARSE = 96  # pixels along the shorter side of the grid that gives the start
@@ -81,7 +77,7 @@ class State:
     energy: float
     bend: Floats
     doubt: Doubt | None = None
-    unsettled: NDArray[np.bool_] | None = None
+    unsettled: Mask | None = None
 
 
 def solve(
@@ -254,11 +250,11 @@ def _limited(change: Floats, data: Measured, w: Floats) -> Floats:
     return limited
 
 
-def _span(w: Floats, mask: NDArray[np.bool_]) -> float:
+def _span(w: Floats, mask: Mask) -> float:
     return float(np.ptp(w if mask.all() else w[mask]))
 
 
-def _noise(variance: Floats, mask: NDArray[np.bool_]) -> float:
+def _noise(variance: Floats, mask: Mask) -> float:
     return math.sqrt(float(np.median(variance[mask])))
 
 
@@ -341,7 +337,7 @@ def _half_exponential(phi: Floats) -> Floats:
     return root
 
 
-def _guarded(variances: tuple[Floats, Floats], mask: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+def _guarded(variances: tuple[Floats, Floats], mask: Mask) -> tuple[Floats, Floats]:
     """Variances that are positive everywhere: at least 1e-12 of their median, which also stands outside the
     mask; and no larger than sums over an image still hold the usual one beside.
     """

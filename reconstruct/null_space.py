@@ -1,19 +1,17 @@
 """The change of height that no slope measurement sees: what anchors are for."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, Flag
 from optolever.scene import Scene, dent, trace
 
+from .arrays import Floats
 from .coupled import solved_height
 from .edges import edge_weights, factor_increments
 from .linear import edge_problem
 from .poisson import Accuracy
 
 __all__ = ["null_space"]
-
-Floats = NDArray[np.float64]
 
 _ACCURACY = Accuracy(relative=1e-12)
 

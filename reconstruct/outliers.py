@@ -10,17 +10,14 @@ slopes (see `curl`).
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever.blocks import over_image
 from optolever.kernels import exact
 
+from .arrays import Floats, Mask
 from .measured import Measured
 
 __all__ = ["outliers"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _LIMIT = 6.0  # standard deviations of the nearest continuation's own noise
 _FEWEST = 3  # continuations: fewer of them prove nothing

@@ -4,22 +4,19 @@ import numpy as np
 import scipy.ndimage
 import scipy.sparse
 import scipy.sparse.csgraph
-from numpy.typing import NDArray
 
 from optolever.kernels import exact
 
+from .arrays import Floats, Ints, Mask
 from .edges import Doubt
 
 __all__ = ["cut_off", "reached_across"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _BY_LINE = 2  # pixels from a line of doubts to one that is missing along it
 _MISSING = 0.02  # of the line: fewer are missing by chance
 
 
-def reached_across(doubt: Doubt, root: Floats, mask: Mask, anchors: NDArray[np.int64]) -> Floats:
+def reached_across(doubt: Doubt, root: Floats, mask: Mask, anchors: Ints) -> Floats:
     """Variance that the doubtful edges leave in every pixel, (H, W): the sum of the squared doubts along the
     path from an anchor (pixel numbers) that has the least of them, carried by the integrating factor root^2.
     """
@@ -35,9 +32,7 @@ def reached_across(doubt: Doubt, root: Floats, mask: Mask, anchors: NDArray[np.i
     return variance
 
 
-def cut_off(
-    doubt: Doubt, limit: tuple[Floats, Floats], mask: Mask, anchors: NDArray[np.int64], lost: Mask
-) -> Mask:
+def cut_off(doubt: Doubt, limit: tuple[Floats, Floats], mask: Mask, anchors: Ints, lost: Mask) -> Mask:
     """Pixels that doubts beyond the limits (H, W) and missing pixels together part from every anchor.
 
     Where slopes go beyond what can be seen, along the same line as they change too fast to follow, a step of

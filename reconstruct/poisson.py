@@ -11,14 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
 from optolever.blocks import over_image, threads
 from optolever.kernels import exact
 
-__all__ = ["Accuracy", "ColumnPoisson", "PoissonResult", "column_profile"]
+from .arrays import Floats
 
-Floats = NDArray[np.float64]
+__all__ = ["Accuracy", "ColumnPoisson", "PoissonResult", "column_profile"]
 
 #: What a solve in float32 leaves of its peak, at most (4 Mpx: 5e-7, of pure noise 2e-5).
 _SINGLE = 1e-4

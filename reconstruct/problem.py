@@ -12,6 +12,7 @@ from optolever.errors import InputError
 from optolever.scene import Pattern, Scene
 
 from .anchors import EDGE_REACH, Anchors, Samples, anchor_samples
+from .arrays import Floats, Labels, Mask
 from .border import core_windows, solid_window
 from .gauge import anchor_rows
 from .geometry import RayField, pattern_plane, ray_field
@@ -19,11 +20,6 @@ from .holes import bridged, small_holes
 from .measured import Measured
 
 __all__ = ["Problem", "prepare", "require_correspondence"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Labels = NDArray[np.int32]
-
 
 #: Pattern pixels; what is announced as more certain is taken as this.
 _LEAST_SIGMA = 1e-5

@@ -17,11 +17,10 @@ from optolever.errors import InputError
 from optolever.scene import Scene, adjusted, parameter_values, strided
 
 from .anchors import Anchors, DistanceAnchor, PixelAnchor
+from .arrays import Floats, Mask
 from .heightmap import HeightMap
 
 __all__ = ["Measurement", "calibration_modes", "interpolated"]
-
-Floats = NDArray[np.float64]
 
 Solver = Callable[["Measurement", Scene, HeightMap | None], HeightMap]
 
@@ -35,7 +34,7 @@ class Measurement:
 
     correspondence: Correspondence
     anchor: Anchors
-    mask: NDArray[np.bool_] | None
+    mask: Mask | None
     rest: Correspondence | None
     method: str
 
@@ -83,7 +82,7 @@ def _modes(solve: Solver, measured: Measurement, scene: Scene, step: int) -> Flo
     return np.stack([(height(_STEP * row, first).z - own_z) / _STEP for row in scene.covariance.root])
 
 
-def interpolated(coarse: Floats, step: int, known: NDArray[np.bool_]) -> NDArray[np.float32]:
+def interpolated(coarse: Floats, step: int, known: Mask) -> NDArray[np.float32]:
     """From every step-th pixel to all; gaps from their nearest neighbours."""
     rows, cols = (np.arange(size) / step for size in known.shape)
     place = np.meshgrid(rows, cols, indexing="ij")

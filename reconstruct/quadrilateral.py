@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from optolever.blocks import over_rows
 from optolever.errors import InputError
 
-__all__ = ["quadrilateral_increments", "quadrilateral_weights"]
+from .arrays import Floats, Mask
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+__all__ = ["quadrilateral_increments", "quadrilateral_weights"]
 
 #: Neighbours (rows, cols) around an edge along a row; the wider ones where a mask has taken some of those.
 _WINDOWS = ((3, 6), (5, 8))

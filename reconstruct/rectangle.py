@@ -9,16 +9,14 @@ import math
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
 from optolever.blocks import over_rows, threads
 from optolever.kernels import exact, inlined
 
+from .arrays import Floats
 from .edges import cubic_at_end, cubic_inside
 
 __all__ = ["rectangle"]
-
-Floats = NDArray[np.float64]
 
 
 def rectangle(p: Floats, q: Floats, cubic: bool) -> tuple[Floats, float]:

@@ -20,13 +20,12 @@ from optolever.files import load_arrays, save_arrays
 from optolever.kernels import exact
 from optolever.records import Axes, Comparable, plot_maps, span
 
+from .arrays import Floats, Mask
 from .export import write_tiff
 from .x3p import write_x3p
 
 __all__ = ["Grid", "Lean", "natural_pitch", "resample"]
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Lean = NDArray[np.floating[Any]]
 
 _LIMIT = 64_000_000  # grid points

@@ -11,6 +11,7 @@ from optolever.decode import Flag
 from optolever.notices import Notice
 from optolever.scene import Mirror
 
+from .arrays import Floats, Mask
 from .border import extended
 from .circulation import contradiction
 from .discontinuities import touched
@@ -21,9 +22,6 @@ from .problem import Problem
 from .uncertainty import unknown_variance
 
 __all__ = ["Spread", "height_map", "judged"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _MOVING = 0.05  # of the pixels: more that still move are not to blame one by one
 _AROUND = 4  # pixels: so far are heights continued into lines that were not solved

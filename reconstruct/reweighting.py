@@ -9,16 +9,13 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .arrays import Pair
 from .edges import Doubt, defects, edge_weights
 from .newton import Options, State, solve
 from .problem import Problem
 
 __all__ = ["cauchy", "reweighted", "scaled_median"]
-
-Floats = NDArray[np.float64]
-Pair = tuple[Floats, Floats]
 
 _ONE = np.ones((1, 1))
 _CAUCHY = 2.385  # deviations at which the weight is one half: 95 % efficiency under Gaussian noise

@@ -13,14 +13,12 @@ from dataclasses import replace
 
 import numpy as np
 import scipy.ndimage
-from numpy.typing import NDArray
 
+from .arrays import Floats, Mask
 from .newton import State, chord_step
 from .problem import Problem
 
 __all__ = ["rounding_variance"]
-
-Floats = NDArray[np.float64]
 
 _PLACES = 8  # of the cells' beginning
 _SMOOTH = 4.0  # pixels, rms: over more than the sawtooth of two cells a pixel
@@ -54,7 +52,7 @@ def _rounding(coord: Floats) -> Floats:
     return np.asarray(np.rint(coord) - coord)
 
 
-def _smoothed(values: Floats, mask: NDArray[np.bool_], width: float = _SMOOTH) -> Floats:
+def _smoothed(values: Floats, mask: Mask, width: float = _SMOOTH) -> Floats:
     """Gaussian mean over the mask, (rows, cols)."""
     share = scipy.ndimage.gaussian_filter(mask.astype(np.float64), width)
     total = scipy.ndimage.gaussian_filter(np.where(mask, values, 0.0), width)

@@ -18,14 +18,13 @@ from optolever.files import load_arrays, save_arrays
 from optolever.records import Axes, Comparable, plot_maps, span
 from optolever.scene import Scene
 
+from .arrays import Floats, Mask
 from .calibration import rest_corrected
 from .geometry import pattern_plane, ray_field
 from .heightmap import HeightMap
 from .problem import require_correspondence
 
 __all__ = ["SlopeMap", "slope_map"]
-
-Floats = NDArray[np.float64]
 
 _ARRAYS = ("x", "y", "slope_x", "slope_y", "sigma_x", "sigma_y", "flags")
 
@@ -75,7 +74,7 @@ class SlopeMap(Comparable):
         return plot_maps({title: np.where(self.good, one, np.nan) for title, one in maps.items()}, axes)
 
     @property
-    def good(self) -> NDArray[np.bool_]:
+    def good(self) -> Mask:
         """True where no flag is set."""
         return np.asarray(self.flags == 0)
 

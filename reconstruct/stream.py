@@ -11,12 +11,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
 from optolever.scene import Scene
 
 from .anchors import Anchors
+from .arrays import Floats
 from .coupled import doubted, solved_height
 from .heightmap import HeightMap
 from .holes import bridged, small_holes
@@ -26,9 +26,6 @@ from .result import Spread, height_map, judged
 from .uncertainty import unknown_variance
 
 __all__ = ["HeightStream"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _SETTLED = 0.05  # rms change of the height over its sigma that the next step would bring
 _STEPS = 3  # chord steps before the frame is solved in full

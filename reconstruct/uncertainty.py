@@ -18,17 +18,14 @@ from functools import lru_cache
 
 import numpy as np
 import scipy.ndimage
-from numpy.typing import NDArray
 
+from .arrays import Floats, Labels
 from .measured import Measured
 from .monte_carlo import FLOOR, monte_carlo_variance
 from .newton import State
 from .poisson import ColumnPoisson
 
 __all__ = ["averaging_gain", "edge_diagonal", "unknown_variance"]
-
-Floats = NDArray[np.float64]
-Labels = NDArray[np.int32]
 
 
 def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:

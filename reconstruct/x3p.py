@@ -10,15 +10,14 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever import __version__
 from optolever.errors import InputError
 from optolever.files import atomic_file
 
-__all__ = ["write_x3p"]
+from .arrays import Floats
 
-Floats = NDArray[np.float64]
+__all__ = ["write_x3p"]
 
 _NAMESPACE = "http://www.opengps.eu/2008/ISO5436_2"
 _DATA = "bindata/data.bin"

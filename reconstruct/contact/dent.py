@@ -4,15 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.ndimage
-from numpy.typing import NDArray
 
+from ..arrays import Floats, Mask
 from ..heightmap import HeightMap
 from ..slope_map import SlopeMap
 
 __all__ = ["Dent", "cells"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 CORE = 0.7  # of the depth: the dent's middle is that of what is deeper
 

@@ -15,11 +15,10 @@ edge, at r_e.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ..arrays import Floats
 
 __all__ = ["Profile", "SectorEdge", "fit_edge"]
-
-Floats = NDArray[np.float64]
 
 _REACH = (0.45, 1.7)  # of the first guess: where the slopes are compared
 _SCAN = (0.6, 1.4)  # likewise: where the edge is looked for

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import scipy.ndimage
-from numpy.typing import NDArray
 
+from ..arrays import Floats, Mask
 from ..heightmap import HeightFlag, HeightMap
 from ..resampling import natural_pitch
 from ..slope_map import SlopeMap
@@ -21,9 +21,6 @@ from .dent import Dent, cells
 from .edge import Profile, SectorEdge, fit_edge
 
 __all__ = ["Contact", "contacts"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _SIGNIFICANT = 5.0  # sigmas of height that make a dent
 _FEWEST = 24  # pixels of a dent
