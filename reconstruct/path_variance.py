@@ -13,7 +13,8 @@ from .edges import Doubt
 __all__ = ["cut_off", "reached_across"]
 
 _BY_LINE = 2  # pixels from a line of doubts to one that is missing along it
-_MISSING = 0.02  # of the line: fewer are missing by chance
+_MISSING = 0.02  # of the line, at least
+_CHANCE = 5.0  # standard deviations of a count: no more are missing along a line by chance
 
 
 def reached_across(doubt: Doubt, root: Floats, mask: Mask, anchors: Ints) -> Floats:
@@ -60,8 +61,11 @@ def cut_off(doubt: Doubt, limit: tuple[Floats, Floats], mask: Mask, anchors: Int
             end |= closed & apart
     along = np.where(line, islands, 0)
     near = scipy.ndimage.maximum_filter(along, 2 * _BY_LINE + 1)
-    missing, length = (np.bincount(part, minlength=count + 1) for part in (near[lost], along.ravel()))
-    torn = (missing > 0) & (missing >= _MISSING * length)
+    missing, area, length = (
+        np.bincount(part.ravel(), minlength=count + 1) for part in (near[lost], near, along)
+    )
+    usual = area * (missing[0] / max(area[0], 1))
+    torn = (missing > usual + _CHANCE * np.sqrt(usual)) & (missing >= _MISSING * length)
     torn[0] = False
     away: Mask = torn[islands]
     return away
