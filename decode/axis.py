@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from threading import local
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,40 +50,37 @@ class AxisDecoder:
     per_turn: float = 0.0
     shift: NDArray[np.float32] = field(default_factory=lambda: np.zeros(1, np.float32))
 
-    def decode(self, rows: tuple[int, int], raw: Raw, first: bool, shared: Shared, room: local) -> None:
+    def decode(self, rows: tuple[int, int], raw: Raw, first: bool, shared: Shared) -> None:
         """Rows start..stop: coordinates and variances into the axis' maps, the rest into the shared ones."""
-        count = rows[1] - rows[0]
         if self.periods is not None and self.micro is None:
-            into = raw.coordinate, raw.variance, self.limits.numbers(), first, shared.maps()
+            into = raw.coordinate, raw.variance, self.limits, first, shared
             if self.orders is not None:
                 unwrap_close(self.light, self.noise, self.periods, self.orders, rows, into)
             else:
-                code = self._cell(rows, _room(room, count, self.light.raw.shape[2]))
+                code = self._cell(rows)
                 climb(self.light, self.noise, self.periods, self.axis.extent, code, rows, into)
         else:
-            estimate = self._estimate(rows, raw, room)
+            estimate = self._estimate(rows, raw)
             merge(estimate, self.noise, self.limits, first, rows, shared)
 
-    def _cell(self, rows: tuple[int, int], work: "_Work") -> tuple[Estimate, float] | None:
+    def _cell(self, rows: tuple[int, int]) -> tuple[Estimate, float] | None:
         """What a code tells a fringe, and its cell; None without one."""
         if self.code is None:
             return None
-        estimate = work.code(rows[1] - rows[0], self.code.freedom)
+        estimate = Estimate.empty(rows[1] - rows[0], self.light.raw.shape[2], self.code.freedom)
         read_code(self.light, self.noise, self.code, rows, False, estimate)
         return estimate, float(self.code.cell)
 
-    def _estimate(self, rows: tuple[int, int], raw: Raw, room: local) -> Estimate:
+    def _estimate(self, rows: tuple[int, int], raw: Raw) -> Estimate:
         """Rows start..stop of what is no ladder of periods."""
-        count, width = rows[1] - rows[0], self.light.raw.shape[2]
-        work = _room(room, count, width)
         part = slice(*rows)
-        error, amplitude, offset, chi2, clipped = (array[:count] for array in work.shared)
-        estimate = Estimate(
-            *(raw.coordinate[part], raw.variance[part], error, amplitude, offset, chi2, clipped),
-            self.freedom,
+        estimate = replace(
+            Estimate.empty(rows[1] - rows[0], self.light.raw.shape[2], self.freedom),
+            coordinate=raw.coordinate[part],
+            variance=raw.variance[part],
         )
         if self.micro is not None:
-            self._micro(rows, work, estimate)
+            self._micro(rows, estimate)
         else:
             if self.code is not None:
                 read_code(self.light, self.noise, self.code, rows, True, estimate)
@@ -93,44 +88,14 @@ class AxisDecoder:
                 lookup_rows(self.light, self.noise, self.table, rows, estimate)
         return estimate
 
-    def _micro(self, rows: tuple[int, int], work: "_Work", estimate: Estimate) -> None:
+    def _micro(self, rows: tuple[int, int], estimate: Estimate) -> None:
         """The period with steps of its own, then the single frames."""
         assert self.periods is not None
         assert self.micro is not None
-        fit = work.fit(rows[1] - rows[0], estimate)
+        turn, variance, chi2, clipped = np.empty((4, *estimate.error.shape), np.float32)
+        fit = Fit(turn, variance, estimate.amplitude, estimate.offset, chi2, clipped)
         fit_rows(self.light, self.noise, self.periods, 0, rows, fit)
         unwrap_micro(self.light, self.noise, fit, self.axis.fringes[0], self.micro, rows, estimate)
-
-
-@dataclass(slots=True)
-class _Work:
-    """Arrays of a block that a thread uses again and again."""
-
-    shared: tuple[Any, ...]
-    own: tuple[Any, ...]
-    codes: Estimate | None
-
-    def fit(self, count: int, estimate: Estimate) -> Fit:
-        """Room for a fit that leaves amplitude and offset in the estimate."""
-        turn, variance, chi2, clipped = (array[:count] for array in self.own)
-        return Fit(turn, variance, estimate.amplitude, estimate.offset, chi2, clipped)
-
-    def code(self, count: int, freedom: int) -> Estimate:
-        """Room for what a code tells."""
-        if self.codes is None:
-            rows, cols = self.shared[0].shape
-            self.codes = Estimate.empty(rows, cols, 0)
-        coordinate, variance, *others = (array[:count] for array in self.codes.arrays())
-        error, amplitude, offset, chi2, clipped = others
-        return Estimate(coordinate, variance, error, amplitude, offset, chi2, clipped, freedom)
-
-
-def _room(room: local, rows: int, cols: int) -> _Work:
-    work: _Work | None = getattr(room, "work", None)
-    if work is None or len(work.shared[0]) < rows:
-        arrays = tuple(np.empty((rows, cols), np.float32) for _ in range(9))
-        work = room.work = _Work(arrays[:5], arrays[5:], None)
-    return work
 
 
 def axis_decoders(

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 from functools import reduce
-from threading import local
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -139,11 +138,10 @@ def _estimated(shot: _Shot, decoders: list[AxisDecoder]) -> tuple[list[Raw], Sha
     shape = shot.light.raw.shape[1:]
     raw = [Raw(*(roomy_empty(shape, np.float32) for _ in range(2))) for _ in decoders]
     shared = Shared(roomy_empty(shape, np.uint16), *(roomy_empty(shape, np.float32) for _ in range(3)))
-    room = local()
 
     def block(start: int, stop: int) -> None:
         for i, (decoder, own) in enumerate(zip(decoders, raw, strict=True)):
-            decoder.decode((start, stop), own, i == 0, shared, room)
+            decoder.decode((start, stop), own, i == 0, shared)
 
     over_rows(block, shape[0], _BLOCK)
     return raw, shared
@@ -169,10 +167,10 @@ def _among_neighbours(
     def block(start: int, stop: int) -> None:
         for decoder, own, table, rough, reach in zip(decoders, raw, tables, roughness, reaches, strict=True):
             extent = float(decoder.axis.extent) if shot.cells else 0.0
-            limits = rough, extent, decoder.jump, decoder.per_turn, least
+            limits = *reach, rough, extent, decoder.jump, decoder.per_turn, least
             common = shared.flags, shared.amplitude, shared.offset
             maps = (*out[decoder.axis.axis], flags)
-            check_rows((start, stop), own, common, table, reach, limits, decoder.shift, maps)
+            check_rows((start, stop), own, common, table, limits, decoder.shift, maps)
 
     over_rows(block, shape[0], _BLOCK)
     over_rows(lambda start, stop: despeckle(start, stop, flags, shared.flags), shape[0], _BLOCK)
@@ -202,7 +200,7 @@ def _reaches(
 
 def _checked(shot: _Shot, found: Correspondence, options: _Options) -> Correspondence:
     """Without the frames that are not those described, or with what they could have spoilt flagged."""
-    findings = examine(shot.light, shot.plan, shot.noise, shot.lit, found)
+    findings = examine(shot.light, shot.plan, shot.lit, found)
     told = tuple(Notice(one.sentence, one.share, float("nan"), one.cure) for one in findings)
     for finding in findings:
         if finding.leave_out:

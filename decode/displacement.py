@@ -49,18 +49,8 @@ class Displacement(PixelMaps):
 
         The errors of both are taken as independent. Amplitude and offset are the displacement's.
         """
-        _require_same_shape("added_to: displacement", self.flags, rest)
-        return Correspondence(
-            rest.u + self.du,
-            rest.v + self.dv,
-            np.hypot(rest.sigma_u, self.sigma_u),
-            np.hypot(rest.sigma_v, self.sigma_v),
-            (rest.flags | self.flags).astype(np.uint16),
-            self.amplitude,
-            self.offset,
-            _probability_or(rest.order_error, self.order_error),
-            rest.notices,
-        )
+        common = _common(self, rest)
+        return Correspondence(rest.u + self.du, rest.v + self.dv, **common, notices=rest.notices)
 
 
 def difference(deformed: Correspondence, rest: Correspondence) -> Displacement:
@@ -68,22 +58,8 @@ def difference(deformed: Correspondence, rest: Correspondence) -> Displacement:
 
     Amplitude and offset stay those of the deformed capture; order_error: that either order is wrong.
     """
-    _require_same_shape("difference: deformed", deformed.flags, rest)
-    return Displacement(
-        deformed.u - rest.u,
-        deformed.v - rest.v,
-        np.hypot(deformed.sigma_u, rest.sigma_u),
-        np.hypot(deformed.sigma_v, rest.sigma_v),
-        (deformed.flags | rest.flags).astype(np.uint16),
-        deformed.amplitude,
-        deformed.offset,
-        _probability_or(deformed.order_error, rest.order_error),
-    )
-
-
-def _require_same_shape(name: str, flags: NDArray[np.uint16], rest: Correspondence) -> None:
-    if flags.shape != rest.flags.shape:
-        raise InputError(f"{name} is {flags.shape}, rest is {rest.flags.shape}, must be equal")
+    common = _common(deformed, rest)
+    return Displacement(deformed.u - rest.u, deformed.v - rest.v, **common)
 
 
 def _probability_or(first: Map | None, second: Map | None) -> Map | None:
@@ -91,3 +67,17 @@ def _probability_or(first: Map | None, second: Map | None) -> Map | None:
     if first is None or second is None:
         return first if second is None else second
     return np.asarray(first + second - first * second)
+
+
+def _common(now: Correspondence | Displacement, rest: Correspondence) -> dict[str, Any]:
+    """Fields of both kinds of record that follow from what is seen now and at rest."""
+    if now.flags.shape != rest.flags.shape:
+        raise InputError(f"displacement: now is {now.flags.shape}, rest is {rest.flags.shape}, must be equal")
+    return {
+        "sigma_u": np.hypot(now.sigma_u, rest.sigma_u),
+        "sigma_v": np.hypot(now.sigma_v, rest.sigma_v),
+        "flags": (now.flags | rest.flags).astype(np.uint16),
+        "amplitude": now.amplitude,
+        "offset": now.offset,
+        "order_error": _probability_or(now.order_error, rest.order_error),
+    }

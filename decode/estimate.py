@@ -36,12 +36,9 @@ class Estimate:
 
     @classmethod
     def empty(cls, rows: int, cols: int, freedom: int) -> "Estimate":
-        """Room for one, errors, chi2 and clipped at 0."""
-        unset = (np.empty((rows, cols), np.float32) for _ in range(2))
-        zero = (np.zeros((rows, cols), np.float32) for _ in range(5))
-        coordinate, variance = unset
-        error, amplitude, offset, chi2, clipped = zero
-        return cls(coordinate, variance, error, amplitude, offset, chi2, clipped, freedom)
+        """Room for one."""
+        place, variance, error, amplitude, offset, chi2, clipped = np.empty((7, rows, cols), np.float32)
+        return cls(place, variance, error, amplitude, offset, chi2, clipped, freedom)
 
     def arrays(self) -> tuple[Any, ...]:
         """All arrays, in the order of the fields."""

@@ -118,7 +118,8 @@ def better_of(first: Correspondence, second: Correspondence) -> Correspondence:
     """Every pixel's better answer: unflagged, else not clipped, else of fewer flags; then of least sigma, of
     least probability of a wrong bit, of most contrast. MOVED where both are sure and contradict each other.
     """
-    take = _precedes(_ranks(second), _ranks(first))
+    ranks = [np.stack(both) for both in zip(_ranks(first), _ranks(second), strict=True)]
+    take = np.lexsort(ranks[::-1], axis=0)[0] == 1
     apart = np.zeros(take.shape, bool)
     for axis in "uv":
         both = [getattr(one, axis) for one in (first, second)]
@@ -140,12 +141,3 @@ def _ranks(found: Correspondence) -> tuple[NDArray[Any], ...]:
     count = np.bitwise_count(found.flags)
     clipped = (found.flags & Flag.SATURATED) > 0
     return count > 0, spoilt, clipped, count, np.hypot(*sigmas), found.order_error, -found.amplitude
-
-
-def _precedes(first: tuple[NDArray[Any], ...], second: tuple[NDArray[Any], ...]) -> NDArray[np.bool_]:
-    less = np.zeros(first[0].shape, bool)
-    equal = ~less
-    for one, other in zip(first, second, strict=True):
-        less |= equal & (one < other)
-        equal &= ~(one != other)
-    return less

@@ -1,7 +1,6 @@
 """Flags: what the estimates of both axes say against a pixel, made once, and the maps that the axes share."""
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,23 +32,17 @@ _DARK, _SATURATED, _LOW, _ORDER = (
 _OFF, _MOVED, _INVALID = np.int32(Flag.OFF_PATTERN), np.int32(Flag.MOVED), np.int32(Flag.INVALID)
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
+class Limits(NamedTuple):
     """Of one axis: extent of the surface (px), modulation^2 over a sample's variance, chi2, darkest white
     level."""
 
-    extent: float
-    contrast2: float
-    misfit: float
-    dim: float
-
-    def numbers(self) -> tuple[Any, ...]:
-        """The fields as float32, for kernels."""
-        return tuple(np.float32(x) for x in (self.extent, self.contrast2, self.misfit, self.dim))
+    extent: np.float32
+    contrast2: np.float32
+    misfit: np.float32
+    dim: np.float32
 
 
-@dataclass(frozen=True, slots=True)
-class Shared:
+class Shared(NamedTuple):
     """Maps (H, W) that both axes share: flags uint16; smaller amplitude, mean level, error float32."""
 
     flags: NDArray[np.uint16]
@@ -57,23 +50,20 @@ class Shared:
     offset: NDArray[np.float32]
     error: NDArray[np.float32]
 
-    def maps(self) -> tuple[Any, ...]:
-        """The maps, for kernels."""
-        return self.flags, self.amplitude, self.offset, self.error
-
 
 def limits_of(extent: int, factor: float, freedom: int, white: float) -> Limits:
     """factor: variance of the amplitude over that of a sample; freedom: of chi2; white: where samples
     saturate."""
     most = float(chi2.isf(_CHANCE, freedom)) if freedom > 0 else np.inf
-    return Limits(extent, _CONTRAST**2 * factor, most, _DIM * white if np.isfinite(white) else 0.0)
+    dim = _DIM * white if np.isfinite(white) else 0.0
+    return Limits(*(np.float32(x) for x in (extent, _CONTRAST**2 * factor, most, dim)))
 
 
 def merge(
     estimate: Estimate, noise: Noise, limits: Limits, first: bool, rows: tuple[int, int], shared: Shared
 ) -> None:
     """One axis' estimate of rows start..stop into the shared maps; first: these hold nothing yet."""
-    _merge(estimate.arrays(), noise.numbers(), limits.numbers(), first, *rows, shared.maps())
+    _merge(estimate.arrays(), noise.numbers(), limits, first, *rows, shared)
 
 
 @exact

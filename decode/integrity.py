@@ -22,7 +22,7 @@ from optolever.patterns import Sequence
 from .correspondence import Correspondence
 from .exposures import by_exposure, numbered
 from .frames import Light, light_of, sample_levels
-from .noise import Noise, Sample, estimate_noise, sampled
+from .noise import Sample, estimate_noise, sampled
 from .plan import Plan, constraints
 from .sample_fit import AxisTable, axis_tables, bends, misfit_at, misfit_beside_edges, places
 from .spoilt import Finding, left_out, spoilt_pixels
@@ -93,14 +93,13 @@ def check(frames: ArrayLike, sequence: Sequence, found: Correspondence | None = 
     count = 0
     for part in by_exposure(sequence):
         plan = numbered(part)
-        noise, lit = estimate_noise(light, plan)
-        findings += examine(light, plan, noise, lit, found)
+        findings += examine(light, plan, estimate_noise(light, plan)[1], found)
         count += sum(len(group) for group in constraints(plan, len(stack))[-1:])
     return Integrity(tuple(dict.fromkeys(findings)), count)
 
 
 def examine(
-    light: Light, plan: Plan, noise: Noise, lit: Sample, found: Correspondence | None = None
+    light: Light, plan: Plan, lit: Sample, found: Correspondence | None = None
 ) -> tuple[Finding, ...]:
     """The fault that explains what single pixels and their neighbours say; none, if there is none.
 

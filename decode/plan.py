@@ -159,7 +159,7 @@ def _reference(sequence: Sequence, kind: str) -> int:
 def _axis_plan(sequence: Sequence, axis: str, extent: int) -> AxisPlan | None:
     mine = [(i, frame) for i, frame in enumerate(sequence.frames) if frame.axis == axis]
     code = _code(sequence, [i for i, frame in mine if frame.kind in BINARY_CODES], axis)
-    fringes = _fringes(sequence, [i for i, frame in mine if frame.kind == "phase"], axis)
+    fringes = _fringes(sequence, [i for i, frame in mine if frame.kind == "phase"])
     stripes = _stripes(sequence, [i for i, frame in mine if frame.kind == "stripe"], axis)
     levels = tuple(i for i, frame in mine if frame.kind == "levels")
     if code is None and not fringes and stripes is None and not levels:
@@ -219,14 +219,14 @@ def _stripes(sequence: Sequence, index: list[int], axis: str) -> Stripes | None:
     return Stripes(np.array(index, np.int64)[order], place[order], widths.pop())
 
 
-def _fringes(sequence: Sequence, index: list[int], axis: str) -> tuple[Fringe, ...]:
+def _fringes(sequence: Sequence, index: list[int]) -> tuple[Fringe, ...]:
     groups: dict[float, list[int]] = {}
     for i in index:
         groups.setdefault(sequence.frames[i].period_px or 1.0, []).append(i)
-    return tuple(_fringe(sequence, groups[period], period, axis) for period in sorted(groups, reverse=True))
+    return tuple(_fringe(sequence, groups[period], period) for period in sorted(groups, reverse=True))
 
 
-def _fringe(sequence: Sequence, index: list[int], period: float, axis: str) -> Fringe:
+def _fringe(sequence: Sequence, index: list[int], period: float) -> Fringe:
     frames = [sequence.frames[i] for i in index]
     # an inverted fringe is the same fringe half a turn on
     shifts = np.array([(frame.shift or 0.0) + (math.pi if frame.inverted else 0.0) for frame in frames])

@@ -81,20 +81,13 @@ class Response:
         seen = np.median(light[0, lit]) + np.median(span[lit]) * relative
         return cls.from_table([shown[i] for i in order], seen)
 
-    def shown_of(self, seen: ArrayLike) -> NDArray[np.float64]:
-        """Level that was shown where the camera read `seen`."""
+    def shown_of(self, seen: ArrayLike, steepest: float = np.inf) -> NDArray[np.float64]:
+        """Level that was shown where the camera read `seen`; steepest: slope beyond the table at most."""
         value = np.asarray(seen, np.float64)
+        slope = np.minimum(np.diff(self.shown)[[0, -1]] / np.diff(self.seen)[[0, -1]], steepest)
+        below, above = np.minimum(value - self.seen[0], 0), np.maximum(value - self.seen[-1], 0)
         inside = np.interp(value, self.seen, self.shown)
-        slope = np.diff(self.shown)[[0, -1]] / np.diff(self.seen)[[0, -1]]
-        below = self.shown[0] + slope[0] * np.minimum(value - self.seen[0], 0)
-        above = self.shown[-1] + slope[1] * np.maximum(value - self.seen[-1], 0)
-        return np.where(value < self.seen[0], below, np.where(value > self.seen[-1], above, inside))
-
-    def slope(self) -> NDArray[np.float32]:
-        """d seen / d shown at shown levels 0..255."""
-        shown = np.arange(256.0)
-        inside = np.interp(shown, self.shown, self.seen)
-        return np.asarray(np.maximum(np.gradient(inside), 1e-3), np.float32)
+        return np.asarray(inside + slope[0] * below + slope[1] * above)
 
     def table(self, dtype: np.dtype[Any]) -> NDArray[np.float32]:
         """Shown level of every raw level of an unsigned integer type."""
@@ -109,12 +102,6 @@ class Response:
         return np.asarray(weight @ np.square(shown - mean) / weight.sum(), np.float32)
 
     def _bounded(self, seen: NDArray[Any]) -> NDArray[np.float64]:
-        """shown_of, beyond the table with no more than its mean slope: a camera that hardly tells the darkest
-        levels apart must not lead far beyond them."""
-        whole = np.ptp(self.shown) / np.ptp(self.seen)
-        slope = np.minimum(np.diff(self.shown)[[0, -1]] / np.diff(self.seen)[[0, -1]], whole)
-        inside = np.interp(seen, self.seen, self.shown)
-        beyond = slope[0] * np.minimum(seen - self.seen[0], 0) + slope[1] * np.maximum(
-            seen - self.seen[-1], 0
-        )
-        return np.asarray(inside + beyond)
+        """Beyond the table with no more than its mean slope: a camera that hardly tells the darkest levels
+        apart must not lead far beyond them."""
+        return self.shown_of(seen, float(np.ptp(self.shown) / np.ptp(self.seen)))

@@ -7,8 +7,7 @@ lost amplitude tells how much, and half of that share of the footprint is how fa
 off.
 """
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,12 +31,11 @@ _SURE = 6.0
 _BEND = np.float32(1 / 24**2)
 
 
-@dataclass(frozen=True, slots=True)
-class Raw:
+class Raw(NamedTuple):
     """One axis before its neighbours are asked, (H, W) float32: coordinate and variance, px and px^2."""
 
-    coordinate: Any
-    variance: Any
+    coordinate: NDArray[np.float32]
+    variance: NDArray[np.float32]
 
 
 def check_rows(
@@ -45,48 +43,28 @@ def check_rows(
     raw: Raw,
     common: tuple[NDArray[np.uint16], Any, Any],
     tables: tuple[Any, Any],
-    reach: tuple[float, bool],
-    limits: tuple[float, float, float, float, float],
+    limits: tuple[float, ...],
     rounding: NDArray[np.float32],
     out: tuple[Any, Any, NDArray[np.uint16]],
 ) -> None:
     """Rows start..stop of one axis.
 
-    common: flags (H, W) so far, amplitude and offset (H, W). tables: of a Pixelation. limits: its roughness
-    (px^2), extent of the surface (0: it has no border), largest second difference (px), turns of the finest
-    fringe in a px, least sigma (px). rounding: display.rounding_shift.
+    common: flags (H, W) so far, amplitude and offset (H, W). tables: of a Pixelation. limits: how far pixels
+    see (cells), whether that is measured, roughness (px^2), extent of the surface (0: it has no border),
+    largest second difference (px), turns of the finest fringe in a px, least sigma (px). rounding:
+    display.rounding_shift.
     out: coordinate, sigma, flags (H, W), the last or-ed.
     """
-    _check(
-        *(*rows, raw.coordinate, raw.variance, *common, *tables),
-        *(np.float32(number) for number in (*reach, *limits)),
-        *(rounding, *out),
-    )
+    _check(*rows, raw, common, tables, tuple(np.float32(number) for number in limits), rounding, out)
 
 
 @exact
 def _check(
-    start: Any,
-    stop: Any,
-    coord: Any,
-    variance: Any,
-    flags: Any,
-    amplitude: Any,
-    offset: Any,
-    shift: Any,
-    unsure: Any,
-    reach: Any,
-    told: Any,
-    roughness: Any,
-    extent: Any,
-    jump: Any,
-    per_turn: Any,
-    least: Any,
-    rounding: Any,
-    out: Any,
-    sigma: Any,
-    out_flags: Any,
+    start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: Any, rounding: Any, maps: Any
 ) -> None:
+    (coord, variance), (flags, amplitude, offset), (shift, unsure) = raw, common, tables
+    reach, told, roughness, extent, jump, per_turn, least = numbers
+    out, sigma, out_flags = maps
     rows, cols = coord.shape
     window = np.empty((stop - start + 2 * REACH, cols + 2 * REACH), np.float32)
     windowed(coord, flags, start, stop, window)
@@ -259,23 +237,11 @@ def _neighbours(
     beside, torn, lost_x, bend_x, beyond_x = _along(y, x, 0, 1, maps, limits)
     others, torn_y, lost_y, bend_y, beyond_y = _along(y, x, 1, 0, maps, limits)
     # without one on an axis, nothing tells where the centre of what is left of its light is
-    alone = beside + others <= 1 or (beside * others == 0 and _mostly_lost(y, x, amplitude))
-    alone = alone and rows > 2 and cols > 2
+    alone = (beside == 0 or others == 0) and rows > 2 and cols > 2
     outlier = alone | torn | torn_y | ((beyond_x > 0) & (beyond_y > 0))
     # beside a refused pixel nothing is taken off (see centre)
     bends = (bend_x + bend_y) * _BEND if beside + others < 4 else np.float32(0)
     return np.uint16(_OUTLIER if outlier else 0), lost_x + lost_y + bends
-
-
-@exact
-def _mostly_lost(y: Any, x: Any, amplitude: Any) -> Any:
-    """Whether a pixel has less than half of the amplitude of a neighbour: it may not see its centre."""
-    rows, cols = amplitude.shape
-    most = np.float32(0)
-    for dy, dx in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-        i, j = min(max(y + dy, 0), rows - 1), min(max(x + dx, 0), cols - 1)
-        most = max(most, amplitude[i, j])
-    return amplitude[y, x] < np.float32(0.5) * most
 
 
 @exact

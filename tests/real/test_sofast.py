@@ -7,7 +7,6 @@ centre sees, as far as neighbours show it.
 
 from dataclasses import replace
 from pathlib import Path
-from threading import local
 
 import numpy as np
 import pytest
@@ -72,7 +71,7 @@ def readings(real: Path, screen: Correspondence) -> Correspondence:
     for decoder in axis_decoders(capture.sequence, light, noise, lit, False, False, False):
         raw = Raw(*np.empty((2, *shape), np.float32))
         shared = Shared(np.zeros(shape, np.uint16), *np.zeros((3, *shape), np.float32))
-        decoder.decode((0, len(screen.flags)), raw, True, shared, local())
+        decoder.decode((0, len(screen.flags)), raw, True, shared)
         found[decoder.axis.axis] = raw
     u, v = found["u"], found["v"]
     sigmas = {"sigma_u": np.sqrt(u.variance), "sigma_v": np.sqrt(v.variance)}
