@@ -36,8 +36,8 @@ class Estimate:
 
     @classmethod
     def empty(cls, rows: int, cols: int, freedom: int) -> "Estimate":
-        """Room for one."""
-        place, variance, error, amplitude, offset, chi2, clipped = np.empty((7, rows, cols), np.float32)
+        """Room for one, all 0: a look-up leaves out pixels that have no start."""
+        place, variance, error, amplitude, offset, chi2, clipped = np.zeros((7, rows, cols), np.float32)
         return cls(place, variance, error, amplitude, offset, chi2, clipped, freedom)
 
     def arrays(self) -> tuple[Any, ...]:
