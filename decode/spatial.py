@@ -237,11 +237,23 @@ def _neighbours(
     beside, torn, lost_x, bend_x, beyond_x = _along(y, x, 0, 1, maps, limits)
     others, torn_y, lost_y, bend_y, beyond_y = _along(y, x, 1, 0, maps, limits)
     # without one on an axis, nothing tells where the centre of what is left of its light is
-    alone = (beside == 0 or others == 0) and rows > 2 and cols > 2
+    alone = beside + others <= 1 or (beside * others == 0 and _mostly_lost(y, x, amplitude))
+    alone = alone and rows > 2 and cols > 2
     outlier = alone | torn | torn_y | ((beyond_x > 0) & (beyond_y > 0))
     # beside a refused pixel nothing is taken off (see centre)
     bends = (bend_x + bend_y) * _BEND if beside + others < 4 else np.float32(0)
     return np.uint16(_OUTLIER if outlier else 0), lost_x + lost_y + bends
+
+
+@exact
+def _mostly_lost(y: Any, x: Any, amplitude: Any) -> Any:
+    """Whether a pixel has less than half of the amplitude of a neighbour: it may not see its centre."""
+    rows, cols = amplitude.shape
+    most = np.float32(0)
+    for dy, dx in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+        i, j = min(max(y + dy, 0), rows - 1), min(max(x + dx, 0), cols - 1)
+        most = max(most, amplitude[i, j])
+    return amplitude[y, x] < np.float32(0.5) * most
 
 
 @exact
