@@ -17,7 +17,7 @@ from .gray import CodePlan, code_plan, read_code
 from .lookup import Table, lookup_rows, prepare
 from .micro import MicroTable, micro_table, unwrap_micro
 from .noise import Noise, Sample
-from .phase import Fit, Periods, fit_rows, periods_of
+from .phase import Periods, periods_of
 from .plan import AxisPlan, Plan, constraints, plan
 from .spatial import Raw
 from .spot_scan import raster_axes
@@ -52,9 +52,11 @@ class AxisDecoder:
 
     def decode(self, rows: tuple[int, int], raw: Raw, first: bool, shared: Shared) -> None:
         """Rows start..stop: coordinates and variances into the axis' maps, the rest into the shared ones."""
-        if self.periods is not None and self.micro is None:
+        if self.periods is not None:
             into = raw.coordinate, raw.variance, self.limits, first, shared
-            if self.orders is not None:
+            if self.micro is not None:
+                unwrap_micro(self.light, self.noise, self.periods, self.micro, rows, into)
+            elif self.orders is not None:
                 unwrap_close(self.light, self.noise, self.periods, self.orders, rows, into)
             else:
                 code = self._cell(rows)
@@ -72,30 +74,18 @@ class AxisDecoder:
         return estimate, float(self.code.cell)
 
     def _estimate(self, rows: tuple[int, int], raw: Raw) -> Estimate:
-        """Rows start..stop of what is no ladder of periods."""
+        """Rows start..stop of what has no periods."""
         part = slice(*rows)
         estimate = replace(
             Estimate.empty(rows[1] - rows[0], self.light.raw.shape[2], self.freedom),
             coordinate=raw.coordinate[part],
             variance=raw.variance[part],
         )
-        if self.micro is not None:
-            self._micro(rows, estimate)
-        else:
-            if self.code is not None:
-                read_code(self.light, self.noise, self.code, rows, True, estimate)
-            if self.table is not None:
-                lookup_rows(self.light, self.noise, self.table, rows, estimate)
+        if self.code is not None:
+            read_code(self.light, self.noise, self.code, rows, True, estimate)
+        if self.table is not None:
+            lookup_rows(self.light, self.noise, self.table, rows, estimate)
         return estimate
-
-    def _micro(self, rows: tuple[int, int], estimate: Estimate) -> None:
-        """The period with steps of its own, then the single frames."""
-        assert self.periods is not None
-        assert self.micro is not None
-        turn, variance, chi2, clipped = np.empty((4, *estimate.error.shape), np.float32)
-        fit = Fit(turn, variance, estimate.amplitude, estimate.offset, chi2, clipped)
-        fit_rows(self.light, self.noise, self.periods, 0, rows, fit)
-        unwrap_micro(self.light, self.noise, fit, self.axis.fringes[0], self.micro, rows, estimate)
 
 
 def axis_decoders(

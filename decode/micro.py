@@ -7,20 +7,19 @@ samples at once: least squares for offset, amplitude and place, started at the f
 S. K. Nayar, CVPR 2012, doi:10.1109/CVPR.2012.6247753).
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optolever.kernels import exact, inlined, kernel
 
-from .estimate import Estimate
-from .frames import Light, fetch_line
+from .flags import merge_line
+from .frames import Light, level_of
 from .noise import Noise
-from .phase import Fit
-from .plan import AxisPlan, Fringe
+from .phase import Periods, fit_line
+from .plan import AxisPlan
 from .unwrap import vanishing
 
 __all__ = ["MicroTable", "micro_table", "unwrap_micro"]
@@ -35,8 +34,7 @@ _STEP = 2**0.5
 _ONE, _HALF, _TWO_PI = np.float32(1), np.float32(0.5), np.float32(2 * np.pi)
 
 
-@dataclass(frozen=True, slots=True)
-class MicroTable:
+class MicroTable(NamedTuple):
     """frames (M,): numbers of the single frames, periods and shifts (turns) of them; used (3,): those of the
     table; start, listed: orders by cell, as in candidates.Orders; tolerance: of a level over the
     amplitude."""
@@ -47,7 +45,7 @@ class MicroTable:
     used: NDArray[np.int64]
     start: NDArray[np.int32]
     listed: NDArray[np.int16]
-    tolerance: float
+    tolerance: np.float32
 
 
 def micro_table(axis: AxisPlan, deviation: float) -> MicroTable:
@@ -63,10 +61,11 @@ def micro_table(axis: AxisPlan, deviation: float) -> MicroTable:
     used = tuple(order.index(k) for k in tabled)
     singles = [singles[k] for k in order]
     periods, shifts = tuple(s[1] for s in singles), tuple(s[2] / (2 * np.pi) for s in singles)
-    tables: Any = _orders(axis.fringes[0].period, periods, shifts, used, axis.extent, tolerance)
+    start, listed = _orders(axis.fringes[0].period, periods, shifts, used, axis.extent, tolerance)
     return MicroTable(
         np.array([s[0] for s in singles]),
-        *(np.array(periods, np.float32), np.array(shifts, np.float32), np.array(used), *tables, tolerance),
+        *(np.array(periods, np.float32), np.array(shifts, np.float32), np.array(used)),
+        *(start, listed, np.float32(tolerance)),
     )
 
 
@@ -113,28 +112,14 @@ def _orders(
 def unwrap_micro(
     light: Light,
     noise: Noise,
-    fit: Fit,
-    fringe: Fringe,
+    periods: Periods,
     table: MicroTable,
     rows: tuple[int, int],
-    estimate: Estimate,
+    into: tuple[Any, ...],
 ) -> None:
-    """Coordinates of rows start..stop from the fit of the steps and the single frames, in place."""
-    _micro_rows(
-        *(
-            light.raw,
-            light.lut,
-            np.float32(min(light.clip, 1e9)),
-            *rows,
-            table.frames,
-            table.periods,
-            table.shifts,
-        ),
-        *(table.used, table.start, table.listed, np.float32(table.tolerance)),
-        *(np.float32(fringe.period), np.float32(len(fringe.index)), *noise.numbers()),
-        *(fit.turn, fit.amplitude, fit.offset, fit.chi2, fit.clipped),
-        *(estimate.coordinate, estimate.variance, estimate.error, estimate.chi2, estimate.clipped),
-    )
+    """Coordinates of rows start..stop from the period with steps and the single frames; into: see
+    `unwrap.climb`."""
+    _micro_rows(*light.numbers(), noise.numbers(), periods, *rows, table, *into)
 
 
 @inlined
@@ -156,51 +141,36 @@ def cosine_of(turns: Any) -> Any:
 def _micro_rows(
     raw: Any,
     table: Any,
-    clip: Any,
+    spread: Any,
+    saturated: Any,
+    noise: Any,
+    fringe: Any,
     first_row: Any,
     stop_row: Any,
-    frames: Any,
-    periods: Any,
-    shifts: Any,
-    used: Any,
-    start: Any,
-    listed: Any,
-    tolerance: Any,
-    period: Any,
-    steps: Any,
-    read2: Any,
-    gain: Any,
-    rounding2: Any,
-    misfit2: Any,
-    turn: Any,
-    amplitude: Any,
-    offset: Any,
-    fitted: Any,
-    saturated: Any,
+    singles: Any,
     place: Any,
     var: Any,
-    error: Any,
-    chi2: Any,
-    clipped: Any,
+    limits: Any,
+    is_first: Any,
+    shared: Any,
 ) -> None:
-    width, count = raw.shape[2], frames.size
+    """A row at a time, so that what its fit tells is still in the cache."""
+    frames, periods, shifts, used, start, listed, tolerance = singles
+    width, count, period, steps = raw.shape[2], frames.size, fringe.period[0], np.float32(fringe.number[0])
+    work = np.empty((2 + fringe.frame.shape[1], width), np.float32)
     level = np.empty((count, width), np.float32)
-    line = np.empty(width, np.float32)
     cell = np.empty(width, np.uint32)
     room = np.empty((2, width), np.uint32), np.empty((4, width), np.float32)
     one, other = np.empty(width, np.float32), np.empty(width, np.float32)
     score, rival = np.empty(width, np.float32), np.empty(width, np.float32)
-    sums = np.empty((9, width), np.float32)
+    sums, own = np.empty((9, width), np.float32), np.empty((8, width), np.float32)
+    t, v, a, o, fitted, clipped, error, chi2 = own[0], own[1], own[2], own[3], own[4], own[5], own[6], own[7]
+    flags, least, mean, either = shared
     for row in range(first_row, stop_row):
-        r = row - first_row
-        t, a, o = turn[r], amplitude[r], offset[r]
-        clipped[r, :] = saturated[r]
+        fit = t, v, a, o, fitted, clipped
+        fit_line(raw, table, spread, saturated, noise, fringe, 0, row, work, fit)
         for m in range(count):
-            if table is None:
-                _level(raw[frames[m], row], o, a, clip, level[m], clipped[r], clip)
-            else:
-                fetch_line(raw[frames[m], row], table, line)
-                _level(line, o, a, table[np.int64(clip)], level[m], clipped[r], clip)
+            _level(raw[frames[m], row], table, o, a, saturated[1], level[m], clipped)
         _cell(t, level[used[0]], level[used[1]], level[used[2]], cell)
         _listed_first(start, listed, cell, one, other)
         score[:], rival[:] = np.float32(0), np.float32(0)
@@ -209,20 +179,22 @@ def _micro_rows(
             _score(t, other, level[m], period, _ONE / periods[m], shifts[m], rival)
         _choose(one, other, score, rival)
         _search((t, level, period, periods, shifts), start, listed, cell, room, one, score, rival)
-        _normal(t, one, period, steps, place[r], sums)
+        _normal(t, one, period, steps, place[row], sums)
         for m in range(count):
-            _add_sample(level[m], place[r], _ONE / periods[m], shifts[m], sums)
+            _add_sample(level[m], place[row], _ONE / periods[m], shifts[m], sums)
         _solve(
-            *(sums, a, o, one, other, score, rival, fitted[r], tolerance, read2, gain, rounding2, misfit2),
-            *(place[r], var[r], error[r], chi2[r]),
+            *(sums, a, o, one, other, score, rival, fitted, tolerance, noise),
+            *(place[row], var[row], error, chi2),
         )
+        found = place[row], var[row], error, a, o, chi2, clipped
+        merge_line(found, noise, limits, is_first, (flags[row], least[row], mean[row], either[row]))
 
 
 @kernel
-def _level(line: Any, offset: Any, amplitude: Any, white: Any, level: Any, clipped: Any, clip: Any) -> None:
+def _level(line: Any, table: Any, offset: Any, amplitude: Any, white: Any, level: Any, clipped: Any) -> None:
     """Levels over the amplitude, from the offset on."""
     for x in range(level.size):
-        value = np.float32(line[x])
+        value = level_of(line[x], table)
         level[x] = (value - offset[x]) / max(amplitude[x], np.float32(1e-6))
         clipped[x] += _ONE if value >= white else np.float32(0)
 
@@ -366,16 +338,14 @@ def _solve(
     rival: Any,
     fitted: Any,
     tolerance: Any,
-    read2: Any,
-    gain: Any,
-    rounding2: Any,
-    misfit2: Any,
+    numbers: Any,
     place: Any,
     var: Any,
     error: Any,
     chi2: Any,
 ) -> None:
     of_level, of_all = np.float32(_OF_LEVEL), np.float32(_OF_ALL)
+    read2, gain, rounding2, misfit2 = numbers
     for x in range(place.size):
         oo, aa, uu = sums[0, x], sums[1, x], sums[2, x]
         oa, ou, au = sums[3, x], sums[4, x], sums[5, x]

@@ -5,7 +5,6 @@ Phase = atan2(s, c); its variance follows from the covariance of c and s (for N 
 others determine it; where a response is inverted every sample has the weight of its own variance.
 """
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,35 +12,16 @@ from numpy.typing import NDArray
 
 from optolever.kernels import exact, inlined, kernel
 
-from .frames import Light, fetch_line, level_of, variance_of
-from .noise import Noise
+from .frames import fetch_line, level_of, variance_of
 from .plan import Fringe
 
-__all__ = ["Fit", "Periods", "fit_line", "fit_rows", "periods_of", "turn_of"]
+__all__ = ["Periods", "fit_line", "periods_of", "turn_of"]
 
 F32 = NDArray[np.float32]
 _TINY = np.float32(1e-12)
 _TWO_PI = np.float32(2 * np.pi)
 #: Determinant of a fit's normal matrix, of the whole fit's, below which samples are too few.
 _DEGENERATE = 1e-3
-
-
-@dataclass(frozen=True, slots=True)
-class Fit:
-    """One period over a block, (R, W) float32: phase (turns), its variance (turns^2), amplitude, offset,
-    squared residuals over the variance of a sample, number of saturated samples."""
-
-    turn: F32
-    variance: F32
-    amplitude: F32
-    offset: F32
-    chi2: F32
-    clipped: F32
-
-    @classmethod
-    def empty(cls, rows: int, cols: int) -> "Fit":
-        """Room for one."""
-        return cls(*(np.empty((rows, cols), np.float32) for _ in range(6)))
 
 
 class Periods(NamedTuple):
@@ -87,12 +67,6 @@ def _weights(design: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([np.linalg.pinv(design), left])
 
 
-def fit_rows(light: Light, noise: Noise, periods: Periods, k: int, rows: tuple[int, int], fit: Fit) -> None:
-    """Fit the k-th period in rows start..stop, in place."""
-    arrays = fit.turn, fit.variance, fit.amplitude, fit.offset, fit.chi2, fit.clipped
-    _fit_rows(*light.numbers(), noise.numbers(), periods, k, *rows, arrays)
-
-
 @inlined
 def turn_of(s: Any, c: Any) -> Any:
     """atan2(s, c) / 2 pi in [-1/2, 1/2], float32, to 6e-9 turns: an odd polynomial on [0, 1] and
@@ -115,27 +89,6 @@ def turn_of(s: Any, c: Any) -> Any:
 
 
 @exact
-def _fit_rows(
-    raw: Any,
-    table: Any,
-    spread: Any,
-    saturated: Any,
-    noise: Any,
-    periods: Any,
-    k: Any,
-    start: Any,
-    stop: Any,
-    fit: Any,
-) -> None:
-    work = np.empty((2 + periods.frame.shape[1], raw.shape[2]), np.float32)
-    turn, variance, amplitude, offset, chi2, clipped = fit
-    for row in range(start, stop):
-        r = row - start
-        line = turn[r], variance[r], amplitude[r], offset[r], chi2[r], clipped[r]
-        fit_line(raw, table, spread, saturated, noise, periods, k, row, work, line)
-
-
-@exact
 def fit_line(
     raw: Any,
     table: Any,
@@ -148,8 +101,11 @@ def fit_line(
     work: Any,
     fit: Any,
 ) -> None:
-    """Fit the k-th period in a row; work: (2 + N, W); fit: turn, variance, amplitude, offset, chi2, clipped,
-    each (W,), see `Fit`."""
+    """Fit the k-th period in a row; work: (2 + N, W). raw to saturated: see `Light.numbers`.
+
+    fit, each (W,) float32: phase (turns), its variance (turns^2), amplitude, offset, squared residuals over
+    the variance of a sample, number of saturated samples.
+    """
     turn, variance, amplitude, offset, chi2, clipped = fit
     count = periods.number[k]
     index, design, weights = periods.frame[k, :count], periods.design[k], periods.weights[k]
