@@ -17,7 +17,7 @@ from .model import predicted
 from .observation import Sample
 from .targets import Points
 
-__all__ = ["Adjustment", "Problem", "adjust", "covariance_of"]
+__all__ = ["Adjustment", "Problem", "adjust", "covariance_of", "step_of"]
 
 Floats = NDArray[np.float64]
 
@@ -97,7 +97,7 @@ class Problem:
         rows = np.zeros((data + len(vector), len(vector)))
         here, known = self.scene_at(vector), parameter_values(self.scene)
         for k, name in enumerate(self.names):
-            step, only = _step(name), self._moved(name)
+            step, only = step_of(name), self._moved(name)
             scene = None if name in known else here
             ahead, behind = (vector + sign * step * (np.arange(len(vector)) == k) for sign in (1, -1))
             both = (self.data(moved, only, scene) for moved in (ahead, behind))
@@ -178,5 +178,6 @@ def adjust(problem: Problem, start: Mapping[str, float], tolerance: float = 1e-1
     )
 
 
-def _step(name: str) -> float:
+def step_of(name: str) -> float:
+    """Half a central difference of a number."""
     return _TINY.get(name.rpartition(".")[2], _SMALL)

@@ -26,7 +26,7 @@ from .face import Face
 from .grid import Grid
 from .medium import Medium
 from .mirror import Mirror
-from .parameters import adjusted, parameter_values
+from .parameters import adjusted, parameter_changes, parameter_values
 from .pattern import Pattern, prism_pattern
 from .pattern_shape import Bow, PatternShape, PointTable
 from .pinhole import PinholeCamera
@@ -70,6 +70,7 @@ __all__ = [
     "mean_beside",
     "movement",
     "moving_dent",
+    "parameter_changes",
     "parameter_values",
     "preset_names",
     "prism_camera",

@@ -16,11 +16,11 @@ from .face import Face
 from .pattern import Pattern
 from .pattern_shape import Bow
 from .pinhole import PinholeCamera
-from .pose import rotate, rotation_from_vector
+from .pose import rotate, rotation_from_axes, rotation_from_vector, vector_from_rotation
 from .record import Float
 from .scene import Camera, Scene
 
-__all__ = ["adjusted", "parameter_values"]
+__all__ = ["adjusted", "parameter_changes", "parameter_values"]
 
 _LENS = ("k1", "k2", "p1", "p2", "k3")
 _BOW = ("b20", "b11", "b02")
@@ -62,6 +62,28 @@ def adjusted(scene: Scene, values: Mapping[str, float]) -> Scene:
     return replace(scene, camera=_camera(scene.camera, every), pattern=_pattern(scene.pattern, every))
 
 
+def parameter_changes(scene: Scene, other: Scene) -> dict[str, float]:
+    """What `adjusted` takes to make the other scene of this one; both have the same parts."""
+    values = parameter_values(other)
+    one, two = scene.camera, other.camera
+    turn = rotation_from_axes(two.u_axis, two.v_axis) @ rotation_from_axes(one.u_axis, one.v_axis).T
+    poses = {"camera": (two.origin - one.origin, vector_from_rotation(turn))}
+    axes, (middle, moved) = _axes(scene.pattern), (_middle(each.pattern) for each in (scene, other))
+    turn = axes @ _axes(other.pattern).T
+    poses["pattern"] = axes @ (moved - middle), vector_from_rotation(turn)
+    for part, pose in poses.items():
+        values |= {f"{part}.{n}": float(v) for n, v in zip(_POSE, np.concatenate(pose), strict=True)}
+    if one.face is not None and two.face is not None:
+        away = (two.face.point - one.face.point) @ two.face.normal / (one.face.normal @ two.face.normal)
+        sine = np.cross(one.face.normal, two.face.normal)
+        size = float(np.linalg.norm(sine))
+        about = sine * (np.arcsin(size) / size if size else 1.0)
+        first, second = _tilt_axes(one.face)
+        tilts = {"face.rx": about @ first, "face.ry": about @ second, "face.distance": away}
+        values |= {name: float(value) for name, value in tilts.items()}
+    return values
+
+
 def _turn(values: Mapping[str, float], part: str) -> tuple[Float, Float]:
     """Shift (3,) and rotation vector (3,) of a part."""
     pose = np.array([values[f"{part}.{name}"] for name in _POSE])
@@ -88,9 +110,7 @@ def _camera(camera: Camera, values: Mapping[str, float]) -> Camera:
 def _face(face: Face, values: Mapping[str, float]) -> Face:
     """Turned about its point in two axes of its plane (the mirror's y, and what is across), moved along its
     normal."""
-    first = np.cross([0.0, 1.0, 0.0], face.normal)
-    first = first / np.linalg.norm(first) if np.linalg.norm(first) > 1e-9 else np.array([1.0, 0.0, 0.0])
-    second = np.cross(face.normal, first)
+    first, second = _tilt_axes(face)
     rotation = rotation_from_vector(values["face.rx"] * first + values["face.ry"] * second)
     return replace(
         face,
@@ -100,12 +120,31 @@ def _face(face: Face, values: Mapping[str, float]) -> Face:
     )
 
 
+def _tilt_axes(face: Face) -> tuple[Float, Float]:
+    first = np.cross([0.0, 1.0, 0.0], face.normal)
+    first = first / np.linalg.norm(first) if np.linalg.norm(first) > 1e-9 else np.array([1.0, 0.0, 0.0])
+    return first, np.cross(face.normal, first)
+
+
+def _axes(pattern: Pattern) -> Float:
+    """Rows: u, v and normal."""
+    return np.stack([pattern.u_axis, pattern.v_axis, pattern.normal])
+
+
+def _half(pattern: Pattern) -> Float:
+    return 0.5 * np.array([pattern.cols - 1, pattern.rows - 1])
+
+
+def _middle(pattern: Pattern) -> Float:
+    middle: Float = pattern.origin + pattern.pitch * _half(pattern) @ _axes(pattern)[:2]
+    return middle
+
+
 def _pattern(pattern: Pattern, values: Mapping[str, float]) -> Pattern:
     shift, turn = _turn(values, "pattern")
-    axes = np.stack([pattern.u_axis, pattern.v_axis, pattern.normal])
+    axes, half = _axes(pattern), _half(pattern)
     rotation = rotation_from_vector(turn @ axes)
-    half = 0.5 * np.array([pattern.cols - 1, pattern.rows - 1])
-    middle = pattern.origin + pattern.pitch * half @ axes[:2] + shift @ axes
+    middle = _middle(pattern) + shift @ axes
     u_axis, v_axis = rotate(rotation, pattern.u_axis), rotate(rotation, pattern.v_axis)
     pitch = values["pattern.pitch"]
     origin = middle - pitch * (half[0] * u_axis + half[1] * v_axis)
