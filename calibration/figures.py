@@ -66,15 +66,15 @@ class Figure:
         return asdict(self)
 
 
-def mode_chi2(error: Floats, modes: NDArray[np.floating[Any]], sigma: Floats) -> tuple[float, int]:
-    """chi2 per mode of an error map's coefficients on the r leading principal modes that hold 99.9 % of the
-    variance, noise of sigma per pixel counted in; and r. All (n,), modes (k, n)."""
+def mode_chi2(error: Floats, modes: NDArray[np.floating[Any]]) -> tuple[float, int]:
+    """chi2 per mode of an error map's (n,) coefficients on the r leading principal modes that hold 99.9 % of
+    the modes' (k, n) variance; and r. The map's noise is not taken off: its sigma, which holds contradictions
+    of the scene as well, would take off what is judged."""
     _, sizes, right = np.linalg.svd(modes.astype(np.float64), full_matrices=False)
     held = np.cumsum(sizes**2) / (sizes**2).sum()
     count = int(np.searchsorted(held, _SHARE)) + 1
     coefficients = right[:count] @ error / sizes[:count]
-    noise = (right[:count] ** 2 @ sigma**2) / sizes[:count] ** 2
-    return float(np.mean(coefficients**2 / (1 + noise))), count
+    return float(np.mean(coefficients**2)), count
 
 
 def figures(setup: str, seeds: range, rendered: bool = False) -> Iterator[Figure]:
@@ -104,8 +104,6 @@ def _figure(setup: str, seed: int, rendered: bool) -> Figure | None:
         found = calibrate(rig.given, rig.observations)
         scene, chi = found.scene, found.adjustment.chi
     seconds = time.process_time() - started
-    if not rendered:  # what noise does to the measured map is reconstruct's to tell
-        take = correspondence_of(1e-4, rng)
     dented, flat = (
         _measured(rig, scene, surface, take, 100 + k) for k, surface in enumerate((rig.dent, rig.rest))
     )
@@ -161,7 +159,7 @@ def _judged(
     if SETUPS[setup][0] == "air":
         plane = np.linalg.qr(np.stack([np.ones(true.size), height.x[good], height.y[good]], axis=1))[0]
         absolute, moved = (part - (part @ plane) @ plane.T for part in (absolute, moved))
-    chi2, modes = mode_chi2(absolute, moved, height.sigma[good])
+    chi2, modes = mode_chi2(absolute, moved)
     common = (height.calibration - rest.calibration)[:, good]
     slope = float(error @ true / (true @ true))
     slopes = common @ true / (true @ true)

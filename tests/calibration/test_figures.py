@@ -10,11 +10,10 @@ from optolever.calibration import mode_chi2
 def test_mode_chi2_of_drawn_maps(factor: float, expected: float) -> None:
     rng = np.random.default_rng(0)
     modes = (rng.standard_normal((5, 400)) * np.array([5.0, 2.0, 1.0, 1.0, 1e-3])[:, None]).astype(np.float32)
-    sigma = np.full(400, 0.1)
     found = []
     for _ in range(300):
         error = factor * (rng.standard_normal(5) @ modes + 0.1 * rng.standard_normal(400))
-        chi2, count = mode_chi2(error, modes, sigma)
+        chi2, count = mode_chi2(error, modes)
         found.append(chi2)
         assert count == 4
     assert np.mean(found) == pytest.approx(expected, rel=0.15)
