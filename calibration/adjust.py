@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 
 from optolever.scene import Scene, adjusted, parameter_values
 
-from .model import predicted
+from .model import reflected
 from .observation import Sample
 from .targets import Points
 
@@ -65,17 +65,22 @@ class Problem:
         return adjusted(self.scene, {n: value for n, value in self.named(vector).items() if n in known})
 
     def data(
-        self, vector: Floats, only: Sequence[int] | None = None, scene: Scene | None = None
+        self,
+        vector: Floats,
+        only: Sequence[int] | None = None,
+        scene: Scene | None = None,
+        rays: Sequence[tuple[Floats, Floats]] | None = None,
     ) -> list[Floats]:
-        """Residuals (2 n,) of the samples, or of some; scene: `scene_at` there, where it is known."""
+        """Residuals (2 n,) of the samples, or of some; scene, and rays of every sample after the mirror: there,
+        where they are known."""
         values = self.named(vector)
         scene = self.scene_at(vector) if scene is None else scene
         found = []
         for index in range(len(self.samples)) if only is None else only:
             s = self.samples[index]
-            shape = s.target.shape(s.name, values, scene.mirror)
             with np.errstate(all="ignore"):
-                u, v, _ = predicted(scene, shape, s.row, s.col)
+                point, out = self._reflected(s, values, scene) if rays is None else rays[index]
+                u, v, _ = scene.pattern.landing(point, out)
                 rows = np.concatenate([(u - s.u) / s.sigma_u, (v - s.v) / s.sigma_v])
             found.append(np.clip(np.nan_to_num(rows, nan=_LOST, posinf=_LOST, neginf=-_LOST), -1e8, 1e8))
         if only is None and self.points:
@@ -96,11 +101,14 @@ class Problem:
         data = int(starts[-1]) + extra
         rows = np.zeros((data + len(vector), len(vector)))
         here, known = self.scene_at(vector), parameter_values(self.scene)
+        with np.errstate(all="ignore"):
+            rays = [self._reflected(sample, self.named(vector), here) for sample in self.samples]
         for k, name in enumerate(self.names):
             step, only = step_of(name), self._moved(name)
             scene = None if name in known else here
             ahead, behind = (vector + sign * step * (np.arange(len(vector)) == k) for sign in (1, -1))
-            both = (self.data(moved, only, scene) for moved in (ahead, behind))
+            same = rays if name.startswith("pattern.") else None
+            both = (self.data(moved, only, scene, same) for moved in (ahead, behind))
             for index, one, other in zip(only, *both, strict=True):
                 rows[starts[index] : starts[index + 1], k] = (one - other) / (2 * step)
             if extra:
@@ -108,6 +116,9 @@ class Problem:
                 rows[starts[-1] : data, k] = (moved[0] - moved[1]) / (2 * step)
             rows[data + k, k] = 1 / self.sigmas[name]
         return rows
+
+    def _reflected(self, s: Sample, values: Mapping[str, float], scene: Scene) -> tuple[Floats, Floats]:
+        return reflected(scene, s.target.shape(s.name, values, scene.mirror), s.row, s.col)
 
     def _prior(self, vector: Floats) -> Floats:
         means = np.array([self.means.get(name, 0.0) for name in self.names])

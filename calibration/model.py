@@ -11,7 +11,7 @@ from optolever.scene import Scene
 
 from .targets import Shape
 
-__all__ = ["predicted"]
+__all__ = ["predicted", "reflected"]
 
 Floats = NDArray[np.float64]
 
@@ -21,6 +21,13 @@ _SETTLED = 1e-11  # mm
 
 def predicted(scene: Scene, shape: Shape, row: Floats, col: Floats) -> tuple[Floats, Floats, Floats]:
     """u, v (n,) in cells of pixels (row, col), and their points (3, n) on the mirror, mm."""
+    point, out = reflected(scene, shape, row, col)
+    u, v, _ = scene.pattern.landing(point, out)
+    return u, v, point
+
+
+def reflected(scene: Scene, shape: Shape, row: Floats, col: Floats) -> tuple[Floats, Floats]:
+    """Points (3, n) on the mirror, mm, and directions (3, n) from there to the pattern."""
     origins, directions = scene.camera.rays_at(row, col)
     o, d = np.ascontiguousarray(origins.T), np.ascontiguousarray(directions.T)
     t = -o[2] / d[2]
@@ -34,6 +41,4 @@ def predicted(scene: Scene, shape: Shape, row: Floats, col: Floats) -> tuple[Flo
     point = o + t * d
     _, hx, hy = shape(point[0], point[1])
     normal = np.stack([-hx, -hy, np.ones_like(hx)]) / np.sqrt(1 + hx * hx + hy * hy)
-    out = d - 2 * (d * normal).sum(axis=0) * normal
-    u, v, _ = scene.pattern.landing(point, out)
-    return u, v, point
+    return point, d - 2 * (d * normal).sum(axis=0) * normal

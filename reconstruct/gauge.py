@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from optolever.errors import InputError
+
 from .anchors import EDGE_REACH, Samples
 from .arrays import Floats, Ints, Labels, Mask
 from .measured import Measured
@@ -112,7 +114,13 @@ def free_constants(
     share = np.zeros(error.shape)
     for label in np.unique(rows.component):
         pick = np.flatnonzero(rows.component == label)
-        ratio, weight = error[pick] / factor[pick], factor[pick] ** 2 / spread[pick]
+        most = factor[pick].max()
+        if not most > 0:
+            raise InputError(
+                "anchor: its error would grow beyond all numbers on the way to the other pixels; some next to "
+                "the pattern's edge may be wrong: mask them, or calibrate the scene"
+            )
+        ratio, weight = error[pick] / factor[pick], (factor[pick] / most) ** 2 / spread[pick]
         middle = np.median(ratio)
         limit = 5 * 1.4826 * np.median(np.abs(ratio - middle)) + 1e-12 * np.abs(middle)
         if pick.size > 4:
