@@ -71,7 +71,7 @@ class Problem:
         scene: Scene | None = None,
         rays: Sequence[tuple[Floats, Floats]] | None = None,
     ) -> list[Floats]:
-        """Residuals (2 n,) of the samples, or of some; scene, and rays of every sample after the mirror: there,
+        """Residuals (2 n,) of the samples, or of some; scene there, and all samples' rays after the mirror,
         where they are known."""
         values = self.named(vector)
         scene = self.scene_at(vector) if scene is None else scene

@@ -117,8 +117,8 @@ def free_constants(
         most = factor[pick].max()
         if not most > 0:
             raise InputError(
-                "anchor: its error would grow beyond all numbers on the way to the other pixels; some next to "
-                "the pattern's edge may be wrong: mask them, or calibrate the scene"
+                "anchor: its error would grow beyond all numbers on the way to the other pixels; some next "
+                "to the pattern's edge may be wrong: mask them, or calibrate the scene"
             )
         ratio, weight = error[pick] / factor[pick], (factor[pick] / most) ** 2 / spread[pick]
         middle = np.median(ratio)

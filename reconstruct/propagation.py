@@ -2,8 +2,8 @@
 
 M_j = (z(theta + h L_j) - z(theta))/h, L a root of the covariance of the scene's numbers: one solve per row of
 L; h is small, since a rig that is off by a whole sigma of a wide prior may have no solution.
-The modes are smooth: they are solved on a coarse grid of the camera's pixels and interpolated linearly, by
-pixels that the height map does not flag: others, next to the pattern, are moved beyond it by any h.
+The modes are smooth: they are solved on a coarse grid of the camera's pixels and interpolated linearly.
+Pixels that the map itself did not settle (next to the pattern) have no derivative and are left out.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,12 +19,13 @@ from optolever.scene import Scene, adjusted, parameter_values, strided
 
 from .anchors import Anchors, DistanceAnchor, PixelAnchor
 from .arrays import Floats, Mask
-from .heightmap import HeightMap
+from .heightmap import HeightFlag, HeightMap
 
 __all__ = ["Measurement", "calibration_modes", "interpolated"]
 
 Solver = Callable[["Measurement", Scene, HeightMap | None], HeightMap]
 
+_UNSETTLED = np.uint16(HeightFlag.NOT_CONVERGED | HeightFlag.SINGULAR)
 _STEP = 0.05  # of a standard deviation
 _LINES = 96  # rows or columns of the coarse grid, at least
 
@@ -53,14 +54,14 @@ class Measurement:
 def calibration_modes(
     solve: Solver, measured: Measurement, scene: Scene, height: HeightMap
 ) -> NDArray[np.float32]:
-    """Modes (r, H, W) in mm of a height map's unflagged pixels, elsewhere those of the nearest; NaN where it
-    has no height. Where the coarse grid holds no solution (few
+    """Modes (r, H, W) in mm; NaN where the map has no height. Where the coarse grid holds no solution (few
     pixels, ragged masks), all pixels are solved.
     """
     assert scene.covariance is not None
     step = max(1, min(height.z.shape) // _LINES)
-    if height.good.any():
-        measured = replace(measured, mask=height.good)
+    settled = (height.flags & _UNSETTLED) == 0
+    if settled.any() and not settled.all():
+        measured = replace(measured, mask=settled if measured.mask is None else settled & measured.mask)
     for each in dict.fromkeys((step, 1)):
         try:
             coarse = _modes(solve, measured.strided(each), scene, each)
