@@ -36,8 +36,9 @@ _NO_BALL = 5.0  # chi of a ball's capture, and sigmas of its radius: it is none
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
-    """scene: adjusted, with its covariance; adjustment: how that went; start: the scene it started from, and
-    whether that was found without a guess; directions: weakest first; notices: warnings by name."""
+    """scene: adjusted, with its covariance; by (q, p): derivatives of the numbers of that covariance by the
+    unknowns; adjustment: how that went; start: the scene it started from, and whether that was found without
+    a guess; directions: weakest first; notices: warnings by name."""
 
     scene: Scene
     adjustment: Adjustment
@@ -46,6 +47,7 @@ class Calibration:
     guessed: bool
     directions: tuple[Direction, ...]
     notices: tuple[Notice, ...]
+    by: Floats
 
     def __repr__(self) -> str:
         solved = self.adjustment
@@ -303,15 +305,12 @@ def _require_balls(result: Adjustment) -> None:
 def _judged(
     base: Scene, result: Adjustment, observations: Sequence[Observation], guessed: bool
 ) -> Calibration:
-    known = parameter_values(base)
-    names = [name for name in result.problem.names if name in known]
-    at = [result.problem.names.index(name) for name in names]
-    values = {name: float(result.values[k]) for name, k in zip(names, at, strict=True)}
-    scene = adjusted(base, values)
-    moved, by = _carried(base, scene, values)
+    names = [name for name in result.problem.names if name in parameter_values(base)]
+    scene = result.problem.scene_at(result.values)
+    numbers, by = _carried(result, scene, names)
     sources, parts = error_sources(result)
-    matrix, parts = (by @ part[..., at, :][..., at] @ by.T for part in (result.covariance, parts))
-    covariance = Covariance(moved, matrix, result.chi, GAUGE, sources, parts)
+    matrix, parts = (by @ part @ by.T for part in (result.covariance, parts))
+    covariance = Covariance(numbers, matrix, result.chi, GAUGE, sources, parts)
     found = directions(result, names)
     return Calibration(
         replace(scene, covariance=covariance),
@@ -321,20 +320,21 @@ def _judged(
         guessed,
         tuple(found),
         notices(result, found, observations),
+        by,
     )
 
 
-def _carried(base: Scene, scene: Scene, values: Mapping[str, float]) -> tuple[tuple[str, ...], Floats]:
-    """Names (q,) of the adjusted scene's numbers, and their derivatives (q, p) by those of the scene that it
-    started from: its parts have turned, and with them the axes of their poses. Without that, a number known
-    to 30 um enters where another is known to 0.4."""
-    columns = []
-    for name, value in values.items():
-        step = step_of(name)
-        ends = (adjusted(base, {**values, name: value + sign * step}) for sign in (1, -1))
+def _carried(result: Adjustment, scene: Scene, names: Sequence[str]) -> tuple[tuple[str, ...], Floats]:
+    """Names (q,) of the adjusted scene's numbers, and their derivatives (q, p) by the unknowns, which are
+    numbers of the scene that it started from: its parts have turned, and with them the axes of their poses.
+    Without that, a number known to 30 um enters where another is known to 0.4."""
+    known, problem = parameter_values(scene), result.problem
+    by = np.zeros((len(known), len(result.values)))
+    for name in names:
+        k, step = problem.names.index(name), step_of(name)
+        move = step * (np.arange(len(result.values)) == k)
+        ends = (problem.scene_at(result.values + sign * move) for sign in (1, -1))
         ahead, behind = (np.array(list(parameter_changes(scene, end).values())) for end in ends)
-        columns.append((ahead - behind) / (2 * step))
-    known = parameter_values(scene)
-    by = np.reshape(columns, (len(values), len(known))).T
+        by[:, k] = (ahead - behind) / (2 * step)
     some = np.abs(by).max(axis=1, initial=0.0) > _ROUNDING
     return tuple(name for name, moves in zip(known, some, strict=True) if moves), by[some]

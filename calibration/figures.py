@@ -2,8 +2,7 @@
 
 Truth is traced or rendered by the scene, never by the adjustment's model. An error of calibration moves a
 whole height map at once, so that a map is one sample: chi2/r of the r coefficients of its modes.
-In open air less a plane: where along the reference the frame lies is the gauge's choice, and there the slope
-of the reference's own form is the frame's tilt.
+The truth is moved to the frame in which the gauge leaves the heights (`rigs.frame_change`).
 """
 
 import time
@@ -22,7 +21,7 @@ from optolever.scene import Covariance, Scene, Surface, trace
 
 from .calibrate import calibrate
 from .priors import default_priors
-from .rigs import Capturer, Rig, correspondence_of, open_air, prism
+from .rigs import Capturer, Rig, correspondence_of, frame_change, open_air, prism
 
 __all__ = ["SETUPS", "Figure", "figures", "mode_chi2"]
 
@@ -48,7 +47,8 @@ SETUPS = {
 class Figure:
     """One draw. error: rms of dent less rest over the dent's depth; scale, sigma_scale: relative error of its
     depth, and what the modes predict; chi: of the adjustment; chi2: of the r = modes coefficients, per mode;
-    sigma: predicted rms of the modes, mm; seconds of processor time that the calibration took."""
+    sigma: predicted rms of the modes, mm; evaluations, and seconds of processor time, that the calibration
+    took."""
 
     setup: str
     seed: int
@@ -59,6 +59,7 @@ class Figure:
     modes: int
     sigma: float
     sigma_scale: float
+    evaluations: int
     seconds: float
 
     def to_dict(self) -> dict[str, float | str]:
@@ -97,17 +98,19 @@ def _figure(setup: str, seed: int, rendered: bool) -> Figure | None:
         rig = open_air(rng, count, take, size=size, flatness=_FLATNESS)
     else:
         rig = prism(rng, count, take, pinhole, size)
-    started, chi = time.process_time(), 1.0
+    started, chi, evaluations, start = time.process_time(), 1.0, 0, rig.given
     if kind == "typed":
         scene = _typed(rig.given)
     else:
         found = calibrate(rig.given, rig.observations)
-        scene, chi = found.scene, found.adjustment.chi
+        scene, start = found.scene, found.start
+        chi, evaluations = found.adjustment.chi, found.adjustment.evaluations
     seconds = time.process_time() - started
+    frame = frame_change(rig, start)
     dented, flat = (
-        _measured(rig, scene, surface, take, 100 + k) for k, surface in enumerate((rig.dent, rig.rest))
+        _measured(rig, scene, frame, surface, take, 100 + k) for k, surface in enumerate((rig.dent, rig.rest))
     )
-    return _judged(setup, seed, rig, dented, flat, (chi, seconds))
+    return _judged(setup, seed, dented, flat, (chi, evaluations, seconds))
 
 
 def _typed(scene: Scene) -> Scene:
@@ -128,24 +131,24 @@ def _rendering(seed: int) -> Capturer:
 
 
 def _measured(
-    rig: Rig, scene: Scene, surface: Surface, take: Capturer, index: int
+    rig: Rig, scene: Scene, frame: tuple[Floats, Floats], surface: Surface, take: Capturer, index: int
 ) -> tuple[HeightMap, Floats]:
-    """Height by the calibrated scene, anchored at a pixel where it is known, and the truth."""
-    seen = trace(rig.truth, surface)
-    row, cols = seen.z.shape[0] // 2, seen.z.shape[1]
-    known = np.flatnonzero(np.isfinite(seen.z[row, cols // 10 :])) + cols // 10
-    anchor = PixelAnchor(row, int(known[0]), float(seen.z[row, known[0]]))
+    """Height by the calibrated scene, anchored at a pixel where it is known, and the truth in its frame."""
+    seen, (rotation, shift) = trace(rig.truth, surface), frame
+    z = np.stack([seen.x, seen.y, seen.z], axis=-1) @ rotation[2] + shift[2]
+    row, cols = z.shape[0] // 2, z.shape[1]
+    known = np.flatnonzero(np.isfinite(z[row, cols // 10 :])) + cols // 10
+    anchor = PixelAnchor(row, int(known[0]), float(z[row, known[0]]))
     height = reconstruct(take(rig.truth, surface, index), scene, anchor=anchor)
-    return height, seen.z
+    return height, z
 
 
 def _judged(
     setup: str,
     seed: int,
-    rig: Rig,
     dented: tuple[HeightMap, Floats],
     flat: tuple[HeightMap, Floats],
-    adjusted: tuple[float, float],
+    adjusted: tuple[float, int, float],
 ) -> Figure | None:
     (height, z), (rest, z0) = dented, flat
     good = height.good & rest.good & np.isfinite(z) & np.isfinite(z0)
@@ -155,11 +158,7 @@ def _judged(
     assert rest.calibration is not None
     change, true = (height.z - rest.z)[good], (z - z0)[good]
     error, depth = change - true, float(true.max())
-    absolute, moved = (height.z - z)[good], height.calibration[:, good].astype(np.float64)
-    if SETUPS[setup][0] == "air":
-        plane = np.linalg.qr(np.stack([np.ones(true.size), height.x[good], height.y[good]], axis=1))[0]
-        absolute, moved = (part - (part @ plane) @ plane.T for part in (absolute, moved))
-    chi2, modes = mode_chi2(absolute, moved)
+    chi2, modes = mode_chi2((height.z - z)[good], height.calibration[:, good])
     common = (height.calibration - rest.calibration)[:, good]
     slope = float(error @ true / (true @ true))
     slopes = common @ true / (true @ true)
@@ -173,5 +172,5 @@ def _judged(
         modes,
         float(np.sqrt(np.mean(height.calibration_sigma[good] ** 2))),
         float(np.sqrt((slopes**2).sum())),
-        adjusted[1],
+        *adjusted[1:],
     )

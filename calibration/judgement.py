@@ -60,7 +60,7 @@ def judged(found: Calibration) -> list[Judgement]:
     for k, name in enumerate(names):
         others = [each for each in names if each != name]
         for key, some in (("so_far", names[: k + 1]), ("without", others)):
-            known = _covariance(solved, some, scene.covariance.names)
+            known = found.by @ _covariance(solved, some) @ found.by.T
             each = np.sqrt(np.einsum("pn,pq,qn->n", heights, known, heights))
             sigmas[name, key] = float(np.median(each)), float(np.sqrt(depth @ known @ depth))
     by_name = {each.name: each for each in found.observations}
@@ -81,8 +81,8 @@ def _seen(each: Observation) -> float:
     return float(np.mean((each.correspondence.flags & _UNSEEN) == 0))
 
 
-def _covariance(solved: Adjustment, captures: Sequence[str], names: Sequence[str]) -> Floats:
-    """Of these numbers by these captures, at the minimum of all and with its chi."""
+def _covariance(solved: Adjustment, captures: Sequence[str]) -> Floats:
+    """Of the unknowns by these captures, at the minimum of all and with its chi."""
     problem = solved.problem
     kept = np.ones(len(solved.jacobian), dtype=np.bool_)
     start = 0
@@ -90,9 +90,7 @@ def _covariance(solved: Adjustment, captures: Sequence[str], names: Sequence[str
         stop = start + 2 * len(sample.row)
         kept[start:stop] = sample.name in captures
         start = stop
-    at = [problem.names.index(name) for name in names]
-    whole = covariance_of(solved.jacobian[kept], np.array(list(problem.sigmas.values())), solved.chi)
-    return whole[np.ix_(at, at)]
+    return covariance_of(solved.jacobian[kept], np.array(list(problem.sigmas.values())), solved.chi)
 
 
 def _derivatives(scene: Scene) -> tuple[Floats, Floats]:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from optolever.decode import Correspondence
 from optolever.scene import (
@@ -18,6 +20,7 @@ from optolever.scene import (
     Surface,
     adjusted,
     load,
+    parameter_changes,
     parameter_values,
     resize,
     trace,
@@ -27,7 +30,7 @@ from .observation import Observation
 from .priors import default_priors
 from .targets import Ball, Flat, Rest
 
-__all__ = ["Rig", "ball_cap", "correspondence_of", "open_air", "prism", "shape_surface"]
+__all__ = ["Rig", "ball_cap", "correspondence_of", "frame_change", "open_air", "prism", "shape_surface"]
 
 Floats = NDArray[np.float64]
 Rng = np.random.Generator
@@ -37,7 +40,8 @@ Capturer = Callable[[Scene, Surface, int], Correspondence]
 @dataclass(frozen=True, eq=False)
 class Rig:
     """truth: the scene as it is; given: as it was typed; observations of targets; dent: to measure, and the
-    same mirror without it; numbers: of the truth, as changes of the given (`parameter_values`)."""
+    same mirror without it; numbers: of the truth, as changes of the given (`parameter_values`); reference:
+    the flat whose plane is the frame of a calibration without a guess."""
 
     truth: Scene
     given: Scene
@@ -45,6 +49,33 @@ class Rig:
     dent: Surface
     rest: Surface
     numbers: dict[str, float] = field(default_factory=dict)
+    reference: Surface | None = None
+
+
+def frame_change(rig: Rig, start: Scene) -> tuple[Floats, Floats]:
+    """Rotation (3, 3) and shift (3,) from the truth's frame to that of a calibration from `start`: its gauge
+    holds the camera's x, y and turn about z there, and the reference's quadratic form has no plane."""
+    if rig.reference is None:
+        return np.eye(3), np.zeros(3)
+    length, width, camera = rig.truth.mirror.length, rig.truth.mirror.width, rig.truth.camera
+    x, y = (part.ravel() for part in np.meshgrid(np.linspace(0, length, 5), np.linspace(0, width, 5)))
+    points = np.stack([x, y, rig.reference.height(x, y)], axis=-1)
+
+    def off(pose: Floats) -> Floats:
+        turn, shift = Rotation.from_rotvec(pose[:3]).as_matrix(), pose[3:]
+        at = points @ turn.T + shift
+        s, t = 2 * at[:, 0] / length - 1, 2 * at[:, 1] / width - 1
+        form = np.stack([np.ones_like(s), s, t, 1.5 * s * s - 0.5, s * t, 1.5 * t * t - 0.5], axis=-1)
+        plane = np.linalg.lstsq(form, at[:, 2], rcond=None)[0][:3]
+        axes = {"u_axis": turn @ camera.u_axis, "v_axis": turn @ camera.v_axis}
+        moved = replace(start, camera=replace(start.camera, origin=turn @ camera.origin + shift, **axes))
+        changes = parameter_changes(start, moved)
+        return np.array([*plane, *(changes[f"camera.{name}"] for name in ("x", "y", "rz"))])
+
+    found = least_squares(
+        off, np.zeros(6), x_scale=[1e-3] * 3 + [1.0] * 3, xtol=1e-15, ftol=1e-15, gtol=1e-15
+    )
+    return Rotation.from_rotvec(found.x[:3]).as_matrix(), found.x[3:]
 
 
 def correspondence_of(noise: float, rng: Rng) -> Capturer:
@@ -116,7 +147,8 @@ def open_air(
         height: Floats = 0.5 * np.exp(-((a - x) ** 2 + (b - y) ** 2) / (2 * 18.0**2))
         return height
 
-    return Rig(truth, base, observations, shape_surface(dent), shape_surface(lambda x, y: 0 * (x + y)))
+    flat, form_alone = shape_surface(lambda x, y: 0 * (x + y)), reference(0.0, 0.0, 0.0)
+    return Rig(truth, base, observations, shape_surface(dent), flat, reference=form_alone)
 
 
 def prism(rng: Rng, balls: int, capture: Capturer, pinhole: bool = False, size: int = 200) -> Rig:

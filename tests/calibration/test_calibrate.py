@@ -301,7 +301,7 @@ def test_sources_are_what_their_errors_do_to_the_numbers(ball_rig: Calibration) 
     assert known is not None
     assert known.parts is not None
     parts = dict(zip(known.sources, known.parts, strict=True))
-    own = [problem.names.index(each) for each in known.names]
+    by = ball_rig.by
     sigma = np.sqrt(np.diag(known.matrix))
     scale = np.outer(sigma, sigma)
     off = 0.1 * problem.sigmas["ball0.radius"]
@@ -309,11 +309,11 @@ def test_sources_are_what_their_errors_do_to_the_numbers(ball_rig: Calibration) 
         adjust(replace(problem, means={**problem.means, "ball0.radius": each}), problem.named(solved.values))
         for each in (off, -off)
     )
-    change = chi * (ahead.values - behind.values)[own] / 0.2
+    change = chi * by @ (ahead.values - behind.values) / 0.2
     ball = parts["the radius of the ball"]
     assert np.abs((ball - np.outer(change, change)) / scale).max() < 0.02 * np.abs(ball / scale).max()
     gain = solved.covariance @ solved.jacobian[: -len(problem.names)].T / chi
-    noise = (gain @ gain.T)[np.ix_(own, own)]
+    noise = by @ gain @ gain.T @ by.T
     assert np.abs((parts["noise of the calibration's captures"] - noise) / scale).max() < 1e-6
 
 
