@@ -164,9 +164,11 @@ def covariance_of(jacobian: Floats, scale: Floats, chi: float) -> Floats:
     return 0.5 * (found + found.T)
 
 
-def adjust(problem: Problem, start: Mapping[str, float], tolerance: float = 1e-10) -> Adjustment:
+def adjust(
+    problem: Problem, start: Mapping[str, float], tolerance: float = 1e-10, most: int = 200
+) -> Adjustment:
     """The minimum from a start (names that it lacks: the prior's mean), until a step lowers the sum of
-    squares by less than a share of `tolerance`."""
+    squares by less than a share of `tolerance`, in `most` evaluations."""
     first = np.array([start.get(name, problem.means.get(name, 0.0)) for name in problem.names])
     found = least_squares(
         problem.residuals,
@@ -177,7 +179,7 @@ def adjust(problem: Problem, start: Mapping[str, float], tolerance: float = 1e-1
         ftol=tolerance,
         xtol=1e-12,
         gtol=1e-12,
-        max_nfev=200,
+        max_nfev=most,
     )
     data = problem.data(found.x)
     count = sum(rows.size for rows in data)
