@@ -9,7 +9,7 @@ from optolever.calibration import Calibration, calibrate, judged
 from optolever.calibration.adjust import adjust
 from optolever.calibration.rigs import correspondence_of, open_air
 from optolever.reconstruct import predicted_maps
-from optolever.scene import Covariance, adjusted
+from optolever.scene import Covariance
 
 
 @pytest.fixture(scope="module")
@@ -29,11 +29,10 @@ def sigmas_without(found: Calibration, names: set[str]) -> tuple[float, float]:
         sigmas={key: value for key, value in whole.sigmas.items() if key not in own},
     )
     again = adjust(less, whole.named(found.adjustment.values))
-    values, known = less.named(again.values), found.scene.covariance
+    known = found.scene.covariance
     assert known is not None
-    at = [less.names.index(name) for name in known.names]
-    scene = adjusted(found.start, {name: values[name] for name in known.names})
-    covariance = Covariance(known.names, again.covariance[np.ix_(at, at)])
+    by = found.by[:, [whole.names.index(name) for name in less.names]]
+    scene, covariance = less.scene_at(again.values), Covariance(known.names, by @ again.covariance @ by.T)
     _, height, rest, _ = predicted_maps(replace(scene, covariance=covariance))
     change = height - rest
     both = change.good
