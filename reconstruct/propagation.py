@@ -59,8 +59,8 @@ def calibration_modes(
     """
     assert scene.covariance is not None
     step = max(1, min(height.z.shape) // _LINES)
-    settled = (height.flags & _UNSETTLED) == 0
-    if settled.any() and not settled.all():
+    settled = np.isfinite(height.z) & ((height.flags & _UNSETTLED) == 0)
+    if settled.any():
         measured = replace(measured, mask=settled if measured.mask is None else settled & measured.mask)
     for each in dict.fromkeys((step, 1)):
         try:
