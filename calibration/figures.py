@@ -106,6 +106,8 @@ def _figure(setup: str, seed: int, rendered: bool) -> Figure | None:
         scene, start = found.scene, found.start
         chi, evaluations = found.adjustment.chi, found.adjustment.evaluations
     seconds = time.process_time() - started
+    if not rendered:  # what noise does to the measured map is reconstruct's to tell
+        take = correspondence_of(1e-4, rng)
     frame = frame_change(rig, start)
     dented, flat = (
         _measured(rig, scene, frame, surface, take, 100 + k) for k, surface in enumerate((rig.dent, rig.rest))
