@@ -2,7 +2,9 @@
 
 Truth is traced or rendered by the scene, never by the adjustment's model. An error of calibration moves a
 whole height map at once, so that a map is one sample: chi2/r of the r coefficients of its modes.
-The truth is moved to the frame in which the gauge leaves the heights (`rigs.frame_change`).
+The truth is moved to the frame in which the gauge leaves the heights (`rigs.frame_change`). Modes are counted
+from a tenth of the mirror's length on: before, at the edge that it shares with a prism's pattern, single pixels
+have no derivative, and one of them would be the leading mode.
 """
 
 import time
@@ -27,6 +29,7 @@ __all__ = ["SETUPS", "Figure", "figures", "mode_chi2"]
 
 Floats = NDArray[np.float64]
 
+_EDGE = 0.1  # of the mirror's length: where noise figures hold from (reconstruct's)
 _SHARE = 0.999  # of the modes' variance: how many are counted
 # Columns of the images, traced and rendered: a ball's contact must hold enough pixels.
 _COLUMNS = {"air": (100, 480), "balls": (200, 400), "rest": (100, 400)}
@@ -112,7 +115,7 @@ def _figure(setup: str, seed: int, rendered: bool) -> Figure | None:
     dented, flat = (
         _measured(rig, scene, frame, surface, take, 100 + k) for k, surface in enumerate((rig.dent, rig.rest))
     )
-    return _judged(setup, seed, dented, flat, (chi, evaluations, seconds))
+    return _judged(setup, seed, rig.given.mirror.length, dented, flat, (chi, evaluations, seconds))
 
 
 def _typed(scene: Scene) -> Scene:
@@ -148,6 +151,7 @@ def _measured(
 def _judged(
     setup: str,
     seed: int,
+    length: float,
     dented: tuple[HeightMap, Floats],
     flat: tuple[HeightMap, Floats],
     adjusted: tuple[float, int, float],
@@ -160,7 +164,8 @@ def _judged(
     assert rest.calibration is not None
     change, true = (height.z - rest.z)[good], (z - z0)[good]
     error, depth = change - true, float(true.max())
-    chi2, modes = mode_chi2((height.z - z)[good], height.calibration[:, good])
+    far = good & (height.x >= _EDGE * length)
+    chi2, modes = mode_chi2((height.z - z)[far], height.calibration[:, far])
     common = (height.calibration - rest.calibration)[:, good]
     slope = float(error @ true / (true @ true))
     slopes = common @ true / (true @ true)
