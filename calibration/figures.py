@@ -2,9 +2,9 @@
 
 Truth is traced or rendered by the scene, never by the adjustment's model. An error of calibration moves a
 whole height map at once, so that a map is one sample: chi2/r of the r coefficients of its modes.
-The truth is moved to the frame in which the gauge leaves the heights (`rigs.frame_change`). Modes are counted
-from a tenth of the mirror's length on: before, at the edge that it shares with a prism's pattern, single pixels
-have no derivative, and one of them would be the leading mode.
+The truth is moved to the frame in which the gauge leaves the heights (`rigs.frame_change`).
+Modes are counted from a tenth of the mirror's length on: at the edge that it shares with a prism's pattern,
+single pixels have no derivative, and one of them would be the leading mode.
 """
 
 import time
@@ -16,9 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, decode
+from optolever.errors import InputError
 from optolever.patterns import sequence
 from optolever.projector import capture as render
 from optolever.reconstruct import HeightMap, PixelAnchor, reconstruct
+from optolever.records import LOG
 from optolever.scene import Covariance, Scene, Surface, trace
 
 from .calibrate import calibrate
@@ -83,9 +85,13 @@ def mode_chi2(error: Floats, modes: NDArray[np.floating[Any]]) -> tuple[float, i
 
 def figures(setup: str, seeds: range, rendered: bool = False) -> Iterator[Figure]:
     """One draw per seed: a rig with its own errors, captures, calibration, and a dent measured with it; none
-    where no height is left unflagged."""
+    where no height is left unflagged, or the captures are refused."""
     for seed in seeds:
-        figure = _figure(setup, seed, rendered)
+        try:
+            figure = _figure(setup, seed, rendered)
+        except InputError as error:
+            LOG.warning("%s, seed %d: %s", setup, seed, error)
+            continue
         if figure is not None:
             yield figure
 
