@@ -290,19 +290,18 @@ def _neighbours(plan: Plan, few: Sample) -> tuple[F32, F32]:
     is dark, and edges of bits are blurred.
     """
     places = few.places
-    run = (places[2:, 0] == places[:-2, 0]) & (places[2:, 1] == places[:-2, 1] + 2)
+    run = np.flatnonzero((places[2:, 0] == places[:-2, 0]) & (places[2:, 1] == places[:-2, 1] + 2))
     frames, off, steep, same = _off_references(plan, few)
-    step = 1 + len(frames) * len(run) // _BENDS
-    run = run[::step]
+    run = run[:: 1 + len(frames) * len(run) // _BENDS]
     camera = (few.levels if few.camera is None else few.camera)[frames]
 
     def three(of: Any) -> tuple[Any, Any, Any]:
-        return of[:, :-2:step], of[:, 1:-1:step], of[:, 2::step]
+        return of[:, run], of[:, run + 1], of[:, run + 2]
 
     (one, middle, other), spread = three(off), three(steep)
     bend = (one - 2 * middle + other) / np.sqrt(spread[0] + 4 * spread[1] + spread[2])
     a, b, c = three(same)
-    kept = run & (a >= 0) & (a == b) & (b == c)
+    kept = (a >= 0) & (a == b) & (b == c)
     return three(camera)[1][kept], bend[kept]
 
 

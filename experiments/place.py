@@ -1,14 +1,14 @@
 """A dented mirror before a camera: its truth, and the correspondence that a perfect decoder would give."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence, Flag
-from optolever.reconstruct import PixelAnchor
+from optolever.decode import Correspondence
+from optolever.reconstruct import PixelAnchor, exact_correspondence
 from optolever.scene import Scene, Surface, Trace, dent_from_text, load, resize, trace
 
 __all__ = ["EXACT_SIGMA", "USUAL", "Dent", "Place", "exact", "middle_anchor", "resolve"]
@@ -65,14 +65,12 @@ def exact(
 
     noise: rms px of white noise, drawn by rng and stated as sigma; 0: EXACT_SIGMA is stated.
     """
-    u, v = truth.u, truth.v
-    if rng is not None:
-        u, v = (part + noise * rng.standard_normal(part.shape) for part in (u, v))
-    sigma = np.full(u.shape, noise or EXACT_SIGMA)
-    seen = truth.visible if where is None else truth.visible & where
-    return Correspondence(
-        u, v, sigma, sigma.copy(), np.where(seen, 0, int(Flag.OFF_PATTERN)).astype(np.uint16)
-    )
+    seen = truth if where is None else replace(truth, visible=truth.visible & where)
+    found = exact_correspondence(seen, noise or EXACT_SIGMA)
+    if rng is None:
+        return found
+    u, v = (part + noise * rng.standard_normal(part.shape) for part in (truth.u, truth.v))
+    return replace(found, u=u, v=v)
 
 
 def middle_anchor(truth: Trace) -> PixelAnchor:

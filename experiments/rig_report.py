@@ -11,7 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.notices import Notice
-from optolever.reconstruct import HeightMap, predicted_budget, sigma_at_rest
+from optolever.reconstruct import (
+    PREDICTED_DEPTH,
+    PREDICTED_NOISE,
+    HeightMap,
+    predicted_budget,
+    sigma_at_rest,
+)
 from optolever.scene import Scene
 
 from .images import figure_uri, new_figure, robust_limits
@@ -68,7 +74,8 @@ def rig_html(study: RigStudy) -> str:
             "sketch": _sketch(study.given, study.scene),
             "heights": _sigma_figure(rest),
             "budget": budget_table(predicted_budget(study.scene)),
-            "depth": study.scene.mirror.length / 300,
+            "depth": study.scene.mirror.length * PREDICTED_DEPTH,
+            "noise": PREDICTED_NOISE,
             "stages": stage_bars(study.seconds),
             "memory_gib": peak_bytes() / 2**30,
             "command": study.command,

@@ -9,6 +9,7 @@
 | `calibration.py` | a rest capture as reference |
 | `propagation.py` | what the errors of a calibrated rig do to a height map |
 | `budget.py` | the uncertainty of a height, a depth, a difference, by its sources |
+| `exact.py` | the correspondence that a perfect decoder would give |
 | `predicted.py` | what a rig would measure: its sigma at rest and of a dent |
 | `circulation.py` | whether noise explains how the slopes contradict each other |
 | `sofast.py` | a SOFAST measurement on its rig's flat pattern |
@@ -43,6 +44,7 @@ from .budget import ANCHOR, NOISE, TOTAL, budget, free_mode_of
 from .contact import Contact, contacts
 from .coupled import method_names, reconstruct
 from .curvature import CurvatureMap, curvature_map
+from .exact import exact_correspondence
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .integrate import Integral, integrate, integrator_names
 from .null_space import null_space
@@ -63,7 +65,7 @@ from .paper_scene import (
     reconstruct_paper,
     row_recursion,
 )
-from .predicted import predicted_budget, predicted_maps, sigma_at_rest
+from .predicted import PREDICTED_DEPTH, PREDICTED_NOISE, predicted_budget, predicted_maps, sigma_at_rest
 from .resampling import Grid
 from .slope_map import SlopeMap, slope_map
 from .sofast import on_rig
@@ -74,6 +76,8 @@ free_mode = null_space  # its name before
 __all__ = [
     "ANCHOR",
     "NOISE",
+    "PREDICTED_DEPTH",
+    "PREDICTED_NOISE",
     "TOTAL",
     "Anchor",
     "Contact",
@@ -99,6 +103,7 @@ __all__ = [
     "capture_positions",
     "contacts",
     "curvature_map",
+    "exact_correspondence",
     "free_mode",
     "free_mode_of",
     "height_increment",

@@ -102,8 +102,7 @@ def reconstruct(
         measured = Measurement(before_rest, anchor, mask, rest, method)
         modes = calibration_modes(_height_alone, measured, scene, height)
         known = scene.covariance
-        sources = known.sources or ("the numbers of the rig",)
-        height = replace(height, calibration=modes, sources=sources, shares=known.shares)
+        height = replace(height, calibration=modes, sources=known.sources, shares=known.shares)
     progress("reconstructed", steps, steps)
     return height
 

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 import tifffile
+from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.files import atomic_file
 
-from .arrays import Floats, Labels, Mask
+from .arrays import Floats, Mask
 
 __all__ = ["write_ply", "write_tiff"]
 
@@ -54,7 +55,7 @@ def write_ply(path: str | Path, x: Floats, y: Floats, z: Floats, sigma: Floats, 
         stream.write(faces.tobytes())
 
 
-def _triangles(good: Mask) -> Labels:
+def _triangles(good: Mask) -> NDArray[np.int32]:
     """Vertex numbers (N, 3) of the two triangles of every square of four good pixels' halves."""
     number = np.cumsum(good).reshape(good.shape).astype(np.int32) - 1
     a, b, c, d = (

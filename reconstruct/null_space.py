@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from optolever.decode import Correspondence, Flag
 from optolever.scene import Scene, dent, trace
 
 from .arrays import Floats
 from .coupled import solved_height
 from .edges import edge_weights, factor_increments
+from .exact import exact_correspondence
 from .linear import edge_problem
 from .poisson import Accuracy
 
@@ -28,12 +28,8 @@ def null_space(scene: Scene) -> Floats:
     >>> [round(float(part), 2) for part in mode[30, [0, 40, 76]]]
     [1.0, 0.5, 0.04]
     """
-    seen = trace(scene, dent("flat", scene))
-    sigma = np.ones(seen.u.shape)
-    flags = np.where(seen.visible, 0, int(Flag.OFF_PATTERN)).astype(np.uint16)
-    problem, state, _ = solved_height(
-        Correspondence(seen.u, seen.v, sigma, sigma.copy(), flags), scene, "edge"
-    )
+    seen = exact_correspondence(trace(scene, dent("flat", scene)), 1.0)
+    problem, state, _ = solved_height(seen, scene, "edge")
     data = problem.data
     # The solver's own factor is only near; here it is the result.
     edges = edge_problem(*edge_weights(*state.variances, np.ones((1, 1)), data.mask), data.mask)

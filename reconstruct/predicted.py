@@ -2,19 +2,19 @@
 
 import numpy as np
 
-from optolever.decode import Correspondence
 from optolever.scene import Scene, Surface, dent, resize, trace
 
 from .anchors import PixelAnchor
 from .budget import budget, free_mode_of
 from .coupled import reconstruct
+from .exact import exact_correspondence
 from .heightmap import HeightMap
 
-__all__ = ["predicted_budget", "predicted_maps", "sigma_at_rest"]
+__all__ = ["PREDICTED_DEPTH", "PREDICTED_NOISE", "predicted_budget", "predicted_maps", "sigma_at_rest"]
 
 _LINES = 60  # rows of the image
-_NOISE = 0.01  # cells
-_DEPTH, _WIDTH = 1 / 300, 1 / 16  # of the mirror's length: a dent's depth and its sigma
+PREDICTED_NOISE = 0.01  # px
+PREDICTED_DEPTH, _WIDTH = 1 / 300, 1 / 16  # of the mirror's length: a dent's depth and its sigma
 
 
 def sigma_at_rest(scene: Scene) -> HeightMap:
@@ -29,7 +29,7 @@ def predicted_maps(scene: Scene) -> tuple[Scene, HeightMap, HeightMap, PixelAnch
     rest, and the anchor beside the dent."""
     small = _coarse(scene)
     length = small.mirror.length
-    pressed = dent("gaussian", small, peak=_DEPTH * length, sigma=_WIDTH * length)
+    pressed = dent("gaussian", small, peak=PREDICTED_DEPTH * length, sigma=_WIDTH * length)
     height, anchor = _measured(small, pressed, 0.2)
     return small, height, _measured(small, dent("flat", small), 0.2)[0], anchor
 
@@ -48,11 +48,8 @@ def _coarse(scene: Scene) -> Scene:
 def _measured(small: Scene, surface: Surface, place: float) -> tuple[HeightMap, PixelAnchor]:
     """A surface, anchored where it is, at a share of the image's rows and in the middle of its columns."""
     seen = trace(small, surface)
-    sigma = np.full(seen.u.shape, _NOISE)
-    flags = np.where(seen.visible, 0, 1).astype(np.uint16)
     visible = np.argwhere(seen.visible)
     middle = np.array([place, 0.5]) * seen.u.shape
     row, col = visible[np.argmin(np.linalg.norm(visible - middle, axis=1))].tolist()
-    exact = Correspondence(seen.u, seen.v, sigma, sigma.copy(), flags)
     anchor = PixelAnchor(row, col, float(seen.z[row, col]))
-    return reconstruct(exact, small, anchor=anchor), anchor
+    return reconstruct(exact_correspondence(seen, PREDICTED_NOISE), small, anchor=anchor), anchor

@@ -70,13 +70,13 @@ class Covariance(Record):
         return replace(self, matrix=self.matrix * np.outer(by, by), parts=parts)
 
     @property
-    def shares(self) -> Float:
+    def shares(self) -> Float | None:
         """(s, r, r): what each source adds to the covariance of the r independent errors that `root` has as
-        rows, all of variance 1: they sum to the unit matrix. One source without parts."""
+        rows, all of variance 1: they sum to the unit matrix. None without parts."""
         if self.parts is None:
-            return np.eye(len(self.root))[None]
-        inverse = np.linalg.pinv(self.root / np.sqrt(np.diag(self.matrix)))  # (p, r) of scaled numbers
+            return None
         scale = np.sqrt(np.diag(self.matrix))
+        inverse = np.linalg.pinv(self.root / scale)  # (p, r) of scaled numbers
         shares: Float = inverse.T @ (self.parts / np.outer(scale, scale)) @ inverse
         return shares
 

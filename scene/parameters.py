@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from optolever import InputError
 
@@ -16,7 +17,7 @@ from .face import Face
 from .pattern import Pattern
 from .pattern_shape import Bow
 from .pinhole import PinholeCamera
-from .pose import rotate, rotation_from_axes, rotation_from_vector, vector_from_rotation
+from .pose import rotate, rotation_from_axes, rotation_from_vector
 from .record import Float
 from .scene import Camera, Scene
 
@@ -67,10 +68,10 @@ def parameter_changes(scene: Scene, other: Scene) -> dict[str, float]:
     values = parameter_values(other)
     one, two = scene.camera, other.camera
     turn = rotation_from_axes(two.u_axis, two.v_axis) @ rotation_from_axes(one.u_axis, one.v_axis).T
-    poses = {"camera": (two.origin - one.origin, vector_from_rotation(turn))}
+    poses = {"camera": (two.origin - one.origin, Rotation.from_matrix(turn).as_rotvec())}
     axes, (middle, moved) = _axes(scene.pattern), (_middle(each.pattern) for each in (scene, other))
     turn = axes @ _axes(other.pattern).T
-    poses["pattern"] = axes @ (moved - middle), vector_from_rotation(turn)
+    poses["pattern"] = axes @ (moved - middle), Rotation.from_matrix(turn).as_rotvec()
     for part, pose in poses.items():
         values |= {f"{part}.{n}": float(v) for n, v in zip(_POSE, np.concatenate(pose), strict=True)}
     if one.face is not None and two.face is not None:

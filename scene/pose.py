@@ -17,7 +17,6 @@ __all__ = [
     "rotation_from_axes",
     "rotation_from_vector",
     "transform",
-    "vector_from_rotation",
 ]
 
 
@@ -53,16 +52,6 @@ def rotation_from_vector(rotation: Float) -> Float:
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     matrix: Float = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
     return matrix
-
-
-def vector_from_rotation(rotation: Float) -> Float:
-    """The rotation vector (rad) of R_AB, of less than half a turn: (R - R^T)/2 = sin a K."""
-    half = 0.5 * (rotation - rotation.T)
-    sine = np.array([half[2, 1], half[0, 2], half[1, 0]])
-    size = float(np.linalg.norm(sine))
-    angle = np.arctan2(size, 0.5 * (np.trace(rotation) - 1))
-    vector: Float = sine * (angle / size if size else 1.0)
-    return vector
 
 
 def look_at(name: str, position: Float, target: Float, row_axis: Float) -> tuple[Float, Float]:

@@ -16,7 +16,6 @@ __all__ = ["LIMIT", "SIGMAS", "Case", "Found", "FrameVerdict", "Result", "judged
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Values = NDArray[Any]
 
 LIMIT = 1e-4  # silent errors, as a share of the unflagged pixels
 SIGMAS = 5.0  # beyond which an unflagged value is a silent error
