@@ -84,6 +84,8 @@ def _check(
         _special_line(
             *(window, k, variance[y], variance[up], variance[down], (jump, per_turn), low, high, special)
         )
+        if (y == 0) | (y == rows - 1):
+            special[:] = 1
         if shift.size > 1:
             far = none if y < REACH else window[k - REACH, REACH : REACH + cols]
             near = none if y >= rows - REACH else window[k + REACH, REACH : REACH + cols]
@@ -173,7 +175,7 @@ def _special_line(
     high: Any,
     special: Any,
 ) -> None:
-    """Pixels of which neighbours or the border tell something: those at the ends of a row are always
+    """Pixels of which neighbours or the border tell something: those at the image's edge are always
     asked."""
     size, two, (jump, per_turn) = special.size, np.float32(2), limits
     sure, four, square = np.float32(_SURE * _SURE), np.float32(4), jump * jump
@@ -270,15 +272,17 @@ def _along(y: Any, x: Any, dy: Any, dx: Any, maps: Any, limits: Any) -> tuple[An
     here, before, after = coord[y, x], coord[y0, x0], coord[y1, x1]
     has_before, has_after = flags[y0, x0] == 0, flags[y1, x1] == 0
     count, off = int(has_before) + int(has_after), before + after - np.float32(2) * here
+    lights = amplitude[y, x], amplitude[y0, x0], amplitude[y1, x1]
     if count < 2:
-        lights = amplitude[y, x], amplitude[y0, x0], amplitude[y1, x1]
         lost, side = _beside(has_before, has_after, here, before, after, *lights), 1 if has_after else -1
         bend = _one_sided(y, x, side * dy, side * dx, coord, variance, flags)
         if (count == 1) & inside & (((flags[y0, x0] | flags[y1, x1]) & _UNSEEN) == 0):
             bend = max(bend, _of_one_order(off, limits) ** 2)
         return count, False, lost, bend, none_beyond
-    if not inside:
-        return count, False, none, none, none_beyond
+    if not inside:  # the mirror may end in a pixel at the image's edge
+        first = (y0 == y) & (x0 == x)
+        lost = _beside(not first, first, here, before, after, *lights)
+        return count, False, lost, none, none_beyond
     noise = variance[y0, x0] + np.float32(4) * variance[y, x] + variance[y1, x1]
     bend = max(min(off * off, np.float32(4) * jump * jump) - np.float32(BULK**2) * noise, none)
     noise, lost = np.float32(_SURE) * np.sqrt(noise), none

@@ -95,6 +95,21 @@ def test_beside_a_hole(name: str) -> None:
     assert found.good[(np.abs(centres(distance) - 7.3) > 3.5) & (centres(distance) > 7.3)].mean() > 0.9
 
 
+@pytest.mark.parametrize("name", ["gray+phase", "stripe"])
+@pytest.mark.parametrize("turns", range(4))
+def test_a_mirror_that_ends_in_the_images_outermost_pixels(turns: int, name: str) -> None:
+    """Its slanted edge leaves a part of each; nothing beyond the image tells that, their lost light does."""
+    row, col = places(60, 60)
+    u, v = (np.rot90(part, turns) for part in (10 + 2.3 * col, 8 + 2.2 * row))
+    dark = np.rot90(row < col / 60 - 0.6, turns)
+    shown = sequence_from_text(name, 150, 160)
+    found = decode(footprints(shown, u, v, noise=0.3, dark=dark), shown)
+    assert silent(found, centres(u), centres(v)) <= 1e-4
+    lit = np.rot90(found.sigma_u, -turns)[[0, -1], 2:20]
+    assert found.good.mean() > 0.97
+    assert np.median(lit) < 0.03
+
+
 @pytest.mark.parametrize("blur", [0.5, 3.0])
 @pytest.mark.parametrize("name", ["phase", "phase:steps=4,periods=20/22/25", "stripe:step=8", "gray"])
 def test_the_shadow_of_the_border(name: str, blur: float) -> None:
