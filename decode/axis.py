@@ -126,10 +126,9 @@ def _decoder(
         jump = axis.stripes.width if axis.stripes else 2.0 * (1 if code is None else float(code.cell))
         limits = limits_of(axis.extent, 0.5, table.freedom, light.white)
         return AxisDecoder(axis, light, noise, code, None, None, table, None, limits, table.freedom, jump)
-    deviation = _deviation(axis, noise, lit) if axis.fringes else 0.0
-    micro = micro_table(axis, deviation) if axis.singles else None
+    micro = micro_table(axis, _deviation(axis, noise, lit)) if axis.singles else None
     covered = code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
-    orders = None if covered else _orders(axis, deviation)
+    orders = None if covered else _orders(axis, _deviation(axis, noise, lit))
     rounding, shift = (0.0,) * len(axis.fringes), np.zeros(1, np.float32)
     if on_cells and not sequence.nominal and axis.fringes:
         rounding, shift = _rounding(axis.axis, sequence)

@@ -102,7 +102,9 @@ def fitted_levels(words: NDArray[np.int32], margin: F32, variance: F32, factor: 
     cells[words] = np.arange(len(words))
     cell = cells[((margin > 0) << np.arange(bits)[:, None]).sum(axis=0)]
     expected = float(np.median(variance)) * max(bits - 1, 1)
-    left = [float(np.median(_least_misfit(levels, cell, margin, factor))) for levels in tried]
+    misfit = np.empty((len(tried), count), np.float32)
+    _least_misfits(np.stack(tried), cell, np.ascontiguousarray(margin.T), 1 / factor, misfit)
+    left = [float(np.median(one)) for one in misfit]
     best = int(np.argmin(left))
     return tried[best], max(left[best] - expected, 0.0) / bits
 
@@ -113,18 +115,23 @@ def _tried_levels(words: tuple[int, ...], bits: int) -> tuple[F32, ...]:
     return tuple(blurred_levels(np.array(words, np.int32), bits, float(blur)) for blur in _BLURS)
 
 
-def _least_misfit(levels: F32, cell: NDArray[np.int64], margin: F32, factor: F32) -> Any:
-    """Squared misfit (K,), over the factor, of the best mixture of a cell and one beside it."""
-    per_deviation = factor**-0.5
-    levels, margin = levels * per_deviation, np.ascontiguousarray(margin.T) * per_deviation
-    least = np.full(len(cell), np.inf)
-    for before in (0, 1):
-        at = np.clip(cell - before, 0, len(levels) - 2)
-        step, left = levels[at + 1] - levels[at], margin - levels[at]
-        top, bottom = (np.einsum("kb,kb->k", step, one) for one in (left, step))
-        left -= np.clip(top / np.maximum(bottom, 1e-12), 0, 1)[:, None] * step
-        least = np.minimum(least, np.einsum("kb,kb->k", left, left))
-    return least
+@exact
+def _least_misfits(levels: Any, cell: Any, margin: Any, weight: Any, least: Any) -> None:
+    """Squared misfit (B, K), weighted (bits,), of margins (K, bits) from the best mixture of a cell (K,) and
+    one beside it; levels (B, cells, bits)."""
+    for t in range(levels.shape[0]):
+        for k in range(cell.size):
+            least[t, k] = np.inf
+            for before in range(2):
+                at = min(max(cell[k] - before, 0), levels.shape[1] - 2)
+                top, bottom, square = 0.0, 1e-12, 0.0
+                for b in range(weight.size):
+                    step, off = levels[t, at + 1, b] - levels[t, at, b], margin[k, b] - levels[t, at, b]
+                    top += weight[b] * step * off
+                    bottom += weight[b] * step * step
+                    square += weight[b] * off * off
+                share = min(max(top / bottom, 0.0), 1.0)
+                least[t, k] = min(least[t, k], square - share * (2 * top - share * bottom))
 
 
 @inlined

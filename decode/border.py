@@ -71,7 +71,7 @@ def _beside(maps: tuple[Any, ...], extent: int) -> tuple[NDArray[np.float64], ..
     """
     coord, offset, amplitude, flags = maps
     away = np.minimum(coord + 0.5, extent - 0.5 - coord)
-    line, at = np.nonzero((away > 0) & (away < MARGIN / 2))
+    line, at = np.divmod(np.flatnonzero((away > 0) & (away < MARGIN / 2)), coord.shape[1])
     seen = flags[line, at] == 0
     line, at = line[seen], at[seen]
     after, before = np.minimum(at + 1, coord.shape[1] - 1), np.maximum(at - 1, 0)

@@ -243,12 +243,12 @@ class _Neighbours:
     part: F32
 
     def looked_up(self, table: F32) -> Any:
-        """Entries (5, K) of a table by place and between footprints; 0 of an empty one."""
+        """Entries (5, K, ...) of a table (W, PLACES, ...) by place and footprint; 0 of an empty one."""
         if not table.size:
             return np.float32(0)
-        entry, part = self.entry, self.part
-        flat = table.ravel()
-        return (1 - part) * flat[entry] + part * flat[entry + PLACES]
+        flat = table.reshape(-1, *table.shape[2:])
+        part = self.part.reshape(-1, *(1,) * (flat.ndim - 1))
+        return (1 - part) * flat[self.entry] + part * flat[self.entry + PLACES]
 
 
 def _neighbours(lit: Sample, coord: F32, variance: F32) -> _Neighbours | None:
@@ -293,18 +293,23 @@ def _roughness(seen: _Neighbours, place: F32) -> float:
 def _misfits(shares: tuple[tuple[float, float], ...], sigma: float, seen: _Neighbours) -> F64:
     """-2 log likelihood of second differences after the correction for each blur, and for none. What the map
     bends by itself is noise of a size that each of them fits for itself."""
-    left, seen = [], replace(seen, place=seen.place[1:4], entry=seen.entry[1:4])
-    for blur in (*_BLURS, None):
-        shift = doubt = np.zeros(1, np.float32)
-        if blur is not None:
-            shift, doubt = (seen.looked_up(table) for table in _inverted(shares, blur, sigma))
-            doubt = doubt[0] + 4 * doubt[1] + doubt[2]
-        bend = np.diff(seen.place + shift, 2, axis=0)[0]
-        growth = 1 + doubt / (6 * seen.noise)
-        chi2 = np.minimum(bend**2 / (6 * seen.noise * growth), _OUTLYING)
-        more = max(1.0, float(chi2.mean()))
-        left.append(float((chi2 / more + np.log(growth * more)).sum()))
-    return np.array(left)
+    three = replace(seen, place=seen.place[1:4], entry=seen.entry[1:4])
+    found = three.looked_up(_every_blur(shares, sigma))
+    shift, doubt = found[..., 0], found[..., 1]
+    bend = np.diff(three.place[..., None] + shift, 2, axis=0)[0]
+    noise = 6 * seen.noise[:, None]
+    growth = 1 + (doubt[0] + 4 * doubt[1] + doubt[2]) / noise
+    chi2 = np.minimum(bend**2 / (noise * growth), _OUTLYING)
+    more = np.maximum(1.0, chi2.mean(axis=0, dtype=np.float64))
+    return np.asarray((chi2 / more + np.log(growth * more)).sum(axis=0))
+
+
+@lru_cache(maxsize=16)
+def _every_blur(shares: tuple[tuple[float, float], ...], sigma: float) -> F32:
+    """Shift and variance (W, PLACES, B, 2) of each blur, and of no correction."""
+    tables = [np.stack(_inverted(shares, blur, sigma)) for blur in _BLURS]
+    every = np.stack([*tables, np.zeros_like(tables[0])], axis=-1)
+    return np.ascontiguousarray(every.transpose(1, 2, 3, 0))
 
 
 def _fitted_blur(left: F64) -> tuple[float, tuple[float, float]]:

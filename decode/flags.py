@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from optolever.kernels import exact, kernel
 
@@ -54,7 +54,7 @@ class Shared(NamedTuple):
 def limits_of(extent: int, factor: float, freedom: int, white: float) -> Limits:
     """factor: variance of the amplitude over that of a sample; freedom: of chi2; white: where samples
     saturate."""
-    most = float(chi2.isf(_CHANCE, freedom)) if freedom > 0 else np.inf
+    most = float(chdtri(freedom, _CHANCE)) if freedom > 0 else np.inf
     dim = _DIM * white if np.isfinite(white) else 0.0
     return Limits(*(np.float32(x) for x in (extent, _CONTRAST**2 * factor, most, dim)))
 

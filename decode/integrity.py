@@ -10,6 +10,7 @@ scene's perfect picture stay unseen, and so do those of spots.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import erfc, sqrt
 from typing import Any
 
@@ -138,6 +139,7 @@ def _quiet(plan: Plan, lit: Sample, found: Correspondence) -> bool:
     return True
 
 
+@lru_cache(maxsize=4)
 def _chosen(count: int) -> Ints:
     """Some of `count` pixels: by chance, as every so many may be a fringe's period."""
     return np.sort(np.random.default_rng(0).permutation(count)[:_PIXELS])

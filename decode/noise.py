@@ -31,14 +31,15 @@ _TRIM, _LEFT = 3.0, 0.9733
 _FEWEST, _ENOUGH = 64, 1024
 _FEW_RUNS, _MANY_RUNS = 128, 1024
 #: Second differences that tell the noise at most: of a sweep's many frames fewer pixels do.
-_BENDS = 1 << 18
+_BENDS = 1 << 16
 _BINS = 8
 #: Share of the constraints, of those with the least slopes, that tell the noise under a response.
 _STRAIGHT = 0.25
 #: Rounds of the noise and the spread of a response, which is that of a noise.
 _ROUNDS = 3
-#: Share of the noise's variance that a misfit has at least to be told from it.
-_UNLIKE = 0.2
+#: Share of the noise's variance that a misfit has at least to be told from it, and pixels that are asked: of
+#: 700 with one constraint each, a median's chance is as large.
+_UNLIKE, _ASKED = 0.2, 2048
 
 
 class Numbers(NamedTuple):
@@ -195,7 +196,7 @@ def _misfit(sample: Sample, amplitude: F32, groups: tuple[F64, ...], noise: Nois
     amplitude^2."""
     if not groups or not sample.levels.size:
         return 0.0
-    thin = max(1, sample.levels.shape[1] // _MOST)
+    thin = max(1, sample.levels.shape[1] // _ASKED)
     rows, some = groups[-1].astype(np.float32), sample.only(slice(None, None, thin))
     whole = _unsaturated(rows, some.levels, sample.white)
     told = whole.any(axis=0)

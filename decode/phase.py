@@ -5,6 +5,7 @@ Phase = atan2(s, c); its variance follows from the covariance of c and s (for N 
 others determine it; where a response is inverted every sample has the weight of its own variance.
 """
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -41,6 +42,7 @@ class Periods(NamedTuple):
     rounding: F32
 
 
+@lru_cache(maxsize=16)
 def periods_of(fringes: tuple[Fringe, ...], rounding: tuple[float, ...]) -> Periods:
     """Of an axis' fringes, rounding: variance (turns^2) of each one's phase by rounded grey values."""
     most, designs = max(len(fringe.index) for fringe in fringes), [fringe.design() for fringe in fringes]
