@@ -228,7 +228,7 @@ def _unlike(noise: Noise, rough: float) -> tuple[Notice, ...]:
 def _silent(shot: _Shot) -> bool:
     """Whether there is no noise beyond rounding."""
     usual = float(shot.lit.levels.mean()) if shot.lit.levels.size else 0.0
-    return bool(shot.noise.variance(usual) < 1.5 / 12)
+    return bool(shot.noise.variance(usual) < 1.5 * (shot.light.rounding or 1 / 12))
 
 
 def _part(light: Light, index: NDArray[np.int64]) -> Light:

@@ -100,9 +100,9 @@ def light_of(
     if response is not None and stack.dtype.kind != "u":
         raise InputError(f"decode: response is given and frames are {stack.dtype}, must be uint8 or uint16")
     table = np.zeros(0, np.float32) if response is None else response.table(stack.dtype)
-    clip = _clip_level(stack) if white_level is None else float(white_level)
-    rounding = 1 / 12 if stack.dtype.kind == "u" else 0.0
-    return Light(np.ascontiguousarray(stack), clip, table, rounding, response)
+    step, clip = _levels_of(stack)
+    clip = clip if white_level is None else float(white_level)
+    return Light(np.ascontiguousarray(stack), clip, table, step * step / 12, response)
 
 
 def _finite(stack: NDArray[Any]) -> F32:
@@ -112,14 +112,20 @@ def _finite(stack: NDArray[Any]) -> F32:
     return stack.astype(np.float32)
 
 
-def _clip_level(stack: NDArray[Any]) -> float:
-    """255, or the largest level of the fewest bits that hold the brightest sample of 16-bit frames."""
+def _levels_of(stack: NDArray[Any]) -> tuple[int, float]:
+    """Step of whole levels (0: they are not), and the largest: 255, or that of the fewest bits that hold all
+    samples of 16-bit frames; a camera's bits may be the upper of 16, then the others are 0."""
     if stack.dtype == np.uint8:
-        return 255.0
+        return 1, 255.0
     if stack.dtype.kind == "f":
-        return float("inf")
-    brightest = int(max(on_cores(np.max, list(stack)), default=0))
-    return float(next(level for level in (255, 1023, 4095, 16383, 65535) if level >= brightest))
+        return 0, float("inf")
+    used = int(np.bitwise_or.reduce(on_cores(_bits_used, list(stack))))
+    step = min(used & -used, 256) if used > 16383 else 1  # 8 bits are the fewest
+    return step, float(next(level for level in (255, 1023, 4095, 16383, 65536 - step) if level >= used))
+
+
+def _bits_used(frame: NDArray[np.uint16]) -> int:
+    return int(np.bitwise_or.reduce(frame, axis=None))
 
 
 def sample_places(shape: tuple[int, int], runs: int) -> NDArray[np.int64]:

@@ -73,6 +73,19 @@ def test_clipped_samples_are_left_out(shoot: Shoot, smooth: tuple[F64, F64]) -> 
     assert silent(clipped, smooth) <= 1e-4
 
 
+@pytest.mark.parametrize("bits", [8, 10, 12, 14])
+def test_clipping_of_cameras_that_use_the_upper_of_sixteen_bits(
+    bits: int, shoot: Shoot, smooth: tuple[F64, F64]
+) -> None:
+    """Their largest level ends in zeros, as 65520 of 12 bits; but for scale nothing changes."""
+    unit = 2 ** (bits - 8)
+    light = {"noise": 1.0 * unit, "amplitude": 145.0 * unit, "offset": 155.0 * unit}
+    frames = shoot(GRAY_PHASE, *smooth, top=256 * unit - 1, dtype=np.uint16, **light)
+    lower, upper = (decode(each, GRAY_PHASE) for each in (frames, frames << (16 - bits)))
+    assert (lower.flags == upper.flags).mean() > 0.99
+    assert np.median((upper.sigma_u / lower.sigma_u)[lower.good]) == pytest.approx(1, abs=0.01)
+
+
 def test_clipped_white_leaves_the_threshold_of_bits_in_doubt() -> None:
     """White is a sixth brighter than it seems, half way to black is not: bits of a binary code that change at
     one place are read to different sides of it, which leads far."""
