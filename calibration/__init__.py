@@ -5,6 +5,7 @@
 | `calibrate.py` | calibrate(): the stages, the result |
 | `targets.py` | Flat, Rest, Ball, Plate, Points: form, own unknowns, priors |
 | `observation.py` | a capture of a target, checks, the sample that is used |
+| `contact.py` | where a pressed ball touches the mirror |
 | `priors.py` | what is free, held or known of a scene; the gauge |
 | `model.py` | where pixels look by a target |
 | `adjust.py` | the bundle adjustment and its covariance |
@@ -18,6 +19,7 @@
 """
 
 from .calibrate import Calibration, calibrate, left_out
+from .contact import contact
 from .figures import SETUPS, Figure, figures, mode_chi2
 from .judgement import Judgement, judged
 from .observation import Observation
@@ -39,6 +41,7 @@ __all__ = [
     "RestMap",
     "Target",
     "calibrate",
+    "contact",
     "default_priors",
     "figures",
     "judged",

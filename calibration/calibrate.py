@@ -15,7 +15,7 @@ from optolever.scene import Covariance, Scene, adjusted, parameter_changes, para
 
 from .adjust import Adjustment, Problem, adjust, step_of
 from .observability import Direction, directions, notices
-from .observation import Observation, Sample, frame_of, sampled
+from .observation import Observation, Sample, checked, frame_of, sampled
 from .priors import GAUGE, is_pose, resolved
 from .sources import error_sources
 from .start import open_air_start
@@ -141,7 +141,8 @@ def calibrate(
     captures in open air tell where to start. InputError names the capture or the prior that is wrong.
     """
     scene = replace(scene, covariance=None)
-    samples = sampled(observations, (scene.camera.rows, scene.camera.cols))
+    observations = checked(observations, (scene.camera.rows, scene.camera.cols))
+    samples = sampled(observations)
     frame = frame_of(observations)
     if points and not any(isinstance(sample.target, Rest) for sample in samples):
         raise InputError("Points: need a capture of the mirror at Rest, whose heights they are")

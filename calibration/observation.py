@@ -1,7 +1,7 @@
 """A capture of a target, and the sample of it that the adjustment uses."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 
+from .contact import FEWEST, contact
 from .targets import Ball, Flat, Plate, Rest, Target
 
-__all__ = ["Observation", "Sample", "frame_of", "sampled"]
+__all__ = ["Observation", "Sample", "checked", "frame_of", "sampled"]
 
 Floats = NDArray[np.float64]
 
 _GRID = 40  # rows and columns of the sample
-_FEWEST = 100  # pixels: less is no mirror
 _LEAST_SIGMA = 1e-4  # cells: no model of a rig is better
 _SAME = 5.0  # sigma: two captures that agree so far everywhere are one pose
 
@@ -24,7 +24,7 @@ _SAME = 5.0  # sigma: two captures that agree so far everywhere are one pose
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
     """name: what the unknowns of this capture are called by; target: what it shows; mask (H, W): pixels to
-    use among the good ones (a pressed ball's contact), None: all."""
+    use among the good ones; None: all, of a ball the contact that is found beside the frame's capture."""
 
     name: str
     target: Target
@@ -59,8 +59,8 @@ class Sample:
         return Sample(self.name, self.target, *(part[some] for part in parts))
 
 
-def sampled(observations: Sequence[Observation], shape: tuple[int, int]) -> list[Sample]:
-    """40 x 40 pixels of each, on a grid over what is usable. InputError names the capture that is wrong."""
+def checked(observations: Sequence[Observation], shape: tuple[int, int]) -> list[Observation]:
+    """The observations, balls with a mask. InputError names the capture that is wrong."""
     if not observations:
         raise InputError("calibration: no capture is left; at least one of Flat or Rest is needed")
     names = [each.name for each in observations]
@@ -70,6 +70,23 @@ def sampled(observations: Sequence[Observation], shape: tuple[int, int]) -> list
     for each in observations:
         _require(each, shape)
     _require_different(observations)
+    (frame,) = (each for each in observations if each.name == frame_of(observations))
+    return [_with_contact(each, frame) for each in observations]
+
+
+def _with_contact(each: Observation, frame: Observation) -> Observation:
+    if each.mask is not None or not isinstance(each.target, Ball):
+        return each
+    try:
+        return replace(each, mask=contact(each.correspondence, frame.correspondence))
+    except InputError as error:
+        raise InputError(
+            f"capture {each.name!r}: beside {frame.name!r} {error}; give a mask of it (...@MASK.png)"
+        ) from error
+
+
+def sampled(observations: Sequence[Observation]) -> list[Sample]:
+    """40 x 40 pixels of each, on a grid over what is usable."""
     return [_sample(each) for each in observations]
 
 
@@ -89,9 +106,9 @@ def _require(each: Observation, shape: tuple[int, int]) -> None:
     if each.mask is not None and each.mask.shape != shape:
         raise InputError(f"capture {each.name!r}: mask of {each.mask.shape} pixels, must be {shape}")
     count = int(np.count_nonzero(each.usable))
-    if count < _FEWEST:
+    if count < FEWEST:
         raise InputError(
-            f"capture {each.name!r}: {count} usable pixels, must be {_FEWEST} or more; is the mirror in view?"
+            f"capture {each.name!r}: {count} usable pixels, must be {FEWEST} or more; is the mirror in view?"
         )
 
 
@@ -101,7 +118,7 @@ def _require_different(observations: Sequence[Observation]) -> None:
     for i, one in enumerate(posed):
         for other in posed[:i]:
             both = one.usable & other.usable
-            if both.sum() < _FEWEST:
+            if both.sum() < FEWEST:
                 continue
             a, b = one.correspondence, other.correspondence
             noise = np.hypot(a.sigma_u, b.sigma_u)[both] + _LEAST_SIGMA
@@ -118,7 +135,7 @@ def _sample(each: Observation) -> Sample:
     row, col = (part.ravel() for part in np.meshgrid(*picked, indexing="ij"))
     on = usable[row, col]
     row, col = row[on], col[on]
-    if row.size < _FEWEST // 2:  # scattered
+    if row.size < FEWEST // 2:  # scattered
         row, col = np.nonzero(usable)
         some = np.linspace(0, row.size - 1, min(row.size, _GRID * _GRID)).astype(int)
         row, col = row[some], col[some]

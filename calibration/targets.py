@@ -82,8 +82,8 @@ class Plate:
 
 @dataclass(frozen=True, slots=True)
 class Ball:
-    """The cap of a ball of `radius` +- sigma (mm), convex into the medium; place unknown. Where pressed, the
-    capture's mask must leave its contact only: beside it the mirror is no sphere."""
+    """The cap of a ball of `radius` +- sigma (mm), convex into the medium; place unknown. Of a
+    pressed one only the contact is of use: beside it the mirror is no sphere."""
 
     radius: float
     sigma: float

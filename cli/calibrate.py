@@ -28,7 +28,7 @@ $ optolever calibrate --scene monitor-mirror --out rig.toml \\
       flat=p0.npz flat=p1.npz flat=p2.npz
 ...
 $ optolever calibrate --scene prism48 --out rig.toml \\
-      rest=rest.npz ball:30,0.003=b.npz@contact.png --without b
+      rest=rest.npz ball:30,0.003=b.npz --leave-one-out
 """
 
 _TARGET = re.compile(r"(?P<kind>[a-z]+)(:(?P<numbers>[^=]*))?=(?P<path>[^@]+)(@(?P<mask>.+))?")
@@ -69,7 +69,8 @@ def command(
 
     A capture is what decode wrote (.npz) or a folder of frames. TARGET is flat[:FLATNESS] (a reference mirror
     in any pose, mm), rest[:ORDER[,SIGMA]] (the sensor's own surface), ball:RADIUS,SIGMA (its contact alone,
-    by the mask) or plate. reconstruct takes RIG.toml and tells what its errors do to the heights.
+    which is found; or white in MASK.png) or plate. reconstruct takes RIG.toml and tells what its errors do to
+    the heights.
     """
     from optolever.calibration import calibrate, judged, left_out
     from optolever.experiments import write_rig_report

@@ -19,7 +19,7 @@ from optolever.calibration import (
 )
 from optolever.calibration.adjust import Problem, adjust
 from optolever.calibration.model import predicted
-from optolever.calibration.observation import sampled
+from optolever.calibration.observation import checked, sampled
 from optolever.calibration.rigs import Rig, correspondence_of, open_air, prism, shape_surface
 from optolever.calibration.targets import Target
 from optolever.scene import Covariance, parameter_changes, parameter_values, trace
@@ -220,7 +220,7 @@ def test_known_points_hold_the_rest() -> None:
 
 def test_a_step_of_the_problem_is_refused_nothing_it_does_not_name() -> None:
     rig = air(1, 3)
-    samples = sampled(rig.observations, (rig.given.camera.rows, rig.given.camera.cols))
+    samples = sampled(checked(rig.observations, (rig.given.camera.rows, rig.given.camera.cols)))
     problem = Problem(rig.truth, samples, {"camera.nonsense": 1.0}, {}, frame="flat0")
     with pytest.raises((InputError, KeyError)):
         problem.residuals(np.zeros(1))

@@ -104,6 +104,7 @@ def test_from_captures_to_heights_with_modes(
         (["flat=flat0.npz", "--prior", "a"], "NUMBER=SIGMA"),
         (["flat=flat0.npz", "--prior", "a=1"], "no such number"),
         (["flat=flat0.npz", "flat=flat0.npz"], "taken twice"),
+        (["flat=flat0.npz", "ball:30,0.003=flat1.npz"], "look like a ball's contact"),
     ],
 )
 def test_bad_input_is_one_line(

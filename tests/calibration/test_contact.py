@@ -1,0 +1,201 @@
+"""The contact of a ball: found in traced and rendered captures, against where the ball was put."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever import InputError
+from optolever.calibration import Observation, calibrate, contact
+from optolever.calibration.figures import _rendering
+from optolever.calibration.observation import checked
+from optolever.calibration.rigs import Rig, ball_cap, correspondence_of, prism, shape_surface
+from optolever.decode import Correspondence
+from optolever.scene import Surface, trace
+
+Floats = NDArray[np.float64]
+Height = Callable[[Floats, Floats], Floats]
+
+
+def hertz(under: Height, x0: float, y0: float, depth: float, radius: float) -> Height:
+    """A ball on an elastic half-space: a parabola, depth a^2 / R; K. L. Johnson, Contact Mechanics, 3.42a."""
+    a = np.sqrt(radius * depth)
+
+    def height(x: Floats, y: Floats) -> Floats:
+        square = (x - x0) ** 2 + (y - y0) ** 2
+        inside = np.real(square) < a * a
+        r = np.sqrt(np.where(inside, a * a * (1 + 1e-9), square))
+        beside = ((2 * a * a - r * r) * np.arcsin(a / r) + a * np.sqrt(r * r - a * a)) / (np.pi * radius)
+        total: Floats = under(x, y) + np.where(inside, depth - square / (2 * radius), beside)
+        return total
+
+    return height
+
+
+def lying(under: Height, x0: float, y0: float, depth: float, radius: float) -> Height:
+    """A ball in the mirror's place, that itself reflects."""
+
+    def height(x: Floats, y: Floats) -> Floats:
+        square = (x - x0) ** 2 + (y - y0) ** 2
+        on = np.where(np.real(square) < 0.9 * radius**2, square, 0.9 * radius**2)
+        cap: Floats = depth - radius + np.sqrt(radius**2 - on)
+        return cap
+
+    return height
+
+
+def for_complex_steps(surface: Surface) -> Height:
+    """Its height, for coordinates with an imaginary part too."""
+
+    def height(x: Floats, y: Floats) -> Floats:
+        z = surface.height(np.real(x), np.real(y))
+        if not np.iscomplexobj(x + y):
+            return z
+        slope_x, slope_y = surface.gradient(np.real(x), np.real(y))
+        return z + 1j * (slope_x * np.imag(x) + slope_y * np.imag(y))  # type: ignore[return-value]
+
+    return height
+
+
+def pressed(rig: Rig, shape, ball, take) -> tuple[Correspondence, NDArray[np.bool_]]:  # type: ignore[no-untyped-def]
+    """Capture of a ball (radius, depth, x, y), and the pixels that see its contact."""
+    radius, depth, x, y = ball
+    surface = shape_surface(shape(for_complex_steps(rig.rest), x, y, depth, radius))
+    seen = trace(rig.truth, surface)
+    with np.errstate(invalid="ignore"):
+        inside = np.hypot(seen.x - x, seen.y - y) < np.sqrt(radius * depth)
+    return take(rig.truth, surface, 1), np.asarray(inside)
+
+
+@lru_cache
+def drawn(seed: int, noise: float = 0.005, pinhole: bool = False, size: int = 250):  # type: ignore[no-untyped-def]
+    """A rig with a capture at rest, a ball of 25 to 40 mm somewhere on it, and what takes captures."""
+    rng = np.random.default_rng([7, seed])
+    take = correspondence_of(noise, rng)
+    rig = prism(rng, 0, take, pinhole, size)
+    mirror = rig.truth.mirror
+    place = mirror.length * rng.uniform(0.2, 0.8), mirror.width * rng.uniform(0.1, 0.9)
+    return rig, (rng.uniform(25, 40), rng.uniform(0.15, 0.3), *place), take
+
+
+def require_inside(found: NDArray[np.bool_], true: NDArray[np.bool_], good: NDArray[np.bool_]) -> None:
+    assert np.count_nonzero(found & ~true) <= 0.02 * np.count_nonzero(found)
+    assert np.count_nonzero(found) >= 0.5 * np.count_nonzero(true & good)
+
+
+@pytest.mark.parametrize("shape", [ball_cap, hertz])
+@pytest.mark.parametrize(
+    ("seed", "noise", "pinhole"),
+    [(0, 0.005, False), (1, 0.005, True), (2, 0.05, False)]
+    + [pytest.param(seed, 0.005, seed % 2 == 1, marks=pytest.mark.slow) for seed in range(3, 15)],
+)
+def test_drawn_balls(shape, seed: int, noise: float, pinhole: bool) -> None:  # type: ignore[no-untyped-def]
+    rig, ball, take = drawn(seed, noise, pinhole)
+    c, true = pressed(rig, shape, ball, take)
+    require_inside(contact(c, rig.observations[0].correspondence), true, c.good)
+
+
+@pytest.mark.parametrize(("x", "y"), [(0.1, 0.5), (0.97, 0.5), (0.5, 0.01), (0.9, 0.95)])
+def test_balls_at_the_border(x: float, y: float) -> None:
+    rig, ball, take = drawn(0)
+    place = x * rig.truth.mirror.length, y * rig.truth.mirror.width
+    c, true = pressed(rig, ball_cap, (*ball[:2], *place), take)
+    require_inside(contact(c, rig.observations[0].correspondence), true, c.good)
+
+
+def test_gaps_and_outliers() -> None:
+    rig, _, take = drawn(0)
+    c, true = pressed(rig, ball_cap, (38.0, 0.3, 30.0, 20.0), take)
+    rng = np.random.default_rng(0)
+    holes = rng.random(true.shape) < 0.02
+    for row, col in rng.choice(np.argwhere(true), 4):
+        holes[row - 1 : row + 2, col - 1 : col + 2] = True
+    u = np.where(rng.random(true.shape) < 0.003, c.u + 5, c.u)
+    c = replace(c, u=u, flags=np.where(holes, 1, c.flags).astype(np.uint16))
+    found = contact(c, rig.observations[0].correspondence)
+    require_inside(found, true, c.good)
+    assert not (found & holes).any()
+
+
+def test_a_ball_in_the_mirrors_place_is_all_contact() -> None:
+    rig, ball, take = drawn(0)
+    c, _ = pressed(rig, lying, ball, take)
+    seen = trace(rig.truth, shape_surface(lying(rig.rest.height, *ball[2:], ball[1], ball[0])))
+    with np.errstate(invalid="ignore"):
+        on_ball = c.good & (np.hypot(seen.x - ball[2], seen.y - ball[3]) < np.sqrt(0.9) * ball[0])
+    found = contact(c, rig.observations[0].correspondence)
+    assert np.count_nonzero(found & on_ball) > 0.9 * np.count_nonzero(on_ball)
+    assert not (found & ~on_ball).any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_rendered_frames(seed: int) -> None:
+    rig, ball, _ = drawn(seed, size=400)
+    take = _rendering(0)
+    c, true = pressed(rig, ball_cap, ball, take)
+    require_inside(contact(c, take(rig.truth, rig.rest, 0)), true, c.good)
+
+
+def without_masks(rig: Rig) -> list[Observation]:
+    return [replace(each, mask=None) for each in rig.observations]
+
+
+def test_balls_without_a_mask_are_used_where_they_touch() -> None:
+    rng = np.random.default_rng(8)
+    rig = prism(rng, 1, correspondence_of(0.005, rng), size=160)
+    rest, ball = checked(without_masks(rig), (120, 160))
+    assert rest.mask is None
+    np.testing.assert_array_equal(ball.mask, contact(ball.correspondence, rest.correspondence))
+    given = checked(rig.observations, (120, 160))
+    assert all(one is other for one, other in zip(given, rig.observations, strict=True))
+
+
+@pytest.mark.slow  # four adjustments
+@pytest.mark.parametrize("pinhole", [False, True])
+def test_calibration_with_what_is_found_is_as_with_the_true_contact(pinhole: bool) -> None:
+    rng = np.random.default_rng(8)
+    rig = prism(rng, 1, correspondence_of(0.005, rng), pinhole, size=200)
+    found = calibrate(rig.given, without_masks(rig))
+    true = calibrate(rig.given, rig.observations)
+    for one, other in zip(found.parameters, true.parameters, strict=True):
+        assert abs(one["value"] - other["value"]) < 3 * other["sigma"]
+        assert one["sigma"] < 1.3 * other["sigma"]
+    assert found.adjustment.chi < 1.1
+
+
+@pytest.mark.parametrize("shape", ["none", "cylinder"])
+def test_no_contact_is_one_line_that_asks_for_a_mask(shape: str) -> None:
+    rng = np.random.default_rng(8)
+    rig = prism(rng, 1, correspondence_of(0.005, rng), size=100)
+    under = for_complex_steps(rig.rest)
+
+    def roll(x: Floats, y: Floats) -> Floats:
+        total: Floats = under(x, y) + 0.2 * np.exp(-((x - 30.0) ** 2) / 50.0)
+        return total
+
+    surface = rig.rest if shape == "none" else shape_surface(roll)
+    c = correspondence_of(0.005, rng)(rig.truth, surface, 1)
+    rest, ball = without_masks(rig)
+    with pytest.raises(InputError, match=r"'ball0': beside 'rest' \d+ pixels .*@MASK\.png") as caught:
+        calibrate(rig.given, [rest, replace(ball, correspondence=c)])
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.slow  # the adjustment does not converge
+def test_a_dent_that_is_no_ball_is_refused() -> None:
+    rng = np.random.default_rng(8)
+    take = correspondence_of(0.005, rng)
+    rig = prism(rng, 1, take, size=160)
+    under = for_complex_steps(rig.rest)
+
+    def dent(x: Floats, y: Floats) -> Floats:
+        total: Floats = under(x, y) + 0.3 * np.exp(-((x - 30) ** 2 + (y - 22) ** 2) / 20.0)
+        return total
+
+    rest, ball = without_masks(rig)
+    with pytest.raises(InputError, match="no ball of radius"):
+        calibrate(rig.given, [rest, replace(ball, correspondence=take(rig.truth, shape_surface(dent), 1))])
