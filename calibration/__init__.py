@@ -21,7 +21,7 @@
 from .calibrate import Calibration, calibrate, left_out
 from .contact import contact
 from .figures import SETUPS, Figure, figures, mode_chi2
-from .judgement import Judgement, judged
+from .judgement import Judgement, as_they_come, judged
 from .observation import Observation
 from .priors import default_priors
 from .rest import RestMap, load_rest, store_rest
@@ -40,6 +40,7 @@ __all__ = [
     "Rest",
     "RestMap",
     "Target",
+    "as_they_come",
     "calibrate",
     "contact",
     "default_priors",

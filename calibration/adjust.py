@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from optolever.errors import InputError
 from optolever.scene import Scene, adjusted, parameter_values
 
 from .model import reflected
@@ -22,6 +23,7 @@ __all__ = ["Adjustment", "Problem", "adjust", "covariance_of", "step_of"]
 Floats = NDArray[np.float64]
 
 _LOST = 1e4  # residual of a pixel that sees nothing there
+_LARGEST = 1e8  # residual
 _TINY = {"k1": 1e-4, "k2": 1e-3, "k3": 1e-2, "p1": 1e-5, "p2": 1e-5, "index": 1e-5, "pitch": 1e-7}
 _TINY |= {"pitch_u": 1e-7, "pitch_v": 1e-7, "f": 1e-1, "cx": 1e-2, "cy": 1e-2, "rx": 1e-5, "ry": 1e-5}
 _TINY |= {"rz": 1e-5, "tilt_x": 1e-5, "tilt_y": 1e-5}
@@ -42,6 +44,12 @@ class Problem:
     fixed: Mapping[str, float] = field(default_factory=dict)
     points: Sequence[Points] = ()
     frame: str = ""
+
+    @property
+    def count(self) -> int:
+        """Of the residuals."""
+        points = sum(len(np.asarray(p.x)) for p in self.points)
+        return sum(2 * len(sample.row) for sample in self.samples) + points + len(self.sigmas)
 
     @property
     def names(self) -> list[str]:
@@ -82,7 +90,9 @@ class Problem:
                 point, out = self._reflected(s, values, scene) if rays is None else rays[index]
                 u, v, _ = scene.pattern.landing(point, out)
                 rows = np.concatenate([(u - s.u) / s.sigma_u, (v - s.v) / s.sigma_v])
-            found.append(np.clip(np.nan_to_num(rows, nan=_LOST, posinf=_LOST, neginf=-_LOST), -1e8, 1e8))
+            found.append(
+                np.clip(np.nan_to_num(rows, nan=_LOST, posinf=_LOST, neginf=-_LOST), -_LARGEST, _LARGEST)
+            )
         if only is None and self.points:
             found.append(self.rest_shape(values))
         return found
@@ -97,9 +107,8 @@ class Problem:
         """
         counts = [2 * len(sample.row) for sample in self.samples]
         starts = np.concatenate([[0], np.cumsum(counts)])
-        extra = sum(len(np.asarray(p.x)) for p in self.points)
-        data = int(starts[-1]) + extra
-        rows = np.zeros((data + len(vector), len(vector)))
+        data, extra = self.count - len(vector), self.count - len(vector) - starts[-1]
+        rows = np.zeros((self.count, len(vector)))
         here, known = self.scene_at(vector), parameter_values(self.scene)
         with np.errstate(all="ignore"):
             rays = [self._reflected(sample, self.named(vector), here) for sample in self.samples]
@@ -170,17 +179,30 @@ def adjust(
     """The minimum from a start (names that it lacks: the prior's mean), until a step lowers the sum of
     squares by less than a share of `tolerance`, in `most` evaluations."""
     first = np.array([start.get(name, problem.means.get(name, 0.0)) for name in problem.names])
-    found = least_squares(
-        problem.residuals,
-        first,
-        problem.jacobian,
-        x_scale="jac",
-        method="lm",  # QR; the singular values that trf takes of every step cost ten times that
-        ftol=tolerance,
-        xtol=1e-12,
-        gtol=1e-12,
-        max_nfev=most,
-    )
+
+    def residuals(vector: Floats) -> Floats:
+        try:
+            return problem.residuals(vector)
+        except InputError:  # no scene has these numbers: such a step is none
+            return np.full(problem.count, _LARGEST)
+
+    try:
+        found = least_squares(
+            residuals,
+            first,
+            problem.jacobian,
+            x_scale="jac",
+            method="lm",  # QR; the singular values that trf takes of every step cost ten times that
+            ftol=tolerance,
+            xtol=1e-12,
+            gtol=1e-12,
+            max_nfev=most,
+        )
+    except InputError as error:
+        raise InputError(
+            f"the captures lead to a scene that cannot be ({error}); is every one the target that it is said "
+            "to be?"
+        ) from error
     data = problem.data(found.x)
     count = sum(rows.size for rows in data)
     chi = float(np.sqrt(sum((rows**2).sum() for rows in data) / max(1, count - len(first))))

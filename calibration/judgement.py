@@ -5,7 +5,7 @@ Information adds: the matrix of some captures is the sum of theirs, J_k^T J_k, a
 through the heights' derivatives by the scene's numbers, is the sigma that these captures leave.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,10 +17,12 @@ from optolever.reconstruct import predicted_maps
 from optolever.scene import Covariance, Scene
 
 from .adjust import Adjustment, covariance_of
-from .calibrate import Calibration
+from .calibrate import Calibration, calibrate
+from .observability import lacking
 from .observation import Observation
+from .targets import Flat, Rest
 
-__all__ = ["Judgement", "judged"]
+__all__ = ["Judgement", "as_they_come", "judged"]
 
 Floats = NDArray[np.float64]
 
@@ -29,13 +31,14 @@ _UNSEEN = int(Flag.DARK | Flag.LOW_CONTRAST | Flag.OFF_PATTERN | Flag.INVALID)
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """Of a capture. seen: share of the image in which the mirror shows the pattern; decoded: share that the
-    adjustment may use (good, in the mask); tilt: against the frame's mirror, degrees, None of what is no
-    plane. Standard deviations by the rig alone (mm) of a height of the map (median over the mirror) and of
-    the depth of a dent against the mirror at rest: by the captures up to this one, and by all but this one
-    (None of the capture that says where z = 0 is)."""
+    """Of a capture. chi: what the adjustment leaves of it; seen: share of the image in which the mirror shows
+    the pattern; decoded: share that the adjustment may use (good, in the mask); tilt: against the frame's
+    mirror, degrees, None of what is no plane. Standard deviations by the rig alone (mm) of a height of the
+    map (median over the mirror) and of the depth of a dent against the mirror at rest: by the captures up to
+    this one, and by all but this one (None of the capture that says where z = 0 is)."""
 
     name: str
+    chi: float
     seen: float
     decoded: float
     tilt: float | None
@@ -46,8 +49,9 @@ class Judgement:
 
     def to_dict(self) -> dict[str, Any]:
         """As plain types."""
-        lengths = {f"{key}_mm": getattr(self, key) for key in self.__slots__[4:]}
-        return {"seen": self.seen, "decoded": self.decoded, "tilt_deg": self.tilt} | lengths
+        lengths = {f"{key}_mm": getattr(self, key) for key in self.__slots__[5:]}
+        shares = {"chi": self.chi, "seen": self.seen, "decoded": self.decoded}
+        return shares | {"tilt_deg": self.tilt} | lengths
 
 
 def judged(found: Calibration) -> list[Judgement]:
@@ -67,6 +71,7 @@ def judged(found: Calibration) -> list[Judgement]:
     return [
         Judgement(
             name,
+            solved.chis[name],
             _seen(by_name[name]),
             found.decoded[name],
             found.tilts.get(name),
@@ -75,6 +80,25 @@ def judged(found: Calibration) -> list[Judgement]:
         )
         for name in names
     ]
+
+
+def as_they_come(
+    scene: Scene,
+    observations: Iterable[Observation],
+    priors: Mapping[str, float] | None = None,
+    *,
+    guess: bool = False,
+) -> Iterator[tuple[Calibration | None, str]]:
+    """After every capture, as soon as `observations` gives it: `calibrate` of those so far (None while none
+    of them says where z = 0 is), and what they are too few of ("": nothing). InputError names a capture that
+    is wrong."""
+    so_far: list[Observation] = []
+    for each in observations:
+        so_far.append(each)
+        few = lacking(so_far)
+        framed = any(isinstance(one.target, Flat | Rest) for one in so_far)
+        found = calibrate(scene, so_far, priors, guess=guess) if framed else None
+        yield found, "" if few is None else f"{few.name}: {few.cure}"
 
 
 def _seen(each: Observation) -> float:

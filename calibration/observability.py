@@ -12,9 +12,9 @@ from optolever.notices import Notice
 from .adjust import Adjustment
 from .observation import Observation
 from .priors import GAUGE, MEANING
-from .targets import Ball, Flat, Plate
+from .targets import Ball, Flat, Plate, Rest
 
-__all__ = ["Direction", "directions", "notices"]
+__all__ = ["Direction", "directions", "lacking", "notices"]
 
 Floats = NDArray[np.float64]
 
@@ -102,23 +102,33 @@ def notices(
     return (*told, Notice(GAUGE, math.nan, math.nan, ""))
 
 
+def lacking(observations: Sequence[Observation]) -> Notice | None:
+    """What these captures are too few of."""
+    kinds = [type(each.target) for each in observations]
+    posed = sum(kind in (Flat, Plate) for kind in kinds)
+    name, cure = f"K = {posed} poses without a ball", f"the null space is not empty: {3 - posed} more, tilted"
+    if not {Flat, Rest} & {*kinds}:
+        name, cure = "no capture of a flat or of the mirror at rest", "take one: it says where z = 0 is"
+    elif Ball in kinds or posed > 2:
+        return None
+    elif not posed:
+        name = "rest without a ball"
+        cure = "the scale of the depth is known from your priors alone: press a ball"
+    return Notice(name, posed or math.nan, math.nan, cure)
+
+
 def _poses(found: Adjustment, observations: Sequence[Observation]) -> list[Notice]:
     """Too few, parallel or nearly parallel mirrors, where no ball makes up for them."""
-    values = found.problem.named(found.values)
-    posed = [each for each in observations if isinstance(each.target, Flat | Plate)]
-    balls = any(isinstance(each.target, Ball) for each in observations)
-    if balls:
+    if any(isinstance(each.target, Ball) for each in observations):
         return []
-    if not posed:
-        cure = "the scale of the depth is known from your priors alone: press a ball"
-        return [Notice("rest without a ball", math.nan, math.nan, cure)]
-    told = []
-    if len(posed) < 3:
-        cure = "the null space is not empty: add tilted poses"
-        told.append(Notice(f"K = {len(posed)} poses without a ball", len(posed), math.nan, cure))
+    values, few = found.problem.named(found.values), lacking(observations)
+    told = [] if few is None else [few]
+    posed = [each for each in observations if isinstance(each.target, Flat | Plate)]
     tilts = np.array([[values.get(f"{p.name}.{key}", 0.0) for key in ("tilt_x", "tilt_y")] for p in posed])
+    if len(posed) < 2:
+        return told
     apart = float(np.linalg.norm(tilts[:, None] - tilts[None], axis=-1).max())
-    if apart < _TILT and len(posed) > 1:
+    if apart < _TILT:
         name = "parallel poses" if apart < 0.1 * _TILT else "tilts below 2 degrees"
         cure = f"mirrors differ by {math.degrees(apart):.2g} degrees: tilt them by 3 to 8"
         told.append(Notice(name, math.nan, math.nan, cure))

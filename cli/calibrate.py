@@ -4,6 +4,7 @@ import math
 import re
 import shlex
 import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +34,8 @@ $ optolever calibrate --scene prism48 --out rig.toml \\
 
 _TARGET = re.compile(r"(?P<kind>[a-z]+)(:(?P<numbers>[^=]*))?=(?P<path>[^@]+)(@(?P<mask>.+))?")
 
+_POLL = 0.2  # s, between looks for a capture
+
 
 @click.command("calibrate", cls=Program, epilog=sample(SAMPLE))
 @click.argument("captures", nargs=-1, required=True, metavar="TARGET=CAPTURE[@MASK.png]...")
@@ -50,6 +53,7 @@ _TARGET = re.compile(r"(?P<kind>[a-z]+)(:(?P<numbers>[^=]*))?=(?P<path>[^@]+)(@(
 @click.option("--without", multiple=True, metavar="NAME", help="Leave a capture out, by its file's stem.")
 @click.option("--guess", is_flag=True, help="Start from the scene's numbers, in open air too.")
 @click.option("--leave-one-out", is_flag=True, help="Also show chi of every capture by the others.")
+@click.option("--follow", is_flag=True, help="Wait for every capture, and judge it as soon as it is there.")
 @click.option("--report", "page", type=OUTPUT, metavar="FILE.html", help="Also write a page about it.")
 @size_option
 @json_option
@@ -61,6 +65,7 @@ def command(
     without: tuple[str, ...],
     guess: bool,
     leave_one_out: bool,
+    follow: bool,
     page: Path | None,
     size: tuple[int, int] | None,
     json_path: Path | None,
@@ -79,22 +84,21 @@ def command(
     scene = load_scene(scene_name, size)
     chosen = {name: _number(f"--prior {name}", value) for name, value in map(_pair, priors)}
     with progress() as step:
-        step("read captures")
-        observations = [_observation(text) for text in captures]
-        names = [each.name for each in observations]
-        for name in without:
-            if name not in names:
-                raise InputError(f"--without {name}: no such capture, must be one of {', '.join(names)}")
-        used = [each for each in observations if each.name not in without]
-        step("adjust")
         start = time.perf_counter()
-        found = calibrate(scene, used, chosen, guess=guess)
+        if follow:
+            found = _followed(scene, captures, without, chosen, guess)
+        else:
+            step("read captures")
+            used = list(_observations(captures, without))
+            step("adjust")
+            start = time.perf_counter()
+            found = calibrate(scene, used, chosen, guess=guess)
         numbers = found.to_dict() | {"seconds": time.perf_counter() - start}
         step("judge captures")
         numbers["judged"] = {each.name: each.to_dict() for each in judged(found)}
         if leave_one_out:
             step("leave one out")
-            numbers["left_out"] = {each.name: left_out(found, each.name) for each in used}
+            numbers["left_out"] = {each.name: left_out(found, each.name) for each in found.observations}
         study = None
         if page is not None:
             step("report")
@@ -135,29 +139,63 @@ def _study(
 
 
 def _show(found: "Calibration", numbers: dict[str, Any], out: Path) -> None:
+    from optolever.experiments import judged_table
+
     rows = [
         (each["name"], *(number(each[key]) for key in ("value", "sigma", "prior_sigma")))
         for each in found.parameters
     ]
     grid("Numbers (mm, rad, px)", ("name", "value", "sigma", "prior sigma"), rows)
-    grid("Captures; what is left of sigma in um, of a height and of a dent's depth", *_judged_rows(numbers))
+    chis = numbers.get("left_out", {})
+    judged = {
+        name: each | {"left_out": chis[name]} if chis else each for name, each in numbers["judged"].items()
+    }
+    grid("Captures; what is left of sigma, of a height and of a dent's depth", *judged_table(judged))
     rest = {"chi": number(numbers["chi"]), "start": numbers["start"], "time": number(numbers["seconds"], "s")}
     table(f"Rig in {out}", rest)
 
 
-def _judged_rows(numbers: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
-    """Header, and a row per capture in the order in which they came."""
-    head = ["capture", "chi", "seen", "decoded", "tilt", "height so far", "without it"]
-    head += ["depth so far", "without it"] + (["chi left out"] if "left_out" in numbers else [])
-    rows = []
-    for name, each in numbers["judged"].items():
-        row = [name, number(numbers["captures"][name])]
-        row += [f"{100 * each[key]:.0f} %" for key in ("seen", "decoded")]
-        row.append("" if each["tilt_deg"] is None else f"{each['tilt_deg']:.1f} deg")
-        for key in ("height_so_far_mm", "height_without_mm", "depth_so_far_mm", "depth_without_mm"):
-            row.append("" if each[key] is None else number(1e3 * each[key]))
-        rows.append(row + ([number(numbers["left_out"][name])] if "left_out" in numbers else []))
-    return head, rows
+def _followed(
+    scene: "Scene", captures: Sequence[str], without: Sequence[str], priors: dict[str, float], guess: bool
+) -> "Calibration":
+    """Every capture as it comes, and a line about it."""
+    from optolever.calibration import as_they_come, calibrate, judged
+    from optolever.experiments import judged_table
+
+    used: list[Observation] = []
+
+    def each() -> Iterator["Observation"]:
+        for one in _observations(captures, without, wait=True):
+            used.append(one)
+            yield one
+
+    found = None
+    for found, few in as_they_come(scene, each(), priors, guess=guess):
+        name, told = used[-1].name, few
+        if found is not None:
+            heads, rows = judged_table({one.name: one.to_dict() for one in judged(found)})
+            (row,) = (row for row in rows if row[0] == name)
+            parts = zip((head.partition(", ") for head in heads[1:]), row[1:], strict=True)
+            judgement = ", ".join(f"{what} {cell} {unit}".rstrip() for (what, _, unit), cell in parts if cell)
+            told = f"{judgement}; {few}" if few else judgement
+        click.echo(f"{name}: {told}")
+    return calibrate(scene, used, priors, guess=guess) if found is None else found
+
+
+def _observations(
+    captures: Sequence[str], without: Sequence[str], wait: bool = False
+) -> Iterator["Observation"]:
+    """The captures of these arguments, named by their files' stems."""
+    given = [_target_and_files(text) for text in captures]
+    names = [path.stem for _, path, _ in given]
+    for name in without:
+        if name not in names:
+            raise InputError(f"--without {name}: no such capture, must be one of {', '.join(names)}")
+    for target, path, mask in given:
+        while wait and not (path.is_file() or (path / "capture.toml").is_file()):
+            time.sleep(_POLL)
+        if path.stem not in without:
+            yield _observation(target, path, mask)
 
 
 def _pair(text: str) -> tuple[str, str]:
@@ -174,22 +212,24 @@ def _number(what: str, text: str) -> float:
         raise InputError(f"{what} = {text!r}: must be a number") from None
 
 
-def _observation(text: str) -> "Observation":
-    """The capture of one argument, named by its file's stem."""
-    from optolever.calibration import Observation
-
+def _target_and_files(text: str) -> "tuple[Target, Path, Path | None]":
     match = _TARGET.fullmatch(text)
     if match is None:
         raise InputError(
             f"capture {text!r}: must be TARGET=CAPTURE, such as flat=pose.npz or ball:30,0.003=b.npz"
         )
-    path = Path(match["path"])
     given = match["numbers"].split(",") if match["numbers"] else []
     target = _target(match["kind"], [_number(f"capture {text!r}: {match['kind']}", part) for part in given])
+    return target, Path(match["path"]), Path(match["mask"]) if match["mask"] else None
+
+
+def _observation(target: "Target", path: Path, mask_path: Path | None) -> "Observation":
+    from optolever.calibration import Observation
+
     correspondence = correspondence_of(path)
     mask = None
-    if match["mask"]:
-        mask = mask_from(Path(match["mask"]), correspondence.u.shape, f"{path} is")
+    if mask_path is not None:
+        mask = mask_from(mask_path, correspondence.u.shape, f"{path} is")
     return Observation(path.stem, target, correspondence, mask)
 
 

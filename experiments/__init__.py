@@ -38,7 +38,7 @@ from .paper import PaperStudy, run_paper
 from .paper_report import paper_html, write_paper_report
 from .paper_rows import PaperRow
 from .record_report import record_html, write_record_report
-from .rig_report import RigStudy, rig_html, write_rig_report
+from .rig_report import RigStudy, judged_table, rig_html, write_rig_report
 from .solver_figures import run_solver_figures
 
 __all__ = [
@@ -56,6 +56,7 @@ __all__ = [
     "demo_html",
     "fuzz",
     "height_metrics",
+    "judged_table",
     "paper_html",
     "peak_bytes",
     "predict_code",

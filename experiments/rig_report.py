@@ -25,9 +25,22 @@ from .maps import length_unit
 from .metrics import peak_bytes, rms
 from .page import budget_table, render_page, scientific, stage_bars, table, write_page
 
-__all__ = ["RigStudy", "rig_html", "write_rig_report"]
+__all__ = ["RigStudy", "judged_table", "rig_html", "write_rig_report"]
 
 Floats = NDArray[np.float64]
+
+#: `calibration.Judgement`: what the reader sees, and the factor to its unit.
+_JUDGED = {
+    "chi": ("chi", 1.0),
+    "left_out": ("chi left out", 1.0),
+    "seen": ("seen, %", 1e2),
+    "decoded": ("decoded, %", 1e2),
+    "tilt_deg": ("tilt, degrees", 1.0),
+    "height_so_far_mm": ("height so far, um", 1e3),
+    "height_without_mm": ("without it", 1e3),
+    "depth_so_far_mm": ("depth so far, um", 1e3),
+    "depth_without_mm": ("without it", 1e3),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +69,7 @@ def write_rig_report(study: RigStudy, path: str | Path) -> None:
 def rig_html(study: RigStudy) -> str:
     """The whole page."""
     rest = sigma_at_rest(study.scene)
+    heads, rows = judged_table(study.judged)
     return render_page(
         "rig.html",
         {
@@ -68,7 +82,7 @@ def rig_html(study: RigStudy) -> str:
                 {"name": name, "chi": _rms(found[2:]), "figure": _residual_figure(found)}
                 for name, found in study.residuals.items()
             ],
-            "judged": _judged(study.judged),
+            "judged": table("judged-table", heads, [("", row) for row in rows]),
             "numbers": _numbers(study.parameters),
             "correlations": _correlation_figure(study.scene),
             "sketch": _sketch(study.given, study.scene),
@@ -87,20 +101,14 @@ def _rms(parts: Sequence[Floats]) -> float:
     return rms(np.concatenate(list(parts)))
 
 
-def _judged(judged: Mapping[str, Mapping[str, float | None]]) -> dict[str, Any]:
-    heads = ["capture", "seen", "decoded", "tilt, degrees", "height so far, um", "without it, um"]
-    heads += ["depth so far, um", "without it, um"]
-    keys = ["seen", "decoded", "tilt_deg", "height_so_far_mm", "height_without_mm"]
-    keys += ["depth_so_far_mm", "depth_without_mm"]
+def judged_table(judged: Mapping[str, Mapping[str, float | None]]) -> tuple[list[str], list[list[str]]]:
+    """Header and a row per capture, of what these judgements hold."""
+    some = [key for key in _JUDGED if any(key in each for each in judged.values())]
     rows = []
     for name, each in judged.items():
-        known = [(key, each[key]) for key in keys]
-        cells = [
-            "" if value is None else scientific(value * 1e3 if key.endswith("mm") else value)
-            for key, value in known
-        ]
-        rows.append(("", [name, *cells]))
-    return table("judged-table", heads, rows)
+        known = [(each.get(key), _JUDGED[key][1]) for key in some]
+        rows.append([name, *("" if value is None else f"{factor * value:.4g}" for value, factor in known)])
+    return ["capture", *(_JUDGED[key][0] for key in some)], rows
 
 
 def _numbers(parameters: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

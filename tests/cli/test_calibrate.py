@@ -61,6 +61,18 @@ def test_from_captures_to_heights_with_modes(
     assert scene.covariance is not None
     assert (tmp_path / "rig.calibration.npz").is_file()
     height = tmp_path / "h.npz"
+    follow = ("--scene", str(folder / "given.toml"), "--out", str(tmp_path / "again.toml"), "--follow")
+    outcome = optolever("calibrate", *flats[:3], *follow)
+    assert outcome.code == 0, outcome.err
+    lines = outcome.out.splitlines()
+    assert [line.partition(":")[0] for line in lines[:3]] == ["flat0", "flat1", "flat2"]
+    assert "2 more, tilted" in lines[0]
+    assert "1 more, tilted" in lines[1]
+    assert "more" not in lines[2]
+    assert all(word in lines[2] for word in ("chi ", " %, decoded ", " degrees, ", "depth so far "))
+    again = load(tmp_path / "again.toml").covariance
+    assert again is not None
+    np.testing.assert_allclose(again.matrix, scene.covariance.matrix, rtol=1e-5, atol=1e-9)
     scene_and_out = ("--scene", str(out), "--out", str(height))
     also = ("--anchor", "75,55,0", "--json", str(numbers))
     outcome = optolever("reconstruct", str(folder / "flat0.npz"), *scene_and_out, *also)
@@ -89,6 +101,28 @@ def test_from_captures_to_heights_with_modes(
     assert {"x", "y", "z", "sigma"} == set(np.load(tmp_path / "d.npz"))
 
 
+def test_captures_are_awaited_and_judged_at_once(
+    rig: tuple[Rig, Path], tmp_path: Path, optolever: Program, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given, folder = rig
+    late, looks = tmp_path / "late.npz", []
+
+    def look(seconds: float) -> None:
+        looks.append(seconds)
+        if len(looks) == 3:
+            given.observations[0].correspondence.save(late)
+
+    monkeypatch.setattr("optolever.cli.calibrate.time.sleep", look)
+    words = ("--scene", str(folder / "given.toml"), "--out", str(tmp_path / "rig.toml"), "--follow")
+    outcome = optolever("calibrate", f"plate={folder}/flat1.npz", f"flat={late}", *words)
+    assert outcome.code == 0, outcome.err
+    first, second = outcome.out.splitlines()[:2]
+    assert first.startswith("flat1: no capture of a flat or of the mirror at rest")
+    assert "height so far" in second
+    assert second.startswith("late: ")
+    assert len(looks) == 3
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [
@@ -104,7 +138,7 @@ def test_from_captures_to_heights_with_modes(
         (["flat=flat0.npz", "--prior", "a"], "NUMBER=SIGMA"),
         (["flat=flat0.npz", "--prior", "a=1"], "no such number"),
         (["flat=flat0.npz", "flat=flat0.npz"], "taken twice"),
-        (["flat=flat0.npz", "ball:30,0.003=flat1.npz"], "look like a ball's contact"),
+        (["flat=flat0.npz", "ball:30,0.003=flat1.npz"], "lead to a scene that cannot be"),
     ],
 )
 def test_bad_input_is_one_line(
