@@ -28,7 +28,7 @@ from .paper import SeriesName
 from .paper_scene import reconstruct_paper
 from .problem import Problem, prepare, require_correspondence
 from .propagation import Measurement, calibration_modes
-from .result import Spread, height_map, judged
+from .result import Spread, anchors_apart, height_map, judged
 from .reweighting import reweighted
 from .rounding import rounding_variance
 
@@ -94,15 +94,16 @@ def reconstruct(
     steps = 1 if scene.covariance is None else 2
     progress("height", 0, steps)
     with logged(f"reconstruct {correspondence.u.shape} by {method}"):
-        height = solved_height(correspondence, scene, anchor, mask, method, start)[2]
-    for notice in height.notices:
-        LOG.warning("%s", notice)
+        problem, state, height = solved_height(correspondence, scene, anchor, mask, method, start)
     if scene.covariance is not None:
         progress("errors of the rig", 1, steps)
         measured = Measurement(before_rest, anchor, mask, rest, method)
         modes = calibration_modes(_height_alone, measured, scene, height)
         known = scene.covariance
         height = replace(height, calibration=modes, sources=known.sources, shares=known.shares)
+    height = replace(height, notices=(*height.notices, *anchors_apart(problem, state, height)))
+    for notice in height.notices:
+        LOG.warning("%s", notice)
     progress("reconstructed", steps, steps)
     return height
 

@@ -21,10 +21,11 @@ from .path_variance import cut_off, reached_across
 from .problem import Problem
 from .uncertainty import unknown_variance
 
-__all__ = ["Spread", "height_map", "judged"]
+__all__ = ["Spread", "anchors_apart", "height_map", "judged"]
 
 _MOVING = 0.05  # of the pixels: more that still move are not to blame one by one
 _AROUND = 4  # pixels: so far are heights continued into lines that were not solved
+_APART = 5.0  # standard deviations, rms: rigs that are right stay below 1.2
 _STEEP = 3.0  # standard deviations of the noise: where the doubt of discontinuities exceeds them
 
 
@@ -124,6 +125,27 @@ def judged(
     diagnostics = replace(height.diagnostics, chi2=known, freedom=freedom)
     notices = before + contradiction(known, freedom) + _off_mirror(height, mirror)
     return replace(height, diagnostics=diagnostics, notices=notices)
+
+
+def anchors_apart(problem: Problem, state: State, height: HeightMap) -> tuple[Notice, ...]:
+    """The notice that the anchors (of the edge, its points) contradict each other, noise and rig considered:
+    each against the height that they have in common."""
+    data, rows, used = problem.data, state.rows, state.share > 0
+    p, q, _, _ = data.slopes(state.w)
+    off = rows.predict(state.w, p, q) - rows.known
+    sigma = problem.to_grid(height.total_sigma / np.abs(problem.rays.inner_directions[2]))[problem.core]
+    unit = data.distance(state.w) if data.rays.logarithmic else 1.0
+    variance = np.square(sigma / unit).ravel()[rows.pixel]
+    variance += rows.sigma**2 + rows.spread(*state.variances) + state.bend**2
+    score = off[used] / np.sqrt(variance[used])
+    apart = math.sqrt(np.nanmean(np.square(score))) if np.isfinite(score).any() else 0.0
+    if not apart > _APART:
+        return ()
+    cure = (
+        "check the anchors; the mirror's edge may not rest, or the scene is wrong (pose of camera or "
+        "pattern): calibrate it, or give a capture of the mirror at rest (--rest)"
+    )
+    return (Notice("anchors contradict each other, sigma rms", apart, _APART, cure),)
 
 
 def _off_mirror(height: HeightMap, mirror: Mirror) -> tuple[Notice, ...]:
