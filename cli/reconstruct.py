@@ -66,6 +66,12 @@ class Anchor(click.ParamType[Any]):
         return x, y, z
 
 
+def _sofast_files(scene: str) -> list[str]:
+    """Files of SOFAST that make up the scene; none where it is another."""
+    files = [scene] if Path(scene).exists() else scene.split(",")
+    return files if any(Path(each).suffix.lower() in HDF5 for each in files) else []
+
+
 @click.command("reconstruct", cls=Program, epilog=sample(SAMPLE))
 @click.argument("source", type=FILE, metavar="C.npz")
 @scene_option
@@ -148,8 +154,9 @@ def command(
     """Reconstruct the mirror's height, with an error bar per pixel.
 
     H.npz receives x, y, z, sigma (mm) and flags (0 = good) on the camera's pixels. Pixels that no anchor
-    reaches are flagged, not guessed. A scene ending in .h5 is a result of OpenCSP's SOFAST (extra `sofast`):
-    its camera, facet and screen, for a correspondence decoded from its measurement.
+    reaches are flagged, not guessed. A scene ending in .h5 is a result of OpenCSP's SOFAST (extra `sofast`),
+    or SOFAST's inputs, with commas: camera.h5,display.h5,orientation.h5,measurement.h5[,facet.json]; for a
+    correspondence decoded from that measurement.
     """
     writers = [(path, _grid_writer(path)) for path in grids]
     from optolever.calibration import load_rest
@@ -169,10 +176,11 @@ def command(
     correspondence = Correspondence.load(source)
     rest = None if rest_path is None else Correspondence.load(rest_path)
     mask = None if mask_path is None else mask_from(mask_path, correspondence.u.shape, f"{source} is")
-    if Path(scene_name).suffix.lower() in HDF5:
+    sofast = _sofast_files(scene_name)
+    if sofast:
         if size is not None:
             raise InputError(f"--size: {scene_name} is a SOFAST rig, its size is that of its camera")
-        rig = load_sofast_rig(scene_name, *(() if facet is None else (facet,)))
+        rig = load_sofast_rig(sofast, *(() if facet is None else (facet,)))
         with blame(source):
             correspondence = on_rig(correspondence, rig)
             rest = None if rest is None else on_rig(rest, rig)
@@ -181,7 +189,6 @@ def command(
         if facet is not None:
             raise InputError(f"--facet {facet}: {scene_name} is no SOFAST result (.h5)")
         scene = load_scene(scene_name, size)
-    sofast = Path(scene_name).suffix.lower() in HDF5
     at_rest = None if sofast or size is not None else load_rest(scene_name)
     if change_path is not None and at_rest is None:
         raise InputError(f"--change {change_path}: {scene_name} has no rest map; run `optolever rest`")

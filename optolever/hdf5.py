@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.memory import require_room
 
-__all__ = ["load_fields"]
+__all__ = ["load_fields", "names_in"]
 
 #: What deflate makes of zeros at most: https://zlib.net/zlib_tech.html
 _DEFLATE = 1032
@@ -36,6 +36,8 @@ def load_fields(
             if missing:
                 raise InputError(f"field {missing[0]!r} is missing")
             datasets = {name: file[name] for name in names if name in file}
+            if not datasets:
+                return {}
             sizes = {name: _claimed_size(dataset, name) for name, dataset in datasets.items()}
             claimed, held = sum(sizes.values()), Path(path).stat().st_size
             what = f"{len(sizes)} fields, the largest {max(sizes, key=sizes.__getitem__)!r}"
@@ -47,6 +49,14 @@ def load_fields(
         raise InputError(f"{path}: {error}") from error
     except (OSError, KeyError, RuntimeError, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: not a readable HDF5 file ({error})") from error
+
+
+def names_in(path: str | Path, group: str) -> list[str]:
+    """Names in a group of a readable file; none if there is no such group."""
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        return list(file[group]) if isinstance(file.get(group), h5py.Group) else []
 
 
 def _claimed_size(dataset: Any, name: str) -> int:

@@ -16,7 +16,8 @@ TOML only.
 | `meeting.py`, `tracing.py` | first meeting of ray and surface; Trace, trace |
 | `drawing.py` | the rig from the side |
 | `window.py` | a part of the image as a camera; how far the view moves across a pixel |
-| `sofast.py` | the rig of an OpenCSP SOFAST result (HDF5) as a scene |
+| `sofast.py` | the rig of an OpenCSP SOFAST result, or of its inputs, as a scene |
+| `sofast_files.py` | fields of SOFAST's files |
 | `record.py`, `pose.py` | equality and checks of records; x_A = T_AB x_B |
 """
 

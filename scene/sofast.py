@@ -1,10 +1,11 @@
-"""The rig of an OpenCSP SOFAST result (HDF5) as a scene: camera, facet, and the screen as a pattern.
+"""The rig of an OpenCSP SOFAST result, or of its inputs, as a scene: camera, facet, the screen as a pattern.
 
 SOFAST's conventions: metres; r_A_B is a rotation vector that maps frame A to B, v_A_B_C runs from A to B in
 frame C; trans_alignment acts on the optic frame last. Its optic frame has the facet's centre in the middle
 and the camera at +z; the mirror frame here is the same, moved so that the facet starts at x = y = 0.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
-from optolever.hdf5 import load_fields
 
 from .mirror import Mirror
 from .pattern import Pattern
@@ -22,6 +22,22 @@ from .pattern_shape import PointTable
 from .pinhole import PinholeCamera
 from .record import Float
 from .scene import Scene
+from .sofast_files import (
+    ALIGNMENT,
+    CAMERA,
+    CENTROID,
+    CORNERS,
+    DISTANCE,
+    FACET,
+    FRACTIONS,
+    MASK,
+    MODELS,
+    POINT,
+    POSE,
+    SHOTS,
+    Fields,
+    sofast_fields,
+)
 
 __all__ = ["SOFAST_SCREEN", "SofastRig", "load_sofast_rig"]
 
@@ -29,36 +45,8 @@ __all__ = ["SOFAST_SCREEN", "SofastRig", "load_sofast_rig"]
 #: v = 1000 (1 - y).
 SOFAST_SCREEN = (1000, 2000)
 
-_FACET = "facet_000"
-_RESULT = f"DataSofastCalculation/facet/{_FACET}/"
-_POSE = _RESULT + "CalculationDataGeometryFacet/SpatialOrientation/"
-_ALIGNMENT = _RESULT + "SlopeSolverData/trans_alignment"
-_CORNERS = f"DataSofastInput/optic_definition/{_FACET}/DefinitionFacet/v_facet_corners"
-_MASK = _RESULT + "CalculationImageProcessingFacet/mask_processed"
-_CAMERA = ("Camera/intrinsic_mat", "Camera/distortion_coef", "Camera/image_shape_xy")
-_ORIENTATION = tuple(
-    _POSE + name for name in ("r_cam_optic", "v_cam_optic_cam", "r_cam_screen", "v_cam_screen_cam")
-)
-_SCREEN = ("DisplayShape/xy_screen_fraction", "DisplayShape/xy_screen_coords")
-#: OpenCSP's screen models and their fields.
-_MODELS = {
-    "rectangular2D": ("DisplayShape/screen_x", "DisplayShape/screen_y"),
-    "distorted2D": _SCREEN,
-    "distorted3D": (_SCREEN[0], "DisplayShape/xyz_screen_coords"),
-}
 _MM = 1000.0
-_LARGEST = 1e9  # metres and pixels: products of such values are far from overflow
-#: Shapes of the fields; None: any extent. Vectors may lie along any axis.
-_SHAPES: dict[str, tuple[int | None, ...]] = {
-    **dict(zip(_CAMERA, ((3, 3), (5,), (2,)), strict=True)),
-    **dict.fromkeys(_ORIENTATION, (3,)),
-    **dict.fromkeys(_SCREEN, (2, None)),
-    **dict.fromkeys(_MODELS["rectangular2D"], ()),
-    _MODELS["distorted3D"][1]: (3, None),
-    _CORNERS: (3, None),
-    _MASK: (None, None),
-    _ALIGNMENT: (4, 4),
-}
+_TURNS = 10  # the pose settles: the normal turns by the offset over the distance, squared at every turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,72 +82,96 @@ class SofastRig:
         return place[..., 0], place[..., 1]
 
 
-def load_sofast_rig(path: str | Path, facet: str = _FACET) -> SofastRig:
-    """Read camera, display shape, pose and mask of a SOFAST result; facet: of an ensemble, by its group's
-    name. InputError names what is missing, of another shape, or no rig.
+def load_sofast_rig(path: str | Path | Sequence[str | Path], facet: str = FACET) -> SofastRig:
+    """Read camera, display shape, pose and mask of a SOFAST result (facet: of an ensemble, by its group's
+    name) or, where several files are given, of SOFAST's inputs: camera, display shape, orientation and
+    measurement (HDF5), and the facet's definition (JSON) if there is one. InputError names what is missing,
+    of another shape, or no rig.
+
+    Inputs do not tell the mirror's pose. It is taken as SOFAST starts, too: the middle of the lit pixels is
+    at the measured distance from the screen and reflects the screen's centre; columns run along x. Heights
+    refer to that plane. Where nobody defined the facet, its borders are those of the lit pixels on it.
     """
-    named = {name: name.replace(_FACET, facet) for name in _SHAPES}
-    screens = {name for names in _MODELS.values() for name in names}
-    required = [named[name] for name in _SHAPES if name not in screens | {_ALIGNMENT}]
-    found = load_fields(path, required, [*sorted(screens), named[_ALIGNMENT]])
-    fields = {name: found[own] for name, own in named.items() if own in found}
+    paths = [Path(path)] if isinstance(path, str | Path) else [Path(each) for each in path]
+    fields = sofast_fields(paths, facet)
     try:
-        _require_shapes(fields)
-        return _rig(fields)
+        return _rig(fields if POSE[0] in fields else fields | _expected(fields))
     except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+        raise InputError(f"{', '.join(map(str, paths))}: {error}") from error
 
 
-def _require_shapes(fields: dict[str, NDArray[Any]]) -> None:
-    for name, array in fields.items():
-        wanted = _SHAPES[name]
-        shape = np.squeeze(array).shape if len(wanted) < 2 else array.shape
-        fits = len(shape) == len(wanted) and all(
-            need in (None, extent) for need, extent in zip(wanted, shape, strict=True)
-        )
-        if not fits or not array.size:
-            text = ", ".join("n" if need is None else str(need) for need in wanted)
-            raise InputError(f"{name} has shape {array.shape}, must be ({text})")
-        largest = max(float(array.max()), -float(array.min()))
-        if largest >= _LARGEST:
-            raise InputError(f"{name} has values up to {largest:g}, must be below {_LARGEST:g}")
-    cols, rows = fields[_CAMERA[2]].ravel().tolist()
-    if fields[_MASK].shape != (rows, cols):
-        raise InputError(f"{_MASK} has shape {fields[_MASK].shape}, {_CAMERA[2]} is ({cols}, {rows})")
-
-
-def _rig(fields: dict[str, NDArray[Any]]) -> SofastRig:
+def _rig(fields: Fields) -> SofastRig:
     fractions, points = _screen(fields)
-    corners = _MM * fields[_CORNERS][:2]
+    align, shift = _alignment(fields)
+    to_optic = align @ _rotation(fields[POSE[0]])  # R_MC: camera to mirror frame
+    centre = shift - to_optic @ _vector(fields[POSE[1]])  # of the camera, in the optic frame
+    corners = _MM * fields[CORNERS][:2] if CORNERS in fields else _lit_box(fields, centre, to_optic)
     mirror = Mirror(*(float(extent) for extent in np.ptp(corners, axis=1)))
     offset = np.array([*(-corners.min(axis=1)), 0.0])
-    align, shift = _alignment(fields)
-    to_optic = align @ _rotation(fields[_ORIENTATION[0]])  # R_MC: camera to mirror frame
-    origin = offset + shift - to_optic @ _vector(fields[_ORIENTATION[1]])
-    screen = to_optic @ _rotation(fields[_ORIENTATION[2]]).T
-    screen_origin = to_optic @ _vector(fields[_ORIENTATION[3]]) + origin
+    origin = offset + centre
+    screen = to_optic @ _rotation(fields[POSE[2]]).T
+    screen_origin = to_optic @ _vector(fields[POSE[3]]) + origin
     scene = Scene(
         name="sofast",
         mirror=mirror,
         pattern=_pattern(screen_origin, screen, fractions, points),
         camera=_camera(fields, origin, to_optic),
     )
-    datum = (float(offset[0]), float(offset[1]), 0.0)
-    return SofastRig(scene, fields[_MASK].astype(bool), fractions, points, datum)
+    x, y, z = (offset + _vector(fields.get(POINT, np.zeros(3)))).tolist()
+    return SofastRig(scene, fields[MASK].astype(bool), fractions, points, (x, y, z))
 
 
-def _screen(fields: dict[str, NDArray[Any]]) -> tuple[Float, Float]:
+def _lit_box(fields: Fields, centre: Float, to_optic: Float) -> Float:
+    """Least and largest x, y (2, 2), mm, where the lit pixels look on the optic's plane."""
+    row, col = (part.astype(np.float64) for part in np.nonzero(fields[MASK]))
+    if not row.size:
+        raise InputError(f"{MASK} is empty: no pixel sees the mirror")
+    o, d = _camera(fields, centre, to_optic).rays_at(row, col)
+    feet = (o - (o[:, 2:] / d[:, 2:]) * d)[:, :2]
+    return np.stack([feet.min(axis=0), feet.max(axis=0)], axis=-1)
+
+
+def _expected(fields: Fields) -> Fields:
+    """Mask and pose of the optic, from inputs alone."""
+    mask = _lit(fields[SHOTS])
+    row, col = (float(part.mean()) for part in np.nonzero(mask))
+    ray = _camera(fields, np.zeros(3), np.eye(3)).rays_at(row, col)[1]
+    screen, distance = _vector(fields[POSE[3]]), _MM * float(fields[DISTANCE].item())
+    centroid = _vector(fields.get(CENTROID, np.zeros(3)))
+    aside, turn = np.zeros(3), np.eye(3)  # from the mirror's middle to the point whose distance is known
+    for _ in range(_TURNS):
+        to_screen = screen - aside
+        root = (ray @ to_screen) ** 2 - to_screen @ to_screen + distance**2
+        if not (root >= 0 and ray @ to_screen + np.sqrt(root) > 0):
+            raise InputError(f"{DISTANCE} = {distance / _MM:g}: no point in view is so far from the screen")
+        middle = (ray @ to_screen + np.sqrt(root)) * ray
+        normal = _unit(_unit(-middle) + _unit(screen - middle))
+        x_axis = _unit(np.array([1.0, 0.0, 0.0]) - normal[0] * normal)
+        turn = np.stack([x_axis, np.cross(normal, x_axis), normal])
+        aside = turn.T @ (_vector(fields.get(POINT, np.zeros(3))) - centroid)
+    rotation = np.ravel(cv2.Rodrigues(turn)[0])
+    return {MASK: mask, POSE[0]: rotation, POSE[1]: (middle - turn.T @ centroid) / _MM}
+
+
+def _lit(images: NDArray[Any]) -> NDArray[np.bool_]:
+    """Where white less black lies above Otsu's threshold, the largest connected part."""
+    change = images[:, :, 1].astype(np.float64) - images[:, :, 0]
+    levels = np.clip(change * 255 / max(float(change.max()), 1e-9), 0, 255).astype(np.uint8)
+    lit = cv2.threshold(levels, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)[1]
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(lit)
+    if len(boxes) < 2:
+        raise InputError(f"{SHOTS}: white is nowhere brighter than black")
+    return np.asarray(labels == 1 + int(np.argmax(boxes[1:, cv2.CC_STAT_AREA])))
+
+
+def _screen(fields: Fields) -> tuple[Float, Float]:
     """Fractions (n, 2) and their places on the screen (n, 3), mm, of whichever model the file has."""
-    models = [
-        model
-        for model, names in _MODELS.items()
-        if any(name in fields for name in names if name != _SCREEN[0])
-    ]
-    if len(models) != 1 or any(name not in fields for name in _MODELS[models[0]]):
+    models = [model for model, names in MODELS.items() if any(n in fields for n in names if n != FRACTIONS)]
+    if len(models) != 1 or any(name not in fields for name in MODELS[models[0]]):
         what = "none of the screen models whole" if len(models) < 2 else "fields of several screen models"
-        needs = "; ".join(f"{model}: {', '.join(names)}" for model, names in _MODELS.items())
+        needs = "; ".join(f"{model}: {', '.join(names)}" for model, names in MODELS.items())
         raise InputError(f"DisplayShape has {what} ({needs})")
-    names = _MODELS[models[0]]
+    names = MODELS[models[0]]
     if models[0] == "rectangular2D":
         for name in names:
             if not fields[name].item() > 0:
@@ -199,8 +211,8 @@ def _pattern(origin: Float, axes: Float, fractions: Float, points: Float) -> Pat
     return Pattern(start, axes[:, 0], axes[:, 1], 1.0, rows=rows, cols=cols, shape=shape)
 
 
-def _camera(fields: dict[str, NDArray[Any]], origin: Float, rotation: Float) -> PinholeCamera:
-    matrix, distortion, shape = (fields[name].squeeze() for name in _CAMERA)
+def _camera(fields: Fields, origin: Float, rotation: Float) -> PinholeCamera:
+    matrix, distortion, shape = (fields[name].squeeze() for name in CAMERA)
     return PinholeCamera(
         origin=origin,
         u_axis=rotation[:, 0],
@@ -213,9 +225,14 @@ def _camera(fields: dict[str, NDArray[Any]], origin: Float, rotation: Float) -> 
     )
 
 
-def _alignment(fields: dict[str, NDArray[Any]]) -> tuple[Float, Float]:
-    transform = fields.get(_ALIGNMENT, np.eye(4)).astype(np.float64)
+def _alignment(fields: Fields) -> tuple[Float, Float]:
+    transform = fields.get(ALIGNMENT, np.eye(4)).astype(np.float64)
     return transform[:3, :3], _MM * transform[:3, 3]
+
+
+def _unit(vector: Float) -> Float:
+    length: Float = vector / np.linalg.norm(vector)
+    return length
 
 
 def _rotation(vector: NDArray[Any]) -> Float:

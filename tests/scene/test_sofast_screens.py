@@ -124,17 +124,143 @@ def test_rays_land_on_a_screen_that_is_not_flat(measured: tuple[Floats, Floats],
 def test_facets_by_name(tmp_path: Path) -> None:
     path = rig_file(tmp_path / "r.h5", {"screen_x": 0.7, "screen_y": 0.4}, "facet_003")
     assert load_sofast_rig(path, "facet_003").scene.mirror.length == 1000
-    with pytest.raises(InputError, match=r"r\.h5: field .*facet_000.* is missing"):
+    with pytest.raises(InputError, match=r"r\.h5: .*; no facet 'facet_000', there are facet_003$"):
         load_sofast_rig(path)
 
 
-def test_undefined_mirrors_are_told(tmp_path: Path) -> None:
+def test_an_undefined_mirror_is_what_its_lit_pixels_see(tmp_path: Path) -> None:
+    """10 m away, f = 500 pixels, 20 x 10 of them around the optical axis: 20 mm each, columns along x, rows
+    against y."""
     path = rig_file(tmp_path / "r.h5", {"screen_x": 0.7, "screen_y": 0.4})
     with h5py.File(path, "a") as file:
         del file["DataSofastInput"]
-    with pytest.raises(InputError, match=r"v_facet_corners.* is missing") as error:
-        load_sofast_rig(path)
+        del file["Camera/intrinsic_mat"]
+        file["Camera/intrinsic_mat"] = np.array([[500.0, 0, 9.5], [0, 500.0, 4.5], [0, 0, 1]])
+        mask = file["DataSofastCalculation/facet/facet_000/CalculationImageProcessingFacet/mask_processed"]
+        mask[0] = False
+    rig = load_sofast_rig(path)
+    assert rig.scene.mirror.length == pytest.approx(19 * 20)
+    assert rig.scene.mirror.width == pytest.approx(8 * 20)
+    assert rig.datum == pytest.approx((9.5 * 20, 4.5 * 20, 0.0))
+    np.testing.assert_allclose(rig.scene.camera.rays_at(9, 0)[0], [9.5 * 20, 4.5 * 20, 10000])
+
+
+def inputs(folder: Path, distance: float = 9.0, name: str = "optic_screen_dist") -> list[Path]:
+    """A camera at the origin that looks along z, the screen beside it, a measurement, each in a file."""
+    frames = np.zeros((40, 60, 2), np.uint8)
+    frames[8:31, 10:51, 1] = 200
+    frames[2:4, 2:4, 1] = 250  # a reflection elsewhere
+    parts: dict[str, Fields] = {
+        "Camera": {
+            "intrinsic_mat": np.array([[600.0, 0, 25], [0, 610.0, 22], [0, 0, 1]]),
+            "distortion_coef": np.array([-0.1, 0.02, 1e-3, -1e-3, 0.0]),
+            "image_shape_xy": np.array([60, 40]),
+        },
+        "DisplayShape": {"screen_x": 0.7, "screen_y": 0.4},
+        "SpatialOrientation": {"r_cam_screen": TURN, "v_cam_screen_cam": SHIFT[:, None]},
+        "MeasurementSofastFringe": {
+            "mask_images": frames,
+            name: distance,
+            "v_measure_point_facet": np.array([0.1, -0.05, 0.002]),
+        },
+    }
+    for part, fields in parts.items():
+        with h5py.File(folder / f"{part}.h5", "w") as file:
+            for key, value in fields.items():
+                file[f"{part}/{key}"] = value
+    return [folder / f"{part}.h5" for part in parts]
+
+
+FACET_JSON = """{
+  "v_facet_corners": {"x": [0.4, -0.2, -0.2, 0.4], "y": [-0.1, -0.1, 0.3, 0.3], "z": [0, 0, 0, 0]},
+  "v_centroid_facet": {"x": [0.1], "y": [0.1], "z": [0.0]}
+}"""
+
+
+@pytest.mark.parametrize("defined", [True, False])
+@pytest.mark.parametrize("name", ["optic_screen_dist", "dist_optic_screen"])
+def test_inputs_are_a_rig(defined: bool, name: str, tmp_path: Path) -> None:
+    """From the formulas: the pixel amid the lit ones sees the centroid, from there camera and screen's centre
+    lie on both sides of the normal, the measured point is as far from the screen's centre as was measured."""
+    import cv2
+
+    paths = inputs(tmp_path, name=name)
+    if defined:
+        (tmp_path / "facet.json").write_text(FACET_JSON)
+        paths.append(tmp_path / "facet.json")
+    rig = load_sofast_rig(paths)
+    scene, camera = rig.scene, rig.scene.camera
+    rotation = np.stack([camera.u_axis, camera.v_axis, np.cross(camera.u_axis, camera.v_axis)], axis=1)
+    to_mirror = lambda point: rotation @ (1000 * np.asarray(point)) + camera.origin  # noqa: E731
+    screen = to_mirror(SHIFT)
+    turn = cv2.Rodrigues(TURN)[0]  # camera to screen
+    centre = scene.pattern.point(*rig.pattern_coordinates(np.array([0.5]), np.array([0.5])))[0]
+    assert np.abs(centre - screen).max() < 1e-6
+    assert np.abs(scene.pattern.u_axis - rotation @ turn.T[:, 0]).max() < 1e-9
+    o, d = camera.rays_at(19.0, 30.0)
+    lens = np.array([[600.0, 0, 25], [0, 610.0, 22], [0, 0, 1]])
+    seen = cv2.undistortPoints(np.array([[30.0, 19.0]]), lens, np.array([-0.1, 0.02, 1e-3, -1e-3, 0.0]))
+    expected = to_mirror([*seen.ravel(), 1.0]) - camera.origin
+    assert np.abs(d - expected / np.linalg.norm(expected)).max() < 1e-6
+    middle = o - o[2] / d[2] * d
+    ways = [(end - middle) / np.linalg.norm(end - middle) for end in (camera.origin, screen)]
+    assert np.abs((ways[0] + ways[1])[:2]).max() < 1e-9
+    assert camera.u_axis[1] == pytest.approx(0, abs=1e-9)
+    assert camera.u_axis[0] > 0.9 > 0 > camera.v_axis[1]
+    assert np.linalg.norm(np.array(rig.datum) - screen) == pytest.approx(9000)
+    origin = np.array(rig.datum) - [100, -50, 2]
+    assert (rig.mask.sum(), rig.mask[3, 3], rig.mask[8, 10]) == (23 * 41, False, True)
+    if defined:
+        assert np.abs(middle - origin - [100, 100, 0]).max() < 1e-6
+        assert np.abs(origin - [200, 100, 0]).max() < 1e-6
+        assert (scene.mirror.length, scene.mirror.width) == pytest.approx((600, 400))
+    else:
+        assert np.abs(middle - origin).max() < 1e-6
+        assert 500 < scene.mirror.length < 700
+
+
+@pytest.mark.parametrize(
+    ("without", "told"),
+    [
+        (0, r"no camera \(Camera/intrinsic_mat\)$"),
+        (1, r"DisplayShape has none of the screen models"),
+        (2, r"no orientation \(SpatialOrientation/r_cam_screen\)$"),
+        (3, r"no measurement \(MeasurementSofastFringe/mask_images\)$"),
+    ],
+)
+def test_what_inputs_lack_is_told(without: int, told: str, tmp_path: Path) -> None:
+    paths = inputs(tmp_path)
+    del paths[without]
+    with pytest.raises(InputError, match=told) as error:
+        load_sofast_rig(paths)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('{"v_facet_corners": {"x": [0]}}', "no definition of a facet"),
+        ("[1", "no definition of a facet"),
+        ('{"v_facet_locations": {}}', "defines an ensemble"),
+        (FACET_JSON.replace("0.3, 0.3", "0.3, NaN"), "v_facet_corners must be lists"),
+    ],
+)
+def test_bad_definitions_of_facets(text: str, told: str, tmp_path: Path) -> None:
+    (tmp_path / "facet.json").write_text(text)
+    with pytest.raises(InputError, match=rf"facet\.json: .*{told}"):
+        load_sofast_rig([*inputs(tmp_path), tmp_path / "facet.json"])
+
+
+def test_inputs_that_contradict_each_other(tmp_path: Path) -> None:
+    paths = inputs(tmp_path)
+    with pytest.raises(InputError, match=r"is in .*give one of them"):
+        load_sofast_rig([*paths, paths[0]])
+    with pytest.raises(InputError, match=r"dist_optic_screen = 0\.1: no point in view"):
+        load_sofast_rig(inputs(tmp_path, 0.1))
+    with h5py.File(paths[3], "a") as file:
+        file["MeasurementSofastFringe/mask_images"][...] = 7
+    with pytest.raises(InputError, match="white is nowhere brighter"):
+        load_sofast_rig(paths)
 
 
 @pytest.mark.parametrize(
