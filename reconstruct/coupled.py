@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.ndimage
+from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
@@ -32,7 +33,7 @@ from .result import Spread, anchors_apart, height_map, judged
 from .reweighting import reweighted
 from .rounding import rounding_variance
 
-__all__ = ["doubted", "method_names", "reconstruct", "solved_height"]
+__all__ = ["doubted", "method_names", "reconstruct", "solved_height", "with_modes"]
 
 PAPER_METHODS: dict[str, SeriesName] = {"paper": "mean", "paper-rises": "rises", "paper-drops": "drops"}
 _METHODS = {
@@ -97,15 +98,24 @@ def reconstruct(
         problem, state, height = solved_height(correspondence, scene, anchor, mask, method, start)
     if scene.covariance is not None:
         progress("errors of the rig", 1, steps)
-        measured = Measurement(before_rest, anchor, mask, rest, method)
-        modes = calibration_modes(_height_alone, measured, scene, height)
-        known = scene.covariance
-        height = replace(height, calibration=modes, sources=known.sources, shares=known.shares)
+        height = with_modes(height, Measurement(before_rest, anchor, mask, rest, method), scene)
     height = replace(height, notices=(*height.notices, *anchors_apart(problem, state, height)))
     for notice in height.notices:
         LOG.warning("%s", notice)
     progress("reconstructed", steps, steps)
     return height
+
+
+def with_modes(
+    height: HeightMap, measured: Measurement, scene: Scene, modes: NDArray[np.float32] | None = None
+) -> HeightMap:
+    """The height with what the errors of a calibrated rig do to it, `modes` if they are known."""
+    known = scene.covariance
+    if known is None:
+        return height
+    if modes is None:
+        modes = calibration_modes(_height_alone, measured, scene, height)
+    return replace(height, calibration=modes, sources=known.sources, shares=known.shares)
 
 
 def _height_alone(measured: Measurement, scene: Scene, start: HeightMap | None) -> HeightMap:

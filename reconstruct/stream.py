@@ -3,7 +3,7 @@
 As long as the pixels that can be used stay the same but for small holes, a frame costs one look at the
 equations and one linear solve with the last factorisation and the last integrating factor (a chord step; a
 second one after a large change). Sigma, anchors' shares, chi2 and the curl alarm are those of the last frame
-that was solved in full.
+that was solved in full; modes of a calibrated rig are solved for as often as `refresh` says.
 """
 
 import math
@@ -17,11 +17,12 @@ from optolever.scene import Scene
 
 from .anchors import Anchors
 from .arrays import Floats
-from .coupled import doubted, solved_height
+from .coupled import doubted, solved_height, with_modes
 from .heightmap import HeightMap
 from .holes import bridged, small_holes
 from .newton import State, chord_step
 from .problem import Problem, require_correspondence
+from .propagation import Measurement, interpolated
 from .result import Spread, height_map, judged
 from .uncertainty import unknown_variance
 
@@ -39,7 +40,7 @@ class HeightStream:
 
     def __init__(self, scene: Scene, anchor: Anchors = None, refresh: int = 100) -> None:
         self._scene, self._anchor, self._refresh = scene, anchor, max(1, refresh)
-        self._age = 0
+        self._age = self._modes_age = 0
         self._last: tuple[Problem, State, Floats, HeightMap] | None = None
 
     def update(self, correspondence: Correspondence) -> HeightMap:
@@ -51,10 +52,22 @@ class HeightStream:
         if height is None:
             start = self._last[3] if self._last is not None else None
             problem, state, height = solved_height(correspondence, self._scene, self._anchor, start=start)
+            height = self._with_modes(height, correspondence)
             variance = unknown_variance(problem.data, state, problem.labels)
             self._last, self._age = (problem, state, variance, height), 0
         self._age += 1
+        self._modes_age += 1
         return height
+
+    def _with_modes(self, height: HeightMap, correspondence: Correspondence) -> HeightMap:
+        """With the modes of a calibrated rig: the last ones, anew where they are `refresh` frames old."""
+        modes = None if self._last is None else self._last[3].calibration
+        if modes is not None and self._modes_age < self._refresh:
+            modes = interpolated(modes.astype(np.float64), 1, np.isfinite(height.z))
+        else:
+            modes, self._modes_age = None, 0
+        measured = Measurement(correspondence, self._anchor, None, None, "coupled")
+        return with_modes(height, measured, self._scene, modes)
 
     def _followed(self, correspondence: Correspondence) -> HeightMap | None:
         """The height by chord steps; None where the frame has to be solved in full (a crease appears)."""
@@ -88,6 +101,8 @@ class HeightStream:
                 freedom = last.diagnostics.freedom
                 chi2 = math.nan if last.diagnostics.chi2 is None else last.diagnostics.chi2
                 height = judged(height, self._scene.mirror, chi2, freedom, correspondence.notices)
+                more = {name: getattr(last, name) for name in ("calibration", "sources", "shares")}
+                height = replace(height, **more)
                 self._last = problem, state, variance, height
                 return height
         return None
