@@ -1,7 +1,8 @@
 """Curvature from measured slopes: in a window around every pixel both are fitted by planes of one Hessian.
 
 slope_x = a + h_xx dx + h_xy dy, slope_y = b + h_xy dx + h_yy dy, weights 1/sigma^2: three unknowns once each
-slope's weighted mean is taken off; the inverse of their normal matrix is their covariance.
+slope's weighted mean is taken off; the inverse of their normal matrix, times chi2 per degree of freedom where
+that is no chance (the curvature changes within the window), is their covariance.
 """
 
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from .slope_map import SlopeMap
 __all__ = ["CurvatureMap", "curvature_map"]
 
 _ARRAYS = ("xx", "xy", "yy", "sigma_xx", "sigma_xy", "sigma_yy", "mean", "sigma_mean")
+_CHANCE = 3.0  # standard deviations of chi2
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,13 +75,14 @@ def _fit(x, y, p, q, sigma_p, sigma_q, good, reach, out, start, stop):  # type: 
         for j in range(cols):
             if not good[i, j]:
                 continue
-            # Weighted sums of 1, dx, dy, s, dx dx, dx dy, dy dy, dx s, dy s for either slope.
-            sums = np.zeros((2, 9))
+            # Weighted sums of 1, dx, dy, s, dx dx, dx dy, dy dy, dx s, dy s, s s for either slope.
+            sums, count = np.zeros((2, 10)), 0
             for r in range(max(i - reach, 0), min(i + reach + 1, rows)):
                 for c in range(max(j - reach, 0), min(j + reach + 1, cols)):
                     if not good[r, c]:
                         continue
                     dx, dy = x[r, c] - x[i, j], y[r, c] - y[i, j]
+                    count += 1
                     for k in range(2):
                         s = p[r, c] - p[i, j] if k == 0 else q[r, c] - q[i, j]
                         sigma = sigma_p[r, c] if k == 0 else sigma_q[r, c]
@@ -94,6 +97,7 @@ def _fit(x, y, p, q, sigma_p, sigma_q, good, reach, out, start, stop):  # type: 
                         row[6] += w * dy * dy
                         row[7] += w * dx * s
                         row[8] += w * dy * s
+                        row[9] += w * s * s
             for k in range(2):
                 row = sums[k]
                 row[4] -= row[1] * row[1] / row[0]
@@ -101,6 +105,7 @@ def _fit(x, y, p, q, sigma_p, sigma_q, good, reach, out, start, stop):  # type: 
                 row[6] -= row[2] * row[2] / row[0]
                 row[7] -= row[1] * row[3] / row[0]
                 row[8] -= row[2] * row[3] / row[0]
+                row[9] -= row[3] * row[3] / row[0]
             # Normal matrix [[a, b, 0], [b, c, d], [0, d, e]] of h_xx, h_xy, h_yy.
             a, b, d, e = sums[0, 4], sums[0, 5], sums[1, 5], sums[1, 6]
             c = sums[0, 6] + sums[1, 4]
@@ -113,13 +118,18 @@ def _fit(x, y, p, q, sigma_p, sigma_q, good, reach, out, start, stop):  # type: 
             xx = v_aa * f + v_ab * g + v_ac * h
             xy = v_ab * f + v_bb * g + v_bc * h
             yy = v_ac * f + v_bc * g + v_cc * h
+            # two slopes of each pixel, less two means and three unknowns
+            freedom = max(2 * count - 5, 1)
+            chi2 = (sums[0, 9] + sums[1, 9] - xx * f - xy * g - yy * h) / freedom
+            wide = np.sqrt(chi2) if chi2 > 1.0 + _CHANCE * np.sqrt(2.0 / freedom) else 1.0
             px, py = p[i, j], q[i, j]
             scale = 0.5 / (1.0 + px * px + py * py) ** 1.5
             wa, wb, wc = scale * (1.0 + py * py), -2.0 * scale * px * py, scale * (1.0 + px * px)
             out[0, i, j], out[1, i, j], out[2, i, j] = xx, xy, yy
-            out[3, i, j], out[4, i, j], out[5, i, j] = np.sqrt(v_aa), np.sqrt(v_bb), np.sqrt(v_cc)
+            for k, v in enumerate((v_aa, v_bb, v_cc)):
+                out[3 + k, i, j] = wide * np.sqrt(v)
             out[6, i, j] = wa * xx + wb * xy + wc * yy
-            out[7, i, j] = np.sqrt(
+            out[7, i, j] = wide * np.sqrt(
                 wa * wa * v_aa + wb * wb * v_bb + wc * wc * v_cc
                 + 2.0 * (wa * wb * v_ab + wa * wc * v_ac + wb * wc * v_bc)
             )  # fmt: skip
