@@ -2,6 +2,7 @@
 
 The estimate is (J^T J)^-1 J^T times the rows' errors, all of variance 1: so a row adds g g^T, g its column of
 (J^T J)^-1 J^T. A prior's row has one entry, 1/sigma; what the priors leave of the sum is the captures' noise.
+What a linear model misses is a source of its own.
 """
 
 import numpy as np
@@ -14,6 +15,7 @@ __all__ = ["error_sources"]
 Floats = NDArray[np.float64]
 
 _NOISE = "noise of the calibration's captures"
+_BENDING = "bends and second minima over the width of the priors"
 _WORDS = {
     "camera": "the camera, by its prior",
     "pattern": "the pattern's place, by its prior",
@@ -29,7 +31,7 @@ _PLACES = "places of the targets, by their priors"
 
 def error_sources(found: Adjustment) -> tuple[tuple[str, ...], Floats]:
     """Names of the sources that add anything, and what each adds to `found.covariance`, (s, p, p)."""
-    covariance = found.covariance
+    covariance = found.linear
     parts: dict[str, Floats] = {}
     for k, (name, sigma) in enumerate(found.problem.sigmas.items()):
         column = covariance[:, k] / (sigma * max(1.0, found.chi))
@@ -37,6 +39,8 @@ def error_sources(found: Adjustment) -> tuple[tuple[str, ...], Floats]:
         parts[word] = parts.get(word, 0.0) + np.outer(column, column)
     noise = covariance - np.sum(list(parts.values()), axis=0)
     parts = {_NOISE: noise} | parts
+    if found.bend.any():
+        parts[_BENDING] = found.bend.T @ found.bend
     return tuple(parts), np.stack(list(parts.values()))
 
 

@@ -1,9 +1,9 @@
-"""chi2 of mode coefficients, against draws of maps made of the modes."""
+"""chi2 of mode coefficients: against draws of maps made of the modes, and of rigs that are not linear."""
 
 import numpy as np
 import pytest
 
-from optolever.calibration import mode_chi2
+from optolever.calibration import figures, mode_chi2
 
 
 @pytest.mark.parametrize(("factor", "expected"), [(1.0, 1.0), (3.0, 9.0)])
@@ -17,3 +17,17 @@ def test_mode_chi2_of_drawn_maps(factor: float, expected: float) -> None:
         found.append(chi2)
         assert count == 4
     assert np.mean(found) == pytest.approx(expected, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("seed", "linear"),
+    [
+        pytest.param(1045, 4.8, id="bends over the width of the priors"),
+        pytest.param(1066, 18.8, id="has two minima", marks=pytest.mark.slow),
+        pytest.param(1087, 26.4, id="has a minimum that few starts find", marks=pytest.mark.slow),
+    ],
+)
+def test_covariance_of_a_rig_that_is_not_linear(seed: int, linear: float) -> None:
+    """By the linear covariance of a minimum from eight starts chi2 was `linear`."""
+    (figure,) = figures("prism, rest", range(seed, seed + 1))
+    assert figure.chi2 < 2.5 < linear
