@@ -2,7 +2,8 @@
 tilted, and what it adds to the predicted sigma of a height.
 
 Information adds: the matrix of some captures is the sum of theirs, J_k^T J_k, and the priors'. Its inverse,
-through the heights' derivatives by the scene's numbers, is the sigma that these captures leave.
+through the heights' derivatives by the scene's numbers, is the sigma that these captures leave, if all is
+linear.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
