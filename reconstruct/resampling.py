@@ -132,24 +132,41 @@ def resample(
 
 @exact
 def _gradients(x, y, z, good):  # type: ignore[no-untyped-def]
-    """dz/dx, dz/dy (2, H, W) from the good neighbours along both image axes; NaN where an axis has none."""
+    """dz/dx, dz/dy (2, H, W) from the good pixels along both image axes; NaN where an axis has none."""
     rows, cols = z.shape
     out = np.full((2, rows, cols), np.nan)
     for i in range(rows):
         for j in range(cols):
             if not good[i, j]:
                 continue
-            j0 = j - 1 if j > 0 and good[i, j - 1] else j
-            j1 = j + 1 if j + 1 < cols and good[i, j + 1] else j
-            i0 = i - 1 if i > 0 and good[i - 1, j] else i
-            i1 = i + 1 if i + 1 < rows and good[i + 1, j] else i
-            ax, ay, az = x[i, j1] - x[i, j0], y[i, j1] - y[i, j0], z[i, j1] - z[i, j0]
-            bx, by, bz = x[i1, j] - x[i0, j], y[i1, j] - y[i0, j], z[i1, j] - z[i0, j]
+            ax, bx = _rise(x, good, i, j, 0, 1), _rise(x, good, i, j, 1, 0)
+            ay, by = _rise(y, good, i, j, 0, 1), _rise(y, good, i, j, 1, 0)
+            az, bz = _rise(z, good, i, j, 0, 1), _rise(z, good, i, j, 1, 0)
             area = ax * by - ay * bx
             if area != 0.0:
                 out[0, i, j] = (az * by - bz * ay) / area
                 out[1, i, j] = (ax * bz - bx * az) / area
     return out
+
+
+@exact
+def _rise(f, good, i, j, di, dj):  # type: ignore[no-untyped-def]
+    """Change of f per pixel along an axis: by both neighbours, by the parabola through two on one side, by
+    one; 0 by none."""
+    rows, cols = f.shape
+    near = np.zeros(5, np.bool_)
+    for k in (-2, -1, 1, 2):
+        r, c = i + k * di, j + k * dj
+        near[k + 2] = 0 <= r < rows and 0 <= c < cols and good[r, c]
+    if near[1] and near[3]:
+        return 0.5 * (f[i + di, j + dj] - f[i - di, j - dj])
+    if not (near[1] or near[3]):
+        return 0.0
+    side = 1 if near[3] else -1
+    first = f[i + side * di, j + side * dj] - f[i, j]
+    if not near[2 + 2 * side]:
+        return side * first
+    return side * (2.0 * first - 0.5 * (f[i + 2 * side * di, j + 2 * side * dj] - f[i, j]))
 
 
 @exact
