@@ -59,19 +59,10 @@ class AxisDecoder:
             elif self.orders is not None:
                 unwrap_close(self.light, self.noise, self.periods, self.orders, rows, into)
             else:
-                code = self._cell(rows)
-                climb(self.light, self.noise, self.periods, self.axis.extent, code, rows, into)
+                climb(self.light, self.noise, self.periods, self.axis.extent, self.code, rows, into)
         else:
             estimate = self._estimate(rows, raw)
             merge(estimate, self.noise, self.limits, first, rows, shared)
-
-    def _cell(self, rows: tuple[int, int]) -> tuple[Estimate, float] | None:
-        """What a code tells a fringe, and its cell; None without one."""
-        if self.code is None:
-            return None
-        estimate = Estimate.empty(rows[1] - rows[0], self.light.raw.shape[2], self.code.freedom)
-        read_code(self.light, self.noise, self.code, rows, False, estimate)
-        return estimate, float(self.code.cell)
 
     def _estimate(self, rows: tuple[int, int], raw: Raw) -> Estimate:
         """Rows start..stop of what has no periods."""
@@ -82,7 +73,7 @@ class AxisDecoder:
             variance=raw.variance[part],
         )
         if self.code is not None:
-            read_code(self.light, self.noise, self.code, rows, True, estimate)
+            read_code(self.light, self.noise, self.code, rows, estimate)
         if self.table is not None:
             lookup_rows(self.light, self.noise, self.table, rows, estimate)
         return estimate
@@ -164,7 +155,7 @@ def _cells(code: CodePlan, light: Light, noise: Noise, lit: Sample) -> NDArray[n
     """Coordinates (K,) of the sampled pixels' cells; NaN where one is doubtful."""
     estimate = Estimate.empty(1, len(lit.places), code.freedom)
     if len(lit.places):
-        read_code(_sampled_light(light, lit), noise, code, (0, 1), True, estimate)
+        read_code(_sampled_light(light, lit), noise, code, (0, 1), estimate)
     sure = estimate.error[0] < DOUBT
     return np.where(sure, estimate.coordinate[0], np.nan).astype(np.float64)
 

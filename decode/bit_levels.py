@@ -15,7 +15,7 @@ from scipy.special import ndtr
 
 from optolever.kernels import exact, inlined
 
-from .unwrap import vanishing
+from .estimate import vanishing
 
 __all__ = [
     "GROUP",
@@ -44,12 +44,13 @@ _MOST_WEAK = 5
 class CodePlan(NamedTuple):
     """A code as the kernels need it.
 
-    frames (bits, 2): of each bit, least significant first, and its inverse, -1: not shown
-    factor (bits,)  variance of a bit's difference over that of a sample
-    value, scale    of bits, filled up to whole groups by some that are sure, and one over the deviation that
-                    noise of 1 makes of their difference
-    counts          1 where a difference counts as large: that of pairs where these tell the amplitude, else
+    frames (B, 2)   of each bit, least significant first, and its inverse, twice the same one where there is
+                    none; filled up to whole groups by bits that are sure
+    share (B, 5)    in a difference: of a bit, its inverse, the mean level, and 1; 1 for a pair
+    value, scale (B,)  of bits, and one over the deviation that noise of 1 makes of their difference
+    counts (B,)     1 where a difference counts as large: that of pairs where these tell the amplitude, else
                     of the others, which must not pass it
+    factor (bits,)  variance of a bit's difference over that of a sample
     ends            white, black; -1: not shown
     cells           word -> cell
     levels          (cells, bits) what a cell shows of a bit, -1..1; misfit2: variance that this leaves
@@ -58,10 +59,11 @@ class CodePlan(NamedTuple):
     """
 
     frames: NDArray[np.int64]
-    factor: F32
+    share: F32
     value: NDArray[np.int32]
     scale: F32
     counts: F32
+    factor: F32
     ends: NDArray[np.int64]
     cells: NDArray[np.int32]
     levels: F32
@@ -71,11 +73,17 @@ class CodePlan(NamedTuple):
     freedom: int
 
 
-def bits_in_groups(factor: F32, counts: NDArray[np.bool_]) -> tuple[NDArray[np.int32], F32, F32]:
-    """value, scale and counts of a CodePlan."""
-    more = (0, -len(factor) % GROUP)
+def bits_in_groups(
+    frames: NDArray[np.int64], factor: F32, counts: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], F32, NDArray[np.int32], F32, F32]:
+    """frames to counts of a CodePlan; frames (bits, 2) of each bit and its inverse, -1: not shown."""
+    more, pair = (0, -len(factor) % GROUP), (frames >= 0).all(axis=1)
+    sign = np.where(pair, 0.5, np.where(frames[:, 0] >= 0, 1.0, -1.0))
+    share = np.stack([sign, -0.5 * pair, -sign * ~pair, 0.0 * sign, pair], axis=1)
+    share = np.concatenate([share, np.tile([0, 0, 0, 1e9, 0], (more[1], 1))]).astype(np.float32)
     value, scale = np.pad(1 << np.arange(len(factor)), more), np.pad(factor, more, constant_values=1) ** -0.5
-    return value.astype(np.int32), scale, np.pad(counts, more).astype(np.float32)
+    shown = np.pad(np.where(frames < 0, frames[:, ::-1], frames), (more, (0, 0)))
+    return shown, share, value.astype(np.int32), scale, np.pad(counts, more).astype(np.float32)
 
 
 def blurred_levels(words: NDArray[np.int32], bits: int, blur: float) -> F32:

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from optolever.kernels import exact, inlined, kernel
 
+from .estimate import less_likely, vanishing
 from .flags import merge_line
 from .frames import Light
 from .noise import Noise
 from .phase import Periods, fit_line
-from .unwrap import less_likely, vanishing
 
 __all__ = ["Orders", "order_table", "unwrap_close"]
 

@@ -1,4 +1,5 @@
-"""Estimate: what one axis tells of every pixel of a block of rows, on its way to a Correspondence."""
+"""Estimate: what one axis tells of every pixel of a block of rows, on its way to a Correspondence; and small
+probabilities."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -6,9 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Estimate"]
+from optolever.kernels import inlined
+
+__all__ = ["Estimate", "less_likely", "vanishing"]
 
 F32 = NDArray[np.float32]
+_ONE = np.float32(1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,3 +50,29 @@ class Estimate:
             *(self.coordinate, self.variance, self.error, self.amplitude),
             *(self.offset, self.chi2, self.clipped),
         )
+
+
+@inlined
+def vanishing(x: Any) -> Any:
+    """exp(-x) for x >= 0 from above, float32: (1 + x / 256)^-256 is 1.2 times that at x = 10."""
+    return _ONE / _growing(x)
+
+
+@inlined
+def less_likely(x: Any) -> Any:
+    """Probability of the one of two that is exp(-x) times as likely, x >= 0."""
+    return _ONE / (_ONE + _growing(x))
+
+
+@inlined
+def _growing(x: Any) -> Any:
+    """exp(x) from below, float32, infinite from x = 106 on."""
+    y = _ONE + x * np.float32(1 / 256)
+    y = y * y
+    y = y * y
+    y = y * y
+    y = y * y
+    y = y * y
+    y = y * y
+    y = y * y
+    return y * y

@@ -22,7 +22,7 @@ from .frames import Light, level_of
 from .noise import Noise, Sample
 from .plan import Code, Plan
 
-__all__ = ["CodePlan", "code_plan", "read_code"]
+__all__ = ["CodePlan", "code_plan", "read_code", "read_line", "room_for"]
 
 #: Pixels that tell the blur at most: medians to 4 %.
 _PIXELS = 1024
@@ -32,14 +32,14 @@ _PIXELS = 1024
 _WEAKEST, _LEAST, _SECOND, _LARGEST, _KEPT = 0, 1, 2, 3, 4
 
 
-class _Lines(NamedTuple):
-    """Room for a line: margins (bits, W), words (W,), what is kept of bits (2, _KEPT, W), and what the means
-    of pairs are off the usual level, summed, and squared (2, W)."""
+class _Room(NamedTuple):
+    """For a line: words (W,), what is kept of bits (2, _KEPT, W), what the means of pairs are off the usual
+    level, summed, and squared (2, W); differences of one pixel (bits,)."""
 
-    margin: Any
     word: Any
     kept: Any
     off: Any
+    margin: Any
 
 
 def code_plan(code: Code, plan: Plan, noise: Noise, lit: Sample) -> CodePlan:
@@ -59,8 +59,8 @@ def code_plan(code: Code, plan: Plan, noise: Noise, lit: Sample) -> CodePlan:
     variance = few.variance(noise) / np.square(amplitude)
     levels, misfit2 = fitted_levels(words, margin / amplitude, variance, factor)
     unlike2, cell, start = (np.float32(one) for one in (misfit2, code.cell, first))
-    of_bits = bits_in_groups(factor, pairs != referenced)
-    return CodePlan(frames, factor, *of_bits, ends, code.cells, levels, unlike2, cell, start, freedom)
+    of_bits = bits_in_groups(frames, factor, pairs != referenced)
+    return CodePlan(*of_bits, factor, ends, code.cells, levels, unlike2, cell, start, freedom)
 
 
 def _margins(frames: NDArray[np.int64], ends: NDArray[np.int64], levels: Any) -> tuple[Any, Any]:
@@ -76,79 +76,80 @@ def _margins(frames: NDArray[np.int64], ends: NDArray[np.int64], levels: Any) ->
     return margin, np.maximum(amplitude, np.float32(1e-3))
 
 
-def read_code(
-    light: Light, noise: Noise, code: CodePlan, rows: tuple[int, int], alone: bool, estimate: Estimate
-) -> None:
-    """Read the code in rows start..stop, in place: coordinates are cells' centres.
-
-    alone: variances are those of a place within the cell and of its neighbour where that is as likely; else
-    of the cell's edges only, for a fringe that tells the place.
-    """
-    clip = np.float32(min(light.clip, 1e9))
-    _read_rows(light.raw, light.lut, clip, *rows, code, alone, noise.numbers(), estimate.arrays())
+def read_code(light: Light, noise: Noise, code: CodePlan, rows: tuple[int, int], estimate: Estimate) -> None:
+    """Read the code in rows start..stop, in place: coordinates are cells' centres."""
+    raw, table, _, (clip, _) = light.numbers()
+    _read_rows(raw, table, clip, *rows, code, noise.numbers(), estimate.arrays())
 
 
 @exact
 def _read_rows(
-    raw: Any, table: Any, clip: Any, start: Any, stop: Any, code: Any, alone: Any, noise: Any, out: Any
+    raw: Any, table: Any, clip: Any, start: Any, stop: Any, code: Any, noise: Any, out: Any
 ) -> None:
     """Rows start..stop; noise: Noise.numbers(), out: Estimate.arrays()."""
     place, var, error, amplitude, offset, chi2, clipped = out
-    width, bits, pairs = raw.shape[2], code.factor.size, np.float32(np.sum(code.factor < 1))
-    lines = _Lines(
-        np.full((code.value.size, width), np.float32(1e9)),
-        np.empty(width, np.int32),
-        np.empty((2, _KEPT, width), np.float32),
-        np.empty((2, width), np.float32),
-    )
-    # a bit and its inverse are off by the same: their difference keeps its sign
-    misfit2 = np.float32(0) if pairs == bits else code.misfit2
+    room = room_for(code, raw.shape[2])
     for row in range(start, stop):
         r = row - start
-        a, o, numbers = amplitude[r], offset[r], (pairs, misfit2, alone, noise)
-        clipped[r], lines.off[:] = np.float32(0), np.float32(0)
-        if code.ends[0] >= 0:
-            _references(raw[code.ends[0], row], raw[code.ends[1], row], table, a, o)
-            _saturated(raw[code.ends[0], row], clip, clipped[r])
-        _margins_line(raw, row, table, code, o, lines)
-        kept = _compared(code, lines)
-        if code.ends[0] < 0:
-            a[:], kept[_LARGEST] = kept[_LARGEST], np.float32(0)
-        _cells_line(lines, kept, code, numbers, a, o, place[r], var[r], error[r], chi2[r])
-        _several_weak(kept[_SECOND], misfit2, noise, a, o, lines.word)
-        for x in range(width):
-            if lines.word[x] != 0:
-                own = noise.read2 + noise.gain * max(o[x], np.float32(0))
-                place[r, x], var[r, x], error[r, x] = weak_bits(
-                    lines.margin[:bits, x], code, a[x], own, alone, (place[r, x], var[r, x])
-                )
+        line = place[r], var[r], error[r], amplitude[r], offset[r], chi2[r], clipped[r]
+        read_line(raw, row, table, clip, code, True, noise, room, line)
 
 
 @exact
-def _margins_line(raw: Any, row: Any, table: Any, code: Any, offset: Any, lines: Any) -> None:
-    """Of every bit half the difference from its inverse, or that from the mean level, which the first pair
-    tells where no references do."""
-    free = code.ends[0] < 0
-    for b in range(code.factor.size):
-        plain, inverse = code.frames[b]
-        if plain >= 0 and inverse >= 0:
-            _pair(raw[plain, row], raw[inverse, row], table, free, offset, lines.margin[b], lines.off)
-            free = False
-        else:
-            sign = np.float32(1) if plain >= 0 else np.float32(-1)
-            _single(raw[max(plain, inverse), row], table, sign, offset, lines.margin[b])
+def room_for(code: Any, width: Any) -> Any:
+    """Room for a line."""
+    kept, off = np.empty((2, _KEPT, width), np.float32), np.empty((2, width), np.float32)
+    return _Room(np.empty(width, np.int32), kept, off, np.empty(code.factor.size, np.float32))
 
 
 @exact
-def _compared(code: Any, lines: Any) -> Any:
+def read_line(
+    raw: Any, row: Any, table: Any, clip: Any, code: Any, alone: Any, noise: Any, room: Any, out: Any
+) -> None:
+    """A row into out, as Estimate.arrays(), each (W,).
+
+    alone: variances are those of a place within the cell and of its neighbour where that is as likely; else
+    of the cell's edges only, for a fringe that tells the place. room: see room_for.
+    """
+    place, var, error, a, o, chi2, clipped = out
+    pairs, referenced = np.float32(np.sum(code.factor < 1)), code.ends[0] >= 0
+    # a bit and its inverse are off by the same: their difference keeps its sign
+    misfit2 = np.float32(0) if pairs == code.factor.size else code.misfit2
+    high, low = code.ends if referenced else code.frames[0]
+    _references(raw[high, row], raw[low, row], table, a, o)
+    clipped[:], room.word[:], room.off[:] = np.float32(0), 0, np.float32(0)
+    if referenced:
+        _saturated(raw[high, row], clip, clipped)
+    kept = _compared(raw, row, table, code, pairs, o, room)
+    if not referenced:
+        a[:], kept[_LARGEST] = kept[_LARGEST], np.float32(0)
+    _cells_line(room, kept, code, (pairs, misfit2, alone, noise), a, o, place, var, error, chi2)
+    _several_weak(kept[_SECOND], misfit2, noise, a, o, room.word)
+    for x in range(place.size):
+        if room.word[x] != 0:
+            for b in range(code.factor.size):
+                plain, inverse = code.frames[b]
+                one, other = level_of(raw[plain, row, x], table), level_of(raw[inverse, row, x], table)
+                room.margin[b] = _single(one, o[x], _bit(code, b)) + code.share[b, 1] * other
+            own = noise.read2 + noise.gain * max(o[x], np.float32(0))
+            place[x], var[x], error[x] = weak_bits(room.margin, code, a[x], own, alone, (place[x], var[x]))
+
+
+@exact
+def _compared(raw: Any, row: Any, table: Any, code: Any, pairs: Any, offset: Any, room: Any) -> Any:
     """Words of a line, and what is kept of their bits (_KEPT, W)."""
-    before, after = lines.kept[0], lines.kept[1]
-    lines.word[:], before[_WEAKEST], before[_LARGEST] = 0, np.float32(0), np.float32(0)
+    before, after = room.kept[0], room.kept[1]
+    before[_WEAKEST], before[_LARGEST] = np.float32(0), np.float32(0)
     before[_LEAST], before[_SECOND] = np.float32(1e9), np.float32(1e9)
     for b in range(0, code.value.size, GROUP):
-        group = slice(b, b + GROUP)
-        bits = code.value[group], code.scale[group], code.counts[group]
-        _join(lines.margin[group], bits, lines.word, before, after)
+        i, j = code.frames[b : b + GROUP, 0], code.frames[b : b + GROUP, 1]
+        ones = raw[i[0], row], raw[i[1], row], raw[i[2], row], raw[i[3], row]
+        others = raw[j[0], row], raw[j[1], row], raw[j[2], row], raw[j[3], row]
+        bits = _bit(code, b), _bit(code, b + 1), _bit(code, b + 2), _bit(code, b + 3)
+        if pairs == 0:
+            _join(ones, None, table, bits, offset, room.word, room.off, before, after)
+        else:
+            _join(ones, others, table, bits, offset, room.word, room.off, before, after)
         before, after = after, before
     return before
 
@@ -167,58 +168,80 @@ def _references(white: Any, black: Any, table: Any, amplitude: Any, offset: Any)
         amplitude[x], offset[x] = half * (high - low), half * (high + low)
 
 
-@kernel
-def _pair(one: Any, other: Any, table: Any, free: Any, offset: Any, margin: Any, sums: Any) -> None:
-    """A bit and its inverse: half their difference, and how far their mean is off the usual level, which a
-    `free` one tells itself."""
-    half, (off, square) = np.float32(0.5), (sums[0], sums[1])
-    if free:
-        for x in range(offset.size):
-            offset[x] = half * (level_of(one[x], table) + level_of(other[x], table))
-    for x in range(offset.size):
-        p, q = level_of(one[x], table), level_of(other[x], table)
-        away = half * (p + q) - offset[x]
-        margin[x] = half * (p - q)
-        off[x] += away
-        square[x] += away * away
-
-
-@kernel
-def _single(line: Any, table: Any, sign: Any, offset: Any, margin: Any) -> None:
-    for x in range(offset.size):
-        margin[x] = sign * (level_of(line[x], table) - offset[x])
-
-
-@kernel
-def _join(margin: Any, bits: Any, word: Any, before: Any, after: Any) -> None:
-    """A group of bits, whose margins are (GROUP, W), joins the words and what is kept of them."""
-    value, scale, counts = bits
-    for x in range(word.size):
-        kept = word[x], before[_WEAKEST, x], before[_LEAST, x], before[_SECOND, x], before[_LARGEST, x]
-        for k in range(GROUP):
-            kept = _with_bit(margin[k, x], value[k], scale[k], counts[k], kept)
-        word[x], after[_WEAKEST, x], after[_LEAST, x], after[_SECOND, x], after[_LARGEST, x] = kept
+@inlined
+def _bit(code: Any, b: Any) -> Any:
+    """Numbers of a bit."""
+    share = code.share[b]
+    return share[0], share[1], share[2], share[3], share[4], code.value[b], code.scale[b], code.counts[b]
 
 
 @inlined
-def _with_bit(margin: Any, value: Any, scale: Any, counts: Any, kept: Any) -> Any:
-    """Word, value of the weakest bit, how weak it and the next are (deviations of a sample), largest margin
-    that counts."""
-    word, weakest, least, second, largest = kept
-    size = abs(margin)
-    weak = size * scale
+def _single(one: Any, offset: Any, bit: Any) -> Any:
+    """A bit's share in its difference from its inverse, or from the mean level."""
+    return bit[0] * one + bit[2] * offset + bit[3]
+
+
+@kernel
+def _join(
+    ones: Any,
+    others: Any,
+    table: Any,
+    bits: Any,
+    offset: Any,
+    word: Any,
+    off: Any,
+    before: Any,
+    after: Any,
+) -> None:
+    """A group of bits joins the words, what is kept of them, and what means of pairs are off; others: their
+    inverses, None if there are none."""
+    (a, b, c, d), total, square = ones, off[0], off[1]
+    for x in range(word.size):
+        o, weakest, least = offset[x], before[_WEAKEST, x], before[_LEAST, x]
+        second, largest, w = before[_SECOND, x], before[_LARGEST, x], word[x]
+        first, next_ = level_of(a[x], table), level_of(b[x], table)
+        third, last = level_of(c[x], table), level_of(d[x], table)
+        p, q = _single(first, o, bits[0]), _single(next_, o, bits[1])
+        r, s = _single(third, o, bits[2]), _single(last, o, bits[3])
+        if others is not None:
+            p, e = _paired(first, p, level_of(others[0][x], table), o, bits[0])
+            q, f = _paired(next_, q, level_of(others[1][x], table), o, bits[1])
+            r, g = _paired(third, r, level_of(others[2][x], table), o, bits[2])
+            s, h = _paired(last, s, level_of(others[3][x], table), o, bits[3])
+            total[x] += (e + f) + (g + h)
+            square[x] += (e * e + f * f) + (g * g + h * h)
+        kept = _with_bit(p, bits[0], (w, weakest, least, second, largest))
+        kept = _with_bit(q, bits[1], kept)
+        kept = _with_bit(r, bits[2], kept)
+        word[x], after[_WEAKEST, x], after[_LEAST, x], after[_SECOND, x], after[_LARGEST, x] = _with_bit(
+            s, bits[3], kept
+        )
+
+
+@inlined
+def _paired(one: Any, margin: Any, other: Any, offset: Any, bit: Any) -> Any:
+    """Difference of a bit and its inverse, and what their mean is off the usual level."""
+    return margin + bit[1] * other, bit[4] * (np.float32(0.5) * (one + other) - offset)
+
+
+@inlined
+def _with_bit(margin: Any, bit: Any, kept: Any) -> Any:
+    """Word, value of the weakest bit, how weak it and the next are (deviations of a sample), largest
+    difference that counts."""
+    (word, weakest, least, second, largest), value, size = kept, bit[5], abs(margin)
+    weak = size * bit[6]
     return (
         word + value * np.int32(margin > np.float32(0)),
         np.float32(value) if weak < least else weakest,
         min(least, weak),
         min(second, max(weak, least)),
-        max(largest, size * counts),
+        max(largest, size * bit[7]),
     )
 
 
 @kernel
 def _cells_line(
-    lines: Any,
+    room: Any,
     kept: Any,
     code: Any,
     numbers: Any,
@@ -232,7 +255,7 @@ def _cells_line(
     """Cells of the words; what the weakest bit leads to if noise turned it."""
     zero, half, eighth, one = np.float32(0), np.float32(0.5), np.float32(0.125), np.float32(1)
     weakest, least, second, largest = kept[_WEAKEST], kept[_LEAST], kept[_SECOND], kept[_LARGEST]
-    word, off, square = lines.word, lines.off[0], lines.off[1]
+    word, off, square = room.word, room.off[0], room.off[1]
     (pairs, misfit2, alone, noise), (cells, cell, first) = numbers, (code.cells, code.cell, code.first)
     within, mixed = (cell * cell / np.float32(12), one) if alone else (zero, zero)
     count = one / max(pairs, one)

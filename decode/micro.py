@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from optolever.kernels import exact, inlined, kernel
 
+from .estimate import vanishing
 from .flags import merge_line
 from .frames import Light, level_of
 from .noise import Noise
 from .phase import Periods, fit_line
 from .plan import AxisPlan
-from .unwrap import vanishing
 
 __all__ = ["MicroTable", "micro_table", "unwrap_micro"]
 

@@ -15,43 +15,18 @@ from typing import Any
 
 import numpy as np
 
-from optolever.kernels import exact, inlined, kernel
+from optolever.kernels import exact, kernel
 
-from .estimate import Estimate
+from .estimate import less_likely
 from .flags import merge_line
 from .frames import Light
+from .gray import CodePlan, read_line, room_for
 from .noise import Noise
 from .phase import Periods, fit_line
 
-__all__ = ["climb", "less_likely", "vanishing"]
+__all__ = ["climb"]
 
 _ONE, _HALF = np.float32(1), np.float32(0.5)
-
-
-@inlined
-def vanishing(x: Any) -> Any:
-    """exp(-x) for x >= 0 from above, float32: (1 + x / 256)^-256 is 1.2 times that at x = 10."""
-    return _ONE / _growing(x)
-
-
-@inlined
-def less_likely(x: Any) -> Any:
-    """Probability of the one of two that is exp(-x) times as likely, x >= 0."""
-    return _ONE / (_ONE + _growing(x))
-
-
-@inlined
-def _growing(x: Any) -> Any:
-    """exp(x) from below, float32, infinite from x = 106 on."""
-    y = _ONE + x * np.float32(1 / 256)
-    y = y * y
-    y = y * y
-    y = y * y
-    y = y * y
-    y = y * y
-    y = y * y
-    y = y * y
-    return y * y
 
 
 def climb(
@@ -59,24 +34,20 @@ def climb(
     noise: Noise,
     periods: Periods,
     extent: int,
-    code: tuple[Estimate, float] | None,
+    code: CodePlan | None,
     rows: tuple[int, int],
     into: tuple[Any, ...],
 ) -> None:
     """Rows start..stop from the coarsest period to the finest.
 
-    code: what a code tells (coordinate of the cell's centre, variance beyond the cell's own) and its cell,
-    pattern px; without one the coarsest period's order is that of the place nearest to the middle of the
-    surface. into: coordinate and variance (H, W), and what flags.merge_line takes: limits, whether the axis
-    is the first, shared maps.
+    code: what tells the cell; without one the coarsest period's order is that of the place nearest to the
+    middle of the surface. into: coordinate and variance (H, W), and what flags.merge_line takes: limits,
+    whether the axis is the first, shared maps.
     """
     coarsest = float(periods.period[0])
-    half, known = 0.0, None
-    if code is not None:
-        known, half = code[0].arrays(), code[1] / 2
     beyond = max(0.0, 1 - coarsest / extent)  # so much of the surface has another order
-    numbers = tuple(np.float32(number) for number in ((extent - 1) / 2, beyond, half))
-    _climb(*light.numbers(), noise.numbers(), periods, *rows, numbers, known, *into)
+    numbers = np.float32((extent - 1) / 2), np.float32(beyond)
+    _climb(*light.numbers(), noise.numbers(), periods, *rows, numbers, code, *into)
 
 
 @exact
@@ -104,9 +75,11 @@ def _climb(
     turn, variance, chi2, clipped, amplitude, offset = own[0], own[1], own[2], own[3], own[4], own[5]
     error, misfit, lost = own[6], own[7], own[8]
     flags, least, mean, either = shared
-    middle, beyond, half = numbers
+    middle, beyond = numbers
+    if code is not None:
+        room, cells = room_for(code, width), np.empty((7, width), np.float32)
+        read = cells[0], cells[1], cells[2], cells[3], cells[4], cells[5], cells[6]
     for row in range(start, stop):
-        r = row - start
         fit = turn, variance, amplitude, offset, chi2, clipped
         lines = place[row], var[row], error, misfit, lost
         for k in range(periods.number.size):
@@ -117,7 +90,8 @@ def _climb(
             elif code is None:
                 _start(told, middle, beyond, lines)
             else:
-                _join(told, half, (code[0][r], code[1][r], code[2][r], code[5][r]), lines)
+                read_line(raw, row, table, saturated[0], code, False, noise, room, read)
+                _join(told, _HALF * code.cell, (cells[0], cells[1], cells[2], cells[5]), lines)
         found = place[row], var[row], error, amplitude, offset, misfit, lost
         merge_line(found, noise, limits, first, (flags[row], least[row], mean[row], either[row]))
 
