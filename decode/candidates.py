@@ -22,7 +22,7 @@ from .frames import Light
 from .noise import Noise
 from .phase import Periods, fit_line
 
-__all__ = ["Orders", "order_table", "unwrap_close"]
+__all__ = ["Orders", "first_two", "listed_first", "order_table", "unwrap_close"]
 
 #: Entries of a table along each of its axes, and deviations within which an order is listed.
 _ENTRIES, _DEVIATIONS = 64, 5.0
@@ -72,11 +72,18 @@ def _order_table(periods: tuple[float, ...], extent: int, tolerance: float) -> O
     place, listed = place[sort], order[number[sort]].astype(np.int16)
     count = np.bincount(place, minlength=_ENTRIES**2)
     start = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
-    best = np.full((2, _ENTRIES**2), -20000, np.float32)
+    return Orders(*first_two(start, listed), start, listed, tolerance, float(extent))
+
+
+def first_two(
+    start: NDArray[np.int32], listed: NDArray[np.int16]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """The first and the second order (cells,) that cells list; -20000: there is none."""
+    best, count = np.full((2, len(start) - 1), -20000, np.float32), np.diff(start)
     for rank in range(2):
         has = count > rank
         best[rank, has] = listed[start[:-1][has] + rank]
-    return Orders(best[0], best[1], start, listed, tolerance, float(extent))
+    return best[0], best[1]
 
 
 def _wrapped(turns: Any) -> Any:
@@ -137,7 +144,7 @@ def _unwrap(
             fit_line(raw, table, spread, saturated, noise, periods, j, row, work, fit)
             _kept(v[j], of_fit[0], of_fit[1], period[j], weights[j], misfit, clipped)
         _cells(t, period, cell)
-        _listed_first(first, second, cell, one, other)
+        listed_first(first, second, cell, one, other)
         _scores(t, weights, period, extent, one, room, sums[:3])
         _scores(t, weights, period, extent, other, room, sums[3:])
         _better(other, sums, lines)
@@ -151,7 +158,7 @@ def _unwrap(
 
 
 @kernel
-def _listed_first(first: Any, second: Any, cell: Any, one: Any, other: Any) -> None:
+def listed_first(first: Any, second: Any, cell: Any, one: Any, other: Any) -> None:
     for x in range(cell.size):
         one[x], other[x] = first[cell[x]], second[cell[x]]
 

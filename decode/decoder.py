@@ -31,6 +31,8 @@ __all__ = ["decode"]
 
 #: Rows of a block that a thread takes: what it keeps of them fits the second-level cache.
 _BLOCK = 16
+#: Pixels of several rows that are read as one line, at most: to start a loop takes as long as some hundred.
+_LINE = 1 << 12
 #: Sigma that is stated for frames without noise beyond their rounding, pattern pixels.
 _LEAST_SIGMA = 0.01
 
@@ -135,15 +137,24 @@ def _decoded(light: Light, sequence: Sequence, options: _Options) -> Corresponde
 
 def _estimated(shot: _Shot, decoders: list[AxisDecoder]) -> tuple[list[Raw], Shared]:
     """Every axis, block by block of rows; flags of both."""
-    shape = shot.light.raw.shape[1:]
+    shape = rows, cols = shot.light.raw.shape[1:]
     raw = [Raw(*(roomy_empty(shape, np.float32) for _ in range(2))) for _ in decoders]
     shared = Shared(roomy_empty(shape, np.uint16), *(roomy_empty(shape, np.float32) for _ in range(3)))
+    # but for look-ups, which go from pixel to pixel along a row
+    most = 1 if any(decoder.table is not None for decoder in decoders) else max(_LINE // cols, 1)
+    count = next(n for n in (16, 8, 4, 2, 1) if n <= most and rows % n == 0)
+    lines = rows // count, cols * count
+    of_axes = [Raw(*(one.reshape(lines) for one in own)) for own in raw]
+    of_both = Shared(*(one.reshape(lines) for one in shared))
+    longer = [
+        replace(one, light=replace(one.light, raw=one.light.raw.reshape(-1, *lines))) for one in decoders
+    ]
 
     def block(start: int, stop: int) -> None:
-        for i, (decoder, own) in enumerate(zip(decoders, raw, strict=True)):
-            decoder.decode((start, stop), own, i == 0, shared)
+        for i, (decoder, own) in enumerate(zip(longer, of_axes, strict=True)):
+            decoder.decode((start, stop), own, i == 0, of_both)
 
-    over_rows(block, shape[0], _BLOCK)
+    over_rows(block, lines[0], max(_BLOCK // count, 1))
     return raw, shared
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from optolever.kernels import exact, inlined, kernel
 
+from .candidates import first_two, listed_first
 from .estimate import vanishing
 from .flags import merge_line
 from .frames import Light, level_of
@@ -36,13 +37,15 @@ _ONE, _HALF, _TWO_PI = np.float32(1), np.float32(0.5), np.float32(2 * np.pi)
 
 class MicroTable(NamedTuple):
     """frames (M,): numbers of the single frames, periods and shifts (turns) of them; used (3,): those of the
-    table; start, listed: orders by cell, as in candidates.Orders; tolerance: of a level over the
+    table; first to listed: orders by cell, as in candidates.Orders; tolerance: of a level over the
     amplitude."""
 
     frames: NDArray[np.int64]
     periods: NDArray[np.float32]
     shifts: NDArray[np.float32]
     used: NDArray[np.int64]
+    first: NDArray[np.float32]
+    second: NDArray[np.float32]
     start: NDArray[np.int32]
     listed: NDArray[np.int16]
     tolerance: np.float32
@@ -61,11 +64,13 @@ def micro_table(axis: AxisPlan, deviation: float) -> MicroTable:
     used = tuple(order.index(k) for k in tabled)
     singles = [singles[k] for k in order]
     periods, shifts = tuple(s[1] for s in singles), tuple(s[2] / (2 * np.pi) for s in singles)
-    start, listed = _orders(axis.fringes[0].period, periods, shifts, used, axis.extent, tolerance)
+    first, second, start, listed = _orders(
+        axis.fringes[0].period, periods, shifts, used, axis.extent, tolerance
+    )
     return MicroTable(
-        np.array([s[0] for s in singles]),
-        *(np.array(periods, np.float32), np.array(shifts, np.float32), np.array(used)),
-        *(start, listed, np.float32(tolerance)),
+        *(np.array([s[0] for s in singles]), np.array(periods, np.float32), np.array(shifts, np.float32)),
+        *(np.array(used), first, second, start, listed),
+        tolerance=np.float32(tolerance),
     )
 
 
@@ -105,8 +110,7 @@ def _orders(
     listed = listed[sort]
     count = np.bincount(place_of, minlength=_PHASES * _LEVELS**3)
     start = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
-    # two more, so that two can be read of any cell
-    return start, np.concatenate([listed, np.zeros(2, np.int16)])
+    return *first_two(start, listed), start, listed
 
 
 def unwrap_micro(
@@ -155,7 +159,7 @@ def _micro_rows(
     shared: Any,
 ) -> None:
     """A row at a time, so that what its fit tells is still in the cache."""
-    frames, periods, shifts, used, start, listed, tolerance = singles
+    frames, periods, shifts, used, first, second, start, listed, tolerance = singles
     width, count, period, steps = raw.shape[2], frames.size, fringe.period[0], np.float32(fringe.number[0])
     work = np.empty((2 + fringe.frame.shape[1], width), np.float32)
     level = np.empty((count, width), np.float32)
@@ -172,7 +176,7 @@ def _micro_rows(
         for m in range(count):
             _level(raw[frames[m], row], table, o, a, saturated[1], level[m], clipped)
         _cell(t, level[used[0]], level[used[1]], level[used[2]], cell)
-        _listed_first(start, listed, cell, one, other)
+        listed_first(first, second, cell, one, other)
         score[:], rival[:] = np.float32(0), np.float32(0)
         for m in range(count):
             _score(t, one, level[m], period, _ONE / periods[m], shifts[m], score)
@@ -210,17 +214,6 @@ def _cell(turn: Any, a: Any, b: Any, c: Any, cell: Any) -> None:
         k = np.int32(min(max((b[x] + reach) * scale, zero), top))
         l = np.int32(min(max((c[x] + reach) * scale, zero), top))
         cell[x] = np.uint32(((i * levels + j) * levels + k) * levels + l)
-
-
-@kernel
-def _listed_first(start: Any, listed: Any, cell: Any, one: Any, other: Any) -> None:
-    """The first two orders of cells; -20000: there is none."""
-    none = np.float32(-20000)
-    end, next_ = start[1:], listed[1:]
-    for x in range(cell.size):
-        at = np.uint32(start[cell[x]])
-        count, first, second = end[cell[x]] - start[cell[x]], np.float32(listed[at]), np.float32(next_[at])
-        one[x], other[x] = first if count > 0 else none, second if count > 1 else none
 
 
 @kernel
