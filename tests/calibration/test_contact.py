@@ -110,7 +110,7 @@ def test_gaps_and_outliers() -> None:
     rig, _, take = drawn(0)
     c, true = pressed(rig, ball_cap, (38.0, 0.3, 30.0, 20.0), take)
     rng = np.random.default_rng(0)
-    holes = rng.random(true.shape) < 0.02
+    holes = rng.random(true.shape) < 0.05
     for row, col in rng.choice(np.argwhere(true), 4):
         holes[row - 1 : row + 2, col - 1 : col + 2] = True
     u = np.where(rng.random(true.shape) < 0.003, c.u + 5, c.u)
