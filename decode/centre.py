@@ -39,30 +39,18 @@ def windowed(coord: Any, flags: Any, start: Any, stop: Any, out: Any) -> None:
     three."""
     rows, cols = coord.shape
     out[:] = np.float32(np.nan)
-    first = start - REACH
+    first, left, right = start - REACH, REACH, REACH + cols - 1
     for y in range(max(first, 0), min(stop + REACH, rows)):
-        line, own, refused = out[y - first, REACH : REACH + cols], coord[y], flags[y]
-        for x in range(cols):
-            line[x] = own[x] if refused[x] == 0 else np.float32(np.nan)
-    if rows > 2:
-        for k in (1, 2):
-            if first <= -k:
-                _beyond_line(out[-first], out[1 - first], out[2 - first], k, out[-k - first])
-            if rows - 1 + k < stop + REACH:
-                at = rows - 1 - first
-                _beyond_line(out[at], out[at - 1], out[at - 2], k, out[at + k])
-    if cols > 2:
-        last = REACH + cols - 1
-        for line in out:
-            for k in (1, 2):
-                line[REACH - k] = _parabola(line[REACH], line[REACH + 1], line[REACH + 2], k)
-                line[last + k] = _parabola(line[last], line[last - 1], line[last - 2], k)
-
-
-@kernel
-def _beyond_line(end: Any, next_: Any, third: Any, k: Any, out: Any) -> None:
-    for x in range(out.size):
-        out[x] = _parabola(end[x], next_[x], third[x], k)
+        out[y - first, left : right + 1] = np.where(flags[y] == 0, coord[y], np.float32(np.nan))
+    top, end = -first, rows - 1 - first
+    for k in (1, 2):
+        if rows > 2 and top >= k:
+            out[top - k] = _parabola(out[top], out[top + 1], out[top + 2], k)
+        if rows > 2 and end + k < len(out):
+            out[end + k] = _parabola(out[end], out[end - 1], out[end - 2], k)
+        if cols > 2:
+            out[:, left - k] = _parabola(out[:, left], out[:, left + 1], out[:, left + 2], k)
+            out[:, right + k] = _parabola(out[:, right], out[:, right - 1], out[:, right - 2], k)
 
 
 @inlined
@@ -73,22 +61,22 @@ def _parabola(end: Any, next_: Any, third: Any, k: Any) -> Any:
 
 
 @kernel
-def centred(here: Any, window: Any, k: Any, ends: Any, light: Any, limits: Any, out: Any, total: Any) -> None:
+def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, total: Any) -> None:
     """From the mean over a pixel, weighted by the light, to its centre, along a line (W,).
 
     Of u(s) = u + g s + s H s / 2 and light A (1 + a s) the mean over a pixel is u + (H_xx + H_yy) / 24 +
     a g / 12; of a fringe see `_factor` and `_across`.
-    here: the line. window: see `windowed`, k: the line's row in it. ends: two (W,), NaN where no pixel is
-    REACH to the left, or right, else 0. light: of the line, (W + 2,) with its ends repeated, and of those
-    above and below (W,). limits: by what neighbours of a map bend at most, px (of a code its finest stripe);
-    turns of the finest fringe in a px; squared reach of a pixel of no footprint, and extent of the surface
-    (infinite: no border); in the border's shadow (see border) nothing is taken off.
+    here: the line. window: see `windowed`, k: the line's row in it. light: of the line, (W + 2,) with its
+    ends repeated, and of those above and below (W,). limits: by what neighbours of a map bend at most, px (of
+    a code its finest stripe); turns of the finest fringe in a px; squared reach of a pixel of no footprint,
+    and extent of the surface (infinite: no border), in whose border's shadow (see border) nothing is taken
+    off; whether there are REACH rows on either side.
 
     Over REACH pixels the curvature is told with next to no noise; it, and what it is more or less between
     next neighbours, count as far as they are beyond noise (James and Stein's shrinkage), and the latter as
     far as it does not change from pixel to pixel (a rough mirror, a neighbour at an edge).
     """
-    jump, per_turn, reach2, extent = limits
+    jump, per_turn, reach2, extent, inner = limits
     zero, half, two, four = np.float32(0), np.float32(0.5), np.float32(2), np.float32(4)
     wide, part, twelfth = np.float32(1 / REACH**2), np.float32(1 / 24), np.float32(1 / 12)
     unsure, more = np.float32(20 * BULK**2), np.float32((7 / 6) ** 2 + 4 / 24**2 - 1)
@@ -99,7 +87,6 @@ def centred(here: Any, window: Any, k: Any, ends: Any, light: Any, limits: Any, 
     most = np.float32(2 * 4**2) * jump * jump
     stripe = jump if per_turn == 0 else np.float32(np.inf)
     size, at = out.size, REACH
-    first, last = ends
     # views of one length: an index that only counts up is known not to wrap round
     line = window[k]
     left, right = line[at - 1 : at - 1 + size], line[at + 1 : at + 1 + size]
@@ -124,7 +111,7 @@ def centred(here: Any, window: Any, k: Any, ends: Any, light: Any, limits: Any, 
         bend, uneven = near_x + near_y, fourth_x * fourth_x + fourth_y * fourth_y
         # where one is refused, what it is in is NaN
         near, next_ = bend == bend, uneven == uneven
-        far = next_ & (broad_x + broad_y + first[x] + last[x] == broad_x + broad_y)
+        far = inner & next_ & (broad_x + broad_y == broad_x + broad_y) & (x >= at) & (x < size - at)
         noise = unsure * (total[x] + (was - u) * (was - u))
         turns_x, turns_y = half * one_x * per_turn, half * one_y * per_turn
         factor_x, factor_y = _factor(turns_x), _factor(turns_y)

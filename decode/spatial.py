@@ -25,8 +25,8 @@ _ONE = np.float32(1)
 _OUTLIER, _OFF = int(Flag.OUTLIER), int(Flag.OFF_PATTERN)
 #: Flags of pixels that see no pattern.
 _UNSEEN = np.uint16(Flag.DARK | Flag.LOW_CONTRAST | Flag.SATURATED | Flag.INVALID)
-#: Deviations beyond which a neighbour contradicts.
-_SURE = 6.0
+#: Squared deviations beyond which a neighbour contradicts, and from which on a bend is of the map.
+_SURE2, _BULK2 = np.float32(6.0**2), np.float32(BULK**2)
 #: Of a squared second difference, the squared shift of a pixel's mean from its centre.
 _BEND = np.float32(1 / 24**2)
 
@@ -71,10 +71,6 @@ def _check(
     special, light = np.empty(cols, np.int32), np.empty(cols + 2, np.float32)
     at, rounded = np.zeros(cols, np.uint32), np.zeros(cols, np.uint32)
     most = np.float32(shift.size // PLACES - 1)
-    # NaN where none is REACH pixels away: anywhere, to the left, to the right
-    none = np.full(cols, np.nan, np.float32)
-    no_left, no_right = none.copy(), none.copy()
-    no_left[REACH:], no_right[: max(cols - REACH, 0)] = 0, 0
     margin = np.float32(MARGIN if extent > 0 else -np.inf)
     low, high = np.float32(margin - 0.5), np.float32(extent - 0.5 - margin)
     high = np.float32(np.inf) if extent <= 0 else high
@@ -87,9 +83,7 @@ def _check(
         if (y == 0) | (y == rows - 1):
             special[:] = 1
         if shift.size > 1:
-            far = none if y < REACH else window[k - REACH, REACH : REACH + cols]
-            near = none if y >= rows - REACH else window[k + REACH, REACH : REACH + cols]
-            _entry_line(coord[y], window[k], (far, near), (no_left, no_right), most, at)
+            _entry_line(coord[y], window, k, most, at)
         if rounding.size > 1:
             _rounded_line(coord[y], np.float32(rounding.size - 1), rounded)
         _corrected_line(
@@ -98,9 +92,8 @@ def _check(
         )
         if (rows > 4) & (cols > 4):
             light[1 : cols + 1], light[0], light[cols + 1] = offset[y], offset[y, 0], offset[y, cols - 1]
-            limits = jump, per_turn, reach * reach, border
-            ends = (no_left, no_right) if REACH <= y < rows - REACH else (none, none)
-            centred(*(coord[y], window, k, ends, (light, offset[up], offset[down]), limits, out[y], sigma[y]))
+            limits = jump, per_turn, reach * reach, border, REACH <= y < rows - REACH
+            centred(*(coord[y], window, k, (light, offset[up], offset[down]), limits, out[y], sigma[y]))
         for x in range(cols):
             if special[x] != 0 and flags[y, x] == 0:
                 flag, lost = _neighbours(y, x, coord, variance, flags, amplitude, (jump, per_turn))
@@ -110,8 +103,9 @@ def _check(
                 # what bends inside of half a turn or more, only all neighbours tell
                 beside = left + right + above + below != left + right + above + below
                 unknown = beside & ((gx + gy) * per_turn > np.float32(0.5))
-                if per_turn > 0 and (unknown or _undersampled(y, x, coord, flags, per_turn)):
-                    flag |= np.uint16(_OUTLIER)
+                unknown |= _undersampled(window[k, x + REACH - 2 : x + REACH + 3], per_turn)
+                unknown |= _undersampled(window[k - 2 : k + 3, x + REACH], per_turn)
+                flag |= np.uint16(_OUTLIER if unknown else 0)
                 off, shift_in, unsure_in = inwards(here, gx, gy, reach, told, extent)
                 out[y, x] -= shift_in
                 sigma[y, x] += lost + unsure_in
@@ -178,7 +172,7 @@ def _special_line(
     """Pixels of which neighbours or the border tell something: those at the image's edge are always
     asked."""
     size, two, (jump, per_turn) = special.size, np.float32(2), limits
-    sure, four, square = np.float32(_SURE * _SURE), np.float32(4), jump * jump
+    sure, four, square = _SURE2, np.float32(4), jump * jump
     half_a_turn = np.float32(0.5) / max(per_turn, np.float32(1e-9))
     last = max(size - 1, 1)
     line, above = window[k, REACH:], window[k - 1, REACH:]
@@ -197,13 +191,14 @@ def _special_line(
 
 
 @kernel
-def _entry_line(c: Any, line: Any, sides: Any, ends: Any, most: Any, at: Any) -> None:
+def _entry_line(c: Any, window: Any, k: Any, most: Any, at: Any) -> None:
     """Entries of a Pixelation by place in the cell and width of the footprint, of `most` steps at most."""
     half, per_step, places = np.float32(0.5), np.float32(1 / REACH), np.float32(PLACES)
-    size, (above, below), (before, after) = c.size, sides, ends
-    left, right = line[:size], line[2 * REACH : 2 * REACH + size]
+    size = c.size
+    left, right = window[k, :size], window[k, 2 * REACH : 2 * REACH + size]
+    above, below = window[k - REACH, REACH : REACH + size], window[k + REACH, REACH : REACH + size]
     for x in range(size):
-        gx = _slope(left[x] + before[x], c[x], right[x] + after[x], per_step)
+        gx = _slope(left[x], c[x], right[x], per_step)
         gy = _slope(above[x], c[x], below[x], per_step)
         width = np.sqrt(gx * gx + gy * gy) * places + half
         width = width if width < most else most
@@ -239,8 +234,8 @@ def _neighbours(
     beside, torn, lost_x, bend_x, beyond_x = _along(y, x, 0, 1, maps, limits)
     others, torn_y, lost_y, bend_y, beyond_y = _along(y, x, 1, 0, maps, limits)
     # without one on an axis, nothing tells where the centre of what is left of its light is
-    alone = beside + others <= 1 or (beside * others == 0 and _mostly_lost(y, x, amplitude))
-    alone = alone and rows > 2 and cols > 2
+    dim = limits[1] > 0 or _mostly_lost(y, x, amplitude)
+    alone = (beside + others <= 1 or (beside * others == 0 and dim)) and rows > 2 and cols > 2
     outlier = alone | torn | torn_y | ((beyond_x > 0) & (beyond_y > 0))
     # beside a refused pixel nothing is taken off (see centre)
     bends = (bend_x + bend_y) * _BEND if beside + others < 4 else np.float32(0)
@@ -250,12 +245,8 @@ def _neighbours(
 @exact
 def _mostly_lost(y: Any, x: Any, amplitude: Any) -> Any:
     """Whether a pixel has less than half of the amplitude of a neighbour: it may not see its centre."""
-    rows, cols = amplitude.shape
-    most = np.float32(0)
-    for dy, dx in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-        i, j = min(max(y + dy, 0), rows - 1), min(max(x + dx, 0), cols - 1)
-        most = max(most, amplitude[i, j])
-    return amplitude[y, x] < np.float32(0.5) * most
+    line, column = amplitude[y, max(x - 1, 0) : x + 2], amplitude[max(y - 1, 0) : y + 2, x]
+    return amplitude[y, x] < np.float32(0.5) * max(line.max(), column.max())
 
 
 @exact
@@ -268,32 +259,57 @@ def _along(y: Any, x: Any, dy: Any, dx: Any, maps: Any, limits: Any) -> tuple[An
     none, jump, none_beyond = np.float32(0), limits[0], np.float32(-1)
     y0, x0 = max(y - dy, 0), max(x - dx, 0)
     y1, x1 = min(y + dy, coord.shape[0] - 1), min(x + dx, coord.shape[1] - 1)
-    inside = ((y0 < y) | (x0 < x)) & ((y1 > y) | (x1 > x))
+    first, last = (y0 == y) & (x0 == x), (y1 == y) & (x1 == x)
     here, before, after = coord[y, x], coord[y0, x0], coord[y1, x1]
     has_before, has_after = flags[y0, x0] == 0, flags[y1, x1] == 0
     count, off = int(has_before) + int(has_after), before + after - np.float32(2) * here
-    lights = amplitude[y, x], amplitude[y0, x0], amplitude[y1, x1]
-    if count < 2:
-        lost, side = _beside(has_before, has_after, here, before, after, *lights), 1 if has_after else -1
-        bend = _one_sided(y, x, side * dy, side * dx, coord, variance, flags)
-        if (count == 1) & inside & (((flags[y0, x0] | flags[y1, x1]) & _UNSEEN) == 0):
+    back, back_noise = _off_line(y, x, -dy, -dx, maps)
+    ahead, ahead_noise = _off_line(y, x, dy, dx, maps)
+    if count < 2 or first or last:  # the mirror may end in a pixel at the image's edge
+        i, j = (y0, x0) if has_before and not first else (y1, x1)
+        share = max(np.float32(1) - amplitude[y, x] / max(amplitude[i, j], np.float32(1e-6)), none)
+        lost = np.float32(0.5) * share * (here - coord[i, j]) if flags[i, j] == 0 else none
+        bend = max(back - _BULK2 * back_noise, ahead - _BULK2 * ahead_noise, none)
+        if (count == 1) & (not (first or last)) & (((flags[y0, x0] | flags[y1, x1]) & _UNSEEN) == 0):
             bend = max(bend, _of_one_order(off, limits) ** 2)
-        return count, False, lost, bend, none_beyond
-    if not inside:  # the mirror may end in a pixel at the image's edge
-        first = (y0 == y) & (x0 == x)
-        lost = _beside(not first, first, here, before, after, *lights)
-        return count, False, lost, none, none_beyond
+        return count, False, lost * lost, bend, none_beyond
     noise = variance[y0, x0] + np.float32(4) * variance[y, x] + variance[y1, x1]
-    bend = max(min(off * off, np.float32(4) * jump * jump) - np.float32(BULK**2) * noise, none)
-    noise, lost = np.float32(_SURE) * np.sqrt(noise), none
-    if abs(off) > max(jump, noise):
-        one = _continued(y, x, -dy, -dx, coord, variance, flags)
-        lost = min(one, _continued(y, x, dy, dx, coord, variance, flags))
-        if lost > np.float32(1e9):
+    bend, lost = max(min(off * off, np.float32(4) * jump * jump) - _BULK2 * noise, none), none
+    if off * off > max(jump * jump, _SURE2 * noise):
+        fits_back, fits_ahead = back < _SURE2 * back_noise, ahead < _SURE2 * ahead_noise
+        if not (fits_back or fits_ahead):
             return count, True, none, none, none_beyond
-        lost += bend * _BEND
-    beyond = max(min(before, after) - here, here - max(before, after)) - noise
+        lost = min(back if fits_back else ahead, ahead if fits_ahead else back) + bend * _BEND
+    beyond = max(min(before, after) - here, here - max(before, after)) - np.sqrt(_SURE2 * noise)
     return count, False, lost, bend, beyond
+
+
+@exact
+def _off_line(y: Any, x: Any, dy: Any, dx: Any, maps: Any) -> tuple[Any, Any]:
+    """Squared distance from the line through the next two pixels on one side, and its variance; of one alone
+    from that, without noise: a map may bend as much as it rises. 0 of none."""
+    coord, variance, flags, _ = maps
+    y1, x1, y2, x2 = y + dy, x + dx, y + 2 * dy, x + 2 * dx
+    off, noise = np.float32(0), np.float32(0)
+    if 0 <= y1 < coord.shape[0] and 0 <= x1 < coord.shape[1] and flags[y1, x1] == 0:
+        off = coord[y1, x1] - coord[y, x]
+        if 0 <= y2 < coord.shape[0] and 0 <= x2 < coord.shape[1] and flags[y2, x2] == 0:
+            off -= coord[y2, x2] - coord[y1, x1]
+            noise = variance[y, x] + np.float32(4) * variance[y1, x1] + variance[y2, x2]
+    return off * off, noise
+
+
+@exact
+def _undersampled(line: Any, per_turn: Any) -> Any:
+    """Whether the middle one of five pixels takes so many turns of the finest fringe that its order is by
+    chance: more than half a turn lies between it and both neighbours, so that these cannot vouch for it, and
+    steps differ by a quarter of a turn (or are not known); or it takes nearly a turn: its contrast is lost,
+    and reversed beyond.
+    """
+    step = np.abs(line[1:] - line[:-1]) * per_turn
+    if not min(step[1], step[2]) > np.float32(0.5):
+        return False
+    return not step.max() - step.min() <= np.float32(0.25) or step[1] + step[2] > np.float32(2 * STEEP)
 
 
 @exact
@@ -304,76 +320,3 @@ def _of_one_order(off: Any, limits: Any) -> Any:
     if per_turn > 0:
         return off - np.rint(off * per_turn) / per_turn
     return min(abs(off), np.float32(2) * jump)
-
-
-@exact
-def _undersampled(y: Any, x: Any, coord: Any, flags: Any, per_turn: Any) -> Any:
-    """Whether a pixel takes so many turns of the finest fringe that its order is by chance.
-
-    More than half a turn lies between it and both neighbours, so that these cannot vouch for it, and steps
-    between pixels up to two away differ by a quarter of a turn or are refused; or it takes nearly a turn: its
-    contrast is lost, and reversed beyond.
-    """
-    for dy, dx in ((0, 1), (1, 0)):
-        before = _step(y - dy, x - dx, dy, dx, coord, flags) * per_turn
-        after = _step(y, x, dy, dx, coord, flags) * per_turn
-        if min(before, after) > np.float32(0.5):
-            first = _step(y - 2 * dy, x - 2 * dx, dy, dx, coord, flags) * per_turn
-            last = _step(y + dy, x + dx, dy, dx, coord, flags) * per_turn
-            least, most = min(before, after, first, last), max(before, after, first, last)
-            if most > least + np.float32(0.25) or before + after > np.float32(2 * STEEP):
-                return True
-    return False
-
-
-@exact
-def _step(y: Any, x: Any, dy: Any, dx: Any, coord: Any, flags: Any) -> Any:
-    """From a pixel to the next; infinite where one of both is refused, 0 beyond the image."""
-    if y < 0 or x < 0 or y + dy >= coord.shape[0] or x + dx >= coord.shape[1]:
-        return np.float32(0)
-    if (flags[y, x] | flags[y + dy, x + dx]) != 0:
-        return np.float32(np.inf)
-    return abs(coord[y + dy, x + dx] - coord[y, x])
-
-
-@exact
-def _continued(y: Any, x: Any, dy: Any, dx: Any, coord: Any, variance: Any, flags: Any) -> Any:
-    """Squared distance from the straight continuation of two pixels on one side; 1e12 if these do not
-    continue."""
-    far = np.float32(1e12)
-    y2, x2 = y + 2 * dy, x + 2 * dx
-    if not (0 <= y2 < coord.shape[0] and 0 <= x2 < coord.shape[1]):
-        return far
-    if flags[y + dy, x + dx] != 0 or flags[y2, x2] != 0:
-        return far
-    off = coord[y, x] - np.float32(2) * coord[y + dy, x + dx] + coord[y2, x2]
-    noise = variance[y, x] + np.float32(4) * variance[y + dy, x + dx] + variance[y2, x2]
-    return off * off if off * off < np.float32(_SURE * _SURE) * noise else far
-
-
-@exact
-def _one_sided(y: Any, x: Any, dy: Any, dx: Any, coord: Any, variance: Any, flags: Any) -> Any:
-    """Squared second difference that pixels on one side show beyond noise; where there is but one, of a map
-    that bends as much as it rises."""
-    y1, x1, y2, x2 = y + dy, x + dx, y + 2 * dy, x + 2 * dx
-    if not (0 <= y1 < coord.shape[0] and 0 <= x1 < coord.shape[1]) or flags[y1, x1] != 0:
-        return np.float32(0)
-    bend, noise = coord[y1, x1] - coord[y, x], np.float32(0)
-    if 0 <= y2 < coord.shape[0] and 0 <= x2 < coord.shape[1] and flags[y2, x2] == 0:
-        bend = coord[y, x] - np.float32(2) * coord[y1, x1] + coord[y2, x2]
-        noise = variance[y, x] + np.float32(4) * variance[y1, x1] + variance[y2, x2]
-    return max(bend * bend - np.float32(BULK**2) * noise, np.float32(0))
-
-
-@exact
-def _beside(
-    has_one: Any, has_other: Any, c: Any, one: Any, other: Any, amplitude: Any, of_one: Any, of_other: Any
-) -> Any:
-    """Squared shift of a pixel's centre of light that its lost amplitude allows."""
-    if not (has_one or has_other):
-        return np.float32(0)
-    step = (c - one) if has_one else (other - c)
-    whole = of_one if has_one else of_other
-    share = max(np.float32(1) - amplitude / max(whole, np.float32(1e-6)), np.float32(0))
-    off = np.float32(0.5) * share * step
-    return off * off
