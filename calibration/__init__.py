@@ -14,6 +14,7 @@
 | `figures.py` | what a calibration is worth, by simulation |
 | `rigs.py` | rigs with errors and their captures, for figures and tests |
 | `rest.py` | the map of the mirror at rest, kept with the rig; drift |
+| `response.py` | response, blur, vignetting and backlight of display and camera, kept with the rig |
 | `sources.py` | the independent errors behind the covariance |
 | `observability.py` | singular values in prior units, warnings |
 """
@@ -24,6 +25,7 @@ from .figures import SETUPS, Figure, figures, mode_chi2
 from .judgement import Judgement, as_they_come, judged
 from .observation import Observation
 from .priors import default_priors
+from .response import RigResponse, load_response, measure_response, store_response
 from .rest import RestMap, load_rest, store_rest
 from .targets import Ball, Flat, Plate, Points, Rest, Target
 
@@ -39,6 +41,7 @@ __all__ = [
     "Points",
     "Rest",
     "RestMap",
+    "RigResponse",
     "Target",
     "as_they_come",
     "calibrate",
@@ -47,7 +50,10 @@ __all__ = [
     "figures",
     "judged",
     "left_out",
+    "load_response",
     "load_rest",
+    "measure_response",
     "mode_chi2",
+    "store_response",
     "store_rest",
 ]

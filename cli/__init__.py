@@ -6,7 +6,7 @@
 - `outputs`: where commands write, checked before they work
 - `show`: tables, progress bars, JSON
 - one file a command, named as it: `demo`, `doctor`, `names`; `capture`, `decode`, `calibrate`, `rest`,
-  `reconstruct`, `report` and `window`, which is the command `show`; `design`, `bench`, `paper`
+  `response`, `reconstruct`, `report` and `window`, which is the command `show`; `design`, `bench`, `paper`
 - `lab`: `figures`, `methods`, `codes`, `sweep`, `hard`, `fuzz`, `choices`, `sensor`, `adapt`
   and `rigs`, which is `lab calibration`
 """

@@ -10,7 +10,7 @@ __all__ = ["LAB", "SECTIONS", "Commands", "Laboratory", "Program", "module_of"]
 #: What a user calls, by section of --help.
 SECTIONS: Mapping[str, tuple[str, ...]] = {
     "Start": ("demo", "doctor", "names"),
-    "Measure": ("show", "capture", "decode", "calibrate", "rest", "reconstruct", "report"),
+    "Measure": ("show", "capture", "decode", "calibrate", "rest", "response", "reconstruct", "report"),
     "Plan and compare": ("design", "bench", "paper", "lab"),
 }
 #: What measures and attacks the program itself: optolever lab NAME.

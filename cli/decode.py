@@ -46,8 +46,8 @@ Correspondence in c.npz
 @click.option(
     "--response",
     type=FILE,
-    metavar="H5",
-    help="Response to invert before decoding: image calibration of SOFAST.",
+    metavar="RIG.toml|H5",
+    help="Light of the levels: a rig's (`optolever response`), or an image calibration of SOFAST to invert.",
 )
 @click.option(
     "--mask", type=FILE, metavar="PNG", help="Pixels to decode: white in an image of the frames' size."
@@ -94,7 +94,8 @@ def command(
                 progress=step,
             )
         seconds = time.perf_counter() - start
-        left = [] if inverse is None else harmonic_errors(capture.frames, capture.sequence, inverse)
+        inverted = inverse is not None and inverse.blur is None
+        left = [] if not inverted else harmonic_errors(capture.frames, capture.sequence, inverse)
         step("write")
         numbers = _numbers(result) | {"frames": len(capture), "seconds": seconds}
         numbers["notices"] = [asdict(notice) for notice in result.notices]
@@ -155,10 +156,15 @@ def _read(source: Path, description: Path | None) -> "Capture":
 
 
 def _inverse(response: Path | None) -> "Response | None":
+    from optolever.calibration import load_response
     from optolever.decode import Response
     from optolever.projector import load_sofast_response
 
-    return None if response is None else Response.from_table(*load_sofast_response(response))
+    if response is None:
+        return None
+    if response.suffix.lower() in HDF5:
+        return Response.from_table(*load_sofast_response(response))
+    return load_response(response).response
 
 
 def _numbers(result: "Correspondence") -> dict[str, Any]:

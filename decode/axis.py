@@ -80,14 +80,22 @@ class AxisDecoder:
 
 
 def axis_decoders(
-    sequence: Sequence, light: Light, noise: Noise, lit: Sample, on_cells: bool, subpixel: bool, known: bool
+    sequence: Sequence,
+    light: Light,
+    noise: Noise,
+    lit: Sample,
+    on_cells: bool,
+    subpixel: bool,
+    known: bool,
+    blur: float | None = None,
 ) -> list[AxisDecoder]:
     """Choose the steps for each axis. InputError where its frames tell no place.
 
-    known: whether the noise is; else, where no rule of the frames tells it, a look-up measures it.
+    known: whether the noise is; else, where no rule of the frames tells it, a look-up measures it. blur: rms,
+    cells, if it is known.
     """
     wanted = plan(sequence)
-    options = on_cells, subpixel, not known and not constraints(wanted, len(sequence))
+    options = on_cells, subpixel, not known and not constraints(wanted, len(sequence)), blur
     axes = raster_axes(sequence) or wanted.axes
     return [_decoder(axis, sequence, wanted, light, noise, lit, *options) for axis in axes]
 
@@ -108,11 +116,12 @@ def _decoder(
     on_cells: bool,
     subpixel: bool,
     measure: bool,
+    blur: float | None,
 ) -> AxisDecoder:
     code = None if axis.code is None else code_plan(axis.code, wanted, noise, lit)
     if axis.looked_up or (subpixel and code is not None and not axis.fringes):
         cells = None if code is None else _cells(code, light, noise, lit)
-        table = prepare(sequence, wanted, axis, light, noise, lit, cells, measure)
+        table = prepare(sequence, wanted, axis, light, noise, lit, cells, measure, blur)
         noise = table.noise or noise
         jump = axis.stripes.width if axis.stripes else 2.0 * (1 if code is None else float(code.cell))
         limits = limits_of(axis.extent, 0.5, table.freedom, light.white)

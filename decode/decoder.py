@@ -19,7 +19,7 @@ from .correspondence import Correspondence, Flag
 from .display import Pixelation, measured_pixelations
 from .exposures import better_of, by_exposure
 from .flags import Shared
-from .frames import Light, light_of
+from .frames import Light, light_of, sample_levels
 from .integrity import examine, spoilt_pixels
 from .noise import Noise, Sample, estimate_noise, under_response
 from .plan import Plan, plan
@@ -58,7 +58,8 @@ def decode(
     noise, gain  of the camera: variance = noise^2 + gain * level, levels of the frames before rounding;
                  without `noise` both are estimated from the frames
     white_level  level at which the camera clips; default 255, for uint16 the 10, 12, 14 or 16 bits in use
-    response     camera level against shown level, inverted first
+    response     camera level against shown level: a camera's is inverted first; of a display the light of the
+                 shown levels is looked up (known cells and an exposure of 1; else it is inverted, too)
     blur_px      rms blur between display and camera, cells; default: estimated (see display)
     on_cells     frames were shown on the cells of a surface of the sequence's size, as Frame.tables says,
                  dark around it; what that shifts is taken off (see display). False: ideal cosines
@@ -73,9 +74,15 @@ def decode(
     amplitude and offset are levels of that exposure. InputError if frames and sequence do not fit or hold
     values that are not finite.
     """
+    bent = None
+    if response is not None and response.blur is not None and on_cells and _looks_up(sequence):
+        if blur_px is None and not np.isnan(response.blur):
+            blur_px = response.blur
+        response, bent = None, response
     light = light_of(frames, sequence, white_level, response)
     options = _Options(
-        _given_noise(noise, gain, light), blur_px, on_cells, subpixel, _mask(mask, light), check, progress
+        *(_given_noise(noise, gain, light), bent, blur_px, on_cells, subpixel, _mask(mask, light)),
+        *(check, progress),
     )
     raster_axes(sequence)  # of an exposure alone it may be whole
     parts = by_exposure(sequence)
@@ -91,6 +98,7 @@ def decode(
 @dataclass(frozen=True, slots=True)
 class _Options:
     noise: Noise | None
+    bent: Response | None
     blur: float | None
     on_cells: bool
     subpixel: bool
@@ -115,13 +123,14 @@ def _decoded(light: Light, sequence: Sequence, options: _Options) -> Corresponde
     """The steps: noise, each axis, flags, neighbours, integrity."""
     step, steps = options.progress, 3 + options.check
     step("noise", 0, steps)
+    described, sequence = sequence, sequence if options.bent is None else options.bent.described(sequence)
     wanted = plan(sequence)
     noise, lit = estimate_noise(light, wanted, options.mask)
     light, noise, lit = under_response(light, options.noise or noise, lit)
     cells = options.on_cells and not sequence.nominal
     shot = _Shot(light, sequence, wanted, noise, lit, cells)
     known = options.noise is not None
-    decoders = axis_decoders(sequence, light, shot.noise, lit, cells, options.subpixel, known)
+    decoders = axis_decoders(sequence, light, shot.noise, lit, cells, options.subpixel, known, options.blur)
     step("axes", 1, steps)
     raw, shared = _estimated(shot, decoders)
     if options.mask is not None:
@@ -130,7 +139,7 @@ def _decoded(light: Light, sequence: Sequence, options: _Options) -> Corresponde
     found = _among_neighbours(shot, decoders, raw, shared, options.blur)
     if options.check:
         step("frames", 3, steps)
-        found = _checked(shot, found, options)
+        found = _checked(shot, described, found, options)
     step("decoded", steps, steps)
     return found
 
@@ -209,19 +218,28 @@ def _reaches(
     return [(one.reach if table is None else table.spread, False) for table, one in measured]
 
 
-def _checked(shot: _Shot, found: Correspondence, options: _Options) -> Correspondence:
+def _checked(shot: _Shot, sequence: Sequence, found: Correspondence, options: _Options) -> Correspondence:
     """Without the frames that are not those described, or with what they could have spoilt flagged."""
-    findings = examine(shot.light, shot.plan, shot.lit, found)
+    wanted, light, lit = plan(sequence), shot.light, shot.lit
+    if options.bent is not None and light.raw.dtype.kind == "u":  # to tell frames apart, inverted ones do
+        light = light_of(light.raw, sequence, light.clip, options.bent)
+        lit = replace(lit, levels=sample_levels(light, lit.places), white=light.white)
+    findings = examine(light, wanted, lit, found)
     told = tuple(Notice(one.sentence, one.share, float("nan"), one.cure) for one in findings)
     for finding in findings:
         if finding.leave_out:
-            index = np.array([i for i in range(len(shot.sequence)) if i not in finding.leave_out])
-            less = replace(shot.sequence, frames=tuple(shot.sequence.frames[i] for i in index))
+            index = np.array([i for i in range(len(sequence)) if i not in finding.leave_out])
+            less = replace(sequence, frames=tuple(sequence.frames[i] for i in index))
             found = _decoded(_part(shot.light, index), less, replace(options, check=False, progress=silent))
         else:
-            spoilt = spoilt_pixels(finding, shot.light, shot.plan, shot.noise, found)
+            spoilt = spoilt_pixels(finding, light, wanted, shot.noise, found)
             np.bitwise_or(found.flags, np.uint16(Flag.WRONG_FRAME), out=found.flags, where=spoilt)
     return replace(found, notices=found.notices + told)
+
+
+def _looks_up(sequence: Sequence) -> bool:
+    """Whether the light of the levels is known of every place: cells and exposures are."""
+    return not sequence.nominal and all(frame.exposure == 1 for frame in sequence.frames)
 
 
 def _unlike(noise: Noise, rough: float) -> tuple[Notice, ...]:

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optolever.blocks import on_cores
 from optolever.errors import InputError
 from optolever.kernels import exact, inlined, kernel
 from optolever.patterns import Sequence
 
+from .levels import levels_of
 from .response import Response
 
 __all__ = [
@@ -83,7 +83,10 @@ class Light:
 
 
 def light_of(
-    frames: ArrayLike, sequence: Sequence, white_level: float | None = None, response: Response | None = None
+    frames: ArrayLike,
+    sequence: Sequence,
+    white_level: float | None = None,
+    response: Response | None = None,
 ) -> Light:
     """Check frames against their description. InputError if they do not fit or are not finite."""
     stack = np.asarray(frames)
@@ -100,7 +103,7 @@ def light_of(
     if response is not None and stack.dtype.kind != "u":
         raise InputError(f"decode: response is given and frames are {stack.dtype}, must be uint8 or uint16")
     table = np.zeros(0, np.float32) if response is None else response.table(stack.dtype)
-    step, clip = _levels_of(stack)
+    step, clip = levels_of(stack)
     clip = clip if white_level is None else float(white_level)
     return Light(np.ascontiguousarray(stack), clip, table, step * step / 12, response)
 
@@ -110,22 +113,6 @@ def _finite(stack: NDArray[Any]) -> F32:
     if len(bad):
         raise InputError(f"decode: frame {bad[0]} holds values that are not finite")
     return stack.astype(np.float32)
-
-
-def _levels_of(stack: NDArray[Any]) -> tuple[int, float]:
-    """Step of whole levels (0: they are not), and the largest: 255, or that of the fewest bits that hold all
-    samples of 16-bit frames; a camera's bits may be the upper of 16, then the others are 0."""
-    if stack.dtype == np.uint8:
-        return 1, 255.0
-    if stack.dtype.kind == "f":
-        return 0, float("inf")
-    used = int(np.bitwise_or.reduce(on_cores(_bits_used, list(stack))))
-    step = min(used & -used, 256) if used > 16383 else 1  # 8 bits are the fewest
-    return step, float(next(level for level in (255, 1023, 4095, 16383, 65536 - step) if level >= used))
-
-
-def _bits_used(frame: NDArray[np.uint16]) -> int:
-    return int(np.bitwise_or.reduce(frame, axis=None))
 
 
 def sample_places(shape: tuple[int, int], runs: int) -> NDArray[np.int64]:

@@ -94,11 +94,12 @@ def prepare(
     lit: Sample,
     cells: F64 | None = None,
     measure: bool = False,
+    blur: float | None = None,
 ) -> Table:
     """Table of an axis, its spread measured on pixels that see the pattern.
 
     cells (K,): of a code, coordinate of the cell of each pixel of `lit`, NaN: unknown; look within the cells.
-    measure: the noise is not known.
+    measure: the noise is not known; blur: rms, pattern px, if it is known.
     """
     places, start = _thinned(lit.places, cells)
     small = replace(light, raw=np.ascontiguousarray(light.raw[:, places[:, 0], places[:, 1]][:, None, :]))
@@ -109,24 +110,30 @@ def prepare(
         wide = [share * width for share in (0.18, 0.25, 0.35, 0.5) if share * width > _SPREADS[-1]]
         near = [spread for spread in _SPREADS if spread <= max(0.5 * width, 1.2)]
         way, spreads = SWEEP, (0.0, *near, *wide)
+    spreads = tuple(float(np.hypot(spread, blur or 0.0)) for spread in spreads)
+
+    def table_for(way: int, spread: float) -> Table:
+        return table_of(sequence, plan, axis, way, spread, blur)
+
+    usual = float(np.hypot(USUAL, blur or 0.0))
     if len(places) == 0:
-        return table_of(sequence, plan, axis, way, USUAL)
+        return table_for(way, usual)
     if measure:
         contrast = float(np.mean(np.square(np.ptp(small.linear(small.raw), axis=0))))
         noise = Noise(max(light.rounding, _FIRST * contrast))
     trial = _Trial(small, noise, start, way)
-    first = table_of(sequence, plan, axis, way, USUAL)
+    first = table_for(way, usual)
     if way == SEARCH:
         found = trial.decoded(first)
         trial = replace(
             trial, start=np.where(found.error < _SAFE, found.coordinate, np.nan)[0].astype(np.float64)
         )
-        first = table_of(sequence, plan, axis, WITHIN, USUAL)
+        first = table_for(WITHIN, usual)
     if measure:
         trial = replace(trial, noise=trial.left(first))
 
     def tried(spread: float) -> _Quality:
-        return trial.of(table_of(sequence, plan, axis, WITHIN if way == SEARCH else way, spread))
+        return trial.of(table_for(WITHIN if way == SEARCH else way, spread))
 
     quality = [tried(one) for one in spreads]
     spread, unsure = _best(quality), 0.0
@@ -138,8 +145,8 @@ def prepare(
         if spread > 0:  # a parabola through wide steps is rough
             spread = _best([tried(_rounded(spread * share)) for share in (0.9, 1.0, 1.1)])
     else:
-        spread, unsure = _evened(tried, spread)
-    table = replace(table_of(sequence, plan, axis, way, _rounded(spread)), unsure=unsure)
+        spread, unsure = _evened(tried, spread, blur is not None)
+    table = replace(table_for(way, _rounded(spread)), unsure=unsure)
     return replace(table, noise=trial.left(table)) if measure else trial.judged(table)
 
 
@@ -252,7 +259,7 @@ class _Trial:
         return replace(table, misfit2=float(beyond * np.median(own)) if beyond > chance else 0.0)
 
 
-def _evened(tried: Callable[[float], _Quality], spread: float) -> tuple[float, float]:
+def _evened(tried: Callable[[float], _Quality], spread: float, known: bool) -> tuple[float, float]:
     """Spread with which places are spread evenly over the cells, and its relative error.
 
     Levels tell in what shares a pixel sees two cells, hardly how far from their edge it is. With a wrong
@@ -261,9 +268,10 @@ def _evened(tried: Callable[[float], _Quality], spread: float) -> tuple[float, f
     due to the spread.
 
     A relative error e of the spread moves places by k e of their way to the cell's nearest edge, and z by k
-    e, k = 1 without blur: so z is the relative error of that way.
+    e, k = 1 without blur: so z is the relative error of that way. Where the blur is known the shape is, too,
+    and no spread moves z by more than its slope.
     """
-    unsure, least = 1.0, np.inf
+    unsure, least = 0.0 if known else 1.0, np.inf
     for _ in range(6):
         low, mid, high = (tried(_rounded(spread * (1 + step))) for step in (-_NUDGE, 0.0, _NUDGE))
         slope = (high.crowding - low.crowding).mean() / np.log(high.spread / low.spread)
@@ -273,7 +281,7 @@ def _evened(tried: Callable[[float], _Quality], spread: float) -> tuple[float, f
         step = float(np.clip(-(np.conj(slope) * crowding).real / steep, -0.3, 0.3))
         chance = float(np.sqrt(0.5 * np.mean(np.abs(mid.crowding - crowding) ** 2) / (_GROUPS - 1)))
         left = max(float(np.abs(crowding + slope * step)) - 3 * chance, 0.0)
-        unsure = min(max(left + chance, _SHAPE), 1.0)
+        unsure = min(left + chance, steep**0.5) if known else min(max(left + chance, _SHAPE), 1.0)
         least = min(least, mid.usual)
         if abs(step) < 0.5 * (_STEP - 1):
             break

@@ -57,22 +57,27 @@ class Table:
 
 
 @lru_cache(maxsize=32)
-def _cached(sequence: Sequence, index: tuple[int, ...], axis: str, spread: float) -> tuple[F32, F32]:
+def _cached(
+    sequence: Sequence, index: tuple[int, ...], axis: str, spread: float, blur: float | None
+) -> tuple[F32, F32]:
     """Words and angles of any levels at the places -1 + k / PER_PX."""
     levels = sequence.tables()["uv".index(axis)][list(index)].astype(np.float64) / 255
     for k, i in enumerate(index):
         frame = sequence.frames[i]
         if frame.kind in ("white", "black"):
             levels[k] = float((frame.kind == "white") != frame.inverted)
-    return _words(_seen(levels, spread, "edge" if sequence.nominal else "constant")[None])
+        elif frame.kind == "levels":
+            free = frame.free_levels(np.arange(levels.shape[1], dtype=np.float64)) / 255
+            levels[k] = 1 - free if frame.inverted else free
+    return _words(_seen(levels, spread, blur, "edge" if sequence.nominal else "constant")[None])
 
 
 @lru_cache(maxsize=8)
 def _similar(
-    sequence: Sequence, index: tuple[int, ...], axis: str, spread: float, reach: int
+    sequence: Sequence, index: tuple[int, ...], axis: str, spread: float, blur: float | None, reach: int
 ) -> tuple[F32, F64]:
     """Coarse unit codewords (M, P), and sine and cosine of the angle to the most similar one elsewhere."""
-    words = _cached(sequence, index, axis, spread)[0][0][:, : len(index)].astype(np.float64)
+    words = _cached(sequence, index, axis, spread, blur)[0][0][:, : len(index)].astype(np.float64)
     length = np.sqrt(np.square(words).sum(axis=1))
     unit = words / np.maximum(length, 1e-3 * length.max() + 1e-12)[:, None]
     per = PER_PX // COARSE
@@ -94,18 +99,21 @@ def _similar(
     return np.ascontiguousarray(coarse.T), np.stack([np.sqrt(1 - cosine**2), cosine], axis=1)
 
 
-def table_of(sequence: Sequence, plan: Plan, axis: AxisPlan, way: int, spread: float) -> Table:
-    """The table of an axis for a spread (pattern px) and a way of its search."""
+def table_of(
+    sequence: Sequence, plan: Plan, axis: AxisPlan, way: int, spread: float, blur: float | None = None
+) -> Table:
+    """The table of an axis for a spread (pattern px) and a way of its search; blur: its part, if known."""
     if way == SWEEP:
-        return Table(
-            way, _sweep(sequence, axis.axis, spread), np.zeros((0, 0), np.float32), np.zeros((0, 2)), spread
-        )
-    index = axis.frames() + tuple(i for i in (plan.white, plan.black) if i >= 0)
+        book = _sweep(sequence, axis.axis, spread, blur)
+        return Table(way, book, np.zeros((0, 0), np.float32), np.zeros((0, 2)), spread)
+    # beside free levels a code only tells where to look: what a blur makes of its edges is known less well
+    own = axis.levels if len(axis.levels) >= 3 else axis.frames()
+    index = own + tuple(i for i in (plan.white, plan.black) if i >= 0)
     if len(index) < 3:
         raise InputError(f"decode: axis {axis.axis} has {len(index)} frames, must have at least 3")
     cell = max(sequence.frames[i].cell_px for i in index)
-    reach = math.ceil(1.5 * cell * PER_PX)
-    key = sequence, index, axis.axis, spread
+    reach = math.ceil(1.5 * max(cell, 1.0 if axis.code is None else axis.code.cell) * PER_PX)
+    key = sequence, index, axis.axis, spread, blur
     one, first, frames = np.zeros(1, np.int64), np.array([-1.0]), np.array(index)
     book = Book(frames[None, :, None], one, first, *_cached(*key), reach, len(index) - 3, frames, 1)
     empty = np.zeros((len(index), 0), np.float32), np.zeros((0, 2))
@@ -113,7 +121,7 @@ def table_of(sequence: Sequence, plan: Plan, axis: AxisPlan, way: int, spread: f
 
 
 @lru_cache(maxsize=32)
-def _sweep(sequence: Sequence, axis: str, spread: float) -> Book:
+def _sweep(sequence: Sequence, axis: str, spread: float, blur: float | None) -> Book:
     """Raised cosines around each place of a sweep, of as many frames as one lights; of spots the mean of as
     many along the other axis as are lit: their light is a product."""
     axes = raster_axes(sequence) or described(sequence).axes
@@ -132,7 +140,7 @@ def _sweep(sequence: Sequence, axis: str, spread: float) -> Book:
     shown = np.abs(cell - away[:, :, None]) / stripes.width
     seen = np.where(shown < 1, 0.5 + 0.5 * np.cos(np.pi * np.minimum(shown, 1.0)), 0.0)
     if spread > 0:
-        seen = seen @ _weight(cell[:, None] - place, spread)
+        seen = seen @ _weight(cell[:, None] - place, spread, blur)
     # raised cosines at equal steps add up to their width in steps
     words, angles = _words(seen * min(stripes.width / (stripes.pitch * summed), 1.0))
     window = begin[:, None, None, None] + np.arange(samples)[:, None]
@@ -153,14 +161,15 @@ def _around(at: F64, reach: float, least: int) -> tuple[int, NDArray[np.int64]]:
     return 2 * half + 1, np.clip(np.arange(count) - half, 0, count - 2 * half - 1)
 
 
-def _weight(distance: F64, spread: float) -> F64:
+def _weight(distance: F64, spread: float, known: float | None) -> F64:
     """Share of a cell's light in what a pixel at a distance (pattern px) sees.
 
-    The cell through a footprint of up to a cell; a larger spread is a Gaussian blur besides. Differences of
-    the antiderivative t Phi(t / b) + b phi(t / b) of the normal distribution Phi.
+    The cell through a footprint, of up to a cell where its blur is not known, and a Gaussian blur that makes
+    up the spread. Differences of the antiderivative t Phi(t / b) + b phi(t / b) of the normal distribution.
     """
-    width = min(max(spread * math.sqrt(12), 0.05), 1.0)
-    blur = math.sqrt(max(spread**2 - 1 / 12, 1e-6))
+    widest = spread * math.sqrt(12) if known is None else math.sqrt(12 * max(spread**2 - known**2, 0.0))
+    width = max(min(widest, 1.0) if known is None else widest, 0.05)
+    blur = math.sqrt(max(spread**2 - width**2 / 12, 1e-6))
 
     def integral(t: F64) -> F64:
         z = t / blur
@@ -172,7 +181,7 @@ def _weight(distance: F64, spread: float) -> F64:
     return edge(distance + 0.5) - edge(distance - 0.5)
 
 
-def _seen(levels: F64, spread: float, beyond: Any) -> F64:
+def _seen(levels: F64, spread: float, blur: float | None, beyond: Any) -> F64:
     """Levels (M, E) of cells as pixels at -1 + k / PER_PX see them, (M, (E + 1) PER_PX + 1)."""
     extent, reach = levels.shape[1], math.ceil(4 * spread) + 1
     around = np.pad(levels, ((0, 0), (reach + 2, reach + 2)), mode=beyond)
@@ -180,7 +189,7 @@ def _seen(levels: F64, spread: float, beyond: Any) -> F64:
     for s in range(PER_PX):
         for r in range(-reach, reach + 1):
             # cell m + r - 1 of the place m - 1 + s / PER_PX
-            weight = float(_weight(np.array(r - s / PER_PX), spread))
+            weight = float(_weight(np.array(r - s / PER_PX), spread, blur))
             if weight > 0:
                 seen[:, :, s] += weight * around[:, reach + 1 + r : reach + 1 + r + extent + 2]
     return seen.reshape(len(levels), -1)[:, : (extent + 1) * PER_PX + 1]

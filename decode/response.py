@@ -1,15 +1,26 @@
-"""Response of display and camera together: camera level against shown level, inverted before decoding."""
+"""Response of display and camera together: camera level against shown level.
 
-from dataclasses import dataclass
+A camera's is inverted before decoding. A display's is not: its light is blurred after its levels are bent, so
+that a frame's level is no level that was shown. There the light of the levels is what the decoder expects.
+"""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import PchipInterpolator
 
 from optolever.errors import InputError
-from optolever.patterns import Sequence
+from optolever.patterns import Frame, Sequence
+
+from .levels import levels_of
 
 __all__ = ["Response"]
+
+#: Levels that a ramp spans at least; share of the pixels that see it brightly which may not clip.
+_HARDLY, _WHOLE = 5.0, 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,10 +28,13 @@ class Response:
     """Camera levels `seen` (K,) where levels `shown` (K,) were displayed; both rise strictly with each other.
 
     Between the entries the inverse is linear, beyond them it goes on with the slope of the last pair.
+    blur: rms, cells, of the light between a display that bends the levels and a linear camera (NaN: unknown);
+    None: they bend after the blur, in the camera.
     """
 
     shown: NDArray[np.float64]
     seen: NDArray[np.float64]
+    blur: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("shown", "seen"):
@@ -30,6 +44,8 @@ class Response:
             if not np.all(np.isfinite(values)) or not np.all(np.diff(values) > 0):
                 raise InputError(f"response: {name} must be finite and rise strictly")
             object.__setattr__(self, name, values)
+        if self.blur is not None and self.blur < 0:
+            raise InputError(f"response: blur is {self.blur}, must be at least 0")
 
     @classmethod
     def from_table(cls, shown: ArrayLike, seen: ArrayLike) -> "Response":
@@ -52,9 +68,10 @@ class Response:
 
     @classmethod
     def from_ramp(cls, frames: ArrayLike, sequence: Sequence) -> "Response":
-        """From the uniform frames of a capture ("ramp"): median over the pixels that see the display.
+        """Of a display, from the uniform frames of a capture ("ramp"): mean over the pixels that see it best.
 
-        A pixel's own brightness is taken off by its span between the darkest and the brightest level shown.
+        A pixel's own brightness is taken off by its span between the darkest and the brightest level shown;
+        pixels that clip at the brightest one say nothing.
         """
         stack = np.asarray(frames)
         if stack.ndim != 3 or len(stack) != len(sequence):
@@ -75,11 +92,32 @@ class Response:
         _, rows, cols = stack.shape
         light = stack[order, :: max(1, rows // 128), :: max(1, cols // 128)].reshape(len(order), -1)
         light = light.astype(np.float64)
-        span = light[-1] - light[0]
-        lit = span >= np.percentile(span, 75)
-        relative = np.median((light[:, lit] - light[0, lit]) / np.maximum(span[lit], 1e-9), axis=1)
-        seen = np.median(light[0, lit]) + np.median(span[lit]) * relative
-        return cls.from_table([shown[i] for i in order], seen)
+        span, clip = light[-1] - light[0], levels_of(stack)[1]
+        bright = float(np.percentile(span, 95))
+        if bright < _HARDLY:
+            raise InputError(
+                f"response: the brightest frame is {bright:.3g} levels above the darkest, no ramp"
+            )
+        lit = span >= 0.5 * bright
+        whole = lit & (light[-1] < clip)
+        if np.count_nonzero(whole) < _WHOLE * np.count_nonzero(lit):
+            share = 1 - np.count_nonzero(whole) / np.count_nonzero(lit)
+            raise InputError(
+                f"response: {share:.0%} of the pixels that see the display clip at {clip:g}, "
+                f"must be {1 - _WHOLE:.0%} at most; expose less"
+            )
+        relative = (light[:, whole] - light[0, whole]).sum(axis=1) / span[whole].sum()
+        seen = np.median(light[0, whole]) + np.median(span[whole]) * relative
+        return replace(cls.from_table([shown[i] for i in order], seen), blur=float("nan"))
+
+    def light(self) -> NDArray[np.float64]:
+        """Light (256,) of the levels 0..255 beyond that of 0, over that of 255 (monotone cubics)."""
+        curve = PchipInterpolator(self.shown, self.seen, extrapolate=True)(np.arange(256.0))
+        return np.asarray(np.clip((curve - curve[0]) / (curve[-1] - curve[0]), 0, 1))
+
+    def described(self, sequence: Sequence) -> Sequence:
+        """The sequence by the light of its fringes and stripes: free levels of the cells."""
+        return _described(sequence, tuple((255 * self.light()).tolist()))
 
     def shown_of(self, seen: ArrayLike, steepest: float = np.inf) -> NDArray[np.float64]:
         """Level that was shown where the camera read `seen`; steepest: slope beyond the table at most."""
@@ -105,3 +143,16 @@ class Response:
         """Beyond the table with no more than its mean slope: a camera that hardly tells the darkest levels
         apart must not lead far beyond them."""
         return self.shown_of(seen, float(np.ptp(self.shown) / np.ptp(self.seen)))
+
+
+@lru_cache(maxsize=8)
+def _described(sequence: Sequence, light: tuple[float, ...]) -> Sequence:
+    curve = np.array(light)
+
+    def bent(frame: Frame) -> Frame:
+        if frame.kind not in ("phase", "stripe", "levels") or frame.axis not in ("u", "v"):
+            return frame
+        table = frame.tables(sequence.rows, sequence.cols)["uv".index(frame.axis)]
+        return Frame("levels", frame.axis, levels=tuple(curve[table].tolist()))
+
+    return replace(sequence, frames=tuple(bent(frame) for frame in sequence.frames))

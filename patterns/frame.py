@@ -62,7 +62,7 @@ class Frame:
     cell_px     width of a code's cells; cell k is [k cell_px, (k + 1) cell_px) - 0.5 + offset_px
     offset_px   origin of cells and lattice lines (lattice: centre of line 0; default half a period - 0.5)
     level       grey value of a uniform frame
-    levels      grey value of each cell: any code that somebody invents
+    levels      grey value of each cell: any code that somebody invents (shown rounded to whole ones)
     exposure    relative exposure under which this frame was captured
     """
 
@@ -78,7 +78,7 @@ class Frame:
     cell_px: float = 1.0
     offset_px: float | None = None
     level: int | None = None
-    levels: tuple[int, ...] | None = None
+    levels: tuple[float, ...] | None = None
     exposure: float = 1.0
 
     def __post_init__(self) -> None:
@@ -135,6 +135,12 @@ class Frame:
         """Grey values along u (cols,) and along v (rows,)."""
         return frame_tables(self, rows, cols)
 
+    def free_levels(self, coord: Levels) -> Levels:
+        """Of kind "levels": grey values at pixels as described, neither rounded nor inverted; 0 beyond."""
+        cell, values = _cell_of(self, coord), np.asarray(self.levels, np.float64)
+        inside = (cell >= 0) & (cell < len(values))
+        return np.where(inside, values[np.clip(cell, 0, len(values) - 1)], 0.0)
+
     def to_dict(self) -> dict[str, Any]:
         """Plain TOML types; fields at their default are left out."""
         plain: dict[str, Any] = {}
@@ -174,8 +180,8 @@ def _typed(value: Any, wanted: str, where: str) -> Any:
     if wanted == "float" and (is_int or isinstance(value, float)):
         return float(value)
     if wanted.startswith("tuple") and isinstance(value, list | tuple):
-        return tuple(_typed(item, "int", where) for item in value)
-    raise InputError(f"{where} is {value!r}, must be {'a list of int' if 'tuple' in wanted else wanted}")
+        return tuple(_typed(item, "int" if isinstance(item, int) else "float", where) for item in value)
+    raise InputError(f"{where} is {value!r}, must be {'a list of numbers' if 'tuple' in wanted else wanted}")
 
 
 def frame_tables(frame: Frame, rows: int, cols: int) -> tuple[Table, Table]:
@@ -252,13 +258,14 @@ def _tent_share(edge: Levels) -> Levels:
     return np.where(inside < 0, 0.5 * (1 + inside) ** 2, 1 - 0.5 * (1 - inside) ** 2)
 
 
+def _cell_of(frame: Frame, coord: Levels) -> NDArray[np.int64]:
+    """Of binary codes and free grey values: the cell of a pixel is the one that holds its centre."""
+    return np.floor((coord + 0.5 - (frame.offset_px or 0.0)) / frame.cell_px).astype(np.int64)
+
+
 def _cells(frame: Frame, coord: Levels) -> Table:
-    """Binary codes and free grey values: the cell of a pixel is the one that holds its centre."""
-    cell = np.floor((coord + 0.5 - (frame.offset_px or 0.0)) / frame.cell_px).astype(np.int64)
     if frame.kind == "levels":
-        values = np.asarray(frame.levels, np.uint8)
-        return np.where(
-            (cell >= 0) & (cell < len(values)), values[np.clip(cell, 0, len(values) - 1)], 0
-        ).astype(np.uint8)
+        return _rounded(frame.free_levels(coord))
+    cell = _cell_of(frame, coord)
     words = code_words(frame.kind, np.maximum(cell, 0))
     return (255 * ((words >> (frame.bit or 0)) & 1)).astype(np.uint8)

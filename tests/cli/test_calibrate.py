@@ -9,7 +9,7 @@ import pytest
 
 from optolever.calibration.rigs import Rig, correspondence_of, open_air
 from optolever.reconstruct import HeightMap
-from optolever.scene import Covariance, load
+from optolever.scene import Covariance, Display, load, resize
 
 from .conftest import Program
 
@@ -198,3 +198,36 @@ def test_a_covariance_that_is_not_positive_is_one_line(
     assert "rig.calibration.npz" in outcome.err
     assert "not positive" in outcome.err
     assert len(outcome.err.strip().splitlines()) == 1
+
+
+def test_a_response_is_kept_and_decoded_by(tmp_path: Path, optolever: Program) -> None:
+    """Three steps under gamma 2.2: nothing without the rig's response, all with it."""
+    scene, rig = resize(load("monitor-mirror"), 64, 80), tmp_path / "rig.toml"
+    scene = replace(scene, display=Display(2.2))
+    scene.save(rig)
+    for name, text in (("ramp", "ramp"), ("fringes", "gray+phase"), ("three", "phase:steps=3")):
+        capture = ("--scene", str(rig), "--sequence", text, "--noise", "1", "--out", str(tmp_path / name))
+        assert optolever("capture", *capture).code == 0
+    paths = [str(tmp_path / name) for name in ("ramp", "fringes")]
+    numbers = tmp_path / "n.json"
+    decode = ("decode", str(tmp_path / "three"), "--out", str(tmp_path / "c.npz"), "--json", str(numbers))
+    assert optolever(*decode).code == 0
+    assert json.loads(numbers.read_text())["good_share"] < 0.1
+    before = rig.read_bytes()
+    for words, told in (([paths[1]], "fringes"), ([paths[0], paths[0]], "ramp: ")):
+        outcome = optolever("response", *words, "--scene", str(rig))
+        assert outcome.code == 2
+        assert told in outcome.err
+        assert len(outcome.err.strip().splitlines()) == 1
+    outcome = optolever(*decode, "--response", str(rig))
+    assert outcome.code == 2
+    assert "optolever response" in outcome.err
+    assert rig.read_bytes() == before
+    outcome = optolever("response", *paths, "--scene", str(rig), "--json", str(numbers))
+    assert outcome.code == 0, outcome.err
+    assert "not parted (1 captures)" in outcome.out
+    told = json.loads(numbers.read_text())
+    assert told["gamma"] == pytest.approx(2.2, abs=0.02)
+    assert told["blur_px"] == pytest.approx(scene.pattern.blur_px, rel=0.05)
+    assert optolever(*decode, "--response", str(rig)).code == 0
+    assert json.loads(numbers.read_text())["good_share"] > 0.9

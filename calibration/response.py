@@ -1,0 +1,308 @@
+"""Response and display of a rig: light of the levels, blur, vignetting and backlight, kept in `[response]`.
+
+A uniform frame of level l is seen by pixel p as I = dark + gain(p) (black + g(l)), whatever blurs the light:
+so a ramp tells g and black. A fringe of period P has the modulation of its light, bent by g, times the MTF
+
+    sinc(1 / P) sinc(w / P) exp(-2 pi^2 b^2 / P^2)
+
+of a cell, the pixel's footprint w (known from the map) and a blur of b cells: so fringes tell b. The gain is
+vignetting(p) times backlight(u, v): captures that see a place of the pattern through different pixels part
+the two, as polynomials of their logarithms with one common mean; one capture tells their product only.
+"""
+
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import tomli_w
+from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion
+
+from optolever.decode import Correspondence, Response, decode
+from optolever.errors import InputError
+from optolever.files import atomic_file, load_arrays, save_arrays, together
+from optolever.patterns import Frame
+from optolever.projector import Capture
+from optolever.scene import load
+
+__all__ = ["RigResponse", "load_response", "measure_response", "store_response"]
+
+Floats = NDArray[np.float64]
+#: Degree of the polynomials of log gain: of log(1 - t), t up to a half, they leave 0.3 %.
+_DEGREE = 6
+#: Parts of a capture whose scatter tells the blur's error; pixels of it that log gain is fitted to.
+_PARTS, _MOST = 16, 20000
+#: Modulation that rounding to 8 bits may feign, share: 1 / (255 sqrt 12).
+_ROUNDED = 1.1e-3
+#: Relative standard deviation of vignetting and backlight above which they are not parted.
+_PARTED = 0.02
+#: Pixels and cells beside a border within which light may be missing, by the footprint or a blur.
+_BORDER = 4
+#: Share of the brightest gain below which a pixel does not see the display; usual light of black (200:1).
+_LIT, _CONTRAST = 0.25, 0.005
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigResponse:
+    """response: light of the levels, with the blur; black: light of level 0 over what 255 adds to it.
+
+    gain (H, W): levels that 255 adds to level 0 in the ramp, the product of both of the following. vignetting
+    (H, W), backlight (rows, cols): shares of the brightest; NaN where nothing was seen, None: not parted.
+    blur_sigma, parted_sigma: standard deviation of the blur (cells) and of the two (relative).
+    """
+
+    response: Response
+    black: float
+    gain: Floats
+    blur_sigma: float = float("nan")
+    vignetting: Floats | None = None
+    backlight: Floats | None = None
+    parted_sigma: float = float("nan")
+
+    @property
+    def gamma(self) -> tuple[float, float]:
+        """Exponent of the power law that is nearest to g, and what it leaves, rms, shares of white."""
+        level, light = np.arange(1, 256) / 255, self.response.light()[1:]
+        gamma = 1.0
+        for _ in range(50):  # Gauss-Newton on the exponent
+            slope = np.log(level) * level**gamma
+            gamma += float(slope @ (light - level**gamma) / (slope @ slope))
+        return gamma, float(np.sqrt(np.mean((light - level**gamma) ** 2)))
+
+
+def measure_response(
+    ramp: Capture, captures: Sequence[Capture] = (), names: Sequence[str] = ()
+) -> RigResponse:
+    """From a ramp, and captures of fringes by the same camera and display: blur, and, where they are several
+    whose mirror stood differently, vignetting and backlight. names: of ramp and captures, for errors."""
+    with _named(names, 0):
+        found, camera = _levels(ramp)
+    views = []
+    for number, capture in enumerate(captures, 1):
+        with _named(names, number):
+            views.append(_view(found, camera, capture))
+    told = np.array([part for view in views for part in view.squares])
+    if len(told):
+        square, variance, rounded = told.T
+        weight = 1 / (variance + rounded)
+        square, error = weight @ square / weight.sum(), (1 / weight.sum() + rounded.min()) ** 0.5
+        blur = float(max(square, 0.0) ** 0.5)
+        sigma = float(error / (2 * max(blur, (error / 2) ** 0.5)))
+        found = replace(found, response=replace(found.response, blur=blur), blur_sigma=sigma)
+    return _parted(found, views)
+
+
+@contextmanager
+def _named(names: Sequence[str], number: int) -> Iterator[None]:
+    """Errors name the capture."""
+    try:
+        yield
+    except InputError as error:
+        name = names[number] if number < len(names) else f"capture {number}" if number else "ramp"
+        raise InputError(f"{name}: {error}") from error
+
+
+def _levels(ramp: Capture) -> tuple[RigResponse, float]:
+    """Light of the levels, and the camera's own level."""
+    response = Response.from_ramp(ramp.frames, ramp.sequence)
+    shown = [_shown(frame) for frame in ramp.sequence.frames]
+    order = sorted((i for i, level in enumerate(shown) if level is not None), key=lambda i: shown[i] or 0)
+    frames = ramp.frames[order].astype(np.float64)
+    gain = frames[-1] - frames[0]
+    lit = (gain > _LIT * np.percentile(gain, 95)) & (frames[-1] < ramp.white)
+    others = float(np.mean([response.light()[shown[i] or 0] for i in order[1:]]))
+    black, camera = _dark(frames[0][lit], frames[1:].mean(axis=0)[lit], others)
+    return RigResponse(response, black, np.where(lit, gain, np.nan)), camera
+
+
+def _dark(dark: Floats, bright: Floats, light: float) -> tuple[float, float]:
+    """Light of level 0, and the camera's own level: dark = camera + black gain of pixels whose other frames,
+    of a mean light, are camera + (black + light) gain. Where the gain hardly varies black is as usual: 0."""
+    away = bright - bright.mean()
+    share = float(away @ dark / (away @ away + dark.var() / _CONTRAST**2))
+    share = min(max(share, 0.0), 0.5)
+    return share * light / (1 - share), float(dark.mean() - share * bright.mean()) / (1 - share)
+
+
+def _shown(frame: Frame) -> int | None:
+    """Level of a uniform frame; None: it is none."""
+    return {"white": 255, "black": 0, "uniform": frame.level}.get(frame.kind)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _View:
+    """A capture: image (H, W) of log gain, where it looks (H, W), which pixels tell, its surface, and
+    squares of the blur by each fringe, their variances and those by rounded levels (cells)."""
+
+    gain: Floats
+    where: Correspondence
+    good: NDArray[np.bool_]
+    surface: tuple[int, int]
+    squares: list[tuple[float, float, float]]
+
+
+def _view(found: RigResponse, camera: float, capture: Capture) -> _View:
+    if capture.shape != found.gain.shape:
+        raise InputError(f"response: capture has {capture.shape} pixels, the ramp {found.gain.shape}")
+    where = decode(capture.frames, capture.sequence, response=found.response)
+    good = where.good & (capture.frames < capture.white).all(axis=0)
+    for at, extent in ((where.u, capture.sequence.cols), (where.v, capture.sequence.rows)):
+        good &= np.abs(at - 0.5 * (extent - 1)) < 0.5 * extent - _BORDER
+    good = binary_erosion(good, iterations=_BORDER)
+    if not good.any():
+        raise InputError("response: no pixel of the capture is good and below its white level")
+    light = capture.frames - camera
+    level, curve = np.arange(256), found.black + found.response.light()
+    cosine = np.cos(np.linspace(0, 2 * np.pi, 1024, endpoint=False))
+    first = 2 * np.mean(np.interp(127.5 + 127.5 * cosine, level, curve) * cosine)
+    gains, squares = [], []
+    for (axis, period), index in _fringes(capture).items():
+        frames = [capture.sequence.frames[i] for i in index]
+        shifts = np.array([(frame.shift or 0.0) + np.pi * frame.inverted for frame in frames])
+        coordinate = getattr(where, axis)
+        phase = 2 * np.pi * coordinate / period - shifts[:, None, None]
+        # by the light at its place: few steps do not even out what harmonics do to a mean
+        gains.append(
+            light[index].sum(axis=0) / np.interp(127.5 + 127.5 * np.cos(phase), level, curve).sum(axis=0)
+        )
+        wave = 2 * np.mean(light[index] * np.cos(phase), axis=0)
+        footprint = [np.sinc(part / period) for part in np.gradient(coordinate)]
+        modulation = gains[-1] * first * np.sinc(1 / period) * footprint[0] * footprint[1]
+        used = good & np.isfinite(modulation)
+        parts = [
+            -np.log(max(own.sum(), 1e-9) / full.sum()) * period**2 / (2 * np.pi**2)
+            for own, full in zip(
+                *(np.array_split(one[used], _PARTS) for one in (wave, modulation)), strict=True
+            )
+            if len(own)
+        ]
+        if len(parts) == _PARTS:
+            rounded = _ROUNDED * period**2 / (2 * np.pi**2)
+            squares.append((float(np.mean(parts)), float(np.var(parts) / (_PARTS - 1)), rounded**2))
+    if not gains:
+        raise InputError("response: the capture shows no fringes of three or more equal shifts")
+    gain = np.mean(gains, axis=0)
+    with np.errstate(invalid="ignore"):
+        good &= gain > 0
+    return _View(gain, where, good, (capture.sequence.rows, capture.sequence.cols), squares)
+
+
+def _fringes(capture: Capture) -> dict[tuple[str, float], list[int]]:
+    """Frames of fringes of three or more equal shifts, by axis and period."""
+    groups: dict[tuple[str, float], list[int]] = {}
+    for i, frame in enumerate(capture.sequence.frames):
+        if frame.kind == "phase" and frame.exposure == 1:
+            groups.setdefault((frame.axis or "", frame.period_px or 1.0), []).append(i)
+
+    def equal(index: list[int]) -> bool:
+        frames = [capture.sequence.frames[i] for i in index]
+        shifts = np.sort([np.mod((f.shift or 0.0) + np.pi * f.inverted, 2 * np.pi) for f in frames])
+        steps = np.diff(shifts, append=shifts[0] + 2 * np.pi)
+        return len(index) >= 3 and bool(np.ptp(steps) < 1e-3)
+
+    return {key: index for key, index in groups.items() if equal(index)}
+
+
+def _powers(down: Floats, along: Floats) -> Floats:
+    """Polynomials (K, terms) of places in -1..1, without the constant."""
+    powers = [(i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i) if i + j]
+    return np.stack([down**i * along**j for i, j in powers], axis=1)
+
+
+def _scaled(at: Any, extent: int) -> Floats:
+    return np.asarray(2 * np.asarray(at, np.float64) / max(extent - 1, 1) - 1)
+
+
+def _parted(found: RigResponse, views: list[_View]) -> RigResponse:
+    """With vignetting and backlight, where the captures tell them apart."""
+    if len(views) < 2:
+        return found
+    (rows, cols), (height, width) = views[0].surface, found.gain.shape
+    if any(view.surface != (rows, cols) for view in views):
+        raise InputError("response: captures were shown on surfaces of different sizes")
+    lens, screen, gains = [], [], []
+    for view in views:
+        place = np.argwhere(view.good)
+        row, col = place[:: max(1, len(place) // _MOST)].T
+        lens.append(_powers(_scaled(row, height), _scaled(col, width)))
+        screen.append(_powers(_scaled(view.where.v[row, col], rows), _scaled(view.where.u[row, col], cols)))
+        gains.append(view.gain[row, col])
+    gain = np.concatenate(gains)
+    columns = np.hstack([np.concatenate(lens), np.concatenate(screen), np.ones((len(gain), 1))])
+    # noise of a logarithm is that of the level over it
+    left, values, right = np.linalg.svd(columns * gain[:, None], full_matrices=False)
+    used = values > 1e-12 * values[0]
+    inverse = right[used].T / values[used]
+    solved = inverse @ (left[:, used].T @ (np.log(gain) * gain))
+    noise = np.std((np.log(gain) - columns @ solved) * gain)
+    half = columns.shape[1] // 2
+    errors = [
+        noise
+        * np.sqrt(np.square((columns[:, own] - columns[:, own].mean(axis=0)) @ inverse[own]).sum(axis=1))
+        for own in (slice(half), slice(half, -1))
+    ]
+    sigma = float(max(np.percentile(error, 95) for error in errors))
+    if not sigma < _PARTED:
+        return replace(found, parted_sigma=sigma)
+    image, surface = np.isfinite(found.gain), np.zeros((rows, cols), np.uint8)
+    for view in views:
+        places = np.stack([view.where.u[view.good], view.where.v[view.good]], axis=1)
+        cv2.fillConvexPoly(surface, cv2.convexHull(np.rint(places).astype(np.int32)), 1)
+    maps = [_share(mask, solved[own]) for mask, own in ((image, slice(half)), (surface > 0, slice(half, -1)))]
+    return replace(found, vignetting=maps[0], backlight=maps[1], parted_sigma=sigma)
+
+
+def _share(mask: NDArray[np.bool_], terms: Floats) -> Floats:
+    """exp of a polynomial over its largest value in the mask; NaN beside it."""
+    row, col = np.nonzero(mask)
+    out = np.full(mask.shape, np.nan)
+    power = _powers(_scaled(row, mask.shape[0]), _scaled(col, mask.shape[1])) @ terms
+    out[mask] = np.exp(power - power.max())
+    return out
+
+
+def store_response(rig: str | Path, found: RigResponse) -> Path:
+    """Write it beside the rig's TOML, which names it from then on; the .npz's path."""
+    file = Path(rig)
+    load(file)  # a file that is no scene is named by it
+    table = tomllib.loads(file.read_text(encoding="utf-8"))
+    beside = file.with_suffix(".response.npz")
+    gamma, misfit = found.gamma
+    table["response"] = {
+        "file": beside.name,
+        "gamma": gamma,
+        "misfit": misfit,
+        "blur_px": found.response.blur,
+    }
+    maps = {name: getattr(found, name) for name in ("gain", "vignetting", "backlight")}
+    numbers = {name: getattr(found, name) for name in ("black", "blur_sigma", "parted_sigma")}
+    curve = {name: getattr(found.response, name) for name in ("shown", "seen", "blur")}
+    with together():
+        save_arrays(beside, curve | numbers | maps)
+        with atomic_file(file) as temporary:
+            temporary.write_bytes(tomli_w.dumps(table).encode())
+    return beside
+
+
+def load_response(rig: str | Path) -> RigResponse:
+    """What a rig's TOML names in [response]. InputError names the file that is wrong."""
+    file = Path(rig)
+    load(file)
+    section = tomllib.loads(file.read_text(encoding="utf-8")).get("response")
+    name = section.get("file") if isinstance(section, Mapping) else None
+    if not isinstance(name, str):
+        raise InputError(f"{file}: [response] must name a file; run `optolever response`")
+    beside = file.parent / name
+    arrays = load_arrays(beside, ("shown", "seen", "blur", "black", "gain", "blur_sigma", "parted_sigma"))
+    try:
+        black, sigma, parted = (float(arrays[name]) for name in ("black", "blur_sigma", "parted_sigma"))
+        response = Response(arrays["shown"], arrays["seen"], float(arrays["blur"]))
+    except (InputError, TypeError) as error:
+        raise InputError(f"{beside}: {error}") from error
+    maps = arrays.get("vignetting"), arrays.get("backlight")
+    return RigResponse(response, black, arrays["gain"], sigma, *maps, parted)

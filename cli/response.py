@@ -1,0 +1,80 @@
+"""`optolever response`: what display and camera make of levels, measured and stored with the rig."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .options import FILE, json_option, sample
+from .outputs import Program
+from .show import number, progress, table, write_json
+
+__all__ = ["command"]
+
+SAMPLE = """
+$ optolever response ramp pose0 pose1 pose2 --scene rig.toml
+Response in rig.response.npz
+...
+$ optolever decode capture --response rig.toml --out c.npz
+"""
+
+
+@click.command("response", cls=Program, epilog=sample(SAMPLE))
+@click.argument("ramp", type=FILE, metavar="RAMP")
+@click.argument("captures", type=FILE, nargs=-1, metavar="[CAPTURE]...")
+@click.option(
+    "--scene",
+    "rig",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    required=True,
+    metavar="RIG.toml",
+    help="The rig that keeps it.",
+)
+@json_option
+def command(ramp: Path, captures: tuple[Path, ...], rig: Path, json_path: Path | None) -> None:
+    """Store with the rig what its display and camera make of levels.
+
+    RAMP is a capture of the sequence `ramp`, by a linear camera. Fringes (CAPTURE) tell the blur; three or
+    so, the mirror in different poses as for calibrate, tell vignetting and backlight apart. decode
+    --response RIG.toml then knows the light of every level.
+    """
+    import numpy as np
+
+    from optolever.calibration import measure_response, store_response
+    from optolever.projector import Capture
+
+    with progress() as step:
+        step("read")
+        first, *others = [Capture.load(path) for path in (ramp, *captures)]
+        step("measure")
+        found = measure_response(first, others, [str(path) for path in (ramp, *captures)])
+        step("write")
+        path = store_response(rig, found)
+    gamma, misfit = found.gamma
+    numbers: dict[str, Any] = {
+        "gamma": gamma,
+        "misfit": misfit,
+        "black": found.black,
+        "blur_px": found.response.blur,
+        "blur_sigma_px": found.blur_sigma,
+        "parted_sigma": found.parted_sigma,
+    }
+    maps = {name: getattr(found, name) for name in ("gain", "vignetting", "backlight")}
+    for name, shown in maps.items():
+        numbers[f"{name}_least"] = None if shown is None else float(np.nanmin(shown) / np.nanmax(shown))
+    write_json(json_path, numbers)
+    told = found.vignetting is not None
+    missing = "not told: give captures of fringes" if not captures else None
+    apart = f"not parted ({len(captures)} captures"
+    apart += ")" if len(captures) < 2 else f", standard deviation {100 * found.parted_sigma:.2g} %)"
+    rows = {
+        "gamma": f"{number(gamma)}, off by {100 * misfit:.2g} % of white (rms)",
+        "black": number(100 * found.black, "% of white"),
+        "blur": missing or f"{number(found.response.blur or 0.0)} ± {found.blur_sigma:.2g} cells",
+        "gain": number(100 * numbers["gain_least"], "% of the brightest, darkest pixel"),
+        **{
+            name: number(100 * numbers[f"{name}_least"], "% of the brightest") if told else apart
+            for name in ("vignetting", "backlight")
+        },
+    }
+    table(f"Response in {path}", rows)

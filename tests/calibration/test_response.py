@@ -1,0 +1,153 @@
+"""Response, blur, vignetting and backlight of ray-traced captures: measured, kept, decoded by."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever import InputError
+from optolever.calibration import RigResponse, load_response, measure_response, store_response
+from optolever.decode import Response, decode
+from optolever.patterns import sequence_from_text
+from optolever.projector import AreaTrace, Capture, Lighting, area_frames, trace_area
+from optolever.scene import Display, Scene, Sensor, Surface, load, resize
+
+F64 = NDArray[np.float64]
+LIGHT = Lighting(backlight=0.3, brightest=(0.3, 0.6), vignetting=0.5)
+POSES = ((0.0, 0.0, 0.0), (2.0, 0.07, 0.02), (-2.0, -0.05, 0.07), (1.0, -0.02, -0.08))
+
+
+class Bent(Display):
+    """A display whose light is an S-curve of its levels."""
+
+    def light(self, levels: F64) -> F64:
+        x = np.asarray(levels, np.float64) / 255
+        return np.asarray(0.01 + 0.99 * (0.3 * x + 0.7 * x * x * (3 - 2 * x)))
+
+
+DISPLAYS = {"gamma 2.2": Display(2.2, 0.005), "s": Bent()}
+
+
+def rig(display: str, blur: float) -> Scene:
+    scene = resize(load("monitor-mirror"), 96, 120)
+    return replace(scene, pattern=replace(scene.pattern, blur_px=blur), display=DISPLAYS[display])
+
+
+def captured(scene: Scene, text: str, pose: int = 0, **sensor: Any) -> tuple[Capture, AreaTrace]:
+    lift, along, across = POSES[pose]
+    x0, y0 = 0.5 * scene.mirror.length, 0.5 * scene.mirror.width
+    plane = Surface(
+        lambda x, y: lift + along * (x - x0) + across * (y - y0),
+        lambda x, y: (np.full_like(x, along), np.full_like(y, across)),
+    )
+    shown = sequence_from_text(text, scene.pattern.rows, scene.pattern.cols)
+    seen = trace_area(scene, plane)
+    camera = Sensor(**({"offset": 12.0, "exposure": 0.9, "noise": 1.0} | sensor))
+    return Capture(area_frames(seen, shown, camera, LIGHT, seed=pose + 10 * len(shown)), shown), seen
+
+
+def measured(display: str, blur: float, poses: int) -> RigResponse:
+    scene = rig(display, blur)
+    ramp, _ = captured(scene, "ramp")
+    return measure_response(ramp, [captured(scene, "gray+phase", pose)[0] for pose in range(poses)])
+
+
+@pytest.fixture(scope="module")
+def found() -> RigResponse:
+    return measured("gamma 2.2", 0.5, 4)
+
+
+def test_light_of_the_levels_and_blur(found: RigResponse) -> None:
+    np.testing.assert_allclose(found.response.light(), (np.arange(256) / 255) ** 2.2, atol=2e-3)
+    gamma, misfit = found.gamma
+    assert gamma == pytest.approx(2.2, abs=0.01)
+    assert misfit < 1e-3
+    assert found.black == pytest.approx(0.005, abs=1e-3)
+    assert found.response.blur == pytest.approx(0.5, rel=0.02)
+    assert found.blur_sigma < 0.01
+
+
+def test_no_power_law_and_a_sharp_display() -> None:
+    found = measured("s", 0.3, 1)
+    light = Bent().light(np.arange(256.0))
+    np.testing.assert_allclose(found.response.light(), (light - light[0]) / (1 - light[0]), atol=2e-3)
+    assert found.gamma[1] > 0.03
+    assert found.response.blur == pytest.approx(0.3, rel=0.05)
+    assert found.vignetting is None  # one pose tells the product only
+
+
+def test_vignetting_and_backlight_are_parted(found: RigResponse) -> None:
+    assert found.vignetting is not None
+    assert found.backlight is not None
+    y, x = np.mgrid[-1 : 1 : 96 * 1j, -1 : 1 : 120 * 1j]
+    rows, cols = found.backlight.shape
+    v, u = (np.indices((rows, cols)) + 0.5) / np.array([rows, cols])[:, None, None]
+    emitted = 1 - 0.3 * ((u - 0.3) ** 2 + (v - 0.6) ** 2) / (0.7**2 + 0.6**2)
+    for told, true in ((found.vignetting, 1 - 0.25 * (x * x + y * y)), (found.backlight, emitted)):
+        ratio = np.log(told / true)
+        assert np.isfinite(ratio).mean() > 0.3
+        assert np.nanmax(np.abs(ratio - np.nanmean(ratio))) < 0.02
+        assert np.nanmax(told) == 1
+
+
+@pytest.mark.parametrize("display", DISPLAYS)
+@pytest.mark.parametrize(
+    ("text", "blur"), [("gray+phase", 1.0), ("gray+phase", 0.3), ("phase:steps=3", 0.3), ("micro-phase", 0.5)]
+)
+def test_decoded_by_it(display: str, text: str, blur: float) -> None:
+    """No worse than without it, and sigma is true; frames inverted as a camera's are worse."""
+    scene = rig(display, blur)
+    ramp, _ = captured(scene, "ramp")
+    response = replace(Response.from_ramp(ramp.frames, ramp.sequence), blur=blur)
+    capture, seen = captured(scene, text)
+    error = {}
+    for name, given in (("none", None), ("rig", response), ("inverted", replace(response, blur=None))):
+        found = decode(capture.frames, capture.sequence, response=given)
+        good = found.good & seen.visible
+        off = (found.u - seen.mean()[0])[good]
+        error[name] = np.sqrt(np.mean(off**2)) if good.mean() > 0.9 * seen.visible.mean() else np.inf
+        if name == "rig":
+            assert 0.8 < np.sqrt(np.mean((off / found.sigma_u[good]) ** 2)) < 1.2
+    assert error["rig"] < 0.04
+    assert error["rig"] < 1.03 * error["none"]
+    assert error["rig"] < 0.8 * error["inverted"]
+
+
+def test_kept_with_the_rig(found: RigResponse, tmp_path: Path) -> None:
+    file = tmp_path / "rig.toml"
+    scene = rig("gamma 2.2", 0.5)
+    scene.save(file)
+    with pytest.raises(InputError, match=r"optolever response"):
+        load_response(file)
+    path = store_response(file, found)
+    load(str(file)).save(file)  # the section stays
+    again = load_response(file)
+    np.testing.assert_array_equal(again.response.light(), found.response.light())
+    assert again.response.blur == found.response.blur
+    for name in ("gain", "vignetting", "backlight"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(found, name))
+    path.write_bytes(b"no")
+    with pytest.raises(InputError, match=path.name):
+        load_response(file)
+
+
+def test_bad_input() -> None:
+    scene = rig("gamma 2.2", 0.5)
+    ramp, _ = captured(scene, "ramp")
+    bright, _ = captured(scene, "ramp", exposure=9.0)
+    fringes, _ = captured(scene, "gray+phase")
+    small = Capture(fringes.frames[:, :50], fringes.sequence)
+    coarse, _ = captured(scene, "ramp:count=2")
+    for first, others, told in (
+        (fringes, [], "shows 2 levels, must show 3"),
+        (coarse, [], "shows 2 levels, must show 3"),
+        (bright, [], "clip at 255"),
+        (Capture(ramp.frames // 250, ramp.sequence), [], "no ramp"),
+        (ramp, [small], "pixels, the ramp"),
+        (ramp, [captured(scene, "gray")[0]], "no fringes"),
+    ):
+        with pytest.raises(InputError, match=told):
+            measure_response(first, others)
