@@ -8,7 +8,7 @@ next to it. It asks that the camera sees up to that line; otherwise a point, a p
 must be named.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -125,21 +125,22 @@ def _listed(anchor: Anchors) -> Sequence[Anchor]:
         )
     if isinstance(anchor, str):
         raise InputError(f"anchor = {anchor!r}: unknown, the only name is 'edge'; else give points")
-    if isinstance(anchor, EdgeAnchor | PointAnchor | PixelAnchor | DistanceAnchor):
+    if isinstance(anchor, Anchor):
         return [anchor]
-    anchors: list[Any] = list(anchor)
+    anchors: list[Any] = list(anchor) if isinstance(anchor, Iterable) else [anchor]
     if not anchors:
         raise InputError("anchor = []: no anchor; at least one is needed, 'edge' or a known point")
     if all(isinstance(part, int | float | np.number) for part in anchors):
         return [_point(anchors)]
-    return [_point(part) if isinstance(part, tuple | list | np.ndarray) else part for part in anchors]
+    return [part if isinstance(part, Anchor) else _point(part) for part in anchors]
 
 
 def _point(values: Any) -> PointAnchor:
-    numbers = np.asarray(values, dtype=np.float64).ravel()
-    if numbers.size != 3:
-        raise InputError(f"anchor = {values!r}: a known point has three coordinates x, y, z (mm)")
-    return PointAnchor(*(float(number) for number in numbers))
+    try:
+        x, y, z = (float(number) for number in values)
+    except (TypeError, ValueError):
+        raise InputError(f"anchor = {values!r}: a known point has three coordinates x, y, z (mm)") from None
+    return PointAnchor(x, y, z)
 
 
 def _samples(anchor: Anchor, scene: Scene, rays: RayField, mask: Mask) -> Samples:

@@ -81,6 +81,10 @@ def reconstruct(
     the arrays do not fit the scene, no pixel is left, or no anchor can be used.
     """
     require_correspondence(correspondence)
+    if not isinstance(scene, Scene):
+        raise InputError(
+            f"scene: is a {type(scene).__name__}, must be a Scene, as scene.load(name) reads one"
+        )
     before_rest = correspondence
     if rest is not None:
         require_correspondence(rest, "rest")

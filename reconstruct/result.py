@@ -159,7 +159,10 @@ def _off_mirror(height: HeightMap, mirror: Mirror) -> tuple[Notice, ...]:
     step = float(np.nanmax(np.hypot(np.diff(height.x, axis=1), np.diff(height.y, axis=1)), initial=0))
     if farthest <= step:
         return ()
-    cure = "check the mirror's size, where the camera is and its pitch, or calibrate the rig"
+    cure = (
+        "check the mirror's size, where the camera is and its pitch, or calibrate the rig (by flats alone "
+        "x and y stay where they are)"
+    )
     return (Notice("points lie off the mirror, mm", farthest, step, cure),)
 
 

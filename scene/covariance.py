@@ -36,6 +36,8 @@ class Covariance(Record):
         size = len(self.names)
         if matrix.shape != (size, size) or not np.isfinite(matrix).all():
             raise InputError(f"covariance: has shape {matrix.shape}, must be ({size}, {size}) and finite")
+        if twice := {name for name in self.names if tuple(self.names).count(name) > 1}:
+            raise InputError(f"covariance: names {', '.join(sorted(twice))} twice")
         scale = np.sqrt(np.abs(np.diag(matrix)))
         if not (scale > 0).all() or np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max():
             raise InputError("covariance: is not symmetric with a positive diagonal")

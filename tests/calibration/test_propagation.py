@@ -77,6 +77,11 @@ def test_common_modes_cancel_in_a_difference(rig: Rig) -> None:
         pressed.difference(replace(rest, calibration=None))
 
 
+def test_a_number_named_twice_is_refused() -> None:
+    with pytest.raises(InputError, match=r"covariance: names camera\.rx twice"):
+        Covariance(("camera.rx", "camera.rx"), np.eye(2))
+
+
 def test_without_a_covariance_nothing_changes(rig: Rig) -> None:
     given, anchor = exact(rig.truth, rig)
     plain, with_modes = (reconstruct(given, s, anchor=anchor) for s in (rig.truth, uncalibrated(rig.truth)))

@@ -28,6 +28,10 @@ def test_shape(case) -> None:
     assert "24 x 32" in complaint(correspondence, load("paper-simulation"))
 
 
+def test_scene_by_its_name(case) -> None:
+    assert "scene: is a str, must be a Scene" in complaint(case[2], "paper-simulation")
+
+
 def test_empty_mask(case) -> None:
     scene, _, correspondence = case
     assert "no pixel" in complaint(correspondence, scene, mask=np.zeros((24, 32), dtype=bool))
@@ -63,7 +67,10 @@ def test_method(case) -> None:
     assert all(name in message for name in method_names())
 
 
-@pytest.mark.parametrize("anchor", ["none", "somewhere", [], (1.0, 2.0), PointAnchor(1.0, 2.0, np.nan)])
+@pytest.mark.parametrize(
+    "anchor",
+    ["none", "somewhere", [], [None], 7.0, (1.0, 2.0), (1.0, 2.0, "a"), PointAnchor(1.0, 2.0, np.nan)],
+)
 def test_anchor(case, anchor) -> None:
     scene, _, correspondence = case
     assert "anchor" in complaint(correspondence, scene, anchor=anchor)
