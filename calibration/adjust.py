@@ -1,11 +1,10 @@
 """The bundle adjustment: all captures, all unknowns, one least-squares problem.
 
 Residuals (model - (u, v))/sigma on every capture's sample, and one row (value - mean)/sigma for every prior;
-dense, by `scipy.optimize.least_squares`. Covariance C = max(1, chi)^2 (J^T J)^-1, and what that misses of a
-model that is not linear over the width of the priors (`bent`, `among`).
+dense, by `scipy.optimize.least_squares`. Covariance C = max(1, chi)^2 (J^T J)^-1, and the way to other
+minima that may be the true one (`among`).
 """
 
-import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -20,11 +19,10 @@ from .model import reflected
 from .observation import Sample
 from .targets import Points
 
-__all__ = ["Adjustment", "Problem", "adjust", "among", "bent", "covariance_of", "step_of"]
+__all__ = ["Adjustment", "Problem", "adjust", "among", "covariance_of", "step_of"]
 
 Floats = NDArray[np.float64]
 
-_ROUGH, _MOST = 1e-6, 60  # of the sum of squares: redraws end so early; evaluations of one at most
 _LOST = 1e4  # residual of a pixel that sees nothing there
 _LARGEST = 1e8  # residual
 _TINY = {"k1": 1e-4, "k2": 1e-3, "k3": 1e-2, "p1": 1e-5, "p2": 1e-5, "index": 1e-5, "pitch": 1e-7}
@@ -35,10 +33,7 @@ _SMALL = 1e-3  # mm: step of a length
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is adjusted: names (p,) with prior means and sigmas; the others stay as `fixed` says.
-
-    offset: taken off all rows.
-    """
+    """What is adjusted: names (p,) with prior means and sigmas; the others stay as `fixed` says."""
 
     scene: Scene
     samples: Sequence[Sample]
@@ -47,7 +42,6 @@ class Problem:
     fixed: Mapping[str, float] = field(default_factory=dict)
     points: Sequence[Points] = ()
     frame: str = ""
-    offset: Floats | float = 0.0
 
     @property
     def count(self) -> int:
@@ -103,8 +97,7 @@ class Problem:
 
     def residuals(self, vector: Floats) -> Floats:
         """All rows: samples, points, priors."""
-        rows: Floats = np.concatenate([*self.data(vector), self._prior(vector)]) - self.offset
-        return rows
+        return np.concatenate([*self.data(vector), self._prior(vector)])
 
     def jacobian(self, vector: Floats) -> Floats:
         """Central differences (forward ones are wrong by the curvature, which along a weak direction exceeds
@@ -154,8 +147,8 @@ class Problem:
 @dataclass(frozen=True, eq=False)
 class Adjustment:
     """values (p,) at the minimum, jacobian there (data rows first, then one row per prior), chi of the data
-    per degree of freedom, chis of every sample, evaluations; cost: sum of squares, priors included; bend
-    (n, p): root of the covariance that a linear model misses."""
+    per degree of freedom, chis of every sample, evaluations; cost: sum of squares, priors included; apart
+    (n, p): to other minima, each times the root of its share of the posterior."""
 
     problem: Problem
     values: Floats
@@ -164,7 +157,7 @@ class Adjustment:
     chis: dict[str, float]
     evaluations: int
     cost: float
-    bend: Floats
+    apart: Floats
 
     @property
     def linear(self) -> Floats:
@@ -173,8 +166,8 @@ class Adjustment:
 
     @property
     def covariance(self) -> Floats:
-        """(p, p): linear, and what that misses."""
-        return self.linear + self.bend.T @ self.bend
+        """(p, p): linear, and by other minima."""
+        return self.linear + self.apart.T @ self.apart
 
 
 def covariance_of(jacobian: Floats, scale: Floats, chi: float) -> Floats:
@@ -220,30 +213,8 @@ def adjust(
     chi = float(np.sqrt(sum((rows**2).sum() for rows in data) / max(1, count - len(first))))
     named = zip(problem.samples, data, strict=False)
     chis = {sample.name: float(np.sqrt(np.mean(rows**2))) for sample, rows in named}
-    jacobian, cost, straight = problem.jacobian(found.x), 2 * float(found.cost), np.zeros((0, len(first)))
-    return Adjustment(problem, found.x, jacobian, chi, chis, int(found.nfev), cost, straight)
-
-
-def bent(found: Adjustment, count: int = 32, pixels: int = 200) -> Adjustment:
-    """With draws of what the linear covariance misses: rows as the minimum has them plus noise are adjusted
-    anew, and the linear answer to the same noise is taken off (randomise, then optimise: Bardsley et al.,
-    SIAM J. Sci. Comput. 36:A1895, doi:10.1137/140964023).
-
-    count: of draws; a variance of so many is known to sqrt(2/count). pixels: of a capture, each as sharp as
-    those it stands for.
-    """
-    few = replace(found.problem, samples=[_condensed(each, pixels) for each in found.problem.samples])
-    rows, jacobian = few.residuals(found.values), few.jacobian(found.values)
-    scale = np.array(list(few.sigmas.values()))
-    gain = np.linalg.pinv(jacobian * scale) * scale[:, None]
-    rng, draws = np.random.default_rng(0), []
-    for _ in range(count):
-        noise = max(1.0, found.chi) * rng.standard_normal(len(rows))
-        linear = found.values + gain @ noise
-        with contextlib.suppress(InputError):  # no scene has such numbers: a null space, which notices name
-            again = adjust(replace(few, offset=rows + noise), few.named(linear), _ROUGH, _MOST)
-            draws.append(again.values - linear)
-    return replace(found, bend=np.vstack([found.bend, *(draw / np.sqrt(len(draws)) for draw in draws)]))
+    jacobian, cost, alone = problem.jacobian(found.x), 2 * float(found.cost), np.zeros((0, len(first)))
+    return Adjustment(problem, found.x, jacobian, chi, chis, int(found.nfev), cost, alone)
 
 
 def among(found: Adjustment, minima: Sequence[Adjustment]) -> Adjustment:
@@ -255,13 +226,7 @@ def among(found: Adjustment, minima: Sequence[Adjustment]) -> Adjustment:
     share = np.exp(logs - logs.max())
     away = np.array([each.values - found.values for each in minima])
     rows = np.sqrt(share / share.sum())[:, None] * away
-    return replace(found, bend=np.vstack([found.bend, rows[share > 0]]))
-
-
-def _condensed(sample: Sample, pixels: int) -> Sample:
-    few = sample.thinned(pixels)
-    share = np.sqrt(few.row.size / sample.row.size)
-    return replace(few, sigma_u=share * few.sigma_u, sigma_v=share * few.sigma_v)
+    return replace(found, apart=rows)
 
 
 def step_of(name: str) -> float:

@@ -13,10 +13,10 @@ from optolever.notices import Notice
 from optolever.records import Axes
 from optolever.scene import Covariance, Scene, adjusted, parameter_changes, parameter_values
 
-from .adjust import Adjustment, Problem, adjust, among, bent, step_of
-from .observability import WEAK, Direction, directions, notices
+from .adjust import Adjustment, Problem, adjust, among, step_of
+from .observability import Direction, directions, notices
 from .observation import Observation, Sample, checked, frame_of, sampled
-from .priors import GAUGE, is_pose, plausible, resolved
+from .priors import GAUGE, is_pose, resolved
 from .sources import error_sources
 from .start import open_air_start
 from .targets import Ball, Flat, Plate, Points, Rest
@@ -317,10 +317,6 @@ def _judged(
 ) -> Calibration:
     names = [name for name in result.problem.names if name in parameter_values(base)]
     found = directions(result, names)
-    wide = plausible(base)
-    known = {name for name in names if result.problem.sigmas[name] < wide[name]}  # others have no width
-    if any(each.singular < WEAK and known.issuperset(dict(each.parts)) for each in found):
-        result = bent(result)
     scene = result.problem.scene_at(result.values)
     numbers, by = _carried(result, scene, names)
     sources, parts = error_sources(result)

@@ -14,11 +14,11 @@ from .observation import Observation
 from .priors import GAUGE, MEANING
 from .targets import Ball, Flat, Plate, Rest
 
-__all__ = ["WEAK", "Direction", "directions", "lacking", "notices"]
+__all__ = ["Direction", "directions", "lacking", "notices"]
 
 Floats = NDArray[np.float64]
 
-WEAK = 3.0  # singular value in prior units: below, the prior says as much as the captures
+_WEAK = 3.0  # singular value in prior units: below, the prior says as much as the captures
 _TILT = math.radians(2.0)  # between mirrors: below, they are nearly one pose
 _CHI = 1.2
 _CONTACT = 300  # pixels
@@ -68,9 +68,9 @@ def notices(
 ) -> tuple[Notice, ...]:
     """Warnings by name, and what passes through one to one."""
     told = [
-        Notice(str(each), each.singular, WEAK, "singular value in prior units")
+        Notice(str(each), each.singular, _WEAK, "singular value in prior units")
         for each in weak
-        if each.singular < WEAK
+        if each.singular < _WEAK
     ]
     told += _poses(found, observations)
     chis = {"all captures": found.chi} | found.chis

@@ -2,7 +2,7 @@
 
 The estimate is (J^T J)^-1 J^T times the rows' errors, all of variance 1: so a row adds g g^T, g its column of
 (J^T J)^-1 J^T. A prior's row has one entry, 1/sigma; what the priors leave of the sum is the captures' noise.
-What a linear model misses is a source of its own.
+Other minima are a source of their own.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ __all__ = ["error_sources"]
 Floats = NDArray[np.float64]
 
 _NOISE = "noise of the calibration's captures"
-_BENDING = "bends and second minima over the width of the priors"
+_MINIMA = "other rigs that explain the captures nearly as well"
 _WORDS = {
     "camera": "the camera, by its prior",
     "pattern": "the pattern's place, by its prior",
@@ -39,8 +39,8 @@ def error_sources(found: Adjustment) -> tuple[tuple[str, ...], Floats]:
         parts[word] = parts.get(word, 0.0) + np.outer(column, column)
     noise = covariance - np.sum(list(parts.values()), axis=0)
     parts = {_NOISE: noise} | parts
-    if found.bend.any():
-        parts[_BENDING] = found.bend.T @ found.bend
+    if found.apart.any():
+        parts[_MINIMA] = found.apart.T @ found.apart
     return tuple(parts), np.stack(list(parts.values()))
 
 
