@@ -213,8 +213,16 @@ def adjust(
     chi = float(np.sqrt(sum((rows**2).sum() for rows in data) / max(1, count - len(first))))
     named = zip(problem.samples, data, strict=False)
     chis = {sample.name: float(np.sqrt(np.mean(rows**2))) for sample, rows in named}
-    jacobian, cost, alone = problem.jacobian(found.x), 2 * float(found.cost), np.zeros((0, len(first)))
-    return Adjustment(problem, found.x, jacobian, chi, chis, int(found.nfev), cost, alone)
+    return Adjustment(
+        problem,
+        found.x,
+        problem.jacobian(found.x),
+        chi,
+        chis,
+        evaluations=int(found.nfev),
+        cost=2 * float(found.cost),
+        apart=np.zeros((0, len(first))),
+    )
 
 
 def among(found: Adjustment, minima: Sequence[Adjustment]) -> Adjustment:

@@ -216,11 +216,11 @@ def _least(problem: Problem, mean: dict[str, float]) -> Adjustment:
     (frame,) = (sample for sample in problem.samples if sample.name == problem.frame)
     starts = _rest_minima(_thinned(problem), mean) if isinstance(frame.target, Rest) else [mean]
     joined = (_roughly(problem, _staged(_thinned(problem), first)) for first in starts)
-    found = _apart(adjust(problem, first) for first in joined)
+    found = _distinct(adjust(problem, first) for first in joined)
     return among(min(found, key=lambda each: each.cost), found)
 
 
-def _apart(minima: Iterable[Adjustment]) -> list[Adjustment]:
+def _distinct(minima: Iterable[Adjustment]) -> list[Adjustment]:
     """Each minimum once."""
     found: list[Adjustment] = []
     for each in minima:
@@ -243,7 +243,7 @@ def _rest_minima(problem: Problem, mean: dict[str, float]) -> list[dict[str, flo
     for _ in range(_STARTS - 1 if drawn else 0):
         scatter = dict(zip(drawn, rng.standard_normal(len(drawn)), strict=True))
         starts.append(mean | {key: mean.get(key, 0.0) + problem.sigmas[key] * scatter[key] for key in drawn})
-    found = _apart(adjust(alone, first, _ROUGH, _START_EVALUATIONS) for first in starts)
+    found = _distinct(adjust(alone, first, _ROUGH, _START_EVALUATIONS) for first in starts)
     least = min(each.cost for each in found)
     return [mean | each.problem.named(each.values) for each in found if each.cost < least + _COSTLIER]
 

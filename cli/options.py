@@ -27,6 +27,7 @@ __all__ = [
     "mask_from",
     "noise_option",
     "renderer_option",
+    "rig_option",
     "sample",
     "scene_option",
     "seed_option",
@@ -72,6 +73,18 @@ def scene_option(command: Command) -> Command:
     """--scene PRESET_OR_TOML."""
     text = "Name of a preset (optolever names) or a scene's TOML file."
     return click.option("--scene", "scene_name", metavar="PRESET_OR_TOML", required=True, help=text)(command)
+
+
+def rig_option(command: Command) -> Command:
+    """--scene RIG.toml: the file of a rig that keeps what is measured."""
+    return click.option(
+        "--scene",
+        "rig",
+        type=click.Path(exists=True, dir_okay=False, path_type=Path),
+        required=True,
+        metavar="RIG.toml",
+        help="The rig that keeps it.",
+    )(command)
 
 
 def sample(text: str) -> str:

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from .options import FILE, json_option, sample
+from .options import FILE, json_option, rig_option, sample
 from .outputs import Program
 from .show import number, progress, table, write_json
 
@@ -22,14 +22,7 @@ $ optolever decode capture --response rig.toml --out c.npz
 @click.command("response", cls=Program, epilog=sample(SAMPLE))
 @click.argument("ramp", type=FILE, metavar="RAMP")
 @click.argument("captures", type=FILE, nargs=-1, metavar="[CAPTURE]...")
-@click.option(
-    "--scene",
-    "rig",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    required=True,
-    metavar="RIG.toml",
-    help="The rig that keeps it.",
-)
+@rig_option
 @json_option
 def command(ramp: Path, captures: tuple[Path, ...], rig: Path, json_path: Path | None) -> None:
     """Store with the rig what its display and camera make of levels.

@@ -7,7 +7,7 @@ import click
 
 from optolever import InputError
 
-from .options import blame, json_option, sample
+from .options import blame, json_option, rig_option, sample
 from .outputs import Program
 from .reconstruct import Anchor
 from .show import number, print_notices, progress, table, write_json
@@ -24,14 +24,7 @@ $ optolever reconstruct pressed.npz --scene rig.toml --out h.npz --change dent.n
 
 @click.command("rest", cls=Program, epilog=sample(SAMPLE))
 @click.argument("source", type=click.Path(exists=True, path_type=Path), metavar="CAPTURE")
-@click.option(
-    "--scene",
-    "rig",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    required=True,
-    metavar="RIG.toml",
-    help="The rig, as calibrate wrote it.",
-)
+@rig_option
 @click.option("--anchor", type=Anchor(), help="What fixes the height, as reconstruct takes it.")
 @json_option
 def command(source: Path, rig: Path, anchor: Any, json_path: Path | None) -> None:

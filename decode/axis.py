@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from .spatial import Raw
 from .spot_scan import raster_axes
 from .unwrap import climb
 
-__all__ = ["AxisDecoder", "axis_decoders"]
+__all__ = ["AxisDecoder", "AxisOptions", "axis_decoders"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,25 +80,24 @@ class AxisDecoder:
         return estimate
 
 
-def axis_decoders(
-    sequence: Sequence,
-    light: Light,
-    noise: Noise,
-    lit: Sample,
-    on_cells: bool,
-    subpixel: bool,
-    known: bool,
-    blur: float | None = None,
-) -> list[AxisDecoder]:
-    """Choose the steps for each axis. InputError where its frames tell no place.
+class AxisOptions(NamedTuple):
+    """on_cells, subpixel, blur (cells, None: unknown): see decode; known: whether the noise is, else, where
+    no rule of the frames tells it, a look-up measures it."""
 
-    known: whether the noise is; else, where no rule of the frames tells it, a look-up measures it. blur: rms,
-    cells, if it is known.
-    """
+    on_cells: bool = False
+    subpixel: bool = False
+    known: bool = False
+    blur: float | None = None
+
+
+def axis_decoders(
+    sequence: Sequence, light: Light, noise: Noise, lit: Sample, options: AxisOptions
+) -> list[AxisDecoder]:
+    """Choose the steps for each axis. InputError where its frames tell no place."""
     wanted = plan(sequence)
-    options = on_cells, subpixel, not known and not constraints(wanted, len(sequence)), blur
+    options = options._replace(known=options.known or bool(constraints(wanted, len(sequence))))
     axes = raster_axes(sequence) or wanted.axes
-    return [_decoder(axis, sequence, wanted, light, noise, lit, *options) for axis in axes]
+    return [_decoder(axis, sequence, wanted, light, noise, lit, options) for axis in axes]
 
 
 def _sampled_light(light: Light, lit: Sample) -> Light:
@@ -113,15 +113,13 @@ def _decoder(
     light: Light,
     noise: Noise,
     lit: Sample,
-    on_cells: bool,
-    subpixel: bool,
-    measure: bool,
-    blur: float | None,
+    options: AxisOptions,
 ) -> AxisDecoder:
     code = None if axis.code is None else code_plan(axis.code, wanted, noise, lit)
-    if axis.looked_up or (subpixel and code is not None and not axis.fringes):
+    if axis.looked_up or (options.subpixel and code is not None and not axis.fringes):
         cells = None if code is None else _cells(code, light, noise, lit)
-        table = prepare(sequence, wanted, axis, light, noise, lit, cells, measure, blur)
+        known = noise if options.known else None
+        table = prepare(sequence, wanted, axis, light, known, lit, cells, options.blur)
         noise = table.noise or noise
         jump = axis.stripes.width if axis.stripes else 2.0 * (1 if code is None else float(code.cell))
         limits = limits_of(axis.extent, 0.5, table.freedom, light.white)
@@ -130,7 +128,7 @@ def _decoder(
     covered = code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
     orders = None if covered else _orders(axis, _deviation(axis, noise, lit))
     rounding, shift = (0.0,) * len(axis.fringes), np.zeros(1, np.float32)
-    if on_cells and not sequence.nominal and axis.fringes:
+    if options.on_cells and not sequence.nominal and axis.fringes:
         rounding, shift = _rounding(axis.axis, sequence)
     periods = periods_of(axis.fringes, rounding) if axis.fringes else None
     freedom = sum(len(fringe.index) - 3 for fringe in axis.fringes) + max(len(axis.fringes) - 1, 0)

@@ -13,7 +13,7 @@ from optolever.notices import Notice
 from optolever.patterns import Sequence
 from optolever.records import LOG, Progress, logged, silent
 
-from .axis import AxisDecoder, axis_decoders
+from .axis import AxisDecoder, AxisOptions, axis_decoders
 from .border import border_reach
 from .correspondence import Correspondence, Flag
 from .display import Pixelation, measured_pixelations
@@ -81,8 +81,14 @@ def decode(
         response, bent = None, response
     light = light_of(frames, sequence, white_level, response)
     options = _Options(
-        *(_given_noise(noise, gain, light), bent, blur_px, on_cells, subpixel, _mask(mask, light)),
-        *(check, progress),
+        _given_noise(noise, gain, light),
+        bent,
+        blur_px,
+        on_cells,
+        subpixel,
+        _mask(mask, light),
+        check,
+        progress,
     )
     raster_axes(sequence)  # of an exposure alone it may be whole
     parts = by_exposure(sequence)
@@ -129,8 +135,8 @@ def _decoded(light: Light, sequence: Sequence, options: _Options) -> Corresponde
     light, noise, lit = under_response(light, options.noise or noise, lit)
     cells = options.on_cells and not sequence.nominal
     shot = _Shot(light, sequence, wanted, noise, lit, cells)
-    known = options.noise is not None
-    decoders = axis_decoders(sequence, light, shot.noise, lit, cells, options.subpixel, known, options.blur)
+    chosen = AxisOptions(cells, options.subpixel, options.noise is not None, options.blur)
+    decoders = axis_decoders(sequence, light, shot.noise, lit, chosen)
     step("axes", 1, steps)
     raw, shared = _estimated(shot, decoders)
     if options.mask is not None:

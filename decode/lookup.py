@@ -90,16 +90,15 @@ def prepare(
     plan: Plan,
     axis: AxisPlan,
     light: Light,
-    noise: Noise,
+    noise: Noise | None,
     lit: Sample,
     cells: F64 | None = None,
-    measure: bool = False,
     blur: float | None = None,
 ) -> Table:
     """Table of an axis, its spread measured on pixels that see the pattern.
 
     cells (K,): of a code, coordinate of the cell of each pixel of `lit`, NaN: unknown; look within the cells.
-    measure: the noise is not known; blur: rms, pattern px, if it is known.
+    noise: None where it is not known; blur: rms, pattern px, if it is known.
     """
     places, start = _thinned(lit.places, cells)
     small = replace(light, raw=np.ascontiguousarray(light.raw[:, places[:, 0], places[:, 1]][:, None, :]))
@@ -118,7 +117,7 @@ def prepare(
     usual = float(np.hypot(USUAL, blur or 0.0))
     if len(places) == 0:
         return table_for(way, usual)
-    if measure:
+    if measure := noise is None:
         contrast = float(np.mean(np.square(np.ptp(small.linear(small.raw), axis=0))))
         noise = Noise(max(light.rounding, _FIRST * contrast))
     trial = _Trial(small, noise, start, way)

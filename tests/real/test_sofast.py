@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from optolever.cli import run
 from optolever.decode import Correspondence, Response, decode
-from optolever.decode.axis import axis_decoders
+from optolever.decode.axis import AxisOptions, axis_decoders
 from optolever.decode.flags import Shared
 from optolever.decode.frames import light_of
 from optolever.decode.noise import estimate_noise
@@ -68,7 +68,7 @@ def readings(real: Path, screen: Correspondence) -> Correspondence:
     noise, lit = estimate_noise(light, plan(capture.sequence))
     found = {}
     shape = screen.flags.shape
-    for decoder in axis_decoders(capture.sequence, light, noise, lit, False, False, False):
+    for decoder in axis_decoders(capture.sequence, light, noise, lit, AxisOptions()):
         raw = Raw(*np.empty((2, *shape), np.float32))
         shared = Shared(np.zeros(shape, np.uint16), *np.zeros((3, *shape), np.float32))
         decoder.decode((0, len(screen.flags)), raw, True, shared)
