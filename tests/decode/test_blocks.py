@@ -25,7 +25,7 @@ def shown_as(name: str) -> Sequence:
     )
 
 
-@pytest.mark.parametrize("name", ["phase", "close", "gray", "gray+phase"])
+@pytest.mark.parametrize("name", ["phase", "close", "gray", "gray+phase", "stripe"])
 @pytest.mark.parametrize("rows", [7, 16, 32, 200])
 def test_blocks_change_nothing(
     name: str, rows: int, shoot: Shoot, smooth: tuple[F64, F64], monkeypatch: pytest.MonkeyPatch

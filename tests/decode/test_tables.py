@@ -13,6 +13,8 @@ from scipy.special import erf
 from optolever.decode import Correspondence, Flag, decode
 from optolever.patterns import Frame, Sequence, sequence
 
+from .light import seen_by_pixels
+
 F64 = NDArray[np.float64]
 Shoot = Callable[..., NDArray[Any]]
 
@@ -171,3 +173,73 @@ def test_micro_phase_of_one_single_frame_is_decoded() -> None:
     shown = replace(whole, frames=kept)
     found = decode(shown.render(), shown, on_cells=False)
     assert found.u.shape == (24, 32)
+
+
+def free(cols: int, frames: int) -> Sequence:
+    """Random grey values of single cells along u."""
+    values = np.random.default_rng(0).integers(0, 256, (frames, cols))
+    return Sequence(tuple(Frame("levels", "u", levels=tuple(row.tolist())) for row in values), 4, cols)
+
+
+def rows_of_pixels(cols: int, width: float) -> F64:
+    """Where 40 rows of pixels of `width` cells look, each row from a place of its own."""
+    return 6 + 0.97 * width * np.arange(int((cols - 14) / width)) + 0.0273 * np.arange(40)[:, None]
+
+
+def seen(shown: Sequence, u: F64, width: float = 1.0, blur: float = 0.3, noise: float = 1.0) -> NDArray[Any]:
+    light = np.concatenate([seen_by_pixels(shown, row, width, blur) for row in u], axis=1)
+    noisy = light + noise * np.random.default_rng(7).standard_normal(light.shape)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(("width", "blur", "noise"), [(1.0, 0.5, 1.0), (0.6, 0.02, 2.0), (2.0, 0.3, 1.0)])
+def test_free_levels(width: float, blur: float, noise: float) -> None:
+    shown, u = free(200, 12), rows_of_pixels(200, width)
+    found = decode(seen(shown, u, width, blur, noise), shown)
+    score = ((found.u - u) / found.sigma_u)[found.good]
+    assert found.good.mean() > 0.95
+    assert np.mean(np.abs(score) > 5) <= 2e-4
+    assert 0.3 < np.sqrt(np.mean(score**2)) < 1.25
+    assert np.median(found.amplitude) == pytest.approx(0.85 * 127.5, rel=0.1)
+    assert np.median(found.offset) == pytest.approx(16 + 0.85 * 127.5, rel=0.1)
+
+
+def test_levels_that_jump_beside_dark_and_clipped_rows() -> None:
+    shown, rng = free(300, 10), np.random.default_rng(3)
+    u = np.repeat(rng.uniform(8, 290, 8), 20) + 0.3 * np.tile(np.arange(20), 8) + np.zeros((30, 1))
+    frames = seen(shown, u)
+    frames[:, 10:14] = np.clip(np.rint(20 + rng.standard_normal(frames[:, 10:14].shape)), 0, 255)
+    frames[:, 20:24] = 255
+    lit = np.ones(30, bool)
+    lit[10:14] = lit[20:24] = False
+    found = decode(frames, shown)
+    assert not found.good[~lit].any()
+    assert found.good[lit].mean() > 0.8
+    assert np.abs(found.u - u)[found.good].max() < 0.5
+
+
+def test_clipped_samples_are_left_out() -> None:
+    shown, u = free(200, 14), rows_of_pixels(200, 1.0)
+    frames = seen(shown, u)
+    frames[np.random.default_rng(1).random(frames.shape) < 0.05] = 255
+    found = decode(frames, shown)
+    assert found.good.mean() > 0.85
+    assert np.abs(found.u - u)[found.good].max() < 0.5
+
+
+def test_two_places_alike_are_known() -> None:
+    """Every level is shown at two places: an even chance."""
+    values = np.tile(np.random.default_rng(5).integers(0, 256, (8, 60)), 2)
+    shown = Sequence(tuple(Frame("levels", "u", levels=tuple(row.tolist())) for row in values), 4, 120)
+    u = 5 + 0.9 * np.arange(50) + 0.013 * np.arange(20)[:, None]
+    found = decode(seen(shown, u), shown)
+    assert found.good.mean() < 0.01
+    assert np.median(found.order_error) == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_second_stripe_as_bright_is_doubtful() -> None:
+    shown, u = sequence("stripe", 4, 170, axes="u", step=4), rows_of_pixels(170, 1.0)[:, :100]
+    ghost = np.rint(0.5 * seen(shown, u) + 0.5 * seen(shown, u + 40)).astype(np.uint8)
+    found = decode(ghost, shown)
+    assert (found.order_error > 0.1).all()
+    assert not found.good.any()
