@@ -31,7 +31,7 @@ from optolever.scene import (
 
 from ..drawn import between, drawn_dent, together
 
-__all__ = ["KINDS", "LEAST_LIT", "Rig", "draw_rig", "drawn_sensor"]
+__all__ = ["KINDS", "LEAST_LIT", "Rig", "camera_axes", "draw_rig", "drawn_sensor"]
 
 Float = NDArray[np.float64]
 
@@ -114,7 +114,7 @@ def _drawn_camera(
     tilt = np.radians(rng.uniform(-6, 6, 2)) if rng.random() < 0.7 else np.zeros(2)
     roll = np.radians(rng.uniform(-20, 20)) if rng.random() < 0.7 else 0.0
     quarter = 0.5 * np.pi * rng.integers(4)
-    u_axis, v_axis = _axes(angle + tilt[0], tilt[1], roll + quarter)
+    u_axis, v_axis = camera_axes(angle + tilt[0], tilt[1], roll + quarter)
     zoom = float(np.sqrt(between(rng, 0.03, 1.0))) if rng.random() < 0.5 else float(rng.uniform(1.0, 1.2))
     fields = mirror.length * np.cos(angle), mirror.width
     along, down = fields[::-1] if quarter % np.pi else fields
@@ -137,7 +137,7 @@ def _drawn_camera(
     return PinholeCamera(stand, u_axis, v_axis, focal, centre, rows, cols, distortion, face)
 
 
-def _axes(angle: float, sideways: float, roll: float) -> tuple[Float, Float]:
+def camera_axes(angle: float, sideways: float, roll: float) -> tuple[Float, Float]:
     """Axes u, v of a camera that looks down at `angle` from the normal, towards -x, `sideways` along y."""
     u, v = np.array([-np.cos(angle), 0.0, np.sin(angle)]), np.array([0.0, 1.0, 0.0])
     looking = np.cross(u, v)
@@ -162,7 +162,7 @@ def _open_plane(rng: np.random.Generator, mirror: Mirror, angle: float) -> Patte
     away = np.array([-np.sin(angle), 0.0, np.cos(angle)])
     distance = mirror.length * float(rng.uniform(1.0, 3.0))
     tilt = np.radians(rng.uniform(-20, 20, 2))
-    u, v = _axes(angle + tilt[0], tilt[1], np.radians(rng.uniform(-20, 20)) + 0.5 * np.pi * rng.integers(4))
+    u, v = camera_axes(angle + tilt[0], tilt[1], np.radians(rng.uniform(-20, 20)) + 0.5 * np.pi * rng.integers(4))
     u, v = u * (1.0, 1.0, -1.0), v * (1.0, 1.0, -1.0)  # the plane that a camera in the mirror image faces
     pitch = 2.0 * _PLANE * mirror.length / _PLANE_CELLS
     middle = np.array([0.5 * mirror.length, 0.5 * mirror.width, 0.0]) + distance * away

@@ -3,21 +3,26 @@
 import numpy as np
 import pytest
 
+from optolever.experiments import brute_force
 from optolever.reconstruct import HeightFlag, PixelAnchor, reconstruct
 from optolever.scene import dent, load, resize, trace
 
-from .brute_force import dents_of, see, touching_rig
+from .touching import amid, dents_of, touching_rig, way_of
 
 
 @pytest.mark.parametrize("number", [1, 6, 11])
 def test_the_tracer_agrees_with_the_brute_force(number: int) -> None:
     scene = touching_rig(number)
     surface = dents_of(scene)[2]
-    seen, traced = see(scene, surface), trace(scene, surface)
-    both = seen.visible & traced.visible
-    assert both.sum() > 0.95 * seen.visible.sum()
-    np.testing.assert_allclose(seen.u[both], traced.u[both], atol=1e-6)
-    np.testing.assert_allclose(seen.point[2][both], traced.z[both], atol=1e-9 * scene.mirror.length)
+    traced, (row, col) = trace(scene, surface), np.indices((48, 56)).astype(np.float64)
+    u, v = (part.reshape(row.shape) for part in brute_force(scene, surface, row.ravel(), col.ravel()))
+    o, d = scene.camera.rays()
+    foot = o - o[..., 2:] / d[..., 2:] * d
+    seen = (np.abs(u - 199.5) < 200) & (np.abs(v - 199.5) < 200) & (foot[..., 0] > 0)
+    seen &= (foot[..., 0] < scene.mirror.length) & (foot[..., 1] > 0) & (foot[..., 1] < scene.mirror.width)
+    assert (seen & traced.visible).sum() > 0.95 * seen.sum()
+    for place, brute in ((traced.u, u), (traced.v, v)):
+        np.testing.assert_allclose(place[traced.visible], brute[traced.visible], atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -29,30 +34,30 @@ def test_the_tracer_agrees_with_the_brute_force(number: int) -> None:
         *(pytest.param(n, m, marks=pytest.mark.slow) for n, m in ((1, "robust"), (15, "fixed-point"))),
     ],
 )
-def test_a_pattern_that_touches_the_mirror_costs_its_pixels_alone(number: int, method: str) -> None:
+def test_a_pattern_that_touches_the_mirror_costs_its_pixels_alone(noisy, number: int, method: str) -> None:
     """LinAlgError, RuntimeError, infs or NaNs, or every pixel NOT_CONVERGED until they were flagged first."""
     scene = touching_rig(number)
     silent = solved = 0
     for k, surface in enumerate(dents_of(scene)):
-        seen = see(scene, surface)
-        row, col = seen.amid()
-        anchor = PixelAnchor(row, col, float(seen.point[2, row, col]))
+        truth = trace(scene, surface)
+        row, col = amid(scene, truth)
+        anchor = PixelAnchor(row, col, float(truth.z[row, col]))
         for noise in (0.02, 0.0):
-            height = reconstruct(seen.correspondence(noise=noise, seed=k), scene, method, anchor)
+            height = reconstruct(noisy(truth, noise=noise, seed=k), scene, method, anchor)
             good = height.good
-            assert good.sum() > 0.95 * seen.visible.sum()
-            error = np.abs(height.z - seen.point[2])[good]
+            assert good.sum() > 0.95 * truth.visible.sum()
+            error = np.abs(height.z - truth.z)[good]
             silent += np.count_nonzero(error > 5 * height.sigma[good] + 1e-9 * scene.mirror.length)
             solved += error.size
     assert silent < 3e-4 * solved  # neighbours share an error: one run alone is one event
 
 
-def test_a_pixel_on_the_pattern_is_flagged() -> None:
+def test_a_pixel_on_the_pattern_is_flagged(noisy) -> None:
     scene = touching_rig(5)
-    seen = see(scene, dent("flat", scene))
-    row, col = seen.amid()
-    height = reconstruct(seen.correspondence(), scene, anchor=PixelAnchor(row, col, 0.0))
-    touching = seen.visible & (seen.way < 0.02 * scene.pattern.pitch)  # its noise
+    truth = trace(scene, dent("flat", scene))
+    row, col = amid(scene, truth)
+    height = reconstruct(noisy(truth), scene, anchor=PixelAnchor(row, col, 0.0))
+    touching = truth.visible & (way_of(scene, truth) < 0.02 * scene.pattern.pitch)  # its noise
     assert touching.any()
     assert np.all(height.flags[touching] == HeightFlag.SINGULAR)
     assert np.isnan(height.z[touching]).all()

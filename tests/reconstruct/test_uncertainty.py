@@ -6,8 +6,9 @@ import pytest
 from optolever.reconstruct import PixelAnchor, reconstruct
 from optolever.reconstruct.poisson import ColumnPoisson
 from optolever.reconstruct.uncertainty import averaging_gain, edge_diagonal
+from optolever.scene import trace
 
-from .brute_force import dents_of, see, touching_rig
+from .touching import amid, dents_of, touching_rig
 
 ROWS, COLS = 12, 10
 
@@ -114,19 +115,19 @@ def test_noise_that_was_told_too_small_is_told_by_the_curl(exact, noisy, times: 
     assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.2)
 
 
-def test_coverage_where_the_weights_do_not_go_by_columns() -> None:
+def test_coverage_where_the_weights_do_not_go_by_columns(noisy) -> None:
     """A rolled camera whose pattern touches the mirror: sigma was up to 2.9 times too small around the
     anchor.
     """
     scene = touching_rig(6)
-    seen = see(scene, dents_of(scene)[0])
-    row, col = seen.amid()
-    anchor = PixelAnchor(row, col, float(seen.point[2, row, col]))
-    squares = np.zeros(seen.u.shape)
+    truth = trace(scene, dents_of(scene)[0])
+    row, col = amid(scene, truth)
+    anchor = PixelAnchor(row, col, float(truth.z[row, col]))
+    squares = np.zeros(truth.u.shape)
     draws = 12
     for seed in range(draws):
-        height = reconstruct(seen.correspondence(noise=0.02, seed=seed), scene, anchor=anchor)
-        squares += np.where(height.good, np.square((height.z - seen.point[2]) / height.sigma), 1.0) / draws
+        height = reconstruct(noisy(truth, noise=0.02, seed=seed), scene, anchor=anchor)
+        squares += np.where(height.good, np.square((height.z - truth.z) / height.sigma), 1.0) / draws
     ratio = np.sqrt(squares[max(row - 6, 0) : row + 7, col - 6 : col + 15])
     assert 0.8 < np.sqrt(np.mean(ratio**2)) < 1.2
     assert ratio.max() < 1.8  # 12 draws: chi2 99.99 %
