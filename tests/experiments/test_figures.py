@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from optolever.decode import Correspondence
 from optolever.experiments import Figure, brute_force
 from optolever.experiments.solver_bound import least_variance
-from optolever.reconstruct import reconstruct
 from optolever.scene import dent_from_text, load, resize, trace
 
 
@@ -29,22 +27,9 @@ def test_limits() -> None:
     assert not Figure("a", float("nan"), high=1.0).met
 
 
-def test_the_bound_is_met_by_the_solver_and_symmetric() -> None:
-    """Two ways that share nothing: sparse algebra on the law of reflection, and 400 noisy solves."""
+def test_the_bound_of_a_flat_mirror_is_the_same_from_top_to_bottom() -> None:
     scene = resize(load("paper-simulation"), 13, 13)
-    truth = trace(scene, dent_from_text("flat", scene))
-    least = least_variance(scene, truth, 11)
+    least = least_variance(scene, trace(scene, dent_from_text("flat", scene)), 11)
     assert least.shape == (5, 4)
     assert (least > 0).all()
-    # A flat mirror is the same from top to bottom.
     np.testing.assert_allclose(least, least[::-1], rtol=1e-3)
-    errors = []
-    for seed in range(400):
-        rng = np.random.default_rng(seed)
-        u, v = (part + 1e-3 * rng.standard_normal(part.shape) for part in (truth.u, truth.v))
-        sigma = np.full(u.shape, 1e-3)
-        mask = np.arange(13)[None, :] < 11
-        seen = Correspondence(u, v, sigma, sigma, np.where(truth.visible & mask, 0, 128).astype(np.uint16))
-        errors.append((reconstruct(seen, scene).z - truth.z)[::3, :11:3] / 1e-3)
-    ratio = np.sqrt(np.mean(np.square(errors), axis=0) / least)
-    assert 0.93 < np.sqrt(np.mean(ratio**2)) < 1.1
