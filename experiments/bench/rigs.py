@@ -162,7 +162,8 @@ def _open_plane(rng: np.random.Generator, mirror: Mirror, angle: float) -> Patte
     away = np.array([-np.sin(angle), 0.0, np.cos(angle)])
     distance = mirror.length * float(rng.uniform(1.0, 3.0))
     tilt = np.radians(rng.uniform(-20, 20, 2))
-    u, v = camera_axes(angle + tilt[0], tilt[1], np.radians(rng.uniform(-20, 20)) + 0.5 * np.pi * rng.integers(4))
+    roll = np.radians(rng.uniform(-20, 20)) + 0.5 * np.pi * rng.integers(4)
+    u, v = camera_axes(angle + tilt[0], tilt[1], roll)
     u, v = u * (1.0, 1.0, -1.0), v * (1.0, 1.0, -1.0)  # the plane that a camera in the mirror image faces
     pitch = 2.0 * _PLANE * mirror.length / _PLANE_CELLS
     middle = np.array([0.5 * mirror.length, 0.5 * mirror.width, 0.0]) + distance * away
