@@ -14,6 +14,7 @@ from optolever.blocks import over_rows
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
 from optolever.kernels import exact
+from optolever.records import Comparable
 
 from .arrays import Floats
 from .slope_map import SlopeMap
@@ -24,8 +25,8 @@ _ARRAYS = ("xx", "xy", "yy", "sigma_xx", "sigma_xy", "sigma_yy", "mean", "sigma_
 _CHANCE = 3.0  # standard deviations of chi2
 
 
-@dataclass(frozen=True, slots=True)
-class CurvatureMap:
+@dataclass(frozen=True, slots=True, eq=False)
+class CurvatureMap(Comparable):
     """Second derivatives of z and the mean curvature, 1/mm, with their sigmas, (H, W) each.
 
     mean: half the sum of the principal curvatures, negative at the bottom of a dent (z > 0 into the medium);

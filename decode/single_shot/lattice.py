@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
 from optolever.patterns import Sequence, lattice_lines
+from optolever.records import Comparable
 
 from .corners import Corners, refined
 from .crossed import displaced
@@ -24,8 +25,8 @@ _SETTLED = 0.1
 _FARTHEST = 0.25
 
 
-@dataclass(frozen=True, slots=True)
-class Crossings:
+@dataclass(frozen=True, slots=True, eq=False)
+class Crossings(Comparable):
     """K crossings found at rest; `now` is NaN and `sigma` inf where one was not found again.
 
     index  (K, 2) numbers of the lines along u and v      pattern  (K, 2) their u, v, pattern pixels

@@ -18,6 +18,7 @@ from optolever.reconstruct import (
     PointAnchor,
     SlopeMap,
     contacts,
+    exact_correspondence,
     reconstruct,
     slope_map,
 )
@@ -38,9 +39,7 @@ def uncalibrated(scene: Scene) -> Scene:
 
 def exact(scene: Scene, rig: Rig, dented: bool = True) -> tuple[Correspondence, PointAnchor]:
     surface = rig.dent if dented else rig.rest
-    seen = trace(scene, surface)
-    sigma = np.full(seen.u.shape, 1e-3)
-    found = Correspondence(seen.u, seen.v, sigma, sigma, flags=np.where(seen.visible, 0, 1).astype(np.uint16))
+    found = exact_correspondence(trace(scene, surface), 1e-3)
     x, y = 0.9 * scene.mirror.length, 0.5 * scene.mirror.width
     z = float(surface.height(np.array(x), np.array(y)))
     return found, PointAnchor(x, y, z)
@@ -152,9 +151,7 @@ def test_figures_and_slopes_hold_the_rig(kind: str) -> None:
     scene = uncalibrated(truth)
     assert scene.covariance is not None
     seen = trace(truth, surface)
-    noise = np.full(seen.u.shape, 1e-3)
-    flags = np.where(seen.visible, 0, 1).astype(np.uint16)
-    given = Correspondence(seen.u, seen.v, noise, noise, flags=flags)
+    given = exact_correspondence(seen, 1e-3)
 
     def measured(by: Scene) -> tuple[Contact, SlopeMap]:
         height = reconstruct(given, by)

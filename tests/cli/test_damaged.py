@@ -17,7 +17,7 @@ from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.pictures import read_picture
 from optolever.projector import load_sofast
-from optolever.reconstruct import reconstruct
+from optolever.reconstruct import exact_correspondence, reconstruct
 from optolever.scene import dent, load, load_sofast_rig, resize, trace
 from optolever.scene import sofast_files as rig
 
@@ -60,10 +60,8 @@ def test_names_of_a_sweep(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> 
 
 def fields() -> Fields:
     scene = resize(load("prism48"), 24, 32)
-    seen = trace(scene, dent("flat", scene))
-    sigma = np.full(seen.u.shape, 0.01)
-    flags = np.where(seen.visible, 0, 128).astype(np.uint16)
-    return {"u": seen.u, "v": seen.v, "sigma_u": sigma, "sigma_v": sigma.copy(), "flags": flags}
+    seen = exact_correspondence(trace(scene, dent("flat", scene)))
+    return {name: getattr(seen, name) for name in ("u", "v", "sigma_u", "sigma_v", "flags")}
 
 
 def written(path: Path, arrays: Fields, change: Any = None) -> Path:
@@ -267,10 +265,8 @@ def rig_file(path: Path, arrays: Fields) -> Path:
 @pytest.mark.parametrize("value", [np.float64(1), np.ones((2, 3, 4)), np.ones(0), np.full((3, 1), 1e300)])
 def test_fields_of_a_rig_of_sofast(name: str, value: Any, tmp_path: Path) -> None:
     path = rig_file(tmp_path / "r.h5", rig_fields() | {name: value})
-    with pytest.raises(InputError, match=r"r\.h5: ") as error:
+    with pytest.raises(InputError, match=rf"r\.h5: .*{name}"):
         load_sofast_rig(path)
-    assert name in str(error.value)
-    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("far", [1e38, -1e6, 500.0])

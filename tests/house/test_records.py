@@ -4,15 +4,16 @@ import logging
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from optolever import InputError
-from optolever.decode import Correspondence, decode
+from optolever.decode import Correspondence, decode, difference
 from optolever.patterns import Sequence, sequence
 from optolever.projector import Capture, capture
-from optolever.reconstruct import Grid, HeightMap, SlopeMap, reconstruct, slope_map
+from optolever.reconstruct import Grid, HeightMap, SlopeMap, curvature_map, reconstruct, slope_map
 from optolever.scene import Scene, Trace, dent, load, resize, trace
 
 Chain = tuple[Scene, Sequence, Trace, Capture, Correspondence, HeightMap]
@@ -63,6 +64,29 @@ def test_equality_is_of_what_is_held_and_never_raises(chain: Chain, derived: tup
     assert derived[0] != replace(derived[0], pitch=1.0)
     assert (where == height) is False
     assert where != "a correspondence"
+
+
+def test_records_come_back_from_their_files(
+    chain: Chain, derived: tuple[Grid, SlopeMap], tmp_path: Path
+) -> None:
+    """Equal to what was saved; a file that lacks a field is named with it, as is one that is not there."""
+    _, _, truth, _, where, height = chain
+    for record in (truth, where, difference(where, where), height, *derived, curvature_map(derived[1])):
+        path = tmp_path / f"{type(record).__name__}.npz"
+        record.save(path)
+        assert type(record).load(path) == record
+        with np.load(path) as archive:
+            name, *others = archive.files
+            np.savez(tmp_path / "less.npz", **{other: archive[other] for other in others})
+        with pytest.raises(InputError, match=rf"less\.npz: field '{name}' is missing"):
+            type(record).load(tmp_path / "less.npz")
+        with pytest.raises(InputError, match=r"none\.npz: no such file"):
+            type(record).load(tmp_path / "none.npz")
+
+
+def test_what_is_refused_is_one_line() -> None:
+    """Whatever the message of another library that is a part of it."""
+    assert str(InputError("scene.toml: not readable\n  (line 3,\n column 4)")).count("\n") == 0
 
 
 def test_records_are_drawn(chain: Chain, derived: tuple[Grid, SlopeMap]) -> None:

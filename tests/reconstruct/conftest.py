@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from optolever.decode import Correspondence
+from optolever.reconstruct import exact_correspondence
 from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
 
 Exact = tuple[Scene, Trace, Correspondence]
@@ -17,12 +18,8 @@ def correspondence_of(truth: Trace, sigma: float = 0.02, noise: float = 0.0, see
     """What a decoder would make of a trace: u and v with Gaussian noise,
     OFF_PATTERN where nothing is seen.
     """
-    rng = np.random.default_rng(seed)
-    shape = truth.u.shape
-    error = noise * rng.standard_normal((2, *shape))
-    sigmas = np.full(shape, sigma)
-    flags = np.where(truth.visible, 0, 16).astype(np.uint16)
-    return Correspondence(truth.u + error[0], truth.v + error[1], sigmas, sigmas.copy(), flags)
+    error = noise * np.random.default_rng(seed).standard_normal((2, *truth.u.shape))
+    return replace(exact_correspondence(truth, sigma), u=truth.u + error[0], v=truth.v + error[1])
 
 
 @lru_cache(maxsize=32)

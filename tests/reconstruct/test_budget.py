@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from optolever import InputError
-from optolever.decode import Correspondence
 from optolever.reconstruct import (
     ANCHOR,
     NOISE,
@@ -15,6 +14,7 @@ from optolever.reconstruct import (
     HeightMap,
     PointAnchor,
     budget,
+    exact_correspondence,
     free_mode_of,
     reconstruct,
 )
@@ -39,9 +39,7 @@ def measured(
     """What a scene (the rig's own) makes of exact places that the rig sees."""
     scene = rig if used is None else used
     seen = trace(rig, dent(name, rig, **numbers))
-    sigma = np.full(seen.u.shape, 1e-3)
-    flags = np.where(seen.visible, 0, 1).astype(np.uint16)
-    return reconstruct(Correspondence(seen.u, seen.v, sigma, sigma, flags), scene, anchor=anchor)
+    return reconstruct(exact_correspondence(seen, 1e-3), scene, anchor=anchor)
 
 
 def test_every_source_is_what_its_error_does(rig: Scene) -> None:

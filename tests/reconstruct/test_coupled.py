@@ -13,10 +13,11 @@ from optolever.reconstruct import (
     HeightMap,
     PixelAnchor,
     PointAnchor,
+    exact_correspondence,
     reconstruct,
 )
-from optolever.scene import Scene, TelecentricCamera, load, resize, trace
 from optolever.scene import dent_from_text as dent
+from optolever.scene import load, resize, trace
 
 
 def relative_rms(height: HeightMap, truth: np.ndarray) -> float:
@@ -93,11 +94,8 @@ def test_a_wrong_anchor_excites_the_free_mode_alone(bump) -> None:
     """At 45 degrees and small slopes the free mode is h = C x."""
     scene, _, _ = bump
     truth = trace(scene, dent("flat", scene))
-    flat = Correspondence(
-        truth.u, truth.v, *np.full((2, *truth.u.shape), 0.02), (~truth.visible).astype(np.uint16)
-    )
     row, col = 48, 56
-    height = reconstruct(flat, scene, anchor=PixelAnchor(row, col, 1e-3))
+    height = reconstruct(exact_correspondence(truth), scene, anchor=PixelAnchor(row, col, 1e-3))
     expected = 1e-3 * height.x / height.x[row, col]
     np.testing.assert_allclose(height.z, expected, atol=2e-6)
 
@@ -110,65 +108,6 @@ def test_fixed_point_agrees(bump) -> None:
     assert len(slow.diagnostics.steps) > len(fast.diagnostics.steps)
     difference = (slow.z - fast.z)[slow.good & fast.good]
     assert np.sqrt(np.mean(difference**2)) < 1e-6 * np.nanmax(truth.z)
-
-
-def turned(scene: Scene, correspondence: Correspondence, kind: str) -> tuple[Scene, Correspondence]:
-    """The same physics with the camera's pixels numbered otherwise."""
-    camera = scene.camera
-    assert isinstance(camera, TelecentricCamera)
-    last = camera.origin + (camera.cols - 1) * camera.pitch[0] * camera.u_axis
-    if kind == "half turn":
-        far = last + (camera.rows - 1) * camera.pitch[1] * camera.v_axis
-        new = replace(camera, origin=far, u_axis=-camera.u_axis, v_axis=-camera.v_axis)
-        turn = 2
-    else:
-        new = replace(
-            camera,
-            origin=last,
-            u_axis=camera.v_axis,
-            v_axis=-camera.u_axis,
-            pitch=camera.pitch[::-1].copy(),
-            rows=camera.cols,
-            cols=camera.rows,
-        )
-        turn = 1
-    names = ("u", "v", "sigma_u", "sigma_v", "flags")
-    fields = {name: np.rot90(getattr(correspondence, name), turn).copy() for name in names}
-    return replace(scene, camera=new), Correspondence(**fields)
-
-
-@pytest.mark.parametrize(("kind", "turn"), [("half turn", 2), ("quarter turn", 1)])
-@pytest.mark.parametrize("holes", [False, True])
-def test_a_turned_camera_sees_the_same_mirror(bump, noisy, kind: str, turn: int, holes: bool) -> None:
-    scene, truth, _ = bump
-    correspondence = noisy(truth, noise=0.02, seed=5)
-    if holes:
-        flags = np.where(np.random.default_rng(1).random(truth.u.shape) < 0.03, 1, correspondence.flags)
-        correspondence = replace(correspondence, flags=flags.astype(np.uint16))
-    other_scene, other = turned(scene, correspondence, kind)
-    straight = reconstruct(correspondence, scene)
-    turned_map = reconstruct(other, other_scene)
-    for name in ("z", "sigma"):
-        first, second = np.rot90(getattr(straight, name), turn), getattr(turned_map, name)
-        np.testing.assert_array_equal(np.isnan(first), np.isnan(second))
-        good = np.isfinite(first)
-        error = np.abs(first - second)[good] / np.rot90(straight.sigma, turn)[good]
-        assert error.max() < 0.05
-
-
-def test_metres_instead_of_millimetres(bump) -> None:
-    scene, truth, correspondence = bump
-    camera, pattern, mirror = scene.camera, scene.pattern, scene.mirror
-    k = 1e-3
-    small = replace(
-        scene,
-        mirror=replace(mirror, length=k * mirror.length, width=k * mirror.width),
-        pattern=replace(pattern, origin=k * pattern.origin, pitch=k * pattern.pitch),
-        camera=replace(camera, origin=k * camera.origin, pitch=k * camera.pitch),
-    )
-    straight, scaled = reconstruct(correspondence, scene), reconstruct(correspondence, small)
-    assert np.nanmax(np.abs(scaled.z / k - straight.z)) < 1e-9 * np.nanmax(truth.z)
-    np.testing.assert_allclose(scaled.sigma / k, straight.sigma, rtol=1e-6)
 
 
 @pytest.mark.parametrize("shape", ["disk", "holes", "slit", "dropouts"])

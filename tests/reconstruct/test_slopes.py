@@ -1,13 +1,12 @@
 """Slopes and curvature against the surface that was traced, their sigmas against scatter."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from optolever import InputError
-from optolever.reconstruct import CurvatureMap, HeightMap, SlopeMap, curvature_map, reconstruct, slope_map
+from optolever.reconstruct import HeightMap, SlopeMap, curvature_map, reconstruct, slope_map
 from optolever.scene import dent_from_text, trace
 
 DENTS = [("paper-simulation", "gaussian"), ("monitor-mirror", "gaussian"), ("prism48", "gaussian")]
@@ -84,17 +83,6 @@ def test_curvature_sigma_where_it_changes_within_the_window(exact, noisy) -> Non
     expected = 0.3 * np.exp(-(dx**2 + dy**2) / 98) * (dx**2 / 49 - 1) / 49
     score = ((found.xx - expected) / found.sigma_xx)[height.good]
     assert np.sqrt(np.nanmean(score**2)) < 2  # noise alone: 13
-
-
-def test_files(tmp_path: Path) -> None:
-    slopes = quadratic()
-    slopes.save(tmp_path / "s.npz")
-    np.testing.assert_array_equal(SlopeMap.load(tmp_path / "s.npz").slope_x, slopes.slope_x)
-    curvature = curvature_map(slopes)
-    curvature.save(tmp_path / "c.npz")
-    np.testing.assert_array_equal(CurvatureMap.load(tmp_path / "c.npz").mean, curvature.mean)
-    with pytest.raises(InputError, match="field 'x'"):
-        SlopeMap.load(tmp_path / "c.npz")
 
 
 def test_bad_input(exact) -> None:

