@@ -99,7 +99,7 @@ def shape_surface(height: Callable[[Floats, Floats], Floats]) -> Surface:
         x, y = np.asarray(x, np.complex128), np.asarray(y, np.complex128)
         return height(x + 1j * tiny, y).imag / tiny, height(x, y + 1j * tiny).imag / tiny  # type: ignore[arg-type]
 
-    return Surface(lambda x, y: np.asarray(height(x, y), np.float64), gradient)
+    return Surface(height, gradient)
 
 
 def open_air(

@@ -34,6 +34,7 @@ def command(ramp: Path, captures: tuple[Path, ...], rig: Path, json_path: Path |
     import numpy as np
 
     from optolever.calibration import measure_response, store_response
+    from optolever.files import together
     from optolever.projector import Capture
 
     with progress() as step:
@@ -41,21 +42,22 @@ def command(ramp: Path, captures: tuple[Path, ...], rig: Path, json_path: Path |
         first, *others = [Capture.load(path) for path in (ramp, *captures)]
         step("measure")
         found = measure_response(first, others, [str(path) for path in (ramp, *captures)])
+        gamma, misfit = found.gamma
+        numbers: dict[str, Any] = {
+            "gamma": gamma,
+            "misfit": misfit,
+            "black": found.black,
+            "blur_px": found.response.blur,
+            "blur_sigma_px": found.blur_sigma,
+            "parted_sigma": found.parted_sigma,
+        }
+        maps = {name: getattr(found, name) for name in ("gain", "vignetting", "backlight")}
+        for name, shown in maps.items():
+            numbers[f"{name}_least"] = None if shown is None else float(np.nanmin(shown) / np.nanmax(shown))
         step("write")
-        path = store_response(rig, found)
-    gamma, misfit = found.gamma
-    numbers: dict[str, Any] = {
-        "gamma": gamma,
-        "misfit": misfit,
-        "black": found.black,
-        "blur_px": found.response.blur,
-        "blur_sigma_px": found.blur_sigma,
-        "parted_sigma": found.parted_sigma,
-    }
-    maps = {name: getattr(found, name) for name in ("gain", "vignetting", "backlight")}
-    for name, shown in maps.items():
-        numbers[f"{name}_least"] = None if shown is None else float(np.nanmin(shown) / np.nanmax(shown))
-    write_json(json_path, numbers)
+        with together():
+            path = store_response(rig, found)
+            write_json(json_path, numbers)
     told = found.vignetting is not None
     missing = "not told: give captures of fringes" if not captures else None
     apart = f"not parted ({len(captures)} captures"

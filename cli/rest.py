@@ -37,6 +37,7 @@ def command(source: Path, rig: Path, anchor: Any, json_path: Path | None) -> Non
     import numpy as np
 
     from optolever.calibration import RestMap, store_rest
+    from optolever.files import together
     from optolever.reconstruct import reconstruct
     from optolever.scene import load
 
@@ -51,15 +52,16 @@ def command(source: Path, rig: Path, anchor: Any, json_path: Path | None) -> Non
             height = reconstruct(seen, scene, anchor=anchor)
             if not height.good.any():
                 raise InputError("no height is good; is the mirror at rest in view?")
+        good = height.good
+        numbers = {
+            "good_share": float(good.mean()),
+            "z_rms_mm": float(np.sqrt(np.mean(height.z[good] ** 2))),
+            "sigma_mm": float(np.median(height.total_sigma[good])),
+        }
         step("write")
-        path = store_rest(rig, RestMap(height, seen))
-    good = height.good
-    numbers = {
-        "good_share": float(good.mean()),
-        "z_rms_mm": float(np.sqrt(np.mean(height.z[good] ** 2))),
-        "sigma_mm": float(np.median(height.total_sigma[good])),
-    }
-    write_json(json_path, numbers)
+        with together():
+            path = store_rest(rig, RestMap(height, seen))
+            write_json(json_path, numbers)
     print_notices(height.notices)
     rows = {
         "good": number(100 * numbers["good_share"], "% of the pixels"),

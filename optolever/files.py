@@ -104,11 +104,15 @@ _waiting: ContextVar[list[_Output] | None] = ContextVar("outputs that wait for o
 
 @contextmanager
 def together() -> Iterator[None]:
-    """What is written inside takes its place when the block succeeds: all of it or nothing."""
+    """What is written inside takes its place when the block (or the outer one) succeeds: all or nothing."""
     outputs: list[_Output] = []
+    outer = _waiting.get()
     before = _waiting.set(outputs)
     try:
         yield
+        if outer is not None:
+            outer += outputs
+            outputs = []
         # renaming does not fail for want of room, writing to a device may: so devices come first
         for output in sorted(outputs, key=lambda output: not output.through):
             output.take_place()

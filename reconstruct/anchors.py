@@ -164,6 +164,8 @@ def _samples(anchor: Anchor, scene: Scene, rays: RayField, mask: Mask) -> Sample
         distance = float((anchor.z - origin[2]) / direction[2])
     elif isinstance(anchor, DistanceAnchor):
         distance, sigma = anchor.distance, anchor.sigma
+    if not distance > 0:
+        raise InputError(f"{anchor}: lies {-distance:g} mm behind where the camera's ray begins")
     return Samples(*(np.array([value], dtype=np.float64) for value in (row, col, distance, sigma)))
 
 

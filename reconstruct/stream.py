@@ -2,8 +2,8 @@
 
 As long as the pixels that can be used stay the same but for small holes, a frame costs one look at the
 equations and one linear solve with the last factorisation and the last integrating factor (a chord step; a
-second one after a large change). Sigma, anchors' shares, chi2 and the curl alarm are those of the last frame
-that was solved in full; modes of a calibrated rig are solved for as often as `refresh` says.
+second one after a large change). Sigma, anchors' shares and agreement, chi2 and the curl alarm are those of
+the last frame that was solved in full; modes of a calibrated rig are solved for as often as `refresh` says.
 """
 
 import math
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from optolever.decode import Correspondence
+from optolever.notices import Notice
 from optolever.scene import Scene
 
 from .anchors import Anchors
@@ -23,7 +24,7 @@ from .holes import bridged, small_holes
 from .newton import State, chord_step
 from .problem import Problem, require_correspondence
 from .propagation import Measurement, interpolated
-from .result import Spread, height_map, judged
+from .result import Spread, anchors_apart, height_map, judged
 from .uncertainty import unknown_variance
 
 __all__ = ["HeightStream"]
@@ -42,6 +43,7 @@ class HeightStream:
         self._scene, self._anchor, self._refresh = scene, anchor, max(1, refresh)
         self._age = self._modes_age = 0
         self._last: tuple[Problem, State, Floats, HeightMap] | None = None
+        self._apart: tuple[Notice, ...] = ()
 
     def update(self, correspondence: Correspondence) -> HeightMap:
         """The height of one more frame. Raises InputError as `reconstruct` does."""
@@ -55,9 +57,10 @@ class HeightStream:
             height = self._with_modes(height, correspondence)
             variance = unknown_variance(problem.data, state, problem.labels)
             self._last, self._age = (problem, state, variance, height), 0
+            self._apart = anchors_apart(problem, state, height)
         self._age += 1
         self._modes_age += 1
-        return height
+        return replace(height, notices=(*height.notices, *self._apart))
 
     def _with_modes(self, height: HeightMap, correspondence: Correspondence) -> HeightMap:
         """With the modes of a calibrated rig: the last ones, anew where they are `refresh` frames old."""

@@ -266,3 +266,6 @@ def test_all_outputs_or_none(
     args = [*solve, "--out", tmp_path / "h.npz", "--ply", tmp_path / "h.ply", "--json", full]
     assert_refused(optolever, tmp_path, args, (str(full), "No space left"))
     assert stat.S_ISCHR(full.stat().st_mode)
+    (tmp_path / "rig.toml").write_bytes((chain.capture / "scene.toml").read_bytes())
+    args = ["rest", chain.correspondence, "--scene", tmp_path / "rig.toml", "--json", full]
+    assert_refused(optolever, tmp_path, args, (str(full), "No space left"))
