@@ -25,10 +25,12 @@ Floats = NDArray[np.float64]
 
 _LOST = 1e4  # residual of a pixel that sees nothing there
 _LARGEST = 1e8  # residual
-_TINY = {"k1": 1e-4, "k2": 1e-3, "k3": 1e-2, "p1": 1e-5, "p2": 1e-5, "index": 1e-5, "pitch": 1e-7}
-_TINY |= {"pitch_u": 1e-7, "pitch_v": 1e-7, "f": 1e-1, "cx": 1e-2, "cy": 1e-2, "rx": 1e-5, "ry": 1e-5}
-_TINY |= {"rz": 1e-5, "tilt_x": 1e-5, "tilt_y": 1e-5}
-_SMALL = 1e-3  # mm: step of a length
+# Steps of differences: the root of what rounding leaves. Larger ones are wrong by the curvature, which along
+# a weak direction exceeds the slope; by these, covariances are right to 2e-4.
+_TINY = {"k1": 1e-7, "k2": 1e-6, "k3": 1e-5, "p1": 1e-8, "p2": 1e-8, "index": 1e-8, "pitch": 1e-10}
+_TINY |= {"pitch_u": 1e-10, "pitch_v": 1e-10, "f": 1e-4, "cx": 1e-5, "cy": 1e-5, "rx": 1e-8, "ry": 1e-8}
+_TINY |= {"rz": 1e-8, "tilt_x": 1e-8, "tilt_y": 1e-8}
+_SMALL = 1e-6  # mm: of a length
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,27 +102,24 @@ class Problem:
         return np.concatenate([*self.data(vector), self._prior(vector)])
 
     def jacobian(self, vector: Floats) -> Floats:
-        """Central differences (forward ones are wrong by the curvature, which along a weak direction exceeds
-        the slope); a capture's own unknowns move its own rows alone.
-        """
-        counts = [2 * len(sample.row) for sample in self.samples]
-        starts = np.concatenate([[0], np.cumsum(counts)])
-        data, extra = self.count - len(vector), self.count - len(vector) - starts[-1]
+        """Forward differences; a capture's own unknowns move its own rows alone."""
+        starts = np.cumsum([0, *(2 * len(sample.row) for sample in self.samples)])
+        data = self.count - len(vector)
         rows = np.zeros((self.count, len(vector)))
-        here, known = self.scene_at(vector), parameter_values(self.scene)
+        scene, known = self.scene_at(vector), parameter_values(self.scene)
         with np.errstate(all="ignore"):
-            rays = [self._reflected(sample, self.named(vector), here) for sample in self.samples]
+            rays = [self._reflected(sample, self.named(vector), scene) for sample in self.samples]
+        here = self.data(vector, None, scene, rays)
         for k, name in enumerate(self.names):
-            step, only = step_of(name), self._moved(name)
-            scene = None if name in known else here
-            ahead, behind = (vector + sign * step * (np.arange(len(vector)) == k) for sign in (1, -1))
+            moved, only = vector.copy(), self._moved(name)
+            moved[k] += step_of(name)
+            step = moved[k] - vector[k]  # as rounded
             same = rays if name.startswith("pattern.") else None
-            both = (self.data(moved, only, scene, same) for moved in (ahead, behind))
-            for index, one, other in zip(only, *both, strict=True):
-                rows[starts[index] : starts[index + 1], k] = (one - other) / (2 * step)
-            if extra:
-                moved = [self.rest_shape(self.named(each)) for each in (ahead, behind)]
-                rows[starts[-1] : data, k] = (moved[0] - moved[1]) / (2 * step)
+            there = self.data(moved, only, None if name in known else scene, same)
+            for index, one in zip(only, there, strict=True):
+                rows[starts[index] : starts[index + 1], k] = (one - here[index]) / step
+            if self.points:
+                rows[starts[-1] : data, k] = (self.rest_shape(self.named(moved)) - here[-1]) / step
             rows[data + k, k] = 1 / self.sigmas[name]
         return rows
 
@@ -216,7 +215,7 @@ def adjust(
     return Adjustment(
         problem,
         found.x,
-        problem.jacobian(found.x),
+        found.jac,
         chi,
         chis,
         evaluations=int(found.nfev),
@@ -238,5 +237,5 @@ def among(found: Adjustment, minima: Sequence[Adjustment]) -> Adjustment:
 
 
 def step_of(name: str) -> float:
-    """Half a central difference of a number."""
+    """Of a number's differences."""
     return _TINY.get(name.rpartition(".")[2], _SMALL)

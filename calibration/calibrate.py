@@ -341,7 +341,7 @@ def _carried(result: Adjustment, scene: Scene, names: Sequence[str]) -> tuple[tu
     known, problem = parameter_values(scene), result.problem
     by = np.zeros((len(known), len(result.values)))
     for name in names:
-        k, step = problem.names.index(name), step_of(name)
+        k, step = problem.names.index(name), 1e3 * step_of(name)
         move = step * (np.arange(len(result.values)) == k)
         ends = (problem.scene_at(result.values + sign * move) for sign in (1, -1))
         ahead, behind = (np.array(list(parameter_changes(scene, end).values())) for end in ends)

@@ -38,7 +38,5 @@ def reflected(scene: Scene, shape: Shape, row: Floats, col: Floats) -> tuple[Flo
         t = t - step
         if np.nanmax(np.abs(step), initial=0.0) < _SETTLED:
             break
-    point = o + t * d
-    _, hx, hy = shape(point[0], point[1])
     normal = np.stack([-hx, -hy, np.ones_like(hx)]) / np.sqrt(1 + hx * hx + hy * hy)
-    return point, d - 2 * (d * normal).sum(axis=0) * normal
+    return o + t * d, d - 2 * (d * normal).sum(axis=0) * normal

@@ -14,7 +14,7 @@ from optolever.calibration.figures import _rendering
 from optolever.calibration.observation import checked
 from optolever.calibration.rigs import Rig, ball_cap, correspondence_of, prism, shape_surface
 from optolever.decode import Correspondence
-from optolever.scene import Surface, trace
+from optolever.scene import trace
 
 Floats = NDArray[np.float64]
 Height = Callable[[Floats, Floats], Floats]
@@ -47,23 +47,10 @@ def lying(under: Height, x0: float, y0: float, depth: float, radius: float) -> H
     return height
 
 
-def for_complex_steps(surface: Surface) -> Height:
-    """Its height, for coordinates with an imaginary part too."""
-
-    def height(x: Floats, y: Floats) -> Floats:
-        z = surface.height(np.real(x), np.real(y))
-        if not np.iscomplexobj(x + y):
-            return z
-        slope_x, slope_y = surface.gradient(np.real(x), np.real(y))
-        return z + 1j * (slope_x * np.imag(x) + slope_y * np.imag(y))  # type: ignore[return-value]
-
-    return height
-
-
 def pressed(rig: Rig, shape, ball, take) -> tuple[Correspondence, NDArray[np.bool_]]:  # type: ignore[no-untyped-def]
     """Capture of a ball (radius, depth, x, y), and the pixels that see its contact."""
     radius, depth, x, y = ball
-    surface = shape_surface(shape(for_complex_steps(rig.rest), x, y, depth, radius))
+    surface = shape_surface(shape(rig.rest.height, x, y, depth, radius))
     seen = trace(rig.truth, surface)
     with np.errstate(invalid="ignore"):
         inside = np.hypot(seen.x - x, seen.y - y) < np.sqrt(radius * depth)
@@ -171,7 +158,7 @@ def test_calibration_with_what_is_found_is_as_with_the_true_contact(pinhole: boo
 def test_no_contact_is_one_line_that_asks_for_a_mask(shape: str) -> None:
     rng = np.random.default_rng(8)
     rig = prism(rng, 1, correspondence_of(0.005, rng), size=100)
-    under = for_complex_steps(rig.rest)
+    under = rig.rest.height
 
     def roll(x: Floats, y: Floats) -> Floats:
         total: Floats = under(x, y) + 0.2 * np.exp(-((x - 30.0) ** 2) / 50.0)
@@ -189,7 +176,7 @@ def test_a_dent_that_is_no_ball_is_refused() -> None:
     rng = np.random.default_rng(8)
     take = correspondence_of(0.005, rng)
     rig = prism(rng, 1, take, size=160)
-    under = for_complex_steps(rig.rest)
+    under = rig.rest.height
 
     def dent(x: Floats, y: Floats) -> Floats:
         total: Floats = under(x, y) + 0.3 * np.exp(-((x - 30) ** 2 + (y - 22) ** 2) / 20.0)
