@@ -14,7 +14,7 @@ from .display import rounding_shift, table_rounding
 from .estimate import Estimate
 from .flags import DOUBT, Limits, Shared, limits_of, merge
 from .frames import Light
-from .gray import CodePlan, code_plan, read_code
+from .gray import CodePlan, code_plan, decode_code, read_code
 from .lookup import Table, lookup_rows, prepare
 from .micro import MicroTable, micro_table, unwrap_micro
 from .noise import Noise, Sample
@@ -53,20 +53,21 @@ class AxisDecoder:
 
     def decode(self, rows: tuple[int, int], raw: Raw, first: bool, shared: Shared) -> None:
         """Rows start..stop: coordinates and variances into the axis' maps, the rest into the shared ones."""
-        if self.periods is not None:
-            into = raw.coordinate, raw.variance, self.limits, first, shared
-            if self.micro is not None:
-                unwrap_micro(self.light, self.noise, self.periods, self.micro, rows, into)
-            elif self.orders is not None:
-                unwrap_close(self.light, self.noise, self.periods, self.orders, rows, into)
-            else:
-                climb(self.light, self.noise, self.periods, self.axis.extent, self.code, rows, into)
+        into = raw.coordinate, raw.variance, self.limits, first, shared
+        if self.table is not None:
+            merge(self._looked_up(self.table, rows, raw), self.noise, self.limits, first, rows, shared)
+        elif self.periods is None:
+            assert self.code is not None
+            decode_code(self.light, self.noise, self.code, rows, into)
+        elif self.micro is not None:
+            unwrap_micro(self.light, self.noise, self.periods, self.micro, rows, into)
+        elif self.orders is not None:
+            unwrap_close(self.light, self.noise, self.periods, self.orders, rows, into)
         else:
-            estimate = self._estimate(rows, raw)
-            merge(estimate, self.noise, self.limits, first, rows, shared)
+            climb(self.light, self.noise, self.periods, self.axis.extent, self.code, rows, into)
 
-    def _estimate(self, rows: tuple[int, int], raw: Raw) -> Estimate:
-        """Rows start..stop of what has no periods."""
+    def _looked_up(self, table: Table, rows: tuple[int, int], raw: Raw) -> Estimate:
+        """Rows start..stop by a table, of a code from its cells on."""
         part = slice(*rows)
         estimate = replace(
             Estimate.empty(rows[1] - rows[0], self.light.raw.shape[2], self.freedom),
@@ -75,8 +76,7 @@ class AxisDecoder:
         )
         if self.code is not None:
             read_code(self.light, self.noise, self.code, rows, estimate)
-        if self.table is not None:
-            lookup_rows(self.light, self.noise, self.table, rows, estimate)
+        lookup_rows(self.light, self.noise, table, rows, estimate)
         return estimate
 
 

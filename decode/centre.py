@@ -41,7 +41,7 @@ def windowed(coord: Any, flags: Any, start: Any, stop: Any, out: Any) -> None:
     out[:] = np.float32(np.nan)
     first, left, right = start - REACH, REACH, REACH + cols - 1
     for y in range(max(first, 0), min(stop + REACH, rows)):
-        out[y - first, left : right + 1] = np.where(flags[y] == 0, coord[y], np.float32(np.nan))
+        _good_only(coord[y], flags[y], out[y - first, left : right + 1])
     top, end = -first, rows - 1 - first
     for k in (1, 2):
         if rows > 2 and top >= k:
@@ -51,6 +51,12 @@ def windowed(coord: Any, flags: Any, start: Any, stop: Any, out: Any) -> None:
         if cols > 2:
             out[:, left - k] = _parabola(out[:, left], out[:, left + 1], out[:, left + 2], k)
             out[:, right + k] = _parabola(out[:, right], out[:, right - 1], out[:, right - 2], k)
+
+
+@kernel
+def _good_only(line: Any, flags: Any, out: Any) -> None:
+    for x in range(line.size):
+        out[x] = line[x] if flags[x] == 0 else np.float32(np.nan)
 
 
 @inlined

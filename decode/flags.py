@@ -12,7 +12,7 @@ from .correspondence import Flag
 from .estimate import Estimate
 from .noise import Noise
 
-__all__ = ["Limits", "Shared", "limits_of", "merge", "merge_line"]
+__all__ = ["Limits", "Shared", "limits_of", "marked", "marks_for", "merge", "merge_line"]
 
 #: Probability of a wrong order above which a pixel is flagged.
 DOUBT = 1e-4
@@ -102,3 +102,22 @@ def merge_line(estimate: Any, noise: Any, limits: Any, first: Any, shared: Any) 
         least[x] = a if first else min(least[x], a)
         mean[x] = o if first else half * (mean[x] + o)
         either[x] = wrong if first else either[x] + wrong - either[x] * wrong
+
+
+@exact
+def marks_for(width: Any) -> Any:
+    """Room for the marks of a line, uint8, all 0."""
+    return np.zeros(-(-width // 8) * 8, np.uint8)
+
+
+@exact
+def marked(marks: Any, places: Any) -> Any:
+    """How many of a line's pixels are marked; places (W,): where. Eight are asked at once, as few are."""
+    count, eights = 0, marks.view(np.uint64)
+    for k in range(eights.size):
+        if eights[k] != 0:
+            for x in range(8 * k, 8 * k + 8):
+                if marks[x] != 0:
+                    places[count] = x
+                    count += 1
+    return count

@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 from optolever.kernels import exact, inlined, kernel
 
 from .bit_levels import GROUP, WEAK, CodePlan, bits_in_groups, fitted_levels, turned, weak_bits
-from .estimate import Estimate
+from .estimate import Estimate, vanishing
+from .flags import marked, marks_for, merge_line
 from .frames import Light, level_of
 from .noise import Noise, Sample
 from .plan import Code, Plan
 
-__all__ = ["CodePlan", "code_plan", "read_code", "read_line", "room_for"]
+__all__ = ["CodePlan", "code_plan", "decode_code", "read_code", "read_line", "room_for"]
 
 #: Pixels that tell the blur at most: medians to 4 %.
 _PIXELS = 1024
@@ -34,12 +35,15 @@ _WEAKEST, _LEAST, _SECOND, _LARGEST, _KEPT = 0, 1, 2, 3, 4
 
 class _Room(NamedTuple):
     """For a line: words (W,), what is kept of bits (2, _KEPT, W), what the means of pairs are off the usual
-    level, summed, and squared (2, W); differences of one pixel (bits,)."""
+    level, summed, and squared (2, W); differences of one pixel (bits,); marks of pixels of several weak bits,
+    and where they are (W,)."""
 
     word: Any
     kept: Any
     off: Any
     margin: Any
+    several: Any
+    places: Any
 
 
 def code_plan(code: Code, plan: Plan, noise: Noise, lit: Sample) -> CodePlan:
@@ -95,11 +99,44 @@ def _read_rows(
         read_line(raw, row, table, clip, code, True, noise, room, line)
 
 
+def decode_code(
+    light: Light, noise: Noise, code: CodePlan, rows: tuple[int, int], into: tuple[Any, ...]
+) -> None:
+    """Coordinates of rows start..stop from the code alone; into: see `unwrap.climb`."""
+    raw, table, _, (clip, _) = light.numbers()
+    _decode_rows(raw, table, clip, *rows, code, noise.numbers(), *into)
+
+
+@exact
+def _decode_rows(
+    raw: Any,
+    table: Any,
+    clip: Any,
+    start: Any,
+    stop: Any,
+    code: Any,
+    noise: Any,
+    place: Any,
+    var: Any,
+    limits: Any,
+    first: Any,
+    shared: Any,
+) -> None:
+    """A row at a time, so that what it tells is still in the cache."""
+    room, own = room_for(code, raw.shape[2]), np.empty((5, raw.shape[2]), np.float32)
+    flags, least, mean, either = shared
+    for row in range(start, stop):
+        line = place[row], var[row], own[0], own[1], own[2], own[3], own[4]
+        read_line(raw, row, table, clip, code, True, noise, room, line)
+        merge_line(line, noise, limits, first, (flags[row], least[row], mean[row], either[row]))
+
+
 @exact
 def room_for(code: Any, width: Any) -> Any:
     """Room for a line."""
     kept, off = np.empty((2, _KEPT, width), np.float32), np.empty((2, width), np.float32)
-    return _Room(np.empty(width, np.int32), kept, off, np.empty(code.factor.size, np.float32))
+    margin = np.empty(code.factor.size, np.float32)
+    return _Room(np.empty(width, np.int32), kept, off, margin, marks_for(width), np.empty(width, np.int64))
 
 
 @exact
@@ -124,15 +161,14 @@ def read_line(
     if not referenced:
         a[:], kept[_LARGEST] = kept[_LARGEST], np.float32(0)
     _cells_line(room, kept, code, (pairs, misfit2, alone, noise), a, o, place, var, error, chi2)
-    _several_weak(kept[_SECOND], misfit2, noise, a, o, room.word)
-    for x in range(place.size):
-        if room.word[x] != 0:
-            for b in range(code.factor.size):
-                plain, inverse = code.frames[b]
-                one, other = level_of(raw[plain, row, x], table), level_of(raw[inverse, row, x], table)
-                room.margin[b] = _single(one, o[x], _bit(code, b)) + code.share[b, 1] * other
-            own = noise.read2 + noise.gain * max(o[x], np.float32(0))
-            place[x], var[x], error[x] = weak_bits(room.margin, code, a[x], own, alone, (place[x], var[x]))
+    _several_weak(kept[_SECOND], misfit2, noise, a, o, room.several[: place.size])
+    for x in room.places[: marked(room.several, room.places)]:
+        for b in range(code.factor.size):
+            plain, inverse = code.frames[b]
+            one, other = level_of(raw[plain, row, x], table), level_of(raw[inverse, row, x], table)
+            room.margin[b] = _single(one, o[x], _bit(code, b)) + code.share[b, 1] * other
+        own = noise.read2 + noise.gain * max(o[x], np.float32(0))
+        place[x], var[x], error[x] = weak_bits(room.margin, code, a[x], own, alone, (place[x], var[x]))
 
 
 @exact
@@ -269,7 +305,9 @@ def _cells_line(
         own = noise.read2 + noise.gain * max(offset[x], zero)
         power = amplitude[x] * amplitude[x]
         deviation = one / np.sqrt(own + misfit2 * power)
-        wrong, also = turned(least[x] * deviation), turned(second[x] * deviation)
+        wrong, next_ = turned(least[x] * deviation), second[x] * deviation
+        # of the next one from above: Q(z) <= exp(-z^2 / 2) / 2
+        also = half * vanishing(half * next_ * next_)
         step = weakest[x] - np.float32(word[x])
         beside = abs(step) == one
         place[x] = first + cell * (np.float32(word[x]) + (mixed * wrong * step if beside else zero))
@@ -281,8 +319,9 @@ def _cells_line(
         unlike = noise.rounding2 + noise.misfit2 * power
         rss = square[x] - off[x] * off[x] * count * known
         over = max(largest[x] - amplitude[x], zero)
-        singles = np.float32(1.5) * own + unlike + code.misfit2 * power
-        chi2[x] = rss / (half * own + unlike) + over * over / singles
+        singles, both = np.float32(1.5) * own + unlike + code.misfit2 * power, half * own + unlike
+        # one division for both quotients
+        chi2[x] = (rss * singles + over * over * both) / (both * singles)
 
 
 @kernel
@@ -293,4 +332,4 @@ def _several_weak(second: Any, misfit2: Any, noise: Any, amplitude: Any, offset:
         own = noise.read2 + noise.gain * max(offset[x], np.float32(0))
         power = amplitude[x] * amplitude[x]
         weak = second[x] * second[x] < sure * (own + misfit2 * power)
-        several[x] = np.int32(weak & (power > np.float32(8) * own))
+        several[x] = np.uint8(weak & (power > np.float32(8) * own))

@@ -18,6 +18,7 @@ from .border import MARGIN, inwards
 from .centre import BULK, STEEP, centred, lesser, windowed
 from .correspondence import Flag
 from .display import PER_CELL, PLACES, REACH
+from .flags import marked, marks_for
 
 __all__ = ["Raw", "check_rows", "despeckle"]
 
@@ -68,7 +69,8 @@ def _check(
     rows, cols = coord.shape
     window = np.empty((stop - start + 2 * REACH, cols + 2 * REACH), np.float32)
     windowed(coord, flags, start, stop, window)
-    special, light = np.empty(cols, np.int32), np.empty(cols + 2, np.float32)
+    special, light = marks_for(cols), np.empty(cols + 2, np.float32)
+    places = np.empty(cols, np.int64)
     at, rounded = np.zeros(cols, np.uint32), np.zeros(cols, np.uint32)
     most = np.float32(shift.size // PLACES - 1)
     margin = np.float32(MARGIN if extent > 0 else -np.inf)
@@ -77,11 +79,9 @@ def _check(
     border = np.float32(np.inf) if extent <= 0 else extent
     for y in range(start, stop):
         up, down, k = max(y - 1, 0), min(y + 1, rows - 1), y - start + REACH
-        _special_line(
-            *(window, k, variance[y], variance[up], variance[down], (jump, per_turn), low, high, special)
-        )
-        if (y == 0) | (y == rows - 1):
-            special[:] = 1
+        own = flags[y], variance[y], variance[up], variance[down]
+        limits = jump, per_turn, low, high, (y == 0) | (y == rows - 1)
+        _special_line(window, k, own, limits, special[:cols])
         if shift.size > 1:
             _entry_line(coord[y], window, k, most, at)
         if rounding.size > 1:
@@ -94,22 +94,21 @@ def _check(
             light[1 : cols + 1], light[0], light[cols + 1] = offset[y], offset[y, 0], offset[y, cols - 1]
             limits = jump, per_turn, reach * reach, border, REACH <= y < rows - REACH
             centred(*(coord[y], window, k, (light, offset[up], offset[down]), limits, out[y], sigma[y]))
-        for x in range(cols):
-            if special[x] != 0 and flags[y, x] == 0:
-                flag, lost = _neighbours(y, x, coord, variance, flags, amplitude, (jump, per_turn))
-                here, left, right = window[k, x + REACH], window[k, x + REACH - 1], window[k, x + REACH + 1]
-                above, below = window[k - 1, x + REACH], window[k + 1, x + REACH]
-                gx, gy = _step_on_a_map(left, here, right, jump), _step_on_a_map(above, here, below, jump)
-                # what bends inside of half a turn or more, only all neighbours tell
-                beside = left + right + above + below != left + right + above + below
-                unknown = beside & ((gx + gy) * per_turn > np.float32(0.5))
-                unknown |= _undersampled(window[k, x + REACH - 2 : x + REACH + 3], per_turn)
-                unknown |= _undersampled(window[k - 2 : k + 3, x + REACH], per_turn)
-                flag |= np.uint16(_OUTLIER if unknown else 0)
-                off, shift_in, unsure_in = inwards(here, gx, gy, reach, told, extent)
-                out[y, x] -= shift_in
-                sigma[y, x] += lost + unsure_in
-                out_flags[y, x] |= flag | np.uint16(_OFF if off else 0)
+        for x in places[: marked(special, places)]:
+            flag, lost = _neighbours(y, x, coord, variance, flags, amplitude, (jump, per_turn))
+            here, left, right = window[k, x + REACH], window[k, x + REACH - 1], window[k, x + REACH + 1]
+            above, below = window[k - 1, x + REACH], window[k + 1, x + REACH]
+            gx, gy = _step_on_a_map(left, here, right, jump), _step_on_a_map(above, here, below, jump)
+            # what bends inside of half a turn or more, only all neighbours tell
+            beside = left + right + above + below != left + right + above + below
+            unknown = beside & ((gx + gy) * per_turn > np.float32(0.5))
+            unknown |= _undersampled(window[k, x + REACH - 2 : x + REACH + 3], per_turn)
+            unknown |= _undersampled(window[k - 2 : k + 3, x + REACH], per_turn)
+            flag |= np.uint16(_OUTLIER if unknown else 0)
+            off, shift_in, unsure_in = inwards(here, gx, gy, reach, told, extent)
+            out[y, x] -= shift_in
+            sigma[y, x] += lost + unsure_in
+            out_flags[y, x] |= flag | np.uint16(_OFF if off else 0)
         _root(sigma[y], roughness, least)
 
 
@@ -158,36 +157,24 @@ def _root(sigma: Any, roughness: Any, least: Any) -> None:
 
 
 @kernel
-def _special_line(
-    window: Any,
-    k: Any,
-    var: Any,
-    var_above: Any,
-    var_below: Any,
-    limits: Any,
-    low: Any,
-    high: Any,
-    special: Any,
-) -> None:
-    """Pixels of which neighbours or the border tell something: those at the image's edge are always
-    asked."""
-    size, two, (jump, per_turn) = special.size, np.float32(2), limits
-    sure, four, square = _SURE2, np.float32(4), jump * jump
+def _special_line(window: Any, k: Any, own: Any, limits: Any, special: Any) -> None:
+    """Good pixels of which neighbours or the border tell something: those at the image's edge are always
+    asked. own: flags of the line, variances of it and of those above and below."""
+    (flags, var, var_above, var_below), (jump, per_turn, low, high, edge) = own, limits
+    size, two, sure, four, square = special.size, np.float32(2), _SURE2, np.float32(4), jump * jump
     half_a_turn = np.float32(0.5) / max(per_turn, np.float32(1e-9))
-    last = max(size - 1, 1)
-    line, above = window[k, REACH:], window[k - 1, REACH:]
-    below, own = window[k + 1, REACH:], var
-    for x in range(1, last):
+    line, above, below = window[k, REACH:], window[k - 1, REACH:], window[k + 1, REACH:]
+    for x in range(1, max(size - 1, 1)):
         c, left, right, up, down = line[x], line[x - 1], line[x + 1], above[x], below[x]
         off_x, off_y = left + right - two * c, up + down - two * c
-        bend_x = off_x * off_x > sure * (own[x - 1] + four * own[x] + own[x + 1])
-        bend_y = off_y * off_y > sure * (var_above[x] + four * own[x] + var_below[x])
+        bend_x = off_x * off_x > sure * (var[x - 1] + four * var[x] + var[x + 1])
+        bend_y = off_y * off_y > sure * (var_above[x] + four * var[x] + var_below[x])
         wide = (bend_x & (off_x * off_x > square)) | (bend_y & (off_y * off_y > square)) | (bend_x & bend_y)
         far = max(max(abs(c - left), abs(right - c)), max(abs(c - up), abs(down - c)))
-        wide |= (c < low) | (c > high) | (far > half_a_turn)
+        wide |= (c < low) | (c > high) | (far > half_a_turn) | edge
         beside = off_x + off_y != off_x + off_y  # one that is refused
-        special[x] = 1 if wide | beside else 0
-    special[0], special[size - 1] = 1, 1
+        special[x] = np.uint8((wide | beside) & (flags[x] == 0))
+    special[0], special[size - 1] = np.uint8(flags[0] == 0), np.uint8(flags[size - 1] == 0)
 
 
 @kernel
