@@ -18,6 +18,7 @@ from optolever.errors import InputError
 from optolever.patterns import BINARY_CODES, Frame, Sequence, sequence_from_text
 
 from .demo import Progress, silent
+from .ideal import camera_frames, ideal_level
 
 __all__ = ["CODES", "CodeRow", "code_rows", "predict_code", "seen"]
 
@@ -189,9 +190,9 @@ def _searched(single: list[tuple[float, float]], extent: int) -> float:
 def _free(shown: Sequence, mine: list[Frame], axis: str, ratio: float) -> tuple[float, float, float]:
     """(sigma, rate of wrong places, narrowest stripe) of any grey values: Fisher's bound, union bound."""
     extent = shown.cols if axis == "u" else shown.rows
-    frames = mine + [frame for frame in shown.frames if frame.kind in ("white", "black")]
+    frames = [i for i, frame in enumerate(shown.frames) if frame in mine or frame.kind in ("white", "black")]
     place = np.arange(4 * extent) / 4
-    level = np.stack([_level(frame, axis, place) for frame in frames]) * 2 * ratio
+    level = np.stack([ideal_level(shown, i, place, place) for i in frames]) * 2 * ratio
     slope = np.gradient(level, 0.25, axis=1)
     bound = []
     for k in range(len(place) // 8, len(place) - len(place) // 8, 5):
@@ -212,38 +213,11 @@ def _widths(mine: list[Frame]) -> list[float]:
     return [frame.width_px or (frame.period_px or 2.0) / 2 for frame in mine]
 
 
-def _level(frame: Frame, axis: str, place: F64) -> F64:
-    """What an ideal surface shows at a place, 0..1."""
-    if frame.kind in ("white", "black"):
-        shown = np.full(place.shape, float(frame.kind == "white"))
-    elif frame.kind == "phase":
-        shown = 0.5 + 0.5 * np.cos(2 * np.pi * place / (frame.period_px or 1.0) - (frame.shift or 0.0))
-    elif frame.kind == "stripe":
-        away = np.abs(place - float(getattr(frame, f"at_{axis}"))) / (frame.width_px or 1.0)
-        shown = np.where(away < 1, 0.5 + 0.5 * np.cos(np.pi * np.minimum(away, 1)), 0.0)
-    else:
-        cells = int(place.max()) + 2
-        table = frame.tables(cells, cells)["uv".index(axis)]
-        return np.asarray(table[np.floor(place + 0.5).astype(int)] / 255.0)
-    return 1 - shown if frame.inverted else shown
-
-
 def seen(
     shown: Sequence, u: F64, v: F64, amplitude: float, noise: float, rng: np.random.Generator
 ) -> NDArray[np.uint16]:
     """Frames (N, H, W) of pixels that look at (u, v) each, from 1 to 3 amplitudes, in levels / _STEPS."""
-    frames = np.empty((len(shown), *u.shape), np.uint16)
-    for i, frame in enumerate(shown.frames):
-        if frame.kind in BINARY_CODES or frame.kind == "levels":
-            table = frame.tables(shown.rows, shown.cols)["uv".index(frame.axis or "u")] / 255.0
-            light = table[np.floor((u if frame.axis == "u" else v) + 0.5).astype(int)]
-        elif frame.kind == "stripe" and frame.axis == "uv":
-            light = _level(frame, "u", u) * _level(frame, "v", v)
-        else:
-            light = _level(frame, frame.axis or "u", v if frame.axis == "v" else u)
-        level = amplitude * (1 + 2 * light) + noise * rng.standard_normal(u.shape)
-        frames[i] = np.clip(np.rint(_STEPS * level), 0, 65535)
-    return frames
+    return camera_frames(shown, (u, v), (2 * amplitude, amplitude), noise, rng, _STEPS).astype(np.uint16)
 
 
 def _detected(shown: Sequence, amplitude: float, noise: float) -> tuple[float, float]:

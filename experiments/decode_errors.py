@@ -6,6 +6,7 @@ and orders are of levels that are not rounded, the rest of whole ones.
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,10 @@ from optolever.decode import Correspondence, Response, decode
 from optolever.patterns import Frame, Sequence, sequence
 
 from .figures import Figure
+from .ideal import camera_frames, ideal_level
 from .metrics import rms
 
-__all__ = ["decode_errors", "shown_level"]
+__all__ = ["decode_errors"]
 
 F64 = NDArray[np.float64]
 #: Frames of what Monte Carlo tells: rows, columns; surface of these, cells; seeds of means over seeds.
@@ -36,21 +38,13 @@ def decode_errors(_: tuple[int, int] = PIXELS) -> Iterator[Figure]:
         yield from part()
 
 
-def _light(shown: Sequence, u: F64, v: F64) -> F64:
-    """-1 to 1 (N, H, W)."""
-    return np.stack([shown_level(frame, v if frame.axis == "v" else u) for frame in shown.frames])
+def _light(shown: Sequence, place: tuple[F64, F64]) -> F64:
+    """0..1, (N, H, W)."""
+    return np.stack([ideal_level(shown, i, *place) for i in range(len(shown))])
 
 
-def shown_level(frame: Frame, coord: F64) -> F64:
-    """-1 to 1 at a coordinate along the frame's axis, by the definition of its code."""
-    if frame.kind == "phase":
-        return np.asarray(np.cos(2 * np.pi * coord / (frame.period_px or 1.0) - (frame.shift or 0.0)))
-    if frame.kind in ("white", "black"):
-        return np.full(coord.shape, 1.0 if frame.kind == "white" else -1.0)
-    cell = np.floor((coord + 0.5) / frame.cell_px).astype(np.int64)
-    word = cell ^ (cell >> 1) if frame.kind == "gray" else cell
-    lit = (word >> (frame.bit or 0)) & 1 != frame.inverted
-    return np.where(lit, 1.0, -1.0)
+def _shoot(shown: Sequence, place: tuple[F64, F64], noise: float, seed: int = 0) -> NDArray[Any]:
+    return camera_frames(shown, place, (OFFSET, AMPLITUDE), noise, np.random.default_rng(seed))
 
 
 def _fringes(counts: tuple[int, ...], steps: int, extent: int = EXTENT) -> Sequence:
@@ -69,7 +63,7 @@ def _along_u(shown: Sequence, noise: float, smooth: bool = False) -> tuple[Corre
     if smooth:
         rows, cols = (np.linspace(0, 1, size) for size in PIXELS)
         u = (0.05 + 0.89 * cols + 0.01 * rows[:, None]) * shown.cols
-    frames = OFFSET + AMPLITUDE * _light(shown, u, u)
+    frames = OFFSET + AMPLITUDE * (2 * _light(shown, (u, u)) - 1)
     frames += noise * rng.standard_normal(frames.shape)
     return decode(frames, shown, noise=noise, white_level=1e9, on_cells=False), u
 
@@ -122,14 +116,6 @@ def _scene(rows: int = 240, cols: int = 320) -> tuple[F64, F64]:
     return cols * (0.04 + 0.9 * x + 0.01 * np.sin(7 * y)), rows * (0.04 + 0.9 * y + 0.01 * np.cos(7 * x))
 
 
-def _shoot(shown: Sequence, place: tuple[F64, F64], noise: float, seed: int = 0) -> NDArray[np.uint8]:
-    """Rounded to 8 bits."""
-    rng = np.random.default_rng(seed)
-    light = OFFSET + AMPLITUDE * _light(shown, *place)
-    light += noise * rng.standard_normal(light.shape)
-    return np.asarray(np.clip(np.rint(light), 0, 255), np.uint8)
-
-
 def _score(found: Correspondence, place: tuple[F64, F64]) -> F64:
     """Errors of both axes over sigma, of pixels without flags."""
     told = (found.u, found.sigma_u, place[0]), (found.v, found.sigma_v, place[1])
@@ -176,7 +162,7 @@ def _responses() -> Iterator[Figure]:
     """Errors with gamma and clipping handled, over those without them."""
     place = _scene()
     shown = sequence("gray+phase", *place[0].shape, steps=8)
-    light = 0.5 + 0.5 * _light(shown, *place)
+    light = _light(shown, place)
     noise = np.random.default_rng(2).standard_normal(light.shape)
 
     def error(levels: F64, response: Response | None, top: float) -> float:

@@ -8,7 +8,6 @@ OpenCV's contrib modules. Their frames are those of an ideal surface and camera:
 rounding.
 """
 
-import importlib
 import os
 import subprocess
 import sys
@@ -29,9 +28,11 @@ from optolever.kernels import kernel
 from optolever.patterns import Frame, Sequence, sequence
 from optolever.processes import safe_path
 
-from .decode_errors import decode_errors, shown_level
+from .decode_errors import decode_errors
 from .demo import Progress, silent
 from .figures import Figure
+from .fringes_coder import fringes_coder
+from .ideal import camera_frames
 from .metrics import rms
 from .speed_frames import SPEED_CODES, smooth_map, speed_frames, speed_sequence
 from .timing import timed
@@ -84,16 +85,10 @@ def run_decode_figures(
     return figures
 
 
-def _shoot(frames: tuple[Frame, ...], u: F64, v: F64) -> Stack:
-    """Levels of an ideal surface at (u, v), noise, rounding."""
-    rng = np.random.default_rng(0)
-    stack = np.empty((len(frames), *u.shape), np.uint8)
-    for i, frame in enumerate(frames):
-        light = OFFSET + NOISE * rng.standard_normal(u.shape, dtype=np.float32)
-        stack[i] = np.clip(
-            np.rint(light + AMPLITUDE * shown_level(frame, v if frame.axis == "v" else u)), 0, 255
-        )
-    return stack
+def _shoot(shown: Sequence, size: tuple[int, int]) -> tuple[NDArray[Any], tuple[F64, F64]]:
+    """Frames of an ideal surface with a smooth map, and that."""
+    truth = smooth_map(size, size)
+    return camera_frames(shown, truth, (OFFSET, AMPLITUDE), NOISE, np.random.default_rng(0)), truth
 
 
 @kernel
@@ -175,8 +170,8 @@ def _error(name: str, u: NDArray[Any], v: NDArray[Any], truth: tuple[F64, F64], 
 def _phase_frames(size: tuple[int, int]) -> tuple[str, Sequence, tuple[F64, F64], Stack]:
     """Two periods of four steps, both axes: name, sequence, truth, frames."""
     shown = sequence("phase", *size, periods=PERIODS, steps=STEPS)
-    truth = smooth_map(size, size)
-    return f"{len(shown)} phase frames", shown, truth, _shoot(shown.frames, *truth)
+    frames, truth = _shoot(shown, size)
+    return f"{len(shown)} phase frames", shown, truth, frames
 
 
 def _fringes(size: tuple[int, int]) -> Iterator[Figure]:
@@ -189,7 +184,7 @@ def _fringes(size: tuple[int, int]) -> Iterator[Figure]:
     if find_spec("fringes") is None:
         yield Figure(f"{name}, fringes", float("nan"), note="not installed")
         return
-    coder, stack = _fringes_coder(*size), frames[..., None]
+    coder, stack = fringes_coder(shown), frames[..., None]
     (ours, _), (plain, _), (full, _) = _least(
         lambda: decode(frames, shown, on_cells=False),
         lambda: coder.decode(stack),
@@ -211,26 +206,17 @@ def _fringes(size: tuple[int, int]) -> Iterator[Figure]:
     yield _error(f"{name}, fringes", x[0], x[1], truth, np.asarray(np.isfinite(x).all(axis=0)))
 
 
-def _fringes_coder(rows: int, cols: int) -> Any:
-    coder: Any = importlib.import_module("fringes").Fringes()
-    coder.X, coder.Y, coder.K, coder.p0 = cols, rows, len(PERIODS), 0.0
-    coder.N = [[STEPS] * len(PERIODS)] * 2
-    coder.v = [[max(rows, cols) / period for period in PERIODS]] * 2
-    return coder
-
-
 def _gray(size: tuple[int, int]) -> Iterator[Figure]:
     """Gray bits of both axes, each with its inverse."""
     rows, cols = size
     shown = sequence("gray", rows, cols, references=False)
-    truth = smooth_map(size, size)
-    frames = _shoot(shown.frames, *truth)
+    frames, truth = _shoot(shown, size)
     name = f"{len(shown)} Gray frames"
     found = decode(frames, shown)
     ((ours, _),) = _least(lambda: decode(frames, shown))
     yield Figure(f"{name}, optolever", 1e3 * ours, "ms")
     yield _error(f"{name}, optolever", found.u, found.v, truth, found.good)
-    white, black = _shoot((Frame("white"), Frame("black")), *truth)
+    (white, black), _ = _shoot(Sequence((Frame("white"), Frame("black")), rows, cols), size)
     code = cv2.structured_light.GrayCodePattern.create(cols, rows)
     images = list(frames)
     # its loop over all pixels wants two cameras: it is given the same one twice
@@ -249,7 +235,7 @@ def _starts(size: tuple[int, int]) -> Iterator[Figure]:
     """The first call in a fresh process, its kernels compiled or cached."""
     for text in ("phase", "gray", "gray+phase"):
         shown = sequence(text, *size)
-        frames = _shoot(shown.frames, *smooth_map(size, size))
+        frames, _ = _shoot(shown, size)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "frames.npy"
             np.save(path, frames)

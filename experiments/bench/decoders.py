@@ -3,7 +3,6 @@
 `fringes` (GPL) is run, never copied; OpenCV's structured_light comes with OpenCV's contrib modules.
 """
 
-import importlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,8 +13,9 @@ import numpy as np
 
 from optolever.decode import Correspondence, Flag, crossed, decode
 from optolever.errors import InputError
-from optolever.patterns import Sequence, sequence
+from optolever.patterns import sequence
 
+from ..fringes_coder import fringes_coder
 from ..place import exact
 from .shot import Rest, Shot
 
@@ -62,7 +62,7 @@ def _single(shot: Shot, rest: Rest) -> Correspondence:
 def _fringes(shot: Shot, verbose: bool = True) -> Any:
     """`fringes` on a sequence of N-step phase frames, the same periods and steps on u and v."""
     taken, shown = shot.taken()
-    found = _fringes_coder(shown).decode(taken.frames[..., None], bmin=FRINGES_MODULATION, verbose=verbose)
+    found = fringes_coder(shown).decode(taken.frames[..., None], bmin=FRINGES_MODULATION, verbose=verbose)
     if not verbose:
         return found
     coordinates = np.asarray(found.x, dtype=np.float64)[..., 0]
@@ -71,31 +71,6 @@ def _fringes(shot: Shot, verbose: bool = True) -> Any:
     flags = np.where(bad, int(Flag.INVALID), 0).astype(np.uint16)
     sigma = np.where(bad, 1.0, sigma)
     return Correspondence(coordinates[0], coordinates[1], sigma[0], sigma[1], flags)
-
-
-def _fringes_coder(shown: Sequence) -> Any:
-    fringes: Any = importlib.import_module("fringes")
-    periods, steps = _ladder(shown, "u")
-    if (periods, steps) != _ladder(shown, "v") or any(f.kind != "phase" for f in shown.frames):
-        raise InputError("fringes: takes phase frames of the same periods and steps on u and v only")
-    coder = fringes.Fringes()
-    coder.X, coder.Y = shown.cols, shown.rows
-    coder.K = len(periods)
-    coder.p0 = 0.0  # the crest of every fringe is at coordinate 0, as in our frames
-    coder.N = [[steps] * len(periods)] * 2
-    extent = max(shown.rows, shown.cols)
-    coder.v = [[extent / period for period in periods]] * 2
-    return coder
-
-
-def _ladder(shown: Sequence, axis: str) -> tuple[list[float], int]:
-    """Periods in order of showing, and the number of steps, 0 if they are not evenly shifted."""
-    frames = [frame for frame in shown.frames if frame.axis == axis and frame.kind == "phase"]
-    periods = list(dict.fromkeys(float(frame.period_px or 0.0) for frame in frames))
-    steps = len(frames) // max(len(periods), 1)
-    even = [2 * math.pi * k / steps for _ in periods for k in range(steps)] if steps else []
-    fits = len(even) == len(frames) and np.allclose([frame.shift or 0.0 for frame in frames], even)
-    return periods, steps if fits else 0
 
 
 def _cv2(shot: Shot) -> Correspondence:

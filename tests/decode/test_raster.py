@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from optolever import InputError
 from optolever.decode import Correspondence, Flag, Response, check, decode
+from optolever.experiments.ideal import camera_frames, ideal_level
 from optolever.patterns import Frame, Sequence, sequence
 from optolever.projector import capture
 from optolever.scene import dent, load, resize, trace
@@ -16,25 +17,10 @@ from optolever.scene import dent, load, resize, trace
 F64 = NDArray[np.float64]
 
 
-def seen(u: F64, v: F64) -> Callable[[Frame], F64]:
-    """What places u, v see of a spot, 0..1: a product of raised cosines."""
-
-    def level(frame: Frame) -> F64:
-        light = np.ones(u.shape)
-        for coord, at in ((u, frame.at_u), (v, frame.at_v)):
-            distance = np.abs(coord - (at or 0.0)) / (frame.width_px or 1.0)
-            light = light * np.where(distance < 1, 0.5 + 0.5 * np.cos(np.pi * distance), 0.0)
-        return light
-
-    return level
-
-
-def shoot(
-    shown: Sequence, u: F64, v: F64, noise: float, *, seed: int = 0, dark: float = 12, bright: float = 190
-) -> NDArray[Any]:
-    rng, level = np.random.default_rng(seed), seen(u, v)
-    frames = [dark + bright * level(frame) + noise * rng.standard_normal(u.shape) for frame in shown.frames]
-    return np.clip(np.rint(frames), 0, 255).astype(np.uint8)
+def spots(shown: Sequence, u: F64, v: F64, noise: float, seed: int = 0, bright: float = 190) -> NDArray[Any]:
+    """Spots `bright` above 12 levels."""
+    levels = (12 + bright / 2, bright / 2)
+    return camera_frames(shown, (u, v), levels, noise, np.random.default_rng(seed))
 
 
 def errors(found: Correspondence, u: F64, v: F64) -> F64:
@@ -55,7 +41,7 @@ def test_spot_has_true_error_bars(places: tuple[F64, F64], params: dict[str, flo
     shown = sequence("spot", 66, 78, **params)
     scores = []
     for seed in range(3):
-        found = decode(shoot(shown, *places, 3.0, seed=seed), shown)
+        found = decode(spots(shown, *places, 3.0, seed=seed), shown)
         assert found.good.mean() > 0.999
         scores.append(errors(found, *places))
     score = np.abs(np.concatenate(scores, axis=1))
@@ -66,7 +52,7 @@ def test_spot_has_true_error_bars(places: tuple[F64, F64], params: dict[str, flo
 
 def test_levels_are_those_of_the_frames(places: tuple[F64, F64]) -> None:
     shown = sequence("spot", 66, 78)
-    found = decode(shoot(shown, *places, 1.0), shown)
+    found = decode(spots(shown, *places, 1.0), shown)
     assert found.amplitude is not None
     assert found.offset is not None
     # half of 190 about 12 + 95; rows that the window leaves out carry 7 % at most
@@ -77,7 +63,7 @@ def test_levels_are_those_of_the_frames(places: tuple[F64, F64]) -> None:
 
 def test_order_of_the_frames_does_not_matter(places: tuple[F64, F64]) -> None:
     shown = sequence("spot", 66, 78)
-    frames = shoot(shown, *places, 1.0)
+    frames = spots(shown, *places, 1.0)
     order = np.random.default_rng(1).permutation(len(shown))
     mixed = Sequence((Frame("black"), *(shown.frames[i] for i in order)), 66, 78)
     first, second = decode(frames, shown), decode(np.concatenate([frames[:1], frames[order]]), mixed)
@@ -87,14 +73,14 @@ def test_order_of_the_frames_does_not_matter(places: tuple[F64, F64]) -> None:
 
 def test_clipped_samples_are_left_out(places: tuple[F64, F64]) -> None:
     shown = sequence("spot", 66, 78, step=4, width=12)
-    found = decode(shoot(shown, *places, 1.0, bright=300), shown)
+    found = decode(spots(shown, *places, 1.0, bright=300), shown)
     assert found.good.mean() > 0.9
     assert np.sqrt(np.mean(errors(found, *places) ** 2)) < 1.2
 
 
 def test_response_is_inverted_before_sums(places: tuple[F64, F64]) -> None:
     shown = sequence("spot", 66, 78)
-    light = np.array([seen(*places)(frame) for frame in shown.frames])
+    light = np.array([ideal_level(shown, i, *places) for i in range(len(shown))])
     noise = np.random.default_rng(2).standard_normal(light.shape)
     frames = np.clip(np.rint(255 * (0.1 + 0.8 * light) ** (1 / 2.2) + noise), 0, 255).astype(np.uint8)
     inverse = Response.from_gamma(1 / 2.2)
@@ -108,7 +94,7 @@ def test_response_is_inverted_before_sums(places: tuple[F64, F64]) -> None:
 @pytest.mark.parametrize("at", [45, 83, 110])
 def test_wrong_frames_are_named_and_flagged(places: tuple[F64, F64], at: int) -> None:
     shown = sequence("spot", 66, 78)
-    whole = shoot(shown, *places, 2.0)
+    whole = spots(shown, *places, 2.0)
     assert check(whole, shown).findings == ()
     spoilt = {
         "lost": np.concatenate([whole[:at], whole[at + 1 :], whole[-1:]]),
@@ -129,7 +115,7 @@ def test_two_places_in_one_pixel_are_flagged(places: tuple[F64, F64]) -> None:
     """A fold, or a ghost: the second place in other rows and columns of the raster."""
     shown = sequence("spot", 66, 78)
     u, v = np.full((9, 9), 12.0), np.full((9, 9), 15.0)
-    both = 0.5 * shoot(shown, u, v, 0) + 0.5 * shoot(shown, u + 45, v + 40, 0)
+    both = 0.5 * spots(shown, u, v, 0) + 0.5 * spots(shown, u + 45, v + 40, 0)
     found = decode(np.rint(both).astype(np.uint8), shown)
     assert (found.flags & Flag.ORDER_DOUBTFUL).all()
 

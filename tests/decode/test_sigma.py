@@ -8,11 +8,10 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, decode, difference
+from optolever.experiments.ideal import ideal_level
 from optolever.patterns import Frame, Sequence, sequence
 from optolever.projector import capture
 from optolever.scene import dent, load, resize
-
-from .conftest import level
 
 F64 = NDArray[np.float64]
 Shoot = Callable[..., NDArray[Any]]
@@ -134,8 +133,8 @@ def soft(shown: Sequence, u: F64, blur: float, noise: float) -> NDArray[np.uint8
     kernel = np.exp(-0.5 * (np.arange(-160, 161) / 16 / max(blur, 1e-3)) ** 2)
     cell = np.clip(np.floor(fine + 0.5), 0, shown.cols - 1)
     rng, frames = np.random.default_rng(0), []
-    for frame in shown.frames:
-        light = 2 * level(frame, cell, cell) - 1
+    for i in range(len(shown)):
+        light = 2 * ideal_level(shown, i, cell, cell) - 1
         light = np.convolve(np.convolve(light, kernel / kernel.sum(), "same"), np.full(5, 0.2), "same")
         frames.append(120 + 60 * np.interp(u, fine, light) + noise * rng.standard_normal(u.shape))
     return np.asarray(np.clip(np.rint(frames), 0, 255), np.uint8)

@@ -29,6 +29,7 @@ from optolever.experiments.bench import (
 )
 from optolever.experiments.bench import run as running
 from optolever.experiments.bench import shot as shots
+from optolever.experiments.fringes_coder import fringes_coder
 from optolever.reconstruct import HeightMap
 from optolever.scene import dent, load, resize, trace
 
@@ -180,10 +181,10 @@ def test_fringes_shows_our_frames() -> None:
     from optolever.patterns import sequence
 
     shown = sequence("phase", 40, 64, steps=4, periods=(20, 22, 25))
-    theirs = decoders._fringes_coder(shown).encode()[..., 0].astype(int)
+    theirs = fringes_coder(shown).encode()[..., 0].astype(int)
     assert np.abs(theirs - shown.render()).max() <= 1
     with pytest.raises(InputError, match="same periods"):
-        decoders._fringes_coder(sequence("phase", 40, 64))
+        fringes_coder(sequence("phase", 40, 64))
 
 
 def test_rows_of_a_bench(rows: list[Row]) -> None:

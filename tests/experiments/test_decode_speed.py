@@ -82,7 +82,7 @@ def test_fringes_stands_in_both_modes(monkeypatch: pytest.MonkeyPatch) -> None:
             return Decoded()
 
     monkeypatch.setattr(decode_speed, "find_spec", lambda name: name)
-    monkeypatch.setattr(decode_speed, "_fringes_coder", lambda rows, cols: Coder())
+    monkeypatch.setattr(decode_speed, "fringes_coder", lambda shown: Coder())
     figures = {f.name: f for f in run_decode_figures(size=SIZE, parts=("fringes",))}
     for mode in ("fringes", "fringes verbose"):
         assert figures[f"16 phase frames, {mode} over optolever"].value > 0

@@ -1,0 +1,65 @@
+"""What an ideal surface shows at a place, by the definitions of the codes: no cells but those of bits and of
+free levels, no blur, no pixel's area; none of the package's tables but that of long-run words.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.patterns import Frame, Sequence, code_words
+
+__all__ = ["camera_frames", "ideal_level"]
+
+F64 = NDArray[np.float64]
+
+
+def ideal_level(shown: Sequence, index: int, u: F64, v: F64) -> F64:
+    """0..1 of frame `index` at places (u, v), pattern pixels."""
+    frame = shown.frames[index]
+    coord = v if frame.axis == "v" else u
+    if frame.kind in ("white", "black"):
+        level = np.full(u.shape, float(frame.kind == "white"))
+    elif frame.kind == "uniform":
+        level = np.full(u.shape, (frame.level or 0) / 255)
+    elif frame.kind == "phase":
+        level = 0.5 + 0.5 * np.cos(2 * np.pi * coord / (frame.period_px or 1.0) - (frame.shift or 0.0))
+    elif frame.kind == "stripe":
+        level = np.ones(u.shape)
+        for axis, along, at in (("u", u, frame.at_u), ("v", v, frame.at_v)):
+            if axis in (frame.axis or ""):
+                away = np.minimum(np.abs(along - (at or 0.0)) / (frame.width_px or 1.0), 1.0)
+                level = level * (0.5 + 0.5 * np.cos(np.pi * away))
+    else:
+        cell = np.floor((coord + 0.5) / frame.cell_px).astype(np.int64)
+        level = _of_cells(shown, frame, cell)
+    return 1.0 - level if frame.inverted else np.asarray(level, np.float64)
+
+
+def _of_cells(shown: Sequence, frame: Frame, cell: NDArray[np.int64]) -> F64:
+    if frame.levels is not None:
+        return np.asarray(frame.levels, np.float64)[np.clip(cell, 0, len(frame.levels) - 1)] / 255.0
+    gray = cell ^ (cell >> 1)
+    words = {"binary": cell, "gray": gray, "xor-gray": gray ^ (-2 * (gray & 1))}
+    if frame.kind == "long-run-gray":  # no closed form: tests/patterns tests the words
+        bits = 1 + max(other.bit or 0 for other in shown.frames if other.axis == frame.axis)
+        words[frame.kind] = code_words(frame.kind, np.maximum(cell, 0), bits)
+    return np.asarray((words[frame.kind] >> (frame.bit or 0)) & 1, np.float64)
+
+
+def camera_frames(
+    shown: Sequence,
+    place: tuple[F64, F64],
+    levels: tuple[float, float],
+    noise: float,
+    rng: np.random.Generator,
+    step: int = 1,
+) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """Frames (N, H, W) of pixels that look at place (u, v); levels: offset and amplitude about it; noise:
+    white, rms; step: numbers per level, uint16 where it is more than one.
+    """
+    (offset, amplitude), kind = levels, np.uint8 if step == 1 else np.uint16
+    frames = np.empty((len(shown), *place[0].shape), kind)
+    for i in range(len(shown)):
+        light = offset + amplitude * (2 * ideal_level(shown, i, *place) - 1)
+        light += noise * rng.standard_normal(light.shape)
+        frames[i] = np.clip(np.rint(step * light), 0, np.iinfo(kind).max)
+    return frames
