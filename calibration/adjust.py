@@ -7,6 +7,7 @@ minima that may be the true one (`among`).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +26,13 @@ Floats = NDArray[np.float64]
 
 _LOST = 1e4  # residual of a pixel that sees nothing there
 _LARGEST = 1e8  # residual
-# Steps of differences: the root of what rounding leaves. Larger ones are wrong by the curvature, which along
-# a weak direction exceeds the slope; by these, covariances are right to 2e-4.
+# Steps of forward differences: the root of what rounding leaves. Larger ones err by the curvature, which
+# exceeds the slope along a weak direction; by these, covariances are right to 2e-4, by central ones to 1e-7.
 _TINY = {"k1": 1e-7, "k2": 1e-6, "k3": 1e-5, "p1": 1e-8, "p2": 1e-8, "index": 1e-8, "pitch": 1e-10}
 _TINY |= {"pitch_u": 1e-10, "pitch_v": 1e-10, "f": 1e-4, "cx": 1e-5, "cy": 1e-5, "rx": 1e-8, "ry": 1e-8}
 _TINY |= {"rz": 1e-8, "tilt_x": 1e-8, "tilt_y": 1e-8}
 _SMALL = 1e-6  # mm: of a length
+_CENTRAL = 100.0  # steps of a central difference
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +57,11 @@ class Problem:
     def names(self) -> list[str]:
         """Of the unknowns."""
         return list(self.sigmas)
+
+    @property
+    def scale(self) -> Floats:
+        """(p,): of the unknowns' priors, standard deviations."""
+        return np.array(list(self.sigmas.values()))
 
     def named(self, vector: Floats) -> dict[str, float]:
         """Values of the unknowns and of what is fixed."""
@@ -99,10 +106,11 @@ class Problem:
 
     def residuals(self, vector: Floats) -> Floats:
         """All rows: samples, points, priors."""
-        return np.concatenate([*self.data(vector), self._prior(vector)])
+        means = np.array([self.means.get(name, 0.0) for name in self.names])
+        return np.concatenate([*self.data(vector), (vector - means) / self.scale])
 
-    def jacobian(self, vector: Floats) -> Floats:
-        """Forward differences; a capture's own unknowns move its own rows alone."""
+    def jacobian(self, vector: Floats, steps: float = 1.0) -> Floats:
+        """Forward differences by so many steps; a capture's own unknowns move its own rows alone."""
         starts = np.cumsum([0, *(2 * len(sample.row) for sample in self.samples)])
         data = self.count - len(vector)
         rows = np.zeros((self.count, len(vector)))
@@ -112,7 +120,7 @@ class Problem:
         here = self.data(vector, None, scene, rays)
         for k, name in enumerate(self.names):
             moved, only = vector.copy(), self._moved(name)
-            moved[k] += step_of(name)
+            moved[k] += steps * step_of(name)
             step = moved[k] - vector[k]  # as rounded
             same = rays if name.startswith("pattern.") else None
             there = self.data(moved, only, None if name in known else scene, same)
@@ -125,11 +133,6 @@ class Problem:
 
     def _reflected(self, s: Sample, values: Mapping[str, float], scene: Scene) -> tuple[Floats, Floats]:
         return reflected(scene, s.target.shape(s.name, values, scene.mirror), s.row, s.col)
-
-    def _prior(self, vector: Floats) -> Floats:
-        means = np.array([self.means.get(name, 0.0) for name in self.names])
-        prior: Floats = (vector - means) / np.array(list(self.sigmas.values()))
-        return prior
 
     def _moved(self, name: str) -> list[int]:
         """Samples that an unknown moves."""
@@ -145,23 +148,28 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Adjustment:
-    """values (p,) at the minimum, jacobian there (data rows first, then one row per prior), chi of the data
-    per degree of freedom, chis of every sample, evaluations; cost: sum of squares, priors included; apart
-    (n, p): to other minima, each times the root of its share of the posterior."""
+    """values (p,) at the minimum, chi of the data per degree of freedom, chis of every sample, evaluations;
+    cost: sum of squares, priors included; apart (n, p): to other minima, each times the root of its share of
+    the posterior."""
 
     problem: Problem
     values: Floats
-    jacobian: Floats
     chi: float
     chis: dict[str, float]
     evaluations: int
     cost: float
     apart: Floats
 
+    @cached_property
+    def jacobian(self) -> Floats:
+        """At the minimum, by central differences: data rows first, then one row per prior."""
+        ahead, behind = (self.problem.jacobian(self.values, steps) for steps in (_CENTRAL, -_CENTRAL))
+        return 0.5 * (ahead + behind)
+
     @property
     def linear(self) -> Floats:
         """(p, p): max(1, chi)^2 (J^T J)^-1, by singular values of the scaled Jacobian."""
-        return covariance_of(self.jacobian, np.array(list(self.problem.sigmas.values())), self.chi)
+        return covariance_of(self.jacobian, self.problem.scale, self.chi)
 
     @property
     def covariance(self) -> Floats:
@@ -215,7 +223,6 @@ def adjust(
     return Adjustment(
         problem,
         found.x,
-        found.jac,
         chi,
         chis,
         evaluations=int(found.nfev),
@@ -227,7 +234,7 @@ def adjust(
 def among(found: Adjustment, minima: Sequence[Adjustment]) -> Adjustment:
     """A minimum among others that may be the true one: by Laplace's approximation each holds exp(-cost/2) /
     sqrt(det J^T J) of the posterior."""
-    scale = np.array(list(found.problem.sigmas.values()))
+    scale = found.problem.scale
     spans = [np.linalg.slogdet(np.linalg.qr(each.jacobian * scale, mode="r"))[1] for each in minima]
     logs = np.array([-0.5 * each.cost / max(1.0, found.chi) ** 2 for each in minima]) - np.array(spans)
     share = np.exp(logs - logs.max())

@@ -142,27 +142,27 @@ def calibrate(
     """
     scene = replace(scene, covariance=None)
     observations = checked(observations, (scene.camera.rows, scene.camera.cols))
-    samples = sampled(observations)
     frame = frame_of(observations)
+    samples = sorted(sampled(observations), key=lambda sample: sample.name != frame)
     if points and not any(isinstance(sample.target, Rest) for sample in samples):
         raise InputError("Points: need a capture of the mirror at Rest, whose heights they are")
-    samples = sorted(samples, key=lambda sample: sample.name != frame)
     sigmas = resolved(scene, priors)
     means = {name: value for name, value in parameter_values(scene).items() if name in sigmas}
-    base, first = scene, dict(means)
     told = any(is_pose(name) and math.isfinite(sigma) and sigma > 0 for name, sigma in (priors or {}).items())
     found = None if guess or told else _without_guess(scene, samples, sigmas)
+    for sample in samples:
+        sigmas |= sample.target.unknowns(sample.name, sample.name == frame)
+    problem = Problem(scene, samples, sigmas, means, {}, points, frame)
     if found is not None:
         base, first = found
-    problem = _problem(base, samples, sigmas, means, points, frame)
-    result = _least(problem, first) if found is None else adjust(problem, _roughly(problem, first))
-    if found is not None and result.chi > _NO_BALL:  # a bad start: the scene's own may be better
-        again = _problem(scene, samples, sigmas, means, points, frame)
-        other = _least(again, dict(means))
-        if other.chi < result.chi:
-            base, found, result = scene, None, other
+        problem = replace(problem, scene=base)
+        result = adjust(problem, _roughly(problem, first))
+    if found is None or result.chi > _NO_BALL:  # a bad start: the scene's own may be better
+        other = _least(replace(problem, scene=scene), means)
+        if found is None or other.chi < result.chi:
+            found, result = None, other
     _require_balls(result)
-    return _judged(base, result, observations, found is None)
+    return _judged(result, observations, found is None)
 
 
 def left_out(calibration: Calibration, name: str) -> float:
@@ -179,20 +179,6 @@ def left_out(calibration: Calibration, name: str) -> float:
     (sample,) = (sample for sample in whole.samples if sample.name == name)
     added = calibration.adjustment.cost - without.cost
     return math.sqrt(max(0.0, added) / (2 * len(sample.row) - len(own)))
-
-
-def _problem(
-    scene: Scene,
-    samples: Sequence[Sample],
-    sigmas: Mapping[str, float],
-    means: Mapping[str, float],
-    points: Sequence[Points],
-    frame: str,
-) -> Problem:
-    every = dict(sigmas)
-    for sample in samples:
-        every |= sample.target.unknowns(sample.name, sample.name == frame)
-    return Problem(scene, samples, every, means, {}, points, frame)
 
 
 def _without_guess(
@@ -312,9 +298,8 @@ def _require_balls(result: Adjustment) -> None:
             )
 
 
-def _judged(
-    base: Scene, result: Adjustment, observations: Sequence[Observation], guessed: bool
-) -> Calibration:
+def _judged(result: Adjustment, observations: Sequence[Observation], guessed: bool) -> Calibration:
+    base = result.problem.scene
     names = [name for name in result.problem.names if name in parameter_values(base)]
     found = directions(result, names)
     scene = result.problem.scene_at(result.values)

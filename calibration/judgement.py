@@ -115,7 +115,7 @@ def _covariance(solved: Adjustment, captures: Sequence[str]) -> Floats:
         stop = start + 2 * len(sample.row)
         kept[start:stop] = sample.name in captures
         start = stop
-    return covariance_of(solved.jacobian[kept], np.array(list(problem.sigmas.values())), solved.chi)
+    return covariance_of(solved.jacobian[kept], problem.scale, solved.chi)
 
 
 def _derivatives(scene: Scene) -> tuple[Floats, Floats]:

@@ -46,8 +46,7 @@ def directions(found: Adjustment, names: Sequence[str]) -> list[Direction]:
     """Of these numbers, weakest first: the others are eliminated (columns projected out)."""
     problem = found.problem
     order = problem.names
-    scale = np.array(list(problem.sigmas.values()))
-    rows = (found.jacobian * scale)[: -len(order)]
+    rows = (found.jacobian * problem.scale)[: -len(order)]
     chosen = [order.index(name) for name in names]
     rest = [k for k in range(len(order)) if k not in chosen]
     own, others = rows[:, chosen], np.vstack([rows[:, rest], np.eye(len(rest))])

@@ -15,6 +15,7 @@ from optolever.decode import Correspondence
 from optolever.scene import (
     Bow,
     Face,
+    Mirror,
     PinholeCamera,
     Scene,
     Surface,
@@ -102,6 +103,20 @@ def shape_surface(height: Callable[[Floats, Floats], Floats]) -> Surface:
     return Surface(height, gradient)
 
 
+def form(coefficients: Floats, mirror: Mirror) -> Callable[[Floats, Floats], Floats]:
+    """Height of Legendre shapes of total order 2 (3 coefficients) and 3 (7), written out."""
+    places = [(total - j, j) for total in (2, 3) for j in range(total + 1)]
+
+    def height(x: Floats, y: Floats) -> Floats:
+        s, t = 2 * x / mirror.length - 1, 2 * y / mirror.width - 1
+        along, across = ((1.0, at, 1.5 * at**2 - 0.5, 2.5 * at**3 - 1.5 * at) for at in (s, t))
+        terms = zip(coefficients, places, strict=False)
+        total: Floats = sum(c * along[i] * across[j] for c, (i, j) in terms)
+        return total
+
+    return height
+
+
 def open_air(
     rng: Rng,
     poses: int,
@@ -123,17 +138,11 @@ def open_air(
     values |= {f"pattern.{name}": 8.0 * rng.uniform(-1, 1) for name in ("x", "y", "z")}
     truth = adjusted(truth, values)
     observations: list[Observation] = []
-    form = flatness * rng.standard_normal(3)
-    length, width = truth.mirror.length, truth.mirror.width
+    bulge = form(flatness * rng.standard_normal(3), truth.mirror)
+    x, y = 0.5 * truth.mirror.length, 0.5 * truth.mirror.width
 
     def reference(z0: float, a: float, b: float) -> Surface:
-        def height(x: Floats, y: Floats) -> Floats:
-            s, t = 2 * x / length - 1, 2 * y / width - 1
-            bulge = form[0] * (1.5 * s * s - 0.5) + form[1] * s * t + form[2] * (1.5 * t * t - 0.5)
-            total: Floats = z0 + 0.5 * (a * length * s + b * width * t) + bulge
-            return total
-
-        return shape_surface(height)
+        return shape_surface(lambda at, along: z0 + a * (at - x) + b * (along - y) + bulge(at, along))
 
     turn = rng.uniform(0, 2 * np.pi)
     for k in range(poses):
@@ -141,7 +150,6 @@ def open_air(
         angle = turn + 2 * np.pi * k * 0.382  # golden: no two tilts about one axis
         surface = reference(rng.uniform(-5, 5) if k else 0.0, tilt * np.cos(angle), tilt * np.sin(angle))
         observations.append(Observation(f"flat{k}", Flat(flatness), capture(truth, surface, k)))
-    x, y = 0.5 * length, 0.5 * width
 
     def dent(a: Floats, b: Floats) -> Floats:
         height: Floats = 0.5 * np.exp(-((a - x) ** 2 + (b - y) ** 2) / (2 * 18.0**2))
@@ -160,16 +168,7 @@ def prism(rng: Rng, balls: int, capture: Capturer, pinhole: bool = False, size: 
     own = parameter_values(base)
     numbers = {name: own[name] + sigma * rng.standard_normal() for name, sigma in priors.items()}
     truth = adjusted(base, numbers)
-    sags = 0.02 / np.sqrt(7) * rng.standard_normal(7)
-
-    def sag(x: Floats, y: Floats) -> Floats:
-        s, t = 2 * x / length - 1, 2 * y / width - 1  # Legendre's polynomials, written out
-        p2, q2 = 1.5 * s * s - 0.5, 1.5 * t * t - 0.5
-        p3, q3 = 2.5 * s**3 - 1.5 * s, 2.5 * t**3 - 1.5 * t
-        terms = (p2, s * t, q2, p3, p2 * t, s * q2, q3)
-        total: Floats = sum(c * term for c, term in zip(sags, terms, strict=True))
-        return total
-
+    sag = form(0.02 / np.sqrt(7) * rng.standard_normal(7), base.mirror)
     rest = shape_surface(sag)
     observations = [Observation("rest", Rest(3), capture(truth, rest, 0))]
     for k in range(balls):

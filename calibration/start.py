@@ -13,6 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from optolever.scene import PinholeCamera, Scene
 
@@ -110,15 +111,13 @@ def _virtual_displays(scene: Scene, views: Sequence[Sample]) -> tuple[PinholeCam
 
 def _normals(axes: Floats) -> Floats | None:
     """Normals (K, 3) up to their sign: what the axes of all of a mirror's turns are perpendicular to."""
-    count = len(axes)
-    normals = np.zeros((count, 3))
-    for i in range(count):
-        about = [np.ravel(cv2.Rodrigues(axes[i] @ axes[j].T)[0]) for j in range(count) if j != i]
-        turns = np.stack(about)
+    normals = []
+    for i, one in enumerate(axes):
+        turns = [np.ravel(cv2.Rodrigues(one @ other.T)[0]) for j, other in enumerate(axes) if j != i]
         if np.linalg.norm(turns, axis=1).max() < _LEAST_TURN:
             return None
-        normals[i] = np.linalg.svd(turns)[2][-1]
-    return normals
+        normals.append(np.linalg.svd(turns)[2][-1])
+    return np.stack(normals)
 
 
 def _orthogonal(matrix: Floats) -> Floats:
@@ -131,11 +130,7 @@ def _orthogonal(matrix: Floats) -> Floats:
 
 def _offsets(mirrors: Floats, normals: Floats, origins: Floats) -> tuple[Floats, Floats]:
     """The display's origin and the mirrors' distances: o_i = S_i o + 2 d_i n_i by least squares."""
-    count = len(mirrors)
-    system = np.zeros((3 * count, 3 + count))
-    for i in range(count):
-        system[3 * i : 3 * i + 3, :3] = mirrors[i]
-        system[3 * i : 3 * i + 3, 3 + i] = 2 * normals[i]
+    system = np.hstack([mirrors.reshape(-1, 3), block_diag(*(2 * normals[:, :, None]))])
     solved = np.asarray(np.linalg.lstsq(system, origins.ravel(), rcond=None)[0], np.float64)
     return solved[:3], solved[3:]
 

@@ -26,8 +26,37 @@ _FAR = 1e3  # mm: prior of a position of which nothing is known
 _STEEP = 0.5  # rad: prior of a tilt of which nothing is known
 
 
+class _Form:
+    """A plane in an unknown pose, and Legendre shapes of total order 2 to `order`, each 0 +- sigma (mm)."""
+
+    __slots__ = ()
+    _posed = True
+
+    def _shapes(self) -> tuple[str, int, float]:
+        """What the shapes' names begin with, order, sigma."""
+        return "", 1, 1.0
+
+    def unknowns(self, name: str, frame: bool) -> dict[str, float]:
+        """Name -> standard deviation of its prior, mean 0; captures of the same surface share its shapes.
+        The frame's own plane is z = 0."""
+        prefix, order, sigma = self._shapes()
+        pose = {"height": _FAR, "tilt_x": _STEEP, "tilt_y": _STEEP} if self._posed and not frame else {}
+        shapes = dict.fromkeys(_names(prefix, order), sigma)
+        return {f"{name}.{key}": wide for key, wide in pose.items()} | shapes
+
+    def shape(self, name: str, values: Values, mirror: Mirror) -> Shape:
+        """Height and slopes for these values."""
+        prefix, order, _ = self._shapes()
+        table = np.zeros((order + 1, order + 1))
+        height, a, b = (values.get(f"{name}.{key}", 0.0) for key in ("height", "tilt_x", "tilt_y"))
+        table[0, 0], table[1, 0], table[0, 1] = height, 0.5 * a * mirror.length, 0.5 * b * mirror.width
+        for key, at in _names(prefix, order).items():
+            table[at] = values[key]
+        return _legendre(table, mirror)
+
+
 @dataclass(frozen=True, slots=True)
-class Flat:
+class Flat(_Form):
     """A reference mirror in an unknown pose; flatness: standard deviation (mm) of each of its three quadratic
     Legendre shapes over the scene's mirror, common to all captures of the same flatness."""
 
@@ -36,48 +65,30 @@ class Flat:
     def __post_init__(self) -> None:
         _require(self, "flatness")
 
-    def unknowns(self, name: str, frame: bool) -> dict[str, float]:
-        """Name -> standard deviation of its prior, mean 0."""
-        return _pose(name, frame) | dict.fromkeys(_shapes(f"flat {self.flatness:g}", 2), self.flatness)
-
-    def shape(self, name: str, values: Values, mirror: Mirror) -> Shape:
-        """Height and slopes for these values."""
-        bulge = {key: values[key] for key in _shapes(f"flat {self.flatness:g}", 2)}
-        return _sum(_plane(name, values, mirror), _legendre(bulge, 2, mirror))
+    def _shapes(self) -> tuple[str, int, float]:
+        return f"flat {self.flatness:g}", 2, self.flatness
 
 
 @dataclass(frozen=True, slots=True)
-class Rest:
+class Rest(_Form):
     """The sensor's own surface: Legendre shapes of total order 2 to `order`, each 0 +- sigma (mm)."""
 
     order: int = 3
     sigma: float = 0.05
+    _posed = False
 
     def __post_init__(self) -> None:
         if not 1 <= self.order <= 8:
             raise InputError(f"Rest.order = {self.order}: must be 1 (a plane) to 8")
         _require(self, "sigma")
 
-    def unknowns(self, name: str, frame: bool) -> dict[str, float]:
-        """Name -> standard deviation of its prior, mean 0; several captures of it share one shape."""
-        return dict.fromkeys(_shapes("rest", self.order), self.sigma)
-
-    def shape(self, name: str, values: Values, mirror: Mirror) -> Shape:
-        """Height and slopes for these values."""
-        return _legendre({key: values[key] for key in _shapes("rest", self.order)}, self.order, mirror)
+    def _shapes(self) -> tuple[str, int, float]:
+        return "rest", self.order, self.sigma
 
 
 @dataclass(frozen=True, slots=True)
-class Plate:
+class Plate(_Form):
     """A flat plate pressed against the mirror or lying in its place, in an unknown pose; taken as plane."""
-
-    def unknowns(self, name: str, frame: bool) -> dict[str, float]:
-        """Name -> standard deviation of its prior, mean 0."""
-        return _pose(name, frame)
-
-    def shape(self, name: str, values: Values, mirror: Mirror) -> Shape:
-        """Height and slopes for these values."""
-        return _plane(name, values, mirror)
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,34 +149,16 @@ def _require(record: object, *names: str) -> None:
             raise InputError(f"{type(record).__name__}.{name} = {value!r}: must be greater than 0 mm")
 
 
-def _pose(name: str, frame: bool) -> dict[str, float]:
-    """Two tilts and a height, or nothing: the frame's own plane is z = 0."""
-    tilts = {f"{name}.tilt_x": _STEEP, f"{name}.tilt_y": _STEEP}
-    return {} if frame else {f"{name}.height": _FAR} | tilts
-
-
-def _plane(name: str, values: Values, mirror: Mirror) -> Shape:
-    height, a, b = (values.get(f"{name}.{key}", 0.0) for key in ("height", "tilt_x", "tilt_y"))
-
-    def plane(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
-        z = height + a * (x - 0.5 * mirror.length) + b * (y - 0.5 * mirror.width)
-        return z, np.full_like(z, a), np.full_like(z, b)
-
-    return plane
-
-
-def _shapes(name: str, order: int) -> dict[str, tuple[int, int]]:
+def _names(prefix: str, order: int) -> dict[str, tuple[int, int]]:
     """Names of the Legendre shapes of total order 2 to `order`, with their orders along x and y."""
     return {
-        f"{name}.L{total - j}{j}": (total - j, j) for total in range(2, order + 1) for j in range(total + 1)
+        f"{prefix}.L{total - j}{j}": (total - j, j) for total in range(2, order + 1) for j in range(total + 1)
     }
 
 
-def _legendre(values: Values, order: int, mirror: Mirror) -> Shape:
+def _legendre(table: Floats, mirror: Mirror) -> Shape:
     """sum c_ij P_i(2 x / L - 1) P_j(2 y / W - 1)."""
-    table = np.zeros((order + 1, order + 1))
-    for key, value in values.items():
-        table[int(key[-2]), int(key[-1])] = value
+    order = len(table) - 1
     powers = np.arange(order + 1)
     table = _monomials(order).T @ table @ _monomials(order)  # of s^i t^j: these cost a third
     by_x, by_y = np.zeros_like(table), np.zeros_like(table)
@@ -189,11 +182,3 @@ def _monomials(order: int) -> Floats:
         np.pad(legendre.leg2poly(unit[: k + 1]), (0, order - k)) for k, unit in enumerate(np.eye(order + 1))
     ]
     return np.stack(rows)
-
-
-def _sum(first: Shape, second: Shape) -> Shape:
-    def both(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
-        a, b = first(x, y), second(x, y)
-        return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-    return both

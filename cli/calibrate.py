@@ -6,7 +6,7 @@ import shlex
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
 
@@ -19,10 +19,11 @@ from .show import grid, number, print_notices, progress, table, write_json
 if TYPE_CHECKING:
     from optolever.calibration import Calibration, Observation, Target
     from optolever.decode import Correspondence
-    from optolever.experiments import RigStudy
     from optolever.scene import Scene
 
 __all__ = ["command", "correspondence_of"]
+
+Given: TypeAlias = "tuple[Target, Path, Path | None]"
 
 SAMPLE = """
 $ optolever calibrate --scene monitor-mirror --out rig.toml \\
@@ -78,18 +79,19 @@ def command(
     the heights.
     """
     from optolever.calibration import calibrate, judged, left_out
-    from optolever.experiments import write_rig_report
+    from optolever.experiments import RigStudy, write_rig_report
     from optolever.files import together
 
     scene = load_scene(scene_name, size)
-    chosen = {name: _number(f"--prior {name}", value) for name, value in map(_pair, priors)}
+    chosen = _priors(priors)
+    given = _given(captures, without)
     with progress() as step:
         start = time.perf_counter()
         if follow:
-            found = _followed(scene, captures, without, chosen, guess)
+            found = _followed(scene, given, chosen, guess)
         else:
             step("read captures")
-            used = list(_observations(captures, without))
+            used = [_observation(*each) for each in given]
             step("adjust")
             start = time.perf_counter()
             found = calibrate(scene, used, chosen, guess=guess)
@@ -99,43 +101,26 @@ def command(
         if leave_one_out:
             step("leave one out")
             numbers["left_out"] = {each.name: left_out(found, each.name) for each in found.observations}
-        study = None
-        if page is not None:
-            step("report")
-            study = _study(scene, found, numbers, captures, scene_name, out)
         step("write")
         with together():
             found.scene.save(out)
-            if study is not None and page is not None:
+            if page is not None:
+                words = ["optolever", "calibrate", "--scene", scene_name, "--out", str(out), *captures]
+                study = RigStudy(
+                    scene,
+                    found.scene,
+                    found.adjustment.chi,
+                    found.parameters,
+                    found.residuals,
+                    numbers["judged"],
+                    found.notices,
+                    {"adjust": numbers["seconds"]},
+                    shlex.join(words),
+                )
                 write_rig_report(study, page)
             write_json(json_path, numbers)
     print_notices(found.notices)
     _show(found, numbers, out)
-
-
-def _study(
-    given: "Scene",
-    found: "Calibration",
-    numbers: dict[str, Any],
-    captures: tuple[str, ...],
-    scene_name: str,
-    out: Path,
-) -> "RigStudy":
-    from optolever.experiments import RigStudy
-
-    command = shlex.join(["optolever", "calibrate", "--scene", scene_name, "--out", str(out), *captures])
-    seconds = {"adjust": numbers["seconds"]}
-    return RigStudy(
-        given,
-        found.scene,
-        found.adjustment.chi,
-        found.parameters,
-        found.residuals,
-        numbers["judged"],
-        found.notices,
-        seconds,
-        command,
-    )
 
 
 def _show(found: "Calibration", numbers: dict[str, Any], out: Path) -> None:
@@ -155,54 +140,51 @@ def _show(found: "Calibration", numbers: dict[str, Any], out: Path) -> None:
     table(f"Rig in {out}", rest)
 
 
-def _followed(
-    scene: "Scene", captures: Sequence[str], without: Sequence[str], priors: dict[str, float], guess: bool
-) -> "Calibration":
+def _followed(scene: "Scene", given: Sequence[Given], priors: dict[str, float], guess: bool) -> "Calibration":
     """Every capture as it comes, and a line about it."""
-    from optolever.calibration import as_they_come, calibrate, judged
+    from optolever.calibration import as_they_come, judged
     from optolever.experiments import judged_table
 
-    used: list[Observation] = []
+    def awaited() -> Iterator["Observation"]:
+        for target, path, mask in given:
+            while not (path.is_file() or (path / "capture.toml").is_file()):
+                time.sleep(_POLL)
+            yield _observation(target, path, mask)
 
-    def each() -> Iterator["Observation"]:
-        for one in _observations(captures, without, wait=True):
-            used.append(one)
-            yield one
-
-    found = None
-    for found, few in as_they_come(scene, each(), priors, guess=guess):
-        name, told = used[-1].name, few
+    found, few = None, "no capture is left; at least one of Flat or Rest is needed"
+    judgements = as_they_come(scene, awaited(), priors, guess=guess)
+    for (_, path, _), (found, few) in zip(given, judgements, strict=True):
+        told = few
         if found is not None:
             heads, rows = judged_table({one.name: one.to_dict() for one in judged(found)})
-            (row,) = (row for row in rows if row[0] == name)
+            (row,) = (row for row in rows if row[0] == path.stem)
             parts = zip((head.partition(", ") for head in heads[1:]), row[1:], strict=True)
             judgement = ", ".join(f"{what} {cell} {unit}".rstrip() for (what, _, unit), cell in parts if cell)
             told = f"{judgement}; {few}" if few else judgement
-        click.echo(f"{name}: {told}")
-    return calibrate(scene, used, priors, guess=guess) if found is None else found
+        click.echo(f"{path.stem}: {told}")
+    if found is None:
+        raise InputError(f"calibration: {few}")
+    return found
 
 
-def _observations(
-    captures: Sequence[str], without: Sequence[str], wait: bool = False
-) -> Iterator["Observation"]:
-    """The captures of these arguments, named by their files' stems."""
+def _given(captures: Sequence[str], without: Sequence[str]) -> list[Given]:
+    """Target, file and mask of these arguments, which are named by their files' stems."""
     given = [_target_and_files(text) for text in captures]
     names = [path.stem for _, path, _ in given]
     for name in without:
         if name not in names:
             raise InputError(f"--without {name}: no such capture, must be one of {', '.join(names)}")
-    for target, path, mask in given:
-        while wait and not (path.is_file() or (path / "capture.toml").is_file()):
-            time.sleep(_POLL)
-        if path.stem not in without:
-            yield _observation(target, path, mask)
+    return [each for each in given if each[1].stem not in without]
 
 
-def _pair(text: str) -> tuple[str, str]:
-    name, equals, value = text.partition("=")
-    if not equals:
-        raise InputError(f"--prior {text}: must be NUMBER=SIGMA, such as pattern.z=0.5")
-    return name, value
+def _priors(texts: Sequence[str]) -> dict[str, float]:
+    chosen = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise InputError(f"--prior {text}: must be NUMBER=SIGMA, such as pattern.z=0.5")
+        chosen[name] = _number(f"--prior {name}", value)
+    return chosen
 
 
 def _number(what: str, text: str) -> float:
@@ -212,7 +194,7 @@ def _number(what: str, text: str) -> float:
         raise InputError(f"{what} = {text!r}: must be a number") from None
 
 
-def _target_and_files(text: str) -> "tuple[Target, Path, Path | None]":
+def _target_and_files(text: str) -> Given:
     match = _TARGET.fullmatch(text)
     if match is None:
         raise InputError(

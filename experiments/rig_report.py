@@ -79,7 +79,7 @@ def rig_html(study: RigStudy) -> str:
             "warnings": [str(each) for each in study.notices if each.cure or each.limit == each.limit],
             "remarks": [str(each) for each in study.notices if not (each.cure or each.limit == each.limit)],
             "captures": [
-                {"name": name, "chi": _rms(found[2:]), "figure": _residual_figure(found)}
+                {"name": name, "chi": rms(np.concatenate(found[2:])), "figure": _residual_figure(found)}
                 for name, found in study.residuals.items()
             ],
             "judged": table("judged-table", heads, [("", row) for row in rows]),
@@ -95,10 +95,6 @@ def rig_html(study: RigStudy) -> str:
             "command": study.command,
         },
     )
-
-
-def _rms(parts: Sequence[Floats]) -> float:
-    return rms(np.concatenate(list(parts)))
 
 
 def judged_table(judged: Mapping[str, Mapping[str, float | None]]) -> tuple[list[str], list[list[str]]]:
@@ -126,14 +122,21 @@ def _residual_figure(found: tuple[Floats, Floats, Floats, Floats]) -> str:
     row, col, *parts = found
     figure = new_figure(8.0, 2.6)
     for axes, values, name in zip(figure.subplots(1, 2), parts, ("u", "v"), strict=True):
-        low, high = robust_limits(values, symmetric=True)
-        drawn = axes.scatter(col, row, c=values, s=7, cmap="RdBu_r", vmin=low, vmax=high, marker="s")
-        axes.set_aspect("equal")
+        _draw_points(axes, (col, row), values, f"{name}: predicted less measured", "sigma")
         axes.invert_yaxis()
-        axes.set_title(f"{name}: predicted less measured", fontsize=9, loc="left")
-        axes.tick_params(labelsize=7)
-        figure.colorbar(drawn, ax=axes, label="sigma")
     return figure_uri(figure)
+
+
+def _draw_points(axes: Any, at: tuple[Floats, Floats], values: Floats, title: str, unit: str) -> None:
+    """Values at their places, in colours that tell a sign, if they have one."""
+    signed = bool(np.nanmin(values, initial=0.0) < 0)
+    low, high = robust_limits(values, symmetric=signed)
+    colours = "RdBu_r" if signed else "viridis"
+    drawn = axes.scatter(*at, c=values, s=6, cmap=colours, vmin=low, vmax=high, marker="s")
+    axes.set_aspect("equal")
+    axes.set_title(title, fontsize=9, loc="left")
+    axes.tick_params(labelsize=7)
+    axes.figure.colorbar(drawn, ax=axes, label=unit)
 
 
 def _correlation_figure(scene: Scene) -> str:
@@ -161,15 +164,8 @@ def _sigma_figure(rest: HeightMap) -> str:
     shown += [(f"mode {k + 1}", mode) for k, mode in enumerate(modes[:2])]
     figure = new_figure(10.0, 2.8)
     for axes, (name, values) in zip(figure.subplots(1, 3)[: len(shown)], shown, strict=False):
-        low, high = robust_limits(factor * values, symmetric=name != "sigma of the height")
-        colours = "viridis" if name == "sigma of the height" else "RdBu_r"
-        values = np.where(known, factor * values, np.nan)
-        drawn = axes.scatter(rest.x, rest.y, c=values, s=6, cmap=colours, vmin=low, vmax=high, marker="s")
-        axes.set_aspect("equal")
-        axes.set_title(name, fontsize=9, loc="left")
+        _draw_points(axes, (rest.x, rest.y), np.where(known, factor * values, np.nan), name, unit)
         axes.set_xlabel("x, mm", fontsize=8)
-        axes.tick_params(labelsize=7)
-        figure.colorbar(drawn, ax=axes, label=unit)
     return figure_uri(figure)
 
 
