@@ -1,9 +1,12 @@
-"""What every test folder shares: where the repository and the real captures are."""
+"""What every test folder shares: where the repository and real captures are, commands that are refused."""
 
 import tomllib
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pytest
+
+from optolever.cli import run
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Figures that the decoder is known to miss, with reasons.
@@ -23,6 +26,30 @@ def real() -> Path:
     if not folder.is_dir():
         pytest.skip(f"{folder} is absent: no real captures to test with")
     return folder
+
+
+@pytest.fixture
+def refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Function that runs a command which must end with 2 and one line that holds all words, and gives that
+    line; nothing changes in a folder.
+    """
+
+    def held(folder: Path) -> dict[Path, bytes]:
+        return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+    def told(args: Iterable[object], *words: object, folder: Path = tmp_path) -> str:
+        before = held(folder)
+        capfd.readouterr()
+        code, streams = run([str(arg) for arg in args]), capfd.readouterr()
+        assert (code, streams.out) == (2, "")
+        (line,) = streams.err.splitlines()
+        assert line.startswith("optolever: ")
+        for word in words:
+            assert str(word) in line, f"{word!r} not in: {line}"
+        assert held(folder) == before
+        return line
+
+    return told
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

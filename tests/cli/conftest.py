@@ -24,16 +24,17 @@ class Outcome:
 
 
 Program = Callable[..., Outcome]
+Refused = Callable[..., str]
 
 
 @pytest.fixture
-def optolever(capsys: pytest.CaptureFixture[str]) -> Program:
+def optolever(capfd: pytest.CaptureFixture[str]) -> Program:
     """Run `optolever` with arguments, in this process."""
 
     def call(*args: str | Path) -> Outcome:
-        capsys.readouterr()
+        capfd.readouterr()
         code = run([str(arg) for arg in args])
-        streams = capsys.readouterr()
+        streams = capfd.readouterr()
         return Outcome(code, streams.out, streams.err)
 
     return call

@@ -9,25 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from .conftest import SCENE, Chain, Program
-
-
-def snapshot(folder: Path) -> dict[str, bytes]:
-    """Every file below a folder and what it holds."""
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
-def assert_refused(optolever: Program, folder: Path, args: list[str | Path], words: tuple[str, ...]) -> None:
-    """Run in a folder that must not change; the one line on stderr holds every word."""
-    before = snapshot(folder)
-    outcome = optolever(*args)
-    assert outcome.code == 2
-    assert outcome.out == ""
-    (line,) = outcome.err.splitlines()
-    assert line.startswith("optolever: ")
-    for word in words:
-        assert word in line, f"{word!r} not in: {line}"
-    assert snapshot(folder) == before
+from .conftest import SCENE, Chain, Program, Refused
 
 
 # What is done to a capture folder, and what the message must name.
@@ -58,13 +40,13 @@ SPOILED: dict[str, tuple[Callable[[Path], None], tuple[str, ...]]] = {
 
 
 @pytest.mark.parametrize("case", SPOILED)
-def test_spoiled_captures_are_refused(case: str, optolever: Program, chain: Chain, tmp_path: Path) -> None:
+def test_spoiled_captures_are_refused(case: str, refused: Refused, chain: Chain, tmp_path: Path) -> None:
     spoil, words = SPOILED[case]
     folder = tmp_path / "capture"
     shutil.copytree(chain.capture, folder)
     spoil(folder)
     (tmp_path / "c.npz").write_bytes(b"an older result")
-    assert_refused(optolever, tmp_path, ["decode", folder, "--out", tmp_path / "c.npz"], words)
+    refused(["decode", folder, "--out", tmp_path / "c.npz"], *words)
 
 
 def npz_with(path: Path, source: Path, **changes: object) -> Path:
@@ -75,7 +57,7 @@ def npz_with(path: Path, source: Path, **changes: object) -> Path:
     return path
 
 
-def test_spoiled_correspondences_are_refused(optolever: Program, chain: Chain, tmp_path: Path) -> None:
+def test_spoiled_correspondences_are_refused(refused: Refused, chain: Chain, tmp_path: Path) -> None:
     scene = ["--scene", chain.capture / "scene.toml", "--out", tmp_path / "h.npz"]
     flags = np.full((96, 96), 1, np.uint16)
     text = tmp_path / "text.npz"
@@ -89,29 +71,29 @@ def test_spoiled_correspondences_are_refused(optolever: Program, chain: Chain, t
     }
     (tmp_path / "h.npz").write_bytes(b"an older result")
     for source, words in cases.items():
-        assert_refused(optolever, tmp_path, ["reconstruct", source, *scene], words)
+        refused(["reconstruct", source, *scene], *words)
 
 
 def test_correspondence_of_another_size_than_the_scene(
-    optolever: Program, chain: Chain, tmp_path: Path
+    refused: Refused, chain: Chain, tmp_path: Path
 ) -> None:
     args = ["reconstruct", chain.correspondence, "--scene", "paper-simulation", "--out", tmp_path / "h.npz"]
-    assert_refused(optolever, tmp_path, args, ("96", "1637"))
+    refused(args, "96", "1637")
 
 
-def test_no_anchor_is_refused(optolever: Program, chain: Chain, tmp_path: Path) -> None:
+def test_no_anchor_is_refused(refused: Refused, chain: Chain, tmp_path: Path) -> None:
     scene = ["--scene", chain.capture / "scene.toml", "--out", tmp_path / "h.npz"]
     args = ["reconstruct", chain.correspondence, *scene, "--anchor", "none"]
-    assert_refused(optolever, tmp_path, args, ("anchor",))
+    refused(args, "anchor")
 
 
-def test_a_spoiled_scene_is_refused(optolever: Program, chain: Chain, tmp_path: Path) -> None:
+def test_a_spoiled_scene_is_refused(refused: Refused, chain: Chain, tmp_path: Path) -> None:
     """All that may be wrong with one is in tests/scene/test_toml.py."""
     scene = tmp_path / "scene.toml"
     text = (chain.capture / "scene.toml").read_text()
     scene.write_text(re.sub(r"pitch_mm = (\[[^]]*\]|\S+)", "pitch_mm = nan", text))
     args = ["capture", "--scene", scene, "--out", tmp_path / "capture"]
-    assert_refused(optolever, tmp_path, args, ("scene.toml", "pitch_mm", "nan"))
+    refused(args, "scene.toml", "pitch_mm", "nan")
 
 
 ARGUMENTS = {
@@ -136,20 +118,20 @@ ARGUMENTS = {
 
 
 @pytest.mark.parametrize("case", ARGUMENTS)
-def test_bad_arguments(case: str, optolever: Program, chain: Chain, tmp_path: Path) -> None:
+def test_bad_arguments(case: str, refused: Refused, chain: Chain, tmp_path: Path) -> None:
     args, words = ARGUMENTS[case]
     known = {"C": str(chain.correspondence), "S": str(chain.capture / "scene.toml")}
     filled = [known.get(arg, arg.replace("OUT", str(tmp_path / "out"))) for arg in args]
-    assert_refused(optolever, tmp_path, filled, words)
+    refused(filled, *words)
 
 
-def test_a_capture_is_never_written_over(optolever: Program, chain: Chain) -> None:
+def test_a_capture_is_never_written_over(refused: Refused, chain: Chain) -> None:
     args = ["capture", *SCENE, "--out", chain.capture]
-    assert_refused(optolever, chain.capture, args, (str(chain.capture), "no empty folder"))
+    refused(args, chain.capture, "no empty folder", folder=chain.capture)
 
 
-def test_a_folder_is_no_place_for_a_file(optolever: Program, chain: Chain, tmp_path: Path) -> None:
-    assert_refused(optolever, tmp_path, ["decode", chain.capture, "--out", tmp_path], ("is a folder",))
+def test_a_folder_is_no_place_for_a_file(refused: Refused, chain: Chain, tmp_path: Path) -> None:
+    refused(["decode", chain.capture, "--out", tmp_path], "is a folder")
 
 
 @pytest.mark.parametrize("level", [0, 255, 128])

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from optolever import memory
-from optolever.cli import run
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.pictures import read_picture
@@ -21,31 +20,19 @@ from optolever.reconstruct import exact_correspondence, reconstruct
 from optolever.scene import dent, load, load_sofast_rig, resize, trace
 from optolever.scene import sofast_files as rig
 
-from .conftest import Chain
+from .conftest import Chain, Refused
 
 Fields = dict[str, Any]
 
 
-def refused(args: list[str], capfd: pytest.CaptureFixture[str]) -> str:
-    """The one line of a command that must end with 2."""
-    assert run(args) == 2
-    lines = capfd.readouterr().err.strip().splitlines()
-    assert len(lines) == 1, lines
-    return lines[0]
-
-
 @pytest.mark.parametrize("size", ["20000x20000", "65536x65536"])
-def test_sizes_that_no_memory_holds(size: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    sequence = ["--sequence", "phase:steps=64,periods=9/10/11"]
-    said = refused(
-        ["capture", "--scene", "paper-simulation", "--size", size, *sequence, "--out", str(tmp_path / "c")],
-        capfd,
-    )
-    assert "GiB" in said
+def test_sizes_that_no_memory_holds(size: str, tmp_path: Path, refused: Refused) -> None:
+    sequence = ["--sequence", "phase:steps=64,periods=9/10/11", "--out", tmp_path / "c"]
+    refused(["capture", "--scene", "paper-simulation", "--size", size, *sequence], "GiB")
     assert not (tmp_path / "c").exists()
 
 
-def test_names_of_a_sweep(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_names_of_a_sweep(tmp_path: Path, refused: Refused) -> None:
     grid = tmp_path / "grid.toml"
     for scenes, sequences, dents in (
         ("nosuch", "gray", "flat"),
@@ -53,9 +40,7 @@ def test_names_of_a_sweep(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> 
         ("prism48", "gray", "nosuch"),
     ):
         grid.write_text(f'scenes = ["{scenes}"]\nsequences = ["{sequences}"]\ndents = ["{dents}"]\n')
-        assert "nosuch" in refused(
-            ["sweep", str(grid), "--workers", "0", "--out", str(tmp_path / "o")], capfd
-        )
+        refused(["sweep", grid, "--workers", "0", "--out", tmp_path / "o"], "nosuch")
 
 
 def fields() -> Fields:
@@ -113,21 +98,19 @@ def encrypted(path: Path) -> Path:
         lambda path: written(path, fields(), lambda name, data: data[: len(data) // 2]),
     ],
 )
-def test_npz(damage: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    path, out = damage(tmp_path / "c.npz"), tmp_path / "h.npz"
-    said = refused(["reconstruct", str(path), "--scene", "prism48", "--out", str(out)], capfd)
-    assert "c.npz" in said
-    assert not out.exists()
+def test_npz(damage: Any, tmp_path: Path, refused: Refused) -> None:
+    path = damage(tmp_path / "c.npz")
+    refused(["reconstruct", path, "--scene", "prism48", "--out", tmp_path / "h.npz"], "c.npz")
 
 
-def test_hdf5_that_claims_more_than_it_holds(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_hdf5_that_claims_more_than_it_holds(tmp_path: Path, refused: Refused) -> None:
     h5py = pytest.importorskip("h5py")
     path = tmp_path / "m.h5"
     with h5py.File(path, "w") as file:
         for name in ("fringe_images", "mask_images", "fringe_periods_x", "fringe_periods_y"):
             shape = (40000, 40000, 16)
             file.create_dataset(f"MeasurementSofastFringe/{name}", shape, "u1", chunks=(1000, 1000, 1))
-    assert "claims" in refused(["decode", str(path), "--out", str(tmp_path / "c.npz")], capfd)
+    refused(["decode", path, "--out", tmp_path / "c.npz"], "claims")
 
 
 @pytest.mark.parametrize("name", ["u", "flags"])
@@ -165,17 +148,14 @@ def test_fields_of_an_npz_count_together(tmp_path: Path, monkeypatch: pytest.Mon
     ],
 )
 def test_truth_of_another_shape(
-    name: str | None, value: Any, said: str, chain: Chain, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    name: str | None, value: Any, said: str, chain: Chain, tmp_path: Path, refused: Refused
 ) -> None:
     with np.load(chain.capture / "truth.npz") as archive:
         arrays = dict(archive)
     changed = {key: array[value] for key, array in arrays.items()} if name is None else {name: value}
     truth = written(tmp_path / "truth.npz", arrays | changed)
-    args = ["reconstruct", str(chain.correspondence), "--scene", str(chain.capture / "scene.toml")]
-    told = refused([*args, "--truth", str(truth), "--out", str(tmp_path / "h.npz")], capfd)
-    assert "truth.npz" in told
-    assert said in told
-    assert not (tmp_path / "h.npz").exists()
+    args = ["reconstruct", chain.correspondence, "--scene", chain.capture / "scene.toml"]
+    refused([*args, "--truth", truth, "--out", tmp_path / "h.npz"], "truth.npz", said)
 
 
 def sofast(path: Path, images: Any, masks: Any, x: Any, y: Any) -> Path:
@@ -202,9 +182,7 @@ def sofast(path: Path, images: Any, masks: Any, x: Any, y: Any) -> Path:
         ({"masks": np.zeros((0, 8, 2), np.uint8), "images": np.zeros((0, 8, 8), np.uint8)}, "(0, 8, 2)"),
     ],
 )
-def test_fields_of_sofast(
-    damage: Fields, said: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_fields_of_sofast(damage: Fields, said: str, tmp_path: Path, refused: Refused) -> None:
     whole = {
         "images": np.zeros((6, 8, 8), np.uint8),
         "masks": np.zeros((6, 8, 2), np.uint8),
@@ -212,9 +190,7 @@ def test_fields_of_sofast(
         "y": np.ones(1),
     }
     path = sofast(tmp_path / "m.h5", **(whole | damage))
-    told = refused(["decode", str(path), "--out", str(tmp_path / "c.npz")], capfd)
-    assert said in told
-    assert len(told) < 400
+    assert len(refused(["decode", path, "--out", tmp_path / "c.npz"], said)) < 400
 
 
 def test_fields_of_hdf5_count_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

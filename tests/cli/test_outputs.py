@@ -20,9 +20,8 @@ from optolever.cli.outputs import OUTPUT, Program
 from optolever.patterns import sequence
 from optolever.reconstruct import HeightMap
 
-from .conftest import SCENE, Chain
+from .conftest import SCENE, Chain, Refused
 from .conftest import Program as Run
-from .test_bad_input import assert_refused
 
 
 @contextmanager
@@ -115,11 +114,11 @@ def test_a_links_target_is_written(optolever: Run, tmp_path: Path) -> None:
     assert sorted(path.name for path in (tmp_path / "there").iterdir()) == ["absent", "old"]
 
 
-def test_a_link_that_leads_nowhere_is_refused(optolever: Run, tmp_path: Path) -> None:
+def test_a_link_that_leads_nowhere_is_refused(refused: Refused, tmp_path: Path) -> None:
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     (tmp_path / "off").symlink_to(tmp_path / "none" / "off")
-    assert_refused(optolever, tmp_path, ["names", "--json", tmp_path / "loop"], ("loop", "itself"))
-    assert_refused(optolever, tmp_path, ["names", "--json", tmp_path / "off"], ("off", "does not exist"))
+    refused(["names", "--json", tmp_path / "loop"], "loop", "itself")
+    refused(["names", "--json", tmp_path / "off"], "off", "does not exist")
 
 
 def test_a_file_keeps_its_mode(optolever: Run, tmp_path: Path) -> None:
@@ -136,12 +135,12 @@ def test_a_file_keeps_its_mode(optolever: Run, tmp_path: Path) -> None:
     assert stat.S_IMODE((tmp_path / "new.json").stat().st_mode) == 0o640
 
 
-def test_read_only_files_and_folders_are_kept_by_root_too(optolever: Run, tmp_path: Path) -> None:
+def test_read_only_files_and_folders_are_kept_by_root_too(refused: Refused, tmp_path: Path) -> None:
     """Before any work: what the command would read does not even exist."""
     path = tmp_path / "c.npz"
     path.write_bytes(b"an older result")
     path.chmod(0o444)
-    assert_refused(optolever, tmp_path, ["decode", "nowhere", "--out", path], (str(path), "0444"))
+    refused(["decode", "nowhere", "--out", path], path, "0444")
     locked = tmp_path / "locked"
     locked.mkdir()
     locked.chmod(0o555)
@@ -154,10 +153,10 @@ def test_read_only_files_and_folders_are_kept_by_root_too(optolever: Run, tmp_pa
         *([*report, "--out", locked / "deeper" / "report"] for report in reports),
         ["sweep", "nowhere", "--out", locked],
     ):
-        assert_refused(optolever, tmp_path, args, (str(locked), "0555"))
+        refused(args, locked, "0555")
 
 
-def test_no_output_is_an_input(optolever: Run, chain: Chain, tmp_path: Path) -> None:
+def test_no_output_is_an_input(refused: Refused, chain: Chain, tmp_path: Path) -> None:
     capture, found = tmp_path / "capture", tmp_path / "c.npz"
     shutil.copytree(chain.capture, capture)
     shutil.copy(chain.correspondence, found)
@@ -190,21 +189,21 @@ def test_no_output_is_an_input(optolever: Run, chain: Chain, tmp_path: Path) -> 
         ["design", *SCENE, "--add", capture, "--json", capture / "frames/003.png"],
     ):
         path = next(str(arg) for arg in args[::-1] if str(arg).startswith(str(tmp_path)))
-        assert_refused(optolever, tmp_path, args, (path, "an input (", "would destroy"))
+        refused(args, path, "an input (", "would destroy")
 
 
-def test_two_outputs_are_two_files(optolever: Run, tmp_path: Path) -> None:
+def test_two_outputs_are_two_files(refused: Refused, tmp_path: Path) -> None:
     path = tmp_path / "c.npz"
     args = ["decode", "nowhere", "--out", path, "--json", path]
-    assert_refused(optolever, tmp_path, args, (str(path), "two outputs"))
+    refused(args, path, "two outputs")
     path.write_bytes(b"an older result")
-    assert_refused(optolever, tmp_path, args, (str(path), "two outputs"))
+    refused(args, path, "two outputs")
     path.unlink()  # nor where neither is there yet
     (tmp_path / "folder").mkdir()
     (tmp_path / "link.json").symlink_to(tmp_path / "new.npz")
     for other in (tmp_path / "folder/../new.npz", tmp_path / "link.json"):
         args = ["decode", "nowhere", "--out", tmp_path / "new.npz", "--json", other]
-        assert_refused(optolever, tmp_path, args, (str(other), "two outputs"))
+        refused(args, other, "two outputs")
 
 
 def test_results_may_lie_beside_the_frames_and_be_made_again(
@@ -216,14 +215,14 @@ def test_results_may_lie_beside_the_frames_and_be_made_again(
         assert optolever("decode", tmp_path / "capture", *args).code == 0
 
 
-def test_a_full_disk_is_one_line_and_leaves_nothing(optolever: Run, chain: Chain, tmp_path: Path) -> None:
+def test_a_full_disk_is_one_line_and_leaves_nothing(refused: Refused, chain: Chain, tmp_path: Path) -> None:
     """New files are absent, older ones as they were."""
     (tmp_path / "h.npz").write_bytes(b"an older result")
     solve = ["reconstruct", chain.correspondence, "--scene", chain.capture / "scene.toml"]
     for name, args in {"c.npz": ["decode", chain.capture], "h.npz": solve}.items():
         path = tmp_path / name
         with full_disk():
-            assert_refused(optolever, tmp_path, [*args, "--out", path], (str(path), "File too large"))
+            refused([*args, "--out", path], path, "File too large")
 
 
 def test_every_writer_says_that_the_disk_is_full(chain: Chain, tmp_path: Path) -> None:
@@ -247,25 +246,25 @@ def test_every_writer_says_that_the_disk_is_full(chain: Chain, tmp_path: Path) -
         assert not list(tmp_path.iterdir()), name
 
 
-def test_a_full_disk_leaves_no_folder(optolever: Run, tmp_path: Path) -> None:
+def test_a_full_disk_leaves_no_folder(refused: Refused, tmp_path: Path) -> None:
     for args in (
         ["capture", *SCENE, "--noise", "2", "--renderer", "numpy", "--out", tmp_path / "capture"],
         ["demo", "--size", "96x96", "--renderer", "numpy", "--out", tmp_path / "deep/er/demo"],
     ):
         with full_disk(4096):
-            assert_refused(optolever, tmp_path, args, (str(args[-1]), "File too large"))
+            refused(args, args[-1], "File too large")
         assert not list(tmp_path.iterdir())
 
 
 def test_all_outputs_or_none(
-    optolever: Run, chain: Chain, tmp_path: Path, device: Callable[[str], Path]
+    refused: Refused, chain: Chain, tmp_path: Path, device: Callable[[str], Path]
 ) -> None:
     """The last one does not fit: those before it, whole already, are not left either."""
     full = device("full")
     solve = ["reconstruct", chain.correspondence, "--scene", chain.capture / "scene.toml"]
     args = [*solve, "--out", tmp_path / "h.npz", "--ply", tmp_path / "h.ply", "--json", full]
-    assert_refused(optolever, tmp_path, args, (str(full), "No space left"))
+    refused(args, full, "No space left")
     assert stat.S_ISCHR(full.stat().st_mode)
     (tmp_path / "rig.toml").write_bytes((chain.capture / "scene.toml").read_bytes())
     args = ["rest", chain.correspondence, "--scene", tmp_path / "rig.toml", "--json", full]
-    assert_refused(optolever, tmp_path, args, (str(full), "No space left"))
+    refused(args, full, "No space left")

@@ -16,7 +16,7 @@ import pytest
 from optolever.cli.commands import LAB, SECTIONS
 from optolever.cli.commands import Program as Top
 
-from .conftest import Program
+from .conftest import Program, Refused
 
 USER = [name for names in SECTIONS.values() for name in names]
 LABORATORY = [name for names in LAB.values() for name in names]
@@ -61,7 +61,7 @@ def test_old_names_work_and_are_not_listed(optolever: Program) -> None:
 
 
 def test_what_is_missing_is_said_before_the_work(
-    optolever: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    refused: Refused, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     grid = tmp_path / "grid.toml"
@@ -71,9 +71,7 @@ def test_what_is_missing_is_said_before_the_work(
         "optolever[dask]": ["lab", "sweep", grid, "--workers", "2", "--out", tmp_path / "o"],
     }
     for extra, args in calls.items():
-        outcome = optolever(*args)
-        assert outcome.code == 2
-        assert f"pip install '{extra}'" in outcome.err
+        refused(args, f"pip install '{extra}'")
         assert not list(tmp_path.glob("o*"))
 
 
@@ -156,13 +154,12 @@ def test_doctor_says_what_there_is_and_what_is_missing(optolever: Program, tmp_p
 
 
 def test_too_little_memory_is_one_line(
-    optolever: Program, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    refused: Refused, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     def load(_: object) -> NoReturn:
         raise MemoryError("Unable to allocate 32 GiB")
 
     monkeypatch.setattr("optolever.decode.Correspondence.load", load)
     (tmp_path / "c.npz").touch()
-    ended = optolever("reconstruct", tmp_path / "c.npz", "--scene", "prism48", "--out", tmp_path / "h.npz")
-    assert ended.code == 2
-    assert re.fullmatch(r"optolever: Unable to allocate 32 GiB; [\d.e+]+ GiB are free\n", ended.err)
+    line = refused(["reconstruct", tmp_path / "c.npz", "--scene", "prism48", "--out", tmp_path / "h.npz"])
+    assert re.fullmatch(r"optolever: Unable to allocate 32 GiB; [\d.e+]+ GiB are free", line)

@@ -6,11 +6,26 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from optolever.decode import Correspondence
 from optolever.experiments.ideal import ideal_level
 from optolever.patterns import Sequence
 
 F64 = NDArray[np.float64]
 Shoot = Callable[..., NDArray[np.generic]]
+
+
+def scores(found: Correspondence, *truth: F64) -> F64:
+    """Errors of u, or of u and v, over sigma, of the good pixels."""
+    axes = zip((found.u, found.v), (found.sigma_u, found.sigma_v), truth, strict=False)
+    return np.concatenate([((coord - true) / sigma)[found.good] for coord, sigma, true in axes])
+
+
+def silent(found: Correspondence, *truth: F64, least: float = 0.0) -> float:
+    """Share of the good pixels that are off by more than 5 sigma, and by more than `least`; 0 of none."""
+    off = np.zeros(found.flags.shape, np.bool_)
+    for coord, sigma, true in zip((found.u, found.v), (found.sigma_u, found.sigma_v), truth, strict=True):
+        off |= ~(np.abs(coord - true) <= np.maximum(5 * sigma, least))
+    return float(off[found.good].mean()) if found.good.any() else 0.0
 
 
 @pytest.fixture(scope="session")

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from optolever import InputError
 from optolever.decode import Flag, check, decode
-from optolever.patterns import Frame, Sequence, sequence
+from optolever.patterns import Sequence, sequence
 
 F64 = NDArray[np.float64]
 Shoot = Callable[..., NDArray[Any]]
@@ -114,12 +113,6 @@ def test_swapped_frames_of_one_exposure_keep_their_numbers(shoot: Shoot, smooth:
     frames[wrong] = frames[wrong[::-1]]
     (finding,) = check(frames, both).findings
     assert (finding.kind, set(finding.frames)) == ("swapped", set(wrong))
-
-
-def test_no_exposure_is_whole() -> None:
-    frames = (Frame("gray", "u", bit=0, exposure=2.0), Frame("gray", "u", bit=1))
-    with pytest.raises(InputError, match="1 of 2 are missing under 1, 1 of 2 are missing under 2"):
-        decode(np.zeros((2, 4, 4), np.uint8), Sequence(frames, 8, 8))
 
 
 def test_fringes_of_all_exposures_serve_a_code_of_one(shoot: Shoot, smooth: tuple[F64, F64]) -> None:

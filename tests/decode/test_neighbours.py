@@ -1,6 +1,5 @@
 """What a pixel's neighbours tell: bends, steep codes, mixed footprints, the border's shadow."""
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -9,9 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence, Flag, decode
+from optolever.decode import Flag, decode
 from optolever.decode.border import border_reach
+from optolever.experiments.metrics import rms
 from optolever.patterns import Sequence, sequence, sequence_from_text
+
+from .conftest import scores, silent
 
 F64 = NDArray[np.float64]
 _FINE = 8
@@ -59,13 +61,6 @@ def centres(parts: F64) -> F64:
     return np.asarray(np.mean(four, axis=0))
 
 
-def silent(found: Correspondence, u: F64, v: F64, limit: float | None = None) -> float:
-    off = np.zeros(u.shape, bool)
-    for coord, sigma, true in ((found.u, found.sigma_u, u), (found.v, found.sigma_v, v)):
-        off |= np.abs(coord - true) > (5 * sigma if limit is None else limit)
-    return float(off[found.good].mean())
-
-
 def test_the_mixed_second_derivative_is_taken_off() -> None:
     """Of a fringe it shifts a mean by u_xy sinc'(w_x) sinc'(w_y) / (4 pi^2 sinc(w_x) sinc(w_y)), w turns."""
     row, col = places(17, 17)
@@ -91,7 +86,9 @@ def test_beside_a_hole(name: str) -> None:
     v = 5 + 1.8 * row
     hole = (distance < 7.3).astype(float)
     found = decode(footprints(shown, u, v, dark=hole), shown)
-    assert silent(found, centres(u), centres(v), 1.5 if name == "gray" else None) <= 1e-4 + 1 / found.u.size
+    assert (
+        silent(found, centres(u), centres(v), least=1.5 if name == "gray" else 0.0) <= 1e-4 + 1 / found.u.size
+    )
     assert found.good[(np.abs(centres(distance) - 7.3) > 3.5) & (centres(distance) > 7.3)].mean() > 0.9
 
 
@@ -117,7 +114,7 @@ def test_the_shadow_of_the_border(name: str, blur: float) -> None:
     shown = sequence_from_text(name, 90, 100)
     row, col = places(80, 100)
     found = decode(footprints(shown, col, row + 5.0, blur=blur), shown)
-    assert silent(found, centres(col), centres(row) + 5.0, 1.5 if name == "gray" else None) <= 1e-4
+    assert silent(found, centres(col), centres(row) + 5.0, least=1.5 if name == "gray" else 0.0) <= 1e-4
     inner = np.abs(centres(col) - 49.5) < 49.5 - 4 * blur - 2
     if name != "gray" or blur < 1:
         assert found.good[inner].mean() > 0.97
@@ -202,20 +199,14 @@ def test_light_that_steps_without_a_level_moves_no_place_far() -> None:
         assert np.abs(coord[found.good]).max() < 100
 
 
-def test_places_by_chance_are_no_map() -> None:
+def test_places_by_chance_are_no_map(shoot: Callable[..., NDArray[Any]]) -> None:
     """Neighbours that have nothing to do with each other (a test of a decoder, a diffuser) flag nothing."""
     shown = sequence("phase", 100, 100, periods=(112.5, 16.0))
-    rng = np.random.default_rng(0)
-    u, v = rng.uniform(10, 89, (2, 60, 70))
-    frames = np.empty((len(shown), 60, 70))
-    for i, frame in enumerate(shown.frames):
-        at = u if frame.axis == "u" else v
-        turn = 2 * math.pi * at / (frame.period_px or 1.0) - (frame.shift or 0.0)
-        frames[i] = 120 + 100 * np.cos(turn) + rng.standard_normal(at.shape)
-    found = decode(frames, shown, on_cells=False)
+    u, v = np.random.default_rng(0).uniform(10, 89, (2, 60, 70))
+    found = decode(shoot(shown, u, v, noise=1.0), shown, on_cells=False)
     assert ((found.flags & Flag.OUTLIER) > 0).mean() < 0.01
     assert found.good.mean() > 0.99
-    assert np.sqrt(np.mean(((found.u - u) / found.sigma_u)[found.good] ** 2)) == pytest.approx(1, abs=0.05)
+    assert rms(scores(found, u)) == pytest.approx(1, abs=0.05)
 
 
 @pytest.mark.parametrize("code", ["xor-gray", "gray"])

@@ -7,20 +7,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence, decode, difference
+from optolever.decode import decode, difference
 from optolever.experiments.ideal import ideal_level
+from optolever.experiments.metrics import rms
 from optolever.patterns import Frame, Sequence, sequence
 from optolever.projector import capture
 from optolever.scene import dent, load, resize
 
+from .conftest import scores
+
 F64 = NDArray[np.float64]
 Shoot = Callable[..., NDArray[Any]]
-
-
-def scores(found: Correspondence, truth: tuple[F64, F64]) -> F64:
-    """Errors over sigma of the unflagged pixels, both axes."""
-    pairs = zip((found.u, found.v), (found.sigma_u, found.sigma_v), truth, strict=True)
-    return np.concatenate([((coord - true) / sigma)[found.good] for coord, sigma, true in pairs])
 
 
 @pytest.mark.parametrize("ratio", [6, 10, 40, 100])
@@ -39,14 +36,8 @@ def test_coverage(
 ) -> None:
     """68 +- 2 % within one sigma, 95 +- 1 % within two; the noise is estimated from the frames."""
     shown = sequence(name, 150, 170, **params)
-    found = [
-        scores(
-            decode(shoot(shown, *smooth, noise=60 / ratio, seed=seed, amplitude=60), shown, on_cells=False),
-            smooth,
-        )
-        for seed in range(3)
-    ]
-    score = np.abs(np.concatenate(found))
+    shots = (shoot(shown, *smooth, noise=60 / ratio, seed=seed, amplitude=60) for seed in range(3))
+    score = np.abs(np.concatenate([scores(decode(shot, shown, on_cells=False), *smooth) for shot in shots]))
     if ratio > 20 or name == "gray+phase":
         assert len(score) > 0.5 * 3 * 2 * smooth[0].size
     if len(score) > 3000:
@@ -95,8 +86,7 @@ def test_discrete_codes(shoot: Shoot, name: str) -> None:
     u, v = 3 + 1.087 * col + 0.013 * row, 3 + 0.931 * row + 0.017 * col
     shown = sequence(name, 150, 170)
     found = decode(shoot(shown, u, v, noise=8.0, amplitude=60.0, offset=100.0), shown)
-    score = scores(found, (u, v))
-    assert np.sqrt(np.mean(score**2)) == pytest.approx(1, rel=0.05)
+    assert rms(scores(found, u, v)) == pytest.approx(1, rel=0.05)
     assert found.good.mean() > 0.95
     outside = np.abs(found.u - u)[found.good] > 1.5
     stated = found.order_error[found.good].mean()
@@ -157,7 +147,7 @@ def test_bits_in_blur_and_noise(kind: str, inverses: bool, blur: float, ratio: f
     error = (found.u - u)[found.good]
     assert np.count_nonzero(np.abs(error) > 1.5) <= 1e-4 * error.size
     if error.size > 1000:
-        assert 0.75 < np.sqrt(np.mean((error / found.sigma_u[found.good]) ** 2)) < 1.25
+        assert 0.75 < rms(scores(found, u)) < 1.25
 
 
 def test_white_noise_alone_gives_no_notice() -> None:

@@ -45,20 +45,22 @@ def test_a_cusp_hides_lattice_lines() -> None:
 
 
 @pytest.mark.parametrize(
-    ("law", "sign", "gamma", "drops", "rises", "mean"),
+    ("law", "sign", "gamma", "printed"),
     [
-        ("reflection", 1, False, 0.235, 0.66, 0.32),
-        ("reflection", 1, True, 0.029, 0.28, 0.145),
-        ("print", -1, False, 0.645, 0.32, 0.34),
-        ("print", -1, True, 0.033, 0.035, 0.0030),
+        ("reflection", 1, False, ("0.235", "0.66", "0.32")),
+        ("reflection", 1, True, ("0.029", "0.28", "0.145")),
+        ("print", -1, False, ("0.645", "0.32", "0.34")),
+        ("print", -1, True, ("0.033", "0.035", "0.0030")),
     ],
 )
 def test_published_table(
-    study: PaperStudy, law: str, sign: int, gamma: bool, drops: float, rises: float, mean: float
+    study: PaperStudy, law: str, sign: int, gamma: bool, printed: tuple[str, ...]
 ) -> None:
+    """PAPER.md's, to half a unit of its last printed digit (.6445 is printed there as .65)."""
     row = study.find(case="smooth", data="exact", law=law, method="lattice", sign=sign, gamma=gamma)
     assert row.points == 64
-    assert (row.drops, row.rises, row.mean) == pytest.approx((drops, rises, mean), rel=0.02)
+    for found, digits in zip((row.drops, row.rises, row.mean), printed, strict=True):
+        assert abs(found - float(digits)) <= 0.51 * 10.0 ** -len(digits.partition(".")[2])
 
 
 def test_frames_tell_what_exact_data_tell(study: PaperStudy) -> None:

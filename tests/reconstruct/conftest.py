@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from optolever.decode import Correspondence
-from optolever.reconstruct import exact_correspondence
+from optolever.reconstruct import HeightMap, exact_correspondence
 from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
 
 Exact = tuple[Scene, Trace, Correspondence]
@@ -20,6 +20,18 @@ def correspondence_of(truth: Trace, sigma: float = 0.02, noise: float = 0.0, see
     """
     error = noise * np.random.default_rng(seed).standard_normal((2, *truth.u.shape))
     return replace(exact_correspondence(truth, sigma), u=truth.u + error[0], v=truth.v + error[1])
+
+
+def scores(height: HeightMap, truth: Trace) -> np.ndarray:
+    """Errors over sigma, (H, W); NaN where a flag stands, and nowhere else."""
+    found = np.where(height.good, (height.z - truth.z) / height.sigma, np.nan)
+    assert np.isfinite(found[height.good]).all()
+    return np.asarray(found)
+
+
+def rms_score(*found: np.ndarray) -> float:
+    """Of scores that are known."""
+    return float(np.sqrt(np.nanmean(np.square(np.concatenate([np.ravel(each) for each in found])))))
 
 
 @lru_cache(maxsize=32)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from optolever.decode import Correspondence
+from optolever.experiments.metrics import relative_error, rms
 from optolever.reconstruct import (
     DistanceAnchor,
     EdgeAnchor,
     HeightFlag,
-    HeightMap,
     PixelAnchor,
     PointAnchor,
     exact_correspondence,
@@ -18,12 +18,6 @@ from optolever.reconstruct import (
 )
 from optolever.scene import dent_from_text as dent
 from optolever.scene import load, resize, trace
-
-
-def relative_rms(height: HeightMap, truth: np.ndarray) -> float:
-    """rms height error over the good pixels / peak depth."""
-    error = (height.z - truth)[height.good]
-    return float(np.sqrt(np.mean(error**2)) / np.nanmax(np.abs(truth)))
 
 
 @pytest.mark.parametrize(
@@ -42,7 +36,7 @@ def test_default_anchor(exact, preset: str, name: str, size: int, limit: float) 
     height = reconstruct(correspondence, scene)
     assert height.diagnostics.converged
     assert (height.good == truth.visible).mean() > 0.999
-    assert relative_rms(height, truth.z) < limit
+    assert relative_error(height, truth) < limit
     good = height.good
     np.testing.assert_allclose(height.x[good], truth.x[good], atol=0.01)
     assert np.all(height.sigma[good] > 0)
@@ -54,7 +48,7 @@ def test_known_point_reaches_the_quadrature_error(exact) -> None:
     for size in (120, 240):
         scene, truth, correspondence = exact("paper-simulation", "raised-cosine", size, size)
         anchor = PixelAnchor(size // 2, size // 2, float(truth.z[size // 2, size // 2]))
-        errors.append(relative_rms(reconstruct(correspondence, scene, anchor=anchor), truth.z))
+        errors.append(relative_error(reconstruct(correspondence, scene, anchor=anchor), truth))
     assert errors[1] < 1e-8
     assert errors[1] < errors[0] / 10
 
@@ -78,16 +72,16 @@ def test_every_kind_of_anchor_finds_the_same_mirror(bump) -> None:
         [EdgeAnchor(sigma=0.01), PointAnchor(*map(float, point))],
     ]
     for anchor in anchors:
-        assert relative_rms(reconstruct(correspondence, scene, anchor=anchor), truth.z) < 1e-6
+        assert relative_error(reconstruct(correspondence, scene, anchor=anchor), truth) < 1e-6
 
 
 def test_points_between_pixels_serve_as_anchors(bump) -> None:
     scene, _, correspondence = bump
     surface = dent("raised-cosine", scene)
-    truth = trace(scene, surface).z
+    truth = trace(scene, surface)
     x, y = 61.23, 70.77
     anchor = PointAnchor(x, y, float(surface.height(np.array([x]), np.array([y]))[0]))
-    assert relative_rms(reconstruct(correspondence, scene, anchor=anchor), truth) < 1e-6
+    assert relative_error(reconstruct(correspondence, scene, anchor=anchor), truth) < 1e-6
 
 
 def test_a_wrong_anchor_excites_the_free_mode_alone(bump) -> None:
@@ -107,7 +101,7 @@ def test_fixed_point_agrees(bump) -> None:
     assert slow.diagnostics.converged
     assert len(slow.diagnostics.steps) > len(fast.diagnostics.steps)
     difference = (slow.z - fast.z)[slow.good & fast.good]
-    assert np.sqrt(np.mean(difference**2)) < 1e-6 * np.nanmax(truth.z)
+    assert rms(difference) < 1e-6 * np.nanmax(truth.z)
 
 
 @pytest.mark.parametrize("shape", ["disk", "holes", "slit", "dropouts"])
@@ -125,7 +119,7 @@ def test_masks(exact, cut, shape: str) -> None:
     height = reconstruct(cut(correspondence, keep), scene, anchor=anchor)
     assert height.diagnostics.converged
     assert (height.good == (keep & truth.visible)).mean() > 0.999
-    assert relative_rms(height, truth.z) < 1e-6
+    assert relative_error(height, truth) < 1e-6
     by_argument = reconstruct(correspondence, scene, anchor=anchor, mask=keep)
     np.testing.assert_array_equal(by_argument.z, height.z)
 
@@ -141,13 +135,13 @@ def test_islands_without_an_anchor_are_flagged_and_not_guessed(exact, cut) -> No
     assert np.isnan(height.z[inside]).all()
     assert np.isnan(height.sigma[inside]).all()
     assert height.diagnostics.lost == inside.sum()
-    assert relative_rms(height, truth.z) < 1e-6
+    assert relative_error(height, truth) < 1e-6
     both = reconstruct(
         cut(correspondence, keep), scene, anchor=[EdgeAnchor(), PixelAnchor(48, 48, float(truth.z[48, 48]))]
     )
     assert both.diagnostics.components == 2
     assert both.good[inside].all()
-    assert relative_rms(both, truth.z) < 1e-6
+    assert relative_error(both, truth) < 1e-6
 
 
 def test_a_wild_pixel_is_flagged(exact) -> None:
@@ -166,7 +160,7 @@ def test_float32_input(exact) -> None:
     )
     height = reconstruct(single, scene)
     assert height.z.dtype == np.float64
-    assert relative_rms(height, truth.z) < 2e-5
+    assert relative_error(height, truth) < 2e-5
 
 
 def test_coarse_start_is_only_a_start(noisy) -> None:
@@ -176,7 +170,7 @@ def test_coarse_start_is_only_a_start(noisy) -> None:
     height = reconstruct(noisy(truth), scene)
     assert height.diagnostics.converged
     assert len(height.diagnostics.steps) <= 3
-    assert relative_rms(height, truth.z) < 5e-5
+    assert relative_error(height, truth) < 5e-5
 
 
 def test_exact_data_may_say_so(bump) -> None:
@@ -185,4 +179,4 @@ def test_exact_data_may_say_so(bump) -> None:
     zero = np.zeros_like(correspondence.sigma_u)
     height = reconstruct(replace(correspondence, sigma_u=zero, sigma_v=zero), scene)
     assert height.good.mean() > 0.99
-    assert relative_rms(height, truth.z) < 1e-5
+    assert relative_error(height, truth) < 1e-5

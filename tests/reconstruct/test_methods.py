@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from optolever import InputError
+from optolever.experiments.metrics import relative_error
 from optolever.reconstruct import PixelAnchor, method_names, reconstruct
 from optolever.reconstruct.geometry import ray_field
 from optolever.reconstruct.newton import Options, State, coarse_start, solve
@@ -12,11 +13,6 @@ from optolever.reconstruct.reweighting import reweighted
 
 DENSE = ("coupled", "direct", "robust", "march", "fixed-point")
 SIDE = 64
-
-
-def relative_error(height, truth) -> float:
-    error = (height.z - truth.z)[height.good & truth.visible]
-    return float(np.sqrt(np.mean(error**2)) / np.nanmax(np.abs(truth.z)))
 
 
 def test_names() -> None:
