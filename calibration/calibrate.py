@@ -29,7 +29,6 @@ _STARTS = 24  # where there was a second minimum, one in 4 to one in 12 led to i
 _COSTLIER = 25.0  # five sigma: the difference D of two sums of squares is known to 2 sqrt(D)
 _START_PIXELS = 200  # of a capture: starts are found on these
 _START_EVALUATIONS = 100  # of 144 starts of 18 rigs the longest that ended took 56; others wander
-_ROUGH = 1e-6  # of the sum of squares: starts end so early
 _ALIKE = 0.1  # of the sum of squares: two minima are one
 _ROUNDING = 1e-9  # of derivatives by differences
 _NO_BALL = 5.0  # chi of a ball's capture, and sigmas of its radius: it is none
@@ -229,7 +228,7 @@ def _rest_minima(problem: Problem, mean: dict[str, float]) -> list[dict[str, flo
     for _ in range(_STARTS - 1 if drawn else 0):
         scatter = dict(zip(drawn, rng.standard_normal(len(drawn)), strict=True))
         starts.append(mean | {key: mean.get(key, 0.0) + problem.sigmas[key] * scatter[key] for key in drawn})
-    found = _distinct(adjust(alone, first, _ROUGH, _START_EVALUATIONS) for first in starts)
+    found = _distinct(adjust(alone, first, True, _START_EVALUATIONS) for first in starts)
     least = min(each.cost for each in found)
     return [mean | each.problem.named(each.values) for each in found if each.cost < least + _COSTLIER]
 
@@ -240,7 +239,7 @@ def _thinned(problem: Problem) -> Problem:
 
 def _roughly(problem: Problem, first: Mapping[str, float]) -> dict[str, float]:
     """The minimum of the thinned captures."""
-    found = adjust(_thinned(problem), first, _ROUGH)
+    found = adjust(_thinned(problem), first, rough=True)
     return found.problem.named(found.values)
 
 
@@ -280,7 +279,7 @@ def _own(problem: Problem, name: str, values: Mapping[str, float]) -> Adjustment
     held = {key: value for key, value in values.items() if key not in own}
     missing = {key: 0.0 for key in problem.sigmas if key not in own and key not in held}
     return adjust(
-        replace(problem, samples=[sample], sigmas=sigmas, fixed=held | missing, points=()), values, _ROUGH
+        replace(problem, samples=[sample], sigmas=sigmas, fixed=held | missing, points=()), values, rough=True
     )
 
 
