@@ -11,7 +11,8 @@ from optolever.errors import InputError
 
 from .arrays import Floats, Ints, Mask
 from .edges import divergence
-from .linear import MaskedEdges, SeparableEdges
+from .linear import SeparableEdges
+from .masked import MaskedEdges
 from .poisson import Accuracy, PoissonResult
 
 __all__ = ["DirectEdges", "MarchedEdges", "marched"]
@@ -38,11 +39,12 @@ class DirectEdges(MaskedEdges):
 
     def _normal(self) -> scipy.sparse.csc_array:
         """D^T w D of the free pixels, in their order."""
-        place = np.full(self._wx.shape, -1)
+        wx, wy = self.weights
+        place = np.full(wx.shape, -1)
         place.reshape(-1)[self._free] = np.arange(self._free.size)
         tail = np.concatenate([place[:, :-1].ravel(), place[:-1].ravel()])
         head = np.concatenate([place[:, 1:].ravel(), place[1:].ravel()])
-        weight = np.concatenate([self._wx[:, :-1].ravel(), self._wy[:-1].ravel()])
+        weight = np.concatenate([wx[:, :-1].ravel(), wy[:-1].ravel()])
         inner = (tail >= 0) & (head >= 0) & (weight > 0)
         count = self._free.size
         sums = sum(np.bincount(end + 1, weight, count + 1)[1:] for end in (tail, head))
@@ -58,7 +60,7 @@ class DirectEdges(MaskedEdges):
         """One direct solve."""
         x = np.zeros(gx.shape)
         if self._factor is not None:
-            rhs = divergence(gx, gy, self._wx, self._wy)
+            rhs = divergence(gx, gy, *self.weights)
             x.reshape(-1)[self._free] = self._factor.solve(rhs.ravel()[self._free])
         return PoissonResult(x, 1, 0.0)
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from .alternatives import DirectEdges, marched
 from .arrays import Floats, Mask
-from .linear import MaskedEdges, SeparableEdges
+from .linear import SeparableEdges
+from .masked import MaskedEdges
 from .poisson import Accuracy
 from .reweighting import cauchy, scaled_median
 
@@ -50,7 +51,7 @@ def defect(f: Field, z: Floats) -> float:
     """rms difference between the increments and the differences of z."""
     rx, ry = _residuals(f, z if f.mask.all() else np.nan_to_num(z))
     count = int(np.count_nonzero(f.wx)) + int(np.count_nonzero(f.wy))
-    return math.sqrt(float(np.vdot(rx, rx) + np.vdot(ry, ry)) / max(count, 1))
+    return math.sqrt(sum(float(np.einsum("ij,ij->", r, r)) for r in (rx, ry)) / max(count, 1))
 
 
 def _rectangle(f: Field) -> _Solution:

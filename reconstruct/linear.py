@@ -8,10 +8,10 @@ import numpy as np
 
 from .arrays import Floats, Mask
 from .edges import divergence
-from .masked import MaskedPoisson
+from .masked import MaskedEdges
 from .poisson import Accuracy, ColumnPoisson, PoissonResult, column_profile
 
-__all__ = ["EdgeProblem", "MaskedEdges", "SeparableEdges", "edge_problem", "spread"]
+__all__ = ["EdgeProblem", "SeparableEdges", "edge_problem", "spread"]
 
 SEPARABLE_SPREAD = (
     0.4  # rms of the log weights about their columns' mean: a loss of 1 to 2 % in sigma at most
@@ -62,32 +62,6 @@ class SeparableEdges:
         return float(
             np.einsum("ij,ij,j->", gx, gx, self._wx[0]) + np.einsum("ij,ij,j->", gy, gy, self._wy[0])
         )
-
-
-class MaskedEdges:
-    """Any mask, any weights: conjugate gradients."""
-
-    closed = False
-
-    def __init__(self, wx: Floats, wy: Floats, mask: Mask) -> None:
-        self._wx, self._wy = wx, wy
-        self.weights = wx, wy
-        self._poisson = MaskedPoisson(wx, wy, mask)
-
-    @property
-    def columns(self) -> ColumnPoisson:
-        """The separable problem with the columns' mean weights."""
-        return ColumnPoisson(column_profile(self._wx), column_profile(self._wy), self._wx.shape[0])
-
-    def solve(
-        self, gx: Floats, gy: Floats, accuracy: Accuracy, start: Floats | None = None, limit: int = 500
-    ) -> PoissonResult:
-        """Preconditioned conjugate gradients, `limit` iterations at most."""
-        return self._poisson.solve(divergence(gx, gy, self._wx, self._wy), accuracy, start, limit)
-
-    def energy(self, gx: Floats, gy: Floats) -> float:
-        """sum w_e g_e^2."""
-        return float(np.einsum("ij,ij,ij->", gx, gx, self._wx) + np.einsum("ij,ij,ij->", gy, gy, self._wy))
 
 
 def edge_problem(wx: Floats, wy: Floats, mask: Mask, separable: bool = True) -> EdgeProblem:

@@ -4,62 +4,76 @@ from collections.abc import Callable
 
 import numpy as np
 
-from optolever.blocks import over_image
-from optolever.kernels import exact
-
 from .arrays import Floats, Mask
-from .edges import apply_laplacian
+from .edges import apply_laplacian, divergence
 from .multigrid import Multigrid
-from .poisson import Accuracy, PoissonResult, column_profile
+from .poisson import Accuracy, ColumnPoisson, PoissonResult, column_profile
 
-__all__ = ["MaskedPoisson"]
+__all__ = ["MaskedEdges"]
 
 _LEAK = 1e-4  # of its column's mean weight: what a missing edge conducts in the preconditioner
 
 
-class MaskedPoisson:
+class MaskedEdges:
     """min sum w_e (x_j - x_i - g_e)^2 on the edges whose weight is not zero.
 
     wx, wy: (rows, cols). The preconditioner sees the whole rectangle, in which missing edges conduct next to
     nothing: its solution, taken in the mask alone, is that of the mask but for this.
     """
 
+    closed = False
+
     def __init__(self, wx: Floats, wy: Floats, mask: Mask) -> None:
-        self.wx, self.wy = wx, wy
+        self.weights = wx, wy
         self._mask = mask.astype(np.float64)
         self._cycle: Callable[[Floats], Floats] | None = None
 
+    @property
+    def columns(self) -> ColumnPoisson:
+        """The separable problem with the columns' mean weights."""
+        wx, wy = (column_profile(weight) for weight in self.weights)
+        return ColumnPoisson(wx, wy, len(self._mask))
+
+    def energy(self, gx: Floats, gy: Floats) -> float:
+        """sum w_e g_e^2."""
+        return sum(
+            float(np.einsum("ij,ij,ij->", g, g, w)) for g, w in zip((gx, gy), self.weights, strict=True)
+        )
+
     def solve(
-        self, rhs: Floats, accuracy: Accuracy, start: Floats | None = None, limit: int = 500
+        self, gx: Floats, gy: Floats, accuracy: Accuracy, start: Floats | None = None, limit: int = 500
     ) -> PoissonResult:
         """Solve from start (zero) until the remaining error, as the preconditioner estimates it,
-        meets the accuracy.
+        meets the accuracy, in `limit` iterations at most.
         """
-        x = np.zeros(rhs.shape) if start is None else start * self._mask
-        r, image = rhs * self._mask, np.empty(rhs.shape)
+        x = np.zeros(gx.shape) if start is None else start * self._mask
+        r, image = divergence(gx, gy, *self.weights), np.empty(gx.shape)
+        r *= self._mask
         if start is not None:
-            r -= apply_laplacian(x, self.wx, self.wy)[0]
+            r -= apply_laplacian(x, *self.weights, image)[0]
         z, energy = self._preconditioned(r)
         first = energy
         direction = z.copy()
         for iteration in range(limit):
             if energy <= 0.0 or accuracy.met(energy, first, z):
                 return PoissonResult(x, iteration, float(np.sqrt(max(energy, 0.0))))
-            alpha = energy / apply_laplacian(direction, self.wx, self.wy, image)[1]
-            over_image(_descent(x, r, alpha, direction, image), rhs.shape)
+            alpha = energy / apply_laplacian(direction, *self.weights, image)[1]
+            r -= np.multiply(alpha, image, out=image)
+            x += np.multiply(alpha, direction, out=image)
             before = energy
             z, energy = self._preconditioned(r)
-            over_image(_turn(direction, energy / before, z), rhs.shape)
+            direction *= energy / before
+            direction += z
         return PoissonResult(x, limit, float(np.sqrt(max(energy, 0.0))))
 
     def _preconditioned(self, r: Floats) -> tuple[Floats, float]:
         """About the error that the residual r stands for, zero outside the mask, and its energy."""
         if self._cycle is None:
-            self._cycle = Multigrid(_filled(self.wx, 1), _filled(self.wy, 0)).cycle
+            wx, wy = self.weights
+            self._cycle = Multigrid(_filled(wx, 1), _filled(wy, 0)).cycle
         z = self._cycle(r)
-        sums = np.empty(r.shape[0])
-        over_image(lambda start, stop: _masked_dot(z, self._mask, r, sums, start, stop), r.shape)
-        return z, float(sums.sum())
+        z *= self._mask
+        return z, float(np.einsum("ij,ij->", z, r))
 
 
 def _filled(weights: Floats, axis: int) -> Floats:
@@ -67,38 +81,3 @@ def _filled(weights: Floats, axis: int) -> Floats:
     filled = np.where(weights > 0, weights, _LEAK * column_profile(weights))
     filled[(slice(None), -1) if axis == 1 else -1] = 0.0
     return filled
-
-
-def _descent(
-    x: Floats, r: Floats, alpha: float, direction: Floats, image: Floats
-) -> Callable[[int, int], None]:
-    return lambda start, stop: _descend(x, r, alpha, direction, image, start, stop)
-
-
-def _turn(direction: Floats, beta: float, z: Floats) -> Callable[[int, int], None]:
-    return lambda start, stop: _scale_add(direction, beta, z, start, stop)
-
-
-@exact
-def _masked_dot(z, mask, r, sums, start, stop):  # type: ignore[no-untyped-def]
-    for i in range(start, stop):
-        total = 0.0
-        for j in range(z.shape[1]):
-            z[i, j] *= mask[i, j]
-            total += z[i, j] * r[i, j]
-        sums[i] = total
-
-
-@exact
-def _descend(x, r, alpha, direction, image, start, stop):  # type: ignore[no-untyped-def]
-    for i in range(start, stop):
-        for j in range(x.shape[1]):
-            x[i, j] += alpha * direction[i, j]
-            r[i, j] -= alpha * image[i, j]
-
-
-@exact
-def _scale_add(direction, beta, z, start, stop):  # type: ignore[no-untyped-def]
-    for i in range(start, stop):
-        for j in range(z.shape[1]):
-            direction[i, j] = z[i, j] + beta * direction[i, j]

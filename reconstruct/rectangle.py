@@ -33,7 +33,8 @@ def rectangle(p: Floats, q: Floats, cubic: bool) -> tuple[Floats, float]:
     gx[:, :-1] -= np.diff(z, axis=1)
     gy[:-1] -= np.diff(z, axis=0)
     edges = rows * (cols - 1) + cols * (rows - 1)
-    return z, math.sqrt(float(np.vdot(gx, gx) + np.vdot(gy, gy)) / max(edges, 1))
+    squares = sum(float(np.einsum("ij,ij->", g, g)) for g in (gx, gy))
+    return z, math.sqrt(squares / max(edges, 1))
 
 
 def _trapezoids(p: Floats, q: Floats) -> tuple[Floats, Floats]:
