@@ -9,7 +9,6 @@ the edge's variance, so that the solve goes around the crease, and what can only
 sigma that says so. What the cubic misses of a smooth curve, fourth differences tell; that joins the doubt.
 """
 
-import cv2
 import numpy as np
 import scipy.ndimage
 
@@ -62,10 +61,9 @@ def edge_doubt(
     blamed for a curl and yet in use; quick: look first whether the slopes' third differences stand out
     anywhere, which finds every crease that shows.
     """
-    if quick and suspects is None and _smooth(p, q, var_p, var_q, mask, noise):
-        return None
-    dx, plain_x, sure_x, curve_x = _axis(p, var_p, mask, 0, 1, noise)
-    dy, plain_y, sure_y, curve_y = _axis(q, var_q, mask, 1, 0, noise)
+    quick = quick and suspects is None and bool(mask.all())
+    dx, plain_x, sure_x, curve_x = _axis(p, var_p, mask, (0, 1), noise, quick)
+    dy, plain_y, sure_y, curve_y = _axis(q, var_q, mask, (1, 0), noise, quick)
     blamed = suspects is not None and bool(suspects.any())
     curves = bool((curve_x > 0).any() or (curve_y > 0).any())
     sure, doubtful = sure_x | sure_y, (dx > 0) | (dy > 0)
@@ -78,6 +76,8 @@ def edge_doubt(
     sure |= long
     if not (blamed or curves or sure.any()):
         return None
+    if quick:
+        return edge_doubt(p, q, var_p, var_q, mask, noise)
     found = np.zeros(count + 1, dtype=np.bool_)
     found[parts[sure]] = True
     found[0] = False
@@ -139,30 +139,18 @@ def _shared_along(doubt: Floats, mask: Mask) -> Floats:
     return wide
 
 
-def _smooth(p: Floats, q: Floats, var_p: Floats, var_q: Floats, mask: Mask, noise: float) -> bool:
-    """Whether nothing can come of a closer look; never where pixels are missing."""
-    if not mask.all():
-        return False
-    seen = np.zeros(mask.shape, dtype=np.uint8)
-    over_image(lambda start, stop: _glance(p, var_p, mask, 0, 1, noise, seen, start, stop), seen.shape)
-    over_image(lambda start, stop: _glance(q, var_q, mask, 1, 0, noise, seen, start, stop), seen.shape)
-    if int(seen.max()) > 1:
-        return False
-    parts = cv2.connectedComponentsWithStats(seen, connectivity=8)[2]
-    return len(parts) < 2 or int(parts[1:, cv2.CC_STAT_AREA].max()) < _CHAIN
-
-
 def _axis(
-    f: Floats, variance: Floats, mask: Mask, di: int, dj: int, noise: float
+    f: Floats, variance: Floats, mask: Mask, step: tuple[int, int], noise: float, loud: bool
 ) -> tuple[Floats, Floats, Mask, Floats]:
     """Doubts beyond the noise, doubts whatever the noise, where they are beyond any noise; and what cubics
-    miss of a curve.
+    miss of a curve. loud: only of edges whose third difference stands out, and zero elsewhere.
     """
+    di, dj = step
     out, plain, most, curve = (np.zeros(f.shape) for _ in range(4))
     sure = np.zeros(f.shape, dtype=np.bool_)
     over_image(
         lambda start, stop: _doubt(
-            f, variance, mask, di, dj, noise, out, plain, most, curve, sure, start, stop
+            f, variance, mask, di, dj, noise, loud, out, plain, most, curve, sure, start, stop
         ),
         f.shape,
     )
@@ -285,12 +273,14 @@ def _edge(f, var, mask, i, j, di, dj, before, after, scale):  # type: ignore[no-
 
 
 @exact
-def _doubt(f, var, mask, di, dj, scale, out, plain, most, curve, sure, start, stop):  # type: ignore[no-untyped-def]
+def _doubt(f, var, mask, di, dj, scale, loud_only, out, plain, most, curve, sure, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = f.shape
-    for i in range(start, stop):
-        for j in range(cols):
-            i1, j1 = i + di, j + dj
-            if i1 >= rows or j1 >= cols or not mask[i, j] or not mask[i1, j1]:
+    loud = np.ones(cols, dtype=np.bool_)
+    for i in range(start, min(stop, rows - di)):
+        if loud_only:
+            _stand_out(f, var, i, di, 0.5 * (scale * _QUIET) ** 2, loud)
+        for j in range(cols - dj):
+            if not (loud[j] and mask[i, j] and mask[i + di, j + dj]):
                 continue
             before, after = (i, rows - 1 - i) if di == 1 else (j, cols - 1 - j)
             curve[i, j] = _curve(f, var, mask, i, j, di, dj, before, after)
@@ -300,31 +290,19 @@ def _doubt(f, var, mask, di, dj, scale, out, plain, most, curve, sure, start, st
 
 
 @exact
-def _glance(f, var, mask, di, dj, scale, seen, start, stop):  # type: ignore[no-untyped-def]
-    """Edges in doubt into seen (H, W): |= 1, if certain |= 2. Only edges whose third difference stands out of
-    the noise are looked at, and those at the border; for masks without gaps.
-    """
+def _stand_out(f, var, i, di, limit, loud):  # type: ignore[no-untyped-def]
+    """Edges of a line whose third difference squared exceeds so many variances, and those at the border."""
     rows, cols = f.shape
-    loud = np.empty(cols, dtype=np.uint8)
-    limit = 0.5 * (scale * _QUIET) ** 2
-    for i in range(start, min(stop, rows - di)):
-        loud[:] = 1
-        if di == 0:
-            row, noise = f[i], var[i]
-            for j in range(1, cols - 2):
-                third = row[j + 2] - row[j - 1] - 3.0 * (row[j + 1] - row[j])
-                loud[j] = third * third >= limit * (noise[j] + noise[j + 1])
-        elif 1 <= i < rows - 2:
-            above, here, below, last = f[i - 1], f[i], f[i + 1], f[i + 2]
-            noise, other = var[i], var[i + 1]
-            for j in range(cols):
-                third = last[j] - above[j] - 3.0 * (below[j] - here[j])
-                loud[j] = third * third >= limit * (noise[j] + other[j])
-        for j in range(cols - dj):
-            if loud[j]:
-                before, after = (i, rows - 1 - i) if di == 1 else (j, cols - 1 - j)
-                least, whatever, certain, largest = _edge(f, var, mask, i, j, di, dj, before, after, scale)
-                if np.isfinite(whatever) and (least > 0.0 or largest > 0.0):
-                    seen[i, j] |= 3 if certain or largest > 0.0 else 1
-                if _curve(f, var, mask, i, j, di, dj, before, after) > 0.0:
-                    seen[i, j] |= 1
+    if di == 0:
+        row, noise = f[i], var[i]
+        for j in range(1, cols - 2):
+            third = row[j + 2] - row[j - 1] - 3.0 * (row[j + 1] - row[j])
+            loud[j] = third * third >= limit * (noise[j] + noise[j + 1])
+    elif 1 <= i < rows - 2:
+        above, here, below, last = f[i - 1], f[i], f[i + 1], f[i + 2]
+        noise, other = var[i], var[i + 1]
+        for j in range(cols):
+            third = last[j] - above[j] - 3.0 * (below[j] - here[j])
+            loud[j] = third * third >= limit * (noise[j] + other[j])
+    else:
+        loud[:] = True
