@@ -274,13 +274,12 @@ def doubted(
     noise: float,
     removed: Mask,
     blamed: Mask | None = None,
-    quick: bool = False,
 ) -> Doubt | None:
     """What is in doubt of a solution's edges, those of interpolated pixels included."""
     p, q = problem.data.slopes(state.w)[:2]
     announced = not np.isfinite(noise) or problem.data.whole_cells(problem.bridged)
     scale = 1.0 if announced else min(1.0, _BETTER * noise)
-    doubt = edge_doubt(p, q, *state.variances, problem.data.mask, scale, blamed, quick)
+    doubt = edge_doubt(p, q, *state.variances, problem.data.mask, scale, blamed)
     return None if doubt is None else widened(doubt, removed | problem.bridged)
 
 

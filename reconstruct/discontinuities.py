@@ -53,18 +53,18 @@ def edge_doubt(
     mask: Mask,
     noise: float = 1.0,
     suspects: Mask | None = None,
-    quick: bool = False,
+    closer: bool = False,
 ) -> Doubt | None:
     """The doubts of slopes p, q (H, W); None if no edge is doubtful.
 
     noise: what the slopes' noise really is, over what the variances say; suspects (H, W): pixels that are
-    blamed for a curl and yet in use; quick: look first whether the slopes' third differences stand out
-    anywhere, which finds every crease that shows.
+    blamed for a curl and yet in use; closer: look at all edges, and not first whether any slopes' third
+    differences stand out, as those of every crease that shows do.
     """
-    quick = quick and suspects is None and bool(mask.all())
-    dx, plain_x, sure_x, curve_x = _axis(p, var_p, mask, (0, 1), noise, quick)
-    dy, plain_y, sure_y, curve_y = _axis(q, var_q, mask, (1, 0), noise, quick)
     blamed = suspects is not None and bool(suspects.any())
+    glance = not (closer or blamed) and bool(mask.all())
+    dx, plain_x, sure_x, curve_x = _axis(p, var_p, mask, (0, 1), noise, glance)
+    dy, plain_y, sure_y, curve_y = _axis(q, var_q, mask, (1, 0), noise, glance)
     curves = bool((curve_x > 0).any() or (curve_y > 0).any())
     sure, doubtful = sure_x | sure_y, (dx > 0) | (dy > 0)
     if not (blamed or curves or sure.any()) and np.count_nonzero(doubtful) < _CHAIN:
@@ -76,8 +76,8 @@ def edge_doubt(
     sure |= long
     if not (blamed or curves or sure.any()):
         return None
-    if quick:
-        return edge_doubt(p, q, var_p, var_q, mask, noise)
+    if glance:
+        return edge_doubt(p, q, var_p, var_q, mask, noise, closer=True)
     found = np.zeros(count + 1, dtype=np.bool_)
     found[parts[sure]] = True
     found[0] = False

@@ -87,7 +87,7 @@ class HeightStream:
             size = float(np.sqrt(np.mean((state.w - before) ** 2 / variance)))
             rate = min(1.0, size / last_size) if last_size > 0 else 1.0
             if size * rate <= _SETTLED:
-                doubt = doubted(renewed, state, 1.0, empty, quick=state.doubt is None)
+                doubt = doubted(renewed, state, 1.0, empty)
                 if doubt is not None and state.doubt is None:
                     return None
                 state = replace(state, doubt=doubt)
