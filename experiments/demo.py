@@ -16,6 +16,7 @@ from optolever.scene import Scene, Trace, dent_from_text, trace
 
 from .metrics import height_metrics, peak_bytes
 from .place import USUAL, resolve
+from .timing import with_stage
 
 __all__ = ["DemoResult", "Progress", "Stages", "run_demo", "silent"]
 
@@ -47,9 +48,7 @@ class DemoResult:
 
     def with_report(self, seconds: float) -> "DemoResult":
         """The same run after its report was written, which took so long."""
-        stages = {name: value for name, value in self.seconds.items() if name not in ("report", "total")}
-        stages["report"] = seconds
-        return replace(self, seconds=stages | {"total": sum(stages.values())}, peak_bytes=peak_bytes())
+        return replace(self, seconds=with_stage(self.seconds, "report", seconds), peak_bytes=peak_bytes())
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as plain values: metrics, seconds, peak_bytes, settings."""

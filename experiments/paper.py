@@ -31,6 +31,7 @@ from .paper_frames import lattice_frames, lattice_positions
 from .paper_rows import Curves, PaperRow, dense_row, paper_rows
 from .paper_simulation import Points, lattice_points, pixel_points, seen_points
 from .place import Dent, Place, exact
+from .timing import with_stage
 
 __all__ = ["CASES", "Case", "PaperStudy", "run_paper"]
 
@@ -95,9 +96,7 @@ class PaperStudy:
 
     def with_report(self, seconds: float) -> "PaperStudy":
         """The same study after its report was written, which took so long."""
-        stages = {name: value for name, value in self.seconds.items() if name not in ("report", "total")}
-        stages["report"] = seconds
-        return replace(self, seconds=stages | {"total": sum(stages.values())}, peak_bytes=peak_bytes())
+        return replace(self, seconds=with_stage(self.seconds, "report", seconds), peak_bytes=peak_bytes())
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as plain values: rows, seconds, peak_bytes, settings."""

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["Measured", "measured", "once", "timed"]
+__all__ = ["Measured", "measured", "once", "timed", "with_stage"]
 
 RUNS = 3  # timed runs of a short stage
 BUDGET = 1.0  # s, that repeated runs may take together
@@ -29,6 +29,12 @@ def timed(call: Callable[[], Any]) -> tuple[Any, float, float]:
     start, processor = time.perf_counter(), time.process_time()
     value = call()
     return value, time.perf_counter() - start, time.process_time() - processor
+
+
+def with_stage(seconds: dict[str, float], name: str, own: float) -> dict[str, float]:
+    """Seconds of stages and of another one, `total` their sum."""
+    stages = {each: value for each, value in seconds.items() if each not in (name, "total")} | {name: own}
+    return stages | {"total": sum(stages.values())}
 
 
 def once(call: Callable[[], Any]) -> Measured:

@@ -103,16 +103,6 @@ def test_npz(damage: Any, tmp_path: Path, refused: Refused) -> None:
     refused(["reconstruct", path, "--scene", "prism48", "--out", tmp_path / "h.npz"], "c.npz")
 
 
-def test_hdf5_that_claims_more_than_it_holds(tmp_path: Path, refused: Refused) -> None:
-    h5py = pytest.importorskip("h5py")
-    path = tmp_path / "m.h5"
-    with h5py.File(path, "w") as file:
-        for name in ("fringe_images", "mask_images", "fringe_periods_x", "fringe_periods_y"):
-            shape = (40000, 40000, 16)
-            file.create_dataset(f"MeasurementSofastFringe/{name}", shape, "u1", chunks=(1000, 1000, 1))
-    refused(["decode", path, "--out", tmp_path / "c.npz"], "claims")
-
-
 @pytest.mark.parametrize("name", ["u", "flags"])
 def test_a_missing_field_is_told_before_any_is_read(name: str, tmp_path: Path) -> None:
     """Not the lie of another field: no byte of it counts if the file is of another kind."""

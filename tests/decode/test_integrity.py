@@ -46,19 +46,12 @@ def _named(frames: NDArray[Any], shown: Sequence) -> Finding:
 
 
 @pytest.mark.parametrize(("name", "params"), CASES)
-def test_nothing_is_found_in_whole_captures(
+def test_neighbours_in_each_others_place_are_named_and_nothing_in_whole_captures(
     name: str, params: dict[str, Any], shoot: Shoot, smooth: tuple[F64, F64]
 ) -> None:
     shown = sequence(name, 150, 170, **params)
     for noise in (0.0, 8.0):
         assert check(shoot(shown, *smooth, noise=noise), shown).findings == ()
-
-
-@pytest.mark.parametrize(("name", "params"), CASES)
-def test_neighbours_in_each_others_place_are_named(
-    name: str, params: dict[str, Any], shoot: Shoot, smooth: tuple[F64, F64]
-) -> None:
-    shown = sequence(name, 150, 170, **params)
     frames = shoot(shown, *smooth, noise=1.0)
     first = len(shown) // 2 + len(shown) % 2 - 1
     frames[[first, first + 1]] = frames[[first + 1, first]]
@@ -129,26 +122,21 @@ def test_bits_without_inverse_are_tested_by_the_map(shoot: Shoot, smooth: tuple[
 
 
 @pytest.mark.parametrize(
-    ("jump", "at", "tilt"), [(37, 120, 0.0), (271, 309, 0.0), (63, 143, 0.1), (260, 328, 0.1)]
+    "map_of",
+    [
+        lambda row, col: 350 + 0.6 * col + 37 * (col > 120),
+        lambda row, col: 350 + 0.6 * col + 271 * (col > 309),
+        lambda row, col: 350 + 0.6 * col + 63 * (col + 0.1 * row > 143),
+        lambda row, col: 350 + 0.6 * col + 260 * (col + 0.1 * row > 328),
+        lambda row, col: 80 + 0.3 * col + 830 * (np.hypot(row - 60, col - 80) < 40),
+    ],
 )
-def test_the_straight_edge_of_an_object_is_no_wrong_frame(
-    shoot: Shoot, jump: float, at: float, tilt: float
-) -> None:
-    """One of a few coarse bits explains many a jump."""
+def test_the_edge_of_an_object_is_no_wrong_frame(shoot: Shoot, map_of: Callable[[F64, F64], F64]) -> None:
+    """One of a few coarse bits explains many a jump; two bits that change within it only show the same."""
     row, col = np.mgrid[:200, :480].astype(np.float64)
-    u = 350 + 0.6 * col + jump * (col + tilt * row > at)
     for name in ("gray+phase", "gray:inverses"):
         shown = _shown(name, 256, 1024)
-        assert check(shoot(shown, u, 20 + 1.1 * row, noise=0.5), shown).findings == ()
-
-
-def test_a_jump_over_the_edges_of_several_bits_is_no_wrong_frame(shoot: Shoot) -> None:
-    """Two bits that change within it only show the same picture."""
-    row, col = np.mgrid[:120, :160].astype(np.float64)
-    u = 80 + 0.3 * col + 830 * (np.hypot(row - 60, col - 80) < 40)
-    for name in ("gray+phase", "gray:inverses"):
-        shown = _shown(name, 256, 1024)
-        assert check(shoot(shown, u, 20 + 1.1 * row, noise=0.5), shown).findings == ()
+        assert check(shoot(shown, map_of(row, col), 20 + 1.1 * row, noise=0.5), shown).findings == ()
 
 
 def _scene(rng: np.random.Generator, rows: int = 160, cols: int = 200) -> tuple[F64, F64, F64]:

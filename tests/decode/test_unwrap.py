@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_simpson, simpson
 from scipy.special import erfc, ndtr
 
-from optolever.decode import decode
+from optolever.decode import Correspondence, decode
 from optolever.patterns import Frame, Sequence
 
 F64 = NDArray[np.float64]
@@ -34,6 +34,16 @@ def captured(sequence: Sequence, u: F64, ratio: float) -> F64:
     return np.stack(light) + 60 / ratio * rng.standard_normal((len(light), *u.shape))
 
 
+def decoded(
+    counts: tuple[int, int], ratio: float, low: float, high: float
+) -> tuple[Correspondence, NDArray[np.bool_]]:
+    """What is found of places drawn from `low` to `high` (px), and whose orders are wrong."""
+    u = np.random.default_rng(1).uniform(low, high, PIXELS)
+    sequence = shown(counts)
+    found = decode(captured(sequence, u, ratio), sequence, noise=60 / ratio, white_level=1e9, on_cells=False)
+    return found, np.abs(found.u - u) > 0.3 * EXTENT / max(counts)
+
+
 def best_rate(counts: tuple[int, int], ratio: float) -> float:
     """Share of wrong orders of the nearest line on the torus of both phases, P(|v1 e2 - v2 e1| > pi).
 
@@ -55,12 +65,9 @@ def best_rate(counts: tuple[int, int], ratio: float) -> float:
 @pytest.mark.parametrize(("counts", "ratio"), [((9, 10), 4.3), ((14, 15), 6.0), ((9, 10), 8.0)])
 def test_two_periods_reach_the_best_decision(counts: tuple[int, int], ratio: float) -> None:
     """erfc(pi / (sqrt 2 sigma_phi sqrt(v1^2 + v2^2))) takes the phase for Gaussian, and lies below."""
-    u = np.random.default_rng(1).uniform(0.05 * EXTENT, 0.95 * EXTENT, PIXELS)
-    sequence = shown(counts)
-    found = decode(captured(sequence, u, ratio), sequence, noise=60 / ratio, white_level=1e9, on_cells=False)
-    wrong = np.abs(found.u - u) > 0.3 * EXTENT / max(counts)
+    found, wrong = decoded(counts, ratio, 0.05 * EXTENT, 0.95 * EXTENT)
     bound = best_rate(counts, ratio)
-    counting = math.sqrt(bound * (1 - bound) / u.size)
+    counting = math.sqrt(bound * (1 - bound) / wrong.size)
     assert wrong.mean() == pytest.approx(bound, abs=3 * counting)
     gaussian = erfc(math.pi / (math.sqrt(2) * math.sqrt(2 / STEPS) / ratio * math.hypot(*counts)))
     assert gaussian < bound < 1.1 * gaussian
@@ -70,14 +77,11 @@ def test_two_periods_reach_the_best_decision(counts: tuple[int, int], ratio: flo
 @pytest.mark.parametrize(("counts", "ratio"), [((9, 10), 4.3), ((9, 10), 8.0)])
 def test_ends_of_the_range_are_not_taken_for_each_other(counts: tuple[int, int], ratio: float) -> None:
     """Both look alike: only where noise carries a place over one of them, E|noise| / 2 each, is it lost."""
-    u = np.random.default_rng(1).uniform(-0.5, EXTENT - 0.5, PIXELS)
-    sequence = shown(counts)
-    found = decode(captured(sequence, u, ratio), sequence, noise=60 / ratio, white_level=1e9, on_cells=False)
-    wrong = np.abs(found.u - u) > 0.3 * EXTENT / max(counts)
+    _, wrong = decoded(counts, ratio, -0.5, EXTENT - 0.5)
     inside = best_rate(counts, ratio)
     sigma = EXTENT / (2 * np.pi * ratio * math.sqrt(STEPS / 2) * math.hypot(*counts))
     carried = 2 * sigma / math.sqrt(2 * math.pi) / EXTENT
-    counting = math.sqrt(inside / u.size)
+    counting = math.sqrt(inside / wrong.size)
     assert wrong.mean() <= inside + carried + 3 * counting
 
 

@@ -1,5 +1,6 @@
 """Mirrors cut out of an image that they fill: masks, what is around them, and the verdict relative to it."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import combinations
 from typing import Any
@@ -10,10 +11,11 @@ from scipy import ndimage
 
 from optolever.decode import Correspondence, Flag
 from optolever.experiments.bench import hard_surroundings as hard
-from optolever.experiments.bench.hard_case import FrameVerdict, run_case
+from optolever.experiments.bench.hard_case import Case, FrameVerdict, run_case
 from optolever.experiments.bench.surroundings import AROUND, FORMS, mirror_mask, surrounded
 
 SIZE = (64, 80)
+ONE = hard.Surroundings("gray+phase", 1.0, 0.3, "round", "dark", "prism48")
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -57,9 +59,18 @@ def test_every_pair_of_values_is_in_the_list() -> None:
     assert len(chosen) < 24
 
 
-def fake_decoder(monkeypatch: pytest.MonkeyPatch, noise: float, bias: float, flagged: float) -> None:
-    """A decoder that knows the truth; on images that a mirror does not fill it is off, or flags some more."""
+@pytest.fixture
+def case() -> Iterator[Case]:
+    """Any, whose answer is made up."""
     hard._alone.cache_clear()
+    yield next(hard.surroundings_cases((48, 48)))
+    hard._alone.cache_clear()
+
+
+def fake_decoder(
+    monkeypatch: pytest.MonkeyPatch, noise: float = 0.02, bias: float = 0.0, flagged: float = 0.0
+) -> None:
+    """A decoder that knows the truth; on images that a mirror does not fill it is off, or flags some more."""
     _, area = hard._area("prism48", (48, 48))
     u, v = area.mean()
     draws = np.random.default_rng(0).standard_normal(u.shape) * noise
@@ -85,28 +96,21 @@ def fake_decoder(monkeypatch: pytest.MonkeyPatch, noise: float, bias: float, fla
     ],
 )
 def test_a_decoder_that_surroundings_mislead_fails(
-    monkeypatch: pytest.MonkeyPatch, bias: float, flagged: float, verdict: str
+    case: Case, monkeypatch: pytest.MonkeyPatch, bias: float, flagged: float, verdict: str
 ) -> None:
     fake_decoder(monkeypatch, 0.02, bias, flagged)
-    one = hard.Surroundings("phase", 1.0, 0.3, "round", "dark", "prism48")
-    found = hard._decoded(one, (48, 48))
-    hard._alone.cache_clear()
-    (case,) = (case for case in list(hard.surroundings_cases((48, 48)))[:1])
+    found = hard._decoded(replace(ONE, sequence="phase"), (48, 48))
     assert run_case(replace(case, make=lambda: found)).verdict == verdict
 
 
-def test_what_is_unflagged_around_the_mirror_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
-    fake_decoder(monkeypatch, 0.02, 0.0, 0.0)
-    one = hard.Surroundings("phase", 1.0, 0.3, "round", "dark", "prism48")
-    found = hard._decoded(one, (48, 48))
-    hard._alone.cache_clear()
+def test_what_is_unflagged_around_the_mirror_is_silent(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    fake_decoder(monkeypatch)
+    found = hard._decoded(replace(ONE, sequence="phase"), (48, 48))
     open_flags = replace(found, flags=np.zeros_like(found.flags))
-    case = next(hard.surroundings_cases((48, 48)))
     assert run_case(replace(case, make=lambda: open_flags)).verdict == "silent errors"
 
 
-def test_a_missed_fault_is_a_fault() -> None:
-    case = next(hard.surroundings_cases((48, 48)))
+def test_a_missed_fault_is_a_fault(case: Case) -> None:
     found = (
         FrameVerdict("0 and 1 swapped", moves=True, hidden=False, named=True),
         FrameVerdict("1 lost", moves=True, hidden=False, named=False),
@@ -120,13 +124,12 @@ def test_a_missed_fault_is_a_fault() -> None:
     assert run_case(replace(case, make=lambda: named)).verdict == "good"
 
 
+@pytest.mark.usefixtures("case")
 def test_faults_that_change_nothing_are_not_expected(monkeypatch: pytest.MonkeyPatch) -> None:
     """A judge that detects everything: all that matters is expected, and white for black matters."""
-    fake_decoder(monkeypatch, 0.02, 0.0, 0.0)
+    fake_decoder(monkeypatch)
     monkeypatch.setattr(hard, "_is_detected", lambda *_: True)
-    one = hard.Surroundings("gray+phase", 1.0, 0.3, "round", "dark", "prism48")
-    found = hard._frame_faults(one, (48, 48))
-    hard._alone.cache_clear()
+    found = hard._frame_faults(ONE, (48, 48))
     counts = {one.fault: one.counts for one in found}
     assert all(one.named for one in found if one.counts)
     assert counts["0 and 1 swapped"]

@@ -29,37 +29,28 @@ def test_small_holes_are_told_from_large_ones() -> None:
     assert LARGEST < 25
 
 
-def test_bridges_are_exact_for_cubics(exact) -> None:
-    """Inside, four neighbours in a row; u and v of any size, sigma only linearly."""
+@pytest.mark.parametrize("slit", [False, True])
+def test_bridges_are_exact_for_cubics(exact, slit: bool) -> None:
+    """Inside, four neighbours in a row, or two from either side; u and v of any size, sigma only linearly."""
     scene, _, correspondence = exact("paper-simulation", "flat", 40, 48)
     data = prepare(correspondence, scene).outer
     y, x = np.mgrid[:40, :48] / 10.0
-    field = 2 + x - 0.3 * y + 0.2 * x**3 - 0.1 * y**3 + 0.05 * x * y
-    holes = np.zeros((40, 48), dtype=bool)
-    holes[10, 12] = holes[20, 30] = holes[20, 31] = True
-    spoilt = np.where(holes, np.nan, field)
-    filled = bridged(replace(data, u=spoilt, v=spoilt.copy(), mask=~holes), holes)
-    assert filled.mask.all()
-    np.testing.assert_allclose(filled.u[10, 12], field[10, 12], rtol=1e-12)
-    np.testing.assert_allclose(filled.u[holes], field[holes], rtol=1e-12)
-    assert np.isfinite(filled.v).all()
-
-
-def test_slits_of_two_pixels_are_bridged_from_both_sides(exact) -> None:
-    """Exactly for cubics across them."""
-    scene, _, correspondence = exact("paper-simulation", "flat", 40, 48)
-    data = prepare(correspondence, scene).outer
-    y, x = np.mgrid[:40, :48] / 10.0
-    field, straight = 2 + x - 0.3 * y + 0.2 * (x - 1.2) ** 3, 2 + x - 0.3 * y
-    holes = np.zeros((40, 48), dtype=bool)
-    holes[:, 20:22] = True
-    found = [
+    straight, holes = 2 + x - 0.3 * y, np.zeros((40, 48), dtype=bool)
+    if slit:
+        field = straight + 0.2 * (x - 1.2) ** 3
+        holes[:, 20:22] = True
+    else:
+        field = straight + 0.2 * x**3 - 0.1 * y**3 + 0.05 * x * y
+        holes[10, 12] = holes[20, 30] = holes[20, 31] = True
+    cubic, linear = (
         bridged(replace(data, u=np.where(holes, np.nan, u), v=np.where(holes, np.nan, u), mask=~holes), holes)
         for u in (field, straight)
-    ]
-    assert found[0].mask.all()
-    np.testing.assert_allclose(found[0].u[holes], field[holes], rtol=1e-12)
-    np.testing.assert_allclose(found[1].sigma_u[holes], data.sigma_u[holes], rtol=1e-9)
+    )
+    assert cubic.mask.all()
+    np.testing.assert_allclose(cubic.u[holes], field[holes], rtol=1e-12)
+    assert np.isfinite(cubic.v).all()
+    if slit:
+        np.testing.assert_allclose(linear.sigma_u[holes], data.sigma_u[holes], rtol=1e-9)
 
 
 @pytest.mark.parametrize("peak", [0.21, pytest.param(0.44, marks=pytest.mark.slow)])
