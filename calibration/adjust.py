@@ -78,30 +78,11 @@ class Problem:
         known = parameter_values(self.scene)
         return adjusted(self.scene, {n: value for n, value in self.named(vector).items() if n in known})
 
-    def data(
-        self,
-        vector: Floats,
-        only: Sequence[int] | None = None,
-        scene: Scene | None = None,
-        rays: Sequence[tuple[Floats, Floats]] | None = None,
-    ) -> list[Floats]:
-        """Residuals (2 n,) of the samples, or of some; scene there, and all samples' rays after the mirror,
-        where they are known."""
-        values = self.named(vector)
-        scene = self.scene_at(vector) if scene is None else scene
-        found = []
-        for index in range(len(self.samples)) if only is None else only:
-            s = self.samples[index]
-            with np.errstate(all="ignore"):
-                point, out = self._reflected(s, values, scene) if rays is None else rays[index]
-                u, v, _ = scene.pattern.landing(point, out)
-                rows = np.concatenate([(u - s.u) / s.sigma_u, (v - s.v) / s.sigma_v])
-            found.append(
-                np.clip(np.nan_to_num(rows, nan=_LOST, posinf=_LOST, neginf=-_LOST), -_LARGEST, _LARGEST)
-            )
-        if only is None and self.points:
-            found.append(self.rest_shape(values))
-        return found
+    def data(self, vector: Floats) -> list[Floats]:
+        """Residuals (2 n,) of every sample, and of the points, if there are any."""
+        values, scene = self.named(vector), self.scene_at(vector)
+        found = [_rows(s, scene, _reflected(s, values, scene)) for s in self.samples]
+        return [*found, self.rest_shape(values)] if self.points else found
 
     def residuals(self, vector: Floats) -> Floats:
         """All rows: samples, points, priors."""
@@ -118,24 +99,22 @@ class Problem:
         data = self.count - len(vector)
         rows = np.zeros((self.count, len(vector)))
         scene, known = self.scene_at(vector), parameter_values(self.scene)
-        with np.errstate(all="ignore"):
-            rays = [self._reflected(sample, self.named(vector), scene) for sample in self.samples]
-        here = self.data(vector, None, scene, rays)
+        out = [_reflected(s, self.named(vector), scene) for s in self.samples]
+        here = self.data(vector)
         for k, name in enumerate(self.names):
-            moved, only = vector.copy(), self._moved(name)
+            moved = vector.copy()
             moved[k] += steps * step_of(name)
             step = moved[k] - vector[k]  # as rounded
-            same = rays if name.startswith("pattern.") else None
-            there = self.data(moved, only, None if name in known else scene, same)
-            for index, one in zip(only, there, strict=True):
-                rows[starts[index] : starts[index + 1], k] = (one - here[index]) / step
+            values, there = self.named(moved), self.scene_at(moved) if name in known else scene
+            for i in self._moved(name):
+                s = self.samples[i]
+                same = name.startswith("pattern.")
+                change = _rows(s, there, out[i] if same else _reflected(s, values, there)) - here[i]
+                rows[starts[i] : starts[i + 1], k] = change / step
             if self.points:
-                rows[starts[-1] : data, k] = (self.rest_shape(self.named(moved)) - here[-1]) / step
+                rows[starts[-1] : data, k] = (self.rest_shape(values) - here[-1]) / step
             rows[data + k, k] = 1 / self.sigmas[name]
         return rows
-
-    def _reflected(self, s: Sample, values: Mapping[str, float], scene: Scene) -> tuple[Floats, Floats]:
-        return reflected(scene, s.target.shape(s.name, values, scene.mirror), s.row, s.col)
 
     def _moved(self, name: str) -> list[int]:
         """Samples that an unknown moves."""
@@ -173,6 +152,22 @@ class Adjustment:
     def covariance(self) -> Floats:
         """(p, p): linear, and by other minima."""
         return self.linear + self.apart.T @ self.apart
+
+
+@np.errstate(all="ignore")
+def _reflected(s: Sample, values: Mapping[str, float], scene: Scene) -> tuple[Floats, Floats]:
+    return reflected(scene, s.target.shape(s.name, values, scene.mirror), s.row, s.col)
+
+
+@np.errstate(all="ignore")
+def _rows(s: Sample, scene: Scene, out: tuple[Floats, Floats]) -> Floats:
+    """Residuals of a sample's rays after the mirror."""
+    u, v, _ = scene.pattern.landing(*out)
+    rows = np.concatenate([(u - s.u) / s.sigma_u, (v - s.v) / s.sigma_v])
+    clipped: Floats = np.clip(
+        np.nan_to_num(rows, nan=_LOST, posinf=_LOST, neginf=-_LOST), -_LARGEST, _LARGEST
+    )
+    return clipped
 
 
 def covariance_of(jacobian: Floats, scale: Floats, chi: float) -> Floats:

@@ -244,12 +244,14 @@ def _roughly(problem: Problem, first: Mapping[str, float]) -> dict[str, float]:
 
 
 def _staged(problem: Problem, first: dict[str, float]) -> dict[str, float]:
-    """First values of the captures beside the frame's, each by itself."""
-    values = first
+    """First values of the captures beside the frame's, each by itself, all else held."""
+    values = dict.fromkeys(problem.sigmas, 0.0) | first
     for sample in problem.samples:
         if sample.name != problem.frame:
-            alone = _own(problem, sample.name, values | _first_pose(problem, sample, values))
-            values = values | alone.problem.named(alone.values)
+            values |= _first_pose(problem, sample, values)
+            own = {key: sigma for key, sigma in problem.sigmas.items() if key.startswith(f"{sample.name}.")}
+            alone = replace(problem, samples=[sample], sigmas=own, fixed=dict(values), points=())
+            values = alone.named(adjust(alone, values, rough=True).values)
     return values
 
 
@@ -269,18 +271,6 @@ def _first_pose(problem: Problem, sample: Sample, values: Mapping[str, float]) -
         f"{sample.name}.y": float(place[1]),
         f"{sample.name}.depth": float(half**2 / sample.target.radius),
     }
-
-
-def _own(problem: Problem, name: str, values: Mapping[str, float]) -> Adjustment:
-    """A capture's own unknowns alone, all others held."""
-    (sample,) = (sample for sample in problem.samples if sample.name == name)
-    own = [key for key in sample.target.unknowns(name, False) if key.startswith(f"{name}.")]
-    sigmas = {key: problem.sigmas[key] for key in own}
-    held = {key: value for key, value in values.items() if key not in own}
-    missing = {key: 0.0 for key in problem.sigmas if key not in own and key not in held}
-    return adjust(
-        replace(problem, samples=[sample], sigmas=sigmas, fixed=held | missing, points=()), values, rough=True
-    )
 
 
 def _require_balls(result: Adjustment) -> None:

@@ -108,8 +108,9 @@ def _figure(setup: str, seed: int, rendered: bool) -> Figure | None:
     else:
         rig = prism(rng, count, take, pinhole, size)
     started, chi, evaluations, start = time.process_time(), 1.0, 0, rig.given
-    if kind == "typed":
-        scene = _typed(rig.given)
+    if kind == "typed":  # nothing is calibrated: the default priors are the covariance
+        priors = default_priors(start)
+        scene = replace(start, covariance=Covariance(tuple(priors), np.diag(np.square([*priors.values()]))))
     else:
         found = calibrate(rig.given, rig.observations)
         scene, start = found.scene, found.start
@@ -118,16 +119,31 @@ def _figure(setup: str, seed: int, rendered: bool) -> Figure | None:
     if not rendered:  # what noise does to the measured map is reconstruct's to tell
         take = correspondence_of(1e-4, rng)
     frame = frame_change(rig, start)
-    dented, flat = (
+    (height, z), (rest, z0) = (
         _measured(rig, scene, frame, surface, take, 100 + k) for k, surface in enumerate((rig.dent, rig.rest))
     )
-    return _judged(setup, seed, rig.given.mirror.length, dented, flat, (chi, evaluations, seconds))
-
-
-def _typed(scene: Scene) -> Scene:
-    """The scene with its default priors as covariance: nothing was calibrated."""
-    priors = default_priors(scene)
-    return replace(scene, covariance=Covariance(tuple(priors), np.diag([s * s for s in priors.values()])))
+    good = height.good & rest.good & np.isfinite(z) & np.isfinite(z0)
+    if not good.any():
+        return None
+    assert height.calibration is not None
+    assert rest.calibration is not None
+    change, true = (height.z - rest.z)[good], (z - z0)[good]
+    error, weight = change - true, true / (true @ true)
+    far = good & (height.x >= _EDGE * start.mirror.length)
+    chi2, modes = mode_chi2((height.z - z)[far], height.calibration[:, far])
+    return Figure(
+        setup,
+        seed,
+        error=float(np.sqrt(np.mean(error**2)) / true.max()),
+        scale=float(error @ weight),
+        chi=chi,
+        chi2=chi2,
+        modes=modes,
+        sigma=float(np.sqrt(np.mean(height.calibration_sigma[good] ** 2))),
+        sigma_scale=float(np.linalg.norm((height.calibration - rest.calibration)[:, good] @ weight)),
+        evaluations=evaluations,
+        seconds=seconds,
+    )
 
 
 def _rendering(seed: int) -> Capturer:
@@ -152,38 +168,3 @@ def _measured(
     anchor = PixelAnchor(row, int(known[0]), float(z[row, known[0]]))
     height = reconstruct(take(rig.truth, surface, index), scene, anchor=anchor)
     return height, z
-
-
-def _judged(
-    setup: str,
-    seed: int,
-    length: float,
-    dented: tuple[HeightMap, Floats],
-    flat: tuple[HeightMap, Floats],
-    adjusted: tuple[float, int, float],
-) -> Figure | None:
-    (height, z), (rest, z0) = dented, flat
-    good = height.good & rest.good & np.isfinite(z) & np.isfinite(z0)
-    if not good.any():
-        return None
-    assert height.calibration is not None
-    assert rest.calibration is not None
-    change, true = (height.z - rest.z)[good], (z - z0)[good]
-    error, depth = change - true, float(true.max())
-    far = good & (height.x >= _EDGE * length)
-    chi2, modes = mode_chi2((height.z - z)[far], height.calibration[:, far])
-    common = (height.calibration - rest.calibration)[:, good]
-    slope = float(error @ true / (true @ true))
-    slopes = common @ true / (true @ true)
-    return Figure(
-        setup,
-        seed,
-        float(np.sqrt(np.mean(error**2))) / depth,
-        slope,
-        adjusted[0],
-        chi2,
-        modes,
-        float(np.sqrt(np.mean(height.calibration_sigma[good] ** 2))),
-        float(np.sqrt((slopes**2).sum())),
-        *adjusted[1:],
-    )

@@ -78,22 +78,22 @@ def notices(
         for name, chi in chis.items()
         if chi > _CHI
     ]
-    balls = [each for each in observations if isinstance(each.target, Ball)]
-    for each in balls:
-        count = int(np.count_nonzero(each.usable))
-        if count < _CONTACT:
-            cure = "take a larger ball, or press deeper"
-            told.append(
-                Notice(f"{count} contact pixels of {each.name}, fewer than {_CONTACT}", count, math.nan, cure)
-            )
-    through = []
-    flats = {each.target.flatness for each in observations if isinstance(each.target, Flat)}
-    if flats:
-        through.append(
-            f"the flatness of the reference ({', '.join(f'{1e3 * f:g}' for f in sorted(flats))} um)"
+    counts = {o.name: int(np.count_nonzero(o.usable)) for o in observations if isinstance(o.target, Ball)}
+    told += [
+        Notice(
+            f"{count} contact pixels of {name}, fewer than {_CONTACT}",
+            count,
+            math.nan,
+            "take a larger ball, or press deeper",
         )
-    if balls:
-        through.append("the radius of the ball")
+        for name, count in counts.items()
+        if count < _CONTACT
+    ]
+    flats = sorted({each.target.flatness for each in observations if isinstance(each.target, Flat)})
+    through = (
+        [f"the flatness of the reference ({', '.join(f'{1e3 * f:g}' for f in flats)} um)"] if flats else []
+    )
+    through += ["the radius of the ball"] if counts else []
     if through:
         verb = "pass" if len(through) > 1 else "passes"
         name = f"{' and '.join(through)} {verb} into the heights one to one"

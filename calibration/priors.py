@@ -66,7 +66,9 @@ def default_priors(scene: Scene) -> dict[str, float]:
         held = ("pattern.pitch", "camera.k3", *_HELD)
         return {name: math.inf for name in values if name not in held}
     sigmas = {"rx": _DEGREE, "ry": _DEGREE, "rz": _DEGREE, "x": 0.5, "y": 0.5, "z": 0.5, "distance": 0.5}
-    known = {"index": 0.01} | {key: 0.01 * abs(values.get(f"camera.{key}", 0.0)) for key in _PERCENT}
+    known = {"index": 0.01} | {
+        key: 0.01 * abs(values.get(f"camera.{key}", 0.0)) for key in ("f", "pitch_u", "pitch_v")
+    }
     chosen = {}
     for name in values:
         key = name.partition(".")[2]
@@ -75,9 +77,6 @@ def default_priors(scene: Scene) -> dict[str, float]:
     if not isinstance(scene.camera, PinholeCamera):
         chosen.pop("camera.z")  # along parallel rays nothing changes, across them it is the gauge's x
     return chosen
-
-
-_PERCENT = ("f", "pitch_u", "pitch_v")
 
 
 def is_pose(name: str) -> bool:

@@ -10,7 +10,6 @@ vignetting(p) times backlight(u, v): captures that see a place of the pattern th
 the two, as polynomials of their logarithms with one common mean; one capture tells their product only.
 """
 
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -19,16 +18,17 @@ from typing import Any
 
 import cv2
 import numpy as np
-import tomli_w
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
+from scipy.optimize import least_squares
 
 from optolever.decode import Correspondence, Response, decode
 from optolever.errors import InputError
-from optolever.files import atomic_file, load_arrays, save_arrays, together
+from optolever.files import load_arrays, save_arrays, together
 from optolever.patterns import Frame
 from optolever.projector import Capture
-from optolever.scene import load
+
+from .rest import rig_table, write_section
 
 __all__ = ["RigResponse", "load_response", "measure_response", "store_response"]
 
@@ -68,11 +68,8 @@ class RigResponse:
     def gamma(self) -> tuple[float, float]:
         """Exponent of the power law that is nearest to g, and what it leaves, rms, shares of white."""
         level, light = np.arange(1, 256) / 255, self.response.light()[1:]
-        gamma = 1.0
-        for _ in range(50):  # Gauss-Newton on the exponent
-            slope = np.log(level) * level**gamma
-            gamma += float(slope @ (light - level**gamma) / (slope @ slope))
-        return gamma, float(np.sqrt(np.mean((light - level**gamma) ** 2)))
+        found = least_squares(lambda gamma: level**gamma - light, 1.0)
+        return float(found.x[0]), float(np.sqrt(np.mean(found.fun**2)))
 
 
 def measure_response(
@@ -268,32 +265,22 @@ def _share(mask: NDArray[np.bool_], terms: Floats) -> Floats:
 
 def store_response(rig: str | Path, found: RigResponse) -> Path:
     """Write it beside the rig's TOML, which names it from then on; the .npz's path."""
-    file = Path(rig)
-    load(file)  # a file that is no scene is named by it
-    table = tomllib.loads(file.read_text(encoding="utf-8"))
-    beside = file.with_suffix(".response.npz")
+    beside = Path(rig).with_suffix(".response.npz")
     gamma, misfit = found.gamma
-    table["response"] = {
-        "file": beside.name,
-        "gamma": gamma,
-        "misfit": misfit,
-        "blur_px": found.response.blur,
-    }
+    section = {"file": beside.name, "gamma": gamma, "misfit": misfit, "blur_px": found.response.blur}
     maps = {name: getattr(found, name) for name in ("gain", "vignetting", "backlight")}
     numbers = {name: getattr(found, name) for name in ("black", "blur_sigma", "parted_sigma")}
     curve = {name: getattr(found.response, name) for name in ("shown", "seen", "blur")}
     with together():
         save_arrays(beside, curve | numbers | maps)
-        with atomic_file(file) as temporary:
-            temporary.write_bytes(tomli_w.dumps(table).encode())
+        write_section(Path(rig), "response", section)
     return beside
 
 
 def load_response(rig: str | Path) -> RigResponse:
     """What a rig's TOML names in [response]. InputError names the file that is wrong."""
     file = Path(rig)
-    load(file)
-    section = tomllib.loads(file.read_text(encoding="utf-8")).get("response")
+    section = rig_table(file).get("response")
     name = section.get("file") if isinstance(section, Mapping) else None
     if not isinstance(name, str):
         raise InputError(f"{file}: [response] must name a file; run `optolever response`")

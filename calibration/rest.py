@@ -21,7 +21,7 @@ from optolever.notices import Notice
 from optolever.reconstruct import HeightMap
 from optolever.scene import load
 
-__all__ = ["RestMap", "load_rest", "store_rest"]
+__all__ = ["RestMap", "load_rest", "rig_table", "store_rest", "write_section"]
 
 Floats = NDArray[np.float64]
 
@@ -80,15 +80,11 @@ class RestMap:
 def store_rest(rig: str | Path, rest: RestMap) -> Path:
     """Write the map beside the rig's TOML, which names it from then on; the .npz's path."""
     file = Path(rig)
-    table = _table(file)
-    beside = file.with_suffix(".rest.npz")
-    places = file.with_suffix(".rest_places.npz")
-    table["rest"] = {"height": beside.name, "places": places.name}
+    beside, places = file.with_suffix(".rest.npz"), file.with_suffix(".rest_places.npz")
     with together():
         rest.height.save(beside)
         rest.seen.save(places)
-        with atomic_file(file) as temporary:
-            temporary.write_bytes(tomli_w.dumps(table).encode())
+        write_section(file, "rest", {"height": beside.name, "places": places.name})
     return beside
 
 
@@ -97,7 +93,7 @@ def load_rest(rig: str | Path) -> RestMap | None:
     file = Path(rig)
     if not file.is_file():  # a preset's name
         return None
-    section = _table(file).get("rest")
+    section = rig_table(file).get("rest")
     if section is None:
         return None
     names = [section.get(name) for name in ("height", "places")] if isinstance(section, Mapping) else []
@@ -110,9 +106,17 @@ def load_rest(rig: str | Path) -> RestMap | None:
     return RestMap(height, seen)
 
 
-def _table(file: Path) -> dict[str, Any]:
-    load(file)  # a file that is no scene is named by it
+def rig_table(file: Path) -> dict[str, Any]:
+    """All that a rig's TOML holds. InputError of a file that is no scene."""
+    load(file)
     return tomllib.loads(file.read_text(encoding="utf-8"))
+
+
+def write_section(file: Path, name: str, section: Mapping[str, Any]) -> None:
+    """A rig's TOML with another section of that name."""
+    table = rig_table(file) | {name: section}
+    with atomic_file(file) as temporary:
+        temporary.write_bytes(tomli_w.dumps(table).encode())
 
 
 def _block_sums(values: Floats) -> Floats:

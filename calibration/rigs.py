@@ -218,22 +218,11 @@ def ball_cap(
 def _behind_face(size: int) -> Scene:
     """`prism48` seen by a pinhole 150 mm before its capture face."""
     flat = resize(load("prism48"), size * 3 // 4, size)
-    camera, index = flat.camera, flat.medium.index if flat.medium else 1.41
-    forward = np.cross(camera.u_axis, camera.v_axis)
+    camera, index, away = flat.camera, flat.medium.index if flat.medium else 1.41, 150.0
     assert not isinstance(camera, PinholeCamera)
-    half = 0.5 * np.array([camera.cols - 1, camera.rows - 1]) * camera.pitch
-    middle = camera.origin + half[0] * camera.u_axis + half[1] * camera.v_axis
-    away = 150.0
-    focal = 1.05 * away / camera.pitch
     centre = 0.5 * np.array([camera.cols - 1, camera.rows - 1])
-    lens = PinholeCamera(
-        middle - away * forward,
-        camera.u_axis,
-        camera.v_axis,
-        focal,
-        centre,
-        camera.rows,
-        camera.cols,
-        face=Face(middle, forward, index),
-    )
+    middle, forward = camera.rays_at(centre[1], centre[0])
+    axes, focal = (camera.u_axis, camera.v_axis), 1.05 * away / camera.pitch
+    face, size_px = Face(middle, forward, index), (camera.rows, camera.cols)
+    lens = PinholeCamera(middle - away * forward, *axes, focal, centre, *size_px, face=face)
     return replace(flat, camera=lens)
