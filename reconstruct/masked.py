@@ -25,7 +25,7 @@ class MaskedEdges:
 
     def __init__(self, wx: Floats, wy: Floats, mask: Mask) -> None:
         self.weights = wx, wy
-        self._mask = mask.astype(np.float64)
+        self._mask = mask
         self._cycle: Callable[[Floats], Floats] | None = None
 
     @property
