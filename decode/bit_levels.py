@@ -21,6 +21,7 @@ __all__ = [
     "GROUP",
     "WEAK",
     "CodePlan",
+    "bit_values",
     "bits_in_groups",
     "blurred_levels",
     "fitted_levels",
@@ -52,7 +53,8 @@ class CodePlan(NamedTuple):
                     of the others, which must not pass it
     factor (bits,)  variance of a bit's difference over that of a sample
     ends            white, black; -1: not shown
-    cells           word -> cell
+    cells           word -> cell; linear: whether a cell is the exclusive or of those of its word's bits, as
+                    in all codes but long-run-gray: then these are the value of a bit, which is 1 << b else
     levels          (cells, bits) what a cell shows of a bit, -1..1; misfit2: variance that this leaves
     cell, first     width of a cell and coordinate of the centre of cell 0, pattern pixels
     freedom         degrees of freedom of chi2; the numbers before it are float32, as the loops are
@@ -66,6 +68,7 @@ class CodePlan(NamedTuple):
     factor: F32
     ends: NDArray[np.int64]
     cells: NDArray[np.int32]
+    linear: bool
     levels: F32
     misfit2: Any
     cell: Any
@@ -74,16 +77,24 @@ class CodePlan(NamedTuple):
 
 
 def bits_in_groups(
-    frames: NDArray[np.int64], factor: F32, counts: NDArray[np.bool_]
+    frames: NDArray[np.int64], factor: F32, counts: NDArray[np.bool_], value: NDArray[np.int32]
 ) -> tuple[NDArray[np.int64], F32, NDArray[np.int32], F32, F32]:
     """frames to counts of a CodePlan; frames (bits, 2) of each bit and its inverse, -1: not shown."""
     more, pair = (0, -len(factor) % GROUP), (frames >= 0).all(axis=1)
     sign = np.where(pair, 0.5, np.where(frames[:, 0] >= 0, 1.0, -1.0))
     share = np.stack([sign, -0.5 * pair, -sign * ~pair, 0.0 * sign, pair], axis=1)
     share = np.concatenate([share, np.tile([0, 0, 0, 1e9, 0], (more[1], 1))]).astype(np.float32)
-    value, scale = np.pad(1 << np.arange(len(factor)), more), np.pad(factor, more, constant_values=1) ** -0.5
+    scale = np.pad(factor, more, constant_values=1) ** -0.5
     shown = np.pad(np.where(frames < 0, frames[:, ::-1], frames), (more, (0, 0)))
-    return shown, share, value.astype(np.int32), scale, np.pad(counts, more).astype(np.float32)
+    return shown, share, np.pad(value, more), scale, np.pad(counts, more).astype(np.float32)
+
+
+def bit_values(cells: NDArray[np.int32]) -> tuple[NDArray[np.int32], bool]:
+    """value (bits,) and linear of a CodePlan."""
+    word, bit = np.arange(len(cells)), 1 << np.arange(len(cells).bit_length() - 1)
+    alone = np.where(word[:, None] & bit, cells[bit], 0)
+    linear = bool((np.bitwise_xor.reduce(alone, axis=1) == cells).all())
+    return (cells[bit] if linear else bit.astype(np.int32)), linear
 
 
 def blurred_levels(words: NDArray[np.int32], bits: int, blur: float) -> F32:
@@ -111,16 +122,16 @@ def fitted_levels(words: NDArray[np.int32], margin: F32, variance: F32, factor: 
     cell = cells[((margin > 0) << np.arange(bits)[:, None]).sum(axis=0)]
     expected = float(np.median(variance)) * max(bits - 1, 1)
     misfit = np.empty((len(tried), count), np.float32)
-    _least_misfits(np.stack(tried), cell, np.ascontiguousarray(margin.T), 1 / factor, misfit)
+    _least_misfits(tried, cell, np.ascontiguousarray(margin.T), 1 / factor, misfit)
     left = [float(np.median(one)) for one in misfit]
     best = int(np.argmin(left))
     return tried[best], max(left[best] - expected, 0.0) / bits
 
 
 @lru_cache(maxsize=4)
-def _tried_levels(words: tuple[int, ...], bits: int) -> tuple[F32, ...]:
-    """Levels of a code behind each of the blurs."""
-    return tuple(blurred_levels(np.array(words, np.int32), bits, float(blur)) for blur in _BLURS)
+def _tried_levels(words: tuple[int, ...], bits: int) -> F32:
+    """Levels (B, cells, bits) of a code behind each of the blurs."""
+    return np.stack([blurred_levels(np.array(words, np.int32), bits, float(blur)) for blur in _BLURS])
 
 
 @exact

@@ -120,7 +120,8 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         far = inner & next_ & (broad_x + broad_y == broad_x + broad_y) & (x >= at) & (x < size - at)
         noise = unsure * (total[x] + (was - u) * (was - u))
         turns_x, turns_y = half * one_x * per_turn, half * one_y * per_turn
-        factor_x, factor_y = _factor(turns_x), _factor(turns_y)
+        pole_x, pole_y = _poles(turns_x, turns_y)
+        factor_x, factor_y = _factor(pole_x), _factor(pole_y)
         broad_x, broad_y = broad_x if far else zero, broad_y if far else zero
         ragged = max(uneven - _BY_NOISE * total[x], zero) if next_ else zero
         there = _beyond(broad_x + broad_y, max(noise * wide * wide, _ROUGH * ragged))
@@ -128,7 +129,7 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         bend = bend_x + bend_y if near else zero
         share = _beyond(bend, max(noise, _ROUGH * uneven)) if next_ else zero
         bends = factor_x * (there * broad_x + share * bend_x) + factor_y * (there * broad_y + share * bend_y)
-        turned = _across(turns_x) * _across(turns_y)
+        turned = _across(turns_x, pole_x) * _across(turns_y, pole_y)
         twist = (before_up[x] + after_down[x] - before_down[x] - after_up[x]) * turned
         twisted = near & (twist == twist)
         bends -= twist if twisted else zero
@@ -163,25 +164,31 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
 
 
 @inlined
-def _factor(turns: Any) -> Any:
-    """What a bend shifts the phase of a fringe of which so many turns w lie on a pixel, over what it shifts
-    the mean place: -3 sinc''(w) / (pi^2 sinc(w)), here by the first term of its series and the pole at 1 (to
-    0.01 up to half a turn, to 8 % near one)."""
-    square = min(turns * turns, np.float32(STEEP**2))
-    return np.float32(1) - np.float32(2 * np.pi**2 / 15) * square / (np.float32(1) - square)
+def _poles(one: Any, other: Any) -> tuple[Any, Any]:
+    """1 / (1 - w^2) of both numbers of turns, by one division; as of STEEP beyond it."""
+    a = np.float32(1) - min(one * one, np.float32(STEEP**2))
+    b = np.float32(1) - min(other * other, np.float32(STEEP**2))
+    both = np.float32(1) / (a * b)
+    return b * both, a * both
 
 
 @inlined
-def _across(turns: Any) -> Any:
+def _factor(pole: Any) -> Any:
+    """What a bend shifts the phase of a fringe of which w turns lie on a pixel, over what it shifts the mean
+    place: -3 sinc''(w) / (pi^2 sinc(w)), here by the first term of its series and the pole at 1 (to 0.01 up
+    to half a turn, to 8 % near one), 1 - 2 pi^2 / 15 w^2 / (1 - w^2)."""
+    return np.float32(1 + 2 * np.pi**2 / 15) - np.float32(2 * np.pi**2 / 15) * pole
+
+
+@inlined
+def _across(turns: Any, pole: Any) -> Any:
     """sqrt(6) c(w) of a fringe of which w turns lie on a pixel, c(w) = -sinc'(w) / (2 pi sinc(w)).
 
     H_xy shifts the mean place by -H_xy c(w_x) c(w_y); sqrt(6), squared, is 24 (of the bends beside it) over 4
     (of the difference that tells H_xy). By the pole at 1 and the first term of the rest of the series,
     c(w) = (w / pi) (1 / (1 - w^2) + pi^2 / 6 - 1).
     """
-    square = min(turns * turns, np.float32(STEEP**2))
-    least = np.float32(np.pi**2 / 6 - 1)
-    return np.float32(np.sqrt(6) / np.pi) * turns * (np.float32(1) / (np.float32(1) - square) + least)
+    return np.float32(np.sqrt(6) / np.pi) * turns * (pole + np.float32(np.pi**2 / 6 - 1))
 
 
 @inlined

@@ -16,7 +16,16 @@ from numpy.typing import NDArray
 
 from optolever.kernels import exact, inlined, kernel
 
-from .bit_levels import GROUP, WEAK, CodePlan, bits_in_groups, fitted_levels, turned, weak_bits
+from .bit_levels import (
+    GROUP,
+    WEAK,
+    CodePlan,
+    bit_values,
+    bits_in_groups,
+    fitted_levels,
+    turned,
+    weak_bits,
+)
 from .estimate import Estimate, vanishing
 from .flags import marked, marks_for, merge_line
 from .frames import Light, level_of
@@ -34,9 +43,9 @@ _WEAKEST, _LEAST, _SECOND, _LARGEST, _KEPT = 0, 1, 2, 3, 4
 
 
 class _Room(NamedTuple):
-    """For a line: words (W,), what is kept of bits (2, _KEPT, W), what the means of pairs are off the usual
-    level, summed, and squared (2, W); differences of one pixel (bits,); marks of pixels of several weak bits,
-    and where they are (W,)."""
+    """For a line: words (W,), of a linear code cells; what is kept of bits (2, _KEPT, W); what the means of
+    pairs are off the usual level, summed, and squared (2, W); differences of one pixel (bits,); marks of
+    pixels of several weak bits, and where they are (W,)."""
 
     word: Any
     kept: Any
@@ -63,8 +72,9 @@ def code_plan(code: Code, plan: Plan, noise: Noise, lit: Sample) -> CodePlan:
     variance = few.variance(noise) / np.square(amplitude)
     levels, misfit2 = fitted_levels(words, margin / amplitude, variance, factor)
     unlike2, cell, start = (np.float32(one) for one in (misfit2, code.cell, first))
-    of_bits = bits_in_groups(frames, factor, pairs != referenced)
-    return CodePlan(*of_bits, factor, ends, code.cells, levels, unlike2, cell, start, freedom)
+    value, linear = bit_values(code.cells)
+    of_bits = bits_in_groups(frames, factor, pairs != referenced, value)
+    return CodePlan(*of_bits, factor, ends, code.cells, linear, levels, unlike2, cell, start, freedom)
 
 
 def _margins(frames: NDArray[np.int64], ends: NDArray[np.int64], levels: Any) -> tuple[Any, Any]:
@@ -267,7 +277,7 @@ def _with_bit(margin: Any, bit: Any, kept: Any) -> Any:
     (word, weakest, least, second, largest), value, size = kept, bit[5], abs(margin)
     weak = size * bit[6]
     return (
-        word + value * np.int32(margin > np.float32(0)),
+        word ^ (value if margin > np.float32(0) else np.int32(0)),
         np.float32(value) if weak < least else weakest,
         min(least, weak),
         min(second, max(weak, least)),
@@ -297,10 +307,11 @@ def _cells_line(
     count = one / max(pairs, one)
     # a mean of two samples; white and black are one more
     known = one - (count / (one + count) if code.ends[0] >= 0 else zero)
-    for x in range(word.size):  # the cell that a turned bit leads to
-        weakest[x] = np.float32(cells[word[x] ^ np.int32(weakest[x])])
-    for x in range(word.size):
-        word[x] = cells[word[x]]
+    for x in range(word.size):  # what a turned bit leads to
+        weakest[x] = np.float32(word[x] ^ np.int32(weakest[x]))
+    if not code.linear:
+        for x in range(word.size):
+            weakest[x], word[x] = np.float32(cells[np.int32(weakest[x])]), cells[word[x]]
     for x in range(word.size):
         own = noise.read2 + noise.gain * max(offset[x], zero)
         power = amplitude[x] * amplitude[x]

@@ -236,7 +236,7 @@ def _mostly_lost(y: Any, x: Any, amplitude: Any) -> Any:
     return amplitude[y, x] < np.float32(0.5) * max(line.max(), column.max())
 
 
-@exact
+@inlined
 def _along(y: Any, x: Any, dy: Any, dx: Any, maps: Any, limits: Any) -> tuple[Any, Any, Any, Any, Any]:
     """How many of both neighbours on an axis are good, whether they say that the pixel is of neither side,
     squared shift that they allow, squared second difference beyond noise, and by how much the pixel is beyond
@@ -271,7 +271,7 @@ def _along(y: Any, x: Any, dy: Any, dx: Any, maps: Any, limits: Any) -> tuple[An
     return count, False, lost, bend, beyond
 
 
-@exact
+@inlined
 def _off_line(y: Any, x: Any, dy: Any, dx: Any, maps: Any) -> tuple[Any, Any]:
     """Squared distance from the line through the next two pixels on one side, and its variance; of one alone
     from that, without noise: a map may bend as much as it rises. 0 of none."""
@@ -293,10 +293,13 @@ def _undersampled(line: Any, per_turn: Any) -> Any:
     steps differ by a quarter of a turn (or are not known); or it takes nearly a turn: its contrast is lost,
     and reversed beyond.
     """
-    step = np.abs(line[1:] - line[:-1]) * per_turn
-    if not min(step[1], step[2]) > np.float32(0.5):
+    two, three = abs(line[2] - line[1]) * per_turn, abs(line[3] - line[2]) * per_turn
+    if not min(two, three) > np.float32(0.5):
         return False
-    return not step.max() - step.min() <= np.float32(0.25) or step[1] + step[2] > np.float32(2 * STEEP)
+    one, four = abs(line[1] - line[0]) * per_turn, abs(line[4] - line[3]) * per_turn
+    uneven = max(max(one, four), max(two, three)) - min(min(one, four), min(two, three))
+    unknown = one + two + three + four != one + two + three + four
+    return unknown or uneven > np.float32(0.25) or two + three > np.float32(2 * STEEP)
 
 
 @exact
