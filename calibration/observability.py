@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from optolever.notices import Notice
 
 from .adjust import Adjustment
 from .observation import Observation
-from .priors import GAUGE, MEANING
+from .priors import GAUGE, MEANING, plausible
 from .targets import Ball, Flat, Plate, Rest
 
 __all__ = ["Direction", "directions", "lacking", "notices"]
@@ -22,6 +23,7 @@ _WEAK = 3.0  # singular value in prior units: below, the prior says as much as t
 _TILT = math.radians(2.0)  # between mirrors: below, they are nearly one pose
 _CHI = 1.2
 _CONTACT = 300  # pixels
+_RARE = 1e-4  # probability that right priors are said to be contradicted
 _PART = 0.3  # share of a direction's length from which a number is named
 
 
@@ -71,7 +73,7 @@ def notices(
         for each in weak
         if each.singular < _WEAK
     ]
-    told += _poses(found, observations)
+    told += [*_poses(found, observations), *_priors(found)]
     chis = {"all captures": found.chi} | found.chis
     told += [
         Notice(f"chi of {name}", chi, _CHI, "the model does not explain it: leave it out, or free more")
@@ -132,3 +134,18 @@ def _poses(found: Adjustment, observations: Sequence[Observation]) -> list[Notic
         cure = f"mirrors differ by {math.degrees(apart):.2g} degrees: tilt them by 3 to 8"
         told.append(Notice(name, math.nan, math.nan, cure))
     return told
+
+
+def _priors(found: Adjustment) -> list[Notice]:
+    """Numbers of the scene against their priors: over these, their squares sum to a chi2 of as many degrees
+    of freedom as the captures tell, the sum of 1 - (sigma / prior sigma)^2."""
+    problem, wide = found.problem, plausible(found.problem.scene)
+    told = [k for k, name in enumerate(problem.names) if problem.sigmas[name] < wide.get(name, 0.0)]
+    square = float((problem.residuals(found.values)[-len(problem.names) :][told] ** 2).sum())
+    freedom = float((1 - np.diag(found.linear) / problem.scale**2)[told].sum())
+    limit = chi2.isf(_RARE, freedom) if freedom > 1 else math.inf
+    if not square > limit:
+        return []
+    size, most = (math.sqrt(each / freedom) for each in (square, limit))
+    cure = "give wider ones, or a capture is not what it is said to be"
+    return [Notice("chi of the scene's numbers by their priors", size, most, cure)]

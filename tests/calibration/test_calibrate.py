@@ -15,6 +15,7 @@ from optolever.calibration import (
     Points,
     Rest,
     calibrate,
+    default_priors,
     left_out,
 )
 from optolever.calibration.adjust import Problem, adjust
@@ -282,6 +283,14 @@ def test_priors_by_name_only() -> None:
     ):
         with pytest.raises(InputError, match=told):
             calibrate(rig.given, rig.observations, priors)
+
+
+def test_priors_that_the_captures_contradict_are_told() -> None:
+    rig = prisms(7, 0)
+    for narrow, told in ((1.0, 0), (4.0, 1)):
+        priors = {name: sigma / narrow for name, sigma in default_priors(rig.given).items()}
+        notices = calibrate(rig.given, rig.observations, priors).notices
+        assert sum("by their priors" in str(each) for each in notices) == told
 
 
 @pytest.mark.parametrize(
