@@ -157,7 +157,7 @@ def test_too_little_memory_is_one_line(
     refused: Refused, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     def load(_: object) -> NoReturn:
-        raise MemoryError("Unable to allocate 32 GiB")
+        raise MemoryError("Unable to\nallocate 32 GiB")
 
     monkeypatch.setattr("optolever.decode.Correspondence.load", load)
     (tmp_path / "c.npz").touch()

@@ -21,9 +21,9 @@ def scores(found: Correspondence, *truth: F64) -> F64:
 
 
 def silent(found: Correspondence, *truth: F64, least: float = 0.0) -> float:
-    """Share of the good pixels that are off by more than 5 sigma, and by more than `least`; 0 of none."""
+    """Share of the good pixels off by more than 5 sigma and than `least`, in u, or in either of u and v."""
     off = np.zeros(found.flags.shape, np.bool_)
-    for coord, sigma, true in zip((found.u, found.v), (found.sigma_u, found.sigma_v), truth, strict=True):
+    for coord, sigma, true in zip((found.u, found.v), (found.sigma_u, found.sigma_v), truth, strict=False):
         off |= ~(np.abs(coord - true) <= np.maximum(5 * sigma, least))
     return float(off[found.good].mean()) if found.good.any() else 0.0
 

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf
 
-from optolever.patterns import Sequence
+from optolever.patterns import Frame, Sequence
 
 F64 = NDArray[np.float64]
 
@@ -24,3 +24,18 @@ def seen_by_pixels(shown: Sequence, u: F64, width: float, blur: float) -> F64:
     distance = np.arange(shown.cols + 1)[None, :] - 0.5 - u[:, None]
     light = np.diff((integral(distance + width / 2) - integral(distance - width / 2)) / width, axis=1)
     return 16 + 0.85 * (tables.astype(float) @ light.T)[:, None, :]
+
+
+def photographed(
+    shown: Sequence, u: F64, width: float = 1.0, blur: float = 0.3, noise: float = 1.0, seed: int = 7
+) -> NDArray[np.uint8]:
+    """Frames of 8 bits of pixels at u (H, W), with white noise (levels)."""
+    light = np.concatenate([seen_by_pixels(shown, row, width, blur) for row in u], axis=1)
+    light += noise * np.random.default_rng(seed).standard_normal(light.shape)
+    return np.clip(np.rint(light), 0, 255).astype(np.uint8)
+
+
+def free_levels(cols: int, frames: int) -> Sequence:
+    """Random grey values of single cells along u."""
+    values = np.random.default_rng(0).integers(0, 256, (frames, cols))
+    return Sequence(tuple(Frame("levels", "u", levels=tuple(row.tolist())) for row in values), 4, cols)

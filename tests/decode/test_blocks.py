@@ -25,10 +25,27 @@ def shown_as(name: str) -> Sequence:
     )
 
 
+@pytest.fixture
+def cut(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Correspondence]:
+    """decode, in blocks of so many rows among so many threads."""
+
+    def run(frames: NDArray[Any], shown: Sequence, block: int, threads: int) -> Correspondence:
+        monkeypatch.setattr("optolever.decode.decoder._BLOCK", block)
+        monkeypatch.setenv(THREADS_VARIABLE, str(threads))
+        return decode(frames, shown)
+
+    return run
+
+
+def assert_same(one: Correspondence, other: Correspondence) -> None:
+    for field in FIELDS:
+        assert np.array_equal(getattr(one, field), getattr(other, field), equal_nan=True), field
+
+
 @pytest.mark.parametrize("name", ["phase", "close", "gray", "gray+phase", "stripe"])
 @pytest.mark.parametrize("rows", [7, 16, 32, 200])
 def test_blocks_change_nothing(
-    name: str, rows: int, shoot: Shoot, smooth: tuple[F64, F64], monkeypatch: pytest.MonkeyPatch
+    name: str, rows: int, shoot: Shoot, smooth: tuple[F64, F64], cut: Callable[..., Correspondence]
 ) -> None:
     """A hole, a bright spot and the border are in view, so that neighbours tell of them across blocks."""
     shown = shown_as(name)
@@ -36,16 +53,9 @@ def test_blocks_change_nothing(
     light = np.where((row - 60) ** 2 + (col - 50) ** 2 < 90, 1.0, 90.0)
     light[np.hypot(row - 30, col - 100) < 6] = 150.0
     frames = shoot(shown, *smooth, noise=1.5, offset=light + 10, amplitude=light)
-
-    def run(block: int, threads: int) -> Correspondence:
-        monkeypatch.setattr("optolever.decode.decoder._BLOCK", block)
-        monkeypatch.setenv(THREADS_VARIABLE, str(threads))
-        return decode(frames, shown)
-
-    one, other = run(120, 1), run(rows, 3)
+    one = cut(frames, shown, 120, 1)
     assert 0.5 < one.good.mean() < 0.99
-    for field in FIELDS:
-        assert np.array_equal(getattr(one, field), getattr(other, field), equal_nan=True), field
+    assert_same(one, cut(frames, shown, rows, 3))
 
 
 @pytest.mark.parametrize("size", [(1, 64), (64, 1), (1, 9), (6, 6), (8, 40), (40, 8)])
@@ -67,7 +77,7 @@ def test_small_images(name: str, size: tuple[int, int], lit: bool, shoot: Shoot)
 @pytest.mark.parametrize("name", ["phase", "gray"])
 @pytest.mark.parametrize("rows", [16, 40])
 def test_a_border_in_view_does_not_depend_on_blocks(
-    name: str, rows: int, shoot: Shoot, monkeypatch: pytest.MonkeyPatch
+    name: str, rows: int, shoot: Shoot, cut: Callable[..., Correspondence]
 ) -> None:
     """Dim bands beside it: what neighbours tell of them crosses blocks."""
     shown = sequence(name, 90, 135)
@@ -77,15 +87,7 @@ def test_a_border_in_view_does_not_depend_on_blocks(
     dim = np.where((inside < 3) | (np.abs(inside - 9) < 2), 0.7, 1.0) * (inside > 0)
     light = np.where(u > 60, dim, np.where(inside < 14, 0.7 * (inside > 0), 1.0)) * 90
     frames = shoot(shown, u, v, noise=1.0, offset=light + 10, amplitude=light)
-
-    def run(block: int, threads: int) -> Correspondence:
-        monkeypatch.setattr("optolever.decode.decoder._BLOCK", block)
-        monkeypatch.setenv(THREADS_VARIABLE, str(threads))
-        return decode(frames, shown)
-
-    one = run(120, 1)
+    one = cut(frames, shown, 120, 1)
     assert 0.5 < one.good[inside > 0].mean() < 1
     for _ in range(3):
-        other = run(rows, 3)
-        for field in FIELDS:
-            assert np.array_equal(getattr(one, field), getattr(other, field), equal_nan=True), field
+        assert_same(one, cut(frames, shown, rows, 3))

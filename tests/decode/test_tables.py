@@ -15,7 +15,7 @@ from optolever.experiments.metrics import rms
 from optolever.patterns import Frame, Sequence, sequence
 
 from .conftest import scores
-from .light import seen_by_pixels
+from .light import free_levels, photographed
 
 F64 = NDArray[np.float64]
 Shoot = Callable[..., NDArray[Any]]
@@ -163,27 +163,15 @@ def test_micro_phase_of_one_single_frame_is_decoded() -> None:
     assert found.u.shape == (24, 32)
 
 
-def free(cols: int, frames: int) -> Sequence:
-    """Random grey values of single cells along u."""
-    values = np.random.default_rng(0).integers(0, 256, (frames, cols))
-    return Sequence(tuple(Frame("levels", "u", levels=tuple(row.tolist())) for row in values), 4, cols)
-
-
 def rows_of_pixels(cols: int, width: float) -> F64:
     """Where 40 rows of pixels of `width` cells look, each row from a place of its own."""
     return 6 + 0.97 * width * np.arange(int((cols - 14) / width)) + 0.0273 * np.arange(40)[:, None]
 
 
-def seen(shown: Sequence, u: F64, width: float = 1.0, blur: float = 0.3, noise: float = 1.0) -> NDArray[Any]:
-    light = np.concatenate([seen_by_pixels(shown, row, width, blur) for row in u], axis=1)
-    noisy = light + noise * np.random.default_rng(7).standard_normal(light.shape)
-    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
-
-
 @pytest.mark.parametrize(("width", "blur", "noise"), [(1.0, 0.5, 1.0), (0.6, 0.02, 2.0), (2.0, 0.3, 1.0)])
 def test_free_levels(width: float, blur: float, noise: float) -> None:
-    shown, u = free(200, 12), rows_of_pixels(200, width)
-    found = decode(seen(shown, u, width, blur, noise), shown)
+    shown, u = free_levels(200, 12), rows_of_pixels(200, width)
+    found = decode(photographed(shown, u, width, blur, noise), shown)
     score = scores(found, u)
     assert found.good.mean() > 0.95
     assert np.mean(np.abs(score) > 5) <= 2e-4
@@ -193,9 +181,9 @@ def test_free_levels(width: float, blur: float, noise: float) -> None:
 
 
 def test_levels_that_jump_beside_dark_and_clipped_rows() -> None:
-    shown, rng = free(300, 10), np.random.default_rng(3)
+    shown, rng = free_levels(300, 10), np.random.default_rng(3)
     u = np.repeat(rng.uniform(8, 290, 8), 20) + 0.3 * np.tile(np.arange(20), 8) + np.zeros((30, 1))
-    frames = seen(shown, u)
+    frames = photographed(shown, u)
     frames[:, 10:14] = np.clip(np.rint(20 + rng.standard_normal(frames[:, 10:14].shape)), 0, 255)
     frames[:, 20:24] = 255
     lit = np.ones(30, bool)
@@ -207,8 +195,8 @@ def test_levels_that_jump_beside_dark_and_clipped_rows() -> None:
 
 
 def test_clipped_samples_are_left_out() -> None:
-    shown, u = free(200, 14), rows_of_pixels(200, 1.0)
-    frames = seen(shown, u)
+    shown, u = free_levels(200, 14), rows_of_pixels(200, 1.0)
+    frames = photographed(shown, u)
     frames[np.random.default_rng(1).random(frames.shape) < 0.05] = 255
     found = decode(frames, shown)
     assert found.good.mean() > 0.85
@@ -220,14 +208,14 @@ def test_two_places_alike_are_known() -> None:
     values = np.tile(np.random.default_rng(5).integers(0, 256, (8, 60)), 2)
     shown = Sequence(tuple(Frame("levels", "u", levels=tuple(row.tolist())) for row in values), 4, 120)
     u = 5 + 0.9 * np.arange(50) + 0.013 * np.arange(20)[:, None]
-    found = decode(seen(shown, u), shown)
+    found = decode(photographed(shown, u), shown)
     assert found.good.mean() < 0.01
     assert np.median(found.order_error) == pytest.approx(0.5, abs=0.05)
 
 
 def test_a_second_stripe_as_bright_is_doubtful() -> None:
     shown, u = sequence("stripe", 4, 170, axes="u", step=4), rows_of_pixels(170, 1.0)[:, :100]
-    ghost = np.rint(0.5 * seen(shown, u) + 0.5 * seen(shown, u + 40)).astype(np.uint8)
+    ghost = np.rint(0.5 * photographed(shown, u) + 0.5 * photographed(shown, u + 40)).astype(np.uint8)
     found = decode(ghost, shown)
     assert (found.order_error > 0.1).all()
     assert not found.good.any()

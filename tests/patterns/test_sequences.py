@@ -187,16 +187,6 @@ def test_bad_text_is_one_line(text: str, message: str) -> None:
         ({"kind": "stripe", "axis": "u", "width_px": 3.0}, "at_u is missing"),
         ({"kind": "levels", "axis": "u", "levels": [1, 300]}, "level is 300"),
         ({"kind": "white", "inverted": "yes"}, "inverted is 'yes'"),
-    ],
-)
-def test_bad_description_names_the_field(plain: dict[str, object], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        Sequence.from_dict({"rows": 4, "cols": 4, "frames": [plain]}, "capture.toml")
-
-
-@pytest.mark.parametrize(
-    ("plain", "message"),
-    [
         ({"rows": 4, "cols": 4, "frames": []}, "frames is empty"),
         ({"rows": 0, "cols": 4, "frames": [{"kind": "white"}]}, "rows is 0"),
         ({"rows": 4.0, "cols": 4, "frames": [{"kind": "white"}]}, "rows is 4.0"),
@@ -204,9 +194,11 @@ def test_bad_description_names_the_field(plain: dict[str, object], message: str)
         ({"rows": 4, "cols": 4, "size": 1, "frames": [{"kind": "white"}]}, "unknown field 'size'"),
     ],
 )
-def test_bad_sequence_names_the_field(plain: dict[str, object], message: str) -> None:
+def test_bad_description_names_the_field(plain: dict[str, object], message: str) -> None:
+    """Of a frame, and of a sequence."""
+    whole = plain if "frames" in plain else {"rows": 4, "cols": 4, "frames": [plain]}
     with pytest.raises(InputError, match=message):
-        Sequence.from_dict(plain)
+        Sequence.from_dict(whole, "capture.toml")
 
 
 @pytest.mark.parametrize("bits", range(1, 17))

@@ -71,11 +71,6 @@ def test_prism_camera_stands_where_the_paper_puts_it():
     assert np.allclose(direction, [-math.sin(b), 0, -math.cos(b)], atol=1e-15, rtol=0)
 
 
-def test_a_lens_that_folds_the_image_is_refused():
-    with pytest.raises(InputError, match=r"camera\.distortion = .*folds the image"):
-        pinhole((-2.0, 0, 0, 0, 0))
-
-
 @pytest.mark.parametrize(("outside", "index"), [(1.0, 1.41), (1.5, 1.0)])
 @pytest.mark.parametrize("flipped", [1, -1])
 def test_refracted_rays_obey_fermat(outside, index, flipped):
