@@ -24,7 +24,6 @@ __all__ = [
 ]
 
 RESOLUTION = 110  # dots per inch of every figure
-TEXT = {"size": 9.0}
 
 
 def new_figure(width: float, height: float) -> Figure:

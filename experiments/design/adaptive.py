@@ -28,7 +28,7 @@ from .on_demand import OnDemand
 from .outlook import Outlook
 from .prediction import BORDER, Prediction, predict
 from .sensitivity import Lever
-from .view import Floats, View, thinned
+from .view import Floats, View, stride_for, thinned
 
 __all__ = ["Adapted", "Goal", "Start", "Step", "adapt", "share_within", "starting"]
 
@@ -108,7 +108,7 @@ def starting(scene: Scene, noise: float, goal: Goal) -> Start:
         raise InputError(f"goal: {goal.height:g} mm at {goal.share:g} of the pixels, must be > 0 and in 0..1")
     rest = dent("flat", scene)
     lever = Lever(scene, rest)
-    thin = Lever(scene, rest, stride=max(1, min(scene.camera.rows, scene.camera.cols) // SIDE))
+    thin = Lever(scene, rest, stride=stride_for(scene, SIDE))
     outlook, worse = (Outlook(thin, goal.height, spare * noise, lever.sigma_factor) for spare in (1.0, SPARE))
     found = _least(outlook)
     for offer in offers([outlook], goal.share, goal.frames):

@@ -12,12 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from optolever.decode import decode
 from optolever.errors import InputError
 from optolever.notices import Notice
 from optolever.patterns import Sequence
-from optolever.projector import capture
-from optolever.reconstruct import HeightMap, reconstruct
+from optolever.reconstruct import HeightMap
 from optolever.records import Progress, silent
 from optolever.scene import Scene, dent_from_text
 
@@ -27,6 +25,7 @@ from .fixed_search import offers
 from .on_demand import VirtualOnDemand
 from .outlook import Outlook
 from .sensitivity import Lever
+from .view import stride_for
 
 __all__ = [
     "AdaptiveRow",
@@ -223,8 +222,7 @@ class Place:
         self.scene, self.dent, self._goal = scene, text, goal
         self._start, self._noise, self._renderer = start, start.noise, renderer
         self.surface = dent_from_text(text, scene)
-        stride = max(1, min(scene.camera.rows, scene.camera.cols) // SIDE)
-        self.lever = Lever(scene, self.surface, stride=stride)
+        self.lever = Lever(scene, self.surface, stride=stride_for(scene, SIDE))
         self.outlook = Outlook(self.lever, goal.height, start.noise, start.lever.sigma_factor)
 
     def adaptive(self, seed: int) -> tuple[Any, float]:
@@ -237,11 +235,8 @@ class Place:
 
     def fixed(self, sequence: Sequence, seed: int) -> float:
         """Share actually within the goal of a fixed sequence."""
-        seen = capture(
-            self.scene, self.surface, sequence, noise=self._noise, seed=seed, renderer=self._renderer
-        )
         try:
-            return self.within(reconstruct(decode(seen.frames, sequence), self.scene))
+            return self.within(self.lever.measured(sequence, self._noise, seed, self._renderer))
         except InputError:
             return 0.0
 

@@ -10,10 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from optolever.decode import decode
 from optolever.errors import InputError
-from optolever.projector import capture
-from optolever.reconstruct import reconstruct
 from optolever.records import Progress, silent
 from optolever.scene import Scene, dent_from_text
 
@@ -231,10 +228,8 @@ def simulate(
     Over the pixels that the pattern's border does not touch. InputError if it cannot be decoded.
     """
     squares, shares = [], []
-    sequence = candidate.sequence
     for seed in seeds:
-        seen = capture(lever.scene, lever.surface, sequence, noise=noise, seed=seed, renderer=renderer)
-        height = reconstruct(decode(seen.frames, sequence), lever.scene)
+        height = lever.measured(candidate.sequence, noise, seed, renderer)
         good = height.good & lever.inner
         squares.append(rms_where(height.z - lever.full.truth.z, good) ** 2)
         shares.append(good.sum() / lever.inner.sum())

@@ -15,8 +15,10 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from optolever.decode import Correspondence, Flag
+from optolever.decode import Correspondence, Flag, decode
 from optolever.errors import InputError
+from optolever.patterns import Sequence
+from optolever.projector import capture
 from optolever.reconstruct import HeightMap, reconstruct
 from optolever.scene import Scene, Surface
 
@@ -58,6 +60,11 @@ class Lever:
         self.view = view_of(scene, surface, stride_for(scene) if stride is None else stride)
         if not self.view.visible.any():
             raise InputError(f"scene {scene.name!r}: no pixel sees the pattern")
+
+    def measured(self, sequence: Sequence, noise: float, seed: int, renderer: str) -> HeightMap:
+        """From frames of the whole camera. InputError if they cannot be decoded or leave no anchor."""
+        seen = capture(self.scene, self.surface, sequence, noise=noise, seed=seed, renderer=renderer)
+        return reconstruct(decode(seen.frames, sequence), self.scene)
 
     @cached_property
     def full(self) -> View:

@@ -16,6 +16,7 @@ from optolever.scene import Scene, dent
 from .prediction import predict
 from .sensitivity import Lever
 from .slopes import lever_arm, reflected, rest_of, slope_limits
+from .view import stride_for
 
 __all__ = ["SensorMaps", "sensor_maps"]
 
@@ -81,9 +82,7 @@ def sensor_maps(
 
     InputError if no pixel sees the pattern at rest.
     """
-    lever = Lever(
-        scene, dent("flat", scene), stride=max(1, min(scene.camera.rows, scene.camera.cols) // side)
-    )
+    lever = Lever(scene, dent("flat", scene), stride=stride_for(scene, side))
     thin = lever.view.scene
     rest = rest_of(thin)
     low, high = slope_limits(thin, rest, "x")
