@@ -142,7 +142,7 @@ def calibrate(
     scene = replace(scene, covariance=None)
     observations = checked(observations, (scene.camera.rows, scene.camera.cols))
     frame = frame_of(observations)
-    samples = sorted(sampled(observations), key=lambda sample: sample.name != frame)
+    samples = sorted(map(sampled, observations), key=lambda sample: sample.name != frame)
     if points and not any(isinstance(sample.target, Rest) for sample in samples):
         raise InputError("Points: need a capture of the mirror at Rest, whose heights they are")
     sigmas = resolved(scene, priors)

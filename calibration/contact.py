@@ -1,9 +1,15 @@
 """Where a pressed ball touches the mirror, from its capture and one of the mirror without it.
 
 A ball bends the mirror about both axes to one side. Beside the contact nothing presses: there a membrane or
-an elastic body bends to the other side along the radius, at once (Hertz: with a singular curvature). The
-pattern's coordinates follow slopes, so that det d(u - u0, v - v0) / d(col, row) has the sign of the change's
-Gaussian curvature times that of det d(u0, v0) / d(col, row), whatever the rig.
+an elastic body bends to the other side along the radius, at once (Hertz: with a singular curvature). What the
+mirror's change h adds to the pattern's coordinates, by those without it, has the derivatives D. Far from the
+pattern D is the path times the second derivatives of h, so that det D has the sign of h's Gaussian curvature,
+whatever the rig. Near its edge the path itself changes: in a prism of 45 degrees, x from the edge,
+
+    du = sqrt 2 (x h_x - h), dv = x h_y over u0 = x / sqrt 2, v0 = y,
+    D = (2 x h_xx, sqrt 2 (x h_xy - h_y); sqrt 2 (x h_xy + h_y), x h_yy)
+
+Slopes are in its antisymmetric part alone, which is left out.
 """
 
 import numpy as np
@@ -27,16 +33,27 @@ def contact(ball: Correspondence, rest: Correspondence) -> NDArray[np.bool_]:
     same camera, the same pose). InputError where fewer than 100 pixels are such."""
     both = ball.good & rest.good
     u0, v0 = (np.where(both, part, np.nan).astype(np.float64) for part in (rest.u, rest.v))
-    du, dv = _gradient(ball.u - u0), _gradient(ball.v - v0)
-    handed = np.sign(np.nansum(np.sign(_cross(_gradient(u0), _gradient(v0)))))
-    bent = handed * _cross(du, dv)
+    (u_col, u_row), (v_col, v_row) = _gradient(u0), _gradient(v0)
+    du, dv = np.stack(_gradient(ball.u - u0)), np.stack(_gradient(ball.v - v0))
     noise_u, noise_v = (
         np.hypot(one, other) / np.sqrt(6.0)  # of a slope over 3 x 3
         for one, other in ((ball.sigma_u, rest.sigma_u), (ball.sigma_v, rest.sigma_v))
     )
-    sure = bent > _SURE * np.hypot(noise_u * np.hypot(*dv), noise_v * np.hypot(*du))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        area = u_col * v_row - u_row * v_col
+        by_u, by_v = np.stack([v_row, -v_col]) / area, np.stack([-u_row, u_col]) / area  # pixels per cell
+        uu, uv, vu, vv = ((d * by).sum(axis=0) for d in (du, dv) for by in (by_u, by_v))
+        mixed = 0.5 * (uv + vu)
+        bent = uu * vv - mixed**2
+        errors = (
+            noise_u * np.hypot(*(vv * by_u - mixed * by_v)),
+            noise_v * np.hypot(*(uu * by_v - mixed * by_u)),
+        )
+        sure = bent > _SURE * np.hypot(*errors)
     labels, count = ndimage.label(sure)
-    turns = ndimage.sum_labels(np.sqrt(np.where(sure, bent, 0.0)), labels, np.arange(1, count + 1))
+    turns = ndimage.sum_labels(
+        np.sqrt(np.where(sure, bent * np.abs(area), 0.0)), labels, np.arange(1, count + 1)
+    )
     cap = labels == 1 + int(np.argmax(turns)) if count else sure
     depth = ndimage.distance_transform_edt(np.isnan(bent) | cap)
     inner = both & (depth >= (1 - _INNER) * depth.max(initial=0.0, where=cap))
@@ -53,7 +70,3 @@ def _gradient(values: Floats) -> tuple[Floats, Floats]:
         ndimage.correlate1d(ndimage.correlate1d(values, slope, axis), mean, 1 - axis) for axis in (1, 0)
     )
     return along, across
-
-
-def _cross(a: tuple[Floats, Floats], b: tuple[Floats, Floats]) -> Floats:
-    return a[0] * b[1] - a[1] * b[0]

@@ -68,12 +68,12 @@ def judged(found: Calibration) -> list[Judgement]:
             known = found.by @ _covariance(solved, some) @ found.by.T
             each = np.sqrt(np.einsum("pn,pq,qn->n", heights, known, heights))
             sigmas[name, key] = float(np.median(each)), float(np.sqrt(depth @ known @ depth))
-    by_name = {each.name: each for each in found.observations}
+    seen = {o.name: float(np.mean((o.correspondence.flags & _UNSEEN) == 0)) for o in found.observations}
     return [
         Judgement(
             name,
             solved.chis[name],
-            _seen(by_name[name]),
+            seen[name],
             found.decoded[name],
             found.tilts.get(name),
             *sigmas[name, "so_far"],
@@ -100,10 +100,6 @@ def as_they_come(
         framed = any(isinstance(one.target, Flat | Rest) for one in so_far)
         found = calibrate(scene, so_far, priors, guess=guess) if framed else None
         yield found, "" if few is None else f"{few.name}: {few.cure}"
-
-
-def _seen(each: Observation) -> float:
-    return float(np.mean((each.correspondence.flags & _UNSEEN) == 0))
 
 
 def _covariance(solved: Adjustment, captures: Sequence[str]) -> Floats:

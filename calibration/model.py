@@ -11,19 +11,12 @@ from optolever.scene import Scene
 
 from .targets import Shape
 
-__all__ = ["predicted", "reflected"]
+__all__ = ["reflected"]
 
 Floats = NDArray[np.float64]
 
 _STEPS = 12
 _SETTLED = 1e-11  # mm
-
-
-def predicted(scene: Scene, shape: Shape, row: Floats, col: Floats) -> tuple[Floats, Floats, Floats]:
-    """u, v (n,) in cells of pixels (row, col), and their points (3, n) on the mirror, mm."""
-    point, out = reflected(scene, shape, row, col)
-    u, v, _ = scene.pattern.landing(point, out)
-    return u, v, point
 
 
 def reflected(scene: Scene, shape: Shape, row: Floats, col: Floats) -> tuple[Floats, Floats]:

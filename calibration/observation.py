@@ -85,11 +85,6 @@ def _with_contact(each: Observation, frame: Observation) -> Observation:
         ) from error
 
 
-def sampled(observations: Sequence[Observation]) -> list[Sample]:
-    """40 x 40 pixels of each, on a grid over what is usable."""
-    return [_sample(each) for each in observations]
-
-
 def frame_of(observations: Sequence[Observation]) -> str:
     """The capture whose plane is z = 0: the first at rest, else the first flat."""
     for kind in (Rest, Flat):
@@ -128,7 +123,8 @@ def _require_different(observations: Sequence[Observation]) -> None:
                 )
 
 
-def _sample(each: Observation) -> Sample:
+def sampled(each: Observation) -> Sample:
+    """40 x 40 pixels on a grid over what is usable."""
     usable, c = each.usable, each.correspondence
     lines = [np.flatnonzero(usable.any(axis=1 - axis)) for axis in (0, 1)]
     picked = [np.unique(np.linspace(at[0], at[-1], _GRID).round().astype(int)) for at in lines]

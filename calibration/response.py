@@ -158,9 +158,7 @@ def _view(found: RigResponse, camera: float, capture: Capture) -> _View:
     cosine = np.cos(np.linspace(0, 2 * np.pi, 1024, endpoint=False))
     first = 2 * np.mean(np.interp(127.5 + 127.5 * cosine, level, curve) * cosine)
     gains, squares = [], []
-    for (axis, period), index in _fringes(capture).items():
-        frames = [capture.sequence.frames[i] for i in index]
-        shifts = np.array([(frame.shift or 0.0) + np.pi * frame.inverted for frame in frames])
+    for axis, period, index, shifts in _fringes(capture):
         coordinate = getattr(where, axis)
         phase = 2 * np.pi * coordinate / period - shifts[:, None, None]
         # by the light at its place: few steps do not even out what harmonics do to a mean
@@ -171,16 +169,12 @@ def _view(found: RigResponse, camera: float, capture: Capture) -> _View:
         footprint = [np.sinc(part / period) for part in np.gradient(coordinate)]
         modulation = gains[-1] * first * np.sinc(1 / period) * footprint[0] * footprint[1]
         used = good & np.isfinite(modulation)
-        parts = [
-            -np.log(max(own.sum(), 1e-9) / full.sum()) * period**2 / (2 * np.pi**2)
-            for own, full in zip(
-                *(np.array_split(one[used], _PARTS) for one in (wave, modulation)), strict=True
-            )
-            if len(own)
-        ]
-        if len(parts) == _PARTS:
-            rounded = _ROUNDED * period**2 / (2 * np.pi**2)
-            squares.append((float(np.mean(parts)), float(np.var(parts) / (_PARTS - 1)), rounded**2))
+        if np.count_nonzero(used) >= _PARTS:
+            starts = np.linspace(0, np.count_nonzero(used), _PARTS, endpoint=False).astype(int)
+            own, full = (np.add.reduceat(one[used], starts) for one in (wave, modulation))
+            unit = period**2 / (2 * np.pi**2)
+            parts = -unit * np.log(np.maximum(own, 1e-9) / full)
+            squares.append((float(parts.mean()), float(parts.var() / (_PARTS - 1)), (_ROUNDED * unit) ** 2))
     if not gains:
         raise InputError("response: the capture shows no fringes of three or more equal shifts")
     gain = np.mean(gains, axis=0)
@@ -189,20 +183,20 @@ def _view(found: RigResponse, camera: float, capture: Capture) -> _View:
     return _View(gain, where, good, (capture.sequence.rows, capture.sequence.cols), squares)
 
 
-def _fringes(capture: Capture) -> dict[tuple[str, float], list[int]]:
-    """Frames of fringes of three or more equal shifts, by axis and period."""
+def _fringes(capture: Capture) -> list[tuple[str, float, list[int], Floats]]:
+    """Fringes of three or more equal shifts: axis, period, their frames and shifts."""
     groups: dict[tuple[str, float], list[int]] = {}
     for i, frame in enumerate(capture.sequence.frames):
         if frame.kind == "phase" and frame.exposure == 1:
             groups.setdefault((frame.axis or "", frame.period_px or 1.0), []).append(i)
-
-    def equal(index: list[int]) -> bool:
+    found = []
+    for (axis, period), index in groups.items():
         frames = [capture.sequence.frames[i] for i in index]
-        shifts = np.sort([np.mod((f.shift or 0.0) + np.pi * f.inverted, 2 * np.pi) for f in frames])
-        steps = np.diff(shifts, append=shifts[0] + 2 * np.pi)
-        return len(index) >= 3 and bool(np.ptp(steps) < 1e-3)
-
-    return {key: index for key, index in groups.items() if equal(index)}
+        shifts = np.array([(frame.shift or 0.0) + np.pi * frame.inverted for frame in frames])
+        order = np.sort(shifts % (2 * np.pi))
+        if len(index) >= 3 and np.ptp(np.diff(order, append=order[0] + 2 * np.pi)) < 1e-3:
+            found.append((axis, period, index, shifts))
+    return found
 
 
 def _powers(down: Floats, along: Floats) -> Floats:

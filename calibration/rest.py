@@ -54,11 +54,9 @@ class RestMap:
         both = rest.good & now.good
         with np.errstate(invalid="ignore", divide="ignore"):
             squares = [
-                (a - b) ** 2 / (sa**2 + sb**2)
-                for a, b, sa, sb in (
-                    (now.u, rest.u, now.sigma_u, rest.sigma_u),
-                    (now.v, rest.v, now.sigma_v, rest.sigma_v),
-                )
+                (getattr(now, axis) - getattr(rest, axis)) ** 2
+                / (getattr(now, f"sigma_{axis}") ** 2 + getattr(rest, f"sigma_{axis}") ** 2)
+                for axis in ("u", "v")
             ]
         square = np.where(both, 0.5 * (squares[0] + squares[1]), 0.0)
         count = _block_sums(both.astype(np.float64))

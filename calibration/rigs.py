@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from optolever.decode import Correspondence
 from optolever.scene import (
-    Bow,
     Face,
     Mirror,
     PinholeCamera,
@@ -128,15 +127,12 @@ def open_air(
     """`monitor-mirror` with another lens, display pose and a bow of 0.2 mm; K poses of one reference, whose
     form is drawn from its flatness (mm); nothing of them is known before."""
     base = resize(load("monitor-mirror"), size * 4 // 5, size)
-    pattern = base.pattern
-    bow = Bow.of_pattern(pattern.rows, pattern.cols, *(0.2 * rng.standard_normal(3)))
-    camera = base.camera
-    truth = replace(base, pattern=replace(pattern, shape=bow))
-    values = {"camera.f": camera.focal[0] * (1.0 + 0.05 * rng.uniform(-1, 1))}  # type: ignore[union-attr]
+    values = {f"pattern.{name}": 0.2 * rng.standard_normal() for name in ("b20", "b11", "b02")}
+    values["camera.f"] = parameter_values(base)["camera.f"] * (1.0 + 0.05 * rng.uniform(-1, 1))
     values |= {"camera.rx": 0.01 * rng.uniform(-1, 1), "camera.k1": -0.1, "camera.k2": 0.05}
     values |= {f"pattern.{name}": 0.03 * rng.uniform(-1, 1) for name in ("rx", "ry", "rz")}
     values |= {f"pattern.{name}": 8.0 * rng.uniform(-1, 1) for name in ("x", "y", "z")}
-    truth = adjusted(truth, values)
+    truth = adjusted(base, values)
     observations: list[Observation] = []
     bulge = form(flatness * rng.standard_normal(3), truth.mirror)
     x, y = 0.5 * truth.mirror.length, 0.5 * truth.mirror.width

@@ -42,14 +42,10 @@ _POLL = 0.2  # s, between looks for a capture
 @click.argument("captures", nargs=-1, required=True, metavar="TARGET=CAPTURE[@MASK.png]...")
 @scene_option
 @click.option(
-    "--out", type=OUTPUT, required=True, metavar="RIG.toml", help="Scene to write, with covariance."
+    "--out", type=OUTPUT, required=True, metavar="RIG.toml", help="Scene with covariance, to write."
 )
 @click.option(
-    "--prior",
-    "priors",
-    multiple=True,
-    metavar="NUMBER=SIGMA",
-    help="Of a scene's number; 0: held, inf: free.",
+    "--prior", "priors", multiple=True, metavar="NUMBER=SIGMA", help="Of a number; 0: held, inf: free."
 )
 @click.option("--without", multiple=True, metavar="NAME", help="Leave a capture out, by its file's stem.")
 @click.option("--guess", is_flag=True, help="Start from the scene's numbers, in open air too.")

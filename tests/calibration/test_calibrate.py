@@ -19,7 +19,7 @@ from optolever.calibration import (
     left_out,
 )
 from optolever.calibration.adjust import Problem, adjust
-from optolever.calibration.model import predicted
+from optolever.calibration.model import reflected
 from optolever.calibration.observation import checked, sampled
 from optolever.calibration.rigs import Rig, correspondence_of, open_air, prism, shape_surface
 from optolever.calibration.targets import Target
@@ -68,7 +68,8 @@ def test_the_model_is_what_the_ray_tracer_sees(
     if isinstance(target, Ball):
         on &= np.hypot(seen.x - 31.0, seen.y - 20.5) < 2.5
     row, col = np.nonzero(on)
-    u, v, point = predicted(truth, shape, row.astype(float), col.astype(float))
+    point, out = reflected(truth, shape, row.astype(float), col.astype(float))
+    u, v, _ = truth.pattern.landing(point, out)
     assert on.sum() > 100
     assert np.abs(u - seen.u[on]).max() < 1e-9
     assert np.abs(v - seen.v[on]).max() < 1e-9
@@ -221,7 +222,8 @@ def test_known_points_hold_the_rest() -> None:
 
 def test_a_step_of_the_problem_is_refused_nothing_it_does_not_name() -> None:
     rig = air(1, 3)
-    samples = sampled(checked(rig.observations, (rig.given.camera.rows, rig.given.camera.cols)))
+    size = rig.given.camera.rows, rig.given.camera.cols
+    samples = [sampled(each) for each in checked(rig.observations, size)]
     problem = Problem(rig.truth, samples, {"camera.nonsense": 1.0}, {}, frame="flat0")
     with pytest.raises((InputError, KeyError)):
         problem.residuals(np.zeros(1))

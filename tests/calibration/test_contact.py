@@ -85,7 +85,9 @@ def test_drawn_balls(shape, seed: int, noise: float, pinhole: bool) -> None:  # 
     require_inside(contact(c, rig.observations[0].correspondence), true, c.good)
 
 
-@pytest.mark.parametrize(("x", "y"), [(0.1, 0.5), (0.97, 0.5), (0.5, 0.01), (0.9, 0.95)])
+@pytest.mark.parametrize(
+    ("x", "y"), [(0.02, 0.5), (0.05, 0.5), (0.1, 0.5), (0.97, 0.5), (0.5, 0.01), (0.9, 0.95)]
+)
 def test_balls_at_the_border(x: float, y: float) -> None:
     rig, ball, take = drawn(0)
     place = x * rig.truth.mirror.length, y * rig.truth.mirror.width
