@@ -1,17 +1,20 @@
 """Holes of a few pixels and narrow slits, bridged from their neighbours, so that scattered bad pixels cost no
 masked solve, and the flagged seams between the cells of a code do not part the image into islands.
 
-The bridged values only serve the neighbours' edges; a bridged pixel stays flagged and gets no height.
+Bridged values are those that are nearest to parabolas along rows and columns, by the least sum of squares of
+third differences: across one pixel or two these are polynomials of fifth degree through three neighbours on
+either side, beyond a border they are parabolas. What this does not settle is harmonic. They only serve the
+neighbours' edges; a bridged pixel stays flagged and gets no height.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy.ndimage
+import scipy.sparse
+import scipy.sparse.linalg
 
-from optolever.kernels import exact
-
-from .arrays import Floats, Ints, Mask
+from .arrays import Floats, Mask
 from .measured import Measured
 
 __all__ = ["bridged", "noise_gain", "small_holes"]
@@ -19,6 +22,9 @@ __all__ = ["bridged", "noise_gain", "small_holes"]
 LARGEST = 9  # pixels
 NARROW = 2  # pixels between measured ones in a row or a column
 SHARE = 0.5  # of the image: where more is missing, it falls apart
+_FIRST, _THIRD = (-1.0, 1.0), (-1.0, 3.0, -3.0, 1.0)
+_ROUNDING = 1e-14  # what iterations leave
+_MOST = 200  # of their steps
 _REACH = 4.0  # pixels, rms: over which the gain is averaged
 
 
@@ -52,16 +58,15 @@ def bridged(data: Measured, holes: Mask) -> Measured:
     """The measurement with u, v and the sigmas interpolated across the holes, which join the mask."""
     if not holes.any():
         return data
-    bridge = _bridge(data.mask & ~holes, holes)
-    fields = {name: getattr(data, name).copy() for name in ("u", "v", "sigma_u", "sigma_v")}
-    for name, field in fields.items():
-        weights = bridge.weights
-        if name.startswith("sigma"):  # those of the neighbours
-            weights = np.abs(weights) / np.abs(weights).sum(axis=1, keepdims=True)
-        _fill(field.reshape(-1), bridge.pixels, bridge.sources, weights)
-    mask = data.mask & ~holes
-    mask.reshape(-1)[bridge.pixels] = True
-    return replace(data, mask=mask, **fields)
+    known = data.mask & ~holes
+    parts, count = scipy.ndimage.label(known | holes)
+    reached = np.zeros(count + 1, np.bool_)
+    reached[parts[known]] = True
+    holes = holes & reached[parts]
+    harmonic, parabolic = (_Differences(known, holes, coefficients) for coefficients in (_FIRST, _THIRD))
+    u, v, sigma_u, sigma_v = (harmonic.filled(part) for part in (data.u, data.v, data.sigma_u, data.sigma_v))
+    u, v = parabolic.filled(u), parabolic.filled(v)
+    return replace(data, u=u, v=v, sigma_u=sigma_u, sigma_v=sigma_v, mask=known | holes)
 
 
 def noise_gain(mask: Mask, holes: Mask) -> Floats:
@@ -73,141 +78,52 @@ def noise_gain(mask: Mask, holes: Mask) -> Floats:
     """
     if not holes.any():
         return np.ones(mask.shape)
-    bridge = _bridge(mask & ~holes, holes)
     weights = mask.astype(np.float64)
-    _gather(weights.reshape(-1), bridge.pixels, bridge.sources, bridge.weights)
+    for coefficients in (_THIRD, _FIRST):
+        weights = _Differences(mask & ~holes, holes, coefficients).gathered(weights)
     area = scipy.ndimage.gaussian_filter(mask.astype(np.float64), _REACH)
     gain: Floats = scipy.ndimage.gaussian_filter(weights**2, _REACH) / np.maximum(area, 1e-12)
     return np.maximum(gain, 1.0, out=gain)
 
 
-@dataclass(frozen=True, slots=True)
-class _Bridge:
-    """pixels (M,) in the order in which they are filled, each from sources (M, 8) times weights (M, 8)."""
-
-    pixels: Ints
-    sources: Ints
-    weights: Floats
-
-
-def _bridge(known: Mask, holes: Mask) -> _Bridge:
-    """From both sides where there are both: extrapolation, which magnifies noise, comes last."""
-    order = np.where(known, 0, _NEVER)
-    at = np.argwhere(holes)
-    sources, weights = np.zeros((len(at), 8), dtype=np.int64), np.zeros((len(at), 8))
-    _plan(order, at, sources, weights)
-    turn = order[holes]
-    first = np.argsort(turn, kind="stable")[: np.count_nonzero(turn < _NEVER)]
-    pixels = (at @ np.array([known.shape[1], 1]))[first]
-    return _Bridge(pixels, sources[first], weights[first])
-
-
-_NEVER = np.iinfo(np.int64).max
-
-
-@exact
-def _plan(order, at, sources, weights):  # type: ignore[no-untyped-def]
-    """Which pass fills a pixel (order: 0 known, later the pass), from what and with what weights.
-
-    Mean over the axes of cubic interpolation across this pixel or, failing that, across it and one beside
-    it; where no axis has second neighbours, linear interpolation; where no axis has both sides and no other
-    pixel of the pass has, linear extrapolation or the neighbour's value.
+class _Differences:
+    """Differences of such coefficients between known pixels and holes next to each other in rows and columns,
+    as far as they hold a hole; the sum of their squares is to be least.
     """
-    left = at.shape[0]
-    turn, sided = 0, True
-    while left > 0:
-        turn += 1
-        filled = 0
-        for m in range(at.shape[0]):
-            i, j = at[m, 0], at[m, 1]
-            if order[i, j] < turn:
-                continue
-            kinds = _kind(order, i, j, 0, turn), _kind(order, i, j, 1, turn)
-            best = max(kinds[0], kinds[1])
-            if best < (2 if sided else 1):
-                continue
-            share = 0.5 if kinds[0] == kinds[1] else 1.0
-            for axis in range(2):
-                if kinds[axis] == best:
-                    _weigh(order, i, j, axis, turn, best, share, sources[m], weights[m])
-            order[i, j] = turn
-            filled += 1
-        left -= filled
-        if filled > 0:
-            sided = True
-        elif sided:
-            sided = False
-        else:
-            break
+
+    def __init__(self, known: Mask, holes: Mask, coefficients: tuple[float, ...]) -> None:
+        self._coefficients, self._at = np.array(coefficients), np.flatnonzero(holes)
+        along, rows = np.arange(len(coefficients)), np.array([holes.shape[1], 1])
+        either, windows = (known | holes).ravel(), []
+        for step in np.eye(2, dtype=np.int64):
+            first = (np.argwhere(holes)[:, None] - along[:, None] * step).reshape(-1, 2)
+            inside = (first >= 0) & (first + along[-1] * step < holes.shape)
+            pixels = np.unique(first[inside.all(axis=1)] @ rows)[:, None] + along * (step @ rows)
+            windows.append(pixels[either[pixels].all(axis=1)])
+        self._pixels = np.concatenate(windows)
+        row, term = np.nonzero(holes.ravel()[self._pixels])
+        place = row, np.searchsorted(self._at, self._pixels[row, term])
+        shape = len(self._pixels), self._at.size
+        self._of_holes = scipy.sparse.csr_array((self._coefficients[term], place), shape=shape)
+
+    def filled(self, field: Floats) -> Floats:
+        """The field (rows, cols), holes changed as little as the differences ask for."""
+        out = field.astype(np.float64)
+        values = out.ravel()
+        values[self._at] = np.nan_to_num(values[self._at])
+        values[self._at] -= _least_squares(self._of_holes, values[self._pixels] @ self._coefficients)
+        return out
+
+    def gathered(self, weights: Floats) -> Floats:
+        """The transpose: weights (rows, cols) with those of the holes handed to what they are made of."""
+        share = _least_squares(self._of_holes.T, weights.ravel()[self._at])
+        moved = np.outer(share, self._coefficients).ravel()
+        return weights - np.bincount(self._pixels.ravel(), moved, weights.size).reshape(weights.shape)
 
 
-@exact
-def _is_known(order, i, j, turn):  # type: ignore[no-untyped-def]
-    """Whether a pixel was filled before this pass."""
-    return 0 <= i < order.shape[0] and 0 <= j < order.shape[1] and order[i, j] < turn
-
-
-@exact
-def _pair(order, i, j, di, dj, turn):  # type: ignore[no-untyped-def]
-    """Distance, 1 or 2, of the nearest two known pixels in a row on that side; 0: there are none."""
-    for away in (1, 2):
-        first = _is_known(order, i + away * di, j + away * dj, turn)
-        if first and _is_known(order, i + (away + 1) * di, j + (away + 1) * dj, turn):
-            return away
-        if first:
-            return 0
-    return 0
-
-
-@exact
-def _kind(order, i, j, axis, turn):  # type: ignore[no-untyped-def]
-    """4, 3: cubic across one pixel, two; 2: linear; 1: from one side; 0: nothing beside."""
-    di, dj = (1, 0) if axis == 0 else (0, 1)
-    before, after = _pair(order, i, j, -di, -dj, turn), _pair(order, i, j, di, dj, turn)
-    if before > 0 and after > 0 and before + after <= 3:
-        return 6 - before - after
-    return int(_is_known(order, i - di, j - dj, turn)) + int(_is_known(order, i + di, j + dj, turn))
-
-
-@exact
-def _weigh(order, i, j, axis, turn, kind, share, source, weight):  # type: ignore[no-untyped-def]
-    di, dj = (1, 0) if axis == 0 else (0, 1)
-    cols = order.shape[1]
-    for side in range(2):
-        sign = 2 * side - 1
-        away = 1 if kind != 3 else _pair(order, i, j, sign * di, sign * dj, turn)
-        a, b = i + away * sign * di, j + away * sign * dj
-        if not _is_known(order, a, b, turn):
-            continue
-        near, far = 0.5, 0.0
-        if kind == 4:
-            near, far = 4.0 / 6.0, -1.0 / 6.0
-        elif kind == 3:
-            near, far = (1.0, -0.3) if away == 1 else (0.5, -0.2)
-        elif kind == 1:
-            near = 1.0
-            if _is_known(order, a + sign * di, b + sign * dj, turn):
-                near, far = 2.0, -1.0
-        k = 4 * axis + 2 * side
-        source[k], weight[k] = a * cols + b, near * share
-        if far != 0.0:
-            source[k + 1], weight[k + 1] = (a + sign * di) * cols + b + sign * dj, far * share
-
-
-@exact
-def _fill(field, pixels, sources, weights):  # type: ignore[no-untyped-def]
-    for m in range(pixels.size):
-        total = 0.0
-        for k in range(8):
-            if weights[m, k] != 0.0:
-                total += weights[m, k] * field[sources[m, k]]
-        field[pixels[m]] = total
-
-
-@exact
-def _gather(field, pixels, sources, weights):  # type: ignore[no-untyped-def]
-    """The transpose of _fill."""
-    for m in range(pixels.size - 1, -1, -1):
-        for k in range(8):
-            field[sources[m, k]] += weights[m, k] * field[pixels[m]]
-        field[pixels[m]] = 0.0
+def _least_squares(matrix: scipy.sparse.csr_array, values: Floats) -> Floats:
+    """The smallest solution."""
+    found: Floats = scipy.sparse.linalg.lsqr(
+        matrix, values, 0.0, _ROUNDING, _ROUNDING, conlim=0, iter_lim=_MOST
+    )[0]
+    return found
