@@ -91,9 +91,8 @@ def bits_in_groups(
 
 def bit_values(cells: NDArray[np.int32]) -> tuple[NDArray[np.int32], bool]:
     """value (bits,) and linear of a CodePlan."""
-    word, bit = np.arange(len(cells)), 1 << np.arange(len(cells).bit_length() - 1)
-    alone = np.where(word[:, None] & bit, cells[bit], 0)
-    linear = bool((np.bitwise_xor.reduce(alone, axis=1) == cells).all())
+    bit = 1 << np.arange(len(cells).bit_length() - 1)
+    linear = all(np.array_equal(cells[k : 2 * k], cells[:k] ^ cells[k]) for k in bit.tolist())
     return (cells[bit] if linear else bit.astype(np.int32)), linear
 
 

@@ -188,9 +188,9 @@ def _among_neighbours(
     for axis in set("uv") - {decoder.axis.axis for decoder in decoders}:
         out[axis][0][:], out[axis][1][:] = np.nan, np.inf
     flags = roomy_empty(shape, np.uint16)
-    flags[:] = shared.flags
 
     def block(start: int, stop: int) -> None:
+        flags[start:stop] = shared.flags[start:stop]
         for decoder, own, table, rough, reach in zip(decoders, raw, tables, roughness, reaches, strict=True):
             extent = float(decoder.axis.extent) if shot.cells else 0.0
             limits = *reach, rough, extent, decoder.jump, decoder.per_turn, least

@@ -41,7 +41,7 @@ __all__ = ["Table", "lookup_rows", "prepare"]
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 #: Pixels of the sample on which the spread is measured.
-_PIXELS = 4096
+_PIXELS = 2048
 #: Spreads that are tried, pattern pixels rms: from a pixel of a third of a cell to out of focus.
 _SPREADS: tuple[float, ...] = (0.12, 0.2, 0.29, 0.45, 0.7, 1.2, 2.4)
 #: Tables are kept for spreads in steps of 1 %, so that a series of captures shares them.

@@ -31,7 +31,7 @@ _TRIM, _LEFT = 3.0, 0.9733
 _FEWEST, _ENOUGH = 64, 1024
 _FEW_RUNS, _MANY_RUNS = 128, 1024
 #: Second differences that tell the noise at most: of a sweep's many frames fewer pixels do.
-_BENDS = 1 << 16
+_BENDS = 1 << 15
 _BINS = 8
 #: Share of the constraints, of those with the least slopes, that tell the noise under a response.
 _STRAIGHT = 0.25
@@ -272,7 +272,9 @@ def _explained(
     harmonics = wave, wave * wave, wave * wave * wave
     waves = [power * part for one in harmonics for part in (one.real, one.imag)]
     design = np.stack([mean, *waves], axis=1).astype(np.float32) / slope[:, None]
-    kept = whole & (np.abs(residual) < 4 * np.sqrt(np.square(residual[whole]).mean()) + 1e-6)
+    usual = whole & (np.abs(residual) < 4 * np.sqrt(np.square(residual[whole]).mean()) + 1e-6)
+    kept = np.flatnonzero(usual)
+    kept = kept[:: max(1, len(kept) // _ASKED)]
     some = design[kept].astype(np.float64)
     solved = np.linalg.pinv(_product(some.T, some), hermitian=True) @ _product(some.T, residual[kept, None])
     return np.asarray(_product(design, solved)[:, 0], np.float32)
