@@ -43,13 +43,23 @@ def monte_carlo_variance(
             for errors, size in zip(_drawn(data, state, labels, load, rng), (scale, rectangle), strict=True)
         )
         sums += np.stack([own * own, own * control, control * control])
-    share = np.maximum(scipy.ndimage.uniform_filter(inside.astype(np.float64), _BLOCK), 1e-3)
+    share = np.maximum(_block_means(inside.astype(np.float64)), 1e-3)
     means = np.where(inside, sums / count, 0.0)
-    nearby = np.stack([scipy.ndimage.uniform_filter(part, _BLOCK) / share for part in means])
+    nearby = np.stack([_block_means(part) / share for part in means])
     own, both, control = (count * means + _PRIOR * nearby) / (count + _PRIOR)
     slope = np.divide(both, control, out=np.zeros_like(both), where=control > 0)
-    left = (own - slope * both) * count / (count - 1)
+    left = np.maximum(own - slope * both, 0.0) * count / (count - 1)
     return np.where(inside, scale * (slope**2 + left), rectangle)
+
+
+def _block_means(values: Floats) -> Floats:
+    """Over blocks around every pixel. Summed one by one: running sums (`uniform_filter`) leave what rounding
+    makes of a pixel 1e16 times larger, squares below zero."""
+    weights = np.full(_BLOCK, 1.0 / _BLOCK)
+    means: Floats = values
+    for axis in (0, 1):
+        means = scipy.ndimage.correlate1d(means, weights, axis)
+    return means
 
 
 def _drawn(
