@@ -101,31 +101,21 @@ class Problem:
         scene, known = self.scene_at(vector), parameter_values(self.scene)
         out = [_reflected(s, self.named(vector), scene) for s in self.samples]
         here = self.data(vector)
+        own = [s.target.unknowns(s.name, s.name == self.frame) for s in self.samples]
         for k, name in enumerate(self.names):
             moved = vector.copy()
             moved[k] += steps * step_of(name)
             step = moved[k] - vector[k]  # as rounded
             values, there = self.named(moved), self.scene_at(moved) if name in known else scene
-            for i in self._moved(name):
-                s = self.samples[i]
-                same = name.startswith("pattern.")
-                change = _rows(s, there, out[i] if same else _reflected(s, values, there)) - here[i]
-                rows[starts[i] : starts[i + 1], k] = change / step
+            same = name.startswith("pattern.")
+            for i, s in enumerate(self.samples):
+                if name in known or name in own[i]:
+                    change = _rows(s, there, out[i] if same else _reflected(s, values, there)) - here[i]
+                    rows[starts[i] : starts[i + 1], k] = change / step
             if self.points:
                 rows[starts[-1] : data, k] = (self.rest_shape(values) - here[-1]) / step
             rows[data + k, k] = 1 / self.sigmas[name]
         return rows
-
-    def _moved(self, name: str) -> list[int]:
-        """Samples that an unknown moves."""
-        head = name.rpartition(".")[0]
-        if head in ("camera", "pattern", "face"):
-            return list(range(len(self.samples)))
-        return [
-            index
-            for index, sample in enumerate(self.samples)
-            if name in sample.target.unknowns(sample.name, sample.name == self.frame)
-        ]
 
 
 @dataclass(frozen=True, eq=False)

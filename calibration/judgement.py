@@ -104,13 +104,9 @@ def as_they_come(
 
 def _covariance(solved: Adjustment, captures: Sequence[str]) -> Floats:
     """Of the unknowns by these captures, at the minimum of all and with its chi."""
-    problem = solved.problem
-    kept = np.ones(len(solved.jacobian), dtype=np.bool_)
-    start = 0
-    for sample in problem.samples:
-        stop = start + 2 * len(sample.row)
-        kept[start:stop] = sample.name in captures
-        start = stop
+    problem, kept = solved.problem, np.ones(len(solved.jacobian), dtype=np.bool_)
+    rows = np.concatenate([np.full(2 * len(each.row), each.name in captures) for each in problem.samples])
+    kept[: len(rows)] = rows
     return covariance_of(solved.jacobian[kept], problem.scale, solved.chi)
 
 

@@ -5,6 +5,8 @@ The estimate is (J^T J)^-1 J^T times the rows' errors, all of variance 1: so a r
 Other minima are a source of their own.
 """
 
+from fnmatch import fnmatchcase
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,17 +18,18 @@ Floats = NDArray[np.float64]
 
 _NOISE = "noise of the calibration's captures"
 _MINIMA = "other rigs that explain the captures nearly as well"
+#: Names of the priors' numbers, the first that fits: source.
 _WORDS = {
-    "camera": "the camera, by its prior",
-    "pattern": "the pattern's place, by its prior",
-    "face": "the camera's face, by its prior",
-    "display": "the display's shape, by its prior",
-    "pitch": "the pattern's pitch, by its prior",
-    "flat": "the flatness of the reference",
-    "rest": "the form of the mirror at rest, by its prior",
-    "radius": "the radius of the ball",
+    "flat *.L??": "the flatness of the reference",
+    "rest.L??": "the form of the mirror at rest, by its prior",
+    "camera.*": "the camera, by its prior",
+    "face.*": "the camera's face, by its prior",
+    "pattern.b*": "the display's shape, by its prior",
+    "pattern.pitch": "the pattern's pitch, by its prior",
+    "pattern.*": "the pattern's place, by its prior",
+    "*.radius": "the radius of the ball",
+    "*": "places of the targets, by their priors",
 }
-_PLACES = "places of the targets, by their priors"
 
 
 def error_sources(found: Adjustment) -> tuple[tuple[str, ...], Floats]:
@@ -35,24 +38,10 @@ def error_sources(found: Adjustment) -> tuple[tuple[str, ...], Floats]:
     parts: dict[str, Floats] = {}
     for k, (name, sigma) in enumerate(found.problem.sigmas.items()):
         column = covariance[:, k] / (sigma * max(1.0, found.chi))
-        word = _source(name)
+        word = next(words for names, words in _WORDS.items() if fnmatchcase(name, names))
         parts[word] = parts.get(word, 0.0) + np.outer(column, column)
     noise = covariance - np.sum(list(parts.values()), axis=0)
     parts = {_NOISE: noise} | parts
     if found.apart.any():
         parts[_MINIMA] = found.apart.T @ found.apart
     return tuple(parts), np.stack(list(parts.values()))
-
-
-def _source(name: str) -> str:
-    """In words, of the prior of a number."""
-    head, _, last = name.rpartition(".")
-    if head.startswith("flat ") and last.startswith("L"):
-        return _WORDS["flat"]
-    if head == "pattern":
-        return _WORDS["display" if last.startswith("b") else "pitch" if last == "pitch" else "pattern"]
-    if head == "rest" and last.startswith("L"):
-        return _WORDS["rest"]
-    if head in ("camera", "face"):
-        return _WORDS[head]
-    return _WORDS["radius"] if last == "radius" else _PLACES
