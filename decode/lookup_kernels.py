@@ -11,6 +11,7 @@ import numpy as np
 
 from optolever.kernels import exact, inlined, kernel
 
+from .estimate import less_likely
 from .lookup_light import BATCH, SATURATED, beside, brightest, gather
 
 __all__ = [
@@ -25,6 +26,7 @@ __all__ = [
     "match_rows",
 ]
 
+_ONE = np.float32(1)
 #: Codewords per pattern pixel, and samples per vector instruction: codewords are filled up to a multiple.
 PER_PX, LANES = 8, 8
 #: Codewords per pattern pixel of the search over the whole surface.
@@ -125,7 +127,7 @@ def _walk(y: Any, k: Any, used: Any, whole: Any, power: Any, z: Any, angles: Any
     return best_q, best_f, best_a, max(best, 0.0)
 
 
-@kernel
+@inlined
 def _told(used: Any, whole: Any, z: Any, angles: Any, b: Any, q: Any, f: Any) -> Any:
     """Of the samples that are used: their squared change per codeword that no scale or offset makes, and over
     the scale their mean level, and that in shares of this change."""
@@ -202,7 +204,7 @@ def _posterior(
     return middle + mean, spread + (1 / 12 if spread > 1 / 12 else 0.0), best_a, max(best, 0.0)
 
 
-@kernel
+@inlined
 def _placed(
     numbers: Any, fit: Any, y: Any, k: Any, used: Any, sums: Any, z: Any, angles: Any, b: Any, shape: Any
 ) -> Any:
@@ -326,7 +328,8 @@ def _second_stripe(fit: Any, rival: Any, offset: Any, noise: Any) -> Any:
     """Probability that a sweep's answer is the stripe of that level."""
     light = max(rival - offset, 0.0)
     lead = 0.5 * (fit[2] * fit[2] - light * light) / noise
-    error = 1 / (1 + np.exp(min(max(lead, -80.0), 80.0)))
+    unlike = less_likely(np.float32(abs(lead)))
+    error = unlike if lead > 0 else _ONE - unlike
     # another place that is more than half as bright is no noise
     if light * light > 25 * noise and light > _RIVAL * fit[2]:
         error = max(error, light / (light + fit[2]))
