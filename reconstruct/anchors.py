@@ -147,8 +147,9 @@ def _samples(anchor: Anchor, scene: Scene, rays: RayField, mask: Mask) -> Sample
     for name in anchor.__slots__:
         if not abs(getattr(anchor, name)) <= _MOST:
             raise InputError(f"anchor.{name} = {getattr(anchor, name)}: must be finite, at most {_MOST:g} mm")
-    if anchor.sigma < 0:
-        raise InputError(f"anchor.sigma = {anchor.sigma}: must be at least 0 mm")
+    for name in ("sigma", "distance"):
+        if getattr(anchor, name, 0.0) < 0:
+            raise InputError(f"anchor.{name} = {getattr(anchor, name)}: must be at least 0 mm")
     if isinstance(anchor, EdgeAnchor):
         return _edge_samples(anchor, scene, rays, mask)
     if isinstance(anchor, PointAnchor):
@@ -164,8 +165,6 @@ def _samples(anchor: Anchor, scene: Scene, rays: RayField, mask: Mask) -> Sample
         distance = float((anchor.z - origin[2]) / direction[2])
     elif isinstance(anchor, DistanceAnchor):
         distance, sigma = anchor.distance, anchor.sigma
-    if not distance > 0:
-        raise InputError(f"{anchor}: lies {-distance:g} mm behind where the camera's ray begins")
     return Samples(*(np.array([value], dtype=np.float64) for value in (row, col, distance, sigma)))
 
 
