@@ -1,4 +1,4 @@
-"""HeightMap: files that come back, and the regular grid."""
+"""HeightMap: its files."""
 
 import json
 from pathlib import Path
@@ -76,19 +76,6 @@ def test_ply(plane: HeightMap, tmp_path: Path) -> None:
     edges = np.diff(corners, axis=1)
     areas = 0.5 * np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0])
     np.testing.assert_allclose(areas, 0.5 * 0.5 * 0.4, rtol=1e-4)
-
-
-def test_resample_a_plane(plane: HeightMap) -> None:
-    grid = plane.resample(0.25)
-    x, y = np.meshgrid(grid.x, grid.y)
-    inside = np.isfinite(grid.z)
-    assert 0.8 < inside.mean() < 1
-    np.testing.assert_allclose(grid.z[inside], (0.1 * x - 0.2 * y + 1)[inside], atol=1e-12)
-    np.testing.assert_allclose(grid.sigma[inside], (0.01 + 0.001 * x)[inside], atol=1e-12)
-    assert grid.x[0] == pytest.approx(0.25 * round(grid.x[0] / 0.25))
-    hole = np.hypot(x - plane.x[5, 6], y - plane.y[5, 6]) < 0.1
-    assert hole.any()
-    assert np.isnan(grid.z[hole]).all()
 
 
 @pytest.mark.parametrize("pitch", [0.0, -1.0, np.nan, 1e-6])

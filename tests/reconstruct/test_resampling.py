@@ -24,16 +24,23 @@ def curved() -> HeightMap:
     x, y = 0.5 * (30 - col) + 0.1 * row, 0.4 * row + 0.05 * col
     flags = np.zeros(x.shape, dtype=np.uint16)
     flags[8:10, 12:14] = 2048
-    return HeightMap(x, y, quadratic(x, y), np.full(x.shape, 0.01), flags)
+    return HeightMap(x, y, quadratic(x, y), 0.01 + 0.001 * x, flags)
 
 
 def test_quadratics_come_back_exactly(curved: HeightMap) -> None:
-    """At the border and beside the hole, too."""
+    """At the border and beside the hole, too; a linear sigma, likewise; the grid lies on its pitch."""
     grid = curved.resample(0.3)
     x, y = np.meshgrid(grid.x, grid.y)
-    error = np.abs(grid.z - quadratic(x, y))
+    error, inside = np.abs(grid.z - quadratic(x, y)), np.isfinite(grid.z)
     assert np.nanmedian(error) < 1e-12
     assert np.nanmax(error) < 1e-10
+    assert 0.6 < inside.mean() < 1
+    np.testing.assert_allclose(grid.sigma[inside], (0.01 + 0.001 * x)[inside], atol=1e-12)
+    assert grid.x[0] == pytest.approx(0.3 * round(grid.x[0] / 0.3))
+    middle = [part[8:10, 12:14].mean() for part in (curved.x, curved.y)]
+    hole = np.hypot(x - middle[0], y - middle[1]) < 0.25
+    assert hole.any()
+    assert not inside[hole].any()
 
 
 def test_the_natural_pitch_is_that_of_the_pixels(curved: HeightMap) -> None:
