@@ -24,7 +24,7 @@ from .arrays import Floats, Mask
 from .export import write_tiff
 from .x3p import write_x3p
 
-__all__ = ["Grid", "Lean", "natural_pitch", "resample"]
+__all__ = ["Grid", "Lean", "gradients", "natural_pitch", "resample"]
 
 Lean = NDArray[np.floating[Any]]
 
@@ -125,13 +125,13 @@ def resample(
     out = np.full((rows, cols), np.nan), np.full((rows, cols), np.nan)
     leaning = np.zeros((2, 1, 1)) if lean is None else np.asarray(lean, dtype=np.float64)
     across, up = (x - x0) / pitch_mm, (y - y0) / pitch_mm
-    gradient = _gradients(across, up, z, good)
+    gradient = gradients(across, up, z, good)
     _raster(across, up, z, sigma, good, gradient, np.ascontiguousarray(leaning) / pitch_mm, *out)
     return Grid(*out, x0=x0, y0=y0, pitch=pitch_mm)
 
 
 @exact
-def _gradients(x, y, z, good):  # type: ignore[no-untyped-def]
+def gradients(x, y, z, good):  # type: ignore[no-untyped-def]
     """dz/dx, dz/dy (2, H, W) from the good pixels along both image axes; NaN where an axis has none."""
     rows, cols = z.shape
     out = np.full((2, rows, cols), np.nan)

@@ -23,6 +23,7 @@ from .calibration import rest_corrected
 from .geometry import pattern_plane, ray_field
 from .heightmap import HeightMap
 from .problem import require_correspondence
+from .resampling import gradients
 
 __all__ = ["SlopeMap", "slope_map"]
 
@@ -147,29 +148,14 @@ def slope_map(
 
 
 def _mode_slopes(height: HeightMap) -> NDArray[np.float32] | None:
-    """Slopes (r, 2, H, W) of the modes over x and y: their differences along rows and columns, by the chain
-    rule."""
+    """Slopes (r, 2, H, W) of the modes over x and y."""
     if height.calibration is None:
         return None
-    (x0, x1), (y0, y1) = _gradient(height.x), _gradient(height.y)
-    area = x0 * y1 - x1 * y0
     slopes = np.empty((len(height.calibration), 2, *height.z.shape), np.float32)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for mode, slope in zip(height.calibration, slopes, strict=True):
-            m0, m1 = _gradient(mode.astype(np.float64))
-            slope[:] = (m0 * y1 - m1 * y0) / area, (x0 * m1 - x1 * m0) / area
+    for mode, slope in zip(height.calibration, slopes, strict=True):
+        known = np.isfinite(height.z) & np.isfinite(mode)
+        slope[:] = gradients(height.x, height.y, mode.astype(np.float64), known)
     return slopes
-
-
-def _gradient(field: Floats) -> tuple[Floats, Floats]:
-    """Change per row and per column (H, W): central, one-sided beside NaN and at the image's edge."""
-    changes = []
-    for axis in (0, 1):
-        steps = np.diff(field, axis=axis)
-        ends = [np.insert(steps, at, np.nan, axis=axis) for at in (0, steps.shape[axis])]
-        before, after = (np.where(np.isnan(one), other, one) for one, other in (ends, ends[::-1]))
-        changes.append(0.5 * (before + after))
-    return changes[0], changes[1]
 
 
 def _moved(direction: Floats, e: list[Floats], n: list[Floats], slopes: list[Floats]) -> list[Floats]:

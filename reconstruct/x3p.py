@@ -7,7 +7,6 @@ import hashlib
 import zipfile
 from datetime import UTC, datetime
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -19,10 +18,44 @@ from .arrays import Floats
 
 __all__ = ["write_x3p"]
 
-_NAMESPACE = "http://www.opengps.eu/2008/ISO5436_2"
 _DATA = "bindata/data.bin"
 _CHECKSUM = "md5checksum.hex"
 _METRES = 1e-3  # per mm
+#: main.xml: x and y go by increments (I), z is absolute (A); D: float64. The schema asks for a date of
+#: calibration; nobody told one, so it is the file's own.
+_DOCUMENT = """<?xml version="1.0" encoding="utf-8"?>
+<p:ISO5436_2 xmlns:p="http://www.opengps.eu/2008/ISO5436_2">
+  <Record1>
+    <Revision>ISO5436 - 2000</Revision>
+    <FeatureType>SUR</FeatureType>
+    <Axes>
+      <CX><AxisType>I</AxisType><DataType>D</DataType><Increment>{step!r}</Increment><Offset>{x0!r}</Offset></CX>
+      <CY><AxisType>I</AxisType><DataType>D</DataType><Increment>{step!r}</Increment><Offset>{y0!r}</Offset></CY>
+      <CZ><AxisType>A</AxisType><DataType>D</DataType></CZ>
+    </Axes>
+  </Record1>
+  <Record2>
+    <Date>{now}</Date>
+    <Instrument>
+      <Manufacturer>optolever</Manufacturer>
+      <Model>deflectometry</Model>
+      <Serial>not available</Serial>
+      <Version>{version}</Version>
+    </Instrument>
+    <CalibrationDate>{now}</CalibrationDate>
+    <ProbingSystem><Type>NonContacting</Type><Identification>optical lever</Identification></ProbingSystem>
+    <Comment>Mirror frame: z = 0 at rest, positive into the medium. CalibrationDate is the file's.</Comment>
+  </Record2>
+  <Record3>
+    <MatrixDimension><SizeX>{cols}</SizeX><SizeY>{rows}</SizeY><SizeZ>1</SizeZ></MatrixDimension>
+    <DataLink>
+      <PointDataLink>{link}</PointDataLink>
+      <MD5ChecksumPointData>{checksum}</MD5ChecksumPointData>
+    </DataLink>
+  </Record3>
+  <Record4><ChecksumFile>{sums}</ChecksumFile></Record4>
+</p:ISO5436_2>
+"""
 
 
 def write_x3p(path: str | Path, z: Floats, pitch_mm: float, x0_mm: float, y0_mm: float) -> None:
@@ -33,7 +66,18 @@ def write_x3p(path: str | Path, z: Floats, pitch_mm: float, x0_mm: float, y0_mm:
     if not np.isfinite(z).any():
         raise InputError(f"{path}: the height map has no good point to write")
     data = np.ascontiguousarray(z * _METRES, dtype="<f8").tobytes()
-    document = _document(z.shape[1], z.shape[0], pitch_mm, (x0_mm, y0_mm), _md5(data))
+    document = _DOCUMENT.format(
+        step=float(pitch_mm) * _METRES,
+        x0=float(x0_mm) * _METRES,
+        y0=float(y0_mm) * _METRES,
+        now=datetime.now(UTC).isoformat(timespec="seconds"),
+        version=__version__,
+        rows=z.shape[0],
+        cols=z.shape[1],
+        link=_DATA,
+        checksum=_md5(data),
+        sums=_CHECKSUM,
+    ).encode()
     with (
         atomic_file(path) as temporary,
         zipfile.ZipFile(temporary, "w", compression=zipfile.ZIP_DEFLATED) as archive,
@@ -41,61 +85,6 @@ def write_x3p(path: str | Path, z: Floats, pitch_mm: float, x0_mm: float, y0_mm:
         archive.writestr("main.xml", document)
         archive.writestr(_DATA, data)
         archive.writestr(_CHECKSUM, f"{_md5(document)} *main.xml\n")
-
-
-def _document(cols: int, rows: int, pitch: float, start: tuple[float, float], checksum: str) -> bytes:
-    """main.xml, its four records in the schema's order."""
-    ElementTree.register_namespace("p", _NAMESPACE)
-    root = ElementTree.Element(f"{{{_NAMESPACE}}}ISO5436_2")
-    now = datetime.now(UTC).isoformat(timespec="seconds")
-    _add(root, {"Record1": _axes(pitch, start), "Record2": _origin(now)})
-    _add(
-        root,
-        {
-            "Record3": {
-                "MatrixDimension": {"SizeX": cols, "SizeY": rows, "SizeZ": 1},
-                "DataLink": {"PointDataLink": _DATA, "MD5ChecksumPointData": checksum},
-            },
-            "Record4": {"ChecksumFile": _CHECKSUM},
-        },
-    )
-    document: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
-    return document
-
-
-def _axes(pitch: float, start: tuple[float, float]) -> dict[str, object]:
-    """Record1: x and y go by increments (I), z is absolute (A); D: float64."""
-    steps = {
-        name: {"AxisType": "I", "DataType": "D", "Increment": pitch * _METRES, "Offset": offset * _METRES}
-        for name, offset in zip(("CX", "CY"), start, strict=True)
-    }
-    axes = {**steps, "CZ": {"AxisType": "A", "DataType": "D"}}
-    return {"Revision": "ISO5436 - 2000", "FeatureType": "SUR", "Axes": axes}
-
-
-def _origin(now: str) -> dict[str, object]:
-    """Record2. The schema asks for a date of calibration; nobody told one, so it is the file's own."""
-    return {
-        "Date": now,
-        "Instrument": {
-            "Manufacturer": "optolever",
-            "Model": "deflectometry",
-            "Serial": "not available",
-            "Version": __version__,
-        },
-        "CalibrationDate": now,
-        "ProbingSystem": {"Type": "NonContacting", "Identification": "optical lever"},
-        "Comment": "Mirror frame: z = 0 at rest, positive into the medium. CalibrationDate is the file's.",
-    }
-
-
-def _add(parent: ElementTree.Element, values: dict[str, object]) -> None:
-    for name, value in values.items():
-        child = ElementTree.SubElement(parent, name)
-        if isinstance(value, dict):
-            _add(child, value)
-        else:
-            child.text = repr(value) if isinstance(value, float) else str(value)
 
 
 def _md5(data: bytes) -> str:
