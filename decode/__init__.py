@@ -25,6 +25,7 @@
 | `display`        | one model of what a display does: cell, footprint, blur; measured, taken off           |
 | `spatial`        | what neighbours tell: edges, partial footprints, strays                                |
 | `centre`         | from the mean over a pixel to its centre: curvature and light inside of it             |
+| `ends`           | what a lens's blur mixes into pixels beside the mirror's ends                          |
 | `border`         | light that is missing beside the display's border, and how far that tells a pixel sees |
 | `integrity`      | `check`: swapped, lost, repeated, replaced and torn frames, named                      |
 | `spoilt`         | `Finding`: frames that a code can do without, pixels that a wrong one could have spoilt |

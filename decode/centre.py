@@ -72,11 +72,11 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
 
     Of u(s) = u + g s + s H s / 2 and light A (1 + a s) the mean over a pixel is u + (H_xx + H_yy) / 24 +
     a g / 12; of a fringe see `_factor` and `_across`.
-    here: the line. window: see `windowed`, k: the line's row in it. light: of the line, (W + 2,) with its
-    ends repeated, and of those above and below (W,). limits: by what neighbours of a map bend at most, px (of
-    a code its finest stripe); turns of the finest fringe in a px; squared reach of a pixel of no footprint,
-    and extent of the surface (infinite: no border), in whose border's shadow (see border) nothing is taken
-    off; whether there are REACH rows on either side.
+    here: the line. window: see `windowed`, k: the line's row in it. light: of the line, (W + 4,) with its
+    ends repeated, and of those two rows above and below (W,). limits: by what neighbours of a map bend at
+    most, px (of a code its finest stripe); turns of the finest fringe in a px; squared reach of a pixel of no
+    footprint, and extent of the surface (infinite: no border), in whose border's shadow (see border) nothing
+    is taken off; whether there are REACH rows on either side.
 
     Over REACH pixels the curvature is told with next to no noise; it, and what it is more or less between
     next neighbours, count as far as they are beyond noise (James and Stein's shrinkage), and the latter as
@@ -104,7 +104,7 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
     before_up, after_up = window[k - 1, at - 1 : at - 1 + size], window[k - 1, at + 1 : at + 1 + size]
     before_down, after_down = window[k + 1, at - 1 : at - 1 + size], window[k + 1, at + 1 : at + 1 + size]
     bright, bright_up, bright_down = light
-    before, lit, after = bright[:size], bright[1 : 1 + size], bright[2 : 2 + size]
+    before, lit, after = bright[:size], bright[2 : 2 + size], bright[4 : 4 + size]
     for x in range(size):
         u, was = here[x], out[x]
         one_x, one_y = right[x] - left[x], down[x] - up[x]
@@ -214,9 +214,10 @@ def _jump(one: Any, two: Any, four: Any) -> Any:
 
 @inlined
 def _in_light(before: Any, here: Any, after: Any) -> tuple[Any, Any]:
-    """Lesser of the relative changes of light to both neighbours: its size, and itself, 0 if their signs
-    differ (minmod: beside an edge no gradient). At most 2: light is nowhere negative in the pixel."""
+    """Lesser of the relative changes of light to both pixels two pixels away (of one colour, behind a
+    mosaic): its size, and itself over one pixel, 0 if their signs differ (minmod: beside an edge no
+    gradient). At most 2: light is nowhere negative in the pixel."""
     one, other = here - before, after - here
     least = min(min(abs(one), abs(other)) / max(here, np.float32(1e-6)), np.float32(2))
-    slope = least if one > np.float32(0) else -least
+    slope = np.float32(0.5) * (least if one > np.float32(0) else -least)
     return least, slope if one * other > np.float32(0) else np.float32(0)

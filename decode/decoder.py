@@ -17,6 +17,7 @@ from .axis import AxisDecoder, AxisOptions, axis_decoders
 from .border import border_reach
 from .correspondence import Correspondence, Flag
 from .display import Pixelation, measured_pixelations
+from .ends import end_width
 from .exposures import better_of, by_exposure
 from .flags import Shared
 from .frames import Light, light_of, sample_levels
@@ -184,6 +185,7 @@ def _among_neighbours(
     reaches = _reaches(shot, decoders, raw, shared, pixelations)
     tables, roughness = [one.tables() for one in pixelations], [one.roughness for one in pixelations]
     least = _LEAST_SIGMA if _silent(shot) else 0.0
+    width = end_width(shared.amplitude, shared.flags)
     out = {axis: (roomy_empty(shape, np.float32), roomy_empty(shape, np.float32)) for axis in "uv"}
     for axis in set("uv") - {decoder.axis.axis for decoder in decoders}:
         out[axis][0][:], out[axis][1][:] = np.nan, np.inf
@@ -193,7 +195,7 @@ def _among_neighbours(
         flags[start:stop] = shared.flags[start:stop]
         for decoder, own, table, rough, reach in zip(decoders, raw, tables, roughness, reaches, strict=True):
             extent = float(decoder.axis.extent) if shot.cells else 0.0
-            limits = *reach, rough, extent, decoder.jump, decoder.per_turn, least
+            limits = *reach, rough, extent, decoder.jump, decoder.per_turn, least, width
             common = shared.flags, shared.amplitude, shared.offset
             maps = (*out[decoder.axis.axis], flags)
             check_rows((start, stop), own, common, table, limits, decoder.shift, maps)

@@ -284,10 +284,10 @@ def _roughness(seen: _Neighbours, place: F32) -> float:
     """Variance of a coordinate that fourth differences of neighbours, which no smooth map has, show beyond
     noise: their variance is 1 + 16 + 36 + 16 + 1 times that of a coordinate."""
     fourth = np.diff(place, 4, axis=0)[0] ** 2 / (70 * seen.noise)
-    kept = fourth[fourth < _OUTLYING]
-    excess = float(kept.mean()) - 1 if len(kept) else 0.0
-    sure = 3 * np.sqrt(2 * _OVERLAP / max(len(kept), 1))
-    return float(np.median(seen.noise)) * excess if excess > max(sure, _SLIGHT) else 0.0
+    kept = fourth < _OUTLYING
+    excess = float(fourth[kept].mean()) - 1 if kept.any() else 0.0
+    sure = 3 * np.sqrt(2 * _OVERLAP / max(int(kept.sum()), 1))
+    return excess / float(np.mean(1 / seen.noise[kept])) if excess > max(sure, _SLIGHT) else 0.0
 
 
 def _misfits(shares: tuple[tuple[float, float], ...], sigma: float, seen: _Neighbours) -> F64:

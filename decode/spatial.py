@@ -4,7 +4,7 @@ A pixel that looks at two places at once (at the edge of an object, of a shadow,
 Edges show as second differences that no single place can have: more than a quarter of the finest period, or
 two cells of a code, between neighbours. A pixel beside one that sees nothing may itself see only in part; its
 lost amplitude tells how much, and half of that share of the footprint is how far its centre of light may be
-off.
+off (across a slanted end, or behind a lens that blurs, see ends).
 """
 
 from typing import Any, NamedTuple
@@ -18,6 +18,7 @@ from .border import MARGIN, inwards
 from .centre import BULK, STEEP, centred, lesser, windowed
 from .correspondence import Flag
 from .display import PER_CELL, PLACES, REACH
+from .ends import faded, slope
 from .flags import marked, marks_for
 
 __all__ = ["Raw", "check_rows", "despeckle"]
@@ -52,8 +53,8 @@ def check_rows(
 
     common: flags (H, W) so far, amplitude and offset (H, W). tables: of a Pixelation. limits: how far pixels
     see (cells), whether that is measured, roughness (px^2), extent of the surface (0: it has no border),
-    largest second difference (px), turns of the finest fringe in a px, least sigma (px). rounding:
-    display.rounding_shift.
+    largest second difference (px), turns of the finest fringe in a px, least sigma (px), width of the
+    mirror's ends (see ends). rounding: display.rounding_shift.
     out: coordinate, sigma, flags (H, W), the last or-ed.
     """
     _check(*rows, raw, common, tables, tuple(np.float32(number) for number in limits), rounding, out)
@@ -64,12 +65,12 @@ def _check(
     start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: Any, rounding: Any, maps: Any
 ) -> None:
     (coord, variance), (flags, amplitude, offset), (shift, unsure) = raw, common, tables
-    reach, told, roughness, extent, jump, per_turn, least = numbers
+    reach, told, roughness, extent, jump, per_turn, least, m2 = numbers
     out, sigma, out_flags = maps
     rows, cols = coord.shape
     window = np.empty((stop - start + 2 * REACH, cols + 2 * REACH), np.float32)
     windowed(coord, flags, start, stop, window)
-    special, light = marks_for(cols), np.empty(cols + 2, np.float32)
+    special, light = marks_for(cols), np.empty(cols + 4, np.float32)
     places = np.empty(cols, np.int64)
     at, rounded = np.zeros(cols, np.uint32), np.zeros(cols, np.uint32)
     most = np.float32(shift.size // PLACES - 1)
@@ -91,9 +92,14 @@ def _check(
             *(out[y], sigma[y]),
         )
         if (rows > 4) & (cols > 4):
-            light[1 : cols + 1], light[0], light[cols + 1] = offset[y], offset[y, 0], offset[y, cols - 1]
+            light[2 : cols + 2], light[:2], light[cols + 2 :] = offset[y], offset[y, 0], offset[y, cols - 1]
+            lights = light, offset[max(y - 2, 0)], offset[min(y + 2, rows - 1)]
             limits = jump, per_turn, reach * reach, border, REACH <= y < rows - REACH
-            centred(*(coord[y], window, k, (light, offset[up], offset[down]), limits, out[y], sigma[y]))
+            centred(*(coord[y], window, k, lights, limits, out[y], sigma[y]))
+        if (rows > 4) & (cols > 4) & (m2 > 0):
+            first = min(up, rows - 3)
+            lights = amplitude[y], amplitude[first], amplitude[first + 2]
+            faded(window, k, REACH, lights, m2, sigma[y])
         for x in places[: marked(special, places)]:
             flag, lost = _neighbours(y, x, coord, variance, flags, amplitude, (jump, per_turn))
             here, left, right = window[k, x + REACH], window[k, x + REACH - 1], window[k, x + REACH + 1]
@@ -131,15 +137,6 @@ def _good_around(above: Any, here: Any, below: Any, good: Any) -> None:
     for x in range(here.size):
         good[x + 1] = np.int32(above[x] == 0) + np.int32(here[x] == 0) + np.int32(below[x] == 0)
     good[0], good[here.size + 1] = good[1], good[here.size]
-
-
-@inlined
-def _slope(before: Any, here: Any, after: Any, per_step: Any) -> Any:
-    """Change per pixel by two neighbours, equally far; by one where the other is refused (NaN), 0 by none."""
-    low = before if before == before else here
-    high = after if after == after else here
-    both = before + after == before + after
-    return (np.float32(0.5) if both else _ONE) * per_step * (high - low)
 
 
 @inlined
@@ -185,8 +182,8 @@ def _entry_line(c: Any, window: Any, k: Any, most: Any, at: Any) -> None:
     left, right = window[k, :size], window[k, 2 * REACH : 2 * REACH + size]
     above, below = window[k - REACH, REACH : REACH + size], window[k + REACH, REACH : REACH + size]
     for x in range(size):
-        gx = _slope(left[x], c[x], right[x], per_step)
-        gy = _slope(above[x], c[x], below[x], per_step)
+        gx = slope(left[x], c[x], right[x], per_step)
+        gy = slope(above[x], c[x], below[x], per_step)
         width = np.sqrt(gx * gx + gy * gy) * places + half
         width = width if width < most else most
         place = np.int32((c[x] - np.floor(c[x])) * places + half) & np.int32(PLACES - 1)
@@ -214,8 +211,7 @@ def _corrected_line(c: Any, var: Any, entries: Any, tables: Any, rounding: Any, 
 def _neighbours(
     y: Any, x: Any, coord: Any, variance: Any, flags: Any, amplitude: Any, limits: Any
 ) -> tuple[Any, Any]:
-    """Flag of a good pixel, and squared shift of its centre of light, by those of its neighbours that are
-    good."""
+    """Flag of a good pixel, and squared shift of its centre, by those of its neighbours that are good."""
     rows, cols = coord.shape
     maps = coord, variance, flags, amplitude
     beside, torn, lost_x, bend_x, beyond_x = _along(y, x, 0, 1, maps, limits)
@@ -254,7 +250,7 @@ def _along(y: Any, x: Any, dy: Any, dx: Any, maps: Any, limits: Any) -> tuple[An
     ahead, ahead_noise = _off_line(y, x, dy, dx, maps)
     if count < 2 or first or last:  # the mirror may end in a pixel at the image's edge
         i, j = (y0, x0) if has_before and not first else (y1, x1)
-        share = max(np.float32(1) - amplitude[y, x] / max(amplitude[i, j], np.float32(1e-6)), none)
+        share = max(np.float32(1) - amplitude[y, x] / _whole_beside(y, x, i, j, flags, amplitude), none)
         lost = np.float32(0.5) * share * (here - coord[i, j]) if flags[i, j] == 0 else none
         bend = max(back - _BULK2 * back_noise, ahead - _BULK2 * ahead_noise, none)
         if (count == 1) & (not (first or last)) & (((flags[y0, x0] | flags[y1, x1]) & _UNSEEN) == 0):
@@ -269,6 +265,15 @@ def _along(y: Any, x: Any, dy: Any, dx: Any, maps: Any, limits: Any) -> tuple[An
         lost = min(back if fits_back else ahead, ahead if fits_ahead else back) + bend * _BEND
     beyond = max(min(before, after) - here, here - max(before, after)) - np.sqrt(_SURE2 * noise)
     return count, False, lost, bend, beyond
+
+
+@inlined
+def _whole_beside(y: Any, x: Any, i: Any, j: Any, flags: Any, amplitude: Any) -> Any:
+    """Amplitude of the pixel two away past the neighbour (i, j), of one colour behind a mosaic; of the
+    neighbour where that is not good."""
+    k, m = 2 * i - y, 2 * j - x
+    whole = 0 <= k < flags.shape[0] and 0 <= m < flags.shape[1] and flags[k, m] == 0
+    return max(amplitude[k, m] if whole else amplitude[i, j], np.float32(1e-6))
 
 
 @inlined
