@@ -28,7 +28,7 @@
 | `discontinuities.py` | edges whose increment is in doubt: cusps, ridges, rims, wrong pixels |
 | `path_variance.py` | what those leave on the way from the anchors, and what they cut off |
 | `correlation.py`, `rounding.py` | errors that neighbouring pixels share; those of discrete codes |
-| `outliers.py`, `curl.py` | wrong pixels, by their neighbours; what the curl of the slopes points to |
+| `outliers.py`, `curl.py` | wrong pixels: by their neighbours, by the curl of the slopes |
 | `integrate.py`, `integrators.py` | plain gradient fields: integrate(), its family of solvers |
 | `quadrilateral.py` | the same for pixels that lie anywhere |
 | `rectangle.py` | the same on a rectangle, at the price of its two cosine transforms |

@@ -17,7 +17,7 @@ from .arrays import Floats, Mask
 from .calibration import rest_corrected
 from .circulation import circulation_chi2
 from .correlation import correlation_excess
-from .curl import curl_scale, curl_score, curl_suspects
+from .curl import curl_scale, curl_score, curl_suspects, lone
 from .discontinuities import edge_doubt, widened
 from .edges import Doubt
 from .heightmap import HeightMap
@@ -189,7 +189,7 @@ def _without_curl(
         limit = _CURL_LIMIT * max(1.0, scale) if np.isfinite(scale) else _CURL_LIMIT
         found = curl_suspects(score, limit, removed) & measured.mask
         suspects |= found
-        removable = outliers(problem.data, suspects=found) & ~removed if found.any() else found
+        removable = lone(found, problem.data) & ~removed
         if not removable.any():
             break
         removed = removed | removable

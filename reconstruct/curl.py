@@ -4,11 +4,16 @@ so that what exceeds the noise is wrong data.
 
 import numpy as np
 import scipy.ndimage
+from numpy.typing import NDArray
 
 from .arrays import Floats, Mask
 from .edges import curl
+from .measured import Measured
 
-__all__ = ["curl_scale", "curl_score", "curl_suspects"]
+__all__ = ["curl_scale", "curl_score", "curl_suspects", "lone"]
+
+_CALM = 0.3  # quantile of the pixels around that other wrong pixels nearby leave alone
+_STANDS_OUT = 30.0  # times that quantile
 
 
 def curl_score(p: Floats, q: Floats, var_p: Floats, var_q: Floats, mask: Mask) -> Floats:
@@ -50,6 +55,54 @@ def curl_suspects(score: Floats, limit: float, cleared: Mask) -> Mask:
         suspects |= found
         evidence[_touched(found)] = 0.0
     return suspects
+
+
+def lone(suspects: Mask, data: Measured) -> Mask:
+    """Suspects that are out of line with smooth surroundings: wrong pixels, not a cusp, a crease or a fold,
+    (H, W).
+
+    Measured by what a cubic through the neighbours misses, over sigma: many times the calmer third of the 5 x
+    5 pixels around. A feature of the surface is missed by as much all along.
+    """
+    single = np.zeros_like(suspects)
+    at = np.argwhere(suspects)
+    if at.size:
+        rough = np.maximum(_missed(data.u, data.sigma_u, at), _missed(data.v, data.sigma_v, at))
+        around = rough.reshape(len(at), -1)
+        around[np.isnan(around).all(axis=1)] = 0.0
+        with np.errstate(invalid="ignore"):
+            stands_out = around[:, around.shape[1] // 2] > _STANDS_OUT * np.nanquantile(around, _CALM, axis=1)
+        single[tuple(at[stands_out].T)] = True
+    return single
+
+
+def _missed(field: Floats, sigma: Floats, at: NDArray[np.intp]) -> Floats:
+    """|value - cubic through its neighbours| / sigma in the 5 x 5 pixels around each place, (M, 5, 5).
+
+    The mean of the predictions along the row and along the column, or the one that the image's border leaves.
+    """
+    reach = np.arange(-4, 5)
+    rows, cols = at[:, 0, None, None] + reach[:, None], at[:, 1, None, None] + reach
+    inside = (rows >= 0) & (rows < field.shape[0]) & (cols >= 0) & (cols < field.shape[1])
+    rows, cols = np.clip(rows, 0, field.shape[0] - 1), np.clip(cols, 0, field.shape[1] - 1)
+    patch = np.where(inside, field[rows, cols], np.nan)
+    middle = slice(2, 7)
+    along, across = (_cubic(turned)[:, middle] for turned in (patch.transpose(0, 2, 1), patch))
+    along = along.transpose(0, 2, 1)[:, middle]
+    across = across[:, :, middle]
+    one = np.where(np.isnan(along), across, along)
+    other = np.where(np.isnan(across), along, across)
+    missed: Floats = np.abs(patch[:, middle, middle] - 0.5 * (one + other))
+    missed /= sigma[rows, cols][:, middle, middle]
+    return missed
+
+
+def _cubic(patch: Floats) -> Floats:
+    """Prediction of rows 2 .. -3 from the two rows on either side (M, n, n); NaN in the others."""
+    out = np.full(patch.shape, np.nan)
+    near, far = patch[:, 1:-3] + patch[:, 3:-1], patch[:, :-4] + patch[:, 4:]
+    out[:, 2:-2] = (4.0 * near - far) / 6.0
+    return out
 
 
 def _around(evidence: Floats) -> Floats:

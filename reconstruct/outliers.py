@@ -29,15 +29,15 @@ _CURVED = 3.0  # times what the plane misses the others by
 _NOISE_CENTRE, _NOISE_SIDE = 1.30, 4.47  # of the difference to a continuation, per pixel's sigma
 
 
-def outliers(data: Measured, seen: Mask | None = None, suspects: Mask | None = None) -> Mask:
+def outliers(data: Measured, seen: Mask | None = None) -> Mask:
     """Pixels of the mask whose u or v agrees with no neighbours, (rows, cols). seen: the mask without what
-    was interpolated; suspects: pixels to which their curl points, whose own noise has no say.
+    was interpolated.
     """
     mask = data.mask if seen is None else np.ascontiguousarray(data.mask & seen)
     found = np.zeros(mask.shape, dtype=np.bool_)
     for field, sigma in ((data.u, data.sigma_u), (data.v, data.sigma_v)):
         missed = _missed(field, mask)
-        at = np.argwhere(missed > np.maximum(_LIMIT * sigma, _LEAST) if suspects is None else suspects & mask)
+        at = np.argwhere(missed > np.maximum(_LIMIT * sigma, _LEAST))
         if at.size:
             row, col = at.T
             near = row[:, None] + _ROWS, col[:, None] + _COLS
