@@ -2,8 +2,9 @@
 
 The same draw is carried through the unbroken rectangle, whose variance R is known (see `uncertainty`), as a
 control variate: of normal errors a of the solve and r of the rectangle, a = b r + e, the maximum-likelihood
-variance of a with R known is b^2 R + mean(e^2) (T. W. Anderson, 1957, doi:10.1080/01621459.1957.10501379). A
-few draws are enough where a mask changes little; where it changes all, b tends to zero and the draws decide.
+variance of a with R known is b^2 R + mean(e^2) (T. W. Anderson, 1957, doi:10.1080/01621459.1957.10501379),
+after n draws uncertain by 2 (1 - rho^4) / n of itself, squared, rho the correlation of a and r: four draws
+are enough where a mask changes little; where it changes all, b tends to zero and the draws decide.
 """
 
 import numpy as np
@@ -21,6 +22,7 @@ FLOOR = 0.02  # of a slope's variance: the least that a height next to an exact 
 _DRAWS = 48
 _PIXELS = 1 << 22  # solved in all: fewer draws for large images
 _FEWEST = 4
+_MOSTLY = 0.9  # of the pixels: those that decide how many draws are made
 _PRIOR = 6.0  # draws that the mean over a block counts as
 _BLOCK = 25  # pixels
 _SEED = 20140318
@@ -32,17 +34,19 @@ def monte_carlo_variance(
     """The variance of w, (rows, cols). rectangle: that of the rectangle without holes, pinned by its anchors'
     pixels with weights load (rows, cols)."""
     inside = labels > 0
-    count = int(np.clip(_PIXELS // np.count_nonzero(inside), _FEWEST, _DRAWS))
+    most = int(np.clip(_PIXELS // np.count_nonzero(inside), _FEWEST, _DRAWS))
     rng = np.random.default_rng(_SEED)
     sums = np.zeros((3, *rectangle.shape))
     # weights that do not go by columns: the rectangle's variance says nothing of the solution's size
     scale = np.maximum(rectangle, FLOOR * state.variances[0])
-    for _ in range(count):
+    for count in range(1, most + 1):
         own, control = (
-            errors / np.sqrt(size)
+            np.divide(errors, np.sqrt(size), out=np.zeros_like(errors), where=size > 0)
             for errors, size in zip(_drawn(data, state, labels, load, rng), (scale, rectangle), strict=True)
         )
         sums += np.stack([own * own, own * control, control * control])
+        if count >= _FEWEST and _unexplained(sums[:, inside]) * _DRAWS <= count:
+            break
     share = np.maximum(_block_means(inside.astype(np.float64)), 1e-3)
     means = np.where(inside, sums / count, 0.0)
     nearby = np.stack([_block_means(part) / share for part in means])
@@ -50,6 +54,13 @@ def monte_carlo_variance(
     slope = np.divide(both, control, out=np.zeros_like(both), where=control > 0)
     left = np.maximum(own - slope * both, 0.0) * count / (count - 1)
     return np.where(inside, scale * (slope**2 + left), rectangle)
+
+
+def _unexplained(sums: Floats) -> float:
+    """1 - rho^4 of the sums (3, N) of squares and products, at most, in nearly all pixels."""
+    own, both, control = sums
+    rho2 = np.divide(both**2, own * control, out=np.zeros_like(own), where=own * control > 0)
+    return float(np.quantile(1.0 - rho2**2, _MOSTLY))
 
 
 def _block_means(values: Floats) -> Floats:
