@@ -18,9 +18,9 @@ SAMPLE = """
 $ optolever lab codes gray phase gray+phase --size 200x320
 Codes
 code        frames  range   sigma       gross  stripe  lost   swapped
-gray        36      200 px  0.2887 px   0      2 px    100 %  83.33 %
-phase       24      200 px  0.06002 px  0      8 px    100 %  100 %
-gray+phase  23      200 px  0.03001 px  0      4 px    100 %  100 %
+gray        36      200 px  0.2972 px   0      2 px    100 %  100 %
+phase       24      200 px  0.06148 px  0      8 px    100 %  100 %
+gray+phase  23      200 px  0.03062 px  0      4 px    100 %  100 %
 """
 HEADER = ("code", "frames", "range", "sigma", "gross", "stripe", "lost", "swapped")
 
@@ -36,12 +36,12 @@ HEADER = ("code", "frames", "range", "sigma", "gross", "stripe", "lost", "swappe
 def command(
     codes: tuple[str, ...], size: tuple[int, int], amplitude: float, noise: float, json_path: Path | None
 ) -> None:
-    """Predict what codes cost, resolve and detect in white noise.
+    """Tell what codes cost, resolve and detect in white noise.
 
-    CODE as in --sequence. range: pixels without ambiguity; sigma: predicted, of the worse axis; gross:
-    predicted share of wrong orders or bits; stripe: the narrowest, which blur wipes out first; lost, swapped:
-    share of the frames that may be lost (or change places with the next) without an unflagged error, tried on
-    a simulated patch.
+    CODE as in --sequence. Simulated patches of the surface's start, middle and end are decoded. range: pixels
+    without ambiguity; sigma: rms error, of the worse axis; gross: share of wrong orders or bits; stripe: the
+    narrowest, which blur wipes out first; lost, swapped: share of the frames that may be lost (or change
+    places with the next) without an unflagged error.
     """
     from optolever.experiments import CODES, code_rows
 

@@ -1,4 +1,4 @@
-"""Which code when: what every code costs, tells and detects, predicted in closed form and tried on faults.
+"""Which code when: what every code costs, tells and detects, by the decoder itself on simulated patches.
 
 Noise alone, white Gaussian, of pixels that see one place each: the codes' own limits. What a display's cells,
 blur, a dented mirror or a camera's footprint add is for `optolever design` and `optolever bench`.
@@ -6,19 +6,18 @@ blur, a dented mirror or a camera's footprint add is for `optolever design` and 
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
-from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.decode import decode
+from optolever.decode import Correspondence, decode
 from optolever.errors import InputError
-from optolever.patterns import BINARY_CODES, Frame, Sequence, sequence_from_text
+from optolever.patterns import BINARY_CODES, Sequence, sequence_from_text
 
 from .demo import Progress, silent
-from .ideal import camera_frames, ideal_level
+from .ideal import camera_frames
 
 __all__ = ["CODES", "CodeRow", "code_rows", "predict_code", "seen"]
 
@@ -37,8 +36,8 @@ CODES = (
     "gray+phase:steps=8,period=16",
     "stripe:step=8",
 )
-#: Camera of the trials, pixels; one cell each, about the middle of the surface.
-_TRIAL = (96, 128)
+#: Camera of the trials, pixels: a patch of the surface's start, one of its middle, one of its end.
+_PATCHES, _PATCH = 3, (32, 128)
 _SILENT = 1e-4
 #: Steps of the trials' camera per level: its rounding is no part of the noise.
 _STEPS = 16
@@ -46,9 +45,9 @@ _STEPS = 16
 
 @dataclass(frozen=True, slots=True)
 class CodeRow:
-    """sigma: px, of the worse axis; gross: probability of a wrong order or bit, either axis; reach: px
-    without ambiguity (of the shorter one); stripe: px, the narrowest; lost, swapped: shares of trials in
-    which such a fault left no unflagged error behind.
+    """sigma: px, of the worse axis; gross: share of wrong orders or bits, either axis; reach: px without
+    ambiguity (of the shorter one); stripe: px, the narrowest; lost, swapped: shares of trials in which such a
+    fault left no unflagged error behind.
     """
 
     name: str
@@ -82,135 +81,62 @@ def code_rows(
 
 
 def predict_code(shown: Sequence, amplitude: float, noise: float) -> tuple[float, float, float, float]:
-    """(range, sigma, gross rate, narrowest stripe), px but for the rate. InputError if nothing is encoded."""
-    shown, gain = _sweeps(shown)
-    parts = [
-        _axis(shown, axis, gain * amplitude / noise)
-        for axis in "uv"
-        if any(f.axis == axis for f in shown.frames)
-    ]
-    if not parts:
-        raise InputError(f"sequence {shown.name}: no frame encodes u or v")
-    reach, sigma, gross, stripe = zip(*parts, strict=True)
-    return min(reach), max(sigma), 1 - math.prod(1 - rate for rate in gross), min(stripe)
+    """(range, sigma, gross rate, narrowest stripe), px but for the rate. InputError if nothing is encoded.
 
-
-def _sweeps(shown: Sequence) -> tuple[Sequence, float]:
-    """A raster of spots as the two sweeps of a stripe that tell as much, and the gain of their amplitude.
-
-    Rows of the raster see the same sweep along u, f times as bright: sum f^2 = 3/4 width / step of a raised
-    cosine (a decoder that adds them up unweighed is a tenth behind, with 1.5 steps of width a quarter).
-    Any other sequence as it is.
+    sigma: rms error of the worse axis over the pixels with neither flag nor gross error; the rate is the one
+    that is seen, or that the decoder states where this is more.
     """
-    spots = [frame for frame in shown.frames if frame.kind == "stripe" and frame.axis == "uv"]
-    if not spots:
-        return shown, 1.0
-    width = spots[0].width_px or 1.0
-    at = {axis: sorted({getattr(frame, f"at_{axis}") for frame in spots}) for axis in "uv"}
-    frames = [
-        Frame("stripe", axis, width_px=width, **{f"at_{axis}": place})
-        for axis, places in at.items()
-        for place in places
-    ]
-    steps = [float(np.median(np.diff(places))) for places in at.values() if len(places) > 1]
-    return replace(shown, frames=tuple(frames)), math.sqrt(0.75 * width / max(steps, default=width))
+    axes = [axis for axis in "uv" if any(axis in (frame.axis or "") for frame in shown.frames)]
+    if not axes:
+        raise InputError(f"sequence {shown.name}: no frame encodes u or v")
+    u, v = _places(shown)
+    found = decode(seen(shown, u, v, amplitude, noise, np.random.default_rng(0)), shown, on_cells=False)
+    wrong = _wrong(found, shown, u, v)
+    stands = found.good & ~wrong
+    errors = [(found.u - u if axis == "u" else found.v - v)[stands] for axis in axes]
+    sigma = max(float(np.sqrt(np.mean(error**2))) if error.size else math.nan for error in errors)
+    stated = 0.0 if found.order_error is None else float(np.mean(found.order_error))
+    reach = min(_reach(shown, axis) for axis in axes)
+    return reach, sigma, max(float(wrong.mean()), stated), min(_narrowest(shown, axis) for axis in axes)
 
 
-def _axis(shown: Sequence, axis: str, ratio: float) -> tuple[float, float, float, float]:
+def _reach(shown: Sequence, axis: str) -> float:
+    """Pixels along an axis that a code, its coarsest fringe, or all fringes together tell apart."""
+    extent = shown.cols if axis == "u" else shown.rows
     mine = [frame for frame in shown.frames if frame.axis == axis]
-    extent = shown.cols if axis == "u" else shown.rows
-    fringes = [frame for frame in mine if frame.kind == "phase"]
-    code = [frame for frame in mine if frame.kind in BINARY_CODES]
-    groups = [(p, len(list(part))) for p, part in groupby(sorted(f.period_px or 1.0 for f in fringes)[::-1])]
-    if code or (groups and min(count for _, count in groups) >= 3):
-        gross, reach, stripe = _bits(shown, code, axis, ratio, bool(groups))
-        sigma = code[0].cell_px / math.sqrt(12) if code else math.inf
-        if groups:
-            sigma, wrong, far = _fringes(groups, extent, ratio, bool(code))
-            gross, reach = gross + wrong, max(reach, far)
-            stripe = min(stripe, groups[-1][0] / 2)
-        return min(reach, extent), sigma, min(gross, 1.0), stripe
-    return (extent, *_free(shown, mine, axis, ratio))
+    bits = [frame for frame in mine if frame.kind in BINARY_CODES]
+    periods = [frame.period_px for frame in mine if frame.period_px is not None]
+    if bits:
+        return min(extent, bits[0].cell_px * 2.0 ** (1 + max(frame.bit or 0 for frame in bits)))
+    if not periods or max(periods) >= extent:
+        return extent
+    return min(extent, math.lcm(*(Fraction(period).limit_denominator(64).numerator for period in periods)))
 
 
-def _bits(
-    shown: Sequence, code: list[Frame], axis: str, ratio: float, guides: bool
-) -> tuple[float, float, float]:
-    """Rate of wrong bits that matter, range, narrowest stripe."""
-    if not code:
-        return 0.0, 0.0, math.inf
-    bits = 1 + max(frame.bit or 0 for frame in code)
-    both = {bit for bit in range(bits) if sum(frame.bit == bit for frame in code) > 1}
-    rate = 0.0
-    # the last bit leads to the next cell, which a fringe mends; and that of a code alone is no gross error
-    for bit in range(0 if code[0].kind == "xor-gray" else 1, bits):
-        rate += 0.5 * math.erfc(ratio / math.sqrt(2 * (0.5 if bit in both else 1.5)))
-    return rate, code[0].cell_px * (1 << bits), _narrowest(shown, code, axis)
-
-
-def _narrowest(shown: Sequence, code: list[Frame], axis: str) -> float:
-    """Narrowest stripe of the bits, the outermost ones apart."""
+def _narrowest(shown: Sequence, axis: str) -> float:
+    """Narrowest stripe along an axis, brighter or darker than mid grey, those at the surface's ends apart."""
     runs = [math.inf]
-    for frame in code:
-        table = frame.tables(shown.rows, shown.cols)["uv".index(axis)].astype(np.int64)
-        runs += np.diff(np.flatnonzero(np.diff(table))).tolist()
-    return float(min(runs))
+    for frame in shown.frames:
+        if axis in (frame.axis or ""):
+            level = frame.tables(shown.rows, shown.cols)["uv".index(axis)] - 127.5
+            before = np.flatnonzero(np.diff(level > 0))
+            runs += np.diff(before + level[before] / (level[before] - level[before + 1])).tolist()
+    return round(float(min(runs)), 1)
 
 
-def _fringes(
-    groups: list[tuple[float, int]], extent: int, ratio: float, coded: bool
-) -> tuple[float, float, float]:
-    """(sigma, rate of wrong orders, range) of periods from coarse to fine, each with its number of steps."""
-    single = [(p, (p / (2 * math.pi)) ** 2 * 2 / (n * ratio**2)) for p, n in groups]
-    spans = coded or groups[0][0] >= extent
-    wrong = 0.0 if spans else _searched(single, extent)
-    variance = single[0][1]
-    for period, own in single[1:]:
-        if spans:  # a coarser period gives the order only
-            wrong += math.erfc(period / 2 / math.sqrt(2 * (variance + own)))
-        variance = own if spans else 1 / (1 / variance + 1 / own)
-    together = math.lcm(*(Fraction(p).limit_denominator(64).numerator for p, _ in groups))
-    return math.sqrt(variance), wrong, groups[0][0] if spans else float(together)
-
-
-def _searched(single: list[tuple[float, float]], extent: int) -> float:
-    """Union bound over the orders of the coarsest period: chi squared of the best place near each of them."""
-    coarse = single[0][0]
-    rate = 0.0
-    for order in range(1, math.ceil(extent / coarse) + 1):
-        off = np.array([coarse * order - p * round(coarse * order / p) for p, _ in single])
-        weight = np.array([1 / own for _, own in single])
-        far = float(np.sum(weight * (off - np.sum(weight * off) / np.sum(weight)) ** 2))
-        # a place in the middle has half of the orders on either side
-        share = max(1 - order * coarse / extent, 0.0)
-        rate += 2 * share * 0.5 * math.erfc(math.sqrt(far) / (2 * math.sqrt(2)))
-    return rate
-
-
-def _free(shown: Sequence, mine: list[Frame], axis: str, ratio: float) -> tuple[float, float, float]:
-    """(sigma, rate of wrong places, narrowest stripe) of any grey values: Fisher's bound, union bound."""
-    extent = shown.cols if axis == "u" else shown.rows
-    frames = [i for i, frame in enumerate(shown.frames) if frame in mine or frame.kind in ("white", "black")]
-    place = np.arange(4 * extent) / 4
-    level = np.stack([ideal_level(shown, i, place, place) for i in frames]) * 2 * ratio
-    slope = np.gradient(level, 0.25, axis=1)
-    bound = []
-    for k in range(len(place) // 8, len(place) - len(place) // 8, 5):
-        basis = np.stack([np.ones(len(frames)), level[:, k]], axis=1)
-        left = slope[:, k] - basis @ np.linalg.lstsq(basis, slope[:, k], rcond=None)[0]
-        bound.append(float(left @ left))
-    level = level - level.mean(axis=0)
-    some = np.linspace(0, len(place) - 1, 96).astype(int)
-    apart = np.sqrt(((level[:, some, None] - level[:, None, ::4]) ** 2).sum(axis=0))
-    gone = np.abs(place[some, None] - place[None, ::4]) > max(4.0, min(_widths(mine)))
-    rate = np.where(gone, [[0.5 * math.erfc(d / (2 * math.sqrt(2))) for d in row] for row in apart], 0.0)
-    # neighbouring places err together: one of them per width is independent
-    gross = float(rate.sum(axis=1).mean()) / max(1.0, min(_widths(mine)))
-    return 1 / math.sqrt(float(np.mean(bound))), min(gross, 1.0), min(_widths(mine))
-
-
-def _widths(mine: list[Frame]) -> list[float]:
-    return [frame.width_px or (frame.period_px or 2.0) / 2 for frame in mine]
+def _places(shown: Sequence) -> tuple[F64, F64]:
+    """What the camera of the trials sees: its patches one under the other, one cell per pixel."""
+    rows, cols = (min(n, size - 4) for n, size in zip(_PATCH, (shown.rows, shown.cols), strict=True))
+    row, col = np.mgrid[:rows, :cols].astype(np.float64)
+    u = 0.93 * (col - cols / 2) + 2 * np.sin(row / 19)
+    v = 0.95 * (row - rows / 2) + 2 * np.cos(col / 23)
+    share = np.linspace(-0.5, 0.5, _PATCHES)
+    room = shown.cols - cols - 4, shown.rows - rows - 4
+    middle = shown.cols / 2, shown.rows / 2
+    return (
+        np.concatenate([u + middle[0] + part * max(room[0], 0) for part in share]),
+        np.concatenate([v + middle[1] + part * max(room[1], 0) for part in share]),
+    )
 
 
 def seen(
@@ -220,22 +146,23 @@ def seen(
     return camera_frames(shown, (u, v), (2 * amplitude, amplitude), noise, rng, _STEPS).astype(np.uint16)
 
 
+def _wrong(found: Correspondence, shown: Sequence, u: F64, v: F64) -> NDArray[np.bool_]:
+    """Pixels that are off by more than 5 sigma, of cells alone by more than one and a half."""
+    discrete = not any(frame.kind in ("phase", "stripe", "levels") for frame in shown.frames)
+    off = np.zeros(u.shape, np.bool_)
+    for coord, sigma, true in ((found.u, found.sigma_u, u), (found.v, found.sigma_v, v)):
+        off |= np.abs(coord - true) > (1.5 if discrete else 5 * sigma)
+    return off
+
+
 def _detected(shown: Sequence, amplitude: float, noise: float) -> tuple[float, float]:
     """Shares of lost and of swapped frames, of those that are seen to change, without unflagged errors."""
-    rng = np.random.default_rng(0)
-    rows, cols = (min(n, extent - 4) for n, extent in zip(_TRIAL, (shown.rows, shown.cols), strict=True))
-    row, col = np.mgrid[:rows, :cols].astype(np.float64)
-    u = 0.93 * (col - cols / 2) + 2 * np.sin(row / 19) + shown.cols / 2
-    v = 0.95 * (row - rows / 2) + 2 * np.cos(col / 23) + shown.rows / 2
-    whole = seen(shown, u, v, amplitude, noise, rng)
-    discrete = not any(frame.kind in ("phase", "stripe", "levels") for frame in shown.frames)
+    u, v = _places(shown)
+    whole = seen(shown, u, v, amplitude, noise, np.random.default_rng(0))
 
     def told(frames: NDArray[np.uint16]) -> bool:
         found = decode(frames, shown, on_cells=False)
-        off = np.zeros(u.shape, np.bool_)
-        for coord, sigma, true in ((found.u, found.sigma_u, u), (found.v, found.sigma_v, v)):
-            off |= np.abs(coord - true) > (1.5 if discrete else 5 * sigma)
-        return bool((off & found.good).sum() <= _SILENT * found.good.sum())
+        return bool((_wrong(found, shown, u, v) & found.good).sum() <= _SILENT * found.good.sum())
 
     # a camera that sees all of the surface sees every frame change; this one some
     change = np.flatnonzero(np.ptp(whole[:-1], axis=(1, 2)) > 0.5 * amplitude * _STEPS)
