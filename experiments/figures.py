@@ -1,4 +1,4 @@
-"""Figures beside the limits that each is to keep: exactness, renderers, solver, noise, speed."""
+"""Figures beside the limits that each is to keep: exactness, renderers, the demo, noise, speed."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -10,17 +10,14 @@ from numpy.typing import NDArray
 from optolever.decode import decode
 from optolever.patterns import Sequence, sequence
 from optolever.projector import NoContextError, capture, context_info, measure_renderer
-from optolever.reconstruct import reconstruct
 from optolever.scene import dent_from_text, load, resize, trace
 
 from .brute_force import brute_force
 from .demo import Progress, run_demo, silent
-from .metrics import relative_error, rms
-from .place import Place, exact, middle_anchor
+from .metrics import rms
 
 __all__ = ["Figure", "Parts", "measured_parts", "run_figures"]
 
-SIDE = 1024  # pixels of the solver's cases, square
 RAYS = 500
 SEEDS = 30
 SMALL = (192, 192)
@@ -66,7 +63,6 @@ def run_figures(
         "trace": _tracing,
         "renderers": _renderers,
         "renderer speed": _speed,
-        "solver": _solver,
         "demo": lambda: _demo(size),
         "seeds": lambda: _many_seeds(seeds),
     }
@@ -120,20 +116,6 @@ def _speed() -> Iterator[Figure]:
     speed = measure_renderer(scene, dent_from_text("raised-cosine", scene))
     yield Figure("drawn at 1920 x 1080", speed.drawn, "frames/s", note=speed.context)
     yield Figure("captured at 1920 x 1080", speed.captured, "frames/s")
-
-
-def _solver() -> Iterator[Figure]:
-    """Heights from exact correspondences, relative to the peak depth."""
-    for dent, known, limit in (
-        ("raised-cosine", False, 1e-6),
-        ("raised-cosine", True, 1e-8),
-        ("needle", False, 1e-5),
-    ):
-        place = Place.of("paper-simulation", dent, (SIDE, SIDE))
-        anchor = middle_anchor(place.truth) if known else None
-        height = reconstruct(exact(place.truth), place.scene, anchor=anchor)
-        name = f"solver, {dent.replace('-', ' ')}, {'known point' if known else 'edge at rest'}"
-        yield Figure(name, relative_error(height, place.truth), "of the depth", high=limit)
 
 
 def _demo(size: tuple[int, int] | None) -> Iterator[Figure]:

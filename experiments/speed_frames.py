@@ -2,26 +2,22 @@
 as a display of cells with a blur shows them and a camera's pixels see them; the map is smooth.
 """
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from optolever.blocks import on_cores
 from optolever.patterns import Frame, Sequence, sequence_from_text
+from optolever.projector import Footprints, light_of
 
 __all__ = ["SPEED_CODES", "SpeedCode", "smooth_map", "speed_frames", "speed_sequence"]
 
 Stack = NDArray[np.uint8]
-F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 OFFSET, AMPLITUDE = 120.0, 100.0  # levels
 BLUR = 0.5  # cells, rms, between display and camera
-#: Places per cell at which a pixel may look; cells on either side of which it sees light.
-_PLACES, _REACH = 256, 4
+_PLACES = 128  # per cell, at which a pixel may look
 #: Free levels: frames of an axis, cells of the display that share a grey value.
 _FREE_FRAMES, _FREE_CELL = 12, 2.0
 
@@ -85,39 +81,27 @@ def smooth_map(size: tuple[int, int], surface: tuple[int, int]) -> tuple[F64, F6
 
 def speed_frames(shown: Sequence, size: tuple[int, int], noise: float) -> Stack:
     """Images (N, *size) of a surface with smooth_map, white noise of `noise` levels."""
-    places = smooth_map(size, (shown.rows, shown.cols))
-    index = [np.rint((place + _REACH) * _PLACES).astype(np.intp) for place in places]
-    widths = [0.93 * extent / pixels for extent, pixels in ((shown.cols, size[1]), (shown.rows, size[0]))]
-    weights = [_weights(width) for width in widths]
+    maps = [np.rint(place * _PLACES).astype(np.intp) for place in smooth_map(size, (shown.rows, shown.cols))]
+    lines = [_line(shown, axis, 0.93 / pixels) for axis, pixels in enumerate(size[::-1])]
     stack = np.empty((len(shown), *size), np.uint8)
 
     def fill(i: int) -> None:
-        tables = shown.frames[i].tables(shown.rows, shown.cols)
-        light: Any = np.float32(1)
-        for table, weight, at in zip(tables, weights, index, strict=True):
-            if table.min() < 255:
-                light = light * _profile(table, weight)[at]
-        rng = np.random.default_rng(i)
-        level: Any = np.float32(OFFSET - AMPLITUDE) + np.float32(2 * AMPLITUDE) * light
-        level = level + np.float32(noise) * rng.standard_normal(size, dtype=np.float32)
+        frame = shown.frames[i]
+        axis = int(frame.axis == "v")
+        (light,) = light_of(lines[axis], replace(shown, frames=(frame,)), None, BLUR)
+        level = np.float32(OFFSET - AMPLITUDE) + np.float32(2 * AMPLITUDE) * light[maps[axis]]
+        level += np.float32(noise) * np.random.default_rng(i).standard_normal(size, dtype=np.float32)
         stack[i] = np.clip(np.rint(level), 0, 255)
 
     on_cores(fill, range(len(shown)))
     return stack
 
 
-def _weights(width: float) -> F64:
-    """Share (cells, places) of the light of the cells around in a pixel of that width (cells): a cell,
-    blurred by a Gaussian, averaged over the pixel."""
-    within = width * (np.arange(32) + 0.5) / 32 - width / 2
-    distance = np.arange(-_REACH, _REACH + 1)[:, None] - np.arange(_PLACES) / _PLACES
-    ends = (distance[..., None] + within + edge for edge in (0.5, -0.5))
-    upper, lower = (ndtr(end / BLUR).mean(axis=-1) for end in ends)
-    return np.asarray(upper - lower)
-
-
-def _profile(table: NDArray[np.uint8], weights: F64) -> F32:
-    """What a pixel sees (0..1) from _REACH cells before the first on, by place; it is dark around the
-    surface."""
-    dark = np.pad(table / 255.0, 2 * _REACH)
-    return np.asarray(sliding_window_view(dark, len(weights)) @ weights, np.float32).ravel()
+def _line(shown: Sequence, axis: int, width: float) -> Footprints:
+    """Pixels of a width (share of the surface) at every place along u (axis 0) or v, amid the other."""
+    extent = (shown.cols, shown.rows)[axis]
+    place = np.arange(extent * _PLACES) / _PLACES
+    box, none = np.tile([width * extent, 0.0], (place.size, 1)), np.zeros((place.size, 2))
+    across = np.full(place.size, 0.5 * (shown.cols, shown.rows)[1 - axis])
+    at, boxes = (place, across), (box, none)
+    return Footprints(at[axis], at[1 - axis], np.ones(place.size), boxes[axis], boxes[1 - axis])

@@ -6,7 +6,7 @@
 | `shot.py`, `decoders.py`, `solvers.py`, `decoupled.py` | mirror and frames; who decodes; who solves |
 | `run.py`, `measures.py`, `row.py` | cells to rows; numbers; the record |
 | `store.py`, `sweeps.py` | one result file per cell; resumed runs, here or on Dask |
-| `methods.py`, `integration_peers.py` | every solver and integrator on the same cases; peers from PyPI |
+| `methods.py` | every solver and integrator on the same cases |
 | `pareto.py`, `summary.py`, `report.py` | frontier and chart; the few rows that count; the page |
 | `hard.py`, `hard_case.py`, `hard_pooled.py` | hard cases, their verdicts, figures over draws |
 | `hard_decode.py`, `hard_reconstruct.py`, `hard_surroundings.py` | what is hard: written lists |

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,25 +11,24 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.files import load_arrays
-from optolever.reconstruct import HeightMap, integrate, integrator_names, reconstruct
+from optolever.reconstruct import integrate, integrator_names, reconstruct
 from optolever.records import Progress, silent
-from optolever.scene import Trace
 
 from ..metrics import rms
 from ..place import Place, middle_anchor
 from ..timing import timed
 from .hard_reconstruct import PROBLEMS, spoiled
-from .integration_peers import missing_peers, peer_integrators
 from .measures import measures
-from .solvers import installed, solver, solver_names
+from .solvers import installed, missing_peers, peer_integrators, solver, solver_names
 
 __all__ = ["FIELDS", "MIRRORS", "MethodRow", "load_field", "missing_peers", "run_methods"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Numbers = dict[str, Any]
+Measure = Callable[[], Numbers]
 
 AGAIN = 20.0  # s of a processor: what takes less is run a second time, without what the first run compiles
 NOISE = 0.05  # px
@@ -95,28 +94,22 @@ def run_methods(
     files: more fields to integrate, see `load_field`. InputError if nothing is left.
     """
     work = [
-        (part, case, name, run)
-        for part, case, name, run in (*_fields(size, files), *_mirrors(size))
-        if _wanted(f"{part}, {case}", cases) and (not methods or name in methods)
+        (part, case, name, measure)
+        for part, case, name, measure in (*_fields(size, files), *_mirrors(size))
+        if (not cases or any(word in f"{part}, {case}" for word in cases))
+        and (not methods or name in methods)
     ]
     if not work:
         raise InputError(f"methods: none left of cases {list(cases)}, methods {list(methods)}")
     rows = []
-    for done, (part, case, name, run) in enumerate(work):
+    for done, (part, case, name, measure) in enumerate(work):
         progress(f"{case}: {name}", done, len(work))
         try:
-            rows.append(run(part, case, name))
+            rows.append(MethodRow(part, case, name, **measure()))
         except InputError as error:
             rows.append(MethodRow(part, case, name, why=str(error)))
     progress("", len(work), len(work))
     return rows
-
-
-Run = Callable[[str, str, str], MethodRow]
-
-
-def _wanted(text: str, words: tuple[str, ...]) -> bool:
-    return not words or any(word in text for word in words)
 
 
 def _best(call: Callable[[], Any]) -> tuple[Any, float, float]:
@@ -146,7 +139,7 @@ def load_field(path: Path) -> tuple[Floats, Floats, Floats, Mask]:
     return z, gx, gy, mask
 
 
-def _fields(size: tuple[int, int], files: tuple[Path, ...]) -> Iterator[tuple[str, str, str, Run]]:
+def _fields(size: tuple[int, int], files: tuple[Path, ...]) -> Iterator[tuple[str, str, str, Measure]]:
     """Plain integration."""
     fields = [(case, _field(case, size)) for case in FIELDS]
     for case, (z, gx, gy, mask) in [*fields, *((path.stem, load_field(path)) for path in files)]:
@@ -186,32 +179,28 @@ def _own(name: str, gx: Floats, gy: Floats, mask: Mask) -> Floats:
     return integrate(gx, gy, name, mask=None if mask.all() else mask).z
 
 
-def _transforms(z: Floats, part: str, case: str, name: str) -> MethodRow:
+def _transforms(z: Floats) -> Numbers:
     workers = 2
     _, seconds, cpu = _best(lambda: scipy.fft.idctn(scipy.fft.dctn(z, workers=workers), workers=workers))
-    return MethodRow(part, case, name, seconds, cpu)
+    return {"seconds": seconds, "cpu": cpu}
 
 
-def _integrated(
-    call: Callable[[], Floats], z: Floats, mask: Mask, part: str, case: str, name: str
-) -> MethodRow:
+def _integrated(call: Callable[[], Floats], z: Floats, mask: Mask) -> Numbers:
     found, seconds, cpu = _best(call)
     error = (found - z)[mask]
-    return MethodRow(part, case, name, seconds, cpu, rms(error - np.mean(error)) / rms(z[mask]))
+    return {"seconds": seconds, "cpu": cpu, "error": rms(error - np.mean(error)) / rms(z[mask])}
 
 
-def _mirrors(size: tuple[int, int]) -> Iterator[tuple[str, str, str, Run]]:
+def _mirrors(size: tuple[int, int]) -> Iterator[tuple[str, str, str, Measure]]:
     """Heights from correspondences."""
     for case in MIRRORS:
         for name in solver_names():
-            if not installed(solver(name).module) or (case.point and solver(name).kind != "own"):
-                continue
-            if case.point and name == "decoupled":
-                continue
-            yield "reconstruct", case.name, name, partial(_height, case, size)
+            known_point = solver(name).kind == "own" and name != "decoupled"
+            if installed(solver(name).module) and (known_point or not case.point):
+                yield "reconstruct", case.name, name, partial(_height, case, size, name)
 
 
-def _height(case: Mirror, size: tuple[int, int], part: str, name: str, method: str) -> MethodRow:
+def _height(case: Mirror, size: tuple[int, int], method: str) -> Numbers:
     problem = next(problem for problem in PROBLEMS if problem.name == case.problem)
     place = Place.of(problem.scene, problem.dent, size)
     seen = spoiled(problem, place, case.noise, "float64")
@@ -221,17 +210,13 @@ def _height(case: Mirror, size: tuple[int, int], part: str, name: str, method: s
     else:
         call = partial(solver(method).run, seen, place.scene)
     height, seconds, cpu = _best(call)
-    return _judged(seen, height, place.truth, MethodRow(part, name, method, seconds, cpu))
-
-
-def _judged(seen: Correspondence, height: HeightMap, truth: Trace, row: MethodRow) -> MethodRow:
-    """The row with what the height is worth."""
-    numbers = measures(truth, seen, height)
+    numbers = measures(place.truth, seen, height)
     known = bool(np.isfinite(height.sigma[height.good]).any())
-    return replace(
-        row,
-        error=numbers["height_rms_rel"],
-        sigma_ratio=numbers["sigma_ratio_height"],
-        flagged=numbers["flagged_share"],
-        silent=numbers["silent_share"] if known else math.nan,
-    )
+    return {
+        "seconds": seconds,
+        "cpu": cpu,
+        "error": numbers["height_rms_rel"],
+        "sigma_ratio": numbers["sigma_ratio_height"],
+        "flagged": numbers["flagged_share"],
+        "silent": numbers["silent_share"] if known else math.nan,
+    }
