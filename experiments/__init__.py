@@ -3,8 +3,7 @@
 | file | holds |
 |---|---|
 | `demo.py`, `metrics.py` | run_demo: the whole chain on a virtual sensor; how good it was |
-| `demo_report.py`, `demo_pictures.py`, `demo_inputs.py` | the demo's page: result; flags, maps, frames |
-| `record_report.py` | the page of saved records |
+| `height_report.py`, `height_view.py`, `demo_inputs.py` | pages of demo and records; what they show |
 | `calibration.py`, `flag_words.py`, `surface_view.py` | error against sigma; flag words; the surface |
 | `paper.py`, `paper_rows.py` | run_paper: the paper's simulation and experiment, and its table |
 | `paper_simulation.py`, `paper_frames.py` | its measurement: exact; lattice crossings from frames |
@@ -31,14 +30,13 @@ from .brute_force import brute_force
 from .code_guide import CODES, CodeRow, code_rows, predict_code, seen
 from .decode_speed import run_decode_figures
 from .demo import DemoResult, run_demo
-from .demo_report import demo_html, write_demo_report
 from .figures import Figure, run_figures
 from .fuzz import FUZZED, Outcome, fuzz
+from .height_report import demo_html, record_html, write_demo_report, write_record_report
 from .metrics import height_metrics, peak_bytes
 from .paper import PaperStudy, run_paper
 from .paper_report import paper_html, write_paper_report
 from .paper_rows import PaperRow
-from .record_report import record_html, write_record_report
 from .rig_report import RigStudy, judged_table, rig_html, write_rig_report
 from .solver_figures import run_solver_figures
 

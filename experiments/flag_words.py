@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from enum import IntFlag
 
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
 from optolever.decode import Flag
@@ -28,23 +30,7 @@ MEANING = {
     "NOT_CONVERGED": "the solver found no answer here",
     "SINGULAR": "the pattern lies within its noise of the mirror: no slope can be told",
 }
-COLOURS = [
-    "#4c566a",
-    "#c8553d",
-    "#e0a030",
-    "#8a5fb0",
-    "#3b7dc4",
-    "#d6649a",
-    "#2a9d8f",
-    "#111111",
-    "#7a8f3a",
-    "#a0522d",
-    "#1f5f8b",
-    "#6b2737",
-    "#5d737e",
-    "#b08968",
-]
-MORE = "#9c9c9c"
+COLOURS = [to_hex(colour) for colour in colormaps["tab20"].colors]  # type: ignore[attr-defined]
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +67,6 @@ def flag_index(flags: NDArray[np.integer], rows: list[FlagRow]) -> NDArray[np.in
 
 
 def _row(name: str, bit: int, count: int, size: int, meaning: str, place: int) -> FlagRow:
-    colour = GOOD_COLOUR if place == 0 else COLOURS[place - 1] if place <= len(COLOURS) else MORE
+    colour = GOOD_COLOUR if place == 0 else COLOURS[(place - 1) % len(COLOURS)]
     words = name.lower().replace("_", " ")
     return FlagRow(words, bit, count, count / max(size, 1), meaning, colour)

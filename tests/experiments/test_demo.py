@@ -6,7 +6,7 @@ import math
 import pytest
 
 from optolever.experiments import DemoResult
-from optolever.experiments.demo_report import demo_command
+from optolever.experiments.height_report import demo_command
 
 RELIED_ON = (
     "height_rms_rel",
