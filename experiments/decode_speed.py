@@ -43,10 +43,8 @@ Stack = NDArray[np.uint8]
 F64 = NDArray[np.float64]
 Measure = Callable[[tuple[int, int]], Iterator[Figure]]
 SIZE = (1080, 1920)
-#: Turns of floor and decode, fewer of codes whose decodes take longer together than so many seconds.
+#: Turns of two that are compared, fewer where they take longer together than so many seconds.
 PAIRS, FEWEST, SECONDS = 10, 3, 10.0
-#: Turns beside other decoders, and calls in a row in each of these, as in a series of captures.
-REPEATS, PEER_REPEATS, IN_A_ROW = 12, 3, 3
 OFFSET, AMPLITUDE, NOISE = 110.0, 95.0, 1.5  # levels
 PERIODS, STEPS = (2160.0, 48.0), 4
 LIMIT = 2.0  # times the floor
@@ -136,29 +134,15 @@ def _codes(size: tuple[int, int]) -> Iterator[Figure]:
         yield Figure(f"{code.name}, decode over floor", ratio, "times", high=LIMIT, note=note)
 
 
-def _pairs(floor: Callable[[], Any], call: Callable[[], Any]) -> tuple[float, float, float]:
-    """Seconds of each and their ratio, medians over pairs of calls in turn; the first pair warms up."""
-    floor(), call()
-    pairs = [(timed(floor)[1], timed(call)[1])]
+def _pairs(one: Callable[[], Any], other: Callable[[], Any]) -> tuple[float, float, float]:
+    """Seconds of each and other over one, medians over pairs of calls in turn: others may share the machine;
+    the first pair warms up."""
+    one(), other()
+    pairs = [(timed(one)[1], timed(other)[1])]
     count = int(np.clip(SECONDS / pairs[0][1], FEWEST, PAIRS))
-    pairs += [(timed(floor)[1], timed(call)[1]) for _ in range(count - 1)]
-    below, ours = np.array(pairs).T
-    return float(np.median(below)), float(np.median(ours)), float(np.median(ours / below))
-
-
-def _least(*calls: Callable[[], Any], repeats: int = REPEATS, in_a_row: int = 1) -> list[tuple[float, float]]:
-    """(wall, processor) seconds, the least of many runs that take turns: others may share the machine.
-
-    in_a_row: calls in a turn, where one throws what the other needs out of the caches.
-    """
-    taken = np.full((len(calls), 2), np.inf)
-    for run in range(repeats + 1):
-        for k, call in enumerate(calls):
-            for _ in range(in_a_row if run else 1):
-                spent = timed(call)[1:]
-                if run:  # the first compiles
-                    taken[k] = np.minimum(taken[k], spent)
-    return [(float(wall), float(processor)) for wall, processor in taken]
+    pairs += [(timed(one)[1], timed(other)[1]) for _ in range(count - 1)]
+    first, second = np.array(pairs).T
+    return float(np.median(first)), float(np.median(second)), float(np.median(second / first))
 
 
 def _error(name: str, u: NDArray[Any], v: NDArray[Any], truth: tuple[F64, F64], good: NDArray[Any]) -> Figure:
@@ -185,23 +169,16 @@ def _fringes(size: tuple[int, int]) -> Iterator[Figure]:
         yield Figure(f"{name}, fringes", float("nan"), note="not installed")
         return
     coder, stack = fringes_coder(shown), frames[..., None]
-    (ours, _), (plain, _), (full, _) = _least(
-        lambda: decode(frames, shown, on_cells=False),
-        lambda: coder.decode(stack),
-        lambda: coder.decode(stack, verbose=True),
-        repeats=PEER_REPEATS,
-        in_a_row=IN_A_ROW,
-    )
-    for label, seconds, gives in (
-        ("fringes", plain, "u, v, amplitudes, offsets; no sigma, no flags"),
-        (
-            "fringes verbose",
-            full,
-            "u, v, uncertainty (of rounding only), residual, amplitudes, offsets; no flags",
-        ),
+    for label, verbose, more in (
+        ("fringes", False, "no sigma, no flags"),
+        ("fringes verbose", True, "uncertainty (of rounding only), residual, no flags"),
     ):
-        yield Figure(f"{name}, {label}", 1e3 * seconds, "ms", note=gives)
-        yield Figure(f"{name}, {label} over optolever", seconds / ours, low=60)
+        _, theirs, ratio = _pairs(
+            lambda: decode(frames, shown, on_cells=False),
+            lambda: coder.decode(stack, verbose=verbose),  # noqa: B023
+        )
+        yield Figure(f"{name}, {label}", 1e3 * theirs, "ms", note=f"u, v, amplitudes, offsets; {more}")
+        yield Figure(f"{name}, {label} over optolever", ratio, low=60)
     x = np.asarray(coder.decode(stack).x, np.float64)[..., 0]
     yield _error(f"{name}, fringes", x[0], x[1], truth, np.asarray(np.isfinite(x).all(axis=0)))
 
@@ -213,16 +190,18 @@ def _gray(size: tuple[int, int]) -> Iterator[Figure]:
     frames, truth = _shoot(shown, size)
     name = f"{len(shown)} Gray frames"
     found = decode(frames, shown)
-    ((ours, _),) = _least(lambda: decode(frames, shown))
-    yield Figure(f"{name}, optolever", 1e3 * ours, "ms")
     yield _error(f"{name}, optolever", found.u, found.v, truth, found.good)
     (white, black), _ = _shoot(Sequence((Frame("white"), Frame("black")), rows, cols), size)
     code = cv2.structured_light.GrayCodePattern.create(cols, rows)
     images = list(frames)
     # its loop over all pixels wants two cameras: it is given the same one twice
-    seconds = 0.5 * timed(lambda: code.decode([images, images], None, [black] * 2, [white] * 2))[1]
-    yield Figure(f"{name}, cv2", 1e3 * seconds, "ms", note="whole u, v; half of its time for two cameras")
-    yield Figure(f"{name}, cv2 over optolever", seconds / ours, low=100)
+    ours, theirs, ratio = _pairs(
+        lambda: decode(frames, shown),
+        lambda: code.decode([images, images], None, [black] * 2, [white] * 2),
+    )
+    yield Figure(f"{name}, optolever", 1e3 * ours, "ms")
+    yield Figure(f"{name}, cv2", 500 * theirs, "ms", note="whole u, v; half of its time for two cameras")
+    yield Figure(f"{name}, cv2 over optolever", 0.5 * ratio, low=100)
     chosen = np.random.default_rng(0).integers(0, size, (2000, 2))
     pixels = [code.getProjPixel(images, int(col), int(row)) for row, col in chosen]
     read = np.array([not wrong for wrong, _ in pixels])

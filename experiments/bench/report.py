@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from ..metrics import peak_bytes
-from ..page import percent, render_page, scientific, seconds_text, stage_bars, table, write_page
+from ..page import render_page, stage_bars, table, write_page
 from .pareto import frontier, pareto_figure
 from .row import Row
-from .summary import SUMMARY, ahead_of_peers, markdown, summary, summary_cells
+from .summary import SUMMARY, ahead_of_peers, cells, markdown, summary
 
 __all__ = ["bench_html", "bench_markdown", "bench_table", "write_bench_report"]
 
@@ -47,19 +47,20 @@ class Group:
             lines.append(f"{_listed(sequences)} with {_listed(solvers)}: {why}")
         return lines
 
-    def best(self, refresh: float) -> set[int]:
-        """Places of the rows that nothing beats in computing time or in all time, and error."""
-        real = [place for place, row in enumerate(self.rows) if row.done and row.cell.decoder != "exact"]
-        found: set[int] = set()
+    def ranked(self) -> list[Row]:
+        """Those with numbers, the least error first."""
+        return sorted(
+            (row for row in self.rows if row.done),
+            key=lambda row: row.error if math.isfinite(row.error) else math.inf,
+        )
+
+    def best(self, refresh: float) -> list[Row]:
+        """The rows that nothing beats in computing time or in all time, and error."""
+        real = [row for row in self.ranked() if row.cell.decoder != "exact"]
+        found = []
         for display in (0.0, 1.0):
-            points = [
-                (
-                    display * self.rows[place].display_seconds(refresh) + self.rows[place].compute_seconds,
-                    self.rows[place].error,
-                )
-                for place in real
-            ]
-            found |= {real[i] for i in frontier(points)}
+            times = [display * row.display_seconds(refresh) + row.compute_seconds for row in real]
+            found += [real[i] for i in frontier([(t, row.error) for t, row in zip(times, real, strict=True)])]
         return found
 
 
@@ -81,47 +82,14 @@ def groups(rows: Iterable[Row]) -> list[Group]:
     return [Group(_name(key), members) for key, members in kept.items()]
 
 
-def table_cells(row: Row, refresh: float, floor: float | None) -> list[str]:
-    """A finished row as text under HEADER."""
-    number = row.metrics.get
-    render, decode, solve, copy = (
-        row.timings.get(f"{stage}_seconds", 0.0) for stage in ("render", "decode", "reconstruct", "floor")
-    )
-    memory = max(row.timings.get("decode_bytes", 0.0), row.timings.get("reconstruct_bytes", 0.0))
-    ratio = row.error / floor if floor else math.nan
-    return [
-        row.cell.sequence,
-        row.cell.solver,
-        str(row.frames) if row.frames else "",
-        seconds_text(row.display_seconds(refresh)) if row.frames else "",
-        seconds_text(render) if render else "",
-        seconds_text(decode) if decode else "",
-        f"{decode / copy:.3g}" if copy else "",
-        seconds_text(solve) if solve else "",
-        f"{memory / 2**20:.3g} MiB" if memory else "",
-        *(scientific(number(f"height_{name}_rel", math.nan)) for name in ("rms", "p95", "max")),
-        _fixed(number("sigma_ratio_height", math.nan)),
-        percent(number("flagged_share", math.nan)),
-        _share(row),
-        "" if not math.isfinite(ratio) else f"{ratio:.3g}" if ratio < 1000 else f"{ratio:.0f}",
-    ]
-
-
 def bench_table(rows: Iterable[Row], refresh: float) -> Iterator[tuple[str, list[list[str]], list[str]]]:
     """For the terminal: of every mirror its name, HEADER and under it the rows, best first, and what is
     absent.
     """
+    shown = [name for name in HEADER if name not in REPORT_ONLY]
     for group in groups(rows):
-        floors = group.floors()
-        ranked = sorted((row for row in group.rows if row.done), key=_rank)
-        yield (
-            group.name,
-            [
-                _terminal(HEADER),
-                *(_terminal(table_cells(row, refresh, floors.get(row.cell.solver))) for row in ranked),
-            ],
-            group.absent(),
-        )
+        lines = [cells(row, shown, refresh) for row in group.ranked()]
+        yield group.name, [shown, *lines], group.absent()
 
 
 def bench_markdown(rows: Iterable[Row]) -> str:
@@ -154,30 +122,20 @@ def bench_html(rows: Sequence[Row], settings: dict[str, Any], seconds: dict[str,
 
 def _section(place: int, group: Group, refresh: float) -> dict[str, Any]:
     floors, best = group.floors(), group.best(refresh)
-    done = [i for i, row in enumerate(group.rows) if row.done]
-    order = sorted(done, key=lambda i: _rank(group.rows[i]))
     lines = (
-        (
-            "best" if i in best else "",
-            table_cells(group.rows[i], refresh, floors.get(group.rows[i].cell.solver)),
-        )
-        for i in order
+        ("best" if row in best else "", cells(row, HEADER, refresh, floors.get(row.cell.solver, math.nan)))
+        for row in group.ranked()
     )
+    short = (("", [line.what, *cells(line.row, SUMMARY)]) for line in summary(group.rows))
     return {
         "id": f"mirror-{place}",
         "name": group.name,
         "chart": pareto_figure(group.rows, refresh),
         "table": table(f"rows-{place}", HEADER, lines, texts=2),
         "headline": _headline(group),
-        "summary": _summary(place, group),
+        "summary": table(f"summary-{place}", ("", *SUMMARY), short, texts=3),
         "absent": group.absent(),
     }
-
-
-def _summary(place: int, group: Group) -> dict[str, Any]:
-    """The table of `summary`."""
-    lines = (("", summary_cells(line)) for line in summary(group.rows))
-    return table(f"summary-{place}", SUMMARY, lines, texts=3)
 
 
 def _headline(group: Group) -> str:
@@ -194,27 +152,7 @@ def _listed(names: Iterable[str]) -> str:
     return ", ".join(different) if len(different) <= NAMED else f"{len(different)} sequences"
 
 
-def _terminal(cells: Sequence[str]) -> list[str]:
-    """What of a row fits into a terminal."""
-    return [cell for name, cell in zip(HEADER, cells, strict=True) if name not in REPORT_ONLY]
-
-
-def _rank(row: Row) -> float:
-    return row.error if math.isfinite(row.error) else math.inf
-
-
 def _name(key: tuple[Any, ...]) -> str:
     scene, size, dent, noise = key
     pixels = "" if size is None else f", {size[0]} × {size[1]}"
     return f"{Path(scene).stem}, {dent or 'own dent'}{pixels}, noise {noise:g}"
-
-
-def _fixed(value: float) -> str:
-    return f"{value:.3f}" if math.isfinite(value) else "–"
-
-
-def _share(row: Row) -> str:
-    """Silent share, unknown where the method states no sigma."""
-    if not math.isfinite(row.metrics.get("sigma_ratio_height", math.nan)):
-        return "–"
-    return percent(row.metrics.get("silent_share", math.nan))

@@ -1,7 +1,7 @@
 """Cells to rows: frames once for all that take them, decoded once, then every solver."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -105,17 +105,16 @@ class Bench:
         coder = decoder(cells[0].decoder)
         blank = Row(cells[0], ABSENT, "", coder.kind, shot.count)
         if not installed(coder.module):
-            why = f"{coder.module} is not installed"
-            yield from (replace(blank, cell=cell, why=why) for cell in cells)
+            blank = replace(blank, why=f"{coder.module} is not installed")
+            yield from (replace(blank, cell=cell) for cell in cells)
             return
         timings: dict[str, float] = {}
         if shot.capture is not None:
             timings["render_seconds"] = shot.render_seconds
             timings["floor_seconds"] = self._floor(shot.capture)
-        decoded = _guarded(lambda: self._decode(coder, shot))
-        if isinstance(decoded, _Wrong):
-            status, why = decoded.status, decoded.why
-            yield from (replace(blank, cell=cell, status=status, why=why) for cell in cells)
+        blank, decoded = _tried(blank, lambda: self._decode(coder, shot))
+        if decoded is None:
+            yield from (replace(blank, cell=cell) for cell in cells)
             return
         timings |= {"decode_seconds": 0.0} if coder.kind == "floor" else _timings("decode", decoded)
         for cell in cells:
@@ -141,9 +140,9 @@ class Bench:
         row = replace(row, kind=way.kind if row.kind == "own" else row.kind)
         if not installed(way.module):
             return replace(row, status=ABSENT, why=f"{way.module} is not installed")
-        solved = _guarded(lambda: self._clock(lambda: way.run(seen, place.scene)))
-        if isinstance(solved, _Wrong):
-            return replace(row, status=solved.status, why=solved.why)
+        row, solved = _tried(row, lambda: self._clock(lambda: way.run(seen, place.scene)))
+        if solved is None:
+            return row
         return replace(
             row,
             status=DONE,
@@ -164,22 +163,15 @@ class Bench:
             return replace(row, why=str(error))
 
 
-@dataclass(frozen=True, slots=True)
-class _Wrong:
-    """Why a stage gave nothing."""
-
-    status: str
-    why: str
-
-
-def _guarded(stage: Callable[[], Measured]) -> Measured | _Wrong:
-    """A stage, or what went wrong: one bad cell must not end a run of hundreds."""
+def _tried(row: Row, stage: Callable[[], Measured]) -> tuple[Row, Measured | None]:
+    """What a stage gives, or the row that says what went wrong: one bad cell must not end a run of
+    hundreds."""
     try:
-        return stage()
+        return row, stage()
     except InputError as error:
-        return _Wrong(USELESS, str(error))
+        return replace(row, status=USELESS, why=str(error)), None
     except Exception as error:
-        return _Wrong(FAILED, f"{type(error).__name__}: {error}")
+        return replace(row, status=FAILED, why=f"{type(error).__name__}: {error}"), None
 
 
 def _timings(stage: str, taken: Measured) -> dict[str, float]:

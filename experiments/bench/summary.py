@@ -7,24 +7,13 @@ from dataclasses import dataclass
 from ..page import percent, scientific, seconds_text
 from .row import Row
 
-__all__ = ["SUMMARY", "Line", "ahead_of_peers", "markdown", "summary", "summary_cells"]
+__all__ = ["SUMMARY", "Line", "ahead_of_peers", "cells", "markdown", "summary"]
 
 LOSS = 0.05  # share of the pixels that a chain may lose against the one that loses least
 FEW = 20  # frames of the row "few frames"
 PAPER = 0.01  # of the depth: the error that the paper states
 TIME = "compute"
-SUMMARY = (
-    "",
-    "sequence",
-    "solver",
-    "frames",
-    "compute",
-    "rms",
-    "1 % over it",
-    "err/sigma",
-    "flagged",
-    "silent",
-)
+SUMMARY = ("sequence", "solver", "frames", TIME, "rms", "1 % over it", "err/sigma", "flagged", "silent")
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,28 +60,41 @@ def _whole(rows: Iterable[Row]) -> list[Row]:
     return [row for f, row in zip(flagged, done, strict=True) if f <= least + LOSS]
 
 
-def summary_cells(line: Line) -> list[str]:
-    """A line as text under SUMMARY."""
-    row, number = line.row, line.row.metrics.get
-    ratio = number("sigma_ratio_height", math.nan)
-    stated = math.isfinite(ratio)
-    return [
-        line.what,
-        row.cell.sequence,
-        row.cell.solver,
-        str(row.frames),
-        seconds_text(row.compute_seconds),
-        scientific(row.error),
-        f"{PAPER / row.error:.3g}",
-        f"{ratio:.2f}" if stated else "–",
-        percent(number("flagged_share", math.nan)),
-        percent(number("silent_share", math.nan)) if stated else "–",
-    ]
+def cells(row: Row, names: Iterable[str], refresh: float = 60.0, floor: float = math.nan) -> list[str]:
+    """A finished row as text under the names of columns; floor: error where decoding is perfect."""
+    number, seconds = row.metrics.get, row.timings.get
+    render, decode, solve, copy = (
+        seconds(f"{stage}_seconds", 0.0) for stage in ("render", "decode", "reconstruct", "floor")
+    )
+    memory = max(seconds("decode_bytes", 0.0), seconds("reconstruct_bytes", 0.0))
+    sigma = number("sigma_ratio_height", math.nan)  # NaN where the method states none
+    ratio = row.error / (floor or math.nan)
+    known = {
+        "sequence": row.cell.sequence,
+        "solver": row.cell.solver,
+        "frames": str(row.frames or ""),
+        "display": seconds_text(row.display_seconds(refresh)) if row.frames else "",
+        "render": seconds_text(render) if render else "",
+        "decode": seconds_text(decode) if decode else "",
+        "x copy": f"{decode / copy:.3g}" if copy else "",
+        "solve": seconds_text(solve) if solve else "",
+        TIME: seconds_text(row.compute_seconds),
+        "memory": f"{memory / 2**20:.3g} MiB" if memory else "",
+        "rms": scientific(row.error),
+        "95 %": scientific(number("height_p95_rel", math.nan)),
+        "max": scientific(number("height_max_rel", math.nan)),
+        "1 % over it": f"{PAPER / row.error:.3g}" if row.error else "",
+        "err/sigma": f"{sigma:.3f}" if math.isfinite(sigma) else "–",
+        "flagged": percent(number("flagged_share", math.nan)),
+        "silent": percent(number("silent_share", math.nan)) if math.isfinite(sigma) else "–",
+        "x exact": "" if not math.isfinite(ratio) else f"{ratio:.3g}" if ratio < 1000 else f"{ratio:.0f}",
+    }
+    return [known[name] for name in names]
 
 
 def markdown(groups: Sequence[tuple[str, Sequence[Row]]]) -> str:
     """Summaries of named mirrors as one Markdown table, without times: those belong to a machine."""
-    header = ("mirror", *(name for name in SUMMARY[1:] if name != TIME))
+    header = ("mirror", *(name for name in SUMMARY if name != TIME))
     lines = [f"| {' | '.join(header)} |", f"|{'---|' * len(header)}"]
     short = [name.partition(",")[0] for name, _ in groups]
     for scene, (whole, rows) in zip(short, groups, strict=True):
@@ -100,8 +102,7 @@ def markdown(groups: Sequence[tuple[str, Sequence[Row]]]) -> str:
         before: Row | None = None
         for line in summary(rows):
             if line.row is not before:
-                cells = dict(zip(SUMMARY, summary_cells(line), strict=True))
-                what, sequence, *rest = (text for column, text in cells.items() if column != TIME)
-                lines.append(f"| {' | '.join([f'{name}: {what}', f'`{sequence}`', *rest])} |")
+                sequence, *rest = cells(line.row, header[1:])
+                lines.append(f"| {' | '.join([f'{name}: {line.what}', f'`{sequence}`', *rest])} |")
             before = line.row
     return "\n".join(lines)
