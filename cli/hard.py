@@ -50,9 +50,8 @@ HEADER = (
 @click.option(
     "--random", "drawn", type=click.IntRange(0), default=0, metavar="N", help="N random cases instead."
 )
-@click.option(
-    "--draws", type=click.IntRange(0), default=0, metavar="N", help="N scenes with edges, and N with a fault."
-)
+@click.option("--draws", type=click.IntRange(0), default=0, metavar="N",
+              help="N scenes with edges, N with a fault, N wrong scenes.")  # fmt: skip
 @click.option("--first", type=click.IntRange(0), default=0, metavar="N", help="The first one's number.")
 @click.option("--all", "every", is_flag=True, help="Every combination of surroundings, not a choice of them.")
 @report_option("hard", "Gets the pictures.")
@@ -79,7 +78,8 @@ def command(
     swapped or lost that are detected there are detected here.
     Scenes with edges (edges) are drawn: objects at several depths, shadows, gloss, holes; a right frame
     must cost no pixel, a wrong one has to be named. Displays that do other than the sequence says (unlike)
-    need a notice and a sigma that knows.
+    need a notice and a sigma that knows. Scenes (scene) are right, or a little wrong, without and with a
+    capture of the mirror at rest: how many are noticed, how large the errors are.
     Random cases (even numbers: rig, mirror, code, light, noise, size, rendered by 36 rays a pixel; odd ones:
     mirrors for reconstruct) are the same for the same number. Rigs may have silent errors in 1e-3 of their
     pixels, or three pixels; all together in 1e-4, and a median flagged share of 5 %.

@@ -20,7 +20,6 @@
 | `solver_figures.py`, `solver_bound.py` | run_solver_figures: the solver; its noise and the bound |
 | `timing.py` | seconds by the clock and of the processor, and memory |
 | `drawn.py` | what cases drawn at random have in common |
-| `scene_errors.py` | scenes that are a little wrong: how many are noticed, what a rest capture mends |
 | `fuzz.py`, `damage.py` | fuzz: inputs damaged at random, what the program makes of them; the damage |
 | `bench/` | speed against error, hard cases, sweeps: a face of its own |
 | `page.py`, `images.py`, `maps.py`, `report/` | HTML page, PNG, maps in mm; templates, style, viewer |

@@ -39,12 +39,12 @@ FAULTS = (SILENT, UNKNOWN, DIVERGED, BROKEN, WORSE, MISSED, ACCUSED, WIDE, UNSAI
 
 @dataclass(frozen=True, slots=True)
 class FrameVerdict:
-    """What was said about whole frames.
+    """What was said about whole frames, or the scene.
 
-    fault: what was done to the frames ('': nothing); moves: whether it changes enough pixels; hidden: whether
+    fault: what was done to them ('': nothing); moves: whether it changes enough pixels; hidden: whether
     nobody could tell, as the frames are perfect ones of another scene, or are not told where a mirror fills
-    the image; named: whether it was; accused: pixels flagged WRONG_FRAME and nothing else; findings: what the
-    check says.
+    the image; named: whether it was; accused: pixels flagged WRONG_FRAME and nothing else, notices of a right
+    scene; findings: what the check says.
     """
 
     fault: str
@@ -276,7 +276,7 @@ def _of_frames(result: Result, frames: FrameVerdict) -> Result:
     """The verdict where frames were spoilt, or right ones accused."""
     why = "; ".join(filter(None, (frames.fault, *frames.findings)))
     if not frames.fault:
-        return replace(result, verdict=ACCUSED, why=f"{frames.accused} pixels; {why}")
+        return replace(result, verdict=ACCUSED, why=f"{frames.accused} times; {why}")
     if not frames.moves:
         return replace(result, verdict=HARMLESS, why=why)
     if frames.hidden:

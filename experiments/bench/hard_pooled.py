@@ -38,7 +38,7 @@ class Pooled:
 
 
 def pooled(results: Iterable[Result]) -> list[Pooled]:
-    """The figures of drawn rigs, scenes with edges and curved mirrors; none without any."""
+    """The figures of drawn rigs, scenes with edges, curved mirrors and wrong scenes; none without any."""
     listed = list(results)
     rigs = [one for one in listed if one.case.part == "decode" and one.case.name.startswith("random ")]
     edges = [one for one in listed if one.case.part == "edges"]
@@ -48,7 +48,22 @@ def pooled(results: Iterable[Result]) -> list[Pooled]:
         for code in dict.fromkeys(one.case.subject for one in curved)
         for figure in _of_code(code, curved)
     ]
-    return (_of_rigs(rigs) if rigs else []) + (_of_edges(edges) if edges else []) + of_curved
+    scenes = _of_scenes([one for one in listed if one.case.part == "scene"])
+    return (_of_rigs(rigs) if rigs else []) + (_of_edges(edges) if edges else []) + of_curved + scenes
+
+
+def _of_scenes(draws: list[Result]) -> list[Pooled]:
+    """Of right and wrong scenes: how many are noticed, median error over the depth, by what case they are."""
+    figures = []
+    for name in dict.fromkeys(one.case.name.partition(":")[0] for one in draws):
+        own = [one for one in draws if one.case.name.partition(":")[0] == name]
+        told = [one.frames.findings != () for one in own if one.frames is not None]
+        errors = [one.error for one in own if not math.isnan(one.error)]
+        if told:
+            figures.append(_share(f"{name}, noticed", sum(told), len(told)))
+        if errors:
+            figures.append(Pooled(f"{name}, error, median", float(np.median(errors)), len(errors)))
+    return figures
 
 
 def _of_code(code: str, results: list[Result]) -> list[Pooled]:

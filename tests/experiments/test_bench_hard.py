@@ -12,7 +12,7 @@ import pytest
 import optolever.experiments.bench as bench
 from optolever import InputError
 from optolever.cli import run
-from optolever.experiments.bench import Case, Found, hard_cases, judged, run_hard, save_picture
+from optolever.experiments.bench import Case, Found, hard_cases, judged, pooled, run_hard, save_picture
 from optolever.experiments.bench import hard_decode as decoding
 from optolever.experiments.bench import hard_reconstruct as solving
 from optolever.experiments.bench.hard_drawn import random_cases
@@ -213,3 +213,14 @@ def test_a_needle_among_holes_has_a_sigma() -> None:
     seen = case.make()
     assert np.isfinite(seen.limit[seen.flags == 0]).all()
     assert judged(case, seen).verdict == "good"
+
+
+def test_wrong_scenes_are_told_from_right_ones_and_mended_by_a_rest_capture() -> None:
+    results = list(run_hard(hard_cases(wanted="scene prism :", draws=2)))
+    assert {result.case.part for result in results} == {"scene"}
+    for result in results:
+        if result.frames is not None:
+            assert result.verdict == ("named" if result.frames.fault else "good")
+    error = {figure.name: figure.value for figure in pooled(results) if "error" in figure.name}
+    for wrong in ("camera 0.2 deg", "pitch 0.2 %"):
+        assert error[f"{wrong}, rest capture, error, median"] < 0.1 * error[f"{wrong}, error, median"]
