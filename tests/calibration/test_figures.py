@@ -30,3 +30,11 @@ def test_covariance_of_a_rig_with_several_minima(seed: int, linear: float) -> No
     """By the linear covariance of the least minimum from eight starts chi2 was `linear`."""
     (figure,) = figures("prism, rest", range(seed, seed + 1))
     assert figure.chi2 < 2.5 < linear
+
+
+def test_a_dent_measured_by_priors_alone() -> None:
+    """Of a rig 0.1 degree off, whose modes are 1.4 of the dent's depth: what is pressed less what was there
+    before. Neighbours that err together by such a rig are no outliers."""
+    (figure,) = figures("prism, priors alone", range(2, 3))
+    assert figure.error < 3.5e-3
+    assert abs(figure.scale) < figure.sigma_scale

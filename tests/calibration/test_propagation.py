@@ -119,7 +119,11 @@ def test_saved_and_loaded(rig: Rig, tmp_path: Path) -> None:
     height.save(tmp_path / "h.npz")
     again = HeightMap.load(tmp_path / "h.npz")
     assert np.array_equal(again.calibration, height.calibration, equal_nan=True)
-    (tmp_path / "rig.calibration.npz").unlink()
+    beside = tmp_path / "rig.calibration.npz"
+    np.savez(beside, **(dict(np.load(beside)) | {"matrix": -scene.covariance.matrix}))  # type: ignore[union-attr]
+    with pytest.raises(InputError, match=r"rig\.calibration\.npz: .*not positive"):
+        load(tmp_path / "rig.toml")
+    beside.unlink()
     with pytest.raises(InputError, match=r"rig\.calibration\.npz"):
         load(tmp_path / "rig.toml")
 

@@ -49,6 +49,11 @@ class Chain:
     height: Path
     numbers: dict[str, dict[str, Any]]
 
+    @property
+    def solve(self) -> list[Path | str]:
+        """The last command but for its outputs."""
+        return ["reconstruct", self.correspondence, "--scene", self.capture / "scene.toml"]
+
 
 @pytest.fixture(scope="session")
 def chain(tmp_path_factory: pytest.TempPathFactory) -> Chain:

@@ -9,7 +9,7 @@ import pytest
 
 from optolever.calibration.rigs import Rig, correspondence_of, open_air
 from optolever.reconstruct import HeightMap
-from optolever.scene import Covariance, Display, load, resize
+from optolever.scene import Display, load, resize
 
 from .conftest import Program, Refused
 
@@ -146,38 +146,6 @@ def test_bad_input_is_one_line(
 ) -> None:
     monkeypatch.chdir(rig[1])
     refused(["calibrate", *words, "--scene", "given.toml", "--out", "rig.toml"], told, folder=rig[1])
-
-
-@pytest.mark.parametrize(
-    ("name", "told"),
-    [("small", "the scene's camera has"), ("dark", "mirror in view"), ("again", "the same pose twice")],
-)
-def test_captures_that_do_not_fit_are_one_line(
-    rig: tuple[Rig, Path], name: str, told: str, tmp_path: Path, refused: Refused
-) -> None:
-    given, folder = rig
-    c = given.observations[1].correspondence
-    if name == "small":
-        c = type(c)(*(part[1:] for part in (c.u, c.v, c.sigma_u, c.sigma_v)), flags=c.flags[1:])
-    if name == "dark":
-        c = replace(c, flags=np.ones_like(c.flags))
-    c.save(tmp_path / f"{name}.npz")
-    flats = [f"flat={folder}/flat{k}.npz" for k in range(3)]
-    scene = ("--scene", folder / "given.toml", "--out", tmp_path / "rig.toml")
-    refused(["calibrate", *flats, f"flat={tmp_path / name}.npz", *scene], f"'{name}'", told)
-
-
-def test_a_covariance_that_is_not_positive_is_one_line(
-    rig: tuple[Rig, Path], tmp_path: Path, refused: Refused
-) -> None:
-    given, folder = rig
-    known = Covariance(("pattern.x", "pattern.z"), np.eye(2))
-    replace(given.given, covariance=known).save(tmp_path / "rig.toml")
-    file = tmp_path / "rig.calibration.npz"
-    arrays = dict(np.load(file))
-    np.savez(file, **(arrays | {"matrix": np.array([[1.0, 2.0], [2.0, 1.0]])}))
-    words = (folder / "flat0.npz", "--scene", tmp_path / "rig.toml", "--out", tmp_path / "h.npz")
-    refused(["reconstruct", *words], "rig.calibration.npz", "not positive")
 
 
 def test_a_response_is_kept_and_decoded_by(tmp_path: Path, optolever: Program, refused: Refused) -> None:

@@ -8,10 +8,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import tifffile
 
 from optolever.reconstruct import HeightMap
 
-from .conftest import SCENE, SIZE, Chain, Program, Refused
+from .conftest import SIZE, Chain, Program
 
 LEVER = 16.37  # mm, a tenth of the mirror: nearer to the pattern the lever is too short for a tight bound
 
@@ -48,78 +49,42 @@ def test_height_matches_the_truth(chain: Chain) -> None:
     )
 
 
-def test_flat_capture_is_flat(optolever: Program, tmp_path: Path) -> None:
-    """No dent: a result like any other."""
-    capture, c, h = tmp_path / "capture", tmp_path / "c.npz", tmp_path / "h.npz"
-    assert optolever("capture", *SCENE, "--dent", "flat", "--renderer", "numpy", "--out", capture).code == 0
-    assert optolever("decode", capture, "--out", c).code == 0
-    assert optolever("reconstruct", c, "--scene", capture / "scene.toml", "--out", h).code == 0
-    with np.load(h) as height:
-        good = height["flags"] == 0
-        assert good.mean() > 0.9
-        assert np.abs(height["z"][good & (height["x"] > LEVER)]).max() < 0.01
-
-
-def test_regular_grids(optolever: Program, chain: Chain, tmp_path: Path) -> None:
+def test_every_output_of_one_solve(optolever: Program, chain: Chain, tmp_path: Path) -> None:
+    """By a known point. A Gaussian was made by no contact, its half-depth area is 2 pi sigma^2 ln 2, and the
+    report says so."""
     names = [tmp_path / f"g.{suffix}" for suffix in ("npz", "tif", "x3p")]
     grids = [word for name in names for word in ("--grid", name)]
+    with np.load(chain.capture / "truth.npz") as archive:
+        truth = dict(archive)
+    point = ",".join(repr(float(truth[name][48, 48])) for name in "xyz")
+    out, tiff, ply, slopes = (tmp_path / name for name in ("h.npz", "h.tif", "h.ply", "s.npz"))
     done = optolever(
-        "reconstruct", chain.correspondence, "--scene", chain.capture / "scene.toml",
-        "--out", tmp_path / "h.npz", *grids, "--pitch", "2",
+        *chain.solve, "--out", out, "--anchor", point, "--truth", chain.capture / "truth.npz",
+        "--tiff", tiff, "--ply", ply, "--slopes", slopes, *grids, "--pitch", "2",
     )  # fmt: skip
     assert done.code == 0, done.err
-    import tifffile
-
-    with np.load(names[0]) as grid, tifffile.TiffFile(names[1]) as tiff, zipfile.ZipFile(names[2]) as x3p:
-        page = tiff.pages[0]
+    assert "of the peak depth" in done.out
+    assert "no contact evidence" in " ".join(done.out.split())
+    (dent,) = chain.numbers["reconstruct"]["contacts"]
+    assert dent["region"] == "half depth"
+    assert dent["depth"] == pytest.approx(1.3, abs=4 * dent["depth_sigma"])
+    assert dent["area"] == pytest.approx(2 * np.pi * 400 * np.log(2), rel=5e-3)
+    with np.load(out) as height:
+        error = np.abs(tifffile.imread(tiff) - height["z"])[height["flags"] == 0]
+    assert error.max() < 1e-6
+    assert ply.read_bytes().startswith(b"ply\n")
+    with np.load(slopes) as s:
+        good = (s["flags"] == 0) & truth["visible"]
+        error = (s["slope_x"] + truth["normal"][..., 0] / truth["normal"][..., 2])[good]
+        assert np.sqrt(np.mean(error**2)) < 1.5 * np.sqrt(np.mean(s["sigma_x"][good] ** 2))
+        assert np.nanmin(s["mean"]) == pytest.approx(-1.3 / 20**2, rel=0.1)  # at the bottom
+    with np.load(names[0]) as grid, tifffile.TiffFile(names[1]) as image, zipfile.ZipFile(names[2]) as x3p:
+        page = image.pages[0]
         np.testing.assert_allclose(page.asarray(), grid["z"], rtol=1e-6)
         assert page.tags["XResolution"].value == (5, 1)  # per centimetre
         points = np.frombuffer(x3p.read("bindata/data.bin"), "<f8").reshape(grid["z"].shape)
         np.testing.assert_allclose(points, 1e-3 * grid["z"])
         assert np.isfinite(grid["sigma"]).mean() > 0.8
-
-
-def test_slopes_of_the_dent(optolever: Program, chain: Chain, tmp_path: Path) -> None:
-    done = optolever(
-        "reconstruct", chain.correspondence, "--scene", chain.capture / "scene.toml",
-        "--out", tmp_path / "h.npz", "--slopes", tmp_path / "s.npz",
-    )  # fmt: skip
-    assert done.code == 0, done.err
-    with np.load(tmp_path / "s.npz") as s, np.load(chain.capture / "truth.npz") as truth:
-        good = (s["flags"] == 0) & truth["visible"]
-        error = (s["slope_x"] + truth["normal"][..., 0] / truth["normal"][..., 2])[good]
-        assert np.sqrt(np.mean(error**2)) < 1.5 * np.sqrt(np.mean(s["sigma_x"][good] ** 2))
-        assert np.nanmin(s["mean"]) == pytest.approx(-1.3 / 20**2, rel=0.1)  # at the bottom
-
-
-def test_dents_are_reported(optolever: Program, chain: Chain, tmp_path: Path) -> None:
-    """A Gaussian was made by no contact: its half-depth area is 2 pi sigma^2 ln 2, and the report says so."""
-    (dent,) = chain.numbers["reconstruct"]["contacts"]
-    assert dent["region"] == "half depth"
-    assert dent["depth"] == pytest.approx(1.3, abs=4 * dent["depth_sigma"])
-    assert dent["area"] == pytest.approx(2 * np.pi * 400 * np.log(2), rel=5e-3)
-    done = optolever(
-        "reconstruct", chain.correspondence, "--scene", chain.capture / "scene.toml", "--out", tmp_path / "h"
-    )
-    assert "no contact evidence" in " ".join(done.out.split())
-
-
-def test_known_point_anchor_and_other_formats(optolever: Program, chain: Chain, tmp_path: Path) -> None:
-    out, tiff, ply = tmp_path / "h.npz", tmp_path / "h.tif", tmp_path / "h.ply"
-    with np.load(chain.capture / "truth.npz") as truth:
-        point = ",".join(repr(float(truth[name][48, 48])) for name in "xyz")
-    done = optolever(
-        "reconstruct", chain.correspondence, "--scene", chain.capture / "scene.toml", "--out", out,
-        "--anchor", point, "--tiff", tiff, "--ply", ply, "--truth", chain.capture / "truth.npz",
-    )  # fmt: skip
-    assert done.code == 0, done.err
-    assert "of the peak depth" in done.out
-    import tifffile
-
-    with np.load(out) as height:
-        error = np.abs(tifffile.imread(tiff) - height["z"])[height["flags"] == 0]
-    assert error.max() < 1e-6
-    assert ply.read_bytes().startswith(b"ply\n")
 
 
 def test_what_a_response_leaves_is_told(optolever: Program, chain: Chain, tmp_path: Path) -> None:
@@ -183,18 +148,6 @@ def test_a_wrong_scene_is_told_and_a_capture_at_rest_mends_it(
     with np.load(tmp_path / "part-h.npz") as height:
         assert (height["flags"][:, 80:] != 0).all()
         assert (height["flags"][:, :80] == 0).mean() > 0.8
-
-
-def test_masks_and_rests_that_do_not_fit(refused: Refused, chain: Chain, tmp_path: Path) -> None:
-    cv2.imwrite(str(tmp_path / "small.png"), np.zeros((8, 8), np.uint8))
-    for words, text in (
-        (["--mask", tmp_path / "small.png"], "8x8"),
-        (["--mask", tmp_path / "none.png"], "none.png"),
-        (["--rest", tmp_path / "none.npz"], "none.npz"),
-        (["--rest", chain.height], "field"),
-    ):
-        scene = ["--scene", chain.capture / "scene.toml", "--out", tmp_path / "h.npz"]
-        refused(["reconstruct", chain.correspondence, *scene, *words], text)
 
 
 def test_a_page_from_saved_records(optolever: Program, chain: Chain, tmp_path: Path) -> None:

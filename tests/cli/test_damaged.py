@@ -17,19 +17,11 @@ from optolever.errors import InputError
 from optolever.pictures import read_picture
 from optolever.projector import load_sofast
 from optolever.reconstruct import exact_correspondence, reconstruct
-from optolever.scene import dent, load, load_sofast_rig, resize, trace
-from optolever.scene import sofast_files as rig
+from optolever.scene import dent, load, resize, trace
 
 from .conftest import Chain, Refused
 
 Fields = dict[str, Any]
-
-
-@pytest.mark.parametrize("size", ["20000x20000", "65536x65536"])
-def test_sizes_that_no_memory_holds(size: str, tmp_path: Path, refused: Refused) -> None:
-    sequence = ["--sequence", "phase:steps=64,periods=9/10/11", "--out", tmp_path / "c"]
-    refused(["capture", "--scene", "paper-simulation", "--size", size, *sequence], "GiB")
-    assert not (tmp_path / "c").exists()
 
 
 def test_names_of_a_sweep(tmp_path: Path, refused: Refused) -> None:
@@ -144,8 +136,7 @@ def test_truth_of_another_shape(
         arrays = dict(archive)
     changed = {key: array[value] for key, array in arrays.items()} if name is None else {name: value}
     truth = written(tmp_path / "truth.npz", arrays | changed)
-    args = ["reconstruct", chain.correspondence, "--scene", chain.capture / "scene.toml"]
-    refused([*args, "--truth", truth, "--out", tmp_path / "h.npz"], "truth.npz", said)
+    refused([*chain.solve, "--truth", truth, "--out", tmp_path / "h.npz"], "truth.npz", said)
 
 
 def sofast(path: Path, images: Any, masks: Any, x: Any, y: Any) -> Path:
@@ -206,33 +197,6 @@ def test_claims_of_hdf5_count_together(tmp_path: Path) -> None:
     assert 2_800_000 < 1032 * path.stat().st_size < 5_600_000
     with pytest.raises(InputError, match=r"m\.h5: 4 fields, .* claim 5600016 bytes"):
         load_sofast(path)
-
-
-def rig_fields() -> Fields:
-    """A facet of 1 m x 0.5 m seen from 10 m, a screen of 2 m x 1 m beside the camera."""
-    square = np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.5, 0.5]])
-    camera = ((np.diag([500.0, 500.0, 1.0])), np.zeros(5), np.array([20, 10]))
-    pose = (np.array([np.pi, 0.0, 0.0]), np.array([0.0, 0.0, 10.0]), np.array([np.pi, 0, 0]), np.zeros(3))
-    screen = (np.array([[0.0, 1, 1, 0], [0, 0, 1, 1]]), square * 2)
-    names = (*rig.CAMERA, *rig.POSE, *rig.MODELS["distorted2D"], rig.CORNERS, rig.MASK, rig.ALIGNMENT)
-    values = (*camera, *pose, *screen, np.vstack([square, np.zeros(4)]), np.ones((10, 20), bool), np.eye(4))
-    return dict(zip(names, values, strict=True))
-
-
-def rig_file(path: Path, arrays: Fields) -> Path:
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(path, "w") as file:
-        for name, value in arrays.items():
-            file[name] = value
-    return path
-
-
-@pytest.mark.parametrize("name", [name for name in rig._SHAPES if name != rig.DISTANCE])
-@pytest.mark.parametrize("value", [np.float64(1), np.ones((2, 3, 4)), np.ones(0), np.full((3, 1), 1e300)])
-def test_fields_of_a_rig_of_sofast(name: str, value: Any, tmp_path: Path) -> None:
-    path = rig_file(tmp_path / "r.h5", rig_fields() | {name: value})
-    with pytest.raises(InputError, match=rf"r\.h5: .*{name}"):
-        load_sofast_rig(path)
 
 
 @pytest.mark.parametrize("far", [1e38, -1e6, 500.0])

@@ -218,8 +218,7 @@ def test_results_may_lie_beside_the_frames_and_be_made_again(
 def test_a_full_disk_is_one_line_and_leaves_nothing(refused: Refused, chain: Chain, tmp_path: Path) -> None:
     """New files are absent, older ones as they were."""
     (tmp_path / "h.npz").write_bytes(b"an older result")
-    solve = ["reconstruct", chain.correspondence, "--scene", chain.capture / "scene.toml"]
-    for name, args in {"c.npz": ["decode", chain.capture], "h.npz": solve}.items():
+    for name, args in {"c.npz": ["decode", chain.capture], "h.npz": chain.solve}.items():
         path = tmp_path / name
         with full_disk():
             refused([*args, "--out", path], path, "File too large")
@@ -261,8 +260,7 @@ def test_all_outputs_or_none(
 ) -> None:
     """The last one does not fit: those before it, whole already, are not left either."""
     full = device("full")
-    solve = ["reconstruct", chain.correspondence, "--scene", chain.capture / "scene.toml"]
-    args = [*solve, "--out", tmp_path / "h.npz", "--ply", tmp_path / "h.ply", "--json", full]
+    args = [*chain.solve, "--out", tmp_path / "h.npz", "--ply", tmp_path / "h.ply", "--json", full]
     refused(args, full, "No space left")
     assert stat.S_ISCHR(full.stat().st_mode)
     (tmp_path / "rig.toml").write_bytes((chain.capture / "scene.toml").read_bytes())

@@ -20,11 +20,18 @@ TURN = np.array([0.3, -0.2, 2.9])
 SHIFT = np.array([0.4, -0.3, 1.2])  # from camera to screen, m
 
 
-def rig_file(path: Path, display: Fields, facet: str = "facet_000") -> Path:
+def h5_file(path: Path, fields: Fields) -> Path:
+    with h5py.File(path, "w") as file:
+        for name, value in fields.items():
+            file[name] = value
+    return path
+
+
+def rig_fields(display: Fields, facet: str = "facet_000") -> Fields:
     """A camera in the optic frame's own pose (turned about x), a facet of 1 m x 0.5 m, 10 m away."""
     result = f"DataSofastCalculation/facet/{facet}/"
     pose = result + "CalculationDataGeometryFacet/SpatialOrientation/"
-    fields: Fields = {
+    return {
         "Camera/intrinsic_mat": np.diag([500.0, 500.0, 1.0]),
         "Camera/distortion_coef": np.zeros(5),
         "Camera/image_shape_xy": np.array([20, 10]),
@@ -36,13 +43,12 @@ def rig_file(path: Path, display: Fields, facet: str = "facet_000") -> Path:
             [[-0.5, 0.5, 0.5, -0.5], [-0.25, -0.25, 0.25, 0.25], [0.0, 0.0, 0.0, 0.0]]
         ),
         result + "CalculationImageProcessingFacet/mask_processed": np.ones((10, 20), bool),
+        **{f"DisplayShape/{key}": value for key, value in display.items()},
     }
-    with h5py.File(path, "w") as file:
-        for name, value in (
-            fields | {f"DisplayShape/{key}": value for key, value in display.items()}
-        ).items():
-            file[name] = value
-    return path
+
+
+def rig_file(path: Path, display: Fields, facet: str = "facet_000") -> Path:
+    return h5_file(path, rig_fields(display, facet))
 
 
 def on_screen(rig: SofastRig, x: Floats, y: Floats) -> Floats:
@@ -164,11 +170,10 @@ def inputs(folder: Path, distance: float = 9.0, name: str = "optic_screen_dist")
             "v_measure_point_facet": np.array([0.1, -0.05, 0.002]),
         },
     }
-    for part, fields in parts.items():
-        with h5py.File(folder / f"{part}.h5", "w") as file:
-            for key, value in fields.items():
-                file[f"{part}/{key}"] = value
-    return [folder / f"{part}.h5" for part in parts]
+    return [
+        h5_file(folder / f"{part}.h5", {f"{part}/{key}": value for key, value in fields.items()})
+        for part, fields in parts.items()
+    ]
 
 
 FACET_JSON = """{
@@ -260,6 +265,20 @@ def test_inputs_that_contradict_each_other(tmp_path: Path) -> None:
         file["MeasurementSofastFringe/mask_images"][...] = 7
     with pytest.raises(InputError, match="white is nowhere brighter"):
         load_sofast_rig(paths)
+
+
+WHOLE = rig_fields({"xy_screen_fraction": np.eye(2, 4), "xy_screen_coords": np.eye(2, 4)})
+
+
+ALIGNMENT = "DataSofastCalculation/facet/facet_000/SlopeSolverData/trans_alignment"
+
+
+@pytest.mark.parametrize("name", [*WHOLE, ALIGNMENT])
+@pytest.mark.parametrize("value", [1.0, np.ones((2, 3, 4)), np.ones(0), np.full((3, 1), 1e300)])
+def test_fields_of_another_shape(name: str, value: NDArray[np.generic] | float, tmp_path: Path) -> None:
+    path = h5_file(tmp_path / "r.h5", WHOLE | {name: value})
+    with pytest.raises(InputError, match=rf"r\.h5: .*{name}"):
+        load_sofast_rig(path)
 
 
 @pytest.mark.parametrize(
