@@ -17,7 +17,7 @@ from .arrays import Floats, Mask
 from .calibration import rest_corrected
 from .circulation import circulation_chi2
 from .correlation import correlation_excess
-from .curl import curl_scale, curl_score, curl_suspects, lone
+from .curl import curl_limit, curl_scale, curl_score, curl_suspects, lone
 from .discontinuities import edge_doubt, widened
 from .edges import Doubt
 from .heightmap import HeightMap
@@ -43,7 +43,6 @@ _METHODS = {
     "march": Options(build=MarchedEdges),
     "fixed-point": Options(newton=False, max_steps=120),
 }
-_CURL_LIMIT = 8.0  # standard deviations
 _REWEIGHTED = 2  # solves with doubtful edges: the slopes depend a little on the height
 _ATTEMPTS = 3  # with pixels left out that have no normal where the mirror turns out to be
 _BETTER = 3.0  # times: data less better than that by its curl may hide what neighbours share
@@ -186,7 +185,7 @@ def _without_curl(
     suspects = removed.copy()
     for _ in range(_ROUNDS):
         score, scale = _curl(problem, state)
-        limit = _CURL_LIMIT * max(1.0, scale) if np.isfinite(scale) else _CURL_LIMIT
+        limit = curl_limit(score) * (max(1.0, scale) if np.isfinite(scale) else 1.0)
         found = curl_suspects(score, limit, removed) & measured.mask
         suspects |= found
         removable = lone(found, problem.data) & ~removed

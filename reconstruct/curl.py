@@ -2,6 +2,8 @@
 so that what exceeds the noise is wrong data.
 """
 
+import math
+
 import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
@@ -10,8 +12,9 @@ from .arrays import Floats, Mask
 from .edges import curl
 from .measured import Measured
 
-__all__ = ["curl_scale", "curl_score", "curl_suspects", "lone"]
+__all__ = ["curl_limit", "curl_scale", "curl_score", "curl_suspects", "lone"]
 
+_CHANCE = 0.01  # of a right image to hold a suspect
 _CALM = 0.3  # quantile of the pixels around that other wrong pixels nearby leave alone
 _STANDS_OUT = 30.0  # times that quantile
 
@@ -32,6 +35,16 @@ def curl_scale(score: Floats) -> float:
     sample = np.abs(score[:: max(1, score.shape[0] // 512)])
     sample = sample[np.isfinite(sample)]
     return 1.4826 * float(np.median(sample)) if sample.size else float("nan")
+
+
+def curl_limit(score: Floats) -> float:
+    """What the root of the evidence against a pixel (see `curl_suspects`) exceeds by chance in one image of a
+    hundred.
+
+    The scores of two squares that share a corner alone are correlated by -1/4, those beside each other not at
+    all: the four around a pixel add up to 1.25 chi2(2) + 0.75 chi2(2), whose tail is 2.5 exp(-x / 2.5).
+    """
+    return math.sqrt(2.5 * math.log(2.5 * max(1, np.count_nonzero(np.isfinite(score))) / _CHANCE))
 
 
 def curl_suspects(score: Floats, limit: float, cleared: Mask) -> Mask:
