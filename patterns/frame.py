@@ -45,6 +45,7 @@ _AXES: dict[str, tuple[str | None, ...]] = {
 #: Cells, radians or factors at most: beyond, a float holds no millionth of them. A fringe of half a cell or
 #: less is none that a surface shows; places in cells or stripes of less than a millionth leave whole numbers.
 _MOST, _LEAST_PERIOD, _LEAST_WIDTH = 1e9, 0.5, 1e-6
+_TIE = 1e-9  # levels: so near to a half is one; cosines of thousands of cells are off by 1e-11
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,7 +225,8 @@ def _table(frame: Frame, extent: int, axis: str) -> Table:
 
 
 def _rounded(levels: Levels) -> Table:
-    return np.clip(np.floor(levels + 0.5), 0, 255).astype(np.uint8)
+    """Mid grey, 127.5, always up: what the cosine's own rounding makes of it would shift fringes for good."""
+    return np.clip(np.floor(levels + (0.5 + _TIE)), 0, 255).astype(np.uint8)
 
 
 def _fringe(frame: Frame, coord: Levels) -> Levels:
