@@ -1,6 +1,6 @@
 """One axis: which steps its frames ask for, and their chain over a block of rows."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from optolever.patterns import Sequence
 
 from .candidates import Orders, order_table, unwrap_close
-from .display import rounding_shift, table_rounding
+from .display import table_rounding
 from .estimate import Estimate
 from .flags import DOUBT, Limits, Shared, limits_of, merge
 from .frames import Light
@@ -31,8 +31,7 @@ __all__ = ["AxisDecoder", "AxisOptions", "axis_decoders"]
 class AxisDecoder:
     """What turns rows of frames into coordinates of one axis.
 
-    periods   of the fringes, with the variance that the rounding of shown grey values leaves, as far as
-              `shift` (pattern px, see display.rounding_shift) does not take it off
+    periods   of the fringes, with the variance that the rounding of shown grey values leaves
     limits    beyond which pixels are flagged; jump: largest second difference of neighbours, pattern px;
               per_turn: turns of the finest fringe in a pattern px, 0 without one
     """
@@ -49,7 +48,6 @@ class AxisDecoder:
     freedom: int
     jump: float
     per_turn: float = 0.0
-    shift: NDArray[np.float32] = field(default_factory=lambda: np.zeros(1, np.float32))
 
     def decode(self, rows: tuple[int, int], raw: Raw, first: bool, shared: Shared) -> None:
         """Rows start..stop: coordinates and variances into the axis' maps, the rest into the shared ones."""
@@ -127,9 +125,9 @@ def _decoder(
     micro = micro_table(axis, _deviation(axis, noise, lit)) if axis.singles else None
     covered = code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
     orders = None if covered else _orders(axis, _deviation(axis, noise, lit))
-    rounding, shift = (0.0,) * len(axis.fringes), np.zeros(1, np.float32)
+    rounding = (0.0,) * len(axis.fringes)
     if options.on_cells and not sequence.nominal and axis.fringes:
-        rounding, shift = _rounding(axis.axis, sequence)
+        rounding = _rounding(axis.axis, sequence)
     periods = periods_of(axis.fringes, rounding) if axis.fringes else None
     freedom = sum(len(fringe.index) - 3 for fringe in axis.fringes) + max(len(axis.fringes) - 1, 0)
     freedom += sum(len(fringe.index) for fringe in axis.singles)
@@ -142,20 +140,16 @@ def _decoder(
         jump, per_turn, factor = 2.0 * float(code.cell), 0.0, 0.5
     limits = limits_of(axis.extent, factor, freedom, light.white)
     return AxisDecoder(
-        *(axis, light, noise, code, orders, micro, None, periods, limits, freedom, jump),
-        *(per_turn, shift),
+        *(axis, light, noise, code, orders, micro, None, periods, limits, freedom, jump, per_turn)
     )
 
 
 @lru_cache(maxsize=16)
-def _rounding(name: str, sequence: Sequence) -> tuple[tuple[float, ...], NDArray[np.float32]]:
-    """What the rounding of shown grey values leaves in each fringe's phase, and the shift that is known."""
+def _rounding(name: str, sequence: Sequence) -> tuple[float, ...]:
+    """Variance (turns^2) that the rounding of shown grey values makes in each fringe's phase."""
     axis = next(one for one in plan(sequence).axes if one.axis == name)
     tables = sequence.tables()["uv".index(name)]
-    left = [float(table_rounding(fringe, tables).var()) for fringe in axis.fringes]
-    if axis.singles:
-        return tuple(left), np.zeros(1, np.float32)
-    return (*left[:-1], 0.0), rounding_shift(axis, tables)
+    return tuple(float(table_rounding(fringe, tables).var()) for fringe in axis.fringes)
 
 
 def _cells(code: CodePlan, light: Light, noise: Noise, lit: Sample) -> NDArray[np.float64]:

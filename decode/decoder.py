@@ -198,7 +198,7 @@ def _among_neighbours(
             limits = *reach, rough, extent, decoder.jump, decoder.per_turn, least, width
             common = shared.flags, shared.amplitude, shared.offset
             maps = (*out[decoder.axis.axis], flags)
-            check_rows((start, stop), own, common, table, limits, decoder.shift, maps)
+            check_rows((start, stop), own, common, table, limits, maps)
 
     over_rows(block, shape[0], _BLOCK)
     over_rows(lambda start, stop: despeckle(start, stop, flags, shared.flags), shape[0], _BLOCK)

@@ -31,7 +31,6 @@ __all__ = [
     "cell_light",
     "measured_pixelations",
     "no_pixelation",
-    "rounding_shift",
     "table_rounding",
 ]
 
@@ -39,8 +38,6 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 #: Places of a cell, widths of a footprint (cells) and blurs (cells rms) that are tabled.
 PLACES = 128
-#: Places of a cell at which shifts by rounded grey values are tabled; blur that is assumed for them, cells.
-PER_CELL, _USUAL_BLUR = 4, 0.5
 #: Pixels on either side over which a footprint is taken: over fewer the cells would count as gradient.
 REACH = 4
 _WIDEST = 2.5
@@ -328,20 +325,3 @@ def table_rounding(fringe: Fringe, tables: NDArray[np.uint8]) -> F64:
     c, s = inverse[1:] @ tables[list(fringe.index)].astype(np.float64)
     turns = np.arctan2(s, c) / (2 * np.pi) - np.arange(tables.shape[1]) / fringe.period
     return np.asarray(turns - np.rint(turns))
-
-
-def rounding_shift(axis: AxisPlan, tables: NDArray[np.uint8]) -> F32:
-    """What rounded grey values shift, pattern px, at PER_CELL places of every cell from its edge on: the
-    errors of the cells and periods in their shares, through a pixel of a cell and a usual blur."""
-    shares = dict(shares_of(axis))
-    periods = [fringe for fringe in axis.fringes if fringe.period in shares]
-    whole = sum(shares[fringe.period] for fringe in periods)
-    cells = sum(
-        shares[fringe.period] / whole * fringe.period * table_rounding(fringe, tables) for fringe in periods
-    )
-    place = (np.arange(PER_CELL) + 0.5) / PER_CELL - 0.5
-    reach = np.arange(-3, 4)
-    light = cell_light(reach[:, None] - place, np.ones(1), _USUAL_BLUR)
-    padded = np.pad(np.asarray(cells, np.float64), 3, mode="edge")
-    seen = sum(light[i] * padded[i : i + axis.extent, None] for i in range(7))
-    return np.asarray(seen, np.float32).ravel()

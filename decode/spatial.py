@@ -17,7 +17,7 @@ from optolever.kernels import exact, inlined, kernel
 from .border import MARGIN, inwards
 from .centre import BULK, STEEP, centred, lesser, windowed
 from .correspondence import Flag
-from .display import PER_CELL, PLACES, REACH
+from .display import PLACES, REACH
 from .ends import faded, slope
 from .flags import marked, marks_for
 
@@ -46,7 +46,6 @@ def check_rows(
     common: tuple[NDArray[np.uint16], Any, Any],
     tables: tuple[Any, Any],
     limits: tuple[float, ...],
-    rounding: NDArray[np.float32],
     out: tuple[Any, Any, NDArray[np.uint16]],
 ) -> None:
     """Rows start..stop of one axis.
@@ -54,16 +53,14 @@ def check_rows(
     common: flags (H, W) so far, amplitude and offset (H, W). tables: of a Pixelation. limits: how far pixels
     see (cells), whether that is measured, roughness (px^2), extent of the surface (0: it has no border),
     largest second difference (px), turns of the finest fringe in a px, least sigma (px), width of the
-    mirror's ends (see ends). rounding: display.rounding_shift.
+    mirror's ends (see ends).
     out: coordinate, sigma, flags (H, W), the last or-ed.
     """
-    _check(*rows, raw, common, tables, tuple(np.float32(number) for number in limits), rounding, out)
+    _check(*rows, raw, common, tables, tuple(np.float32(number) for number in limits), out)
 
 
 @exact
-def _check(
-    start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: Any, rounding: Any, maps: Any
-) -> None:
+def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: Any, maps: Any) -> None:
     (coord, variance), (flags, amplitude, offset), (shift, unsure) = raw, common, tables
     reach, told, roughness, extent, jump, per_turn, least, m2 = numbers
     out, sigma, out_flags = maps
@@ -72,7 +69,7 @@ def _check(
     windowed(coord, flags, start, stop, window)
     special, light = marks_for(cols), np.empty(cols + 4, np.float32)
     places = np.empty(cols, np.int64)
-    at, rounded = np.zeros(cols, np.uint32), np.zeros(cols, np.uint32)
+    at = np.zeros(cols, np.uint32)
     most = np.float32(shift.size // PLACES - 1)
     margin = np.float32(MARGIN if extent > 0 else -np.inf)
     low, high = np.float32(margin - 0.5), np.float32(extent - 0.5 - margin)
@@ -85,12 +82,7 @@ def _check(
         _special_line(window, k, own, limits, special[:cols])
         if shift.size > 1:
             _entry_line(coord[y], window, k, most, at)
-        if rounding.size > 1:
-            _rounded_line(coord[y], np.float32(rounding.size - 1), rounded)
-        _corrected_line(
-            *(coord[y], variance[y], (at, rounded), (shift, unsure), rounding),
-            *(out[y], sigma[y]),
-        )
+        _corrected_line(coord[y], variance[y], at, (shift, unsure), out[y], sigma[y])
         if (rows > 4) & (cols > 4):
             light[2 : cols + 2], light[:2], light[cols + 2 :] = offset[y], offset[y, 0], offset[y, cols - 1]
             lights = light, offset[max(y - 2, 0)], offset[min(y + 2, rows - 1)]
@@ -191,19 +183,11 @@ def _entry_line(c: Any, window: Any, k: Any, most: Any, at: Any) -> None:
 
 
 @kernel
-def _rounded_line(c: Any, most: Any, at: Any) -> None:
-    """Entries of display.rounding_shift, 0 to most."""
-    per_cell, half = np.float32(PER_CELL), np.float32(0.5)
-    for x in range(c.size):
-        at[x] = np.uint32(np.int32(min(max((c[x] + half) * per_cell, np.float32(0)), most)))
-
-
-@kernel
-def _corrected_line(c: Any, var: Any, entries: Any, tables: Any, rounding: Any, out: Any, total: Any) -> None:
+def _corrected_line(c: Any, var: Any, at: Any, tables: Any, out: Any, total: Any) -> None:
     """Pixelation taken off a line, what is unsure of it into the variance."""
-    (at, rounded), (shifts, doubts) = entries, tables
+    shifts, doubts = tables
     for x in range(c.size):
-        out[x] = c[x] + shifts[at[x]] - rounding[rounded[x]]
+        out[x] = c[x] + shifts[at[x]]
         total[x] = var[x] + doubts[at[x]]
 
 
