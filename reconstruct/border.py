@@ -23,7 +23,6 @@ Window = tuple[slice, slice]
 DEPTH = 4  # lines on every side at most
 NOISY = 3.0  # times the next line's sigma
 HOLLOW = 0.5, 0.9  # share of a line's pixels that is seen at most, and of a line's inside at least
-BLIND = 0.5, 0.15  # of the way to the pattern: noise of the outermost line's slopes, and of the next one's
 _OPEN = (23.0 / 12.0, -16.0 / 12.0, 5.0 / 12.0)
 _STEPS = 3  # of Newton
 _APART = 3.0  # sigmas by which both may differ: a slope whose noise is not small is no slope
@@ -86,8 +85,7 @@ def _bad(data: Measured, window: list[list[int]], axis: int, side: int, broken: 
     outer, inner = (data.mask[line] for line in lines)
     if not outer.any() or not inner.any():
         return broken
-    first = window[axis][side] - side
-    if (broken and not outer.all()) or _blind(data, axis, first, first + (-1 if side else 1)):
+    if broken and not outer.all():
         return True
     if axis == 1:  # weights may differ by columns as much as they like
         return False
@@ -98,25 +96,6 @@ def _bad(data: Measured, window: list[list[int]], axis: int, side: int, broken: 
         if here > NOISY * there:
             return True
     return False
-
-
-def _blind(data: Measured, axis: int, line: int, inner: int) -> bool:
-    """Whether noise moves a line's rays by as much as the pattern is away, and the next line's by a part:
-    the slopes are no function of the coordinates any more that could be linearised.
-    """
-    return _swing(data, axis, line) > BLIND[0] and _swing(data, axis, inner) > BLIND[1]
-
-
-def _swing(data: Measured, axis: int, line: int) -> float:
-    """Noise of a line's slopes, over a pixel, as a share of the way to the pattern."""
-    every = slice(0, data.mask.shape[1 - axis])
-    strip = slice(line, line + 1)
-    near = data.cropped((strip, every) if axis == 0 else (every, strip))
-    if not near.mask.any():
-        return 0.0
-    rest = near.rest()
-    noise = np.sqrt(np.maximum(*near.variances(rest)))
-    return float(np.median((noise / near.clearance(rest))[near.mask]))
 
 
 def extended(

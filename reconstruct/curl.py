@@ -44,7 +44,8 @@ def curl_limit(score: Floats) -> float:
     The scores of two squares that share a corner alone are correlated by -1/4, those beside each other not at
     all: the four around a pixel add up to 1.25 chi2(2) + 0.75 chi2(2), whose tail is 2.5 exp(-x / 2.5).
     """
-    return math.sqrt(2.5 * math.log(2.5 * max(1, np.count_nonzero(np.isfinite(score))) / _CHANCE))
+    squares = int(np.count_nonzero(np.isfinite(score)))
+    return math.sqrt(2.5 * math.log(2.5 * max(squares, 1) / _CHANCE))
 
 
 def curl_suspects(score: Floats, limit: float, cleared: Mask) -> Mask:
