@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import scipy.ndimage
+import scipy.special
 from numpy.typing import NDArray
 
 from .arrays import Floats, Mask
@@ -15,6 +16,7 @@ from .measured import Measured
 __all__ = ["curl_limit", "curl_scale", "curl_score", "curl_suspects", "lone"]
 
 _CHANCE = 0.01  # of a right image to hold a suspect
+_NEAR, _MOST = 4, 0.7  # reach of what lies around, and the share of it that wrong pixels leave alone
 _CALM = 0.3  # quantile of the pixels around that other wrong pixels nearby leave alone
 _STANDS_OUT = 30.0  # times that quantile
 
@@ -52,23 +54,39 @@ def curl_suspects(score: Floats, limit: float, cleared: Mask) -> Mask:
     """Pixels to which the large curls point, (H, W).
 
     An outlier spoils the four squares around it, its neighbours share two of them or one; so a pixel is
-    suspected if the sum of the squares' evidence is over limit^2 and largest among its neighbours. Removed
-    suspects clear their squares, and what remains is looked at again. cleared (H, W): pixels that have been
-    replaced and cannot be to blame.
+    suspected if the sum of the squares' evidence is over limit^2 and largest among its neighbours, and far
+    above what the squares around hold: along a rim all have a curl. Suspects clear their squares, and what
+    remains is looked at again. cleared (H, W): pixels that have been replaced and cannot be to blame.
     """
     evidence = np.square(np.nan_to_num(score, nan=0.0, posinf=1e150, neginf=-1e150))
     evidence = np.minimum(evidence, 1e12)
     # On a border a pixel has two squares: as much evidence in these as an inner pixel has in four.
     share = 4.0 / np.maximum(_around(np.isfinite(score).astype(np.float64)), 1.0)
-    suspects = np.zeros(score.shape, dtype=np.bool_)
+    suspects: Mask = np.zeros(score.shape, dtype=np.bool_)
+    dismissed = suspects.copy()
     for _ in range(8):
-        if not (evidence > limit**2).any():
+        total = np.where(cleared | dismissed, 0.0, _around(evidence) * share)
+        at = np.argwhere((total > limit**2) & (total >= scipy.ndimage.maximum_filter(total, 3)))
+        if not at.size:
             break
-        total = np.where(cleared, 0.0, _around(evidence) * share)
-        found = (total > limit**2) & (total >= scipy.ndimage.maximum_filter(total, 3))
-        suspects |= found
-        evidence[_touched(found)] = 0.0
+        alone = np.sqrt(total[tuple(at.T)]) > limit * np.maximum(1.0, _scale_around(score, at))
+        suspects[tuple(at[alone].T)] = True
+        dismissed[tuple(at[~alone].T)] = True
+        evidence[_touched(suspects)] = 0.0
     return suspects
+
+
+def _scale_around(score: Floats, at: NDArray[np.intp]) -> Floats:
+    """Robust deviation of the scores around pixels (M, 2), but for the four that hold each."""
+    near = np.arange(-_NEAR, _NEAR)
+    rows, cols = at[:, 0, None, None] + near[:, None], at[:, 1, None, None] + near
+    inside = (rows >= 0) & (rows < score.shape[0]) & (cols >= 0) & (cols < score.shape[1])
+    inside[:, _NEAR - 1 : _NEAR + 1, _NEAR - 1 : _NEAR + 1] = False
+    sizes = np.abs(np.where(inside, score[rows % score.shape[0], cols % score.shape[1]], np.nan))
+    sizes = sizes.reshape(len(at), -1)
+    sizes[np.isnan(sizes).all(axis=1)] = 0.0
+    scale: Floats = np.nanquantile(sizes, _MOST, axis=1) / scipy.special.ndtri(0.5 + 0.5 * _MOST)
+    return scale
 
 
 def lone(suspects: Mask, data: Measured) -> Mask:
