@@ -18,9 +18,8 @@ from optolever.calibration import (
     default_priors,
     left_out,
 )
-from optolever.calibration.adjust import Problem, adjust
+from optolever.calibration.adjust import adjust
 from optolever.calibration.model import reflected
-from optolever.calibration.observation import checked, sampled
 from optolever.calibration.rigs import Rig, correspondence_of, open_air, prism, shape_surface
 from optolever.calibration.targets import Target
 from optolever.scene import Covariance, parameter_changes, parameter_values, trace
@@ -218,15 +217,6 @@ def test_known_points_hold_the_rest() -> None:
     (axes,) = with_points.plot()
     u = next(iter(with_points.residuals.values()))[2]
     np.testing.assert_array_equal(axes.collections[0].U, u)
-
-
-def test_a_step_of_the_problem_is_refused_nothing_it_does_not_name() -> None:
-    rig = air(1, 3)
-    size = rig.given.camera.rows, rig.given.camera.cols
-    samples = [sampled(each) for each in checked(rig.observations, size)]
-    problem = Problem(rig.truth, samples, {"camera.nonsense": 1.0}, {}, frame="flat0")
-    with pytest.raises((InputError, KeyError)):
-        problem.residuals(np.zeros(1))
 
 
 def bad(rig: Rig, name: str) -> list[Observation]:

@@ -26,7 +26,7 @@ REFUSED = [
     ("capture {scene} --noise -1 --out {out}", "--noise", "-1"),
     ("capture {scene} --out {out}/deeper/still", "deeper", "does not exist"),
     ("capture {scene} --out {out} --json {out}/none/n.json", "n.json"),
-    ("reconstruct {c} --scene paper-simulation --out {out}.npz", "96", "1637"),
+    ("reconstruct {c} --scene paper-simulation --out {out}.npz", "c.npz", "96", "1637"),
     ("{solve} --method magic", "magic"),
     ("{solve} --grid {out}.obj", ".obj", ".x3p"),
     ("{solve} --anchor corner", "corner"),

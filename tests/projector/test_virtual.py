@@ -14,13 +14,11 @@ from optolever.scene import (
     Display,
     Medium,
     Scene,
-    Sensor,
     Surface,
     dent,
     dent_names,
     load,
     moving_dent,
-    prism_camera,
     resize,
     surface_from_array,
     trace,
@@ -269,13 +267,3 @@ def test_a_sequence_for_another_pattern_is_refused() -> None:
     scene = resize(load("paper-simulation"), 16, 16)
     with pytest.raises(InputError, match=r"sequence: made for 10x12 pixels.*16x12"):
         capture(scene, dent("flat", scene), Sequence(SHAPES, 10, 12))
-
-
-def test_cameras_of_a_prism_agree_with_their_parts() -> None:
-    """The oracle's own helper: a part of a camera sees what the camera sees there."""
-    camera = prism_camera(163.7, np.pi / 4, 20, 30, np.array([0.0707, 0.1]))
-    origins, directions = camera.rays()
-    some_origins, some_directions = part(camera, 4, 7, 5, 6).rays()
-    np.testing.assert_allclose(some_origins, origins[4:9, 7:13], atol=1e-12)
-    np.testing.assert_allclose(some_directions, directions[4:9, 7:13])
-    assert Sensor().bits == 8

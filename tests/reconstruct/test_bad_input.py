@@ -7,8 +7,18 @@ import numpy as np
 import pytest
 
 from optolever import InputError
-from optolever.reconstruct import DistanceAnchor, PixelAnchor, PointAnchor, method_names, reconstruct
+from optolever.decode import Correspondence
+from optolever.reconstruct import (
+    DistanceAnchor,
+    HeightMap,
+    PixelAnchor,
+    PointAnchor,
+    method_names,
+    reconstruct,
+)
 from optolever.scene import load
+
+from .conftest import exact_case
 
 SHAPE = (24, 32)
 SIMULATION = load("paper-simulation")
@@ -31,6 +41,12 @@ def box(rows: slice, cols: slice) -> np.ndarray:
     return inside
 
 
+def small_flat() -> tuple[Correspondence, HeightMap]:
+    """Of another size."""
+    scene, _, seen = exact_case("paper-simulation", "flat", 20, 24)
+    return seen, reconstruct(seen, scene)
+
+
 #: Fields of the correspondence, arguments of reconstruct, words that the message holds.
 BAD: list[tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]] = [
     ({}, {"scene": SIMULATION}, ("24 x 32",)),
@@ -46,6 +62,9 @@ BAD: list[tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]] = [
     ({"sigma_v": spoilt(np.inf)}, {}, ("sigma_v", "(3, 4)")),
     ({"v": np.full(SHAPE, np.nan)}, {}, ("v", "both axes")),
     ({}, {"method": "guess"}, method_names()),
+    ({}, {"method": "paper", "mask": np.ones(SHAPE, dtype=bool)}, ("mask",)),
+    ({}, {"rest": small_flat()[0]}, ("rest", "24 x 32")),
+    ({}, {"start": small_flat()[1]}, ("start", "(20, 24)")),
     *(({}, {"anchor": anchor}, ("anchor",)) for anchor in
       ("none", "somewhere", [], [None], 7.0, (1.0, 2.0), (1.0, 2.0, "a"), PointAnchor(1.0, 2.0, np.nan))),
     ({}, {"anchor": PixelAnchor(100, 3, 0.0)}, ("outside",)),

@@ -111,12 +111,6 @@ def test_a_stream_tells_what_its_frames_and_its_scene_say(exact, noisy) -> None:
     assert heights[1].diagnostics.chi2 == heights[0].diagnostics.chi2
 
 
-def test_a_mask_is_nothing_for_whole_rows(exact) -> None:
-    scene, _, c = exact("paper-simulation", "gaussian", 96, 96)
-    with pytest.raises(InputError, match="mask"):
-        reconstruct(c, scene, method="paper", mask=np.ones((96, 96), np.bool_))
-
-
 @pytest.mark.parametrize("preset", ["paper-simulation", "monitor-mirror"])
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_capture_at_rest_takes_off_a_camera_that_looks_elsewhere(

@@ -104,19 +104,12 @@ class TestPublishedTable:
 
 
 class TestEquations:
-    def test_reflection_law_has_the_positive_sign(self) -> None:
+    @pytest.mark.parametrize("sign", [1, -1])
+    def test_reflection_law_and_that_of_the_printed_sign(self, sign: int) -> None:
         l = np.linspace(100, 1500, 29)
-        alpha = pattern_angle(ANGLE, np.arctan(smooth_slope(l)), 1)
-        assert_allclose(
-            pattern_position(l, smooth_depth(l), alpha, ANGLE), reflected_position(l, 1), rtol=1e-13
-        )
-
-    def test_printed_sign_is_the_mirrored_slope(self) -> None:
-        l = np.linspace(100, 1500, 29)
-        alpha = pattern_angle(ANGLE, np.arctan(smooth_slope(l)), -1)
-        assert_allclose(
-            pattern_position(l, smooth_depth(l), alpha, ANGLE), reflected_position(l, -1), rtol=1e-13
-        )
+        alpha = pattern_angle(ANGLE, np.arctan(smooth_slope(l)), sign)
+        found = pattern_position(l, smooth_depth(l), alpha, ANGLE)
+        assert_allclose(found, reflected_position(l, sign), rtol=1e-13)
 
     def test_capture_position_and_its_inverse(self) -> None:
         l, beta0 = np.linspace(100, 1500, 29), 0.7

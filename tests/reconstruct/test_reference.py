@@ -3,9 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
-from optolever import InputError
 from optolever.reconstruct import reconstruct
 
 
@@ -33,13 +31,6 @@ def test_rest_capture_adds_its_noise_and_its_gaps(exact) -> None:
     np.testing.assert_allclose(ratio, np.sqrt(2), rtol=0.01)
 
 
-def test_rest_capture_of_another_size(exact) -> None:
-    scene, _, correspondence = exact("paper-simulation", "raised-cosine", 96, 96)
-    _, _, rest = exact("paper-simulation", "flat", 40, 48)
-    with pytest.raises(InputError, match="rest"):
-        reconstruct(correspondence, scene, rest=rest)
-
-
 def test_warm_start(exact, cut) -> None:
     """From a neighbouring dent with a hole: the same height as from rest."""
     scene, _, correspondence = exact("paper-simulation", "raised-cosine:peak=1.2", 96, 96)
@@ -52,10 +43,3 @@ def test_warm_start(exact, cut) -> None:
     assert warm.diagnostics.steps[0] < 0.3 * cold.diagnostics.steps[0]
     same = reconstruct(correspondence, scene, start=cold)
     assert len(same.diagnostics.steps) <= 2
-
-
-def test_warm_start_of_another_size(exact) -> None:
-    scene, _, correspondence = exact("paper-simulation", "raised-cosine", 96, 96)
-    other_scene, _, other = exact("paper-simulation", "flat", 40, 48)
-    with pytest.raises(InputError, match="start"):
-        reconstruct(correspondence, scene, start=reconstruct(other, other_scene))

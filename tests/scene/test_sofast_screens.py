@@ -274,7 +274,7 @@ ALIGNMENT = "DataSofastCalculation/facet/facet_000/SlopeSolverData/trans_alignme
 
 
 @pytest.mark.parametrize("name", [*WHOLE, ALIGNMENT])
-@pytest.mark.parametrize("value", [1.0, np.ones((2, 3, 4)), np.ones(0), np.full((3, 1), 1e300)])
+@pytest.mark.parametrize("value", [1.0, np.ones((2, 3, 4)), np.ones((2, 0)), np.full((3, 1), 1e300)])
 def test_fields_of_another_shape(name: str, value: NDArray[np.generic] | float, tmp_path: Path) -> None:
     path = h5_file(tmp_path / "r.h5", WHOLE | {name: value})
     with pytest.raises(InputError, match=rf"r\.h5: .*{name}"):

@@ -87,8 +87,10 @@ def heights(name, scene):
             lambda x, y: Wide(1.3) * np.exp((2 - np.sqrt((x - x0) ** 2 + (y - y0) ** 2 + 4)) / 10) * taper(x),
         ),
         "ridge": (
-            {"peak": 1.5, "sigma": 21.0, "x": float(x0), "y": float(y0), "angle_deg": 90.0},
-            lambda x, y: Wide(1.5) * np.exp(-((y - y0) ** 2) / 882) * taper(x),
+            {"peak": 1.5, "sigma": 21.0, "x": float(x0), "y": float(y0), "angle_deg": 30.0},
+            lambda x, y: (
+                Wide(1.5) * np.exp(-((np.sqrt(Wide(0.75)) * (x - x0) + (y - y0) / 2) ** 2) / 882) * taper(x)
+            ),
         ),
     }[name]
 
