@@ -3,11 +3,10 @@
 Free grey values, fringes of a single shift each, swept stripes, binary codes within their cells: the levels
 that each place of the surface shows through a pixel (cell, footprint, blur) are known, a codeword for each
 eighth of a pattern pixel. Samples are v = o + a t(u): normalised correlation finds the place, least squares
-between adjacent codewords refines it, the Fisher information of the fit is its variance; where codewords
-hardly differ over a part of the way (the treads of a sharp display's cells) mean and variance of the
-posterior. Probability of another answer: from the angle to the most similar
-codeword elsewhere, or from the highest correlations of all. Where no rule of the frames tells the camera's
-noise, it is that of the residuals.
+between adjacent codewords refines it, the Fisher information of the fit is its variance, or that of the
+flattest codewords of the cell (the treads of a sharp display). Probability of another answer: from the angle
+to the most similar codeword elsewhere, or from the highest correlations of all. Where no rule of the frames
+tells the camera's noise, it is that of the residuals.
 
 Start of the search: the neighbour's place (any levels), the brightest frame (stripes), the decoded cell
 (codes).

@@ -43,10 +43,6 @@ _RIVAL = 0.6
 _SURE = 16.0
 #: Explained power over the noise below which there is no pattern: chance reaches it once in 1e4 (2 freedoms).
 _NOTHING = 18.0
-#: Squared deviations from which on a segment adds nothing to a posterior: exp(-15).
-_FAR = 30.0
-#: Squared deviations up to which another place is as good: 4.5 sigma.
-_NEAR = 20.0
 
 
 class Camera(NamedTuple):
@@ -153,65 +149,13 @@ def _told(used: Any, whole: Any, z: Any, angles: Any, b: Any, q: Any, f: Any) ->
     return total, mean, level / max(total, np.float32(1e-12))
 
 
-@kernel
-def _posterior(
-    y: Any,
-    k: Any,
-    used: Any,
-    whole: Any,
-    power: Any,
-    z: Any,
-    angles: Any,
-    b: Any,
-    middle: Any,
-    reach: Any,
-    variance: Any,
-) -> Any:
-    """Posterior over segments around one: (mean place, its variance, a, squared residuals of the best).
-
-    A segment has the weight exp(-rss / 2 variance) at its best place times the posterior's width in it:
-    all of a tread, sqrt(2 pi) deviations of a steep one.
-    """
-    best, best_a = power, 0.0
-    total, moment, square = 0.0, 0.0, 0.0
-    for way in (1, -1):
-        # on, and back from the middle, until nothing is left of it
-        q, rss = middle if way > 0 else middle - 1, best
-        while abs(q - middle) <= reach and 0 <= q < z.shape[1] - 1 and rss - best <= _FAR * variance:
-            near, rise, zz, zd, dd = _products(y, k, used, whole, z, angles, b, q)
-            det = max(zz * dd - zd * zd, 1e-9 * zz * zz)
-            a, af = near * dd - rise * zd, rise * zz - near * zd
-            # of f, at a = near / zz
-            own = variance * zz * zz / max(near * near * det / max(zz, 1e-12), 1e-12)
-            f = min(max(af / a, 0.0), 1.0) if own < 1 and a > 0 else 0.5
-            length, along = max(zz + f * (2 * zd + f * dd), 1e-12), near + f * rise
-            rss = power - along * along / length if along > 0 else np.inf
-            if rss < best:
-                shrink = np.exp(-0.5 * (best - rss) / variance)
-                total, moment, square = total * shrink, moment * shrink, square * shrink
-                best, best_a = rss, along / length
-            weight = np.exp(-0.5 * (rss - best) / variance) * min(np.sqrt(2 * np.pi * own), 1.0)
-            place = f + (q - middle)
-            total += weight
-            moment += weight * place
-            square += weight * (place * place + min(own, 1 / 12))
-            q += way
-    if total <= 0:
-        return float(middle), np.inf, 0.0, power
-    mean = moment / total
-    spread = square / total - mean * mean
-    # where a tread ends is known to a codeword
-    return middle + mean, spread + (1 / 12 if spread > 1 / 12 else 0.0), best_a, max(best, 0.0)
-
-
 @inlined
-def _placed(
-    numbers: Any, fit: Any, y: Any, k: Any, used: Any, sums: Any, z: Any, angles: Any, b: Any, shape: Any
-) -> Any:
+def _placed(numbers: Any, fit: Any, used: Any, sums: Any, z: Any, angles: Any, b: Any, shape: Any) -> Any:
     """Of a walk's result: (place in codewords, its variance, scale, offset, chi2).
 
-    numbers: read2, gain, misfit2; sums of the pixel: mean, power, samples used, all samples; shape: reach of
-    a posterior, freedom.
+    numbers: read2, gain, misfit2; sums of the pixel: mean, power, samples used, all samples; shape: codewords
+    of a cell, freedom. Where codewords differ less on a part of the cell (a tread of a sharp display) noise
+    may lead anywhere on it: the variance is that of these, of the whole cell at most.
     """
     (q, f, a, rss), (read2, gain, misfit2), (middle, power, count, n) = fit, numbers, sums
     told, mean, level = _told(used, count == n, z, angles, b, q, f)
@@ -219,14 +163,10 @@ def _placed(
     own = max(count - 3.0, 1.0)
     noise = read2 + gain * max(middle, 0.0) + misfit2 * 0.25 * a * a
     excess = max(rss / (own * noise) - 2 * np.sqrt(2.0 / own), 1.0)
-    if power * angles[b, q, 4] < _NEAR * noise * excess:
-        place, variance, a, rss = _posterior(
-            y, k, used, count == n, power, z, angles, b, q, shape[0], noise * excess
-        )
-    else:
-        here = read2 + gain * max(offset + a * (mean + level), 0.0) + misfit2 * 0.25 * a * a
-        place, variance = q + f, here * excess / max(a * a * told, 1e-12)
-    return place, variance, a, offset, rss / noise * shape[1] / own
+    here = read2 + gain * max(offset + a * (mean + level), 0.0) + misfit2 * 0.25 * a * a
+    flat = noise * excess / max(power * angles[b, q, 4], 1e-12)
+    variance = max(here * excess / max(a * a * told, 1e-12), min(flat, shape[0] * shape[0] / 12))
+    return q + f, variance, a, offset, rss / noise * shape[1] / own
 
 
 @kernel
@@ -405,9 +345,8 @@ def match_rows(
             if power - fit[3] < _NOTHING * noise or fit[2] <= 0:
                 last = np.nan
                 continue
-            place, variance, a, offset, misfit = _placed(
-                numbers, fit, batch, k, used, sums, words, angles, b, (book.reach, freedom)
-            )
+            shape = book.reach / 1.5, freedom
+            place, variance, a, offset, misfit = _placed(numbers, fit, used, sums, words, angles, b, shape)
             coordinate, variance = first[stripe] + place / PER_PX, variance / (PER_PX * PER_PX)
             if way == WITHIN:
                 if abs(coordinate - last) * PER_PX >= book.reach or variance >= variances[r, x]:
