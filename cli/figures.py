@@ -59,8 +59,8 @@ def command(
     """Measure exactness, speed and noise, each beside its limit.
 
     Trace against brute force, GLSL against float64, frames per second, the demo with and without blur, and
-    error bars over many seeds. --size resamples the demo alone (with
-    --decode: it is the size of the frames, 1080x1920 if not given).
+    error bars over many seeds. --size resamples the demo alone (with --decode: it is the size of the frames,
+    1080x1920 if not given).
     """
     from optolever.experiments import run_decode_figures, run_figures, run_solver_figures
 

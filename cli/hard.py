@@ -50,8 +50,13 @@ HEADER = (
 @click.option(
     "--random", "drawn", type=click.IntRange(0), default=0, metavar="N", help="N random cases instead."
 )
-@click.option("--draws", type=click.IntRange(0), default=0, metavar="N",
-              help="N scenes with edges, N with a fault, N wrong scenes.")  # fmt: skip
+@click.option(
+    "--draws",
+    type=click.IntRange(0),
+    default=0,
+    metavar="N",
+    help="N scenes with edges, N with a fault, N wrong scenes.",
+)
 @click.option("--first", type=click.IntRange(0), default=0, metavar="N", help="The first one's number.")
 @click.option("--all", "every", is_flag=True, help="Every combination of surroundings, not a choice of them.")
 @report_option("hard", "Gets the pictures.")

@@ -15,6 +15,7 @@ from .estimate import less_likely
 from .lookup_light import BATCH, SATURATED, beside, brightest, gather
 
 __all__ = [
+    "AROUND",
     "COARSE",
     "LANES",
     "PER_PX",
@@ -41,6 +42,8 @@ _BESIDE = 5
 _RIVAL = 0.6
 #: -log of the probability of another answer below which a search may be left out.
 _SURE = 16.0
+#: Cells around an answer that may be as good: half a cell beyond its own.
+AROUND = 1.5
 #: Explained power over the noise below which there is no pattern: chance reaches it once in 1e4 (2 freedoms).
 _NOTHING = 18.0
 
@@ -345,7 +348,7 @@ def match_rows(
             if power - fit[3] < _NOTHING * noise or fit[2] <= 0:
                 last = np.nan
                 continue
-            shape = book.reach / 1.5, freedom
+            shape = book.reach / AROUND, freedom
             place, variance, a, offset, misfit = _placed(numbers, fit, used, sums, words, angles, b, shape)
             coordinate, variance = first[stripe] + place / PER_PX, variance / (PER_PX * PER_PX)
             if way == WITHIN:

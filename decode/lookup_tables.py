@@ -13,7 +13,7 @@ from scipy.special import ndtr
 from optolever.errors import InputError
 from optolever.patterns import Sequence
 
-from .lookup_kernels import COARSE, LANES, PER_PX, SEARCH, SWEEP, Book
+from .lookup_kernels import AROUND, COARSE, LANES, PER_PX, SEARCH, SWEEP, Book
 from .noise import Noise
 from .plan import AxisPlan, Plan
 from .plan import plan as described
@@ -112,7 +112,7 @@ def table_of(
     if len(index) < 3:
         raise InputError(f"decode: axis {axis.axis} has {len(index)} frames, must have at least 3")
     cell = max(sequence.frames[i].cell_px for i in index)
-    reach = math.ceil(1.5 * max(cell, 1.0 if axis.code is None else axis.code.cell) * PER_PX)
+    reach = math.ceil(AROUND * max(cell, 1.0 if axis.code is None else axis.code.cell) * PER_PX)
     key = sequence, index, axis.axis, spread, blur
     one, first, frames = np.zeros(1, np.int64), np.array([-1.0]), np.array(index)
     book = Book(frames[None, :, None], one, first, *_cached(*key), reach, len(index) - 3, frames, 1)
@@ -148,7 +148,7 @@ def _sweep(sequence: Sequence, axis: str, spread: float, blur: float | None) -> 
     every = len(side)
     return Book(
         *(frames.reshape(-1, samples, summed), np.repeat(block.ravel(), every), np.repeat(first, every)),
-        *(words, angles, PER_PX + PER_PX // 2, samples - 3, index.ravel(), every),
+        *(words, angles, math.ceil(AROUND * PER_PX), samples - 3, index.ravel(), every),
     )
 
 

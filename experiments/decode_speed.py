@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -174,8 +175,8 @@ def _fringes(size: tuple[int, int]) -> Iterator[Figure]:
         ("fringes verbose", True, "uncertainty (of rounding only), residual, no flags"),
     ):
         _, theirs, ratio = _pairs(
-            lambda: decode(frames, shown, on_cells=False),
-            lambda: coder.decode(stack, verbose=verbose),  # noqa: B023
+            partial(decode, frames, shown, on_cells=False),
+            partial(coder.decode, stack, verbose=verbose),
         )
         yield Figure(f"{name}, {label}", 1e3 * theirs, "ms", note=f"u, v, amplitudes, offsets; {more}")
         yield Figure(f"{name}, {label} over optolever", ratio, low=60)

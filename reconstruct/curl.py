@@ -66,9 +66,10 @@ def curl_suspects(score: Floats, limit: float, cleared: Mask) -> Mask:
     dismissed = suspects.copy()
     for _ in range(8):
         total = np.where(cleared | dismissed, 0.0, _around(evidence) * share)
-        at = np.argwhere((total > limit**2) & (total >= scipy.ndimage.maximum_filter(total, 3)))
-        if not at.size:
+        over = total > limit**2
+        if not over.any():
             break
+        at = np.argwhere(over & (total >= scipy.ndimage.maximum_filter(total, 3)))
         alone = np.sqrt(total[tuple(at.T)]) > limit * np.maximum(1.0, _scale_around(score, at))
         suspects[tuple(at[alone].T)] = True
         dismissed[tuple(at[~alone].T)] = True

@@ -17,8 +17,8 @@ from optolever.scene import Scene, dent, trace
 
 from ..drawn import between
 from ..place import exact
-from .hard_case import SIGMAS, Case, Found, FrameVerdict
-from .measures import far_from_visible
+from .hard_case import Case, Found, FrameVerdict
+from .hard_reconstruct import found_height
 from .rigs import KINDS, draw_rig
 
 __all__ = ["SCENES", "scene_cases", "scene_found", "turned"]
@@ -60,16 +60,8 @@ def scene_found(number: int, which: str, rest: bool) -> Found:
     said = FrameVerdict(wrong, True, False, bool(told), 0 if wrong else len(told), told)
     usual = dent("gaussian", rig.scene).formula
     assert usual is not None  # named forms have one
-    return Found(
-        error=height.z - truth.z,
-        limit=np.asarray(SIGMAS * height.sigma),
-        expected=truth.visible,
-        beside=far_from_visible(truth.visible),
-        flags=height.flags,
-        unit="peak",
-        scale=usual.params["peak"],
-        frames=None if rest else said,
-    )
+    found = found_height(height, truth, usual.params["peak"])
+    return found if rest else replace(found, frames=said)
 
 
 def turned(scene: Scene, axis: NDArray[np.float64], angle: float) -> Scene:

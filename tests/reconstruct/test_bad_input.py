@@ -41,11 +41,9 @@ def box(rows: slice, cols: slice) -> np.ndarray:
     return inside
 
 
-def small_flat() -> tuple[Correspondence, HeightMap]:
-    """Of another size."""
-    scene, _, seen = exact_case("paper-simulation", "flat", 20, 24)
-    return seen, reconstruct(seen, scene)
-
+#: Of another size.
+SMALL: Correspondence = exact_case("paper-simulation", "flat", 20, 24)[2]
+FLAT = HeightMap(*np.zeros((4, 20, 24)), np.zeros((20, 24), np.uint16))
 
 #: Fields of the correspondence, arguments of reconstruct, words that the message holds.
 BAD: list[tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]] = [
@@ -63,8 +61,8 @@ BAD: list[tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]] = [
     ({"v": np.full(SHAPE, np.nan)}, {}, ("v", "both axes")),
     ({}, {"method": "guess"}, method_names()),
     ({}, {"method": "paper", "mask": np.ones(SHAPE, dtype=bool)}, ("mask",)),
-    ({}, {"rest": small_flat()[0]}, ("rest", "24 x 32")),
-    ({}, {"start": small_flat()[1]}, ("start", "(20, 24)")),
+    ({}, {"rest": SMALL}, ("rest", "24 x 32")),
+    ({}, {"start": FLAT}, ("start", "(20, 24)")),
     *(({}, {"anchor": anchor}, ("anchor",)) for anchor in
       ("none", "somewhere", [], [None], 7.0, (1.0, 2.0), (1.0, 2.0, "a"), PointAnchor(1.0, 2.0, np.nan))),
     ({}, {"anchor": PixelAnchor(100, 3, 0.0)}, ("outside",)),
