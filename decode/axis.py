@@ -19,9 +19,10 @@ from .lookup import Table, lookup_rows, prepare
 from .micro import MicroTable, micro_table, unwrap_micro
 from .noise import Noise, Sample
 from .phase import Periods, periods_of
-from .plan import AxisPlan, Plan, constraints, plan
+from .plan import AxisPlan, Fringe, Plan, constraints, plan
 from .spatial import Raw
 from .spot_scan import raster_axes
+from .unlike import misfit_within
 from .unwrap import climb
 
 __all__ = ["AxisDecoder", "AxisOptions", "axis_decoders"]
@@ -48,6 +49,7 @@ class AxisDecoder:
     freedom: int
     jump: float
     per_turn: float = 0.0
+    common: float = 0.0
 
     def decode(self, rows: tuple[int, int], raw: Raw, first: bool, shared: Shared) -> None:
         """Rows start..stop: coordinates and variances into the axis' maps, the rest into the shared ones."""
@@ -128,6 +130,8 @@ def _decoder(
     rounding = (0.0,) * len(axis.fringes)
     if options.on_cells and not sequence.nominal and axis.fringes:
         rounding = _rounding(axis.axis, sequence)
+    unlike = [_unlike(fringe, lit, noise) for fringe in axis.fringes]
+    rounding = tuple(r + m for r, m in zip(rounding, unlike, strict=True))
     periods = periods_of(axis.fringes, rounding) if axis.fringes else None
     freedom = sum(len(fringe.index) - 3 for fringe in axis.fringes) + max(len(axis.fringes) - 1, 0)
     freedom += sum(len(fringe.index) for fringe in axis.singles)
@@ -140,7 +144,8 @@ def _decoder(
         jump, per_turn, factor = 2.0 * float(code.cell), 0.0, 0.5
     limits = limits_of(axis.extent, factor, freedom, light.white)
     return AxisDecoder(
-        *(axis, light, noise, code, orders, micro, None, periods, limits, freedom, jump, per_turn)
+        *(axis, light, noise, code, orders, micro, None, periods, limits, freedom, jump, per_turn),
+        common=0.0 if orders is None else unlike[-1] * axis.fringes[-1].period ** 2,
     )
 
 
@@ -150,6 +155,12 @@ def _rounding(name: str, sequence: Sequence) -> tuple[float, ...]:
     axis = next(one for one in plan(sequence).axes if one.axis == name)
     tables = sequence.tables()["uv".index(name)]
     return tuple(float(table_rounding(fringe, tables).var()) for fringe in axis.fringes)
+
+
+def _unlike(fringe: Fringe, lit: Sample, noise: Noise) -> float:
+    """Variance (turns^2) of a fringe's phase by what its samples leave beyond noise."""
+    _, c, s = np.diag(np.linalg.inv(fringe.design().T @ fringe.design()))
+    return misfit_within(fringe, lit, noise) * float(c + s) / 2 / (2 * np.pi) ** 2
 
 
 def _cells(code: CodePlan, light: Light, noise: Noise, lit: Sample) -> NDArray[np.float64]:

@@ -27,6 +27,7 @@ from .plan import Plan, plan
 from .response import Response
 from .spatial import Raw, check_rows, despeckle
 from .spot_scan import raster_axes
+from .unlike import share_before, without_before
 
 __all__ = ["decode"]
 
@@ -36,6 +37,14 @@ _BLOCK = 16
 _LINE = 1 << 13
 #: Sigma that is stated for frames without noise beyond their rounding, pattern pixels.
 _LEAST_SIGMA = 0.01
+#: Notices of what no sequence says, and what to do.
+_SLOW = (
+    "frames hold a share of the one before",
+    "a slow display: wait longer before each frame is captured; the share is taken off",
+)
+_CURE = "gamma, flicker, a slow display or stray light; sigma holds what frames and neighbours show of it"
+_MISFIT = "frames contradict each other, share of the amplitude", _CURE
+_ROUGH = "neighbours differ beyond noise, pattern px rms", _CURE
 
 
 def decode(
@@ -133,6 +142,10 @@ def _decoded(light: Light, sequence: Sequence, options: _Options) -> Corresponde
     described, sequence = sequence, sequence if options.bent is None else options.bent.described(sequence)
     wanted = plan(sequence)
     noise, lit = estimate_noise(light, wanted, options.mask)
+    slow = share_before(wanted, lit) if light.response is None else 0.0
+    if slow:
+        light = without_before(light, slow)
+        noise, lit = estimate_noise(light, wanted, options.mask)
     light, noise, lit = under_response(light, options.noise or noise, lit)
     cells = options.on_cells and not sequence.nominal
     shot = _Shot(light, sequence, wanted, noise, lit, cells)
@@ -148,7 +161,7 @@ def _decoded(light: Light, sequence: Sequence, options: _Options) -> Corresponde
         step("frames", 3, steps)
         found = _checked(shot, described, found, options)
     step("decoded", steps, steps)
-    return found
+    return replace(found, notices=_noticed(_SLOW, slow) + found.notices)
 
 
 def _estimated(shot: _Shot, decoders: list[AxisDecoder]) -> tuple[list[Raw], Shared]:
@@ -195,14 +208,16 @@ def _among_neighbours(
         flags[start:stop] = shared.flags[start:stop]
         for decoder, own, table, rough, reach in zip(decoders, raw, tables, roughness, reaches, strict=True):
             extent = float(decoder.axis.extent) if shot.cells else 0.0
-            limits = *reach, rough, extent, decoder.jump, decoder.per_turn, least, width
+            limits = *reach, rough + decoder.common, extent, decoder.jump, decoder.per_turn, least, width
             common = shared.flags, shared.amplitude, shared.offset
             maps = (*out[decoder.axis.axis], flags)
             check_rows((start, stop), own, common, table, limits, maps)
 
     over_rows(block, shape[0], _BLOCK)
     over_rows(lambda start, stop: despeckle(start, stop, flags, shared.flags), shape[0], _BLOCK)
-    notices = _unlike(shot.noise, max(roughness) ** 0.5)
+    misfits = [one.table.misfit2 for one in decoders if one.table is not None]
+    notices = _noticed(_MISFIT, max(shot.noise.misfit2, *misfits, 0.0) ** 0.5)
+    notices += _noticed(_ROUGH, max(roughness) ** 0.5)
     (u, sigma_u), (v, sigma_v) = out["u"], out["v"]
     common = shared.amplitude, shared.offset, shared.error
     return Correspondence(u, v, sigma_u, sigma_v, shared.flags, *common, notices)
@@ -250,16 +265,9 @@ def _looks_up(sequence: Sequence) -> bool:
     return not sequence.nominal and all(frame.exposure == 1 for frame in sequence.frames)
 
 
-def _unlike(noise: Noise, rough: float) -> tuple[Notice, ...]:
-    """What frames or neighbours show beyond noise."""
-    cure = "gamma, flicker, a slow display or stray light; sigma holds what neighbours show of it"
-    told = []
-    if noise.misfit2 > 0:
-        share = float(np.sqrt(noise.misfit2))
-        told.append(Notice("frames contradict each other, share of the amplitude", share, 0.0, cure))
-    if rough > 0:
-        told.append(Notice("neighbours differ beyond noise, pattern px rms", rough, 0.0, cure))
-    return tuple(told)
+def _noticed(what: tuple[str, str], size: float) -> tuple[Notice, ...]:
+    """A notice of what frames or neighbours show beyond noise, if they do."""
+    return (Notice(what[0], size, 0.0, what[1]),) if size else ()
 
 
 def _silent(shot: _Shot) -> bool:

@@ -352,7 +352,7 @@ def _solve(
         power = max(amplitude[x] * amplitude[x], np.float32(1e-6))
         relative = noise / power
         place[x] += step
-        var[x] = relative / curve
+        var[x] = (relative + misfit2) / curve
         lone = rival[x] > np.float32(1e8)
         wrong = vanishing(_HALF * min((rival[x] - score[x]) / (of_all * relative), np.float32(1e4)))
         wrong = np.float32(0) if lone else wrong / (_ONE + wrong)

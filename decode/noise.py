@@ -16,7 +16,17 @@ from numpy.typing import NDArray
 from .frames import Light, sample_levels, sample_places
 from .plan import Plan, constraints
 
-__all__ = ["Noise", "Sample", "estimate_noise", "fitted_noise", "modulation", "sampled", "under_response"]
+__all__ = [
+    "Noise",
+    "Sample",
+    "estimate_noise",
+    "fitted_noise",
+    "modulation",
+    "product",
+    "sampled",
+    "trimmed_variance",
+    "under_response",
+]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -204,7 +214,7 @@ def _misfit(sample: Sample, amplitude: F32, groups: tuple[F64, ...], noise: Nois
         return 0.0
     some, whole = some.only(told), whole[:, told]
     power = np.square(amplitude[::thin][told], dtype=np.float64)
-    square = (np.square(_product(rows, some.levels)) * whole).sum(axis=0) / whole.sum(axis=0)
+    square = (np.square(product(rows, some.levels)) * whole).sum(axis=0) / whole.sum(axis=0)
     beyond = square - (some.variances(rows, noise) * whole).sum(axis=0) / whole.sum(axis=0)
     found = float(np.median(beyond / np.maximum(power, 1e-9)))
     # a mean square varies by sqrt(2 / n), a median by sqrt(pi / 2) more
@@ -224,9 +234,9 @@ def _residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32
             rows = _of_four(plan, rows)
         some = rows[:: max(1, len(rows) * levels.shape[1] // (2 * _MOST))].astype(np.float32)
         used = np.abs(some) > 0
-        mean = _product(used.astype(np.float32), camera) / used.sum(axis=1, keepdims=True)
+        mean = product(used.astype(np.float32), camera) / used.sum(axis=1, keepdims=True)
         slopes = np.broadcast_to(few.slopes(some), mean.shape)
-        residual = _product(some, levels) / slopes
+        residual = product(some, levels) / slopes
         kept = _unsaturated(some, levels, sample.white)
         if few.steep is not None:  # the inverse is straight over the noise where it is not steep
             kept &= slopes <= np.quantile(slopes, _STRAIGHT)
@@ -254,7 +264,7 @@ def _unsaturated(rows: F32, levels: F32, white: float) -> NDArray[np.bool_]:
     clipped = levels >= white
     if not clipped.any():
         return np.ones((len(rows), levels.shape[1]), np.bool_)
-    return np.asarray(_product((np.abs(rows) > 0).astype(np.float32), clipped.astype(np.float32)) == 0)
+    return np.asarray(product((np.abs(rows) > 0).astype(np.float32), clipped.astype(np.float32)) == 0)
 
 
 def _explained(
@@ -276,11 +286,11 @@ def _explained(
     kept = np.flatnonzero(usual)
     kept = kept[:: max(1, len(kept) // _ASKED)]
     some = design[kept].astype(np.float64)
-    solved = np.linalg.pinv(_product(some.T, some), hermitian=True) @ _product(some.T, residual[kept, None])
-    return np.asarray(_product(design, solved)[:, 0], np.float32)
+    solved = np.linalg.pinv(product(some.T, some), hermitian=True) @ product(some.T, residual[kept, None])
+    return np.asarray(product(design, solved)[:, 0], np.float32)
 
 
-def _product(one: Any, other: Any) -> Any:
+def product(one: Any, other: Any) -> Any:
     """Matrix product by NumPy's own loop: a library's threads wait busily for more, and take the cores."""
     return np.einsum("mn,nk->mk", one, other)
 
@@ -325,7 +335,7 @@ def _off_references(plan: Plan, few: Sample) -> tuple[list[int], F32, F32, NDArr
     return frames, levels[frames] - reference, more, nearer
 
 
-def _trimmed_variance(residual: F32) -> float:
+def trimmed_variance(residual: F32) -> float:
     """Variance of the bulk of residuals: mean square of those within _TRIM deviations of it, iterated."""
     square = np.square(residual)
     # from above: on whole grey values more than half of the residuals may be 0; 1.645: a normal's 90th
@@ -343,7 +353,7 @@ def _trimmed_variance(residual: F32) -> float:
 def fitted_noise(level: F32, residual: F32, floor: float) -> Noise:
     """Trimmed variance by level, and the weighted straight line through it that is nowhere below the
     floor."""
-    whole = max(_trimmed_variance(residual), floor) if len(residual) else floor
+    whole = max(trimmed_variance(residual), floor) if len(residual) else floor
     if len(level) < 8 * _FEWEST:
         return Noise(whole)
     edges = np.linspace(level.min(), level.max() + 1e-3, _BINS + 1)
@@ -352,7 +362,7 @@ def fitted_noise(level: F32, residual: F32, floor: float) -> Noise:
     if len(full) < 3 or np.ptp(edges) < 0.05 * max(float(edges[-1]), 1.0):
         return Noise(whole)
     x = np.array([level[place == k].mean() for k in full], np.float64)
-    y = np.array([max(_trimmed_variance(residual[place == k]), floor) for k in full])
+    y = np.array([max(trimmed_variance(residual[place == k]), floor) for k in full])
     # a variance of n values has the relative error sqrt(2 / n)
     weight = np.array([np.count_nonzero(place == k) / 2 for k in full]) / y**2
     design = np.stack([np.ones(len(x)), x], axis=1)
