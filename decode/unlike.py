@@ -46,10 +46,11 @@ def share_before(plan: Plan, lit: Sample) -> float:
     """Share s of the frame before in every frame, I_i = (1 - s) L_i + s I_(i-1); below 0: overdriven.
 
     What no fringe of L looks like is s times as large of the frames before as of the frames themselves, in
-    all fringes of more than three samples; 0 where they do not agree.
+    all fringes of more than three samples but that with the first frame; 0 where they do not agree.
     """
     few = _whole(lit, range(len(lit.levels)))
-    fringes = [fringe for axis in plan.axes for fringe in axis.fringes if len(fringe.index) > 3]
+    every = [fringe for axis in plan.axes for fringe in axis.fringes]
+    fringes = [f for f in every if len(f.index) > 3 and min(f.index) > 0]
     if not fringes or few.levels.shape[1] < _FEWEST:
         return 0.0
     told = np.array([_share_of(fringe, few.levels.astype(np.float64)) for fringe in fringes])
@@ -70,7 +71,7 @@ def _share_of(fringe: Fringe, levels: F64) -> tuple[float, float]:
     waves = np.concatenate([fit, waves])
     rows = np.linalg.qr(design, mode="complete")[0][:, 3:].T
     found = _apart(product(rows, levels[index]), waves)
-    before = _apart(product(rows, levels[np.maximum(index - 1, 0)]), waves)
+    before = _apart(product(rows, levels[index - 1]), waves)
     # noise is in both, and a frame's is in what stands before the next one
     shared = float((rows[:, 1:] * rows[:, :-1])[:, np.diff(index) == 1].sum()) * levels.shape[1]
     own = float(found.size)

@@ -1,0 +1,73 @@
+"""Displays and cameras that do what no sequence says: told, and in sigma."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever.decode import Correspondence, decode
+from optolever.patterns import Sequence, sequence
+
+from .conftest import F64, Shoot, scores, silent
+
+EXTENT = 150, 170
+SHOWN = [
+    sequence("gray+phase", *EXTENT),
+    sequence("phase", *EXTENT, steps=6),
+    sequence("phase", *EXTENT, steps=4, periods=(8.6, 10.244, 11.675)),
+]
+BEFORE = "frames hold a share of the one before"
+
+
+def camera(light: F64) -> NDArray[np.uint8]:
+    noise = np.random.default_rng(4).standard_normal(light.shape)
+    return np.clip(np.rint(light + 0.7 * noise), 0, 255).astype(np.uint8)
+
+
+def told(found: Correspondence) -> float:
+    return sum(notice.size for notice in found.notices if notice.name == BEFORE)
+
+
+@pytest.fixture(scope="module", params=SHOWN, ids=["gray+phase", "phase", "close"])
+def shown(request: pytest.FixtureRequest) -> Sequence:
+    out: Sequence = request.param
+    return out
+
+
+@pytest.fixture
+def light(shown: Sequence, shoot: Shoot, smooth: tuple[F64, F64]) -> F64:
+    return np.asarray(shoot(shown, *smooth, dtype=np.uint16, offset=10500.0, amplitude=9000.0) / 100.0)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.03, 0.1, 0.25, -0.1])
+def test_what_a_slow_crystal_keeps_is_taken_off(
+    share: float, shown: Sequence, light: F64, smooth: tuple[F64, F64]
+) -> None:
+    seen = [light[0]]
+    for frame in light[1:]:
+        seen.append((1 - share) * frame + share * seen[-1])
+    found = decode(camera(np.stack(seen)), shown, on_cells=False)
+    assert abs(told(found) - share) <= 0.02 * abs(share) + 0.002
+    assert found.good.mean() > 0.95
+    assert silent(found, *smooth) <= 1e-4
+    # noise is least at a fringe's own frequency: sigma is up to 1 / (1 - share) too wide
+    least = 0.9 * (1 - abs(share))
+    assert least <= float(np.sqrt(np.mean(np.square(scores(found, *smooth))))) <= 1.15
+
+
+def test_one_frame_exposed_longer_is_in_sigma(shown: Sequence, light: F64, smooth: tuple[F64, F64]) -> None:
+    """Every frame in turn; sigma is at most 4 times as wide as the errors."""
+    for i in range(0, len(shown), 3):
+        seen = light.copy()
+        seen[i] *= 1.15
+        found = decode(camera(seen), shown, on_cells=False, check=False)
+        off = scores(found, *smooth)
+        assert told(found) == 0
+        assert off.size == 0 or np.mean(np.abs(off) > 5) <= 0.01
+        assert off.size == 0 or float(np.sqrt(np.mean(np.square(off)))) >= 1 / 4
+
+
+def test_harmonics_of_a_response_do_not_widen_a_phase(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    """Six steps read no harmonic below the fifth."""
+    shown = sequence("gray+phase", *EXTENT, steps=6)
+    frames = shoot(shown, *smooth, noise=0.7, gamma=1.5, offset=127.5, amplitude=120.0)
+    assert float(np.sqrt(np.mean(np.square(scores(decode(frames, shown, on_cells=False), *smooth))))) > 0.8
