@@ -15,7 +15,7 @@ __all__ = ["misfit_within", "share_before", "without_before"]
 
 F64 = NDArray[np.float64]
 #: Pixels that are asked at most, and at least.
-_ASKED, _FEWEST = 1024, 64
+_ASKED, _FEWEST = 512, 64
 #: Share of the noise's variance that a misfit has at least; deviations by which a share before is sure, and
 #: rounds until it and the noise are told apart.
 _BEYOND, _SURE, _ROUNDS = 0.2, 5.0, 5
