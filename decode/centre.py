@@ -93,6 +93,7 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
     most = np.float32(2 * 4**2) * jump * jump
     stripe = jump if per_turn == 0 else np.float32(np.inf)
     size, at = out.size, REACH
+    first, last = np.int32(at), np.int32(size - 1 - at)
     # views of one length: an index that only counts up is known not to wrap round
     line = window[k]
     left, right = line[at - 1 : at - 1 + size], line[at + 1 : at + 1 + size]
@@ -117,7 +118,9 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         bend, uneven = near_x + near_y, fourth_x * fourth_x + fourth_y * fourth_y
         # where one is refused, what it is in is NaN
         near, next_ = bend == bend, uneven == uneven
-        far = inner & next_ & (broad_x + broad_y == broad_x + broad_y) & (x >= at) & (x < size - at)
+        # an index as wide as the values: wider ones would halve the lanes of all that depends on it
+        inside = inner & (np.int32(x) >= first) & (np.int32(x) <= last)
+        far = inside & next_ & (broad_x + broad_y == broad_x + broad_y)
         noise = unsure * (total[x] + (was - u) * (was - u))
         turns_x, turns_y = half * one_x * per_turn, half * one_y * per_turn
         pole_x, pole_y = _poles(turns_x, turns_y)

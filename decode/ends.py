@@ -88,9 +88,11 @@ def faded(window: Any, k: Any, reach: Any, light: Any, m2: Any, total: Any) -> N
     line = window[k, reach : reach + size]
     left, right = window[k, :size], window[k, 2 * reach : 2 * reach + size]
     above, below = window[k - reach, reach : reach + size], window[k + reach, reach : reach + size]
+    along = np.empty(size, np.float32)
+    along[1 : size - 1] = lit[2:] - lit[: size - 2]
+    along[0], along[size - 1] = along[1], along[size - 2]
     for x in range(size):
-        first = min(max(x - 1, 0), size - 3)
-        shift = slope(left[x], line[x], right[x], per_step) * (lit[first + 2] - lit[first])
+        shift = slope(left[x], line[x], right[x], per_step) * along[x]
         shift += slope(above[x], line[x], below[x], per_step) * (down[x] - up[x])
         shift *= half * m2 / max(lit[x], np.float32(1e-6))
         total[x] += shift * shift if shift == shift else np.float32(0)
