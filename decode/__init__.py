@@ -10,6 +10,7 @@
 | `plan`           | a sequence as periods, bits, references, levels; the constraints that it obeys         |
 | `frames`         | frames validated, white level, response; pixels from all over them                     |
 | `noise`          | photon transfer from what no scene can make of the frames; pixels that see the pattern |
+| `unlike`         | a display so slow that frames hold a share of the one before; misfit within fringes    |
 | `response`       | `Response` of display and camera, inverted before fringes are fitted                   |
 | `harmonics`      | error that a response leaves: harmonics of the fringes, aliased                        |
 | `phase`          | N-step least squares: phase, variance, amplitude, chi2                                 |

@@ -15,11 +15,13 @@ from scipy.special import ndtr, ndtri
 
 from optolever.kernels import exact
 
-__all__ = ["MARGIN", "border_reach", "inwards"]
+__all__ = ["FARTHEST2", "border_reach", "inwards"]
 
 F32 = NDArray[np.float32]
 #: Cells from the border within which light may be missing: three deviations of a blur of three cells.
-MARGIN = 9.0
+_MARGIN = 9.0
+#: Squared deviations of what a pixel sees within which the border takes some of it.
+FARTHEST2 = np.float32(4**2)
 #: Light that is missing where the reach is measured, and that may be missing of a good pixel.
 _DARK, _LOST = (0.1, 0.45), 0.1
 #: Lines that are looked at along either axis; pixels that tell a reach; pixels inwards at which no light is
@@ -71,20 +73,20 @@ def _beside(maps: tuple[Any, ...], extent: int) -> tuple[NDArray[np.float64], ..
     """
     coord, offset, amplitude, flags = maps
     away = np.minimum(coord + 0.5, extent - 0.5 - coord)
-    line, at = np.divmod(np.flatnonzero((away > 0) & (away < MARGIN / 2)), coord.shape[1])
+    line, at = np.divmod(np.flatnonzero((away > 0) & (away < _MARGIN / 2)), coord.shape[1])
     seen = flags[line, at] == 0
     line, at = line[seen], at[seen]
     after, before = np.minimum(at + 1, coord.shape[1] - 1), np.maximum(at - 1, 0)
     slope = (coord[line, after] - coord[line, before]) / np.maximum(after - before, 1)
     slope *= np.where(2 * coord[line, at] < extent, 1, -1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        steps = np.ceil(MARGIN / np.abs(slope))
+        steps = np.ceil(_MARGIN / np.abs(slope))
         steps = np.where(steps < _FARTHEST, steps, 0).astype(np.int64) * np.sign(slope).astype(np.int64)
     far = at + steps
     kept = (steps != 0) & (far >= 0) & (far < coord.shape[1])
     line, at, far, slope = (one[kept] for one in (line, at, far, slope))
     within = np.abs(coord[line, far] - coord[line, at])
-    kept = (within > 0.8 * MARGIN) & (within < 3 * MARGIN) & (flags[line, far] == 0)
+    kept = (within > 0.8 * _MARGIN) & (within < 3 * _MARGIN) & (flags[line, far] == 0)
     line, at, far, slope = (one[kept] for one in (line, at, far, slope))
     shares = (1.0 - one[line, at] / np.maximum(one[line, far], 1e-6) for one in (offset, amplitude))
     return tuple(np.asarray(one, np.float64) for one in (away[line, at], slope**2 / 12, *shares))
@@ -103,7 +105,7 @@ def inwards(c: Any, gx: Any, gy: Any, reach: Any, told: Any, extent: Any) -> tup
     deviation = np.sqrt(reach * reach + (gx * gx + gy * gy) * np.float32(1 / 12))
     low, high = c + np.float32(0.5), extent - np.float32(0.5) - c
     away = min(low, high)
-    if away > np.float32(4) * deviation:
+    if away > 0 and away * away > FARTHEST2 * deviation * deviation:
         return False, none, none
     true, hazard = away / deviation, 0.0
     for _ in range(6):

@@ -11,6 +11,7 @@ import numpy as np
 
 from optolever.kernels import inlined, kernel
 
+from .border import FARTHEST2
 from .display import REACH
 
 __all__ = ["BULK", "STEEP", "centred", "lesser", "windowed"]
@@ -26,8 +27,6 @@ _BY_NOISE = np.float32(2 * 140)
 #: 2.4 pixels); of a second one, all; of the way between both neighbours (two pixels), how far the lesser
 #: change of light, as a step or a speck anywhere in the pixel, moves its centre of light.
 _SHORT, _ALL, _EDGE = np.float32(1 / 64**2), np.float32(1 / 24**2), np.float32(1 / 8**2)
-#: Squared deviations from the surface's border within which its shadow lies.
-_FARTHEST = np.float32(4**2)
 #: Turns of a fringe in a pixel from which on it tells no place: a quarter of its contrast is left.
 STEEP = 0.8
 
@@ -151,7 +150,7 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         smooth = near & (near_x * near_x < jump * jump) & (near_y * near_y < jump * jump)
         # clear of the border's shadow, as neighbours two pixels away are
         away = max(min(u + half, extent - half - u) - max(abs(one_x), abs(one_y)), zero)
-        clear = away * away > _FARTHEST * (reach2 + (one_x * one_x + one_y * one_y) * np.float32(1 / 48))
+        clear = away * away > FARTHEST2 * (reach2 + (one_x * one_x + one_y * one_y) * np.float32(1 / 48))
         out[x] = was - (part * (bends + dims) if smooth & clear else zero)
         least_x, least_y = lesser(u - left[x], right[x] - u), lesser(u - up[x], down[x] - u)
         over = max(least_x + least_y - stripe, zero)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from optolever.kernels import exact, inlined, kernel
 
-from .border import MARGIN, inwards
+from .border import FARTHEST2, inwards
 from .centre import BULK, STEEP, centred, lesser, windowed
 from .correspondence import Flag
 from .display import PLACES, REACH
@@ -71,14 +71,11 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
     places = np.empty(cols, np.int64)
     at = np.zeros(cols, np.uint32)
     most = np.float32(shift.size // PLACES - 1)
-    margin = np.float32(MARGIN if extent > 0 else -np.inf)
-    low, high = np.float32(margin - 0.5), np.float32(extent - 0.5 - margin)
-    high = np.float32(np.inf) if extent <= 0 else high
     border = np.float32(np.inf) if extent <= 0 else extent
     for y in range(start, stop):
         up, down, k = max(y - 1, 0), min(y + 1, rows - 1), y - start + REACH
         own = flags[y], variance[y], variance[up], variance[down]
-        limits = jump, per_turn, low, high, (y == 0) | (y == rows - 1)
+        limits = jump, per_turn, reach * reach, border, (y == 0) | (y == rows - 1)
         _special_line(window, k, own, limits, special[:cols])
         if shift.size > 1:
             _entry_line(coord[y], window, k, most, at)
@@ -149,8 +146,11 @@ def _root(sigma: Any, roughness: Any, least: Any) -> None:
 def _special_line(window: Any, k: Any, own: Any, limits: Any, special: Any) -> None:
     """Good pixels of which neighbours or the border tell something: those at the image's edge are always
     asked. own: flags of the line, variances of it and of those above and below."""
-    (flags, var, var_above, var_below), (jump, per_turn, low, high, edge) = own, limits
+    (flags, var, var_above, var_below), (jump, per_turn, reach2, border, edge) = own, limits
     size, two, sure, four, square = special.size, np.float32(2), _SURE2, np.float32(4), jump * jump
+    half, footprint = np.float32(0.5), np.float32(1 / 48)
+    # where nothing bounds the surface, nothing is near its border
+    low = half if border < np.float32(np.inf) else border
     half_a_turn = np.float32(0.5) / max(per_turn, np.float32(1e-9))
     line, above, below = window[k, REACH:], window[k - 1, REACH:], window[k + 1, REACH:]
     for x in range(1, max(size - 1, 1)):
@@ -160,7 +160,9 @@ def _special_line(window: Any, k: Any, own: Any, limits: Any, special: Any) -> N
         bend_y = off_y * off_y > sure * (var_above[x] + four * var[x] + var_below[x])
         wide = (bend_x & (off_x * off_x > square)) | (bend_y & (off_y * off_y > square)) | (bend_x & bend_y)
         far = max(max(abs(c - left), abs(right - c)), max(abs(c - up), abs(down - c)))
-        wide |= (c < low) | (c > high) | (far > half_a_turn) | edge
+        away = max(min(c + low, border - half - c), np.float32(0))
+        spread = reach2 + ((right - left) * (right - left) + (down - up) * (down - up)) * footprint
+        wide |= (away * away <= FARTHEST2 * spread) | (far > half_a_turn) | edge
         beside = off_x + off_y != off_x + off_y  # one that is refused
         special[x] = np.uint8((wide | beside) & (flags[x] == 0))
     special[0], special[size - 1] = np.uint8(flags[0] == 0), np.uint8(flags[size - 1] == 0)
