@@ -46,12 +46,13 @@ def share_before(plan: Plan, lit: Sample) -> float:
     """Share s of the frame before in every frame, I_i = (1 - s) L_i + s I_(i-1); below 0: overdriven.
 
     What no fringe of L looks like is s times as large of the frames before as of the frames themselves, in
-    all fringes of more than three samples but that with the first frame; 0 where they do not agree.
+    all fringes of more than three samples but that with the first frame; 0 where they do not agree, or exposures differ.
     """
     few = _whole(lit, range(len(lit.levels)))
     every = [fringe for axis in plan.axes for fringe in axis.fringes]
     fringes = [f for f in every if len(f.index) > 3 and min(f.index) > 0]
-    if not fringes or few.levels.shape[1] < _FEWEST:
+    alike = all((fringe.exposure == 1).all() for fringe in every)
+    if not (fringes and alike) or few.levels.shape[1] < _FEWEST:
         return 0.0
     told = np.array([_share_of(fringe, few.levels.astype(np.float64)) for fringe in fringes])
     told = told[np.isfinite(told).all(axis=1)]
