@@ -46,7 +46,8 @@ def share_before(plan: Plan, lit: Sample) -> float:
     """Share s of the frame before in every frame, I_i = (1 - s) L_i + s I_(i-1); below 0: overdriven.
 
     What no fringe of L looks like is s times as large of the frames before as of the frames themselves, in
-    all fringes of more than three samples but that with the first frame; 0 where they do not agree, or exposures differ.
+    all fringes of more than three samples but that with the first frame. 0 where they do not agree, or where
+    exposures differ.
     """
     few = _whole(lit, range(len(lit.levels)))
     every = [fringe for axis in plan.axes for fringe in axis.fringes]
