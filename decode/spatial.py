@@ -91,14 +91,25 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
             faded(window, k, REACH, lights, m2, sigma[y])
         for x in places[: marked(special, places)]:
             flag, lost = _neighbours(y, x, coord, variance, flags, amplitude, (jump, per_turn))
-            here, left, right = window[k, x + REACH], window[k, x + REACH - 1], window[k, x + REACH + 1]
-            above, below = window[k - 1, x + REACH], window[k + 1, x + REACH]
+            here, c = window[k, x + REACH], x + REACH
+            left_2, left, right, right_2 = (
+                window[k, c - 2],
+                window[k, c - 1],
+                window[k, c + 1],
+                window[k, c + 2],
+            )
+            up_2, above, below, down_2 = (
+                window[k - 2, c],
+                window[k - 1, c],
+                window[k + 1, c],
+                window[k + 2, c],
+            )
             gx, gy = _step_on_a_map(left, here, right, jump), _step_on_a_map(above, here, below, jump)
             # what bends inside of half a turn or more, only all neighbours tell
             beside = left + right + above + below != left + right + above + below
             unknown = beside & ((gx + gy) * per_turn > np.float32(0.5))
-            unknown |= _undersampled(window[k, x + REACH - 2 : x + REACH + 3], per_turn)
-            unknown |= _undersampled(window[k - 2 : k + 3, x + REACH], per_turn)
+            unknown |= _undersampled(left_2, left, here, right, right_2, per_turn)
+            unknown |= _undersampled(up_2, above, here, below, down_2, per_turn)
             flag |= np.uint16(_OUTLIER if unknown else 0)
             off, shift_in, unsure_in = inwards(here, gx, gy, reach, told, extent)
             out[y, x] -= shift_in
@@ -199,9 +210,8 @@ def _neighbours(
 ) -> tuple[Any, Any]:
     """Flag of a good pixel, and squared shift of its centre, by those of its neighbours that are good."""
     rows, cols = coord.shape
-    maps = coord, variance, flags, amplitude
-    beside, torn, lost_x, bend_x, beyond_x = _along(y, x, 0, 1, maps, limits)
-    others, torn_y, lost_y, bend_y, beyond_y = _along(y, x, 1, 0, maps, limits)
+    beside, torn, lost_x, bend_x, beyond_x = _along(y, x, 0, 1, coord, variance, flags, amplitude, limits)
+    others, torn_y, lost_y, bend_y, beyond_y = _along(y, x, 1, 0, coord, variance, flags, amplitude, limits)
     # without one on an axis, nothing tells where the centre of what is left of its light is
     dim = limits[1] > 0 or _mostly_lost(y, x, amplitude)
     alone = (beside + others <= 1 or (beside * others == 0 and dim)) and rows > 2 and cols > 2
@@ -218,31 +228,38 @@ def _mostly_lost(y: Any, x: Any, amplitude: Any) -> Any:
     return amplitude[y, x] < np.float32(0.5) * max(line.max(), column.max())
 
 
-@inlined
-def _along(y: Any, x: Any, dy: Any, dx: Any, maps: Any, limits: Any) -> tuple[Any, Any, Any, Any, Any]:
-    """How many of both neighbours on an axis are good, whether they say that the pixel is of neither side,
-    squared shift that they allow, squared second difference beyond noise, and by how much the pixel is beyond
-    both, noise taken off (-1: not known).
+@exact
+def _along(
+    y: Any, x: Any, dy: Any, dx: Any, coord: Any, variance: Any, flags: Any, amplitude: Any, limits: Any
+) -> tuple[Any, Any, Any, Any, Any]:
+    """How many of both neighbours on an axis are good (beyond the image: one), whether they say that the
+    pixel is of neither side, squared shift that they allow, squared second difference beyond noise, and by
+    how much the pixel is beyond both, noise taken off (-1: not known).
     """
-    coord, variance, flags, amplitude = maps
     none, jump, none_beyond = np.float32(0), limits[0], np.float32(-1)
-    y0, x0 = max(y - dy, 0), max(x - dx, 0)
-    y1, x1 = min(y + dy, coord.shape[0] - 1), min(x + dx, coord.shape[1] - 1)
-    first, last = (y0 == y) & (x0 == x), (y1 == y) & (x1 == x)
-    here, before, after = coord[y, x], coord[y0, x0], coord[y1, x1]
-    has_before, has_after = flags[y0, x0] == 0, flags[y1, x1] == 0
-    count, off = int(has_before) + int(has_after), before + after - np.float32(2) * here
-    back, back_noise = _off_line(y, x, -dy, -dx, maps)
-    ahead, ahead_noise = _off_line(y, x, dy, dx, maps)
-    if count < 2 or first or last:  # the mirror may end in a pixel at the image's edge
-        i, j = (y0, x0) if has_before and not first else (y1, x1)
-        share = max(np.float32(1) - amplitude[y, x] / _whole_beside(y, x, i, j, flags, amplitude), none)
-        lost = np.float32(0.5) * share * (here - coord[i, j]) if flags[i, j] == 0 else none
+    here, own = coord[y, x], variance[y, x]
+    y0, x0, y1, x1 = y - dy, x - dx, y + dy, x + dx
+    inside, has_before, before, noise_before = _pixel(y0, x0, coord, variance, flags)
+    within, has_after, after, noise_after = _pixel(y1, x1, coord, variance, flags)
+    back, back_noise = _off_line(
+        here, own, has_before, before, noise_before, _pixel(y0 - dy, x0 - dx, coord, variance, flags)
+    )
+    ahead, ahead_noise = _off_line(
+        here, own, has_after, after, noise_after, _pixel(y1 + dy, x1 + dx, coord, variance, flags)
+    )
+    count = int(has_before or not inside) + int(has_after or not within)
+    off = before + after - np.float32(2) * here
+    if count < 2 or not (inside and within):  # the mirror may end in a pixel at the image's edge
+        i, j = (y0, x0) if has_before else (y1, x1)
+        lost = none
+        if has_before or has_after:
+            share = max(np.float32(1) - amplitude[y, x] / _whole_beside(y, x, i, j, flags, amplitude), none)
+            lost = np.float32(0.5) * share * (here - coord[i, j])
         bend = max(back - _BULK2 * back_noise, ahead - _BULK2 * ahead_noise, none)
-        if (count == 1) & (not (first or last)) & (((flags[y0, x0] | flags[y1, x1]) & _UNSEEN) == 0):
+        if count == 1 and inside and within and ((flags[y0, x0] | flags[y1, x1]) & _UNSEEN) == 0:
             bend = max(bend, _of_one_order(off, limits) ** 2)
         return count, False, lost * lost, bend, none_beyond
-    noise = variance[y0, x0] + np.float32(4) * variance[y, x] + variance[y1, x1]
+    noise = noise_before + np.float32(4) * own + noise_after
     bend, lost = max(min(off * off, np.float32(4) * jump * jump) - _BULK2 * noise, none), none
     if off * off > max(jump * jump, _SURE2 * noise):
         fits_back, fits_ahead = back < _SURE2 * back_noise, ahead < _SURE2 * ahead_noise
@@ -251,6 +268,14 @@ def _along(y: Any, x: Any, dy: Any, dx: Any, maps: Any, limits: Any) -> tuple[An
         lost = min(back if fits_back else ahead, ahead if fits_ahead else back) + bend * _BEND
     beyond = max(min(before, after) - here, here - max(before, after)) - np.sqrt(_SURE2 * noise)
     return count, False, lost, bend, beyond
+
+
+@inlined
+def _pixel(y: Any, x: Any, coord: Any, variance: Any, flags: Any) -> tuple[Any, Any, Any, Any]:
+    """Whether a pixel is of the image, whether it is good, its place and variance."""
+    i, j = min(max(y, 0), coord.shape[0] - 1), min(max(x, 0), coord.shape[1] - 1)
+    inside = (i == y) & (j == x)
+    return inside, inside & (flags[i, j] == 0), coord[i, j], variance[i, j]
 
 
 @inlined
@@ -263,34 +288,32 @@ def _whole_beside(y: Any, x: Any, i: Any, j: Any, flags: Any, amplitude: Any) ->
 
 
 @inlined
-def _off_line(y: Any, x: Any, dy: Any, dx: Any, maps: Any) -> tuple[Any, Any]:
+def _off_line(here: Any, own: Any, good: Any, near: Any, noise_near: Any, next_: Any) -> tuple[Any, Any]:
     """Squared distance from the line through the next two pixels on one side, and its variance; of one alone
     from that, without noise: a map may bend as much as it rises. 0 of none."""
-    coord, variance, flags, _ = maps
-    y1, x1, y2, x2 = y + dy, x + dx, y + 2 * dy, x + 2 * dx
-    off, noise = np.float32(0), np.float32(0)
-    if 0 <= y1 < coord.shape[0] and 0 <= x1 < coord.shape[1] and flags[y1, x1] == 0:
-        off = coord[y1, x1] - coord[y, x]
-        if 0 <= y2 < coord.shape[0] and 0 <= x2 < coord.shape[1] and flags[y2, x2] == 0:
-            off -= coord[y2, x2] - coord[y1, x1]
-            noise = variance[y, x] + np.float32(4) * variance[y1, x1] + variance[y2, x2]
-    return off * off, noise
+    _, two, far, noise_far = next_
+    off = near - here - (far - near if two else np.float32(0))
+    noise = own + np.float32(4) * noise_near + noise_far
+    return (off * off if good else np.float32(0)), (noise if good & two else np.float32(0))
 
 
-@exact
-def _undersampled(line: Any, per_turn: Any) -> Any:
+@inlined
+def _undersampled(a: Any, b: Any, c: Any, d: Any, e: Any, per_turn: Any) -> Any:
     """Whether the middle one of five pixels takes so many turns of the finest fringe that its order is by
     chance: more than half a turn lies between it and both neighbours, so that these cannot vouch for it, and
     steps differ by a quarter of a turn (or are not known); or it takes nearly a turn: its contrast is lost,
     and reversed beyond.
     """
-    two, three = abs(line[2] - line[1]) * per_turn, abs(line[3] - line[2]) * per_turn
-    if not min(two, three) > np.float32(0.5):
-        return False
-    one, four = abs(line[1] - line[0]) * per_turn, abs(line[4] - line[3]) * per_turn
+    one, two, three, four = (
+        abs(b - a) * per_turn,
+        abs(c - b) * per_turn,
+        abs(d - c) * per_turn,
+        abs(e - d) * per_turn,
+    )
     uneven = max(max(one, four), max(two, three)) - min(min(one, four), min(two, three))
     unknown = one + two + three + four != one + two + three + four
-    return unknown or uneven > np.float32(0.25) or two + three > np.float32(2 * STEEP)
+    tells = unknown | (uneven > np.float32(0.25)) | (two + three > np.float32(2 * STEEP))
+    return (min(two, three) > np.float32(0.5)) & tells
 
 
 @exact
