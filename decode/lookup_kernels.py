@@ -83,14 +83,14 @@ class Book(NamedTuple):
 
 
 @inlined
-def _products(y: Any, k: Any, used: Any, whole: Any, z: Any, angles: Any, b: Any, q: Any) -> Any:
-    """y.z, y.d, |z|^2, z.d, |d|^2 of pixel k and segment q of block b, over the samples that are used; y is
-    0 elsewhere."""
+def _products(y: Any, k: Any, used: Any, z: Any, angles: Any, b: Any, q: Any) -> Any:
+    """y.z, y.d, |z|^2, z.d, |d|^2 of pixel k and segment q of block b, over the samples that are used (None:
+    all); y is 0 elsewhere."""
     near, rise = np.float32(0), np.float32(0)
     for i in range(y.shape[1]):
         near += y[k, i] * z[b, q, i]
         rise += y[k, i] * (z[b, q + 1, i] - z[b, q, i])
-    if whole:
+    if used is None:
         return near, rise, angles[b, q, 0], angles[b, q, 1], angles[b, q, 2]
     zz, zd, dd = np.float32(0), np.float32(0), np.float32(0)
     count, mean, step = np.float32(1e-6), np.float32(0), np.float32(0)
@@ -101,14 +101,22 @@ def _products(y: Any, k: Any, used: Any, whole: Any, z: Any, angles: Any, b: Any
     return near, rise, zz - mean * mean / count, zd - mean * step / count, dd - step * step / count
 
 
-@kernel
+@inlined
 def _walk(y: Any, k: Any, used: Any, whole: Any, power: Any, z: Any, angles: Any, b: Any, start: Any) -> Any:
     """From codeword `start` downhill: (q, f, a, squared residuals) of the best place on segments q..q+1."""
+    if whole:  # nearly all are: loops of their own
+        return _downhill(y, k, None, power, z, angles, b, start)
+    return _downhill(y, k, used, power, z, angles, b, start)
+
+
+@kernel
+def _downhill(y: Any, k: Any, used: Any, power: Any, z: Any, angles: Any, b: Any, start: Any) -> Any:
+    """See _walk; used: None where all samples are."""
     last = z.shape[1] - 2
     q = min(max(start, 0), last)
     best_q, best_f, best_a, best, before = q, 0.0, 0.0, power, -1
     for _ in range(_STEPS):
-        near, rise, zz, zd, dd = _products(y, k, used, whole, z, angles, b, q)
+        near, rise, zz, zd, dd = _products(y, k, used, z, angles, b, q)
         a, af = near * dd - rise * zd, rise * zz - near * zd
         f = 0.0
         if zz * dd - zd * zd > 1e-9 * zz * zz:
@@ -132,7 +140,7 @@ def _told(used: Any, whole: Any, z: Any, angles: Any, b: Any, q: Any, f: Any) ->
     the scale their mean level, and that in shares of this change."""
     zz, zd, dd, low, step = angles[b, q, 0], angles[b, q, 1], angles[b, q, 2], np.float32(0), np.float32(0)
     if not whole:
-        _, _, zz, zd, dd = _products(z[b], q, used, whole, z, angles, b, q)
+        _, _, zz, zd, dd = _products(z[b], q, used, z, angles, b, q)
         count = np.float32(1e-6)
         for i in range(z.shape[2]):
             count += used[i]
