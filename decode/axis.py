@@ -12,7 +12,7 @@ from optolever.patterns import Sequence
 from .candidates import Orders, order_table, unwrap_close
 from .display import table_rounding
 from .estimate import Estimate
-from .flags import DOUBT, Limits, Shared, limits_of, merge
+from .flags import DOUBT, Into, Limits, Shared, limits_of, merge
 from .frames import Light
 from .gray import CodePlan, code_plan, decode_code, read_code
 from .lookup import Table, lookup_rows, prepare
@@ -53,9 +53,9 @@ class AxisDecoder:
 
     def decode(self, rows: tuple[int, int], raw: Raw, first: bool, shared: Shared) -> None:
         """Rows start..stop: coordinates and variances into the axis' maps, the rest into the shared ones."""
-        into = raw.coordinate, raw.variance, self.limits, first, shared
+        into = Into(raw.coordinate, raw.variance, self.limits, first, shared)
         if self.table is not None:
-            merge(self._looked_up(self.table, rows, raw), self.noise, self.limits, first, rows, shared)
+            merge(self._looked_up(self.table, rows, raw), self.noise, rows, into)
         elif self.periods is None:
             assert self.code is not None
             decode_code(self.light, self.noise, self.code, rows, into)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from optolever.kernels import exact, inlined, kernel
 
 from .estimate import less_likely, vanishing
-from .flags import merge_line
+from .flags import Into, merge_line
 from .frames import Light
 from .noise import Noise
 from .phase import Periods, fit_line
@@ -91,42 +91,21 @@ def _wrapped(turns: Any) -> Any:
 
 
 def unwrap_close(
-    light: Light,
-    noise: Noise,
-    periods: Periods,
-    orders: Orders,
-    rows: tuple[int, int],
-    into: tuple[Any, ...],
+    light: Light, noise: Noise, periods: Periods, orders: Orders, rows: tuple[int, int], into: Into
 ) -> None:
-    """Coordinates of rows start..stop from all periods, coarse to fine; into: see `unwrap.climb`."""
+    """Coordinates of rows start..stop from all periods, coarse to fine."""
     crowded = bool(np.diff(orders.start).max() > 2)
     listed = orders.first, orders.second, orders.start, orders.listed, crowded
     numbers = np.float32(orders.extent), np.float32(orders.tolerance)
-    _unwrap(*light.numbers(), noise.numbers(), periods, *rows, listed, numbers, *into)
+    _unwrap(light.numbers(), noise.numbers(), periods, rows, listed, numbers, into)
 
 
 @exact
-def _unwrap(
-    raw: Any,
-    table: Any,
-    spread: Any,
-    saturated: Any,
-    noise: Any,
-    periods: Any,
-    begin: Any,
-    end: Any,
-    orders: Any,
-    numbers: Any,
-    place: Any,
-    var: Any,
-    limits: Any,
-    is_first: Any,
-    shared: Any,
-) -> None:
+def _unwrap(light: Any, noise: Any, periods: Any, rows: Any, orders: Any, numbers: Any, into: Any) -> None:
     """A row at a time, so that what its fits tell is still in the cache."""
-    width, count, period = raw.shape[2], periods.number.size, periods.period
+    place, var, width = into.place, into.variance, into.place.shape[1]
+    count, period, (extent, tolerance) = periods.number.size, periods.period, numbers
     first, second, start, listed, crowded = orders
-    extent, tolerance = numbers
     work = np.empty((2 + periods.frame.shape[1], width), np.float32)
     t, v = np.empty((count, width), np.float32), np.empty((count, width), np.float32)
     weights, of_fit = np.empty((count, width), np.float32), np.empty((2, width), np.float32)
@@ -135,13 +114,12 @@ def _unwrap(
     cell, sums = np.empty(width, np.int32), np.empty((6, width), np.float32)
     own = np.empty((5, width), np.float32)
     error, amplitude, offset, misfit, clipped = own[0], own[1], own[2], own[3], own[4]
-    flags, least, mean, either = shared
-    for row in range(begin, end):
+    for row in range(rows[0], rows[1]):
         lines = place[row], var[row], error, misfit
         clipped[:], misfit[:] = np.float32(0), np.float32(0)
         for j in range(count):
             fit = t[j], v[j], amplitude, offset, of_fit[0], of_fit[1]
-            fit_line(raw, table, spread, saturated, noise, periods, j, row, work, fit)
+            fit_line(light, noise, periods, j, row, work, fit)
             _kept(v[j], of_fit[0], of_fit[1], period[j], weights[j], misfit, clipped)
         _cells(t, period, cell)
         listed_first(first, second, cell, one, other)
@@ -152,9 +130,8 @@ def _unwrap(
         for x in range(width if crowded else 0):
             low, high = start[cell[x]], start[cell[x] + 1]
             if high - low > 2:
-                _compare_all(t, v, period, extent, tolerance, listed[low:high], x, sums, lines)
-        found = place[row], var[row], error, amplitude, offset, misfit, clipped
-        merge_line(found, noise, limits, is_first, (flags[row], least[row], mean[row], either[row]))
+                _compare_all(t, v, period, numbers, listed[low:high], x, sums, lines)
+        merge_line((place[row], var[row], error, amplitude, offset, misfit, clipped), noise, row, into)
 
 
 @kernel
@@ -258,18 +235,10 @@ def _doubt(variances: Any, periods: Any, tolerance: Any, one: Any, other: Any, s
 
 @exact
 def _compare_all(
-    turns: Any,
-    variances: Any,
-    periods: Any,
-    extent: Any,
-    tolerance: Any,
-    listed: Any,
-    x: Any,
-    sums: Any,
-    lines: Any,
+    turns: Any, variances: Any, periods: Any, numbers: Any, listed: Any, x: Any, sums: Any, lines: Any
 ) -> None:
     """As above, over all orders of a cell."""
-    place, var, error, misfit = lines
+    (place, var, error, misfit), (extent, tolerance) = lines, numbers
     last = periods.size - 1
     fine = periods[last]
     best, total, found, weight = np.inf, 0.0, 0.0, 1.0

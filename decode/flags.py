@@ -12,7 +12,7 @@ from .correspondence import Flag
 from .estimate import Estimate
 from .noise import Noise
 
-__all__ = ["Limits", "Shared", "limits_of", "marked", "marks_for", "merge", "merge_line"]
+__all__ = ["Into", "Limits", "Shared", "limits_of", "marked", "marks_for", "merge", "merge_line"]
 
 #: Probability of a wrong order above which a pixel is flagged.
 DOUBT = 1e-4
@@ -59,30 +59,39 @@ def limits_of(extent: int, factor: float, freedom: int, white: float) -> Limits:
     return Limits(*(np.float32(x) for x in (extent, _CONTRAST**2 * factor, most, dim)))
 
 
-def merge(
-    estimate: Estimate, noise: Noise, limits: Limits, first: bool, rows: tuple[int, int], shared: Shared
-) -> None:
-    """One axis' estimate of rows start..stop into the shared maps; first: these hold nothing yet."""
-    _merge(estimate.arrays(), noise.numbers(), limits, first, *rows, shared)
+class Into(NamedTuple):
+    """Where an axis' rows go: its coordinate and variance (H, W); limits; whether the shared maps hold
+    nothing yet."""
+
+    place: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    limits: Limits
+    first: bool
+    shared: Shared
+
+
+def merge(estimate: Estimate, noise: Noise, rows: tuple[int, int], into: Into) -> None:
+    """One axis' estimate of rows start..stop into the shared maps."""
+    _merge(estimate.arrays(), noise.numbers(), *rows, into)
 
 
 @exact
-def _merge(estimate: Any, noise: Any, limits: Any, first: Any, start: Any, stop: Any, shared: Any) -> None:
+def _merge(estimate: Any, noise: Any, start: Any, stop: Any, into: Any) -> None:
     place, var, error, amplitude, offset, misfit, clipped = estimate
-    flags, least, mean, either = shared
     for row in range(start, stop):
         r = row - start
         lines = place[r], var[r], error[r], amplitude[r], offset[r], misfit[r], clipped[r]
-        merge_line(lines, noise, limits, first, (flags[row], least[row], mean[row], either[row]))
+        merge_line(lines, noise, row, into)
 
 
 @kernel
-def merge_line(estimate: Any, noise: Any, limits: Any, first: Any, shared: Any) -> None:
-    """One axis' estimate of a row (W,) into that of the shared maps."""
+def merge_line(estimate: Any, noise: Any, row: Any, into: Any) -> None:
+    """One axis' estimate of a row (W,), in the order of Estimate's fields, into the shared maps."""
     coordinate, variance, error, amplitude, offset, misfit, clipped = estimate
     read2, gain, _, _ = noise
+    _, _, limits, first, shared = into
     extent, contrast2, most, dim = limits
-    flags, least, mean, either = shared
+    flags, least, mean, either = shared[0][row], shared[1][row], shared[2][row], shared[3][row]
     half, zero, none = np.float32(0.5), np.float32(0), np.int32(0)
     for x in range(coordinate.size):
         c, a, o = coordinate[x], amplitude[x], offset[x]

@@ -64,8 +64,8 @@ class Light:
         return self.spread if len(self.spread) else None
 
     def numbers(self) -> tuple[Any, ...]:
-        """For kernels: raw, table and spread (None: there is none, and what they need is left out), raw and
-        linear levels from which on samples are saturated."""
+        """What kernels take as `light`: raw, table and spread (None: there is none, and what it needs is left
+        out), raw and linear levels from which on samples are saturated."""
         saturated = tuple(np.float32(min(level, 1e9)) for level in (self.clip, self.white))
         return self.raw, self.lut, self.weights, saturated
 

@@ -27,7 +27,7 @@ from .bit_levels import (
     weak_bits,
 )
 from .estimate import Estimate, vanishing
-from .flags import marked, marks_for, merge_line
+from .flags import Into, marked, marks_for, merge_line
 from .frames import Light, level_of
 from .noise import Noise, Sample
 from .plan import Code, Plan
@@ -92,53 +92,33 @@ def _margins(frames: NDArray[np.int64], ends: NDArray[np.int64], levels: Any) ->
 
 def read_code(light: Light, noise: Noise, code: CodePlan, rows: tuple[int, int], estimate: Estimate) -> None:
     """Read the code in rows start..stop, in place: coordinates are cells' centres."""
-    raw, table, _, (clip, _) = light.numbers()
-    _read_rows(raw, table, clip, *rows, code, noise.numbers(), estimate.arrays())
+    _read_rows(light.numbers(), rows, code, noise.numbers(), estimate.arrays())
 
 
 @exact
-def _read_rows(
-    raw: Any, table: Any, clip: Any, start: Any, stop: Any, code: Any, noise: Any, out: Any
-) -> None:
-    """Rows start..stop; noise: Noise.numbers(), out: Estimate.arrays()."""
+def _read_rows(light: Any, rows: Any, code: Any, noise: Any, out: Any) -> None:
     place, var, error, amplitude, offset, chi2, clipped = out
-    room = room_for(code, raw.shape[2])
-    for row in range(start, stop):
-        r = row - start
+    room = room_for(code, place.shape[1])
+    for row in range(rows[0], rows[1]):
+        r = row - rows[0]
         line = place[r], var[r], error[r], amplitude[r], offset[r], chi2[r], clipped[r]
-        read_line(raw, row, table, clip, code, True, noise, room, line)
+        read_line(light, row, code, True, noise, room, line)
 
 
-def decode_code(
-    light: Light, noise: Noise, code: CodePlan, rows: tuple[int, int], into: tuple[Any, ...]
-) -> None:
-    """Coordinates of rows start..stop from the code alone; into: see `unwrap.climb`."""
-    raw, table, _, (clip, _) = light.numbers()
-    _decode_rows(raw, table, clip, *rows, code, noise.numbers(), *into)
+def decode_code(light: Light, noise: Noise, code: CodePlan, rows: tuple[int, int], into: Into) -> None:
+    """Coordinates of rows start..stop from the code alone."""
+    _decode_rows(light.numbers(), rows, code, noise.numbers(), into)
 
 
 @exact
-def _decode_rows(
-    raw: Any,
-    table: Any,
-    clip: Any,
-    start: Any,
-    stop: Any,
-    code: Any,
-    noise: Any,
-    place: Any,
-    var: Any,
-    limits: Any,
-    first: Any,
-    shared: Any,
-) -> None:
+def _decode_rows(light: Any, rows: Any, code: Any, noise: Any, into: Any) -> None:
     """A row at a time, so that what it tells is still in the cache."""
-    room, own = room_for(code, raw.shape[2]), np.empty((5, raw.shape[2]), np.float32)
-    flags, least, mean, either = shared
-    for row in range(start, stop):
-        line = place[row], var[row], own[0], own[1], own[2], own[3], own[4]
-        read_line(raw, row, table, clip, code, True, noise, room, line)
-        merge_line(line, noise, limits, first, (flags[row], least[row], mean[row], either[row]))
+    width = into.place.shape[1]
+    room, own = room_for(code, width), np.empty((5, width), np.float32)
+    for row in range(rows[0], rows[1]):
+        line = into.place[row], into.variance[row], own[0], own[1], own[2], own[3], own[4]
+        read_line(light, row, code, True, noise, room, line)
+        merge_line(line, noise, row, into)
 
 
 @exact
@@ -150,15 +130,13 @@ def room_for(code: Any, width: Any) -> Any:
 
 
 @exact
-def read_line(
-    raw: Any, row: Any, table: Any, clip: Any, code: Any, alone: Any, noise: Any, room: Any, out: Any
-) -> None:
-    """A row into out, as Estimate.arrays(), each (W,).
+def read_line(light: Any, row: Any, code: Any, alone: Any, noise: Any, room: Any, out: Any) -> None:
+    """A row into out, as Estimate.arrays(), each (W,); light: see `Light.numbers`.
 
     alone: variances are those of a place within the cell and of its neighbour where that is as likely; else
     of the cell's edges only, for a fringe that tells the place. room: see room_for.
     """
-    place, var, error, a, o, chi2, clipped = out
+    (raw, table, _, (clip, _)), (_, _, _, a, o, _, clipped) = light, out
     pairs, referenced = np.float32(np.sum(code.factor < 1)), code.ends[0] >= 0
     # a bit and its inverse are off by the same: their difference keeps its sign
     misfit2 = np.float32(0) if pairs == code.factor.size else code.misfit2
@@ -170,15 +148,24 @@ def read_line(
     kept = _compared(raw, row, table, code, pairs, o, room)
     if not referenced:
         a[:], kept[_LARGEST] = kept[_LARGEST], np.float32(0)
-    _cells_line(room, kept, code, (pairs, misfit2, alone, noise), a, o, place, var, error, chi2)
-    _several_weak(kept[_SECOND], misfit2, noise, a, o, room.several[: place.size])
+    _cells_line(room, kept, code, (pairs, misfit2, alone, noise), out)
+    _several_weak(kept[_SECOND], misfit2, noise, a, o, room.several[: a.size])
     for x in room.places[: marked(room.several, room.places)]:
-        for b in range(code.factor.size):
-            plain, inverse = code.frames[b]
-            one, other = level_of(raw[plain, row, x], table), level_of(raw[inverse, row, x], table)
-            room.margin[b] = _single(one, o[x], _bit(code, b)) + code.share[b, 1] * other
-        own = noise.read2 + noise.gain * max(o[x], np.float32(0))
-        place[x], var[x], error[x] = weak_bits(room.margin, code, a[x], own, alone, (place[x], var[x]))
+        _reread(raw, row, table, x, code, alone, noise, room.margin, out)
+
+
+@exact
+def _reread(
+    raw: Any, row: Any, table: Any, x: Any, code: Any, alone: Any, noise: Any, margin: Any, out: Any
+) -> None:
+    """A pixel of several weak bits; margin (bits,): room."""
+    place, var, error, a, o, _, _ = out
+    for b in range(margin.size):
+        plain, inverse = code.frames[b]
+        one, other = level_of(raw[plain, row, x], table), level_of(raw[inverse, row, x], table)
+        margin[b] = _single(one, o[x], _bit(code, b)) + code.share[b, 1] * other
+    own = noise.read2 + noise.gain * max(o[x], np.float32(0))
+    place[x], var[x], error[x] = weak_bits(margin, code, a[x], own, alone, (place[x], var[x]))
 
 
 @exact
@@ -286,19 +273,9 @@ def _with_bit(margin: Any, bit: Any, kept: Any) -> Any:
 
 
 @kernel
-def _cells_line(
-    room: Any,
-    kept: Any,
-    code: Any,
-    numbers: Any,
-    amplitude: Any,
-    offset: Any,
-    place: Any,
-    var: Any,
-    error: Any,
-    chi2: Any,
-) -> None:
+def _cells_line(room: Any, kept: Any, code: Any, numbers: Any, out: Any) -> None:
     """Cells of the words; what the weakest bit leads to if noise turned it."""
+    place, var, error, amplitude, offset, chi2, _ = out
     zero, half, eighth, one = np.float32(0), np.float32(0.5), np.float32(0.125), np.float32(1)
     weakest, least, second, largest = kept[_WEAKEST], kept[_LEAST], kept[_SECOND], kept[_LARGEST]
     word, off, square = room.word, room.off[0], room.off[1]

@@ -17,7 +17,7 @@ from optolever.kernels import exact, inlined, kernel
 
 from .candidates import first_two, listed_first
 from .estimate import vanishing
-from .flags import merge_line
+from .flags import Into, merge_line
 from .frames import Light, level_of
 from .noise import Noise
 from .phase import Periods, fit_line
@@ -114,16 +114,10 @@ def _orders(
 
 
 def unwrap_micro(
-    light: Light,
-    noise: Noise,
-    periods: Periods,
-    table: MicroTable,
-    rows: tuple[int, int],
-    into: tuple[Any, ...],
+    light: Light, noise: Noise, periods: Periods, table: MicroTable, rows: tuple[int, int], into: Into
 ) -> None:
-    """Coordinates of rows start..stop from the period with steps and the single frames; into: see
-    `unwrap.climb`."""
-    _micro_rows(*light.numbers(), noise.numbers(), periods, *rows, table, *into)
+    """Coordinates of rows start..stop from the period with steps and the single frames."""
+    _micro_rows(light.numbers(), noise.numbers(), periods, table, rows, into)
 
 
 @inlined
@@ -142,39 +136,23 @@ def cosine_of(turns: Any) -> Any:
 
 
 @exact
-def _micro_rows(
-    raw: Any,
-    table: Any,
-    spread: Any,
-    saturated: Any,
-    noise: Any,
-    fringe: Any,
-    first_row: Any,
-    stop_row: Any,
-    singles: Any,
-    place: Any,
-    var: Any,
-    limits: Any,
-    is_first: Any,
-    shared: Any,
-) -> None:
+def _micro_rows(light: Any, noise: Any, fringe: Any, singles: Any, rows: Any, into: Any) -> None:
     """A row at a time, so that what its fit tells is still in the cache."""
     frames, periods, shifts, used, first, second, start, listed, tolerance = singles
-    width, count, period, steps = raw.shape[2], frames.size, fringe.period[0], np.float32(fringe.number[0])
+    place, var, width, (raw, table, _, (_, white)) = into.place, into.variance, into.place.shape[1], light
+    count, period, steps = frames.size, fringe.period[0], np.float32(fringe.number[0])
     work = np.empty((2 + fringe.frame.shape[1], width), np.float32)
     level = np.empty((count, width), np.float32)
     cell = np.empty(width, np.uint32)
     room = np.empty((2, width), np.uint32), np.empty((4, width), np.float32)
-    one, other = np.empty(width, np.float32), np.empty(width, np.float32)
-    score, rival = np.empty(width, np.float32), np.empty(width, np.float32)
+    scored = np.empty((4, width), np.float32)
+    one, other, score, rival = scored[0], scored[1], scored[2], scored[3]
     sums, own = np.empty((9, width), np.float32), np.empty((8, width), np.float32)
     t, v, a, o, fitted, clipped, error, chi2 = own[0], own[1], own[2], own[3], own[4], own[5], own[6], own[7]
-    flags, least, mean, either = shared
-    for row in range(first_row, stop_row):
-        fit = t, v, a, o, fitted, clipped
-        fit_line(raw, table, spread, saturated, noise, fringe, 0, row, work, fit)
+    for row in range(rows[0], rows[1]):
+        fit_line(light, noise, fringe, 0, row, work, (t, v, a, o, fitted, clipped))
         for m in range(count):
-            _level(raw[frames[m], row], table, o, a, saturated[1], level[m], clipped)
+            _level(raw[frames[m], row], table, o, a, white, level[m], clipped)
         _cell(t, level[used[0]], level[used[1]], level[used[2]], cell)
         listed_first(first, second, cell, one, other)
         score[:], rival[:] = np.float32(0), np.float32(0)
@@ -186,12 +164,9 @@ def _micro_rows(
         _normal(t, one, period, steps, place[row], sums)
         for m in range(count):
             _add_sample(level[m], place[row], _ONE / periods[m], shifts[m], sums)
-        _solve(
-            *(sums, a, o, one, other, score, rival, fitted, tolerance, noise),
-            *(place[row], var[row], error, chi2),
-        )
         found = place[row], var[row], error, a, o, chi2, clipped
-        merge_line(found, noise, limits, is_first, (flags[row], least[row], mean[row], either[row]))
+        _solve(sums, (one, score, rival, fitted), tolerance, noise, found)
+        merge_line(found, noise, row, into)
 
 
 @kernel
@@ -321,24 +296,10 @@ def _add_sample(level: Any, place: Any, per_period: Any, shift: Any, sums: Any) 
 
 
 @kernel
-def _solve(
-    sums: Any,
-    amplitude: Any,
-    offset: Any,
-    one: Any,
-    other: Any,
-    score: Any,
-    rival: Any,
-    fitted: Any,
-    tolerance: Any,
-    numbers: Any,
-    place: Any,
-    var: Any,
-    error: Any,
-    chi2: Any,
-) -> None:
+def _solve(sums: Any, orders: Any, tolerance: Any, numbers: Any, found: Any) -> None:
     of_level, of_all = np.float32(_OF_LEVEL), np.float32(_OF_ALL)
-    read2, gain, rounding2, misfit2 = numbers
+    (one, score, rival, fitted), (read2, gain, rounding2, misfit2) = orders, numbers
+    place, var, error, amplitude, offset, chi2, _ = found
     for x in range(place.size):
         oo, aa, uu = sums[0, x], sums[1, x], sums[2, x]
         oa, ou, au = sums[3, x], sums[4, x], sums[5, x]

@@ -91,50 +91,40 @@ def turn_of(s: Any, c: Any) -> Any:
 
 
 @exact
-def fit_line(
-    raw: Any,
-    table: Any,
-    spread: Any,
-    saturated: Any,
-    noise: Any,
-    periods: Any,
-    k: Any,
-    row: Any,
-    work: Any,
-    fit: Any,
-) -> None:
-    """Fit the k-th period in a row; work: (2 + N, W). raw to saturated: see `Light.numbers`.
+def fit_line(light: Any, noise: Any, periods: Any, k: Any, row: Any, work: Any, fit: Any) -> None:
+    """Fit the k-th period in a row; light: see `Light.numbers`; work: (2 + N, W).
 
     fit, each (W,) float32: phase (turns), its variance (turns^2), amplitude, offset, squared residuals over
     the variance of a sample, number of saturated samples.
     """
-    turn, variance, amplitude, offset, chi2, clipped = fit
-    count = periods.number[k]
-    index, design, weights = periods.frame[k, :count], periods.design[k], periods.weights[k]
-    cosine, sine = work[0], work[1]
+    (raw, table, spread, (clip, white)), (turn, _, _, offset, chi2, clipped) = light, fit
+    index = periods.frame[k, : periods.number[k]]
+    fringe = index, periods.design[k], periods.weights[k], periods.covariance[k], periods.rounding[k]
+    _sums(raw, table, row, fringe, work[2:], (offset, work[0], work[1], chi2))
+    clipped[:] = np.float32(0)
+    bright = _phase_line(work[0], work[1], fringe, white, noise, fit)
+    if (bright > 0) | (spread is not None):
+        for x in range(turn.size):
+            _refit(raw, table, spread, clip, row, x, fringe, noise, fit)
+
+
+@exact
+def _sums(raw: Any, table: Any, row: Any, fringe: Any, light: Any, sums: Any) -> None:
+    """Offset, c, s and squared residuals of a row; light (N, W): room for linear levels."""
+    (index, design, weights, _, _), (offset, cosine, sine, chi2) = fringe, sums
+    count = index.size
     if table is None:
         _sums_of_three_or_four(raw, index, row, weights, offset, cosine, sine, chi2)
         for i in range(4, count):
             _add(raw[index[i], row], weights[0, i], weights[1, i], weights[2, i], offset, cosine, sine)
-        if count > 4:
-            for i in range(count):
-                e, c, s = design[i, 0], design[i, 1], design[i, 2]
-                _residual(raw[index[i], row], e, c, s, offset, cosine, sine, chi2, i == 0)
+        for i in range(count if count > 4 else 0):
+            _residual(raw[index[i], row], design[i], sums, i == 0)
     else:
-        light = work[2 : 2 + count]
         for i in range(count):
             fetch_line(raw[index[i], row], table, light[i])
-        _sums_of_lines(light, weights, offset, cosine, sine, chi2)
-        if count > 4:
-            for i in range(count):
-                e, c, s = design[i, 0], design[i, 1], design[i, 2]
-                _residual(light[i], e, c, s, offset, cosine, sine, chi2, i == 0)
-    clipped[:] = np.float32(0)
-    known = periods.covariance[k], periods.rounding[k], saturated[1]
-    bright = _phase_line(offset, cosine, sine, known, noise, turn, variance, amplitude, chi2)
-    if (bright > 0) | (spread is not None):
-        for x in range(turn.size):
-            _refit(raw, table, spread, saturated[0], index, row, x, design, noise, periods.rounding[k], fit)
+        _sums_of_lines(light[:count], weights, offset, cosine, sine, chi2)
+        for i in range(count if count > 4 else 0):
+            _residual(light[i], design[i], sums, i == 0)
 
 
 @kernel
@@ -180,30 +170,20 @@ def _add(line: Any, m: Any, c: Any, s: Any, mean: Any, cosine: Any, sine: Any) -
 
 
 @kernel
-def _residual(
-    line: Any, e: Any, c: Any, s: Any, mean: Any, cosine: Any, sine: Any, square: Any, first: Any
-) -> None:
-    kept = np.float32(0) if first else np.float32(1)
+def _residual(line: Any, design: Any, sums: Any, first: Any) -> None:
+    mean, cosine, sine, square = sums
+    e, c, s, kept = design[0], design[1], design[2], np.float32(0) if first else np.float32(1)
     for x in range(mean.size):
         left = np.float32(line[x]) - e * mean[x] - c * cosine[x] - s * sine[x]
         square[x] = kept * square[x] + left * left
 
 
 @kernel
-def _phase_line(
-    mean: Any,
-    cosine: Any,
-    sine: Any,
-    known: Any,
-    noise: Any,
-    turn: Any,
-    variance: Any,
-    amplitude: Any,
-    chi2: Any,
-) -> Any:
+def _phase_line(cosine: Any, sine: Any, fringe: Any, white: Any, noise: Any, fit: Any) -> Any:
     """Phase, variance, amplitude and chi2 of a line (chi2 holds squared residuals); number of pixels that may
     hold a saturated sample: none of a fit that stays below white by more than its residuals."""
-    covariance, rounding, white = known
+    turn, variance, amplitude, mean, chi2, _ = fit
+    _, _, _, covariance, rounding = fringe
     read2, gain, rounding2, misfit2 = noise
     cc, cs, ss = covariance[0], covariance[1], covariance[2]
     two, bright = np.float32(2), np.float32(0)
@@ -228,22 +208,13 @@ def _phase_line(
 
 @exact
 def _refit(
-    raw: Any,
-    table: Any,
-    spread: Any,
-    clip: Any,
-    index: Any,
-    row: Any,
-    x: Any,
-    design: Any,
-    noise: Any,
-    rounding: Any,
-    fit: Any,
+    raw: Any, table: Any, spread: Any, clip: Any, row: Any, x: Any, fringe: Any, noise: Any, fit: Any
 ) -> None:
     """Weighted normal equations of the samples that are not saturated; variance 1e12 if they are too few.
 
     Under a response a sample's variance is its own and what frames contradict each other by, of the amplitude
     that samples of one weight have."""
+    index, design, _, _, rounding = fringe
     read2, gain, rounding2, misfit2 = noise
     turn, variance, amplitude, offset, chi2, clipped = fit
     count = 0

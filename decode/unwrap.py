@@ -18,7 +18,7 @@ import numpy as np
 from optolever.kernels import exact, kernel
 
 from .estimate import less_likely
-from .flags import merge_line
+from .flags import Into, merge_line
 from .frames import Light
 from .gray import CodePlan, read_line, room_for
 from .noise import Noise
@@ -36,64 +36,45 @@ def climb(
     extent: int,
     code: CodePlan | None,
     rows: tuple[int, int],
-    into: tuple[Any, ...],
+    into: Into,
 ) -> None:
     """Rows start..stop from the coarsest period to the finest.
 
     code: what tells the cell; without one the coarsest period's order is that of the place nearest to the
-    middle of the surface. into: coordinate and variance (H, W), and what flags.merge_line takes: limits,
-    whether the axis is the first, shared maps.
+    middle of the surface.
     """
     coarsest = float(periods.period[0])
     beyond = max(0.0, 1 - coarsest / extent)  # so much of the surface has another order
     numbers = np.float32((extent - 1) / 2), np.float32(beyond)
-    _climb(*light.numbers(), noise.numbers(), periods, *rows, numbers, code, *into)
+    _climb(light.numbers(), noise.numbers(), periods, rows, numbers, code, into)
 
 
 @exact
-def _climb(
-    raw: Any,
-    table: Any,
-    spread: Any,
-    saturated: Any,
-    noise: Any,
-    periods: Any,
-    start: Any,
-    stop: Any,
-    numbers: Any,
-    code: Any,
-    place: Any,
-    var: Any,
-    limits: Any,
-    first: Any,
-    shared: Any,
-) -> None:
+def _climb(light: Any, noise: Any, periods: Any, rows: Any, numbers: Any, code: Any, into: Any) -> None:
     """A row at a time, so that what its fits tell is still in the cache."""
-    width = raw.shape[2]
+    place, var, width, (middle, beyond) = into.place, into.variance, into.place.shape[1], numbers
     work = np.empty((2 + periods.frame.shape[1], width), np.float32)
     own = np.empty((9, width), np.float32)
     turn, variance, chi2, clipped, amplitude, offset = own[0], own[1], own[2], own[3], own[4], own[5]
     error, misfit, lost = own[6], own[7], own[8]
-    flags, least, mean, either = shared
-    middle, beyond = numbers
     if code is not None:
         room, cells = room_for(code, width), np.empty((7, width), np.float32)
         read = cells[0], cells[1], cells[2], cells[3], cells[4], cells[5], cells[6]
-    for row in range(start, stop):
+    for row in range(rows[0], rows[1]):
         fit = turn, variance, amplitude, offset, chi2, clipped
         lines = place[row], var[row], error, misfit, lost
         for k in range(periods.number.size):
-            fit_line(raw, table, spread, saturated, noise, periods, k, row, work, fit)
+            fit_line(light, noise, periods, k, row, work, fit)
             told = turn, variance, chi2, clipped, periods.period[k]
             if k > 0:
                 _refine(told, lines)
             elif code is None:
                 _start(told, middle, beyond, lines)
             else:
-                read_line(raw, row, table, saturated[0], code, False, noise, room, read)
+                read_line(light, row, code, False, noise, room, read)
                 _join(told, _HALF * code.cell, (cells[0], cells[1], cells[2], cells[5]), lines)
         found = place[row], var[row], error, amplitude, offset, misfit, lost
-        merge_line(found, noise, limits, first, (flags[row], least[row], mean[row], either[row]))
+        merge_line(found, noise, row, into)
 
 
 @kernel
