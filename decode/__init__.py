@@ -2,8 +2,7 @@
 
 | file             | holds                                                                                  |
 |------------------|----------------------------------------------------------------------------------------|
-| `correspondence` | `Correspondence`, `Flag`                                                               |
-| `displacement`   | `Displacement`, `difference` of two captures                                           |
+| `correspondence` | `Correspondence`, `Flag`; `Displacement`, `difference` of two captures                 |
 | `decoder`        | `decode`: the steps, on one screen                                                     |
 | `axis`           | which steps the frames of one axis ask for, chained over a block of rows               |
 | `estimate`       | `Estimate`: what a block of rows tells of one axis on its way                          |
@@ -21,7 +20,6 @@
 | `bit_levels`     | what cells show of bits behind a blur; posterior of pixels with weak bits               |
 | `lookup`, `lookup_tables` | any known levels: stripes, free grey values, codes within cells; tables |
 | `lookup_kernels`, `lookup_light` | its loops; rows of frames as it reads them                            |
-| `spot_scan` | a raster of spots: two sweeps                                                               |
 | `flags`          | flags, made once; maps that both axes share                                            |
 | `display`        | one model of what a display does: cell, footprint, blur; measured, taken off           |
 | `spatial`        | what neighbours tell: edges, partial footprints, strays                                |
@@ -38,9 +36,8 @@ u along the pattern's columns, v along its rows, integer = pixel centre; sigma i
 0.01 where the frames show no noise. An axis that was not shown is NaN with sigma inf and raises no flag.
 """
 
-from .correspondence import Correspondence, Flag
+from .correspondence import Correspondence, Displacement, Flag, difference
 from .decoder import decode
-from .displacement import Displacement, difference
 from .harmonics import HarmonicError, harmonic_errors
 from .integrity import Integrity, check
 from .response import Response

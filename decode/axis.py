@@ -19,9 +19,8 @@ from .lookup import Table, lookup_rows, prepare
 from .micro import MicroTable, micro_table, unwrap_micro
 from .noise import Noise, Sample
 from .phase import Periods, periods_of
-from .plan import AxisPlan, Fringe, Plan, constraints, plan
+from .plan import AxisPlan, Fringe, Plan, constraints, plan, raster_axes
 from .spatial import Raw
-from .spot_scan import raster_axes
 from .unlike import misfit_within
 from .unwrap import climb
 
@@ -69,11 +68,8 @@ class AxisDecoder:
     def _looked_up(self, table: Table, rows: tuple[int, int], raw: Raw) -> Estimate:
         """Rows start..stop by a table, of a code from its cells on."""
         part = slice(*rows)
-        estimate = replace(
-            Estimate.empty(rows[1] - rows[0], self.light.raw.shape[2], self.freedom),
-            coordinate=raw.coordinate[part],
-            variance=raw.variance[part],
-        )
+        estimate = Estimate.empty(rows[1] - rows[0], self.light.raw.shape[2])
+        estimate = estimate._replace(coordinate=raw.coordinate[part], variance=raw.variance[part])
         if self.code is not None:
             read_code(self.light, self.noise, self.code, rows, estimate)
         lookup_rows(self.light, self.noise, table, rows, estimate)
@@ -165,7 +161,7 @@ def _unlike(fringe: Fringe, lit: Sample, noise: Noise) -> float:
 
 def _cells(code: CodePlan, light: Light, noise: Noise, lit: Sample) -> NDArray[np.float64]:
     """Coordinates (K,) of the sampled pixels' cells; NaN where one is doubtful."""
-    estimate = Estimate.empty(1, len(lit.places), code.freedom)
+    estimate = Estimate.empty(1, len(lit.places))
     if len(lit.places):
         read_code(_sampled_light(light, lit), noise, code, (0, 1), estimate)
     sure = estimate.error[0] < DOUBT

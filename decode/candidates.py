@@ -7,9 +7,8 @@ cell and compares the listed orders by what all observations say; the two that f
 of a wrong one, and an order that the table's tolerance leaves out adds to it.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +21,7 @@ from .frames import Light
 from .noise import Noise
 from .phase import Periods, fit_line
 
-__all__ = ["Orders", "first_two", "listed_first", "order_table", "unwrap_close"]
+__all__ = ["Candidates", "Orders", "in_steps", "listed_by", "listed_first", "order_table", "unwrap_close"]
 
 #: Entries of a table along each of its axes, and deviations within which an order is listed.
 _ENTRIES, _DEVIATIONS = 64, 5.0
@@ -31,21 +30,44 @@ _STEP = 2**0.5
 _ONE, _HALF = np.float32(1), np.float32(0.5)
 
 
-@dataclass(frozen=True, slots=True)
-class Orders:
+class Candidates(NamedTuple):
     """Orders by cell of a table: the nearest and the next one (none: a number below -10000), and all of them
-    (`listed` from start[cell] to start[cell + 1]).
-
-    tolerance: turns within which they are listed; extent: of the surface, px, from which all light comes: a
-    place beyond it is as unlikely as the noise that carries it there.
-    """
+    (`listed` from start[cell] to start[cell + 1])."""
 
     first: NDArray[np.float32]
     second: NDArray[np.float32]
     start: NDArray[np.int32]
     listed: NDArray[np.int16]
-    tolerance: float
-    extent: float
+
+
+class Orders(NamedTuple):
+    """A table of the orders of close periods; crowded: whether some cell lists more than two.
+
+    tolerance: turns within which they are listed; extent: of the surface, px, from which all light comes: a
+    place beyond it is as unlikely as the noise that carries it there.
+    """
+
+    listed: Candidates
+    crowded: bool
+    tolerance: np.float32
+    extent: np.float32
+
+
+def listed_by(cell: NDArray[Any], order: NDArray[Any], distance: NDArray[Any], cells: int) -> Candidates:
+    """The table of orders (M,) that are within the tolerance in cells (M,), at a distance there."""
+    sort = np.lexsort((distance, cell))
+    listed, count = order[sort].astype(np.int16), np.bincount(cell, minlength=cells)
+    start = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
+    best = np.full((2, cells), -20000, np.float32)
+    for rank in range(2):
+        has = count > rank
+        best[rank, has] = listed[start[:-1][has] + rank]
+    return Candidates(best[0], best[1], start, listed)
+
+
+def in_steps(tolerance: float) -> float:
+    """A tolerance, rounded up: tables are kept by it."""
+    return float(_STEP ** np.ceil(np.log(tolerance) / np.log(_STEP)))
 
 
 def order_table(periods: tuple[float, ...], extent: int, deviation: float) -> Orders:
@@ -53,8 +75,7 @@ def order_table(periods: tuple[float, ...], extent: int, deviation: float) -> Or
 
     deviation: of a residue, turns, at the usual contrast.
     """
-    wanted = max(_DEVIATIONS * deviation, 1e-3)
-    return _order_table(periods, extent, _STEP ** np.ceil(np.log(wanted) / np.log(_STEP)))
+    return _order_table(periods, extent, in_steps(max(_DEVIATIONS * deviation, 1e-3)))
 
 
 @lru_cache(maxsize=16)
@@ -67,23 +88,9 @@ def _order_table(periods: tuple[float, ...], extent: int, tolerance: float) -> O
     near = [np.abs(part) < tolerance + 0.5 / _ENTRIES for part in away]
     cell, column, number = np.nonzero(near[0][:, None] & near[1][None])
     distance = away[0][cell, number] ** 2 + away[1][column, number] ** 2
-    place = cell * _ENTRIES + column
-    sort = np.lexsort((distance, place))
-    place, listed = place[sort], order[number[sort]].astype(np.int16)
-    count = np.bincount(place, minlength=_ENTRIES**2)
-    start = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
-    return Orders(*first_two(start, listed), start, listed, tolerance, float(extent))
-
-
-def first_two(
-    start: NDArray[np.int32], listed: NDArray[np.int16]
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """The first and the second order (cells,) that cells list; -20000: there is none."""
-    best, count = np.full((2, len(start) - 1), -20000, np.float32), np.diff(start)
-    for rank in range(2):
-        has = count > rank
-        best[rank, has] = listed[start[:-1][has] + rank]
-    return best[0], best[1]
+    listed = listed_by(cell * _ENTRIES + column, order[number], distance, _ENTRIES**2)
+    crowded = bool(np.diff(listed.start).max() > 2)
+    return Orders(listed, crowded, np.float32(tolerance), np.float32(extent))
 
 
 def _wrapped(turns: Any) -> Any:
@@ -94,18 +101,15 @@ def unwrap_close(
     light: Light, noise: Noise, periods: Periods, orders: Orders, rows: tuple[int, int], into: Into
 ) -> None:
     """Coordinates of rows start..stop from all periods, coarse to fine."""
-    crowded = bool(np.diff(orders.start).max() > 2)
-    listed = orders.first, orders.second, orders.start, orders.listed, crowded
-    numbers = np.float32(orders.extent), np.float32(orders.tolerance)
-    _unwrap(light.numbers(), noise.numbers(), periods, rows, listed, numbers, into)
+    _unwrap(light.numbers(), noise.numbers(), periods, rows, orders, into)
 
 
 @exact
-def _unwrap(light: Any, noise: Any, periods: Any, rows: Any, orders: Any, numbers: Any, into: Any) -> None:
+def _unwrap(light: Any, noise: Any, periods: Any, rows: Any, orders: Any, into: Any) -> None:
     """A row at a time, so that what its fits tell is still in the cache."""
     place, var, width = into.place, into.variance, into.place.shape[1]
-    count, period, (extent, tolerance) = periods.number.size, periods.period, numbers
-    first, second, start, listed, crowded = orders
+    count, period = periods.number.size, periods.period
+    (first, second, start, listed), crowded, tolerance, extent = orders
     work = np.empty((2 + periods.frame.shape[1], width), np.float32)
     t, v = np.empty((count, width), np.float32), np.empty((count, width), np.float32)
     weights, of_fit = np.empty((count, width), np.float32), np.empty((2, width), np.float32)
@@ -130,7 +134,7 @@ def _unwrap(light: Any, noise: Any, periods: Any, rows: Any, orders: Any, number
         for x in range(width if crowded else 0):
             low, high = start[cell[x]], start[cell[x] + 1]
             if high - low > 2:
-                _compare_all(t, v, period, numbers, listed[low:high], x, sums, lines)
+                _compare_all(t, v, period, (extent, tolerance), listed[low:high], x, sums, lines)
         merge_line((place[row], var[row], error, amplitude, offset, misfit, clipped), noise, row, into)
 
 

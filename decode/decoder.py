@@ -23,10 +23,9 @@ from .flags import Shared
 from .frames import Light, light_of, sample_levels
 from .integrity import examine, spoilt_pixels
 from .noise import Noise, Sample, estimate_noise, under_response
-from .plan import Plan, plan
+from .plan import Plan, plan, raster_axes
 from .response import Response
 from .spatial import Raw, check_rows, despeckle
-from .spot_scan import raster_axes
 from .unlike import share_before, without_before
 
 __all__ = ["decode"]

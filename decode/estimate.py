@@ -1,8 +1,7 @@
 """Estimate: what one axis tells of every pixel of a block of rows, on its way to a Correspondence; and small
 probabilities."""
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +14,7 @@ F32 = NDArray[np.float32]
 _ONE = np.float32(1)
 
 
-@dataclass(frozen=True, slots=True)
-class Estimate:
+class Estimate(NamedTuple):
     """One axis over R rows of W pixels; every array is (R, W) float32, written in place by the steps.
 
     coordinate  pattern pixels, integer = pixel centre; NaN: nothing was decoded
@@ -24,9 +22,8 @@ class Estimate:
     error       probability that the fringe order or a bit is wrong, 0..1
     amplitude   of the modulation, camera levels (half of white minus black)
     offset      mean level
-    chi2        squared residuals over their variance, summed over `freedom` degrees of freedom
+    chi2        squared residuals over their variance, summed over the degrees of freedom
     clipped     number of samples at the white level
-    freedom     degrees of freedom of chi2
     """
 
     coordinate: F32
@@ -36,20 +33,11 @@ class Estimate:
     offset: F32
     chi2: F32
     clipped: F32
-    freedom: int
 
     @classmethod
-    def empty(cls, rows: int, cols: int, freedom: int) -> "Estimate":
+    def empty(cls, rows: int, cols: int) -> "Estimate":
         """Room for one, all 0: a look-up leaves out pixels that have no start."""
-        place, variance, error, amplitude, offset, chi2, clipped = np.zeros((7, rows, cols), np.float32)
-        return cls(place, variance, error, amplitude, offset, chi2, clipped, freedom)
-
-    def arrays(self) -> tuple[Any, ...]:
-        """All arrays, in the order of the fields."""
-        return (
-            *(self.coordinate, self.variance, self.error, self.amplitude),
-            *(self.offset, self.chi2, self.clipped),
-        )
+        return cls(*np.zeros((7, rows, cols), np.float32))
 
 
 @inlined

@@ -72,7 +72,7 @@ class Into(NamedTuple):
 
 def merge(estimate: Estimate, noise: Noise, rows: tuple[int, int], into: Into) -> None:
     """One axis' estimate of rows start..stop into the shared maps."""
-    _merge(estimate.arrays(), noise.numbers(), *rows, into)
+    _merge(estimate, noise.numbers(), *rows, into)
 
 
 @exact

@@ -11,8 +11,7 @@ from optolever.errors import InputError
 from optolever.kernels import exact, inlined, kernel
 from optolever.patterns import Sequence
 
-from .levels import levels_of
-from .response import Response
+from .response import Response, levels_of
 
 __all__ = [
     "Light",

@@ -92,7 +92,7 @@ def _margins(frames: NDArray[np.int64], ends: NDArray[np.int64], levels: Any) ->
 
 def read_code(light: Light, noise: Noise, code: CodePlan, rows: tuple[int, int], estimate: Estimate) -> None:
     """Read the code in rows start..stop, in place: coordinates are cells' centres."""
-    _read_rows(light.numbers(), rows, code, noise.numbers(), estimate.arrays())
+    _read_rows(light.numbers(), rows, code, noise.numbers(), estimate)
 
 
 @exact
@@ -131,7 +131,7 @@ def room_for(code: Any, width: Any) -> Any:
 
 @exact
 def read_line(light: Any, row: Any, code: Any, alone: Any, noise: Any, room: Any, out: Any) -> None:
-    """A row into out, as Estimate.arrays(), each (W,); light: see `Light.numbers`.
+    """A row into out, as an Estimate's arrays, each (W,); light: see `Light.numbers`.
 
     alone: variances are those of a place within the cell and of its neighbour where that is as likely; else
     of the cell's edges only, for a fringe that tells the place. room: see room_for.

@@ -77,7 +77,7 @@ def lookup_rows(light: Light, noise: Noise, table: Table, rows: tuple[int, int],
         *(float(noise.read2), float(noise.gain), float(misfit2)),
     )
     limit = float(chdtri(max(table.freedom, 1), _RARE))
-    match_rows(camera, table.book, table.way, table.coarse, table.apart, limit, *rows, estimate.arrays())
+    match_rows(camera, table.book, table.way, table.coarse, table.apart, limit, *rows, estimate)
     if table.unsure > 0:
         # the way to the nearest edge is proportional to the spread of the edges
         phase = (estimate.coordinate + 0.5) / table.cell
@@ -185,7 +185,7 @@ class _Trial:
 
     def decoded(self, table: Table) -> Estimate:
         """The sample by a table, without its misfit."""
-        found = Estimate.empty(1, self.light.raw.shape[2], table.freedom)
+        found = Estimate.empty(1, self.light.raw.shape[2])
         if table.way == WITHIN:
             assert self.start is not None
             found.coordinate[0], found.variance[:] = self.start, np.inf

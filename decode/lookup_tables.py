@@ -8,16 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
-from scipy.special import ndtr
 
 from optolever.errors import InputError
 from optolever.patterns import Sequence
 
+from .display import cell_light
 from .lookup_kernels import AROUND, COARSE, LANES, PER_PX, SEARCH, SWEEP, Book
 from .noise import Noise
-from .plan import AxisPlan, Plan
+from .plan import AxisPlan, Plan, raster_axes
 from .plan import plan as described
-from .spot_scan import raster_axes
 
 __all__ = ["USUAL", "Table", "table_of"]
 
@@ -165,20 +164,12 @@ def _weight(distance: F64, spread: float, known: float | None) -> F64:
     """Share of a cell's light in what a pixel at a distance (pattern px) sees.
 
     The cell through a footprint, of up to a cell where its blur is not known, and a Gaussian blur that makes
-    up the spread. Differences of the antiderivative t Phi(t / b) + b phi(t / b) of the normal distribution.
+    up the spread.
     """
     widest = spread * math.sqrt(12) if known is None else math.sqrt(12 * max(spread**2 - known**2, 0.0))
     width = max(min(widest, 1.0) if known is None else widest, 0.05)
     blur = math.sqrt(max(spread**2 - width**2 / 12, 1e-6))
-
-    def integral(t: F64) -> F64:
-        z = t / blur
-        return np.asarray(t * ndtr(z) + blur / math.sqrt(2 * math.pi) * np.exp(-0.5 * z * z))
-
-    def edge(t: F64) -> F64:
-        return np.asarray((integral(t + 0.5 * width) - integral(t - 0.5 * width)) / width)
-
-    return edge(distance + 0.5) - edge(distance - 0.5)
+    return cell_light(distance, np.array(width), blur)
 
 
 def _seen(levels: F64, spread: float, blur: float | None, beyond: Any) -> F64:

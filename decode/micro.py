@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from optolever.kernels import exact, inlined, kernel
 
-from .candidates import first_two, listed_first
+from .candidates import Candidates, in_steps, listed_by, listed_first
 from .estimate import vanishing
 from .flags import Into, merge_line
 from .frames import Light, level_of
@@ -31,30 +31,24 @@ _PHASES, _LEVELS, _REACH = 32, 20, 1.25
 #: the phase add up to 1 + 1/3 + 2/3 + 2/3 of a sample's variance at most; over five levels the errors that
 #: they share to 1 + 5/3 + 5/3.
 _DEVIATIONS, _OF_LEVEL, _OF_ALL = 5.0, 8 / 3, 13 / 3
-_STEP = 2**0.5
 _ONE, _HALF, _TWO_PI = np.float32(1), np.float32(0.5), np.float32(2 * np.pi)
 
 
 class MicroTable(NamedTuple):
     """frames (M,): numbers of the single frames, periods and shifts (turns) of them; used (3,): those of the
-    table; first to listed: orders by cell, as in candidates.Orders; tolerance: of a level over the
-    amplitude."""
+    table; listed: orders by cell; tolerance: of a level over the amplitude."""
 
     frames: NDArray[np.int64]
     periods: NDArray[np.float32]
     shifts: NDArray[np.float32]
     used: NDArray[np.int64]
-    first: NDArray[np.float32]
-    second: NDArray[np.float32]
-    start: NDArray[np.int32]
-    listed: NDArray[np.int16]
+    listed: Candidates
     tolerance: np.float32
 
 
 def micro_table(axis: AxisPlan, deviation: float) -> MicroTable:
     """Orders of the period with steps; deviation: of a sample over the usual amplitude."""
-    tolerance = max(_DEVIATIONS * np.sqrt(_OF_LEVEL) * deviation, 0.01)
-    tolerance = float(_STEP ** np.ceil(np.log(tolerance) / np.log(_STEP)))
+    tolerance = in_steps(max(_DEVIATIONS * np.sqrt(_OF_LEVEL) * deviation, 0.01))
     singles = [
         (i, f.period, d) for f in axis.singles for i, d in zip(f.index, f.shifts.tolist(), strict=True)
     ]
@@ -64,13 +58,10 @@ def micro_table(axis: AxisPlan, deviation: float) -> MicroTable:
     used = tuple(order.index(k) for k in tabled)
     singles = [singles[k] for k in order]
     periods, shifts = tuple(s[1] for s in singles), tuple(s[2] / (2 * np.pi) for s in singles)
-    first, second, start, listed = _orders(
-        axis.fringes[0].period, periods, shifts, used, axis.extent, tolerance
-    )
+    listed = _orders(axis.fringes[0].period, periods, shifts, used, axis.extent, tolerance)
     return MicroTable(
         *(np.array([s[0] for s in singles]), np.array(periods, np.float32), np.array(shifts, np.float32)),
-        *(np.array(used), first, second, start, listed),
-        tolerance=np.float32(tolerance),
+        *(np.array(used), listed, np.float32(tolerance)),
     )
 
 
@@ -82,7 +73,7 @@ def _orders(
     used: tuple[int, ...],
     extent: int,
     tolerance: float,
-) -> tuple[NDArray[Any], ...]:
+) -> Candidates:
     """Which orders may show which levels: in a cell of phases every level runs through an interval."""
     order = np.arange(-1, int(np.ceil(extent / period)) + 1)
     phase = (np.arange(_PHASES)[:, None] + np.linspace(0, 1, 9)) / _PHASES
@@ -105,12 +96,8 @@ def _orders(
         owner.append(number[inside])
         middle = [a - 0.5 * (l.ravel() + h.ravel()) for a, l, h in zip(at, low, high, strict=True)]
         distance.append(np.sum(np.square(middle), axis=0)[inside])
-    place_of, listed = np.concatenate(found), order[np.concatenate(owner)].astype(np.int16)
-    sort = np.lexsort((np.concatenate(distance), place_of))
-    listed = listed[sort]
-    count = np.bincount(place_of, minlength=_PHASES * _LEVELS**3)
-    start = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
-    return *first_two(start, listed), start, listed
+    every = np.concatenate(found), order[np.concatenate(owner)], np.concatenate(distance)
+    return listed_by(*every, _PHASES * _LEVELS**3)
 
 
 def unwrap_micro(
@@ -138,7 +125,7 @@ def cosine_of(turns: Any) -> Any:
 @exact
 def _micro_rows(light: Any, noise: Any, fringe: Any, singles: Any, rows: Any, into: Any) -> None:
     """A row at a time, so that what its fit tells is still in the cache."""
-    frames, periods, shifts, used, first, second, start, listed, tolerance = singles
+    frames, periods, shifts, used, (first, second, start, listed), tolerance = singles
     place, var, width, (raw, table, _, (_, white)) = into.place, into.variance, into.place.shape[1], light
     count, period, steps = frames.size, fringe.period[0], np.float32(fringe.number[0])
     work = np.empty((2 + fringe.frame.shape[1], width), np.float32)

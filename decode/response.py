@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PchipInterpolator
 
+from optolever.blocks import on_cores
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
 
-from .levels import levels_of
-
-__all__ = ["Response"]
+__all__ = ["Response", "levels_of"]
 
 #: Levels that a ramp spans at least; share of the pixels that see it brightly which may not clip.
 _HARDLY, _WHOLE = 5.0, 0.1
@@ -156,3 +155,19 @@ def _described(sequence: Sequence, light: tuple[float, ...]) -> Sequence:
         return Frame("levels", frame.axis, levels=tuple(curve[table].tolist()))
 
     return replace(sequence, frames=tuple(bent(frame) for frame in sequence.frames))
+
+
+def levels_of(stack: NDArray[Any]) -> tuple[int, float]:
+    """Step of whole levels (0: they are not), and the largest: 255, or that of the fewest bits that hold all
+    samples of 16-bit frames; a camera's bits may be the upper of 16, then the others are 0."""
+    if stack.dtype == np.uint8:
+        return 1, 255.0
+    if stack.dtype.kind == "f":
+        return 0, float("inf")
+    used = int(np.bitwise_or.reduce(on_cores(_bits_used, list(stack))))
+    step = min(used & -used, 256) if used > 16383 else 1  # 8 bits are the fewest
+    return step, float(next(level for level in (255, 1023, 4095, 16383, 65536 - step) if level >= used))
+
+
+def _bits_used(frame: NDArray[np.uint16]) -> int:
+    return int(np.bitwise_or.reduce(frame, axis=None))

@@ -4,11 +4,9 @@
 |------------------|----------------------------------------------------------------------------------------|
 | `crossed`        | `crossed`: Displacement of every pixel from a crossed fringe                           |
 | `window_fit`     | both fringes fitted at once within a Gaussian window                                   |
-| `surroundings`   | which pixels see the fringe, and the noise there                                       |
 | `unwrap`         | phase unwrapping by quality, connected parts                                           |
 | `lattice`        | `lattice`: corners of the paper's lattice, at rest and deformed                        |
-| `corners`        | corner refinement: sub-pixel crossing of two dark lines                                |
-| `prior`          | where the camera looked at rest                                                        |
+| `prior`          | where the camera looked at rest, which pixels see the fringe, and the noise there      |
 """
 
 from .crossed import crossed

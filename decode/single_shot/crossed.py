@@ -20,10 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from optolever.patterns import Sequence
 
-from ..correspondence import Flag
-from ..displacement import Displacement
-from .prior import PatternMap, frame_pair, prior_map
-from .surroundings import noise_of, overexposed, seeing, window_width
+from ..correspondence import Displacement, Flag
+from .prior import PatternMap, frame_pair, noise_of, overexposed, prior_map, seeing, window_width
 from .unwrap import islands_of, largest_parts, unwrapped
 from .window_fit import Fit, Window
 
