@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from optolever.patterns import Sequence
 
-from .candidates import Orders, order_table, unwrap_close
 from .display import table_rounding
 from .estimate import Estimate
 from .flags import DOUBT, Into, Limits, Shared, limits_of, merge
@@ -22,7 +21,7 @@ from .phase import Periods, periods_of
 from .plan import AxisPlan, Fringe, Plan, constraints, plan, raster_axes
 from .spatial import Raw
 from .unlike import misfit_within
-from .unwrap import climb
+from .unwrap import Orders, climb, order_table, unwrap_close
 
 __all__ = ["AxisDecoder", "AxisOptions", "axis_decoders"]
 

@@ -52,21 +52,12 @@ class Light:
         """The linear level at which samples saturate."""
         return float(self.table[min(int(self.clip), len(self.table) - 1)]) if len(self.table) else self.clip
 
-    @property
-    def lut(self) -> F32 | None:
-        """The table for kernels, which leave out what a None does not need."""
-        return self.table if len(self.table) else None
-
-    @property
-    def weights(self) -> F32 | None:
-        """The spread for kernels, likewise."""
-        return self.spread if len(self.spread) else None
-
     def numbers(self) -> tuple[Any, ...]:
         """What kernels take as `light`: raw, table and spread (None: there is none, and what it needs is left
         out), raw and linear levels from which on samples are saturated."""
         saturated = tuple(np.float32(min(level, 1e9)) for level in (self.clip, self.white))
-        return self.raw, self.lut, self.weights, saturated
+        tables = (one if len(one) else None for one in (self.table, self.spread))
+        return self.raw, *tables, saturated
 
     def under(self, read2: float, gain: float) -> "Light":
         """With the spread of a response for a camera whose noise variance is read2 + gain * raw level."""

@@ -67,26 +67,24 @@ def code_plan(code: Code, plan: Plan, noise: Noise, lit: Sample) -> CodePlan:
     freedom = max(int(pairs.sum()) - (0 if referenced else 1), 0) + int((~pairs).any())
     first = 0.5 * (code.cell - 1) + code.origin
     ends = np.array([plan.white, plan.black] if referenced else [-1, -1])
+    value, linear = bit_values(code.cells)
+    of_bits = bits_in_groups(frames, factor, pairs != referenced, value)
     few = lit.only(slice(None, None, max(1, len(lit.places) // _PIXELS)))
-    margin, amplitude = _margins(frames, ends, few.levels)
+    shown, share = of_bits[0][: len(frames)], of_bits[1][: len(frames)].astype(np.float64)
+    margin, amplitude = _margins(shown, share, ends, few.levels)
     variance = few.variance(noise) / np.square(amplitude)
     levels, misfit2 = fitted_levels(words, margin / amplitude, variance, factor)
     unlike2, cell, start = (np.float32(one) for one in (misfit2, code.cell, first))
-    value, linear = bit_values(code.cells)
-    of_bits = bits_in_groups(frames, factor, pairs != referenced, value)
     return CodePlan(*of_bits, factor, ends, code.cells, linear, levels, unlike2, cell, start, freedom)
 
 
-def _margins(frames: NDArray[np.int64], ends: NDArray[np.int64], levels: Any) -> tuple[Any, Any]:
-    """Differences (bits, K) of bits, and the amplitude (K,), of sampled levels (N, K); as _margin below."""
-    pairs, single = np.all(frames >= 0, axis=1, keepdims=True), np.where(frames[:, :1] >= 0, 1, -1)
-    mean = 0.5 * (levels[ends[0]] + levels[ends[1]])
-    margin = np.where(
-        pairs,
-        0.5 * (levels[frames[:, 0]] - levels[frames[:, 1]]),
-        single * (levels[frames.max(axis=1)] - mean),
-    )
-    amplitude = np.abs(margin).max(axis=0) if ends[0] < 0 else 0.5 * (levels[ends[0]] - levels[ends[1]])
+def _margins(frames: NDArray[np.int64], share: Any, ends: NDArray[np.int64], levels: Any) -> tuple[Any, Any]:
+    """Differences (bits, K) of bits, and the amplitude (K,), of sampled levels (N, K); frames (bits, 2) and
+    share (bits, 5) as of a CodePlan."""
+    white, black = levels[ends[0]], levels[ends[1]]
+    one, other, mean = share[:, 0:1], share[:, 1:2], share[:, 2:3] * (0.5 * (white + black))
+    margin = one * levels[frames[:, 0]] + other * levels[frames[:, 1]] + mean
+    amplitude = np.abs(margin).max(axis=0) if ends[0] < 0 else 0.5 * (white - black)
     return margin, np.maximum(amplitude, np.float32(1e-3))
 
 

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from optolever.kernels import exact, inlined, kernel
 
-from .candidates import Candidates, in_steps, listed_by, listed_first
 from .estimate import vanishing
 from .flags import Into, merge_line
 from .frames import Light, level_of
 from .noise import Noise
 from .phase import Periods, fit_line
 from .plan import AxisPlan
+from .unwrap import Candidates, in_steps, listed_by, listed_first
 
 __all__ = ["MicroTable", "micro_table", "unwrap_micro"]
 

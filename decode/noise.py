@@ -133,7 +133,7 @@ def sampled(light: Light, mask: NDArray[np.bool_] | None, runs: int) -> Sample:
 def _sample_at(light: Light, places: NDArray[np.int64]) -> Sample:
     levels = sample_levels(light, places)
     sample = Sample(places, np.where(np.isnan(levels), np.float32(light.white), levels), light.white)
-    if light.weights is None:
+    if not len(light.spread):
         return sample
     raw = light.raw[:, places[:, 0], places[:, 1]]
     return replace(sample, camera=raw.astype(np.float32), steep=light.steep[raw])
@@ -161,7 +161,7 @@ def modulation(plan: Plan, levels: F32) -> tuple[F32, float]:
 
 def estimate_noise(light: Light, plan: Plan, mask: NDArray[np.bool_] | None = None) -> tuple[Noise, Sample]:
     """The camera's noise, and a sample of pixels that see the pattern: a larger one where these are few."""
-    if light.response is not None and light.weights is None:
+    if light.response is not None and not len(light.spread):
         light = light.under(light.rounding, 0.0)
     for runs in (_FEW_RUNS, _MANY_RUNS):
         for _ in range(1 if light.response is None else _ROUNDS):
