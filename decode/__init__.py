@@ -10,8 +10,7 @@
 | `frames`         | frames validated, white level, response; pixels from all over them                     |
 | `noise`          | photon transfer from what no scene can make of the frames; pixels that see the pattern |
 | `unlike`         | a display so slow that frames hold a share of the one before; misfit within fringes    |
-| `response`       | `Response` of display and camera, inverted before fringes are fitted                   |
-| `harmonics`      | error that a response leaves: harmonics of the fringes, aliased                        |
+| `response`       | `Response` of display and camera, inverted before fringes are fitted; error it leaves  |
 | `phase`          | N-step least squares: phase, variance, amplitude, chi2                                 |
 | `unwrap`         | fringe orders from coarse to fine, from a code or, of close periods, by a table        |
 | `micro`          | micro phase shifting, by a table of fringe orders likewise                             |
@@ -37,9 +36,8 @@ u along the pattern's columns, v along its rows, integer = pixel centre; sigma i
 
 from .correspondence import Correspondence, Displacement, Flag, difference
 from .decoder import decode
-from .harmonics import HarmonicError, harmonic_errors
 from .integrity import Integrity, check
-from .response import Response
+from .response import HarmonicError, Response, harmonic_errors
 from .single_shot import Crossings, PatternMap, crossed, lattice
 from .spoilt import Finding
 
