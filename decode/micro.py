@@ -132,8 +132,8 @@ def _micro_rows(light: Any, noise: Any, fringe: Any, singles: Any, rows: Any, in
     level = np.empty((count, width), np.float32)
     cell = np.empty(width, np.uint32)
     room = np.empty((2, width), np.uint32), np.empty((4, width), np.float32)
-    scored = np.empty((4, width), np.float32)
-    one, other, score, rival = scored[0], scored[1], scored[2], scored[3]
+    one, other = np.empty(width, np.float32), np.empty(width, np.float32)
+    score, rival = np.empty(width, np.float32), np.empty(width, np.float32)
     sums, own = np.empty((9, width), np.float32), np.empty((8, width), np.float32)
     t, v, a, o, fitted, clipped, error, chi2 = own[0], own[1], own[2], own[3], own[4], own[5], own[6], own[7]
     for row in range(rows[0], rows[1]):
