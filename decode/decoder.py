@@ -26,7 +26,7 @@ from .noise import Noise, Sample, estimate_noise, under_response
 from .plan import Plan, plan, raster_axes
 from .response import Response
 from .spatial import Raw, check_rows, despeckle
-from .unlike import share_before, without_before
+from .unlike import noisier, share_before, without_before
 
 __all__ = ["decode"]
 
@@ -141,11 +141,13 @@ def _decoded(light: Light, sequence: Sequence, options: _Options) -> Corresponde
     described, sequence = sequence, sequence if options.bent is None else options.bent.described(sequence)
     wanted = plan(sequence)
     noise, lit = estimate_noise(light, wanted, options.mask)
-    slow = share_before(wanted, lit) if light.response is None else 0.0
+    given = options.noise
+    slow = share_before(wanted, lit) if light.response is None and options.bent is None else 0.0
     if slow:
-        light = without_before(light, slow)
+        light = without_before(light, wanted, slow)
         noise, lit = estimate_noise(light, wanted, options.mask)
-    light, noise, lit = under_response(light, options.noise or noise, lit)
+        given = given and replace(given, read2=given.read2 * noisier(slow), gain=given.gain * noisier(slow))
+    light, noise, lit = under_response(light, given or noise, lit)
     cells = options.on_cells and not sequence.nominal
     shot = _Shot(light, sequence, wanted, noise, lit, cells)
     chosen = AxisOptions(cells, options.subpixel, options.noise is not None, options.blur)

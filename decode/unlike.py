@@ -11,7 +11,7 @@ from .frames import Light
 from .noise import Noise, Sample, product, trimmed_variance
 from .plan import Fringe, Plan
 
-__all__ = ["misfit_within", "share_before", "without_before"]
+__all__ = ["misfit_within", "noisier", "share_before", "without_before"]
 
 F64 = NDArray[np.float64]
 #: Pixels that are asked at most, and at least.
@@ -49,13 +49,10 @@ def share_before(plan: Plan, lit: Sample) -> float:
     all fringes of more than three samples but that with the first frame. 0 where they do not agree, or where
     exposures differ.
     """
-    few = _whole(lit, range(len(lit.levels)))
     every = [fringe for axis in plan.axes for fringe in axis.fringes]
     fringes = [f for f in every if len(f.index) > 3 and min(f.index) > 0]
     alike = all((fringe.exposure == 1).all() for fringe in every)
-    if not (fringes and alike) or few.levels.shape[1] < _FEWEST:
-        return 0.0
-    told = np.array([_share_of(fringe, few.levels.astype(np.float64)) for fringe in fringes])
+    told = np.array([_share_of(fringe, lit) for fringe in fringes if alike]).reshape(-1, 2)
     told = told[np.isfinite(told).all(axis=1)]
     if not len(told):
         return 0.0
@@ -66,9 +63,13 @@ def share_before(plan: Plan, lit: Sample) -> float:
     return share if agree and _SURE * float(np.sum(deviation**-2)) ** -0.5 < abs(share) < 0.5 else 0.0
 
 
-def _share_of(fringe: Fringe, levels: F64) -> tuple[float, float]:
-    """The share that one fringe tells, and its deviation; NaN where the frames before it are its own."""
+def _share_of(fringe: Fringe, lit: Sample) -> tuple[float, float]:
+    """The share that one fringe tells, and its deviation; NaN where the frames before it are its own, or
+    where too few pixels are whole in these."""
     design, index = fringe.design(), np.array(fringe.index)
+    levels = _whole(lit, np.union1d(index, index - 1)).levels.astype(np.float64)
+    if levels.shape[1] < _FEWEST:
+        return np.nan, np.nan
     fit, waves = _harmonics(design, levels[index])
     waves = np.concatenate([fit, waves])
     rows = np.linalg.qr(design, mode="complete")[0][:, 3:].T
@@ -88,23 +89,30 @@ def _share_of(fringe: Fringe, levels: F64) -> tuple[float, float]:
     return (share, float(np.sqrt(noise / seen))) if sure else (np.nan, np.nan)
 
 
-def without_before(light: Light, share: float) -> Light:
-    """Frames without what they hold of the one before; saturated where either is."""
+def without_before(light: Light, plan: Plan, share: float) -> Light:
+    """Frames without what they hold of the one before; of fringes, saturated where either is."""
     raw, clipped = light.raw.astype(np.float32), light.raw >= light.clip
     mended = raw.copy()
     mended[1:] -= np.float32(share) * raw[:-1]
     mended[1:] /= np.float32(1 - share)
-    clipped[1:] |= clipped[:-1]
-    mended[clipped] = light.clip
-    mended[~clipped] = np.minimum(mended[~clipped], np.nextafter(np.float32(light.clip), np.float32(0)))
-    rounding = light.rounding * (1 + share**2) / (1 - share) ** 2
-    return replace(light, raw=mended, rounding=rounding)
+    # bits are compared: what a saturated frame leaves in them changes no sign
+    fringes = [fringe for axis in plan.axes for fringe in (*axis.fringes, *axis.singles)]
+    for i in {i for fringe in fringes for i in fringe.index if i > 0}:
+        clipped[i] |= raw[i - 1] >= light.clip
+    highest = float(light.clip / (1 - max(share, 0.0)))
+    mended[clipped] = highest
+    return replace(light, raw=mended, clip=highest, rounding=light.rounding * noisier(share))
+
+
+def noisier(share: float) -> float:
+    """Variance of a sample without its share of the one before, over that of a sample."""
+    return (1 + share**2) / (1 - share) ** 2
 
 
 def _whole(lit: Sample, frames: Any) -> Sample:
     """Some of the pixels that are not saturated in any of these frames."""
-    few = lit.only(slice(None, None, max(1, lit.levels.shape[1] // _ASKED)))
-    return few.only((few.levels[list(frames)] < few.white).all(axis=0))
+    whole = np.flatnonzero((lit.levels[list(frames)] < lit.white).all(axis=0))
+    return lit.only(whole[:: max(1, len(whole) // _ASKED)])
 
 
 def _harmonics(design: F64, levels: F64) -> tuple[F64, F64]:

@@ -71,3 +71,16 @@ def test_harmonics_of_a_response_do_not_widen_a_phase(shoot: Shoot, smooth: tupl
     shown = sequence("gray+phase", *EXTENT, steps=6)
     frames = shoot(shown, *smooth, noise=0.7, gamma=1.5, offset=127.5, amplitude=120.0)
     assert float(np.sqrt(np.mean(np.square(scores(decode(frames, shown, on_cells=False), *smooth))))) > 0.8
+
+
+def test_white_that_clips_hides_no_lag(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    """White is at 1.03 of the camera's range; what follows it is not lost with it."""
+    shown = SHOWN[0]
+    light = shoot(shown, *smooth, dtype=np.uint16, offset=13000.0, amplitude=13200.0) / 100.0
+    seen = [light[0]]
+    for frame in light[1:]:
+        seen.append(0.9 * frame + 0.1 * seen[-1])
+    found = decode(camera(np.stack(seen)), shown, on_cells=False)
+    assert abs(told(found) - 0.1) <= 0.01
+    assert silent(found, *smooth) <= 1e-4
+    assert found.good.mean() > 0.5
