@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from optolever.errors import InputError
 from optolever.scene import Scene, Surface, dent, resize, trace
 
 from .anchors import PixelAnchor
@@ -49,6 +50,8 @@ def _measured(small: Scene, surface: Surface, place: float) -> tuple[HeightMap, 
     """A surface, anchored where it is, at a share of the image's rows and in the middle of its columns."""
     seen = trace(small, surface)
     visible = np.argwhere(seen.visible)
+    if not len(visible):
+        raise InputError("this rig sees nothing of the pattern: a capture is not what it is said to be")
     middle = np.array([place, 0.5]) * seen.u.shape
     row, col = visible[np.argmin(np.linalg.norm(visible - middle, axis=1))].tolist()
     anchor = PixelAnchor(row, col, float(seen.z[row, col]))

@@ -138,7 +138,7 @@ def test_captures_are_awaited_and_judged_at_once(
         (["flat=flat0.npz", "--prior", "a"], "NUMBER=SIGMA"),
         (["flat=flat0.npz", "--prior", "a=1"], "no such number"),
         (["flat=flat0.npz", "flat=flat0.npz"], "taken twice"),
-        (["flat=flat0.npz", "ball:30,0.003=flat1.npz"], "'flat1': it is no ball of radius 30 mm"),
+        (["flat=flat0.npz", "ball:30,0.003=flat1.npz"], "a capture is not what it is said to be"),
     ],
 )
 def test_bad_input_is_one_line(
