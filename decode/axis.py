@@ -30,9 +30,10 @@ __all__ = ["AxisDecoder", "AxisOptions", "axis_decoders"]
 class AxisDecoder:
     """What turns rows of frames into coordinates of one axis.
 
-    periods   of the fringes, with the variance that the rounding of shown grey values leaves
+    periods   of the fringes, with the variance that rounded grey values and misfit leave
     limits    beyond which pixels are flagged; jump: largest second difference of neighbours, pattern px;
-              per_turn: turns of the finest fringe in a pattern px, 0 without one
+              per_turn: turns of the finest fringe in a pattern px, 0 without one; common: variance (px^2) by
+              misfit that all close periods may share
     """
 
     axis: AxisPlan
@@ -121,11 +122,11 @@ def _decoder(
         return AxisDecoder(axis, light, noise, code, None, None, table, None, limits, table.freedom, jump)
     micro = micro_table(axis, _deviation(axis, noise, lit)) if axis.singles else None
     covered = code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
-    orders = None if covered else _orders(axis, _deviation(axis, noise, lit))
     rounding = (0.0,) * len(axis.fringes)
     if options.on_cells and not sequence.nominal and axis.fringes:
         rounding = _rounding(axis.axis, sequence)
     unlike = [_unlike(fringe, lit, noise) for fringe in axis.fringes]
+    orders = None if covered else _orders(axis, _deviation(axis, noise, lit), max(unlike))
     rounding = tuple(r + m for r, m in zip(rounding, unlike, strict=True))
     periods = periods_of(axis.fringes, rounding) if axis.fringes else None
     freedom = sum(len(fringe.index) - 3 for fringe in axis.fringes) + max(len(axis.fringes) - 1, 0)
@@ -178,7 +179,10 @@ def _deviation(axis: AxisPlan, noise: Noise, lit: Sample) -> float:
     return float(np.sqrt(variance) / max(usual, 1e-6))
 
 
-def _orders(axis: AxisPlan, deviation: float) -> Orders:
-    """The table of orders for the noise of residues, of two phases each."""
-    turns = deviation * np.sqrt(4 / len(axis.fringes[-1].index)) / (2 * np.pi)
-    return order_table(tuple(f.period for f in axis.fringes), axis.extent, float(turns))
+def _orders(axis: AxisPlan, deviation: float, unlike: float) -> Orders:
+    """The table of orders for the noise of residues, of two phases each; unlike: variance (turns^2) of a
+    phase by what else its samples leave."""
+    noise2 = deviation**2 * 4 / len(axis.fringes[-1].index) / (2 * np.pi) ** 2
+    return order_table(
+        tuple(f.period for f in axis.fringes), axis.extent, float(np.sqrt(noise2 + 2 * unlike))
+    )

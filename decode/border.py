@@ -15,13 +15,13 @@ from scipy.special import ndtr, ndtri
 
 from optolever.kernels import exact
 
-__all__ = ["FARTHEST2", "border_reach", "inwards"]
+__all__ = ["SHADOW2", "border_reach", "inwards"]
 
 F32 = NDArray[np.float32]
 #: Cells from the border within which light may be missing: three deviations of a blur of three cells.
 _MARGIN = 9.0
 #: Squared deviations of what a pixel sees within which the border takes some of it.
-FARTHEST2 = np.float32(4**2)
+SHADOW2 = np.float32(4**2)
 #: Light that is missing where the reach is measured, and that may be missing of a good pixel.
 _DARK, _LOST = (0.1, 0.45), 0.1
 #: Lines that are looked at along either axis; pixels that tell a reach; pixels inwards at which no light is
@@ -105,7 +105,7 @@ def inwards(c: Any, gx: Any, gy: Any, reach: Any, told: Any, extent: Any) -> tup
     deviation = np.sqrt(reach * reach + (gx * gx + gy * gy) * np.float32(1 / 12))
     low, high = c + np.float32(0.5), extent - np.float32(0.5) - c
     away = min(low, high)
-    if away > 0 and away * away > FARTHEST2 * deviation * deviation:
+    if away > 0 and away * away > SHADOW2 * deviation * deviation:
         return False, none, none
     true, hazard = away / deviation, 0.0
     for _ in range(6):

@@ -11,7 +11,7 @@ import numpy as np
 
 from optolever.kernels import inlined, kernel
 
-from .border import FARTHEST2
+from .border import SHADOW2
 from .display import REACH
 
 __all__ = ["BULK", "STEEP", "centred", "lesser", "windowed"]
@@ -150,7 +150,7 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         smooth = near & (near_x * near_x < jump * jump) & (near_y * near_y < jump * jump)
         # clear of the border's shadow, as neighbours two pixels away are
         away = max(min(u + half, extent - half - u) - max(abs(one_x), abs(one_y)), zero)
-        clear = away * away > FARTHEST2 * (reach2 + (one_x * one_x + one_y * one_y) * np.float32(1 / 48))
+        clear = away * away > SHADOW2 * (reach2 + (one_x * one_x + one_y * one_y) * np.float32(1 / 48))
         out[x] = was - (part * (bends + dims) if smooth & clear else zero)
         least_x, least_y = lesser(u - left[x], right[x] - u), lesser(u - up[x], down[x] - u)
         over = max(least_x + least_y - stripe, zero)

@@ -30,7 +30,8 @@ class Periods(NamedTuple):
 
     period (K,): pattern px; number (K,) of samples; frame (K, N) of each; design (K, N, 3); weights
     (K, 4, N) of offset, c, s and, of four samples, the one combination that these do not reach; covariance
-    (K, 3): variances and covariance of c and s; rounding (K,): variance (turns^2) by rounded grey values.
+    (K, 3): variances and covariance of c and s; rounding (K,): variance (turns^2) by rounded grey values
+    and misfit.
     """
 
     period: F32
@@ -44,7 +45,7 @@ class Periods(NamedTuple):
 
 @lru_cache(maxsize=16)
 def periods_of(fringes: tuple[Fringe, ...], rounding: tuple[float, ...]) -> Periods:
-    """Of an axis' fringes, rounding: variance (turns^2) of each one's phase by rounded grey values."""
+    """Of an axis' fringes; rounding: variance (turns^2) of each one's phase by grey values and misfit."""
     most, designs = max(len(fringe.index) for fringe in fringes), [fringe.design() for fringe in fringes]
     spread = [np.linalg.inv(design.T @ design) for design in designs]
     padded = [most - len(design) for design in designs]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from optolever.kernels import exact, inlined, kernel
 
-from .border import FARTHEST2, inwards
+from .border import SHADOW2, inwards
 from .centre import BULK, STEEP, centred, lesser, windowed
 from .correspondence import Flag
 from .display import PLACES, REACH
@@ -173,7 +173,7 @@ def _special_line(window: Any, k: Any, own: Any, limits: Any, special: Any) -> N
         far = max(max(abs(c - left), abs(right - c)), max(abs(c - up), abs(down - c)))
         away = max(min(c + low, border - half - c), np.float32(0))
         spread = reach2 + ((right - left) * (right - left) + (down - up) * (down - up)) * footprint
-        wide |= (away * away <= FARTHEST2 * spread) | (far > half_a_turn) | edge
+        wide |= (away * away <= SHADOW2 * spread) | (far > half_a_turn) | edge
         beside = off_x + off_y != off_x + off_y  # one that is refused
         special[x] = np.uint8((wide | beside) & (flags[x] == 0))
     special[0], special[size - 1] = np.uint8(flags[0] == 0), np.uint8(flags[size - 1] == 0)

@@ -55,15 +55,19 @@ def test_what_a_slow_crystal_keeps_is_taken_off(
 
 
 def test_one_frame_exposed_longer_is_in_sigma(shown: Sequence, light: F64, smooth: tuple[F64, F64]) -> None:
-    """Every frame in turn; sigma is at most 4 times as wide as the errors."""
+    """Every third frame in turn; sigma is at most 4 times as wide as the errors."""
+    kept = []
     for i in range(0, len(shown), 3):
         seen = light.copy()
         seen[i] *= 1.15
         found = decode(camera(seen), shown, on_cells=False, check=False)
         off = scores(found, *smooth)
         assert told(found) == 0
-        assert off.size == 0 or np.mean(np.abs(off) > 5) <= 0.01
-        assert off.size == 0 or float(np.sqrt(np.mean(np.square(off)))) >= 1 / 4
+        kept.append(found.good.mean())
+        if off.size:
+            assert np.mean(np.abs(off) > 5) <= 0.01
+            assert float(np.sqrt(np.mean(np.square(off)))) >= 1 / 4
+    assert np.median(kept) > 0.5, kept
 
 
 def test_harmonics_of_a_response_do_not_widen_a_phase(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
