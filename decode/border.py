@@ -72,7 +72,7 @@ def _beside(maps: tuple[Any, ...], extent: int) -> tuple[NDArray[np.float64], ..
     of the footprint, and the shares of level and amplitude that are missing against a pixel further inwards.
     """
     coord, offset, amplitude, flags = maps
-    away = np.minimum(coord + 0.5, extent - 0.5 - coord)
+    away = extent / 2 - np.abs(coord - (extent - 1) / 2)
     line, at = np.divmod(np.flatnonzero((away > 0) & (away < _MARGIN / 2)), coord.shape[1])
     seen = flags[line, at] == 0
     line, at = line[seen], at[seen]

@@ -40,7 +40,7 @@ def _rises(light: NDArray[Any], flags: NDArray[np.uint16]) -> F64:
         return np.zeros(0)
     every = slice(1, -1, max(1, len(light) // _LINES))
     good = flags[every] == 0
-    line, first = np.nonzero(good[:, 1:] & ~good[:, :-1])
+    line, first = np.divmod(np.flatnonzero(good[:, 1:] > good[:, :-1]), light.shape[1] - 1)
     line, first = np.arange(len(light))[every][line], first + 1
     kept = (first >= _REACH) & (first < light.shape[1] - _REACH)
     line, at = line[kept, None], first[kept, None] + np.arange(-_REACH, _REACH + 1)
