@@ -281,13 +281,13 @@ def _explained(
     wave = (c + 1j * s) / power
     harmonics = wave, wave * wave, wave * wave * wave
     waves = [power * part for one in harmonics for part in (one.real, one.imag)]
-    design = np.stack([mean, *waves], axis=1).astype(np.float32) / slope[:, None]
+    design = np.stack([mean, *waves]) / slope
     usual = whole & (np.abs(residual) < 4 * np.sqrt(np.square(residual[whole]).mean()) + 1e-6)
     kept = np.flatnonzero(usual)
     kept = kept[:: max(1, len(kept) // _ASKED)]
-    some = design[kept].astype(np.float64)
-    solved = np.linalg.pinv(product(some.T, some), hermitian=True) @ product(some.T, residual[kept, None])
-    return np.asarray(product(design, solved)[:, 0], np.float32)
+    some = design[:, kept].astype(np.float64)
+    solved = np.linalg.pinv(product(some, some.T), hermitian=True) @ product(some, residual[kept, None])
+    return np.asarray(product(solved.T, design)[0], np.float32)
 
 
 def product(one: Any, other: Any) -> Any:
