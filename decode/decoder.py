@@ -31,7 +31,7 @@ from .unlike import noisier, share_before, without_before
 __all__ = ["decode"]
 
 #: Rows of a block that a thread takes: what it keeps of them fits the second-level cache.
-_BLOCK = 16
+_BLOCK = 32
 #: Pixels of several rows that are read as one line, at most: to start a loop takes as long as some hundred.
 _LINE = 1 << 13
 #: Sigma that is stated for frames without noise beyond their rounding, pattern pixels.
