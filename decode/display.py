@@ -57,7 +57,7 @@ _UNKNOWN = 1.0
 #: sum over k of the squared correlation C(8, 4 + k) / C(8, 4), C(16, 8) / C(8, 4)^2.
 _OVERLAP = 12870 / 70**2
 #: Share of sigma that may be left out.
-_SLIGHT = 0.1
+SLIGHT = 0.1
 #: Pixels of the sample that are compared at most.
 _MOST = 1024
 
@@ -223,7 +223,7 @@ def _table(
         own = cell_error(shares, blur)
     unsure = [cell_error(shares, end) - own for end in allowed]
     extra = np.max([(part**2).mean(axis=1) for part in unsure], axis=0)
-    if (shift**2 + variance + extra[:, None]).max() < (_SLIGHT * sigma) ** 2:
+    if (shift**2 + variance + extra[:, None]).max() < (SLIGHT * sigma) ** 2:
         return no_pixelation(float("nan") if blur is None else blur)
     known = float("nan") if blur is None else blur
     return Pixelation(shift, (variance + extra[:, None]).astype(np.float32), known)
@@ -284,7 +284,7 @@ def _roughness(seen: _Neighbours, place: F32) -> float:
     kept = fourth < _OUTLYING
     excess = float(fourth[kept].mean()) - 1 if kept.any() else 0.0
     sure = 3 * np.sqrt(2 * _OVERLAP / max(int(kept.sum()), 1))
-    return excess / float(np.mean(1 / seen.noise[kept])) if excess > max(sure, _SLIGHT) else 0.0
+    return excess / float(np.mean(1 / seen.noise[kept])) if excess > max(sure, SLIGHT) else 0.0
 
 
 def _misfits(shares: tuple[tuple[float, float], ...], sigma: float, seen: _Neighbours) -> F64:

@@ -17,7 +17,7 @@ from optolever.kernels import exact, inlined, kernel
 from .border import SHADOW2, inwards
 from .centre import BULK, STEEP, centred, lesser, windowed
 from .correspondence import Flag
-from .display import PLACES, REACH
+from .display import PLACES, REACH, SLIGHT
 from .ends import faded, slope
 from .flags import marked, marks_for
 
@@ -29,6 +29,8 @@ _OUTLIER, _OFF = int(Flag.OUTLIER), int(Flag.OFF_PATTERN)
 _UNSEEN = np.uint16(Flag.DARK | Flag.LOW_CONTRAST | Flag.SATURATED | Flag.INVALID)
 #: Squared deviations beyond which a neighbour contradicts, and from which on a bend is of the map.
 _SURE2, _BULK2 = np.float32(6.0**2), np.float32(BULK**2)
+#: Relative variance of a fringe's amplitude over that of its place, turns^2.
+_TURN2 = np.float32((2 * np.pi) ** 2)
 #: Of a squared second difference, the squared shift of a pixel's mean from its centre.
 _BEND = np.float32(1 / 24**2)
 
@@ -75,8 +77,13 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
     for y in range(start, stop):
         up, down, k = max(y - 1, 0), min(y + 1, rows - 1), y - start + REACH
         own = flags[y], variance[y], variance[up], variance[down]
-        limits = jump, per_turn, reach * reach, border, (y == 0) | (y == rows - 1)
-        _special_line(window, k, own, limits, special[:cols])
+        _special_line(window, k, own, (jump, per_turn, reach * reach, border), special[:cols])
+        if (y == 0) | (y == rows - 1):
+            inner = min(2, rows - 1) if y == 0 else max(rows - 3, 0)
+            for x in range(cols):
+                special[x] |= _dimmer((y, x), (inner, x), raw, common, per_turn)
+        for x, inner in ((0, min(2, cols - 1)), (cols - 1, max(cols - 3, 0))):
+            special[x] |= _dimmer((y, x), (y, inner), raw, common, per_turn)
         if shift.size > 1:
             _entry_line(coord[y], window, k, most, at)
         _corrected_line(coord[y], variance[y], at, (shift, unsure), out[y], sigma[y])
@@ -155,28 +162,49 @@ def _root(sigma: Any, roughness: Any, least: Any) -> None:
 
 @kernel
 def _special_line(window: Any, k: Any, own: Any, limits: Any, special: Any) -> None:
-    """Good pixels of which neighbours or the border tell something: those at the image's edge are always
-    asked. own: flags of the line, variances of it and of those above and below."""
-    (flags, var, var_above, var_below), (jump, per_turn, reach2, border, edge) = own, limits
-    size, two, sure, four, square = special.size, np.float32(2), _SURE2, np.float32(4), jump * jump
-    half, footprint = np.float32(0.5), np.float32(1 / 48)
-    # where nothing bounds the surface, nothing is near its border
-    low = half if border < np.float32(np.inf) else border
-    half_a_turn = np.float32(0.5) / max(per_turn, np.float32(1e-9))
+    """Good pixels of which neighbours or the border tell something. own: flags of the line, variances of it
+    and of those above and below."""
+    (flags, var, var_above, var_below), size, four = own, special.size, np.float32(4)
     line, above, below = window[k, REACH:], window[k - 1, REACH:], window[k + 1, REACH:]
     for x in range(1, max(size - 1, 1)):
-        c, left, right, up, down = line[x], line[x - 1], line[x + 1], above[x], below[x]
-        off_x, off_y = left + right - two * c, up + down - two * c
-        bend_x = off_x * off_x > sure * (var[x - 1] + four * var[x] + var[x + 1])
-        bend_y = off_y * off_y > sure * (var_above[x] + four * var[x] + var_below[x])
-        wide = (bend_x & (off_x * off_x > square)) | (bend_y & (off_y * off_y > square)) | (bend_x & bend_y)
-        far = max(max(abs(c - left), abs(right - c)), max(abs(c - up), abs(down - c)))
-        away = max(min(c + low, border - half - c), np.float32(0))
-        spread = reach2 + ((right - left) * (right - left) + (down - up) * (down - up)) * footprint
-        wide |= (away * away <= SHADOW2 * spread) | (far > half_a_turn) | edge
-        beside = off_x + off_y != off_x + off_y  # one that is refused
-        special[x] = np.uint8((wide | beside) & (flags[x] == 0))
-    special[0], special[size - 1] = np.uint8(flags[0] == 0), np.uint8(flags[size - 1] == 0)
+        cross = line[x], line[x - 1], line[x + 1], above[x], below[x]
+        noise = var[x - 1] + four * var[x] + var[x + 1], var_above[x] + four * var[x] + var_below[x]
+        special[x] = np.uint8(_tell(cross, noise, limits) & (flags[x] == 0))
+    for x in (0, size - 1):
+        cross = line[x], window[k, REACH + x - 1], line[x + 1], above[x], below[x]
+        noise = np.float32(6) * var[x], var_above[x] + four * var[x] + var_below[x]
+        special[x] = np.uint8(_tell(cross, noise, limits) & (flags[x] == 0))
+
+
+@inlined
+def _tell(cross: Any, noise: Any, limits: Any) -> Any:
+    """Whether a pixel's neighbours or the border tell something. cross: the pixel, those to the left, right,
+    above and below; noise: variances of both second differences."""
+    (c, left, right, up, down), (noise_x, noise_y), (jump, per_turn, reach2, border) = cross, noise, limits
+    two, half, square = np.float32(2), np.float32(0.5), jump * jump
+    # where nothing bounds the surface, nothing is near its border
+    low = half if border < np.float32(np.inf) else border
+    half_a_turn = half / max(per_turn, np.float32(1e-9))
+    off_x, off_y = left + right - two * c, up + down - two * c
+    bend_x, bend_y = off_x * off_x > _SURE2 * noise_x, off_y * off_y > _SURE2 * noise_y
+    wide = (bend_x & (off_x * off_x > square)) | (bend_y & (off_y * off_y > square)) | (bend_x & bend_y)
+    far = max(max(abs(c - left), abs(right - c)), max(abs(c - up), abs(down - c)))
+    away = max(min(c + low, border - half - c), np.float32(0))
+    footprint2 = ((right - left) * (right - left) + (down - up) * (down - up)) * np.float32(1 / 48)
+    beside = off_x + off_y != off_x + off_y  # one that is refused
+    return wide | beside | (away * away <= SHADOW2 * (reach2 + footprint2)) | (far > half_a_turn)
+
+
+@inlined
+def _dimmer(at: Any, inner: Any, raw: Any, common: Any, per_turn: Any) -> Any:
+    """Whether a good pixel at the image's edge has less light than one two pixels inwards, by more than its
+    noise, and enough to count: a place moves by half of the share that is lost."""
+    (coord, variance), (flags, amplitude, _) = raw, common
+    share = max(np.float32(1) - amplitude[at] / max(amplitude[inner], np.float32(1e-6)), np.float32(0))
+    noise = np.float32(2) * _TURN2 * per_turn * per_turn * variance[at]
+    shift = np.float32(0.25) * share * (coord[inner] - coord[at])
+    counts = shift * shift > np.float32(SLIGHT**2) * variance[at]
+    return np.uint8((flags[at] == 0) & counts & (share * share > _BULK2 * noise))
 
 
 @kernel
