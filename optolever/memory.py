@@ -6,7 +6,6 @@ import math
 import os
 import re
 import weakref
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from optolever.errors import InputError
 
-__all__ = ["free_memory", "require_room", "roomy_empty", "roomy_together"]
+__all__ = ["free_memory", "require_room", "roomy_empty"]
 
 #: A huge page of the usual systems, and what is too little to be kept, bytes.
 _PAGE, _LITTLE = 1 << 21, 1 << 16
@@ -64,17 +63,6 @@ def roomy_empty(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     weakref.finalize(held, _keep, size, room).atexit = False
     start = -room.ctypes.data % (_PAGE if size >= _PAGE else _LINE)
     return held[start : start + size].view(kind).reshape(shape)
-
-
-def roomy_together(shape: tuple[int, ...], kinds: Sequence[DTypeLike]) -> list[NDArray[Any]]:
-    """Arrays of that shape side by side in the memory of one: for those that are dropped together."""
-    count, taken, start = math.prod(shape), [], 0
-    sizes = [-(-count * np.dtype(kind).itemsize // _LINE) * _LINE for kind in kinds]
-    room = roomy_empty((sum(sizes),), np.uint8)
-    for kind, size in zip(kinds, sizes, strict=True):
-        taken.append(room[start : start + size].view(kind)[:count].reshape(shape))
-        start += size
-    return taken
 
 
 def _taken(size: int) -> NDArray[np.uint8]:

@@ -107,13 +107,6 @@ def test_noisy_borders_cost_no_masked_solve_and_keep_their_pixels(blurred) -> No
     assert 0.5 < rms_score(scores(height, truth)[0]) < 1.6
 
 
-def test_the_core_is_what_is_left(blurred) -> None:
-    scene, _, correspondence = blurred
-    rows, cols = prepare(correspondence, scene).core
-    assert (rows.start, rows.stop) == (1, 127)
-    assert (cols.start, cols.stop) == (0, 127)
-
-
 def test_outliers_among_good_pixels_are_left_out(exact, noisy) -> None:
     """1 % of wrong fringe orders: flagged, and the rest as good as without them."""
     scene, truth, _ = exact("paper-simulation", "raised-cosine", 128, 128)
