@@ -133,8 +133,9 @@ def _micro_rows(light: Any, noise: Any, fringe: Any, singles: Any, rows: Any, in
     cell = np.empty(width, np.uint32)
     room = np.empty((2, width), np.uint32), np.empty((4, width), np.float32)
     one, other = np.empty(width, np.float32), np.empty(width, np.float32)
+    beside = np.empty(width, np.float32)  # places of the other
     score, rival = np.empty(width, np.float32), np.empty(width, np.float32)
-    sums, own = np.empty((9, width), np.float32), np.empty((8, width), np.float32)
+    sums, own = np.empty((8, width), np.float32), np.empty((8, width), np.float32)
     t, v, a, o, fitted, clipped, error, chi2 = own[0], own[1], own[2], own[3], own[4], own[5], own[6], own[7]
     for row in range(rows[0], rows[1]):
         fit_line(light, noise, fringe, 0, row, work, (t, v, a, o, fitted, clipped))
@@ -142,17 +143,18 @@ def _micro_rows(light: Any, noise: Any, fringe: Any, singles: Any, rows: Any, in
             _level(raw[frames[m], row], table, o, a, white, level[m], clipped)
         _cell(t, level[used[0]], level[used[1]], level[used[2]], cell)
         listed_first(first, second, cell, one, other)
-        score[:], rival[:] = np.float32(0), np.float32(0)
+        _places(t, one, period, place[row], score)
+        _places(t, other, period, beside, rival)
         for m in range(count):
-            _score(t, one, level[m], period, _ONE / periods[m], shifts[m], score)
-            _score(t, other, level[m], period, _ONE / periods[m], shifts[m], rival)
+            _score(place[row], level[m], _ONE / periods[m], shifts[m], score)
+            _score(beside, level[m], _ONE / periods[m], shifts[m], rival)
         _choose(one, other, score, rival)
         _search((t, level, period, periods, shifts), start, listed, cell, room, one, score, rival)
-        _normal(t, one, period, steps, place[row], sums)
+        _normal(t, one, period, _HALF * steps, place[row], sums)
         for m in range(count):
             _add_sample(level[m], place[row], _ONE / periods[m], shifts[m], sums)
         found = place[row], var[row], error, a, o, chi2, clipped
-        _solve(sums, (one, score, rival, fitted), tolerance, noise, found)
+        _solve(sums, steps + np.float32(count), (one, score, rival, fitted), tolerance, noise, found)
         merge_line(found, noise, row, into)
 
 
@@ -179,11 +181,18 @@ def _cell(turn: Any, a: Any, b: Any, c: Any, cell: Any) -> None:
 
 
 @kernel
-def _score(turn: Any, order: Any, level: Any, period: Any, per_period: Any, shift: Any, score: Any) -> None:
+def _places(turn: Any, order: Any, period: Any, place: Any, score: Any) -> None:
+    """Places of an order, and the score to which their samples are added: beyond all others without one."""
     for x in range(order.size):
-        phase = turn[x] - np.floor(turn[x])
-        left = level[x] - cosine_of(period * (order[x] + phase) * per_period - shift)
-        score[x] += left * left + (np.float32(1e9) if order[x] < np.float32(-10000) else np.float32(0))
+        place[x] = period * (order[x] + (turn[x] - np.floor(turn[x])))
+        score[x] = np.float32(1e9) if order[x] < np.float32(-10000) else np.float32(0)
+
+
+@kernel
+def _score(place: Any, level: Any, per_period: Any, shift: Any, score: Any) -> None:
+    for x in range(place.size):
+        left = level[x] - cosine_of(place[x] * per_period - shift)
+        score[x] += left * left
 
 
 @kernel
@@ -208,19 +217,20 @@ def _search(
         pixels[x] = x
     rank, left = 2, _with_more(start, cell, 2, pixels)
     while left > 0:
-        own, order, of_one, total = lines[0][:left], lines[1][:left], lines[2][:left], lines[3][:left]
+        at, order, of_one, total = lines[0][:left], lines[1][:left], lines[2][:left], lines[3][:left]
         of_rank, some = listed[rank:], pixels[:left]
         for n in range(left):
-            own[n], order[n] = turn[some[n]], np.float32(of_rank[np.uint32(start[cell[some[n]]])])
+            phase, number = turn[some[n]], np.float32(of_rank[np.uint32(start[cell[some[n]]])])
+            at[n], order[n] = period * (number + (phase - np.floor(phase))), number
             asked[n], total[n] = some[n], np.float32(0)
         for m in range(periods.size):
-            of_all, count = level[m], own.size
+            of_all, count = level[m], at.size
             for n in range(count):
                 of_one[n] = of_all[asked[n]]
-            _score(own, order, of_one, period, _ONE / periods[m], shifts[m], total)
+            _score(at, of_one, _ONE / periods[m], shifts[m], total)
             if m < periods.size - 3:
-                count = _not_refused(asked, own, order, total, rival)
-                own, order, of_one, total = own[:count], order[:count], of_one[:count], total[:count]
+                count = _not_refused(asked, at, order, total, rival)
+                at, order, of_one, total = at[:count], order[:count], of_one[:count], total[:count]
         for n in range(total.size):
             x, better = asked[n], total[n] < score[asked[n]]
             rival[x] = score[x] if better else min(rival[x], total[n])
@@ -230,12 +240,12 @@ def _search(
 
 
 @exact
-def _not_refused(asked: Any, own: Any, order: Any, total: Any, rival: Any) -> Any:
+def _not_refused(asked: Any, at: Any, order: Any, total: Any, rival: Any) -> Any:
     """How many of the orders fit better than the second best so far; they move to the front."""
     count = 0
     for n in range(total.size):
         x, so_far = asked[n], total[n]
-        asked[count], own[count], order[count], total[count] = x, own[n], order[n], so_far
+        asked[count], at[count], order[count], total[count] = x, at[n], order[n], so_far
         count += 1 if so_far < rival[x] else 0
     return count
 
@@ -252,45 +262,43 @@ def _with_more(start: Any, cell: Any, rank: Any, pixels: Any) -> Any:
 
 
 @kernel
-def _normal(turn: Any, order: Any, period: Any, steps: Any, place: Any, sums: Any) -> None:
-    """Normal equations for offset, amplitude (of it) and place (turns of the period) of N even steps:
-    diagonal."""
-    half = _HALF * steps
+def _normal(turn: Any, order: Any, period: Any, half: Any, place: Any, sums: Any) -> None:
+    """Normal equations for offset, amplitude (of it) and place of 2 `half` even steps: diagonal."""
+    curve, none = half * (_TWO_PI / period) * (_TWO_PI / period), np.float32(0)
     for x in range(order.size):
         place[x] = period * (order[x] + turn[x] - np.floor(turn[x]))
-        sums[0, x], sums[1, x], sums[2, x] = steps, half, half * (_TWO_PI / period) * (_TWO_PI / period)
-        sums[3, x], sums[4, x], sums[5, x] = np.float32(0), np.float32(0), np.float32(0)
-        sums[6, x], sums[7, x], sums[8, x] = np.float32(0), np.float32(0), np.float32(0)
+        sums[0, x], sums[1, x], sums[2, x], sums[3, x] = half, curve, none, none
+        sums[4, x], sums[5, x], sums[6, x], sums[7, x] = none, none, none, none
 
 
 @kernel
 def _add_sample(level: Any, place: Any, per_period: Any, shift: Any, sums: Any) -> None:
-    """One more sample: off-diagonals oa, ou, au, right sides o, a, u; residuals start at the steps' fit."""
+    """One more sample: diagonals a, u, off-diagonals oa, ou, au, right sides o, a, u; residuals start at the
+    steps' fit."""
     slope = _TWO_PI * per_period
     for x in range(place.size):
         phase = place[x] * per_period - shift
         c, s = cosine_of(phase), -slope * cosine_of(phase - np.float32(0.25))
         left = level[x] - c
-        sums[0, x] += _ONE
-        sums[1, x] += c * c
-        sums[2, x] += s * s
-        sums[3, x] += c
-        sums[4, x] += s
-        sums[5, x] += c * s
-        sums[6, x] += left
-        sums[7, x] += c * left
-        sums[8, x] += s * left
+        sums[0, x] += c * c
+        sums[1, x] += s * s
+        sums[2, x] += c
+        sums[3, x] += s
+        sums[4, x] += c * s
+        sums[5, x] += left
+        sums[6, x] += c * left
+        sums[7, x] += s * left
 
 
 @kernel
-def _solve(sums: Any, orders: Any, tolerance: Any, numbers: Any, found: Any) -> None:
+def _solve(sums: Any, oo: Any, orders: Any, tolerance: Any, numbers: Any, found: Any) -> None:
     of_level, of_all = np.float32(_OF_LEVEL), np.float32(_OF_ALL)
     (one, score, rival, fitted), (read2, gain, rounding2, misfit2) = orders, numbers
     place, var, error, amplitude, offset, chi2, _ = found
     for x in range(place.size):
-        oo, aa, uu = sums[0, x], sums[1, x], sums[2, x]
-        oa, ou, au = sums[3, x], sums[4, x], sums[5, x]
-        bo, ba, bu = sums[6, x], sums[7, x], sums[8, x]
+        aa, uu = sums[0, x], sums[1, x]
+        oa, ou, au = sums[2, x], sums[3, x], sums[4, x]
+        bo, ba, bu = sums[5, x], sums[6, x], sums[7, x]
         # offset and amplitude eliminated
         det = oo * aa - oa * oa
         po, pa = (ou * aa - au * oa) / det, (au * oo - ou * oa) / det
