@@ -9,7 +9,7 @@
 | `plan`           | a sequence as periods, bits, references, levels; the constraints that it obeys         |
 | `frames`         | frames validated, white level, response; pixels from all over them                     |
 | `noise`          | photon transfer from what no scene can make of the frames; pixels that see the pattern |
-| `unlike`         | a display so slow that frames hold a share of the one before; misfit within fringes    |
+| `unlike`         | a display on its way when the camera exposes; misfit within fringes                    |
 | `response`       | `Response` of display and camera, inverted before fringes are fitted; error it leaves  |
 | `phase`          | N-step least squares: phase, variance, amplitude, chi2                                 |
 | `unwrap`         | fringe orders from coarse to fine, from a code or, of close periods, by a table        |

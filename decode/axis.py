@@ -20,7 +20,7 @@ from .noise import Noise, Sample
 from .phase import Periods, periods_of
 from .plan import AxisPlan, Fringe, Plan, constraints, plan, raster_axes
 from .spatial import Raw
-from .unlike import misfit_within
+from .unlike import Before, misfit_within
 from .unwrap import Orders, climb, order_table, unwrap_close
 
 __all__ = ["AxisDecoder", "AxisOptions", "axis_decoders"]
@@ -78,12 +78,13 @@ class AxisDecoder:
 
 class AxisOptions(NamedTuple):
     """on_cells, subpixel, blur (cells, None: unknown): see decode; known: whether the noise is, else, where
-    no rule of the frames tells it, a look-up measures it."""
+    no rule of the frames tells it, a look-up measures it; before: what frames hold of earlier ones."""
 
     on_cells: bool = False
     subpixel: bool = False
     known: bool = False
     blur: float | None = None
+    before: Before = Before()
 
 
 def axis_decoders(
@@ -125,7 +126,7 @@ def _decoder(
     rounding = (0.0,) * len(axis.fringes)
     if options.on_cells and not sequence.nominal and axis.fringes:
         rounding = _rounding(axis.axis, sequence)
-    unlike = [_unlike(fringe, lit, noise) for fringe in axis.fringes]
+    unlike = [_unlike(fringe, lit, noise, options.before) for fringe in axis.fringes]
     orders = None if covered else _orders(axis, _deviation(axis, noise, lit), max(unlike))
     rounding = tuple(r + m for r, m in zip(rounding, unlike, strict=True))
     periods = periods_of(axis.fringes, rounding) if axis.fringes else None
@@ -153,10 +154,12 @@ def _rounding(name: str, sequence: Sequence) -> tuple[float, ...]:
     return tuple(float(table_rounding(fringe, tables).var()) for fringe in axis.fringes)
 
 
-def _unlike(fringe: Fringe, lit: Sample, noise: Noise) -> float:
-    """Variance (turns^2) of a fringe's phase by what its samples leave beyond noise."""
+def _unlike(fringe: Fringe, lit: Sample, noise: Noise, before: Before) -> float:
+    """Variance (turns^2) of a fringe's phase by what its samples leave beyond noise, and by what they still
+    hold of earlier ones: its share in radians at most."""
     _, c, s = np.diag(np.linalg.inv(fringe.design().T @ fringe.design()))
-    return misfit_within(fringe, lit, noise) * float(c + s) / 2 / (2 * np.pi) ** 2
+    held = before.left.get(fringe.index, before.least)
+    return (misfit_within(fringe, lit, noise) * float(c + s) / 2 + held**2) / (2 * np.pi) ** 2
 
 
 def _cells(code: CodePlan, light: Light, noise: Noise, lit: Sample) -> NDArray[np.float64]:

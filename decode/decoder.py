@@ -26,7 +26,7 @@ from .noise import Noise, Sample, estimate_noise, under_response
 from .plan import Plan, plan, raster_axes
 from .response import Response
 from .spatial import Raw, check_rows, despeckle
-from .unlike import noisier, share_before, without_before
+from .unlike import Before, held_before, without_before
 
 __all__ = ["decode"]
 
@@ -38,8 +38,12 @@ _LINE = 1 << 13
 _LEAST_SIGMA = 0.01
 #: Notices of what no sequence says, and what to do.
 _SLOW = (
-    "frames hold a share of the one before",
+    "frames hold a share of earlier ones",
     "a slow display: wait longer before each frame is captured; the share is taken off",
+)
+_HELD = (
+    "some frames, or parts of them, hold a share of earlier ones",
+    "a display that is not yet done when the camera exposes: wait longer; sigma holds it",
 )
 _CURE = "gamma, flicker, a slow display or stray light; sigma holds what frames and neighbours show of it"
 _MISFIT = "frames contradict each other, share of the amplitude", _CURE
@@ -142,15 +146,15 @@ def _decoded(light: Light, sequence: Sequence, options: _Options) -> Corresponde
     wanted = plan(sequence)
     noise, lit = estimate_noise(light, wanted, options.mask)
     given = options.noise
-    slow = share_before(wanted, lit) if light.response is None and options.bent is None else 0.0
-    if slow:
-        light = without_before(light, wanted, slow)
+    before = held_before(wanted, lit) if light.response is None and options.bent is None else Before()
+    if before.share:
+        light, times = without_before(light, wanted, before), before.noisier
         noise, lit = estimate_noise(light, wanted, options.mask)
-        given = given and replace(given, read2=given.read2 * noisier(slow), gain=given.gain * noisier(slow))
+        given = given and replace(given, read2=given.read2 * times, gain=given.gain * times)
     light, noise, lit = under_response(light, given or noise, lit)
     cells = options.on_cells and not sequence.nominal
     shot = _Shot(light, sequence, wanted, noise, lit, cells)
-    chosen = AxisOptions(cells, options.subpixel, options.noise is not None, options.blur)
+    chosen = AxisOptions(cells, options.subpixel, options.noise is not None, options.blur, before)
     decoders = axis_decoders(sequence, light, shot.noise, lit, chosen)
     step("axes", 1, steps)
     raw, shared = _estimated(shot, decoders)
@@ -158,11 +162,13 @@ def _decoded(light: Light, sequence: Sequence, options: _Options) -> Corresponde
         np.bitwise_or(shared.flags, np.uint16(Flag.INVALID), out=shared.flags, where=~options.mask)
     step("neighbours", 2, steps)
     found = _among_neighbours(shot, decoders, raw, shared, options.blur)
+    held = _noticed(_HELD, max(before.left.values(), default=0.0))
+    found = replace(found, notices=held + found.notices)
     if options.check:
         step("frames", 3, steps)
         found = _checked(shot, described, found, options)
     step("decoded", steps, steps)
-    return replace(found, notices=_noticed(_SLOW, slow) + found.notices)
+    return replace(found, notices=_noticed(_SLOW, before.share) + found.notices)
 
 
 def _estimated(shot: _Shot, decoders: list[AxisDecoder]) -> tuple[list[Raw], Shared]:

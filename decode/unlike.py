@@ -1,24 +1,26 @@
 """What a display or a camera does that no sequence says, told by what fringes cannot look like: a display so
-slow that a frame still holds a share of the one before it, and what samples contradict each other by."""
+slow that a frame still holds a share of earlier ones, and what samples contradict each other by."""
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 
 from .frames import Light
 from .noise import Noise, Sample, product, trimmed_variance
 from .plan import Fringe, Plan
 
-__all__ = ["misfit_within", "noisier", "share_before", "without_before"]
+__all__ = ["Before", "held_before", "misfit_within", "without_before"]
 
 F64 = NDArray[np.float64]
 #: Pixels that are asked at most, and at least.
-_ASKED, _FEWEST = 512, 64
-#: Share of the noise's variance that a misfit has at least; deviations by which a share before is sure, and
-#: rounds until it and the noise are told apart.
-_BEYOND, _SURE, _ROUNDS = 0.2, 5.0, 5
+_ASKED, _FEWEST = 1024, 64
+#: Share of the noise's variance that a misfit has at least; deviations by which a share of an earlier frame
+#: is sure, and how many frames earlier are asked.
+_BEYOND, _SURE, _EARLIER = 0.2, 5.0, 3
 _FAINT = 1e-9
 
 
@@ -42,71 +44,162 @@ def misfit_within(fringe: Fringe, lit: Sample, noise: Noise) -> float:
     return (times - 1) * float(np.median(few.variance(noise) / power)) if times > 1 + chance else 0.0
 
 
-def share_before(plan: Plan, lit: Sample) -> float:
-    """Share s of the frame before in every frame, I_i = (1 - s) L_i + s I_(i-1); below 0: overdriven.
+class Before(NamedTuple):
+    """What frames hold of earlier ones where the display is slow, or the camera exposes before it is done.
 
-    What no fringe of L looks like is s times as large of the frames before as of the frames themselves, in
-    all fringes of more than three samples but that with the first frame. 0 where they do not agree, or where
-    exposures differ.
+    I_i = (1 - m) L_i + m S_(i-1), S_i = (1 - e) L_i + e S_(i-1): a share m of the state S in which the last
+    frame left the display. L is (I_i - sum_k a r^(k-1) I_(i-k)) / (1 - m), r = (e - m) / (1 - m), a = e - r.
+
+    first, ratio  a and r of all the image, which are taken off; a < 0: overdriven
+    left          share that fringes (by their frames) hold besides; least: those that tell none
+    """
+
+    first: float = 0.0
+    ratio: float = 0.0
+    left: Mapping[tuple[int, ...], float] = {}
+    least: float = 0.0
+
+    @property
+    def share(self) -> float:
+        """m."""
+        return self.first / (1 - self.ratio)
+
+    @property
+    def noisier(self) -> float:
+        """Variance of a sample of L over that of one of I."""
+        return (1 + self.first**2 / (1 - self.ratio**2)) / (1 - self.share) ** 2
+
+
+class _Moments(NamedTuple):
+    """Of what no fringe looks like, of a fringe's samples and of those 1, 2, ... frames before, M in all, in
+    one part of the image; or sums of such.
+
+    square  (M, M) sums of products; noise: what noise of variance 1 makes of it
+    """
+
+    fringe: tuple[int, ...]
+    part: int
+    square: F64
+    noise: F64
+
+    def of_light(self, before: Before) -> tuple[float, float]:
+        """Sums of squares of what the light without the frames before would be, and of its noise."""
+        weights = self._weights(before)
+        return float(weights @ self.square @ weights), float(weights @ self.noise @ weights)
+
+    def left(self, before: Before) -> float:
+        """What is surely in the frames of earlier ones besides, over what these show, rms; 1 at most."""
+        whole, noise = self.of_light(before)
+        both = (self.square - whole / noise * self.noise)[1:] @ self._weights(before)
+        more = np.linalg.lstsq(self.square[1:, 1:], both)[0]
+        own = whole / float(self.noise[0, 0])
+        shown = float(np.trace(self.square[1:, 1:])) / len(more)
+        found = float(more @ both)
+        return min(found / shown, 1.0) ** 0.5 if found > _SURE**2 * own else 0.0
+
+    def _weights(self, before: Before) -> F64:
+        return np.append(1.0, -before.first * before.ratio ** np.arange(len(self.square) - 1))
+
+
+def held_before(plan: Plan, lit: Sample) -> Before:
+    """What no fringe of L looks like must be noise, in all parts of the image and in all fringes of more than
+    three samples but that with the first frame.
+
+    What these do not agree on is not taken off; nothing is told where exposures differ.
     """
     every = [fringe for axis in plan.axes for fringe in axis.fringes]
-    fringes = [f for f in every if len(f.index) > 3 and min(f.index) > 0]
-    alike = all((fringe.exposure == 1).all() for fringe in every)
-    told = np.array([_share_of(fringe, lit) for fringe in fringes if alike]).reshape(-1, 2)
-    told = told[np.isfinite(told).all(axis=1)]
-    if not len(told):
-        return 0.0
-    shares, deviation = told.T
-    weights = deviation**-2 / np.sum(deviation**-2)
-    share = float(weights @ shares)
-    agree = (np.abs(shares - share) < np.maximum(_SURE * deviation, 0.5 * abs(share))).all()
-    return share if agree and _SURE * float(np.sum(deviation**-2)) ** -0.5 < abs(share) < 0.5 else 0.0
+    if not all((fringe.exposure == 1).all() for fringe in every):
+        return Before()
+    told = [one for f in every if len(f.index) > 3 and min(f.index) > 0 for one in _moments(f, lit)]
+    none = _left(told, Before())
+    if not any(none.left.values()):
+        return none
+    before = _left(told, _fitted(told))
+    agreed = max(before.left.values()) < 0.5 * abs(before.share) < 0.25
+    return before if agreed else none
 
 
-def _share_of(fringe: Fringe, lit: Sample) -> tuple[float, float]:
-    """The share that one fringe tells, and its deviation; NaN where the frames before it are its own, or
-    where too few pixels are whole in these."""
-    design, index = fringe.design(), np.array(fringe.index)
-    levels = _whole(lit, np.union1d(index, index - 1)).levels.astype(np.float64)
+def _fitted(told: list[_Moments]) -> Before:
+    """Before with as many numbers as are sure: the least of what is noise in the light."""
+    sizes = {len(one.square) for one in told}
+    some = [_sum([one for one in told if len(one.square) == size]) for size in sizes]
+    samples = sum(float(one.noise[0, 0]) for one in some)
+
+    def noise(numbers: Any) -> float:
+        if len(numbers) > 1 and abs(numbers[1]) > 0.9:
+            return np.inf
+        whole, own = np.sum([one.of_light(Before(*numbers)) for one in some], axis=0)
+        return float(whole / own)
+
+    found, least = Before(), noise(())
+    for numbers in ((0.0,), (0.0, 0.0)):
+        start = [*found[: len(numbers) - 1], 0.0]
+        fit = minimize(noise, start, method="Nelder-Mead")
+        if samples * (least - fit.fun) > _SURE**2 * fit.fun:
+            found, least = Before(*fit.x.tolist()), fit.fun
+    return found
+
+
+def _left(told: list[_Moments], before: Before) -> Before:
+    """With what is left: by what each fringe tells, here or there or in all, at least what others tell
+    together of a part of the image: all but that which tells most, where one frame may be another."""
+    left = {}
+    for fringe in {one.fringe for one in told}:
+        own = [one for one in told if one.fringe == fringe]
+        left[fringe] = max(one.left(before) for one in [*own, _sum(own)])
+    others = [one for one in told if one.fringe != max(left, key=lambda fringe: left[fringe])]
+    parts = [[one for one in others if one.part == part] for part in range(4)]
+    least = max([_sum(part).left(before) for part in parts if part], default=0.0)
+    return before._replace(left={each: max(size, least) for each, size in left.items()}, least=least)
+
+
+def _moments(fringe: Fringe, lit: Sample) -> list[_Moments]:
+    """Of the quarters of the image, as far as their pixels are whole in these frames."""
+    design = fringe.design()
+    frames = np.array(fringe.index) - np.arange(min(_EARLIER, min(fringe.index)) + 1)[:, None]
+    few = _whole(lit, np.unique(frames))
+    levels = few.levels.astype(np.float64)
     if levels.shape[1] < _FEWEST:
-        return np.nan, np.nan
-    fit, waves = _harmonics(design, levels[index])
-    waves = np.concatenate([fit, waves])
+        return []
+    waves = np.concatenate(_harmonics(design, levels[frames[0]]))
     rows = np.linalg.qr(design, mode="complete")[0][:, 3:].T
-    found = _apart(product(rows, levels[index]), waves)
-    before = _apart(product(rows, levels[index - 1]), waves)
-    # noise is in both, and a frame's is in what stands before the next one
-    shared = float((rows[:, 1:] * rows[:, :-1])[:, np.diff(index) == 1].sum()) * levels.shape[1]
-    own = float(found.size)
-    both, square = float(np.sum(found * before)), float(np.sum(before * before))
-    share, noise = 0.0, 0.0
-    for _ in range(_ROUNDS):
-        share = (both - noise * shared) / max(square - noise * own, _FAINT)
-        left = float(np.sum(np.square(found - share * before)))
-        noise = left / (own * (1 + share**2) - 2 * share * shared)
-    seen = square - noise * own
-    sure = seen > _SURE * noise * np.sqrt(2 * own)
-    return (share, float(np.sqrt(noise / seen))) if sure else (np.nan, np.nan)
+    seen = _apart(np.concatenate([product(rows, levels[each]) for each in frames]), waves)
+    seen = seen.reshape(len(frames), len(rows), -1)
+    # noise of a frame is in all that stands some frames before or after it
+    holds = np.zeros((len(frames), len(rows), len(levels)))
+    for one, each in zip(holds, frames, strict=True):
+        one[:, each] = rows
+    noise = np.einsum("mrn,orn->mo", holds, holds)
+    parts = (few.places > np.median(few.places, axis=0)) @ (1, 2)
+    return [
+        _Moments(fringe.index, part, np.einsum("mrk,ork->mo", own, own), noise * own.shape[2])
+        for part in np.unique(parts).tolist()
+        for own in (seen[..., parts == part],)
+    ]
 
 
-def without_before(light: Light, plan: Plan, share: float) -> Light:
-    """Frames without what they hold of the one before; of fringes, saturated where either is."""
+def _sum(told: list[_Moments]) -> _Moments:
+    """Of the frames before that all of them have."""
+    few = min(len(one.square) for one in told)
+    square = np.sum([one.square[:few, :few] for one in told], axis=0)
+    return told[0]._replace(square=square, noise=np.sum([one.noise[:few, :few] for one in told], axis=0))
+
+
+def without_before(light: Light, plan: Plan, before: Before) -> Light:
+    """L; of fringes, saturated where the frame before is, too."""
     raw, clipped = light.raw.astype(np.float32), light.raw >= light.clip
-    mended = raw.copy()
-    mended[1:] -= np.float32(share) * raw[:-1]
-    mended[1:] /= np.float32(1 - share)
     # bits are compared: what a saturated frame leaves in them changes no sign
     fringes = [fringe for axis in plan.axes for fringe in (*axis.fringes, *axis.singles)]
     for i in {i for fringe in fringes for i in fringe.index if i > 0}:
         clipped[i] |= raw[i - 1] >= light.clip
-    highest = float(light.clip / (1 - max(share, 0.0)))
+    share, ratio = np.float32(before.share), np.float32(before.ratio)
+    decay = np.float32(before.first + before.ratio)
+    mended = raw.copy()
+    for i in range(1, len(raw)):
+        mended[i] = (raw[i] - decay * raw[i - 1]) / (1 - share) + ratio * mended[i - 1]
+    highest = float(light.clip / (1 - max(before.share, 0.0)))
     mended[clipped] = highest
-    return replace(light, raw=mended, clip=highest, rounding=light.rounding * noisier(share))
-
-
-def noisier(share: float) -> float:
-    """Variance of a sample without its share of the one before, over that of a sample."""
-    return (1 + share**2) / (1 - share) ** 2
+    return replace(light, raw=mended, clip=highest, rounding=light.rounding * before.noisier)
 
 
 def _whole(lit: Sample, frames: Any) -> Sample:

@@ -15,7 +15,7 @@ SHOWN = [
     sequence("phase", *EXTENT, steps=6),
     sequence("phase", *EXTENT, steps=4, periods=(8.6, 10.244, 11.675)),
 ]
-BEFORE = "frames hold a share of the one before"
+BEFORE = "frames hold a share of earlier ones"
 
 
 def camera(light: F64) -> NDArray[np.uint8]:
@@ -52,6 +52,36 @@ def test_what_a_slow_crystal_keeps_is_taken_off(
     # noise is least at a fringe's own frequency: sigma is up to 1 / (1 - share) too wide
     least = 0.9 * (1 - abs(share))
     assert least <= float(np.sqrt(np.mean(np.square(scores(found, *smooth))))) <= 1.15
+
+
+@pytest.mark.parametrize(("share", "decay"), [(0.2, 0.0), (0.2, 0.05), (0.1, 0.02), (-0.05, 0.0)])
+def test_what_a_camera_sees_of_a_crystal_on_its_way_is_taken_off(
+    share: float, decay: float, shown: Sequence, light: F64, smooth: tuple[F64, F64]
+) -> None:
+    """More in the mean of an exposure than at its end; 0: exposed while the frames change."""
+    seen, state = [light[0]], light[0]
+    for frame in light[1:]:
+        seen.append((1 - share) * frame + share * state)
+        state = (1 - decay) * frame + decay * state
+    found = decode(camera(np.stack(seen)), shown, on_cells=False)
+    assert abs(told(found) - share) <= 0.03 * abs(share) + 0.004
+    assert found.good.mean() > 0.95
+    assert silent(found, *smooth) <= 1e-4
+    assert abs(float(np.mean(scores(found, *smooth)))) <= 0.4, "a shift that no mean over pixels takes out"
+
+
+@pytest.mark.parametrize(("share", "rows"), [(0.25, 75), (0.2, 100), (0.6, 0)])
+def test_shares_that_are_not_taken_off_are_in_sigma(
+    share: float, rows: int, shown: Sequence, light: F64, smooth: tuple[F64, F64]
+) -> None:
+    """In a part of the image alone, or larger than what is a frame of its own."""
+    seen = [light[0]]
+    for frame in light[1:]:
+        seen.append((1 - share) * frame + share * seen[-1])
+        seen[-1][:rows] = frame[:rows]
+    found = decode(camera(np.stack(seen)), shown, on_cells=False)
+    assert any("hold a share of earlier ones" in notice.name for notice in found.notices)
+    assert silent(found, *smooth) <= 1e-4
 
 
 def test_one_frame_exposed_longer_is_in_sigma(shown: Sequence, light: F64, smooth: tuple[F64, F64]) -> None:
