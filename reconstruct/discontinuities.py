@@ -22,6 +22,7 @@ __all__ = ["edge_doubt", "touched", "widened"]
 
 SIGMAS = 5.0  # of the difference's own noise: both sides exceed it by chance in no edge of a megapixel
 FAINT = 2.0  # of the same, for edges that continue a crease
+_CHAIN = 16  # such edges side by side are a crease too: noise alone strings together a dozen in a megapixel
 RISE = 3.0  # from zero at the limit: what depends continuously on the slopes is the same from any start
 MATTERS = 2.0  # of a slope's announced sigma: smaller doubts change nothing
 ROUGH = 0.03  # of the largest step between neighbouring slopes; waves of 20 pixels and longer stay below
@@ -41,6 +42,7 @@ _CERTAIN, _ABRUPT = 8.0, 0.2  # of its noise, of the largest step: what one side
 _ONE_SIDED = 0.25  # of that, at most, what the other side misses
 _KINK = 0.5  # of what one side alone misses, at the edge of three where it misses most
 _FEEBLE = 0.5  # of a slope's sigma
+_BY_ACCIDENT = 0.1  # of the doubt beside: next to a jump within one edge, an edge misses a twelfth of that
 
 
 def edge_doubt(
@@ -64,23 +66,46 @@ def edge_doubt(
     dx, plain_x, sure_x, curve_x = _axis(p, var_p, mask, (0, 1), noise, glance)
     dy, plain_y, sure_y, curve_y = _axis(q, var_q, mask, (1, 0), noise, glance)
     curves = bool((curve_x > 0).any() or (curve_y > 0).any())
-    sure = sure_x | sure_y
+    sure, doubtful = sure_x | sure_y, (dx > 0) | (dy > 0)
+    if not (blamed or curves or sure.any()) and np.count_nonzero(doubtful) < _CHAIN:
+        return None
+    parts, count = scipy.ndimage.label(doubtful, structure=np.ones((3, 3)))
+    sizes = np.bincount(parts.ravel())
+    sizes[0] = 0
+    long = (sizes >= _CHAIN)[parts]
+    sure |= long
     if not (blamed or curves or sure.any()):
         return None
     if glance:
         return edge_doubt(p, q, var_p, var_q, mask, noise, closer=True)
-    parts, count = scipy.ndimage.label((dx > 0) | (dy > 0), structure=np.ones((3, 3)))
     found = np.zeros(count + 1, dtype=np.bool_)
     found[parts[sure]] = True
     found[0] = False
     near = scipy.ndimage.maximum_filter(sure, _BESIDE)
     dx, dy = (
-        np.maximum(np.where(near, plain, np.where(found[parts], doubt, 0.0)), curve)
-        for doubt, plain, curve in ((dx, plain_x, curve_x), (dy, plain_y, curve_y))
+        np.where(near, plain, np.where(found[parts], doubt, 0.0))
+        for doubt, plain in ((dx, plain_x), (dy, plain_y))
     )
+    lines = scipy.ndimage.maximum_filter(long, _BESIDE)
+    own = np.maximum(dx, curve_x), np.maximum(dy, curve_y)
+    wide_x, wide_y = _beside(dx, var_p, lines), _beside(dy, var_q, lines)
+    wide = np.maximum(wide_x, curve_x), np.maximum(wide_y, curve_y)
     if suspects is not None and blamed:
-        dx, dy = _blamed((dx, dy), np.where(suspects, _BLAME * _largest_curl(p, q, mask), 0.0))
-    return Doubt(_shared_along(dx, mask), _shared_along(dy.T, mask.T).T.copy())
+        curls = np.where(suspects, _BLAME * _largest_curl(p, q, mask), 0.0)
+        own, wide = _blamed(own, curls), _blamed(wide, curls)
+    return Doubt(*_shared(wide, mask), _shared(own, mask))
+
+
+def _beside(doubt: Floats, variance: Floats, lines: Mask) -> Floats:
+    """Doubts, along lines of them (H, W) at least as large as those of the edges around, unless these say
+    nothing of an edge or noise hides what they do.
+
+    Where a crease curves through the pixels, one side explains the very edge it lies in by accident, time and
+    again, and always when that is off to the same side: the next edge is in doubt instead.
+    """
+    most = scipy.ndimage.maximum_filter(doubt, 3)
+    shared = lines & (doubt > _BY_ACCIDENT * most) & (most > _QUIET * np.sqrt(variance))
+    return np.where(shared, most, doubt)
 
 
 def _largest_curl(p: Floats, q: Floats, mask: Mask) -> Floats:
@@ -99,8 +124,13 @@ def _blamed(doubt: Pair, curls: Floats) -> Pair:
     return dx, dy
 
 
-def _shared_along(doubt: Floats, mask: Mask) -> Floats:
+def _shared(doubt: Pair, mask: Mask) -> Pair:
     """The doubts, and their share in the cubics of the edges before and after."""
+    dx, dy = doubt
+    return _shared_along(dx, mask), _shared_along(dy.T, mask.T).T.copy()
+
+
+def _shared_along(doubt: Floats, mask: Mask) -> Floats:
     wide = doubt.copy()
     np.maximum(wide[:, 1:], _SHARE * doubt[:, :-1], out=wide[:, 1:])
     np.maximum(wide[:, :-1], _SHARE * doubt[:, 1:], out=wide[:, :-1])
@@ -144,6 +174,10 @@ def widened(doubt: Doubt, bridged: Mask) -> Doubt:
     """Edges of interpolated pixels get the largest doubt nearby: nobody saw what is between."""
     if not bridged.any():
         return doubt
+    return Doubt(*_widened(doubt[:2], bridged), None if doubt.own is None else _widened(doubt.own, bridged))
+
+
+def _widened(doubt: Pair, bridged: Mask) -> Pair:
     dx, dy = doubt
     near = np.maximum(dx, dy)
     near[:, 1:] = np.maximum(near[:, 1:], dx[:, :-1])
@@ -152,7 +186,7 @@ def widened(doubt: Doubt, bridged: Mask) -> Doubt:
     wide_x, wide_y = dx.copy(), dy.copy()
     wide_x[:, :-1] = np.maximum(wide_x[:, :-1], np.maximum(near[:, :-1], near[:, 1:]))
     wide_y[:-1] = np.maximum(wide_y[:-1], np.maximum(near[:-1], near[1:]))
-    return Doubt(wide_x, wide_y)
+    return wide_x, wide_y
 
 
 def touched(doubt: Doubt) -> Mask:

@@ -39,10 +39,16 @@ _NONE = np.zeros((1, 1))
 
 class Doubt(NamedTuple):
     """What every edge's increment may be off by beyond its noise (see `discontinuities`), (H, W): x along
-    columns, y along rows."""
+    columns, y along rows; own: both, as the edges tell by themselves (None: as x and y)."""
 
     x: Floats
     y: Floats
+    own: tuple[Floats, Floats] | None = None
+
+    @property
+    def alone(self) -> "Doubt":
+        """As the edges tell by themselves."""
+        return self if self.own is None else Doubt(*self.own)
 
 
 def increments(p: Floats, q: Floats, mask: Mask) -> tuple[Floats, Floats]:
@@ -84,7 +90,7 @@ def edge_weights(
     and the square of the edge's doubt.
     """
     wx, wy = np.empty(var_p.shape), np.empty(var_p.shape)
-    dx, dy = (_NONE, _NONE) if doubt is None else doubt
+    dx, dy = (_NONE, _NONE) if doubt is None else doubt[:2]
     over_image(
         lambda start, stop: _edge_weights(var_p, var_q, root, mask, dx, dy, wx, wy, start, stop),
         var_p.shape,

@@ -88,7 +88,7 @@ def _drawn(
     slopes = np.where(mask, noisy_p - p, 0.0), np.where(mask, noisy_q - q, 0.0)
     doubts = None
     if state.doubt is not None:
-        dx, dy = state.doubt
+        dx, dy = state.doubt[:2]
         doubts = dx * rng.standard_normal(mask.shape), dy * rng.standard_normal(mask.shape)
     edges = edge_errors(data, state, slopes, doubts)
     known = rows.sigma * rng.standard_normal(rows.sigma.shape)

@@ -74,11 +74,11 @@ def height_map(
     steep = np.zeros(outer.mask.shape, dtype=np.bool_)
     if doubt is not None:
         anchors = state.rows.pixel[state.share > 0]
-        more = reached_across(doubt, state.root, data.mask, anchors)
+        more, told = (reached_across(each, state.root, data.mask, anchors) for each in (doubt, doubt.alone))
         limits = _STEEP * np.sqrt(state.variances[0]), _STEEP * np.sqrt(state.variances[1])
         lost = ~data.mask | problem.bridged
-        away = cut_off(doubt, limits, data.mask, anchors, lost)
-        beyond = more > (_STEEP**2) * _least_around(variance, data.mask)
+        away = cut_off(doubt.alone, limits, data.mask, anchors, lost)
+        beyond = told > (_STEEP**2) * _least_around(variance, data.mask)
         steep[problem.core] = away | (touched(doubt) & beyond)
         variance = variance + more
     w, variance, known = extended(outer, problem.core, state.w, variance, data.mask)

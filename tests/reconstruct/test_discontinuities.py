@@ -75,7 +75,7 @@ def test_interpolated_pixels_share_the_doubt_around_them() -> None:
     dx[5, 5] = 1.0
     bridged = np.zeros((20, 30), dtype=bool)
     bridged[5, 7] = bridged[15, 20] = True
-    wide_x, wide_y = widened(Doubt(dx, dy), bridged)
+    wide_x, wide_y, _ = widened(Doubt(dx, dy), bridged)
     assert wide_x[5, 6] == wide_x[5, 7] == wide_y[5, 7] == wide_y[4, 7] == 1.0
     assert not wide_x[15].any()
 
