@@ -61,7 +61,7 @@ class Before(NamedTuple):
 
     @property
     def share(self) -> float:
-        """m."""
+        """Share m of the last frame's light in a frame."""
         return self.first / (1 - self.ratio)
 
     @property
@@ -102,10 +102,11 @@ class _Moments(NamedTuple):
 
 
 def held_before(plan: Plan, lit: Sample) -> Before:
-    """What no fringe of L looks like must be noise, in all parts of the image and in all fringes of more than
-    three samples but that with the first frame.
+    """What all the image holds of earlier frames, and what parts of it do besides.
 
-    What these do not agree on is not taken off; nothing is told where exposures differ.
+    What no fringe of L looks like must be noise, in the quarters of the image and in all fringes of more than
+    three samples but that with the first frame. What these do not agree on is not taken off; nothing is told
+    where exposures differ.
     """
     every = [fringe for axis in plan.axes for fringe in axis.fringes]
     if not all((fringe.exposure == 1).all() for fringe in every):
@@ -115,7 +116,8 @@ def held_before(plan: Plan, lit: Sample) -> Before:
     if not any(none.left.values()):
         return none
     before = _left(told, _fitted(told))
-    agreed = max(before.left.values()) < 0.5 * abs(before.share) < 0.25
+    # most of it is the same everywhere; a frame that is mostly the one before is another fault
+    agreed = max(before.left.values()) < 0.5 * abs(before.share) and abs(before.share) < 0.5
     return before if agreed else none
 
 
@@ -170,12 +172,12 @@ def _moments(fringe: Fringe, lit: Sample) -> list[_Moments]:
     for one, each in zip(holds, frames, strict=True):
         one[:, each] = rows
     noise = np.einsum("mrn,orn->mo", holds, holds)
-    parts = (few.places > np.median(few.places, axis=0)) @ (1, 2)
-    return [
-        _Moments(fringe.index, part, np.einsum("mrk,ork->mo", own, own), noise * own.shape[2])
-        for part in np.unique(parts).tolist()
-        for own in (seen[..., parts == part],)
-    ]
+    parts, found = (few.places > np.median(few.places, axis=0)) @ (1, 2), []
+    for part in np.unique(parts).tolist():
+        own = seen[..., parts == part]
+        square = np.einsum("mrk,ork->mo", own, own)
+        found.append(_Moments(fringe.index, part, square, noise * own.shape[2]))
+    return found
 
 
 def _sum(told: list[_Moments]) -> _Moments:
