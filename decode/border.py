@@ -43,7 +43,7 @@ def border_reach(
     every, beside = (max(1, count // _LINES) for count in coord.shape)
     along, down = tuple(one[::every] for one in maps), tuple(one[:, ::beside].T for one in maps)
     both = zip(_beside(along, extent), _beside(down, extent), strict=True)
-    away, width2, dark, lost = (np.concatenate(parts) for parts in both)
+    away, width2, bend, dark, lost = (np.concatenate(parts, axis=-1) for parts in both)
     telling = (lost > _DARK[0]) & (lost < 1 - _DARK[0])
     if np.count_nonzero(telling) < _FEWEST:
         return math.nan, 0
@@ -52,14 +52,21 @@ def border_reach(
     if np.count_nonzero(kept) < _FEWEST:
         return math.nan, 0
     t = -ndtri(dark[kept])
-    squares = (away[kept] / (t + _hazard(t))) ** 2 - width2[kept]
+    squares = (away[0, kept] / (t + _hazard(t))) ** 2 - width2[kept]
     found = float(np.sqrt(max(np.median(squares), 0.0)))
-    # noise of faint light is missing anywhere: a reach has to explain most of what is, and is not, beside it
-    steps = np.linspace(-2.0, 5.0, 141)
-    true = np.interp(away / np.sqrt(found**2 + width2), steps + _hazard(steps), steps)
-    if np.sum((dark - ndtr(-true)) ** 2) > 0.5 * np.sum(dark**2):
+    # uneven light is missing, too: the shift must be there, as a bend of readings, by more than half
+    near, middle, far = _shift(away, np.sqrt(found**2 + width2))
+    predicted = near - 2 * middle + far
+    if np.sum(predicted * bend) < 0.5 * np.sum(predicted**2):
         return math.nan, 0
     return found, len(squares)
+
+
+def _shift(away: NDArray[np.float64], deviation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How far inwards a reading lies that is `away` from the border."""
+    true = np.linspace(-2.0, 5.0, 141)
+    told = np.clip(away / deviation, 0.0, true[-1])
+    return np.asarray(deviation * (told - np.interp(told, true + _hazard(true), true)))
 
 
 def _hazard(t: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -68,8 +75,9 @@ def _hazard(t: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _beside(maps: tuple[Any, ...], extent: int) -> tuple[NDArray[np.float64], ...]:
-    """Of pixels beside the border, on lines (L, W) of the maps of `border_reach`: distance from it, variance
-    of the footprint, and the shares of level and amplitude that are missing against a pixel further inwards.
+    """Of K pixels beside the border, on lines (L, W) of the maps of `border_reach`: distances (3, K) from it
+    of the pixel, of one inwards and of one twice as far; variance (K,) of the footprint; by how much the
+    three bend inwards; and the shares of level and amplitude that are missing against the last.
     """
     coord, offset, amplitude, flags = maps
     away = extent / 2 - np.abs(coord - (extent - 1) / 2)
@@ -80,16 +88,20 @@ def _beside(maps: tuple[Any, ...], extent: int) -> tuple[NDArray[np.float64], ..
     slope = (coord[line, after] - coord[line, before]) / np.maximum(after - before, 1)
     slope *= np.where(2 * coord[line, at] < extent, 1, -1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        steps = np.ceil(_MARGIN / np.abs(slope))
-        steps = np.where(steps < _FARTHEST, steps, 0).astype(np.int64) * np.sign(slope).astype(np.int64)
-    far = at + steps
-    kept = (steps != 0) & (far >= 0) & (far < coord.shape[1])
-    line, at, far, slope = (one[kept] for one in (line, at, far, slope))
-    within = np.abs(coord[line, far] - coord[line, at])
-    kept = (within > 0.8 * _MARGIN) & (within < 3 * _MARGIN) & (flags[line, far] == 0)
-    line, at, far, slope = (one[kept] for one in (line, at, far, slope))
-    shares = (1.0 - one[line, at] / np.maximum(one[line, far], 1e-6) for one in (offset, amplitude))
-    return tuple(np.asarray(one, np.float64) for one in (away[line, at], slope**2 / 12, *shares))
+        half = np.ceil(_MARGIN / 2 / np.abs(slope))
+        half = np.where(half < _FARTHEST / 2, half, 0).astype(np.int64) * np.sign(slope).astype(np.int64)
+    kept = (half != 0) & (at + 2 * half >= 0) & (at + 2 * half < coord.shape[1])
+    line, slope = line[kept], slope[kept]
+    three = at[kept] + np.arange(3)[:, None] * half[kept]
+    within = np.abs(coord[line, three[2]] - coord[line, three[0]])
+    kept = (within > 0.8 * _MARGIN) & (within < 3 * _MARGIN) & (flags[line, three[1:]] == 0).all(axis=0)
+    line, three, slope = line[kept], three[:, kept], slope[kept]
+    (near, middle, far), sign = coord[line, three], np.where(2 * coord[line, three[0]] < extent, 1, -1)
+    shares = (
+        1.0 - one[line, three[0]] / np.maximum(one[line, three[2]], 1e-6) for one in (offset, amplitude)
+    )
+    found = (away[line, three], slope**2 / 12, sign * (near - 2 * middle + far), *shares)
+    return tuple(np.asarray(one, np.float64) for one in found)
 
 
 @exact

@@ -155,6 +155,20 @@ def test_noise_of_faint_light_tells_no_shadow_of_the_border(seed: int) -> None:
     assert border_reach(coord, *light, np.zeros(coord.shape, np.uint16), 500)[1] == 0
 
 
+@pytest.mark.parametrize("depth", [0.15, 0.35, 0.5])
+def test_light_that_falls_off_is_no_border(depth: float, shoot: Callable[..., NDArray[Any]]) -> None:
+    """A vignette or an uneven backlight darkens the pattern's rim as its border would, but shifts nothing."""
+    shown = sequence("gray+phase", 100, 100)
+    v, u = 4 + 0.9 * np.mgrid[:100, :100]
+    away = np.minimum(np.minimum(u, 99 - u), np.minimum(v, 99 - v)) + 0.5
+    light = 90 * (1 - depth * np.exp(-away / 4))
+    found = decode(shoot(shown, u, v, noise=0.5, offset=light + 10, amplitude=light), shown)
+    rim = found.good & (away < 9)
+    assert rim.sum() > 0.9 * np.count_nonzero(away < 9)
+    for coordinate, truth in ((found.u, u), (found.v, v)):
+        assert abs(float(np.mean((coordinate - truth)[rim & (truth < 9)]))) < 0.01
+
+
 def test_folds_widen_sigma(shoot: Callable[..., NDArray[Any]]) -> None:
     """A mean over a pixel lies off the place at its centre by the second derivatives over 24."""
     row, col = places(40, 60)
