@@ -109,7 +109,9 @@ def starting(scene: Scene, noise: float, goal: Goal) -> Start:
     rest = dent("flat", scene)
     lever = Lever(scene, rest)
     thin = Lever(scene, rest, stride=stride_for(scene, SIDE))
-    outlook, worse = (Outlook(thin, goal.height, spare * noise, lever.sigma_factor) for spare in (1.0, SPARE))
+    outlook, worse = (
+        Outlook.of(thin, goal.height, spare * noise, lever.sigma_factor) for spare in (1.0, SPARE)
+    )
     found = _least(outlook)
     for offer in offers([outlook], goal.share, goal.frames):
         shown = [candidate.sequence for _, candidate in offer.best if _fringes_only(candidate.sequence)]
@@ -121,14 +123,14 @@ def starting(scene: Scene, noise: float, goal: Goal) -> Start:
 
 def _least(outlook: Outlook) -> tuple[Frame, ...]:
     """Three steps of two periods on each axis, of those that lose fewest pixels at rest the least error."""
-    view = outlook.lever.view
+    view = outlook.view
     frames: list[Frame] = []
     for axis in "uv":
         codes = fringe_codes(axis, view.extent(axis), 2 * LEAST_STEPS)
         predicted = [
             outlook.axis(axis, Sequence(code.frames, view.extent("v"), view.extent("u"))) for code in codes
         ]
-        best = min(range(len(codes)), key=lambda k: (round(-predicted[k].share, 2), predicted[k].size))
+        best = min(range(len(codes)), key=lambda k: (round(-predicted[k].share, 2), predicted[k].error))
         frames += codes[best].frames
     return tuple(frames)
 
@@ -162,7 +164,7 @@ def adapt(source: OnDemand, start: Start, goal: Goal) -> Adapted:
 @dataclass(frozen=True)
 class _State:
     """What is known after some frames: correspondence, height, share within; a thinned view made of
-    measurements, and there the height's sigma (NaN where there is none); gains: see Lever."""
+    measurements, and there the height's sigma (where there is none the usual one); gains: see Lever."""
 
     decoded: Correspondence
     height: HeightMap
@@ -182,8 +184,10 @@ class _State:
         within = share_within(height.sigma * lever.sigma_factor, height.good, sees, goal.height, bias)
         step = max(1, min(sees.shape) // SIDE)
         thin = (slice(step // 2, None, step),) * 2
-        sigma = np.where(height.good, height.sigma * lever.sigma_factor, np.nan)[thin]
-        return cls(decoded, height, within, _every(view, step), sigma, lever.gains)
+        good, sigma = (values[thin] for values in (height.good, height.sigma * lever.sigma_factor))
+        usual = float(np.median(sigma[good])) if good.any() else math.inf
+        every = _every(view, step)
+        return cls(decoded, height, within, every, np.where(good, sigma, usual), lever.gains)
 
 
 def _systematic(decoded: Correspondence, prediction: Prediction, height: HeightMap, scene: Scene) -> Floats:
@@ -254,24 +258,20 @@ def _shifts(axis: str, period: float, shown: list[float], count: int) -> tuple[F
 def _best(state: _State, frames: tuple[Frame, ...], goal: Goal, noise: float) -> tuple[Frame, ...] | None:
     """The next frames: the fewest that are predicted to meet the goal, or if none do, those of the largest
     gain of the share per frame; None if nothing gains."""
-    now = [_along(state, frames, axis, noise) for axis in "uv"]
-    before = _outlook(state, goal, now, now)
-    gains = []
-    for following in _options(frames, state):
-        then = list(now)
-        axis = following[0].axis or "u"
-        then["uv".index(axis)] = _along(state, (*frames, *following), axis, noise)
-        gains.append((_outlook(state, goal, then, now) - before, following))
+    pattern, view = state.view.scene.pattern, state.view
+    now = Sequence(frames, pattern.rows, pattern.cols)
+    outlook = Outlook(view, view.visible, state.gains, goal.height, noise, state.sigma, 1.0)
+    outlook = replace(outlook, error=outlook.height_error(now))
+    before = outlook.share(now)
+    gains = [
+        (outlook.share(replace(now, frames=(*frames, *following))) - before, following)
+        for following in _options(frames, state)
+    ]
     enough = [one for one in gains if state.within + one[0] >= goal.share]
     if enough:
         return min(enough, key=lambda one: (len(one[1]), -one[0]))[1]
     gain, following = max(gains, key=lambda one: one[0] / len(one[1]))
     return following if gain > LEAST_GAIN * len(following) else None
-
-
-def _along(state: _State, frames: tuple[Frame, ...], axis: str, noise: float) -> Prediction:
-    pattern = state.view.scene.pattern
-    return predict(state.view, Sequence(frames, pattern.rows, pattern.cols), noise, axes=axis)
 
 
 def _options(frames: tuple[Frame, ...], state: _State) -> list[tuple[Frame, ...]]:
@@ -293,24 +293,6 @@ def _options(frames: tuple[Frame, ...], state: _State) -> list[tuple[Frame, ...]
             new += [SPAN * extent, math.sqrt(SPAN * extent * ladder[-1])]
         options += [_shifts(axis, period, [], LEAST_STEPS) for period in new]
     return options
-
-
-def _outlook(state: _State, goal: Goal, then: list[Prediction], now: list[Prediction]) -> float:
-    """Share predicted to be within the goal, of the errors `then` (u, v); now: of what was shown."""
-    visible = state.view.visible
-    good = np.isfinite(state.sigma) & visible
-    sizes = [
-        math.hypot(
-            *(gain * one.rms(axis) for gain, one, axis in zip(state.gains, predicted, "uv", strict=True))
-        )
-        for predicted in (then, now)
-    ]
-    scale = sizes[0] / sizes[1] if sizes[1] > 0 else 1.0
-    middle = float(np.median(state.sigma[good])) if good.any() else math.inf
-    sigma = scale * np.where(good, state.sigma, middle)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        each = then[0].passed * then[1].passed * erf(goal.height / (math.sqrt(2) * sigma))
-    return float(np.nan_to_num(each)[visible].mean())
 
 
 def _words(frames: tuple[Frame, ...]) -> str:

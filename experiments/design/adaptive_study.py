@@ -223,7 +223,7 @@ class Place:
         self._start, self._noise, self._renderer = start, start.noise, renderer
         self.surface = dent_from_text(text, scene)
         self.lever = Lever(scene, self.surface, stride=stride_for(scene, SIDE))
-        self.outlook = Outlook(self.lever, goal.height, start.noise, start.lever.sigma_factor)
+        self.outlook = Outlook.of(self.lever, goal.height, start.noise, start.lever.sigma_factor)
 
     def adaptive(self, seed: int) -> tuple[Any, float]:
         """(what adaptive sensing did, share of the pixels that see the pattern actually within the goal)."""

@@ -1,21 +1,14 @@
 """The fixed sequence of fewest frames that meets a goal on several dents at once.
 
 Number of frames by number of frames, all that could be shown: fringes of two or three periods with steps of
-their own for every period and axis, and the codes of `candidates`. Each axis is decoded once by itself;
-of two axes together the share within the goal is at most
-
-    min(share that u passes, share that v passes, mean erf(goal / (sqrt 2 sigma))),
-
-by which nearly all fall out. The rest is predicted whole, the most promising first.
+their own for every period and axis, and the codes of `candidates`. Each axis is decoded once by itself; the
+fringes that do best on the dent where most falls out are paired, and predicted on all.
 """
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
-
-import numpy as np
-from numpy.typing import NDArray
 
 from optolever.patterns import Frame, Sequence
 
@@ -24,8 +17,8 @@ from .outlook import Outlook
 
 __all__ = ["Offer", "fringe_codes", "offers"]
 
-#: Candidates of one number of frames that are predicted whole.
-WHOLE = 60
+#: Codes of an axis and a number of frames that are paired with those of the other axis.
+BEST = 6
 #: Steps of all periods but the last, besides an even share; the last has the rest.
 FEW = (3, 4, 6)
 #: Least share of the frames that an axis has.
@@ -52,70 +45,48 @@ class Offer:
 
 def offers(outlooks: list[Outlook], need: float, most: int) -> Iterator[Offer]:
     """From the fewest frames to `most`: what is predicted to bring a share of at least `need` everywhere."""
-    pattern = outlooks[0].lever.scene.pattern
-    rows, cols = pattern.rows, pattern.cols
+    pattern = outlooks[0].view.scene.pattern
     order = list(outlooks)  # the hardest first
     for count in range(2 * LEAST_STEPS, most + 1):
-        named = [c for c in candidates(rows, cols, count) if len(c.sequence) == count]
-        promising, paired = _paired(order, rows, cols, count, need)
-        predicted = [(_worst(order, c.sequence, need), c) for c in [*named, *promising]]
+        named = [c for c in candidates(pattern.rows, pattern.cols, count) if len(c.sequence) == count]
+        offered = [*named, *_paired(order[0], count, need)]
+        predicted = [(_worst(order, candidate.sequence, need), candidate) for candidate in offered]
         best = sorted((one for one in predicted if one[0] >= need), key=lambda one: -one[0])
-        yield Offer(count, best, len(named) + paired)
+        yield Offer(count, best, len(offered))
 
 
 def _worst(outlooks: list[Outlook], sequence: Sequence, need: float) -> float:
-    """Least predicted share; where it is under `need`, of those up to there."""
+    """Least predicted share; where it is under `need`, of those up to there, which then comes first."""
     least = 1.0
-    for outlook in outlooks:
+    for outlook in tuple(outlooks):
         least = min(least, outlook.share(sequence))
         if least < need:
+            outlooks.remove(outlook)
+            outlooks.insert(0, outlook)
             break
     return least
 
 
-def _paired(
-    outlooks: list[Outlook], rows: int, cols: int, count: int, need: float
-) -> tuple[list[Candidate], int]:
-    """Of all pairs of fringe codes of `count` frames the WHOLE most promising ones, by the bound on their
-    share; the number of pairs."""
-    found: list[tuple[float, AxisCode, AxisCode]] = []
-    paired = 0
+def _paired(outlook: Outlook, count: int, need: float) -> Iterator[Candidate]:
+    """Fringe codes of `count` frames: every split between the axes, the best of each axis with each other."""
+    pattern = outlook.view.scene.pattern
     least = max(2 * LEAST_STEPS, math.ceil(LEAST_SHARE * count))
     for along_u in range(least, count - least + 1):
-        codes = fringe_codes("u", cols, along_u), fringe_codes("v", rows, count - along_u)
-        paired += len(codes[0]) * len(codes[1])
-        bound = _bound(outlooks, codes, rows, cols, need)
-        found += [(float(bound[i, j]), codes[0][i], codes[1][j]) for i, j in np.argwhere(bound >= need)]
-    found.sort(key=lambda one: -one[0])
-    return [_joined(u, v, rows, cols) for _, u, v in found[:WHOLE]], paired
+        best = _best(outlook, "u", along_u, need), _best(outlook, "v", count - along_u, need)
+        for u, v in product(*best):
+            text = f"u {u.text}; v {v.text}"
+            yield Candidate(text, Sequence((*u.frames, *v.frames), pattern.rows, pattern.cols, text))
 
 
-def _bound(
-    outlooks: list[Outlook], codes: tuple[list[AxisCode], list[AxisCode]], rows: int, cols: int, need: float
-) -> NDArray[np.float64]:
-    """Greatest share that each code of u can have together with each of v everywhere, (U, V); where it is
-    under `need`, up to there."""
-    bound = np.ones((len(codes[0]), len(codes[1])))
-    for outlook in tuple(outlooks):
-        alive = [np.flatnonzero((bound >= need).any(axis=other)) for other in (1, 0)]
-        sizes, passed = [], []
-        for axis, mine, some in zip("uv", codes, alive, strict=True):
-            predicted = [outlook.axis(axis, Sequence(mine[k].frames, rows, cols)) for k in some]
-            sizes.append(np.array([one.size for one in predicted]))
-            passed.append(np.array([one.share for one in predicted]))
-        within = outlook.within_at(np.hypot(sizes[0][:, None], sizes[1]))
-        both = np.minimum(np.minimum(passed[0][:, None], passed[1]), within)
-        bound[np.ix_(*alive)] = np.minimum(bound[np.ix_(*alive)], both)
-        if bound.max(initial=0.0) < need:  # what is hardest here will be so for the next
-            outlooks.remove(outlook)
-            outlooks.insert(0, outlook)
-            break
-    return bound
-
-
-def _joined(u: AxisCode, v: AxisCode, rows: int, cols: int) -> Candidate:
-    text = f"u {u.text}; v {v.text}"
-    return Candidate(text, Sequence((*u.frames, *v.frames), rows, cols, text))
+def _best(outlook: Outlook, axis: str, count: int, need: float) -> list[AxisCode]:
+    """Fringe codes of an axis that enough pixels pass, those of the least errors."""
+    pattern = outlook.view.scene.pattern
+    found = []
+    for code in fringe_codes(axis, outlook.view.extent(axis), count):
+        one = outlook.axis(axis, Sequence(code.frames, pattern.rows, pattern.cols))
+        if one.share >= need:
+            found.append((one.error, code))
+    return [code for _, code in sorted(found, key=lambda one: one[0])[:BEST]]
 
 
 def fringe_codes(axis: str, extent: int, count: int) -> list[AxisCode]:

@@ -1,15 +1,14 @@
-"""What any sequence would bring where a scene's lever is known: the share of heights within a goal.
+"""What any sequence would bring where a view's height errors are known: the share of heights within a goal.
 
-Axis by axis, so that thousands of sequences cost no more than their axes.
+Axis by axis, so that many sequences cost no more than their axes.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import erf
 
 from optolever.errors import InputError
@@ -17,33 +16,43 @@ from optolever.patterns import Sequence
 
 from .prediction import predict
 from .sensitivity import Lever
-from .view import Floats
+from .view import Floats, Mask, View
 
 __all__ = ["AxisOutlook", "Outlook"]
 
-SIZES = np.geomspace(0.02, 50, 160)  # of the reference's error, for which shares are tabled
 
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class AxisOutlook:
-    """An axis of a sequence: rms height error (mm) that it brings, expected share of the pixels that pass the
-    decoder's checks, and for each of them (None: all) the probability."""
+    """An axis of a sequence: rms height error (mm) that it brings, share of the pixels that pass the
+    decoder's checks, and for each of them (n,) the probability."""
 
-    size: float
+    error: float
     share: float
-    passed: NDArray[np.float32] | None
+    passed: Floats
 
 
+@dataclass(frozen=True, eq=False)
 class Outlook:
-    """A lever, the error that heights may have (mm), the camera's noise (rms, 8-bit levels); wide: what the
-    solver's error bars have to be multiplied by, on the full camera (see Lever.sigma_factor)."""
+    """view; where (H, W): its pixels that count; gains: rms height error (mm) per cell of noise along u and
+    v; goal: error that heights may have, mm; noise: of the camera, rms 8-bit levels; sigma (H, W): error bars
+    of heights (mm, NaN without a height) whose rms error is `error`: another sequence's scale with it."""
 
-    def __init__(self, lever: Lever, height: float, noise: float, wide: Floats) -> None:
-        self.lever, self._height, self._noise = lever, height, noise
-        shape = lever.view.visible.shape[::-1]
-        self._wide = np.asarray(cv2.resize(wide, shape, interpolation=cv2.INTER_AREA))
-        self._axes: dict[Any, AxisOutlook] = {}
-        self._table: Floats | None = None
+    view: View
+    where: Mask
+    gains: tuple[float, float]
+    goal: float
+    noise: float
+    sigma: Floats
+    error: float
+    _axes: dict[Any, AxisOutlook] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, lever: Lever, goal: float, noise: float, wide: Floats) -> "Outlook":
+        """By a lever's reference; wide: what the solver's error bars have to be multiplied by, on the full
+        camera (see Lever.sigma_factor)."""
+        error, sigma = lever.reference_sigma
+        factor = np.asarray(cv2.resize(wide, sigma.shape[::-1], interpolation=cv2.INTER_AREA))
+        return cls(lever.view, lever.usable, lever.gains, goal, noise, sigma * factor, error)
 
     def axis(self, axis: str, sequence: Sequence) -> AxisOutlook:
         """What one axis of a sequence brings; kept for the next that has the same."""
@@ -53,39 +62,28 @@ class Outlook:
         return self._axes[key]
 
     def _predicted(self, axis: str, sequence: Sequence) -> AxisOutlook:
-        usable = self.lever.usable
         try:
-            prediction = predict(self.lever.view, sequence, self._noise, axes=axis)
+            prediction = predict(self.view, sequence, self.noise, axes=axis)
         except InputError:
-            return AxisOutlook(math.inf, 0.0, None)
-        passed, size = prediction.passed[usable], prediction.rms(axis)
-        return AxisOutlook(
-            self.lever.gains["uv".index(axis)] * size if math.isfinite(size) else math.inf,
-            float(passed.mean()),
-            None if passed.all() else passed.astype(np.float32),
-        )
+            return AxisOutlook(math.inf, 0.0, np.zeros(int(self.where.sum())))
+        passed, rms = prediction.passed[self.where], prediction.rms(axis)
+        error = self.gains["uv".index(axis)] * rms if math.isfinite(rms) else math.inf
+        return AxisOutlook(error, float(passed.mean()), passed)
+
+    def height_error(self, sequence: Sequence) -> float:
+        """Rms height error (mm) that a sequence brings."""
+        return math.hypot(*(self.axis(axis, sequence).error for axis in "uv"))
 
     def share(self, sequence: Sequence) -> float:
-        """Expected share of the pixels that see the pattern in full whose height is within the goal."""
-        u, v = (self.axis(axis, sequence) for axis in "uv")
-        size = math.hypot(u.size, v.size)
-        if not math.isfinite(size):
+        """Expected share of the pixels that count whose height is within the goal."""
+        error = self.height_error(sequence)
+        if not math.isfinite(error):
             return 0.0
-        each = self._each(size)
-        for passed in (u.passed, v.passed):
-            each = each if passed is None else each * passed
-        return float(each.mean())
+        u, v = (self.axis(axis, sequence).passed for axis in "uv")
+        return float((self._within(error / self.error if self.error > 0 else 1.0) * u * v).mean())
 
-    def within_at(self, size: Floats) -> Floats:
-        """That share at an rms height error (mm) of any code, were all pixels measured."""
-        reference = self.lever.reference_sigma[0]
-        if self._table is None:
-            self._table = np.array([self._each(reference * ratio).mean() for ratio in SIZES])
-        return np.asarray(np.interp(np.log(size / reference), np.log(SIZES), self._table))
-
-    def _each(self, size: float) -> Floats:
-        """Probability that a pixel is within the goal at that error, where the view sees the pattern."""
-        reference, sigma = self.lever.reference_sigma
-        mine = (sigma * self._wide)[self.lever.usable] * (size / reference)
+    def _within(self, ratio: float) -> Floats:
+        """Probability that a pixel is within the goal at so many times the known error."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.nan_to_num(erf(self._height / (math.sqrt(2) * mine))))
+            each = erf(self.goal / (math.sqrt(2) * ratio * self.sigma[self.where]))
+        return np.asarray(np.nan_to_num(each))

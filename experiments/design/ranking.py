@@ -152,72 +152,56 @@ def rank(
     drafts = []
     for index, candidate in enumerate(offered):
         progress("predict", index, len(offered))
-        drafts.append(_Draft.of(lever, candidate, noise, refresh, failure))
+        count = len(candidate.sequence)
+        draft = _Draft(candidate, DesignRow(candidate.text, count, count / refresh))
+        drafts.append(_drawn(draft, lever, noise, failure, PAIRS))
     for pairs in MORE_PAIRS:
         near = [draft for draft in drafts if draft.value < CLOSE * min(draft.value for draft in drafts)]
         for index, draft in enumerate(near if len(near) > 1 else []):
             progress(f"the best {len(near)} again", index, len(near))
-            drafts[drafts.index(draft)] = draft.again(lever, pairs)
+            drafts[drafts.index(draft)] = _drawn(draft, lever, noise, failure, pairs)
     return [draft.row for draft in sorted(drafts, key=lambda draft: (bool(draft.row.why), draft.value))]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Draft:
-    """A row, and the draws that it follows from."""
+    """A row, and the draws that it follows from; pairs: see Lever.pairs."""
 
     candidate: Candidate
-    noise: float
-    failure: float
     row: DesignRow
     prediction: Prediction | None = None
     pairs: Floats = field(default_factory=lambda: np.empty((0, 3)))
-
-    @classmethod
-    def of(cls, lever: Lever, candidate: Candidate, noise: float, refresh: float, failure: float) -> "_Draft":
-        count = len(candidate.sequence)
-        row = DesignRow(candidate.text, count, count / refresh)
-        try:
-            prediction = predict(lever.view, candidate.sequence, noise, pairs=PAIRS)
-        except InputError as error:
-            row = replace(row, why=f"no prediction: {error}")
-            return cls(candidate, noise, failure, row)
-        return cls(candidate, noise, failure, row)._with(lever, prediction)
 
     @property
     def value(self) -> float:
         """Merit, infinite of what is ruled out."""
         return math.inf if self.row.why else merit(self.row.predicted, self.row.share)
 
-    def again(self, lever: Lever, pairs: int) -> "_Draft":
-        """With further pairs of draws."""
-        assert self.prediction is not None
-        first = len(self.prediction.error) // 2
-        more = predict(lever.view, self.candidate.sequence, self.noise, pairs=pairs, first=first)
-        return self._with(lever, more)
 
-    def _with(self, lever: Lever, more: Prediction) -> "_Draft":
-        prediction = more if self.prediction is None else self.prediction.and_more(more)
-        share, failure = prediction.measured_share, prediction.failure
-        row = replace(self.row, failure=failure, share=share)
-        if failure > self.failure:
-            row = replace(row, predicted=lever.quick(prediction), why=f"fails at {failure:.1e} of the pixels")
-            return replace(self, row=row, prediction=prediction)
-        if share < LEAST_SHARE:
-            row = replace(row, predicted=lever.quick(prediction), why=f"measures {share:.0%} of the pixels")
-            return replace(self, row=row, prediction=prediction)
-        pairs = np.concatenate([self.pairs, lever.pairs(more)])
-        height = lever.pooled(pairs)
-        if math.isnan(height.total):
-            return replace(self, row=replace(row, why="no height: no anchor is left"), prediction=prediction)
-        row = replace(
-            row,
-            predicted=height.total,
-            spread=height.spread,
-            noise=height.noise,
-            bias=height.bias,
-            share=height.share,
-        )
-        return replace(self, row=row, prediction=prediction, pairs=pairs)
+def _drawn(draft: _Draft, lever: Lever, noise: float, failure: float, pairs: int) -> _Draft:
+    """With further pairs of draws; failure: the largest that is allowed."""
+    known, row = draft.prediction, draft.row
+    first = 0 if known is None else len(known.error) // 2
+    try:
+        more = predict(lever.view, draft.candidate.sequence, noise, pairs=pairs, first=first)
+    except InputError as error:
+        return replace(draft, row=replace(row, why=f"no prediction: {error}"))
+    prediction = more if known is None else known.and_more(more)
+    row = replace(row, failure=prediction.failure, share=prediction.measured_share)
+    if row.failure > failure:
+        row = replace(row, why=f"fails at {row.failure:.1e} of the pixels")
+    elif row.share < LEAST_SHARE:
+        row = replace(row, why=f"measures {row.share:.0%} of the pixels")
+    if row.why:
+        return replace(draft, row=replace(row, predicted=lever.quick(prediction)), prediction=prediction)
+    all_pairs = np.concatenate([draft.pairs, lever.pairs(more)])
+    height = lever.pooled(all_pairs)
+    if math.isnan(height.total):
+        row = replace(row, why="no height: no anchor is left")
+    else:
+        row = replace(row, predicted=height.total, spread=height.spread, share=height.share)
+        row = replace(row, noise=height.noise, bias=height.bias)
+    return replace(draft, row=row, prediction=prediction, pairs=all_pairs)
 
 
 def simulate(
@@ -257,19 +241,15 @@ def _verified(
         if place is None or (done >= verify and place > 0):
             break
         progress("simulate", done, max(verify, done + 1))
-        rows[place] = _simulated(rows[place], by_text[rows[place].text], lever, noise, seeds, renderer)
-        done += not rows[place].why
+        row = rows[place]
+        try:
+            found, share = simulate(lever, by_text[row.text], noise, range(seeds), renderer)
+        except InputError as error:
+            rows[place] = replace(row, why="cannot be decoded", note=str(error))
+            continue
+        rows[place] = replace(row, simulated=found, simulated_share=share)
+        done += 1
     return sorted(rows, key=lambda row: (bool(row.why), _value(row, trust)))
-
-
-def _simulated(
-    row: DesignRow, candidate: Candidate, lever: Lever, noise: float, seeds: int, renderer: str
-) -> DesignRow:
-    try:
-        found, share = simulate(lever, candidate, noise, range(seeds), renderer)
-    except InputError as error:
-        return replace(row, why="cannot be decoded", note=str(error))
-    return replace(row, simulated=found, simulated_share=share)
 
 
 def _value(row: DesignRow, trust: float) -> float:

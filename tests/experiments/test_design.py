@@ -362,7 +362,7 @@ def test_shares_are_predicted_as_they_are_measured(places: list[Place]) -> None:
 
 @pytest.mark.slow
 def test_nothing_that_is_offered_was_pruned(places: list[Place]) -> None:
-    """Of two fringe codes for each axis all pairs predicted one by one, against what the bounds leave."""
+    """Of six fringes for each axis all pairs predicted one by one, against those of the best of each axis."""
     outlooks, need = [place.outlook for place in places], 0.9
     pattern = places[0].scene.pattern
     codes = [fringe_codes(axis, n, 6) for axis, n in (("u", pattern.cols), ("v", pattern.rows))]
@@ -371,7 +371,6 @@ def test_nothing_that_is_offered_was_pruned(places: list[Place]) -> None:
     offer = next(offer for offer in offers(outlooks, need, 12) if offer.frames == 12)
     best = max(least.values())
     assert best >= need
-    assert offer.looked_at >= len(shown)
     assert offer.best[0][0] >= best - 1e-9
 
 
