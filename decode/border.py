@@ -27,6 +27,8 @@ _DARK, _LOST = (0.1, 0.45), 0.1
 #: Lines that are looked at along either axis; pixels that tell a reach; pixels inwards at which no light is
 #: missing.
 _LINES, _FEWEST, _FARTHEST = 100, 8, 60
+#: Deviations from the border at which it takes nothing.
+_NOWHERE = 5.0
 #: Share of a shift by a measured reach that is unsure: a box in place of the normal distribution (a sixth), a
 #: fringe whose contrast the blur halves (a tenth of the reach).
 _SHAPE = 0.25
@@ -54,19 +56,21 @@ def border_reach(
     t = -ndtri(dark[kept])
     squares = (away[0, kept] / (t + _hazard(t))) ** 2 - width2[kept]
     found = float(np.sqrt(max(np.median(squares), 0.0)))
-    # uneven light is missing, too: the shift must be there, as a bend of readings, by more than half
-    near, middle, far = _shift(away, np.sqrt(found**2 + width2))
-    predicted = near - 2 * middle + far
-    if np.sum(predicted * bend) < 0.5 * np.sum(predicted**2):
-        return math.nan, 0
-    return found, len(squares)
+    deviation = np.sqrt(found**2 + width2)
+    read = np.minimum(away / deviation, _NOWHERE)
+    true = _true(read)
+    shift = deviation * (read - true)
+    # noise of faint light is missing anywhere: a reach has to explain most of what is, and is not, beside it
+    unlike = np.sum((dark - ndtr(-true[0])) ** 2) > 0.5 * np.sum(dark**2)
+    # uneven light shifts nothing: as the reach says readings have to bend
+    straight = np.abs(bend - (shift[0] - 2 * shift[1] + shift[2])).sum() > np.abs(bend).sum()
+    return (math.nan, 0) if unlike or straight else (found, len(squares))
 
 
-def _shift(away: NDArray[np.float64], deviation: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How far inwards a reading lies that is `away` from the border."""
-    true = np.linspace(-2.0, 5.0, 141)
-    told = np.clip(away / deviation, 0.0, true[-1])
-    return np.asarray(deviation * (told - np.interp(told, true + _hazard(true), true)))
+def _true(read: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance from the border of what is read at a distance, both in deviations."""
+    true = np.linspace(-2.0, _NOWHERE, 141)
+    return np.interp(read, true + _hazard(true), true)
 
 
 def _hazard(t: NDArray[np.float64]) -> NDArray[np.float64]:
