@@ -14,18 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .frames import Light, sample_levels, sample_places
-from .plan import Plan, constraints
+from .plan import Fringe, Plan, constraints
 
 __all__ = [
     "Noise",
     "Sample",
     "estimate_noise",
     "fitted_noise",
+    "harmonics",
     "modulation",
     "product",
     "sampled",
     "trimmed_variance",
     "under_response",
+    "unexplained",
 ]
 
 F32 = NDArray[np.float32]
@@ -236,14 +238,23 @@ def _residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32
         used = np.abs(some) > 0
         mean = product(used.astype(np.float32), camera) / used.sum(axis=1, keepdims=True)
         slopes = np.broadcast_to(few.slopes(some), mean.shape)
-        residual = product(some, levels) / slopes
-        kept = _unsaturated(some, levels, sample.white)
+        residual, kept = product(some, levels), _unsaturated(some, levels, sample.white)
         if few.steep is not None:  # the inverse is straight over the noise where it is not steep
             kept &= slopes <= np.quantile(slopes, _STRAIGHT)
-        for one, own, slope, whole in zip(residual, some, slopes, kept, strict=True):
-            one -= _explained(plan, np.flatnonzero(own), levels, one, whole, slope)
-        return mean[kept], residual[kept]
+        for fringe in (one for axis in plan.axes for one in axis.fringes):
+            within = np.flatnonzero(~np.delete(used, list(fringe.index), axis=1).any(axis=1))
+            if len(within):
+                _explain(residual, kept, within, harmonics(fringe, levels))
+        return mean[kept], (residual / slopes)[kept]
     return _neighbours(plan, sample.only(slice(_MOST)))
+
+
+def _explain(residual: F32, kept: NDArray[np.bool_], rows: NDArray[np.int64], waves: F32) -> None:
+    """Take off what waves explain of some rows of residuals, by those that are kept and no outliers."""
+    for row in rows[kept[rows].any(axis=1)]:
+        most = 4 * np.sqrt(np.square(residual[row, kept[row]]).mean()) + 1e-6
+        usual = np.flatnonzero(kept[row] & (np.abs(residual[row]) < most))
+        residual[row] = unexplained(residual[row, None], waves, usual[:: max(1, len(usual) // _ASKED)])[0]
 
 
 def _of_four(plan: Plan, rows: F64) -> F64:
@@ -267,27 +278,22 @@ def _unsaturated(rows: F32, levels: F32, white: float) -> NDArray[np.bool_]:
     return np.asarray(product((np.abs(rows) > 0).astype(np.float32), clipped.astype(np.float32)) == 0)
 
 
-def _explained(
-    plan: Plan, frames: NDArray[np.int64], levels: F32, residual: F32, whole: NDArray[np.bool_], slope: F32
-) -> F32:
-    """What a changed gain of single frames and harmonics of the fringe explain of a constraint's residuals
-    (K,), over their slopes, by the unsaturated ones: they follow the level and the phase, and are no
-    noise."""
-    own = [f for axis in plan.axes for f in axis.fringes if set(frames.tolist()) <= set(f.index)]
-    if not own or not whole.any():
-        return np.zeros_like(residual)
-    mean, c, s = np.linalg.pinv(own[0].design()).astype(np.float32) @ levels[list(own[0].index)]
-    power = np.maximum(np.hypot(c, s), np.float32(1e-6))
-    wave = (c + 1j * s) / power
-    harmonics = wave, wave * wave, wave * wave * wave
-    waves = [power * part for one in harmonics for part in (one.real, one.imag)]
-    design = np.stack([mean, *waves]) / slope
-    usual = whole & (np.abs(residual) < 4 * np.sqrt(np.square(residual[whole]).mean()) + 1e-6)
-    kept = np.flatnonzero(usual)
-    kept = kept[:: max(1, len(kept) // _ASKED)]
-    some = design[:, kept].astype(np.float64)
-    solved = np.linalg.pinv(product(some, some.T), hermitian=True) @ product(some, residual[kept, None])
-    return np.asarray(product(solved.T, design)[0], np.float32)
+def harmonics(fringe: Fringe, levels: Any) -> Any:
+    """Of pixels that see a fringe, by their levels (N, K): offset; c and s; the same of two and three times
+    the phase, times the amplitude (7, K)."""
+    offset, c, s = product(np.linalg.pinv(fringe.design()).astype(levels.dtype), levels[list(fringe.index)])
+    wave = c + 1j * s
+    unit = wave / np.maximum(np.abs(wave), 1e-6)
+    return np.stack([offset, *(part(wave * unit**n) for n in range(3) for part in (np.real, np.imag))])
+
+
+def unexplained(residuals: Any, waves: Any, kept: Any = slice(None)) -> Any:
+    """Residuals (M, K) without what waves (W, K) explain of them in the pixels to keep: what follows level
+    and phase, as by a gain of single frames or by a response, is no noise."""
+    some = waves[:, kept].astype(np.float64)
+    both = product(residuals[:, kept].astype(np.float64), some.T)
+    shares = product(both, np.linalg.pinv(product(some, some.T), hermitian=True))
+    return residuals - product(shares.astype(waves.dtype), waves)
 
 
 def product(one: Any, other: Any) -> Any:

@@ -7,10 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from .frames import Light
-from .noise import Noise, Sample, product, trimmed_variance
+from .noise import Noise, Sample, harmonics, product, trimmed_variance, unexplained
 from .plan import Fringe, Plan
 
 __all__ = ["Before", "held_before", "misfit_within", "without_before"]
@@ -21,6 +20,8 @@ _ASKED, _FEWEST = 1024, 64
 #: Share of the noise's variance that a misfit has at least; deviations by which a share of an earlier frame
 #: is sure, and how many frames earlier are asked.
 _BEYOND, _SURE, _EARLIER = 0.2, 5.0, 3
+#: Ratios that are tried, an odd number of them, up to the largest.
+_RATIOS, _LONGEST = 361, 0.9
 _FAINT = 1e-9
 
 
@@ -30,18 +31,17 @@ def misfit_within(fringe: Fringe, lit: Sample, noise: Noise) -> float:
     What harmonics of a response leave there is no part of it (they do a phase no harm unless they alias), nor
     is what chance may be; of three samples nothing is known.
     """
-    design, few = fringe.design(), _whole(lit, fringe.index)
-    freedom, (count, pixels) = len(design) - 3, (len(design), few.levels.shape[1])
+    few, rows = _whole(lit, fringe.index), _no_fringe(fringe)
+    freedom, pixels = len(rows), few.levels.shape[1]
     if freedom < 1 or pixels < _FEWEST:
         return 0.0
-    levels = few.levels[list(fringe.index)].astype(np.float64)
-    fit, waves = _harmonics(design, levels)
-    left = _apart(levels - product(design, fit), waves)
-    own = few.variance(noise) * (freedom / count)
+    levels, own = few.levels.astype(np.float64), few.variance(noise)
+    waves = harmonics(fringe, levels)[1:]
+    left = unexplained(product(rows, levels[list(fringe.index)]), waves[2:])
     times = trimmed_variance((left / np.sqrt(own)).ravel())
     chance = max(_BEYOND, 3 * float(np.sqrt(2 / (freedom * pixels))))
-    power = np.square(fit[1:]).sum(axis=0) + _FAINT
-    return (times - 1) * float(np.median(few.variance(noise) / power)) if times > 1 + chance else 0.0
+    power = np.square(waves[:2]).sum(axis=0) + _FAINT
+    return (times - 1) * float(np.median(own / power)) if times > 1 + chance else 0.0
 
 
 class Before(NamedTuple):
@@ -122,24 +122,18 @@ def held_before(plan: Plan, lit: Sample) -> Before:
 
 
 def _fitted(told: list[_Moments]) -> Before:
-    """Before with as many numbers as are sure: the least of what is noise in the light."""
-    sizes = {len(one.square) for one in told}
-    some = [_sum([one for one in told if len(one.square) == size]) for size in sizes]
-    samples = sum(float(one.noise[0, 0]) for one in some)
-
-    def noise(numbers: Any) -> float:
-        if len(numbers) > 1 and abs(numbers[1]) > 0.9:
-            return np.inf
-        whole, own = np.sum([one.of_light(Before(*numbers)) for one in some], axis=0)
-        return float(whole / own)
-
-    found, least = Before(), noise(())
-    for numbers in ((0.0,), (0.0, 0.0)):
-        start = [*found[: len(numbers) - 1], 0.0]
-        fit = minimize(noise, start, method="Nelder-Mead")
-        if samples * (least - fit.fun) > _SURE**2 * fit.fun:
-            found, least = Before(*fit.x.tolist()), fit.fun
-    return found
+    """Before by least squares: a, and r where that surely leaves less."""
+    whole = _sum(told)
+    square, sure = whole.square, _SURE**2 / float(whole.noise[0, 0])
+    ratios = np.linspace(-_LONGEST, _LONGEST, _RATIOS)
+    powers = ratios[:, None] ** np.arange(len(square) - 1)
+    along = powers @ square[1:, 0]
+    shares = along / np.einsum("rk,kl,rl->r", powers, square[1:, 1:], powers)
+    rest = square[0, 0] - shares * along
+    best, alone = int(rest.argmin()), _RATIOS // 2
+    if rest[alone] - rest[best] > sure * rest[best]:
+        return Before(float(shares[best]), float(ratios[best]))
+    return Before(float(shares[alone]) if square[0, 0] - rest[alone] > sure * rest[alone] else 0.0)
 
 
 def _left(told: list[_Moments], before: Before) -> Before:
@@ -157,16 +151,13 @@ def _left(told: list[_Moments], before: Before) -> Before:
 
 def _moments(fringe: Fringe, lit: Sample) -> list[_Moments]:
     """Of the quarters of the image, as far as their pixels are whole in these frames."""
-    design = fringe.design()
     frames = np.array(fringe.index) - np.arange(min(_EARLIER, min(fringe.index)) + 1)[:, None]
-    few = _whole(lit, np.unique(frames))
+    few, rows = _whole(lit, np.unique(frames)), _no_fringe(fringe)
     levels = few.levels.astype(np.float64)
     if levels.shape[1] < _FEWEST:
         return []
-    waves = np.concatenate(_harmonics(design, levels[frames[0]]))
-    rows = np.linalg.qr(design, mode="complete")[0][:, 3:].T
-    seen = _apart(np.concatenate([product(rows, levels[each]) for each in frames]), waves)
-    seen = seen.reshape(len(frames), len(rows), -1)
+    seen = np.concatenate([product(rows, levels[each]) for each in frames])
+    seen = unexplained(seen, harmonics(fringe, levels)).reshape(len(frames), len(rows), -1)
     # noise of a frame is in all that stands some frames before or after it
     holds = np.zeros((len(frames), len(rows), len(levels)))
     for one, each in zip(holds, frames, strict=True):
@@ -210,16 +201,7 @@ def _whole(lit: Sample, frames: Any) -> Sample:
     return lit.only(whole[:: max(1, len(whole) // _ASKED)])
 
 
-def _harmonics(design: F64, levels: F64) -> tuple[F64, F64]:
-    """Offset, c and s (3, K); cos and sin of 2 psi and 3 psi, times the amplitude (4, K)."""
-    fit = product(np.linalg.pinv(design), levels)
-    wave = fit[1] + 1j * fit[2]
-    unit = wave / (np.abs(wave) + _FAINT)
-    return fit, np.stack([part for one in (wave * unit, wave * unit**2) for part in (one.real, one.imag)])
-
-
-def _apart(residuals: F64, waves: F64) -> F64:
-    """Residuals (M, K) without what the waves (W, K) explain of them."""
-    shares = product(product(residuals, waves.T), np.linalg.pinv(product(waves, waves.T), hermitian=True))
-    left: F64 = residuals - product(shares, waves)
-    return left
+def _no_fringe(fringe: Fringe) -> F64:
+    """Orthonormal combinations (N - 3, N) of a fringe's samples that are 0."""
+    rows: F64 = np.linalg.qr(fringe.design(), mode="complete")[0][:, 3:].T
+    return rows
