@@ -284,7 +284,8 @@ def harmonics(fringe: Fringe, levels: Any) -> Any:
     offset, c, s = product(np.linalg.pinv(fringe.design()).astype(levels.dtype), levels[list(fringe.index)])
     wave = c + 1j * s
     unit = wave / np.maximum(np.abs(wave), 1e-6)
-    return np.stack([offset, *(part(wave * unit**n) for n in range(3) for part in (np.real, np.imag))])
+    every = wave, wave * unit, wave * unit * unit
+    return np.stack([offset, *(part for one in every for part in (one.real, one.imag))])
 
 
 def unexplained(residuals: Any, waves: Any, kept: Any = slice(None)) -> Any:
