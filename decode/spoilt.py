@@ -90,9 +90,9 @@ def spoilt_pixels(finding: Finding, light: Light, plan: Plan, noise: Noise, foun
     rows, spoilt = slice(*(finding.rows or (None,))), np.zeros(light.raw.shape[1:], np.bool_)
     codes = [axis.code for axis in plan.axes if axis.code is not None]
     bits = {int(i) for code in codes for i in (*code.plain, *code.inverse)}
-    if finding.kind == "swapped" and len(finding.spoilt) == 2:
-        one, other = (light.linear(light.raw[i]) for i in finding.spoilt)
-        return np.asarray(np.abs(one - other) > _SIGMAS * np.sqrt(2 * noise.variance(one)))
+    if finding.kind == "swapped":
+        levels = light.linear(light.raw[list(finding.spoilt)])
+        return np.asarray(np.ptp(levels, axis=0) > _SIGMAS * np.sqrt(2 * noise.variance(levels[0])))
     if finding.kind in ("lost", "repeated") or bits & set(finding.spoilt) or found.amplitude is None:
         spoilt[rows] = True
         return spoilt

@@ -9,12 +9,14 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever import InputError
-from optolever.decode import Correspondence, check
+from optolever.decode import Correspondence, Flag, check, decode
 from optolever.decode.frames import light_of
 from optolever.decode.integrity import Finding, examine, spoilt_pixels
 from optolever.decode.noise import estimate_noise
 from optolever.decode.plan import plan
 from optolever.patterns import Sequence, sequence
+
+from .conftest import silent
 
 F64 = NDArray[np.float64]
 Shoot = Callable[..., NDArray[Any]]
@@ -234,6 +236,19 @@ def test_only_pixels_that_a_wrong_step_could_spoil_are_blamed(shoot: Shoot, smoo
     apart = np.abs(frames[10] - before)
     assert not spoilt[apart < 8].any()
     assert spoilt[apart > 45].all()
+
+
+@pytest.mark.parametrize("swap", [(0, 1), (0, 2), (1, 3)])
+def test_whichever_of_two_swaps_it_is_nothing_wrong_stays_good(
+    swap: tuple[int, int], shoot: Shoot, smooth: tuple[F64, F64]
+) -> None:
+    """Of four steps, either pair of opposite ones mirrors the phase; the first period cannot be left out."""
+    shown = sequence("phase", 150, 170, steps=4)
+    frames = shoot(shown, *smooth, noise=1.0)
+    frames[list(swap)] = frames[list(swap[::-1])]
+    found = decode(frames, shown, on_cells=False)
+    assert silent(found, *smooth) == 0
+    assert (found.flags & Flag.WRONG_FRAME).any()
 
 
 def test_a_whole_period_or_a_polarity_is_left_out(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
