@@ -56,7 +56,7 @@ _CHANCE = 0.01
 #: Share of the pixels around which a frame changes, from which on its picture is like no other.
 _STRUCTURED = 0.25
 #: Share of the pixels that a fault by which less is known may mend at depth edges by chance.
-_USUAL = 0.03
+_USUAL = 0.025
 #: Frames up to which any two may be swapped; of more (sweeps) only those next to each other.
 _ALL_PAIRS = 64
 #: Faults after which all frames are in wrong places; share of the best margin that others need to be it, too.
@@ -250,7 +250,7 @@ def _trials(crosses: _Crosses, plan: Plan, rows: int) -> list[_Trial]:
             gain = gain - max(np.zeros_like(gain), less[np.argmin(order)], less[-1], key=np.sum)
             usual = int(_USUAL * len(gain))
         trials.append(_trial(finding, gain, len(faults), usual))
-    return trials + list(_replacements(crosses, less, rows, len(faults)))
+    return trials + list(_replacements(crosses, less, rows))
 
 
 def _used(plan: Plan) -> list[int]:
@@ -276,7 +276,7 @@ def _faults(count: int, used: list[int]) -> Iterator[tuple[Finding, Ints]]:
         yield Finding((k,), "repeated", told, tuple(range(k, count))), order
 
 
-def _replacements(crosses: _Crosses, less: F32, rows: int, tried: int) -> Iterator[_Trial]:
+def _replacements(crosses: _Crosses, less: F32, rows: int) -> Iterator[_Trial]:
     """Frames that show another one instead, in all rows or beyond a tear; less (N, T): gain without each."""
     mended = np.count_nonzero(less > _MENDED, axis=1)
     usual = int(_USUAL * len(crosses.row))
@@ -295,6 +295,7 @@ def _replacements(crosses: _Crosses, less: F32, rows: int, tried: int) -> Iterat
                     finding = Finding((i,), "torn", told, (i,), (first, last))
                 # no two frames with structure everywhere are the same in any scene
                 alone = structured[j, start:stop].mean() > _STRUCTURED
+                tried = len(less) * (4 if finding.rows else 1)  # either side, and the row
                 yield _trial(finding, less[i, start:stop], tried, 0 if alone else usual)
 
 
