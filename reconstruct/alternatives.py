@@ -1,7 +1,5 @@
 """Other solvers of the edge problem, beside DCT and conjugate gradients: a sparse factorisation, a march."""
 
-from functools import lru_cache
-
 import numpy as np
 import scipy.ndimage
 import scipy.sparse
@@ -9,15 +7,13 @@ import scipy.sparse.linalg
 
 from optolever.errors import InputError
 
-from .arrays import Floats, Ints, Mask
+from .arrays import Floats, Mask
 from .edges import divergence
 from .linear import SeparableEdges
 from .masked import MaskedEdges
 from .poisson import Accuracy, PoissonResult
 
 __all__ = ["DirectEdges", "MarchedEdges", "marched"]
-
-_LEAF = 24  # pixels that are not cut any further
 
 
 class DirectEdges(MaskedEdges):
@@ -29,12 +25,14 @@ class DirectEdges(MaskedEdges):
         super().__init__(wx, wy, mask)
         used = mask.ravel().copy()
         used[np.unique(scipy.ndimage.label(mask)[0].ravel(), return_index=True)[1]] = False
-        order = _dissection(*mask.shape)
-        self._free = order[used[order]]
+        self._free = np.flatnonzero(used)
         self._factor = None
         if self._free.size:
             self._factor = scipy.sparse.linalg.splu(
-                self._normal(), permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+                self._normal(),
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
             )
 
     def _normal(self) -> scipy.sparse.csc_array:
@@ -63,26 +61,6 @@ class DirectEdges(MaskedEdges):
             rhs = divergence(gx, gy, *self.weights)
             x.reshape(-1)[self._free] = self._factor.solve(rhs.ravel()[self._free])
         return PoissonResult(x, 1, 0.0)
-
-
-@lru_cache(maxsize=2)
-def _dissection(rows: int, cols: int) -> Ints:
-    """Pixels in the order of nested dissection: both halves of a rectangle, then the line between them, whose
-    factors fill up little (doi:10.1137/0710032)."""
-    index, order = np.arange(rows * cols).reshape(rows, cols), []
-
-    def cut(part: Ints) -> None:
-        if part.size <= _LEAF:
-            order.append(part.ravel())
-            return
-        wide = part if part.shape[1] >= part.shape[0] else part.T
-        middle = wide.shape[1] // 2
-        cut(wide[:, :middle])
-        cut(wide[:, middle + 1 :])
-        order.append(wide[:, middle])
-
-    cut(index)
-    return np.concatenate(order)
 
 
 class MarchedEdges(SeparableEdges):

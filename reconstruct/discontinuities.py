@@ -6,7 +6,7 @@ the same increment. Where neither side does, slopes jump inside the edge (a cusp
 contact) or one of its pixels is wrong, and the smaller of the two differences is about what the increment may
 be off by: the doubt. Edges beside share it, as in which of them the slopes jump is not sure. Its square joins
 the edge's variance, so that the solve goes around the crease, and what can only be reached across it gets a
-sigma that says so. What the cubic misses of a smooth curve, fourth differences tell; that joins the doubt.
+sigma that says so.
 """
 
 import numpy as np
@@ -32,9 +32,6 @@ _BEND4 = 0.349  # of its fourth difference: that of the next order
 _CONVERGES = 0.5  # errors that fall so from one order to the next are those of a curve, not of a jump
 _QUIET = 8.0  # of a slope's sigma: third differences of noise (4.5) and little more
 _SHARE = 1.0 / 12.0  # a jump inside an edge moves that edge's increment by half of it, the next one's by 1/24
-_CURVES = 0.25  # of a slope's sigma: what the cubic misses; noise feigns 0.04
-_MISSED = 11.0 / 720.0  # of the fourth difference: the cubic's error
-_ASIDE = 19.0 / 11.0  # the one-sided cubic's error over the central one's
 _NEAR = 7  # pixels: reach of a doubt over pixels that were interpolated
 _BESIDE = 5  # pixels: reach of a crease's surroundings, in which doubts below the noise count too
 _BLAME = 13.0 / 12.0  # a wrong slope is in its edges by 13/24, in the curl around it by half
@@ -63,18 +60,17 @@ def edge_doubt(
     """
     blamed = suspects is not None and bool(suspects.any())
     glance = not (closer or blamed) and bool(mask.all())
-    dx, plain_x, sure_x, curve_x = _axis(p, var_p, mask, (0, 1), noise, glance)
-    dy, plain_y, sure_y, curve_y = _axis(q, var_q, mask, (1, 0), noise, glance)
-    curves = bool((curve_x > 0).any() or (curve_y > 0).any())
+    dx, plain_x, sure_x = _axis(p, var_p, mask, (0, 1), noise, glance)
+    dy, plain_y, sure_y = _axis(q, var_q, mask, (1, 0), noise, glance)
     sure, doubtful = sure_x | sure_y, (dx > 0) | (dy > 0)
-    if not (blamed or curves or sure.any()) and np.count_nonzero(doubtful) < _CHAIN:
+    if not (blamed or sure.any()) and np.count_nonzero(doubtful) < _CHAIN:
         return None
     parts, count = scipy.ndimage.label(doubtful, structure=np.ones((3, 3)))
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
     long = (sizes >= _CHAIN)[parts]
     sure |= long
-    if not (blamed or curves or sure.any()):
+    if not (blamed or sure.any()):
         return None
     if glance:
         return edge_doubt(p, q, var_p, var_q, mask, noise, closer=True)
@@ -87,9 +83,8 @@ def edge_doubt(
         for doubt, plain in ((dx, plain_x), (dy, plain_y))
     )
     lines = scipy.ndimage.maximum_filter(long, _BESIDE)
-    own = np.maximum(dx, curve_x), np.maximum(dy, curve_y)
-    wide_x, wide_y = _beside(dx, var_p, lines), _beside(dy, var_q, lines)
-    wide = np.maximum(wide_x, curve_x), np.maximum(wide_y, curve_y)
+    own = dx, dy
+    wide = _beside(dx, var_p, lines), _beside(dy, var_q, lines)
     if suspects is not None and blamed:
         curls = np.where(suspects, _BLAME * _largest_curl(p, q, mask), 0.0)
         own, wide = _blamed(own, curls), _blamed(wide, curls)
@@ -141,16 +136,16 @@ def _shared_along(doubt: Floats, mask: Mask) -> Floats:
 
 def _axis(
     f: Floats, variance: Floats, mask: Mask, step: tuple[int, int], noise: float, loud: bool
-) -> tuple[Floats, Floats, Mask, Floats]:
-    """Doubts beyond the noise, doubts whatever the noise, where they are beyond any noise; and what cubics
-    miss of a curve. loud: only of edges whose third difference stands out, and zero elsewhere.
+) -> tuple[Floats, Floats, Mask]:
+    """Doubts beyond the noise, doubts whatever the noise, and where they are beyond any noise. loud: only of
+    edges whose third difference stands out, and zero elsewhere.
     """
     di, dj = step
-    out, plain, most, curve = (np.zeros(f.shape) for _ in range(4))
+    out, plain, most = (np.zeros(f.shape) for _ in range(3))
     sure = np.zeros(f.shape, dtype=np.bool_)
     over_image(
         lambda start, stop: _doubt(
-            f, variance, mask, di, dj, noise, loud, out, plain, most, curve, sure, start, stop
+            f, variance, mask, di, dj, noise, loud, out, plain, most, sure, start, stop
         ),
         f.shape,
     )
@@ -163,11 +158,7 @@ def _axis(
         for doubt in (out, plain):
             doubt[kink] = np.maximum(doubt, _KINK * most)[kink]
         sure |= kink
-    if curve.any():
-        # noise makes such edges one by one, a curve side by side
-        beside = np.array([[1, 0, 1]]) if dj else np.array([[1], [0], [1]])
-        curve *= scipy.ndimage.maximum_filter(curve, footprint=beside) > 0
-    return out, plain, sure, curve
+    return out, plain, sure
 
 
 def widened(doubt: Doubt, bridged: Mask) -> Doubt:
@@ -195,32 +186,6 @@ def touched(doubt: Doubt) -> Mask:
     pixels[:, 1:] |= doubt[0][:, :-1] > 0
     pixels[1:] |= doubt[1][:-1] > 0
     return pixels
-
-
-@inlined
-def _curve(f, var, mask, i, j, di, dj, before, after):  # type: ignore[no-untyped-def]
-    """What the cubic misses of a curve in the increment from (i, j), by the fourth differences around
-    it, where that matters; next to a border by those of the nearest edge that has both.
-    """
-    sigma = np.sqrt(0.5 * (var[i, j] + var[i + di, j + dj]))
-    for shift in (0, -1, 1, -2, 2):
-        if before + shift < 2 or after - shift < 3:
-            continue
-        whole = True
-        for k in range(shift - 2, shift + 4):
-            whole = whole and mask[i + k * di, j + k * dj]
-        if whole:
-            a, b = i + shift * di, j + shift * dj
-            # a jump's are of either sign
-            left = f[a - 2 * di, b - 2 * dj] + 6.0 * f[a, b] + f[a + 2 * di, b + 2 * dj]
-            left -= 4.0 * (f[a - di, b - dj] + f[a + di, b + dj])
-            right = f[a - di, b - dj] + 6.0 * f[a + di, b + dj] + f[a + 3 * di, b + 3 * dj]
-            right -= 4.0 * (f[a, b] + f[a + 2 * di, b + 2 * dj])
-            missed = 0.5 * _MISSED * abs(left + right)
-            if left * right <= 0.0 or not missed > _CURVES * sigma:
-                return 0.0
-            return missed if shift == 0 else _ASIDE * missed
-    return 0.0
 
 
 @inlined
@@ -273,7 +238,7 @@ def _edge(f, var, mask, i, j, di, dj, before, after, scale):  # type: ignore[no-
 
 
 @exact
-def _doubt(f, var, mask, di, dj, scale, loud_only, out, plain, most, curve, sure, start, stop):  # type: ignore[no-untyped-def]
+def _doubt(f, var, mask, di, dj, scale, loud_only, out, plain, most, sure, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = f.shape
     loud = np.ones(cols, dtype=np.bool_)
     for i in range(start, min(stop, rows - di)):
@@ -283,7 +248,6 @@ def _doubt(f, var, mask, di, dj, scale, loud_only, out, plain, most, curve, sure
             if not (loud[j] and mask[i, j] and mask[i + di, j + dj]):
                 continue
             before, after = (i, rows - 1 - i) if di == 1 else (j, cols - 1 - j)
-            curve[i, j] = _curve(f, var, mask, i, j, di, dj, before, after)
             least, whatever, certain, largest = _edge(f, var, mask, i, j, di, dj, before, after, scale)
             if np.isfinite(whatever):
                 out[i, j], plain[i, j], most[i, j], sure[i, j] = least, whatever, largest, certain

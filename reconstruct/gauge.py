@@ -3,7 +3,6 @@ and their robust mean.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -84,7 +83,7 @@ def anchor_rows(samples: Samples, data: Measured, labels: Labels) -> AnchorRows:
     more_p = np.where(whole_p[:, None], by_p - _integral(start_p, delta_col, 3), 0.0)
     at_p, by_p, more_p = _far(mask, row, col, delta_col, at_p, by_p, more_p)
     rows_q = np.where(whole_q[:, None], row[:, None] + start_q[:, None] + index, row[:, None])
-    at_q, by_q = _shifted(mask, rows_q, col, by_q, start_p, whole_p, delta_col)
+    at_q = rows_q * mask.shape[1] + col[:, None]
     distance = samples.distance[keep]
     unit = 1.0 / distance if data.rays.logarithmic else np.ones(distance.shape)
     return AnchorRows(
@@ -169,18 +168,9 @@ def _integral(start: Ints, delta: Floats, terms: int = 4) -> Floats:
     nodes start .. start + 3.
     """
     moments = delta[:, None] ** np.arange(1, terms + 1) / np.arange(1, terms + 1)
-    return _by_start(start, moments)
-
-
-def _value(start: Ints, delta: Floats) -> Floats:
-    """Weights (M, 4) of that cubic's value at delta."""
-    return _by_start(start, delta[:, None] ** np.arange(4))
-
-
-def _by_start(start: Ints, moments: Floats) -> Floats:
     out = np.empty((len(start), 4))
     for candidate in np.unique(start):
-        powers = (candidate + np.arange(4.0))[:, None] ** np.arange(moments.shape[1])
+        powers = (candidate + np.arange(4.0))[:, None] ** np.arange(terms)
         pick = start == candidate
         out[pick] = moments[pick] @ np.linalg.pinv(powers)
     return out
@@ -216,19 +206,3 @@ def _own(start: Ints, delta: Floats) -> Floats:
     out = np.zeros((*start.shape, 4))
     out[:, 0] = delta
     return out
-
-
-def _shifted(
-    mask: Mask, rows: Ints, col: Ints, by_q: Floats, start: Ints, whole: Mask, delta: Floats
-) -> tuple[Ints, Floats]:
-    """The path along the column, moved sideways by delta: the slopes interpolated along their rows, (M,
-    16).
-    """
-    cols = np.where(whole[:, None], (col + start)[:, None] + np.arange(4), col[:, None])
-    across = np.where(whole[:, None], _value(start, delta), _own(start, np.ones(delta.shape)))
-    block = np.all(mask[rows[:, :, None], cols[:, None, :]], axis=(1, 2), keepdims=True)[:, :, 0]
-    cols = np.where(block, cols, col[:, None])
-    across = np.where(block, across, _own(start, np.ones(delta.shape)))
-    at: Any = rows[:, :, None] * mask.shape[1] + cols[:, None, :]
-    by: Any = by_q[:, :, None] * across[:, None, :]
-    return at.reshape(at.shape[0], 16), by.reshape(at.shape[0], 16)

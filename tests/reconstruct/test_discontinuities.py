@@ -39,28 +39,6 @@ def test_smooth_slopes_and_their_noise_are_not_doubted() -> None:
         assert edge_doubt(noisy, noisy.T.copy(), variance, variance, whole) is None
 
 
-def test_what_the_cubic_misses_of_a_curve_is_doubted_where_it_can_be_seen() -> None:
-    """Between the closed-form integral of 1 / cosh^2 and four of its values; also at a border within it."""
-    x = np.arange(60) + np.zeros((20, 1))
-    at = (x - 29.3) / 6
-    p, exact = np.cosh(at) ** -2, 6 * np.diff(np.tanh(at), axis=1)
-    variance, whole = np.full(p.shape, 1e-5**2), np.ones(p.shape, dtype=bool)
-    doubt = edge_doubt(p, np.zeros(p.shape), variance, variance, whole)
-    assert doubt is not None
-    cubic = (13 * (p[:, 1:-2] + p[:, 2:-1]) - p[:, :-3] - p[:, 3:]) / 24
-    missed, told = np.abs(cubic - exact[:, 1:-1])[10], doubt[0][10, 1:-2]
-    assert missed.max() > 1.5e-4
-    np.testing.assert_allclose(told, missed, rtol=0.05, atol=2.5e-5)
-    np.testing.assert_array_equal(told[missed < 5e-7], 0.0)
-    assert not doubt[1].any()
-    whole[:, 31:] = False
-    cut = edge_doubt(p, np.zeros(p.shape), variance, variance, whole)
-    assert cut is not None
-    one_sided = np.abs((9 * p[:, 30] + 19 * p[:, 29] - 5 * p[:, 28] + p[:, 27]) / 24 - exact[:, 29])
-    assert np.all(cut[0][:, 29] > 0.3 * one_sided)
-    assert edge_doubt(p, np.zeros(p.shape), 1e6 * variance, 1e6 * variance, whole) is None
-
-
 def test_paths_from_the_anchor_take_the_least_doubtful_way() -> None:
     """A fence with one low place: everything behind it pays that, once."""
     dx = np.zeros((20, 30))
