@@ -11,7 +11,7 @@
 | `budget.py` | the uncertainty of a height, a depth, a difference, by its sources |
 | `exact.py` | the correspondence that a perfect decoder would give |
 | `predicted.py` | what a rig would measure: its sigma at rest and of a dent |
-| `circulation.py` | whether noise explains how the slopes contradict each other |
+| `circulation.py` | how slopes contradict each other: by noise or more, which sigma then holds |
 | `sofast.py` | a SOFAST measurement on its rig's flat pattern |
 | `holes.py`, `border.py` | small holes bridged; noisy border lines left out and reached from inside |
 | `geometry.py`, `measured.py` | rays of the camera as arrays; a pixel grid with its measurement |
@@ -27,7 +27,7 @@
 | `uncertainty.py`, `monte_carlo.py` | variance of the height: closed form of a rectangle, drawn noise |
 | `discontinuities.py` | edges whose increment is in doubt: cusps, ridges, rims, wrong pixels |
 | `path_variance.py` | what those leave on the way from the anchors, and what they cut off |
-| `correlation.py`, `rounding.py` | errors that neighbouring pixels share; those of discrete codes |
+| `rounding.py` | errors of discrete codes, which neighbouring pixels share |
 | `outliers.py`, `curl.py` | wrong pixels: by their neighbours, by the curl of the slopes |
 | `integrate.py`, `integrators.py` | plain gradient fields: integrate(), its family of solvers |
 | `quadrilateral.py` | the same for pixels that lie anywhere |

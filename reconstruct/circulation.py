@@ -1,39 +1,32 @@
 """Do the slopes contradict each other beyond their noise? The circulation around blocks of pixels as a chi2.
 
-Along lines of pixels, some apart, the edges' defects are summed from crossing to crossing of the lines: N
-sums with independent noise, whose variances are the sums of the edges'. A mirror makes any of them a
-difference of two heights, so that the K sums around the blocks between the lines hold noise alone. With their
-covariance C (a block's four variances; minus the shared side's for two neighbours)
-
-    chi2 = circulations . C^-1 circulations
-
-has K degrees of freedom; it is what the least-squares heights of the crossings leave. Pixels share noise
-where lines cross and at the ends of sums only. A smooth contradiction (a camera that looks elsewhere, a pitch
-that is wrong) adds up over a block's area, noise over its rim: blocks tell what single pixels do not, few
-large blocks most clearly what is the same all over the image, so that lines twice as far apart are looked at,
-too, and so on. The
-defects are those of the solution, in units of its integrating factor, in which its own errors drop out to
-first order.
+A surface's slopes sum to zero around any block of pixels, and so does the mean of that over neighbouring
+blocks. Independent noise of variance v per slope leaves in the mean over B x B blocks of B x B pixels the
+variance 8/3 v (1 + 1/(2 B^2)), whatever B. A smooth contradiction (a camera that looks elsewhere, a pitch
+that is wrong) adds up over a block's area, and errors that neighbours share leave more, the larger the
+block, until it holds them all: blocks of 4, 8, 16, ... pixels are looked at. What chi2 exceeds its degrees of
+freedom by multiplies the height's variance (Birge's ratio, doi:10.1103/PhysRev.40.207): in two dimensions
+every octave of wavelengths adds the same to a height, and what has a curl has a part without one as large.
 """
 
 import math
 
 import numpy as np
-import scipy.linalg
 import scipy.special
 
 from optolever.notices import Notice
 
-from .arrays import Floats, Ints
-from .edges import defects, edge_weights
+from .arrays import Floats
+from .edges import increments
 from .measured import Measured
 from .newton import State
 
 __all__ = ["chi2_limit", "circulation_chi2", "contradiction"]
 
-_LINES = 24  # along the longer side: a dense covariance of (24 - 1)^2 blocks at most
-_LEAST = 8  # pixels apart: the ends of sums share what is 0.3 pixels' noise
-_CHANCE = 1e-4  # of right geometry to be called wrong, by each distance of lines
+_SMALLEST = 4  # pixels: below it an edge's four slopes overlap
+_MOST = 1e6  # of the usual variance: what such a block sums to is anything
+_LARGEST = 512  # rows or columns: of larger images the middle is looked at
+_CHANCE = 1e-4  # of right geometry to be called wrong, by each size of blocks
 _TRUST = 1.15  # error over sigma that the decoder may have
 _CURE = (
     "likely the scene (pose of camera or pattern, pitch, lens): calibrate it, or give a capture of the "
@@ -41,53 +34,51 @@ _CURE = (
 )
 
 
-def circulation_chi2(data: Measured, state: State) -> tuple[float, int]:
-    """chi2 over its degrees of freedom, and how many there are, by the finest lines; by coarser ones where
-    these alone, or these most, exceed their limit (NaN, 0: no block is whole).
+def circulation_chi2(data: Measured, state: State, gain: Floats) -> tuple[float, int]:
+    """chi2 over its degrees of freedom, and how many there are, by the smallest blocks; by larger ones where
+    these most exceed their limit (NaN, 0: no block is whole). gain (rows, cols): on the slopes' variances,
+    see `holes.noise_gain`.
     """
-    mask = data.mask
-    p, q = data.slopes(state.w)[:2]
-    edges = (
-        *defects(p, q, state.w, state.root, mask),
-        *edge_weights(*state.variances, state.root, mask, state.doubt),
+    window = tuple(
+        slice((size - min(size, _LARGEST)) // 2, (size + min(size, _LARGEST)) // 2)
+        for size in data.mask.shape
     )
-    step = max(_LEAST, math.ceil(max(mask.shape) / _LINES))
-    found = []
-    while step < min(mask.shape):
-        found.append(_between_lines(edges, step))
-        step *= 2
-    found = [one for one in found if one[1] > 0] or [(math.nan, 0)]
-    worst = max(found, key=lambda one: one[0] / chi2_limit(one[1]))
-    return worst if contradiction(*worst) else found[0]
+    inside = np.ascontiguousarray(data.mask[window])
+    p, q = (np.ascontiguousarray(part[window]) for part in data.slopes(state.w)[:2])
+    variance = gain * (state.variances[0] + state.variances[1])
+    if state.doubt is not None:
+        variance += state.doubt.x**2 + state.doubt.y**2
+    gx, gy = increments(p, q, inside)
+    # sums of blocks are differences of sums over the image, of which they must be more than the rounding
+    both = np.minimum(variance[window], _MOST * float(np.median(variance[data.mask])))
+    sums, spread, holes = (_sums(gx, 1), _sums(gy, 0)), _area(both), _area((~inside).astype(np.float64))
+    found, block = [(math.nan, 0)], _SMALLEST
+    while block <= min(inside.shape) // 4:
+        scores = _scores(sums, spread, holes, block)
+        freedom = scores.size // (2 * block) ** 2
+        if freedom > 1:
+            found.append((float(np.mean(scores**2)), freedom))
+        block *= 2
+    worst = max(found[1:], key=lambda one: one[0] / chi2_limit(one[1]), default=found[0])
+    return worst if contradiction(*worst) else found[:2][-1]
 
 
-def _between_lines(edges: tuple[Floats, ...], step: int) -> tuple[float, int]:
-    """chi2 over its degrees of freedom, and these, of blocks between lines `step` pixels apart; edges:
-    defects and weights along columns and rows."""
-    gx, gy, wx, wy = edges
-    rows, cols = (np.arange((size - 1) % step // 2, size, step) for size in gx.shape)
-    along, along_variance = _sums(gx[rows], wx[rows], cols)
-    down, down_variance = (part.T for part in _sums(gy[:, cols].T, wy[:, cols].T, rows))
-    around = along[:-1] + down[:, 1:] - along[1:] - down[:, :-1]
-    total = along_variance[:-1] + along_variance[1:] + down_variance[:, :-1] + down_variance[:, 1:]
-    whole = np.isfinite(around)
-    count = int(np.count_nonzero(whole))
-    if count == 0:
-        return math.nan, 0
-    index = np.full(whole.shape, -1)
-    index[whole] = np.arange(count)
-    covariance = np.diag(total[whole])
-    for first, second, shared in (
-        (index[:-1], index[1:], along_variance[1:-1]),
-        (index[:, :-1], index[:, 1:], down_variance[:, 1:-1]),
-    ):
-        both = (first >= 0) & (second >= 0)
-        a, b = first[both], second[both]
-        covariance[a, b] = covariance[b, a] = -shared[both]
-    scale = 1.0 / np.sqrt(total[whole])
-    factor = scipy.linalg.cho_factor(covariance * scale[:, None] * scale)
-    score = around[whole] * scale
-    return float(score @ scipy.linalg.cho_solve(factor, score)) / count, count
+def _scores(sums: tuple[Floats, Floats], variance: Floats, holes: Floats, block: int) -> Floats:
+    """Mean circulations over their standard deviation, where there is no hole."""
+    gx, gy = sums
+    rows, cols = variance.shape[0] - 1, variance.shape[1] - 1
+    along = gx[: rows - 1, block:] - gx[: rows - 1, :-block]
+    down = gy[block:, : cols - 1] - gy[:-block, : cols - 1]
+    across, below = along[:-block] - along[block:], down[:, block:] - down[:, :-block]
+    r, c = min(across.shape[0], below.shape[0]), min(across.shape[1], below.shape[1])
+    mean = _boxes(_area(across[:r, :c] + below[:r, :c]), block) / block**2
+    wide = 2 * block
+    here = slice(mean.shape[0]), slice(mean.shape[1])
+    spread = _boxes(variance, wide)[here] / wide**2
+    mean = mean[: spread.shape[0], : spread.shape[1]]
+    score = mean / np.sqrt(spread * 2.0 * (2.0 * block**2 + 1.0) / (3.0 * block**2))
+    whole: Floats = score[_boxes(holes, wide)[here] < 0.5]
+    return whole
 
 
 def chi2_limit(freedom: int) -> float:
@@ -105,12 +96,19 @@ def contradiction(chi2: float | None, freedom: int) -> tuple[Notice, ...]:
     return (Notice(name, chi2, chi2_limit(freedom), _CURE),)
 
 
-def _sums(g: Floats, weight: Floats, ends: Ints) -> tuple[Floats, Floats]:
-    """Sums of edge data (lines, pixels) from end to end, and of the edges' variances; NaN where one is
-    missing.
-    """
-    variance = np.divide(1.0, weight, out=np.full(weight.shape, np.nan), where=weight > 0)
-    total, spread = (
-        np.add.reduceat(part, ends, axis=1)[:, :-1] for part in (np.where(weight > 0, g, np.nan), variance)
-    )
-    return total, spread
+def _area(values: Floats) -> Floats:
+    """Sums over the rectangles from the corner, one row and column larger."""
+    return _sums(_sums(values, 0), 1)
+
+
+def _boxes(area: Floats, size: int) -> Floats:
+    """Sums over all squares of size x size."""
+    boxes: Floats = area[size:, size:] - area[:-size, size:] - area[size:, :-size] + area[:-size, :-size]
+    return boxes
+
+
+def _sums(values: Floats, axis: int) -> Floats:
+    """Running sums along an axis, from zero."""
+    shape = list(values.shape)
+    shape[axis] = 1
+    return np.concatenate([np.zeros(shape), np.cumsum(values, axis=axis)], axis=axis)

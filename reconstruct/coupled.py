@@ -15,8 +15,7 @@ from .alternatives import DirectEdges, MarchedEdges
 from .anchors import Anchors
 from .arrays import Floats, Mask
 from .calibration import rest_corrected
-from .circulation import circulation_chi2
-from .correlation import correlation_excess
+from .circulation import chi2_limit, circulation_chi2
 from .curl import curl_limit, curl_scale, curl_score, curl_suspects, lone
 from .discontinuities import edge_doubt, widened
 from .edges import Doubt
@@ -155,12 +154,15 @@ def solved_height(
         state = replace(state, doubt=doubted(problem, state, noise, wrong.removed, blamed))
     else:
         state = _around_discontinuities(problem, state, options, noise, wrong.removed, blamed)
-    spread = _spread(problem, state, wrong.removed)
+    bridging = noise_gain(problem.data.mask, problem.bridged | wrong.removed)
+    rounding = rounding_variance(problem, state)
+    chi2, freedom = circulation_chi2(problem.data, state, bridging)
+    shared = chi2 if rounding is None and chi2 > chi2_limit(freedom) else 1.0
+    spread = Spread(shared, bridging, rounding)
     height = height_map(
         problem, state, correspondence.flags, wrong.suspects, wrong.scale, method, None, spread
     )
-    chi2, freedom = circulation_chi2(problem.data, state)
-    if spread.rounding is not None:  # errors of discrete codes are shared by neighbours
+    if rounding is not None:  # errors of discrete codes are shared by neighbours
         chi2 /= height.diagnostics.correlation
     return problem, state, judged(height, scene.mirror, chi2, freedom, correspondence.notices)
 
@@ -235,18 +237,6 @@ def _first(
             break
         singular |= problem.in_image(hollow)
     return whole, problem, state, removed
-
-
-def _spread(problem: Problem, state: State, removed: Mask) -> Spread:
-    """What of the errors is not independent from pixel to pixel."""
-    bridging = noise_gain(problem.data.mask, problem.bridged | removed)
-    rounding = rounding_variance(problem, state)
-    if rounding is not None:
-        return Spread(bridging=bridging, rounding=rounding)
-    p, q = problem.data.slopes(state.w)[:2]
-    variances = bridging * state.variances[0], bridging * state.variances[1]
-    shared = correlation_excess(p, q, variances, problem.data.mask, state.doubt)
-    return Spread(shared, bridging)
 
 
 def _solve(problem: Problem, first: Floats, options: Options) -> State:

@@ -33,7 +33,7 @@ _STEEP = 3.0  # standard deviations of the noise: where the doubt of discontinui
 class Spread:
     """What the variance of independent noise in every pixel has to be multiplied by, or replaced by.
 
-    correlation: see `correlation`; bridging (rows, cols): see `holes.noise_gain`; rounding (rows, cols): the
+    correlation: see `circulation`; bridging (rows, cols): see `holes.noise_gain`; rounding (rows, cols): the
     variance of discrete codes where it is larger, see `rounding`.
     """
 

@@ -6,35 +6,21 @@ import numpy as np
 
 from optolever.decode import Correspondence
 from optolever.reconstruct import reconstruct
-from optolever.reconstruct.correlation import correlation_excess
 
 from .conftest import rms_score, scores
 
 
-def test_independent_noise_has_no_excess_and_shared_noise_has() -> None:
-    rng = np.random.default_rng(3)
-    shape, block = (256, 256), 8
-    mask = np.ones(shape, dtype=bool)
-    variances = np.ones(shape), np.ones(shape)
-    p, q = rng.standard_normal((2, *shape))
-    assert correlation_excess(p, q, variances, mask, None) == 1.0
-    coarse = rng.standard_normal((2, shape[0] // block, shape[1] // block))
-    p, q = np.kron(coarse, np.ones((1, block, block)))
-    found = correlation_excess(p, q, variances, mask, None)
-    assert 0.5 * block**2 < found < 2 * block**2
-
-
-def test_slopes_that_tell_nothing_do_not_hide_the_others() -> None:
-    """At a needle's tip variances have no bound: sums over an image then did not hold the usual one."""
-    rng = np.random.default_rng(4)
-    shape, block = (256, 256), 8
-    mask, unknown = np.ones(shape, dtype=bool), np.ones(shape)
-    unknown[100, 100:103] = 1e22
-    coarse = rng.standard_normal((2, shape[0] // block, shape[1] // block))
-    p, q = np.kron(coarse, np.ones((1, block, block)))
-    usual = correlation_excess(p, q, (np.ones(shape), np.ones(shape)), mask, None)
-    found = correlation_excess(p, q, (unknown, unknown.copy()), mask, None)
-    assert abs(found / usual - 1) < 0.15
+def test_sigma_holds_errors_that_neighbours_share(exact) -> None:
+    """Noise that blocks of 8 x 8 pixels share: the scatter over draws."""
+    scene, truth, correspondence = exact("paper-simulation", "raised-cosine", 128, 128)
+    rng, block, sigma = np.random.default_rng(3), np.ones((8, 8)), np.full(truth.u.shape, 0.02)
+    found = []
+    for _ in range(8):
+        u, v = (part + 0.02 * np.kron(rng.standard_normal((16, 16)), block) for part in (truth.u, truth.v))
+        height = reconstruct(replace(correspondence, u=u, v=v, sigma_u=sigma, sigma_v=sigma), scene)
+        assert height.diagnostics.correlation > 16
+        found.append(scores(height, truth))
+    assert 0.5 < rms_score(*found) < 1.5
 
 
 def whole_cells(seen: Correspondence) -> Correspondence:
