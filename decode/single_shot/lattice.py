@@ -1,18 +1,19 @@
 """Corners of the paper's lattice: sub-pixel in the rest frame, tracked into a deformed one.
 
-Every crossing is looked at in its own lattice coordinates (s along u, t along v, pattern pixels), in which
-its lines are nearly s = 0 and t = 0. A line's centre is the centroid of its darkness 1 - I/background, row by
-row, outside the other line; parabolas carry the curvature that a dent gives to the lines.
+A corner is a centre of symmetry. Around it, in lattice coordinates x = (s along u, t along v), the image is
+E(x + d + q(x)) (1 + g x): E is even, d how far the corner is from where it was looked for, q the quadratic
+bend of the map, g a slope of the light. So the odd part of what is seen is linear in d, q and g, whatever the
+lines' profile and blur are, and its least squares tell d, what is left over its sigma.
 """
 
-from dataclasses import dataclass, fields, replace
+import math
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
+from scipy.ndimage import gaussian_filter, map_coordinates, spline_filter
 
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
@@ -24,33 +25,26 @@ from .prior import PatternMap, frame_pair, prior_map
 
 __all__ = ["Crossings", "lattice"]
 
-F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 #: Change of the displacement in its last pass, cycles: a line's number needs no more.
 _SETTLED = 0.1
 #: From its expected place, periods: half a period away the next line is as near.
 _FARTHEST = 0.25
-#: Of a crossing: samples along either line, how far they reach (periods), rounds until it is found.
+#: Of a patch around a corner: samples along either line, how far they reach and are apart (periods), t, s.
 _SAMPLES = 41
 _REACH = 0.47
-_ROUNDS = 6
+_SHARE = 2 * _REACH / (_SAMPLES - 1)
+_GRID = np.meshgrid(*2 * [np.linspace(-1, 1, _SAMPLES)], indexing="ij")
+#: Blurs of the patch (periods) in the rounds that lead there: with one, from a quarter of a period away.
+_BLURS = (0.15, 0.1, 0.0, 0.0)
+_BATCH = 500
+#: Blur of the image, periods rms: lines' edges that are too sharp for the camera's pixels move less.
+_SOFT = 0.03
+#: Share of a patch that must be in the image; of its variance that may be unlike a corner.
+_LEAST, _UNLIKE = 0.5, 0.1
 #: Darkness of a line's centre below which there is no line.
 _LEAST_DARKNESS = 0.15
-#: Neighbouring samples share camera pixels, so that their centroids' errors do.
-_CORRELATED = 2.0
-
-
-@dataclass(frozen=True, slots=True)
-class Corners:
-    """Places (..., 2) row, col, NaN where there is no crossing, and their sigma, camera pixels."""
-
-    point: F64
-    sigma: F64
-
-    @property
-    def found(self) -> NDArray[np.bool_]:
-        """Where there is a crossing (...)."""
-        return np.asarray(np.isfinite(self.point).all(axis=-1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,185 +94,118 @@ def lattice(
     """
     frame, image, still = frame_pair(frames, rest, sequence, "lattice")
     lines = lattice_lines(frame, sequence.cols), lattice_lines(frame, sequence.rows)
-    pattern = np.stack(np.meshgrid(*lines), axis=-1)
     period, width = frame.period_px or 1.0, frame.width_px or 1.0
     u, v = prior_map(prior, sequence, still.shape)
-    at_rest = refined(still.astype(np.float32), *_inverse(u, v, pattern), period, width)
-    if not at_rest.found.any():
+    number, start, steps = _expected(u, v, lines, period)
+    place, sigma_rest = refined(still, start, steps, period, width)
+    seen = np.isfinite(sigma_rest).all(axis=1)
+    if not seen.any():
         raise InputError("lattice: no crossing was found in the rest frame; is the prior that frame's?")
+    number, place, sigma_rest = number[seen], place[seen], sigma_rest[seen]
     moved = displaced(image, still, (u, v), (sequence.rows, sequence.cols), period, _SETTLED)
     du, dv = (np.where(moved.good, part, np.nan) for part in (moved.du, moved.dv))
-    start, steps = _inverse(u + du, v + dv, pattern)
-    now = refined(image.astype(np.float32), start, steps, period, width)
-    size = period * np.sqrt(np.abs(np.linalg.det(np.where(now.found[..., None, None], steps, 0))))
-    far = np.hypot(*np.moveaxis(now.point - start, -1, 0)) > _FARTHEST * size
-    now.point[far], now.sigma[far] = np.nan, np.inf
-    at_rest, now = (_without_curvature(corners, width / period) for corners in (at_rest, now))
-    keep = at_rest.found
-    index = np.argwhere(keep)[:, ::-1]
-    return Crossings(
-        index, pattern[keep], at_rest.point[keep], now.point[keep], now.sigma[keep], at_rest.sigma[keep]
-    )
+    again, start, steps = _expected(u + du, v + dv, lines, period)
+    found, sigma_found = refined(image, start, steps, period, width)
+    here, there = np.nonzero((number[:, None] == again).all(axis=2))
+    now, sigma = np.full(place.shape, np.nan), np.full(place.shape, np.inf)
+    now[here], sigma[here] = found[there], sigma_found[there]
+    pattern = np.stack([line[own] for line, own in zip(lines, number.T, strict=True)], axis=1)
+    return Crossings(number, pattern, place, now, sigma, sigma_rest)
 
 
-def _inverse(u: F64, v: F64, points: F64) -> tuple[F64, F64]:
-    """Camera places (J, I, 2), row and column, of pattern coordinates (J, I, 2), and camera steps per pattern
-    pixel of u, v there (J, I, 2, 2); NaN outside the map.
-
-    From the nearest of about 40,000 pixels three Newton steps lead there: a map is smooth.
+def _expected(u: F64, v: F64, lines: tuple[F64, F64], period: float) -> tuple[NDArray[np.int64], F64, F64]:
+    """Corners that a map (H, W) shows: numbers of their lines (K, 2), row and column (K, 2), camera steps per
+    pattern pixel of u and v (K, 2, 2). From the nearest pixel a Newton step of the map leads there.
     """
-    pattern = points.reshape(-1, 2)
-    thin = max(2, int(np.sqrt(u.size / 40000)))
-    gradient = np.stack([np.stack([*np.gradient(part)], axis=-1) for part in (u, v)], axis=-2)
-    row, col = (axis.ravel() for axis in np.mgrid[1 : u.shape[0] - 1 : thin, 1 : u.shape[1] - 1 : thin])
-    area = np.abs(np.linalg.det(np.nan_to_num(gradient[row, col])))
-    good = np.isfinite(u[row, col] + v[row, col]) & (area > 1e-6)
-    if not good.any():
-        return np.full(points.shape, np.nan), np.full((*points.shape, 2), np.nan)
-    row, col = row[good], col[good]
-    nearest = cKDTree(np.stack([u[row, col], v[row, col]], axis=1)).query(pattern)[1]
-    place = np.stack([row[nearest], col[nearest]], axis=1).astype(np.float64)
-    for _ in range(3):
-        at = tuple(np.clip(np.rint(place[:, k]), 0, u.shape[k] - 1).astype(int) for k in (0, 1))
-        jacobian = gradient[at]
-        usable = np.abs(np.linalg.det(np.nan_to_num(jacobian))) > 1e-6
-        inverse = np.full(jacobian.shape, np.nan)
-        inverse[usable] = np.linalg.inv(jacobian[usable])
-        missing = pattern - np.stack([u[at], v[at]], axis=1)
-        place = np.stack(at, axis=1) + np.einsum("kij,kj->ki", inverse, missing)
-        place[~np.isfinite(place)] = -1.0
-    beside = np.abs(place - np.stack(at, axis=1)) > 1.5
-    place[(beside | (place < 0) | (place > np.array(u.shape) - 1)).any(axis=1)] = np.nan
-    return place.reshape(points.shape), inverse.transpose(0, 2, 1).reshape(*points.shape, 2)
+    coords = np.stack([u, v], axis=-1)
+    first, count = (lines[0][0], lines[1][0]), (len(lines[0]), len(lines[1]))
+    number = np.rint((coords - first) / period)
+    away = first + period * number - coords
+    jacobian = np.stack([np.gradient(coords, axis=axis) for axis in (0, 1)], axis=-1)
+    jacobian[~np.isfinite(jacobian).all(axis=(2, 3))] = 0.0
+    near = (np.abs(away) <= np.abs(jacobian).sum(axis=-1)).all(axis=-1)
+    near &= (np.abs(np.linalg.det(jacobian)) > 1e-6) & ((number >= 0) & (number < count)).all(axis=-1)
+    number, inverse = number[near].astype(np.int64), np.linalg.inv(jacobian[near])
+    step = np.einsum("kij,kj->ki", inverse, away[near])
+    order = np.argsort(np.hypot(*step.T), kind="stable")
+    nearest = order[np.unique(number[order], axis=0, return_index=True)[1]]
+    place = np.argwhere(near) + step
+    return number[nearest], place[nearest], inverse[nearest].transpose(0, 2, 1)
 
 
-def _without_curvature(corners: Corners, share: float) -> Corners:
-    """Less the shift that the map's curvature gives to the centroid of a line that is `share` periods wide.
+def refined(image: NDArray[Any], start: F64, steps: F64, period: float, width: float) -> tuple[F64, F64]:
+    """Row and column (K, 2) of the corners near start (K, 2), NaN where there is none, and their sigma.
 
-    Where the place x of pattern coordinate q curves, a line's darkness spreads as x'(q) dq, and its centroid
-    lies at x + 3/2 x'' m2, m2 = width^2 / 12. x'' from the neighbours; a third of the shift goes into sigma.
+    steps (K, 2, 2): camera (row, col) per pattern pixel of u and v.
     """
-    point, sigma = corners.point.copy(), corners.sigma.copy()
-    for axis in (0, 1):
-        own, inner = (np.moveaxis(part, 1 - axis, 0)[1:-1] for part in (corners.point, point))
-        ahead, behind = (np.moveaxis(corners.point, 1 - axis, 0)[cut] for cut in (np.s_[2:], np.s_[:-2]))
-        along = ahead - behind
-        along /= np.sqrt((along**2).sum(axis=-1, keepdims=True))
-        bend = ((ahead - 2 * own + behind) * along).sum(axis=-1, keepdims=True)
-        shift = np.nan_to_num(1.5 * share**2 / 12 * bend * along)
-        inner -= shift
-        spread = np.moveaxis(sigma, 1 - axis, 0)[1:-1]
-        spread[:] = np.hypot(spread, shift / 3)
-    return replace(corners, point=point, sigma=sigma)
+    area = period**2 * np.abs(np.linalg.det(steps))
+    soft = _SOFT * math.sqrt(np.median(area)) if len(area) else 0.0
+    spline = spline_filter(gaussian_filter(image.astype(np.float64), soft), mode="mirror")
+    # opposite samples are one, and so are those that the blur or a pixel makes one
+    each = 0.5 * np.minimum(1, area * _SHARE**2 / max(1.0, 4 * math.pi * soft**2))
+    points, sigmas = [start[:0]], [start[:0]]
+    for first in range(0, len(start), _BATCH):
+        batch = np.s_[first : first + _BATCH]
+        point, place = start[batch], np.zeros_like(start[batch])
+        for blur in _BLURS:
+            patch, inside = _patches(spline, point, steps[batch], period)
+            move, spread, there = _centre(patch, inside, period, width, each[batch], blur)
+            place += move
+            point = start[batch] + np.einsum("ki,kij->kj", place, steps[batch])
+        there &= np.hypot(*place.T) < _FARTHEST * period
+        sigma = np.sqrt(np.einsum("ki,kij->kj", spread**2, steps[batch] ** 2))
+        points.append(np.where(there[:, None], point, np.nan))
+        sigmas.append(np.where(there[:, None], sigma, np.inf))
+    return np.concatenate(points), np.concatenate(sigmas)
 
 
-def refined(image: F32, start: F64, steps: F64, period: float, width: float) -> Corners:
-    """Crossings near start (..., 2); steps (..., 2, 2): camera (row, col) per pattern pixel of u and v."""
-    shape, steps = start.shape, steps.reshape(-1, 2, 2)
-    point = start.reshape(-1, 2).copy()
-    sigma = np.full(point.shape, np.inf)
-    ok = np.asarray(np.isfinite(point).all(axis=1) & np.isfinite(steps).all(axis=(1, 2)))
-    grid = np.linspace(-_REACH, _REACH, _SAMPLES) * period
-    move = np.full(len(point), np.inf)
-    for _ in range(_ROUNDS):
-        active = np.flatnonzero(ok & (move > 1e-3))
-        if len(active) == 0:
-            break
-        place, spread, good = _measure(image, point[active], steps[active], grid, width)
-        ok[active] = good & (np.abs(place) < 0.5 * period).all(axis=1)
-        point[active] += np.where(ok[active, None], np.einsum("ki,kij->kj", place, steps[active]), 0.0)
-        sigma[active] = np.sqrt(np.einsum("ki,kij->kj", spread**2, steps[active] ** 2))
-        move[active] = np.abs(place).max(axis=1)
-    ok &= move < 0.1 * width
-    point[~ok], sigma[~ok] = np.nan, np.inf
-    return Corners(point.reshape(shape), sigma.reshape(shape))
+def _patches(spline: F64, point: F64, steps: F64, period: float) -> tuple[F64, Mask]:
+    """Image at point + s steps[u] + t steps[v], (K, t, s), and where it and what is opposite are of it."""
+    t, s = (_REACH * period * axis for axis in _GRID)
+    along, down = steps[:, None, None, 0], steps[:, None, None, 1]
+    place = point[:, None, None] + s[..., None] * along + t[..., None] * down
+    patch = map_coordinates(spline, np.moveaxis(place, -1, 0), mode="mirror", prefilter=False)
+    inside: Mask = np.all((place >= 1) & (place <= np.array(spline.shape) - 2), axis=-1)
+    return patch, inside & inside[:, ::-1, ::-1]
 
 
-def _measure(
-    image: NDArray[np.float32], point: F64, steps: F64, grid: F64, width: float
-) -> tuple[F64, F64, NDArray[np.bool_]]:
-    """Crossing relative to `point` in lattice coordinates (K, 2), its sigma, and whether it is there."""
-    patch = _patches(image, point, steps, grid)
-    along_t = _line(patch, grid, width)  # line of constant u: s as a parabola of t
-    along_s = _line(patch.transpose(0, 2, 1), grid, width)
-    s, t = np.zeros(len(point)), np.zeros(len(point))
-    reach = 2 * grid[-1]  # where there is no crossing the iteration runs away
-    for _ in range(8):
-        s, t = (np.clip(_parabola(*line), -reach, reach) for line in ((along_t[0], t), (along_s[0], s)))
-    good = along_t[2] & along_s[2] & np.isfinite(s) & np.isfinite(t)
-    place = np.stack([np.where(good, s, 0.0), np.where(good, t, 0.0)], axis=1)
-    return place, np.stack([along_t[1], along_s[1]], axis=1), good
+def _centre(
+    patch: F64, inside: Mask, period: float, width: float, each: F64, blur: float
+) -> tuple[F64, F64, Mask]:
+    """Corner relative to the middle of its patch, s and t (K, 2), pattern pixels; sigma; whether it is there.
 
-
-def _patches(image: NDArray[np.float32], point: F64, steps: F64, grid: F64) -> F64:
-    """Image at point + s steps[u] + t steps[v]: (K, t, s), NaN outside."""
-    t, s = np.meshgrid(grid, grid, indexing="ij")
-    offset = s[..., None] * steps[:, None, None, 0] + t[..., None] * steps[:, None, None, 1]
-    place = point[:, None, None] + offset
-    rows, cols = image.shape
-    # cv2.remap takes at most 32767 lines at a time
-    batch = 32000 // len(grid)
-    parts = []
-    for first in range(0, len(place), batch):
-        part = place[first : first + batch].reshape(-1, len(grid), 2).astype(np.float32)
-        parts.append(cv2.remap(image, part[..., 1], part[..., 0], cv2.INTER_CUBIC))
-    patch = np.concatenate(parts).reshape(len(point), len(grid), len(grid)).astype(np.float64)
-    row, col = place[..., 0], place[..., 1]
-    patch[(row < 1) | (row > rows - 2) | (col < 1) | (col > cols - 2)] = np.nan
-    return patch
-
-
-def _line(patch: F64, grid: F64, width: float) -> tuple[F64, F64, NDArray[np.bool_]]:
-    """Centre of the dark line of each patch (K, t, s) as a parabola in t (K, 3), sigma at t = 0, presence."""
-    half = grid[-1]
-    clear = np.abs(grid) > 0.5 * width + 0.18 * half
-    rows = patch[:, clear]
-    level, slope = _background(rows, grid)
-    darkness = 1 - rows / np.maximum(level[..., None] + slope[..., None] * grid, 1e-6)
-    centre = _centroids(darkness, grid, width)
-    peak = np.nanmax(np.where(np.isnan(darkness), -1.0, darkness), axis=2)
-    # a frame that is black all over is no line
-    peak = np.where(level > 0, peak, -1.0)
-    usable = np.isfinite(centre) & (peak > _LEAST_DARKNESS) & (np.abs(centre) < 0.8 * half)
-    design = np.stack([np.ones(clear.sum()), grid[clear], grid[clear] ** 2], axis=1)
-    weight = usable.astype(np.float64)
-    normal = np.einsum("kt,ti,tj->kij", weight, design, design)
-    enough = weight.sum(axis=1) >= 8
-    both = (weight * (grid[clear] > 0)).sum(axis=1) * (weight * (grid[clear] < 0)).sum(axis=1) > 0
-    present = enough & both
-    normal[~present] = np.eye(3)
-    right = np.einsum("kt,ti,kt->ki", weight, design, np.where(usable, centre, 0.0))
+    each: independent samples that one sample counts for (K,); blur: of the patch, periods.
+    """
+    t, s = _GRID
+    if blur:
+        patch = gaussian_filter(patch, blur / _SHARE, axes=(1, 2))
+    even, odd = 0.5 * (patch + patch[:, ::-1, ::-1]), 0.5 * inside * (patch - patch[:, ::-1, ::-1])
+    down, along = np.gradient(even, _SHARE * period, axis=(1, 2))
+    bends = [power * slope for slope in (along, down) for power in (s * s, s * t, t * t)]
+    terms = np.stack([along, down, *bends, s * even, t * even], axis=1) * inside[:, None]
+    terms, left = terms.reshape(len(patch), terms.shape[1], -1), odd.reshape(len(patch), -1)
+    normal = terms @ terms.transpose(0, 2, 1)
+    normal += 1e-9 * np.eye(len(bends) + 4) * (1 + np.trace(normal, axis1=1, axis2=2))[:, None, None]
     inverse = np.linalg.inv(normal)
-    fit = np.einsum("kij,kj->ki", inverse, right)
-    residual = weight * (np.where(usable, centre, 0.0) - fit @ design.T)
-    variance = (residual**2).sum(axis=1) / np.maximum(weight.sum(axis=1) - 3, 1)
-    present &= np.sqrt(variance) < 0.15 * half
-    return fit, np.sqrt(variance * inverse[:, 0, 0] * _CORRELATED), present
+    found = np.einsum("kij,kjn,kn->ki", inverse, terms, left, optimize=True)
+    left = left - np.einsum("ki,kin->kn", found, terms)
+    misfit = (left**2).sum(axis=1)
+    count = each * inside.sum(axis=(1, 2))
+    variance = misfit / np.maximum(count - terms.shape[1], 1)
+    sigma = np.sqrt(variance[:, None] * np.diagonal(inverse, axis1=1, axis2=2)[:, :2])
+    there = (inside.mean(axis=(1, 2)) > _LEAST) & _crossed(patch, even, width / (_REACH * period))
+    contrast = (inside * (even - even.mean(axis=(1, 2), keepdims=True)) ** 2).sum(axis=(1, 2))
+    return -found[:, :2], sigma, there & (misfit < _UNLIKE * contrast)
 
 
-def _background(rows: F64, grid: F64) -> tuple[F64, F64]:
-    """Level at s = 0 and slope of a straight line through the bright ends of each row."""
-    left, right = grid < 0.72 * grid[0], grid > 0.72 * grid[-1]
-    low, high = np.median(rows[..., left], axis=-1), np.median(rows[..., right], axis=-1)
-    distance = grid[right].mean() - grid[left].mean()
-    return 0.5 * (low + high), (high - low) / distance
+def _crossed(patch: F64, even: F64, width: float) -> Mask:
+    """Whether both lines are darker, beside their corner, than all four fields between them.
 
-
-def _centroids(darkness: F64, grid: F64, width: float) -> F64:
-    """Centroid of the darkness of each row, in a window that follows it."""
-    reach = 0.5 * width + 0.3 * grid[-1]
-    coarse = np.where(darkness > 0.3, darkness, 0.0)
-    total = coarse.sum(axis=2)
-    centre = (coarse * grid).sum(axis=2) / np.where(total > 0, total, np.nan)
-    step = grid[1] - grid[0]
-    for _ in range(3):
-        # a window with soft ends: a sample on its end would make the centroid jump
-        inside = np.clip((reach - np.abs(grid - centre[..., None])) / step + 0.5, 0.0, 1.0) * darkness
-        total = inside.sum(axis=2)
-        centre = (inside * grid).sum(axis=2) / np.where(np.abs(total) > 1e-9, total, np.nan)
-    return np.asarray(centre)
-
-
-def _parabola(fit: F64, at: F64) -> F64:
-    value: Any = fit[:, 0] + fit[:, 1] * at + fit[:, 2] * at * at
-    return np.asarray(value)
+    width: of a line, in halves of a patch.
+    """
+    t, s = _GRID
+    between = [patch[:, (down * t > 0.7) & (along * s > 0.7)] for down in (-1, 1) for along in (-1, 1)]
+    light = np.min([field.mean(axis=1) for field in between], axis=0)
+    sides = (np.abs(s), np.abs(t)), (np.abs(t), np.abs(s))
+    arms = [even[:, (one < width / 4) & (other > 0.5)].mean(axis=1) for one, other in sides]
+    return np.asarray(np.max(arms, axis=0) < (1 - _LEAST_DARKNESS) * light)
