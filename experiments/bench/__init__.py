@@ -11,6 +11,7 @@
 | `hard.py`, `hard_case.py`, `hard_pooled.py` | hard cases, their verdicts, figures over draws |
 | `hard_decode.py`, `hard_reconstruct.py`, `hard_surroundings.py` | what is hard: written lists |
 | `hard_drawn.py`, `rigs.py` | what is hard: drawn; rigs |
+| `hard_height.py` | drawn rigs from frames to height |
 | `hard_curved.py`, `hard_scene.py` | mirrors that bend inside of a pixel; scenes that are a little wrong |
 | `hard_edges.py`, `hard_unlike.py` | scenes with depth edges, faults in them; displays unlike the sequence |
 | `layered.py`, `plain_decoder.py` | their light; codes by definition |

@@ -17,6 +17,7 @@ from .hard_curved import FORMS, curved_cases
 from .hard_decode import decode_cases
 from .hard_drawn import random_cases
 from .hard_edges import edge_cases
+from .hard_height import height_cases
 from .hard_reconstruct import reconstruct_cases
 from .hard_scene import scene_cases
 from .hard_surroundings import surroundings_cases
@@ -45,8 +46,8 @@ def hard_cases(
     """The cases whose label holds every word of `wanted`. sizes: of cameras, default 192 x 192 (decode), 128
     and 256 squared (reconstruct); quick: 96 x 96 (surroundings 144 x 144), fewer sequences, double precision
     only; drawn: so many random ones instead, from number `first` on; draws: of scenes with edges, without and
-    with a fault each, and of scenes that are a little wrong, 0: 24 (quick: 6), and of mirrors that bend
-    inside of a pixel, 0: 32 (quick: 4); every: all combinations of surroundings, not a choice.
+    with a fault each, of scenes that are a little wrong and of rigs up to their height, 0: 24 (quick: 6), and
+    of mirrors that bend inside of a pixel, 0: 32 (quick: 4); every: all surroundings, not a choice.
     """
     if drawn:
         return [
@@ -65,6 +66,7 @@ def hard_cases(
     cases += scene_cases(several, first)
     for size in sizes or small or (UNLIKE_SIZE,):
         cases += unlike_cases(size)
+    cases += height_cases(several, first)
     cases += curved_cases(draws or (len(FORMS) if quick else CURVED), first)
     return [case for case in cases if all(word in case.label for word in wanted.split())]
 

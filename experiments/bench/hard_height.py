@@ -1,0 +1,46 @@
+"""Drawn rigs from frames to height: what errors of neighbouring pixels have in common shows in their sum."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from scipy import ndimage
+
+from optolever.decode import Correspondence, decode
+from optolever.errors import InputError
+from optolever.patterns import sequence_from_text
+from optolever.projector import area_frames, trace_area
+from optolever.reconstruct import reconstruct
+from optolever.scene import Trace
+
+from .hard_case import Case, Found
+from .hard_drawn import rig_case, rig_of
+from .hard_reconstruct import found_height
+
+__all__ = ["height_cases"]
+
+
+def height_cases(draws: int, first: int = 0) -> Iterator[Case]:
+    """`draws` rigs; a number's rig, its frames and their noise are those of `rig_case`."""
+    for number in range(first, first + draws):
+        decoded = rig_case(number)
+        yield replace(decoded, part="height", name=f"rig {number}", make=partial(_found, number))
+
+
+def _found(number: int) -> Found:
+    rig, code, sensor = rig_of(number)
+    shown = sequence_from_text(code, rig.scene.pattern.rows, rig.scene.pattern.cols)
+    area = trace_area(rig.scene, rig.surface)
+    seen = decode(area_frames(area, shown, sensor, rig.lighting, seed=number), shown)
+    height = reconstruct(seen, rig.scene, anchor=_known_point(seen, area.centre))
+    return replace(found_height(height, area.centre, 1.0), unit="mm")
+
+
+def _known_point(seen: Correspondence, truth: Trace) -> tuple[float, float, float]:
+    """The true place on the mirror of the good pixel that is farthest from any other."""
+    inside = ndimage.distance_transform_cdt(np.pad(seen.good & truth.visible, 1))[1:-1, 1:-1]
+    if not inside.any():
+        raise InputError("no pixel is good")
+    at = np.unravel_index(int(inside.argmax()), inside.shape)
+    return float(truth.x[at]), float(truth.y[at]), float(truth.z[at])
