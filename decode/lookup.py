@@ -17,32 +17,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 from scipy.special import chdtri
 
 from optolever.patterns import Sequence
 
 from .estimate import Estimate
 from .frames import Light
-from .lookup_kernels import (
-    PER_PX,
-    SEARCH,
-    SWEEP,
-    WITHIN,
-    Camera,
-    match_rows,
-)
+from .lookup_kernels import SEARCH, SWEEP, WITHIN, Camera, match_rows
 from .lookup_tables import USUAL, Table, table_of
 from .noise import Noise, Sample, fitted_noise
 from .plan import AxisPlan, Plan
 
 __all__ = ["Table", "lookup_rows", "prepare"]
 
-F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 #: Pixels of the sample on which the spread is measured.
 _PIXELS = 2048
-#: Spreads that are tried, pattern pixels rms: from a pixel of a third of a cell to out of focus.
-_SPREADS: tuple[float, ...] = (0.12, 0.2, 0.29, 0.45, 0.7, 1.2, 2.4)
+#: Spreads that are tried, pattern pixels rms: from a pixel of a third of a cell to out of focus, or to half a
+#: stripe's width.
+_SHARPEST, _WIDEST, _TRIED = 0.12, 2.4, 8
 #: Tables are kept for spreads in steps of 1 %, so that a series of captures shares them.
 _STEP = 1.01
 #: Squared residuals that noise reaches once in so many pixels.
@@ -52,18 +46,13 @@ _RARE = 1e-5
 _NUDGE, _SAFE = 0.05, 1e-3
 #: Relative error of a spread at least: of a footprint and a blur only one number is known.
 _SHAPE = 0.07
-#: Misfit over the least up to which places may decide on the spread.
-_WORSE = 1.05
 #: Parts of the sample that tell by how much places crowd by chance.
 _GROUPS = 16
-#: Share of the amplitude from which on a pixel of the sample counts.
-_LIT = 0.25
+#: Share of a normal variance within three deviations, which fitted_noise makes up for: mean squares of
+#: several residuals have no tails.
+_TAILS = 0.9733
 #: Variance that is assumed before noise is measured, over the squared contrast.
 _FIRST = 1e-5
-#: Change of codewords that is none.
-_TINY = 1e-6
-#: Residuals that tell the noise at most.
-_RESIDUALS = 16384
 
 
 def lookup_rows(light: Light, noise: Noise, table: Table, rows: tuple[int, int], estimate: Estimate) -> None:
@@ -99,89 +88,131 @@ def prepare(
     cells (K,): of a code, coordinate of the cell of each pixel of `lit`, NaN: unknown; look within the cells.
     noise: None where it is not known; blur: rms, pattern px, if it is known.
     """
-    places, start = _thinned(lit.places, cells)
-    small = replace(light, raw=np.ascontiguousarray(light.raw[:, places[:, 0], places[:, 1]][:, None, :]))
-    way, spreads = SEARCH if cells is None else WITHIN, _SPREADS
-    if cells is None and axis.stripes is not None:
-        # 0: an ideal surface without cells; up to half a stripe's width
-        width = axis.stripes.width
-        wide = [share * width for share in (0.18, 0.25, 0.35, 0.5) if share * width > _SPREADS[-1]]
-        near = [spread for spread in _SPREADS if spread <= max(0.5 * width, 1.2)]
-        way, spreads = SWEEP, (0.0, *near, *wide)
-    spreads = tuple(float(np.hypot(spread, blur or 0.0)) for spread in spreads)
 
     def table_for(way: int, spread: float) -> Table:
-        return table_of(sequence, plan, axis, way, spread, blur)
+        rounded = _STEP ** np.rint(np.log(spread) / np.log(_STEP)) if spread > 0 else 0.0
+        return table_of(sequence, plan, axis, way, float(rounded), blur)
 
+    way = WITHIN if cells is not None else SEARCH if axis.stripes is None else SWEEP
     usual = float(np.hypot(USUAL, blur or 0.0))
-    if len(places) == 0:
+    if not len(lit.places):
         return table_for(way, usual)
-    if measure := noise is None:
-        contrast = float(np.mean(np.square(np.ptp(small.linear(small.raw), axis=0))))
-        noise = Noise(max(light.rounding, _FIRST * contrast))
-    trial = _Trial(small, noise, start, way)
-    first = table_for(way, usual)
+    pixels = _pilot(light, noise, lit, cells)
+    one_way = way
     if way == SEARCH:
-        found = trial.decoded(first)
-        trial = replace(
-            trial, start=np.where(found.error < _SAFE, found.coordinate, np.nan)[0].astype(np.float64)
-        )
-        first = table_for(WITHIN, usual)
-    if measure:
-        trial = replace(trial, noise=trial.left(first))
-
-    def tried(spread: float) -> _Quality:
-        return trial.of(table_for(WITHIN if way == SEARCH else way, spread))
-
-    quality = [tried(one) for one in spreads]
-    spread, unsure = _best(quality), 0.0
-    fits = [one.usual for one in quality]
-    alike = [one for one, fit in zip(quality, fits, strict=True) if fit <= _WORSE * min(fits)]
-    if way != SWEEP and len(alike) > 1:
-        spread = min(alike, key=lambda one: float(np.abs(one.crowding.mean()))).spread
+        found = pixels.decoded(table_for(SEARCH, usual))
+        start = np.where(found.error < _SAFE, found.coordinate, np.nan)[0].astype(np.float64)
+        pixels, one_way = replace(pixels, start=start), WITHIN
+        if not np.isfinite(start).any():
+            return replace(table_for(way, usual), noise=pixels.noise if noise is None else None)
+    spreads = np.geomspace(_SHARPEST, max(_WIDEST, 0.5 * axis.stripes.width if axis.stripes else 0), _TRIED)
+    spreads = np.hypot(spreads, blur or 0.0)
     if way == SWEEP:
-        if spread > 0:  # a parabola through wide steps is rough
-            spread = _best([tried(_rounded(spread * share)) for share in (0.9, 1.0, 1.1)])
-    else:
-        spread, unsure = _evened(tried, spread, blur is not None)
-    table = replace(table_for(way, _rounded(spread)), unsure=unsure)
-    return replace(table, noise=trial.left(table)) if measure else trial.judged(table)
+        spreads = np.append(0.0, spreads)  # an ideal surface without cells
+    spread, error = _likeliest(lambda spread: pixels.fitted(table_for(one_way, spread)), spreads)
+    low, fit, high = (pixels.fitted(table_for(one_way, spread * (1 + n))) for n in (-_NUDGE, 0.0, _NUDGE))
+    # what crowding is left may be due to the shape, too; but no shape moves places by more than a spread
+    # does, and none those of stripes, which are seen from either side
+    most = 0.0 if way == SWEEP else min(low.moved_to(high), 1.0)
+    unsure = min(most * error + (_SHAPE if blur is None else 0.0) + abs(fit.crowding), most)
+    table = replace(table_for(way, spread), unsure=unsure)
+    if noise is None:
+        return replace(table, noise=fit.noise(pixels.noise))
+    return replace(table, misfit2=fit.beyond(noise))
 
 
-def _thinned(places: NDArray[np.int64], cells: F64 | None) -> tuple[NDArray[np.int64], F64 | None]:
-    """At most _PIXELS of the places, from all over the image."""
-    every = max(1, -(-len(places) // _PIXELS))
-    return places[::every], None if cells is None else cells[::every]
-
-
-def _rounded(spread: float) -> float:
-    return float(_STEP ** np.rint(np.log(spread) / np.log(_STEP))) if spread > 0 else 0.0
+def _pilot(light: Light, noise: Noise | None, lit: Sample, cells: F64 | None) -> "_Pixels":
+    """At most _PIXELS of the lit pixels, from all over the image; without a noise one of its order."""
+    every = max(1, -(-len(lit.places) // _PIXELS))
+    row, col = lit.places[::every].T
+    small = replace(light, raw=np.ascontiguousarray(light.raw[:, row, col][:, None, :]))
+    if noise is None:
+        contrast = float(np.mean(np.square(np.ptp(small.linear(small.raw), axis=0))))
+        floor = max(light.rounding, 1e-12)
+        noise = Noise(max(floor, _FIRST * contrast), rounding2=floor)
+    return _Pixels(small, noise, None if cells is None else cells[::every])
 
 
 @dataclass(frozen=True, slots=True)
-class _Quality:
-    """Of a spread: chi2 over freedom of the sample's pixels (NaN: not decoded), crowding of the places
-    of _GROUPS parts of the sample, see _evened."""
+class _Fit:
+    """Sampled pixels by one table: place, its variance, amplitude, offset, chi2 over freedom (infinite: not
+    decoded)."""
 
-    spread: float
+    table: Table
+    place: F64
+    variance: F64
+    amplitude: F64
+    offset: F64
     misfit: F64
-    crowding: NDArray[np.complex128]
 
     @property
-    def usual(self) -> float:
-        """Median of the misfit."""
+    def excess(self) -> float:
+        """Median of the misfit over that of noise alone (Wilson & Hilferty)."""
         known = self.misfit[np.isfinite(self.misfit)]
-        return float(np.median(known)) if len(known) else np.inf
+        usual = (1 - 2 / (9 * max(self.table.freedom, 1))) ** 3
+        return float(np.median(known)) / usual if len(known) else 1.0
+
+    @property
+    def turns(self) -> NDArray[np.complex128]:
+        """Means of exp(2 pi i u / cell), over each place's posterior (half a tread is no crowd), of parts of
+        the sample."""
+        known = np.isfinite(self.misfit)
+        if not known.any():
+            return np.zeros(1, np.complex128)
+        turn = 2j * np.pi * self.place[known] / self.table.cell
+        turn = np.exp(turn - 2 * np.pi**2 * self.variance[known] / self.table.cell**2)
+        return np.array([group.mean() for group in np.array_split(turn, min(_GROUPS, len(turn)))])
+
+    @property
+    def crowding(self) -> complex:
+        """Mean exp(2 pi i u / cell) of the sample: 0 but for chance where places are spread evenly."""
+        return complex(self.turns.mean())
+
+    @property
+    def unevenness(self) -> float:
+        """-2 log likelihood of the crowding, by chance as parts of the sample tell it.
+
+        Places that keep step with the cells crowd whatever the spread: hence the tails of a Cauchy
+        distribution.
+        """
+        turns = self.turns
+        chance = max(float(np.var(turns)) / _GROUPS, 1 / len(self.place))
+        return float(2 * np.log1p(np.abs(turns.mean()) ** 2 / chance))
+
+    def moved_to(self, other: "_Fit") -> float:
+        """By how much of their way to the cell's nearest edge places move for a relative change of the
+        spread."""
+        both = np.isfinite(self.misfit) & np.isfinite(other.misfit)
+        if not both.any() or other.table.spread == self.table.spread:
+            return 0.0
+        moved = np.median(np.abs(other.place - self.place)[both]) / (0.25 * self.table.cell)
+        return float(moved / np.log(other.table.spread / self.table.spread))
+
+    def noise(self, assumed: Noise) -> Noise:
+        """The camera's noise, by the residuals; assumed: one that does not depend on the level."""
+        known = np.isfinite(self.misfit)
+        deviation = np.sqrt(_TAILS * self.misfit[known] * assumed.read2).astype(np.float32)
+        return fitted_noise(self.offset[known].astype(np.float32), deviation, assumed.rounding2)
+
+    def beyond(self, noise: Noise) -> float:
+        """Variance that the levels leave beyond noise, over the squared amplitude."""
+        used = np.isfinite(self.misfit)
+        if not used.any():
+            return 0.0
+        own = noise.variance(self.offset[used]) / np.square(self.amplitude[used])
+        own /= self.table.book.frames.shape[2]
+        # what chance adds to the median of so many pixels
+        chance = 4 * np.sqrt(2 / (max(self.table.freedom, 1) * np.count_nonzero(used)))
+        return float((self.excess - 1) * np.median(own)) if self.excess - 1 > chance else 0.0
 
 
 @dataclass(frozen=True, slots=True)
-class _Trial:
+class _Pixels:
     """Pixels of a sample as frames of one row, and where their answers start."""
 
     light: Light
     noise: Noise
     start: F64 | None
-    way: int
 
     def decoded(self, table: Table) -> Estimate:
         """The sample by a table, without its misfit."""
@@ -192,117 +223,44 @@ class _Trial:
         lookup_rows(self.light, replace(self.noise, misfit2=0.0), table, (0, 1), found)
         return found
 
-    def of(self, table: Table) -> _Quality:
+    def fitted(self, table: Table) -> _Fit:
         """How well a table fits."""
         found = self.decoded(table)
-        used = np.isfinite(found.variance[0])
-        if table.way != WITHIN and used.any():
-            used &= found.amplitude[0] > _LIT * np.percentile(found.amplitude[0][used], 95)
-        misfit = np.where(used, found.chi2[0].astype(np.float64) / max(table.freedom, 1), np.nan)
-        # the mean of exp(2 pi i u) over each place's posterior: half a tread is no crowd
-        place, variance = (part[0][used].astype(np.float64) for part in (found.coordinate, found.variance))
-        turn = np.exp(2j * np.pi * place / table.cell - 2 * np.pi**2 * variance / table.cell**2)
-        groups = np.array_split(turn, _GROUPS) if len(turn) >= _GROUPS else [np.ones(1)] * _GROUPS
-        return _Quality(table.spread, misfit, np.array([group.mean() for group in groups], np.complex128))
-
-    def left(self, table: Table) -> Noise:
-        """The camera's noise by what a table leaves of the samples."""
-        found, book = self.decoded(replace(table, way=WITHIN) if self.way == SEARCH else table), table.book
-        lit = np.isfinite(found.variance[0]) & (found.amplitude[0] > 0)
-        lit[np.arange(len(lit)) % (1 + lit.size * table.book.frames.shape[1] // _RESIDUALS) > 0] = False
-        if table.way == SWEEP:
-            lit &= found.error[0] < _SAFE
-        place, amplitude, offset = (
-            part[0, lit].astype(np.float64) for part in (found.coordinate, found.amplitude, found.offset)
-        )
-        if not len(place):
-            return self.noise
-        raw = self.light.raw[:, 0, lit]
-        swept = raw[book.index].argmax(axis=0) if table.way == SWEEP else np.zeros(len(place), np.intp)
-        first, block = book.first[swept], book.block[swept]
-        at = np.clip((place - first) * PER_PX, 0, book.words.shape[1] - 1.001)
-        q = at.astype(np.int64)
-        f, (n, summed) = (at - q)[:, None], book.frames.shape[1:]
-        words = book.words[:, :, :n] + book.angles[:, :, 3:4]
-        shown = (1 - f) * words[block, q] + f * words[block, q + 1]
-        raw = raw[book.frames[swept], np.arange(len(place))[:, None, None]]
-        told = (offset - amplitude)[:, None] + 2 * amplitude[:, None] * shown
-        # divided by what the fit of offset, scale and place leaves of a sample's own deviation
-        scale, step = (
-            part - part.mean(axis=1, keepdims=True) for part in (shown, words[block, q + 1] - words[block, q])
-        )
-        scale /= np.sqrt(np.square(scale).sum(axis=1, keepdims=True)) + _TINY
-        step -= (step * scale).sum(axis=1, keepdims=True) * scale
-        step /= np.sqrt(np.square(step).sum(axis=1, keepdims=True)) + _TINY
-        left = 1 - 1 / n - scale**2 - step**2
-        residual = (self.light.linear(raw).mean(axis=2) - told) / np.sqrt(np.maximum(left, 1 / n) / summed)
-        kept = (raw < self.light.clip).all(axis=2) & (left > 1 / n)
-        return fitted_noise(
-            told[kept].astype(np.float32), residual[kept].astype(np.float32), max(self.light.rounding, 1e-12)
-        )
-
-    def judged(self, table: Table) -> Table:
-        """The table with what it leaves beyond noise."""
-        found, quality = self.decoded(table), self.of(table)
-        used = np.isfinite(quality.misfit)
-        if not used.any():
-            return table
-        own = self.noise.variance(found.offset[0][used]) / np.square(found.amplitude[0][used])
-        own /= table.book.frames.shape[2]
-        # median of chi2 over freedom (Wilson & Hilferty), and what chance adds to that of so many pixels
-        freedom = max(table.freedom, 1)
-        usual = (1 - 2 / (9 * freedom)) ** 3
-        beyond = np.median(quality.misfit[used]) / usual - 1
-        chance = 4 * np.sqrt(2 / (freedom * np.count_nonzero(used)))
-        return replace(table, misfit2=float(beyond * np.median(own)) if beyond > chance else 0.0)
+        parts = found.coordinate, found.variance, found.amplitude, found.offset, found.chi2
+        place, variance, amplitude, offset, chi2 = (part[0].astype(np.float64) for part in parts)
+        misfit = np.where(np.isfinite(variance), chi2 / max(table.freedom, 1), np.inf)
+        return _Fit(table, place, variance, amplitude, offset, misfit)
 
 
-def _evened(tried: Callable[[float], _Quality], spread: float, known: bool) -> tuple[float, float]:
-    """Spread with which places are spread evenly over the cells, and its relative error.
+def _likeliest(fitted: Callable[[float], _Fit], spreads: F64) -> tuple[float, float]:
+    """The likeliest spread, and the relative error that the likelihood's curvature gives it (1 at most).
 
-    Levels tell in what shares a pixel sees two cells, hardly how far from their edge it is. With a wrong
-    spread places crowd: z = mean exp(2 pi i u / cell) is 0 but for chance, which parts of the sample tell.
-    Newton's steps on z(log spread). What is left of z beyond chance (pixels in step with the cells) may be
-    due to the spread.
-
-    A relative error e of the spread moves places by k e of their way to the cell's nearest edge, and z by k
-    e, k = 1 without blur: so z is the relative error of that way. Where the blur is known the shape is, too,
-    and no spread moves z by more than its slope.
+    Squared residuals, over the variance that the best spread leaves and no further than noise reaches, and
+    how evenly places are spread over the cells: edges tell in what shares a pixel sees two cells, hardly how
+    far from their edge it is.
     """
-    unsure, least = 0.0 if known else 1.0, np.inf
-    for _ in range(6):
-        low, mid, high = (tried(_rounded(spread * (1 + step))) for step in (-_NUDGE, 0.0, _NUDGE))
-        slope = (high.crowding - low.crowding).mean() / np.log(high.spread / low.spread)
-        crowding, steep = mid.crowding.mean(), float(np.abs(slope)) ** 2
-        if steep < 1e-6:
-            return spread, unsure
-        step = float(np.clip(-(np.conj(slope) * crowding).real / steep, -0.3, 0.3))
-        chance = float(np.sqrt(0.5 * np.mean(np.abs(mid.crowding - crowding) ** 2) / (_GROUPS - 1)))
-        left = max(float(np.abs(crowding + slope * step)) - 3 * chance, 0.0)
-        unsure = min(left + chance, steep**0.5) if known else min(max(left + chance, _SHAPE), 1.0)
-        least = min(least, mid.usual)
-        if abs(step) < 0.5 * (_STEP - 1):
-            break
-        better = tried(_rounded(spread * np.exp(step)))
-        if not better.usual <= _WORSE * least:
-            return spread, unsure
-        spread = better.spread
-    return spread, unsure
+    fits = [fitted(float(spread)) for spread in spreads]
+    freedom = max(fits[0].table.freedom, 1)
+    excess = max(min(fit.excess for fit in fits), 1e-3)
+    most = float(chdtri(freedom, _RARE))
 
+    def criterion(fit: _Fit) -> float:
+        return float(np.minimum(fit.misfit * freedom / excess, most).sum()) + fit.unevenness
 
-def _best(tried: list[_Quality]) -> float:
-    """The spread that fits best, between those that were tried: misfits of the same pixels, without those
-    that no spread explains."""
-    misfit = np.array([one.misfit for one in tried])
-    known = np.isfinite(misfit).all(axis=0)
-    if not known.any():
-        return USUAL
-    least = misfit[:, known].min(axis=0)
-    total = misfit[:, known][:, least <= 3 * np.median(least)].mean(axis=1)
-    k = int(np.argmin(total))
-    if 0 < k < len(tried) - 1:
-        square = np.array([one.spread**2 for one in tried[k - 1 : k + 2]])
-        bend, slope, _ = np.polyfit(square, total[k - 1 : k + 2], 2)
-        if bend > 0:
-            return float(np.sqrt(np.clip(-slope / (2 * bend), square[0], square[-1])))
-    return tried[k].spread
+    values = [criterion(fit) for fit in fits]
+    k = int(np.argmin(values))
+    spread, least = float(spreads[k]), values[k]
+    if spread == 0:
+        return 0.0, 0.0
+    bounds = spreads[max(k - 1, 0)], spreads[min(k + 1, len(spreads) - 1)]
+    found = minimize_scalar(
+        lambda spread: criterion(fitted(spread)),
+        bounds=bounds,
+        method="bounded",
+        options={"xatol": 0.5 * (_STEP - 1) * spread},
+    )
+    if found.fun < least:
+        spread, least = float(found.x), float(found.fun)
+    beside = [criterion(fitted(spread * (1 + step))) for step in (-_NUDGE, _NUDGE)]
+    rise = max(sum(beside) / 2 - least, _NUDGE**2)
+    return spread, _NUDGE / rise**0.5

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.signal import upfirdn
 
 from optolever.errors import InputError
 from optolever.patterns import Sequence
@@ -55,7 +56,7 @@ class Table:
         return int(self.book.freedom)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=40)
 def _cached(
     sequence: Sequence, index: tuple[int, ...], axis: str, spread: float, blur: float | None
 ) -> tuple[F32, F32]:
@@ -119,7 +120,7 @@ def table_of(
     return Table(way, book, *(_similar(*key, reach) if way == SEARCH else empty), spread, cell)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=40)
 def _sweep(sequence: Sequence, axis: str, spread: float, blur: float | None) -> Book:
     """Raised cosines around each place of a sweep, of as many frames as one lights; of spots the mean of as
     many along the other axis as are lit: their light is a product."""
@@ -163,10 +164,10 @@ def _around(at: F64, reach: float, least: int) -> tuple[int, NDArray[np.int64]]:
 def _weight(distance: F64, spread: float, known: float | None) -> F64:
     """Share of a cell's light in what a pixel at a distance (pattern px) sees.
 
-    The cell through a footprint, of up to a cell where its blur is not known, and a Gaussian blur that makes
-    up the spread.
+    The cell through a footprint and a Gaussian blur that makes up the spread: half of its square where it is
+    not known, more where a footprint would be wider than a cell.
     """
-    widest = spread * math.sqrt(12) if known is None else math.sqrt(12 * max(spread**2 - known**2, 0.0))
+    widest = math.sqrt(6) * spread if known is None else math.sqrt(12 * max(spread**2 - known**2, 0.0))
     width = max(min(widest, 1.0) if known is None else widest, 0.05)
     blur = math.sqrt(max(spread**2 - width**2 / 12, 1e-6))
     return cell_light(distance, np.array(width), blur)
@@ -174,16 +175,11 @@ def _weight(distance: F64, spread: float, known: float | None) -> F64:
 
 def _seen(levels: F64, spread: float, blur: float | None, beyond: Any) -> F64:
     """Levels (M, E) of cells as pixels at -1 + k / PER_PX see them, (M, (E + 1) PER_PX + 1)."""
-    extent, reach = levels.shape[1], math.ceil(4 * spread) + 1
-    around = np.pad(levels, ((0, 0), (reach + 2, reach + 2)), mode=beyond)
-    seen = np.zeros((len(levels), extent + 2, PER_PX))
-    for s in range(PER_PX):
-        for r in range(-reach, reach + 1):
-            # cell m + r - 1 of the place m - 1 + s / PER_PX
-            weight = float(_weight(np.array(r - s / PER_PX), spread, blur))
-            if weight > 0:
-                seen[:, :, s] += weight * around[:, reach + 1 + r : reach + 1 + r + extent + 2]
-    return seen.reshape(len(levels), -1)[:, : (extent + 1) * PER_PX + 1]
+    reach = math.ceil(4 * spread) + 1
+    around = np.pad(levels, ((0, 0), (reach + 1, reach + 1)), mode=beyond)
+    weight = _weight(np.arange(-reach * PER_PX, reach * PER_PX + 1) / PER_PX, spread, blur)
+    seen = upfirdn(weight, around, up=PER_PX)[:, 2 * reach * PER_PX :]
+    return np.asarray(seen[:, : (levels.shape[1] + 1) * PER_PX + 1], np.float64)
 
 
 def _words(seen: F64) -> tuple[F32, F32]:
