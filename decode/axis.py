@@ -140,10 +140,22 @@ def _decoder(
         assert code is not None
         jump, per_turn, factor = 2.0 * float(code.cell), 0.0, 0.5
     limits = limits_of(axis.extent, factor, freedom, light.white)
-    return AxisDecoder(
+    decoder = AxisDecoder(
         *(axis, light, noise, code, orders, micro, None, periods, limits, freedom, jump, per_turn),
         common=0.0 if orders is None else unlike[-1] * axis.fringes[-1].period ** 2,
     )
+    return decoder if micro is None else replace(decoder, micro=_as_seen(decoder, micro, lit))
+
+
+def _as_seen(decoder: AxisDecoder, micro: MicroTable, lit: Sample) -> MicroTable:
+    """With the contrast of its frames, by the sampled pixels."""
+    few = replace(decoder, light=_sampled_light(decoder.light, lit))
+    place, *maps = np.zeros((5, 1, len(lit.places)), np.float32)
+    shared = Shared(np.zeros(place.shape, np.uint16), *maps[1:])
+    few.decode((0, 1), Raw(place, maps[0]), True, shared)
+    sure = shared.error[0] < DOUBT
+    levels = few.light.linear(few.light.raw[micro.frames][:, 0, sure])
+    return micro.seen(place[0, sure], (levels - shared.offset[0, sure]) / shared.amplitude[0, sure])
 
 
 @lru_cache(maxsize=16)

@@ -31,12 +31,15 @@ _PHASES, _LEVELS, _REACH = 32, 20, 1.25
 #: the phase add up to 1 + 1/3 + 2/3 + 2/3 of a sample's variance at most; over five levels the errors that
 #: they share to 1 + 5/3 + 5/3.
 _DEVIATIONS, _OF_LEVEL, _OF_ALL = 5.0, 8 / 3, 13 / 3
+#: Pixels that tell a contrast.
+_FEWEST = 64
 _ONE, _HALF, _TWO_PI = np.float32(1), np.float32(0.5), np.float32(2 * np.pi)
 
 
 class MicroTable(NamedTuple):
     """frames (M,): numbers of the single frames, periods and shifts (turns) of them; used (3,): those of the
-    table; listed: orders by cell; tolerance: of a level over the amplitude."""
+    table; listed: orders by cell; tolerance: of a level over the amplitude; contrast (M,): over that of the
+    steps, as a blur takes more of a shorter period."""
 
     frames: NDArray[np.int64]
     periods: NDArray[np.float32]
@@ -44,6 +47,16 @@ class MicroTable(NamedTuple):
     used: NDArray[np.int64]
     listed: Candidates
     tolerance: np.float32
+    contrast: NDArray[np.float32]
+
+    def seen(self, place: NDArray[np.float32], level: NDArray[np.float32]) -> "MicroTable":
+        """The table with the contrast that pixels show: places (K,), levels (M, K) over the steps' amplitude,
+        from their offset on."""
+        if place.size < _FEWEST:
+            return self
+        told = np.cos(2 * np.pi * (place / self.periods[:, None] - self.shifts[:, None]))
+        contrast = (told * level).sum(axis=1) / np.square(told).sum(axis=1)
+        return self._replace(contrast=contrast.astype(np.float32))
 
 
 def micro_table(axis: AxisPlan, deviation: float) -> MicroTable:
@@ -60,8 +73,13 @@ def micro_table(axis: AxisPlan, deviation: float) -> MicroTable:
     periods, shifts = tuple(s[1] for s in singles), tuple(s[2] / (2 * np.pi) for s in singles)
     listed = _orders(axis.fringes[0].period, periods, shifts, used, axis.extent, tolerance)
     return MicroTable(
-        *(np.array([s[0] for s in singles]), np.array(periods, np.float32), np.array(shifts, np.float32)),
-        *(np.array(used), listed, np.float32(tolerance)),
+        frames=np.array([s[0] for s in singles]),
+        periods=np.array(periods, np.float32),
+        shifts=np.array(shifts, np.float32),
+        used=np.array(used),
+        listed=listed,
+        tolerance=np.float32(tolerance),
+        contrast=np.ones(len(singles), np.float32),
     )
 
 
@@ -125,7 +143,7 @@ def cosine_of(turns: Any) -> Any:
 @exact
 def _micro_rows(light: Any, noise: Any, fringe: Any, singles: Any, rows: Any, into: Any) -> None:
     """A row at a time, so that what its fit tells is still in the cache."""
-    frames, periods, shifts, used, (first, second, start, listed), tolerance = singles
+    frames, periods, shifts, used, (first, second, start, listed), tolerance, contrast = singles
     place, var, width, (raw, table, _, (_, white)) = into.place, into.variance, into.place.shape[1], light
     count, period, steps = frames.size, fringe.period[0], np.float32(fringe.number[0])
     work = np.empty((2 + fringe.frame.shape[1], width), np.float32)
@@ -140,7 +158,7 @@ def _micro_rows(light: Any, noise: Any, fringe: Any, singles: Any, rows: Any, in
     for row in range(rows[0], rows[1]):
         fit_line(light, noise, fringe, 0, row, work, (t, v, a, o, fitted, clipped))
         for m in range(count):
-            _level(raw[frames[m], row], table, o, a, white, level[m], clipped)
+            _level(raw[frames[m], row], table, (o, a, contrast[m]), white, level[m], clipped)
         _cell(t, level[used[0]], level[used[1]], level[used[2]], cell)
         listed_first(first, second, cell, one, other)
         _places(t, one, period, place[row], score)
@@ -159,11 +177,12 @@ def _micro_rows(light: Any, noise: Any, fringe: Any, singles: Any, rows: Any, in
 
 
 @kernel
-def _level(line: Any, table: Any, offset: Any, amplitude: Any, white: Any, level: Any, clipped: Any) -> None:
-    """Levels over the amplitude, from the offset on."""
+def _level(line: Any, table: Any, light: Any, white: Any, level: Any, clipped: Any) -> None:
+    """Levels over the amplitude, from the offset on; light: both of a line, and the frame's contrast."""
+    offset, amplitude, contrast = light
     for x in range(level.size):
         value = level_of(line[x], table)
-        level[x] = (value - offset[x]) / max(amplitude[x], np.float32(1e-6))
+        level[x] = (value - offset[x]) / max(contrast * amplitude[x], np.float32(1e-6))
         clipped[x] += _ONE if value >= white else np.float32(0)
 
 

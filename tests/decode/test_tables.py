@@ -72,6 +72,29 @@ def test_micro_phase_shifting(shoot: Shoot, smooth: tuple[F64, F64], named: bool
     assert 0.7 < rms(scores(found, *smooth)) < 1.1
 
 
+def test_micro_phase_behind_a_blur() -> None:
+    """A blur takes more of a shorter period: taken for a shift, all pixels of a region are off alike."""
+    shown, rng = sequence("micro-phase", 150, 170), np.random.default_rng(0)
+    row, col = np.mgrid[:120, :140].astype(np.float64)
+    where = {"u": 6 + 0.9 * col, "v": 8 + 0.8 * row}
+    frames = np.full((len(shown), *row.shape), 20.0)
+    for light, frame in zip(frames, shown.frames, strict=True):
+        if frame.kind == "phase":
+            turn = 2 * np.pi / float(frame.period_px or 1)
+            wave = np.cos(turn * where[str(frame.axis)] - float(frame.shift or 0))
+            light += 80 * (1 + np.exp(-0.5 * (turn * 1.2) ** 2) * wave)
+        else:
+            light += 160.0 * (frame.kind == "white")
+    noisy = np.clip(np.rint(frames + 0.5 * rng.standard_normal(frames.shape)), 0, 255)
+    found = decode(noisy.astype(np.uint8), shown, on_cells=False)
+    assert found.good.mean() > 0.98
+    for axis in "uv":
+        for part in range(6):
+            region = found.good & (where[axis] // 20 == part)
+            off = (getattr(found, axis) - where[axis])[region].mean()
+            assert abs(off) < 0.002
+
+
 def dim_micro_phase(seed: int, flashes: float = 0.0) -> tuple[Correspondence, F64, F64]:
     """What is decoded of faint light, noisier where it is bright, on 700 cells, and where it looked; flashes:
     share of the samples that are white."""
