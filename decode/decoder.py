@@ -254,7 +254,7 @@ def _checked(shot: _Shot, sequence: Sequence, found: Correspondence, options: _O
     if options.bent is not None and light.raw.dtype.kind == "u":  # to tell frames apart, inverted ones do
         light = light_of(light.raw, sequence, light.clip, options.bent)
         lit = replace(lit, levels=sample_levels(light, lit.places), white=light.white)
-    findings = examine(light, wanted, lit)
+    findings = examine(light, wanted, lit, found)
     told = tuple(Notice(one.sentence, one.share, float("nan"), one.cure) for one in findings)
     for finding in findings:
         if finding.leave_out:
@@ -263,11 +263,6 @@ def _checked(shot: _Shot, sequence: Sequence, found: Correspondence, options: _O
             found = _decoded(_part(shot.light, index), less, replace(options, check=False, progress=silent))
         else:
             spoilt = spoilt_pixels(finding, light, wanted, shot.noise, found)
-            if finding.kind == "swapped" and len(finding.spoilt) == 2:  # the others: as if each were in place
-                order = np.arange(len(sequence))
-                order[list(finding.spoilt)] = finding.spoilt[::-1]
-                again = replace(options, check=False, progress=silent)
-                found = _decoded(_part(shot.light, order), sequence, again)
             np.bitwise_or(found.flags, np.uint16(Flag.WRONG_FRAME), out=found.flags, where=spoilt)
     return replace(found, notices=found.notices + told)
 
@@ -289,7 +284,7 @@ def _silent(shot: _Shot) -> bool:
 
 
 def _part(light: Light, index: NDArray[np.int64]) -> Light:
-    if np.array_equal(index, np.arange(len(light.raw))):
+    if len(index) == len(light.raw):
         return light
     return replace(light, raw=np.ascontiguousarray(light.raw[index]))
 

@@ -10,21 +10,22 @@ scene's perfect picture stay unseen, and so do those of spots.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from math import erfc, sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import bdtrc
 
 from optolever.errors import InputError
 from optolever.patterns import Sequence
 
-from .correspondence import Correspondence, Flag
+from .correspondence import Correspondence
 from .exposures import by_exposure, numbered
 from .frames import Light, light_of, sample_levels
 from .noise import Sample, estimate_noise, sampled
 from .plan import Plan, constraints
-from .sample_fit import AxisTable, axis_tables, bends, misfit_at, places
+from .sample_fit import AxisTable, axis_tables, bends, misfit_at, misfit_beside_edges, places
 from .spoilt import Finding, left_out, spoilt_pixels
 
 __all__ = ["Finding", "Integrity", "check", "examine", "spoilt_pixels"]
@@ -32,10 +33,10 @@ __all__ = ["Finding", "Integrity", "check", "examine", "spoilt_pixels"]
 F32 = NDArray[np.float32]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-#: Pixels that are looked at, with four neighbours each; of them at first; fewest that tell anything.
-_PIXELS, _FIRST, _FEWEST = 600, 200, 32
-#: One in so many of the costlier half of the pixels tells which faults to try on all; how many.
-_THIN, _SECOND = 3, 16
+#: Pixels that are looked at, with four neighbours each; fewest that tell anything.
+_PIXELS, _FEWEST = 600, 32
+#: Pixels of the search's first round, and faults of its second.
+_FIRST, _SECOND = 100, 16
 #: Distance of neighbours: share of the image's width, px at least and at most.
 _APART, _NEAR, _FAR = 1 / 40, 3, 8
 #: Of a pixel's contrast, what its neighbours have at least.
@@ -44,23 +45,29 @@ _ALIKE = 0.3
 _MOST = 2.3
 #: Misfit (sum of squares over B^2) that has no cost to speak of: JPEG, weak finest bits; least, most.
 _MISFIT = (0.2, 1.0)
-#: Bend of the place that has no cost to speak of, cells; share of it that comes of whole ones, one on a
-#: smooth map.
-_BEND, _STEP = 1.5, 1 / 1.5
-#: Cost of an axis above which a pixel is odd; by which it is mended, or broken; fewest pixels that are.
-_ODD, _MENDED, _LEAST = 1.0, 0.7, 8
+#: Bend of the place that has no cost to speak of, cells.
+_BEND = 1.5
+#: Share of that which comes of whole cells, one on a smooth map.
+_STEP = 1 / _BEND
+#: Cost of an axis above which a pixel is odd.
+_ODD = 1.0
+#: Cost by which a pixel is mended, or broken.
+_MENDED = 0.7
 #: Difference of two frames that show the same, share of the contrast; share of the pixels where they do.
 _SAME, _MOSTLY = 0.35, 0.95
 #: Probability by chance, of all faults tried, above which nothing is named.
 _CHANCE = 0.01
 #: Share of the pixels around which a frame changes, from which on its picture is like no other.
 _STRUCTURED = 0.25
-#: Share of the pixels that a fault by which less is known may mend at depth edges by chance.
-_USUAL = 0.025
+#: Faults after which all frames are in wrong places, and the share of the pixels that chance may mend
+#: where most are.
+_SHIFTED, _ALL_LATER = ("lost", "repeated"), 0.075
+#: Share of the pixels that a bit beside fringes mends at depth edges.
+_BESIDE = 0.05
 #: Frames up to which any two may be swapped; of more (sweeps) only those next to each other.
 _ALL_PAIRS = 64
-#: Faults after which all frames are in wrong places; share of the best margin that others need to be it, too.
-_SHIFTED, _TIED = ("lost", "repeated"), 0.9
+#: Fewest pixels that are mended; share of the best margin from which on a fault may be it, too.
+_LEAST, _TIED = 8, 0.9
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +81,8 @@ class Integrity:
 def check(frames: ArrayLike, sequence: Sequence, found: Correspondence | None = None) -> Integrity:
     """Look for a frame that is not what the sequence describes.
 
-    frames (N, H, W), frame i as sequence.frames[i] describes it; found: what decode made of them, whose
-    INVALID pixels are not looked at. Some 3000 are.
+    frames (N, H, W), frame i as sequence.frames[i] describes it; found: what decode made of them, which saves
+    the look-up of places that are right. Some 2000 pixels are looked at.
     """
     stack = np.asarray(frames)
     if stack.ndim != 3 or len(stack) != len(sequence):
@@ -83,38 +90,70 @@ def check(frames: ArrayLike, sequence: Sequence, found: Correspondence | None = 
     if any(frame.kind == "stripe" and frame.axis == "uv" for frame in sequence.frames):
         return Integrity((), 0)  # of spots, nothing is told
     light = light_of(stack, sequence)
-    mask = None if found is None else np.asarray(found.flags & Flag.INVALID == 0)
     findings: list[Finding] = []
     count = 0
     for part in by_exposure(sequence):
         plan = numbered(part)
-        findings += examine(light, plan, estimate_noise(light, plan, mask)[1])
+        findings += examine(light, plan, estimate_noise(light, plan)[1], found)
         count += sum(len(group) for group in constraints(plan, len(stack))[-1:])
     return Integrity(tuple(dict.fromkeys(findings)), count)
 
 
-def examine(light: Light, plan: Plan, lit: Sample) -> tuple[Finding, ...]:
+def examine(
+    light: Light, plan: Plan, lit: Sample, found: Correspondence | None = None
+) -> tuple[Finding, ...]:
     """The fault that explains what single pixels and their neighbours say; none, if there is none.
 
     lit: pixels that see the pattern.
     """
-    if not axis_tables(plan):
+    if not axis_tables(plan) or (found is not None and _quiet(plan, lit, found)):
         return ()
-    few = _crosses(light, plan, lit, _FIRST)
-    if few is not None and not (few.own > _ODD).any():
-        return ()
-    crosses = _crosses(light, plan, lit, _PIXELS)
-    if crosses is None or np.count_nonzero(crosses.own > _ODD, axis=1).max() < _LEAST:
+    crosses = _crosses(light, plan, lit)
+    if crosses is None:
         return ()
     finding = _single_fault(crosses, plan, light.raw.shape[1])
     return () if finding is None else (replace(finding, leave_out=left_out(finding, plan)),)
 
 
+def _quiet(plan: Plan, lit: Sample, found: Correspondence) -> bool:
+    """Whether hardly a pixel is odd at the places that were found: nothing to look for."""
+    height, width = found.u.shape
+    chosen = _chosen(len(lit.places))
+    at = lit.places[chosen]
+    levels, apart = lit.levels[:, chosen], _apart(width)
+    for table in axis_tables(plan):
+        place = getattr(found, table.axis.axis)
+        row, col = at.T
+        centre = place[row, col]
+        misfit = misfit_beside_edges(table, levels[table.frames] / table.exposure[:, None], centre)
+        others = [
+            place[np.clip(row + down, 0, height - 1), np.clip(col + along, 0, width - 1)]
+            for down, along in ((0, -apart), (0, apart), (-apart, 0), (apart, 0))
+        ]
+        bend = np.abs(np.stack([others[0] + others[1], others[2] + others[3]]) - 2 * centre)
+        inside = (row >= apart) & (row < height - apart) & (col >= apart) & (col < width - apart)
+        bend = np.where(inside, bend, 0) if table.axis.code else np.zeros_like(bend)
+        cost = _cost(misfit[None], np.nan_to_num(bend, nan=np.inf), *_scale(table, misfit, bend))
+        if np.count_nonzero(~(cost <= _ODD)) >= _LEAST:
+            return False
+    return True
+
+
+@lru_cache(maxsize=4)
+def _chosen(count: int) -> Ints:
+    """Some of `count` pixels: by chance, as every so many may be a fringe's period."""
+    return np.sort(np.random.default_rng(0).permutation(count)[:_PIXELS])
+
+
+def _apart(width: int) -> int:
+    return min(max(round(width * _APART), _NEAR), _FAR)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Crosses:
-    """Levels (N, 5, T) of pixels and of their neighbours to the left, right, above and below, by rows (T,);
-    half of what a pixel's levels span (T,); tables of the axes, the misfit and bend of each that have no cost
-    to speak of, and the cost (axes, T) of images in their own places."""
+    """Levels (N, 5, T) of pixels and of their neighbours to the left, right, above and below; rows (T,); half
+    of what a pixel's levels span (T,); tables of the axes, the misfit and bend of each that have no cost to
+    speak of, and the cost (axes, T) of images in their own places."""
 
     levels: F32
     row: Ints
@@ -123,32 +162,33 @@ class _Crosses:
     scales: tuple[tuple[float, float], ...]
     own: F32
 
-    def cost(self, order: Ints, keep: Any = slice(None)) -> F32:
-        """Cost (T,) of all axes, of the pixels to keep, where frame i is image order[i] (-1: none)."""
+    def only(self, keep: Any) -> "_Crosses":
+        """Some of the pixels."""
+        levels, own = self.levels[:, :, keep], self.own[:, keep]
+        return replace(self, levels=levels, row=self.row[keep], contrast=self.contrast[keep], own=own)
+
+    def cost(self, order: Ints) -> F32:
+        """Cost (T,) of all axes where frame i is image order[i] (-1: none)."""
+        moved = [not np.array_equal(order[table.frames], table.frames) for table in self.tables]
+        every = zip(self.tables, self.scales, self.own, moved, strict=True)
         costs = [
-            own[keep]
-            if np.array_equal(order[table.frames], table.frames)
-            else _cost(*_measures(self.levels[:, :, keep], table, order), *scale)
-            for table, scale, own in zip(self.tables, self.scales, self.own, strict=True)
+            _cost(*_measures(self.levels, table, order), *scale) if changed else own
+            for table, scale, own, changed in every
         ]
         return np.asarray(np.sum(costs, axis=0), np.float32)
 
 
-def _crosses(light: Light, plan: Plan, lit: Sample, most: int) -> _Crosses | None:
-    """Of so many pixels at most; None: too few see the pattern."""
+def _crosses(light: Light, plan: Plan, lit: Sample) -> _Crosses | None:
     _, height, width = light.raw.shape
-    apart = min(max(round(width * _APART), _NEAR), _FAR)
+    apart = _apart(width)
     around = np.array([[0, 0], [0, -apart], [0, apart], [-apart, 0], [apart, 0]])
     seen = lit.places
-    if len(seen) < most:  # a wrong frame may look like noise that hides the pattern
+    if len(seen) < _PIXELS:  # a wrong frame may look like noise that hides the pattern
         sample = sampled(light, None, 256)
         span = np.ptp(sample.levels, axis=0)
         seen = sample.places[span > _ALIKE * np.quantile(span, 0.99)]
-    # by chance, as every so many may be a fringe's period
-    chosen = np.sort(np.random.default_rng(0).permutation(len(seen))[:most])
-    at = seen[chosen] + around[:, None]
+    at = seen[_chosen(len(seen))] + around[:, None]
     at = at[:, ((at >= 0) & (at < (height, width))).all(axis=(0, 2))]
-    at = at[:, np.argsort(at[0, :, 0], kind="stable")]
     levels = sample_levels(light, at.reshape(-1, 2)).reshape(len(light.raw), 5, -1)
     contrast = np.ptp(levels[_used(plan)], axis=0) / 2
     whole = (contrast > _ALIKE * contrast[0]).all(axis=0)  # not where a sample is NaN
@@ -178,7 +218,7 @@ def _measures(levels: F32, table: AxisTable, order: Ints) -> tuple[F32, F32]:
     pixels = 5 if table.axis.code is not None else 1
     some = levels[np.maximum(source, 0), :pixels].reshape(len(source), -1) / table.exposure[:, None]
     place = places(table, some, free)
-    misfits = np.stack([misfit_at(table, some, one, free) for one in place])
+    misfits = np.stack([misfit_at(table, some, one, free)[0] for one in place])
     misfit = misfits.min(axis=0).reshape(pixels, -1)
     if pixels == 1:
         return misfit, np.zeros((2, misfit.shape[1]), np.float32)
@@ -199,28 +239,47 @@ def _cost(misfit: F32, bend: F32, odd: float, rough: float) -> F32:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Trial:
-    """A fault that was tried: pixels that it mends, by how much it lowers the cost of all together, and
-    probability that it mends so many by chance."""
+    """A fault that was tried, and by how much it lowers the cost of pixels (T,); usual: how many are mended
+    where there is no such fault; tried: number of such faults."""
 
     finding: Finding
-    mended: int
-    margin: float
-    chance: float
+    gain: F32
+    usual: int = 0
+    tried: int = 1
 
+    @property
+    def mended(self) -> int:
+        return int(np.count_nonzero(self.gain > _MENDED))
 
-def _trial(finding: Finding, gain: F32, tried: int, usual: int = 0) -> _Trial:
-    """Of a fault that lowers the cost of pixels (T,) by `gain`: a sign test of those mended against those
-    broken, or against `usual`, so many as are mended where there is no fault; tried: number of faults."""
-    mended, broken = (int(np.count_nonzero(sign * gain > _MENDED)) for sign in (1, -1))
-    lost, chance = max(broken, usual), 1.0
-    if mended >= max(_LEAST, 2 * lost):
-        chance = min(1.0, tried * float(bdtrc(mended - 1, mended + lost, 0.5)))
-    return _Trial(finding, mended, float(gain.sum()), chance)
+    @property
+    def broken(self) -> int:
+        return int(np.count_nonzero(self.gain < -_MENDED))
+
+    @property
+    def margin(self) -> float:
+        return float(self.gain.sum())
 
 
 def _single_fault(crosses: _Crosses, plan: Plan, rows: int) -> Finding | None:
-    """The fault of all that mends most, with those that do nearly as well."""
-    trials = [trial for trial in _trials(crosses, plan, rows) if trial.chance < _CHANCE]
+    count, total = len(crosses.levels), crosses.own.sum(axis=0)
+    if np.count_nonzero(crosses.own > _ODD, axis=1).max() < _LEAST:
+        return None
+    gains = np.stack([total - crosses.cost(_without(count, i)) for i in range(count)])
+    costly = np.argsort(total)[len(total) // 2 :]
+    some = crosses.only(costly[:: max(1, len(costly) // _FIRST)])
+    tried = sorted(_faults(count, _used(plan)), key=lambda fault: float(some.cost(fault[1]).sum()))
+    swept = any(axis.stripes is not None for axis in plan.axes)
+    trials = []
+    for finding, order in tried[:_SECOND]:
+        known, usual = np.zeros_like(total), 0
+        if order.min() < 0 and not swept:  # what it is worth to know less is no gain of the fault
+            known = max(known, gains[np.argmin(order)], gains[-1], key=np.sum)
+            usual = int(_ALL_LATER * len(total))
+        near = finding.kind != "swapped" or finding.frames[1] - finding.frames[0] == 1
+        gain = total - known - crosses.cost(order)
+        trials.append(_Trial(finding, gain, usual, count if near else len(tried)))
+    trials += _replacements(crosses, gains, rows)
+    trials = [trial for trial in trials if _chance(trial) < _CHANCE]
     if not trials:
         return None
     best = max(trials, key=lambda trial: trial.margin * (_TIED if trial.finding.kind in _SHIFTED else 1))
@@ -230,27 +289,23 @@ def _single_fault(crosses: _Crosses, plan: Plan, rows: int) -> Finding | None:
         frames=tuple(sorted({i for t in alike for i in t.finding.frames})),
         spoilt=tuple(sorted({i for t in alike for i in t.finding.spoilt})),
         sentence=" or ".join(list(dict.fromkeys(t.finding.sentence for t in alike))[:4]),
-        confidence=1 - best.chance,
-        share=best.mended / len(crosses.row),
+        confidence=1 - _chance(best),
+        share=best.mended / len(total),
     )
 
 
-def _trials(crosses: _Crosses, plan: Plan, rows: int) -> list[_Trial]:
-    count, total = len(crosses.levels), crosses.own.sum(axis=0)
-    without = np.tile(np.arange(count), (count, 1))
-    np.fill_diagonal(without, -1)
-    less = np.stack([total - crosses.cost(order) for order in without])
-    some = np.argsort(total)[len(total) // 2 :: _THIN]
-    faults = sorted(_faults(count, _used(plan)), key=lambda fault: float(crosses.cost(fault[1], some).sum()))
-    swept = any(axis.stripes is not None for axis in plan.axes)
-    trials = []
-    for finding, order in faults[:_SECOND]:
-        gain, usual = total - crosses.cost(order), 0
-        if order.min() < 0 and not swept:  # what it is worth to know less is no gain of the fault
-            gain = gain - max(np.zeros_like(gain), less[np.argmin(order)], less[-1], key=np.sum)
-            usual = int(_USUAL * len(gain))
-        trials.append(_trial(finding, gain, len(faults), usual))
-    return trials + list(_replacements(crosses, less, rows))
+def _without(count: int, frame: int) -> Ints:
+    order = np.arange(count)
+    order[frame] = -1
+    return order
+
+
+def _chance(trial: _Trial) -> float:
+    """Probability that as many more pixels are mended than broken (or mended without any fault) by chance."""
+    lost = max(trial.broken, trial.usual)
+    if trial.mended < _LEAST or trial.mended < 2 * lost:
+        return 1.0
+    return min(1.0, 0.5 * trial.tried * erfc((trial.mended - lost) / sqrt(2 * (trial.mended + lost))))
 
 
 def _used(plan: Plan) -> list[int]:
@@ -276,34 +331,63 @@ def _faults(count: int, used: list[int]) -> Iterator[tuple[Finding, Ints]]:
         yield Finding((k,), "repeated", told, tuple(range(k, count))), order
 
 
-def _replacements(crosses: _Crosses, less: F32, rows: int) -> Iterator[_Trial]:
-    """Frames that show another one instead, in all rows or beyond a tear; less (N, T): gain without each."""
-    mended = np.count_nonzero(less > _MENDED, axis=1)
-    usual = int(_USUAL * len(crosses.row))
-    centre = crosses.levels[:, 0]
+def _replacements(crosses: _Crosses, gains: F32, rows: int) -> Iterator[_Trial]:
+    """Frames that show another one instead, in all rows or beyond a tear; gains (N, T): without each."""
+    mended = np.count_nonzero(gains > _MENDED, axis=1)
+    usual = _usual(crosses, np.maximum(mended - np.count_nonzero(gains < -_MENDED, axis=1), 0))
+    by_row = np.argsort(crosses.row, kind="stable")
+    row, centre = crosses.row[by_row], crosses.levels[:, 0]
     structured = np.ptp(crosses.levels, axis=1) > crosses.contrast
-    for i in np.flatnonzero(mended >= _LEAST).tolist():
+    for i in np.flatnonzero(mended >= np.maximum(usual, _LEAST)).tolist():
         same = np.abs(centre[i] - centre) < _SAME * crosses.contrast
         same[i] = False
-        for j in np.flatnonzero(same.any(axis=1)).tolist():
-            for start, stop in _parts(same[j]):
-                finding = Finding((i,), "replaced", f"frame {i} is frame {j} again", (i,))
-                if (start, stop) != (0, len(crosses.row)):
-                    first = int(crosses.row[start]) if start else 0
-                    last = int(crosses.row[stop]) if stop < len(crosses.row) else rows
+        alike = same.mean(axis=1)
+        nearest = np.where(alike < _MOSTLY, np.inf, np.abs(centre[i] - centre).mean(axis=1))
+        for j in (
+            [int(nearest.argmin())] if alike.max() >= _MOSTLY else np.flatnonzero(same.any(axis=1)).tolist()
+        ):
+            for start, stop in _parts(same[j, by_row]):
+                first, last = (int(row[start]) if start else 0), (int(row[stop]) if stop < len(row) else rows)
+                if (first, last) == (0, rows):
+                    finding = Finding((i,), "replaced", f"frame {i} is frame {j} again", (i,))
+                else:
                     told = f"frame {i} is torn: in rows {first} to {last - 1} it shows frame {j}"
                     finding = Finding((i,), "torn", told, (i,), (first, last))
+                part = by_row[start:stop]
                 # no two frames with structure everywhere are the same in any scene
-                alone = structured[j, start:stop].mean() > _STRUCTURED
-                tried = len(less) * (4 if finding.rows else 1)  # either side, and the row
-                yield _trial(finding, less[i, start:stop], tried, 0 if alone else usual)
+                chance = 0 if structured[j, part].mean() > _STRUCTURED else int(usual[i])
+                ways = 4 if finding.rows else 1  # either side, and the row
+                yield _Trial(finding, gains[i, part], chance, ways * len(gains))
 
 
-def _parts(same: Mask) -> list[tuple[int, int]]:
-    """Ranges from the first or to the last of pixels in which two frames are the same."""
+def _usual(crosses: _Crosses, mended: Ints) -> Ints:
+    """How many pixels are mended without a frame that is right (N,): for a bit, without the next ones, as
+    fine ones mend more; else without those of its axis."""
+    usual = np.full(len(mended), int(np.median(mended)))
+    for table in crosses.tables:
+        code, others = table.axis.code, set(table.axis.frames())
+        for polarity in (code.plain, code.inverse) if code else ():
+            own = polarity[polarity >= 0]
+            others -= set(own.tolist())
+            if len(own) > 1:
+                around = np.concatenate([mended[own[1:2]], mended[own], mended[own[-2:-1]]])
+                usual[own] = np.minimum(around[:-2], around[2:])
+                if table.axis.fringes:  # beside which any bit mends what one of them spoils
+                    usual[own] = np.minimum(usual[own], int(_BESIDE * len(crosses.row)))
+        if others:
+            usual[list(others)] = int(np.quantile(mended[list(others)], 0.4))
+    return usual
+
+
+def _parts(same: Mask) -> Iterator[tuple[int, int]]:
+    """Ranges from the first or to the last of sorted pixels, in which two frames are the same."""
     count = len(same)
     if same.mean() >= _MOSTLY:
-        return [(0, count)]
-    score = np.cumsum(np.append(0.0, same - _MOSTLY))
-    ranges = (0, int(score.argmax())), (int(score.argmin()), count)
-    return [(start, stop) for start, stop in ranges if stop - start >= _LEAST]
+        yield 0, count
+        return
+    for flipped in (False, True):
+        run = same[::-1] if flipped else same
+        score = np.cumsum(np.where(run, 1 - _MOSTLY, -_MOSTLY))
+        length = int(np.argmax(score)) + 1
+        if length >= 8 and score[length - 1] > 0:
+            yield (count - length, count) if flipped else (0, length)

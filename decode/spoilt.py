@@ -9,7 +9,7 @@ from .correspondence import Correspondence
 from .frames import Light
 from .noise import Noise
 from .plan import AxisPlan, Plan
-from .sample_fit import axis_tables
+from .sample_fit import AxisTable, axis_tables
 
 __all__ = ["Finding", "left_out", "spoilt_pixels"]
 
@@ -84,23 +84,42 @@ def _droppable(axis: AxisPlan, wrong: set[int], ends: set[int]) -> set[int] | No
 def spoilt_pixels(finding: Finding, light: Light, plan: Plan, noise: Noise, found: Correspondence) -> Mask:
     """Pixels (H, W) that the wrong frames could have spoilt.
 
-    Where swapped frames differ; where a step of a fringe or a sweep does not show what it should at the place
-    that was found; all that saw a wrong bit, or come after a lost frame.
+    Where a spoilt frame does not show what it should at the place that was found; where any of the frames
+    differ that may have been swapped; all that saw a frame whose bit no other frame confirms, or that come
+    after a lost one.
     """
-    rows, spoilt = slice(*(finding.rows or (None,))), np.zeros(light.raw.shape[1:], np.bool_)
-    codes = [axis.code for axis in plan.axes if axis.code is not None]
-    bits = {int(i) for code in codes for i in (*code.plain, *code.inverse)}
+    shape = light.raw.shape[1:]
+    rows = slice(*finding.rows) if finding.rows else slice(None)
+    spoilt = np.zeros(shape, np.bool_)
+    if finding.kind in ("lost", "repeated"):
+        spoilt[rows] = True
+        return spoilt
     if finding.kind == "swapped":
         levels = light.linear(light.raw[list(finding.spoilt)])
         return np.asarray(np.ptp(levels, axis=0) > _SIGMAS * np.sqrt(2 * noise.variance(levels[0])))
-    if finding.kind in ("lost", "repeated") or bits & set(finding.spoilt) or found.amplitude is None:
-        spoilt[rows] = True
-        return spoilt
-    for table in axis_tables(plan):
-        entry = table.entry(getattr(found, table.axis.axis))
-        for slot in np.flatnonzero(np.isin(table.frames, finding.spoilt)).tolist():
-            level = light.linear(light.raw[table.frames[slot]])
-            apart = level / table.exposure[slot] - found.offset - found.amplitude * table.shown[slot][entry]
-            limit2 = _SIGMAS**2 * noise.variance(level) + (_UNLIKE * found.amplitude) ** 2
-            spoilt[rows] |= ~(apart**2 <= limit2)[rows]
+    tables = axis_tables(plan)
+    for frame in finding.spoilt:
+        for table in tables:
+            if frame in table.frames:
+                spoilt[rows] |= _contradicted(frame, finding, light, table, noise, found)[rows]
     return spoilt
+
+
+def _contradicted(
+    frame: int, finding: Finding, light: Light, table: AxisTable, noise: Noise, found: Correspondence
+) -> Mask:
+    """Where a frame could have led to a wrong place along an axis (H, W)."""
+    level = light.linear(light.raw[frame])
+    code = table.axis.code
+    if code is not None and frame in (*code.plain, *code.inverse):
+        polarity, other = (code.plain, code.inverse) if frame in code.plain else (code.inverse, code.plain)
+        partner = int(other[np.flatnonzero(polarity == frame)[0]])
+        if partner < 0 or partner in finding.spoilt:
+            return np.ones(level.shape, np.bool_)
+    if found.amplitude is None or found.offset is None:
+        return np.ones(level.shape, np.bool_)
+    slot = int(np.flatnonzero(table.frames == frame)[0])
+    shown = table.shown[slot][table.entry(getattr(found, table.axis.axis))]
+    apart = np.abs(level / table.exposure[slot] - found.offset - found.amplitude * shown)
+    limit2 = _SIGMAS**2 * noise.variance(level) + (_UNLIKE * found.amplitude) ** 2
+    return np.asarray(~(apart**2 <= limit2))

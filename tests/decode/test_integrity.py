@@ -228,7 +228,7 @@ def test_only_pixels_that_a_wrong_step_could_spoil_are_blamed(shoot: Shoot, smoo
     frames[10] = frames[11]
     light, own = light_of(frames, shown), plan(shown)
     noise, lit = estimate_noise(light, own)
-    (finding,) = examine(light, own, lit)
+    (finding,) = examine(light, own, lit, _truth(smooth))
     assert finding.frames == finding.leave_out == (10,)
     assert finding.confidence > 0.99
     assert 0 < finding.share <= 1
