@@ -69,8 +69,7 @@ def test_interpolated_pixels_share_the_doubt_around_them() -> None:
 def test_no_silent_error_around_steep_dents(exact, noisy, preset: str, dent: str) -> None:
     scene, truth, _ = exact(preset, dent, 96, 96)
     height = reconstruct(noisy(truth, sigma=0.05, noise=0.05), scene)
-    held = np.nanmax(height.sigma) > 3 * np.nanmedian(height.sigma)
-    assert held or (height.flags & HeightFlag.STEEP).any()
+    assert (height.flags & HeightFlag.STEEP).any()
     assert height.good.mean() > 0.98
     assert np.nanmax(np.abs(scores(height, truth))) < 5.0
 
