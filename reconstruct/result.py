@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import binary_dilation, minimum_filter
 
 from optolever.decode import Flag
 from optolever.notices import Notice
@@ -78,7 +78,7 @@ def height_map(
         limits = _STEEP * np.sqrt(state.variances[0]), _STEEP * np.sqrt(state.variances[1])
         lost = ~data.mask | problem.bridged
         away = cut_off(doubt.alone, limits, data.mask, anchors, lost)
-        beyond = told > _STEEP**2 * variance
+        beyond = told > (_STEEP**2) * _least_around(variance, data.mask)
         steep[problem.core] = away | (touched(doubt) & beyond)
         variance = variance + more
     w, variance, known = extended(outer, problem.core, state.w, variance, data.mask)
@@ -164,6 +164,12 @@ def _off_mirror(height: HeightMap, mirror: Mirror) -> tuple[Notice, ...]:
         "x and y stay where they are)"
     )
     return (Notice("points lie off the mirror, mm", farthest, step, cure),)
+
+
+def _least_around(variance: Floats, mask: Mask) -> Floats:
+    """Of (H, W) in 3 x 3 pixels: where all of a pixel's edges share a doubt, its own variance holds it."""
+    least: Floats = minimum_filter(np.where(mask, variance, np.inf), 3)
+    return least
 
 
 def _unsettled(problem: Problem, state: State) -> Mask:
