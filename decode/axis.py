@@ -148,14 +148,15 @@ def _decoder(
 
 
 def _as_seen(decoder: AxisDecoder, micro: MicroTable, lit: Sample) -> MicroTable:
-    """With the contrast of its frames, by the sampled pixels."""
+    """With the contrast of its frames, by the sampled pixels that none of them clips."""
     few = replace(decoder, light=_sampled_light(decoder.light, lit))
     place, *maps = np.zeros((5, 1, len(lit.places)), np.float32)
     shared = Shared(np.zeros(place.shape, np.uint16), *maps[1:])
     few.decode((0, 1), Raw(place, maps[0]), True, shared)
-    sure = shared.error[0] < DOUBT
-    levels = few.light.linear(few.light.raw[micro.frames][:, 0, sure])
-    return micro.seen(place[0, sure], (levels - shared.offset[0, sure]) / shared.amplitude[0, sure])
+    raw = few.light.raw[micro.frames][:, 0]
+    sure = (shared.error[0] < DOUBT) & (shared.amplitude[0] > 0) & (raw < few.light.clip).all(axis=0)
+    levels = few.light.linear(raw[:, sure])
+    return micro.with_contrast(place[0, sure], (levels - shared.offset[0, sure]) / shared.amplitude[0, sure])
 
 
 @lru_cache(maxsize=16)

@@ -25,6 +25,8 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 #: Spread of a pixel of one cell, no blur: what is assumed before anything is known.
 USUAL = 12**-0.5
+#: Tables that are kept: as many as one axis asks for while its spread is measured.
+_KEPT = 40
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +58,7 @@ class Table:
         return int(self.book.freedom)
 
 
-@lru_cache(maxsize=40)
+@lru_cache(maxsize=_KEPT)
 def _cached(
     sequence: Sequence, index: tuple[int, ...], axis: str, spread: float, blur: float | None
 ) -> tuple[F32, F32]:
@@ -120,7 +122,7 @@ def table_of(
     return Table(way, book, *(_similar(*key, reach) if way == SEARCH else empty), spread, cell)
 
 
-@lru_cache(maxsize=40)
+@lru_cache(maxsize=_KEPT)
 def _sweep(sequence: Sequence, axis: str, spread: float, blur: float | None) -> Book:
     """Raised cosines around each place of a sweep, of as many frames as one lights; of spots the mean of as
     many along the other axis as are lit: their light is a product."""

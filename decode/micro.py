@@ -4,7 +4,8 @@ The steps tell the place within their period, up to a whole number of periods k.
 p (t + k) every other frame would show a known level o + a cos(2 pi u / p_m - d_m), so a table over the phase
 and the levels of three of them lists the k that are within the noise. The best of them is refined with all
 samples at once: least squares for offset, amplitude and place, started at the fit of the steps (M. Gupta,
-S. K. Nayar, CVPR 2012, doi:10.1109/CVPR.2012.6247753).
+S. K. Nayar, CVPR 2012, doi:10.1109/CVPR.2012.6247753). A blur takes more of a shorter period's contrast,
+which would shift all pixels of a region alike: it is measured, frame by frame.
 """
 
 from functools import lru_cache
@@ -49,9 +50,9 @@ class MicroTable(NamedTuple):
     tolerance: np.float32
     contrast: NDArray[np.float32]
 
-    def seen(self, place: NDArray[np.float32], level: NDArray[np.float32]) -> "MicroTable":
-        """The table with the contrast that pixels show: places (K,), levels (M, K) over the steps' amplitude,
-        from their offset on."""
+    def with_contrast(self, place: NDArray[np.float32], level: NDArray[np.float32]) -> "MicroTable":
+        """The table with the contrast that pixels show, by least squares: places (K,), pattern px, levels
+        (M, K) over the steps' amplitude, from their offset on."""
         if place.size < _FEWEST:
             return self
         told = np.cos(2 * np.pi * (place / self.periods[:, None] - self.shifts[:, None]))

@@ -5,9 +5,9 @@ from functools import partial
 
 import numpy as np
 
-from optolever.decode import decode
-from optolever.patterns import sequence_from_text
-from optolever.projector import Lighting, area_frames, trace_area
+from optolever.decode import Correspondence, decode
+from optolever.patterns import Sequence, sequence_from_text
+from optolever.projector import AreaTrace, Lighting, area_frames, trace_area
 from optolever.scene import Scene, Sensor, Surface
 
 from ..drawn import between, drawn_dent, together
@@ -16,7 +16,16 @@ from .hard_case import Case, Found
 from .hard_reconstruct import HIDDEN, Problem, reconstructed
 from .rigs import KINDS, Rig, draw_rig, drawn_sensor
 
-__all__ = ["AREA_PIXELS", "AREA_SHARE", "decoded_area", "drawn_size", "random_cases", "rig_case", "rig_of"]
+__all__ = [
+    "AREA_PIXELS",
+    "AREA_SHARE",
+    "decoded_area",
+    "drawn_size",
+    "random_cases",
+    "rig_case",
+    "rig_of",
+    "seen_area",
+]
 
 AREA_SHARE, AREA_PIXELS = 1e-3, 3
 """Silent errors that one drawn scene may have: this share of its unflagged pixels, or so many pixels."""
@@ -42,9 +51,16 @@ def decoded_area(
     scene: Scene, surface: Surface, code: str, sensor: Sensor, seed: int, lighting: Lighting | None = None
 ) -> Found:
     """Render, decode, compare with where every pixel looked."""
+    return area_errors(*seen_area(scene, surface, code, sensor, seed, lighting))
+
+
+def seen_area(
+    scene: Scene, surface: Surface, code: str, sensor: Sensor, seed: int, lighting: Lighting | None = None
+) -> tuple[Correspondence, AreaTrace, Sequence]:
+    """Frames of pixels' areas, decoded; where every pixel looked; what was shown."""
     shown = sequence_from_text(code, scene.pattern.rows, scene.pattern.cols)
     area = trace_area(scene, surface)
-    return area_errors(decode(area_frames(area, shown, sensor, lighting, seed=seed), shown), area, shown)
+    return decode(area_frames(area, shown, sensor, lighting, seed=seed), shown), area, shown
 
 
 def rig_case(number: int) -> Case:

@@ -7,15 +7,13 @@ from functools import partial
 import numpy as np
 from scipy import ndimage
 
-from optolever.decode import Correspondence, decode
+from optolever.decode import Correspondence
 from optolever.errors import InputError
-from optolever.patterns import sequence_from_text
-from optolever.projector import area_frames, trace_area
 from optolever.reconstruct import reconstruct
 from optolever.scene import Trace
 
 from .hard_case import Case, Found
-from .hard_drawn import rig_case, rig_of
+from .hard_drawn import rig_case, rig_of, seen_area
 from .hard_reconstruct import found_height
 
 __all__ = ["height_cases"]
@@ -30,15 +28,13 @@ def height_cases(draws: int, first: int = 0) -> Iterator[Case]:
 
 def _found(number: int) -> Found:
     rig, code, sensor = rig_of(number)
-    shown = sequence_from_text(code, rig.scene.pattern.rows, rig.scene.pattern.cols)
-    area = trace_area(rig.scene, rig.surface)
-    seen = decode(area_frames(area, shown, sensor, rig.lighting, seed=number), shown)
+    seen, area, _ = seen_area(rig.scene, rig.surface, code, sensor, number, rig.lighting)
     height = reconstruct(seen, rig.scene, anchor=_known_point(seen, area.centre))
     return replace(found_height(height, area.centre, 1.0), unit="mm")
 
 
 def _known_point(seen: Correspondence, truth: Trace) -> tuple[float, float, float]:
-    """The true place on the mirror of the good pixel that is farthest from any other."""
+    """The true place (mm) on the mirror of the good pixel that is farthest from any that is not."""
     inside = ndimage.distance_transform_cdt(np.pad(seen.good & truth.visible, 1))[1:-1, 1:-1]
     if not inside.any():
         raise InputError("no pixel is good")
