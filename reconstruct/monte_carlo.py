@@ -89,7 +89,11 @@ def _drawn(
     doubts = None
     if state.doubt is not None:
         dx, dy = state.doubt[:2]
-        doubts = dx * rng.standard_normal(mask.shape), dy * rng.standard_normal(mask.shape)
+        # each by itself, and all that rise alike: a rim is misjudged in the same way all around
+        one, other, alike = (rng.standard_normal(shape) for shape in (mask.shape, mask.shape, ()))
+        one[:, :-1] += alike * np.sign(np.nan_to_num(p[:, :-1] + p[:, 1:]))
+        other[:-1] += alike * np.sign(np.nan_to_num(q[:-1] + q[1:]))
+        doubts = dx * one, dy * other
     edges = edge_errors(data, state, slopes, doubts)
     known = rows.sigma * rng.standard_normal(rows.sigma.shape)
     own = response(labels, state, edges, slopes, known)
