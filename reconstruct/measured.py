@@ -15,8 +15,9 @@ from .geometry import PAD, RayField, rest_distance
 
 __all__ = ["Measured"]
 
-#: Share of pixels, at most, between the cells of a discrete code: wrong ones that were replaced.
-_BETWEEN = 0.1
+#: Share of pixels, at most, off the middles of a discrete code: near a cell's end its decoder tells the mean
+#: of two cells (half of the pixels in noise). Coordinates of other codes are nowhere at a middle.
+_BETWEEN = 0.75
 #: Rows that are looked at for that, about.
 _ROWS = 64
 

@@ -136,8 +136,8 @@ def test_random_cases_that_were_once_silently_wrong(number: int) -> None:
     assert result.flagged < 1
 
 
-#: Uneven light beside the pattern's border; a rim around a dent with its kinks in gaps; periods of micro phase
-#: shifting behind a blur; a Gray code whose cells keep step with the pixels.
+#: Uneven light beside the pattern's border; a rim around a dent with its kinks in gaps; periods of micro
+#: phase shifting behind a blur; a Gray code whose cells keep step with the pixels.
 HEIGHTS_ONCE_WRONG = (60038, 61028, 61030, 61094, 62051, 63013)
 
 

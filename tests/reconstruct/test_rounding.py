@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from optolever.decode import Flag
 from optolever.reconstruct import reconstruct
@@ -12,18 +13,26 @@ from optolever.reconstruct.problem import prepare
 
 from .conftest import rms_score, scores
 
+Floats = NDArray[np.float64]
 
+
+@pytest.mark.parametrize("between", [0.0, 0.15])
 @pytest.mark.parametrize(
     ("preset", "rows", "cols"), [("monitor-mirror", 96, 115), ("paper-simulation", 90, 96)]
 )
-def test_sigma_holds_the_errors_of_cells_in_step_with_pixels(exact, preset, rows, cols) -> None:
-    """Wherever the cells begin: on both scenes rounding errors are shared along lines of pixels."""
+def test_sigma_holds_the_errors_of_cells_in_step_with_pixels(exact, preset, rows, cols, between) -> None:
+    """Wherever the cells begin: on both scenes rounding errors are shared along lines of pixels. between:
+    how far (px) around the cells' ends both are likely, and a decoder tells the mean of the two."""
     scene, truth, correspondence = exact(preset, "gaussian", rows, cols)
     sigma = np.full(truth.u.shape, 1 / np.sqrt(12))
     found = []
-    for begin in np.random.default_rng(1).uniform(-0.5, 0.5, (6, 2)):
+    rng = np.random.default_rng(1)
+    for begin in rng.uniform(-0.5, 0.5, (6, 2)):
         # the surface shifted against its cells: coordinates of the same scene, rounded elsewhere
-        u, v = (np.rint(part + shift) - shift for part, shift in zip((truth.u, truth.v), begin, strict=True))
+        u, v = (
+            _middles(part + shift, between, rng) - shift
+            for part, shift in zip((truth.u, truth.v), begin, strict=True)
+        )
         shifted = replace(correspondence, u=u, v=v, sigma_u=sigma, sigma_v=sigma.copy())
         pattern = scene.pattern
         moved = pattern.origin - pattern.pitch * (begin[0] * pattern.u_axis + begin[1] * pattern.v_axis)
@@ -63,6 +72,13 @@ def test_bridging_repeats_noise_as_often_as_stated(exact, case: str) -> None:
             part[16:80, 16:80].reshape(4, 16, 4, 16).mean(axis=(1, 3)) * 16 for part in (spread.u, spread.v)
         ]
     assert np.mean(np.square(means)) == pytest.approx(gain, rel=0.08)
+
+
+def _middles(coord: Floats, between: float, rng: np.random.Generator) -> Floats:
+    """Middles of the cells; beside their ends somewhere between two of them."""
+    end = np.floor(coord) + 0.5
+    unsure = np.abs(coord - end) < between
+    return np.where(unsure, end + rng.uniform(-0.5, 0.5, coord.shape), np.rint(coord))
 
 
 @pytest.mark.parametrize("share", [0.1, 0.3])
