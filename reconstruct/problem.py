@@ -150,13 +150,13 @@ def _extent(valid: Mask, axis: int) -> slice:
 def _window(
     c: Correspondence, rays: RayField, plane: Floats, valid: Mask, rows: slice, cols: slice
 ) -> Measured:
-    u, v, sigma_u, sigma_v = (
-        np.where(np.isfinite(part[rows, cols]), part[rows, cols], np.nan).astype(np.float64)
+    inside = np.ascontiguousarray(valid[rows, cols])
+    u, v, sigma_u, sigma_v = (  # what is flagged is no neighbour to compare with
+        np.where(inside, part[rows, cols], np.nan).astype(np.float64)
         for part in (c.u, c.v, c.sigma_u, c.sigma_v)
     )
     for sigma in (sigma_u, sigma_v):  # exact data still carries the weights that the scene gives it
         np.maximum(sigma, _LEAST_SIGMA, out=sigma)
-    inside = np.ascontiguousarray(valid[rows, cols])
     return Measured(rays.cropped(rows, cols), plane, u, v, sigma_u, sigma_v, inside)
 
 

@@ -1,8 +1,11 @@
 """Where the pattern meets the mirror there is no normal: its pixels are flagged first, the rest is solved."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from optolever.decode import Flag
 from optolever.experiments import brute_force
 from optolever.reconstruct import HeightFlag, PixelAnchor, reconstruct
 from optolever.scene import dent, load, resize, trace
@@ -73,3 +76,20 @@ def test_exact_data_with_an_anchor_that_is_off(noisy, preset: str, off: float) -
     assert height.diagnostics.converged
     assert height.good.mean() > 0.99
     assert height.z[48, 56] == pytest.approx(off, rel=1e-3)
+
+
+def test_flagged_places_tell_nothing(exact, noisy) -> None:
+    """Beside the pattern's end, too, where a noisy place is compared with those around."""
+    scene, truth, _ = exact("paper-simulation", "gaussian", 96, 96)
+    row, col = np.indices(truth.u.shape) // 6 % 2
+    lost = (row == 0) & (col == 0)
+    seen = noisy(truth, 0.3, 0.3)
+    flags = np.where(lost, int(Flag.INVALID), seen.flags).astype(np.uint16)
+    anything = np.random.default_rng(5).uniform(-5000, 5000, truth.u.shape)
+    one, other = (
+        reconstruct(replace(seen, u=np.where(lost, filled, seen.u), flags=flags), scene)
+        for filled in (anything, np.nan)
+    )
+    np.testing.assert_array_equal(one.flags, other.flags)
+    np.testing.assert_array_equal(one.z, other.z)
+    np.testing.assert_array_equal(one.sigma, other.sigma)
