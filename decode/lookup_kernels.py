@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optolever.kernels import exact, inlined, kernel
+from optolever.kernels import exact, kernel
 
 from .estimate import less_likely
 from .lookup_light import BATCH, SATURATED, beside, brightest, gather
@@ -66,7 +66,8 @@ class Book(NamedTuple):
     frames   (K, n, S) of each stripe or spot of a sweep (one of all others): n samples, each the mean of S
     block, first  (K,) its block, and the coordinate of codeword 0
     words    (B, Q, n filled up) z
-    angles   (B, Q, 5) |z|^2, z.d, |d|^2, mean, least sin^2 of the next angles where they differ, else 1
+    angles   (B, Q, 6) |z|^2, z.d, |d|^2, mean, least sin^2 of the next angles where they differ, else 1, and
+             how far the level of the samples that change (by their squares) is above the mean
     reach    codewords around an answer that may be as good
     index    (K,) frames of the stripes or spots; across: how many lie side by side along the other axis
     """
@@ -82,41 +83,41 @@ class Book(NamedTuple):
     across: Any
 
 
-@inlined
-def _products(y: Any, k: Any, used: Any, z: Any, angles: Any, b: Any, q: Any) -> Any:
-    """y.z, y.d, |z|^2, z.d, |d|^2 of pixel k and segment q of block b, over the samples that are used (None:
-    all); y is 0 elsewhere."""
+@kernel
+def _products(y: Any, k: Any, z: Any, b: Any, q: Any) -> Any:
+    """y.z and y.d of pixel k and segment q of block b."""
     near, rise = np.float32(0), np.float32(0)
     for i in range(y.shape[1]):
         near += y[k, i] * z[b, q, i]
         rise += y[k, i] * (z[b, q + 1, i] - z[b, q, i])
-    if used is None:
-        return near, rise, angles[b, q, 0], angles[b, q, 1], angles[b, q, 2]
-    zz, zd, dd = np.float32(0), np.float32(0), np.float32(0)
-    count, mean, step = np.float32(1e-6), np.float32(0), np.float32(0)
-    for i in range(y.shape[1]):
-        w, d = used[i], z[b, q + 1, i] - z[b, q, i]
-        count, mean, step = count + w, mean + w * z[b, q, i], step + w * d
-        zz, zd, dd = zz + w * z[b, q, i] * z[b, q, i], zd + w * z[b, q, i] * d, dd + w * d * d
-    return near, rise, zz - mean * mean / count, zd - mean * step / count, dd - step * step / count
-
-
-@inlined
-def _walk(y: Any, k: Any, used: Any, whole: Any, power: Any, z: Any, angles: Any, b: Any, start: Any) -> Any:
-    """From codeword `start` downhill: (q, f, a, squared residuals) of the best place on segments q..q+1."""
-    if whole:  # nearly all are: loops of their own
-        return _downhill(y, k, None, power, z, angles, b, start)
-    return _downhill(y, k, used, power, z, angles, b, start)
+    return near, rise
 
 
 @kernel
-def _downhill(y: Any, k: Any, used: Any, power: Any, z: Any, angles: Any, b: Any, start: Any) -> Any:
-    """See _walk; used: None where all samples are."""
+def _of_used(used: Any, z: Any, b: Any, q: Any) -> Any:
+    """|z|^2, z.d, |d|^2 over the samples that are used, less their means; means of z and d."""
+    count, mean, step = np.float32(1e-6), np.float32(0), np.float32(0)
+    zz, zd, dd = np.float32(0), np.float32(0), np.float32(0)
+    for i in range(z.shape[2]):
+        w, d = used[i], z[b, q + 1, i] - z[b, q, i]
+        count, mean, step = count + w, mean + w * z[b, q, i], step + w * d
+        zz, zd, dd = zz + w * z[b, q, i] * z[b, q, i], zd + w * z[b, q, i] * d, dd + w * d * d
+    mean, step = mean / count, step / count
+    return zz - count * mean * mean, zd - count * mean * step, dd - count * step * step, mean, step
+
+
+@kernel
+def _walk(y: Any, k: Any, used: Any, whole: Any, power: Any, z: Any, angles: Any, b: Any, start: Any) -> Any:
+    """From codeword `start` downhill: (q, f, a, squared residuals) of the best place on segments q..q+1, over
+    the samples that are used (whole: all are); y is 0 elsewhere."""
     last = z.shape[1] - 2
-    q = min(max(start, 0), last)
-    best_q, best_f, best_a, best, before = q, 0.0, 0.0, power, -1
-    for _ in range(_STEPS):
-        near, rise, zz, zd, dd = _products(y, k, used, z, angles, b, q)
+    q, before, steps = min(max(start, 0), last), -1, 0
+    best_q, best_f, best_a, best = q, 0.0, 0.0, power
+    while steps < _STEPS:
+        near, rise = _products(y, k, z, b, q)
+        zz, zd, dd = angles[b, q, 0], angles[b, q, 1], angles[b, q, 2]
+        if not whole:
+            zz, zd, dd, _, _ = _of_used(used, z, b, q)
         a, af = near * dd - rise * zd, rise * zz - near * zd
         f = 0.0
         if zz * dd - zd * zd > 1e-9 * zz * zz:
@@ -128,53 +129,30 @@ def _downhill(y: Any, k: Any, used: Any, power: Any, z: Any, angles: Any, b: Any
         if along > 0 and rss < best:
             best_q, best_f, best_a, best = q, inside, along / length, rss
         target = min(max(q + min(max(int(np.floor(f)), -PER_PX), PER_PX), 0), last)
-        if f == inside or target in (q, before):
-            break
+        steps = _STEPS if f == inside or target in (q, before) else steps + 1
         before, q = q, target
     return best_q, best_f, best_a, max(best, 0.0)
 
 
-@inlined
-def _told(used: Any, whole: Any, z: Any, angles: Any, b: Any, q: Any, f: Any) -> Any:
-    """Of the samples that are used: their squared change per codeword that no scale or offset makes, and over
-    the scale their mean level, and that in shares of this change."""
-    zz, zd, dd, low, step = angles[b, q, 0], angles[b, q, 1], angles[b, q, 2], np.float32(0), np.float32(0)
-    if not whole:
-        _, _, zz, zd, dd = _products(z[b], q, used, z, angles, b, q)
-        count = np.float32(1e-6)
-        for i in range(z.shape[2]):
-            count += used[i]
-            low += used[i] * z[b, q, i]
-            step += used[i] * (z[b, q + 1, i] - z[b, q, i])
-        low, step = low / count, step / count
-    turn = np.float32((zd + f * dd) / max(zz + f * (2 * zd + f * dd), 1e-12))
-    part, total, level = np.float32(f), np.float32(0), np.float32(0)
-    for i in range(z.shape[2]):
-        d = z[b, q + 1, i] - z[b, q, i] - step
-        here = z[b, q, i] - low + part * d
-        own = d - here * turn
-        own *= own * (np.float32(1) if whole else used[i])
-        total += own
-        level += own * here
-    mean = angles[b, q, 3] + low + f * (angles[b, q + 1, 3] - angles[b, q, 3] + step)
-    return total, mean, level / max(total, np.float32(1e-12))
-
-
-@inlined
-def _placed(numbers: Any, fit: Any, used: Any, sums: Any, z: Any, angles: Any, b: Any, shape: Any) -> Any:
+@kernel
+def _placed(numbers: Any, fit: Any, sums: Any, seen: Any, angles: Any, b: Any, shape: Any) -> Any:
     """Of a walk's result: (place in codewords, its variance, scale, offset, chi2).
 
-    numbers: read2, gain, misfit2; sums of the pixel: mean, power, samples used, all samples; shape: codewords
-    of a cell, freedom. Where codewords differ less on a part of the cell (a tread of a sharp display) noise
-    may lead anywhere on it: the variance is that of these, of the whole cell at most.
+    numbers: read2, gain, misfit2; sums of the pixel: mean, power, samples used, all samples; seen: see
+    _of_used; shape: codewords of a cell, freedom. Where codewords differ less on a part of the cell (a tread
+    of a sharp display) noise may lead anywhere on it: the variance is that of these, of the whole cell at
+    most.
     """
-    (q, f, a, rss), (read2, gain, misfit2), (middle, power, count, n) = fit, numbers, sums
-    told, mean, level = _told(used, count == n, z, angles, b, q, f)
-    offset = middle - a * mean
+    (q, f, a, rss), (read2, gain, misfit2), (middle, power, count, _) = fit, numbers, sums
+    zz, zd, dd, low, step = seen
+    mean = angles[b, q, 3] + f * (angles[b, q + 1, 3] - angles[b, q, 3])
+    offset = middle - a * (mean + low + f * step)
+    # squared change per codeword that no scale or offset makes
+    told = (zz * dd - zd * zd) / max(zz + f * (2 * zd + f * dd), 1e-12)
     own = max(count - 3.0, 1.0)
     noise = read2 + gain * max(middle, 0.0) + misfit2 * 0.25 * a * a
     excess = max(rss / (own * noise) - 2 * np.sqrt(2.0 / own), 1.0)
-    here = read2 + gain * max(offset + a * (mean + level), 0.0) + misfit2 * 0.25 * a * a
+    here = read2 + gain * max(offset + a * (mean + angles[b, q, 5]), 0.0) + misfit2 * 0.25 * a * a
     flat = noise * excess / max(power * angles[b, q, 4], 1e-12)
     variance = max(here * excess / max(a * a * told, 1e-12), min(flat, shape[0] * shape[0] / 12))
     return q + f, variance, a, offset, rss / noise * shape[1] / own
@@ -339,7 +317,7 @@ def match_rows(
                 continue
             noise += camera.misfit2 * power / n
             known = last == last
-            guess = int(np.rint((last + slope - first[stripe]) * PER_PX)) if known else words.shape[1] // 2
+            guess = int(np.floor((last + slope - first[stripe]) * PER_PX)) if known else words.shape[1] // 2
             fit, error, sure = (0, 0.0, 0.0, power), 0.0, way != SEARCH
             if known or way != SEARCH:
                 fit = _walk(batch, k, used, whole, power, words, angles, b, guess)
@@ -357,7 +335,10 @@ def match_rows(
                 last = np.nan
                 continue
             shape = book.reach / AROUND, freedom
-            place, variance, a, offset, misfit = _placed(numbers, fit, used, sums, words, angles, b, shape)
+            q = fit[0]
+            seen = angles[b, q, 0], angles[b, q, 1], angles[b, q, 2], np.float32(0), np.float32(0)
+            seen = seen if whole else _of_used(used, words, b, q)
+            place, variance, a, offset, misfit = _placed(numbers, fit, sums, seen, angles, b, shape)
             coordinate, variance = first[stripe] + place / PER_PX, variance / (PER_PX * PER_PX)
             if way == WITHIN:
                 if abs(coordinate - last) * PER_PX >= book.reach or variance >= variances[r, x]:

@@ -12,28 +12,39 @@ __all__ = ["BATCH", "SATURATED", "beside", "brightest", "gather"]
 BATCH = 64
 #: What stands for the level of a saturated sample: the mean of any with one is none, either.
 SATURATED = np.float32(-np.inf)
+#: Beyond the number of any frame.
+_LAST = np.int16(32767)
 
 
 @kernel
 def brightest(raw: Any, index: Any, row: Any, clip: Any, top: Any, at: Any) -> None:
     """Largest level of each pixel of a row, and which of the frames shows it first; the middle of those that
     are saturated one after the other."""
-    line = raw[index[0], row]
-    for x in range(top.size):
-        top[x], at[x] = line[x], 0
+    top[:], at[:] = raw[index[0], row], _LAST
     for k in range(1, index.size):
-        line = raw[index[k], row]
-        place = np.int16(k)
-        for x in range(top.size):
-            v = line[x]
-            at[x] = place if v > top[x] else at[x]
-            top[x] = max(v, top[x])
+        _raised(raw[index[k], row], top)
+    for k in range(index.size):
+        _first(raw[index[k], row], top, np.int16(k), at)
     for x in range(top.size):
         ahead = np.int64(at[x])
         if top[x] >= clip:
             while ahead + 1 < index.size and raw[index[ahead + 1], row, x] >= clip:
                 ahead += 1
             at[x] = (at[x] + ahead) // 2
+
+
+@kernel
+def _raised(line: Any, top: Any) -> None:
+    for x in range(line.size):
+        v, most = line[x], top[x]
+        top[x] = v if v > most else most
+
+
+@kernel
+def _first(line: Any, top: Any, place: Any, at: Any) -> None:
+    for x in range(line.size):
+        here = place if line[x] == top[x] else _LAST
+        at[x] = min(at[x], here)
 
 
 @kernel
@@ -73,8 +84,7 @@ def gather(
         if frames.shape[0] == 1:
             _convert(raw[frames[0, i, 0], row, first : first + cols], camera.table, clip, lines[i])
         else:
-            for k in range(cols):
-                lines[i, k] = _mean(raw, camera.table, clip, frames, at[first + k], i, row, first + k)
+            _means(raw[:, row, first : first + cols], camera.table, clip, frames[:, i], at[first:], lines[i])
     middle[:], power[:], count[:] = np.float32(0), np.float32(0), np.float32(1e-6)
     for i in range(lines.shape[0]):
         _add(lines[i], middle, count)
@@ -90,13 +100,14 @@ def _level(value: Any, table: Any, clip: Any) -> Any:
     return SATURATED if value >= clip else linear
 
 
-@inlined
-def _mean(raw: Any, table: Any, clip: Any, frames: Any, k: Any, i: Any, row: Any, col: Any) -> Any:
-    """Mean level of the frames [k, i]; SATURATED if one is."""
-    total = np.float32(0)
-    for j in range(frames.shape[2]):
-        total += _level(raw[frames[k, i, j], row, col], table, clip)
-    return total / np.float32(frames.shape[2])
+@kernel
+def _means(raw: Any, table: Any, clip: Any, frames: Any, at: Any, out: Any) -> None:
+    """Of pixel k (raw (N, K)) the mean level of its frames (K', S)[at[k]]; SATURATED if one is."""
+    for k in range(raw.shape[1]):
+        total = np.float32(0)
+        for j in range(frames.shape[1]):
+            total += _level(raw[frames[at[k], j], k], table, clip)
+        out[k] = total / np.float32(frames.shape[1])
 
 
 @kernel

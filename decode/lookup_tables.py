@@ -185,7 +185,7 @@ def _seen(levels: F64, spread: float, blur: float | None, beyond: Any) -> F64:
 
 
 def _words(seen: F64) -> tuple[F32, F32]:
-    """Levels (B, n, Q) -> codewords without mean (B, Q, n filled up); Book.angles (B, Q, 5)."""
+    """Levels (B, n, Q) -> codewords without mean (B, Q, n filled up); Book.angles (B, Q, 6)."""
     mean = seen.mean(axis=1)
     blocks, n, count = seen.shape
     words = np.zeros((blocks, count, -(-n // LANES) * LANES), np.float32)
@@ -200,4 +200,8 @@ def _words(seen: F64) -> tuple[F32, F32]:
     sine2[:, -1] = sine2[:, -2]
     least, most = (filtered(sine2, PER_PX + 1, axis=1) for filtered in (minimum_filter1d, maximum_filter1d))
     uneven = np.where(most > 4 * least, least, 1.0)
-    return words, np.stack([*products, mean, uneven], axis=2, dtype=np.float32, casting="same_kind")
+    middle = words + 0.5 * step
+    turn = (zd + 0.5 * dd) / np.maximum(np.square(middle).sum(axis=2), 1e-12)
+    power = np.square(step - middle * turn[..., None])
+    level = (power * middle).sum(axis=2) / np.maximum(power.sum(axis=2), 1e-12)
+    return words, np.stack([*products, mean, uneven, level], axis=2, dtype=np.float32, casting="same_kind")

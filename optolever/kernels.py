@@ -30,7 +30,8 @@ def exact(function: Kernel) -> Kernel:
 
 
 def inlined(function: Kernel) -> Kernel:
-    """A small function that becomes part of its callers' loops."""
+    """A small function that becomes part of its callers' loops. For numbers: of arrays that it takes
+    references are counted on every call where it branches; those that a `kernel` takes are not."""
     return _compiled(function, fastmath=_REORDER, inline="always")
 
 
