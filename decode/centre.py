@@ -151,7 +151,8 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         # clear of the border's shadow, as neighbours two pixels away are
         away = max(min(u + half, extent - half - u) - max(abs(one_x), abs(one_y)), zero)
         clear = away * away > SHADOW2 * (reach2 + (one_x * one_x + one_y * one_y) * np.float32(1 / 48))
-        out[x] = was - (part * (bends + dims) if smooth & clear else zero)
+        off, taken = bends + dims, smooth & clear
+        out[x] = was - (part * off if taken else zero)
         least_x, least_y = lesser(u - left[x], right[x] - u), lesser(u - up[x], down[x] - u)
         over = max(least_x + least_y - stripe, zero)
         # as of a ridge, where a diagonal neighbour is refused
@@ -161,6 +162,7 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         most_turns = turns_x * turns_x + turns_y * turns_y
         size_of = abs(factor_x * near_x) + abs(factor_y * near_y) + (abs(twist) if twisted else zero)
         short += size_of * size_of * most_turns * most_turns * _ALL if near else zero
+        short += off * off * _ALL if near & (not taken) else zero
         doubt = short + (edges + jumps * twelfth if clear else whole * _ALL)
         total[x] += doubt + (share * more * total[x] if smooth else zero) + over * over * twelfth
 
