@@ -40,6 +40,8 @@ _FEWEST = 64
 WEAK = 5.0
 #: Weak bits of which all combinations are tried; with more a pixel tells nothing.
 _MOST_WEAK = 5
+#: Level from which on a bit is as bright as a white that saturates.
+_FULL = 0.999
 
 
 class CodePlan(NamedTuple):
@@ -56,6 +58,7 @@ class CodePlan(NamedTuple):
     cells           word -> cell; linear: whether a cell is the exclusive or of those of its word's bits, as
                     in all codes but long-run-gray: then these are the value of a bit, which is 1 << b else
     levels          (cells, bits) what a cell shows of a bit, -1..1; misfit2: variance that this leaves
+    whites          that are compared where white saturates, over what is read for it
     cell, first     width of a cell and coordinate of the centre of cell 0, pattern pixels
     freedom         degrees of freedom of chi2; the numbers before it are float32, as the loops are
     """
@@ -71,6 +74,7 @@ class CodePlan(NamedTuple):
     linear: bool
     levels: F32
     misfit2: Any
+    whites: NDArray[np.float64]
     cell: Any
     first: Any
     freedom: int
@@ -161,24 +165,30 @@ def turned(z: Any) -> Any:
 
 
 @exact
-def weak_bits(margin: Any, code: Any, amplitude: Any, noise: Any, alone: Any, read: Any) -> Any:
+def weak_bits(
+    margin: Any, code: Any, amplitude: Any, noise: Any, saturated: Any, alone: Any, read: Any
+) -> Any:
     """Posterior over the mixtures of one cell and the next that the weak bits of a pixel allow: place,
-    variance, probability of another cell; read: place and variance as they are where it tells nothing."""
-    factor, cells, levels = code.factor, code.cells, code.levels
+    variance, probability of another cell; saturated: white is, so that all that it may be are compared; read:
+    place and variance as they are where it tells nothing."""
+    factor, cells, levels, whites = code.factor, code.cells, code.levels, code.whites
     unlike2 = float(code.misfit2)
     weak = np.empty(_MOST_WEAK, np.int64)
     count, word = 0, np.int32(0)
     for b in range(factor.size):
         word |= np.int32(1 << b) if margin[b] > 0 else np.int32(0)
         threshold = unlike2 * amplitude * amplitude if factor[b] > 1 else 0.0
-        if margin[b] * margin[b] < WEAK * WEAK * (noise + threshold) * factor[b]:
+        either = saturated and factor[b] > 1 and 0 < margin[b] < _FULL * amplitude
+        if either or margin[b] * margin[b] < WEAK * WEAK * (noise + threshold) * factor[b]:
             if count == _MOST_WEAK:
                 return read[0], read[1], np.float32(1)
             weak[count] = b
             count += 1
     judged = noise / (amplitude * amplitude) + unlike2
+    if saturated:  # as far as whites are from the next
+        judged += (whites[1] - whites[0]) ** 2 / 12
     best, at, curve = np.inf, 0, 1.0
-    weight, near, beside = 0.0, 0.0, 0.0
+    weight, near, beside, shift = 0.0, 0.0, 0.0, 0.0
     for turn in range(2):  # the best mixture, then the weight of all, of its cell and those beside it
         for some in range(1 << count):
             this = word
@@ -186,8 +196,11 @@ def weak_bits(margin: Any, code: Any, amplitude: Any, noise: Any, alone: Any, re
                 this ^= np.int32(((some >> i) & 1) << weak[i])
             for before in range(2):
                 c = cells[this] - before
-                if 0 <= c < levels.shape[0] - 1:
-                    rss, share, sharp = _mixture(margin, factor, levels[c], levels[c + 1], amplitude)
+                for k in range(whites.size if saturated else 1):
+                    if c < 0 or c >= levels.shape[0] - 1:
+                        continue
+                    seen = margin, factor, amplitude, whites[k] if saturated else 0.0
+                    rss, share, sharp = _mixture(seen, float(before), levels[c], levels[c + 1])
                     rss /= judged
                     here = c + (1 if share > 0.5 else 0)
                     if turn == 0 and rss < best:
@@ -197,12 +210,14 @@ def weak_bits(margin: Any, code: Any, amplitude: Any, noise: Any, alone: Any, re
                         weight += likely
                         near += likely * _near(c, share, np.sqrt(judged / sharp), at)
                         beside += likely if abs(here - at) == 1 else 0.0
+                        shift += likely * (here - at) if abs(here - at) == 1 else 0.0
     if weight == 0.0:
         return read[0], read[1], np.float32(1)
     # the mixture's edge is known to the noise of its share, a cell to its width
     variance = min(noise / (amplitude * amplitude * curve), 0.25)
-    variance += 1 / 12 + beside / weight if alone else 0.0
-    place = code.first + code.cell * np.float32(at)
+    shift = shift / weight if alone and saturated else 0.0  # by a threshold that is off to one side
+    variance += 1 / 12 + beside / weight - shift * shift if alone else 0.0
+    place = code.first + code.cell * np.float32(at + shift)
     return place, code.cell * code.cell * np.float32(variance), np.float32(1 - near / weight)
 
 
@@ -218,18 +233,24 @@ def _near(c: Any, share: Any, deviation: Any, at: Any) -> Any:
 
 
 @exact
-def _mixture(margin: Any, factor: Any, one: Any, other: Any, amplitude: Any) -> tuple[Any, Any, Any]:
+def _mixture(seen: Any, share: Any, one: Any, other: Any) -> tuple[Any, Any, Any]:
     """Of the best mixture of two cells' levels: squared misfit over the factor and the squared amplitude, the
-    share of the other one, and its curvature."""
-    top, bottom = 0.0, 1e-6
-    for b in range(factor.size):
-        step = other[b] - one[b]
-        top += step * (margin[b] / amplitude - one[b]) / factor[b]
-        bottom += step * step / factor[b]
-    share = min(max(top / bottom, 0.0), 1.0)
+    share of the other one, and its curvature; seen: margins, factors, amplitude, white (see _level); share:
+    where it starts."""
+    margin, factor, amplitude, white = seen
+    bottom = 1e-6
+    for _ in range(2 if white > 0 else 1):  # the share tells which saturated samples say something
+        top, bottom = 0.0, 1e-6
+        for b in range(factor.size):
+            step = other[b] - one[b]
+            level = _level(margin[b] / amplitude, factor[b], white, one[b] + share * step)
+            top += step * (level - one[b]) / factor[b]
+            bottom += step * step / factor[b]
+        share = min(max(top / bottom, 0.0), 1.0)
     rss, common, singles = 0.0, 0.0, 0
     for b in range(factor.size):
-        off = margin[b] / amplitude - one[b] - share * (other[b] - one[b])
+        expected = one[b] + share * (other[b] - one[b])
+        off = _level(margin[b] / amplitude, factor[b], white, expected) - expected
         if factor[b] > 1:  # a sample against the mean of white and black, whose noise all of these share
             rss += off * off
             common += off
@@ -237,3 +258,12 @@ def _mixture(margin: Any, factor: Any, one: Any, other: Any, amplitude: Any) -> 
         else:
             rss += off * off / factor[b]
     return rss - common * common / (singles + 2), share, bottom
+
+
+@inlined
+def _level(level: Any, factor: Any, white: Any, expected: Any) -> Any:
+    """Level of a bit, if white is so many times as far from black as what is read for it (0: as far); where a
+    single bit saturates, what is expected, if that would."""
+    if white == 0.0 or factor <= 1:
+        return level
+    return (level + 1) / white - 1 if level < _FULL else max(expected, 2 / white - 1)

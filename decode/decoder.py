@@ -45,6 +45,12 @@ _HELD = (
     "some frames, or parts of them, hold a share of earlier ones",
     "a display that is not yet done when the camera exposes: wait longer; sigma holds it",
 )
+_BRIGHT = (
+    "white saturates, share of the pixels; bits without inverses are compared with it",
+    "a shorter exposure, or inverses: edges of bits are known if white is at most twice what can be read",
+)
+#: Share of the pixels that highlights may saturate.
+_HIGHLIGHTS = 0.01
 _CURE = "gamma, flicker, a slow display or stray light; sigma holds what frames and neighbours show of it"
 _MISFIT = "frames contradict each other, share of the amplitude", _CURE
 _ROUGH = "neighbours differ beyond noise, pattern px rms", _CURE
@@ -162,8 +168,8 @@ def _decoded(light: Light, sequence: Sequence, options: _Options) -> Corresponde
         np.bitwise_or(shared.flags, np.uint16(Flag.INVALID), out=shared.flags, where=~options.mask)
     step("neighbours", 2, steps)
     found = _among_neighbours(shot, decoders, raw, shared, options.blur)
-    held = _noticed(_HELD, max(before.left.values(), default=0.0))
-    found = replace(found, notices=held + found.notices)
+    own = _noticed(_HELD, max(before.left.values(), default=0.0)) + _noticed(_BRIGHT, _too_bright(shot))
+    found = replace(found, notices=own + found.notices)
     if options.check:
         step("frames", 3, steps)
         found = _checked(shot, described, found, options)
@@ -275,6 +281,16 @@ def _looks_up(sequence: Sequence) -> bool:
 def _noticed(what: tuple[str, str], size: float) -> tuple[Notice, ...]:
     """A notice of what frames or neighbours show beyond noise, if they do."""
     return (Notice(what[0], size, 0.0, what[1]),) if size else ()
+
+
+def _too_bright(shot: _Shot) -> float:
+    """Share of the pixels in which white saturates, where it leaves bits unknown; 0 where some do."""
+    codes = [axis.code for axis in shot.plan.axes if axis.code is not None]
+    single = any((np.minimum(code.plain, code.inverse) < 0).any() for code in codes)
+    if not single or shot.plan.white < 0 or not shot.lit.levels.size:
+        return 0.0
+    share = float((shot.lit.levels[shot.plan.white] >= shot.lit.white).mean())
+    return share if share > _HIGHLIGHTS else 0.0
 
 
 def _silent(shot: _Shot) -> bool:

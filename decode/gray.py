@@ -7,6 +7,10 @@ any other weak bit, makes the cell doubtful. Where two bits or more are weak (co
 at once, or faint light) every word that they allow is compared: a pixel sees a mixture of one cell and the
 next, b = A ((1 - f) s(c) + f s(c + 1)), f in 0..1, s the cells' levels behind the blur (bit_levels), and the
 posterior is over the cells c.
+
+Where white saturates, its level is known from below only. A bit and its inverse compare as ever, but their
+mean tells nothing; a single bit that is brighter than the mean of black and of what is read for white, and
+does not saturate, may be either, and every white up to twice as bright is compared, too.
 """
 
 from typing import Any, NamedTuple
@@ -34,8 +38,10 @@ from .plan import Code, Plan
 
 __all__ = ["CodePlan", "code_plan", "decode_code", "read_code", "read_line", "room_for"]
 
-#: Pixels that tell the blur at most: medians to 4 %.
-_PIXELS = 1024
+#: Pixels that tell the blur at most: medians to 4 %; at least, that tell white where it saturates.
+_PIXELS, _FEWEST = 1024, 64
+#: Levels between which a bit changes; whites that are compared where white saturates.
+_BETWEEN, _WHITES = 0.9, 5
 #: What a line keeps of the bits compared so far: the value of the weakest, how weak it and the next are, the
 #: largest difference that counts. It is passed on from group to group: compilers make slow conditional stores
 #: of a maximum in place.
@@ -75,7 +81,26 @@ def code_plan(code: Code, plan: Plan, noise: Noise, lit: Sample) -> CodePlan:
     variance = few.variance(noise) / np.square(amplitude)
     levels, misfit2 = fitted_levels(words, margin / amplitude, variance, factor)
     unlike2, cell, start = (np.float32(one) for one in (misfit2, code.cell, first))
-    return CodePlan(*of_bits, factor, ends, code.cells, linear, levels, unlike2, cell, start, freedom)
+    whites = np.linspace(1, 2, _WHITES)
+    if code.together and referenced:
+        whites = _whites(few.levels[ends[0]] >= few.white, margin[factor > 1] / amplitude)
+    return CodePlan(*of_bits, factor, ends, code.cells, linear, levels, unlike2, whites, cell, start, freedom)
+
+
+def _whites(saturated: Any, level: Any) -> NDArray[np.float64]:
+    """Whites that may be where white saturates, in units of what is read for it: what bits say that turn
+    opposite ways at one place, as their sum is that of white and black; else up to twice as bright.
+
+    saturated (K,), level (bits, K) of bits without inverses, black -1, what is read for white 1.
+    """
+    mixed = (level > -_BETWEEN) & (level < _BETWEEN)
+    several = saturated & (mixed.sum(axis=0) > 1)
+    if np.count_nonzero(several) < _FEWEST:
+        return np.linspace(1, 2, _WHITES)
+    some, kept = level[:, several], mixed[:, several]
+    ends = np.where(kept, some, -1).max(axis=0) + np.where(kept, some, 1).min(axis=0)
+    least, most = np.clip(1 + np.quantile(ends, (0.05, 0.95)) / 2, 1, 2)
+    return np.linspace(least, most, _WHITES)
 
 
 def _margins(frames: NDArray[np.int64], share: Any, ends: NDArray[np.int64], levels: Any) -> tuple[Any, Any]:
@@ -141,13 +166,15 @@ def read_line(light: Any, row: Any, code: Any, alone: Any, noise: Any, room: Any
     high, low = code.ends if referenced else code.frames[0]
     _references(raw[high, row], raw[low, row], table, a, o)
     clipped[:], room.word[:], room.off[:] = np.float32(0), 0, np.float32(0)
-    if referenced:
-        _saturated(raw[high, row], clip, clipped)
+    _saturated(raw[high, row], raw[low, row], clip, clipped)
     kept = _compared(raw, row, table, code, pairs, o, room)
     if not referenced:
         a[:], kept[_LARGEST] = kept[_LARGEST], np.float32(0)
     _cells_line(room, kept, code, (pairs, misfit2, alone, noise), out)
     _several_weak(kept[_SECOND], misfit2, noise, a, o, room.several[: a.size])
+    if alone & (pairs < code.factor.size):  # a fringe's place is none of an edge's
+        for x in range(a.size):
+            room.several[x] |= np.uint8(clipped[x] > 0)
     for x in room.places[: marked(room.several, room.places)]:
         _reread(raw, row, table, x, code, alone, noise, room.margin, out)
 
@@ -156,14 +183,15 @@ def read_line(light: Any, row: Any, code: Any, alone: Any, noise: Any, room: Any
 def _reread(
     raw: Any, row: Any, table: Any, x: Any, code: Any, alone: Any, noise: Any, margin: Any, out: Any
 ) -> None:
-    """A pixel of several weak bits; margin (bits,): room."""
-    place, var, error, a, o, _, _ = out
+    """A pixel of several weak bits, or of a white that saturates; margin (bits,): room."""
+    place, var, error, a, o, _, clipped = out
     for b in range(margin.size):
         plain, inverse = code.frames[b]
         one, other = level_of(raw[plain, row, x], table), level_of(raw[inverse, row, x], table)
         margin[b] = _single(one, o[x], _bit(code, b)) + code.share[b, 1] * other
     own = noise.read2 + noise.gain * max(o[x], np.float32(0))
-    place[x], var[x], error[x] = weak_bits(margin, code, a[x], own, alone, (place[x], var[x]))
+    known = place[x], var[x]
+    place[x], var[x], error[x] = weak_bits(margin, code, a[x], own, alone & (clipped[x] > 0), alone, known)
 
 
 @exact
@@ -186,9 +214,9 @@ def _compared(raw: Any, row: Any, table: Any, code: Any, pairs: Any, offset: Any
 
 
 @kernel
-def _saturated(line: Any, clip: Any, clipped: Any) -> None:
-    for x in range(line.size):
-        clipped[x] = np.float32(1) if np.float32(line[x]) >= clip else np.float32(0)
+def _saturated(one: Any, other: Any, clip: Any, clipped: Any) -> None:
+    for x in range(one.size):
+        clipped[x] = np.float32(1) if np.float32(max(one[x], other[x])) >= clip else np.float32(0)
 
 
 @kernel
@@ -273,7 +301,7 @@ def _with_bit(margin: Any, bit: Any, kept: Any) -> Any:
 @kernel
 def _cells_line(room: Any, kept: Any, code: Any, numbers: Any, out: Any) -> None:
     """Cells of the words; what the weakest bit leads to if noise turned it."""
-    place, var, error, amplitude, offset, chi2, _ = out
+    place, var, error, amplitude, offset, chi2, clipped = out
     zero, half, eighth, one = np.float32(0), np.float32(0.5), np.float32(0.125), np.float32(1)
     weakest, least, second, largest = kept[_WEAKEST], kept[_LEAST], kept[_SECOND], kept[_LARGEST]
     word, off, square = room.word, room.off[0], room.off[1]
@@ -303,7 +331,7 @@ def _cells_line(room: Any, kept: Any, code: Any, numbers: Any, out: Any) -> None
         wrong = zero if beside else wrong
         error[x] = wrong + also - wrong * also
         unlike = noise.rounding2 + noise.misfit2 * power
-        rss = square[x] - off[x] * off[x] * count * known
+        rss = (square[x] - off[x] * off[x] * count * known) * (one - clipped[x])
         over = max(largest[x] - amplitude[x], zero)
         singles, both = np.float32(1.5) * own + unlike + code.misfit2 * power, half * own + unlike
         # one division for both quotients

@@ -27,10 +27,16 @@ def seen_by_pixels(shown: Sequence, u: F64, width: float, blur: float) -> F64:
 
 
 def photographed(
-    shown: Sequence, u: F64, width: float = 1.0, blur: float = 0.3, noise: float = 1.0, seed: int = 7
+    shown: Sequence,
+    u: F64,
+    width: float = 1.0,
+    blur: float = 0.3,
+    noise: float = 1.0,
+    seed: int = 7,
+    brighter: float = 1.0,
 ) -> NDArray[np.uint8]:
-    """Frames of 8 bits of pixels at u (H, W), with white noise (levels)."""
-    light = np.concatenate([seen_by_pixels(shown, row, width, blur) for row in u], axis=1)
+    """Frames of 8 bits of pixels at u (H, W), with white noise (levels), `brighter` times as bright."""
+    light = brighter * np.concatenate([seen_by_pixels(shown, row, width, blur) for row in u], axis=1)
     light += noise * np.random.default_rng(seed).standard_normal(light.shape)
     return np.clip(np.rint(light), 0, 255).astype(np.uint8)
 
