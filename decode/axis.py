@@ -25,6 +25,9 @@ from .unwrap import Orders, climb, order_table, unwrap_close
 
 __all__ = ["AxisDecoder", "AxisOptions", "axis_decoders"]
 
+#: Variance of rounding shown levels to 8 bits, over the squared amplitude.
+_ROUNDED2 = 1 / 12 / 127.5**2
+
 
 @dataclass(frozen=True, slots=True)
 class AxisDecoder:
@@ -121,11 +124,14 @@ def _decoder(
         jump = axis.stripes.width if axis.stripes else 2.0 * (1 if code is None else float(code.cell))
         limits = limits_of(axis.extent, 0.5, table.freedom, light.white)
         return AxisDecoder(axis, light, noise, code, None, None, table, None, limits, table.freedom, jump)
-    micro = micro_table(axis, _deviation(axis, noise, lit)) if axis.singles else None
     covered = code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
     rounding = (0.0,) * len(axis.fringes)
-    if options.on_cells and not sequence.nominal and axis.fringes:
+    shown = options.on_cells and not sequence.nominal
+    if shown and axis.fringes:
         rounding = _rounding(axis.axis, sequence)
+    micro = None
+    if axis.singles:
+        micro = micro_table(axis, _deviation(axis, noise, lit), _ROUNDED2 if shown else 0.0)
     unlike = [_unlike(fringe, lit, noise, options.before) for fringe in axis.fringes]
     orders = None if covered else _orders(axis, _deviation(axis, noise, lit), max(unlike))
     rounding = tuple(r + m for r, m in zip(rounding, unlike, strict=True))

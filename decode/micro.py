@@ -40,7 +40,8 @@ _ONE, _HALF, _TWO_PI = np.float32(1), np.float32(0.5), np.float32(2 * np.pi)
 class MicroTable(NamedTuple):
     """frames (M,): numbers of the single frames, periods and shifts (turns) of them; used (3,): those of the
     table; listed: orders by cell; tolerance: of a level over the amplitude; contrast (M,): over that of the
-    steps, as a blur takes more of a shorter period."""
+    steps, as a blur takes more of a shorter period; rounding2: variance by rounding of what is shown,
+    over the squared amplitude."""
 
     frames: NDArray[np.int64]
     periods: NDArray[np.float32]
@@ -49,6 +50,7 @@ class MicroTable(NamedTuple):
     listed: Candidates
     tolerance: np.float32
     contrast: NDArray[np.float32]
+    rounding2: np.float32
 
     def with_contrast(self, place: NDArray[np.float32], level: NDArray[np.float32]) -> "MicroTable":
         """The table with the contrast that pixels show, by least squares: places (K,), pattern px, levels
@@ -60,8 +62,8 @@ class MicroTable(NamedTuple):
         return self._replace(contrast=contrast.astype(np.float32))
 
 
-def micro_table(axis: AxisPlan, deviation: float) -> MicroTable:
-    """Orders of the period with steps; deviation: of a sample over the usual amplitude."""
+def micro_table(axis: AxisPlan, deviation: float, rounding2: float) -> MicroTable:
+    """Orders of the period with steps; deviation: of a sample over the usual amplitude; see MicroTable."""
     tolerance = in_steps(max(_DEVIATIONS * np.sqrt(_OF_LEVEL) * deviation, 0.01))
     singles = [
         (i, f.period, d) for f in axis.singles for i, d in zip(f.index, f.shifts.tolist(), strict=True)
@@ -81,6 +83,7 @@ def micro_table(axis: AxisPlan, deviation: float) -> MicroTable:
         listed=listed,
         tolerance=np.float32(tolerance),
         contrast=np.ones(len(singles), np.float32),
+        rounding2=np.float32(rounding2),
     )
 
 
@@ -144,7 +147,7 @@ def cosine_of(turns: Any) -> Any:
 @exact
 def _micro_rows(light: Any, noise: Any, fringe: Any, singles: Any, rows: Any, into: Any) -> None:
     """A row at a time, so that what its fit tells is still in the cache."""
-    frames, periods, shifts, used, (first, second, start, listed), tolerance, contrast = singles
+    frames, periods, shifts, used, (first, second, start, listed), tolerance, contrast, rounded = singles
     place, var, width, (raw, table, _, (_, white)) = into.place, into.variance, into.place.shape[1], light
     count, period, steps = frames.size, fringe.period[0], np.float32(fringe.number[0])
     work = np.empty((2 + fringe.frame.shape[1], width), np.float32)
@@ -173,7 +176,9 @@ def _micro_rows(light: Any, noise: Any, fringe: Any, singles: Any, rows: Any, in
         for m in range(count):
             _add_sample(level[m], place[row], _ONE / periods[m], shifts[m], sums)
         found = place[row], var[row], error, a, o, chi2, clipped
-        _solve(sums, steps + np.float32(count), (one, score, rival, fitted), tolerance, noise, found)
+        _solve(
+            sums, steps + np.float32(count), (one, score, rival, fitted), (tolerance, rounded), noise, found
+        )
         merge_line(found, noise, row, into)
 
 
@@ -311,9 +316,10 @@ def _add_sample(level: Any, place: Any, per_period: Any, shift: Any, sums: Any) 
 
 
 @kernel
-def _solve(sums: Any, oo: Any, orders: Any, tolerance: Any, numbers: Any, found: Any) -> None:
+def _solve(sums: Any, oo: Any, orders: Any, limits: Any, numbers: Any, found: Any) -> None:
     of_level, of_all = np.float32(_OF_LEVEL), np.float32(_OF_ALL)
     (one, score, rival, fitted), (read2, gain, rounding2, misfit2) = orders, numbers
+    tolerance, rounded = limits
     place, var, error, amplitude, offset, chi2, _ = found
     for x in range(place.size):
         aa, uu = sums[0, x], sums[1, x]
@@ -328,7 +334,7 @@ def _solve(sums: Any, oo: Any, orders: Any, tolerance: Any, numbers: Any, found:
         power = max(amplitude[x] * amplitude[x], np.float32(1e-6))
         relative = noise / power
         place[x] += step
-        var[x] = (relative + misfit2) / curve
+        var[x] = (relative + misfit2 + rounded) / curve
         lone = rival[x] > np.float32(1e8)
         wrong = vanishing(_HALF * min((rival[x] - score[x]) / (of_all * relative), np.float32(1e4)))
         wrong = np.float32(0) if lone else wrong / (_ONE + wrong)

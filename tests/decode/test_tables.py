@@ -72,6 +72,15 @@ def test_micro_phase_shifting(shoot: Shoot, smooth: tuple[F64, F64], named: bool
     assert 0.7 < rms(scores(found, *smooth)) < 1.1
 
 
+def test_micro_phase_by_levels_that_were_rounded() -> None:
+    """Grey values are shown in 8 bits: of a camera with little noise that is a third of the variance."""
+    shown = sequence("micro-phase", 4, 150, axes="u")
+    u = 10 + 0.61 * np.arange(200) + 0.0137 * np.arange(60)[:, None]
+    found = decode(photographed(shown, u, 0.6, 0.5, noise=0.3), shown)
+    assert found.good.mean() > 0.99
+    assert rms(scores(found, u)) < 1.05
+
+
 def test_micro_phase_behind_a_blur() -> None:
     """A blur takes more of a shorter period: taken for a shift, all pixels of a region are off alike."""
     shown, rng = sequence("micro-phase", 150, 170), np.random.default_rng(0)
