@@ -187,6 +187,7 @@ def weak_bits(
     judged = noise / (amplitude * amplitude) + unlike2
     if saturated:  # as far as whites are from the next
         judged += (whites[1] - whites[0]) ** 2 / 12
+    tried = whites.size if saturated else 1
     best, at, curve = np.inf, 0, 1.0
     weight, near, beside, shift = 0.0, 0.0, 0.0, 0.0
     for turn in range(2):  # the best mixture, then the weight of all, of its cell and those beside it
@@ -196,9 +197,8 @@ def weak_bits(
                 this ^= np.int32(((some >> i) & 1) << weak[i])
             for before in range(2):
                 c = cells[this] - before
-                for k in range(whites.size if saturated else 1):
-                    if c < 0 or c >= levels.shape[0] - 1:
-                        continue
+                inside = 0 <= c < levels.shape[0] - 1
+                for k in range(tried if inside else 0):
                     seen = margin, factor, amplitude, whites[k] if saturated else 0.0
                     rss, share, sharp = _mixture(seen, float(before), levels[c], levels[c + 1])
                     rss /= judged

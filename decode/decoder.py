@@ -284,7 +284,8 @@ def _noticed(what: tuple[str, str], size: float) -> tuple[Notice, ...]:
 
 
 def _too_bright(shot: _Shot) -> float:
-    """Share of the pixels in which white saturates, where it leaves bits unknown; 0 where some do."""
+    """Share of the pixels in which white saturates, where bits are compared with it; 0 if these may be
+    highlights."""
     codes = [axis.code for axis in shot.plan.axes if axis.code is not None]
     single = any((np.minimum(code.plain, code.inverse) < 0).any() for code in codes)
     if not single or shot.plan.white < 0 or not shot.lit.levels.size:

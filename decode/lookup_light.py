@@ -36,8 +36,7 @@ def brightest(raw: Any, index: Any, row: Any, clip: Any, top: Any, at: Any) -> N
 @kernel
 def _raised(line: Any, top: Any) -> None:
     for x in range(line.size):
-        v, most = line[x], top[x]
-        top[x] = v if v > most else most
+        top[x] = max(line[x], top[x])
 
 
 @kernel

@@ -138,7 +138,7 @@ def test_random_cases_that_were_once_silently_wrong(number: int) -> None:
 
 #: Uneven light beside the pattern's border; a rim around a dent with its kinks in gaps; periods of micro
 #: phase shifting behind a blur; codes whose cells keep step with the pixels; flagged places beside the
-#: pattern's end.
+#: pattern's end; a bend in the shadow of its border.
 HEIGHTS_ONCE_WRONG = (60038, 61028, 61030, 61094, 62051, 63013, 64052, 63032, 65048)
 HARD_TO_DECODE = {64052: 0.15, 63032: 0.35}  # the share that is flagged
 
