@@ -8,6 +8,10 @@ from optolever.patterns import Frame, Sequence
 
 F64 = NDArray[np.float64]
 
+#: Pixels of so many cells along a surface, rows each of which sees the cells from a place of its own.
+WIDTH, COLS = 0.6, 150
+U = 8 + WIDTH * np.arange(int((COLS - 18) / WIDTH)) + 0.013 * np.arange(96)[:, None]
+
 
 def seen_by_pixels(shown: Sequence, u: F64, width: float, blur: float) -> F64:
     """Frames (N, 1, W) that pixels of `width` cells at u (W,) see, blurred by `blur` cells rms.
@@ -34,9 +38,12 @@ def photographed(
     noise: float = 1.0,
     seed: int = 7,
     brighter: float = 1.0,
+    dark: float = 0.0,
 ) -> NDArray[np.uint8]:
-    """Frames of 8 bits of pixels at u (H, W), with white noise (levels), `brighter` times as bright."""
-    light = brighter * np.concatenate([seen_by_pixels(shown, row, width, blur) for row in u], axis=1)
+    """Frames of 8 bits of pixels at u (H, W), with white noise (levels), `brighter` times as bright, and
+    `dark` levels more.
+    """
+    light = dark + brighter * np.concatenate([seen_by_pixels(shown, row, width, blur) for row in u], axis=1)
     light += noise * np.random.default_rng(seed).standard_normal(light.shape)
     return np.clip(np.rint(light), 0, 255).astype(np.uint8)
 

@@ -43,9 +43,8 @@ def assert_same(one: Correspondence, other: Correspondence) -> None:
 
 
 @pytest.mark.parametrize("name", ["phase", "close", "gray", "gray+phase", "stripe"])
-@pytest.mark.parametrize("rows", [7, 16, 32, 200])
 def test_blocks_change_nothing(
-    name: str, rows: int, shoot: Shoot, smooth: tuple[F64, F64], cut: Callable[..., Correspondence]
+    name: str, shoot: Shoot, smooth: tuple[F64, F64], cut: Callable[..., Correspondence]
 ) -> None:
     """A hole, a bright spot and the border are in view, so that neighbours tell of them across blocks."""
     shown = shown_as(name)
@@ -55,7 +54,8 @@ def test_blocks_change_nothing(
     frames = shoot(shown, *smooth, noise=1.5, offset=light + 10, amplitude=light)
     one = cut(frames, shown, 120, 1)
     assert 0.5 < one.good.mean() < 0.99
-    assert_same(one, cut(frames, shown, rows, 3))
+    for rows in (7, 16, 32, 200):
+        assert_same(one, cut(frames, shown, rows, 3))
 
 
 @pytest.mark.parametrize("size", [(1, 64), (64, 1), (1, 9), (6, 6), (8, 40), (40, 8)])
@@ -75,9 +75,8 @@ def test_small_images(name: str, size: tuple[int, int], lit: bool, shoot: Shoot)
 
 
 @pytest.mark.parametrize("name", ["phase", "gray"])
-@pytest.mark.parametrize("rows", [16, 40])
 def test_a_border_in_view_does_not_depend_on_blocks(
-    name: str, rows: int, shoot: Shoot, cut: Callable[..., Correspondence]
+    name: str, shoot: Shoot, cut: Callable[..., Correspondence]
 ) -> None:
     """Dim bands beside it: what neighbours tell of them crosses blocks."""
     shown = sequence(name, 90, 135)
@@ -89,5 +88,5 @@ def test_a_border_in_view_does_not_depend_on_blocks(
     frames = shoot(shown, u, v, noise=1.0, offset=light + 10, amplitude=light)
     one = cut(frames, shown, 120, 1)
     assert 0.5 < one.good[inside > 0].mean() < 1
-    for _ in range(3):
+    for rows in (16, 40, 16, 40):  # threads take turns as they like
         assert_same(one, cut(frames, shown, rows, 3))

@@ -51,35 +51,23 @@ def test_ideal_frames(
 
 
 @pytest.mark.parametrize(
-    ("name", "params"),
-    [
-        ("gray", {"references": False}),
-        ("gray", {}),
-        ("binary", {"references": False}),
-        ("binary", {}),
-        ("xor-gray", {"references": False}),
-        ("xor-gray", {}),
-        ("gray+phase", {"inverses": True}),
-    ],
+    ("name", "params"), [("xor-gray", {"references": False}), ("gray+phase", {"inverses": True})]
 )
-@pytest.mark.parametrize("noise", [1.5, 15.0])
 def test_bytes_are_decoded_as_wider_numbers_are(
-    shoot: Shoot, smooth: tuple[F64, F64], name: str, params: dict[str, Any], noise: float
+    shoot: Shoot, smooth: tuple[F64, F64], name: str, params: dict[str, Any]
 ) -> None:
-    """Bits and inverses of 8-bit frames have loops of their own; 16 bits with the same levels have not."""
+    """Faint and clipped stripes, and a bit that shows what the one before it shows."""
     shown = sequence(name, 150, 170, **params)
     col = np.arange(smooth[0].shape[1])
-    light = np.where(col % 50 < 8, 2.0, 90.0)  # stripes in which hardly anything is seen, and clipped ones
+    light = np.where(col % 50 < 8, 2.0, 90.0)
     light[(col > 60) & (col < 70)] = 150.0
-    frames = shoot(shown, *smooth, noise=noise, offset=light + 10, amplitude=light)
-    frames[3, 40:44, 20:30] = frames[5, 40:44, 20:30]  # pairs that are none
+    frames = shoot(shown, *smooth, noise=15.0, offset=light + 10, amplitude=light)
+    frames[3, 40:44, 20:30] = frames[5, 40:44, 20:30]
     one, two = decode(frames, shown), decode(frames.astype(np.uint16), shown, white_level=255)
     assert 0.05 < np.mean(one.flags != 0) < 0.95
     for field in ("u", "v", "sigma_u", "sigma_v", "flags", "amplitude", "offset"):
-        assert np.array_equal(getattr(one, field), getattr(two, field), equal_nan=True), field
+        np.testing.assert_array_equal(getattr(one, field), getattr(two, field))
     # probabilities of both axes are joined pixel by pixel, or in vectors, which round in other places
-    assert one.order_error is not None
-    assert two.order_error is not None
     np.testing.assert_allclose(one.order_error, two.order_error, rtol=1e-6)
 
 

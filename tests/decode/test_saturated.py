@@ -1,6 +1,5 @@
 """Codes whose white is brighter than what the camera can read."""
 
-import numpy as np
 import pytest
 
 from optolever.decode import Correspondence, decode
@@ -8,12 +7,7 @@ from optolever.experiments.metrics import rms
 from optolever.patterns import sequence
 
 from .conftest import scores, silent
-from .light import photographed
-
-ROWS, COLS, WIDTH = 96, 150, 0.6
-
-#: Rows each of which sees the cells from a place of its own.
-U = 8 + WIDTH * np.arange(int((COLS - 18) / WIDTH)) + 0.013 * np.arange(ROWS)[:, None]
+from .light import COLS, WIDTH, U, photographed
 
 
 def _decoded(name: str, inverses: bool, brighter: float) -> Correspondence:

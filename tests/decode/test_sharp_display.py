@@ -8,13 +8,8 @@ from optolever.experiments.metrics import rms
 from optolever.patterns import sequence
 
 from .conftest import scores, silent
-from .light import free_levels, photographed
+from .light import COLS, WIDTH, U, free_levels, photographed
 
-ROWS, COLS, WIDTH = 96, 150, 0.6
-
-
-#: Rows each of which sees the cells from a place of its own.
-U = 8 + WIDTH * np.arange(int((COLS - 18) / WIDTH)) + 0.013 * np.arange(ROWS)[:, None]
 CODES = {
     "stripes, 4 px apart": (sequence("stripe", 4, COLS, axes="u", step=4), {}),
     "stripes, 8 px apart": (sequence("stripe", 4, COLS, axes="u", step=8), {}),

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from optolever.decode import decode, difference
-from optolever.experiments.ideal import ideal_level
+from optolever.decode import decode
 from optolever.experiments.metrics import rms
 from optolever.patterns import Frame, Sequence, sequence
 from optolever.projector import capture
 from optolever.scene import dent, load, resize
 
 from .conftest import scores
+from .light import photographed
 
 F64 = NDArray[np.float64]
 Shoot = Callable[..., NDArray[Any]]
 
 
-@pytest.mark.parametrize("ratio", [6, 10, 40, 100])
+@pytest.mark.parametrize("ratio", [6, *(pytest.param(r, marks=pytest.mark.slow) for r in (10, 100)), 40])
 @pytest.mark.parametrize(
     ("name", "params"),
     [
@@ -102,36 +102,8 @@ def test_given_noise_is_taken(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
     )
 
 
-def test_difference_adds_in_square_and_joins_flags(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
-    shown = sequence("gray+phase", 150, 170)
-    u, v = smooth
-    rest = decode(shoot(shown, u, v, noise=2.0, seed=1), shown, on_cells=False)
-    light = np.where(np.arange(140) < 20, 0.0, 100.0)[None, :] * np.ones((120, 1))
-    moved = decode(shoot(shown, u + 0.4, v - 0.7, noise=2.0, seed=2, amplitude=light), shown, on_cells=False)
-    delta = difference(moved, rest)
-    assert np.array_equal(delta.flags, moved.flags | rest.flags)
-    assert (~delta.good)[:, :19].all()
-    good = delta.good
-    score = ((delta.du - 0.4) / delta.sigma_u)[good]
-    assert np.sqrt(np.mean(score**2)) == pytest.approx(1, abs=0.03)
-    np.testing.assert_allclose(delta.sigma_v, np.hypot(moved.sigma_v, rest.sigma_v))
-
-
-def soft(shown: Sequence, u: F64, blur: float, noise: float) -> NDArray[np.uint8]:
-    """Frames of bits in a Gaussian blur (cells) through pixels of 0.3 cells, convolved on a fine grid."""
-    fine = np.arange(-20, shown.cols + 20, 1 / 16) + 1 / 32
-    kernel = np.exp(-0.5 * (np.arange(-160, 161) / 16 / max(blur, 1e-3)) ** 2)
-    cell = np.clip(np.floor(fine + 0.5), 0, shown.cols - 1)
-    rng, frames = np.random.default_rng(0), []
-    for i in range(len(shown)):
-        light = 2 * ideal_level(shown, i, cell, cell) - 1
-        light = np.convolve(np.convolve(light, kernel / kernel.sum(), "same"), np.full(5, 0.2), "same")
-        frames.append(120 + 60 * np.interp(u, fine, light) + noise * rng.standard_normal(u.shape))
-    return np.asarray(np.clip(np.rint(frames), 0, 255), np.uint8)
-
-
-@pytest.mark.parametrize("ratio", [4.5, 8.0, 20.0])
-@pytest.mark.parametrize("blur", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("ratio", [4.5, pytest.param(8.0, marks=pytest.mark.slow), 20.0])
+@pytest.mark.parametrize("blur", [pytest.param(1e-3, marks=pytest.mark.slow), 0.5, 1.0])
 @pytest.mark.parametrize("inverses", [True, False])
 @pytest.mark.parametrize("kind", ["gray", "binary", "long-run-gray"])
 def test_bits_in_blur_and_noise(kind: str, inverses: bool, blur: float, ratio: float) -> None:
@@ -140,7 +112,8 @@ def test_bits_in_blur_and_noise(kind: str, inverses: bool, blur: float, ratio: f
     shown = sequence(kind, 256, 256, axes="u", inverses=inverses)
     row, col = np.mgrid[:150, :180]
     u = 8 + 0.25 * col + 0.05 * row + 1.3 * np.sin(row / 17)
-    found = decode(soft(shown, u, blur, 60 / ratio), shown)
+    frames = photographed(shown, u, 0.3, blur, 60 / ratio, brighter=60 / (0.85 * 127.5), dark=50.0)
+    found = decode(frames, shown)
     misread = np.count_nonzero(np.abs(found.u - u) > 1.5)
     stated = float(np.sum(np.minimum(found.order_error, 1), dtype=np.float64))
     assert misread < 1.35 * stated + 3 * np.sqrt(stated) + 1

@@ -4,10 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from optolever.patterns import Frame, Sequence
 from optolever.projector.footprint import look_up_one, look_up_two
-from optolever.projector.groups import frame_groups
-from optolever.scene import Display
 
 BOXES = [(1.0, 0.0), (0.0, 0.0), (0.7, 0.7), (0.02, 1.3), (4.1, 0.3), (9.3, 6.0), (1e-6, 2e-6)]
 
@@ -80,30 +77,3 @@ def test_frames_along_both_axes_sum_all_cells(mean: bool) -> None:
             along_u, along_v = levels[0][:, n].astype(int), levels[1][:, n].astype(int)[:, None]
             shown = (along_u + along_v + 1) // 2 if mean else (along_u * along_v + 127) // 255
             assert out[i, n] == pytest.approx(light[i] * (weights * response[shown]).sum(), abs=1e-6)
-
-
-def test_groups_hold_every_frame_once_and_what_it_emits() -> None:
-    display = Display(gamma=2.2, black=0.01)
-    frames = (
-        Frame("white"),
-        Frame("phase", "v", period_px=9.0, shift=0.4),
-        Frame("lattice", period_px=6.0, width_px=1.5),
-        Frame("gray", "u", bit=1),
-        Frame("crossed", period_px=7.0),
-        Frame("uniform", level=100),
-    )
-    shown = Sequence(frames, 14, 23)
-    groups = frame_groups(shown, display)
-    assert sorted(index for group in groups for index in group.indices) == list(range(6))
-    for group in groups:
-        for at, index in enumerate(group.indices):
-            image = display.light(shown.render_frame(index).astype(np.float64))
-            if group.axis == "u":
-                light = np.broadcast_to(group.light[:, at], image.shape)
-            elif group.axis == "v":
-                light = np.broadcast_to(group.light[:, at][:, None], image.shape)
-            else:
-                continue
-            np.testing.assert_allclose(light, image, atol=1e-7)
-    assert {group.axis for group in groups} == {"u", "v", "uv"}
-    assert [group.only(3).indices for group in groups if 3 in group.indices] == [(3,)]

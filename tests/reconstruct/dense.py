@@ -3,22 +3,12 @@
 import numpy as np
 
 
-def incidence(wx: np.ndarray, wy: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Dense D (edges x pixels), the edges' weights, and the flat indices of the edges in (x, y) order."""
-    rows, kept, index = [], [], []
-    for axis, weights in enumerate((wx, wy)):
-        for i, j in np.argwhere(weights > 0):
-            row = np.zeros(wx.shape)
-            row[i, j] = -1
-            row[(i, j + 1) if axis == 0 else (i + 1, j)] = 1
-            rows.append(row.ravel())
-            kept.append(weights[i, j])
-            index.append((axis, i, j))
-    return np.array(rows), np.array(kept), np.array(index)
-
-
 def dense_solution(gx: np.ndarray, gy: np.ndarray, wx: np.ndarray, wy: np.ndarray) -> np.ndarray:
-    d, w, index = incidence(wx, wy)
-    g = np.array([(gx, gy)[axis][i, j] for axis, i, j in index])
-    root = np.sqrt(w)[:, None]
-    return np.linalg.lstsq(d * root, g * root[:, 0], rcond=1e-14)[0].reshape(wx.shape)
+    """gx, wx: increments and weights of the edges to the next pixel of the row; gy, wy: of the column."""
+    pixel, along, down = np.arange(wx.size).reshape(wx.shape), wx > 0, wy > 0
+    tail = np.concatenate([pixel[along], pixel[down]])
+    head = np.concatenate([tail[: along.sum()] + 1, tail[along.sum() :] + wx.shape[1]])
+    differences = np.eye(wx.size)[head] - np.eye(wx.size)[tail]
+    root = np.sqrt(np.concatenate([wx[along], wy[down]]))
+    rise = np.concatenate([gx[along], gy[down]])
+    return np.linalg.lstsq(root[:, None] * differences, root * rise, rcond=1e-14)[0].reshape(wx.shape)

@@ -14,6 +14,7 @@ from optolever.reconstruct import (
     PixelAnchor,
     PointAnchor,
     exact_correspondence,
+    null_space,
     reconstruct,
 )
 from optolever.scene import dent_from_text as dent
@@ -92,6 +93,17 @@ def test_a_wrong_anchor_excites_the_free_mode_alone(bump) -> None:
     height = reconstruct(exact_correspondence(truth), scene, anchor=PixelAnchor(row, col, 1e-3))
     expected = 1e-3 * height.x / height.x[row, col]
     np.testing.assert_allclose(height.z, expected, atol=2e-6)
+
+
+def test_the_prisms_null_space_turns_it_about_the_pattern_edge(exact) -> None:
+    """45 degrees: in proportion to x; the trapezoid's integrating factor is exact for that."""
+    scene, truth, _ = exact("paper-simulation", "flat", 64, 96)
+    mode = null_space(scene)
+    known = np.isfinite(mode)
+    assert known.mean() > 0.9
+    ratio = (mode / truth.x)[known]
+    np.testing.assert_allclose(ratio, ratio.mean(), rtol=1e-6)
+    assert np.nanmax(mode) == 1.0
 
 
 def test_fixed_point_agrees(bump) -> None:

@@ -1,5 +1,7 @@
 """Error bars against dense algebra and against repeated noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -111,6 +113,19 @@ def test_noise_that_was_told_too_small_is_told_by_the_curl(exact, noisy, times: 
     both = right.good & told.good
     np.testing.assert_allclose(told.sigma[both], right.sigma[both], rtol=0.08)
     assert rms_score(scores(told, truth)[both]) == pytest.approx(1.0, abs=0.2)
+
+
+def test_sigma_holds_errors_that_neighbours_share(exact) -> None:
+    """Noise that blocks of 8 x 8 pixels share: the scatter over draws."""
+    scene, truth, correspondence = exact("paper-simulation", "raised-cosine", 128, 128)
+    rng, block, sigma = np.random.default_rng(3), np.ones((8, 8)), np.full(truth.u.shape, 0.02)
+    found = []
+    for _ in range(8):
+        u, v = (part + 0.02 * np.kron(rng.standard_normal((16, 16)), block) for part in (truth.u, truth.v))
+        height = reconstruct(replace(correspondence, u=u, v=v, sigma_u=sigma, sigma_v=sigma), scene)
+        assert height.diagnostics.correlation > 16
+        found.append(scores(height, truth))
+    assert 0.5 < rms_score(*found) < 1.5
 
 
 def test_coverage_where_the_weights_do_not_go_by_columns(noisy) -> None:
