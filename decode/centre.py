@@ -43,13 +43,14 @@ def windowed(coord: Any, flags: Any, start: Any, stop: Any, out: Any) -> None:
         _good_only(coord[y], flags[y], out[y - first, left : right + 1])
     top, end = -first, rows - 1 - first
     for k in (1, 2):
-        if rows > 2 and top >= k:
-            out[top - k] = _parabola(out[top], out[top + 1], out[top + 2], k)
-        if rows > 2 and end + k < len(out):
-            out[end + k] = _parabola(out[end], out[end - 1], out[end - 2], k)
-        if cols > 2:
-            out[:, left - k] = _parabola(out[:, left], out[:, left + 1], out[:, left + 2], k)
-            out[:, right + k] = _parabola(out[:, right], out[:, right - 1], out[:, right - 2], k)
+        for x in range(out.shape[1]):
+            if rows > 2 and top >= k:
+                out[top - k, x] = _parabola(out[top, x], out[top + 1, x], out[top + 2, x], k)
+            if rows > 2 and end + k < len(out):
+                out[end + k, x] = _parabola(out[end, x], out[end - 1, x], out[end - 2, x], k)
+        for y in range(len(out) if cols > 2 else 0):
+            out[y, left - k] = _parabola(out[y, left], out[y, left + 1], out[y, left + 2], k)
+            out[y, right + k] = _parabola(out[y, right], out[y, right - 1], out[y, right - 2], k)
 
 
 @kernel

@@ -89,7 +89,8 @@ def faded(window: Any, k: Any, reach: Any, light: Any, m2: Any, total: Any) -> N
     left, right = window[k, :size], window[k, 2 * reach : 2 * reach + size]
     above, below = window[k - reach, reach : reach + size], window[k + reach, reach : reach + size]
     along = np.empty(size, np.float32)
-    along[1 : size - 1] = lit[2:] - lit[: size - 2]
+    for x in range(1, size - 1):
+        along[x] = lit[x + 1] - lit[x - 1]
     along[0], along[size - 1] = along[1], along[size - 2]
     for x in range(size):
         shift = slope(left[x], line[x], right[x], per_step) * along[x]

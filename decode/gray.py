@@ -169,7 +169,7 @@ def read_line(light: Any, row: Any, code: Any, alone: Any, noise: Any, room: Any
     _saturated(raw[high, row], raw[low, row], clip, clipped)
     kept = _compared(raw, row, table, code, pairs, o, room)
     if not referenced:
-        a[:], kept[_LARGEST] = kept[_LARGEST], np.float32(0)
+        _moved(kept[_LARGEST], a)
     _cells_line(room, kept, code, (pairs, misfit2, alone, noise), out)
     _several_weak(kept[_SECOND], misfit2, noise, a, o, room.several[: a.size])
     if alone & (pairs < code.factor.size):  # a fringe's place is none of an edge's
@@ -225,6 +225,13 @@ def _references(white: Any, black: Any, table: Any, amplitude: Any, offset: Any)
     for x in range(offset.size):
         high, low = level_of(white[x], table), level_of(black[x], table)
         amplitude[x], offset[x] = half * (high - low), half * (high + low)
+
+
+@kernel
+def _moved(largest: Any, amplitude: Any) -> None:
+    """The largest difference is the amplitude, so that none is larger."""
+    for x in range(amplitude.size):
+        amplitude[x], largest[x] = largest[x], np.float32(0)
 
 
 @inlined

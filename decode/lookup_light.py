@@ -20,8 +20,8 @@ _LAST = np.int16(32767)
 def brightest(raw: Any, index: Any, row: Any, clip: Any, top: Any, at: Any) -> None:
     """Largest level of each pixel of a row, and which of the frames shows it first; the middle of those that
     are saturated one after the other."""
-    top[:], at[:] = raw[index[0], row], _LAST
-    for k in range(1, index.size):
+    top[:], at[:] = 0, _LAST
+    for k in range(index.size):
         _raised(raw[index[k], row], top)
     for k in range(index.size):
         _first(raw[index[k], row], top, np.int16(k), at)

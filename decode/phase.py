@@ -255,7 +255,7 @@ def _refit(
     chi2[x] = np.float32(misfit)
 
 
-@inlined
+@exact
 def _add_to(d: Any, weight: Any, sums: Any) -> None:
     """A sample's share in the upper triangle of the normal matrix."""
     sums[0] += weight * d[0] * d[0]
@@ -266,7 +266,7 @@ def _add_to(d: Any, weight: Any, sums: Any) -> None:
     sums[5] += weight * d[2] * d[2]
 
 
-@inlined
+@exact
 def _inverted(m: Any, out: Any) -> Any:
     """Determinant of a symmetric matrix by its upper triangle, and that of its inverse."""
     out[0], out[1] = m[3] * m[5] - m[4] * m[4], m[2] * m[4] - m[1] * m[5]

@@ -88,7 +88,7 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
             _entry_line(coord[y], window, k, most, at)
         _corrected_line(coord[y], variance[y], at, (shift, unsure), out[y], sigma[y])
         if (rows > 4) & (cols > 4):
-            light[2 : cols + 2], light[:2], light[cols + 2 :] = offset[y], offset[y, 0], offset[y, cols - 1]
+            _with_ends(offset[y], light)
             lights = light, offset[max(y - 2, 0)], offset[min(y + 2, rows - 1)]
             limits = jump, per_turn, reach * reach, border, REACH <= y < rows - REACH
             centred(*(coord[y], window, k, lights, limits, out[y], sigma[y]))
@@ -144,6 +144,15 @@ def _good_around(above: Any, here: Any, below: Any, good: Any) -> None:
     for x in range(here.size):
         good[x + 1] = np.int32(above[x] == 0) + np.int32(here[x] == 0) + np.int32(below[x] == 0)
     good[0], good[here.size + 1] = good[1], good[here.size]
+
+
+@kernel
+def _with_ends(line: Any, out: Any) -> None:
+    """A line (W,), and what it begins and ends with twice more on either side, (W + 4,)."""
+    for x in range(line.size):
+        out[x + 2] = line[x]
+    out[0] = out[1] = line[0]
+    out[line.size + 2] = out[line.size + 3] = line[line.size - 1]
 
 
 @inlined
@@ -232,17 +241,47 @@ def _corrected_line(c: Any, var: Any, at: Any, tables: Any, out: Any, total: Any
         total[x] = var[x] + doubts[at[x]]
 
 
+class _Pixel(NamedTuple):
+    """A pixel of the image, and one beyond it, as is where it is nearest: whether it is of the image, whether
+    it is good, whether it sees nothing; place, variance, amplitude."""
+
+    inside: Any
+    good: Any
+    unseen: Any
+    place: Any
+    variance: Any
+    amplitude: Any
+
+
+@inlined
+def _pixel(y: Any, x: Any, coord: Any, variance: Any, flags: Any, amplitude: Any) -> Any:
+    i, j = min(max(y, 0), coord.shape[0] - 1), min(max(x, 0), coord.shape[1] - 1)
+    inside, flag = (i == y) & (j == x), flags[i, j]
+    good, unseen = inside & (flag == 0), (flag & _UNSEEN) != 0
+    return _Pixel(inside, good, unseen, coord[i, j], variance[i, j], amplitude[i, j])
+
+
 @exact
 def _neighbours(
     y: Any, x: Any, coord: Any, variance: Any, flags: Any, amplitude: Any, limits: Any
 ) -> tuple[Any, Any]:
     """Flag of a good pixel, and squared shift of its centre, by those of its neighbours that are good."""
-    rows, cols = coord.shape
-    beside, torn, lost_x, bend_x, beyond_x = _along(y, x, 0, 1, coord, variance, flags, amplitude, limits)
-    others, torn_y, lost_y, bend_y, beyond_y = _along(y, x, 1, 0, coord, variance, flags, amplitude, limits)
+    here = _pixel(y, x, coord, variance, flags, amplitude)
+    left = _pixel(y, x - 1, coord, variance, flags, amplitude)
+    right = _pixel(y, x + 1, coord, variance, flags, amplitude)
+    up = _pixel(y - 1, x, coord, variance, flags, amplitude)
+    down = _pixel(y + 1, x, coord, variance, flags, amplitude)
+    left_2 = _pixel(y, x - 2, coord, variance, flags, amplitude)
+    right_2 = _pixel(y, x + 2, coord, variance, flags, amplitude)
+    up_2 = _pixel(y - 2, x, coord, variance, flags, amplitude)
+    down_2 = _pixel(y + 2, x, coord, variance, flags, amplitude)
+    beside, torn, lost_x, bend_x, beyond_x = _along((left_2, left, here, right, right_2), limits)
+    others, torn_y, lost_y, bend_y, beyond_y = _along((up_2, up, here, down, down_2), limits)
     # without one on an axis, nothing tells where the centre of what is left of its light is
-    dim = limits[1] > 0 or _mostly_lost(y, x, amplitude)
-    alone = (beside + others <= 1 or (beside * others == 0 and dim)) and rows > 2 and cols > 2
+    brightest = max(max(left.amplitude, right.amplitude), max(up.amplitude, down.amplitude))
+    dim = (limits[1] > 0) | (here.amplitude < np.float32(0.5) * brightest)
+    alone = (beside + others <= 1) | ((beside * others == 0) & dim)
+    alone &= (coord.shape[0] > 2) & (coord.shape[1] > 2)
     outlier = alone | torn | torn_y | ((beyond_x > 0) & (beyond_y > 0))
     # beside a refused pixel nothing is taken off (see centre)
     bends = (bend_x + bend_y) * _BEND if beside + others < 4 else np.float32(0)
@@ -250,79 +289,48 @@ def _neighbours(
 
 
 @exact
-def _mostly_lost(y: Any, x: Any, amplitude: Any) -> Any:
-    """Whether a pixel has less than half of the amplitude of a neighbour: it may not see its centre."""
-    line, column = amplitude[y, max(x - 1, 0) : x + 2], amplitude[max(y - 1, 0) : y + 2, x]
-    return amplitude[y, x] < np.float32(0.5) * max(line.max(), column.max())
-
-
-@exact
-def _along(
-    y: Any, x: Any, dy: Any, dx: Any, coord: Any, variance: Any, flags: Any, amplitude: Any, limits: Any
-) -> tuple[Any, Any, Any, Any, Any]:
+def _along(five: Any, limits: Any) -> tuple[Any, Any, Any, Any, Any]:
     """How many of both neighbours on an axis are good (beyond the image: one), whether they say that the
     pixel is of neither side, squared shift that they allow, squared second difference beyond noise, and by
     how much the pixel is beyond both, noise taken off (-1: not known).
     """
+    before_2, before, here, after, after_2 = five
     none, jump, none_beyond = np.float32(0), limits[0], np.float32(-1)
-    here, own = coord[y, x], variance[y, x]
-    y0, x0, y1, x1 = y - dy, x - dx, y + dy, x + dx
-    inside, has_before, before, noise_before = _pixel(y0, x0, coord, variance, flags)
-    within, has_after, after, noise_after = _pixel(y1, x1, coord, variance, flags)
-    back, back_noise = _off_line(
-        here, own, has_before, before, noise_before, _pixel(y0 - dy, x0 - dx, coord, variance, flags)
-    )
-    ahead, ahead_noise = _off_line(
-        here, own, has_after, after, noise_after, _pixel(y1 + dy, x1 + dx, coord, variance, flags)
-    )
-    count = int(has_before or not inside) + int(has_after or not within)
-    off = before + after - np.float32(2) * here
-    if count < 2 or not (inside and within):  # the mirror may end in a pixel at the image's edge
-        i, j = (y0, x0) if has_before else (y1, x1)
+    back, back_noise = _off_line(here, before, before_2)
+    ahead, ahead_noise = _off_line(here, after, after_2)
+    count = int(before.good or not before.inside) + int(after.good or not after.inside)
+    inside = before.inside and after.inside
+    off = before.place + after.place - np.float32(2) * here.place
+    if count < 2 or not inside:  # the mirror may end in a pixel at the image's edge
+        near, next_ = (before, before_2) if before.good else (after, after_2)
         lost = none
-        if has_before or has_after:
-            share = max(np.float32(1) - amplitude[y, x] / _whole_beside(y, x, i, j, flags, amplitude), none)
-            lost = np.float32(0.5) * share * (here - coord[i, j])
+        if near.good:  # the pixel two away is of one colour behind a mosaic
+            whole = max(next_.amplitude if next_.good else near.amplitude, np.float32(1e-6))
+            share = max(np.float32(1) - here.amplitude / whole, none)
+            lost = np.float32(0.5) * share * (here.place - near.place)
         bend = max(back - _BULK2 * back_noise, ahead - _BULK2 * ahead_noise, none)
-        if count == 1 and inside and within and ((flags[y0, x0] | flags[y1, x1]) & _UNSEEN) == 0:
+        if count == 1 and inside and not (before.unseen or after.unseen):
             bend = max(bend, _of_one_order(off, limits) ** 2)
         return count, False, lost * lost, bend, none_beyond
-    noise = noise_before + np.float32(4) * own + noise_after
+    noise = before.variance + np.float32(4) * here.variance + after.variance
     bend, lost = max(min(off * off, np.float32(4) * jump * jump) - _BULK2 * noise, none), none
     if off * off > max(jump * jump, _SURE2 * noise):
         fits_back, fits_ahead = back < _SURE2 * back_noise, ahead < _SURE2 * ahead_noise
         if not (fits_back or fits_ahead):
             return count, True, none, none, none_beyond
         lost = min(back if fits_back else ahead, ahead if fits_ahead else back) + bend * _BEND
-    beyond = max(min(before, after) - here, here - max(before, after)) - np.sqrt(_SURE2 * noise)
+    least, most = min(before.place, after.place), max(before.place, after.place)
+    beyond = max(least - here.place, here.place - most) - np.sqrt(_SURE2 * noise)
     return count, False, lost, bend, beyond
 
 
 @inlined
-def _pixel(y: Any, x: Any, coord: Any, variance: Any, flags: Any) -> tuple[Any, Any, Any, Any]:
-    """Whether a pixel is of the image, whether it is good, its place and variance."""
-    i, j = min(max(y, 0), coord.shape[0] - 1), min(max(x, 0), coord.shape[1] - 1)
-    inside = (i == y) & (j == x)
-    return inside, inside & (flags[i, j] == 0), coord[i, j], variance[i, j]
-
-
-@inlined
-def _whole_beside(y: Any, x: Any, i: Any, j: Any, flags: Any, amplitude: Any) -> Any:
-    """Amplitude of the pixel two away past the neighbour (i, j), of one colour behind a mosaic; of the
-    neighbour where that is not good."""
-    k, m = 2 * i - y, 2 * j - x
-    whole = 0 <= k < flags.shape[0] and 0 <= m < flags.shape[1] and flags[k, m] == 0
-    return max(amplitude[k, m] if whole else amplitude[i, j], np.float32(1e-6))
-
-
-@inlined
-def _off_line(here: Any, own: Any, good: Any, near: Any, noise_near: Any, next_: Any) -> tuple[Any, Any]:
+def _off_line(here: Any, near: Any, next_: Any) -> tuple[Any, Any]:
     """Squared distance from the line through the next two pixels on one side, and its variance; of one alone
     from that, without noise: a map may bend as much as it rises. 0 of none."""
-    _, two, far, noise_far = next_
-    off = near - here - (far - near if two else np.float32(0))
-    noise = own + np.float32(4) * noise_near + noise_far
-    return (off * off if good else np.float32(0)), (noise if good & two else np.float32(0))
+    off = near.place - here.place - (next_.place - near.place if next_.good else np.float32(0))
+    noise = here.variance + np.float32(4) * near.variance + next_.variance
+    return (off * off if near.good else np.float32(0)), (noise if near.good & next_.good else np.float32(0))
 
 
 @inlined

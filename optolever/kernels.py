@@ -1,4 +1,8 @@
-"""How loops are compiled: public Numba, without the interpreter's lock, cached on disk."""
+"""How loops are compiled: public Numba, without the interpreter's lock, cached on disk.
+
+A kernel assigns numbers, place by place: `a[:] = b` of two lines makes Numba compile the message that tells
+of shapes that differ, some 2 s.
+"""
 
 import hashlib
 import os
