@@ -16,6 +16,7 @@ def test_all_are_met() -> None:
     assert [figure.name for figure in figures if not figure.met] == []
 
 
+@pytest.mark.slow
 def test_error_bars_that_are_too_short_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     def short(*args: Any, **kwargs: Any) -> Correspondence:
         found = decode(*args, **kwargs)

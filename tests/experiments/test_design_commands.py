@@ -14,6 +14,7 @@ from optolever.experiments import design
 from optolever.experiments.design import CASES, Case, ChoiceRow, drawn_cases, exhaustive, ranking
 
 PRISM = ["--scene", "prism48", "--size", "72x96"]
+SMALL = [*PRISM[:-1], "36x48"]
 
 
 @pytest.mark.slow
@@ -35,7 +36,7 @@ def test_a_users_pattern_is_always_printed(
     _little(monkeypatch)
     added = ["--add", "stripe:step=32", "--add", "phase:steps=3,periods=101/24", "--frames", "12"]
     options = ["--rows", "1", "--verify", "0", "--renderer", "numpy"]
-    assert run(["design", *PRISM, *added, *options]) == 0
+    assert run(["design", *SMALL, *added, *options]) == 0
     lines = capsys.readouterr().out.splitlines()
     for text in added[1:4:2]:
         assert sum(line.startswith(text) for line in lines) == 1
@@ -44,7 +45,7 @@ def test_a_users_pattern_is_always_printed(
 def test_sensor_writes_a_page_and_numbers(tmp_path: Path) -> None:
     out, numbers = tmp_path / "sensor", tmp_path / "sensor.json"
     sweep = ["--sweep", "angle=45/48", "--out", str(out), "--json", str(numbers)]
-    assert run(["sensor", *PRISM, *sweep]) == 0
+    assert run(["sensor", *SMALL, *sweep]) == 0
     found = json.loads(numbers.read_text())
     assert [row["value"] for row in found["sweeps"]] == [45, 48]
     assert found["sweeps"][1]["reflection_margin_deg"] == pytest.approx(
@@ -62,7 +63,7 @@ def test_adapt_tells_its_steps(tmp_path: Path, capsys: pytest.CaptureFixture[str
         "--scene",
         "paper-prototype",
         "--size",
-        "80x50",
+        "48x30",
         "--dent",
         "flat",
         "--goal",
