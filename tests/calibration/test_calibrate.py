@@ -14,6 +14,7 @@ from optolever.calibration import (
     Plate,
     Points,
     Rest,
+    Target,
     calibrate,
     default_priors,
     left_out,
@@ -21,7 +22,6 @@ from optolever.calibration import (
 from optolever.calibration.adjust import adjust
 from optolever.calibration.model import reflected
 from optolever.calibration.rigs import Rig, correspondence_of, open_air, prism, shape_surface
-from optolever.calibration.targets import Target
 from optolever.scene import Covariance, parameter_changes, parameter_values, trace
 
 
@@ -197,6 +197,7 @@ def test_flatness_and_radius_enter_the_covariance() -> None:
     assert sigma[1]["pattern.b20"] > 1.5 * sigma[0]["pattern.b20"]
 
 
+@pytest.mark.slow  # every start of the adjustment is tried
 def test_known_points_hold_the_rest() -> None:
     rig = prisms(5, 0)
     x, y = np.array([15.0, 30.0, 45.0]), np.array([10.0, 22.0, 30.0])
@@ -209,14 +210,16 @@ def test_known_points_hold_the_rest() -> None:
         for found in (with_points, without)
     ]
     assert shapes[0] < shapes[1]
-    lines = repr(with_points).splitlines()
+
+
+def test_a_calibration_is_told_and_drawn(ball_rig: Calibration) -> None:
+    lines = repr(ball_rig).splitlines()
     assert len(lines) == 3
-    assert f"{len(with_points.parameters)} parameters, 1 captures" in lines[0]
+    assert f"{len(ball_rig.parameters)} parameters, 2 captures" in lines[0]
     matplotlib = pytest.importorskip("matplotlib")
     matplotlib.use("Agg")
-    (axes,) = with_points.plot()
-    u = next(iter(with_points.residuals.values()))[2]
-    np.testing.assert_array_equal(axes.collections[0].U, u)
+    for axes, residuals in zip(ball_rig.plot(), ball_rig.residuals.values(), strict=True):
+        np.testing.assert_array_equal(axes.collections[0].U, residuals[2])
 
 
 def bad(rig: Rig, name: str) -> list[Observation]:
@@ -277,12 +280,12 @@ def test_priors_by_name_only() -> None:
             calibrate(rig.given, rig.observations, priors)
 
 
-def test_priors_that_the_captures_contradict_are_told() -> None:
+@pytest.mark.parametrize(("narrow", "told"), [pytest.param(1.0, 0, marks=pytest.mark.slow), (4.0, 1)])
+def test_priors_that_the_captures_contradict_are_told(narrow: float, told: int) -> None:
     rig = prisms(7, 0)
-    for narrow, told in ((1.0, 0), (4.0, 1)):
-        priors = {name: sigma / narrow for name, sigma in default_priors(rig.given).items()}
-        notices = calibrate(rig.given, rig.observations, priors).notices
-        assert sum("by their priors" in str(each) for each in notices) == told
+    priors = {name: sigma / narrow for name, sigma in default_priors(rig.given).items()}
+    notices = calibrate(rig.given, rig.observations, priors).notices
+    assert sum("by their priors" in str(each) for each in notices) == told
 
 
 @pytest.mark.parametrize(

@@ -61,18 +61,6 @@ def test_from_captures_to_heights_with_modes(
     assert scene.covariance is not None
     assert (tmp_path / "rig.calibration.npz").is_file()
     height = tmp_path / "h.npz"
-    follow = ("--scene", str(folder / "given.toml"), "--out", str(tmp_path / "again.toml"), "--follow")
-    outcome = optolever("calibrate", *flats[:3], *follow)
-    assert outcome.code == 0, outcome.err
-    lines = outcome.out.splitlines()
-    assert [line.partition(":")[0] for line in lines[:3]] == ["flat0", "flat1", "flat2"]
-    assert "2 more, tilted" in lines[0]
-    assert "1 more, tilted" in lines[1]
-    assert "more" not in lines[2]
-    assert all(word in lines[2] for word in ("chi ", " %, decoded ", " degrees, ", "depth so far "))
-    again = load(tmp_path / "again.toml").covariance
-    assert again is not None
-    np.testing.assert_allclose(again.matrix, scene.covariance.matrix, rtol=1e-5, atol=1e-9)
     scene_and_out = ("--scene", str(out), "--out", str(height))
     also = ("--anchor", "75,55,0", "--json", str(numbers))
     outcome = optolever("reconstruct", str(folder / "flat0.npz"), *scene_and_out, *also)
@@ -101,6 +89,27 @@ def test_from_captures_to_heights_with_modes(
     assert {"x", "y", "z", "sigma"} == set(np.load(tmp_path / "d.npz"))
 
 
+@pytest.mark.slow  # one flat alone: every start of the adjustment is tried
+def test_captures_are_judged_as_they_come(rig: tuple[Rig, Path], tmp_path: Path, optolever: Program) -> None:
+    """In the end the rig is that of all captures at once."""
+    folder = rig[1]
+    flats = [f"flat:1e-6={folder}/flat{k}.npz" for k in range(3)]
+    for name, words in (("once", ()), ("followed", ("--follow",))):
+        out = ("--scene", str(folder / "given.toml"), "--out", str(tmp_path / f"{name}.toml"))
+        outcome = optolever("calibrate", *flats, *out, *words)
+        assert outcome.code == 0, outcome.err
+    lines = outcome.out.splitlines()
+    assert [line.partition(":")[0] for line in lines[:3]] == ["flat0", "flat1", "flat2"]
+    assert "2 more, tilted" in lines[0]
+    assert "1 more, tilted" in lines[1]
+    assert "more" not in lines[2]
+    assert all(word in lines[2] for word in ("chi ", " %, decoded ", " degrees, ", "depth so far "))
+    once, followed = (load(tmp_path / f"{name}.toml").covariance for name in ("once", "followed"))
+    assert once is not None
+    assert followed is not None
+    np.testing.assert_allclose(followed.matrix, once.matrix, rtol=1e-5, atol=1e-9)
+
+
 def test_captures_are_awaited_and_judged_at_once(
     rig: tuple[Rig, Path], tmp_path: Path, optolever: Program, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -113,13 +122,14 @@ def test_captures_are_awaited_and_judged_at_once(
             given.observations[0].correspondence.save(late)
 
     monkeypatch.setattr("optolever.cli.calibrate.time.sleep", look)
+    captures = [f"plate={folder}/flat1.npz", f"plate={folder}/flat2.npz", f"flat={late}"]
     words = ("--scene", str(folder / "given.toml"), "--out", str(tmp_path / "rig.toml"), "--follow")
-    outcome = optolever("calibrate", f"plate={folder}/flat1.npz", f"flat={late}", *words)
+    outcome = optolever("calibrate", *captures, *words)
     assert outcome.code == 0, outcome.err
-    first, second = outcome.out.splitlines()[:2]
+    first, _, last = outcome.out.splitlines()[:3]
     assert first.startswith("flat1: no capture of a flat or of the mirror at rest")
-    assert "height so far" in second
-    assert second.startswith("late: ")
+    assert last.startswith("late: ")
+    assert "height so far" in last
     assert len(looks) == 3
 
 
@@ -140,7 +150,7 @@ def test_captures_are_awaited_and_judged_at_once(
         (["flat=flat0.npz", "flat=flat0.npz"], "taken twice"),
         # no rig fits these: rounding chooses whether the ball is named, or a rig is found that sees nothing
         # (which capture is none: tests/calibration)
-        (["flat=flat0.npz", "ball:30,0.003=flat1.npz"], "capture"),
+        pytest.param(["flat=flat0.npz", "ball:30,0.003=flat1.npz"], "capture", marks=pytest.mark.slow),
     ],
 )
 def test_bad_input_is_one_line(

@@ -7,7 +7,7 @@ import pytest
 from optolever.cli import run
 
 
-@pytest.mark.parametrize("cases", [40, pytest.param(1000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("cases", [20, pytest.param(1000, marks=pytest.mark.slow)])
 def test_damaged_inputs_end_in_one_line_or_a_result_that_holds(
     cases: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever import InputError
-from optolever.decode import Correspondence, Flag, check, decode
+from optolever.decode import Correspondence, Finding, Flag, check, decode
 from optolever.decode.frames import light_of
-from optolever.decode.integrity import Finding, examine, spoilt_pixels
+from optolever.decode.integrity import examine, spoilt_pixels
 from optolever.decode.noise import estimate_noise
 from optolever.decode.plan import plan
 from optolever.patterns import Sequence, sequence

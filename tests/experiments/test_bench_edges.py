@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from optolever.cli import run
 from optolever.decode import Correspondence, Finding, Flag, Integrity
-from optolever.experiments.bench import hard_cases, judged, pooled
+from optolever.experiments.bench import Case, Result, hard_cases, judged, pooled
 from optolever.experiments.bench import hard_edges as edges
 from optolever.experiments.bench import hard_unlike as unlike
-from optolever.experiments.bench.hard_case import Case, Result, run_case
+from optolever.experiments.bench.hard_case import run_case
 from optolever.experiments.bench.layered import (
     Deviation,
     Gloss,

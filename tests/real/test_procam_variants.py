@@ -137,7 +137,10 @@ def test_no_frame_costs_a_pixel(decoded: tuple[str, Variant, Correspondence]) ->
     assert not (found.flags == Flag.WRONG_FRAME).any()
 
 
-@pytest.mark.parametrize("name", VARIANTS)
+@pytest.mark.parametrize(
+    "name",
+    ["cropped", *(pytest.param(name, marks=pytest.mark.slow) for name in ("whole", "no inverses", *RARER))],
+)
 def test_within_the_cells_sigma_is_true(name: str, whole: Variant, within: Correspondence) -> None:
     """rms(error / sigma) on the smooth part, about the cubic map that fits the sub-pixel places."""
     made = variant(name, whole)

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from optolever.reconstruct.paper import PaperGeometry, recursion, series
+from optolever.reconstruct import PaperGeometry, recursion, series
 from optolever.reconstruct.paper_equations import (
     angle_increment,
     capture_position,
