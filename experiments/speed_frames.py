@@ -24,10 +24,12 @@ _FREE_FRAMES, _FREE_CELL = 12, 2.0
 
 @dataclass(frozen=True, slots=True)
 class SpeedCode:
-    """text: of the sequence, or "levels": random grey values; noise: grey levels; extent: surface, cells
-    along either axis at most (0: as many as the camera has pixels)."""
+    """text: of the sequence, or "levels": random grey values; limit: times the floor that decoding may take;
+    noise: grey levels; extent: surface, cells along either axis at most (0: as many as the camera has
+    pixels)."""
 
     text: str
+    limit: float = 5.0
     noise: float = 1.0
     extent: int = 0
 
@@ -44,17 +46,17 @@ SPEED_CODES = (
     SpeedCode("long-run-gray"),
     SpeedCode("phase:steps=4"),
     SpeedCode("phase:steps=8"),
-    SpeedCode("phase:steps=3,periods=8.73782/8.05745/8"),
-    SpeedCode("phase:steps=4,periods=20/22/25", extent=1100),
+    SpeedCode("phase:steps=3,periods=8.73782/8.05745/8", 8.0),
+    SpeedCode("phase:steps=4,periods=20/22/25", 8.0, extent=1100),
     SpeedCode("phase:counts=1/40"),
     SpeedCode("phase"),
     SpeedCode("phase:steps=3,periods=576/64/7", extent=576),
-    SpeedCode("micro-phase"),
-    SpeedCode("micro-phase", noise=2.0),
+    SpeedCode("micro-phase", 15.0),
+    SpeedCode("micro-phase", 25.0, noise=2.0),
     SpeedCode("gray+phase"),
-    SpeedCode("stripe:step=16"),
-    SpeedCode("stripe:step=8"),
-    SpeedCode("levels"),
+    SpeedCode("stripe:step=16", 10.0),
+    SpeedCode("stripe:step=8", 10.0),
+    SpeedCode("levels", 40.0),
 )
 
 
