@@ -52,10 +52,14 @@ def refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> Callable[..., 
     return told
 
 
+@pytest.hookimpl(tryfirst=True)  # before slow ones are left out
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark listed tests as expected to fail. One that passes is told (XPASS) and goes from the list."""
+    """Mark listed tests as expected to fail, and slow, as they protect nothing. One that passes is told
+    (XPASS) and goes from the list.
+    """
     missed = tomllib.loads(_MISSED.read_text(encoding="utf-8"))
     for item in items:
         for group in missed["missed"]:
             if any(item.nodeid.startswith(prefix) for prefix in group["tests"]):
                 item.add_marker(pytest.mark.xfail(reason=group["reason"], strict=False))
+                item.add_marker(pytest.mark.slow)

@@ -37,7 +37,9 @@ def predicted_and_true(
     return error.rms_px, float(np.sqrt(max(true, 0.0))), error.sigma_px
 
 
-@pytest.mark.parametrize("gamma", [None, 1.5, 1.8, 2.8])
+@pytest.mark.parametrize(
+    "gamma", [None, 1.5, *(pytest.param(gamma, marks=pytest.mark.slow) for gamma in (1.8, 2.8))]
+)
 @pytest.mark.parametrize(
     ("steps", "noise", "uneven"),
     [(3, 0.0, False), (4, 0.0, False), (5, 0.0, True), (3, 0.1, True), (4, 0.1, True)],

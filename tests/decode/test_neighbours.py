@@ -104,7 +104,7 @@ def test_beside_a_hole(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["gray+phase", "stripe"])
-@pytest.mark.parametrize("turns", range(4))
+@pytest.mark.parametrize("turns", [0, 1, *(pytest.param(turns, marks=pytest.mark.slow) for turns in (2, 3))])
 def test_a_mirror_that_ends_in_the_images_outermost_pixels(turns: int, name: str) -> None:
     """Its slanted edge leaves a part of each; nothing beyond the image tells that, their lost light does."""
     row, col = places(60, 60)
@@ -206,7 +206,7 @@ def test_light_that_steps_inside_of_a_pixel_is_in_sigma(name: str) -> None:
     assert np.median(found.sigma_u[flat & found.good]) < 0.03
 
 
-@pytest.mark.parametrize("lens", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("lens", [0.0, pytest.param(0.5, marks=pytest.mark.slow), 1.0])
 def test_a_round_mirror_behind_a_lens_that_blurs(lens: float) -> None:
     """Pixels on its end, and up to some deviations inside, see more of the one side: sigma says so."""
     row, col = places(72, 90)
@@ -292,7 +292,9 @@ def test_a_row_that_leaves_both_rows_beside_it_is_flagged(shoot, smooth: tuple[F
     assert torn.good.mean() > 0.97
 
 
-@pytest.mark.parametrize("steepest", [12.0, 16.0, 18.0, 20.0, 24.0])
+@pytest.mark.parametrize(
+    "steepest", [12.0, *(pytest.param(s, marks=pytest.mark.slow) for s in (16.0, 18.0, 24.0)), 20.0]
+)
 def test_fringes_of_which_more_than_one_lies_on_a_pixel_are_flagged(steepest: float) -> None:
     """Their contrast is the other way round, half a period off, and a Gray code's cell agrees by chance."""
     shown = sequence_from_text("gray+phase:steps=4,period=14", 120, 240)

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever.patterns import sequence
-from optolever.projector.rays import exact_sums, parallel_rays, resting_rays
+from optolever.projector.rays import resting_rays
 from optolever.scene import Scene, Surface, dent, load, preset_names, surface_from_array, trace
 
 from .oracle import part, shader_traced
@@ -83,39 +83,3 @@ def test_a_pattern_that_the_resting_mirror_does_not_show(
     tilted = dent("tilt", scene, slope=0.2)
     found = errors(edge_on(scene, tilted, turn), tilted)
     assert np.sqrt(np.mean(found**2)) < 3e-4
-
-
-def test_exact_sums_are_exact() -> None:
-    """float32 sums of the round parts are the integers that they stand for; the rest is small."""
-    rng = np.random.default_rng(4)
-    rows, cols = 1637, 1920
-    values = rng.normal(size=(3, 40)) * 10.0 ** rng.integers(-6, 4, size=(3, 40))
-    values[:, 0] = 0.0
-    terms = exact_sums(values, rows, cols)
-    row, col = rng.integers(-1, 2 * rows, 500) / 2, rng.integers(-1, 2 * cols, 500) / 2
-    single = terms.astype(np.float32)[:, None]
-    r, c = row.astype(np.float32)[:, None], col.astype(np.float32)[:, None]
-    high = (single[0] + c * single[1]) + r * single[2]
-    low = (single[3] + c * single[4]) + r * single[5]
-    step_col, step_row = values[1] - values[0], values[2] - values[0]
-    expected = values[0] + col[:, None] * step_col + row[:, None] * step_row
-    size = np.abs(values[0]) + cols * np.abs(step_col) + rows * np.abs(step_row)
-    np.testing.assert_array_equal(high, terms[0] + col[:, None] * terms[1] + row[:, None] * terms[2])
-    assert (np.abs(high.astype(np.float64) + low - expected) <= 1e-10 * size).all()
-
-
-@pytest.mark.parametrize("preset", ["paper-prototype", "prism48"])
-def test_parallel_rays_are_the_resting_rays(preset: str) -> None:
-    scene = load(preset)
-    rays = parallel_rays(scene)
-    assert rays is not None
-    row, col = np.array([7.0, 300.5]), np.array([11.5, 250.0])
-    each = resting_rays(scene, row, col)
-    for terms, expected in ((rays.foot, each.foot), (rays.end, each.end)):
-        linear = terms[:3] + terms[3:]
-        np.testing.assert_allclose(
-            linear[0] + col[:, None] * linear[1] + row[:, None] * linear[2], expected, atol=1e-9
-        )
-    seen = trace(replace(scene, camera=part(scene.camera, 7, 11, 1, 1)), dent("flat", scene))
-    end = resting_rays(scene, np.array(7.0), np.array(11.0)).end
-    np.testing.assert_allclose(end, [seen.u[0, 0], seen.v[0, 0], 0.0], atol=1e-9)
