@@ -176,7 +176,7 @@ def _rounding(name: str, sequence: Sequence) -> tuple[float, ...]:
 def _unlike(fringe: Fringe, lit: Sample, noise: Noise, before: Before) -> float:
     """Variance (turns^2) of a fringe's phase by what its samples leave beyond noise, and by what they still
     hold of earlier ones: its share in radians at most."""
-    _, c, s = np.diag(np.linalg.inv(fringe.design().T @ fringe.design()))
+    _, c, s = np.square(fringe.inverse).sum(axis=1)
     held = before.left.get(fringe.index, before.least)
     return (misfit_within(fringe, lit, noise) * float(c + s) / 2 + held**2) / (2 * np.pi) ** 2
 
@@ -195,7 +195,7 @@ def _deviation(axis: AxisPlan, noise: Noise, lit: Sample) -> float:
     have."""
     fringe = axis.fringes[-1]
     levels = lit.levels[list(fringe.index)]
-    c, s = np.linalg.pinv(fringe.design())[1:].astype(np.float32) @ levels
+    c, s = fringe.inverse[1:].astype(np.float32) @ levels
     usual = float(np.quantile(np.hypot(c, s), 0.05)) if levels.size else 1.0
     variance = float(noise.variance(float(levels.mean() if levels.size else 0.0)))
     return float(np.sqrt(variance) / max(usual, 1e-6))

@@ -321,7 +321,6 @@ def _fitted_blur(left: F64) -> tuple[float, tuple[float, float]]:
 
 def table_rounding(fringe: Fringe, tables: NDArray[np.uint8]) -> F64:
     """Phase error (extent,), turns, of every cell by the rounding of its grey values; tables (N, extent)."""
-    inverse = np.linalg.pinv(fringe.design())
-    c, s = inverse[1:] @ tables[list(fringe.index)].astype(np.float64)
+    c, s = fringe.inverse[1:] @ tables[list(fringe.index)].astype(np.float64)
     turns = np.arctan2(s, c) / (2 * np.pi) - np.arange(tables.shape[1]) / fringe.period
     return np.asarray(turns - np.rint(turns))

@@ -152,7 +152,7 @@ def modulation(plan: Plan, levels: F32) -> tuple[F32, float]:
     for axis in plan.axes:
         if axis.fringes:
             fringe = axis.fringes[-1]
-            inverse = np.linalg.pinv(fringe.design())[1:].astype(np.float32)
+            inverse = fringe.inverse[1:].astype(np.float32)
             part, factor = np.hypot(*(inverse @ levels[list(fringe.index)])), float((inverse**2).sum() / 2)
         else:
             own = levels[list(axis.frames()) + [i for i in (plan.white, plan.black) if i >= 0]]
@@ -266,7 +266,7 @@ def _of_four(plan: Plan, rows: F64) -> F64:
         for k in range(len(order)):
             four = np.roll(order, k)[:4]
             found.append(np.zeros(rows.shape[1]))
-            found[-1][np.array(fringe.index)[four]] = np.linalg.svd(fringe.design()[four])[0][:, 3]
+            found[-1][np.array(fringe.index)[four]] = np.linalg.svd(fringe.design[four])[0][:, 3]
     return np.stack(found) if found else rows
 
 
@@ -281,7 +281,7 @@ def _unsaturated(rows: F32, levels: F32, white: float) -> NDArray[np.bool_]:
 def harmonics(fringe: Fringe, levels: Any) -> Any:
     """Of pixels that see a fringe, by their levels (N, K): offset; c and s; the same of two and three times
     the phase, times the amplitude (7, K)."""
-    offset, c, s = product(np.linalg.pinv(fringe.design()).astype(levels.dtype), levels[list(fringe.index)])
+    offset, c, s = product(fringe.inverse.astype(levels.dtype), levels[list(fringe.index)])
     wave = c + 1j * s
     unit = wave / np.maximum(np.abs(wave), 1e-6)
     every = wave, wave * unit, wave * unit * unit

@@ -46,12 +46,12 @@ class Periods(NamedTuple):
 @lru_cache(maxsize=16)
 def periods_of(fringes: tuple[Fringe, ...], rounding: tuple[float, ...]) -> Periods:
     """Of an axis' fringes; rounding: variance (turns^2) of each one's phase by grey values and misfit."""
-    most, designs = max(len(fringe.index) for fringe in fringes), [fringe.design() for fringe in fringes]
-    spread = [np.linalg.inv(design.T @ design) for design in designs]
-    padded = [most - len(design) for design in designs]
+    most = max(len(fringe.index) for fringe in fringes)
+    spread = [fringe.inverse @ fringe.inverse.T for fringe in fringes]
+    padded = [most - len(fringe.index) for fringe in fringes]
     index = [np.pad(np.array(f.index), (0, n)) for f, n in zip(fringes, padded, strict=True)]
-    weights = [np.pad(_weights(d), ((0, 0), (0, n))) for d, n in zip(designs, padded, strict=True)]
-    design = [np.pad(d, ((0, n), (0, 0))) for d, n in zip(designs, padded, strict=True)]
+    weights = [np.pad(_weights(f), ((0, 0), (0, n))) for f, n in zip(fringes, padded, strict=True)]
+    design = [np.pad(f.design, ((0, n), (0, 0))) for f, n in zip(fringes, padded, strict=True)]
     return Periods(
         np.array([fringe.period for fringe in fringes], np.float32),
         np.array([len(fringe.index) for fringe in fringes]),
@@ -63,11 +63,10 @@ def periods_of(fringes: tuple[Fringe, ...], rounding: tuple[float, ...]) -> Peri
     )
 
 
-def _weights(design: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of offset, c, s and of what they leave of four samples (4, N); design (N, 3)."""
-    free = np.linalg.qr(design, mode="complete")[0][:, 3:]
-    left = free.T if len(design) == 4 else np.zeros((1, len(design)))
-    return np.concatenate([np.linalg.pinv(design), left])
+def _weights(fringe: Fringe) -> NDArray[np.float64]:
+    """Of offset, c, s and of what they leave of four samples (4, N)."""
+    count = len(fringe.index)
+    return np.concatenate([fringe.inverse, fringe.unlike if count == 4 else np.zeros((1, count))])
 
 
 @inlined

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,19 +17,31 @@ F64 = NDArray[np.float64]
 _PLACES = 5
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Fringe:
-    """Frames of one axis and period: I_i = e_i (A + c cos d_i + s sin d_i), phase = atan2(s, c)."""
+    """Frames of one axis and period: I_i = e_i (A + c cos d_i + s sin d_i), phase = atan2(s, c). Its matrices
+    are asked by every estimate of a decode, and kept."""
 
     index: tuple[int, ...]
     period: float
     shifts: F64
     exposure: F64
 
+    @cached_property
     def design(self) -> F64:
         """Model matrix (N, 3) of offset, c and s."""
         waves = np.stack([np.ones(len(self.shifts)), np.cos(self.shifts), np.sin(self.shifts)], axis=1)
         return np.asarray(self.exposure[:, None] * waves)
+
+    @cached_property
+    def inverse(self) -> F64:
+        """Offset, c and s (3, N) by least squares."""
+        return np.asarray(np.linalg.pinv(self.design))
+
+    @cached_property
+    def unlike(self) -> F64:
+        """Orthonormal combinations (N - 3, N) of samples that are 0 of a fringe."""
+        return np.ascontiguousarray(np.linalg.qr(self.design, mode="complete")[0][:, 3:].T)
 
     def few(self) -> bool:
         """Whether there are too few different shifts for a phase."""
@@ -303,7 +315,7 @@ def _null_space(fringes: list[Fringe], pairs: list[tuple[int, int]], count: int)
         return []
     columns = [np.zeros(count)]
     for fringe in fringes:
-        for part in fringe.design().T[1:]:
+        for part in fringe.design.T[1:]:
             columns.append(np.zeros(count))
             columns[-1][list(fringe.index)] = part
         columns[0][list(fringe.index)] = fringe.exposure

@@ -223,7 +223,7 @@ def _of_fringe(
     _, rows, cols = stack.shape
     raw = stack[list(fringe.index), :: max(1, rows // _ROWS), :: max(1, cols // _COLS)]
     levels = (raw if table is None else table[raw]).astype(np.float64)
-    offset, cos, sin = np.tensordot(np.linalg.pinv(fringe.design()), levels, 1)
+    offset, cos, sin = np.tensordot(fringe.inverse, levels, 1)
     modulation = np.hypot(cos, sin)
     keep = (raw.max(axis=0) < clip) & (modulation > _LIT * np.percentile(modulation, 95))
     if np.count_nonzero(keep) < _FEWEST:

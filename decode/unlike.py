@@ -31,7 +31,7 @@ def misfit_within(fringe: Fringe, lit: Sample, noise: Noise) -> float:
     What harmonics of a response leave there is no part of it (they do a phase no harm unless they alias), nor
     is what chance may be; of three samples nothing is known.
     """
-    few, rows = _whole(lit, fringe.index), _no_fringe(fringe)
+    few, rows = _whole(lit, fringe.index), fringe.unlike
     freedom, pixels = len(rows), few.levels.shape[1]
     if freedom < 1 or pixels < _FEWEST:
         return 0.0
@@ -152,7 +152,7 @@ def _left(told: list[_Moments], before: Before) -> Before:
 def _moments(fringe: Fringe, lit: Sample) -> list[_Moments]:
     """Of the quarters of the image, as far as their pixels are whole in these frames."""
     frames = np.array(fringe.index) - np.arange(min(_EARLIER, min(fringe.index)) + 1)[:, None]
-    few, rows = _whole(lit, np.unique(frames)), _no_fringe(fringe)
+    few, rows = _whole(lit, np.unique(frames)), fringe.unlike
     levels = few.levels.astype(np.float64)
     if levels.shape[1] < _FEWEST:
         return []
@@ -199,9 +199,3 @@ def _whole(lit: Sample, frames: Any) -> Sample:
     """Some of the pixels that are not saturated in any of these frames."""
     whole = np.flatnonzero((lit.levels[list(frames)] < lit.white).all(axis=0))
     return lit.only(whole[:: max(1, len(whole) // _ASKED)])
-
-
-def _no_fringe(fringe: Fringe) -> F64:
-    """Orthonormal combinations (N - 3, N) of a fringe's samples that are 0."""
-    rows: F64 = np.linalg.qr(fringe.design(), mode="complete")[0][:, 3:].T
-    return rows
