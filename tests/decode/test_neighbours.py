@@ -268,13 +268,15 @@ def test_places_by_chance_are_no_map(shoot: Callable[..., NDArray[Any]]) -> None
 
 
 @pytest.mark.parametrize("code", ["xor-gray", "gray"])
-def test_pixels_that_look_right_among_those_too_wide_for_a_code_are_flagged(code: str) -> None:
-    """Five cells a pixel: two neighbours may alias to places side by side, all others are doubtful."""
+def test_pixels_that_look_right_among_those_too_wide_for_a_code(code: str) -> None:
+    """Five cells a pixel: two neighbours may alias to places side by side, all others are doubtful. Of Gray
+    code some are right nevertheless: whichever of its cells a pixel reads is at most half of it away."""
     row, col = places(110, 120)
     u, v = 6 + 2.75 * col + 1.5 * np.sin(row / 40), 9 + 5.15 * row
     shown = sequence(code, 600, 350)
     found = decode(footprints(shown, u, v, blur=0.1, noise=0.4), shown)
-    assert found.good.mean() < 2e-3
+    assert silent(found, centres(u), centres(v)) == 0
+    assert found.good.mean() < (0.2 if code == "gray" else 2e-3)
 
 
 def test_a_row_that_leaves_both_rows_beside_it_is_flagged(shoot, smooth: tuple[F64, F64]) -> None:
