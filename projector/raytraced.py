@@ -104,11 +104,15 @@ class _AreaCamera:
 
     def rays_at(self, row: Float, col: Float) -> tuple[Float, Float]:
         """Origins (..., 3) in mm and unit directions (..., 3)."""
-        side = self._side
-        pixel, ray = np.divmod(col, side * side)
-        j, i = np.divmod(ray, side)
-        along, down = (i + (j + 0.5) / side) / side, (j + (side - i - 0.5) / side) / side
-        return self._camera.rays_at(row + down - 0.5, pixel + along - 0.5)
+        pixel, ray = np.divmod(col, self._side**2)
+        down, along = _within(ray, self._side)
+        return self._camera.rays_at(row + down, pixel + along)
+
+
+def _within(ray: Float, side: int) -> tuple[Float, Float]:
+    """Where in a pixel a ray passes: rows and columns from the centre."""
+    j, i = np.divmod(ray, side)
+    return (j + (side - i - 0.5) / side) / side - 0.5, (i + (j + 0.5) / side) / side - 0.5
 
 
 def trace_area(scene: Scene, surface: Surface, side: int = 6) -> AreaTrace:
@@ -200,10 +204,12 @@ def _dimming(seen: AreaTrace, lighting: Lighting) -> Float:
     brightest = np.array(lighting.brightest)[:, None, None, None]
     farthest = (np.maximum(brightest, 1.0 - brightest) ** 2).sum()
     emitted = 1.0 - lighting.backlight * ((at - brightest) ** 2).sum(axis=0) / farthest
-    rows, cols = seen.u.shape[:2]
-    y, x = np.mgrid[-1 : 1 : rows * 1j, -1 : 1 : cols * 1j]
+    rows, cols, rays = seen.u.shape
+    down, along = _within(np.arange(float(rays)), round(rays**0.5))
+    y = 2.0 * (np.arange(rows)[:, None, None] + 0.5 + down) / rows - 1.0
+    x = 2.0 * (np.arange(cols)[:, None] + 0.5 + along) / cols - 1.0
     passed = 1.0 - 0.5 * lighting.vignetting * (x * x + y * y)
-    dimmed: Float = np.nan_to_num(np.maximum(emitted, 0.0)) * passed[..., None]
+    dimmed: Float = np.nan_to_num(np.maximum(emitted, 0.0)) * passed
     return dimmed
 
 

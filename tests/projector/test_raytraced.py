@@ -128,11 +128,23 @@ def test_lighting_dims_corners_and_the_display(flat: AreaTrace) -> None:
     frames = shown(flat.scene, Frame("white"))
     plain = area_light(flat, frames)[0]
     vignetted = area_light(flat, frames, Lighting(vignetting=0.5))[0] / plain
-    assert vignetted[0, 0] == pytest.approx(0.5)
+    assert vignetted[0, 0] == pytest.approx(1 - 0.5 * (23 / 24) ** 2, abs=5e-3)
     assert vignetted.max() == pytest.approx(1.0, abs=2e-3)
     uneven = area_light(flat, frames, Lighting(backlight=0.3, brightest=(0.0, 0.0)))[0] / plain
     assert uneven.max() == pytest.approx(1.0, abs=0.01)
     assert uneven.min() == pytest.approx(0.7, abs=0.03)
+
+
+def test_vignetting_goes_on_within_pixels() -> None:
+    """A third of a pixel has the vignetting of its own place, as a fringe's shift by uneven light tells."""
+    vignette, ratios = Lighting(vignetting=0.5), []
+    for size in (24, 72):
+        scene = replace(resize(load("paper-simulation"), size, size), pattern=rig().pattern)
+        area, frames = trace_area(scene, dent("flat", scene)), shown(scene)
+        dimmed, plain = (area_light(area, frames, lighting)[3] for lighting in (vignette, None))
+        dimmed, plain = (one.reshape(24, size // 24, 24, -1).mean(axis=(1, 3)) for one in (dimmed, plain))
+        ratios.append(dimmed / plain)
+    np.testing.assert_allclose(*ratios, atol=3e-4)
 
 
 def test_dark_current_has_the_shot_noise_of_as_much_light(flat: AreaTrace) -> None:
