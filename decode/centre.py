@@ -8,14 +8,16 @@ jump inside of the pixel, a bend that changes from pixel to pixel) goes into the
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from optolever.kernels import inlined, kernel
 
 from .border import SHADOW2
 from .display import REACH
 
-__all__ = ["BULK", "STEEP", "centred", "lesser", "windowed"]
+__all__ = ["BULK", "STEEP", "centred", "dark_level", "lesser", "windowed"]
 
+F32 = NDArray[np.float32]
 #: Second differences are of the map from so many deviations on.
 BULK = 2.5
 #: Squared second difference over the squared fourth one, of pixels that have nothing to do with each other: a
@@ -29,6 +31,20 @@ _BY_NOISE = np.float32(2 * 140)
 _SHORT, _ALL, _EDGE = np.float32(1 / 64**2), np.float32(1 / 24**2), np.float32(1 / 8**2)
 #: Turns of a fringe in a pixel from which on it tells no place: a quarter of its contrast is left.
 STEEP = 0.8
+
+
+def dark_level(level: F32, amplitude: F32) -> float:
+    """Mean level without light of the display, of K pixels: where the line through their amplitudes over mean
+    levels (medians of the dimmest and the brightest third) has none. A swing is no more than its mean, and a
+    room's light not below zero."""
+    if not level.size:
+        return 0.0
+    low, high = np.quantile(level, (1 / 3, 2 / 3))
+    ends = [(np.median(amplitude[third]), np.median(level[third])) for third in (level <= low, level >= high)]
+    (a, b), (c, d) = ends
+    mean, swing = float(np.median(level)), float(np.median(amplitude))
+    share = float(np.clip((c - a) / max(d - b, 1e-6), swing / max(mean, 1e-6), 1.0))
+    return mean - swing / share
 
 
 @kernel
@@ -76,13 +92,13 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
     ends repeated, and of those two rows above and below (W,). limits: by what neighbours of a map bend at
     most, px (of a code its finest stripe); turns of the finest fringe in a px; squared reach of a pixel of no
     footprint, and extent of the surface (infinite: no border), in whose border's shadow (see border) nothing
-    is taken off; whether there are REACH rows on either side.
+    is taken off; level without light; whether there are REACH rows on either side.
 
     Over REACH pixels the curvature is told with next to no noise; it, and what it is more or less between
     next neighbours, count as far as they are beyond noise (James and Stein's shrinkage), and the latter as
     far as it does not change from pixel to pixel (a rough mirror, a neighbour at an edge).
     """
-    jump, per_turn, reach2, extent, inner = limits
+    jump, per_turn, reach2, extent, dark, inner = limits
     zero, half, two, four = np.float32(0), np.float32(0.5), np.float32(2), np.float32(4)
     wide, part, twelfth = np.float32(1 / REACH**2), np.float32(1 / 24), np.float32(1 / 12)
     unsure, more = np.float32(20 * BULK**2), np.float32((7 / 6) ** 2 + 4 / 24**2 - 1)
@@ -138,12 +154,13 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         bends -= twist if twisted else zero
         whole = min(bend * bend, four * jump * jump)
         short = min(ragged, most) * _SHORT if next_ else whole * _ALL
-        edge_x, light_x = _in_light(before[x], lit[x], after[x])
-        edge_y, light_y = _in_light(bright_up[x], lit[x], bright_down[x])
+        dim = grain * total[x]
+        edge_x, light_x = _in_light(before[x], lit[x], after[x], dark, half * dim)
+        edge_y, light_y = _in_light(bright_up[x], lit[x], bright_down[x], dark, half * dim)
         # of a code it is less than its cells round off, and what noise of the light would make of it
         dims = light_x * one_x + light_y * one_y if per_turn > zero else zero
-        edge_x = max(edge_x * edge_x - grain * total[x], zero) * one_x * one_x
-        edge_y = max(edge_y * edge_y - grain * total[x], zero) * one_y * one_y
+        edge_x = max(edge_x * edge_x - dim, zero) * one_x * one_x
+        edge_y = max(edge_y * edge_y - dim, zero) * one_y * one_y
         edges = (edge_x + edge_y) * _EDGE if near else zero
         jump_x = _jump(one_x, two_x, right_far[x] - left_far[x]) if far else two * one_x - two_x
         jump_y = _jump(one_y, two_y, down_far[x] - up_far[x]) if far else two * one_y - two_y
@@ -218,11 +235,13 @@ def _jump(one: Any, two: Any, four: Any) -> Any:
 
 
 @inlined
-def _in_light(before: Any, here: Any, after: Any) -> tuple[Any, Any]:
+def _in_light(before: Any, here: Any, after: Any, dark: Any, noise: Any) -> tuple[Any, Any]:
     """Lesser of the relative changes of light to both pixels two pixels away (of one colour, behind a
     mosaic): its size, and itself over one pixel, 0 if their signs differ (minmod: beside an edge no
-    gradient). At most 2: light is nowhere negative in the pixel."""
-    one, other = here - before, after - here
-    least = min(min(abs(one), abs(other)) / max(here, np.float32(1e-6)), np.float32(2))
-    slope = np.float32(0.5) * (least if one > np.float32(0) else -least)
-    return least, slope if one * other > np.float32(0) else np.float32(0)
+    gradient), of changes that differ by as much as is beyond noise (variance of a change). At most 2: light
+    is nowhere negative in the pixel. dark: level without light."""
+    half, scale = np.float32(0.5), np.float32(1) / max(here - dark, np.float32(1e-6))
+    mean, bend = half * (after - before) * scale, abs(half * (before + after) - here) * scale
+    sure = bend * _beyond(bend, np.float32(0.75 * BULK**2) * noise)
+    least, most = max(abs(mean) - sure, np.float32(0)), np.float32(2)
+    return min(abs(abs(mean) - bend), most), half * min(least, most) * np.sign(mean)

@@ -15,6 +15,7 @@ from optolever.records import LOG, Progress, logged, silent
 
 from .axis import AxisDecoder, AxisOptions, axis_decoders
 from .border import border_reach
+from .centre import dark_level
 from .correspondence import Correspondence, Flag
 from .display import Pixelation, measured_pixelations
 from .ends import end_width
@@ -211,7 +212,7 @@ def _among_neighbours(
     reaches = _reaches(shot, decoders, raw, shared, pixelations)
     tables, roughness = [one.tables() for one in pixelations], [one.roughness for one in pixelations]
     least = _LEAST_SIGMA if _silent(shot) else 0.0
-    width = end_width(shared.amplitude, shared.flags)
+    width, dark = end_width(shared.amplitude, shared.flags), _dark_level(shot.lit, shared)
     out = {axis: (roomy_empty(shape, np.float32), roomy_empty(shape, np.float32)) for axis in "uv"}
     for axis in set("uv") - {decoder.axis.axis for decoder in decoders}:
         out[axis][0][:], out[axis][1][:] = np.nan, np.inf
@@ -221,7 +222,8 @@ def _among_neighbours(
         flags[start:stop] = shared.flags[start:stop]
         for decoder, own, table, rough, reach in zip(decoders, raw, tables, roughness, reaches, strict=True):
             extent = float(decoder.axis.extent) if shot.cells else 0.0
-            limits = *reach, rough + decoder.common, extent, decoder.jump, decoder.per_turn, least, width
+            finest = decoder.jump, decoder.per_turn
+            limits = *reach, rough + decoder.common, extent, *finest, least, width, dark
             common = shared.flags, shared.amplitude, shared.offset
             maps = (*out[decoder.axis.axis], flags)
             check_rows((start, stop), own, common, table, limits, maps)
@@ -234,6 +236,14 @@ def _among_neighbours(
     (u, sigma_u), (v, sigma_v) = out["u"], out["v"]
     common = shared.amplitude, shared.offset, shared.error
     return Correspondence(u, v, sigma_u, sigma_v, shared.flags, *common, notices)
+
+
+def _dark_level(lit: Sample, shared: Shared) -> float:
+    """By the sampled pixels that are good so far."""
+    level, amplitude, flags = (
+        one[tuple(lit.places.T)] for one in (shared.offset, shared.amplitude, shared.flags)
+    )
+    return dark_level(level[flags == 0], amplitude[flags == 0])
 
 
 def _reaches(

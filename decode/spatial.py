@@ -55,7 +55,7 @@ def check_rows(
     common: flags (H, W) so far, amplitude and offset (H, W). tables: of a Pixelation. limits: how far pixels
     see (cells), whether that is measured, roughness (px^2), extent of the surface (0: it has no border),
     largest second difference (px), turns of the finest fringe in a px, least sigma (px), width of the
-    mirror's ends (see ends).
+    mirror's ends (see ends), level without light.
     out: coordinate, sigma, flags (H, W), the last or-ed.
     """
     _check(*rows, raw, common, tables, tuple(np.float32(number) for number in limits), out)
@@ -64,7 +64,7 @@ def check_rows(
 @exact
 def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: Any, maps: Any) -> None:
     (coord, variance), (flags, amplitude, offset), (shift, unsure) = raw, common, tables
-    reach, told, roughness, extent, jump, per_turn, least, m2 = numbers
+    reach, told, roughness, extent, jump, per_turn, least, m2, dark = numbers
     out, sigma, out_flags = maps
     rows, cols = coord.shape
     window = np.empty((stop - start + 2 * REACH, cols + 2 * REACH), np.float32)
@@ -90,7 +90,7 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
         if (rows > 4) & (cols > 4):
             _with_ends(offset[y], light)
             lights = light, offset[max(y - 2, 0)], offset[min(y + 2, rows - 1)]
-            limits = jump, per_turn, reach * reach, border, REACH <= y < rows - REACH
+            limits = jump, per_turn, reach * reach, border, dark, REACH <= y < rows - REACH
             centred(*(coord[y], window, k, lights, limits, out[y], sigma[y]))
         if (rows > 4) & (cols > 4) & (m2 > 0):
             first = min(up, rows - 3)

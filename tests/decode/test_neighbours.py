@@ -206,6 +206,20 @@ def test_light_that_steps_inside_of_a_pixel_is_in_sigma(name: str) -> None:
     assert np.median(found.sigma_u[flat & found.good]) < 0.03
 
 
+def test_what_falling_light_shifts_is_taken_off_above_a_dark_level() -> None:
+    """A pixel's mean is off by g a / 12, a the relative slope of the light alone: neighbours' noise hides
+    some of it, and a third of the level is dark current."""
+    row, col = places(60, 80)
+    u, v = 10 + 1.7 * col, 8 + 1.5 * row
+    falling = col / 160
+    shown = sequence("gray+phase", 120, 160)
+    found = decode(footprints(shown, u, v, noise=0.3, dark=falling) + np.uint8(30), shown)
+    shift = -1.7 / 160 / (1 - centres(falling)) / 12
+    inner = found.good & (np.abs(centres(col) - 40) < 35)
+    error = (found.u - centres(u))[inner]
+    assert abs(error @ shift[inner]) < 0.2 * (shift[inner] ** 2).sum()
+
+
 @pytest.mark.parametrize("lens", [0.0, pytest.param(0.5, marks=pytest.mark.slow), 1.0])
 def test_a_round_mirror_behind_a_lens_that_blurs(lens: float) -> None:
     """Pixels on its end, and up to some deviations inside, see more of the one side: sigma says so."""
