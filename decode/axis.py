@@ -1,6 +1,6 @@
 """One axis: which steps its frames ask for, and their chain over a block of rows."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from optolever.patterns import Sequence
 
-from .display import table_rounding
+from .display import rounded_places, table_rounding, take_off
 from .estimate import Estimate
 from .flags import DOUBT, Into, Limits, Shared, limits_of, merge
 from .frames import Light
@@ -27,6 +27,8 @@ __all__ = ["AxisDecoder", "AxisOptions", "axis_decoders"]
 
 #: Variance of rounding shown levels to 8 bits, over the squared amplitude.
 _ROUNDED2 = 1 / 12 / 127.5**2
+#: Shift that rounding leaves of whole steps of a quarter turn, by the arithmetic, px.
+_NOTHING = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +38,8 @@ class AxisDecoder:
     periods   of the fringes, with the variance that rounded grey values and misfit leave
     limits    beyond which pixels are flagged; jump: largest second difference of neighbours, pattern px;
               per_turn: turns of the finest fringe in a pattern px, 0 without one; common: variance (px^2) by
-              misfit that all close periods may share
+              misfit that all close periods may share; rounded (extent,): what rounded grey values add to a
+              coordinate, empty if nothing is known of them
     """
 
     axis: AxisPlan
@@ -52,6 +55,7 @@ class AxisDecoder:
     jump: float
     per_turn: float = 0.0
     common: float = 0.0
+    rounded: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
 
     def decode(self, rows: tuple[int, int], raw: Raw, first: bool, shared: Shared) -> None:
         """Rows start..stop: coordinates and variances into the axis' maps, the rest into the shared ones."""
@@ -67,6 +71,8 @@ class AxisDecoder:
             unwrap_close(self.light, self.noise, self.periods, self.orders, rows, into)
         else:
             climb(self.light, self.noise, self.periods, self.axis.extent, self.code, rows, into)
+        if self.rounded.size:
+            take_off(raw.coordinate[slice(*rows)], self.rounded)
 
     def _looked_up(self, table: Table, rows: tuple[int, int], raw: Raw) -> Estimate:
         """Rows start..stop by a table, of a code from its cells on."""
@@ -125,10 +131,10 @@ def _decoder(
         limits = limits_of(axis.extent, 0.5, table.freedom, light.white)
         return AxisDecoder(axis, light, noise, code, None, None, table, None, limits, table.freedom, jump)
     covered = code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
-    rounding = (0.0,) * len(axis.fringes)
     shown = options.on_cells and not sequence.nominal
+    rounding, rounded = (0.0,) * len(axis.fringes), np.zeros(0, np.float32)
     if shown and axis.fringes:
-        rounding = _rounding(axis.axis, sequence)
+        rounding, rounded = _rounding(axis.axis, sequence)
     micro = None
     if axis.singles:
         micro = micro_table(axis, _deviation(axis, noise, lit), _ROUNDED2 if shown else 0.0)
@@ -149,6 +155,7 @@ def _decoder(
     decoder = AxisDecoder(
         *(axis, light, noise, code, orders, micro, None, periods, limits, freedom, jump, per_turn),
         common=0.0 if orders is None else unlike[-1] * axis.fringes[-1].period ** 2,
+        rounded=rounded,
     )
     return decoder if micro is None else replace(decoder, micro=_as_seen(decoder, micro, lit))
 
@@ -166,11 +173,14 @@ def _as_seen(decoder: AxisDecoder, micro: MicroTable, lit: Sample) -> MicroTable
 
 
 @lru_cache(maxsize=16)
-def _rounding(name: str, sequence: Sequence) -> tuple[float, ...]:
-    """Variance (turns^2) that the rounding of shown grey values makes in each fringe's phase."""
+def _rounding(name: str, sequence: Sequence) -> tuple[tuple[float, ...], NDArray[np.float32]]:
+    """Variance (turns^2) that the rounding of shown grey values makes in each fringe's phase; what it adds to
+    the coordinate of every cell."""
     axis = next(one for one in plan(sequence).axes if one.axis == name)
     tables = sequence.tables()["uv".index(name)]
-    return tuple(float(table_rounding(fringe, tables).var()) for fringe in axis.fringes)
+    places = rounded_places(axis, tables)
+    variances = tuple(float(table_rounding(fringe, tables).var()) for fringe in axis.fringes)
+    return variances, places if np.abs(places).max() > _NOTHING else places[:0]
 
 
 def _unlike(fringe: Fringe, lit: Sample, noise: Noise, before: Before) -> float:

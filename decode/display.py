@@ -22,6 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from optolever.kernels import kernel
+
 from .noise import Sample
 from .plan import AxisPlan, Fringe, Plan
 
@@ -31,7 +33,9 @@ __all__ = [
     "cell_light",
     "measured_pixelations",
     "no_pixelation",
+    "rounded_places",
     "table_rounding",
+    "take_off",
 ]
 
 F32 = NDArray[np.float32]
@@ -104,12 +108,16 @@ def shares_of(axis: AxisPlan) -> tuple[tuple[float, float], ...]:
 
     Of a ladder the finest alone; of close periods, and in micro phase shifting, all.
     """
-    if not axis.fringes:
+    fringes = _telling(axis)
+    if not fringes:
         return ()
-    alone = axis.code is not None or axis.fringes[0].period >= axis.extent
-    fringes = (*(axis.fringes[-1:] if alone else axis.fringes), *axis.singles)
     weights = [len(fringe.index) / fringe.period**2 for fringe in fringes]
     return tuple((f.period, w / weights[0]) for f, w in zip(fringes, weights, strict=True))
+
+
+def _telling(axis: AxisPlan) -> tuple[Fringe, ...]:
+    alone = axis.code is not None or (axis.fringes and axis.fringes[0].period >= axis.extent)
+    return (*(axis.fringes[-1:] if alone else axis.fringes), *axis.singles)
 
 
 def cell_light(distance: F64, width: F64, blur: float) -> F64:
@@ -324,3 +332,45 @@ def table_rounding(fringe: Fringe, tables: NDArray[np.uint8]) -> F64:
     c, s = fringe.inverse[1:] @ tables[list(fringe.index)].astype(np.float64)
     turns = np.arctan2(s, c) / (2 * np.pi) - np.arange(tables.shape[1]) / fringe.period
     return np.asarray(turns - np.rint(turns))
+
+
+def rounded_places(axis: AxisPlan, tables: NDArray[np.uint8]) -> F32:
+    """By how much a reading of each cell is too large, (extent,), as its grey values are rounded; tables
+    (N, extent).
+
+    Least squares for offset, contrast and place at once, of the periods that share in the coordinate: each
+    has an offset and a contrast of its own, in micro phase shifting all have one. Blurred by half a cell.
+    """
+    fringes = _telling(axis)
+    moved, weight = np.zeros((2, axis.extent))
+    for group in (fringes,) if axis.singles else ((one,) for one in fringes):
+        shift, exposure = (
+            np.concatenate(part) for part in zip(*((f.shifts, f.exposure) for f in group), strict=True)
+        )
+        wave = 2 * np.pi / np.concatenate([np.full(len(f.index), f.period) for f in group])
+        phase = wave * np.arange(axis.extent)[:, None] - shift
+        design = exposure[:, None] * np.stack(
+            [np.ones_like(phase), np.cos(phase), -wave * np.sin(phase)], axis=2
+        )
+        levels = tables[[i for f in group for i in f.index]].T[..., None].astype(np.float64)
+        turned = design.transpose(0, 2, 1)
+        inverse = np.linalg.inv(turned @ design)
+        _, contrast, moves = (inverse @ (turned @ levels))[..., 0].T
+        moved += moves / contrast / inverse[:, 2, 2]
+        weight += 1 / inverse[:, 2, 2]
+    wide = np.pad(moved / weight, 1, mode="edge")
+    return ((wide[:-2] + 4 * wide[1:-1] + wide[2:]) / 6).astype(np.float32)
+
+
+@kernel
+def take_off(coord: Any, table: Any) -> None:
+    """What a table (extent,) has at coordinates (H, W), between its places on a straight line."""
+    zero, last = np.float32(0), np.float32(table.size - 1)
+    for y in range(coord.shape[0]):
+        line = coord[y]
+        for x in range(line.size):
+            at = line[x] if line[x] > zero else zero
+            at = at if at < last else last
+            low = np.int32(at)
+            here, after = table[low], table[min(low + 1, table.size - 1)]
+            line[x] -= here + (at - np.float32(low)) * (after - here)

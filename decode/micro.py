@@ -53,13 +53,14 @@ class MicroTable(NamedTuple):
     rounding2: np.float32
 
     def with_contrast(self, place: NDArray[np.float32], level: NDArray[np.float32]) -> "MicroTable":
-        """The table with the contrast that pixels show, by least squares: places (K,), pattern px, levels
-        (M, K) over the steps' amplitude, from their offset on."""
+        """The table with the contrast that most pixels show (not those that see a steep part of the mirror):
+        places (K,), pattern px, levels (M, K) over the steps' amplitude, from their offset on."""
         if place.size < _FEWEST:
             return self
         told = np.cos(2 * np.pi * (place / self.periods[:, None] - self.shifts[:, None]))
-        contrast = (told * level).sum(axis=1) / np.square(told).sum(axis=1)
-        return self._replace(contrast=contrast.astype(np.float32))
+        most = np.abs(told) >= np.median(np.abs(told), axis=1, keepdims=True)
+        shares = np.divide(level, told, out=np.full(told.shape, np.nan), where=most)
+        return self._replace(contrast=np.nanmedian(shares, axis=1).astype(np.float32))
 
 
 def micro_table(axis: AxisPlan, deviation: float, rounding2: float) -> MicroTable:

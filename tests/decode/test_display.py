@@ -37,12 +37,15 @@ def test_levels_of_four_steps_are_rounded_alike_and_low_stairs_taken_off(blur: f
 
 
 @pytest.mark.parametrize("period", [11.0, 13.3])
-def test_what_rounded_levels_shift_is_in_sigma(period: float) -> None:
+def test_what_rounded_levels_shift_is_taken_off(period: float) -> None:
+    """All pixels of a column share it: little is left of it beside the noise of 24 of them."""
     shown, u, frames = _capture(200, 0.7, 0.5, period=period)
     found = decode(frames, shown)
     inside = (u > 4) & (u < 195)
-    assert 0.85 < rms(scores(found, np.broadcast_to(u, found.u.shape))) < 1.1
-    assert abs((found.u - u)[:, inside].mean()) < 3e-4
+    left = (found.u - u)[:, inside]
+    assert 0.8 < rms(scores(found, np.broadcast_to(u, found.u.shape))) < 1.1
+    assert abs(left.mean()) < 3e-4
+    assert left.mean(axis=0).std() < 1.5 * left.std() / np.sqrt(24)
 
 
 @pytest.mark.parametrize(("period", "blur"), [(4.0, 0.4), (5.0, 0.4), (6.0, 0.38)])
