@@ -95,16 +95,19 @@ def _beside(maps: tuple[Any, ...], extent: int) -> tuple[NDArray[np.float64], ..
         half = np.ceil(_MARGIN / 2 / np.abs(slope))
         half = np.where(half < _FARTHEST / 2, half, 0).astype(np.int64) * np.sign(slope).astype(np.int64)
     kept = (half != 0) & (at + 2 * half >= 0) & (at + 2 * half < coord.shape[1])
-    line, slope = line[kept], slope[kept]
-    three = at[kept] + np.arange(3)[:, None] * half[kept]
+    line, half = line[kept], half[kept]
+    three = at[kept] + np.arange(3)[:, None] * half
     within = np.abs(coord[line, three[2]] - coord[line, three[0]])
     kept = (within > 0.8 * _MARGIN) & (within < 3 * _MARGIN) & (flags[line, three[1:]] == 0).all(axis=0)
-    line, three, slope = line[kept], three[:, kept], slope[kept]
+    line, three, half = line[kept], three[:, kept], half[kept]
     (near, middle, far), sign = coord[line, three], np.where(2 * coord[line, three[0]] < extent, 1, -1)
     shares = (
-        1.0 - one[line, three[0]] / np.maximum(one[line, three[2]], 1e-6) for one in (offset, amplitude)
+        1.0 - one[line, three[0]] / np.maximum(2 * one[line, three[1]] - one[line, three[2]], 1e-6)
+        for one in (offset, amplitude)
     )
-    found = (away[line, three], slope**2 / 12, sign * (near - 2 * middle + far), *shares)
+    # beside the border neighbours read nearly the same place: the footprint is that of the next ones inwards
+    width2 = ((far - middle) / half) ** 2 / 12
+    found = (away[line, three], width2, sign * (near - 2 * middle + far), *shares)
     return tuple(np.asarray(one, np.float64) for one in found)
 
 

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from optolever.decode import Flag, decode
 from optolever.decode.border import border_reach
@@ -153,6 +154,20 @@ def test_noise_of_faint_light_tells_no_shadow_of_the_border(seed: int) -> None:
     coord = np.tile(0.6 * np.arange(64) - 0.3, (48, 1)).astype(np.float32)
     light = [(4 + 0.5 * rng.standard_normal(coord.shape)).astype(np.float32) for _ in range(2)]
     assert border_reach(coord, *light, np.zeros(coord.shape, np.uint16), 500)[1] == 0
+
+
+def test_the_borders_reach_in_falling_light_by_pixels_of_two_cells() -> None:
+    """Pixels beyond the border read nearly the same place as the last one before it."""
+    first, blur, cells = np.random.default_rng(0).uniform(0, 2.2, (64, 1)), 0.8, 2.2
+    away = first - cells + cells * np.arange(24)
+    deviation = np.hypot(blur, cells / np.sqrt(12))
+    seen = ndtr(away / deviation)
+    read = away + deviation * np.exp(-0.5 * (away / deviation) ** 2) / np.sqrt(2 * np.pi) / seen
+    light = seen * (1 + 0.01 * np.arange(24))
+    maps = (part.astype(np.float32) for part in (read - 0.5, 100 * light, 90 * light))
+    found, count = border_reach(*maps, np.zeros(away.shape, np.uint16), 500)
+    assert count > 20
+    assert abs(found - blur) < 0.05
 
 
 @pytest.mark.parametrize("depth", [0.15, 0.35, 0.5])
