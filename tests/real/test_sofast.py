@@ -171,7 +171,8 @@ def curvature(screen: Floats, step: int) -> Floats:
 def test_centres_follow_the_curvature_that_neighbours_share(real: Path, rig: SofastRig) -> None:
     """Mean and centre differ by a 24th of the curvature: of SOFAST's own map, over one pixel or more; by no
     more than a trace where its curvatures over one and two pixels contradict each other (a rough
-    mirror); and by no more than sigma holds at the facet's edge."""
+    mirror); and by no more than sigma holds at the facet's edge. Light that falls off moves them by a
+    ninth of sigma at most."""
     x, y = expected(real, "CalculationDataGeometryFacet/v_screen_points_fractional_screens")
     capture = load_sofast(real / "sofast_facet/measurement_facet.h5")
     table = load_sofast_response(real / "sofast_facet/image_calibration.h5")
@@ -184,10 +185,10 @@ def test_centres_follow_the_curvature_that_neighbours_share(real: Path, rig: Sof
         moved = np.abs(found - read)
         one, two, four = (np.abs(curvature(read, step)) / 24 for step in (1, 2, 4))
         inside = np.isfinite(four)
-        assert (moved <= np.maximum(one, two) + four + 1e-3)[inside].all()
+        assert (moved <= np.maximum(one, two) + four + 1e-3 + sigma / 9)[inside].all()
         contrary = np.isfinite(two) & (np.abs(curvature(read, 1) - curvature(read, 2)) > 24 * one)
         assert contrary.sum() > 1000
-        beyond = np.maximum(moved - np.nan_to_num(four), 0)[contrary]
+        beyond = np.maximum(moved - np.nan_to_num(four) - sigma / 9, 0)[contrary]
         bend = np.maximum(one, two)[contrary]
         assert np.sqrt(np.mean(beyond**2)) < 0.05 * np.sqrt(np.mean(bend**2))
         edge = rig.mask & np.isnan(one)
