@@ -164,11 +164,15 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         edges = (edge_x + edge_y) * _EDGE if near else zero
         jump_x = _jump(one_x, two_x, right_far[x] - left_far[x]) if far else two * one_x - two_x
         jump_y = _jump(one_y, two_y, down_far[x] - up_far[x]) if far else two * one_y - two_y
-        jumps = max(jump_x * jump_x + jump_y * jump_y - two * noise, zero) if next_ else zero
+        # along either axis by itself: a pixel that is refused on one says nothing of the other
+        jump_x, jump_y = jump_x if jump_x == jump_x else zero, jump_y if jump_y == jump_y else zero
+        jumps = max(jump_x * jump_x + jump_y * jump_y - two * noise, zero)
         smooth = near & (near_x * near_x < jump * jump) & (near_y * near_y < jump * jump)
         # clear of the border's shadow, as neighbours two pixels away are
-        away = max(min(u + half, extent - half - u) - max(abs(one_x), abs(one_y)), zero)
-        clear = away * away > SHADOW2 * (reach2 + (one_x * one_x + one_y * one_y) * np.float32(1 / 48))
+        steps_x, steps_y = one_x if one_x == one_x else zero, one_y if one_y == one_y else zero
+        away = max(min(u + half, extent - half - u) - max(abs(steps_x), abs(steps_y)), zero)
+        width2 = (steps_x * steps_x + steps_y * steps_y) * np.float32(1 / 48)
+        clear = away * away > SHADOW2 * (reach2 + width2)
         off, taken = bends + dims, smooth & clear
         out[x] = was - (part * off if taken else zero)
         least_x, least_y = lesser(u - left[x], right[x] - u), lesser(u - up[x], down[x] - u)

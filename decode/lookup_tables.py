@@ -142,6 +142,8 @@ def _sweep(sequence: Sequence, axis: str, spread: float, blur: float | None) -> 
     shown = np.abs(cell - away[:, :, None]) / stripes.width
     seen = np.where(shown < 1, 0.5 + 0.5 * np.cos(np.pi * np.minimum(shown, 1.0)), 0.0)
     if spread > 0:
+        if len(stripes.beside) == 1:  # cells are shown in 8 bits; of a spot that is a product's rounding
+            seen = np.rint(255 * seen) / 255
         seen = seen @ _weight(cell[:, None] - place, spread, blur)
     # raised cosines at equal steps add up to their width in steps
     words, angles = _words(seen * min(stripes.width / (stripes.pitch * summed), 1.0))

@@ -48,6 +48,16 @@ def test_what_rounded_levels_shift_is_taken_off(period: float) -> None:
     assert left.mean(axis=0).std() < 1.5 * left.std() / np.sqrt(24)
 
 
+def test_stripes_are_compared_with_the_grey_values_that_are_shown() -> None:
+    """Rounded to whole ones, which all pixels of a column share."""
+    shown, u = sequence("stripe", 4, 200, axes="u", step=5.87), np.arange(4.0, 195.0, 0.7)
+    frames = np.repeat(seen_by_pixels(shown, u, 0.7, 0.5), 24, axis=1)
+    frames = frames + np.random.default_rng(0).normal(0, 0.3, frames.shape)
+    found = decode(np.rint(16 * frames).astype(np.uint16), shown)
+    left = found.u - u
+    assert left.mean(axis=0).std() < 1.5 * left.std() / np.sqrt(24)
+
+
 @pytest.mark.parametrize(("period", "blur"), [(4.0, 0.4), (5.0, 0.4), (6.0, 0.38)])
 def test_low_stairs_leave_little(period: float, blur: float) -> None:
     """Of stairs of up to 0.04 cells less than a twelfth is left: tables follow them between their entries."""

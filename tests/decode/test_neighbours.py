@@ -104,6 +104,22 @@ def test_beside_a_hole(name: str) -> None:
     assert found.good[(np.abs(centres(distance) - 7.3) > 3.5) & (centres(distance) > 7.3)].mean() > 0.9
 
 
+@pytest.mark.parametrize("name", ["phase:steps=4", "stripe"])
+def test_a_ridge_beside_pixels_that_are_refused(name: str) -> None:
+    """A slanted rim, steeper towards its crest, moves the mean of a pixel off its centre; dust above or below
+    takes nothing of what the pixels to the left and right tell of that."""
+    row, col = places(60, 64)
+    crest = 32 + 0.2 * (row - 30)
+    away = col - crest
+    u, v = 66 + 0.4 * away + np.where(away < 0, 4 * np.exp(away / 1.1), 4 - 1.8 * away), 8 + 1.8 * row
+    whole = np.rint(row), np.rint(col)
+    dust = (whole[0] % 5 == 0) & (np.abs(whole[1] - np.rint(32 + 0.2 * (whole[0] - 30))) < 2)
+    shown = sequence_from_text(name, 120, 110)
+    found = decode(footprints(shown, u, v, noise=0.3, dark=dust.astype(float)), shown)
+    assert silent(found, centres(u), centres(v)) <= 1e-4
+    assert found.good.mean() > 0.9
+
+
 @pytest.mark.parametrize("name", ["gray+phase", "stripe"])
 @pytest.mark.parametrize("turns", [0, 1, *(pytest.param(turns, marks=pytest.mark.slow) for turns in (2, 3))])
 def test_a_mirror_that_ends_in_the_images_outermost_pixels(turns: int, name: str) -> None:
