@@ -37,12 +37,12 @@ def dark_level(level: F32, amplitude: F32) -> float:
     """Mean level without light of the display, of K pixels: where the line through their amplitudes over mean
     levels (medians of the dimmest and the brightest third) has none. A swing is no more than its mean, and a
     room's light not below zero."""
-    if not level.size:
+    mean, swing = (float(np.median(one)) if one.size else 0.0 for one in (level, amplitude))
+    if swing <= 0:  # nothing tells it: no pixels, or black and white in each other's place
         return 0.0
     low, high = np.quantile(level, (1 / 3, 2 / 3))
     ends = [(np.median(amplitude[third]), np.median(level[third])) for third in (level <= low, level >= high)]
     (a, b), (c, d) = ends
-    mean, swing = float(np.median(level)), float(np.median(amplitude))
     share = float(np.clip((c - a) / max(d - b, 1e-6), swing / max(mean, 1e-6), 1.0))
     return mean - swing / share
 

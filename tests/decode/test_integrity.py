@@ -260,3 +260,13 @@ def test_a_whole_period_or_a_polarity_is_left_out(shoot: Shoot, smooth: tuple[F6
     frames = shoot(coded, *smooth, noise=1.0)
     frames[8] = frames[4]
     assert _named(frames, coded).leave_out == (8,)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+def test_white_and_black_in_each_others_place(noise: float, shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+    shown = sequence("gray", 150, 170)
+    frames = shoot(shown, *smooth, noise=noise)
+    frames[[0, 1]] = frames[[1, 0]]
+    found = decode(frames, shown)
+    assert [notice.name for notice in found.notices] == ["frames 0 and 1 are in each other's place"]
+    assert silent(found, *smooth, least=1.5) == 0
