@@ -34,9 +34,9 @@ STEEP = 0.8
 
 
 def dark_level(level: F32, amplitude: F32) -> float:
-    """Mean level without light of the display, of K pixels: where the line through their amplitudes over mean
-    levels (medians of the dimmest and the brightest third) has none. A swing is no more than its mean, and a
-    room's light not below zero."""
+    """Mean level of pixels without light of the display, by their mean levels and amplitudes (K,), grey
+    levels: where the line through amplitudes over levels (medians of the dimmest and the brightest third) has
+    none. A swing is no more than its mean, and a room's light not below zero."""
     mean, swing = (float(np.median(one)) if one.size else 0.0 for one in (level, amplitude))
     if swing <= 0:  # nothing tells it: no pixels, or black and white in each other's place
         return 0.0
@@ -154,13 +154,13 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         bends -= twist if twisted else zero
         whole = min(bend * bend, four * jump * jump)
         short = min(ragged, most) * _SHORT if next_ else whole * _ALL
-        dim = grain * total[x]
-        edge_x, light_x = _in_light(before[x], lit[x], after[x], dark, half * dim)
-        edge_y, light_y = _in_light(bright_up[x], lit[x], bright_down[x], dark, half * dim)
+        grain2 = grain * total[x]
+        edge_x, light_x = _in_light(before[x], lit[x], after[x], dark, half * grain2)
+        edge_y, light_y = _in_light(bright_up[x], lit[x], bright_down[x], dark, half * grain2)
         # of a code it is less than its cells round off, and what noise of the light would make of it
         dims = light_x * one_x + light_y * one_y if per_turn > zero else zero
-        edge_x = max(edge_x * edge_x - dim, zero) * one_x * one_x
-        edge_y = max(edge_y * edge_y - dim, zero) * one_y * one_y
+        edge_x = max(edge_x * edge_x - grain2, zero) * one_x * one_x
+        edge_y = max(edge_y * edge_y - grain2, zero) * one_y * one_y
         edges = (edge_x + edge_y) * _EDGE if near else zero
         jump_x = _jump(one_x, two_x, right_far[x] - left_far[x]) if far else two * one_x - two_x
         jump_y = _jump(one_y, two_y, down_far[x] - up_far[x]) if far else two * one_y - two_y

@@ -116,6 +116,7 @@ def shares_of(axis: AxisPlan) -> tuple[tuple[float, float], ...]:
 
 
 def _telling(axis: AxisPlan) -> tuple[Fringe, ...]:
+    """Fringes that share in the coordinate of an axis."""
     alone = axis.code is not None or (axis.fringes and axis.fringes[0].period >= axis.extent)
     return (*(axis.fringes[-1:] if alone else axis.fringes), *axis.singles)
 
