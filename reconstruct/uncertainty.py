@@ -10,6 +10,7 @@ covariance is smaller,
 averaged over the Brillouin zone: c is local (the correction is an operator of order zero) and a fifth of the
 slopes' variance, about, that of the columns' weights as all of this. |A| = (13 cos(k/2) - cos(3k/2)) / 12 for
 the four-pixel increments.
+Noise that differs from that of its column joins by the solve's own answer to it, see `unlike_columns`.
 An anchor sum_m a_m w_m = known subtracts the covariance with it: var_i = G_ii - 2 (G a)_i + a.G a. What a
 curve adds on the way to the anchors, it adds to all of them alike: the square of its weighted sum joins.
 """
@@ -17,15 +18,21 @@ curve adds on the way to the anchors, it adds to all of them alike: the square o
 from functools import lru_cache
 
 import numpy as np
+import scipy.fft
 import scipy.ndimage
 
-from .arrays import Floats, Labels
+from optolever.blocks import threads
+
+from .arrays import Floats, Labels, Pair
 from .measured import Measured
 from .monte_carlo import FLOOR, monte_carlo_variance
 from .newton import State
 from .poisson import ColumnPoisson
 
-__all__ = ["averaging_gain", "edge_diagonal", "unknown_variance"]
+__all__ = ["averaging_gain", "edge_diagonal", "unknown_variance", "unlike_columns"]
+
+#: Pixels: noise farther away is that of its column, on average; the reach of an answer's square (1 / r^2).
+_NEAR = 64
 
 
 def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
@@ -45,12 +52,43 @@ def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
     np.add.at(load.reshape(-1), rows.pixel, share)
     green = columns.solve(load)
     potential = edge_diagonal(columns) + float(np.vdot(load, green)) + own.sum() - 2.0 * green
+    if state.problem.closed:
+        scaled = state.variances[0] / factor**2, state.variances[1] / factor**2
+        more = unlike_columns(scaled, (along_cols, along_rows))
+        # as if all anchors shared theirs
+        potential = potential + more + max(float(share @ more.ravel()[rows.pixel]), 0.0)
     variance = factor**2 * np.maximum(potential - gain, FLOOR * along_cols)
     if not state.problem.closed:
         variance = monte_carlo_variance(data, state, labels, variance, load)
     lean = np.bincount(rows.component, state.share * state.bend / at, int(labels.max()) + 1)
     bent: Floats = variance + factor**2 * np.square(lean)[labels]
     return bent
+
+
+def unlike_columns(variances: Pair, usual: Pair) -> Floats:
+    """What slopes' variances (rows, cols) other than the usual ones of their columns (cols,), for which the
+    solve is weighted, add to the potential's variance, (rows, cols).
+
+    Near a pixel the solve is a convolution: a slope along x is answered by h, of the transform
+    -2i sin(k_x / 2) |A| / (l_x + r l_y), r = usual_x / usual_y, one along y alike; the variance is the sum of
+    h^2 times that of the slopes. Beyond the border all is mirrored.
+    """
+    r = float(np.median(usual[0] / usual[1]))
+    k = 2 * np.pi * np.fft.fftfreq(4 * _NEAR)
+    l = 2 - 2 * np.cos(k)
+    answer = 2 * np.sin(k / 2) * (13 * np.cos(k / 2) - np.cos(3 * k / 2)) / 12
+    both = l + r * l[:, None]
+    both[0, 0] = np.inf
+    kernels = (np.square(np.fft.ifft2(part / both).imag) for part in (answer, np.sqrt(r) * answer[:, None]))
+    total, shape = 0.0, [n + 2 * _NEAR for n in variances[0].shape]
+    size = [scipy.fft.next_fast_len(n, real=True) for n in shape]
+    for variance, own, kernel in zip(variances, usual, kernels, strict=True):
+        more = np.pad((variance / own - 1).astype(np.float32), _NEAR, mode="symmetric")
+        near = np.roll(kernel, (_NEAR, _NEAR), (0, 1))[: 2 * _NEAR + 1, : 2 * _NEAR + 1].astype(np.float32)
+        spectra = (scipy.fft.rfft2(part, size, workers=threads()) for part in (more, near))
+        total = total + np.prod(list(spectra), axis=0)
+    found = scipy.fft.irfft2(total, size, workers=threads())[2 * _NEAR : shape[0], 2 * _NEAR : shape[1]]
+    return np.asarray(usual[0] * found, np.float64)
 
 
 def averaging_gain(var_p: Floats, var_q: Floats) -> Floats:

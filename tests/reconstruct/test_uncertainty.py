@@ -8,7 +8,7 @@ import pytest
 from optolever.reconstruct import PixelAnchor, reconstruct
 from optolever.reconstruct.monte_carlo import _block_means
 from optolever.reconstruct.poisson import ColumnPoisson
-from optolever.reconstruct.uncertainty import averaging_gain, edge_diagonal
+from optolever.reconstruct.uncertainty import averaging_gain, edge_diagonal, unlike_columns
 from optolever.scene import trace
 
 from .conftest import rms_score, scores
@@ -72,6 +72,23 @@ def test_averaging_gain(ratio: float) -> None:
     middle = n * n // 2
     found = averaging_gain(np.array([[var_p]]), np.array([[var_q]]))[0, 0]
     assert found == pytest.approx(inverse[middle, middle] - true[middle, middle], rel=0.02)
+
+
+@pytest.mark.parametrize("ratio", [0.5, 3.0])
+def test_noise_unlike_that_of_its_column(ratio: float) -> None:
+    """A patch, a row, a border row of five times the noise that the solve is weighted for: against the
+    operators, in the middle of it."""
+    n = 21
+    dx, dy, ax, ay = edge_operators(n, n)
+    inverse = np.linalg.pinv(dx.T @ dx + ratio * dy.T @ dy)
+    along, down = inverse @ (dx.T @ ax), ratio * inverse @ (dy.T @ ay)
+    usual = np.ones(n), np.full(n, 1 / ratio)
+    for row, where in ((10, np.s_[8:13, 8:13]), (10, np.s_[10]), (0, np.s_[0])):
+        more = np.zeros((n, n))
+        more[where] = 24.0
+        true = (np.square(along) @ more.ravel() + np.square(down) @ more.ravel() / ratio).reshape(n, n)
+        found = unlike_columns(((1 + more) * usual[0], (1 + more) * usual[1]), usual)
+        assert found[row, 10] == pytest.approx(true[row, 10], rel=0.25)
 
 
 @pytest.mark.parametrize("anchor", ["edge", pytest.param("pixel", marks=pytest.mark.slow)])
