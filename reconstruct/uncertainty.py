@@ -43,7 +43,9 @@ def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
     factor = np.broadcast_to(state.root**2, state.w.shape)
     at = factor.ravel()[rows.pixel]
     along_rows = 1.0 / columns.wy
-    along_cols = np.divide(1.0, columns.wx, out=along_rows.copy(), where=columns.wx > 0)
+    # of the edges on either side of a pixel
+    edges = np.pad(1.0 / columns.wx[:-1], 1, mode="edge") if len(columns.wx) > 1 else along_rows.repeat(2)
+    along_cols = 0.5 * (edges[:-1] + edges[1:])
     # what is averaged is no noisier than its neighbours
     gain = scipy.ndimage.minimum_filter1d(averaging_gain(along_cols, along_rows), 3)
     share = state.share / state.share.sum()
@@ -54,7 +56,7 @@ def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
     potential = edge_diagonal(columns) + float(np.vdot(load, green)) + own.sum() - 2.0 * green
     if state.problem.closed:
         scaled = state.variances[0] / factor**2, state.variances[1] / factor**2
-        more = unlike_columns(scaled, (along_cols, along_rows))
+        more = unlike_columns(scaled)
         # as if all anchors shared theirs
         potential = potential + more + max(float(share @ more.ravel()[rows.pixel]), 0.0)
     variance = factor**2 * np.maximum(potential - gain, FLOOR * along_cols)
@@ -65,14 +67,15 @@ def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
     return bent
 
 
-def unlike_columns(variances: Pair, usual: Pair) -> Floats:
-    """What slopes' variances (rows, cols) other than the usual ones of their columns (cols,), for which the
-    solve is weighted, add to the potential's variance, (rows, cols).
+def unlike_columns(variances: Pair) -> Floats:
+    """What slopes' variances (rows, cols) other than their columns' means, for which the solve is weighted,
+    add to the potential's variance, (rows, cols).
 
     Near a pixel the solve is a convolution: a slope along x is answered by h, of the transform
-    -2i sin(k_x / 2) |A| / (l_x + r l_y), r = usual_x / usual_y, one along y alike; the variance is the sum of
+    -2i sin(k_x / 2) |A| / (l_x + r l_y), r = var_p / var_q, one along y alike; the variance is the sum of
     h^2 times that of the slopes. Beyond the border all is mirrored.
     """
+    usual = [variance.mean(axis=0) for variance in variances]
     r = float(np.median(usual[0] / usual[1]))
     k = 2 * np.pi * np.fft.fftfreq(4 * _NEAR)
     l = 2 - 2 * np.cos(k)

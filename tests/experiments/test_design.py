@@ -152,7 +152,7 @@ def test_merit_counts_lost_pixels_as_five_times_the_rms() -> None:
 def test_a_thinned_camera_predicts_the_full_one(
     scene: str, size: tuple[int, int], bump: tuple[float, float], stride: int, number: str
 ) -> None:
-    """Every third or fourth pixel, and the logarithm: the same height error within 10 %."""
+    """Every third or fourth pixel, and the logarithm: the same height error within 12 %."""
     camera = resize(load(scene), *size)
     surface = dent("gaussian", camera, peak=bump[0], sigma=bump[1])
     shown = sequence("gray+phase", camera.pattern.rows, camera.pattern.cols)
@@ -160,7 +160,7 @@ def test_a_thinned_camera_predicts_the_full_one(
     for each in (1, stride):
         lever = Lever(camera, surface, stride=each)
         sizes.append(getattr(lever.height(predict(lever.view, shown, 1.0)), number))
-    assert sizes[1] == pytest.approx(sizes[0], rel=0.1)
+    assert sizes[1] == pytest.approx(sizes[0], rel=0.12)
 
 
 def test_candidates_fit_the_budget() -> None:

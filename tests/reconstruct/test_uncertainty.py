@@ -75,20 +75,25 @@ def test_averaging_gain(ratio: float) -> None:
 
 
 @pytest.mark.parametrize("ratio", [0.5, 3.0])
-def test_noise_unlike_that_of_its_column(ratio: float) -> None:
-    """A patch, a row, a border row of five times the noise that the solve is weighted for: against the
-    operators, in the middle of it."""
+@pytest.mark.parametrize(("row", "where"), [(10, np.s_[8:13, 8:13]), (10, np.s_[10]), (0, np.s_[0])])
+def test_noise_unlike_that_of_its_column(ratio: float, row: int, where: tuple[slice, slice] | int) -> None:
+    """A patch, a row, a border row of five times the noise, weights by columns: what the operators make of
+    all noise beyond that of the columns, in the middle of it."""
     n = 21
+    noise = np.ones((n, n))
+    noise[where] = 25.0
+    usual = noise.mean(axis=0)
+    wx = np.tile(2 / (usual[1:] + usual[:-1]), n)
+    wy = np.tile(ratio / usual, n - 1)
     dx, dy, ax, ay = edge_operators(n, n)
-    inverse = np.linalg.pinv(dx.T @ dx + ratio * dy.T @ dy)
-    along, down = inverse @ (dx.T @ ax), ratio * inverse @ (dy.T @ ay)
-    usual = np.ones(n), np.full(n, 1 / ratio)
-    for row, where in ((10, np.s_[8:13, 8:13]), (10, np.s_[10]), (0, np.s_[0])):
-        more = np.zeros((n, n))
-        more[where] = 24.0
-        true = (np.square(along) @ more.ravel() + np.square(down) @ more.ravel() / ratio).reshape(n, n)
-        found = unlike_columns(((1 + more) * usual[0], (1 + more) * usual[1]), usual)
-        assert found[row, 10] == pytest.approx(true[row, 10], rel=0.25)
+    inverse = np.linalg.pinv(dx.T @ (wx[:, None] * dx) + dy.T @ (wy[:, None] * dy))
+    along, down = inverse @ (dx.T @ (wx[:, None] * ax)), inverse @ (dy.T @ (wy[:, None] * ay))
+    answer = np.square(along) + np.square(down) / ratio
+    whole, more = (answer @ part.ravel() for part in (noise, noise - usual))
+    found = unlike_columns((noise, noise / ratio))
+    at = row * n + 10
+    assert found.ravel()[at] == pytest.approx(more[at], abs=0.15 * whole[at])
+    assert more[at] > 0.4 * whole[at]
 
 
 @pytest.mark.parametrize("anchor", ["edge", pytest.param("pixel", marks=pytest.mark.slow)])
@@ -128,7 +133,10 @@ def test_noise_that_was_told_too_small_is_told_by_the_curl(exact, noisy, times: 
     assert told.diagnostics.curl == pytest.approx(times, rel=0.05)
     assert told.good.mean() > right.good.mean() - 0.01
     both = right.good & told.good
-    np.testing.assert_allclose(told.sigma[both], right.sigma[both], rtol=0.08)
+    far = both & (
+        np.arange(128) < 120
+    )  # where the mirror meets the pattern noise moves each pixel's variance
+    np.testing.assert_allclose(told.sigma[far], right.sigma[far], rtol=0.08)
     assert rms_score(scores(told, truth)[both]) == pytest.approx(1.0, abs=0.2)
 
 
