@@ -1,6 +1,6 @@
 """One axis: which steps its frames ask for, and their chain over a block of rows."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from optolever.patterns import Sequence
 
-from .display import rounded_places, table_rounding, take_off
+from .display import table_rounding
 from .estimate import Estimate
 from .flags import DOUBT, Into, Limits, Shared, limits_of, merge
 from .frames import Light
@@ -27,8 +27,6 @@ __all__ = ["AxisDecoder", "AxisOptions", "axis_decoders"]
 
 #: Variance of rounding shown levels to 8 bits, over the squared amplitude.
 _ROUNDED2 = 1 / 12 / 127.5**2
-#: Shift that rounding leaves of whole steps of a quarter turn, by the arithmetic, px.
-_NOTHING = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +36,7 @@ class AxisDecoder:
     periods   of the fringes, with the variance that rounded grey values and misfit leave
     limits    beyond which pixels are flagged; jump: largest second difference of neighbours, pattern px;
               per_turn: turns of the finest fringe in a pattern px, 0 without one; common: variance (px^2) by
-              misfit that all close periods may share; rounded (extent,): what rounded grey values add to a
-              coordinate, empty if nothing is known of them
+              misfit that all close periods may share
     """
 
     axis: AxisPlan
@@ -55,7 +52,6 @@ class AxisDecoder:
     jump: float
     per_turn: float = 0.0
     common: float = 0.0
-    rounded: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
 
     def decode(self, rows: tuple[int, int], raw: Raw, first: bool, shared: Shared) -> None:
         """Rows start..stop: coordinates and variances into the axis' maps, the rest into the shared ones."""
@@ -71,8 +67,15 @@ class AxisDecoder:
             unwrap_close(self.light, self.noise, self.periods, self.orders, rows, into)
         else:
             climb(self.light, self.noise, self.periods, self.axis.extent, self.code, rows, into)
-        if self.rounded.size:
-            take_off(raw.coordinate[slice(*rows)], self.rounded)
+
+    def at(self, places: NDArray[np.int64]) -> tuple[NDArray[np.float32], Shared]:
+        """Coordinates (K,) of pixels at places (K, 2), row and column, and what else this axis alone tells of
+        them (1, K)."""
+        few = replace(self, light=_sampled_light(self.light, places))
+        place, *maps = np.zeros((5, 1, len(places)), np.float32)
+        shared = Shared(np.zeros(place.shape, np.uint16), *maps[1:])
+        few.decode((0, 1), Raw(place, maps[0]), True, shared)
+        return place[0], shared
 
     def _looked_up(self, table: Table, rows: tuple[int, int], raw: Raw) -> Estimate:
         """Rows start..stop by a table, of a code from its cells on."""
@@ -106,9 +109,9 @@ def axis_decoders(
     return [_decoder(axis, sequence, wanted, light, noise, lit, options) for axis in axes]
 
 
-def _sampled_light(light: Light, lit: Sample) -> Light:
-    """The sampled pixels as frames of one row."""
-    row, col = lit.places.T
+def _sampled_light(light: Light, places: NDArray[np.int64]) -> Light:
+    """Pixels at places (K, 2) as frames of one row."""
+    row, col = places.T
     return replace(light, raw=np.ascontiguousarray(light.raw[:, row, col][:, None, :]))
 
 
@@ -132,9 +135,7 @@ def _decoder(
         return AxisDecoder(axis, light, noise, code, None, None, table, None, limits, table.freedom, jump)
     covered = code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
     shown = options.on_cells and not sequence.nominal
-    rounding, rounded = (0.0,) * len(axis.fringes), np.zeros(0, np.float32)
-    if shown and axis.fringes:
-        rounding, rounded = _rounding(axis.axis, sequence)
+    rounding = _rounding(axis.axis, sequence) if shown else (0.0,) * len(axis.fringes)
     micro = None
     if axis.singles:
         micro = micro_table(axis, _deviation(axis, noise, lit), _ROUNDED2 if shown else 0.0)
@@ -155,32 +156,25 @@ def _decoder(
     decoder = AxisDecoder(
         *(axis, light, noise, code, orders, micro, None, periods, limits, freedom, jump, per_turn),
         common=0.0 if orders is None else unlike[-1] * axis.fringes[-1].period ** 2,
-        rounded=rounded,
     )
     return decoder if micro is None else replace(decoder, micro=_as_seen(decoder, micro, lit))
 
 
 def _as_seen(decoder: AxisDecoder, micro: MicroTable, lit: Sample) -> MicroTable:
     """With the contrast of its frames, by the sampled pixels that none of them clips."""
-    few = replace(decoder, light=_sampled_light(decoder.light, lit))
-    place, *maps = np.zeros((5, 1, len(lit.places)), np.float32)
-    shared = Shared(np.zeros(place.shape, np.uint16), *maps[1:])
-    few.decode((0, 1), Raw(place, maps[0]), True, shared)
-    raw = few.light.raw[micro.frames][:, 0]
-    sure = (shared.error[0] < DOUBT) & (shared.amplitude[0] > 0) & (raw < few.light.clip).all(axis=0)
-    levels = few.light.linear(raw[:, sure])
-    return micro.with_contrast(place[0, sure], (levels - shared.offset[0, sure]) / shared.amplitude[0, sure])
+    place, shared = decoder.at(lit.places)
+    raw = _sampled_light(decoder.light, lit.places).raw[micro.frames][:, 0]
+    sure = (shared.error[0] < DOUBT) & (shared.amplitude[0] > 0) & (raw < decoder.light.clip).all(axis=0)
+    levels = decoder.light.linear(raw[:, sure])
+    return micro.with_contrast(place[sure], (levels - shared.offset[0, sure]) / shared.amplitude[0, sure])
 
 
 @lru_cache(maxsize=16)
-def _rounding(name: str, sequence: Sequence) -> tuple[tuple[float, ...], NDArray[np.float32]]:
-    """Variance (turns^2) that the rounding of shown grey values makes in each fringe's phase; what it adds to
-    the coordinate of every cell."""
+def _rounding(name: str, sequence: Sequence) -> tuple[float, ...]:
+    """Variance (turns^2) that the rounding of shown grey values makes in each fringe's phase."""
     axis = next(one for one in plan(sequence).axes if one.axis == name)
     tables = sequence.tables()["uv".index(name)]
-    places = rounded_places(axis, tables)
-    variances = tuple(float(table_rounding(fringe, tables).var()) for fringe in axis.fringes)
-    return variances, places if np.abs(places).max() > _NOTHING else places[:0]
+    return tuple(float(table_rounding(fringe, tables).var()) for fringe in axis.fringes)
 
 
 def _unlike(fringe: Fringe, lit: Sample, noise: Noise, before: Before) -> float:
@@ -195,7 +189,7 @@ def _cells(code: CodePlan, light: Light, noise: Noise, lit: Sample) -> NDArray[n
     """Coordinates (K,) of the sampled pixels' cells; NaN where one is doubtful."""
     estimate = Estimate.empty(1, len(lit.places))
     if len(lit.places):
-        read_code(_sampled_light(light, lit), noise, code, (0, 1), estimate)
+        read_code(_sampled_light(light, lit.places), noise, code, (0, 1), estimate)
     sure = estimate.error[0] < DOUBT
     return np.where(sure, estimate.coordinate[0], np.nan).astype(np.float64)
 

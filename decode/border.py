@@ -1,89 +1,192 @@
 """The border of the display: beyond it is dark, so what a pixel sees there lies further inwards.
 
-A pixel sees the display through a kernel of some deviation s: cell, blur and footprint. Of a normal
-distribution cut at t deviations from its centre a share Q(t) is dark, and what is left has its centre
-hazard(t) = phi(t) / (1 - Q(t)) deviations further inwards. So a reading at r from the border and the light
-that is missing there tell s = r / (t + hazard(t)), whatever the code.
+A pixel at a distance a from the border takes the share W(k - u) of the light of cell k (see display), and
+nothing from cells beyond the border. Of a fringe of P cells that moves the reading by
+
+    s(a) = P / 2 pi (arg sum over k inside of W(k - u) exp(2 pi i (k - u) / P) - arg sum over every k).
+
+Missing is the sum of W over cells beyond, which tells the blur. Codes and levels that are looked up read
+about the centre of the light: P is infinite.
 """
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri
+from scipy.ndimage import map_coordinates
 
 from optolever.kernels import exact
 
-__all__ = ["SHADOW2", "border_reach", "inwards"]
+from .display import cell_light
+
+__all__ = ["NO_BORDER", "SHADOW2", "Border", "border_of", "inwards", "measured_blur"]
 
 F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+Shares = tuple[tuple[float, float], ...]
+Light = Callable[[NDArray[np.int64], NDArray[np.int64]], tuple[F32, F32]]
 #: Cells from the border within which light may be missing: three deviations of a blur of three cells.
 _MARGIN = 9.0
-#: Squared deviations of what a pixel sees within which the border takes some of it.
-SHADOW2 = np.float32(4**2)
-#: Light that is missing where the reach is measured, and that may be missing of a good pixel.
-_DARK, _LOST = (0.1, 0.45), 0.1
-#: Lines that are looked at along either axis; pixels that tell a reach; pixels inwards at which no light is
+#: Deviations of what a pixel sees within which the border takes some of it, squared.
+_SHADOW = 4
+SHADOW2 = np.float32(_SHADOW**2)
+#: Light that is missing where the blur is measured, and that may be missing of a good pixel.
+_DARK, _LOST = (0.05, 0.45), 0.1
+#: Lines that are looked at along either axis; pixels that tell a blur; pixels inwards at which no light is
 #: missing.
 _LINES, _FEWEST, _FARTHEST = 100, 8, 60
-#: Deviations from the border at which it takes nothing.
-_NOWHERE = 5.0
-#: Share of a shift by a measured reach that is unsure: a box in place of the normal distribution (a sixth), a
-#: fringe whose contrast the blur halves (a tenth of the reach).
-_SHAPE = 0.25
+#: Blurs that are tabled, cells rms.
+_BLURS = np.array([0.0, *np.geomspace(0.2, 3.2, 13)])
+#: Shares of a pixel's deviation that are no footprint, and readings in deviations from the border, that are
+#: tabled; deviations from it that these are of.
+_LEAST, _RATIOS, _STEPS = np.float32(0.1), 18, 16
+_TRUE = np.linspace(0.0, 5.0, 101)
+#: A period that is as good as infinite; share of the shift that is unsure where one stands for a code.
+_CENTRE, _SHAPE = ((1e6, 1.0),), 0.25
 
 
-def border_reach(
-    coord: F32, offset: F32, amplitude: F32, flags: NDArray[np.uint16], extent: int
-) -> tuple[float, int]:
-    """Deviation (cells) of what a pixel of no footprint sees, by the light that is missing beside the border,
-    and how many pixels tell it (0: too few). coord, offset (mean level), amplitude, flags: (H, W); extent: of
-    the surface. Light of a room is in the mean level only, the amplitude swings with the display's cells: the
-    two tell how much of the level is the display's."""
-    maps = coord, offset, amplitude, flags
-    every, beside = (max(1, count // _LINES) for count in coord.shape)
-    along, down = tuple(one[::every] for one in maps), tuple(one[:, ::beside].T for one in maps)
-    both = zip(_beside(along, extent), _beside(down, extent), strict=True)
-    away, width2, bend, dark, lost = (np.concatenate(parts, axis=-1) for parts in both)
-    telling = (lost > _DARK[0]) & (lost < 1 - _DARK[0])
-    if np.count_nonzero(telling) < _FEWEST:
-        return math.nan, 0
-    dark = dark / np.clip(np.median(dark[telling] / lost[telling]), _DARK[0], 1.0)
-    kept = (dark > _DARK[0]) & (dark < _DARK[1])
-    if np.count_nonzero(kept) < _FEWEST:
-        return math.nan, 0
-    t = -ndtri(dark[kept])
-    squares = (away[0, kept] / (t + _hazard(t))) ** 2 - width2[kept]
-    found = float(np.sqrt(max(np.median(squares), 0.0)))
-    deviation = np.sqrt(found**2 + width2)
-    read = np.minimum(away / deviation, _NOWHERE)
-    true = _true(read)
-    shift = deviation * (read - true)
-    # noise of faint light is missing anywhere: a reach has to explain most of what is, and is not, beside it
-    unlike = np.sum((dark - ndtr(-true[0])) ** 2) > 0.5 * np.sum(dark**2)
-    # uneven light shifts nothing: as the reach says readings have to bend
-    straight = np.abs(bend - (shift[0] - 2 * shift[1] + shift[2])).sum() > np.abs(bend).sum()
-    return (math.nan, 0) if unlike or straight else (found, len(squares))
+@dataclass(frozen=True, slots=True)
+class Border:
+    """What it does to the pixels of an axis. reach: deviation of what one of no footprint sees, cells; table
+    (_RATIOS + 1, 4 _STEPS + 1, 3): the share of light that is missing, the shift of a reading, and what is
+    unsure of it, both in deviations, by reach over deviation and reading."""
+
+    reach: float
+    table: F32
 
 
-def _true(read: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distance from the border of what is read at a distance, both in deviations."""
-    true = np.linspace(-2.0, _NOWHERE, 141)
-    return np.interp(read, true + _hazard(true), true)
+#: Of a surface that has none.
+NO_BORDER = Border(0.0, np.zeros((2, 2, 3), np.float32))
 
 
-def _hazard(t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of the normal distribution, phi(t) / Phi(t)."""
-    return np.asarray(np.exp(-0.5 * t * t) / np.sqrt(2 * np.pi) / ndtr(t))
+def border_of(shares: Shares, blurs: tuple[float, float, float], told: bool = True) -> Border:
+    """Of periods (see display) and a blur between a least and a largest one. One that nothing told bounds
+    what a pixel sees: half of its shift is taken off, and as much is unsure."""
+    low, table, high = (_of_blur(shares, blur) for blur in blurs)
+    missing, shift = table
+    unsure = np.maximum(np.abs(shift - low[1]), np.abs(shift - high[1])) + (0 if shares else _SHAPE * shift)
+    three = (missing, shift, unsure) if told else (missing, shift / 2, shift / 2)
+    return Border(_reach(blurs[1]), np.ascontiguousarray(np.stack(three, axis=-1), np.float32))
 
 
-def _beside(maps: tuple[Any, ...], extent: int) -> tuple[NDArray[np.float64], ...]:
-    """Of K pixels beside the border, on lines (L, W) of the maps of `border_reach`: distances (3, K) from it
-    of the pixel, of one inwards and of one twice as far; variance (K,) of the footprint; by how much the
-    three bend inwards; and the shares of level and amplitude that are missing against the last.
+def _reach(blur: Any) -> Any:
+    """Deviation of a cell and its blur."""
+    return np.sqrt(1 / 12 + blur**2)
+
+
+def _of_blur(shares: Shares, blur: float) -> F64:
+    """Missing light and shift (2, _RATIOS + 1, 4 _STEPS + 1), between the blurs that are tabled."""
+    after = int(np.clip(np.searchsorted(_BLURS, blur), 1, len(_BLURS) - 1))
+    part = min((blur - _BLURS[after - 1]) / (_BLURS[after] - _BLURS[after - 1]), 1.0)
+    return np.asarray((1 - part) * _table(shares, after - 1) + part * _table(shares, after))
+
+
+@lru_cache(maxsize=1024)
+def _table(shares: Shares, index: int) -> F64:
+    """Of one of the blurs, as `_of_blur`."""
+    read = np.arange(_SHADOW * _STEPS + 1) / _STEPS
+    out = []
+    for deviation, distance, light, inside in _light(index):
+        shift = _phase(shares or _CENTRE, distance, light * inside) - _phase(
+            shares or _CENTRE, distance, light
+        )
+        reading = np.maximum.accumulate(_TRUE + shift / deviation)
+        missing = 1 - (light * inside).sum(axis=0)
+        out.append([np.interp(read, reading, one) for one in (missing, shift / deviation)])
+    return np.asarray(out).transpose(1, 0, 2)
+
+
+def _phase(shares: Shares, distance: F64, light: F64) -> F64:
+    """Shift (A,) of fringes of which pixels see the light (K, A) of cells at distances (K, A), cells."""
+    shift, weight = np.zeros((2, light.shape[1]))
+    for period, share in shares:
+        seen = (light * np.exp(2j * np.pi / period * distance)).sum(axis=0)
+        own = share * np.abs(seen) ** 2
+        shift += own * period / (2 * np.pi) * np.angle(seen)
+        weight += own
+    return np.asarray(shift / np.maximum(weight, 1e-30))
+
+
+@lru_cache(maxsize=len(_BLURS))
+def _light(index: int) -> list[tuple[float, F64, F64, NDArray[np.bool_]]]:
+    """Of each footprint deviation, distances (K, A) of cells from a pixel at the places `_TRUE`, their light,
+    and whether they are inside."""
+    blur, out = float(_BLURS[index]), []
+    for ratio in np.linspace(_LEAST, 1.0, _RATIOS + 1):
+        deviation = float(_reach(blur) / ratio)
+        width = max(math.sqrt(12) * float(np.sqrt(deviation**2 - _reach(blur) ** 2)), 0.02)
+        place = _TRUE * deviation - 0.5
+        half = math.ceil(width / 2 + 0.5 + 5 * blur)
+        cell = np.rint(place) + np.arange(-half, half + 1)[:, None]
+        out.append((deviation, cell - place, cell_light(cell - place, np.array(width), blur), cell >= 0))
+    return out
+
+
+def measured_blur(
+    coord: F32, flags: NDArray[np.uint16], light: Light, extent: int, shares: Shares = ()
+) -> tuple[tuple[float, float, float], int]:
+    """Blur (cells) between a least and a largest one, by the light that is missing beside the border, and how
+    many pixels tell it (0: too few). coord, flags: (H, W); extent: of the surface.
+
+    light: mean level of pixels by their rows and columns, and an amplitude that the border dims as it does
+    the light, one across it. Light of a room is in the level only: the two tell how much of it is the
+    display's.
     """
-    coord, offset, amplitude, flags = maps
+    parts, nothing = [], ((math.nan,) * 3, 0)
+    for turned, count in enumerate(coord.shape):
+        every = max(1, count // _LINES)
+        lines = (coord.T[::every], flags.T[::every]) if turned else (coord[::every], flags[::every])
+        away, width2, bend, line, at = _beside(*lines, extent)
+        place = (at, line * every) if turned else (line * every, at)
+        parts.append((away, width2, bend, *(_missing(one) for one in light(*place))))
+    away, width2, bend, dark, lost = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
+    telling = (lost > 0.1) & (lost < 0.9)
+    if np.count_nonzero(telling) < _FEWEST:
+        return nothing
+    dark = dark / np.clip(np.median(dark[telling] / lost[telling]), 0.1, 1.0)
+    each = (_expected(_table(shares, i), blur, away, width2)[0] for i, blur in enumerate(_BLURS))
+    expected = [_missing(1 - one) for one in each]
+    more = [(one - dark)[(one > _DARK[0]) & (one < _DARK[1])] for one in expected]
+    blurs, more = _BLURS[[len(one) >= _FEWEST for one in more]], [one for one in more if len(one) >= _FEWEST]
+    if not more:
+        return nothing
+    quartiles = np.transpose([np.quantile(one, (0.75, 0.5, 0.25)) for one in more])
+    low, blur, high = (float(np.interp(0.0, line, blurs)) for line in quartiles)
+    missing, shift = _expected(_of_blur(shares, blur), blur, away, width2)
+    # noise of faint light is missing anywhere: a blur has to explain most of what is, and is not, beside it
+    unlike = np.sum((dark - _missing(1 - missing)) ** 2) > 0.5 * np.sum(dark**2)
+    # uneven light shifts nothing: as the blur says readings have to bend
+    straight = np.abs(bend - (shift[0] - 2 * shift[1] + shift[2])).sum() > np.abs(bend).sum()
+    count = np.count_nonzero((missing[0] > _DARK[0]) & (missing[0] < _DARK[1]))
+    return nothing if unlike or straight else ((low, blur, high), int(count))
+
+
+def _missing(light: Any) -> F64:
+    """Share (K,) that is missing of light (3, K) on the straight line from inwards."""
+    near, middle, far = light
+    return np.asarray(1 - near / np.maximum(2 * middle - far, 1e-6))
+
+
+def _expected(table: F64, blur: float, away: F64, width2: F64) -> tuple[F64, F64]:
+    """Missing light, and shift (cells), of pixels that read a distance from the border and have a footprint
+    of a variance."""
+    deviation = np.sqrt(_reach(blur) ** 2 + width2) + 0 * away
+    ratio = (_reach(blur) / deviation - _LEAST) * (_RATIOS / (1 - _LEAST))
+    missing, shift = (
+        map_coordinates(one, (ratio, away / deviation * _STEPS), order=1, mode="nearest") for one in table
+    )
+    return missing, shift * deviation
+
+
+def _beside(coord: F32, flags: NDArray[np.uint16], extent: int) -> tuple[NDArray[Any], ...]:
+    """Of K pixels beside the border, on lines (L, W) of a map: distances (3, K) from it of the pixel, of one
+    inwards and of one twice as far; variance (K,) of the footprint; by how much the three bend inwards; their
+    lines (3, K), and places on them.
+    """
     away = extent / 2 - np.abs(coord - (extent - 1) / 2)
     line, at = np.divmod(np.flatnonzero((away > 0) & (away < _MARGIN / 2)), coord.shape[1])
     seen = flags[line, at] == 0
@@ -101,38 +204,33 @@ def _beside(maps: tuple[Any, ...], extent: int) -> tuple[NDArray[np.float64], ..
     kept = (within > 0.8 * _MARGIN) & (within < 3 * _MARGIN) & (flags[line, three[1:]] == 0).all(axis=0)
     line, three, half = line[kept], three[:, kept], half[kept]
     (near, middle, far), sign = coord[line, three], np.where(2 * coord[line, three[0]] < extent, 1, -1)
-    shares = (
-        1.0 - one[line, three[0]] / np.maximum(2 * one[line, three[1]] - one[line, three[2]], 1e-6)
-        for one in (offset, amplitude)
-    )
     # beside the border neighbours read nearly the same place: the footprint is that of the next ones inwards
     width2 = ((far - middle) / half) ** 2 / 12
-    found = (away[line, three], width2, sign * (near - 2 * middle + far), *shares)
-    return tuple(np.asarray(one, np.float64) for one in found)
+    bend = sign * (near - 2 * middle + far)
+    return away[line, three], width2, bend, np.broadcast_to(line, three.shape), three
 
 
 @exact
-def inwards(c: Any, gx: Any, gy: Any, reach: Any, told: Any, extent: Any) -> tuple[Any, Any, Any]:
-    """Whether more light is missing than a good pixel may lack; shift inwards and its variance.
-
-    gx, gy: the footprint. A reach that is not measured (told = 0) bounds what a pixel sees: half of the shift
-    is taken off, and as much is unsure.
-    """
-    none = np.float32(0)
+def inwards(c: Any, gx: Any, gy: Any, reach: Any, table: Any, extent: Any) -> tuple[Any, Any, Any]:
+    """Whether more light is missing than a good pixel may lack; shift inwards and its variance, by the table
+    of a `Border`. gx, gy: the footprint."""
+    none, one = np.float32(0), np.float32(1)
     if extent <= 0:
         return False, none, none
     deviation = np.sqrt(reach * reach + (gx * gx + gy * gy) * np.float32(1 / 12))
     low, high = c + np.float32(0.5), extent - np.float32(0.5) - c
-    away = min(low, high)
-    if away > 0 and away * away > SHADOW2 * deviation * deviation:
+    away = max(min(low, high), none)
+    if away * away >= SHADOW2 * deviation * deviation:
         return False, none, none
-    true, hazard = away / deviation, 0.0
-    for _ in range(6):
-        left = 0.5 * math.erfc(-true * 0.7071067811865476)
-        hazard = 0.3989422804014327 * math.exp(-0.5 * true * true) / max(left, 1e-9)
-        true = max(away / deviation - hazard, -2.0)
-    dark = 0.5 * math.erfc(true * 0.7071067811865476)
-    shift = np.float32(hazard) * deviation
-    unsure = np.float32(_SHAPE if told else 0.5) * shift
-    taken = shift if told else np.float32(0.5) * shift
-    return dark > _LOST, taken if low < high else -taken, unsure * unsure
+    ratio = max(reach / deviation - _LEAST, none) * (np.float32(_RATIOS) / (one - _LEAST))
+    step = away / deviation * np.float32(_STEPS)
+    i, j = min(int(ratio), table.shape[0] - 2), min(int(step), table.shape[1] - 2)
+    p, q = ratio - np.float32(i), step - np.float32(j)
+    a, b = (one - p) * (one - q), (one - p) * q
+    d, e = p * (one - q), p * q
+    near, next_ = table[i], table[i + 1]
+    dark = a * near[j, 0] + b * near[j + 1, 0] + d * next_[j, 0] + e * next_[j + 1, 0]
+    shift = a * near[j, 1] + b * near[j + 1, 1] + d * next_[j, 1] + e * next_[j + 1, 1]
+    unsure = a * near[j, 2] + b * near[j + 1, 2] + d * next_[j, 2] + e * next_[j + 1, 2]
+    shift, unsure = shift * deviation, unsure * deviation
+    return dark > _LOST, shift if low < high else -shift, unsure * unsure

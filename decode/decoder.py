@@ -1,7 +1,9 @@
 """decode(): frames and their descriptions -> Correspondence."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import reduce
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,10 +16,10 @@ from optolever.patterns import Sequence
 from optolever.records import LOG, Progress, logged, silent
 
 from .axis import AxisDecoder, AxisOptions, axis_decoders
-from .border import border_reach
+from .border import NO_BORDER, Border, border_of, measured_blur
 from .centre import dark_level
 from .correspondence import Correspondence, Flag
-from .display import Pixelation, measured_pixelations
+from .display import Pixelation, measured_pixelations, rounded_places, shares_of, take_off, usual_width
 from .ends import end_width
 from .exposures import better_of, by_exposure
 from .flags import Shared
@@ -198,7 +200,16 @@ def _estimated(shot: _Shot, decoders: list[AxisDecoder]) -> tuple[list[Raw], Sha
             decoder.decode((start, stop), own, i == 0, of_both)
 
     over_rows(block, lines[0], max(_BLOCK // count, 1))
+    for decoder, own in zip(decoders, raw, strict=True):
+        if shot.cells and decoder.periods is not None:
+            _without_rounding(shot, decoder.axis.axis, own.coordinate)
     return raw, shared
+
+
+def _without_rounding(shot: _Shot, name: str, coord: NDArray[np.float32]) -> None:
+    """What rounded grey values shift taken off the coordinates of an axis."""
+    table = rounded_places(name, shot.sequence, usual_width(shot.lit, coord))
+    over_rows(lambda start, stop: take_off(coord[start:stop], table), len(coord), _BLOCK)
 
 
 def _among_neighbours(
@@ -209,7 +220,7 @@ def _among_neighbours(
     shown = replace(shot.plan, axes=tuple(decoder.axis for decoder in decoders))
     maps = tuple((one.coordinate, one.variance) for one in raw)
     pixelations = measured_pixelations(shown, maps, shot.cells, blur, shot.lit)
-    reaches = _reaches(shot, decoders, raw, shared, pixelations)
+    borders = _borders(shot, decoders, raw, shared, pixelations) if shot.cells else [NO_BORDER] * len(raw)
     tables, roughness = [one.tables() for one in pixelations], [one.roughness for one in pixelations]
     least = _LEAST_SIGMA if _silent(shot) else 0.0
     width, dark = end_width(shared.amplitude, shared.flags), _dark_level(shot.lit, shared)
@@ -220,13 +231,13 @@ def _among_neighbours(
 
     def block(start: int, stop: int) -> None:
         flags[start:stop] = shared.flags[start:stop]
-        for decoder, own, table, rough, reach in zip(decoders, raw, tables, roughness, reaches, strict=True):
+        for decoder, own, table, rough, border in zip(decoders, raw, tables, roughness, borders, strict=True):
             extent = float(decoder.axis.extent) if shot.cells else 0.0
             finest = decoder.jump, decoder.per_turn
-            limits = *reach, rough + decoder.common, extent, *finest, least, width, dark
+            limits = border.reach, rough + decoder.common, extent, *finest, least, width, dark
             common = shared.flags, shared.amplitude, shared.offset
             maps = (*out[decoder.axis.axis], flags)
-            check_rows((start, stop), own, common, table, limits, maps)
+            check_rows((start, stop), own, common, (*table, border.table), limits, maps)
 
     over_rows(block, shape[0], _BLOCK)
     over_rows(lambda start, stop: despeckle(start, stop, flags, shared.flags), shape[0], _BLOCK)
@@ -246,22 +257,32 @@ def _dark_level(lit: Sample, shared: Shared) -> float:
     return dark_level(level[flags == 0], amplitude[flags == 0])
 
 
-def _reaches(
+def _borders(
     shot: _Shot, decoders: list[AxisDecoder], raw: list[Raw], shared: Shared, pixelations: list[Pixelation]
-) -> list[tuple[float, bool]]:
-    """How far pixels see, cells, and whether that is measured: by either border, or by the blur."""
-    if not shot.cells:
-        return [(0.0, False)] * len(raw)
-    extents = [decoder.axis.extent for decoder in decoders]
-    light = shared.offset, shared.amplitude, shared.flags
-    pairs = zip(raw, extents, strict=True)
-    told = [border_reach(one.coordinate, *light, extent) for one, extent in pairs]
-    best = max(told, key=lambda reach: reach[1])
-    if best[1]:
-        return [(best[0], True)] * len(raw)
+) -> list[Border]:
+    """Of each axis, by the blur that either border tells, or else by one that bounds it."""
+    shares = [() if one.table is not None else shares_of(one.axis) for one in decoders]
+    told = [
+        measured_blur(own.coordinate, shared.flags, _light(shared, across), one.axis.extent, share)
+        for own, one, across, share in zip(raw, decoders, decoders[::-1], shares, strict=True)
+    ]
+    blurs, count = max(told, key=lambda one: one[1])
+    if count:
+        return [border_of(share, blurs) for share in shares]
     tables = [decoder.table for decoder in decoders]
-    measured = zip(tables, pixelations, strict=True)
-    return [(one.reach if table is None else table.spread, False) for table, one in measured]
+    measured = zip(shares, tables, pixelations, strict=True)
+    bounds = [(share, one.bound if table is None else table.spread) for share, table, one in measured]
+    return [border_of(share, (bound,) * 3, False) for share, bound in bounds]
+
+
+def _light(shared: Shared, decoder: AxisDecoder) -> Callable[..., Any]:
+    """Of pixels by their rows and columns: their mean levels, and amplitudes of an axis."""
+
+    def light(row: NDArray[np.int64], col: NDArray[np.int64]) -> tuple[Any, Any]:
+        _, alone = decoder.at(np.stack([row.ravel(), col.ravel()], axis=1))
+        return shared.offset[row, col], alone.amplitude.reshape(row.shape)
+
+    return light
 
 
 def _checked(shot: _Shot, sequence: Sequence, found: Correspondence, options: _Options) -> Correspondence:

@@ -14,18 +14,21 @@ not tell, nothing is taken off and all that may be there joins the variance. Wha
 beyond noise joins it, too.
 """
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import correlate1d
 from scipy.special import ndtr
 
 from optolever.kernels import kernel
+from optolever.patterns import Sequence
 
 from .noise import Sample
-from .plan import AxisPlan, Fringe, Plan
+from .plan import AxisPlan, Fringe, Plan, plan
 
 __all__ = [
     "Pixelation",
@@ -34,8 +37,10 @@ __all__ = [
     "measured_pixelations",
     "no_pixelation",
     "rounded_places",
+    "shares_of",
     "table_rounding",
     "take_off",
+    "usual_width",
 ]
 
 F32 = NDArray[np.float32]
@@ -47,6 +52,8 @@ REACH = 4
 _WIDEST = 2.5
 WIDTHS = np.linspace(0.0, _WIDEST, 51)
 _BLURS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7)
+#: Parts of a cell in which rounded levels are read, and the blur (cells) with which they are.
+_FINER, _HALF = 4, 0.5
 #: Finer places on which readings are inverted.
 _FINE = 256
 #: Change of chi2 that is significant (three deviations).
@@ -80,10 +87,9 @@ class Pixelation:
     roughness: float = 0.0
 
     @property
-    def reach(self) -> float:
-        """Deviation of what a pixel sees besides its footprint, cells: of a cell and its blur, of a large one
-        where the map does not tell that."""
-        return float(np.sqrt(1 / 12 + (_UNKNOWN if np.isnan(self.blur) else self.blur) ** 2))
+    def bound(self) -> float:
+        """Its blur, a large one where the map does not tell it, cells."""
+        return _UNKNOWN if np.isnan(self.blur) else self.blur
 
     def tables(self) -> tuple[F32, F32]:
         """Both by footprint in steps of a place, so that the nearest entry is as near in either; one 0 of a
@@ -264,11 +270,7 @@ def _neighbours(lit: Sample, coord: F32, variance: F32) -> _Neighbours | None:
     inside = (col >= REACH) & (col < cols - REACH) & (row >= REACH) & (row < rows - REACH)
     row, col = row[inside], col[inside]
     lines = [np.stack([coord[row + d * y, col + d * x] for d in range(-2, 3)]) for y, x in ((0, 1), (1, 0))]
-    steps = [
-        np.abs(coord[row + REACH * y, col + REACH * x] - coord[row - REACH * y, col - REACH * x])
-        / (2 * REACH)
-        for y, x in ((0, 1), (1, 0))
-    ]
+    steps = _steps(coord, row, col)
     noise = variance[row, col]
     with np.errstate(invalid="ignore"):
         five, width = np.where(steps[0] >= steps[1], *lines), np.hypot(*steps)
@@ -335,42 +337,80 @@ def table_rounding(fringe: Fringe, tables: NDArray[np.uint8]) -> F64:
     return np.asarray(turns - np.rint(turns))
 
 
-def rounded_places(axis: AxisPlan, tables: NDArray[np.uint8]) -> F32:
-    """By how much a reading of each cell is too large, (extent,), as its grey values are rounded; tables
-    (N, extent).
+@lru_cache(maxsize=16)
+def rounded_places(name: str, sequence: Sequence, width: float) -> F32:
+    """By how much readings of an axis are too large as shown grey values are rounded, (_FINER * extent,) by
+    place in parts of a cell, read by pixels of `width` cells and a blur of half a one.
 
     Least squares for offset, contrast and place at once, of the periods that share in the coordinate: each
-    has an offset and a contrast of its own, in micro phase shifting all have one. Blurred by half a cell.
+    has an offset and a contrast of its own, in micro phase shifting all have one.
     """
-    fringes = _telling(axis)
-    moved, weight = np.zeros((2, axis.extent))
+    axis = next(one for one in plan(sequence).axes if one.axis == name)
+    fringes, tables = _telling(axis), sequence.tables()["uv".index(name)]
+    moved, weight = np.zeros((2, axis.extent * _FINER))
     for group in (fringes,) if axis.singles else ((one,) for one in fringes):
-        shift, exposure = (
-            np.concatenate(part) for part in zip(*((f.shifts, f.exposure) for f in group), strict=True)
-        )
-        wave = 2 * np.pi / np.concatenate([np.full(len(f.index), f.period) for f in group])
-        phase = wave * np.arange(axis.extent)[:, None] - shift
-        design = exposure[:, None] * np.stack(
-            [np.ones_like(phase), np.cos(phase), -wave * np.sin(phase)], axis=2
-        )
-        levels = tables[[i for f in group for i in f.index]].T[..., None].astype(np.float64)
-        turned = design.transpose(0, 2, 1)
-        inverse = np.linalg.inv(turned @ design)
-        _, contrast, moves = (inverse @ (turned @ levels))[..., 0].T
+        levels = tables[[i for f in group for i in f.index]].astype(np.float64)
+        shown = _design(group, np.arange(axis.extent))
+        usual = (np.linalg.pinv(shown) @ levels.T[..., None]).mean(axis=0) * [[1], [1], [0]]
+        rounding = levels - (shown @ usual)[..., 0].T
+        fine = _design(group, np.arange(axis.extent * _FINER) / _FINER)
+        turned = fine.transpose(0, 2, 1)
+        inverse = np.linalg.inv(turned @ fine)
+        _, contrast, _ = (inverse @ (turned @ _through(levels, width)))[..., 0].T
+        moves = (inverse @ (turned @ _through(rounding, width)))[:, 2, 0]
         moved += moves / contrast / inverse[:, 2, 2]
         weight += 1 / inverse[:, 2, 2]
-    wide = np.pad(moved / weight, 1, mode="edge")
-    return ((wide[:-2] + 4 * wide[1:-1] + wide[2:]) / 6).astype(np.float32)
+    return (moved / weight).astype(np.float32)
+
+
+def _design(fringes: tuple[Fringe, ...], place: NDArray[Any]) -> F64:
+    """Derivatives (K, N, 3) of the fringes' levels for offset, contrast and place (K,), of contrast 1."""
+    shift, exposure = (
+        np.concatenate(part) for part in zip(*((f.shifts, f.exposure) for f in fringes), strict=True)
+    )
+    wave = 2 * np.pi / np.concatenate([np.full(len(f.index), f.period) for f in fringes])
+    phase = wave * place[:, None] - shift
+    return np.asarray(
+        exposure[:, None] * np.stack([np.ones_like(phase), np.cos(phase), -wave * np.sin(phase)], axis=2)
+    )
+
+
+def _through(levels: F64, width: float) -> F64:
+    """Levels (N, extent) of cells as pixels at parts of a cell read them, (_FINER * extent, N, 1)."""
+    reach = math.ceil(width / 2 + 3)
+    distance = np.arange(-reach, reach + 1) - np.arange(_FINER)[:, None] / _FINER
+    light = cell_light(distance, np.array(width), _HALF)
+    seen = np.stack([correlate1d(levels, part, axis=1, mode="nearest") for part in light], axis=2)
+    return seen.reshape(len(levels), -1).T[..., None]
+
+
+def usual_width(lit: Sample, coord: F32) -> float:
+    """Median footprint of the sampled pixels that see the pattern, cells, in steps of a twentieth."""
+    row, col = lit.places[:: max(1, len(lit.places) // _MOST)].T
+    rows, cols = coord.shape
+    inside = (col >= REACH) & (col < cols - REACH) & (row >= REACH) & (row < rows - REACH)
+    width = np.hypot(*_steps(coord, row[inside], col[inside]))
+    width = width[np.isfinite(width)]
+    usual = float(np.median(width)) if width.size else 1.0
+    return 0.05 * max(round(usual / 0.05), 1)
+
+
+def _steps(coord: F32, row: NDArray[Any], col: NDArray[Any]) -> tuple[F32, F32]:
+    """Size of the change per pixel along columns and rows, at pixels REACH from the image's border."""
+    along = coord[row, col + REACH] - coord[row, col - REACH]
+    down = coord[row + REACH, col] - coord[row - REACH, col]
+    return np.abs(along) / (2 * REACH), np.abs(down) / (2 * REACH)
 
 
 @kernel
 def take_off(coord: Any, table: Any) -> None:
-    """What a table (extent,) has at coordinates (H, W), between its places on a straight line."""
-    zero, last = np.float32(0), np.float32(table.size - 1)
+    """What a table (_FINER * extent,) has at coordinates (H, W), between its places on a straight line."""
+    zero, last, finer = np.float32(0), np.float32(table.size - 1), np.float32(_FINER)
     for y in range(coord.shape[0]):
         line = coord[y]
         for x in range(line.size):
-            at = line[x] if line[x] > zero else zero
+            at = finer * line[x]
+            at = at if at > zero else zero
             at = at if at < last else last
             low = np.int32(at)
             here, after = table[low], table[min(low + 1, table.size - 1)]

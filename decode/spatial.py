@@ -46,14 +46,14 @@ def check_rows(
     rows: tuple[int, int],
     raw: Raw,
     common: tuple[NDArray[np.uint16], Any, Any],
-    tables: tuple[Any, Any],
+    tables: tuple[Any, Any, Any],
     limits: tuple[float, ...],
     out: tuple[Any, Any, NDArray[np.uint16]],
 ) -> None:
     """Rows start..stop of one axis.
 
-    common: flags (H, W) so far, amplitude and offset (H, W). tables: of a Pixelation. limits: how far pixels
-    see (cells), whether that is measured, roughness (px^2), extent of the surface (0: it has no border),
+    common: flags (H, W) so far, amplitude and offset (H, W). tables: of a Pixelation and of the Border.
+    limits: how far pixels see (cells), roughness (px^2), extent of the surface (0: it has no border),
     largest second difference (px), turns of the finest fringe in a px, least sigma (px), width of the
     mirror's ends (see ends), level without light.
     out: coordinate, sigma, flags (H, W), the last or-ed.
@@ -63,8 +63,8 @@ def check_rows(
 
 @exact
 def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: Any, maps: Any) -> None:
-    (coord, variance), (flags, amplitude, offset), (shift, unsure) = raw, common, tables
-    reach, told, roughness, extent, jump, per_turn, least, m2, dark = numbers
+    (coord, variance), (flags, amplitude, offset), (shift, unsure, shadow) = raw, common, tables
+    reach, roughness, extent, jump, per_turn, least, m2, dark = numbers
     out, sigma, out_flags = maps
     rows, cols = coord.shape
     window = np.empty((stop - start + 2 * REACH, cols + 2 * REACH), np.float32)
@@ -118,7 +118,10 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
             unknown |= _undersampled(left_2, left, here, right, right_2, per_turn)
             unknown |= _undersampled(up_2, above, here, below, down_2, per_turn)
             flag |= np.uint16(_OUTLIER if unknown else 0)
-            off, shift_in, unsure_in = inwards(here, gx, gy, reach, told, extent)
+            low = here + here < extent - np.float32(1)
+            inner_x = _step_inwards((left_2, left, here, right, right_2), low, jump)
+            inner_y = _step_inwards((up_2, above, here, below, down_2), low, jump)
+            off, shift_in, unsure_in = inwards(here, inner_x, inner_y, reach, shadow, extent)
             out[y, x] -= shift_in
             sigma[y, x] += lost + unsure_in
             out_flags[y, x] |= flag | np.uint16(_OFF if off else 0)
@@ -161,6 +164,17 @@ def _step_on_a_map(before: Any, here: Any, after: Any, jump: Any) -> Any:
     map does (the other is beyond an edge) or one is refused; 0 by none."""
     least = lesser(here - before, after - here)
     return np.float32(0.5) * abs(after - before) if abs(before + after - here - here) <= jump else least
+
+
+@inlined
+def _step_inwards(five: Any, low: Any, jump: Any) -> Any:
+    """Size of the change per pixel between the next two ones inwards of the nearer border (low: of the low
+    coordinates), as beside it neighbours read nearly the same place; see `_step_on_a_map`."""
+    before_2, before, here, after, after_2 = five
+    ahead = (after > here) == low if after == after else (before > here) != low
+    near, next_ = (after, after_2) if ahead else (before, before_2)
+    least = lesser(near - here, next_ - near)
+    return abs(next_ - near) if abs(here + next_ - near - near) <= jump else least
 
 
 @kernel

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from optolever.decode import Flag, decode
-from optolever.decode.border import border_reach
+from optolever.decode.border import border_of, inwards, measured_blur
 from optolever.experiments.metrics import rms
 from optolever.patterns import Sequence, sequence, sequence_from_text
 
@@ -40,7 +40,8 @@ def footprints(
 
     def light(table: NDArray[np.uint8], place: F64) -> F64:
         cells = np.repeat(np.pad(table / 255.0, pad), per_cell)
-        reach = np.arange(-6 * per_cell, 6 * per_cell + 1) / per_cell
+        far = int(5 * max(blur, 1.0)) * per_cell
+        reach = np.arange(-far, far + 1) / per_cell
         gauss = np.exp(-0.5 * (reach / max(blur, 1e-3)) ** 2)
         soft = np.convolve(cells, gauss / gauss.sum(), mode="same")
         at = (np.arange(len(soft)) + 0.5) / per_cell - 0.5 - pad
@@ -168,22 +169,42 @@ def test_noise_of_faint_light_tells_no_shadow_of_the_border(seed: int) -> None:
     """Light seems to be missing here and there, of a reflection of a few levels: no reach explains where."""
     rng = np.random.default_rng(seed)
     coord = np.tile(0.6 * np.arange(64) - 0.3, (48, 1)).astype(np.float32)
-    light = [(4 + 0.5 * rng.standard_normal(coord.shape)).astype(np.float32) for _ in range(2)]
-    assert border_reach(coord, *light, np.zeros(coord.shape, np.uint16), 500)[1] == 0
+    level, amplitude = ((4 + 0.5 * rng.standard_normal(coord.shape)).astype(np.float32) for _ in range(2))
+    none = np.zeros(coord.shape, np.uint16)
+    assert measured_blur(coord, none, lambda *at: (level[at], amplitude[at]), 500)[1] == 0
 
 
-def test_the_borders_reach_in_falling_light_by_pixels_of_two_cells() -> None:
-    """Pixels beyond the border read nearly the same place as the last one before it."""
-    first, blur, cells = np.random.default_rng(0).uniform(0, 2.2, (64, 1)), 0.8, 2.2
+@pytest.mark.parametrize(("cells", "blur", "period"), [(2.2, 0.8, 8.0), (1.2, 0.5, 16.0), (5.0, 0.6, 16.0)])
+def test_the_borders_shift_of_a_fringe(cells: float, blur: float, period: float) -> None:
+    """By rays through the pixels, of falling light in a lit room; the border's own table takes it off."""
+    first = np.random.default_rng(0).uniform(0, cells, (64, 1))
     away = first - cells + cells * np.arange(24)
-    deviation = np.hypot(blur, cells / np.sqrt(12))
-    seen = ndtr(away / deviation)
-    read = away + deviation * np.exp(-0.5 * (away / deviation) ** 2) / np.sqrt(2 * np.pi) / seen
+    rays = away[..., None] - 0.5 + cells * ((np.arange(60) + 0.5) / 60 - 0.5)
+    share = np.stack(
+        [
+            np.diff(ndtr((k + np.array([[-0.5], [0.5]]) - rays.reshape(1, -1)) / blur), axis=0)
+            .reshape(rays.shape)
+            .mean(axis=-1)
+            for k in range(150)
+        ],
+        axis=-1,
+    )
+    seen, phase = share.sum(axis=-1), share @ np.exp(2j * np.pi / period * np.arange(150))
+    read = np.angle(phase) * period / (2 * np.pi)
+    read += period * np.rint((away - 0.5 - read) / period)
     light = seen * (1 + 0.01 * np.arange(24))
-    maps = (part.astype(np.float32) for part in (read - 0.5, 100 * light, 90 * light))
-    found, count = border_reach(*maps, np.zeros(away.shape, np.uint16), 500)
+    level, amplitude = (100 * light + 30).astype(np.float32), (90 * light).astype(np.float32)
+    flags = (seen < 0.5).astype(np.uint16)
+    shares = ((period, 1.0),)
+    told, count = measured_blur(
+        read.astype(np.float32), flags, lambda *at: (level[at], amplitude[at]), 500, shares
+    )
     assert count > 20
-    assert abs(found - blur) < 0.05
+    assert abs(told[1] - blur) < 0.05
+    border, width = border_of(shares, told), np.float32(cells)
+    for at, place in zip(away[seen > 0.92], read[seen > 0.92], strict=True):
+        off, shift, _ = inwards(np.float32(place), width, np.float32(0), border.reach, border.table, 500.0)
+        assert off or abs(place - shift - at + 0.5) < 0.02 * cells
 
 
 @pytest.mark.parametrize("depth", [0.15, 0.35, 0.5])
