@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from optolever.kernels import exact
+from optolever.kernels import exact, inlined
 
 from .display import cell_light
 
@@ -60,14 +60,14 @@ class Border:
 
 
 #: Of a surface that has none.
-NO_BORDER = Border(0.0, np.zeros((2, 2, 3), np.float32))
+NO_BORDER = Border(0.0, np.zeros((_RATIOS + 1, _SHADOW * _STEPS + 1, 3), np.float32))
 
 
 def border_of(shares: Shares, blurs: tuple[float, float, float], told: bool = True) -> Border:
     """Of periods (see display) and a blur between a least and a largest one. One that nothing told bounds
     what a pixel sees: half of its shift is taken off, and as much is unsure."""
     low, table, high = (_of_blur(shares, blur) for blur in blurs)
-    missing, shift = table
+    missing, shift, _ = table
     unsure = np.maximum(np.abs(shift - low[1]), np.abs(shift - high[1])) + (0 if shares else _SHAPE * shift)
     three = (missing, shift, unsure) if told else (missing, shift / 2, shift / 2)
     return Border(_reach(blurs[1]), np.ascontiguousarray(np.stack(three, axis=-1), np.float32))
@@ -79,7 +79,8 @@ def _reach(blur: Any) -> Any:
 
 
 def _of_blur(shares: Shares, blur: float) -> F64:
-    """Missing light and shift (2, _RATIOS + 1, 4 _STEPS + 1), between the blurs that are tabled."""
+    """Missing light, shift and lost amplitude (3, _RATIOS + 1, 4 _STEPS + 1), between the blurs that are
+    tabled."""
     after = int(np.clip(np.searchsorted(_BLURS, blur), 1, len(_BLURS) - 1))
     part = min((blur - _BLURS[after - 1]) / (_BLURS[after] - _BLURS[after - 1]), 1.0)
     return np.asarray((1 - part) * _table(shares, after - 1) + part * _table(shares, after))
@@ -91,24 +92,25 @@ def _table(shares: Shares, index: int) -> F64:
     read = np.arange(_SHADOW * _STEPS + 1) / _STEPS
     out = []
     for deviation, distance, light, inside in _light(index):
-        shift = _phase(shares or _CENTRE, distance, light * inside) - _phase(
-            shares or _CENTRE, distance, light
+        (seen, power), (whole, most) = (
+            _phase(shares or _CENTRE, distance, part) for part in (light * inside, light)
         )
-        reading = np.maximum.accumulate(_TRUE + shift / deviation)
-        missing = 1 - (light * inside).sum(axis=0)
-        out.append([np.interp(read, reading, one) for one in (missing, shift / deviation)])
+        reading = np.maximum.accumulate(_TRUE + seen / deviation)
+        missing, lost = 1 - (light * inside).sum(axis=0), 1 - np.sqrt(power / most)
+        out.append([np.interp(read, reading, one) for one in (missing, (seen - whole) / deviation, lost)])
     return np.asarray(out).transpose(1, 0, 2)
 
 
-def _phase(shares: Shares, distance: F64, light: F64) -> F64:
-    """Shift (A,) of fringes of which pixels see the light (K, A) of cells at distances (K, A), cells."""
-    shift, weight = np.zeros((2, light.shape[1]))
+def _phase(shares: Shares, distance: F64, light: F64) -> tuple[F64, F64]:
+    """Shift (A,) of fringes of which pixels see the light (K, A) of cells at distances (K, A), cells; their
+    squared amplitudes."""
+    shift, weight = np.zeros(light.shape[1]), np.full(light.shape[1], 1e-30)
     for period, share in shares:
         seen = (light * np.exp(2j * np.pi / period * distance)).sum(axis=0)
         own = share * np.abs(seen) ** 2
         shift += own * period / (2 * np.pi) * np.angle(seen)
         weight += own
-    return np.asarray(shift / np.maximum(weight, 1e-30))
+    return shift / weight, weight
 
 
 @lru_cache(maxsize=len(_BLURS))
@@ -127,14 +129,19 @@ def _light(index: int) -> list[tuple[float, F64, F64, NDArray[np.bool_]]]:
 
 
 def measured_blur(
-    coord: F32, flags: NDArray[np.uint16], light: Light, extent: int, shares: Shares = ()
+    coord: F32,
+    flags: NDArray[np.uint16],
+    light: Light,
+    extent: int,
+    shares: Shares = (),
+    across: bool = True,
 ) -> tuple[tuple[float, float, float], int]:
     """Blur (cells) between a least and a largest one, by the light that is missing beside the border, and how
     many pixels tell it (0: too few). coord, flags: (H, W); extent: of the surface.
 
-    light: mean level of pixels by their rows and columns, and an amplitude that the border dims as it does
-    the light, one across it. Light of a room is in the level only: the two tell how much of it is the
-    display's.
+    light: mean level of pixels by their rows and columns, and an amplitude, of frames across the border that
+    it dims as it does the light, else of the axis itself. Light of a room is in the level only: the amplitude
+    across tells how much of it is the display's.
     """
     parts, nothing = [], ((math.nan,) * 3, 0)
     for turned, count in enumerate(coord.shape):
@@ -143,12 +150,12 @@ def measured_blur(
         away, width2, bend, line, at = _beside(*lines, extent)
         place = (at, line * every) if turned else (line * every, at)
         parts.append((away, width2, bend, *(_missing(one) for one in light(*place))))
-    away, width2, bend, dark, lost = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
+    away, width2, bend, level, lost = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
     telling = (lost > 0.1) & (lost < 0.9)
-    if np.count_nonzero(telling) < _FEWEST:
+    if np.count_nonzero(telling) < _FEWEST or lost.sum() <= 0:
         return nothing
-    dark = dark / np.clip(np.median(dark[telling] / lost[telling]), 0.1, 1.0)
-    each = (_expected(_table(shares, i), blur, away, width2)[0] for i, blur in enumerate(_BLURS))
+    dark, what = (level / np.clip(level.sum() / lost.sum(), 0.1, 1.0), 0) if across else (lost, 2)
+    each = (_expected(_table(shares, i), blur, away, width2)[what] for i, blur in enumerate(_BLURS))
     expected = [_missing(1 - one) for one in each]
     more = [(one - dark)[(one > _DARK[0]) & (one < _DARK[1])] for one in expected]
     blurs, more = _BLURS[[len(one) >= _FEWEST for one in more]], [one for one in more if len(one) >= _FEWEST]
@@ -156,12 +163,14 @@ def measured_blur(
         return nothing
     quartiles = np.transpose([np.quantile(one, (0.75, 0.5, 0.25)) for one in more])
     low, blur, high = (float(np.interp(0.0, line, blurs)) for line in quartiles)
-    missing, shift = _expected(_of_blur(shares, blur), blur, away, width2)
+    missing, shift, _ = _expected(_of_blur(shares, blur), blur, away, width2)
+    dims = _missing(1 - missing)
     # noise of faint light is missing anywhere: a blur has to explain most of what is, and is not, beside it
-    unlike = np.sum((dark - _missing(1 - missing)) ** 2) > 0.5 * np.sum(dark**2)
+    share = np.sum(level * dims) / np.maximum(np.sum(dims**2), 1e-9)
+    unlike = np.sum((level - share * dims) ** 2) > 0.5 * np.sum(level**2)
     # uneven light shifts nothing: as the blur says readings have to bend
     straight = np.abs(bend - (shift[0] - 2 * shift[1] + shift[2])).sum() > np.abs(bend).sum()
-    count = np.count_nonzero((missing[0] > _DARK[0]) & (missing[0] < _DARK[1]))
+    count = np.count_nonzero((dims > _DARK[0]) & (dims < _DARK[1]))
     return nothing if unlike or straight else ((low, blur, high), int(count))
 
 
@@ -171,15 +180,15 @@ def _missing(light: Any) -> F64:
     return np.asarray(1 - near / np.maximum(2 * middle - far, 1e-6))
 
 
-def _expected(table: F64, blur: float, away: F64, width2: F64) -> tuple[F64, F64]:
-    """Missing light, and shift (cells), of pixels that read a distance from the border and have a footprint
-    of a variance."""
+def _expected(table: F64, blur: float, away: F64, width2: F64) -> tuple[F64, F64, F64]:
+    """Missing light, shift (cells) and lost amplitude of pixels that read a distance from the border and have
+    a footprint of a variance."""
     deviation = np.sqrt(_reach(blur) ** 2 + width2) + 0 * away
     ratio = (_reach(blur) / deviation - _LEAST) * (_RATIOS / (1 - _LEAST))
-    missing, shift = (
+    missing, shift, lost = (
         map_coordinates(one, (ratio, away / deviation * _STEPS), order=1, mode="nearest") for one in table
     )
-    return missing, shift * deviation
+    return missing, shift * deviation, lost
 
 
 def _beside(coord: F32, flags: NDArray[np.uint16], extent: int) -> tuple[NDArray[Any], ...]:
@@ -211,26 +220,37 @@ def _beside(coord: F32, flags: NDArray[np.uint16], extent: int) -> tuple[NDArray
 
 
 @exact
-def inwards(c: Any, gx: Any, gy: Any, reach: Any, table: Any, extent: Any) -> tuple[Any, Any, Any]:
+def inwards(
+    c: Any, noise: Any, gx: Any, gy: Any, reach: Any, table: Any, extent: Any
+) -> tuple[Any, Any, Any]:
     """Whether more light is missing than a good pixel may lack; shift inwards and its variance, by the table
-    of a `Border`. gx, gy: the footprint."""
-    none, one = np.float32(0), np.float32(1)
+    of a `Border`. noise: variance of the reading c, of which some is the shift's; gx, gy: the footprint."""
+    none, half = np.float32(0), np.float32(0.5)
     if extent <= 0:
         return False, none, none
     deviation = np.sqrt(reach * reach + (gx * gx + gy * gy) * np.float32(1 / 12))
-    low, high = c + np.float32(0.5), extent - np.float32(0.5) - c
+    low, high = c + half, extent - half - c
     away = max(min(low, high), none)
     if away * away >= SHADOW2 * deviation * deviation:
         return False, none, none
-    ratio = max(reach / deviation - _LEAST, none) * (np.float32(_RATIOS) / (one - _LEAST))
+    _, shift, unsure = _looked_up(table, reach, deviation, away)
+    # as sharp cells are treads, noise may hide that the reading is of a place nearer to the border
+    dark, most, _ = _looked_up(table, reach, deviation, max(away - np.float32(2) * np.sqrt(noise), none))
+    by_noise = half * (most - shift)
+    return dark > _LOST, shift if low < high else -shift, unsure * unsure + by_noise * by_noise
+
+
+@inlined
+def _looked_up(table: Any, reach: Any, deviation: Any, away: Any) -> tuple[Any, Any, Any]:
+    """Entries of a table, shifts in cells."""
+    one = np.float32(1)
+    ratio = max(reach / deviation - _LEAST, np.float32(0)) * (np.float32(_RATIOS) / (one - _LEAST))
     step = away / deviation * np.float32(_STEPS)
-    i, j = min(int(ratio), table.shape[0] - 2), min(int(step), table.shape[1] - 2)
+    i, j = min(int(ratio), _RATIOS - 1), min(int(step), _SHADOW * _STEPS - 1)
     p, q = ratio - np.float32(i), step - np.float32(j)
-    a, b = (one - p) * (one - q), (one - p) * q
-    d, e = p * (one - q), p * q
+    a, b, d, e = (one - p) * (one - q), (one - p) * q, p * (one - q), p * q
     near, next_ = table[i], table[i + 1]
     dark = a * near[j, 0] + b * near[j + 1, 0] + d * next_[j, 0] + e * next_[j + 1, 0]
     shift = a * near[j, 1] + b * near[j + 1, 1] + d * next_[j, 1] + e * next_[j + 1, 1]
     unsure = a * near[j, 2] + b * near[j + 1, 2] + d * next_[j, 2] + e * next_[j + 1, 2]
-    shift, unsure = shift * deviation, unsure * deviation
-    return dark > _LOST, shift if low < high else -shift, unsure * unsure
+    return dark, shift * deviation, unsure * deviation

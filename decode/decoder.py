@@ -263,8 +263,10 @@ def _borders(
     """Of each axis, by the blur that either border tells, or else by one that bounds it."""
     shares = [() if one.table is not None else shares_of(one.axis) for one in decoders]
     told = [
-        measured_blur(own.coordinate, shared.flags, _light(shared, across), one.axis.extent, share)
-        for own, one, across, share in zip(raw, decoders, decoders[::-1], shares, strict=True)
+        measured_blur(
+            own.coordinate, shared.flags, _light(shared, other), one.axis.extent, share, one is not other
+        )
+        for own, one, other, share in zip(raw, decoders, decoders[::-1], shares, strict=True)
     ]
     blurs, count = max(told, key=lambda one: one[1])
     if count:

@@ -121,7 +121,7 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
             low = here + here < extent - np.float32(1)
             inner_x = _step_inwards((left_2, left, here, right, right_2), low, jump)
             inner_y = _step_inwards((up_2, above, here, below, down_2), low, jump)
-            off, shift_in, unsure_in = inwards(here, inner_x, inner_y, reach, shadow, extent)
+            off, shift_in, unsure_in = inwards(here, variance[y, x], inner_x, inner_y, reach, shadow, extent)
             out[y, x] -= shift_in
             sigma[y, x] += lost + unsure_in
             out_flags[y, x] |= flag | np.uint16(_OFF if off else 0)

@@ -201,9 +201,9 @@ def test_the_borders_shift_of_a_fringe(cells: float, blur: float, period: float)
     )
     assert count > 20
     assert abs(told[1] - blur) < 0.05
-    border, width = border_of(shares, told), np.float32(cells)
+    border, width, none = border_of(shares, told), np.float32(cells), np.float32(0)
     for at, place in zip(away[seen > 0.92], read[seen > 0.92], strict=True):
-        off, shift, _ = inwards(np.float32(place), width, np.float32(0), border.reach, border.table, 500.0)
+        off, shift, _ = inwards(np.float32(place), none, width, none, border.reach, border.table, 500.0)
         assert off or abs(place - shift - at + 0.5) < 0.02 * cells
 
 
