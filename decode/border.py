@@ -235,7 +235,9 @@ def inwards(
         return False, none, none
     _, shift, unsure = _looked_up(table, reach, deviation, away)
     # as sharp cells are treads, noise may hide that the reading is of a place nearer to the border
-    dark, most, _ = _looked_up(table, reach, deviation, max(away - np.float32(2) * np.sqrt(noise), none))
+    sigma = np.sqrt(noise)
+    dark, _, _ = _looked_up(table, reach, deviation, max(away - sigma, none))
+    _, most, _ = _looked_up(table, reach, deviation, max(away - sigma - sigma, none))
     by_noise = half * (most - shift)
     return dark > _LOST, shift if low < high else -shift, unsure * unsure + by_noise * by_noise
 
