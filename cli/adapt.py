@@ -85,9 +85,9 @@ def command(
 ) -> None:
     """Choose frames from what was measured so far, virtually.
 
-    It starts with the frames that the mirror at rest needs, and stops when the share asked for is within the
-    goal, or says why it cannot be; every dent is printed when it is done. Beside it stands the fixed sequence
-    of fewest frames that meets the same goal on all dents, by the mean share of the same seeds.
+    It starts with the twelve fringes that do best on the mirror at rest, and stops when the share asked for
+    is within the goal, or says why it cannot be; every dent is printed when it is done. Beside it stands the
+    fixed sequence of fewest frames that meets the same goal on all dents, by the mean share of the seeds.
     """
     from optolever.experiments.design import AdaptiveRow, Goal, run_adaptive, study_dents
 

@@ -29,14 +29,14 @@ __all__ = ["command"]
 SAMPLE = """
 $ optolever design --scene prism48 --size 96x128 --frames 14 --rows 3 --out best.toml
 Height error, rms in mm: prism48, at most 14 frames
-sequence                               frames  time      predicted  +-   simulated  wrong order  measured
-phase:steps=3,periods=4.53333/4.37143  12      0.2 s     6.594e-05  1 %  6.532e-05  0e+00        100 %
-phase:steps=3,periods=6.8/6.44211      12      0.2 s     7.777e-05  1 %  7.649e-05  0e+00        100 %
-ladder: 2 to 5 px, steps 3/4           14      0.2333 s  8.226e-05  3 %  8.302e-05  0e+00        100 %
+sequence                               frames  time   predicted  +-   simulated  wrong order  measured
+phase:steps=3,periods=4.53333/4.37143  12      0.2 s  6.8e-05    1 %  6.61e-05   0e+00        100 %
+phase:steps=3,periods=3.70909/3.6      12      0.2 s  6.922e-05  1 %  6.587e-05  0e+00        99.78 %
+phase:steps=3,periods=5.56364/5.32174  12      0.2 s  7.183e-05  1 %  7.22e-05   0e+00        100 %
 Choice
   sequence    phase:steps=3,periods=4.53333/4.37143
-  candidates  15
-  time        predict 19.78, simulate 1.224, total 21 s
+  candidates  18
+  time        predict 37.78, simulate 4.291, total 42.07 s
   written to  best.toml
 """
 

@@ -7,11 +7,12 @@
 | `sensitivity.py` | from errors on the pattern to errors of height, by the solver |
 | `exhaustive.py`, `judged.py` | run_choices: the first choice against all candidates simulated; on what |
 | `slopes.py`, `sensor_maps.py`, `sensor_sweep.py`, `sensor_report.py` | what a scene can measure |
+| `goal.py` | the share of heights within a goal, fixed sequences that meet it |
 | `adaptive.py`, `on_demand.py` | the next frames from the last |
-| `adaptive_study.py`, `fixed_search.py`, `outlook.py` | against the best fixed sequence; its prediction |
+| `adaptive_study.py` | against the best fixed sequence |
 """
 
-from .adaptive import Adapted, Goal, Start, Step, adapt, share_within, starting
+from .adaptive import Adapted, Start, Step, adapt, starting
 from .adaptive_study import (
     AdaptiveRow,
     AdaptiveStudy,
@@ -23,10 +24,9 @@ from .adaptive_study import (
 )
 from .candidates import Candidate, candidates, ladder
 from .exhaustive import ChoiceRow, run_choices
-from .fixed_search import offers
+from .goal import Goal, expected_share, offers, share_within
 from .judged import CASES, Case, drawn_cases
 from .on_demand import OnDemand, VirtualOnDemand
-from .outlook import Outlook
 from .prediction import Prediction, predict
 from .ranking import Design, DesignRow, merit, run_design, simulate
 from .sensitivity import Lever
@@ -53,7 +53,6 @@ __all__ = [
     "Goal",
     "Lever",
     "OnDemand",
-    "Outlook",
     "Place",
     "Prediction",
     "SensorMaps",
@@ -66,6 +65,7 @@ __all__ = [
     "best_fixed",
     "candidates",
     "drawn_cases",
+    "expected_share",
     "ladder",
     "lever_arm",
     "merit",

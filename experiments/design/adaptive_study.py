@@ -19,11 +19,10 @@ from optolever.reconstruct import HeightMap
 from optolever.records import Progress, silent
 from optolever.scene import Scene, dent_from_text
 
-from .adaptive import Goal, Start, Step, adapt, starting
+from .adaptive import SIDE, Adapted, Start, Step, adapt, starting
 from .candidates import Candidate
-from .fixed_search import offers
+from .goal import Goal, offers
 from .on_demand import VirtualOnDemand
-from .outlook import Outlook
 from .sensitivity import Lever
 from .view import stride_for
 
@@ -37,7 +36,6 @@ __all__ = [
     "study_dents",
 ]
 
-SIDE = 60  # pixels along the shorter side of the camera by which shares are predicted
 #: Predicted share under the goal's, up to which a fixed sequence is worth simulating; of one number of
 #: frames so many at most.
 DOUBTFUL, SIMULATED = 0.01, 10
@@ -186,7 +184,8 @@ def best_fixed(places: "list[Place]", goal: Goal, seeds: int, progress: Progress
     proven impossible.
     """
     offered = simulated = 0
-    for offer in offers([place.outlook for place in places], goal.share - DOUBTFUL, goal.frames):
+    levers, noise = [place.lever for place in places], places[0].start.noise
+    for offer in offers(levers, noise, goal, goal.share - DOUBTFUL):
         offered += offer.looked_at
         for _, candidate in offer.best[:SIMULATED]:
             progress(f"fixed sequences of {offer.frames} frames", offer.frames, goal.frames)
@@ -199,17 +198,11 @@ def best_fixed(places: "list[Place]", goal: Goal, seeds: int, progress: Progress
 
 
 def _verified(places: "list[Place]", sequence: Sequence, share: float, seeds: int) -> list[float] | None:
-    """Actual shares on every place, None as soon as one is missed; the hardest places first."""
-    order = sorted(range(len(places)), key=lambda k: places[k].outlook.share(sequence))
-    shares = [math.nan] * len(places)
-    for k in order:
-        found = []
-        for seed in range(seeds):
-            found.append(places[k].fixed(sequence, seed))
-            if found[-1] < share - 2 * DOUBTFUL:  # no mean of a few makes that good
-                return None
-        shares[k] = float(np.mean(found))
-        if shares[k] < share:
+    """Actual shares on every place, None as soon as one is missed."""
+    shares = []
+    for place in places:
+        shares.append(float(np.mean([place.fixed(sequence, seed) for seed in range(seeds)])))
+        if shares[-1] < share:
             return None
     return shares
 
@@ -218,29 +211,27 @@ class Place:
     """A scene with one dent, for prediction, adaptive and fixed measurement; errors against its truth."""
 
     def __init__(self, start: Start, text: str, goal: Goal, renderer: str) -> None:
-        scene = start.scene
-        self.scene, self.dent, self._goal = scene, text, goal
-        self._start, self._noise, self._renderer = start, start.noise, renderer
-        self.surface = dent_from_text(text, scene)
-        self.lever = Lever(scene, self.surface, stride=stride_for(scene, SIDE))
-        self.outlook = Outlook.of(self.lever, goal.height, start.noise, start.lever.sigma_factor)
+        self.start, self.dent, self._goal, self._renderer = start, text, goal, renderer
+        self.surface = dent_from_text(text, start.scene)
+        self.lever = Lever(start.scene, self.surface, stride=stride_for(start.scene, SIDE))
 
-    def adaptive(self, seed: int) -> tuple[Any, float]:
+    def adaptive(self, seed: int) -> tuple[Adapted, float]:
         """(what adaptive sensing did, share of the pixels that see the pattern actually within the goal)."""
         source = VirtualOnDemand(
-            self.scene, self.surface, noise=self._noise, seed=seed, renderer=self._renderer
+            self.start.scene, self.surface, noise=self.start.noise, seed=seed, renderer=self._renderer
         )
-        done = adapt(source, self._start, self._goal)
+        done = adapt(source, self.start, self._goal)
         return done, self.within(done.height)
 
     def fixed(self, sequence: Sequence, seed: int) -> float:
         """Share actually within the goal of a fixed sequence."""
         try:
-            return self.within(self.lever.measured(sequence, self._noise, seed, self._renderer))
+            return self.within(self.lever.measured(sequence, self.start.noise, seed, self._renderer))
         except InputError:
             return 0.0
 
     def within(self, height: HeightMap) -> float:
         """Share of the pixels that see the pattern in full with a height within the goal."""
-        error = np.where(height.good, np.abs(height.z - self.lever.full.truth.z), np.inf)
-        return float((error <= self._goal.height)[self.lever.inner].mean())
+        view = self.lever.full
+        error = np.where(height.good, np.abs(height.z - view.truth.z), np.inf)
+        return float((error <= self._goal.height)[view.usable].mean())

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence, bits_for, sequence_from_text, sequence_names
 
-__all__ = ["Candidate", "candidates", "ladder", "pairs"]
+__all__ = ["Candidate", "candidates", "ladder"]
 
 #: Periods whose half is a whole number of cells: a Gray code cannot show others exactly.
 EVEN_PERIODS = (4.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)
@@ -67,11 +67,10 @@ def _together(rows: int, cols: int, frames: int) -> Iterator[str]:
     """Periods that are unambiguous only together: two whose numbers of fringes differ by one, three by
     heterodyne (beats of beats)."""
     longest = 1.02 * max(rows, cols)
-    for count in (5, 8, 12, 18, 27, 40, 60, 90):
-        pair = [longest / count, longest / (count + 1)]
-        steps = frames // 4
-        if steps >= LEAST_STEPS and pair[-1] >= PERIODS[0]:
-            yield f"phase:steps={steps},periods=" + "/".join(f"{p:.6g}" for p in pair)
+    for count in PAIRS:
+        pair = longest / count, longest / (count + 1)
+        if frames // 4 >= LEAST_STEPS and pair[-1] >= PERIODS[0]:
+            yield f"phase:steps={frames // 4},periods={pair[0]:.6g}/{pair[1]:.6g}"
     for fine in PERIODS:
         most = longest / fine
         if most < 12 or frames // 6 < LEAST_STEPS:
@@ -101,14 +100,6 @@ def _ladders(rows: int, cols: int, frames: int) -> Iterator[Candidate]:
                     even = frames // (2 * levels)
                     sequence = ladder(rows, cols, fine, levels, even, even)
                     yield Candidate(sequence.name, sequence)
-
-
-def pairs(extent: int) -> Iterator[tuple[float, float]]:
-    """Two periods (cells) each that are unambiguous together on `extent` cells: n and n + 1 fringes."""
-    for count in PAIRS:
-        pair = 1.02 * extent / count, 1.02 * extent / (count + 1)
-        if pair[-1] >= PERIODS[0]:
-            yield pair
 
 
 def ladder(

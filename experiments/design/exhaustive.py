@@ -20,11 +20,8 @@ from .sensitivity import Lever
 
 __all__ = ["ChoiceRow", "run_choices"]
 
-#: Standard errors of simulated rms errors, of every candidate and of those that are simulated again; draws of
-#: noise at most.
-CHANCE, CHANCE_AGAIN, MOST = 0.05, 0.0125, 160
-#: Again are simulated: merits over the least one's up to the first, predictions off by more than the second.
-CLOSE, DOUBTED = 1.12, 0.05
+#: Simulated again are those whose merit is over the least one's by up to so much.
+CLOSE = 1.12
 #: Predictions are right within so much.
 LIMIT = 0.15
 
@@ -55,13 +52,12 @@ def run_choices(
     cases: Sequence[Case],
     *,
     pixels: int = 72,
-    seeds: int = 3,
-    more: int = 10,
+    seeds: int = 12,
+    more: int = 40,
     renderer: str = "auto",
     progress: Progress = silent,
 ) -> Iterator[ChoiceRow]:
-    """Choose for every case, simulate every candidate with `seeds` draws at least, the best ones with `more`;
-    see CHANCE."""
+    """Choose for every case, simulate every candidate with `seeds` draws, the best ones with `more`."""
     for index, case in enumerate(cases):
 
         def step(text: str, done: int, total: int, index: int = index) -> None:
@@ -80,43 +76,28 @@ def _judge(case: Case, pixels: int, seeds: int, more: int, renderer: str, progre
         raise InputError(f"case {case.name}: nothing meets the limits")
     chosen = design.chosen.text
     lever = Lever(scene, dent_from_text(case.dent, scene), stride=1)
-    found: dict[str, tuple[float, float]] = {}
+    found = {chosen: (math.nan, 0.0)}
 
-    def simulated(texts: set[str], first: int, draws: int) -> None:
+    def simulated(texts: set[str], draws: range) -> None:
         for done, text in enumerate(sorted(texts)):
-            progress(f"simulate with {draws} draws", done, len(texts))
+            progress(f"simulate with {len(draws)} draws", done, len(texts))
             with suppress(InputError):  # it cannot be decoded, or a draw leaves no anchor
-                seen = range(first, first + draws)
-                found[text] = simulate(lever, design.candidates[text], case.noise, seen, renderer)
+                found[text] = simulate(lever, design.candidates[text], case.noise, draws, renderer)
 
-    simulated(set(design.candidates), 100, _draws(lever, CHANCE, seeds))
-    predicted = {row.text: row.predicted for row in design.rows if not row.why and row.predicted > 0}
-    predicted = {text: size for text, size in predicted.items() if text in found and found[text][0] > 0}
+    simulated(set(design.candidates), range(100, 100 + seeds))
     least = min(merit(*error) for error in found.values())
     close = {text for text, error in found.items() if merit(*error) < CLOSE * least} | {chosen}
-    doubted = {text for text, error in predicted.items() if abs(error / found[text][0] - 1) > DOUBTED}
-    simulated(close | doubted, 200, _draws(lever, CHANCE_AGAIN, more))
-    found.setdefault(chosen, (math.nan, 0.0))
+    simulated(close, range(200, 200 + more))
     best = min(close, key=lambda text: merit(*found[text]))
-    ratios = {text: error / found[text][0] for text, error in predicted.items()}
-    outside = _outside(ratios)
+    ratios = {
+        row.text: row.predicted / found[row.text][0]
+        for row in design.rows
+        if not row.why and row.text in found and found[row.text][0] > 0
+    }
+    off = {text: abs(ratio - 1) for text, ratio in ratios.items()}
+    outside = {text: ratios[text] for text in sorted(off, key=lambda text: -off[text]) if off[text] > LIMIT}
     return ChoiceRow(
         case.name, chosen, *found[chosen], best, *found[best],
         merit(*found[chosen]) / merit(*found[best]) - 1, len(ratios), 1 - len(outside) / max(1, len(ratios)),
-        outside, float(np.median([abs(ratio - 1) for ratio in ratios.values()])), time.perf_counter() - start,
+        outside, float(np.median(list(off.values()))), time.perf_counter() - start,
     )  # fmt: skip
-
-
-def _outside(ratios: dict[str, float]) -> dict[str, float]:
-    """Those that are off by more than the limit, or no number, the worst first."""
-    off = {text: abs(math.log(ratio)) if ratio > 0 else math.inf for text, ratio in ratios.items()}
-    return {
-        text: ratios[text]
-        for text in sorted(off, key=lambda text: -off[text])
-        if not abs(ratios[text] - 1) <= LIMIT
-    }
-
-
-def _draws(lever: Lever, uncertain: float, least: int) -> int:
-    """Draws whose rms height error is predicted within a standard error."""
-    return int(np.clip(math.ceil((lever.scatter / uncertain) ** 2), least, max(least, MOST)))

@@ -17,10 +17,8 @@ from optolever.projector import light_of
 
 from .view import Floats, Mask, View
 
-__all__ = ["BORDER", "Prediction", "predict"]
+__all__ = ["Prediction", "predict"]
 
-#: Light lost beyond the pattern's border from which on a pixel is left out of every figure.
-BORDER = 0.01
 #: Stated sigmas, and cells, beyond which an error is a wrong order or bit.
 GROSS = 6.0, 1.0
 
@@ -50,91 +48,55 @@ class Prediction:
         return float(self.good[:, self.usable].mean())
 
     @property
-    def passed(self) -> Floats:
-        """Share of the draws (H, W) in which a pixel is not refused."""
-        return np.asarray(self.good.mean(axis=0))
-
-    def rms(self, axis: str) -> float:
-        """Of the error along an axis over the usable pixels that are not refused, cells."""
-        size = self.error[:, "uv".index(axis)][self.good & self.usable]
-        return float(np.sqrt(np.mean(size**2))) if size.size else float("nan")
-
-    def and_more(self, more: "Prediction") -> "Prediction":
-        """With further draws of the same."""
-        error, sigma, good = (
-            np.concatenate([getattr(self, name), getattr(more, name)]) for name in ("error", "sigma", "good")
-        )
-        return Prediction(error, sigma, good, self.usable)
+    def rms(self) -> float:
+        """Of the errors over the usable pixels that are not refused, cells."""
+        error = self.error.swapaxes(0, 1)[:, self.good & self.usable]
+        return float(np.sqrt(np.mean(error**2))) if error.size else float("nan")
 
 
-def predict(
-    view: View, sequence: Sequence, noise: float, *, pairs: int = 1, first: int = 0, axes: str = "uv"
-) -> Prediction:
-    """`pairs` pairs of draws, from number `first` on, under Gaussian noise (rms, 8-bit levels) besides the
-    sensor's own. axes: along which errors are predicted; of one, its frames alone are decoded.
+def predict(view: View, sequence: Sequence, noise: float, *, pairs: int = 1) -> Prediction:
+    """`pairs` pairs of draws under Gaussian noise (rms, 8-bit levels) besides the sensor's own.
 
-    InputError if the sequence does not fit the pattern, does not encode the axes or cannot be decoded.
+    InputError if the sequence does not fit the pattern, does not encode both axes or cannot be decoded.
     """
-    _require_fit(view, sequence, axes)
-    part = Sequence(
-        tuple(frame for frame in sequence.frames if frame.axis is None or frame.axis in axes),
-        *(sequence.rows, sequence.cols),
-    )
-    usable = view.visible & (view.lost < BORDER)
-    known = len(part) < len(sequence) or len(axes) == 1
-    decoded = list(_decoded(view, part, noise, range(first, first + pairs), known))
+    _require_fit(view, sequence)
+    decoded = list(_decoded(view, sequence, noise, pairs))
+
+    def picked(name: str) -> Floats:
+        return np.stack([np.asarray(getattr(one, name)).ravel()[view.pick] for one in decoded])
+
     # the seams between windows are edges that no scene has
     seams = int(Flag.WRONG_FRAME) if view.stride > 1 else 0
-    flags = np.stack([np.asarray(one.flags).ravel()[view.pick].astype(np.int64) & ~seams for one in decoded])
-    good = (flags == 0) & view.visible
-    error, sigma = (np.zeros((len(decoded), 2, *good.shape[1:])) for _ in "es")
-    for axis in axes:
-        k = "uv".index(axis)
-        truth = view.centre[k][view.pick]
-        at, stated = (
-            np.stack([np.asarray(getattr(one, name)).ravel()[view.pick] for one in decoded])
-            for name in (axis, f"sigma_{axis}")
-        )
-        good &= np.isfinite(at)
-        error[:, k], sigma[:, k] = at - truth, stated
-    keep = good[:, None]
-    return Prediction(np.where(keep, error, 0.0), np.where(keep, sigma, np.inf), good, usable)
+    at, sigma = (np.stack([picked(name + axis) for axis in "uv"], axis=1) for name in ("", "sigma_"))
+    good = ((picked("flags").astype(np.int64) & ~seams) == 0) & view.visible & np.isfinite(at).all(axis=1)
+    keep, error = good[:, None], at - view.centre[:, view.pick]
+    return Prediction(np.where(keep, error, 0.0), np.where(keep, sigma, np.inf), good, view.usable)
 
 
-def _require_fit(view: View, sequence: Sequence, axes: str) -> None:
+def _require_fit(view: View, sequence: Sequence) -> None:
     pattern = view.scene.pattern
     if (sequence.rows, sequence.cols) != (pattern.rows, pattern.cols):
         raise InputError(
             f"sequence {sequence.name}: made for {sequence.rows}x{sequence.cols} cells, the pattern of scene "
             f"{view.scene.name!r} has {pattern.rows}x{pattern.cols}"
         )
-    for axis in axes:
+    for axis in "uv":
         if all(frame.axis != axis for frame in sequence.frames):
             raise InputError(f"sequence {sequence.name}: no frame encodes {axis}; a height needs both axes")
 
 
-def _decoded(view: View, part: Sequence, noise: float, seeds: range, known: bool) -> Iterator[Correspondence]:
-    """What the decoder makes of images of the view, two for every seed; known: it is given noise and
-    blur, which it would otherwise estimate."""
+def _decoded(view: View, sequence: Sequence, noise: float, pairs: int) -> Iterator[Correspondence]:
+    """What the decoder makes of images of the view, two for every pair."""
     sensor, white = view.sensor, 2**view.sensor.bits - 1
     kind = np.uint8 if sensor.bits == 8 else np.uint16
-    light = light_of(view.image, part, view.scene.display, view.scene.pattern.blur_px)
-    exposure = np.array([frame.exposure for frame in part.frames])
+    light = light_of(view.image, sequence, view.scene.display, view.scene.pattern.blur_px)
+    exposure = np.array([frame.exposure for frame in sequence.frames])
     level = sensor.levels(np.maximum(light, 0.0) * exposure[:, None])
-    read2, step = noise**2 + sensor.noise**2, 255 / white
     shot = np.maximum(level - sensor.offset, 0.0) / sensor.gain_e if sensor.gain_e > 0 else 0.0
-    mean, scatter = (np.asarray(part / step, np.float32) for part in (level, np.sqrt(read2 + shot)))
-    given = {"noise": np.sqrt(read2) / step, "gain": _gain(sensor.gain_e) / step} if known else {}
-    blur = view.scene.pattern.blur_px if known else None
-    for seed in seeds:
+    scatter = np.sqrt(noise**2 + sensor.noise**2 + shot)
+    mean, scatter = (np.asarray(part * (white / 255), np.float32) for part in (level, scatter))
+    for seed in range(pairs):
         drawn = scatter * np.random.default_rng([seed, 11]).standard_normal(mean.shape, np.float32)
         for sign in (1, -1):
             raw = np.rint(mean + sign * drawn).clip(0, white).astype(kind)
-            yield decode(
-                raw.reshape(-1, *view.shape), part, white_level=white, blur_px=blur, check=False, **given
-            )
-
-
-def _gain(electrons: float) -> float:
-    """Variance of shot noise per level."""
-    return 1 / electrons if electrons > 0 else 0.0
+            yield decode(raw.reshape(-1, *view.shape), sequence, white_level=white, check=False)

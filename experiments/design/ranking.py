@@ -5,7 +5,7 @@ best.
 import math
 import time
 from collections.abc import Sequence as Many
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,22 +15,15 @@ from optolever.records import Progress, silent
 from optolever.scene import Scene, dent_from_text
 
 from .candidates import Candidate, candidates
-from .prediction import Prediction, predict
+from .prediction import predict
 from .sensitivity import Lever, rms_where
-from .view import Floats
 
 __all__ = ["Design", "DesignRow", "merit", "rank", "run_design", "simulate"]
 
 #: Share of the pixels that a sequence must be expected to measure.
 LEAST_SHARE = 0.5
-#: Pairs of draws for every row; merit over the best one's up to which a row gets more: so many, twice.
-PAIRS, CLOSE, MORE_PAIRS = 2, 1.25, (1, 3)
 #: What a pixel without a height counts as, in rms errors of those that have one.
 LOST = 5.0
-#: Prediction and simulation that differ by more, beyond two standard errors of the simulation: it decides.
-TRUST = 0.08
-#: Simulations per row asked for, at most, before the first row is taken as it is.
-MOST = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,59 +142,30 @@ def rank(
     progress: Progress = silent,
 ) -> list[DesignRow]:
     """Rows from the least predicted merit on; those that fail too often come last."""
-    drafts = []
+    rows = []
     for index, candidate in enumerate(offered):
         progress("predict", index, len(offered))
         count = len(candidate.sequence)
-        draft = _Draft(candidate, DesignRow(candidate.text, count, count / refresh))
-        drafts.append(_drawn(draft, lever, noise, failure, PAIRS))
-    for pairs in MORE_PAIRS:
-        near = [draft for draft in drafts if draft.value < CLOSE * min(draft.value for draft in drafts)]
-        for index, draft in enumerate(near if len(near) > 1 else []):
-            progress(f"the best {len(near)} again", index, len(near))
-            drafts[drafts.index(draft)] = _drawn(draft, lever, noise, failure, pairs)
-    return [draft.row for draft in sorted(drafts, key=lambda draft: (bool(draft.row.why), draft.value))]
+        row = DesignRow(candidate.text, count, count / refresh)
+        try:
+            prediction = predict(lever.view, candidate.sequence, noise)
+        except InputError as error:
+            rows.append(replace(row, why=f"no prediction: {error}"))
+            continue
+        height = lever.height(prediction)
+        row = replace(row, predicted=height.total, spread=height.spread, noise=height.noise, bias=height.bias)
+        row = replace(row, failure=prediction.failure, share=height.share)
+        rows.append(replace(row, why=_ruled_out(row, failure)))
+    return sorted(rows, key=lambda row: (bool(row.why), merit(row.predicted, row.share)))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Draft:
-    """A row, and the draws that it follows from; pairs: see Lever.pairs."""
-
-    candidate: Candidate
-    row: DesignRow
-    prediction: Prediction | None = None
-    pairs: Floats = field(default_factory=lambda: np.empty((0, 3)))
-
-    @property
-    def value(self) -> float:
-        """Merit, infinite of what is ruled out."""
-        return math.inf if self.row.why else merit(self.row.predicted, self.row.share)
-
-
-def _drawn(draft: _Draft, lever: Lever, noise: float, failure: float, pairs: int) -> _Draft:
-    """With further pairs of draws; failure: the largest that is allowed."""
-    known, row = draft.prediction, draft.row
-    first = 0 if known is None else len(known.error) // 2
-    try:
-        more = predict(lever.view, draft.candidate.sequence, noise, pairs=pairs, first=first)
-    except InputError as error:
-        return replace(draft, row=replace(row, why=f"no prediction: {error}"))
-    prediction = more if known is None else known.and_more(more)
-    row = replace(row, failure=prediction.failure, share=prediction.measured_share)
+def _ruled_out(row: DesignRow, failure: float) -> str:
+    """Why a row cannot be chosen."""
     if row.failure > failure:
-        row = replace(row, why=f"fails at {row.failure:.1e} of the pixels")
-    elif row.share < LEAST_SHARE:
-        row = replace(row, why=f"measures {row.share:.0%} of the pixels")
-    if row.why:
-        return replace(draft, row=replace(row, predicted=lever.quick(prediction)), prediction=prediction)
-    all_pairs = np.concatenate([draft.pairs, lever.pairs(more)])
-    height = lever.pooled(all_pairs)
-    if math.isnan(height.total):
-        row = replace(row, why="no height: no anchor is left")
-    else:
-        row = replace(row, predicted=height.total, spread=height.spread, share=height.share)
-        row = replace(row, noise=height.noise, bias=height.bias)
-    return replace(draft, row=row, prediction=prediction, pairs=all_pairs)
+        return f"fails at {row.failure:.1e} of the pixels"
+    if row.share < LEAST_SHARE:
+        return f"measures {row.share:.0%} of the pixels"
+    return ""
 
 
 def simulate(
@@ -214,9 +178,9 @@ def simulate(
     squares, shares = [], []
     for seed in seeds:
         height = lever.measured(candidate.sequence, noise, seed, renderer)
-        good = height.good & lever.inner
+        good = height.good & lever.full.usable
         squares.append(rms_where(height.z - lever.full.truth.z, good) ** 2)
-        shares.append(good.sum() / lever.inner.sum())
+        shares.append(good.sum() / lever.full.usable.sum())
     return math.sqrt(float(np.mean(squares))), float(np.mean(shares))
 
 
@@ -230,32 +194,15 @@ def _verified(
     renderer: str,
     progress: Progress,
 ) -> list[DesignRow]:
-    """At least `verify` of the best rows simulated, and on until the first row is one of them.
-
-    A row that cannot be decoded, or that the simulation contradicts, moves to where it belongs.
-    """
-    done, trust = 0, TRUST + 2 * lever.scatter / math.sqrt(seeds)
-    while done < MOST * verify:
-        rows = sorted(rows, key=lambda row: (bool(row.why), _value(row, trust)))
-        place = next((k for k, row in enumerate(rows) if not row.why and math.isnan(row.simulated)), None)
-        if place is None or (done >= verify and place > 0):
-            break
-        progress("simulate", done, max(verify, done + 1))
-        row = rows[place]
+    """The best rows simulated, `verify` of them; what cannot be decoded comes last."""
+    found: list[DesignRow] = []
+    left, failed = list(rows), []
+    while left and len(found) < verify and not left[0].why:
+        progress("simulate", len(found), verify)
+        row = left.pop(0)
         try:
-            found, share = simulate(lever, by_text[row.text], noise, range(seeds), renderer)
+            error, share = simulate(lever, by_text[row.text], noise, range(seeds), renderer)
+            found.append(replace(row, simulated=error, simulated_share=share))
         except InputError as error:
-            rows[place] = replace(row, why="cannot be decoded", note=str(error))
-            continue
-        rows[place] = replace(row, simulated=found, simulated_share=share)
-        done += 1
-    return sorted(rows, key=lambda row: (bool(row.why), _value(row, trust)))
-
-
-def _value(row: DesignRow, trust: float) -> float:
-    """What a row is ranked by: its prediction, or the simulation where that says otherwise."""
-    predicted = merit(row.predicted, row.share)
-    if math.isfinite(row.simulated):
-        found = merit(row.simulated, row.simulated_share)
-        return predicted if abs(found / predicted - 1) < trust else found
-    return predicted
+            failed.append(replace(row, why="cannot be decoded", note=str(error)))
+    return [*found, *left, *failed]

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence
 from optolever.patterns import sequence_from_text
-from optolever.reconstruct import HeightMap, reconstruct
+from optolever.reconstruct import null_space
 from optolever.scene import Scene, dent
 
 from .prediction import predict
@@ -22,7 +21,6 @@ __all__ = ["SensorMaps", "sensor_maps"]
 
 Floats = NDArray[np.float64]
 SIDE = 96  # pixels along the shorter side of the camera on which maps are made
-NUDGE = 1e-4  # of the mirror's length: by how much the anchor moves either way to show the free mode
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +89,7 @@ def sensor_maps(
     cosine = reflected(thin, rest, 0.0, "x")[3]
     seen = np.isfinite(low)
     margin, reflectance = _reflection(thin, cosine, seen)
-    sigma, mode = _solved(lever, sequence, noise)
+    sigma, mode = _sigma(lever, sequence, noise), null_space(thin)
     points = [np.where(rest.inside, rest.points[..., k], np.nan) for k in (0, 1)]
     return SensorMaps(
         scene, points[0], points[1], low, high, low_y, high_y, margin, reflectance, path, moved,
@@ -108,33 +106,14 @@ def _reflection(scene: Scene, cosine: Floats, seen: NDArray[np.bool_]) -> tuple[
     return margin, np.where(seen, scene.medium.reflectance(cosine), np.nan)
 
 
-def _solved(lever: Lever, text: str, noise: float) -> tuple[Floats, Floats]:
-    """(sigma of the height in mm on the full camera, free mode) on the lever's view."""
+def _sigma(lever: Lever, text: str, noise: float) -> Floats:
+    """Sigma of the height (mm) on the full camera, on the lever's view."""
     view = lever.view
     sequence = sequence_from_text(text, view.scene.pattern.rows, view.scene.pattern.cols)
     prediction = predict(view, sequence, noise)
-    known = np.asarray(prediction.good.all(axis=0))
     stated = prediction.sigma.mean(axis=0)
-    height = lever.solve(view, np.zeros(stated.shape), stated, known)
-    sigma = np.where(height.good & prediction.usable, height.sigma, np.nan)
-    if view.stride > 1:
-        sigma = sigma * lever.to_full
-    return sigma, _free_mode(lever, height)
-
-
-def _free_mode(lever: Lever, height: HeightMap) -> Floats:
-    """How the height follows when the known point moves, 1 at most: what anchors, not images, decide."""
-    view = lever.view
-    row, col = np.argwhere(height.good)[len(np.argwhere(height.good)) // 2]
-    at = float(height.x[row, col]), float(height.y[row, col])
-    good = height.good
-    one = np.where(good, 0.01, np.inf)
-    seen = Correspondence(view.truth.u, view.truth.v, one, one, np.where(good, 0, 128).astype(np.uint16))
-    step = NUDGE * view.scene.mirror.length
-    solved = [reconstruct(seen, view.scene, anchor=(*at, z)) for z in (-step, step)]
-    change = np.where(good, solved[1].z - solved[0].z, np.nan)
-    mode: Floats = change / np.nanmax(np.abs(change))
-    return mode
+    height = lever.solve(view, np.zeros(stated.shape), stated, np.asarray(prediction.good.all(axis=0)))
+    return np.where(height.good & view.usable, height.sigma * lever.to_full, np.nan)
 
 
 def _median(values: Floats) -> float:

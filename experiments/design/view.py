@@ -23,6 +23,7 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 FINEST = 128  # pixels along the shorter side above which a camera is thinned
 BLOCK, MARGIN = 24, 4  # pixels of a window, and of its rim, which is decoded but not used
+BORDER = 0.01  # light lost beyond the pattern's border from which on a pixel is left out of every figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,33 +41,23 @@ class View:
     stride: float
 
     @property
-    def light(self) -> Floats:
-        """What the mirror passes on (H, W), 0 where no pattern is seen."""
-        return np.where(self.truth.visible, self.image.light[self.pick], 0.0)
-
-    @property
     def visible(self) -> Mask:
         """Pixels (H, W) that see the pattern."""
-        return np.asarray(self.light > 0)
+        return np.asarray(self.truth.visible & (self.image.light[self.pick] > 0))
 
     @property
     def sensor(self) -> Sensor:
         """The scene's, or the one of a scene that names none."""
         return self.scene.sensor or NOMINAL_SENSOR
 
-    def extent(self, axis: str) -> int:
-        """Cells along an axis."""
-        return self.scene.pattern.cols if axis == "u" else self.scene.pattern.rows
-
     @cached_property
-    def lost(self) -> Floats:
-        """Share (H, W) of the light of a white, endless pattern that the real one, which ends, does not send;
-        1 without any light."""
+    def usable(self) -> Mask:
+        """Pixels (H, W) that the pattern's border does not touch: those that count. Beside it light is
+        missing that a white, endless pattern would send."""
         pattern = self.scene.pattern
         white = Sequence((Frame("white"),), pattern.rows, pattern.cols)
-        seen = light_of(self.image, white, None, pattern.blur_px)[0]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(self.image.light > 0, 1 - seen / self.image.light, 1.0)[self.pick]
+        seen = light_of(self.image, white, None, pattern.blur_px)[0][self.pick]
+        return np.asarray(self.visible & (seen > (1 - BORDER) * self.image.light[self.pick]))
 
 
 def stride_for(scene: Scene, finest: int = FINEST) -> int:

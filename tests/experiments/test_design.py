@@ -20,9 +20,9 @@ from optolever.experiments.design import (
     adapt,
     best_fixed,
     candidates,
+    expected_share,
     ladder,
     merit,
-    offers,
     predict,
     run_design,
     sensor_maps,
@@ -33,7 +33,6 @@ from optolever.experiments.design import (
     varied,
     view_of,
 )
-from optolever.experiments.design.fixed_search import fringe_codes
 from optolever.patterns import Frame, Sequence, sequence, sequence_from_text
 from optolever.projector import capture
 from optolever.scene import Scene, dent, load, resize, trace
@@ -59,14 +58,13 @@ def lever(prism: Scene) -> Lever:
     ],
 )
 def test_predicted_height_error_is_that_of_a_simulation(lever: Lever, text: str) -> None:
-    """Frames of the virtual sensor in four draws of noise; within three standard errors of both."""
+    """Frames of the virtual sensor in eight draws of noise, whose rms error scatters by a fifth."""
     shown = sequence_from_text(text, lever.scene.pattern.rows, lever.scene.pattern.cols)
     there = predict(lever.view, shown, 1.0)
     told = lever.height(there)
-    found, share = simulate(lever, Candidate(text, shown), 1.0, range(4), "numpy")
-    unsure = math.hypot(told.spread, max(lever.scatter, 0.1) / math.sqrt(4))
-    assert told.total == pytest.approx(found, rel=3 * unsure)
-    assert unsure < 0.1
+    found, share = simulate(lever, Candidate(text, shown), 1.0, range(8), "numpy")
+    assert told.total == pytest.approx(found, rel=0.2)
+    assert told.spread < 0.06
     assert share == pytest.approx(there.measured_share, abs=0.01)
     assert share == pytest.approx(told.share, abs=0.01)
 
@@ -142,17 +140,17 @@ def test_merit_counts_lost_pixels_as_five_times_the_rms() -> None:
 
 
 @pytest.mark.parametrize(
-    ("scene", "size", "bump", "stride", "number"),
+    ("scene", "size", "bump", "stride", "number", "within"),
     [
-        ("prism48", (144, 192), (0.3, 8), 3, "total"),
+        ("prism48", (144, 192), (0.3, 8), 3, "total", 0.12),
         # reaches the pattern's edge, where errors grow without limit
-        pytest.param("paper-simulation", (192, 192), (0.6, 25), 4, "noise", marks=pytest.mark.slow),
+        pytest.param("paper-simulation", (192, 192), (0.6, 25), 4, "noise", 0.2, marks=pytest.mark.slow),
     ],
 )
 def test_a_thinned_camera_predicts_the_full_one(
-    scene: str, size: tuple[int, int], bump: tuple[float, float], stride: int, number: str
+    scene: str, size: tuple[int, int], bump: tuple[float, float], stride: int, number: str, within: float
 ) -> None:
-    """Every third or fourth pixel, and the logarithm: the same height error within 12 %."""
+    """Every third or fourth pixel: the same height error."""
     camera = resize(load(scene), *size)
     surface = dent("gaussian", camera, peak=bump[0], sigma=bump[1])
     shown = sequence("gray+phase", camera.pattern.rows, camera.pattern.cols)
@@ -160,7 +158,7 @@ def test_a_thinned_camera_predicts_the_full_one(
     for each in (1, stride):
         lever = Lever(camera, surface, stride=each)
         sizes.append(getattr(lever.height(predict(lever.view, shown, 1.0)), number))
-    assert sizes[1] == pytest.approx(sizes[0], rel=0.12)
+    assert sizes[1] == pytest.approx(sizes[0], rel=within)
 
 
 def test_candidates_fit_the_budget() -> None:
@@ -320,7 +318,7 @@ def test_adaptive_sensing_stops_when_the_goal_is_met() -> None:
             assert done.met
             assert source.shown == len(done.sequence)
             error = np.where(done.height.good, np.abs(done.height.z - lever.full.truth.z), np.inf)
-            within.append((error <= height)[lever.inner].mean())
+            within.append((error <= height)[lever.full.usable].mean())
             told.append(done.steps[-1].within)
         assert min(within) >= goal.share - 0.01
         assert np.mean(within) == pytest.approx(np.mean(told), abs=0.015)
@@ -353,25 +351,13 @@ def places() -> list[Place]:
 @pytest.mark.slow
 def test_shares_are_predicted_as_they_are_measured(places: list[Place]) -> None:
     """Mean of four draws."""
-    pattern = places[0].scene.pattern
+    pattern = places[0].lever.scene.pattern
     shown = sequence_from_text("phase:steps=3,periods=90/12", pattern.rows, pattern.cols)
     for place in places:
         found = np.mean([place.fixed(shown, seed) for seed in range(4)])
-        assert place.outlook.share(shown) == pytest.approx(found, abs=0.01)
-
-
-@pytest.mark.slow
-def test_nothing_that_is_offered_was_pruned(places: list[Place]) -> None:
-    """Of six fringes for each axis all pairs predicted one by one, against those of the best of each axis."""
-    outlooks, need = [place.outlook for place in places], 0.9
-    pattern = places[0].scene.pattern
-    codes = [fringe_codes(axis, n, 6) for axis, n in (("u", pattern.cols), ("v", pattern.rows))]
-    shown = [Sequence((*u.frames, *v.frames), pattern.rows, pattern.cols) for u in codes[0] for v in codes[1]]
-    least = {s.frames: min(outlook.share(s) for outlook in outlooks) for s in shown}
-    offer = next(offer for offer in offers(outlooks, need, 12) if offer.frames == 12)
-    best = max(least.values())
-    assert best >= need
-    assert offer.best[0][0] >= best - 1e-9
+        lever = place.lever
+        told = expected_share(lever.view, lever.unit_sigma, shown, 1.0, Goal(2e-3))
+        assert told == pytest.approx(found, abs=0.01)
 
 
 @pytest.mark.slow

@@ -102,7 +102,6 @@ def _little(monkeypatch: pytest.MonkeyPatch) -> None:
         return offer(*asked)[:5]
 
     monkeypatch.setattr(ranking, "candidates", few)
-    monkeypatch.setattr(exhaustive, "MOST", 1)
 
 
 @pytest.mark.slow
@@ -138,7 +137,7 @@ def test_a_draw_that_leaves_no_anchor_ends_no_case(monkeypatch: pytest.MonkeyPat
     real, failed = exhaustive.simulate, []
 
     def some(lever: Any, candidate: Any, noise: float, seeds: range, renderer: str) -> tuple[float, float]:
-        if seeds[0] >= 200 and len(failed) < 2:
+        if seeds[0] >= 200 and not failed:
             failed.append(candidate.text)
             raise InputError("anchor: none has valid pixels")
         return real(lever, candidate, noise, seeds, renderer)
@@ -146,7 +145,7 @@ def test_a_draw_that_leaves_no_anchor_ends_no_case(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(exhaustive, "simulate", some)
     _little(monkeypatch)
     (row,) = design.run_choices([replace(CASES[7], frames=12)], pixels=48, seeds=1, more=1, renderer="numpy")
-    assert len(failed) == 2
+    assert failed
     assert row.candidates > 0
     assert row.best_error > 0
 
