@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 SAMPLE = """
-$ optolever lab choices --case 2 --pixels 72 --more 4
+$ optolever lab choices --case 2 --pixels 72
 Case 2: prism48 distance 5, flat, blur 0.6, noise 3, 24 frames
-  chosen       phase:steps=6,periods=5.1/4.83158: 0.0001118 mm rms on 99.98 %
-  best of all  phase:steps=6,periods=5.1/4.83158: 0.0001118 mm rms on 99.98 %
+  chosen       phase:steps=4,periods=5.05524/4.18223/4: 0.0001215 mm rms on 100 %
+  best of all  phase:steps=4,periods=5.05524/4.18223/4: 0.0001215 mm rms on 100 %
   excess       0 %
-  within 15 %  100 % of 53 candidates; median error 1.9 %
-  time         53.81 s
+  within 15 %  100 % of 52 candidates; median error 5.747 %
+  time         359.2 s
 In all
   within 5 % of the best  1 of 1
   predicted within 15 %   100 % of the candidates
