@@ -31,7 +31,7 @@ def trace_source(scene: Scene, surface: LoadedSurface, *, edges: bool) -> Shader
     """The source that traces a scene: only what scene and surface have. edges: only where they see."""
     flags = {
         "PARALLEL": parallel_rays(scene) is not None,
-        "MEDIUM": scene.medium is not None and not edges,
+        "MEDIUM": scene.medium is not None,
         "SEEN": not edges,
         "MARCH": surface.steepest > 0.0,
     }

@@ -21,9 +21,9 @@ _BLOCK = 4096  # pixels at a time per thread
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footprints:
-    """Where P pixels look: u, v (P,), mean over the pixel, in cells, light (P,) that the mirror passes on (0:
-    no pattern there), boxes_u, boxes_v (P, 2): how far u and v move along a pixel's columns and along its
-    rows, cells."""
+    """Where P pixels look: u, v (P,), mean over the light of the pixel, cells; light (P,) that the mirror
+    passes on (0: no pattern there); boxes_u, boxes_v (P, 2): how far u and v move along a pixel's columns and
+    along its rows, cells."""
 
     u: Float
     v: Float
@@ -44,21 +44,25 @@ def footprints(scene: Scene, surface: Surface, start: int, stop: int) -> Footpri
     centre = trace(scene_window(scene, start, 0, rows, cols), surface)
     by_col = trace(scene_window(scene, start, -0.5, rows, cols + 1), surface)
     by_row = trace(scene_window(scene, start - 0.5, 0, rows + 1, cols), surface)
+    lights = [_passed(scene, seen) for seen in (by_col, centre, by_row)]
+    along = lights[0][:, :-1], lights[1], lights[0][:, 1:]
+    down = lights[2][:-1], lights[1], lights[2][1:]
     means, spread = [], []
     for name in ("u", "v"):
         at = getattr(centre, name)
         edges_col, edges_row = getattr(by_col, name), getattr(by_row, name)
         ends = (edges_col[:, :-1], at, edges_col[:, 1:]), (edges_row[:-1], at, edges_row[1:])
-        means.append((at + mean_beside(*ends[0]) + mean_beside(*ends[1])).ravel())
+        means.append((at + mean_beside(ends[0], along) + mean_beside(ends[1], down)).ravel())
         spread.append(np.column_stack([movement(*three).ravel() for three in ends]))
-    return Footprints(means[0], means[1], _light(scene, centre).ravel(), spread[0], spread[1])
+    light = np.where(centre.visible, lights[1], 0.0)
+    return Footprints(means[0], means[1], light.ravel(), spread[0], spread[1])
 
 
-def _light(scene: Scene, seen: Trace) -> Float:
+def _passed(scene: Scene, seen: Trace) -> Float:
+    """Share of the light that the mirror passes on."""
     if scene.medium is None:
-        return seen.visible.astype(np.float64)
-    passed: Float = np.where(seen.visible, scene.medium.reflectance(np.cos(seen.incidence)), 0.0)
-    return passed
+        return np.ones(seen.u.shape)
+    return np.asarray(scene.medium.reflectance(np.abs(np.cos(seen.incidence))))
 
 
 class HeldNowhere:

@@ -40,10 +40,13 @@ def movement(before: Float, centre: Float, behind: Float) -> Float:
     return moved
 
 
-def mean_beside(before: Float, centre: Float, behind: Float) -> Float:
-    """Mean of a coordinate over a pixel less its centre's, from end to end (Simpson's rule); 0 where
-    one end sees nothing (NaN)."""
-    apart: Float = np.nan_to_num((before - 2.0 * centre + behind) / 6.0, nan=0.0)
+def mean_beside(coordinate: tuple[Float, Float, Float], light: tuple[Float, Float, Float]) -> Float:
+    """Mean of a coordinate over a pixel's light less its centre's, by both at one end, the centre, the other
+    end (Simpson's rule); 0 where one end sees nothing (NaN)."""
+    (before, centre, behind), (first, middle, last) = coordinate, light
+    with np.errstate(divide="ignore", invalid="ignore"):
+        moment = first * (before - centre) + last * (behind - centre)
+        apart: Float = np.nan_to_num(moment / (first + 4.0 * middle + last), nan=0.0, posinf=0.0, neginf=0.0)
     return apart
 
 

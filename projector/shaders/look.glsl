@@ -2,7 +2,7 @@
 #include "footprint.glsl"
 
 uniform sampler2D seen;        // u, v, light that the mirror passes on (0: nothing is seen), cosine of incidence
-uniform sampler2D edges_col;   // u, v, 1 if met, half a pixel before and behind each pixel's centre: one more column
+uniform sampler2D edges_col;   // u, v, light (0: not met), half a pixel before and behind each pixel's centre: one more column
 uniform sampler2D edges_row;   // likewise: one more row
 uniform ivec2 cells;           // (columns, rows) of the pattern
 #ifdef BOTH
@@ -22,9 +22,11 @@ vec2 moved(vec2 centre, vec4 before, vec4 behind) {
     return behind.z > 0.0 ? 2.0 * (behind.xy - centre) : vec2(0.0);
 }
 
-// Mean over the pixel less its centre, along one direction (Simpson's rule).
-vec2 mean_beside(vec2 centre, vec4 before, vec4 behind) {
-    return before.z > 0.0 && behind.z > 0.0 ? (before.xy - 2.0 * centre + behind.xy) / 6.0 : vec2(0.0);
+// Mean over the pixel's light less its centre, along one direction (Simpson's rule).
+vec2 mean_beside(vec4 centre, vec4 before, vec4 behind) {
+    if (before.z <= 0.0 || behind.z <= 0.0) return vec2(0.0);
+    vec2 moment = before.z * (before.xy - centre.xy) + behind.z * (behind.xy - centre.xy);
+    return moment / (before.z + 4.0 * centre.z + behind.z);
 }
 
 ivec2 under(float at, Footprint f, int count) {
@@ -79,7 +81,7 @@ void main() {
         vec4 left = texelFetch(edges_col, at, 0), right = texelFetch(edges_col, at + ivec2(1, 0), 0);
         vec4 above = texelFetch(edges_row, at, 0), below = texelFetch(edges_row, at + ivec2(0, 1), 0);
         vec2 by_col = moved(look.xy, left, right), by_row = moved(look.xy, above, below);
-        look.xy += mean_beside(look.xy, left, right) + mean_beside(look.xy, above, below);
+        look.xy += mean_beside(look, left, right) + mean_beside(look, above, below);
 #ifdef BOTH
         // The shares' product leaves out that u and v vary together over a footprint that lies askew: cut it up.
         int parts = abs(by_col.x * by_col.y + by_row.x * by_row.y) > $ASKEW ? $PARTS : 1;

@@ -156,6 +156,10 @@ void main() {
     seen = vec4(uv, 1.0, cosine);
 #endif
 #else
+#ifdef MEDIUM
+    seen = vec4(uv, reach > 0.0 ? reflectance(abs(cosine)) : 0.0, cosine);
+#else
     seen = vec4(uv, reach > 0.0 ? 1.0 : 0.0, cosine);
+#endif
 #endif
 }
