@@ -169,12 +169,12 @@ def _step_on_a_map(before: Any, here: Any, after: Any, jump: Any) -> Any:
 @inlined
 def _step_inwards(five: Any, low: Any, jump: Any) -> Any:
     """Size of the change per pixel between the next two ones inwards of the nearer border (low: of the low
-    coordinates), as beside it neighbours read nearly the same place; see `_step_on_a_map`."""
+    coordinates), as beside it neighbours read nearly the same place; on a map without those."""
     before_2, before, here, after, after_2 = five
     ahead = (after > here) == low if after == after else (before > here) != low
     near, next_ = (after, after_2) if ahead else (before, before_2)
-    least = lesser(near - here, next_ - near)
-    return abs(next_ - near) if abs(here + next_ - near - near) <= jump else least
+    beside = _step_on_a_map(before, here, after, jump)
+    return abs(next_ - near) if abs(here + next_ - near - near) <= jump else beside
 
 
 @kernel
