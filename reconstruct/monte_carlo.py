@@ -19,7 +19,6 @@ from .poisson import ColumnPoisson
 __all__ = ["FLOOR", "monte_carlo_variance"]
 
 FLOOR = 0.02  # of a slope's variance: the least that a height next to an exact anchor is given
-_OWN = 0.2  # of what edges leave a pixel beside known ones: they share its slopes (see averaging_gain)
 _DRAWS = 48
 _PIXELS = 1 << 22  # solved in all: fewer draws for large images
 _FEWEST = 4
@@ -39,7 +38,7 @@ def monte_carlo_variance(
     rng = np.random.default_rng(_SEED)
     sums = np.zeros((3, *rectangle.shape))
     # weights that do not go by columns: the rectangle's variance says nothing of the solution's size
-    scale = np.maximum(rectangle, _OWN * _alone(state))
+    scale = np.maximum(rectangle, FLOOR * state.variances[0])
     for count in range(1, most + 1):
         own, control = (
             np.divide(errors, np.sqrt(size), out=np.zeros_like(errors), where=size > 0)
@@ -121,15 +120,3 @@ def _divergence(edges: Pair, state: State, rng: np.random.Generator) -> Floats:
         scaled.append(np.where(weights[axis] > 0, known, noise))
     scaled[1][-1] = 0.0
     return divergence(scaled[0], scaled[1], wx[None], columns.wy[None])
-
-
-def _alone(state: State) -> Floats:
-    """Variance of w (rows, cols) in pixels whose neighbours are known, of independent edges."""
-    columns = state.problem.columns
-    wx, wy = state.problem.weights or (np.tile(part, (columns.rows, 1)) for part in (columns.wx, columns.wy))
-    total = wx + wy
-    total[:, 1:] += wx[:, :-1]
-    total[1:] += wy[:-1]
-    fourth = np.broadcast_to(state.root**4, total.shape)
-    variance: Floats = np.divide(fourth, total, out=np.zeros_like(total), where=total > 0)
-    return variance
