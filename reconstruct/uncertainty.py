@@ -68,8 +68,8 @@ def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
 
 
 def unlike_columns(variances: Pair) -> Floats:
-    """What slopes' variances (rows, cols) other than their columns' means, for which the solve is weighted,
-    add to the potential's variance, (rows, cols).
+    """What slopes' variances (rows, cols; of p and q over the squared integrating factor) other than their
+    columns' means, for which the solve is weighted, add to the potential's variance, same units (rows, cols).
 
     Near a pixel the solve is a convolution: a slope along x is answered by h, of the transform
     -2i sin(k_x / 2) |A| / (l_x + r l_y), r = var_p / var_q, one along y alike; the variance is the sum of

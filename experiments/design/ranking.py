@@ -28,8 +28,8 @@ LOST = 5.0
 
 @dataclass(frozen=True, slots=True)
 class DesignRow:
-    """One candidate. predicted, noise, bias: rms height error and its parts (mm); spread: standard error of
-    predicted, as a share; failure: share of wrong orders or bits that nobody flags; share: of the pixels that
+    """One candidate. predicted, noise, bias: rms height error and its parts (mm); spread: standard error
+    of predicted by the draw of noise alone, as a share; failure: share of wrong orders or bits that nobody flags; share: of the pixels that
     it measures, predicted; why: what rules it out ('' : nothing).
 
     predicted and share together are what rows are ranked by (see merit).
