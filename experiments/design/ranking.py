@@ -28,9 +28,9 @@ LOST = 5.0
 
 @dataclass(frozen=True, slots=True)
 class DesignRow:
-    """One candidate. predicted, noise, bias: rms height error and its parts (mm); spread: standard error
-    of predicted by the draw of noise alone, as a share; failure: share of wrong orders or bits that nobody flags; share: of the pixels that
-    it measures, predicted; why: what rules it out ('' : nothing).
+    """One candidate. predicted, noise, bias: rms height error and its parts (mm); spread: standard error of
+    predicted by the draw of noise alone, as a share; failure: share of wrong orders or bits that nobody
+    flags; share: of the pixels that it measures, predicted; why: what rules it out ('' : nothing).
 
     predicted and share together are what rows are ranked by (see merit).
     simulated, simulated_share: the same from rendered frames, NaN where they were not; note: why not.

@@ -36,7 +36,8 @@ DRAWS = 24  # of noise, by which the one that all sequences get is put in relati
 @dataclass(frozen=True, slots=True)
 class HeightPrediction:
     """rms over the measured pixels, mm: of noise, of what does not change sign with it, of both; spread:
-    what the choice of the draw of noise alone leaves of the total, a standard error, as a share; share: of the usable pixels, those with a height."""
+    standard error of the total by the draw of noise alone, as a share; share: of the usable pixels, those
+    with a height."""
 
     noise: float
     bias: float
