@@ -127,8 +127,7 @@ def _height_alone(measured: Measurement, scene: Scene, start: HeightMap | None) 
         correspondence = rest_corrected(correspondence, measured.rest, scene)
     options = _METHODS[measured.method]
     _, problem, state, _ = _first(correspondence, scene, measured.anchor, measured.mask, options, start)
-    grid = np.full(problem.outer.mask.shape, np.nan)
-    grid[problem.core] = np.where(problem.labels > 0, problem.data.distance(state.w), np.nan)
+    grid = np.where(problem.labels > 0, problem.data.distance(state.w), np.nan)
     o, d = problem.rays.inner_origins, problem.rays.inner_directions
     x, y, z = o + problem.to_image(grid, np.nan) * d
     return HeightMap(x, y, z, np.full_like(z, np.nan), np.zeros(z.shape, np.uint16))
@@ -207,7 +206,7 @@ def _at_its_noise(
     """
     if not scale > _NOISIER or problem.data.whole_cells(problem.bridged):
         return problem, state, scale
-    problem = replace(problem, data=problem.data.noisier(scale), outer=problem.outer.noisier(scale))
+    problem = replace(problem, data=problem.data.noisier(scale))
     return problem, _solve(problem, state.w, options), 1.0
 
 
@@ -235,7 +234,7 @@ def _first(
         problem = replace(problem, singular=problem.singular | hollow)
         if not hollow.any():
             break
-        singular |= problem.in_image(hollow)
+        singular |= problem.to_image(hollow, False)
     return whole, problem, state, removed
 
 
@@ -288,7 +287,7 @@ def _warm(problem: Problem, start: HeightMap) -> Floats | None:
     o, d = problem.rays.inner_origins, problem.rays.inner_directions
     along = (start.x - o[0]) * d[0] + (start.y - o[1]) * d[1] + (start.z - o[2]) * d[2]
     rest = problem.data.rest()
-    distance = problem.to_grid(along)[problem.core]
+    distance = problem.to_grid(along)
     known = np.isfinite(distance)
     if not known.any():
         return None

@@ -18,7 +18,6 @@ from optolever.kernels import exact, inlined
 from .arrays import Floats, Mask
 
 __all__ = [
-    "AT_END",
     "Doubt",
     "apply_laplacian",
     "cubic_at_end",
@@ -32,7 +31,7 @@ __all__ = [
     "stencil",
 ]
 
-AT_END = (9.0 / 24.0, 19.0 / 24.0, -5.0 / 24.0, 1.0 / 24.0)  # the cubic's increment over its first edge
+_AT_END = (9.0 / 24.0, 19.0 / 24.0, -5.0 / 24.0, 1.0 / 24.0)  # the cubic's increment over its first edge
 
 _NONE = np.zeros((1, 1))
 
@@ -133,7 +132,7 @@ def cubic_inside(before, g0, g1, after):  # type: ignore[no-untyped-def]
 
 @inlined
 def cubic_at_end(g0, g1, g2, g3):  # type: ignore[no-untyped-def]
-    """Increment from g0 to g1 likewise, see AT_END."""
+    """Increment from g0 to g1 likewise, see _AT_END."""
     return (9.0 * g0 + 19.0 * g1 - 5.0 * g2 + g3) / 24.0
 
 

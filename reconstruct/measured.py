@@ -51,22 +51,6 @@ class Measured:
         }
         return replace(self, step=self.step * step, **arrays)
 
-    def cropped(self, window: tuple[slice, slice]) -> "Measured":
-        """A window of a fine grid (plain slices)."""
-        arrays: dict[str, Any] = {
-            name: np.ascontiguousarray(getattr(self, name)[window])
-            for name in ("u", "v", "sigma_u", "sigma_v", "mask")
-        }
-        return replace(self, rays=self.rays.cropped(*window), **arrays)
-
-    def overlaid(self, window: tuple[slice, slice], part: "Measured") -> "Measured":
-        """This, with the coordinates of a part of it in its place: what outliers there were replaced by."""
-        if part.u.shape == self.u.shape:
-            return self
-        u, v = self.u.copy(), self.v.copy()
-        u[window], v[window] = part.u, part.v
-        return replace(self, u=u, v=v)
-
     def whole_cells(self, bridged: Mask) -> bool:
         """Whether u and v come from a discrete code: middles of cells, multiples of half a pixel. Their
         errors are those of neighbours, so that differences of neighbours say nothing about them.

@@ -11,7 +11,8 @@ import numpy as np
 import scipy.ndimage
 
 from .arrays import Floats, Labels, Pair
-from .edges import divergence
+from .discontinuities import touched
+from .edges import Doubt, apply_laplacian, divergence
 from .measured import Measured
 from .newton import State, edge_errors, response
 from .poisson import ColumnPoisson
@@ -37,8 +38,7 @@ def monte_carlo_variance(
     most = int(np.clip(_PIXELS // np.count_nonzero(inside), _FEWEST, _DRAWS))
     rng = np.random.default_rng(_SEED)
     sums = np.zeros((3, *rectangle.shape))
-    # weights that do not go by columns: the rectangle's variance says nothing of the solution's size
-    scale = np.maximum(rectangle, FLOOR * state.variances[0])
+    scale = rectangle + _beside_known(state)
     for count in range(1, most + 1):
         own, control = (
             np.divide(errors, np.sqrt(size), out=np.zeros_like(errors), where=size > 0)
@@ -54,6 +54,16 @@ def monte_carlo_variance(
     slope = np.divide(both, control, out=np.zeros_like(both), where=control > 0)
     left = np.maximum(own - slope * both, 0.0) * count / (count - 1)
     return np.where(inside, scale * (slope**2 + left), rectangle)
+
+
+def _beside_known(state: State) -> Floats:
+    """Variance of w (rows, cols) in a pixel whose neighbours are known: what it has of its own."""
+    columns: ColumnPoisson = state.problem.columns
+    wx, wy = state.problem.weights or (np.tile(part, (columns.rows, 1)) for part in (columns.wx, columns.wy))
+    board = 1.0 - 2.0 * (np.indices(wx.shape).sum(axis=0) % 2)
+    total = 0.5 * board * apply_laplacian(board, wx, wy)[0]  # every edge counts twice
+    variance: Floats = np.divide(state.root**4, total, out=np.zeros_like(total), where=total > 0)
+    return variance
 
 
 def _unexplained(sums: Floats) -> float:
@@ -86,22 +96,31 @@ def _drawn(
     )
     noisy_p, noisy_q = data.shifted(du, dv).slopes(state.w)[:2]
     slopes = np.where(mask, noisy_p - p, 0.0), np.where(mask, noisy_q - q, 0.0)
-    doubts = None
+    alone = together = edge_errors(data, state, slopes)
     if state.doubt is not None:
-        dx, dy = state.doubt[:2]
-        # each by itself, and all that rise alike: a rim is misjudged in the same way all around
-        one, other, alike = (rng.standard_normal(shape) for shape in (mask.shape, mask.shape, ()))
-        one[:, :-1] += alike * np.sign(np.nan_to_num(p[:, :-1] + p[:, 1:]))
-        other[:-1] += alike * np.sign(np.nan_to_num(q[:-1] + q[1:]))
-        doubts = dx * one, dy * other
-    edges = edge_errors(data, state, slopes, doubts)
+        singly, alike = _drawn_doubts(state.doubt, p, q, rng)
+        alone = edge_errors(data, state, slopes, singly)
+        together = edge_errors(data, state, slopes, (singly[0] + alike[0], singly[1] + alike[1]))
     known = rows.sigma * rng.standard_normal(rows.sigma.shape)
-    own = response(labels, state, edges, slopes, known)
+    own = response(labels, state, together, slopes, known)
     factor = np.broadcast_to(state.root**2, own.shape)
-    control = state.problem.columns.solve(_divergence(edges, state, rng))
+    control = state.problem.columns.solve(_divergence(alone, state, rng))
     way = rows.predict(np.zeros(own.shape), *slopes) - known
     pinned = np.vdot(load, control) + load.reshape(-1)[rows.pixel] @ (way / factor.ravel()[rows.pixel])
     return own, factor * (control - pinned)
+
+
+def _drawn_doubts(doubt: Doubt, p: Floats, q: Floats, rng: np.random.Generator) -> tuple[Pair, Pair]:
+    """A draw of what edges are in doubt of, each by itself (the rectangle's edges are independent), and of
+    what those of one rim share where they rise alike: it is misjudged in the same way all around.
+    """
+    rims, count = scipy.ndimage.label(touched(doubt), np.ones((3, 3)))
+    one, other = rng.standard_normal((2, *p.shape))
+    shared = rng.standard_normal(count + 1)[rims]
+    rise_x, rise_y = np.zeros_like(p), np.zeros_like(q)
+    rise_x[:, :-1] = np.sign(np.nan_to_num(p[:, :-1] + p[:, 1:]))
+    rise_y[:-1] = np.sign(np.nan_to_num(q[:-1] + q[1:]))
+    return (doubt.x * one, doubt.y * other), (doubt.x * shared * rise_x, doubt.y * shared * rise_y)
 
 
 def _divergence(edges: Pair, state: State, rng: np.random.Generator) -> Floats:

@@ -36,10 +36,9 @@ def null_space(scene: Scene) -> Floats:
     _, _, p_w, q_w = data.slopes(state.w)
     fit = edges.solve(*factor_increments(p_w, q_w, data.mask), _ACCURACY)
     factor = np.exp(fit.x - fit.x[problem.labels > 0].max())
-    if problem.outer.rays.logarithmic:
+    if problem.data.rays.logarithmic:
         factor = factor * np.exp(state.w)
-    whole = np.full(problem.outer.mask.shape, np.nan)
-    whole[problem.core] = np.where(problem.labels > 0, factor, np.nan)
+    whole = np.where(problem.labels > 0, factor, np.nan)
     mode = problem.to_image(whole, np.nan) * np.abs(problem.rays.inner_directions[2])
     scaled: Floats = mode / np.nanmax(mode)
     return scaled

@@ -38,7 +38,8 @@ def cut_off(doubt: Doubt, limit: tuple[Floats, Floats], mask: Mask, anchors: Int
 
     Where slopes go beyond what can be seen, along the same line as they change too fast to follow, a step of
     any height may hide between two pixels: no doubt is large enough. Where none is missing along the line,
-    sigma holds what it leaves (reached_across). lost: pixels that were not seen.
+    sigma holds what it leaves (reached_across). A gap lies between an island and what is held: pixels that
+    are missing at an island's other rim part nothing. lost: pixels that were not seen.
     """
     index = np.arange(mask.size).reshape(mask.shape)
     inner = (mask[:, :-1] & mask[:, 1:], mask[:-1] & mask[1:])
@@ -60,9 +61,11 @@ def cut_off(doubt: Doubt, limit: tuple[Floats, Floats], mask: Mask, anchors: Int
         for end in ends:
             end |= closed & apart
     along = np.where(line, islands, 0)
-    near = scipy.ndimage.maximum_filter(along, 2 * _BY_LINE + 1)
+    near, sides = (
+        scipy.ndimage.maximum_filter(part, 2 * _BY_LINE + 1) for part in (along, mask & held[parts])
+    )
     missing, area, length = (
-        np.bincount(part.ravel(), minlength=count + 1) for part in (near[lost], near, along)
+        np.bincount(part.ravel(), minlength=count + 1) for part in (near[lost & sides], near[sides], along)
     )
     usual = area * (missing[0] / max(area[0], 1))
     torn = (missing > usual + _CHANCE * np.sqrt(usual)) & (missing >= _MISSING * length)

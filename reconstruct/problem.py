@@ -13,7 +13,6 @@ from optolever.scene import Pattern, Scene
 
 from .anchors import EDGE_REACH, Anchors, Samples, anchor_samples
 from .arrays import Floats, Labels, Mask
-from .border import core_windows, solid_window
 from .gauge import anchor_rows
 from .geometry import RayField, pattern_plane, ray_field
 from .holes import bridged, small_holes
@@ -34,11 +33,10 @@ class Problem:
     """What is solved, and how it lies in the image.
 
     rays, valid: of the whole image (H, W); rows, cols: the window that holds valid pixels; turned: the
-    window's rows and columns are exchanged, so that the slopes' variances go by columns; outer: that grid,
-    core: the part of it without noisy border lines (see `border`), to which data and samples belong; labels:
-    its anchored components from 1 on; bridged: pixels of small holes, interpolated; lost: valid pixels
-    without an anchor; singular: valid pixels of the core that cannot be
-    solved (see `Measured.singular`).
+    window's rows and columns are exchanged, so that the slopes' variances go by columns; data: that grid, to
+    which the samples belong; labels: its anchored components from 1 on; bridged: pixels of small holes,
+    interpolated; lost: valid pixels without an anchor; singular: valid pixels that cannot be solved (see
+    `Measured.singular`).
     """
 
     rays: RayField
@@ -46,8 +44,6 @@ class Problem:
     rows: slice
     cols: slice
     turned: bool
-    outer: Measured
-    core: tuple[slice, slice]
     data: Measured
     samples: Samples
     labels: Labels
@@ -56,21 +52,15 @@ class Problem:
     singular: Mask
 
     def to_grid(self, image: NDArray[Any]) -> NDArray[Any]:
-        """The outer grid's part of an array of the image (H, W)."""
+        """The grid's part of an array of the image (H, W)."""
         part = image[self.rows, self.cols]
         return np.ascontiguousarray(part.T if self.turned else part)
 
     def to_image(self, grid: NDArray[Any], outside: Any) -> NDArray[Any]:
-        """An array of the image (H, W) from one of the outer grid."""
+        """An array of the image (H, W) from one of the grid."""
         image = np.full(self.valid.shape, outside, dtype=grid.dtype)
         image[self.rows, self.cols] = grid.T if self.turned else grid
         return image
-
-    def in_image(self, part: Mask) -> Mask:
-        """A mask of the core as one of the image (H, W)."""
-        outer = np.zeros(self.outer.mask.shape, dtype=np.bool_)
-        outer[self.core] = part
-        return self.to_image(outer, False)
 
 
 def prepare(
@@ -105,29 +95,22 @@ def prepare(
     def on_grid(image: Mask) -> Mask:
         return image[rows, cols].T if turned else image[rows, cols]
 
-    holes, solid = np.zeros_like(data.mask), solid_window(data.mask)
-    holes[solid] = small_holes(data.mask[solid])
-    outer = bridged(data, holes)
-    for core in core_windows(outer):
-        inner = outer if core == _extent_of(outer.mask) else outer.cropped(core)
-        hollow = inner.singular(inner.rest(), picard)
-        if singular is not None:
-            hollow |= inner.mask & on_grid(singular)[core]
-        if hollow.any():  # after holes are bridged: across these none is
-            inner = replace(inner, mask=inner.mask & ~hollow)
-        near = samples.window(core[0].start, core[1].start)
-        labels = _anchored_labels(inner, near)
-        if labels.any():
-            break
-    else:
+    holes = small_holes(data.mask)
+    seen, data = data.mask, bridged(data, holes)
+    hollow = data.singular(data.rest(), picard)
+    if singular is not None:
+        hollow |= data.mask & on_grid(singular)
+    # after holes are bridged: across these none is
+    data = replace(data, mask=data.mask & ~hollow)
+    labels = _anchored_labels(data, samples)
+    if not labels.any():
         raise InputError(
             f"anchor: none has valid pixels (four in a row, unless it is on one) within {EDGE_REACH:g} pixels"
         )
-    lost = int(np.count_nonzero(data.mask[core] & ~hollow & (labels == 0)))
-    inner = inner if labels.all() else replace(inner, mask=labels > 0)
-    bridges = holes[core] & ~hollow
-    hollow &= on_grid(valid)[core]
-    return Problem(rays, valid, rows, cols, turned, outer, core, inner, near, labels, bridges, lost, hollow)
+    lost = int(np.count_nonzero(seen & ~hollow & (labels == 0)))
+    data = data if labels.all() else replace(data, mask=labels > 0)
+    hollow, bridges = hollow & on_grid(valid), holes & ~hollow
+    return Problem(rays, valid, rows, cols, turned, data, samples, labels, bridges, lost, hollow)
 
 
 def require_correspondence(value: object, name: str = "correspondence") -> None:
@@ -136,10 +119,6 @@ def require_correspondence(value: object, name: str = "correspondence") -> None:
         raise InputError(f"{name}: is a Displacement; give displacement.added_to(correspondence at rest)")
     if not isinstance(value, Correspondence):
         raise InputError(f"{name}: is a {type(value).__name__}, must be a Correspondence")
-
-
-def _extent_of(mask: Mask) -> tuple[slice, slice]:
-    return slice(0, mask.shape[0]), slice(0, mask.shape[1])
 
 
 def _extent(valid: Mask, axis: int) -> slice:

@@ -5,14 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, minimum_filter
+from scipy.ndimage import minimum_filter
 
 from optolever.decode import Flag
 from optolever.notices import Notice
 from optolever.scene import Mirror
 
 from .arrays import Floats, Mask
-from .border import extended
 from .circulation import contradiction
 from .discontinuities import touched
 from .heightmap import Diagnostics, HeightFlag, HeightMap
@@ -24,7 +23,6 @@ from .uncertainty import unknown_variance
 __all__ = ["Spread", "anchors_apart", "height_map", "judged"]
 
 _MOVING = 0.05  # of the pixels: more that still move are not to blame one by one
-_AROUND = 4  # pixels: so far are heights continued into lines that were not solved
 _APART = 5.0  # standard deviations, rms: rigs that are right stay below 1.2
 _STEEP = 3.0  # standard deviations of the noise: where the doubt of discontinuities exceeds them
 
@@ -62,16 +60,15 @@ def height_map(
     variance: Floats | None = None,
     spread: "Spread | None" = None,
 ) -> HeightMap:
-    """flags (H, W): the decoder's; suspects: pixels of the core with a curl; curl: its robust scale;
-    variance: of the unknown in the core, if it is known already (without
+    """flags (H, W): the decoder's; suspects: pixels of the grid with a curl; curl: its robust scale;
+    variance: of the unknown, if it is known already (without
     what is in doubt); spread: what independent noise of every pixel does not hold.
     """
     data, doubt = problem.data, state.doubt
-    outer = problem.outer.overlaid(problem.core, data)
     if variance is None:
         variance = unknown_variance(data, state, problem.labels)
     variance, correlation = (spread or Spread()).applied(variance, data.mask)
-    steep = np.zeros(outer.mask.shape, dtype=np.bool_)
+    steep = np.zeros(data.mask.shape, dtype=np.bool_)
     if doubt is not None:
         anchors = state.rows.pixel[state.share > 0]
         more, told = (reached_across(each, state.root, data.mask, anchors) for each in (doubt, doubt.alone))
@@ -79,24 +76,21 @@ def height_map(
         lost = ~data.mask | problem.bridged
         away = cut_off(doubt.alone, limits, data.mask, anchors, lost)
         beyond = told > (_STEEP**2) * _least_around(variance, data.mask)
-        steep[problem.core] = away | (touched(doubt) & beyond)
+        steep = away | (touched(doubt) & beyond)
         variance = variance + more
-    w, variance, known = extended(outer, problem.core, state.w, variance, data.mask)
-    distance, sigma = outer.distance(w), np.sqrt(variance)
-    if outer.rays.logarithmic:
+    distance, sigma = data.distance(state.w), np.sqrt(variance)
+    if data.rays.logarithmic:
         sigma = sigma * distance
-    marked = np.zeros(known.shape, dtype=np.bool_)
-    marked[problem.core] = suspects
-    solved = problem.to_image(known, False) & problem.valid
+    solved = problem.to_image(data.mask, False) & problem.valid
     t = np.where(solved, problem.to_image(distance, np.nan), np.nan)
     o, d = problem.rays.inner_origins, problem.rays.inner_directions
     deviation = np.where(solved, problem.to_image(sigma, np.nan), np.nan) * np.abs(d[2])
     flags = np.asarray(flags, dtype=np.uint16).copy()
     flags[~problem.valid & (flags == 0)] |= np.uint16(Flag.INVALID)
-    singular = problem.in_image(problem.singular)
+    singular = problem.to_image(problem.singular, False)
     flags[singular] |= np.uint16(HeightFlag.SINGULAR)
     flags[problem.valid & ~solved & ~singular] |= np.uint16(HeightFlag.NO_ANCHOR)
-    flags[problem.to_image(marked, False) & solved] |= np.uint16(HeightFlag.CURL)
+    flags[problem.to_image(suspects, False) & solved] |= np.uint16(HeightFlag.CURL)
     flags[problem.to_image(steep, False) & solved] |= np.uint16(HeightFlag.STEEP)
     if not state.converged:
         flags[solved & _unsettled(problem, state)] |= np.uint16(HeightFlag.NOT_CONVERGED)
@@ -133,7 +127,7 @@ def anchors_apart(problem: Problem, state: State, height: HeightMap) -> tuple[No
     data, rows, used = problem.data, state.rows, state.share > 0
     p, q, _, _ = data.slopes(state.w)
     off = rows.predict(state.w, p, q) - rows.known
-    sigma = problem.to_grid(height.total_sigma / np.abs(problem.rays.inner_directions[2]))[problem.core]
+    sigma = problem.to_grid(height.total_sigma / np.abs(problem.rays.inner_directions[2]))
     unit = data.distance(state.w) if data.rays.logarithmic else 1.0
     variance = np.square(sigma / unit).ravel()[rows.pixel]
     variance += rows.sigma**2 + rows.spread(*state.variances) + state.bend**2
@@ -173,11 +167,9 @@ def _least_around(variance: Floats, mask: Mask) -> Floats:
 
 
 def _unsettled(problem: Problem, state: State) -> Mask:
-    """Pixels of the image that did not converge, and what is continued from them: a few that noise drives
-    away, right before the pattern or at its edge, move nothing else. All, where they are not few."""
+    """Pixels of the image that did not converge: a few that noise drives away, right before the pattern or at
+    its edge, move nothing else. All, where they are not few."""
     moving = state.unsettled
     if moving is None or not 0 < np.count_nonzero(moving) < _MOVING * moving.size:
         return np.ones(problem.valid.shape, dtype=np.bool_)
-    core = np.zeros(problem.outer.mask.shape, dtype=np.bool_)
-    core[problem.core] = moving
-    return problem.to_image(binary_dilation(core, iterations=_AROUND), False)
+    return problem.to_image(moving, False)

@@ -116,23 +116,13 @@ def _renewed(problem: Problem, c: Correspondence) -> Problem | None:
     if c.u.shape != problem.valid.shape:
         return None
     valid = c.good & np.isfinite(c.u) & np.isfinite(c.v)
-    outer = problem.outer
     fields: dict[str, Any] = {
         name: problem.to_grid(np.asarray(getattr(c, name), dtype=np.float64))
         for name in ("u", "v", "sigma_u", "sigma_v")
     }
     usable = problem.to_grid(valid)
-    fresh = replace(outer, mask=usable, **fields)
     holes = small_holes(usable)
-    inside = problem.core
-    if not np.array_equal((usable | holes)[inside] & problem.data.mask, problem.data.mask):
+    if not np.array_equal((usable | holes) & problem.data.mask, problem.data.mask):
         return None
-    fresh = bridged(fresh, holes)
-    data = fresh.cropped(inside) if problem.data.mask.shape != fresh.mask.shape else fresh
-    return replace(
-        problem,
-        valid=valid,
-        bridged=holes[inside],
-        outer=fresh,
-        data=replace(data, mask=problem.data.mask, rays=problem.data.rays),
-    )
+    fresh = bridged(replace(problem.data, mask=usable, **fields), holes)
+    return replace(problem, valid=valid, bridged=holes, data=replace(fresh, mask=problem.data.mask))

@@ -64,6 +64,14 @@ def test_cut_off_by_doubts_and_missing_pixels_together() -> None:
     assert not cut_off(Doubt(dx, dy), limits, mask, anchors, lost).any()
 
 
+def test_a_ragged_rim_is_no_gap_in_a_line_of_doubts() -> None:
+    """A rough mirror has doubts on all edges; its rim parts it from nothing."""
+    mask = np.ones((40, 40), dtype=np.bool_)
+    mask[:2, 5:] = mask[-1, 9:] = mask[:, -1] = False
+    doubt, limits = Doubt(np.ones(mask.shape), np.ones(mask.shape)), np.full((40, 40), 0.5)
+    assert not cut_off(doubt, (limits, limits), mask, np.array([20 * 40 + 20]), ~mask).any()
+
+
 def test_a_missing_pixel_flags_none_but_itself(exact, noisy, cut) -> None:
     """Where doubts surround the anchors' edge (slopes change fast there), holes elsewhere change nothing."""
     scene, truth, _ = exact("paper-prototype", "ball:peak=0.075,radius=910", 172, 108)

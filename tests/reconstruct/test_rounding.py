@@ -57,7 +57,7 @@ def test_seams_between_cells_do_not_part_the_image(exact, cut) -> None:
 def test_bridging_repeats_noise_as_often_as_stated(exact, case: str) -> None:
     """Against noise that is drawn and bridged: its means over blocks have so many times the variance."""
     scene, _, correspondence = exact("paper-simulation", "flat", 96, 96)
-    data = prepare(correspondence, scene).outer
+    data = prepare(correspondence, scene).data
     rng = np.random.default_rng(0)
     holes = rng.random((96, 96)) < 0.2
     if case == "lines":
