@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,9 @@ from .row import ABSENT, DONE, FAILED, USELESS, Row
 from .shot import Shot, place_of, shoot
 from .solvers import Solver, installed, solver
 
-__all__ = ["Bench", "absent_modules", "check", "run_cells", "warm_up"]
+__all__ = ["absent_modules", "check", "run_cells", "warm_up"]
+
+Clock = Callable[[Callable[[], Any]], Measured]
 
 TINY = (48, 48)  # camera on which everything is compiled before anything is timed
 LATTICE_PIXELS = 10  # camera pixels that a lattice line needs, as in the paper's study
@@ -55,112 +58,98 @@ def absent_modules(cells: Iterable[Cell]) -> tuple[str, ...]:
 
 
 def run_cells(cells: Iterable[Cell], *, timed: bool = True) -> Iterator[Row]:
-    """Rows in the order of `grouped` cells; timed: memory and the best of several runs, else one each."""
-    bench = Bench(timed)
-    for group in grouped(cells):
-        yield from bench.group(group)
+    """Rows in the order of `grouped` cells; timed: memory and the best of several runs, else one each. What
+    goes wrong becomes a row that says so."""
+    clock = measured if timed else once
+    for _, sharing in groupby(grouped(cells), lambda group: group[0].place):
+        place: Place | None = None
+        for group in sharing:
+            try:
+                place = place or place_of(group[0])
+                shot = shoot(place, group[0])
+            except InputError as error:
+                yield from (Row(cell, USELESS, str(error)) for cell in group)
+            else:
+                yield from _of_shot(group, shot, clock)
 
 
 def warm_up(cells: Iterable[Cell], told: Callable[[str, int, int], None]) -> None:
     """Compile everything that the cells will use, on a tiny camera."""
     tiny = list(dict.fromkeys(replace(cell, size=TINY, noise=1.0, seed=0) for cell in cells))
-    groups = grouped(tiny)
-    bench = Bench(False)
-    for done, group in enumerate(groups):
-        told("warm-up", done, len(groups))
-        list(bench.group(group))
+    for done, _ in enumerate(run_cells(tiny, timed=False)):
+        told("warm-up", done, len(tiny))
 
 
-class Bench:
-    """Runs groups of cells; remembers the last mirror, since neighbours in a grid share it."""
+def _of_shot(cells: Iterable[Cell], shot: Shot, clock: Clock) -> Iterator[Row]:
+    """Rows of cells that take the same frames."""
+    if shot.sequence is not None and shot.sequence.name == "lattice":
+        yield from (_lattice(cell, shot.place) for cell in cells)
+        return
+    timings: dict[str, float] = {}
+    if shot.capture is not None:
+        timings = {"render_seconds": shot.render_seconds, "floor_seconds": _floor(shot.capture, clock)}
+    for name, mine in groupby(cells, lambda cell: cell.decoder):
+        yield from _decoded(list(mine), decoder(name), shot, timings, clock)
 
-    def __init__(self, timed: bool) -> None:
-        self._clock: Callable[[Callable[[], Any]], Measured] = measured if timed else once
-        self._key: tuple[Any, ...] | None = None
-        self._place: Place | None = None
-        self._touched: tuple[Capture, float] | None = None
 
-    def group(self, cells: tuple[Cell, ...]) -> Iterator[Row]:
-        """Rows of cells that take the same frames. What goes wrong becomes a row that says so."""
-        first = cells[0]
-        try:
-            shot = shoot(self._at(first), first)
-        except InputError as error:
-            yield from (Row(cell, USELESS, str(error)) for cell in cells)
-            return
-        for name in dict.fromkeys(cell.decoder for cell in cells):
-            mine = [cell for cell in cells if cell.decoder == name]
-            if shot.sequence is not None and shot.sequence.name == "lattice":
-                yield from (self._lattice(cell, shot) for cell in mine)
-            else:
-                yield from self._decoded(mine, shot)
+def _floor(taken: Capture, clock: Clock) -> float:
+    """Seconds that only reading the frames and writing a decoder's output takes."""
+    toucher(taken.frames[:, :1].copy())()  # compiles, which is not part of the floor
+    return clock(toucher(taken.frames)).seconds
 
-    def _at(self, cell: Cell) -> Place:
-        if self._place is None or self._key != cell.place:
-            self._key, self._place = cell.place, place_of(cell)
-        return self._place
 
-    def _decoded(self, cells: list[Cell], shot: Shot) -> Iterator[Row]:
-        """Rows of cells with the same decoder."""
-        coder = decoder(cells[0].decoder)
-        blank = Row(cells[0], ABSENT, "", coder.kind, shot.count)
-        if not installed(coder.module):
-            blank = replace(blank, why=f"{coder.module} is not installed")
-            yield from (replace(blank, cell=cell) for cell in cells)
-            return
-        timings: dict[str, float] = {}
-        if shot.capture is not None:
-            timings["render_seconds"] = shot.render_seconds
-            timings["floor_seconds"] = self._floor(shot.capture)
-        blank, decoded = _tried(blank, lambda: self._decode(coder, shot))
-        if decoded is None:
-            yield from (replace(blank, cell=cell) for cell in cells)
-            return
-        timings |= {"decode_seconds": 0.0} if coder.kind == "floor" else _timings("decode", decoded)
-        for cell in cells:
-            row = replace(blank, cell=cell, timings=timings)
-            yield self._solved(row, solver(cell.solver), decoded.value, shot.place)
+def _decoded(
+    cells: list[Cell], coder: Decoder, shot: Shot, timings: dict[str, float], clock: Clock
+) -> Iterator[Row]:
+    """Rows of cells with the same decoder."""
+    blank = Row(cells[0], ABSENT, f"{coder.module} is not installed", coder.kind, shot.count)
+    decoded = None
+    if installed(coder.module):
+        blank, decoded = _tried(replace(blank, why=""), lambda: _decode(coder, shot, clock))
+    if decoded is None:
+        yield from (replace(blank, cell=cell) for cell in cells)
+        return
+    timings = timings | ({"decode_seconds": 0.0} if coder.kind == "floor" else _timings("decode", decoded))
+    for cell in cells:
+        row = replace(blank, cell=cell, timings=timings)
+        yield _solved(row, solver(cell.solver), decoded.value, shot.place, clock)
 
-    def _floor(self, taken: Capture) -> float:
-        """Seconds that only reading the frames and writing a decoder's output takes, once per shot."""
-        if self._touched is None or self._touched[0] is not taken:
-            toucher(taken.frames[:, :1].copy())()  # compiles, which is not part of the floor
-            self._touched = taken, self._clock(toucher(taken.frames)).seconds
-        return self._touched[1]
 
-    def _decode(self, coder: Decoder, shot: Shot) -> Measured:
-        if coder.clock is None:
-            return self._clock(lambda: coder.run(shot))
-        clock = coder.clock
-        seen = coder.run(shot)
-        taken = self._clock(lambda: clock(shot))
-        return Measured(seen, taken.seconds / coder.divide, taken.bytes)
+def _decode(coder: Decoder, shot: Shot, clock: Clock) -> Measured:
+    alone = coder.clock
+    if alone is None:
+        return clock(lambda: coder.run(shot))
+    seen = coder.run(shot)
+    taken = clock(lambda: alone(shot))
+    return Measured(seen, taken.seconds / coder.divide, taken.bytes)
 
-    def _solved(self, row: Row, way: Solver, seen: Correspondence, place: Place) -> Row:
-        row = replace(row, kind=way.kind if row.kind == "own" else row.kind)
-        if not installed(way.module):
-            return replace(row, status=ABSENT, why=f"{way.module} is not installed")
-        row, solved = _tried(row, lambda: self._clock(lambda: way.run(seen, place.scene)))
-        if solved is None:
-            return row
-        return replace(
-            row,
-            status=DONE,
-            timings=row.timings | _timings("reconstruct", solved),
-            metrics=measures(place.truth, seen, solved.value),
-        )
 
-    def _lattice(self, cell: Cell, shot: Shot) -> Row:
-        """The paper's own measurement: crossings of one lattice frame (and one at rest), its recursion along
-        the line through the middle. Errors are along that line.
-        """
-        row = Row(cell, USELESS, "lattice crossings are sparse: method paper only", "paper", 1)
-        if cell.solver != "paper":
-            return row
-        try:
-            return _paper_line(row, shot.place)
-        except InputError as error:
-            return replace(row, why=str(error))
+def _solved(row: Row, way: Solver, seen: Correspondence, place: Place, clock: Clock) -> Row:
+    row = replace(row, kind=way.kind if row.kind == "own" else row.kind)
+    if not installed(way.module):
+        return replace(row, status=ABSENT, why=f"{way.module} is not installed")
+    row, solved = _tried(row, lambda: clock(lambda: way.run(seen, place.scene)))
+    if solved is None:
+        return row
+    return replace(
+        row,
+        status=DONE,
+        timings=row.timings | _timings("reconstruct", solved),
+        metrics=measures(place.truth, seen, solved.value),
+    )
+
+
+def _lattice(cell: Cell, place: Place) -> Row:
+    """The paper's own measurement: crossings of one lattice frame (and one at rest), its recursion along
+    the line through the middle. Errors are along that line.
+    """
+    row = Row(cell, USELESS, "lattice crossings are sparse: method paper only", "paper", 1)
+    if cell.solver != "paper":
+        return row
+    try:
+        return _paper_line(row, place)
+    except InputError as error:
+        return replace(row, why=str(error))
 
 
 def _tried(row: Row, stage: Callable[[], Measured]) -> tuple[Row, Measured | None]:

@@ -8,7 +8,6 @@ import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 from optolever.blocks import ONE_THREAD
@@ -18,7 +17,7 @@ from optolever.processes import safe_path
 from ..demo import Progress, silent
 from .cell import Cell, grouped
 from .row import Row
-from .run import Bench, check, run_cells, warm_up
+from .run import check, run_cells, warm_up
 from .store import Store
 
 __all__ = ["Cluster", "sweep", "time_cells"]
@@ -136,13 +135,7 @@ def warm_up_from_json() -> None:
 def group_rows(group: tuple[Cell, ...]) -> list[Row]:
     """The task of a worker: rows of cells that take the same frames, on one thread."""
     os.environ.update(ONE_THREAD)
-    return list(_bench().group(group))
-
-
-@lru_cache(maxsize=1)
-def _bench() -> Bench:
-    """The process's own, which remembers its last mirror."""
-    return Bench(timed=False)
+    return list(run_cells(group, timed=False))
 
 
 @contextmanager
