@@ -24,14 +24,13 @@ from numpy.typing import NDArray
 
 from optolever.blocks import over_rows
 from optolever.decode import decode
-from optolever.errors import InputError
 from optolever.kernels import kernel
 from optolever.patterns import Frame, Sequence, sequence
 from optolever.processes import safe_path
 
 from .decode_errors import decode_errors
 from .demo import Progress, silent
-from .figures import Figure
+from .figures import Figure, measured_parts
 from .fringes_coder import fringes_coder
 from .ideal import camera_frames
 from .metrics import rms
@@ -71,16 +70,9 @@ def run_decode_figures(
     parts: of PARTS; "fringes" and "first calls" compile for long.
     "errors" are those of images of their own sizes.
     """
-    measure: tuple[Measure, ...] = (_codes, _fringes, _gray, _starts, decode_errors)
-    every = dict(zip(PARTS, measure, strict=True))
-    figures: list[Figure] = []
-    for done, name in enumerate(parts):
-        if name not in every:
-            raise InputError(f"figures: part {name!r} is unknown, must be one of {', '.join(PARTS)}")
-        progress(name, done, len(parts))
-        figures += every[name](size)
-    progress("", len(parts), len(parts))
-    return figures
+    measures: tuple[Measure, ...] = (_codes, _fringes, _gray, _starts, decode_errors)
+    every = dict(zip(PARTS, measures, strict=True))
+    return measured_parts({name: partial(every[name], size) for name in parts}, progress)
 
 
 def _shoot(shown: Sequence, size: tuple[int, int]) -> tuple[NDArray[Any], tuple[F64, F64]]:

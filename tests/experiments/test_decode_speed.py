@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optolever import InputError
 from optolever.decode import decode
 from optolever.experiments import decode_speed, run_decode_figures
 from optolever.experiments.speed_frames import (
@@ -92,8 +91,3 @@ def test_fringes_stands_in_both_modes(monkeypatch: pytest.MonkeyPatch) -> None:
         assert figures[f"16 phase frames, {mode} over optolever"].value > 0
         assert "flags" in figures[f"16 phase frames, {mode}"].note
     assert figures["16 phase frames, fringes, rms error"].value == 0
-
-
-def test_unknown_part() -> None:
-    with pytest.raises(InputError, match="part 'speed' is unknown"):
-        run_decode_figures(size=SIZE, parts=("speed",))
