@@ -1,6 +1,6 @@
 """What cases drawn at random have in common: a logarithmic scale, dents in units of the usual one."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -64,7 +64,7 @@ def _placed(
     return dent(form, scene, **params)
 
 
-def together(dents: list[Callable[[Scene], Surface]], scene: Scene) -> Surface:
+def together(dents: Sequence[Callable[[Scene], Surface]], scene: Scene) -> Surface:
     """All of the dents pressed at once: heights and slopes add up."""
     surfaces = [made(scene) for made in dents]
 

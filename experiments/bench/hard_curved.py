@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from optolever.scene import Scene, Sensor, Surface, dent, load, resize, trace
 
+from ..drawn import together
 from .hard_case import Case, Found
 from .hard_drawn import AREA_PIXELS, AREA_SHARE, decoded_area, drawn_size
 from .rigs import KINDS, draw_rig
@@ -73,23 +74,11 @@ def _relief(rng: np.random.Generator, scene: Scene) -> Surface:
     sigma = length * rng.uniform(0.015, 0.08, count)
     x0, y0 = length * rng.uniform(0.1, 0.8, count), width * rng.uniform(0.1, 0.9, count)
     peak = np.radians(rng.uniform(-1.5, 1.5, count)) * sigma
-    bumps = list(zip(x0, y0, sigma, peak, strict=True))
-
-    def height(x: Float, y: Float) -> Float:
-        z = np.zeros(np.broadcast(x, y).shape)
-        for a, b, s, p in bumps:
-            z += p * np.exp(-0.5 * ((x - a) ** 2 + (y - b) ** 2) / s**2)
-        return z
-
-    def gradient(x: Float, y: Float) -> tuple[Float, Float]:
-        zx, zy = np.zeros((2, *np.broadcast(x, y).shape))
-        for a, b, s, p in bumps:
-            bell = p / s**2 * np.exp(-0.5 * ((x - a) ** 2 + (y - b) ** 2) / s**2)
-            zx -= bell * (x - a)
-            zy -= bell * (y - b)
-        return zx, zy
-
-    return Surface(height, gradient)
+    bumps = [
+        partial(dent, "gaussian", x=x, y=y, sigma=width, peak=height)
+        for x, y, width, height in zip(x0, y0, sigma, peak, strict=True)
+    ]
+    return together(bumps, scene)
 
 
 def _ripples(rng: np.random.Generator, scene: Scene) -> Surface:
