@@ -14,7 +14,7 @@
 | `code_guide.py` | code_rows: which code when: predicted sigma and gross rate, faults tried |
 | `place.py` | a dented mirror, its truth, and its exact correspondence |
 | `decode_speed.py` | run_decode_figures: the decoder beside memory and other decoders |
-| `speed_frames.py`, `fringes_coder.py` | frames of every code for it; a peer set to frames of ours |
+| `speed_frames.py`, `peers.py` | frames of every code for it; others' decoders on frames of ours |
 | `ideal.py` | what an ideal surface shows at a place, and frames of it |
 | `decode_errors.py` | its errors beside what noise allows |
 | `solver_figures.py`, `solver_bound.py` | run_solver_figures: the solver; its noise and the bound |

@@ -3,9 +3,7 @@ errors: see decode_errors.
 
 The floor is a kernel of the same shape that reads every frame and writes as many bytes as decode, into
 memory that the process has already.
-`fringes` (GPL) is run, never copied, and only if it is installed; OpenCV's structured_light comes with
-OpenCV's contrib modules. Their frames are those of an ideal surface and camera: a smooth map, noise,
-rounding.
+Frames for others are those of an ideal surface and camera: a smooth map, noise, rounding.
 """
 
 import os
@@ -18,7 +16,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,9 +28,9 @@ from optolever.processes import safe_path
 from .decode_errors import decode_errors
 from .demo import Progress, silent
 from .figures import Figure, measured_parts
-from .fringes_coder import fringes_coder
 from .ideal import camera_frames
 from .metrics import rms
+from .peers import cv2_coder, cv2_decode, cv2_places, fringes_coder
 from .speed_frames import SPEED_CODES, smooth_map, speed_frames, speed_sequence
 from .timing import timed
 
@@ -184,22 +181,17 @@ def _gray(size: tuple[int, int]) -> Iterator[Figure]:
     found = decode(frames, shown)
     yield _error(f"{name}, optolever", found.u, found.v, truth, found.good)
     (white, black), _ = _shoot(Sequence((Frame("white"), Frame("black")), rows, cols), size)
-    code = cv2.structured_light.GrayCodePattern.create(cols, rows)
-    images = list(frames)
-    # its loop over all pixels wants two cameras: it is given the same one twice
+    code, images = cv2_coder(shown), list(frames)
     ours, theirs, ratio = _pairs(
-        lambda: decode(frames, shown),
-        lambda: code.decode([images, images], None, [black] * 2, [white] * 2),
+        lambda: decode(frames, shown), lambda: cv2_decode(code, images, white, black)
     )
     yield Figure(f"{name}, optolever", 1e3 * ours, "ms")
     yield Figure(f"{name}, cv2", 500 * theirs, "ms", note="whole u, v; half of its time for two cameras")
     yield Figure(f"{name}, cv2 over optolever", 0.5 * ratio, low=60)
     chosen = np.random.default_rng(0).integers(0, size, (2000, 2))
-    pixels = [code.getProjPixel(images, int(col), int(row)) for row, col in chosen]
-    read = np.array([not wrong for wrong, _ in pixels])
-    place = np.array([pixel for _, pixel in pixels], np.float64)
-    there = tuple(chart[chosen[:, 0], chosen[:, 1]] for chart in truth)
-    yield _error(f"{name}, cv2 (2000 pixels)", place[:, 0], place[:, 1], (there[0], there[1]), read)
+    u, v = cv2_places(code, images, chosen).T
+    there = truth[0][tuple(chosen.T)], truth[1][tuple(chosen.T)]
+    yield _error(f"{name}, cv2 (2000 pixels)", u, v, there, np.isfinite(u))
 
 
 def _starts(size: tuple[int, int]) -> Iterator[Figure]:

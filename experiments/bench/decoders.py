@@ -1,21 +1,17 @@
-"""Decoders of the table: ours, the exact correspondence as a floor, and decoders of others on our frames.
-
-`fringes` (GPL) is run, never copied; OpenCV's structured_light comes with OpenCV's contrib modules.
-"""
+"""Decoders of the table: ours, the exact correspondence as a floor, and decoders of others on our frames."""
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 
 from optolever.decode import Correspondence, Flag, crossed, decode
 from optolever.errors import InputError
 from optolever.patterns import sequence
 
-from ..fringes_coder import fringes_coder
+from ..peers import cv2_coder, cv2_decode, cv2_places, fringes_coder
 from ..place import exact
 from .shot import Rest, Shot
 
@@ -75,25 +71,19 @@ def _fringes(shot: Shot, verbose: bool = True) -> Any:
 
 def _cv2(shot: Shot) -> Correspondence:
     """OpenCV's GrayCodePattern, pixel by pixel; it states no sigma: that of a uniform error of one pixel."""
-    frames, code = _cv2_frames(shot)
-    rows, cols = frames.shape[1:]
-    images = list(frames[2:])
-    lit = frames[0].astype(np.int16) - frames[1] > CV2_BLACK
-    u, v = np.full((rows, cols), np.nan), np.full((rows, cols), np.nan)
-    for row, col in np.argwhere(lit):
-        wrong, pixel = code.getProjPixel(images, int(col), int(row))
-        if not wrong:
-            u[row, col], v[row, col] = pixel
-    sigma = np.full((rows, cols), 1 / math.sqrt(12))
-    flags = np.where(np.isfinite(u), 0, int(Flag.INVALID)).astype(np.uint16)
-    return Correspondence(u, v, sigma, sigma, flags)
+    (white, black, *images), code = _cv2_frames(shot)
+    places = np.full((*white.shape, 2), np.nan)
+    lit = np.argwhere(white.astype(np.int16) - black > CV2_BLACK)
+    places[tuple(lit.T)] = cv2_places(code, images, lit)
+    sigma = np.full(white.shape, 1 / math.sqrt(12))
+    flags = np.where(np.isfinite(places[..., 0]), 0, int(Flag.INVALID)).astype(np.uint16)
+    return Correspondence(places[..., 0], places[..., 1], sigma, sigma, flags)
 
 
 def _cv2_clock(shot: Shot) -> Any:
-    """OpenCV's own loop over all pixels, which wants two cameras: it is given the same one twice."""
-    frames, code = _cv2_frames(shot)
-    images = list(frames[2:])
-    return code.decode([images, images], None, [frames[1]] * 2, [frames[0]] * 2)
+    """What to time."""
+    (white, black, *images), code = _cv2_frames(shot)
+    return cv2_decode(code, images, white, black)
 
 
 def _cv2_frames(shot: Shot) -> tuple[Any, Any]:
@@ -102,8 +92,7 @@ def _cv2_frames(shot: Shot) -> tuple[Any, Any]:
         raise InputError("cv2: takes the sequence 'gray' only (one-pixel cells, inverses, white and black)")
     if taken.frames.dtype != np.uint8:
         raise InputError("cv2: takes 8-bit frames only")
-    code = cv2.structured_light.GrayCodePattern.create(shown.cols, shown.rows)
-    return taken.frames, code
+    return taken.frames, cv2_coder(shown)
 
 
 DECODERS = {

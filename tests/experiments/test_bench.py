@@ -29,7 +29,7 @@ from optolever.experiments.bench import (
 )
 from optolever.experiments.bench import run as running
 from optolever.experiments.bench import shot as shots
-from optolever.experiments.fringes_coder import fringes_coder
+from optolever.experiments.peers import cv2_coder, fringes_coder
 from optolever.reconstruct import HeightMap
 from optolever.scene import dent, load, resize, trace
 
@@ -162,13 +162,10 @@ def test_silent_heights_are_unflagged_and_wrong() -> None:
 
 def test_opencv_decodes_our_gray_frames() -> None:
     """The frames are OpenCV's own; what it makes of them is the truth to a pixel."""
-    import cv2
-
     cell = replace(CELL, sequence="gray@cv2", noise=0.0)
     shot = shots.shoot(shots.place_of(cell), cell)
     _, shown = shot.taken()
-    code = cv2.structured_light.GrayCodePattern.create(shown.cols, shown.rows)
-    assert np.array_equal(code.generate()[1], shown.render()[2:])
+    assert np.array_equal(cv2_coder(shown).generate()[1], shown.render()[2:])
     seen = decoders.decoder("cv2").run(shot)
     inside = seen.good & shot.place.truth.visible
     assert inside.mean() > 0.9

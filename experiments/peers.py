@@ -1,15 +1,21 @@
-"""The package `fringes`, a peer of the decoder, set to frames of ours."""
+"""Peers of the decoder on frames of ours: the package `fringes` (GPL: run, never copied), and OpenCV's
+structured_light, which comes with its contrib modules.
+"""
 
 import importlib
 import math
 from typing import Any
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.patterns import Sequence
 
-__all__ = ["fringes_coder"]
+__all__ = ["cv2_coder", "cv2_decode", "cv2_places", "fringes_coder"]
+
+Images = list[NDArray[np.uint8]]
 
 
 def fringes_coder(shown: Sequence) -> Any:
@@ -36,3 +42,20 @@ def _ladder(shown: Sequence, axis: str) -> tuple[list[float], int]:
     even = [2 * math.pi * k / steps for _ in periods for k in range(steps)] if steps else []
     fits = len(even) == len(frames) and np.allclose([frame.shift or 0.0 for frame in frames], even)
     return periods, steps if fits else 0
+
+
+def cv2_coder(shown: Sequence) -> Any:
+    """OpenCV's Gray code of bits with inverses on such a surface."""
+    return cv2.structured_light.GrayCodePattern.create(shown.cols, shown.rows)
+
+
+def cv2_decode(coder: Any, images: Images, white: NDArray[np.uint8], black: NDArray[np.uint8]) -> Any:
+    """Its own loop over all pixels, which wants two cameras: it is given the same one twice, and takes twice
+    as long."""
+    return coder.decode([images, images], None, [black] * 2, [white] * 2)
+
+
+def cv2_places(coder: Any, images: Images, pixels: NDArray[np.integer]) -> NDArray[np.float64]:
+    """u and v (N, 2) of pixels (N, 2: row, column), one by one; NaN where it tells none."""
+    found = [coder.getProjPixel(images, int(col), int(row)) for row, col in pixels]
+    return np.array([(math.nan, math.nan) if wrong else place for wrong, place in found], np.float64)
