@@ -12,6 +12,7 @@
 | `figures.py`, `brute_force.py` | run_figures: figures beside their limits; what checks scene.trace |
 | `cliffs.py` | a cliff behind a mask, and the plain robust integration of it |
 | `code_guide.py` | code_rows: which code when: predicted sigma and gross rate, faults tried |
+| `faults.py` | faults of frames: swapped, shown twice, torn, lost |
 | `place.py` | a dented mirror, its truth, and its exact correspondence |
 | `decode_speed.py` | run_decode_figures: the decoder beside memory and other decoders |
 | `speed_frames.py`, `peers.py` | frames of every code for it; others' decoders on frames of ours |

@@ -17,6 +17,7 @@ from optolever.errors import InputError
 from optolever.patterns import BINARY_CODES, Sequence, sequence_from_text
 
 from .demo import Progress, silent
+from .faults import Fault
 from .ideal import camera_frames
 
 __all__ = ["CODES", "CodeRow", "code_rows", "predict_code", "seen"]
@@ -167,6 +168,6 @@ def _detected(shown: Sequence, amplitude: float, noise: float) -> tuple[float, f
     # a camera that sees all of the surface sees every frame change; this one some
     change = np.flatnonzero(np.ptp(whole[:-1], axis=(1, 2)) > 0.5 * amplitude * _STEPS)
     tried = np.unique(change[np.linspace(0, len(change) - 1, 6).astype(int)])
-    lost = [told(np.concatenate([whole[:k], whole[k + 1 :], whole[-1:]])) for k in tried]
-    swapped = [told(whole[[*range(k), k + 1, k, *range(k + 2, len(whole))]]) for k in tried]
+    lost = [told(Fault("lost", k, k).spoil(whole)) for k in tried]
+    swapped = [told(Fault("swapped", k, k + 1).spoil(whole)) for k in tried]
     return float(np.mean(lost)), float(np.mean(swapped))

@@ -24,6 +24,7 @@ from optolever.scene import (
     trace,
 )
 
+from ..faults import Fault
 from .hard_case import SIGMAS, Case, Found, worse_of
 from .measures import far_from_visible
 
@@ -83,32 +84,14 @@ class Condition:
     limits: Mapping[str, str] = field(default_factory=dict)
 
 
-def _duplicated(frames: Frames, rng: np.random.Generator, at: float = 0.5) -> Frames:
-    """The camera delivers a frame twice in place of the next one."""
-    index = round(at * (len(frames) - 1))
-    frames[index] = frames[index - 1]
-    return frames
+def _fault(kind: str, at: float = 0.5) -> Spoil:
+    """A fault of a frame and the one before; at: share of the sequence."""
 
+    def spoil(frames: Frames, rng: np.random.Generator) -> Frames:
+        index = round(at * (len(frames) - 1))
+        return Fault(kind, index, index - 1, 0.5).spoil(frames)
 
-def _dropped(frames: Frames, rng: np.random.Generator, at: float = 0.4) -> Frames:
-    """A frame is lost, all later ones arrive one place early, the last one stays."""
-    index = round(at * (len(frames) - 1))
-    frames[index:-1] = frames[index + 1 :].copy()
-    return frames
-
-
-def _swapped(frames: Frames, rng: np.random.Generator) -> Frames:
-    """Two neighbours in the wrong order."""
-    index = len(frames) // 2
-    frames[[index, index + 1]] = frames[[index + 1, index]]
-    return frames
-
-
-def _torn(frames: Frames, rng: np.random.Generator) -> Frames:
-    """The lower half of a frame is still that of the frame before."""
-    index, half = len(frames) // 2, frames.shape[1] // 2
-    frames[index, half:] = frames[index - 1, half:]
-    return frames
+    return spoil
 
 
 def hot_pixels(frames: Frames, rng: np.random.Generator) -> Frames:
@@ -142,12 +125,12 @@ CONDITIONS = (
     Condition("cusp", dent="needle"),
     Condition("motion", rates={"x": 5.0}),
     Condition("slow motion", rates={"x": 0.5}),
-    Condition("frame dropped", spoil=_dropped, limits=_N3),
-    Condition("frame dropped early", spoil=partial(_dropped, at=0.1), limits=_N3),
-    Condition("frame twice", spoil=_duplicated, limits=_N3),
-    Condition("frame twice, late", spoil=partial(_duplicated, at=0.9), limits=_N3),
-    Condition("frames swapped", spoil=_swapped, limits=_N3),
-    Condition("frame torn", spoil=_torn, limits=_N3),
+    Condition("frame dropped", spoil=_fault("lost", 0.4), limits=_N3),
+    Condition("frame dropped early", spoil=_fault("lost", 0.1), limits=_N3),
+    Condition("frame twice", spoil=_fault("twice"), limits=_N3),
+    Condition("frame twice, late", spoil=_fault("twice", 0.9), limits=_N3),
+    Condition("frames swapped", spoil=_fault("swapped"), limits=_N3),
+    Condition("frame torn", spoil=_fault("torn"), limits=_N3),
     Condition("flicker 5 % of 100 Hz", sensor=replace(NOMINAL, flicker=0.05, frame_s=1 / 60)),
     Condition("hot pixels", spoil=hot_pixels, limits=_N3),
     Condition("flashes", spoil=flashes, limits=_N3),

@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import cv2
 import numpy as np
@@ -14,11 +13,12 @@ from optolever.decode import Correspondence, Flag, Integrity, check, decode
 from optolever.patterns import Sequence, sequence_from_text
 
 from ..drawn import between
+from ..faults import Fault
 from .hard_case import SIGMAS, Case, Found, FrameVerdict, worse_of
 from .layered import MARGIN, SAMPLES, Gloss, Layer, Outline, Samples, World, inside, light, sampled
 from .plain_decoder import plain_places, seams
 
-__all__ = ["EDGE_CODES", "Draw", "Fault", "drawn_world", "edge_cases", "judged_draw", "taken"]
+__all__ = ["EDGE_CODES", "Draw", "drawn_world", "edge_cases", "judged_draw", "taken"]
 
 Frames = NDArray[np.uint8]
 Floats = NDArray[np.float32]
@@ -43,35 +43,7 @@ SEAMS, SEAM = 8, 3.0  # neighbours on one surface, and px by which they are torn
 TOGETHER = 4  # frames that one finding may name at most: one period of fringes, or two bits with inverses
 SUSPECTS = 6  # frames that all such findings may name together: who accuses all names nobody
 VARIANTS = ("raw", "jpeg", "binned", "cropped")
-FAULTS = ("swapped", "twice", "torn")
-
-
-@dataclass(frozen=True, slots=True)
-class Fault:
-    """kind: one of FAULTS; frame, other: swapped, or `frame` shows `other`, torn: from row share `at` on.
-
-    shown: the display does it, so that a picture shown twice has noise of its own each time; else the camera
-    delivers the same numbers twice.
-    """
-
-    kind: str
-    frame: int
-    other: int
-    at: float = 0.0
-    shown: bool = False
-
-    def __str__(self) -> str:
-        return f"{self.kind} {self.frame} {self.other}"
-
-    def spoil(self, frames: NDArray[Any]) -> NDArray[Any]:
-        """Frames (N, H, W) with the fault."""
-        spoilt, i, j = frames.copy(), self.frame, self.other
-        if self.kind == "swapped":
-            spoilt[[i, j]] = frames[[j, i]]
-        else:
-            start = round(self.at * frames.shape[1]) if self.kind == "torn" else 0
-            spoilt[i, start:] = frames[j, start:]
-        return spoilt
+FAULTS = ("swapped", "twice", "torn")  # that are drawn
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,20 +125,15 @@ def drawn(number: int, faulty: bool, size: tuple[int, int]) -> Draw:
 
 
 def drawn_fault(rng: np.random.Generator, sequence: Sequence) -> Fault:
-    """A fault that is no swap of a bit with its own inverse, which may be another scene's perfect picture."""
+    """A fault that is no swap of a bit with its own inverse."""
     count = len(sequence)
     while True:
         kind = str(rng.choice(FAULTS))
         frame = int(rng.integers(1, count))
         other = frame - 1 if rng.random() < 0.6 else int(rng.integers(count))
-        one, two = sequence.frames[frame], sequence.frames[other]
-        if frame == other or (kind == "swapped" and _inverses(one.bit, two.bit, one.axis, two.axis)):
+        if frame == other or Fault(kind, frame, other).inverts(sequence):
             continue
         return Fault(kind, frame, other, float(rng.uniform(0.25, 0.75)), bool(rng.random() < 0.5))
-
-
-def _inverses(bit: int | None, other: int | None, axis: str | None, across: str | None) -> bool:
-    return bit is not None and bit == other and axis == across
 
 
 def drawn_world(rng: np.random.Generator, size: tuple[int, int], objects: int | None = None) -> World:

@@ -20,6 +20,7 @@ from optolever.patterns import Sequence, sequence_from_text
 from optolever.projector import AreaTrace, area_light, expose, trace_area
 from optolever.scene import Scene, Sensor, dent_from_text, load, resize
 
+from ..faults import Fault
 from .area_truth import area_errors
 from .hard_case import Case, Found, FrameVerdict
 from .surroundings import AROUND, FORMS, mirror_mask, surrounded
@@ -169,36 +170,31 @@ def _frame_faults(case: Surroundings, size: tuple[int, int]) -> tuple[FrameVerdi
     lit = alone.light[:, mask & alone.area.visible] * np.float32(255.0 * _SENSOR.exposure)
     seen = {"u": alone.area.centre.u[mask], "v": alone.area.centre.v[mask]}
     verdicts = []
-    for name, order in _orders(len(full)):
-        if _mirrors(order, alone.shown, seen):
+    for fault in _faults(len(full)):
+        if _mirrors(fault, alone.shown, seen):
             continue
-        moves = bool((np.abs(lit[order] - lit) > 3.0 * case.noise).any(axis=0).mean() >= _CHANGED)
-        hidden = not (moves and _is_detected(full[order], alone.shown, mask))
-        named = not hidden and _is_detected(here[order], alone.shown, mask)
-        verdicts.append(FrameVerdict(name, moves, hidden, named))
+        moves = bool((np.abs(fault.spoil(lit) - lit) > 3.0 * case.noise).any(axis=0).mean() >= _CHANGED)
+        hidden = not (moves and _is_detected(fault.spoil(full), alone.shown, mask))
+        named = not hidden and _is_detected(fault.spoil(here), alone.shown, mask)
+        verdicts.append(FrameVerdict(str(fault), moves, hidden, named))
     return tuple(verdicts)
 
 
-def _orders(count: int) -> Iterator[tuple[str, NDArray[np.int64]]]:
-    """Names and orders of frames: neighbours swapped, one frame lost (the last one stays)."""
+def _faults(count: int) -> Iterator[Fault]:
+    """Neighbours swapped, one frame lost."""
     for index in range(count - 1):
-        order = np.arange(count)
-        order[[index, index + 1]] = order[[index + 1, index]]
-        yield f"{index} and {index + 1} swapped", order
-        lost = np.arange(count)
-        lost[index:-1] += 1
-        yield f"{index} lost", lost
+        yield Fault("swapped", index, index + 1)
+        yield Fault("lost", index, index)
 
 
-def _mirrors(order: NDArray[np.int64], shown: Sequence, seen: dict[str, NDArray[Any]]) -> bool:
+def _mirrors(fault: Fault, shown: Sequence, seen: dict[str, NDArray[Any]]) -> bool:
     """Whether a bit is swapped with its inverse, and what is seen (px) lies in one of its blocks, which that
     turns round."""
-    at = int(np.argmax(order != np.arange(len(order))))
-    first, other = shown.frames[at], shown.frames[order[at]]
-    swapped = bool((order[order] == np.arange(len(order))).all())
-    if not swapped or first.bit is None or replace(first, inverted=other.inverted) != other:
+    if not fault.inverts(shown):
         return False
+    first = shown.frames[fault.frame]
     assert first.axis is not None
+    assert first.bit is not None
     blocks = np.floor(seen[first.axis] / ((first.cell_px or 1.0) * 2.0 ** (first.bit + 1)))
     return bool(np.ptp(blocks[np.isfinite(blocks)]) == 0)
 

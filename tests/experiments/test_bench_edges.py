@@ -28,6 +28,7 @@ from optolever.experiments.bench.layered import (
     sampled,
 )
 from optolever.experiments.bench.plain_decoder import plain_places
+from optolever.experiments.faults import Fault
 from optolever.patterns import sequence_from_text
 
 F64 = NDArray[np.float64]
@@ -228,12 +229,13 @@ def test_faults_are_what_they_are_called() -> None:
     frames = np.broadcast_to(np.arange(6)[:, None, None], (6, 8, 2)).copy()
 
     def order(kind: str, row: int) -> list[int]:
-        return [int(n) for n in edges.Fault(kind, 4, 1, 0.5).spoil(frames)[:, row, 0]]
+        return [int(n) for n in Fault(kind, 4, 1, 0.5).spoil(frames)[:, row, 0]]
 
     assert order("swapped", 0) == [0, 4, 2, 3, 1, 5]
     assert order("twice", 0) == [0, 1, 2, 3, 1, 5]
     assert order("torn", 3) == [0, 1, 2, 3, 4, 5]
     assert order("torn", 4) == [0, 1, 2, 3, 1, 5]
+    assert order("lost", 0) == [0, 1, 2, 3, 5, 5]
 
 
 @pytest.mark.parametrize(
@@ -253,7 +255,7 @@ def test_perfect_frames_of_another_scene_are_nobodys_fault(
     make the same scene elsewhere."""
     world = replace(FLAT, black=5.0, pattern=(64, 256), origin=(middle, 31.0))
     draw = replace(edges.drawn(0, False, SIZE), world=world, variant="raw", code=code)
-    shot = edges.taken(replace(draw, fault=edges.Fault("swapped", 2, other)))
+    shot = edges.taken(replace(draw, fault=Fault("swapped", 2, other)))
     assert shot.moved == pytest.approx(moved, abs=0.02)
     assert shot.perfect == perfect
 
@@ -307,7 +309,7 @@ def test_clean_draws_are_judged(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_faulty_draws_are_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     draw = edges.drawn(4, False, SIZE)
     # the finest period in the coarse one's place, both of them 4 steps of u
-    bad = replace(draw, code="phase", variant="raw", fault=edges.Fault("swapped", 9, 1))
+    bad = replace(draw, code="phase", variant="raw", fault=Fault("swapped", 9, 1))
     right = verdict(monkeypatch, bad, (1,))
     assert (right.verdict, right.fault) == ("named", False)
     blind = verdict(monkeypatch, bad)
@@ -315,7 +317,7 @@ def test_faulty_draws_are_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     assert verdict(monkeypatch, bad, (2, 3)).verdict == "not named"
     assert verdict(monkeypatch, bad, tuple(range(12))).verdict == "not named"  # that is naming nobody
     assert verdict(monkeypatch, bad, *((frame,) for frame in range(12))).verdict == "not named"
-    alike = replace(bad, fault=edges.Fault("twice", 3, 3))
+    alike = replace(bad, fault=Fault("twice", 3, 3))
     assert verdict(monkeypatch, alike).verdict == "harmless fault"
     figures = {figure.name: figure for figure in pooled([right, blind])}
     named = figures["wrong frames named, of faults that count"]

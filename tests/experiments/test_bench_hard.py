@@ -156,20 +156,6 @@ def test_heights_of_drawn_rigs_that_were_once_silently_wrong(number: int) -> Non
     assert result.flagged < HARD_TO_DECODE.get(number, 0.1)
 
 
-def test_lost_frames_are_what_they_are_called() -> None:
-    rng = np.random.default_rng(0)
-    frames = np.broadcast_to(np.arange(9)[:, None, None], (9, 6, 4)).copy()
-
-    def order(spoil: decoding.Spoil, row: int = 0) -> list[int]:
-        return [int(level) for level in spoil(frames.copy(), rng)[:, row, 0]]
-
-    assert order(decoding._duplicated) == [0, 1, 2, 3, 3, 5, 6, 7, 8]
-    assert order(decoding._dropped) == [0, 1, 2, 4, 5, 6, 7, 8, 8]
-    assert order(decoding._swapped) == [0, 1, 2, 3, 5, 4, 6, 7, 8]
-    assert order(decoding._torn) == list(range(9))
-    assert order(decoding._torn, row=5) == [0, 1, 2, 3, 3, 5, 6, 7, 8]
-
-
 def test_a_moving_mirror_may_be_where_it_ever_was() -> None:
     """The truth is the range of what was true; discrete codes have a limit of their own."""
     from optolever.decode import Correspondence
