@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from optolever.decode import Correspondence, Flag, decode
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
-from optolever.projector import light_of
+from optolever.projector import Footprints, light_of
 from optolever.reconstruct import HeightMap, reconstruct
-from optolever.scene import Scene, dent
+from optolever.scene import Scene, dent, mean_beside, movement
 
 from .candidates import LEAST_STEPS, SPAN, candidates
 from .goal import Goal, expected_share, share_within
@@ -38,6 +38,8 @@ FINER, FINEST = (0.6, 0.8), 3.0
 SPARE = 1.5
 #: Pixels along the shorter side of the camera by which frames are weighed up.
 SIDE = 60
+#: Pixels (rms) over which places are averaged for images of what was measured.
+SMOOTHED = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,10 +135,9 @@ def _systematic(decoded: Correspondence, drawn: Prediction, height: HeightMap, s
 
 def _measured_view(decoded: Correspondence, images: NDArray[Any], sequence: Sequence, base: View) -> View:
     """The whole view with the light that was measured, 0 where nothing is seen: mean level over the one that
-    full light would give. Places are those that were decoded where they stand, those of `base` elsewhere;
-    footprints those of `base`."""
-    u = np.where(decoded.good, decoded.u, base.truth.u)
-    v = np.where(decoded.good, decoded.v, base.truth.v)
+    full light would give. Places of pixels' centres are those that were decoded, those of `base` far from
+    any; what a pixel sees of the map and of the light beside follows from its neighbours'."""
+    u, v = (_smooth(decoded, base, axis) for axis in "uv")
     sees = ((np.asarray(decoded.flags) & _UNSEEN) == 0) & np.isfinite(u) & np.isfinite(v)
     lit = replace(base.image, u=u.ravel(), v=v.ravel(), light=sees.ravel().astype(np.float64))
     full = light_of(lit, sequence, base.scene.display, base.scene.pattern.blur_px).mean(axis=0)
@@ -144,9 +145,36 @@ def _measured_view(decoded: Correspondence, images: NDArray[Any], sequence: Sequ
     level = images.mean(axis=0).ravel() * 255 / (2**sensor.bits - 1) - dark
     with np.errstate(divide="ignore", invalid="ignore"):
         light = np.where(sees.ravel(), level / (sensor.levels(full) - dark), 0.0)
-    image = replace(lit, light=np.maximum(np.nan_to_num(light), 0.0))
+    light = np.maximum(np.nan_to_num(light), 0.0)
+    (mean_u, boxes_u), (mean_v, boxes_v) = (_footprint(at, light.reshape(at.shape)) for at in (u, v))
+    image = Footprints(mean_u, mean_v, light, boxes_u, boxes_v)
     truth = replace(base.truth, u=u, v=v, visible=sees)
     return replace(base, truth=truth, image=image, centre=np.stack([u.ravel(), v.ravel()]))
+
+
+def _smooth(decoded: Correspondence, base: View, axis: str) -> Floats:
+    """Decoded places (H, W), their way from those of `base` weighed over SMOOTHED: noise from pixel to pixel
+    is no shape, and a rough map is decoded otherwise."""
+    rest, good = getattr(base.truth, axis), decoded.good
+    weight = np.where(good, 1 / np.square(getattr(decoded, f"sigma_{axis}"), dtype=np.float64), 0.0)
+    moved = np.where(good, getattr(decoded, axis) - rest, 0.0)
+    sums = (cv2.GaussianBlur(part, (0, 0), SMOOTHED) for part in (weight * moved, weight))
+    return np.asarray(rest + next(sums) / np.maximum(next(sums), 1e-12))
+
+
+def _footprint(at: Floats, light: Floats) -> tuple[Floats, Floats]:
+    """Of a map (H, W) of pixels' centres: its means (P,) over their light, and how far it moves (P, 2) along
+    their columns and rows; both lines between neighbours."""
+    ends = [(_edges(at, axis), _edges(light, axis)) for axis in (1, 0)]
+    mean = at + sum(mean_beside(*each) for each in ends)
+    return mean.ravel(), np.column_stack([movement(*each).ravel() for each, _ in ends])
+
+
+def _edges(values: Floats, axis: int) -> tuple[Floats, Floats, Floats]:
+    """Of pixels (H, W) along an axis: at one edge, in the middle, at the other edge."""
+    wider = np.pad(values, [(int(k == axis),) * 2 for k in (0, 1)], mode="reflect", reflect_type="odd")
+    between = np.delete(wider, -1, axis) + 0.5 * np.diff(wider, axis=axis)
+    return np.delete(between, -1, axis), values, np.delete(between, 0, axis)
 
 
 def _thin(whole: View, like: View, sigma: Floats) -> tuple[View, Floats]:

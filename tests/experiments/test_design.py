@@ -33,6 +33,8 @@ from optolever.experiments.design import (
     varied,
     view_of,
 )
+from optolever.experiments.design.adaptive import _measured_view as measured_view
+from optolever.experiments.place import exact
 from optolever.patterns import Frame, Sequence, sequence, sequence_from_text
 from optolever.projector import capture
 from optolever.scene import Scene, dent, load, resize, trace
@@ -297,6 +299,20 @@ def test_share_within_is_the_gaussian_one() -> None:
     error = sigma * rng.normal(size=sigma.shape)
     found = (there & (np.abs(error) < 1.2)).mean()
     assert share_within(sigma, there, np.ones_like(there), 1.2) == pytest.approx(found, abs=0.01)
+
+
+def test_images_of_what_was_measured_see_means_over_the_light() -> None:
+    """Away from pixels' centres as those of the virtual sensor, beside the edge of total reflection."""
+    scene = resize(load("paper-prototype"), 80, 50)
+    surface = dent("ridge", scene, peak=0.09, sigma=3.5)
+    full, rest = (view_of(scene, shape) for shape in (surface, dent("flat", scene)))
+    shown = sequence("phase", scene.pattern.rows, scene.pattern.cols)
+    images = capture(scene, surface, shown, noise=0, renderer="numpy").frames
+    seen = exact(full.truth, noise=0.02, rng=np.random.default_rng(0))
+    measured = measured_view(seen, images, shown, rest)
+    moved, true = ((view.image.u - view.centre[0])[full.usable.ravel()] for view in (measured, full))
+    assert np.corrcoef(moved, true)[0, 1] > 0.9
+    assert np.std(moved - true) < 0.5 * np.std(true)
 
 
 @pytest.mark.slow
