@@ -1,7 +1,5 @@
 """`optolever bench`: speed against error, of every sequence with every solver."""
 
-import shlex
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -121,8 +119,7 @@ def finish(
 
     settings = asdict(asked)
     Store(out).finish(rows, settings, asked.refresh)
-    command = shlex.join(["optolever", *sys.argv[1:]])
-    write_bench_report(out / "report.html", rows, settings, {"total": seconds}, command)
+    write_bench_report(out / "report.html", rows, settings, {"total": seconds})
     write_json(json_path, {"settings": settings, "rows": [row.flat(asked.refresh) for row in rows]})
     if readme:
         click.echo(bench_markdown(rows))

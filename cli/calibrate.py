@@ -2,7 +2,6 @@
 
 import math
 import re
-import shlex
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -101,7 +100,6 @@ def command(
         with together():
             found.scene.save(out)
             if page is not None:
-                words = ["optolever", "calibrate", "--scene", scene_name, "--out", str(out), *captures]
                 study = RigStudy(
                     scene,
                     found.scene,
@@ -111,7 +109,6 @@ def command(
                     numbers["judged"],
                     found.notices,
                     {"adjust": numbers["seconds"]},
-                    shlex.join(words),
                 )
                 write_rig_report(study, page)
             write_json(json_path, numbers)

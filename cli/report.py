@@ -53,14 +53,11 @@ def command(
     seen = None if correspondence is None else Correspondence.load(correspondence)
     capture = None if folder is None else Capture.load(folder)
     other = None if less is None else HeightMap.load(less)
-    words = ["optolever", "report", str(source)]
-    for name, value in (("--correspondence", correspondence), ("--capture", folder), ("--less", less)):
-        words += [] if value is None else [name, str(value)]
     good = height.good
     sigma = float(np.median(height.total_sigma[good])) if good.any() else float("nan")
     readings = budget(height, other)
     with report_folder(out), together():
-        write_record_report(out / "report.html", height, seen, capture, tuple(words), other)
+        write_record_report(out / "report.html", height, seen, capture, str(source), other)
         numbers = {"good_share": float(good.mean()), "sigma_mm": sigma}
         write_json(json_path, numbers | {"budget_mm": readings})
     print_notices(height.notices)

@@ -32,12 +32,12 @@ from .decode_speed import run_decode_figures
 from .demo import DemoResult, run_demo
 from .figures import Figure, run_figures
 from .fuzz import FUZZED, Outcome, fuzz
-from .height_report import demo_html, record_html, write_demo_report, write_record_report
+from .height_report import write_demo_report, write_record_report
 from .metrics import height_metrics, peak_bytes
 from .paper import PaperStudy, run_paper
-from .paper_report import paper_html, write_paper_report
+from .paper_report import write_paper_report
 from .paper_rows import PaperRow
-from .rig_report import RigStudy, judged_table, rig_html, write_rig_report
+from .rig_report import RigStudy, judged_table, write_rig_report
 from .solver_figures import run_solver_figures
 
 __all__ = [
@@ -52,15 +52,11 @@ __all__ = [
     "RigStudy",
     "brute_force",
     "code_rows",
-    "demo_html",
     "fuzz",
     "height_metrics",
     "judged_table",
-    "paper_html",
     "peak_bytes",
     "predict_code",
-    "record_html",
-    "rig_html",
     "run_decode_figures",
     "run_demo",
     "run_figures",

@@ -4,6 +4,8 @@ import importlib.metadata
 import json
 import math
 import platform
+import shlex
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -15,16 +17,15 @@ from optolever import __version__
 from optolever.files import atomic_file, report_folder
 
 from .maps import length_unit
+from .metrics import peak_bytes
 
 __all__ = [
     "budget_table",
     "embedded_json",
     "percent",
-    "render_page",
     "scientific",
     "seconds_text",
     "share_text",
-    "stage_bars",
     "table",
     "versions",
     "write_page",
@@ -34,8 +35,9 @@ FOLDER = Path(__file__).parent / "report"
 LIBRARIES = ("numpy", "scipy", "numba", "moderngl", "opencv-contrib-python-headless", "matplotlib")
 
 
-def render_page(template: str, context: dict[str, Any]) -> str:
-    """The HTML of a template in report/, with the style, the viewer and the versions added to its context."""
+def write_page(path: str | Path, template: str, seconds: dict[str, float], context: dict[str, Any]) -> None:
+    """Write the page of a template in report/, whole or not at all, into a folder that is made if it is
+    absent; its context is joined by what all pages show: seconds of the stages, the program's command."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(FOLDER),
         autoescape=True,
@@ -57,12 +59,11 @@ def render_page(template: str, context: dict[str, Any]) -> str:
         "versions": versions(),
         "style": Markup((FOLDER / "style.css").read_text()),
         "viewer": Markup((FOLDER / "viewer.js").read_text()),
+        "stages": stage_bars(seconds),
+        "memory_gib": peak_bytes() / 2**30,
+        "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
     }
-    return environment.get_template(template).render(common | context)
-
-
-def write_page(path: str | Path, html: str) -> None:
-    """Write a page, whole or not at all, into a folder that is made if it is absent."""
+    html = environment.get_template(template).render(common | context)
     with report_folder(Path(path).parent), atomic_file(path) as temporary:
         temporary.write_text(html, encoding="utf-8")
 

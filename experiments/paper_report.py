@@ -1,16 +1,15 @@
 """The report of `optolever paper`: tables and figures; the prose is in report/paper.html."""
 
-import shlex
 import time
 from pathlib import Path
 from typing import Any
 
-from .page import render_page, share_text, stage_bars, table, write_page
+from .page import share_text, table, write_page
 from .paper import PaperStudy
 from .paper_figures import comparison_figure, series_figure, shape_figure
 from .paper_rows import PaperRow, curve_name
 
-__all__ = ["paper_html", "write_paper_report"]
+__all__ = ["write_paper_report"]
 
 TITLES = {
     "smooth": "Smooth dent",
@@ -29,25 +28,16 @@ GROUPS = (
 def write_paper_report(study: PaperStudy, path: str | Path) -> PaperStudy:
     """Write the page and return the study with the time that this took."""
     start = time.perf_counter()
-    write_page(path, paper_html(study))
-    return study.with_report(time.perf_counter() - start)
-
-
-def paper_html(study: PaperStudy) -> str:
-    """The whole page."""
-    start = time.perf_counter()
     cases = [_case(study, name) for name in study.curves]
-    timed = study.with_report(time.perf_counter() - start)
+    seconds = study.with_report(time.perf_counter() - start).seconds
     context = {
         "asked": study.settings,
         "cases": cases,
         "notices": study.notices,
         "by_name": {case["id"]: case for case in cases},
-        "stages": stage_bars(timed.seconds),
-        "memory_gib": timed.peak_bytes / 2**30,
-        "command": _command(study.settings),
     }
-    return render_page("paper.html", context)
+    write_page(path, "paper.html", seconds, context)
+    return study.with_report(time.perf_counter() - start)
 
 
 def _case(study: PaperStudy, name: str) -> dict[str, Any]:
@@ -112,11 +102,3 @@ def _cells(row: PaperRow) -> list[str]:
         f"{1e3 * row.theta:.3g}",
         share_text(row.field),
     ]
-
-
-def _command(asked: dict[str, Any]) -> str:
-    words = ["optolever", "paper", "--noise", f"{asked['noise']:g}", "--seed", str(asked["seed"])]
-    words += ["--renderer", asked["renderer"]]
-    if asked["size"]:
-        words += ["--size", "x".join(str(n) for n in asked["size"])]
-    return shlex.join(words)

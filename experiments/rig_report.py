@@ -22,10 +22,10 @@ from optolever.scene import Scene
 
 from .images import figure_uri, new_figure, robust_limits
 from .maps import length_unit
-from .metrics import peak_bytes, rms
-from .page import budget_table, render_page, scientific, stage_bars, table, write_page
+from .metrics import rms
+from .page import budget_table, scientific, table, write_page
 
-__all__ = ["RigStudy", "judged_table", "rig_html", "write_rig_report"]
+__all__ = ["RigStudy", "judged_table", "write_rig_report"]
 
 Floats = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class RigStudy:
     """given, scene: the rig before and after, this with its covariance; chi: of the adjustment; parameters:
     name, value, sigma, prior, prior_sigma of each; residuals: capture -> row, col (n,) and what is left of u
     and v (n,), in sigma; judged: capture -> what it is worth (`calibration.Judgement`); notices; seconds per
-    stage; command: that was run."""
+    stage."""
 
     given: Scene
     scene: Scene
@@ -58,20 +58,16 @@ class RigStudy:
     judged: Mapping[str, Mapping[str, float | None]]
     notices: Sequence[Notice]
     seconds: dict[str, float]
-    command: str
 
 
 def write_rig_report(study: RigStudy, path: str | Path) -> None:
     """Write the page."""
-    write_page(path, rig_html(study))
-
-
-def rig_html(study: RigStudy) -> str:
-    """The whole page."""
     rest = sigma_at_rest(study.scene)
     heads, rows = judged_table(study.judged)
-    return render_page(
+    write_page(
+        path,
         "rig.html",
+        study.seconds,
         {
             "name": study.scene.name,
             "chi": study.chi,
@@ -90,9 +86,6 @@ def rig_html(study: RigStudy) -> str:
             "budget": budget_table(predicted_budget(study.scene)),
             "depth": study.scene.mirror.length * PREDICTED_DEPTH,
             "noise": PREDICTED_NOISE,
-            "stages": stage_bars(study.seconds),
-            "memory_gib": peak_bytes() / 2**30,
-            "command": study.command,
         },
     )
 

@@ -25,7 +25,7 @@ from .hard_case import Case, Found, Result, judged
 from .hard_pooled import Pooled, pooled
 from .methods import MethodRow, missing_peers, run_methods
 from .pareto import frontier
-from .report import bench_html, bench_markdown, bench_table, write_bench_report
+from .report import bench_markdown, bench_table, write_bench_report
 from .row import Row
 from .run import absent_modules, run_cells
 from .solvers import solver_names
@@ -46,7 +46,6 @@ __all__ = [
     "Row",
     "Store",
     "absent_modules",
-    "bench_html",
     "bench_markdown",
     "bench_table",
     "frontier",

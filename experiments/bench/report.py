@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..metrics import peak_bytes
-from ..page import render_page, stage_bars, table, write_page
+from ..page import table, write_page
 from .pareto import frontier, pareto_figure
 from .row import Row
 from .summary import SUMMARY, ahead_of_peers, cells, markdown, summary
 
-__all__ = ["bench_html", "bench_markdown", "bench_table", "write_bench_report"]
+__all__ = ["bench_markdown", "bench_table", "write_bench_report"]
 
 HEADER = (
     *("sequence", "solver", "frames", "display", "render", "decode", "x copy", "solve", "memory"),
@@ -98,26 +97,17 @@ def bench_markdown(rows: Iterable[Row]) -> str:
 
 
 def write_bench_report(
-    path: str | Path, rows: Sequence[Row], settings: dict[str, Any], seconds: dict[str, float], command: str
+    path: str | Path, rows: Sequence[Row], settings: dict[str, Any], seconds: dict[str, float]
 ) -> None:
     """Write the page, whole or not at all."""
-    write_page(path, bench_html(rows, settings, seconds, command))
-
-
-def bench_html(rows: Sequence[Row], settings: dict[str, Any], seconds: dict[str, float], command: str) -> str:
-    """The whole page."""
     refresh = float(settings["refresh"])
-    sections = [_section(place, group, refresh) for place, group in enumerate(groups(rows))]
     context = {
         "asked": settings,
-        "sections": sections,
+        "sections": [_section(place, group, refresh) for place, group in enumerate(groups(rows))],
         "count": sum(row.done for row in rows),
         "missing": sum(not row.done for row in rows),
-        "stages": stage_bars(seconds),
-        "memory_gib": peak_bytes() / 2**30,
-        "command": command,
     }
-    return render_page("bench.html", context)
+    write_page(path, "bench.html", seconds, context)
 
 
 def _section(place: int, group: Group, refresh: float) -> dict[str, Any]:

@@ -31,7 +31,7 @@ from .prediction import Prediction, predict
 from .ranking import Design, DesignRow, merit, run_design, simulate
 from .sensitivity import Lever
 from .sensor_maps import SensorMaps, sensor_maps
-from .sensor_report import COLUMNS, SensorStudy, sensor_html, sensor_rows, write_sensor_report
+from .sensor_report import COLUMNS, SensorStudy, sensor_rows, write_sensor_report
 from .sensor_sweep import SWEEPS, sweep_sensor, varied
 from .slopes import lever_arm, rest_of, slope_limits
 from .user_patterns import user_candidate
@@ -75,7 +75,6 @@ __all__ = [
     "run_adaptive",
     "run_choices",
     "run_design",
-    "sensor_html",
     "sensor_maps",
     "sensor_rows",
     "share_within",

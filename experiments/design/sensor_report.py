@@ -1,7 +1,6 @@
 """The page of `optolever lab sensor`: maps, numbers, sweeps; the prose is in report/sensor.html."""
 
 import math
-import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,11 +9,10 @@ import numpy as np
 
 from ..images import figure_uri, new_figure
 from ..maps import MirrorGrid, Panel, length_unit, mirror_figure
-from ..metrics import peak_bytes
-from ..page import render_page, scientific, stage_bars, table, write_page
+from ..page import scientific, table, write_page
 from .sensor_maps import Floats, SensorMaps
 
-__all__ = ["COLUMNS", "SensorStudy", "sensor_html", "sensor_rows", "write_sensor_report"]
+__all__ = ["COLUMNS", "SensorStudy", "sensor_rows", "write_sensor_report"]
 
 #: Numbers of a sweep's table: key, heading.
 COLUMNS = (
@@ -51,29 +49,19 @@ class SensorStudy:
 
 def write_sensor_report(study: SensorStudy, path: str | Path) -> None:
     """Write the page."""
-    write_page(path, sensor_html(study))
-
-
-def sensor_html(study: SensorStudy) -> str:
-    """The whole page."""
     maps = study.maps
     names = list(dict.fromkeys(str(row["sweep"]) for row in study.sweeps))
-    return render_page(
-        "sensor.html",
-        {
-            "asked": study.settings,
-            "n": maps.numbers(),
-            "medium": maps.scene.medium is not None,
-            "pictures": _pictures(maps),
-            "sweeps": [
-                {"name": name, "table": _table(name, study.sweeps), "figure": _curve(name, study.sweeps)}
-                for name in names
-            ],
-            "stages": stage_bars(study.seconds),
-            "memory_gib": peak_bytes() / 2**30,
-            "command": _command(study.settings),
-        },
-    )
+    context = {
+        "asked": study.settings,
+        "n": maps.numbers(),
+        "medium": maps.scene.medium is not None,
+        "pictures": _pictures(maps),
+        "sweeps": [
+            {"name": name, "table": _table(name, study.sweeps), "figure": _curve(name, study.sweeps)}
+            for name in names
+        ],
+    }
+    write_page(path, "sensor.html", study.seconds, context)
 
 
 def sensor_rows(rows: list[dict[str, float | str]]) -> list[list[str]]:
@@ -153,13 +141,3 @@ def _curve(name: str, rows: list[dict[str, float | str]]) -> str:
             axes.legend(fontsize=8)
         axes.tick_params(labelsize=8)
     return figure_uri(figure)
-
-
-def _command(asked: dict[str, Any]) -> str:
-    words = ["optolever", "lab", "sensor", "--scene", str(asked["scene"]), "--sequence", asked["sequence"]]
-    words += ["--noise", f"{asked['noise']:g}"]
-    if asked["size"] is not None:
-        words += ["--size", "{}x{}".format(*asked["size"])]
-    for text in asked["sweeps"]:
-        words += ["--sweep", text]
-    return shlex.join(words)

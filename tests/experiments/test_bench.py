@@ -16,7 +16,6 @@ from optolever.experiments.bench import (
     Cell,
     Grid,
     Row,
-    bench_html,
     bench_table,
     decoders,
     decoupled,
@@ -26,6 +25,7 @@ from optolever.experiments.bench import (
     run_cells,
     solver_names,
     summary,
+    write_bench_report,
 )
 from optolever.experiments.bench import run as running
 from optolever.experiments.bench import shot as shots
@@ -267,8 +267,9 @@ def test_records_come_back(rows: list[Row]) -> None:
         assert Row.from_dict(json.loads(json.dumps(row.to_dict()))).flat(60.0) == row.flat(60.0)
 
 
-def test_the_report_has_a_section_per_mirror(rows: list[Row]) -> None:
-    html = bench_html(rows, {"refresh": 60.0}, {"total": 1.0}, "optolever bench")
+def test_the_report_has_a_section_per_mirror(rows: list[Row], tmp_path: Path) -> None:
+    write_bench_report(tmp_path / "report.html", rows, {"refresh": 60.0}, {"total": 1.0})
+    html = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert html.count('<section id="mirror-') == 2
     assert html.count("data:image/png") == 2
     assert 'class="best"' in html

@@ -6,7 +6,6 @@ import math
 import pytest
 
 from optolever.experiments import DemoResult
-from optolever.experiments.height_report import demo_command
 
 RELIED_ON = (
     "height_rms_rel",
@@ -42,10 +41,3 @@ def test_total_is_the_sum_and_the_report_joins_it(demo: DemoResult) -> None:
     assert timed.seconds["report"] == 2.0
     assert timed.seconds["total"] == pytest.approx(demo.seconds["total"] + 2.0)
     assert timed.with_report(1.0).seconds["total"] == pytest.approx(demo.seconds["total"] + 1.0)
-
-
-def test_command_repeats_the_run(demo: DemoResult) -> None:
-    words = demo_command(demo.settings).split()
-    assert words[:2] == ["optolever", "demo"]
-    assert words[words.index("--size") + 1] == "96x96"
-    assert words[words.index("--dent") + 1] == "gaussian"
