@@ -18,7 +18,6 @@ __all__ = [
     "new_figure",
     "png_uri",
     "robust_limits",
-    "shrink",
     "thin",
     "thumbnail",
 ]
@@ -81,21 +80,6 @@ def thin(array: NDArray[Any], side: int) -> NDArray[Any]:
     """Every k-th row and column of an array, so that at most `side` are left: samples, never averages."""
     step = max(1, -(-max(array.shape[:2]) // side))
     return array[step // 2 :: step, step // 2 :: step]
-
-
-def shrink(array: NDArray[Any], side: int) -> NDArray[np.float64]:
-    """Block means without the NaN among them, at most `side` on the longer side; NaN where a block has
-    none.
-    """
-    step = max(1, -(-max(array.shape) // side))
-    if step == 1:
-        return np.asarray(array, dtype=np.float64)
-    rows, cols = array.shape[0] // step * step, array.shape[1] // step * step
-    blocks = array[:rows, :cols].reshape(rows // step, step, cols // step, step)
-    finite = np.isfinite(blocks)
-    total = np.where(finite, blocks, 0.0).sum(axis=(1, 3))
-    count = finite.sum(axis=(1, 3))
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def robust_limits(values: NDArray[Any], share: float = 0.995, symmetric: bool = False) -> tuple[float, float]:

@@ -1,13 +1,13 @@
 """Pictures of maps: on the mirror in mm (x to the right, y up) and on the camera's pixels."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.colors import ListedColormap
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from .images import figure_uri, label_axes, new_figure, robust_limits, shrink, thin
+from .images import figure_uri, label_axes, new_figure, robust_limits, thin
 
 __all__ = ["MirrorGrid", "Panel", "camera_figure", "flags_figure", "length_unit", "mirror_figure"]
 
@@ -95,16 +95,10 @@ def mirror_figure(panels: list[Panel], grid: MirrorGrid) -> str:
 
 
 def camera_figure(panels: list[Panel]) -> str:
-    """Maps on the camera's pixels as the camera sees them: row 0 on top; means of the pixels drawn
-    together.
-    """
+    """Maps on the camera's pixels as the camera sees them: row 0 on top; samples of the pixels."""
     rows, cols = panels[0].values.shape
-    small = [
-        Panel(shrink(p.values, SIDE), p.title, p.label, p.colours, p.limits or robust_limits(p.values))
-        for p in panels
-    ]
-    extent = (-0.5, cols - 0.5, rows - 0.5, -0.5)
-    return _draw(small, extent, CAMERA, rows / cols, "upper")
+    small = [replace(panel, values=thin(panel.values, SIDE)) for panel in panels]
+    return _draw(small, (-0.5, cols - 0.5, rows - 0.5, -0.5), CAMERA, rows / cols, "upper")
 
 
 def flags_figure(index: NDArray[np.integer], colours: list[str]) -> str:
