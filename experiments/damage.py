@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from optolever.pictures import read_picture
 
-__all__ = ["EXTREMES", "damage_bytes", "damage_npz", "damage_picture", "damage_toml", "draw_array"]
+__all__ = ["EXTREMES", "damage", "save_sofast"]
 
 EXTREMES = (
     *("0", "-1", "1e308", "-1e308", "1e-308", "nan", "inf", "65536", "65537", "20000", "0.5", "true"),
@@ -25,7 +25,13 @@ _NUMBERS = (0.0, -1.0, 1e-9, 1e9, 1e308, float("nan"), float("inf"), 65536.0, 65
 _SCALES = (1e-3, 0.3, 3.0)
 
 
-def damage_bytes(rng: np.random.Generator, path: Path) -> None:
+def damage(rng: np.random.Generator, path: Path) -> None:
+    """Damage a file of TOML, arrays, HDF5 or a picture, or pictures in a folder, as suits it."""
+    ways = {"": _damage_frames, ".toml": _damage_toml, ".npz": _damage_npz, ".h5": _damage_hdf5}
+    ways.get(path.suffix, _damage_picture)(rng, path)
+
+
+def _damage_bytes(rng: np.random.Generator, path: Path) -> None:
     """Flip, cut, repeat or blank bytes of a file."""
     data = bytearray(path.read_bytes())
     at, count = int(rng.integers(len(data))), int(rng.integers(1, 64))
@@ -42,9 +48,9 @@ def damage_bytes(rng: np.random.Generator, path: Path) -> None:
     path.write_bytes(data)
 
 
-def damage_toml(rng: np.random.Generator, path: Path) -> None:
+def _damage_toml(rng: np.random.Generator, path: Path) -> None:
     """Damage bytes, lines or (most often) values."""
-    ways: list[Callable[[np.random.Generator, Path], None]] = [damage_bytes, _damage_lines, _damage_values]
+    ways: list[Callable[[np.random.Generator, Path], None]] = [_damage_bytes, _damage_lines, _damage_values]
     ways[int(rng.choice(3, p=(0.1, 0.3, 0.6)))](rng, path)
 
 
@@ -112,11 +118,11 @@ def _damage_lines(rng: np.random.Generator, path: Path) -> None:
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def damage_picture(rng: np.random.Generator, path: Path) -> None:
+def _damage_picture(rng: np.random.Generator, path: Path) -> None:
     """Damage bytes, or (more often) write another picture: other values, size, depth or channels."""
     way = rng.integers(8)
     if way < 2:
-        damage_bytes(rng, path)
+        _damage_bytes(rng, path)
         return
     image = read_picture(path)
     changes: list[Callable[[NDArray[Any]], NDArray[Any]]] = [
@@ -134,7 +140,16 @@ def damage_picture(rng: np.random.Generator, path: Path) -> None:
     cv2.imwrite(str(path), image if image.dtype == np.uint16 else image.astype(np.uint8))
 
 
-def draw_array(rng: np.random.Generator, value: NDArray[Any]) -> NDArray[Any]:
+def _damage_frames(rng: np.random.Generator, folder: Path) -> None:
+    """One frame, or all of them in the same way."""
+    frames = sorted(folder.iterdir())
+    state = rng.bit_generator.state
+    for frame in frames if rng.random() < 0.5 else [frames[int(rng.integers(len(frames)))]]:
+        rng.bit_generator.state = state
+        _damage_picture(rng, frame)
+
+
+def _drawn(rng: np.random.Generator, value: NDArray[Any]) -> NDArray[Any]:
     """An array with other values, another type or another shape."""
     way, flat = rng.integers(8), np.array(value).ravel()
     if way in (0, 1, 2) and flat.size and value.dtype.kind in "fiu":
@@ -158,10 +173,10 @@ def draw_array(rng: np.random.Generator, value: NDArray[Any]) -> NDArray[Any]:
     return value[..., None]
 
 
-def damage_npz(rng: np.random.Generator, path: Path) -> None:
+def _damage_npz(rng: np.random.Generator, path: Path) -> None:
     """Damage bytes, or (more often) one of the arrays, or leave one out."""
     if rng.random() < 0.2:
-        damage_bytes(rng, path)
+        _damage_bytes(rng, path)
         return
     with np.load(path) as archive:
         arrays = {name: archive[name] for name in archive.files}
@@ -170,5 +185,40 @@ def damage_npz(rng: np.random.Generator, path: Path) -> None:
         del arrays[name]
     else:
         with np.errstate(all="ignore"):
-            arrays[name] = draw_array(rng, arrays[name])
+            arrays[name] = _drawn(rng, arrays[name])
     np.savez(path, **arrays)
+
+
+_SOFAST = "MeasurementSofastFringe"
+
+
+def save_sofast(path: Path, frames: NDArray[Any]) -> None:
+    """A measurement as SOFAST writes it, of the first eight of frames (N, H, W)."""
+    import h5py
+
+    one, images = np.ones(1), np.moveaxis(frames[:8], 0, -1)
+    fields = {"fringe_images": images, "fringe_periods_x": one, "fringe_periods_y": one}
+    with h5py.File(path, "w") as file:
+        for name, value in (fields | {"mask_images": images[..., :2]}).items():
+            file[f"{_SOFAST}/{name}"] = value
+
+
+def _damage_hdf5(rng: np.random.Generator, path: Path) -> None:
+    """Damage one of the fields: another array, text, or one that is said to be huge; or bytes; or both."""
+    import h5py
+
+    with h5py.File(path, "r+") as file:
+        fields = file[_SOFAST]
+        name = str(rng.choice([*fields, "none"]))
+        if name != "none":
+            value = fields[name][()]
+            del fields[name]
+            if rng.random() < 0.3:
+                huge = tuple(int(size) for size in rng.integers(1, 1 << 20, 3))
+                fields.create_dataset(name, huge, "u1", chunks=(1, 1, 1))
+            else:
+                with np.errstate(all="ignore"):
+                    changed = _drawn(rng, value)
+                fields[name] = changed if changed.dtype.kind != "U" else "text"
+    if rng.random() < 0.3:
+        _damage_bytes(rng, path)

@@ -29,7 +29,7 @@ from optolever.projector import Capture, capture
 from optolever.reconstruct import HeightMap
 from optolever.scene import Scene, dent, load, resize, trace
 
-from .damage import EXTREMES, damage_bytes, damage_npz, damage_picture, damage_toml, draw_array
+from .damage import EXTREMES, damage, save_sofast
 
 __all__ = ["FUZZED", "Outcome", "fuzz"]
 
@@ -81,6 +81,25 @@ _OPTIONS: dict[str, dict[str, tuple[str, ...]]] = {
         "--size": ("24x32", "12x16"),
     },
 }
+_RECONSTRUCT = "reconstruct @/c.npz --scene @/scene.toml --out @/out.npz"
+_DECODE = "decode @/capture --out @/out.npz"
+_CAPTURE = "capture --renderer numpy --out @/out"
+#: A kind, a file of it (or a folder of them) that is damaged, and a command that reads that.
+_KINDS: tuple[tuple[str, str, str], ...] = (
+    ("scene", "scene.toml", _RECONSTRUCT),
+    ("scene", "scene.toml", f"{_CAPTURE} --scene @/scene.toml"),
+    ("capture", "capture/capture.toml", _DECODE),
+    ("sequence", "sequence.toml", f"{_CAPTURE} --scene @/scene.toml --sequence @/sequence.toml"),
+    ("grid", "grid.toml", "lab sweep @/grid.toml --workers 0 --out @/sweep"),
+    ("frames", "capture/frames", _DECODE),
+    ("masks", "mask.png", f"{_DECODE} --mask @/mask.png"),
+    ("masks", "mask.tif", f"{_RECONSTRUCT} --mask @/mask.tif"),
+    ("arrays", "c.npz", _RECONSTRUCT),
+    ("arrays", "truth.npz", f"{_RECONSTRUCT} --truth @/truth.npz"),
+    ("arrays", "rest.npz", f"{_RECONSTRUCT} --rest @/rest.npz"),
+    ("hdf5", "m.h5", "decode @/m.h5 --out @/out.npz"),
+)
+FUZZED = (*dict.fromkeys(kind for kind, *_ in _KINDS), "arguments")
 _WORDS = ("prism48", "gray", "phase:steps=1000000", "nosuch", "", "-", "/dev/null", "/", "1e400", "--", "0x0")
 
 
@@ -110,8 +129,17 @@ def fuzz(run: Run, cases: int, seed: int, first: int, folder: Path) -> Iterator[
         shutil.rmtree(work, ignore_errors=True)
         shutil.copytree(base, work)
         kind = "grid" if rng.random() < _SWEEPS else str(rng.choice(kinds))
-        args = [str(word).replace("@", str(work)) for word in FUZZED[kind](rng, work)]
+        words = _arguments(rng) if kind == "arguments" else _damaged(rng, kind, work)
+        args = [word.replace("@", str(work)) for word in words]
         yield _outcome(run, number, kind, args, work)
+
+
+def _damaged(rng: np.random.Generator, kind: str, work: Path) -> list[str]:
+    """The command that reads a damaged file of a kind."""
+    of_kind = [row for row in _KINDS if row[0] == kind]
+    _, name, command = of_kind[int(rng.integers(len(of_kind)))]
+    damage(rng, work / name)
+    return command.split()
 
 
 def _outcome(run: Run, number: int, kind: str, args: list[str], work: Path) -> Outcome:
@@ -252,104 +280,19 @@ def _base(folder: Path) -> Path:
     scene.save(folder / "scene.toml")
     shown.save(folder / "sequence.toml")
     decode(taken.frames, shown).save(folder / "c.npz")
+    shutil.copy(folder / "c.npz", folder / "rest.npz")
+    grid = 'scenes = ["prism48"]\nsequences = ["gray"]\nsizes = ["12x16"]\nnoises = [1.0]\nseeds = [0]\n'
+    grid += 'renderer = "numpy"\nsolvers = ["fixed-point"]\nrefresh = 60.0\n'
+    (folder / "grid.toml").write_text(grid, encoding="utf-8")
+    if find_spec("h5py"):
+        save_sofast(folder / "m.h5", taken.frames)
     trace(scene, surface).save(folder / "truth.npz")
     cv2.imwrite(str(folder / "mask.png"), np.full(_SIZE, 255, np.uint8))
     cv2.imwrite(str(folder / "mask.tif"), np.full(_SIZE, 255, np.uint8))
     return folder
 
 
-def _hdf5(rng: np.random.Generator, path: Path) -> None:
-    """A measurement as SOFAST writes it, small, with one field, or none, that is not what it should be."""
-    import h5py
-
-    shape = (*_SIZE, 2)
-    fields: dict[str, Any] = {
-        "fringe_images": np.zeros((*_SIZE, 8), np.uint8),
-        "mask_images": np.zeros(shape, np.uint8),
-        "fringe_periods_x": np.array([1.0]),
-        "fringe_periods_y": np.array([1.0]),
-    }
-    fields["fringe_images"][:] = rng.integers(0, 255, fields["fringe_images"].shape)
-    wrong = str(rng.choice([*fields, "none"]))
-    with h5py.File(path, "w") as file:
-        for name, value in fields.items():
-            full = f"MeasurementSofastFringe/{name}"
-            if name == wrong and rng.random() < 0.3:
-                huge = tuple(int(size) for size in rng.integers(1, 1 << 20, 3))
-                file.create_dataset(full, huge, "u1", chunks=(1, 1, 1))
-            elif name == wrong:
-                with np.errstate(all="ignore"):
-                    changed = draw_array(rng, value)
-                file[full] = changed if changed.dtype.kind != "U" else "text"
-            else:
-                file[full] = value
-    if rng.random() < 0.3:
-        damage_bytes(rng, path)
-
-
-_Words = list[str]
-
-
-def _of_scene(rng: np.random.Generator, work: Path) -> _Words:
-    damage_toml(rng, work / "scene.toml")
-    if rng.random() < 0.5:
-        return ["reconstruct", "@/c.npz", "--scene", "@/scene.toml", "--out", "@/out.npz"]
-    return ["capture", "--scene", "@/scene.toml", "--renderer", "numpy", "--out", "@/out"]
-
-
-def _of_capture(rng: np.random.Generator, work: Path) -> _Words:
-    damage_toml(rng, work / "capture/capture.toml")
-    return ["decode", "@/capture", "--out", "@/out.npz"]
-
-
-def _of_sequence(rng: np.random.Generator, work: Path) -> _Words:
-    damage_toml(rng, work / "sequence.toml")
-    given = ["--scene", "prism48", "--size", f"{_SIZE[0]}x{_SIZE[1]}", "--renderer", "numpy"]
-    return ["capture", *given, "--sequence", "@/sequence.toml", "--out", "@/out"]
-
-
-def _of_grid(rng: np.random.Generator, work: Path) -> _Words:
-    grid = 'scenes = ["prism48"]\nsequences = ["gray"]\nsizes = ["12x16"]\nnoises = [1.0]\nseeds = [0]\n'
-    (work / "grid.toml").write_text(grid + 'renderer = "numpy"\nsolvers = ["fixed-point"]\nrefresh = 60.0\n')
-    damage_toml(rng, work / "grid.toml")
-    return ["lab", "sweep", "@/grid.toml", "--workers", "0", "--out", "@/sweep"]
-
-
-def _of_frames(rng: np.random.Generator, work: Path) -> _Words:
-    """One frame, or all of them in the same way."""
-    frames = sorted((work / "capture/frames").iterdir())
-    state = rng.bit_generator.state
-    for frame in frames if rng.random() < 0.5 else [frames[int(rng.integers(len(frames)))]]:
-        rng.bit_generator.state = state
-        damage_picture(rng, frame)
-    return ["decode", "@/capture", "--out", "@/out.npz"]
-
-
-def _of_masks(rng: np.random.Generator, work: Path) -> _Words:
-    name = str(rng.choice(["mask.png", "mask.tif"]))
-    damage_picture(rng, work / name)
-    if rng.random() < 0.5:
-        return ["decode", "@/capture", "--mask", f"@/{name}", "--out", "@/out.npz"]
-    return ["reconstruct", "@/c.npz", "--scene", "@/scene.toml", "--mask", f"@/{name}", "--out", "@/out.npz"]
-
-
-def _of_arrays(rng: np.random.Generator, work: Path) -> _Words:
-    which = str(rng.choice(["c.npz", "truth", "rest"]))
-    if which == "c.npz":
-        damage_npz(rng, work / which)
-        return ["reconstruct", "@/c.npz", "--scene", "@/scene.toml", "--out", "@/out.npz"]
-    shutil.copy(work / ("truth.npz" if which == "truth" else "c.npz"), work / "other.npz")
-    damage_npz(rng, work / "other.npz")
-    given = ["--scene", "@/scene.toml", f"--{which}", "@/other.npz"]
-    return ["reconstruct", "@/c.npz", *given, "--out", "@/out.npz"]
-
-
-def _of_hdf5(rng: np.random.Generator, work: Path) -> _Words:
-    _hdf5(rng, work / "m.h5")
-    return ["decode", "@/m.h5", "--out", "@/out.npz"]
-
-
-def _of_words(rng: np.random.Generator, work: Path) -> _Words:
+def _arguments(rng: np.random.Generator) -> list[str]:
     """Arguments drawn from those that exist; in half of the cases one of them replaced, dropped, repeated."""
     command = str(rng.choice(list(_OPTIONS)))
     words = [command, *_SOURCES[command]]
@@ -370,17 +313,3 @@ def _of_words(rng: np.random.Generator, work: Path) -> _Words:
         cut = int(rng.integers(len(words[i])))
         words[i] = words[i][:cut] + str(rng.choice(EXTREMES)) + words[i][cut + 1 :]
     return words
-
-
-#: What is damaged, and the command that is to read it.
-FUZZED: dict[str, Callable[[np.random.Generator, Path], _Words]] = {
-    "scene": _of_scene,
-    "capture": _of_capture,
-    "sequence": _of_sequence,
-    "grid": _of_grid,
-    "frames": _of_frames,
-    "masks": _of_masks,
-    "arrays": _of_arrays,
-    "hdf5": _of_hdf5,
-    "arguments": _of_words,
-}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from optolever.experiments.damage import damage_toml
+from optolever.experiments.damage import damage
 from optolever.patterns import sequence
 
 
@@ -16,7 +16,7 @@ def test_damaged_toml(tmp_path: Path) -> None:
     for number in range(100):
         path = tmp_path / "damaged.toml"
         path.write_text(text, encoding="utf-8")
-        damage_toml(np.random.default_rng(number), path)
+        damage(np.random.default_rng(number), path)
         with suppress(ValueError):
             readable += tomllib.loads(path.read_text(encoding="utf-8")) != tomllib.loads(text)
     assert readable > 50
