@@ -127,9 +127,9 @@ def _pairs(one: Callable[[], Any], other: Callable[[], Any]) -> tuple[float, flo
     """Seconds of each and other over one, medians over pairs of calls in turn: others may share the machine;
     the first pair warms up."""
     one(), other()
-    pairs = [(timed(one)[1], timed(other)[1])]
+    pairs = [(timed(one).seconds, timed(other).seconds)]
     count = int(np.clip(SECONDS / pairs[0][1], FEWEST, PAIRS))
-    pairs += [(timed(one)[1], timed(other)[1]) for _ in range(count - 1)]
+    pairs += [(timed(one).seconds, timed(other).seconds) for _ in range(count - 1)]
     first, second = np.array(pairs).T
     return float(np.median(first)), float(np.median(second)), float(np.median(second / first))
 

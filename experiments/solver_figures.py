@@ -80,20 +80,22 @@ def _solved(
     name: str, place: Place, limit: float, seconds: float | None = None, mask: Mask | None = None
 ) -> Iterator[Figure]:
     _height(place, mask)  # what is compiled or loaded once is not counted
-    height, wall, processor = timed(lambda: _height(place, mask))
+    run = timed(lambda: _height(place, mask))
     rows, cols = place.truth.u.shape
-    error = relative_error(height, place.truth)
+    error = relative_error(run.value, place.truth)
     yield Figure(f"{name}, {rows} x {cols}, known point", error, "of the depth", high=limit)
-    solved = height.diagnostics
-    note = f"{processor:.2f} s of processor time, {len(solved.steps)} steps, {solved.iterations} iterations"
-    yield Figure(f"{name}, time", wall, "s", high=seconds, note=note)
+    solved = run.value.diagnostics
+    note = (
+        f"{run.processor:.2f} s of processor time, {len(solved.steps)} steps, {solved.iterations} iterations"
+    )
+    yield Figure(f"{name}, time", run.seconds, "s", high=seconds, note=note)
 
 
 def _growth() -> Iterator[Figure]:
     """Processor time against N log N, and memory."""
     place = _mirror(PRISM, "raised-cosine", SIDE)
     _height(place)
-    small = min(timed(lambda: _height(place))[2] for _ in range(2))
+    small = min(timed(lambda: _height(place)).processor for _ in range(2))
     for name, mask in (("whole", None), ("behind a blob", _blob(SIDE))):
         seen, anchor = exact(place.truth, mask), middle_anchor(place.truth)
         tracemalloc.start()
@@ -103,7 +105,7 @@ def _growth() -> Iterator[Figure]:
         yield Figure(f"memory above the inputs, {name}", peak, "float64 images", high=40)
     place = _mirror(PRISM, "raised-cosine", LARGE)
     yield from _solved("prism, 4 Mpx", place, 1e-9, 6.0)
-    large = min(timed(lambda: _height(place))[2] for _ in range(2))
+    large = min(timed(lambda: _height(place)).processor for _ in range(2))
     expected = (LARGE / SIDE) ** 2 * np.log(LARGE) / np.log(SIDE)
     yield Figure("growth over that of N log N", large / small / float(expected), high=1.1)
 
@@ -119,8 +121,8 @@ def _integration() -> Iterator[Figure]:
     yield Figure(name, rms(found - truth) / rms(truth), "of the field", high=3e-9)
     whole, alone = [], []
     for _ in range(15):  # by turns, so that both meet the same load
-        whole.append(timed(lambda: integrate(gx, gy, spacing=step))[2])
-        alone.append(timed(lambda: _transforms(gx))[2])
+        whole.append(timed(lambda: integrate(gx, gy, spacing=step)).processor)
+        alone.append(timed(lambda: _transforms(gx)).processor)
     ratio = float(np.median(whole) / np.median(alone))
     yield Figure(f"{name}, time over its two transforms", ratio, high=2.0)
 
@@ -137,8 +139,8 @@ def _cliffs() -> Iterator[Figure]:
             )
             for _ in range(2)  # by turns, so that both meet the same load
         ]
-        own, loop = (min(turn[k][2] for turn in turns) for k in (0, 1))
-        errors = [(found - z)[mask] for found in (turns[0][0][0].z, turns[0][1][0])]
+        own, loop = (min(turn[k].processor for turn in turns) for k in (0, 1))
+        errors = [(found - z)[mask] for found in (turns[0][0].value.z, turns[0][1].value)]
         whole, middle = ([size(error - np.median(error)) for error in errors] for size in (rms, _middle))
         name = f"robust over a cliff, {CLIFFS[0]} x {CLIFFS[1]}, noise {noise:g}"
         note = f"processor time: {own:.1f} s, loop {loop:.1f} s"

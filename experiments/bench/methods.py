@@ -116,9 +116,9 @@ def _best(call: Callable[[], Any]) -> tuple[Any, float, float]:
     """Result, wall and processor seconds: the better of two runs, unless they are very long."""
     best, cpu, value = math.inf, math.inf, None
     for _ in range(2):
-        value, seconds, spent = timed(call)
-        best, cpu = min(best, seconds), min(cpu, spent)
-        if spent > AGAIN:
+        run = timed(call)
+        value, best, cpu = run.value, min(best, run.seconds), min(cpu, run.processor)
+        if run.processor > AGAIN:
             break
     return value, best, cpu
 

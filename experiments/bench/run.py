@@ -19,7 +19,8 @@ from ..metrics import rms
 from ..paper_frames import lattice_frames, lattice_positions
 from ..paper_simulation import seen_points
 from ..place import Place
-from ..timing import Measured, measured, once
+from ..timing import Measured, measured
+from ..timing import timed as run_once
 from .cell import Cell, grouped
 from .decoders import Decoder, decoder
 from .measures import measures
@@ -60,7 +61,7 @@ def absent_modules(cells: Iterable[Cell]) -> tuple[str, ...]:
 def run_cells(cells: Iterable[Cell], *, timed: bool = True) -> Iterator[Row]:
     """Rows in the order of `grouped` cells; timed: memory and the best of several runs, else one each. What
     goes wrong becomes a row that says so."""
-    clock = measured if timed else once
+    clock = measured if timed else run_once
     for _, sharing in groupby(grouped(cells), lambda group: group[0].place):
         place: Place | None = None
         for group in sharing:
@@ -121,7 +122,7 @@ def _decode(coder: Decoder, shot: Shot, clock: Clock) -> Measured:
         return clock(lambda: coder.run(shot))
     seen = coder.run(shot)
     taken = clock(lambda: alone(shot))
-    return Measured(seen, taken.seconds / coder.divide, taken.bytes)
+    return replace(taken, value=seen, seconds=taken.seconds / coder.divide)
 
 
 def _solved(row: Row, way: Solver, seen: Correspondence, place: Place, clock: Clock) -> Row:
@@ -174,11 +175,11 @@ def _paper_line(row: Row, place: Place) -> Row:
     scene, geometry = place.scene, prism_geometry(place.scene)
     lines = min(LATTICE_LINES, scene.camera.cols // LATTICE_PIXELS)
     settings: dict[str, Any] = {"noise": cell.noise, "seed": cell.capture_seed, "renderer": cell.renderer}
-    taken = once(lambda: lattice_frames(scene, place.surface, lines, **settings))
-    found = once(lambda: lattice_positions(scene, *taken.value))
+    taken = run_once(lambda: lattice_frames(scene, place.surface, lines, **settings))
+    found = run_once(lambda: lattice_positions(scene, *taken.value))
     m, w, y = found.value
     points = seen_points(place.surface, geometry, m, w, y)
-    solved = once(lambda: recursion(points.m, points.w, geometry).mean.d)
+    solved = run_once(lambda: recursion(points.m, points.w, geometry).mean.d)
     known = np.isfinite(solved.value) & np.isfinite(points.d)
     error = np.abs(solved.value - points.d)[known]
     peak = place.peak

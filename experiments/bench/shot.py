@@ -13,7 +13,7 @@ from optolever.projector import Capture, capture
 from optolever.scene import Surface, dent
 
 from ..place import Place
-from ..timing import once
+from ..timing import timed
 from .cell import Cell
 
 __all__ = ["Rest", "Shot", "place_of", "shoot"]
@@ -67,7 +67,7 @@ def shoot(place: Place, cell: Cell) -> Shot:
     sequence = sequence_from_text(cell.shown, pattern.rows, pattern.cols)
     if sequence.name == "lattice":
         return Shot(place, cell, sequence, None, 0.0)
-    taken = once(lambda: _captured(place, place.surface, sequence, cell, 0))
+    taken = timed(lambda: _captured(place, place.surface, sequence, cell, 0))
     single = all(frame.kind == "crossed" for frame in sequence.frames)
     rest = _rest(place, sequence, cell) if single else None
     return Shot(place, cell, sequence, taken.value, taken.seconds, rest)
