@@ -7,7 +7,7 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, fields, replace
 from itertools import product
 from pathlib import Path
@@ -171,52 +171,42 @@ def load_grid(path: str | Path) -> Grid:
     return Grid(**values)
 
 
+def _is_number(value: Any, least: float, most: float = math.inf) -> bool:
+    known = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return known and least <= value <= most
+
+
+def _is_size(value: Any) -> bool:
+    found = re.fullmatch(r"(\d+)x(\d+)", str(value))
+    return value == "own" or (found is not None and min(map(int, found.groups())) >= 8)
+
+
+def _size(text: str) -> Size | None:
+    rows, _, cols = text.partition("x")
+    return None if text == "own" else (int(rows), int(cols))
+
+
+#: What a field or its entries must hold, and how that is read; of other fields text.
+_FIELDS: dict[str, tuple[str, Callable[[Any], bool], Callable[[Any], Any]]] = {
+    "sizes": ("'own' or ROWSxCOLS with at least 8 each", _is_size, _size),
+    "noises": ("a number of at least 0", lambda value: _is_number(value, 0.0), float),
+    "seeds": ("whole numbers of at least 0", lambda value: type(value) is int and value >= 0, int),
+    "refresh": ("0.001 to 1e6 Hz", lambda value: _is_number(value, 1e-3, 1e6), float),
+    "renderer": (f"one of {', '.join(RENDERERS)}", lambda value: value in RENDERERS, str),
+}
+_TEXT = "text", lambda value: isinstance(value, str), str
+
+
 def _value(path: str | Path, name: str, value: Any) -> Any:
-    if name == "renderer":
-        if value not in RENDERERS:
-            raise InputError(f"{path}: renderer is {value!r}, must be one of {', '.join(RENDERERS)}")
-        return value
-    if name == "refresh":
-        number = _number(path, name, value, above=True)
-        if not 1e-3 <= number <= 1e6:
-            raise InputError(f"{path}: refresh is {value!r}, must be 0.001 to 1e6 Hz")
-        return number
-    if not isinstance(value, list) or not value:
+    must, holds, read = _FIELDS.get(name, _TEXT)
+    single = name in ("refresh", "renderer")
+    if not single and (not isinstance(value, list) or not value):
         raise InputError(f"{path}: {name} is {value!r}, must be a list with at least one entry")
-    if name == "sizes":
-        return tuple(_size(path, item) for item in value)
-    if name == "noises":
-        return tuple(_number(path, name, item) for item in value)
-    if name == "seeds":
-        return tuple(_seed(path, item) for item in value)
-    for item in value:
-        if not isinstance(item, str):
-            raise InputError(f"{path}: {name} holds {item!r}, must hold text")
-    return tuple(value)
-
-
-def _number(path: str | Path, name: str, value: Any, above: bool = False) -> float:
-    good = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    if not good or value < 0 or (above and value == 0):
-        raise InputError(
-            f"{path}: {name} is {value!r}, must be a number {'above' if above else 'of at least'} 0"
-        )
-    return float(value)
-
-
-def _seed(path: str | Path, value: Any) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
-        raise InputError(f"{path}: seeds holds {value!r}, must hold whole numbers of at least 0")
-    return value
-
-
-def _size(path: str | Path, value: Any) -> Size | None:
-    if value == "own":
-        return None
-    match = re.fullmatch(r"(\d+)x(\d+)", str(value))
-    if match is None or min(int(match[1]), int(match[2])) < 8:
-        raise InputError(f"{path}: sizes holds {value!r}, must hold 'own' or ROWSxCOLS with at least 8 each")
-    return int(match[1]), int(match[2])
+    entries = [value] if single else value
+    for entry in entries:
+        if not holds(entry):
+            raise InputError(f"{path}: {name} holds {entry!r}, must hold {must}")
+    return read(value) if single else tuple(read(entry) for entry in entries)
 
 
 def _digest(value: Any) -> bytes:

@@ -11,13 +11,11 @@ from optolever.reconstruct import HeightMap
 from optolever.scene import Trace
 
 from ..metrics import height_metrics, unflagged
+from .hard_case import SIGMAS
 
-__all__ = ["SIGMAS", "far_from_visible", "measures", "silent_heights"]
+__all__ = ["far_from_visible", "measures", "silent_heights"]
 
 Mask = NDArray[np.bool_]
-
-SIGMAS = 5.0
-"""An unflagged value that is off by more standard deviations than this is a silent error."""
 
 
 def measures(truth: Trace, seen: Correspondence, height: HeightMap) -> dict[str, float]:

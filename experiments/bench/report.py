@@ -66,18 +66,13 @@ class Group:
 def groups(rows: Iterable[Row]) -> list[Group]:
     """Rows by mirror; the exact correspondence, which has no noise, goes with every noise of its mirror."""
     listed = list(rows)
+    exact = [row for row in listed if row.cell.decoder == "exact"]
+    others = [row for row in listed if row.cell.decoder != "exact"]
     kept: dict[tuple[Any, ...], list[Row]] = {}
-    for row in listed:
-        if row.cell.decoder != "exact":
-            kept.setdefault((*row.cell.place, row.cell.noise), []).append(row)
-    if not kept:
-        for row in listed:
-            kept.setdefault((*row.cell.place, row.cell.noise), []).append(row)
-    else:
-        for row in listed:
-            for key, members in kept.items():
-                if row.cell.decoder == "exact" and key[:3] == row.cell.place:
-                    members.append(row)
+    for row in others or exact:
+        kept.setdefault((*row.cell.place, row.cell.noise), []).append(row)
+    for key, members in kept.items() if others else ():
+        members += [row for row in exact if row.cell.place == key[:3]]
     return [Group(_name(key), members) for key, members in kept.items()]
 
 
@@ -116,7 +111,7 @@ def _section(place: int, group: Group, refresh: float) -> dict[str, Any]:
         ("best" if row in best else "", cells(row, HEADER, refresh, floors.get(row.cell.solver, math.nan)))
         for row in group.ranked()
     )
-    short = (("", [line.what, *cells(line.row, SUMMARY)]) for line in summary(group.rows))
+    short = (("", [what, *cells(row, SUMMARY)]) for what, row in summary(group.rows).items())
     return {
         "id": f"mirror-{place}",
         "name": group.name,

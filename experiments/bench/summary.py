@@ -2,12 +2,11 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 from ..page import percent, scientific, seconds_text
 from .row import Row
 
-__all__ = ["SUMMARY", "Line", "ahead_of_peers", "cells", "markdown", "summary"]
+__all__ = ["SUMMARY", "ahead_of_peers", "cells", "markdown", "summary"]
 
 LOSS = 0.05  # share of the pixels that a chain may lose against the one that loses least
 FEW = 20  # frames of the row "few frames"
@@ -16,17 +15,9 @@ TIME = "compute"
 SUMMARY = ("sequence", "solver", "frames", TIME, "rms", "1 % over it", "err/sigma", "flagged", "silent")
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
-    """A row and what it stands for."""
-
-    what: str
-    row: Row
-
-
-def summary(rows: Iterable[Row]) -> list[Line]:
-    """Of one mirror: the least error of every kind, among those that measure what the others do; what does
-    not exist is left out."""
+def summary(rows: Iterable[Row]) -> dict[str, Row]:
+    """Of one mirror: the row of least error of every kind, among those that measure what the others do; what
+    does not exist is left out."""
     done = [row for row in _whole(rows) if row.kind != "floor"]
     own = [row for row in done if row.kind == "own"]
     wanted = (
@@ -37,7 +28,7 @@ def summary(rows: Iterable[Row]) -> list[Line]:
         ("the paper's own frame", [row for row in done if row.cell.shown.startswith("lattice")]),
         ("best peer", [row for row in done if row.kind == "peer"]),
     )
-    return [Line(what, min(some, key=lambda row: row.error)) for what, some in wanted if some]
+    return {what: min(some, key=lambda row: row.error) for what, some in wanted if some}
 
 
 def ahead_of_peers(rows: Iterable[Row]) -> float:
@@ -100,9 +91,9 @@ def markdown(groups: Sequence[tuple[str, Sequence[Row]]]) -> str:
     for scene, (whole, rows) in zip(short, groups, strict=True):
         name = scene if short.count(scene) == 1 else whole
         before: Row | None = None
-        for line in summary(rows):
-            if line.row is not before:
-                sequence, *rest = cells(line.row, header[1:])
-                lines.append(f"| {' | '.join([f'{name}: {line.what}', f'`{sequence}`', *rest])} |")
-            before = line.row
+        for what, row in summary(rows).items():
+            if row is not before:
+                sequence, *rest = cells(row, header[1:])
+                lines.append(f"| {' | '.join([f'{name}: {what}', f'`{sequence}`', *rest])} |")
+            before = row
     return "\n".join(lines)

@@ -80,11 +80,11 @@ def test_a_scene_file_is_part_of_the_key(tmp_path: Path) -> None:
         ("scenes = 3\nsequences = ['gray']", "scenes is 3"),
         ("scenes = ['a']", "sequences is missing"),
         ("scenes = ['a']\nsequences = ['gray']\nsizes = ['9']", "sizes holds '9'"),
-        ("scenes = ['a']\nsequences = ['gray']\nnoises = [-1]", "noises is -1"),
+        ("scenes = ['a']\nsequences = ['gray']\nnoises = [-1]", "noises holds -1"),
         ("scenes = ['a']\nsequences = ['gray']\nseeds = [0.5]", "seeds holds 0.5"),
         ("scenes = ['a']\nsequences = [2]", "sequences holds 2"),
-        ("scenes = ['a']\nsequences = ['gray']\nrefresh = 0", "refresh is 0"),
-        ("scenes = ['a']\nsequences = ['gray']\nrenderer = 'x'", "renderer is 'x'"),
+        ("scenes = ['a']\nsequences = ['gray']\nrefresh = 0", "refresh holds 0"),
+        ("scenes = ['a']\nsequences = ['gray']\nrenderer = 'x'", "renderer holds 'x'"),
         ("scenes = ['a']\nspeed = 1", "unknown field 'speed'"),
         ("scenes = ", "not readable as TOML"),
     ],
@@ -220,7 +220,7 @@ def test_a_single_shot_counts_one_frame_and_follows_the_rest() -> None:
 def test_summary_and_readme(rows: list[Row]) -> None:
     """The few rows that count are the least of their kind; peers are compared at no more frames."""
     mine = [row for row in rows if row.cell.scene == "paper-simulation"]
-    lines = {line.what: line.row for line in summary.summary(mine)}
+    lines = summary.summary(mine)
     assert lines["best"].error == min(row.error for row in mine if row.kind == "own" and row.done)
     assert lines["the paper's own frame"].cell.sequence == "lattice"
     assert lines["best peer"].kind == "peer"
