@@ -24,6 +24,7 @@ from optolever.scene import (
     trace,
 )
 
+from ..design import varied
 from ..faults import Fault
 from .hard_case import SIGMAS, Case, Found, worse_of
 from .measures import far_from_visible
@@ -224,16 +225,9 @@ def discrete(shown: Sequence) -> bool:
 
 def _scene(condition: Condition, size: tuple[int, int]) -> Scene:
     scene = resize(load(condition.scene), *size)
-    pattern = scene.pattern
-    if condition.blur is not None:
-        pattern = replace(pattern, blur_px=condition.blur)
-    if condition.cells != 1.0:
-        by = condition.cells
-        pitch = pattern.pitch / by
-        origin = pattern.origin + 0.5 * (pitch - pattern.pitch) * (pattern.u_axis + pattern.v_axis)
-        pattern = replace(
-            pattern, rows=round(pattern.rows * by), cols=round(pattern.cols * by), pitch=pitch, origin=origin
-        )
+    blur = scene.pattern.blur_px if condition.blur is None else condition.blur
+    finer = varied(scene, "pattern", condition.cells).pattern
+    pattern = replace(finer, blur_px=blur)
     return replace(scene, pattern=pattern, sensor=condition.sensor, display=condition.display)
 
 
