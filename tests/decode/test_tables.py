@@ -49,6 +49,17 @@ def test_swept_stripe(shoot: Shoot, smooth: tuple[F64, F64], params: dict[str, f
     assert rms(scores(found, *smooth)) == pytest.approx(1, abs=0.03)
 
 
+@pytest.mark.parametrize("step", [3, 4, 8])
+def test_a_clipped_stripe_is_known_by_its_flanks(smooth: tuple[F64, F64], step: int) -> None:
+    """What is not clipped tells the place, however many samples a stripe has."""
+    shown = sequence("stripe", 150, 170, step=step)
+    frames = np.minimum(cell_frames(shown, *smooth, blur=0.5, noise=1.0), 140)
+    found = decode(frames, shown, white_level=140)
+    assert found.good.mean() > 0.99
+    assert np.abs(found.u - smooth[0])[found.good].max() < 1
+    assert 0.7 < rms(scores(found, *smooth)) < 1.1
+
+
 @pytest.mark.parametrize("camera", [{}, {"noise": 0.5, "gain": 0.3}])
 def test_swept_stripe_in_shot_noise(shoot: Shoot, smooth: tuple[F64, F64], camera: dict[str, float]) -> None:
     """The place follows from the stripe's flanks, whose noise is far above the dark; told, or measured."""
