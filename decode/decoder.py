@@ -200,15 +200,12 @@ def _estimated(shot: _Shot, decoders: list[AxisDecoder]) -> tuple[list[Raw], Sha
             decoder.decode((start, stop), own, i == 0, of_both)
 
     over_rows(block, lines[0], max(_BLOCK // count, 1))
-    for decoder, own in zip(decoders, raw, strict=True):
-        if shot.cells and decoder.periods is not None:
-            _without_rounding(shot, decoder.axis.axis, own.coordinate)
     return raw, shared
 
 
-def _without_rounding(shot: _Shot, name: str, coord: NDArray[np.float32]) -> None:
-    """What rounded grey values shift taken off the coordinates of an axis."""
-    table = rounded_places(name, shot.sequence, usual_width(shot.lit, coord))
+def _without_rounding(shot: _Shot, name: str, coord: NDArray[np.float32], width: float) -> None:
+    """What rounded grey values shift taken off the coordinates of an axis; width: of pixels, cells."""
+    table = rounded_places(name, shot.sequence, width)
     over_rows(lambda start, stop: take_off(coord[start:stop], table), len(coord), _BLOCK)
 
 
@@ -217,13 +214,17 @@ def _among_neighbours(
 ) -> Correspondence:
     """Pixelation taken off; edges, strays and partial footprints flagged or in sigma."""
     shape = shared.flags.shape
+    widths = [usual_width(shot.lit, own.coordinate, shared.flags) for own in raw]
+    for decoder, own, width in zip(decoders, raw, widths, strict=True):
+        if shot.cells and decoder.periods is not None:
+            _without_rounding(shot, decoder.axis.axis, own.coordinate, width)
     shown = replace(shot.plan, axes=tuple(decoder.axis for decoder in decoders))
     maps = tuple((one.coordinate, one.variance) for one in raw)
     pixelations = measured_pixelations(shown, maps, shot.cells, blur, shot.lit)
     borders = _borders(shot, decoders, raw, shared, pixelations) if shot.cells else [NO_BORDER] * len(raw)
     tables, roughness = [one.tables() for one in pixelations], [one.roughness for one in pixelations]
     least = _LEAST_SIGMA if _silent(shot) else 0.0
-    width, dark = end_width(shared.amplitude, shared.flags), _dark_level(shot.lit, shared)
+    end, dark = end_width(shared.amplitude, shared.flags), _dark_level(shot.lit, shared)
     out = {axis: (roomy_empty(shape, np.float32), roomy_empty(shape, np.float32)) for axis in "uv"}
     for axis in set("uv") - {decoder.axis.axis for decoder in decoders}:
         out[axis][0][:], out[axis][1][:] = np.nan, np.inf
@@ -231,10 +232,11 @@ def _among_neighbours(
 
     def block(start: int, stop: int) -> None:
         flags[start:stop] = shared.flags[start:stop]
-        for decoder, own, table, rough, border in zip(decoders, raw, tables, roughness, borders, strict=True):
+        every = zip(decoders, raw, widths, tables, roughness, borders, strict=True)
+        for decoder, own, width, table, rough, border in every:
             extent = float(decoder.axis.extent) if shot.cells else 0.0
             finest = decoder.jump, decoder.per_turn
-            limits = border.reach, rough + decoder.common, extent, *finest, least, width, dark
+            limits = border.reach, rough + decoder.common, extent, *finest, least, end, dark, width
             common = shared.flags, shared.amplitude, shared.offset
             maps = (*out[decoder.axis.axis], flags)
             check_rows((start, stop), own, common, (*table, border.table), limits, maps)

@@ -384,13 +384,14 @@ def _through(levels: F64, width: float) -> F64:
     return seen.reshape(len(levels), -1).T[..., None]
 
 
-def usual_width(lit: Sample, coord: F32) -> float:
-    """Median footprint of the sampled pixels that see the pattern, cells, in steps of a twentieth."""
+def usual_width(lit: Sample, coord: F32, flags: NDArray[np.uint16]) -> float:
+    """Median footprint of the sampled pixels that are good, cells, in steps of a twentieth."""
     row, col = lit.places[:: max(1, len(lit.places) // _MOST)].T
     rows, cols = coord.shape
     inside = (col >= REACH) & (col < cols - REACH) & (row >= REACH) & (row < rows - REACH)
-    width = np.hypot(*_steps(coord, row[inside], col[inside]))
-    width = width[np.isfinite(width)]
+    row, col = row[inside], col[inside]
+    ends = ((row, col - REACH), (row, col + REACH), (row - REACH, col), (row + REACH, col))
+    width = np.hypot(*_steps(coord, row, col))[np.all([flags[end] == 0 for end in ends], axis=0)]
     usual = float(np.median(width)) if width.size else 1.0
     return 0.05 * max(round(usual / 0.05), 1)
 

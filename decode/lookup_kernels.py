@@ -281,7 +281,10 @@ def match_rows(
     raw, n, width, freedom = camera.raw, book.frames.shape[1], camera.raw.shape[2], max(book.freedom, 1)
     top, other, at = np.zeros(width, raw.dtype), np.zeros(width, raw.dtype), np.zeros(width, np.int16)
     # what codewords are filled up with is no sample
-    batch, used = np.zeros((BATCH, book.words.shape[2]), np.float32), np.zeros(book.words.shape[2], np.float32)
+    batch, used = (
+        np.zeros((BATCH, book.words.shape[2]), np.float32),
+        np.zeros(book.words.shape[2], np.float32),
+    )
     lines, pixels = np.empty((n, BATCH), np.float32), np.empty((3, BATCH), np.float32)
     score = np.empty(coarse.shape[1], np.float32)
     many = np.log(coarse.shape[1] + 1.0)

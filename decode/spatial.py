@@ -55,7 +55,7 @@ def check_rows(
     common: flags (H, W) so far, amplitude and offset (H, W). tables: of a Pixelation and of the Border.
     limits: how far pixels see (cells), roughness (px^2), extent of the surface (0: it has no border),
     largest second difference (px), turns of the finest fringe in a px, least sigma (px), width of the
-    mirror's ends (see ends), level without light.
+    mirror's ends (see ends), level without light, usual footprint (cells).
     out: coordinate, sigma, flags (H, W), the last or-ed.
     """
     _check(*rows, raw, common, tables, tuple(np.float32(number) for number in limits), out)
@@ -64,7 +64,7 @@ def check_rows(
 @exact
 def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: Any, maps: Any) -> None:
     (coord, variance), (flags, amplitude, offset), (shift, unsure, shadow) = raw, common, tables
-    reach, roughness, extent, jump, per_turn, least, m2, dark = numbers
+    reach, roughness, extent, jump, per_turn, least, m2, dark, usual = numbers
     out, sigma, out_flags = maps
     rows, cols = coord.shape
     window = np.empty((stop - start + 2 * REACH, cols + 2 * REACH), np.float32)
@@ -85,7 +85,7 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
         for x, inner in ((0, min(2, cols - 1)), (cols - 1, max(cols - 3, 0))):
             special[x] |= _dimmer((y, x), (y, inner), raw, common, per_turn)
         if shift.size > 1:
-            _entry_line(coord[y], window, k, most, at)
+            _entry_line(coord[y], window, k, usual, most, at)
         _corrected_line(coord[y], variance[y], at, (shift, unsure), out[y], sigma[y])
         if (rows > 4) & (cols > 4):
             _with_ends(offset[y], light)
@@ -231,8 +231,9 @@ def _dimmer(at: Any, inner: Any, raw: Any, common: Any, per_turn: Any) -> Any:
 
 
 @kernel
-def _entry_line(c: Any, window: Any, k: Any, most: Any, at: Any) -> None:
-    """Entries of a Pixelation by place in the cell and width of the footprint, of `most` steps at most."""
+def _entry_line(c: Any, window: Any, k: Any, usual: Any, most: Any, at: Any) -> None:
+    """Entries of a Pixelation by place in the cell and width of the footprint, of `most` steps at most;
+    usual: what it is at least where no neighbour tells it along rows or columns."""
     half, per_step, places = np.float32(0.5), np.float32(1 / REACH), np.float32(PLACES)
     size = c.size
     left, right = window[k, :size], window[k, 2 * REACH : 2 * REACH + size]
@@ -240,7 +241,10 @@ def _entry_line(c: Any, window: Any, k: Any, most: Any, at: Any) -> None:
     for x in range(size):
         gx = slope(left[x], c[x], right[x], per_step)
         gy = slope(above[x], c[x], below[x], per_step)
-        width = np.sqrt(gx * gx + gy * gy) * places + half
+        alone = ((left[x] != left[x]) & (right[x] != right[x])) | (
+            (above[x] != above[x]) & (below[x] != below[x])
+        )
+        width = max(np.sqrt(gx * gx + gy * gy), usual if alone else np.float32(0)) * places + half
         width = width if width < most else most
         place = np.int32((c[x] - np.floor(c[x])) * places + half) & np.int32(PLACES - 1)
         at[x] = np.uint32(np.int32(width)) * np.uint32(PLACES) + np.uint32(place)

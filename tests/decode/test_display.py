@@ -11,7 +11,7 @@ from optolever.experiments.metrics import rms
 from optolever.patterns import Sequence, sequence
 
 from .conftest import scores, silent
-from .light import seen_by_pixels
+from .light import photographed, seen_by_pixels
 
 F64 = NDArray[np.float64]
 
@@ -34,6 +34,27 @@ def test_levels_of_four_steps_are_rounded_alike_and_low_stairs_taken_off(blur: f
     noise = 0.5 / (0.85 * 127.5 * 0.85) * 8.0 / (2 * np.pi) / np.sqrt(2 * 24)
     assert left.std() < 1.3 * noise + 3e-4
     assert abs(left.mean()) < 3 * noise / np.sqrt(inside.sum()) + 1e-4
+
+
+def test_strips_too_narrow_to_tell_a_footprint_have_the_usual_one() -> None:
+    shown = sequence("phase", 4, 150, axes="u", steps=3, periods=(8.73782, 8.05745, 8.0))
+    u = 10 + 1.35 * np.arange(96) + 0.0137 * np.arange(90)[:, None]
+    mask = np.broadcast_to((np.arange(96) < 40) | (np.arange(96) % 7 < 3), u.shape)
+    found = decode(photographed(shown, u, 1.35, 0.3, noise=0.3), shown, mask=mask)
+    assert found.good.mean() > 0.6
+    assert rms(scores(found, u)) < 1.1
+
+
+def test_what_sees_no_fringe_tells_no_footprint() -> None:
+    """Beside a narrow mirror noise has no order, and places far from the surface."""
+    shown = sequence("phase", 4, 15, axes="u", steps=3, periods=(8.73782, 8.05745, 8.0))
+    u = 3 + 0.65 * np.arange(8) + 0.07 * np.arange(64)[:, None]
+    frames = np.random.default_rng(0).integers(16, 20, (len(shown), 64, 40), np.uint8)
+    frames[:, :, 16:24] = photographed(shown, u, 0.65, 0.3)
+    found = decode(frames, shown)
+    strip = found.good[:, 16:24]
+    assert strip.mean() > 0.9
+    assert np.abs((found.u[:, 16:24] - u) / found.sigma_u[:, 16:24])[strip].max() < 5
 
 
 @pytest.mark.parametrize("period", [11.0, 13.3])
