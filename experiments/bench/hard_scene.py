@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
+from scipy.spatial.transform import Rotation
 
 from optolever.reconstruct import PixelAnchor, reconstruct
 from optolever.scene import Scene, dent, trace
@@ -65,9 +66,7 @@ def scene_found(number: int, which: str, rest: bool) -> Found:
 
 
 def turned(scene: Scene, axis: NDArray[np.float64], angle: float) -> Scene:
-    """The scene with its camera turned about an axis (3,) by an angle (rad), Rodrigues' formula."""
-    x, y, z = axis / np.linalg.norm(axis)
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turn = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    camera = scene.camera
-    return replace(scene, camera=replace(camera, u_axis=turn @ camera.u_axis, v_axis=turn @ camera.v_axis))
+    """The scene with its camera turned about an axis (3,) by an angle (rad)."""
+    turn = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
+    u_axis, v_axis = turn.apply([scene.camera.u_axis, scene.camera.v_axis])
+    return replace(scene, camera=replace(scene.camera, u_axis=u_axis, v_axis=v_axis))

@@ -16,6 +16,7 @@ from typing import TypeVar
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from optolever.patterns import Sequence
 
@@ -285,12 +286,8 @@ def light(
 
 def _seen(table: NDArray[np.float64], width: float) -> Floats:
     """Means of brightness (N, cells) over `width` cells about FINE places in each cell, (N, FINE cells)."""
-    fine = np.repeat(table, FINE, axis=1)
-    reach = round(0.5 * width * FINE)
-    padded = np.pad(fine, ((0, 0), (reach + 1, reach)), mode="edge").cumsum(axis=1)
-    return np.asarray(
-        (padded[:, 2 * reach + 1 :] - padded[:, : -2 * reach - 1]) / (2 * reach + 1), np.float32
-    )
+    fine, reach = np.repeat(table, FINE, axis=1), round(0.5 * width * FINE)
+    return np.asarray(ndimage.uniform_filter1d(fine, 2 * reach + 1, axis=1, mode="nearest"), np.float32)
 
 
 def _cells(seen: Samples, fine: int, axis: int, apart: float) -> NDArray[np.int64]:
