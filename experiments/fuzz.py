@@ -93,6 +93,8 @@ _KINDS: tuple[tuple[str, str, str], ...] = (
     ("grid", "grid.toml", "lab sweep @/grid.toml --workers 0 --out @/sweep"),
     ("frames", "capture/frames", _DECODE),
     ("masks", "mask.png", f"{_DECODE} --mask @/mask.png"),
+    ("masks", "mask.png", f"{_RECONSTRUCT} --mask @/mask.png"),
+    ("masks", "mask.tif", f"{_DECODE} --mask @/mask.tif"),
     ("masks", "mask.tif", f"{_RECONSTRUCT} --mask @/mask.tif"),
     ("arrays", "c.npz", _RECONSTRUCT),
     ("arrays", "truth.npz", f"{_RECONSTRUCT} --truth @/truth.npz"),
