@@ -25,6 +25,7 @@ __all__ = [
     "bits_in_groups",
     "blurred_levels",
     "fitted_levels",
+    "read_beside",
     "turned",
     "weak_bits",
 ]
@@ -34,6 +35,8 @@ F32 = NDArray[np.float32]
 GROUP = 4
 #: Blurs that are tried, cells: a Gray code's finest bit keeps 3 % of its contrast behind the last one.
 _BLURS = np.arange(0.0, 1.8, 0.2)
+#: Places of a cell at which its levels are read.
+_PARTS = 16
 #: Pixels that tell a blur; fewer tell none.
 _FEWEST = 64
 #: Deviations within which a bit is weak: noise turns others once in 3.5e6.
@@ -58,6 +61,8 @@ class CodePlan(NamedTuple):
     cells           word -> cell; linear: whether a cell is the exclusive or of those of its word's bits, as
                     in all codes but long-run-gray: then these are the value of a bit, which is 1 << b else
     levels          (cells, bits) what a cell shows of a bit, -1..1; misfit2: variance that this leaves
+    beside, unsure  (cells,) by how many cells places that read as a cell are beside it: mean, variance; empty
+                    where none is
     whites          that are compared where white saturates, over what is read for it
     cell, first     width of a cell and coordinate of the centre of cell 0, pattern pixels
     freedom         degrees of freedom of chi2; the numbers before it are float32, as the loops are
@@ -74,6 +79,8 @@ class CodePlan(NamedTuple):
     linear: bool
     levels: F32
     misfit2: Any
+    beside: F32
+    unsure: F32
     whites: NDArray[np.float64]
     cell: Any
     first: Any
@@ -108,6 +115,27 @@ def blurred_levels(words: NDArray[np.int32], bits: int, blur: float) -> F32:
     reach = int(np.ceil(4 * blur))
     weights = np.diff(ndtr((np.arange(-reach, reach + 2) - 0.5) / blur))
     return np.asarray(correlate1d(sharp, weights / weights.sum(), axis=0, mode="nearest"), np.float32)
+
+
+def read_beside(words: NDArray[np.int32], levels: F32) -> tuple[F32, F32]:
+    """beside and unsure of a CodePlan: a narrow stripe between wide ones is hidden behind a blur, so that its
+    cell reads as one beside it. words (cells,); levels (cells, bits)."""
+    count, bits = levels.shape
+    place = (np.arange(count * _PARTS) + 0.5) / _PARTS - 0.5
+    low = np.clip(np.floor(place).astype(int), 0, max(count - 2, 0))
+    share = np.clip(place - low, 0, 1)[:, None]
+    seen = (1 - share) * levels[low] + share * levels[np.minimum(low + 1, count - 1)]
+    cells = np.empty(count, np.int64)
+    cells[words] = np.arange(count)
+    read = cells[((seen > 0) << np.arange(bits)).sum(axis=1)]
+    off = np.repeat(np.arange(count), _PARTS) - read
+    near = np.abs(off) <= 2  # others have weak bits
+    read, off = read[near], off[near]
+    if not off.any():
+        return np.zeros(0, np.float32), np.zeros(0, np.float32)
+    total, moved, square = (np.bincount(read, weight, count) for weight in (None, off, off * off))
+    mean = moved / np.maximum(total, 1)
+    return mean.astype(np.float32), (square / np.maximum(total, 1) - mean**2).astype(np.float32)
 
 
 def fitted_levels(words: NDArray[np.int32], margin: F32, variance: F32, factor: F32) -> tuple[F32, float]:

@@ -27,6 +27,7 @@ from .bit_levels import (
     bit_values,
     bits_in_groups,
     fitted_levels,
+    read_beside,
     turned,
     weak_bits,
 )
@@ -84,7 +85,8 @@ def code_plan(code: Code, plan: Plan, noise: Noise, lit: Sample) -> CodePlan:
     whites = np.linspace(1, 2, _WHITES)
     if code.together and referenced:
         whites = _whites(few.levels[ends[0]] >= few.white, margin[factor > 1] / amplitude)
-    return CodePlan(*of_bits, factor, ends, code.cells, linear, levels, unlike2, whites, cell, start, freedom)
+    told = levels, unlike2, *read_beside(words, levels), whites
+    return CodePlan(*of_bits, factor, ends, code.cells, linear, *told, cell, start, freedom)
 
 
 def _whites(saturated: Any, level: Any) -> NDArray[np.float64]:
@@ -171,6 +173,8 @@ def read_line(light: Any, row: Any, code: Any, alone: Any, noise: Any, room: Any
     if not referenced:
         _moved(kept[_LARGEST], a)
     _cells_line(room, kept, code, (pairs, misfit2, alone, noise), out)
+    if code.beside.size > 0:
+        _moved_beside(room.word, code, out[0], out[1])
     _several_weak(kept[_SECOND], misfit2, noise, a, o, room.several[: a.size])
     if alone & (pairs < code.factor.size):  # a fringe's place is none of an edge's
         for x in range(a.size):
@@ -343,6 +347,14 @@ def _cells_line(room: Any, kept: Any, code: Any, numbers: Any, out: Any) -> None
         singles, both = np.float32(1.5) * own + unlike + code.misfit2 * power, half * own + unlike
         # one division for both quotients
         chi2[x] = (rss * singles + over * over * both) / (both * singles)
+
+
+@kernel
+def _moved_beside(word: Any, code: Any, place: Any, var: Any) -> None:
+    """Places of cells (W,) by what the blur hides (see read_beside)."""
+    for x in range(word.size):
+        place[x] += code.cell * code.beside[word[x]]
+        var[x] += code.cell * code.cell * code.unsure[word[x]]
 
 
 @kernel

@@ -123,6 +123,15 @@ def test_bits_in_blur_and_noise(kind: str, inverses: bool, blur: float, ratio: f
         assert 0.75 < rms(scores(found, u)) < 1.25
 
 
+def test_cells_that_a_blur_hides_are_in_sigma() -> None:
+    """Of an xored Gray code a narrow stripe between wide ones reads as one beside it, without any noise."""
+    shown = sequence("xor-gray", 256, 256, axes="u")
+    u = 8 + 0.65 * np.arange(180) + 0.05 * np.arange(150)[:, None]
+    found = decode(photographed(shown, u, 1.0, 0.6, noise=0.5), shown)
+    assert found.good.mean() > 0.6
+    assert 0.75 < rms(scores(found, u)) < 1.5
+
+
 def test_white_noise_alone_gives_no_notice() -> None:
     """Limits are those of chance however few pixels there are: the sensor's own noise, one pixel or all."""
     scene = resize(load("prism48"), 24, 32)
