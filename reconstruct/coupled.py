@@ -17,7 +17,7 @@ from .arrays import Floats, Mask
 from .calibration import rest_corrected
 from .circulation import chi2_limit, circulation_chi2
 from .curl import curl_limit, curl_scale, curl_score, curl_suspects, lone
-from .discontinuities import edge_doubt, widened
+from .discontinuities import across_gaps, edge_doubt, widened
 from .edges import Doubt
 from .heightmap import HeightMap
 from .holes import bridged, noise_gain
@@ -268,7 +268,12 @@ def doubted(
     announced = not np.isfinite(noise) or problem.data.whole_cells(problem.bridged)
     scale = 1.0 if announced else min(1.0, _BETTER * noise)
     doubt = edge_doubt(p, q, *state.variances, problem.data.mask, scale, blamed)
-    return None if doubt is None else widened(doubt, removed | problem.bridged)
+    guessed = removed | problem.bridged
+    if guessed.any():
+        gaps = across_gaps(p, q, state.variances, problem.data.mask, guessed)
+        if gaps[0].any() or gaps[1].any():
+            doubt = Doubt(*gaps) if doubt is None else doubt.at_least(gaps)
+    return None if doubt is None else widened(doubt, guessed)
 
 
 def _curl(problem: Problem, state: State) -> tuple[Floats, float]:

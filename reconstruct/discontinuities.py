@@ -15,10 +15,10 @@ import scipy.ndimage
 from optolever.blocks import over_image
 from optolever.kernels import exact, inlined
 
-from .arrays import Floats, Mask, Pair
+from .arrays import Floats, Ints, Mask, Pair
 from .edges import Doubt, cubic_at_end, curl, stencil
 
-__all__ = ["edge_doubt", "touched", "widened"]
+__all__ = ["across_gaps", "edge_doubt", "touched", "widened"]
 
 SIGMAS = 5.0  # of the difference's own noise: both sides exceed it by chance in no edge of a megapixel
 FAINT = 2.0  # of the same, for edges that continue a crease
@@ -161,6 +161,30 @@ def _axis(
     return out, plain, sure
 
 
+def _difference(one: Pair, other: Pair) -> Pair:
+    """Half of what two values, given with their variances, differ by; its noise."""
+    return 0.5 * np.abs(one[0] - other[0]), 0.5 * np.sqrt(one[1] + other[1])
+
+
+def _straight_on(
+    f: Floats, variance: Floats, seen: Mask, row: Ints, at: Ints, outward: int, edges: Ints, curved: bool
+) -> tuple[Floats, Floats]:
+    """What slopes rise by over so many edges, by the line through a side's pixels (level where there is one)
+    or the parabola (NaN where there are not three); and the variance of that.
+    """
+    steps = [at + k * outward for k in range(3)]
+    places = [np.clip(step, 0, f.shape[1] - 1) for step in steps]
+    there = [seen[row, place] & (place == step) for place, step in zip(places, steps, strict=True)]
+    line = np.where(there[1], edges**2 / 2, 0.0)
+    bend = np.where(there[1] & there[2], edges**3 / 6 + edges**2 / 4, np.nan) if curved else 0.0 * line
+    weights = edges + line + bend, -line - 2 * bend, bend
+    rise, noise = np.zeros(at.shape), np.zeros(at.shape)
+    for weight, place in zip(weights, places, strict=True):
+        rise += np.where(weight == 0, 0.0, weight * f[row, place])
+        noise += weight**2 * variance[row, place]
+    return rise, noise
+
+
 def widened(doubt: Doubt, bridged: Mask) -> Doubt:
     """Edges of interpolated pixels get the largest doubt nearby: nobody saw what is between."""
     if not bridged.any():
@@ -178,6 +202,41 @@ def _widened(doubt: Pair, bridged: Mask) -> Pair:
     wide_x[:, :-1] = np.maximum(wide_x[:, :-1], np.maximum(near[:, :-1], near[:, 1:]))
     wide_y[:-1] = np.maximum(wide_y[:-1], np.maximum(near[:-1], near[1:]))
     return wide_x, wide_y
+
+
+def across_gaps(p: Floats, q: Floats, variances: Pair, mask: Mask, guessed: Mask) -> Pair:
+    """Doubts of the edges across interpolated pixels (guessed), (H, W) each: half of what they rise more by
+    the straight line of one side than by that of the other, beyond the noise.
+    """
+    along = _across(p, variances[0], mask, guessed)
+    return along, _across(q.T, variances[1].T, mask.T, guessed.T).T.copy()
+
+
+def _across(f: Floats, variance: Floats, mask: Mask, guessed: Mask) -> Floats:
+    seen = mask & ~guessed
+    ends = np.diff(np.pad(guessed, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    (row, first), last = np.nonzero(ends == 1), np.nonzero(ends == -1)[1] - 1
+    both = (first > 0) & (last < f.shape[1] - 1)
+    row, first, last = row[both], first[both], last[both]
+    both = seen[row, first - 1] & seen[row, last + 1]
+    row, before, after = row[both], first[both] - 1, last[both] + 1
+    edges = after - before
+
+    (by_lines, noise), (by_parabolas, _) = (
+        _difference(
+            *(
+                _straight_on(f, variance, seen, row, at, out, edges, curved)
+                for at, out in ((before, -1), (after, 1))
+            )
+        )
+        for curved in (False, True)
+    )
+    off = np.where(by_parabolas < _CONVERGES * by_lines, by_parabolas, by_lines)
+    doubt = np.minimum(off, np.maximum(RISE * (off - SIGMAS * noise), 0.0)) / edges
+    found = np.zeros(f.shape)
+    inside = np.arange(edges.sum()) - np.repeat(np.cumsum(edges) - edges, edges)
+    found[np.repeat(row, edges), np.repeat(before, edges) + inside] = np.repeat(doubt, edges)
+    return found
 
 
 def touched(doubt: Doubt) -> Mask:

@@ -15,7 +15,7 @@ import numpy as np
 from optolever.blocks import over_image
 from optolever.kernels import exact, inlined
 
-from .arrays import Floats, Mask
+from .arrays import Floats, Mask, Pair
 
 __all__ = [
     "Doubt",
@@ -48,6 +48,12 @@ class Doubt(NamedTuple):
     def alone(self) -> "Doubt":
         """As the edges tell by themselves."""
         return self if self.own is None else Doubt(*self.own)
+
+    def at_least(self, other: Pair) -> "Doubt":
+        """The larger of both, edge by edge."""
+        x, y = other
+        own = None if self.own is None else (np.maximum(self.own[0], x), np.maximum(self.own[1], y))
+        return Doubt(np.maximum(self.x, x), np.maximum(self.y, y), own)
 
 
 def increments(p: Floats, q: Floats, mask: Mask) -> tuple[Floats, Floats]:

@@ -16,11 +16,18 @@ MIDDLE = 0.5 * 163.7
 NOISE = 0.05
 
 
-def found_in(scene: Scene, surface: Surface, noisy: Callable[..., Correspondence], seed: int = 0, **options):
-    """Contacts of a surface whose middle is known, from correspondences with noise."""
+def found_in(
+    scene: Scene,
+    surface: Surface,
+    noisy: Callable[..., Correspondence],
+    seed: int = 0,
+    at=(0.5, 0.5),
+    **options,
+):
+    """Contacts of a surface that is known in one place, from correspondences with noise."""
     truth = trace(scene, surface)
     seen = noisy(truth, NOISE, NOISE, seed)
-    row, col = scene.camera.rows // 2, scene.camera.cols // 2
+    row, col = int(at[0] * scene.camera.rows), int(at[1] * scene.camera.cols)
     anchor = PixelAnchor(float(row), float(col), float(truth.z[row, col]))
     height = reconstruct(seen, scene, anchor=anchor)
     return contacts(height, slope_map(height, seen, scene), **options)
@@ -141,7 +148,7 @@ def test_dents_that_no_contact_made(
 
 
 def test_a_tip_is_no_contact(scene: Scene, noisy) -> None:
-    (contact,) = found_in(scene, dent_from_text("needle", scene), noisy)
+    (contact,) = found_in(scene, dent_from_text("needle", scene), noisy, at=(0.1, 0.5))  # its tip is not seen
     assert not contact.found
     assert "tip" in contact.evidence
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from optolever.reconstruct import HeightFlag, reconstruct
-from optolever.reconstruct.discontinuities import edge_doubt, widened
+from optolever.reconstruct.discontinuities import across_gaps, edge_doubt, widened
 from optolever.reconstruct.edges import Doubt
 from optolever.reconstruct.path_variance import reached_across
 
@@ -46,6 +46,19 @@ def test_paths_from_the_anchor_take_the_least_doubtful_way() -> None:
     dx[7, 10] = 2.0
     found = reached_across(Doubt(dx, np.zeros((20, 30))), np.ones((1, 1)), WHOLE, np.array([0]))
     np.testing.assert_array_equal(found, np.where(np.arange(30) > 10, 4.0, 0.0) + np.zeros((20, 1)))
+
+
+@pytest.mark.parametrize(("slope", "doubt"), [("parabola", 0.0), ("ridge", 1.0)])
+def test_a_gap_is_in_doubt_of_what_its_sides_disagree_on(slope: str, doubt: float) -> None:
+    """Slopes of a parabola go straight on alike from both sides; those of a ridge in the gap do not."""
+    x = np.arange(30.0)
+    gap = np.zeros((20, 30), dtype=bool)
+    gap[:, 14:16] = True
+    p = np.tile(np.where(gap[0], 0.0, 0.01 * x**2 if slope == "parabola" else np.sign(x - 14.5)), (20, 1))
+    along, across = across_gaps(p, 0.0 * p, (1e-9 * VARIANCE, VARIANCE), WHOLE, gap)
+    np.testing.assert_allclose(along[:, 13:16], doubt, atol=1e-9)
+    assert not across.any()
+    assert not np.delete(along, slice(13, 16), axis=1).any()
 
 
 def test_interpolated_pixels_share_the_doubt_around_them() -> None:
