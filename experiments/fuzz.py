@@ -29,6 +29,7 @@ from optolever.projector import Capture, capture
 from optolever.reconstruct import HeightMap
 from optolever.scene import Scene, dent, load, resize, trace
 
+from .bench.hard_case import SIGMAS
 from .damage import EXTREMES, damage, save_sofast
 
 __all__ = ["FUZZED", "Outcome", "fuzz"]
@@ -189,7 +190,8 @@ def _unsound(path: Path) -> str:
 
 
 def _values(path: Path) -> tuple[list[Any], float]:
-    """What a result says of good pixels, and what all of it must be below: heights the mirror's length."""
+    """What a result says of good pixels, and what all of it must be below: heights, as far as
+    their sigma says so, the mirror's length."""
     if path.is_dir():
         return [Capture.load(path).frames.ravel()], float("inf")
     if path.suffix == ".json":
@@ -201,7 +203,8 @@ def _values(path: Path) -> tuple[list[Any], float]:
         # a pixel alone, or a row of them, is no length
         most = float("inf") if height.notices or good.sum() < sum(good.shape) else length
         # the paper's method has no sigma, which is infinite there
-        return [height.z[good], np.nan_to_num(height.sigma[good], nan=np.nan, posinf=0.0)], most
+        sigma = np.nan_to_num(height.sigma[good], nan=np.nan, posinf=0.0)
+        return [np.maximum(np.abs(height.z[good]) - SIGMAS * sigma, 0.0), sigma], most
     except InputError:
         found = Correspondence.load(path)
         maps = (found.u, found.v, found.sigma_u, found.sigma_v)
