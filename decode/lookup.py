@@ -66,7 +66,7 @@ def lookup_rows(light: Light, noise: Noise, table: Table, rows: tuple[int, int],
         *(float(noise.read2), float(noise.gain), float(misfit2)),
     )
     limit = float(chdtri(max(table.freedom, 1), _RARE))
-    match_rows(camera, table.book, table.way, table.coarse, table.apart, limit, *rows, estimate)
+    match_rows(camera, table.book, table.way, table.search, limit, *rows, estimate)
     if table.unsure > 0:
         # the way to the nearest edge is proportional to the spread of the edges
         phase = (estimate.coordinate + 0.5) / table.cell

@@ -19,11 +19,13 @@ __all__ = [
     "COARSE",
     "LANES",
     "PER_PX",
+    "RIVALS",
     "SEARCH",
     "SWEEP",
     "WITHIN",
     "Book",
     "Camera",
+    "Search",
     "match_rows",
 ]
 
@@ -36,6 +38,8 @@ COARSE = 2
 SEARCH, SWEEP, WITHIN = 0, 1, 2
 #: Steps of a walk, each at most a pixel long; places that a search compares.
 _STEPS, _ANSWERS = 16, 12
+#: Similar codewords that are listed of each.
+RIVALS = _ANSWERS
 #: Codewords beside the neighbour's place from which a walk starts, too: off the tread of a sharp cell.
 _BESIDE = 5
 #: Share of a stripe's light that another place has to show to be another answer, whatever the noise.
@@ -81,6 +85,16 @@ class Book(NamedTuple):
     freedom: Any
     index: Any
     across: Any
+
+
+class Search(NamedTuple):
+    """Of the whole surface: coarse (M, P) unit codewords; of each the most similar ones elsewhere, rivals
+    (P, RIVALS), descending, and sine and cosine of the angles to them and to the next one, apart
+    (P, RIVALS + 1, 2)."""
+
+    coarse: Any
+    rivals: Any
+    apart: Any
 
 
 @kernel
@@ -198,7 +212,7 @@ def _highest(score: Any, place: Any, value: Any) -> None:
 
 
 @exact
-def _searched(
+def _compared(
     y: Any,
     pixel: Any,
     used: Any,
@@ -206,27 +220,20 @@ def _searched(
     z: Any,
     angles: Any,
     reach: Any,
-    coarse: Any,
-    score: Any,
+    places: Any,
     noise: Any,
     first: Any,
 ) -> Any:
-    """(walk's result, probability of another answer) of a search over the whole surface; first: the result
-    near the neighbour's place."""
-    place, value = np.empty(_ANSWERS, np.int64), np.empty(_ANSWERS)
+    """(walk's result, probability of another answer) of the best of an answer and those at other places,
+    coarse codewords; first: the result that there is."""
     left, found = np.empty(_ANSWERS + 1), np.empty(_ANSWERS + 1)
-    whole, power, per = sums[2] == sums[3], sums[1], PER_PX // COARSE
-    _scores(y, pixel, used, whole, coarse, score)
-    _highest(score, place, value)
+    whole, per, count = sums[2] == sums[3], PER_PX // COARSE, 1 + places.size
     fit = first
-    left[0], found[0], count = first[3], first[0] + first[1], 1
-    for k in range(_ANSWERS):
-        # codewords are half a step from the best place at most: that costs less than half the score
-        if place[k] >= 0 and value[k] >= 0.5 * value[0]:
-            one = _walk(y, pixel, used, whole, power, z, angles, 0, place[k] * per + per // 2)
-            fit = one if one[3] < fit[3] else fit
-            left[count], found[count] = one[3], one[0] + one[1]
-            count += 1
+    left[0], found[0] = first[3], first[0] + first[1]
+    for k in range(1, count):
+        one = _walk(y, pixel, used, whole, sums[1], z, angles, 0, places[k - 1] * per + per // 2)
+        fit = one if one[3] < fit[3] else fit
+        left[k], found[k] = one[3], one[0] + one[1]
     own = max(sums[2] - 3.0, 1.0)
     noise *= max(fit[3] / (own * noise) - 2 * np.sqrt(2.0 / own), 1.0)
     total = 0.0
@@ -240,16 +247,35 @@ def _searched(
 
 
 @exact
-def _only_one(fit: Any, sums: Any, apart: Any, many: Any, noise: Any) -> Any:
-    """Whether an answer is surely the only one: with t the angle between samples and the answer, those to
-    other codewords are apart - t at least, and their squared residuals larger by
-    power sin(apart) sin(apart - 2 t). many: log of the number of answers."""
+def _likely(
+    y: Any, pixel: Any, used: Any, whole: Any, coarse: Any, score: Any, place: Any, value: Any
+) -> Any:
+    """How many places of the whole surface may be the answer; they are the first of `place`."""
+    _scores(y, pixel, used, whole, coarse, score)
+    _highest(score, place, value)
+    count = 0
+    # codewords are half a step from the best place at most: that costs less than half the score
+    while count < place.size and place[count] >= 0 and value[count] >= 0.5 * value[0]:
+        count += 1
+    return count
+
+
+@exact
+def _rivals(fit: Any, sums: Any, apart: Any, many: Any, noise: Any) -> Any:
+    """How many of the codewords that are most similar to an answer may be as good; -1: more than are listed.
+
+    With t the angle between samples and the answer, those to other codewords are apart - t at least, and
+    their squared residuals larger by power sin(apart) sin(apart - 2 t). many: log of the number of answers.
+    """
     _, power, count, n = sums
-    s, c = apart[fit[0] // (PER_PX // COARSE), 0], apart[fit[0] // (PER_PX // COARSE), 1]
-    rss = min(fit[3], power)
-    lead = s * (s * (power - 2 * rss) - c * 2 * np.sqrt(rss * (power - rss)))
-    # samples that are dropped take their share of the distance with them
-    return 0.5 * lead * (2 * count - n) > (_SURE + many) * n * noise
+    rss, q = min(fit[3], power), fit[0] // (PER_PX // COARSE)
+    for k in range(apart.shape[1]):
+        s, c = apart[q, k, 0], apart[q, k, 1]
+        lead = s * (s * (power - 2 * rss) - c * 2 * np.sqrt(rss * (power - rss)))
+        # samples that are dropped take their share of the distance with them
+        if 0.5 * lead * (2 * count - n) > (_SURE + many) * n * noise:
+            return k
+    return -1
 
 
 @exact
@@ -267,16 +293,14 @@ def _second_stripe(fit: Any, rival: Any, offset: Any, noise: Any) -> Any:
 
 @exact
 def match_rows(
-    camera: Any, book: Any, way: Any, coarse: Any, apart: Any, limit: Any, start: Any, stop: Any, out: Any
+    camera: Any, book: Any, way: Any, search: Any, limit: Any, start: Any, stop: Any, out: Any
 ) -> None:
     """All pixels of rows start..stop into out, the arrays of an Estimate.
 
     WITHIN  around the places that are there (cells of a code) where that is better
     SWEEP   a stripe: block k of the book holds the places around stripe k
     SEARCH  from the neighbour's place on, or over the whole surface where that does not lead to an answer
-            that fits (squared residuals below `limit` variances) and that is surely the only one: coarse
-            (M, P) are unit codewords of the whole surface, apart (P, 2) sine and cosine of the angle to the
-            most similar one elsewhere.
+            that fits (squared residuals below `limit` variances) and is better than all similar ones
     """
     raw, n, width, freedom = camera.raw, book.frames.shape[1], camera.raw.shape[2], max(book.freedom, 1)
     top, other, at = np.zeros(width, raw.dtype), np.zeros(width, raw.dtype), np.zeros(width, np.int16)
@@ -286,7 +310,9 @@ def match_rows(
         np.zeros(book.words.shape[2], np.float32),
     )
     lines, pixels = np.empty((n, BATCH), np.float32), np.empty((3, BATCH), np.float32)
+    coarse, rivals, apart = search
     score = np.empty(coarse.shape[1], np.float32)
+    place, value = np.empty(_ANSWERS, np.int64), np.empty(_ANSWERS)
     many = np.log(coarse.shape[1] + 1.0)
     summed, table = book.frames.shape[2], camera.table
     read2, gain = camera.read2 / summed, camera.gain / summed
@@ -330,10 +356,18 @@ def match_rows(
                         one = _walk(batch, k, used, whole, power, words, angles, b, guess + side)
                         fit = one if one[3] < fit[3] else fit
                 if way == SEARCH and fit[3] < limit * noise:
-                    sure = _only_one(fit, sums, apart, many, noise)
+                    some = _rivals(fit, sums, apart, many, noise)
+                    sure = some == 0
+                    if some > 0:
+                        before, similar = fit[0], rivals[fit[0] // (PER_PX // COARSE), :some]
+                        fit, error = _compared(
+                            batch, k, used, sums, words, angles, book.reach, similar, noise, fit
+                        )
+                        sure = abs(fit[0] - before) <= 2 * book.reach
             if not sure:
-                fit, error = _searched(
-                    batch, k, used, sums, words, angles, book.reach, coarse, score, noise, fit
+                some = _likely(batch, k, used, whole, coarse, score, place, value)
+                fit, error = _compared(
+                    batch, k, used, sums, words, angles, book.reach, place[:some], noise, fit
                 )
             if power - fit[3] < _NOTHING * noise or fit[2] <= 0:
                 last = np.nan
@@ -342,8 +376,8 @@ def match_rows(
             q = fit[0]
             seen = angles[b, q, 0], angles[b, q, 1], angles[b, q, 2], np.float32(0), np.float32(0)
             seen = seen if whole else _of_used(used, words, b, q)
-            place, variance, a, offset, misfit = _placed(numbers, fit, sums, seen, angles, b, shape)
-            coordinate, variance = first[stripe] + place / PER_PX, variance / (PER_PX * PER_PX)
+            steps, variance, a, offset, misfit = _placed(numbers, fit, sums, seen, angles, b, shape)
+            coordinate, variance = first[stripe] + steps / PER_PX, variance / (PER_PX * PER_PX)
             if way == WITHIN:
                 if abs(coordinate - last) * PER_PX >= book.reach or variance >= variances[r, x]:
                     continue

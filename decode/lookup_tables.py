@@ -14,7 +14,7 @@ from optolever.errors import InputError
 from optolever.patterns import Sequence
 
 from .display import cell_light
-from .lookup_kernels import AROUND, COARSE, LANES, PER_PX, SEARCH, SWEEP, Book
+from .lookup_kernels import AROUND, COARSE, LANES, PER_PX, RIVALS, SEARCH, SWEEP, Book, Search
 from .noise import Noise
 from .plan import AxisPlan, Plan, raster_axes
 from .plan import plan as described
@@ -25,6 +25,9 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 #: Spread of a pixel of one cell, no blur: what is assumed before anything is known.
 USUAL = 12**-0.5
+_NO_SEARCH = Search(
+    np.zeros((0, 0), np.float32), np.zeros((0, RIVALS), np.int64), np.zeros((0, RIVALS + 1, 2))
+)
 #: Tables that are kept: as many as one axis asks for while its spread is measured.
 _KEPT = 40
 
@@ -35,8 +38,7 @@ class Table:
 
     way      SEARCH (any levels), SWEEP (stripes) or WITHIN (codes)
     book     codewords
-    coarse   (M, P) unit codewords of a search; apart (P, 2) sine and cosine of the angle to the most similar
-    one
+    search   see Search; empty but for SEARCH
     misfit2  variance of what the levels leave, over the squared amplitude
     noise    of the camera, as residuals tell it; None: it was known
     unsure   relative error of the spread: by as much of the way to the cell's nearest edge are places wrong
@@ -44,8 +46,7 @@ class Table:
 
     way: int
     book: Book
-    coarse: F32
-    apart: F64
+    search: Search
     spread: float
     cell: float = 1.0
     misfit2: float = 0.0
@@ -75,30 +76,34 @@ def _cached(
 
 
 @lru_cache(maxsize=8)
-def _similar(
+def _search(
     sequence: Sequence, index: tuple[int, ...], axis: str, spread: float, blur: float | None, reach: int
-) -> tuple[F32, F64]:
-    """Coarse unit codewords (M, P), and sine and cosine of the angle to the most similar one elsewhere."""
+) -> Search:
+    """Codewords of the whole surface, and which of them are similar."""
     words = _cached(sequence, index, axis, spread, blur)[0][0][:, : len(index)].astype(np.float64)
     length = np.sqrt(np.square(words).sum(axis=1))
     unit = words / np.maximum(length, 1e-3 * length.max() + 1e-12)[:, None]
     per = PER_PX // COARSE
     coarse = np.ascontiguousarray(unit[per // 2 :: per][: (len(unit) - 1) // per], np.float32)
     count, guard = len(coarse), 2 * math.ceil(reach / per)
-    nearest = np.empty(count, np.int64)
-    place = np.arange(count)
-    for start in range(0, count, 256):
-        part = coarse[start : start + 256] @ coarse.T
-        for row, k in enumerate(place[start : start + 256]):
-            part[row, max(k - guard, 0) : k + guard + 1] = -1.0
-        nearest[start : start + 256] = part.argmax(axis=1)
-    near, fine = np.arange(-per, per + 1), place[:, None] * per + per // 2
-    mine = unit[np.clip(fine + np.arange(-per // 2, per // 2 + 1), 0, len(unit) - 1)]
-    theirs = unit[np.clip((nearest * per + per // 2)[:, None] + near, 0, len(unit) - 1)]
-    cosine = np.clip((mine @ theirs.transpose(0, 2, 1)).max(axis=(1, 2)), 0.0, 1.0)
-    if count <= 2 * guard + 1:
-        cosine[:] = 0.0
-    return np.ascontiguousarray(coarse.T), np.stack([np.sqrt(1 - cosine**2), cosine], axis=1)
+    rivals, place = np.zeros((count, RIVALS + 1), np.int64), np.arange(count)
+    cosine = np.zeros((count, RIVALS + 1))
+    near, around = np.arange(-per, per + 1), np.arange(-per // 2, per // 2 + 1)
+    for some in np.array_split(place, math.ceil(count / 256)):
+        alike = coarse[some] @ coarse.T
+        peak = alike >= maximum_filter1d(alike, 3, axis=1, mode="nearest")
+        alike[~peak | (np.abs(place - some[:, None]) <= guard)] = -1.0
+        last = min(RIVALS + 1, count)
+        best = np.argsort(-alike, axis=1)[:, :last]
+        rivals[some, :last] = best
+        mine = unit[np.clip(per * some[:, None] + per // 2 + around, 0, len(unit) - 1)]
+        theirs = unit[np.clip((best * per + per // 2)[..., None] + near, 0, len(unit) - 1)]
+        every = np.einsum("pan,pkbn->pkab", mine, theirs, optimize=True).max(axis=(2, 3))
+        cosine[some, :last] = np.where(np.take_along_axis(alike, best, axis=1) > -1, every, 0.0)
+    cosine = np.clip(cosine, 0.0, 1.0)
+    return Search(
+        np.ascontiguousarray(coarse.T), rivals[:, :-1], np.stack([np.sqrt(1 - cosine**2), cosine], axis=2)
+    )
 
 
 def table_of(
@@ -107,7 +112,7 @@ def table_of(
     """The table of an axis for a spread (pattern px) and a way of its search; blur: its part, if known."""
     if way == SWEEP:
         book = _sweep(sequence, axis.axis, spread, blur)
-        return Table(way, book, np.zeros((0, 0), np.float32), np.zeros((0, 2)), spread)
+        return Table(way, book, _NO_SEARCH, spread)
     # beside free levels a code only tells where to look: what a blur makes of its edges is known less well
     own = axis.levels if len(axis.levels) >= 3 else axis.frames()
     index = own + tuple(i for i in (plan.white, plan.black) if i >= 0)
@@ -118,8 +123,7 @@ def table_of(
     key = sequence, index, axis.axis, spread, blur
     one, first, frames = np.zeros(1, np.int64), np.array([-1.0]), np.array(index)
     book = Book(frames[None, :, None], one, first, *_cached(*key), reach, len(index) - 3, frames, 1)
-    empty = np.zeros((len(index), 0), np.float32), np.zeros((0, 2))
-    return Table(way, book, *(_similar(*key, reach) if way == SEARCH else empty), spread, cell)
+    return Table(way, book, _search(*key, reach) if way == SEARCH else _NO_SEARCH, spread, cell)
 
 
 @lru_cache(maxsize=_KEPT)
