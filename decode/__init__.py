@@ -13,7 +13,6 @@
 | `response`       | `Response` of display and camera, inverted before fringes are fitted; error it leaves  |
 | `phase`          | N-step least squares: phase, variance, amplitude, chi2                                 |
 | `unwrap`         | fringe orders from coarse to fine, from a code or, of close periods, by a table        |
-| `micro`          | micro phase shifting, by a table of fringe orders likewise                             |
 | `gray`           | bits -> word -> cell, posterior of a wrong bit                                         |
 | `bit_levels`     | what cells show of bits behind a blur; posterior of pixels with weak bits               |
 | `lookup`, `lookup_tables` | any known levels: stripes, free grey values, codes within cells; tables |

@@ -15,7 +15,6 @@ from .flags import DOUBT, Into, Limits, Shared, limits_of, merge
 from .frames import Light
 from .gray import CodePlan, code_plan, decode_code, read_code
 from .lookup import Table, lookup_rows, prepare
-from .micro import MicroTable, micro_table, unwrap_micro
 from .noise import Noise, Sample
 from .phase import Periods, periods_of
 from .plan import AxisPlan, Fringe, Plan, constraints, plan, raster_axes
@@ -24,9 +23,6 @@ from .unlike import Before, misfit_within
 from .unwrap import Orders, climb, order_table, unwrap_close
 
 __all__ = ["AxisDecoder", "AxisOptions", "axis_decoders"]
-
-#: Variance of rounding shown levels to 8 bits, over the squared amplitude.
-_ROUNDED2 = 1 / 12 / 127.5**2
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +40,6 @@ class AxisDecoder:
     noise: Noise
     code: CodePlan | None
     orders: Orders | None
-    micro: MicroTable | None
     table: Table | None
     periods: Periods | None
     limits: Limits
@@ -61,8 +56,6 @@ class AxisDecoder:
         elif self.periods is None:
             assert self.code is not None
             decode_code(self.light, self.noise, self.code, rows, into)
-        elif self.micro is not None:
-            unwrap_micro(self.light, self.noise, self.periods, self.micro, rows, into)
         elif self.orders is not None:
             unwrap_close(self.light, self.noise, self.periods, self.orders, rows, into)
         else:
@@ -132,19 +125,15 @@ def _decoder(
         noise = table.noise or noise
         jump = axis.stripes.width if axis.stripes else 2.0 * (1 if code is None else float(code.cell))
         limits = limits_of(axis.extent, 0.5, table.freedom, light.white)
-        return AxisDecoder(axis, light, noise, code, None, None, table, None, limits, table.freedom, jump)
+        return AxisDecoder(axis, light, noise, code, None, table, None, limits, table.freedom, jump)
     covered = code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
     shown = options.on_cells and not sequence.nominal
     rounding = _rounding(axis.axis, sequence) if shown else (0.0,) * len(axis.fringes)
-    micro = None
-    if axis.singles:
-        micro = micro_table(axis, _deviation(axis, noise, lit), _ROUNDED2 if shown else 0.0)
     unlike = [_unlike(fringe, lit, noise, options.before) for fringe in axis.fringes]
     orders = None if covered else _orders(axis, _deviation(axis, noise, lit), max(unlike))
     rounding = tuple(r + m for r, m in zip(rounding, unlike, strict=True))
     periods = periods_of(axis.fringes, rounding) if axis.fringes else None
     freedom = sum(len(fringe.index) - 3 for fringe in axis.fringes) + max(len(axis.fringes) - 1, 0)
-    freedom += sum(len(fringe.index) for fringe in axis.singles)
     freedom += (1 if axis.fringes else 0) + code.freedom if code is not None else 0
     if axis.fringes:
         fine = axis.fringes[-1]
@@ -153,20 +142,10 @@ def _decoder(
         assert code is not None
         jump, per_turn, factor = 2.0 * float(code.cell), 0.0, 0.5
     limits = limits_of(axis.extent, factor, freedom, light.white)
-    decoder = AxisDecoder(
-        *(axis, light, noise, code, orders, micro, None, periods, limits, freedom, jump, per_turn),
+    return AxisDecoder(
+        *(axis, light, noise, code, orders, None, periods, limits, freedom, jump, per_turn),
         common=0.0 if orders is None else unlike[-1] * axis.fringes[-1].period ** 2,
     )
-    return decoder if micro is None else replace(decoder, micro=_as_seen(decoder, micro, lit))
-
-
-def _as_seen(decoder: AxisDecoder, micro: MicroTable, lit: Sample) -> MicroTable:
-    """With the contrast of its frames, by the sampled pixels that none of them clips."""
-    place, shared = decoder.at(lit.places)
-    raw = _sampled_light(decoder.light, lit.places).raw[micro.frames][:, 0]
-    sure = (shared.error[0] < DOUBT) & (shared.amplitude[0] > 0) & (raw < decoder.light.clip).all(axis=0)
-    levels = decoder.light.linear(raw[:, sure])
-    return micro.with_contrast(place[sure], (levels - shared.offset[0, sure]) / shared.amplitude[0, sure])
 
 
 @lru_cache(maxsize=16)

@@ -112,7 +112,7 @@ def no_pixelation(blur: float = float("nan")) -> Pixelation:
 def shares_of(axis: AxisPlan) -> tuple[tuple[float, float], ...]:
     """Periods that share in the coordinate of an axis, and their information over the first's: N / P^2.
 
-    Of a ladder the finest alone; of close periods, and in micro phase shifting, all.
+    Of a ladder the finest alone; of close periods all; none of what is looked up, whose tables hold cells.
     """
     fringes = _telling(axis)
     if not fringes:
@@ -124,7 +124,7 @@ def shares_of(axis: AxisPlan) -> tuple[tuple[float, float], ...]:
 def _telling(axis: AxisPlan) -> tuple[Fringe, ...]:
     """Fringes that share in the coordinate of an axis."""
     alone = axis.code is not None or (axis.fringes and axis.fringes[0].period >= axis.extent)
-    return (*(axis.fringes[-1:] if alone else axis.fringes), *axis.singles)
+    return () if axis.looked_up else axis.fringes[-1:] if alone else axis.fringes
 
 
 def cell_light(distance: F64, width: F64, blur: float) -> F64:
@@ -342,18 +342,17 @@ def rounded_places(name: str, sequence: Sequence, width: float) -> F32:
     """By how much readings of an axis are too large as shown grey values are rounded, (_FINER * extent,) by
     place in parts of a cell, read by pixels of `width` cells and a blur of half a one.
 
-    Least squares for offset, contrast and place at once, of the periods that share in the coordinate: each
-    has an offset and a contrast of its own, in micro phase shifting all have one.
+    Least squares for offset, contrast and place at once, of each period that shares in the coordinate.
     """
     axis = next(one for one in plan(sequence).axes if one.axis == name)
     fringes, tables = _telling(axis), sequence.tables()["uv".index(name)]
     moved, weight = np.zeros((2, axis.extent * _FINER))
-    for group in (fringes,) if axis.singles else ((one,) for one in fringes):
-        levels = tables[[i for f in group for i in f.index]].astype(np.float64)
-        shown = _design(group, np.arange(axis.extent))
+    for fringe in fringes:
+        levels = tables[list(fringe.index)].astype(np.float64)
+        shown = _design(fringe, np.arange(axis.extent))
         usual = (np.linalg.pinv(shown) @ levels.T[..., None]).mean(axis=0) * [[1], [1], [0]]
         rounding = levels - (shown @ usual)[..., 0].T
-        fine = _design(group, np.arange(axis.extent * _FINER) / _FINER)
+        fine = _design(fringe, np.arange(axis.extent * _FINER) / _FINER)
         turned = fine.transpose(0, 2, 1)
         inverse = np.linalg.inv(turned @ fine)
         _, contrast, _ = (inverse @ (turned @ _through(levels, width)))[..., 0].T
@@ -363,16 +362,12 @@ def rounded_places(name: str, sequence: Sequence, width: float) -> F32:
     return (moved / weight).astype(np.float32)
 
 
-def _design(fringes: tuple[Fringe, ...], place: NDArray[Any]) -> F64:
-    """Derivatives (K, N, 3) of the fringes' levels for offset, contrast and place (K,), of contrast 1."""
-    shift, exposure = (
-        np.concatenate(part) for part in zip(*((f.shifts, f.exposure) for f in fringes), strict=True)
-    )
-    wave = 2 * np.pi / np.concatenate([np.full(len(f.index), f.period) for f in fringes])
-    phase = wave * place[:, None] - shift
-    return np.asarray(
-        exposure[:, None] * np.stack([np.ones_like(phase), np.cos(phase), -wave * np.sin(phase)], axis=2)
-    )
+def _design(fringe: Fringe, place: NDArray[Any]) -> F64:
+    """Derivatives (K, N, 3) of a fringe's levels for offset, contrast and place (K,), of contrast 1."""
+    wave = 2 * np.pi / fringe.period
+    phase = wave * place[:, None] - fringe.shifts
+    waves = np.stack([np.ones_like(phase), np.cos(phase), -wave * np.sin(phase)], axis=2)
+    return np.asarray(fringe.exposure[:, None] * waves)
 
 
 def _through(levels: F64, width: float) -> F64:

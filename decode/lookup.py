@@ -1,6 +1,7 @@
 """Look-up: a pixel's samples against known levels, whatever they are.
 
-Free grey values, fringes of a single shift each, swept stripes, binary codes within their cells: the levels
+Free grey values, fringes of a single shift each (micro phase shifting: M. Gupta, S. K. Nayar, CVPR 2012,
+doi:10.1109/CVPR.2012.6247753), swept stripes, binary codes within their cells: the levels
 that each place of the surface shows through a pixel (cell, footprint, blur) are known, a codeword for each
 eighth of a pattern pixel. Samples are v = o + a t(u): normalised correlation finds the place, least squares
 between adjacent codewords refines it, the Fisher information of the fit is its variance, or that of the
@@ -107,7 +108,7 @@ def prepare(
             return replace(table_for(way, usual), noise=pixels.noise if noise is None else None)
     spreads = np.geomspace(_SHARPEST, max(_WIDEST, 0.5 * axis.stripes.width if axis.stripes else 0), _TRIED)
     spreads = np.hypot(spreads, blur or 0.0)
-    if way == SWEEP:
+    if way == SWEEP or not (axis.levels or axis.code):
         spreads = np.append(0.0, spreads)  # an ideal surface without cells
     spread, error = _likeliest(lambda spread: pixels.fitted(table_for(one_way, spread)), spreads)
     low, fit, high = (pixels.fitted(table_for(one_way, spread * (1 + n))) for n in (-_NUDGE, 0.0, _NUDGE))

@@ -63,7 +63,9 @@ class Table:
 def _cached(
     sequence: Sequence, index: tuple[int, ...], axis: str, spread: float, blur: float | None
 ) -> tuple[F32, F32]:
-    """Words and angles of any levels at the places -1 + k / PER_PX."""
+    """Words and angles of any levels at the places -1 + k / PER_PX; spread 0: of ideal cosines."""
+    if spread == 0:
+        return _words(_cosines(sequence, index, axis)[None])
     levels = sequence.tables()["uv".index(axis)][list(index)].astype(np.float64) / 255
     for k, i in enumerate(index):
         frame = sequence.frames[i]
@@ -179,6 +181,19 @@ def _weight(distance: F64, spread: float, known: float | None) -> F64:
     width = max(min(widest, 1.0) if known is None else widest, 0.05)
     blur = math.sqrt(max(spread**2 - width**2 / 12, 1e-6))
     return cell_light(distance, np.array(width), blur)
+
+
+def _cosines(sequence: Sequence, index: tuple[int, ...], axis: str) -> F64:
+    """Levels (M, (E + 1) PER_PX + 1) of fringes on a surface without cells, at -1 + k / PER_PX."""
+    extent = sequence.cols if axis == "u" else sequence.rows
+    place = np.arange((extent + 1) * PER_PX + 1) / PER_PX - 1
+    levels = np.ones((len(index), len(place)))
+    for level, frame in zip(levels, (sequence.frames[i] for i in index), strict=True):
+        if frame.kind == "phase":
+            level *= 0.5 + 0.5 * np.cos(2 * np.pi * place / (frame.period_px or 1.0) - (frame.shift or 0.0))
+        if frame.inverted != (frame.kind == "black"):
+            level[:] = 1 - level
+    return levels
 
 
 def _seen(levels: F64, spread: float, blur: float | None, beyond: Any) -> F64:

@@ -111,8 +111,7 @@ class AxisPlan:
     @property
     def looked_up(self) -> bool:
         """Whether only a table of known levels leads to an answer."""
-        alone = bool(self.singles) and len(self.fringes) != 1
-        return bool(self.levels) or self.stripes is not None or alone
+        return bool(self.levels or self.singles) or self.stripes is not None
 
     def frames(self) -> tuple[int, ...]:
         """Numbers of all frames of this axis, ascending."""

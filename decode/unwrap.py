@@ -10,12 +10,11 @@ is p - |d| away, so that with q(d) = max(|d| - half, 0)^2 / (s^2 + p^2 v)
 and q(d) is a misfit with one degree of freedom. The finer period's place stands: a coarser one would add
 little to its precision and all of what is wrong with its grey values.
 
-Where no period covers the surface one is measured best (of several the finest; in micro phase shifting the
-only one with steps of its own): its phase t leaves the places p (t + k), k = 0, 1, ... Every other
-observation at such a place is known, so a table over a few of them, quantised, lists the orders that are
-within the noise. Each pixel looks up its cell and compares the listed orders by what all observations say;
-the two that fit best tell the probability of a wrong one, and an order that the table's tolerance leaves out
-adds to it.
+Where no period covers the surface the finest is measured best: its phase t leaves the places p (t + k),
+k = 0, 1, ... Every other phase at such a place is known, so a table over two of them, quantised, lists the
+orders that are within the noise. Each pixel looks up its cell and compares the listed orders by what all
+phases say; the two that fit best tell the probability of a wrong one, and an order that the table's tolerance
+leaves out adds to it.
 """
 
 from functools import lru_cache
@@ -34,12 +33,8 @@ from .noise import Noise
 from .phase import Periods, fit_line
 
 __all__ = [
-    "Candidates",
     "Orders",
     "climb",
-    "in_steps",
-    "listed_by",
-    "listed_first",
     "order_table",
     "unwrap_close",
 ]
@@ -150,7 +145,7 @@ def _join(told: Any, half: Any, code: Any, lines: Any) -> None:
         var[x] = own
 
 
-class Candidates(NamedTuple):
+class _Candidates(NamedTuple):
     """Orders by cell of a table: the nearest and the next one (none: a number below -10000), and all of them
     (`listed` from start[cell] to start[cell + 1])."""
 
@@ -167,13 +162,13 @@ class Orders(NamedTuple):
     place beyond it is as unlikely as the noise that carries it there.
     """
 
-    listed: Candidates
+    listed: _Candidates
     crowded: bool
     tolerance: np.float32
     extent: np.float32
 
 
-def listed_by(cell: NDArray[Any], order: NDArray[Any], distance: NDArray[Any], cells: int) -> Candidates:
+def _listed_by(cell: NDArray[Any], order: NDArray[Any], distance: NDArray[Any], cells: int) -> _Candidates:
     """The table of orders (M,) that are within the tolerance in cells (M,), at a distance there."""
     sort = np.lexsort((distance, cell))
     listed, count = order[sort].astype(np.int16), np.bincount(cell, minlength=cells)
@@ -182,10 +177,10 @@ def listed_by(cell: NDArray[Any], order: NDArray[Any], distance: NDArray[Any], c
     for rank in range(2):
         has = count > rank
         best[rank, has] = listed[start[:-1][has] + rank]
-    return Candidates(best[0], best[1], start, listed)
+    return _Candidates(best[0], best[1], start, listed)
 
 
-def in_steps(tolerance: float) -> float:
+def _in_steps(tolerance: float) -> float:
     """A tolerance, rounded up: tables are kept by it."""
     return float(_STEP ** np.ceil(np.log(tolerance) / np.log(_STEP)))
 
@@ -195,7 +190,7 @@ def order_table(periods: tuple[float, ...], extent: int, deviation: float) -> Or
 
     deviation: of a residue, turns, at the usual contrast.
     """
-    return _order_table(periods, extent, in_steps(max(_DEVIATIONS * deviation, 1e-3)))
+    return _order_table(periods, extent, _in_steps(max(_DEVIATIONS * deviation, 1e-3)))
 
 
 @lru_cache(maxsize=16)
@@ -208,7 +203,7 @@ def _order_table(periods: tuple[float, ...], extent: int, tolerance: float) -> O
     near = [np.abs(part) < tolerance + 0.5 / _ENTRIES for part in away]
     cell, column, number = np.nonzero(near[0][:, None] & near[1][None])
     distance = away[0][cell, number] ** 2 + away[1][column, number] ** 2
-    listed = listed_by(cell * _ENTRIES + column, order[number], distance, _ENTRIES**2)
+    listed = _listed_by(cell * _ENTRIES + column, order[number], distance, _ENTRIES**2)
     crowded = bool(np.diff(listed.start).max() > 2)
     return Orders(listed, crowded, np.float32(tolerance), np.float32(extent))
 
@@ -246,7 +241,7 @@ def _unwrap(light: Any, noise: Any, periods: Any, rows: Any, orders: Any, into: 
             fit_line(light, noise, periods, j, row, work, fit)
             _kept(v[j], of_fit[0], of_fit[1], period[j], weights[j], misfit, clipped)
         _cells(t, period, cell)
-        listed_first(first, second, cell, one, other)
+        _listed_first(first, second, cell, one, other)
         _scores(t, weights, period, extent, one, room, sums[:3])
         _scores(t, weights, period, extent, other, room, sums[3:])
         _better(other, sums, lines)
@@ -259,7 +254,7 @@ def _unwrap(light: Any, noise: Any, periods: Any, rows: Any, orders: Any, into: 
 
 
 @kernel
-def listed_first(first: Any, second: Any, cell: Any, one: Any, other: Any) -> None:
+def _listed_first(first: Any, second: Any, cell: Any, one: Any, other: Any) -> None:
     for x in range(cell.size):
         one[x], other[x] = first[cell[x]], second[cell[x]]
 
