@@ -143,7 +143,7 @@ def test_random_cases_that_were_once_silently_wrong(number: int) -> None:
 HEIGHTS_ONCE_WRONG = (
     *(60038, 61028, 61030, 61094, 62051, 63013, 64052, 63032, 65048, 61135, 68106, 66012, 68116),
 )
-HARD_TO_DECODE = {64052: 0.15, 63032: 0.35, 66012: 0.35}  # the share that is flagged
+HARD_TO_DECODE = {64052: 0.15, 63032: 0.35, 66012: 0.4}  # the share that is flagged
 
 
 @pytest.mark.parametrize(
