@@ -13,7 +13,7 @@
 | `predicted.py` | what a rig would measure: its sigma at rest and of a dent |
 | `circulation.py` | how slopes contradict each other: by noise or more, which sigma then holds |
 | `sofast.py` | a SOFAST measurement on its rig's flat pattern |
-| `holes.py` | small holes bridged |
+| `holes.py`, `gaps.py` | small holes bridged; what is in doubt of the edges across them |
 | `geometry.py`, `measured.py` | rays of the camera as arrays; a pixel grid with its measurement |
 | `equations.py` | slopes of the mirror per pixel, in closed form, and their variances |
 | `edges.py` | increments along pixel edges, weights, and the operators on them |

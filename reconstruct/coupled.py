@@ -17,8 +17,9 @@ from .arrays import Floats, Mask
 from .calibration import rest_corrected
 from .circulation import chi2_limit, circulation_chi2
 from .curl import curl_limit, curl_scale, curl_score, curl_suspects, lone
-from .discontinuities import across_gaps, edge_doubt, widened
+from .discontinuities import edge_doubt, touched
 from .edges import Doubt
+from .gaps import across_gaps, widened
 from .heightmap import HeightMap
 from .holes import bridged, noise_gain
 from .measured import Measured
@@ -271,9 +272,9 @@ def doubted(
     guessed = removed | problem.bridged
     if guessed.any():
         gaps = across_gaps(p, q, state.variances, problem.data.mask, guessed)
-        if gaps[0].any() or gaps[1].any():
-            doubt = Doubt(*gaps) if doubt is None else doubt.at_least(gaps)
-    return None if doubt is None else widened(doubt, guessed)
+        doubt = gaps if doubt is None else doubt.at_least(gaps)
+        doubt = widened(doubt, guessed) if touched(doubt).any() else None
+    return doubt
 
 
 def _curl(problem: Problem, state: State) -> tuple[Floats, float]:

@@ -15,10 +15,10 @@ import scipy.ndimage
 from optolever.blocks import over_image
 from optolever.kernels import exact, inlined
 
-from .arrays import Floats, Ints, Mask, Pair
+from .arrays import Floats, Mask, Pair
 from .edges import Doubt, cubic_at_end, curl, stencil
 
-__all__ = ["across_gaps", "edge_doubt", "touched", "widened"]
+__all__ = ["CONVERGES", "RISE", "SIGMAS", "edge_doubt", "touched"]
 
 SIGMAS = 5.0  # of the difference's own noise: both sides exceed it by chance in no edge of a megapixel
 FAINT = 2.0  # of the same, for edges that continue a crease
@@ -29,10 +29,9 @@ ROUGH = 0.03  # of the largest step between neighbouring slopes; waves of 20 pix
 _NOISE_CUBIC, _NOISE_LINEAR = 2.01, 1.19  # of cubic minus one side's three or two pixels, per slope's sigma
 _BEND = 0.375  # of a side's third difference: the error of its extrapolation
 _BEND4 = 0.349  # of its fourth difference: that of the next order
-_CONVERGES = 0.5  # errors that fall so from one order to the next are those of a curve, not of a jump
+CONVERGES = 0.5  # errors that fall so from one order to the next are those of a curve, not of a jump
 _QUIET = 8.0  # of a slope's sigma: third differences of noise (4.5) and little more
 _SHARE = 1.0 / 12.0  # a jump inside an edge moves that edge's increment by half of it, the next one's by 1/24
-_NEAR = 7  # pixels: reach of a doubt over pixels that were interpolated
 _BESIDE = 5  # pixels: reach of a crease's surroundings, in which doubts below the noise count too
 _BLAME = 13.0 / 12.0  # a wrong slope is in its edges by 13/24, in the curl around it by half
 _CERTAIN, _ABRUPT = 8.0, 0.2  # of its noise, of the largest step: what one side alone misses at a kink
@@ -161,84 +160,6 @@ def _axis(
     return out, plain, sure
 
 
-def _difference(one: Pair, other: Pair) -> Pair:
-    """Half of what two values, given with their variances, differ by; its noise."""
-    return 0.5 * np.abs(one[0] - other[0]), 0.5 * np.sqrt(one[1] + other[1])
-
-
-def _straight_on(
-    f: Floats, variance: Floats, seen: Mask, row: Ints, at: Ints, outward: int, edges: Ints, curved: bool
-) -> tuple[Floats, Floats]:
-    """What slopes rise by over so many edges, by the line through a side's pixels (level where there is one)
-    or the parabola (NaN where there are not three); and the variance of that.
-    """
-    steps = [at + k * outward for k in range(3)]
-    places = [np.clip(step, 0, f.shape[1] - 1) for step in steps]
-    there = [seen[row, place] & (place == step) for place, step in zip(places, steps, strict=True)]
-    line = np.where(there[1], edges**2 / 2, 0.0)
-    bend = np.where(there[1] & there[2], edges**3 / 6 + edges**2 / 4, np.nan) if curved else 0.0 * line
-    weights = edges + line + bend, -line - 2 * bend, bend
-    rise, noise = np.zeros(at.shape), np.zeros(at.shape)
-    for weight, place in zip(weights, places, strict=True):
-        rise += np.where(weight == 0, 0.0, weight * f[row, place])
-        noise += weight**2 * variance[row, place]
-    return rise, noise
-
-
-def widened(doubt: Doubt, bridged: Mask) -> Doubt:
-    """Edges of interpolated pixels get the largest doubt nearby: nobody saw what is between."""
-    if not bridged.any():
-        return doubt
-    return Doubt(*_widened(doubt[:2], bridged), None if doubt.own is None else _widened(doubt.own, bridged))
-
-
-def _widened(doubt: Pair, bridged: Mask) -> Pair:
-    dx, dy = doubt
-    near = np.maximum(dx, dy)
-    near[:, 1:] = np.maximum(near[:, 1:], dx[:, :-1])
-    near[1:] = np.maximum(near[1:], dy[:-1])
-    near = np.where(bridged, scipy.ndimage.maximum_filter(near, _NEAR), 0.0)
-    wide_x, wide_y = dx.copy(), dy.copy()
-    wide_x[:, :-1] = np.maximum(wide_x[:, :-1], np.maximum(near[:, :-1], near[:, 1:]))
-    wide_y[:-1] = np.maximum(wide_y[:-1], np.maximum(near[:-1], near[1:]))
-    return wide_x, wide_y
-
-
-def across_gaps(p: Floats, q: Floats, variances: Pair, mask: Mask, guessed: Mask) -> Pair:
-    """Doubts of the edges across interpolated pixels (guessed), (H, W) each: half of what they rise more by
-    the straight line of one side than by that of the other, beyond the noise.
-    """
-    along = _across(p, variances[0], mask, guessed)
-    return along, _across(q.T, variances[1].T, mask.T, guessed.T).T.copy()
-
-
-def _across(f: Floats, variance: Floats, mask: Mask, guessed: Mask) -> Floats:
-    seen = mask & ~guessed
-    ends = np.diff(np.pad(guessed, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-    (row, first), last = np.nonzero(ends == 1), np.nonzero(ends == -1)[1] - 1
-    both = (first > 0) & (last < f.shape[1] - 1)
-    row, first, last = row[both], first[both], last[both]
-    both = seen[row, first - 1] & seen[row, last + 1]
-    row, before, after = row[both], first[both] - 1, last[both] + 1
-    edges = after - before
-
-    (by_lines, noise), (by_parabolas, _) = (
-        _difference(
-            *(
-                _straight_on(f, variance, seen, row, at, out, edges, curved)
-                for at, out in ((before, -1), (after, 1))
-            )
-        )
-        for curved in (False, True)
-    )
-    off = np.where(by_parabolas < _CONVERGES * by_lines, by_parabolas, by_lines)
-    doubt = np.minimum(off, np.maximum(RISE * (off - SIGMAS * noise), 0.0)) / edges
-    found = np.zeros(f.shape)
-    inside = np.arange(edges.sum()) - np.repeat(np.cumsum(edges) - edges, edges)
-    found[np.repeat(row, edges), np.repeat(before, edges) + inside] = np.repeat(doubt, edges)
-    return found
-
-
 def touched(doubt: Doubt) -> Mask:
     """Pixels with a doubtful edge, (H, W)."""
     pixels: Mask = (doubt[0] > 0) | (doubt[1] > 0)
@@ -279,7 +200,7 @@ def _edge(f, var, mask, i, j, di, dj, before, after, scale):  # type: ignore[no-
                 if room >= 4 and mask[a + 4 * ai, b + 4 * aj]:
                     g4 = f[a + 4 * ai, b + 4 * aj]
                     finer = max(finer, _BEND4 * abs(g0 + g4 - 4.0 * (g1 + g3) + 6.0 * g2))
-                if finer < _CONVERGES * away:
+                if finer < CONVERGES * away:
                     away = finer
             noise = sigma * scale * _NOISE_CUBIC
         else:

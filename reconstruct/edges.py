@@ -15,7 +15,7 @@ import numpy as np
 from optolever.blocks import over_image
 from optolever.kernels import exact, inlined
 
-from .arrays import Floats, Mask, Pair
+from .arrays import Floats, Mask
 
 __all__ = [
     "Doubt",
@@ -49,9 +49,9 @@ class Doubt(NamedTuple):
         """As the edges tell by themselves."""
         return self if self.own is None else Doubt(*self.own)
 
-    def at_least(self, other: Pair) -> "Doubt":
+    def at_least(self, other: "Doubt") -> "Doubt":
         """The larger of both, edge by edge."""
-        x, y = other
+        x, y = other.x, other.y
         own = None if self.own is None else (np.maximum(self.own[0], x), np.maximum(self.own[1], y))
         return Doubt(np.maximum(self.x, x), np.maximum(self.y, y), own)
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from optolever.reconstruct import HeightFlag, reconstruct
-from optolever.reconstruct.discontinuities import across_gaps, edge_doubt, widened
+from optolever.reconstruct.discontinuities import edge_doubt
 from optolever.reconstruct.edges import Doubt
+from optolever.reconstruct.gaps import across_gaps, widened
 from optolever.reconstruct.path_variance import reached_across
 
 from .conftest import rms_score, scores
@@ -55,7 +56,7 @@ def test_a_gap_is_in_doubt_of_what_its_sides_disagree_on(slope: str, doubt: floa
     gap = np.zeros((20, 30), dtype=bool)
     gap[:, 14:16] = True
     p = np.tile(np.where(gap[0], 0.0, 0.01 * x**2 if slope == "parabola" else np.sign(x - 14.5)), (20, 1))
-    along, across = across_gaps(p, 0.0 * p, (1e-9 * VARIANCE, VARIANCE), WHOLE, gap)
+    along, across, _ = across_gaps(p, 0.0 * p, (1e-9 * VARIANCE, VARIANCE), WHOLE, gap)
     np.testing.assert_allclose(along[:, 13:16], doubt, atol=1e-9)
     assert not across.any()
     assert not np.delete(along, slice(13, 16), axis=1).any()
