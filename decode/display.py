@@ -54,6 +54,11 @@ WIDTHS = np.linspace(0.0, _WIDEST, 51)
 _BLURS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7)
 #: Parts of a cell in which rounded levels are read, and the blur (cells) with which they are.
 _FINER, _HALF = 4, 0.5
+#: Neighbours that tell a pixel's place, and their weights in the middle of the parabola through them.
+_BESIDE, _PARABOLA = [0, 1, 3, 4], np.array([-1, 4, 4, -1], np.float32) / 6
+#: Nodes and weights that have the first five moments of a normal distribution.
+_NODES = np.array([-(3**0.5), 0, 3**0.5], np.float32)
+_WEIGHTS = np.array([1, 4, 1], np.float32) / 6
 #: Finer places on which readings are inverted.
 _FINE = 256
 #: Change of chi2 that is significant (three deviations).
@@ -167,7 +172,7 @@ def cell_error(shares: tuple[tuple[float, float], ...], blur: float) -> F64:
 
 @lru_cache(maxsize=256)
 def _inverted(shares: tuple[tuple[float, float], ...], blur: float, sigma: float) -> tuple[F32, F32]:
-    """E[u] - reading and Var[u] beyond noise (W, PLACES), cells, of readings with that noise."""
+    """E[u] - reading and Var[u] less the noise's (W, PLACES), cells, of readings with that noise."""
     at = np.arange(_FINE) / _FINE
     reading = at + cell_error(shares, blur)
     place = (np.arange(PLACES) / PLACES)[:, None]
@@ -178,7 +183,7 @@ def _inverted(shares: tuple[tuple[float, float], ...], blur: float, sigma: float
     truth -= np.rint(truth)
     shift = (weight * truth).sum(axis=2)
     variance = (weight * truth**2).sum(axis=2) - shift**2 - max(sigma, 1.5 / _FINE) ** 2
-    return shift.astype(np.float32), np.maximum(variance, 0).astype(np.float32)
+    return shift.astype(np.float32), variance.astype(np.float32)
 
 
 def measured_pixelations(
@@ -204,7 +209,7 @@ def measured_pixelations(
         if blur is None and share and one is not None
     ]
     if asked:
-        blur, allowed = _fitted_blur(np.sum(asked, axis=0))
+        blur, allowed = _fitted_blur(*np.sum(asked, axis=0))
     known = float("nan") if blur is None else blur
     return [_pixelation(*each, known, allowed) for each in zip(shares, usual, seen, strict=True)]
 
@@ -221,8 +226,8 @@ def _pixelation(
     found = _table(shares, known, allowed, sigma) if shares else no_pixelation()
     if seen is None:
         return found
-    sure = replace(seen, noise=seen.noise + seen.looked_up(found.variance)[2]) if found.shift.size else seen
-    return replace(found, roughness=_roughness(sure, seen.place + seen.looked_up(found.shift)))
+    sure = replace(seen, noise=seen.noise + seen.looked_up(found.variance, seen.place[2]))
+    return replace(found, roughness=_roughness(sure, seen.place + seen.looked_up(found.shift, seen.place)))
 
 
 @lru_cache(maxsize=64)
@@ -235,6 +240,7 @@ def _table(
     own = np.zeros((len(WIDTHS), _FINE))
     if blur is not None:
         shift, variance = _inverted(shares, blur, sigma)
+        variance = np.maximum(variance, 0)
         own = cell_error(shares, blur)
     unsure = [cell_error(shares, end) - own for end in allowed]
     extra = np.max([(part**2).mean(axis=1) for part in unsure], axis=0)
@@ -246,21 +252,25 @@ def _table(
 
 @dataclass(frozen=True, slots=True)
 class _Neighbours:
-    """Readings (5, K) of neighbours in a row and their variance (K,); where in a table by place and footprint
-    they are (5, K), and how far their footprint is to the next one's row (K,)."""
+    """Readings (5, K) of neighbours in a row and their variance (K,); rows of a table by footprint and place
+    (K,) that is theirs, and how far their footprint is to the next one's row (K,)."""
 
     place: F32
     noise: F32
-    entry: NDArray[np.int64]
+    row: NDArray[np.int64]
     part: F32
 
-    def looked_up(self, table: F32) -> Any:
-        """Entries (5, K, ...) of a table (W, PLACES, ...) by place and footprint; 0 of an empty one."""
+    def looked_up(self, table: F32, place: F32) -> Any:
+        """Entries of a table (W, PLACES) at places (..., K), or (B, N, K) of tables (B, W, PLACES) at places
+        (N, K), or at its own of each, (B, N, K)."""
         if not table.size:
             return np.float32(0)
-        flat = table.reshape(-1, *table.shape[2:])
-        part = self.part.reshape(-1, *(1,) * (flat.ndim - 1))
-        return (1 - part) * flat[self.entry] + part * flat[self.entry + PLACES]
+        entry = self.row * PLACES + np.rint((place - np.floor(place)) * PLACES).astype(np.int64) % PLACES
+        if table.ndim > 2:
+            entry = entry if place.ndim > 2 else entry[None]
+            entry = entry + (table[0].size * np.arange(len(table)))[:, None, None]
+        flat = table.ravel()
+        return (1 - self.part) * flat[entry] + self.part * flat[entry + PLACES]
 
 
 def _neighbours(lit: Sample, coord: F32, variance: F32) -> _Neighbours | None:
@@ -284,8 +294,7 @@ def _neighbours(lit: Sample, coord: F32, variance: F32) -> _Neighbours | None:
         return None
     place, steps = five[:, keep], width[keep] / WIDTHS[1]
     whole = np.minimum(steps.astype(int), len(WIDTHS) - 2)
-    entry = whole * PLACES + np.rint((place - np.floor(place)) * PLACES).astype(int) % PLACES
-    return _Neighbours(place, noise[keep], entry, (steps - whole).astype(np.float32))
+    return _Neighbours(place, noise[keep], whole, (steps - whole).astype(np.float32))
 
 
 def _roughness(seen: _Neighbours, place: F32) -> float:
@@ -298,35 +307,47 @@ def _roughness(seen: _Neighbours, place: F32) -> float:
     return excess / float(np.mean(1 / seen.noise[kept])) if excess > max(sure, SLIGHT) else 0.0
 
 
-def _misfits(shares: tuple[tuple[float, float], ...], sigma: float, seen: _Neighbours) -> F64:
-    """-2 log likelihood of second differences after the correction for each blur, and for none. What the map
-    bends by itself is noise of a size that each of them fits for itself."""
-    three = replace(seen, place=seen.place[1:4], entry=seen.entry[1:4])
-    found = three.looked_up(_every_blur(shares, sigma))
-    shift, doubt = found[..., 0], found[..., 1]
-    bend = np.diff(three.place[..., None] + shift, 2, axis=0)[0]
-    noise = 6 * seen.noise[:, None]
-    growth = 1 + (doubt[0] + 4 * doubt[1] + doubt[2]) / noise
-    chi2 = np.minimum(bend**2 / (noise * growth), _OUTLYING)
-    more = np.maximum(1.0, chi2.mean(axis=0, dtype=np.float64))
-    return np.asarray((chi2 / more + np.log(growth * more)).sum(axis=0))
+def _misfits(shares: tuple[tuple[float, float], ...], sigma: float, seen: _Neighbours) -> tuple[F64, F64]:
+    """-2 log likelihood of readings whose neighbours are known, less that by no cells, of each blur; how much
+    less that has to be if the blur is right.
+
+    A parabola through four neighbours tells the place, and what a pixel reads there is compared. (Of what is
+    left after the correction it would be none: that takes noise off, too, and where pixels keep step with the
+    cells all have the same gain.) What the map bends more is noise of a size that each fits for itself.
+    """
+    shift, variance, error = _every_blur(shares, sigma)
+    four, parts = seen.place[_BESIDE], _PARABOLA[:, None]
+    middle = (parts * (four + seen.looked_up(shift, four))).sum(axis=1)
+    unsure = (parts**2 * np.maximum(seen.noise + seen.looked_up(variance, four), 0)).sum(axis=1)
+    place = middle[:, None] + np.sqrt(unsure)[:, None] * _NODES[:, None]
+    off = place + seen.looked_up(error, place) - seen.place[2]
+    read = np.einsum("n,bnk->bk", _WEIGHTS, off)
+    spread = seen.noise + np.einsum("n,bnk->bk", _WEIGHTS, (off - read[:, None]) ** 2)
+    chi2 = np.minimum(read**2 / spread, _OUTLYING)
+    more = np.maximum(1.0, chi2.mean(axis=1, keepdims=True))
+    left = (chi2 / more + np.log(spread / seen.noise * more)).sum(axis=1)
+    shown = np.minimum((read - read[-1]) ** 2 / spread[-1], _OUTLYING).sum(axis=1) / more[-1]
+    return (left - left[-1])[:-1].astype(np.float64), shown[:-1].astype(np.float64)
 
 
 @lru_cache(maxsize=16)
-def _every_blur(shares: tuple[tuple[float, float], ...], sigma: float) -> F32:
-    """Shift and variance (W, PLACES, B, 2) of each blur, and of no correction."""
-    tables = [np.stack(_inverted(shares, blur, sigma)) for blur in _BLURS]
-    every = np.stack([*tables, np.zeros_like(tables[0])], axis=-1)
-    return np.ascontiguousarray(every.transpose(1, 2, 3, 0))
+def _every_blur(shares: tuple[tuple[float, float], ...], sigma: float) -> tuple[F32, F32, F32]:
+    """Shift and variance by reading, e by place, of each blur and of no correction (B, W, PLACES)."""
+    none = np.zeros((1, len(WIDTHS), PLACES), np.float32)
+    inverted = [_inverted(shares, blur, sigma) for blur in _BLURS]
+    errors = [cell_error(shares, blur)[:, :: _FINE // PLACES] for blur in _BLURS]
+    three = (*zip(*inverted, strict=True), errors)
+    shift, variance, error = (np.concatenate([np.stack(one), none]).astype(np.float32) for one in three)
+    return shift, variance, error
 
 
-def _fitted_blur(left: F64) -> tuple[float, tuple[float, float]]:
-    """The blur whose correction leaves least (NaN: none leaves significantly less), and the ends of those
-    that do as well."""
-    best = int(np.argmin(left[:-1]))
-    near = np.flatnonzero(left[:-1] <= left.min() + _SIGNIFICANT)
+def _fitted_blur(left: F64, shown: F64) -> tuple[float, tuple[float, float]]:
+    """The blur that leaves least (NaN: none leaves significantly less than no cells do, or none that would
+    have to), and the ends of those that do as well, of sums of what `_misfits` returns."""
+    best = int(np.argmin(np.where(shown > _SIGNIFICANT, left, 0.0)))
+    told = min(-left[best], shown[best]) > _SIGNIFICANT
+    near = np.flatnonzero(left <= (left[best] if told else 0.0) + _SIGNIFICANT)
     allowed = (_BLURS[near[0]], _BLURS[near[-1]]) if len(near) else (_BLURS[-1], _BLURS[-1])
-    told = left[-1] - left[best] > _SIGNIFICANT
     return (_BLURS[best] if told else float("nan")), allowed
 
 

@@ -123,6 +123,17 @@ def test_blur_is_told_where_pixels_keep_step_with_the_cells(width: float, blur: 
     assert abs((found.u - u)[:, inside].mean()) < 3e-3
 
 
+@pytest.mark.parametrize("first", [9.4, 9.8])
+def test_a_gain_that_all_pixels_have_is_no_blur(first: float) -> None:
+    """Behind a blur that leaves nothing of the cells, in step with them: to correct it takes noise off."""
+    shown = sequence("gray+phase", 4, 169, axes="u")
+    u = first + 1.004 * np.arange(100) + 0.0005 * np.arange(96)[:, None]
+    found = decode(photographed(shown, u, 1.03, 0.75, noise=1.5), shown)
+    assert found.good.all()
+    assert rms((found.u - u).mean(axis=0)) < 1.2 * rms(found.sigma_u) / np.sqrt(96)
+    assert 0.9 < rms(scores(found, u)) < 1.05
+
+
 @pytest.mark.parametrize("width", [0.71, 1.0])
 @pytest.mark.parametrize("periods", [(4.94, 4.15, 4.0), (3.593, 3.084, 3.0)])
 def test_blur_is_told_by_fine_periods_that_all_swing(width: float, periods: tuple[float, ...]) -> None:
