@@ -53,10 +53,11 @@ def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
     load = np.zeros(labels.shape)
     np.add.at(load.reshape(-1), rows.pixel, share)
     green = columns.solve(load)
-    potential = edge_diagonal(columns) + float(np.vdot(load, green)) + own.sum() - 2.0 * green
+    diagonal = edge_diagonal(columns)
+    potential = diagonal + float(np.vdot(load, green)) + own.sum() - 2.0 * green
     if state.problem.closed:
         scaled = state.variances[0] / factor**2, state.variances[1] / factor**2
-        more = unlike_columns(scaled)
+        more = unlike_columns(scaled, diagonal)
         # as if all anchors shared theirs
         potential = potential + more + max(float(share @ more.ravel()[rows.pixel]), 0.0)
     variance = factor**2 * np.maximum(potential - gain, FLOOR * along_cols)
@@ -67,13 +68,15 @@ def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
     return bent
 
 
-def unlike_columns(variances: Pair) -> Floats:
+def unlike_columns(variances: Pair, diagonal: Floats) -> Floats:
     """What slopes' variances (rows, cols; of p and q over the squared integrating factor) other than their
-    columns' means, for which the solve is weighted, add to the potential's variance, same units (rows, cols).
+    columns' means, for which the solve is weighted, add to the potential's variance `diagonal`, same units
+    (rows, cols).
 
     Near a pixel the solve is a convolution: a slope along x is answered by h, of the transform
     -2i sin(k_x / 2) |A| / (l_x + r l_y), r = var_p / var_q, one along y alike; the variance is the sum of
-    h^2 times that of the slopes. Beyond the border all is mirrored.
+    h^2 times that of the slopes. Beyond the border all is mirrored. Where noise grows from column to column
+    the answer is rather its quiet side's: less noise than the columns' takes off no more than the whole.
     """
     usual = [variance.mean(axis=0) for variance in variances]
     r = float(np.median(usual[0] / usual[1]))
@@ -83,15 +86,17 @@ def unlike_columns(variances: Pair) -> Floats:
     both = l + r * l[:, None]
     both[0, 0] = np.inf
     kernels = (np.square(np.fft.ifft2(part / both).imag) for part in (answer, np.sqrt(r) * answer[:, None]))
-    total, shape = 0.0, [n + 2 * _NEAR for n in variances[0].shape]
+    total, parts, shape = 0.0, 0.0, [n + 2 * _NEAR for n in variances[0].shape]
     size = [scipy.fft.next_fast_len(n, real=True) for n in shape]
     for variance, own, kernel in zip(variances, usual, kernels, strict=True):
         more = np.pad((variance / own - 1).astype(np.float32), _NEAR, mode="symmetric")
         near = np.roll(kernel, (_NEAR, _NEAR), (0, 1))[: 2 * _NEAR + 1, : 2 * _NEAR + 1].astype(np.float32)
         spectra = (scipy.fft.rfft2(part, size, workers=threads()) for part in (more, near))
-        total = total + np.prod(list(spectra), axis=0)
+        total, parts = total + np.prod(list(spectra), axis=0), parts + float(near.sum())
     found = scipy.fft.irfft2(total, size, workers=threads())[2 * _NEAR : shape[0], 2 * _NEAR : shape[1]]
-    return np.asarray(usual[0] * found, np.float64)
+    return np.asarray(
+        np.where(found > 0, usual[0], np.minimum(usual[0], diagonal / parts)) * found, np.float64
+    )
 
 
 def averaging_gain(var_p: Floats, var_q: Floats) -> Floats:

@@ -1,9 +1,11 @@
 """Error bars against dense algebra and against repeated noise."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from optolever.reconstruct import PixelAnchor, monte_carlo, reconstruct, uncertainty
 from optolever.reconstruct.coupled import solved_height
@@ -80,21 +82,36 @@ def test_averaging_gain(ratio: float) -> None:
 def test_noise_unlike_that_of_its_column(ratio: float, row: int, where: tuple[slice, slice] | int) -> None:
     """A patch, a row, a border row of five times the noise, weights by columns: what the operators make of
     all noise beyond that of the columns, in the middle of it."""
-    n = 21
-    noise = np.ones((n, n))
+    noise = np.ones((21, 21))
     noise[where] = 25.0
-    usual = noise.mean(axis=0)
-    wx = np.tile(2 / (usual[1:] + usual[:-1]), n)
-    wy = np.tile(ratio / usual, n - 1)
+    whole, more, found = (part[row, 10] for part in _beyond_columns(noise, ratio))
+    assert found == pytest.approx(more, abs=0.15 * whole)
+    assert more > 0.4 * whole
+
+
+def test_noise_that_grows_along_rows_and_columns() -> None:
+    """As towards an edge of total reflection: threefold from column to column, a tenth from above."""
+    noise = 3.0 ** np.arange(21) * np.geomspace(10, 1, 21)[:, None]
+    whole, more, found = _beyond_columns(noise, 1.0)
+    assert (np.abs(found - more) < 0.4 * whole)[2:-2, -6:].all()
+    assert (np.abs(more) > 0.4 * whole)[-4:, -6:].all()
+
+
+def _beyond_columns(noise: NDArray[Any], ratio: float) -> list[NDArray[Any]]:
+    """Variance by noise (n, n), weights by columns, part of it beyond the columns' noise: by the operators,
+    and as found."""
+    n, usual = len(noise), noise.mean(axis=0)
+    columns = ColumnPoisson(np.append(2 / (usual[1:] + usual[:-1]), 0.0), ratio / usual, n)
+    wx, wy = np.tile(columns.wx[:-1], n), np.tile(columns.wy, n - 1)
     dx, dy, ax, ay = edge_operators(n, n)
-    inverse = np.linalg.pinv(dx.T @ (wx[:, None] * dx) + dy.T @ (wy[:, None] * dy))
+    matrix = dx.T @ (wx[:, None] * dx) + dy.T @ (wy[:, None] * dy)
+    inverse = np.zeros((n * n, n * n))
+    inverse[1:, 1:] = np.linalg.inv(matrix[1:, 1:])
+    inverse -= np.tile(1 / usual, n) / (n / usual).sum() @ inverse
     along, down = inverse @ (dx.T @ (wx[:, None] * ax)), inverse @ (dy.T @ (wy[:, None] * ay))
     answer = np.square(along) + np.square(down) / ratio
-    whole, more = (answer @ part.ravel() for part in (noise, noise - usual))
-    found = unlike_columns((noise, noise / ratio))
-    at = row * n + 10
-    assert found.ravel()[at] == pytest.approx(more[at], abs=0.15 * whole[at])
-    assert more[at] > 0.4 * whole[at]
+    parts = [(answer @ part.ravel()).reshape(n, n) for part in (noise, noise - usual)]
+    return [*parts, unlike_columns((noise, noise / ratio), edge_diagonal(columns))]
 
 
 @pytest.mark.parametrize("anchor", ["edge", pytest.param("pixel", marks=pytest.mark.slow)])
