@@ -66,11 +66,17 @@ NO_BORDER = Border(0.0, np.zeros((_RATIOS + 1, _SHADOW * _STEPS + 1, 3), np.floa
 def border_of(shares: Shares, blurs: tuple[float, float, float], told: bool = True) -> Border:
     """Of periods (see display) and a blur between a least and a largest one. One that nothing told bounds
     what a pixel sees: half of its shift is taken off, and as much is unsure."""
-    low, table, high = (_of_blur(shares, blur) for blur in blurs)
-    missing, shift, _ = table
-    unsure = np.maximum(np.abs(shift - low[1]), np.abs(shift - high[1])) + (0 if shares else _SHAPE * shift)
+    low, blur, high = blurs
+    missing, shift, _ = _of_blur(shares, blur)
+    reach = float(_reach(blur))
+    deviation = reach / np.linspace(_LEAST, 1.0, _RATIOS + 1, dtype=np.float64)[:, None]
+    away = np.arange(_SHADOW * _STEPS + 1) / _STEPS * deviation
+    width2 = deviation**2 - reach**2
+    ends = (_expected(_of_blur(shares, end), end, away, width2)[1] for end in (low, high))
+    unsure = np.max([np.abs(shift - end / deviation) for end in ends], axis=0)
+    unsure += 0 if shares else _SHAPE * shift
     three = (missing, shift, unsure) if told else (missing, shift / 2, shift / 2)
-    return Border(_reach(blurs[1]), np.ascontiguousarray(np.stack(three, axis=-1), np.float32))
+    return Border(reach, np.ascontiguousarray(np.stack(three, axis=-1), np.float32))
 
 
 def _reach(blur: Any) -> Any:

@@ -207,6 +207,20 @@ def test_the_borders_shift_of_a_fringe(cells: float, blur: float, period: float)
         assert off or abs(place - shift - at + 0.5) < 0.02 * cells
 
 
+@pytest.mark.parametrize("place", [1.0, 1.5, 2.0])
+@pytest.mark.parametrize("cells", [0.3, 1.2])
+def test_what_an_unsure_blur_shifts_is_in_sigma(cells: float, place: float) -> None:
+    """What it would shift if it were the least or the largest, at the same place and footprint."""
+
+    def shift_of(*blurs: float) -> tuple[float, float]:
+        border, none, width = border_of(((8.0, 1.0),), blurs), np.float32(0), np.float32(cells)
+        return inwards(np.float32(place), none, width, none, border.reach, border.table, 500.0)[1:]
+
+    middle, variance = shift_of(0.8, 0.85, 0.9)
+    ends = [abs(shift_of(blur, blur, blur)[0] - middle) for blur in (0.8, 0.9)]
+    assert np.sqrt(variance) == pytest.approx(max(ends), rel=0.1)
+
+
 @pytest.mark.parametrize("depth", [0.15, 0.35, 0.5])
 def test_light_that_falls_off_is_no_border(depth: float, shoot: Callable[..., NDArray[Any]]) -> None:
     """A vignette or an uneven backlight darkens the pattern's rim as its border would, but shifts nothing."""
