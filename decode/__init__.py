@@ -18,7 +18,8 @@
 | `lookup`, `lookup_tables` | any known levels: stripes, free grey values, codes within cells; tables |
 | `lookup_kernels`, `lookup_light` | its loops; rows of frames as it reads them                            |
 | `flags`          | flags, made once; maps that both axes share                                            |
-| `display`        | one model of what a display does: cell, footprint, blur; measured, taken off           |
+| `display`        | one model of what a display does: cell, footprint, blur, rounded grey values            |
+| `pixelation`     | what its cells shift: the blur that a map tells, taken off; what stays unsure           |
 | `spatial`        | what neighbours tell: edges, partial footprints, strays                                |
 | `centre`         | from the mean over a pixel to its centre: curvature and light inside of it             |
 | `ends`           | what a lens's blur mixes into pixels beside the mirror's ends                          |

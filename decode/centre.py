@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from optolever.kernels import inlined, kernel
 
 from .border import SHADOW2
-from .display import REACH
+from .pixelation import REACH
 
 __all__ = ["BULK", "STEEP", "centred", "dark_level", "lesser", "windowed"]
 

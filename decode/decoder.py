@@ -19,13 +19,14 @@ from .axis import AxisDecoder, AxisOptions, axis_decoders
 from .border import NO_BORDER, Border, border_of, measured_blur
 from .centre import dark_level
 from .correspondence import Correspondence, Flag
-from .display import Pixelation, measured_pixelations, rounded_places, shares_of, take_off, usual_width
+from .display import rounded_places, shares_of, take_off
 from .ends import end_width
 from .exposures import better_of, by_exposure
 from .flags import Shared
 from .frames import Light, light_of, sample_levels
 from .integrity import examine, spoilt_pixels
 from .noise import Noise, Sample, estimate_noise, under_response
+from .pixelation import Pixelation, measured_pixelations, usual_width
 from .plan import Plan, plan, raster_axes
 from .response import Response
 from .spatial import Raw, check_rows, despeckle

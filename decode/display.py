@@ -6,16 +6,11 @@ that the pixel covers and a Gaussian of b cells in convolution. Of a fringe of P
     e(u) = P / 2 pi arg(sum over k of W(k - u) exp(2 pi i (k - u) / P)),
 
 periodic in u with a cell: for a sharp display treads of 1 - w on which u cannot be told. Several periods
-share in the coordinate by their information N_j / P_j^2 (contrast_j)^2. The blur is what the map tells
-itself: second differences of neighbours hold those of e, and the blur whose e leaves least of them is taken
-if it leaves significantly less than none does. Then E[u | reading] replaces the reading, and what is unsure
-(Var[u | reading], and the range of blurs that explain the map as well) joins the variance. Where the map does
-not tell, nothing is taken off and all that may be there joins the variance. What neighbours then still show
-beyond noise joins it, too.
+share in the coordinate by their information N_j / P_j^2 (contrast_j)^2. What rounded grey values shift is not
+periodic: a table over the surface, read through a usual pixel.
 """
 
 import math
-from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -27,91 +22,31 @@ from scipy.special import ndtr
 from optolever.kernels import kernel
 from optolever.patterns import Sequence
 
-from .noise import Sample
-from .plan import AxisPlan, Fringe, Plan, plan
+from .plan import AxisPlan, Fringe, plan
 
 __all__ = [
-    "Pixelation",
+    "PLACES",
+    "WIDEST",
+    "WIDTHS",
     "cell_error",
     "cell_light",
-    "measured_pixelations",
-    "no_pixelation",
+    "inverted",
     "rounded_places",
     "shares_of",
     "table_rounding",
     "take_off",
-    "usual_width",
 ]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
-#: Places of a cell, widths of a footprint (cells) and blurs (cells rms) that are tabled.
+#: Places of a cell, and widths of a footprint (cells), that are tabled.
 PLACES = 128
-#: Pixels on either side over which a footprint is taken: over fewer the cells would count as gradient.
-REACH = 4
-_WIDEST = 2.5
-WIDTHS = np.linspace(0.0, _WIDEST, 51)
-_BLURS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7)
+WIDEST = 2.5
+WIDTHS = np.linspace(0.0, WIDEST, 51)
 #: Parts of a cell in which rounded levels are read, and the blur (cells) with which they are.
 _FINER, _HALF = 4, 0.5
-#: Neighbours that tell a pixel's place, and their weights in the middle of the parabola through them.
-_BESIDE, _PARABOLA = [0, 1, 3, 4], np.array([-1, 4, 4, -1], np.float32) / 6
-#: Nodes and weights that have the first five moments of a normal distribution.
-_NODES = np.array([-(3**0.5), 0, 3**0.5], np.float32)
-_WEIGHTS = np.array([1, 4, 1], np.float32) / 6
 #: Finer places on which readings are inverted.
-_FINE = 256
-#: Change of chi2 that is significant (three deviations).
-_SIGNIFICANT = 9.0
-#: Squared deviations beyond which a second difference says nothing of cells.
-_OUTLYING = 400.0
-#: Pixels that tell it.
-_FEWEST = 200
-#: Blur that is assumed where nothing tells it, cells.
-_UNKNOWN = 1.0
-#: Of the mean square of fourth differences along a row, how much more it varies than one of independent ones:
-#: sum over k of the squared correlation C(8, 4 + k) / C(8, 4), C(16, 8) / C(8, 4)^2.
-_OVERLAP = 12870 / 70**2
-#: Share of sigma that may be left out.
-SLIGHT = 0.1
-#: Pixels of the sample that are compared at most.
-_MOST = 1024
-
-
-@dataclass(frozen=True, slots=True)
-class Pixelation:
-    """What is added to a reading, and its variance, by footprint (51,) and place in the cell (128,), cells.
-
-    blur: rms, cells; NaN where the map does not tell it. roughness: variance (px^2) that neighbours show
-    beyond noise and cells: whatever else the frames hold that was not described.
-    """
-
-    shift: F32
-    variance: F32
-    blur: float
-    roughness: float = 0.0
-
-    @property
-    def bound(self) -> float:
-        """Its blur, a large one where the map does not tell it, cells."""
-        return _UNKNOWN if np.isnan(self.blur) else self.blur
-
-    def tables(self) -> tuple[F32, F32]:
-        """Both by footprint in steps of a place, so that the nearest entry is as near in either; one 0 of a
-        correction that is empty."""
-        if not self.shift.size:
-            return np.zeros(1, np.float32), np.zeros(1, np.float32)
-        step = np.arange(int(_WIDEST * PLACES) + 1) / PLACES / WIDTHS[1]
-        row = np.minimum(step.astype(int), len(WIDTHS) - 2)
-        part = (step - row).astype(np.float32)[:, None]
-        shift, variance = ((1 - part) * one[row] + part * one[row + 1] for one in (self.shift, self.variance))
-        return shift.ravel(), variance.ravel()
-
-
-def no_pixelation(blur: float = float("nan")) -> Pixelation:
-    """Nothing that matters: of ideal fringes, or of a blur that leaves too little of the cells."""
-    nothing = np.zeros((0, PLACES), np.float32)
-    return Pixelation(nothing, nothing, blur)
+FINE = 256
 
 
 def shares_of(axis: AxisPlan) -> tuple[tuple[float, float], ...]:
@@ -151,17 +86,17 @@ def cell_light(distance: F64, width: F64, blur: float) -> F64:
 
 @lru_cache(maxsize=16)
 def _light(blur: float) -> tuple[F64, F64]:
-    """Distances (cells, _FINE) of cells from the fine places of a cell, and their light (cells, W, _FINE)."""
-    reach = int(np.ceil(_WIDEST / 2 + 0.5 + 5 * blur)) + 1
-    distance = np.arange(-reach, reach + 2)[:, None] - np.arange(_FINE) / _FINE
+    """Distances (cells, FINE) of cells from the fine places of a cell, and their light (cells, W, FINE)."""
+    reach = int(np.ceil(WIDEST / 2 + 0.5 + 5 * blur)) + 1
+    distance = np.arange(-reach, reach + 2)[:, None] - np.arange(FINE) / FINE
     return distance, cell_light(distance[:, None, :], np.maximum(WIDTHS, 0.02)[None, :, None], blur)
 
 
 @lru_cache(maxsize=256)
 def cell_error(shares: tuple[tuple[float, float], ...], blur: float) -> F64:
-    """e (W, _FINE) in cells, by footprint (WIDTHS) and place in the cell."""
+    """e (W, FINE) in cells, by footprint (WIDTHS) and place in the cell."""
     distance, light = _light(blur)
-    error, weight = np.zeros((2, len(WIDTHS), _FINE))
+    error, weight = np.zeros((2, len(WIDTHS), FINE))
     for period, share in shares:
         seen = np.einsum("cwk,ck->wk", light, np.exp(2j * np.pi / period * distance))
         own = share * np.abs(seen) ** 2
@@ -171,184 +106,19 @@ def cell_error(shares: tuple[tuple[float, float], ...], blur: float) -> F64:
 
 
 @lru_cache(maxsize=256)
-def _inverted(shares: tuple[tuple[float, float], ...], blur: float, sigma: float) -> tuple[F32, F32]:
+def inverted(shares: tuple[tuple[float, float], ...], blur: float, sigma: float) -> tuple[F32, F32]:
     """E[u] - reading and Var[u] less the noise's (W, PLACES), cells, of readings with that noise."""
-    at = np.arange(_FINE) / _FINE
+    at = np.arange(FINE) / FINE
     reading = at + cell_error(shares, blur)
     place = (np.arange(PLACES) / PLACES)[:, None]
     away = place - reading[:, None, :]
-    weight = np.exp(-0.5 * ((away - np.rint(away)) / max(sigma, 1.5 / _FINE)) ** 2) + 1e-30
+    weight = np.exp(-0.5 * ((away - np.rint(away)) / max(sigma, 1.5 / FINE)) ** 2) + 1e-30
     weight /= weight.sum(axis=2, keepdims=True)
     truth = at - place
     truth -= np.rint(truth)
     shift = (weight * truth).sum(axis=2)
-    variance = (weight * truth**2).sum(axis=2) - shift**2 - max(sigma, 1.5 / _FINE) ** 2
+    variance = (weight * truth**2).sum(axis=2) - shift**2 - max(sigma, 1.5 / FINE) ** 2
     return shift.astype(np.float32), variance.astype(np.float32)
-
-
-def measured_pixelations(
-    plan: Plan,
-    maps: tuple[tuple[F32, F32], ...],
-    on_cells: bool,
-    blur: float | None,
-    lit: Sample,
-) -> list[Pixelation]:
-    """Of each axis, from its decoded map (H, W) and variance at the sampled pixels that see the pattern.
-
-    on_cells: fringes were shown on cells; blur: rms, cells, if it is known. Both axes are of one display: the
-    blur is what explains both.
-    """
-    shares = [shares_of(axis) if on_cells else () for axis in plan.axes]
-    seen = [_neighbours(lit, *own) for own in maps]
-    sigmas = [0.05 if one is None else float(np.sqrt(np.median(one.noise))) for one in seen]
-    usual = [float(2.0 ** np.clip(np.rint(2 * np.log2(max(sigma, 1e-6))) / 2, -8, -1)) for sigma in sigmas]
-    allowed = (0.0, 0.0) if blur is None else (blur, blur)
-    asked = [
-        _misfits(share, sigma, one)
-        for share, sigma, one in zip(shares, usual, seen, strict=True)
-        if blur is None and share and one is not None
-    ]
-    if asked:
-        blur, allowed = _fitted_blur(*np.sum(asked, axis=0))
-    known = float("nan") if blur is None else blur
-    return [_pixelation(*each, known, allowed) for each in zip(shares, usual, seen, strict=True)]
-
-
-def _pixelation(
-    shares: tuple[tuple[float, float], ...],
-    sigma: float,
-    seen: "_Neighbours | None",
-    blur: float,
-    allowed: tuple[float, float],
-) -> Pixelation:
-    # None, as a NaN is another key each time
-    known = None if np.isnan(blur) else blur
-    found = _table(shares, known, allowed, sigma) if shares else no_pixelation()
-    if seen is None:
-        return found
-    sure = replace(seen, noise=seen.noise + seen.looked_up(found.variance, seen.place[2]))
-    return replace(found, roughness=_roughness(sure, seen.place + seen.looked_up(found.shift, seen.place)))
-
-
-@lru_cache(maxsize=64)
-def _table(
-    shares: tuple[tuple[float, float], ...], blur: float | None, allowed: tuple[float, float], sigma: float
-) -> Pixelation:
-    """The correction for a blur (None: none), what blurs between the allowed ones would change in the
-    variance."""
-    shift, variance = np.zeros((2, len(WIDTHS), PLACES), np.float32)
-    own = np.zeros((len(WIDTHS), _FINE))
-    if blur is not None:
-        shift, variance = _inverted(shares, blur, sigma)
-        variance = np.maximum(variance, 0)
-        own = cell_error(shares, blur)
-    unsure = [cell_error(shares, end) - own for end in allowed]
-    extra = np.max([(part**2).mean(axis=1) for part in unsure], axis=0)
-    if (shift**2 + variance + extra[:, None]).max() < (SLIGHT * sigma) ** 2:
-        return no_pixelation(float("nan") if blur is None else blur)
-    known = float("nan") if blur is None else blur
-    return Pixelation(shift, (variance + extra[:, None]).astype(np.float32), known)
-
-
-@dataclass(frozen=True, slots=True)
-class _Neighbours:
-    """Readings (5, K) of neighbours in a row and their variance (K,); rows of a table by footprint and place
-    (K,) that is theirs, and how far their footprint is to the next one's row (K,)."""
-
-    place: F32
-    noise: F32
-    row: NDArray[np.int64]
-    part: F32
-
-    def looked_up(self, table: F32, place: F32) -> Any:
-        """Entries of a table (W, PLACES) at places (..., K), or (B, N, K) of tables (B, W, PLACES) at places
-        (N, K), or at its own of each, (B, N, K)."""
-        if not table.size:
-            return np.float32(0)
-        entry = self.row * PLACES + np.rint((place - np.floor(place)) * PLACES).astype(np.int64) % PLACES
-        if table.ndim > 2:
-            entry = entry if place.ndim > 2 else entry[None]
-            entry = entry + (table[0].size * np.arange(len(table)))[:, None, None]
-        flat = table.ravel()
-        return (1 - self.part) * flat[entry] + self.part * flat[entry + PLACES]
-
-
-def _neighbours(lit: Sample, coord: F32, variance: F32) -> _Neighbours | None:
-    """Of neighbours along the direction in which the coordinate changes most."""
-    row, col = lit.places[:: max(1, len(lit.places) // _MOST)].T
-    rows, cols = coord.shape
-    inside = (col >= REACH) & (col < cols - REACH) & (row >= REACH) & (row < rows - REACH)
-    row, col = row[inside], col[inside]
-    lines = [np.stack([coord[row + d * y, col + d * x] for d in range(-2, 3)]) for y, x in ((0, 1), (1, 0))]
-    steps = _steps(coord, row, col)
-    noise = variance[row, col]
-    with np.errstate(invalid="ignore"):
-        five, width = np.where(steps[0] >= steps[1], *lines), np.hypot(*steps)
-        keep = (
-            (noise > 0)
-            & (noise < 1 / 6)
-            & (width < _WIDEST - WIDTHS[1])
-            & (np.abs(np.diff(five, 2, axis=0)).max(axis=0) < 1)
-        )
-    if np.count_nonzero(keep) < _FEWEST:
-        return None
-    place, steps = five[:, keep], width[keep] / WIDTHS[1]
-    whole = np.minimum(steps.astype(int), len(WIDTHS) - 2)
-    return _Neighbours(place, noise[keep], whole, (steps - whole).astype(np.float32))
-
-
-def _roughness(seen: _Neighbours, place: F32) -> float:
-    """Variance of a coordinate that fourth differences of neighbours, which no smooth map has, show beyond
-    noise: their variance is 1 + 16 + 36 + 16 + 1 times that of a coordinate."""
-    fourth = np.diff(place, 4, axis=0)[0] ** 2 / (70 * seen.noise)
-    kept = fourth < _OUTLYING
-    excess = float(fourth[kept].mean()) - 1 if kept.any() else 0.0
-    sure = 3 * np.sqrt(2 * _OVERLAP / max(int(kept.sum()), 1))
-    return excess / float(np.mean(1 / seen.noise[kept])) if excess > max(sure, SLIGHT) else 0.0
-
-
-def _misfits(shares: tuple[tuple[float, float], ...], sigma: float, seen: _Neighbours) -> tuple[F64, F64]:
-    """-2 log likelihood of readings whose neighbours are known, less that by no cells, of each blur; how much
-    less that has to be if the blur is right.
-
-    A parabola through four neighbours tells the place, and what a pixel reads there is compared. (Of what is
-    left after the correction it would be none: that takes noise off, too, and where pixels keep step with the
-    cells all have the same gain.) What the map bends more is noise of a size that each fits for itself.
-    """
-    shift, variance, error = _every_blur(shares, sigma)
-    four, parts = seen.place[_BESIDE], _PARABOLA[:, None]
-    middle = (parts * (four + seen.looked_up(shift, four))).sum(axis=1)
-    unsure = (parts**2 * np.maximum(seen.noise + seen.looked_up(variance, four), 0)).sum(axis=1)
-    place = middle[:, None] + np.sqrt(unsure)[:, None] * _NODES[:, None]
-    off = place + seen.looked_up(error, place) - seen.place[2]
-    read = np.einsum("n,bnk->bk", _WEIGHTS, off)
-    spread = seen.noise + np.einsum("n,bnk->bk", _WEIGHTS, (off - read[:, None]) ** 2)
-    chi2 = np.minimum(read**2 / spread, _OUTLYING)
-    more = np.maximum(1.0, chi2.mean(axis=1, keepdims=True))
-    left = (chi2 / more + np.log(spread / seen.noise * more)).sum(axis=1)
-    shown = np.minimum((read - read[-1]) ** 2 / spread[-1], _OUTLYING).sum(axis=1) / more[-1]
-    return (left - left[-1])[:-1].astype(np.float64), shown[:-1].astype(np.float64)
-
-
-@lru_cache(maxsize=16)
-def _every_blur(shares: tuple[tuple[float, float], ...], sigma: float) -> tuple[F32, F32, F32]:
-    """Shift and variance by reading, e by place, of each blur and of no correction (B, W, PLACES)."""
-    none = np.zeros((1, len(WIDTHS), PLACES), np.float32)
-    inverted = [_inverted(shares, blur, sigma) for blur in _BLURS]
-    errors = [cell_error(shares, blur)[:, :: _FINE // PLACES] for blur in _BLURS]
-    three = (*zip(*inverted, strict=True), errors)
-    shift, variance, error = (np.concatenate([np.stack(one), none]).astype(np.float32) for one in three)
-    return shift, variance, error
-
-
-def _fitted_blur(left: F64, shown: F64) -> tuple[float, tuple[float, float]]:
-    """The blur that leaves least (NaN: none leaves significantly less than no cells do, or none that would
-    have to), and the ends of those that do as well, of sums of what `_misfits` returns."""
-    best = int(np.argmin(np.where(shown > _SIGNIFICANT, left, 0.0)))
-    told = min(-left[best], shown[best]) > _SIGNIFICANT
-    near = np.flatnonzero(left <= (left[best] if told else 0.0) + _SIGNIFICANT)
-    allowed = (_BLURS[near[0]], _BLURS[near[-1]]) if len(near) else (_BLURS[-1], _BLURS[-1])
-    return (_BLURS[best] if told else float("nan")), allowed
 
 
 def table_rounding(fringe: Fringe, tables: NDArray[np.uint8]) -> F64:
@@ -398,25 +168,6 @@ def _through(levels: F64, width: float) -> F64:
     light = cell_light(distance, np.array(width), _HALF)
     seen = np.stack([correlate1d(levels, part, axis=1, mode="nearest") for part in light], axis=2)
     return seen.reshape(len(levels), -1).T[..., None]
-
-
-def usual_width(lit: Sample, coord: F32, flags: NDArray[np.uint16]) -> float:
-    """Median footprint of the sampled pixels that are good, cells, in steps of a twentieth."""
-    row, col = lit.places[:: max(1, len(lit.places) // _MOST)].T
-    rows, cols = coord.shape
-    inside = (col >= REACH) & (col < cols - REACH) & (row >= REACH) & (row < rows - REACH)
-    row, col = row[inside], col[inside]
-    ends = ((row, col - REACH), (row, col + REACH), (row - REACH, col), (row + REACH, col))
-    width = np.hypot(*_steps(coord, row, col))[np.all([flags[end] == 0 for end in ends], axis=0)]
-    usual = float(np.median(width)) if width.size else 1.0
-    return 0.05 * max(round(usual / 0.05), 1)
-
-
-def _steps(coord: F32, row: NDArray[Any], col: NDArray[Any]) -> tuple[F32, F32]:
-    """Size of the change per pixel along columns and rows, at pixels REACH from the image's border."""
-    along = coord[row, col + REACH] - coord[row, col - REACH]
-    down = coord[row + REACH, col] - coord[row - REACH, col]
-    return np.abs(along) / (2 * REACH), np.abs(down) / (2 * REACH)
 
 
 @kernel

@@ -17,9 +17,10 @@ from optolever.kernels import exact, inlined, kernel
 from .border import SHADOW2, inwards
 from .centre import BULK, STEEP, centred, lesser, windowed
 from .correspondence import Flag
-from .display import PLACES, REACH, SLIGHT
+from .display import PLACES
 from .ends import faded, slope
 from .flags import marked, marks_for
+from .pixelation import REACH, SLIGHT
 
 __all__ = ["Raw", "check_rows", "despeckle"]
 
