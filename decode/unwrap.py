@@ -13,7 +13,7 @@ little to its precision and all of what is wrong with its grey values.
 Where no period covers the surface the finest is measured best: its phase t leaves the places p (t + k),
 k = 0, 1, ... Every other phase at such a place is known, so a table over two of them, quantised, lists the
 orders that are within the noise. Each pixel looks up its cell and compares the listed orders by what all
-phases say; the two that fit best tell the probability of a wrong one, and an order that the table's tolerance
+phases say: their posterior tells the probability of a wrong one, and an order that the table's tolerance
 leaves out adds to it.
 """
 
@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import exact, inlined, kernel
+from optolever.kernels import exact, kernel
 
 from .estimate import less_likely, vanishing
 from .flags import Into, merge_line
@@ -43,6 +43,8 @@ __all__ = [
 _ENTRIES, _DEVIATIONS = 64, 5.0
 #: Tables are kept by tolerances in steps of this factor.
 _STEP = 2**0.5
+#: No order, and a misfit that no order has.
+_NONE, _NEVER = np.float32(-20000), np.float32(1e30)
 _ONE, _HALF = np.float32(1), np.float32(0.5)
 
 
@@ -145,52 +147,27 @@ def _join(told: Any, half: Any, code: Any, lines: Any) -> None:
         var[x] = own
 
 
-class _Candidates(NamedTuple):
-    """Orders by cell of a table: the nearest and the next one (none: a number below -10000), and all of them
-    (`listed` from start[cell] to start[cell + 1])."""
-
-    first: NDArray[np.float32]
-    second: NDArray[np.float32]
-    start: NDArray[np.int32]
-    listed: NDArray[np.int16]
-
-
 class Orders(NamedTuple):
-    """A table of the orders of close periods; crowded: whether some cell lists more than two.
+    """A table of the orders of close periods.
 
+    listed (most, cells): the nearest, the next, ... of a cell, _NONE beyond them; count (cells,) of them.
     tolerance: turns within which they are listed; extent: of the surface, px, from which all light comes: a
     place beyond it is as unlikely as the noise that carries it there.
     """
 
-    listed: _Candidates
-    crowded: bool
+    listed: NDArray[np.float32]
+    count: NDArray[np.int64]
     tolerance: np.float32
     extent: np.float32
-
-
-def _listed_by(cell: NDArray[Any], order: NDArray[Any], distance: NDArray[Any], cells: int) -> _Candidates:
-    """The table of orders (M,) that are within the tolerance in cells (M,), at a distance there."""
-    sort = np.lexsort((distance, cell))
-    listed, count = order[sort].astype(np.int16), np.bincount(cell, minlength=cells)
-    start = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
-    best = np.full((2, cells), -20000, np.float32)
-    for rank in range(2):
-        has = count > rank
-        best[rank, has] = listed[start[:-1][has] + rank]
-    return _Candidates(best[0], best[1], start, listed)
-
-
-def _in_steps(tolerance: float) -> float:
-    """A tolerance, rounded up: tables are kept by it."""
-    return float(_STEP ** np.ceil(np.log(tolerance) / np.log(_STEP)))
 
 
 def order_table(periods: tuple[float, ...], extent: int, deviation: float) -> Orders:
     """Orders of the last period by the residues of the first two, t_j - t p / p_j modulo 1.
 
-    deviation: of a residue, turns, at the usual contrast.
+    deviation: of a residue, turns, at the usual contrast; rounded up, as tables are kept by it.
     """
-    return _order_table(periods, extent, _in_steps(max(_DEVIATIONS * deviation, 1e-3)))
+    tolerance = max(_DEVIATIONS * deviation, 1e-3)
+    return _order_table(periods, extent, float(_STEP ** np.ceil(np.log(tolerance) / np.log(_STEP))))
 
 
 @lru_cache(maxsize=16)
@@ -201,11 +178,15 @@ def _order_table(periods: tuple[float, ...], extent: int, tolerance: float) -> O
     centre = (np.arange(_ENTRIES) + 0.5) / _ENTRIES
     away = [_wrapped(order * fine / other - centre[:, None]) for other in others]
     near = [np.abs(part) < tolerance + 0.5 / _ENTRIES for part in away]
-    cell, column, number = np.nonzero(near[0][:, None] & near[1][None])
-    distance = away[0][cell, number] ** 2 + away[1][column, number] ** 2
-    listed = _listed_by(cell * _ENTRIES + column, order[number], distance, _ENTRIES**2)
-    crowded = bool(np.diff(listed.start).max() > 2)
-    return Orders(listed, crowded, np.float32(tolerance), np.float32(extent))
+    one, other, number = np.nonzero(near[0][:, None] & near[1][None])
+    distance = away[0][one, number] ** 2 + away[1][other, number] ** 2
+    cell = one * _ENTRIES + other
+    sort = np.lexsort((distance, cell))
+    count = np.bincount(cell, minlength=_ENTRIES**2)
+    rank = np.arange(len(cell)) - np.repeat(np.cumsum(count) - count, count)
+    listed = np.full((count.max(), len(count)), _NONE)
+    listed[rank, cell[sort]] = order[number[sort]]
+    return Orders(listed, count, np.float32(tolerance), np.float32(extent))
 
 
 def _wrapped(turns: Any) -> Any:
@@ -224,47 +205,39 @@ def _unwrap(light: Any, noise: Any, periods: Any, rows: Any, orders: Any, into: 
     """A row at a time, so that what its fits tell is still in the cache."""
     place, var, width = into.place, into.variance, into.place.shape[1]
     count, period = periods.number.size, periods.period
-    (first, second, start, listed), crowded, tolerance, extent = orders
     work = np.empty((2 + periods.frame.shape[1], width), np.float32)
     t, v = np.empty((count, width), np.float32), np.empty((count, width), np.float32)
     weights, of_fit = np.empty((count, width), np.float32), np.empty((2, width), np.float32)
-    scored = np.empty((3, width), np.float32)
-    one, other, room = scored[0], scored[1], scored[2]
-    cell, sums = np.empty(width, np.int32), np.empty((6, width), np.float32)
-    own = np.empty((5, width), np.float32)
+    cell, own = np.empty(width, np.int32), np.empty((10, width), np.float32)
     error, amplitude, offset, misfit, clipped = own[0], own[1], own[2], own[3], own[4]
+    order, at, mean, score, least = own[5], own[6], own[7], own[8], own[9]
     for row in range(rows[0], rows[1]):
-        lines = place[row], var[row], error, misfit
-        clipped[:], misfit[:] = np.float32(0), np.float32(0)
+        weight = var[row]
+        clipped[:], misfit[:], weight[:] = np.float32(0), np.float32(0), np.float32(0)
+        place[row, :] = np.float32(np.nan)
         for j in range(count):
             fit = t[j], v[j], amplitude, offset, of_fit[0], of_fit[1]
             fit_line(light, noise, periods, j, row, work, fit)
-            _kept(v[j], of_fit[0], of_fit[1], period[j], weights[j], misfit, clipped)
+            _kept(v[j], of_fit[0], of_fit[1], period[j], weights[j], weight, misfit, clipped)
         _cells(t, period, cell)
-        _listed_first(first, second, cell, one, other)
-        _scores(t, weights, period, extent, one, room, sums[:3])
-        _scores(t, weights, period, extent, other, room, sums[3:])
-        _better(other, sums, lines)
-        _doubt(v, period, tolerance, one, other, sums, error)
-        for x in range(width if crowded else 0):
-            low, high = start[cell[x]], start[cell[x] + 1]
-            if high - low > 2:
-                _compare_all(t, v, period, (extent, tolerance), listed[low:high], x, sums, lines)
-        merge_line((place[row], var[row], error, amplitude, offset, misfit, clipped), noise, row, into)
+        error[:], least[:] = np.float32(0), _NEVER
+        for rank in range(_most_listed(orders.count, cell)):
+            _listed(orders.listed[rank], cell, order)
+            _scores(t, weights, weight, period, orders.extent, order, (at, mean, score))
+            _compared(order, at, score, (place[row], least, error))
+        _doubt(v, period, orders.tolerance, least, (weight, error, misfit))
+        merge_line((place[row], weight, error, amplitude, offset, misfit, clipped), noise, row, into)
 
 
 @kernel
-def _listed_first(first: Any, second: Any, cell: Any, one: Any, other: Any) -> None:
-    for x in range(cell.size):
-        one[x], other[x] = first[cell[x]], second[cell[x]]
-
-
-@kernel
-def _kept(var: Any, chi2: Any, saturated: Any, period: Any, weight: Any, misfit: Any, clipped: Any) -> None:
+def _kept(
+    var: Any, chi2: Any, saturated: Any, period: Any, own: Any, weight: Any, misfit: Any, clipped: Any
+) -> None:
     """Of a period's fit: the weight of its place, its misfit, its saturated samples."""
     square = period * period
     for x in range(var.size):
-        weight[x] = _ONE / (square * var[x])
+        own[x] = _ONE / (square * var[x])
+        weight[x] += own[x]
         misfit[x] += chi2[x]
         clipped[x] = max(clipped[x], saturated[x])
 
@@ -286,22 +259,34 @@ def _cells(turns: Any, periods: Any, cell: Any) -> None:
 
 
 @kernel
-def _scores(turns: Any, weights: Any, periods: Any, extent: Any, order: Any, mean: Any, sums: Any) -> None:
-    """Of an order: weighted mean of the places that all periods give, sum of weights, misfit; mean: room."""
+def _most_listed(count: Any, cell: Any) -> Any:
+    most = 0
+    for x in range(cell.size):
+        most = max(most, count[cell[x]])
+    return most
+
+
+@kernel
+def _listed(orders: Any, cell: Any, order: Any) -> None:
+    for x in range(cell.size):
+        order[x] = orders[cell[x]]
+
+
+@kernel
+def _scores(turns: Any, weights: Any, weight: Any, periods: Any, extent: Any, order: Any, out: Any) -> None:
+    """Of an order: weighted mean of the places that all periods give, and misfit; weight: sum of weights."""
     last = periods.size - 1
-    fine = periods[last]
-    place, weight, square = sums[0], sums[1], sums[2]
-    t, w = turns[last], weights[last]
+    fine, t = periods[last], turns[last]
+    place, mean, square = out
     for x in range(order.size):
         place[x] = fine * (order[x] + t[x])
-        weight[x], mean[x], square[x] = w[x], np.float32(0), np.float32(0)
+        mean[x], square[x] = np.float32(0), np.float32(0)
     for j in range(last):
         p, per_period = periods[j], _ONE / periods[j]
         t, w = turns[j], weights[j]
         for x in range(order.size):
             off = place[x] * per_period - t[x]
             off = p * (np.rint(off) - off)
-            weight[x] += w[x]
             mean[x] += w[x] * off
             square[x] += w[x] * off * off
     for x in range(order.size):
@@ -312,75 +297,33 @@ def _scores(turns: Any, weights: Any, periods: Any, extent: Any, order: Any, mea
         place[x] = at
 
 
-@inlined
-def _unlisted(tolerance: Any, variance: Any, other: Any) -> Any:
-    """Probability that the true order's residues are beyond the tolerance."""
-    half = _HALF * tolerance * tolerance
-    return vanishing(half / variance) + vanishing(half / other)
+@kernel
+def _compared(order: Any, at: Any, score: Any, best: Any) -> None:
+    """An order beside the best one so far: its place, its misfit, how likely all others are over it."""
+    place, least, others = best
+    for x in range(order.size):
+        here, before, there = at[x], least[x], place[x]
+        rival = score[x] if order[x] > _NONE else _NEVER
+        likely = vanishing(_HALF * abs(rival - before))
+        better = rival < before
+        others[x] = (others[x] + _ONE) * likely if better else others[x] + likely
+        place[x] = here if better else there
+        least[x] = min(rival, before)
 
 
 @kernel
-def _better(other: Any, sums: Any, lines: Any) -> None:
-    """The order that fits better; its misfit joins that of the fits."""
-    place, var, _, misfit = lines
-    at, weight, score = sums[0], sums[1], sums[2]
-    other_at, other_weight, rival = sums[3], sums[4], sums[5]
-    for x in range(place.size):
-        swap = (rival[x] < score[x]) & (other[x] > np.float32(-10000))
-        here, there = at[x], other_at[x]
-        of_one, of_other = weight[x], other_weight[x]
-        best, next_ = score[x], rival[x]
-        place[x] = there if swap else here
-        var[x] = _ONE / (of_other if swap else of_one)
-        misfit[x] += next_ if swap else best
-
-
-@kernel
-def _doubt(variances: Any, periods: Any, tolerance: Any, one: Any, other: Any, sums: Any, error: Any) -> None:
-    """The probability that it is the other one or one that is not listed. (A loop of its own: compilers make
-    no vector instructions of one that writes to as many lines.)"""
+def _doubt(variances: Any, periods: Any, tolerance: Any, least: Any, lines: Any) -> None:
+    """Variance of the best order's place, its misfit with that of the fits, the probability that it is
+    another one or one whose residues are beyond the tolerance."""
     last = periods.size - 1
     b = min(1, last - 1)
     r0, r1 = periods[last] / periods[0], periods[last] / periods[b]
     v0, v1, v = variances[0], variances[b], variances[last]
-    score, rival = sums[2], sums[5]
+    weight, error, misfit = lines
+    half = _HALF * tolerance * tolerance
     for x in range(error.size):
-        alone = other[x] < np.float32(-10000)
-        wrong = less_likely(_HALF * abs(rival[x] - score[x]))
-        wrong = np.float32(0) if alone else wrong
-        wrong += _unlisted(tolerance, v0[x] + r0 * r0 * v[x], v1[x] + r1 * r1 * v[x])
-        error[x] = _ONE if one[x] < np.float32(-10000) else min(wrong, _ONE)
-
-
-@exact
-def _compare_all(
-    turns: Any, variances: Any, periods: Any, numbers: Any, listed: Any, x: Any, sums: Any, lines: Any
-) -> None:
-    """As above, over all orders of a cell."""
-    (place, var, error, misfit), (extent, tolerance) = lines, numbers
-    last = periods.size - 1
-    fine = periods[last]
-    best, total, found, weight = np.inf, 0.0, 0.0, 1.0
-    for order in listed:
-        at = fine * (order + turns[last, x])
-        w, m, s = 1.0 / (fine * fine * variances[last, x]), 0.0, 0.0
-        for j in range(last):
-            off = at / periods[j] - turns[j, x]
-            away = periods[j] * (np.rint(off) - off)
-            own = 1.0 / (periods[j] * periods[j] * variances[j, x])
-            w += own
-            m += own * away
-            s += own * away * away
-        beyond = max(-0.5 - at - m / w, at + m / w + 0.5 - extent, 0.0)
-        rss = s - m * m / w + beyond * beyond * w
-        if rss < best:
-            total = total * np.exp(-0.5 * (best - rss)) + 1.0 if total > 0 else 1.0
-            best, found, weight = rss, at + m / w, w
-        else:
-            total += np.exp(-0.5 * (rss - best))
-    place[x], var[x] = np.float32(found), np.float32(1.0 / weight)
-    misfit[x] += np.float32(best) - min(sums[2, x], sums[5, x])
-    r0, r1 = fine / periods[0], fine / periods[min(1, last - 1)]
-    v, v0, v1 = variances[last, x], variances[0, x], variances[min(1, last - 1), x]
-    left = _unlisted(tolerance, v0 + r0 * r0 * v, v1 + r1 * r1 * v)
-    error[x] = min(np.float32(1.0 - 1.0 / total) + left, _ONE)
+        wrong = error[x] / (_ONE + error[x])
+        wrong += vanishing(half / (v0[x] + r0 * r0 * v[x])) + vanishing(half / (v1[x] + r1 * r1 * v[x]))
+        error[x] = min(wrong, _ONE) if least[x] < _NEVER else _ONE
+        misfit[x] += least[x]
+        weight[x] = _ONE / weight[x]
