@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optolever.errors import InputError
-from optolever.kernels import exact, inlined, kernel
+from optolever.kernels import exact, inlined
 from optolever.patterns import Sequence
 
 from .response import Response, levels_of
 
 __all__ = [
     "Light",
-    "fetch_line",
     "level_of",
     "light_of",
     "sample_levels",
@@ -137,13 +136,6 @@ def _gather(raw: Any, places: Any, table: Any, clip: Any, levels: Any) -> None:
                 levels[i, k] = table[np.int64(value)]
             else:
                 levels[i, k] = np.float32(value)
-
-
-@kernel
-def fetch_line(line: Any, table: Any, out: Any) -> None:
-    """Linear levels of one row of a frame."""
-    for x in range(out.size):
-        out[x] = table[np.int64(line[x])]
 
 
 @inlined

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from optolever.kernels import exact, inlined, kernel
 
-from .frames import fetch_line, level_of, variance_of
+from .frames import level_of, variance_of
 from .plan import Fringe
 
 __all__ = ["Periods", "fit_line", "periods_of", "turn_of"]
@@ -92,7 +92,7 @@ def turn_of(s: Any, c: Any) -> Any:
 
 @exact
 def fit_line(light: Any, noise: Any, periods: Any, k: Any, row: Any, work: Any, fit: Any) -> None:
-    """Fit the k-th period in a row; light: see `Light.numbers`; work: (2 + N, W).
+    """Fit the k-th period in a row; light: see `Light.numbers`; work: (2, W).
 
     fit, each (W,) float32: phase (turns), its variance (turns^2), amplitude, offset, squared residuals over
     the variance of a sample, number of saturated samples.
@@ -100,7 +100,12 @@ def fit_line(light: Any, noise: Any, periods: Any, k: Any, row: Any, work: Any, 
     (raw, table, spread, (clip, white)), (turn, _, _, offset, chi2, clipped) = light, fit
     index = periods.frame[k, : periods.number[k]]
     fringe = index, periods.design[k], periods.weights[k], periods.covariance[k], periods.rounding[k]
-    _sums(raw, table, row, fringe, work[2:], (offset, work[0], work[1], chi2))
+    sums = offset, work[0], work[1], chi2
+    _sums_of_three_or_four(raw, table, index, row, periods.weights[k], sums)
+    for i in range(4, index.size):
+        _add(raw[index[i], row], table, periods.weights[k, :, i], sums)
+    for i in range(index.size if index.size > 4 else 0):
+        _residual(raw[index[i], row], table, periods.design[k, i], sums, i == 0)
     clipped[:] = np.float32(0)
     bright = _phase_line(work[0], work[1], fringe, white, noise, fit)
     if (bright > 0) | (spread is not None):
@@ -108,39 +113,19 @@ def fit_line(light: Any, noise: Any, periods: Any, k: Any, row: Any, work: Any, 
             _refit(raw, table, spread, clip, row, x, fringe, noise, fit)
 
 
-@exact
-def _sums(raw: Any, table: Any, row: Any, fringe: Any, light: Any, sums: Any) -> None:
-    """Offset, c, s and squared residuals of a row; light (N, W): room for linear levels."""
-    (index, design, weights, _, _), (offset, cosine, sine, chi2) = fringe, sums
-    count = index.size
-    if table is None:
-        _sums_of_three_or_four(raw, index, row, weights, offset, cosine, sine, chi2)
-        for i in range(4, count):
-            _add(raw[index[i], row], weights[0, i], weights[1, i], weights[2, i], offset, cosine, sine)
-        for i in range(count if count > 4 else 0):
-            _residual(raw[index[i], row], design[i], sums, i == 0)
-    else:
-        for i in range(count):
-            fetch_line(raw[index[i], row], table, light[i])
-        _sums_of_lines(light[:count], weights, offset, cosine, sine, chi2)
-        for i in range(count if count > 4 else 0):
-            _residual(light[i], design[i], sums, i == 0)
-
-
 @kernel
-def _sums_of_three_or_four(
-    raw: Any, index: Any, row: Any, w: Any, mean: Any, cosine: Any, sine: Any, square: Any
-) -> None:
+def _sums_of_three_or_four(raw: Any, table: Any, index: Any, row: Any, w: Any, sums: Any) -> None:
     """Offset, c, s of the first frames of a line; squared combination of four that these do not reach."""
     a, b, d = raw[index[0], row], raw[index[1], row], raw[index[2], row]
-    four = index.size > 3
+    (mean, cosine, sine, square), four = sums, index.size > 3
     g = raw[index[3], row] if four else d
     m0, m1, m2, m3 = w[0, 0], w[0, 1], w[0, 2], w[0, 3] if four else np.float32(0)
     c0, c1, c2, c3 = w[1, 0], w[1, 1], w[1, 2], w[1, 3] if four else np.float32(0)
     s0, s1, s2, s3 = w[2, 0], w[2, 1], w[2, 2], w[2, 3] if four else np.float32(0)
     k0, k1, k2, k3 = w[3, 0], w[3, 1], w[3, 2], w[3, 3] if four else np.float32(0)
     for x in range(mean.size):
-        va, vb, vd, vg = np.float32(a[x]), np.float32(b[x]), np.float32(d[x]), np.float32(g[x])
+        va, vb = level_of(a[x], table), level_of(b[x], table)
+        vd, vg = level_of(d[x], table), level_of(g[x], table)
         mean[x] = m0 * va + m1 * vb + m2 * vd + m3 * vg
         cosine[x] = c0 * va + c1 * vb + c2 * vd + c3 * vg
         sine[x] = s0 * va + s1 * vb + s2 * vd + s3 * vg
@@ -149,32 +134,21 @@ def _sums_of_three_or_four(
 
 
 @kernel
-def _sums_of_lines(light: Any, w: Any, mean: Any, cosine: Any, sine: Any, square: Any) -> None:
-    """The same of lines of linear levels (N, W)."""
-    mean[:], cosine[:], sine[:], square[:] = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
-    for i in range(light.shape[0]):
-        _add(light[i], w[0, i], w[1, i], w[2, i], mean, cosine, sine)
-        for x in range(mean.size):
-            square[x] += w[3, i] * light[i, x]
+def _add(line: Any, table: Any, w: Any, sums: Any) -> None:
+    (mean, cosine, sine, _), (m, c, s) = sums, (w[0], w[1], w[2])
     for x in range(mean.size):
-        square[x] = square[x] * square[x]
-
-
-@kernel
-def _add(line: Any, m: Any, c: Any, s: Any, mean: Any, cosine: Any, sine: Any) -> None:
-    for x in range(mean.size):
-        value = np.float32(line[x])
+        value = level_of(line[x], table)
         mean[x] += m * value
         cosine[x] += c * value
         sine[x] += s * value
 
 
 @kernel
-def _residual(line: Any, design: Any, sums: Any, first: Any) -> None:
+def _residual(line: Any, table: Any, design: Any, sums: Any, first: Any) -> None:
     mean, cosine, sine, square = sums
     e, c, s, kept = design[0], design[1], design[2], np.float32(0) if first else np.float32(1)
     for x in range(mean.size):
-        left = np.float32(line[x]) - e * mean[x] - c * cosine[x] - s * sine[x]
+        left = level_of(line[x], table) - e * mean[x] - c * cosine[x] - s * sine[x]
         square[x] = kept * square[x] + left * left
 
 

@@ -72,7 +72,7 @@ def climb(
 def _climb(light: Any, noise: Any, periods: Any, rows: Any, numbers: Any, code: Any, into: Any) -> None:
     """A row at a time, so that what its fits tell is still in the cache."""
     place, var, width, (middle, beyond) = into.place, into.variance, into.place.shape[1], numbers
-    work = np.empty((2 + periods.frame.shape[1], width), np.float32)
+    work = np.empty((2, width), np.float32)
     own = np.empty((9, width), np.float32)
     turn, variance, chi2, clipped, amplitude, offset = own[0], own[1], own[2], own[3], own[4], own[5]
     error, misfit, lost = own[6], own[7], own[8]
@@ -205,7 +205,7 @@ def _unwrap(light: Any, noise: Any, periods: Any, rows: Any, orders: Any, into: 
     """A row at a time, so that what its fits tell is still in the cache."""
     place, var, width = into.place, into.variance, into.place.shape[1]
     count, period = periods.number.size, periods.period
-    work = np.empty((2 + periods.frame.shape[1], width), np.float32)
+    work = np.empty((2, width), np.float32)
     t, v = np.empty((count, width), np.float32), np.empty((count, width), np.float32)
     weights, of_fit = np.empty((count, width), np.float32), np.empty((2, width), np.float32)
     cell, own = np.empty(width, np.int32), np.empty((10, width), np.float32)

@@ -56,7 +56,7 @@ def test_a_period_is_fitted_by_least_squares(shifts: tuple[float, ...], clipped:
     fringe = plan(shown).axes[0].fringes[0]
     turn, variance, amplitude, offset, chi2, _ = fit = tuple(np.empty((6, 600), np.float32))
     light_in = light_of(frames, shown, 200.0 if clipped else 1e9, None).numbers()
-    work, periods = np.empty((2 + len(shifts), 600), np.float32), periods_of((fringe,), (0.0,))
+    work, periods = np.empty((2, 600), np.float32), periods_of((fringe,), (0.0,))
     fit_line(light_in, Noise(read**2, gain).numbers(), periods, 0, 0, work, fit)
     checked = 0
     for x in range(600):
