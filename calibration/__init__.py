@@ -15,6 +15,7 @@
 | `rigs.py` | rigs with errors and their captures, for figures and tests |
 | `rest.py` | the map of the mirror at rest, kept with the rig; drift |
 | `response.py` | response, blur, vignetting and backlight of display and camera, kept with the rig |
+| `harmonics.py` | error of the coordinate by harmonics that a response leaves in fringes |
 | `sources.py` | the independent errors behind the covariance |
 | `observability.py` | singular values in prior units, warnings |
 """
@@ -22,6 +23,7 @@
 from .calibrate import Calibration, calibrate, left_out
 from .contact import contact
 from .figures import SETUPS, Figure, figures, mode_chi2
+from .harmonics import HarmonicError, harmonic_errors
 from .judgement import Judgement, as_they_come, judged
 from .observation import Observation
 from .priors import default_priors
@@ -35,6 +37,7 @@ __all__ = [
     "Calibration",
     "Figure",
     "Flat",
+    "HarmonicError",
     "Judgement",
     "Observation",
     "Plate",
@@ -48,6 +51,7 @@ __all__ = [
     "contact",
     "default_priors",
     "figures",
+    "harmonic_errors",
     "judged",
     "left_out",
     "load_response",

@@ -75,7 +75,8 @@ def command(
     DIR is a folder with capture.toml and its frames, or a measurement of OpenCSP's SOFAST (HDF5, extra
     `sofast`). C.npz receives u, v, sigma_u, sigma_v (pattern pixels), flags (0 = good), amplitude, offset.
     """
-    from optolever.decode import decode, harmonic_errors
+    from optolever.calibration import harmonic_errors
+    from optolever.decode import decode
     from optolever.files import together
 
     with progress() as step:

@@ -10,7 +10,7 @@
 | `frames`         | frames validated, white level, response; pixels from all over them                     |
 | `noise`          | photon transfer from what no scene can make of the frames; pixels that see the pattern |
 | `unlike`         | a display on its way when the camera exposes; misfit within fringes                    |
-| `response`       | `Response` of display and camera, inverted before fringes are fitted; error it leaves  |
+| `response`       | `Response` of display and camera, inverted before fringes are fitted                   |
 | `phase`          | N-step least squares: phase, variance, amplitude, chi2                                 |
 | `unwrap`         | fringe orders from coarse to fine, from a code or, of close periods, by a table        |
 | `gray`           | bits -> word -> cell, posterior of a wrong bit                                         |
@@ -37,7 +37,7 @@ u along the pattern's columns, v along its rows, integer = pixel centre; sigma i
 from .correspondence import Correspondence, Displacement, Flag, difference
 from .decoder import decode
 from .integrity import Integrity, check
-from .response import HarmonicError, Response, harmonic_errors
+from .response import Response
 from .single_shot import Crossings, PatternMap, crossed, lattice
 from .spoilt import Finding
 
@@ -47,7 +47,6 @@ __all__ = [
     "Displacement",
     "Finding",
     "Flag",
-    "HarmonicError",
     "Integrity",
     "PatternMap",
     "Response",
@@ -55,6 +54,5 @@ __all__ = [
     "crossed",
     "decode",
     "difference",
-    "harmonic_errors",
     "lattice",
 ]

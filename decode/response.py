@@ -2,13 +2,6 @@
 
 A camera's is inverted before decoding. A display's is not: its light is blurred after its levels are bent, so
 that a frame's level is no level that was shown. There the light of the levels is what the decoder expects.
-
-What harmonics a response leaves in fringes, and the error of the coordinate that comes of them: a wave sum of
-b_k cos(k psi), sampled at N equal shifts, is read as a fringe of modulation b_1 + (b_(N-1) + b_(N+1))
-cos(N psi), of offset b_0 + b_N cos(N psi), and of phase psi - (b_(N-1) - b_(N+1)) / b_1 sin(N psi): aliasing,
-to first order. The fit's residuals hold b_2 .. b_(N-2) alone, which do no harm. So the error is told by how
-modulation and offset swing with the decoded phase over all pixels; the sum of b_(N-1) and b_(N+1) is parted
-by b_N, as if a wrong gamma had made them.
 """
 
 from dataclasses import dataclass, replace
@@ -23,23 +16,11 @@ from optolever.blocks import on_cores
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
 
-from .exposures import by_exposure, numbered
-from .plan import Fringe
-
-__all__ = ["HarmonicError", "Response", "harmonic_errors", "levels_of"]
+__all__ = ["Response", "levels_of"]
 
 F64 = NDArray[np.float64]
 #: Levels that a ramp spans at least; share of the pixels that see it brightly which may not clip.
 _HARDLY, _WHOLE = 5.0, 0.1
-#: Pixels that tell harmonics: rows and columns at most.
-_ROWS, _COLS = 128, 512
-#: Degree of the surface that uneven light and reflectance may follow.
-_DEGREE = 3
-_FEWEST = 200
-#: Ratio of following harmonics at most, and rounds to find it.
-_STEEPEST, _ROUNDS = 0.9, 12
-#: Share of the brightest modulation below which a pixel tells nothing.
-_LIT = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,92 +156,6 @@ def _described(sequence: Sequence, light: tuple[float, ...]) -> Sequence:
         return Frame("levels", frame.axis, levels=tuple(curve[table].tolist()))
 
     return replace(sequence, frames=tuple(bent(frame) for frame in sequence.frames))
-
-
-@dataclass(frozen=True, slots=True)
-class HarmonicError:
-    """Of an axis' finest fringe: rms error of the coordinate by harmonics, pattern pixels; sigma_px: standard
-    deviation by noise of that figure, below which it is nought."""
-
-    axis: str
-    rms_px: float
-    sigma_px: float
-
-
-def harmonic_errors(
-    frames: ArrayLike, sequence: Sequence, response: Response | None = None, white_level: float = np.inf
-) -> tuple[HarmonicError, ...]:
-    """Residual harmonic error of the axes that show fringes of N >= 3 equal shifts, others are left out.
-
-    frames (N, H, W), unsigned where a response is given; white_level: where the camera clips (uint8: 255).
-    Light and reflectance may vary smoothly over the image; texture goes into sigma_px.
-
-    What a power of the shown level leaves is told within 20 % (N = 3, 4, 5). Other kinks are not: 0.5 levels
-    of noise rounded at black, gamma 2.2 inverted as 2.8, hide 40 % of it at N = 4 and nearly all at N = 5.
-    """
-    stack = np.asarray(frames)
-    if stack.ndim != 3 or len(stack) != len(sequence):
-        raise InputError(f"harmonics: frames have shape {stack.shape}, sequence describes {len(sequence)}")
-    if response is not None and stack.dtype.kind != "u":
-        raise InputError(f"harmonics: response is given, frames are {stack.dtype}, must be uint8 or uint16")
-    table = None if response is None else response.table(stack.dtype)
-    clip = 255.0 if stack.dtype == np.uint8 else white_level
-    wanted = numbered(by_exposure(sequence)[0])
-    found = (
-        _of_fringe(stack, axis.fringes[-1], table, clip, axis.axis) for axis in wanted.axes if axis.fringes
-    )
-    return tuple(error for error in found if error is not None)
-
-
-def _of_fringe(
-    stack: NDArray[Any], fringe: Fringe, table: NDArray[np.float32] | None, clip: float, axis: str
-) -> HarmonicError | None:
-    steps = len(fringe.index)
-    turns = np.sort(np.mod(fringe.shifts - fringe.shifts[0], 2 * np.pi))
-    even = np.allclose(np.diff(turns, append=2 * np.pi), 2 * np.pi / steps, atol=1e-3)
-    if steps < 3 or not even or np.ptp(fringe.exposure) > 0:
-        return None
-    _, rows, cols = stack.shape
-    raw = stack[list(fringe.index), :: max(1, rows // _ROWS), :: max(1, cols // _COLS)]
-    levels = (raw if table is None else table[raw]).astype(np.float64)
-    offset, cos, sin = np.tensordot(fringe.inverse, levels, 1)
-    modulation = np.hypot(cos, sin)
-    keep = (raw.max(axis=0) < clip) & (modulation > _LIT * np.percentile(modulation, 95))
-    if np.count_nonzero(keep) < _FEWEST:
-        return None
-    swing = steps * (np.arctan2(sin, cos) - fringe.shifts[0])[keep]
-    surface = _surface(keep)
-    trend = surface @ np.linalg.lstsq(surface, modulation[keep], rcond=None)[0]
-    design = np.column_stack([surface, np.cos(swing), np.sin(swing)])
-    wanted = np.stack([modulation[keep], offset[keep]], axis=1) / trend[:, None]
-    solved = np.linalg.lstsq(design, wanted, rcond=None)[0]
-    both, middle = solved[-2]
-    freedom = max(len(trend) - design.shape[1], 1)
-    variance = float(np.sum((wanted[:, 0] - design @ solved[:, 0]) ** 2)) / freedom
-    sigma = np.sqrt(variance * np.linalg.pinv(design.T @ design)[-2, -2])
-    scale = fringe.period / (2 * np.pi * np.sqrt(2))
-    return HarmonicError(axis, float(scale * abs(_apart(both, middle, steps))), float(scale * sigma))
-
-
-def _apart(both: float, middle: float, steps: int) -> float:
-    """b_(N-1) - b_(N+1) from their sum and b_N, as a power of the shown level has them.
-
-    ((1 + cos psi) / 2)^g has b_(k+1) / b_k = (g - k) / (g + k + 1); g follows from the first ratio.
-    """
-    lower, product = both, 0.0
-    for _ in range(_ROUNDS):
-        first = float(np.clip(middle / lower, -_STEEPEST, _STEEPEST)) if lower else 0.0
-        power = (steps - 1 + first * steps) / (1 - first)
-        product = first * (power - steps) / (power + steps + 1)
-        lower = both / (1 + product)
-    return lower * (1 - product)
-
-
-def _surface(keep: NDArray[np.bool_]) -> F64:
-    """Polynomials over the kept pixels, (K, terms)."""
-    y, x = (2 * at / max(size - 1, 1) - 1 for at, size in zip(np.nonzero(keep), keep.shape, strict=True))
-    powers = [(i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)]
-    return np.stack([x**i * y**j for i, j in powers], axis=1)
 
 
 def levels_of(stack: NDArray[Any]) -> tuple[int, float]:

@@ -150,13 +150,13 @@ def _join(told: Any, half: Any, code: Any, lines: Any) -> None:
 class Orders(NamedTuple):
     """A table of the orders of close periods.
 
-    listed (most, cells): the nearest, the next, ... of a cell, _NONE beyond them; count (cells,) of them.
+    listed (most, cells): the nearest, the next, ... of a cell, _NONE beyond them; number (cells,) of them.
     tolerance: turns within which they are listed; extent: of the surface, px, from which all light comes: a
     place beyond it is as unlikely as the noise that carries it there.
     """
 
     listed: NDArray[np.float32]
-    count: NDArray[np.int64]
+    number: NDArray[np.int64]
     tolerance: np.float32
     extent: np.float32
 
@@ -221,7 +221,7 @@ def _unwrap(light: Any, noise: Any, periods: Any, rows: Any, orders: Any, into: 
             _kept(v[j], of_fit[0], of_fit[1], period[j], weights[j], weight, misfit, clipped)
         _cells(t, period, cell)
         error[:], least[:] = np.float32(0), _NEVER
-        for rank in range(_most_listed(orders.count, cell)):
+        for rank in range(_most_listed(orders.number, cell)):
             _listed(orders.listed[rank], cell, order)
             _scores(t, weights, weight, period, orders.extent, order, (at, mean, score))
             _compared(order, at, score, (place[row], least, error))

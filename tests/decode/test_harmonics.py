@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever import InputError
-from optolever.decode import Response, decode, harmonic_errors
+from optolever.calibration import harmonic_errors
+from optolever.decode import Response, decode
 from optolever.patterns import sequence
 
 F64 = NDArray[np.float64]
