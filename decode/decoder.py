@@ -21,7 +21,7 @@ from .centre import dark_level
 from .correspondence import Correspondence, Flag
 from .display import rounded_places, shares_of, take_off
 from .ends import end_width
-from .exposures import better_of, by_exposure
+from .exposures import Part, better_of, by_exposure
 from .flags import Shared
 from .frames import Light, light_of, sample_levels
 from .integrity import examine, spoilt_pixels
@@ -116,9 +116,7 @@ def decode(
     raster_axes(sequence)  # of an exposure alone it may be whole
     parts = by_exposure(sequence)
     with logged(f"decode {light.raw.shape} by {sequence.name}"):
-        found = reduce(
-            better_of, (_decoded(_part(light, part.index), part.sequence, options) for part in parts)
-        )
+        found = reduce(better_of, (_decoded(light, part, options) for part in parts))
     for notice in found.notices:
         LOG.warning("%s", notice)
     return found
@@ -148,11 +146,12 @@ class _Shot:
     cells: bool
 
 
-def _decoded(light: Light, sequence: Sequence, options: _Options) -> Correspondence:
+def _decoded(light: Light, part: Part, options: _Options) -> Correspondence:
     """The steps: noise, each axis, flags, neighbours, integrity."""
     step, steps = options.progress, 3 + options.check
     step("noise", 0, steps)
-    described, sequence = sequence, sequence if options.bent is None else options.bent.described(sequence)
+    light = light.only(part.index)
+    sequence = part.sequence if options.bent is None else options.bent.described(part.sequence)
     wanted = plan(sequence)
     noise, lit = estimate_noise(light, wanted, options.mask)
     given = options.noise
@@ -176,7 +175,7 @@ def _decoded(light: Light, sequence: Sequence, options: _Options) -> Corresponde
     found = replace(found, notices=own + found.notices)
     if options.check:
         step("frames", 3, steps)
-        found = _checked(shot, described, found, options)
+        found = _checked(shot, part, found, options)
     step("decoded", steps, steps)
     return replace(found, notices=_noticed(_SLOW, before.share) + found.notices)
 
@@ -290,19 +289,20 @@ def _light(shared: Shared, decoder: AxisDecoder) -> Callable[..., Any]:
     return light
 
 
-def _checked(shot: _Shot, sequence: Sequence, found: Correspondence, options: _Options) -> Correspondence:
+def _checked(shot: _Shot, part: Part, found: Correspondence, options: _Options) -> Correspondence:
     """Without the frames that are not those described, or with what they could have spoilt flagged."""
-    wanted, light, lit = plan(sequence), shot.light, shot.lit
+    sequence, light, lit = part.sequence, shot.light, shot.lit
+    wanted = plan(sequence)
     if options.bent is not None and light.raw.dtype.kind == "u":  # to tell frames apart, inverted ones do
         light = light_of(light.raw, sequence, light.clip, options.bent)
         lit = replace(lit, levels=sample_levels(light, lit.places), white=light.white)
-    findings = examine(light, wanted, lit, found)
+    findings = examine(light, wanted, lit, found, part.index)
     told = tuple(Notice(one.sentence, one.share, float("nan"), one.cure) for one in findings)
     for finding in findings:
         if finding.leave_out:
             index = np.array([i for i in range(len(sequence)) if i not in finding.leave_out])
             less = replace(sequence, frames=tuple(sequence.frames[i] for i in index))
-            found = _decoded(_part(shot.light, index), less, replace(options, check=False, progress=silent))
+            found = _decoded(shot.light, Part(index, less), replace(options, check=False, progress=silent))
         else:
             spoilt = spoilt_pixels(finding, light, wanted, shot.noise, found)
             np.bitwise_or(found.flags, np.uint16(Flag.WRONG_FRAME), out=found.flags, where=spoilt)
@@ -334,12 +334,6 @@ def _silent(shot: _Shot) -> bool:
     """Whether there is no noise beyond rounding."""
     usual = float(shot.lit.levels.mean()) if shot.lit.levels.size else 0.0
     return bool(shot.noise.variance(usual) < 1.5 * (shot.light.rounding or 1 / 12))
-
-
-def _part(light: Light, index: NDArray[np.int64]) -> Light:
-    if len(index) == len(light.raw):
-        return light
-    return replace(light, raw=np.ascontiguousarray(light.raw[index]))
 
 
 def _mask(mask: ArrayLike | None, light: Light) -> NDArray[np.bool_] | None:

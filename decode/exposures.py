@@ -14,9 +14,8 @@ from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
 
 from .correspondence import Correspondence, Flag
-from .plan import AxisPlan, Plan, plan
 
-__all__ = ["Part", "better_of", "by_exposure", "numbered"]
+__all__ = ["Part", "better_of", "by_exposure"]
 
 #: Combined sigmas by which two exposures may differ.
 _APART = 5.0
@@ -89,29 +88,6 @@ def _fringes(sequence: Sequence, exposure: float | None) -> list[int]:
     if all(len(shifts) >= _FEWEST_SHIFTS for shifts in every.values()):
         return own
     return [i for i, frame in enumerate(sequence.frames) if frame.kind == "phase"]
-
-
-def numbered(part: Part) -> Plan:
-    """Plan of a part, with the numbers that its frames have in the whole capture."""
-    index = part.index
-    own = plan(part.sequence)
-    ends = (int(index[i]) if i >= 0 else -1 for i in (own.white, own.black))
-    return Plan(tuple(_axis_numbered(axis, index) for axis in own.axes), *ends)
-
-
-def _axis_numbered(axis: AxisPlan, index: NDArray[np.int64]) -> AxisPlan:
-    def of(own: NDArray[np.int64]) -> NDArray[np.int64]:
-        return np.where(own >= 0, index[own], -1)
-
-    code, stripes = axis.code, axis.stripes
-    return replace(
-        axis,
-        code=code and replace(code, plain=of(code.plain), inverse=of(code.inverse)),
-        fringes=tuple(replace(f, index=tuple(index[list(f.index)].tolist())) for f in axis.fringes),
-        singles=tuple(replace(f, index=tuple(index[list(f.index)].tolist())) for f in axis.singles),
-        stripes=stripes and replace(stripes, index=index[stripes.index]),
-        levels=tuple(index[list(axis.levels)].tolist()),
-    )
 
 
 def better_of(first: Correspondence, second: Correspondence) -> Correspondence:

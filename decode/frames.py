@@ -66,6 +66,12 @@ class Light:
         spread = self.response.spread(variance)
         return replace(self, spread=spread, steep=(spread / variance).astype(np.float32))
 
+    def only(self, index: NDArray[np.int64]) -> "Light":
+        """Some of the frames."""
+        if len(index) == len(self.raw):
+            return self
+        return replace(self, raw=np.ascontiguousarray(self.raw[index]))
+
     def linear(self, raw: NDArray[Any]) -> F32:
         """Linear levels of some raw ones, float32."""
         return self.table[raw] if len(self.table) else raw.astype(np.float32)

@@ -21,10 +21,10 @@ from optolever.errors import InputError
 from optolever.patterns import Sequence
 
 from .correspondence import Correspondence
-from .exposures import by_exposure, numbered
+from .exposures import by_exposure
 from .frames import Light, light_of, sample_levels
 from .noise import Sample, estimate_noise, sampled
-from .plan import Plan, constraints
+from .plan import Plan, constraints, plan
 from .sample_fit import AxisTable, axis_tables, bends, misfit_at, misfit_beside_edges, places
 from .spoilt import Finding, left_out, spoilt_pixels
 
@@ -93,25 +93,33 @@ def check(frames: ArrayLike, sequence: Sequence, found: Correspondence | None = 
     findings: list[Finding] = []
     count = 0
     for part in by_exposure(sequence):
-        plan = numbered(part)
-        findings += examine(light, plan, estimate_noise(light, plan)[1], found)
-        count += sum(len(group) for group in constraints(plan, len(stack))[-1:])
+        shot, wanted = light.only(part.index), plan(part.sequence)
+        some = examine(shot, wanted, estimate_noise(shot, wanted)[1], found, part.index)
+        findings += [_numbered(one, part.index) for one in some]
+        count += sum(len(group) for group in constraints(wanted, len(part.index))[-1:])
     return Integrity(tuple(dict.fromkeys(findings)), count)
 
 
+def _numbered(finding: Finding, names: Ints) -> Finding:
+    every = finding.frames, finding.spoilt, finding.leave_out
+    frames, spoilt, leave_out = (tuple(names[list(one)].tolist()) for one in every)
+    return replace(finding, frames=frames, spoilt=spoilt, leave_out=leave_out)
+
+
 def examine(
-    light: Light, plan: Plan, lit: Sample, found: Correspondence | None = None
+    light: Light, plan: Plan, lit: Sample, found: Correspondence | None = None, names: Ints | None = None
 ) -> tuple[Finding, ...]:
     """The fault that explains what single pixels and their neighbours say; none, if there is none.
 
-    lit: pixels that see the pattern.
+    lit: pixels that see the pattern; names (N,): what sentences call the frames, default: their numbers.
     """
     if not axis_tables(plan) or (found is not None and _quiet(plan, lit, found)):
         return ()
     crosses = _crosses(light, plan, lit)
     if crosses is None:
         return ()
-    finding = _single_fault(crosses, plan, light.raw.shape[1])
+    names = np.arange(len(light.raw)) if names is None else names
+    finding = _single_fault(crosses, plan, light.raw.shape[1], names)
     return () if finding is None else (replace(finding, leave_out=left_out(finding, plan)),)
 
 
@@ -260,14 +268,14 @@ class _Trial:
         return float(self.gain.sum())
 
 
-def _single_fault(crosses: _Crosses, plan: Plan, rows: int) -> Finding | None:
+def _single_fault(crosses: _Crosses, plan: Plan, rows: int, names: Ints) -> Finding | None:
     count, total = len(crosses.levels), crosses.own.sum(axis=0)
     if np.count_nonzero(crosses.own > _ODD, axis=1).max() < _LEAST:
         return None
     gains = np.stack([total - crosses.cost(_without(count, i)) for i in range(count)])
     costly = np.argsort(total)[len(total) // 2 :]
     some = crosses.only(costly[:: max(1, len(costly) // _FIRST)])
-    tried = sorted(_faults(count, _used(plan)), key=lambda fault: float(some.cost(fault[1]).sum()))
+    tried = sorted(_faults(names, _used(plan)), key=lambda fault: float(some.cost(fault[1]).sum()))
     swept = any(axis.stripes is not None for axis in plan.axes)
     trials = []
     for finding, order in tried[:_SECOND]:
@@ -278,7 +286,7 @@ def _single_fault(crosses: _Crosses, plan: Plan, rows: int) -> Finding | None:
         near = finding.kind != "swapped" or finding.frames[1] - finding.frames[0] == 1
         gain = total - known - crosses.cost(order)
         trials.append(_Trial(finding, gain, usual, count if near else len(tried)))
-    trials += _replacements(crosses, gains, rows)
+    trials += _replacements(crosses, gains, rows, names)
     trials = [trial for trial in trials if _chance(trial) < _CHANCE]
     if not trials:
         return None
@@ -313,25 +321,31 @@ def _used(plan: Plan) -> list[int]:
     return sorted({i for table in axis_tables(plan) for i in table.frames.tolist()})
 
 
-def _faults(count: int, used: list[int]) -> Iterator[tuple[Finding, Ints]]:
+def _faults(names: Ints, used: list[int]) -> Iterator[tuple[Finding, Ints]]:
     """Every fault that leaves all images whole, and which image is which frame under it (-1: none); swaps are
     of frames that are used."""
+    count = len(names)
     for k, i in enumerate(used):
         for j in used[k + 1 : None if len(used) <= _ALL_PAIRS else k + 3]:
             order = np.arange(count)
             order[[i, j]] = j, i
-            yield Finding((i, j), "swapped", f"frames {i} and {j} are in each other's place", (i, j)), order
+            yield (
+                Finding(
+                    (i, j), "swapped", f"frames {names[i]} and {names[j]} are in each other's place", (i, j)
+                ),
+                order,
+            )
     for k in range(count - 1):
         order = np.concatenate([np.arange(k), [-1], np.arange(k, count - 1)])
-        told = f"frame {k} is missing, those after it come one too early"
+        told = f"frame {names[k]} is missing, those after it come one too early"
         yield Finding((k,), "lost", told, tuple(range(k, count))), order
     for k in range(1, count - 1):
         order = np.concatenate([np.arange(k), np.arange(k + 1, count), [-1]])
-        told = f"frame {k - 1} is there twice, those after it come one late"
+        told = f"frame {names[k - 1]} is there twice, those after it come one late"
         yield Finding((k,), "repeated", told, tuple(range(k, count))), order
 
 
-def _replacements(crosses: _Crosses, gains: F32, rows: int) -> Iterator[_Trial]:
+def _replacements(crosses: _Crosses, gains: F32, rows: int, names: Ints) -> Iterator[_Trial]:
     """Frames that show another one instead, in all rows or beyond a tear; gains (N, T): without each."""
     mended = np.count_nonzero(gains > _MENDED, axis=1)
     usual = _usual(crosses, np.maximum(mended - np.count_nonzero(gains < -_MENDED, axis=1), 0))
@@ -349,9 +363,11 @@ def _replacements(crosses: _Crosses, gains: F32, rows: int) -> Iterator[_Trial]:
             for start, stop in _parts(same[j, by_row]):
                 first, last = (int(row[start]) if start else 0), (int(row[stop]) if stop < len(row) else rows)
                 if (first, last) == (0, rows):
-                    finding = Finding((i,), "replaced", f"frame {i} is frame {j} again", (i,))
+                    told = f"frame {names[i]} is frame {names[j]} again"
+                    finding = Finding((i,), "replaced", told, (i,))
                 else:
-                    told = f"frame {i} is torn: in rows {first} to {last - 1} it shows frame {j}"
+                    torn = f"in rows {first} to {last - 1} it shows frame {names[j]}"
+                    told = f"frame {names[i]} is torn: {torn}"
                     finding = Finding((i,), "torn", told, (i,), (first, last))
                 part = by_row[start:stop]
                 # no two frames with structure everywhere are the same in any scene

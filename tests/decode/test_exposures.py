@@ -113,6 +113,7 @@ def test_swapped_frames_of_one_exposure_keep_their_numbers(shoot: Shoot, smooth:
     frames[wrong] = frames[wrong[::-1]]
     (finding,) = check(frames, both).findings
     assert (finding.kind, set(finding.frames)) == ("swapped", set(wrong))
+    assert [one for one in decode(frames, both).notices if one.name == finding.sentence]
 
 
 def test_fringes_of_all_exposures_serve_a_code_of_one(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
