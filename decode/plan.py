@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
-from optolever.patterns import BINARY_CODES, Sequence, code_words
+from optolever.patterns import BINARY_CODES, Frame, Sequence, code_words
 
 __all__ = ["AxisPlan", "Code", "Fringe", "Plan", "Stripes", "constraints", "plan", "raster_axes"]
 
@@ -125,12 +125,13 @@ class AxisPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """All axes, and the frames that serve both (-1: not shown). No axes: spots, which lie along both at
-    once."""
+    """All axes, the frames that serve both (-1: not shown), and all frames. No axes: spots, which lie along
+    both at once."""
 
     axes: tuple[AxisPlan, ...]
     white: int
     black: int
+    frames: tuple[Frame, ...]
 
 
 @lru_cache(maxsize=16)
@@ -157,7 +158,7 @@ def plan(sequence: Sequence) -> Plan:
                 f"sequence {sequence.name}: frames[{i}]: exposure is {frame.exposure:g}, "
                 "must be 1 but for fringes"
             )
-    return Plan(axes, _reference(sequence, "white"), _reference(sequence, "black"))
+    return Plan(axes, _reference(sequence, "white"), _reference(sequence, "black"), frames)
 
 
 def _reference(sequence: Sequence, kind: str) -> int:

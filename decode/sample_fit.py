@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .plan import AxisPlan, Code, Fringe, Plan
+from .plan import AxisPlan, Fringe, Plan
 
 __all__ = ["AxisTable", "axis_tables", "bends", "misfit_at", "misfit_beside_edges", "places"]
 
@@ -38,7 +38,7 @@ class AxisTable:
     step: float
     shown: F32
     exposure: F32
-    references: tuple[int, int]
+    references: tuple[int, ...]
 
     def entry(self, place: Any) -> Any:
         """Number of the table's entry nearest to places."""
@@ -60,39 +60,14 @@ def axis_tables(plan: Plan) -> tuple[AxisTable, ...]:
 def _axis_table(plan: Plan, axis: AxisPlan) -> AxisTable:
     both = (plan.white, plan.black) if plan.white >= 0 and plan.black >= 0 else ()
     frames = np.array(sorted({*axis.frames(), *both}), np.int64)
-    slot = {int(frame): k for k, frame in enumerate(frames)}
-    fringes = (*axis.fringes, *axis.singles)
-    step = min([1.0, *(fringe.period / _PER_PERIOD for fringe in fringes)])
+    described = [plan.frames[i] for i in frames]
+    step = min([1.0, *(fringe.period / _PER_PERIOD for fringe in (*axis.fringes, *axis.singles))])
     at = np.arange(-0.5 + step / 2, axis.extent - 0.5, step)
-    shown = np.zeros((len(frames), len(at)), np.float32)
-    exposure = np.ones(len(frames), np.float32)
-    for fringe in fringes:
-        own = [slot[i] for i in fringe.index]
-        shown[own] = np.cos(2 * np.pi * at / fringe.period - fringe.shifts[:, None])
-        exposure[own] = fringe.exposure
-    if axis.code is not None:
-        for frame, bits in _bit_tables(axis.code, at):
-            shown[slot[frame]] = bits
-    if axis.stripes is not None:
-        away = np.abs(at - axis.stripes.at[:, None]) / axis.stripes.width
-        line = np.where(away < 1, np.cos(np.pi * away), -1.0)
-        shown[[slot[int(i)] for i in axis.stripes.index]] = line
-    references = (-1, -1)
-    if both:
-        references = (slot[plan.white], slot[plan.black])
-        shown[references[0]], shown[references[1]] = 1.0, -1.0
+    levels = [frame.ideal_levels(at, "u" if frame.axis is None else axis.axis) for frame in described]
+    shown = (np.stack(levels) / 127.5 - 1).astype(np.float32)
+    exposure = np.array([frame.exposure for frame in described], np.float32)
+    references = tuple(int(np.searchsorted(frames, i)) for i in both) or (-1, -1)
     return AxisTable(axis, frames, float(at[0]), step, shown, exposure, references)
-
-
-def _bit_tables(code: Code, at: Any) -> list[tuple[int, Any]]:
-    """Frame and what it shows at places, -1 or 1."""
-    word_of = np.argsort(code.cells)
-    cell = np.clip(((at + 0.5 - code.origin) // code.cell).astype(np.int64), 0, len(word_of) - 1)
-    tables = []
-    for bit, (plain, inverse) in enumerate(zip(code.plain.tolist(), code.inverse.tolist(), strict=True)):
-        line = 2.0 * ((word_of[cell] >> bit) & 1) - 1
-        tables += [(plain, line)] * (plain >= 0) + [(inverse, -line)] * (inverse >= 0)
-    return tables
 
 
 def places(table: AxisTable, levels: F32, free: int = -1) -> F32:

@@ -142,6 +142,11 @@ class Frame:
         inside = (cell >= 0) & (cell < len(values))
         return np.where(inside, values[np.clip(cell, 0, len(values) - 1)], 0.0)
 
+    def ideal_levels(self, coord: Levels, axis: str) -> Levels:
+        """Grey values at any coordinates along an axis, as described, not rounded."""
+        levels = _levels(self, coord, axis)
+        return np.asarray(255.0 - levels if self.inverted else levels, np.float64)
+
     def to_dict(self) -> dict[str, Any]:
         """Plain TOML types; fields at their default are left out."""
         plain: dict[str, Any] = {}
@@ -187,8 +192,10 @@ def _typed(value: Any, wanted: str, where: str) -> Any:
 
 def frame_tables(frame: Frame, rows: int, cols: int) -> tuple[Table, Table]:
     """Grey values along u (cols,) and along v (rows,); Frame.combine says how they make the image."""
-    table_u = _table(frame, cols, "u")
-    table_v = _table(frame, rows, "v")
+    table_u, table_v = (
+        _rounded(_levels(frame, np.arange(extent, dtype=np.float64), axis))
+        for extent, axis in ((cols, "u"), (rows, "v"))
+    )
     if frame.inverted:
         if frame.axis == "v":
             return table_u, 255 - table_v
@@ -207,21 +214,23 @@ def lattice_lines(frame: Frame, extent: int) -> Levels:
     return first + period * np.arange(start, stop + 1)
 
 
-def _table(frame: Frame, extent: int, axis: str) -> Table:
-    coord = np.arange(extent, dtype=np.float64)
+def _levels(frame: Frame, coord: Levels, axis: str) -> Levels:
     if frame.kind in ("white", "black", "uniform"):
         level = {"white": 255, "black": 0}.get(frame.kind, frame.level or 0)
         # one axis carries the level, the other stays at 255, so that the product is the level
-        return np.full(extent, level if axis == "u" else 255, np.uint8)
+        return np.full(coord.shape, level if axis == "u" else 255.0)
     if frame.axis is not None and axis not in frame.axis:
-        return np.full(extent, 255, np.uint8)
+        return np.full(coord.shape, 255.0)
     if frame.kind in ("phase", "crossed"):
-        return _rounded(_fringe(frame, coord))
+        return _fringe(frame, coord)
     if frame.kind == "stripe":
-        return _rounded(_stripe(frame, coord, axis))
+        return _stripe(frame, coord, axis)
     if frame.kind == "lattice":
-        return _rounded(_lattice(frame, coord))
-    return _cells(frame, coord)
+        return _lattice(frame, coord)
+    if frame.kind == "levels":
+        return frame.free_levels(coord)
+    words = code_words(frame.kind, np.maximum(_cell_of(frame, coord), 0))
+    return np.asarray(255.0 * ((words >> (frame.bit or 0)) & 1), np.float64)
 
 
 def _rounded(levels: Levels) -> Table:
@@ -263,11 +272,3 @@ def _tent_share(edge: Levels) -> Levels:
 def _cell_of(frame: Frame, coord: Levels) -> NDArray[np.int64]:
     """Of binary codes and free grey values: the cell of a pixel is the one that holds its centre."""
     return np.floor((coord + 0.5 - (frame.offset_px or 0.0)) / frame.cell_px).astype(np.int64)
-
-
-def _cells(frame: Frame, coord: Levels) -> Table:
-    if frame.kind == "levels":
-        return _rounded(frame.free_levels(coord))
-    cell = _cell_of(frame, coord)
-    words = code_words(frame.kind, np.maximum(cell, 0))
-    return (255 * ((words >> (frame.bit or 0)) & 1)).astype(np.uint8)
