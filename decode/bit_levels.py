@@ -16,6 +16,7 @@ from scipy.special import ndtr
 from optolever.kernels import exact, inlined
 
 from .estimate import vanishing
+from .plan import Code
 
 __all__ = [
     "GROUP",
@@ -23,9 +24,7 @@ __all__ = [
     "CodePlan",
     "bit_values",
     "bits_in_groups",
-    "blurred_levels",
     "fitted_levels",
-    "read_beside",
     "turned",
     "weak_bits",
 ]
@@ -87,6 +86,15 @@ class CodePlan(NamedTuple):
     freedom: int
 
 
+class Blurred(NamedTuple):
+    """Levels of a code behind a blur, and what that hides: a narrow stripe between wide ones, whose cell then
+    reads as one beside it. As in a CodePlan."""
+
+    levels: F32
+    beside: F32
+    unsure: F32
+
+
 def bits_in_groups(
     frames: NDArray[np.int64], factor: F32, counts: NDArray[np.bool_], value: NDArray[np.int32]
 ) -> tuple[NDArray[np.int64], F32, NDArray[np.int32], F32, F32]:
@@ -107,81 +115,74 @@ def bit_values(cells: NDArray[np.int32]) -> tuple[NDArray[np.int32], bool]:
     return (cells[bit] if linear else bit.astype(np.int32)), linear
 
 
-def blurred_levels(words: NDArray[np.int32], bits: int, blur: float) -> F32:
-    """Levels (cells, bits) at the centres of cells, black -1, white 1; words (cells,); blur in cells."""
-    sharp = np.where((words[:, None] >> np.arange(bits)) & 1, 1.0, -1.0)
-    if blur == 0:
-        return sharp.astype(np.float32)
-    reach = int(np.ceil(4 * blur))
-    weights = np.diff(ndtr((np.arange(-reach, reach + 2) - 0.5) / blur))
-    return np.asarray(correlate1d(sharp, weights / weights.sum(), axis=0, mode="nearest"), np.float32)
-
-
-def read_beside(words: NDArray[np.int32], levels: F32) -> tuple[F32, F32]:
-    """beside and unsure of a CodePlan: a narrow stripe between wide ones is hidden behind a blur, so that its
-    cell reads as one beside it. words (cells,); levels (cells, bits)."""
-    count, bits = levels.shape
-    place = (np.arange(count * _PARTS) + 0.5) / _PARTS - 0.5
-    low = np.clip(np.floor(place).astype(int), 0, max(count - 2, 0))
-    share = np.clip(place - low, 0, 1)[:, None]
-    seen = (1 - share) * levels[low] + share * levels[np.minimum(low + 1, count - 1)]
-    cells = np.empty(count, np.int64)
-    cells[words] = np.arange(count)
-    read = cells[((seen > 0) << np.arange(bits)).sum(axis=1)]
-    off = np.repeat(np.arange(count), _PARTS) - read
-    near = np.abs(off) <= 2  # others have weak bits
-    read, off = read[near], off[near]
-    if not off.any():
-        return np.zeros(0, np.float32), np.zeros(0, np.float32)
-    total, moved, square = (np.bincount(read, weight, count) for weight in (None, off, off * off))
-    mean = moved / np.maximum(total, 1)
-    return mean.astype(np.float32), (square / np.maximum(total, 1) - mean**2).astype(np.float32)
-
-
-def fitted_levels(words: NDArray[np.int32], margin: F32, variance: F32, factor: F32) -> tuple[F32, float]:
+def fitted_levels(code: Code, margin: F32, variance: F32, factor: F32) -> tuple[Blurred, float]:
     """Levels behind the blur that fits best, and the variance that they leave unexplained.
 
     margin (bits, K) differences of bits over the amplitude, variance (K,) of a sample in the same unit,
     factor (bits,) of a difference over that of a sample.
     """
     bits, count = margin.shape
-    tried = _tried_levels(tuple(words.tolist()), bits)
-    if count < _FEWEST or len(words) < 2:
+    tried = _tried(code)
+    if count < _FEWEST or len(code.cells) < 2:
         return tried[0], 0.0
-    cells = np.empty(len(words), np.int64)
-    cells[words] = np.arange(len(words))
-    cell = cells[((margin > 0) << np.arange(bits)[:, None]).sum(axis=0)]
+    cell = code.cells[((margin > 0) << np.arange(bits)[:, None]).sum(axis=0)]
     expected = float(np.median(variance)) * max(bits - 1, 1)
     misfit = np.empty((len(tried), count), np.float32)
-    _least_misfits(tried, cell, np.ascontiguousarray(margin.T), 1 / factor, misfit)
-    left = [float(np.median(one)) for one in misfit]
+    for one, least in zip(tried, misfit, strict=True):
+        _least_misfits(one.levels, cell, np.ascontiguousarray(margin.T), 1 / factor, least)
+    left = np.median(misfit, axis=1)
     best = int(np.argmin(left))
-    return tried[best], max(left[best] - expected, 0.0) / bits
+    return tried[best], max(float(left[best]) - expected, 0.0) / bits
 
 
-@lru_cache(maxsize=4)
-def _tried_levels(words: tuple[int, ...], bits: int) -> F32:
-    """Levels (B, cells, bits) of a code behind each of the blurs."""
-    return np.stack([blurred_levels(np.array(words, np.int32), bits, float(blur)) for blur in _BLURS])
+@lru_cache(maxsize=8)
+def _tried(code: Code) -> list[Blurred]:
+    """A code behind each of the blurs."""
+    bits = np.arange(len(code.plain))
+    sharp = np.where((np.argsort(code.cells)[:, None] >> bits) & 1, 1.0, -1.0)
+    return [_blurred(code.cells, sharp, float(blur)) for blur in _BLURS]
+
+
+def _blurred(cells: NDArray[np.int32], sharp: NDArray[np.float64], blur: float) -> Blurred:
+    """sharp (cells, bits): levels in front of the blur."""
+    reach = int(np.ceil(4 * blur))
+    edges = (np.arange(-reach, reach + 2) - 0.5) / max(blur, 1e-9)
+    weights = np.diff(ndtr(edges))
+    levels = correlate1d(sharp, weights / weights.sum(), axis=0, mode="nearest").astype(np.float32)
+    count, bits = levels.shape
+    place = (np.arange(count * _PARTS) + 0.5) / _PARTS - 0.5
+    low = np.clip(np.floor(place).astype(int), 0, max(count - 2, 0))
+    share = np.clip(place - low, 0, 1)[:, None]
+    seen = (1 - share) * levels[low] + share * levels[np.minimum(low + 1, count - 1)]
+    read = cells[((seen > 0) << np.arange(bits)).sum(axis=1)]
+    off = np.repeat(np.arange(count), _PARTS) - read
+    near = np.abs(off) <= 2  # others have weak bits
+    read, off = read[near], off[near]
+    if not off.any():
+        return Blurred(levels, np.zeros(0, np.float32), np.zeros(0, np.float32))
+    total, moved, square = (np.bincount(read, weight, count) for weight in (None, off, off * off))
+    mean = moved / np.maximum(total, 1)
+    return Blurred(
+        levels, mean.astype(np.float32), (square / np.maximum(total, 1) - mean**2).astype(np.float32)
+    )
 
 
 @exact
 def _least_misfits(levels: Any, cell: Any, margin: Any, weight: Any, least: Any) -> None:
-    """Squared misfit (B, K), weighted (bits,), of margins (K, bits) from the best mixture of a cell (K,) and
-    one beside it; levels (B, cells, bits)."""
-    for t in range(levels.shape[0]):
-        for k in range(cell.size):
-            least[t, k] = np.inf
-            for before in range(2):
-                at = min(max(cell[k] - before, 0), levels.shape[1] - 2)
-                top, bottom, square = 0.0, 1e-12, 0.0
-                for b in range(weight.size):
-                    step, off = levels[t, at + 1, b] - levels[t, at, b], margin[k, b] - levels[t, at, b]
-                    top += weight[b] * step * off
-                    bottom += weight[b] * step * step
-                    square += weight[b] * off * off
-                share = min(max(top / bottom, 0.0), 1.0)
-                least[t, k] = min(least[t, k], square - share * (2 * top - share * bottom))
+    """Squared misfit (K,), weighted (bits,), of margins (K, bits) from the best mixture of a cell (K,) and
+    one beside it; levels (cells, bits)."""
+    for k in range(cell.size):
+        least[k] = np.inf
+        for before in range(2):
+            at = min(max(cell[k] - before, 0), levels.shape[0] - 2)
+            top, bottom, square = 0.0, 1e-12, 0.0
+            for b in range(weight.size):
+                step, off = levels[at + 1, b] - levels[at, b], margin[k, b] - levels[at, b]
+                top += weight[b] * step * off
+                bottom += weight[b] * step * step
+                square += weight[b] * off * off
+            share = min(max(top / bottom, 0.0), 1.0)
+            least[k] = min(least[k], square - share * (2 * top - share * bottom))
 
 
 @inlined

@@ -27,7 +27,6 @@ from .bit_levels import (
     bit_values,
     bits_in_groups,
     fitted_levels,
-    read_beside,
     turned,
     weak_bits,
 )
@@ -67,8 +66,6 @@ def code_plan(code: Code, plan: Plan, noise: Noise, lit: Sample) -> CodePlan:
     frames = np.stack([code.plain, code.inverse], axis=1)
     pairs = (frames >= 0).all(axis=1)
     referenced = plan.white >= 0 and plan.black >= 0
-    words = np.empty(len(code.cells), np.int32)
-    words[code.cells] = np.arange(len(code.cells), dtype=np.int32)
     # (p - q) / 2 has half the variance of a sample, p - (white + black) / 2 has one and a half
     factor = np.where(pairs, 0.5, 1.5).astype(np.float32)
     freedom = max(int(pairs.sum()) - (0 if referenced else 1), 0) + int((~pairs).any())
@@ -80,12 +77,12 @@ def code_plan(code: Code, plan: Plan, noise: Noise, lit: Sample) -> CodePlan:
     shown, share = of_bits[0][: len(frames)], of_bits[1][: len(frames)].astype(np.float64)
     margin, amplitude = _margins(shown, share, ends, few.levels)
     variance = few.variance(noise) / np.square(amplitude)
-    levels, misfit2 = fitted_levels(words, margin / amplitude, variance, factor)
+    seen, misfit2 = fitted_levels(code, margin / amplitude, variance, factor)
     unlike2, cell, start = (np.float32(one) for one in (misfit2, code.cell, first))
     whites = np.linspace(1, 2, _WHITES)
     if code.together and referenced:
         whites = _whites(few.levels[ends[0]] >= few.white, margin[factor > 1] / amplitude)
-    told = levels, unlike2, *read_beside(words, levels), whites
+    told = seen.levels, unlike2, seen.beside, seen.unsure, whites
     return CodePlan(*of_bits, factor, ends, code.cells, linear, *told, cell, start, freedom)
 
 
@@ -351,7 +348,7 @@ def _cells_line(room: Any, kept: Any, code: Any, numbers: Any, out: Any) -> None
 
 @kernel
 def _moved_beside(word: Any, code: Any, place: Any, var: Any) -> None:
-    """Places of cells (W,) by what the blur hides (see read_beside)."""
+    """Places of cells (W,) by what the blur hides (see Blurred)."""
     for x in range(word.size):
         place[x] += code.cell * code.beside[word[x]]
         var[x] += code.cell * code.cell * code.unsure[word[x]]

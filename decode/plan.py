@@ -48,7 +48,7 @@ class Fringe:
         return len(np.unique(np.round(np.mod(self.shifts, 2 * np.pi), 6))) < 3
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Code:
     """Bits of one axis, least significant first; frame numbers, -1 where that polarity was not shown."""
 
