@@ -43,7 +43,6 @@ class AxisDecoder:
     table: Table | None
     periods: Periods | None
     limits: Limits
-    freedom: int
     jump: float
     per_turn: float = 0.0
     common: float = 0.0
@@ -125,7 +124,7 @@ def _decoder(
         noise = table.noise or noise
         jump = axis.stripes.width if axis.stripes else 2.0 * (1 if code is None else float(code.cell))
         limits = limits_of(axis.extent, 0.5, table.freedom, light.white)
-        return AxisDecoder(axis, light, noise, code, None, table, None, limits, table.freedom, jump)
+        return AxisDecoder(axis, light, noise, code, None, table, None, limits, jump)
     covered = code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
     shown = options.on_cells and not sequence.nominal
     rounding = _rounding(axis.axis, sequence) if shown else (0.0,) * len(axis.fringes)
@@ -142,10 +141,8 @@ def _decoder(
         assert code is not None
         jump, per_turn, factor = 2.0 * float(code.cell), 0.0, 0.5
     limits = limits_of(axis.extent, factor, freedom, light.white)
-    return AxisDecoder(
-        *(axis, light, noise, code, orders, None, periods, limits, freedom, jump, per_turn),
-        common=0.0 if orders is None else unlike[-1] * axis.fringes[-1].period ** 2,
-    )
+    common = 0.0 if orders is None else unlike[-1] * axis.fringes[-1].period ** 2
+    return AxisDecoder(axis, light, noise, code, orders, None, periods, limits, jump, per_turn, common)
 
 
 @lru_cache(maxsize=16)

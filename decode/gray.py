@@ -163,9 +163,8 @@ def read_line(light: Any, row: Any, code: Any, alone: Any, noise: Any, room: Any
     # a bit and its inverse are off by the same: their difference keeps its sign
     misfit2 = np.float32(0) if pairs == code.factor.size else code.misfit2
     high, low = code.ends if referenced else code.frames[0]
-    _references(raw[high, row], raw[low, row], table, a, o)
-    clipped[:], room.word[:], room.off[:] = np.float32(0), 0, np.float32(0)
-    _saturated(raw[high, row], raw[low, row], clip, clipped)
+    _references(raw[high, row], raw[low, row], table, clip, a, o, clipped)
+    room.word[:], room.off[:] = 0, np.float32(0)
     kept = _compared(raw, row, table, code, pairs, o, room)
     if not referenced:
         _moved(kept[_LARGEST], a)
@@ -215,17 +214,14 @@ def _compared(raw: Any, row: Any, table: Any, code: Any, pairs: Any, offset: Any
 
 
 @kernel
-def _saturated(one: Any, other: Any, clip: Any, clipped: Any) -> None:
-    for x in range(one.size):
-        clipped[x] = np.float32(1) if np.float32(max(one[x], other[x])) >= clip else np.float32(0)
-
-
-@kernel
-def _references(white: Any, black: Any, table: Any, amplitude: Any, offset: Any) -> None:
-    half = np.float32(0.5)
+def _references(
+    white: Any, black: Any, table: Any, clip: Any, amplitude: Any, offset: Any, clipped: Any
+) -> None:
+    half, one, zero = np.float32(0.5), np.float32(1), np.float32(0)
     for x in range(offset.size):
         high, low = level_of(white[x], table), level_of(black[x], table)
         amplitude[x], offset[x] = half * (high - low), half * (high + low)
+        clipped[x] = one if np.float32(max(white[x], black[x])) >= clip else zero
 
 
 @kernel

@@ -100,28 +100,16 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
         for x in places[: marked(special, places)]:
             flag, lost = _neighbours(y, x, coord, variance, flags, amplitude, (jump, per_turn))
             here, c = window[k, x + REACH], x + REACH
-            left_2, left, right, right_2 = (
-                window[k, c - 2],
-                window[k, c - 1],
-                window[k, c + 1],
-                window[k, c + 2],
-            )
-            up_2, above, below, down_2 = (
-                window[k - 2, c],
-                window[k - 1, c],
-                window[k + 1, c],
-                window[k + 2, c],
-            )
-            gx, gy = _step_on_a_map(left, here, right, jump), _step_on_a_map(above, here, below, jump)
+            across = window[k, c - 2], window[k, c - 1], here, window[k, c + 1], window[k, c + 2]
+            down = window[k - 2, c], window[k - 1, c], here, window[k + 1, c], window[k + 2, c]
+            gx, gy = _step_on_a_map(across, jump), _step_on_a_map(down, jump)
             # what bends inside of half a turn or more, only all neighbours tell
-            beside = left + right + above + below != left + right + above + below
-            unknown = beside & ((gx + gy) * per_turn > np.float32(0.5))
-            unknown |= _undersampled(left_2, left, here, right, right_2, per_turn)
-            unknown |= _undersampled(up_2, above, here, below, down_2, per_turn)
+            four = across[1] + across[3] + down[1] + down[3]
+            unknown = (four != four) & ((gx + gy) * per_turn > np.float32(0.5))
+            unknown |= _undersampled(across, per_turn) | _undersampled(down, per_turn)
             flag |= np.uint16(_OUTLIER if unknown else 0)
             low = here + here < extent - np.float32(1)
-            inner_x = _step_inwards((left_2, left, here, right, right_2), low, jump)
-            inner_y = _step_inwards((up_2, above, here, below, down_2), low, jump)
+            inner_x, inner_y = _step_inwards(across, low, jump), _step_inwards(down, low, jump)
             off, shift_in, unsure_in = inwards(here, variance[y, x], inner_x, inner_y, reach, shadow, extent)
             out[y, x] -= shift_in
             sigma[y, x] += lost + unsure_in
@@ -160,9 +148,10 @@ def _with_ends(line: Any, out: Any) -> None:
 
 
 @inlined
-def _step_on_a_map(before: Any, here: Any, after: Any, jump: Any) -> Any:
-    """Size of the change per pixel by two neighbours; by the nearer in value where these bend by more than a
+def _step_on_a_map(five: Any, jump: Any) -> Any:
+    """Size of the change per pixel by both neighbours; by the nearer in value where these bend by more than a
     map does (the other is beyond an edge) or one is refused; 0 by none."""
+    _, before, here, after, _ = five
     least = lesser(here - before, after - here)
     return np.float32(0.5) * abs(after - before) if abs(before + after - here - here) <= jump else least
 
@@ -174,7 +163,7 @@ def _step_inwards(five: Any, low: Any, jump: Any) -> Any:
     before_2, before, here, after, after_2 = five
     ahead = (after > here) == low if after == after else (before > here) != low
     near, next_ = (after, after_2) if ahead else (before, before_2)
-    beside = _step_on_a_map(before, here, after, jump)
+    beside = _step_on_a_map(five, jump)
     return abs(next_ - near) if abs(here + next_ - near - near) <= jump else beside
 
 
@@ -353,18 +342,15 @@ def _off_line(here: Any, near: Any, next_: Any) -> tuple[Any, Any]:
 
 
 @inlined
-def _undersampled(a: Any, b: Any, c: Any, d: Any, e: Any, per_turn: Any) -> Any:
+def _undersampled(five: Any, per_turn: Any) -> Any:
     """Whether the middle one of five pixels takes so many turns of the finest fringe that its order is by
     chance: more than half a turn lies between it and both neighbours, so that these cannot vouch for it, and
     steps differ by a quarter of a turn (or are not known); or it takes nearly a turn: its contrast is lost,
     and reversed beyond.
     """
-    one, two, three, four = (
-        abs(b - a) * per_turn,
-        abs(c - b) * per_turn,
-        abs(d - c) * per_turn,
-        abs(e - d) * per_turn,
-    )
+    a, b, c, d, e = five
+    one, two = abs(b - a) * per_turn, abs(c - b) * per_turn
+    three, four = abs(d - c) * per_turn, abs(e - d) * per_turn
     uneven = max(max(one, four), max(two, three)) - min(min(one, four), min(two, three))
     unknown = one + two + three + four != one + two + three + four
     tells = unknown | (uneven > np.float32(0.25)) | (two + three > np.float32(2 * STEEP))

@@ -4,7 +4,6 @@
 |------------------|----------------------------------------------------------------------------------------|
 | `crossed`        | `crossed`: Displacement of every pixel from a crossed fringe                           |
 | `window_fit`     | both fringes fitted at once within a Gaussian window                                   |
-| `unwrap`         | phase unwrapping by quality, connected parts                                           |
 | `lattice`        | `lattice`: corners of the paper's lattice, at rest and deformed                        |
 | `prior`          | where the camera looked at rest, which pixels see the fringe, and the noise there      |
 """

@@ -17,12 +17,12 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import distance_transform_edt
 
 from optolever.patterns import Sequence
 
 from ..correspondence import Displacement, Flag
 from .prior import PatternMap, frame_pair, noise_of, overexposed, prior_map, seeing, window_width
-from .unwrap import islands_of, largest_parts, unwrapped
 from .window_fit import Fit, Window
 
 __all__ = ["crossed", "displaced"]
@@ -159,7 +159,7 @@ def _passes(pair: _Pair) -> tuple[list[_Axis], F32]:
     rested, pressed = _added(carrier, before), []
     for k in (0, 1):
         clear = pair.sees & _clear(pair, before, after, k)
-        turn = unwrapped(np.asarray(after.phase[k] - before.phase[k], np.float64) / (2 * np.pi), clear)
+        turn = _unwrapped(np.asarray(after.phase[k] - before.phase[k], np.float64) / (2 * np.pi), clear)
         pressed.append(rested[k] + 2 * np.pi * window.extended(turn))
     changes = []
     for _ in range(_PASSES - 1):
@@ -198,14 +198,14 @@ def _flags(pair: _Pair, axes: list[_Axis], settled: float) -> NDArray[np.uint16]
     beside = known & ~pair.inside([axis.turn for axis in axes], 0.0)
     flags = np.where(known, 0, int(Flag.INVALID)) | np.where(pair.clipped, int(Flag.SATURATED), 0)
     flags |= np.where(blind, int(Flag.LOW_CONTRAST), 0)
-    islands = islands_of(flags == 0)
+    islands = _islands_of(flags == 0)
     flags |= np.where(beside, int(Flag.OFF_PATTERN), 0)
     for axis in axes:
         lost = axis.height <= _LEAST * max(pair.noise)
         doubtful = (_steep(axis, pair) | (axis.change > settled)) & ~lost
         flags |= np.where(lost, int(Flag.LOW_CONTRAST), 0) | np.where(doubtful, int(Flag.ORDER_DOUBTFUL), 0)
     # the area of as many pixels as a window's weights count for
-    connected = largest_parts(flags == 0, islands, 4 * math.pi * pair.width**2)
+    connected = _largest_parts(flags == 0, islands, 4 * math.pi * pair.width**2)
     return (flags | np.where(connected, 0, int(Flag.ORDER_DOUBTFUL))).astype(np.uint16)
 
 
@@ -245,3 +245,49 @@ def _steep(axis: _Axis, pair: _Pair) -> Mask:
     steep = (slope * pair.width > _STEEPEST) | axis.unresolved
     size = 2 * math.ceil(pair.width / 2) + 1
     return np.asarray(cv2.dilate(steep.astype(np.uint8), np.ones((size, size), np.uint8)) > 0)
+
+
+def _unwrapped(cycles: F64, usable: Mask) -> F64:
+    """A phase (H, W) without jumps; the median of every connected usable part is within half a cycle of 0.
+
+    Usable pixels by reliability (H. Lei et al., Optik 126, 1640, 2015), so that steep ones are crossed last;
+    the others follow the nearest of these.
+    """
+    wrapped = cycles - np.rint(cycles)
+    options = cv2.phase_unwrapping_HistogramPhaseUnwrapping_Params()  # type: ignore[attr-defined]
+    options.height, options.width = wrapped.shape
+    by_quality = cv2.phase_unwrapping.HistogramPhaseUnwrapping_create(options)  # type: ignore[attr-defined]
+    turns = by_quality.unwrapPhaseMap(np.float32(2 * np.pi * wrapped), None, 255 * usable.astype(np.uint8))
+    turns = wrapped + np.rint(turns / (2 * np.pi) - wrapped)
+    for part, cut in _parts(usable):
+        turns[cut] -= np.where(part, np.rint(np.median(turns[cut][part])), 0.0)
+    if not usable.any():
+        return wrapped
+    near = distance_transform_edt(~usable, return_distances=False, return_indices=True)
+    return np.asarray(wrapped + np.rint(turns[tuple(near)] - wrapped))
+
+
+def _islands_of(lit: Mask) -> NDArray[np.int32]:
+    """Labels (H, W) of the connected parts of lit, 0 elsewhere."""
+    return np.asarray(cv2.connectedComponents(lit.astype(np.uint8), connectivity=4)[1])
+
+
+def _largest_parts(good: Mask, islands: NDArray[np.int32], least: float) -> Mask:
+    """Of every island the largest connected part of good pixels, if it has `least` pixels."""
+    parts = _islands_of(good)
+    area = np.bincount(parts.ravel())
+    owner = np.zeros(len(area), np.int64)
+    owner[parts[good]] = islands[good]
+    ascending = np.lexsort((area, owner))
+    last = np.flatnonzero(np.diff(owner[ascending], append=-1))
+    keep = np.zeros(len(area), bool)
+    keep[ascending[last]] = True
+    keep &= (owner > 0) & (area >= least)
+    return np.asarray(keep[parts])
+
+
+def _parts(usable: Mask) -> list[tuple[Mask, tuple[slice, slice]]]:
+    """Connected parts, each within its bounding box."""
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats(usable.astype(np.uint8), connectivity=4)
+    cuts = [(slice(y, y + h), slice(x, x + w)) for x, y, w, h, _ in boxes[1:count].tolist()]
+    return [(np.asarray(labels[cut] == k), cut) for k, cut in enumerate(cuts, start=1)]
