@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optolever.errors import InputError
-from optolever.kernels import exact, inlined
+from optolever.kernels import inlined
 from optolever.patterns import Sequence
 
 from .response import Response, levels_of
@@ -126,22 +126,9 @@ def sample_places(shape: tuple[int, int], runs: int) -> NDArray[np.int64]:
 
 def sample_levels(light: Light, places: NDArray[np.int64]) -> F32:
     """Linear levels (N, K) at places (K, 2); saturated samples are NaN."""
-    levels = np.empty((len(light.raw), len(places)), np.float32)
-    _gather(light.raw, places, light.table, np.float32(light.clip), levels)
-    return levels
-
-
-@exact
-def _gather(raw: Any, places: Any, table: Any, clip: Any, levels: Any) -> None:
-    for i in range(raw.shape[0]):
-        for k in range(places.shape[0]):
-            value = raw[i, places[k, 0], places[k, 1]]
-            if value >= clip:
-                levels[i, k] = np.nan
-            elif table.size > 0:
-                levels[i, k] = table[np.int64(value)]
-            else:
-                levels[i, k] = np.float32(value)
+    number = np.ravel_multi_index(tuple(places.T), light.raw.shape[1:])
+    raw = light.raw.reshape(len(light.raw), -1).take(number, axis=1)
+    return np.where(raw >= light.clip, np.float32(np.nan), light.linear(raw))
 
 
 @inlined

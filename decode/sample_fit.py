@@ -114,12 +114,13 @@ def _reader(table: AxisTable, free: int) -> tuple[F32, int]:
 def _phase_reader(table: AxisTable, fringe: Fringe, free: int) -> F32 | None:
     """Weights (2, n) of cosine and sine; None: too few frames are left."""
     kept = [m for m, i in enumerate(fringe.index) if i != free]
-    if len(np.unique(np.round(np.mod(fringe.shifts[kept], 2 * np.pi), 6))) < 3:
+    less = Fringe(
+        tuple(fringe.index[m] for m in kept), fringe.period, fringe.shifts[kept], np.ones(len(kept))
+    )
+    if less.few():
         return None
-    shifts = fringe.shifts[kept]
-    design = np.stack([np.ones(len(kept)), np.cos(shifts), np.sin(shifts)], axis=1)
     weights = np.zeros((2, len(table.frames)), np.float32)
-    weights[:, np.searchsorted(table.frames, [fringe.index[m] for m in kept])] = np.linalg.pinv(design)[1:]
+    weights[:, np.searchsorted(table.frames, less.index)] = less.inverse[1:]
     return weights
 
 

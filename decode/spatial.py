@@ -9,6 +9,7 @@ off (across a slanted end, or behind a lens that blurs, see ends).
 
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -117,25 +118,14 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
         _root(sigma[y], roughness, least)
 
 
-@exact
-def despeckle(start: Any, stop: Any, flags: Any, out: Any) -> None:
+def despeckle(start: int, stop: int, flags: NDArray[np.uint16], out: NDArray[np.uint16]) -> None:
     """Rows start..stop of flags (H, W): a good pixel of whose eight neighbours fewer than three are good (a
     corner has three) passed by chance what refused them: OUTLIER."""
-    rows, cols = flags.shape
-    good = np.empty(cols + 2, np.int32)
-    for y in range(start, stop):
-        _good_around(flags[max(y - 1, 0)], flags[y], flags[min(y + 1, rows - 1)], good)
-        for x in range(cols):
-            lone = (flags[y, x] == 0) & (good[x] + good[x + 1] + good[x + 2] < 4) & (rows > 2) & (cols > 2)
-            out[y, x] = flags[y, x] | np.uint16(_OUTLIER if lone else 0)
-
-
-@kernel
-def _good_around(above: Any, here: Any, below: Any, good: Any) -> None:
-    """Good pixels of every column of three, (W + 2,): beyond the image as at its ends."""
-    for x in range(here.size):
-        good[x + 1] = np.int32(above[x] == 0) + np.int32(here[x] == 0) + np.int32(below[x] == 0)
-    good[0], good[here.size + 1] = good[1], good[here.size]
+    first, last = max(start - 1, 0), min(stop + 1, len(flags))
+    good = (flags[first:last] == 0).astype(np.uint8)
+    around = cv2.boxFilter(good, -1, (3, 3), normalize=False, borderType=cv2.BORDER_REPLICATE)
+    lone = (good & (around < 4))[start - first : stop - first] if min(flags.shape) > 2 else np.uint8(0)
+    np.bitwise_or(flags[start:stop], lone * np.uint16(_OUTLIER), out=out[start:stop])
 
 
 @kernel
