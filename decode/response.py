@@ -27,7 +27,8 @@ _HARDLY, _WHOLE = 5.0, 0.1
 class Response:
     """Camera levels `seen` (K,) where levels `shown` (K,) were displayed; both rise strictly with each other.
 
-    Between the entries the inverse is linear, beyond them it goes on with the slope of the last pair.
+    Between the entries the inverse is linear, beyond them it goes on with the slope of the last pair, or the
+    mean one where that is less: a camera that hardly tells the darkest levels apart must not lead far beyond.
     blur: rms, cells, of the light between a display that bends the levels and a linear camera (NaN: unknown);
     None: they bend after the blur, in the camera.
     """
@@ -119,9 +120,9 @@ class Response:
         """The sequence by the light of its fringes and stripes: free levels of the cells."""
         return _described(sequence, tuple((255 * self.light()).tolist()))
 
-    def shown_of(self, seen: ArrayLike, steepest: float = np.inf) -> F64:
-        """Level that was shown where the camera read `seen`; steepest: slope beyond the table at most."""
-        value = np.asarray(seen, np.float64)
+    def shown_of(self, seen: ArrayLike) -> F64:
+        """Level that was shown where the camera read `seen`."""
+        value, steepest = np.asarray(seen, np.float64), np.ptp(self.shown) / np.ptp(self.seen)
         slope = np.minimum(np.diff(self.shown)[[0, -1]] / np.diff(self.seen)[[0, -1]], steepest)
         below, above = np.minimum(value - self.seen[0], 0), np.maximum(value - self.seen[-1], 0)
         inside = np.interp(value, self.seen, self.shown)
@@ -129,20 +130,15 @@ class Response:
 
     def table(self, dtype: np.dtype[Any]) -> NDArray[np.float32]:
         """Shown level of every raw level of an unsigned integer type."""
-        return self._bounded(np.arange(np.iinfo(dtype).max + 1)).astype(np.float32)
+        return self.shown_of(np.arange(np.iinfo(dtype).max + 1)).astype(np.float32)
 
     def spread(self, variance: F64) -> NDArray[np.float32]:
         """Variance of `table` by the camera's noise, whose variance is given by raw level, (levels,)."""
         node, weight = np.polynomial.hermite_e.hermegauss(9)
         raw, deviation = np.arange(len(variance)), np.sqrt(variance)
-        shown = np.stack([self._bounded(raw + deviation * z) for z in node])
+        shown = np.stack([self.shown_of(raw + deviation * z) for z in node])
         mean = weight @ shown / weight.sum()
         return np.asarray(weight @ np.square(shown - mean) / weight.sum(), np.float32)
-
-    def _bounded(self, seen: NDArray[Any]) -> F64:
-        """Beyond the table with no more than its mean slope: a camera that hardly tells the darkest levels
-        apart must not lead far beyond them."""
-        return self.shown_of(seen, float(np.ptp(self.shown) / np.ptp(self.seen)))
 
 
 @lru_cache(maxsize=8)

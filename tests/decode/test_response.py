@@ -26,7 +26,7 @@ def test_table_in_any_order_with_a_dead_end() -> None:
     response = Response.from_table([255, 0, 100, 200, 220], [230, 2, 90, 230, 228])
     np.testing.assert_array_equal(response.shown, [0, 100, 200])
     assert response.shown_of(46.0) == pytest.approx(50)
-    assert response.shown_of(2.0 - 0.88) == pytest.approx(-1)
+    assert response.shown_of(2.0 - 0.88) == pytest.approx(-0.88 * 200 / 228)
 
 
 def test_measured_from_a_ramp(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
