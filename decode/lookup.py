@@ -67,11 +67,8 @@ def lookup_rows(light: Light, noise: Noise, table: Table, rows: tuple[int, int],
         *(float(noise.read2), float(noise.gain), float(misfit2)),
     )
     limit = float(chdtri(max(table.freedom, 1), _RARE))
-    match_rows(camera, table.book, table.way, table.search, limit, *rows, estimate)
-    if table.unsure > 0:
-        # the way to the nearest edge is proportional to the spread of the edges
-        phase = (estimate.coordinate + 0.5) / table.cell
-        estimate.variance[:] += np.square(table.unsure * table.cell * (phase - np.rint(phase)))
+    edges = float(table.unsure), float(table.cell)
+    match_rows(camera, table.book, table.way, table.search, limit, edges, *rows, estimate)
 
 
 def prepare(

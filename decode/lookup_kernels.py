@@ -1,8 +1,7 @@
-"""Compiled: a pixel's samples against codewords, v = o + a t(u), t a polyline through codewords at close
-places.
+"""Compiled: rows of pixels against codewords, batch by batch.
 
-Codewords are stored without their mean, so that the offset o drops out: y = v - mean(v) is compared with
-z(f) = z_q + f d_q, d_q = z_(q+1) - z_q, and the scale a and the place f of the best fit are a 2 x 2 system.
+Most pixels are where those before them lead: these are followed together, in loops that become vector
+instructions. What is left is searched for, pixel by pixel (lookup_search).
 """
 
 from typing import Any, NamedTuple
@@ -13,43 +12,26 @@ from optolever.kernels import exact, kernel
 
 from .estimate import less_likely
 from .lookup_light import BATCH, SATURATED, beside, brightest, gather
+from .lookup_search import AROUND, COARSE, PER_PX, SURE, answer_of, fitted, lead_of, target_of, used_products
 
-__all__ = [
-    "AROUND",
-    "COARSE",
-    "LANES",
-    "PER_PX",
-    "RIVALS",
-    "SEARCH",
-    "SWEEP",
-    "WITHIN",
-    "Book",
-    "Camera",
-    "Search",
-    "match_rows",
-]
+__all__ = ["SEARCH", "SWEEP", "WITHIN", "Camera", "match_rows"]
 
-_ONE = np.float32(1)
-#: Codewords per pattern pixel, and samples per vector instruction: codewords are filled up to a multiple.
-PER_PX, LANES = 8, 8
-#: Codewords per pattern pixel of the search over the whole surface.
-COARSE = 2
+_ZERO, _ONE = np.float32(0), np.float32(1)
 #: Where a pixel's search starts.
 SEARCH, SWEEP, WITHIN = 0, 1, 2
-#: Steps of a walk, each at most a pixel long; places that a search compares.
-_STEPS, _ANSWERS = 16, 12
-#: Similar codewords that are listed of each.
-RIVALS = _ANSWERS
-#: Codewords beside the neighbour's place from which a walk starts, too: off the tread of a sharp cell.
-_BESIDE = 5
+#: Pixels that are compared at once, from where those before lead; steps that each goes; pixels that a slope
+#: is taken over.
+_GROUP, _TURNS, _BACK = 16, 2, 8
+#: Where a batch's pixels lie in its workspace: mean, power and samples, see gather, and what is found.
+_MEAN, _POWER, _COUNT, _NOISE, _GUESS, _NEAR, _RISE, _ZZ, _ZD, _DD, _LOW, _STEP = range(0, 12 * BATCH, BATCH)
+_F, _SCALE, _RSS, _ERROR, _LEFT = range(12 * BATCH, 17 * BATCH, BATCH)
+_ROOM = 17 * BATCH
 #: Share of a stripe's light that another place has to show to be another answer, whatever the noise.
-_RIVAL = 0.6
-#: -log of the probability of another answer below which a search may be left out.
-_SURE = 16.0
-#: Cells around an answer that may be as good: half a cell beyond its own.
-AROUND = 1.5
+_RIVAL = np.float32(0.6)
 #: Explained power over the noise below which there is no pattern: chance reaches it once in 1e4 (2 freedoms).
-_NOTHING = 18.0
+_NOTHING = np.float32(18)
+#: Pattern pixels per pixel that are an edge.
+_STEEP = np.float32(4)
 
 
 class Camera(NamedTuple):
@@ -64,329 +46,261 @@ class Camera(NamedTuple):
     misfit2: Any
 
 
-class Book(NamedTuple):
-    """Codewords of B blocks.
+class Batch(NamedTuple):
+    """Pixels of a row that are compared together, K = BATCH.
 
-    frames   (K, n, S) of each stripe or spot of a sweep (one of all others): n samples, each the mean of S
-    block, first  (K,) its block, and the coordinate of codeword 0
-    words    (B, Q, n filled up) z
-    angles   (B, Q, 6) |z|^2, z.d, |d|^2, mean, least sin^2 of the next angles where they differ, else 1, and
-             how far the level of the samples that change (by their squares) is above the mean
-    reach    codewords around an answer that may be as good
-    index    (K,) frames of the stripes or spots; across: how many lie side by side along the other axis
+    lines   (n, K) levels, and y (K, n filled up) without their mean, see gather
+    used    of one pixel, which of its samples are not saturated
+    room    numbers of each: _MEAN + k and so on
+    block, low, place  (K,) block of the book, coordinate of its first codeword, and the answer's codeword
     """
 
-    frames: Any
+    lines: Any
+    y: Any
+    used: Any
+    room: Any
     block: Any
-    first: Any
-    words: Any
-    angles: Any
-    reach: Any
-    freedom: Any
-    index: Any
-    across: Any
-
-
-class Search(NamedTuple):
-    """Of the whole surface: coarse (M, P) unit codewords; of each the most similar ones elsewhere, rivals
-    (P, RIVALS), descending, and sine and cosine of the angles to them and to the next one, apart
-    (P, RIVALS + 1, 2)."""
-
-    coarse: Any
-    rivals: Any
-    apart: Any
+    low: Any
+    place: Any
 
 
 @kernel
-def _products(y: Any, k: Any, z: Any, b: Any, q: Any) -> Any:
-    """y.z and y.d of pixel k and segment q of block b."""
-    near, rise = np.float32(0), np.float32(0)
-    for i in range(y.shape[1]):
-        near += y[k, i] * z[b, q, i]
-        rise += y[k, i] * (z[b, q + 1, i] - z[b, q, i])
-    return near, rise
+def _begin(batch: Any, camera: Any, book: Any, at: Any, given: Any) -> None:
+    """Noise of a batch's pixels, which of them hold a pattern and, if any are given, a place."""
+    n, summed, room = book.frames.shape[1], book.frames.shape[2], batch.room
+    read2, gain = np.float32(camera.read2 / summed), np.float32(camera.gain / summed)
+    misfit2, chance = np.float32(camera.misfit2 / n), np.float32(5 * np.sqrt(2.0 * n) - 1)
+    for k in range(at.size):
+        batch.block[k], batch.low[k] = book.block[at[k]], np.float32(book.first[at[k]])
+    for k in range(BATCH):
+        noise = read2 + gain * max(room[_MEAN + k], _ZERO)
+        lit = (room[_POWER + k] >= (room[_COUNT + k] + chance) * noise) & (room[_COUNT + k] > np.float32(3.5))
+        room[_LEFT + k] = _ONE if lit else _ZERO
+        room[_NOISE + k] = noise + misfit2 * room[_POWER + k]
+        room[_LOW + k], room[_STEP + k], room[_ERROR + k] = _ZERO, _ZERO, _ZERO
+    for k in range(given.size):
+        room[_GUESS + k] = given[k]
+        room[_LEFT + k] = room[_LEFT + k] if np.isfinite(given[k]) else _ZERO
 
 
 @kernel
-def _of_used(used: Any, z: Any, b: Any, q: Any) -> Any:
-    """|z|^2, z.d, |d|^2 over the samples that are used, less their means; means of z and d."""
-    count, mean, step = np.float32(1e-6), np.float32(0), np.float32(0)
-    zz, zd, dd = np.float32(0), np.float32(0), np.float32(0)
-    for i in range(z.shape[2]):
-        w, d = used[i], z[b, q + 1, i] - z[b, q, i]
-        count, mean, step = count + w, mean + w * z[b, q, i], step + w * d
-        zz, zd, dd = zz + w * z[b, q, i] * z[b, q, i], zd + w * z[b, q, i] * d, dd + w * d * d
-    mean, step = mean / count, step / count
-    return zz - count * mean * mean, zd - count * mean * step, dd - count * step * step, mean, step
+def _follow(batch: Any, book: Any, apart: Any, way: Any, bounds: Any, line: Any, x: Any, begin: Any) -> Any:
+    """Walks of a batch's pixels from where those before lead, group by group from `begin` on, up to one where
+    some are left.
 
-
-@kernel
-def _walk(y: Any, k: Any, used: Any, whole: Any, power: Any, z: Any, angles: Any, b: Any, start: Any) -> Any:
-    """From codeword `start` downhill: (q, f, a, squared residuals) of the best place on segments q..q+1, over
-    the samples that are used (whole: all are); y is 0 elsewhere."""
-    last = z.shape[1] - 2
-    q, before, steps = min(max(start, 0), last), -1, 0
-    best_q, best_f, best_a, best = q, 0.0, 0.0, power
-    while steps < _STEPS:
-        near, rise = _products(y, k, z, b, q)
-        zz, zd, dd = angles[b, q, 0], angles[b, q, 1], angles[b, q, 2]
-        if not whole:
-            zz, zd, dd, _, _ = _of_used(used, z, b, q)
-        a, af = near * dd - rise * zd, rise * zz - near * zd
-        f = 0.0
-        if zz * dd - zd * zd > 1e-9 * zz * zz:
-            f = af / a if a > 0 else (99.0 if af > 0 else -99.0)
-        inside = min(max(f, 0.0), 1.0)
-        length = max(zz + inside * (2 * zd + inside * dd), 1e-12)
-        along = near + inside * rise
-        rss = power - along * along / length
-        if along > 0 and rss < best:
-            best_q, best_f, best_a, best = q, inside, along / length, rss
-        target = min(max(q + min(max(int(np.floor(f)), -PER_PX), PER_PX), 0), last)
-        steps = _STEPS if f == inside or target in (q, before) else steps + 1
-        before, q = q, target
-    return best_q, best_f, best_a, max(best, 0.0)
-
-
-@kernel
-def _placed(numbers: Any, fit: Any, sums: Any, seen: Any, angles: Any, b: Any, shape: Any) -> Any:
-    """Of a walk's result: (place in codewords, its variance, scale, offset, chi2).
-
-    numbers: read2, gain, misfit2; sums of the pixel: mean, power, samples used, all samples; seen: see
-    _of_used; shape: codewords of a cell, freedom. Where codewords differ less on a part of the cell (a tread
-    of a sharp display) noise may lead anywhere on it: the variance is that of these, of the whole cell at
-    most.
+    A pixel is done with where the segment that a few steps lead to holds a minimum that fits and is better
+    than the most similar codeword elsewhere, or where it holds no pattern.
     """
-    (q, f, a, rss), (read2, gain, misfit2), (middle, power, count, _) = fit, numbers, sums
-    zz, zd, dd, low, step = seen
-    mean = angles[b, q, 3] + f * (angles[b, q + 1, 3] - angles[b, q, 3])
-    offset = middle - a * (mean + low + f * step)
-    # squared change per codeword that no scale or offset makes
-    told = (zz * dd - zd * zd) / max(zz + f * (2 * zd + f * dd), 1e-12)
-    own = max(count - 3.0, 1.0)
-    noise = read2 + gain * max(middle, 0.0) + misfit2 * 0.25 * a * a
-    excess = max(rss / (own * noise) - 2 * np.sqrt(2.0 / own), 1.0)
-    here = read2 + gain * max(offset + a * (mean + angles[b, q, 5]), 0.0) + misfit2 * 0.25 * a * a
-    flat = noise * excess / max(power * angles[b, q, 4], 1e-12)
-    variance = max(here * excess / max(a * a * told, 1e-12), min(flat, shape[0] * shape[0] / 12))
-    return q + f, variance, a, offset, rss / noise * shape[1] / own
+    words, angles, whole = book.words, book.angles, np.float32(book.frames.shape[1] - 0.5)
+    (limit, sure), last = bounds, words.shape[1] - 2
+    while begin < BATCH:
+        # of views it is known that places are not negative
+        y, room, place = batch.y[begin:], batch.room[begin:], batch.place[begin:]
+        block, low, found = batch.block[begin:], batch.low[begin:], line[x + begin :]
+        if way != WITHIN:
+            before, slope = _before(line, x + begin, _BACK)
+            for k in range(_GROUP):
+                room[_GUESS + k] = before + slope * np.float32(k + 1)
+        for k in range(_GROUP):
+            guess = room[_GUESS + k] - low[k]
+            place[k] = min(max(np.int64(guess * PER_PX), 0), last) if guess == guess else last // 2
+        for turn in range(_TURNS):
+            for k in range(_GROUP):
+                near, rise, b, q = _ZERO, _ZERO, block[k], place[k]
+                for i in range(y.shape[1]):
+                    near += y[k, i] * words[b, q, i]
+                    rise += y[k, i] * (words[b, q + 1, i] - words[b, q, i])
+                room[_NEAR + k], room[_RISE + k] = near, rise
+                room[_ZZ + k], room[_ZD + k] = angles[b, q, 0], angles[b, q, 1]
+                room[_DD + k] = angles[b, q, 2]
+            for k in range(_GROUP):
+                near, rise = room[_NEAR + k], room[_RISE + k]
+                f, _, scale, explained = fitted(near, rise, room[_ZZ + k], room[_ZD + k], room[_DD + k])
+                room[_F + k], room[_SCALE + k] = f, scale
+                room[_RSS + k] = max(room[_POWER + k] - explained, _ZERO)
+            if turn + 1 < _TURNS:
+                for k in range(_GROUP):
+                    place[k] = target_of(place[k], room[_F + k], last)
+        for k in range(_GROUP):
+            q = place[k] // (PER_PX // COARSE)
+            room[_NEAR + k] = apart[q, 0, 0] if way == SEARCH else _ONE
+            room[_RISE + k] = apart[q, 0, 1] if way == SEARCH else _ZERO
+        left = _ZERO
+        for k in range(_GROUP):
+            rss, power, noise, f = room[_RSS + k], room[_POWER + k], room[_NOISE + k], room[_F + k]
+            done = (f >= _ZERO) & (f <= _ONE) & (rss < limit * noise) & (room[_COUNT + k] > whole)
+            done &= lead_of(rss, power, room[_NEAR + k], room[_RISE + k]) > sure * noise
+            lit = room[_LEFT + k] > _ZERO
+            room[_LEFT + k] = _ZERO if done or not lit else _ONE
+            room[_SCALE + k] = room[_SCALE + k] if lit and power - rss > _NOTHING * noise else _ZERO
+            left += room[_LEFT + k]
+        for k in range(_GROUP):
+            here = low[k] + (np.float32(place[k]) + room[_F + k]) * np.float32(1 / PER_PX)
+            found[k] = here if room[_SCALE + k] > _ZERO else np.float32(np.nan)
+        if left > _ZERO:
+            return begin
+        begin += _GROUP
+    return begin
 
 
 @kernel
-def _scores(y: Any, k: Any, used: Any, whole: Any, coarse: Any, score: Any) -> None:
-    """Correlation of samples with all codewords (M, P) of unit length; without samples that are not used."""
-    score[:] = np.float32(0)
-    for m in range(coarse.shape[0]):
-        v = y[k, m]
-        for p in range(score.size):
-            score[p] += v * coarse[m, p]
-    if not whole:
-        total, square = np.zeros(score.size, np.float32), np.zeros(score.size, np.float32)
-        count = np.float32(1e-6)
-        for m in range(coarse.shape[0]):
-            count += used[m]
-            for p in range(score.size):
-                total[p] += used[m] * coarse[m, p]
-                square[p] += used[m] * coarse[m, p] * coarse[m, p]
-        for p in range(score.size):
-            score[p] /= np.sqrt(max(square[p] - total[p] * total[p] / count, np.float32(1e-2)))
+def _before(line: Any, x: Any, back: Any) -> Any:
+    """Place of the pixel before x (NaN: unknown), and slope between that and one `back` before it."""
+    before = line[x - 1] if x > 0 else np.float32(np.nan)
+    slope = (before - line[x - 1 - back]) / np.float32(back) if x > back else _ZERO
+    return before, slope if abs(slope) < _STEEP else _ZERO
 
 
 @exact
-def _highest(score: Any, place: Any, value: Any) -> None:
-    """The highest local maxima of a score, descending."""
-    value[:] = 0.0
-    place[:] = -1
-    last = value.size - 1
-    for p in range(score.size):
-        own = score[p]
-        if own > value[last]:
-            left = score[p - 1] if p > 0 else np.float32(-1e30)
-            right = score[p + 1] if p + 1 < score.size else np.float32(-1e30)
-            if own >= left and own > right:
-                k = last
-                while k > 0 and value[k - 1] < own:
-                    value[k], place[k] = value[k - 1], place[k - 1]
-                    k -= 1
-                value[k], place[k] = own, p
+def _alone(batch: Any, book: Any, search: Any, way: Any, bounds: Any, line: Any, x: Any, k: Any) -> None:
+    """Pixel k of a batch that starts at x, searched for."""
+    words, angles, room, b = book.words, book.angles, batch.room, batch.block[k]
+    n, count = batch.lines.shape[0], np.int64(room[_COUNT + k] + 0.5)
+    for i in range(n):
+        batch.used[i] = np.float32(batch.lines[i, k] > SATURATED)
+    guess = room[_GUESS + k]
+    if way != WITHIN:
+        before, slope = _before(line, x + k, 1)
+        guess = before + slope
+    place = -1 if way == SEARCH else words.shape[1] // 2
+    if guess == guess:
+        place = max(np.int64((guess - batch.low[k]) * PER_PX), 0)
+    sums = room[_MEAN + k], room[_POWER + k], count, n
+    noise = room[_NOISE + k]
+    (q, f, scale, rss), error = answer_of(batch.y, k, batch.used, sums, book, search, b, place, bounds, noise)
+    batch.place[k], room[_F + k], room[_RSS + k], room[_ERROR + k] = q, f, rss, error
+    room[_SCALE + k] = scale if sums[1] - rss > _NOTHING * noise else _ZERO
+    seen = angles[b, q, 0], angles[b, q, 1], angles[b, q, 2], _ZERO, _ZERO
+    seen = seen if count == n else used_products(batch.used, words, b, q)
+    room[_ZZ + k], room[_ZD + k], room[_DD + k], room[_LOW + k], room[_STEP + k] = seen
+    here = batch.low[k] + (np.float32(q) + f) / np.float32(PER_PX)
+    line[x + k] = here if room[_SCALE + k] > _ZERO else np.float32(np.nan)
 
 
-@exact
-def _compared(
-    y: Any,
-    pixel: Any,
-    used: Any,
-    sums: Any,
-    z: Any,
-    angles: Any,
-    reach: Any,
-    places: Any,
-    noise: Any,
-    first: Any,
-) -> Any:
-    """(walk's result, probability of another answer) of the best of an answer and those at other places,
-    coarse codewords; first: the result that there is."""
-    left, found = np.empty(_ANSWERS + 1), np.empty(_ANSWERS + 1)
-    whole, per, count = sums[2] == sums[3], PER_PX // COARSE, 1 + places.size
-    fit = first
-    left[0], found[0] = first[3], first[0] + first[1]
-    for k in range(1, count):
-        one = _walk(y, pixel, used, whole, sums[1], z, angles, 0, places[k - 1] * per + per // 2)
-        fit = one if one[3] < fit[3] else fit
-        left[k], found[k] = one[3], one[0] + one[1]
-    own = max(sums[2] - 3.0, 1.0)
-    noise *= max(fit[3] / (own * noise) - 2 * np.sqrt(2.0 / own), 1.0)
-    total = 0.0
+@kernel
+def _placed(batch: Any, book: Any, camera: Any) -> None:
+    """Variances (px^2), offsets and chi2 of a batch, in place of guesses, means of codewords and squared
+    residuals.
+
+    Where codewords differ less on a part of the cell (a tread of a sharp display) noise may lead anywhere on
+    it: the variance is that of these, of the whole cell at most.
+    """
+    summed, room, angles = book.frames.shape[2], batch.room, book.angles
+    read2, gain = np.float32(camera.read2 / summed), np.float32(camera.gain / summed)
+    misfit2, freedom = np.float32(0.25 * camera.misfit2), np.float32(max(book.freedom, 1))
+    none, two, cell = np.float32(1e-12), np.float32(2), np.float32(book.reach / AROUND)
+    for k in range(BATCH):
+        b, q = batch.block[k], batch.place[k]
+        mean, step = angles[b, q, 3], angles[b, q + 1, 3] - angles[b, q, 3]
+        room[_LOW + k] += mean + room[_F + k] * (step + room[_STEP + k])
+        room[_NEAR + k], room[_RISE + k] = angles[b, q, 4], angles[b, q, 5] + mean + room[_F + k] * step
+    for k in range(BATCH):
+        middle, f, a, rss = room[_MEAN + k], room[_F + k], room[_SCALE + k], room[_RSS + k]
+        zz, zd, dd = room[_ZZ + k], room[_ZD + k], room[_DD + k]
+        offset = middle - a * room[_LOW + k]
+        # squared change per codeword that no scale or offset makes
+        told = (zz * dd - zd * zd) / max(zz + f * (zd + zd + f * dd), none)
+        own = max(room[_COUNT + k] - np.float32(3), _ONE)
+        noise = read2 + gain * max(middle, _ZERO) + misfit2 * a * a
+        excess = max(rss / (own * noise) - two * np.sqrt(two / own), _ONE)
+        here = read2 + gain * max(offset + a * room[_RISE + k], _ZERO) + misfit2 * a * a
+        flat = min(
+            noise * excess / max(room[_POWER + k] * room[_NEAR + k], none), cell * cell / np.float32(12)
+        )
+        variance = max(here * excess / max(a * a * told, none), flat)
+        room[_GUESS + k] = variance * np.float32(1 / (PER_PX * PER_PX))
+        room[_LOW + k], room[_RSS + k] = offset, rss / noise * freedom / own
+
+
+@kernel
+def _write(batch: Any, line: Any, edges: Any, r: Any, x: Any, reach: Any, out: Any) -> None:
+    """A batch into row r of an Estimate; reach (px, 0: all are written): only what is surer than what is
+    there, and no further from it."""
+    coordinates, variances, errors, amplitudes, offsets, chi2, clipped = out
+    room, n, count = batch.room, np.float32(batch.lines.shape[0]), min(BATCH, coordinates.shape[1] - x)
+    half, unsure, cell = np.float32(0.5), np.float32(edges[0]), np.float32(edges[1])
     for k in range(count):
-        again = abs(found[k] - fit[0] - fit[1]) <= 2 * reach
-        for j in range(k):  # two maxima may lead to the same place
-            again |= abs(found[k] - found[j]) < PER_PX
-        if not again:
-            total += np.exp(-0.5 * max(left[k] - fit[3], 0.0) / noise)
-    return fit, total / (1 + total)
+        found, variance = line[x + k], room[_GUESS + k]
+        better = (abs(found - coordinates[r, x + k]) < reach) & (variance < variances[r, x + k])
+        room[_LEFT + k] = _ONE if better | (reach == _ZERO) else _ZERO
+        # the way to the nearest edge is proportional to the spread of the edges
+        phase = (found + half) / cell
+        edge = unsure * cell * (phase - np.rint(phase))
+        room[_GUESS + k] = variance + edge * edge
+    for k in range(count):
+        if room[_LEFT + k] > _ZERO:
+            coordinates[r, x + k], known = line[x + k], line[x + k] == line[x + k]
+            deviation = np.sqrt(room[_POWER + k] / max(room[_COUNT + k], _ONE))
+            variances[r, x + k] = room[_GUESS + k] if known else np.float32(np.inf)
+            chi2[r, x + k] = room[_RSS + k] if known else _ZERO
+            amplitudes[r, x + k] = half * room[_SCALE + k] if known else deviation
+            offsets[r, x + k] = room[_LOW + k] + half * room[_SCALE + k] if known else room[_MEAN + k]
+    if reach == _ZERO:
+        for k in range(count):
+            errors[r, x + k] = room[_ERROR + k] if line[x + k] == line[x + k] else _ONE
+            clipped[r, x + k] = n - room[_COUNT + k]
 
 
-@exact
-def _likely(
-    y: Any, pixel: Any, used: Any, whole: Any, coarse: Any, score: Any, place: Any, value: Any
-) -> Any:
-    """How many places of the whole surface may be the answer; they are the first of `place`."""
-    _scores(y, pixel, used, whole, coarse, score)
-    _highest(score, place, value)
-    count = 0
-    # codewords are half a step from the best place at most: that costs less than half the score
-    while count < place.size and place[count] >= 0 and value[count] >= 0.5 * value[0]:
-        count += 1
-    return count
-
-
-@exact
-def _rivals(fit: Any, sums: Any, apart: Any, many: Any, noise: Any) -> Any:
-    """How many of the codewords that are most similar to an answer may be as good; -1: more than are listed.
-
-    With t the angle between samples and the answer, those to other codewords are apart - t at least, and
-    their squared residuals larger by power sin(apart) sin(apart - 2 t). many: log of the number of answers.
-    """
-    _, power, count, n = sums
-    rss, q = min(fit[3], power), fit[0] // (PER_PX // COARSE)
-    for k in range(apart.shape[1]):
-        s, c = apart[q, k, 0], apart[q, k, 1]
-        lead = s * (s * (power - 2 * rss) - c * 2 * np.sqrt(rss * (power - rss)))
-        # samples that are dropped take their share of the distance with them
-        if 0.5 * lead * (2 * count - n) > (_SURE + many) * n * noise:
-            return k
-    return -1
-
-
-@exact
-def _second_stripe(fit: Any, rival: Any, offset: Any, noise: Any) -> Any:
-    """Probability that a sweep's answer is the stripe of that level."""
-    light = max(rival - offset, 0.0)
-    lead = 0.5 * (fit[2] * fit[2] - light * light) / noise
-    unlike = less_likely(np.float32(abs(lead)))
-    error = unlike if lead > 0 else _ONE - unlike
-    # another place that is more than half as bright is no noise
-    if light * light > 25 * noise and light > _RIVAL * fit[2]:
-        error = max(error, light / (light + fit[2]))
-    return error
+@kernel
+def _second_stripe(batch: Any, other: Any, camera: Any, summed: Any) -> None:
+    """Probability that a sweep's answer is the stripe of `other` levels (K,), elsewhere."""
+    room = batch.room
+    for k in range(other.size):
+        rival = camera.table[np.int64(other[k])] if camera.table.size > 0 else np.float32(other[k])
+        scale, light = room[_SCALE + k], max(rival - room[_LOW + k], _ZERO)
+        noise = room[_NOISE + k] * np.float32(summed)
+        lead = np.float32(0.5) * (scale * scale - light * light) / noise
+        unlike = less_likely(abs(lead))
+        error = unlike if lead > _ZERO else _ONE - unlike
+        # another place that is more than half as bright is no noise
+        if light * light > np.float32(25) * noise and light > _RIVAL * scale:
+            error = max(error, light / (light + scale))
+        room[_ERROR + k] = error
 
 
 @exact
 def match_rows(
-    camera: Any, book: Any, way: Any, search: Any, limit: Any, start: Any, stop: Any, out: Any
+    camera: Any, book: Any, way: Any, search: Any, limit: Any, edges: Any, start: Any, stop: Any, out: Any
 ) -> None:
     """All pixels of rows start..stop into out, the arrays of an Estimate.
 
     WITHIN  around the places that are there (cells of a code) where that is better
     SWEEP   a stripe: block k of the book holds the places around stripe k
-    SEARCH  from the neighbour's place on, or over the whole surface where that does not lead to an answer
+    SEARCH  from the neighbours' places on, or over the whole surface where that does not lead to an answer
             that fits (squared residuals below `limit` variances) and is better than all similar ones
+    edges: by how much of the way to the nearest edge places may be wrong, and from edge to edge (px)
     """
-    raw, n, width, freedom = camera.raw, book.frames.shape[1], camera.raw.shape[2], max(book.freedom, 1)
+    raw, n, width = camera.raw, book.frames.shape[1], camera.raw.shape[2]
     top, other, at = np.zeros(width, raw.dtype), np.zeros(width, raw.dtype), np.zeros(width, np.int16)
     # what codewords are filled up with is no sample
-    batch, used = (
-        np.zeros((BATCH, book.words.shape[2]), np.float32),
-        np.zeros(book.words.shape[2], np.float32),
+    y, used = np.zeros((BATCH, book.words.shape[2]), np.float32), np.zeros(book.words.shape[2], np.float32)
+    lines, room, low = (
+        np.empty((n, BATCH), np.float32),
+        np.zeros(_ROOM, np.float32),
+        np.zeros(BATCH, np.float32),
     )
-    lines, pixels = np.empty((n, BATCH), np.float32), np.empty((3, BATCH), np.float32)
-    coarse, rivals, apart = search
-    score = np.empty(coarse.shape[1], np.float32)
-    place, value = np.empty(_ANSWERS, np.int64), np.empty(_ANSWERS)
-    many = np.log(coarse.shape[1] + 1.0)
-    summed, table = book.frames.shape[2], camera.table
-    read2, gain = camera.read2 / summed, camera.gain / summed
-    numbers = read2, gain, camera.misfit2
-    words, angles, first = book.words, book.angles, book.first
-    coordinates, variances, errors, amplitudes, offsets, chi2, clipped = out
+    batch = Batch(lines, y, used, room, np.zeros(BATCH, np.int64), low, np.zeros(BATCH, np.int64))
+    line, most = np.zeros(width + BATCH, np.float32), np.log(search.coarse.shape[1] + 1.0)
+    bounds = np.float32(limit), np.float32(SURE + most if way == SEARCH else -np.inf)
+    reach = np.float32(book.reach / PER_PX) if way == WITHIN else _ZERO
     for row in range(start, stop):
-        r, last, slope = row - start, np.nan, 0.0
+        r = row - start
         if way == SWEEP:
             brightest(raw, book.index, row, camera.clip, top, at)
             beside(raw, book.index, row, at, n // 2, book.across, other)
-        for x in range(width):
-            if x % BATCH == 0:
-                gather(camera, book, row, x, at, lines, batch, pixels)
-            k, stripe = x % BATCH, np.int64(at[x])
-            b = book.block[stripe]
-            middle, power, count = float(pixels[0, k]), float(pixels[1, k]), np.int64(pixels[2, k] + 0.5)
-            sums, whole = (middle, power, count, n), count == n
-            if not whole:
-                for i in range(n):
-                    used[i] = np.float32(lines[i, k] > SATURATED)
-            if way != WITHIN:
-                clipped[r, x] = n - count
-                coordinates[r, x], variances[r, x], errors[r, x] = np.nan, np.inf, 1.0
-                amplitudes[r, x], offsets[r, x], chi2[r, x] = np.sqrt(power / (count + 1e-6)), middle, 0.0
-            else:
-                last, slope = float(coordinates[r, x]), 0.0
-            noise = read2 + gain * max(middle, 0.0)
-            nothing = power < (count - 1 + 5 * np.sqrt(2.0 * n)) * noise or count < 4
-            if nothing or (way == WITHIN and not np.isfinite(last)):
-                last = np.nan
-                continue
-            noise += camera.misfit2 * power / n
-            known = last == last
-            guess = int(np.floor((last + slope - first[stripe]) * PER_PX)) if known else words.shape[1] // 2
-            fit, error, sure = (0, 0.0, 0.0, power), 0.0, way != SEARCH
-            if known or way != SEARCH:
-                fit = _walk(batch, k, used, whole, power, words, angles, b, guess)
-                for side in (-_BESIDE, _BESIDE):
-                    if fit[3] > limit * noise:
-                        one = _walk(batch, k, used, whole, power, words, angles, b, guess + side)
-                        fit = one if one[3] < fit[3] else fit
-                if way == SEARCH and fit[3] < limit * noise:
-                    some = _rivals(fit, sums, apart, many, noise)
-                    sure = some == 0
-                    if some > 0:
-                        before, similar = fit[0], rivals[fit[0] // (PER_PX // COARSE), :some]
-                        fit, error = _compared(
-                            batch, k, used, sums, words, angles, book.reach, similar, noise, fit
-                        )
-                        sure = abs(fit[0] - before) <= 2 * book.reach
-            if not sure:
-                some = _likely(batch, k, used, whole, coarse, score, place, value)
-                fit, error = _compared(
-                    batch, k, used, sums, words, angles, book.reach, place[:some], noise, fit
-                )
-            if power - fit[3] < _NOTHING * noise or fit[2] <= 0:
-                last = np.nan
-                continue
-            shape = book.reach / AROUND, freedom
-            q = fit[0]
-            seen = angles[b, q, 0], angles[b, q, 1], angles[b, q, 2], np.float32(0), np.float32(0)
-            seen = seen if whole else _of_used(used, words, b, q)
-            steps, variance, a, offset, misfit = _placed(numbers, fit, sums, seen, angles, b, shape)
-            coordinate, variance = first[stripe] + steps / PER_PX, variance / (PER_PX * PER_PX)
-            if way == WITHIN:
-                if abs(coordinate - last) * PER_PX >= book.reach or variance >= variances[r, x]:
-                    continue
-            else:
-                if way == SWEEP:
-                    rival = table[np.int64(other[x])] if table.size > 0 else np.float32(other[x])
-                    error = _second_stripe(fit, rival, offset, noise * summed)
-                errors[r, x] = error
-                slope = coordinate - last if abs(coordinate - last) < 4 else 0.0
-                last = coordinate
-            coordinates[r, x], variances[r, x], chi2[r, x] = coordinate, variance, misfit
-            amplitudes[r, x], offsets[r, x] = 0.5 * a, offset + 0.5 * a
+        for x in range(0, width, BATCH):
+            stop_x = min(x + BATCH, width)
+            gather(camera, book, row, x, at, lines, y, room)
+            room[_COUNT + stop_x - x : _NOISE] = _ZERO  # beyond the last pixel there is none
+            _begin(batch, camera, book, at[x:stop_x], out.coordinate[r, x : stop_x if way == WITHIN else x])
+            begin = 0
+            while begin < BATCH:
+                begin = _follow(batch, book, search.apart, way, bounds, line, x, begin)
+                for k in range(begin, min(begin + _GROUP, BATCH)):
+                    if room[_LEFT + k] > _ZERO:
+                        _alone(batch, book, search, way, bounds, line, x, k)
+                begin += _GROUP
+            _placed(batch, book, camera)
+            if way == SWEEP:
+                _second_stripe(batch, other[x:stop_x], camera, book.frames.shape[2])
+            _write(batch, line, edges, r, x, reach, out)

@@ -74,10 +74,10 @@ def gather(
     camera: Any, book: Any, row: Any, first: Any, at: Any, lines: Any, batch: Any, pixels: Any
 ) -> None:
     """Samples of the pixels first.. of a row -> lines (n, BATCH), linear levels, SATURATED where they are;
-    without their mean -> batch (BATCH, n), saturated ones 0; pixels (3, BATCH): mean, squared sum, how many
-    are not saturated. Of a sweep those around the brightest frame, `at`."""
+    without their mean -> batch (BATCH, n), saturated ones 0; pixels (3 BATCH..): means, squared sums, how
+    many are not saturated. Of a sweep those around the brightest frame, `at`."""
     raw, frames, cols = camera.raw, book.frames, min(BATCH, camera.raw.shape[2] - first)
-    middle, power, count = pixels[0], pixels[1], pixels[2]
+    middle, power, count = pixels[:BATCH], pixels[BATCH : 2 * BATCH], pixels[2 * BATCH : 3 * BATCH]
     clip = np.float32(camera.clip)
     for i in range(lines.shape[0]):
         if frames.shape[0] == 1:

@@ -14,7 +14,8 @@ from optolever.errors import InputError
 from optolever.patterns import Sequence
 
 from .display import cell_light
-from .lookup_kernels import AROUND, COARSE, LANES, PER_PX, RIVALS, SEARCH, SWEEP, Book, Search
+from .lookup_kernels import SEARCH, SWEEP
+from .lookup_search import AROUND, COARSE, LANES, PER_PX, RIVALS, Book, Search
 from .noise import Noise
 from .plan import AxisPlan, Plan, raster_axes
 from .plan import plan as described
