@@ -16,7 +16,7 @@
 | `gray`           | bits -> word -> cell, posterior of a wrong bit                                         |
 | `bit_levels`     | what cells show of bits behind a blur; posterior of pixels with weak bits               |
 | `lookup`, `lookup_tables` | any known levels: stripes, free grey values, codes within cells; tables |
-| `lookup_kernels`, `lookup_light` | its loops: most pixels, batch by batch; rows of frames as they read them |
+| `lookup_kernels`, `lookup_light` | its loops, batch by batch; rows of frames as they read them           |
 | `lookup_search`  | its codewords; one pixel among them                                                    |
 | `flags`          | flags, made once; maps that both axes share                                            |
 | `display`        | one model of what a display does: cell, footprint, blur, rounded grey values            |

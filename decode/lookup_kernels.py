@@ -123,8 +123,8 @@ def _follow(batch: Any, book: Any, apart: Any, way: Any, bounds: Any, line: Any,
                     place[k] = target_of(place[k], room[_F + k], last)
         for k in range(_GROUP):
             q = place[k] // (PER_PX // COARSE)
-            room[_NEAR + k] = apart[q, 0, 0] if way == SEARCH else _ONE
-            room[_RISE + k] = apart[q, 0, 1] if way == SEARCH else _ZERO
+            room[_NEAR + k] = apart[0, q, 0] if way == SEARCH else _ONE
+            room[_RISE + k] = apart[0, q, 1] if way == SEARCH else _ZERO
         left = _ZERO
         for k in range(_GROUP):
             rss, power, noise, f = room[_RSS + k], room[_POWER + k], room[_NOISE + k], room[_F + k]

@@ -12,19 +12,15 @@ __all__ = ["BATCH", "SATURATED", "beside", "brightest", "gather"]
 BATCH = 64
 #: What stands for the level of a saturated sample: the mean of any with one is none, either.
 SATURATED = np.float32(-np.inf)
-#: Beyond the number of any frame.
-_LAST = np.int16(32767)
 
 
 @kernel
 def brightest(raw: Any, index: Any, row: Any, clip: Any, top: Any, at: Any) -> None:
     """Largest level of each pixel of a row, and which of the frames shows it first; the middle of those that
     are saturated one after the other."""
-    top[:], at[:] = 0, _LAST
+    top[:], at[:] = 0, 0
     for k in range(index.size):
-        _raised(raw[index[k], row], top)
-    for k in range(index.size):
-        _first(raw[index[k], row], top, np.int16(k), at)
+        _raise(raw[index[k], row], np.int16(k), top, at)
     for x in range(top.size):
         ahead = np.int64(at[x])
         if top[x] >= clip:
@@ -34,16 +30,10 @@ def brightest(raw: Any, index: Any, row: Any, clip: Any, top: Any, at: Any) -> N
 
 
 @kernel
-def _raised(line: Any, top: Any) -> None:
+def _raise(line: Any, place: Any, top: Any, at: Any) -> None:
     for x in range(line.size):
+        at[x] = place if line[x] > top[x] else at[x]
         top[x] = max(line[x], top[x])
-
-
-@kernel
-def _first(line: Any, top: Any, place: Any, at: Any) -> None:
-    for x in range(line.size):
-        here = place if line[x] == top[x] else _LAST
-        at[x] = min(at[x], here)
 
 
 @kernel

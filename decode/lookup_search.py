@@ -70,7 +70,7 @@ class Book(NamedTuple):
 class Search(NamedTuple):
     """Of the whole surface: coarse (M, P) unit codewords; of each the most similar ones elsewhere, rivals
     (P, RIVALS), descending, and sine and cosine of the angles to them and to the next one, apart
-    (P, RIVALS + 1, 2)."""
+    (RIVALS + 1, P, 2)."""
 
     coarse: Any
     rivals: Any
@@ -231,9 +231,9 @@ def _rivals(fit: Any, sums: Any, apart: Any, lead: Any) -> Any:
     apart; -1: more than are listed."""
     power, count, n = sums[1:]
     q = fit[0] // (PER_PX // COARSE)
-    for k in range(apart.shape[1]):
+    for k in range(apart.shape[0]):
         # samples that are dropped take their share of the distance with them
-        if lead_of(fit[3], power, apart[q, k, 0], apart[q, k, 1]) * (2 * count - n) > lead * n:
+        if lead_of(fit[3], power, apart[k, q, 0], apart[k, q, 1]) * (2 * count - n) > lead * n:
             return k
     return -1
 
@@ -246,7 +246,7 @@ def answer_of(
     over the whole surface, if that may be searched, where that does not lead to an answer that fits and is
     better than all similar ones."""
     words, angles, (coarse, rivals, apart) = book.words, book.angles, search
-    whole, power, searched = sums[2] == sums[3], sums[1], apart.shape[0] > 0
+    whole, power, searched = sums[2] == sums[3], sums[1], apart.shape[1] > 0
     (limit, lead), sure = bounds, not searched
     fit, error = (0, _ZERO, _ZERO, power), _ZERO
     if guess >= 0:

@@ -27,7 +27,7 @@ F64 = NDArray[np.float64]
 #: Spread of a pixel of one cell, no blur: what is assumed before anything is known.
 USUAL = 12**-0.5
 _NO_SEARCH = Search(
-    np.zeros((0, 0), np.float32), np.zeros((0, RIVALS), np.int64), np.zeros((0, RIVALS + 1, 2))
+    np.zeros((0, 0), np.float32), np.zeros((0, RIVALS), np.int64), np.zeros((RIVALS + 1, 0, 2), np.float32)
 )
 #: Tables that are kept: as many as one axis asks for while its spread is measured.
 _KEPT = 40
@@ -104,9 +104,10 @@ def _search(
         every = np.einsum("pan,pkbn->pkab", mine, theirs, optimize=True).max(axis=(2, 3))
         cosine[some, :last] = np.where(np.take_along_axis(alike, best, axis=1) > -1, every, 0.0)
     cosine = np.clip(cosine, 0.0, 1.0)
-    return Search(
-        np.ascontiguousarray(coarse.T), rivals[:, :-1], np.stack([np.sqrt(1 - cosine**2), cosine], axis=2)
+    apart = np.ascontiguousarray(
+        np.stack([np.sqrt(1 - cosine**2), cosine], axis=2).swapaxes(0, 1), np.float32
     )
+    return Search(np.ascontiguousarray(coarse.T), rivals[:, :-1], apart)
 
 
 def table_of(
