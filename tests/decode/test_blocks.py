@@ -42,7 +42,7 @@ def assert_same(one: Correspondence, other: Correspondence) -> None:
         assert np.array_equal(getattr(one, field), getattr(other, field), equal_nan=True), field
 
 
-@pytest.mark.parametrize("name", ["phase", "close", "gray", "gray+phase", "stripe"])
+@pytest.mark.parametrize("name", ["phase", "close", "gray", "gray+phase", "stripe", "micro-phase"])
 def test_blocks_change_nothing(
     name: str, shoot: Shoot, smooth: tuple[F64, F64], cut: Callable[..., Correspondence]
 ) -> None:
