@@ -1,5 +1,6 @@
 """One axis: which steps its frames ask for, and their chain over a block of rows."""
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -30,9 +31,9 @@ class AxisDecoder:
     """What turns rows of frames into coordinates of one axis.
 
     periods   of the fringes, with the variance that rounded grey values and misfit leave
-    limits    beyond which pixels are flagged; jump: largest second difference of neighbours, pattern px;
-              per_turn: turns of the finest fringe in a pattern px, 0 without one; common: variance (px^2) by
-              misfit that all close periods may share
+    limits    beyond which pixels are flagged; jump: largest second difference of neighbours, stripe: the
+              finest one of a code, pattern px; per_turn: turns of the finest fringe in a px, 0 without one;
+              common: variance (px^2) by misfit that all close periods may share
     """
 
     axis: AxisPlan
@@ -44,6 +45,7 @@ class AxisDecoder:
     periods: Periods | None
     limits: Limits
     jump: float
+    stripe: float
     per_turn: float = 0.0
     common: float = 0.0
 
@@ -123,8 +125,9 @@ def _decoder(
         table = prepare(sequence, wanted, axis, light, known, lit, cells, options.blur)
         noise = table.noise or noise
         jump = axis.stripes.width if axis.stripes else 2.0 * (1 if code is None else float(code.cell))
+        stripe = jump if axis.stripes or code is not None else math.inf
         limits = limits_of(axis.extent, 0.5, table.freedom, light.white)
-        return AxisDecoder(axis, light, noise, code, None, table, None, limits, jump)
+        return AxisDecoder(axis, light, noise, code, None, table, None, limits, jump, stripe)
     covered = code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
     shown = options.on_cells and not sequence.nominal
     rounding = _rounding(axis.axis, sequence) if shown else (0.0,) * len(axis.fringes)
@@ -136,13 +139,16 @@ def _decoder(
     freedom += (1 if axis.fringes else 0) + code.freedom if code is not None else 0
     if axis.fringes:
         fine = axis.fringes[-1]
-        jump, per_turn, factor = fine.period / 4, 1 / fine.period, 2 / len(fine.index)
+        jump, stripe, per_turn, factor = fine.period / 4, math.inf, 1 / fine.period, 2 / len(fine.index)
     else:
         assert code is not None
-        jump, per_turn, factor = 2.0 * float(code.cell), 0.0, 0.5
+        jump = stripe = 2.0 * float(code.cell)
+        per_turn, factor = 0.0, 0.5
     limits = limits_of(axis.extent, factor, freedom, light.white)
     common = 0.0 if orders is None else unlike[-1] * axis.fringes[-1].period ** 2
-    return AxisDecoder(axis, light, noise, code, orders, None, periods, limits, jump, per_turn, common)
+    return AxisDecoder(
+        axis, light, noise, code, orders, None, periods, limits, jump, stripe, per_turn, common
+    )
 
 
 @lru_cache(maxsize=16)

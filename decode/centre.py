@@ -90,24 +90,23 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
     a g / 12; of a fringe see `_factor` and `_across`.
     here: the line. window: see `windowed`, k: the line's row in it. light: of the line, (W + 4,) with its
     ends repeated, and of those two rows above and below (W,). limits: by what neighbours of a map bend at
-    most, px (of a code its finest stripe); turns of the finest fringe in a px; squared reach of a pixel of no
-    footprint, and extent of the surface (infinite: no border), in whose border's shadow (see border) nothing
-    is taken off; level without light; whether there are REACH rows on either side.
+    most, px; the finest stripe of a code (infinite: no code), as parts of others on a pixel move what it
+    reads, px; turns of the finest fringe in a px; squared reach of a pixel of no footprint, and extent of the
+    surface (infinite: no border), in whose border's shadow (see border) nothing is taken off; level without
+    light; whether there are REACH rows on either side.
 
     Over REACH pixels the curvature is told with next to no noise; it, and what it is more or less between
     next neighbours, count as far as they are beyond noise (James and Stein's shrinkage), and the latter as
     far as it does not change from pixel to pixel (a rough mirror, a neighbour at an edge).
     """
-    jump, per_turn, reach2, extent, dark, inner = limits
+    jump, stripe, per_turn, reach2, extent, dark, inner = limits
     zero, half, two, four = np.float32(0), np.float32(0.5), np.float32(2), np.float32(4)
     wide, part, twelfth = np.float32(1 / REACH**2), np.float32(1 / 24), np.float32(1 / 12)
     unsure, more = np.float32(20 * BULK**2), np.float32((7 / 6) ** 2 + 4 / 24**2 - 1)
     # by noise of a fringe: twice the relative variance of a difference of mean levels, by that of a place
     grain = np.float32(2 * (2 * np.pi) ** 2) * per_turn * per_turn
-    # the finest stripe of a code: parts of others that lie on a pixel move what it reads
     # squared fourth differences that second ones of one map may make: beyond, it is an edge (see spatial)
     most = np.float32(2 * 4**2) * jump * jump
-    stripe = jump if per_turn == 0 else np.float32(np.inf)
     size, at = out.size, REACH
     first, last = np.int32(at), np.int32(size - 1 - at)
     # views of one length: an index that only counts up is known not to wrap round
@@ -158,7 +157,7 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         edge_x, light_x = _in_light(before[x], lit[x], after[x], dark, half * grain2)
         edge_y, light_y = _in_light(bright_up[x], lit[x], bright_down[x], dark, half * grain2)
         # of a code it is less than its cells round off, and what noise of the light would make of it
-        dims = light_x * one_x + light_y * one_y if per_turn > zero else zero
+        dims = light_x * one_x + light_y * one_y if stripe == np.float32(np.inf) else zero
         edge_x = max(edge_x * edge_x - grain2, zero) * one_x * one_x
         edge_y = max(edge_y * edge_y - grain2, zero) * one_y * one_y
         edges = (edge_x + edge_y) * _EDGE if near else zero

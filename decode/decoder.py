@@ -235,7 +235,7 @@ def _among_neighbours(
         every = zip(decoders, raw, widths, tables, roughness, borders, strict=True)
         for decoder, own, width, table, rough, border in every:
             extent = float(decoder.axis.extent) if shot.cells else 0.0
-            finest = decoder.jump, decoder.per_turn
+            finest = decoder.jump, decoder.stripe, decoder.per_turn
             limits = border.reach, rough + decoder.common, extent, *finest, least, end, dark, width
             common = shared.flags, shared.amplitude, shared.offset
             maps = (*out[decoder.axis.axis], flags)

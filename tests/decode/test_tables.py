@@ -14,7 +14,7 @@ from optolever.decode import Correspondence, decode
 from optolever.experiments.metrics import rms
 from optolever.patterns import Frame, Sequence, sequence
 
-from .conftest import scores
+from .conftest import scores, silent
 from .light import free_levels, photographed
 
 F64 = NDArray[np.float64]
@@ -113,6 +113,18 @@ def test_micro_phase_behind_a_blur() -> None:
             region = found.good & (where[axis] // 20 == part)
             off = (getattr(found, axis) - where[axis])[region].mean()
             assert abs(off) < 0.002
+
+
+@pytest.mark.parametrize("width", [2.2, 3.0])
+@pytest.mark.parametrize("name", ["free", "micro-phase"])
+def test_pixels_of_more_than_two_cells_know_how_sure_they_are(name: str, width: float) -> None:
+    """They are no stripes of two cells, of which others lie on the pixel."""
+    shown = free_levels(400, 14) if name == "free" else sequence("micro-phase", 4, 400, axes="u")
+    u = 8 + width * np.arange(int(380 / width)) + 0.013 * np.arange(96)[:, None]
+    found = decode(photographed(shown, u, width, 0.5), shown)
+    assert found.good.mean() > 0.99
+    assert silent(found, u) == 0
+    assert 0.35 < rms(scores(found, u)) < 1.05
 
 
 def dim_micro_phase(seed: int, flashes: float = 0.0) -> tuple[Correspondence, F64, F64]:
