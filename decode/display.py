@@ -25,6 +25,7 @@ from optolever.patterns import Sequence
 from .plan import AxisPlan, Fringe, plan
 
 __all__ = [
+    "FINE",
     "PLACES",
     "WIDEST",
     "WIDTHS",

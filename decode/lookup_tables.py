@@ -189,13 +189,9 @@ def _cosines(sequence: Sequence, index: tuple[int, ...], axis: str) -> F64:
     """Levels (M, (E + 1) PER_PX + 1) of fringes on a surface without cells, at -1 + k / PER_PX."""
     extent = sequence.cols if axis == "u" else sequence.rows
     place = np.arange((extent + 1) * PER_PX + 1) / PER_PX - 1
-    levels = np.ones((len(index), len(place)))
-    for level, frame in zip(levels, (sequence.frames[i] for i in index), strict=True):
-        if frame.kind == "phase":
-            level *= 0.5 + 0.5 * np.cos(2 * np.pi * place / (frame.period_px or 1.0) - (frame.shift or 0.0))
-        if frame.inverted != (frame.kind == "black"):
-            level[:] = 1 - level
-    return levels
+    frames = [sequence.frames[i] for i in index]
+    levels = [frame.ideal_levels(place, "u" if frame.axis is None else axis) for frame in frames]
+    return np.stack(levels) / 255
 
 
 def _seen(levels: F64, spread: float, blur: float | None, beyond: Any) -> F64:

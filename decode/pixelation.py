@@ -174,10 +174,7 @@ class _Neighbours:
 
 def _neighbours(lit: Sample, coord: F32, variance: F32) -> _Neighbours | None:
     """Of neighbours along the direction in which the coordinate changes most."""
-    row, col = lit.places[:: max(1, len(lit.places) // _MOST)].T
-    rows, cols = coord.shape
-    inside = (col >= REACH) & (col < cols - REACH) & (row >= REACH) & (row < rows - REACH)
-    row, col = row[inside], col[inside]
+    row, col = _inner(lit, coord.shape)
     lines = [np.stack([coord[row + d * y, col + d * x] for d in range(-2, 3)]) for y, x in ((0, 1), (1, 0))]
     steps = _steps(coord, row, col)
     noise = variance[row, col]
@@ -252,14 +249,18 @@ def _fitted_blur(left: F64, shown: F64) -> tuple[float, tuple[float, float]]:
 
 def usual_width(lit: Sample, coord: F32, flags: NDArray[np.uint16]) -> float:
     """Median footprint of the sampled pixels that are good, cells, in steps of a twentieth."""
-    row, col = lit.places[:: max(1, len(lit.places) // _MOST)].T
-    rows, cols = coord.shape
-    inside = (col >= REACH) & (col < cols - REACH) & (row >= REACH) & (row < rows - REACH)
-    row, col = row[inside], col[inside]
+    row, col = _inner(lit, coord.shape)
     ends = ((row, col - REACH), (row, col + REACH), (row - REACH, col), (row + REACH, col))
     width = np.hypot(*_steps(coord, row, col))[np.all([flags[end] == 0 for end in ends], axis=0)]
     usual = float(np.median(width)) if width.size else 1.0
     return 0.05 * max(round(usual / 0.05), 1)
+
+
+def _inner(lit: Sample, shape: tuple[int, ...]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns (K,) of sampled pixels at least REACH from the image's border."""
+    row, col = lit.places[:: max(1, len(lit.places) // _MOST)].T
+    inside = (col >= REACH) & (col < shape[1] - REACH) & (row >= REACH) & (row < shape[0] - REACH)
+    return row[inside], col[inside]
 
 
 def _steps(coord: F32, row: NDArray[Any], col: NDArray[Any]) -> tuple[F32, F32]:
