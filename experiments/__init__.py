@@ -7,7 +7,7 @@
 | `calibration.py`, `flag_words.py`, `surface_view.py` | error against sigma; flag words; the surface |
 | `paper.py`, `paper_rows.py` | run_paper: the paper's simulation and experiment, and its table |
 | `paper_simulation.py`, `paper_frames.py` | its measurement: exact; lattice crossings from frames |
-| `paper_report.py`, `paper_figures.py` | the page of that |
+| `paper_report.py` | the page of that |
 | `rig_report.py` | the page of a calibration |
 | `figures.py`, `brute_force.py` | run_figures: figures beside their limits; what checks scene.trace |
 | `cliffs.py` | a cliff behind a mask, and the plain robust integration of it |
@@ -19,7 +19,7 @@
 | `ideal.py` | what an ideal surface shows at a place, and frames of it |
 | `decode_errors.py` | its errors beside what noise allows |
 | `solver_figures.py`, `solver_bound.py` | run_solver_figures: the solver; its noise and the bound |
-| `timing.py` | seconds by the clock and of the processor, and memory |
+| `timing.py` | seconds of calls and stages, memory; Run |
 | `drawn.py` | what cases drawn at random have in common |
 | `fuzz.py`, `damage.py` | fuzz: inputs damaged at random, what the program makes of them; the damage |
 | `bench/` | speed against error, hard cases, sweeps: a face of its own |
@@ -33,12 +33,13 @@ from .demo import DemoResult, run_demo
 from .figures import Figure, run_figures
 from .fuzz import FUZZED, Outcome, fuzz
 from .height_report import write_demo_report, write_record_report
-from .metrics import height_metrics, peak_bytes
+from .metrics import height_metrics
 from .paper import PaperStudy, run_paper
 from .paper_report import write_paper_report
 from .paper_rows import PaperRow
 from .rig_report import RigStudy, judged_table, write_rig_report
 from .solver_figures import run_solver_figures
+from .timing import peak_bytes
 
 __all__ = [
     "CODES",

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from optolever.decode import Correspondence, decode
 from optolever.errors import InputError
 from optolever.patterns import BINARY_CODES, Sequence, sequence_from_text
+from optolever.records import Progress, silent
 
-from .demo import Progress, silent
 from .faults import Fault
 from .ideal import camera_frames
 

@@ -24,9 +24,9 @@ from optolever.decode import decode
 from optolever.kernels import kernel
 from optolever.patterns import Frame, Sequence, sequence
 from optolever.processes import safe_path
+from optolever.records import Progress, silent
 
 from .decode_errors import decode_errors
-from .demo import Progress, silent
 from .figures import Figure, measured_parts
 from .ideal import camera_frames
 from .metrics import rms

@@ -1,8 +1,5 @@
 """The whole chain on a virtual sensor: scene, dent -> frames -> correspondence -> height, against truth."""
 
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,19 +11,19 @@ from optolever.reconstruct import Contact, HeightMap, contacts, reconstruct, slo
 from optolever.records import Progress, silent
 from optolever.scene import Scene, Trace, dent_from_text, trace
 
-from .metrics import height_metrics, peak_bytes
+from .metrics import height_metrics
 from .place import USUAL, resolve
-from .timing import with_stage
+from .timing import Run, Stages, peak_bytes
 
-__all__ = ["DemoResult", "Progress", "Stages", "run_demo", "silent"]
+__all__ = ["DemoResult", "run_demo"]
 
 
 @dataclass(frozen=True)
-class DemoResult:
-    """Everything a run made: the records of the chain, the numbers, and how long each stage took.
+class DemoResult(Run):
+    """Everything a run made: the records of the chain, the numbers, and how long each stage took (trace,
+    capture, decode, reconstruct, total, and report, once it is written).
 
-    metrics: see `metrics.height_metrics`. seconds: trace, capture, decode, reconstruct, total (and report,
-    once it is written). settings: what was asked for, as plain values. contacts: of the report.
+    metrics: see `metrics.height_metrics`. contacts: of the report.
     """
 
     scene: Scene
@@ -36,19 +33,12 @@ class DemoResult:
     correspondence: Correspondence
     height: HeightMap
     metrics: dict[str, float]
-    seconds: dict[str, float]
-    peak_bytes: int
-    settings: dict[str, Any]
     contacts: tuple[Contact, ...] = ()
 
     def with_contacts(self) -> "DemoResult":
         """The same run with the dents that its slopes show."""
         slopes = slope_map(self.height, self.correspondence, self.scene)
         return replace(self, contacts=contacts(self.height, slopes))
-
-    def with_report(self, seconds: float) -> "DemoResult":
-        """The same run after its report was written, which took so long."""
-        return replace(self, seconds=with_stage(self.seconds, "report", seconds), peak_bytes=peak_bytes())
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as plain values: metrics, seconds, peak_bytes, settings."""
@@ -60,23 +50,6 @@ class DemoResult:
             "contacts": [contact.to_dict() for contact in self.contacts],
             "notices": [asdict(notice) for notice in self.height.notices],
         }
-
-
-class Stages:
-    """A clock for stages that run one after the other, and the word to whoever watches."""
-
-    def __init__(self, count: int, progress: Progress) -> None:
-        self.seconds: dict[str, float] = {}
-        self._count, self._progress = count, progress
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Time the block under this name."""
-        self._progress(name, len(self.seconds), self._count)
-        start = time.perf_counter()
-        yield
-        self.seconds[name] = time.perf_counter() - start
-        self._progress(name, len(self.seconds), self._count)
 
 
 def run_demo(
@@ -118,7 +91,7 @@ def run_demo(
         correspondence=correspondence,
         height=height,
         metrics=height_metrics(truth, correspondence, height),
-        seconds=stages.seconds | {"total": sum(stages.seconds.values())},
+        seconds=stages.seconds,
         peak_bytes=peak_bytes(),
         settings={
             "scene": place.name,

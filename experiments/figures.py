@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from optolever.decode import decode
 from optolever.patterns import Sequence, sequence
 from optolever.projector import NoContextError, capture, context_info, measure_renderer
+from optolever.records import Progress, silent
 from optolever.scene import dent_from_text, load, resize, trace
 
 from .brute_force import brute_force
-from .demo import Progress, run_demo, silent
+from .demo import run_demo
 from .metrics import rms
 
 __all__ = ["Figure", "Parts", "measured_parts", "run_figures"]

@@ -29,7 +29,7 @@ from optolever.projector import Capture, capture
 from optolever.reconstruct import HeightMap
 from optolever.scene import Scene, dent, load, resize, trace
 
-from .bench.hard_case import SIGMAS
+from .bench.found import SIGMAS
 from .damage import EXTREMES, damage, save_sofast
 
 __all__ = ["FUZZED", "Outcome", "fuzz"]

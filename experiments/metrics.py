@@ -1,8 +1,6 @@
 """How good a reconstruction is, and whether its error bars tell it: pure functions on truth and result."""
 
 import math
-import resource
-import sys
 from typing import Any
 
 import numpy as np
@@ -12,7 +10,7 @@ from optolever.decode import Correspondence
 from optolever.reconstruct import HeightMap
 from optolever.scene import Trace
 
-__all__ = ["height_metrics", "peak_bytes", "relative_error", "rms", "sigma_ratio", "unflagged"]
+__all__ = ["height_metrics", "relative_error", "rms", "sigma_ratio", "unflagged"]
 
 Array = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
@@ -68,9 +66,3 @@ def height_metrics(truth: Trace, correspondence: Correspondence, height: HeightM
         "sigma_ratio_v": sigma_ratio(correspondence.v, truth.v, correspondence.sigma_v, decoded),
         "sigma_ratio_height": sigma_ratio(height.z, truth.z, height.sigma, stands),
     }
-
-
-def peak_bytes() -> int:
-    """The largest resident memory of this process so far, in bytes."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak if sys.platform == "darwin" else peak * 1024

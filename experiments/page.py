@@ -17,7 +17,7 @@ from optolever import __version__
 from optolever.files import atomic_file, report_folder
 
 from .maps import length_unit
-from .metrics import peak_bytes
+from .timing import peak_bytes
 
 __all__ = [
     "budget_table",

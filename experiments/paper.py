@@ -23,15 +23,15 @@ from optolever.reconstruct import (
     reconstruct,
     reconstruct_paper,
 )
+from optolever.records import Progress, silent
 from optolever.scene import Scene, Surface
 
-from .demo import Progress, Stages, silent
-from .metrics import peak_bytes, rms
+from .metrics import rms
 from .paper_frames import lattice_frames, lattice_positions
-from .paper_rows import Curves, PaperRow, dense_row, paper_rows
+from .paper_rows import PaperRow, dense_row, paper_rows
 from .paper_simulation import Points, lattice_points, pixel_points, seen_points
 from .place import Dent, Place, exact
-from .timing import with_stage
+from .timing import Run, Stages, peak_bytes
 
 __all__ = ["CASES", "Case", "PaperStudy", "run_paper"]
 
@@ -76,14 +76,10 @@ CASES = (
 
 
 @dataclass(frozen=True)
-class PaperStudy:
-    """The rows, the curves that figures are drawn from (case -> name -> arrays by name), and what it took."""
+class PaperStudy(Run):
+    """The rows of all cases."""
 
     rows: list[PaperRow]
-    curves: dict[str, Curves]
-    seconds: dict[str, float]
-    peak_bytes: int
-    settings: dict[str, Any]
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -94,14 +90,10 @@ class PaperStudy:
         """The row with these fields."""
         return next(row for row in self.rows if all(getattr(row, k) == v for k, v in fields.items()))
 
-    def with_report(self, seconds: float) -> "PaperStudy":
-        """The same study after its report was written, which took so long."""
-        return replace(self, seconds=with_stage(self.seconds, "report", seconds), peak_bytes=peak_bytes())
-
     def to_dict(self) -> dict[str, Any]:
         """The numbers as plain values: rows, seconds, peak_bytes, settings."""
         return {
-            "rows": [asdict(row) for row in self.rows],
+            "rows": [asdict(replace(row, curve={})) for row in self.rows],
             "seconds": self.seconds,
             "peak_bytes": self.peak_bytes,
             "settings": self.settings,
@@ -160,23 +152,20 @@ def run_paper(
     stages = Stages(sum(5 if case.rendered else 2 for case in CASES), progress)
     renderer = chosen_renderer(renderer)
     rows: list[PaperRow] = []
-    curves: dict[str, Curves] = {}
     taken: dict[str, Any] = {}
     for case in CASES:
-        drawn: Curves = {}
         with stages.stage(f"{case.name}: trace"):
             setup = Setup.of(case, size)
         with stages.stage(f"{case.name}: the seed's simulation"):
-            rows += _simulated(setup, drawn)
+            rows += _simulated(setup)
         if case.rendered:
             with stages.stage(f"{case.name}: exact correspondence"):
-                rows += _on_pixels(setup, exact(setup.place.truth), "exact", drawn)
+                rows += _on_pixels(setup, exact(setup.place.truth), "exact")
             with stages.stage(f"{case.name}: lattice frames"):
-                rows += _on_lattice(setup, drawn, noise=noise, seed=seed, renderer=renderer)
+                rows += _on_lattice(setup, noise=noise, seed=seed, renderer=renderer)
             with stages.stage(f"{case.name}: sequence frames"):
                 seen = _decoded(setup, noise=noise, seed=seed, renderer=renderer)
-                rows += _on_pixels(setup, seen, "frames", drawn)
-        curves[case.name] = drawn
+                rows += _on_pixels(setup, seen, "frames")
         taken[case.name] = {
             "scene": case.scene,
             "size": [setup.place.scene.camera.rows, setup.place.scene.camera.cols],
@@ -187,8 +176,7 @@ def run_paper(
         }
     return PaperStudy(
         rows=rows,
-        curves=curves,
-        seconds=stages.seconds | {"total": sum(stages.seconds.values())},
+        seconds=stages.seconds,
         peak_bytes=peak_bytes(),
         settings={"cases": taken, "noise": noise, "seed": seed, "size": size, "renderer": renderer},
     )
@@ -201,7 +189,7 @@ def _decoded(setup: Setup, *, noise: float, seed: int, renderer: str) -> Corresp
     return decode(seen.frames, shown)
 
 
-def _simulated(setup: Setup, drawn: Curves) -> Iterator[PaperRow]:
+def _simulated(setup: Setup) -> Iterator[PaperRow]:
     """The seed's two-dimensional simulation: lattice lines and a line of pixels, by both laws."""
     case, geometry = setup.case, setup.geometry
     w = capture_positions(
@@ -210,28 +198,28 @@ def _simulated(setup: Setup, drawn: Curves) -> Iterator[PaperRow]:
     for law, forward, signs in (("reflection", 1, (1, -1)), ("print", -1, (-1,))):
         points = lattice_points(setup.place.scene, setup.place.surface, geometry, case.lines, forward)
         names = (case.name, "exact", law, "lattice")
-        yield from paper_rows(points, geometry, setup.peak, names, drawn, signs)
+        yield from paper_rows(points, geometry, setup.peak, names, signs)
         if forward == -1 or not case.rendered:  # else the traced scene has them
             points = pixel_points(setup.place.scene, setup.place.surface, geometry, w, forward)
             names = (case.name, "exact", law, "pixels")
-            yield from paper_rows(points, geometry, setup.peak, names, drawn, signs)
+            yield from paper_rows(points, geometry, setup.peak, names, signs)
 
 
-def _on_lattice(setup: Setup, drawn: Curves, *, noise: float, seed: int, renderer: str) -> Iterator[PaperRow]:
+def _on_lattice(setup: Setup, *, noise: float, seed: int, renderer: str) -> Iterator[PaperRow]:
     """One column of lattice crossings from a rendered rest frame and a rendered dented frame."""
     scene, surface = setup.place.scene, setup.place.surface
     frames = lattice_frames(scene, surface, setup.lines, noise=noise, seed=seed, renderer=renderer)
     m, w, y = lattice_positions(scene, *frames)
     points = seen_points(surface, setup.geometry, m, w, y)
     names = (setup.case.name, "frames", "reflection", "lattice")
-    yield from paper_rows(points, setup.geometry, setup.peak, names, drawn)
+    yield from paper_rows(points, setup.geometry, setup.peak, names)
 
 
-def _on_pixels(setup: Setup, seen: Correspondence, data: str, drawn: Curves) -> Iterator[PaperRow]:
+def _on_pixels(setup: Setup, seen: Correspondence, data: str) -> Iterator[PaperRow]:
     """The paper's method on every pixel, and the dense solver."""
     case, middle = setup.case, setup.middle(seen)
     names = (case.name, data, "reflection", "pixels")
-    for row in paper_rows(middle, setup.geometry, setup.peak, names, drawn):
+    for row in paper_rows(middle, setup.geometry, setup.peak, names):
         if (row.sign, row.gamma) == (1, True):
             whole = reconstruct_paper(seen, setup.place.scene, series="drops")
             yield replace(row, field=_field(setup, whole.z, whole.good))
@@ -239,7 +227,7 @@ def _on_pixels(setup: Setup, seen: Correspondence, data: str, drawn: Curves) -> 
             yield row
     dense = reconstruct(seen, setup.place.scene)
     names = (case.name, data, "reflection", "dense")
-    found = dense_row(middle, dense, setup.row, setup.peak, names, drawn)
+    found = dense_row(middle, dense, setup.row, setup.peak, names)
     yield replace(found, field=_field(setup, dense.z, dense.good), notices=dense.notices)
 
 

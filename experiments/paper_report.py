@@ -1,13 +1,18 @@
-"""The report of `optolever paper`: tables and figures; the prose is in report/paper.html."""
+"""The report of `optolever paper`: tables, the seed's figures 5 to 14 and 20 redrawn, all methods beside each
+other; the prose is in report/paper.html.
+"""
 
 import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from .images import figure_uri, label_axes, new_figure
+from .maps import length_unit
 from .page import share_text, table, write_page
 from .paper import PaperStudy
-from .paper_figures import comparison_figure, series_figure, shape_figure
-from .paper_rows import PaperRow, curve_name
+from .paper_rows import Curve, PaperRow
 
 __all__ = ["write_paper_report"]
 
@@ -24,11 +29,21 @@ GROUPS = (
     ("frames", "reflection", "Rendered 8-bit frames with noise, light obeys the reflection law"),
 )
 
+STYLES = {"rises": ("#2563a8", "_"), "drops": ("#b3402e", "^"), "mean": ("#1f7a4d", "o")}  # the seed's signs
+DRAWN = (
+    ("paper, lattice, mean", ("lattice", 1, True), "mean", "#b3402e"),
+    ("paper, lattice, drops", ("lattice", 1, True), "drops", "#e0a030"),
+    ("paper, every pixel, mean", ("pixels", 1, True), "mean", "#8a5fb0"),
+    ("paper, every pixel, drops", ("pixels", 1, True), "drops", "#3b7dc4"),
+    ("dense solver", ("dense", None, None), "mean", "#1f7a4d"),
+)
+FLOOR = 1e-13  # of the peak: what is drawn of smaller errors
+
 
 def write_paper_report(study: PaperStudy, path: str | Path) -> PaperStudy:
     """Write the page and return the study with the time that this took."""
     start = time.perf_counter()
-    cases = [_case(study, name) for name in study.curves]
+    cases = [_case(study, name) for name in study.settings["cases"]]
     seconds = study.with_report(time.perf_counter() - start).seconds
     context = {
         "asked": study.settings,
@@ -46,30 +61,32 @@ def _case(study: PaperStudy, name: str) -> dict[str, Any]:
     def row(data: str, law: str, method: str, sign: int | None, gamma: bool | None) -> PaperRow:
         return study.find(case=name, data=data, law=law, method=method, sign=sign, gamma=gamma)
 
-    curves, taken = study.curves[name], study.settings["cases"][name]
-    rendered = any(r.case == name and r.data == "frames" for r in study.rows)
-    fine = curves[curve_name("exact", "reflection", "pixels", 1, True)]
+    taken = study.settings["cases"][name]
+    own = [r for r in study.rows if r.case == name]
+    rendered = any(r.data == "frames" for r in own)
+    seed, true = row("exact", "print", "lattice", -1, True), row("exact", "reflection", "lattice", 1, True)
+    pixels = row("exact", "reflection", "pixels", 1, True)
+    crossings = row("frames", "reflection", "lattice", 1, True) if rendered else None
     figures = {
-        "shape": shape_figure(fine),
-        "seed": series_figure(curves[curve_name("exact", "print", "lattice", -1, True)], fine),
-        "true": series_figure(curves[curve_name("exact", "reflection", "lattice", 1, True)], fine),
-        "comparison": comparison_figure(curves, taken["peak_mm"]),
+        "shape": _shape_figure(pixels.curve),
+        "seed": _series_figure(seed.curve, pixels.curve),
+        "true": _series_figure(true.curve, pixels.curve),
+        "comparison": _comparison_figure(own, taken["peak_mm"]),
     }
-    if rendered:
-        crossings = curves[curve_name("frames", "reflection", "lattice", 1, True)]
-        figures["frames"] = series_figure(crossings, fine)
+    if crossings is not None:
+        figures["frames"] = _series_figure(crossings.curve, pixels.curve)
     return {
         "id": name,
         "title": TITLES[name],
         "taken": taken,
-        "seed": row("exact", "print", "lattice", -1, True),
+        "seed": seed,
         "printed": row("exact", "reflection", "lattice", 1, False),
-        "true": row("exact", "reflection", "lattice", 1, True),
+        "true": true,
         "wrong": row("exact", "reflection", "lattice", -1, True),
-        "pixels": row("exact", "reflection", "pixels", 1, True),
+        "pixels": pixels,
         "rendered": rendered,
         "dense": row("exact", "reflection", "dense", None, None) if rendered else None,
-        "lattice_frames": row("frames", "reflection", "lattice", 1, True) if rendered else None,
+        "lattice_frames": crossings,
         "pixel_frames": row("frames", "reflection", "pixels", 1, True) if rendered else None,
         "dense_frames": row("frames", "reflection", "dense", None, None) if rendered else None,
         "table": _table(study, name),
@@ -102,3 +119,65 @@ def _cells(row: PaperRow) -> list[str]:
         f"{1e3 * row.theta:.3g}",
         share_text(row.field),
     ]
+
+
+def _shape_figure(curve: Curve) -> str:
+    """The mirror's cut, true depth over place (the seed's figures 5 and 10)."""
+    figure = new_figure(10.0, 2.0)
+    axes = figure.subplots()
+    axes.plot(curve["l"], curve["d"], color="#1b2430", lw=1.6)
+    axes.invert_yaxis()
+    label_axes(axes, "l [mm]", "d [mm]", "the dent, into the prism downwards")
+    return figure_uri(figure)
+
+
+def _series_figure(curve: Curve, fine: Curve) -> str:
+    """Theta, depth and their errors by rises, drops and mean, as the seed draws them (6 to 9, 11 to 14).
+
+    `fine` holds the true curve.
+    """
+    figure = new_figure(10.0, 6.0)
+    grid = figure.subplots(2, 2)
+    error = curve["mean d"] - curve["d"]
+    factor, unit = length_unit(float(np.nanmax(np.abs(error), initial=0.0)) / 2)
+    panels = (
+        (grid[0, 0], "theta", 1e3, "theta [mrad]", False),
+        (grid[0, 1], "d", 1.0, "d [mm]", False),
+        (grid[1, 0], "theta", 1e3, "error of theta [mrad]", True),
+        (grid[1, 1], "d", factor, f"error of d [{unit}]", True),
+    )
+    for axes, name, scale, label, against in panels:
+        truth = curve[name]
+        if not against:
+            axes.plot(fine["l"], fine[name] * scale, color="#1b2430", lw=1.2, label="true")
+        for series, (colour, marker) in STYLES.items():
+            values = (curve[f"{series} {name}"] - (truth if against else 0)) * scale
+            axes.plot(
+                curve["l"], values, marker, color=colour, ms=4.5, mfc="none", mew=1, ls="none", label=series
+            )
+        if against:
+            axes.axhline(0, color="#5a6675", lw=0.6)
+        label_axes(axes, "l [mm]", label, "")
+    grid[0, 1].legend(fontsize=8, frameon=False)
+    return figure_uri(figure)
+
+
+def _comparison_figure(rows: list[PaperRow], peak: float) -> str:
+    """Absolute depth error over the peak, of every method, from exact data and from rendered frames."""
+    figure = new_figure(10.0, 3.8)
+    titles = {"exact": "from exact correspondences", "frames": "from rendered, noisy 8-bit frames"}
+    kinds = {(row.data, row.method, row.sign, row.gamma): row for row in rows if row.law == "reflection"}
+    seen = [data for data in titles if any(row.data == data for row in rows)]
+    for axes, data in zip(figure.subplots(1, len(seen), sharey=True, squeeze=False)[0], seen, strict=True):
+        for label, (method, sign, gamma), series, colour in DRAWN:
+            if (data, method, sign, gamma) not in kinds:
+                continue
+            curve = kinds[data, method, sign, gamma].curve
+            error = np.maximum(np.abs(curve[f"{series} d"] - curve["d"]) / peak, FLOOR)
+            marker = "o" if method == "lattice" else ""
+            axes.semilogy(curve["l"], error, color=colour, lw=1, marker=marker, ms=2.5, label=label)
+        axes.axhline(0.01, color="#5a6675", lw=0.8, ls=":")
+        label_axes(axes, "l [mm]", "|error of d| / peak" if data == "exact" else "", titles[data])
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, fontsize=8, frameon=False, loc="outside upper center", ncols=5)
+    return figure_uri(figure)

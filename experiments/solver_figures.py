@@ -17,10 +17,10 @@ from optolever.decode import decode
 from optolever.patterns import sequence_from_text
 from optolever.projector import capture
 from optolever.reconstruct import HeightMap, HeightStream, integrate, reconstruct
+from optolever.records import Progress, silent
 from optolever.scene import dent_from_text, load, resize
 
 from .cliffs import cauchy_loop, cliff
-from .demo import Progress, silent
 from .figures import Figure, Parts, measured_parts
 from .metrics import relative_error, rms
 from .place import Place, exact, middle_anchor

@@ -1,12 +1,17 @@
-"""How long a call takes, by the clock and of the processor, and how much memory."""
+"""How long calls and stages take, by the clock and of the processor, and how much memory."""
 
+import resource
+import sys
 import time
 import tracemalloc
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
-__all__ = ["Measured", "measured", "timed", "with_stage"]
+from optolever.records import Progress
+
+__all__ = ["Measured", "Run", "Stages", "measured", "peak_bytes", "timed"]
 
 RUNS = 3  # timed runs of a short stage
 BUDGET = 1.0  # s, that repeated runs may take together
@@ -32,12 +37,6 @@ def timed(call: Callable[[], Any]) -> Measured:
     return Measured(value, time.perf_counter() - start, time.process_time() - processor)
 
 
-def with_stage(seconds: dict[str, float], name: str, own: float) -> dict[str, float]:
-    """Seconds of stages and of another one, `total` their sum."""
-    stages = {each: value for each, value in seconds.items() if each not in (name, "total")} | {name: own}
-    return stages | {"total": sum(stages.values())}
-
-
 def measured(call: Callable[[], Any]) -> Measured:
     """Memory from a first run under tracemalloc, which also warms caches and compiles; then the least of up
     to three timed runs. A stage of more than two seconds runs once.
@@ -54,3 +53,47 @@ def measured(call: Callable[[], Any]) -> Measured:
     while len(runs) < RUNS and sum(run.seconds for run in runs) <= BUDGET:
         runs.append(timed(call))
     return replace(min(runs, key=lambda run: run.seconds), bytes=peak)
+
+
+def peak_bytes() -> int:
+    """The largest resident memory of this process so far, in bytes."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else peak * 1024
+
+
+class Stages:
+    """A clock for stages that run one after the other, and the word to whoever watches."""
+
+    def __init__(self, count: int, progress: Progress) -> None:
+        self._seconds: dict[str, float] = {}
+        self._count, self._progress = count, progress
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time the block under this name."""
+        self._progress(name, len(self._seconds), self._count)
+        start = time.perf_counter()
+        yield
+        self._seconds[name] = time.perf_counter() - start
+        self._progress(name, len(self._seconds), self._count)
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """Of every stage, and `total`."""
+        return self._seconds | {"total": sum(self._seconds.values())}
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a study tells of itself: seconds of its stages and `total`, memory, what was asked for (plain
+    values)."""
+
+    seconds: dict[str, float]
+    peak_bytes: int
+    settings: dict[str, Any]
+
+    def with_report(self, seconds: float) -> Self:
+        """The same run after its report was written, which took so long."""
+        stages = {name: own for name, own in self.seconds.items() if name not in ("report", "total")}
+        stages["report"] = seconds
+        return replace(self, seconds=stages | {"total": sum(stages.values())}, peak_bytes=peak_bytes())

@@ -15,13 +15,14 @@
 | `hard_curved.py`, `hard_scene.py` | mirrors that bend inside of a pixel; scenes that are a little wrong |
 | `hard_edges.py`, `hard_unlike.py` | scenes with depth edges, faults in them; displays unlike the sequence |
 | `layered.py`, `plain_decoder.py` | their light; codes by definition |
-| `surroundings.py`, `area_truth.py` | what is around a mirror; errors against the area of a pixel |
+| `surroundings.py`, `found.py` | what is around a mirror; errors against the truth |
 """
 
 from .cell import DEFAULT_GRID, Cell, Grid, load_grid
 from .decoders import DECODERS
+from .found import Found
 from .hard import hard_cases, run_hard, save_picture
-from .hard_case import Case, Found, Result, judged
+from .hard_case import Case, Result, judged
 from .hard_pooled import Pooled, pooled
 from .methods import MethodRow, missing_peers, run_methods
 from .pareto import frontier

@@ -9,10 +9,11 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from optolever.files import atomic_file
+from optolever.records import Progress, silent
 
-from ..demo import Progress, silent
 from ..images import figure_png, new_figure
-from .hard_case import Case, Found, Result, run_case, silent_mask
+from .found import Found, silent_mask
+from .hard_case import Case, Result, run_case
 from .hard_curved import FORMS, curved_cases
 from .hard_decode import decode_cases
 from .hard_drawn import random_cases

@@ -1,24 +1,20 @@
 """A hard case, what it gave, and the verdict: nothing may be wrong that is not flagged."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever.errors import InputError
 
 from ..metrics import rms
+from .found import SIGMAS, Found, FrameVerdict, beyond, silent_mask
 
-__all__ = ["LIMIT", "SIGMAS", "Case", "Found", "FrameVerdict", "Result", "judged", "run_case", "worse_of"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+__all__ = ["LIMIT", "Case", "Result", "judged", "run_case"]
 
 LIMIT = 1e-4  # silent errors, as a share of the unflagged pixels
-SIGMAS = 5.0  # beyond which an unflagged value is a silent error
 RATIO = 1.1  # rms error over that of the reference, at most
 LOSS = 0.03  # good share below that of the reference, at most
 GOOD, SILENT, UNKNOWN, DIVERGED, REFUSED, BROKEN, LIMITED, WORSE, MISSED = (
@@ -35,70 +31,6 @@ GOOD, SILENT, UNKNOWN, DIVERGED, REFUSED, BROKEN, LIMITED, WORSE, MISSED = (
 ACCUSED, NAMED, UNNAMED, HARMLESS = "right frame accused", "named", "not named", "harmless fault"
 WIDE, UNSAID = "sigma too wide", "no notice"
 FAULTS = (SILENT, UNKNOWN, DIVERGED, BROKEN, WORSE, MISSED, ACCUSED, WIDE, UNSAID)
-
-
-@dataclass(frozen=True, slots=True)
-class FrameVerdict:
-    """What was said about whole frames, or the scene.
-
-    fault: what was done to them ('': nothing); moves: whether it changes enough pixels; hidden: whether
-    nobody could tell, as the frames are perfect ones of another scene, or are not told where a mirror fills
-    the image; named: whether it was; accused: pixels flagged WRONG_FRAME and nothing else, notices of a right
-    scene; findings: what the check says.
-    """
-
-    fault: str
-    moves: bool
-    hidden: bool
-    named: bool
-    accused: int = 0
-    findings: tuple[str, ...] = ()
-
-    @property
-    def counts(self) -> bool:
-        """True if the fault has to be named."""
-        return self.moves and not self.hidden
-
-
-@dataclass(frozen=True, slots=True)
-class Found:
-    """What a case gave, (H, W) each.
-
-    error: signed, of one coordinate or of the height (the worse one in units of its limit), NaN where the
-    value is; limit: error beyond which an unflagged value is a silent one; expected: pixels that see the
-    pattern; beside: pixels from which no light of the pattern can come; flags; unit: of the errors; scale:
-    what the rms is divided by; reference: what the same pixels gave under better conditions, if the verdict
-    is relative to that; frames: what was said about whole frames, where that is judged; width: median sigma
-    over the rms error, at most width_limit; notices: how many there are, where there must be one.
-    """
-
-    error: Floats
-    limit: Floats
-    expected: Mask
-    beside: Mask
-    flags: NDArray[np.integer[Any]]
-    unit: str
-    scale: float = 1.0
-    reference: "Found | None" = None
-    frames: FrameVerdict | None = None
-    width: float = math.nan
-    width_limit: float = math.inf
-    notices: int | None = None
-
-
-def worse_of(
-    errors: Iterable[NDArray[Any]],
-    limits: Iterable[NDArray[Any]],
-    expected: Mask,
-    beside: Mask,
-    flags: NDArray[Any],
-) -> Found:
-    """Errors of u and v (px) within their limits, (H, W) each: of the one that is worse in units of it."""
-    (error_u, error_v), (limit_u, limit_v) = errors, limits
-    with np.errstate(invalid="ignore", divide="ignore"):
-        worse = ~(np.abs(error_u) / limit_u >= np.abs(error_v) / limit_v)
-    error, limit = np.where(worse, error_v, error_u), np.where(worse, limit_v, limit_u)
-    return Found(error, np.asarray(limit, np.float64), expected, beside, flags, "px")
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,7 +164,7 @@ def _measured(case: Case, found: Found) -> Result:
         unit=found.unit,
         worst=float(np.max(ratios, initial=0.0)),
         flagged=1.0 - float(seen.sum()) / expected if expected else math.nan,
-        wrong=float((_beyond(found) & found.expected).sum()) / expected if expected else math.nan,
+        wrong=float((beyond(found) & found.expected).sum()) / expected if expected else math.nan,
         silent=share,
         silent_count=count,
         pixels=expected,
@@ -242,16 +174,6 @@ def _measured(case: Case, found: Found) -> Result:
         frames=found.frames,
         found=found,
     )
-
-
-def silent_mask(found: Found) -> Mask:
-    """Unflagged pixels that are off by more than their limit, or see nothing at all."""
-    return np.asarray((found.flags == 0) & ((_beyond(found) & found.expected) | found.beside))
-
-
-def _beyond(found: Found) -> Mask:
-    with np.errstate(invalid="ignore"):
-        return np.asarray(~(np.abs(found.error) <= found.limit))
 
 
 def _with_verdict(result: Result, found: Found, share: float, pixels: int) -> Result:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from optolever.scene import Scene, Sensor, Surface, dent, load, resize, trace
 
 from ..drawn import together
-from .hard_case import Case, Found
+from .found import Found
+from .hard_case import Case
 from .hard_drawn import AREA_PIXELS, AREA_SHARE, decoded_area, drawn_size
 from .rigs import KINDS, draw_rig
 

@@ -26,17 +26,15 @@ from optolever.scene import (
 
 from ..design import varied
 from ..faults import Fault
-from .hard_case import SIGMAS, Case, Found, worse_of
-from .measures import far_from_visible
+from .found import Found, far_from_visible, found_places, least_limit
+from .hard_case import Case
 
 __all__ = [
     "CONDITIONS",
-    "DISCRETE",
     "NOMINAL",
     "Condition",
     "decode_cases",
     "decoded",
-    "discrete",
     "flashes",
     "hot_pixels",
 ]
@@ -56,7 +54,6 @@ SEQUENCES = (
     "stripe:step=8",
 )
 ONE_PERIOD = "phase:steps=3,counts=0.9"
-DISCRETE = 1.5  # px, beyond which a discrete code is wrong
 NOMINAL = Sensor(offset=16.0, exposure=0.85)
 
 
@@ -203,24 +200,13 @@ def compared(
 ) -> Found:
     """Errors against the truth; of a moving mirror, against all that was true while the frames were taken.
 
-    The error is that of the coordinate which is worse in units of its limit; captures: how many were
-    decoded for it, each of which may be wrong by as much.
+    captures: how many were decoded for it, each of which may be wrong by as much.
     """
     visible = np.logical_and.reduce([truth.visible for truth in truths])
     somewhere = np.logical_or.reduce([truth.visible for truth in truths])
-    errors, limits = [], []
-    values = (seen.du, seen.dv) if isinstance(seen, Displacement) else (seen.u, seen.v)
-    for name, value, sigma in zip("uv", values, (seen.sigma_u, seen.sigma_v), strict=True):
-        stack = np.stack([getattr(truth, name) for truth in truths])
-        low, high = stack.min(axis=0), stack.max(axis=0)
-        errors.append(value - np.clip(value, low, high))
-        limits.append(np.full(value.shape, captures * DISCRETE) if discrete(shown) else SIGMAS * sigma)
-    return worse_of(errors, limits, visible, far_from_visible(somewhere), seen.flags)
-
-
-def discrete(shown: Sequence) -> bool:
-    """Whether a sequence tells cells only."""
-    return not any(frame.kind in ("phase", "stripe", "crossed") for frame in shown.frames)
+    stacks = (np.stack([getattr(truth, name) for truth in truths]) for name in "uv")
+    between = ((stack.min(axis=0), stack.max(axis=0)) for stack in stacks)
+    return found_places(seen, between, visible, far_from_visible(somewhere), captures * least_limit(shown))
 
 
 def _scene(condition: Condition, size: tuple[int, int]) -> Scene:

@@ -11,8 +11,8 @@ from optolever.projector import AreaTrace, Lighting, area_frames, trace_area
 from optolever.scene import Scene, Sensor, Surface
 
 from ..drawn import between, drawn_dent, together
-from .area_truth import area_errors
-from .hard_case import Case, Found
+from .found import Found, found_area
+from .hard_case import Case
 from .hard_reconstruct import HIDDEN, Problem, reconstructed
 from .rigs import KINDS, Rig, draw_rig, drawn_sensor
 
@@ -51,7 +51,7 @@ def decoded_area(
     scene: Scene, surface: Surface, code: str, sensor: Sensor, seed: int, lighting: Lighting | None = None
 ) -> Found:
     """Render, decode, compare with where every pixel looked."""
-    return area_errors(*seen_area(scene, surface, code, sensor, seed, lighting))
+    return found_area(*seen_area(scene, surface, code, sensor, seed, lighting))
 
 
 def seen_area(

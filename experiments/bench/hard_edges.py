@@ -14,7 +14,8 @@ from optolever.patterns import Sequence, sequence_from_text
 
 from ..drawn import between
 from ..faults import Fault
-from .hard_case import SIGMAS, Case, Found, FrameVerdict, worse_of
+from .found import Found, FrameVerdict, found_places
+from .hard_case import Case
 from .layered import MARGIN, SAMPLES, Gloss, Layer, Outline, Samples, World, inside, light, sampled
 from .plain_decoder import plain_places, seams
 
@@ -322,8 +323,6 @@ def names(report: Integrity, fault: Fault) -> bool:
 
 
 def against_truth(seen: Correspondence, u: Floats, v: Floats, judged: Mask) -> Found:
-    """Errors of the judged pixels, the worse coordinate in units of 5 sigma; the others count as flagged."""
-    errors = [np.asarray(seen.u - u, np.float64), np.asarray(seen.v - v, np.float64)]
-    limits = [np.asarray(SIGMAS * sigma, np.float64) for sigma in (seen.sigma_u, seen.sigma_v)]
-    flags = np.where(judged, seen.flags, seen.flags | np.uint16(Flag.INVALID))
-    return worse_of(errors, limits, judged, np.zeros(judged.shape, np.bool_), flags)
+    """Errors of the judged pixels; the others count as flagged."""
+    found = found_places(seen, ((u, u), (v, v)), judged, np.zeros(judged.shape, np.bool_))
+    return replace(found, flags=np.where(judged, seen.flags, seen.flags | np.uint16(Flag.INVALID)))

@@ -12,9 +12,9 @@ from optolever.errors import InputError
 from optolever.reconstruct import reconstruct
 from optolever.scene import Trace
 
-from .hard_case import Case, Found
+from .found import Found, found_height
+from .hard_case import Case
 from .hard_drawn import rig_case, rig_of, seen_area
-from .hard_reconstruct import found_height
 
 __all__ = ["height_cases"]
 

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, Flag
-from optolever.reconstruct import HeightMap, reconstruct
+from optolever.reconstruct import reconstruct
 from optolever.scene import Scene, Surface, Trace
 
 from ..place import EXACT_SIGMA, Dent, Place
-from .hard_case import SIGMAS, Case, Found
-from .measures import far_from_visible
+from .found import Found, found_height
+from .hard_case import Case
 
-__all__ = ["HIDDEN", "PROBLEMS", "Problem", "found_height", "reconstruct_cases", "reconstructed"]
+__all__ = ["HIDDEN", "PROBLEMS", "Problem", "reconstruct_cases", "reconstructed"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -160,19 +160,6 @@ def reconstructed(problem: Problem, size: tuple[int, int], noise: float, dtype: 
     place = _mirror(problem.scene, problem.dent, size)
     truth = place.truth
     return found_height(reconstruct(spoiled(problem, place, noise, dtype), place.scene), truth, place.peak)
-
-
-def found_height(height: HeightMap, truth: Trace, peak: float) -> Found:
-    """What a height map is worth beside the true mirror, errors over a peak (mm)."""
-    return Found(
-        error=height.z - truth.z,
-        limit=np.asarray(SIGMAS * height.sigma),
-        expected=truth.visible,
-        beside=far_from_visible(truth.visible),
-        flags=height.flags,
-        unit="peak",
-        scale=peak,
-    )
 
 
 def spoiled(problem: Problem, place: Place, noise: float, dtype: str) -> Correspondence:

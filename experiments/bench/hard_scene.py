@@ -18,8 +18,8 @@ from optolever.scene import Scene, dent, trace
 
 from ..drawn import between
 from ..place import exact
-from .hard_case import Case, Found, FrameVerdict
-from .hard_reconstruct import found_height
+from .found import Found, FrameVerdict, found_height
+from .hard_case import Case
 from .rigs import KINDS, draw_rig
 
 __all__ = ["SCENES", "scene_cases", "scene_found", "turned"]

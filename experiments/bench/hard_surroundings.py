@@ -21,8 +21,8 @@ from optolever.projector import AreaTrace, area_light, expose, trace_area
 from optolever.scene import Scene, Sensor, dent_from_text, load, resize
 
 from ..faults import Fault
-from .area_truth import area_errors
-from .hard_case import Case, Found, FrameVerdict
+from .found import Found, FrameVerdict, found_area
+from .hard_case import Case
 from .surroundings import AROUND, FORMS, mirror_mask, surrounded
 
 __all__ = ["FILLS", "NOISES", "SEQUENCES", "Surroundings", "covering", "surroundings_cases"]
@@ -144,8 +144,8 @@ def _decoded(case: Surroundings, size: tuple[int, int]) -> Found:
         found = decode(_taken(light, alone.shown, case.noise), alone.shown)
     except InputError as error:
         raise RuntimeError(f"refused, though not alone: {error}") from error
-    reference = _within(area_errors(alone.found, alone.area, alone.shown), mask, beside=False)
-    here = _within(area_errors(found, alone.area, alone.shown), mask, beside=case.around != "reflection")
+    reference = _within(found_area(alone.found, alone.area, alone.shown), mask, beside=False)
+    here = _within(found_area(found, alone.area, alone.shown), mask, beside=case.around != "reflection")
     return replace(here, reference=reference)
 
 

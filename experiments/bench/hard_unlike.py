@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from optolever.decode import Correspondence, decode
 from optolever.patterns import sequence_from_text
 
-from .hard_case import LIMIT, Case, Found
+from .found import Found
+from .hard_case import LIMIT, Case
 from .hard_edges import LIT, against_truth
 from .layered import Deviation, Layer, World, inside, light, sampled
 

@@ -13,8 +13,8 @@ from typing import Any
 from optolever.blocks import ONE_THREAD
 from optolever.errors import InputError
 from optolever.processes import safe_path
+from optolever.records import Progress, silent
 
-from ..demo import Progress, silent
 from .cell import Cell, grouped
 from .row import Row
 from .run import check, run_cells, warm_up

@@ -12,10 +12,14 @@ import pytest
 import optolever.experiments.bench as bench
 from optolever import InputError
 from optolever.cli import run
+from optolever.decode import Correspondence
 from optolever.experiments.bench import Case, Found, hard_cases, judged, pooled, run_hard, save_picture
 from optolever.experiments.bench import hard_decode as decoding
 from optolever.experiments.bench import hard_reconstruct as solving
+from optolever.experiments.bench.found import beyond
 from optolever.experiments.bench.hard_drawn import random_cases
+from optolever.patterns import sequence
+from optolever.scene import dent, load, resize, trace
 
 SHAPE = (20, 30)
 
@@ -157,11 +161,7 @@ def test_heights_of_drawn_rigs_that_were_once_silently_wrong(number: int) -> Non
 
 
 def test_a_moving_mirror_may_be_where_it_ever_was() -> None:
-    """The truth is the range of what was true; discrete codes have a limit of their own."""
-    from optolever.decode import Correspondence
-    from optolever.patterns import sequence
-    from optolever.scene import dent, load, resize, trace
-
+    """The truth is the range of what was true; discrete codes have a limit of their own; NaN is an error."""
     scene = resize(load("paper-simulation"), 12, 12)
     truth = trace(scene, dent("flat", scene))
     later = replace(truth, u=truth.u + 2.0)
@@ -173,12 +173,13 @@ def test_a_moving_mirror_may_be_where_it_ever_was() -> None:
     assert phase.limit[truth.visible] == pytest.approx(0.5)
     gray = decoding.compared(seen, [truth, later], sequence("gray", 12, 12))
     assert gray.limit == pytest.approx(1.5)
+    for name in "uv":
+        unknown = replace(seen, **{name: np.full(truth.u.shape, np.nan)})
+        assert beyond(decoding.compared(unknown, [truth, later], sequence("phase", 12, 12))).all()
 
 
 @pytest.mark.parametrize("radial", [False, True])
 def test_step_slopes_are_the_heights_differences(radial: bool) -> None:
-    from optolever.scene import load, resize
-
     scene = resize(load("paper-simulation"), 32, 32)
     surface = solving._step(scene, 4, radial=radial)
     x, y = np.random.default_rng(2).uniform(20, 140, (2, 50))

@@ -8,7 +8,7 @@ import pytest
 
 from optolever.decode import Correspondence, Flag
 from optolever.experiments.bench import hard_cases, hard_drawn, judged, pooled, run_hard
-from optolever.experiments.bench.area_truth import area_errors
+from optolever.experiments.bench.found import found_area
 from optolever.experiments.bench.hard_case import run_case
 from optolever.experiments.bench.hard_drawn import rig_case, rig_of
 from optolever.experiments.bench.rigs import KINDS, LEAST_LIT, Rig
@@ -92,34 +92,34 @@ def cut() -> AreaTrace:
 def test_the_judge_takes_the_truth_and_nothing_else(cut: AreaTrace) -> None:
     case, code = rig_case(0), sequence("phase", 40, 14)
     right = true_correspondence(cut)
-    assert judged(case, area_errors(right, cut, code)).verdict == "good"
+    assert judged(case, found_area(right, cut, code)).verdict == "good"
     wrong = replace(right, u=right.u + 0.051)
-    result = judged(case, area_errors(wrong, cut, code))
+    result = judged(case, found_area(wrong, cut, code))
     assert result.verdict == "silent errors"
     assert result.silent == 1.0
     for count in (3, 4):
         few = right.v.copy()
         few[np.nonzero(cut.visible)[0][:count], np.nonzero(cut.visible)[1][:count]] += 5.0
-        result = judged(case, area_errors(replace(right, v=few), cut, code))
+        result = judged(case, found_area(replace(right, v=few), cut, code))
         assert (result.silent_count, result.fault) == (count, count > 3)
 
 
 def test_a_discrete_code_may_be_off_by_a_cell(cut: AreaTrace) -> None:
     code, right = sequence("gray", 40, 14), true_correspondence(cut)
     near, off = replace(right, u=right.u + 1.4), replace(right, u=right.u + 1.6)
-    assert judged(rig_case(0), area_errors(near, cut, code)).verdict == "good"
-    assert judged(rig_case(0), area_errors(off, cut, code)).silent == 1.0
+    assert judged(rig_case(0), found_area(near, cut, code)).verdict == "good"
+    assert judged(rig_case(0), found_area(off, cut, code)).silent == 1.0
 
 
 def test_partly_lit_pixels_are_judged_by_their_lit_part(cut: AreaTrace) -> None:
     code, right = sequence("phase", 40, 14), true_correspondence(cut)
     every = replace(right, flags=np.where(cut.visible | cut.partly, 0, right.flags).astype(np.uint16))
     assert cut.partly.sum() > 10
-    assert judged(rig_case(0), area_errors(every, cut, code)).silent_count == 0
+    assert judged(rig_case(0), found_area(every, cut, code)).silent_count == 0
     wrong = replace(every, u=np.where(cut.partly, every.u + 0.5, every.u))
-    assert judged(rig_case(0), area_errors(wrong, cut, code)).silent_count == cut.partly.sum()
+    assert judged(rig_case(0), found_area(wrong, cut, code)).silent_count == cut.partly.sum()
     beside = replace(every, flags=np.zeros_like(every.flags))
-    found = judged(rig_case(0), area_errors(beside, cut, code))
+    found = judged(rig_case(0), found_area(beside, cut, code))
     assert found.silent_count > 0.3 * cut.partly.size
 
 

@@ -11,7 +11,8 @@ from scipy import ndimage
 
 from optolever.decode import Correspondence, Flag
 from optolever.experiments.bench import hard_surroundings as hard
-from optolever.experiments.bench.hard_case import Case, FrameVerdict, run_case
+from optolever.experiments.bench.found import FrameVerdict
+from optolever.experiments.bench.hard_case import Case, run_case
 from optolever.experiments.bench.surroundings import AROUND, FORMS, mirror_mask, surrounded
 
 SIZE = (64, 80)
