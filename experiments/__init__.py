@@ -3,7 +3,7 @@
 | file | holds |
 |---|---|
 | `demo.py`, `metrics.py` | run_demo: the whole chain on a virtual sensor; how good it was |
-| `height_report.py`, `height_view.py`, `demo_inputs.py` | pages of demo and records; what they show |
+| `height_report.py`, `height_view.py` | pages of demo and records; what they show |
 | `calibration.py`, `flag_words.py`, `surface_view.py` | error against sigma; flag words; the surface |
 | `paper.py`, `paper_rows.py` | run_paper: the paper's simulation and experiment, and its table |
 | `paper_simulation.py`, `paper_frames.py` | its measurement: exact; lattice crossings from frames |

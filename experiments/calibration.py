@@ -37,10 +37,10 @@ class Quantity:
         return self.error[::step], self.sigma[::step]
 
 
-def reliability(error: Array, sigma: Array, bins: int = BINS) -> tuple[Array, Array]:
-    """Rms sigma and rms error in bins of equally many pixels, sorted by sigma."""
+def reliability(error: Array, sigma: Array) -> tuple[Array, Array]:
+    """Rms sigma and rms error in BINS bins of equally many pixels, sorted by sigma."""
     order = np.argsort(sigma, kind="stable")
-    groups = [group for group in np.array_split(order, bins) if group.size]
+    groups = [group for group in np.array_split(order, BINS) if group.size]
     predicted = np.array([np.sqrt(np.mean(sigma[group] ** 2)) for group in groups])
     measured = np.array([np.sqrt(np.mean(error[group] ** 2)) for group in groups])
     return predicted, measured

@@ -5,7 +5,7 @@ every result is a row of numbers along the line through the dent's middle, error
 """
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -93,7 +93,7 @@ class PaperStudy(Run):
     def to_dict(self) -> dict[str, Any]:
         """The numbers as plain values: rows, seconds, peak_bytes, settings."""
         return {
-            "rows": [asdict(replace(row, curve={})) for row in self.rows],
+            "rows": [row.to_dict() for row in self.rows],
             "seconds": self.seconds,
             "peak_bytes": self.peak_bytes,
             "settings": self.settings,

@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,10 @@ class PaperRow:
     curve: Curve = dataclasses.field(default_factory=dict, compare=False, repr=False)
     field: float | None = None
     notices: tuple[Notice, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values: all but the curve."""
+        return {name: value for name, value in dataclasses.asdict(self).items() if name != "curve"}
 
 
 def paper_rows(

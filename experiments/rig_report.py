@@ -20,7 +20,7 @@ from optolever.reconstruct import (
 )
 from optolever.scene import Scene
 
-from .images import figure_uri, new_figure, robust_limits
+from .images import figure_uri, label_axes, new_figure, robust_limits
 from .maps import length_unit
 from .metrics import rms
 from .page import budget_table, scientific, table, write_page
@@ -120,15 +120,16 @@ def _residual_figure(found: tuple[Floats, Floats, Floats, Floats]) -> str:
     return figure_uri(figure)
 
 
-def _draw_points(axes: Any, at: tuple[Floats, Floats], values: Floats, title: str, unit: str) -> None:
+def _draw_points(
+    axes: Any, at: tuple[Floats, Floats], values: Floats, title: str, unit: str, x: str = ""
+) -> None:
     """Values at their places, in colours that tell a sign, if they have one."""
     signed = bool(np.nanmin(values, initial=0.0) < 0)
     low, high = robust_limits(values, symmetric=signed)
     colours = "RdBu_r" if signed else "viridis"
     drawn = axes.scatter(*at, c=values, s=6, cmap=colours, vmin=low, vmax=high, marker="s")
     axes.set_aspect("equal")
-    axes.set_title(title, fontsize=9, loc="left")
-    axes.tick_params(labelsize=7)
+    label_axes(axes, x, title=title, frame=True)
     axes.figure.colorbar(drawn, ax=axes, label=unit)
 
 
@@ -157,8 +158,8 @@ def _sigma_figure(rest: HeightMap) -> str:
     shown += [(f"mode {k + 1}", mode) for k, mode in enumerate(modes[:2])]
     figure = new_figure(10.0, 2.8)
     for axes, (name, values) in zip(figure.subplots(1, 3)[: len(shown)], shown, strict=False):
-        _draw_points(axes, (rest.x, rest.y), np.where(known, factor * values, np.nan), name, unit)
-        axes.set_xlabel("x, mm", fontsize=8)
+        known_values = np.where(known, factor * values, np.nan)
+        _draw_points(axes, (rest.x, rest.y), known_values, name, unit, "x [mm]")
     return figure_uri(figure)
 
 
@@ -182,9 +183,6 @@ def _sketch(before: Scene, after: Scene) -> str:
             axes.plot(*o[0, [first, second]], "o", color=colour, ms=5, label=name)
     for axes, label in zip(both, "zy", strict=True):
         axes.set_aspect("equal", adjustable="datalim")
-        axes.set_xlabel("x, mm", fontsize=8)
-        axes.set_ylabel(f"{label}, mm", fontsize=8)
-        axes.tick_params(labelsize=7)
-        axes.spines[["top", "right"]].set_visible(False)
+        label_axes(axes, "x [mm]", f"{label} [mm]")
     both[0].legend(fontsize=8, frameon=False)
     return figure_uri(figure)

@@ -25,7 +25,7 @@ from .figures import Figure, Parts, measured_parts
 from .metrics import relative_error, rms
 from .place import Place, exact, middle_anchor
 from .solver_bound import bound_figures
-from .timing import timed
+from .timing import in_turn, timed
 
 __all__ = ["run_solver_figures"]
 
@@ -119,11 +119,9 @@ def _integration() -> Iterator[Figure]:
     truth = truth - truth.mean()
     name = f"plain integration, Gaussian, {INTEGRATED} x {INTEGRATED}"
     yield Figure(name, rms(found - truth) / rms(truth), "of the field", high=3e-9)
-    whole, alone = [], []
-    for _ in range(15):  # by turns, so that both meet the same load
-        whole.append(timed(lambda: integrate(gx, gy, spacing=step)).processor)
-        alone.append(timed(lambda: _transforms(gx)).processor)
-    ratio = float(np.median(whole) / np.median(alone))
+    turns = in_turn(partial(integrate, gx, gy, spacing=step), partial(_transforms, gx), count=15)
+    whole, alone = (np.median([turn[k].processor for turn in turns]) for k in (0, 1))
+    ratio = float(whole / alone)
     yield Figure(f"{name}, time over its two transforms", ratio, high=2.0)
 
 
@@ -131,14 +129,9 @@ def _cliffs() -> Iterator[Figure]:
     """Robust integration over a cliff against a plain loop of reweighted sparse solves."""
     for noise in ROUGH:
         z, gx, gy, mask = cliff(*CLIFFS, noise)
-        integrate(gx, gy, "robust", mask=mask)  # what is compiled once is not counted
-        turns = [
-            (
-                timed(partial(integrate, gx, gy, "robust", mask=mask)),
-                timed(partial(cauchy_loop, gx, gy, mask)),
-            )
-            for _ in range(2)  # by turns, so that both meet the same load
-        ]
+        robust, plain = partial(integrate, gx, gy, "robust", mask=mask), partial(cauchy_loop, gx, gy, mask)
+        robust()  # what is compiled once is not counted
+        turns = in_turn(robust, plain, count=2)
         own, loop = (min(turn[k].processor for turn in turns) for k in (0, 1))
         errors = [(found - z)[mask] for found in (turns[0][0].value.z, turns[0][1].value)]
         whole, middle = ([size(error - np.median(error)) for error in errors] for size in (rms, _middle))

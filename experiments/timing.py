@@ -11,7 +11,7 @@ from typing import Any, Self
 
 from optolever.records import Progress
 
-__all__ = ["Measured", "Run", "Stages", "measured", "peak_bytes", "timed"]
+__all__ = ["Measured", "Run", "Stages", "in_turn", "measured", "peak_bytes", "timed"]
 
 RUNS = 3  # timed runs of a short stage
 BUDGET = 1.0  # s, that repeated runs may take together
@@ -35,6 +35,11 @@ def timed(call: Callable[[], Any]) -> Measured:
     start, processor = time.perf_counter(), time.process_time()
     value = call()
     return Measured(value, time.perf_counter() - start, time.process_time() - processor)
+
+
+def in_turn(*calls: Callable[[], Any], count: int) -> list[tuple[Measured, ...]]:
+    """Make each of the calls so many times, by turns, so that all meet the same load."""
+    return [tuple(timed(call) for call in calls) for _ in range(count)]
 
 
 def measured(call: Callable[[], Any]) -> Measured:

@@ -5,13 +5,12 @@
 | `cell.py` | Cell, Grid, TOML grids, keys and seeds; the grid of `optolever bench` |
 | `shot.py`, `decoders.py`, `solvers.py`, `decoupled.py` | mirror and frames; who decodes; who solves |
 | `run.py`, `measures.py`, `row.py` | cells to rows; numbers; the record |
-| `store.py`, `sweeps.py` | one result file per cell; resumed runs, here or on Dask |
+| `sweeps.py` | Store: one result file per cell; resumed runs, here or on Dask |
 | `methods.py` | every solver and integrator on the same cases |
-| `pareto.py`, `summary.py`, `report.py` | frontier and chart; the few rows that count; the page |
+| `pareto.py`, `report.py` | frontier and chart; the few rows that count, the page |
 | `hard.py`, `hard_case.py`, `hard_pooled.py` | hard cases, their verdicts, figures over draws |
 | `hard_decode.py`, `hard_reconstruct.py`, `hard_surroundings.py` | what is hard: written lists |
-| `hard_drawn.py`, `rigs.py` | what is hard: drawn; rigs |
-| `hard_height.py` | drawn rigs from frames to height |
+| `hard_drawn.py`, `rigs.py` | what is hard: drawn, up to the height; rigs |
 | `hard_curved.py`, `hard_scene.py` | mirrors that bend inside of a pixel; scenes that are a little wrong |
 | `hard_edges.py`, `hard_unlike.py` | scenes with depth edges, faults in them; displays unlike the sequence |
 | `layered.py`, `plain_decoder.py` | their light; codes by definition |
@@ -30,8 +29,7 @@ from .report import bench_markdown, bench_table, write_bench_report
 from .row import Row
 from .run import absent_modules, run_cells
 from .solvers import solver_names
-from .store import Store
-from .sweeps import Cluster, sweep, time_cells, warm_up_from_json
+from .sweeps import Cluster, Store, sweep, time_cells, warm_up_from_json
 
 __all__ = [
     "DECODERS",

@@ -16,9 +16,8 @@ from .found import Found, silent_mask
 from .hard_case import Case, Result, run_case
 from .hard_curved import FORMS, curved_cases
 from .hard_decode import decode_cases
-from .hard_drawn import random_cases
+from .hard_drawn import height_cases, random_cases
 from .hard_edges import edge_cases
-from .hard_height import height_cases
 from .hard_reconstruct import reconstruct_cases
 from .hard_scene import scene_cases
 from .hard_surroundings import surroundings_cases

@@ -29,15 +29,7 @@ from ..faults import Fault
 from .found import Found, far_from_visible, found_places, least_limit
 from .hard_case import Case
 
-__all__ = [
-    "CONDITIONS",
-    "NOMINAL",
-    "Condition",
-    "decode_cases",
-    "decoded",
-    "flashes",
-    "hot_pixels",
-]
+__all__ = ["compared", "decode_cases"]
 
 Frames = NDArray[Any]
 Spoil = Callable[[Frames, np.random.Generator], Frames]
@@ -62,9 +54,9 @@ class Condition:
     """What is wrong with a capture.
 
     sensor, display, blur (cells), noise (levels), bits: of the virtual sensor; cells: pattern cells per
-    camera pixel, over the usual; scene; dent; rates: of a moving dent's parameters (per second); rest: what
-    counts is the difference to the undented mirror, decoded alike; spoil: what happens to the frames
-    afterwards; limits: sequences from which nobody could tell, and why.
+    camera pixel, over the usual; dent; rates: of a moving dent's parameters (per second); rest: what counts
+    is the difference to the undented mirror, decoded alike; spoil: what happens to the frames afterwards;
+    limits: sequences from which nobody could tell, and why.
     """
 
     name: str
@@ -74,7 +66,6 @@ class Condition:
     noise: float = 1.0
     bits: int | None = None
     cells: float = 1.0
-    scene: str = SCENE
     dent: str = "gaussian"
     rates: Mapping[str, float] = field(default_factory=dict)
     rest: bool = False
@@ -92,14 +83,14 @@ def _fault(kind: str, at: float = 0.5) -> Spoil:
     return spoil
 
 
-def hot_pixels(frames: Frames, rng: np.random.Generator) -> Frames:
+def _hot_pixels(frames: Frames, rng: np.random.Generator) -> Frames:
     """One pixel in 500 stands at a level of its own."""
     hot = rng.random(frames.shape[1:]) < 0.002
     frames[:, hot] = rng.integers(0, 256, int(hot.sum()))
     return frames
 
 
-def flashes(frames: Frames, rng: np.random.Generator) -> Frames:
+def _flashes(frames: Frames, rng: np.random.Generator) -> Frames:
     """One pixel in 200 is hit once, in one of its frames."""
     rows, cols = np.nonzero(rng.random(frames.shape[1:]) < 0.005)
     frames[rng.integers(0, len(frames), rows.size), rows, cols] = 255
@@ -130,8 +121,8 @@ CONDITIONS = (
     Condition("frames swapped", spoil=_fault("swapped"), limits=_N3),
     Condition("frame torn", spoil=_fault("torn"), limits=_N3),
     Condition("flicker 5 % of 100 Hz", sensor=replace(NOMINAL, flicker=0.05, frame_s=1 / 60)),
-    Condition("hot pixels", spoil=hot_pixels, limits=_N3),
-    Condition("flashes", spoil=flashes, limits=_N3),
+    Condition("hot pixels", spoil=_hot_pixels, limits=_N3),
+    Condition("flashes", spoil=_flashes, limits=_N3),
     Condition("12 bit in 16", bits=12),
     Condition("16 bit", bits=16),
     Condition("deformed minus rest", rest=True),
@@ -149,25 +140,18 @@ def decode_cases(size: tuple[int, int], quick: bool = False) -> Iterator[Case]:
                 condition.name,
                 text,
                 size,
-                partial(decoded, condition, text, size),
+                partial(_decoded, condition, text, size),
                 condition.noise,
                 "uint16" if condition.bits else "uint8",
                 condition.limits.get(text, ""),
             )
 
 
-def decoded(
-    condition: Condition,
-    text: str,
-    size: tuple[int, int],
-    dented: Callable[[Scene], Surface] | None = None,
-) -> Found:
-    """Capture, spoil, decode, compare with where every pixel truly looked. dented: the mirror, if not the
-    condition's.
-    """
+def _decoded(condition: Condition, text: str, size: tuple[int, int]) -> Found:
+    """Capture, spoil, decode, compare with where every pixel truly looked."""
     scene = _scene(condition, size)
     shown = sequence_from_text(text, scene.pattern.rows, scene.pattern.cols)
-    surface = dented(scene) if dented is not None else _surface(condition, scene)
+    surface = _surface(condition, scene)
     with VirtualSensor(scene, surface, shown, noise=condition.noise, seed=1, bits=condition.bits) as sensor:
         taken: Capture = sensor.capture()
         times = sensor.time(0), sensor.time(len(shown) // 2), sensor.time(len(shown) - 1)
@@ -210,7 +194,7 @@ def compared(
 
 
 def _scene(condition: Condition, size: tuple[int, int]) -> Scene:
-    scene = resize(load(condition.scene), *size)
+    scene = resize(load(SCENE), *size)
     blur = scene.pattern.blur_px if condition.blur is None else condition.blur
     finer = varied(scene, "pattern", condition.cells).pattern
     pattern = replace(finer, blur_px=blur)

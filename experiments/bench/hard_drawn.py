@@ -1,17 +1,21 @@
-"""Drawn hard cases: rigs seen by rays through pixels' areas, and mirrors to solve."""
+"""Drawn hard cases: rigs seen by rays through pixels' areas, places and heights; mirrors to solve."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from scipy import ndimage
 
 from optolever.decode import Correspondence, decode
+from optolever.errors import InputError
 from optolever.patterns import Sequence, sequence_from_text
 from optolever.projector import AreaTrace, Lighting, area_frames, trace_area
-from optolever.scene import Scene, Sensor, Surface
+from optolever.reconstruct import reconstruct
+from optolever.scene import Scene, Sensor, Surface, Trace
 
 from ..drawn import between, drawn_dent, together
-from .found import Found, found_area
+from .found import Found, found_area, found_height
 from .hard_case import Case
 from .hard_reconstruct import HIDDEN, Problem, reconstructed
 from .rigs import KINDS, Rig, draw_rig, drawn_sensor
@@ -21,6 +25,7 @@ __all__ = [
     "AREA_SHARE",
     "decoded_area",
     "drawn_size",
+    "height_cases",
     "random_cases",
     "rig_case",
     "rig_of",
@@ -145,3 +150,27 @@ def _solving(number: int) -> Case:
         round(noise, 3),
         dtype,
     )
+
+
+def height_cases(draws: int, first: int = 0) -> Iterator[Case]:
+    """`draws` rigs from frames to height, in which errors that neighbours have in common add up; a number's
+    rig, its frames and their noise are those of `rig_case`."""
+    for number in range(first, first + draws):
+        decoded = rig_case(number)
+        yield replace(decoded, part="height", name=f"rig {number}", make=partial(_solved_rig, number))
+
+
+def _solved_rig(number: int) -> Found:
+    rig, code, sensor = rig_of(number)
+    seen, area, _ = seen_area(rig.scene, rig.surface, code, sensor, number, rig.lighting)
+    height = reconstruct(seen, rig.scene, anchor=_known_point(seen, area.centre))
+    return replace(found_height(height, area.centre, 1.0), unit="mm")
+
+
+def _known_point(seen: Correspondence, truth: Trace) -> tuple[float, float, float]:
+    """The true place (mm) on the mirror of the good pixel that is farthest from any that is not."""
+    inside = ndimage.distance_transform_cdt(np.pad(seen.good & truth.visible, 1))[1:-1, 1:-1]
+    if not inside.any():
+        raise InputError("no pixel is good")
+    at = np.unravel_index(int(inside.argmax()), inside.shape)
+    return float(truth.x[at]), float(truth.y[at]), float(truth.z[at])

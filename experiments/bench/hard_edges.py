@@ -137,15 +137,15 @@ def drawn_fault(rng: np.random.Generator, sequence: Sequence) -> Fault:
         return Fault(kind, frame, other, float(rng.uniform(0.25, 0.75)), bool(rng.random() < 0.5))
 
 
-def drawn_world(rng: np.random.Generator, size: tuple[int, int], objects: int | None = None) -> World:
-    """A wall and two to five objects before it (or so many), shadows, a gloss streak, holes, ink."""
+def drawn_world(rng: np.random.Generator, size: tuple[int, int]) -> World:
+    """A wall and two to five objects before it, shadows, a gloss streak, holes, ink."""
     rows, cols = size
     scale = float(rng.uniform(0.35, 0.65))
     disparity = between(rng, 80, 200)
     side = float(rng.choice([0.0, math.pi]) + rng.uniform(-0.4, 0.4))
     # tilts and bends change the disparity by at most a quarter of the scale from pixel to pixel
     slope, reach = 0.25 * scale / disparity, 0.5 * math.hypot(rows, cols)
-    count = int(rng.integers(2, 6)) if objects is None else objects
+    count = int(rng.integers(2, 6))
     layers = [Layer(None, 1.0, _direction(rng, 0.5 * slope), _bend(rng, slope / reach), _albedo(rng))]
     for _ in range(count):
         outline = _outline(rng, size, (0.1, 0.3))

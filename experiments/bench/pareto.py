@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..images import figure_uri, new_figure
+from ..images import figure_uri, label_axes, new_figure
 from ..page import scientific
 from .row import Row
 
@@ -42,20 +42,20 @@ def pareto_figure(rows: Sequence[Row], refresh: float) -> str:
     """Two charts side by side as a PNG data URI: error against computing time, and against all time."""
     figure: Figure = new_figure(11.0, 6.2)
     left, right = figure.subplots(1, 2, sharey=True)
-    _chart(left, rows, lambda row: row.compute_seconds, "decode + reconstruct [s]")
+    error = "rms height error / peak depth"
+    _chart(left, rows, lambda row: row.compute_seconds, "decode + reconstruct [s]", error)
     _chart(
         right,
         rows,
         lambda row: row.display_seconds(refresh) + row.compute_seconds,
         f"display at {refresh:g} Hz + decode + reconstruct [s]",
     )
-    left.set_ylabel("rms height error / peak depth", fontsize=9)
     if left.get_legend_handles_labels()[0]:
         left.legend(fontsize=8, loc="best")
     return figure_uri(figure)
 
 
-def _chart(axes: Axes, rows: Sequence[Row], time: Time, label: str) -> None:
+def _chart(axes: Axes, rows: Sequence[Row], time: Time, label: str, y: str = "") -> None:
     shown = [row for row in rows if row.done and row.error > 0 and time(row) > 0]
     for kind, (marker, colour, filled, legend) in MARKS.items():
         of_kind = [row for row in shown if row.kind == kind]
@@ -96,8 +96,7 @@ def _chart(axes: Axes, rows: Sequence[Row], time: Time, label: str) -> None:
         axes.set_xlim(0.6 * min(times), ROOM * max(times))
     axes.grid(True, which="both", color="#e5e7eb", linewidth=0.6)
     axes.set_axisbelow(True)
-    axes.set_xlabel(label, fontsize=9)
-    axes.tick_params(labelsize=8)
+    label_axes(axes, label, y, frame=True)
 
 
 def _name(row: Row) -> str:

@@ -1,4 +1,6 @@
-"""The report of a bench: a section per mirror with charts and table; prose in ../report/bench.html."""
+"""The report of a bench: a section per mirror with charts and table, and a few rows of it (the best, the
+single shot, the paper's method, the peers); prose in ../report/bench.html.
+"""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -6,12 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..page import table, write_page
+from ..page import percent, scientific, seconds_text, table, write_page
 from .pareto import frontier, pareto_figure
 from .row import Row
-from .summary import SUMMARY, ahead_of_peers, cells, markdown, summary
 
-__all__ = ["bench_markdown", "bench_table", "write_bench_report"]
+__all__ = ["ahead_of_peers", "bench_markdown", "bench_table", "summary", "write_bench_report"]
 
 HEADER = (
     *("sequence", "solver", "frames", "display", "render", "decode", "x copy", "solve", "memory"),
@@ -82,13 +83,8 @@ def bench_table(rows: Iterable[Row], refresh: float) -> Iterator[tuple[str, list
     """
     shown = [name for name in HEADER if name not in REPORT_ONLY]
     for group in groups(rows):
-        lines = [cells(row, shown, refresh) for row in group.ranked()]
+        lines = [_cells(row, shown, refresh) for row in group.ranked()]
         yield group.name, [shown, *lines], group.absent()
-
-
-def bench_markdown(rows: Iterable[Row]) -> str:
-    """The table of the benchmarks page: a few rows per mirror."""
-    return markdown([(group.name, group.rows) for group in groups(rows)])
 
 
 def write_bench_report(
@@ -108,10 +104,10 @@ def write_bench_report(
 def _section(place: int, group: Group, refresh: float) -> dict[str, Any]:
     floors, best = group.floors(), group.best(refresh)
     lines = (
-        ("best" if row in best else "", cells(row, HEADER, refresh, floors.get(row.cell.solver, math.nan)))
+        ("best" if row in best else "", _cells(row, HEADER, refresh, floors.get(row.cell.solver, math.nan)))
         for row in group.ranked()
     )
-    short = (("", [what, *cells(row, SUMMARY)]) for what, row in summary(group.rows).items())
+    short = (("", [what, *_cells(row, SUMMARY)]) for what, row in summary(group.rows).items())
     return {
         "id": f"mirror-{place}",
         "name": group.name,
@@ -141,3 +137,95 @@ def _name(key: tuple[Any, ...]) -> str:
     scene, size, dent, noise = key
     pixels = "" if size is None else f", {size[0]} × {size[1]}"
     return f"{Path(scene).stem}, {dent or 'own dent'}{pixels}, noise {noise:g}"
+
+
+LOSS = 0.05  # share of the pixels that a chain may lose against the one that loses least
+FEW = 20  # frames of the row "few frames"
+PAPER = 0.01  # of the depth: the error that the paper states
+TIME = "compute"
+SUMMARY = ("sequence", "solver", "frames", TIME, "rms", "1 % over it", "err/sigma", "flagged", "silent")
+
+
+def summary(rows: Iterable[Row]) -> dict[str, Row]:
+    """Of one mirror: the row of least error of every kind, among those that measure what the others do; what
+    does not exist is left out."""
+    done = [row for row in _whole(rows) if row.kind != "floor"]
+    own = [row for row in done if row.kind == "own"]
+    wanted = (
+        ("best", own),
+        (f"at most {FEW} frames", [row for row in own if row.frames <= FEW]),
+        ("single shot", [row for row in own if row.frames == 1]),
+        ("the paper's method", [row for row in done if row.kind == "paper"]),
+        ("the paper's own frame", [row for row in done if row.cell.shown.startswith("lattice")]),
+        ("best peer", [row for row in done if row.kind == "peer"]),
+    )
+    return {what: min(some, key=lambda row: row.error) for what, some in wanted if some}
+
+
+def ahead_of_peers(rows: Iterable[Row]) -> float:
+    """Least ratio, over all peer chains, of their error to the least of this package's own with no more
+    frames: above 1 it is ahead of every one. NaN where there is no peer."""
+    done = _whole(rows)
+    own = [row for row in done if row.kind == "own"]
+    ratios = []
+    for peer in (row for row in done if row.kind == "peer" and row.cell.decoder != "exact"):
+        equal = [row.error for row in own if row.frames <= peer.frames]
+        ratios.append(peer.error / min(equal) if equal else 0.0)
+    return min(ratios, default=math.nan)
+
+
+def _whole(rows: Iterable[Row]) -> list[Row]:
+    """Rows with an error that flag not many more pixels than the least; lattice lines flag nothing."""
+    done = [row for row in rows if row.done and math.isfinite(row.error) and row.error > 0]
+    flagged = [row.metrics.get("flagged_share", 0.0) for row in done]
+    least = min((f for f, row in zip(flagged, done, strict=True) if row.kind != "floor"), default=0.0)
+    return [row for f, row in zip(flagged, done, strict=True) if f <= least + LOSS]
+
+
+def _cells(row: Row, names: Iterable[str], refresh: float = 60.0, floor: float = math.nan) -> list[str]:
+    """A finished row as text under the names of columns; floor: error where decoding is perfect."""
+    number, seconds = row.metrics.get, row.timings.get
+    render, decode, solve, copy = (
+        seconds(f"{stage}_seconds", 0.0) for stage in ("render", "decode", "reconstruct", "floor")
+    )
+    memory = max(seconds("decode_bytes", 0.0), seconds("reconstruct_bytes", 0.0))
+    sigma = number("sigma_ratio_height", math.nan)  # NaN where the method states none
+    ratio = row.error / (floor or math.nan)
+    known = {
+        "sequence": row.cell.sequence,
+        "solver": row.cell.solver,
+        "frames": str(row.frames or ""),
+        "display": seconds_text(row.display_seconds(refresh)) if row.frames else "",
+        "render": seconds_text(render) if render else "",
+        "decode": seconds_text(decode) if decode else "",
+        "x copy": f"{decode / copy:.3g}" if copy else "",
+        "solve": seconds_text(solve) if solve else "",
+        TIME: seconds_text(row.compute_seconds),
+        "memory": f"{memory / 2**20:.3g} MiB" if memory else "",
+        "rms": scientific(row.error),
+        "95 %": scientific(number("height_p95_rel", math.nan)),
+        "max": scientific(number("height_max_rel", math.nan)),
+        "1 % over it": f"{PAPER / row.error:.3g}" if row.error else "",
+        "err/sigma": f"{sigma:.3f}" if math.isfinite(sigma) else "–",
+        "flagged": percent(number("flagged_share", math.nan)),
+        "silent": percent(number("silent_share", math.nan)) if math.isfinite(sigma) else "–",
+        "x exact": "" if not math.isfinite(ratio) else f"{ratio:.3g}" if ratio < 1000 else f"{ratio:.0f}",
+    }
+    return [known[name] for name in names]
+
+
+def bench_markdown(rows: Iterable[Row]) -> str:
+    """The table of the benchmarks page: a few rows per mirror, without times, which belong to a machine."""
+    header = ("mirror", *(name for name in SUMMARY if name != TIME))
+    lines = [f"| {' | '.join(header)} |", f"|{'---|' * len(header)}"]
+    listed = groups(rows)
+    short = [group.name.partition(",")[0] for group in listed]
+    for scene, group in zip(short, listed, strict=True):
+        name = scene if short.count(scene) == 1 else group.name
+        before: Row | None = None
+        for what, row in summary(group.rows).items():
+            if row is not before:
+                sequence, *rest = _cells(row, header[1:])
+                lines.append(f"| {' | '.join([f'{name}: {what}', f'`{sequence}`', *rest])} |")
+            before = row
+    return "\n".join(lines)

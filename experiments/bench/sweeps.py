@@ -1,4 +1,6 @@
-"""Grids: what is finished is kept, the rest runs here or on a Dask cluster, one thread per worker."""
+"""Grids: what is finished is kept on disk, one JSON file per cell; the rest runs here or on a Dask cluster,
+one thread per worker.
+"""
 
 import importlib
 import json
@@ -8,21 +10,58 @@ import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from optolever import __version__
 from optolever.blocks import ONE_THREAD
 from optolever.errors import InputError
+from optolever.files import atomic_file, write_json
 from optolever.processes import safe_path
 from optolever.records import Progress, silent
 
 from .cell import Cell, grouped
-from .row import Row
+from .row import FAILED, Row, csv_text
 from .run import check, run_cells, warm_up
-from .store import Store
 
-__all__ = ["Cluster", "sweep", "time_cells"]
+__all__ = ["Cluster", "Store", "sweep", "time_cells"]
 
 RETRIES = 3  # of a task whose worker died or lost its result
+
+
+class Store:
+    """A folder: cells/KEY.json, results.json and results.csv."""
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        (self.folder / "cells").mkdir(parents=True, exist_ok=True)
+
+    def path(self, cell: Cell) -> Path:
+        """Where the cell's result lies."""
+        return self.folder / "cells" / f"{cell.key}.json"
+
+    def load(self, cell: Cell) -> Row | None:
+        """The cell's row; None if it is absent, failed, unreadable, or of another version of this package."""
+        try:
+            record = json.loads(self.path(cell).read_text(encoding="utf-8"))
+            row = Row.from_dict(record["row"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+        stands = record.get("version") == __version__ and row.cell == cell and row.status != FAILED
+        return row if stands else None
+
+    def save(self, row: Row) -> None:
+        """Write a cell's row."""
+        record = {"version": __version__, "row": row.to_dict()}
+        write_json(self.path(row.cell), record)
+
+    def finish(self, rows: Iterable[Row], settings: dict[str, Any], refresh: float) -> None:
+        """Write results.json and results.csv of all rows."""
+        listed = list(rows)
+        record = {"settings": settings, "rows": [row.flat(refresh) for row in listed]}
+        write_json(self.folder / "results.json", record)
+        with atomic_file(self.folder / "results.csv") as temporary:
+            temporary.write_text(csv_text(listed, refresh), encoding="utf-8")
 
 
 @dataclass(frozen=True, slots=True)

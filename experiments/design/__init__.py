@@ -8,16 +8,16 @@
 | `exhaustive.py`, `judged.py` | run_choices: the first choice against all candidates simulated; on what |
 | `slopes.py`, `sensor_maps.py`, `sensor_sweep.py`, `sensor_report.py` | what a scene can measure |
 | `goal.py` | the share of heights within a goal, fixed sequences that meet it |
-| `adaptive.py`, `on_demand.py` | the next frames from the last |
-| `adaptive_study.py` | against the best fixed sequence |
+| `adaptive.py`, `adaptive_study.py` | the next frames from the last; against the best fixed sequence |
 """
 
-from .adaptive import Adapted, Start, Step, adapt, starting
+from .adaptive import Adapted, OnDemand, Start, Step, adapt, starting
 from .adaptive_study import (
     AdaptiveRow,
     AdaptiveStudy,
     FixedSearch,
     Place,
+    VirtualOnDemand,
     best_fixed,
     run_adaptive,
     study_dents,
@@ -26,7 +26,6 @@ from .candidates import Candidate, candidates, ladder
 from .exhaustive import ChoiceRow, run_choices
 from .goal import Goal, expected_share, offers, share_within
 from .judged import CASES, Case, drawn_cases
-from .on_demand import OnDemand, VirtualOnDemand
 from .prediction import Prediction, predict
 from .ranking import Design, DesignRow, merit, run_design, simulate
 from .sensitivity import Lever

@@ -9,7 +9,7 @@ of that share; the step that gains most per frame is taken.
 import itertools
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -24,12 +24,11 @@ from optolever.scene import Scene, dent, mean_beside, movement
 
 from .candidates import LEAST_STEPS, SPAN, candidates
 from .goal import Goal, expected_share, share_within
-from .on_demand import OnDemand
 from .prediction import Prediction, predict
 from .sensitivity import Lever
 from .view import Floats, View, stride_for, thinned
 
-__all__ = ["SIDE", "Adapted", "Start", "Step", "adapt", "starting"]
+__all__ = ["SIDE", "Adapted", "OnDemand", "Start", "Step", "adapt", "starting"]
 
 _UNSEEN = int(Flag.DARK | Flag.OFF_PATTERN | Flag.INVALID)
 #: Finer periods that are tried next, as shares of the finest shown, and the finest of all.
@@ -40,6 +39,13 @@ SPARE = 1.5
 SIDE = 60
 #: Pixels (rms) over which places are averaged for images of what was measured.
 SMOOTHED = 1.0
+
+
+class OnDemand(Protocol):
+    """Shows frames that nobody knew before, and brings their images."""
+
+    def show(self, frames: tuple[Frame, ...]) -> NDArray[Any]:
+        """Images (n, H, W) of the frames, in their order."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,18 +11,19 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.notices import Notice
-from optolever.patterns import Sequence
+from optolever.patterns import Frame, Sequence
+from optolever.projector import capture
 from optolever.reconstruct import HeightMap
 from optolever.records import Progress, silent
-from optolever.scene import Scene, dent_from_text
+from optolever.scene import Scene, Surface, dent_from_text
 
 from .adaptive import SIDE, Adapted, Start, Step, adapt, starting
 from .candidates import Candidate
 from .goal import Goal, offers
-from .on_demand import VirtualOnDemand
 from .sensitivity import Lever
 from .view import stride_for
 
@@ -31,6 +32,7 @@ __all__ = [
     "AdaptiveStudy",
     "FixedSearch",
     "Place",
+    "VirtualOnDemand",
     "best_fixed",
     "run_adaptive",
     "study_dents",
@@ -205,6 +207,28 @@ def _verified(places: "list[Place]", sequence: Sequence, share: float, seeds: in
         if shares[-1] < share:
             return None
     return shares
+
+
+class VirtualOnDemand:
+    """The virtual sensor as a source of frames on demand; every frame that is shown has noise of its own."""
+
+    def __init__(
+        self, scene: Scene, surface: Surface, *, noise: float, seed: int = 0, renderer: str = "auto"
+    ) -> None:
+        self._scene, self._surface = scene, surface
+        self._noise, self._seed, self._renderer = noise, seed, renderer
+        self.shown = 0
+
+    def show(self, frames: tuple[Frame, ...]) -> NDArray[Any]:
+        """Images (n, H, W) of the frames, in their order."""
+        pattern = self._scene.pattern
+        sequence = Sequence(frames, pattern.rows, pattern.cols)
+        seed = int(np.random.SeedSequence([self._seed, self.shown]).generate_state(1)[0])
+        self.shown += len(frames)
+        seen = capture(
+            self._scene, self._surface, sequence, noise=self._noise, seed=seed, renderer=self._renderer
+        )
+        return seen.frames
 
 
 class Place:

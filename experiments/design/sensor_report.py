@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..images import figure_uri, new_figure
+from ..images import figure_uri, label_axes, new_figure
 from ..maps import MirrorGrid, Panel, length_unit, mirror_figure
 from ..page import scientific, table, write_page
 from .sensor_maps import Floats, SensorMaps
@@ -128,16 +128,14 @@ def _curve(name: str, rows: list[dict[str, float | str]]) -> str:
     left.plot(values, [float(row["sigma_rms_mm"]) for row in mine], "s--", label="rms")
     if any(float(row["sigma_mm"]) > 0 for row in mine):
         left.set_yscale("log")
-    left.set_ylabel("sigma of the height [mm]", fontsize=9)
+    label_axes(left, name, "sigma of the height [mm]")
     for key, label in (("slope_low_deg", "least"), ("slope_high_deg", "greatest"),
                        ("reflection_margin_deg", "total reflection")):  # fmt: skip
         shown = [float(row[key]) for row in mine]
         if any(math.isfinite(value) for value in shown):
             right.plot(values, shown, "o-", label=label)
-    right.set_ylabel("slope along x [degrees]", fontsize=9)
+    label_axes(right, name, "slope along x [degrees]")
     for axes in (left, right):
-        axes.set_xlabel(name, fontsize=9)
         if axes.has_data():
             axes.legend(fontsize=8)
-        axes.tick_params(labelsize=8)
     return figure_uri(figure)

@@ -22,9 +22,9 @@ from optolever.experiments.bench import (
     frontier,
     load_grid,
     measures,
+    report,
     run_cells,
     solver_names,
-    summary,
     write_bench_report,
 )
 from optolever.experiments.bench import run as running
@@ -220,11 +220,11 @@ def test_a_single_shot_counts_one_frame_and_follows_the_rest() -> None:
 def test_summary_and_readme(rows: list[Row]) -> None:
     """The few rows that count are the least of their kind; peers are compared at no more frames."""
     mine = [row for row in rows if row.cell.scene == "paper-simulation"]
-    lines = summary.summary(mine)
+    lines = report.summary(mine)
     assert lines["best"].error == min(row.error for row in mine if row.kind == "own" and row.done)
     assert lines["the paper's own frame"].cell.sequence == "lattice"
     assert lines["best peer"].kind == "peer"
-    ratio = summary.ahead_of_peers(mine)
+    ratio = report.ahead_of_peers(mine)
     assert ratio == pytest.approx(lines["best peer"].error / lines["best"].error)
     text = bench.bench_markdown(rows).splitlines()
     assert len({line.count("|") for line in text}) == 1

@@ -185,30 +185,20 @@ def test_the_choice_goes_through_a_file(prism: Scene, tmp_path: Path) -> None:
         sequence_from_text(str(tmp_path / "best.toml"), 8, 8)
 
 
-def test_a_users_module_in_the_working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A console script's path does not hold it."""
-    (tmp_path / "nearby.py").write_text(
-        "from optolever.patterns import sequence\n"
-        "def waves(rows, cols):\n    return sequence('phase', rows, cols)\n"
-    )
-    monkeypatch.setattr(sys, "path", [part for part in sys.path if part])
-    monkeypatch.chdir(tmp_path)
-    before = list(sys.path)
-    assert user_candidate("nearby:waves", 40, 60).sequence == sequence("phase", 40, 60)
-    assert sys.path == before  # nothing that is imported later comes from there
-    sys.modules.pop("nearby")
-
-
 def test_user_patterns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A callable, a folder that Sequence wrote, a folder of bare images: all candidates like any other."""
+    """A callable of the working folder (which a console script's path does not hold), a folder that Sequence
+    wrote, a folder of bare images: all candidates like any other."""
     (tmp_path / "mine.py").write_text(
         "from optolever.patterns import sequence\n"
         "def good(rows, cols):\n    return sequence('phase', rows, cols)\n"
         "def bad(rows, cols):\n    return 7\n"
         "def broken(rows, cols):\n    raise ValueError('no')\n"
     )
-    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "path", [part for part in sys.path if part])
+    monkeypatch.chdir(tmp_path)
+    before = list(sys.path)
     assert user_candidate("mine:good", 40, 60).sequence == sequence("phase", 40, 60)
+    assert sys.path == before  # nothing that is imported later comes from there
     for name, complaint in (
         ("bad", "must be a Sequence"),
         ("broken", "ValueError: no"),

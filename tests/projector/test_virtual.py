@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever import InputError
+from optolever.experiments.metrics import rms
 from optolever.patterns import Frame, Sequence, sequence
 from optolever.projector import NOMINAL_SENSOR, VirtualSensor, capture, optics_gl, release_context
 from optolever.scene import (
@@ -67,10 +68,6 @@ def surfaces(scene: Scene, name: str) -> Surface:
         bump = dent("gaussian", scene)
         return Surface(bump.height, bump.gradient)
     return dent(name, scene)
-
-
-def rms(values: NDArray[np.float64]) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 @pytest.mark.parametrize("preset", ["paper-simulation", "monitor-mirror"])

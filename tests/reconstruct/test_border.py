@@ -10,7 +10,6 @@ from optolever.reconstruct import reconstruct
 from optolever.reconstruct.gauge import anchor_rows
 from optolever.reconstruct.holes import LARGEST, bridged, small_holes
 from optolever.reconstruct.problem import prepare
-from optolever.scene import dent_from_text, load, resize, trace
 
 from .conftest import rms_score, scores
 
@@ -53,10 +52,9 @@ def test_bridges_are_exact_for_cubics(exact, slit: bool) -> None:
 
 
 @pytest.mark.parametrize("peak", [0.21, pytest.param(0.44, marks=pytest.mark.slow)])
-def test_an_island_behind_narrow_slits_stands_where_it_should(noisy, cut, peak: float) -> None:
+def test_an_island_behind_narrow_slits_stands_where_it_should(exact, noisy, cut, peak: float) -> None:
     """A ring of missing pixels, two wide in a few places only; no noise, and yet sigma 0.01 px."""
-    scene = resize(load("prism48"), 148, 117)
-    truth = trace(scene, dent_from_text(f"gaussian:peak={peak},sigma=8.2,x=39,y=22.5", scene))
+    scene, truth, _ = exact("prism48", f"gaussian:peak={peak},sigma=8.2,x=39,y=22.5", 148, 117)
     row, col = np.mgrid[:148, :117]
     lost = np.abs(np.hypot(row - 74, col - 58.5) - 37) < 1.5
     height = reconstruct(cut(noisy(truth, 0.01), ~lost), scene)
@@ -65,11 +63,10 @@ def test_an_island_behind_narrow_slits_stands_where_it_should(noisy, cut, peak: 
 
 
 @pytest.mark.slow
-def test_sigma_of_an_island_behind_passages_of_one_pixel(noisy, cut) -> None:
+def test_sigma_of_an_island_behind_passages_of_one_pixel(exact, noisy, cut) -> None:
     """Against noise repeated: what the passages, which are bridged, let through (and not the blocks that they
     are a part of)."""
-    scene = resize(load("paper-prototype"), 98, 188)
-    truth = trace(scene, dent_from_text("flat", scene))
+    scene, truth, _ = exact("paper-prototype", "flat", 98, 188)
     row, col = np.mgrid[:98, :188]
     lost = np.abs(np.hypot(row - 49, col - 94) - 24.5) < 1.5
     ratio = []
@@ -155,10 +152,9 @@ def test_a_line_whose_pixels_noise_picked_is_as_sure_as_it_says(exact, noisy, cu
 
 
 @pytest.fixture(scope="module")
-def clamped():
+def clamped(exact):
     """A mirror that bends beside its clamped edge: what is extrapolated there is wrong for all of it."""
-    scene = resize(load("paper-prototype"), 172, 108)
-    return scene, trace(scene, dent_from_text("ball:peak=0.075,radius=910", scene))
+    return exact("paper-prototype", "ball:peak=0.075,radius=910", 172, 108)[:2]
 
 
 @pytest.mark.parametrize("share", [0.1, 0.3])

@@ -18,7 +18,7 @@ from optolever.reconstruct import (
     reconstruct,
 )
 from optolever.scene import dent_from_text as dent
-from optolever.scene import load, resize, trace
+from optolever.scene import trace
 
 
 @pytest.mark.parametrize(
@@ -175,10 +175,9 @@ def test_float32_input(exact) -> None:
     assert relative_error(height, truth) < 2e-5
 
 
-def test_coarse_start_is_only_a_start(noisy) -> None:
+def test_coarse_start_is_only_a_start(exact, noisy) -> None:
     """Large enough for a coarser grid: the same answer to the tolerance, in few steps."""
-    scene = resize(load("paper-simulation"), 300, 320)
-    truth = trace(scene, dent("needle", scene))
+    scene, truth, _ = exact("paper-simulation", "needle", 300, 320)
     height = reconstruct(noisy(truth), scene)
     assert height.diagnostics.converged
     assert len(height.diagnostics.steps) <= 3

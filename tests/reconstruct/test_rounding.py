@@ -79,14 +79,3 @@ def _middles(coord: Floats, between: float, rng: np.random.Generator) -> Floats:
     end = np.floor(coord) + 0.5
     unsure = np.abs(coord - end) < between
     return np.where(unsure, end + rng.uniform(-0.5, 0.5, coord.shape), np.rint(coord))
-
-
-@pytest.mark.parametrize("share", [0.1, 0.3])
-def test_sigma_holds_with_dropouts(exact, noisy, cut, share: float) -> None:
-    scene, truth, _ = exact("paper-simulation", "gaussian", 96, 96)
-    found = []
-    for seed in range(4):
-        lost = np.random.default_rng(seed + 9).random(truth.u.shape) < share
-        found.append(scores(reconstruct(cut(noisy(truth, 0.05, 0.05, seed), ~lost), scene), truth))
-    assert (np.abs(found) > 5).mean() < 5e-4
-    assert 0.85 < rms_score(*found) < 1.15

@@ -8,7 +8,7 @@ import pytest
 from optolever.decode import Flag
 from optolever.experiments import brute_force
 from optolever.reconstruct import HeightFlag, PixelAnchor, reconstruct
-from optolever.scene import dent, load, resize, trace
+from optolever.scene import dent, trace
 
 from .touching import amid, dents_of, touching_rig, way_of
 
@@ -68,10 +68,9 @@ def test_a_pixel_on_the_pattern_is_flagged(noisy) -> None:
 
 @pytest.mark.parametrize("preset", ["paper-simulation", "prism48", "monitor-mirror"])
 @pytest.mark.parametrize("off", [1e-3, 0.1])
-def test_exact_data_with_an_anchor_that_is_off(noisy, preset: str, off: float) -> None:
+def test_exact_data_with_an_anchor_that_is_off(exact, noisy, preset: str, off: float) -> None:
     """The free mode takes no slope: steps along it were held for steps too far, no pixel converged."""
-    scene = resize(load(preset), 96, 112)
-    truth = trace(scene, dent("flat", scene))
+    scene, truth, _ = exact(preset, "flat", 96, 112)
     height = reconstruct(noisy(truth), scene, anchor=PixelAnchor(48, 56, off))
     assert height.diagnostics.converged
     assert height.good.mean() > 0.99
