@@ -19,6 +19,7 @@ from optolever.records import Progress, silent
 
 from .faults import Fault
 from .ideal import camera_frames
+from .metrics import rms
 
 __all__ = ["CODES", "CodeRow", "code_rows", "predict_code", "seen"]
 
@@ -95,7 +96,7 @@ def predict_code(shown: Sequence, amplitude: float, noise: float) -> tuple[float
     wrong = _wrong(found, shown, u, v)
     stands = found.good & ~wrong
     errors = [(found.u - u if axis == "u" else found.v - v)[stands] for axis in axes]
-    sigma = max(float(np.sqrt(np.mean(error**2))) if error.size else math.nan for error in errors)
+    sigma = max(rms(error) for error in errors)
     stated = 0.0 if found.order_error is None else float(np.mean(found.order_error))
     reach = min(_reach(shown, axis) for axis in axes)
     return reach, sigma, max(float(wrong.mean()), stated), min(_narrowest(shown, axis) for axis in axes)

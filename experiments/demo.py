@@ -9,10 +9,10 @@ from optolever.patterns import Sequence, sequence_from_text
 from optolever.projector import Capture, capture, chosen_renderer
 from optolever.reconstruct import Contact, HeightMap, contacts, reconstruct, slope_map
 from optolever.records import Progress, silent
-from optolever.scene import Scene, Trace, dent_from_text, trace
+from optolever.scene import Scene, Trace
 
 from .metrics import height_metrics
-from .place import USUAL, resolve
+from .place import Place, resolve
 from .timing import Run, Stages, peak_bytes
 
 __all__ = ["DemoResult", "run_demo"]
@@ -70,34 +70,32 @@ def run_demo(
     dent: None is the scene's own, else a raised cosine. noise: standard deviation of added Gaussian noise,
     8-bit levels. renderer: auto, gl or numpy. InputError for names that do not exist.
     """
-    place, drawn_by = resolve(scene, size), chosen_renderer(renderer)
-    dent = dent or place.dent or USUAL
-    surface = dent_from_text(dent, place)
-    shown = sequence_from_text(sequence, place.pattern.rows, place.pattern.cols)
+    known, drawn_by = resolve(scene, size), chosen_renderer(renderer)
+    shown = sequence_from_text(sequence, known.pattern.rows, known.pattern.cols)
     stages = Stages(4, progress)
     with stages.stage("trace"):
-        truth = trace(place, surface)
+        place = Place.of(known, dent)
     with stages.stage("capture"):
-        seen = capture(place, surface, shown, renderer=drawn_by, noise=noise, seed=seed)
+        seen = capture(known, place.surface, shown, renderer=drawn_by, noise=noise, seed=seed)
     with stages.stage("decode"):
         correspondence = decode(seen.frames, shown)
     with stages.stage("reconstruct"):
-        height = reconstruct(correspondence, place, method=method, anchor=anchor)
+        height = reconstruct(correspondence, known, method=method, anchor=anchor)
     return DemoResult(
-        scene=place,
+        scene=known,
         sequence=shown,
         capture=seen,
-        truth=truth,
+        truth=place.truth,
         correspondence=correspondence,
         height=height,
-        metrics=height_metrics(truth, correspondence, height),
+        metrics=height_metrics(place.truth, correspondence, height),
         seconds=stages.seconds,
         peak_bytes=peak_bytes(),
         settings={
-            "scene": place.name,
-            "size": [place.camera.rows, place.camera.cols],
-            "blur_px": place.pattern.blur_px,
-            "dent": dent,
+            "scene": known.name,
+            "size": [known.camera.rows, known.camera.cols],
+            "blur_px": known.pattern.blur_px,
+            "dent": place.dent,
             "sequence": sequence,
             "frames": len(shown),
             "noise": noise,

@@ -36,7 +36,6 @@ from .timing import Run, Stages, peak_bytes
 __all__ = ["CASES", "Case", "PaperStudy", "run_paper"]
 
 Array = NDArray[np.float64]
-PIXELS_PER_LINE = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,11 +116,6 @@ class Setup:
         x = np.linspace(0, mirror.length, 4001)
         peak = float(np.max(place.surface.height(x, np.full_like(x, mirror.width / 2))))
         return cls(case, place, prism_geometry(place.scene), peak)
-
-    @property
-    def lines(self) -> int:
-        """Rendered lattice lines: the case's, or as many as a smaller camera can tell apart."""
-        return min(self.case.lines, self.place.scene.camera.cols // PIXELS_PER_LINE)
 
     @property
     def row(self) -> int:
@@ -208,7 +202,7 @@ def _simulated(setup: Setup) -> Iterator[PaperRow]:
 def _on_lattice(setup: Setup, *, noise: float, seed: int, renderer: str) -> Iterator[PaperRow]:
     """One column of lattice crossings from a rendered rest frame and a rendered dented frame."""
     scene, surface = setup.place.scene, setup.place.surface
-    frames = lattice_frames(scene, surface, setup.lines, noise=noise, seed=seed, renderer=renderer)
+    frames = lattice_frames(scene, surface, setup.case.lines, noise=noise, seed=seed, renderer=renderer)
     m, w, y = lattice_positions(scene, *frames)
     points = seen_points(surface, setup.geometry, m, w, y)
     names = (setup.case.name, "frames", "reflection", "lattice")

@@ -14,6 +14,7 @@ from optolever.scene import Scene, Surface, dent, trace
 
 __all__ = ["lattice_frames", "lattice_positions"]
 
+PIXELS_PER_LINE = 10
 Array = NDArray[np.float64]
 Frame = NDArray[Any]
 
@@ -23,10 +24,12 @@ def lattice_frames(
 ) -> tuple[Sequence, Frame, Frame]:
     """What was shown, and what the camera saw of it at rest and dented, (1, H, W) each.
 
-    The lattice has `lines` lines on the stretch of the pattern seen at rest.
+    The lattice has `lines` lines on the stretch of the pattern seen at rest, or as many as a smaller camera
+    can tell apart.
     """
     geometry, pattern = prism_geometry(scene), scene.pattern
     seen = geometry.length * np.cos(geometry.beta0) / np.cos(geometry.beta0 - geometry.alpha0)
+    lines = min(lines, scene.camera.cols // PIXELS_PER_LINE)
     shown = sequence("lattice", pattern.rows, pattern.cols, period=seen / lines / pattern.pitch)
     rest, dented = (
         capture(scene, shape, shown, renderer=renderer, noise=noise, seed=seed + step).frames

@@ -11,7 +11,7 @@ from optolever.decode import Correspondence
 from optolever.reconstruct import PixelAnchor, exact_correspondence
 from optolever.scene import Scene, Surface, Trace, dent_from_text, load, resize, trace
 
-__all__ = ["EXACT_SIGMA", "USUAL", "Dent", "Place", "exact", "middle_anchor", "resolve"]
+__all__ = ["EXACT_SIGMA", "Dent", "Place", "exact", "middle_anchor", "resolve"]
 
 Dent = str | Callable[[Scene], Surface] | None
 EXACT_SIGMA = 0.01  # px, of exact correspondences: solvers weigh by ratios of sigmas only

@@ -11,7 +11,7 @@ from typing import Any, Self
 
 from optolever.records import Progress
 
-__all__ = ["Measured", "Run", "Stages", "in_turn", "measured", "peak_bytes", "timed"]
+__all__ = ["Measured", "Run", "Stages", "fastest", "in_turn", "measured", "peak_bytes", "timed"]
 
 RUNS = 3  # timed runs of a short stage
 BUDGET = 1.0  # s, that repeated runs may take together
@@ -42,6 +42,14 @@ def in_turn(*calls: Callable[[], Any], count: int) -> list[tuple[Measured, ...]]
     return [tuple(timed(call) for call in calls) for _ in range(count)]
 
 
+def fastest(call: Callable[[], Any], runs: int, budget: float) -> Measured:
+    """The fastest of so many calls, fewer once they took more seconds than a budget together."""
+    taken = [timed(call)]
+    while len(taken) < runs and sum(run.seconds for run in taken) <= budget:
+        taken.append(timed(call))
+    return min(taken, key=lambda run: run.seconds)
+
+
 def measured(call: Callable[[], Any]) -> Measured:
     """Memory from a first run under tracemalloc, which also warms caches and compiles; then the least of up
     to three timed runs. A stage of more than two seconds runs once.
@@ -54,10 +62,7 @@ def measured(call: Callable[[], Any]) -> Measured:
         tracemalloc.stop()
     if first.seconds >= LONG:
         return replace(first, bytes=peak)
-    runs: list[Measured] = []
-    while len(runs) < RUNS and sum(run.seconds for run in runs) <= BUDGET:
-        runs.append(timed(call))
-    return replace(min(runs, key=lambda run: run.seconds), bytes=peak)
+    return replace(fastest(call, RUNS, BUDGET), bytes=peak)
 
 
 def peak_bytes() -> int:

@@ -18,7 +18,7 @@ from optolever.records import Progress, silent
 
 from ..metrics import rms
 from ..place import Place, middle_anchor
-from ..timing import timed
+from ..timing import Measured, fastest
 from .hard_reconstruct import PROBLEMS, spoiled
 from .measures import measures
 from .solvers import installed, missing_peers, peer_integrators, solver, solver_names
@@ -30,7 +30,7 @@ Mask = NDArray[np.bool_]
 Numbers = dict[str, Any]
 Measure = Callable[[], Numbers]
 
-AGAIN = 20.0  # s of a processor: what takes less is run a second time, without what the first run compiles
+AGAIN = 20.0  # s: what takes less is run a second time, without what the first run compiles
 NOISE = 0.05  # px
 
 
@@ -112,17 +112,6 @@ def run_methods(
     return rows
 
 
-def _best(call: Callable[[], Any]) -> tuple[Any, float, float]:
-    """Result, wall and processor seconds: the better of two runs, unless they are very long."""
-    best, cpu, value = math.inf, math.inf, None
-    for _ in range(2):
-        run = timed(call)
-        value, best, cpu = run.value, min(best, run.seconds), min(cpu, run.processor)
-        if run.processor > AGAIN:
-            break
-    return value, best, cpu
-
-
 def load_field(path: Path) -> tuple[Floats, Floats, Floats, Mask]:
     """A published test field, .npz: z, its slopes gx (per column) and gy (per row), (H, W) each, and mask (H,
     W) if not every pixel counts. InputError if they do not belong together.
@@ -180,15 +169,17 @@ def _own(name: str, gx: Floats, gy: Floats, mask: Mask) -> Floats:
 
 
 def _transforms(z: Floats) -> Numbers:
-    workers = 2
-    _, seconds, cpu = _best(lambda: scipy.fft.idctn(scipy.fft.dctn(z, workers=workers), workers=workers))
-    return {"seconds": seconds, "cpu": cpu}
+    return _times(fastest(lambda: scipy.fft.idctn(scipy.fft.dctn(z, workers=2), workers=2), 2, AGAIN))
+
+
+def _times(run: Measured) -> Numbers:
+    return {"seconds": run.seconds, "cpu": run.processor}
 
 
 def _integrated(call: Callable[[], Floats], z: Floats, mask: Mask) -> Numbers:
-    found, seconds, cpu = _best(call)
-    error = (found - z)[mask]
-    return {"seconds": seconds, "cpu": cpu, "error": rms(error - np.mean(error)) / rms(z[mask])}
+    run = fastest(call, 2, AGAIN)
+    error = (run.value - z)[mask]
+    return _times(run) | {"error": rms(error - np.mean(error)) / rms(z[mask])}
 
 
 def _mirrors(size: tuple[int, int]) -> Iterator[tuple[str, str, str, Measure]]:
@@ -209,12 +200,11 @@ def _height(case: Mirror, size: tuple[int, int], method: str) -> Numbers:
         call = partial(reconstruct, seen, place.scene, method=method, anchor=anchor)
     else:
         call = partial(solver(method).run, seen, place.scene)
-    height, seconds, cpu = _best(call)
+    run = fastest(call, 2, AGAIN)
+    height = run.value
     numbers = measures(place.truth, seen, height)
     known = bool(np.isfinite(height.sigma[height.good]).any())
-    return {
-        "seconds": seconds,
-        "cpu": cpu,
+    return _times(run) | {
         "error": numbers["height_rms_rel"],
         "sigma_ratio": numbers["sigma_ratio_height"],
         "flagged": numbers["flagged_share"],

@@ -33,7 +33,6 @@ __all__ = ["absent_modules", "check", "run_cells", "warm_up"]
 Clock = Callable[[Callable[[], Any]], Measured]
 
 TINY = (48, 48)  # camera on which everything is compiled before anything is timed
-LATTICE_PIXELS = 10  # camera pixels that a lattice line needs, as in the paper's study
 LATTICE_LINES = 64
 
 
@@ -173,9 +172,8 @@ def _paper_line(row: Row, place: Place) -> Row:
     """The row with timings (of single runs) and metrics of the paper's measurement."""
     cell = row.cell
     scene, geometry = place.scene, prism_geometry(place.scene)
-    lines = min(LATTICE_LINES, scene.camera.cols // LATTICE_PIXELS)
     settings: dict[str, Any] = {"noise": cell.noise, "seed": cell.capture_seed, "renderer": cell.renderer}
-    taken = run_once(lambda: lattice_frames(scene, place.surface, lines, **settings))
+    taken = run_once(lambda: lattice_frames(scene, place.surface, LATTICE_LINES, **settings))
     found = run_once(lambda: lattice_positions(scene, *taken.value))
     m, w, y = found.value
     points = seen_points(place.surface, geometry, m, w, y)

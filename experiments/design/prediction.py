@@ -15,6 +15,7 @@ from optolever.errors import InputError
 from optolever.patterns import Sequence
 from optolever.projector import light_of
 
+from ..metrics import rms
 from .view import Floats, Mask, View
 
 __all__ = ["Prediction", "predict"]
@@ -51,7 +52,7 @@ class Prediction:
     def rms(self) -> float:
         """Of the errors over the usable pixels that are not refused, cells."""
         error = self.error.swapaxes(0, 1)[:, self.good & self.usable]
-        return float(np.sqrt(np.mean(error**2))) if error.size else float("nan")
+        return rms(error)
 
 
 def predict(view: View, sequence: Sequence, noise: float, *, pairs: int = 1) -> Prediction:

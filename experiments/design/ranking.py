@@ -3,7 +3,6 @@ best.
 """
 
 import math
-import time
 from collections.abc import Sequence as Many
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -14,9 +13,11 @@ from optolever.errors import InputError
 from optolever.records import Progress, silent
 from optolever.scene import Scene, dent_from_text
 
+from ..metrics import rms
+from ..timing import Stages
 from .candidates import Candidate, candidates
 from .prediction import predict
-from .sensitivity import Lever, rms_where
+from .sensitivity import Lever
 
 __all__ = ["Design", "DesignRow", "merit", "rank", "run_design", "simulate"]
 
@@ -105,14 +106,12 @@ def run_design(
     by_text = {one.text: one for one in [*candidates(pattern.rows, pattern.cols, frames), *extra]}
     if not by_text:
         raise InputError(f"frames: {frames}, no candidate fits; a fringe ladder on both axes needs 12")
-    start = time.perf_counter()
-    lever = Lever(scene, surface)
-    rows = rank(
-        lever, list(by_text.values()), noise=noise, refresh=refresh, failure=failure, progress=progress
-    )
-    ranked = time.perf_counter()
-    rows = _verified(rows, by_text, lever, noise, verify, seeds, renderer, progress)
-    done = time.perf_counter()
+    stages, offered = Stages(2, silent), list(by_text.values())
+    with stages.stage("predict"):
+        lever = Lever(scene, surface)
+        rows = rank(lever, offered, noise=noise, refresh=refresh, failure=failure, progress=progress)
+    with stages.stage("simulate"):
+        rows = _verified(rows, by_text, lever, noise, verify, seeds, renderer, progress)
     best = next((row for row in rows if not row.why), None)
     return Design(
         rows,
@@ -128,7 +127,7 @@ def run_design(
             "blur": pattern.blur_px,
             "failure": failure,
         },
-        {"predict": ranked - start, "simulate": done - ranked, "total": done - start},
+        stages.seconds,
     )
 
 
@@ -179,7 +178,7 @@ def simulate(
     for seed in seeds:
         height = lever.measured(candidate.sequence, noise, seed, renderer)
         good = height.good & lever.full.usable
-        squares.append(rms_where(height.z - lever.full.truth.z, good) ** 2)
+        squares.append(rms((height.z - lever.full.truth.z)[good]) ** 2)
         shares.append(good.sum() / lever.full.usable.sum())
     return math.sqrt(float(np.mean(squares))), float(np.mean(shares))
 

@@ -24,10 +24,11 @@ from optolever.projector import capture
 from optolever.reconstruct import HeightMap, reconstruct
 from optolever.scene import Scene, Surface
 
+from ..metrics import rms
 from .prediction import Prediction
 from .view import Floats, Mask, View, stride_for, view_of
 
-__all__ = ["HeightPrediction", "Lever", "rms_where"]
+__all__ = ["HeightPrediction", "Lever"]
 
 REFERENCE = 0.01  # cells of noise by which draws and both cameras are compared
 DRAWS = 24  # of noise, by which the one that all sequences get is put in relation to others
@@ -80,7 +81,7 @@ class Lever:
         view, (error, sigma, good) = self.view, (prediction.error, prediction.sigma, prediction.good)
         known = good.all(axis=0) & prediction.usable
         half = 0.5 * (error[0] - error[1])
-        short = rms_where(half / sigma.mean(axis=0), known)
+        short = rms((half / sigma.mean(axis=0))[:, known])
         bias, noise = 0.5 * (error[0] + error[1]), short * sigma * self._unit_noise(0)
         try:
             plus, minus = (
@@ -91,8 +92,8 @@ class Lever:
         except InputError:  # no anchor left
             return HeightPrediction(math.nan, math.nan, math.nan, math.nan, 0.0)
         reached = plus.good & minus.good & prediction.usable
-        noise_mm = scale * rms_where(self._weighed * 0.5 * (plus.z - minus.z), reached)
-        bias_mm = rms_where(self._weighed * (0.5 * (plus.z + minus.z) - view.truth.z), reached)
+        noise_mm = scale * rms((self._weighed * 0.5 * (plus.z - minus.z))[reached])
+        bias_mm = rms((self._weighed * (0.5 * (plus.z + minus.z) - view.truth.z))[reached])
         total = math.hypot(noise_mm, bias_mm)
         share = float(np.mean([one.good[prediction.usable].mean() for one in (plus, minus)]))
         return HeightPrediction(noise_mm, bias_mm, total, scatter * (noise_mm / total) ** 2, share)
@@ -106,14 +107,14 @@ class Lever:
         """Rms height error from white noise over that from the first draw of it, and its standard error as a
         share."""
         sizes = np.array([self._size(self._unit_noise(number)) for number in range(DRAWS)])
-        usual = math.sqrt(float(np.mean(sizes**2)))
+        usual = rms(sizes)
         return usual / float(sizes[0]), float(np.std(sizes)) / usual / math.sqrt(DRAWS)
 
     def _size(self, noise: Floats) -> float:
         """Rms height error (mm) from so much noise, in units of REFERENCE."""
         stated = np.full(noise.shape, REFERENCE)
         height = self.solve(self.view, REFERENCE * noise, stated, self.view.visible)
-        return rms_where(self._weighed * (height.z - self.view.truth.z), height.good & self.view.usable)
+        return rms((self._weighed * (height.z - self.view.truth.z))[height.good & self.view.usable])
 
     @cached_property
     def unit_sigma(self) -> Floats:
@@ -155,9 +156,3 @@ def _unit_sigma(view: View) -> Floats:
     noise = np.full((2, *view.truth.u.shape), REFERENCE)
     height = Lever.solve(view, 0 * noise, noise, view.visible)
     return np.where(height.good & view.usable, height.sigma / REFERENCE, np.nan)
-
-
-def rms_where(values: Floats, where: Mask) -> float:
-    """Root mean square of the values chosen (..., H, W); NaN of none."""
-    chosen = values[..., where]
-    return math.sqrt(float(np.mean(chosen**2))) if chosen.size else math.nan
