@@ -5,6 +5,8 @@ of cells levels are interpolated. The blur is the one that explains the bits of 
 best; what it does not explain (light that comes by way of the scene, other blurs) is a misfit of the levels.
 """
 
+import itertools
+import math
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -22,9 +24,12 @@ __all__ = [
     "GROUP",
     "WEAK",
     "CodePlan",
+    "Levels",
     "bit_values",
     "bits_in_groups",
+    "blurred",
     "fitted_levels",
+    "read_beside",
     "turned",
     "weak_bits",
 ]
@@ -34,6 +39,8 @@ F32 = NDArray[np.float32]
 GROUP = 4
 #: Blurs that are tried, cells: a Gray code's finest bit keeps 3 % of its contrast behind the last one.
 _BLURS = np.arange(0.0, 1.8, 0.2)
+#: Cells by which turned bits lead beside a place; those that lead further are weak ones.
+_BESIDE = 2
 #: Places of a cell at which its levels are read.
 _PARTS = 16
 #: Pixels that tell a blur; fewer tell none.
@@ -86,15 +93,6 @@ class CodePlan(NamedTuple):
     freedom: int
 
 
-class Blurred(NamedTuple):
-    """Levels of a code behind a blur, and what that hides: a narrow stripe between wide ones, whose cell then
-    reads as one beside it. As in a CodePlan."""
-
-    levels: F32
-    beside: F32
-    unsure: F32
-
-
 def bits_in_groups(
     frames: NDArray[np.int64], factor: F32, counts: NDArray[np.bool_], value: NDArray[np.int32]
 ) -> tuple[NDArray[np.int64], F32, NDArray[np.int32], F32, F32]:
@@ -115,66 +113,108 @@ def bit_values(cells: NDArray[np.int32]) -> tuple[NDArray[np.int32], bool]:
     return (cells[bit] if linear else bit.astype(np.int32)), linear
 
 
-def fitted_levels(code: Code, margin: F32, variance: F32, factor: F32) -> tuple[Blurred, float]:
-    """Levels behind the blur that fits best, and the variance that they leave unexplained.
+class Levels(NamedTuple):
+    """What is left of a code: the blur that fits best, misfit2, the variance that it leaves unexplained, and
+    the gain (bits,) of each bit over what it predicts: under 0 where a pixel sees over one whole stripe."""
 
-    margin (bits, K) differences of bits over the amplitude, variance (K,) of a sample in the same unit,
+    blur: int
+    misfit2: float
+    gain: NDArray[np.float64]
+
+
+def fitted_levels(code: Code, margin: F32, variance: F32, factor: F32) -> Levels:
+    """margin (bits, K) differences of bits over the amplitude, variance (K,) of a sample in the same unit,
     factor (bits,) of a difference over that of a sample.
     """
     bits, count = margin.shape
-    tried = _tried(code)
     if count < _FEWEST or len(code.cells) < 2:
-        return tried[0], 0.0
-    cell = code.cells[((margin > 0) << np.arange(bits)[:, None]).sum(axis=0)]
+        return Levels(0, 0.0, np.ones(bits))
+    cell = code.cells[((margin > 0) << np.arange(bits)[:, None]).sum(axis=0)].astype(np.float32)
     expected = float(np.median(variance)) * max(bits - 1, 1)
-    misfit = np.empty((len(tried), count), np.float32)
-    for one, least in zip(tried, misfit, strict=True):
-        _least_misfits(one.levels, cell, np.ascontiguousarray(margin.T), 1 / factor, least)
+    seen, weight = np.ascontiguousarray(margin.T), 1 / factor
+    misfit, place = np.empty((2, len(_BLURS), count), np.float32)
+    # a blur turns bits, so that a word leads beside its cell: found by one that is neither slight nor large
+    _least_misfits(blurred(code, len(_BLURS) // 2), cell, seen, weight, _BESIDE, misfit[0], place[0])
+    cell = place[0].copy()
+    for blur, own in enumerate(misfit):
+        _least_misfits(blurred(code, blur), cell, seen, weight, 1, own, place[blur])
     left = np.median(misfit, axis=1)
     best = int(np.argmin(left))
-    return tried[best], max(float(left[best]) - expected, 0.0) / bits
+    usual = misfit[best] <= 2 * left[best]
+    one, other, share = _between(blurred(code, best), place[best, usual])
+    told = (1 - share) * one + share * other
+    gain = (told * seen[usual]).sum(axis=0) / np.maximum((told * told).sum(axis=0), 1e-9)
+    return Levels(best, max(float(left[best]) - expected, 0.0) / bits, gain)
 
 
-@lru_cache(maxsize=8)
-def _tried(code: Code) -> list[Blurred]:
-    """A code behind each of the blurs."""
-    bits = np.arange(len(code.plain))
+@lru_cache(maxsize=8 * len(_BLURS))
+def blurred(code: Code, blur: int) -> F32:
+    """Levels (cells, bits) of a code behind one of the blurs."""
+    spread, bits = float(_BLURS[blur]), np.arange(len(code.plain))
     sharp = np.where((np.argsort(code.cells)[:, None] >> bits) & 1, 1.0, -1.0)
-    return [_blurred(code.cells, sharp, float(blur)) for blur in _BLURS]
-
-
-def _blurred(cells: NDArray[np.int32], sharp: NDArray[np.float64], blur: float) -> Blurred:
-    """sharp (cells, bits): levels in front of the blur."""
-    reach = int(np.ceil(4 * blur))
-    edges = (np.arange(-reach, reach + 2) - 0.5) / max(blur, 1e-9)
+    reach = int(np.ceil(4 * spread))
+    edges = (np.arange(-reach, reach + 2) - 0.5) / max(spread, 1e-9)
     weights = np.diff(ndtr(edges))
-    levels = correlate1d(sharp, weights / weights.sum(), axis=0, mode="nearest").astype(np.float32)
-    count, bits = levels.shape
+    seen = correlate1d(sharp, weights / weights.sum(), axis=0, mode="nearest")
+    return np.asarray(seen, np.float32)
+
+
+def _between(levels: F32, place: NDArray[Any]) -> tuple[F32, F32, NDArray[Any]]:
+    """Levels (K, bits) of the cells on both sides of places (K,), and the share (K, 1) of the second ones."""
+    low = np.clip(np.floor(place).astype(int), 0, len(levels) - 2)
+    return levels[low], levels[low + 1], np.clip(place - low, 0, 1)[:, None]
+
+
+def read_beside(code: Code, levels: Levels) -> tuple[F32, F32]:
+    """What a blur hides: by how many cells places that read as a cell are beside its centre (cells,), mean
+    and variance beyond the cell's own; empty where it hides nothing.
+
+    A narrow stripe between wide ones reads as one beside it, and a bit of which hardly any contrast is left
+    may be turned as a whole, as stripes of one cell are that a pixel of over two sees.
+    """
+    if len(code.cells) < 2:
+        return np.zeros(0, np.float32), np.zeros(0, np.float32)
+    # rounded, so that the next capture finds it again
+    misfit2 = 2.0 ** round(math.log2(max(levels.misfit2, 1e-9)))
+    return _hidden(code, levels.blur, misfit2, tuple(np.rint(8 * np.clip(levels.gain, -1, 1)) / 8))
+
+
+@lru_cache(maxsize=16)
+def _hidden(code: Code, blur: int, misfit2: float, gain: tuple[float, ...]) -> tuple[F32, F32]:
+    count = len(code.cells)
     place = (np.arange(count * _PARTS) + 0.5) / _PARTS - 0.5
-    low = np.clip(np.floor(place).astype(int), 0, max(count - 2, 0))
-    share = np.clip(place - low, 0, 1)[:, None]
-    seen = (1 - share) * levels[low] + share * levels[np.minimum(low + 1, count - 1)]
-    read = cells[((seen > 0) << np.arange(bits)).sum(axis=1)]
-    off = np.repeat(np.arange(count), _PARTS) - read
-    near = np.abs(off) <= 2  # others have weak bits
-    read, off = read[near], off[near]
-    if not off.any():
-        return Blurred(levels, np.zeros(0, np.float32), np.zeros(0, np.float32))
-    total, moved, square = (np.bincount(read, weight, count) for weight in (None, off, off * off))
-    mean = moved / np.maximum(total, 1)
-    return Blurred(
-        levels, mean.astype(np.float32), (square / np.maximum(total, 1) - mean**2).astype(np.float32)
-    )
+    one, other, share = _between(blurred(code, blur), place)
+    word = (((1 - share) * one + share * other > 0) << np.arange(len(gain))).sum(axis=1)
+    # at an edge a bit is sure of either side: its contrast is what is off
+    contrast = np.maximum(np.abs(one), np.abs(other)) * gain
+    faint = np.argsort(contrast, axis=1)[:, :2]
+    chance = ndtr(-np.take_along_axis(contrast, faint, axis=1) / math.sqrt(misfit2))
+    total, moved, square = np.zeros((3, count))
+    for turn in itertools.product((0, 1), repeat=faint.shape[1]):
+        read = code.cells[word ^ (turn << faint).sum(axis=1)]
+        away = place - read
+        weight = np.abs(np.subtract(turn, 1) + chance).prod(axis=1)
+        weight[np.abs(away) > _BESIDE + 0.5] = 0.0  # others have weak bits
+        total += np.bincount(read, weight, count)
+        moved += np.bincount(read, weight * away, count)
+        square += np.bincount(read, weight * away * away, count)
+    mean = moved / np.maximum(total, 1e-9)
+    unsure = np.maximum(square / np.maximum(total, 1e-9) - mean**2 - 1 / 12, 0.0)
+    if max(np.abs(mean).max(), math.sqrt(unsure.max())) < 1 / _PARTS:
+        mean = unsure = np.zeros(0)
+    return mean.astype(np.float32), unsure.astype(np.float32)
 
 
 @exact
-def _least_misfits(levels: Any, cell: Any, margin: Any, weight: Any, least: Any) -> None:
-    """Squared misfit (K,), weighted (bits,), of margins (K, bits) from the best mixture of a cell (K,) and
-    one beside it; levels (cells, bits)."""
+def _least_misfits(
+    levels: Any, cell: Any, margin: Any, weight: Any, reach: Any, least: Any, place: Any
+) -> None:
+    """Squared misfit (K,), weighted (bits,), of margins (K, bits) from the best mixture of two cells, up to
+    `reach` from a place (K,), and where that is; levels (cells, bits)."""
     for k in range(cell.size):
         least[k] = np.inf
-        for before in range(2):
-            at = min(max(cell[k] - before, 0), levels.shape[0] - 2)
+        near = round(cell[k])
+        for at in range(max(near - reach, 0), min(near + reach, levels.shape[0] - 1)):
             top, bottom, square = 0.0, 1e-12, 0.0
             for b in range(weight.size):
                 step, off = levels[at + 1, b] - levels[at, b], margin[k, b] - levels[at, b]
@@ -182,7 +222,9 @@ def _least_misfits(levels: Any, cell: Any, margin: Any, weight: Any, least: Any)
                 bottom += weight[b] * step * step
                 square += weight[b] * off * off
             share = min(max(top / bottom, 0.0), 1.0)
-            least[k] = min(least[k], square - share * (2 * top - share * bottom))
+            left = square - share * (2 * top - share * bottom)
+            if left < least[k]:
+                least[k], place[k] = left, at + share
 
 
 @inlined

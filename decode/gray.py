@@ -26,7 +26,9 @@ from .bit_levels import (
     CodePlan,
     bit_values,
     bits_in_groups,
+    blurred,
     fitted_levels,
+    read_beside,
     turned,
     weak_bits,
 )
@@ -77,12 +79,12 @@ def code_plan(code: Code, plan: Plan, noise: Noise, lit: Sample) -> CodePlan:
     shown, share = of_bits[0][: len(frames)], of_bits[1][: len(frames)].astype(np.float64)
     margin, amplitude = _margins(shown, share, ends, few.levels)
     variance = few.variance(noise) / np.square(amplitude)
-    seen, misfit2 = fitted_levels(code, margin / amplitude, variance, factor)
-    unlike2, cell, start = (np.float32(one) for one in (misfit2, code.cell, first))
+    seen = fitted_levels(code, margin / amplitude, variance, factor)
+    unlike2, cell, start = (np.float32(one) for one in (seen.misfit2, code.cell, first))
     whites = np.linspace(1, 2, _WHITES)
     if code.together and referenced:
         whites = _whites(few.levels[ends[0]] >= few.white, margin[factor > 1] / amplitude)
-    told = seen.levels, unlike2, seen.beside, seen.unsure, whites
+    told = blurred(code, seen.blur), unlike2, *read_beside(code, seen), whites
     return CodePlan(*of_bits, factor, ends, code.cells, linear, *told, cell, start, freedom)
 
 
@@ -170,7 +172,7 @@ def read_line(light: Any, row: Any, code: Any, alone: Any, noise: Any, room: Any
         _moved(kept[_LARGEST], a)
     _cells_line(room, kept, code, (pairs, misfit2, alone, noise), out)
     if code.beside.size > 0:
-        _moved_beside(room.word, code, out[0], out[1])
+        _moved_beside(room.word, kept[_WEAKEST], code, out[0], out[1])
     _several_weak(kept[_SECOND], misfit2, noise, a, o, room.several[: a.size])
     if alone & (pairs < code.factor.size):  # a fringe's place is none of an edge's
         for x in range(a.size):
@@ -343,11 +345,19 @@ def _cells_line(room: Any, kept: Any, code: Any, numbers: Any, out: Any) -> None
 
 
 @kernel
-def _moved_beside(word: Any, code: Any, place: Any, var: Any) -> None:
-    """Places of cells (W,) by what the blur hides (see Blurred)."""
+def _moved_beside(word: Any, weakest: Any, code: Any, place: Any, var: Any) -> None:
+    """Places (W,) by what the blur hides (see read_beside) of their cell and, where they lie between two, of
+    that one to which the weakest bit leads (W,)."""
+    one, cell2 = np.float32(1), code.cell * code.cell
     for x in range(word.size):
-        place[x] += code.cell * code.beside[word[x]]
-        var[x] += code.cell * code.cell * code.unsure[word[x]]
+        here, there = word[x], np.int32(weakest[x])
+        step = np.float32(there - here)
+        share = step * ((place[x] - code.first) / code.cell - np.float32(here))  # see _cells_line
+        share = share if abs(step) == one else np.float32(0)
+        apart = step + code.beside[there] - code.beside[here]
+        place[x] += code.cell * ((one - share) * code.beside[here] + share * code.beside[there])
+        unsure = (one - share) * code.unsure[here] + share * code.unsure[there]
+        var[x] += cell2 * (unsure + share * (one - share) * (apart * apart - one))
 
 
 @kernel
