@@ -16,7 +16,7 @@ from optolever.decode import Correspondence
 from optolever.experiments.bench import Case, Found, hard_cases, judged, pooled, run_hard, save_picture
 from optolever.experiments.bench import hard_decode as decoding
 from optolever.experiments.bench import hard_reconstruct as solving
-from optolever.experiments.bench.found import beyond
+from optolever.experiments.bench.found import beyond, far_from_visible
 from optolever.experiments.bench.hard_drawn import random_cases
 from optolever.patterns import sequence
 from optolever.scene import dent, load, resize, trace
@@ -158,6 +158,12 @@ def test_heights_of_drawn_rigs_that_were_once_silently_wrong(number: int) -> Non
     result = judged(one, one.make())
     assert result.verdict == "good"
     assert result.flagged < HARD_TO_DECODE.get(number, 0.1)
+
+
+def test_pixels_that_touch_the_mirror_are_not_beside_it() -> None:
+    visible = np.zeros((5, 6), np.bool_)
+    visible[2, 2] = True
+    assert np.argwhere(~far_from_visible(visible)).tolist() == [[y, x] for y in (1, 2, 3) for x in (1, 2, 3)]
 
 
 def test_a_moving_mirror_may_be_where_it_ever_was() -> None:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import time
 from dataclasses import asdict
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from optolever import InputError
 from optolever.experiments.bench import MethodRow, run_methods
 from optolever.experiments.bench import methods as table
+from optolever.experiments.timing import fastest
 from optolever.reconstruct import integrate, integrator_names, method_names
 
 SIZE = (40, 48)
@@ -24,6 +26,13 @@ def fields() -> list[MethodRow]:
 def row(rows: list[MethodRow], case: str, method: str) -> MethodRow:
     (found,) = [row for row in rows if row.case == case and row.method == method]
     return found
+
+
+def test_the_fastest_of_several_runs_counts() -> None:
+    waits = iter([0.03, 0.0, 0.05, 0.0])
+    assert fastest(lambda: time.sleep(next(waits)), 3, 1.0).seconds < 0.03
+    assert next(waits) == 0.0
+    assert fastest(iter([7]).__next__, 3, -1.0).value == 7  # a second is past the budget
 
 
 def test_every_integrator_on_every_field(fields: list[MethodRow]) -> None:
