@@ -32,7 +32,7 @@ from .ideal import camera_frames
 from .metrics import rms
 from .peers import cv2_coder, cv2_decode, cv2_places, fringes_coder
 from .speed_frames import SPEED_CODES, smooth_map, speed_frames, speed_sequence
-from .timing import in_turn
+from .timing import timed
 
 __all__ = ["run_decode_figures"]
 
@@ -127,10 +127,11 @@ def _pairs(one: Callable[[], Any], other: Callable[[], Any]) -> tuple[float, flo
     """Seconds of each and other over one, medians over pairs of calls in turn: others may share the machine;
     the first pair warms up."""
     one(), other()
-    pairs = in_turn(one, other, count=1)
-    count = int(np.clip(SECONDS / pairs[0][1].seconds, FEWEST, PAIRS))
-    pairs += in_turn(one, other, count=count - 1)
-    first, second = np.array([[run.seconds for run in pair] for pair in pairs]).T
+    # no value is kept, so that its memory serves the next call
+    pairs = [(timed(one).seconds, timed(other).seconds)]
+    count = int(np.clip(SECONDS / pairs[0][1], FEWEST, PAIRS))
+    pairs += [(timed(one).seconds, timed(other).seconds) for _ in range(count - 1)]
+    first, second = np.array(pairs).T
     return float(np.median(first)), float(np.median(second)), float(np.median(second / first))
 
 
