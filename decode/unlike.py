@@ -29,12 +29,13 @@ def misfit_within(fringe: Fringe, lit: Sample, noise: Noise) -> float:
     """Variance of a fringe's samples beyond noise, of the bulk of pixels, over its squared amplitude.
 
     What harmonics of a response leave there is no part of it (they do a phase no harm unless they alias), nor
-    is what chance may be; of three samples nothing is known.
+    is what chance may be. Three samples have none of their own, but may share what fringes contradict each
+    other by.
     """
     few, rows = _whole(lit, fringe.index), fringe.unlike
     freedom, pixels = len(rows), few.levels.shape[1]
     if freedom < 1 or pixels < _FEWEST:
-        return 0.0
+        return noise.misfit2
     levels, own = few.levels.astype(np.float64), few.variance(noise)
     waves = harmonics(fringe, levels)[1:]
     left = unexplained(product(rows, levels[list(fringe.index)]), waves[2:])

@@ -109,6 +109,22 @@ def test_harmonics_of_a_response_do_not_widen_a_phase(shoot: Shoot, smooth: tupl
     assert float(np.sqrt(np.mean(np.square(scores(decode(frames, shown, on_cells=False), *smooth))))) > 0.8
 
 
+@pytest.mark.parametrize("gamma", [1.0, 1.4])
+@pytest.mark.parametrize(
+    "shown",
+    [sequence("micro-phase", *EXTENT), sequence("phase", *EXTENT, steps=3, periods=(8.738, 8.057, 8.0))],
+    ids=["micro-phase", "close"],
+)
+def test_what_fringes_of_three_steps_contradict_each_other_by_is_no_noise(
+    shown: Sequence, gamma: float, shoot: Shoot, smooth: tuple[F64, F64]
+) -> None:
+    """Nothing but their mean levels says it."""
+    frames = shoot(shown, *smooth, noise=0.7, gamma=gamma, offset=127.5, amplitude=120.0)
+    found = decode(frames, shown, on_cells=False)
+    assert any("contradict" in notice.name for notice in found.notices) == (gamma > 1)
+    assert silent(found, *smooth) <= 1e-2 if gamma > 1 else 1e-4
+
+
 def test_white_that_clips_hides_no_lag(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
     """White is at 1.03 of the camera's range; what follows it is not lost with it."""
     shown = SHOWN[0]
