@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from optolever.kernels import exact, inlined
+from optolever.kernels import exact
 
 from .display import cell_light
 
@@ -63,6 +63,7 @@ class Border:
 NO_BORDER = Border(0.0, np.zeros((_RATIOS + 1, _SHADOW * _STEPS + 1, 3), np.float32))
 
 
+@lru_cache(maxsize=16)
 def border_of(shares: Shares, blurs: tuple[float, float, float], told: bool = True) -> Border:
     """Of periods (see display) and a blur between a least and a largest one. One that nothing told bounds
     what a pixel sees: half of its shift is taken off, and as much is unsure."""
@@ -248,7 +249,7 @@ def inwards(
     return dark > _LOST, shift if low < high else -shift, unsure * unsure + by_noise * by_noise
 
 
-@inlined
+@exact
 def _looked_up(table: Any, reach: Any, deviation: Any, away: Any) -> tuple[Any, Any, Any]:
     """Entries of a table, shifts in cells."""
     one = np.float32(1)

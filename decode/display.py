@@ -131,8 +131,8 @@ def table_rounding(fringe: Fringe, tables: NDArray[np.uint8]) -> F64:
 
 @lru_cache(maxsize=16)
 def rounded_places(name: str, sequence: Sequence, width: float) -> F32:
-    """By how much readings of an axis are too large as shown grey values are rounded, (_FINER * extent,) by
-    place in parts of a cell, read by pixels of `width` cells and a blur of half a one.
+    """By how much readings of an axis are too large as shown grey values are rounded, by place in parts of a
+    cell (_FINER * extent + 1,), the last one twice; read by pixels of `width` cells and a blur of half a one.
 
     Least squares for offset, contrast and place at once, of each period that shares in the coordinate.
     """
@@ -151,7 +151,8 @@ def rounded_places(name: str, sequence: Sequence, width: float) -> F32:
         moves = (inverse @ (turned @ _through(rounding, width)))[:, 2, 0]
         moved += moves / contrast / inverse[:, 2, 2]
         weight += 1 / inverse[:, 2, 2]
-    return (moved / weight).astype(np.float32)
+    places = (moved / weight).astype(np.float32)
+    return np.append(places, places[-1])
 
 
 def _design(fringe: Fringe, place: NDArray[Any]) -> F64:
@@ -173,8 +174,8 @@ def _through(levels: F64, width: float) -> F64:
 
 @kernel
 def take_off(coord: Any, table: Any) -> None:
-    """What a table (_FINER * extent,) has at coordinates (H, W), between its places on a straight line."""
-    zero, last, finer = np.float32(0), np.float32(table.size - 1), np.float32(_FINER)
+    """What a table (see rounded_places) has at coordinates (H, W), between its places on a straight line."""
+    zero, last, finer, one = np.float32(0), np.float32(table.size - 2), np.float32(_FINER), np.int32(1)
     for y in range(coord.shape[0]):
         line = coord[y]
         for x in range(line.size):
@@ -182,5 +183,6 @@ def take_off(coord: Any, table: Any) -> None:
             at = at if at > zero else zero
             at = at if at < last else last
             low = np.int32(at)
-            here, after = table[low], table[min(low + 1, table.size - 1)]
+            # no place is negative: nothing is to be counted from the end
+            here, after = table[np.uint32(low)], table[np.uint32(low + one)]
             line[x] -= here + (at - np.float32(low)) * (after - here)

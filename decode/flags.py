@@ -122,11 +122,13 @@ def marks_for(width: Any) -> Any:
 @exact
 def marked(marks: Any, places: Any) -> Any:
     """How many of a line's pixels are marked; places (W,): where. Eight are asked at once, as few are."""
-    count, eights = 0, marks.view(np.uint64)
-    for k in range(eights.size):
-        if eights[k] != 0:
-            for x in range(8 * k, 8 * k + 8):
-                if marks[x] != 0:
-                    places[count] = x
-                    count += 1
+    count = 0
+    for first in range(0, marks.size, 8):
+        some = marks[first]
+        for x in range(first + 1, first + 8):
+            some |= marks[x]
+        for x in range(first, first + 8 if some else first):
+            if marks[x] != 0:
+                places[count] = x
+                count += 1
     return count

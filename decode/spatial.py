@@ -72,8 +72,7 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
     window = np.empty((stop - start + 2 * REACH, cols + 2 * REACH), np.float32)
     windowed(coord, flags, start, stop, window)
     special, light = marks_for(cols), np.empty(cols + 4, np.float32)
-    places = np.empty(cols, np.int64)
-    at = np.zeros(cols, np.uint32)
+    places, at = np.empty(cols, np.int64), np.empty(cols, np.uint32)
     most = np.float32(shift.size // PLACES - 1)
     border = np.float32(np.inf) if extent <= 0 else extent
     for y in range(start, stop):
@@ -88,7 +87,9 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
             special[x] |= _dimmer((y, x), (y, inner), raw, common, per_turn)
         if shift.size > 1:
             _entry_line(coord[y], window, k, usual, most, at)
-        _corrected_line(coord[y], variance[y], at, (shift, unsure), out[y], sigma[y])
+            _corrected_line(coord[y], variance[y], at, (shift, unsure), out[y], sigma[y])
+        else:
+            _copied(coord[y], variance[y], out[y], sigma[y])
         if (rows > 4) & (cols > 4):
             _with_ends(offset[y], light)
             lights = light, offset[max(y - 2, 0)], offset[min(y + 2, rows - 1)]
@@ -137,7 +138,7 @@ def _with_ends(line: Any, out: Any) -> None:
     out[line.size + 2] = out[line.size + 3] = line[line.size - 1]
 
 
-@inlined
+@exact
 def _step_on_a_map(five: Any, jump: Any) -> Any:
     """Size of the change per pixel by both neighbours; by the nearer in value where these bend by more than a
     map does (the other is beyond an edge) or one is refused; 0 by none."""
@@ -146,7 +147,7 @@ def _step_on_a_map(five: Any, jump: Any) -> Any:
     return np.float32(0.5) * abs(after - before) if abs(before + after - here - here) <= jump else least
 
 
-@inlined
+@exact
 def _step_inwards(five: Any, low: Any, jump: Any) -> Any:
     """Size of the change per pixel between the next two ones inwards of the nearer border (low: of the low
     coordinates), as beside it neighbours read nearly the same place; on a map without those."""
@@ -198,7 +199,7 @@ def _tell(cross: Any, noise: Any, limits: Any) -> Any:
     return wide | beside | (away * away <= SHADOW2 * (reach2 + footprint2)) | (far > half_a_turn)
 
 
-@inlined
+@exact
 def _dimmer(at: Any, inner: Any, raw: Any, common: Any, per_turn: Any) -> Any:
     """Whether a good pixel at the image's edge has less light than one two pixels inwards, by more than its
     noise, and enough to count: a place moves by half of the share that is lost."""
@@ -239,6 +240,13 @@ def _corrected_line(c: Any, var: Any, at: Any, tables: Any, out: Any, total: Any
         total[x] = var[x] + doubts[at[x]]
 
 
+@kernel
+def _copied(c: Any, var: Any, out: Any, total: Any) -> None:
+    for x in range(c.size):
+        out[x] = c[x]
+        total[x] = var[x]
+
+
 class _Pixel(NamedTuple):
     """A pixel of the image, and one beyond it, as is where it is nearest: whether it is of the image, whether
     it is good, whether it sees nothing; place, variance, amplitude."""
@@ -251,7 +259,7 @@ class _Pixel(NamedTuple):
     amplitude: Any
 
 
-@inlined
+@exact
 def _pixel(y: Any, x: Any, coord: Any, variance: Any, flags: Any, amplitude: Any) -> Any:
     i, j = min(max(y, 0), coord.shape[0] - 1), min(max(x, 0), coord.shape[1] - 1)
     inside, flag = (i == y) & (j == x), flags[i, j]
@@ -322,7 +330,7 @@ def _along(five: Any, limits: Any) -> tuple[Any, Any, Any, Any, Any]:
     return count, False, lost, bend, beyond
 
 
-@inlined
+@exact
 def _off_line(here: Any, near: Any, next_: Any) -> tuple[Any, Any]:
     """Squared distance from the line through the next two pixels on one side, and its variance; of one alone
     from that, without noise: a map may bend as much as it rises. 0 of none."""
@@ -331,7 +339,7 @@ def _off_line(here: Any, near: Any, next_: Any) -> tuple[Any, Any]:
     return (off * off if near.good else np.float32(0)), (noise if near.good & next_.good else np.float32(0))
 
 
-@inlined
+@exact
 def _undersampled(five: Any, per_turn: Any) -> Any:
     """Whether the middle one of five pixels takes so many turns of the finest fringe that its order is by
     chance: more than half a turn lies between it and both neighbours, so that these cannot vouch for it, and

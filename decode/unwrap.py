@@ -150,13 +150,12 @@ def _join(told: Any, half: Any, code: Any, lines: Any) -> None:
 class Orders(NamedTuple):
     """A table of the orders of close periods.
 
-    listed (most, cells): the nearest, the next, ... of a cell, _NONE beyond them; number (cells,) of them.
-    tolerance: turns within which they are listed; extent: of the surface, px, from which all light comes: a
-    place beyond it is as unlikely as the noise that carries it there.
+    listed (most, cells): the nearest, the next, ... of a cell, _NONE beyond them. tolerance: turns within
+    which they are listed; extent: of the surface, px, from which all light comes: a place beyond it is as
+    unlikely as the noise that carries it there.
     """
 
     listed: NDArray[np.float32]
-    number: NDArray[np.int64]
     tolerance: np.float32
     extent: np.float32
 
@@ -186,7 +185,7 @@ def _order_table(periods: tuple[float, ...], extent: int, tolerance: float) -> O
     rank = np.arange(len(cell)) - np.repeat(np.cumsum(count) - count, count)
     listed = np.full((count.max(), len(count)), _NONE)
     listed[rank, cell[sort]] = order[number[sort]]
-    return Orders(listed, count, np.float32(tolerance), np.float32(extent))
+    return Orders(listed, np.float32(tolerance), np.float32(extent))
 
 
 def _wrapped(turns: Any) -> Any:
@@ -208,7 +207,7 @@ def _unwrap(light: Any, noise: Any, periods: Any, rows: Any, orders: Any, into: 
     work = np.empty((2, width), np.float32)
     t, v = np.empty((count, width), np.float32), np.empty((count, width), np.float32)
     weights, of_fit = np.empty((count, width), np.float32), np.empty((2, width), np.float32)
-    cell, own = np.empty(width, np.int32), np.empty((10, width), np.float32)
+    cell, own = np.empty(width, np.uint32), np.empty((10, width), np.float32)
     error, amplitude, offset, misfit, clipped = own[0], own[1], own[2], own[3], own[4]
     order, at, mean, score, least = own[5], own[6], own[7], own[8], own[9]
     for row in range(rows[0], rows[1]):
@@ -221,8 +220,9 @@ def _unwrap(light: Any, noise: Any, periods: Any, rows: Any, orders: Any, into: 
             _kept(v[j], of_fit[0], of_fit[1], period[j], weights[j], weight, misfit, clipped)
         _cells(t, period, cell)
         error[:], least[:] = np.float32(0), _NEVER
-        for rank in range(_most_listed(orders.number, cell)):
-            _listed(orders.listed[rank], cell, order)
+        for rank in range(len(orders.listed)):
+            if not _listed(orders.listed[rank], cell, order):
+                break
             _scores(t, weights, weight, period, orders.extent, order, (at, mean, score))
             _compared(order, at, score, (place[row], least, error))
         _doubt(v, period, orders.tolerance, least, (weight, error, misfit))
@@ -255,21 +255,17 @@ def _cells(turns: Any, periods: Any, cell: Any) -> None:
         a, c = a - np.floor(a), c - np.floor(c)
         i = min(np.int32(a * entries), np.int32(_ENTRIES - 1))
         j = min(np.int32(c * entries), np.int32(_ENTRIES - 1))
-        cell[x] = i * np.int32(_ENTRIES) + j
+        cell[x] = np.uint32(i * np.int32(_ENTRIES) + j)
 
 
 @kernel
-def _most_listed(count: Any, cell: Any) -> Any:
-    most = 0
-    for x in range(cell.size):
-        most = max(most, count[cell[x]])
-    return most
-
-
-@kernel
-def _listed(orders: Any, cell: Any, order: Any) -> None:
+def _listed(orders: Any, cell: Any, order: Any) -> Any:
+    """Orders of a line's cells, of one rank; whether there are any."""
+    some = False
     for x in range(cell.size):
         order[x] = orders[cell[x]]
+        some |= order[x] > _NONE
+    return some
 
 
 @kernel
