@@ -3,6 +3,8 @@
 A Gaussian blur (deviation s cells) leaves of the fine bits less than of the coarse ones. Between two centres
 of cells levels are interpolated. The blur is the one that explains the bits of pixels that see the pattern
 best; what it does not explain (light that comes by way of the scene, other blurs) is a misfit of the levels.
+A pixel's footprint is no Gaussian: each bit has a gain beside the blur, which tells whether stripes as wide
+as a pixel are turned.
 """
 
 import itertools
@@ -123,7 +125,9 @@ class Levels(NamedTuple):
 
 
 def fitted_levels(code: Code, margin: F32, variance: F32, factor: F32) -> Levels:
-    """margin (bits, K) differences of bits over the amplitude, variance (K,) of a sample in the same unit,
+    """What is left of a code, by pixels that see the pattern.
+
+    margin (bits, K) differences of bits over the amplitude, variance (K,) of a sample in the same unit,
     factor (bits,) of a difference over that of a sample.
     """
     bits, count = margin.shape
