@@ -241,26 +241,25 @@ def _residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32
         residual, kept = product(some, levels), _unsaturated(some, levels, sample.white)
         if few.steep is not None:  # the inverse is straight over the noise where it is not steep
             kept &= slopes <= np.quantile(slopes, _STRAIGHT)
-        _explain(residual, kept, used, _waves(plan, levels))
+        fringes = [(one, harmonics(one, levels)) for axis in plan.axes for one in axis.fringes]
+        _explain(residual, kept, used, fringes)
         return mean[kept], (residual / slopes)[kept]
     return _neighbours(plan, sample.only(slice(_MOST)))
-
-
-def _waves(plan: Plan, levels: F32) -> list[tuple[Fringe, F32]]:
-    """Fringes and what may follow of them (see harmonics)."""
-    return [(one, harmonics(one, levels)) for axis in plan.axes for one in axis.fringes]
 
 
 def _explain(
     residual: F32, kept: NDArray[np.bool_], used: NDArray[np.bool_], fringes: list[tuple[Fringe, F32]]
 ) -> None:
-    """Take off what waves of their fringes explain of residuals (M, K) that use frames (M, N), by those that
-    are kept and no outliers. Levels of several fringes count as one, as their differences are residuals."""
+    """Take off what their fringes' waves (see harmonics) explain of residuals (M, K) that use frames (M, N),
+    by those that are kept and no outliers. Levels of several fringes count as one, by their light, as their
+    differences are residuals."""
     for row in np.flatnonzero(kept.any(axis=1)):
-        own = [waves for fringe, waves in fringes if used[row, list(fringe.index)].any()]
+        own = [(one, waves) for one, waves in fringes if used[row, list(one.index)].any()]
         if not own:
             continue
-        waves = np.concatenate([np.mean([one[:1] for one in own], axis=0), *(one[1:] for one in own)])
+        light = [float(np.square(one.exposure).sum()) for one, _ in own]
+        level = np.average([waves[:1] for _, waves in own], axis=0, weights=light).astype(np.float32)
+        waves = np.concatenate([level, *(waves[1:] for _, waves in own)])
         most = 4 * np.sqrt(np.square(residual[row, kept[row]]).mean()) + 1e-6
         usual = np.flatnonzero(kept[row] & (np.abs(residual[row]) < most))
         residual[row] = unexplained(residual[row, None], waves, usual[:: max(1, len(usual) // _ASKED)])[0]

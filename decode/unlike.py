@@ -29,8 +29,8 @@ def misfit_within(fringe: Fringe, lit: Sample, noise: Noise) -> float:
     """Variance of a fringe's samples beyond noise, of the bulk of pixels, over its squared amplitude.
 
     What harmonics of a response leave there is no part of it (they do a phase no harm unless they alias), nor
-    is what chance may be. Three samples have none of their own, but may share what fringes contradict each
-    other by.
+    is what chance may be. Three samples, or too few pixels, tell none of their own, but may share what
+    fringes contradict each other by.
     """
     few, rows = _whole(lit, fringe.index), fringe.unlike
     freedom, pixels = len(rows), few.levels.shape[1]

@@ -14,7 +14,7 @@ from optolever.scene import Scene, Surface, dent, trace
 
 __all__ = ["lattice_frames", "lattice_positions"]
 
-PIXELS_PER_LINE = 10
+PIXELS_PER_LINE = 10  # of the camera, that a lattice line needs to be told from the next
 Array = NDArray[np.float64]
 Frame = NDArray[Any]
 

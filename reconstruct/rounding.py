@@ -30,7 +30,7 @@ def rounding_variance(problem: Problem, state: State) -> Floats | None:
     data = problem.data
     if not data.whole_cells(problem.bridged):
         return None
-    smooth = [_unbent(coord, data.mask) for coord in (data.u, data.v)]
+    smooth = [_twiced(coord, data.mask) for coord in (data.u, data.v)]
     # misread neighbours make sigma larger than a cell's 1 / sqrt(12), and share their errors likewise
     widths = [np.sqrt(12.0) * np.where(data.mask, sigma, 0.0) for sigma in (data.sigma_u, data.sigma_v)]
     cells = [float(width[data.mask].min()) for width in widths]
@@ -52,8 +52,9 @@ def _rounding(coord: Floats) -> Floats:
     return np.asarray(np.rint(coord) - coord)
 
 
-def _unbent(coord: Floats, mask: Mask) -> Floats:
-    """Smoothed, what that takes off bends given back: slopes tell where cells keep step."""
+def _twiced(coord: Floats, mask: Mask) -> Floats:
+    """Smoothed, and what that leaves smoothed, too, as it took off bends (twicing: Tukey, Exploratory Data
+    Analysis, 1977): slopes tell where cells keep step."""
     once = _smoothed(coord, mask)
     return once + _smoothed(coord - once, mask)
 

@@ -20,6 +20,11 @@ HEADER = (
 )
 NAMED = 6  # names that a line lists
 REPORT_ONLY = ("render", "x copy", "memory", "95 %", "x exact")
+LOSS = 0.05  # share of the pixels that a chain may lose against the one that loses least
+FEW = 20  # frames of the row "few frames"
+PAPER = 0.01  # of the depth: the error that the paper states
+TIME = "compute"
+SUMMARY = ("sequence", "solver", "frames", TIME, "rms", "1 % over it", "err/sigma", "flagged", "silent")
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,13 +142,6 @@ def _name(key: tuple[Any, ...]) -> str:
     scene, size, dent, noise = key
     pixels = "" if size is None else f", {size[0]} × {size[1]}"
     return f"{Path(scene).stem}, {dent or 'own dent'}{pixels}, noise {noise:g}"
-
-
-LOSS = 0.05  # share of the pixels that a chain may lose against the one that loses least
-FEW = 20  # frames of the row "few frames"
-PAPER = 0.01  # of the depth: the error that the paper states
-TIME = "compute"
-SUMMARY = ("sequence", "solver", "frames", TIME, "rms", "1 % over it", "err/sigma", "flagged", "silent")
 
 
 def summary(rows: Iterable[Row]) -> dict[str, Row]:
