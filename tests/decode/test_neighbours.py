@@ -174,6 +174,18 @@ def test_noise_of_faint_light_tells_no_shadow_of_the_border(seed: int) -> None:
     assert measured_blur(coord, none, lambda *at: (level[at], amplitude[at]), 500)[1] == 0
 
 
+@pytest.mark.parametrize("power", [2, 4])
+@pytest.mark.parametrize("away", [1.5, 3.5])
+def test_light_that_falls_off_all_over_the_image_tells_no_shadow(away: float, power: int) -> None:
+    """A vignette, on a map that happens to bend near the image's edge as the border would bend it."""
+    across = np.tile(np.linspace(-1, 1, 120), (90, 1))
+    extent = 42
+    coord = ((extent - 1) / 2 + (extent / 2 - away) * across * (1.11 - 0.11 * across**2)).astype(np.float32)
+    level = (100 * (1 - 0.4 * np.abs(across) ** power)).astype(np.float32)
+    none, shares = np.zeros(coord.shape, np.uint16), ((16.0, 1.0),)
+    assert measured_blur(coord, none, lambda *at: (level[at], level[at]), extent, shares)[1] == 0
+
+
 @pytest.mark.parametrize(("cells", "blur", "period"), [(2.2, 0.8, 8.0), (1.2, 0.5, 16.0), (5.0, 0.6, 16.0)])
 def test_the_borders_shift_of_a_fringe(cells: float, blur: float, period: float) -> None:
     """By rays through the pixels, of falling light in a lit room; the border's own table takes it off."""
