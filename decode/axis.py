@@ -132,8 +132,8 @@ def _decoder(
     shown = options.on_cells and not sequence.nominal
     rounding = _rounding(axis.axis, sequence) if shown else (0.0,) * len(axis.fringes)
     unlike = [_unlike(fringe, lit, noise, options.before) for fringe in axis.fringes]
-    orders = None if covered else _orders(axis, _deviation(axis, noise, lit), max(unlike))
     rounding = tuple(r + m for r, m in zip(rounding, unlike, strict=True))
+    orders = None if covered else _orders(axis, _deviation(axis, noise, lit), max(rounding))
     periods = periods_of(axis.fringes, rounding) if axis.fringes else None
     freedom = sum(len(fringe.index) - 3 for fringe in axis.fringes) + max(len(axis.fringes) - 1, 0)
     freedom += (1 if axis.fringes else 0) + code.freedom if code is not None else 0
@@ -189,7 +189,7 @@ def _deviation(axis: AxisPlan, noise: Noise, lit: Sample) -> float:
 
 def _orders(axis: AxisPlan, deviation: float, unlike: float) -> Orders:
     """The table of orders for the noise of residues, of two phases each; unlike: variance (turns^2) of a
-    phase by what else its samples leave."""
+    phase by rounded grey values and what else its samples leave."""
     noise2 = deviation**2 * 4 / len(axis.fringes[-1].index) / (2 * np.pi) ** 2
     return order_table(
         tuple(f.period for f in axis.fringes), axis.extent, float(np.sqrt(noise2 + 2 * unlike))

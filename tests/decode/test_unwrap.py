@@ -9,7 +9,9 @@ from scipy.integrate import cumulative_simpson, simpson
 from scipy.special import erfc, ndtr
 
 from optolever.decode import Correspondence, decode
-from optolever.patterns import Frame, Sequence
+from optolever.patterns import Frame, Sequence, sequence_from_text
+
+from .light import COLS, WIDTH, U, seen_by_pixels
 
 F64 = NDArray[np.float64]
 EXTENT, STEPS, PIXELS = 1260, 4, (300, 1000)
@@ -97,3 +99,14 @@ def test_periods_of_different_numbers_of_steps() -> None:
     found = decode(captured(sequence, u, 600.0), sequence, white_level=1e9, on_cells=False)
     assert np.abs(found.u - u).max() < 0.02
     assert (found.flags == 0).all()
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.1])
+def test_rounded_grey_values_hide_no_orders(noise: float) -> None:
+    """Of a camera with next to no noise, what the display rounds is what residues are off by."""
+    shown = sequence_from_text("phase:axes=u,steps=3,periods=8.73782/8.05745/8", 4, COLS)
+    light = np.repeat(seen_by_pixels(shown, U[0], WIDTH, 0.5), 48, axis=1)
+    light += noise * np.random.default_rng(4).standard_normal(light.shape)
+    found = decode(np.rint(256 * light).astype(np.uint16), shown)
+    assert found.good.mean() > 0.99
+    assert np.abs((found.u - U[0]) / found.sigma_u)[found.good].max() < 5
