@@ -172,15 +172,14 @@ def measured_blur(
     low, blur, high = (float(np.interp(0.0, line, blurs)) for line in quartiles)
     missing, shift, _ = _expected(_of_blur(shares, blur), blur, away, width2)
     dims = _missing(1 - missing)
-    # noise of faint light, and light that falls off all over the image, are missing anywhere: a blur has to
-    # explain most of what is more or less missing than elsewhere
-    uneven, by = level - level.mean(), dims - dims.mean()
-    share = np.sum(uneven * by) / np.maximum(np.sum(by**2), 1e-9)
-    unlike = share < 0.5 or np.sum((uneven - share * by) ** 2) > 0.5 * np.sum(uneven**2)
+    # noise of faint light is missing anywhere: a blur has to explain most of what is, and is not, beside it;
+    # and more than a share that is the same there, as of light that falls off all over the image
+    share = np.sum(level * dims) / np.maximum(np.sum(dims**2), 1e-9)
+    unlike = np.sum((level - share * dims) ** 2) > min(0.5 * np.sum(level**2), len(level) * np.var(level))
     # uneven light shifts nothing: as the blur says readings have to bend
     straight = np.abs(bend - (shift[0] - 2 * shift[1] + shift[2])).sum() > np.abs(bend).sum()
     count = np.count_nonzero((dims > _DARK[0]) & (dims < _DARK[1]))
-    unbounded = high >= _BLURS[-1]
+    unbounded = low >= _BLURS[-1]
     return nothing if unlike or straight or unbounded else ((low, blur, high), int(count))
 
 

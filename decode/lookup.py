@@ -112,7 +112,7 @@ def prepare(
     # what crowding is left may be due to the shape, too; but no shape moves places by more than a spread
     # does, and none those of stripes, which are seen from either side
     most = 0.0 if way == SWEEP else min(low.moved_to(high), 1.0)
-    unsure = min(most * error + (_SHAPE if blur is None else 0.0) + abs(fit.crowding), most)
+    unsure = min(most * (error + (_SHAPE if blur is None else 0.0)) + abs(fit.crowding), most)
     table = replace(table_for(way, spread), unsure=unsure)
     if noise is None:
         return replace(table, noise=fit.noise(pixels.noise))

@@ -83,13 +83,15 @@ def test_micro_phase_shifting(shoot: Shoot, smooth: tuple[F64, F64], named: bool
     assert 0.7 < rms(scores(found, *smooth)) < 1.1
 
 
-def test_micro_phase_by_levels_that_were_rounded() -> None:
-    """Grey values are shown in 8 bits: of a camera with little noise that is a third of the variance."""
+@pytest.mark.parametrize("blur", [0.3, 0.5])
+def test_micro_phase_by_levels_that_were_rounded(blur: float) -> None:
+    """Grey values are shown in 8 bits: of a camera with little noise that is a third of the variance; how
+    wide a pixel sees hardly moves what is read of fringes, on a sharp display neither."""
     shown = sequence("micro-phase", 4, 150, axes="u")
     u = 10 + 0.61 * np.arange(200) + 0.0137 * np.arange(60)[:, None]
-    found = decode(photographed(shown, u, 0.6, 0.5, noise=0.3), shown)
+    found = decode(photographed(shown, u, 0.6, blur, noise=0.3), shown)
     assert found.good.mean() > 0.99
-    assert rms(scores(found, u)) < 1.05
+    assert 0.6 < rms(scores(found, u)) < 1.05
 
 
 def test_micro_phase_behind_a_blur() -> None:
