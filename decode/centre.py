@@ -148,7 +148,11 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         share = _beyond(bend, max(noise, _ROUGH * uneven)) if next_ else zero
         bends = factor_x * (there * broad_x + share * bend_x) + factor_y * (there * broad_y + share * bend_y)
         turned = _across(turns_x, pole_x) * _across(turns_y, pole_y)
-        twist = (before_up[x] + after_down[x] - before_down[x] - after_up[x]) * turned
+        # as far as all four quarters show it: of one outlying neighbour they differ by as much, or, at the
+        # image's border, where values are continued, by half of it
+        along, against = before_up[x] + after_down[x], before_down[x] + after_up[x]
+        differ = along + against - four * u - two * (near_x + near_y)
+        twist = (along - against) * _beyond(along - against, four * differ * differ) * turned
         twisted = near & (twist == twist)
         bends -= twist if twisted else zero
         whole = min(bend * bend, four * jump * jump)

@@ -247,6 +247,18 @@ def test_light_that_falls_off_is_no_border(depth: float, shoot: Callable[..., ND
         assert abs(float(np.mean((coordinate - truth)[rim & (truth < 9)]))) < 0.01
 
 
+def test_a_pixel_that_looks_elsewhere_bends_no_map_beside_it(shoot: Callable[..., NDArray[Any]]) -> None:
+    """As a hot one does: none of its neighbours is moved, not those across its corners either."""
+    row, col = np.mgrid[:40, :60].astype(np.float64)
+    u, v = 10 + 1.7 * col + 1.4 * row, 60 + 1.7 * row - 0.9 * col
+    shown = sequence("gray+phase", 150, 180)
+    seen, elsewhere = shoot(shown, u, v, noise=0.5), shoot(shown, u + 7, v + 5, noise=0.5)
+    one = (row % 9 == 4) & (col % 9 == 4)
+    found = decode(np.where(one, elsewhere, seen), shown)
+    assert found.good[~one].mean() > 0.8
+    assert (np.abs(scores(replace(found, flags=found.flags | one), u, v)) < 5).all()
+
+
 def test_folds_widen_sigma(shoot: Callable[..., NDArray[Any]]) -> None:
     """A mean over a pixel lies off the place at its centre by the second derivatives over 24."""
     row, col = places(40, 60)
