@@ -275,7 +275,7 @@ def _borders(
         return [border_of(share, blurs) for share in shares]
     tables = [decoder.table for decoder in decoders]
     measured = zip(shares, tables, pixelations, strict=True)
-    bounds = [(share, one.bound if table is None else table.spread) for share, table, one in measured]
+    bounds = [(share, one.bound if table is None else table.optics.reach) for share, table, one in measured]
     return [border_of(share, (bound,) * 3, False) for share, bound in bounds]
 
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 from scipy.special import chdtri
 
 from optolever.patterns import Sequence
@@ -26,7 +26,7 @@ from optolever.patterns import Sequence
 from .estimate import Estimate
 from .frames import Light
 from .lookup_kernels import SEARCH, SWEEP, WITHIN, Camera, match_rows
-from .lookup_tables import USUAL, Table, table_of
+from .lookup_tables import USUAL, Optics, Table, table_of
 from .noise import Noise, Sample, fitted_noise
 from .plan import AxisPlan, Plan
 
@@ -45,8 +45,6 @@ _RARE = 1e-5
 #: Relative step of a spread's derivatives; probability of another place below which a pixel may judge a
 #: spread.
 _NUDGE, _SAFE = 0.05, 1e-3
-#: Relative error of a spread at least: of a footprint and a blur only one number is known.
-_SHAPE = 0.07
 #: Parts of the sample that tell by how much places crowd by chance.
 _GROUPS = 16
 #: Share of a normal variance within three deviations, which fitted_noise makes up for: mean squares of
@@ -87,9 +85,9 @@ def prepare(
     noise: None where it is not known; blur: rms, pattern px, if it is known.
     """
 
-    def table_for(way: int, spread: float) -> Table:
+    def table_for(way: int, spread: float, halo: float = 0.0) -> Table:
         rounded = _STEP ** np.rint(np.log(spread) / np.log(_STEP)) if spread > 0 else 0.0
-        return table_of(sequence, plan, axis, way, float(rounded), blur)
+        return table_of(sequence, plan, axis, way, Optics(float(rounded), blur, round(halo, 2)))
 
     way = WITHIN if cells is not None else SEARCH if axis.stripes is None else SWEEP
     usual = float(np.hypot(USUAL, blur or 0.0))
@@ -105,15 +103,21 @@ def prepare(
             return replace(table_for(way, usual), noise=pixels.noise if noise is None else None)
     spreads = np.geomspace(_SHARPEST, max(_WIDEST, 0.5 * axis.stripes.width if axis.stripes else 0), _TRIED)
     spreads = np.hypot(spreads, blur or 0.0)
-    if way == SWEEP or not (axis.levels or axis.code):
+    on_cells = way != SWEEP and bool(axis.levels or axis.code)
+    if not on_cells:
         spreads = np.append(0.0, spreads)  # an ideal surface without cells
-    spread, error = _likeliest(lambda spread: pixels.fitted(table_for(one_way, spread)), spreads)
-    low, fit, high = (pixels.fitted(table_for(one_way, spread * (1 + n))) for n in (-_NUDGE, 0.0, _NUDGE))
+
+    def fitted(spread: float, halo: float = 0.0) -> _Fit:
+        return pixels.fitted(table_for(one_way, spread, halo))
+
+    spread, error = _likeliest(fitted, spreads)
+    spread, halo = _scattering(fitted, spread) if on_cells else (spread, 0.0)
+    low, fit, high = (fitted(spread * (1 + n), halo) for n in (-_NUDGE, 0.0, _NUDGE))
     # what crowding is left may be due to the shape, too; but no shape moves places by more than a spread
     # does, and none those of stripes, which are seen from either side
     most = 0.0 if way == SWEEP else min(low.moved_to(high), 1.0)
-    unsure = min(most * (error + (_SHAPE if blur is None else 0.0)) + abs(fit.crowding), most)
-    table = replace(table_for(way, spread), unsure=unsure)
+    unsure = min(most * error + abs(fit.crowding), most)
+    table = replace(table_for(way, spread, halo), unsure=unsure)
     if noise is None:
         return replace(table, noise=fit.noise(pixels.noise))
     return replace(table, misfit2=fit.beyond(noise))
@@ -183,10 +187,18 @@ class _Fit:
         """By how much of their way to the cell's nearest edge places move for a relative change of the
         spread."""
         both = np.isfinite(self.misfit) & np.isfinite(other.misfit)
-        if not both.any() or other.table.spread == self.table.spread:
+        if not both.any() or other.table.optics.spread == self.table.optics.spread:
             return 0.0
         moved = np.median(np.abs(other.place - self.place)[both]) / (0.25 * self.table.cell)
-        return float(moved / np.log(other.table.spread / self.table.spread))
+        return float(moved / np.log(other.table.optics.spread / self.table.optics.spread))
+
+    def unlikely(self, excess: float) -> float:
+        """-2 log likelihood: squared residuals, over `excess` times their variance and no further than noise
+        reaches, and how evenly places are spread over the cells: edges tell in what shares a pixel sees two
+        cells, hardly how far from their edge it is."""
+        freedom = max(self.table.freedom, 1)
+        least = np.minimum(self.misfit * freedom / excess, float(chdtri(freedom, _RARE)))
+        return float(least.sum()) + self.unevenness
 
     def noise(self, assumed: Noise) -> Noise:
         """The camera's noise, by the residuals; assumed: one that does not depend on the level."""
@@ -233,34 +245,40 @@ class _Pixels:
 
 
 def _likeliest(fitted: Callable[[float], _Fit], spreads: F64) -> tuple[float, float]:
-    """The likeliest spread, and the relative error that the likelihood's curvature gives it (1 at most).
-
-    Squared residuals, over the variance that the best spread leaves and no further than noise reaches, and
-    how evenly places are spread over the cells: edges tell in what shares a pixel sees two cells, hardly how
-    far from their edge it is.
-    """
+    """The likeliest spread, and the relative error that the likelihood's curvature gives it (1 at most);
+    residuals are judged by the variance that the best spread leaves."""
     fits = [fitted(float(spread)) for spread in spreads]
-    freedom = max(fits[0].table.freedom, 1)
     excess = max(min(fit.excess for fit in fits), 1e-3)
-    most = float(chdtri(freedom, _RARE))
-
-    def criterion(fit: _Fit) -> float:
-        return float(np.minimum(fit.misfit * freedom / excess, most).sum()) + fit.unevenness
-
-    values = [criterion(fit) for fit in fits]
+    values = [fit.unlikely(excess) for fit in fits]
     k = int(np.argmin(values))
     spread, least = float(spreads[k]), values[k]
     if spread == 0:
         return 0.0, 0.0
     bounds = spreads[max(k - 1, 0)], spreads[min(k + 1, len(spreads) - 1)]
     found = minimize_scalar(
-        lambda spread: criterion(fitted(spread)),
+        lambda spread: fitted(spread).unlikely(excess),
         bounds=bounds,
         method="bounded",
         options={"xatol": 0.5 * (_STEP - 1) * spread},
     )
     if found.fun < least:
         spread, least = float(found.x), float(found.fun)
-    beside = [criterion(fitted(spread * (1 + step))) for step in (-_NUDGE, _NUDGE)]
+    beside = [fitted(spread * (1 + step)).unlikely(excess) for step in (-_NUDGE, _NUDGE)]
     rise = max(sum(beside) / 2 - least, _NUDGE**2)
     return spread, _NUDGE / rise**0.5
+
+
+def _scattering(fitted: Callable[[float, float], _Fit], spread: float) -> tuple[float, float]:
+    """The likeliest spread and halo, from the likeliest spread without a halo, which stands unless the other
+    is surely likelier."""
+    excess = max(fitted(spread, 0.0).excess, 1e-3)
+    start = [(spread, 0.0), (0.9 * spread, 0.1), (spread, 0.1)]
+    found = minimize(
+        lambda at: fitted(*at).unlikely(excess),
+        start[0],
+        method="Nelder-Mead",
+        bounds=((0.25 * spread, spread), (0.0, 1.0)),
+        options={"initial_simplex": start, "xatol": 0.5 * (_STEP - 1) * spread, "fatol": 1.0},
+    )
+    gained = fitted(spread, 0.0).unlikely(excess) - found.fun
+    return tuple(found.x.tolist()) if gained > float(chdtri(1, _RARE)) else (spread, 0.0)

@@ -1,9 +1,9 @@
-"""Tables of known levels: what each place of the surface shows through a pixel (cell, footprint, blur)."""
+"""Tables of known levels: what each place of the surface shows through optics (see `Optics`)."""
 
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from .noise import Noise
 from .plan import AxisPlan, Plan, raster_axes
 from .plan import plan as described
 
-__all__ = ["USUAL", "Table", "table_of"]
+__all__ = ["USUAL", "Optics", "Table", "table_of"]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -33,13 +33,32 @@ _NO_SEARCH = Search(
 _KEPT = 40
 
 
+class Optics(NamedTuple):
+    """What a cell's light goes through.
+
+    spread  rms of footprint and blur, pattern px; 0: an ideal surface without cells
+    blur    its part, if known
+    halo    share of the light that is scattered
+    """
+
+    spread: float
+    blur: float | None = None
+    halo: float = 0.0
+
+    @property
+    def reach(self) -> float:
+        """rms of all, pattern px; of scattered light within a cell or two, as it has no end."""
+        return math.sqrt(self.spread**2 + self.halo)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
-    """Known levels of one axis, as they are seen through `spread` (rms of footprint and blur, pattern px).
+    """Known levels of one axis.
 
     way      SEARCH (any levels), SWEEP (stripes) or WITHIN (codes)
     book     codewords
     search   see Search; empty but for SEARCH
+    optics   through which they are seen
     misfit2  variance of what the levels leave, over the squared amplitude
     noise    of the camera, as residuals tell it; None: it was known
     unsure   relative error of the spread: by as much of the way to the cell's nearest edge are places wrong
@@ -48,7 +67,7 @@ class Table:
     way: int
     book: Book
     search: Search
-    spread: float
+    optics: Optics
     cell: float = 1.0
     misfit2: float = 0.0
     unsure: float = 0.0
@@ -61,11 +80,9 @@ class Table:
 
 
 @lru_cache(maxsize=_KEPT)
-def _cached(
-    sequence: Sequence, index: tuple[int, ...], axis: str, spread: float, blur: float | None
-) -> tuple[F32, F32]:
-    """Words and angles of any levels at the places -1 + k / PER_PX; spread 0: of ideal cosines."""
-    if spread == 0:
+def _cached(sequence: Sequence, index: tuple[int, ...], axis: str, optics: Optics) -> tuple[F32, F32]:
+    """Words and angles of any levels at the places -1 + k / PER_PX."""
+    if optics.spread == 0:
         return _words(_cosines(sequence, index, axis)[None])
     levels = sequence.tables()["uv".index(axis)][list(index)].astype(np.float64) / 255
     for k, i in enumerate(index):
@@ -75,15 +92,14 @@ def _cached(
         elif frame.kind == "levels":
             free = frame.free_levels(np.arange(levels.shape[1], dtype=np.float64)) / 255
             levels[k] = 1 - free if frame.inverted else free
-    return _words(_seen(levels, spread, blur, "edge" if sequence.nominal else "constant")[None])
+    seen = _seen(levels, optics, "edge" if sequence.nominal else "constant")
+    return _words((_scattered(seen, optics.halo) if optics.halo else seen)[None])
 
 
 @lru_cache(maxsize=8)
-def _search(
-    sequence: Sequence, index: tuple[int, ...], axis: str, spread: float, blur: float | None, reach: int
-) -> Search:
+def _search(sequence: Sequence, index: tuple[int, ...], axis: str, optics: Optics, reach: int) -> Search:
     """Codewords of the whole surface, and which of them are similar."""
-    words = _cached(sequence, index, axis, spread, blur)[0][0][:, : len(index)].astype(np.float64)
+    words = _cached(sequence, index, axis, optics)[0][0][:, : len(index)].astype(np.float64)
     length = np.sqrt(np.square(words).sum(axis=1))
     unit = words / np.maximum(length, 1e-3 * length.max() + 1e-12)[:, None]
     per = PER_PX // COARSE
@@ -110,33 +126,33 @@ def _search(
     return Search(np.ascontiguousarray(coarse.T), rivals[:, :-1], apart)
 
 
-def table_of(
-    sequence: Sequence, plan: Plan, axis: AxisPlan, way: int, spread: float, blur: float | None = None
-) -> Table:
-    """The table of an axis for a spread (pattern px) and a way of its search; blur: its part, if known."""
+def table_of(sequence: Sequence, plan: Plan, axis: AxisPlan, way: int, optics: Optics) -> Table:
+    """The table of an axis for a way of its search; of stripes without a halo."""
     if way == SWEEP:
-        book = _sweep(sequence, axis.axis, spread, blur)
-        return Table(way, book, _NO_SEARCH, spread)
+        return Table(way, _sweep(sequence, axis.axis, optics), _NO_SEARCH, optics)
     # beside free levels a code only tells where to look: what a blur makes of its edges is known less well
     own = axis.levels if len(axis.levels) >= 3 else axis.frames()
-    index = own + tuple(i for i in (plan.white, plan.black) if i >= 0)
+    # white and black also hold what the whole surface lights by way of the scene, bits about half of it
+    ends = () if axis.code and not axis.levels and len(own) > 3 else (plan.white, plan.black)
+    index = own + tuple(i for i in ends if i >= 0)
     if len(index) < 3:
         raise InputError(f"decode: axis {axis.axis} has {len(index)} frames, must have at least 3")
     cell = max(sequence.frames[i].cell_px for i in index)
     reach = math.ceil(AROUND * max(cell, 1.0 if axis.code is None else axis.code.cell) * PER_PX)
-    key = sequence, index, axis.axis, spread, blur
+    key = sequence, index, axis.axis, optics
     one, first, frames = np.zeros(1, np.int64), np.array([-1.0]), np.array(index)
     book = Book(frames[None, :, None], one, first, *_cached(*key), reach, len(index) - 3, frames, 1)
-    return Table(way, book, _search(*key, reach) if way == SEARCH else _NO_SEARCH, spread, cell)
+    return Table(way, book, _search(*key, reach) if way == SEARCH else _NO_SEARCH, optics, cell)
 
 
 @lru_cache(maxsize=_KEPT)
-def _sweep(sequence: Sequence, axis: str, spread: float, blur: float | None) -> Book:
+def _sweep(sequence: Sequence, axis: str, optics: Optics) -> Book:
     """Raised cosines around each place of a sweep, of as many frames as one lights; of spots the mean of as
     many along the other axis as are lit: their light is a product."""
     axes = raster_axes(sequence) or described(sequence).axes
     (stripes,) = (one.stripes for one in axes if one.axis == axis)
     assert stripes is not None
+    spread = optics.spread
     at, index = stripes.at, stripes.index.reshape(len(stripes.at), -1)
     samples, begin = _around(at, 1.25 * stripes.width + 2 * spread, 2)
     summed, side = _around(stripes.beside, stripes.width - stripes.pitch, 1)
@@ -152,7 +168,7 @@ def _sweep(sequence: Sequence, axis: str, spread: float, blur: float | None) -> 
     if spread > 0:
         if len(stripes.beside) == 1:  # cells are shown in 8 bits; of a spot that is a product's rounding
             seen = np.rint(255 * seen) / 255
-        seen = seen @ _weight(cell[:, None] - place, spread, blur)
+        seen = seen @ _weight(cell[:, None] - place, optics)
     # raised cosines at equal steps add up to their width in steps
     words, angles = _words(seen * min(stripes.width / (stripes.pitch * summed), 1.0))
     window = begin[:, None, None, None] + np.arange(samples)[:, None]
@@ -173,12 +189,13 @@ def _around(at: F64, reach: float, least: int) -> tuple[int, NDArray[np.int64]]:
     return 2 * half + 1, np.clip(np.arange(count) - half, 0, count - 2 * half - 1)
 
 
-def _weight(distance: F64, spread: float, known: float | None) -> F64:
+def _weight(distance: F64, optics: Optics) -> F64:
     """Share of a cell's light in what a pixel at a distance (pattern px) sees.
 
     The cell through a footprint and a Gaussian blur that makes up the spread: half of its square where it is
     not known, more where a footprint would be wider than a cell.
     """
+    spread, known, _ = optics
     widest = math.sqrt(6) * spread if known is None else math.sqrt(12 * max(spread**2 - known**2, 0.0))
     width = max(min(widest, 1.0) if known is None else widest, 0.05)
     blur = math.sqrt(max(spread**2 - width**2 / 12, 1e-6))
@@ -194,13 +211,25 @@ def _cosines(sequence: Sequence, index: tuple[int, ...], axis: str) -> F64:
     return np.stack(levels) / 255
 
 
-def _seen(levels: F64, spread: float, blur: float | None, beyond: Any) -> F64:
+def _seen(levels: F64, optics: Optics, beyond: Any) -> F64:
     """Levels (M, E) of cells as pixels at -1 + k / PER_PX see them, (M, (E + 1) PER_PX + 1)."""
-    reach = math.ceil(4 * spread) + 1
+    reach = math.ceil(4 * optics.spread) + 1
     around = np.pad(levels, ((0, 0), (reach + 1, reach + 1)), mode=beyond)
-    weight = _weight(np.arange(-reach * PER_PX, reach * PER_PX + 1) / PER_PX, spread, blur)
+    weight = _weight(np.arange(-reach * PER_PX, reach * PER_PX + 1) / PER_PX, optics)
     seen = upfirdn(weight, around, up=PER_PX)[:, 2 * reach * PER_PX :]
     return np.asarray(seen[:, : (levels.shape[1] + 1) * PER_PX + 1], np.float64)
+
+
+def _scattered(seen: F64, halo: float) -> F64:
+    """Levels (M, Q) of which a share is scattered, by lenses and surfaces.
+
+    A line's scattered light falls with the square of the distance (procam_capture_0: 0.1 / d^2 from 1.5 to 5
+    cells): a Lorentzian, of one cell, as what is nearer is part of the blur. Its transfer function is
+    exp(-2 pi |f|).
+    """
+    count = 2 * seen.shape[1]  # dark beyond, so that nothing comes round
+    kept = 1 - halo + halo * np.exp(-2 * np.pi * np.fft.rfftfreq(count, 1 / PER_PX))
+    return np.fft.irfft(np.fft.rfft(seen, count) * kept, count)[:, : seen.shape[1]]
 
 
 def _words(seen: F64) -> tuple[F32, F32]:

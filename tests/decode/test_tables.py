@@ -15,7 +15,7 @@ from optolever.experiments.metrics import rms
 from optolever.patterns import Frame, Sequence, sequence
 
 from .conftest import scores, silent
-from .light import free_levels, photographed
+from .light import COLS, WIDTH, U, free_levels, photographed, seen_by_pixels
 
 F64 = NDArray[np.float64]
 Shoot = Callable[..., NDArray[Any]]
@@ -200,6 +200,23 @@ def test_gray_within_its_cells(smooth: tuple[F64, F64], blur: float) -> None:
     assert parts.good.mean() > 0.99
     assert np.std((parts.u - smooth[0])[parts.good]) < 0.02
     assert rms(scores(parts, *smooth)) < 1.1
+
+
+@pytest.mark.parametrize("code", ["gray", "levels"])
+def test_scattered_light(code: str) -> None:
+    """A fifth of the light comes from up to twenty cells away: three blurs beside that of the optics."""
+    shown = free_levels(COLS, 12)
+    if code == "gray":
+        frames = sequence("gray", 4, COLS).frames
+        shown = Sequence(tuple(frame for frame in frames if frame.axis != "v"), 4, COLS)
+    shares = ((0.8, 0.4), (0.1, 1.2), (0.06, 3.0), (0.04, 8.0))
+    light = [sum(share * seen_by_pixels(shown, row, WIDTH, blur) for share, blur in shares) for row in U]
+    seen = np.concatenate(light, axis=1)
+    noisy = seen + np.random.default_rng(3).standard_normal(seen.shape)
+    found = decode(np.rint(noisy).astype(np.uint8), shown, subpixel=True)
+    assert found.good.mean() > 0.99
+    assert np.std((found.u - U)[found.good]) < 0.012  # 0.02 by a blur alone
+    assert 0.5 < rms(scores(found, U)) < 1.1
 
 
 def test_gray_without_blur_stays_within_its_cells(shoot: Shoot, smooth: tuple[F64, F64]) -> None:

@@ -142,13 +142,14 @@ def test_no_frame_costs_a_pixel(decoded: tuple[str, Variant, Correspondence]) ->
     ["cropped", *(pytest.param(name, marks=pytest.mark.slow) for name in ("whole", "no inverses", *RARER))],
 )
 def test_within_the_cells_sigma_is_true(name: str, whole: Variant, within: Correspondence) -> None:
-    """rms(error / sigma) on the smooth part, about the cubic map that fits the sub-pixel places."""
+    """rms(error / sigma) on the smooth part, about the map that fits the sub-pixel places: of order 8, as a
+    cubic one leaves 0.045 px of the lens and the sheet along v."""
     made = variant(name, whole)
     found = within if name == "whole" else decode(made.frames, made.sequence, subpixel=True)
     use = made.smooth & found.good
     assert use.sum() >= 0.9 * made.smooth.sum()
     row, col = (index.astype(np.float64) for index in np.nonzero(use))
-    basis = monomials(row, col)
+    basis = monomials(row, col, 8)
     for place, sigma in ((found.u, found.sigma_u), (found.v, found.sigma_v)):
         cells = place[use].astype(np.float64)
         error = cells - basis @ np.linalg.lstsq(basis, cells, rcond=None)[0]
