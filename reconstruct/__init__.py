@@ -21,14 +21,14 @@
 | `masked.py`, `multigrid.py` | any mask, any weights: conjugate gradients; their preconditioner |
 | `multigrid_kernels.py` | its kernels |
 | `alternatives.py`, `reweighting.py` | sparse factorisation and marching; robust reweighting |
-| `newton.py` | Newton's method with an integrating factor, the start from a coarser grid |
+| `newton.py` | Newton's method with an integrating factor |
 | `anchors.py`, `gauge.py` | what is known of the mirror; from there to every component's free constant |
 | `null_space.py` | what no slope measurement sees |
 | `uncertainty.py`, `monte_carlo.py` | variance of the height: closed form of a rectangle, drawn noise |
 | `discontinuities.py` | edges whose increment is in doubt: cusps, ridges, rims, wrong pixels |
 | `path_variance.py` | what those leave on the way from the anchors, and what they cut off |
 | `rounding.py` | errors of discrete codes, which neighbouring pixels share |
-| `outliers.py`, `curl.py` | wrong pixels: by their neighbours, by the curl of the slopes |
+| `curl.py` | wrong pixels, by the curl of the slopes |
 | `integrate.py`, `integrators.py` | plain gradient fields: integrate(), its family of solvers |
 | `quadrilateral.py` | the same for pixels that lie anywhere |
 | `rectangle.py` | the same on a rectangle, at the price of its two cosine transforms |

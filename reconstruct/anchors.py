@@ -93,9 +93,9 @@ class Samples:
     distance: Floats
     sigma: Floats
 
-    def window(self, row: int, col: int, step: int = 1) -> "Samples":
-        """The same in the pixels of a window that starts at (row, col) and keeps every step-th pixel."""
-        return Samples((self.row - row) / step, (self.col - col) / step, self.distance, self.sigma)
+    def window(self, row: int, col: int) -> "Samples":
+        """The same in the pixels of a window that starts at (row, col)."""
+        return Samples(self.row - row, self.col - col, self.distance, self.sigma)
 
     def transposed(self) -> "Samples":
         """Rows and columns exchanged."""

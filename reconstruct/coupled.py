@@ -1,6 +1,7 @@
 """reconstruct(): Correspondence + Scene -> HeightMap."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy.ndimage
@@ -22,18 +23,17 @@ from .edges import Doubt
 from .gaps import across_gaps, widened
 from .heightmap import HeightMap
 from .holes import bridged, noise_gain
-from .measured import Measured
-from .newton import Options, State, coarse_start, solve
-from .outliers import outliers
+from .newton import Options, State, solve
 from .paper import SeriesName
 from .paper_scene import reconstruct_paper
 from .problem import Problem, prepare, require_correspondence
 from .propagation import Measurement, calibration_modes
-from .result import Spread, anchors_apart, height_map, judged
+from .result import anchors_apart, height_map, judged
 from .reweighting import reweighted
 from .rounding import rounding_variance
+from .uncertainty import unknown_variance
 
-__all__ = ["doubted", "method_names", "reconstruct", "solved_height", "with_modes"]
+__all__ = ["Solution", "doubted", "method_names", "reconstruct", "solved_height", "with_modes"]
 
 PAPER_METHODS: dict[str, SeriesName] = {"paper": "mean", "paper-rises": "rises", "paper-drops": "drops"}
 _METHODS = {
@@ -48,6 +48,16 @@ _ATTEMPTS = 3  # with pixels left out that have no normal where the mirror turns
 _BETTER = 3.0  # times: data less better than that by its curl may hide what neighbours share
 _NOISIER = 1.2  # times the announced noise, by the curl: sigma grows to what it is
 _ROUNDS = 6  # of leaving out lone pixels with a curl
+
+
+class Solution(NamedTuple):
+    """What was solved, how it ended, the variance of the unknown (without what is in doubt of the edges), and
+    the map."""
+
+    problem: Problem
+    state: State
+    variance: Floats
+    height: HeightMap
 
 
 def method_names() -> tuple[str, ...]:
@@ -98,7 +108,7 @@ def reconstruct(
     steps = 1 if scene.covariance is None else 2
     progress("height", 0, steps)
     with logged(f"reconstruct {correspondence.u.shape} by {method}"):
-        problem, state, height = solved_height(correspondence, scene, anchor, mask, method, start)
+        problem, state, _, height = solved_height(correspondence, scene, anchor, mask, method, start)
     if scene.covariance is not None:
         progress("errors of the rig", 1, steps)
         height = with_modes(height, Measurement(before_rest, anchor, mask, rest, method), scene)
@@ -127,7 +137,7 @@ def _height_alone(measured: Measurement, scene: Scene, start: HeightMap | None) 
     if measured.rest is not None:
         correspondence = rest_corrected(correspondence, measured.rest, scene)
     options = _METHODS[measured.method]
-    _, problem, state, _ = _first(correspondence, scene, measured.anchor, measured.mask, options, start)
+    problem, state = _first(correspondence, scene, measured.anchor, measured.mask, options, start)
     grid = np.where(problem.labels > 0, problem.data.distance(state.w), np.nan)
     o, d = problem.rays.inner_origins, problem.rays.inner_directions
     x, y, z = o + problem.to_image(grid, np.nan) * d
@@ -141,62 +151,50 @@ def solved_height(
     mask: Mask | None = None,
     method: str = "coupled",
     start: HeightMap | None = None,
-) -> tuple[Problem, State, HeightMap]:
-    """`reconstruct` by one of the dense methods, with what was solved and how it ended."""
+) -> Solution:
+    """`reconstruct` by one of the dense methods."""
     options = _METHODS[method]
-    whole, problem, state, removed = _first(correspondence, scene, anchor, mask, options, start)
-    problem, state, wrong = _without_curl(whole.data, problem, state, removed, options)
-    problem, state, noise = _at_its_noise(problem, state, wrong.scale, options)
-    blamed = wrong.suspects & ~wrong.removed
+    problem, state = _first(correspondence, scene, anchor, mask, options, start)
+    problem, state, scale = _without_outliers(problem, state, options)
+    problem, state, noise = _at_its_noise(problem, state, scale, options)
     if method == "robust":
         state = reweighted(problem, state, options)
     elif method == "march":
-        state = replace(state, doubt=doubted(problem, state, noise, wrong.removed, blamed))
+        state = replace(state, doubt=doubted(problem, state, noise))
     else:
-        state = _around_discontinuities(problem, state, options, noise, wrong.removed, blamed)
-    bridging = noise_gain(problem.data.mask, problem.bridged | wrong.removed)
+        state = _around_discontinuities(problem, state, options, noise)
+    gain = noise_gain(problem.data.mask, problem.bridged)
     rounding = rounding_variance(problem, state)
-    chi2, freedom = circulation_chi2(problem.data, state, bridging)
-    shared = chi2 if rounding is None and chi2 > chi2_limit(freedom) else 1.0
-    spread = Spread(shared, bridging, rounding)
-    height = height_map(
-        problem, state, correspondence.flags, wrong.suspects, wrong.scale, method, None, spread
-    )
+    chi2, freedom = circulation_chi2(problem.data, state, gain)
+    correlation = chi2 if rounding is None and chi2 > chi2_limit(freedom) else 1.0
+    variance = correlation * gain * unknown_variance(problem.data, state, problem.labels)
     if rounding is not None:  # errors of discrete codes are shared by neighbours
-        chi2 /= height.diagnostics.correlation
-    return problem, state, judged(height, scene.mirror, chi2, freedom, correspondence.notices)
+        larger = np.maximum(variance, rounding)
+        correlation = float(np.median((larger / variance)[problem.data.mask]))
+        variance, chi2 = larger, chi2 / correlation
+    height = height_map(problem, state, correspondence.flags, scale, method, variance, correlation)
+    height = judged(height, scene.mirror, chi2, freedom, correspondence.notices)
+    return Solution(problem, state, variance, height)
 
 
-@dataclass(frozen=True, slots=True)
-class _Wrong:
-    """suspects (rows, cols): pixels with a curl or without agreement with their neighbours; removed: those of
-    them that were replaced; scale: the curl's of the others, see `curl_scale`.
+def _without_outliers(problem: Problem, state: State, options: Options) -> tuple[Problem, State, float]:
+    """The solution without lone pixels that the slopes' curl points to (interpolated instead, as small holes
+    are), and the scale of the others' curl, see `curl_scale`.
     """
-
-    suspects: Mask
-    removed: Mask
-    scale: float
-
-
-def _without_curl(
-    measured: Measured, problem: Problem, state: State, removed: Mask, options: Options
-) -> tuple[Problem, State, _Wrong]:
-    """The solution without lone pixels whose slopes have a curl. measured: the data with them; removed:
-    pixels that are left out already.
-    """
-    suspects = removed.copy()
     for _ in range(_ROUNDS):
-        score, scale = _curl(problem, state)
+        p, q = problem.data.slopes(state.w)[:2]
+        score = curl_score(p, q, *state.variances, problem.data.mask)
+        scale = curl_scale(score)
         limit = curl_limit(score) * (max(1.0, scale) if np.isfinite(scale) else 1.0)
-        found = curl_suspects(score, limit, removed) & measured.mask
-        suspects |= found
-        removable = lone(found, problem.data) & ~removed
+        found = curl_suspects(score, limit, problem.bridged) & problem.data.mask
+        removable = lone(found, problem.data) & ~problem.bridged
+        problem = replace(problem, suspects=problem.suspects | found)
         if not removable.any():
             break
-        removed = removed | removable
-        problem = replace(problem, data=bridged(measured, removed))
+        wrong = problem.bridged | removable
+        problem = replace(problem, data=bridged(problem.data, wrong), bridged=wrong)
         state = _solve(problem, state.w, options)
-    return problem, state, _Wrong(suspects, removed, scale)
+    return problem, state, scale
 
 
 def _at_its_noise(
@@ -218,70 +216,48 @@ def _first(
     mask: Mask | None,
     options: Options,
     start: HeightMap | None,
-) -> tuple[Problem, Problem, State, Mask]:
-    """The problem, the same without outliers, its solution, and what was removed. Pixels that cannot be
-    solved are left out first; where the mirror turns out to be elsewhere than at rest, once more.
+) -> tuple[Problem, State]:
+    """The problem and its solution. Pixels that cannot be solved are left out first; where the mirror turns
+    out to be elsewhere than at rest, once more.
     """
     singular = np.zeros(correspondence.u.shape, dtype=np.bool_)
     for _ in range(_ATTEMPTS):
-        whole = prepare(correspondence, scene, anchor, mask, singular, not options.newton)
-        removed = outliers(whole.data, ~whole.bridged)
-        problem = replace(whole, data=bridged(whole.data, removed))
+        problem = prepare(correspondence, scene, anchor, mask, singular, not options.newton)
         first = _warm(problem, start) if start is not None else None
-        if first is None:
-            first = coarse_start(problem.data, problem.samples, problem.labels, options)
-        state = _solve(problem, first, options)
+        state = _solve(problem, problem.data.rest() if first is None else first, options)
         hollow = problem.data.singular(state.w, not options.newton)
         problem = replace(problem, singular=problem.singular | hollow)
         if not hollow.any():
             break
         singular |= problem.to_image(hollow, False)
-    return whole, problem, state, removed
+    return problem, state
 
 
 def _solve(problem: Problem, first: Floats, options: Options) -> State:
     return solve(problem.data, problem.samples, problem.labels, first, options)
 
 
-def _around_discontinuities(
-    problem: Problem, state: State, options: Options, noise: float, removed: Mask, blamed: Mask
-) -> State:
-    """The solution with doubtful edges held in doubt, if there are any. noise: the curl's scale; removed:
-    lone wrong pixels; blamed: others with a curl.
-    """
+def _around_discontinuities(problem: Problem, state: State, options: Options, noise: float) -> State:
+    """The solution with doubtful edges held in doubt, if there are any. noise: the curl's scale."""
     for _ in range(_REWEIGHTED):
-        doubt = doubted(problem, state, noise, removed, blamed)
+        doubt = doubted(problem, state, noise)
         if doubt is None:
             break
         state = solve(problem.data, problem.samples, problem.labels, state.w, options, doubt)
     return state
 
 
-def doubted(
-    problem: Problem,
-    state: State,
-    noise: float,
-    removed: Mask,
-    blamed: Mask | None = None,
-) -> Doubt | None:
+def doubted(problem: Problem, state: State, noise: float) -> Doubt | None:
     """What is in doubt of a solution's edges, those of interpolated pixels included."""
     p, q = problem.data.slopes(state.w)[:2]
     announced = not np.isfinite(noise) or problem.data.whole_cells(problem.bridged)
     scale = 1.0 if announced else min(1.0, _BETTER * noise)
-    doubt = edge_doubt(p, q, *state.variances, problem.data.mask, scale, blamed)
-    guessed = removed | problem.bridged
-    if guessed.any():
-        gaps = across_gaps(p, q, state.variances, problem.data.mask, guessed)
-        doubt = gaps if doubt is None else doubt.at_least(gaps)
-        doubt = widened(doubt, guessed) if touched(doubt).any() else None
+    doubt = edge_doubt(p, q, *state.variances, problem.data.mask, scale, problem.suspects & ~problem.bridged)
+    if problem.bridged.any():
+        gaps = across_gaps(p, q, state.variances, problem.data.mask, problem.bridged)
+        doubt = gaps if doubt is None else Doubt(np.maximum(doubt.x, gaps.x), np.maximum(doubt.y, gaps.y))
+        doubt = widened(doubt, problem.bridged) if touched(doubt).any() else None
     return doubt
-
-
-def _curl(problem: Problem, state: State) -> tuple[Floats, float]:
-    """Curl of the slopes over its standard deviation, and its robust scale."""
-    p, q = problem.data.slopes(state.w)[:2]
-    score = curl_score(p, q, *state.variances, problem.data.mask)
-    return score, curl_scale(score)
 
 
 def _warm(problem: Problem, start: HeightMap) -> Floats | None:

@@ -56,7 +56,7 @@ def curl_suspects(score: Floats, limit: float, cleared: Mask) -> Mask:
     An outlier spoils the four squares around it, its neighbours share two of them or one; so a pixel is
     suspected if the sum of the squares' evidence is over limit^2 and largest among its neighbours, and far
     above what the squares around hold: along a rim all have a curl. Suspects clear their squares, and what
-    remains is looked at again. cleared (H, W): pixels that have been replaced and cannot be to blame.
+    remains is looked at again. cleared (H, W): pixels that are interpolated and cannot be to blame.
     """
     evidence = np.square(np.nan_to_num(score, nan=0.0, posinf=1e150, neginf=-1e150))
     evidence = np.minimum(evidence, 1e12)

@@ -15,7 +15,7 @@ import scipy.ndimage
 from optolever.blocks import over_image
 from optolever.kernels import exact, inlined
 
-from .arrays import Floats, Mask, Pair
+from .arrays import Floats, Mask
 from .edges import Doubt, cubic_at_end, curl, stencil
 
 __all__ = ["CONVERGES", "RISE", "SIGMAS", "edge_doubt", "touched"]
@@ -49,21 +49,16 @@ def edge_doubt(
     mask: Mask,
     noise: float = 1.0,
     suspects: Mask | None = None,
-    closer: bool = False,
 ) -> Doubt | None:
     """The doubts of slopes p, q (H, W); None if no edge is doubtful.
 
     noise: what the slopes' noise really is, over what the variances say; suspects (H, W): pixels that are
-    blamed for a curl and yet in use; closer: look at all edges, and not first whether any slopes' third
-    differences stand out, as those of every crease that shows do.
+    blamed for a curl and yet in use.
     """
     blamed = suspects is not None and bool(suspects.any())
-    glance = not (closer or blamed) and bool(mask.all())
-    dx, plain_x, sure_x = _axis(p, var_p, mask, (0, 1), noise, glance)
-    dy, plain_y, sure_y = _axis(q, var_q, mask, (1, 0), noise, glance)
+    dx, plain_x, sure_x = _axis(p, var_p, mask, (0, 1), noise)
+    dy, plain_y, sure_y = _axis(q, var_q, mask, (1, 0), noise)
     sure, doubtful = sure_x | sure_y, (dx > 0) | (dy > 0)
-    if not (blamed or sure.any()) and np.count_nonzero(doubtful) < _CHAIN:
-        return None
     parts, count = scipy.ndimage.label(doubtful, structure=np.ones((3, 3)))
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
@@ -71,8 +66,6 @@ def edge_doubt(
     sure |= long
     if not (blamed or sure.any()):
         return None
-    if glance:
-        return edge_doubt(p, q, var_p, var_q, mask, noise, closer=True)
     found = np.zeros(count + 1, dtype=np.bool_)
     found[parts[sure]] = True
     found[0] = False
@@ -82,12 +75,21 @@ def edge_doubt(
         for doubt, plain in ((dx, plain_x), (dy, plain_y))
     )
     lines = scipy.ndimage.maximum_filter(long, _BESIDE)
-    own = dx, dy
-    wide = _beside(dx, var_p, lines), _beside(dy, var_q, lines)
+    dx, dy = _beside(dx, var_p, lines), _beside(dy, var_q, lines)
     if suspects is not None and blamed:
         curls = np.where(suspects, _BLAME * _largest_curl(p, q, mask), 0.0)
-        own, wide = _blamed(own, curls), _blamed(wide, curls)
-    return Doubt(*_shared(wide, mask), _shared(own, mask))
+        dx, dy = np.maximum(dx, curls), np.maximum(dy, curls)
+        dx[:, :-1], dy[:-1] = np.maximum(dx[:, :-1], curls[:, 1:]), np.maximum(dy[:-1], curls[1:])
+    return Doubt(_shared(dx, mask), _shared(dy.T, mask.T).T.copy())
+
+
+def _largest_curl(p: Floats, q: Floats, mask: Mask) -> Floats:
+    """Of the squares around every pixel, (H, W)."""
+    size = np.pad(np.abs(np.nan_to_num(curl(p, q, mask))), ((1, 0), (1, 0)))
+    largest: Floats = np.maximum(
+        np.maximum(size[:-1, :-1], size[:-1, 1:]), np.maximum(size[1:, :-1], size[1:, 1:])
+    )
+    return largest
 
 
 def _beside(doubt: Floats, variance: Floats, lines: Mask) -> Floats:
@@ -102,29 +104,8 @@ def _beside(doubt: Floats, variance: Floats, lines: Mask) -> Floats:
     return np.where(shared, most, doubt)
 
 
-def _largest_curl(p: Floats, q: Floats, mask: Mask) -> Floats:
-    """Of the squares around every pixel, (H, W)."""
-    size = np.pad(np.abs(np.nan_to_num(curl(p, q, mask))), ((1, 0), (1, 0)))
-    largest: Floats = np.maximum(
-        np.maximum(size[:-1, :-1], size[:-1, 1:]), np.maximum(size[1:, :-1], size[1:, 1:])
-    )
-    return largest
-
-
-def _blamed(doubt: Pair, curls: Floats) -> Pair:
-    """With the edges of pixels that are blamed for curls (H, W; 0: of others)."""
-    dx, dy = (np.maximum(part, curls) for part in doubt)
-    dx[:, :-1], dy[:-1] = np.maximum(dx[:, :-1], curls[:, 1:]), np.maximum(dy[:-1], curls[1:])
-    return dx, dy
-
-
-def _shared(doubt: Pair, mask: Mask) -> Pair:
-    """The doubts, and their share in the cubics of the edges before and after."""
-    dx, dy = doubt
-    return _shared_along(dx, mask), _shared_along(dy.T, mask.T).T.copy()
-
-
-def _shared_along(doubt: Floats, mask: Mask) -> Floats:
+def _shared(doubt: Floats, mask: Mask) -> Floats:
+    """The doubts along rows, and their share in the cubics of the edges before and after."""
     wide = doubt.copy()
     np.maximum(wide[:, 1:], _SHARE * doubt[:, :-1], out=wide[:, 1:])
     np.maximum(wide[:, :-1], _SHARE * doubt[:, 1:], out=wide[:, :-1])
@@ -134,18 +115,14 @@ def _shared_along(doubt: Floats, mask: Mask) -> Floats:
 
 
 def _axis(
-    f: Floats, variance: Floats, mask: Mask, step: tuple[int, int], noise: float, loud: bool
+    f: Floats, variance: Floats, mask: Mask, step: tuple[int, int], noise: float
 ) -> tuple[Floats, Floats, Mask]:
-    """Doubts beyond the noise, doubts whatever the noise, and where they are beyond any noise. loud: only of
-    edges whose third difference stands out, and zero elsewhere.
-    """
+    """Doubts beyond the noise, doubts whatever the noise, and where they are beyond any noise."""
     di, dj = step
     out, plain, most = (np.zeros(f.shape) for _ in range(3))
     sure = np.zeros(f.shape, dtype=np.bool_)
     over_image(
-        lambda start, stop: _doubt(
-            f, variance, mask, di, dj, noise, loud, out, plain, most, sure, start, stop
-        ),
+        lambda start, stop: _doubt(f, variance, mask, di, dj, noise, out, plain, most, sure, start, stop),
         f.shape,
     )
     if most.any():
@@ -218,35 +195,13 @@ def _edge(f, var, mask, i, j, di, dj, before, after, scale):  # type: ignore[no-
 
 
 @exact
-def _doubt(f, var, mask, di, dj, scale, loud_only, out, plain, most, sure, start, stop):  # type: ignore[no-untyped-def]
+def _doubt(f, var, mask, di, dj, scale, out, plain, most, sure, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = f.shape
-    loud = np.ones(cols, dtype=np.bool_)
     for i in range(start, min(stop, rows - di)):
-        if loud_only:
-            _stand_out(f, var, i, di, 0.5 * (scale * _QUIET) ** 2, loud)
         for j in range(cols - dj):
-            if not (loud[j] and mask[i, j] and mask[i + di, j + dj]):
+            if not (mask[i, j] and mask[i + di, j + dj]):
                 continue
             before, after = (i, rows - 1 - i) if di == 1 else (j, cols - 1 - j)
             least, whatever, certain, largest = _edge(f, var, mask, i, j, di, dj, before, after, scale)
             if np.isfinite(whatever):
                 out[i, j], plain[i, j], most[i, j], sure[i, j] = least, whatever, largest, certain
-
-
-@exact
-def _stand_out(f, var, i, di, limit, loud):  # type: ignore[no-untyped-def]
-    """Edges of a line whose third difference squared exceeds so many variances, and those at the border."""
-    rows, cols = f.shape
-    if di == 0:
-        row, noise = f[i], var[i]
-        for j in range(1, cols - 2):
-            third = row[j + 2] - row[j - 1] - 3.0 * (row[j + 1] - row[j])
-            loud[j] = third * third >= limit * (noise[j] + noise[j + 1])
-    elif 1 <= i < rows - 2:
-        above, here, below, last = f[i - 1], f[i], f[i + 1], f[i + 2]
-        noise, other = var[i], var[i + 1]
-        for j in range(cols):
-            third = last[j] - above[j] - 3.0 * (below[j] - here[j])
-            loud[j] = third * third >= limit * (noise[j] + other[j])
-    else:
-        loud[:] = True

@@ -38,22 +38,10 @@ _NONE = np.zeros((1, 1))
 
 class Doubt(NamedTuple):
     """What every edge's increment may be off by beyond its noise (see `discontinuities`), (H, W): x along
-    columns, y along rows; own: both, as the edges tell by themselves (None: as x and y)."""
+    columns, y along rows."""
 
     x: Floats
     y: Floats
-    own: tuple[Floats, Floats] | None = None
-
-    @property
-    def alone(self) -> "Doubt":
-        """As the edges tell by themselves."""
-        return self if self.own is None else Doubt(*self.own)
-
-    def at_least(self, other: "Doubt") -> "Doubt":
-        """The larger of both, edge by edge."""
-        x, y = other.x, other.y
-        own = None if self.own is None else (np.maximum(self.own[0], x), np.maximum(self.own[1], y))
-        return Doubt(np.maximum(self.x, x), np.maximum(self.y, y), own)
 
 
 def increments(p: Floats, q: Floats, mask: Mask) -> tuple[Floats, Floats]:
@@ -95,7 +83,7 @@ def edge_weights(
     and the square of the edge's doubt.
     """
     wx, wy = np.empty(var_p.shape), np.empty(var_p.shape)
-    dx, dy = (_NONE, _NONE) if doubt is None else doubt[:2]
+    dx, dy = (_NONE, _NONE) if doubt is None else doubt
     over_image(
         lambda start, stop: _edge_weights(var_p, var_q, root, mask, dx, dy, wx, wy, start, stop),
         var_p.shape,

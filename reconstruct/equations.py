@@ -29,19 +29,16 @@ _SURE = 3.0  # standard deviations: beyond them lies noise of a normal distribut
 _ALONG, _ACROSS = 2, 1  # rows and columns on either side that tell where it is without
 
 
-def slopes(
-    rays: RayField, plane: Floats, u: Floats, v: Floats, w: Floats, step: int = 1
-) -> tuple[Floats, ...]:
-    """Slopes of the unknown per pixel step and their derivatives with respect to it.
+def slopes(rays: RayField, plane: Floats, u: Floats, v: Floats, w: Floats) -> tuple[Floats, ...]:
+    """Slopes of the unknown per pixel and their derivatives with respect to it.
 
-    rays: the fine grid; u, v, w: (rows, cols) arrays of its every step-th pixel. w: t in mm, or log t.
+    u, v, w: (rows, cols); w: t in mm, or log t.
     Returns p, q (along columns, along rows) and dp/dw, dq/dw; NaN where u or v is.
     """
     p, q, p_w, q_w = (np.empty(u.shape) for _ in range(4))
     with np.errstate(over="ignore", invalid="ignore"):
         t = np.exp(w) if rays.logarithmic else w
-        stride = None if step == 1 else step
-        arrays = rays.origins, rays.directions, plane, u, v, t, stride, p, q, p_w, q_w
+        arrays = rays.origins, rays.directions, plane, u, v, t, p, q, p_w, q_w
         over_image(lambda start, stop: _slopes(*arrays, start, stop), u.shape)
         if rays.logarithmic:
             for slope, change in ((p, p_w), (q, q_w)):
@@ -58,14 +55,13 @@ def slope_variances(
     sigma_u: Floats,
     sigma_v: Floats,
     w: Floats,
-    step: int = 1,
 ) -> tuple[Floats, Floats]:
     """Variances of p and q that the standard deviations of u and v (pattern pixels) cause."""
     out = np.empty(u.shape), np.empty(u.shape)
     log = rays.logarithmic
     over_image(
         lambda start, stop: _variances(
-            rays.origins, rays.directions, plane, u, v, sigma_u, sigma_v, w, step, log, *out, start, stop
+            rays.origins, rays.directions, plane, u, v, sigma_u, sigma_v, w, log, *out, start, stop
         ),
         u.shape,
     )
@@ -82,7 +78,6 @@ def no_normal(
     w: Floats,
     var_p: Floats,
     var_q: Floats,
-    step: int = 1,
 ) -> Mask:
     """Pixels whose normal n ~ e - d is lost in noise, (rows, cols).
 
@@ -92,7 +87,7 @@ def no_normal(
     """
     found = np.empty(u.shape, dtype=np.bool_)
     log = rays.logarithmic
-    arrays = rays.origins, rays.directions, plane, u, v, sigma_u, sigma_v, w, var_p, var_q, step, log, found
+    arrays = rays.origins, rays.directions, plane, u, v, sigma_u, sigma_v, w, var_p, var_q, log, found
     over_image(lambda start, stop: _no_normal(*arrays, start, stop), u.shape)
     return found
 
@@ -119,14 +114,11 @@ def _tilt(t, g, o, d, n, m, scale):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _slopes(o, d, plane, u, v, t, stride, p, q, p_t, q_t, start, stop):  # type: ignore[no-untyped-def]
-    step = 1  # a constant for the compiler, which makes vector instructions of neighbouring pixels
-    if stride is not None:
-        step = stride
+def _slopes(o, d, plane, u, v, t, p, q, p_t, q_t, start, stop):  # type: ignore[no-untyped-def]
     for i in range(start, stop):
-        r = PAD + step * i
+        r = PAD + i
         for j in range(u.shape[1]):
-            c = PAD + step * j
+            c = PAD + j
             dx, dy, dz = d[0, r, c], d[1, r, c], d[2, r, c]
             ex = plane[0, 0] + u[i, j] * plane[1, 0] + v[i, j] * plane[2, 0] - o[0, r, c] - t[i, j] * dx
             ey = plane[0, 1] + u[i, j] * plane[1, 1] + v[i, j] * plane[2, 1] - o[1, r, c] - t[i, j] * dy
@@ -142,14 +134,14 @@ def _slopes(o, d, plane, u, v, t, stride, p, q, p_t, q_t, start, stop):  # type:
             g = _along_cols(d, 0, r, c), _along_cols(d, 1, r, c), _along_cols(d, 2, r, c)
             moved = _along_cols(o, 0, r, c), _along_cols(o, 1, r, c), _along_cols(o, 2, r, c)
             slope, change = _tilt(t[i, j], g, moved, ray, n, m, scale)
-            p[i, j] = step * slope
-            p_t[i, j] = step * change
+            p[i, j] = slope
+            p_t[i, j] = change
 
             g = _along_rows(d, 0, r, c), _along_rows(d, 1, r, c), _along_rows(d, 2, r, c)
             moved = _along_rows(o, 0, r, c), _along_rows(o, 1, r, c), _along_rows(o, 2, r, c)
             slope, change = _tilt(t[i, j], g, moved, ray, n, m, scale)
-            q[i, j] = step * slope
-            q_t[i, j] = step * change
+            q[i, j] = slope
+            q_t[i, j] = change
 
 
 @inlined
@@ -170,15 +162,15 @@ def _amid(a, i, j):  # type: ignore[no-untyped-def]
 
 
 @exact
-def _variances(o, d, plane, u, v, sigma_u, sigma_v, w, step, log, var_p, var_q, start, stop):  # type: ignore[no-untyped-def]
+def _variances(o, d, plane, u, v, sigma_u, sigma_v, w, log, var_p, var_q, start, stop):  # type: ignore[no-untyped-def]
     size_u, size_v = (
         plane[1, 0] ** 2 + plane[1, 1] ** 2 + plane[1, 2] ** 2,
         (plane[2, 0] ** 2 + plane[2, 1] ** 2 + plane[2, 2] ** 2),
     )
     for i in range(start, stop):
-        r = PAD + step * i
+        r = PAD + i
         for j in range(u.shape[1]):
-            c = PAD + step * j
+            c = PAD + j
             t = math.exp(w[i, j]) if log else w[i, j]
             dx, dy, dz = d[0, r, c], d[1, r, c], d[2, r, c]
             at_u, at_v = u[i, j], v[i, j]
@@ -200,7 +192,7 @@ def _variances(o, d, plane, u, v, sigma_u, sigma_v, w, step, log, var_p, var_q, 
             ve = plane[2, 0] * ex + plane[2, 1] * ey + plane[2, 2] * ez
             # to second order: noise along the way changes what noise across it does
             more = 1.0 + 3.0 * ((ue * sigma_u[i, j]) ** 2 + (ve * sigma_v[i, j]) ** 2) / square
-            factor = step * scale * inverse * unit
+            factor = scale * inverse * unit
             for axis in range(2):
                 if axis == 0:
                     ax = _along_cols(o, 0, r, c) + t * _along_cols(d, 0, r, c)
@@ -230,13 +222,13 @@ def _variances(o, d, plane, u, v, sigma_u, sigma_v, w, step, log, var_p, var_q, 
 
 
 @exact
-def _no_normal(o, d, plane, u, v, sigma_u, sigma_v, w, var_p, var_q, step, log, out, start, stop):  # type: ignore[no-untyped-def]
+def _no_normal(o, d, plane, u, v, sigma_u, sigma_v, w, var_p, var_q, log, out, start, stop):  # type: ignore[no-untyped-def]
     size_u = plane[1, 0] ** 2 + plane[1, 1] ** 2 + plane[1, 2] ** 2
     size_v = plane[2, 0] ** 2 + plane[2, 1] ** 2 + plane[2, 2] ** 2
     for i in range(start, stop):
-        r = PAD + step * i
+        r = PAD + i
         for j in range(u.shape[1]):
-            c = PAD + step * j
+            c = PAD + j
             t = math.exp(w[i, j]) if log else w[i, j]
             unit = t if log else 1.0
             away, ahead = 0.0, 0.0

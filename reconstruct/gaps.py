@@ -19,17 +19,6 @@ _NEAR = 7  # pixels: reach of a doubt over pixels that were interpolated
 
 def widened(doubt: Doubt, guessed: Mask) -> Doubt:
     """Edges of interpolated pixels (guessed, (H, W)) get the largest doubt nearby."""
-    return Doubt(*_widened(doubt[:2], guessed), None if doubt.own is None else _widened(doubt.own, guessed))
-
-
-def across_gaps(p: Floats, q: Floats, variances: Pair, mask: Mask, guessed: Mask) -> Doubt:
-    """Doubts of the edges across interpolated pixels (guessed), of slopes p, q and their variances; all
-    (H, W)."""
-    along = _across(p, variances[0], mask, guessed)
-    return Doubt(along, _across(q.T, variances[1].T, mask.T, guessed.T).T.copy())
-
-
-def _widened(doubt: Pair, guessed: Mask) -> Pair:
     dx, dy = doubt
     near = np.maximum(dx, dy)
     near[:, 1:] = np.maximum(near[:, 1:], dx[:, :-1])
@@ -38,7 +27,14 @@ def _widened(doubt: Pair, guessed: Mask) -> Pair:
     wide_x, wide_y = dx.copy(), dy.copy()
     wide_x[:, :-1] = np.maximum(wide_x[:, :-1], np.maximum(near[:, :-1], near[:, 1:]))
     wide_y[:-1] = np.maximum(wide_y[:-1], np.maximum(near[:-1], near[1:]))
-    return wide_x, wide_y
+    return Doubt(wide_x, wide_y)
+
+
+def across_gaps(p: Floats, q: Floats, variances: Pair, mask: Mask, guessed: Mask) -> Doubt:
+    """Doubts of the edges across interpolated pixels (guessed), of slopes p, q and their variances; all
+    (H, W)."""
+    along = _across(p, variances[0], mask, guessed)
+    return Doubt(along, _across(q.T, variances[1].T, mask.T, guessed.T).T.copy())
 
 
 def _across(f: Floats, variance: Floats, mask: Mask, guessed: Mask) -> Floats:

@@ -14,7 +14,6 @@ from .measured import Measured
 
 __all__ = ["AnchorRows", "anchor_rows", "free_constants"]
 
-_LONG = 8  # pixels whose slopes tell how to go on over more than one pixel
 _THERE = 0.05  # pixels: an anchor so near needs no slopes
 _STARTS = (-1, 0, -3, -2)  # where a window of four pixels may start, seen from the pixel; the best first
 
@@ -81,7 +80,6 @@ def anchor_rows(samples: Samples, data: Measured, labels: Labels) -> AnchorRows:
     index = np.arange(4)
     at_p = np.where(whole_p[:, None], pixel[:, None] + start_p[:, None] + index, pixel[:, None])
     more_p = np.where(whole_p[:, None], by_p - _integral(start_p, delta_col, 3), 0.0)
-    at_p, by_p, more_p = _far(mask, row, col, delta_col, at_p, by_p, more_p)
     rows_q = np.where(whole_q[:, None], row[:, None] + start_q[:, None] + index, row[:, None])
     at_q = rows_q * mask.shape[1] + col[:, None]
     distance = samples.distance[keep]
@@ -174,31 +172,6 @@ def _integral(start: Ints, delta: Floats, terms: int = 4) -> Floats:
         pick = start == candidate
         out[pick] = moments[pick] @ np.linalg.pinv(powers)
     return out
-
-
-def _far(
-    mask: Mask, row: Ints, col: Ints, delta: Floats, at: Ints, by: Floats, more: Floats
-) -> tuple[Ints, Floats, Floats]:
-    """Along a row farther than a pixel, (M, 8): the cubic nearest to eight slopes, which the noise of four
-    would carry away; at, by, more (M, 4): what else serves.
-    """
-    inward = -np.sign(delta).astype(np.int64)
-    cols = col[:, None] + inward[:, None] * np.arange(_LONG)
-    inside = (cols >= 0) & (cols < mask.shape[1])
-    cols = np.where(inside, cols, col[:, None])
-    far = ((np.abs(delta) > 1.0) & (inside & mask[row[:, None], cols]).all(axis=1))[:, None]
-    powers = np.arange(_LONG)[:, None] ** np.arange(4.0)
-    moments = (-np.abs(delta[:, None])) ** np.arange(1, 5) / np.arange(1, 5)
-    cubic = inward[:, None] * (moments @ np.linalg.pinv(powers))
-    parabola = inward[:, None] * (moments[:, :3] @ np.linalg.pinv(powers[:, :3]))
-    none = np.zeros((len(row), _LONG - 4))
-    at_near = np.concatenate([at, np.repeat(at[:, :1], _LONG - 4, axis=1)], axis=1)
-    by, more = (np.concatenate([near, none], axis=1) for near in (by, more))
-    return (
-        np.where(far, row[:, None] * mask.shape[1] + cols, at_near),
-        np.where(far, cubic, by),
-        np.where(far, cubic - parabola, more),
-    )
 
 
 def _own(start: Ints, delta: Floats) -> Floats:

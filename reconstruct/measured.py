@@ -1,9 +1,6 @@
-"""What a solve works on: the measurement and the geometry of one pixel grid,
-at full or at coarser spacing.
-"""
+"""What a solve works on: the measurement and the geometry of one pixel grid."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -11,7 +8,7 @@ from optolever.scene import PatternShape
 
 from .arrays import Floats, Mask
 from .equations import no_normal, slope_variances, slopes
-from .geometry import PAD, RayField, rest_distance
+from .geometry import RayField, rest_distance
 
 __all__ = ["Measured"]
 
@@ -26,10 +23,10 @@ _ROWS = 64
 class Measured:
     """Correspondences on a grid with their rays.
 
-    u, v, sigma_u, sigma_v (rows, cols) pattern pixels, used where mask is true; rays: of the fine grid, of
-    which this grid holds every step-th row and column; plane (3, 3): see `geometry.pattern_plane`; shape:
-    what the pattern's surface has off that plane. With one, a mirror at w looks at the place of the plane
-    that lies on the line to the pattern point: the same direction, which is all that slopes ask for.
+    u, v, sigma_u, sigma_v (rows, cols) pattern pixels, used where mask is true; plane (3, 3): see
+    `geometry.pattern_plane`; shape: what the pattern's surface has off that plane. With one, a mirror at w
+    looks at the place of the plane that lies on the line to the pattern point: the same direction, which is
+    all that slopes ask for.
     """
 
     rays: RayField
@@ -39,17 +36,7 @@ class Measured:
     sigma_u: Floats
     sigma_v: Floats
     mask: Mask
-    step: int = 1
     shape: PatternShape | None = None
-
-    def strided(self, step: int) -> "Measured":
-        """Every step-th pixel."""
-        pick = (slice(None, None, step), slice(None, None, step))
-        arrays: dict[str, Any] = {
-            name: np.ascontiguousarray(getattr(self, name)[pick])
-            for name in ("u", "v", "sigma_u", "sigma_v", "mask")
-        }
-        return replace(self, step=self.step * step, **arrays)
 
     def whole_cells(self, bridged: Mask) -> bool:
         """Whether u and v come from a discrete code: middles of cells, multiples of half a pixel. Their
@@ -71,12 +58,12 @@ class Measured:
 
     def slopes(self, w: Floats) -> tuple[Floats, ...]:
         """p, q, dp/dw, dq/dw at w."""
-        return slopes(self.rays, self.plane, *self._on_plane(w), w, self.step)
+        return slopes(self.rays, self.plane, *self._on_plane(w), w)
 
     def variances(self, w: Floats) -> tuple[Floats, Floats]:
         """Variances of p and q at w."""
         u, v = self._on_plane(w)
-        return slope_variances(self.rays, self.plane, u, v, self.sigma_u, self.sigma_v, w, self.step)
+        return slope_variances(self.rays, self.plane, u, v, self.sigma_u, self.sigma_v, w)
 
     def singular(self, w: Floats, picard: bool = False) -> Mask:
         """Pixels of the mask to which noise leaves no normal if the mirror is at w, see
@@ -85,7 +72,7 @@ class Measured:
         """
         sigmas = self.sigma_u, self.sigma_v
         u, v = self._on_plane(w)
-        found = no_normal(self.rays, self.plane, u, v, *sigmas, w, *self.variances(w), self.step)
+        found = no_normal(self.rays, self.plane, u, v, *sigmas, w, *self.variances(w))
         if picard:
             _, _, p_w, q_w = self.slopes(w)
             found |= np.maximum(np.abs(p_w), np.abs(q_w)) >= 1.0
@@ -100,8 +87,7 @@ class Measured:
 
     def _points(self, w: Floats) -> Floats:
         """Mirror points (3, rows, cols) at w, mm."""
-        pick = (slice(None), slice(PAD, -PAD, self.step), slice(PAD, -PAD, self.step))
-        points: Floats = self.rays.origins[pick] + self.distance(w) * self.rays.directions[pick]
+        points: Floats = self.rays.inner_origins + self.distance(w) * self.rays.inner_directions
         return points
 
     def _on_plane(self, w: Floats) -> tuple[Floats, Floats]:
@@ -127,9 +113,7 @@ class Measured:
 
     def rest(self) -> Floats:
         """The unknown of the mirror at rest: t in mm, or log t."""
-        pick = (slice(None), slice(PAD, -PAD, self.step), slice(PAD, -PAD, self.step))
-        distance = rest_distance(self.rays.origins[pick], self.rays.directions[pick])
-        return self.unknown(distance)
+        return self.unknown(rest_distance(self.rays.inner_origins, self.rays.inner_directions))
 
     def unknown(self, distance: Floats) -> Floats:
         """t -> w."""

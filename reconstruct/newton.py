@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.interpolate
 import scipy.ndimage
 
 from .anchors import Samples
@@ -22,10 +21,9 @@ from .linear import EdgeProblem, edge_problem
 from .measured import Measured
 from .poisson import Accuracy
 
-__all__ = ["Options", "State", "chord_step", "coarse_start", "edge_errors", "response", "solve"]
+__all__ = ["Options", "State", "chord_step", "edge_errors", "response", "solve"]
 
 _ONE, _ZERO = np.ones((1, 1)), np.zeros((1, 1))
-_COARSE = 96  # pixels along the shorter side of the grid that gives the start
 _FACTOR_ACCURACY = Accuracy(peak=0.02)  # of log E, in every pixel: E only has to be near
 _LINEAR_SHARE = 0.02  # of an edge's standard deviation: the energy of what a linear solve may leave
 _FIRST_RELATIVE, _RELATIVE = 1e-2, 1e-10  # of the first error: there is a second step; rounding
@@ -275,65 +273,10 @@ def _worse(energies: list[float]) -> bool:
     return len(energies) > 1 and not energies[-1] <= 2.0 * energies[-2]
 
 
-def coarse_start(data: Measured, samples: Samples, labels: Labels, options: Options) -> Floats:
-    """The unknown at rest, or the solution on every k-th pixel brought up to the grid by a cubic spline."""
-    rest = data.rest()
-    step = min(data.mask.shape) // _COARSE
-    if step < 3:
-        return rest
-    coarse = data.strided(step)
-    usable = np.count_nonzero(coarse.mask)
-    coarse.mask[...] &= ~coarse.singular(coarse.rest(), not options.newton)
-    parts = scipy.ndimage.label(coarse.mask)[0].astype(np.int32)
-    local = samples.window(0, 0, step)
-    rows = anchor_rows(local, coarse, parts)
-    anchored = np.isin(parts, np.unique(rows.component)) & (parts > 0)
-    if np.count_nonzero(anchored) < 0.5 * usable:
-        return rest
-    coarse.mask[...] = anchored
-    parts = scipy.ndimage.label(anchored)[0].astype(np.int32)
-    state = solve(coarse, local, parts, coarse.rest(), options)
-    offset = state.w - coarse.rest()
-    if not np.isfinite(offset[anchored]).all():
-        return rest
-    if not anchored.all():
-        nearest = scipy.ndimage.distance_transform_edt(~anchored, return_distances=False, return_indices=True)
-        offset = offset[tuple(nearest)]
-    shape = data.mask.shape
-    along_rows, along_cols = (_spline(shape[k], offset.shape[k], step) for k in (0, 1))
-    fine: Floats = rest + along_rows @ offset @ along_cols.T
-    return fine
-
-
-def _spline(fine: int, coarse: int, step: int) -> Floats:
-    """Matrix (fine, coarse) of the cubic spline through every step-th sample; constant beyond the last."""
-    spline = scipy.interpolate.make_interp_spline(np.arange(coarse, dtype=np.float64), np.eye(coarse), k=3)
-    matrix: Floats = spline(np.minimum(np.arange(fine) / step, coarse - 1.0))
-    return matrix
-
-
 def _root(phi: Floats, labels: Labels) -> Floats:
-    """sqrt(E), E at most one in the largest component;
-    the others' free constants continue its columns' mean.
-    """
-    count = int(labels.max())
-    if count == 1:
-        top = phi.max() if labels.all() else phi[labels > 0].max()
-        return _half_exponential(phi - top)
-    sizes = np.bincount(labels.ravel(), minlength=count + 1)
-    main = 1 + int(np.argmax(sizes[1:]))
-    inside = labels == main
-    present = np.flatnonzero(inside.any(axis=0))
-    profile = np.sum(np.where(inside, phi, 0.0), axis=0)[present] / inside.sum(axis=0)[present]
-    away = phi - np.interp(np.arange(phi.shape[1]), present, profile)
-    shift = np.zeros(count + 1)
-    shift[1:] = scipy.ndimage.mean(away, labels, np.arange(1, count + 1))
-    shift[main] = 0.0
-    return _half_exponential(phi - phi[inside].max() - shift[labels])
-
-
-def _half_exponential(phi: Floats) -> Floats:
-    root: Floats = np.exp(0.5 * phi)
+    """sqrt(E), E at most one in every component."""
+    tops = scipy.ndimage.maximum(phi, labels, np.arange(int(labels.max()) + 1))
+    root: Floats = np.exp(0.5 * (phi - np.asarray(tops)[labels]))
     return root
 
 

@@ -34,9 +34,9 @@ class Problem:
 
     rays, valid: of the whole image (H, W); rows, cols: the window that holds valid pixels; turned: the
     window's rows and columns are exchanged, so that the slopes' variances go by columns; data: that grid, to
-    which the samples belong; labels: its anchored components from 1 on; bridged: pixels of small holes,
-    interpolated; lost: valid pixels without an anchor; singular: valid pixels that cannot be solved (see
-    `Measured.singular`).
+    which the samples belong; labels: its anchored components from 1 on; bridged: interpolated pixels, of
+    small holes and wrong ones; lost: valid pixels without an anchor; singular: valid pixels that cannot be
+    solved (see `Measured.singular`); suspects: pixels of the grid to which a curl of the slopes points.
     """
 
     rays: RayField
@@ -50,6 +50,7 @@ class Problem:
     bridged: Mask
     lost: int
     singular: Mask
+    suspects: Mask
 
     def to_grid(self, image: NDArray[Any]) -> NDArray[Any]:
         """The grid's part of an array of the image (H, W)."""
@@ -110,7 +111,9 @@ def prepare(
     lost = int(np.count_nonzero(seen & ~hollow & (labels == 0)))
     data = data if labels.all() else replace(data, mask=labels > 0)
     hollow, bridges = hollow & on_grid(valid), holes & ~hollow
-    return Problem(rays, valid, rows, cols, turned, data, samples, labels, bridges, lost, hollow)
+    return Problem(
+        rays, valid, rows, cols, turned, data, samples, labels, bridges, lost, hollow, np.zeros_like(bridges)
+    )
 
 
 def require_correspondence(value: object, name: str = "correspondence") -> None:
@@ -180,11 +183,8 @@ def _on(at: NDArray[Any], sigma: NDArray[Any], extent: int) -> Mask:
 
 def _rows_rule(data: Measured) -> bool:
     """True if the slopes' variance depends on the row rather than on the column."""
-    step = max(1, min(data.mask.shape) // 64)
-    coarse = data.strided(step)
-    variance = coarse.variances(coarse.rest())[0]
     with np.errstate(divide="ignore", invalid="ignore"):
-        values = np.where(coarse.mask, np.log(variance), np.nan)
+        values = np.where(data.mask, np.log(data.variances(data.rest())[0]), np.nan)
     spreads = []
     for axis in (0, 1):
         count = np.isfinite(values).sum(axis=axis)

@@ -1,7 +1,7 @@
 """The solved grid as a HeightMap: points, sigma, flags, diagnostics."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,64 +18,35 @@ from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .newton import State
 from .path_variance import cut_off, reached_across
 from .problem import Problem
-from .uncertainty import unknown_variance
 
-__all__ = ["Spread", "anchors_apart", "height_map", "judged"]
+__all__ = ["anchors_apart", "height_map", "judged"]
 
 _MOVING = 0.05  # of the pixels: more that still move are not to blame one by one
 _APART = 5.0  # standard deviations, rms: rigs that are right stay below 1.2
 _STEEP = 3.0  # standard deviations of the noise: where the doubt of discontinuities exceeds them
 
 
-@dataclass(frozen=True, slots=True)
-class Spread:
-    """What the variance of independent noise in every pixel has to be multiplied by, or replaced by.
-
-    correlation: see `circulation`; bridging (rows, cols): see `holes.noise_gain`; rounding (rows, cols): the
-    variance of discrete codes where it is larger, see `rounding`.
-    """
-
-    correlation: float = 1.0
-    bridging: Floats | None = None
-    rounding: Floats | None = None
-
-    def applied(self, variance: Floats, mask: Mask) -> tuple[Floats, float]:
-        """The variance (rows, cols), and the usual factor for errors that neighbours share."""
-        wide = self.correlation * variance
-        if self.bridging is not None:
-            wide = wide * self.bridging
-        if self.rounding is None:
-            return wide, self.correlation
-        larger = np.maximum(wide, self.rounding)
-        return larger, float(np.median((larger / wide)[mask]))
-
-
 def height_map(
     problem: Problem,
     state: State,
     flags: NDArray[np.uint16],
-    suspects: Mask,
     curl: float,
     method: str,
-    variance: Floats | None = None,
-    spread: "Spread | None" = None,
+    variance: Floats,
+    correlation: float,
 ) -> HeightMap:
-    """flags (H, W): the decoder's; suspects: pixels of the grid with a curl; curl: its robust scale;
-    variance: of the unknown, if it is known already (without
-    what is in doubt); spread: what independent noise of every pixel does not hold.
+    """flags (H, W): the decoder's; curl: robust scale of the slopes' curl; variance: of the unknown, without
+    what is in doubt of the edges; correlation: see `Diagnostics`.
     """
     data, doubt = problem.data, state.doubt
-    if variance is None:
-        variance = unknown_variance(data, state, problem.labels)
-    variance, correlation = (spread or Spread()).applied(variance, data.mask)
     steep = np.zeros(data.mask.shape, dtype=np.bool_)
     if doubt is not None:
         anchors = state.rows.pixel[state.share > 0]
-        more, told = (reached_across(each, state.root, data.mask, anchors) for each in (doubt, doubt.alone))
+        more = reached_across(doubt, state.root, data.mask, anchors)
         limits = _STEEP * np.sqrt(state.variances[0]), _STEEP * np.sqrt(state.variances[1])
-        lost = ~data.mask | problem.bridged
-        away = cut_off(doubt.alone, limits, data.mask, anchors, lost)
-        beyond = told > (_STEEP**2) * _least_around(variance, data.mask)
+        lost = ~data.mask | (problem.bridged & ~problem.suspects)
+        away = cut_off(doubt, limits, data.mask, anchors, lost)
+        beyond = more > (_STEEP**2) * _least_around(variance, data.mask)
         steep = away | (touched(doubt) & beyond)
         variance = variance + more
     distance, sigma = data.distance(state.w), np.sqrt(variance)
@@ -90,7 +61,7 @@ def height_map(
     singular = problem.to_image(problem.singular, False)
     flags[singular] |= np.uint16(HeightFlag.SINGULAR)
     flags[problem.valid & ~solved & ~singular] |= np.uint16(HeightFlag.NO_ANCHOR)
-    flags[problem.to_image(suspects, False) & solved] |= np.uint16(HeightFlag.CURL)
+    flags[problem.to_image(problem.suspects, False) & solved] |= np.uint16(HeightFlag.CURL)
     flags[problem.to_image(steep, False) & solved] |= np.uint16(HeightFlag.STEEP)
     if not state.converged:
         flags[solved & _unsettled(problem, state)] |= np.uint16(HeightFlag.NOT_CONVERGED)

@@ -17,15 +17,13 @@ from optolever.notices import Notice
 from optolever.scene import Scene
 
 from .anchors import Anchors
-from .arrays import Floats
-from .coupled import doubted, solved_height, with_modes
+from .coupled import Solution, doubted, solved_height, with_modes
 from .heightmap import HeightMap
 from .holes import bridged, small_holes
-from .newton import State, chord_step
+from .newton import chord_step
 from .problem import Problem, require_correspondence
 from .propagation import Measurement, interpolated
-from .result import Spread, anchors_apart, height_map, judged
-from .uncertainty import unknown_variance
+from .result import anchors_apart, height_map, judged
 
 __all__ = ["HeightStream"]
 
@@ -42,7 +40,7 @@ class HeightStream:
     def __init__(self, scene: Scene, anchor: Anchors = None, refresh: int = 100) -> None:
         self._scene, self._anchor, self._refresh = scene, anchor, max(1, refresh)
         self._age = self._modes_age = 0
-        self._last: tuple[Problem, State, Floats, HeightMap] | None = None
+        self._last: Solution | None = None
         self._apart: tuple[Notice, ...] = ()
 
     def update(self, correspondence: Correspondence) -> HeightMap:
@@ -52,19 +50,18 @@ class HeightStream:
         if self._last is not None and self._age < self._refresh:
             height = self._followed(correspondence)
         if height is None:
-            start = self._last[3] if self._last is not None else None
-            problem, state, height = solved_height(correspondence, self._scene, self._anchor, start=start)
-            height = self._with_modes(height, correspondence)
-            variance = unknown_variance(problem.data, state, problem.labels)
-            self._last, self._age = (problem, state, variance, height), 0
-            self._apart = anchors_apart(problem, state, height)
+            start = self._last.height if self._last is not None else None
+            solved = solved_height(correspondence, self._scene, self._anchor, start=start)
+            height = self._with_modes(solved.height, correspondence)
+            self._last, self._age = solved._replace(height=height), 0
+            self._apart = anchors_apart(solved.problem, solved.state, height)
         self._age += 1
         self._modes_age += 1
         return replace(height, notices=(*height.notices, *self._apart))
 
     def _with_modes(self, height: HeightMap, correspondence: Correspondence) -> HeightMap:
         """With the modes of a calibrated rig: the last ones, anew where they are `refresh` frames old."""
-        modes = None if self._last is None else self._last[3].calibration
+        modes = None if self._last is None else self._last.height.calibration
         if modes is not None and self._modes_age < self._refresh:
             modes = interpolated(modes.astype(np.float64), 1, np.isfinite(height.z))
         else:
@@ -80,33 +77,26 @@ class HeightStream:
         if renewed is None:
             return None
         size, rate = 0.0, 1.0
-        empty = np.zeros(renewed.labels.shape, dtype=np.bool_)
         for _ in range(_STEPS):
             before, last_size = state.w, size
             state = chord_step(renewed.data, renewed.labels, state)
             size = float(np.sqrt(np.mean((state.w - before) ** 2 / variance)))
             rate = min(1.0, size / last_size) if last_size > 0 else 1.0
             if size * rate <= _SETTLED:
-                doubt = doubted(renewed, state, 1.0, empty)
+                doubt = doubted(renewed, state, 1.0)
                 if doubt is not None and state.doubt is None:
                     return None
                 state = replace(state, doubt=doubt)
+                correlation = last.diagnostics.correlation
                 height = height_map(
-                    renewed,
-                    state,
-                    correspondence.flags,
-                    empty,
-                    float("nan"),
-                    "coupled",
-                    variance,
-                    Spread(last.diagnostics.correlation),
+                    renewed, state, correspondence.flags, math.nan, "coupled", variance, correlation
                 )
                 freedom = last.diagnostics.freedom
                 chi2 = math.nan if last.diagnostics.chi2 is None else last.diagnostics.chi2
                 height = judged(height, self._scene.mirror, chi2, freedom, correspondence.notices)
                 more = {name: getattr(last, name) for name in ("calibration", "sources", "shares")}
                 height = replace(height, **more)
-                self._last = problem, state, variance, height
+                self._last = Solution(problem, state, variance, height)
                 return height
         return None
 
@@ -125,4 +115,5 @@ def _renewed(problem: Problem, c: Correspondence) -> Problem | None:
     if not np.array_equal((usable | holes) & problem.data.mask, problem.data.mask):
         return None
     fresh = bridged(replace(problem.data, mask=usable, **fields), holes)
-    return replace(problem, valid=valid, bridged=holes, data=replace(fresh, mask=problem.data.mask))
+    data, empty = replace(fresh, mask=problem.data.mask), np.zeros_like(holes)
+    return replace(problem, valid=valid, bridged=holes, suspects=empty, data=data)

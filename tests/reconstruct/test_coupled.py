@@ -175,8 +175,7 @@ def test_float32_input(exact) -> None:
     assert relative_error(height, truth) < 2e-5
 
 
-def test_coarse_start_is_only_a_start(exact, noisy) -> None:
-    """Large enough for a coarser grid: the same answer to the tolerance, in few steps."""
+def test_a_cusp_on_many_pixels_takes_few_steps(exact, noisy) -> None:
     scene, truth, _ = exact("paper-simulation", "needle", 300, 320)
     height = reconstruct(noisy(truth), scene)
     assert height.diagnostics.converged

@@ -56,7 +56,7 @@ def test_a_gap_is_in_doubt_of_what_its_sides_disagree_on(slope: str, doubt: floa
     gap = np.zeros((20, 30), dtype=bool)
     gap[:, 14:16] = True
     p = np.tile(np.where(gap[0], 0.0, 0.01 * x**2 if slope == "parabola" else np.sign(x - 14.5)), (20, 1))
-    along, across, _ = across_gaps(p, 0.0 * p, (1e-9 * VARIANCE, VARIANCE), WHOLE, gap)
+    along, across = across_gaps(p, 0.0 * p, (1e-9 * VARIANCE, VARIANCE), WHOLE, gap)
     np.testing.assert_allclose(along[:, 13:16], doubt, atol=1e-9)
     assert not across.any()
     assert not np.delete(along, slice(13, 16), axis=1).any()
@@ -67,7 +67,7 @@ def test_interpolated_pixels_share_the_doubt_around_them() -> None:
     dx[5, 5] = 1.0
     bridged = np.zeros((20, 30), dtype=bool)
     bridged[5, 7] = bridged[15, 20] = True
-    wide_x, wide_y, _ = widened(Doubt(dx, dy), bridged)
+    wide_x, wide_y = widened(Doubt(dx, dy), bridged)
     assert wide_x[5, 6] == wide_x[5, 7] == wide_y[5, 7] == wide_y[4, 7] == 1.0
     assert not wide_x[15].any()
 

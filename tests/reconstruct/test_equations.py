@@ -59,16 +59,3 @@ def test_variances_where_noise_is_not_small_beside_the_way_to_the_pattern() -> N
     exact, stated = np.var(drawn, axis=0).mean(), np.mean(told)
     assert stated == pytest.approx(exact, rel=0.15)
     assert np.std(told) < 0.35 * stated
-
-
-def test_every_other_pixel() -> None:
-    """A step of two doubles the slopes and takes its rays from the fine grid."""
-    scene = resize(load("paper-simulation"), SIZE, SIZE)
-    rays, plane = ray_field(scene.camera), pattern_plane(scene)
-    truth = trace(scene, dent("raised-cosine", scene))
-    w = -rays.inner_origins[2] / rays.inner_directions[2]
-    fine = slopes(rays, plane, truth.u, truth.v, w)
-    pick = (slice(None, None, 2), slice(None, None, 2))
-    u, v, w = (np.ascontiguousarray(a[pick]) for a in (truth.u, truth.v, w))
-    for coarse, value in zip(slopes(rays, plane, u, v, w, step=2), fine, strict=True):
-        np.testing.assert_allclose(coarse, 2 * value[pick], rtol=1e-12, atol=1e-12)

@@ -7,7 +7,7 @@ from optolever import InputError
 from optolever.experiments.metrics import relative_error
 from optolever.reconstruct import PixelAnchor, method_names, reconstruct
 from optolever.reconstruct.geometry import ray_field
-from optolever.reconstruct.newton import Options, coarse_start, solve
+from optolever.reconstruct.newton import Options, solve
 from optolever.reconstruct.problem import prepare
 from optolever.reconstruct.reweighting import reweighted
 
@@ -111,8 +111,7 @@ def test_reweighting_leaves_gross_outliers_behind(spoiled) -> None:
     scene, truth, seen, away = spoiled
     options = Options()
     problem = prepare(seen, scene)
-    start = coarse_start(problem.data, problem.samples, problem.labels, options)
-    plain = solve(problem.data, problem.samples, problem.labels, start, options)
+    plain = solve(problem.data, problem.samples, problem.labels, problem.data.rest(), options)
     robust = reweighted(problem, plain, options)
     expected = -truth.z / ray_field(scene.camera).inner_directions[2]  # along the ray, from where it rests
     rest = problem.data.rest()

@@ -206,7 +206,7 @@ def test_drawn_variance_is_that_of_many_draws(exact, noisy, cut, monkeypatch, ri
     seen = cut(noisy(truth, 0.003), away < 27)
     more = np.where(away > 26, rim, 1.0)
     seen = replace(seen, sigma_u=more * seen.sigma_u, sigma_v=more * seen.sigma_v)
-    problem, state, _ = solved_height(seen, scene, PixelAnchor(10.0, 32.0, float(truth.z[10, 32])))
+    problem, state, *_ = solved_height(seen, scene, PixelAnchor(10.0, 32.0, float(truth.z[10, 32])))
     assert state.doubt is not None
     given = []
     monkeypatch.setattr(uncertainty, "monte_carlo_variance", lambda *args: given.append(args) or args[3])
