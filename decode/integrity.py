@@ -57,7 +57,8 @@ _MENDED = 0.7
 _SAME, _MOSTLY = 0.35, 0.95
 #: Probability by chance, of all faults tried, above which nothing is named.
 _CHANCE = 0.01
-#: Share of the pixels around which a frame changes, from which on its picture is like no other.
+#: Share of the pixels around which a frame changes, or where it is bright or dark, from which on it is like
+#: no other.
 _STRUCTURED = 0.25
 #: Faults after which all frames are in wrong places, and the share of the pixels that chance may mend
 #: where most are.
@@ -275,7 +276,9 @@ def _single_fault(crosses: _Crosses, plan: Plan, rows: int, names: Ints) -> Find
     gains = np.stack([total - crosses.cost(_without(count, i)) for i in range(count)])
     costly = np.argsort(total)[len(total) // 2 :]
     some = crosses.only(costly[:: max(1, len(costly) // _FIRST)])
-    tried = sorted(_faults(names, _used(plan)), key=lambda fault: float(some.cost(fault[1]).sum()))
+    faint = _faint(crosses, _used(plan))
+    swaps = [i for i in _used(plan) if not faint[i]]
+    tried = sorted(_faults(names, swaps), key=lambda fault: float(some.cost(fault[1]).sum()))
     swept = any(axis.stripes is not None for axis in plan.axes)
     trials = []
     for finding, order in tried[:_SECOND]:
@@ -286,7 +289,7 @@ def _single_fault(crosses: _Crosses, plan: Plan, rows: int, names: Ints) -> Find
         near = finding.kind != "swapped" or finding.frames[1] - finding.frames[0] == 1
         gain = total - known - crosses.cost(order)
         trials.append(_Trial(finding, gain, usual, count if near else len(tried)))
-    trials += _replacements(crosses, gains, rows, names)
+    trials += _replacements(crosses, np.where(faint[:, None], 0, gains), rows, names)
     trials = [trial for trial in trials if _chance(trial) < _CHANCE]
     if not trials:
         return None
@@ -343,6 +346,20 @@ def _faults(names: Ints, used: list[int]) -> Iterator[tuple[Finding, Ints]]:
         order = np.concatenate([np.arange(k), np.arange(k + 1, count), [-1]])
         told = f"frame {names[k - 1]} is there twice, those after it come one late"
         yield Finding((k,), "repeated", told, tuple(range(k, count))), order
+
+
+def _faint(crosses: _Crosses, used: list[int]) -> Mask:
+    """Frames (N,) that a blur leaves nothing of: bits that are grey nearly everywhere, as are all finer
+    ones."""
+    centre = crosses.levels[:, 0]
+    middle = centre[used].min(axis=0) + crosses.contrast
+    told = (np.abs(centre - middle) > 0.5 * crosses.contrast).mean(axis=1) > _STRUCTURED
+    faint = np.zeros(len(told), np.bool_)
+    for code in (table.axis.code for table in crosses.tables):
+        for polarity in (code.plain, code.inverse) if code else ():
+            own = polarity[polarity >= 0]  # from the finest on
+            faint[own] = np.cumsum(told[own]) == 0
+    return faint
 
 
 def _replacements(crosses: _Crosses, gains: F32, rows: int, names: Ints) -> Iterator[_Trial]:

@@ -52,3 +52,22 @@ def free_levels(cols: int, frames: int) -> Sequence:
     """Random grey values of single cells along u."""
     values = np.random.default_rng(0).integers(0, 256, (frames, cols))
     return Sequence(tuple(Frame("levels", "u", levels=tuple(row.tolist())) for row in values), 4, cols)
+
+
+def seen_cells(levels: F64, place: F64, blur: float) -> F64:
+    """Light at `place` of cells of width 1, Gaussian blur, closed form: sum of level * (erf difference)."""
+    near = np.rint(place).astype(int)
+    light = np.zeros(place.shape)
+    for step in range(-6, 7):
+        cell = np.clip(near + step, 0, len(levels) - 1)
+        right, left = (near + step + 0.5 - place) / blur, (near + step - 0.5 - place) / blur
+        light += levels[cell] * 0.5 * (erf(right / np.sqrt(2)) - erf(left / np.sqrt(2)))
+    return light
+
+
+def cell_frames(shown: Sequence, u: F64, v: F64, blur: float, noise: float) -> NDArray[np.uint8]:
+    rng = np.random.default_rng(8)
+    tables = [table.astype(np.float64) / 255 for table in shown.tables()]
+    light = [seen_cells(tables[0][i], u, blur) * seen_cells(tables[1][i], v, blur) for i in range(len(shown))]
+    noisy = 10 + 200 * np.array(light) + noise * rng.standard_normal((len(shown), *u.shape))
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)

@@ -17,6 +17,7 @@ from optolever.decode.plan import plan
 from optolever.patterns import Sequence, sequence
 
 from .conftest import silent
+from .light import cell_frames
 
 F64 = NDArray[np.float64]
 Shoot = Callable[..., NDArray[Any]]
@@ -105,6 +106,17 @@ def test_a_torn_frame_is_named_with_its_rows(name: str, shoot: Shoot, smooth: tu
 def test_three_steps_tell_nothing(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
     shown = sequence("phase", 150, 170, steps=3, periods=(190.0,))
     assert check(shoot(shown, *smooth), shown).findings == ()
+
+
+@pytest.mark.parametrize(("blur", "width"), [(1.0, 0.6), (1.0, 1.1), (0.8, 2.0)])
+def test_bits_that_a_blur_hides_are_no_fault(blur: float, width: float) -> None:
+    """Of the finest bits nothing is left, so that they look like each other."""
+    shown = sequence("binary", 220, 290)
+    row, col = np.mgrid[:96, :128].astype(np.float64)
+    u, v = 15 + width * col + 0.5 * np.sin(row / 17), 15 + width * row + 0.5 * np.cos(col / 19)
+    frames = cell_frames(shown, u, v, blur=blur, noise=1.0)
+    assert check(frames, shown).findings == ()
+    assert decode(frames, shown).good.mean() > 0.97
 
 
 def test_frames_that_do_not_fit_are_refused() -> None:

@@ -8,36 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.special import erf
 
 from optolever.decode import Correspondence, decode
 from optolever.experiments.metrics import rms
 from optolever.patterns import Frame, Sequence, sequence
 
 from .conftest import scores, silent
-from .light import COLS, WIDTH, U, free_levels, photographed, seen_by_pixels
+from .light import COLS, WIDTH, U, cell_frames, free_levels, photographed, seen_by_pixels, seen_cells
 
 F64 = NDArray[np.float64]
 Shoot = Callable[..., NDArray[Any]]
-
-
-def seen_cells(levels: F64, place: F64, blur: float) -> F64:
-    """Light at `place` of cells of width 1, Gaussian blur, closed form: sum of level * (erf difference)."""
-    near = np.rint(place).astype(int)
-    light = np.zeros(place.shape)
-    for step in range(-6, 7):
-        cell = np.clip(near + step, 0, len(levels) - 1)
-        right, left = (near + step + 0.5 - place) / blur, (near + step - 0.5 - place) / blur
-        light += levels[cell] * 0.5 * (erf(right / np.sqrt(2)) - erf(left / np.sqrt(2)))
-    return light
-
-
-def cell_frames(shown: Sequence, u: F64, v: F64, blur: float, noise: float) -> NDArray[np.uint8]:
-    rng = np.random.default_rng(8)
-    tables = [table.astype(np.float64) / 255 for table in shown.tables()]
-    light = [seen_cells(tables[0][i], u, blur) * seen_cells(tables[1][i], v, blur) for i in range(len(shown))]
-    noisy = 10 + 200 * np.array(light) + noise * rng.standard_normal((len(shown), *u.shape))
-    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
 @pytest.mark.parametrize("params", [{"step": 4}, {"step": 8, "width": 16}, {"step": 3, "width": 9}])
