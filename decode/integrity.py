@@ -349,16 +349,15 @@ def _faults(names: Ints, used: list[int]) -> Iterator[tuple[Finding, Ints]]:
 
 
 def _faint(crosses: _Crosses, used: list[int]) -> Mask:
-    """Frames (N,) that a blur leaves nothing of: bits that are grey nearly everywhere, as are all finer
-    ones."""
+    """Frames (N,) that a blur leaves nothing of: the finest bits, where they are grey nearly everywhere."""
     centre = crosses.levels[:, 0]
     middle = centre[used].min(axis=0) + crosses.contrast
     told = (np.abs(centre - middle) > 0.5 * crosses.contrast).mean(axis=1) > _STRUCTURED
     faint = np.zeros(len(told), np.bool_)
     for code in (table.axis.code for table in crosses.tables):
         for polarity in (code.plain, code.inverse) if code else ():
-            own = polarity[polarity >= 0]  # from the finest on
-            faint[own] = np.cumsum(told[own]) == 0
+            finest = polarity[polarity >= 0][:1]
+            faint[finest] = ~told[finest]
     return faint
 
 
