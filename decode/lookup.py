@@ -15,6 +15,7 @@ Start of the search: the neighbour's place (any levels), the brightest frame (st
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -271,14 +272,21 @@ def _likeliest(fitted: Callable[[float], _Fit], spreads: F64) -> tuple[float, fl
 def _scattering(fitted: Callable[[float, float], _Fit], spread: float) -> tuple[float, float]:
     """The likeliest spread and halo, from the likeliest spread without a halo, which stands unless the other
     is surely likelier."""
-    excess = max(fitted(spread, 0.0).excess, 1e-3)
+    usual = fitted(spread, 0.0)
+    excess = max(usual.excess, 1e-3)
     start = [(spread, 0.0), (0.9 * spread, 0.1), (spread, 0.1)]
+
+    def unlikely(at: Any) -> float:
+        return fitted(*at).unlikely(excess)
+
+    least = usual.unlikely(excess)
+    if min(unlikely(at) for at in start[1:]) >= least:
+        return spread, 0.0
     found = minimize(
-        lambda at: fitted(*at).unlikely(excess),
+        unlikely,
         start[0],
         method="Nelder-Mead",
         bounds=((0.25 * spread, spread), (0.0, 1.0)),
         options={"initial_simplex": start, "xatol": 0.5 * (_STEP - 1) * spread, "fatol": 1.0},
     )
-    gained = fitted(spread, 0.0).unlikely(excess) - found.fun
-    return tuple(found.x.tolist()) if gained > float(chdtri(1, _RARE)) else (spread, 0.0)
+    return tuple(found.x.tolist()) if least - found.fun > float(chdtri(1, _RARE)) else (spread, 0.0)
