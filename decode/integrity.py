@@ -349,7 +349,10 @@ def _faults(names: Ints, used: list[int]) -> Iterator[tuple[Finding, Ints]]:
 
 
 def _faint(crosses: _Crosses, used: list[int]) -> Mask:
-    """Frames (N,) that a blur leaves nothing of: the finest bits, where they are grey nearly everywhere."""
+    """Frames (N,) that a blur leaves nothing of: the finest bits, where they are grey nearly everywhere.
+
+    Where others are, too (pixels of five cells), sigma knows too little of the places to let them pass.
+    """
     centre = crosses.levels[:, 0]
     middle = centre[used].min(axis=0) + crosses.contrast
     told = (np.abs(centre - middle) > 0.5 * crosses.contrast).mean(axis=1) > _STRUCTURED

@@ -66,6 +66,7 @@ def seen_cells(levels: F64, place: F64, blur: float) -> F64:
 
 
 def cell_frames(shown: Sequence, u: F64, v: F64, blur: float, noise: float) -> NDArray[np.uint8]:
+    """Frames (N, H, W) of points at u, v (H, W) of a surface: the product of both axes' light, 10 to 210."""
     rng = np.random.default_rng(8)
     tables = [table.astype(np.float64) / 255 for table in shown.tables()]
     light = [seen_cells(tables[0][i], u, blur) * seen_cells(tables[1][i], v, blur) for i in range(len(shown))]
