@@ -70,7 +70,7 @@ def command(
         raise click.UsageError("--first goes with --random")
     if numbers and drawn:
         raise click.UsageError("--case and --random exclude each other")
-    from optolever.experiments.design import CASES, drawn_cases, run_choices
+    from optolever.experiments.design import CASES, drawn_cases, run_choice
 
     if drawn:
         cases = dict(zip(range(first, first + drawn), drawn_cases(drawn, first), strict=True))
@@ -80,8 +80,8 @@ def command(
     with interrupted() as stopped:
         for index, case in cases.items():
             with progress() as step:
-                (row,) = run_choices(
-                    (case,), pixels=pixels, seeds=seeds, more=more, renderer=renderer, progress=step
+                row = run_choice(
+                    case, pixels=pixels, seeds=seeds, more=more, renderer=renderer, progress=step
                 )
             rows.append(row)
             table(f"Case {index}: {row.case}", _told(row))

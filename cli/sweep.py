@@ -64,7 +64,7 @@ def command(
     if (workers or scheduler) and not dask:
         raise InputError("--workers, --scheduler: need Dask; pip install 'optolever[dask]', or --workers 0")
     os.environ.update(ONE_THREAD)  # before NumPy is loaded: the same sums here as on any worker
-    from optolever.experiments.bench import Cluster, Store, load_grid, sweep
+    from optolever.experiments.bench import Store, load_grid, sweep
 
     asked = load_grid(grid_path)
     if workers is None:
@@ -72,7 +72,7 @@ def command(
     start = time.perf_counter()
     rows: list[Row] = []
     with interrupted() as stopped, progress() as step:
-        for row in sweep(asked.cells(), Store(out), Cluster(workers, scheduler), step):
+        for row in sweep(asked.cells(), Store(out), workers, scheduler, step):
             rows.append(row)
     finish(out, rows, asked, time.perf_counter() - start, json_path)
     if stopped.hit:

@@ -3,34 +3,26 @@
 | file | holds |
 |---|---|
 | `demo.py`, `metrics.py` | run_demo: the whole chain on a virtual sensor; how good it was |
-| `height_report.py`, `height_view.py` | pages of demo and records; what they show |
-| `calibration.py`, `flag_words.py`, `surface_view.py` | error against sigma; flag words; the surface |
-| `paper.py`, `paper_rows.py` | run_paper: the paper's simulation and experiment, and its table |
-| `paper_simulation.py`, `paper_frames.py` | its measurement: exact; lattice crossings from frames |
-| `paper_report.py` | the page of that |
+| `height_report.py`, `height_view.py` | pages of demo and records; what they show of the height |
+| `paper.py`, `paper_rows.py`, `paper_report.py` | run_paper: the paper's simulation and experiment; page |
 | `rig_report.py` | the page of a calibration |
-| `figures.py`, `brute_force.py` | run_figures: figures beside their limits; what checks scene.trace |
+| `figures.py` | run_figures: figures beside their limits; what checks scene.trace |
+| `decode_speed.py`, `decode_errors.py` | run_decode_figures: speed, and errors beside what noise allows |
+| `solver_figures.py`, `solver_bound.py` | run_solver_figures: the solver; its noise and the bound |
 | `cliffs.py` | a cliff behind a mask, and the plain robust integration of it |
 | `code_guide.py` | code_rows: which code when: predicted sigma and gross rate, faults tried |
-| `faults.py` | faults of frames: swapped, shown twice, torn, lost |
-| `place.py` | a dented mirror, its truth, and its exact correspondence |
-| `decode_speed.py` | run_decode_figures: the decoder beside memory and other decoders |
-| `speed_frames.py`, `peers.py` | frames of every code for it; others' decoders on frames of ours |
-| `ideal.py` | what an ideal surface shows at a place, and frames of it |
-| `decode_errors.py` | its errors beside what noise allows |
-| `solver_figures.py`, `solver_bound.py` | run_solver_figures: the solver; its noise and the bound |
-| `timing.py` | seconds of calls and stages, memory; Run |
-| `drawn.py` | what cases drawn at random have in common |
+| `ideal.py` | codes by their definitions: what ideal surfaces show, faults of frames and what they change |
+| `place.py`, `drawn.py` | a dented mirror, its truth, its exact correspondence; dents drawn at random |
+| `timing.py`, `arrays.py` | seconds of calls and stages, memory, the floor; names of types |
 | `fuzz.py`, `damage.py` | fuzz: inputs damaged at random, what the program makes of them; the damage |
-| `bench/` | speed against error, hard cases, sweeps: a face of its own |
-| `page.py`, `images.py`, `maps.py`, `report/` | HTML page, PNG, maps in mm; templates, style, viewer |
+| `bench/`, `design/` | speed against error, hard cases, sweeps; what to show and to build |
+| `page.py`, `images.py`, `report/` | HTML page; figures and maps as PNG; templates, style, viewer |
 """
 
-from .brute_force import brute_force
 from .code_guide import CODES, CodeRow, code_rows, predict_code, seen
 from .decode_speed import run_decode_figures
 from .demo import DemoResult, run_demo
-from .figures import Figure, run_figures
+from .figures import Figure, brute_force, run_figures
 from .fuzz import FUZZED, Outcome, fuzz
 from .height_report import write_demo_report, write_record_report
 from .metrics import height_metrics

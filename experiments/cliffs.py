@@ -5,12 +5,8 @@
 import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
-from numpy.typing import NDArray
 
-__all__ = ["cauchy_loop", "cliff"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from .arrays import Floats, Mask
 
 _TURNS = 30
 _TUNING = 2.385 * 1.4826  # Cauchy's constant (doi:10.1080/03610927708827533), of the scaled median

@@ -17,13 +17,10 @@ from optolever.errors import InputError
 from optolever.patterns import BINARY_CODES, Sequence, sequence_from_text
 from optolever.records import Progress, silent
 
-from .faults import Fault
-from .ideal import camera_frames
+from .arrays import Floats
+from .ideal import Fault, camera_frames
 from .metrics import rms
 
-__all__ = ["CODES", "CodeRow", "code_rows", "predict_code", "seen"]
-
-F64 = NDArray[np.float64]
 #: What is compared if nothing else is asked for: bits, fringes, both, sweeps.
 CODES = (
     "gray",
@@ -126,7 +123,7 @@ def _narrowest(shown: Sequence, axis: str) -> float:
     return round(float(min(runs)), 1)
 
 
-def _places(shown: Sequence) -> tuple[F64, F64]:
+def _places(shown: Sequence) -> tuple[Floats, Floats]:
     """What the camera of the trials sees: its patches one under the other, one cell per pixel."""
     rows, cols = (min(n, size - 4) for n, size in zip(_PATCH, (shown.rows, shown.cols), strict=True))
     row, col = np.mgrid[:rows, :cols].astype(np.float64)
@@ -142,13 +139,13 @@ def _places(shown: Sequence) -> tuple[F64, F64]:
 
 
 def seen(
-    shown: Sequence, u: F64, v: F64, amplitude: float, noise: float, rng: np.random.Generator
+    shown: Sequence, u: Floats, v: Floats, amplitude: float, noise: float, rng: np.random.Generator
 ) -> NDArray[np.uint16]:
     """Frames (N, H, W) of pixels that look at (u, v) each, from 1 to 3 amplitudes, in levels / _STEPS."""
     return camera_frames(shown, (u, v), (2 * amplitude, amplitude), noise, rng, _STEPS).astype(np.uint16)
 
 
-def _wrong(found: Correspondence, shown: Sequence, u: F64, v: F64) -> NDArray[np.bool_]:
+def _wrong(found: Correspondence, shown: Sequence, u: Floats, v: Floats) -> NDArray[np.bool_]:
     """Pixels that are off by more than 5 sigma, of cells alone by more than one and a half."""
     discrete = not any(frame.kind in ("phase", "stripe", "levels") for frame in shown.frames)
     off = np.zeros(u.shape, np.bool_)

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from optolever.pictures import read_picture
 
-__all__ = ["EXTREMES", "damage", "save_sofast"]
-
 EXTREMES = (
     *("0", "-1", "1e308", "-1e308", "1e-308", "nan", "inf", "65536", "65537", "20000", "0.5", "true"),
     *('"x"', '""', "[]", "{}", "[1, 2]", "99999999999999999999", "\\u0000", "1979-05-27"),

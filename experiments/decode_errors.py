@@ -16,13 +16,11 @@ from scipy.stats import mannwhitneyu
 from optolever.decode import Correspondence, Response, decode
 from optolever.patterns import Frame, Sequence, sequence
 
+from .arrays import Floats
 from .figures import Figure
 from .ideal import camera_frames, ideal_level
 from .metrics import rms
 
-__all__ = ["decode_errors"]
-
-F64 = NDArray[np.float64]
 #: Frames of what Monte Carlo tells: rows, columns; surface of these, cells; seeds of means over seeds.
 PIXELS, EXTENT, SEEDS = (600, 1000), 1260, 4
 OFFSET, AMPLITUDE = 120.0, 60.0  # levels
@@ -32,18 +30,18 @@ TELLING = 10_000  # scores that tell a share to half a percent
 COUNTED = 3.0
 
 
-def decode_errors(_: tuple[int, int] = PIXELS) -> Iterator[Figure]:
-    """Figures of all parts, of images of their own sizes whatever size is asked for."""
+def decode_errors() -> Iterator[Figure]:
+    """Figures of all parts, of images of their own sizes."""
     for part in (_bound, _orders, _doubt, _coverage, _cells, _responses):
         yield from part()
 
 
-def _light(shown: Sequence, place: tuple[F64, F64]) -> F64:
+def _light(shown: Sequence, place: tuple[Floats, Floats]) -> Floats:
     """0..1, (N, H, W)."""
     return np.stack([ideal_level(shown, i, *place) for i in range(len(shown))])
 
 
-def _shoot(shown: Sequence, place: tuple[F64, F64], noise: float, seed: int = 0) -> NDArray[Any]:
+def _shoot(shown: Sequence, place: tuple[Floats, Floats], noise: float, seed: int = 0) -> NDArray[Any]:
     return camera_frames(shown, place, (OFFSET, AMPLITUDE), noise, np.random.default_rng(seed))
 
 
@@ -55,7 +53,7 @@ def _fringes(counts: tuple[int, ...], steps: int, extent: int = EXTENT) -> Seque
     return Sequence(frames, 1, extent)
 
 
-def _along_u(shown: Sequence, noise: float, smooth: bool = False) -> tuple[Correspondence, F64]:
+def _along_u(shown: Sequence, noise: float, smooth: bool = False) -> tuple[Correspondence, Floats]:
     """Of places all over the middle of the surface, of a smooth map or with nothing to do with each other,
     levels that are not rounded: decoded, and their truth."""
     rng = np.random.default_rng(1)
@@ -93,7 +91,7 @@ def _orders() -> Iterator[Figure]:
     yield Figure("wrong orders of 9 and 10 periods off erfc", off, "deviations", high=COUNTED, note=note)
 
 
-def _is_wrong(error: F64, counts: tuple[int, ...]) -> NDArray[np.bool_]:
+def _is_wrong(error: Floats, counts: tuple[int, ...]) -> NDArray[np.bool_]:
     return np.asarray(np.abs(error) > 0.3 * EXTENT / max(counts))
 
 
@@ -109,14 +107,14 @@ def _doubt() -> Iterator[Figure]:
     yield Figure(f"{name}: predicted over seen", told.mean() / wrong.mean(), low=0.85, high=1.15)
 
 
-def _scene(rows: int = 240, cols: int = 320) -> tuple[F64, F64]:
+def _scene(rows: int = 240, cols: int = 320) -> tuple[Floats, Floats]:
     """A smooth map within a surface of `rows` x `cols`, (rows, cols)."""
     row, col = np.mgrid[:rows, :cols].astype(np.float64)
     x, y = col / cols, row / rows
     return cols * (0.04 + 0.9 * x + 0.01 * np.sin(7 * y)), rows * (0.04 + 0.9 * y + 0.01 * np.cos(7 * x))
 
 
-def _score(found: Correspondence, place: tuple[F64, F64]) -> F64:
+def _score(found: Correspondence, place: tuple[Floats, Floats]) -> Floats:
     """Errors of both axes over sigma, of pixels without flags."""
     told = (found.u, found.sigma_u, place[0]), (found.v, found.sigma_v, place[1])
     return np.concatenate([((coord - truth) / sigma)[found.good] for coord, sigma, truth in told])
@@ -165,7 +163,7 @@ def _responses() -> Iterator[Figure]:
     light = _light(shown, place)
     noise = np.random.default_rng(2).standard_normal(light.shape)
 
-    def error(levels: F64, response: Response | None, top: float) -> float:
+    def error(levels: Floats, response: Response | None, top: float) -> float:
         frames = np.clip(np.rint(levels + noise), 0, top).astype(np.uint8 if top == 255 else np.uint16)
         white = None if response else top
         found = decode(frames, shown, response=response, white_level=white, on_cells=False)

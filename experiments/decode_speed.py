@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,31 +20,33 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.blocks import over_rows
+from optolever.blocks import on_cores
 from optolever.decode import decode
-from optolever.kernels import kernel
-from optolever.patterns import Frame, Sequence, sequence
+from optolever.patterns import Frame, Sequence, sequence, sequence_from_text
 from optolever.processes import safe_path
+from optolever.projector import Footprints, light_of
 from optolever.records import Progress, silent
 
+from .arrays import Floats
+from .bench.decoders import cv2_coder, cv2_decode, cv2_places, fringes_coder
 from .decode_errors import decode_errors
-from .figures import Figure, measured_parts
+from .figures import Figure, Parts, measured_parts
 from .ideal import camera_frames
 from .metrics import rms
-from .peers import cv2_coder, cv2_decode, cv2_places, fringes_coder
-from .speed_frames import SPEED_CODES, smooth_map, speed_frames, speed_sequence
-from .timing import timed
+from .timing import timed, toucher
 
-__all__ = ["run_decode_figures"]
-
-Stack = NDArray[np.uint8]
-F64 = NDArray[np.float64]
-Measure = Callable[[tuple[int, int]], Iterator[Figure]]
 SIZE = (1080, 1920)
 #: Turns of two that are compared, fewer where they take longer together than so many seconds.
 PAIRS, FEWEST, SECONDS = 10, 3, 10.0
-OFFSET, AMPLITUDE, NOISE = 110.0, 95.0, 1.5  # levels
+#: Frames for others, levels.
+OFFSET, AMPLITUDE, NOISE = 110.0, 95.0, 1.5
 PERIODS, STEPS = (2160.0, 48.0), 4
+#: Frames of every code, levels.
+DARK, BRIGHT = 20.0, 220.0
+BLUR = 0.5  # cells, rms, between display and camera
+_PLACES = 128  # per cell, at which a pixel may look
+#: Free levels: frames of an axis, cells of the display that share a grey value.
+_FREE_FRAMES, _FREE_CELL = 12, 2.0
 PARTS = ("codes", "fringes", "gray", "first calls", "errors")
 _START = """
 import sys, time
@@ -59,6 +62,93 @@ print(time.perf_counter() - start)
 """
 
 
+@dataclass(frozen=True, slots=True)
+class SpeedCode:
+    """text: of the sequence, or "levels": random grey values; limit: times the floor that decoding may take;
+    noise: grey levels; extent: surface, cells along either axis at most (0: as many as the camera has
+    pixels)."""
+
+    text: str
+    limit: float = 5.0
+    noise: float = 1.0
+    extent: int = 0
+
+    @property
+    def name(self) -> str:
+        """Of its row in the table."""
+        name = "free levels" if self.text == "levels" else self.text
+        return name + (f" on {self.extent} cells" if self.extent else "") + f", noise {self.noise:g}"
+
+
+SPEED_CODES = (
+    SpeedCode("gray"),
+    SpeedCode("gray:inverses=false"),
+    SpeedCode("long-run-gray"),
+    SpeedCode("phase:steps=4"),
+    SpeedCode("phase:steps=8"),
+    SpeedCode("phase:steps=3,periods=8.73782/8.05745/8", 8.0),
+    SpeedCode("phase:steps=4,periods=20/22/25", 8.0, extent=1100),
+    SpeedCode("phase:counts=1/40"),
+    SpeedCode("phase"),
+    SpeedCode("phase:steps=3,periods=576/64/7", extent=576),
+    SpeedCode("micro-phase", 15.0),
+    SpeedCode("micro-phase", 25.0, noise=2.0),
+    SpeedCode("gray+phase"),
+    SpeedCode("stripe:step=16", 10.0),
+    SpeedCode("stripe:step=8", 10.0),
+    SpeedCode("levels", 40.0),
+)
+
+
+def speed_sequence(code: SpeedCode, size: tuple[int, int]) -> Sequence:
+    """On a surface of `size` (rows, cols), or as much of it as the code tells apart."""
+    rows, cols = (min(extent, code.extent or extent) for extent in size)
+    if code.text != "levels":
+        return sequence_from_text(code.text, rows, cols)
+    rng = np.random.default_rng(0)
+    frames = []
+    for axis, extent in (("u", cols), ("v", rows)):
+        for levels in rng.integers(0, 256, (_FREE_FRAMES, int(np.ceil(extent / _FREE_CELL)))).tolist():
+            frames.append(Frame("levels", axis, levels=tuple(levels), cell_px=_FREE_CELL))
+    return Sequence(tuple(frames), rows, cols)
+
+
+def smooth_map(size: tuple[int, int], surface: tuple[int, int]) -> tuple[Floats, Floats]:
+    """u and v of every pixel: within the surface, with a gradient that changes."""
+    row, col = np.mgrid[: size[0], : size[1]].astype(np.float64)
+    x, y = col / size[1], row / size[0]
+    u = surface[1] * (0.03 + 0.93 * x + 0.005 * np.sin(9 * y))
+    return u, surface[0] * (0.03 + 0.93 * y + 0.005 * np.cos(9 * x))
+
+
+def speed_frames(shown: Sequence, size: tuple[int, int], noise: float) -> NDArray[np.uint8]:
+    """Images (N, *size) of a surface with smooth_map, white noise of `noise` levels."""
+    maps = [np.rint(place * _PLACES).astype(np.intp) for place in smooth_map(size, (shown.rows, shown.cols))]
+    lines = [_line(shown, axis, 0.93 / pixels) for axis, pixels in enumerate(size[::-1])]
+    stack = np.empty((len(shown), *size), np.uint8)
+
+    def fill(i: int) -> None:
+        frame = shown.frames[i]
+        axis = int(frame.axis == "v")
+        (light,) = light_of(lines[axis], replace(shown, frames=(frame,)), None, BLUR)
+        level = np.float32(DARK) + np.float32(BRIGHT - DARK) * light[maps[axis]]
+        level += np.float32(noise) * np.random.default_rng(i).standard_normal(size, dtype=np.float32)
+        stack[i] = np.clip(np.rint(level), 0, 255)
+
+    on_cores(fill, range(len(shown)))
+    return stack
+
+
+def _line(shown: Sequence, axis: int, width: float) -> Footprints:
+    """Pixels of a width (share of the surface) at every place along u (axis 0) or v, amid the other."""
+    extent = (shown.cols, shown.rows)[axis]
+    place = np.arange(extent * _PLACES) / _PLACES
+    box, none = np.tile([width * extent, 0.0], (place.size, 1)), np.zeros((place.size, 2))
+    across = np.full(place.size, 0.5 * (shown.cols, shown.rows)[1 - axis])
+    at, boxes = (place, across), (box, none)
+    return Footprints(at[axis], at[1 - axis], np.ones(place.size), boxes[axis], boxes[1 - axis])
+
+
 def run_decode_figures(
     *, size: tuple[int, int] = SIZE, parts: tuple[str, ...] = PARTS, progress: Progress = silent
 ) -> list[Figure]:
@@ -67,46 +157,15 @@ def run_decode_figures(
     parts: of PARTS; "fringes" and "first calls" compile for long.
     "errors" are those of images of their own sizes.
     """
-    measures: tuple[Measure, ...] = (_codes, _fringes, _gray, _starts, decode_errors)
-    every = dict(zip(PARTS, measures, strict=True))
-    return measured_parts({name: partial(every[name], size) for name in parts}, progress)
+    sized = (partial(part, size) for part in (_codes, _fringes, _gray, _starts))
+    every: Parts = dict(zip(PARTS, (*sized, decode_errors), strict=True))
+    return measured_parts({name: every[name] for name in parts}, progress)
 
 
-def _shoot(shown: Sequence, size: tuple[int, int]) -> tuple[NDArray[Any], tuple[F64, F64]]:
+def _shoot(shown: Sequence, size: tuple[int, int]) -> tuple[NDArray[Any], tuple[Floats, Floats]]:
     """Frames of an ideal surface with a smooth map, and that."""
     truth = smooth_map(size, size)
     return camera_frames(shown, truth, (OFFSET, AMPLITUDE), NOISE, np.random.default_rng(0)), truth
-
-
-@kernel
-def _touch(start: int, stop: int, frames: Any, maps: Any, flags: Any) -> None:
-    """Read every frame, write outputs of the same size."""
-    cols = frames.shape[2]
-    total = np.empty(cols, np.float32)
-    for row in range(start, stop):
-        total[:] = 0
-        for i in range(frames.shape[0]):
-            for x in range(cols):
-                total[x] += np.float32(frames[i, row, x])
-        for chart in maps:
-            for x in range(cols):
-                chart[row, x] = total[x]
-        for x in range(cols):
-            flags[row, x] = np.uint16(total[x])
-
-
-def toucher(frames: NDArray[Any]) -> Callable[[], None]:
-    """The floor: read all frames; write u, v, two sigmas, amplitude, offset, order error in float32, flags,
-    as decode. Into the same memory every time: clearing what is new takes longer than writing it.
-    """
-    size = frames.shape[1:]
-    maps = tuple(np.empty(size, np.float32) for _ in range(7))
-    flags = np.empty(size, np.uint16)
-
-    def touch() -> None:
-        over_rows(lambda start, stop: _touch(start, stop, frames, maps, flags), size[0], 32)
-
-    return touch
 
 
 def _codes(size: tuple[int, int]) -> Iterator[Figure]:
@@ -135,24 +194,21 @@ def _pairs(one: Callable[[], Any], other: Callable[[], Any]) -> tuple[float, flo
     return float(np.median(first)), float(np.median(second)), float(np.median(second / first))
 
 
-def _error(name: str, u: NDArray[Any], v: NDArray[Any], truth: tuple[F64, F64], good: NDArray[Any]) -> Figure:
+def _error(
+    name: str, u: NDArray[Any], v: NDArray[Any], truth: tuple[Floats, Floats], good: NDArray[Any]
+) -> Figure:
     distance = np.stack([u - truth[0], v - truth[1]])[:, good]
     note = f"{100 * good.mean():.3g} % of the pixels"
     return Figure(f"{name}, rms error", rms(distance), "px", note=note)
 
 
-def _phase_frames(size: tuple[int, int]) -> tuple[str, Sequence, tuple[F64, F64], Stack]:
-    """Two periods of four steps, both axes: name, sequence, truth, frames."""
+def _fringes(size: tuple[int, int]) -> Iterator[Figure]:
+    """Two periods of four steps on both axes, beside decode, which gives u, v, their sigmas, flags,
+    amplitude, offset and order error in one go; of ideal cosines, which is all that `fringes` knows.
+    """
     shown = sequence("phase", *size, periods=PERIODS, steps=STEPS)
     frames, truth = _shoot(shown, size)
-    return f"{len(shown)} phase frames", shown, truth, frames
-
-
-def _fringes(size: tuple[int, int]) -> Iterator[Figure]:
-    """Beside decode, which gives u, v, their sigmas, flags, amplitude, offset and order error in one go; of
-    ideal cosines, which is all that `fringes` knows.
-    """
-    name, shown, truth, frames = _phase_frames(size)
+    name = f"{len(shown)} phase frames"
     found = decode(frames, shown, on_cells=False)
     yield _error(f"{name}, optolever", found.u, found.v, truth, found.good)
     if find_spec("fringes") is None:

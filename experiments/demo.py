@@ -15,8 +15,6 @@ from .metrics import height_metrics
 from .place import Place, resolve
 from .timing import Run, Stages, peak_bytes
 
-__all__ = ["DemoResult", "run_demo"]
-
 
 @dataclass(frozen=True)
 class DemoResult(Run):
@@ -61,8 +59,6 @@ def run_demo(
     seed: int = 0,
     size: tuple[int, int] | None = None,
     renderer: str = "auto",
-    method: str = "coupled",
-    anchor: Any = None,
     progress: Progress = silent,
 ) -> DemoResult:
     """Show the sequence to the dented mirror of a scene, capture, decode, reconstruct, and compare.
@@ -80,7 +76,7 @@ def run_demo(
     with stages.stage("decode"):
         correspondence = decode(seen.frames, shown)
     with stages.stage("reconstruct"):
-        height = reconstruct(correspondence, known, method=method, anchor=anchor)
+        height = reconstruct(correspondence, known)
     return DemoResult(
         scene=known,
         sequence=shown,
@@ -101,7 +97,7 @@ def run_demo(
             "noise": noise,
             "seed": seed,
             "renderer": drawn_by,
-            "method": method,
-            "anchor": None if anchor is None else str(anchor),
+            "method": height.diagnostics.method,
+            "anchor": None,
         },
     )

@@ -4,13 +4,10 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever.scene import Scene, Surface, dent
 
-__all__ = ["FORMS", "between", "dent_params", "drawn_dent", "together"]
-
-Floats = NDArray[np.float64]
+from .arrays import Floats
 
 #: Forms of dents and the parameter that is their width ('': as wide as the mirror).
 FORMS = {

@@ -32,8 +32,6 @@ from optolever.scene import Scene, dent, load, resize, trace
 from .bench.found import SIGMAS
 from .damage import EXTREMES, damage, save_sofast
 
-__all__ = ["FUZZED", "Outcome", "fuzz"]
-
 Run = Callable[[list[str]], int]
 
 #: A case may take so many seconds of the processor, and so many bytes more than the process had at its start.

@@ -1,26 +1,38 @@
-"""What the pages of a demo and of saved records show of the result: height and error bars; beside a truth
-profile and error.
+"""What the pages of a demo and of saved records show of the result: height and error bars, the surface that
+can be turned; beside a truth profile, error, histograms of error / sigma, measured against predicted error.
 """
 
+import base64
 from dataclasses import dataclass
 from typing import Any
 
+import matplotlib
 import numpy as np
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
 from optolever.reconstruct import HeightMap
 from optolever.scene import Trace
 
-from .calibration import Quantity, histogram_figure, reliability_figure
-from .images import figure_uri, label_axes, new_figure, robust_limits
-from .maps import MirrorGrid, Panel, length_unit, mirror_figure
+from .arrays import Floats, Mask
+from .images import (
+    MirrorGrid,
+    Panel,
+    figure_uri,
+    label_axes,
+    length_unit,
+    mirror_figure,
+    new_figure,
+    robust_limits,
+)
 from .metrics import unflagged
-from .surface_view import surface_data
 
-__all__ = ["HeightView"]
-
-Array = NDArray[np.float64]
+VERTICES = 150  # of the surface, on the longer side
+BINS = 12
+MOST = 400_000  # samples that enter a figure; the numbers on the page use them all
+#: Of pixels: errors and their sigmas, (n,) each.
+Scores = tuple[NDArray[np.floating[Any]], NDArray[np.floating[Any]]]
 
 
 @dataclass(frozen=True)
@@ -32,8 +44,8 @@ class HeightView:
     height: HeightMap
     correspondence: Correspondence | None
     truth: Trace | None
-    z: Array
-    sigma: Array
+    z: Floats
+    sigma: Floats
     grid: MirrorGrid
     factor: float
     unit: str
@@ -67,7 +79,7 @@ class HeightView:
             bars.append(Panel(both, "Sigma of the correspondence", "√(σu² + σv²) [px]", "cividis"))
         return {"height": mirror_figure([deep], self.grid), "sigma": mirror_figure(bars, self.grid)}
 
-    def error(self, truth: Trace) -> Array:
+    def error(self, truth: Trace) -> Floats:
         """Measured less true height, in `unit`, NaN where either is unknown."""
         return np.where(unflagged(truth, self.height), self.height.z - truth.z, np.nan) * self.factor
 
@@ -81,19 +93,19 @@ class HeightView:
             Panel(self.grid.place(error), title, f"error [{self.unit}]", "RdBu_r", limits),
             Panel(ratio, "The same over sigma", "error / sigma", "RdBu_r", (-4.0, 4.0)),
         ]
-        quantities = [
-            Quantity.of("u", "px", seen.u - truth.u, seen.sigma_u, decoded),
-            Quantity.of("v", "px", seen.v - truth.v, seen.sigma_v, decoded),
-            Quantity.of("height", self.unit, error, self.sigma, np.isfinite(error)),
-        ]
+        told = {
+            "u": scores(seen.u - truth.u, seen.sigma_u, decoded),
+            "v": scores(seen.v - truth.v, seen.sigma_v, decoded),
+            "height": scores(error, self.sigma, np.isfinite(error)),
+        }
         return {
             "profile": self._profile(truth, error),
             "error": mirror_figure(panels, self.grid),
-            "histograms": histogram_figure(quantities),
-            "reliability": reliability_figure(quantities),
+            "histograms": histogram_figure(told),
+            "reliability": reliability_figure(told, self.unit),
         }
 
-    def _profile(self, truth: Trace, error: Array) -> str:
+    def _profile(self, truth: Trace, error: Floats) -> str:
         """The middle camera row: measured and true height, and the error with its band of two sigma."""
         row = self.z.shape[0] // 2
         order = np.argsort(truth.x[row])
@@ -114,3 +126,106 @@ class HeightView:
         for axes in (upper, lower):
             axes.legend(fontsize=8, frameon=False, ncols=2)
         return figure_uri(figure)
+
+
+def scores(error: NDArray[np.floating[Any]], sigma: NDArray[np.floating[Any]], where: Mask) -> Scores:
+    """Of the pixels where `where` holds and sigma is a positive number; of at most MOST, evenly taken."""
+    use = where & np.isfinite(sigma) & (sigma > 0) & np.isfinite(error)
+    step = max(1, -(-int(use.sum()) // MOST))
+    return error[use][::step], sigma[use][::step]
+
+
+def reliability(error: NDArray[np.floating[Any]], sigma: NDArray[np.floating[Any]]) -> tuple[Floats, Floats]:
+    """Rms sigma and rms error in BINS bins of equally many pixels, sorted by sigma."""
+    order = np.argsort(sigma, kind="stable")
+    groups = [group for group in np.array_split(order, BINS) if group.size]
+    predicted = np.array([np.sqrt(np.mean(sigma[group] ** 2)) for group in groups])
+    measured = np.array([np.sqrt(np.mean(error[group] ** 2)) for group in groups])
+    return predicted, measured
+
+
+def histogram_figure(told: dict[str, Scores]) -> str:
+    """Histograms of error / sigma beside the unit normal density."""
+    figure = new_figure(10.0, 2.9)
+    t = np.linspace(-5, 5, 201)
+    for axes, (name, (error, sigma)) in zip(figure.subplots(1, len(told)), told.items(), strict=True):
+        if error.size:
+            axes.hist(
+                np.clip(error / sigma, -5, 5), bins=np.linspace(-5, 5, 81), density=True, color="#6c9bcf"
+            )
+        axes.plot(t, np.exp(-(t**2) / 2) / np.sqrt(2 * np.pi), color="#b3402e", lw=1.4, label="unit normal")
+        label_axes(axes, "error / sigma", title=name)
+        axes.set_xlim(-5, 5)
+        axes.set_ylim(0, 0.55)
+    figure.axes[0].set_ylabel("density", fontsize=9)
+    figure.axes[0].legend(fontsize=8, frameon=False, loc="upper left")
+    return figure_uri(figure)
+
+
+def reliability_figure(told: dict[str, Scores], length: str) -> str:
+    """Measured rms error against predicted sigma, in bins of sigma; on the line the error bars are true.
+    length: unit of heights."""
+    figure = new_figure(10.0, 3.1)
+    for axes, (name, (error, sigma)) in zip(figure.subplots(1, len(told)), told.items(), strict=True):
+        if error.size:
+            predicted, measured = reliability(error, sigma)
+            positive = measured[measured > 0]
+            ends = min(predicted.min(), positive.min(initial=np.inf)), max(predicted.max(), measured.max())
+            span = np.array([ends[0] / 1.5, ends[1] * 1.5])
+            axes.fill_between(span, span / 1.25, span * 1.25, color="#1f7a4d", alpha=0.12, lw=0)
+            axes.plot(span, span, color="#5a6675", lw=1)
+            axes.loglog(predicted, measured, "o", ms=4.5, color="#2563a8")
+            for axis, limits in ((axes.xaxis, axes.set_xlim), (axes.yaxis, axes.set_ylim)):
+                limits(*span)
+                subs = (1.0, 2.0, 5.0) if span[1] < 30 * span[0] else (1.0,)
+                axis.set_major_locator(LogLocator(subs=subs))
+                axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
+                axis.set_minor_formatter(NullFormatter())
+        unit = length if name == "height" else "px"
+        label_axes(axes, f"predicted sigma [{unit}]", f"rms error [{unit}]", name)
+    return figure_uri(figure)
+
+
+def surface_data(
+    x: Floats, y: Floats, z: Floats, layers: dict[str, tuple[Floats, str, str, bool]]
+) -> dict[str, Any]:
+    """What report/viewer.js reads, from mirror points x, y, z in mm (any shape, NaN where unknown).
+
+    layers: name -> (values, unit, colour map, symmetric), one per way of colouring the surface.
+    """
+    grid = MirrorGrid.around(np.where(np.isfinite(z), x, np.nan), y, VERTICES)
+    heights = grid.place(z)
+    left, right, bottom, top = grid.extent
+    span = float(np.nanmax(heights) - np.nanmin(heights)) if np.isfinite(heights).any() else 0.0
+    size = max(right - left, top - bottom)
+    return {
+        "nx": grid.shape[1],
+        "ny": grid.shape[0],
+        "x0": round(left + grid.pitch / 2, 6),
+        "y0": round(bottom + grid.pitch / 2, 6),
+        "dx": round(grid.pitch, 9),
+        "dy": round(grid.pitch, 9),
+        "z": _base64(heights),
+        "exaggeration": round(0.25 * size / span, 3) if span > 0 else 1.0,
+        "label": "z",
+        "layers": [_layer(grid, name, *layer) for name, layer in layers.items()],
+    }
+
+
+def _layer(
+    grid: MirrorGrid, name: str, values: Floats, unit: str, colours: str, symmetric: bool
+) -> dict[str, Any]:
+    low, high = robust_limits(values, 0.995 if symmetric else 0.9999, symmetric)
+    lut = np.round(matplotlib.colormaps[colours](np.linspace(0, 1, 256))[:, :3] * 255).astype(np.uint8)
+    return {
+        "name": name,
+        "unit": unit,
+        "low": low,
+        "high": high,
+        "data": _base64(np.nan_to_num(grid.place(values), nan=low)),
+        "lut": base64.b64encode(lut.tobytes()).decode("ascii"),
+    }
+
+
+def _base64(values: Floats) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")

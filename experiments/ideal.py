@@ -1,18 +1,25 @@
-"""What an ideal surface shows at a place, by the definitions of the codes: no cells but those of bits and of
-free levels, no blur, no pixel's area; none of the package's tables but that of long-run words.
+"""Codes by their definitions: what an ideal surface shows at a place (no cells but those of bits and of free
+levels, no blur, no pixel's area; none of the package's tables but that of long-run words), what faults of
+displays, cameras and drivers do to its frames, and the places that ideal levels mean, without any doubt.
+
+These judge whether a fault changes anything: a frame that is not what its description says changes the place
+of those pixels where this differs from the place that the right frames give.
 """
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optolever.patterns import Frame, Sequence, code_words
 
-__all__ = ["camera_frames", "ideal_level"]
-
-F64 = NDArray[np.float64]
+from .arrays import Floats
 
 
-def ideal_level(shown: Sequence, index: int, u: F64, v: F64) -> F64:
+def ideal_level(shown: Sequence, index: int, u: Floats, v: Floats) -> Floats:
     """0..1 of frame `index` at places (u, v), pattern pixels."""
     frame = shown.frames[index]
     coord = v if frame.axis == "v" else u
@@ -34,7 +41,7 @@ def ideal_level(shown: Sequence, index: int, u: F64, v: F64) -> F64:
     return 1.0 - level if frame.inverted else np.asarray(level, np.float64)
 
 
-def _of_cells(shown: Sequence, frame: Frame, cell: NDArray[np.int64]) -> F64:
+def _of_cells(shown: Sequence, frame: Frame, cell: NDArray[np.int64]) -> Floats:
     if frame.levels is not None:
         return np.asarray(frame.levels, np.float64)[np.clip(cell, 0, len(frame.levels) - 1)] / 255.0
     gray = cell ^ (cell >> 1)
@@ -47,7 +54,7 @@ def _of_cells(shown: Sequence, frame: Frame, cell: NDArray[np.int64]) -> F64:
 
 def camera_frames(
     shown: Sequence,
-    place: tuple[F64, F64],
+    place: tuple[Floats, Floats],
     levels: tuple[float, float],
     noise: float,
     rng: np.random.Generator,
@@ -63,3 +70,95 @@ def camera_frames(
         light += noise * rng.standard_normal(light.shape)
         frames[i] = np.clip(np.rint(step * light), 0, np.iinfo(kind).max)
     return frames
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """kind: swapped (frame, other), twice (`frame` shows `other`), torn (so from row share `at` on) or lost.
+    Where `frame` is lost all later ones arrive one place early, and the last one stays.
+
+    shown: the display does it, so that a picture shown twice has noise of its own each time; else the camera
+    delivers the same numbers twice.
+    """
+
+    kind: str
+    frame: int
+    other: int
+    at: float = 0.0
+    shown: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.kind} {self.frame}" + ("" if self.kind == "lost" else f" {self.other}")
+
+    def spoil(self, frames: NDArray[Any]) -> NDArray[Any]:
+        """Frames (N, ...) with the fault."""
+        spoilt, i, j = frames.copy(), self.frame, self.other
+        if self.kind == "swapped":
+            spoilt[[i, j]] = frames[[j, i]]
+        elif self.kind == "lost":
+            spoilt[i:-1] = frames[i + 1 :]
+        else:
+            start = round(self.at * frames.shape[1]) if self.kind == "torn" else 0
+            spoilt[i, start:] = frames[j, start:]
+        return spoilt
+
+    def inverts(self, sequence: Sequence) -> bool:
+        """Whether a bit and its own inverse are swapped, which may be another scene's perfect picture."""
+        one, two = (sequence.frames[index] for index in (self.frame, self.other))
+        return self.kind == "swapped" and one.bit is not None and (one.bit, one.axis) == (two.bit, two.axis)
+
+
+def plain_places(levels: NDArray[np.floating], sequence: Sequence) -> tuple[Floats, Floats]:
+    """u and v (H, W) of ideal levels (N, H, W) of bits (`gray`, `binary`) and fringes, coarse ones first."""
+    return _along("u", sequence.cols, levels, sequence), _along("v", sequence.rows, levels, sequence)
+
+
+def seams(
+    right: tuple[Floats, Floats], wrong: tuple[Floats, Floats], within: NDArray[np.bool_], apart: float
+) -> int:
+    """Pairs of neighbours, both `within` (H, W), from one to the other of which the wrong places (u, v) go by
+    more than `apart` farther than the right ones."""
+    count = 0
+    for one, two in zip(right, wrong, strict=True):
+        farther = [np.abs(np.diff(two, axis=axis) - np.diff(one, axis=axis)) > apart for axis in (0, 1)]
+        count += int((farther[0] & within[1:] & within[:-1]).sum())
+        count += int((farther[1] & within[:, 1:] & within[:, :-1]).sum())
+    return count
+
+
+def _along(axis: str, extent: int, levels: NDArray[np.floating], sequence: Sequence) -> Floats:
+    frames = [(i, frame) for i, frame in enumerate(sequence.frames) if frame.axis == axis]
+    bits = [(i, frame) for i, frame in frames if frame.bit is not None]
+    place = _of_bits(bits, levels, sequence) if bits else np.full(levels.shape[1:], 0.5 * (extent - 1))
+    known = bits != []
+    for period, own in _periods(frames):
+        swept = [(levels[i], frame.shift or 0.0) for i, frame in own]
+        sine, cosine = (sum(level * turn(shift) for level, shift in swept) for turn in (math.sin, math.cos))
+        fine = np.arctan2(sine, cosine) / (2 * math.pi) % 1.0 * period
+        place = fine + period * np.rint((place - fine) / period) if known else fine
+        known = True
+    return np.asarray(place, np.float64)
+
+
+def _periods(frames: list[tuple[int, Frame]]) -> Iterator[tuple[float, list[tuple[int, Frame]]]]:
+    periods = {frame.period_px for _, frame in frames if frame.period_px is not None}
+    for period in sorted(periods, reverse=True):
+        yield period, [(i, frame) for i, frame in frames if frame.period_px == period]
+
+
+def _of_bits(bits: list[tuple[int, Frame]], levels: NDArray[np.floating], sequence: Sequence) -> Floats:
+    """Centres of the cells that the bits name."""
+    references = [levels[i] for i, frame in enumerate(sequence.frames) if frame.kind in ("white", "black")]
+    inverse = {frame.bit: levels[i] for i, frame in bits if frame.inverted}
+    word = np.zeros(levels.shape[1:], np.int64)
+    for i, frame in bits:
+        if not frame.inverted:
+            threshold = inverse[frame.bit] if frame.bit in inverse else sum(references) / 2
+            word |= (levels[i] > threshold).astype(np.int64) << (frame.bit or 0)
+    first = bits[0][1]
+    if first.kind == "gray":
+        shift = 1
+        while shift < 32:
+            word ^= word >> shift
+            shift *= 2
+    return np.asarray((word + 0.5) * first.cell_px - 0.5, np.float64)

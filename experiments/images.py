@@ -1,28 +1,26 @@
-"""Arrays and Matplotlib figures as PNG data URIs; pictures are made small before they are drawn."""
+"""Pictures as PNG data URIs, made small before they are drawn: arrays, Matplotlib figures, maps on the
+mirror in mm (x to the right, y up) and on the camera's pixels.
+"""
 
 import base64
 import io
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy import ndimage
 
-__all__ = [
-    "figure_png",
-    "figure_uri",
-    "label_axes",
-    "new_figure",
-    "png_uri",
-    "robust_limits",
-    "thin",
-    "thumbnail",
-]
+from .arrays import Floats
 
 RESOLUTION = 110  # dots per inch of every figure
+CAMERA = "camera column [px]", "camera row [px]"
+SIDE = 520  # samples on the longer side of a drawn map
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -96,3 +94,117 @@ def robust_limits(values: NDArray[Any], share: float = 0.995, symmetric: bool = 
 
 def _uri(data: bytes) -> str:
     return "data:image/png;base64," + base64.b64encode(data).decode("ascii")
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """One map of a figure: values, title, label of the colour bar ('': none), colour map, limits (None:
+    robust ones)."""
+
+    values: Floats
+    title: str
+    label: str
+    colours: str | ListedColormap = "viridis"
+    limits: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class MirrorGrid:
+    """A regular grid over the mirror (mm): which camera pixel fell into which of its cells."""
+
+    x0: float
+    y0: float
+    pitch: float
+    shape: tuple[int, int]
+    cell: NDArray[np.intp]
+
+    @classmethod
+    def around(cls, x: Floats, y: Floats, side: int = SIDE) -> "MirrorGrid":
+        """A grid of at most `side` cells over the finite points x, y (any shape), never finer than they
+        are.
+        """
+        inside = np.isfinite(x) & np.isfinite(y)
+        if not inside.any():
+            return cls(0.0, 0.0, 1.0, (1, 1), np.full(inside.shape, -1))
+        (x0, width), (y0, height) = ((float(np.min(of[inside])), float(np.ptp(of[inside]))) for of in (x, y))
+        spacing = 1.15 * np.sqrt(max(width * height, 1e-12) / inside.sum())
+        pitch = max(max(width, height) / side, spacing)
+        shape = int(height / pitch) + 1, int(width / pitch) + 1
+        row, col = (
+            np.where(inside, (of - first) / pitch, 0).astype(np.intp) for of, first in ((y, y0), (x, x0))
+        )
+        return cls(x0, y0, pitch, shape, np.where(inside, row * shape[1] + col, -1))
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """Left, right, bottom, top in mm."""
+        rows, cols = self.shape
+        return self.x0, self.x0 + cols * self.pitch, self.y0, self.y0 + rows * self.pitch
+
+    def place(self, values: Floats) -> Floats:
+        """Values of camera pixels on the grid: one sample per cell, single holes closed by a neighbour."""
+        grid, known = np.full(self.shape, np.nan), np.isfinite(values) & (self.cell >= 0)
+        grid.flat[self.cell[known]] = values[known]
+        missing = np.isnan(grid)
+        if not missing.any() or missing.all():
+            return grid
+        distance, nearest = ndimage.distance_transform_edt(missing, return_indices=True)
+        return np.where(distance <= 1, grid[tuple(nearest)], np.nan)
+
+
+def length_unit(size: float) -> tuple[float, str]:
+    """Factor and name of the unit in which a length given in mm reads well."""
+    if abs(size) >= 0.1 or size == 0 or not np.isfinite(size):
+        return 1.0, "mm"
+    return (1e3, "µm") if abs(size) >= 1e-4 else (1e6, "nm")
+
+
+def mirror_figure(panels: list[Panel], grid: MirrorGrid) -> str:
+    """Maps of the mirror side by side, axes in mm; values are already on the grid."""
+    left, right, bottom, top = grid.extent
+    return _draw(panels, grid.extent, ("x [mm]", "y [mm]"), (top - bottom) / max(right - left, 1e-9), "lower")
+
+
+def camera_figure(panels: list[Panel]) -> str:
+    """Maps on the camera's pixels as the camera sees them: row 0 on top; samples of the pixels."""
+    rows, cols = panels[0].values.shape
+    small = [replace(panel, values=thin(panel.values, SIDE)) for panel in panels]
+    return _draw(small, (-0.5, cols - 0.5, rows - 0.5, -0.5), CAMERA, rows / cols, "upper")
+
+
+def flags_figure(index: NDArray[np.integer], colours: list[str]) -> str:
+    """A map of categories on the camera's pixels; index 0.. into colours; samples of the pixels."""
+    limits = -0.5, len(colours) - 0.5
+    return camera_figure([Panel(index.astype(np.float64), "", "", ListedColormap(colours), limits)])
+
+
+def _draw(
+    panels: list[Panel],
+    extent: tuple[float, float, float, float],
+    names: tuple[str, str],
+    ratio: float,
+    origin: str,
+) -> str:
+    columns = min(len(panels), 2)
+    lines = -(-len(panels) // columns)
+    width = 5.6 * columns if columns > 1 else 6.4
+    beside = 2.0 if columns > 1 else 1.3  # inches for ticks, labels and colour bar
+    figure = new_figure(width, lines * min(7.0, 0.55 + (width / columns - beside) * ratio))
+    for axes, panel in zip(figure.subplots(lines, columns, squeeze=False).flat, panels, strict=False):
+        low, high = panel.limits or robust_limits(panel.values)
+        image = axes.imshow(
+            panel.values,
+            cmap=panel.colours,
+            vmin=low,
+            vmax=high,
+            extent=extent,
+            origin=origin,
+            interpolation="nearest",
+        )
+        axes.set_facecolor("#d9dde2")
+        label_axes(axes, *names, panel.title, frame=True)
+        if panel.label:
+            bar = figure.colorbar(image, ax=axes, fraction=0.046, pad=0.02)
+            bar.set_label(panel.label, fontsize=9)
+            bar.ax.tick_params(labelsize=8)
+    return figure_uri(figure)

@@ -10,10 +10,9 @@ from optolever.decode import Correspondence
 from optolever.reconstruct import HeightMap
 from optolever.scene import Trace
 
-__all__ = ["height_metrics", "relative_error", "rms", "sigma_ratio", "unflagged"]
+from .arrays import Mask
 
 Array = NDArray[np.floating[Any]]
-Mask = NDArray[np.bool_]
 
 
 def rms(values: Array) -> float:

@@ -16,20 +16,8 @@ from markupsafe import Markup
 from optolever import __version__
 from optolever.files import atomic_file, report_folder
 
-from .maps import length_unit
+from .images import length_unit
 from .timing import peak_bytes
-
-__all__ = [
-    "budget_table",
-    "embedded_json",
-    "percent",
-    "scientific",
-    "seconds_text",
-    "share_text",
-    "table",
-    "versions",
-    "write_page",
-]
 
 FOLDER = Path(__file__).parent / "report"
 LIBRARIES = ("numpy", "scipy", "numba", "moderngl", "opencv-contrib-python-headless", "matplotlib")

@@ -26,16 +26,21 @@ from optolever.reconstruct import (
 from optolever.records import Progress, silent
 from optolever.scene import Scene, Surface
 
+from .arrays import Floats
 from .metrics import rms
-from .paper_frames import lattice_frames, lattice_positions
-from .paper_rows import PaperRow, dense_row, paper_rows
-from .paper_simulation import Points, lattice_points, pixel_points, seen_points
+from .paper_rows import (
+    PaperRow,
+    Points,
+    dense_row,
+    lattice_frames,
+    lattice_points,
+    lattice_positions,
+    paper_rows,
+    pixel_points,
+    seen_points,
+)
 from .place import Dent, Place, exact
 from .timing import Run, Stages, peak_bytes
-
-__all__ = ["CASES", "Case", "PaperStudy", "run_paper"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,10 +62,10 @@ def tent(scene: Scene) -> Surface:
     half = scene.mirror.length / 2
     slope = 13 / 1637 * scene.mirror.length / half
 
-    def height(x: Array, y: Array) -> Array:
+    def height(x: Floats, y: Floats) -> Floats:
         return np.asarray(slope * (half - np.abs(x - half)) + 0 * y)
 
-    def gradient(x: Array, y: Array) -> tuple[Array, Array]:
+    def gradient(x: Floats, y: Floats) -> tuple[Floats, Floats]:
         return -slope * np.sign(x - half) + 0 * y, 0 * (x + y)
 
     return Surface(height, gradient)
@@ -225,7 +230,7 @@ def _on_pixels(setup: Setup, seen: Correspondence, data: str) -> Iterator[PaperR
     yield replace(found, field=_field(setup, dense.z, dense.good), notices=dense.notices)
 
 
-def _field(setup: Setup, z: Array, good: NDArray[np.bool_]) -> float:
+def _field(setup: Setup, z: Floats, good: NDArray[np.bool_]) -> float:
     """Rms error over all pixels that stand, over the peak depth."""
     use = good & setup.place.truth.visible
     return rms(z[use] - setup.place.truth.z[use]) / setup.peak

@@ -8,13 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from .images import figure_uri, label_axes, new_figure
-from .maps import length_unit
+from .images import figure_uri, label_axes, length_unit, new_figure
 from .page import share_text, table, write_page
 from .paper import PaperStudy
 from .paper_rows import Curve, PaperRow
-
-__all__ = ["write_paper_report"]
 
 TITLES = {
     "smooth": "Smooth dent",

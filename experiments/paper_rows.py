@@ -1,25 +1,177 @@
-"""From a reconstruction to its row of numbers and its curves, along the line through the dent's middle."""
+"""The line through a dent's middle: the seed's own simulation of it, exact, by the reflection law or by the
+printed sign; its measurement, one column of lattice crossings found in a frame at rest and in a dented one;
+and a reconstruction's row of numbers and curves.
+
+For a point of the mirror (12) and (14) give where its ray leaves the pattern and meets the capture face; a
+given place on either face is found by bisection.
+"""
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever import InputError
+from optolever.decode import lattice
 from optolever.notices import Notice
-from optolever.reconstruct import HeightMap, PaperGeometry, Profile, recursion
+from optolever.patterns import Sequence, sequence
+from optolever.projector import capture
+from optolever.reconstruct import (
+    HeightMap,
+    PaperGeometry,
+    Profile,
+    capture_position,
+    capture_positions,
+    pattern_angle,
+    pattern_position,
+    pattern_positions,
+    prism_geometry,
+    recursion,
+)
+from optolever.scene import Scene, Surface, dent, trace
 
+from .arrays import Floats
 from .metrics import rms
-from .paper_simulation import Points
 
-__all__ = ["Curve", "PaperRow", "dense_row", "paper_rows"]
-
-Array = NDArray[np.float64]
-Curve = dict[str, Array]
+_HALVINGS = 60
+PIXELS_PER_LINE = 10  # of the camera, that a lattice line needs to be told from the next
+Frame = NDArray[Any]
+Curve = dict[str, Floats]
 Names = tuple[str, str, str, str]  # case, data, law, method
 SIGNS = (1, -1)
+
+
+@dataclass(frozen=True, slots=True)
+class Points:
+    """Mirror points along a line (points,), l rising: measured m and w (mm); true l, d (mm) and theta
+    (rad).
+    """
+
+    m: Floats
+    w: Floats
+    l: Floats
+    d: Floats
+    theta: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """The cut y = const through a dent, one y for all points or one each (mm)."""
+
+    surface: Surface
+    geometry: PaperGeometry
+    y: Floats | float
+
+    def depth(self, l: Floats) -> Floats:
+        """d at l."""
+        return np.asarray(self.surface.height(l, np.broadcast_to(self.y, l.shape)), dtype=np.float64)
+
+    def theta(self, l: Floats) -> Floats:
+        """The slope angle along the line at l."""
+        return np.arctan(np.asarray(self.surface.gradient(l, np.broadcast_to(self.y, l.shape))[0]))
+
+    def m(self, l: Floats, sign: int) -> Floats:
+        """The pattern position that the ray at l comes from."""
+        g = self.geometry
+        alpha = pattern_angle(g.beta0, self.theta(l), sign)
+        return pattern_position(l, self.depth(l), alpha, g.alpha0)
+
+    def w(self, l: Floats) -> Floats:
+        """The capture position that sees l."""
+        g = self.geometry
+        return capture_position(l, self.depth(l), g.beta0, g.beta0, g.length)
+
+    def points(self, l: Floats, sign: int) -> Points:
+        """Everything about the mirror points at l."""
+        return Points(self.m(l, sign), self.w(l), l, self.depth(l), self.theta(l))
+
+
+def lattice_points(scene: Scene, surface: Surface, geometry: PaperGeometry, count: int, sign: int) -> Points:
+    """`count` lines, equally spaced (half a space from the ends) on the stretch of the pattern seen at rest.
+
+    Lines that no mirror point shows (a cusp skips some) are left out; of a line that several show, one is
+    found.
+    """
+    line = Line(surface, geometry, scene.mirror.width / 2)
+    rest = geometry.length * np.cos(geometry.beta0) / np.cos(geometry.beta0 - geometry.alpha0)
+    m = rest * (np.arange(count) + 0.5) / count
+    l = _where_rising(lambda x: line.m(x, sign), m, geometry.length)
+    found = np.abs(line.m(l, sign) - m) < 1e-6 * rest
+    return line.points(l[found], sign)
+
+
+def pixel_points(scene: Scene, surface: Surface, geometry: PaperGeometry, w: Floats, sign: int) -> Points:
+    """The mirror points that the capture positions w (mm) see, in order of l."""
+    line = Line(surface, geometry, scene.mirror.width / 2)
+    return line.points(np.sort(_seen(line, w)), sign)
+
+
+def seen_points(surface: Surface, geometry: PaperGeometry, m: Floats, w: Floats, y: Floats) -> Points:
+    """Measured points m, w with the truth at the places that were measured: where w sees the mirror at
+    this y.
+    """
+    line = Line(surface, geometry, np.nan_to_num(y))
+    l = np.where(np.isfinite(w), _seen(line, w), np.nan)
+    order = np.argsort(m)
+    return Points(m[order], w[order], l[order], line.depth(l)[order], line.theta(l)[order])
+
+
+def _seen(line: Line, w: Floats) -> Floats:
+    return _where_rising(lambda x: -line.w(x), -w, line.geometry.length)
+
+
+def _where_rising(function: Callable[[Floats], Floats], values: Floats, length: float) -> Floats:
+    """Bisection on (0, length): where a rising function takes the values."""
+    low, high = np.zeros_like(values), np.full_like(values, length)
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        below = function(middle) < values
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return (low + high) / 2
+
+
+def lattice_frames(
+    scene: Scene, surface: Surface, lines: int, *, noise: float, seed: int, renderer: str
+) -> tuple[Sequence, Frame, Frame]:
+    """What was shown, and what the camera saw of it at rest and dented, (1, H, W) each.
+
+    The lattice has `lines` lines on the stretch of the pattern seen at rest, or as many as a smaller camera
+    can tell apart.
+    """
+    geometry, pattern = prism_geometry(scene), scene.pattern
+    seen = geometry.length * np.cos(geometry.beta0) / np.cos(geometry.beta0 - geometry.alpha0)
+    lines = min(lines, scene.camera.cols // PIXELS_PER_LINE)
+    shown = sequence("lattice", pattern.rows, pattern.cols, period=seen / lines / pattern.pitch)
+    rest, dented = (
+        capture(scene, shape, shown, renderer=renderer, noise=noise, seed=seed + step).frames
+        for step, shape in enumerate((dent("flat", scene), surface))
+    )
+    return shown, rest, dented
+
+
+def lattice_positions(
+    scene: Scene, shown: Sequence, rest: Frame, dented: Frame
+) -> tuple[Floats, Floats, Floats]:
+    """m, w and y (mm) of the crossings along the pattern line nearest to the mirror's middle.
+
+    m is where the crossing is printed, w and y are where it was found in the dented frame, NaN if it was
+    not. InputError if fewer than two are found.
+    """
+    pattern = scene.pattern
+    crossings = lattice(dented, rest, shown, prior=trace(scene, dent("flat", scene)))
+    middle = crossings.index[np.argmin(np.abs(crossings.pattern[:, 1] - (pattern.rows - 1) / 2)), 1]
+    column = crossings.index[:, 1] == middle
+    found = int((column & crossings.found).sum())
+    if found < 2:
+        raise InputError(
+            f"scene {scene.name}: {found} lattice crossings found along the middle, needs at least 2"
+        )
+    row, col = crossings.now[column].T
+    m = pattern_positions(scene, crossings.pattern[column, 0])
+    return m, capture_positions(scene, row, col), scene.camera.rays_at(row, col)[0][:, 1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,5 +255,5 @@ def _row(
     )
 
 
-def _finite(values: Array) -> Array:
+def _finite(values: Floats) -> Floats:
     return values[np.isfinite(values)]

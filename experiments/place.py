@@ -5,13 +5,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
 from optolever.reconstruct import PixelAnchor, exact_correspondence
 from optolever.scene import Scene, Surface, Trace, dent_from_text, load, resize, trace
 
-__all__ = ["EXACT_SIGMA", "Dent", "Place", "exact", "middle_anchor", "resolve"]
+from .arrays import Floats, Mask
 
 Dent = str | Callable[[Scene], Surface] | None
 EXACT_SIGMA = 0.01  # px, of exact correspondences: solvers weigh by ratios of sigmas only
@@ -54,9 +53,16 @@ def resolve(scene: Scene | str | Path, size: tuple[int, int] | None = None) -> S
     return known if size is None else resize(known, *size)
 
 
+def on_rest(scene: Scene) -> tuple[Floats, Floats]:
+    """Where each pixel's ray meets the plane of the mirror at rest, mm, and its direction, (H, W, 3) each."""
+    origins, directions = scene.camera.rays()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return origins - (origins[..., 2:] / directions[..., 2:]) * directions, np.asarray(directions)
+
+
 def exact(
     truth: Trace,
-    where: NDArray[np.bool_] | None = None,
+    where: Mask | None = None,
     *,
     noise: float = 0.0,
     rng: np.random.Generator | None = None,

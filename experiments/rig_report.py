@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever.notices import Notice
 from optolever.reconstruct import (
@@ -20,14 +19,10 @@ from optolever.reconstruct import (
 )
 from optolever.scene import Scene
 
-from .images import figure_uri, label_axes, new_figure, robust_limits
-from .maps import length_unit
+from .arrays import Floats
+from .images import figure_uri, label_axes, length_unit, new_figure, robust_limits
 from .metrics import rms
 from .page import budget_table, scientific, table, write_page
-
-__all__ = ["RigStudy", "judged_table", "write_rig_report"]
-
-Floats = NDArray[np.float64]
 
 #: `calibration.Judgement`: what the reader sees, and the factor to its unit.
 _JUDGED = {

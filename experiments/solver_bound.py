@@ -13,17 +13,13 @@ from collections.abc import Iterator
 import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
-from numpy.typing import NDArray
 
 from optolever.reconstruct import reconstruct
 from optolever.scene import Scene, Trace
 
+from .arrays import Floats
 from .figures import Figure
 from .place import Place, exact
-
-__all__ = ["bound_figures", "least_variance"]
-
-Array = NDArray[np.float64]
 
 PRISM, DENT = "paper-simulation", "raised-cosine"
 SIDE = 64
@@ -56,7 +52,7 @@ def bound_figures(seeds: int) -> Iterator[Figure]:
     yield Figure(name, 100 * float(np.mean(shares)), "%", low=65, high=71)
 
 
-def _error(place: Place, noise: float, seed: int, cols: int) -> tuple[Array, Array]:
+def _error(place: Place, noise: float, seed: int, cols: int) -> tuple[Floats, Floats]:
     """Height minus truth (NaN where flagged) and sigma, from noisy correspondences of the first columns."""
     truth = place.truth
     seen = exact(truth, noise=noise, rng=np.random.default_rng(seed))
@@ -66,7 +62,7 @@ def _error(place: Place, noise: float, seed: int, cols: int) -> tuple[Array, Arr
     return np.where(height.good, height.z - truth.z, np.nan), height.sigma
 
 
-def least_variance(scene: Scene, truth: Trace, cols: int) -> Array:
+def least_variance(scene: Scene, truth: Trace, cols: int) -> Floats:
     """Least variance of z for noise of 1 px, at every EVERY-th pixel of the first `cols` columns, mm^2."""
     rows = truth.u.shape[0]
     pick = (slice(None), slice(0, cols))
@@ -74,7 +70,7 @@ def least_variance(scene: Scene, truth: Trace, cols: int) -> Array:
     t = np.einsum("ijk,ijk->ij", np.stack([truth.x, truth.y, truth.z], -1)[pick] - origins, directions)
     u, v = truth.u[pick], truth.v[pick]
 
-    def slope(du: float = 0.0, dv: float = 0.0, dt: float = 0.0) -> tuple[Array, Array]:
+    def slope(du: float = 0.0, dv: float = 0.0, dt: float = 0.0) -> tuple[Floats, Floats]:
         return _slopes(scene, u + du, v + dv, t + dt)
 
     (pu, qu), (pv, qv), (pt, qt) = (
@@ -94,13 +90,13 @@ def least_variance(scene: Scene, truth: Trace, cols: int) -> Array:
     )
     at = np.arange(rows * cols).reshape(rows, cols)
     variance = _heights(jacobian, noise, at[:, 0], at[::EVERY, ::EVERY].ravel())
-    found: Array = variance.reshape(at[::EVERY, ::EVERY].shape) * directions[::EVERY, ::EVERY, 2] ** 2
+    found: Floats = variance.reshape(at[::EVERY, ::EVERY].shape) * directions[::EVERY, ::EVERY, 2] ** 2
     return found
 
 
 def _heights(
-    jacobian: scipy.sparse.sparray, noise: scipy.sparse.sparray, known: Array, wanted: Array
-) -> Array:
+    jacobian: scipy.sparse.sparray, noise: scipy.sparse.sparray, known: Floats, wanted: Floats
+) -> Floats:
     """Variance of w at the wanted pixels when J w = B noise and the mean over the known pixels is known."""
     covariance = noise @ noise.T
     # Scaled to a unit diagonal: near the pattern's edge variances differ by many orders.
@@ -119,7 +115,7 @@ def _heights(
     units = np.zeros((edges + count + 1, wanted.size))
     units[edges + wanted, np.arange(wanted.size)] = 1.0
     solved = scipy.sparse.linalg.splu(system.tocsc()).solve(units)
-    variance: Array = -solved[edges + wanted, np.arange(wanted.size)] / size[wanted] ** 2
+    variance: Floats = -solved[edges + wanted, np.arange(wanted.size)] / size[wanted] ** 2
     return variance
 
 
@@ -133,7 +129,7 @@ def _along(count: int) -> tuple[scipy.sparse.sparray, scipy.sparse.sparray]:
     return scipy.sparse.csr_array(increments), scipy.sparse.csr_array(np.diff(np.eye(count), axis=0))
 
 
-def _slopes(scene: Scene, u: Array, v: Array, t: Array) -> tuple[Array, Array]:
+def _slopes(scene: Scene, u: Floats, v: Floats, t: Floats) -> tuple[Floats, Floats]:
     """dt per pixel along columns and rows: the mirror's tangents are square to the bisector."""
     row, col = np.meshgrid(*(np.arange(size, dtype=np.float64) for size in t.shape), indexing="ij")
     origins, directions = scene.camera.rays_at(row, col)

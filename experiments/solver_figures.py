@@ -11,7 +11,6 @@ from functools import lru_cache, partial
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
 from optolever.decode import decode
 from optolever.patterns import sequence_from_text
@@ -20,17 +19,13 @@ from optolever.reconstruct import HeightMap, HeightStream, integrate, reconstruc
 from optolever.records import Progress, silent
 from optolever.scene import dent_from_text, load, resize
 
+from .arrays import Floats, Mask
 from .cliffs import cauchy_loop, cliff
 from .figures import Figure, Parts, measured_parts
 from .metrics import relative_error, rms
 from .place import Place, exact, middle_anchor
 from .solver_bound import bound_figures
 from .timing import in_turn, timed
-
-__all__ = ["run_solver_figures"]
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 SIDE = 1024
 LARGE = 2048
@@ -45,9 +40,7 @@ STREAMED = 24  # frames
 def run_solver_figures(*, seeds: int = 30, progress: Progress = silent) -> list[Figure]:
     """Measure everything; seeds: runs of the means over noise."""
     parts: Parts = {
-        "whole prism": _whole,
-        "masks": _masked,
-        "other mirrors": _others,
+        "mirrors": _mirrors,
         "growth and memory": _growth,
         "integration": _integration,
         "cliffs": _cliffs,
@@ -57,20 +50,13 @@ def run_solver_figures(*, seeds: int = 30, progress: Progress = silent) -> list[
     return measured_parts(parts, progress)
 
 
-def _whole() -> Iterator[Figure]:
+def _mirrors() -> Iterator[Figure]:
     place = _mirror(PRISM, "raised-cosine", SIDE)
     yield from _solved("prism, raised cosine", place, 1e-9, 1.0)
     error = relative_error(reconstruct(exact(place.truth), place.scene), place.truth)
     yield Figure("prism, raised cosine, edge at rest", error, "of the depth", high=1e-6)
-
-
-def _masked() -> Iterator[Figure]:
-    place = _mirror(PRISM, "raised-cosine", SIDE)
     for name, mask in (("disk", _disk(SIDE)), ("blob", _blob(SIDE))):
         yield from _solved(f"prism behind a {name}", place, 1e-8, 2.5, mask)
-
-
-def _others() -> Iterator[Figure]:
     yield from _solved("pinhole", _mirror(RIG, "", SIDE), 1e-8, 2.5)
     yield from _solved("folded map", _mirror(PRISM, "gaussian:peak=2,sigma=9", SIDE), 1e-8)
     yield from _solved("needle", _mirror(PRISM, "needle", SIDE), 5e-6)
@@ -142,13 +128,13 @@ def _cliffs() -> Iterator[Figure]:
         yield Figure(f"{name}, rms error over a plain loop's", whole[0] / whole[1], high=1.02, note=note)
 
 
-def _middle(error: Array) -> float:
+def _middle(error: Floats) -> float:
     return float(np.median(np.abs(error)))
 
 
-def _transforms(values: Array) -> Array:
+def _transforms(values: Floats) -> Floats:
     modes = scipy.fft.dctn(values, norm="ortho", workers=-1)
-    there: Array = scipy.fft.idctn(modes, norm="ortho", workers=-1)
+    there: Floats = scipy.fft.idctn(modes, norm="ortho", workers=-1)
     return there
 
 

@@ -2,41 +2,34 @@
 
 | file | holds |
 |---|---|
-| `cell.py` | Cell, Grid, TOML grids, keys and seeds; the grid of `optolever bench` |
-| `shot.py`, `decoders.py`, `solvers.py`, `decoupled.py` | mirror and frames; who decodes; who solves |
-| `run.py`, `measures.py`, `row.py` | cells to rows; numbers; the record |
-| `sweeps.py` | Store: one result file per cell; resumed runs, here or on Dask |
+| `cell.py` | Cell, Grid, TOML grids, keys and seeds; the grid of `optolever bench`; the record |
+| `decoders.py`, `solvers.py` | frames and who decodes them; who solves |
+| `run.py`, `sweeps.py` | cells to rows; Store: a result file per cell, resumed runs, here or on Dask |
 | `methods.py` | every solver and integrator on the same cases |
-| `pareto.py`, `report.py` | frontier and chart; the few rows that count, the page |
-| `hard.py`, `hard_case.py`, `hard_pooled.py` | hard cases, their verdicts, figures over draws |
+| `report.py` | frontier and chart; the few rows that count, the page |
+| `hard.py`, `hard_case.py`, `found.py` | hard cases, verdicts, figures over draws; errors against the truth |
 | `hard_decode.py`, `hard_reconstruct.py`, `hard_surroundings.py` | what is hard: written lists |
-| `hard_drawn.py`, `rigs.py` | what is hard: drawn, up to the height; rigs |
-| `hard_curved.py`, `hard_scene.py` | mirrors that bend inside of a pixel; scenes that are a little wrong |
+| `hard_drawn.py`, `rigs.py` | what is hard: drawn rigs, scenes a little wrong, mirrors that bend |
 | `hard_edges.py`, `hard_unlike.py` | scenes with depth edges, faults in them; displays unlike the sequence |
-| `layered.py`, `plain_decoder.py` | their light; codes by definition |
-| `surroundings.py`, `found.py` | what is around a mirror; errors against the truth |
+| `layered.py` | their light |
 """
 
-from .cell import DEFAULT_GRID, Cell, Grid, load_grid
+from .cell import DEFAULT_GRID, Cell, Grid, Row, load_grid
 from .decoders import DECODERS
 from .found import Found
 from .hard import hard_cases, run_hard, save_picture
-from .hard_case import Case, Result, judged
-from .hard_pooled import Pooled, pooled
-from .methods import MethodRow, missing_peers, run_methods
-from .pareto import frontier
-from .report import bench_markdown, bench_table, write_bench_report
-from .row import Row
+from .hard_case import Case, Pooled, Result, judged, pooled
+from .methods import MethodRow, run_methods
+from .report import bench_markdown, bench_table, frontier, write_bench_report
 from .run import absent_modules, run_cells
-from .solvers import solver_names
-from .sweeps import Cluster, Store, sweep, time_cells, warm_up_from_json
+from .solvers import missing_peers, solver_names
+from .sweeps import Store, sweep, time_cells, warm_up_from_json
 
 __all__ = [
     "DECODERS",
     "DEFAULT_GRID",
     "Case",
     "Cell",
-    "Cluster",
     "Found",
     "Grid",
     "MethodRow",

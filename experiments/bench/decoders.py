@@ -1,24 +1,77 @@
-"""Decoders of the table: ours, the exact correspondence as a floor, and decoders of others on our frames."""
+"""Frames of a mirror, and who decodes them: this package, the exact correspondence as a floor, and others on
+the same frames (`fringes`, GPL: run, never copied; OpenCV's structured_light, of its contrib modules).
 
+A single shot (crossed fringes) is followed from the mirror at rest, which is captured before: the same frame,
+and where every pixel looks, by a dense sequence.
+"""
+
+import importlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, Flag, crossed, decode
 from optolever.errors import InputError
-from optolever.patterns import sequence
+from optolever.patterns import Sequence, sequence, sequence_from_text
+from optolever.projector import capture
+from optolever.scene import Surface, dent
 
-from ..peers import cv2_coder, cv2_decode, cv2_places, fringes_coder
-from ..place import exact
-from .shot import Rest, Shot
+from ..arrays import Floats
+from ..place import Place, exact
+from ..timing import timed
+from .cell import Cell
 
-__all__ = ["DECODERS", "Decoder", "decoder"]
-
+AT_REST = "gray+phase:steps=8"
 FRINGES_MODULATION = 5.0  # levels, the least amplitude that `fringes` is told to take
 CV2_BLACK = 40  # levels between white and black, OpenCV's own default for what is lit
+
+Images = list[NDArray[np.uint8]]
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """Frames (N, H, W) of a place; None where the sequence is 'exact' or shown otherwise ('lattice'); rest:
+    only of a single shot, its frames of the mirror at rest, and where every pixel looks then.
+    """
+
+    place: Place
+    cell: Cell
+    sequence: Sequence | None = None
+    frames: NDArray[Any] | None = None
+    render_seconds: float = 0.0
+    rest: tuple[NDArray[Any], Correspondence] | None = None
+
+    def taken(self) -> tuple[NDArray[Any], Sequence]:
+        """The frames and what they show; InputError where there are none."""
+        if self.frames is None or self.sequence is None:
+            raise InputError(f"sequence {self.cell.shown!r}: no frames, this decoder needs some")
+        return self.frames, self.sequence
+
+
+def shoot(place: Place, cell: Cell) -> Shot:
+    """The cell's frames, with its own noise."""
+    if cell.shown == "exact":
+        return Shot(place, cell)
+    pattern = place.scene.pattern
+    shown = sequence_from_text(cell.shown, pattern.rows, pattern.cols)
+    if shown.name == "lattice":
+        return Shot(place, cell, shown)
+
+    def taken(surface: Surface, shown: Sequence, offset: int) -> NDArray[Any]:
+        seed = cell.capture_seed + offset
+        made = capture(place.scene, surface, shown, renderer=cell.renderer, noise=cell.noise, seed=seed)
+        return made.frames
+
+    own, rest = timed(lambda: taken(place.surface, shown, 0)), None
+    if all(frame.kind == "crossed" for frame in shown.frames):
+        flat, dense = dent("flat", place.scene), sequence_from_text(AT_REST, shown.rows, shown.cols)
+        rest = taken(flat, shown, 2), decode(taken(flat, dense, 1), dense)
+    return Shot(place, cell, shown, own.value, own.seconds, rest)
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +81,6 @@ class Decoder:
     peer's user would.
     """
 
-    name: str
     kind: str
     run: Callable[[Shot], Correspondence]
     module: str | None = None
@@ -45,28 +97,28 @@ def decoder(name: str) -> Decoder:
 
 
 def _ours(shot: Shot) -> Correspondence:
-    taken, shown = shot.taken()
-    return decode(taken.frames, shown) if shot.rest is None else _single(shot, shot.rest)
+    """Of one frame the displacement from the frame at rest, added to where the pixels looked then."""
+    frames, shown = shot.taken()
+    if shot.rest is None:
+        return decode(frames, shown)
+    before, seen = shot.rest
+    return crossed(frames, before, shown, prior=seen).added_to(seen)
 
 
-def _single(shot: Shot, rest: Rest) -> Correspondence:
-    """One frame: displacement from the frame at rest, added to where the pixels looked then."""
-    taken, shown = shot.taken()
-    return crossed(taken.frames, rest.capture.frames, shown, prior=rest.seen).added_to(rest.seen)
-
-
-def _fringes(shot: Shot, verbose: bool = True) -> Any:
+def _fringes(shot: Shot) -> Correspondence:
     """`fringes` on a sequence of N-step phase frames, the same periods and steps on u and v."""
-    taken, shown = shot.taken()
-    found = fringes_coder(shown).decode(taken.frames[..., None], bmin=FRINGES_MODULATION, verbose=verbose)
-    if not verbose:
-        return found
+    found = _fringes_run(shot, verbose=True)
     coordinates = np.asarray(found.x, dtype=np.float64)[..., 0]
     sigma = np.broadcast_to(np.asarray(found.u, dtype=np.float64)[..., 0], coordinates.shape)
     bad = ~np.isfinite(coordinates).all(axis=0) | ~(np.isfinite(sigma) & (sigma > 0)).all(axis=0)
     flags = np.where(bad, int(Flag.INVALID), 0).astype(np.uint16)
     sigma = np.where(bad, 1.0, sigma)
     return Correspondence(coordinates[0], coordinates[1], sigma[0], sigma[1], flags)
+
+
+def _fringes_run(shot: Shot, verbose: bool = False) -> Any:
+    frames, shown = shot.taken()
+    return fringes_coder(shown).decode(frames[..., None], bmin=FRINGES_MODULATION, verbose=verbose)
 
 
 def _cv2(shot: Shot) -> Correspondence:
@@ -80,26 +132,66 @@ def _cv2(shot: Shot) -> Correspondence:
     return Correspondence(places[..., 0], places[..., 1], sigma, sigma, flags)
 
 
-def _cv2_clock(shot: Shot) -> Any:
-    """What to time."""
+def _cv2_run(shot: Shot) -> Any:
     (white, black, *images), code = _cv2_frames(shot)
     return cv2_decode(code, images, white, black)
 
 
 def _cv2_frames(shot: Shot) -> tuple[Any, Any]:
-    taken, shown = shot.taken()
+    frames, shown = shot.taken()
     if shown.frames != sequence("gray", shown.rows, shown.cols).frames:
         raise InputError("cv2: takes the sequence 'gray' only (one-pixel cells, inverses, white and black)")
-    if taken.frames.dtype != np.uint8:
+    if frames.dtype != np.uint8:
         raise InputError("cv2: takes 8-bit frames only")
-    return taken.frames, cv2_coder(shown)
+    return frames, cv2_coder(shown)
 
 
 DECODERS = {
-    "optolever": Decoder("optolever", "own", _ours),
-    "exact": Decoder("exact", "floor", lambda shot: exact(shot.place.truth)),
-    "fringes": Decoder(
-        "fringes", "peer", _fringes, "fringes", clock=lambda shot: _fringes(shot, verbose=False)
-    ),
-    "cv2": Decoder("cv2", "peer", _cv2, clock=_cv2_clock, divide=2.0),
+    "optolever": Decoder("own", _ours),
+    "exact": Decoder("floor", lambda shot: exact(shot.place.truth)),
+    "fringes": Decoder("peer", _fringes, "fringes", _fringes_run),
+    "cv2": Decoder("peer", _cv2, clock=_cv2_run, divide=2.0),
 }
+
+
+def fringes_coder(shown: Sequence) -> Any:
+    """A coder that shows our frames; bad input: others than phase frames, the same on u and v."""
+    fringes: Any = importlib.import_module("fringes")
+    periods, steps = _ladder(shown, "u")
+    if (periods, steps) != _ladder(shown, "v") or any(f.kind != "phase" for f in shown.frames):
+        raise InputError("fringes: takes phase frames of the same periods and steps on u and v only")
+    coder = fringes.Fringes()
+    coder.X, coder.Y = shown.cols, shown.rows
+    coder.K = len(periods)
+    coder.p0 = 0.0  # the crest of every fringe is at coordinate 0, as in our frames
+    coder.N = [[steps] * len(periods)] * 2
+    extent = max(shown.rows, shown.cols)
+    coder.v = [[extent / period for period in periods]] * 2
+    return coder
+
+
+def _ladder(shown: Sequence, axis: str) -> tuple[list[float], int]:
+    """Periods in order of showing, and the number of steps, 0 if they are not evenly shifted."""
+    frames = [frame for frame in shown.frames if frame.axis == axis and frame.kind == "phase"]
+    periods = list(dict.fromkeys(float(frame.period_px or 0.0) for frame in frames))
+    steps = len(frames) // max(len(periods), 1)
+    even = [2 * math.pi * k / steps for _ in periods for k in range(steps)] if steps else []
+    fits = len(even) == len(frames) and np.allclose([frame.shift or 0.0 for frame in frames], even)
+    return periods, steps if fits else 0
+
+
+def cv2_coder(shown: Sequence) -> Any:
+    """OpenCV's Gray code of bits with inverses on such a surface."""
+    return cv2.structured_light.GrayCodePattern.create(shown.cols, shown.rows)
+
+
+def cv2_decode(coder: Any, images: Images, white: NDArray[np.uint8], black: NDArray[np.uint8]) -> Any:
+    """Its own loop over all pixels, which wants two cameras: it is given the same one twice, and takes twice
+    as long."""
+    return coder.decode([images, images], None, [black] * 2, [white] * 2)
+
+
+def cv2_places(coder: Any, images: Images, pixels: NDArray[np.integer]) -> Floats:
+    """u and v (N, 2) of pixels (N, 2: row, column), one by one; NaN where it tells none."""
+    found = [coder.getProjPixel(images, int(col), int(row)) for row, col in pixels]
+    return np.array([(math.nan, math.nan) if wrong else place for wrong, place in found], np.float64)

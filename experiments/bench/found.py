@@ -1,4 +1,6 @@
-"""Found: what a case gave beside the truth; errors of places and of heights, and which of them are silent."""
+"""Found: what a case gave beside the truth; errors of places and of heights, and which of them are silent;
+the numbers of a bench's row.
+"""
 
 import math
 from collections.abc import Iterable
@@ -15,21 +17,8 @@ from optolever.projector import AreaTrace
 from optolever.reconstruct import HeightMap
 from optolever.scene import Trace
 
-__all__ = [
-    "SIGMAS",
-    "Found",
-    "FrameVerdict",
-    "beyond",
-    "far_from_visible",
-    "found_area",
-    "found_height",
-    "found_places",
-    "least_limit",
-    "silent_mask",
-]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from ..arrays import Floats, Mask
+from ..metrics import height_metrics, unflagged
 
 SIGMAS = 5.0  # beyond which an unflagged value is a silent error
 DISCRETE = 1.5  # px, up to which a code of cells alone is right at any sigma
@@ -158,3 +147,32 @@ def silent_mask(found: Found) -> Mask:
 def far_from_visible(visible: Mask) -> Mask:
     """Pixels that see nothing, nor do their neighbours: no footprint of theirs touches the mirror."""
     return np.asarray(~ndimage.binary_dilation(visible, np.ones((3, 3), np.bool_)))
+
+
+def measures(truth: Trace, seen: Correspondence, height: HeightMap) -> dict[str, float]:
+    """`metrics.height_metrics`, and:
+
+    height_p95_rel: 95 % of the unflagged pixels are off by less, over the peak depth; flagged_share: of the
+    pixels that see the pattern; silent_share: of the unflagged pixels, off by more than 5 sigma or seeing no
+    mirror at all (0 if sigma is unknown); decode_silent_share: likewise of u and v.
+    """
+    known = height_metrics(truth, seen, height)
+    error = np.abs(height.z - truth.z)[unflagged(truth, height)]
+    peak, visible, told = (
+        known["peak_depth_mm"],
+        truth.visible,
+        bool(np.isfinite(height.sigma[height.good]).any()),
+    )
+    true = (truth.u, truth.u), (truth.v, truth.v)
+    places = found_places(seen, true, visible, far_from_visible(visible))
+    return known | {
+        "height_p95_rel": float(np.quantile(error, 0.95)) / peak if error.size and peak else math.nan,
+        "flagged_share": 1.0 - known["unflagged_share"],
+        "silent_share": _share(silent_mask(found_height(height, truth, 1.0)) & told, height.good),
+        "decode_silent_share": _share(silent_mask(places), seen.good),
+    }
+
+
+def _share(wrong: Mask, among: Mask) -> float:
+    count = int(among.sum())
+    return float(wrong.sum()) / count if count else math.nan

@@ -5,25 +5,20 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from optolever.files import atomic_file
-from optolever.records import Progress, silent
+from optolever.records import Progress, plot_maps, silent
 
 from ..images import figure_png, new_figure
 from .found import Found, silent_mask
 from .hard_case import Case, Result, run_case
-from .hard_curved import FORMS, curved_cases
 from .hard_decode import decode_cases
-from .hard_drawn import height_cases, random_cases
+from .hard_drawn import FORMS, curved_cases, height_cases, random_cases, scene_cases
 from .hard_edges import edge_cases
 from .hard_reconstruct import reconstruct_cases
-from .hard_scene import scene_cases
 from .hard_surroundings import surroundings_cases
 from .hard_unlike import unlike_cases
-
-__all__ = ["hard_cases", "run_hard", "save_picture"]
 
 DECODE_SIZE = (192, 192)
 RECONSTRUCT_SIZES = ((128, 128), (256, 256))
@@ -93,20 +88,16 @@ def save_picture(result: Result, folder: Path) -> Path | None:
 
 def _figure(result: Result, found: Found) -> Figure:
     """Error over its limit, silent pixels, flags."""
-    figure = new_figure(13.0, 4.4)
-    left, middle, right = figure.subplots(1, 3)
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.where(found.expected, np.abs(found.error) / found.limit, np.nan)
-    image = left.imshow(np.maximum(ratio, 1e-3), norm=LogNorm(1e-2, 1e2), interpolation="nearest")
-    figure.colorbar(image, ax=left, fraction=0.046)
-    left.set_title("|error| / limit, flagged or not", fontsize=9)
+        flags = np.where(found.flags == 0, np.nan, np.log2(found.flags))
     wrong = silent_mask(found)
-    show = np.where(wrong, 2, np.where(found.flags == 0, 1, 0))
-    middle.imshow(show, vmin=0, vmax=2, cmap="magma", interpolation="nearest")
-    middle.set_title(f"bright: {int(wrong.sum())} silent pixels; dark: flagged", fontsize=9)
-    flags = np.where(found.flags == 0, np.nan, np.log2(np.maximum(found.flags, 1)))
-    image = right.imshow(flags, vmin=0, vmax=15, cmap="tab20", interpolation="nearest")
-    figure.colorbar(image, ax=right, fraction=0.046, label="highest flag, bit number")
-    right.set_title("flags", fontsize=9)
+    maps = {
+        "|error| / limit, log10, flagged or not": np.log10(np.clip(ratio, 1e-2, 1e2)),
+        f"bright: {int(wrong.sum())} silent pixels; dark: flagged": np.where(wrong, 2, found.flags == 0),
+        "flags: number of the highest bit": np.floor(flags),
+    }
+    figure = new_figure(13.0, 4.4)
+    plot_maps(maps, figure.subplots(1, 3))
     figure.suptitle(f"{result.case.label}: {result.verdict}", fontsize=10)
     return figure

@@ -1,7 +1,9 @@
-"""A hard case, what it gave, and the verdict: nothing may be wrong that is not flagged."""
+"""A hard case, what it gave, and the verdict: nothing may be wrong that is not flagged; figures over all
+draws of a family: shares of draws, of faults, of pixels.
+"""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
@@ -12,25 +14,16 @@ from optolever.errors import InputError
 from ..metrics import rms
 from .found import SIGMAS, Found, FrameVerdict, beyond, silent_mask
 
-__all__ = ["LIMIT", "Case", "Result", "judged", "run_case"]
-
 LIMIT = 1e-4  # silent errors, as a share of the unflagged pixels
 RATIO = 1.1  # rms error over that of the reference, at most
 LOSS = 0.03  # good share below that of the reference, at most
-GOOD, SILENT, UNKNOWN, DIVERGED, REFUSED, BROKEN, LIMITED, WORSE, MISSED = (
-    "good",
-    "silent errors",
-    "unflagged NaN",
-    "diverged",
-    "refused",
-    "failed",
-    "cannot tell",
-    "worse than alone",
-    "fault missed",
+GOOD, REFUSED = "good", "refused"
+FAULTS = (
+    *("silent errors", "unflagged NaN", "diverged", "failed", "worse than alone", "fault missed"),
+    *("right frame accused", "sigma too wide", "no notice"),
 )
-ACCUSED, NAMED, UNNAMED, HARMLESS = "right frame accused", "named", "not named", "harmless fault"
-WIDE, UNSAID = "sigma too wide", "no notice"
-FAULTS = (SILENT, UNKNOWN, DIVERGED, BROKEN, WORSE, MISSED, ACCUSED, WIDE, UNSAID)
+GOOD_EDGES = 0.95  # share of pixels away from edges that are to be good
+FLAGGED = 0.05  # median over rigs of the flagged share of the pixels that see the pattern
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +100,7 @@ def run_case(case: Case) -> Result:
     except InputError as error:
         return Result(case, REFUSED, str(error))
     except Exception as error:
-        return Result(case, BROKEN, f"{type(error).__name__}: {error}")
+        return Result(case, "failed", f"{type(error).__name__}: {error}")
 
 
 def judged(case: Case, found: Found | tuple[FrameVerdict, ...]) -> Result:
@@ -116,12 +109,10 @@ def judged(case: Case, found: Found | tuple[FrameVerdict, ...]) -> Result:
     """
     if isinstance(found, tuple):
         return _of_faults(case, found)
-    result = _measured(case, found)
-    if found.frames is not None and (found.frames.fault or found.frames.accused):
-        return _of_frames(result, found.frames)
-    if found.reference is None:
-        return _with_verdict(result, found, case.share, case.pixels)
-    return _compared(result, found, _measured(case, found.reference))
+    result, frames = _measured(case, found), found.frames
+    told = frames is not None and (frames.fault or frames.accused)
+    verdict, why = _of_frames(frames) if frames is not None and told else _of_pixels(result, found)
+    return replace(result, verdict=verdict, why=why)
 
 
 def _of_faults(case: Case, faults: tuple[FrameVerdict, ...]) -> Result:
@@ -129,21 +120,11 @@ def _of_faults(case: Case, faults: tuple[FrameVerdict, ...]) -> Result:
     asked = [one for one in faults if one.counts]
     missed = [one.fault for one in asked if not one.named]
     what = f"{len(asked)} of {len(faults)} can be detected"
-    why = f"{', '.join(missed)}: {len(missed)} missed, {what}" if missed else what
-    result = Result(case, MISSED if missed else GOOD, why, silent=len(missed) / max(len(asked), 1))
-    return replace(result, silent_count=len(missed))
-
-
-def _compared(result: Result, found: Found, reference: Result) -> Result:
-    """The verdict relative to a reference of the same pixels."""
-    judged = _with_verdict(result, found, reference.silent + LIMIT, 0)
-    if judged.fault:
-        return judged
-    if result.flagged > reference.flagged + LOSS:
-        return replace(result, verdict=WORSE, why=f"{100 * reference.flagged:.3g} % flagged alone")
-    if result.error > RATIO * reference.error:
-        return replace(result, verdict=WORSE, why=f"{reference.error:.3g} {result.unit} rms alone")
-    return judged
+    share = len(missed) / max(len(asked), 1)
+    if not missed:
+        return Result(case, GOOD, what, silent=share)
+    why = f"{', '.join(missed)}: {len(missed)} missed, {what}"
+    return Result(case, "fault missed", why, silent=share, silent_count=len(missed))
 
 
 def _measured(case: Case, found: Found) -> Result:
@@ -176,31 +157,143 @@ def _measured(case: Case, found: Found) -> Result:
     )
 
 
-def _with_verdict(result: Result, found: Found, share: float, pixels: int) -> Result:
-    """share, pixels: silent errors that pass, of the unflagged and as a count."""
+def _of_pixels(result: Result, found: Found) -> tuple[str, str]:
+    """Verdict on errors, and why; of a case with a reference relative to what the same pixels gave there."""
+    case, unit = result.case, result.unit
+    alone = None if found.reference is None else _measured(case, found.reference)
+    share, pixels = (case.share, case.pixels) if alone is None else (alone.silent + LIMIT, 0)
     unknown = int(((found.flags == 0) & found.expected & ~np.isfinite(found.error)).sum())
     if unknown:
-        return replace(result, verdict=UNKNOWN, why=f"{unknown} pixels")
+        return "unflagged NaN", f"{unknown} pixels"
     if result.silent > share and result.silent_count > pixels:
-        if result.case.limit:
-            return replace(result, verdict=LIMITED, why=result.case.limit)
-        return replace(result, verdict=SILENT, why=f"{result.silent_count} pixels")
-    if result.unit != "px" and result.error > 1:
-        return replace(result, verdict=DIVERGED)
+        return (
+            ("cannot tell", case.limit) if case.limit else ("silent errors", f"{result.silent_count} pixels")
+        )
+    if unit != "px" and result.error > 1:
+        return "diverged", ""
+    if alone is not None and result.flagged > alone.flagged + LOSS:
+        return "worse than alone", f"{100 * alone.flagged:.3g} % flagged alone"
+    if alone is not None and result.error > RATIO * alone.error:
+        return "worse than alone", f"{alone.error:.3g} {unit} rms alone"
     if result.flagged == 1:
-        return replace(result, why="all flagged")
+        return GOOD, "all flagged"
     if found.width > found.width_limit:
-        return replace(result, verdict=WIDE, why=f"{found.width:.1f} times the error")
-    return replace(result, verdict=UNSAID) if found.notices == 0 else result
+        return "sigma too wide", f"{found.width:.1f} times the error"
+    return "no notice" if found.notices == 0 else GOOD, ""
 
 
-def _of_frames(result: Result, frames: FrameVerdict) -> Result:
-    """The verdict where frames were spoilt, or right ones accused."""
+def _of_frames(frames: FrameVerdict) -> tuple[str, str]:
+    """Verdict where frames were spoilt, or right ones accused, and why."""
     why = "; ".join(filter(None, (frames.fault, *frames.findings)))
     if not frames.fault:
-        return replace(result, verdict=ACCUSED, why=f"{frames.accused} times; {why}")
+        return "right frame accused", f"{frames.accused} times; {why}"
     if not frames.moves:
-        return replace(result, verdict=HARMLESS, why=why)
+        return "harmless fault", why
     if frames.hidden:
-        return replace(result, verdict=LIMITED, why=f"perfect frames of another scene: {why}")
-    return replace(result, verdict=NAMED if frames.named else UNNAMED, why=why)
+        return "cannot tell", f"perfect frames of another scene: {why}"
+    return "named" if frames.named else "not named", why
+
+
+@dataclass(frozen=True, slots=True)
+class Pooled:
+    """A figure over `count` draws, faults or pixels, and its limit, if any: lower (at_least) or upper."""
+
+    name: str
+    value: float
+    count: int
+    limit: float | None = None
+    at_least: bool = False
+
+    @property
+    def met(self) -> bool:
+        """True within the limit, or of nothing."""
+        if self.limit is None or math.isnan(self.value):
+            return True
+        return self.value >= self.limit if self.at_least else self.value <= self.limit
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        return {**asdict(self), "met": self.met}
+
+
+def pooled(results: Iterable[Result]) -> list[Pooled]:
+    """The figures of drawn rigs, scenes with edges, curved mirrors and wrong scenes; none without any."""
+    listed = list(results)
+
+    def drawn(part: str, name: str = "") -> list[Result]:
+        return [one for one in listed if one.case.part == part and one.case.name.startswith(name)]
+
+    figures = [*_of_rigs(drawn("decode", "random ")), *_of_edges(drawn("edges"))]
+    for code, own in _grouped(drawn("curved"), lambda one: one.case.subject):
+        figures += _of_code(code, own)
+    for name, own in _grouped(drawn("scene"), lambda one: one.case.name.partition(":")[0]):
+        figures += _of_scenes(name, own)
+    return figures
+
+
+def _grouped(results: list[Result], key: Callable[[Result], str]) -> Iterator[tuple[str, list[Result]]]:
+    for name in dict.fromkeys(map(key, results)):
+        yield name, [one for one in results if key(one) == name]
+
+
+def _of_scenes(name: str, own: list[Result]) -> Iterator[Pooled]:
+    """Of right or wrong scenes: how many are noticed, median error over the depth."""
+    told = [one.frames.findings != () for one in own if one.frames is not None]
+    errors = [one.error for one in own if not math.isnan(one.error)]
+    if told:
+        yield _share(f"{name}, noticed", sum(told), len(told))
+    if errors:
+        yield Pooled(f"{name}, error, median", float(np.median(errors)), len(errors))
+
+
+def _of_code(code: str, own: list[Result]) -> Iterator[Pooled]:
+    """Silent errors and scores of one code on all mirrors that bend inside of a pixel."""
+    told = [(one.unflagged, one.normalised) for one in own if not math.isnan(one.normalised)]
+    count = sum(pixels for pixels, _ in told)
+    square = sum(pixels * score**2 for pixels, score in told) / max(count, 1)
+    yield _silent(f"silent errors of {code} on curved mirrors", own, LIMIT)
+    yield Pooled(f"rms(error / sigma) of {code} there (worse of u, v; true: 1.28)", math.sqrt(square), count)
+
+
+def _of_rigs(rigs: list[Result]) -> Iterator[Pooled]:
+    """A rig that is refused is flagged altogether."""
+    if not rigs:
+        return
+    flagged = [1.0 if math.isnan(one.flagged) else one.flagged for one in rigs]
+    scores = [one.normalised for one in rigs if not math.isnan(one.normalised)]
+    score = float(np.median(scores)) if scores else math.nan
+    yield _share("rigs failed", sum(one.fault for one in rigs), len(rigs), 0.0)
+    yield _share("rigs refused", sum(one.verdict == REFUSED for one in rigs), len(rigs))
+    yield _silent("silent errors on rigs, of unflagged pixels", rigs, LIMIT)
+    yield Pooled("flagged share of a rig, median", float(np.median(flagged)), len(rigs), FLAGGED)
+    yield Pooled("rms(error / sigma) of a rig, median (worse of u, v; true: 1.28)", score, len(scores))
+
+
+def _of_edges(draws: list[Result]) -> Iterator[Pooled]:
+    if not draws:
+        return
+    judged = [(one, one.frames) for one in draws if one.frames is not None]
+    clean = [(one, frames) for one, frames in judged if not frames.fault]
+    asked = [(one, frames) for one, frames in judged if frames.counts]
+    right, wrong = [one for one, _ in clean], [one for one, _ in asked]
+    good, pixels = sum(one.unflagged for one in right), sum(one.pixels for one in right)
+    accused = sum(frames.accused > 0 for _, frames in clean)
+    named = sum(frames.named for _, frames in asked)
+    findings = sum(frames.findings != () for _, frames in clean)
+    yield _share("right frames accused, of draws", accused, len(clean), 0.0)
+    yield _share("wrong frames named, of faults that count", named, len(asked), 0.95, True)
+    yield _share("good pixels away from edges", good, pixels, GOOD_EDGES, True)
+    yield _silent("silent errors there, of unflagged pixels", right, LIMIT)
+    yield _share("draws with a finding, of right ones", findings, len(clean))
+    yield _silent("silent errors under faults that count", wrong)
+    yield _share("draws refused or failed", len(draws) - len(judged), len(draws), 0.0)
+
+
+def _silent(name: str, results: list[Result], limit: float | None = None) -> Pooled:
+    return _share(
+        name, sum(one.silent_count for one in results), sum(one.unflagged for one in results), limit
+    )
+
+
+def _share(name: str, some: float, count: int, limit: float | None = None, at_least: bool = False) -> Pooled:
+    return Pooled(name, some / count if count else math.nan, count, limit, at_least)

@@ -25,11 +25,9 @@ from optolever.scene import (
 )
 
 from ..design import varied
-from ..faults import Fault
+from ..ideal import Fault
 from .found import Found, far_from_visible, found_places, least_limit
 from .hard_case import Case
-
-__all__ = ["compared", "decode_cases"]
 
 Frames = NDArray[Any]
 Spoil = Callable[[Frames, np.random.Generator], Frames]

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,18 +13,15 @@ from numpy.typing import NDArray
 from optolever.decode import Correspondence, Flag, Integrity, check, decode
 from optolever.patterns import Sequence, sequence_from_text
 
+from ..arrays import Mask
 from ..drawn import between
-from ..faults import Fault
+from ..ideal import Fault, plain_places, seams
 from .found import Found, FrameVerdict, found_places
 from .hard_case import Case
 from .layered import MARGIN, SAMPLES, Gloss, Layer, Outline, Samples, World, inside, light, sampled
-from .plain_decoder import plain_places, seams
-
-__all__ = ["EDGE_CODES", "Draw", "drawn_world", "edge_cases", "judged_draw", "taken"]
 
 Frames = NDArray[np.uint8]
 Floats = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 #: The finest stripes of a binary code are half as wide as those of a Gray code: cells of two pixels.
 EDGE_CODES = (
@@ -45,6 +43,7 @@ TOGETHER = 4  # frames that one finding may name at most: one period of fringes,
 SUSPECTS = 6  # frames that all such findings may name together: who accuses all names nobody
 VARIANTS = ("raw", "jpeg", "binned", "cropped")
 FAULTS = ("swapped", "twice", "torn")  # that are drawn
+MAPS = ("u", "v", "judged", "lit", "changed", "unlike")  # of Taken
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,55 +226,51 @@ def taken(draw: Draw) -> Taken:
     if draw.fault is not None and not draw.fault.shown:
         read = draw.fault.spoil(read)
     rows, cols = world.size
-    trouble = inside(fine.trouble, SAMPLES).reshape(rows, SAMPLES, cols, SAMPLES).any((1, 3))
+    trouble = inside(fine.trouble, SAMPLES).reshape(rows, SAMPLES, cols, SAMPLES)
+    free = np.asarray(~trouble.any((1, 3)))
     lit = inside(np.asarray(centre.lit & (centre.projected >= LIT)))
-    none = np.zeros(world.size, np.bool_)
-    free = np.asarray(~trouble)
-    whole = Taken(read, sequence, inside(centre.u), inside(centre.v), free, lit, none, none)
-    return _varied(draw, _consequences(draw, centre, whole))
+    torn, changed, unlike = 0, np.zeros_like(lit), np.zeros_like(lit)
+    if draw.fault is not None:
+        torn, changed, unlike = _consequences(draw, draw.fault, centre, sequence, free & lit)
+    return _varied(
+        draw, Taken(read, sequence, inside(centre.u), inside(centre.v), free, lit, changed, unlike, torn)
+    )
 
 
-def _consequences(draw: Draw, centre: Samples, whole: Taken) -> Taken:
-    """With what a fault does to ideal levels, and whether they are those of another scene."""
-    fault, sequence = draw.fault, whole.sequence
-    if fault is None:
-        return whole
+def _consequences(
+    draw: Draw, fault: Fault, centre: Samples, sequence: Sequence, judged: Mask
+) -> tuple[int, Mask, Mask]:
+    """What a fault does to ideal levels (Taken's torn, changed), and whether they are those of another scene
+    (unlike)."""
     ideal = light(draw.world, centre, sequence)
     spoilt = fault.spoil(ideal)
     right, wrong = plain_places(ideal, sequence), plain_places(spoilt, sequence)
     u, v = (np.pad(place, MARGIN, mode="edge").astype(np.float32) for place in wrong)
     explained = light(draw.world, replace(centre, u=u, v=v), sequence)
-    off = np.abs(explained - spoilt).max(axis=0) > UNLIKE * np.maximum(inside(centre.projected), LIT)
-    within = np.zeros(whole.lit.shape, np.bool_)
+    unlike = np.abs(explained - spoilt).max(axis=0) > UNLIKE * np.maximum(inside(centre.projected), LIT)
+    within = np.zeros(judged.shape, np.bool_)
     part = _window_of(draw, within.shape) if draw.variant == "cropped" else (slice(None), slice(None))
-    within[part] = (whole.judged & whole.lit)[part]
-    return replace(
-        whole,
-        changed=np.hypot(right[0] - wrong[0], right[1] - wrong[1]) > MOVED,
-        unlike=off,
-        torn=seams(right, wrong, within, SEAM),
-    )
+    within[part] = judged[part]
+    changed = np.hypot(right[0] - wrong[0], right[1] - wrong[1]) > MOVED
+    return seams(right, wrong, within, SEAM), changed, unlike
 
 
 def _varied(draw: Draw, whole: Taken) -> Taken:
-    """As JPEG, binned 2 x 2, or cropped."""
-    frames, u, v = whole.frames, whole.u, whole.v
-    masks = [whole.judged, whole.lit, whole.changed, whole.unlike]
+    """As JPEG, binned 2 x 2, or cropped; judged where nothing in the way is near."""
+    frames, maps = whole.frames, {name: getattr(whole, name) for name in MAPS}
     if draw.variant == "jpeg":
         frames = np.stack([_jpeg(frame, draw.quality) for frame in frames])
     elif draw.variant == "binned":
-        frames = np.rint(np.stack([_halved(frame.astype(np.float32)) for frame in frames])).astype(np.uint8)
-        masks = [np.asarray(_halved(mask.astype(np.float32)) == 1) for mask in masks]
-        u, v = _halved(u), _halved(v)
-    free = masks[0].astype(np.uint8)
+        frames = np.rint(np.stack([_halved(frame) for frame in frames])).astype(np.uint8)
+        halves = {name: _halved(one) for name, one in maps.items()}
+        maps = {name: one if name in "uv" else np.asarray(one == 1) for name, one in halves.items()}
+    free = maps["judged"].astype(np.uint8)
     apart = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    masks[0] = np.asarray(masks[1] & (apart >= AWAY))
+    maps["judged"] = maps["lit"] & (apart >= AWAY)
     if draw.variant == "cropped":
         part = _window_of(draw, free.shape)
-        frames, u, v = np.ascontiguousarray(frames[:, *part]), u[part], v[part]
-        masks = [mask[part] for mask in masks]
-    judged, lit, changed, unlike = masks
-    return Taken(frames, whole.sequence, u, v, judged, lit, changed, unlike, whole.torn)
+        frames, maps = np.ascontiguousarray(frames[:, *part]), {name: one[part] for name, one in maps.items()}
+    return replace(whole, frames=frames, **maps)
 
 
 def _window_of(draw: Draw, shape: tuple[int, ...]) -> tuple[slice, slice]:
@@ -292,9 +287,10 @@ def _jpeg(frame: Frames, quality: int) -> Frames:
     return np.asarray(cv2.imdecode(packed, cv2.IMREAD_GRAYSCALE), np.uint8)
 
 
-def _halved(image: Floats) -> Floats:
+def _halved(image: NDArray[Any]) -> Floats:
     rows, cols = image.shape
-    return np.asarray(image.reshape(rows // 2, 2, cols // 2, 2).mean((1, 3)), np.float32)
+    halved: Floats = image.astype(np.float32).reshape(rows // 2, 2, cols // 2, 2).mean((1, 3))
+    return halved
 
 
 def judged_draw(draw: Draw) -> Found:

@@ -6,20 +6,16 @@ from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, Flag
 from optolever.reconstruct import reconstruct
 from optolever.scene import Scene, Surface, Trace
 
+from ..arrays import Floats, Mask
 from ..place import EXACT_SIGMA, Dent, Place
 from .found import Found, found_height
 from .hard_case import Case
 
-__all__ = ["HIDDEN", "PROBLEMS", "Problem", "reconstruct_cases", "reconstructed"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 #: (truth, random numbers) -> lost pixels; or (u, v) changed in place
 Hide = Callable[[Trace, Scene, np.random.Generator], Mask]
 

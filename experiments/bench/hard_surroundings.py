@@ -11,6 +11,7 @@ from functools import lru_cache, partial
 from itertools import combinations, product
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,24 +21,22 @@ from optolever.patterns import Sequence, sequence_from_text
 from optolever.projector import AreaTrace, area_light, expose, trace_area
 from optolever.scene import Scene, Sensor, dent_from_text, load, resize
 
-from ..faults import Fault
+from ..arrays import Mask
+from ..ideal import Fault
 from .found import Found, FrameVerdict, found_area
 from .hard_case import Case
-from .surroundings import AROUND, FORMS, mirror_mask, surrounded
 
-__all__ = ["FILLS", "NOISES", "SEQUENCES", "Surroundings", "covering", "surroundings_cases"]
+Light = NDArray[np.float32]
 
-Frames = NDArray[Any]
-Mask = NDArray[np.bool_]
-Values = tuple[tuple[Any, ...], ...]
-
+_GHOST = 0.04  # of a second reflection of the pattern
+_SHIFT = (0.21, -0.34)  # by which it is shifted, shares of the image
+_LAMP = 2.0  # light of the lamp in its middle, of a fully lit pixel
 SEQUENCES = ("gray+phase", "phase", "phase:steps=3", "micro-phase", "gray")
 NOISES = (0.3, 1.0, 2.5)
 FILLS = (0.6, 0.3, 0.1, 0.03)
 SCENES = ("prism48", "paper-simulation", "monitor-mirror")
 QUICK = 12
 """So many of the list, from its start, for a quick look: each holds as many new pairs of values as it can."""
-
 FAULT_SIZE = 128
 """Rows and columns, at most, of an image in whose frames every single fault is tried."""
 FAULT_CASES = tuple(
@@ -47,10 +46,96 @@ _SENSOR = Sensor(offset=20.0, exposure=200.0 / 255.0)  # amplitude 100
 _CHANGED = 0.01  # of the lit pixels: a fault that changes fewer of them by 3 times the noise need not be told
 
 
+def surrounded(light: Light, mask: Mask, around: str, rng: np.random.Generator) -> Light:
+    """Light (N, H, W) of an image whose mirror fills `mask`; around it is what AROUND[around] makes."""
+    return np.where(mask, light, AROUND[around](light, mask, rng)).astype(np.float32)
+
+
+def _round(fill: float, shape: tuple[int, int], rng: np.random.Generator) -> Mask:
+    """A disk; what the image would cut off of it is added elsewhere."""
+    radius = np.sqrt(fill * shape[0] * shape[1] / np.pi)
+    rows, cols = shape
+    row = _between(rng, radius, rows - 1 - radius)
+    col = _between(rng, radius, cols - 1 - radius)
+    y, x = np.mgrid[:rows, :cols]
+    distance = np.hypot(y - row, x - col)
+    return np.asarray(distance <= np.quantile(distance, fill))
+
+
+def _oblong(fill: float, shape: tuple[int, int], rng: np.random.Generator) -> Mask:
+    """A rectangle three times as wide as high, or as wide as 0.95 of the image."""
+    width = min(0.95, np.sqrt(3.0 * fill))
+    return _rectangles([(width, fill / width)], shape, rng)
+
+
+def _islands(fill: float, shape: tuple[int, int], rng: np.random.Generator) -> Mask:
+    """Two rectangles side by side, 3 to 2."""
+    width = min(0.9, np.sqrt(2.0 * fill))
+    return _rectangles([(0.6 * width, fill / width), (0.4 * width, fill / width)], shape, rng)
+
+
+def _rectangles(sizes: list[tuple[float, float]], shape: tuple[int, int], rng: np.random.Generator) -> Mask:
+    """Rectangles (width, height; shares of the image) from left to right with gaps between them."""
+    rows, cols = shape
+    mask = np.zeros(shape, np.bool_)
+    free = 1.0 - sum(width for width, _ in sizes)
+    gap = max(free / (len(sizes) + 1), 0.02) * (len(sizes) > 1)
+    at = float(rng.uniform(0.0, max(free - gap * (len(sizes) - 1), 0.0)))
+    for width, height in sizes:
+        top = float(rng.uniform(0.0, 1.0 - height))
+        mask[
+            round(top * rows) : round((top + height) * rows), round(at * cols) : round((at + width) * cols)
+        ] = 1
+        at += width + gap
+    return mask
+
+
+def _between(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(rng.uniform(low, high)) if high > low else 0.5 * (low + high)
+
+
+def _dark(light: Light, mask: Mask, rng: np.random.Generator) -> Light:
+    """Nothing."""
+    return np.zeros_like(light)
+
+
+def _room(light: Light, mask: Mask, rng: np.random.Generator) -> Light:
+    """A lit room, constant in time: things large and small with edges, up to a fully lit pixel's light."""
+    shape = mask.shape
+    room = np.zeros(shape)
+    for scale, share in ((24.0, 0.6), (3.0, 0.4)):
+        smooth = cv2.GaussianBlur(rng.standard_normal(shape), (0, 0), scale)
+        room += share * (0.5 + 0.25 * smooth / smooth.std())
+    room[cv2.GaussianBlur(rng.standard_normal(shape), (0, 0), 12.0) > 0.01] *= 0.3
+    return np.broadcast_to(np.clip(room, 0.0, 1.0).astype(np.float32), light.shape)
+
+
+def _reflection(light: Light, mask: Mask, rng: np.random.Generator) -> Light:
+    """The pattern once more, dim and shifted, as from the surface of a cover glass."""
+    shift = round(_SHIFT[0] * mask.shape[0]), round(_SHIFT[1] * mask.shape[1])
+    return np.asarray(_GHOST * np.roll(light, shift, axis=(1, 2)), np.float32)
+
+
+def _lamp(light: Light, mask: Mask, rng: np.random.Generator) -> Light:
+    """A lamp as far as possible from the mirror that saturates in its middle, and its glow."""
+    away = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
+    row, col = np.unravel_index(int(away.argmax()), mask.shape)
+    y, x = np.mgrid[: mask.shape[0], : mask.shape[1]]
+    distance = np.hypot(y - row, x - col) / (0.08 * np.sqrt(mask.size))
+    lamp = _LAMP * np.exp(-np.minimum(distance, 50.0))
+    return np.broadcast_to(lamp.astype(np.float32), light.shape)
+
+
+#: Pixels (H, W) that a mirror takes: the share `fill` of the image, somewhere in it.
+FORMS = {"round": _round, "oblong": _oblong, "islands": _islands}
+#: What is in the image beside them.
+AROUND = {"dark": _dark, "room": _room, "reflection": _reflection, "lamp": _lamp}
+
+
 @dataclass(frozen=True, slots=True)
 class Surroundings:
     """sequence; noise (8-bit levels); fill: share of the image that the mirror takes; form, around: see
-    surroundings.FORMS, AROUND; scene: of the mirror.
+    FORMS, AROUND; scene: of the mirror.
     """
 
     sequence: str
@@ -86,7 +171,9 @@ def surroundings_cases(size: tuple[int, int], quick: bool = False, every: bool =
         yield Case("decode", name, sequence, small, partial(_frame_faults, each, small), each.noise, "uint8")
 
 
-def covering(values: Values, groups: Iterable[tuple[int, ...]], seed: int) -> list[tuple[Any, ...]]:
+def covering(
+    values: tuple[tuple[Any, ...], ...], groups: Iterable[tuple[int, ...]], seed: int
+) -> list[tuple[Any, ...]]:
     """Tuples of one value each that hold, for every group of positions, each combination of their values at
     least once: greedily, of 60 drawn ones the one that holds most combinations that are missing.
     """
@@ -127,13 +214,13 @@ def _alone(name: str, text: str, noise: float, size: tuple[int, int]) -> _Alone:
     return _Alone(area, shown, light, decode(_taken(light, shown, noise), shown))
 
 
-def _taken(light: NDArray[np.float32], shown: Sequence, noise: float) -> Frames:
+def _taken(light: NDArray[np.float32], shown: Sequence, noise: float) -> NDArray[Any]:
     return expose(light, shown, replace(_SENSOR, noise=noise), seed=5)
 
 
 def _mask(case: Surroundings, size: tuple[int, int]) -> Mask:
     rng = np.random.default_rng([31, *size, round(1000 * case.fill), list(FORMS).index(case.form)])
-    return mirror_mask(case.form, case.fill, size, rng)
+    return FORMS[case.form](case.fill, size, rng)
 
 
 def _decoded(case: Surroundings, size: tuple[int, int]) -> Found:
@@ -199,7 +286,7 @@ def _mirrors(fault: Fault, shown: Sequence, seen: dict[str, NDArray[Any]]) -> bo
     return bool(np.ptp(blocks[np.isfinite(blocks)]) == 0)
 
 
-def _is_detected(frames: Frames, shown: Sequence, mask: Mask) -> bool:
+def _is_detected(frames: NDArray[Any], shown: Sequence, mask: Mask) -> bool:
     """A finding, frames refused, or most of the mirror's pixels flagged for it."""
     try:
         found = decode(frames, shown)

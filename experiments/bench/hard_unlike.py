@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -15,8 +15,6 @@ from .found import Found
 from .hard_case import LIMIT, Case
 from .hard_edges import LIT, against_truth
 from .layered import Deviation, Layer, World, inside, light, sampled
-
-__all__ = ["UNLIKE", "Unlike", "unlike_cases", "unlike_found"]
 
 Floats = NDArray[np.float32]
 
@@ -32,39 +30,28 @@ BEYOND = 0.01  # share of the unflagged pixels that may be off by more than 5 si
 WIDTH = 4.0  # median sigma over the rms error, at most
 
 
-@dataclass(frozen=True, slots=True)
-class Unlike:
-    """A deviation; figure: whether silent errors, width of sigma and a notice are asked for."""
-
-    name: str
-    deviation: Deviation
-    figure: bool
-
-
-UNLIKE = (
-    Unlike("as described", Deviation(), False),
-    Unlike("gamma 2.2", Deviation(gamma=2.2), True),
-    Unlike("gamma 1.5", Deviation(gamma=1.5), True),
-    Unlike("flicker 2 %", Deviation(flicker=0.02), True),
-    Unlike("lag 5 %", Deviation(lag=0.05), False),
-    Unlike("lag 20 %", Deviation(lag=0.2), False),
-    Unlike("ghost 4 %", Deviation(ghost=0.04), False),
-    Unlike("ghost 10 %", Deviation(ghost=0.1), False),
-)
+#: Deviations; of those of the first list silent errors, width of sigma and a notice are asked for.
+JUDGED = {
+    "gamma 2.2": Deviation(gamma=2.2),
+    "gamma 1.5": Deviation(gamma=1.5),
+    "flicker 2 %": Deviation(flicker=0.02),
+}
+LOOKED_AT = {
+    "lag 5 %": Deviation(lag=0.05),
+    "lag 20 %": Deviation(lag=0.2),
+    "ghost 4 %": Deviation(ghost=0.04),
+    "ghost 10 %": Deviation(ghost=0.1),
+}
+UNLIKE = {"as described": Deviation(), **JUDGED, **LOOKED_AT}
 
 
 def unlike_cases(size: tuple[int, int]) -> Iterator[Case]:
     """Every deviation with every code, before a smooth wall."""
-    for unlike in UNLIKE:
+    for name in UNLIKE:
+        limit, share = ("", BEYOND) if name in JUDGED else ("no figure is asked for", LIMIT)
         for code in UNLIKE_CODES:
-            yield Case(
-                *("unlike", unlike.name, code, size),
-                partial(unlike_found, unlike, code, size),
-                NOISE,
-                "uint8",
-                "" if unlike.figure else "no figure is asked for",
-                BEYOND if unlike.figure else LIMIT,
-            )
+            make = partial(unlike_found, name, code, size)
+            yield Case("unlike", name, code, size, make, NOISE, "uint8", limit, share)
 
 
 def smooth_world(size: tuple[int, int]) -> World:
@@ -81,19 +68,19 @@ def smooth_world(size: tuple[int, int]) -> World:
     return World(size, pattern, (wall,), 0.9, origin, disparity, baseline)
 
 
-def unlike_found(unlike: Unlike, code: str, size: tuple[int, int]) -> Found:
+def unlike_found(name: str, code: str, size: tuple[int, int]) -> Found:
     """Decode what such a projector shows; errors, width of sigma, notices."""
     world, rng = smooth_world(size), np.random.default_rng(11)
     sequence, centre = sequence_from_text(code, *world.pattern), sampled(world, 1)
     fine = sampled(world)
-    clean = light(world, fine, sequence, unlike.deviation, rng)
+    clean = light(world, fine, sequence, UNLIKE[name], rng)
     noise = NOISE * rng.standard_normal(clean.shape, np.float32)
     seen = decode(np.clip(np.rint(clean + noise), 0, 255).astype(np.uint8), sequence)
     u, v = inside(centre.u), inside(centre.v)
     judged = inside(np.asarray(centre.lit & (centre.projected >= LIT)))
     found = against_truth(seen, u, v, judged)
     width = _width(seen, found, u, v)
-    if not unlike.figure:
+    if name not in JUDGED:
         return replace(found, width=width)
     # bits are black and white: a gamma does nothing to them
     unsaid = np.abs(clean - light(world, fine, sequence)).max() > NOISE / 10

@@ -20,22 +20,9 @@ from scipy import ndimage
 
 from optolever.patterns import Sequence
 
-__all__ = [
-    "MARGIN",
-    "SAMPLES",
-    "Deviation",
-    "Gloss",
-    "Layer",
-    "Outline",
-    "Samples",
-    "World",
-    "inside",
-    "light",
-    "sampled",
-]
+from ..arrays import Mask
 
 Floats = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 T = TypeVar("T", bound=np.generic)
 
 SAMPLES = 4  # per pixel and direction

@@ -9,29 +9,24 @@ from typing import Any
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.files import load_arrays
 from optolever.reconstruct import integrate, integrator_names, reconstruct
 from optolever.records import Progress, silent
 
+from ..arrays import Floats, Mask
 from ..metrics import rms
 from ..place import Place, middle_anchor
 from ..timing import Measured, fastest
+from .found import measures
 from .hard_reconstruct import PROBLEMS, spoiled
-from .measures import measures
-from .solvers import installed, missing_peers, peer_integrators, solver, solver_names
+from .solvers import installed, peer_integrators, solver, solver_names
 
-__all__ = ["FIELDS", "MIRRORS", "MethodRow", "load_field", "missing_peers", "run_methods"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Numbers = dict[str, Any]
 Measure = Callable[[], Numbers]
 
 AGAIN = 20.0  # s: what takes less is run a second time, without what the first run compiles
-NOISE = 0.05  # px
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,30 +49,15 @@ class MethodRow:
     why: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Mirror:
-    """A problem of the hard cases with its noise (px), and whether a known point is the anchor."""
-
-    problem: str
-    noise: float = 0.0
-    point: bool = False
-
-    @property
-    def name(self) -> str:
-        """As the table shows it."""
-        parts = [self.problem]
-        parts += [f"noise {self.noise:g} px"] if self.noise else []
-        return ", ".join([*parts, "known point"] if self.point else parts)
-
-
+#: Problems of the hard cases, noise (px), and whether a known point is the anchor.
 MIRRORS = (
-    Mirror("smooth"),
-    Mirror("smooth", point=True),
-    Mirror("cusp"),
-    Mirror("holes"),
-    Mirror("smooth", NOISE),
-    Mirror("outliers 1 %", NOISE),
-    Mirror("pinhole", point=True),
+    ("smooth", 0.0, False),
+    ("smooth", 0.0, True),
+    ("cusp", 0.0, False),
+    ("holes", 0.0, False),
+    ("smooth", 0.05, False),
+    ("outliers 1 %", 0.05, False),
+    ("pinhole", 0.0, True),
 )
 FIELDS = ("gaussian", "needle", "hole", "noise", "outliers 1 %")
 
@@ -184,22 +164,21 @@ def _integrated(call: Callable[[], Floats], z: Floats, mask: Mask) -> Numbers:
 
 def _mirrors(size: tuple[int, int]) -> Iterator[tuple[str, str, str, Measure]]:
     """Heights from correspondences."""
-    for case in MIRRORS:
+    for problem, noise, point in MIRRORS:
+        case = problem + (f", noise {noise:g} px" if noise else "") + (", known point" if point else "")
         for name in solver_names():
             known_point = solver(name).kind == "own" and name != "decoupled"
-            if installed(solver(name).module) and (known_point or not case.point):
-                yield "reconstruct", case.name, name, partial(_height, case, size, name)
+            if installed(solver(name).module) and (known_point or not point):
+                yield "reconstruct", case, name, partial(_height, problem, noise, point, size, name)
 
 
-def _height(case: Mirror, size: tuple[int, int], method: str) -> Numbers:
-    problem = next(problem for problem in PROBLEMS if problem.name == case.problem)
+def _height(which: str, noise: float, point: bool, size: tuple[int, int], method: str) -> Numbers:
+    problem = next(problem for problem in PROBLEMS if problem.name == which)
     place = Place.of(problem.scene, problem.dent, size)
-    seen = spoiled(problem, place, case.noise, "float64")
-    if case.point:
-        anchor = middle_anchor(place.truth)
-        call = partial(reconstruct, seen, place.scene, method=method, anchor=anchor)
-    else:
-        call = partial(solver(method).run, seen, place.scene)
+    seen = spoiled(problem, place, noise, "float64")
+    call = partial(solver(method).run, seen, place.scene)
+    if point:
+        call = partial(reconstruct, seen, place.scene, method=method, anchor=middle_anchor(place.truth))
     run = fastest(call, 2, AGAIN)
     height = run.value
     numbers = measures(place.truth, seen, height)

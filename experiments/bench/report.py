@@ -3,16 +3,17 @@ single shot, the paper's method, the peers); prose in ../report/bench.html.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..page import percent, scientific, seconds_text, table, write_page
-from .pareto import frontier, pareto_figure
-from .row import Row
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
-__all__ = ["ahead_of_peers", "bench_markdown", "bench_table", "summary", "write_bench_report"]
+from ..images import figure_uri, label_axes, new_figure
+from ..page import percent, scientific, seconds_text, table, write_page
+from .cell import Row
 
 HEADER = (
     *("sequence", "solver", "frames", "display", "render", "decode", "x copy", "solve", "memory"),
@@ -25,6 +26,95 @@ FEW = 20  # frames of the row "few frames"
 PAPER = 0.01  # of the depth: the error that the paper states
 TIME = "compute"
 SUMMARY = ("sequence", "solver", "frames", TIME, "rms", "1 % over it", "err/sigma", "flagged", "silent")
+#: marker, colour, filled, legend
+MARKS = {
+    "own": ("o", "#2563a8", True, "this package"),
+    "paper": ("^", "#b3402e", True, "the paper's method"),
+    "peer": ("s", "#6b7280", False, "peers"),
+    "floor": ("D", "#1f7a4d", False, "exact correspondence"),
+}
+ROOM = 2.0  # times the slowest point
+
+Time = Callable[[Row], float]
+
+
+def frontier(points: Sequence[tuple[float, float]]) -> list[int]:
+    """Indices of the points (time, error) that no other point beats in both, by rising time."""
+    order = sorted(
+        (i for i, (time, error) in enumerate(points) if math.isfinite(time) and math.isfinite(error)),
+        key=lambda i: points[i],
+    )
+    best, kept = math.inf, []
+    for i in order:
+        if points[i][1] < best:
+            best = points[i][1]
+            kept.append(i)
+    return kept
+
+
+def pareto_figure(rows: Sequence[Row], times: dict[str, Time]) -> str:
+    """Charts side by side as a PNG data URI: error against each of the times, by their names."""
+    figure: Figure = new_figure(11.0, 6.2)
+    left, right = figure.subplots(1, 2, sharey=True)
+    for axes, (label, time) in zip((left, right), times.items(), strict=True):
+        _chart(axes, rows, time, label, "rms height error / peak depth" if axes is left else "")
+    if left.get_legend_handles_labels()[0]:
+        left.legend(fontsize=8, loc="best")
+    return figure_uri(figure)
+
+
+def _best(rows: Iterable[Row], time: Time) -> list[Row]:
+    """Rows that nothing beats in time and error."""
+    real = [row for row in rows if row.done and row.kind != "floor"]
+    return [real[i] for i in frontier([(time(row), row.error) for row in real])]
+
+
+def _chart(axes: Axes, rows: Sequence[Row], time: Time, label: str, y: str) -> None:
+    shown = [row for row in rows if row.done and row.error > 0 and time(row) > 0]
+    for kind, (marker, colour, filled, legend) in MARKS.items():
+        of_kind = [row for row in shown if row.kind == kind]
+        if of_kind:
+            face = colour if filled else "none"
+            axes.plot(
+                [time(row) for row in of_kind],
+                [row.error for row in of_kind],
+                marker,
+                color=colour,
+                markerfacecolor=face,
+                markersize=5.5,
+                linestyle="none",
+                label=legend,
+            )
+    best = _best(shown, time)
+    axes.plot(
+        [time(row) for row in best],
+        [row.error for row in best],
+        drawstyle="steps-post",
+        color="#111827",
+        linewidth=1.1,
+        label="frontier",
+        zorder=1,
+    )
+    for place, row in enumerate(best, start=1):
+        at = time(row), row.error
+        axes.annotate(
+            str(place), at, xytext=(4, 4), textcoords="offset points", fontsize=8, fontweight="bold"
+        )
+    key = [f"{place}  {_key(row)}" for place, row in enumerate(best, start=1)]
+    axes.text(0.0, -0.2, "\n".join(key), transform=axes.transAxes, fontsize=7.5, va="top", linespacing=1.4)
+    if shown:
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        times = [time(row) for row in shown]
+        axes.set_xlim(0.6 * min(times), ROOM * max(times))
+    axes.grid(True, which="both", color="#e5e7eb", linewidth=0.6)
+    axes.set_axisbelow(True)
+    label_axes(axes, label, y, frame=True)
+
+
+def _key(row: Row) -> str:
+    frames = f", {row.frames} frame{'s' if row.frames > 1 else ''}" if row.frames else ""
+    return f"{row.cell.sequence}, {row.cell.solver}{frames}: {scientific(row.error)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,10 +123,6 @@ class Group:
 
     name: str
     rows: list[Row]
-
-    def floors(self) -> dict[str, float]:
-        """Error of every solver on the exact correspondence: what is left when decoding is perfect."""
-        return {row.cell.solver: row.error for row in self.rows if row.kind == "floor" and row.done}
 
     def absent(self) -> list[str]:
         """Why there is no number: a line for every reason, with what it concerns."""
@@ -47,26 +133,15 @@ class Group:
         lines = []
         for why, rows in reasons.items():
             sequences, solvers = (
-                [getattr(row.cell, name) for row in rows] for name in ("sequence", "solver")
+                _listed(getattr(row.cell, name) for row in rows) for name in ("sequence", "solver")
             )
-            lines.append(f"{_listed(sequences)} with {_listed(solvers)}: {why}")
+            lines.append(f"{sequences} with {solvers}: {why}")
         return lines
 
     def ranked(self) -> list[Row]:
         """Those with numbers, the least error first."""
-        return sorted(
-            (row for row in self.rows if row.done),
-            key=lambda row: row.error if math.isfinite(row.error) else math.inf,
-        )
-
-    def best(self, refresh: float) -> list[Row]:
-        """The rows that nothing beats in computing time or in all time, and error."""
-        real = [row for row in self.ranked() if row.cell.decoder != "exact"]
-        found = []
-        for display in (0.0, 1.0):
-            times = [display * row.display_seconds(refresh) + row.compute_seconds for row in real]
-            found += [real[i] for i in frontier([(t, row.error) for t, row in zip(times, real, strict=True)])]
-        return found
+        done = [row for row in self.rows if row.done]
+        return sorted(done, key=lambda row: row.error if math.isfinite(row.error) else math.inf)
 
 
 def groups(rows: Iterable[Row]) -> list[Group]:
@@ -107,29 +182,31 @@ def write_bench_report(
 
 
 def _section(place: int, group: Group, refresh: float) -> dict[str, Any]:
-    floors, best = group.floors(), group.best(refresh)
+    times: dict[str, Time] = {
+        "decode + reconstruct [s]": lambda row: row.compute_seconds,
+        f"display at {refresh:g} Hz + decode + reconstruct [s]": lambda row: (
+            row.display_seconds(refresh) + row.compute_seconds
+        ),
+    }
+    # what is left of every solver's error when decoding is perfect
+    floors = {row.cell.solver: row.error for row in group.rows if row.kind == "floor" and row.done}
+    best = [row for time in times.values() for row in _best(group.rows, time)]
     lines = (
         ("best" if row in best else "", _cells(row, HEADER, refresh, floors.get(row.cell.solver, math.nan)))
         for row in group.ranked()
     )
     short = (("", [what, *_cells(row, SUMMARY)]) for what, row in summary(group.rows).items())
+    ratio = ahead_of_peers(group.rows)
+    ahead = f"At no more frames, the best chain here has {ratio:.3g} times less error than the nearest peer."
     return {
         "id": f"mirror-{place}",
         "name": group.name,
-        "chart": pareto_figure(group.rows, refresh),
+        "chart": pareto_figure(group.rows, times),
         "table": table(f"rows-{place}", HEADER, lines, texts=2),
-        "headline": _headline(group),
+        "headline": ahead if math.isfinite(ratio) else "No peer ran.",
         "summary": table(f"summary-{place}", ("", *SUMMARY), short, texts=3),
         "absent": group.absent(),
     }
-
-
-def _headline(group: Group) -> str:
-    """One sentence: how far ahead of others at equal frames."""
-    ratio = ahead_of_peers(group.rows)
-    if not math.isfinite(ratio):
-        return "No peer ran."
-    return f"At no more frames, the best chain here has {ratio:.3g} times less error than the nearest peer."
 
 
 def _listed(names: Iterable[str]) -> str:

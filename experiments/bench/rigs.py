@@ -8,7 +8,6 @@ covers, follows from a coarse trace of the resting mirror.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.projector import Lighting
@@ -29,11 +28,8 @@ from optolever.scene import (
     trace,
 )
 
+from ..arrays import Floats
 from ..drawn import between, drawn_dent, together
-
-__all__ = ["KINDS", "LEAST_LIT", "Rig", "camera_axes", "draw_rig", "drawn_sensor"]
-
-Float = NDArray[np.float64]
 
 KINDS = ("prism telecentric", "prism pinhole", "open air telecentric", "open air pinhole")
 LEAST_LIT = 0.03
@@ -137,7 +133,7 @@ def _drawn_camera(
     return PinholeCamera(stand, u_axis, v_axis, focal, centre, rows, cols, distortion, face)
 
 
-def camera_axes(angle: float, sideways: float, roll: float) -> tuple[Float, Float]:
+def camera_axes(angle: float, sideways: float, roll: float) -> tuple[Floats, Floats]:
     """Axes u, v of a camera that looks down at `angle` from the normal, towards -x, `sideways` along y."""
     u, v = np.array([-np.cos(angle), 0.0, np.sin(angle)]), np.array([0.0, 1.0, 0.0])
     looking = np.cross(u, v)

@@ -10,25 +10,18 @@ import numpy as np
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.patterns import sequence_from_text
-from optolever.projector import Capture
 from optolever.reconstruct import prism_geometry, recursion
 from optolever.scene import dent_from_text, load
 
-from ..decode_speed import toucher
 from ..metrics import rms
-from ..paper_frames import lattice_frames, lattice_positions
-from ..paper_simulation import seen_points
+from ..paper_rows import lattice_frames, lattice_positions, seen_points
 from ..place import Place
-from ..timing import Measured, measured
+from ..timing import Measured, measured, toucher
 from ..timing import timed as run_once
-from .cell import Cell, grouped
-from .decoders import Decoder, decoder
-from .measures import measures
-from .row import ABSENT, DONE, FAILED, USELESS, Row
-from .shot import Shot, place_of, shoot
+from .cell import ABSENT, DONE, FAILED, USELESS, Cell, Row, grouped
+from .decoders import Decoder, Shot, decoder, shoot
+from .found import measures
 from .solvers import Solver, installed, solver
-
-__all__ = ["absent_modules", "check", "run_cells", "warm_up"]
 
 Clock = Callable[[Callable[[], Any]], Measured]
 
@@ -65,7 +58,7 @@ def run_cells(cells: Iterable[Cell], *, timed: bool = True) -> Iterator[Row]:
         place: Place | None = None
         for group in sharing:
             try:
-                place = place or place_of(group[0])
+                place = place or Place.of(group[0].scene, group[0].dent, group[0].size)
                 shot = shoot(place, group[0])
             except InputError as error:
                 yield from (Row(cell, USELESS, str(error)) for cell in group)
@@ -86,23 +79,20 @@ def _of_shot(cells: Iterable[Cell], shot: Shot, clock: Clock) -> Iterator[Row]:
         yield from (_lattice(cell, shot.place) for cell in cells)
         return
     timings: dict[str, float] = {}
-    if shot.capture is not None:
-        timings = {"render_seconds": shot.render_seconds, "floor_seconds": _floor(shot.capture, clock)}
+    if shot.frames is not None:
+        toucher(shot.frames[:, :1].copy())()  # compiles, which is not part of the floor
+        floor = clock(toucher(shot.frames)).seconds
+        timings = {"render_seconds": shot.render_seconds, "floor_seconds": floor}
     for name, mine in groupby(cells, lambda cell: cell.decoder):
         yield from _decoded(list(mine), decoder(name), shot, timings, clock)
-
-
-def _floor(taken: Capture, clock: Clock) -> float:
-    """Seconds that only reading the frames and writing a decoder's output takes."""
-    toucher(taken.frames[:, :1].copy())()  # compiles, which is not part of the floor
-    return clock(toucher(taken.frames)).seconds
 
 
 def _decoded(
     cells: list[Cell], coder: Decoder, shot: Shot, timings: dict[str, float], clock: Clock
 ) -> Iterator[Row]:
     """Rows of cells with the same decoder."""
-    blank = Row(cells[0], ABSENT, f"{coder.module} is not installed", coder.kind, shot.count)
+    count = 0 if shot.sequence is None else len(shot.sequence)
+    blank = Row(cells[0], ABSENT, f"{coder.module} is not installed", coder.kind, count)
     decoded = None
     if installed(coder.module):
         blank, decoded = _tried(replace(blank, why=""), lambda: _decode(coder, shot, clock))

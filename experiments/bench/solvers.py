@@ -1,4 +1,5 @@
-"""Solvers of the table: every method of `reconstruct`, one plain integration, and integrators from PyPI
+"""Solvers of the table: every method of `reconstruct`; deflectometry as most codes do it (slopes as if the
+mirror were at rest, the depth that they depend on taken as zero, one integration), and integrators from PyPI
 (mbipy, pyGrad2Surf), which are run, never copied.
 """
 
@@ -11,22 +12,60 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import scipy.fft
 
-from optolever.decode import Correspondence
+from optolever.decode import Correspondence, Flag
 from optolever.errors import InputError
-from optolever.reconstruct import HeightMap, method_names, reconstruct
+from optolever.reconstruct import HeightMap, method_names, reconstruct, slope_map
 from optolever.scene import Scene
 
-from .decoupled import Floats, decoupled, frankot_chellappa
+from ..arrays import Floats
+from ..place import on_rest
 
-__all__ = ["Solver", "installed", "missing_peers", "peer_integrators", "solver", "solver_names"]
+Integrator = Callable[[Floats, Floats], Floats]
+
+
+def decoupled(seen: Correspondence, scene: Scene, integrate: Integrator) -> HeightMap:
+    """Height by one integration of the slopes at rest; no sigma (inf), flags of the correspondence.
+
+    integrate: (height per row, height per column), (H, W) each -> height up to a constant. Flagged pixels
+    have no slope. The constant is set so that the pixels along the edge x = L0 are at rest on average.
+    """
+    points, _ = on_rest(scene)
+    x, y, none = points[..., 0], points[..., 1], np.zeros(points.shape[:2])
+    slopes = slope_map(HeightMap(x, y, none, none, seen.flags), seen, scene)
+    known = seen.good & np.isfinite(slopes.slope_x) & np.isfinite(slopes.slope_y)
+    rises = (
+        slopes.slope_x * np.gradient(x, axis=k) + slopes.slope_y * np.gradient(y, axis=k) for k in (0, 1)
+    )
+    steps = [np.where(known, rise, 0.0) for rise in rises]
+    z = np.asarray(integrate(steps[0], steps[1]), dtype=np.float64)
+    pixel = max(np.abs(np.gradient(x, axis=axis)).max() for axis in (0, 1))
+    edge = x > x.max() - 0.75 * pixel
+    z = z - z[edge].mean()
+    flags = np.where(known | (seen.flags != 0), seen.flags, int(Flag.INVALID)).astype(np.uint16)
+    return HeightMap(x, y, np.where(known, z, np.nan), np.full(z.shape, np.inf), flags)
+
+
+def frankot_chellappa(per_row: Floats, per_col: Floats) -> Floats:
+    """The periodic field whose gradient is nearest to the given one in the mean square.
+
+    Frankot and Chellappa 1988, eq. 21 (doi:10.1109/34.3909).
+    """
+    rows, cols = per_row.shape
+    along_rows = 2j * np.pi * scipy.fft.fftfreq(rows)[:, None]
+    along_cols = 2j * np.pi * scipy.fft.rfftfreq(cols)[None, :]
+    energy = np.abs(along_rows) ** 2 + np.abs(along_cols) ** 2
+    energy[0, 0] = 1.0
+    modes = -(along_rows * scipy.fft.rfft2(per_row) + along_cols * scipy.fft.rfft2(per_col)) / energy
+    modes[0, 0] = 0.0
+    return np.asarray(scipy.fft.irfft2(modes, s=(rows, cols)), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
 class Solver:
     """A way from correspondence to height. kind: own | paper | peer; module: what must be installed."""
 
-    name: str
     kind: str
     run: Callable[[Correspondence, Scene], HeightMap]
     module: str | None = None
@@ -52,11 +91,8 @@ def _g2s(gx: Floats, gy: Floats) -> Floats:
         return np.asarray(module.g2s(x, y, gx.copy(), gy.copy(), N=5), dtype=np.float64)
 
 
-_PLAIN = {"decoupled": Solver("decoupled", "own", partial(decoupled, integrate=frankot_chellappa))}
-_PEERS = {
-    f"mbipy-{short}": Solver(
-        f"mbipy-{short}", "peer", partial(decoupled, integrate=partial(_mbipy, name)), "mbipy"
-    )
+_OTHERS = {"decoupled": Solver("own", partial(decoupled, integrate=frankot_chellappa))} | {
+    f"mbipy-{short}": Solver("peer", partial(decoupled, integrate=partial(_mbipy, name)), "mbipy")
     for short, name in (("frankot", "frankot"), ("dct", "dct_poisson"), ("southwell", "southwell"))
 }
 
@@ -82,15 +118,15 @@ def peer_integrators() -> Iterator[tuple[str, Callable[[Floats, Floats], Floats]
 
 def solver_names() -> tuple[str, ...]:
     """Names that `solver` knows."""
-    return (*method_names(), *_PLAIN, *_PEERS)
+    return (*method_names(), *_OTHERS)
 
 
 def solver(name: str) -> Solver:
     """The solver of this name; InputError if there is none."""
     if name in method_names():
         kind = "paper" if name.startswith("paper") else "own"
-        return Solver(name, kind, partial(reconstruct, method=name))
+        return Solver(kind, partial(reconstruct, method=name))
     try:
-        return {**_PLAIN, **_PEERS}[name]
+        return _OTHERS[name]
     except KeyError as error:
         raise InputError(f"solver {name!r}: unknown, must be one of {', '.join(solver_names())}") from error

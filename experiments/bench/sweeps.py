@@ -9,7 +9,6 @@ import subprocess
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +19,8 @@ from optolever.files import atomic_file, write_json
 from optolever.processes import safe_path
 from optolever.records import Progress, silent
 
-from .cell import Cell, grouped
-from .row import FAILED, Row, csv_text
+from .cell import FAILED, Cell, Row, csv_text, grouped
 from .run import check, run_cells, warm_up
-
-__all__ = ["Cluster", "Store", "sweep", "time_cells"]
 
 RETRIES = 3  # of a task whose worker died or lost its result
 
@@ -64,16 +60,6 @@ class Store:
             temporary.write_text(csv_text(listed, refresh), encoding="utf-8")
 
 
-@dataclass(frozen=True, slots=True)
-class Cluster:
-    """Where a sweep runs. workers 0: in this process; else so many local processes of one thread each;
-    scheduler: address of a running Dask cluster, in place of local workers.
-    """
-
-    workers: int = 0
-    scheduler: str | None = None
-
-
 def time_cells(cells: Iterable[Cell], store: Store, progress: Progress = silent) -> Iterator[Row]:
     """Rows with careful timings, in this process, each saved when it is done."""
     wanted = list(cells)
@@ -86,9 +72,16 @@ def time_cells(cells: Iterable[Cell], store: Store, progress: Progress = silent)
 
 
 def sweep(
-    cells: Iterable[Cell], store: Store, cluster: Cluster | None = None, progress: Progress = silent
+    cells: Iterable[Cell],
+    store: Store,
+    workers: int = 0,
+    scheduler: str | None = None,
+    progress: Progress = silent,
 ) -> Iterator[Row]:
     """Rows of all cells: first those that the store has, then the others as they are finished and saved.
+
+    workers 0: in this process; else so many local processes of one thread each; scheduler: address of a
+    running Dask cluster, in place of local workers.
 
     The numbers do not depend on where they are computed, to the last bit if this process was started with
     blocks.ONE_THREAD in its environment, as every worker is; the timings are of single runs and do.
@@ -106,24 +99,23 @@ def sweep(
             finished += 1
             yield row
     progress("resumed" if finished else "start", finished, len(wanted))
-    cluster = cluster or Cluster()
-    local = cluster.workers == 0 and cluster.scheduler is None
+    local = workers == 0 and scheduler is None
     if missing and local:
         progress("compile", finished, len(wanted))
         compile_apart(missing)
-    for row in run_cells(missing, timed=False) if local else _on_dask(missing, cluster):
+    for row in run_cells(missing, timed=False) if local else _on_dask(missing, workers, scheduler):
         store.save(row)
         finished += 1
         yield row
         progress(f"{row.cell.scene}, {row.cell.sequence}", finished, len(wanted))
 
 
-def _on_dask(cells: list[Cell], cluster: Cluster) -> Iterator[Row]:
+def _on_dask(cells: list[Cell], workers: int, scheduler: str | None) -> Iterator[Row]:
     """Groups of cells as tasks. A task whose worker dies runs again elsewhere."""
     if not cells:
         return
-    compiling = None if cluster.scheduler is not None else _compiling(cells)
-    with _client(cluster) as (dask, client):  # workers start while the kernels are compiled
+    compiling = None if scheduler is not None else _compiling(cells)
+    with _client(workers, scheduler) as (dask, client):  # workers start while the kernels are compiled
         if compiling is None:
             client.run(compile_apart, cells)
         else:
@@ -178,21 +170,21 @@ def group_rows(group: tuple[Cell, ...]) -> list[Row]:
 
 
 @contextmanager
-def _client(cluster: Cluster) -> Iterator[tuple[Any, Any]]:
+def _client(workers: int, scheduler: str | None) -> Iterator[tuple[Any, Any]]:
     try:
         dask: Any = importlib.import_module("distributed")
     except ImportError as error:
         raise InputError("workers: needs the extra dask (pip install 'optolever[dask]')") from error
-    if cluster.scheduler is not None:
+    if scheduler is not None:
         try:
-            client = dask.Client(cluster.scheduler, timeout="10s")
+            client = dask.Client(scheduler, timeout="10s")
         except (OSError, ValueError) as error:
-            raise InputError(f"scheduler {cluster.scheduler!r}: no answer ({error})") from error
+            raise InputError(f"scheduler {scheduler!r}: no answer ({error})") from error
         with client:
             yield dask, client
         return
     options: dict[str, Any] = {
-        "n_workers": cluster.workers,
+        "n_workers": workers,
         "threads_per_worker": 1,
         "processes": True,
         "dashboard_address": None,

@@ -8,12 +8,14 @@ of that share; the step that gains most per frame is taken.
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import erf
 
 from optolever.decode import Correspondence, Flag, decode
 from optolever.errors import InputError
@@ -22,13 +24,10 @@ from optolever.projector import Footprints, light_of
 from optolever.reconstruct import HeightMap, reconstruct
 from optolever.scene import Scene, dent, mean_beside, movement
 
+from ..arrays import Floats, Mask
 from .candidates import LEAST_STEPS, SPAN, candidates
-from .goal import Goal, expected_share, share_within
-from .prediction import Prediction, predict
 from .sensitivity import Lever
-from .view import Floats, View, stride_for, thinned
-
-__all__ = ["SIDE", "Adapted", "OnDemand", "Start", "Step", "adapt", "starting"]
+from .view import Prediction, View, predict, stride_for, thinned
 
 _UNSEEN = int(Flag.DARK | Flag.OFF_PATTERN | Flag.INVALID)
 #: Finer periods that are tried next, as shares of the finest shown, and the finest of all.
@@ -41,11 +40,18 @@ SIDE = 60
 SMOOTHED = 1.0
 
 
-class OnDemand(Protocol):
-    """Shows frames that nobody knew before, and brings their images."""
+#: Shows frames that nobody knew before, and brings their images (n, H, W), in their order.
+Show = Callable[[tuple[Frame, ...]], NDArray[Any]]
 
-    def show(self, frames: tuple[Frame, ...]) -> NDArray[Any]:
-        """Images (n, H, W) of the frames, in their order."""
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """height: mm that the error may have; share: of the pixels that see the pattern, which must be within;
+    frames: most to show."""
+
+    height: float
+    share: float = 0.95
+    frames: int = 80
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,10 +104,10 @@ def starting(scene: Scene, noise: float, goal: Goal) -> Start:
     return Start(scene, lever, noise, best.frames)
 
 
-def adapt(source: OnDemand, start: Start, goal: Goal) -> Adapted:
+def adapt(show: Show, start: Start, goal: Goal) -> Adapted:
     """Measure until the goal is met where it can be met."""
     scene, frames = start.scene, start.frames
-    images = source.show(frames)
+    images = show(frames)
     steps: list[Step] = []
     shown = f"start: {_words(frames)}"
     while True:
@@ -121,7 +127,7 @@ def adapt(source: OnDemand, start: Start, goal: Goal) -> Adapted:
             return Adapted(sequence, decoded, height, steps, False, why)
         if len(frames) + len(following) > goal.frames:
             return Adapted(sequence, decoded, height, steps, False, "the frames are used up")
-        images = np.concatenate([images, source.show(following)])
+        images = np.concatenate([images, show(following)])
         frames, shown = (*frames, *following), _words(following)
 
 
@@ -137,6 +143,24 @@ def _systematic(decoded: Correspondence, drawn: Prediction, height: HeightMap, s
     common = float(np.clip(np.sum(first * second) / max(float(np.sum(mean**2)), 1e-300), 0.0, 1.0))
     moved = replace(decoded, u=decoded.u + common * mean[0], v=decoded.v + common * mean[1])
     return np.asarray(reconstruct(moved, scene, start=height).z - height.z)
+
+
+def share_within(sigma: Floats, measured: Mask, seen: Mask, goal: float, bias: Floats | float = 0.0) -> float:
+    """Expected share of the `seen` pixels that are measured and within the goal; bias: known errors."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        above, below = ((goal + sign * bias) / (math.sqrt(2) * sigma) for sign in (1, -1))
+        each = np.where(measured, 0.5 * (erf(above) + erf(below)), 0.0)
+    return float(np.nan_to_num(each)[seen].mean()) if seen.any() else 0.0
+
+
+def expected_share(view: View, unit: Floats, sequence: Sequence, noise: float, goal: Goal) -> float:
+    """Share of a view's usable pixels whose height is expected within the goal; unit: rms errors of the
+    height (mm) where those of the decoder are one cell, with which they grow."""
+    try:
+        drawn = predict(view, sequence, noise)
+    except InputError:
+        return 0.0
+    return share_within(drawn.rms * unit, drawn.good[0], view.usable, goal.height)
 
 
 def _measured_view(decoded: Correspondence, images: NDArray[Any], sequence: Sequence, base: View) -> View:

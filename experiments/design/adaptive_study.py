@@ -6,7 +6,8 @@ against the truth, mean over the same seeds.
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -21,22 +22,10 @@ from optolever.reconstruct import HeightMap
 from optolever.records import Progress, silent
 from optolever.scene import Scene, Surface, dent_from_text
 
-from .adaptive import SIDE, Adapted, Start, Step, adapt, starting
-from .candidates import Candidate
-from .goal import Goal, offers
+from .adaptive import SIDE, Goal, Show, Start, Step, adapt, expected_share, starting
+from .candidates import LEAST_STEPS, Candidate, candidates
 from .sensitivity import Lever
 from .view import stride_for
-
-__all__ = [
-    "AdaptiveRow",
-    "AdaptiveStudy",
-    "FixedSearch",
-    "Place",
-    "VirtualOnDemand",
-    "best_fixed",
-    "run_adaptive",
-    "study_dents",
-]
 
 #: Predicted share under the goal's, up to which a fixed sequence is worth simulating; of one number of
 #: frames so many at most.
@@ -91,22 +80,13 @@ class AdaptiveStudy:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
-        fixed = None
+        plain = asdict(self) | {"fewer": self.fewer}
         if self.fixed is not None:
             best = self.fixed.best
-            fixed = {
-                "text": None if best is None else best.text,
-                "frames": None if best is None else len(best.sequence),
-                "offered": self.fixed.offered,
-                "simulated": self.fixed.simulated,
-            }
-        return {
-            "rows": [asdict(row) for row in self.rows],
-            "fixed": fixed,
-            "fewer": self.fewer,
-            "settings": self.settings,
-            "seconds": self.seconds,
-        }
+            told = (None, None) if best is None else (best.text, len(best.sequence))
+            looked = {"offered": self.fixed.offered, "simulated": self.fixed.simulated}
+            plain["fixed"] = dict(zip(("text", "frames"), told, strict=True)) | looked
+        return plain
 
 
 def study_dents(scene: Scene) -> tuple[str, ...]:
@@ -142,14 +122,14 @@ def run_adaptive(
     start = time.perf_counter()
     progress("rest", 0, len(dents))
     first = starting(scene, noise, goal)
-    rows, places = [], []
+    rows, levers = [], []
     for index, dent in enumerate(dents):
         progress(f"adaptive: {dent}", index, len(dents))
-        places.append(Place(first, dent, goal, renderer))
-        rows.append(_measured(places[-1], seeds))
+        levers.append(Lever(scene, dent_from_text(dent, scene), stride=stride_for(scene, SIDE)))
+        rows.append(_measured(dent, levers[-1], first, goal, seeds, renderer))
         told(rows[-1])
     adapted = time.perf_counter()
-    fixed = best_fixed(places, goal, seeds, progress) if compare else None
+    fixed = best_fixed(levers, noise, goal, seeds, renderer, progress) if compare else None
     done = time.perf_counter()
     if fixed is not None:
         rows = [replace(row, fixed_within=share) for row, share in zip(rows, fixed.shares, strict=True)]
@@ -164,98 +144,100 @@ def run_adaptive(
     return AdaptiveStudy(rows, fixed, settings, {"adaptive": adapted - start, "fixed": done - adapted})
 
 
-def _measured(place: "Place", seeds: int) -> AdaptiveRow:
+def _measured(dent: str, lever: Lever, first: Start, goal: Goal, seeds: int, renderer: str) -> AdaptiveRow:
     start = time.perf_counter()
-    runs = [place.adaptive(seed) for seed in range(seeds)]
+    sources = [virtual(lever.scene, lever.surface, first.noise, seed, renderer) for seed in range(seeds)]
+    runs = [adapt(source, first, goal) for source in sources]
     return AdaptiveRow(
-        place.dent,
-        float(np.mean([len(run.sequence) for run, _ in runs])),
-        float(np.mean([within for _, within in runs])),
-        all(run.met for run, _ in runs),
-        next((run.why for run, _ in runs if run.why), ""),
-        runs[0][0].steps,
+        dent,
+        float(np.mean([len(run.sequence) for run in runs])),
+        float(np.mean([actual_share(lever, run.height, goal) for run in runs])),
+        all(run.met for run in runs),
+        next((run.why for run in runs if run.why), ""),
+        runs[0].steps,
         time.perf_counter() - start,
-        notices=tuple(dict.fromkeys(notice for run, _ in runs for notice in run.height.notices)),
+        notices=tuple(dict.fromkeys(notice for run in runs for notice in run.height.notices)),
     )
 
 
-def best_fixed(places: "list[Place]", goal: Goal, seeds: int, progress: Progress = silent) -> FixedSearch:
-    """The fixed sequence of fewest frames whose mean share over the seeds meets the goal on every place.
+def best_fixed(
+    levers: list[Lever], noise: float, goal: Goal, seeds: int, renderer: str, progress: Progress = silent
+) -> FixedSearch:
+    """The fixed sequence of fewest frames whose mean share over the seeds meets the goal on every dent.
 
     Predicted first, then simulated from the most promising on. A miss of this search is the search's, not
     proven impossible.
     """
     offered = simulated = 0
-    levers, noise = [place.lever for place in places], places[0].start.noise
-    for offer in offers(levers, noise, goal, goal.share - DOUBTFUL):
-        offered += offer.looked_at
-        for _, candidate in offer.best[:SIMULATED]:
-            progress(f"fixed sequences of {offer.frames} frames", offer.frames, goal.frames)
+    for count, best, looked_at in _offers(levers, noise, goal, goal.share - DOUBTFUL):
+        offered += looked_at
+        for candidate in best[:SIMULATED]:
+            progress(f"fixed sequences of {count} frames", count, goal.frames)
             simulated += 1
-            shares = _verified(places, candidate.sequence, goal.share, seeds)
-            if shares is not None:
+            shares: list[float] = []
+            for lever in levers:
+                shares.append(_fixed_share(lever, candidate.sequence, noise, goal, seeds, renderer))
+                if shares[-1] < goal.share:
+                    break
+            else:
                 return FixedSearch(candidate, shares, offered, simulated)
-        progress(f"fixed sequences of {offer.frames + 1} frames", offer.frames, goal.frames)
-    return FixedSearch(None, [math.nan] * len(places), offered, simulated)
+        progress(f"fixed sequences of {count + 1} frames", count, goal.frames)
+    return FixedSearch(None, [math.nan] * len(levers), offered, simulated)
 
 
-def _verified(places: "list[Place]", sequence: Sequence, share: float, seeds: int) -> list[float] | None:
-    """Actual shares on every place, None as soon as one is missed."""
-    shares = []
-    for place in places:
-        shares.append(float(np.mean([place.fixed(sequence, seed) for seed in range(seeds)])))
-        if shares[-1] < share:
-            return None
-    return shares
+def _offers(
+    levers: list[Lever], noise: float, goal: Goal, need: float
+) -> Iterator[tuple[int, list[Candidate], int]]:
+    """From the fewest frames on: their number, what is predicted to bring a share of at least `need`
+    everywhere, best first, and among how many sequences that was found."""
+    pattern = levers[0].scene.pattern
+    order = list(levers)  # the hardest first
+    for count in range(4 * LEAST_STEPS, goal.frames + 1):
+        offered = [one for one in candidates(pattern.rows, pattern.cols, count) if len(one.sequence) == count]
+        least = {one.text: _least(order, one.sequence, noise, goal, need) for one in offered}
+        best = [one for one in offered if least[one.text] >= need]
+        yield count, sorted(best, key=lambda one: -least[one.text]), len(offered)
 
 
-class VirtualOnDemand:
+def _least(order: list[Lever], sequence: Sequence, noise: float, goal: Goal, need: float) -> float:
+    """Least predicted share; where it is under `need`, of those up to there, which then comes first."""
+    least = 1.0
+    for lever in tuple(order):
+        least = min(least, expected_share(lever.view, lever.unit_sigma, sequence, noise, goal))
+        if least < need:
+            order.remove(lever)
+            order.insert(0, lever)
+            break
+    return least
+
+
+def _fixed_share(
+    lever: Lever, sequence: Sequence, noise: float, goal: Goal, seeds: int, renderer: str
+) -> float:
+    """Share actually within the goal of a fixed sequence, mean over the seeds; 0 where it gives no height."""
+    shares = np.zeros(seeds)
+    for seed in range(seeds):
+        with suppress(InputError):
+            shares[seed] = actual_share(lever, lever.measured(sequence, noise, seed, renderer), goal)
+    return float(np.mean(shares))
+
+
+def actual_share(lever: Lever, height: HeightMap, goal: Goal) -> float:
+    """Share of the pixels that see the pattern in full with a height within the goal."""
+    view = lever.full
+    error = np.where(height.good, np.abs(height.z - view.truth.z), np.inf)
+    return float((error <= goal.height)[view.usable].mean())
+
+
+def virtual(scene: Scene, surface: Surface, noise: float, seed: int, renderer: str) -> Show:
     """The virtual sensor as a source of frames on demand; every frame that is shown has noise of its own."""
+    shown = 0
 
-    def __init__(
-        self, scene: Scene, surface: Surface, *, noise: float, seed: int = 0, renderer: str = "auto"
-    ) -> None:
-        self._scene, self._surface = scene, surface
-        self._noise, self._seed, self._renderer = noise, seed, renderer
-        self.shown = 0
+    def show(frames: tuple[Frame, ...]) -> NDArray[Any]:
+        nonlocal shown
+        sequence = Sequence(frames, scene.pattern.rows, scene.pattern.cols)
+        own = int(np.random.SeedSequence([seed, shown]).generate_state(1)[0])
+        shown += len(frames)
+        return capture(scene, surface, sequence, noise=noise, seed=own, renderer=renderer).frames
 
-    def show(self, frames: tuple[Frame, ...]) -> NDArray[Any]:
-        """Images (n, H, W) of the frames, in their order."""
-        pattern = self._scene.pattern
-        sequence = Sequence(frames, pattern.rows, pattern.cols)
-        seed = int(np.random.SeedSequence([self._seed, self.shown]).generate_state(1)[0])
-        self.shown += len(frames)
-        seen = capture(
-            self._scene, self._surface, sequence, noise=self._noise, seed=seed, renderer=self._renderer
-        )
-        return seen.frames
-
-
-class Place:
-    """A scene with one dent, for prediction, adaptive and fixed measurement; errors against its truth."""
-
-    def __init__(self, start: Start, text: str, goal: Goal, renderer: str) -> None:
-        self.start, self.dent, self._goal, self._renderer = start, text, goal, renderer
-        self.surface = dent_from_text(text, start.scene)
-        self.lever = Lever(start.scene, self.surface, stride=stride_for(start.scene, SIDE))
-
-    def adaptive(self, seed: int) -> tuple[Adapted, float]:
-        """(what adaptive sensing did, share of the pixels that see the pattern actually within the goal)."""
-        source = VirtualOnDemand(
-            self.start.scene, self.surface, noise=self.start.noise, seed=seed, renderer=self._renderer
-        )
-        done = adapt(source, self.start, self._goal)
-        return done, self.within(done.height)
-
-    def fixed(self, sequence: Sequence, seed: int) -> float:
-        """Share actually within the goal of a fixed sequence."""
-        try:
-            return self.within(self.lever.measured(sequence, self.start.noise, seed, self._renderer))
-        except InputError:
-            return 0.0
-
-    def within(self, height: HeightMap) -> float:
-        """Share of the pixels that see the pattern in full with a height within the goal."""
-        view = self.lever.full
-        error = np.where(height.good, np.abs(height.z - view.truth.z), np.inf)
-        return float((error <= self._goal.height)[view.usable].mean())
+    return show

@@ -16,10 +16,8 @@ from optolever.scene import Scene, dent_from_text
 from ..metrics import rms
 from ..timing import Stages
 from .candidates import Candidate, candidates
-from .prediction import predict
 from .sensitivity import Lever
-
-__all__ = ["Design", "DesignRow", "merit", "rank", "run_design", "simulate"]
+from .view import predict
 
 #: Share of the pixels that a sequence must be expected to measure.
 LEAST_SHARE = 0.5

@@ -24,11 +24,9 @@ from optolever.projector import capture
 from optolever.reconstruct import HeightMap, reconstruct
 from optolever.scene import Scene, Surface
 
+from ..arrays import Floats, Mask
 from ..metrics import rms
-from .prediction import Prediction
-from .view import Floats, Mask, View, stride_for, view_of
-
-__all__ = ["HeightPrediction", "Lever"]
+from .view import Prediction, View, stride_for, view_of
 
 REFERENCE = 0.01  # cells of noise by which draws and both cameras are compared
 DRAWS = 24  # of noise, by which the one that all sequences get is put in relation to others

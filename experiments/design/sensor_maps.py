@@ -1,26 +1,121 @@
-"""What a scene can measure, before it is built: maps over the camera's pixels, and the numbers they come
-to.
+"""What a scene can measure, before it is built: maps over the camera's pixels, by rays turned at the mirror
+at rest, not traced; the numbers they come to; the same for other angles, indices, distances, cameras,
+patterns.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.errors import InputError
 from optolever.patterns import sequence_from_text
 from optolever.reconstruct import null_space
-from optolever.scene import Scene, dent
+from optolever.scene import (
+    Medium,
+    Pattern,
+    Scene,
+    TelecentricCamera,
+    dent,
+    prism_camera,
+    prism_pattern,
+    resize,
+)
 
-from .prediction import predict
+from ..arrays import Floats
+from ..place import on_rest
 from .sensitivity import Lever
-from .slopes import lever_arm, reflected, rest_of, slope_limits
-from .view import stride_for
+from .view import predict, stride_for
 
-__all__ = ["SensorMaps", "sensor_maps"]
-
-Floats = NDArray[np.float64]
+WIDEST = np.radians(45.0)  # no ray is turned farther
+SCAN, BISECTIONS = 181, 40
 SIDE = 96  # pixels along the shorter side of the camera on which maps are made
+SWEEPS = ("angle", "index", "distance", "camera", "pattern")
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """The mirror at rest as the camera sees it: points (H, W, 3) mm on z = 0, directions of the rays (unit),
+    inside: whether the point is on the mirror."""
+
+    points: Floats
+    directions: Floats
+    inside: NDArray[np.bool_]
+
+
+def rest_of(scene: Scene) -> Rest:
+    """Where every pixel's ray meets the plane of the mirror."""
+    points, directions = on_rest(scene)
+    x, y = points[..., 0], points[..., 1]
+    inside = (x >= 0) & (x <= scene.mirror.length) & (y >= 0) & (y <= scene.mirror.width)
+    return Rest(points, directions, inside & (directions[..., 2] < 0))
+
+
+def reflected(
+    scene: Scene, rest: Rest, angle: Floats | float, along: str
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """(u, v, path in mm, cosine of incidence), (H, W), where the slope along x or y is tan(angle).
+
+    u, v: NaN where the ray does not reach the pattern's plane ahead of it.
+    """
+    turn = np.broadcast_to(np.asarray(angle, np.float64), rest.inside.shape)
+    normal = np.zeros(rest.points.shape)
+    normal[..., "xy".index(along)] = -np.sin(turn)
+    normal[..., 2] = np.cos(turn)
+    cosine = -(rest.directions * normal).sum(axis=-1)
+    out = rest.directions + 2 * cosine[..., None] * normal
+    pattern = scene.pattern
+    with np.errstate(divide="ignore", invalid="ignore"):
+        path = ((pattern.origin - rest.points) @ pattern.normal) / (out @ pattern.normal)
+        landed = rest.points + path[..., None] * out
+        u, v = pattern.coordinates(landed)
+    ahead = (path > 0) & (cosine > 0)
+    return np.where(ahead, u, np.nan), np.where(ahead, v, np.nan), path, cosine
+
+
+def slope_limits(scene: Scene, rest: Rest, along: str) -> tuple[Floats, Floats]:
+    """Least and greatest slope angle along x or y (rad, (H, W)) up to which the ray lands on the pattern.
+
+    From rest outwards until it first leaves; NaN where it misses at rest. In a telecentric 45-degree prism
+    along x: from -atan((L0 - x) / x) / 2 (the apex) to 22.5 degrees (along the mirror to the pattern's edge).
+    """
+    seen = _lands(scene, rest, 0.0, along)
+    limits = []
+    for sign in (-1.0, 1.0):
+        good, bad = np.zeros(seen.shape), np.full(seen.shape, WIDEST)
+        still = seen.copy()
+        for angle in np.linspace(0, WIDEST, SCAN)[1:]:
+            lands = _lands(scene, rest, sign * angle, along)
+            bad = np.where(still & ~lands, angle, bad)
+            still &= lands
+            good = np.where(still, angle, good)
+        for _ in range(BISECTIONS):
+            middle = 0.5 * (good + bad)
+            lands = _lands(scene, rest, sign * middle, along)
+            good, bad = np.where(lands, middle, good), np.where(lands, bad, middle)
+        limits.append(np.where(seen, sign * good, np.nan))
+    return limits[0], limits[1]
+
+
+def lever_arm(scene: Scene, rest: Rest) -> tuple[Floats, Floats]:
+    """(path from mirror to pattern in mm, cells by which the image moves per mrad of slope along x), (H,
+    W).
+    """
+    step = 1e-5
+    _, _, path, _ = reflected(scene, rest, 0.0, "x")
+    before, behind = (reflected(scene, rest, sign * step, "x")[:2] for sign in (-1.0, 1.0))
+    moved = np.hypot(behind[0] - before[0], behind[1] - before[1]) / (2 * step) * 1e-3
+    return np.where(_lands(scene, rest, 0.0, "x"), path, np.nan), np.asarray(moved)
+
+
+def _lands(scene: Scene, rest: Rest, angle: Floats | float, along: str) -> NDArray[np.bool_]:
+    u, v, _, _ = reflected(scene, rest, angle, along)
+    pattern = scene.pattern
+    with np.errstate(invalid="ignore"):
+        on = (u >= -0.5) & (u <= pattern.cols - 0.5) & (v >= -0.5) & (v <= pattern.rows - 0.5)
+    return np.asarray(on & rest.inside)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,3 +219,90 @@ def _median(values: Floats) -> float:
 def _least(values: Floats) -> float:
     finite = values[np.isfinite(values)]
     return float(finite.min()) if finite.size else math.nan
+
+
+def sweep_sensor(
+    scene: Scene, name: str, values: list[float], sequence: str = "gray+phase", noise: float = 1.0
+) -> Iterator[dict[str, float | str]]:
+    """A row of numbers (see SensorMaps.numbers) per value; 'why' where a value makes no sensor."""
+    for value in values:
+        row: dict[str, float | str] = {"sweep": name, "value": value}
+        numbers: dict[str, float | str]
+        try:
+            numbers = {**sensor_maps(varied(scene, name, value), sequence, noise).numbers()}
+        except InputError as error:
+            numbers = {"why": str(error)}
+        yield row | numbers
+
+
+def varied(scene: Scene, name: str, value: float) -> Scene:
+    """The scene with one thing changed.
+
+    angle: of both faces of a prism, degrees; its faces keep meeting at the apex, camera and pattern keep
+    covering mirror and face. index: of the medium. distance: by which the pattern is moved away from the
+    mirror, mm. camera, pattern: factor on the number of pixels (cells) along each side, the field stays.
+    InputError names what cannot be.
+    """
+    if name not in _CHANGES:
+        raise InputError(f"sweep: {name!r}, must be one of {', '.join(SWEEPS)}")
+    if not math.isfinite(value):
+        raise InputError(f"sweep: {name} is {value}, must be finite")
+    return _CHANGES[name](scene, value)
+
+
+def _angle(scene: Scene, value: float) -> Scene:
+    camera, pattern = scene.camera, scene.pattern
+    if not isinstance(camera, TelecentricCamera) or abs(pattern.v_axis[1]) < 1 - 1e-9:
+        raise InputError(f"sweep: angle asks for a prism, scene {scene.name!r} is none")
+    if not 5 <= value <= 85:
+        raise InputError(f"sweep: angle is {value:g}, must be in 5..85 degrees")
+    angle, length = math.radians(value), scene.mirror.length
+    cols = max(1, math.ceil(0.5 * length / math.cos(angle) / pattern.pitch - 1e-6))
+    pitch = camera.pitch.copy()
+    pitch[0] = length * math.cos(angle) / camera.cols
+    return replace(
+        scene,
+        camera=prism_camera(length, angle, camera.rows, camera.cols, pitch, camera.face),
+        pattern=prism_pattern(angle, pattern.rows, cols, pattern.pitch, pattern.blur_px),
+    )
+
+
+def _index(scene: Scene, value: float) -> Scene:
+    outside = 1.0 if scene.medium is None else scene.medium.outside
+    return replace(scene, medium=Medium(value, outside))
+
+
+def _distance(scene: Scene, value: float) -> Scene:
+    pattern = scene.pattern
+    corners = pattern.point(0.5 * (pattern.cols - 1), 0.5 * (pattern.rows - 1))
+    middle = (0.5 * scene.mirror.length, 0.5 * scene.mirror.width, 0.0)
+    side = float((corners - middle) @ pattern.normal)
+    away = pattern.normal * math.copysign(1.0, side)
+    return replace(scene, pattern=replace(pattern, origin=pattern.origin + value * away))
+
+
+def _camera(scene: Scene, value: float) -> Scene:
+    if value <= 0:
+        raise InputError(f"sweep: camera is {value:g}, must be above 0")
+    rows, cols = (max(8, round(value * n)) for n in (scene.camera.rows, scene.camera.cols))
+    return replace(resize(scene, rows, cols), pattern=scene.pattern)
+
+
+def _pattern(scene: Scene, value: float) -> Scene:
+    if value <= 0:
+        raise InputError(f"sweep: pattern is {value:g}, must be above 0")
+    old = scene.pattern
+    pitch = old.pitch / value
+    shift = 0.5 * (pitch - old.pitch) * (old.u_axis + old.v_axis)
+    rows, cols = (max(1, math.ceil(n * value - 1e-6)) for n in (old.rows, old.cols))
+    finer = Pattern(old.origin + shift, old.u_axis, old.v_axis, pitch, rows, cols, old.blur_px * value)
+    return replace(scene, pattern=finer)
+
+
+_CHANGES: dict[str, Callable[[Scene, float], Scene]] = {
+    "angle": _angle,
+    "index": _index,
+    "distance": _distance,
+    "camera": _camera,
+    "pattern": _pattern,
+}

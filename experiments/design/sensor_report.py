@@ -7,12 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ..images import figure_uri, label_axes, new_figure
-from ..maps import MirrorGrid, Panel, length_unit, mirror_figure
+from ..arrays import Floats
+from ..images import MirrorGrid, Panel, figure_uri, label_axes, length_unit, mirror_figure, new_figure
 from ..page import scientific, table, write_page
-from .sensor_maps import Floats, SensorMaps
-
-__all__ = ["COLUMNS", "SensorStudy", "sensor_rows", "write_sensor_report"]
+from .sensor_maps import SensorMaps
 
 #: Numbers of a sweep's table: key, heading.
 COLUMNS = (

@@ -11,27 +11,24 @@ import pytest
 
 import optolever.experiments.bench as bench
 from optolever import InputError
-from optolever.decode import Correspondence
 from optolever.experiments.bench import (
     Cell,
     Grid,
     Row,
     bench_table,
     decoders,
-    decoupled,
     frontier,
     load_grid,
-    measures,
     report,
     run_cells,
     solver_names,
+    solvers,
     write_bench_report,
 )
 from optolever.experiments.bench import run as running
-from optolever.experiments.bench import shot as shots
-from optolever.experiments.peers import cv2_coder, fringes_coder
+from optolever.experiments.place import Place
 from optolever.reconstruct import HeightMap
-from optolever.scene import dent, load, resize, trace
+from optolever.scene import load, resize
 
 CELL = Cell("paper-simulation", (64, 64), "gaussian", "gray+phase", 1.0, 0, "coupled", "numpy")
 
@@ -96,14 +93,6 @@ def test_a_bad_grid_is_one_line(tmp_path: Path, text: str, message: str) -> None
         load_grid(path)
 
 
-def test_a_grid_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "grid.toml"
-    path.write_text("scenes = ['a']\nsequences = ['gray']\nsizes = ['own', '9x10']\nnoises = [1, 0.5]\n")
-    assert load_grid(path) == Grid(("a",), ("gray",), sizes=(None, (9, 10)), noises=(1.0, 0.5))
-    with pytest.raises(InputError, match="no such file"):
-        load_grid(tmp_path / "none.toml")
-
-
 def test_frontier_against_brute_force() -> None:
     rng = np.random.default_rng(3)
     points = [(float(t), float(e)) for t, e in rng.integers(0, 12, (60, 2))]
@@ -120,52 +109,15 @@ def test_frankot_chellappa_on_a_periodic_field() -> None:
     a, b = 2 * np.pi * 3 * row / 40, 2 * np.pi * 5 * col / 48
     z = np.sin(a) * np.cos(b)
     by_row, by_col = np.cos(a) * np.cos(b) * 2 * np.pi * 3 / 40, -np.sin(a) * np.sin(b) * 2 * np.pi * 5 / 48
-    assert np.abs(decoupled.frankot_chellappa(by_row, by_col) - z).max() < 1e-12
-
-
-@pytest.mark.parametrize("name", ["paper-simulation", "monitor-mirror"])
-def test_slopes_at_rest_invert_the_reflection_law(name: str) -> None:
-    """Rays reflected at z = 0 by mirrors of any slope, followed to the pattern's plane."""
-    scene = resize(load(name), 12, 16)
-    origins, directions = scene.camera.rays()
-    slope_x, slope_y = np.random.default_rng(5).uniform(-0.1, 0.1, (2, 12, 16))
-    normal = np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=-1)
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    points = origins - (origins[..., 2] / directions[..., 2])[..., None] * directions
-    out = directions - 2 * (directions * normal).sum(axis=-1, keepdims=True) * normal
-    across = np.cross(scene.pattern.u_axis, scene.pattern.v_axis)
-    distance = ((scene.pattern.origin - points) @ across) / (out @ across)
-    u, v = scene.pattern.coordinates(points + distance[..., None] * out)
-    sigma = np.full(u.shape, 0.01)
-    seen = Correspondence(u, v, sigma, sigma, np.zeros(u.shape, np.uint16))
-    x, _, by_x, by_y = decoupled.rest_slopes(seen, scene)
-    ahead = distance > 0
-    assert ahead.mean() > 0.8
-    assert np.abs(x - points[..., 0]).max() < 1e-9
-    assert np.abs(by_x - slope_x)[ahead].max() < 1e-9
-    assert np.abs(by_y - slope_y)[ahead].max() < 1e-9
-
-
-def test_silent_heights_are_unflagged_and_wrong() -> None:
-    scene = resize(load("paper-simulation"), 16, 16)
-    truth = trace(scene, dent("flat", scene))
-    z, sigma = truth.z.copy(), np.full(truth.z.shape, 0.1)
-    z[3, 3], z[4, 4], z[5, 5], z[6, 6] = 0.51, 0.49, 0.6, np.nan
-    flags = np.zeros(z.shape, np.uint16)
-    flags[5, 5] = 1
-    height = HeightMap(truth.x, truth.y, z, sigma, flags)
-    wrong = measures.silent_heights(truth, height)
-    assert np.argwhere(wrong & truth.visible).tolist() == [[3, 3], [6, 6]]
-    unknown = HeightMap(truth.x, truth.y, z, np.full(z.shape, np.inf), flags)
-    assert not measures.silent_heights(truth, unknown).any()
+    assert np.abs(solvers.frankot_chellappa(by_row, by_col) - z).max() < 1e-12
 
 
 def test_opencv_decodes_our_gray_frames() -> None:
     """The frames are OpenCV's own; what it makes of them is the truth to a pixel."""
     cell = replace(CELL, sequence="gray@cv2", noise=0.0)
-    shot = shots.shoot(shots.place_of(cell), cell)
+    shot = decoders.shoot(Place.of(cell.scene, cell.dent, cell.size), cell)
     _, shown = shot.taken()
-    assert np.array_equal(cv2_coder(shown).generate()[1], shown.render()[2:])
+    assert np.array_equal(decoders.cv2_coder(shown).generate()[1], shown.render()[2:])
     seen = decoders.decoder("cv2").run(shot)
     inside = seen.good & shot.place.truth.visible
     assert inside.mean() > 0.9
@@ -178,10 +130,10 @@ def test_fringes_shows_our_frames() -> None:
     from optolever.patterns import sequence
 
     shown = sequence("phase", 40, 64, steps=4, periods=(20, 22, 25))
-    theirs = fringes_coder(shown).encode()[..., 0].astype(int)
+    theirs = decoders.fringes_coder(shown).encode()[..., 0].astype(int)
     assert np.abs(theirs - shown.render()).max() <= 1
     with pytest.raises(InputError, match="same periods"):
-        fringes_coder(sequence("phase", 40, 64))
+        decoders.fringes_coder(sequence("phase", 40, 64))
 
 
 def test_rows_of_a_bench(rows: list[Row]) -> None:
@@ -260,11 +212,6 @@ def test_peers_integrate_where_they_are_installed() -> None:
         assert row.done, row.why
         assert row.kind == "peer"
         assert math.isfinite(row.error)
-
-
-def test_records_come_back(rows: list[Row]) -> None:
-    for row in rows:
-        assert Row.from_dict(json.loads(json.dumps(row.to_dict()))).flat(60.0) == row.flat(60.0)
 
 
 def test_the_report_has_a_section_per_mirror(rows: list[Row], tmp_path: Path) -> None:

@@ -19,7 +19,6 @@ from optolever.experiments.bench import hard_unlike as unlike
 from optolever.experiments.bench.hard_case import run_case
 from optolever.experiments.bench.layered import (
     Deviation,
-    Gloss,
     Layer,
     Outline,
     World,
@@ -27,8 +26,7 @@ from optolever.experiments.bench.layered import (
     light,
     sampled,
 )
-from optolever.experiments.bench.plain_decoder import plain_places
-from optolever.experiments.faults import Fault
+from optolever.experiments.ideal import Fault, plain_places
 from optolever.patterns import sequence_from_text
 
 F64 = NDArray[np.float64]
@@ -131,21 +129,6 @@ def test_a_pixel_at_a_depth_edge_mixes_two_places() -> None:
     assert inside(sampled(world).trouble, 4)[:, 127:129].all()
 
 
-def test_gloss_holes_and_ink_are_in_the_way() -> None:
-    hole = Outline(-15.0, 0.0, ((1.0, 0.0, 4.0), (0.0, 1.0, 4.0)), elliptic=True)
-    ink = Outline(15.0, 0.0, ((1.0, 0.0, 6.0), (0.0, 1.0, 6.0)))
-    streak = Gloss(0.0, 0.0, math.pi / 2, 1.0, 300.0, lamp=True)
-    seen = sampled(replace(FLAT, holes=(hole,), prints=(ink,), gloss=(streak,)), 1)
-    row = inside(seen.trouble)[24]
-    assert row[16]
-    assert row[31:33].all()
-    assert not row[47]  # inside the ink
-    assert row[40:42].any()  # its edge
-    assert inside(seen.projected)[24, 16] == 0
-    assert inside(seen.projected)[24, 47] == pytest.approx(90)
-    assert inside(seen.other)[24, 32] == pytest.approx(300 * math.exp(-0.125), rel=1e-3)
-
-
 def test_deviations_are_what_they_are_called() -> None:
     centre, sequence = sampled(FLAT, 1), sequence_from_text("phase:steps=4,periods=16,axes=u", 64, 96)
     plain = light(FLAT, centre, sequence) / 200
@@ -173,56 +156,6 @@ def test_a_code_by_its_definition_gives_the_place(code: str) -> None:
     loose = 1.01 if "binary" in code else 0.51
     for place, true in zip(places, truth(FLAT), strict=True):
         assert np.abs(place - true).max() < loose
-
-
-def test_a_number_is_always_the_same_draw() -> None:
-    one, two = edges.taken(edges.drawn(5, True, SIZE)), edges.taken(edges.drawn(5, True, SIZE))
-    assert np.array_equal(one.frames, two.frames)
-    assert np.array_equal(one.changed, two.changed)
-    assert edges.drawn(5, True, SIZE) != edges.drawn(6, True, SIZE)
-
-
-def test_draws_cover_what_they_claim() -> None:
-    draws = [edges.drawn(number, True, (240, 320)) for number in range(96)]
-    assert {(draw.code, draw.variant) for draw in draws} == {
-        (code, variant) for code in edges.EDGE_CODES for variant in edges.VARIANTS
-    }
-    faults = [draw.fault for draw in draws if draw.fault is not None]
-    assert {(fault.kind, fault.shown) for fault in faults} == {
-        (kind, shown) for kind in edges.FAULTS for shown in (True, False)
-    }
-    assert {len(draw.world.layers) for draw in draws} == {3, 4, 5, 6}
-    jumps = [(layer.depth - 1) * draw.world.disparity for draw in draws for layer in draw.world.layers[1:]]
-    assert min(jumps) < 20
-    assert max(jumps) > 120
-    assert min(draw.world.spread for draw in draws) >= 0.6
-    assert min(draw.quality for draw in draws) < 80 < 90 < max(draw.quality for draw in draws)
-    assert {draw.world.gloss[0].lamp for draw in draws} == {False, True}
-    assert all(edges.drawn(number, False, SIZE).fault is None for number in range(12))
-
-
-def test_no_bit_takes_its_inverses_place() -> None:
-    rng, sequence = np.random.default_rng(0), sequence_from_text("gray:references=false", 4, 4)
-    for _ in range(200):
-        fault = edges.drawn_fault(rng, sequence)
-        one, two = sequence.frames[fault.frame], sequence.frames[fault.other]
-        assert fault.kind != "swapped" or (one.bit, one.axis) != (two.bit, two.axis)
-        assert fault.frame != fault.other
-
-
-def test_variants_are_what_they_are_called() -> None:
-    plain = replace(edges.drawn(1, False, SIZE), variant="raw")
-    whole = edges.taken(plain)
-    assert whole.frames.shape[1:] == SIZE
-    assert not whole.changed.any()
-    jpeg = edges.taken(replace(plain, variant="jpeg", quality=90))
-    assert 0 < np.abs(jpeg.frames.astype(float) - whole.frames).mean() < 4
-    half = edges.taken(replace(plain, variant="binned"))
-    assert half.u.shape == (24, 32)
-    assert half.frames[3, 5, 7] == pytest.approx(whole.frames[3, 10:12, 14:16].mean(), abs=0.51)
-    part = edges.taken(replace(plain, variant="cropped", window=(0.25, 0.5, 0.5, 0.5)))
-    assert np.array_equal(part.frames, whole.frames[:, 12:36, 32:])
-    assert np.array_equal(part.judged, whole.judged[12:36, 32:])
 
 
 def test_faults_are_what_they_are_called() -> None:
@@ -258,16 +191,6 @@ def test_perfect_frames_of_another_scene_are_nobodys_fault(
     shot = edges.taken(replace(draw, fault=Fault("swapped", 2, other)))
     assert shot.moved == pytest.approx(moved, abs=0.02)
     assert shot.perfect == perfect
-
-
-def test_pixels_near_an_edge_are_not_judged() -> None:
-    draw = replace(edges.drawn(2, False, (120, 160)), variant="raw")
-    shot = edges.taken(draw)
-    gradient = np.abs(np.diff(shot.u, axis=1)).max(initial=0, axis=0)
-    assert gradient.max() > 15  # there are edges
-    both = shot.judged[:, 1:] & shot.judged[:, :-1]
-    assert np.abs(np.diff(shot.u, axis=1))[both].max() < 2 * draw.world.scale
-    assert 0.2 < shot.judged.mean() < 1
 
 
 # ---------------------------------------------------------------- judges
@@ -365,14 +288,3 @@ def test_the_command_draws_as_many_as_asked_for(monkeypatch: pytest.MonkeyPatch,
     assert record["faults"] == 0
     assert {figure["name"] for figure in record["pooled"]} >= {"right frames accused, of draws"}
     assert len(hard_cases(wanted="edges")) == 48
-
-
-def test_no_notice_is_asked_of_bits_under_a_gamma(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Black and white stay black and white."""
-    world = unlike.smooth_world(SIZE)
-    u, v = truth(world)
-    sigma, flags = np.full(u.shape, 0.3), np.zeros(u.shape, np.uint16)
-    monkeypatch.setattr(unlike, "decode", lambda *_: Correspondence(u + 0.3, v + 0.3, sigma, sigma, flags))
-    cases = {one.name: one for one in unlike.unlike_cases(SIZE) if one.subject == "gray"}
-    assert run_case(cases["gamma 2.2"]).verdict == "good"
-    assert run_case(cases["flicker 2 %"]).verdict == "no notice"

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +12,10 @@ import optolever.experiments.bench as bench
 from optolever import InputError
 from optolever.cli import run
 from optolever.decode import Correspondence
-from optolever.experiments.bench import Case, Found, hard_cases, judged, pooled, run_hard, save_picture
+from optolever.experiments.bench import Case, Found, hard_cases, judged, pooled, run_hard
 from optolever.experiments.bench import hard_decode as decoding
 from optolever.experiments.bench import hard_reconstruct as solving
-from optolever.experiments.bench.found import beyond, far_from_visible
+from optolever.experiments.bench.found import beyond
 from optolever.experiments.bench.hard_drawn import random_cases
 from optolever.patterns import sequence
 from optolever.scene import dent, load, resize, trace
@@ -69,15 +68,11 @@ def test_verdicts(name: str) -> None:
     if verdict != "unflagged NaN":
         off = (np.abs(made.error) > made.limit) & made.expected
         assert result.silent_count == (stands & (off | made.beside)).sum()
+    if name == "one pixel of 600 off":
+        told = judged(case("nothing to check"), made)
+        assert (told.verdict, told.why, told.fault) == ("cannot tell", "nothing to check", False)
     if name == "right":
         assert (result.error, result.worst) == (pytest.approx(0.1), pytest.approx(0.2))
-
-
-def test_what_nobody_can_tell_is_no_fault_but_said() -> None:
-    wrong = found()
-    wrong.error[:] = 3.0
-    result = judged(case("nothing to check"), wrong)
-    assert (result.verdict, result.why, result.fault) == ("cannot tell", "nothing to check", False)
 
 
 def test_what_breaks_is_a_fault_and_what_is_refused_is_not() -> None:
@@ -91,17 +86,9 @@ def test_what_breaks_is_a_fault_and_what_is_refused_is_not() -> None:
     assert [(result.verdict, result.fault) for result in results] == [("failed", True), ("refused", False)]
 
 
-def test_the_written_lists_are_there() -> None:
+def test_every_case_has_a_name_of_its_own() -> None:
     cases = hard_cases()
     assert len({case.label for case in cases}) == len(cases)
-    words = "contrast saturation gamma defocus stripes steep folded motion dropped flicker hot 12 cusp ridge "
-    words += "step island slits dropouts outliers holes reflection"
-    assert not [word for word in words.split() if not any(word in case.name for case in cases)]
-    solved = [case for case in cases if case.part == "reconstruct"]
-    assert {case.noise for case in solved} == {0.0, 0.05}
-    assert {case.dtype for case in solved} == {"float32", "float64"}
-    assert {case.label for case in hard_cases(wanted="decode gamma phase")} < {case.label for case in cases}
-    assert {case.size for case in hard_cases(((40, 50),), "cusp")} == {(40, 50)}
 
 
 @pytest.mark.parametrize("wanted", ["decode plain gray+phase", "reconstruct smooth noise=0.05 float64"])
@@ -111,17 +98,6 @@ def test_a_case_is_a_pure_function(wanted: str) -> None:
     assert np.array_equal(first.error, second.error, equal_nan=True)
     assert np.array_equal(first.flags, second.flags)
     assert judged(one, first).verdict == "good"
-
-
-@pytest.mark.slow
-def test_random_cases_are_the_same_for_the_same_number() -> None:
-    drawn = hard_cases(drawn=6, first=3)
-    assert [case.name for case in drawn] == [f"random {number}" for number in range(3, 9)]
-    assert {case.part for case in drawn} == {"decode", "reconstruct"}
-    (again,) = hard_cases(drawn=1, first=5)
-    assert again.label == drawn[2].label
-    first, second = drawn[2].make(), again.make()
-    assert np.array_equal(first.error, second.error, equal_nan=True)
 
 
 #: Among gaps, beside steep anchors.
@@ -158,12 +134,6 @@ def test_heights_of_drawn_rigs_that_were_once_silently_wrong(number: int) -> Non
     result = judged(one, one.make())
     assert result.verdict == "good"
     assert result.flagged < HARD_TO_DECODE.get(number, 0.1)
-
-
-def test_pixels_that_touch_the_mirror_are_not_beside_it() -> None:
-    visible = np.zeros((5, 6), np.bool_)
-    visible[2, 2] = True
-    assert np.argwhere(~far_from_visible(visible)).tolist() == [[y, x] for y in (1, 2, 3) for x in (1, 2, 3)]
 
 
 def test_a_moving_mirror_may_be_where_it_ever_was() -> None:
@@ -211,12 +181,6 @@ def test_command_exit_code_and_pictures(tmp_path: Path, monkeypatch: pytest.Monk
         assert len(list(out.glob("*.png"))) == code
     monkeypatch.undo()
     assert run(["hard", "--filter", "no such case", "--out", str(tmp_path / "x")]) == 2
-
-
-def test_no_picture_of_nothing(tmp_path: Path) -> None:
-    (result,) = run_hard([replace(case(), make=partial(int, "x"))])
-    assert result.verdict == "failed"
-    assert save_picture(result, tmp_path) is None
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ import pytest
 from optolever import InputError
 from optolever.blocks import ONE_THREAD
 from optolever.cli import run
-from optolever.experiments.bench import Cell, Cluster, Grid, Row, Store, load_grid, sweep
+from optolever.experiments.bench import Cell, Grid, Row, Store, load_grid, sweep
 from optolever.experiments.bench.cell import grouped
 
 GRID = """
@@ -96,9 +96,8 @@ def test_interrupted_from_the_keyboard(tmp_path: Path, grid: Grid, monkeypatch: 
 
 def test_a_scheduler_that_is_not_there(tmp_path: Path, grid: Grid) -> None:
     pytest.importorskip("distributed", reason="distributed is not installed (extra dask)")
-    nowhere = Cluster(scheduler="nonsense://127.0.0.1:1")
     with pytest.raises(InputError, match="scheduler"):
-        list(sweep(grid.cells(), Store(tmp_path / "out"), nowhere))
+        list(sweep(grid.cells(), Store(tmp_path / "out"), scheduler="nonsense://127.0.0.1:1"))
 
 
 @pytest.mark.slow
@@ -115,8 +114,8 @@ def test_a_killed_worker_loses_nothing_and_changes_nothing(tmp_path: Path, grid:
         with local as cluster, dask.Client(cluster) as client:
             victim = next(iter(client.run(os.getpid).values()))
             rows: list[Row] = []
-            there = Cluster(scheduler=cluster.scheduler_address)
-            for row in sweep(grid.cells(), Store(tmp_path / "dask"), there):
+            there = cluster.scheduler_address
+            for row in sweep(grid.cells(), Store(tmp_path / "dask"), scheduler=there):
                 if not rows:
                     os.kill(victim, signal.SIGKILL)
                 rows.append(row)

@@ -42,12 +42,13 @@ def test_predicted_sigma_is_the_bound(name: str, sigma: float) -> None:
     assert found[2] < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "above"),
     [
         ("stripe:step=8", 1.06),
-        pytest.param("spot:step=8", 1.13, marks=pytest.mark.slow),
-        pytest.param("spot:step=16", 1.13, marks=pytest.mark.slow),
+        ("spot:step=8", 1.13),
+        ("spot:step=16", 1.13),
     ],
 )
 def test_predicted_sigma_of_sweeps_is_a_bound_that_is_nearly_reached(name: str, above: float) -> None:
@@ -90,14 +91,6 @@ def test_predicted_rate_of_wrong_orders() -> None:
     sigma = np.sqrt(2 / 4) / ratio
     expected = erfc(np.pi / (np.sqrt(2) * sigma * np.sqrt(81 + 100)))
     assert predict_code(shown, ratio, 1.0)[2] == pytest.approx(expected, rel=0.15)
-
-
-def test_surfaces_longer_than_the_periods_tell_apart() -> None:
-    """20, 22 and 25 px repeat after 1100: of 1920 px what lies beyond is taken for what lies before."""
-    shown = sequence_from_text("phase:steps=4,periods=20/22/25", 200, 1920)
-    reach, _, gross, stripe = predict_code(shown, 60.0, 2.0)
-    assert (reach, stripe) == (200, 10.0)
-    assert gross > 0.2
 
 
 def test_rows_and_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

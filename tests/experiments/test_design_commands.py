@@ -1,7 +1,7 @@
 """`optolever design`, `sensor`, `adapt`: as a user calls them, on small scenes; bad input is one line."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,9 +9,8 @@ from typing import Any
 import pytest
 
 from optolever.cli import run
-from optolever.errors import InputError
 from optolever.experiments import design
-from optolever.experiments.design import CASES, Case, ChoiceRow, drawn_cases, exhaustive, ranking
+from optolever.experiments.design import CASES, Case, ChoiceRow, drawn_cases, ranking
 
 PRISM = ["--scene", "prism48", "--size", "72x96"]
 SMALL = [*PRISM[:-1], "36x48"]
@@ -112,15 +111,15 @@ def test_choices_come_case_by_case(
     numbers, small = tmp_path / "choices.json", replace(CASES[7], frames=12)
     monkeypatch.setattr(design, "CASES", (small, CASES[8]))
     _little(monkeypatch)
-    real, asked = design.run_choices, []
+    real, asked = design.run_choice, []
 
-    def until_interrupted(cases: tuple[Case, ...], **options: Any) -> Iterator[ChoiceRow]:
-        asked.append(cases)
+    def until_interrupted(case: Case, **options: Any) -> ChoiceRow:
+        asked.append(case)
         if len(asked) == 2:
             raise KeyboardInterrupt
-        return real(cases, **options)
+        return real(case, **options)
 
-    monkeypatch.setattr(design, "run_choices", until_interrupted)
+    monkeypatch.setattr(design, "run_choice", until_interrupted)
     options = ["--pixels", "48", "--seeds", "1", "--more", "1", "--renderer", "numpy"]
     assert run(["choices", *options, "--json", str(numbers)]) == 130
     (row,) = json.loads(numbers.read_text())["rows"]
@@ -129,25 +128,6 @@ def test_choices_come_case_by_case(
     printed = capsys.readouterr().out
     assert row["chosen"] in printed
     assert f"within 5 % of the best  {int(row['excess'] <= 0.05)} of 1" in printed
-
-
-@pytest.mark.slow
-def test_a_draw_that_leaves_no_anchor_ends_no_case(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What could be simulated with a few draws of noise counts with those."""
-    real, failed = exhaustive.simulate, []
-
-    def some(lever: Any, candidate: Any, noise: float, seeds: range, renderer: str) -> tuple[float, float]:
-        if seeds[0] >= 200 and not failed:
-            failed.append(candidate.text)
-            raise InputError("anchor: none has valid pixels")
-        return real(lever, candidate, noise, seeds, renderer)
-
-    monkeypatch.setattr(exhaustive, "simulate", some)
-    _little(monkeypatch)
-    (row,) = design.run_choices([replace(CASES[7], frames=12)], pixels=48, seeds=1, more=1, renderer="numpy")
-    assert failed
-    assert row.candidates > 0
-    assert row.best_error > 0
 
 
 def test_drawn_scenes_have_numbers() -> None:

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from optolever.decode import Correspondence
-from optolever.experiments import height_metrics, peak_bytes
-from optolever.experiments.calibration import Quantity, reliability
-from optolever.experiments.metrics import rms, sigma_ratio
+from optolever.experiments import height_metrics
+from optolever.experiments.height_view import reliability, scores
 from optolever.reconstruct import HeightMap
 from optolever.scene import Trace
 
@@ -52,24 +51,11 @@ def test_headline_numbers(visible: np.ndarray) -> None:
     assert numbers["sigma_ratio_height"] == pytest.approx(0.2)
 
 
-def test_a_number_where_nothing_is_seen_is_told(visible: np.ndarray) -> None:
-    exact = truth(visible)
-    numbers = height_metrics(exact, *records(exact, 0.1, np.zeros(SHAPE, dtype=np.uint16)))
-    assert numbers["unflagged_invisible"] == pytest.approx(1 / 20)
-    assert numbers["unflagged_share"] == 1
-
-
 def test_nothing_unflagged_is_no_number_and_no_warning(visible: np.ndarray) -> None:
     exact = truth(visible)
     numbers = height_metrics(exact, *records(exact, 0.1, np.ones(SHAPE, dtype=np.uint16)))
     assert math.isnan(numbers["height_rms_rel"])
     assert numbers["unflagged_share"] == 0
-
-
-def test_sigma_ratio_leaves_out_what_has_no_sigma() -> None:
-    value, sigma = np.array([1.0, 5.0, 9.0]), np.array([2.0, np.inf, 0.0])
-    assert sigma_ratio(value, np.zeros(3), sigma, np.ones(3, dtype=bool)) == pytest.approx(0.5)
-    assert math.isnan(rms(np.zeros(0)))
 
 
 def test_reliability_finds_true_and_false_error_bars() -> None:
@@ -81,12 +67,6 @@ def test_reliability_finds_true_and_false_error_bars() -> None:
         np.testing.assert_allclose(measured / predicted, factor, rtol=0.05)
 
 
-def test_quantity_keeps_what_has_error_and_sigma() -> None:
+def test_scores_are_of_what_has_error_and_sigma() -> None:
     error, sigma = np.array([1.0, np.nan, 2.0, 3.0]), np.array([1.0, 1.0, np.inf, 0.5])
-    kept = Quantity.of("height", "mm", error, sigma, np.array([True, True, True, True]))
-    assert kept.error.tolist() == [1.0, 3.0]
-
-
-def test_peak_bytes_counts_what_was_held() -> None:
-    held = np.ones(40_000_000 // 8)
-    assert peak_bytes() > held.nbytes
+    assert scores(error, sigma, np.ones(4, bool))[0].tolist() == [1.0, 3.0]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from optolever.experiments import PaperStudy
-from optolever.experiments.paper_simulation import lattice_points, pixel_points, seen_points
+from optolever.experiments.paper_rows import lattice_points, pixel_points, seen_points
 from optolever.reconstruct import capture_positions, prism_geometry
 from optolever.scene import dent, load, resize, trace
 

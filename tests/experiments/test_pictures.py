@@ -2,16 +2,14 @@
 
 import base64
 
-import cv2
 import numpy as np
 import pytest
 
 from optolever.decode import Flag
-from optolever.experiments.flag_words import MEANING, flag_index, flag_rows
-from optolever.experiments.images import png_uri, robust_limits, thin, thumbnail
-from optolever.experiments.maps import MirrorGrid, length_unit
+from optolever.experiments.height_report import MEANING, flag_index, flag_rows
+from optolever.experiments.height_view import surface_data
+from optolever.experiments.images import MirrorGrid, length_unit, robust_limits, thumbnail
 from optolever.experiments.page import percent, scientific, seconds_text, share_text
-from optolever.experiments.surface_view import surface_data
 from optolever.reconstruct import HeightFlag
 
 
@@ -39,27 +37,10 @@ def test_mirror_grid_keeps_holes() -> None:
     assert np.isnan(grid.place(z)).sum() * grid.pitch**2 == pytest.approx(100, rel=0.4)
 
 
-def test_mirror_grid_of_nothing() -> None:
-    nothing = np.full((3, 3), np.nan)
-    assert np.isnan(MirrorGrid.around(nothing, nothing).place(nothing)).all()
-
-
-def test_png_round_trip_keeps_colours() -> None:
-    image = np.random.default_rng(0).integers(0, 256, (5, 7, 3), dtype=np.uint8)
-    data = base64.b64decode(png_uri(image).partition(",")[2])
-    assert np.array_equal(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)[..., ::-1], image)
-
-
 def test_thumbnail_of_more_than_eight_bits() -> None:
     frame = np.array([[0, 4095], [2048, 1024]], dtype=np.uint16)
     assert thumbnail(frame, 10).tolist() == [[0, 255], [128, 64]]
     assert max(thumbnail(np.zeros((300, 500), np.uint8), 100).shape) == 100
-
-
-def test_thin_samples() -> None:
-    array = np.arange(16.0).reshape(4, 4)
-    assert thin(array, 2).shape == (2, 2)
-    assert set(thin(array, 2).ravel()) <= set(array.ravel())
 
 
 def test_robust_limits() -> None:
