@@ -4,7 +4,7 @@
 |---|---|
 | `demo.py`, `metrics.py` | run_demo: the whole chain on a virtual sensor; how good it was |
 | `height_report.py`, `height_view.py` | pages of demo and records; what they show of the height |
-| `paper.py`, `paper_rows.py`, `paper_report.py` | run_paper: the paper's simulation and experiment; page |
+| `paper.py`, `paper_line.py`, `paper_report.py` | run_paper: the paper's simulation and experiment; page |
 | `rig_report.py` | the page of a calibration |
 | `figures.py` | run_figures: figures beside their limits; what checks scene.trace |
 | `decode_speed.py`, `decode_errors.py` | run_decode_figures: speed, and errors beside what noise allows |
@@ -27,8 +27,8 @@ from .fuzz import FUZZED, Outcome, fuzz
 from .height_report import write_demo_report, write_record_report
 from .metrics import height_metrics
 from .paper import PaperStudy, run_paper
+from .paper_line import PaperRow
 from .paper_report import write_paper_report
-from .paper_rows import PaperRow
 from .rig_report import RigStudy, judged_table, write_rig_report
 from .solver_figures import run_solver_figures
 from .timing import peak_bytes

@@ -42,9 +42,7 @@ class DemoResult(Run):
         """The numbers as plain values: metrics, seconds, peak_bytes, settings."""
         return {
             **self.metrics,
-            "seconds": self.seconds,
-            "peak_bytes": self.peak_bytes,
-            "settings": self.settings,
+            **self.run_dict(),
             "contacts": [contact.to_dict() for contact in self.contacts],
             "notices": [asdict(notice) for notice in self.height.notices],
         }

@@ -2,6 +2,7 @@
 is in report/demo.html and report/record.html.
 """
 
+import itertools
 import time
 from dataclasses import dataclass
 from enum import IntFlag
@@ -59,14 +60,14 @@ class FlagRow:
 
 def flag_rows(flags: NDArray[np.integer]) -> list[FlagRow]:
     """The reasons that occur in a flag field, after a row for the pixels without any."""
-    rows = [_row("good", 0, int((flags == 0).sum()), flags.size, "the number and its sigma stand", 0)]
+    good, size = int((flags == 0).sum()), max(flags.size, 1)
+    rows = [FlagRow("good", 0, good, good / size, "the number and its sigma stand", GOOD_COLOUR)]
     members: list[IntFlag] = [*Flag, *HeightFlag]
-    for place, member in enumerate(members):
-        bit = int(member)
-        count = int(((flags & bit) != 0).sum())
-        if count and bit:
-            name = member.name or str(bit)
-            rows.append(_row(name, bit, count, flags.size, MEANING.get(name, ""), place + 1))
+    for member, colour in zip(members, itertools.cycle(COLOURS), strict=False):
+        count, name = int(((flags & int(member)) != 0).sum()), str(member.name)
+        if count:
+            words = name.lower().replace("_", " ")
+            rows.append(FlagRow(words, int(member), count, count / size, MEANING[name], colour))
     return rows
 
 
@@ -76,12 +77,6 @@ def flag_index(flags: NDArray[np.integer], rows: list[FlagRow]) -> NDArray[np.in
     for place in range(len(rows) - 1, 0, -1):
         index[(flags & rows[place].bit) != 0] = place
     return index
-
-
-def _row(name: str, bit: int, count: int, size: int, meaning: str, place: int) -> FlagRow:
-    colour = GOOD_COLOUR if place == 0 else COLOURS[(place - 1) % len(COLOURS)]
-    words = name.lower().replace("_", " ")
-    return FlagRow(words, bit, count, count / max(size, 1), meaning, colour)
 
 
 def write_demo_report(result: DemoResult, path: str | Path) -> DemoResult:

@@ -9,26 +9,24 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, decode
 from optolever.notices import Notice
 from optolever.patterns import sequence
 from optolever.projector import capture, chosen_renderer
 from optolever.reconstruct import (
-    PaperGeometry,
     capture_positions,
     pattern_positions,
-    prism_geometry,
     reconstruct,
     reconstruct_paper,
 )
 from optolever.records import Progress, silent
 from optolever.scene import Scene, Surface
 
-from .arrays import Floats
+from .arrays import Floats, Mask
 from .metrics import rms
-from .paper_rows import (
+from .paper_line import (
+    Line,
     PaperRow,
     Points,
     dense_row,
@@ -96,12 +94,7 @@ class PaperStudy(Run):
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as plain values: rows, seconds, peak_bytes, settings."""
-        return {
-            "rows": [row.to_dict() for row in self.rows],
-            "seconds": self.seconds,
-            "peak_bytes": self.peak_bytes,
-            "settings": self.settings,
-        }
+        return {"rows": [row.to_dict() for row in self.rows], **self.run_dict()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,17 +103,15 @@ class Setup:
 
     case: Case
     place: Place
-    geometry: PaperGeometry
+    line: Line
     peak: float
 
     @classmethod
     def of(cls, case: Case, size: tuple[int, int] | None) -> "Setup":
         """The case's scene and dent, traced."""
         place = Place.of(case.scene, case.dent, size)
-        mirror = place.scene.mirror
-        x = np.linspace(0, mirror.length, 4001)
-        peak = float(np.max(place.surface.height(x, np.full_like(x, mirror.width / 2))))
-        return cls(case, place, prism_geometry(place.scene), peak)
+        line, x = Line.of(place), np.linspace(0, place.scene.mirror.length, 4001)
+        return cls(case, place, line, float(np.max(place.surface.height(x, np.full_like(x, line.y)))))
 
     @property
     def row(self) -> int:
@@ -149,7 +140,7 @@ def run_paper(
     case.
     """
     stages = Stages(sum(5 if case.rendered else 2 for case in CASES), progress)
-    renderer = chosen_renderer(renderer)
+    shot: dict[str, Any] = {"noise": noise, "seed": seed, "renderer": chosen_renderer(renderer)}
     rows: list[PaperRow] = []
     taken: dict[str, Any] = {}
     for case in CASES:
@@ -161,76 +152,66 @@ def run_paper(
             with stages.stage(f"{case.name}: exact correspondence"):
                 rows += _on_pixels(setup, exact(setup.place.truth), "exact")
             with stages.stage(f"{case.name}: lattice frames"):
-                rows += _on_lattice(setup, noise=noise, seed=seed, renderer=renderer)
+                rows += _on_lattice(setup, **shot)
             with stages.stage(f"{case.name}: sequence frames"):
-                seen = _decoded(setup, noise=noise, seed=seed, renderer=renderer)
-                rows += _on_pixels(setup, seen, "frames")
+                rows += _on_pixels(setup, _decoded(setup, **shot), "frames")
         taken[case.name] = {
             "scene": case.scene,
             "size": [setup.place.scene.camera.rows, setup.place.scene.camera.cols],
             "dent": setup.place.dent,
             "peak_mm": setup.peak,
-            "length_mm": setup.geometry.length,
+            "length_mm": setup.line.geometry.length,
             "lines": case.lines,
         }
     return PaperStudy(
         rows=rows,
         seconds=stages.seconds,
         peak_bytes=peak_bytes(),
-        settings={"cases": taken, "noise": noise, "seed": seed, "size": size, "renderer": renderer},
+        settings={"cases": taken, "size": size, **shot},
     )
 
 
-def _decoded(setup: Setup, *, noise: float, seed: int, renderer: str) -> Correspondence:
-    pattern = setup.place.scene.pattern
-    shown = sequence("gray+phase", pattern.rows, pattern.cols)
-    seen = capture(setup.place.scene, setup.place.surface, shown, renderer=renderer, noise=noise, seed=seed)
-    return decode(seen.frames, shown)
+def _decoded(setup: Setup, **settings: Any) -> Correspondence:
+    scene = setup.place.scene
+    shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
+    return decode(capture(scene, setup.place.surface, shown, **settings).frames, shown)
 
 
 def _simulated(setup: Setup) -> Iterator[PaperRow]:
     """The seed's two-dimensional simulation: lattice lines and a line of pixels, by both laws."""
-    case, geometry = setup.case, setup.geometry
-    w = capture_positions(
-        setup.place.scene, setup.row, np.arange(setup.place.scene.camera.cols, dtype=np.float64)
-    )
+    case, line, scene = setup.case, setup.line, setup.place.scene
+    w = capture_positions(scene, setup.row, np.arange(scene.camera.cols, dtype=np.float64))
     for law, forward, signs in (("reflection", 1, (1, -1)), ("print", -1, (-1,))):
-        points = lattice_points(setup.place.scene, setup.place.surface, geometry, case.lines, forward)
-        names = (case.name, "exact", law, "lattice")
-        yield from paper_rows(points, geometry, setup.peak, names, signs)
+        measured = {"lattice": lattice_points(line, case.lines, forward)}
         if forward == -1 or not case.rendered:  # else the traced scene has them
-            points = pixel_points(setup.place.scene, setup.place.surface, geometry, w, forward)
-            names = (case.name, "exact", law, "pixels")
-            yield from paper_rows(points, geometry, setup.peak, names, signs)
+            measured["pixels"] = pixel_points(line, w, forward)
+        for method, points in measured.items():
+            yield from paper_rows(points, line.geometry, setup.peak, (case.name, "exact", law, method), signs)
 
 
-def _on_lattice(setup: Setup, *, noise: float, seed: int, renderer: str) -> Iterator[PaperRow]:
+def _on_lattice(setup: Setup, **settings: Any) -> Iterator[PaperRow]:
     """One column of lattice crossings from a rendered rest frame and a rendered dented frame."""
-    scene, surface = setup.place.scene, setup.place.surface
-    frames = lattice_frames(scene, surface, setup.case.lines, noise=noise, seed=seed, renderer=renderer)
-    m, w, y = lattice_positions(scene, *frames)
-    points = seen_points(surface, setup.geometry, m, w, y)
-    names = (setup.case.name, "frames", "reflection", "lattice")
-    yield from paper_rows(points, setup.geometry, setup.peak, names)
+    scene, surface, geometry = setup.place.scene, setup.place.surface, setup.line.geometry
+    frames = lattice_frames(scene, surface, setup.case.lines, **settings)
+    points = seen_points(surface, geometry, *lattice_positions(scene, *frames))
+    yield from paper_rows(points, geometry, setup.peak, (setup.case.name, "frames", "reflection", "lattice"))
 
 
 def _on_pixels(setup: Setup, seen: Correspondence, data: str) -> Iterator[PaperRow]:
     """The paper's method on every pixel, and the dense solver."""
-    case, middle = setup.case, setup.middle(seen)
-    names = (case.name, data, "reflection", "pixels")
-    for row in paper_rows(middle, setup.geometry, setup.peak, names):
+    middle, names = setup.middle(seen), (setup.case.name, data, "reflection")
+    for row in paper_rows(middle, setup.line.geometry, setup.peak, (*names, "pixels")):
         if (row.sign, row.gamma) == (1, True):
             whole = reconstruct_paper(seen, setup.place.scene, series="drops")
             yield replace(row, field=_field(setup, whole.z, whole.good))
         else:
             yield row
     dense = reconstruct(seen, setup.place.scene)
-    names = (case.name, data, "reflection", "dense")
-    found = dense_row(middle, dense, setup.row, setup.peak, names)
+    found = dense_row(middle, dense, setup.row, setup.peak, (*names, "dense"))
     yield replace(found, field=_field(setup, dense.z, dense.good), notices=dense.notices)
 
 
-def _field(setup: Setup, z: Floats, good: NDArray[np.bool_]) -> float:
+def _field(setup: Setup, z: Floats, good: Mask) -> float:
     """Rms error over all pixels that stand, over the peak depth."""
     use = good & setup.place.truth.visible
     return rms(z[use] - setup.place.truth.z[use]) / setup.peak

@@ -11,7 +11,7 @@ import numpy as np
 from .images import figure_uri, label_axes, length_unit, new_figure
 from .page import share_text, table, write_page
 from .paper import PaperStudy
-from .paper_rows import Curve, PaperRow
+from .paper_line import Curve, PaperRow
 
 TITLES = {
     "smooth": "Smooth dent",

@@ -136,6 +136,10 @@ class Run:
     peak_bytes: int
     settings: dict[str, Any]
 
+    def run_dict(self) -> dict[str, Any]:
+        """The same as plain values."""
+        return {"seconds": self.seconds, "peak_bytes": self.peak_bytes, "settings": self.settings}
+
     def with_report(self, seconds: float) -> Self:
         """The same run after its report was written, which took so long."""
         stages = {name: own for name, own in self.seconds.items() if name not in ("report", "total")}

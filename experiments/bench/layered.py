@@ -155,6 +155,9 @@ class Deviation:
     apart: tuple[float, float] = (37.3, 21.7)
 
 
+PLAIN = Deviation()
+
+
 def sampled(world: World, count: int = SAMPLES) -> Samples:
     """The world at count x count points in every camera pixel; 1: at the pixels' centres."""
     rows, cols = (n + 2 * MARGIN for n in world.size)
@@ -242,14 +245,13 @@ def light(
     world: World,
     seen: Samples,
     sequence: Sequence,
-    deviation: Deviation | None = None,
+    away: Deviation = PLAIN,
     rng: np.random.Generator | None = None,
 ) -> Floats:
     """Levels (N, H, W) without noise and rounding, in which every frame of a sequence comes to the camera.
 
     seen: `sampled` with any count; with one sample per pixel the optics spread nothing. rng: of flicker.
     """
-    away = deviation or Deviation()
     rows, cols = world.size
     count = seen.u.shape[0] // (rows + 2 * MARGIN)
     width = world.scale / count if count > 1 else 0.0

@@ -14,7 +14,7 @@ from optolever.reconstruct import prism_geometry, recursion
 from optolever.scene import dent_from_text, load
 
 from ..metrics import rms
-from ..paper_rows import lattice_frames, lattice_positions, seen_points
+from ..paper_line import lattice_frames, lattice_positions, seen_points
 from ..place import Place
 from ..timing import Measured, measured, toucher
 from ..timing import timed as run_once

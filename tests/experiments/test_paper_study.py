@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from optolever.experiments import PaperStudy
-from optolever.experiments.paper_rows import lattice_points, pixel_points, seen_points
+from optolever.experiments.paper_line import Line, lattice_points, pixel_points, seen_points
 from optolever.reconstruct import capture_positions, prism_geometry
 from optolever.scene import dent, load, resize, trace
 
@@ -17,9 +17,10 @@ SCENE = resize(load("paper-simulation"), 101, 150)
 
 def test_pixel_points_are_those_of_the_traced_scene() -> None:
     """Two-dimensional equations against the three-dimensional ray tracer, along the dent's middle."""
-    surface, geometry = dent("raised-cosine", SCENE), prism_geometry(SCENE)
+    surface = dent("raised-cosine", SCENE)
+    line = Line(surface, prism_geometry(SCENE), SCENE.mirror.width / 2)
     row, cols = SCENE.camera.rows // 2, np.arange(150.0)
-    points = pixel_points(SCENE, surface, geometry, capture_positions(SCENE, row, cols), 1)
+    points = pixel_points(line, capture_positions(SCENE, row, cols), 1)
     seen = trace(SCENE, surface)
     m = (seen.u[row, ::-1] + 0.5) * SCENE.pattern.pitch
     np.testing.assert_allclose(points.l, seen.x[row, ::-1], atol=1e-9)
@@ -38,8 +39,8 @@ def test_seen_points_know_the_truth_off_the_middle() -> None:
 
 def test_a_cusp_hides_lattice_lines() -> None:
     """Rays by the reflection law turn away at the cusp: the lines between are in no pixel."""
-    surface, geometry = dent("needle", SCENE), prism_geometry(SCENE)
-    points = lattice_points(SCENE, surface, geometry, 64, 1)
+    line = Line(dent("needle", SCENE), prism_geometry(SCENE), SCENE.mirror.width / 2)
+    points = lattice_points(line, 64, 1)
     assert 40 < points.m.size < 64
     assert points.m.size + round(np.max(np.diff(points.m)) / np.min(np.diff(points.m))) - 1 == 64
 

@@ -8,7 +8,7 @@ given place on either face is found by bisection.
 
 import dataclasses
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,7 @@ from optolever.scene import Scene, Surface, dent, trace
 
 from .arrays import Floats
 from .metrics import rms
+from .place import Place
 
 _HALVINGS = 60
 PIXELS_PER_LINE = 10  # of the camera, that a lattice line needs to be told from the next
@@ -65,47 +66,35 @@ class Line:
     geometry: PaperGeometry
     y: Floats | float
 
-    def depth(self, l: Floats) -> Floats:
-        """d at l."""
-        return np.asarray(self.surface.height(l, np.broadcast_to(self.y, l.shape)), dtype=np.float64)
+    @classmethod
+    def of(cls, place: Place) -> "Line":
+        """The cut through the mirror's middle."""
+        return cls(place.surface, prism_geometry(place.scene), place.scene.mirror.width / 2)
 
-    def theta(self, l: Floats) -> Floats:
-        """The slope angle along the line at l."""
-        return np.arctan(np.asarray(self.surface.gradient(l, np.broadcast_to(self.y, l.shape))[0]))
-
-    def m(self, l: Floats, sign: int) -> Floats:
-        """The pattern position that the ray at l comes from."""
-        g = self.geometry
-        alpha = pattern_angle(g.beta0, self.theta(l), sign)
-        return pattern_position(l, self.depth(l), alpha, g.alpha0)
-
-    def w(self, l: Floats) -> Floats:
-        """The capture position that sees l."""
-        g = self.geometry
-        return capture_position(l, self.depth(l), g.beta0, g.beta0, g.length)
-
-    def points(self, l: Floats, sign: int) -> Points:
-        """Everything about the mirror points at l."""
-        return Points(self.m(l, sign), self.w(l), l, self.depth(l), self.theta(l))
+    def points(self, l: Floats, sign: int = 1) -> Points:
+        """Everything about the mirror points at l: whence their rays come, where they are seen."""
+        g, y = self.geometry, np.broadcast_to(self.y, l.shape)
+        d = np.asarray(self.surface.height(l, y), dtype=np.float64)
+        theta = np.arctan(np.asarray(self.surface.gradient(l, y)[0], dtype=np.float64))
+        m = pattern_position(l, d, pattern_angle(g.beta0, theta, sign), g.alpha0)
+        return Points(m, capture_position(l, d, g.beta0, g.beta0, g.length), l, d, theta)
 
 
-def lattice_points(scene: Scene, surface: Surface, geometry: PaperGeometry, count: int, sign: int) -> Points:
+def lattice_points(line: Line, count: int, sign: int) -> Points:
     """`count` lines, equally spaced (half a space from the ends) on the stretch of the pattern seen at rest.
 
     Lines that no mirror point shows (a cusp skips some) are left out; of a line that several show, one is
     found.
     """
-    line = Line(surface, geometry, scene.mirror.width / 2)
-    rest = geometry.length * np.cos(geometry.beta0) / np.cos(geometry.beta0 - geometry.alpha0)
+    g = line.geometry
+    rest = g.length * np.cos(g.beta0) / np.cos(g.beta0 - g.alpha0)
     m = rest * (np.arange(count) + 0.5) / count
-    l = _where_rising(lambda x: line.m(x, sign), m, geometry.length)
-    found = np.abs(line.m(l, sign) - m) < 1e-6 * rest
-    return line.points(l[found], sign)
+    l = _where_rising(lambda x: line.points(x, sign).m, m, g.length)
+    return line.points(l[np.abs(line.points(l, sign).m - m) < 1e-6 * rest], sign)
 
 
-def pixel_points(scene: Scene, surface: Surface, geometry: PaperGeometry, w: Floats, sign: int) -> Points:
+def pixel_points(line: Line, w: Floats, sign: int) -> Points:
     """The mirror points that the capture positions w (mm) see, in order of l."""
-    line = Line(surface, geometry, scene.mirror.width / 2)
     return line.points(np.sort(_seen(line, w)), sign)
 
 
@@ -114,13 +103,13 @@ def seen_points(surface: Surface, geometry: PaperGeometry, m: Floats, w: Floats,
     this y.
     """
     line = Line(surface, geometry, np.nan_to_num(y))
-    l = np.where(np.isfinite(w), _seen(line, w), np.nan)
     order = np.argsort(m)
-    return Points(m[order], w[order], l[order], line.depth(l)[order], line.theta(l)[order])
+    at = line.points(np.where(np.isfinite(w), _seen(line, w), np.nan)[order])
+    return replace(at, m=m[order], w=w[order])
 
 
 def _seen(line: Line, w: Floats) -> Floats:
-    return _where_rising(lambda x: -line.w(x), -w, line.geometry.length)
+    return _where_rising(lambda x: -line.points(x).w, -w, line.geometry.length)
 
 
 def _where_rising(function: Callable[[Floats], Floats], values: Floats, length: float) -> Floats:
