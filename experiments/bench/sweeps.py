@@ -99,10 +99,10 @@ def sweep(
             finished += 1
             yield row
     progress("resumed" if finished else "start", finished, len(wanted))
-    local = workers == 0 and scheduler is None
-    if missing and local:
+    if missing and scheduler is None:
         progress("compile", finished, len(wanted))
         compile_apart(missing)
+    local = workers == 0 and scheduler is None
     for row in run_cells(missing, timed=False) if local else _on_dask(missing, workers, scheduler):
         store.save(row)
         finished += 1
@@ -114,12 +114,9 @@ def _on_dask(cells: list[Cell], workers: int, scheduler: str | None) -> Iterator
     """Groups of cells as tasks. A task whose worker dies runs again elsewhere."""
     if not cells:
         return
-    compiling = None if scheduler is not None else _compiling(cells)
-    with _client(workers, scheduler) as (dask, client):  # workers start while the kernels are compiled
-        if compiling is None:
+    with _client(workers, scheduler) as (dask, client):
+        if scheduler is not None:
             client.run(compile_apart, cells)
-        else:
-            compiling.wait()
         tasks = [
             client.submit(group_rows, group, pure=False, retries=RETRIES, key=f"cells-{group[0].key}-{place}")
             for place, group in enumerate(grouped(cells))
@@ -137,25 +134,17 @@ def compile_apart(cells: list[Cell]) -> None:
     Kernels that a process has just compiled round differently, in the last bits, from the same kernels out of
     the cache: without this the numbers would depend on who came first.
     """
-    _compiling(cells).wait()
-
-
-def _compiling(cells: list[Cell]) -> "subprocess.Popen[str]":
-    """The process that does it, started."""
     code = "from optolever.experiments.bench import warm_up_from_json; warm_up_from_json()"
     with safe_path():
-        process = subprocess.Popen(
+        subprocess.run(
             [sys.executable, "-c", code],
-            stdin=subprocess.PIPE,
+            input=json.dumps([cell.to_dict() for cell in cells]),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             text=True,
             env=os.environ | ONE_THREAD,
+            check=False,
         )
-    if process.stdin is not None:
-        with process.stdin as channel:
-            channel.write(json.dumps([cell.to_dict() for cell in cells]))
-    return process
 
 
 def warm_up_from_json() -> None:
