@@ -93,6 +93,14 @@ def test_predicted_rate_of_wrong_orders() -> None:
     assert predict_code(shown, ratio, 1.0)[2] == pytest.approx(expected, rel=0.15)
 
 
+def test_surfaces_longer_than_the_periods_tell_apart() -> None:
+    """20, 22 and 25 px repeat after 1100: of 1920 px what lies beyond is taken for what lies before."""
+    shown = sequence_from_text("phase:steps=4,periods=20/22/25", 200, 1920)
+    reach, _, gross, stripe = predict_code(shown, 60.0, 2.0)
+    assert (reach, stripe) == (200, 10.0)
+    assert gross > 0.2
+
+
 def test_rows_and_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "codes.json"
     names = ["phase:steps=3", "phase:steps=3,counts=0.9"]
