@@ -14,7 +14,7 @@ from scipy.special import erfc
 from scipy.stats import mannwhitneyu
 
 from optolever.decode import Correspondence, Response, decode
-from optolever.patterns import Frame, Sequence, sequence
+from optolever.patterns import Sequence, sequence
 
 from .arrays import Floats
 from .figures import Figure
@@ -47,10 +47,7 @@ def _shoot(shown: Sequence, place: tuple[Floats, Floats], noise: float, seed: in
 
 def _fringes(counts: tuple[int, ...], steps: int, extent: int = EXTENT) -> Sequence:
     """Of so many periods on the surface each, along u."""
-    periods = [extent / count for count in counts]
-    shifts = [2 * math.pi * k / steps for k in range(steps)]
-    frames = tuple(Frame("phase", "u", period_px=period, shift=k) for period in periods for k in shifts)
-    return Sequence(frames, 1, extent)
+    return sequence("phase", 1, extent, axes="u", steps=steps, counts=counts)
 
 
 def _along_u(shown: Sequence, noise: float, smooth: bool = False) -> tuple[Correspondence, Floats]:
