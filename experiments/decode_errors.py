@@ -167,14 +167,10 @@ def _responses() -> Iterator[Figure]:
         return rms((found.u - place[0])[found.good])
 
     plain = error(10 + 230 * light, None, 255.0)
-    bent = error(10 + 230 * light**2.2, _bent(), 255.0)
+    given = np.linspace(0, 255, 256)
+    response = Response.from_table(given, 10 + 230 * (given / 255) ** 2.2)
+    bent = error(10 + 230 * light**2.2, response, 255.0)
     yield Figure("error with gamma 2.2, inverted, over that without", bent / plain, high=1.5)
     bright = 10 + 290 * light
     clipped, whole = error(bright, None, 255.0), error(bright, None, 65535.0)
     yield Figure("error with levels up to 300 clipped at 255, over that without", clipped / whole, high=1.5)
-
-
-def _bent() -> Response:
-    """Of a camera that gives 10 + 230 of shown^2.2."""
-    shown = np.linspace(0, 255, 256)
-    return Response.from_table(shown, 10 + 230 * (shown / 255) ** 2.2)

@@ -1,13 +1,13 @@
 """The whole chain on a virtual sensor: scene, dent -> frames -> correspondence -> height, against truth."""
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from optolever.decode import Correspondence, decode
 from optolever.patterns import Sequence, sequence_from_text
 from optolever.projector import Capture, capture, chosen_renderer
-from optolever.reconstruct import Contact, HeightMap, contacts, reconstruct, slope_map
+from optolever.reconstruct import Contact, HeightMap, reconstruct
 from optolever.records import Progress, silent
 from optolever.scene import Scene, Trace
 
@@ -32,11 +32,6 @@ class DemoResult(Run):
     height: HeightMap
     metrics: dict[str, float]
     contacts: tuple[Contact, ...] = ()
-
-    def with_contacts(self) -> "DemoResult":
-        """The same run with the dents that its slopes show."""
-        slopes = slope_map(self.height, self.correspondence, self.scene)
-        return replace(self, contacts=contacts(self.height, slopes))
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as plain values: metrics, seconds, peak_bytes, settings."""

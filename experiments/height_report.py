@@ -4,7 +4,7 @@ is in report/demo.html and report/record.html.
 
 import itertools
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntFlag
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from optolever.decode import Correspondence, Flag
 from optolever.patterns import Frame
 from optolever.projector import Capture
-from optolever.reconstruct import HeightFlag, HeightMap, budget
+from optolever.reconstruct import HeightFlag, HeightMap, budget, contacts, slope_map
 
 from .arrays import Floats
 from .demo import DemoResult
@@ -85,7 +85,8 @@ def write_demo_report(result: DemoResult, path: str | Path) -> DemoResult:
     The page's own timing ends where its pictures are drawn.
     """
     start = time.perf_counter()
-    result = result.with_contacts()
+    slopes = slope_map(result.height, result.correspondence, result.scene)
+    result = replace(result, contacts=contacts(result.height, slopes))
     view = HeightView.of(result.height, result.correspondence, result.truth)
     context = _common(view, result.capture)
     context["pictures"] |= view.compared(result.correspondence, result.truth)
@@ -131,7 +132,9 @@ def write_record_report(
 def _common(view: HeightView, capture: Capture | None) -> dict[str, Any]:
     """What both pages show."""
     seen, surface = view.correspondence, view.surface()
-    rows, flags_map = _flags_table(view.height)
+    flags = np.asarray(view.height.flags)
+    rows = flag_rows(flags)
+    flags_map = flags_figure(flag_index(flags, rows), [row.colour for row in rows])
     pictures = {"flags": flags_map, "correspondence": "" if seen is None else _correspondence_picture(seen)}
     return {
         "pictures": view.pictures() | pictures,
@@ -141,13 +144,6 @@ def _common(view: HeightView, capture: Capture | None) -> dict[str, Any]:
         "notices": view.height.notices,
         "frames": [] if capture is None else _frame_pairs(capture),
     }
-
-
-def _flags_table(height: HeightMap) -> tuple[list[FlagRow], str]:
-    """Counts of every reason, and a map of them as the camera sees it."""
-    flags = np.asarray(height.flags)
-    rows = flag_rows(flags)
-    return rows, flags_figure(flag_index(flags, rows), [row.colour for row in rows])
 
 
 def _correspondence_picture(seen: Correspondence) -> str:

@@ -7,7 +7,6 @@ of those pixels where this differs from the place that the right frames give.
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -131,19 +130,13 @@ def _along(axis: str, extent: int, levels: NDArray[np.floating], sequence: Seque
     bits = [(i, frame) for i, frame in frames if frame.bit is not None]
     place = _of_bits(bits, levels, sequence) if bits else np.full(levels.shape[1:], 0.5 * (extent - 1))
     known = bits != []
-    for period, own in _periods(frames):
-        swept = [(levels[i], frame.shift or 0.0) for i, frame in own]
+    for period in sorted({frame.period_px for _, frame in frames if frame.period_px}, reverse=True):
+        swept = [(levels[i], frame.shift or 0.0) for i, frame in frames if frame.period_px == period]
         sine, cosine = (sum(level * turn(shift) for level, shift in swept) for turn in (math.sin, math.cos))
         fine = np.arctan2(sine, cosine) / (2 * math.pi) % 1.0 * period
         place = fine + period * np.rint((place - fine) / period) if known else fine
         known = True
     return np.asarray(place, np.float64)
-
-
-def _periods(frames: list[tuple[int, Frame]]) -> Iterator[tuple[float, list[tuple[int, Frame]]]]:
-    periods = {frame.period_px for _, frame in frames if frame.period_px is not None}
-    for period in sorted(periods, reverse=True):
-        yield period, [(i, frame) for i, frame in frames if frame.period_px == period]
 
 
 def _of_bits(bits: list[tuple[int, Frame]], levels: NDArray[np.floating], sequence: Sequence) -> Floats:

@@ -120,16 +120,16 @@ def _cliffs() -> Iterator[Figure]:
         turns = in_turn(robust, plain, count=2)
         own, loop = (min(turn[k].processor for turn in turns) for k in (0, 1))
         errors = [(found - z)[mask] for found in (turns[0][0].value.z, turns[0][1].value)]
-        whole, middle = ([size(error - np.median(error)) for error in errors] for size in (rms, _middle))
+        errors = [error - np.median(error) for error in errors]
+        whole, middle = (
+            [rms(error) for error in errors],
+            [float(np.median(np.abs(error))) for error in errors],
+        )
         name = f"robust over a cliff, {CLIFFS[0]} x {CLIFFS[1]}, noise {noise:g}"
         note = f"processor time: {own:.1f} s, loop {loop:.1f} s"
         yield Figure(f"{name}, time over a plain loop's", own / loop, high=1.0, note=note)
         note = f"rms {whole[0]:.3g}, loop {whole[1]:.3g}; median {middle[0]:.3g}, loop {middle[1]:.3g}"
         yield Figure(f"{name}, rms error over a plain loop's", whole[0] / whole[1], high=1.02, note=note)
-
-
-def _middle(error: Floats) -> float:
-    return float(np.median(np.abs(error)))
 
 
 def _transforms(values: Floats) -> Floats:

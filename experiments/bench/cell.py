@@ -307,15 +307,15 @@ class Row:
             **cell,
             "rows": rows,
             "cols": cols,
-            "status": self.status,
-            "why": self.why,
-            "kind": self.kind,
-            "frames": self.frames,
+            **{name: getattr(self, name) for name in ("status", "why", "kind", "frames")},
             "display_seconds": self.display_seconds(refresh),
             **self.timings,
             **self.metrics,
         }
-        return {name: _known(values.get(name)) for name in COLUMNS}
+        unknown = {
+            name for name, value in values.items() if isinstance(value, float) and not math.isfinite(value)
+        }
+        return {name: None if name in unknown else values.get(name) for name in COLUMNS}
 
 
 def csv_text(rows: Iterable[Row], refresh: float) -> str:
@@ -326,7 +326,3 @@ def csv_text(rows: Iterable[Row], refresh: float) -> str:
     for row in rows:
         writer.writerow({k: "" if v is None else v for k, v in row.flat(refresh).items()})
     return stream.getvalue()
-
-
-def _known(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -61,13 +61,6 @@ def drawn_size(rng: np.random.Generator, sizes: tuple[int, int]) -> tuple[int, i
     return int(rows), int(cols)
 
 
-def decoded_area(
-    scene: Scene, surface: Surface, code: str, sensor: Sensor, seed: int, lighting: Lighting | None = None
-) -> Found:
-    """Render, decode, compare with where every pixel looked."""
-    return found_area(*seen_area(scene, surface, code, sensor, seed, lighting))
-
-
 def seen_area(
     scene: Scene, surface: Surface, code: str, sensor: Sensor, seed: int, lighting: Lighting | None = None
 ) -> tuple[Correspondence, AreaTrace, Sequence]:
@@ -93,7 +86,7 @@ def rig_of(number: int) -> tuple[Rig, str, Sensor]:
 
 def _decoded_rig(number: int) -> Found:
     rig, code, sensor = rig_of(number)
-    return decoded_area(rig.scene, rig.surface, code, sensor, number, rig.lighting)
+    return found_area(*seen_area(rig.scene, rig.surface, code, sensor, number, rig.lighting))
 
 
 def _drawn_case(number: int) -> tuple[str, tuple[int, int], str, Sensor]:
@@ -236,7 +229,7 @@ def curved_scene(number: int) -> tuple[Scene, Surface, Sensor]:
 def curved_found(number: int, code: str) -> Found:
     """Render, decode, compare."""
     scene, surface, sensor = curved_scene(number)
-    return decoded_area(scene, surface, code, sensor, number)
+    return found_area(*seen_area(scene, surface, code, sensor, number))
 
 
 def _drawn(number: int) -> tuple[np.random.Generator, tuple[int, int], float]:

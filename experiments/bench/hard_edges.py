@@ -259,7 +259,9 @@ def _varied(draw: Draw, whole: Taken) -> Taken:
     """As JPEG, binned 2 x 2, or cropped; judged where nothing in the way is near."""
     frames, maps = whole.frames, {name: getattr(whole, name) for name in MAPS}
     if draw.variant == "jpeg":
-        frames = np.stack([_jpeg(frame, draw.quality) for frame in frames])
+        quality = [cv2.IMWRITE_JPEG_QUALITY, draw.quality]
+        packed = [cv2.imencode(".jpg", frame, quality)[1] for frame in frames]
+        frames = np.stack([np.asarray(cv2.imdecode(one, cv2.IMREAD_GRAYSCALE), np.uint8) for one in packed])
     elif draw.variant == "binned":
         frames = np.rint(np.stack([_halved(frame) for frame in frames])).astype(np.uint8)
         halves = {name: _halved(one) for name, one in maps.items()}
@@ -280,11 +282,6 @@ def _window_of(draw: Draw, shape: tuple[int, ...]) -> tuple[slice, slice]:
         slice(round(top * shape[0]), round((top + height) * shape[0])),
         slice(round(left * shape[1]), round((left + width) * shape[1])),
     )
-
-
-def _jpeg(frame: Frames, quality: int) -> Frames:
-    _, packed = cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    return np.asarray(cv2.imdecode(packed, cv2.IMREAD_GRAYSCALE), np.uint8)
 
 
 def _halved(image: NDArray[Any]) -> Floats:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import groupby
 from typing import Any
 
@@ -21,7 +22,7 @@ from ..timing import timed as run_once
 from .cell import ABSENT, DONE, FAILED, USELESS, Cell, Row, grouped
 from .decoders import Decoder, Shot, decoder, shoot
 from .found import measures
-from .solvers import Solver, installed, solver
+from .solvers import installed, solver
 
 Clock = Callable[[Callable[[], Any]], Measured]
 
@@ -91,18 +92,22 @@ def _decoded(
     cells: list[Cell], coder: Decoder, shot: Shot, timings: dict[str, float], clock: Clock
 ) -> Iterator[Row]:
     """Rows of cells with the same decoder."""
-    count = 0 if shot.sequence is None else len(shot.sequence)
-    blank = Row(cells[0], ABSENT, f"{coder.module} is not installed", coder.kind, count)
-    decoded = None
-    if installed(coder.module):
-        blank, decoded = _tried(replace(blank, why=""), lambda: _decode(coder, shot, clock))
-    if decoded is None:
-        yield from (replace(blank, cell=cell) for cell in cells)
+    count, place = 0 if shot.sequence is None else len(shot.sequence), shot.place
+    decoded = _tried(coder.module, lambda: _decode(coder, shot, clock))
+    if isinstance(decoded, tuple):
+        yield from (Row(cell, *decoded, coder.kind, count) for cell in cells)
         return
+    seen: Correspondence = decoded.value
     timings = timings | ({"decode_seconds": 0.0} if coder.kind == "floor" else _timings("decode", decoded))
     for cell in cells:
-        row = replace(blank, cell=cell, timings=timings)
-        yield _solved(row, solver(cell.solver), decoded.value, shot.place, clock)
+        way = solver(cell.solver)
+        kind = way.kind if coder.kind == "own" else coder.kind
+        solved = _tried(way.module, partial(clock, partial(way.run, seen, place.scene)))
+        if isinstance(solved, tuple):
+            yield Row(cell, *solved, kind, count, timings)
+        else:
+            spent = timings | _timings("reconstruct", solved)
+            yield Row(cell, DONE, "", kind, count, spent, measures(place.truth, seen, solved.value))
 
 
 def _decode(coder: Decoder, shot: Shot, clock: Clock) -> Measured:
@@ -112,21 +117,6 @@ def _decode(coder: Decoder, shot: Shot, clock: Clock) -> Measured:
     seen = coder.run(shot)
     taken = clock(lambda: alone(shot))
     return replace(taken, value=seen, seconds=taken.seconds / coder.divide)
-
-
-def _solved(row: Row, way: Solver, seen: Correspondence, place: Place, clock: Clock) -> Row:
-    row = replace(row, kind=way.kind if row.kind == "own" else row.kind)
-    if not installed(way.module):
-        return replace(row, status=ABSENT, why=f"{way.module} is not installed")
-    row, solved = _tried(row, lambda: clock(lambda: way.run(seen, place.scene)))
-    if solved is None:
-        return row
-    return replace(
-        row,
-        status=DONE,
-        timings=row.timings | _timings("reconstruct", solved),
-        metrics=measures(place.truth, seen, solved.value),
-    )
 
 
 def _lattice(cell: Cell, place: Place) -> Row:
@@ -142,15 +132,17 @@ def _lattice(cell: Cell, place: Place) -> Row:
         return replace(row, why=str(error))
 
 
-def _tried(row: Row, stage: Callable[[], Measured]) -> tuple[Row, Measured | None]:
-    """What a stage gives, or the row that says what went wrong: one bad cell must not end a run of
-    hundreds."""
+def _tried(module: str | None, stage: Callable[[], Measured]) -> Measured | tuple[str, str]:
+    """What a stage gives, or the status that says why there is nothing: one bad cell must not end a run of
+    hundreds. module: what it asks for."""
+    if not installed(module):
+        return ABSENT, f"{module} is not installed"
     try:
-        return row, stage()
+        return stage()
     except InputError as error:
-        return replace(row, status=USELESS, why=str(error)), None
+        return USELESS, str(error)
     except Exception as error:
-        return replace(row, status=FAILED, why=f"{type(error).__name__}: {error}"), None
+        return FAILED, f"{type(error).__name__}: {error}"
 
 
 def _timings(stage: str, taken: Measured) -> dict[str, float]:

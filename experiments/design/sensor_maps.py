@@ -143,8 +143,6 @@ class SensorMaps:
     fold: Floats
     free_mode: Floats
     sigma: Floats
-    sequence: str
-    noise: float
 
     def numbers(self) -> dict[str, float]:
         """Medians over the pixels (worst: the least), the share that sees the pattern; slopes in degrees."""
@@ -155,7 +153,7 @@ class SensorMaps:
             "visible_share": float((seen & on).sum() / max(1, on.sum())),
             "slope_low_deg": float(degrees(_median(self.low))),
             "slope_high_deg": float(degrees(_median(self.high))),
-            "slope_worst_deg": float(degrees(_least(np.minimum(self.high, -self.low)))),
+            "slope_worst_deg": float(degrees(_median(np.minimum(self.high, -self.low), 0.0))),
             "slope_y_deg": float(degrees(_median(np.minimum(self.high_y, -self.low_y)))),
             "reflection_margin_deg": float(degrees(_median(self.reflection_margin))),
             "reflectance": _median(self.reflectance),
@@ -188,7 +186,7 @@ def sensor_maps(
     points = [np.where(rest.inside, rest.points[..., k], np.nan) for k in (0, 1)]
     return SensorMaps(
         scene, points[0], points[1], low, high, low_y, high_y, margin, reflectance, path, moved,
-        np.where(seen, cosine / (2 * path), np.nan), mode, sigma, sequence, noise,
+        np.where(seen, cosine / (2 * path), np.nan), mode, sigma,
     )  # fmt: skip
 
 
@@ -211,14 +209,10 @@ def _sigma(lever: Lever, text: str, noise: float) -> Floats:
     return np.where(height.good & view.usable, height.sigma * lever.to_full, np.nan)
 
 
-def _median(values: Floats) -> float:
+def _median(values: Floats, share: float = 0.5) -> float:
+    """Of the finite ones: their median, or another quantile."""
     finite = values[np.isfinite(values)]
-    return float(np.median(finite)) if finite.size else math.nan
-
-
-def _least(values: Floats) -> float:
-    finite = values[np.isfinite(values)]
-    return float(finite.min()) if finite.size else math.nan
+    return float(np.quantile(finite, share)) if finite.size else math.nan
 
 
 def sweep_sensor(
@@ -247,6 +241,8 @@ def varied(scene: Scene, name: str, value: float) -> Scene:
         raise InputError(f"sweep: {name!r}, must be one of {', '.join(SWEEPS)}")
     if not math.isfinite(value):
         raise InputError(f"sweep: {name} is {value}, must be finite")
+    if name in ("camera", "pattern") and value <= 0:
+        raise InputError(f"sweep: {name} is {value:g}, must be above 0")
     return _CHANGES[name](scene, value)
 
 
@@ -268,8 +264,7 @@ def _angle(scene: Scene, value: float) -> Scene:
 
 
 def _index(scene: Scene, value: float) -> Scene:
-    outside = 1.0 if scene.medium is None else scene.medium.outside
-    return replace(scene, medium=Medium(value, outside))
+    return replace(scene, medium=Medium(value, 1.0 if scene.medium is None else scene.medium.outside))
 
 
 def _distance(scene: Scene, value: float) -> Scene:
@@ -282,15 +277,11 @@ def _distance(scene: Scene, value: float) -> Scene:
 
 
 def _camera(scene: Scene, value: float) -> Scene:
-    if value <= 0:
-        raise InputError(f"sweep: camera is {value:g}, must be above 0")
     rows, cols = (max(8, round(value * n)) for n in (scene.camera.rows, scene.camera.cols))
     return replace(resize(scene, rows, cols), pattern=scene.pattern)
 
 
 def _pattern(scene: Scene, value: float) -> Scene:
-    if value <= 0:
-        raise InputError(f"sweep: pattern is {value:g}, must be above 0")
     old = scene.pattern
     pitch = old.pitch / value
     shift = 0.5 * (pitch - old.pitch) * (old.u_axis + old.v_axis)

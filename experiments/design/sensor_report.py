@@ -66,15 +66,12 @@ def sensor_rows(rows: list[dict[str, float | str]]) -> list[list[str]]:
     """The cells of a sweep's table, in the order of COLUMNS; a row without numbers says why."""
     cells = []
     for row in rows:
+        known = [row[key] for key, _ in COLUMNS if key in row]
+        texts = [scientific(value) if isinstance(value, float) else str(value) for value in known]
         if "why" in row:
-            cells.append([f"{row['value']:g}", str(row["why"]), *([""] * (len(COLUMNS) - 2))])
-        else:
-            cells.append([_cell(row[key]) for key, _ in COLUMNS])
+            texts = [f"{row['value']:g}", str(row["why"])]
+        cells.append(texts + [""] * (len(COLUMNS) - len(texts)))
     return cells
-
-
-def _cell(value: float | str) -> str:
-    return scientific(value) if isinstance(value, float) else str(value)
 
 
 def _table(name: str, rows: list[dict[str, float | str]]) -> dict[str, Any]:

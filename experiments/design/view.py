@@ -80,7 +80,7 @@ def view_of(scene: Scene, surface: Surface, stride: int = 1) -> View:
     image, shape = footprints(scene, surface, 0, rows), (rows, cols)
     pick = np.arange(rows * cols).reshape(shape)
     truth = trace(scene, surface)
-    whole = View(scene, truth, image, _centre(truth), shape, pick, 1.0)
+    whole = View(scene, truth, image, np.stack([truth.u.ravel(), truth.v.ravel()]), shape, pick, 1.0)
     if stride == 1:
         return whole
     thin_rows, thin_cols = (max(8, round(n / stride)) for n in shape)
@@ -99,10 +99,6 @@ def thinned(whole: View, scene: Scene, truth: Trace) -> View:
     stride = float(np.sqrt(full[0] / size[0] * full[1] / size[1]))
     pick = rows[:, None] * len(across) + cols
     return View(scene, truth, image, whole.centre[:, index], (len(down), len(across)), pick, stride)
-
-
-def _centre(truth: Trace) -> Floats:
-    return np.stack([truth.u.ravel(), truth.v.ravel()])
 
 
 def _windows(full: int, few: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
