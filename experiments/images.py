@@ -62,11 +62,7 @@ def png_uri(image: NDArray[np.uint8]) -> str:
 
 def thumbnail(frame: NDArray[Any], side: int) -> NDArray[np.uint8]:
     """A frame as 8 bit, at most `side` pixels on its longer side, each the mean of what it covers."""
-    grey = (
-        frame
-        if frame.dtype == np.uint8
-        else (frame >> max(0, int(frame.max()).bit_length() - 8)).astype(np.uint8)
-    )
+    grey = (frame >> max(0, int(frame.max()).bit_length() - 8)).astype(np.uint8)
     scale = side / max(grey.shape)
     if scale >= 1:
         return np.asarray(grey)

@@ -23,7 +23,7 @@ from .methods import MethodRow, run_methods
 from .report import bench_markdown, bench_table, frontier, write_bench_report
 from .run import absent_modules, run_cells
 from .solvers import missing_peers, solver_names
-from .sweeps import Store, sweep, time_cells, warm_up_from_json
+from .sweeps import Store, sweep, time_cells
 
 __all__ = [
     "DECODERS",
@@ -53,6 +53,5 @@ __all__ = [
     "solver_names",
     "sweep",
     "time_cells",
-    "warm_up_from_json",
     "write_bench_report",
 ]

@@ -134,7 +134,7 @@ def compile_apart(cells: list[Cell]) -> None:
     Kernels that a process has just compiled round differently, in the last bits, from the same kernels out of
     the cache: without this the numbers would depend on who came first.
     """
-    code = "from optolever.experiments.bench import warm_up_from_json; warm_up_from_json()"
+    code = "from optolever.experiments.bench.sweeps import warm_up_from_json; warm_up_from_json()"
     with safe_path():
         subprocess.run(
             [sys.executable, "-c", code],
@@ -172,12 +172,6 @@ def _client(workers: int, scheduler: str | None) -> Iterator[tuple[Any, Any]]:
         with client:
             yield dask, client
         return
-    options: dict[str, Any] = {
-        "n_workers": workers,
-        "threads_per_worker": 1,
-        "processes": True,
-        "dashboard_address": None,
-        "env": ONE_THREAD,
-    }
-    with safe_path(), dask.LocalCluster(**options) as local, dask.Client(local) as client:
+    options = {"threads_per_worker": 1, "processes": True, "dashboard_address": None, "env": ONE_THREAD}
+    with safe_path(), dask.LocalCluster(n_workers=workers, **options) as local, dask.Client(local) as client:
         yield dask, client

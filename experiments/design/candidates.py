@@ -7,7 +7,6 @@ import math
 import sys
 import tomllib
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -157,33 +156,24 @@ def _from_callable(text: str, rows: int, cols: int) -> Sequence:
         raise InputError(
             f"pattern {text!r}: is no folder, no .toml, no module:function and no known sequence"
         )
-    with _working_folder():
-        try:
-            function = getattr(importlib.import_module(module), name)
-        except (ImportError, AttributeError, ValueError) as error:
-            raise InputError(f"pattern {text!r}: cannot be imported ({error})") from error
+    before = list(sys.path)
+    sys.path.append(str(Path.cwd()))  # last, so that it hides no other module
+    try:
+        function = getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise InputError(f"pattern {text!r}: cannot be imported ({error})") from error
+    else:
         try:
             found = function(rows, cols)
         except Exception as error:  # whatever a user's function raises is a finding about that function
             raise InputError(f"pattern {text!r}: raises {type(error).__name__}: {error}") from error
+    finally:
+        sys.path[:] = before
     if not isinstance(found, Sequence):
         raise InputError(f"pattern {text!r}: returns {type(found).__name__}, must be a Sequence")
     if (found.rows, found.cols) != (rows, cols):
         raise InputError(f"pattern {text!r}: is {found.rows}x{found.cols} cells, must be {rows}x{cols}")
     return found
-
-
-@contextmanager
-def _working_folder() -> Iterator[None]:
-    """The working folder on the path for what a user named in it; last, so that it hides no other module."""
-    folder = str(Path.cwd())
-    sys.path.append(folder)
-    try:
-        yield
-    finally:
-        sys.path.reverse()
-        sys.path.remove(folder)  # the last one
-        sys.path.reverse()
 
 
 def _from_folder(folder: Path, rows: int, cols: int) -> Sequence:

@@ -3,8 +3,10 @@ best.
 """
 
 import math
+from collections.abc import Callable
 from collections.abc import Sequence as Many
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -104,12 +106,17 @@ def run_design(
     by_text = {one.text: one for one in [*candidates(pattern.rows, pattern.cols, frames), *extra]}
     if not by_text:
         raise InputError(f"frames: {frames}, no candidate fits; a fringe ladder on both axes needs 12")
-    stages, offered = Stages(2, silent), list(by_text.values())
+    stages = Stages(2, silent)
+    rows: list[DesignRow] = []
     with stages.stage("predict"):
         lever = Lever(scene, surface)
-        rows = rank(lever, offered, noise=noise, refresh=refresh, failure=failure, progress=progress)
+        for one in by_text.values():
+            progress("predict", len(rows), len(by_text))
+            rows.append(_predicted(lever, one, noise, refresh, failure))
+        rows.sort(key=lambda row: (bool(row.why), merit(row.predicted, row.share)))
     with stages.stage("simulate"):
-        rows = _verified(rows, by_text, lever, noise, verify, seeds, renderer, progress)
+        simulated = partial(simulate, lever, noise=noise, seeds=range(seeds), renderer=renderer)
+        rows = _verified(rows, lambda text: simulated(by_text[text]), verify, progress)
     best = next((row for row in rows if not row.why), None)
     return Design(
         rows,
@@ -129,31 +136,18 @@ def run_design(
     )
 
 
-def rank(
-    lever: Lever,
-    offered: Many[Candidate],
-    *,
-    noise: float,
-    refresh: float,
-    failure: float,
-    progress: Progress = silent,
-) -> list[DesignRow]:
-    """Rows from the least predicted merit on; those that fail too often come last."""
-    rows = []
-    for index, candidate in enumerate(offered):
-        progress("predict", index, len(offered))
-        count = len(candidate.sequence)
-        row = DesignRow(candidate.text, count, count / refresh)
-        try:
-            prediction = predict(lever.view, candidate.sequence, noise)
-        except InputError as error:
-            rows.append(replace(row, why=f"no prediction: {error}"))
-            continue
-        height = lever.height(prediction)
-        row = replace(row, predicted=height.total, spread=height.spread, noise=height.noise, bias=height.bias)
-        row = replace(row, failure=prediction.failure, share=height.share)
-        rows.append(replace(row, why=_ruled_out(row, failure)))
-    return sorted(rows, key=lambda row: (bool(row.why), merit(row.predicted, row.share)))
+def _predicted(lever: Lever, candidate: Candidate, noise: float, refresh: float, failure: float) -> DesignRow:
+    """The row of a candidate before a frame is taken."""
+    count = len(candidate.sequence)
+    row = DesignRow(candidate.text, count, count / refresh)
+    try:
+        prediction = predict(lever.view, candidate.sequence, noise)
+    except InputError as error:
+        return replace(row, why=f"no prediction: {error}")
+    height = lever.height(prediction)
+    row = replace(row, predicted=height.total, spread=height.spread, noise=height.noise, bias=height.bias)
+    row = replace(row, failure=prediction.failure, share=height.share)
+    return replace(row, why=_ruled_out(row, failure))
 
 
 def _ruled_out(row: DesignRow, failure: float) -> str:
@@ -183,12 +177,8 @@ def simulate(
 
 def _verified(
     rows: list[DesignRow],
-    by_text: dict[str, Candidate],
-    lever: Lever,
-    noise: float,
+    simulated: Callable[[str], tuple[float, float]],
     verify: int,
-    seeds: int,
-    renderer: str,
     progress: Progress,
 ) -> list[DesignRow]:
     """The best rows simulated, `verify` of them; what cannot be decoded comes last."""
@@ -198,7 +188,7 @@ def _verified(
         progress("simulate", len(found), verify)
         row = left.pop(0)
         try:
-            error, share = simulate(lever, by_text[row.text], noise, range(seeds), renderer)
+            error, share = simulated(row.text)
             found.append(replace(row, simulated=error, simulated_share=share))
         except InputError as error:
             failed.append(replace(row, why="cannot be decoded", note=str(error)))
