@@ -84,15 +84,6 @@ def test_rate_of_wrong_bits(ratio: float, name: str) -> None:
     assert wrong == pytest.approx(expected, rel=0.25)
 
 
-def test_predicted_rate_of_wrong_orders() -> None:
-    """Two periods that differ by one count: erfc(pi / (sqrt 2 sigma_phi sqrt(v1^2 + v2^2)))."""
-    shown = sequence_from_text("phase:steps=4,counts=9/10,axes=u", 100, 900)
-    ratio = 4.0
-    sigma = np.sqrt(2 / 4) / ratio
-    expected = erfc(np.pi / (np.sqrt(2) * sigma * np.sqrt(81 + 100)))
-    assert predict_code(shown, ratio, 1.0)[2] == pytest.approx(expected, rel=0.15)
-
-
 def test_surfaces_longer_than_the_periods_tell_apart() -> None:
     """20, 22 and 25 px repeat after 1100: of 1920 px what lies beyond is taken for what lies before."""
     shown = sequence_from_text("phase:steps=4,periods=20/22/25", 200, 1920)
