@@ -20,7 +20,6 @@ from .arrays import Floats, Mask
 __all__ = [
     "Doubt",
     "apply_laplacian",
-    "cubic_at_end",
     "cubic_inside",
     "curl",
     "defects",

@@ -10,8 +10,9 @@ from optolever.reconstruct.discontinuities import edge_doubt
 from optolever.reconstruct.edges import Doubt
 from optolever.reconstruct.gaps import across_gaps, widened
 from optolever.reconstruct.path_variance import reached_across
+from optolever.scene import Surface, load, resize, trace
 
-from .conftest import rms_score, scores
+from .conftest import correspondence_of, rms_score, scores
 
 WHOLE = np.ones((20, 30), dtype=bool)
 VARIANCE = np.full((20, 30), 1e-6)
@@ -86,6 +87,40 @@ def test_no_silent_error_around_steep_dents(exact, noisy, preset: str, dent: str
     assert (height.flags & HeightFlag.STEEP).any()
     assert height.good.mean() > 0.98
     assert np.nanmax(np.abs(scores(height, truth))) < 5.0
+
+
+@pytest.mark.parametrize(
+    ("preset", "dent"), [("paper-simulation", "ridge:angle_deg=30"), ("monitor-mirror", "needle")]
+)
+def test_creases_seen_all_but_without_noise(exact, noisy, preset: str, dent: str) -> None:
+    """What one side explains by accident is as large as the noise allows: the edges beside say more."""
+    scene, truth, _ = exact(preset, dent, 60, 70)
+    height = reconstruct(noisy(truth, sigma=1e-4, noise=1e-4, seed=1), scene)
+    assert height.good.mean() > 0.93
+    assert np.nanmax(np.abs(scores(height, truth))) < 5.0
+
+
+def test_a_plateau_whose_rim_leaves_the_pattern() -> None:
+    """Where the rim is seen its slopes jump between pixels: its height is nowhere to be had, as the rest of
+    it leaves the pattern."""
+    scene = resize(load("paper-simulation"), 64, 72)
+    middle, radius, peak = scene.mirror.length / 2, 0.2 * scene.mirror.length, 8.0
+    width = scene.mirror.length / scene.camera.cols
+
+    def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        distance = np.hypot(x - middle, y - scene.mirror.width / 2)
+        return 0.5 * peak * (1 + np.tanh((radius - distance) / width))
+
+    def gradient(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        off = x - middle, y - scene.mirror.width / 2
+        distance = np.maximum(np.hypot(*off), 1e-9)
+        slope = -0.5 * peak / width / np.cosh((radius - distance) / width) ** 2
+        return slope * off[0] / distance, slope * off[1] / distance
+
+    truth = trace(scene, Surface(height, gradient))
+    found = reconstruct(correspondence_of(truth, 0.02, 0.02), scene)
+    assert found.good.mean() > 0.8
+    assert (np.abs(scores(found, truth)) > 5).sum() <= 2
 
 
 def test_dense_outliers_are_gone_around(exact, noisy) -> None:
