@@ -44,7 +44,7 @@ def circulation_chi2(data: Measured, state: State, gain: Floats) -> tuple[float,
         for size in data.mask.shape
     )
     inside = np.ascontiguousarray(data.mask[window])
-    p, q = (np.ascontiguousarray(part[window]) for part in data.slopes(state.w)[:2])
+    p, q = (np.ascontiguousarray(part[window]) for part in state.slopes)
     variance = gain * (state.variances[0] + state.variances[1])
     if state.doubt is not None:
         variance += state.doubt.x**2 + state.doubt.y**2

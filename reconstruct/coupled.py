@@ -182,8 +182,7 @@ def _without_outliers(problem: Problem, state: State, options: Options) -> tuple
     are), and the scale of the others' curl, see `curl_scale`.
     """
     for _ in range(_ROUNDS):
-        p, q = problem.data.slopes(state.w)[:2]
-        score = curl_score(p, q, *state.variances, problem.data.mask)
+        score = curl_score(*state.slopes, *state.variances, problem.data.mask)
         scale = curl_scale(score)
         limit = curl_limit(score) * (max(1.0, scale) if np.isfinite(scale) else 1.0)
         found = curl_suspects(score, limit, problem.bridged) & problem.data.mask
@@ -249,12 +248,12 @@ def _around_discontinuities(problem: Problem, state: State, options: Options, no
 
 def doubted(problem: Problem, state: State, noise: float) -> Doubt | None:
     """What is in doubt of a solution's edges, those of interpolated pixels included."""
-    p, q = problem.data.slopes(state.w)[:2]
     announced = not np.isfinite(noise) or problem.data.whole_cells(problem.bridged)
     scale = 1.0 if announced else min(1.0, _BETTER * noise)
-    doubt = edge_doubt(p, q, *state.variances, problem.data.mask, scale, problem.suspects & ~problem.bridged)
+    mask, blamed = problem.data.mask, problem.suspects & ~problem.bridged
+    doubt = edge_doubt(*state.slopes, *state.variances, mask, scale, blamed)
     if problem.bridged.any():
-        gaps = across_gaps(p, q, state.variances, problem.data.mask, problem.bridged)
+        gaps = across_gaps(*state.slopes, state.variances, mask, problem.bridged)
         doubt = gaps if doubt is None else Doubt(np.maximum(doubt.x, gaps.x), np.maximum(doubt.y, gaps.y))
         doubt = widened(doubt, problem.bridged) if touched(doubt).any() else None
     return doubt

@@ -4,8 +4,8 @@ An edge's increment comes from the cubic through four slopes, two on either side
 on one side up to the edge, the slopes of that side alone, extrapolated (Adams-Bashforth, three pixels), give
 the same increment. Where neither side does, slopes jump inside the edge (a cusp, a ridge, the rim of a
 contact) or one of its pixels is wrong, and the smaller of the two differences is about what the increment may
-be off by: the doubt. All these differences are those of slopes' third differences at neighbouring edges. Edges
-beside a crease share its doubt, as in which of them the slopes jump is not sure. Its square joins the edge's
+be off by: the doubt. All come of the third differences of slopes at neighbouring edges. Edges beside a crease
+share its doubt, as in which of them the slopes jump is not sure. Its square joins the edge's
 variance, so that the solve goes around the crease, and what can only be reached across it gets a sigma that
 says so.
 """

@@ -55,12 +55,12 @@ class State:
 
     w: the unknown (rows, cols), outside the mask as it started; root: square root of the integrating
     factor; problem: the last weighted problem; rows, share: the anchors, and each one's share in its
-    component's constant; variances: of the slopes p and q; steps: rms change of w in every step;
-    iterations: linear solves and conjugate-gradient iterations; converged: whether the last step met the
-    tolerance, or noise hides what is left in every pixel; energy: sum of the squared edge defects over
-    their variances, before the last step; bend: how much curves may mislead every anchor; doubt: of the
-    edges; unsettled (rows, cols): pixels that steps like the last ones would still move, if it did not
-    converge.
+    component's constant; slopes: p and q before the last step; variances: of these; steps: rms change of w
+    in every step; iterations: linear solves and conjugate-gradient iterations; converged: whether the last
+    step met the tolerance, or noise hides what is left in every pixel; energy: sum of the squared edge
+    defects over their variances, before the last step; bend: how much curves may mislead every anchor;
+    doubt: of the edges; unsettled (rows, cols): pixels that steps like the last ones would still move, if it
+    did not converge.
     """
 
     w: Floats
@@ -68,6 +68,7 @@ class State:
     problem: EdgeProblem
     rows: AnchorRows
     share: Floats
+    slopes: tuple[Floats, Floats]
     variances: tuple[Floats, Floats]
     steps: tuple[float, ...]
     iterations: int
@@ -139,6 +140,7 @@ def solve(
                 problem,
                 rows,
                 share,
+                (p, q),
                 variances,
                 tuple(steps),
                 iterations,
@@ -159,7 +161,7 @@ def chord_step(data: Measured, labels: Labels, state: State) -> State:
     step = state.problem.solve(gx, gy, Accuracy(_LINEAR_SHARE, _CHORD))
     change, _ = _anchored(step.x, state.root, labels, state.rows, state.w, (p, q), state.variances)
     size = float(np.sqrt(np.mean(change**2)))
-    return replace(state, w=state.w + change, steps=(size,), iterations=step.iterations)
+    return replace(state, w=state.w + change, slopes=(p, q), steps=(size,), iterations=step.iterations)
 
 
 def edge_errors(

@@ -96,8 +96,7 @@ def anchors_apart(problem: Problem, state: State, height: HeightMap) -> tuple[No
     """The notice that the anchors (of the edge, its points) contradict each other, noise and rig considered:
     each against the height that they have in common."""
     data, rows, used = problem.data, state.rows, state.share > 0
-    p, q, _, _ = data.slopes(state.w)
-    off = rows.predict(state.w, p, q) - rows.known
+    off = rows.predict(state.w, *state.slopes) - rows.known
     sigma = problem.to_grid(height.total_sigma / np.abs(problem.rays.inner_directions[2]))
     unit = data.distance(state.w) if data.rays.logarithmic else 1.0
     variance = np.square(sigma / unit).ravel()[rows.pixel]
