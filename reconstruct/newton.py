@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.ndimage
 
 from .anchors import Samples
 from .arrays import Floats, Labels, Mask
@@ -201,14 +200,13 @@ def _anchored(
     variances: tuple[Floats, Floats],
 ) -> tuple[Floats, Floats]:
     """The change of w: E times the potential and the constant that the anchors ask for; and their shares."""
-    factor = np.broadcast_to(root**2, w.shape)
-    change = factor * potential
-    error = rows.predict(w + change, *slopes) - rows.known
-    count = int(labels.max())
-    constants, share = free_constants(
-        rows, error, factor.ravel()[rows.pixel], _anchor_spread(rows, variances), count
-    )
-    change += factor * (constants[1] if count == 1 else constants[labels])
+    at, count = rows.pixel, int(labels.max())
+    factor = np.square(np.broadcast_to(root, w.shape).ravel()[at])
+    error = rows.predict(w, *slopes) + factor * potential.ravel()[at] - rows.known
+    constants, share = free_constants(rows, error, factor, _anchor_spread(rows, variances), count)
+    change = potential + (constants[1] if count == 1 else constants[labels])
+    change *= root
+    change *= root
     if not labels.all():
         change *= labels > 0
     return change, share
@@ -277,8 +275,9 @@ def _worse(energies: list[float]) -> bool:
 
 def _root(phi: Floats, labels: Labels) -> Floats:
     """sqrt(E), E at most one in every component."""
-    tops = scipy.ndimage.maximum(phi, labels, np.arange(int(labels.max()) + 1))
-    root: Floats = np.exp(0.5 * (phi - np.asarray(tops)[labels]))
+    tops = np.full(int(labels.max()) + 1, -np.inf)
+    np.maximum.at(tops, labels, phi)
+    root: Floats = np.exp(0.5 * (phi - tops[labels]))
     return root
 
 

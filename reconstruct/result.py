@@ -77,7 +77,9 @@ def height_map(
         correlation=correlation,
         solver=type(state.problem).__name__,
     )
-    x, y, z = o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2]
+    points = t * d
+    points += o
+    x, y, z = points
     return HeightMap(x, y, z, deviation, flags, diagnostics, problem.rays.lean)
 
 

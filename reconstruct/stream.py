@@ -2,8 +2,9 @@
 
 As long as the pixels that can be used stay the same but for small holes, a frame costs one look at the
 equations and one linear solve with the last factorisation and the last integrating factor (a chord step; a
-second one after a large change). Sigma, anchors' shares and agreement, chi2 and the curl alarm are those of
-the last frame that was solved in full; modes of a calibrated rig are solved for as often as `refresh` says.
+second one after a large change). Sigma, anchors' shares and agreement, chi2, the curl alarm and where the
+mirror ends are those of the last frame that was solved in full; modes of a calibrated rig are solved for as
+often as `refresh` says.
 """
 
 import math
@@ -23,7 +24,7 @@ from .holes import bridged, small_holes
 from .newton import chord_step
 from .problem import Problem, require_correspondence
 from .propagation import Measurement, interpolated
-from .result import anchors_apart, height_map, judged
+from .result import anchors_apart, height_map
 
 __all__ = ["HeightStream"]
 
@@ -41,7 +42,7 @@ class HeightStream:
         self._scene, self._anchor, self._refresh = scene, anchor, max(1, refresh)
         self._age = self._modes_age = 0
         self._last: Solution | None = None
-        self._apart: tuple[Notice, ...] = ()
+        self._judgement: tuple[Notice, ...] = ()
 
     def update(self, correspondence: Correspondence) -> HeightMap:
         """The height of one more frame. Raises InputError as `reconstruct` does."""
@@ -54,10 +55,11 @@ class HeightStream:
             solved = solved_height(correspondence, self._scene, self._anchor, start=start)
             height = self._with_modes(solved.height, correspondence)
             self._last, self._age = solved._replace(height=height), 0
-            self._apart = anchors_apart(solved.problem, solved.state, height)
+            apart = anchors_apart(solved.problem, solved.state, height)
+            self._judgement = (*height.notices[len(correspondence.notices) :], *apart)
         self._age += 1
         self._modes_age += 1
-        return replace(height, notices=(*height.notices, *self._apart))
+        return replace(height, notices=(*correspondence.notices, *self._judgement))
 
     def _with_modes(self, height: HeightMap, correspondence: Correspondence) -> HeightMap:
         """With the modes of a calibrated rig: the last ones, anew where they are `refresh` frames old."""
@@ -91,11 +93,14 @@ class HeightStream:
                 height = height_map(
                     renewed, state, correspondence.flags, math.nan, "coupled", variance, correlation
                 )
-                freedom = last.diagnostics.freedom
-                chi2 = math.nan if last.diagnostics.chi2 is None else last.diagnostics.chi2
-                height = judged(height, self._scene.mirror, chi2, freedom, correspondence.notices)
-                more = {name: getattr(last, name) for name in ("calibration", "sources", "shares")}
-                height = replace(height, **more)
+                chi2, freedom = last.diagnostics.chi2, last.diagnostics.freedom
+                height = replace(
+                    height,
+                    diagnostics=replace(height.diagnostics, chi2=chi2, freedom=freedom),
+                    calibration=last.calibration,
+                    sources=last.sources,
+                    shares=last.shares,
+                )
                 self._last = Solution(problem, state, variance, height)
                 return height
         return None
