@@ -34,6 +34,9 @@ CONVERGES = 0.5  # errors that fall so from one order to the next are those of a
 _QUIET = 8.0  # of a slope's sigma: third differences of noise (4.5) and little more
 _BESIDE = 5  # pixels: reach of a crease's surroundings, in which doubts below the noise count too
 _BLAME = 13.0 / 12.0  # a wrong slope is in its edges by 13/24, in the curl around it by half
+_CERTAIN, _ABRUPT = 8.0, 0.2  # of its noise, of the largest step: what one side alone misses at a kink
+_ONE_SIDED = 0.25  # of that, at most, what the other side misses
+_KINK = 0.5  # of what one side alone misses, at the edge of three where it misses most
 _BY_ACCIDENT = 0.1  # of the doubt beside: next to a jump within one edge, an edge misses a twelfth of that
 
 
@@ -54,7 +57,7 @@ def edge_doubt(
     blamed = suspects is not None and bool(suspects.any())
     noise = max(noise, _QUIETEST)
     axes = (p, var_p, mask, (0, 1)), (q, var_q, mask, (1, 0))
-    (dx, sure_x), (dy, sure_y) = (_axis(*axis, noise) for axis in axes)
+    (dx, plain_x, sure_x), (dy, plain_y, sure_y) = (_axis(*axis, noise) for axis in axes)
     sure, doubtful = sure_x | sure_y, (dx > 0) | (dy > 0)
     parts, count = scipy.ndimage.label(doubtful, structure=np.ones((3, 3)))
     sizes = np.bincount(parts.ravel())
@@ -68,8 +71,8 @@ def edge_doubt(
     found[0] = False
     near = scipy.ndimage.maximum_filter(sure, _BESIDE)
     dx, dy = (
-        np.where(near, _axis(*axis, noise=0.0, rough=0.0)[0], np.where(found[parts], doubt, 0.0))
-        for axis, doubt in zip(axes, (dx, dy), strict=True)
+        np.where(near, plain, np.where(found[parts], doubt, 0.0))
+        for doubt, plain in ((dx, plain_x), (dy, plain_y))
     )
     lines = scipy.ndimage.maximum_filter(long, _BESIDE)
     dx, dy = _beside(dx, var_p, lines), _beside(dy, var_q, lines)
@@ -103,18 +106,27 @@ def _beside(doubt: Floats, variance: Floats, lines: Mask) -> Floats:
 
 
 def _axis(
-    f: Floats, variance: Floats, mask: Mask, step: tuple[int, int], noise: float, rough: float = ROUGH
-) -> tuple[Floats, Mask]:
-    """Doubts beyond the noise and beyond waves so rough, and where they are beyond any noise."""
+    f: Floats, variance: Floats, mask: Mask, step: tuple[int, int], noise: float
+) -> tuple[Floats, Floats, Mask]:
+    """Doubts beyond the noise, doubts whatever the noise, and where they are beyond any noise."""
     third = np.empty((f.shape[0] + 2 * _REACH, f.shape[1] + 2 * _REACH))
     for edge in (slice(_REACH), slice(-_REACH, None)):
         third[edge] = third[:, edge] = np.nan
-    doubt, sure = np.zeros(f.shape), np.zeros(f.shape, dtype=np.bool_)
+    doubt, plain, alone = (np.zeros(f.shape) for _ in range(3))
+    sure = np.zeros(f.shape, dtype=np.bool_)
+    arrays = f, variance, third, *step, noise, doubt, plain, alone, sure
     over_image(lambda start, stop: _third_differences(f, mask, *step, third, start, stop), f.shape)
-    over_image(
-        lambda start, stop: _doubt(f, variance, third, *step, noise, rough, doubt, sure, start, stop), f.shape
-    )
-    return doubt, sure
+    over_image(lambda start, stop: _doubt(*arrays, start, stop), f.shape)
+    if alone.any():
+        # beside an edge that neither side explains, one side is bound to fail
+        highest, explained = (
+            scipy.ndimage.maximum_filter1d(part, 3, axis=step[1]) for part in (alone, plain)
+        )
+        kink = (alone >= highest) & (explained < _ONE_SIDED * alone)
+        for part in (doubt, plain):
+            part[kink] = np.maximum(part, _KINK * alone)[kink]
+        sure |= kink
+    return doubt, plain, sure
 
 
 def touched(doubt: Doubt) -> Mask:
@@ -167,7 +179,7 @@ def _missed(here, a, b, c):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _doubt(f, var, third, di, dj, scale, rough, doubt, sure, start, stop):  # type: ignore[no-untyped-def]
+def _doubt(f, var, third, di, dj, scale, doubt, plain, alone, sure, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = f.shape
     for i in range(start, stop - di if stop == rows else stop):
         for j in range(cols - dj):
@@ -176,7 +188,7 @@ def _doubt(f, var, third, di, dj, scale, rough, doubt, sure, start, stop):  # ty
             if here != here:
                 continue
             noise = scale * _NOISE * np.sqrt(0.5 * (var[i, j] + var[i + di, j + dj]))
-            least, most = np.inf, np.inf
+            least, most, largest = np.inf, np.inf, 0.0
             for s in (-1, 1):
                 a = third[r + s * di, c + s * dj]
                 if a != a:
@@ -191,8 +203,11 @@ def _doubt(f, var, third, di, dj, scale, rough, doubt, sure, start, stop):  # ty
                     m, n = (i, j) if s < 0 else (i + di, j + dj)
                     rise = abs(f[i + di, j + dj] - f[i, j])
                     rise = max(rise, abs(f[m, n] - f[m + s * di, n + s * dj]))
-                    limit = max(limit, rough * rise)
+                    limit = max(limit, ROUGH * rise)
+                    whole = third[r + 2 * s * di, c + 2 * s * dj] == third[r + 2 * s * di, c + 2 * s * dj]
+                    if whole and away > max(_CERTAIN * noise, _ABRUPT * rise):
+                        largest = max(largest, away)
                 least = min(least, away, max(0.0, RISE * (away - limit)))
             if most < np.inf:
-                doubt[i, j] = least
+                doubt[i, j], plain[i, j], alone[i, j] = least, most, largest
                 sure[i, j] = least > 0.0 and most > SIGMAS * noise
