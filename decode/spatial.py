@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from optolever.kernels import exact, inlined, kernel
 
 from .border import SHADOW2, inwards
-from .centre import BULK, STEEP, centred, lesser, windowed
+from .centre import BULK, STEEP, inside, lesser, windowed
 from .correspondence import Flag
 from .display import PLACES
 from .ends import faded, slope
@@ -65,7 +65,7 @@ def check_rows(
 
 @exact
 def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: Any, maps: Any) -> None:
-    (coord, variance), (flags, amplitude, offset), (shift, unsure, shadow) = raw, common, tables
+    (coord, variance), (flags, amplitude, offset), (shift, doubt, shadow) = raw, common, tables
     reach, roughness, extent, jump, stripe, per_turn, least, m2, dark, usual = numbers
     out, sigma, out_flags = maps
     rows, cols = coord.shape
@@ -87,14 +87,14 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
             special[x] |= _dimmer((y, x), (y, inner), raw, common, per_turn)
         if shift.size > 1:
             _entry_line(coord[y], window, k, usual, most, at)
-            _corrected_line(coord[y], variance[y], at, (shift, unsure), out[y], sigma[y])
+            _corrected_line(coord[y], variance[y], at, (shift, doubt), out[y], sigma[y])
         else:
             _copied(coord[y], variance[y], out[y], sigma[y])
         if (rows > 4) & (cols > 4):
             _with_ends(offset[y], light)
             lights = light, offset[max(y - 2, 0)], offset[min(y + 2, rows - 1)]
-            limits = jump, stripe, per_turn, reach * reach, border, dark, REACH <= y < rows - REACH
-            centred(*(coord[y], window, k, lights, limits, out[y], sigma[y]))
+            limits = stripe, per_turn, dark, REACH <= y < rows - REACH
+            inside(coord[y], window, k, lights, limits, out[y], sigma[y])
         if (rows > 4) & (cols > 4) & (m2 > 0):
             first = min(up, rows - 3)
             lights = amplitude[y], amplitude[first], amplitude[first + 2]
