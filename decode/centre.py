@@ -1,44 +1,26 @@
 """How far what a pixel reads, a mean over its area, may be from what its centre sees.
 
-Where the map bends or jumps inside of it, or its light steps, the mean is not the centre's value. Neighbours
-show how much of that there may be; as it is less than their noise but at edges, it is not taken off: it goes
-into the variance.
+Where the map bends or jumps inside of it the mean is not the centre's value. Neighbours show how much of that
+there may be; as it is less than their noise but at edges, it is not taken off: it goes into the variance. (Of
+light that falls or steps in it, see ends.)
 """
 
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever.kernels import inlined, kernel
 
 from .pixelation import REACH
 
-__all__ = ["BULK", "STEEP", "dark_level", "inside", "lesser", "windowed"]
+__all__ = ["BULK", "STEEP", "inside", "lesser", "windowed"]
 
-F32 = NDArray[np.float32]
 #: Second differences are of the map from so many deviations on.
 BULK = 2.5
-#: Squared shares: of a second difference, what it shifts a mean; of the way between both neighbours (two
-#: pixels), how far the lesser change of light, as a step or a speck anywhere in the pixel, moves its centre
-#: of light; of a jump anywhere in the pixel.
-_BEND, _EDGE, _JUMP = np.float32(1 / 24**2), np.float32(1 / 8**2), np.float32(1 / 12)
+#: Squared shares: of a second difference, what it shifts a mean; of a jump anywhere in the pixel.
+_BEND, _JUMP = np.float32(1 / 24**2), np.float32(1 / 12)
 #: Turns of a fringe in a pixel from which on it tells no place: a quarter of its contrast is left.
 STEEP = 0.8
-
-
-def dark_level(level: F32, amplitude: F32) -> float:
-    """Mean level of pixels without light of the display, by their mean levels and amplitudes (K,), grey
-    levels: where the line through amplitudes over levels (medians of the dimmest and the brightest third) has
-    none. A swing is no more than its mean, and a room's light not below zero."""
-    mean, swing = (float(np.median(one)) if one.size else 0.0 for one in (level, amplitude))
-    if swing <= 0:  # nothing tells it: no pixels, or black and white in each other's place
-        return 0.0
-    low, high = np.quantile(level, (1 / 3, 2 / 3))
-    ends = [(np.median(amplitude[third]), np.median(level[third])) for third in (level <= low, level >= high)]
-    (a, b), (c, d) = ends
-    share = float(np.clip((c - a) / max(d - b, 1e-6), swing / max(mean, 1e-6), 1.0))
-    return mean - swing / share
 
 
 @kernel
@@ -77,23 +59,20 @@ def _parabola(end: Any, next_: Any, third: Any, k: Any) -> Any:
 
 
 @kernel
-def inside(here: Any, window: Any, k: Any, light: Any, limits: Any, placed: Any, total: Any) -> None:
+def inside(here: Any, window: Any, k: Any, limits: Any, placed: Any, total: Any) -> None:
     """What may be inside of the pixels of a line (W,) joins their variance.
 
     Of u(s) = u + g s + s H s / 2 the mean over a pixel is u + (H_xx + H_yy) / 24; of a jump J anywhere in it
     the variance is J^2 / 12; a fringe of which w turns lie on it shifts by up to 1 / (1 - w^2) of that.
-    here: the line. window: see `windowed`, k: the line's row in it. light: of the line, (W + 4,) with its
-    ends repeated, and of those two rows above and below (W,). limits: the finest stripe of a code (infinite:
-    no code), as parts of others on a pixel move what it reads, px; turns of the finest fringe in a px; level
-    without light; whether there are REACH rows on either side. placed: the line without pixelation, which
-    its neighbours have, too.
+    here: the line. window: see `windowed`, k: the line's row in it. limits: the finest
+    stripe of a code (infinite: no code), as parts of others on a pixel move what it reads, px; turns of the
+    finest fringe in a px; whether there are REACH rows on either side. placed: the line without pixelation,
+    which its neighbours have, too.
     """
-    stripe, per_turn, dark, inner = limits
+    stripe, per_turn, inner = limits
     zero, half, two = np.float32(0), np.float32(0.5), np.float32(2)
     # of second differences along both axes over the variance of a place; of `_jump` about twice as much
     by_noise = np.float32(20 * BULK**2)
-    # by noise of a fringe: twice the relative variance of a difference of mean levels, by that of a place
-    grain = np.float32(2 * (2 * np.pi) ** 2) * per_turn * per_turn
     size, at = total.size, REACH
     first, last = np.int32(at), np.int32(size - 1 - at)
     # views of one length: an index that only counts up is known not to wrap round
@@ -104,8 +83,6 @@ def inside(here: Any, window: Any, k: Any, light: Any, limits: Any, placed: Any,
     up, down = window[k - 1, at : at + size], window[k + 1, at : at + size]
     up_2, down_2 = window[k - 2, at : at + size], window[k + 2, at : at + size]
     up_far, down_far = window[k - at, at : at + size], window[k + at, at : at + size]
-    bright, bright_up, bright_down = light
-    before, lit, after = bright[:size], bright[2 : 2 + size], bright[4 : 4 + size]
     for x in range(size):
         u = here[x]
         one_x, one_y = right[x] - left[x], down[x] - up[x]
@@ -123,14 +100,9 @@ def inside(here: Any, window: Any, k: Any, light: Any, limits: Any, placed: Any,
         jumps = max(jump_x * jump_x + jump_y * jump_y - two * noise, zero)
         bends = max(bend * bend - noise, zero) * _steepened(half * one_x * per_turn)
         bends *= _steepened(half * one_y * per_turn)
-        grain2 = grain * total[x]
-        edge_x = max(_in_light(before[x], lit[x], after[x], dark) - grain2, zero)
-        edge_y = max(_in_light(bright_up[x], lit[x], bright_down[x], dark) - grain2, zero)
-        edges = edge_x * one_x * one_x + edge_y * one_y * one_y
-        doubt = bends * _BEND + edges * _EDGE
         least_x, least_y = lesser(u - left[x], right[x] - u), lesser(u - up[x], down[x] - u)
         over = max(least_x + least_y - stripe, zero)
-        total[x] += (doubt if doubt == doubt else zero) + (jumps + over * over) * _JUMP
+        total[x] += (bends * _BEND if bends == bends else zero) + (jumps + over * over) * _JUMP
 
 
 @inlined
@@ -153,13 +125,3 @@ def _jump(one: Any, two: Any, four: Any) -> Any:
     """J by differences over 2, 4 and 8 pixels of g x + k x^3 + J sign(x) / 2; its variance is 14.6 times that
     of a pixel. (By the first two of g x + J sign(x) / 2: 2 one - two, 10 times.)"""
     return (four - np.float32(10) * two + np.float32(16) * one) * np.float32(1 / 7)
-
-
-@inlined
-def _in_light(before: Any, here: Any, after: Any, dark: Any) -> Any:
-    """Squared lesser of the relative changes of light to both pixels two pixels away (of one colour, behind a
-    mosaic); 2^2 at most: light is nowhere negative in the pixel. dark: level without light."""
-    half, scale = np.float32(0.5), np.float32(1) / max(here - dark, np.float32(1e-6))
-    mean, bend = half * abs(after - before) * scale, abs(half * (before + after) - here) * scale
-    least = min(abs(mean - bend), np.float32(2))
-    return least * least

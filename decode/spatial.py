@@ -71,7 +71,7 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
     rows, cols = coord.shape
     window = np.empty((stop - start + 2 * REACH, cols + 2 * REACH), np.float32)
     windowed(coord, flags, start, stop, window)
-    special, light = marks_for(cols), np.empty(cols + 4, np.float32)
+    special = marks_for(cols)
     places, at = np.empty(cols, np.int64), np.empty(cols, np.uint32)
     most = np.float32(shift.size // PLACES - 1)
     border = np.float32(np.inf) if extent <= 0 else extent
@@ -91,14 +91,11 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
         else:
             _copied(coord[y], variance[y], out[y], sigma[y])
         if (rows > 4) & (cols > 4):
-            _with_ends(offset[y], light)
-            lights = light, offset[max(y - 2, 0)], offset[min(y + 2, rows - 1)]
-            limits = stripe, per_turn, dark, REACH <= y < rows - REACH
-            inside(coord[y], window, k, lights, limits, out[y], sigma[y])
-        if (rows > 4) & (cols > 4) & (m2 > 0):
+            limits = stripe, per_turn, REACH <= y < rows - REACH
+            inside(coord[y], window, k, limits, out[y], sigma[y])
             first = min(up, rows - 3)
-            lights = amplitude[y], amplitude[first], amplitude[first + 2]
-            faded(window, k, REACH, lights, m2, sigma[y])
+            lights = offset[y], offset[first], offset[first + 2]
+            faded(window, k, REACH, lights, dark, m2, sigma[y])
         for x in places[: marked(special, places)]:
             flag, lost = _neighbours(y, x, coord, variance, flags, amplitude, (jump, per_turn))
             here, c = window[k, x + REACH], x + REACH
@@ -127,15 +124,6 @@ def despeckle(start: int, stop: int, flags: NDArray[np.uint16], out: NDArray[np.
     around = cv2.boxFilter(good, -1, (3, 3), normalize=False, borderType=cv2.BORDER_REPLICATE)
     lone = (good & (around < 4))[start - first : stop - first] if min(flags.shape) > 2 else np.uint8(0)
     np.bitwise_or(flags[start:stop], lone * np.uint16(_OUTLIER), out=out[start:stop])
-
-
-@kernel
-def _with_ends(line: Any, out: Any) -> None:
-    """A line (W,), and what it begins and ends with twice more on either side, (W + 4,)."""
-    for x in range(line.size):
-        out[x + 2] = line[x]
-    out[0] = out[1] = line[0]
-    out[line.size + 2] = out[line.size + 3] = line[line.size - 1]
 
 
 @exact
