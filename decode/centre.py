@@ -64,40 +64,32 @@ def inside(here: Any, window: Any, k: Any, limits: Any, placed: Any, total: Any)
 
     Of u(s) = u + g s + s H s / 2 the mean over a pixel is u + (H_xx + H_yy) / 24; of a jump J anywhere in it
     the variance is J^2 / 12; a fringe of which w turns lie on it shifts by up to 1 / (1 - w^2) of that.
-    here: the line. window: see `windowed`, k: the line's row in it. limits: the finest
-    stripe of a code (infinite: no code), as parts of others on a pixel move what it reads, px; turns of the
-    finest fringe in a px; whether there are REACH rows on either side. placed: the line without pixelation,
-    which its neighbours have, too.
+    here: the line. window: see `windowed`, k: the line's row in it. limits: the finest stripe of a code
+    (infinite: no code), as parts of others on a pixel move what it reads, px; turns of the finest fringe in a
+    px. placed: the line without pixelation, which its neighbours have, too.
     """
-    stripe, per_turn, inner = limits
+    stripe, per_turn = limits
     zero, half, two = np.float32(0), np.float32(0.5), np.float32(2)
-    # of second differences along both axes over the variance of a place; of `_jump` about twice as much
+    # of second differences along both axes, and of both jumps, over the variance of a place
     by_noise = np.float32(20 * BULK**2)
     size, at = total.size, REACH
-    first, last = np.int32(at), np.int32(size - 1 - at)
     # views of one length: an index that only counts up is known not to wrap round
     line = window[k]
     left, right = line[at - 1 : at - 1 + size], line[at + 1 : at + 1 + size]
     left_2, right_2 = line[at - 2 : at - 2 + size], line[at + 2 : at + 2 + size]
-    left_far, right_far = line[:size], line[2 * at : 2 * at + size]
     up, down = window[k - 1, at : at + size], window[k + 1, at : at + size]
     up_2, down_2 = window[k - 2, at : at + size], window[k + 2, at : at + size]
-    up_far, down_far = window[k - at, at : at + size], window[k + at, at : at + size]
     for x in range(size):
         u = here[x]
         one_x, one_y = right[x] - left[x], down[x] - up[x]
         two_x, two_y = right_2[x] - left_2[x], down_2[x] - up_2[x]
         bend = left[x] + right[x] + up[x] + down[x] - two * two * u
-        far_x, far_y = right_far[x] - left_far[x], down_far[x] - up_far[x]
-        # where one is refused, what it is in is NaN; an index as wide as the values: wider ones would halve
-        # the lanes of all that depends on it
-        far = inner & (np.int32(x) >= first) & (np.int32(x) <= last) & (far_x + far_y == far_x + far_y)
-        jump_x = _jump(one_x, two_x, far_x) if far else two * one_x - two_x
-        jump_y = _jump(one_y, two_y, far_y) if far else two * one_y - two_y
+        # J of g x + J sign(x) / 2, by differences over 2 and 4 pixels
+        jump_x, jump_y = two * one_x - two_x, two * one_y - two_y
         # along either axis by itself: a pixel that is refused on one says nothing of the other
         jump_x, jump_y = jump_x if jump_x == jump_x else zero, jump_y if jump_y == jump_y else zero
         noise = by_noise * (total[x] + (placed[x] - u) * (placed[x] - u))
-        jumps = max(jump_x * jump_x + jump_y * jump_y - two * noise, zero)
+        jumps = max(jump_x * jump_x + jump_y * jump_y - noise, zero)
         bends = max(bend * bend - noise, zero) * _steepened(half * one_x * per_turn)
         bends *= _steepened(half * one_y * per_turn)
         least_x, least_y = lesser(u - left[x], right[x] - u), lesser(u - up[x], down[x] - u)
@@ -118,10 +110,3 @@ def lesser(one: Any, other: Any) -> Any:
     one, other = abs(one), abs(other)
     least = one if (one < other) | (other != other) else other
     return least if least == least else np.float32(0)
-
-
-@inlined
-def _jump(one: Any, two: Any, four: Any) -> Any:
-    """J by differences over 2, 4 and 8 pixels of g x + k x^3 + J sign(x) / 2; its variance is 14.6 times that
-    of a pixel. (By the first two of g x + J sign(x) / 2: 2 one - two, 10 times.)"""
-    return (four - np.float32(10) * two + np.float32(16) * one) * np.float32(1 / 7)
