@@ -59,17 +59,16 @@ def _parabola(end: Any, next_: Any, third: Any, k: Any) -> Any:
 
 
 @kernel
-def inside(here: Any, window: Any, k: Any, limits: Any, placed: Any, total: Any) -> None:
+def inside(here: Any, window: Any, k: Any, stripe: Any, placed: Any, total: Any) -> None:
     """What may be inside of the pixels of a line (W,) joins their variance.
 
     Of u(s) = u + g s + s H s / 2 the mean over a pixel is u + (H_xx + H_yy) / 24; of a jump J anywhere in it
-    the variance is J^2 / 12; a fringe of which w turns lie on it shifts by up to 1 / (1 - w^2) of that.
-    here: the line. window: see `windowed`, k: the line's row in it. limits: the finest stripe of a code
-    (infinite: no code), as parts of others on a pixel move what it reads, px; turns of the finest fringe in a
-    px. placed: the line without pixelation, which its neighbours have, too.
+    the variance is J^2 / 12.
+    here: the line. window: see `windowed`, k: the line's row in it. stripe: the finest one of a code (infinite:
+    no code), as parts of others on a pixel move what it reads, px. placed: the line without pixelation, which
+    its neighbours have, too.
     """
-    stripe, per_turn = limits
-    zero, half, two = np.float32(0), np.float32(0.5), np.float32(2)
+    zero, two = np.float32(0), np.float32(2)
     # of second differences along both axes, and of both jumps, over the variance of a place
     by_noise = np.float32(20 * BULK**2)
     size, at = total.size, REACH
@@ -90,18 +89,10 @@ def inside(here: Any, window: Any, k: Any, limits: Any, placed: Any, total: Any)
         jump_x, jump_y = jump_x if jump_x == jump_x else zero, jump_y if jump_y == jump_y else zero
         noise = by_noise * (total[x] + (placed[x] - u) * (placed[x] - u))
         jumps = max(jump_x * jump_x + jump_y * jump_y - noise, zero)
-        bends = max(bend * bend - noise, zero) * _steepened(half * one_x * per_turn)
-        bends *= _steepened(half * one_y * per_turn)
+        bends = max(bend * bend - noise, zero)
         least_x, least_y = lesser(u - left[x], right[x] - u), lesser(u - up[x], down[x] - u)
         over = max(least_x + least_y - stripe, zero)
         total[x] += (bends * _BEND if bends == bends else zero) + (jumps + over * over) * _JUMP
-
-
-@inlined
-def _steepened(turns: Any) -> Any:
-    """(1 - w^2)^-2 of a number of turns; as of STEEP beyond it."""
-    left = np.float32(1) - min(turns * turns, np.float32(STEEP**2))
-    return np.float32(1) / (left * left)
 
 
 @inlined

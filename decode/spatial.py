@@ -91,7 +91,7 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
         else:
             _copied(coord[y], variance[y], out[y], sigma[y])
         if (rows > 4) & (cols > 4):
-            inside(coord[y], window, k, (stripe, per_turn), out[y], sigma[y])
+            inside(coord[y], window, k, stripe, out[y], sigma[y])
             first = min(up, rows - 3)
             lights = offset[y], offset[first], offset[first + 2]
             faded(window, k, REACH, lights, dark, m2, sigma[y])
