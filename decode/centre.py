@@ -64,9 +64,9 @@ def inside(here: Any, window: Any, k: Any, stripe: Any, placed: Any, total: Any)
 
     Of u(s) = u + g s + s H s / 2 the mean over a pixel is u + (H_xx + H_yy) / 24; of a jump J anywhere in it
     the variance is J^2 / 12.
-    here: the line. window: see `windowed`, k: the line's row in it. stripe: the finest one of a code (infinite:
-    no code), as parts of others on a pixel move what it reads, px. placed: the line without pixelation, which
-    its neighbours have, too.
+    here: the line. window: see `windowed`, k: the line's row in it. stripe: the finest one of a code
+    (infinite: no code), as parts of others on a pixel move what it reads, px. placed: the line without
+    pixelation, which its neighbours have, too.
     """
     zero, two = np.float32(0), np.float32(2)
     # of second differences along both axes, and of both jumps, over the variance of a place
