@@ -3,8 +3,8 @@
 A pixel sees places around its own, with weights of some variance m2 (px^2). Of a map u in a light A it reads
 u + m2 grad u . grad A / A (exact for normal weights). m2 is how wide light rises across the mirror's ends (a
 sharp end within a pixel reads about 1/4, as it should: half of it dark, its neighbours dark and bright, the
-centre of its light is a quarter away; the same holds of any step of light). Where a camera is focused on something else rise and mixing need not
-agree, so that the shift is not taken off: it joins the variance.
+centre of its light is a quarter away; so does any step of light). Where a camera is focused on something else
+rise and mixing need not agree, so that the shift is not taken off: it joins the variance.
 """
 
 from typing import Any
