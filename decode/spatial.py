@@ -21,18 +21,14 @@ from .correspondence import Flag
 from .display import PLACES
 from .ends import faded, slope
 from .flags import marked, marks_for
-from .pixelation import REACH, SLIGHT
+from .pixelation import REACH
 
 __all__ = ["Raw", "check_rows", "despeckle"]
 
 _ONE = np.float32(1)
 _OUTLIER, _OFF = int(Flag.OUTLIER), int(Flag.OFF_PATTERN)
-#: Flags of pixels that see no pattern.
-_UNSEEN = np.uint16(Flag.DARK | Flag.LOW_CONTRAST | Flag.SATURATED | Flag.INVALID)
 #: Squared deviations beyond which a neighbour contradicts, and from which on a bend is of the map.
 _SURE2, _BULK2 = np.float32(6.0**2), np.float32(BULK**2)
-#: Relative variance of a fringe's amplitude over that of its place, turns^2.
-_TURN2 = np.float32((2 * np.pi) ** 2)
 #: Of a squared second difference, the squared shift of a pixel's mean from its centre.
 _BEND = np.float32(1 / 24**2)
 
@@ -79,12 +75,6 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
         up, down, k = max(y - 1, 0), min(y + 1, rows - 1), y - start + REACH
         own = flags[y], variance[y], variance[up], variance[down]
         _special_line(window, k, own, (jump, per_turn, reach * reach, border), special[:cols])
-        if (y == 0) | (y == rows - 1):
-            inner = min(2, rows - 1) if y == 0 else max(rows - 3, 0)
-            for x in range(cols):
-                special[x] |= _dimmer((y, x), (inner, x), raw, common, per_turn)
-        for x, inner in ((0, min(2, cols - 1)), (cols - 1, max(cols - 3, 0))):
-            special[x] |= _dimmer((y, x), (y, inner), raw, common, per_turn)
         if shift.size > 1:
             _entry_line(coord[y], window, k, usual, most, at)
             _corrected_line(coord[y], variance[y], at, (shift, doubt), out[y], sigma[y])
@@ -106,9 +96,7 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
             unknown = (four != four) & ((gx + gy) * per_turn > np.float32(0.5))
             unknown |= _undersampled(across, per_turn) | _undersampled(down, per_turn)
             flag |= np.uint16(_OUTLIER if unknown else 0)
-            low = here + here < extent - np.float32(1)
-            inner_x, inner_y = _step_inwards(across, low, jump), _step_inwards(down, low, jump)
-            off, shift_in, unsure_in = inwards(here, variance[y, x], inner_x, inner_y, reach, shadow, extent)
+            off, shift_in, unsure_in = inwards(here, variance[y, x], gx, gy, reach, shadow, extent)
             out[y, x] -= shift_in
             sigma[y, x] += lost + unsure_in
             out_flags[y, x] |= flag | np.uint16(_OFF if off else 0)
@@ -132,17 +120,6 @@ def _step_on_a_map(five: Any, jump: Any) -> Any:
     _, before, here, after, _ = five
     least = lesser(here - before, after - here)
     return np.float32(0.5) * abs(after - before) if abs(before + after - here - here) <= jump else least
-
-
-@exact
-def _step_inwards(five: Any, low: Any, jump: Any) -> Any:
-    """Size of the change per pixel between the next two ones inwards of the nearer border (low: of the low
-    coordinates), as beside it neighbours read nearly the same place; on a map without those."""
-    before_2, before, here, after, after_2 = five
-    ahead = (after > here) == low if after == after else (before > here) != low
-    near, next_ = (after, after_2) if ahead else (before, before_2)
-    beside = _step_on_a_map(five, jump)
-    return abs(next_ - near) if abs(here + next_ - near - near) <= jump else beside
 
 
 @kernel
@@ -186,18 +163,6 @@ def _tell(cross: Any, noise: Any, limits: Any) -> Any:
     return wide | beside | (away * away <= SHADOW2 * (reach2 + footprint2)) | (far > half_a_turn)
 
 
-@exact
-def _dimmer(at: Any, inner: Any, raw: Any, common: Any, per_turn: Any) -> Any:
-    """Whether a good pixel at the image's edge has less light than one two pixels inwards, by more than its
-    noise, and enough to count: a place moves by half of the share that is lost."""
-    (coord, variance), (flags, amplitude, _) = raw, common
-    share = max(np.float32(1) - amplitude[at] / max(amplitude[inner], np.float32(1e-6)), np.float32(0))
-    noise = np.float32(2) * _TURN2 * per_turn * per_turn * variance[at]
-    shift = np.float32(0.25) * share * (coord[inner] - coord[at])
-    counts = shift * shift > np.float32(SLIGHT**2) * variance[at]
-    return np.uint8((flags[at] == 0) & counts & (share * share > _BULK2 * noise))
-
-
 @kernel
 def _entry_line(c: Any, window: Any, k: Any, usual: Any, most: Any, at: Any) -> None:
     """Entries of a Pixelation by place in the cell and width of the footprint, of `most` steps at most;
@@ -236,11 +201,10 @@ def _copied(c: Any, var: Any, out: Any, total: Any) -> None:
 
 class _Pixel(NamedTuple):
     """A pixel of the image, and one beyond it, as is where it is nearest: whether it is of the image, whether
-    it is good, whether it sees nothing; place, variance, amplitude."""
+    it is good; place, variance, amplitude."""
 
     inside: Any
     good: Any
-    unseen: Any
     place: Any
     variance: Any
     amplitude: Any
@@ -250,8 +214,7 @@ class _Pixel(NamedTuple):
 def _pixel(y: Any, x: Any, coord: Any, variance: Any, flags: Any, amplitude: Any) -> Any:
     i, j = min(max(y, 0), coord.shape[0] - 1), min(max(x, 0), coord.shape[1] - 1)
     inside, flag = (i == y) & (j == x), flags[i, j]
-    good, unseen = inside & (flag == 0), (flag & _UNSEEN) != 0
-    return _Pixel(inside, good, unseen, coord[i, j], variance[i, j], amplitude[i, j])
+    return _Pixel(inside, inside & (flag == 0), coord[i, j], variance[i, j], amplitude[i, j])
 
 
 @exact
@@ -259,6 +222,7 @@ def _neighbours(
     y: Any, x: Any, coord: Any, variance: Any, flags: Any, amplitude: Any, limits: Any
 ) -> tuple[Any, Any]:
     """Flag of a good pixel, and squared shift of its centre, by those of its neighbours that are good."""
+    jump, per_turn = limits
     here = _pixel(y, x, coord, variance, flags, amplitude)
     left = _pixel(y, x - 1, coord, variance, flags, amplitude)
     right = _pixel(y, x + 1, coord, variance, flags, amplitude)
@@ -268,27 +232,25 @@ def _neighbours(
     right_2 = _pixel(y, x + 2, coord, variance, flags, amplitude)
     up_2 = _pixel(y - 2, x, coord, variance, flags, amplitude)
     down_2 = _pixel(y + 2, x, coord, variance, flags, amplitude)
-    beside, torn, lost_x, bend_x, beyond_x = _along((left_2, left, here, right, right_2), limits)
-    others, torn_y, lost_y, bend_y, beyond_y = _along((up_2, up, here, down, down_2), limits)
+    beside, torn, lost_x, bend_x = _along((left_2, left, here, right, right_2), jump)
+    others, torn_y, lost_y, bend_y = _along((up_2, up, here, down, down_2), jump)
     # without one on an axis, nothing tells where the centre of what is left of its light is
     brightest = max(max(left.amplitude, right.amplitude), max(up.amplitude, down.amplitude))
-    dim = (limits[1] > 0) | (here.amplitude < np.float32(0.5) * brightest)
+    dim = (per_turn > 0) | (here.amplitude < np.float32(0.5) * brightest)
     alone = (beside + others <= 1) | ((beside * others == 0) & dim)
     alone &= (coord.shape[0] > 2) & (coord.shape[1] > 2)
-    outlier = alone | torn | torn_y | ((beyond_x > 0) & (beyond_y > 0))
-    # beside a refused pixel nothing is taken off (see centre)
+    outlier = alone | torn | torn_y
+    # a bend that a refused pixel hides from `inside`
     bends = (bend_x + bend_y) * _BEND if beside + others < 4 else np.float32(0)
     return np.uint16(_OUTLIER if outlier else 0), lost_x + lost_y + bends
 
 
 @exact
-def _along(five: Any, limits: Any) -> tuple[Any, Any, Any, Any, Any]:
+def _along(five: Any, jump: Any) -> tuple[Any, Any, Any, Any]:
     """How many of both neighbours on an axis are good (beyond the image: one), whether they say that the
-    pixel is of neither side, squared shift that they allow, squared second difference beyond noise, and by
-    how much the pixel is beyond both, noise taken off (-1: not known).
-    """
+    pixel is of neither side, squared shift that they allow, and squared second difference beyond noise."""
     before_2, before, here, after, after_2 = five
-    none, jump, none_beyond = np.float32(0), limits[0], np.float32(-1)
+    none = np.float32(0)
     back, back_noise = _off_line(here, before, before_2)
     ahead, ahead_noise = _off_line(here, after, after_2)
     count = int(before.good or not before.inside) + int(after.good or not after.inside)
@@ -302,19 +264,15 @@ def _along(five: Any, limits: Any) -> tuple[Any, Any, Any, Any, Any]:
             share = max(np.float32(1) - here.amplitude / whole, none)
             lost = np.float32(0.5) * share * (here.place - near.place)
         bend = max(back - _BULK2 * back_noise, ahead - _BULK2 * ahead_noise, none)
-        if count == 1 and inside and not (before.unseen or after.unseen):
-            bend = max(bend, _of_one_order(off, limits) ** 2)
-        return count, False, lost * lost, bend, none_beyond
+        return count, False, lost * lost, bend
     noise = before.variance + np.float32(4) * here.variance + after.variance
     bend, lost = max(min(off * off, np.float32(4) * jump * jump) - _BULK2 * noise, none), none
     if off * off > max(jump * jump, _SURE2 * noise):
         fits_back, fits_ahead = back < _SURE2 * back_noise, ahead < _SURE2 * ahead_noise
         if not (fits_back or fits_ahead):
-            return count, True, none, none, none_beyond
+            return count, True, none, none
         lost = min(back if fits_back else ahead, ahead if fits_ahead else back) + bend * _BEND
-    least, most = min(before.place, after.place), max(before.place, after.place)
-    beyond = max(least - here.place, here.place - most) - np.sqrt(_SURE2 * noise)
-    return count, False, lost, bend, beyond
+    return count, False, lost, bend
 
 
 @exact
@@ -340,13 +298,3 @@ def _undersampled(five: Any, per_turn: Any) -> Any:
     unknown = one + two + three + four != one + two + three + four
     tells = unknown | (uneven > np.float32(0.25)) | (two + three > np.float32(2 * STEEP))
     return (min(two, three) > np.float32(0.5)) & tells
-
-
-@exact
-def _of_one_order(off: Any, limits: Any) -> Any:
-    """A second difference whose order is not known: the least that it can be of a fringe, of a code what a
-    map may have."""
-    jump, per_turn = limits
-    if per_turn > 0:
-        return off - np.rint(off * per_turn) / per_turn
-    return min(abs(off), np.float32(2) * jump)
