@@ -70,7 +70,7 @@ def inside(here: Any, window: Any, k: Any, stripe: Any, placed: Any, total: Any)
     """
     zero, two = np.float32(0), np.float32(2)
     # of second differences along both axes, and of both jumps, over the variance of a place
-    by_noise, sure = np.float32(20), np.float32(BULK**2)
+    by_noise = np.float32(20 * BULK**2)
     size, at = total.size, REACH
     # views of one length: an index that only counts up is known not to wrap round
     line = window[k]
@@ -88,7 +88,7 @@ def inside(here: Any, window: Any, k: Any, stripe: Any, placed: Any, total: Any)
         # along either axis by itself: a pixel that is refused on one says nothing of the other
         jump_x, jump_y = jump_x if jump_x == jump_x else zero, jump_y if jump_y == jump_y else zero
         noise = by_noise * (total[x] + (placed[x] - u) * (placed[x] - u))
-        jumps = max(jump_x * jump_x + jump_y * jump_y - sure * noise, zero)
+        jumps = max(jump_x * jump_x + jump_y * jump_y - noise, zero)
         bends = max(bend * bend - noise, zero)
         least_x, least_y = lesser(u - left[x], right[x] - u), lesser(u - up[x], down[x] - u)
         over = max(least_x + least_y - stripe, zero)

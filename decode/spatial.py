@@ -96,7 +96,9 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
             unknown = (four != four) & ((gx + gy) * per_turn > np.float32(0.5))
             unknown |= _undersampled(across, per_turn) | _undersampled(down, per_turn)
             flag |= np.uint16(_OUTLIER if unknown else 0)
-            off, shift_in, unsure_in = inwards(here, variance[y, x], gx, gy, reach, shadow, extent)
+            low = here + here < extent - np.float32(1)
+            inner_x, inner_y = _step_inwards(across, low, jump), _step_inwards(down, low, jump)
+            off, shift_in, unsure_in = inwards(here, variance[y, x], inner_x, inner_y, reach, shadow, extent)
             out[y, x] -= shift_in
             sigma[y, x] += lost + unsure_in
             out_flags[y, x] |= flag | np.uint16(_OFF if off else 0)
@@ -120,6 +122,17 @@ def _step_on_a_map(five: Any, jump: Any) -> Any:
     _, before, here, after, _ = five
     least = lesser(here - before, after - here)
     return np.float32(0.5) * abs(after - before) if abs(before + after - here - here) <= jump else least
+
+
+@exact
+def _step_inwards(five: Any, low: Any, jump: Any) -> Any:
+    """Size of the change per pixel between the next two ones inwards of the nearer border (low: of the low
+    coordinates), as beside it neighbours read nearly the same place; on a map without those."""
+    before_2, before, here, after, after_2 = five
+    ahead = (after > here) == low if after == after else (before > here) != low
+    near, next_ = (after, after_2) if ahead else (before, before_2)
+    beside = _step_on_a_map(five, jump)
+    return abs(next_ - near) if abs(here + next_ - near - near) <= jump else beside
 
 
 @kernel
