@@ -1,26 +1,50 @@
-"""How far what a pixel reads, a mean over its area, may be from what its centre sees.
+"""From the mean over a pixel, which is what it reads, to what its centre sees.
 
-Where the map bends or jumps inside of it the mean is not the centre's value. Neighbours show how much of that
-there may be; as it is less than their noise but at edges, it is not taken off: it goes into the variance. (Of
-light that falls or steps in it, see ends.)
+A pixel takes light all over its area. Where the map bends inside of it, or its light is a slope, the mean is
+not the centre's value: that comes off as far as neighbours show it beyond noise, and what they cannot tell (a
+jump inside of the pixel, a bend that changes from pixel to pixel) goes into the variance.
 """
 
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from optolever.kernels import inlined, kernel
 
+from .border import SHADOW2
 from .pixelation import REACH
 
-__all__ = ["BULK", "STEEP", "inside", "lesser", "windowed"]
+__all__ = ["BULK", "STEEP", "centred", "dark_level", "lesser", "windowed"]
 
-#: Jumps and second differences are of the map from so many deviations on.
+F32 = NDArray[np.float32]
+#: Second differences are of the map from so many deviations on.
 BULK = 2.5
-#: Squared shares: of a second difference, what it shifts a mean; of a jump anywhere in the pixel.
-_BEND, _JUMP = np.float32(1 / 24**2), np.float32(1 / 12)
+#: Squared second difference over the squared fourth one, of pixels that have nothing to do with each other: a
+#: sum over both axes of 20 variances, and of two times 70.
+_ROUGH = np.float32(20 / 140)
+#: Twice the squared fourth differences of noise of variance 1.
+_BY_NOISE = np.float32(2 * 140)
+#: Squared shares: of a fourth difference, what a second one over 24 leaves of waves (1 / sinc - 1, down to
+#: 2.4 pixels); of a second one, all; of the way between both neighbours (two pixels), how far the lesser
+#: change of light, as a step or a speck anywhere in the pixel, moves its centre of light.
+_SHORT, _ALL, _EDGE = np.float32(1 / 64**2), np.float32(1 / 24**2), np.float32(1 / 8**2)
 #: Turns of a fringe in a pixel from which on it tells no place: a quarter of its contrast is left.
 STEEP = 0.8
+
+
+def dark_level(level: F32, amplitude: F32) -> float:
+    """Mean level of pixels without light of the display, by their mean levels and amplitudes (K,), grey
+    levels: where the line through amplitudes over levels (medians of the dimmest and the brightest third) has
+    none. A swing is no more than its mean, and a room's light not below zero."""
+    mean, swing = (float(np.median(one)) if one.size else 0.0 for one in (level, amplitude))
+    if swing <= 0:  # nothing tells it: no pixels, or black and white in each other's place
+        return 0.0
+    low, high = np.quantile(level, (1 / 3, 2 / 3))
+    ends = [(np.median(amplitude[third]), np.median(level[third])) for third in (level <= low, level >= high)]
+    (a, b), (c, d) = ends
+    share = float(np.clip((c - a) / max(d - b, 1e-6), swing / max(mean, 1e-6), 1.0))
+    return mean - swing / share
 
 
 @kernel
@@ -59,40 +83,141 @@ def _parabola(end: Any, next_: Any, third: Any, k: Any) -> Any:
 
 
 @kernel
-def inside(here: Any, window: Any, k: Any, stripe: Any, placed: Any, total: Any) -> None:
-    """What may be inside of the pixels of a line (W,) joins their variance.
+def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, total: Any) -> None:
+    """From the mean over a pixel, weighted by the light, to its centre, along a line (W,).
 
-    Of u(s) = u + g s + s H s / 2 the mean over a pixel is u + (H_xx + H_yy) / 24; of a jump J anywhere in it
-    the variance is J^2 / 12.
-    here: the line. window: see `windowed`, k: the line's row in it. stripe: the finest one of a code
-    (infinite: no code), as parts of others on a pixel move what it reads, px. placed: the line without
-    pixelation, which its neighbours have, too.
+    Of u(s) = u + g s + s H s / 2 and light A (1 + a s) the mean over a pixel is u + (H_xx + H_yy) / 24 +
+    a g / 12; of a fringe see `_factor` and `_across`.
+    here: the line. window: see `windowed`, k: the line's row in it. light: of the line, (W + 4,) with its
+    ends repeated, and of those two rows above and below (W,). limits: by what neighbours of a map bend at
+    most, px; the finest stripe of a code (infinite: no code), as parts of others on a pixel move what it
+    reads, px; turns of the finest fringe in a px; squared reach of a pixel of no footprint, and extent of the
+    surface (infinite: no border), in whose border's shadow (see border) nothing is taken off; level without
+    light; whether there are REACH rows on either side.
+
+    Over REACH pixels the curvature is told with next to no noise; it, and what it is more or less between
+    next neighbours, count as far as they are beyond noise (James and Stein's shrinkage), and the latter as
+    far as it does not change from pixel to pixel (a rough mirror, a neighbour at an edge).
     """
-    zero, two = np.float32(0), np.float32(2)
-    # of second differences along both axes, and of both jumps, over the variance of a place
-    by_noise = np.float32(20 * BULK**2)
-    size, at = total.size, REACH
+    jump, stripe, per_turn, reach2, extent, dark, inner = limits
+    zero, half, two, four = np.float32(0), np.float32(0.5), np.float32(2), np.float32(4)
+    wide, part, twelfth = np.float32(1 / REACH**2), np.float32(1 / 24), np.float32(1 / 12)
+    unsure, more = np.float32(20 * BULK**2), np.float32((7 / 6) ** 2 + 4 / 24**2 - 1)
+    # by noise of a fringe: twice the relative variance of a difference of mean levels, by that of a place
+    grain = np.float32(2 * (2 * np.pi) ** 2) * per_turn * per_turn
+    # squared fourth differences that second ones of one map may make: beyond, it is an edge (see spatial)
+    most = np.float32(2 * 4**2) * jump * jump
+    size, at = out.size, REACH
+    first, last = np.int32(at), np.int32(size - 1 - at)
     # views of one length: an index that only counts up is known not to wrap round
     line = window[k]
     left, right = line[at - 1 : at - 1 + size], line[at + 1 : at + 1 + size]
     left_2, right_2 = line[at - 2 : at - 2 + size], line[at + 2 : at + 2 + size]
+    left_far, right_far = line[:size], line[2 * at : 2 * at + size]
     up, down = window[k - 1, at : at + size], window[k + 1, at : at + size]
     up_2, down_2 = window[k - 2, at : at + size], window[k + 2, at : at + size]
+    up_far, down_far = window[k - at, at : at + size], window[k + at, at : at + size]
+    before_up, after_up = window[k - 1, at - 1 : at - 1 + size], window[k - 1, at + 1 : at + 1 + size]
+    before_down, after_down = window[k + 1, at - 1 : at - 1 + size], window[k + 1, at + 1 : at + 1 + size]
+    bright, bright_up, bright_down = light
+    before, lit, after = bright[:size], bright[2 : 2 + size], bright[4 : 4 + size]
     for x in range(size):
-        u = here[x]
+        u, was = here[x], out[x]
         one_x, one_y = right[x] - left[x], down[x] - up[x]
         two_x, two_y = right_2[x] - left_2[x], down_2[x] - up_2[x]
-        bend = left[x] + right[x] + up[x] + down[x] - two * two * u
-        # J of g x + J sign(x) / 2, by differences over 2 and 4 pixels
-        jump_x, jump_y = two * one_x - two_x, two * one_y - two_y
+        near_x, near_y = left[x] + right[x] - two * u, up[x] + down[x] - two * u
+        fourth_x = left_2[x] + right_2[x] - two * u - four * near_x
+        fourth_y = up_2[x] + down_2[x] - two * u - four * near_y
+        broad_x = (left_far[x] + right_far[x] - two * u) * wide
+        broad_y = (up_far[x] + down_far[x] - two * u) * wide
+        bend, uneven = near_x + near_y, fourth_x * fourth_x + fourth_y * fourth_y
+        # where one is refused, what it is in is NaN
+        near, next_ = bend == bend, uneven == uneven
+        # an index as wide as the values: wider ones would halve the lanes of all that depends on it
+        inside = inner & (np.int32(x) >= first) & (np.int32(x) <= last)
+        far = inside & next_ & (broad_x + broad_y == broad_x + broad_y)
+        noise = unsure * (total[x] + (was - u) * (was - u))
+        turns_x, turns_y = half * one_x * per_turn, half * one_y * per_turn
+        pole_x, pole_y = _poles(turns_x, turns_y)
+        factor_x, factor_y = _factor(pole_x), _factor(pole_y)
+        broad_x, broad_y = broad_x if far else zero, broad_y if far else zero
+        ragged = max(uneven - _BY_NOISE * total[x], zero) if next_ else zero
+        there = _beyond(broad_x + broad_y, max(noise * wide * wide, _ROUGH * ragged))
+        bend_x, bend_y = near_x - there * broad_x, near_y - there * broad_y
+        bend = bend_x + bend_y if near else zero
+        share = _beyond(bend, max(noise, _ROUGH * uneven)) if next_ else zero
+        bends = factor_x * (there * broad_x + share * bend_x) + factor_y * (there * broad_y + share * bend_y)
+        turned = _across(turns_x, pole_x) * _across(turns_y, pole_y)
+        # as far as all four quarters show it: of one outlying neighbour they differ by as much, or, at the
+        # image's border, where values are continued, by half of it
+        along, against = before_up[x] + after_down[x], before_down[x] + after_up[x]
+        differ = along + against - four * u - two * (near_x + near_y)
+        twist = (along - against) * _beyond(along - against, four * differ * differ) * turned
+        twisted = near & (twist == twist)
+        bends -= twist if twisted else zero
+        whole = min(bend * bend, four * jump * jump)
+        short = min(ragged, most) * _SHORT if next_ else whole * _ALL
+        grain2 = grain * total[x]
+        edge_x, light_x = _in_light(before[x], lit[x], after[x], dark, half * grain2)
+        edge_y, light_y = _in_light(bright_up[x], lit[x], bright_down[x], dark, half * grain2)
+        # of a code it is less than its cells round off, and what noise of the light would make of it
+        dims = light_x * one_x + light_y * one_y if stripe == np.float32(np.inf) else zero
+        edge_x = max(edge_x * edge_x - grain2, zero) * one_x * one_x
+        edge_y = max(edge_y * edge_y - grain2, zero) * one_y * one_y
+        edges = (edge_x + edge_y) * _EDGE if near else zero
+        jump_x = _jump(one_x, two_x, right_far[x] - left_far[x]) if far else two * one_x - two_x
+        jump_y = _jump(one_y, two_y, down_far[x] - up_far[x]) if far else two * one_y - two_y
         # along either axis by itself: a pixel that is refused on one says nothing of the other
         jump_x, jump_y = jump_x if jump_x == jump_x else zero, jump_y if jump_y == jump_y else zero
-        noise = by_noise * (total[x] + (placed[x] - u) * (placed[x] - u))
-        jumps = max(jump_x * jump_x + jump_y * jump_y - noise, zero)
-        bends = max(bend * bend - noise, zero)
+        jumps = max(jump_x * jump_x + jump_y * jump_y - two * noise, zero)
+        smooth = near & (near_x * near_x < jump * jump) & (near_y * near_y < jump * jump)
+        # clear of the border's shadow, as neighbours two pixels away are
+        steps_x, steps_y = one_x if one_x == one_x else zero, one_y if one_y == one_y else zero
+        away = max(min(u + half, extent - half - u) - max(abs(steps_x), abs(steps_y)), zero)
+        width2 = (steps_x * steps_x + steps_y * steps_y) * np.float32(1 / 48)
+        clear = away * away > SHADOW2 * (reach2 + width2)
+        off, taken = bends + dims, smooth & clear
+        out[x] = was - (part * off if taken else zero)
         least_x, least_y = lesser(u - left[x], right[x] - u), lesser(u - up[x], down[x] - u)
         over = max(least_x + least_y - stripe, zero)
-        total[x] += (bends * _BEND if bends == bends else zero) + (jumps + over * over) * _JUMP
+        # as of a ridge, where a diagonal neighbour is refused
+        bent = near_x * near_y * turned * turned * np.float32(16)
+        short += abs(bent) * _ALL if near & (not twisted) else zero
+        # terms of the next order are by the turns squared less than these
+        most_turns = turns_x * turns_x + turns_y * turns_y
+        size_of = abs(factor_x * near_x) + abs(factor_y * near_y) + (abs(twist) if twisted else zero)
+        short += size_of * size_of * most_turns * most_turns * _ALL if near else zero
+        short += off * off * _ALL if near & (not taken) else zero
+        doubt = short + (edges + jumps * twelfth if clear else whole * _ALL)
+        total[x] += doubt + (share * more * total[x] if smooth else zero) + over * over * twelfth
+
+
+@inlined
+def _poles(one: Any, other: Any) -> tuple[Any, Any]:
+    """1 / (1 - w^2) of both numbers of turns, by one division; as of STEEP beyond it."""
+    a = np.float32(1) - min(one * one, np.float32(STEEP**2))
+    b = np.float32(1) - min(other * other, np.float32(STEEP**2))
+    both = np.float32(1) / (a * b)
+    return b * both, a * both
+
+
+@inlined
+def _factor(pole: Any) -> Any:
+    """What a bend shifts the phase of a fringe of which w turns lie on a pixel, over what it shifts the mean
+    place: -3 sinc''(w) / (pi^2 sinc(w)), here by the first term of its series and the pole at 1 (to 0.01 up
+    to half a turn, to 8 % near one), 1 - 2 pi^2 / 15 w^2 / (1 - w^2)."""
+    return np.float32(1 + 2 * np.pi**2 / 15) - np.float32(2 * np.pi**2 / 15) * pole
+
+
+@inlined
+def _across(turns: Any, pole: Any) -> Any:
+    """sqrt(6) c(w) of a fringe of which w turns lie on a pixel, c(w) = -sinc'(w) / (2 pi sinc(w)).
+
+    H_xy shifts the mean place by -H_xy c(w_x) c(w_y); sqrt(6), squared, is 24 (of the bends beside it) over 4
+    (of the difference that tells H_xy). By the pole at 1 and the first term of the rest of the series,
+    c(w) = (w / pi) (1 / (1 - w^2) + pi^2 / 6 - 1).
+    """
+    return np.float32(np.sqrt(6) / np.pi) * turns * (pole + np.float32(np.pi**2 / 6 - 1))
 
 
 @inlined
@@ -101,3 +226,29 @@ def lesser(one: Any, other: Any) -> Any:
     one, other = abs(one), abs(other)
     least = one if (one < other) | (other != other) else other
     return least if least == least else np.float32(0)
+
+
+@inlined
+def _beyond(value: Any, noise: Any) -> Any:
+    """Share of a value that is beyond noise (variance)."""
+    return max(np.float32(1) - noise / (value * value + np.float32(1e-12)), np.float32(0))
+
+
+@inlined
+def _jump(one: Any, two: Any, four: Any) -> Any:
+    """J by differences over 2, 4 and 8 pixels of g x + k x^3 + J sign(x) / 2; its variance is 14.6 times that
+    of a pixel. (By the first two of g x + J sign(x) / 2: 2 one - two, 10 times.)"""
+    return (four - np.float32(10) * two + np.float32(16) * one) * np.float32(1 / 7)
+
+
+@inlined
+def _in_light(before: Any, here: Any, after: Any, dark: Any, noise: Any) -> tuple[Any, Any]:
+    """Lesser of the relative changes of light to both pixels two pixels away (of one colour, behind a
+    mosaic): its size, and itself over one pixel, 0 if their signs differ (minmod: beside an edge no
+    gradient), of changes that differ by as much as is beyond noise (variance of a change). At most 2: light
+    is nowhere negative in the pixel. dark: level without light."""
+    half, scale = np.float32(0.5), np.float32(1) / max(here - dark, np.float32(1e-6))
+    mean, bend = half * (after - before) * scale, abs(half * (before + after) - here) * scale
+    sure = bend * _beyond(bend, np.float32(0.75 * BULK**2) * noise)
+    least, most = max(abs(mean) - sure, np.float32(0)), np.float32(2)
+    return min(abs(abs(mean) - bend), most), half * min(least, most) * np.sign(mean)

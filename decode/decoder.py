@@ -17,9 +17,10 @@ from optolever.records import LOG, Progress, logged, silent
 
 from .axis import AxisDecoder, AxisOptions, axis_decoders
 from .border import NO_BORDER, Border, border_of, measured_blur
+from .centre import dark_level
 from .correspondence import Correspondence, Flag
 from .display import rounded_places, shares_of, take_off
-from .ends import dark_level, end_width
+from .ends import end_width
 from .exposures import Part, better_of, by_exposure
 from .flags import Shared
 from .frames import Light, light_of, sample_levels

@@ -3,8 +3,8 @@
 A pixel sees places around its own, with weights of some variance m2 (px^2). Of a map u in a light A it reads
 u + m2 grad u . grad A / A (exact for normal weights). m2 is how wide light rises across the mirror's ends (a
 sharp end within a pixel reads about 1/4, as it should: half of it dark, its neighbours dark and bright, the
-centre of its light is a quarter away; so does any step of light). Where a camera is focused on something else
-rise and mixing need not agree, so that the shift is not taken off: it joins the variance.
+centre of its light is a quarter away). Where a camera is focused on something else rise and mixing need not
+agree, so that the shift is not taken off: it joins the variance.
 """
 
 from typing import Any
@@ -15,41 +15,23 @@ from scipy.stats import trim_mean
 
 from optolever.kernels import inlined, kernel
 
-__all__ = ["dark_level", "end_width", "faded", "slope"]
+__all__ = ["end_width", "faded", "slope"]
 
-F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 #: Lines that are looked at along either axis; pixels on either side of an end; ends that tell a width.
 _LINES, _REACH, _FEWEST = 100, 6, 16
-#: m2 of ends that are sharp: of a half of a pixel.
-_SHARP = 1 / 4
 #: Light that is left where a rise begins, and range where it has ended: shares of the light inside.
 _DARK, _EVEN = 0.2, 0.2
 #: Shares at which a rise is one deviation below and above its middle.
 _LOW, _HIGH = 0.16, 0.84
 
 
-def dark_level(level: F32, amplitude: F32) -> float:
-    """Mean level of pixels without light of the display, by their mean levels and amplitudes (K,), grey
-    levels: where the line through amplitudes over levels (medians of the dimmest and the brightest third) has
-    none. A swing is no more than its mean, and a room's light not below zero."""
-    mean, swing = (float(np.median(one)) if one.size else 0.0 for one in (level, amplitude))
-    if swing <= 0:  # nothing tells it: no pixels, or black and white in each other's place
-        return 0.0
-    low, high = np.quantile(level, (1 / 3, 2 / 3))
-    ends = [(np.median(amplitude[third]), np.median(level[third])) for third in (level <= low, level >= high)]
-    (a, b), (c, d) = ends
-    share = float(np.clip((c - a) / max(d - b, 1e-6), swing / max(mean, 1e-6), 1.0))
-    return mean - swing / share
-
-
 def end_width(amplitude: NDArray[Any], flags: NDArray[np.uint16]) -> float:
-    """m2 (px^2) by the ends of the mirror; that of sharp ones where too few tell, and at least. amplitude,
-    flags: (H, W)."""
+    """m2 (px^2) by the ends of the mirror; 0 where too few tell. amplitude, flags: (H, W)."""
     turned = ((amplitude, flags), (amplitude.T, flags.T))
     lines = [(light[:, ::way], refused[:, ::way]) for light, refused in turned for way in (1, -1)]
     found = np.concatenate([_rises(*line) for line in lines])
-    return max(float(trim_mean(found, 0.1)), _SHARP) if len(found) >= _FEWEST else _SHARP
+    return max(float(trim_mean(found, 0.1)), 0.0) if len(found) >= _FEWEST else 0.0
 
 
 def _rises(light: NDArray[Any], flags: NDArray[np.uint16]) -> F64:
@@ -94,13 +76,12 @@ def slope(before: Any, here: Any, after: Any, per_step: Any) -> Any:
 
 
 @kernel
-def faded(window: Any, k: Any, reach: Any, light: Any, dark: Any, m2: Any, total: Any) -> None:
+def faded(window: Any, k: Any, reach: Any, light: Any, m2: Any, total: Any) -> None:
     """What uneven light shifts in a line (W,), into its variance.
 
     window, k: the map around the line, see `centre.windowed`; its slope is taken over `reach` pixels, as
-    those next to an end are shifted themselves. light: mean level of the line and of two others (W,),
-    between which it is or one of which it is, two pixels apart (behind a mosaic of one colour); dark: level
-    without light.
+    those next to an end are shifted themselves. light: amplitude of the line and of two others (W,), between
+    which it is or one of which it is, two pixels apart (behind a mosaic of one colour).
     """
     lit, up, down = light
     half, per_step, size = np.float32(0.5), np.float32(1) / np.float32(reach), total.size
@@ -114,5 +95,5 @@ def faded(window: Any, k: Any, reach: Any, light: Any, dark: Any, m2: Any, total
     for x in range(size):
         shift = slope(left[x], line[x], right[x], per_step) * along[x]
         shift += slope(above[x], line[x], below[x], per_step) * (down[x] - up[x])
-        shift *= half * m2 / max(lit[x] - dark, np.float32(1e-6))
+        shift *= half * m2 / max(lit[x], np.float32(1e-6))
         total[x] += shift * shift if shift == shift else np.float32(0)

@@ -16,19 +16,23 @@ from numpy.typing import NDArray
 from optolever.kernels import exact, inlined, kernel
 
 from .border import SHADOW2, inwards
-from .centre import BULK, STEEP, inside, lesser, windowed
+from .centre import BULK, STEEP, centred, lesser, windowed
 from .correspondence import Flag
 from .display import PLACES
 from .ends import faded, slope
 from .flags import marked, marks_for
-from .pixelation import REACH
+from .pixelation import REACH, SLIGHT
 
 __all__ = ["Raw", "check_rows", "despeckle"]
 
 _ONE = np.float32(1)
 _OUTLIER, _OFF = int(Flag.OUTLIER), int(Flag.OFF_PATTERN)
+#: Flags of pixels that see no pattern.
+_UNSEEN = np.uint16(Flag.DARK | Flag.LOW_CONTRAST | Flag.SATURATED | Flag.INVALID)
 #: Squared deviations beyond which a neighbour contradicts, and from which on a bend is of the map.
 _SURE2, _BULK2 = np.float32(6.0**2), np.float32(BULK**2)
+#: Relative variance of a fringe's amplitude over that of its place, turns^2.
+_TURN2 = np.float32((2 * np.pi) ** 2)
 #: Of a squared second difference, the squared shift of a pixel's mean from its centre.
 _BEND = np.float32(1 / 24**2)
 
@@ -61,13 +65,13 @@ def check_rows(
 
 @exact
 def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: Any, maps: Any) -> None:
-    (coord, variance), (flags, amplitude, offset), (shift, doubt, shadow) = raw, common, tables
+    (coord, variance), (flags, amplitude, offset), (shift, unsure, shadow) = raw, common, tables
     reach, roughness, extent, jump, stripe, per_turn, least, m2, dark, usual = numbers
     out, sigma, out_flags = maps
     rows, cols = coord.shape
     window = np.empty((stop - start + 2 * REACH, cols + 2 * REACH), np.float32)
     windowed(coord, flags, start, stop, window)
-    special = marks_for(cols)
+    special, light = marks_for(cols), np.empty(cols + 4, np.float32)
     places, at = np.empty(cols, np.int64), np.empty(cols, np.uint32)
     most = np.float32(shift.size // PLACES - 1)
     border = np.float32(np.inf) if extent <= 0 else extent
@@ -75,16 +79,26 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
         up, down, k = max(y - 1, 0), min(y + 1, rows - 1), y - start + REACH
         own = flags[y], variance[y], variance[up], variance[down]
         _special_line(window, k, own, (jump, per_turn, reach * reach, border), special[:cols])
+        if (y == 0) | (y == rows - 1):
+            inner = min(2, rows - 1) if y == 0 else max(rows - 3, 0)
+            for x in range(cols):
+                special[x] |= _dimmer((y, x), (inner, x), raw, common, per_turn)
+        for x, inner in ((0, min(2, cols - 1)), (cols - 1, max(cols - 3, 0))):
+            special[x] |= _dimmer((y, x), (y, inner), raw, common, per_turn)
         if shift.size > 1:
             _entry_line(coord[y], window, k, usual, most, at)
-            _corrected_line(coord[y], variance[y], at, (shift, doubt), out[y], sigma[y])
+            _corrected_line(coord[y], variance[y], at, (shift, unsure), out[y], sigma[y])
         else:
             _copied(coord[y], variance[y], out[y], sigma[y])
         if (rows > 4) & (cols > 4):
-            inside(coord[y], window, k, stripe, out[y], sigma[y])
+            _with_ends(offset[y], light)
+            lights = light, offset[max(y - 2, 0)], offset[min(y + 2, rows - 1)]
+            limits = jump, stripe, per_turn, reach * reach, border, dark, REACH <= y < rows - REACH
+            centred(*(coord[y], window, k, lights, limits, out[y], sigma[y]))
+        if (rows > 4) & (cols > 4) & (m2 > 0):
             first = min(up, rows - 3)
-            lights = offset[y], offset[first], offset[first + 2]
-            faded(window, k, REACH, lights, dark, m2, sigma[y])
+            lights = amplitude[y], amplitude[first], amplitude[first + 2]
+            faded(window, k, REACH, lights, m2, sigma[y])
         for x in places[: marked(special, places)]:
             flag, lost = _neighbours(y, x, coord, variance, flags, amplitude, (jump, per_turn))
             here, c = window[k, x + REACH], x + REACH
@@ -113,6 +127,15 @@ def despeckle(start: int, stop: int, flags: NDArray[np.uint16], out: NDArray[np.
     around = cv2.boxFilter(good, -1, (3, 3), normalize=False, borderType=cv2.BORDER_REPLICATE)
     lone = (good & (around < 4))[start - first : stop - first] if min(flags.shape) > 2 else np.uint8(0)
     np.bitwise_or(flags[start:stop], lone * np.uint16(_OUTLIER), out=out[start:stop])
+
+
+@kernel
+def _with_ends(line: Any, out: Any) -> None:
+    """A line (W,), and what it begins and ends with twice more on either side, (W + 4,)."""
+    for x in range(line.size):
+        out[x + 2] = line[x]
+    out[0] = out[1] = line[0]
+    out[line.size + 2] = out[line.size + 3] = line[line.size - 1]
 
 
 @exact
@@ -176,6 +199,18 @@ def _tell(cross: Any, noise: Any, limits: Any) -> Any:
     return wide | beside | (away * away <= SHADOW2 * (reach2 + footprint2)) | (far > half_a_turn)
 
 
+@exact
+def _dimmer(at: Any, inner: Any, raw: Any, common: Any, per_turn: Any) -> Any:
+    """Whether a good pixel at the image's edge has less light than one two pixels inwards, by more than its
+    noise, and enough to count: a place moves by half of the share that is lost."""
+    (coord, variance), (flags, amplitude, _) = raw, common
+    share = max(np.float32(1) - amplitude[at] / max(amplitude[inner], np.float32(1e-6)), np.float32(0))
+    noise = np.float32(2) * _TURN2 * per_turn * per_turn * variance[at]
+    shift = np.float32(0.25) * share * (coord[inner] - coord[at])
+    counts = shift * shift > np.float32(SLIGHT**2) * variance[at]
+    return np.uint8((flags[at] == 0) & counts & (share * share > _BULK2 * noise))
+
+
 @kernel
 def _entry_line(c: Any, window: Any, k: Any, usual: Any, most: Any, at: Any) -> None:
     """Entries of a Pixelation by place in the cell and width of the footprint, of `most` steps at most;
@@ -214,10 +249,11 @@ def _copied(c: Any, var: Any, out: Any, total: Any) -> None:
 
 class _Pixel(NamedTuple):
     """A pixel of the image, and one beyond it, as is where it is nearest: whether it is of the image, whether
-    it is good; place, variance, amplitude."""
+    it is good, whether it sees nothing; place, variance, amplitude."""
 
     inside: Any
     good: Any
+    unseen: Any
     place: Any
     variance: Any
     amplitude: Any
@@ -227,7 +263,8 @@ class _Pixel(NamedTuple):
 def _pixel(y: Any, x: Any, coord: Any, variance: Any, flags: Any, amplitude: Any) -> Any:
     i, j = min(max(y, 0), coord.shape[0] - 1), min(max(x, 0), coord.shape[1] - 1)
     inside, flag = (i == y) & (j == x), flags[i, j]
-    return _Pixel(inside, inside & (flag == 0), coord[i, j], variance[i, j], amplitude[i, j])
+    good, unseen = inside & (flag == 0), (flag & _UNSEEN) != 0
+    return _Pixel(inside, good, unseen, coord[i, j], variance[i, j], amplitude[i, j])
 
 
 @exact
@@ -235,7 +272,6 @@ def _neighbours(
     y: Any, x: Any, coord: Any, variance: Any, flags: Any, amplitude: Any, limits: Any
 ) -> tuple[Any, Any]:
     """Flag of a good pixel, and squared shift of its centre, by those of its neighbours that are good."""
-    jump, per_turn = limits
     here = _pixel(y, x, coord, variance, flags, amplitude)
     left = _pixel(y, x - 1, coord, variance, flags, amplitude)
     right = _pixel(y, x + 1, coord, variance, flags, amplitude)
@@ -245,25 +281,27 @@ def _neighbours(
     right_2 = _pixel(y, x + 2, coord, variance, flags, amplitude)
     up_2 = _pixel(y - 2, x, coord, variance, flags, amplitude)
     down_2 = _pixel(y + 2, x, coord, variance, flags, amplitude)
-    beside, torn, lost_x, bend_x = _along((left_2, left, here, right, right_2), jump)
-    others, torn_y, lost_y, bend_y = _along((up_2, up, here, down, down_2), jump)
+    beside, torn, lost_x, bend_x, beyond_x = _along((left_2, left, here, right, right_2), limits)
+    others, torn_y, lost_y, bend_y, beyond_y = _along((up_2, up, here, down, down_2), limits)
     # without one on an axis, nothing tells where the centre of what is left of its light is
     brightest = max(max(left.amplitude, right.amplitude), max(up.amplitude, down.amplitude))
-    dim = (per_turn > 0) | (here.amplitude < np.float32(0.5) * brightest)
+    dim = (limits[1] > 0) | (here.amplitude < np.float32(0.5) * brightest)
     alone = (beside + others <= 1) | ((beside * others == 0) & dim)
     alone &= (coord.shape[0] > 2) & (coord.shape[1] > 2)
-    outlier = alone | torn | torn_y
-    # a bend that a refused pixel hides from `inside`
+    outlier = alone | torn | torn_y | ((beyond_x > 0) & (beyond_y > 0))
+    # beside a refused pixel nothing is taken off (see centre)
     bends = (bend_x + bend_y) * _BEND if beside + others < 4 else np.float32(0)
     return np.uint16(_OUTLIER if outlier else 0), lost_x + lost_y + bends
 
 
 @exact
-def _along(five: Any, jump: Any) -> tuple[Any, Any, Any, Any]:
+def _along(five: Any, limits: Any) -> tuple[Any, Any, Any, Any, Any]:
     """How many of both neighbours on an axis are good (beyond the image: one), whether they say that the
-    pixel is of neither side, squared shift that they allow, and squared second difference beyond noise."""
+    pixel is of neither side, squared shift that they allow, squared second difference beyond noise, and by
+    how much the pixel is beyond both, noise taken off (-1: not known).
+    """
     before_2, before, here, after, after_2 = five
-    none = np.float32(0)
+    none, jump, none_beyond = np.float32(0), limits[0], np.float32(-1)
     back, back_noise = _off_line(here, before, before_2)
     ahead, ahead_noise = _off_line(here, after, after_2)
     count = int(before.good or not before.inside) + int(after.good or not after.inside)
@@ -277,15 +315,19 @@ def _along(five: Any, jump: Any) -> tuple[Any, Any, Any, Any]:
             share = max(np.float32(1) - here.amplitude / whole, none)
             lost = np.float32(0.5) * share * (here.place - near.place)
         bend = max(back - _BULK2 * back_noise, ahead - _BULK2 * ahead_noise, none)
-        return count, False, lost * lost, bend
+        if count == 1 and inside and not (before.unseen or after.unseen):
+            bend = max(bend, _of_one_order(off, limits) ** 2)
+        return count, False, lost * lost, bend, none_beyond
     noise = before.variance + np.float32(4) * here.variance + after.variance
     bend, lost = max(min(off * off, np.float32(4) * jump * jump) - _BULK2 * noise, none), none
     if off * off > max(jump * jump, _SURE2 * noise):
         fits_back, fits_ahead = back < _SURE2 * back_noise, ahead < _SURE2 * ahead_noise
         if not (fits_back or fits_ahead):
-            return count, True, none, none
+            return count, True, none, none, none_beyond
         lost = min(back if fits_back else ahead, ahead if fits_ahead else back) + bend * _BEND
-    return count, False, lost, bend
+    least, most = min(before.place, after.place), max(before.place, after.place)
+    beyond = max(least - here.place, here.place - most) - np.sqrt(_SURE2 * noise)
+    return count, False, lost, bend, beyond
 
 
 @exact
@@ -311,3 +353,13 @@ def _undersampled(five: Any, per_turn: Any) -> Any:
     unknown = one + two + three + four != one + two + three + four
     tells = unknown | (uneven > np.float32(0.25)) | (two + three > np.float32(2 * STEEP))
     return (min(two, three) > np.float32(0.5)) & tells
+
+
+@exact
+def _of_one_order(off: Any, limits: Any) -> Any:
+    """A second difference whose order is not known: the least that it can be of a fringe, of a code what a
+    map may have."""
+    jump, per_turn = limits
+    if per_turn > 0:
+        return off - np.rint(off * per_turn) / per_turn
+    return min(abs(off), np.float32(2) * jump)

@@ -4,20 +4,19 @@ An edge's increment comes from the cubic through four slopes, two on either side
 on one side up to the edge, the slopes of that side alone, extrapolated (Adams-Bashforth, three pixels), give
 the same increment. Where neither side does, slopes jump inside the edge (a cusp, a ridge, the rim of a
 contact) or one of its pixels is wrong, and the smaller of the two differences is about what the increment may
-be off by: the doubt. All come of the third differences of slopes at neighbouring edges. Edges beside a crease
-share its doubt, as in which of them the slopes jump is not sure. Its square joins the edge's
-variance, so that the solve goes around the crease, and what can only be reached across it gets a sigma that
-says so.
+be off by: the doubt. Edges beside share it, as in which of them the slopes jump is not sure. Its square joins
+the edge's variance, so that the solve goes around the crease, and what can only be reached across it gets a
+sigma that says so.
 """
 
 import numpy as np
 import scipy.ndimage
 
 from optolever.blocks import over_image
-from optolever.kernels import inlined, kernel
+from optolever.kernels import exact, inlined
 
 from .arrays import Floats, Mask
-from .edges import Doubt, curl
+from .edges import Doubt, cubic_at_end, curl, stencil
 
 __all__ = ["CONVERGES", "RISE", "SIGMAS", "edge_doubt", "touched"]
 
@@ -25,18 +24,20 @@ SIGMAS = 5.0  # of the difference's own noise: both sides exceed it by chance in
 FAINT = 2.0  # of the same, for edges that continue a crease
 _CHAIN = 16  # such edges side by side are a crease too: noise alone strings together a dozen in a megapixel
 RISE = 3.0  # from zero at the limit: what depends continuously on the slopes is the same from any start
+MATTERS = 2.0  # of a slope's announced sigma: smaller doubts change nothing
 ROUGH = 0.03  # of the largest step between neighbouring slopes; waves of 20 pixels and longer stay below
-_QUIETEST = 0.2  # of the announced noise: smaller doubts change nothing
-_NOISE = 2.01  # of what the cubic and a side's three slopes differ by, per slope's sigma
-_BEND, _BEND4 = 9.0, 8.37  # of third and fourth differences: what Adams-Bashforth leaves, times 24
-_REACH = 3  # edges on either side that tell
+_NOISE_CUBIC, _NOISE_LINEAR = 2.01, 1.19  # of cubic minus one side's three or two pixels, per slope's sigma
+_BEND = 0.375  # of a side's third difference: the error of its extrapolation
+_BEND4 = 0.349  # of its fourth difference: that of the next order
 CONVERGES = 0.5  # errors that fall so from one order to the next are those of a curve, not of a jump
 _QUIET = 8.0  # of a slope's sigma: third differences of noise (4.5) and little more
+_SHARE = 1.0 / 12.0  # a jump inside an edge moves that edge's increment by half of it, the next one's by 1/24
 _BESIDE = 5  # pixels: reach of a crease's surroundings, in which doubts below the noise count too
 _BLAME = 13.0 / 12.0  # a wrong slope is in its edges by 13/24, in the curl around it by half
 _CERTAIN, _ABRUPT = 8.0, 0.2  # of its noise, of the largest step: what one side alone misses at a kink
 _ONE_SIDED = 0.25  # of that, at most, what the other side misses
 _KINK = 0.5  # of what one side alone misses, at the edge of three where it misses most
+_FEEBLE = 0.5  # of a slope's sigma
 _BY_ACCIDENT = 0.1  # of the doubt beside: next to a jump within one edge, an edge misses a twelfth of that
 
 
@@ -55,9 +56,8 @@ def edge_doubt(
     blamed for a curl and yet in use.
     """
     blamed = suspects is not None and bool(suspects.any())
-    noise = max(noise, _QUIETEST)
-    axes = (p, var_p, mask, (0, 1)), (q, var_q, mask, (1, 0))
-    (dx, plain_x, sure_x), (dy, plain_y, sure_y) = (_axis(*axis, noise) for axis in axes)
+    dx, plain_x, sure_x = _axis(p, var_p, mask, (0, 1), noise)
+    dy, plain_y, sure_y = _axis(q, var_q, mask, (1, 0), noise)
     sure, doubtful = sure_x | sure_y, (dx > 0) | (dy > 0)
     parts, count = scipy.ndimage.label(doubtful, structure=np.ones((3, 3)))
     sizes = np.bincount(parts.ravel())
@@ -78,10 +78,9 @@ def edge_doubt(
     dx, dy = _beside(dx, var_p, lines), _beside(dy, var_q, lines)
     if suspects is not None and blamed:
         curls = np.where(suspects, _BLAME * _largest_curl(p, q, mask), 0.0)
-        along, down = mask[:, :-1] & mask[:, 1:], mask[:-1] & mask[1:]
-        dx[:, :-1] = np.maximum(dx[:, :-1], along * np.maximum(curls[:, :-1], curls[:, 1:]))
-        dy[:-1] = np.maximum(dy[:-1], down * np.maximum(curls[:-1], curls[1:]))
-    return Doubt(dx, dy)
+        dx, dy = np.maximum(dx, curls), np.maximum(dy, curls)
+        dx[:, :-1], dy[:-1] = np.maximum(dx[:, :-1], curls[:, 1:]), np.maximum(dy[:-1], curls[1:])
+    return Doubt(_shared(dx, mask), _shared(dy.T, mask.T).T.copy())
 
 
 def _largest_curl(p: Floats, q: Floats, mask: Mask) -> Floats:
@@ -105,28 +104,37 @@ def _beside(doubt: Floats, variance: Floats, lines: Mask) -> Floats:
     return np.where(shared, most, doubt)
 
 
+def _shared(doubt: Floats, mask: Mask) -> Floats:
+    """The doubts along rows, and their share in the cubics of the edges before and after."""
+    wide = doubt.copy()
+    np.maximum(wide[:, 1:], _SHARE * doubt[:, :-1], out=wide[:, 1:])
+    np.maximum(wide[:, :-1], _SHARE * doubt[:, 1:], out=wide[:, :-1])
+    wide[:, :-1] *= mask[:, :-1] & mask[:, 1:]
+    wide[:, -1] = 0.0
+    return wide
+
+
 def _axis(
     f: Floats, variance: Floats, mask: Mask, step: tuple[int, int], noise: float
 ) -> tuple[Floats, Floats, Mask]:
     """Doubts beyond the noise, doubts whatever the noise, and where they are beyond any noise."""
-    third = np.empty((f.shape[0] + 2 * _REACH, f.shape[1] + 2 * _REACH))
-    for edge in (slice(_REACH), slice(-_REACH, None)):
-        third[edge] = third[:, edge] = np.nan
-    doubt, plain, alone = (np.zeros(f.shape) for _ in range(3))
+    di, dj = step
+    out, plain, most = (np.zeros(f.shape) for _ in range(3))
     sure = np.zeros(f.shape, dtype=np.bool_)
-    arrays = f, variance, third, *step, noise, doubt, plain, alone, sure
-    over_image(lambda start, stop: _third_differences(f, mask, *step, third, start, stop), f.shape)
-    over_image(lambda start, stop: _doubt(*arrays, start, stop), f.shape)
-    if alone.any():
+    over_image(
+        lambda start, stop: _doubt(f, variance, mask, di, dj, noise, out, plain, most, sure, start, stop),
+        f.shape,
+    )
+    if most.any():
         # beside an edge that neither side explains, one side is bound to fail
         highest, explained = (
-            scipy.ndimage.maximum_filter1d(part, 3, axis=step[1]) for part in (alone, plain)
+            scipy.ndimage.maximum_filter1d(part, 3, axis=1 if dj else 0) for part in (most, plain)
         )
-        kink = (alone >= highest) & (explained < _ONE_SIDED * alone)
-        for part in (doubt, plain):
-            part[kink] = np.maximum(part, _KINK * alone)[kink]
+        kink = (most >= highest) & (explained < _ONE_SIDED * most)
+        for doubt in (out, plain):
+            doubt[kink] = np.maximum(doubt, _KINK * most)[kink]
         sure |= kink
-    return doubt, plain, sure
+    return out, plain, sure
 
 
 def touched(doubt: Doubt) -> Mask:
@@ -137,77 +145,63 @@ def touched(doubt: Doubt) -> Mask:
     return pixels
 
 
-@kernel
-def _third_differences(f, mask, di, dj, third, start, stop):  # type: ignore[no-untyped-def]
-    """Of the four slopes around every edge, NaN where one is missing; at the ends of a row of four or more,
-    those beside, as the cubic goes on.
-    """
-    rows, cols = f.shape
-    for i in range(start, stop):
-        for j in range(cols):
-            along, count = (i, rows) if di == 1 else (j, cols)
-            found = np.nan
-            if along + 1 < count and mask[i, j] and mask[i + di, j + dj]:
-                for shift in (0, 1, -1):
-                    r, c = i + shift * di, j + shift * dj
-                    if 1 <= along + shift < count - 2 and (
-                        mask[r - di, c - dj]
-                        and mask[r, c]
-                        and mask[r + di, c + dj]
-                        and mask[r + 2 * di, c + 2 * dj]
-                    ):
-                        rise = f[r + di, c + dj] - f[r, c]
-                        found = f[r + 2 * di, c + 2 * dj] - f[r - di, c - dj] - 3.0 * rise
-                        break
-            third[i + _REACH, j + _REACH] = found
-
-
 @inlined
-def _missed(here, a, b, c):  # type: ignore[no-untyped-def]
-    """What one side misses of an edge's increment: of the third differences at the edge and at the next three
-    on that side (NaN where there is none).
-
-    The cubic minus the parabolas through three slopes of the side, and through the edge's and two of it; the
-    error of the side's own extrapolation. Where the same of the next order falls, a curve is bent, and that
-    is taken.
+def _edge(f, var, mask, i, j, di, dj, before, after, scale):  # type: ignore[no-untyped-def]
+    """Of the edge from (i, j): what neither side explains, beyond the noise and whatever the noise (inf where
+    no side can tell); whether it is beyond any noise; what one side misses that certainly should not.
     """
-    away = max(abs(10.0 * a - here), abs(here))
-    away = max(away, _BEND * abs(b)) if b == b else away
-    finer = max(abs(10.0 * a - 9.0 * b - here), abs(here - a))
-    finer = max(finer, _BEND4 * abs(b - c)) if c == c else finer
-    return (finer if b == b and finer < CONVERGES * away else away) / 24.0
+    i1, j1 = i + di, j + dj
+    centre = stencil(f, mask, i, j, di, dj, before, after)
+    sigma = np.sqrt(0.5 * (var[i, j] + var[i1, j1]))
+    rise = abs(f[i1, j1] - f[i, j])
+    least, certain, whatever, largest = np.inf, np.inf, np.inf, 0.0
+    for side in range(2):
+        s = -1 if side == 0 else 1
+        a, b, c, d = (i, j, i1, j1) if side == 0 else (i1, j1, i, j)
+        room = before if side == 0 else after - 1
+        ai, aj = s * di, s * dj
+        if room < 1 or not mask[a + ai, b + aj]:
+            continue
+        g, g0, g1 = f[c, d], f[a, b], f[a + ai, b + aj]
+        step = max(rise, abs(g1 - g0))
+        if room >= 2 and mask[a + 2 * ai, b + 2 * aj]:
+            g2 = f[a + 2 * ai, b + 2 * aj]
+            step = max(step, abs(g2 - g1))
+            away = abs(centre - (23.0 * g0 - 16.0 * g1 + 5.0 * g2) / 12.0)
+            away = max(away, abs(centre - (5.0 * g + 8.0 * g0 - g1) / 12.0))
+            if room >= 3 and mask[a + 3 * ai, b + 3 * aj]:
+                g3 = f[a + 3 * ai, b + 3 * aj]
+                away = max(away, _BEND * abs(g0 - g3 - 3.0 * (g1 - g2)))
+                finer = abs(centre - (55.0 * g0 - 59.0 * g1 + 37.0 * g2 - 9.0 * g3) / 24.0)
+                finer = max(finer, abs(centre - cubic_at_end(g, g0, g1, g2)))
+                if room >= 4 and mask[a + 4 * ai, b + 4 * aj]:
+                    g4 = f[a + 4 * ai, b + 4 * aj]
+                    finer = max(finer, _BEND4 * abs(g0 + g4 - 4.0 * (g1 + g3) + 6.0 * g2))
+                if finer < CONVERGES * away:
+                    away = finer
+            noise = sigma * scale * _NOISE_CUBIC
+        else:
+            away = abs(centre - 0.5 * (3.0 * g0 - g1))
+            noise = sigma * scale * _NOISE_LINEAR
+        limit = max(FAINT * noise, ROUGH * step)
+        least = min(least, min(away, max(0.0, RISE * (away - limit))))
+        whatever = min(whatever, away)
+        # a border's pixels may be noisier than this edge's
+        if room >= 3 and away > max(_CERTAIN * noise, MATTERS * sigma, _ABRUPT * step):
+            largest = max(largest, away)
+        certain = min(certain, away / max(SIGMAS * noise, MATTERS * sigma))
+    sure = least > 0.0 and certain > 1.0 and np.isfinite(least)
+    return least if least > _FEEBLE * sigma else 0.0, whatever, sure, largest
 
 
-@kernel
-def _doubt(f, var, third, di, dj, scale, doubt, plain, alone, sure, start, stop):  # type: ignore[no-untyped-def]
+@exact
+def _doubt(f, var, mask, di, dj, scale, out, plain, most, sure, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = f.shape
-    for i in range(start, stop - di if stop == rows else stop):
+    for i in range(start, min(stop, rows - di)):
         for j in range(cols - dj):
-            r, c = i + _REACH, j + _REACH
-            here = third[r, c]
-            if here != here:
+            if not (mask[i, j] and mask[i + di, j + dj]):
                 continue
-            noise = scale * _NOISE * np.sqrt(0.5 * (var[i, j] + var[i + di, j + dj]))
-            least, most, largest = np.inf, np.inf, 0.0
-            for s in (-1, 1):
-                a = third[r + s * di, c + s * dj]
-                if a != a:
-                    continue
-                away = _missed(
-                    here, a, third[r + 2 * s * di, c + 2 * s * dj], third[r + 3 * s * di, c + 3 * s * dj]
-                )
-                most = min(most, away)
-                limit = FAINT * noise
-                if away > limit:
-                    # the largest step between slopes of this side
-                    m, n = (i, j) if s < 0 else (i + di, j + dj)
-                    rise = abs(f[i + di, j + dj] - f[i, j])
-                    rise = max(rise, abs(f[m, n] - f[m + s * di, n + s * dj]))
-                    limit = max(limit, ROUGH * rise)
-                    whole = third[r + 2 * s * di, c + 2 * s * dj] == third[r + 2 * s * di, c + 2 * s * dj]
-                    if whole and away > max(_CERTAIN * noise, _ABRUPT * rise):
-                        largest = max(largest, away)
-                least = min(least, away, max(0.0, RISE * (away - limit)))
-            if most < np.inf:
-                doubt[i, j], plain[i, j], alone[i, j] = least, most, largest
-                sure[i, j] = least > 0.0 and most > SIGMAS * noise
+            before, after = (i, rows - 1 - i) if di == 1 else (j, cols - 1 - j)
+            least, whatever, certain, largest = _edge(f, var, mask, i, j, di, dj, before, after, scale)
+            if np.isfinite(whatever):
+                out[i, j], plain[i, j], most[i, j], sure[i, j] = least, whatever, largest, certain

@@ -20,6 +20,7 @@ from .arrays import Floats, Mask
 __all__ = [
     "Doubt",
     "apply_laplacian",
+    "cubic_at_end",
     "cubic_inside",
     "curl",
     "defects",

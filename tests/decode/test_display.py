@@ -1,7 +1,6 @@
 """What a display shifts is taken off: against light integrated cell by cell with error functions."""
 
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import pytest
@@ -257,16 +256,14 @@ def test_noise_is_not_taken_for_a_contrast_that_varies() -> None:
     assert found.good[:, (u > 3.5) & (u < 185.5)].mean() > 0.9
 
 
-def test_nothing_is_wrong_at_the_border_of_a_sharp_display() -> None:
+@pytest.mark.parametrize(
+    ("period", "blur", "width"), [(8.0, 0.2, 0.35), (8.0, 0.25, 0.35), (16.0, 0.2, 0.35)]
+)
+def test_nothing_is_wrong_at_the_border_of_a_sharp_display(period: float, blur: float, width: float) -> None:
     """The outermost cell is a tread up to the border; noise reaches from there to the next one."""
-    wrong = []
-    for seed, (period, blur, width) in product(
-        range(3), [(8.0, 0.2, 0.35), (8.0, 0.25, 0.35), (16.0, 0.2, 0.35)]
-    ):
-        shown, u, _ = _capture(120, width, blur, period=period)
-        frames = np.repeat(seen_by_pixels(shown, u, width, blur), 48, axis=1)
-        frames += np.random.default_rng(seed).standard_normal(frames.shape)
-        found = decode(np.clip(np.rint(frames), 0, 255).astype(np.uint8), shown)
-        assert found.good.mean() > 0.98
-        wrong.append(silent(found, u))
-    assert np.mean(wrong) <= 1e-4
+    shown, u, _ = _capture(120, width, blur, period=period)
+    frames = np.repeat(seen_by_pixels(shown, u, width, blur), 48, axis=1)
+    frames += np.random.default_rng(0).standard_normal(frames.shape)
+    found = decode(np.clip(np.rint(frames), 0, 255).astype(np.uint8), shown)
+    assert found.good.mean() > 0.98
+    assert silent(found, u) <= 1e-4
