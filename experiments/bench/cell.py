@@ -251,7 +251,7 @@ class Row:
     status: done | not installed | not applicable | failed, and why; kind: own | paper | peer | floor (exact
     correspondence); frames: shown and captured, a rest capture not counted; timings: render_, decode_,
     reconstruct_seconds, floor_seconds (reading the frames and writing as much as a decoder does) and peak
-    bytes above the stage's inputs (decode_bytes, reconstruct_bytes), metrics: see `measures.measures`; what
+    bytes above the stage's inputs (decode_bytes, reconstruct_bytes), metrics: see `found.measures`; what
     is not known is absent.
     """
 
