@@ -1,6 +1,7 @@
 """Frames made in float64 from the definitions of the codes, without any of the package's tables."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from optolever.experiments.ideal import ideal_level
 from optolever.patterns import Sequence
 
 F64 = NDArray[np.float64]
-Shoot = Callable[..., NDArray[np.generic]]
+Shoot = Callable[..., NDArray[Any]]
+#: u and v of every pixel.
+Map = tuple[F64, F64]
 
 
 def scores(found: Correspondence, *truth: F64) -> F64:
@@ -45,7 +48,7 @@ def shoot() -> Shoot:
         gain: float = 0.0,
         dtype: type = np.uint8,
         top: float | None = None,
-    ) -> NDArray[np.generic]:
+    ) -> NDArray[Any]:
         rng = np.random.default_rng(seed)
         limit = np.iinfo(dtype).max if top is None else top
         frames = np.empty((len(sequence), *u.shape), dtype)
@@ -59,7 +62,7 @@ def shoot() -> Shoot:
 
 
 @pytest.fixture(scope="session")
-def smooth() -> tuple[F64, F64]:
+def smooth() -> Map:
     """A map with changing gradient, on a surface of 150 rows x 170 columns; (120, 140)."""
     row, col = np.mgrid[:120, :140].astype(np.float64)
     return 12 + 0.97 * col + 9 * np.sin(row / 31), 10 + 1.03 * row + 6 * np.cos(col / 27)

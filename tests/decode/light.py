@@ -13,6 +13,12 @@ WIDTH, COLS = 0.6, 150
 U = 8 + WIDTH * np.arange(int((COLS - 18) / WIDTH)) + 0.013 * np.arange(96)[:, None]
 
 
+def camera(light: F64, noise: float = 0.0, seed: int = 0) -> NDArray[np.uint8]:
+    """Frames of 8 bits of light (levels), with white noise (levels)."""
+    noisy = light + noise * np.random.default_rng(seed).standard_normal(light.shape)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
 def seen_by_pixels(shown: Sequence, u: F64, width: float, blur: float) -> F64:
     """Frames (N, 1, W) that pixels of `width` cells at u (W,) see, blurred by `blur` cells rms.
 
@@ -44,8 +50,7 @@ def photographed(
     `dark` levels more.
     """
     light = dark + brighter * np.concatenate([seen_by_pixels(shown, row, width, blur) for row in u], axis=1)
-    light += noise * np.random.default_rng(seed).standard_normal(light.shape)
-    return np.clip(np.rint(light), 0, 255).astype(np.uint8)
+    return camera(light, noise, seed)
 
 
 def free_levels(cols: int, frames: int) -> Sequence:
@@ -67,8 +72,6 @@ def seen_cells(levels: F64, place: F64, blur: float) -> F64:
 
 def cell_frames(shown: Sequence, u: F64, v: F64, blur: float, noise: float) -> NDArray[np.uint8]:
     """Frames (N, H, W) of points at u, v (H, W) of a surface: the product of both axes' light, 10 to 210."""
-    rng = np.random.default_rng(8)
     tables = [table.astype(np.float64) / 255 for table in shown.tables()]
     light = [seen_cells(tables[0][i], u, blur) * seen_cells(tables[1][i], v, blur) for i in range(len(shown))]
-    noisy = 10 + 200 * np.array(light) + noise * rng.standard_normal((len(shown), *u.shape))
-    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+    return camera(10 + 200 * np.array(light), noise, 8)

@@ -11,8 +11,8 @@ from optolever.blocks import THREADS_VARIABLE
 from optolever.decode import Correspondence, decode
 from optolever.patterns import Sequence, sequence
 
-F64 = NDArray[np.float64]
-Shoot = Callable[..., NDArray[Any]]
+from .conftest import Map, Shoot
+
 FIELDS = ("u", "v", "sigma_u", "sigma_v", "flags", "amplitude", "offset", "order_error")
 
 
@@ -44,7 +44,7 @@ def assert_same(one: Correspondence, other: Correspondence) -> None:
 
 @pytest.mark.parametrize("name", ["phase", "close", "gray", "gray+phase", "stripe", "micro-phase"])
 def test_blocks_change_nothing(
-    name: str, shoot: Shoot, smooth: tuple[F64, F64], cut: Callable[..., Correspondence]
+    name: str, shoot: Shoot, smooth: Map, cut: Callable[..., Correspondence]
 ) -> None:
     """A hole, a bright spot and the border are in view, so that neighbours tell of them across blocks."""
     shown = shown_as(name)

@@ -1,17 +1,15 @@
 """Every code, from ideal frames: coordinates right, whatever the frames' order and the camera's bits."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from optolever.decode import decode
 from optolever.patterns import Frame, Sequence, sequence
 
-F64 = NDArray[np.float64]
-Shoot = Callable[..., NDArray[Any]]
+from .conftest import Map, Shoot
+
 CODES: list[tuple[str, dict[str, Any], float]] = [
     ("gray", {}, 0.5),
     ("gray", {"inverses": False}, 0.5),
@@ -32,7 +30,7 @@ CODES: list[tuple[str, dict[str, Any], float]] = [
 @pytest.mark.parametrize(("dtype", "scale"), [(np.uint8, 1), (np.uint16, 16)])
 def test_ideal_frames(
     shoot: Shoot,
-    smooth: tuple[F64, F64],
+    smooth: Map,
     name: str,
     params: dict[str, Any],
     limit: float,
@@ -54,7 +52,7 @@ def test_ideal_frames(
     ("name", "params"), [("xor-gray", {"references": False}), ("gray+phase", {"inverses": True})]
 )
 def test_bytes_are_decoded_as_wider_numbers_are(
-    shoot: Shoot, smooth: tuple[F64, F64], name: str, params: dict[str, Any]
+    shoot: Shoot, smooth: Map, name: str, params: dict[str, Any]
 ) -> None:
     """Faint and clipped stripes, and a bit that shows what the one before it shows."""
     shown = sequence(name, 150, 170, **params)
@@ -73,9 +71,7 @@ def test_bytes_are_decoded_as_wider_numbers_are(
 
 @pytest.mark.parametrize("axes", ["u", "v"])
 @pytest.mark.parametrize("name", ["gray", "phase", "gray+phase"])
-def test_axis_that_is_not_encoded_is_no_fault(
-    shoot: Shoot, smooth: tuple[F64, F64], name: str, axes: str
-) -> None:
+def test_axis_that_is_not_encoded_is_no_fault(shoot: Shoot, smooth: Map, name: str, axes: str) -> None:
     shown = sequence(name, 150, 170, axes=axes)
     found = decode(shoot(shown, *smooth), shown)
     missing, sigma = (found.v, found.sigma_v) if axes == "u" else (found.u, found.sigma_u)
@@ -84,7 +80,7 @@ def test_axis_that_is_not_encoded_is_no_fault(
     assert found.good.mean() > 0.99
 
 
-def test_description_counts_and_not_position(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_description_counts_and_not_position(shoot: Shoot, smooth: Map) -> None:
     shown = sequence("gray+phase", 150, 170)
     frames = shoot(shown, *smooth, noise=1.0)
     order = np.random.default_rng(1).permutation(len(shown))
@@ -94,7 +90,7 @@ def test_description_counts_and_not_position(shoot: Shoot, smooth: tuple[F64, F6
     np.testing.assert_array_equal(plain.flags, shuffled.flags)
 
 
-def test_foreign_polarities_and_missing_inverses(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_foreign_polarities_and_missing_inverses(shoot: Shoot, smooth: Map) -> None:
     """Some bits only inverted, some only plain, an inverted black for white, fringes with odd shifts."""
     shown = sequence("gray+phase", 150, 170, inverses=True)
     kept = [Frame("black", inverted=True), Frame("black")]

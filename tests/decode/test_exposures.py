@@ -1,6 +1,5 @@
 """Codes captured under several exposures: right where one of them clips and another one is dark."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -11,8 +10,8 @@ from numpy.typing import NDArray
 from optolever.decode import Flag, check, decode
 from optolever.patterns import Sequence, sequence
 
-F64 = NDArray[np.float64]
-Shoot = Callable[..., NDArray[Any]]
+from .conftest import F64, Map, Shoot
+
 LONG = 40.0
 
 
@@ -21,9 +20,7 @@ def bracketed(shown: Sequence, *exposures: float) -> Sequence:
     return replace(shown, frames=frames)
 
 
-def shot(
-    shoot: Shoot, shown: Sequence, smooth: tuple[F64, F64], light: F64, noise: float = 1.5
-) -> NDArray[Any]:
+def shot(shoot: Shoot, shown: Sequence, smooth: Map, light: F64, noise: float = 1.5) -> NDArray[Any]:
     """Every frame under its exposure: black 4 % of the light, clipped at 255."""
     frames = []
     for k, frame in enumerate(shown.frames):
@@ -39,7 +36,7 @@ def shot(
     ("name", "limit"), [("gray", 0.501), ("gray:inverses=off", 0.501), ("binary", 0.501), ("gray+phase", 0.2)]
 )
 def test_right_where_one_clips_and_another_is_dark(
-    shoot: Shoot, smooth: tuple[F64, F64], name: str, limit: float
+    shoot: Shoot, smooth: Map, name: str, limit: float
 ) -> None:
     code, _, plain = name.partition(":")
     both = bracketed(sequence(code, 150, 170, **({"inverses": False} if plain else {})), 1.0, LONG)
@@ -60,7 +57,7 @@ def test_right_where_one_clips_and_another_is_dark(
         assert 0.8 < np.sqrt(np.mean((error / sigma[found.good]) ** 2)) < 1.15
 
 
-def test_only_what_every_exposure_clips_is_saturated(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_only_what_every_exposure_clips_is_saturated(shoot: Shoot, smooth: Map) -> None:
     """Light of 3, 180 and 90000 levels: the last clips under both exposures, black included."""
     both = bracketed(sequence("gray", 150, 170), 1.0, LONG)
     light = np.repeat([3.0, 180.0, 90000.0], [50, 50, 40])[None, :] * np.ones((120, 1))
@@ -71,7 +68,7 @@ def test_only_what_every_exposure_clips_is_saturated(shoot: Shoot, smooth: tuple
     assert found.good[:, 8:92].mean() > 0.97
 
 
-def test_order_and_incomplete_exposures_do_not_matter(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_order_and_incomplete_exposures_do_not_matter(shoot: Shoot, smooth: Map) -> None:
     """White of a third exposure and some bits of it: left out, and no bound for bits of others."""
     both = bracketed(sequence("gray", 150, 170, inverses=False), 1.0, LONG)
     more = tuple(replace(frame, exposure=7.0) for frame in both.frames[:5])
@@ -85,7 +82,7 @@ def test_order_and_incomplete_exposures_do_not_matter(shoot: Shoot, smooth: tupl
     np.testing.assert_array_equal(found.flags, plain.flags)
 
 
-def test_one_exposure_for_all_is_that_of_none(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_one_exposure_for_all_is_that_of_none(shoot: Shoot, smooth: Map) -> None:
     shown = sequence("gray+phase", 150, 170)
     frames = shoot(shown, *smooth, noise=1.0)
     plain, found = decode(frames, shown), decode(frames, bracketed(shown, 0.3))
@@ -93,7 +90,7 @@ def test_one_exposure_for_all_is_that_of_none(shoot: Shoot, smooth: tuple[F64, F
         np.testing.assert_array_equal(getattr(found, name), getattr(plain, name))
 
 
-def test_what_moved_between_exposures_is_flagged(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_what_moved_between_exposures_is_flagged(shoot: Shoot, smooth: Map) -> None:
     both = bracketed(sequence("gray", 150, 170), 1.0, 1.2)
     half = len(both) // 2
     light = np.full(smooth[0].shape, 150.0)
@@ -104,7 +101,7 @@ def test_what_moved_between_exposures_is_flagged(shoot: Shoot, smooth: tuple[F64
     assert (decode(still, both).flags & Flag.MOVED > 0).mean() < 1e-3
 
 
-def test_swapped_frames_of_one_exposure_keep_their_numbers(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_swapped_frames_of_one_exposure_keep_their_numbers(shoot: Shoot, smooth: Map) -> None:
     both = bracketed(sequence("gray", 150, 170), 1.0, 1.2)
     frames = shot(shoot, both, smooth, np.full(smooth[0].shape, 150.0))
     assert not check(frames, both).findings
@@ -116,7 +113,7 @@ def test_swapped_frames_of_one_exposure_keep_their_numbers(shoot: Shoot, smooth:
     assert [one for one in decode(frames, both).notices if one.name == finding.sentence]
 
 
-def test_fringes_of_all_exposures_serve_a_code_of_one(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_fringes_of_all_exposures_serve_a_code_of_one(shoot: Shoot, smooth: Map) -> None:
     """Sigma falls as the modulation grows with the longer exposure."""
     shown = sequence("gray+phase", 150, 170)
     longer = tuple(replace(f, exposure=2.0) for f in shown.frames if f.kind == "phase")

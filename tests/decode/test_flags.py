@@ -12,11 +12,9 @@ from optolever.decode import Correspondence, Flag, Response, decode
 from optolever.experiments.metrics import rms
 from optolever.patterns import Frame, Sequence, sequence
 
-from .conftest import scores, silent
-from .light import seen_by_pixels
+from .conftest import Map, Shoot, scores, silent
+from .light import camera, seen_by_pixels
 
-F64 = NDArray[np.float64]
-Shoot = Callable[..., NDArray[Any]]
 GRAY_PHASE = sequence("gray+phase", 150, 170)
 SPOTS = sequence("spot", 40, 60).frames
 
@@ -35,7 +33,7 @@ def test_flat_captures_are_results_with_flags(name: str, grey: int) -> None:
     assert share(found, Flag.DARK if grey < 10 and name != "stripe" else Flag.LOW_CONTRAST) == 1
 
 
-def test_dark_part(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_dark_part(shoot: Shoot, smooth: Map) -> None:
     light = np.where(np.arange(140) < 40, 0.5, 100.0)[None, :] * np.ones((120, 1))
     found = decode(shoot(GRAY_PHASE, *smooth, noise=1.0, amplitude=light, offset=light + 3), GRAY_PHASE)
     assert share(found, Flag.DARK, np.s_[:, :39]) > 0.99
@@ -44,14 +42,14 @@ def test_dark_part(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
     assert silent(found, *smooth, least=0.05) <= 1e-4
 
 
-def test_low_contrast_under_bright_light(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_low_contrast_under_bright_light(shoot: Shoot, smooth: Map) -> None:
     found = decode(shoot(GRAY_PHASE, *smooth, noise=3.0, amplitude=6.0, offset=150), GRAY_PHASE)
     assert share(found, Flag.LOW_CONTRAST) > 0.95
     assert share(found, Flag.DARK) == 0
     assert silent(found, *smooth, least=0.05) <= 1e-4
 
 
-def test_clipped_samples_are_left_out(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_clipped_samples_are_left_out(shoot: Shoot, smooth: Map) -> None:
     """Clipping at 255 of 300 with 8 steps: the error stays within 1.5 times that of the unclipped fringe."""
     shown = sequence("gray+phase", 150, 170, steps=8)
     clipped = decode(shoot(shown, *smooth, noise=1.0, amplitude=145, offset=155), shown, on_cells=False)
@@ -66,9 +64,7 @@ def test_clipped_samples_are_left_out(shoot: Shoot, smooth: tuple[F64, F64]) -> 
 
 
 @pytest.mark.parametrize("bits", [8, 10, 12, 14])
-def test_clipping_of_cameras_that_use_the_upper_of_sixteen_bits(
-    bits: int, shoot: Shoot, smooth: tuple[F64, F64]
-) -> None:
+def test_clipping_of_cameras_that_use_the_upper_of_sixteen_bits(bits: int, shoot: Shoot, smooth: Map) -> None:
     """Their largest level ends in zeros, as 65520 of 12 bits; but for scale nothing changes."""
     unit = 2 ** (bits - 8)
     light = {"noise": 1.0 * unit, "amplitude": 145.0 * unit, "offset": 155.0 * unit}
@@ -83,8 +79,7 @@ def test_clipped_white_leaves_the_threshold_of_bits_in_doubt() -> None:
     one place are read to different sides of it, which leads far."""
     shown, u = sequence("binary", 8, 256, inverses=False, axes="u"), np.linspace(4, 250, 4000)
     light = np.repeat(1.2 * seen_by_pixels(shown, u, 0.7, 1.0), 8, axis=1)
-    light += 0.9 * np.random.default_rng(0).standard_normal(light.shape)
-    found = decode(np.clip(np.rint(light), 0, 255).astype(np.uint8), shown)
+    found = decode(camera(light, 0.9), shown)
     assert found.good.mean() > 0.5
     assert np.abs(found.u - u)[found.good].max() < 1.5
 
@@ -95,13 +90,12 @@ def test_gamma_moves_the_threshold_of_blurred_bits(gamma: float) -> None:
     shown, u = sequence("binary", 8, 256, inverses=False, axes="u"), np.linspace(4, 250, 4000)
     light = np.repeat(seen_by_pixels(shown, u, 0.7, 0.75), 8, axis=1)
     light = 10 + 200 * (light / light.max()) ** (1 / gamma)
-    light += 0.5 * np.random.default_rng(0).standard_normal(light.shape)
-    found = decode(np.rint(light).astype(np.uint8), shown)
+    found = decode(camera(light, 0.5), shown)
     assert not (found.good & (np.abs(found.u - u) > 1.5)).any()
     assert found.good.mean() > 0.5
 
 
-def test_saturated_where_too_few_samples_are_left(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_saturated_where_too_few_samples_are_left(shoot: Shoot, smooth: Map) -> None:
     found = decode(shoot(GRAY_PHASE, *smooth, noise=1.0, amplitude=150, offset=320), GRAY_PHASE)
     assert share(found, Flag.SATURATED) > 0.9
     assert silent(found, *smooth, least=0.05) <= 1e-4
@@ -118,7 +112,7 @@ def test_off_pattern(shoot: Shoot) -> None:
     assert share(decode(shoot(gray, col + 40, col + 40), gray), Flag.OFF_PATTERN, np.s_[:, -20:]) == 1
 
 
-def test_order_doubtful_where_bits_are_weak(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_order_doubtful_where_bits_are_weak(shoot: Shoot, smooth: Map) -> None:
     """Noise near the contrast: orders fail, and those that do are flagged."""
     frames = shoot(GRAY_PHASE, *smooth, noise=14.0, amplitude=60.0)
     found = decode(frames, GRAY_PHASE, on_cells=False)
@@ -128,7 +122,7 @@ def test_order_doubtful_where_bits_are_weak(shoot: Shoot, smooth: tuple[F64, F64
     assert silent(found, *smooth, least=0.05) <= 1e-4
 
 
-def test_code_and_fringe_that_disagree(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_code_and_fringe_that_disagree(shoot: Shoot, smooth: Map) -> None:
     """The mirror moved by 3 px between the code and the fringes: a quarter of the places must notice; what
     `check` leaves of the frames is right about its own moment."""
     u, v = smooth
@@ -143,7 +137,7 @@ def test_code_and_fringe_that_disagree(shoot: Shoot, smooth: tuple[F64, F64]) ->
     assert (np.abs(checked.u - u) < cell)[checked.good].all()
 
 
-def test_moved_between_steps(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_moved_between_steps(shoot: Shoot, smooth: Map) -> None:
     """A jump of 1.5 px in the middle of an 8-step fringe leaves residuals."""
     u, v = smooth
     shown = sequence("gray+phase", 150, 170, steps=8, axes="u")
@@ -160,7 +154,7 @@ def test_moved_between_steps(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
     assert share(found, Flag.MOVED, np.s_[:, 31:]) < 0.001
 
 
-def test_hot_pixels(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_hot_pixels(shoot: Shoot, smooth: Map) -> None:
     """Stuck pixels hold one value in every frame; the decoder must not take them for a place."""
     frames = shoot(GRAY_PHASE, *smooth, noise=1.0)
     rng = np.random.default_rng(3)
@@ -171,7 +165,7 @@ def test_hot_pixels(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
     assert silent(found, *smooth, least=0.05) <= 1e-4
 
 
-def test_outlier(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_outlier(shoot: Shoot, smooth: Map) -> None:
     """A pixel that shows another place, consistently in all frames."""
     frames = shoot(GRAY_PHASE, *smooth, noise=1.0)
     frames[:, 60, 70] = frames[:, 30, 20]
@@ -180,7 +174,7 @@ def test_outlier(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
     assert share(found, Flag.OUTLIER) <= 2 / found.flags.size
 
 
-def test_dropped_frame_of_a_gray_code_is_no_silent_error(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_dropped_frame_of_a_gray_code_is_no_silent_error(shoot: Shoot, smooth: Map) -> None:
     shown = sequence("gray+phase", 150, 170, inverses=True)
     frames = shoot(shown, *smooth, noise=1.0)
     for lost in (2, 7, 20):
@@ -189,7 +183,7 @@ def test_dropped_frame_of_a_gray_code_is_no_silent_error(shoot: Shoot, smooth: t
         assert silent(decode(dropped, shown, on_cells=False), *smooth, least=0.05) <= 1e-4
 
 
-def test_gamma_is_no_silent_error_and_the_response_mends_it(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_gamma_is_no_silent_error_and_the_response_mends_it(shoot: Shoot, smooth: Map) -> None:
     frames = shoot(GRAY_PHASE, *smooth, noise=0.7, gamma=2.2, offset=127.5, amplitude=127.5)
     raw = decode(frames, GRAY_PHASE, on_cells=False)
     mended = decode(frames, GRAY_PHASE, response=Response.from_gamma(2.2), on_cells=False)
@@ -202,16 +196,16 @@ def test_gamma_is_no_silent_error_and_the_response_mends_it(shoot: Shoot, smooth
     assert errors[0] <= 1.5 * errors[1]
 
 
-def test_flicker_is_no_silent_error(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_flicker_is_no_silent_error(shoot: Shoot, smooth: Map) -> None:
     """Ambient light that flickers by 5 levels from frame to frame."""
     shown = sequence("gray+phase", 150, 170, steps=8)
     frames = shoot(shown, *smooth, noise=1.0).astype(np.float64)
     frames += 5 * np.sin(2.1 * np.arange(len(shown)))[:, None, None]
-    found = decode(np.clip(np.rint(frames), 0, 255).astype(np.uint8), shown, on_cells=False)
+    found = decode(camera(frames), shown, on_cells=False)
     assert silent(found, *smooth, least=0.05) <= 1e-4
 
 
-def test_one_period_alone_is_never_called_good(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_one_period_alone_is_never_called_good(shoot: Shoot, smooth: Map) -> None:
     shown = sequence("phase", 150, 170, periods=20)
     assert not decode(shoot(shown, *smooth), shown).good.any()
 

@@ -1,25 +1,22 @@
 """Harmonic error that is predicted against the error that is there."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from optolever import InputError
 from optolever.calibration import harmonic_errors
 from optolever.decode import Response, decode
 from optolever.patterns import sequence
 
-F64 = NDArray[np.float64]
-Shoot = Callable[..., NDArray[Any]]
+from .conftest import Map, Shoot
+
 TOP = 60000.0
 
 
 def predicted_and_true(
-    shoot: Shoot, smooth: tuple[F64, F64], steps: int, gamma: float | None, noise: float, uneven: bool
+    shoot: Shoot, smooth: Map, steps: int, gamma: float | None, noise: float, uneven: bool
 ) -> tuple[float, float, float]:
     """rms_px, rms of the real error, sigma_px of u under gamma 2.2, inverted as `gamma`."""
     shown = sequence("gray+phase", 150, 170, steps=steps, axes="u")
@@ -46,20 +43,20 @@ def predicted_and_true(
     [(3, 0.0, False), (4, 0.0, False), (5, 0.0, True), (3, 0.1, True), (4, 0.1, True)],
 )
 def test_of_a_wrong_gamma(
-    shoot: Shoot, smooth: tuple[F64, F64], steps: int, gamma: float | None, noise: float, uneven: bool
+    shoot: Shoot, smooth: Map, steps: int, gamma: float | None, noise: float, uneven: bool
 ) -> None:
     told, true, sigma = predicted_and_true(shoot, smooth, steps, gamma, noise, uneven)
     assert told == pytest.approx(true, rel=0.2, abs=3 * sigma)
 
 
 @pytest.mark.parametrize("steps", [3, 4, 5])
-def test_of_the_right_gamma_is_nought(shoot: Shoot, smooth: tuple[F64, F64], steps: int) -> None:
+def test_of_the_right_gamma_is_nought(shoot: Shoot, smooth: Map, steps: int) -> None:
     told, true, _ = predicted_and_true(shoot, smooth, steps, 2.2, 0.0, False)
     assert told < 1e-3
     assert true < 1e-3
 
 
-def test_shifts_that_tell_nothing_are_left_out(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_shifts_that_tell_nothing_are_left_out(shoot: Shoot, smooth: Map) -> None:
     shown = sequence("gray+phase", 150, 170)
     frames = shoot(shown, *smooth)
     uneven = [k for k, frame in enumerate(shown.frames) if (frame.axis, frame.shift) != ("v", 0.0)]

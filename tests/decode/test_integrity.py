@@ -16,11 +16,9 @@ from optolever.decode.noise import estimate_noise
 from optolever.decode.plan import plan
 from optolever.patterns import Sequence, sequence
 
-from .conftest import silent
+from .conftest import F64, Map, Shoot, silent
 from .light import cell_frames
 
-F64 = NDArray[np.float64]
-Shoot = Callable[..., NDArray[Any]]
 CASES: tuple[tuple[str, dict[str, Any]], ...] = (
     ("phase", {"steps": 4}),
     ("phase", {"steps": 8, "periods": (190.0, 16.0)}),
@@ -50,7 +48,7 @@ def _named(frames: NDArray[Any], shown: Sequence) -> Finding:
 
 @pytest.mark.parametrize(("name", "params"), CASES)
 def test_neighbours_in_each_others_place_are_named_and_nothing_in_whole_captures(
-    name: str, params: dict[str, Any], shoot: Shoot, smooth: tuple[F64, F64]
+    name: str, params: dict[str, Any], shoot: Shoot, smooth: Map
 ) -> None:
     shown = sequence(name, 150, 170, **params)
     for noise in (0.0, 8.0):
@@ -79,7 +77,7 @@ def test_surroundings_hide_no_fault(lit: float, around: str, shoot: Shoot) -> No
         assert {i, i + 1} & set(_named(frames, shown).frames), i
 
 
-def test_a_lost_and_a_repeated_frame_are_named(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_a_lost_and_a_repeated_frame_are_named(shoot: Shoot, smooth: Map) -> None:
     shown = sequence("phase", 150, 170, steps=8, periods=(190.0, 16.0))
     whole = shoot(shown, *smooth, noise=1.0)
     lost, repeated = whole.copy(), whole.copy()
@@ -92,7 +90,7 @@ def test_a_lost_and_a_repeated_frame_are_named(shoot: Shoot, smooth: tuple[F64, 
 
 
 @pytest.mark.parametrize("name", EDGES)
-def test_a_torn_frame_is_named_with_its_rows(name: str, shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_a_torn_frame_is_named_with_its_rows(name: str, shoot: Shoot, smooth: Map) -> None:
     shown = _shown(name)
     frames = shoot(shown, *smooth, noise=1.0)
     torn = 7
@@ -103,7 +101,7 @@ def test_a_torn_frame_is_named_with_its_rows(name: str, shoot: Shoot, smooth: tu
         assert abs(finding.rows[0] - 50) < 25
 
 
-def test_three_steps_tell_nothing(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_three_steps_tell_nothing(shoot: Shoot, smooth: Map) -> None:
     shown = sequence("phase", 150, 170, steps=3, periods=(190.0,))
     assert check(shoot(shown, *smooth), shown).findings == ()
 
@@ -124,7 +122,7 @@ def test_frames_that_do_not_fit_are_refused() -> None:
         check(np.zeros((2, 4, 4), np.uint8), sequence("phase", 150, 170))
 
 
-def test_bits_without_inverse_are_tested_by_the_map(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_bits_without_inverse_are_tested_by_the_map(shoot: Shoot, smooth: Map) -> None:
     """A Gray bit's picture that is the bit before: no sum tells, but the map jumps or folds."""
     shown = _shown("gray:inverses")
     whole = shoot(shown, *smooth, noise=1.0)
@@ -208,9 +206,7 @@ def test_scenes_with_edges_are_no_fault_and_hide_none(name: str) -> None:
 
 
 @pytest.mark.parametrize("step", [8.0])
-def test_sweeps_are_tested_by_how_stripes_follow_each_other(
-    step: float, shoot: Shoot, smooth: tuple[F64, F64]
-) -> None:
+def test_sweeps_are_tested_by_how_stripes_follow_each_other(step: float, shoot: Shoot, smooth: Map) -> None:
     shown = sequence("stripe", 150, 170, step=step, axes="u")
     whole = shoot(shown, *smooth, noise=1.0)
     assert check(whole, shown).findings == ()
@@ -226,13 +222,13 @@ def test_sweeps_are_tested_by_how_stripes_follow_each_other(
         assert {i, i + 1} & set(finding.frames)
 
 
-def _truth(smooth: tuple[F64, F64]) -> Correspondence:
+def _truth(smooth: Map) -> Correspondence:
     u, v = smooth
     full = np.full(u.shape, 0.05)
     return Correspondence(u, v, full, full, np.zeros(u.shape, np.uint16), 2000 * full, 2200 * full)
 
 
-def test_only_pixels_that_a_wrong_step_could_spoil_are_blamed(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_only_pixels_that_a_wrong_step_could_spoil_are_blamed(shoot: Shoot, smooth: Map) -> None:
     """A step replaced by its neighbour is right where both are the same; of eight, one may be left out."""
     shown = sequence("phase", 150, 170, steps=8, periods=(190.0, 16.0))
     frames = shoot(shown, *smooth, noise=1.0)
@@ -252,7 +248,7 @@ def test_only_pixels_that_a_wrong_step_could_spoil_are_blamed(shoot: Shoot, smoo
 
 @pytest.mark.parametrize("swap", [(0, 1), (0, 2), (1, 3)])
 def test_whichever_of_two_swaps_it_is_nothing_wrong_stays_good(
-    swap: tuple[int, int], shoot: Shoot, smooth: tuple[F64, F64]
+    swap: tuple[int, int], shoot: Shoot, smooth: Map
 ) -> None:
     """Of four steps, either pair of opposite ones mirrors the phase; the first period cannot be left out."""
     shown = sequence("phase", 150, 170, steps=4)
@@ -263,7 +259,7 @@ def test_whichever_of_two_swaps_it_is_nothing_wrong_stays_good(
     assert (found.flags & Flag.WRONG_FRAME).any()
 
 
-def test_a_whole_period_or_a_polarity_is_left_out(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_a_whole_period_or_a_polarity_is_left_out(shoot: Shoot, smooth: Map) -> None:
     shown = sequence("phase", 150, 170, steps=4)
     frames = shoot(shown, *smooth, noise=1.0)
     frames[5] = frames[6]
@@ -275,7 +271,7 @@ def test_a_whole_period_or_a_polarity_is_left_out(shoot: Shoot, smooth: tuple[F6
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.0])
-def test_white_and_black_in_each_others_place(noise: float, shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_white_and_black_in_each_others_place(noise: float, shoot: Shoot, smooth: Map) -> None:
     shown = sequence("gray", 150, 170)
     frames = shoot(shown, *smooth, noise=noise)
     frames[[0, 1]] = frames[[1, 0]]

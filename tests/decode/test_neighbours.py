@@ -1,6 +1,5 @@
 """What a pixel's neighbours tell: bends, steep codes, mixed footprints, the border's shadow."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -15,9 +14,8 @@ from optolever.decode.border import border_of, inwards, measured_blur
 from optolever.experiments.metrics import rms
 from optolever.patterns import Sequence, sequence, sequence_from_text
 
-from .conftest import scores, silent
+from .conftest import F64, Map, Shoot, scores, silent
 
-F64 = NDArray[np.float64]
 _FINE = 8
 
 
@@ -61,7 +59,7 @@ def footprints(
     return frames
 
 
-def places(height: int, width: int) -> tuple[F64, F64]:
+def places(height: int, width: int) -> Map:
     """Rows and columns of the parts of pixels, pixel units, integer = pixel centre."""
     row, col = np.mgrid[: height * _FINE, : width * _FINE]
     return (row + 0.5) / _FINE - 0.5, (col + 0.5) / _FINE - 0.5
@@ -150,7 +148,7 @@ def test_the_shadow_of_the_border(name: str, blur: float) -> None:
 
 
 @pytest.mark.parametrize("turned", [False, True])
-def test_what_only_looks_like_the_borders_shadow(turned: bool, shoot: Callable[..., NDArray[Any]]) -> None:
+def test_what_only_looks_like_the_borders_shadow(turned: bool, shoot: Shoot) -> None:
     """A dim band near the border, brighter again on the border's side (a slope that reflects less)."""
     shown = sequence("phase", 100, 100, steps=4, periods=(13.0, 12.5))
     v, u = np.mgrid[:100, :100].astype(np.float64)
@@ -234,7 +232,7 @@ def test_what_an_unsure_blur_shifts_is_in_sigma(cells: float, place: float) -> N
 
 
 @pytest.mark.parametrize("depth", [0.15, 0.35, 0.5])
-def test_light_that_falls_off_is_no_border(depth: float, shoot: Callable[..., NDArray[Any]]) -> None:
+def test_light_that_falls_off_is_no_border(depth: float, shoot: Shoot) -> None:
     """A vignette or an uneven backlight darkens the pattern's rim as its border would, but shifts nothing."""
     shown = sequence("gray+phase", 100, 100)
     v, u = 4 + 0.9 * np.mgrid[:100, :100]
@@ -247,7 +245,7 @@ def test_light_that_falls_off_is_no_border(depth: float, shoot: Callable[..., ND
         assert abs(float(np.mean((coordinate - truth)[rim & (truth < 9)]))) < 0.01
 
 
-def test_a_pixel_that_looks_elsewhere_bends_no_map_beside_it(shoot: Callable[..., NDArray[Any]]) -> None:
+def test_a_pixel_that_looks_elsewhere_bends_no_map_beside_it(shoot: Shoot) -> None:
     """As a hot one does: none of its neighbours is moved, not those across its corners either."""
     row, col = np.mgrid[:40, :60].astype(np.float64)
     u, v = 10 + 1.7 * col + 1.4 * row, 60 + 1.7 * row - 0.9 * col
@@ -259,7 +257,7 @@ def test_a_pixel_that_looks_elsewhere_bends_no_map_beside_it(shoot: Callable[...
     assert (np.abs(scores(replace(found, flags=found.flags | one), u, v)) < 5).all()
 
 
-def test_folds_widen_sigma(shoot: Callable[..., NDArray[Any]]) -> None:
+def test_folds_widen_sigma(shoot: Shoot) -> None:
     """A mean over a pixel lies off the place at its centre by the second derivatives over 24."""
     row, col = places(40, 60)
     u = 60 + 0.5 * (col - 30) ** 2 / 6
@@ -361,7 +359,7 @@ def test_light_that_steps_without_a_level_moves_no_place_far() -> None:
         assert np.abs(coord[found.good]).max() < 100
 
 
-def test_places_by_chance_are_no_map(shoot: Callable[..., NDArray[Any]]) -> None:
+def test_places_by_chance_are_no_map(shoot: Shoot) -> None:
     """Neighbours that have nothing to do with each other (a test of a decoder, a diffuser) flag nothing."""
     shown = sequence("phase", 100, 100, periods=(112.5, 16.0))
     u, v = np.random.default_rng(0).uniform(10, 89, (2, 60, 70))
@@ -383,7 +381,7 @@ def test_pixels_that_look_right_among_those_too_wide_for_a_code(code: str) -> No
     assert found.good.mean() < (0.2 if code == "gray" else 2e-3)
 
 
-def test_a_row_that_leaves_both_rows_beside_it_is_flagged(shoot, smooth: tuple[F64, F64]) -> None:
+def test_a_row_that_leaves_both_rows_beside_it_is_flagged(shoot, smooth: Map) -> None:
     """A light that flashes while a row is read moves all of it: along the row, nothing is wrong."""
     u, v = smooth
     moved = v.copy()
@@ -413,7 +411,7 @@ def test_fringes_of_which_more_than_one_lies_on_a_pixel_are_flagged(steepest: fl
 
 
 def test_what_noise_lets_pass_among_refused_pixels_is_flagged(
-    shoot: Callable[..., NDArray[Any]],
+    shoot: Shoot,
 ) -> None:
     """At an amplitude of three sigma, a pixel in a hundred seems to have four; its error goes with it. A line
     of good pixels stays."""
@@ -428,7 +426,7 @@ def test_what_noise_lets_pass_among_refused_pixels_is_flagged(
     assert found.good[~strong].mean() < 1e-3
 
 
-def test_dim_beside_what_hardly_sees_anything(shoot: Callable[..., Any], smooth: tuple[F64, F64]) -> None:
+def test_dim_beside_what_hardly_sees_anything(shoot: Shoot, smooth: Map) -> None:
     """Half of its light is gone, and what is left is of one side: also where the pixel beside still has some
     contrast, and only the next one has none."""
     shown, light = sequence("phase", 150, 170), np.full(smooth[0].shape, 60.0)

@@ -13,9 +13,8 @@ from optolever.patterns import Frame, Sequence, sequence
 from optolever.projector import capture
 from optolever.scene import dent, load, resize, trace
 
-from .conftest import scores
-
-F64 = NDArray[np.float64]
+from .conftest import F64, Map, scores
+from .light import camera
 
 
 def spots(shown: Sequence, u: F64, v: F64, noise: float, seed: int = 0, bright: float = 190) -> NDArray[Any]:
@@ -25,13 +24,13 @@ def spots(shown: Sequence, u: F64, v: F64, noise: float, seed: int = 0, bright: 
 
 
 @pytest.fixture(scope="module")
-def places() -> tuple[F64, F64]:
+def places() -> Map:
     row, col = np.mgrid[:60, :70].astype(np.float64)
     return 3 + 0.97 * col + 3 * np.sin(row / 21), 4 + 0.93 * row + 3 * np.cos(col / 17)
 
 
 @pytest.mark.parametrize("params", [{"step": 8}, {"step": 6, "width": 9}, {"step": 5, "width": 15}])
-def test_spot_has_true_error_bars(places: tuple[F64, F64], params: dict[str, float]) -> None:
+def test_spot_has_true_error_bars(places: Map, params: dict[str, float]) -> None:
     shown = sequence("spot", 66, 78, **params)
     found = [decode(spots(shown, *places, 3.0, seed=seed), shown) for seed in range(3)]
     assert min(each.good.mean() for each in found) > 0.999
@@ -40,7 +39,7 @@ def test_spot_has_true_error_bars(places: tuple[F64, F64], params: dict[str, flo
     assert np.mean(score < 2) == pytest.approx(0.954, abs=0.01)
 
 
-def test_levels_are_those_of_the_frames(places: tuple[F64, F64]) -> None:
+def test_levels_are_those_of_the_frames(places: Map) -> None:
     shown = sequence("spot", 66, 78)
     found = decode(spots(shown, *places, 1.0), shown)
     assert found.amplitude is not None
@@ -51,7 +50,7 @@ def test_levels_are_those_of_the_frames(places: tuple[F64, F64]) -> None:
     assert np.median(found.sigma_u) < 0.15
 
 
-def test_order_of_the_frames_does_not_matter(places: tuple[F64, F64]) -> None:
+def test_order_of_the_frames_does_not_matter(places: Map) -> None:
     shown = sequence("spot", 66, 78)
     frames = spots(shown, *places, 1.0)
     order = np.random.default_rng(1).permutation(len(shown))
@@ -61,18 +60,17 @@ def test_order_of_the_frames_does_not_matter(places: tuple[F64, F64]) -> None:
     np.testing.assert_allclose(second.v, first.v, rtol=2**-23)
 
 
-def test_clipped_samples_are_left_out(places: tuple[F64, F64]) -> None:
+def test_clipped_samples_are_left_out(places: Map) -> None:
     shown = sequence("spot", 66, 78, step=4, width=12)
     found = decode(spots(shown, *places, 1.0, bright=300), shown)
     assert found.good.mean() > 0.9
     assert rms(scores(found, *places)) < 1.2
 
 
-def test_response_is_inverted_before_sums(places: tuple[F64, F64]) -> None:
+def test_response_is_inverted_before_sums(places: Map) -> None:
     shown = sequence("spot", 66, 78)
     light = np.array([ideal_level(shown, i, *places) for i in range(len(shown))])
-    noise = np.random.default_rng(2).standard_normal(light.shape)
-    frames = np.clip(np.rint(255 * (0.1 + 0.8 * light) ** (1 / 2.2) + noise), 0, 255).astype(np.uint8)
+    frames = camera(255 * (0.1 + 0.8 * light) ** (1 / 2.2), 1.0, 2)
     inverse = Response.from_gamma(1 / 2.2)
     bent, straight = decode(frames, shown), decode(frames, shown, response=inverse)
     error = [np.sqrt(np.mean((found.u - places[0]) ** 2)) for found in (bent, straight)]
@@ -82,7 +80,7 @@ def test_response_is_inverted_before_sums(places: tuple[F64, F64]) -> None:
 
 
 @pytest.mark.parametrize("at", [45, 83, 110])
-def test_wrong_frames_are_named_and_flagged(places: tuple[F64, F64], at: int) -> None:
+def test_wrong_frames_are_named_and_flagged(places: Map, at: int) -> None:
     shown = sequence("spot", 66, 78)
     whole = spots(shown, *places, 2.0)
     assert check(whole, shown).findings == ()
@@ -101,7 +99,7 @@ def test_wrong_frames_are_named_and_flagged(places: tuple[F64, F64], at: int) ->
         assert not wrong[found.good].any()
 
 
-def test_two_places_in_one_pixel_are_flagged(places: tuple[F64, F64]) -> None:
+def test_two_places_in_one_pixel_are_flagged(places: Map) -> None:
     """A fold, or a ghost: the second place in other rows and columns of the raster."""
     shown = sequence("spot", 66, 78)
     u, v = np.full((9, 9), 12.0), np.full((9, 9), 15.0)
@@ -112,8 +110,7 @@ def test_two_places_in_one_pixel_are_flagged(places: tuple[F64, F64]) -> None:
 
 def test_dark_capture_is_flagged() -> None:
     shown = sequence("spot", 40, 60)
-    noise = np.random.default_rng(0).normal(4, 1, (len(shown), 20, 24))
-    found = decode(np.clip(np.rint(noise), 0, 255).astype(np.uint8), shown)
+    found = decode(camera(np.full((len(shown), 20, 24), 4.0), 1.0), shown)
     assert found.good.mean() < 1e-3
     assert check(np.zeros((len(shown), 4, 4), np.uint8), shown).constraints == 0
 

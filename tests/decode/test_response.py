@@ -1,18 +1,15 @@
 """Response of display and camera: given, tabled, measured."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from optolever import InputError
 from optolever.decode import Response, decode
 from optolever.patterns import sequence
 
-F64 = NDArray[np.float64]
-Shoot = Callable[..., NDArray[Any]]
+from .conftest import Map, Shoot
 
 
 def test_gamma_is_inverted() -> None:
@@ -29,7 +26,7 @@ def test_table_in_any_order_with_a_dead_end() -> None:
     assert response.shown_of(2.0 - 0.88) == pytest.approx(-0.88 * 200 / 228)
 
 
-def test_measured_from_a_ramp(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_measured_from_a_ramp(shoot: Shoot, smooth: Map) -> None:
     """Under uneven light, gamma 2.2: decoding with the measured response is as good as with the true one."""
     light = np.linspace(60, 120, 140)[None, :] * np.ones((120, 1))
     ramp, shown = sequence("ramp", 150, 170, count=52), sequence("gray+phase", 150, 170)
@@ -48,7 +45,7 @@ def test_measured_from_a_ramp(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
 
 @pytest.mark.parametrize(("name", "params"), [("stripe", {"step": 8}), ("micro-phase", {})])
 def test_grey_values_and_sweeps_are_inverted_too(
-    shoot: Shoot, smooth: tuple[F64, F64], name: str, params: dict[str, float]
+    shoot: Shoot, smooth: Map, name: str, params: dict[str, float]
 ) -> None:
     """Gamma 2.2: flagged as it is, decoded within its sigma once the response is given."""
     shown = sequence(name, 150, 170, **params)
@@ -66,7 +63,7 @@ def test_grey_values_and_sweeps_are_inverted_too(
 )
 @pytest.mark.parametrize("curve", [1.0, 2.2])
 def test_bits_are_inverted_too(
-    shoot: Shoot, smooth: tuple[F64, F64], name: str, params: dict[str, bool], worst: float, curve: float
+    shoot: Shoot, smooth: Map, name: str, params: dict[str, bool], worst: float, curve: float
 ) -> None:
     """Places as a linear camera tells them; a straight response changes none of them."""
     shown = sequence(name, 150, 170, **params)

@@ -1,11 +1,9 @@
 """Error bars: rms and coverage over seeds, against noise that was put in."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from optolever.decode import decode
 from optolever.experiments.metrics import rms
@@ -13,11 +11,8 @@ from optolever.patterns import Frame, Sequence, sequence
 from optolever.projector import capture
 from optolever.scene import dent, load, resize
 
-from .conftest import scores
+from .conftest import Map, Shoot, scores
 from .light import photographed
-
-F64 = NDArray[np.float64]
-Shoot = Callable[..., NDArray[Any]]
 
 
 @pytest.mark.parametrize("ratio", [6, *(pytest.param(r, marks=pytest.mark.slow) for r in (10, 100)), 40])
@@ -31,9 +26,7 @@ Shoot = Callable[..., NDArray[Any]]
         ("phase", {"steps": 5}),
     ],
 )
-def test_coverage(
-    shoot: Shoot, smooth: tuple[F64, F64], name: str, params: dict[str, Any], ratio: float
-) -> None:
+def test_coverage(shoot: Shoot, smooth: Map, name: str, params: dict[str, Any], ratio: float) -> None:
     """68 +- 2 % within one sigma, 95 +- 1 % within two; the noise is estimated from the frames."""
     shown = sequence(name, 150, 170, **params)
     shots = (shoot(shown, *smooth, noise=60 / ratio, seed=seed, amplitude=60) for seed in range(3))
@@ -64,7 +57,7 @@ def test_phase_noise_is_at_the_cramer_rao_bound(steps: int) -> None:
         assert np.median(found.sigma_u) == pytest.approx(bound, rel=0.05)
 
 
-def test_shot_noise_is_told_from_read_noise(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_shot_noise_is_told_from_read_noise(shoot: Shoot, smooth: Map) -> None:
     """A gain of 0.08 levels on a slope of brightness: sigma is right in the dark and in the bright half."""
     shown = sequence("gray+phase", 150, 170, steps=5)
     light = np.linspace(15, 120, smooth[0].shape[1])[None, :] * np.ones((smooth[0].shape[0], 1))
@@ -93,7 +86,7 @@ def test_discrete_codes(shoot: Shoot, name: str) -> None:
     assert outside.mean() <= stated + 3 * np.sqrt(max(stated, 1 / outside.size) / outside.size)
 
 
-def test_given_noise_is_taken(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_given_noise_is_taken(shoot: Shoot, smooth: Map) -> None:
     shown = sequence("gray+phase", 150, 170)
     frames = shoot(shown, *smooth, noise=2.0)
     small, large = (decode(frames, shown, noise=noise, on_cells=False) for noise in (2.0, 4.0))

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, decode
 from optolever.patterns import Sequence, sequence
 
-from .conftest import F64, Shoot, scores, silent
+from .conftest import F64, Map, Shoot, scores, silent
+from .light import camera
 
 EXTENT = 150, 170
 SHOWN = [
@@ -17,11 +17,6 @@ SHOWN = [
 ]
 BEFORE = "frames hold a share of earlier ones"
 BESIDE = "some frames, or parts of them, hold a share of earlier ones"
-
-
-def camera(light: F64) -> NDArray[np.uint8]:
-    noise = np.random.default_rng(4).standard_normal(light.shape)
-    return np.clip(np.rint(light + 0.7 * noise), 0, 255).astype(np.uint8)
 
 
 def told(found: Correspondence) -> float:
@@ -35,18 +30,18 @@ def shown(request: pytest.FixtureRequest) -> Sequence:
 
 
 @pytest.fixture
-def light(shown: Sequence, shoot: Shoot, smooth: tuple[F64, F64]) -> F64:
+def light(shown: Sequence, shoot: Shoot, smooth: Map) -> F64:
     return np.asarray(shoot(shown, *smooth, dtype=np.uint16, offset=10500.0, amplitude=9000.0) / 100.0)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.03, 0.1, 0.25, -0.1])
 def test_what_a_slow_crystal_keeps_is_taken_off(
-    share: float, shown: Sequence, light: F64, smooth: tuple[F64, F64]
+    share: float, shown: Sequence, light: F64, smooth: Map
 ) -> None:
     seen = [light[0]]
     for frame in light[1:]:
         seen.append((1 - share) * frame + share * seen[-1])
-    found = decode(camera(np.stack(seen)), shown, on_cells=False)
+    found = decode(camera(np.stack(seen), 0.7, 4), shown, on_cells=False)
     assert abs(told(found) - share) <= 0.02 * abs(share) + 0.002
     assert found.good.mean() > 0.95
     assert silent(found, *smooth) <= 1e-4
@@ -57,14 +52,14 @@ def test_what_a_slow_crystal_keeps_is_taken_off(
 
 @pytest.mark.parametrize(("share", "decay"), [(0.2, 0.0), (0.2, 0.05), (0.1, 0.02), (-0.05, 0.0)])
 def test_what_a_camera_sees_of_a_crystal_on_its_way_is_taken_off(
-    share: float, decay: float, shown: Sequence, light: F64, smooth: tuple[F64, F64]
+    share: float, decay: float, shown: Sequence, light: F64, smooth: Map
 ) -> None:
     """More in the mean of an exposure than at its end; 0: exposed while the frames change."""
     seen, state = [light[0]], light[0]
     for frame in light[1:]:
         seen.append((1 - share) * frame + share * state)
         state = (1 - decay) * frame + decay * state
-    found = decode(camera(np.stack(seen)), shown, on_cells=False)
+    found = decode(camera(np.stack(seen), 0.7, 4), shown, on_cells=False)
     assert abs(told(found) - share) <= 0.03 * abs(share) + 0.004
     assert found.good.mean() > 0.95
     assert silent(found, *smooth) <= 1e-4
@@ -73,26 +68,26 @@ def test_what_a_camera_sees_of_a_crystal_on_its_way_is_taken_off(
 
 @pytest.mark.parametrize(("share", "rows"), [(0.25, 75), (0.2, 100), (0.6, 0)])
 def test_shares_that_are_not_taken_off_are_flagged_or_in_sigma(
-    share: float, rows: int, shown: Sequence, light: F64, smooth: tuple[F64, F64]
+    share: float, rows: int, shown: Sequence, light: F64, smooth: Map
 ) -> None:
     """In a part of the image alone, or larger than what is a frame of its own."""
     seen = [light[0]]
     for frame in light[1:]:
         seen.append((1 - share) * frame + share * seen[-1])
         seen[-1][:rows] = frame[:rows]
-    found = decode(camera(np.stack(seen)), shown, on_cells=False)
+    found = decode(camera(np.stack(seen), 0.7, 4), shown, on_cells=False)
     assert any(notice.name == BESIDE for notice in found.notices)
     assert silent(found, *smooth) <= 1e-4
     assert found.good.mean() > 0.5 or rows == 0, "what does not lag stays good; where all does by 0.6 none is"
 
 
-def test_one_frame_exposed_longer_is_in_sigma(shown: Sequence, light: F64, smooth: tuple[F64, F64]) -> None:
+def test_one_frame_exposed_longer_is_in_sigma(shown: Sequence, light: F64, smooth: Map) -> None:
     """Every third frame in turn; sigma is at most 4 times as wide as the errors."""
     kept = []
     for i in range(0, len(shown), 3):
         seen = light.copy()
         seen[i] *= 1.15
-        found = decode(camera(seen), shown, on_cells=False, check=False)
+        found = decode(camera(seen, 0.7, 4), shown, on_cells=False, check=False)
         off = scores(found, *smooth)
         assert told(found) == 0
         kept.append(found.good.mean())
@@ -102,7 +97,7 @@ def test_one_frame_exposed_longer_is_in_sigma(shown: Sequence, light: F64, smoot
     assert np.median(kept) > 0.5, kept
 
 
-def test_harmonics_of_a_response_do_not_widen_a_phase(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_harmonics_of_a_response_do_not_widen_a_phase(shoot: Shoot, smooth: Map) -> None:
     """Six steps read no harmonic below the fifth."""
     shown = sequence("gray+phase", *EXTENT, steps=6)
     frames = shoot(shown, *smooth, noise=0.7, gamma=1.5, offset=127.5, amplitude=120.0)
@@ -116,7 +111,7 @@ def test_harmonics_of_a_response_do_not_widen_a_phase(shoot: Shoot, smooth: tupl
     ids=["micro-phase", "close"],
 )
 def test_what_fringes_of_three_steps_contradict_each_other_by_is_no_noise(
-    shown: Sequence, gamma: float, shoot: Shoot, smooth: tuple[F64, F64]
+    shown: Sequence, gamma: float, shoot: Shoot, smooth: Map
 ) -> None:
     """Nothing but their mean levels says it."""
     frames = shoot(shown, *smooth, noise=0.7, gamma=gamma, offset=127.5, amplitude=120.0)
@@ -125,14 +120,14 @@ def test_what_fringes_of_three_steps_contradict_each_other_by_is_no_noise(
     assert silent(found, *smooth) <= 1e-2 if gamma > 1 else 1e-4
 
 
-def test_white_that_clips_hides_no_lag(shoot: Shoot, smooth: tuple[F64, F64]) -> None:
+def test_white_that_clips_hides_no_lag(shoot: Shoot, smooth: Map) -> None:
     """White is at 1.03 of the camera's range; what follows it is not lost with it."""
     shown = SHOWN[0]
     light = shoot(shown, *smooth, dtype=np.uint16, offset=13000.0, amplitude=13200.0) / 100.0
     seen = [light[0]]
     for frame in light[1:]:
         seen.append(0.9 * frame + 0.1 * seen[-1])
-    found = decode(camera(np.stack(seen)), shown, on_cells=False)
+    found = decode(camera(np.stack(seen), 0.7, 4), shown, on_cells=False)
     assert abs(told(found) - 0.1) <= 0.01
     assert silent(found, *smooth) <= 1e-4
     assert found.good.mean() > 0.5

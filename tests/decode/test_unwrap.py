@@ -11,9 +11,9 @@ from scipy.special import erfc, ndtr
 from optolever.decode import Correspondence, decode
 from optolever.patterns import Frame, Sequence, sequence_from_text
 
+from .conftest import F64
 from .light import COLS, WIDTH, U, seen_by_pixels
 
-F64 = NDArray[np.float64]
 EXTENT, STEPS, PIXELS = 1260, 4, (300, 1000)
 
 

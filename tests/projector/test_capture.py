@@ -233,11 +233,6 @@ BAD: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
         ("002.png", "uint16", "8 bits", "uint8"),
     ),
     "unknown key": (edit("bits = 8", "bits = 8\nlens = 3"), ("capture.toml", "'lens'", "known are")),
-    "unknown frame key": (
-        edit('kind = "white"', 'kind = "white"\nlens = 3'),
-        ("capture.toml", "frames[0]", "'lens'"),
-    ),
-    "missing rows": (edit("rows = 30", ""), ("capture.toml", "rows")),
     "wrong version": (edit("version = 1", "version = 7"), ("capture.toml", "version", "7")),
     "no version": (edit("version = 1", ""), ("capture.toml", "version", "missing", "must be 1")),
     "bits too many": (edit("bits = 8", "bits = 24"), ("capture.toml", "bits", "24", "8 to 16")),
@@ -249,9 +244,6 @@ BAD: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
         ("capture.toml", "frames[1]", "../001.png", "inside"),
     ),
     "file twice": (edit("frames/001.png", "frames/000.png"), ("capture.toml", "frames/000.png", "2 times")),
-    "no kind": (edit('kind = "white"', ""), ("capture.toml", "frames[0]", "kind")),
-    "unknown kind": (edit('"gray"', '"grey"'), ("capture.toml", "frames[1]", "'grey'")),
-    "missing bit": (edit("bit = 3", ""), ("capture.toml", "frames[1]", "bit")),
     "NaN period": (
         edit("period_px = 7.5", "period_px = nan"),
         ("capture.toml", "frames[2]", "period_px", "nan"),

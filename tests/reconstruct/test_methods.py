@@ -5,7 +5,7 @@ import pytest
 
 from optolever import InputError
 from optolever.experiments.metrics import relative_error
-from optolever.reconstruct import PixelAnchor, method_names, reconstruct
+from optolever.reconstruct import PixelAnchor, reconstruct
 from optolever.reconstruct.geometry import ray_field
 from optolever.reconstruct.newton import Options, solve
 from optolever.reconstruct.problem import prepare
@@ -15,10 +15,6 @@ from .conftest import rms_score
 
 DENSE = ("coupled", "direct", "robust", "march", "fixed-point")
 SIDE = 64
-
-
-def test_names() -> None:
-    assert set(DENSE) <= set(method_names())
 
 
 @pytest.mark.parametrize("preset", ["paper-simulation", "monitor-mirror"])
