@@ -9,7 +9,6 @@ from optolever.reconstruct import HeightFlag, reconstruct
 from optolever.reconstruct.discontinuities import edge_doubt
 from optolever.reconstruct.edges import Doubt
 from optolever.reconstruct.gaps import across_gaps, widened
-from optolever.reconstruct.path_variance import reached_across
 from optolever.scene import Surface, load, resize, trace
 
 from .conftest import correspondence_of, rms_score, scores
@@ -39,15 +38,6 @@ def test_smooth_slopes_and_their_noise_are_not_doubted() -> None:
         variance = np.full(p.shape, sigma**2)
         noisy = p + sigma * rng.standard_normal(p.shape)
         assert edge_doubt(noisy, noisy.T.copy(), variance, variance, whole) is None
-
-
-def test_paths_from_the_anchor_take_the_least_doubtful_way() -> None:
-    """A fence with one low place: everything behind it pays that, once."""
-    dx = np.zeros((20, 30))
-    dx[:, 10] = 3.0
-    dx[7, 10] = 2.0
-    found = reached_across(Doubt(dx, np.zeros((20, 30))), np.ones((1, 1)), WHOLE, np.array([0]))
-    np.testing.assert_array_equal(found, np.where(np.arange(30) > 10, 4.0, 0.0) + np.zeros((20, 1)))
 
 
 @pytest.mark.parametrize(("slope", "doubt"), [("parabola", 0.0), ("ridge", 1.0)])

@@ -31,22 +31,6 @@ def test_extreme_contrast_keeps_every_column(reverse: bool) -> None:
     assert np.all(np.abs(error) < 1e-12 * np.abs(x).max(axis=0))
 
 
-@pytest.mark.parametrize("reverse", [False, True])
-def test_inverse_diagonal(reverse: bool) -> None:
-    """Against the dense inverse of every mode's matrix; mode 0 pinned at the heavy end."""
-    wx, wy = columns(1e-3, reverse)
-    poisson = ColumnPoisson(wx, wy, ROWS)
-    found = poisson.inverse_diagonal()
-    steps = np.diff(np.eye(COLS), axis=0)
-    base = steps.T @ np.diag(wx[:-1]) @ steps
-    for k, eigenvalue in enumerate(poisson.eigenvalues):
-        free = np.delete(np.arange(COLS), COLS - 1 if reverse else 0) if k == 0 else np.arange(COLS)
-        matrix = base + eigenvalue * np.diag(wy)
-        expected = np.zeros(COLS)
-        expected[free] = np.diag(np.linalg.inv(matrix[np.ix_(free, free)]))
-        np.testing.assert_allclose(found[k], expected, rtol=1e-9, atol=1e-14)
-
-
 def edge_weights(weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The lesser of both pixels' weights."""
     wx, wy = np.zeros((2, *weight.shape))

@@ -7,8 +7,6 @@ import pytest
 
 from optolever.reconstruct import HeightFlag, reconstruct
 from optolever.reconstruct.curl import lone
-from optolever.reconstruct.edges import Doubt
-from optolever.reconstruct.path_variance import cut_off
 
 from .conftest import rms_score, scores
 
@@ -43,36 +41,6 @@ def test_specks_beside_the_anchor_are_not_guessed(exact, noisy, cut) -> None:
     height = reconstruct(cut(noisy(truth, 0.01), keep), scene)
     assert height.flags[21, 0] & HeightFlag.NO_ANCHOR
     assert height.good[30, 30]
-
-
-def test_cut_off_by_doubts_and_missing_pixels_together() -> None:
-    """A closed line of doubts alone leaves its inside; with a pixel missing on the line, it goes."""
-    mask = np.ones((20, 20), dtype=np.bool_)
-    dx, dy = np.zeros((2, 20, 20))
-    dx[5:15, 4] = dx[5:15, 14] = dy[4, 5:15] = dy[14, 5:15] = 1.0
-    limits = np.full((20, 20), 0.5), np.full((20, 20), 0.5)
-    anchors = np.array([0])
-    lost = np.zeros_like(mask)
-    assert not cut_off(Doubt(dx, dy), limits, mask, anchors, lost).any()
-    beside = lost.copy()
-    beside[10, 10] = True  # in the middle, it has no part in it
-    assert not cut_off(Doubt(dx, dy), limits, mask & ~beside, anchors, beside).any()
-    mask[10, 5] = False
-    lost[10, 5] = True
-    away = cut_off(Doubt(dx, dy), limits, mask, anchors, lost)
-    expected = np.zeros_like(mask)
-    expected[5:15, 5:15] = True
-    np.testing.assert_array_equal(away, expected & mask)
-    dx[7, 14] = 0.0  # a way out
-    assert not cut_off(Doubt(dx, dy), limits, mask, anchors, lost).any()
-
-
-def test_a_ragged_rim_is_no_gap_in_a_line_of_doubts() -> None:
-    """A rough mirror has doubts on all edges; its rim parts it from nothing."""
-    mask = np.ones((40, 40), dtype=np.bool_)
-    mask[:2, 5:] = mask[-1, 9:] = mask[:, -1] = False
-    doubt, limits = Doubt(np.ones(mask.shape), np.ones(mask.shape)), np.full((40, 40), 0.5)
-    assert not cut_off(doubt, (limits, limits), mask, np.array([20 * 40 + 20]), ~mask).any()
 
 
 def test_a_missing_pixel_flags_none_but_itself(exact, noisy, cut) -> None:

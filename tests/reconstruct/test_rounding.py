@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 
 from optolever.decode import Flag
 from optolever.reconstruct import reconstruct
-from optolever.reconstruct.holes import bridged, noise_gain
-from optolever.reconstruct.problem import prepare
 
 from .conftest import rms_score, scores
 
@@ -60,27 +58,6 @@ def test_seams_between_cells_do_not_part_the_image(exact, cut) -> None:
     assert height.good[~seams].all()
     assert (height.flags[seams] & Flag.DARK).all()
     assert np.nanmax(np.abs(height.z - truth.z)[~seams]) < 5e-5 * np.nanmax(truth.z)  # cubics over two pixels
-
-
-@pytest.mark.parametrize("case", ["lines", "dropouts"])
-def test_bridging_repeats_noise_as_often_as_stated(exact, case: str) -> None:
-    """Against noise that is drawn and bridged: its means over blocks have so many times the variance."""
-    scene, _, correspondence = exact("paper-simulation", "flat", 96, 96)
-    data = prepare(correspondence, scene).data
-    rng = np.random.default_rng(0)
-    holes = rng.random((96, 96)) < 0.2
-    if case == "lines":
-        holes = np.zeros((96, 96), dtype=bool)
-        holes[:, 2::4] = True
-    gain = noise_gain(np.ones_like(holes), holes)[16:80, 16:80].mean()
-    means = []
-    for _ in range(60):
-        u, v = np.where(holes, np.nan, rng.standard_normal((2, 96, 96)))
-        spread = bridged(replace(data, u=u, v=v, mask=~holes), holes)
-        means += [
-            part[16:80, 16:80].reshape(4, 16, 4, 16).mean(axis=(1, 3)) * 16 for part in (spread.u, spread.v)
-        ]
-    assert np.mean(np.square(means)) == pytest.approx(gain, rel=0.08)
 
 
 def _middles(coord: Floats, between: float, rng: np.random.Generator) -> Floats:

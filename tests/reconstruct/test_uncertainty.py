@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from optolever.reconstruct import PixelAnchor, monte_carlo, reconstruct, uncertainty
-from optolever.reconstruct.coupled import solved_height
+from optolever.reconstruct import PixelAnchor, reconstruct
 from optolever.reconstruct.monte_carlo import _block_means
 from optolever.reconstruct.poisson import ColumnPoisson
 from optolever.reconstruct.uncertainty import averaging_gain, edge_diagonal, unlike_columns
@@ -16,8 +15,6 @@ from optolever.scene import trace
 
 from .conftest import rms_score, scores
 from .touching import amid, dents_of, touching_rig
-
-ROWS, COLS = 12, 10
 
 
 def edge_operators(rows: int, cols: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -42,23 +39,6 @@ def edge_operators(rows: int, cols: int) -> tuple[np.ndarray, np.ndarray, np.nda
         np.kron(np.eye(rows), ax),
         np.kron(ay, np.eye(cols)),
     )
-
-
-def test_diagonal_of_the_inverse() -> None:
-    """Differences of the inverse's elements against a dense pseudo-inverse."""
-    profile = np.geomspace(1.0, 0.01, COLS)
-    diagonal = edge_diagonal(ColumnPoisson(profile, 2 * profile, ROWS))
-    dx, dy, _, _ = edge_operators(ROWS, COLS)
-    matrix = (
-        dx.T @ np.diag(np.tile(profile[:-1], ROWS)) @ dx + dy.T @ np.diag(np.tile(2 * profile, ROWS - 1)) @ dy
-    )
-    inverse = np.linalg.pinv(matrix)
-    # Pinned: the mean of the first column is zero.
-    pin = np.zeros((ROWS, COLS))
-    pin[:, 0] = 1 / ROWS
-    centre = np.eye(ROWS * COLS) - np.outer(np.ones(ROWS * COLS), pin.ravel())
-    expected = np.diag(centre @ inverse @ centre.T).reshape(ROWS, COLS)
-    np.testing.assert_allclose(diagonal, expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize("ratio", [0.3, 1.0, 4.0])
@@ -195,30 +175,3 @@ def test_means_over_blocks_of_squares_stay_positive_beside_one_that_is_far_large
     means = _block_means(squares)
     assert means.min() > 0
     assert means[40, 50] == pytest.approx(1)
-
-
-@pytest.mark.parametrize("rim", [1.0, 20.0])
-def test_drawn_variance_is_that_of_many_draws(exact, noisy, cut, monkeypatch, rim: float) -> None:
-    """Behind a round mask, with doubts around a needle and with a noisy rim: told after 48 draws as 200
-    others are spread, whose control variate has the variance that is known of it."""
-    scene, truth, _ = exact("paper-simulation", "needle:peak=6", 64, 64)
-    away = np.hypot(*(np.indices(truth.u.shape) - 31.5))
-    seen = cut(noisy(truth, 0.003), away < 27)
-    more = np.where(away > 26, rim, 1.0)
-    seen = replace(seen, sigma_u=more * seen.sigma_u, sigma_v=more * seen.sigma_v)
-    problem, state, *_ = solved_height(seen, scene, PixelAnchor(10.0, 32.0, float(truth.z[10, 32])))
-    assert state.doubt is not None
-    given = []
-    monkeypatch.setattr(uncertainty, "monte_carlo_variance", lambda *args: given.append(args) or args[3])
-    uncertainty.unknown_variance(problem.data, state, problem.labels)
-    data, state, labels, rectangle, load = given[0]
-    rng = np.random.default_rng(7)
-    draws = [monte_carlo._drawn(data, state, labels, load, rng) for _ in range(200)]
-    true, control = (np.mean(np.square(each), axis=0) for each in zip(*draws, strict=True))
-    inside = labels > 0
-    assert np.median((control / rectangle)[inside]) == pytest.approx(1, rel=0.25)
-    told = monte_carlo.monte_carlo_variance(*given[0])
-    low, middle, high = np.quantile(np.sqrt(true / told)[inside], [0.01, 0.5, 0.99])
-    assert low > 0.6
-    assert middle == pytest.approx(1, rel=0.15)
-    assert high < 1.5
