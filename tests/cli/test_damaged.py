@@ -2,8 +2,10 @@
 
 import io
 import struct
+import tomllib
 import zipfile
 import zlib
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +14,11 @@ import numpy as np
 import pytest
 
 from optolever import memory
+from optolever.cli import run
 from optolever.decode import Correspondence
 from optolever.errors import InputError
+from optolever.experiments.damage import damage
+from optolever.patterns import sequence
 from optolever.pictures import read_picture
 from optolever.projector import load_sofast
 from optolever.reconstruct import exact_correspondence, reconstruct
@@ -236,3 +241,25 @@ def test_damage_is_one_line_for_libraries_too(tmp_path: Path, capfd: pytest.Capt
         with pytest.raises(InputError, match=r"not an image|truncated"):
             read_picture(tmp_path / name)
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("cases", [20, pytest.param(1000, marks=pytest.mark.slow)])
+def test_damaged_inputs_end_in_one_line_or_a_result_that_holds(
+    cases: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "f.json"
+    code = run(["lab", "fuzz", "--cases", str(cases), "--seed", "7", "--json", str(path)])
+    assert code == 0, capfd.readouterr().out
+    assert path.is_file()
+
+
+def test_damaged_toml(tmp_path: Path) -> None:
+    sequence("gray+phase", 24, 32).save(tmp_path / "whole.toml")
+    text, readable = (tmp_path / "whole.toml").read_text(encoding="utf-8"), 0
+    for number in range(100):
+        path = tmp_path / "damaged.toml"
+        path.write_text(text, encoding="utf-8")
+        damage(np.random.default_rng(number), path)
+        with suppress(ValueError):
+            readable += tomllib.loads(path.read_text(encoding="utf-8")) != tomllib.loads(text)
+    assert readable > 50

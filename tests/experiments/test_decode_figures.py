@@ -1,12 +1,14 @@
-"""The decoder's benchmark runs and gives its figures; how fast it is, is not a matter of tests."""
+"""The decoder's figures: errors are those that noise allows; how fast it is, is not a matter of tests."""
 
 import math
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from optolever.decode import decode
-from optolever.experiments import decode_speed, run_decode_figures
+from optolever.decode import Correspondence, decode
+from optolever.experiments import decode_errors, decode_speed, run_decode_figures
 from optolever.experiments.decode_speed import (
     SPEED_CODES,
     SpeedCode,
@@ -53,3 +55,21 @@ def test_errors_beside_others() -> None:
     assert figures["16 phase frames, optolever, rms error"] == pytest.approx(bound, rel=0.1)
     assert figures["24 Gray frames, cv2 over optolever"] > 0
     assert figures["24 Gray frames, optolever, rms error"] < 1
+
+
+@pytest.mark.slow
+def test_all_are_met() -> None:
+    figures = run_decode_figures(parts=("errors",))
+    assert len(figures) == 19
+    assert [figure.name for figure in figures if not figure.met] == []
+
+
+@pytest.mark.slow
+def test_error_bars_that_are_too_short_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def short(*args: Any, **kwargs: Any) -> Correspondence:
+        found = decode(*args, **kwargs)
+        return replace(found, sigma_u=0.9 * found.sigma_u)
+
+    monkeypatch.setattr(decode_errors, "decode", short)
+    missed = [figure.name for figure in decode_errors._coverage() if not figure.met]
+    assert "phase, within 1 sigma, least" in missed
