@@ -16,9 +16,8 @@ SCENE = ["--scene", "paper-simulation", "--size", SIZE]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run of the program left behind: exit code, stdout, stderr."""
+    """What a run of the program left behind: stdout, stderr."""
 
-    code: int
     out: str
     err: str
 
@@ -29,13 +28,14 @@ Refused = Callable[..., str]
 
 @pytest.fixture
 def optolever(capfd: pytest.CaptureFixture[str]) -> Program:
-    """Run `optolever` with arguments, in this process."""
+    """Run `optolever` with arguments, in this process; it must end with `code`."""
 
-    def call(*args: str | Path) -> Outcome:
+    def call(*args: str | Path, code: int = 0) -> Outcome:
         capfd.readouterr()
-        code = run([str(arg) for arg in args])
+        ended = run([str(arg) for arg in args])
         streams = capfd.readouterr()
-        return Outcome(code, streams.out, streams.err)
+        assert ended == code, streams.err
+        return Outcome(streams.out, streams.err)
 
     return call
 

@@ -42,7 +42,6 @@ def test_every_output_of_one_solve(optolever: Program, chain: Chain, tmp_path: P
         *chain.solve, "--out", out, "--anchor", point, "--truth", chain.capture / "truth.npz",
         "--tiff", tiff, "--ply", ply, "--slopes", slopes, *grids, "--pitch", "2",
     )  # fmt: skip
-    assert done.code == 0, done.err
     assert "of the peak depth" in done.out
     assert "no contact evidence" in " ".join(done.out.split())
     (dent,) = chain.numbers["reconstruct"]["contacts"]
@@ -80,7 +79,6 @@ def test_what_a_response_leaves_is_told(optolever: Program, chain: Chain, tmp_pa
         done = optolever(
             "decode", chain.capture, "--response", table, "--out", tmp_path / "c.npz", "--json", report
         )
-        assert done.code == 0
         assert "harmonics u" in done.out
         rms.append(json.loads(report.read_text())["harmonic_error_px"]["u"])
     assert rms[0]["rms"] < 5 * rms[0]["sigma"]
@@ -95,10 +93,8 @@ def test_a_wrong_scene_is_told_and_a_capture_at_rest_mends_it(
     """The pattern's pitch is 0.5 % other than the scene says."""
     where = ["--scene", scene, "--size", SIZE]
     for name, dent in (("dented", "gaussian"), ("rest", "flat")):
-        done = optolever("capture", *where, "--dent", dent, "--renderer", "numpy", "--out", tmp_path / name)
-        assert done.code == 0, done.err
-        done = optolever("decode", tmp_path / name, "--out", tmp_path / f"{name}.npz")
-        assert done.code == 0, done.err
+        optolever("capture", *where, "--dent", dent, "--renderer", "numpy", "--out", tmp_path / name)
+        optolever("decode", tmp_path / name, "--out", tmp_path / f"{name}.npz")
     right = (tmp_path / "dented" / "scene.toml").read_text()
     pitch = str(tomllib.loads(right)["pattern"]["pitch_mm"])
     wrong = tmp_path / "wrong.toml"
@@ -117,7 +113,6 @@ def test_a_wrong_scene_is_told_and_a_capture_at_rest_mends_it(
             "reconstruct", tmp_path / "dented.npz", "--scene", wrong, "--out", tmp_path / f"{name}-h.npz",
             "--truth", tmp_path / "dented" / "truth.npz", "--json", tmp_path / "n.json", *words,
         )  # fmt: skip
-        assert done.code == 0, done.err
         numbers[name] = json.loads((tmp_path / "n.json").read_text())
         notices = [line for line in done.err.splitlines() if line.startswith("Notice: ")]
         assert len(notices) == len(numbers[name]["notices"])
@@ -133,10 +128,9 @@ def test_a_wrong_scene_is_told_and_a_capture_at_rest_mends_it(
 def test_a_page_from_saved_records(optolever: Program, chain: Chain, tmp_path: Path) -> None:
     """Shows what is in the files, and only what is given; asks the network for nothing."""
     words = ["report", chain.height, "--json", tmp_path / "r.json"]
-    assert optolever(*words, "--out", tmp_path / "bare").code == 0
+    optolever(*words, "--out", tmp_path / "bare")
     extra = ["--correspondence", chain.correspondence, "--capture", chain.capture]
-    outcome = optolever(*words, *extra, "--out", tmp_path / "full")
-    assert outcome.code == 0, outcome.err
+    optolever(*words, *extra, "--out", tmp_path / "full")
     bare, full = ((tmp_path / name / "report.html").read_text() for name in ("bare", "full"))
     height = HeightMap.load(chain.height)
     assert json.loads((tmp_path / "r.json").read_text())["good_share"] == pytest.approx(height.good.mean())

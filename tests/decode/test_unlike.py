@@ -19,6 +19,14 @@ BEFORE = "frames hold a share of earlier ones"
 BESIDE = "some frames, or parts of them, hold a share of earlier ones"
 
 
+def lagging(light: F64, share: float) -> F64:
+    """Frames that hold a share of the one before, as it was seen."""
+    seen = [light[0]]
+    for frame in light[1:]:
+        seen.append((1 - share) * frame + share * seen[-1])
+    return np.stack(seen)
+
+
 def told(found: Correspondence) -> float:
     return sum(notice.size for notice in found.notices if notice.name == BEFORE)
 
@@ -38,10 +46,7 @@ def light(shown: Sequence, shoot: Shoot, smooth: Map) -> F64:
 def test_what_a_slow_crystal_keeps_is_taken_off(
     share: float, shown: Sequence, light: F64, smooth: Map
 ) -> None:
-    seen = [light[0]]
-    for frame in light[1:]:
-        seen.append((1 - share) * frame + share * seen[-1])
-    found = decode(camera(np.stack(seen), 0.7, 4), shown, on_cells=False)
+    found = decode(camera(lagging(light, share), 0.7, 4), shown, on_cells=False)
     assert abs(told(found) - share) <= 0.02 * abs(share) + 0.002
     assert found.good.mean() > 0.95
     assert silent(found, *smooth) <= 1e-4
@@ -71,11 +76,9 @@ def test_shares_that_are_not_taken_off_are_flagged_or_in_sigma(
     share: float, rows: int, shown: Sequence, light: F64, smooth: Map
 ) -> None:
     """In a part of the image alone, or larger than what is a frame of its own."""
-    seen = [light[0]]
-    for frame in light[1:]:
-        seen.append((1 - share) * frame + share * seen[-1])
-        seen[-1][:rows] = frame[:rows]
-    found = decode(camera(np.stack(seen), 0.7, 4), shown, on_cells=False)
+    seen = lagging(light, share)
+    seen[:, :rows] = light[:, :rows]
+    found = decode(camera(seen, 0.7, 4), shown, on_cells=False)
     assert any(notice.name == BESIDE for notice in found.notices)
     assert silent(found, *smooth) <= 1e-4
     assert found.good.mean() > 0.5 or rows == 0, "what does not lag stays good; where all does by 0.6 none is"
@@ -124,10 +127,7 @@ def test_white_that_clips_hides_no_lag(shoot: Shoot, smooth: Map) -> None:
     """White is at 1.03 of the camera's range; what follows it is not lost with it."""
     shown = SHOWN[0]
     light = shoot(shown, *smooth, dtype=np.uint16, offset=13000.0, amplitude=13200.0) / 100.0
-    seen = [light[0]]
-    for frame in light[1:]:
-        seen.append(0.9 * frame + 0.1 * seen[-1])
-    found = decode(camera(np.stack(seen), 0.7, 4), shown, on_cells=False)
+    found = decode(camera(lagging(light, 0.1), 0.7, 4), shown, on_cells=False)
     assert abs(told(found) - 0.1) <= 0.01
     assert silent(found, *smooth) <= 1e-4
     assert found.good.mean() > 0.5

@@ -1,6 +1,5 @@
 """Contacts against closed forms: Hertz's ball, a flat punch, and dents that no contact made."""
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -179,9 +178,3 @@ def test_what_is_flagged_says_nothing(scene: Scene, exact) -> None:
     slopes = slope_map(height, seen, small)
     nothing = replace(height, flags=np.full(height.flags.shape, 2048, dtype=np.uint16))
     assert contacts(nothing, slopes) == ()
-
-
-def test_plain_values(balls: list[Contact]) -> None:
-    values = json.loads(json.dumps(balls[0].to_dict()))
-    assert values["region"] == "contact"
-    assert len(values["edge"]) == balls[0].directions

@@ -167,8 +167,6 @@ BAD = [
     (MINIMAL.replace("[camera]", "camera = 3\n[x]"), r"pattern\.camera is unknown"),
     ("mirror = 3", r"mirror = 3: must be a table"),
     (MINIMAL + "[medium]\n", r"medium\.index is missing"),
-    (MINIMAL + "[medium]\nindex = 0\n", r"medium\.index = 0: must be greater than 0"),
-    (MINIMAL + "[display]\nblack = 1.5\n", r"display\.black = 1\.5: must be less than 1"),
     (MINIMAL + "[sensor]\nbits = 7\n", r"sensor\.bits = 7: must be 8 to 16"),
     (MINIMAL + "[sensor]\niso = 100\n", r"sensor\.iso is unknown, must be one of bits, noise"),
     ("dent = 'hole'\n" + MINIMAL, r"dent 'hole': unknown, must be one of flat"),
