@@ -276,7 +276,8 @@ def _single_fault(crosses: _Crosses, plan: Plan, rows: int, names: Ints) -> Find
     gains = np.stack([total - crosses.cost(_without(count, i)) for i in range(count)])
     costly = np.argsort(total)[len(total) // 2 :]
     some = crosses.only(costly[:: max(1, len(costly) // _FIRST)])
-    faint = _faint(crosses, _used(plan))
+    told = _told(crosses, _used(plan))
+    faint = _faint(crosses, told)
     swaps = [i for i in _used(plan) if not faint[i]]
     tried = sorted(_faults(names, swaps), key=lambda fault: float(some.cost(fault[1]).sum()))
     swept = any(axis.stripes is not None for axis in plan.axes)
@@ -289,7 +290,7 @@ def _single_fault(crosses: _Crosses, plan: Plan, rows: int, names: Ints) -> Find
         near = finding.kind != "swapped" or finding.frames[1] - finding.frames[0] == 1
         gain = total - known - crosses.cost(order)
         trials.append(_Trial(finding, gain, usual, count if near else len(tried)))
-    trials += _replacements(crosses, np.where(faint[:, None], 0, gains), rows, names)
+    trials += _replacements(crosses, np.where(faint[:, None], 0, gains), told, rows, names)
     trials = [trial for trial in trials if _chance(trial) < _CHANCE]
     if not trials:
         return None
@@ -314,7 +315,7 @@ def _without(count: int, frame: int) -> Ints:
 def _chance(trial: _Trial) -> float:
     """Probability that as many more pixels are mended than broken (or mended without any fault) by chance."""
     lost = max(trial.broken, trial.usual)
-    if trial.mended < _LEAST or trial.mended < 2 * lost:
+    if trial.mended < _LEAST or trial.mended < 2 * lost or trial.margin <= 0:
         return 1.0
     return min(1.0, 0.5 * trial.tried * erfc((trial.mended - lost) / sqrt(2 * (trial.mended + lost))))
 
@@ -348,47 +349,55 @@ def _faults(names: Ints, used: list[int]) -> Iterator[tuple[Finding, Ints]]:
         yield Finding((k,), "repeated", told, tuple(range(k, count))), order
 
 
-def _faint(crosses: _Crosses, used: list[int]) -> Mask:
+def _faint(crosses: _Crosses, told: Mask) -> Mask:
     """Frames (N,) that a blur leaves nothing of: the finest bits, where they are grey nearly everywhere.
 
     Where others are, too (pixels of five cells), sigma knows too little of the places to let them pass.
     """
-    centre = crosses.levels[:, 0]
-    middle = centre[used].min(axis=0) + crosses.contrast
-    told = (np.abs(centre - middle) > 0.5 * crosses.contrast).mean(axis=1) > _STRUCTURED
+    structured = told.mean(axis=1) > _STRUCTURED
     faint = np.zeros(len(told), np.bool_)
     for code in (table.axis.code for table in crosses.tables):
         for polarity in (code.plain, code.inverse) if code else ():
             finest = polarity[polarity >= 0][:1]
-            faint[finest] = ~told[finest]
+            faint[finest] = ~structured[finest]
     return faint
 
 
-def _replacements(crosses: _Crosses, gains: F32, rows: int, names: Ints) -> Iterator[_Trial]:
-    """Frames that show another one instead, in all rows or beyond a tear; gains (N, T): without each."""
+def _told(crosses: _Crosses, used: list[int]) -> Mask:
+    """Where frames (N, T) are bright or dark, no grey between."""
+    centre = crosses.levels[:, 0]
+    middle = centre[used].min(axis=0) + crosses.contrast
+    return np.asarray(np.abs(centre - middle) > 0.5 * crosses.contrast)
+
+
+def _replacements(crosses: _Crosses, gains: F32, told: Mask, rows: int, names: Ints) -> Iterator[_Trial]:
+    """Frames that show another one instead, in all rows or beyond a tear; gains (N, T): without each; told
+    (N, T): where they are bright or dark, as greys of which a blur leaves nothing else are all alike."""
     mended = np.count_nonzero(gains > _MENDED, axis=1)
     usual = _usual(crosses, np.maximum(mended - np.count_nonzero(gains < -_MENDED, axis=1), 0))
-    by_row = np.argsort(crosses.row, kind="stable")
-    row, centre = crosses.row[by_row], crosses.levels[:, 0]
+    by_row, centre = np.argsort(crosses.row, kind="stable"), crosses.levels[:, 0]
     structured = np.ptp(crosses.levels, axis=1) > crosses.contrast
     for i in np.flatnonzero(mended >= np.maximum(usual, _LEAST)).tolist():
-        same = np.abs(centre[i] - centre) < _SAME * crosses.contrast
+        sure = told[i] | told
+        same = (np.abs(centre[i] - centre) < _SAME * crosses.contrast) & sure
         same[i] = False
-        alike = same.mean(axis=1)
+        alike = same.sum(axis=1) / np.maximum(sure.sum(axis=1), 1)
         nearest = np.where(alike < _MOSTLY, np.inf, np.abs(centre[i] - centre).mean(axis=1))
         for j in (
             [int(nearest.argmin())] if alike.max() >= _MOSTLY else np.flatnonzero(same.any(axis=1)).tolist()
         ):
-            for start, stop in _parts(same[j, by_row]):
+            some = by_row[sure[j, by_row]]
+            row = crosses.row[some]
+            for start, stop in _parts(same[j, some]):
                 first, last = (int(row[start]) if start else 0), (int(row[stop]) if stop < len(row) else rows)
                 if (first, last) == (0, rows):
-                    told = f"frame {names[i]} is frame {names[j]} again"
-                    finding = Finding((i,), "replaced", told, (i,))
+                    sentence = f"frame {names[i]} is frame {names[j]} again"
+                    finding = Finding((i,), "replaced", sentence, (i,))
                 else:
                     torn = f"in rows {first} to {last - 1} it shows frame {names[j]}"
-                    told = f"frame {names[i]} is torn: {torn}"
-                    finding = Finding((i,), "torn", told, (i,), (first, last))
-                part = by_row[start:stop]
+                    sentence = f"frame {names[i]} is torn: {torn}"
+                    finding = Finding((i,), "torn", sentence, (i,), (first, last))
+                part = some[start:stop]
                 # no two frames with structure everywhere are the same in any scene
                 chance = 0 if structured[j, part].mean() > _STRUCTURED else int(usual[i])
                 ways = 4 if finding.rows else 1  # either side, and the row
