@@ -1,4 +1,4 @@
-"""Discrete codes: the sawtooth of rounding in the height's sigma; bridged seams and dropouts."""
+"""Discrete codes: the sawtooth of rounding in the height's sigma; bridged seams."""
 
 from dataclasses import replace
 
