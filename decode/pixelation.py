@@ -8,18 +8,19 @@ variance. Where the map does not tell, nothing is taken off and all that may be 
 neighbours then still show beyond noise joins it, too.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .border import SHADOW2
 from .display import FINE, PLACES, WIDEST, WIDTHS, cell_error, inverted, shares_of
 from .noise import Sample
 from .plan import Plan
 
-__all__ = ["REACH", "SLIGHT", "Pixelation", "measured_pixelations", "no_pixelation", "usual_width"]
+__all__ = ["REACH", "SLIGHT", "Pixelation", "measured_pixelations", "usual_width"]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -53,19 +54,14 @@ _MOST = 1024
 class Pixelation:
     """What is added to a reading, and its variance, by footprint (51,) and place in the cell (128,), cells.
 
-    blur: rms, cells; NaN where the map does not tell it. roughness: variance (px^2) that neighbours show
-    beyond noise and cells: whatever else the frames hold that was not described.
+    bound: the largest blur that explains the map, rms, cells. roughness: variance (px^2) that neighbours
+    show beyond noise and cells: whatever else the frames hold that was not described.
     """
 
     shift: F32
     variance: F32
-    blur: float
-    roughness: float = 0.0
-
-    @property
-    def bound(self) -> float:
-        """Its blur, a large one where the map does not tell it, cells."""
-        return _UNKNOWN if np.isnan(self.blur) else self.blur
+    bound: float
+    roughness: float
 
     def tables(self) -> tuple[F32, F32]:
         """Both by footprint in steps of a place, so that the nearest entry is as near in either; one 0 of a
@@ -77,12 +73,6 @@ class Pixelation:
         part = (step - row).astype(np.float32)[:, None]
         shift, variance = ((1 - part) * one[row] + part * one[row + 1] for one in (self.shift, self.variance))
         return shift.ravel(), variance.ravel()
-
-
-def no_pixelation(blur: float = float("nan")) -> Pixelation:
-    """Nothing that matters: of ideal fringes, or of a blur that leaves too little of the cells."""
-    nothing = np.zeros((0, PLACES), np.float32)
-    return Pixelation(nothing, nothing, blur)
 
 
 def measured_pixelations(
@@ -98,10 +88,11 @@ def measured_pixelations(
     blur is what explains both.
     """
     shares = [shares_of(axis) if on_cells else () for axis in plan.axes]
-    seen = [_neighbours(lit, *own) for own in maps]
+    extents = [axis.extent if on_cells else np.inf for axis in plan.axes]
+    seen = [_neighbours(lit, *own, extent) for own, extent in zip(maps, extents, strict=True)]
     sigmas = [0.05 if one is None else float(np.sqrt(np.median(one.noise))) for one in seen]
     usual = [float(2.0 ** np.clip(np.rint(2 * np.log2(max(sigma, 1e-6))) / 2, -8, -1)) for sigma in sigmas]
-    allowed = (0.0, 0.0) if blur is None else (blur, blur)
+    allowed, bound = ((0.0, 0.0), _UNKNOWN) if blur is None else ((blur, blur), blur)
     asked = [
         _misfits(share, sigma, one)
         for share, sigma, one in zip(shares, usual, seen, strict=True)
@@ -109,44 +100,31 @@ def measured_pixelations(
     ]
     if asked:
         blur, allowed = _fitted_blur(*np.sum(asked, axis=0))
-    known = float("nan") if blur is None else blur
-    return [_pixelation(*each, known, allowed) for each in zip(shares, usual, seen, strict=True)]
-
-
-def _pixelation(
-    shares: tuple[tuple[float, float], ...],
-    sigma: float,
-    seen: "_Neighbours | None",
-    blur: float,
-    allowed: tuple[float, float],
-) -> Pixelation:
-    # None, as a NaN is another key each time
-    known = None if np.isnan(blur) else blur
-    found = _table(shares, known, allowed, sigma) if shares else no_pixelation()
-    if seen is None:
-        return found
-    sure = replace(seen, noise=seen.noise + seen.looked_up(found.variance, seen.place[2]))
-    return replace(found, roughness=_roughness(sure, seen.place + seen.looked_up(found.shift, seen.place)))
+        bound = allowed[1] if allowed[1] < _BLURS[-1] else _UNKNOWN
+    tables = [_table(share, blur, allowed, sigma) for share, sigma in zip(shares, usual, strict=True)]
+    return [
+        Pixelation(*table, bound, 0.0 if one is None else one.roughness(*table))
+        for table, one in zip(tables, seen, strict=True)
+    ]
 
 
 @lru_cache(maxsize=64)
 def _table(
     shares: tuple[tuple[float, float], ...], blur: float | None, allowed: tuple[float, float], sigma: float
-) -> Pixelation:
-    """The correction for a blur (None: none), what blurs between the allowed ones would change in the
-    variance."""
+) -> tuple[F32, F32]:
+    """shift and variance of a Pixelation: the correction for a blur (None: none), what blurs between the
+    allowed ones would change in the variance. Empty where that is next to nothing, and of ideal fringes."""
     shift, variance = np.zeros((2, len(WIDTHS), PLACES), np.float32)
     own = np.zeros((len(WIDTHS), FINE))
-    if blur is not None:
+    if shares and blur is not None:
         shift, variance = inverted(shares, blur, sigma)
         variance = np.maximum(variance, 0)
         own = cell_error(shares, blur)
-    unsure = [cell_error(shares, end) - own for end in allowed]
+    unsure = [cell_error(shares, end) - own for end in allowed] if shares else [own]
     extra = np.max([(part**2).mean(axis=1) for part in unsure], axis=0)
     if (shift**2 + variance + extra[:, None]).max() < (SLIGHT * sigma) ** 2:
-        return no_pixelation(float("nan") if blur is None else blur)
-    known = float("nan") if blur is None else blur
-    return Pixelation(shift, (variance + extra[:, None]).astype(np.float32), known)
+        return shift[:0], shift[:0]
+    return shift, (variance + extra[:, None]).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,36 +149,39 @@ class _Neighbours:
         flat = table.ravel()
         return (1 - self.part) * flat[entry] + self.part * flat[entry + PLACES]
 
+    def roughness(self, shift: F32, variance: F32) -> float:
+        """Variance of a coordinate that fourth differences of neighbours, which no smooth map has, show
+        beyond noise and a Pixelation: their variance is 1 + 16 + 36 + 16 + 1 times that of a coordinate."""
+        noise = self.noise + self.looked_up(variance, self.place[2])
+        fourth = np.diff(self.place + self.looked_up(shift, self.place), 4, axis=0)[0] ** 2 / (70 * noise)
+        kept = fourth < _OUTLYING
+        excess = float(fourth[kept].mean()) - 1 if kept.any() else 0.0
+        sure = 3 * np.sqrt(2 * _OVERLAP / max(int(kept.sum()), 1))
+        return excess / float(np.mean(1 / noise[kept])) if excess > max(sure, SLIGHT) else 0.0
 
-def _neighbours(lit: Sample, coord: F32, variance: F32) -> _Neighbours | None:
-    """Of neighbours along the direction in which the coordinate changes most."""
+
+def _neighbours(lit: Sample, coord: F32, variance: F32, extent: float) -> _Neighbours | None:
+    """Of neighbours along the direction in which the coordinate changes most, outside of what the border of a
+    surface (infinite: it has none) may take from what they see."""
     row, col = _inner(lit, coord.shape)
     lines = [np.stack([coord[row + d * y, col + d * x] for d in range(-2, 3)]) for y, x in ((0, 1), (1, 0))]
     steps = _steps(coord, row, col)
     noise = variance[row, col]
     with np.errstate(invalid="ignore"):
         five, width = np.where(steps[0] >= steps[1], *lines), np.hypot(*steps)
+        away = np.minimum(five + 0.5, extent - 0.5 - five).min(axis=0)
         keep = (
             (noise > 0)
             & (noise < 1 / 6)
             & (width < WIDEST - WIDTHS[1])
             & (np.abs(np.diff(five, 2, axis=0)).max(axis=0) < 1)
+            & (away**2 > SHADOW2 * (_BLURS[-1] ** 2 + (1 + width**2) / 12))
         )
     if np.count_nonzero(keep) < _FEWEST:
         return None
     place, steps = five[:, keep], width[keep] / WIDTHS[1]
     whole = np.minimum(steps.astype(int), len(WIDTHS) - 2)
     return _Neighbours(place, noise[keep], whole, (steps - whole).astype(np.float32))
-
-
-def _roughness(seen: _Neighbours, place: F32) -> float:
-    """Variance of a coordinate that fourth differences of neighbours, which no smooth map has, show beyond
-    noise: their variance is 1 + 16 + 36 + 16 + 1 times that of a coordinate."""
-    fourth = np.diff(place, 4, axis=0)[0] ** 2 / (70 * seen.noise)
-    kept = fourth < _OUTLYING
-    excess = float(fourth[kept].mean()) - 1 if kept.any() else 0.0
-    sure = 3 * np.sqrt(2 * _OVERLAP / max(int(kept.sum()), 1))
-    return excess / float(np.mean(1 / seen.noise[kept])) if excess > max(sure, SLIGHT) else 0.0
 
 
 def _misfits(shares: tuple[tuple[float, float], ...], sigma: float, seen: _Neighbours) -> tuple[F64, F64]:
@@ -237,14 +218,14 @@ def _every_blur(shares: tuple[tuple[float, float], ...], sigma: float) -> tuple[
     return shift, variance, error
 
 
-def _fitted_blur(left: F64, shown: F64) -> tuple[float, tuple[float, float]]:
-    """The blur that leaves least (NaN: none leaves significantly less than no cells do, or none that would
+def _fitted_blur(left: F64, shown: F64) -> tuple[float | None, tuple[float, float]]:
+    """The blur that leaves least (None: none leaves significantly less than no cells do, or none that would
     have to), and the ends of those that do as well, of sums of what `_misfits` returns."""
     best = int(np.argmin(np.where(shown > _SIGNIFICANT, left, 0.0)))
     told = min(-left[best], shown[best]) > _SIGNIFICANT
     near = np.flatnonzero(left <= (left[best] if told else 0.0) + _SIGNIFICANT)
     allowed = (_BLURS[near[0]], _BLURS[near[-1]]) if len(near) else (_BLURS[-1], _BLURS[-1])
-    return (_BLURS[best] if told else float("nan")), allowed
+    return (_BLURS[best] if told else None), allowed
 
 
 def usual_width(lit: Sample, coord: F32, flags: NDArray[np.uint16]) -> float:

@@ -100,8 +100,9 @@ def test_a_case_is_a_pure_function(wanted: str) -> None:
     assert judged(one, first).verdict == "good"
 
 
-#: Among gaps, beside steep anchors.
-ONCE_WRONG = (7, 9, 37, 67, 69, 73, 79, 99, 103, 157)
+#: Among gaps, beside steep anchors; most of a small display saturated, so that its dark border looked like
+#: cells.
+ONCE_WRONG = (7, 9, 37, 67, 69, 73, 79, 99, 103, 157, 77016)
 EVERY_DAY = (103,)
 
 
