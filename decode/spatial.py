@@ -27,8 +27,6 @@ __all__ = ["Raw", "check_rows", "despeckle"]
 
 _ONE = np.float32(1)
 _OUTLIER, _OFF = int(Flag.OUTLIER), int(Flag.OFF_PATTERN)
-#: Flags of pixels that see no pattern.
-_UNSEEN = np.uint16(Flag.DARK | Flag.LOW_CONTRAST | Flag.SATURATED | Flag.INVALID)
 #: Squared deviations beyond which a neighbour contradicts, and from which on a bend is of the map.
 _SURE2, _BULK2 = np.float32(6.0**2), np.float32(BULK**2)
 #: Relative variance of a fringe's amplitude over that of its place, turns^2.
@@ -249,11 +247,10 @@ def _copied(c: Any, var: Any, out: Any, total: Any) -> None:
 
 class _Pixel(NamedTuple):
     """A pixel of the image, and one beyond it, as is where it is nearest: whether it is of the image, whether
-    it is good, whether it sees nothing; place, variance, amplitude."""
+    it is good; place, variance, amplitude."""
 
     inside: Any
     good: Any
-    unseen: Any
     place: Any
     variance: Any
     amplitude: Any
@@ -262,9 +259,8 @@ class _Pixel(NamedTuple):
 @exact
 def _pixel(y: Any, x: Any, coord: Any, variance: Any, flags: Any, amplitude: Any) -> Any:
     i, j = min(max(y, 0), coord.shape[0] - 1), min(max(x, 0), coord.shape[1] - 1)
-    inside, flag = (i == y) & (j == x), flags[i, j]
-    good, unseen = inside & (flag == 0), (flag & _UNSEEN) != 0
-    return _Pixel(inside, good, unseen, coord[i, j], variance[i, j], amplitude[i, j])
+    inside = (i == y) & (j == x)
+    return _Pixel(inside, inside & (flags[i, j] == 0), coord[i, j], variance[i, j], amplitude[i, j])
 
 
 @exact
@@ -281,32 +277,29 @@ def _neighbours(
     right_2 = _pixel(y, x + 2, coord, variance, flags, amplitude)
     up_2 = _pixel(y - 2, x, coord, variance, flags, amplitude)
     down_2 = _pixel(y + 2, x, coord, variance, flags, amplitude)
-    beside, torn, lost_x, bend_x, beyond_x = _along((left_2, left, here, right, right_2), limits)
-    others, torn_y, lost_y, bend_y, beyond_y = _along((up_2, up, here, down, down_2), limits)
+    beside, torn, lost_x, bend_x = _along((left_2, left, here, right, right_2), limits[0])
+    others, torn_y, lost_y, bend_y = _along((up_2, up, here, down, down_2), limits[0])
     # without one on an axis, nothing tells where the centre of what is left of its light is
     brightest = max(max(left.amplitude, right.amplitude), max(up.amplitude, down.amplitude))
     dim = (limits[1] > 0) | (here.amplitude < np.float32(0.5) * brightest)
     alone = (beside + others <= 1) | ((beside * others == 0) & dim)
     alone &= (coord.shape[0] > 2) & (coord.shape[1] > 2)
-    outlier = alone | torn | torn_y | ((beyond_x > 0) & (beyond_y > 0))
+    outlier = alone | torn | torn_y
     # beside a refused pixel nothing is taken off (see centre)
     bends = (bend_x + bend_y) * _BEND if beside + others < 4 else np.float32(0)
     return np.uint16(_OUTLIER if outlier else 0), lost_x + lost_y + bends
 
 
 @exact
-def _along(five: Any, limits: Any) -> tuple[Any, Any, Any, Any, Any]:
+def _along(five: Any, jump: Any) -> tuple[Any, Any, Any, Any]:
     """How many of both neighbours on an axis are good (beyond the image: one), whether they say that the
-    pixel is of neither side, squared shift that they allow, squared second difference beyond noise, and by
-    how much the pixel is beyond both, noise taken off (-1: not known).
-    """
+    pixel is of neither side, squared shift that they allow, squared second difference beyond noise."""
     before_2, before, here, after, after_2 = five
-    none, jump, none_beyond = np.float32(0), limits[0], np.float32(-1)
+    none = np.float32(0)
     back, back_noise = _off_line(here, before, before_2)
     ahead, ahead_noise = _off_line(here, after, after_2)
     count = int(before.good or not before.inside) + int(after.good or not after.inside)
     inside = before.inside and after.inside
-    off = before.place + after.place - np.float32(2) * here.place
     if count < 2 or not inside:  # the mirror may end in a pixel at the image's edge
         near, next_ = (before, before_2) if before.good else (after, after_2)
         lost = none
@@ -315,19 +308,16 @@ def _along(five: Any, limits: Any) -> tuple[Any, Any, Any, Any, Any]:
             share = max(np.float32(1) - here.amplitude / whole, none)
             lost = np.float32(0.5) * share * (here.place - near.place)
         bend = max(back - _BULK2 * back_noise, ahead - _BULK2 * ahead_noise, none)
-        if count == 1 and inside and not (before.unseen or after.unseen):
-            bend = max(bend, _of_one_order(off, limits) ** 2)
-        return count, False, lost * lost, bend, none_beyond
+        return count, False, lost * lost, bend
+    off = before.place + after.place - np.float32(2) * here.place
     noise = before.variance + np.float32(4) * here.variance + after.variance
     bend, lost = max(min(off * off, np.float32(4) * jump * jump) - _BULK2 * noise, none), none
     if off * off > max(jump * jump, _SURE2 * noise):
         fits_back, fits_ahead = back < _SURE2 * back_noise, ahead < _SURE2 * ahead_noise
         if not (fits_back or fits_ahead):
-            return count, True, none, none, none_beyond
+            return count, True, none, none
         lost = min(back if fits_back else ahead, ahead if fits_ahead else back) + bend * _BEND
-    least, most = min(before.place, after.place), max(before.place, after.place)
-    beyond = max(least - here.place, here.place - most) - np.sqrt(_SURE2 * noise)
-    return count, False, lost, bend, beyond
+    return count, False, lost, bend
 
 
 @exact
@@ -353,13 +343,3 @@ def _undersampled(five: Any, per_turn: Any) -> Any:
     unknown = one + two + three + four != one + two + three + four
     tells = unknown | (uneven > np.float32(0.25)) | (two + three > np.float32(2 * STEEP))
     return (min(two, three) > np.float32(0.5)) & tells
-
-
-@exact
-def _of_one_order(off: Any, limits: Any) -> Any:
-    """A second difference whose order is not known: the least that it can be of a fringe, of a code what a
-    map may have."""
-    jump, per_turn = limits
-    if per_turn > 0:
-        return off - np.rint(off * per_turn) / per_turn
-    return min(abs(off), np.float32(2) * jump)
