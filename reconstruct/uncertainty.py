@@ -23,13 +23,13 @@ import scipy.ndimage
 
 from optolever.blocks import threads
 
-from .arrays import Floats, Labels, Pair
+from .arrays import Floats, Labels, Mask, Pair
 from .measured import Measured
 from .monte_carlo import FLOOR, monte_carlo_variance
 from .newton import State
 from .poisson import ColumnPoisson
 
-__all__ = ["averaging_gain", "edge_diagonal", "unknown_variance", "unlike_columns"]
+__all__ = ["averaging_gain", "edge_diagonal", "shared_at_ends", "unknown_variance", "unlike_columns"]
 
 #: Pixels: noise farther away is that of its column, on average; the reach of an answer's square (1 / r^2).
 _NEAR = 64
@@ -65,7 +65,24 @@ def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
         variance = monte_carlo_variance(data, state, labels, variance, load)
     lean = np.bincount(rows.component, state.share * state.bend / at, int(labels.max()) + 1)
     bent: Floats = variance + factor**2 * np.square(lean)[labels]
-    return bent
+    return bent + shared_at_ends(state.variances, data.mask)
+
+
+def shared_at_ends(variances: Pair, mask: Mask) -> Floats:
+    """What neighbours along an end of the mirror may share of their slopes' variances adds to that of w, all
+    (rows, cols).
+
+    The solve averages along an end, as if errors were independent. What the outermost pixel has beyond the
+    noise of the next one inwards (fading light, the pattern's border) is in those beside it, too; the edge
+    between both takes half of it.
+    """
+    found = np.zeros(mask.shape)
+    for variance, seen, out in ((variances[0], mask, found), (variances[1].T, mask.T, found.T)):
+        for way in (1, -1):
+            own, inside, more = variance[:, ::way], seen[:, ::way], out[:, ::way]
+            last = inside[:, 1:] & inside[:, :-1] & ~np.pad(inside[:, 2:], ((0, 0), (0, 1)))
+            more[:, 1:] += np.where(last, np.maximum(own[:, 1:] - own[:, :-1], 0.0) / 4, 0.0)
+    return found
 
 
 def unlike_columns(variances: Pair, diagonal: Floats) -> Floats:
