@@ -65,10 +65,10 @@ def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
         variance = monte_carlo_variance(data, state, labels, variance, load)
     lean = np.bincount(rows.component, state.share * state.bend / at, int(labels.max()) + 1)
     bent: Floats = variance + factor**2 * np.square(lean)[labels]
-    return bent + shared_at_ends(state.variances, data.mask)
+    return bent + shared_at_ends(data, state.variances)
 
 
-def shared_at_ends(variances: Pair, mask: Mask) -> Floats:
+def shared_at_ends(data: Measured, variances: Pair) -> Floats:
     """What neighbours along an end of the mirror may share of their slopes' variances adds to that of w, all
     (rows, cols).
 
@@ -76,12 +76,20 @@ def shared_at_ends(variances: Pair, mask: Mask) -> Floats:
     noise of the next one inwards (fading light, the pattern's border) is in those beside it, too; the edge
     between both takes half of it.
     """
+    noise = data.sigma_u**2 + data.sigma_v**2
+    along = _shared_along_rows(data.mask, noise, variances[0])
+    return along + _shared_along_rows(data.mask.T, noise.T, variances[1].T).T
+
+
+def _shared_along_rows(mask: Mask, noise: Floats, variance: Floats) -> Floats:
+    """Of the first and the last pixels of runs along the rows."""
     found = np.zeros(mask.shape)
-    for variance, seen, out in ((variances[0], mask, found), (variances[1].T, mask.T, found.T)):
-        for way in (1, -1):
-            own, inside, more = variance[:, ::way], seen[:, ::way], out[:, ::way]
-            last = inside[:, 1:] & inside[:, :-1] & ~np.pad(inside[:, 2:], ((0, 0), (0, 1)))
-            more[:, 1:] += np.where(last, np.maximum(own[:, 1:] - own[:, :-1], 0.0) / 4, 0.0)
+    for way in (1, -1):
+        seen, own, more = mask[:, ::way], noise[:, ::way], found[:, ::way]
+        last = seen[:, 1:] & seen[:, :-1] & ~np.pad(seen[:, 2:], ((0, 0), (0, 1)))
+        with np.errstate(divide="ignore", invalid="ignore"):  # where nothing is measured
+            excess = np.maximum(1 - own[:, :-1] / own[:, 1:], 0.0) * variance[:, ::way][:, 1:]
+        more[:, 1:] += np.where(last, excess / 4, 0.0)
     return found
 
 
