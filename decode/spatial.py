@@ -84,7 +84,7 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
         for x, inner in ((0, min(2, cols - 1)), (cols - 1, max(cols - 3, 0))):
             special[x] |= _dimmer((y, x), (y, inner), raw, common, per_turn)
         if shift.size > 1:
-            _entry_line(coord[y], window, k, usual, most, at)
+            _entry_line(coord[y], window, k, (usual, jump), most, at)
             _corrected_line(coord[y], variance[y], at, (shift, unsure), out[y], sigma[y])
         else:
             _copied(coord[y], variance[y], out[y], sigma[y])
@@ -210,16 +210,19 @@ def _dimmer(at: Any, inner: Any, raw: Any, common: Any, per_turn: Any) -> Any:
 
 
 @kernel
-def _entry_line(c: Any, window: Any, k: Any, usual: Any, most: Any, at: Any) -> None:
-    """Entries of a Pixelation by place in the cell and width of the footprint, of `most` steps at most;
-    usual: what it is at least where no neighbour tells it along rows or columns."""
-    half, per_step, places = np.float32(0.5), np.float32(1 / REACH), np.float32(PLACES)
+def _entry_line(c: Any, window: Any, k: Any, limits: Any, most: Any, at: Any) -> None:
+    """Entries of a Pixelation by place in the cell and width of the footprint, of `most` steps at most.
+    limits: what it is at least where no neighbour tells it along rows or columns, and by what neighbours of a
+    map bend at most."""
+    half, places, (usual, jump) = np.float32(0.5), np.float32(PLACES), limits
     size = c.size
     left, right = window[k, :size], window[k, 2 * REACH : 2 * REACH + size]
     above, below = window[k - REACH, REACH : REACH + size], window[k + REACH, REACH : REACH + size]
+    before, after = window[k, REACH - 1 : REACH - 1 + size], window[k, REACH + 1 : REACH + 1 + size]
+    up, down = window[k - 1, REACH : REACH + size], window[k + 1, REACH : REACH + size]
     for x in range(size):
-        gx = slope(left[x], c[x], right[x], per_step)
-        gy = slope(above[x], c[x], below[x], per_step)
+        gx = _broad_slope((left[x], before[x], c[x], after[x], right[x]), jump)
+        gy = _broad_slope((above[x], up[x], c[x], down[x], below[x]), jump)
         alone = ((left[x] != left[x]) & (right[x] != right[x])) | (
             (above[x] != above[x]) & (below[x] != below[x])
         )
@@ -227,6 +230,19 @@ def _entry_line(c: Any, window: Any, k: Any, usual: Any, most: Any, at: Any) -> 
         width = width if width < most else most
         place = np.int32((c[x] - np.floor(c[x])) * places + half) & np.int32(PLACES - 1)
         at[x] = np.uint32(np.int32(width)) * np.uint32(PLACES) + np.uint32(place)
+
+
+@inlined
+def _broad_slope(five: Any, jump: Any) -> Any:
+    """Change per pixel by both neighbours REACH pixels away; where these bend by more than next ones of a map
+    do, by that one of them with which the next ones agree, as the other may be beyond an edge."""
+    far_before, before, here, after, far_after = five
+    one, two, per_step = np.float32(1), np.float32(2), np.float32(1 / REACH)
+    back, ahead = (here - far_before) * per_step, (far_after - here) * per_step
+    near = slope(before, here, after, one)
+    side = back if abs(back - near) < abs(ahead - near) else ahead
+    apart = abs(far_before + far_after - two * here) > jump
+    return side if apart else slope(far_before, here, far_after, per_step)
 
 
 @kernel

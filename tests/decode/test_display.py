@@ -298,3 +298,13 @@ def test_light_that_is_missing_at_the_border_is_no_wrong_frame() -> None:
     found = decode(photographed(shown, np.tile(u, (96, 1)), 0.97, 3.0, 0.5), shown)
     inner = (u > 8) & (u < 51)
     assert found.good[:, inner].mean() > 0.99
+
+
+def test_pixels_beyond_a_depth_edge_tell_no_footprint() -> None:
+    """Pixels up to three away from it were taken for wider or narrower ones."""
+    shown = sequence("gray+phase", 4, 220, axes="u")
+    col = np.arange(80)
+    u = 20 + 1.58 * col - 10.7 * (col >= 40) + 0.013 * np.arange(48)[:, None]
+    found = decode(photographed(shown, u, width=1.58, blur=0.2, noise=0.5), shown)
+    assert found.good.mean() > 0.97
+    assert (np.abs(found.u - u) / found.sigma_u)[found.good].max() < 5
