@@ -29,7 +29,7 @@ from .monte_carlo import FLOOR, monte_carlo_variance
 from .newton import State
 from .poisson import ColumnPoisson
 
-__all__ = ["averaging_gain", "edge_diagonal", "shared_at_ends", "unknown_variance", "unlike_columns"]
+__all__ = ["averaging_gain", "edge_diagonal", "unknown_variance", "unlike_columns"]
 
 #: Pixels: noise farther away is that of its column, on average; the reach of an answer's square (1 / r^2).
 _NEAR = 64
@@ -65,10 +65,10 @@ def unknown_variance(data: Measured, state: State, labels: Labels) -> Floats:
         variance = monte_carlo_variance(data, state, labels, variance, load)
     lean = np.bincount(rows.component, state.share * state.bend / at, int(labels.max()) + 1)
     bent: Floats = variance + factor**2 * np.square(lean)[labels]
-    return bent + shared_at_ends(data, state.variances)
+    return bent + _shared_at_ends(data, state.variances)
 
 
-def shared_at_ends(data: Measured, variances: Pair) -> Floats:
+def _shared_at_ends(data: Measured, variances: Pair) -> Floats:
     """What neighbours along an end of the mirror may share of their slopes' variances adds to that of w, all
     (rows, cols).
 
