@@ -1,8 +1,7 @@
 """Files damaged at random: their bytes, or what they say, which stays readable and gets past the readers."""
 
-import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -14,19 +13,35 @@ from numpy.typing import NDArray
 
 from optolever.pictures import read_picture
 
+#: TOML values, as text.
 EXTREMES = (
-    *("0", "-1", "1e308", "-1e308", "1e-308", "nan", "inf", "65536", "65537", "20000", "0.5", "true"),
-    *('"x"', '""', "[]", "{}", "[1, 2]", "99999999999999999999", "\\u0000", "1979-05-27"),
+    *("0", "-1", "1e308", "-1e308", "1e-308", "1e9", "nan", "inf", "65536", "65537", "20000", "0.5", "true"),
+    *('"x"', '""', "[]", "{}", "[1, 2]", "99999999999999999999", '"\\u0000"', "1979-05-27"),
 )
-_NUMBERS = (0.0, -1.0, 1e-9, 1e9, 1e308, float("nan"), float("inf"), 65536.0, 65537.0)
+_VALUES = tuple(tomllib.loads(f"value = {text}")["value"] for text in EXTREMES)
 #: By what part of itself a number is moved, a scale of a logarithm: a little, well, out of sight.
 _SCALES = (1e-3, 0.3, 3.0)
+#: Share of the damage that is done to bytes.
+_BYTES = 0.2
 
 
 def damage(rng: np.random.Generator, path: Path) -> None:
     """Damage a file of TOML, arrays, HDF5 or a picture, or pictures in a folder, as suits it."""
-    ways = {"": _damage_frames, ".toml": _damage_toml, ".npz": _damage_npz, ".h5": _damage_hdf5}
-    ways.get(path.suffix, _damage_picture)(rng, path)
+    ways = {".toml": _damage_toml, ".npz": _damage_npz, ".h5": _damage_hdf5}
+    if path.is_dir():
+        _damage_frames(rng, path)
+    elif rng.random() < _BYTES:
+        _damage_bytes(rng, path)
+    else:
+        ways.get(path.suffix, _damage_picture)(rng, path)
+
+
+def _damage_frames(rng: np.random.Generator, folder: Path) -> None:
+    """One frame, or all of them in the same way."""
+    frames = sorted(folder.iterdir())
+    seed = int(rng.integers(1 << 30))
+    for frame in frames if rng.random() < 0.5 else [frames[int(rng.integers(len(frames)))]]:
+        damage(np.random.default_rng(seed), frame)
 
 
 def _damage_bytes(rng: np.random.Generator, path: Path) -> None:
@@ -47,104 +62,48 @@ def _damage_bytes(rng: np.random.Generator, path: Path) -> None:
 
 
 def _damage_toml(rng: np.random.Generator, path: Path) -> None:
-    """Damage bytes, lines or (most often) values."""
-    ways: list[Callable[[np.random.Generator, Path], None]] = [_damage_bytes, _damage_lines, _damage_values]
-    ways[int(rng.choice(3, p=(0.1, 0.3, 0.6)))](rng, path)
-
-
-def _damage_values(rng: np.random.Generator, path: Path) -> None:
-    """Move, replace, drop, exchange or repeat values; what is written is TOML."""
+    """Move, replace, exchange, drop or repeat values; what is written is TOML."""
     values = tomllib.loads(path.read_text(encoding="utf-8"))
     for _ in range(rng.integers(1, 4)):
         places = list(_places(values))
         holder, key = places[int(rng.integers(len(places)))]
         value, way = holder[key], rng.random()
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if way < 0.7 and number:
-            holder[key] = _moved(rng, value)
-        elif way < 0.8 and number:
-            holder[key] = float(rng.choice(_NUMBERS))
+        if way < 0.6 and isinstance(value, int | float):
+            holder[key] = type(value)(value * float(np.exp(rng.choice(_SCALES) * rng.standard_normal())))
+        elif way < 0.8:
+            holder[key] = deepcopy(_VALUES[int(rng.integers(len(_VALUES)))])
         elif way < 0.9:
             other, name = places[int(rng.integers(len(places)))]
             holder[key] = deepcopy(other[name])  # a table is never its own part
-        elif way < 0.95:
+        elif way < 0.95 or isinstance(holder, dict):
             del holder[key]
-        elif isinstance(holder, list):
+        else:
             holder.append(value)
-        elif isinstance(value, bool):
-            holder[key] = not value
     path.write_text(tomli_w.dumps(values), encoding="utf-8")
 
 
-def _places(values: Any) -> Any:
-    """Every holder and key of a tree of tables and lists: its leaves, and now and then what holds them."""
-    pairs = list(values.items()) if isinstance(values, dict) else list(enumerate(values))
-    for key, value in pairs:
+def _places(values: Any) -> Iterator[tuple[Any, Any]]:
+    """Every holder and key of a tree of tables and lists: its leaves, the last table of a list."""
+    for key, value in values.items() if isinstance(values, dict) else enumerate(values):
         if isinstance(value, dict | list):
             yield from _places(value)
-            if isinstance(value, list) and value and isinstance(value[0], dict):
-                yield value, len(value) - 1
-        else:
+        if not isinstance(value, dict | list) or (isinstance(values, list) and key == len(values) - 1):
             yield values, key
 
 
-def _moved(rng: np.random.Generator, value: float) -> float:
-    moved: float = (
-        value * float(np.exp(rng.choice(_SCALES) * rng.standard_normal())) * (-1) ** (rng.random() < 0.05)
-    )
-    return round(moved) if isinstance(value, int) else moved
-
-
-def _damage_lines(rng: np.random.Generator, path: Path) -> None:
-    """Replace values by what is none, drop or repeat lines."""
-    lines = path.read_text(encoding="utf-8").splitlines()
-    for _ in range(rng.integers(1, 3)):
-        filled = [i for i, line in enumerate(lines) if line.strip()]
-        i, way = int(rng.choice(filled)), rng.random()
-        if way < 0.7 and "=" in lines[i]:
-            key, _, value = lines[i].partition("=")
-            parts = list(re.finditer(r"-?[\d.]+(e-?\d+)?|\w+", value))
-            extreme = str(rng.choice(EXTREMES))
-            if parts and rng.random() < 0.7:
-                part = parts[int(rng.integers(len(parts)))]
-                extreme = value[: part.start()].strip() + extreme + value[part.end() :]
-            lines[i] = f"{key}= {extreme}"
-        elif way < 0.85:
-            lines[i] = ""
-        else:
-            lines.insert(i, lines[i])
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
 def _damage_picture(rng: np.random.Generator, path: Path) -> None:
-    """Damage bytes, or (more often) write another picture: other values, size, depth or channels."""
-    way = rng.integers(8)
-    if way < 2:
-        _damage_bytes(rng, path)
-        return
+    """Write another picture: other values, size, depth or channels."""
     image = read_picture(path)
-    changes: list[Callable[[NDArray[Any]], NDArray[Any]]] = [
-        lambda image: np.where(rng.random(image.shape) < 0.05, rng.integers(0, 256), image),
-        lambda image: np.full_like(image, rng.integers(0, 256)),
-        lambda image: image[:, ::-1] if rng.random() < 0.5 else image[: int(rng.integers(1, len(image)))],
-        lambda image: image.astype(np.uint16) * rng.integers(1, 258, dtype=np.uint16),
-        lambda image: np.dstack([image] * int(rng.choice([2, 3, 4]))),
-        lambda image: image[:1, :1] if rng.random() < 0.5 else image.T,
+    changes: list[Callable[[], NDArray[Any]]] = [
+        lambda: np.where(rng.random(image.shape) < 0.05, rng.integers(0, 256), image),
+        lambda: np.full_like(image, rng.integers(0, 256)),
+        lambda: image[:, ::-1] if rng.random() < 0.5 else image[: int(rng.integers(1, len(image)))],
+        lambda: image.astype(np.uint16) * rng.integers(1, 258, dtype=np.uint16),
+        lambda: np.dstack([image] * int(rng.choice([3, 4]))),
+        lambda: image[:1, :1] if rng.random() < 0.5 else image.T,
     ]
-    image = np.ascontiguousarray(changes[way - 2](image))
-    channels = 1 if image.ndim == 2 else image.shape[2]
-    if channels == 2:  # no writer of pictures takes two
-        image = image[..., 0]
-    cv2.imwrite(str(path), image if image.dtype == np.uint16 else image.astype(np.uint8))
-
-
-def _damage_frames(rng: np.random.Generator, folder: Path) -> None:
-    """One frame, or all of them in the same way."""
-    frames = sorted(folder.iterdir())
-    state = rng.bit_generator.state
-    for frame in frames if rng.random() < 0.5 else [frames[int(rng.integers(len(frames)))]]:
-        rng.bit_generator.state = state
-        _damage_picture(rng, frame)
+    changed = np.ascontiguousarray(changes[rng.integers(len(changes))]())
+    cv2.imwrite(str(path), changed if changed.dtype == np.uint16 else changed.astype(np.uint8))
 
 
 def _drawn(rng: np.random.Generator, value: NDArray[Any]) -> NDArray[Any]:
@@ -159,31 +118,26 @@ def _drawn(rng: np.random.Generator, value: NDArray[Any]) -> NDArray[Any]:
         else:
             flat[some] = 0
         return flat.reshape(value.shape)
-    if way == 3:
-        return value[:-1] if value.ndim else np.zeros(3)
-    if way == 4:
-        return np.zeros((0, *value.shape[1:]), value.dtype)
-    if way == 5:
-        kind = rng.choice(["c16", "U8", "i1", "f2", "f4", "?"])
-        return value.astype(kind) if value.dtype.kind in "fiu" else value
-    if way == 6:
-        return np.array("text") if rng.random() < 0.5 else np.zeros((2,) * 7)
-    return value[..., None]
+    kinds = ["c16", "U8", "i1", "f2", "f4", "?"]
+    others: list[Callable[[], NDArray[Any]]] = [
+        lambda: value[:-1] if value.ndim else np.zeros(3),
+        lambda: np.zeros((0, *value.shape[1:]), value.dtype),
+        lambda: value.astype(rng.choice(kinds) if value.dtype.kind in "fiu" else "U8"),
+        lambda: np.array("text") if rng.random() < 0.5 else np.zeros((2,) * 7),
+        lambda: value[..., None],
+    ]
+    return others[way - 3]()
 
 
 def _damage_npz(rng: np.random.Generator, path: Path) -> None:
-    """Damage bytes, or (more often) one of the arrays, or leave one out."""
-    if rng.random() < 0.2:
-        _damage_bytes(rng, path)
-        return
+    """One of the arrays, or leave one out."""
     with np.load(path) as archive:
         arrays = {name: archive[name] for name in archive.files}
     name = str(rng.choice(list(arrays)))
-    if rng.random() < 0.1:
-        del arrays[name]
-    else:
+    value = arrays.pop(name)
+    if rng.random() < 0.9:
         with np.errstate(all="ignore"):
-            arrays[name] = _drawn(rng, arrays[name])
+            arrays[name] = _drawn(rng, value)
     np.savez(path, **arrays)
 
 
@@ -202,21 +156,18 @@ def save_sofast(path: Path, frames: NDArray[Any]) -> None:
 
 
 def _damage_hdf5(rng: np.random.Generator, path: Path) -> None:
-    """Damage one of the fields: another array, text, or one that is said to be huge; or bytes; or both."""
+    """One of the fields: another array, text, or one that is said to be huge."""
     import h5py
 
     with h5py.File(path, "r+") as file:
         fields = file[_SOFAST]
-        name = str(rng.choice([*fields, "none"]))
-        if name != "none":
-            value = fields[name][()]
-            del fields[name]
-            if rng.random() < 0.3:
-                huge = tuple(int(size) for size in rng.integers(1, 1 << 20, 3))
-                fields.create_dataset(name, huge, "u1", chunks=(1, 1, 1))
-            else:
-                with np.errstate(all="ignore"):
-                    changed = _drawn(rng, value)
-                fields[name] = changed if changed.dtype.kind != "U" else "text"
-    if rng.random() < 0.3:
-        _damage_bytes(rng, path)
+        name = str(rng.choice(list(fields)))
+        value = fields[name][()]
+        del fields[name]
+        if rng.random() < 0.3:
+            huge = tuple(int(size) for size in rng.integers(1, 1 << 20, 3))
+            fields.create_dataset(name, huge, "u1", chunks=(1, 1, 1))
+        else:
+            with np.errstate(all="ignore"):
+                changed = _drawn(rng, value)
+            fields[name] = changed if changed.dtype.kind != "U" else "text"

@@ -1,4 +1,5 @@
-"""What cases drawn at random have in common: a logarithmic scale, dents in units of the usual one."""
+"""What cases drawn at random have in common: a logarithmic scale, dents in units of the usual one; surfaces
+by a function, or of several."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -61,15 +62,18 @@ def _placed(
     return dent(form, scene, **params)
 
 
+def surface_of(form: Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]) -> Surface:
+    """The surface whose height and slopes along x and y a function gives together."""
+    return Surface(lambda x, y: form(x, y)[0], lambda x, y: form(x, y)[1:], both=form)
+
+
 def together(dents: Sequence[Callable[[Scene], Surface]], scene: Scene) -> Surface:
     """All of the dents pressed at once: heights and slopes add up."""
     surfaces = [made(scene) for made in dents]
 
-    def height(x: Floats, y: Floats) -> Floats:
-        return np.asarray(sum(surface.height(x, y) for surface in surfaces))
+    def form(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
+        each = zip(*(surface.evaluate(x, y) for surface in surfaces), strict=True)
+        z, slope_x, slope_y = (np.asarray(sum(parts)) for parts in each)
+        return z, slope_x, slope_y
 
-    def gradient(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        slopes = [surface.gradient(x, y) for surface in surfaces]
-        return np.asarray(sum(p for p, _ in slopes)), np.asarray(sum(q for _, q in slopes))
-
-    return Surface(height, gradient)
+    return surface_of(form)

@@ -8,7 +8,6 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
@@ -175,12 +174,7 @@ def reliability_figure(told: dict[str, Scores], length: str) -> str:
             axes.fill_between(span, span / 1.25, span * 1.25, color="#1f7a4d", alpha=0.12, lw=0)
             axes.plot(span, span, color="#5a6675", lw=1)
             axes.loglog(predicted, measured, "o", ms=4.5, color="#2563a8")
-            for axis, limits in ((axes.xaxis, axes.set_xlim), (axes.yaxis, axes.set_ylim)):
-                limits(*span)
-                subs = (1.0, 2.0, 5.0) if span[1] < 30 * span[0] else (1.0,)
-                axis.set_major_locator(LogLocator(subs=subs))
-                axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
-                axis.set_minor_formatter(NullFormatter())
+            axes.set(xlim=span, ylim=span)
         unit = length if name == "height" else "px"
         label_axes(axes, f"predicted sigma [{unit}]", f"rms error [{unit}]", name)
     return figure_uri(figure)
@@ -199,8 +193,8 @@ def surface_data(
     span = float(np.nanmax(heights) - np.nanmin(heights)) if np.isfinite(heights).any() else 0.0
     size = max(right - left, top - bottom)
     return {
-        "nx": grid.shape[1],
-        "ny": grid.shape[0],
+        "nx": heights.shape[1],
+        "ny": heights.shape[0],
         "x0": round(left + grid.pitch / 2, 6),
         "y0": round(bottom + grid.pitch / 2, 6),
         "dx": round(grid.pitch, 9),

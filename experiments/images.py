@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from .arrays import Floats
 
@@ -106,46 +106,38 @@ class Panel:
 
 @dataclass(frozen=True, slots=True)
 class MirrorGrid:
-    """A regular grid over the mirror (mm): which camera pixel fell into which of its cells."""
+    """A regular grid over the mirror (mm): which of the pixels, thinned to twice `side`, is nearest to the
+    middle of each cell, -1 where none is near."""
 
     x0: float
     y0: float
     pitch: float
-    shape: tuple[int, int]
-    cell: NDArray[np.intp]
+    pixel: NDArray[np.intp]
+    side: int
 
     @classmethod
     def around(cls, x: Floats, y: Floats, side: int = SIDE) -> "MirrorGrid":
-        """A grid of at most `side` cells over the finite points x, y (any shape), never finer than they
-        are.
-        """
-        inside = np.isfinite(x) & np.isfinite(y)
-        if not inside.any():
-            return cls(0.0, 0.0, 1.0, (1, 1), np.full(inside.shape, -1))
-        (x0, width), (y0, height) = ((float(np.min(of[inside])), float(np.ptp(of[inside]))) for of in (x, y))
-        spacing = 1.15 * np.sqrt(max(width * height, 1e-12) / inside.sum())
-        pitch = max(max(width, height) / side, spacing)
-        shape = int(height / pitch) + 1, int(width / pitch) + 1
-        row, col = (
-            np.where(inside, (of - first) / pitch, 0).astype(np.intp) for of, first in ((y, y0), (x, x0))
-        )
-        return cls(x0, y0, pitch, shape, np.where(inside, row * shape[1] + col, -1))
+        """A grid of at most `side` cells over the finite points x, y (H, W), never finer than they are."""
+        points = np.column_stack([thin(x, 2 * side).ravel(), thin(y, 2 * side).ravel()])
+        known = np.flatnonzero(np.isfinite(points).all(axis=1))
+        if not known.size:
+            return cls(0.0, 0.0, 1.0, np.full((1, 1), -1), side)
+        low, size = points[known].min(axis=0), np.ptp(points[known], axis=0)
+        pitch = float(max(size.max() / side, 1.15 * np.sqrt(max(size.prod(), 1e-12) / known.size)))
+        cols, rows = (size / pitch).astype(int) + 1
+        cells = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1)
+        away, nearest = cKDTree(points[known]).query(low + pitch * (cells + 0.5))
+        return cls(*low, pitch, np.where(away <= pitch, known[nearest], -1), side)
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
         """Left, right, bottom, top in mm."""
-        rows, cols = self.shape
+        rows, cols = self.pixel.shape
         return self.x0, self.x0 + cols * self.pitch, self.y0, self.y0 + rows * self.pitch
 
     def place(self, values: Floats) -> Floats:
-        """Values of camera pixels on the grid: one sample per cell, single holes closed by a neighbour."""
-        grid, known = np.full(self.shape, np.nan), np.isfinite(values) & (self.cell >= 0)
-        grid.flat[self.cell[known]] = values[known]
-        missing = np.isnan(grid)
-        if not missing.any() or missing.all():
-            return grid
-        distance, nearest = ndimage.distance_transform_edt(missing, return_indices=True)
-        return np.where(distance <= 1, grid[tuple(nearest)], np.nan)
+        """Values of camera pixels (H, W) on the grid: samples, never averages."""
+        return np.where(self.pixel < 0, np.nan, thin(values, 2 * self.side).ravel()[self.pixel])
 
 
 def length_unit(size: float) -> tuple[float, str]:
@@ -187,16 +179,10 @@ def _draw(
     beside = 2.0 if columns > 1 else 1.3  # inches for ticks, labels and colour bar
     figure = new_figure(width, lines * min(7.0, 0.55 + (width / columns - beside) * ratio))
     for axes, panel in zip(figure.subplots(lines, columns, squeeze=False).flat, panels, strict=False):
-        low, high = panel.limits or robust_limits(panel.values)
         image = axes.imshow(
-            panel.values,
-            cmap=panel.colours,
-            vmin=low,
-            vmax=high,
-            extent=extent,
-            origin=origin,
-            interpolation="nearest",
+            panel.values, panel.colours, extent=extent, origin=origin, interpolation="nearest"
         )
+        image.set_clim(*(panel.limits or robust_limits(panel.values)))
         axes.set_facecolor("#d9dde2")
         label_axes(axes, *names, panel.title, frame=True)
         if panel.label:

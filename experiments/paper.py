@@ -24,6 +24,7 @@ from optolever.records import Progress, silent
 from optolever.scene import Scene, Surface
 
 from .arrays import Floats, Mask
+from .drawn import surface_of
 from .metrics import rms
 from .paper_line import (
     Line,
@@ -60,13 +61,10 @@ def tent(scene: Scene) -> Surface:
     half = scene.mirror.length / 2
     slope = 13 / 1637 * scene.mirror.length / half
 
-    def height(x: Floats, y: Floats) -> Floats:
-        return np.asarray(slope * (half - np.abs(x - half)) + 0 * y)
+    def form(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
+        return slope * (half - np.abs(x - half)) + 0 * y, -slope * np.sign(x - half) + 0 * y, 0 * (x + y)
 
-    def gradient(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        return -slope * np.sign(x - half) + 0 * y, 0 * (x + y)
-
-    return Surface(height, gradient)
+    return surface_of(form)
 
 
 CASES = (

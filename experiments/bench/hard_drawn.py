@@ -22,7 +22,7 @@ from optolever.reconstruct import PixelAnchor, reconstruct
 from optolever.scene import Scene, Sensor, Surface, Trace, dent, load, resize, trace
 
 from ..arrays import Floats
-from ..drawn import between, drawn_dent, together
+from ..drawn import between, drawn_dent, surface_of, together
 from ..place import exact
 from .found import Found, FrameVerdict, found_area, found_height
 from .hard_case import Case
@@ -261,19 +261,14 @@ def _ripples(rng: np.random.Generator, scene: Scene) -> Surface:
     kx, ky = wave * np.cos(angle), wave * np.sin(angle)
     size = np.radians(rng.uniform(0.3, 2.0)) / wave
 
-    def fade(x: Floats) -> tuple[Floats, Floats]:
+    def form(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
         t = np.clip((length - x) / (0.1 * length), 0.0, 1.0)
-        return t**3 * (10 - 15 * t + 6 * t * t), -30 * t * t * (1 - t) ** 2 / (0.1 * length)
-
-    def height(x: Floats, y: Floats) -> Floats:
-        return np.asarray(size * fade(x)[0] * (1 + np.cos(kx * x + ky * y)))
-
-    def gradient(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        share, change = fade(x)
+        fade, change = t**3 * (10 - 15 * t + 6 * t * t), -30 * t * t * (1 - t) ** 2 / (0.1 * length)
         up, across = 1 + np.cos(kx * x + ky * y), -np.sin(kx * x + ky * y)
-        return size * (change * up + share * kx * across), size * share * ky * across
+        slope_x, slope_y = change * up + fade * kx * across, fade * ky * across
+        return np.asarray(size * fade * up), size * slope_x, size * slope_y
 
-    return Surface(height, gradient)
+    return surface_of(form)
 
 
 def _pixel(scene: Scene) -> float:

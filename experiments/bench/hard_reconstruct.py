@@ -12,6 +12,7 @@ from optolever.reconstruct import reconstruct
 from optolever.scene import Scene, Surface, Trace
 
 from ..arrays import Floats, Mask
+from ..drawn import surface_of
 from ..place import EXACT_SIGMA, Dent, Place
 from .found import Found, found_height
 from .hard_case import Case
@@ -49,15 +50,12 @@ def _step(scene: Scene, pixels: float, depth: float = 1.0, radial: bool = False)
         safe = np.maximum(distance, 1e-12 * length)
         return 0.2 * length - distance, -(x - length / 2) / safe, -(y - middle) / safe
 
-    def height(x: Floats, y: Floats) -> Floats:
-        return np.asarray(0.5 * peak * (1 + np.tanh(inward(x, y)[0] / width)))
-
-    def gradient(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    def form(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
         depth, by_x, by_y = inward(x, y)
         slope = 0.5 * peak / width / np.cosh(np.clip(depth / width, -300, 300)) ** 2
-        return slope * by_x, slope * by_y
+        return np.asarray(0.5 * peak * (1 + np.tanh(depth / width))), slope * by_x, slope * by_y
 
-    return Surface(height, gradient)
+    return surface_of(form)
 
 
 def _disks(truth: Trace, scene: Scene, rng: np.random.Generator) -> Mask:

@@ -20,12 +20,12 @@ def test_mirror_grid_puts_values_where_they_are() -> None:
     x = x[:, ::-1] * 0.5
     grid = MirrorGrid.around(x, y)
     placed = grid.place(x + 100 * y)
-    centre_x = grid.x0 + (np.arange(grid.shape[1]) + 0.5) * grid.pitch
-    centre_y = grid.y0 + (np.arange(grid.shape[0]) + 0.5) * grid.pitch
+    centre_x = grid.x0 + (np.arange(placed.shape[1]) + 0.5) * grid.pitch
+    centre_y = grid.y0 + (np.arange(placed.shape[0]) + 0.5) * grid.pitch
     assert np.isfinite(placed).all()
-    np.testing.assert_allclose(placed % 100, np.broadcast_to(centre_x, grid.shape), atol=1.5 * grid.pitch)
+    np.testing.assert_allclose(placed % 100, np.broadcast_to(centre_x, placed.shape), atol=1.5 * grid.pitch)
     np.testing.assert_allclose(
-        placed // 100, np.broadcast_to(centre_y[:, None], grid.shape), atol=1.5 * grid.pitch
+        placed // 100, np.broadcast_to(centre_y[:, None], placed.shape), atol=1.5 * grid.pitch
     )
 
 
