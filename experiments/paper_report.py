@@ -13,6 +13,8 @@ from .page import share_text, table, write_page
 from .paper import PaperStudy
 from .paper_line import Curve, PaperRow
 
+Key = tuple[str, str, str, int | None, bool | None]
+
 TITLES = {
     "smooth": "Smooth dent",
     "needle": "Needle-shaped dent",
@@ -26,6 +28,18 @@ GROUPS = (
     ("frames", "reflection", "Rendered 8-bit frames with noise, light obeys the reflection law"),
 )
 
+#: Rows that the prose tells of: data, law, method, sign, gamma.
+ROLES: dict[str, Key] = {
+    "seed": ("exact", "print", "lattice", -1, True),
+    "printed": ("exact", "reflection", "lattice", 1, False),
+    "true": ("exact", "reflection", "lattice", 1, True),
+    "wrong": ("exact", "reflection", "lattice", -1, True),
+    "pixels": ("exact", "reflection", "pixels", 1, True),
+    "dense": ("exact", "reflection", "dense", None, None),
+    "lattice_frames": ("frames", "reflection", "lattice", 1, True),
+    "pixel_frames": ("frames", "reflection", "pixels", 1, True),
+    "dense_frames": ("frames", "reflection", "dense", None, None),
+}
 STYLES = {"rises": ("#2563a8", "_"), "drops": ("#b3402e", "^"), "mean": ("#1f7a4d", "o")}  # the seed's signs
 DRAWN = (
     ("paper, lattice, mean", ("lattice", 1, True), "mean", "#b3402e"),
@@ -54,40 +68,22 @@ def write_paper_report(study: PaperStudy, path: str | Path) -> PaperStudy:
 
 def _case(study: PaperStudy, name: str) -> dict[str, Any]:
     """What the template needs of one case: its rows by their role, its table, its figures."""
-
-    def row(data: str, law: str, method: str, sign: int | None, gamma: bool | None) -> PaperRow:
-        return study.find(case=name, data=data, law=law, method=method, sign=sign, gamma=gamma)
-
-    taken = study.settings["cases"][name]
-    own = [r for r in study.rows if r.case == name]
-    rendered = any(r.data == "frames" for r in own)
-    seed, true = row("exact", "print", "lattice", -1, True), row("exact", "reflection", "lattice", 1, True)
-    pixels = row("exact", "reflection", "pixels", 1, True)
-    crossings = row("frames", "reflection", "lattice", 1, True) if rendered else None
-    figures = {
-        "shape": _shape_figure(pixels.curve),
-        "seed": _series_figure(seed.curve, pixels.curve),
-        "true": _series_figure(true.curve, pixels.curve),
-        "comparison": _comparison_figure(own, taken["peak_mm"]),
-    }
-    if crossings is not None:
-        figures["frames"] = _series_figure(crossings.curve, pixels.curve)
+    own = {(r.data, r.law, r.method, r.sign, r.gamma): r for r in study.rows if r.case == name}
+    roles = {role: own[key] for role, key in ROLES.items() if key in own}
+    taken, fine = study.settings["cases"][name], roles["pixels"].curve
+    figures = {"shape": _shape_figure(fine), "comparison": _comparison_figure(own, taken["peak_mm"])}
+    for figure, role in (("seed", "seed"), ("true", "true"), ("frames", "lattice_frames")):
+        if role in roles:
+            figures[figure] = _series_figure(roles[role].curve, fine)
     return {
         "id": name,
         "title": TITLES[name],
         "taken": taken,
-        "seed": seed,
-        "printed": row("exact", "reflection", "lattice", 1, False),
-        "true": true,
-        "wrong": row("exact", "reflection", "lattice", -1, True),
-        "pixels": pixels,
-        "rendered": rendered,
-        "dense": row("exact", "reflection", "dense", None, None) if rendered else None,
-        "lattice_frames": crossings,
-        "pixel_frames": row("frames", "reflection", "pixels", 1, True) if rendered else None,
-        "dense_frames": row("frames", "reflection", "dense", None, None) if rendered else None,
+        "rendered": "dense" in roles,
         "table": _table(study, name),
         "figures": figures,
+        **dict.fromkeys(ROLES),
+        **roles,
     }
 
 
@@ -159,17 +155,17 @@ def _series_figure(curve: Curve, fine: Curve) -> str:
     return figure_uri(figure)
 
 
-def _comparison_figure(rows: list[PaperRow], peak: float) -> str:
+def _comparison_figure(rows: dict[Key, PaperRow], peak: float) -> str:
     """Absolute depth error over the peak, of every method, from exact data and from rendered frames."""
     figure = new_figure(10.0, 3.8)
     titles = {"exact": "from exact correspondences", "frames": "from rendered, noisy 8-bit frames"}
-    kinds = {(row.data, row.method, row.sign, row.gamma): row for row in rows if row.law == "reflection"}
-    seen = [data for data in titles if any(row.data == data for row in rows)]
+    seen = [data for data in titles if any(key[0] == data for key in rows)]
     for axes, data in zip(figure.subplots(1, len(seen), sharey=True, squeeze=False)[0], seen, strict=True):
         for label, (method, sign, gamma), series, colour in DRAWN:
-            if (data, method, sign, gamma) not in kinds:
+            key = data, "reflection", method, sign, gamma
+            if key not in rows:
                 continue
-            curve = kinds[data, method, sign, gamma].curve
+            curve = rows[key].curve
             error = np.maximum(np.abs(curve[f"{series} d"] - curve["d"]) / peak, FLOOR)
             marker = "o" if method == "lattice" else ""
             axes.semilogy(curve["l"], error, color=colour, lw=1, marker=marker, ms=2.5, label=label)

@@ -303,19 +303,11 @@ class Row:
         """One value per name of COLUMNS; None where nothing is known."""
         cell = self.cell.to_dict()
         rows, cols = cell.pop("size") or (None, None)
-        values = {
-            **cell,
-            "rows": rows,
-            "cols": cols,
-            **{name: getattr(self, name) for name in ("status", "why", "kind", "frames")},
-            "display_seconds": self.display_seconds(refresh),
-            **self.timings,
-            **self.metrics,
-        }
-        unknown = {
-            name for name, value in values.items() if isinstance(value, float) and not math.isfinite(value)
-        }
-        return {name: None if name in unknown else values.get(name) for name in COLUMNS}
+        shown = {"rows": rows, "cols": cols, "display_seconds": self.display_seconds(refresh)}
+        told = {name: getattr(self, name) for name in ("status", "why", "kind", "frames")}
+        values = cell | shown | told | self.timings | self.metrics
+        known = {k: v for k, v in values.items() if not isinstance(v, float) or math.isfinite(v)}
+        return {name: known.get(name) for name in COLUMNS}
 
 
 def csv_text(rows: Iterable[Row], refresh: float) -> str:
@@ -323,6 +315,5 @@ def csv_text(rows: Iterable[Row], refresh: float) -> str:
     stream = io.StringIO()
     writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
     writer.writeheader()
-    for row in rows:
-        writer.writerow({k: "" if v is None else v for k, v in row.flat(refresh).items()})
+    writer.writerows(row.flat(refresh) for row in rows)
     return stream.getvalue()

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..arrays import Floats
 from ..images import figure_uri, label_axes, new_figure
 from ..page import percent, scientific, seconds_text, table, write_page
 from .cell import Row
@@ -33,7 +35,6 @@ MARKS = {
     "peer": ("s", "#6b7280", False, "peers"),
     "floor": ("D", "#1f7a4d", False, "exact correspondence"),
 }
-ROOM = 2.0  # times the slowest point
 
 Time = Callable[[Row], float]
 
@@ -72,44 +73,28 @@ def _best(rows: Iterable[Row], time: Time) -> list[Row]:
 def _chart(axes: Axes, rows: Sequence[Row], time: Time, label: str, y: str) -> None:
     shown = [row for row in rows if row.done and row.error > 0 and time(row) > 0]
     for kind, (marker, colour, filled, legend) in MARKS.items():
-        of_kind = [row for row in shown if row.kind == kind]
-        if of_kind:
+        points = _points((row for row in shown if row.kind == kind), time)
+        if points.size:
             face = colour if filled else "none"
-            axes.plot(
-                [time(row) for row in of_kind],
-                [row.error for row in of_kind],
-                marker,
-                color=colour,
-                markerfacecolor=face,
-                markersize=5.5,
-                linestyle="none",
-                label=legend,
-            )
+            axes.plot(*points.T, marker, color=colour, markerfacecolor=face, markersize=5.5, label=legend)
     best = _best(shown, time)
-    axes.plot(
-        [time(row) for row in best],
-        [row.error for row in best],
-        drawstyle="steps-post",
-        color="#111827",
-        linewidth=1.1,
-        label="frontier",
-        zorder=1,
-    )
-    for place, row in enumerate(best, start=1):
-        at = time(row), row.error
-        axes.annotate(
-            str(place), at, xytext=(4, 4), textcoords="offset points", fontsize=8, fontweight="bold"
-        )
+    points = _points(best, time)
+    axes.step(*points.T, where="post", color="#111827", linewidth=1.1, label="frontier", zorder=1)
+    style: dict[str, Any] = {"textcoords": "offset points", "fontsize": 8, "fontweight": "bold"}
+    for place, at in enumerate(points, start=1):
+        axes.annotate(str(place), at, xytext=(4, 4), **style)
     key = [f"{place}  {_key(row)}" for place, row in enumerate(best, start=1)]
     axes.text(0.0, -0.2, "\n".join(key), transform=axes.transAxes, fontsize=7.5, va="top", linespacing=1.4)
     if shown:
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        times = [time(row) for row in shown]
-        axes.set_xlim(0.6 * min(times), ROOM * max(times))
+        axes.set(xscale="log", yscale="log")
     axes.grid(True, which="both", color="#e5e7eb", linewidth=0.6)
     axes.set_axisbelow(True)
     label_axes(axes, label, y, frame=True)
+
+
+def _points(rows: Iterable[Row], time: Time) -> Floats:
+    """Time and error of each, (n, 2)."""
+    return np.array([(time(row), row.error) for row in rows]).reshape(-1, 2)
 
 
 def _key(row: Row) -> str:
@@ -260,9 +245,8 @@ def _whole(rows: Iterable[Row]) -> list[Row]:
 def _cells(row: Row, names: Iterable[str], refresh: float = 60.0, floor: float = math.nan) -> list[str]:
     """A finished row as text under the names of columns; floor: error where decoding is perfect."""
     number, seconds = row.metrics.get, row.timings.get
-    render, decode, solve, copy = (
-        seconds(f"{stage}_seconds", 0.0) for stage in ("render", "decode", "reconstruct", "floor")
-    )
+    stages = (seconds(f"{stage}_seconds", 0.0) for stage in ("render", "decode", "reconstruct", "floor"))
+    render, decode, solve, copy = stages
     memory = max(seconds("decode_bytes", 0.0), seconds("reconstruct_bytes", 0.0))
     sigma = number("sigma_ratio_height", math.nan)  # NaN where the method states none
     ratio = row.error / (floor or math.nan)

@@ -12,12 +12,13 @@ from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.patterns import sequence_from_text
 from optolever.reconstruct import prism_geometry, recursion
+from optolever.records import silent
 from optolever.scene import dent_from_text, load
 
 from ..metrics import rms
 from ..paper_line import lattice_frames, lattice_positions, seen_points
 from ..place import Place
-from ..timing import Measured, measured, toucher
+from ..timing import Measured, Stages, measured, toucher
 from ..timing import timed as run_once
 from .cell import ABSENT, DONE, FAILED, USELESS, Cell, Row, grouped
 from .decoders import Decoder, Shot, decoder, shoot
@@ -121,15 +122,36 @@ def _decode(coder: Decoder, shot: Shot, clock: Clock) -> Measured:
 
 def _lattice(cell: Cell, place: Place) -> Row:
     """The paper's own measurement: crossings of one lattice frame (and one at rest), its recursion along
-    the line through the middle. Errors are along that line.
+    the line through the middle. Errors are along that line, timings of single runs.
     """
     row = Row(cell, USELESS, "lattice crossings are sparse: method paper only", "paper", 1)
     if cell.solver != "paper":
         return row
+    scene, surface, stages = place.scene, place.surface, Stages(3, silent)
+    settings: dict[str, Any] = {"noise": cell.noise, "seed": cell.capture_seed, "renderer": cell.renderer}
     try:
-        return _paper_line(row, place)
+        geometry = prism_geometry(scene)
+        with stages.stage("render"):
+            frames = lattice_frames(scene, surface, LATTICE_LINES, **settings)
+        with stages.stage("decode"):
+            found = lattice_positions(scene, *frames)
+        points = seen_points(surface, geometry, *found)
+        with stages.stage("reconstruct"):
+            depth = recursion(points.m, points.w, geometry).mean.d
     except InputError as error:
         return replace(row, why=str(error))
+    known = np.isfinite(depth) & np.isfinite(points.d)
+    error, peak = np.abs(depth - points.d)[known], place.peak
+    metrics = {
+        "height_rms_rel": rms(error) / peak,
+        "height_p95_rel": float(np.quantile(error, 0.95)) / peak,
+        "height_max_rel": float(error.max()) / peak,
+        "height_rms_mm": rms(error),
+        "peak_depth_mm": peak,
+        "flagged_share": 1.0 - float(known.mean()),
+    }
+    timings = {f"{name}_seconds": seconds for name, seconds in stages.seconds.items() if name != "total"}
+    return replace(row, status=DONE, why="", timings=timings, metrics=metrics)
 
 
 def _tried(module: str | None, stage: Callable[[], Measured]) -> Measured | tuple[str, str]:
@@ -148,33 +170,3 @@ def _tried(module: str | None, stage: Callable[[], Measured]) -> Measured | tupl
 def _timings(stage: str, taken: Measured) -> dict[str, float]:
     timings = {f"{stage}_seconds": taken.seconds}
     return timings if taken.bytes is None else timings | {f"{stage}_bytes": float(taken.bytes)}
-
-
-def _paper_line(row: Row, place: Place) -> Row:
-    """The row with timings (of single runs) and metrics of the paper's measurement."""
-    cell = row.cell
-    scene, geometry = place.scene, prism_geometry(place.scene)
-    settings: dict[str, Any] = {"noise": cell.noise, "seed": cell.capture_seed, "renderer": cell.renderer}
-    taken = run_once(lambda: lattice_frames(scene, place.surface, LATTICE_LINES, **settings))
-    found = run_once(lambda: lattice_positions(scene, *taken.value))
-    m, w, y = found.value
-    points = seen_points(place.surface, geometry, m, w, y)
-    solved = run_once(lambda: recursion(points.m, points.w, geometry).mean.d)
-    known = np.isfinite(solved.value) & np.isfinite(points.d)
-    error = np.abs(solved.value - points.d)[known]
-    peak = place.peak
-    stages = (("render", taken), ("decode", found), ("reconstruct", solved))
-    return replace(
-        row,
-        status=DONE,
-        why="",
-        timings={f"{name}_seconds": stage.seconds for name, stage in stages},
-        metrics={
-            "height_rms_rel": rms(error) / peak,
-            "height_p95_rel": float(np.quantile(error, 0.95)) / peak,
-            "height_max_rel": float(error.max()) / peak,
-            "height_rms_mm": rms(error),
-            "peak_depth_mm": peak,
-            "flagged_share": 1.0 - float(known.mean()),
-        },
-    )

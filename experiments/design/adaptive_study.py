@@ -6,7 +6,7 @@ against the truth, mean over the same seeds.
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -168,11 +168,16 @@ def best_fixed(
     Predicted first, then simulated from the most promising on. A miss of this search is the search's, not
     proven impossible.
     """
+    pattern, need = levers[0].scene.pattern, goal.share - DOUBTFUL
+    order = list(levers)  # the hardest first
     offered = simulated = 0
-    for count, best, looked_at in _offers(levers, noise, goal, goal.share - DOUBTFUL):
-        offered += looked_at
-        for candidate in best[:SIMULATED]:
-            progress(f"fixed sequences of {count} frames", count, goal.frames)
+    for count in range(4 * LEAST_STEPS, goal.frames + 1):
+        progress(f"fixed sequences of {count} frames", count, goal.frames)
+        now = [one for one in candidates(pattern.rows, pattern.cols, count) if len(one.sequence) == count]
+        least = {one.text: _least(order, one.sequence, noise, goal, need) for one in now}
+        best = [one for one in now if least[one.text] >= need]
+        offered += len(now)
+        for candidate in sorted(best, key=lambda one: -least[one.text])[:SIMULATED]:
             simulated += 1
             shares: list[float] = []
             for lever in levers:
@@ -181,22 +186,7 @@ def best_fixed(
                     break
             else:
                 return FixedSearch(candidate, shares, offered, simulated)
-        progress(f"fixed sequences of {count + 1} frames", count, goal.frames)
     return FixedSearch(None, [math.nan] * len(levers), offered, simulated)
-
-
-def _offers(
-    levers: list[Lever], noise: float, goal: Goal, need: float
-) -> Iterator[tuple[int, list[Candidate], int]]:
-    """From the fewest frames on: their number, what is predicted to bring a share of at least `need`
-    everywhere, best first, and among how many sequences that was found."""
-    pattern = levers[0].scene.pattern
-    order = list(levers)  # the hardest first
-    for count in range(4 * LEAST_STEPS, goal.frames + 1):
-        offered = [one for one in candidates(pattern.rows, pattern.cols, count) if len(one.sequence) == count]
-        least = {one.text: _least(order, one.sequence, noise, goal, need) for one in offered}
-        best = [one for one in offered if least[one.text] >= need]
-        yield count, sorted(best, key=lambda one: -least[one.text]), len(offered)
 
 
 def _least(order: list[Lever], sequence: Sequence, noise: float, goal: Goal, need: float) -> float:
