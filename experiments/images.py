@@ -127,7 +127,7 @@ class MirrorGrid:
         cols, rows = (size / pitch).astype(int) + 1
         cells = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1)
         away, nearest = cKDTree(points[known]).query(low + pitch * (cells + 0.5))
-        return cls(*low, pitch, np.where(away <= pitch, known[nearest], -1), side)
+        return cls(float(low[0]), float(low[1]), pitch, np.where(away <= pitch, known[nearest], -1), side)
 
     @property
     def extent(self) -> tuple[float, float, float, float]:

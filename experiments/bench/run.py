@@ -141,12 +141,12 @@ def _lattice(cell: Cell, place: Place) -> Row:
     except InputError as error:
         return replace(row, why=str(error))
     known = np.isfinite(depth) & np.isfinite(points.d)
-    error, peak = np.abs(depth - points.d)[known], place.peak
+    off, peak = np.abs(depth - points.d)[known], place.peak
     metrics = {
-        "height_rms_rel": rms(error) / peak,
-        "height_p95_rel": float(np.quantile(error, 0.95)) / peak,
-        "height_max_rel": float(error.max()) / peak,
-        "height_rms_mm": rms(error),
+        "height_rms_rel": rms(off) / peak,
+        "height_p95_rel": float(np.quantile(off, 0.95)) / peak,
+        "height_max_rel": float(off.max()) / peak,
+        "height_rms_mm": rms(off),
         "peak_depth_mm": peak,
         "flagged_share": 1.0 - float(known.mean()),
     }
