@@ -8,6 +8,7 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
@@ -174,7 +175,12 @@ def reliability_figure(told: dict[str, Scores], length: str) -> str:
             axes.fill_between(span, span / 1.25, span * 1.25, color="#1f7a4d", alpha=0.12, lw=0)
             axes.plot(span, span, color="#5a6675", lw=1)
             axes.loglog(predicted, measured, "o", ms=4.5, color="#2563a8")
-            axes.set(xlim=span, ylim=span)
+            for axis, limits in ((axes.xaxis, axes.set_xlim), (axes.yaxis, axes.set_ylim)):
+                limits(*span)
+                subs = (1.0, 2.0, 5.0) if span[1] < 30 * span[0] else (1.0,)
+                axis.set_major_locator(LogLocator(subs=subs))
+                axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
+                axis.set_minor_formatter(NullFormatter())
         unit = length if name == "height" else "px"
         label_axes(axes, f"predicted sigma [{unit}]", f"rms error [{unit}]", name)
     return figure_uri(figure)
