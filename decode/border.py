@@ -73,7 +73,7 @@ def border_of(shares: Shares, blurs: tuple[float, float, float], told: bool = Tr
     deviation = reach / np.linspace(_LEAST, 1.0, _RATIOS + 1, dtype=np.float64)[:, None]
     away = np.arange(_SHADOW * _STEPS + 1) / _STEPS * deviation
     width2 = deviation**2 - reach**2
-    ends = (_expected(_of_blur(shares, end), end, away, width2)[1] for end in (low, high))
+    ends = (_shift(shares, end, away, width2) for end in (low, high))
     unsure = np.max([np.abs(shift - end / deviation) for end in ends], axis=0)
     unsure += 0 if shares else _SHAPE * shift
     three = (missing, shift, unsure) if told else (missing, shift / 2, shift / 2)
@@ -162,7 +162,7 @@ def measured_blur(
     if np.count_nonzero(telling) < _FEWEST or lost.sum() <= 0:
         return nothing
     dark, what = (level / np.clip(level.sum() / lost.sum(), 0.1, 1.0), 0) if across else (lost, 2)
-    each = (_expected(_table(shares, i), blur, away, width2)[what] for i, blur in enumerate(_BLURS))
+    each = (_expected(_table(shares, i)[what], blur, away, width2) for i, blur in enumerate(_BLURS))
     expected = [_missing(1 - one) for one in each]
     more = [(one - dark)[(one > _DARK[0]) & (one < _DARK[1])] for one in expected]
     blurs, more = _BLURS[[len(one) >= _FEWEST for one in more]], [one for one in more if len(one) >= _FEWEST]
@@ -170,8 +170,8 @@ def measured_blur(
         return nothing
     quartiles = np.transpose([np.quantile(one, (0.75, 0.5, 0.25)) for one in more])
     low, blur, high = (float(np.interp(0.0, line, blurs)) for line in quartiles)
-    missing, shift, _ = _expected(_of_blur(shares, blur), blur, away, width2)
-    dims = _missing(1 - missing)
+    shift = _shift(shares, blur, away, width2)
+    dims = _missing(1 - _expected(_of_blur(shares, blur)[0], blur, away, width2))
     # noise of faint light is missing anywhere: a blur has to explain most of what is, and is not, beside it;
     # and more than a share that is the same there, as of light that falls off all over the image
     share = np.sum(level * dims) / np.maximum(np.sum(dims**2), 1e-9)
@@ -189,15 +189,23 @@ def _missing(light: Any) -> F64:
     return np.asarray(1 - near / np.maximum(2 * middle - far, 1e-6))
 
 
-def _expected(table: F64, blur: float, away: F64, width2: F64) -> tuple[F64, F64, F64]:
-    """Missing light, shift (cells) and lost amplitude of pixels that read a distance from the border and have
-    a footprint of a variance."""
-    deviation = np.sqrt(_reach(blur) ** 2 + width2) + 0 * away
+def _expected(table: F64, blur: float, away: F64, width2: F64) -> F64:
+    """Entries of a table of a blur for pixels that read a distance from the border and have a footprint of a
+    variance."""
+    deviation = _deviation(blur, width2)
     ratio = (_reach(blur) / deviation - _LEAST) * (_RATIOS / (1 - _LEAST))
-    missing, shift, lost = (
-        map_coordinates(one, (ratio, away / deviation * _STEPS), order=1, mode="nearest") for one in table
-    )
-    return missing, shift * deviation, lost
+    place = np.broadcast_arrays(ratio, away / deviation * _STEPS)
+    return np.asarray(map_coordinates(table, place, order=1, mode="nearest"))
+
+
+def _shift(shares: Shares, blur: float, away: F64, width2: F64) -> F64:
+    """Of readings at a distance from the border, cells."""
+    return _expected(_of_blur(shares, blur)[1], blur, away, width2) * _deviation(blur, width2)
+
+
+def _deviation(blur: float, width2: F64) -> F64:
+    """Of what pixels of a footprint of a variance see, cells."""
+    return np.asarray(np.sqrt(_reach(blur) ** 2 + width2))
 
 
 def _beside(coord: F32, flags: NDArray[np.uint16], extent: int) -> tuple[NDArray[Any], ...]:

@@ -301,7 +301,7 @@ def unexplained(residuals: Any, waves: Any, kept: Any = slice(None)) -> Any:
     and phase, as by a gain of single frames or by a response, is no noise."""
     some = waves[:, kept].astype(np.float64)
     both = product(residuals[:, kept].astype(np.float64), some.T)
-    shares = product(both, np.linalg.pinv(product(some, some.T), hermitian=True))
+    shares = np.linalg.lstsq(product(some, some.T), both.T)[0].T
     return residuals - product(shares.astype(waves.dtype), waves)
 
 

@@ -9,7 +9,6 @@ off (across a slanted end, or behind a lens that blurs, see ends).
 
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -117,14 +116,22 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
         _root(sigma[y], roughness, least)
 
 
-def despeckle(start: int, stop: int, flags: NDArray[np.uint16], out: NDArray[np.uint16]) -> None:
+@kernel
+def despeckle(start: Any, stop: Any, flags: Any, out: Any) -> None:
     """Rows start..stop of flags (H, W): a good pixel of whose eight neighbours fewer than three are good (a
-    corner has three) passed by chance what refused them: OUTLIER."""
-    first, last = max(start - 1, 0), min(stop + 1, len(flags))
-    good = (flags[first:last] == 0).astype(np.uint8)
-    around = cv2.boxFilter(good, -1, (3, 3), normalize=False, borderType=cv2.BORDER_REPLICATE)
-    lone = (good & (around < 4))[start - first : stop - first] if min(flags.shape) > 2 else np.uint8(0)
-    np.bitwise_or(flags[start:stop], lone * np.uint16(_OUTLIER), out=out[start:stop])
+    corner has three, those beyond the image being as the nearest in it) passed by chance what refused them:
+    OUTLIER."""
+    (rows, cols), outlier = flags.shape, np.uint16(_OUTLIER)
+    enough = np.uint8(4 if min(rows, cols) > 2 else 0)
+    good = np.empty(cols + 2, np.uint8)
+    for y in range(start, stop):
+        up, here, down = flags[max(y - 1, 0)], flags[y], flags[min(y + 1, rows - 1)]
+        for x in range(cols):
+            good[x + 1] = np.uint8(up[x] == 0) + np.uint8(here[x] == 0) + np.uint8(down[x] == 0)
+        good[0], good[cols + 1] = good[1], good[cols]
+        for x in range(cols):
+            lone = (here[x] == 0) & (np.uint8(good[x] + good[x + 1] + good[x + 2]) < enough)
+            out[y, x] = here[x] | (outlier if lone else np.uint16(0))
 
 
 @kernel
