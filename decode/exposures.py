@@ -1,7 +1,8 @@
-"""Captures that hold a code under several exposures: each of them is decoded, every pixel takes its best.
+"""Captures under several exposures: each of them is decoded, every pixel takes its best.
 
-White, black and bits bound each other only under one exposure, so they are not mixed; what a pixel's long
-exposure clips its short one shows, and where that is dark, the long one does.
+A camera's black level does not grow with the exposure, and its noise does not grow alike, so frames of
+several exposures are not mixed; what a pixel's long exposure clips its short one shows, and where that is
+dark, the long one does.
 """
 
 from dataclasses import dataclass, replace
@@ -19,7 +20,6 @@ __all__ = ["Part", "better_of", "by_exposure"]
 
 #: Combined sigmas by which two exposures may differ.
 _APART = 5.0
-_FEWEST_SHIFTS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,30 +33,53 @@ class Part:
 def by_exposure(sequence: Sequence) -> tuple[Part, ...]:
     """Parts of one exposure each that show everything the sequence does, exposures rising.
 
-    Fringes alone are one part, as their fit takes samples of all exposures, and so do those of a code that is
-    whole under one exposure only; else each part has the fringes of its exposure, or all if these are too
-    few. Frames of an exposure under which the code is not whole are left out. InputError if no exposure
-    shows all of it.
+    A code or fringes that are whole under fewer exposures serve the others, too; fringes that are whole under
+    none are fitted from all. Frames of an exposure under which they are not whole are left out. InputError if
+    no exposure shows all of a code.
     """
-    exposures = sorted({frame.exposure for frame in sequence.frames if frame.kind != "phase"})
-    if exposures in ([], [1.0]):
-        return (Part(np.arange(len(sequence)), sequence),)
-    every = {_place(frame) for frame in sequence.frames if _coded(frame)}
-    own = {
-        exposure: [i for i, f in enumerate(sequence.frames) if f.kind != "phase" and f.exposure == exposure]
-        for exposure in exposures
-    }
-    lost = {exposure: len(every - {_place(sequence.frames[i]) for i in own[exposure]}) for exposure in own}
-    whole = [exposure for exposure in exposures if not lost[exposure]]
-    if not whole:
-        told = (f"{lost[exposure]} of {len(every)} are missing under {exposure:g}" for exposure in exposures)
+    frames = sequence.frames
+    if {frame.exposure for frame in frames} == {1.0}:
+        return (Part(np.arange(len(frames)), sequence),)
+    code, fringes = ([i for i, f in enumerate(frames) if (f.kind == "phase") == own] for own in (False, True))
+    bits, lost = _places(frames, code), _lost(frames, code)
+    if lost and all(lost.values()):
+        told = (f"{some} of {len(bits)} are missing under {one:g}" for one, some in lost.items())
         raise InputError(
             f"sequence {sequence.name}: exposure of the code's frames differs and none shows all of them: "
             + ", ".join(told)
         )
-    if len(whole) == 1 or not every:
-        return (_part(sequence, own[whole[0]] + _fringes(sequence, None), whole[0]),)
-    return tuple(_part(sequence, own[one] + _fringes(sequence, one), one) for one in whole)
+    codes, waves = _whole(frames, code), _whole(frames, fringes)
+    first = min(codes, default=1.0)
+    others = codes[first] if bits else [], waves[min(waves)] if waves else fringes
+    exposures = sorted({*waves, *(codes if bits or not waves else ())}) or [first]
+    return tuple(
+        _part(
+            sequence,
+            codes.get(one, others[0]) + waves.get(one, others[1]),
+            first if bits and one not in codes else one,
+        )
+        for one in exposures
+    )
+
+
+def _lost(frames: tuple[Frame, ...], index: list[int]) -> dict[float, int]:
+    """How many places of some frames every exposure, rising, does not show."""
+    every, own = _places(frames, index), sorted({frames[i].exposure for i in index})
+    return {one: len(every - _places(frames, [i for i in index if frames[i].exposure == one])) for one in own}
+
+
+def _whole(frames: tuple[Frame, ...], index: list[int]) -> dict[float, list[int]]:
+    """Those of some frames under each exposure that shows all of their places."""
+    return {
+        one: [i for i in index if frames[i].exposure == one]
+        for one, lost in _lost(frames, index).items()
+        if not lost
+    }
+
+
+def _places(frames: tuple[Frame, ...], index: list[int]) -> set[tuple[object, ...]]:
+    """What some frames show that encodes u or v, whatever their exposures and the polarity of a bit."""
+    return {_place(frames[i]) for i in index if frames[i].axis is not None}
 
 
 def _part(sequence: Sequence, index: list[int], exposure: float) -> Part:
@@ -66,28 +89,11 @@ def _part(sequence: Sequence, index: list[int], exposure: float) -> Part:
     return Part(np.array(index, np.int64), replace(sequence, frames=shown))
 
 
-def _coded(frame: Frame) -> bool:
-    return frame.axis is not None and frame.kind != "phase"
-
-
 def _place(frame: Frame) -> tuple[object, ...]:
-    """What a frame shows, whatever its polarity and exposure."""
-    return frame.kind, frame.axis, frame.bit, frame.at_u, frame.at_v, frame.levels
-
-
-def _fringes(sequence: Sequence, exposure: float | None) -> list[int]:
-    """Fringes of an exposure if they are whole, else all; None: all."""
-    every: dict[tuple[str | None, float | None], set[float]] = {}
-    own: list[int] = []
-    for i, frame in enumerate(sequence.frames):
-        if frame.kind == "phase":
-            shifts = every.setdefault((frame.axis, frame.period_px), set())
-            if frame.exposure == exposure:
-                own.append(i)
-                shifts.add(round((frame.shift or 0.0) + np.pi * frame.inverted, 6))
-    if all(len(shifts) >= _FEWEST_SHIFTS for shifts in every.values()):
-        return own
-    return [i for i, frame in enumerate(sequence.frames) if frame.kind == "phase"]
+    if frame.kind != "phase":
+        return frame.kind, frame.axis, frame.bit, frame.at_u, frame.at_v, frame.levels
+    shift = (frame.shift or 0.0) + np.pi * frame.inverted
+    return frame.axis, frame.period_px, round(shift % (2 * np.pi), 6)
 
 
 def better_of(first: Correspondence, second: Correspondence) -> Correspondence:

@@ -20,15 +20,17 @@ def bracketed(shown: Sequence, *exposures: float) -> Sequence:
     return replace(shown, frames=frames)
 
 
-def shot(shoot: Shoot, shown: Sequence, smooth: Map, light: F64, noise: float = 1.5) -> NDArray[Any]:
-    """Every frame under its exposure: black 4 % of the light, clipped at 255."""
+def shot(
+    shoot: Shoot, shown: Sequence, smooth: Map, light: F64, noise: float = 1.5, black: float = 0.0
+) -> NDArray[Any]:
+    """Every frame under its exposure: 4 % of the light where it is dark, clipped at 255; black: level that a
+    camera adds whatever the exposure."""
     frames = []
     for k, frame in enumerate(shown.frames):
         bright = light * frame.exposure
         one = replace(shown, frames=(frame,))
-        frames.append(
-            shoot(one, *smooth, offset=0.52 * bright, amplitude=0.48 * bright, noise=noise, seed=k)[0]
-        )
+        offset, amplitude = black + 0.52 * bright, 0.48 * bright
+        frames.append(shoot(one, *smooth, offset=offset, amplitude=amplitude, noise=noise, seed=k)[0])
     return np.array(frames)
 
 
@@ -113,7 +115,7 @@ def test_swapped_frames_of_one_exposure_keep_their_numbers(shoot: Shoot, smooth:
     assert [one for one in decode(frames, both).notices if one.name == finding.sentence]
 
 
-def test_fringes_of_all_exposures_serve_a_code_of_one(shoot: Shoot, smooth: Map) -> None:
+def test_fringes_of_another_exposure_serve_a_code_of_one(shoot: Shoot, smooth: Map) -> None:
     """Sigma falls as the modulation grows with the longer exposure."""
     shown = sequence("gray+phase", 150, 170)
     longer = tuple(replace(f, exposure=2.0) for f in shown.frames if f.kind == "phase")
@@ -126,4 +128,25 @@ def test_fringes_of_all_exposures_serve_a_code_of_one(shoot: Shoot, smooth: Map)
     ):
         found = decode(frames, exposed, on_cells=False)
         assert found.good.mean() > 0.99
-        assert np.median(found.sigma_u) == pytest.approx(np.median(one.sigma_u) / 5**0.5, rel=0.05)
+        assert np.median(found.sigma_u) == pytest.approx(np.median(one.sigma_u) / 2, rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["phase", "micro-phase"])
+def test_fringes_of_a_camera_whose_black_is_a_level(shoot: Shoot, smooth: Map, name: str) -> None:
+    """It does not grow with the exposure, so that no fringe fits the samples of both."""
+    both = bracketed(sequence(name, 150, 170), 1.0, 8.0)
+    light = np.where(np.arange(140) < 70, 24.0, 180.0)[None, :] * np.ones((120, 1))
+    found = decode(shot(shoot, both, smooth, light, black=8.0), both, on_cells=False)
+    assert found.good[:, 8:-8].mean() > 0.97
+    ratio = ((found.u - smooth[0]) / found.sigma_u)[found.good]
+    assert 0.8 < np.sqrt(np.mean(ratio**2)) < 1.15
+    assert not [one for one in found.notices if "contradict" in one.name]
+
+
+def test_steps_of_different_exposures_are_one_fringe(shoot: Shoot, smooth: Map) -> None:
+    """No exposure shows three of them."""
+    shown = sequence("phase", 150, 170)
+    mixed = replace(shown, frames=tuple(replace(f, exposure=1.0 + k % 2) for k, f in enumerate(shown.frames)))
+    found = decode(shot(shoot, mixed, smooth, np.full(smooth[0].shape, 100.0)), mixed, on_cells=False)
+    assert found.good.mean() > 0.99
+    assert 0.8 < np.sqrt(np.mean(((found.u - smooth[0]) / found.sigma_u)[found.good] ** 2)) < 1.15
