@@ -36,12 +36,12 @@ def command(cases: int, seed: int, first: int, json_path: Path | None) -> int:
     """
     from optolever.experiments import FUZZED, fuzz
 
-    from .app import run
+    from .app import app, run
 
     ended: Counter[tuple[str, str]] = Counter()
     faults, slowest, largest = [], 0.0, 0
     with tempfile.TemporaryDirectory() as folder, progress() as step:
-        for done, outcome in enumerate(fuzz(run, cases, seed, first, Path(folder))):
+        for done, outcome in enumerate(fuzz(run, app, cases, seed, first, Path(folder))):
             step("cases", done, cases)
             ended[
                 outcome.kind, "faults" if outcome.fault else ("results", "", "refused")[outcome.code or 0]

@@ -19,6 +19,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TextIO
 
+import click
 import cv2
 import numpy as np
 
@@ -43,7 +44,7 @@ _SIZE = 24, 32
 _WIDEST = 65536.0
 #: The share of sweeps: each starts a process that compiles.
 _SWEEPS = 0.02
-#: What the commands read, and options that they have with values, most of which they take.
+#: What the commands read.
 _SOURCES = {
     "capture": ["--scene", "@/scene.toml", "--renderer", "numpy"],
     "decode": ["@/capture"],
@@ -51,35 +52,19 @@ _SOURCES = {
 }
 _DENTS = ("flat", "tilt", "raised-cosine", "gaussian:peak=0.3", "ball:radius=5,depth=0.3", "needle", "ridge")
 _CODES = ("gray", "binary:cell=2", "xor-gray", "phase:steps=3", "gray+phase:steps=4", "micro-phase", "stripe")
-_OPTIONS: dict[str, dict[str, tuple[str, ...]]] = {
-    "capture": {
-        "--sequence": (*_CODES, "long-run-gray", "spot", "lattice", "crossed", "ramp", "@/sequence.toml"),
-        "--dent": (*_DENTS, "rounded-needle", "relief:path=@/mask.png", "gaussian:peak=-9", "ball:depth=40"),
-        "--noise": ("0", "1", "20", "1e4"),
-        "--seed": ("0", "7", "99999999999"),
-        "--size": ("1x1", "2x2", "12x16", "3x200", "64x64"),
-    },
-    "decode": {
-        "--roi": ("0,0,24,32", "3,3,1,1", "0,0,1,32", "20,30,4,2", "24,0,1,1", "-1,0,2,2"),
-        "--mask": ("@/mask.png", "@/mask.tif", "@/capture/frames/001.png"),
-        "--no-cells": (),
-        "--no-check": (),
-        "--description": ("@/capture/capture.toml", "@/sequence.toml", "@/scene.toml"),
-    },
-    "reconstruct": {
-        "--method": ("coupled", "direct", "robust", "march", "fixed-point", "paper", "paper-rises"),
-        "--anchor": ("edge", "none", "30,20,0", "30,20,1", "0,0,0", "1e9,0,0", "nan,0,0"),
-        "--rest": ("@/c.npz",),
-        "--mask": ("@/mask.png", "@/capture/frames/001.png"),
-        "--pitch": ("1", "0.3", "1e-9", "1e9"),
-        "--grid": ("@/grid.npz", "@/grid.tif", "@/grid.x3p"),
-        "--tiff": ("@/h.tif",),
-        "--ply": ("@/h.ply",),
-        "--slopes": ("@/s.npz",),
-        "--truth": ("@/truth.npz",),
-        "--size": ("24x32", "12x16"),
-    },
+#: What options hold, to which their type does not tell it; "" stands for all others: numbers and names.
+_TEXTS = {
+    "--sequence": (*_CODES, "long-run-gray", "spot", "lattice", "crossed", "ramp", "@/sequence.toml"),
+    "--dent": (*_DENTS, "rounded-needle", "relief:path=@/mask.png", "gaussian:peak=-9", "ball:depth=40"),
+    "--size": ("1x1", "2x2", "12x16", "24x32", "3x200", "64x64"),
+    "--roi": ("0,0,24,32", "3,3,1,1", "0,0,1,32", "20,30,4,2", "24,0,1,1", "-1,0,2,2"),
+    "--method": ("coupled", "direct", "robust", "march", "fixed-point", "paper", "paper-rises"),
+    "--anchor": ("edge", "none", "30,20,0", "30,20,1", "0,0,0", "1e9,0,0", "nan,0,0"),
+    "": ("0", "1", "7", "20", "0.3", "1e-9", "1e4", "1e9", "99999999999"),
 }
+_SUFFIXES = (".npz", ".tif", ".x3p", ".ply", ".json")
+#: The share of a command's options that are given.
+_GIVEN = 0.25
 _RECONSTRUCT = "reconstruct @/c.npz --scene @/scene.toml --out @/out.npz"
 _DECODE = "decode @/capture --out @/out.npz"
 _CAPTURE = "capture --renderer numpy --out @/out"
@@ -118,9 +103,11 @@ class Outcome:
     fault: str
 
 
-def fuzz(run: Run, cases: int, seed: int, first: int, folder: Path) -> Iterator[Outcome]:
+def fuzz(
+    run: Run, program: click.Group, cases: int, seed: int, first: int, folder: Path
+) -> Iterator[Outcome]:
     """Run so many cases through `run`, the program in this process, each drawn by seed and number.
-    folder: empty, for their files."""
+    program: its commands; folder: empty, for their files."""
     base = _base(folder / "base")
     _compile(run, base)
     kinds = [kind for kind in FUZZED if kind != "grid" and (kind != "hdf5" or find_spec("h5py"))]
@@ -130,7 +117,7 @@ def fuzz(run: Run, cases: int, seed: int, first: int, folder: Path) -> Iterator[
         shutil.rmtree(work, ignore_errors=True)
         shutil.copytree(base, work)
         kind = "grid" if rng.random() < _SWEEPS else str(rng.choice(kinds))
-        words = _arguments(rng) if kind == "arguments" else _damaged(rng, kind, work)
+        words = _arguments(rng, program, work) if kind == "arguments" else _damaged(rng, kind, work)
         args = [word.replace("@", str(work)) for word in words]
         yield _outcome(run, number, kind, args, work)
 
@@ -213,9 +200,9 @@ def _compile(run: Run, base: Path) -> None:
     """Run what is in order, before the clock counts: loops are compiled once on a machine."""
     with redirect_stderr(io.StringIO()), redirect_stdout(io.StringIO()):
         given = [str(base / "c.npz"), "--scene", str(base / "scene.toml"), "--rest", str(base / "c.npz")]
-        for method in ("coupled", "robust", "march", "fixed-point", "paper"):
+        for method in _TEXTS["--method"]:
             run(["reconstruct", *given, "--method", method, "--out", str(base / "out.npz")])
-        for code in _OPTIONS["capture"]["--sequence"][:-1]:
+        for code in _TEXTS["--sequence"][:-1]:
             shutil.rmtree(base / "out", ignore_errors=True)
             given = ["--scene", str(base / "scene.toml"), "--renderer", "numpy", "--sequence", code]
             if run(["capture", *given, "--out", str(base / "out")]) == 0:
@@ -295,14 +282,16 @@ def _base(folder: Path) -> Path:
     return folder
 
 
-def _arguments(rng: np.random.Generator) -> list[str]:
+def _arguments(rng: np.random.Generator, program: click.Group, work: Path) -> list[str]:
     """Arguments drawn from those that exist; in half of the cases one of them replaced, dropped, repeated."""
-    command = str(rng.choice(list(_OPTIONS)))
-    words = [command, *_SOURCES[command]]
-    for option, values in _OPTIONS[command].items():
-        if rng.random() < 0.35:
-            words += [option, str(rng.choice(values))] if values else [option]
-    words += ["--out", "@/out" if command == "capture" else "@/out.npz"]
+    name = str(rng.choice(list(_SOURCES)))
+    words = [name, *_SOURCES[name]]
+    command = program.get_command(click.Context(program), name)
+    assert command is not None
+    for option in command.params:
+        if isinstance(option, click.Option) and not {*option.opts} & {*words, "--out"}:
+            words += _option(rng, option, work) if rng.random() < _GIVEN else []
+    words += ["--out", "@/out" if name == "capture" else "@/out.npz"]
     if rng.random() < 0.5:
         return words
     i, way = int(rng.integers(1, len(words) - 1)), rng.integers(4)
@@ -316,3 +305,17 @@ def _arguments(rng: np.random.Generator) -> list[str]:
         cut = int(rng.integers(len(words[i])))
         words[i] = words[i][:cut] + str(rng.choice(EXTREMES)) + words[i][cut + 1 :]
     return words
+
+
+def _option(rng: np.random.Generator, option: click.Option, work: Path) -> list[str]:
+    """An option with a value of its type: a file that is there, one that is written, text."""
+    name = option.opts[0]
+    if option.is_flag:
+        return [name]
+    if type(option.type) is click.Path:
+        values = [f"@/{path.relative_to(work)}" for path in sorted(work.rglob("*")) if path.suffix]
+    elif isinstance(option.type, click.Path):
+        values = [f"@/{name.strip('-')}{suffix}" for suffix in _SUFFIXES]
+    else:
+        values = list(_TEXTS.get(name, _TEXTS[""]))
+    return [name, str(rng.choice(values))]
