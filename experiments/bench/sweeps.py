@@ -5,6 +5,7 @@ one thread per worker.
 import importlib
 import json
 import os
+import pickle
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
@@ -134,22 +135,17 @@ def compile_apart(cells: list[Cell]) -> None:
     Kernels that a process has just compiled round differently, in the last bits, from the same kernels out of
     the cache: without this the numbers would depend on who came first.
     """
-    code = "from optolever.experiments.bench.sweeps import warm_up_from_json; warm_up_from_json()"
+    code = "import pickle, sys; from optolever.experiments.bench.run import warm_up; "
+    code += "warm_up(pickle.load(sys.stdin.buffer), lambda *_: None)"
     with safe_path():
         subprocess.run(
             [sys.executable, "-c", code],
-            input=json.dumps([cell.to_dict() for cell in cells]),
+            input=pickle.dumps(cells),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
-            text=True,
             env=os.environ | ONE_THREAD,
             check=False,
         )
-
-
-def warm_up_from_json() -> None:
-    """What `compile_apart` starts: the cells come as JSON on the standard input."""
-    warm_up([Cell.from_dict(plain) for plain in json.load(sys.stdin)], silent)
 
 
 def group_rows(group: tuple[Cell, ...]) -> list[Row]:

@@ -81,16 +81,12 @@ def slope_limits(scene: Scene, rest: Rest, along: str) -> tuple[Floats, Floats]:
     From rest outwards until it first leaves; NaN where it misses at rest. In a telecentric 45-degree prism
     along x: from -atan((L0 - x) / x) / 2 (the apex) to 22.5 degrees (along the mirror to the pattern's edge).
     """
-    seen = _lands(scene, rest, 0.0, along)
-    limits = []
+    seen, limits = _lands(scene, rest, 0.0, along), []
+    angles = np.linspace(0, WIDEST, SCAN)
     for sign in (-1.0, 1.0):
-        good, bad = np.zeros(seen.shape), np.full(seen.shape, WIDEST)
-        still = seen.copy()
-        for angle in np.linspace(0, WIDEST, SCAN)[1:]:
-            lands = _lands(scene, rest, sign * angle, along)
-            bad = np.where(still & ~lands, angle, bad)
-            still &= lands
-            good = np.where(still, angle, good)
+        on = np.stack([_lands(scene, rest, sign * angle, along) for angle in angles])
+        last = np.where(on.all(axis=0), SCAN, np.argmin(on, axis=0)) - 1
+        good, bad = angles[last], angles[np.minimum(last + 1, SCAN - 1)]
         for _ in range(BISECTIONS):
             middle = 0.5 * (good + bad)
             lands = _lands(scene, rest, sign * middle, along)
