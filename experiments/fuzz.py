@@ -37,7 +37,7 @@ Run = Callable[[list[str]], int]
 
 #: A case may take so many seconds of the processor, and so many bytes more than the process had at its start.
 _SECONDS, _BYTES = 30, 4 << 30
-#: What waits for something that does not come has no processor time, s.
+#: Nothing is waited for longer than so many seconds by the clock.
 _HANGS = 300
 _SIZE = 24, 32
 #: Places that no pattern has, pattern px.
@@ -231,21 +231,18 @@ class _TooLong(BaseException):
 
 @contextmanager
 def _limited() -> Iterator[None]:
-    """_TooLong after _SECONDS of the processor, or where nothing happens, in Python."""
+    """_TooLong after _HANGS, in Python."""
 
     def stop(*_: Any) -> None:
         raise _TooLong
 
-    before = {kind: signal.signal(kind, stop) for kind in (signal.SIGALRM, signal.SIGPROF)}
-    signal.setitimer(signal.ITIMER_PROF, _SECONDS)
+    before = signal.signal(signal.SIGALRM, stop)
     signal.alarm(_HANGS)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_PROF, 0)
         signal.alarm(0)
-        for kind, handler in before.items():
-            signal.signal(kind, handler)
+        signal.signal(signal.SIGALRM, before)
 
 
 def _peak(anew: bool = False) -> int:
