@@ -8,25 +8,10 @@ import pytest
 from optolever.reconstruct import HeightFlag, reconstruct
 from optolever.reconstruct.discontinuities import edge_doubt
 from optolever.reconstruct.edges import Doubt
-from optolever.reconstruct.gaps import across_gaps, widened
+from optolever.reconstruct.gaps import widened
 from optolever.scene import Surface, load, resize, trace
 
 from .conftest import correspondence_of, rms_score, scores
-
-WHOLE = np.ones((20, 30), dtype=bool)
-VARIANCE = np.full((20, 30), 1e-6)
-
-
-def test_a_jump_inside_an_edge_is_doubted_by_half_of_it() -> None:
-    p = np.where(np.arange(30) < 14, 0.0, 1.0) + np.zeros((20, 1))
-    doubt = edge_doubt(p, np.zeros((20, 30)), VARIANCE, VARIANCE, WHOLE)
-    assert doubt is not None
-    np.testing.assert_allclose(doubt[0][:, 13], 0.5, rtol=1e-12)
-    np.testing.assert_allclose(doubt[0][:, [12, 14]], 1 / 24, rtol=1e-12)
-    assert doubt[0][:, [11, 15]].max() < 0.01
-    assert not doubt[0][:, :11].any()
-    assert not doubt[0][:, 16:28].any()
-    assert not doubt[1].any()
 
 
 def test_smooth_slopes_and_their_noise_are_not_doubted() -> None:
@@ -38,19 +23,6 @@ def test_smooth_slopes_and_their_noise_are_not_doubted() -> None:
         variance = np.full(p.shape, sigma**2)
         noisy = p + sigma * rng.standard_normal(p.shape)
         assert edge_doubt(noisy, noisy.T.copy(), variance, variance, whole) is None
-
-
-@pytest.mark.parametrize(("slope", "doubt"), [("parabola", 0.0), ("ridge", 1.0)])
-def test_a_gap_is_in_doubt_of_what_its_sides_disagree_on(slope: str, doubt: float) -> None:
-    """Slopes of a parabola go straight on alike from both sides; those of a ridge in the gap do not."""
-    x = np.arange(30.0)
-    gap = np.zeros((20, 30), dtype=bool)
-    gap[:, 14:16] = True
-    p = np.tile(np.where(gap[0], 0.0, 0.01 * x**2 if slope == "parabola" else np.sign(x - 14.5)), (20, 1))
-    along, across = across_gaps(p, 0.0 * p, (1e-9 * VARIANCE, VARIANCE), WHOLE, gap)
-    np.testing.assert_allclose(along[:, 13:16], doubt, atol=1e-9)
-    assert not across.any()
-    assert not np.delete(along, slice(13, 16), axis=1).any()
 
 
 def test_interpolated_pixels_share_the_doubt_around_them() -> None:

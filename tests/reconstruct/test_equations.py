@@ -1,4 +1,4 @@
-"""Variances of the slopes' closed forms; the slopes and their derivatives are test_coupled's."""
+"""Variances of slopes where noise is large; small noise is test_exact_sigma's, the slopes test_coupled's."""
 
 import numpy as np
 import pytest
@@ -9,24 +9,6 @@ from optolever.scene import dent_from_text as dent
 from optolever.scene import load, resize, trace
 
 SIZE = 24
-
-
-@pytest.mark.parametrize("preset", ["paper-simulation", "prism48", "monitor-mirror"])
-def test_variances_by_central_differences(preset: str) -> None:
-    scene = resize(load(preset), SIZE, SIZE)
-    rays, plane = ray_field(scene.camera), pattern_plane(scene)
-    truth = trace(scene, dent("flat", scene))
-    u, v = (np.where(truth.visible, value, 100.0) for value in (truth.u, truth.v))
-    distance = -rays.inner_origins[2] / rays.inner_directions[2]
-    w = np.log(distance) if rays.logarithmic else distance
-    h = 1e-5
-    sigma_u, sigma_v = np.full(u.shape, 3e-4), np.full(u.shape, 1e-4)
-    variances = slope_variances(rays, plane, u, v, sigma_u, sigma_v, w)
-    for k, variance in enumerate(variances):
-        by_u = slopes(rays, plane, u + h, v, w)[k] - slopes(rays, plane, u - h, v, w)[k]
-        by_v = slopes(rays, plane, u, v + h, w)[k] - slopes(rays, plane, u, v - h, w)[k]
-        expected = (3e-4 * by_u / (2 * h)) ** 2 + (1e-4 * by_v / (2 * h)) ** 2
-        np.testing.assert_allclose(variance, expected, rtol=1e-4, atol=1e-6 * expected.max())
 
 
 def test_variances_where_noise_is_not_small_beside_the_way_to_the_pattern() -> None:

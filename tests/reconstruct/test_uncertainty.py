@@ -1,98 +1,17 @@
-"""Error bars against dense algebra and repeated noise; errors at the Cramer-Rao bound."""
+"""Error bars against repeated noise; errors at the Cramer-Rao bound."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from optolever.experiments.solver_bound import EVERY, least_variance
 from optolever.reconstruct import PixelAnchor, reconstruct
 from optolever.reconstruct.monte_carlo import _block_means
-from optolever.reconstruct.poisson import ColumnPoisson
-from optolever.reconstruct.uncertainty import averaging_gain, edge_diagonal, unlike_columns
 from optolever.scene import trace
 
 from .conftest import rms_score, scores
 from .touching import amid, dents_of, touching_rig
-
-
-def edge_operators(rows: int, cols: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Differences along x and y, and the averages of the pixels' slopes that integrate them (four pixels)."""
-
-    def one(n: int) -> tuple[np.ndarray, np.ndarray]:
-        d = np.diff(np.eye(n), axis=0)
-        a = np.zeros((n - 1, n))
-        for e in range(n - 1):
-            if 1 <= e < n - 2:
-                a[e, e - 1 : e + 3] = np.array([-1, 13, 13, -1]) / 24
-            elif e == 0:
-                a[e, :4] = np.array([9, 19, -5, 1]) / 24
-            else:
-                a[e, -4:] = np.array([1, -5, 19, 9]) / 24
-        return d, a
-
-    (dx, ax), (dy, ay) = one(cols), one(rows)
-    return (
-        np.kron(np.eye(rows), dx),
-        np.kron(dy, np.eye(cols)),
-        np.kron(np.eye(rows), ax),
-        np.kron(ay, np.eye(cols)),
-    )
-
-
-@pytest.mark.parametrize("ratio", [0.3, 1.0, 4.0])
-def test_averaging_gain(ratio: float) -> None:
-    """Inside a grid: covariance with the edges' shared pixels against that of independent edges."""
-    n = 25
-    dx, dy, ax, ay = edge_operators(n, n)
-    var_p, var_q = 1.0, 1.0 / ratio
-    matrix = dx.T @ dx / var_p + dy.T @ dy / var_q
-    inverse = np.linalg.pinv(matrix)
-    gain = inverse @ (dx.T @ ax / var_p)
-    other = inverse @ (dy.T @ ay / var_q)
-    true = var_p * gain @ gain.T + var_q * other @ other.T
-    middle = n * n // 2
-    found = averaging_gain(np.array([[var_p]]), np.array([[var_q]]))[0, 0]
-    assert found == pytest.approx(inverse[middle, middle] - true[middle, middle], rel=0.02)
-
-
-@pytest.mark.parametrize("ratio", [0.5, 3.0])
-@pytest.mark.parametrize(("row", "where"), [(10, np.s_[8:13, 8:13]), (10, np.s_[10]), (0, np.s_[0])])
-def test_noise_unlike_that_of_its_column(ratio: float, row: int, where: tuple[slice, slice] | int) -> None:
-    """A patch, a row, a border row of five times the noise, weights by columns: what the operators make of
-    all noise beyond that of the columns, in the middle of it."""
-    noise = np.ones((21, 21))
-    noise[where] = 25.0
-    whole, more, found = (part[row, 10] for part in _beyond_columns(noise, ratio))
-    assert found == pytest.approx(more, abs=0.15 * whole)
-    assert more > 0.4 * whole
-
-
-def test_noise_that_grows_along_rows_and_columns() -> None:
-    """As towards an edge of total reflection: threefold from column to column, a tenth from above."""
-    noise = 3.0 ** np.arange(21) * np.geomspace(10, 1, 21)[:, None]
-    whole, more, found = _beyond_columns(noise, 1.0)
-    assert (np.abs(found - more) < 0.4 * whole)[2:-2, -6:].all()
-    assert (np.abs(more) > 0.4 * whole)[-4:, -6:].all()
-
-
-def _beyond_columns(noise: NDArray[Any], ratio: float) -> list[NDArray[Any]]:
-    """Variance by noise (n, n), weights by columns, part of it beyond the columns' noise: by the operators,
-    and as found."""
-    n, usual = len(noise), noise.mean(axis=0)
-    columns = ColumnPoisson(np.append(2 / (usual[1:] + usual[:-1]), 0.0), ratio / usual, n)
-    wx, wy = np.tile(columns.wx[:-1], n), np.tile(columns.wy, n - 1)
-    dx, dy, ax, ay = edge_operators(n, n)
-    matrix = dx.T @ (wx[:, None] * dx) + dy.T @ (wy[:, None] * dy)
-    inverse = np.zeros((n * n, n * n))
-    inverse[1:, 1:] = np.linalg.inv(matrix[1:, 1:])
-    inverse -= np.tile(1 / usual, n) / (n / usual).sum() @ inverse
-    along, down = inverse @ (dx.T @ (wx[:, None] * ax)), inverse @ (dy.T @ (wy[:, None] * ay))
-    answer = np.square(along) + np.square(down) / ratio
-    parts = [(answer @ part.ravel()).reshape(n, n) for part in (noise, noise - usual)]
-    return [*parts, unlike_columns((noise, noise / ratio), edge_diagonal(columns))]
 
 
 @pytest.mark.parametrize("anchor", ["edge", pytest.param("pixel", marks=pytest.mark.slow)])
