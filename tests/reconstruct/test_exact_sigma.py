@@ -42,8 +42,6 @@ def uneven(kind: str) -> Floats:
         noise[0] = 2.0
     elif kind == "patch":
         noise[11:13, 11:13] = 2.0
-    elif kind == "columns":
-        noise *= 1.15 ** np.arange(SIZE)
     elif kind == "any":
         noise = np.exp(0.7 * np.random.default_rng(0).standard_normal(noise.shape))
     return noise
@@ -56,7 +54,6 @@ def uneven(kind: str) -> Floats:
         ("monitor-mirror", "row", 0.03),
         ("monitor-mirror", "patch", 0.03),
         ("monitor-mirror", "border", 0.05),
-        ("monitor-mirror", "columns", 0.07),
         ("monitor-mirror", "any", 0.12),
         ("paper-simulation", "even", 0.07),
     ],
@@ -87,13 +84,11 @@ def roof(scene: Scene, crease: float) -> Surface:
     return Surface(height, gradient)
 
 
-@pytest.mark.parametrize(
-    ("preset", "slit"), [("paper-simulation", False), ("monitor-mirror", False), ("paper-simulation", True)]
-)
-def test_a_crease_between_pixels_is_in_sigma(cut, preset: str, slit: bool) -> None:
+@pytest.mark.parametrize("slit", [False, True])
+def test_a_crease_between_pixels_is_in_sigma(cut, slit: bool) -> None:
     """Wherever it lies between two rows, or in a slit that nobody sees: all of the far side is off by the
     slopes' jump times the way from the middle, which is evenly drawn. Without noise."""
-    scene = resize(load(preset), 40, 48)
+    scene = resize(load("paper-simulation"), 40, 48)
     pitch = scene.mirror.width / 40
     off = []
     for share in (0.1, 0.3, 0.5, 0.7, 0.9):
