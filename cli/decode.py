@@ -56,6 +56,13 @@ Correspondence in c.npz
 @click.option(
     "--roi", metavar="TOP,LEFT,ROWS,COLS", help="Decode this rectangle only; the rest of C.npz is INVALID."
 )
+@click.option(
+    "--lens",
+    type=click.FloatRange(min=0),
+    default=0.0,
+    metavar="PX",
+    help="Rms blur of the camera's lens, its pixels: what that flattens of bends is taken off.",
+)
 @click.option("--no-cells", is_flag=True, help="Frames were ideal cosines, not shown on a display's cells.")
 @click.option("--no-check", is_flag=True, help="Take the frames for those described.")
 @json_option
@@ -66,6 +73,7 @@ def command(
     response: Path | None,
     mask: Path | None,
     roi: str | None,
+    lens: float,
     no_cells: bool,
     no_check: bool,
     json_path: Path | None,
@@ -91,6 +99,7 @@ def command(
                 *(capture.frames, capture.sequence),
                 response=inverse,
                 mask=inside,
+                lens_px=lens,
                 on_cells=not no_cells,
                 check=not no_check,
                 progress=step,

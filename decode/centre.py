@@ -87,22 +87,27 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
     """From the mean over a pixel, weighted by the light, to its centre, along a line (W,).
 
     Of u(s) = u + g s + s H s / 2 and light A (1 + a s) the mean over a pixel is u + (H_xx + H_yy) / 24 +
-    a g / 12; of a fringe see `_factor` and `_across`.
+    a g / 12; of a fringe see `_factor` and `_across`. A lens that blurs widens what the mean is over: it has
+    the variance m2 along either axis in place of the pixel's own 1/12.
     here: the line. window: see `windowed`, k: the line's row in it. light: of the line, (W + 4,) with its
     ends repeated, and of those two rows above and below (W,). limits: by what neighbours of a map bend at
     most, px; the finest stripe of a code (infinite: no code), as parts of others on a pixel move what it
     reads, px; turns of the finest fringe in a px; squared reach of a pixel of no footprint, and extent of the
     surface (infinite: no border), in whose border's shadow (see border) nothing is taken off; level without
-    light; whether there are REACH rows on either side.
+    light; whether there are REACH rows on either side; m2.
 
     Over REACH pixels the curvature is told with next to no noise; it, and what it is more or less between
     next neighbours, count as far as they are beyond noise (James and Stein's shrinkage), and the latter as
     far as it does not change from pixel to pixel (a rough mirror, a neighbour at an edge).
     """
-    jump, stripe, per_turn, reach2, extent, dark, inner = limits
+    jump, stripe, per_turn, reach2, extent, dark, inner, m2 = limits
     zero, half, two, four = np.float32(0), np.float32(0.5), np.float32(2), np.float32(4)
-    wide, part, twelfth = np.float32(1 / REACH**2), np.float32(1 / 24), np.float32(1 / 12)
-    unsure, more = np.float32(20 * BULK**2), np.float32((7 / 6) ** 2 + 4 / 24**2 - 1)
+    wide, twelfth = np.float32(1 / REACH**2), np.float32(1 / 12)
+    part = half * m2
+    blurred2 = np.float32(24**2) * part * part
+    # of the pixel 1 + 4 part, of four neighbours part each
+    more = np.float32(8) * part + np.float32(20) * part * part
+    unsure = np.float32(20 * BULK**2)
     # by noise of a fringe: twice the relative variance of a difference of mean levels, by that of a place
     grain = np.float32(2 * (2 * np.pi) ** 2) * per_turn * per_turn
     # squared fourth differences that second ones of one map may make: beyond, it is an edge (see spatial)
@@ -177,7 +182,7 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         width2 = (steps_x * steps_x + steps_y * steps_y) * np.float32(1 / 48)
         clear = away * away > SHADOW2 * (reach2 + width2)
         off, taken = bends + dims, smooth & clear
-        out[x] = was - (part * off if taken else zero)
+        out[x] = was - (part * bends + np.float32(1 / 24) * dims if taken else zero)
         least_x, least_y = lesser(u - left[x], right[x] - u), lesser(u - up[x], down[x] - u)
         over = max(least_x + least_y - stripe, zero)
         # as of a ridge, where a diagonal neighbour is refused
@@ -188,7 +193,13 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         size_of = abs(factor_x * near_x) + abs(factor_y * near_y) + (abs(twist) if twisted else zero)
         short += size_of * size_of * most_turns * most_turns * _ALL if near else zero
         short += off * off * _ALL if near & (not taken) else zero
-        doubt = short + (edges + jumps * twelfth if clear else whole * _ALL)
+        # where light falls off neighbours are shifted (see ends), which bends what they show
+        scale = np.float32(1) / max(lit[x] - dark, np.float32(1e-6))
+        fall_x = max(abs(after[x] - lit[x]), abs(before[x] - lit[x])) * scale
+        fall_y = max(abs(bright_down[x] - lit[x]), abs(bright_up[x] - lit[x])) * scale
+        fades = np.float32(0.25) * m2 * part * (abs(one_x) * fall_x + abs(one_y) * fall_y)
+        doubt = short * blurred2 + (fades * fades if near else zero)
+        doubt += edges + jumps * twelfth if clear else whole * _ALL
         total[x] += doubt + (share * more * total[x] if smooth else zero) + over * over * twelfth
 
 

@@ -69,6 +69,7 @@ def decode(
     white_level: float | None = None,
     response: Response | None = None,
     blur_px: float | None = None,
+    lens_px: float = 0.0,
     on_cells: bool = True,
     subpixel: bool = False,
     mask: ArrayLike | None = None,
@@ -84,6 +85,8 @@ def decode(
     response     camera level against shown level: a camera's is inverted first; of a display the light of the
                  shown levels is looked up (known cells and an exposure of 1; else it is inverted, too)
     blur_px      rms blur between display and camera, cells; default: estimated (see display)
+    lens_px      rms blur of the camera's lens, its pixels, as a slanted edge tells it (ISO 12233): what that
+                 flattens of the map's bends is taken off
     on_cells     frames were shown on the cells of a surface of the sequence's size, as Frame.tables says,
                  dark around it; what that shifts is taken off (see display). False: ideal cosines
     subpixel     binary codes: answers within their cells, from the blur of their edges, where it tells
@@ -107,6 +110,7 @@ def decode(
         _given_noise(noise, gain, light),
         bent,
         blur_px,
+        _lens(lens_px),
         on_cells,
         subpixel,
         _mask(mask, light),
@@ -127,6 +131,7 @@ class _Options:
     noise: Noise | None
     bent: Response | None
     blur: float | None
+    lens: float
     on_cells: bool
     subpixel: bool
     mask: NDArray[np.bool_] | None
@@ -170,7 +175,7 @@ def _decoded(light: Light, part: Part, options: _Options) -> Correspondence:
     if options.mask is not None:
         np.bitwise_or(shared.flags, np.uint16(Flag.INVALID), out=shared.flags, where=~options.mask)
     step("neighbours", 2, steps)
-    found = _among_neighbours(shot, decoders, raw, shared, options.blur)
+    found = _among_neighbours(shot, decoders, raw, shared, options)
     own = _noticed(_HELD, max(before.left.values(), default=0.0)) + _noticed(_BRIGHT, _too_bright(shot))
     found = replace(found, notices=own + found.notices)
     if options.check:
@@ -210,7 +215,7 @@ def _without_rounding(shot: _Shot, name: str, coord: NDArray[np.float32], width:
 
 
 def _among_neighbours(
-    shot: _Shot, decoders: list[AxisDecoder], raw: list[Raw], shared: Shared, blur: float | None
+    shot: _Shot, decoders: list[AxisDecoder], raw: list[Raw], shared: Shared, options: _Options
 ) -> Correspondence:
     """Pixelation taken off; edges, strays and partial footprints flagged or in sigma."""
     shape = shared.flags.shape
@@ -220,11 +225,12 @@ def _among_neighbours(
             _without_rounding(shot, decoder.axis.axis, own.coordinate, width)
     shown = replace(shot.plan, axes=tuple(decoder.axis for decoder in decoders))
     maps = tuple((one.coordinate, one.variance) for one in raw)
-    pixelations = measured_pixelations(shown, maps, shot.cells, blur, shot.lit)
+    pixelations = measured_pixelations(shown, maps, shot.cells, options.blur, shot.lit)
     borders = _borders(shot, decoders, raw, shared, pixelations) if shot.cells else [NO_BORDER] * len(raw)
     tables, roughness = [one.tables() for one in pixelations], [one.roughness for one in pixelations]
     least = _LEAST_SIGMA if _silent(shot) else 0.0
     end, dark = end_width(shared.amplitude, shared.flags), _dark_level(shot.lit, shared)
+    mix = 1 / 12 + options.lens**2
     out = {axis: (roomy_empty(shape, np.float32), roomy_empty(shape, np.float32)) for axis in "uv"}
     for axis in set("uv") - {decoder.axis.axis for decoder in decoders}:
         out[axis][0][:], out[axis][1][:] = np.nan, np.inf
@@ -236,7 +242,7 @@ def _among_neighbours(
         for decoder, own, width, table, rough, border in every:
             extent = float(decoder.axis.extent) if shot.cells else 0.0
             finest = decoder.jump, decoder.stripe, decoder.per_turn
-            limits = border.reach, rough + decoder.common, extent, *finest, least, end, dark, width
+            limits = border.reach, rough + decoder.common, extent, *finest, least, end, dark, width, mix
             common = shared.flags, shared.amplitude, shared.offset
             maps = (*out[decoder.axis.axis], flags)
             check_rows((start, stop), own, common, (*table, border.table), limits, maps)
@@ -343,6 +349,12 @@ def _mask(mask: ArrayLike | None, light: Light) -> NDArray[np.bool_] | None:
     if inside.shape != shape or inside.dtype != np.bool_:
         raise InputError(f"decode: mask is {inside.dtype} {inside.shape}, must be bool {shape}")
     return inside
+
+
+def _lens(blur: float) -> float:
+    if not 0 <= blur < np.inf:
+        raise InputError(f"decode: lens_px is {blur}, must be finite and at least 0")
+    return float(blur)
 
 
 def _given_noise(noise: float | None, gain: float, light: Light) -> Noise | None:

@@ -54,7 +54,8 @@ def check_rows(
     common: flags (H, W) so far, amplitude and offset (H, W). tables: of a Pixelation and of the Border.
     limits: how far pixels see (cells), roughness (px^2), extent of the surface (0: it has no border),
     largest second difference, finest stripe of a code (px), turns of the finest fringe in a px, least sigma
-    (px), width of the mirror's ends (see ends), level without light, usual footprint (cells).
+    (px), width of the mirror's ends (see ends), level without light, usual footprint (cells), variance
+    of what a pixel mixes (px^2 of the camera).
     out: coordinate, sigma, flags (H, W), the last or-ed.
     """
     _check(*rows, raw, common, tables, tuple(np.float32(number) for number in limits), out)
@@ -63,7 +64,7 @@ def check_rows(
 @exact
 def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: Any, maps: Any) -> None:
     (coord, variance), (flags, amplitude, offset), (shift, unsure, shadow) = raw, common, tables
-    reach, roughness, extent, jump, stripe, per_turn, least, m2, dark, usual = numbers
+    reach, roughness, extent, jump, stripe, per_turn, least, m2, dark, usual, mix = numbers
     out, sigma, out_flags = maps
     rows, cols = coord.shape
     window = np.empty((stop - start + 2 * REACH, cols + 2 * REACH), np.float32)
@@ -90,7 +91,7 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
         if (rows > 4) & (cols > 4):
             _with_ends(offset[y], light)
             lights = light, offset[max(y - 2, 0)], offset[min(y + 2, rows - 1)]
-            limits = jump, stripe, per_turn, reach * reach, border, dark, REACH <= y < rows - REACH
+            limits = jump, stripe, per_turn, reach * reach, border, dark, REACH <= y < rows - REACH, mix
             centred(*(coord[y], window, k, lights, limits, out[y], sigma[y]))
         if (rows > 4) & (cols > 4) & (m2 > 0):
             first = min(up, rows - 3)

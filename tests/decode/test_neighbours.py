@@ -1,75 +1,18 @@
 """What a pixel's neighbours tell: bends, steep codes, mixed footprints, the border's shadow."""
 
 from dataclasses import replace
-from typing import Any
 
-import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from optolever.decode import Flag, decode
 from optolever.decode.border import border_of, inwards, measured_blur
 from optolever.experiments.metrics import rms
-from optolever.patterns import Sequence, sequence, sequence_from_text
+from optolever.patterns import sequence, sequence_from_text
 
-from .conftest import F64, Map, Shoot, scores, silent
-
-_FINE = 8
-
-
-def footprints(
-    shown: Sequence,
-    u: F64,
-    v: F64,
-    *,
-    blur: float = 0.5,
-    noise: float = 1.0,
-    dark: Any = None,
-    lens: float = 0.0,
-) -> NDArray[Any]:
-    """Frames of pixels that average _FINE x _FINE places each, cells blurred, darkness beyond the border.
-
-    u, v (_FINE H, _FINE W): where the parts of the pixels look; dark: parts that see nothing; lens: blur on
-    the sensor, camera pixels rms.
-    """
-    per_cell, pad = 8, 24
-
-    def light(table: NDArray[np.uint8], place: F64) -> F64:
-        cells = np.repeat(np.pad(table / 255.0, pad), per_cell)
-        far = int(5 * max(blur, 1.0)) * per_cell
-        reach = np.arange(-far, far + 1) / per_cell
-        gauss = np.exp(-0.5 * (reach / max(blur, 1e-3)) ** 2)
-        soft = np.convolve(cells, gauss / gauss.sum(), mode="same")
-        at = (np.arange(len(soft)) + 0.5) / per_cell - 0.5 - pad
-        return np.asarray(np.interp(place, at, soft))
-
-    rng = np.random.default_rng(3)
-    along, across = shown.tables()
-    height, width = u.shape[0] // _FINE, u.shape[1] // _FINE
-    frames = np.empty((len(shown), height, width), np.uint8)
-    seen = 1.0 if dark is None else 1.0 - dark
-    for i in range(len(shown)):
-        parts = light(along[i], u) * light(across[i], v) * seen
-        if lens > 0:
-            parts = cv2.GaussianBlur(parts, (0, 0), lens * _FINE)
-        mean = parts.reshape(height, _FINE, width, _FINE).mean(axis=(1, 3))
-        frames[i] = np.clip(np.rint(20 + 200 * mean + noise * rng.standard_normal(mean.shape)), 0, 255)
-    return frames
-
-
-def places(height: int, width: int) -> Map:
-    """Rows and columns of the parts of pixels, pixel units, integer = pixel centre."""
-    row, col = np.mgrid[: height * _FINE, : width * _FINE]
-    return (row + 0.5) / _FINE - 0.5, (col + 0.5) / _FINE - 0.5
-
-
-def centres(parts: F64) -> F64:
-    """Value at the pixels' centres, by linear interpolation of the four parts around each."""
-    half = _FINE // 2
-    four = [parts[half - 1 + i :: _FINE, half - 1 + j :: _FINE] for i in (0, 1) for j in (0, 1)]
-    return np.asarray(np.mean(four, axis=0))
+from .conftest import Map, Shoot, scores, silent
+from .footprints import FINE, centres, footprints, places
 
 
 def test_the_mixed_second_derivative_is_taken_off() -> None:
@@ -308,29 +251,13 @@ def test_what_falling_light_shifts_is_taken_off_above_a_dark_level() -> None:
     assert abs(error @ shift[inner]) < 0.2 * (shift[inner] ** 2).sum()
 
 
-@pytest.mark.parametrize("lens", [0.0, pytest.param(0.5, marks=pytest.mark.slow), 1.0])
-def test_a_round_mirror_behind_a_lens_that_blurs(lens: float) -> None:
-    """Pixels on its end, and up to some deviations inside, see more of the one side: sigma says so."""
-    row, col = places(72, 90)
-    u, v = 10 + 1.7 * col + 0.004 * (row - 30) ** 2, 8 + 1.5 * row
-    away = 28 - np.hypot(row - 36, 0.8 * (col - 45))
-    shown = sequence("gray+phase", 120, 170)
-    found = decode(footprints(shown, u, v, noise=0.7, dark=(away < 0).astype(float), lens=lens), shown)
-    inside = centres(away) > 0
-    found = replace(found, flags=np.where(inside, found.flags, 1).astype(np.uint16))
-    assert silent(found, centres(u), centres(v)) <= 5e-4
-    assert found.good[centres(away) > 3].mean() > 0.98
-    deep = found.good & (centres(away) > 5)
-    assert np.median(found.sigma_u[deep]) < 0.025
-
-
 @pytest.mark.parametrize("name", ["gray+phase", "phase:steps=3,periods=8.73782/8.05745/8"])
 def test_behind_a_mosaic_of_colours(name: str) -> None:
     """Next neighbours of a raw colour camera differ by their colour: that is no edge, neither in the mirror
     nor beside its slanted end."""
     row, col = places(72, 90)
     u, v = 10 + 1.7 * col + 0.004 * (row - 30) ** 2, 8 + 1.5 * row
-    colours = np.kron(np.tile([[0.5, 1.0], [1.0, 0.35]], (36, 45)), np.ones((_FINE, _FINE)))
+    colours = np.kron(np.tile([[0.5, 1.0], [1.0, 0.35]], (36, 45)), np.ones((FINE, FINE)))
     seen = colours * (row + 0.11 * col > 12)
     shown = sequence_from_text(name, 120, 170)
     found = decode(footprints(shown, u, v, noise=0.7, dark=1 - seen), shown)

@@ -1,0 +1,50 @@
+"""A camera's lens that blurs: at the mirror's ends, and where the map bends."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from optolever.decode import decode
+from optolever.experiments.metrics import rms
+from optolever.patterns import sequence
+
+from .conftest import silent
+from .footprints import centres, footprints, places
+
+
+@pytest.mark.parametrize(
+    ("lens", "told"),
+    [(0.0, False), pytest.param(0.5, False, marks=pytest.mark.slow), (1.0, False), (0.5, True), (1.0, True)],
+)
+def test_a_round_mirror_behind_a_lens_that_blurs(lens: float, told: bool) -> None:
+    """Pixels on its end, and up to some deviations inside, see more of the one side: sigma says so."""
+    row, col = places(72, 90)
+    u, v = 10 + 1.7 * col + 0.004 * (row - 30) ** 2, 8 + 1.5 * row
+    away = 28 - np.hypot(row - 36, 0.8 * (col - 45))
+    shown = sequence("gray+phase", 120, 170)
+    frames = footprints(shown, u, v, noise=0.7, dark=(away < 0).astype(float), lens=lens)
+    found = decode(frames, shown, lens_px=lens if told else 0)
+    inside = centres(away) > 0
+    found = replace(found, flags=np.where(inside, found.flags, 1).astype(np.uint16))
+    assert silent(found, centres(u), centres(v)) <= 5e-4
+    assert found.good[centres(away) > 3].mean() > 0.98
+    deep = found.good & (centres(away) > 5)
+    assert np.median(found.sigma_u[deep]) < 0.025
+
+
+@pytest.mark.parametrize("lens", [0.4, 0.7])
+@pytest.mark.parametrize("name", ["phase", "gray+phase"])
+def test_what_a_lens_flattens_of_a_bend_is_taken_off(name: str, lens: float) -> None:
+    """lens^2 / 2 of the Laplacian, in an image that shows no end of the mirror; some of it noise hides."""
+    row, col = places(72, 90)
+    away2 = ((row - 36) ** 2 + (col - 45) ** 2) / 9**2
+    bump = 3 * np.exp(-away2 / 2)
+    u, v = 10 + 1.2 * col + bump, 8 + 1.3 * row - bump
+    flat = centres(lens**2 / 2 * bump * (away2 - 2) / 9**2)
+    shown = sequence(name, 120, 150)
+    found = decode(footprints(shown, u, v, noise=0.7, lens=lens), shown, lens_px=lens)
+    inner = found.good & (np.hypot(centres(row) - 36, centres(col) - 45) < 30)
+    for error, sigma in ((found.u - centres(u), found.sigma_u), (centres(v) - found.v, found.sigma_v)):
+        assert abs(error[inner] @ flat[inner]) < 0.3 * flat[inner] @ flat[inner]
+        assert rms((error / sigma)[inner]) < 1.15
