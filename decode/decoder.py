@@ -26,7 +26,7 @@ from .flags import Shared
 from .frames import Light, light_of, sample_levels
 from .integrity import examine, spoilt_pixels
 from .noise import Noise, Sample, estimate_noise, under_response
-from .pixelation import Pixelation, measured_pixelations, usual_width
+from .pixelation import REACH, Pixelation, measured_pixelations, usual_width
 from .plan import Plan, plan, raster_axes
 from .response import Response
 from .spatial import Raw, check_rows, despeckle
@@ -85,8 +85,8 @@ def decode(
     response     camera level against shown level: a camera's is inverted first; of a display the light of the
                  shown levels is looked up (known cells and an exposure of 1; else it is inverted, too)
     blur_px      rms blur between display and camera, cells; default: estimated (see display)
-    lens_px      rms blur of the camera's lens, its pixels, as a slanted edge tells it (ISO 12233): what that
-                 flattens of the map's bends is taken off
+    lens_px      rms blur of the camera's lens, its pixels (4 at most): what it flattens of the map's bends is
+                 taken off (a slanted edge tells it, ISO 12233)
     on_cells     frames were shown on the cells of a surface of the sequence's size, as Frame.tables says,
                  dark around it; what that shifts is taken off (see display). False: ideal cosines
     subpixel     binary codes: answers within their cells, from the blur of their edges, where it tells
@@ -352,8 +352,8 @@ def _mask(mask: ArrayLike | None, light: Light) -> NDArray[np.bool_] | None:
 
 
 def _lens(blur: float) -> float:
-    if not 0 <= blur < np.inf:
-        raise InputError(f"decode: lens_px is {blur}, must be finite and at least 0")
+    if not 0 <= blur <= REACH:  # over so many pixels bends are told
+        raise InputError(f"decode: lens_px is {blur}, must be 0 to {REACH}")
     return float(blur)
 
 

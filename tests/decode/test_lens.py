@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from optolever.decode import decode
+from optolever.errors import InputError
 from optolever.experiments.metrics import rms
 from optolever.patterns import sequence
 
@@ -48,3 +49,9 @@ def test_what_a_lens_flattens_of_a_bend_is_taken_off(name: str, lens: float) -> 
     for error, sigma in ((found.u - centres(u), found.sigma_u), (centres(v) - found.v, found.sigma_v)):
         assert abs(error[inner] @ flat[inner]) < 0.3 * flat[inner] @ flat[inner]
         assert rms((error / sigma)[inner]) < 1.15
+
+
+@pytest.mark.parametrize("lens", [-0.1, 4.1, np.nan])
+def test_a_lens_blurs_no_more_than_bends_are_told_over(lens: float) -> None:
+    with pytest.raises(InputError, match=f"lens_px is {lens}, must be 0 to 4"):
+        decode(np.zeros((24, 4, 4), np.uint8), sequence("phase", 40, 40), lens_px=lens)
