@@ -61,7 +61,7 @@ Correspondence in c.npz
     type=click.FloatRange(min=0),
     default=0.0,
     metavar="PX",
-    help="Rms blur of the camera's lens, its pixels: what that flattens of bends is taken off.",
+    help="Rms blur of the camera's lens, its pixels (4 at most): what that flattens of bends is taken off.",
 )
 @click.option("--no-cells", is_flag=True, help="Frames were ideal cosines, not shown on a display's cells.")
 @click.option("--no-check", is_flag=True, help="Take the frames for those described.")

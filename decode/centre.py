@@ -88,7 +88,8 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
 
     Of u(s) = u + g s + s H s / 2 and light A (1 + a s) the mean over a pixel is u + (H_xx + H_yy) / 24 +
     a g / 12; of a fringe see `_factor` and `_across`. A lens that blurs widens what the mean is over: it has
-    the variance m2 along either axis in place of the pixel's own 1/12.
+    the variance m2 along either axis in place of the pixel's own 1/12. Of the light's slope only the
+    pixel's own share comes off: where light falls off the lens has changed it, too.
     here: the line. window: see `windowed`, k: the line's row in it. light: of the line, (W + 4,) with its
     ends repeated, and of those two rows above and below (W,). limits: by what neighbours of a map bend at
     most, px; the finest stripe of a code (infinite: no code), as parts of others on a pixel move what it
@@ -104,6 +105,7 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
     zero, half, two, four = np.float32(0), np.float32(0.5), np.float32(2), np.float32(4)
     wide, twelfth = np.float32(1 / REACH**2), np.float32(1 / 12)
     part = half * m2
+    # squared shifts over those of the pixel's own area
     blurred2 = np.float32(24**2) * part * part
     # of the pixel 1 + 4 part, of four neighbours part each
     more = np.float32(8) * part + np.float32(20) * part * part
