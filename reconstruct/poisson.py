@@ -73,13 +73,13 @@ class ColumnPoisson:
         cols = self.wx.size
         # Eliminate from the light end: mode 0 then sums small numbers first.
         half = max((cols - 1) // 2, 1)
-        self.reverse = bool(self.wx[:half].sum() < self.wx[cols - 1 - half : cols - 1].sum())
+        light_first = self.wx[:half].sum() < self.wx[cols - 1 - half : cols - 1].sum()
+        self._order = slice(None, None, -1 if light_first else 1)
+        along, across = np.append(self.wx[:-1][self._order], 0.0), self.wy[self._order].copy()
+        self._elimination = along, across, self.eigenvalues
         self._inverse_pivot = np.empty((rows, cols))
         over_image(
-            lambda start, stop: _factor(
-                self.wx, self.wy, self.eigenvalues, self.reverse, self._inverse_pivot, start, stop
-            ),
-            (rows, cols),
+            lambda start, stop: _factor(*self._elimination, self._inverse_pivot, start, stop), (rows, cols)
         )
 
     def solve(self, rhs: Floats, single: bool = False) -> Floats:
@@ -87,27 +87,22 @@ class ColumnPoisson:
 
         single: in float32, half the time.
         """
-        given = rhs.astype(np.float32) if single else rhs
-        modes = scipy.fft.dct(given, axis=0, norm="ortho", overwrite_x=single, workers=threads())
+        given = rhs[:, self._order].astype(np.float32 if single else np.float64)
+        modes = scipy.fft.dct(given, axis=0, norm="ortho", overwrite_x=True, workers=threads())
         over_image(
-            lambda start, stop: _substitute(self.wx, self._inverse_pivot, self.reverse, modes, start, stop),
+            lambda start, stop: _substitute(self._elimination[0], self._inverse_pivot, modes, start, stop),
             modes.shape,
         )
         x = scipy.fft.idct(modes, axis=0, norm="ortho", overwrite_x=True, workers=threads())
-        return np.asarray(x, dtype=np.float64)
+        return np.ascontiguousarray(x[:, self._order], dtype=np.float64)
 
     def inverse_diagonal(self) -> Floats:
         """Diagonal of every mode's inverse, (modes, cols);
         mode 0 is pinned to zero at the heavy end's column.
         """
         out = np.empty((self.rows, self.wx.size))
-        over_image(
-            lambda start, stop: _inverse_diagonal(
-                self.wx, self.wy, self.eigenvalues, self.reverse, out, start, stop
-            ),
-            out.shape,
-        )
-        return out
+        over_image(lambda start, stop: _inverse_diagonal(*self._elimination, out, start, stop), out.shape)
+        return out[:, self._order]
 
 
 def column_profile(weights: Floats) -> Floats:
@@ -125,58 +120,43 @@ def column_profile(weights: Floats) -> Floats:
 
 
 @exact
-def _factor(wx, wy, eigenvalues, reverse, inverse_pivot, start, stop):  # type: ignore[no-untyped-def]
-    """Pivot = weight of the edge towards the heavy end + excess; the heavy end's own pivot is its excess."""
-    cols = wx.size
+def _factor(wx, wy, eigenvalues, inverse_pivot, start, stop):  # type: ignore[no-untyped-def]
+    """Pivot = weight of the edge towards the heavy end, column 0, + excess; column 0's own is its excess."""
     for k in range(start, stop):
         excess = 0.0
-        for m in range(cols):
-            j = m if reverse else cols - 1 - m
+        for j in range(wx.size - 1, 0, -1):
             excess += eigenvalues[k] * wy[j]
-            if m == cols - 1:
-                inverse_pivot[k, j] = 1.0 / excess if excess > 0.0 else 0.0
-            else:
-                w = wx[j] if reverse else wx[j - 1]
-                inverse_pivot[k, j] = 1.0 / (w + excess)
-                excess = w * excess / (w + excess)
+            inverse_pivot[k, j] = 1.0 / (wx[j - 1] + excess)
+            excess = wx[j - 1] * excess / (wx[j - 1] + excess)
+        excess += eigenvalues[k] * wy[0]
+        inverse_pivot[k, 0] = 1.0 / excess if excess > 0.0 else 0.0
 
 
 @exact
-def _substitute(wx, inverse_pivot, reverse, b, start, stop):  # type: ignore[no-untyped-def]
+def _substitute(wx, inverse_pivot, b, start, stop):  # type: ignore[no-untyped-def]
     """Each mode waits for its last column: several at once keep the processor busy."""
     cols = wx.size
     for first in range(start, stop, _ABREAST):
         last = min(first + _ABREAST, stop)
-        if reverse:
-            for j in range(cols - 1):
-                for k in range(first, last):
-                    b[k, j + 1] += wx[j] * inverse_pivot[k, j] * b[k, j]
+        for j in range(cols - 1, 0, -1):
             for k in range(first, last):
-                b[k, cols - 1] *= inverse_pivot[k, cols - 1]
-            for j in range(cols - 2, -1, -1):
-                for k in range(first, last):
-                    b[k, j] = (b[k, j] + wx[j] * b[k, j + 1]) * inverse_pivot[k, j]
-        else:
-            for j in range(cols - 1, 0, -1):
-                for k in range(first, last):
-                    b[k, j - 1] += wx[j - 1] * inverse_pivot[k, j] * b[k, j]
+                b[k, j - 1] += wx[j - 1] * inverse_pivot[k, j] * b[k, j]
+        for k in range(first, last):
+            b[k, 0] *= inverse_pivot[k, 0]
+        for j in range(1, cols):
             for k in range(first, last):
-                b[k, 0] *= inverse_pivot[k, 0]
-            for j in range(1, cols):
-                for k in range(first, last):
-                    b[k, j] = (b[k, j] + wx[j - 1] * b[k, j - 1]) * inverse_pivot[k, j]
+                b[k, j] = (b[k, j] + wx[j - 1] * b[k, j - 1]) * inverse_pivot[k, j]
 
 
 @exact
-def _inverse_diagonal(wx, wy, eigenvalues, reverse, out, start, stop):  # type: ignore[no-untyped-def]
+def _inverse_diagonal(wx, wy, eigenvalues, out, start, stop):  # type: ignore[no-untyped-def]
     cols = wx.size
     for k in range(start, stop):
         if eigenvalues[k] == 0.0:
             variance = 0.0
-            for m in range(cols):
-                j = cols - 1 - m if reverse else m
-                if m > 0:
-                    variance += 1.0 / (wx[j] if reverse else wx[j - 1])
+            for j in range(cols):
+                if j > 0:
+                    variance += 1.0 / wx[j - 1]
                 out[k, j] = variance
             continue
         excess = 0.0
