@@ -26,7 +26,7 @@
 | `null_space.py` | what no slope measurement sees |
 | `uncertainty.py`, `monte_carlo.py` | variance of the height: closed form of a rectangle, drawn noise |
 | `discontinuities.py` | edges whose increment is in doubt: cusps, ridges, rims, wrong pixels |
-| `path_variance.py` | what those leave on the way from the anchors, and what they cut off |
+| `islands.py` | what those and missing pixels part from the anchors |
 | `rounding.py` | errors of discrete codes, which neighbouring pixels share |
 | `curl.py` | wrong pixels, by the curl of the slopes |
 | `integrate.py`, `integrators.py` | plain gradient fields: integrate(), its family of solvers |

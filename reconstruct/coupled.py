@@ -51,8 +51,7 @@ _ROUNDS = 6  # of leaving out lone pixels with a curl
 
 
 class Solution(NamedTuple):
-    """What was solved, how it ended, the variance of the unknown (without what is in doubt of the edges), and
-    the map."""
+    """What was solved, how it ended, the variance of the unknown, and the map."""
 
     problem: Problem
     state: State

@@ -29,8 +29,8 @@ class HeightFlag(IntFlag):
 
     NO_ANCHOR: nothing ties the pixel to a known height; CURL: its slopes are those of no surface; STEEP: it
     is reached only across slopes that change too fast between pixels (a cusp, a rim), what that may cost
-    exceeds three sigma of the noise and is in its sigma (not so where pixels are missing along the same
-    line: a step of any height may hide there, and the whole piece behind it is flagged); NOT_CONVERGED:
+    exceeds three sigma of the pixels around and is in its sigma (not so where pixels are missing along the
+    same line: a step of any height may hide there, and the whole piece behind it is flagged); NOT_CONVERGED:
     the last steps still moved it, or so many others that nothing can be said of any; SINGULAR: the pattern
     lies within its noise of the mirror or of the ray there, so that there is no normal (method 'fixed-point':
     or so near that it does not contract).

@@ -87,7 +87,7 @@ def _drawn(
     data: Measured, state: State, labels: Labels, load: Floats, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
     """Answers (rows, cols) of the solution and of the rectangle to one draw of noise, and of what is in doubt
-    of the edges: STEEP is what a path costs beyond both, as a rough mirror has doubts everywhere.
+    of the edges.
     """
     mask, rows = data.mask, state.rows
     p, q = data.slopes(state.w)[:2]

@@ -13,17 +13,17 @@ from optolever.scene import Mirror
 
 from .arrays import Floats, Mask
 from .circulation import contradiction
-from .discontinuities import touched
+from .edges import Doubt
 from .heightmap import Diagnostics, HeightFlag, HeightMap
+from .islands import cut_off
 from .newton import State
-from .path_variance import cut_off, reached_across
 from .problem import Problem
 
 __all__ = ["anchors_apart", "height_map", "judged"]
 
 _MOVING = 0.05  # of the pixels: more that still move are not to blame one by one
 _APART = 5.0  # standard deviations, rms: rigs that are right stay below 1.2
-_STEEP = 3.0  # standard deviations of the noise: where the doubt of discontinuities exceeds them
+_STEEP = 3.0  # standard deviations, of slopes or of the heights around: where doubts exceed them
 
 
 def height_map(
@@ -35,20 +35,18 @@ def height_map(
     variance: Floats,
     correlation: float,
 ) -> HeightMap:
-    """flags (H, W): the decoder's; curl: robust scale of the slopes' curl; variance: of the unknown, without
-    what is in doubt of the edges; correlation: see `Diagnostics`.
+    """flags (H, W): the decoder's; curl: robust scale of the slopes' curl; variance: of the unknown;
+    correlation: see `Diagnostics`.
     """
     data, doubt = problem.data, state.doubt
     steep = np.zeros(data.mask.shape, dtype=np.bool_)
     if doubt is not None:
-        anchors = state.rows.pixel[state.share > 0]
-        more = reached_across(doubt, state.root, data.mask, anchors)
         limits = _STEEP * np.sqrt(state.variances[0]), _STEEP * np.sqrt(state.variances[1])
         lost = ~data.mask | (problem.bridged & ~problem.suspects)
-        away = cut_off(doubt, limits, data.mask, anchors, lost)
-        beyond = more > (_STEEP**2) * _least_around(variance, data.mask)
-        steep = away | (touched(doubt) & beyond)
-        variance = variance + more
+        away = cut_off(doubt, limits, data.mask, state.rows.pixel[state.share > 0], lost)
+        # where all of a pixel's edges share a doubt, its own variance holds it
+        around = minimum_filter(np.where(data.mask, variance, np.inf), 3)
+        steep = away | (_surest(doubt, data.mask) > _STEEP * np.sqrt(around))
     distance, sigma = data.distance(state.w), np.sqrt(variance)
     if data.rays.logarithmic:
         sigma = sigma * distance
@@ -132,10 +130,15 @@ def _off_mirror(height: HeightMap, mirror: Mirror) -> tuple[Notice, ...]:
     return (Notice("points lie off the mirror, mm", farthest, step, cure),)
 
 
-def _least_around(variance: Floats, mask: Mask) -> Floats:
-    """Of (H, W) in 3 x 3 pixels: where all of a pixel's edges share a doubt, its own variance holds it."""
-    least: Floats = minimum_filter(np.where(mask, variance, np.inf), 3)
-    return least
+def _surest(doubt: Doubt, mask: Mask) -> Floats:
+    """The doubt of every pixel's surest edge, (H, W)."""
+    x, y = np.full(mask.shape, np.inf), np.full(mask.shape, np.inf)
+    x[:, :-1] = np.where(mask[:, :-1] & mask[:, 1:], doubt.x[:, :-1], np.inf)
+    y[:-1] = np.where(mask[:-1] & mask[1:], doubt.y[:-1], np.inf)
+    least = np.minimum(x, y)
+    least[:, 1:] = np.minimum(least[:, 1:], x[:, :-1])
+    least[1:] = np.minimum(least[1:], y[:-1])
+    return np.where(np.isfinite(least), least, 0.0)
 
 
 def _unsettled(problem: Problem, state: State) -> Mask:

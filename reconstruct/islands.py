@@ -1,36 +1,18 @@
-"""What edges in doubt (see `discontinuities`) leave on the paths from the anchors, and what they close."""
+"""Islands: what edges in doubt (see `discontinuities`) and missing pixels together part from the anchors."""
 
 import numpy as np
 import scipy.ndimage
 import scipy.sparse
 import scipy.sparse.csgraph
 
-from optolever.kernels import exact
-
 from .arrays import Floats, Ints, Mask
 from .edges import Doubt
 
-__all__ = ["cut_off", "reached_across"]
+__all__ = ["cut_off"]
 
 _BY_LINE = 2  # pixels from a line of doubts to one that is missing along it
 _MISSING = 0.02  # of the line, at least
 _CHANCE = 5.0  # standard deviations of a count: no more are missing along a line by chance
-
-
-def reached_across(doubt: Doubt, root: Floats, mask: Mask, anchors: Ints) -> Floats:
-    """Variance that the doubtful edges leave in every pixel, (H, W): the sum of the squared doubts along the
-    path from an anchor (pixel numbers) that has the least of them, carried by the integrating factor root^2.
-    """
-    rows, cols = mask.shape
-    factor = np.ascontiguousarray(np.broadcast_to(root, mask.shape))
-    least = np.full(mask.shape, np.inf)
-    least.reshape(-1)[anchors] = 0.0
-    for _ in range(4 * (rows + cols)):
-        if not _sweep(doubt[0], doubt[1], factor, mask, least):
-            break
-    least[~np.isfinite(least)] = 0.0
-    variance: Floats = least * factor**4
-    return variance
 
 
 def cut_off(doubt: Doubt, limit: tuple[Floats, Floats], mask: Mask, anchors: Ints, lost: Mask) -> Mask:
@@ -38,7 +20,7 @@ def cut_off(doubt: Doubt, limit: tuple[Floats, Floats], mask: Mask, anchors: Int
 
     Where slopes go beyond what can be seen, along the same line as they change too fast to follow, a step of
     any height may hide between two pixels: no doubt is large enough. Where none is missing along the line,
-    sigma holds what it leaves (reached_across). A gap lies between an island and what is held: pixels that
+    sigma holds what the doubts leave. A gap lies between an island and what is held: pixels that
     are missing at an island's other rim part nothing. lost: pixels that were not seen.
     """
     index = np.arange(mask.size).reshape(mask.shape)
@@ -72,30 +54,3 @@ def cut_off(doubt: Doubt, limit: tuple[Floats, Floats], mask: Mask, anchors: Int
     torn[0] = False
     away: Mask = torn[islands]
     return away
-
-
-@exact
-def _sweep(dx, dy, root, mask, least):  # type: ignore[no-untyped-def]
-    """Shorten paths in four orders of the pixels; whether any became shorter."""
-    rows, cols = mask.shape
-    changed = False
-    for order in range(4):
-        for m in range(rows):
-            i = m if order & 1 else rows - 1 - m
-            for n in range(cols):
-                j = n if order & 2 else cols - 1 - n
-                if not mask[i, j]:
-                    continue
-                best = least[i, j]
-                if j > 0 and mask[i, j - 1]:
-                    best = min(best, least[i, j - 1] + (dx[i, j - 1] / (root[i, j] * root[i, j - 1])) ** 2)
-                if j + 1 < cols and mask[i, j + 1]:
-                    best = min(best, least[i, j + 1] + (dx[i, j] / (root[i, j] * root[i, j + 1])) ** 2)
-                if i > 0 and mask[i - 1, j]:
-                    best = min(best, least[i - 1, j] + (dy[i - 1, j] / (root[i, j] * root[i - 1, j])) ** 2)
-                if i + 1 < rows and mask[i + 1, j]:
-                    best = min(best, least[i + 1, j] + (dy[i, j] / (root[i, j] * root[i + 1, j])) ** 2)
-                if best < least[i, j]:
-                    least[i, j] = best
-                    changed = True
-    return changed
