@@ -62,15 +62,6 @@ class AxisDecoder:
         else:
             climb(self.light, self.noise, self.periods, self.axis.extent, self.code, rows, into)
 
-    def at(self, places: NDArray[np.int64]) -> tuple[NDArray[np.float32], Shared]:
-        """Coordinates (K,) of pixels at places (K, 2), row and column, and what else this axis alone tells of
-        them (1, K)."""
-        few = replace(self, light=_sampled_light(self.light, places))
-        place, *maps = np.zeros((5, 1, len(places)), np.float32)
-        shared = Shared(np.zeros(place.shape, np.uint16), *maps[1:])
-        few.decode((0, 1), Raw(place, maps[0]), True, shared)
-        return place[0], shared
-
     def _looked_up(self, table: Table, rows: tuple[int, int], raw: Raw) -> Estimate:
         """Rows start..stop by a table, of a code from its cells on."""
         part = slice(*rows)

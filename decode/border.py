@@ -10,7 +10,6 @@ about the centre of the light: P is infinite.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -28,7 +27,6 @@ __all__ = ["NO_BORDER", "SHADOW2", "Border", "border_of", "inwards", "measured_b
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 Shares = tuple[tuple[float, float], ...]
-Light = Callable[[NDArray[np.int64], NDArray[np.int64]], tuple[F32, F32]]
 #: Cells from the border within which light may be missing: three deviations of a blur of three cells.
 _MARGIN = 9.0
 #: Deviations of what a pixel sees within which the border takes some of it, squared.
@@ -68,7 +66,7 @@ def border_of(shares: Shares, blurs: tuple[float, float, float], told: bool = Tr
     """Of periods (see display) and a blur between a least and a largest one. One that nothing told bounds
     what a pixel sees: half of its shift is taken off, and as much is unsure."""
     low, blur, high = blurs
-    missing, shift, _ = _of_blur(shares, blur)
+    missing, shift = _of_blur(shares, blur)
     reach = float(_reach(blur))
     deviation = reach / np.linspace(_LEAST, 1.0, _RATIOS + 1, dtype=np.float64)[:, None]
     away = np.arange(_SHADOW * _STEPS + 1) / _STEPS * deviation
@@ -86,8 +84,7 @@ def _reach(blur: Any) -> Any:
 
 
 def _of_blur(shares: Shares, blur: float) -> F64:
-    """Missing light, shift and lost amplitude (3, _RATIOS + 1, 4 _STEPS + 1), between the blurs that are
-    tabled."""
+    """Missing light and shift (2, _RATIOS + 1, 4 _STEPS + 1), between the blurs that are tabled."""
     after = int(np.clip(np.searchsorted(_BLURS, blur), 1, len(_BLURS) - 1))
     part = min((blur - _BLURS[after - 1]) / (_BLURS[after] - _BLURS[after - 1]), 1.0)
     return np.asarray((1 - part) * _table(shares, after - 1) + part * _table(shares, after))
@@ -99,25 +96,21 @@ def _table(shares: Shares, index: int) -> F64:
     read = np.arange(_SHADOW * _STEPS + 1) / _STEPS
     out = []
     for deviation, distance, light, inside in _light(index):
-        (seen, power), (whole, most) = (
-            _phase(shares or _CENTRE, distance, part) for part in (light * inside, light)
-        )
-        reading = np.maximum.accumulate(_TRUE + seen / deviation)
-        missing, lost = 1 - (light * inside).sum(axis=0), 1 - np.sqrt(power / most)
-        out.append([np.interp(read, reading, one) for one in (missing, (seen - whole) / deviation, lost)])
+        seen, whole = (_phase(shares or _CENTRE, distance, part) for part in (light * inside, light))
+        reading, missing = np.maximum.accumulate(_TRUE + seen / deviation), 1 - (light * inside).sum(axis=0)
+        out.append([np.interp(read, reading, one) for one in (missing, (seen - whole) / deviation)])
     return np.asarray(out).transpose(1, 0, 2)
 
 
-def _phase(shares: Shares, distance: F64, light: F64) -> tuple[F64, F64]:
-    """Shift (A,) of fringes of which pixels see the light (K, A) of cells at distances (K, A), cells; their
-    squared amplitudes."""
+def _phase(shares: Shares, distance: F64, light: F64) -> F64:
+    """Shift (A,) of fringes of which pixels see the light (K, A) of cells at distances (K, A), cells."""
     shift, weight = np.zeros(light.shape[1]), np.full(light.shape[1], 1e-30)
     for period, share in shares:
         seen = (light * np.exp(2j * np.pi / period * distance)).sum(axis=0)
         own = share * np.abs(seen) ** 2
         shift += own * period / (2 * np.pi) * np.angle(seen)
         weight += own
-    return shift / weight, weight
+    return shift / weight
 
 
 @lru_cache(maxsize=len(_BLURS))
@@ -136,35 +129,26 @@ def _light(index: int) -> list[tuple[float, F64, F64, NDArray[np.bool_]]]:
 
 
 def measured_blur(
-    coord: F32,
-    flags: NDArray[np.uint16],
-    light: Light,
-    extent: int,
-    shares: Shares = (),
-    across: bool = True,
+    coord: F32, flags: NDArray[np.uint16], light: tuple[F32, F32], extent: int, shares: Shares = ()
 ) -> tuple[tuple[float, float, float], int]:
     """Blur (cells) between a least and a largest one, by the light that is missing beside the border, and how
     many pixels tell it (0: too few). coord, flags: (H, W); extent: of the surface.
 
-    light: mean level of pixels by their rows and columns, and an amplitude, of frames across the border that
-    it dims as it does the light, else of the axis itself. Light of a room is in the level only: the amplitude
-    across tells how much of it is the display's.
+    light: mean level and amplitude (H, W). Light of a room is in the level only: the amplitude tells how much
+    of it is the display's.
     """
     parts, nothing = [], ((math.nan,) * 3, 0)
     for turned, count in enumerate(coord.shape):
-        every = max(1, count // _LINES)
-        lines = (coord.T[::every], flags.T[::every]) if turned else (coord[::every], flags[::every])
-        away, width2, bend, line, at = _beside(*lines, extent)
-        place = (at, line * every) if turned else (line * every, at)
-        parts.append((away, width2, bend, *(_missing(one) for one in light(*place))))
+        every = slice(None, None, max(1, count // _LINES))
+        lines = ((one.T if turned else one)[every] for one in (coord, flags, *light))
+        parts.append(_beside(*lines, extent))
     away, width2, bend, level, lost = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
-    telling = (lost > 0.1) & (lost < 0.9)
-    if np.count_nonzero(telling) < _FEWEST or lost.sum() <= 0:
+    if np.count_nonzero((lost > 0.1) & (lost < 0.9)) < _FEWEST or lost.sum() <= 0:
         return nothing
-    dark, what = (level / np.clip(level.sum() / lost.sum(), 0.1, 1.0), 0) if across else (lost, 2)
-    each = (_expected(_table(shares, i)[what], blur, away, width2) for i, blur in enumerate(_BLURS))
+    level = level / np.clip(level.sum() / lost.sum(), 0.1, 1.0)
+    each = (_expected(_table(shares, i)[0], blur, away, width2) for i, blur in enumerate(_BLURS))
     expected = [_missing(1 - one) for one in each]
-    more = [(one - dark)[(one > _DARK[0]) & (one < _DARK[1])] for one in expected]
+    more = [(one - level)[(one > _DARK[0]) & (one < _DARK[1])] for one in expected]
     blurs, more = _BLURS[[len(one) >= _FEWEST for one in more]], [one for one in more if len(one) >= _FEWEST]
     if not more:
         return nothing
@@ -208,10 +192,12 @@ def _deviation(blur: float, width2: F64) -> F64:
     return np.asarray(np.sqrt(_reach(blur) ** 2 + width2))
 
 
-def _beside(coord: F32, flags: NDArray[np.uint16], extent: int) -> tuple[NDArray[Any], ...]:
-    """Of K pixels beside the border, on lines (L, W) of a map: distances (3, K) from it of the pixel, of one
-    inwards and of one twice as far; variance (K,) of the footprint; by how much the three bend inwards; their
-    lines (3, K), and places on them.
+def _beside(
+    coord: F32, flags: NDArray[np.uint16], level: F32, amplitude: F32, extent: int
+) -> tuple[NDArray[Any], ...]:
+    """Of K pixels beside the border, on lines (L, W) of maps: distances (3, K) from it of the pixel, of one
+    inwards and of one twice as far; variance (K,) of the footprint; by how much the three bend inwards; what
+    is missing of the level and of the amplitude (K,).
     """
     away = extent / 2 - np.abs(coord - (extent - 1) / 2)
     line, at = np.divmod(np.flatnonzero((away > 0) & (away < _MARGIN / 2)), coord.shape[1])
@@ -233,7 +219,8 @@ def _beside(coord: F32, flags: NDArray[np.uint16], extent: int) -> tuple[NDArray
     # beside the border neighbours read nearly the same place: the footprint is that of the next ones inwards
     width2 = ((far - middle) / half) ** 2 / 12
     bend = sign * (near - 2 * middle + far)
-    return away[line, three], width2, bend, np.broadcast_to(line, three.shape), three
+    missing = (_missing(one[line, three]) for one in (level, amplitude))
+    return away[line, three], width2, bend, *missing
 
 
 @exact

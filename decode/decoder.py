@@ -1,9 +1,7 @@
 """decode(): frames and their descriptions -> Correspondence."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -271,10 +269,8 @@ def _borders(
     """Of each axis, by the blur that either border tells, or else by one that bounds it."""
     shares = [() if one.table is not None else shares_of(one.axis) for one in decoders]
     told = [
-        measured_blur(
-            own.coordinate, shared.flags, _light(shared, other), one.axis.extent, share, one is not other
-        )
-        for own, one, other, share in zip(raw, decoders, decoders[::-1], shares, strict=True)
+        measured_blur(own.coordinate, shared.flags, (shared.offset, shared.amplitude), one.axis.extent, share)
+        for own, one, share in zip(raw, decoders, shares, strict=True)
     ]
     blurs, count = max(told, key=lambda one: one[1])
     if count:
@@ -283,16 +279,6 @@ def _borders(
     measured = zip(shares, tables, pixelations, strict=True)
     bounds = [(share, one.bound if table is None else table.optics.reach) for share, table, one in measured]
     return [border_of(share, (bound,) * 3, False) for share, bound in bounds]
-
-
-def _light(shared: Shared, decoder: AxisDecoder) -> Callable[..., Any]:
-    """Of pixels by their rows and columns: their mean levels, and amplitudes of an axis."""
-
-    def light(row: NDArray[np.int64], col: NDArray[np.int64]) -> tuple[Any, Any]:
-        _, alone = decoder.at(np.stack([row.ravel(), col.ravel()], axis=1))
-        return shared.offset[row, col], alone.amplitude.reshape(row.shape)
-
-    return light
 
 
 def _checked(shot: _Shot, part: Part, found: Correspondence, options: _Options) -> Correspondence:

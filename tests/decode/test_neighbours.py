@@ -112,7 +112,7 @@ def test_noise_of_faint_light_tells_no_shadow_of_the_border(seed: int) -> None:
     coord = np.tile(0.6 * np.arange(64) - 0.3, (48, 1)).astype(np.float32)
     level, amplitude = ((4 + 0.5 * rng.standard_normal(coord.shape)).astype(np.float32) for _ in range(2))
     none = np.zeros(coord.shape, np.uint16)
-    assert measured_blur(coord, none, lambda *at: (level[at], amplitude[at]), 500)[1] == 0
+    assert measured_blur(coord, none, (level, amplitude), 500)[1] == 0
 
 
 @pytest.mark.parametrize("power", [2, 4])
@@ -124,7 +124,7 @@ def test_light_that_falls_off_all_over_the_image_tells_no_shadow(away: float, po
     coord = ((extent - 1) / 2 + (extent / 2 - away) * across * (1.11 - 0.11 * across**2)).astype(np.float32)
     level = (100 * (1 - 0.4 * np.abs(across) ** power)).astype(np.float32)
     none, shares = np.zeros(coord.shape, np.uint16), ((16.0, 1.0),)
-    assert measured_blur(coord, none, lambda *at: (level[at], level[at]), extent, shares)[1] == 0
+    assert measured_blur(coord, none, (level, level), extent, shares)[1] == 0
 
 
 @pytest.mark.parametrize(("cells", "blur", "period"), [(2.2, 0.8, 8.0), (1.2, 0.5, 16.0), (5.0, 0.6, 16.0)])
@@ -149,9 +149,7 @@ def test_the_borders_shift_of_a_fringe(cells: float, blur: float, period: float)
     level, amplitude = (100 * light + 30).astype(np.float32), (90 * light).astype(np.float32)
     flags = (seen < 0.5).astype(np.uint16)
     shares = ((period, 1.0),)
-    told, count = measured_blur(
-        read.astype(np.float32), flags, lambda *at: (level[at], amplitude[at]), 500, shares
-    )
+    told, count = measured_blur(read.astype(np.float32), flags, (level, amplitude), 500, shares)
     assert count > 20
     assert abs(told[1] - blur) < 0.05
     border, width, none = border_of(shares, told), np.float32(cells), np.float32(0)
