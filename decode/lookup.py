@@ -46,8 +46,6 @@ _RARE = 1e-5
 #: Relative step of a spread's derivatives; probability of another place below which a pixel may judge a
 #: spread.
 _NUDGE, _SAFE = 0.05, 1e-3
-#: Parts of the sample that tell by how much places crowd by chance.
-_GROUPS = 16
 #: Share of a normal variance within three deviations, which fitted_noise makes up for: mean squares of
 #: several residuals have no tails.
 _TAILS = 0.9733
@@ -156,33 +154,14 @@ class _Fit:
         return float(np.median(known)) / usual if len(known) else 1.0
 
     @property
-    def turns(self) -> NDArray[np.complex128]:
-        """Means of exp(2 pi i u / cell), over each place's posterior (half a tread is no crowd), of parts of
-        the sample."""
+    def crowding(self) -> complex:
+        """Mean exp(2 pi i u / cell) of the sample, over each place's posterior (half a tread is no crowd): 0
+        but for chance where places are spread evenly."""
         known = np.isfinite(self.misfit)
         if not known.any():
-            return np.zeros(1, np.complex128)
+            return 0j
         turn = 2j * np.pi * self.place[known] / self.table.cell
-        turn = np.exp(turn - 2 * np.pi**2 * self.variance[known] / self.table.cell**2)
-        count = min(_GROUPS, len(turn))
-        begin = np.arange(count) * len(turn) // count
-        return np.asarray(np.add.reduceat(turn, begin) / np.diff(begin, append=len(turn)))
-
-    @property
-    def crowding(self) -> complex:
-        """Mean exp(2 pi i u / cell) of the sample: 0 but for chance where places are spread evenly."""
-        return complex(self.turns.mean())
-
-    @property
-    def unevenness(self) -> float:
-        """-2 log likelihood of the crowding, by chance as parts of the sample tell it.
-
-        Places that keep step with the cells crowd whatever the spread: hence the tails of a Cauchy
-        distribution.
-        """
-        turns = self.turns
-        chance = max(float(np.var(turns)) / _GROUPS, 1 / len(self.place))
-        return float(2 * np.log1p(np.abs(turns.mean()) ** 2 / chance))
+        return complex(np.exp(turn - 2 * np.pi**2 * self.variance[known] / self.table.cell**2).mean())
 
     def moved_to(self, other: "_Fit") -> float:
         """By how much of their way to the cell's nearest edge places move for a relative change of the
@@ -195,11 +174,9 @@ class _Fit:
 
     def unlikely(self, excess: float) -> float:
         """-2 log likelihood: squared residuals, over `excess` times their variance and no further than noise
-        reaches, and how evenly places are spread over the cells: edges tell in what shares a pixel sees two
-        cells, hardly how far from their edge it is."""
+        reaches."""
         freedom = max(self.table.freedom, 1)
-        least = np.minimum(self.misfit * freedom / excess, float(chdtri(freedom, _RARE)))
-        return float(least.sum()) + self.unevenness
+        return float(np.minimum(self.misfit * freedom / excess, float(chdtri(freedom, _RARE))).sum())
 
     def noise(self, assumed: Noise) -> Noise:
         """The camera's noise, by the residuals; assumed: one that does not depend on the level."""
