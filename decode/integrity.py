@@ -63,8 +63,6 @@ _STRUCTURED = 0.25
 #: Faults after which all frames are in wrong places, and the share of the pixels that chance may mend
 #: where most are.
 _SHIFTED, _ALL_LATER = ("lost", "repeated"), 0.075
-#: Share of the pixels that a bit beside fringes mends at depth edges.
-_BESIDE = 0.05
 #: Frames up to which any two may be swapped; of more (sweeps) only those next to each other.
 _ALL_PAIRS = 64
 #: Fewest pixels that are mended; share of the best margin from which on a fault may be it, too.
@@ -374,10 +372,10 @@ def _replacements(crosses: _Crosses, gains: F32, told: Mask, rows: int, names: I
     """Frames that show another one instead, in all rows or beyond a tear; gains (N, T): without each; told
     (N, T): where they are bright or dark, as greys of which a blur leaves nothing else are all alike."""
     mended = np.count_nonzero(gains > _MENDED, axis=1)
-    usual = _usual(crosses, np.maximum(mended - np.count_nonzero(gains < -_MENDED, axis=1), 0))
+    usual = int(np.median(np.maximum(mended - np.count_nonzero(gains < -_MENDED, axis=1), 0)))
     by_row, centre = np.argsort(crosses.row, kind="stable"), crosses.levels[:, 0]
     structured = np.ptp(crosses.levels, axis=1) > crosses.contrast
-    for i in np.flatnonzero(mended >= np.maximum(usual, _LEAST)).tolist():
+    for i in np.flatnonzero(mended >= max(usual, _LEAST)).tolist():
         sure = told[i] | told
         same = (np.abs(centre[i] - centre) < _SAME * crosses.contrast) & sure
         same[i] = False
@@ -399,28 +397,9 @@ def _replacements(crosses: _Crosses, gains: F32, told: Mask, rows: int, names: I
                     finding = Finding((i,), "torn", sentence, (i,), (first, last))
                 part = some[start:stop]
                 # no two frames with structure everywhere are the same in any scene
-                chance = 0 if structured[j, part].mean() > _STRUCTURED else int(usual[i])
+                chance = 0 if structured[j, part].mean() > _STRUCTURED else usual
                 ways = 4 if finding.rows else 1  # either side, and the row
                 yield _Trial(finding, gains[i, part], chance, ways * len(gains))
-
-
-def _usual(crosses: _Crosses, mended: Ints) -> Ints:
-    """How many pixels are mended without a frame that is right (N,): for a bit, without the next ones, as
-    fine ones mend more; else without those of its axis."""
-    usual = np.full(len(mended), int(np.median(mended)))
-    for table in crosses.tables:
-        code, others = table.axis.code, set(table.axis.frames())
-        for polarity in (code.plain, code.inverse) if code else ():
-            own = polarity[polarity >= 0]
-            others -= set(own.tolist())
-            if len(own) > 1:
-                around = np.concatenate([mended[own[1:2]], mended[own], mended[own[-2:-1]]])
-                usual[own] = np.minimum(around[:-2], around[2:])
-                if table.axis.fringes:  # beside which any bit mends what one of them spoils
-                    usual[own] = np.minimum(usual[own], int(_BESIDE * len(crosses.row)))
-        if others:
-            usual[list(others)] = int(np.quantile(mended[list(others)], 0.4))
-    return usual
 
 
 def _parts(same: Mask) -> Iterator[tuple[int, int]]:
