@@ -86,12 +86,6 @@ class Stripes:
         """Step of the places along the other axis; the width where there is one only."""
         return float(np.median(np.diff(self.beside))) if len(self.beside) > 1 else self.width
 
-    def around(self, frames: tuple[int, ...]) -> tuple[float, float]:
-        """Coordinates between which pixels were lit by these frames, or by those next to them."""
-        at = self.at[np.isin(self.index, frames)]
-        reach = self.width + float(np.max(np.diff(self.at)))
-        return float(at.min() - reach), float(at.max() + reach)
-
 
 @dataclass(frozen=True, slots=True)
 class AxisPlan:
