@@ -110,7 +110,7 @@ def _phase(shares: Shares, distance: F64, light: F64) -> F64:
         own = share * np.abs(seen) ** 2
         shift += own * period / (2 * np.pi) * np.angle(seen)
         weight += own
-    return shift / weight
+    return np.asarray(shift / weight)
 
 
 @lru_cache(maxsize=len(_BLURS))
@@ -140,8 +140,8 @@ def measured_blur(
     parts, nothing = [], ((math.nan,) * 3, 0)
     for turned, count in enumerate(coord.shape):
         every = slice(None, None, max(1, count // _LINES))
-        lines = ((one.T if turned else one)[every] for one in (coord, flags, *light))
-        parts.append(_beside(*lines, extent))
+        lines: list[Any] = [(one.T if turned else one)[every] for one in (coord, flags, *light)]
+        parts.append(_beside(extent, *lines))
     away, width2, bend, level, lost = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
     if np.count_nonzero((lost > 0.1) & (lost < 0.9)) < _FEWEST or lost.sum() <= 0:
         return nothing
@@ -193,7 +193,7 @@ def _deviation(blur: float, width2: F64) -> F64:
 
 
 def _beside(
-    coord: F32, flags: NDArray[np.uint16], level: F32, amplitude: F32, extent: int
+    extent: int, coord: F32, flags: NDArray[np.uint16], level: F32, amplitude: F32
 ) -> tuple[NDArray[Any], ...]:
     """Of K pixels beside the border, on lines (L, W) of maps: distances (3, K) from it of the pixel, of one
     inwards and of one twice as far; variance (K,) of the footprint; by how much the three bend inwards; what
