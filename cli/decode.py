@@ -59,9 +59,9 @@ Correspondence in c.npz
 @click.option(
     "--lens",
     type=click.FloatRange(min=0),
-    default=0.0,
     metavar="PX",
-    help="Rms blur of the camera's lens, its pixels (4 at most): what that flattens of bends is taken off.",
+    help="Rms blur of the camera's lens, its pixels (4 at most): what that flattens of bends is taken off. "
+    "Default: as fringes tell it where the map bends, else 0.",
 )
 @click.option("--no-cells", is_flag=True, help="Frames were ideal cosines, not shown on a display's cells.")
 @click.option("--no-check", is_flag=True, help="Take the frames for those described.")
@@ -73,7 +73,7 @@ def command(
     response: Path | None,
     mask: Path | None,
     roi: str | None,
-    lens: float,
+    lens: float | None,
     no_cells: bool,
     no_check: bool,
     json_path: Path | None,

@@ -23,6 +23,7 @@
 | `pixelation`     | what its cells shift: the blur that a map tells, taken off; what stays unsure           |
 | `spatial`        | what neighbours tell: edges, partial footprints, strays                                |
 | `centre`         | from the mean over a pixel to its centre: curvature and light inside of it             |
+| `lens`           | a lens's blur, by the contrast that it takes from fringes where the map is steep       |
 | `ends`           | what a lens's blur mixes into pixels beside the mirror's ends                          |
 | `border`         | light that is missing beside the display's border, and how far that tells a pixel sees |
 | `integrity`      | `check`: swapped, lost, repeated, replaced and torn frames, named                      |

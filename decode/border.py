@@ -22,13 +22,13 @@ from optolever.kernels import exact
 
 from .display import cell_light
 
-__all__ = ["NO_BORDER", "SHADOW2", "Border", "border_of", "inwards", "measured_blur"]
+__all__ = ["MARGIN", "NO_BORDER", "SHADOW2", "Border", "border_of", "inwards", "measured_blur"]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 Shares = tuple[tuple[float, float], ...]
 #: Cells from the border within which light may be missing: three deviations of a blur of three cells.
-_MARGIN = 9.0
+MARGIN = 9.0
 #: Deviations of what a pixel sees within which the border takes some of it, squared.
 _SHADOW = 4
 SHADOW2 = np.float32(_SHADOW**2)
@@ -200,20 +200,20 @@ def _beside(
     is missing of the level and of the amplitude (K,).
     """
     away = extent / 2 - np.abs(coord - (extent - 1) / 2)
-    line, at = np.divmod(np.flatnonzero((away > 0) & (away < _MARGIN / 2)), coord.shape[1])
+    line, at = np.divmod(np.flatnonzero((away > 0) & (away < MARGIN / 2)), coord.shape[1])
     seen = flags[line, at] == 0
     line, at = line[seen], at[seen]
     after, before = np.minimum(at + 1, coord.shape[1] - 1), np.maximum(at - 1, 0)
     slope = (coord[line, after] - coord[line, before]) / np.maximum(after - before, 1)
     slope *= np.where(2 * coord[line, at] < extent, 1, -1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        half = np.ceil(_MARGIN / 2 / np.abs(slope))
+        half = np.ceil(MARGIN / 2 / np.abs(slope))
         half = np.where(half < _FARTHEST / 2, half, 0).astype(np.int64) * np.sign(slope).astype(np.int64)
     kept = (half != 0) & (at + 2 * half >= 0) & (at + 2 * half < coord.shape[1])
     line, half = line[kept], half[kept]
     three = at[kept] + np.arange(3)[:, None] * half
     within = np.abs(coord[line, three[2]] - coord[line, three[0]])
-    kept = (within > 0.8 * _MARGIN) & (within < 3 * _MARGIN) & (flags[line, three[1:]] == 0).all(axis=0)
+    kept = (within > 0.8 * MARGIN) & (within < 3 * MARGIN) & (flags[line, three[1:]] == 0).all(axis=0)
     line, three, half = line[kept], three[:, kept], half[kept]
     (near, middle, far), sign = coord[line, three], np.where(2 * coord[line, three[0]] < extent, 1, -1)
     # beside the border neighbours read nearly the same place: the footprint is that of the next ones inwards

@@ -23,6 +23,7 @@ from .exposures import Part, better_of, by_exposure
 from .flags import Shared
 from .frames import Light, light_of, sample_levels
 from .integrity import examine, spoilt_pixels
+from .lens import measured_lens
 from .noise import Noise, Sample, estimate_noise, under_response
 from .pixelation import REACH, Pixelation, measured_pixelations, usual_width
 from .plan import Plan, plan, raster_axes
@@ -67,7 +68,7 @@ def decode(
     white_level: float | None = None,
     response: Response | None = None,
     blur_px: float | None = None,
-    lens_px: float = 0.0,
+    lens_px: float | None = None,
     on_cells: bool = True,
     subpixel: bool = False,
     mask: ArrayLike | None = None,
@@ -84,7 +85,7 @@ def decode(
                  shown levels is looked up (known cells and an exposure of 1; else it is inverted, too)
     blur_px      rms blur between display and camera, cells; default: estimated (see display)
     lens_px      rms blur of the camera's lens, its pixels (4 at most): what it flattens of the map's bends is
-                 taken off (a slanted edge tells it, ISO 12233)
+                 taken off; default: as fringes tell it (see lens), else 0 (a slanted edge does, ISO 12233)
     on_cells     frames were shown on the cells of a surface of the sequence's size, as Frame.tables says,
                  dark around it; what that shifts is taken off (see display). False: ideal cosines
     subpixel     binary codes: answers within their cells, from the blur of their edges, where it tells
@@ -108,7 +109,7 @@ def decode(
         _given_noise(noise, gain, light),
         bent,
         blur_px,
-        _lens(lens_px),
+        _lens2(lens_px),
         on_cells,
         subpixel,
         _mask(mask, light),
@@ -129,7 +130,7 @@ class _Options:
     noise: Noise | None
     bent: Response | None
     blur: float | None
-    lens: float
+    lens2: float | None
     on_cells: bool
     subpixel: bool
     mask: NDArray[np.bool_] | None
@@ -228,7 +229,10 @@ def _among_neighbours(
     tables, roughness = [one.tables() for one in pixelations], [one.roughness for one in pixelations]
     least = _LEAST_SIGMA if _silent(shot) else 0.0
     end, dark = end_width(shared.amplitude, shared.flags), _dark_level(shot.lit, shared)
-    mix = 1 / 12 + options.lens**2
+    lens2 = options.lens2
+    if lens2 is None:
+        lens2 = measured_lens(shown, shot.lit, [own.coordinate for own in raw], shared.flags)
+    mix = 1 / 12 + lens2
     out = {axis: (roomy_empty(shape, np.float32), roomy_empty(shape, np.float32)) for axis in "uv"}
     for axis in set("uv") - {decoder.axis.axis for decoder in decoders}:
         out[axis][0][:], out[axis][1][:] = np.nan, np.inf
@@ -337,10 +341,13 @@ def _mask(mask: ArrayLike | None, light: Light) -> NDArray[np.bool_] | None:
     return inside
 
 
-def _lens(blur: float) -> float:
+def _lens2(blur: float | None) -> float | None:
+    """Variance of a lens's blur, px^2."""
+    if blur is None:
+        return None
     if not 0 <= blur <= REACH:  # over so many pixels bends are told
         raise InputError(f"decode: lens_px is {blur}, must be 0 to {REACH}")
-    return float(blur)
+    return float(blur) ** 2
 
 
 def _given_noise(noise: float | None, gain: float, light: Light) -> Noise | None:

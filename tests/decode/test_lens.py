@@ -34,21 +34,34 @@ def test_a_round_mirror_behind_a_lens_that_blurs(lens: float, told: bool) -> Non
     assert np.median(found.sigma_u[deep]) < 0.025
 
 
-@pytest.mark.parametrize("lens", [0.4, 0.7])
+@pytest.mark.parametrize(("lens", "told"), [(0.4, True), (0.7, True), (0.7, False)])
 @pytest.mark.parametrize("name", ["phase", "gray+phase"])
-def test_what_a_lens_flattens_of_a_bend_is_taken_off(name: str, lens: float) -> None:
-    """lens^2 / 2 of the Laplacian, in an image that shows no end of the mirror; some of it noise hides."""
+def test_what_a_lens_flattens_of_a_bend_is_taken_off(name: str, lens: float, told: bool) -> None:
+    """lens^2 / 2 of the Laplacian, in an image that shows no end of the mirror; some of it noise hides. If
+    nobody tells, the fringes do."""
     row, col = places(72, 90)
     away2 = ((row - 36) ** 2 + (col - 45) ** 2) / 9**2
     bump = 3 * np.exp(-away2 / 2)
     u, v = 10 + 1.2 * col + bump, 8 + 1.3 * row - bump
     flat = centres(lens**2 / 2 * bump * (away2 - 2) / 9**2)
     shown = sequence(name, 120, 150)
-    found = decode(footprints(shown, u, v, noise=0.7, lens=lens), shown, lens_px=lens)
+    frames = footprints(shown, u, v, noise=0.7, lens=lens)
+    found = decode(frames, shown, lens_px=lens if told else None)
     inner = found.good & (np.hypot(centres(row) - 36, centres(col) - 45) < 30)
     for error, sigma in ((found.u - centres(u), found.sigma_u), (centres(v) - found.v, found.sigma_v)):
         assert abs(error[inner] @ flat[inner]) < 0.3 * flat[inner] @ flat[inner]
         assert rms((error / sigma)[inner]) < 1.15
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.004])
+def test_without_a_lens_fringes_tell_none(slope: float) -> None:
+    """Nor where nothing bends, and nothing could tell one."""
+    row, col = places(72, 90)
+    u, v = 10 + 1.2 * col + slope * (row - 36) ** 2, 8 + 1.3 * row
+    shown = sequence("gray+phase", 120, 150)
+    frames = footprints(shown, u, v, noise=0.7)
+    found, none = decode(frames, shown), decode(frames, shown, lens_px=0)
+    np.testing.assert_allclose(found.u[found.good], none.u[found.good], atol=2e-4)
 
 
 @pytest.mark.parametrize("lens", [-0.1, 4.1, np.nan])

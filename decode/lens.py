@@ -1,0 +1,143 @@
+"""What a camera's lens blurs, told by the contrast that it takes from fringes where the map is steep.
+
+A lens mixes places with a variance of blur2 px^2 along either axis. Of a fringe of which w turns lie on a
+pixel that leaves exp(-2 pi^2 blur2 w^2) of the contrast, and the pixel's own area sinc(w_x) sinc(w_y). Beside
+a coarser fringe, or white and black, of the same pixel its light cancels; what the display takes is the same
+everywhere, or changes slowly, as a polynomial of the image's rows and columns does:
+
+    log(fine / coarse) - log(sinc sinc) = polynomial - 2 pi^2 blur2 (w_fine^2 - w_coarse^2).
+
+A straight line through sampled pixels tells blur2. Slopes that other pixels tell are its instrumental
+variable (Wald, 1940): noise in what a line is fitted over would make it flatter, and what the display's cells
+leave in places shifts neighbours at one and at two pixels differently. Where the map does not bend nothing
+tells a lens, and nothing has to.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .border import MARGIN
+from .noise import Sample
+from .plan import AxisPlan, Fringe, Plan
+
+__all__ = ["measured_lens"]
+
+F64 = NDArray[np.float64]
+#: Variance of a pixel's own area; turns in a pixel from which on it leaves less than half of a contrast.
+_OWN, _HALF = 1 / 12, 0.6
+#: Order of the polynomial, and pixels on either side over which slopes are taken; what others must tell, too.
+_FIT, _OTHERS = (2, 1), ((3, 1), (2, 2))
+#: Parts of the sample that tell the error; deviations by which a lens is sure, and residuals are outliers.
+_PARTS, _SURE, _TRIM = 16, 2.0, 3.0
+#: Fewest pixels of a part.
+_FEWEST = 64
+
+
+def measured_lens(
+    plan: Plan, lit: Sample, maps: list[NDArray[np.float32]], flags: NDArray[np.uint16]
+) -> float:
+    """Variance of what the lens mixes into a pixel, px^2 of the camera; 0 where it is not sure, or not as
+    well known as a pixel's own share is large. maps: coordinate (H, W) of every axis; flags (H, W)."""
+    of_axes = [_line(plan, *one, lit, flags) for one in zip(plan.axes, maps, strict=True)]
+    lines = [line for line in of_axes if line is not None]
+    over, under = _sums(lines, *_FIT)
+    if under.sum() <= 0:
+        return 0.0
+    blur2, without = over.sum() / under.sum(), (over.sum() - over) / (under.sum() - under)
+    others = np.array([np.divide(*_sums(lines, *other).sum(axis=1)) for other in _OTHERS])
+    # jackknife
+    error = float(np.sqrt((_PARTS - 1) * np.var(without) + np.max((others - blur2) ** 2)))
+    return float(blur2) if _SURE * error < blur2 and error < _OWN else 0.0
+
+
+class _Line(NamedTuple):
+    """Of sampled pixels (K,) of an axis: image places within -0.5..0.5; by slopes over either reach (2, K)
+    logarithms of ratios of contrast less what a pixel's own area takes, and what blur2 is the factor of."""
+
+    y: F64
+    x: F64
+    logs: F64
+    turns: F64
+
+    def only(self, kept: Any) -> "_Line":
+        return _Line(*(one[..., kept] for one in self))
+
+
+def _line(
+    plan: Plan, axis: AxisPlan, coord: NDArray[np.float32], lit: Sample, flags: NDArray[np.uint16]
+) -> _Line | None:
+    """None without a coarser fringe, or of too few pixels."""
+    beside = _coarser(plan, axis, lit)
+    if beside is None:
+        return None
+    coarse, turns_coarse = beside
+    fine, turns_fine = _contrast(axis.fringes[-1], lit), 1 / axis.fringes[-1].period
+    row, col = lit.places.T
+    rows, cols = coord.shape
+    inside = (row >= 2) & (row < rows - 2) & (col >= 2) & (col < cols - 2)
+    told = (coarse > 0) & (fine > 0.05 * coarse) & (lit.levels < lit.white).all(axis=0)
+    kept = np.flatnonzero(inside & told)
+    row, col = row[kept], col[kept]
+    here = coord[row, col]
+    good = (flags[row, col] == 0) & (np.minimum(here + 0.5, axis.extent - 0.5 - here) > MARGIN)
+    logs, turns = np.empty((2, 2, len(kept)))
+    for reach in (1, 2):
+        ends = (row - reach, col), (row + reach, col), (row, col - reach), (row, col + reach)
+        good &= np.all([flags[end] == 0 for end in ends], axis=0)
+        up, down, left, right = (coord[end].astype(np.float64) for end in ends)
+        slopes = np.stack([down - up, right - left]) / (2 * reach)
+        good &= np.abs(slopes * turns_fine).max(axis=0) < _HALF
+        with np.errstate(divide="ignore", invalid="ignore"):  # where slopes are no map's
+            own = np.sinc(slopes * turns_fine) / np.sinc(slopes * turns_coarse)
+            logs[reach - 1] = np.log(fine[kept] / coarse[kept]) - np.log(own).sum(axis=0)
+        turns[reach - 1] = -2 * np.pi**2 * (turns_fine**2 - turns_coarse**2) * np.square(slopes).sum(axis=0)
+    if np.count_nonzero(good) < _FEWEST * _PARTS:
+        return None
+    line = _Line(row / rows - 0.5, col / cols - 0.5, logs, turns).only(good)
+    for _ in range(2):
+        off = _left(*_within(line, *_FIT))
+        line = line.only(np.abs(off) < _TRIM * np.sqrt(np.mean(off**2)))
+    return line
+
+
+def _coarser(plan: Plan, axis: AxisPlan, lit: Sample) -> tuple[F64, float] | None:
+    """Contrast (K,) beside that of the finest fringe, and its turns in a pattern pixel."""
+    if not axis.fringes:
+        return None
+    if plan.white >= 0 and plan.black >= 0:
+        return (lit.levels[plan.white].astype(np.float64) - lit.levels[plan.black]) / 2, 0.0
+    if len(axis.fringes) == 1:
+        return None
+    return _contrast(axis.fringes[0], lit), 1 / axis.fringes[0].period
+
+
+def _contrast(fringe: Fringe, lit: Sample) -> F64:
+    _, c, s = fringe.inverse @ lit.levels[list(fringe.index)].astype(np.float64)
+    return np.asarray(np.hypot(c, s))
+
+
+def _within(line: _Line, order: int, reach: int) -> tuple[F64, F64, F64]:
+    """Logarithms, turns over a reach and over the other one (K,), less the nearest polynomials."""
+    powers = [line.x**i * line.y**j for i in range(order + 1) for j in range(order + 1 - i)]
+    span = np.linalg.qr(np.stack(powers, axis=1))[0]
+    three = np.stack([line.logs[reach - 1], line.turns[reach - 1], line.turns[2 - reach]], axis=1)
+    logs, turns, others = (three - span @ (span.T @ three)).T
+    return logs, turns, others
+
+
+def _left(logs: F64, turns: F64, others: F64) -> F64:
+    """What the line leaves of the logarithms (K,)."""
+    return np.asarray(logs - turns * (others @ logs / (others @ turns or 1.0)))
+
+
+def _sums(lines: list[_Line], order: int, reach: int) -> F64:
+    """Of every part of the samples (2, _PARTS): blur2 is the ratio of both."""
+    sums = np.zeros((2, _PARTS))
+    for line in lines:
+        logs, turns, others = _within(line, order, reach)
+        products = np.stack([others * logs, others * turns]) / np.mean(_left(logs, turns, others) ** 2)
+        begin = np.arange(_PARTS) * len(logs) // _PARTS
+        sums += np.add.reduceat(products, begin, axis=1)
+    return sums
