@@ -13,7 +13,7 @@ leave in places shifts neighbours at one and at two pixels differently. Where th
 tells a lens, and nothing has to.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,9 @@ __all__ = ["measured_lens"]
 F64 = NDArray[np.float64]
 #: Variance of a pixel's own area; turns in a pixel from which on it leaves less than half of a contrast.
 _OWN, _HALF = 1 / 12, 0.6
-#: Order of the polynomial, and pixels on either side over which slopes are taken; what others must tell, too.
-_FIT, _OTHERS = (2, 1), ((3, 1), (2, 2))
+#: Terms of the polynomial (to second order, to third), and pixels on either side over which slopes are taken;
+#: what others must tell, too.
+_FIT, _OTHERS = (6, 1), ((10, 1), (6, 2))
 #: Parts of the sample that tell the error; deviations by which a lens is sure, and residuals are outliers.
 _PARTS, _SURE, _TRIM = 16, 2.0, 3.0
 #: Fewest pixels of a part.
@@ -53,16 +54,12 @@ def measured_lens(
 
 
 class _Line(NamedTuple):
-    """Of sampled pixels (K,) of an axis: image places within -0.5..0.5; by slopes over either reach (2, K)
+    """Of sampled pixels of an axis: terms of the polynomial (10, K); by slopes over either reach (2, K)
     logarithms of ratios of contrast less what a pixel's own area takes, and what blur2 is the factor of."""
 
-    y: F64
-    x: F64
+    terms: F64
     logs: F64
     turns: F64
-
-    def only(self, kept: Any) -> "_Line":
-        return _Line(*(one[..., kept] for one in self))
 
 
 def _line(
@@ -86,20 +83,19 @@ def _line(
     for reach in (1, 2):
         ends = (row - reach, col), (row + reach, col), (row, col - reach), (row, col + reach)
         good &= np.all([flags[end] == 0 for end in ends], axis=0)
-        up, down, left, right = (coord[end].astype(np.float64) for end in ends)
-        slopes = np.stack([down - up, right - left]) / (2 * reach)
+        up, down, left, right = (coord[end] for end in ends)
+        slopes = np.stack([down - up, right - left]) / np.float32(2 * reach)
         good &= np.abs(slopes * turns_fine).max(axis=0) < _HALF
         with np.errstate(divide="ignore", invalid="ignore"):  # where slopes are no map's
-            own = np.sinc(slopes * turns_fine) / np.sinc(slopes * turns_coarse)
-            logs[reach - 1] = np.log(fine[kept] / coarse[kept]) - np.log(own).sum(axis=0)
+            own = np.prod(np.sinc(slopes * turns_fine) / np.sinc(slopes * turns_coarse), axis=0)
+            logs[reach - 1] = np.log(fine[kept] / (coarse[kept] * own))
         turns[reach - 1] = -2 * np.pi**2 * (turns_fine**2 - turns_coarse**2) * np.square(slopes).sum(axis=0)
     if np.count_nonzero(good) < _FEWEST * _PARTS:
         return None
-    line = _Line(row / rows - 0.5, col / cols - 0.5, logs, turns).only(good)
-    for _ in range(2):
-        off = _left(*_within(line, *_FIT))
-        line = line.only(np.abs(off) < _TRIM * np.sqrt(np.mean(off**2)))
-    return line
+    line = _Line(_terms(row[good] / rows - 0.5, col[good] / cols - 0.5), logs[:, good], turns[:, good])
+    off = _left(*_within(line, *_FIT))
+    usual = np.flatnonzero(np.abs(off) < _TRIM * np.sqrt(np.mean(off**2)))
+    return _Line(*(one[:, usual] for one in line))
 
 
 def _coarser(plan: Plan, axis: AxisPlan, lit: Sample) -> tuple[F64, float] | None:
@@ -114,17 +110,22 @@ def _coarser(plan: Plan, axis: AxisPlan, lit: Sample) -> tuple[F64, float] | Non
 
 
 def _contrast(fringe: Fringe, lit: Sample) -> F64:
-    _, c, s = fringe.inverse @ lit.levels[list(fringe.index)].astype(np.float64)
-    return np.asarray(np.hypot(c, s))
+    _, c, s = fringe.inverse.astype(np.float32) @ lit.levels[list(fringe.index)]
+    return np.asarray(np.hypot(c, s, dtype=np.float64))
 
 
-def _within(line: _Line, order: int, reach: int) -> tuple[F64, F64, F64]:
-    """Logarithms, turns over a reach and over the other one (K,), less the nearest polynomials."""
-    powers = [line.x**i * line.y**j for i in range(order + 1) for j in range(order + 1 - i)]
-    span = np.linalg.qr(np.stack(powers, axis=1))[0]
-    three = np.stack([line.logs[reach - 1], line.turns[reach - 1], line.turns[2 - reach]], axis=1)
-    logs, turns, others = (three - span @ (span.T @ three)).T
-    return logs, turns, others
+def _terms(y: F64, x: F64) -> F64:
+    """To third order (10, K)."""
+    y2, x2 = y * y, x * x
+    return np.stack([np.ones(len(x)), y, x, y2, y * x, x2, y2 * y, y2 * x, y * x2, x2 * x])
+
+
+def _within(line: _Line, count: int, reach: int) -> F64:
+    """Logarithms, turns over a reach and over the other one (3, K), less the nearest polynomials."""
+    terms = line.terms[:count]
+    three = np.stack([line.logs[reach - 1], line.turns[reach - 1], line.turns[2 - reach]])
+    shares = np.linalg.lstsq(terms @ terms.T, terms @ three.T, rcond=None)[0]
+    return np.asarray(three - shares.T @ terms)
 
 
 def _left(logs: F64, turns: F64, others: F64) -> F64:
@@ -132,11 +133,11 @@ def _left(logs: F64, turns: F64, others: F64) -> F64:
     return np.asarray(logs - turns * (others @ logs / (others @ turns or 1.0)))
 
 
-def _sums(lines: list[_Line], order: int, reach: int) -> F64:
+def _sums(lines: list[_Line], count: int, reach: int) -> F64:
     """Of every part of the samples (2, _PARTS): blur2 is the ratio of both."""
     sums = np.zeros((2, _PARTS))
     for line in lines:
-        logs, turns, others = _within(line, order, reach)
+        logs, turns, others = _within(line, count, reach)
         products = np.stack([others * logs, others * turns]) / np.mean(_left(logs, turns, others) ** 2)
         begin = np.arange(_PARTS) * len(logs) // _PARTS
         sums += np.add.reduceat(products, begin, axis=1)
