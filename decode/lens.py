@@ -31,9 +31,9 @@ _OWN, _HALF = 1 / 12, 0.6
 #: what others must tell, too.
 _FIT, _OTHERS = (6, 1), ((10, 1), (6, 2))
 #: Parts of the sample that tell the error; deviations by which a lens is sure, and residuals are outliers.
-_PARTS, _SURE, _TRIM = 16, 2.0, 3.0
-#: Fewest pixels of a part.
-_FEWEST = 64
+_PARTS, _SURE, _TRIM = 16, 2.5, 3.0
+#: Fewest pixels of a part, and most of all.
+_FEWEST, _MOST = 64, 4096
 
 
 def measured_lens(
@@ -41,7 +41,8 @@ def measured_lens(
 ) -> float:
     """Variance of what the lens mixes into a pixel, px^2 of the camera; 0 where it is not sure, or not as
     well known as a pixel's own share is large. maps: coordinate (H, W) of every axis; flags (H, W)."""
-    of_axes = [_line(plan, *one, lit, flags) for one in zip(plan.axes, maps, strict=True)]
+    some = lit.only(slice(None, None, 1 + len(lit.places) // (_MOST + 1)))
+    of_axes = [_line(plan, *one, some, flags) for one in zip(plan.axes, maps, strict=True)]
     lines = [line for line in of_axes if line is not None]
     over, under = _sums(lines, *_FIT)
     if under.sum() <= 0:

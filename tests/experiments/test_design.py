@@ -90,9 +90,13 @@ def test_the_images_of_a_view_are_those_of_the_virtual_sensor(prism: Scene) -> N
 @pytest.mark.parametrize(
     ("scene", "size", "bump", "stride", "number", "within"),
     [
-        ("prism48", (144, 192), (0.3, 8), 3, "total", 0.12),
+        pytest.param("prism48", (144, 192), (0.3, 6), 3, "total", 0.1, id="small"),
+        pytest.param("prism48", (144, 192), (0.3, 8), 3, "total", 0.1, id="middle"),
+        pytest.param("prism48", (144, 192), (0.3, 12), 3, "total", 0.1, id="wide"),
         # reaches the pattern's edge, where errors grow without limit
-        pytest.param("paper-simulation", (192, 192), (0.6, 25), 4, "noise", 0.2, marks=pytest.mark.slow),
+        pytest.param(
+            "paper-simulation", (192, 192), (0.6, 25), 4, "noise", 0.2, id="edge", marks=pytest.mark.slow
+        ),
     ],
 )
 def test_a_thinned_camera_predicts_the_full_one(
