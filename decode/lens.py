@@ -32,8 +32,8 @@ _OWN, _HALF = 1 / 12, 0.6
 _FIT, _OTHERS = (6, 1), ((10, 1), (6, 2))
 #: Parts of the sample that tell the error; deviations by which a lens is sure, and residuals are outliers.
 _PARTS, _SURE, _TRIM = 16, 2.5, 3.0
-#: Fewest pixels of a part, and most of all.
-_FEWEST, _MOST = 64, 4096
+#: Fewest pixels of a part, and most of all; share of the coarser contrast below which noise is most of it.
+_FEWEST, _MOST, _FAINT = 64, 4096, 0.05
 
 
 def measured_lens(
@@ -75,7 +75,7 @@ def _line(
     row, col = lit.places.T
     rows, cols = coord.shape
     inside = (row >= 2) & (row < rows - 2) & (col >= 2) & (col < cols - 2)
-    told = (coarse > 0) & (fine > 0.05 * coarse) & (lit.levels < lit.white).all(axis=0)
+    told = (coarse > 0) & (fine > _FAINT * coarse) & (lit.levels < lit.white).all(axis=0)
     kept = np.flatnonzero(inside & told)
     row, col = row[kept], col[kept]
     here = coord[row, col]
