@@ -117,24 +117,29 @@ def held_before(plan: Plan, lit: Sample) -> Before:
     if not any(none.left.values()):
         return none
     before = _left(told, _fitted(told))
-    # most of it is the same everywhere; a frame that is mostly the one before is another fault
-    agreed = max(before.left.values()) < 0.5 * abs(before.share) and abs(before.share) < 0.5
+    # most of what was asked is the same everywhere; a frame that is mostly the one before is another fault
+    agreed = max(before.left.values()) < 0.5 * abs(before.first) and abs(before.share) < 0.5
     return before if agreed else none
 
 
 def _fitted(told: list[_Moments]) -> Before:
-    """Before by least squares: a, and r where that surely leaves less."""
+    """Before that leaves least over its noise, a by a generalised eigenvalue, and r where that surely leaves
+    less. (By least squares alone noise is told for a share where frames that cancel leave little besides.)"""
     whole = _sum(told)
-    square, sure = whole.square, _SURE**2 / float(whole.noise[0, 0])
+    sure = _SURE**2 / float(whole.noise[0, 0])
     ratios = np.linspace(-_LONGEST, _LONGEST, _RATIOS)
-    powers = ratios[:, None] ** np.arange(len(square) - 1)
-    along = powers @ square[1:, 0]
-    shares = along / np.einsum("rk,kl,rl->r", powers, square[1:, 1:], powers)
-    rest = square[0, 0] - shares * along
+    weights = np.zeros((_RATIOS, 2, len(whole.square)))
+    weights[:, 0, 0], weights[:, 1, 1:] = 1, -(ratios[:, None] ** np.arange(len(whole.square) - 1))
+    square, noise = (weights @ one @ weights.swapaxes(1, 2) for one in (whole.square, whole.noise))
+    values, vectors = np.linalg.eig(np.linalg.solve(noise, square))
+    least = values.real.argmin(axis=1), np.arange(_RATIOS)
+    rest, (one, share) = values.real[least[::-1]], vectors.real[least[1], :, least[0]].T
+    shares = share / one
     best, alone = int(rest.argmin()), _RATIOS // 2
     if rest[alone] - rest[best] > sure * rest[best]:
         return Before(float(shares[best]), float(ratios[best]))
-    return Before(float(shares[alone]) if square[0, 0] - rest[alone] > sure * rest[alone] else 0.0)
+    none = float(whole.square[0, 0] / whole.noise[0, 0])
+    return Before(float(shares[alone]) if none - rest[alone] > sure * rest[alone] else 0.0)
 
 
 def _left(told: list[_Moments], before: Before) -> Before:

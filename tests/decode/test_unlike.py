@@ -100,6 +100,21 @@ def test_one_frame_exposed_longer_is_in_sigma(shown: Sequence, light: F64, smoot
     assert np.median(kept) > 0.5, kept
 
 
+@pytest.mark.parametrize("size", [0.01, 0.03])
+@pytest.mark.parametrize("shown", [sequence("phase", *EXTENT), SHOWN[2]], ids=["phase", "close"])
+def test_bands_of_a_lamp_are_no_share_of_earlier_frames(
+    shown: Sequence, size: float, shoot: Shoot, smooth: Map
+) -> None:
+    """A rolling shutter before a lamp that is dimmed by pulses: bands that lie elsewhere in every frame."""
+    light = shoot(shown, *smooth, dtype=np.uint16, offset=10500.0, amplitude=9000.0) / 100.0
+    rng = np.random.default_rng(5)
+    turns = rng.uniform(1, 8) * np.arange(120)[:, None] / 120 + rng.random((len(shown), 1, 1))
+    found = decode(camera(light * (1 + size * np.sin(2 * np.pi * turns)), 0.7, 4), shown, on_cells=False)
+    assert told(found) == 0
+    assert silent(found, *smooth) <= 1e-4
+    assert found.good.mean() > 0.95
+
+
 def test_harmonics_of_a_response_do_not_widen_a_phase(shoot: Shoot, smooth: Map) -> None:
     """Six steps read no harmonic below the fifth."""
     shown = sequence("gray+phase", *EXTENT, steps=6)
