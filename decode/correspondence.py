@@ -4,7 +4,7 @@ Displacement: how far the pattern has moved for it since the mirror was at rest.
 from dataclasses import MISSING, dataclass, fields
 from enum import IntFlag
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from optolever.files import load_arrays, save_arrays
 from optolever.notices import Notice, notices_from_array, notices_to_array
 from optolever.records import Axes, Comparable, flag_line, plot_maps, span
 
-__all__ = ["Correspondence", "Displacement", "Flag", "PixelMaps", "difference"]
+__all__ = ["Correspondence", "Displacement", "Flag", "LineNoise", "PixelMaps", "difference"]
 
 Map = NDArray[np.floating[Any]]
 
@@ -33,8 +33,23 @@ class Flag(IntFlag):
     WRONG_FRAME = 256
 
 
+class LineNoise(NamedTuple):
+    """What pixels of one row, and of one column, of the image share of the variance of their noise (0 to 1),
+    and turns of the finest fringe along u and v in a pattern pixel: noise of a frame becomes an error of the
+    place by the cosine of its phase."""
+
+    rows: float
+    cols: float
+    turns_u: float
+    turns_v: float
+
+
+#: Fields of records that are no maps.
+_NO_MAPS = ("notices", "line_noise")
+
+
 class PixelMaps(Comparable):
-    """What records of maps (H, W) of camera pixels share: checks and .npz; `notices` alone is no map."""
+    """What records of maps (H, W) of camera pixels share: checks and .npz."""
 
     __slots__ = ()
     __dataclass_fields__: ClassVar[dict[str, Any]]
@@ -45,7 +60,7 @@ class PixelMaps(Comparable):
         shape = np.shape(getattr(self, first))
         for field in fields(self):
             value = getattr(self, field.name)
-            if field.name == "notices" or value is None:
+            if field.name in _NO_MAPS or value is None:
                 continue
             if np.shape(value) != shape or len(shape) != 2:
                 found = f"{field.name} has shape {np.shape(value)}"
@@ -74,6 +89,8 @@ class PixelMaps(Comparable):
         try:
             if "notices" in known:
                 arrays["notices"] = notices_from_array(arrays["notices"])
+            if "line_noise" in known:
+                arrays["line_noise"] = _line_noise(arrays["line_noise"])
             return cls(**{name: arrays[name] for name in known})
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
@@ -91,6 +108,7 @@ class Correspondence(PixelMaps):
     amplitude, offset  of the modulation, camera levels (the smaller amplitude of both axes, the mean level)
     order_error        probability that a fringe order or code bit is wrong
     notices            what the whole capture wants its user to know
+    line_noise         what rows and columns share of the noise; None: nothing that is known
     """
 
     u: Map
@@ -102,6 +120,7 @@ class Correspondence(PixelMaps):
     offset: Map | None = None
     order_error: Map | None = None
     notices: tuple[Notice, ...] = ()
+    line_noise: LineNoise | None = None
 
     def __repr__(self) -> str:
         good = self.good
@@ -154,7 +173,9 @@ class Displacement(PixelMaps):
         The errors of both are taken as independent. Amplitude and offset are the displacement's.
         """
         common = _common(self, rest)
-        return Correspondence(rest.u + self.du, rest.v + self.dv, **common, notices=rest.notices)
+        return Correspondence(
+            rest.u + self.du, rest.v + self.dv, **common, notices=rest.notices, line_noise=rest.line_noise
+        )
 
 
 def difference(deformed: Correspondence, rest: Correspondence) -> Displacement:
@@ -164,6 +185,14 @@ def difference(deformed: Correspondence, rest: Correspondence) -> Displacement:
     """
     common = _common(deformed, rest)
     return Displacement(deformed.u - rest.u, deformed.v - rest.v, **common)
+
+
+def _line_noise(stored: NDArray[Any]) -> LineNoise:
+    """As it was saved, (4,)."""
+    limits = np.array([1.0, 1.0, np.inf, np.inf])
+    if stored.shape != (4,) or not ((stored >= 0) & (stored <= limits) & np.isfinite(stored)).all():
+        raise InputError(f"line_noise is {stored.tolist()}, must be two shares (0 to 1) and turns in u and v")
+    return LineNoise(*map(float, stored))
 
 
 def _probability_or(first: Map | None, second: Map | None) -> Map | None:

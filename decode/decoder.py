@@ -24,6 +24,7 @@ from .flags import Shared
 from .frames import Light, light_of, sample_levels
 from .integrity import examine, spoilt_pixels
 from .lens import measured_lens
+from .line_noise import line_noise
 from .noise import Noise, Sample, estimate_noise, under_response
 from .pixelation import REACH, Pixelation, measured_pixelations, usual_width
 from .plan import Plan, plan, raster_axes
@@ -256,7 +257,8 @@ def _among_neighbours(
     notices += _noticed(_ROUGH, max(roughness) ** 0.5)
     (u, sigma_u), (v, sigma_v) = out["u"], out["v"]
     common = shared.amplitude, shared.offset, shared.error
-    return Correspondence(u, v, sigma_u, sigma_v, shared.flags, *common, notices)
+    lines = line_noise(shown, shot.lit, tuple(decoder.per_turn for decoder in decoders))
+    return Correspondence(u, v, sigma_u, sigma_v, shared.flags, *common, notices, lines)
 
 
 def _dark_level(lit: Sample, shared: Shared) -> float:

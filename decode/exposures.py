@@ -111,7 +111,8 @@ def better_of(first: Correspondence, second: Correspondence) -> Correspondence:
     names = ("u", "v", "sigma_u", "sigma_v", "flags", "amplitude", "offset", "order_error")
     merged = {name: np.where(take, getattr(second, name), getattr(first, name)) for name in names}
     merged["flags"][apart & first.good & second.good] |= np.uint16(Flag.MOVED)
-    return Correspondence(**merged, notices=tuple(dict.fromkeys(first.notices + second.notices)))
+    notices = tuple(dict.fromkeys(first.notices + second.notices))
+    return Correspondence(**merged, notices=notices, line_noise=first.line_noise or second.line_noise)
 
 
 def _ranks(found: Correspondence) -> tuple[NDArray[Any], ...]:

@@ -20,6 +20,7 @@ __all__ = [
     "Noise",
     "Sample",
     "estimate_noise",
+    "explain",
     "fitted_noise",
     "harmonics",
     "modulation",
@@ -28,6 +29,7 @@ __all__ = [
     "trimmed_variance",
     "under_response",
     "unexplained",
+    "unsaturated",
 ]
 
 F32 = NDArray[np.float32]
@@ -210,7 +212,7 @@ def _misfit(sample: Sample, amplitude: F32, groups: tuple[F64, ...], noise: Nois
         return 0.0
     thin = max(1, sample.levels.shape[1] // _ASKED)
     rows, some = groups[-1].astype(np.float32), sample.only(slice(None, None, thin))
-    whole = _unsaturated(rows, some.levels, sample.white)
+    whole = unsaturated(rows, some.levels, sample.white)
     told = whole.any(axis=0)
     if np.count_nonzero(told) < _FEWEST:  # the noise itself is not known better than what it leaves
         return 0.0
@@ -232,22 +234,22 @@ def _residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32
     levels, camera = few.levels, few.levels if few.camera is None else few.camera
     if groups:
         rows = groups[0]
-        if not _unsaturated(rows.astype(np.float32), levels, sample.white).any():
+        if not unsaturated(rows.astype(np.float32), levels, sample.white).any():
             rows = _of_four(plan, rows)
         some = rows[:: max(1, len(rows) * levels.shape[1] // (2 * _MOST))].astype(np.float32)
         used = np.abs(some) > 0
         mean = product(used.astype(np.float32), camera) / used.sum(axis=1, keepdims=True)
         slopes = np.broadcast_to(few.slopes(some), mean.shape)
-        residual, kept = product(some, levels), _unsaturated(some, levels, sample.white)
+        residual, kept = product(some, levels), unsaturated(some, levels, sample.white)
         if few.steep is not None:  # the inverse is straight over the noise where it is not steep
             kept &= slopes <= np.quantile(slopes, _STRAIGHT)
         fringes = [(one, harmonics(one, levels)) for axis in plan.axes for one in axis.fringes]
-        _explain(residual, kept, used, fringes)
+        explain(residual, kept, used, fringes)
         return mean[kept], (residual / slopes)[kept]
     return _neighbours(plan, sample.only(slice(_MOST)))
 
 
-def _explain(
+def explain(
     residual: F32, kept: NDArray[np.bool_], used: NDArray[np.bool_], fringes: list[tuple[Fringe, F32]]
 ) -> None:
     """Take off what their fringes' waves (see harmonics) explain of residuals (M, K) that use frames (M, N),
@@ -278,7 +280,7 @@ def _of_four(plan: Plan, rows: F64) -> F64:
     return np.stack(found) if found else rows
 
 
-def _unsaturated(rows: F32, levels: F32, white: float) -> NDArray[np.bool_]:
+def unsaturated(rows: F32, levels: F32, white: float) -> NDArray[np.bool_]:
     """Constraints (M, K) none of whose samples is saturated; rows (M, N), levels (N, K)."""
     clipped = levels >= white
     if not clipped.any():

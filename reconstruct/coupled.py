@@ -23,6 +23,7 @@ from .edges import Doubt
 from .gaps import across_gaps, widened
 from .heightmap import HeightMap
 from .holes import bridged, noise_gain
+from .line_noise import line_variance
 from .newton import Options, State, solve
 from .paper import SeriesName
 from .paper_scene import reconstruct_paper
@@ -166,7 +167,10 @@ def solved_height(
     rounding = rounding_variance(problem, state)
     chi2, freedom = circulation_chi2(problem.data, state, gain)
     correlation = chi2 if rounding is None and chi2 > chi2_limit(freedom) else 1.0
-    variance = correlation * gain * unknown_variance(problem.data, state, problem.labels)
+    variance = unknown_variance(problem.data, state, problem.labels)
+    if correspondence.line_noise is not None:
+        variance += line_variance(problem, state, correspondence.line_noise)
+    variance *= correlation * gain
     if rounding is not None:  # errors of discrete codes are shared by neighbours
         larger = np.maximum(variance, rounding)
         correlation = float(np.median((larger / variance)[problem.data.mask]))

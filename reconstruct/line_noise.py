@@ -1,0 +1,94 @@
+"""Variance of the height by noise that rows, or columns, of the frames share (see decode.LineNoise).
+
+An error e(y) cos(k x) of a slope, e independent from row to row, is answered by the least-squares solve with
+e * exp(-k |y|) / 2, whichever slope it is of: the sum of squares is the slope's variance over 4 k. Where the
+phase does not turn along the row (k = 0) errors of slopes down the columns add up on the way from the
+anchors: edge j of those that a pixel has below it takes 1 - A_j of its error, one above it A_j, where A_j is
+the anchors' share above it; a turning phase ends that walk where the pixel's and the anchors' errors are
+independent. Those of slopes along the row, which no surface has, leave an eighth of the row's length at its
+ends (the odd cosines' share of a constant), less within.
+"""
+
+import warnings
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from optolever.decode import LineNoise
+
+from .arrays import Floats, Ints, Labels, Pair
+from .newton import State
+from .problem import Problem
+
+__all__ = ["line_variance"]
+
+_COLUMNS = 128  # that are asked for the usual slopes' variance of a row
+_STILL = 1e-9  # radians per pixel: no turn in any image
+_ENDS = 8.0  # one over the share of a row's length that slopes along it leave, about
+
+
+def line_variance(problem: Problem, state: State, noise: LineNoise) -> Floats:
+    """Variance of w in every pixel of the grid, (rows, cols), beside that of independent noise."""
+    data, seen = problem.data, problem.labels > 0
+    by_rows, by_cols = (noise.cols, noise.rows) if problem.turned else (noise.rows, noise.cols)
+    at, component, share = np.divmod(state.rows.pixel, seen.shape[1]), state.rows.component, state.share
+    factor2, total = np.broadcast_to(state.root**4, seen.shape), np.zeros(seen.shape)
+    nothing = np.zeros(seen.shape)
+    for turns, coordinate, alone in (
+        (noise.turns_u, data.u, replace(data, sigma_v=nothing)),
+        (noise.turns_v, data.v, replace(data, sigma_u=nothing)),
+    ):
+        every = zip(alone.variances(state.w), state.variances, strict=True)
+        p, q = (np.where(seen, np.fmin(one, whole) / factor2, np.nan) for one, whole in every)
+        phase = np.where(seen, 2 * np.pi * turns * coordinate, np.nan)
+        rows = _of_rows(phase, (p, q), problem.labels, _Anchors(*at, component, share))
+        cols = _of_rows(phase.T, (q.T, p.T), problem.labels.T, _Anchors(*at[::-1], component, share))
+        total += by_rows * rows + by_cols * cols.T
+    return np.asarray(np.where(seen, factor2 * total, 0.0))
+
+
+class _Anchors(NamedTuple):
+    """Row, column and component of every anchor, and its share in the component's constant, all (M,)."""
+
+    row: Ints
+    col: Ints
+    component: Ints
+    share: Floats
+
+    def by_row(self, rows: int, weight: Any = 1.0) -> Floats:
+        """Sums (C, rows) of the shares, times a weight (M,)."""
+        sums = np.zeros((int(self.component.max(initial=0)) + 1, rows))
+        np.add.at(sums, (self.component, self.row), self.share * weight)
+        return sums
+
+
+def _of_rows(phase: Floats, variances: Pair, labels: Labels, anchors: _Anchors) -> Floats:
+    """Of noise that is all shared by rows: phase of the fringe; variances of the slopes along the rows and
+    down the columns, NaN where nothing is seen."""
+    rows, cols = labels.shape
+    some = slice(None, None, max(1, cols // _COLUMNS))
+    with warnings.catch_warnings():  # rows in which nothing is seen
+        warnings.simplefilter("ignore", RuntimeWarning)
+        k = max(float(np.nan_to_num(np.nanmedian(np.abs(np.diff(phase)[:, some])))), _STILL)
+        usual = np.nan_to_num(np.nanmedian(variances[1][:, some], axis=1))
+    along, down = variances[0] / (4 * k + _ENDS / cols), variances[1] / (4 * k)
+    of_anchors = [
+        np.square(anchors.by_row(rows, np.sqrt(one[anchors.row, anchors.col]))).sum(axis=1)
+        for one in (along, down)
+    ]
+    apart = usual / (4 * k) + of_anchors[1][:, None]
+    walk = _walk(usual, anchors.by_row(rows))
+    walk *= apart / np.maximum(walk + apart, np.finfo(float).tiny)
+    return np.asarray(walk[labels, np.arange(rows)[:, None]] + along + of_anchors[0][labels])
+
+
+def _walk(variance: Floats, anchors: Floats) -> Floats:
+    """Variance (C, rows) of sums of errors down the rows, of variances (rows,), less what the anchors' shares
+    (C, rows) take."""
+    edges = 0.5 * (variance[1:] + variance[:-1])
+    beyond = np.cumsum(anchors[:, :0:-1], axis=1)[:, ::-1]
+    before = np.cumsum(edges * (1 - beyond) ** 2, axis=1)
+    after = np.cumsum((edges * beyond**2)[:, ::-1], axis=1)[:, ::-1]
+    walk: Floats = np.pad(before, ((0, 0), (1, 0))) + np.pad(after, ((0, 0), (0, 1)))
+    return walk

@@ -1,0 +1,63 @@
+"""Noise that rows or columns of the frames share is told, and nothing else is taken for it."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optolever.decode import Correspondence, LineNoise, decode
+from optolever.errors import InputError
+from optolever.patterns import Sequence, sequence_from_text
+from optolever.projector import capture
+from optolever.scene import dent, load, resize
+
+CODES = ("gray+phase", "phase", "phase:steps=3,periods=8.74/8.06/8")
+
+
+@pytest.fixture(scope="module", params=CODES)
+def clean(request: pytest.FixtureRequest) -> tuple[np.ndarray, Sequence]:
+    """Frames without noise, a hundredth of a level fine."""
+    rig = resize(load("prism48"), 150, 200)
+    rig = replace(rig, sensor=replace(rig.sensor, bits=16)) if rig.sensor else rig
+    shown = sequence_from_text(request.param, rig.pattern.rows, rig.pattern.cols)
+    seen = capture(rig, dent("gaussian", rig, peak=0.2, sigma=6.0), shown, renderer="numpy")
+    return seen.frames.astype(np.float64), shown
+
+
+def decoded(clean: tuple[np.ndarray, Sequence], noise: float, rows: float, cols: float) -> Correspondence:
+    frames, shown = clean
+    rng = np.random.default_rng(5)
+    count, height, width = frames.shape
+    noisy = frames + noise * rng.standard_normal(frames.shape)
+    noisy += rows * rng.standard_normal((count, height, 1)) + cols * rng.standard_normal((count, 1, width))
+    return decode(np.rint(noisy).clip(0, 255).astype(np.uint8), shown)
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(0.4, 0.0), (0.0, 0.4), (0.3, 0.5)])
+def test_shares_are_told(clean: tuple[np.ndarray, Sequence], rows: float, cols: float) -> None:
+    found = decoded(clean, 1.0, rows, cols).line_noise
+    assert found is not None
+    whole = 1.0 + 1 / 12 + rows**2 + cols**2
+    # a variance of 150 lines is uncertain by sqrt(2 / 150) of itself
+    true = rows**2 / whole, cols**2 / whole
+    assert (found.rows, found.cols) == pytest.approx(true, rel=3 * np.sqrt(2 / 150), abs=0.015)
+
+
+@pytest.mark.parametrize("noise", [0.1, 0.3, 1.0])
+def test_what_a_display_does_is_none(clean: tuple[np.ndarray, Sequence], noise: float) -> None:
+    """Its cells leave residuals that all pixels of one place have, in whole lines of an aligned rig."""
+    found = decoded(clean, noise, 0.0, 0.0).line_noise
+    assert found is None or max(found.rows, found.cols) < 0.015
+
+
+def test_saved_and_loaded(tmp_path: Path) -> None:
+    ones = np.ones((4, 5))
+    found = Correspondence(ones, ones, ones, ones, np.zeros((4, 5), np.uint16))
+    told = replace(found, line_noise=LineNoise(0.1, 0.0, 0.125, 0.125))
+    for one in (found, told):
+        one.save(tmp_path / "c.npz")
+        assert Correspondence.load(tmp_path / "c.npz") == one
+    replace(found, line_noise=LineNoise(1.5, 0.0, 0.1, 0.1)).save(tmp_path / "c.npz")
+    with pytest.raises(InputError, match=r"c\.npz: line_noise is .*two shares"):
+        Correspondence.load(tmp_path / "c.npz")
