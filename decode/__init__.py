@@ -9,7 +9,7 @@
 | `plan`           | a sequence as periods, bits, references, levels; the constraints that it obeys         |
 | `frames`         | frames validated, white level, response; pixels from all over them                     |
 | `noise`          | photon transfer from what no scene can make of the frames; pixels that see the pattern |
-| `line_noise`     | what rows and columns share of the noise                                               |
+| `shared_noise`   | what pixels of a row, of a column, of a whole frame have in common of the noise        |
 | `unlike`         | a display on its way when the camera exposes; misfit within fringes                    |
 | `response`       | `Response` of display and camera, inverted before fringes are fitted                   |
 | `phase`          | N-step least squares: phase, variance, amplitude, chi2                                 |
@@ -37,7 +37,7 @@ u along the pattern's columns, v along its rows, integer = pixel centre; sigma i
 0.01 where the frames show no noise. An axis that was not shown is NaN with sigma inf and raises no flag.
 """
 
-from .correspondence import Correspondence, Displacement, Flag, LineNoise, difference
+from .correspondence import Correspondence, Displacement, Flag, SharedNoise, difference
 from .decoder import decode
 from .integrity import Integrity, check
 from .response import Response
@@ -51,9 +51,9 @@ __all__ = [
     "Finding",
     "Flag",
     "Integrity",
-    "LineNoise",
     "PatternMap",
     "Response",
+    "SharedNoise",
     "check",
     "crossed",
     "decode",

@@ -14,7 +14,7 @@ from optolever.files import load_arrays, save_arrays
 from optolever.notices import Notice, notices_from_array, notices_to_array
 from optolever.records import Axes, Comparable, flag_line, plot_maps, span
 
-__all__ = ["Correspondence", "Displacement", "Flag", "LineNoise", "PixelMaps", "difference"]
+__all__ = ["Correspondence", "Displacement", "Flag", "PixelMaps", "SharedNoise", "difference"]
 
 Map = NDArray[np.floating[Any]]
 
@@ -33,19 +33,22 @@ class Flag(IntFlag):
     WRONG_FRAME = 256
 
 
-class LineNoise(NamedTuple):
-    """What pixels of one row, and of one column, of the image share of the variance of their noise (0 to 1),
-    and turns of the finest fringe along u and v in a pattern pixel: noise of a frame becomes an error of the
-    place by the cosine of its phase."""
+class SharedNoise(NamedTuple):
+    """Of the variance of the frames' noise the share (0 to 1) that pixels have in common: those of one row,
+    of one column, and, among the frames of u and of v, all of the image by their level and phase (a lamp that
+    flickers). turns: of the finest fringe along u and v in a pattern pixel; noise of a frame becomes an error
+    of the place by the cosine of its phase."""
 
     rows: float
     cols: float
+    frames_u: float
+    frames_v: float
     turns_u: float
     turns_v: float
 
 
 #: Fields of records that are no maps.
-_NO_MAPS = ("notices", "line_noise")
+_NO_MAPS = ("notices", "shared_noise")
 
 
 class PixelMaps(Comparable):
@@ -89,8 +92,8 @@ class PixelMaps(Comparable):
         try:
             if "notices" in known:
                 arrays["notices"] = notices_from_array(arrays["notices"])
-            if "line_noise" in known:
-                arrays["line_noise"] = _line_noise(arrays["line_noise"])
+            if "shared_noise" in known:
+                arrays["shared_noise"] = _shared_noise(arrays["shared_noise"])
             return cls(**{name: arrays[name] for name in known})
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
@@ -108,7 +111,7 @@ class Correspondence(PixelMaps):
     amplitude, offset  of the modulation, camera levels (the smaller amplitude of both axes, the mean level)
     order_error        probability that a fringe order or code bit is wrong
     notices            what the whole capture wants its user to know
-    line_noise         what rows and columns share of the noise; None: nothing that is known
+    shared_noise       what pixels have in common of the noise; None: nothing that is known
     """
 
     u: Map
@@ -120,7 +123,7 @@ class Correspondence(PixelMaps):
     offset: Map | None = None
     order_error: Map | None = None
     notices: tuple[Notice, ...] = ()
-    line_noise: LineNoise | None = None
+    shared_noise: SharedNoise | None = None
 
     def __repr__(self) -> str:
         good = self.good
@@ -174,7 +177,7 @@ class Displacement(PixelMaps):
         """
         common = _common(self, rest)
         return Correspondence(
-            rest.u + self.du, rest.v + self.dv, **common, notices=rest.notices, line_noise=rest.line_noise
+            rest.u + self.du, rest.v + self.dv, **common, notices=rest.notices, shared_noise=rest.shared_noise
         )
 
 
@@ -187,12 +190,12 @@ def difference(deformed: Correspondence, rest: Correspondence) -> Displacement:
     return Displacement(deformed.u - rest.u, deformed.v - rest.v, **common)
 
 
-def _line_noise(stored: NDArray[Any]) -> LineNoise:
-    """As it was saved, (4,)."""
-    limits = np.array([1.0, 1.0, np.inf, np.inf])
-    if stored.shape != (4,) or not ((stored >= 0) & (stored <= limits) & np.isfinite(stored)).all():
-        raise InputError(f"line_noise is {stored.tolist()}, must be two shares (0 to 1) and turns in u and v")
-    return LineNoise(*map(float, stored))
+def _shared_noise(stored: NDArray[Any]) -> SharedNoise:
+    """As it was saved, (6,)."""
+    limits = np.array([1.0, 1.0, 1.0, 1.0, np.inf, np.inf])
+    if stored.shape != (6,) or not ((stored >= 0) & (stored <= limits) & np.isfinite(stored)).all():
+        raise InputError(f"shared_noise is {stored.tolist()}, must be four shares (0 to 1), turns in u and v")
+    return SharedNoise(*map(float, stored))
 
 
 def _probability_or(first: Map | None, second: Map | None) -> Map | None:

@@ -24,11 +24,11 @@ from .flags import Shared
 from .frames import Light, light_of, sample_levels
 from .integrity import examine, spoilt_pixels
 from .lens import measured_lens
-from .line_noise import line_noise
 from .noise import Noise, Sample, estimate_noise, under_response
 from .pixelation import REACH, Pixelation, measured_pixelations, usual_width
 from .plan import Plan, plan, raster_axes
 from .response import Response
+from .shared_noise import shared_noise
 from .spatial import Raw, check_rows, despeckle
 from .unlike import Before, held_before, without_before
 
@@ -257,7 +257,7 @@ def _among_neighbours(
     notices += _noticed(_ROUGH, max(roughness) ** 0.5)
     (u, sigma_u), (v, sigma_v) = out["u"], out["v"]
     common = shared.amplitude, shared.offset, shared.error
-    lines = line_noise(shown, shot.lit, tuple(decoder.per_turn for decoder in decoders))
+    lines = shared_noise(shown, shot.lit, tuple(decoder.per_turn for decoder in decoders))
     return Correspondence(u, v, sigma_u, sigma_v, shared.flags, *common, notices, lines)
 
 

@@ -112,7 +112,7 @@ def better_of(first: Correspondence, second: Correspondence) -> Correspondence:
     merged = {name: np.where(take, getattr(second, name), getattr(first, name)) for name in names}
     merged["flags"][apart & first.good & second.good] |= np.uint16(Flag.MOVED)
     notices = tuple(dict.fromkeys(first.notices + second.notices))
-    return Correspondence(**merged, notices=notices, line_noise=first.line_noise or second.line_noise)
+    return Correspondence(**merged, notices=notices, shared_noise=first.shared_noise or second.shared_noise)
 
 
 def _ranks(found: Correspondence) -> tuple[NDArray[Any], ...]:

@@ -25,7 +25,7 @@
 | `anchors.py`, `gauge.py` | what is known of the mirror; from there to every component's free constant |
 | `null_space.py` | what no slope measurement sees |
 | `uncertainty.py`, `monte_carlo.py` | variance of the height: closed form of a rectangle, drawn noise |
-| `line_noise.py` | variance of the height by noise that rows or columns of the frames share |
+| `shared_noise.py` | variance of the height by noise that rows, columns or whole frames share |
 | `discontinuities.py` | edges whose increment is in doubt: cusps, ridges, rims, wrong pixels |
 | `islands.py` | what those and missing pixels part from the anchors |
 | `rounding.py` | errors of discrete codes, which neighbouring pixels share |

@@ -23,7 +23,6 @@ from .edges import Doubt
 from .gaps import across_gaps, widened
 from .heightmap import HeightMap
 from .holes import bridged, noise_gain
-from .line_noise import line_variance
 from .newton import Options, State, solve
 from .paper import SeriesName
 from .paper_scene import reconstruct_paper
@@ -32,6 +31,7 @@ from .propagation import Measurement, calibration_modes
 from .result import anchors_apart, height_map, judged
 from .reweighting import reweighted
 from .rounding import rounding_variance
+from .shared_noise import shared_variance
 from .uncertainty import unknown_variance
 
 __all__ = ["Solution", "doubted", "method_names", "reconstruct", "solved_height", "with_modes"]
@@ -168,8 +168,8 @@ def solved_height(
     chi2, freedom = circulation_chi2(problem.data, state, gain)
     correlation = chi2 if rounding is None and chi2 > chi2_limit(freedom) else 1.0
     variance = unknown_variance(problem.data, state, problem.labels)
-    if correspondence.line_noise is not None:
-        variance += line_variance(problem, state, correspondence.line_noise)
+    if correspondence.shared_noise is not None:
+        variance += shared_variance(problem, state, correspondence.shared_noise)
     variance *= correlation * gain
     if rounding is not None:  # errors of discrete codes are shared by neighbours
         larger = np.maximum(variance, rounding)

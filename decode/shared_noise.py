@@ -1,0 +1,78 @@
+"""What pixels have in common of the noise: those of a row, of a column, of a whole frame.
+
+Cameras read by rows and amplify by columns (EMVA 1288 release 4.0, row and column noise); before a rolling
+shutter a lamp's flicker leaves bands, before a global one frames of unequal light. A height adds up along a
+line, or over half a fringe, what is common, where independent noise averages out. Constraints of a plan are
+free of the scene: what level and phase explain of their residuals is of whole frames, and of the rest the
+product of two pixels is, on average, what both share. What is shown otherwise than described leaves
+residuals, too, which lines of equal place share: an axis tells most where it changes along the line, and the
+least of both axes stands.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .correspondence import SharedNoise
+from .noise import Sample, explain, harmonics, product, trimmed_variance, unsaturated
+from .plan import AxisPlan, Plan, constraints
+
+__all__ = ["shared_noise"]
+
+F32 = NDArray[np.float32]
+#: Pixels that are looked at, at most; deviations beyond which a residual is an outlier, and of chance, from
+#: which on a share is one.
+_MOST, _FAR, _SURE = 4096, 4.0, 3.0
+#: Of the waves (see noise.harmonics), level and phase: what light or gain of one frame changes.
+_LIGHT = 3
+
+
+def shared_noise(plan: Plan, lit: Sample, turns: tuple[float, ...]) -> SharedNoise | None:
+    """None where nothing is surely shared, or fringes do not tell. turns: of the finest fringe of each axis
+    in a pattern pixel, 0 without one."""
+    thin = max(1, lit.levels.shape[1] // _MOST)
+    some = lit.only(slice(None, None, thin))
+    if len(plan.axes) != 2 or not all(turns) or len(some.places) < 2:
+        return None
+    shares = {axis.axis: _shares(plan, axis, some) for axis in plan.axes}
+    turned = dict(zip(shares, turns, strict=True))
+    rows, cols, _ = np.minimum(shares["u"], shares["v"]).tolist()
+    found = SharedNoise(rows, cols, shares["u"][2], shares["v"][2], turned["u"], turned["v"])
+    return found if max(found[:4]) > 0 else None
+
+
+def _shares(plan: Plan, axis: AxisPlan, sample: Sample) -> tuple[float, float, float]:
+    """Shares of rows, of columns and of frames, by those of one axis; 0 where these have no constraints."""
+    groups = constraints(replace(plan, axes=(axis,), white=-1, black=-1), len(sample.levels))
+    if not groups:
+        return 0.0, 0.0, 0.0
+    tests = groups[-1].astype(np.float32)
+    sample = sample.only(unsaturated(tests, sample.levels, sample.white).all(axis=0))
+    residual = product(tests, sample.levels)
+    if residual.shape[1] < 2:
+        return 0.0, 0.0, 0.0
+    fringes = [(one, harmonics(one, sample.levels)) for one in axis.fringes]
+    every, used = np.ones(residual.shape, np.bool_), tests != 0
+    of_frames, of_lines = residual.copy(), residual.copy()
+    explain(of_frames, every, used, [(one, waves[:_LIGHT]) for one, waves in fringes])
+    explain(of_lines, every, used, fringes)
+    whole = np.square(of_lines) <= _FAR**2 * trimmed_variance(of_lines.ravel())
+    square = float(np.square(residual)[whole].sum())
+    if square == 0:
+        return 0.0, 0.0, 0.0
+    frames = 1 - float(np.square(of_frames)[whole].sum()) / square
+    chance = (_LIGHT + _SURE * np.sqrt(2 * _LIGHT)) / residual.shape[1]
+    rows, cols = (_shared(of_lines * whole, line, square) for line in sample.places.T)
+    return rows, cols, frames if frames > chance else 0.0
+
+
+def _shared(residual: F32, line: NDArray[np.int64], whole: float) -> float:
+    """Mean product of residuals (M, K) of two pixels of a line (K,), over their mean square, of the sum
+    `whole`; 0 where chance leaves as much."""
+    count = np.bincount(line).astype(np.float64)
+    pairs = float((count * (count - 1)).sum())
+    sums = np.stack([np.bincount(line, one) for one in residual])
+    both = float(np.square(sums).sum() - np.square(residual, dtype=np.float64).sum())
+    share = both / max(pairs, 1.0) / (whole / line.size)
+    return share if share > _SURE * np.sqrt(2 / (max(pairs, 1.0) * len(residual))) else 0.0
