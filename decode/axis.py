@@ -20,10 +20,15 @@ from .noise import Noise, Sample
 from .phase import Periods, periods_of
 from .plan import AxisPlan, Fringe, Plan, constraints, plan, raster_axes
 from .spatial import Raw
-from .unlike import Before, misfit_within
+from .unlike import Before, misfit_between, misfit_within, whole
 from .unwrap import Orders, climb, order_table, unwrap_close
 
 __all__ = ["AxisDecoder", "AxisOptions", "axis_decoders"]
+
+
+#: Pixels that tell a variance (18 %), and that are asked (a fifth surely); rounds in which what periods
+#: contradict each other by is found, as orders are listed within it.
+_FEWEST, _ASKED, _ROUNDS = 64, 450, 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +38,7 @@ class AxisDecoder:
     periods   of the fringes, with the variance that rounded grey values and misfit leave
     limits    beyond which pixels are flagged; jump: largest second difference of neighbours, stripe: the
               finest one of a code, pattern px; per_turn: turns of the finest fringe in a px, 0 without one;
-              common: variance (px^2) by misfit that all close periods may share
+              between: variance (turns^2) of a phase by what periods contradict each other by
     """
 
     axis: AxisPlan
@@ -47,7 +52,7 @@ class AxisDecoder:
     jump: float
     stripe: float
     per_turn: float = 0.0
-    common: float = 0.0
+    between: float = 0.0
 
     def decode(self, rows: tuple[int, int], raw: Raw, first: bool, shared: Shared) -> None:
         """Rows start..stop: coordinates and variances into the axis' maps, the rest into the shared ones."""
@@ -124,8 +129,6 @@ def _decoder(
     rounding = _rounding(axis.axis, sequence) if shown else (0.0,) * len(axis.fringes)
     unlike = [_unlike(fringe, lit, noise, options.before) for fringe in axis.fringes]
     rounding = tuple(r + m for r, m in zip(rounding, unlike, strict=True))
-    orders = None if covered else _orders(axis, _deviation(axis, noise, lit), max(rounding))
-    periods = periods_of(axis.fringes, rounding) if axis.fringes else None
     freedom = sum(len(fringe.index) - 3 for fringe in axis.fringes) + max(len(axis.fringes) - 1, 0)
     freedom += (1 if axis.fringes else 0) + code.freedom if code is not None else 0
     if axis.fringes:
@@ -136,9 +139,42 @@ def _decoder(
         jump = stripe = 2.0 * float(code.cell)
         per_turn, factor = 0.0, 0.5
     limits = limits_of(axis.extent, factor, freedom, light.white)
-    common = 0.0 if orders is None else unlike[-1] * axis.fringes[-1].period ** 2
-    return AxisDecoder(
-        axis, light, noise, code, orders, None, periods, limits, jump, stripe, per_turn, common
+    found = AxisDecoder(axis, light, noise, code, None, None, None, limits, jump, stripe, per_turn)
+    if not axis.fringes:
+        return found
+    deviation = None if covered else _deviation(axis, noise, lit)
+    found = _with_periods(found, rounding, deviation)
+    few = whole(lit, [i for fringe in axis.fringes for i in fringe.index], _ASKED)
+    for _ in range(_ROUNDS if len(axis.fringes) > 1 else 0):
+        more = _between(found, few)
+        if more == 0:
+            break
+        found = replace(found, between=found.between + more)
+        found = _with_periods(found, tuple(one + found.between for one in rounding), deviation)
+    return found
+
+
+def _with_periods(decoder: AxisDecoder, known: tuple[float, ...], deviation: float | None) -> AxisDecoder:
+    """With fringes whose phases have a variance (turns^2) beside that by noise; deviation: of a sample over
+    the amplitude, of close periods."""
+    orders = None if deviation is None else _orders(decoder.axis, deviation, max(known))
+    return replace(decoder, orders=orders, periods=periods_of(decoder.axis.fringes, known))
+
+
+def _between(decoder: AxisDecoder, few: Sample) -> float:
+    """What periods contradict each other by at the places that a decoder tells of some pixels, beyond what it
+    knows of."""
+    assert decoder.periods is not None
+    shape = 1, len(few.places)
+    raw = Raw(*(np.zeros(shape, np.float32) for _ in range(2)))
+    shared = Shared(np.zeros(shape, np.uint16), *(np.zeros(shape, np.float32) for _ in range(3)))
+    replace(decoder, light=_sampled_light(decoder.light, few.places)).decode((0, 1), raw, True, shared)
+    told = np.isfinite(raw.coordinate[0]) & (raw.variance[0] < decoder.axis.extent**2)
+    if np.count_nonzero(told) < _FEWEST:
+        return 0.0
+    place = raw.coordinate[0][told].astype(np.float64)
+    return misfit_between(
+        decoder.axis.fringes, decoder.periods.rounding, place, few.only(told), decoder.noise
     )
 
 

@@ -245,7 +245,7 @@ def _among_neighbours(
         for decoder, own, width, table, rough, border in every:
             extent = float(decoder.axis.extent) if shot.cells else 0.0
             finest = decoder.jump, decoder.stripe, decoder.per_turn
-            limits = border.reach, rough + decoder.common, extent, *finest, least, end, dark, width, mix
+            limits = border.reach, rough, extent, *finest, least, end, dark, width, mix
             common = shared.flags, shared.amplitude, shared.offset
             maps = (*out[decoder.axis.axis], flags)
             check_rows((start, stop), own, common, (*table, border.table), limits, maps)
@@ -253,6 +253,7 @@ def _among_neighbours(
     over_rows(block, shape[0], _BLOCK)
     over_rows(lambda start, stop: despeckle(start, stop, flags, shared.flags), shape[0], _BLOCK)
     misfits = [one.table.misfit2 for one in decoders if one.table is not None]
+    misfits += [2 * (2 * np.pi) ** 2 * one.between for one in decoders]  # of a sample, as phases have it
     notices = _noticed(_MISFIT, max(shot.noise.misfit2, *misfits, 0.0) ** 0.5)
     notices += _noticed(_ROUGH, max(roughness) ** 0.5)
     (u, sigma_u), (v, sigma_v) = out["u"], out["v"]

@@ -352,7 +352,7 @@ def _off_references(plan: Plan, few: Sample) -> tuple[list[int], F32, F32, NDArr
     return frames, levels[frames] - reference, more, nearer
 
 
-def trimmed_variance(residual: F32) -> float:
+def trimmed_variance(residual: NDArray[np.floating[Any]]) -> float:
     """Variance of the bulk of residuals: mean square of those within _TRIM deviations of it, iterated."""
     square = np.square(residual)
     # from above: on whole grey values more than half of the residuals may be 0; 1.645: a normal's 90th

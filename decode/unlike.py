@@ -12,7 +12,7 @@ from .frames import Light
 from .noise import Noise, Sample, harmonics, product, trimmed_variance, unexplained
 from .plan import Fringe, Plan
 
-__all__ = ["Before", "held_before", "misfit_within", "without_before"]
+__all__ = ["Before", "held_before", "misfit_between", "misfit_within", "whole", "without_before"]
 
 F64 = NDArray[np.float64]
 #: Pixels that are asked at most, and at least.
@@ -29,13 +29,12 @@ def misfit_within(fringe: Fringe, lit: Sample, noise: Noise) -> float:
     """Variance of a fringe's samples beyond noise, of the bulk of pixels, over its squared amplitude.
 
     What harmonics of a response leave there is no part of it (they do a phase no harm unless they alias), nor
-    is what chance may be. Three samples, or too few pixels, tell none of their own, but may share what
-    fringes contradict each other by.
+    is what chance may be. Three samples, or too few pixels, tell none.
     """
-    few, rows = _whole(lit, fringe.index), fringe.unlike
+    few, rows = whole(lit, fringe.index), fringe.unlike
     freedom, pixels = len(rows), few.levels.shape[1]
     if freedom < 1 or pixels < _FEWEST:
-        return noise.misfit2
+        return 0.0
     levels, own = few.levels.astype(np.float64), few.variance(noise)
     waves = harmonics(fringe, levels)[1:]
     left = unexplained(product(rows, levels[list(fringe.index)]), waves[2:])
@@ -43,6 +42,34 @@ def misfit_within(fringe: Fringe, lit: Sample, noise: Noise) -> float:
     chance = max(_BEYOND, 3 * float(np.sqrt(2 / (freedom * pixels))))
     power = np.square(waves[:2]).sum(axis=0) + _FAINT
     return (times - 1) * float(np.median(own / power)) if times > 1 + chance else 0.0
+
+
+def misfit_between(fringes: tuple[Fringe, ...], known: Any, place: F64, few: Sample, noise: Noise) -> float:
+    """Variance (turns^2) of a phase beyond noise and what is known of it (turns^2, of each fringe), by what
+    periods contradict each other by at the places (K,) that they tell of some pixels.
+
+    It holds what no fringe shows on its own: harmonics that alias, what befell three samples, a map that has
+    moved in between.
+    """
+    own = few.variance(noise) / (2 * np.pi) ** 2
+    phases = [_phase(fringe, few, own, more) for fringe, more in zip(fringes, known, strict=True)]
+    (turn, finest), fine, found = phases[-1], fringes[-1].period, 0.0
+    at = fine * (turn + np.rint(place / fine - turn))
+    for fringe, (turn, variance) in zip(fringes[:-1], phases, strict=False):
+        ratio2 = (fine / fringe.period) ** 2
+        off, expected = turn - at / fringe.period, variance + ratio2 * finest
+        times = trimmed_variance((off - np.rint(off)) / np.sqrt(expected))
+        if times > 1 + max(_BEYOND, 3 * float(np.sqrt(2 / len(place)))):
+            found = max(found, (times - 1) * float(np.median(expected)) / (1 + ratio2))
+    return found
+
+
+def _phase(fringe: Fringe, few: Sample, own: Any, known: float) -> tuple[F64, F64]:
+    """Turns (K,) of sampled pixels, and their variance; own: variance of a sample over (2 pi)^2."""
+    inverse = fringe.inverse[1:]
+    c, s = product(inverse, few.levels[list(fringe.index)])
+    variance = own * (float(np.square(inverse).sum()) / 2) / (c * c + s * s + _FAINT)
+    return np.arctan2(s, c) / (2 * np.pi), variance + known
 
 
 class Before(NamedTuple):
@@ -158,7 +185,7 @@ def _left(told: list[_Moments], before: Before) -> Before:
 def _moments(fringe: Fringe, lit: Sample) -> list[_Moments]:
     """Of the quarters of the image, as far as their pixels are whole in these frames."""
     frames = np.array(fringe.index) - np.arange(min(_EARLIER, min(fringe.index)) + 1)[:, None]
-    few, rows = _whole(lit, np.unique(frames)), fringe.unlike
+    few, rows = whole(lit, np.unique(frames)), fringe.unlike
     levels = few.levels.astype(np.float64)
     if levels.shape[1] < _FEWEST:
         return []
@@ -201,7 +228,7 @@ def without_before(light: Light, plan: Plan, before: Before) -> Light:
     return replace(light, raw=mended, clip=highest, rounding=light.rounding * before.noisier)
 
 
-def _whole(lit: Sample, frames: Any) -> Sample:
+def whole(lit: Sample, frames: Any, most: int = _ASKED) -> Sample:
     """Some of the pixels that are not saturated in any of these frames."""
-    whole = np.flatnonzero((lit.levels[list(frames)] < lit.white).all(axis=0))
-    return lit.only(whole[:: max(1, len(whole) // _ASKED)])
+    some = np.flatnonzero((lit.levels[list(frames)] < lit.white).all(axis=0))
+    return lit.only(some[:: max(1, len(some) // most)])

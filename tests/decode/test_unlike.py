@@ -138,6 +138,33 @@ def test_what_fringes_of_three_steps_contradict_each_other_by_is_no_noise(
     assert silent(found, *smooth) <= 1e-2 if gamma > 1 else 1e-4
 
 
+CLOSE = sequence("phase", *EXTENT, steps=3, periods=(8.74, 8.06, 8.0))
+
+
+def test_harmonics_that_alias_are_in_sigma(shoot: Shoot, smooth: Map) -> None:
+    """No period of three steps shows them: all that tells is that periods contradict each other."""
+    frames = shoot(CLOSE, *smooth, noise=0.7, gamma=1.25, offset=127.5, amplitude=120.0)
+    found = decode(frames, CLOSE, on_cells=False)
+    assert any("contradict" in notice.name for notice in found.notices)
+    assert silent(found, *smooth) <= 1e-4
+    assert found.good.mean() > 0.95
+    assert 0.25 <= float(np.sqrt(np.mean(np.square(scores(found, *smooth))))) <= 1.2
+
+
+def test_a_map_that_moves_from_period_to_period_is_in_sigma(shoot: Shoot, smooth: Map) -> None:
+    """By 0.4 px in all; a place is one that the map had meanwhile, or next to it."""
+    u, v = smooth
+    moved = [0.4 * i / len(CLOSE) for i in range(len(CLOSE))]
+    frames = np.stack([shoot(CLOSE, u + at, v + at, noise=0.7)[i] for i, at in enumerate(moved)])
+    found = decode(frames, CLOSE, on_cells=False)
+    assert any("contradict" in notice.name for notice in found.notices)
+    assert found.good.mean() > 0.95
+    mean_u, mean_v = (
+        float(np.mean([moved[i] for i, one in enumerate(CLOSE.frames) if one.axis == axis])) for axis in "uv"
+    )
+    assert silent(found, u + mean_u, v + mean_v) <= 1e-4
+
+
 def test_white_that_clips_hides_no_lag(shoot: Shoot, smooth: Map) -> None:
     """White is at 1.03 of the camera's range; what follows it is not lost with it."""
     shown = SHOWN[0]
