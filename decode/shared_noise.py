@@ -75,4 +75,4 @@ def _shared(residual: F32, line: NDArray[np.int64], whole: float) -> float:
     sums = np.stack([np.bincount(line, one) for one in residual])
     both = float(np.square(sums).sum() - np.square(residual, dtype=np.float64).sum())
     share = both / max(pairs, 1.0) / (whole / line.size)
-    return share if share > _SURE * np.sqrt(2 / (max(pairs, 1.0) * len(residual))) else 0.0
+    return min(share, 1.0) if share > _SURE * np.sqrt(2 / (max(pairs, 1.0) * len(residual))) else 0.0
