@@ -258,8 +258,8 @@ def _among_neighbours(
     notices += _noticed(_ROUGH, max(roughness) ** 0.5)
     (u, sigma_u), (v, sigma_v) = out["u"], out["v"]
     common = shared.amplitude, shared.offset, shared.error
-    lines = shared_noise(shown, shot.lit, tuple(decoder.per_turn for decoder in decoders))
-    return Correspondence(u, v, sigma_u, sigma_v, shared.flags, *common, notices, lines)
+    in_common = shared_noise(shown, shot.lit)
+    return Correspondence(u, v, sigma_u, sigma_v, shared.flags, *common, notices, in_common)
 
 
 def _dark_level(lit: Sample, shared: Shared) -> float:

@@ -28,23 +28,25 @@ _MOST, _FAR, _SURE = 4096, 4.0, 3.0
 _LIGHT = 3
 
 
-def shared_noise(plan: Plan, lit: Sample, turns: tuple[float, ...]) -> SharedNoise | None:
-    """None where nothing is surely shared, or fringes do not tell. turns: of the finest fringe of each axis
-    in a pattern pixel, 0 without one."""
+def shared_noise(plan: Plan, lit: Sample) -> SharedNoise | None:
+    """None where nothing is surely shared, or fringes do not tell."""
     thin = max(1, lit.levels.shape[1] // _MOST)
     some = lit.only(slice(None, None, thin))
-    if len(plan.axes) != 2 or not all(turns) or len(some.places) < 2:
+    fringes = {axis.axis: (*axis.fringes, *axis.singles) for axis in plan.axes}
+    if len(fringes) != 2 or not all(fringes.values()) or len(some.places) < 2:
         return None
+    turns = {name: max(1 / fringe.period for fringe in every) for name, every in fringes.items()}
     shares = {axis.axis: _shares(plan, axis, some) for axis in plan.axes}
-    turned = dict(zip(shares, turns, strict=True))
     rows, cols, _ = np.minimum(shares["u"], shares["v"]).tolist()
-    found = SharedNoise(rows, cols, shares["u"][2], shares["v"][2], turned["u"], turned["v"])
+    found = SharedNoise(rows, cols, shares["u"][2], shares["v"][2], turns["u"], turns["v"])
     return found if max(found[:4]) > 0 else None
 
 
 def _shares(plan: Plan, axis: AxisPlan, sample: Sample) -> tuple[float, float, float]:
-    """Shares of rows, of columns and of frames, by those of one axis; 0 where these have no constraints."""
-    groups = constraints(replace(plan, axes=(axis,), white=-1, black=-1), len(sample.levels))
+    """Shares of rows, of columns and of frames, by those of one axis, where these have constraints, else with
+    white and black; 0 without any."""
+    alone, count = replace(plan, axes=(axis,)), len(sample.levels)
+    groups = constraints(replace(alone, white=-1, black=-1), count) or constraints(alone, count)
     if not groups:
         return 0.0, 0.0, 0.0
     tests = groups[-1].astype(np.float32)
@@ -52,11 +54,11 @@ def _shares(plan: Plan, axis: AxisPlan, sample: Sample) -> tuple[float, float, f
     residual = product(tests, sample.levels)
     if residual.shape[1] < 2:
         return 0.0, 0.0, 0.0
-    fringes = [(one, harmonics(one, sample.levels)) for one in axis.fringes]
+    waves = [(one, harmonics(one, sample.levels)) for one in axis.fringes]
     every, used = np.ones(residual.shape, np.bool_), tests != 0
     of_frames, of_lines = residual.copy(), residual.copy()
-    explain(of_frames, every, used, [(one, waves[:_LIGHT]) for one, waves in fringes])
-    explain(of_lines, every, used, fringes)
+    explain(of_frames, every, used, [(one, own[:_LIGHT]) for one, own in waves])
+    explain(of_lines, every, used, waves)
     whole = np.square(of_lines) <= _FAR**2 * trimmed_variance(of_lines.ravel())
     square = float(np.square(residual)[whole].sum())
     if square == 0:

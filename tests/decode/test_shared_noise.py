@@ -12,7 +12,7 @@ from optolever.patterns import Sequence, sequence_from_text
 from optolever.projector import capture
 from optolever.scene import dent, load, resize
 
-CODES = ("gray+phase", "phase", "phase:steps=3,periods=8.74/8.06/8")
+CODES = ("gray+phase", "phase", "phase:steps=3,periods=8.74/8.06/8", "micro-phase")
 
 
 @pytest.fixture(scope="module", params=CODES)
@@ -49,8 +49,10 @@ def test_what_a_display_does_is_none(clean: tuple[np.ndarray, Sequence], noise: 
     """Its cells leave residuals that all pixels of one place have, in whole lines of an aligned rig."""
     found = decoded(clean, noise, 0.0, 0.0).shared_noise
     assert found is None or max(found.rows, found.cols) < 0.015
-    # below the rounding of levels shown grey values are, to some per cent, other than described
-    assert found is None or max(found[:4]) < 0.05
+    # below the rounding of levels shown grey values are, to some per cent, other than described, and what a
+    # display scatters makes white and black, by which micro-phase is told, less than twice a fringe's mean
+    most = 0.35 if any(frame.kind == "white" for frame in clean[1].frames) else 0.05
+    assert found is None or max(found[:4]) < most
 
 
 def test_a_lamp_that_flickers(clean: tuple[np.ndarray, Sequence]) -> None:
