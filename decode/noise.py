@@ -20,7 +20,6 @@ __all__ = [
     "Noise",
     "Sample",
     "estimate_noise",
-    "explain",
     "fitted_noise",
     "harmonics",
     "modulation",
@@ -244,12 +243,12 @@ def _residuals(plan: Plan, sample: Sample, groups: tuple[F64, ...]) -> tuple[F32
         if few.steep is not None:  # the inverse is straight over the noise where it is not steep
             kept &= slopes <= np.quantile(slopes, _STRAIGHT)
         fringes = [(one, harmonics(one, levels)) for axis in plan.axes for one in axis.fringes]
-        explain(residual, kept, used, fringes)
+        _explain(residual, kept, used, fringes)
         return mean[kept], (residual / slopes)[kept]
     return _neighbours(plan, sample.only(slice(_MOST)))
 
 
-def explain(
+def _explain(
     residual: F32, kept: NDArray[np.bool_], used: NDArray[np.bool_], fringes: list[tuple[Fringe, F32]]
 ) -> None:
     """Take off what their fringes' waves (see harmonics) explain of residuals (M, K) that use frames (M, N),

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .correspondence import SharedNoise
-from .noise import Sample, explain, harmonics, product, trimmed_variance, unsaturated
+from .noise import Sample, harmonics, product, unexplained, unsaturated
 from .plan import AxisPlan, Plan, constraints
 
 __all__ = ["shared_noise"]
@@ -24,6 +24,10 @@ F32 = NDArray[np.float32]
 #: Pixels that are looked at, at most; deviations beyond which a residual is an outlier, and of chance, from
 #: which on a share is one.
 _MOST, _FAR, _SURE = 4096, 4.0, 3.0
+#: Pixels that are asked what level and phase explain of residuals.
+_ASKED = 1024
+#: Median of the square of what is normal.
+_MEDIAN = 0.455
 #: Of the waves (see noise.harmonics), level and phase: what light or gain of one frame changes.
 _LIGHT = 3
 
@@ -52,14 +56,16 @@ def _shares(plan: Plan, axis: AxisPlan, sample: Sample) -> tuple[float, float, f
     tests = groups[-1].astype(np.float32)
     sample = sample.only(unsaturated(tests, sample.levels, sample.white).all(axis=0))
     residual = product(tests, sample.levels)
-    if residual.shape[1] < 2:
+    if residual.shape[1] < 2 or not axis.fringes:
         return 0.0, 0.0, 0.0
-    waves = [(one, harmonics(one, sample.levels)) for one in axis.fringes]
-    every, used = np.ones(residual.shape, np.bool_), tests != 0
-    of_frames, of_lines = residual.copy(), residual.copy()
-    explain(of_frames, every, used, [(one, own[:_LIGHT]) for one, own in waves])
-    explain(of_lines, every, used, waves)
-    whole = np.square(of_lines) <= _FAR**2 * trimmed_variance(of_lines.ravel())
+    waves = np.stack([harmonics(one, sample.levels) for one in axis.fringes], axis=1)
+    # mean levels of several fringes count as one, as their differences are residuals
+    level, usual = waves[0].mean(axis=0, keepdims=True), np.flatnonzero(_bulk(residual).all(axis=0))
+    usual = usual[:: max(1, len(usual) // _ASKED)]
+    of_frames, of_lines = (
+        unexplained(residual, np.concatenate([level, *waves[1:count]]), usual) for count in (_LIGHT, None)
+    )
+    whole = _bulk(of_lines)
     square = float(np.square(residual)[whole].sum())
     if square == 0:
         return 0.0, 0.0, 0.0
@@ -67,6 +73,12 @@ def _shares(plan: Plan, axis: AxisPlan, sample: Sample) -> tuple[float, float, f
     chance = (_LIGHT + _SURE * np.sqrt(2 * _LIGHT)) / residual.shape[1]
     rows, cols = (_shared(of_lines * whole, line, square) for line in sample.places.T)
     return rows, cols, frames if frames > chance else 0.0
+
+
+def _bulk(residual: F32) -> NDArray[np.bool_]:
+    """Residuals that are no outliers."""
+    square = np.square(residual)
+    return np.asarray(square <= _FAR**2 * np.median(square) / _MEDIAN)
 
 
 def _shared(residual: F32, line: NDArray[np.int64], whole: float) -> float:
