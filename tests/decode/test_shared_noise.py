@@ -48,7 +48,8 @@ def test_shares_are_told(clean: tuple[np.ndarray, Sequence], rows: float, cols: 
 def test_what_a_display_does_is_none(clean: tuple[np.ndarray, Sequence], noise: float) -> None:
     """Its cells leave residuals that all pixels of one place have, in whole lines of an aligned rig."""
     found = decoded(clean, noise, 0.0, 0.0).shared_noise
-    assert found is None or max(found.rows, found.cols) < 0.02  # adds at most as much to heights as other noise
+    # adds at most as much to heights as other noise
+    assert found is None or max(found.rows, found.cols) < 0.02
     # below the rounding of levels shown grey values are, to some per cent, other than described, and what a
     # display scatters makes white and black, by which micro-phase is told, less than twice a fringe's mean
     most = 0.35 if any(frame.kind == "white" for frame in clean[1].frames) else 0.05
