@@ -37,7 +37,8 @@ class SharedNoise(NamedTuple):
     """Of the variance of the frames' noise the share (0 to 1) that pixels have in common: those of one row,
     of one column, and, among the frames of u and of v, all of the image by their level and phase (a lamp that
     flickers). turns: of the finest fringe along u and v in a pattern pixel; noise of a frame becomes an error
-    of the place by the cosine of its phase."""
+    of the place by the cosine of its phase. shift: standard deviation of what camera or mirror, as they shake
+    between frames, move all of u and of v, pattern pixels."""
 
     rows: float
     cols: float
@@ -45,6 +46,8 @@ class SharedNoise(NamedTuple):
     frames_v: float
     turns_u: float
     turns_v: float
+    shift_u: float = 0.0
+    shift_v: float = 0.0
 
 
 #: Fields of records that are no maps.
@@ -191,10 +194,10 @@ def difference(deformed: Correspondence, rest: Correspondence) -> Displacement:
 
 
 def _shared_noise(stored: NDArray[Any]) -> SharedNoise:
-    """As it was saved, (6,)."""
-    limits = np.array([1.0, 1.0, 1.0, 1.0, np.inf, np.inf])
-    if stored.shape != (6,) or not ((stored >= 0) & (stored <= limits) & np.isfinite(stored)).all():
-        raise InputError(f"shared_noise is {stored.tolist()}, must be four shares (0 to 1), turns in u and v")
+    """As it was saved, (8,)."""
+    limits = np.array([1.0, 1.0, 1.0, 1.0, *4 * [np.inf]])
+    if stored.shape != (8,) or not ((stored >= 0) & (stored <= limits) & np.isfinite(stored)).all():
+        raise InputError(f"shared_noise is {stored.tolist()}, must be four shares (0 to 1), turns and shifts")
     return SharedNoise(*map(float, stored))
 
 

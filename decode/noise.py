@@ -20,6 +20,7 @@ __all__ = [
     "Noise",
     "Sample",
     "estimate_noise",
+    "explained",
     "fitted_noise",
     "harmonics",
     "modulation",
@@ -300,10 +301,14 @@ def harmonics(fringe: Fringe, levels: Any) -> Any:
 def unexplained(residuals: Any, waves: Any, kept: Any = slice(None)) -> Any:
     """Residuals (M, K) without what waves (W, K) explain of them in the pixels to keep: what follows level
     and phase, as by a gain of single frames or by a response, is no noise."""
+    return residuals - product(explained(residuals, waves, kept), waves)
+
+
+def explained(residuals: Any, waves: Any, kept: Any = slice(None)) -> Any:
+    """Parts (M, W) of waves (W, K) in residuals (M, K), by the pixels to keep."""
     some = waves[:, kept].astype(np.float64)
     both = product(residuals[:, kept].astype(np.float64), some.T)
-    shares = np.linalg.lstsq(product(some, some.T), both.T)[0].T
-    return residuals - product(shares.astype(waves.dtype), waves)
+    return np.linalg.lstsq(product(some, some.T), both.T)[0].T.astype(waves.dtype)
 
 
 def product(one: Any, other: Any) -> Any:

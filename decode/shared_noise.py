@@ -4,18 +4,20 @@ Cameras read by rows and amplify by columns (EMVA 1288 release 4.0, row and colu
 shutter a lamp's flicker leaves bands, before a global one frames of unequal light. A height adds up along a
 line, or over half a fringe, what is common, where independent noise averages out. Constraints of a plan are
 free of the scene: what level and phase explain of their residuals is of whole frames, and of the rest the
-product of two pixels is, on average, what both share. What is shown otherwise than described leaves
-residuals, too, which lines of equal place share: an axis tells most where it changes along the line, and the
-least of both axes stands.
+product of two pixels is, on average, what both share. A gain of one frame shows in level and phase alike, a
+frame that has moved in the phase alone. What is shown otherwise than described leaves residuals, too, which
+lines of equal place share: an axis tells most where it changes along the line, and the least of both axes
+stands.
 """
 
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import fdtri
 
 from .correspondence import SharedNoise
-from .noise import Sample, harmonics, product, unexplained, unsaturated
+from .noise import Sample, explained, harmonics, product, unexplained, unsaturated
 from .plan import AxisPlan, Plan, constraints
 
 __all__ = ["shared_noise"]
@@ -28,6 +30,8 @@ _MOST, _FAR, _SURE = 4096, 4.0, 3.0
 _ASKED = 1024
 #: Median of the square of what is normal.
 _MEDIAN = 0.455
+#: Probability that gains alone look like frames that moved.
+_CHANCE = 0.01
 #: Of the waves (see noise.harmonics), level and phase: what light or gain of one frame changes.
 _LIGHT = 3
 
@@ -42,8 +46,11 @@ def shared_noise(plan: Plan, lit: Sample) -> SharedNoise | None:
     turns = {name: max(1 / fringe.period for fringe in every) for name, every in fringes.items()}
     shares = {axis.axis: _shares(plan, axis, some) for axis in plan.axes}
     rows, cols, _ = np.minimum(shares["u"], shares["v"]).tolist()
-    found = SharedNoise(rows, cols, shares["u"][2], shares["v"][2], turns["u"], turns["v"])
-    return found if max(found[:4]) > 0 else None
+    shift = _shifts(plan, some)
+    found = SharedNoise(
+        *(rows, cols, shares["u"][2], shares["v"][2], turns["u"], turns["v"], shift["u"], shift["v"])
+    )
+    return found if max(*found[:4], *found[6:]) > 0 else None
 
 
 def _shares(plan: Plan, axis: AxisPlan, sample: Sample) -> tuple[float, float, float]:
@@ -73,6 +80,38 @@ def _shares(plan: Plan, axis: AxisPlan, sample: Sample) -> tuple[float, float, f
     chance = (_LIGHT + _SURE * np.sqrt(2 * _LIGHT)) / residual.shape[1]
     rows, cols = (_shared(of_lines * whole, line, square) for line in sample.places.T)
     return rows, cols, frames if frames > chance else 0.0
+
+
+def _shifts(plan: Plan, sample: Sample) -> dict[str, float]:
+    """Deviation of what frames that moved shift all places of an axis, pattern px; 0 where chance, or gains
+    of frames, may be all of it.
+
+    By the parts of each fringe's own residuals that are its level (gains), and its c and s (gains, and what
+    its phase turned in single frames): both have the same variance by gains.
+    """
+    gains, turned = [], {axis.axis: 0.0 for axis in plan.axes}
+    told = [(axis.axis, fringe) for axis in plan.axes for fringe in axis.fringes if len(fringe.unlike)]
+    for name, fringe in told:  # from coarse to fine: the finest stands
+        frames, tests = list(fringe.index), fringe.unlike.astype(np.float32)
+        few = sample.only((sample.levels[frames] < sample.white).all(axis=0))
+        residual, waves = product(tests, few.levels[frames]), harmonics(fringe, few.levels)[:_LIGHT]
+        usual = np.flatnonzero(_bulk(residual).all(axis=0))
+        if len(usual) <= _LIGHT:
+            continue
+        parts = explained(residual, waves, usual)
+        left = np.square(residual - product(parts, waves))[:, usual].mean()
+        level, turns = np.square(parts[:, 0]), np.square(parts[:, 1:])
+        gains += level.tolist()
+        sure = turns.mean() > _SURE**2 * left / np.square(waves[1:, usual]).sum(axis=1).mean()
+        turned[name] = float(turns.mean()) if sure else 0.0
+    least = np.mean(gains) * fdtri(2, max(len(gains), 1), 1 - _CHANCE) if gains else np.inf
+    finest = {axis.axis: axis.fringes[-1] for axis in plan.axes if axis.fringes}
+    return {
+        name: float(finest[name].period * np.sqrt(2 * square / len(finest[name].index)) / (2 * np.pi))
+        if square > least
+        else 0.0
+        for name, square in turned.items()
+    }
 
 
 def _bulk(residual: F32) -> NDArray[np.bool_]:

@@ -167,10 +167,9 @@ def solved_height(
     rounding = rounding_variance(problem, state)
     chi2, freedom = circulation_chi2(problem.data, state, gain)
     correlation = chi2 if rounding is None and chi2 > chi2_limit(freedom) else 1.0
-    variance = unknown_variance(problem.data, state, problem.labels)
+    variance = correlation * gain * unknown_variance(problem.data, state, problem.labels)
     if correspondence.shared_noise is not None:
         variance += shared_variance(problem, state, correspondence.shared_noise)
-    variance *= correlation * gain
     if rounding is not None:  # errors of discrete codes are shared by neighbours
         larger = np.maximum(variance, rounding)
         correlation = float(np.median((larger / variance)[problem.data.mask]))

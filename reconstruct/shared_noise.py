@@ -9,7 +9,7 @@ independent. Those of slopes along the row, which no surface has, leave an eight
 ends (the odd cosines' share of a constant), less within. Columns alike.
 
 Frames: an error that is the cosine of the phase all over the image is a wave of the slope; its height is the
-slope's over the wave number.
+slope's over the wave number. A shift of all places: the solve's own answer to it.
 """
 
 from dataclasses import replace
@@ -20,7 +20,7 @@ import numpy as np
 from optolever.decode import SharedNoise
 
 from .arrays import Floats, Ints, Labels, Pair
-from .newton import State
+from .newton import State, edge_errors, response
 from .problem import Problem
 
 __all__ = ["shared_variance"]
@@ -53,7 +53,21 @@ def shared_variance(problem: Problem, state: State, noise: SharedNoise) -> Float
             total += by_rows * _of_rows(phase, (p, q), labels, anchors)
         if by_cols > 0:
             total += by_cols * _of_rows(phase.T, (q.T, p.T), labels.T, turned).T
-    return np.asarray(np.where(seen, factor2 * total, 0.0))
+    found = factor2 * total
+    for shift in ((noise.shift_u, 0.0), (0.0, noise.shift_v)):
+        if any(shift):
+            found += np.square(_answer(problem, state, shift))
+    return np.asarray(np.where(seen, found, 0.0))
+
+
+def _answer(problem: Problem, state: State, shift: tuple[float, float]) -> Floats:
+    """Error of w where u and v are off by the same everywhere, pattern px."""
+    data, nothing = problem.data, np.zeros(problem.labels.shape)
+    at = data.slopes(state.w)[:2]
+    moved = data.shifted(nothing + shift[0], nothing + shift[1]).slopes(state.w)[:2]
+    p, q = (np.where(data.mask, one - other, 0.0) for one, other in zip(moved, at, strict=True))
+    known = np.zeros(state.rows.known.shape)
+    return response(problem.labels, state, edge_errors(data, state, (p, q)), (p, q), known)
 
 
 class _Anchors(NamedTuple):

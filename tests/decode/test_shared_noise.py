@@ -5,23 +5,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import shift
 
 from optolever.decode import Correspondence, SharedNoise, decode
+from optolever.decode.plan import plan
 from optolever.errors import InputError
 from optolever.patterns import Sequence, sequence_from_text
 from optolever.projector import capture
-from optolever.scene import dent, load, resize
+from optolever.scene import dent, load, resize, trace
 
+RIG = resize(load("prism48"), 150, 200)
+SURFACE = dent("gaussian", RIG, peak=0.2, sigma=6.0)
 CODES = ("gray+phase", "phase", "phase:steps=3,periods=8.74/8.06/8", "micro-phase")
 
 
 @pytest.fixture(scope="module", params=CODES)
 def clean(request: pytest.FixtureRequest) -> tuple[np.ndarray, Sequence]:
-    """Frames without noise, a hundredth of a level fine."""
-    rig = resize(load("prism48"), 150, 200)
-    rig = replace(rig, sensor=replace(rig.sensor, bits=16)) if rig.sensor else rig
-    shown = sequence_from_text(request.param, rig.pattern.rows, rig.pattern.cols)
-    seen = capture(rig, dent("gaussian", rig, peak=0.2, sigma=6.0), shown, renderer="numpy")
+    """Frames without noise."""
+    shown = sequence_from_text(request.param, RIG.pattern.rows, RIG.pattern.cols)
+    seen = capture(RIG, SURFACE, shown, renderer="numpy")
     return seen.frames.astype(np.float64), shown
 
 
@@ -65,6 +67,23 @@ def test_a_lamp_that_flickers(clean: tuple[np.ndarray, Sequence]) -> None:
     assert found is not None
     assert min(found.frames_u, found.frames_v) > 0.15
     assert max(found.rows, found.cols) < 0.02
+    assert found.shift_u == found.shift_v == 0
+
+
+def test_a_camera_that_shakes(clean: tuple[np.ndarray, Sequence]) -> None:
+    """By 0.1 pixels, as far as fringes of four steps tell it: the mean over a fringe's frames shifts all."""
+    frames, shown = clean
+    rng, truth, ratios = np.random.default_rng(5), trace(RIG, SURFACE), []
+    for _ in range(4):
+        moved = [shift(one, 0.1 * rng.standard_normal(2), order=3, mode="nearest") for one in frames]
+        noisy = np.stack(moved) + rng.standard_normal(frames.shape)
+        found = decode(np.rint(noisy).clip(0, 255).astype(np.uint8), shown).shared_noise
+        assert found is not None
+        for told, at in ((found.shift_u, truth.u), (found.shift_v, truth.v)):
+            ratios.append(told / (0.1 * float(np.nanmedian(np.hypot(*np.gradient(at)))) / 2))
+    own = any(len(fringe.unlike) for axis in plan(shown).axes for fringe in axis.fringes)
+    # 16 numbers tell it to 20 %
+    assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.6 if own else not any(ratios)
 
 
 def test_saved_and_loaded(tmp_path: Path) -> None:
