@@ -154,7 +154,7 @@ def test_bad_input_is_one_line(
 
 
 def test_a_response_is_kept_and_decoded_by(tmp_path: Path, optolever: Program, refused: Refused) -> None:
-    """Three steps under gamma 2.2: sigma holds half a cell without the rig's response, a tenth of it with it."""
+    """Three steps under gamma 2.2: half a cell of sigma without the rig's response, a tenth of it with it."""
     scene, rig = resize(load("monitor-mirror"), 64, 80), tmp_path / "rig.toml"
     scene = replace(scene, display=Display(2.2))
     scene.save(rig)
