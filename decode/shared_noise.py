@@ -26,6 +26,8 @@ F32 = NDArray[np.float32]
 #: Pixels that are looked at, at most; deviations beyond which a residual is an outlier, and of chance, from
 #: which on a share is one.
 _MOST, _FAR, _SURE = 4096, 4.0, 3.0
+#: Pixels that tell a variance (18 %).
+_FEWEST = 64
 #: Pixels that are asked what level and phase explain of residuals.
 _ASKED = 1024
 #: Median of the square of what is normal.
@@ -63,7 +65,7 @@ def _shares(plan: Plan, axis: AxisPlan, sample: Sample) -> tuple[float, float, f
     tests = groups[-1].astype(np.float32)
     sample = sample.only(unsaturated(tests, sample.levels, sample.white).all(axis=0))
     residual = product(tests, sample.levels)
-    if residual.shape[1] < 2 or not axis.fringes:
+    if residual.shape[1] < _FEWEST or not axis.fringes:
         return 0.0, 0.0, 0.0
     waves = np.stack([harmonics(one, sample.levels) for one in axis.fringes], axis=1)
     # mean levels of several fringes count as one, as their differences are residuals
@@ -94,15 +96,17 @@ def _shifts(plan: Plan, sample: Sample) -> dict[str, float]:
     for name, fringe in told:  # from coarse to fine: the finest stands
         frames, tests = list(fringe.index), fringe.unlike.astype(np.float32)
         few = sample.only((sample.levels[frames] < sample.white).all(axis=0))
+        if len(few.places) < _FEWEST:
+            continue
         residual, waves = product(tests, few.levels[frames]), harmonics(fringe, few.levels)[:_LIGHT]
         usual = np.flatnonzero(_bulk(residual).all(axis=0))
-        if len(usual) <= _LIGHT:
+        if len(usual) < _FEWEST:
             continue
         parts = explained(residual, waves, usual)
         left = np.square(residual - product(parts, waves))[:, usual].mean()
         level, turns = np.square(parts[:, 0]), np.square(parts[:, 1:])
         gains += level.tolist()
-        sure = turns.mean() > _SURE**2 * left / np.square(waves[1:, usual]).sum(axis=1).mean()
+        sure = turns.mean() * np.square(waves[1:, usual]).sum(axis=1).mean() > _SURE**2 * left
         turned[name] = float(turns.mean()) if sure else 0.0
     least = np.mean(gains) * fdtri(2, max(len(gains), 1), 1 - _CHANCE) if gains else np.inf
     finest = {axis.axis: axis.fringes[-1] for axis in plan.axes if axis.fringes}
