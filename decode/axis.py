@@ -25,7 +25,6 @@ from .unwrap import Orders, climb, order_table, unwrap_close
 
 __all__ = ["AxisDecoder", "AxisOptions", "axis_decoders"]
 
-
 #: Pixels that tell a variance (18 %), and that are asked (a fifth surely); rounds in which what periods
 #: contradict each other by is found, as orders are listed within it.
 _FEWEST, _ASKED, _ROUNDS = 64, 450, 6

@@ -19,6 +19,7 @@ from scipy.special import fdtri
 from .correspondence import SharedNoise
 from .noise import Sample, explained, harmonics, product, unexplained, unsaturated
 from .plan import AxisPlan, Plan, constraints
+from .unlike import whole
 
 __all__ = ["shared_noise"]
 
@@ -74,13 +75,13 @@ def _shares(plan: Plan, axis: AxisPlan, sample: Sample) -> tuple[float, float, f
     of_frames, of_lines = (
         unexplained(residual, np.concatenate([level, *waves[1:count]]), usual) for count in (_LIGHT, None)
     )
-    whole = _bulk(of_lines)
-    square = float(np.square(residual)[whole].sum())
+    kept = _bulk(of_lines)
+    square = float(np.square(residual)[kept].sum())
     if square == 0:
         return 0.0, 0.0, 0.0
-    frames = 1 - float(np.square(of_frames)[whole].sum()) / square
+    frames = 1 - float(np.square(of_frames)[kept].sum()) / square
     chance = (_LIGHT + _SURE * np.sqrt(2 * _LIGHT)) / residual.shape[1]
-    rows, cols = (_shared(of_lines * whole, line, square) for line in sample.places.T)
+    rows, cols = (_shared(of_lines * kept, line, square) for line in sample.places.T)
     return rows, cols, frames if frames > chance else 0.0
 
 
@@ -95,7 +96,7 @@ def _shifts(plan: Plan, sample: Sample) -> dict[str, float]:
     told = [(axis.axis, fringe) for axis in plan.axes for fringe in axis.fringes if len(fringe.unlike)]
     for name, fringe in told:  # from coarse to fine: the finest stands
         frames, tests = list(fringe.index), fringe.unlike.astype(np.float32)
-        few = sample.only((sample.levels[frames] < sample.white).all(axis=0))
+        few = whole(sample, frames, _MOST)
         if len(few.places) < _FEWEST:
             continue
         residual, waves = product(tests, few.levels[frames]), harmonics(fringe, few.levels)[:_LIGHT]
@@ -124,12 +125,12 @@ def _bulk(residual: F32) -> NDArray[np.bool_]:
     return np.asarray(square <= _FAR**2 * np.median(square) / _MEDIAN)
 
 
-def _shared(residual: F32, line: NDArray[np.int64], whole: float) -> float:
-    """Mean product of residuals (M, K) of two pixels of a line (K,), over their mean square, of the sum
-    `whole`; 0 where chance leaves as much."""
+def _shared(residual: F32, line: NDArray[np.int64], square: float) -> float:
+    """Mean product of residuals (M, K) of two pixels of a line (K,), over a mean square, of the sum `square`
+    over all; 0 where chance leaves as much."""
     count = np.bincount(line).astype(np.float64)
     pairs = float((count * (count - 1)).sum())
     sums = np.stack([np.bincount(line, one) for one in residual])
     both = float(np.square(sums).sum() - np.square(residual, dtype=np.float64).sum())
-    share = both / max(pairs, 1.0) / (whole / line.size)
+    share = both / max(pairs, 1.0) / (square / line.size)
     return min(share, 1.0) if share > _SURE * np.sqrt(2 / (max(pairs, 1.0) * len(residual))) else 0.0

@@ -54,8 +54,8 @@ class Diagnostics:
     in components without an anchor; chi2: how the slopes contradict each other around blocks of pixels, over
     what noise explains, per degree of freedom, of which there are `freedom` (see `circulation`; about 1 if
     the scene is right, None if there is no whole block); correlation: factor on the variance for errors
-    that neighbouring pixels share (1: independent noise); solver: of the linear problems; notes: what else a
-    reader should know.
+    that neighbouring pixels share, but for shared noise that is known (1: independent noise); solver: of the
+    linear problems; notes: what else a reader should know.
     """
 
     method: str

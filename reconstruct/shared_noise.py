@@ -48,7 +48,8 @@ def shared_variance(problem: Problem, state: State, noise: SharedNoise) -> Float
     ):
         p, q = (np.where(seen, one / factor2, np.nan) for one in variances)
         phase = np.where(seen, 2 * np.pi * turns * coordinate, np.nan)
-        total += frames * _of_frames(phase, p + q, labels, anchors)
+        if frames > 0:
+            total += frames * _of_frames(phase, p + q, labels, anchors)
         if by_rows > 0:
             total += by_rows * _of_rows(phase, (p, q), labels, anchors)
         if by_cols > 0:
