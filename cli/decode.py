@@ -25,10 +25,9 @@ $ optolever decode capture --out c.npz
 Correspondence in c.npz
   frames       22 of 256 x 256
   good         98.83 % of the pixels
-  sigma u      0.009731 px (median of the good)
-  sigma v      0.009828 px (median of the good)
+  sigma u      0.009746 px (median of the good)
+  sigma v      0.009843 px (median of the good)
   off_pattern  1.169 %
-  moved        0.001526 %
   time         0.607 s
 """
 

@@ -13,14 +13,14 @@ __all__ = ["command"]
 SAMPLE = """
 $ optolever demo --size 256x256 --out demo
 Demo: paper-simulation, raised-cosine:peak=1.3, gray+phase, 22 frames
-  height error                0.0001485 of the peak depth, rms
-  unflagged                   99.24 % of the visible pixels
-  rms(error / sigma), u       0.9954
-  rms(error / sigma), v       0.9913
-  rms(error / sigma), height  0.9183
-  time                        trace 0.1024, capture 0.1323, decode 10.75,
-                              reconstruct 2.219, report 2.832, total 16.03 s
-  peak memory                 0.525 GiB
+  height error                0.0001273 of the peak depth, rms
+  unflagged                   98.83 % of the visible pixels
+  rms(error / sigma), u       0.9828
+  rms(error / sigma), v       0.972
+  rms(error / sigma), height  1.002
+  time                        trace 0.05844, capture 0.08406, decode 0.8246,
+                              reconstruct 0.1971, report 2.664, total 3.828 s
+  peak memory                 0.4656 GiB
   report                      demo/report.html
 """
 

@@ -35,20 +35,19 @@ $ optolever reconstruct c.npz --scene capture/scene.toml \\
       --truth capture/truth.npz --out h.npz
 Height map in h.npz
   good                98.83 % of the pixels
-  height              -0.005787 to 1.3 mm
-  sigma               3.851e-05 mm (median of the good)
+  height              -0.00324 to 1.3 mm
+  sigma               3.884e-05 mm (median of the good)
   off_pattern         1.169 %
-  moved               0.001526 %
-  chi2                0.9828 per degree of freedom (529), 1 by noise alone
-  error               0.0001413 of the peak depth, rms
-  rms(error / sigma)  1.282
-  dent 1              depth 1.3 ± 3.8e-05 mm; half depth: area 1742 ± 0.16 mm²,
-                      volume 1633 ± 0.12 mm³, centroid (81.8497, 81.85) ± 0.0011
-                      mm
-  evidence 1          no contact evidence: the edge's kink shows in 0 % of 64
+  chi2                0.9207 per degree of freedom (949), 1 by noise alone
+  error               0.000127 of the peak depth, rms
+  rms(error / sigma)  0.9616
+  dent 1              depth 1.3 ± 3.7e-05 mm; half depth: area 1742 ± 0.16 mm²,
+                      volume 1634 ± 0.12 mm³, centroid (81.8496, 81.8502) ±
+                      0.0011 mm
+  evidence 1          no contact evidence: the edge's kink shows in 0 % of 65
                       directions, a smooth surface explains the slopes as well
                       or better
-  time                0.7354 s
+  time                0.5242 s
 """
 
 

@@ -25,7 +25,7 @@ from .exposures import by_exposure
 from .frames import Light, light_of, sample_levels
 from .noise import Sample, estimate_noise, sampled
 from .plan import Plan, constraints, plan
-from .sample_fit import AxisTable, axis_tables, bends, misfit_at, misfit_beside_edges, places
+from .sample_fit import AxisTable, axis_tables, bends, misfit_at, places
 from .spoilt import Finding, left_out, spoilt_pixels
 
 __all__ = ["Finding", "Integrity", "check", "examine", "spoilt_pixels"]
@@ -132,7 +132,7 @@ def _quiet(plan: Plan, lit: Sample, found: Correspondence) -> bool:
         place = getattr(found, table.axis.axis)
         row, col = at.T
         centre = place[row, col]
-        misfit = misfit_beside_edges(table, levels[table.frames] / table.exposure[:, None], centre)
+        misfit = misfit_at(table, levels[table.frames] / table.exposure[:, None], centre)
         others = [
             place[np.clip(row + down, 0, height - 1), np.clip(col + along, 0, width - 1)]
             for down, along in ((0, -apart), (0, apart), (-apart, 0), (apart, 0))
@@ -225,7 +225,7 @@ def _measures(levels: F32, table: AxisTable, order: Ints) -> tuple[F32, F32]:
     pixels = 5 if table.axis.code is not None else 1
     some = levels[np.maximum(source, 0), :pixels].reshape(len(source), -1) / table.exposure[:, None]
     place = places(table, some, free)
-    misfits = np.stack([misfit_at(table, some, one, free)[0] for one in place])
+    misfits = np.stack([misfit_at(table, some, one, free) for one in place])
     misfit = misfits.min(axis=0).reshape(pixels, -1)
     if pixels == 1:
         return misfit, np.zeros((2, misfit.shape[1]), np.float32)

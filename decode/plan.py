@@ -235,10 +235,11 @@ def _fringes(sequence: Sequence, index: list[int]) -> tuple[Fringe, ...]:
 
 
 def _fringe(sequence: Sequence, index: list[int], period: float) -> Fringe:
-    frames = [sequence.frames[i] for i in index]
-    # an inverted fringe is the same fringe half a turn on
-    shifts = np.array([(frame.shift or 0.0) + (math.pi if frame.inverted else 0.0) for frame in frames])
-    return Fringe(tuple(index), period, shifts, np.array([frame.exposure for frame in frames]))
+    """By its shifts, in whatever order they were shown; an inverted fringe is the same half a turn on."""
+    frames = sequence.frames
+    by = sorted(((frames[i].shift or 0.0) + (math.pi if frames[i].inverted else 0.0), i) for i in index)
+    shifts, order = np.array([shift for shift, _ in by]), tuple(i for _, i in by)
+    return Fringe(order, period, shifts, np.array([frames[i].exposure for i in order]))
 
 
 @lru_cache(maxsize=16)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .plan import AxisPlan, Fringe, Plan
 
-__all__ = ["AxisTable", "axis_tables", "bends", "misfit_at", "misfit_beside_edges", "places"]
+__all__ = ["AxisTable", "axis_tables", "bends", "misfit_at", "places"]
 
 F32 = NDArray[np.float32]
 Ints = NDArray[np.int64]
@@ -145,30 +145,27 @@ def _centred(table: AxisTable, free: int) -> tuple[Ints, F32, F32]:
     return kept, np.asarray(shown / length, np.float32), length
 
 
-def misfit_at(table: AxisTable, levels: F32, place: Any, free: int = -1) -> tuple[F32, F32]:
-    """Sum of squared residuals over B^2, and B (K,), of levels (n, K) at places (K,)."""
+@lru_cache(maxsize=64)
+def _in_part(table: AxisTable, free: int) -> NDArray[np.bool_]:
+    """Slots and entries (n, M) of bits that flip within a cell: pixels see them in part."""
+    code = table.axis.code
+    bits: Any = () if code is None else np.concatenate([code.plain, code.inverse])
+    at = table.place(np.arange(table.shown.shape[1]))
+    before, after = (table.shown[:, table.entry(at + side)] for side in (-1, 1))
+    flips = (before != after) & np.isin(table.frames, bits)[:, None]
+    return np.asarray(flips[table.frames != free])
+
+
+def misfit_at(table: AxisTable, levels: F32, place: Any, free: int = -1) -> F32:
+    """Sum of squared residuals over B^2 (K,) of levels (n, K) at places (K,)."""
     kept, shown, length = _centred(table, free)
     at = table.entry(place)
     own = levels[kept]
     own = own - own.mean(axis=0)
     along = np.einsum("nk,nk->k", own, shown[:, at])
-    whole = np.einsum("nk,nk->k", own, own)
     scale = np.maximum(along / length[at], 1e-3)
-    return np.asarray((whole - np.maximum(along, 0) ** 2) / scale**2), np.asarray(scale)
-
-
-def misfit_beside_edges(table: AxisTable, levels: F32, place: Any) -> F32:
-    """The same misfit (K,) without bits that flip within a cell of the place: pixels see them in part."""
-    found, scale = misfit_at(table, levels, place)
-    if table.axis.code is None:
-        return found
-    bits = np.concatenate([table.axis.code.plain, table.axis.code.inverse])
-    slots = np.searchsorted(table.frames, bits[bits >= 0])
-    shown, own = table.shown[slots], levels[slots]
-    before, after = (shown[:, table.entry(place + side)] for side in (-1, 1))
-    at = table.entry(place)
-    off = (own - levels.mean(axis=0)) / scale - (shown[:, at] - table.shown[:, at].mean(axis=0))
-    return np.asarray(np.maximum(found - (off**2 * (before != after)).sum(axis=0), 0))
+    left = np.square(own / scale - shown[:, at] * length[at])
+    return np.asarray(np.where(_in_part(table, free)[:, at], 0, left).sum(axis=0))
 
 
 def bends(place: F32) -> F32:

@@ -133,13 +133,15 @@ def held_before(plan: Plan, lit: Sample) -> Before:
     """What all the image holds of earlier frames, and what parts of it do besides.
 
     What no fringe of L looks like must be noise, in the quarters of the image and in all fringes of more than
-    three samples but that with the first frame. What these do not agree on is not taken off; nothing is told
-    where exposures differ.
+    three samples before which there are so many frames. What these do not agree on is not taken off; nothing
+    is told where exposures differ.
     """
     every = [fringe for axis in plan.axes for fringe in axis.fringes]
     if not all((fringe.exposure == 1).all() for fringe in every):
         return Before()
-    told = [one for f in every if len(f.index) > 3 and min(f.index) > 0 for one in _moments(f, lit)]
+    many = [fringe for fringe in every if len(fringe.index) > 3]
+    earlier = min(_EARLIER, max([min(fringe.index) for fringe in many], default=0))
+    told = [one for f in many if earlier and min(f.index) >= earlier for one in _moments(f, earlier, lit)]
     none = _left(told, Before())
     if not any(none.left.values()):
         return none
@@ -182,9 +184,9 @@ def _left(told: list[_Moments], before: Before) -> Before:
     return before._replace(left={each: max(size, least) for each, size in left.items()}, least=least)
 
 
-def _moments(fringe: Fringe, lit: Sample) -> list[_Moments]:
-    """Of the quarters of the image, as far as their pixels are whole in these frames."""
-    frames = np.array(fringe.index) - np.arange(min(_EARLIER, min(fringe.index)) + 1)[:, None]
+def _moments(fringe: Fringe, earlier: int, lit: Sample) -> list[_Moments]:
+    """Of the quarters of the image, as far as their pixels are whole in these frames and so many before."""
+    frames = np.array(fringe.index) - np.arange(earlier + 1)[:, None]
     few, rows = whole(lit, np.unique(frames)), fringe.unlike
     levels = few.levels.astype(np.float64)
     if levels.shape[1] < _FEWEST:
@@ -205,10 +207,8 @@ def _moments(fringe: Fringe, lit: Sample) -> list[_Moments]:
 
 
 def _sum(told: list[_Moments]) -> _Moments:
-    """Of the frames before that all of them have."""
-    few = min(len(one.square) for one in told)
-    square = np.sum([one.square[:few, :few] for one in told], axis=0)
-    return told[0]._replace(square=square, noise=np.sum([one.noise[:few, :few] for one in told], axis=0))
+    square, noise = sum(one.square for one in told), sum(one.noise for one in told)
+    return told[0]._replace(square=np.asarray(square), noise=np.asarray(noise))
 
 
 def without_before(light: Light, plan: Plan, before: Before) -> Light:

@@ -28,7 +28,7 @@ from optolever.projector import Footprints, light_of
 from optolever.records import Progress, silent
 
 from .arrays import Floats
-from .bench.decoders import cv2_coder, cv2_decode, cv2_places, fringes_coder
+from .bench.decoders import axis_by_axis, cv2_coder, cv2_decode, cv2_places, fringes_coder
 from .decode_errors import decode_errors
 from .figures import Figure, Parts, measured_parts
 from .ideal import camera_frames
@@ -206,7 +206,7 @@ def _fringes(size: tuple[int, int]) -> Iterator[Figure]:
     """Two periods of four steps on both axes, beside decode, which gives u, v, their sigmas, flags,
     amplitude, offset and order error in one go; of ideal cosines, which is all that `fringes` knows.
     """
-    shown = sequence("phase", *size, periods=PERIODS, steps=STEPS)
+    shown = axis_by_axis(sequence("phase", *size, periods=PERIODS, steps=STEPS))
     frames, truth = _shoot(shown, size)
     name = f"{len(shown)} phase frames"
     found = decode(frames, shown, on_cells=False)
@@ -232,7 +232,7 @@ def _fringes(size: tuple[int, int]) -> Iterator[Figure]:
 def _gray(size: tuple[int, int]) -> Iterator[Figure]:
     """Gray bits of both axes, each with its inverse."""
     rows, cols = size
-    shown = sequence("gray", rows, cols, references=False)
+    shown = axis_by_axis(sequence("gray", rows, cols, references=False))
     frames, truth = _shoot(shown, size)
     name = f"{len(shown)} Gray frames"
     found = decode(frames, shown)

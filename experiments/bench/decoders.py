@@ -8,7 +8,7 @@ and where every pixel looks, by a dense sequence.
 import importlib
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, Flag, crossed, decode
 from optolever.errors import InputError
-from optolever.patterns import Sequence, sequence, sequence_from_text
+from optolever.patterns import Frame, Sequence, sequence, sequence_from_text
 from optolever.projector import capture
 from optolever.scene import Surface, dent
 
@@ -58,7 +58,7 @@ def shoot(place: Place, cell: Cell) -> Shot:
     if cell.shown == "exact":
         return Shot(place, cell)
     pattern = place.scene.pattern
-    shown = sequence_from_text(cell.shown, pattern.rows, pattern.cols)
+    shown = axis_by_axis(sequence_from_text(cell.shown, pattern.rows, pattern.cols))
     if shown.name == "lattice":
         return Shot(place, cell, shown)
 
@@ -139,7 +139,7 @@ def _cv2_run(shot: Shot) -> Any:
 
 def _cv2_frames(shot: Shot) -> tuple[Any, Any]:
     frames, shown = shot.taken()
-    if shown.frames != sequence("gray", shown.rows, shown.cols).frames:
+    if shown != axis_by_axis(sequence("gray", shown.rows, shown.cols)):
         raise InputError("cv2: takes the sequence 'gray' only (one-pixel cells, inverses, white and black)")
     if frames.dtype != np.uint8:
         raise InputError("cv2: takes 8-bit frames only")
@@ -152,6 +152,16 @@ DECODERS = {
     "fringes": Decoder("peer", _fringes, "fringes", _fringes_run),
     "cv2": Decoder("peer", _cv2, clock=_cv2_run, divide=2.0),
 }
+
+
+def axis_by_axis(shown: Sequence) -> Sequence:
+    """The same frames as peers show them: u before v, and a fringe's shifts in turn."""
+    periods = list(dict.fromkeys(frame.period_px for frame in shown.frames))
+
+    def place(frame: Frame) -> tuple[str, int, float]:
+        return frame.axis or "", periods.index(frame.period_px), frame.shift or 0.0
+
+    return replace(shown, frames=tuple(sorted(shown.frames, key=place)))
 
 
 def fringes_coder(shown: Sequence) -> Any:

@@ -67,7 +67,7 @@ def test_surroundings_hide_no_fault(lit: float, around: str, shoot: Shoot) -> No
     u, v = 85 + 0.5 * (col - 160), 75 + 0.5 * (row - 120)
     whole = shoot(shown, u, v, noise=1.0, amplitude=inside * 80.0, offset=np.where(inside, 90.0, light))
     assert check(whole, shown).findings == ()
-    for i in (2, 10, 16, 19):
+    for i in (6, 10, 16, 18):
         frames = whole.copy()
         frames[[i, i + 1]] = whole[[i + 1, i]]
         assert {i, i + 1} & set(_named(frames, shown).frames), i
@@ -192,6 +192,14 @@ def _photo(shown: Sequence, scene: tuple[F64, F64, F64], rng: np.random.Generato
     return np.stack(frames)
 
 
+def _moves_places(frames: NDArray[Any], whole: NDArray[Any], shown: Sequence) -> bool:
+    """Whether more than 1 % of the pixels are elsewhere: other faults need not be told."""
+    found, true = (decode(one, shown, check=False) for one in (frames, whole))
+    off = np.abs([found.u - true.u, found.v - true.v]).max(axis=0)
+    both = found.good & true.good
+    return not both.any() or bool(np.mean(off[both] > 1) > 0.01)
+
+
 @pytest.mark.parametrize("name", EDGES)
 def test_scenes_with_edges_are_no_fault_and_hide_none(name: str) -> None:
     shown = _shown(name, 128, 256)
@@ -207,8 +215,7 @@ def test_scenes_with_edges_are_no_fault_and_hide_none(name: str) -> None:
             else:
                 start = 60 if kind == "torn" else 0
                 frames[i, start:] = whole[i + 1, start:]
-            bit = shown.frames[i].bit
-            if bit is None or bit >= 2 or shown.frames[i].inverted:
+            if _moves_places(frames, whole, shown):
                 assert i in _named(frames, shown).frames, (seed, kind, i)
 
 
@@ -265,8 +272,9 @@ def test_whichever_of_two_swaps_it_is_nothing_wrong_stays_good(
 def test_a_whole_period_or_a_polarity_is_left_out(shoot: Shoot, smooth: Map) -> None:
     shown = sequence("phase", 150, 170, steps=4)
     frames = shoot(shown, *smooth, noise=1.0)
-    frames[5] = frames[6]
-    assert set(_named(frames, shown).leave_out) == {4, 5, 6, 7}
+    frames[11] = frames[12]
+    middle = {i for i in range(8, 16) if shown.frames[i].axis == shown.frames[11].axis}
+    assert set(_named(frames, shown).leave_out) == middle
     coded = sequence("gray", 150, 170)
     frames = shoot(coded, *smooth, noise=1.0)
     frames[8] = frames[4]

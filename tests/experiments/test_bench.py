@@ -129,7 +129,7 @@ def test_fringes_shows_our_frames() -> None:
     pytest.importorskip("fringes", reason="fringes is not installed (extra bench)")
     from optolever.patterns import sequence
 
-    shown = sequence("phase", 40, 64, steps=4, periods=(20, 22, 25))
+    shown = decoders.axis_by_axis(sequence("phase", 40, 64, steps=4, periods=(20, 22, 25)))
     theirs = decoders.fringes_coder(shown).encode()[..., 0].astype(int)
     assert np.abs(theirs - shown.render()).max() <= 1
     with pytest.raises(InputError, match="same periods"):

@@ -5,6 +5,7 @@ import pickle
 import subprocess
 import sys
 from dataclasses import replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -105,6 +106,41 @@ def test_uncovered_levels_of_a_lattice_add_up_to_its_lines() -> None:
 def test_swept_stripe_lights_every_place_equally() -> None:
     total = sequence("stripe", 40, 60, axes="u", step=3).tables()[0].astype(float).sum(axis=0)
     assert np.ptp(total) <= 4
+
+
+@pytest.mark.parametrize("extent", [(150, 170), (48, 640), (64, 64)])
+@pytest.mark.parametrize(
+    ("name", "params"),
+    [
+        ("phase", {}),
+        ("phase", {"steps": 3, "periods": (8.74, 8.06, 8)}),
+        ("phase", {"steps": 6}),
+        ("gray+phase", {"inverses": True}),
+        ("micro-phase", {}),
+    ],
+)
+def test_axes_are_shown_at_the_same_time(name: str, params: dict[str, Any], extent: tuple[int, int]) -> None:
+    """The finest of both: their mean times are less than a frame apart, of even numbers not at all."""
+    shown = sequence(name, *extent, **params)
+    fine = [i for i, frame in enumerate(shown.frames) if (frame.period_px or 99) < 24]
+    of_u, of_v = ([i for i in fine if shown.frames[i].axis == axis] for axis in "uv")
+    assert len(of_u) == len(of_v) > 1
+    apart = abs(np.mean(of_u) - np.mean(of_v))
+    assert apart == 0 if len(of_u) % 4 == 0 else apart <= 2 / len(of_u)
+
+
+@pytest.mark.parametrize("axes", ["u", "uv"])
+@pytest.mark.parametrize("steps", [4, 6, 8])
+def test_opposite_shifts_are_symmetrical_in_time(steps: int, axes: str) -> None:
+    """Only so a phase that grows from frame to frame is told as its mean: no harmonic of it is left."""
+    shown = sequence("phase", 40, 60, axes=axes, steps=steps, periods=16.0)
+    time = {(one.axis, one.shift): i for i, one in enumerate(shown.frames)}
+    for axis in axes:
+        phases = 0.001 * np.array([time[axis, one.shift] for one in shown.frames if one.axis == axis])
+        shifts = np.array([one.shift for one in shown.frames if one.axis == axis])
+        for phase in np.linspace(0, 6, 7):
+            told = np.angle(np.cos(phase + phases - shifts) @ np.exp(1j * shifts) * np.exp(-1j * phase))
+            assert told == pytest.approx(phases.mean(), abs=1e-5)
 
 
 def test_spot_is_a_raster_row_by_row() -> None:
