@@ -144,19 +144,21 @@ def _extents(rows: int, cols: int, axes: str) -> list[tuple[str, int]]:
     return [(axis, {"u": cols, "v": rows}[axis]) for axis in axes]
 
 
-def _in_turns(axes: Iterable[list[Frames]]) -> Frames:
-    """What is shown of each axis, in turns (u v, v u, u v, ...), the longer axis first, so that they end
-    together.
+def _in_turns(axes: Iterable[list[Frames]], steps: int = 2) -> Frames:
+    """What is shown of each axis, in turns, the longer axis first, so that they end together: u v, v u, ...,
+    of three steps u v for one fringe, v u for the next.
 
     What moves while frames are taken is seen by both axes at the same mean time, and is no slope: with one
-    axis after the other, a steady motion of 0.1 pixels of a camera before a mirror is an error of 2 um.
+    axis after the other, a steady motion of 0.1 pixels of a camera before a mirror is an error of 2 um. Nor
+    does what a slow display keeps of the frame before turn a phase: it is of the other axis, or, of an even
+    number of steps, as often a step less as a step more. (Of three it would not be, and nothing tells it.)
     """
-    most = max(map(len, parts := list(axes)))
+    most, span = max(map(len, parts := list(axes))), 3 if steps == 3 else 1
     shown: list[Frame] = []
-    for i in range(most):
-        for part in parts if i % 2 == 0 else reversed(parts):
-            if (own := i - most + len(part)) >= 0:
-                shown += part[own]
+    for left in reversed(range(most)):
+        for part in parts if left // span % 2 else reversed(parts):
+            if left < len(part):
+                shown += part[len(part) - 1 - left]
     return tuple(shown)
 
 
@@ -221,7 +223,7 @@ def _phase(
         else:
             ladder = _ladder(extent)
         shown.append([frame for period in ladder for frame in _fringes(axis, period, steps)])
-    return _in_turns(shown)
+    return _in_turns(shown, steps)
 
 
 def _ladder(extent: int) -> list[float]:
@@ -248,10 +250,11 @@ def _gray_phase(
     or b = 1.5, the noise error is 0.0076 px for 1 level of 255 against 0.0144 px at 16 px, and with 4 steps
     the rounding of the levels to 8 bits cancels by symmetry.
     """
-    return _REFERENCES + _in_turns(
+    shown = [
         _code("gray", axis, extent, inverses, period / 2) + _fringes(axis, period, steps)
         for axis, extent in _extents(rows, cols, axes)
-    )
+    ]
+    return _REFERENCES + _in_turns(shown, steps)
 
 
 def _micro_phase(
