@@ -35,6 +35,7 @@ _ASKED = 1024
 _MEDIAN = 0.455
 #: Probability that gains alone look like frames that moved.
 _CHANCE = 0.01
+_FAINT = 1e-12
 #: Of the waves (see noise.harmonics), level and phase: what light or gain of one frame changes.
 _LIGHT = 3
 
@@ -90,9 +91,10 @@ def _shifts(plan: Plan, sample: Sample) -> dict[str, float]:
     of frames, may be all of it.
 
     By the parts of each fringe's own residuals that are its level (gains), and its c and s (gains, and what
-    its phase turned in single frames): both have the same variance by gains.
+    its phase turned in single frames): both have the same variance by gains. A fringe of which the image sees
+    less than a turn tells level and phase badly apart, and counts as little.
     """
-    gains, turned = [], {axis.axis: 0.0 for axis in plan.axes}
+    gains, weights, turned = [], [], {axis.axis: 0.0 for axis in plan.axes}
     told = [(axis.axis, fringe) for axis in plan.axes for fringe in axis.fringes if len(fringe.unlike)]
     for name, fringe in told:  # from coarse to fine: the finest stands
         frames, tests = list(fringe.index), fringe.unlike.astype(np.float32)
@@ -107,9 +109,12 @@ def _shifts(plan: Plan, sample: Sample) -> dict[str, float]:
         left = np.square(residual - product(parts, waves))[:, usual].mean()
         level, turns = np.square(parts[:, 0]), np.square(parts[:, 1:])
         gains += level.tolist()
+        unsure = float(np.linalg.pinv(product(waves, waves.T))[0, 0])
+        weights += [1 / max(unsure, _FAINT)] * len(level)
         sure = turns.mean() * np.square(waves[1:, usual]).sum(axis=1).mean() > _SURE**2 * left
         turned[name] = float(turns.mean()) if sure else 0.0
-    least = np.mean(gains) * fdtri(2, max(len(gains), 1), 1 - _CHANCE) if gains else np.inf
+    by_gains = float(np.average(gains, weights=weights)) if gains else np.inf
+    least = by_gains * fdtri(2, max(len(gains), 1), 1 - _CHANCE)
     finest = {axis.axis: axis.fringes[-1] for axis in plan.axes if axis.fringes}
     return {
         name: float(finest[name].period * np.sqrt(2 * square / len(finest[name].index)) / (2 * np.pi))
