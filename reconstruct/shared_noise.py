@@ -36,8 +36,9 @@ def shared_variance(problem: Problem, state: State, noise: SharedNoise) -> Float
     seen = labels > 0
     by_rows, by_cols = (noise.cols, noise.rows) if problem.turned else (noise.rows, noise.cols)
     at = np.divmod(state.rows.pixel, seen.shape[1])
-    anchors = _Anchors(*at, state.rows.component, state.share)
-    turned = _Anchors(*at[::-1], state.rows.component, state.share)
+    component, count = state.rows.component, int(labels.max()) + 1
+    anchors = _Anchors(*at, component, state.share, count)
+    turned = _Anchors(*at[::-1], component, state.share, count)
     factor2, total = np.broadcast_to(state.root**4, seen.shape), np.zeros(seen.shape)
     alone = replace(data, sigma_v=np.zeros(seen.shape)).variances(state.w)
     of_u = [np.fmin(one, both) for one, both in zip(alone, state.variances, strict=True)]
@@ -72,16 +73,18 @@ def _answer(problem: Problem, state: State, shift: tuple[float, float]) -> Float
 
 
 class _Anchors(NamedTuple):
-    """Row, column and component of every anchor, and its share in the component's constant, all (M,)."""
+    """Row, column and component of every anchor, and its share in the component's constant, all (M,);
+    components: how many labels there are (some may have no anchor, 0 is none)."""
 
     row: Ints
     col: Ints
     component: Ints
     share: Floats
+    components: int
 
     def by_row(self, rows: int, weight: Any = 1.0) -> Floats:
         """Sums (C, rows) of the shares, times a weight (M,)."""
-        sums = np.zeros((int(self.component.max(initial=0)) + 1, rows))
+        sums = np.zeros((self.components, rows))
         np.add.at(sums, (self.component, self.row), self.share * weight)
         return sums
 

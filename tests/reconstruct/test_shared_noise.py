@@ -57,3 +57,13 @@ def test_all_places_off_by_the_same(anchor: str) -> None:
     # 12 and more without; 48 numbers tell it to 10 %
     noise = SharedNoise(0.0, 0.0, 0.0, 0.0, 0.125, 0.125, SIGMA, SIGMA)
     assert 0.75 < score(anchor, noise, seen) < 1.35
+
+
+@pytest.mark.parametrize("cols", [1, 3])
+def test_without_an_anchor_nothing_is_known(cols: int) -> None:
+    """Of the far side alone, where no pixel sees the edge at rest."""
+    scene = resize(load("prism48"), SIZE, SIZE)
+    noise = SharedNoise(0.1, 0.1, 0.3, 0.3, 0.125, 0.125, SIGMA, SIGMA)
+    seen = exact_correspondence(trace(scene, dent("raised-cosine", scene, peak=0.2)), SIGMA)
+    mask = np.tile(np.arange(SIZE) < cols, (SIZE, 1))
+    assert not reconstruct(replace(seen, shared_noise=noise), scene, mask=mask).good.any()
