@@ -60,10 +60,12 @@ def test_all_places_off_by_the_same(anchor: str) -> None:
 
 
 @pytest.mark.parametrize("cols", [1, 3])
-def test_without_an_anchor_nothing_is_known(cols: int) -> None:
-    """Of the far side alone, where no pixel sees the edge at rest."""
+def test_beside_the_edge_alone(cols: int) -> None:
+    """No pixel is an anchor of its own where all lie next to the edge at rest."""
     scene = resize(load("prism48"), SIZE, SIZE)
     noise = SharedNoise(0.1, 0.1, 0.3, 0.3, 0.125, 0.125, SIGMA, SIGMA)
     seen = exact_correspondence(trace(scene, dent("raised-cosine", scene, peak=0.2)), SIGMA)
     mask = np.tile(np.arange(SIZE) < cols, (SIZE, 1))
-    assert not reconstruct(replace(seen, shared_noise=noise), scene, mask=mask).good.any()
+    alone, found = (reconstruct(replace(seen, shared_noise=one), scene, mask=mask) for one in (None, noise))
+    assert found.good[mask].all()
+    assert (found.sigma >= alone.sigma)[mask].all()
