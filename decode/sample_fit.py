@@ -157,7 +157,7 @@ def _in_part(table: AxisTable, free: int) -> NDArray[np.bool_]:
 
 
 def misfit_at(table: AxisTable, levels: F32, place: Any, free: int = -1) -> F32:
-    """Sum of squared residuals over B^2 (K,) of levels (n, K) at places (K,)."""
+    """Sum of squared residuals over B^2 (K,) of levels (n, K) at places (K,), without bits seen in part."""
     kept, shown, length = _centred(table, free)
     at = table.entry(place)
     own = levels[kept]

@@ -207,8 +207,8 @@ def _moments(fringe: Fringe, earlier: int, lit: Sample) -> list[_Moments]:
 
 
 def _sum(told: list[_Moments]) -> _Moments:
-    square, noise = sum(one.square for one in told), sum(one.noise for one in told)
-    return told[0]._replace(square=np.asarray(square), noise=np.asarray(noise))
+    square = np.sum([one.square for one in told], axis=0)
+    return told[0]._replace(square=square, noise=np.sum([one.noise for one in told], axis=0))
 
 
 def without_before(light: Light, plan: Plan, before: Before) -> Light:

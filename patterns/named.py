@@ -144,7 +144,7 @@ def _extents(rows: int, cols: int, axes: str) -> list[tuple[str, int]]:
     return [(axis, {"u": cols, "v": rows}[axis]) for axis in axes]
 
 
-def _in_turns(axes: Iterable[list[Frames]], steps: int = 2) -> Frames:
+def _in_turns(axes: list[list[Frames]], steps: int = 2) -> Frames:
     """What is shown of each axis, in turns, the longer axis first, so that they end together: u v, v u, ...,
     of three steps u v for one fringe, v u for the next.
 
@@ -153,12 +153,12 @@ def _in_turns(axes: Iterable[list[Frames]], steps: int = 2) -> Frames:
     does what a slow display keeps of the frame before turn a phase: it is of the other axis, or, of an even
     number of steps, as often a step less as a step more. (Of three it would not be, and nothing tells it.)
     """
-    most, span = max(map(len, parts := list(axes))), 3 if steps == 3 else 1
+    span = 3 if steps == 3 else 1
     shown: list[Frame] = []
-    for left in reversed(range(most)):
-        for part in parts if left // span % 2 else reversed(parts):
-            if left < len(part):
-                shown += part[len(part) - 1 - left]
+    for left in reversed(range(max(map(len, axes)))):
+        for own in axes if left // span % 2 else reversed(axes):
+            if left < len(own):
+                shown += own[-1 - left]
     return tuple(shown)
 
 
@@ -273,10 +273,12 @@ def _micro_phase(
     if periods is None:
         periods = [period * (1 + share) for share in _MICRO]
     others = _numbers(periods)
-    return _REFERENCES + _in_turns(
-        _fringes(axis, period, 3) + [(Frame("phase", axis, period_px=other, shift=0.0),) for other in others]
-        for axis in axes
-    )
+
+    def shown(axis: str) -> list[Frames]:
+        singles = [Frame("phase", axis, period_px=other, shift=0.0) for other in others]
+        return _fringes(axis, period, 3) + [(single,) for single in singles]
+
+    return _REFERENCES + _in_turns([shown(axis) for axis in axes])
 
 
 def _stripe(
