@@ -144,16 +144,15 @@ def _extents(rows: int, cols: int, axes: str) -> list[tuple[str, int]]:
     return [(axis, {"u": cols, "v": rows}[axis]) for axis in axes]
 
 
-def _in_turns(axes: list[list[Frames]], steps: int = 2) -> Frames:
+def _in_turns(axes: list[list[Frames]], span: int = 1) -> Frames:
     """What is shown of each axis, in turns, the longer axis first, so that they end together: u v, v u, ...,
-    of three steps u v for one fringe, v u for the next.
+    changing places after every `span`.
 
     What moves while frames are taken is seen by both axes at the same mean time, and is no slope: with one
     axis after the other, a steady motion of 0.1 pixels of a camera before a mirror is an error of 2 um. Nor
-    does what a slow display keeps of the frame before turn a phase: it is of the other axis, or, of an even
-    number of steps, as often a step less as a step more. (Of three it would not be, and nothing tells it.)
+    does what a slow display keeps of the frame before turn a phase, or pull a stripe along: it is of the
+    other axis, or, of an even number of steps, as often a step less as a step more.
     """
-    span = 3 if steps == 3 else 1
     shown: list[Frame] = []
     for left in reversed(range(max(map(len, axes)))):
         for own in axes if left // span % 2 else reversed(axes):
@@ -199,6 +198,12 @@ def _fringes(axis: str, period: float, steps: int) -> list[Frames]:
     return [(Frame("phase", axis, period_px=period, shift=2 * math.pi * k / steps),) for k in shown]
 
 
+def _span(steps: int) -> int:
+    """Three steps have no opposite ones, and nothing tells what they hold of others: never one after another
+    of the same axis."""
+    return 3 if steps == 3 else 1
+
+
 def _phase(
     rows: int,
     cols: int,
@@ -223,7 +228,7 @@ def _phase(
         else:
             ladder = _ladder(extent)
         shown.append([frame for period in ladder for frame in _fringes(axis, period, steps)])
-    return _in_turns(shown, steps)
+    return _in_turns(shown, _span(steps))
 
 
 def _ladder(extent: int) -> list[float]:
@@ -254,7 +259,7 @@ def _gray_phase(
         _code("gray", axis, extent, inverses, period / 2) + _fringes(axis, period, steps)
         for axis, extent in _extents(rows, cols, axes)
     ]
-    return _REFERENCES + _in_turns(shown, steps)
+    return _REFERENCES + _in_turns(shown, _span(steps))
 
 
 def _micro_phase(
@@ -281,27 +286,24 @@ def _micro_phase(
     return _REFERENCES + _in_turns([shown(axis) for axis in axes])
 
 
+def _line(axis: str, width: float, at: float) -> Frame:
+    at_u, at_v = (at, None) if axis == "u" else (None, at)
+    return Frame("stripe", axis, width_px=width, at_u=at_u, at_v=at_v)
+
+
 def _stripe(
     rows: int, cols: int, *, axes: str = "uv", step: float = 4.0, width: float | None = None
 ) -> Frames:
-    """A line swept over each axis in steps; default width two steps: every point sees four of them."""
+    """A line swept over each axis in steps, both in turns; default width two steps: every point sees four of
+    them."""
     width = 2 * step if width is None else width
-    frames: list[Frame] = []
+    shown: list[list[Frames]] = []
     for axis, extent in _extents(rows, cols, axes):
         if extent / step > _MOST:
             raise InputError(f"step is {step:g}, must be at least {extent / _MOST:g} on {extent} cells")
-        for k in range(-1, math.ceil((extent - 1) / step) + 2):
-            at = k * step
-            frames.append(
-                Frame(
-                    "stripe",
-                    axis,
-                    width_px=width,
-                    at_u=at if axis == "u" else None,
-                    at_v=at if axis == "v" else None,
-                )
-            )
-    return tuple(frames)
+        places = [k * step for k in range(-1, math.ceil((extent - 1) / step) + 2)]
+        shown.append([(_line(axis, width, at),) for at in places])
+    return _in_turns(shown, max(map(len, shown)))
 
 
 def _spot(rows: int, cols: int, *, step: float = 8.0, width: float | None = None) -> Frames:
