@@ -145,13 +145,12 @@ def _extents(rows: int, cols: int, axes: str) -> list[tuple[str, int]]:
 
 
 def _in_turns(axes: list[list[Frames]], span: int = 1) -> Frames:
-    """What is shown of each axis, in turns, the longer axis first, so that they end together: u v, v u, ...,
-    changing places after every `span`.
+    """What is shown of each axis (frames that stay together: a bit and its inverse) in turns, the longer
+    first, so that they end together: u v, v u, ..., changing places after every `span`.
 
-    What moves while frames are taken is seen by both axes at the same mean time, and is no slope: with one
-    axis after the other, a steady motion of 0.1 pixels of a camera before a mirror is an error of 2 um. Nor
-    does what a slow display keeps of the frame before turn a phase, or pull a stripe along: it is of the
-    other axis, or, of an even number of steps, as often a step less as a step more.
+    What moves while frames are taken is seen by both axes at the same mean time, and is no slope. Nor does
+    what a slow display keeps of the frame before turn a phase, or pull a stripe along: it is of the other
+    axis, or, of an even number of steps, as often a step less as a step more.
     """
     shown: list[Frame] = []
     for left in reversed(range(max(map(len, axes)))):
@@ -287,6 +286,7 @@ def _micro_phase(
 
 
 def _line(axis: str, width: float, at: float) -> Frame:
+    """A stripe of a width at a place (both pattern px)."""
     at_u, at_v = (at, None) if axis == "u" else (None, at)
     return Frame("stripe", axis, width_px=width, at_u=at_u, at_v=at_v)
 
@@ -294,8 +294,8 @@ def _line(axis: str, width: float, at: float) -> Frame:
 def _stripe(
     rows: int, cols: int, *, axes: str = "uv", step: float = 4.0, width: float | None = None
 ) -> Frames:
-    """A line swept over each axis in steps, both in turns; default width two steps: every point sees four of
-    them."""
+    """A line swept over each axis in steps, never one after another of the same axis; default width two
+    steps: every point sees four of them."""
     width = 2 * step if width is None else width
     shown: list[list[Frames]] = []
     for axis, extent in _extents(rows, cols, axes):

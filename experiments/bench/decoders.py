@@ -155,7 +155,8 @@ DECODERS = {
 
 
 def axis_by_axis(shown: Sequence) -> Sequence:
-    """The same frames as peers show them: u before v, and a fringe's shifts in turn."""
+    """The same frames as peers show them, u before v and a fringe's shifts ascending: of a still rig and a
+    display without lag they tell the same."""
     periods = list(dict.fromkeys(frame.period_px for frame in shown.frames))
 
     def place(frame: Frame) -> tuple[str, int, float]:

@@ -199,7 +199,7 @@ def test_gamma_is_no_silent_error_and_the_response_mends_it(shoot: Shoot, smooth
 
 
 def test_flicker_is_no_silent_error(shoot: Shoot, smooth: Map) -> None:
-    """Ambient light that flickers by 5 levels from frame to frame; as a fringe's own shifts do, it is one."""
+    """Ambient light that flickers by 5 levels from frame to frame; in step with the shifts it is a fringe."""
     shown = sequence("gray+phase", 150, 170, steps=8)
     still, rng, wrong = shoot(shown, *smooth, noise=1.0).astype(np.float64), np.random.default_rng(0), 0
     for _ in range(10):

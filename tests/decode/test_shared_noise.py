@@ -41,6 +41,7 @@ def decoded(
 @pytest.mark.parametrize(("rows", "cols"), [(0.4, 0.0), (0.0, 0.4), (0.3, 0.5)])
 def test_shares_are_told(clean: tuple[np.ndarray, Sequence], rows: float, cols: float) -> None:
     every = [decoded(clean, 1.0, rows, cols, seed).shared_noise for seed in (5, 6)]
+    assert None not in every
     found = np.mean([(one.rows, one.cols) for one in every if one is not None], axis=0)
     whole = 1.0 + 1 / 12 + rows**2 + cols**2
     # a variance of 150 lines is uncertain by sqrt(2 / 150) of itself
@@ -100,7 +101,7 @@ def test_a_coarse_fringe_seen_in_part_hides_no_shake() -> None:
         noisy = np.stack(moved) + rng.standard_normal(frames.shape)
         found = decode(np.rint(noisy).clip(0, 255).astype(np.uint8), shown, check=False).shared_noise
         untold += found is None or 0 in (found.shift_u, found.shift_v)
-    assert untold <= 3
+    assert untold <= 3  # 9 where a coarse fringe counts as much as others
 
 
 def test_saved_and_loaded(tmp_path: Path) -> None:
