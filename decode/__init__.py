@@ -10,6 +10,7 @@
 | `frames`         | frames validated, white level, response; pixels from all over them                     |
 | `noise`          | photon transfer from what no scene can make of the frames; pixels that see the pattern |
 | `shared_noise`   | what pixels of a row, of a column, of a whole frame have in common of the noise        |
+| `moved`          | how far whole frames are off: a rig that shakes, or moves steadily                     |
 | `unlike`         | a display on its way when the camera exposes; misfit within and between fringes        |
 | `response`       | `Response` of display and camera, inverted before fringes are fitted                   |
 | `phase`          | N-step least squares: phase, variance, amplitude, chi2                                 |

@@ -24,6 +24,7 @@ from .flags import Shared
 from .frames import Light, light_of, sample_levels
 from .integrity import examine, spoilt_pixels
 from .lens import measured_lens
+from .moved import Seen
 from .noise import Noise, Sample, estimate_noise, under_response
 from .pixelation import REACH, Pixelation, measured_pixelations, usual_width
 from .plan import Plan, plan, raster_axes
@@ -258,8 +259,20 @@ def _among_neighbours(
     notices += _noticed(_ROUGH, max(roughness) ** 0.5)
     (u, sigma_u), (v, sigma_v) = out["u"], out["v"]
     common = shared.amplitude, shared.offset, shared.error
-    in_common = shared_noise(shown, shot.lit)
+    in_common = shared_noise(shown, shot.lit, _seen(shot, decoders, raw, flags, widths))
     return Correspondence(u, v, sigma_u, sigma_v, shared.flags, *common, notices, in_common)
+
+
+def _seen(
+    shot: _Shot, decoders: list[AxisDecoder], raw: list[Raw], flags: NDArray[np.uint16], widths: list[float]
+) -> dict[str, Seen]:
+    """Places of the sampled pixels, of each axis, as far as they are good."""
+    at, found = tuple(shot.lit.places.T), {}
+    for decoder, own, width in zip(decoders, raw, widths, strict=True):
+        place = np.where(flags[at] == 0, own.coordinate[at], np.float32(np.nan))
+        spread = 0.0 if decoder.table is None else decoder.table.optics.with_cell
+        found[decoder.axis.axis] = Seen(place, width if shot.cells else None, spread)
+    return found
 
 
 def _dark_level(lit: Sample, shared: Shared) -> float:

@@ -26,6 +26,7 @@ from .plan import AxisPlan, Fringe, plan
 
 __all__ = [
     "FINE",
+    "FINER",
     "PLACES",
     "WIDEST",
     "WIDTHS",
@@ -36,6 +37,7 @@ __all__ = [
     "shares_of",
     "table_rounding",
     "take_off",
+    "through",
 ]
 
 F32 = NDArray[np.float32]
@@ -45,7 +47,7 @@ PLACES = 128
 WIDEST = 2.5
 WIDTHS = np.linspace(0.0, WIDEST, 51)
 #: Parts of a cell in which rounded levels are read, and the blur (cells) with which they are.
-_FINER, _HALF = 4, 0.5
+FINER, _HALF = 4, 0.5
 #: Finer places on which readings are inverted.
 FINE = 256
 
@@ -132,23 +134,23 @@ def table_rounding(fringe: Fringe, tables: NDArray[np.uint8]) -> F64:
 @lru_cache(maxsize=16)
 def rounded_places(name: str, sequence: Sequence, width: float) -> F32:
     """By how much readings of an axis are too large as shown grey values are rounded, by place in parts of a
-    cell (_FINER * extent + 1,), the last one twice; read by pixels of `width` cells and a blur of half a one.
+    cell (FINER * extent + 1,), the last one twice; read by pixels of `width` cells and a blur of half a one.
 
     Least squares for offset, contrast and place at once, of each period that shares in the coordinate.
     """
     axis = next(one for one in plan(sequence).axes if one.axis == name)
     fringes, tables = _telling(axis), sequence.tables()["uv".index(name)]
-    moved, weight = np.zeros((2, axis.extent * _FINER))
+    moved, weight = np.zeros((2, axis.extent * FINER))
     for fringe in fringes:
         levels = tables[list(fringe.index)].astype(np.float64)
         shown = _design(fringe, np.arange(axis.extent))
         usual = (np.linalg.pinv(shown) @ levels.T[..., None]).mean(axis=0) * [[1], [1], [0]]
         rounding = levels - (shown @ usual)[..., 0].T
-        fine = _design(fringe, np.arange(axis.extent * _FINER) / _FINER)
+        fine = _design(fringe, np.arange(axis.extent * FINER) / FINER)
         turned = fine.transpose(0, 2, 1)
         inverse = np.linalg.inv(turned @ fine)
-        _, contrast, _ = (inverse @ (turned @ _through(levels, width)))[..., 0].T
-        moves = (inverse @ (turned @ _through(rounding, width)))[:, 2, 0]
+        _, contrast, _ = (inverse @ (turned @ through(levels, width)))[..., 0].T
+        moves = (inverse @ (turned @ through(rounding, width)))[:, 2, 0]
         moved += moves / contrast / inverse[:, 2, 2]
         weight += 1 / inverse[:, 2, 2]
     places = (moved / weight).astype(np.float32)
@@ -163,10 +165,10 @@ def _design(fringe: Fringe, place: NDArray[Any]) -> F64:
     return np.asarray(fringe.exposure[:, None] * waves)
 
 
-def _through(levels: F64, width: float) -> F64:
-    """Levels (N, extent) of cells as pixels at parts of a cell read them, (_FINER * extent, N, 1)."""
+def through(levels: F64, width: float) -> F64:
+    """Levels (N, extent) of cells as pixels at parts of a cell read them, (FINER * extent, N, 1)."""
     reach = math.ceil(width / 2 + 3)
-    distance = np.arange(-reach, reach + 1) - np.arange(_FINER)[:, None] / _FINER
+    distance = np.arange(-reach, reach + 1) - np.arange(FINER)[:, None] / FINER
     light = cell_light(distance, np.array(width), _HALF)
     seen = np.stack([correlate1d(levels, part, axis=1, mode="nearest") for part in light], axis=2)
     return seen.reshape(len(levels), -1).T[..., None]
@@ -175,7 +177,7 @@ def _through(levels: F64, width: float) -> F64:
 @kernel
 def take_off(coord: Any, table: Any) -> None:
     """What a table (see rounded_places) has at coordinates (H, W), between its places on a straight line."""
-    zero, last, finer, one = np.float32(0), np.float32(table.size - 2), np.float32(_FINER), np.int32(1)
+    zero, last, finer, one = np.float32(0), np.float32(table.size - 2), np.float32(FINER), np.int32(1)
     for y in range(coord.shape[0]):
         line = coord[y]
         for x in range(line.size):

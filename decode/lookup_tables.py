@@ -50,6 +50,11 @@ class Optics(NamedTuple):
         """rms of all, pattern px; of scattered light within a cell or two, as it has no end."""
         return math.sqrt(self.spread**2 + self.halo)
 
+    @property
+    def with_cell(self) -> float:
+        """rms of the spread and a cell, pattern px."""
+        return math.hypot(self.spread, USUAL) if self.spread else 0.0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:

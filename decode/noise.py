@@ -19,8 +19,8 @@ from .plan import Fringe, Plan, constraints
 __all__ = [
     "Noise",
     "Sample",
+    "bulk",
     "estimate_noise",
-    "explained",
     "fitted_noise",
     "harmonics",
     "modulation",
@@ -40,6 +40,8 @@ _SURE = 6.0
 _MOST = 8192
 #: Trimmed beyond so many deviations, and what that leaves of a normal variance.
 _TRIM, _LEFT = 3.0, 0.9733
+#: Deviations beyond which a residual is an outlier, and the median of the square of what is normal.
+_FAR, _MEDIAN = 4.0, 0.455
 #: Residuals that tell a variance (18 %), pixels that tell noise and map well, runs of 64 pixels of a sample:
 #: 1000 and 8000 pixels on a mirror that fills 10 % of the image.
 _FEWEST, _ENOUGH = 64, 1024
@@ -301,14 +303,10 @@ def harmonics(fringe: Fringe, levels: Any) -> Any:
 def unexplained(residuals: Any, waves: Any, kept: Any = slice(None)) -> Any:
     """Residuals (M, K) without what waves (W, K) explain of them in the pixels to keep: what follows level
     and phase, as by a gain of single frames or by a response, is no noise."""
-    return residuals - product(explained(residuals, waves, kept), waves)
-
-
-def explained(residuals: Any, waves: Any, kept: Any = slice(None)) -> Any:
-    """Parts (M, W) of waves (W, K) in residuals (M, K), by the pixels to keep."""
     some = waves[:, kept].astype(np.float64)
     both = product(residuals[:, kept].astype(np.float64), some.T)
-    return np.linalg.lstsq(product(some, some.T), both.T)[0].T.astype(waves.dtype)
+    parts = np.linalg.lstsq(product(some, some.T), both.T)[0].T.astype(waves.dtype)
+    return residuals - product(parts, waves)
 
 
 def product(one: Any, other: Any) -> Any:
@@ -354,6 +352,13 @@ def _off_references(plan: Plan, few: Sample) -> tuple[list[int], F32, F32, NDArr
     more = steep[frames] + np.where(nearer == 0, steep[ends[0]], steep[ends[1]])
     nearer[np.maximum(levels[frames], reference) >= few.white] = -1
     return frames, levels[frames] - reference, more, nearer
+
+
+def bulk(residual: F32) -> NDArray[np.bool_]:
+    """Residuals (M, K) that are no outliers of their row."""
+    square = np.square(residual)
+    usual = np.median(square[:, :: 1 + square.shape[1] // _ASKED], axis=1, keepdims=True)
+    return np.asarray(square <= _FAR**2 / _MEDIAN * usual)
 
 
 def trimmed_variance(residual: NDArray[np.floating[Any]]) -> float:

@@ -4,43 +4,35 @@ Cameras read by rows and amplify by columns (EMVA 1288 release 4.0, row and colu
 shutter a lamp's flicker leaves bands, before a global one frames of unequal light. A height adds up along a
 line, or over half a fringe, what is common, where independent noise averages out. Constraints of a plan are
 free of the scene: what level and phase explain of their residuals is of whole frames, and of the rest the
-product of two pixels is, on average, what both share. A gain of one frame shows in level and phase alike, a
-frame that has moved in the phase alone. What is shown otherwise than described leaves residuals, too, which
-lines of equal place share: an axis tells most where it changes along the line, and the least of both axes
-stands.
+product of two pixels is, on average, what both share. What is shown otherwise than described leaves
+residuals, too, which lines of equal place share: an axis tells most where it changes along the line, and the
+least of both axes stands.
 """
 
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtri
 
 from .correspondence import SharedNoise
-from .noise import Sample, explained, harmonics, product, unexplained, unsaturated
+from .moved import Moved, Seen, frames_moved
+from .noise import Sample, bulk, harmonics, product, unexplained, unsaturated
 from .plan import AxisPlan, Plan, constraints
-from .unlike import whole
 
 __all__ = ["shared_noise"]
 
 F32 = NDArray[np.float32]
-#: Pixels that are looked at, at most; deviations beyond which a residual is an outlier, and of chance, from
-#: which on a share is one.
-_MOST, _FAR, _SURE = 4096, 4.0, 3.0
+#: Pixels that are looked at, at most; deviations of chance from which on a share is one.
+_MOST, _SURE = 4096, 3.0
 #: Pixels that tell a variance (18 %).
 _FEWEST = 64
 #: Pixels that are asked what level and phase explain of residuals.
 _ASKED = 1024
-#: Median of the square of what is normal.
-_MEDIAN = 0.455
-#: Probability that gains alone look like frames that moved.
-_CHANCE = 0.01
-_FAINT = 1e-12
 #: Of the waves (see noise.harmonics), level and phase: what light or gain of one frame changes.
 _LIGHT = 3
 
 
-def shared_noise(plan: Plan, lit: Sample) -> SharedNoise | None:
+def shared_noise(plan: Plan, lit: Sample, seen: dict[str, Seen]) -> SharedNoise | None:
     """None where nothing is surely shared, or fringes do not tell."""
     thin = max(1, lit.levels.shape[1] // _MOST)
     some = lit.only(slice(None, None, thin))
@@ -50,10 +42,11 @@ def shared_noise(plan: Plan, lit: Sample) -> SharedNoise | None:
     turns = {name: max(1 / fringe.period for fringe in every) for name, every in fringes.items()}
     shares = {axis.axis: _shares(plan, axis, some) for axis in plan.axes}
     rows, cols, _ = np.minimum(shares["u"], shares["v"]).tolist()
-    shift = _shifts(plan, some)
-    found = SharedNoise(
-        *(rows, cols, shares["u"][2], shares["v"][2], turns["u"], turns["v"], shift["u"], shift["v"])
-    )
+    # what frames that moved leave is no noise of theirs
+    still = {name: Moved(0.0, share) for name, (_, _, share) in shares.items()}
+    moved = still | frames_moved(plan, lit, seen)
+    u, v = moved["u"], moved["v"]
+    found = SharedNoise(rows, cols, u.gains, v.gains, turns["u"], turns["v"], u.shift, v.shift)
     return found if max(*found[:4], *found[6:]) > 0 else None
 
 
@@ -71,12 +64,12 @@ def _shares(plan: Plan, axis: AxisPlan, sample: Sample) -> tuple[float, float, f
         return 0.0, 0.0, 0.0
     waves = np.stack([harmonics(one, sample.levels) for one in axis.fringes], axis=1)
     # mean levels of several fringes count as one, as their differences are residuals
-    level, usual = waves[0].mean(axis=0, keepdims=True), np.flatnonzero(_bulk(residual).all(axis=0))
+    level, usual = waves[0].mean(axis=0, keepdims=True), np.flatnonzero(bulk(residual).all(axis=0))
     usual = usual[:: max(1, len(usual) // _ASKED)]
     of_frames, of_lines = (
         unexplained(residual, np.concatenate([level, *waves[1:count]]), usual) for count in (_LIGHT, None)
     )
-    kept = _bulk(of_lines)
+    kept = bulk(of_lines)
     square = float(np.square(residual)[kept].sum())
     if square == 0:
         return 0.0, 0.0, 0.0
@@ -84,50 +77,6 @@ def _shares(plan: Plan, axis: AxisPlan, sample: Sample) -> tuple[float, float, f
     chance = (_LIGHT + _SURE * np.sqrt(2 * _LIGHT)) / residual.shape[1]
     rows, cols = (_shared(of_lines * kept, line, square) for line in sample.places.T)
     return rows, cols, frames if frames > chance else 0.0
-
-
-def _shifts(plan: Plan, sample: Sample) -> dict[str, float]:
-    """Deviation of what frames that moved shift all places of an axis, pattern px; 0 where chance, or gains
-    of frames, may be all of it.
-
-    By the parts of each fringe's own residuals that are its level (gains), and its c and s (gains, and what
-    its phase turned in single frames): both have the same variance by gains. A fringe of which the image sees
-    less than a turn tells level and phase badly apart, and counts as little.
-    """
-    gains, weights, turned = [], [], {axis.axis: 0.0 for axis in plan.axes}
-    told = [(axis.axis, fringe) for axis in plan.axes for fringe in axis.fringes if len(fringe.unlike)]
-    for name, fringe in told:  # from coarse to fine: the finest stands
-        frames, tests = list(fringe.index), fringe.unlike.astype(np.float32)
-        few = whole(sample, frames, _MOST)
-        if len(few.places) < _FEWEST:
-            continue
-        residual, waves = product(tests, few.levels[frames]), harmonics(fringe, few.levels)[:_LIGHT]
-        usual = np.flatnonzero(_bulk(residual).all(axis=0))
-        if len(usual) < _FEWEST:
-            continue
-        parts = explained(residual, waves, usual)
-        left = np.square(residual - product(parts, waves))[:, usual].mean()
-        level, turns = np.square(parts[:, 0]), np.square(parts[:, 1:])
-        gains += level.tolist()
-        unsure = float(np.linalg.pinv(product(waves, waves.T))[0, 0])
-        weights += [1 / max(unsure, _FAINT)] * len(level)
-        sure = turns.mean() * np.square(waves[1:, usual]).sum(axis=1).mean() > _SURE**2 * left
-        turned[name] = float(turns.mean()) if sure else 0.0
-    by_gains = float(np.average(gains, weights=weights)) if gains else np.inf
-    least = by_gains * fdtri(2, max(len(gains), 1), 1 - _CHANCE)
-    finest = {axis.axis: axis.fringes[-1] for axis in plan.axes if axis.fringes}
-    return {
-        name: float(finest[name].period * np.sqrt(2 * square / len(finest[name].index)) / (2 * np.pi))
-        if square > least
-        else 0.0
-        for name, square in turned.items()
-    }
-
-
-def _bulk(residual: F32) -> NDArray[np.bool_]:
-    """Residuals that are no outliers."""
-    square = np.square(residual)
-    return np.asarray(square <= _FAR**2 * np.median(square) / _MEDIAN)
 
 
 def _shared(residual: F32, line: NDArray[np.int64], square: float) -> float:

@@ -91,8 +91,8 @@ def test_the_images_of_a_view_are_those_of_the_virtual_sensor(prism: Scene) -> N
     ("scene", "size", "bump", "stride"),
     [
         pytest.param("prism48", (144, 192), (0.3, 6), 3, id="small"),
-        pytest.param("prism48", (144, 192), (0.3, 8), 3, id="middle"),
-        pytest.param("prism48", (144, 192), (0.3, 12), 3, id="wide"),
+        pytest.param("prism48", (144, 192), (0.3, 8), 3, id="middle", marks=pytest.mark.slow),
+        pytest.param("prism48", (144, 192), (0.3, 12), 3, id="wide", marks=pytest.mark.slow),
         # reaches the pattern's edge, where errors grow without limit
         pytest.param("paper-simulation", (192, 192), (0.6, 25), 4, id="edge", marks=pytest.mark.slow),
     ],

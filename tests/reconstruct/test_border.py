@@ -217,6 +217,7 @@ def test_specks_beside_the_anchor_are_not_guessed(exact, noisy, cut) -> None:
     assert height.good[30, 30]
 
 
+@pytest.mark.slow
 def test_a_missing_pixel_flags_none_but_itself(exact, noisy, cut) -> None:
     """Where doubts surround the anchors' edge (slopes change fast there), holes elsewhere change nothing."""
     scene, truth, _ = exact("paper-prototype", "ball:peak=0.075,radius=910", 172, 108)
