@@ -23,7 +23,7 @@ from .spatial import Raw
 from .unlike import Before, misfit_between, misfit_within, whole
 from .unwrap import Orders, climb, order_table, unwrap_close
 
-__all__ = ["AxisDecoder", "AxisOptions", "axis_decoders"]
+__all__ = ["AxisDecoder", "AxisOptions", "Shot", "axis_decoders"]
 
 #: Pixels that tell a variance (18 %), and that are asked (a fifth surely); rounds in which what periods
 #: contradict each other by is found, as orders are listed within it.
@@ -77,25 +77,34 @@ class AxisDecoder:
         return estimate
 
 
-class AxisOptions(NamedTuple):
-    """on_cells, subpixel, blur (cells, None: unknown): see decode; known: whether the noise is, else, where
-    no rule of the frames tells it, a look-up measures it; before: what frames hold of earlier ones."""
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """Frames of one exposure, what they show, the camera's noise, and pixels that see the pattern; cells:
+    whether it was shown on cells."""
 
-    on_cells: bool = False
+    light: Light
+    sequence: Sequence
+    plan: Plan
+    noise: Noise
+    lit: Sample
+    cells: bool
+
+
+class AxisOptions(NamedTuple):
+    """subpixel, blur (cells, None: unknown): see decode; known: whether the noise is, else, where no rule of
+    the frames tells it, a look-up measures it; before: what frames hold of earlier ones."""
+
     subpixel: bool = False
     known: bool = False
     blur: float | None = None
     before: Before = Before()
 
 
-def axis_decoders(
-    sequence: Sequence, light: Light, noise: Noise, lit: Sample, options: AxisOptions
-) -> list[AxisDecoder]:
+def axis_decoders(shot: Shot, options: AxisOptions) -> list[AxisDecoder]:
     """Choose the steps for each axis. InputError where its frames tell no place."""
-    wanted = plan(sequence)
-    options = options._replace(known=options.known or bool(constraints(wanted, len(sequence))))
-    axes = raster_axes(sequence) or wanted.axes
-    return [_decoder(axis, sequence, wanted, light, noise, lit, options) for axis in axes]
+    known = options.known or bool(constraints(shot.plan, len(shot.sequence)))
+    axes = raster_axes(shot.sequence) or shot.plan.axes
+    return [_decoder(axis, shot, options._replace(known=known)) for axis in axes]
 
 
 def _sampled_light(light: Light, places: NDArray[np.int64]) -> Light:
@@ -104,32 +113,11 @@ def _sampled_light(light: Light, places: NDArray[np.int64]) -> Light:
     return replace(light, raw=np.ascontiguousarray(light.raw[:, row, col][:, None, :]))
 
 
-def _decoder(
-    axis: AxisPlan,
-    sequence: Sequence,
-    wanted: Plan,
-    light: Light,
-    noise: Noise,
-    lit: Sample,
-    options: AxisOptions,
-) -> AxisDecoder:
-    code = None if axis.code is None else code_plan(axis.code, wanted, noise, lit)
+def _decoder(axis: AxisPlan, shot: Shot, options: AxisOptions) -> AxisDecoder:
+    light, noise = shot.light, shot.noise
+    code = None if axis.code is None else code_plan(axis.code, shot.plan, noise, shot.lit)
     if axis.looked_up or (options.subpixel and code is not None and not axis.fringes):
-        cells = None if code is None else _cells(code, light, noise, lit)
-        known = noise if options.known else None
-        table = prepare(sequence, wanted, axis, light, known, lit, cells, options.blur)
-        noise = table.noise or noise
-        jump = axis.stripes.width if axis.stripes else 2.0 * (1 if code is None else float(code.cell))
-        stripe = jump if axis.stripes or code is not None else math.inf
-        limits = limits_of(axis.extent, 0.5, table.freedom, light.white)
-        return AxisDecoder(axis, light, noise, code, None, table, None, limits, jump, stripe)
-    covered = code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
-    shown = options.on_cells and not sequence.nominal
-    rounding = _rounding(axis.axis, sequence) if shown else (0.0,) * len(axis.fringes)
-    unlike = [_unlike(fringe, lit, noise, options.before) for fringe in axis.fringes]
-    rounding = tuple(r + m for r, m in zip(rounding, unlike, strict=True))
-    freedom = sum(len(fringe.index) - 3 for fringe in axis.fringes) + max(len(axis.fringes) - 1, 0)
-    freedom += (1 if axis.fringes else 0) + code.freedom if code is not None else 0
+        return _by_table(axis, code, shot, options)
     if axis.fringes:
         fine = axis.fringes[-1]
         jump, stripe, per_turn, factor = fine.period / 4, math.inf, 1 / fine.period, 2 / len(fine.index)
@@ -137,19 +125,46 @@ def _decoder(
         assert code is not None
         jump = stripe = 2.0 * float(code.cell)
         per_turn, factor = 0.0, 0.5
-    limits = limits_of(axis.extent, factor, freedom, light.white)
+    limits = limits_of(axis.extent, factor, _freedom(axis, code), light.white)
     found = AxisDecoder(axis, light, noise, code, None, None, None, limits, jump, stripe, per_turn)
-    if not axis.fringes:
-        return found
+    return _by_fringes(found, shot, options.before) if axis.fringes else found
+
+
+def _by_table(axis: AxisPlan, code: CodePlan | None, shot: Shot, options: AxisOptions) -> AxisDecoder:
+    """Known levels are looked up."""
+    light, noise, lit = shot.light, shot.noise, shot.lit
+    cells = None if code is None else _cells(code, light, noise, lit)
+    known = noise if options.known else None
+    table = prepare(shot.sequence, shot.plan, axis, light, known, lit, cells, options.blur)
+    jump = axis.stripes.width if axis.stripes else 2.0 * (1 if code is None else float(code.cell))
+    stripe = jump if axis.stripes or code is not None else math.inf
+    limits = limits_of(axis.extent, 0.5, table.freedom, light.white)
+    return AxisDecoder(axis, light, table.noise or noise, code, None, table, None, limits, jump, stripe)
+
+
+def _freedom(axis: AxisPlan, code: CodePlan | None) -> int:
+    """Degrees of freedom of chi2: samples of fringes beyond three each, places that they tell beyond one, and
+    what a code adds."""
+    freedom = sum(len(fringe.index) - 3 for fringe in axis.fringes) + max(len(axis.fringes) - 1, 0)
+    return freedom + ((1 if axis.fringes else 0) + code.freedom if code is not None else 0)
+
+
+def _by_fringes(found: AxisDecoder, shot: Shot, before: Before) -> AxisDecoder:
+    """With fringes, and what they contradict each other by."""
+    axis, noise, lit = found.axis, found.noise, shot.lit
+    covered = found.code is not None or axis.fringes[0].period >= axis.extent or len(axis.fringes) == 1
     deviation = None if covered else _deviation(axis, noise, lit)
-    found = _with_periods(found, rounding, deviation)
+    rounding = _rounding(axis.axis, shot.sequence) if shot.cells else (0.0,) * len(axis.fringes)
+    unlike = [_unlike(fringe, lit, noise, before) for fringe in axis.fringes]
+    known = tuple(r + m for r, m in zip(rounding, unlike, strict=True))
+    found = _with_periods(found, known, deviation)
     few = whole(lit, [i for fringe in axis.fringes for i in fringe.index], _ASKED)
     for _ in range(_ROUNDS if len(axis.fringes) > 1 else 0):
         more = _between(found, few)
         if more == 0:
             break
         found = replace(found, between=found.between + more)
-        found = _with_periods(found, tuple(one + found.between for one in rounding), deviation)
+        found = _with_periods(found, tuple(one + found.between for one in known), deviation)
     return found
 
 

@@ -13,7 +13,7 @@ from optolever.notices import Notice
 from optolever.patterns import Sequence
 from optolever.records import LOG, Progress, logged, silent
 
-from .axis import AxisDecoder, AxisOptions, axis_decoders
+from .axis import AxisDecoder, AxisOptions, Shot, axis_decoders
 from .border import NO_BORDER, Border, border_of, measured_blur
 from .centre import dark_level
 from .correspondence import Correspondence, Flag
@@ -27,7 +27,7 @@ from .lens import measured_lens
 from .moved import Seen
 from .noise import Noise, Sample, estimate_noise, under_response
 from .pixelation import REACH, Pixelation, measured_pixelations, usual_width
-from .plan import Plan, plan, raster_axes
+from .plan import plan, raster_axes
 from .response import Response
 from .shared_noise import shared_noise
 from .spatial import Raw, check_rows, despeckle
@@ -140,18 +140,6 @@ class _Options:
     progress: Progress
 
 
-@dataclass(frozen=True, slots=True)
-class _Shot:
-    """Frames of one exposure, what they show, the camera's noise, and pixels that see the pattern."""
-
-    light: Light
-    sequence: Sequence
-    plan: Plan
-    noise: Noise
-    lit: Sample
-    cells: bool
-
-
 def _decoded(light: Light, part: Part, options: _Options) -> Correspondence:
     """The steps: noise, each axis, flags, neighbours, integrity."""
     step, steps = options.progress, 3 + options.check
@@ -168,9 +156,9 @@ def _decoded(light: Light, part: Part, options: _Options) -> Correspondence:
         given = given and replace(given, read2=given.read2 * times, gain=given.gain * times)
     light, noise, lit = under_response(light, given or noise, lit)
     cells = options.on_cells and not sequence.nominal
-    shot = _Shot(light, sequence, wanted, noise, lit, cells)
-    chosen = AxisOptions(cells, options.subpixel, options.noise is not None, options.blur, before)
-    decoders = axis_decoders(sequence, light, shot.noise, lit, chosen)
+    shot = Shot(light, sequence, wanted, noise, lit, cells)
+    chosen = AxisOptions(options.subpixel, options.noise is not None, options.blur, before)
+    decoders = axis_decoders(shot, chosen)
     step("axes", 1, steps)
     raw, shared = _estimated(shot, decoders)
     if options.mask is not None:
@@ -186,7 +174,7 @@ def _decoded(light: Light, part: Part, options: _Options) -> Correspondence:
     return replace(found, notices=_noticed(_SLOW, before.share) + found.notices)
 
 
-def _estimated(shot: _Shot, decoders: list[AxisDecoder]) -> tuple[list[Raw], Shared]:
+def _estimated(shot: Shot, decoders: list[AxisDecoder]) -> tuple[list[Raw], Shared]:
     """Every axis, block by block of rows; flags of both."""
     shape = rows, cols = shot.light.raw.shape[1:]
     raw = [Raw(*(roomy_empty(shape, np.float32) for _ in range(2))) for _ in decoders]
@@ -209,14 +197,14 @@ def _estimated(shot: _Shot, decoders: list[AxisDecoder]) -> tuple[list[Raw], Sha
     return raw, shared
 
 
-def _without_rounding(shot: _Shot, name: str, coord: NDArray[np.float32], width: float) -> None:
+def _without_rounding(shot: Shot, name: str, coord: NDArray[np.float32], width: float) -> None:
     """What rounded grey values shift taken off the coordinates of an axis; width: of pixels, cells."""
     table = rounded_places(name, shot.sequence, width)
     over_rows(lambda start, stop: take_off(coord[start:stop], table), len(coord), _BLOCK)
 
 
 def _among_neighbours(
-    shot: _Shot, decoders: list[AxisDecoder], raw: list[Raw], shared: Shared, options: _Options
+    shot: Shot, decoders: list[AxisDecoder], raw: list[Raw], shared: Shared, options: _Options
 ) -> Correspondence:
     """Pixelation taken off; edges, strays and partial footprints flagged or in sigma."""
     shape = shared.flags.shape
@@ -264,7 +252,7 @@ def _among_neighbours(
 
 
 def _seen(
-    shot: _Shot, decoders: list[AxisDecoder], raw: list[Raw], flags: NDArray[np.uint16], widths: list[float]
+    shot: Shot, decoders: list[AxisDecoder], raw: list[Raw], flags: NDArray[np.uint16], widths: list[float]
 ) -> dict[str, Seen]:
     """Places of the sampled pixels, of each axis, as far as they are good."""
     at, found = tuple(shot.lit.places.T), {}
@@ -284,7 +272,7 @@ def _dark_level(lit: Sample, shared: Shared) -> float:
 
 
 def _borders(
-    shot: _Shot, decoders: list[AxisDecoder], raw: list[Raw], shared: Shared, pixelations: list[Pixelation]
+    shot: Shot, decoders: list[AxisDecoder], raw: list[Raw], shared: Shared, pixelations: list[Pixelation]
 ) -> list[Border]:
     """Of each axis, by the blur that either border tells, or else by one that bounds it."""
     shares = [() if one.table is not None else shares_of(one.axis) for one in decoders]
@@ -301,7 +289,7 @@ def _borders(
     return [border_of(share, (bound,) * 3, False) for share, bound in bounds]
 
 
-def _checked(shot: _Shot, part: Part, found: Correspondence, options: _Options) -> Correspondence:
+def _checked(shot: Shot, part: Part, found: Correspondence, options: _Options) -> Correspondence:
     """Without the frames that are not those described, or with what they could have spoilt flagged."""
     sequence, light, lit = part.sequence, shot.light, shot.lit
     wanted = plan(sequence)
@@ -331,7 +319,7 @@ def _noticed(what: tuple[str, str], size: float) -> tuple[Notice, ...]:
     return (Notice(what[0], size, 0.0, what[1]),) if size else ()
 
 
-def _too_bright(shot: _Shot) -> float:
+def _too_bright(shot: Shot) -> float:
     """Share of the pixels in which white saturates, where bits are compared with it; 0 if these may be
     highlights."""
     codes = [axis.code for axis in shot.plan.axes if axis.code is not None]
@@ -342,7 +330,7 @@ def _too_bright(shot: _Shot) -> float:
     return share if share > _HIGHLIGHTS else 0.0
 
 
-def _silent(shot: _Shot) -> bool:
+def _silent(shot: Shot) -> bool:
     """Whether there is no noise beyond rounding."""
     usual = float(shot.lit.levels.mean()) if shot.lit.levels.size else 0.0
     return bool(shot.noise.variance(usual) < 1.5 * (shot.light.rounding or 1 / 12))

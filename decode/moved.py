@@ -120,7 +120,8 @@ def _surely_moved(told: list[_Numbers]) -> bool:
     )
     by_gains = sum(one.by_gains for one in told) * float(np.mean(gains**2))
     most = by_gains * fdtri(len(moved), len(gains), 1 - _CHANCE)
-    return bool(moved @ moved > most and (moved**2 / variance).sum() > chdtri(len(moved), _CHANCE))
+    by_noise = moved**2 / np.maximum(variance, np.finfo(float).tiny)
+    return bool(moved @ moved > most and by_noise.sum() > chdtri(len(moved), _CHANCE))
 
 
 def _numbers(plan: Plan, axis: AxisPlan, lit: Sample, seen: Seen) -> _Numbers | None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from optolever.cli import run
 from optolever.decode import Correspondence, Response, decode
-from optolever.decode.axis import AxisOptions, axis_decoders
+from optolever.decode.axis import AxisOptions, Shot, axis_decoders
 from optolever.decode.flags import Shared
 from optolever.decode.frames import light_of
 from optolever.decode.noise import estimate_noise
@@ -66,10 +66,11 @@ def readings(real: Path, screen: Correspondence) -> Correspondence:
     capture = load_sofast(real / "sofast_facet/measurement_facet.h5")
     table = load_sofast_response(real / "sofast_facet/image_calibration.h5")
     light = light_of(capture.frames, capture.sequence, response=Response.from_table(*table))
-    noise, lit = estimate_noise(light, plan(capture.sequence))
+    wanted = plan(capture.sequence)
+    shot = Shot(light, capture.sequence, wanted, *estimate_noise(light, wanted), cells=False)
     found = {}
     shape = screen.flags.shape
-    for decoder in axis_decoders(capture.sequence, light, noise, lit, AxisOptions()):
+    for decoder in axis_decoders(shot, AxisOptions()):
         raw = Raw(*np.empty((2, *shape), np.float32))
         shared = Shared(np.zeros(shape, np.uint16), *np.zeros((3, *shape), np.float32))
         decoder.decode((0, len(screen.flags)), raw, True, shared)
