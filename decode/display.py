@@ -1,7 +1,8 @@
 """What a display does to a fringe: it is a grid of cells, read through the footprint of a pixel and a blur.
 
-A pixel at u takes the share W(k - u) of the light of cell k, W being a box of one cell, a box of the w cells
-that the pixel covers and a Gaussian of b cells in convolution. Of a fringe of P cells it reads u + e(u),
+A pixel at u takes the share W(k - u) of the light of cell k, W being a box of what of a cell gives light (all
+of it, or less, as cells have dark rims), a box of the w cells that the pixel covers and a Gaussian of b cells
+in convolution. Of a fringe of P cells it reads u + e(u),
 
     e(u) = P / 2 pi arg(sum over k of W(k - u) exp(2 pi i (k - u) / P)),
 
@@ -70,10 +71,11 @@ def _telling(axis: AxisPlan) -> tuple[Fringe, ...]:
     return () if axis.looked_up else axis.fringes[-1:] if alone else axis.fringes
 
 
-def cell_light(distance: F64, width: F64, blur: float) -> F64:
+def cell_light(distance: F64, width: F64, blur: float, fill: float = 1.0) -> F64:
     """Share of a cell's light in a pixel, by the distance of their centres: box * box * Gaussian.
 
-    distance, width (footprint, > 0), blur (rms): cells, arrays that broadcast. The second difference of the
+    distance, width (footprint, > 0), blur (rms), fill (what of a cell gives light): cells, arrays that
+    broadcast. The second difference of the
     Gaussian integrated twice, R(t) = t Phi(t / b) + b phi(t / b), over both boxes.
     """
     spread = max(blur, 1e-3)
@@ -82,37 +84,41 @@ def cell_light(distance: F64, width: F64, blur: float) -> F64:
         z = t / spread
         return np.asarray(t * ndtr(z) + spread * np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi))
 
-    far, near = (1 + width) / 2, (1 - width) / 2
+    far, near = (fill + width) / 2, (fill - width) / 2
     ends = twice(distance + far) - twice(distance + near) - twice(distance - near) + twice(distance - far)
-    return np.asarray(ends / width)
+    return np.asarray(ends / (fill * width))
 
 
-@lru_cache(maxsize=16)
-def _light(blur: float) -> tuple[F64, F64]:
+@lru_cache(maxsize=64)
+def _light(blur: float, fill: float) -> tuple[F64, F64]:
     """Distances (cells, FINE) of cells from the fine places of a cell, and their light (cells, W, FINE)."""
     reach = int(np.ceil(WIDEST / 2 + 0.5 + 5 * blur)) + 1
     distance = np.arange(-reach, reach + 2)[:, None] - np.arange(FINE) / FINE
-    return distance, cell_light(distance[:, None, :], np.maximum(WIDTHS, 0.02)[None, :, None], blur)
+    return distance, cell_light(distance[:, None, :], np.maximum(WIDTHS, 0.02)[None, :, None], blur, fill)
 
 
-@lru_cache(maxsize=256)
-def cell_error(shares: tuple[tuple[float, float], ...], blur: float) -> F64:
+@lru_cache(maxsize=1024)
+def cell_error(shares: tuple[tuple[float, float], ...], blur: float, fill: float = 1.0) -> F64:
     """e (W, FINE) in cells, by footprint (WIDTHS) and place in the cell."""
-    distance, light = _light(blur)
+    distance, light = _light(blur, fill)
     error, weight = np.zeros((2, len(WIDTHS), FINE))
     for period, share in shares:
         seen = np.einsum("cwk,ck->wk", light, np.exp(2j * np.pi / period * distance))
         own = share * np.abs(seen) ** 2
         error += own * period / (2 * np.pi) * np.angle(seen)
         weight += own
-    return np.asarray(error / weight)
+    return np.asarray(
+        error / np.maximum(weight, 1e-12)
+    )  # between cells that are dark around there is no light
 
 
-@lru_cache(maxsize=256)
-def inverted(shares: tuple[tuple[float, float], ...], blur: float, sigma: float) -> tuple[F32, F32]:
+@lru_cache(maxsize=1024)
+def inverted(
+    shares: tuple[tuple[float, float], ...], blur: float, sigma: float, fill: float = 1.0
+) -> tuple[F32, F32]:
     """E[u] - reading and Var[u] less the noise's (W, PLACES), cells, of readings with that noise."""
     at = np.arange(FINE) / FINE
-    reading = at + cell_error(shares, blur)
+    reading = at + cell_error(shares, blur, fill)
     place = (np.arange(PLACES) / PLACES)[:, None]
     away = place - reading[:, None, :]
     weight = np.exp(-0.5 * ((away - np.rint(away)) / max(sigma, 1.5 / FINE)) ** 2) + 1e-30

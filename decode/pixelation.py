@@ -1,18 +1,20 @@
-"""What the cells of a display shift: the blur that the map tells, what that takes off, what stays unsure.
+"""What the cells of a display shift: the optics that the map tells, what they take off, what stays unsure.
 
-The blur is what the map tells itself: where the place of a pixel follows from its neighbours, what it reads
-is compared with what it would read behind each blur (see display), and the one that leaves least is taken if
-it leaves significantly less than no cells at all do, and would have to. Then E[u | reading] replaces the
-reading, and what is unsure (Var[u | reading], and the range of blurs that explain the map as well) joins the
-variance. Where the map does not tell, nothing is taken off and all that may be there joins the variance. What
-neighbours then still show beyond noise joins it, too.
+Blur, and the share of a cell that gives light, are what the map tells itself: where the place of a pixel
+follows from its neighbours, what it reads is compared with what it would read through each (see display), and
+those that leave least are taken if they leave significantly less than no cells at all do, and would have to.
+Then E[u | reading] replaces the reading, and what is unsure (Var[u | reading], and the range of optics that
+explain the map as well) joins the variance. Where the map does not tell, nothing is taken off and all that
+may be there joins the variance. What neighbours then still show beyond noise joins it, too. Where pixels keep
+step with cells, what is off is off for all of them alike (see in_step).
 """
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from .border import SHADOW2
@@ -20,14 +22,25 @@ from .display import FINE, PLACES, WIDEST, WIDTHS, cell_error, inverted, shares_
 from .noise import Sample
 from .plan import Plan
 
-__all__ = ["REACH", "SLIGHT", "Pixelation", "measured_pixelations", "usual_width"]
+__all__ = ["REACH", "SLIGHT", "Pixelation", "in_step", "measured_pixelations", "usual_width"]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
+Shares = tuple[tuple[float, float], ...]
+Tables = tuple[F32, F32, F32]
 #: Pixels on either side over which a footprint is taken: over fewer the cells would count as gradient.
 REACH = 4
-#: Blurs that are compared, cells rms.
-_BLURS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7)
+#: Optics that are compared: rms blur, cells, and share of a cell that gives light along an axis (a display's
+#: cells have dark rims); those of one share from soft to sharp, and where they begin.
+_BLURS = (0.7, 0.6, 0.5, 0.45, 0.4, 0.35, 0.3, 0.25, 0.2, 0.15, 0.1, 0.05, 0.0)
+_OPTICS = (
+    *((b, 1.0) for b in _BLURS),
+    *((b, lit) for lit in (0.8, 0.6, 0.4) for b in (0.6, 0.5, 0.4, 0.3, 0.2)),
+)
+_BEGIN = [k for k, (_, lit) in enumerate(_OPTICS) if k == 0 or lit != _OPTICS[k - 1][1]]
+_FULL, _SHARP = _BEGIN[1], float(_BEGIN[1] - 1)
+#: One in how many pixels is asked first; steps between optics of one share that all are asked.
+_COARSE, _STEPS = 3, np.arange(-4, 5) / 4
 #: Neighbours that tell a pixel's place, and their weights in the middle of the parabola through them.
 _BESIDE, _PARABOLA = [0, 1, 3, 4], np.array([-1, 4, 4, -1], np.float32) / 6
 #: Nodes and weights that have the first five moments of a normal distribution.
@@ -44,6 +57,8 @@ _UNKNOWN = 1.0
 #: Of the mean square of fourth differences along a row, how much more it varies than one of independent ones:
 #: sum over k of the squared correlation C(8, 4 + k) / C(8, 4), C(16, 8) / C(8, 4)^2.
 _OVERLAP = 12870 / 70**2
+#: Pixels on a side of squares that tell whether cells and pixels keep step, and squares along the image.
+_SQUARE, _SQUARES = 32, 5
 #: Share of sigma that may be left out.
 SLIGHT = 0.1
 #: Pixels of the sample that are compared at most.
@@ -54,14 +69,21 @@ _MOST = 1024
 class Pixelation:
     """What is added to a reading, and its variance, by footprint (51,) and place in the cell (128,), cells.
 
-    bound: the largest blur that explains the map, rms, cells. roughness: variance (px^2) that neighbours
-    show beyond noise and cells: whatever else the frames hold that was not described.
+    common (51,): rms of what is unsure of it and the same for all pixels of a footprint that see one place of
+    their cells, cells. bound: the largest blur that explains the map, rms, cells. roughness: variance (px^2)
+    that neighbours show beyond noise and cells: whatever else the frames hold that was not described.
     """
 
     shift: F32
     variance: F32
+    common: F32
     bound: float
     roughness: float
+
+    def unsure(self, width: float) -> float:
+        """What pixels of a width that see one place of their cells may have in common, rms, px: what is told
+        of it, and what neighbours show."""
+        return float(np.sqrt(self.common[np.abs(WIDTHS - width).argmin()] ** 2 + self.roughness))
 
     def tables(self) -> tuple[F32, F32]:
         """Both by footprint in steps of a place, so that the nearest entry is as near in either; one 0 of a
@@ -92,39 +114,84 @@ def measured_pixelations(
     seen = [_neighbours(lit, *own, extent) for own, extent in zip(maps, extents, strict=True)]
     sigmas = [0.05 if one is None else float(np.sqrt(np.median(one.noise))) for one in seen]
     usual = [float(2.0 ** np.clip(np.rint(2 * np.log2(max(sigma, 1e-6))) / 2, -8, -1)) for sigma in sigmas]
-    allowed, bound = ((0.0, 0.0), _UNKNOWN) if blur is None else ((blur, blur), blur)
     asked = [
-        _misfits(share, sigma, one)
+        (_every_optics(share, sigma), one)
         for share, sigma, one in zip(shares, usual, seen, strict=True)
         if blur is None and share and one is not None
     ]
-    if asked:
-        blur, allowed = _fitted_blur(*np.sum(asked, axis=0))
-        bound = allowed[1] if allowed[1] < _BLURS[-1] else _UNKNOWN
-    tables = [_table(share, blur, allowed, sigma) for share, sigma in zip(shares, usual, strict=True)]
+    fitted = _fitted(asked) if asked else _Fitted(None, (0.0, _SHARP))
+    bound = blur if blur is not None else _softest(fitted) if asked else _UNKNOWN
+    tables = [
+        _reduced(*(_taken_off(share, fitted, sigma) if blur is None else _of_blur(share, blur, sigma)), sigma)
+        for share, sigma in zip(shares, usual, strict=True)
+    ]
     return [
-        Pixelation(*table, bound, 0.0 if one is None else one.roughness(*table))
+        Pixelation(*table, bound, 0.0 if one is None else one.roughness(*table[:2]))
         for table, one in zip(tables, seen, strict=True)
     ]
 
 
-@lru_cache(maxsize=64)
-def _table(
-    shares: tuple[tuple[float, float], ...], blur: float | None, allowed: tuple[float, float], sigma: float
-) -> tuple[F32, F32]:
-    """shift and variance of a Pixelation: the correction for a blur (None: none), what blurs between the
-    allowed ones would change in the variance. Empty where that is next to nothing, and of ideal fringes."""
+class _Fitted(NamedTuple):
+    """Place among the _OPTICS of those that explain a map (None: it tells none, or need not), places of all
+    that may, and some with their likelihood beside that of the best."""
+
+    best: float | None
+    alike: tuple[float, ...]
+    likely: tuple[tuple[float, float], ...] = ()
+
+
+def _softest(fitted: _Fitted) -> float:
+    """The largest blur that explains a map, cells."""
+    blurs = np.interp(fitted.alike, np.arange(len(_OPTICS)), np.array(_OPTICS)[:, 0])
+    return _UNKNOWN if max(blurs, default=0) >= _BLURS[0] else float(blurs.max())
+
+
+def _taken_off(shares: Shares, fitted: _Fitted, sigma: float) -> Tables:
+    """shift, variance and common of a Pixelation: the correction, what optics that explain as much would
+    change in the variance, and what likely ones would, on average."""
     shift, variance = np.zeros((2, len(WIDTHS), PLACES), np.float32)
-    own = np.zeros((len(WIDTHS), FINE))
-    if shares and blur is not None:
+    if not shares:
+        return shift, variance, shift[:, 0]
+    shifts, variances, errors = _every_optics(shares, sigma)
+    own = np.zeros_like(shift)
+    if fitted.best is not None:
+        shift, variance, own = (_between(one, fitted.best) for one in (shifts, variances, errors))
+    unsure = [np.square(_between(errors, end) - own).mean(axis=1) for end in fitted.alike]
+    variance = np.maximum(variance, 0) + np.max(unsure, axis=0)[:, None]
+    common = np.zeros(len(WIDTHS), np.float32)
+    biased = np.square(own + _on_average(shift, own, sigma)).mean(axis=1)
+    for at, weight in fitted.likely:
+        common += np.float32(weight) * np.square(_between(errors, at) - own).mean(axis=1)
+    whole = sum(weight for _, weight in fitted.likely) + (fitted.best is None)
+    return shift, variance, np.sqrt(biased + common / np.float32(whole))
+
+
+def _on_average(shift: F32, error: F32, sigma: float) -> F32:
+    """What a correction (W, PLACES) adds to readings, which are off by an error, over their noise."""
+    reading = np.arange(PLACES) + PLACES * error
+    at = (np.rint(reading + PLACES * sigma * node).astype(np.int64) % PLACES for node in _NODES)
+    each = (weight * np.take_along_axis(shift, one, axis=1) for one, weight in zip(at, _WEIGHTS, strict=True))
+    return np.asarray(np.sum(list(each), axis=0), np.float32)
+
+
+def _between(tables: F32, at: float) -> F32:
+    """Tables (B, W, PLACES) at a place among them, on a straight line."""
+    low = min(int(at), len(_OPTICS) - 2)
+    return np.asarray((low + 1 - at) * tables[low] + (at - low) * tables[low + 1], np.float32)
+
+
+def _of_blur(shares: Shares, blur: float, sigma: float) -> Tables:
+    """As _taken_off, of a blur that is known."""
+    shift, variance = np.zeros((2, len(WIDTHS), PLACES), np.float32)
+    if shares:
         shift, variance = inverted(shares, blur, sigma)
-        variance = np.maximum(variance, 0)
-        own = cell_error(shares, blur)
-    unsure = [cell_error(shares, end) - own for end in allowed] if shares else [own]
-    extra = np.max([(part**2).mean(axis=1) for part in unsure], axis=0)
-    if (shift**2 + variance + extra[:, None]).max() < (SLIGHT * sigma) ** 2:
-        return shift[:0], shift[:0]
-    return shift, (variance + extra[:, None]).astype(np.float32)
+    return shift, np.maximum(variance, 0), np.zeros(len(WIDTHS), np.float32)
+
+
+def _reduced(shift: F32, variance: F32, common: F32, sigma: float) -> Tables:
+    """Empty where they are next to nothing."""
+    slight = (shift**2 + variance).max() < (SLIGHT * sigma) ** 2
+    return (shift[:0], shift[:0], common) if slight else (shift, variance, common)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +203,11 @@ class _Neighbours:
     noise: F32
     row: NDArray[np.int64]
     part: F32
+
+    def thinned(self) -> "_Neighbours":
+        """Some of them."""
+        every = slice(None, None, _COARSE)
+        return _Neighbours(self.place[:, every], self.noise[every], self.row[every], self.part[every])
 
     def looked_up(self, table: F32, place: F32) -> Any:
         """Entries of a table (W, PLACES) at places (..., K), or (B, N, K) of tables (B, W, PLACES) at places
@@ -175,7 +247,7 @@ def _neighbours(lit: Sample, coord: F32, variance: F32, extent: float) -> _Neigh
             & (noise < 1 / 6)
             & (width < WIDEST - WIDTHS[1])
             & (np.abs(np.diff(five, 2, axis=0)).max(axis=0) < 1)
-            & (away**2 > SHADOW2 * (_BLURS[-1] ** 2 + (1 + width**2) / 12))
+            & (away**2 > SHADOW2 * (_BLURS[0] ** 2 + (1 + width**2) / 12))
         )
     if np.count_nonzero(keep) < _FEWEST:
         return None
@@ -184,15 +256,15 @@ def _neighbours(lit: Sample, coord: F32, variance: F32, extent: float) -> _Neigh
     return _Neighbours(place, noise[keep], whole, (steps - whole).astype(np.float32))
 
 
-def _misfits(shares: tuple[tuple[float, float], ...], sigma: float, seen: _Neighbours) -> tuple[F64, F64]:
+def _misfits(tables: Tables, seen: _Neighbours) -> tuple[F64, F64]:
     """-2 log likelihood of readings whose neighbours are known, less that by no cells, of each blur; how much
-    less that has to be if the blur is right.
+    less that has to be if the blur is right. tables: see _every_optics.
 
     A parabola through four neighbours tells the place, and what a pixel reads there is compared. (Of what is
     left after the correction it would be none: that takes noise off, too, and where pixels keep step with the
     cells all have the same gain.) What the map bends more is noise of a size that each fits for itself.
     """
-    shift, variance, error = _every_blur(shares, sigma)
+    shift, variance, error = tables
     four, parts = seen.place[_BESIDE], _PARABOLA[:, None]
     middle = (parts * (four + seen.looked_up(shift, four))).sum(axis=1)
     unsure = (parts**2 * np.maximum(seen.noise + seen.looked_up(variance, four), 0)).sum(axis=1)
@@ -208,24 +280,63 @@ def _misfits(shares: tuple[tuple[float, float], ...], sigma: float, seen: _Neigh
 
 
 @lru_cache(maxsize=16)
-def _every_blur(shares: tuple[tuple[float, float], ...], sigma: float) -> tuple[F32, F32, F32]:
-    """Shift and variance by reading, e by place, of each blur and of no correction (B, W, PLACES)."""
+def _every_optics(shares: Shares, sigma: float) -> Tables:
+    """Shift and variance by reading, e by place, of each optics and of no correction (B, W, PLACES)."""
     none = np.zeros((1, len(WIDTHS), PLACES), np.float32)
-    taken_off = [inverted(shares, blur, sigma) for blur in _BLURS]
-    errors = [cell_error(shares, blur)[:, :: FINE // PLACES] for blur in _BLURS]
+    taken_off = [inverted(shares, blur, sigma, fill) for blur, fill in _OPTICS]
+    errors = [cell_error(shares, *one)[:, :: FINE // PLACES] for one in _OPTICS]
     three = (*zip(*taken_off, strict=True), errors)
     shift, variance, error = (np.concatenate([np.stack(one), none]).astype(np.float32) for one in three)
     return shift, variance, error
 
 
-def _fitted_blur(left: F64, shown: F64) -> tuple[float | None, tuple[float, float]]:
-    """The blur that leaves least (None: none leaves significantly less than no cells do, or none that would
-    have to), and the ends of those that do as well, of sums of what `_misfits` returns."""
-    best = int(np.argmin(np.where(shown > _SIGNIFICANT, left, 0.0)))
+def _fitted(asked: list[tuple[Tables, _Neighbours]]) -> _Fitted:
+    """By tables (see _every_optics) and neighbours of each axis: optics that leave least, some of the pixels
+    first, then all of them for optics between these and those beside them, of cells that are lit all over,
+    too, which are taken where they do as well. None: none leave significantly less than no cells do, or none
+    that would have to."""
+    left, shown = np.sum([_misfits(tables, seen.thinned()) for tables, seen in asked], axis=0)
+    usual = np.where(_COARSE * shown > _SIGNIFICANT, left, 0.0)
+    near = np.flatnonzero(left <= min(usual.min(), 0.0) + _SIGNIFICANT / _COARSE)
+    places = np.unique([one for k in (usual[:_FULL].argmin(), usual.argmin()) for one in _around(int(k))])
+    left, shown = np.sum([_misfits(_mixed(tables, places), seen) for tables, seen in asked], axis=0)
+    best = int(np.where(shown > _SIGNIFICANT, left, 0.0).argmin())
     told = min(-left[best], shown[best]) > _SIGNIFICANT
-    near = np.flatnonzero(left <= (left[best] if told else 0.0) + _SIGNIFICANT)
-    allowed = (_BLURS[near[0]], _BLURS[near[-1]]) if len(near) else (_BLURS[-1], _BLURS[-1])
-    return (_BLURS[best] if told else None), allowed
+    weight = np.exp(-0.5 * np.maximum(left - (left[best] if told else 0.0), 0.0))
+    likely = tuple(zip(places.tolist(), weight.tolist(), strict=True))
+    if not told:
+        return _Fitted(None, tuple(near[near <= _SHARP].tolist()) or (0.0,), likely)
+    alike = {*near.tolist(), *places[left <= left[best] + _SIGNIFICANT].tolist()}
+    return _Fitted(float(places[best]), tuple(sorted(alike)), likely)
+
+
+def _around(k: int) -> F64:
+    """Places beside one, among optics of the same share."""
+    begin = max(one for one in _BEGIN if one <= k)
+    end = min((one for one in _BEGIN if one > k), default=len(_OPTICS))
+    return np.clip(k + _STEPS, begin, end - 1)
+
+
+def _mixed(tables: Tables, places: F64) -> Tables:
+    """Tables of optics at places among them."""
+    shift, variance, error = (np.stack([*(_between(one, at) for at in places), one[-1]]) for one in tables)
+    return shift, variance, error
+
+
+def in_step(coord: F32, flags: NDArray[np.uint16]) -> float:
+    """How far pixels keep step with cells: rms of the mean of exp(2 pi i u) in squares of the image, so that
+    what cells leave in places is common to neighbours. 0: not at all; 1: every pixel sees one place of its
+    cell."""
+    rows, cols = (np.linspace(0, size - _SQUARE, _SQUARES).astype(int) for size in coord.shape)
+    if min(coord.shape) < _SQUARE:
+        return 1.0
+    place, bad = (sliding_window_view(one, (_SQUARE, _SQUARE))[rows[:, None], cols] for one in (coord, flags))
+    good = bad == 0
+    count = good.sum(axis=(2, 3))
+    sums = np.where(good, np.exp(2j * np.pi * np.where(good, place, 0)), 0).sum(axis=(2, 3))
+    told = count > _SQUARE
+    pairs = (np.square(np.abs(sums)) - count)[told] / (count * (count - 1.0))[told]
+    return float(np.sqrt(max(pairs.mean(), 0.0))) if told.any() else 1.0
 
 
 def usual_width(lit: Sample, coord: F32, flags: NDArray[np.uint16]) -> float:

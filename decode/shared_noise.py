@@ -9,6 +9,7 @@ residuals, too, which lines of equal place share: an axis tells most where it ch
 least of both axes stands.
 """
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -32,8 +33,11 @@ _ASKED = 1024
 _LIGHT = 3
 
 
-def shared_noise(plan: Plan, lit: Sample, seen: dict[str, Seen]) -> SharedNoise | None:
-    """None where nothing is surely shared, or fringes do not tell."""
+def shared_noise(
+    plan: Plan, lit: Sample, seen: dict[str, Seen], unsure: dict[str, float]
+) -> SharedNoise | None:
+    """None where nothing is surely shared, or fringes do not tell. unsure: deviation of what neighbours share
+    of the display's cells, pattern px, by axis."""
     thin = max(1, lit.levels.shape[1] // _MOST)
     some = lit.only(slice(None, None, thin))
     fringes = {axis.axis: (*axis.fringes, *axis.singles) for axis in plan.axes}
@@ -46,7 +50,8 @@ def shared_noise(plan: Plan, lit: Sample, seen: dict[str, Seen]) -> SharedNoise 
     still = {name: Moved(0.0, share) for name, (_, _, share) in shares.items()}
     moved = still | frames_moved(plan, lit, seen)
     u, v = moved["u"], moved["v"]
-    found = SharedNoise(rows, cols, u.gains, v.gains, turns["u"], turns["v"], u.shift, v.shift)
+    shift_u, shift_v = math.hypot(u.shift, unsure["u"]), math.hypot(v.shift, unsure["v"])
+    found = SharedNoise(rows, cols, u.gains, v.gains, turns["u"], turns["v"], shift_u, shift_v)
     return found if max(*found[:4], *found[6:]) > 0 else None
 
 

@@ -19,8 +19,9 @@ def camera(light: F64, noise: float = 0.0, seed: int = 0) -> NDArray[np.uint8]:
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
-def seen_by_pixels(shown: Sequence, u: F64, width: float, blur: float) -> F64:
-    """Frames (N, 1, W) that pixels of `width` cells at u (W,) see, blurred by `blur` cells rms.
+def seen_by_pixels(shown: Sequence, u: F64, width: float, blur: float, lit: float = 1.0) -> F64:
+    """Frames (N, 1, W) that pixels of `width` cells at u (W,) see, blurred by `blur` cells rms; a share `lit`
+    of a cell's width gives light.
 
     A cell's light is the integral over the pixel of the blurred cell: differences of the antiderivative
     t Phi(t / blur) + blur phi(t / blur) of the normal distribution Phi.
@@ -31,8 +32,9 @@ def seen_by_pixels(shown: Sequence, u: F64, width: float, blur: float) -> F64:
         return t * 0.5 * (1 + erf(z / np.sqrt(2))) + blur * np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi)
 
     tables, _ = shown.tables()
-    distance = np.arange(shown.cols + 1)[None, :] - 0.5 - u[:, None]
-    light = np.diff((integral(distance + width / 2) - integral(distance - width / 2)) / width, axis=1)
+    centre = np.arange(shown.cols)[None, :] - u[:, None]
+    inside = [integral(centre + one * lit / 2 + two * width / 2) for one in (1, -1) for two in (1, -1)]
+    light = (inside[0] - inside[1] - inside[2] + inside[3]) / (width * lit)
     return 16 + 0.85 * (tables.astype(float) @ light.T)[:, None, :]
 
 
@@ -45,11 +47,13 @@ def photographed(
     seed: int = 7,
     brighter: float = 1.0,
     dark: float = 0.0,
+    lit: float = 1.0,
 ) -> NDArray[np.uint8]:
     """Frames of 8 bits of pixels at u (H, W), with white noise (levels), `brighter` times as bright, and
-    `dark` levels more.
+    `dark` levels more; lit: see seen_by_pixels.
     """
-    light = dark + brighter * np.concatenate([seen_by_pixels(shown, row, width, blur) for row in u], axis=1)
+    rows = [seen_by_pixels(shown, row, width, blur, lit) for row in u]
+    light = dark + brighter * np.concatenate(rows, axis=1)
     return camera(light, noise, seed)
 
 

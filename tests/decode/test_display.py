@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from optolever.decode import Flag, decode
 from optolever.experiments.metrics import rms
-from optolever.patterns import Sequence, sequence
+from optolever.patterns import Sequence, sequence, sequence_from_text
 
 from .conftest import scores, silent
 from .light import COLS, WIDTH, U, camera, free_levels, photographed, seen_by_pixels
@@ -32,6 +32,19 @@ def test_levels_of_four_steps_are_rounded_alike_and_low_stairs_taken_off(blur: f
     noise = 0.5 / (0.85 * 127.5 * 0.85) * 8.0 / (2 * np.pi) / np.sqrt(2 * 24)
     assert left.std() < 1.3 * noise + 3e-4
     assert abs(left.mean()) < 3 * noise / np.sqrt(inside.sum()) + 1e-4
+
+
+@pytest.mark.parametrize(("lit", "blur"), [(0.8, 0.2), (0.6, 0.2), (0.6, 0.4)])
+@pytest.mark.parametrize("code", ["gray+phase:axes=u", "phase:axes=u,steps=3,periods=8.73782/8.05745/8"])
+def test_dark_rims_of_cells_are_told(code: str, lit: float, blur: float) -> None:
+    """What they shift no blur of whole cells does, as two aliases of a fringe differ in it."""
+    shown = sequence_from_text(code, 4, 150)
+    row, col = np.mgrid[:96, :120]
+    u = 12 + (0.8 + 0.01 * np.sin(row / 15)) * col + 2 * np.sin(col / 25 + row / 30)
+    found = decode(photographed(shown, u, 0.8, blur, noise=0.7, lit=lit), shown)
+    assert found.good.mean() > 0.95
+    assert silent(found, u) < 3e-3
+    assert rms(scores(found, u)) < 1.35
 
 
 def test_strips_too_narrow_to_tell_a_footprint_have_the_usual_one() -> None:
