@@ -27,6 +27,7 @@
 | `centre`         | from the mean over a pixel to its centre: curvature and light inside of it             |
 | `lens`           | a lens's blur, by the contrast that it takes from fringes where the map is steep       |
 | `ends`           | what a lens's blur mixes into pixels beside the mirror's ends                          |
+| `edge_lines`     | outermost lines of the image that a camera's filter made of what it repeats beyond it  |
 | `border`         | light that is missing beside the display's border, and how far that tells a pixel sees |
 | `integrity`      | `check`: swapped, lost, repeated, replaced and torn frames, named                      |
 | `spoilt`         | `Finding`: frames that a code can do without, pixels that a wrong one could have spoilt |

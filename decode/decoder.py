@@ -18,6 +18,7 @@ from .border import NO_BORDER, Border, border_of, measured_blur
 from .centre import dark_level
 from .correspondence import Correspondence, Flag
 from .display import rounded_places, shares_of, take_off
+from .edge_lines import widen_edge_lines
 from .ends import end_width
 from .exposures import Part, better_of, by_exposure
 from .flags import Shared
@@ -241,6 +242,7 @@ def _among_neighbours(
 
     over_rows(block, shape[0], _BLOCK)
     over_rows(lambda start, stop: despeckle(start, stop, flags, shared.flags), shape[0], _BLOCK)
+    widen_edge_lines([out[decoder.axis.axis] for decoder in decoders], shared.flags)
     misfits = [one.table.misfit2 for one in decoders if one.table is not None]
     misfits += [2 * (2 * np.pi) ** 2 * one.between for one in decoders]  # of a sample, as phases have it
     notices = _noticed(_MISFIT, max(shot.noise.misfit2, *misfits, 0.0) ** 0.5)
