@@ -37,8 +37,9 @@ class SharedNoise(NamedTuple):
     """Of the variance of the frames' noise the share (0 to 1) that pixels have in common: those of one row,
     of one column, and, among the frames of u and of v, all of the image by their level and phase (a lamp that
     flickers). turns: of the finest fringe along u and v in a pattern pixel; noise of a frame becomes an error
-    of the place by the cosine of its phase. shift: standard deviation of what camera or mirror, as they shake
-    between frames, move all of u and of v, pattern pixels."""
+    of the place by the cosine of its phase. shift: standard deviation of what is common to all of u and of v:
+    what camera or mirror move them by as they shake or drift, and what a display's cells leave where pixels
+    keep step with them, pattern pixels."""
 
     rows: float
     cols: float

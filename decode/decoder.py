@@ -27,7 +27,7 @@ from .integrity import examine, spoilt_pixels
 from .lens import measured_lens
 from .moved import Seen
 from .noise import Noise, Sample, estimate_noise, under_response
-from .pixelation import REACH, Pixelation, in_step, measured_pixelations, usual_width
+from .pixelation import REACH, Pixelation, measured_pixelations, usual_width
 from .plan import plan, raster_axes
 from .response import Response
 from .shared_noise import shared_noise
@@ -250,7 +250,7 @@ def _among_neighbours(
     (u, sigma_u), (v, sigma_v) = out["u"], out["v"]
     common = shared.amplitude, shared.offset, shared.error
     left = {
-        decoder.axis.axis: one.unsure(width) and one.unsure(width) * in_step(own.coordinate, shared.flags)
+        decoder.axis.axis: one.in_common(width, shot.lit, *own, shared.flags)
         for decoder, own, one, width in zip(decoders, raw, pixelations, widths, strict=True)
     }
     in_common = shared_noise(shown, shot.lit, _seen(shot, decoders, raw, flags, widths), left)

@@ -6,7 +6,7 @@ those that leave least are taken if they leave significantly less than no cells 
 Then E[u | reading] replaces the reading, and what is unsure (Var[u | reading], and the range of optics that
 explain the map as well) joins the variance. Where the map does not tell, nothing is taken off and all that
 may be there joins the variance. What neighbours then still show beyond noise joins it, too. Where pixels keep
-step with cells, what is off is off for all of them alike (see in_step).
+step with cells, what is off is off for all of them alike (see _in_step).
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from .display import FINE, PLACES, WIDEST, WIDTHS, cell_error, inverted, shares_
 from .noise import Sample
 from .plan import Plan
 
-__all__ = ["REACH", "SLIGHT", "Pixelation", "in_step", "measured_pixelations", "usual_width"]
+__all__ = ["REACH", "SLIGHT", "Pixelation", "measured_pixelations", "usual_width"]
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -80,10 +80,16 @@ class Pixelation:
     bound: float
     roughness: float
 
-    def unsure(self, width: float) -> float:
-        """What pixels of a width that see one place of their cells may have in common, rms, px: what is told
-        of it, and what neighbours show."""
-        return float(np.sqrt(self.common[np.abs(WIDTHS - width).argmin()] ** 2 + self.roughness))
+    def in_common(
+        self, width: float, lit: Sample, coord: F32, variance: F32, flags: NDArray[np.uint16]
+    ) -> float:
+        """What is off for all pixels alike as they keep step with cells, rms, px; 0 where a sum along the
+        image cannot tell it from noise. width: of a usual pixel, cells; maps (H, W)."""
+        own = float(np.sqrt(self.common[np.abs(WIDTHS - width).argmin()] ** 2 + self.roughness))
+        noise = variance[tuple(lit.places.T)][flags[tuple(lit.places.T)] == 0]
+        least = SLIGHT * float(np.sqrt(np.median(noise) / max(coord.shape))) if noise.size else np.inf
+        shared = own * _in_step(coord, flags) if own > least else 0.0
+        return shared if shared > least else 0.0
 
     def tables(self) -> tuple[F32, F32]:
         """Both by footprint in steps of a place, so that the nearest entry is as near in either; one 0 of a
@@ -323,7 +329,7 @@ def _mixed(tables: Tables, places: F64) -> Tables:
     return shift, variance, error
 
 
-def in_step(coord: F32, flags: NDArray[np.uint16]) -> float:
+def _in_step(coord: F32, flags: NDArray[np.uint16]) -> float:
     """How far pixels keep step with cells: rms of the mean of exp(2 pi i u) in squares of the image, so that
     what cells leave in places is common to neighbours. 0: not at all; 1: every pixel sees one place of its
     cell."""
