@@ -70,8 +70,9 @@ class Pixelation:
     """What is added to a reading, and its variance, by footprint (51,) and place in the cell (128,), cells.
 
     common (51,): rms of what is unsure of it and the same for all pixels of a footprint that see one place of
-    their cells, cells. bound: the largest blur that explains the map, rms, cells. roughness: variance (px^2)
-    that neighbours show beyond noise and cells: whatever else the frames hold that was not described.
+    their cells, cells; empty without cells. bound: the largest blur that explains the map, rms, cells.
+    roughness: variance (px^2) that neighbours show beyond noise and cells: whatever else the frames hold that
+    was not described.
     """
 
     shift: F32
@@ -85,6 +86,8 @@ class Pixelation:
     ) -> float:
         """What is off for all pixels alike as they keep step with cells, rms, px; 0 where a sum along the
         image cannot tell it from noise. width: of a usual pixel, cells; maps (H, W)."""
+        if not self.common.size:
+            return 0.0
         own = float(np.sqrt(self.common[np.abs(WIDTHS - width).argmin()] ** 2 + self.roughness))
         noise = variance[tuple(lit.places.T)][flags[tuple(lit.places.T)] == 0]
         least = SLIGHT * float(np.sqrt(np.median(noise) / max(coord.shape))) if noise.size else np.inf
@@ -126,7 +129,7 @@ def measured_pixelations(
         if blur is None and share and one is not None
     ]
     fitted = _fitted(asked) if asked else _Fitted(None, (0.0, _SHARP))
-    bound = blur if blur is not None else _softest(fitted) if asked else _UNKNOWN
+    bound = _softest(fitted) if blur is None else blur
     tables = [
         _reduced(*(_taken_off(share, fitted, sigma) if blur is None else _of_blur(share, blur, sigma)), sigma)
         for share, sigma in zip(shares, usual, strict=True)
@@ -157,7 +160,7 @@ def _taken_off(shares: Shares, fitted: _Fitted, sigma: float) -> Tables:
     change in the variance, and what likely ones would, on average."""
     shift, variance = np.zeros((2, len(WIDTHS), PLACES), np.float32)
     if not shares:
-        return shift, variance, shift[:, 0]
+        return shift, variance, shift[:0, 0]
     shifts, variances, errors = _every_optics(shares, sigma)
     own = np.zeros_like(shift)
     if fitted.best is not None:
@@ -191,7 +194,7 @@ def _of_blur(shares: Shares, blur: float, sigma: float) -> Tables:
     shift, variance = np.zeros((2, len(WIDTHS), PLACES), np.float32)
     if shares:
         shift, variance = inverted(shares, blur, sigma)
-    return shift, np.maximum(variance, 0), np.zeros(len(WIDTHS), np.float32)
+    return shift, np.maximum(variance, 0), np.zeros(len(WIDTHS) if shares else 0, np.float32)
 
 
 def _reduced(shift: F32, variance: F32, common: F32, sigma: float) -> Tables:
