@@ -117,17 +117,17 @@ def inverted(
     shares: tuple[tuple[float, float], ...], blur: float, sigma: float, fill: float = 1.0
 ) -> tuple[F32, F32]:
     """E[u] - reading and Var[u] less the noise's (W, PLACES), cells, of readings with that noise."""
-    at = np.arange(FINE) / FINE
+    at, noise = np.arange(FINE) / FINE, np.float32(max(sigma, 1.5 / FINE))
     reading = at + cell_error(shares, blur, fill)
     place = (np.arange(PLACES) / PLACES)[:, None]
-    away = place - reading[:, None, :]
-    weight = np.exp(-0.5 * ((away - np.rint(away)) / max(sigma, 1.5 / FINE)) ** 2) + 1e-30
+    away = (place - reading[:, None, :]).astype(np.float32)
+    away -= np.rint(away)
+    weight = np.exp(np.float32(-0.5) * np.square(away / noise)) + np.float32(1e-30)
     weight /= weight.sum(axis=2, keepdims=True)
-    truth = at - place
+    truth = (at - place).astype(np.float32)
     truth -= np.rint(truth)
-    shift = (weight * truth).sum(axis=2)
-    variance = (weight * truth**2).sum(axis=2) - shift**2 - max(sigma, 1.5 / FINE) ** 2
-    return shift.astype(np.float32), variance.astype(np.float32)
+    shift = np.einsum("wpf,pf->wp", weight, truth)
+    return shift, np.einsum("wpf,pf->wp", weight, np.square(truth)) - np.square(shift) - noise * noise
 
 
 def table_rounding(fringe: Fringe, tables: NDArray[np.uint8]) -> F64:
