@@ -128,7 +128,10 @@ def measured_pixelations(
         for share, sigma, one in zip(shares, usual, seen, strict=True)
         if blur is None and share and one is not None
     ]
-    fitted = _fitted(asked) if asked else _Fitted(None, (0.0, _SHARP))
+    apart = [one for one in asked if not one[1].crowded()]
+    fitted = _Fitted(None, (0.0, _SHARP))
+    if asked:  # where all see one place of their cells a gain that all have passes for optics of dark rims
+        fitted = _fitted(apart, len(_OPTICS)) if apart else _fitted(asked, _FULL)
     bound = _softest(fitted) if blur is None else blur
     tables = [
         _reduced(*(_taken_off(share, fitted, sigma) if blur is None else _of_blur(share, blur, sigma)), sigma)
@@ -212,6 +215,10 @@ class _Neighbours:
     noise: F32
     row: NDArray[np.int64]
     part: F32
+
+    def crowded(self) -> bool:
+        """Whether most of them see one place of their cells."""
+        return bool(np.abs(np.exp(2j * np.pi * self.place[2]).mean()) > 0.5)
 
     def thinned(self) -> "_Neighbours":
         """Some of them."""
@@ -299,12 +306,11 @@ def _every_optics(shares: Shares, sigma: float) -> Tables:
     return shift, variance, error
 
 
-def _fitted(asked: list[tuple[Tables, _Neighbours]]) -> _Fitted:
-    """By tables (see _every_optics) and neighbours of each axis: optics that leave least, some of the pixels
-    first, then all of them for optics between these and those beside them, of cells that are lit all over,
-    too, which are taken where they do as well. None: none leave significantly less than no cells do, or none
-    that would have to."""
-    left, shown = np.sum([_misfits(tables, seen.thinned()) for tables, seen in asked], axis=0)
+def _fitted(asked: list[tuple[Tables, _Neighbours]], most: int) -> _Fitted:
+    """By tables (see _every_optics) and neighbours of each axis: which of the first optics leave least, asked
+    of some of the pixels, then of all for optics between that one and those beside it, and of cells that are
+    lit all over. None: none leave significantly less than no cells do, or none that would have to."""
+    left, shown = np.sum([_misfits(tables, seen.thinned()) for tables, seen in asked], axis=0)[:, :most]
     usual = np.where(_COARSE * shown > _SIGNIFICANT, left, 0.0)
     near = np.flatnonzero(left <= min(usual.min(), 0.0) + _SIGNIFICANT / _COARSE)
     places = np.unique([one for k in (usual[:_FULL].argmin(), usual.argmin()) for one in _around(int(k))])
