@@ -253,7 +253,7 @@ def _among_neighbours(
         decoder.axis.axis: one.in_common(width, shot.lit, *own, shared.flags)
         for decoder, own, one, width in zip(decoders, raw, pixelations, widths, strict=True)
     }
-    in_common = shared_noise(shown, shot.lit, _seen(shot, decoders, raw, flags, widths), left)
+    in_common = shared_noise(shown, shot.lit, _seen(shot, decoders, raw, shared.flags, widths), left)
     return Correspondence(u, v, sigma_u, sigma_v, shared.flags, *common, notices, in_common)
 
 

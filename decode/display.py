@@ -75,8 +75,8 @@ def cell_light(distance: F64, width: F64, blur: float, fill: float = 1.0) -> F64
     """Share of a cell's light in a pixel, by the distance of their centres: box * box * Gaussian.
 
     distance, width (footprint, > 0), blur (rms), fill (what of a cell gives light): cells, arrays that
-    broadcast. The second difference of the
-    Gaussian integrated twice, R(t) = t Phi(t / b) + b phi(t / b), over both boxes.
+    broadcast. The second difference of the Gaussian integrated twice, R(t) = t Phi(t / b) + b phi(t / b),
+    over both boxes.
     """
     spread = max(blur, 1e-3)
 
@@ -89,15 +89,16 @@ def cell_light(distance: F64, width: F64, blur: float, fill: float = 1.0) -> F64
     return np.asarray(ends / (fill * width))
 
 
-@lru_cache(maxsize=64)
-def _light(blur: float, fill: float) -> tuple[F64, F64]:
+@lru_cache(maxsize=32)
+def _light(blur: float, fill: float) -> tuple[F64, F32]:
     """Distances (cells, FINE) of cells from the fine places of a cell, and their light (cells, W, FINE)."""
     reach = int(np.ceil(WIDEST / 2 + 0.5 + 5 * blur)) + 1
     distance = np.arange(-reach, reach + 2)[:, None] - np.arange(FINE) / FINE
-    return distance, cell_light(distance[:, None, :], np.maximum(WIDTHS, 0.02)[None, :, None], blur, fill)
+    light = cell_light(distance[:, None, :], np.maximum(WIDTHS, 0.02)[None, :, None], blur, fill)
+    return distance, light.astype(np.float32)
 
 
-@lru_cache(maxsize=1024)
+@lru_cache(maxsize=64)
 def cell_error(shares: tuple[tuple[float, float], ...], blur: float, fill: float = 1.0) -> F64:
     """e (W, FINE) in cells, by footprint (WIDTHS) and place in the cell."""
     distance, light = _light(blur, fill)
@@ -107,12 +108,11 @@ def cell_error(shares: tuple[tuple[float, float], ...], blur: float, fill: float
         own = share * np.abs(seen) ** 2
         error += own * period / (2 * np.pi) * np.angle(seen)
         weight += own
-    return np.asarray(
-        error / np.maximum(weight, 1e-12)
-    )  # between cells that are dark around there is no light
+    # a pixel between the rims of sharp cells sees no light
+    return np.asarray(error / np.maximum(weight, 1e-12))
 
 
-@lru_cache(maxsize=1024)
+@lru_cache(maxsize=64)
 def inverted(
     shares: tuple[tuple[float, float], ...], blur: float, sigma: float, fill: float = 1.0
 ) -> tuple[F32, F32]:

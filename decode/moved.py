@@ -24,7 +24,7 @@ from scipy.special import chdtri, fdtri
 from optolever.patterns import Frame
 
 from .display import FINER, through
-from .noise import Sample, bulk
+from .noise import Sample, bulk, product
 from .plan import AxisPlan, Fringe, Plan
 
 __all__ = ["Moved", "Seen", "frames_moved"]
@@ -100,7 +100,7 @@ class _Numbers(NamedTuple):
     @property
     def rate(self) -> float:
         """Of the steady motion that is nearest, px per frame."""
-        return float(self.by_time @ self.moved) / max(float(self.by_time @ self.by_time), 1e-9)
+        return float(self.by_time @ self.moved) / max(float(self.by_time @ self.by_time), float(_FAINT))
 
     @property
     def shaken(self) -> F64:
@@ -135,9 +135,8 @@ def _numbers(plan: Plan, axis: AxisPlan, lit: Sample, seen: Seen) -> _Numbers | 
         return None
     whole = whole[:: 1 + len(whole) // (_MOST + 1)]
     rounding = _rounding(tuple(plan.frames[i] for i in index), axis.axis, axis.extent, seen.width)
-    fit = _fitted(
-        fringes, fits, lit.levels[index[:, None], whole], seen._replace(place=seen.place[whole]), rounding
-    )
+    seen = seen._replace(place=seen.place[whole])
+    fit = _fitted(fringes, fits, lit.levels[index[:, None], whole], seen, rounding)
     usual = bulk(fit.residual).all(axis=0)
     few = fit.only(np.flatnonzero(usual)[::_THIN])
     if few.residual.shape[1] < _FEWEST // _THIN:
@@ -207,14 +206,9 @@ class _Fit:
 
     def products(self, one: F32, other: F32) -> F64:
         """Mean over the pixels of one_f P_fg other_g (N, N)."""
-        level, wave, place = (_product(one * part, other * part) for part in self.taken)
+        level, wave, place = (product(one * part, (other * part).T) for part in self.taken)
         whole = np.diag((one * other).sum(axis=1, dtype=np.float64))
         return np.asarray((whole - self.same * (level + wave) - place) / one.shape[1])
-
-
-def _product(one: F32, other: F32) -> F64:
-    """By NumPy's own loop (see noise.product), along the pixels."""
-    return np.asarray(np.einsum("mk,nk->mn", one, other), np.float64)
 
 
 def _fitted(fringes: tuple[Fringe, ...], fits: int, levels: F32, seen: Seen, rounding: F32) -> _Fit:

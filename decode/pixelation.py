@@ -57,6 +57,8 @@ _UNKNOWN = 1.0
 #: Of the mean square of fourth differences along a row, how much more it varies than one of independent ones:
 #: sum over k of the squared correlation C(8, 4 + k) / C(8, 4), C(16, 8) / C(8, 4)^2.
 _OVERLAP = 12870 / 70**2
+#: Size of the mean of exp(2 pi i u) from which on more pixels see one place of their cells than do not.
+_CROWDED = 0.5
 #: Pixels on a side of squares that tell whether cells and pixels keep step, and squares along the image.
 _SQUARE, _SQUARES = 32, 5
 #: Share of sigma that may be left out.
@@ -218,7 +220,7 @@ class _Neighbours:
 
     def crowded(self) -> bool:
         """Whether most of them see one place of their cells."""
-        return bool(np.abs(np.exp(2j * np.pi * self.place[2]).mean()) > 0.5)
+        return bool(np.abs(np.exp(2j * np.pi * self.place[2]).mean()) > _CROWDED)
 
     def thinned(self) -> "_Neighbours":
         """Some of them."""
@@ -295,7 +297,7 @@ def _misfits(tables: Tables, seen: _Neighbours) -> tuple[F64, F64]:
     return (left - left[-1])[:-1].astype(np.float64), shown[:-1].astype(np.float64)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=8)
 def _every_optics(shares: Shares, sigma: float) -> Tables:
     """Shift and variance by reading, e by place, of each optics and of no correction (B, W, PLACES)."""
     none = np.zeros((1, len(WIDTHS), PLACES), np.float32)
@@ -342,9 +344,9 @@ def _in_step(coord: F32, flags: NDArray[np.uint16]) -> float:
     """How far pixels keep step with cells: rms of the mean of exp(2 pi i u) in squares of the image, so that
     what cells leave in places is common to neighbours. 0: not at all; 1: every pixel sees one place of its
     cell."""
-    rows, cols = (np.linspace(0, size - _SQUARE, _SQUARES).astype(int) for size in coord.shape)
     if min(coord.shape) < _SQUARE:
         return 1.0
+    rows, cols = (np.linspace(0, size - _SQUARE, _SQUARES).astype(int) for size in coord.shape)
     place, bad = (sliding_window_view(one, (_SQUARE, _SQUARE))[rows[:, None], cols] for one in (coord, flags))
     good = bad == 0
     count = good.sum(axis=(2, 3))

@@ -81,7 +81,7 @@ def test_a_camera_that_shakes(clean: tuple[np.ndarray, Sequence]) -> None:
     telling = max(periods.values()) if max(periods.values()) > 3 else sum(periods.values()) / 2
     for _ in range(4):
         moved = [shift(one, 0.1 * rng.standard_normal(2), order=3, mode="nearest") for one in frames]
-        found = noisy(np.stack(moved), shown, rng)
+        found = told_of(np.stack(moved), shown, rng)
         assert found is not None
         for told, at in ((found.shift_u, truth.u), (found.shift_v, truth.v)):
             ratios.append(told / (0.1 * px(at) / np.sqrt(telling)))
@@ -98,12 +98,13 @@ def test_a_steady_motion_leaves_the_moment_of_the_pose_open(clean: tuple[np.ndar
         moved = [
             shift(one, (0, 0.1 * i / len(frames)), order=3, mode="nearest") for i, one in enumerate(frames)
         ]
-        found = noisy(np.stack(moved), shown, np.random.default_rng(seed))
+        found = told_of(np.stack(moved), shown, np.random.default_rng(seed))
         assert found is not None
         assert 0.25 * whole < found.shift_u < 0.55 * whole
 
 
-def noisy(frames: np.ndarray, shown: Sequence, rng: np.random.Generator) -> SharedNoise | None:
+def told_of(frames: np.ndarray, shown: Sequence, rng: np.random.Generator) -> SharedNoise | None:
+    """What is told of frames with noise of one level."""
     seen = np.rint(frames + rng.standard_normal(frames.shape)).clip(0, 255).astype(np.uint8)
     return decode(seen, shown).shared_noise
 
