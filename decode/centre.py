@@ -87,23 +87,23 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
     """From the mean over a pixel, weighted by the light, to its centre, along a line (W,).
 
     Of u(s) = u + g s + s H s / 2 and light A (1 + a s) the mean over a pixel is u + (H_xx + H_yy) / 24 +
-    a g / 12; of a fringe see `_factor` and `_across`. A lens that blurs widens what the mean is over: it has
-    the variance m2 along either axis in place of the pixel's own 1/12. Of the light's slope only the
-    pixel's own share comes off: where light falls off the lens has changed it, too.
+    a g / 12; of a fringe, and behind a lens, see `_mixed`. Of the light's slope only the pixel's own share
+    comes off: where light falls off the lens has changed it, too.
     here: the line. window: see `windowed`, k: the line's row in it. light: of the line, (W + 4,) with its
     ends repeated, and of those two rows above and below (W,). limits: by what neighbours of a map bend at
     most, px; the finest stripe of a code (infinite: no code), as parts of others on a pixel move what it
     reads, px; turns of the finest fringe in a px; squared reach of a pixel of no footprint, and extent of the
     surface (infinite: no border), in whose border's shadow (see border) nothing is taken off; level without
-    light; whether there are REACH rows on either side; m2.
+    light; whether there are REACH rows on either side; variance that a lens mixes (see lens), px^2.
 
     Over REACH pixels the curvature is told with next to no noise; it, and what it is more or less between
     next neighbours, count as far as they are beyond noise (James and Stein's shrinkage), and the latter as
     far as it does not change from pixel to pixel (a rough mirror, a neighbour at an edge).
     """
-    jump, stripe, per_turn, reach2, extent, dark, inner, m2 = limits
+    jump, stripe, per_turn, reach2, extent, dark, inner, lens2 = limits
     zero, half, two, four = np.float32(0), np.float32(0.5), np.float32(2), np.float32(4)
     wide, twelfth = np.float32(1 / REACH**2), np.float32(1 / 12)
+    m2 = twelfth + lens2
     part = half * m2
     # squared shifts over those of the pixel's own area
     blurred2 = np.float32(24**2) * part * part
@@ -146,7 +146,8 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         noise = unsure * (total[x] + (was - u) * (was - u))
         turns_x, turns_y = half * one_x * per_turn, half * one_y * per_turn
         pole_x, pole_y = _poles(turns_x, turns_y)
-        factor_x, factor_y = _factor(pole_x), _factor(pole_y)
+        factor_x, across_x = _mixed(turns_x, pole_x, lens2)
+        factor_y, across_y = _mixed(turns_y, pole_y, lens2)
         broad_x, broad_y = broad_x if far else zero, broad_y if far else zero
         ragged = max(uneven - _BY_NOISE * total[x], zero) if next_ else zero
         there = _beyond(broad_x + broad_y, max(noise * wide * wide, _ROUGH * ragged))
@@ -154,7 +155,7 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         bend = bend_x + bend_y if near else zero
         share = _beyond(bend, max(noise, _ROUGH * uneven)) if next_ else zero
         bends = factor_x * (there * broad_x + share * bend_x) + factor_y * (there * broad_y + share * bend_y)
-        turned = _across(turns_x, pole_x) * _across(turns_y, pole_y)
+        turned = np.float32(24 / 4) * across_x * across_y
         # as far as all four quarters show it: of one outlying neighbour they differ by as much, or, at the
         # image's border, where values are continued, by half of it
         along, against = before_up[x] + after_down[x], before_down[x] + after_up[x]
@@ -163,7 +164,7 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         twisted = near & (twist == twist)
         bends -= twist if twisted else zero
         whole = min(bend * bend, four * jump * jump)
-        short = min(ragged, most) * _SHORT if next_ else whole * _ALL
+        short = (min(ragged, most) * _SHORT if next_ else whole * _ALL) * blurred2
         grain2 = grain * total[x]
         edge_x, light_x = _in_light(before[x], lit[x], after[x], dark, half * grain2)
         edge_y, light_y = _in_light(bright_up[x], lit[x], bright_down[x], dark, half * grain2)
@@ -184,7 +185,7 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         width2 = (steps_x * steps_x + steps_y * steps_y) * np.float32(1 / 48)
         clear = away * away > SHADOW2 * (reach2 + width2)
         off, taken = bends + dims, smooth & clear
-        out[x] = was - (part * bends + np.float32(1 / 24) * dims if taken else zero)
+        out[x] = was - (np.float32(1 / 24) * off if taken else zero)
         least_x, least_y = lesser(u - left[x], right[x] - u), lesser(u - up[x], down[x] - u)
         over = max(least_x + least_y - stripe, zero)
         # as of a ridge, where a diagonal neighbour is refused
@@ -200,7 +201,7 @@ def centred(here: Any, window: Any, k: Any, light: Any, limits: Any, out: Any, t
         fall_x = max(abs(after[x] - lit[x]), abs(before[x] - lit[x])) * scale
         fall_y = max(abs(bright_down[x] - lit[x]), abs(bright_up[x] - lit[x])) * scale
         fades = np.float32(0.25) * m2 * part * (abs(one_x) * fall_x + abs(one_y) * fall_y)
-        doubt = short * blurred2 + (fades * fades if near else zero)
+        doubt = short + (fades * fades if near else zero)
         doubt += edges + jumps * twelfth if clear else whole * _ALL
         total[x] += doubt + (share * more * total[x] if smooth else zero) + over * over * twelfth
 
@@ -215,22 +216,19 @@ def _poles(one: Any, other: Any) -> tuple[Any, Any]:
 
 
 @inlined
-def _factor(pole: Any) -> Any:
-    """What a bend shifts the phase of a fringe of which w turns lie on a pixel, over what it shifts the mean
-    place: -3 sinc''(w) / (pi^2 sinc(w)), here by the first term of its series and the pole at 1 (to 0.01 up
-    to half a turn, to 8 % near one), 1 - 2 pi^2 / 15 w^2 / (1 - w^2)."""
-    return np.float32(1 + 2 * np.pi**2 / 15) - np.float32(2 * np.pi**2 / 15) * pole
+def _mixed(turns: Any, pole: Any, lens2: Any) -> tuple[Any, Any]:
+    """What a bend along an axis shifts the phase of a fringe of which w turns lie on a pixel, over H_xx / 24,
+    and c of a mixed one, which shifts it by -H_xy c(w_x) c(w_y).
 
-
-@inlined
-def _across(turns: Any, pole: Any) -> Any:
-    """sqrt(6) c(w) of a fringe of which w turns lie on a pixel, c(w) = -sinc'(w) / (2 pi sinc(w)).
-
-    H_xy shifts the mean place by -H_xy c(w_x) c(w_y); sqrt(6), squared, is 24 (of the bends beside it) over 4
-    (of the difference that tells H_xy). By the pole at 1 and the first term of the rest of the series,
-    c(w) = (w / pi) (1 / (1 - w^2) + pi^2 / 6 - 1).
+    What a pixel mixes has the transfer function M(w) = sinc(w) exp(-2 pi^2 lens2 w^2); these are
+    -12 M'' / (4 pi^2 M) and -M' / (2 pi M). Of sinc alone they are, by the pole at 1 and the first term of
+    the rest of the series (the first to 0.01 up to half a turn, to 8 % near one),
+    1 - 2 pi^2 / 15 w^2 / (1 - w^2) and (w / pi) (1 / (1 - w^2) + pi^2 / 6 - 1).
     """
-    return np.float32(np.sqrt(6) / np.pi) * turns * (pole + np.float32(np.pi**2 / 6 - 1))
+    one, pi, most = np.float32(1), np.float32(np.pi), np.float32(2 * np.pi**2 / 15)
+    own, through = turns / pi * (pole + np.float32(np.pi**2 / 6 - 1)), pi * lens2 * turns
+    blurred = lens2 * (one - np.float32(4) * pi * turns * (own + through))
+    return one + most - most * pole + np.float32(12) * blurred, own + through + through
 
 
 @inlined

@@ -223,7 +223,6 @@ def _among_neighbours(
     lens2 = options.lens2
     if lens2 is None:
         lens2 = measured_lens(shown, shot.lit, [own.coordinate for own in raw], shared.flags)
-    mix = 1 / 12 + lens2
     out = {axis: (roomy_empty(shape, np.float32), roomy_empty(shape, np.float32)) for axis in "uv"}
     for axis in set("uv") - {decoder.axis.axis for decoder in decoders}:
         out[axis][0][:], out[axis][1][:] = np.nan, np.inf
@@ -235,7 +234,7 @@ def _among_neighbours(
         for decoder, own, width, table, rough, border in every:
             extent = float(decoder.axis.extent) if shot.cells else 0.0
             finest = decoder.jump, decoder.stripe, decoder.per_turn
-            limits = border.reach, rough, extent, *finest, least, end, dark, width, mix
+            limits = border.reach, rough, extent, *finest, least, end, dark, width, lens2
             common = shared.flags, shared.amplitude, shared.offset
             maps = (*out[decoder.axis.axis], flags)
             check_rows((start, stop), own, common, (*table, border.table), limits, maps)

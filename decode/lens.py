@@ -10,7 +10,8 @@ everywhere, or changes slowly, as a polynomial of the image's rows and columns d
 A straight line through sampled pixels tells blur2. Slopes that other pixels tell are its instrumental
 variable (Wald, 1940): noise in what a line is fitted over would make it flatter, and what the display's cells
 leave in places shifts neighbours at one and at two pixels differently. Where the map does not bend nothing
-tells a lens, and nothing has to.
+tells a lens, and nothing has to. A camera that sharpens (an unsharp mask of a times what blur2 px^2 take: the
+variance -a blur2) adds contrast in the same way.
 """
 
 from typing import NamedTuple
@@ -39,8 +40,9 @@ _FEWEST, _MOST, _FAINT = 64, 4096, 0.05
 def measured_lens(
     plan: Plan, lit: Sample, maps: list[NDArray[np.float32]], flags: NDArray[np.uint16]
 ) -> float:
-    """Variance of what the lens mixes into a pixel, px^2 of the camera; 0 where it is not sure, or not as
-    well known as a pixel's own share is large. maps: coordinate (H, W) of every axis; flags (H, W)."""
+    """Variance of what the lens mixes into a pixel, px^2 of the camera (negative: it is sharpened by more);
+    0 where it is not sure, or not as well known as a pixel's own share is large. maps: coordinate (H, W) of
+    every axis; flags (H, W)."""
     some = lit.only(slice(None, None, 1 + len(lit.places) // (_MOST + 1)))
     of_axes = [_line(plan, *one, some, flags) for one in zip(plan.axes, maps, strict=True)]
     lines = [line for line in of_axes if line is not None]
@@ -51,7 +53,7 @@ def measured_lens(
     others = np.array([np.divide(*_sums(lines, *other).sum(axis=1)) for other in _OTHERS])
     # jackknife
     error = float(np.sqrt((_PARTS - 1) * np.var(without) + np.max((others - blur2) ** 2)))
-    return float(blur2) if _SURE * error < blur2 and error < _OWN else 0.0
+    return float(blur2) if _SURE * error < abs(blur2) and error < _OWN else 0.0
 
 
 class _Line(NamedTuple):

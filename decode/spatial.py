@@ -55,7 +55,7 @@ def check_rows(
     limits: how far pixels see (cells), roughness (px^2), extent of the surface (0: it has no border),
     largest second difference, finest stripe of a code (px), turns of the finest fringe in a px, least sigma
     (px), width of the mirror's ends (see ends), level without light, usual footprint (cells), variance
-    of what a pixel mixes (px^2 of the camera).
+    that a lens mixes (px^2 of the camera).
     out: coordinate, sigma, flags (H, W), the last or-ed.
     """
     _check(*rows, raw, common, tables, tuple(np.float32(number) for number in limits), out)
@@ -64,7 +64,7 @@ def check_rows(
 @exact
 def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: Any, maps: Any) -> None:
     (coord, variance), (flags, amplitude, offset), (shift, unsure, shadow) = raw, common, tables
-    reach, roughness, extent, jump, stripe, per_turn, least, m2, dark, usual, mix = numbers
+    reach, roughness, extent, jump, stripe, per_turn, least, m2, dark, usual, lens2 = numbers
     out, sigma, out_flags = maps
     rows, cols = coord.shape
     window = np.empty((stop - start + 2 * REACH, cols + 2 * REACH), np.float32)
@@ -91,28 +91,30 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
         if (rows > 4) & (cols > 4):
             _with_ends(offset[y], light)
             lights = light, offset[max(y - 2, 0)], offset[min(y + 2, rows - 1)]
-            limits = jump, stripe, per_turn, reach * reach, border, dark, REACH <= y < rows - REACH, mix
+            limits = jump, stripe, per_turn, reach * reach, border, dark, REACH <= y < rows - REACH, lens2
             centred(*(coord[y], window, k, lights, limits, out[y], sigma[y]))
         if (rows > 4) & (cols > 4) & (m2 > 0):
             first = min(up, rows - 3)
             lights = amplitude[y], amplitude[first], amplitude[first + 2]
             faded(window, k, REACH, lights, m2, sigma[y])
         for x in places[: marked(special, places)]:
-            flag, lost = _neighbours(y, x, coord, variance, flags, amplitude, (jump, per_turn))
+            flag, lost, bends = _neighbours(y, x, coord, variance, flags, amplitude, (jump, per_turn))
             here, c = window[k, x + REACH], x + REACH
             across = window[k, c - 2], window[k, c - 1], here, window[k, c + 1], window[k, c + 2]
             down = window[k - 2, c], window[k - 1, c], here, window[k + 1, c], window[k + 2, c]
             gx, gy = _step_on_a_map(across, jump), _step_on_a_map(down, jump)
             # what bends inside of half a turn or more, only all neighbours tell
             four = across[1] + across[3] + down[1] + down[3]
-            unknown = (four != four) & ((gx + gy) * per_turn > np.float32(0.5))
+            untold = four != four
+            unknown = untold & ((gx + gy) * per_turn > np.float32(0.5))
             unknown |= _undersampled(across, per_turn) | _undersampled(down, per_turn)
             flag |= np.uint16(_OUTLIER if unknown else 0)
             low = here + here < extent - np.float32(1)
             inner_x, inner_y = _step_inwards(across, low, jump), _step_inwards(down, low, jump)
             off, shift_in, unsure_in = inwards(here, variance[y, x], inner_x, inner_y, reach, shadow, extent)
             out[y, x] -= shift_in
-            sigma[y, x] += lost + unsure_in
+            # where one does not, nothing is taken off (see centre)
+            sigma[y, x] += lost + unsure_in + (bends if untold else np.float32(0))
             out_flags[y, x] |= flag | np.uint16(_OFF if off else 0)
         _root(sigma[y], roughness, least)
 
@@ -290,8 +292,9 @@ def _pixel(y: Any, x: Any, coord: Any, variance: Any, flags: Any, amplitude: Any
 @exact
 def _neighbours(
     y: Any, x: Any, coord: Any, variance: Any, flags: Any, amplitude: Any, limits: Any
-) -> tuple[Any, Any]:
-    """Flag of a good pixel, and squared shift of its centre, by those of its neighbours that are good."""
+) -> tuple[Any, Any, Any]:
+    """Flag of a good pixel and squared shift of its centre, by those of its neighbours that are good; squared
+    shift by how much the map bends in it."""
     here = _pixel(y, x, coord, variance, flags, amplitude)
     left = _pixel(y, x - 1, coord, variance, flags, amplitude)
     right = _pixel(y, x + 1, coord, variance, flags, amplitude)
@@ -309,9 +312,7 @@ def _neighbours(
     alone = (beside + others <= 1) | ((beside * others == 0) & dim)
     alone &= (coord.shape[0] > 2) & (coord.shape[1] > 2)
     outlier = alone | torn | torn_y
-    # beside a refused pixel nothing is taken off (see centre)
-    bends = (bend_x + bend_y) * _BEND if beside + others < 4 else np.float32(0)
-    return np.uint16(_OUTLIER if outlier else 0), lost_x + lost_y + bends
+    return np.uint16(_OUTLIER if outlier else 0), lost_x + lost_y, (bend_x + bend_y) * _BEND
 
 
 @exact
@@ -332,6 +333,8 @@ def _along(five: Any, jump: Any) -> tuple[Any, Any, Any, Any]:
             share = max(np.float32(1) - here.amplitude / whole, none)
             lost = np.float32(0.5) * share * (here.place - near.place)
         bend = max(back - _BULK2 * back_noise, ahead - _BULK2 * ahead_noise, none)
+        if max(back_noise, ahead_noise) == 0:  # no two of a side are good
+            bend = np.float32(4) * jump * jump
         return count, False, lost * lost, bend
     off = before.place + after.place - np.float32(2) * here.place
     noise = before.variance + np.float32(4) * here.variance + after.variance
@@ -347,7 +350,7 @@ def _along(five: Any, jump: Any) -> tuple[Any, Any, Any, Any]:
 @exact
 def _off_line(here: Any, near: Any, next_: Any) -> tuple[Any, Any]:
     """Squared distance from the line through the next two pixels on one side, and its variance; of one alone
-    from that, without noise: a map may bend as much as it rises. 0 of none."""
+    from that, without noise; 0 of none."""
     off = near.place - here.place - (next_.place - near.place if next_.good else np.float32(0))
     noise = here.variance + np.float32(4) * near.variance + next_.variance
     return (off * off if near.good else np.float32(0)), (noise if near.good & next_.good else np.float32(0))

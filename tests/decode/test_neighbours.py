@@ -46,6 +46,20 @@ def test_beside_a_hole(name: str) -> None:
     assert found.good[(np.abs(centres(distance) - 7.3) > 3.5) & (centres(distance) > 7.3)].mean() > 0.9
 
 
+@pytest.mark.parametrize("name", ["phase:steps=8", "gray+phase", "micro-phase"])
+@pytest.mark.parametrize("first", [0, 30])
+def test_a_bend_that_no_two_neighbours_of_a_side_tell_is_in_sigma(name: str, first: int) -> None:
+    """Two rows alone beside where the map turns: means are an eighth of a pixel off, and rows hardly differ."""
+    row, col = places(60, 64)
+    u, v = 60 + 1.5 * (row - first - 0.5 - 0.01 * (col - 32)) ** 2, 8 + 1.5 * col
+    dark = (row < first - 0.5) | (row > first + 1.5)
+    shown = sequence_from_text(name, 110, 130)
+    found = decode(footprints(shown, u, v, noise=0.5, dark=dark.astype(float)), shown)
+    assert silent(found, centres(u), centres(v)) == 0.0
+    assert found.good.sum() > 100
+    assert np.median(found.sigma_u[found.good]) < 0.4
+
+
 @pytest.mark.parametrize("name", ["phase:steps=4", "stripe"])
 def test_a_ridge_beside_pixels_that_are_refused(name: str) -> None:
     """A slanted rim, steeper towards its crest, moves the mean of a pixel off its centre; dust above or below
