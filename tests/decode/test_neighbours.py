@@ -49,7 +49,7 @@ def test_beside_a_hole(name: str) -> None:
 @pytest.mark.parametrize("name", ["phase:steps=8", "gray+phase", "micro-phase"])
 @pytest.mark.parametrize("first", [0, 30])
 def test_a_bend_that_no_two_neighbours_of_a_side_tell_is_in_sigma(name: str, first: int) -> None:
-    """Two rows alone beside where the map turns: means are an eighth of a pixel off, and rows hardly differ."""
+    """Two rows alone, between which the map turns: they hardly differ, means are an eighth of a px off."""
     row, col = places(60, 64)
     u, v = 60 + 1.5 * (row - first - 0.5 - 0.01 * (col - 32)) ** 2, 8 + 1.5 * col
     dark = (row < first - 0.5) | (row > first + 1.5)
