@@ -89,22 +89,19 @@ def cell_light(distance: F64, width: F64, blur: float, fill: float = 1.0) -> F64
     return np.asarray(ends / (fill * width))
 
 
-@lru_cache(maxsize=32)
-def _light(blur: float, fill: float) -> tuple[F64, F32]:
-    """Distances (cells, FINE) of cells from the fine places of a cell, and their light (cells, W, FINE)."""
-    reach = int(np.ceil(WIDEST / 2 + 0.5 + 5 * blur)) + 1
-    distance = np.arange(-reach, reach + 2)[:, None] - np.arange(FINE) / FINE
-    light = cell_light(distance[:, None, :], np.maximum(WIDTHS, 0.02)[None, :, None], blur, fill)
-    return distance, light.astype(np.float32)
-
-
 @lru_cache(maxsize=64)
 def cell_error(shares: tuple[tuple[float, float], ...], blur: float, fill: float = 1.0) -> F64:
-    """e (W, FINE) in cells, by footprint (WIDTHS) and place in the cell."""
-    distance, light = _light(blur, fill)
+    """e (W, FINE) in cells, by footprint (WIDTHS) and place in the cell.
+
+    By Poisson's formula the sum over cells is one over m of W^(m - 1 / P) exp(-2 pi i m u), W^ being two
+    sincs and a Gaussian.
+    """
+    cycles = np.fft.fftfreq(FINE, 1 / FINE)
     error, weight = np.zeros((2, len(WIDTHS), FINE))
     for period, share in shares:
-        seen = np.einsum("cwk,ck->wk", light, np.exp(2j * np.pi / period * distance))
+        turns = cycles - 1 / period
+        cell = np.sinc(fill * turns) * np.exp(-2 * np.square(np.pi * max(blur, 1 / FINE) * turns))
+        seen = np.fft.fft(cell * np.sinc(WIDTHS[:, None] * turns), axis=1)
         own = share * np.abs(seen) ** 2
         error += own * period / (2 * np.pi) * np.angle(seen)
         weight += own
