@@ -67,6 +67,7 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
     reach, roughness, extent, jump, stripe, per_turn, least, m2, dark, usual, lens2 = numbers
     out, sigma, out_flags = maps
     rows, cols = coord.shape
+    large = (rows > 4) & (cols > 4)
     window = np.empty((stop - start + 2 * REACH, cols + 2 * REACH), np.float32)
     windowed(coord, flags, start, stop, window)
     special, light = marks_for(cols), np.empty(cols + 4, np.float32)
@@ -88,12 +89,12 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
             _corrected_line(coord[y], variance[y], at, (shift, unsure), out[y], sigma[y])
         else:
             _copied(coord[y], variance[y], out[y], sigma[y])
-        if (rows > 4) & (cols > 4):
+        if large:
             _with_ends(offset[y], light)
             lights = light, offset[max(y - 2, 0)], offset[min(y + 2, rows - 1)]
             limits = jump, stripe, per_turn, reach * reach, border, dark, REACH <= y < rows - REACH, lens2
             centred(*(coord[y], window, k, lights, limits, out[y], sigma[y]))
-        if (rows > 4) & (cols > 4) & (m2 > 0):
+        if large & (m2 > 0):
             first = min(up, rows - 3)
             lights = amplitude[y], amplitude[first], amplitude[first + 2]
             faded(window, k, REACH, lights, m2, sigma[y])
@@ -114,7 +115,7 @@ def _check(start: Any, stop: Any, raw: Any, common: Any, tables: Any, numbers: A
             off, shift_in, unsure_in = inwards(here, variance[y, x], inner_x, inner_y, reach, shadow, extent)
             out[y, x] -= shift_in
             # where one does not, nothing is taken off (see centre)
-            sigma[y, x] += lost + unsure_in + (bends if untold else np.float32(0))
+            sigma[y, x] += lost + unsure_in + (bends if untold & large else np.float32(0))
             out_flags[y, x] |= flag | np.uint16(_OFF if off else 0)
         _root(sigma[y], roughness, least)
 
@@ -333,8 +334,10 @@ def _along(five: Any, jump: Any) -> tuple[Any, Any, Any, Any]:
             share = max(np.float32(1) - here.amplitude / whole, none)
             lost = np.float32(0.5) * share * (here.place - near.place)
         bend = max(back - _BULK2 * back_noise, ahead - _BULK2 * ahead_noise, none)
-        if max(back_noise, ahead_noise) == 0:  # no two of a side are good
-            bend = np.float32(4) * jump * jump
+        if max(back_noise, ahead_noise) == 0 and (before_2.inside or after_2.inside):
+            a, b, c = (before, here, after) if inside else (before_2, before, here)
+            a, b, c = (here, after, after_2) if not before.inside else (a, b, c)
+            bend = _untold(a, b, c, jump)
         return count, False, lost * lost, bend
     off = before.place + after.place - np.float32(2) * here.place
     noise = before.variance + np.float32(4) * here.variance + after.variance
@@ -345,6 +348,15 @@ def _along(five: Any, jump: Any) -> tuple[Any, Any, Any, Any]:
             return count, True, none, none
         lost = min(back if fits_back else ahead, ahead if fits_ahead else back) + bend * _BEND
     return count, False, lost, bend
+
+
+@exact
+def _untold(before: Any, here: Any, after: Any, jump: Any) -> Any:
+    """Squared second difference that may be where some of three pixels are refused: what these say of it and
+    their noise, at most what it may be on a map."""
+    off = before.place + after.place - np.float32(2) * here.place
+    noise = before.variance + np.float32(4) * here.variance + after.variance
+    return min(np.float32(4) * jump * jump, off * off + noise)
 
 
 @exact
