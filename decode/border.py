@@ -34,9 +34,9 @@ _SHADOW = 4
 SHADOW2 = np.float32(_SHADOW**2)
 #: Light that is missing where the blur is measured, and that may be missing of a good pixel.
 _DARK, _LOST = (0.05, 0.45), 0.1
-#: Lines that are looked at along either axis; pixels that tell a blur, and that are asked at most; pixels
-#: inwards at which no light is missing.
-_LINES, _FEWEST, _MOST, _FARTHEST = 100, 8, 512, 60
+#: Lines that are looked at along either axis; pixels that tell a blur; pixels inwards at which no light is
+#: missing.
+_LINES, _FEWEST, _FARTHEST = 100, 8, 60
 #: Blurs that are tabled, cells rms.
 _BLURS = np.array([0.0, *np.geomspace(0.2, 3.2, 13)])
 #: Shares of a pixel's deviation that are no footprint, and readings in deviations from the border, that are
@@ -139,12 +139,10 @@ def measured_blur(
     """
     parts, nothing = [], ((math.nan,) * 3, 0)
     for turned, count in enumerate(coord.shape):
-        some = slice(None, None, max(1, count // _LINES))
-        lines: list[Any] = [(one.T if turned else one)[some] for one in (coord, flags, *light)]
+        every = slice(None, None, max(1, count // _LINES))
+        lines: list[Any] = [(one.T if turned else one)[every] for one in (coord, flags, *light)]
         parts.append(_beside(extent, *lines))
-    every = [np.concatenate(part, axis=-1) for part in zip(*parts, strict=True)]
-    thin = 1 + every[-1].size // (_MOST + 1)
-    away, width2, bend, level, lost = (part[..., ::thin] for part in every)
+    away, width2, bend, level, lost = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
     if np.count_nonzero((lost > 0.1) & (lost < 0.9)) < _FEWEST or lost.sum() <= 0:
         return nothing
     level = level / np.clip(level.sum() / lost.sum(), 0.1, 1.0)
