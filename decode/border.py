@@ -143,9 +143,10 @@ def measured_blur(
         lines: list[Any] = [(one.T if turned else one)[every] for one in (coord, flags, *light)]
         parts.append(_beside(extent, *lines))
     away, width2, bend, level, lost = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
-    if np.count_nonzero((lost > 0.1) & (lost < 0.9)) < _FEWEST or lost.sum() <= 0:
+    told = (lost > 0.1) & (lost < 0.9)
+    if np.count_nonzero(told) < _FEWEST:
         return nothing
-    level = level / np.clip(level.sum() / lost.sum(), 0.1, 1.0)
+    level = level / np.clip(level[told].sum() / lost[told].sum(), 0.1, 1.0)
     each = (_expected(_table(shares, i)[0], blur, away, width2) for i, blur in enumerate(_BLURS))
     expected = [_missing(1 - one) for one in each]
     more = [(one - level)[(one > _DARK[0]) & (one < _DARK[1])] for one in expected]

@@ -208,10 +208,10 @@ class HeightMap(Comparable):
 
     def resample(self, pitch_mm: float | None = None) -> Grid:
         """The good points on a regular grid of x and y (None: about as fine as the pixels); its sigma is that
-        of the height at a fixed x, y. See `resampling`.
+        of the height at a fixed x, y, by noise and rig. See `resampling`.
         """
         pitch = natural_pitch(self.x, self.y, self.good) if pitch_mm is None else pitch_mm
-        return resample(self.x, self.y, self.z, self.sigma, self.good, pitch, self.lean)
+        return resample(self.x, self.y, self.z, self.total_sigma, self.good, pitch, self.lean)
 
     def save(self, path: str | Path) -> None:
         """Write an .npz with the fields' names."""
@@ -256,5 +256,6 @@ class HeightMap(Comparable):
         write_tiff(path, np.where(self.good, self.z, np.nan))
 
     def save_ply(self, path: str | Path) -> None:
-        """Write the good points with their sigma as a binary PLY mesh of the camera's pixel grid."""
-        write_ply(path, self.x, self.y, self.z, self.sigma, self.good)
+        """Write the good points with their sigma (noise and rig) as a binary PLY mesh of the camera's pixel
+        grid."""
+        write_ply(path, self.x, self.y, self.z, self.total_sigma, self.good)

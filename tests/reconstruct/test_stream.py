@@ -52,6 +52,32 @@ def test_a_jump_and_a_new_mask_are_solved_in_full(frames, exact, noisy, cut) -> 
         assert np.max(np.abs(height.z - full.z)[good] / full.sigma[good]) < 0.1
 
 
+@pytest.mark.parametrize("what", ["wrong pixels", "noisier", "contradictory", "uncovered"])
+def test_what_the_last_frame_does_not_bear_out_is_solved_in_full(exact, noisy, what: str) -> None:
+    """Beside a crease, whose doubts the first frame holds."""
+    scene, truth, _ = exact("prism48", "needle", 96, 128)
+    first, same, now = (noisy(truth, noise=0.02, seed=k) for k in range(3))
+    if what == "wrong pixels":
+        wrong = np.random.default_rng(4).choice(truth.u.size, 20, replace=False)
+        now.u.flat[wrong] += 2.0
+    elif what == "noisier":
+        now = noisy(truth, noise=0.15, seed=2)
+    elif what == "contradictory":
+        now = replace(now, v=now.v + 0.1 * np.linspace(0, 1, 96)[:, None] * np.linspace(0, 1, 128))
+    else:
+        flags = first.flags.copy()
+        flags[70:, :] = 8
+        first, same = replace(first, flags=flags), replace(same, flags=flags)
+    stream = HeightStream(scene)
+    stream.update(first)
+    assert stream.update(same).diagnostics.curl is None  # goes on from the last
+    height, full = stream.update(now), reconstruct(now, scene)
+    assert height.diagnostics.curl is not None
+    np.testing.assert_array_equal(height.good, full.good)
+    np.testing.assert_allclose(height.sigma[full.good], full.sigma[full.good], rtol=1e-2)
+    assert [one.name for one in height.notices] == [one.name for one in full.notices]
+
+
 def test_refresh(frames) -> None:
     scene, correspondences = frames
     stream = HeightStream(scene, refresh=2)
