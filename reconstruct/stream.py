@@ -110,7 +110,9 @@ class HeightStream:
                     sources=last.sources,
                     shares=last.shares,
                 )
-                self._last = Solution(problem, state, variance, height)
+                # the variance knows of the doubts of the frame that was solved in full
+                kept = replace(state, doubt=self._last.state.doubt)
+                self._last = Solution(problem, kept, variance, height)
                 return height
         return None
 
