@@ -319,7 +319,8 @@ def _neighbours(
 @exact
 def _along(five: Any, jump: Any) -> tuple[Any, Any, Any, Any]:
     """How many of both neighbours on an axis are good (beyond the image: one), whether they say that the
-    pixel is of neither side, squared shift that they allow, squared second difference beyond noise."""
+    pixel is of neither side, squared shift that they allow, squared second difference beyond noise, or what
+    it may be where no two of a side are good."""
     before_2, before, here, after, after_2 = five
     none = np.float32(0)
     back, back_noise = _off_line(here, before, before_2)
@@ -335,9 +336,12 @@ def _along(five: Any, jump: Any) -> tuple[Any, Any, Any, Any]:
             lost = np.float32(0.5) * share * (here.place - near.place)
         bend = max(back - _BULK2 * back_noise, ahead - _BULK2 * ahead_noise, none)
         if max(back_noise, ahead_noise) == 0 and (before_2.inside or after_2.inside):
-            a, b, c = (before, here, after) if inside else (before_2, before, here)
-            a, b, c = (here, after, after_2) if not before.inside else (a, b, c)
-            bend = _untold(a, b, c, jump)
+            if inside:
+                bend = _untold(before, here, after, jump)
+            elif after.inside:
+                bend = _untold(here, after, after_2, jump)
+            else:
+                bend = _untold(before_2, before, here, jump)
         return count, False, lost * lost, bend
     off = before.place + after.place - np.float32(2) * here.place
     noise = before.variance + np.float32(4) * here.variance + after.variance

@@ -59,7 +59,8 @@ def test_what_a_lens_flattens_of_a_bend_is_taken_off(name: str, steep: int, lens
 
 @pytest.mark.parametrize("name", ["phase", "gray+phase"])
 def test_what_a_camera_sharpens_of_a_bend_is_taken_off(name: str) -> None:
-    """An unsharp mask of 1 px rms and 0.6: half of 0.6 px^2 of the Laplacian, the other way round."""
+    """An unsharp mask of 1 px rms and 0.6: half of 0.6 px^2 of the Laplacian, the other way round; next to
+    nothing of that under fringes of 8 cells, of which no more may be taken off."""
     row, col = places(72, 90)
     away2 = ((row - 36) ** 2 + (col - 45) ** 2) / 9**2
     bump = 3 * np.exp(-away2 / 2)
