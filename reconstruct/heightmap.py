@@ -98,6 +98,9 @@ class HeightMap(Comparable):
     apart from `sigma`; one error moves the whole map. None: the scene has no covariance.
     sources, shares (s, r, r): what is behind these errors, in words, and each one's part of their covariance
     (see `budget`); none: not known.
+    displacement: (m, 2, 3), m >= r: what one standard deviation of every independent error of the rig does to x
+    and y, an affine field displacement[k] @ (1, x, y) in mm. The first r are those of `calibration`; the others
+    move the map along the mirror and change no height (the gauge). None: x and y are exact.
     """
 
     x: Floats
@@ -111,6 +114,7 @@ class HeightMap(Comparable):
     calibration: NDArray[np.float32] | None = None
     sources: tuple[str, ...] = ()
     shares: Floats | None = None
+    displacement: Floats | None = None
 
     def __post_init__(self) -> None:
         shape = np.shape(self.z)
@@ -133,6 +137,12 @@ class HeightMap(Comparable):
         if modes and self.shares is not None and self.shares.shape != (len(self.sources), modes, modes):
             found = f"{len(self.sources)} sources, {modes} modes"
             raise InputError(f"height map: shares has shape {self.shares.shape}, of {found}")
+        if self.displacement is not None and (
+            self.displacement.shape[1:] != (2, 3) or len(self.displacement) < modes
+        ):
+            raise InputError(
+                f"height map: displacement has shape {self.displacement.shape}, must be (m, 2, 3), m at least {modes}"
+            )
 
     def __repr__(self) -> str:
         good = self.good
@@ -201,6 +211,14 @@ class HeightMap(Comparable):
         modes = self.calibration - other.calibration
         return self.z - other.z, np.sqrt(noise**2 + np.einsum("rij,rij->ij", modes, modes))
 
+    def displacement_at(self, x: float, y: float) -> Floats:
+        """What one standard deviation of every independent error of the rig does to x and y of the point
+        (x, y), (m, 2) mm; (0, 2) where positions are exact."""
+        if self.displacement is None:
+            return np.zeros((0, 2))
+        moved: Floats = self.displacement @ np.array([1.0, x, y])
+        return moved
+
     @property
     def good(self) -> Mask:
         """True where no flag is set."""
@@ -221,7 +239,7 @@ class HeightMap(Comparable):
             path,
             arrays
             | {"diagnostics": self.diagnostics.to_json(), "lean": self.lean, "notices": told}
-            | {"calibration": self.calibration, "shares": self.shares}
+            | {"calibration": self.calibration, "shares": self.shares, "displacement": self.displacement}
             | ({} if self.shares is None else {"sources": np.array(self.sources)}),
         )
 
@@ -247,6 +265,7 @@ class HeightMap(Comparable):
                 calibration=modes,
                 sources=tuple(str(name) for name in np.atleast_1d(arrays.get("sources", ()))),
                 shares=arrays.get("shares"),
+                displacement=arrays.get("displacement"),
             )
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
