@@ -98,9 +98,10 @@ class HeightMap(Comparable):
     apart from `sigma`; one error moves the whole map. None: the scene has no covariance.
     sources, shares (s, r, r): what is behind these errors, in words, and each one's part of their covariance
     (see `budget`); none: not known.
-    displacement: (m, 2, 3), m >= r: what one standard deviation of every independent error of the rig does to x
-    and y, an affine field displacement[k] @ (1, x, y) in mm. The first r are those of `calibration`; the others
-    move the map along the mirror and change no height (the gauge). None: x and y are exact.
+    displacement: (m, 2, 3), m >= r: the change of x and y by one standard deviation of every independent
+    error of the rig, an affine field displacement[k] @ (1, x, y) in mm. The first r errors are those of
+    `calibration`; the others move the map along the mirror and change no height (the gauge). None: x and y
+    are exact.
     """
 
     x: Floats
@@ -141,7 +142,8 @@ class HeightMap(Comparable):
             self.displacement.shape[1:] != (2, 3) or len(self.displacement) < modes
         ):
             raise InputError(
-                f"height map: displacement has shape {self.displacement.shape}, must be (m, 2, 3), m at least {modes}"
+                f"height map: displacement has shape {self.displacement.shape}, must be (m, 2, 3), "
+                f"m at least {modes}"
             )
 
     def __repr__(self) -> str:
@@ -212,8 +214,8 @@ class HeightMap(Comparable):
         return self.z - other.z, np.sqrt(noise**2 + np.einsum("rij,rij->ij", modes, modes))
 
     def displacement_at(self, x: float, y: float) -> Floats:
-        """What one standard deviation of every independent error of the rig does to x and y of the point
-        (x, y), (m, 2) mm; (0, 2) where positions are exact."""
+        """The change of the point (x, y) by one standard deviation of every independent error of the rig,
+        (m, 2) mm; (0, 2) where positions are exact."""
         if self.displacement is None:
             return np.zeros((0, 2))
         moved: Floats = self.displacement @ np.array([1.0, x, y])
