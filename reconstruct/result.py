@@ -19,7 +19,7 @@ from .islands import cut_off
 from .newton import State
 from .problem import Problem
 
-__all__ = ["anchors_apart", "height_map", "judged"]
+__all__ = ["anchors_apart", "height_map", "judged", "refused"]
 
 _MOVING = 0.05  # of the pixels: more that still move are not to blame one by one
 _APART = 5.0  # standard deviations, rms: rigs that are right stay below 1.2
@@ -90,6 +90,19 @@ def judged(
     diagnostics = replace(height.diagnostics, chi2=known, freedom=freedom)
     notices = before + contradiction(known, freedom) + _off_mirror(height, mirror)
     return replace(height, diagnostics=diagnostics, notices=notices)
+
+
+def refused(height: HeightMap, mistake: str | None) -> HeightMap:
+    """The height with every pixel flagged, as no rig of the scene's accuracy can have taken the capture; mistake:
+    without which it fits, in words."""
+    flags = height.flags | np.uint16(HeightFlag.IMPLAUSIBLE)
+    cure = (
+        f"with one change it fits: {mistake}; correct the scene"
+        if mistake
+        else "check pose, pitch and size of pattern and camera, and that the capture belongs to this scene"
+    )
+    name = "The capture contradicts its scene beyond the scene's accuracy; no height is trusted"
+    return replace(height, flags=flags, notices=(*height.notices, Notice(name, math.nan, math.nan, cure)))
 
 
 def anchors_apart(problem: Problem, state: State, height: HeightMap) -> tuple[Notice, ...]:
