@@ -37,12 +37,15 @@ _NODES = 13  # of the fields along rows and columns, which are smooth: cubic spl
 _BLOCKS = 20  # along the image's longer side
 _SMALLEST = 3  # pixels on a side of a block
 _KEPT = 1e-3  # of the noise of the mean of all blocks: weaker combinations of parameters have no field
-_SKIRTS = (0.15, 0.3)  # lengths of a skirt's bumps, of the mirror's shorter side
-_AMPLITUDES = 3.0 ** np.arange(-1, 9)  # of a skirt, of the noise of a block
+_SKIRTS = (0.15, 0.3, 0.6, 1.2)  # lengths of a skirt's bumps, of the mirror's shorter side
+_FIRST = 2  # of these lengths may be the shortest of a skirt
+_AMPLITUDES = 3.0 ** np.arange(-3, 8)  # of a skirt, of the noise of a block
 _WIDER = ((1.0, 0.97), (5.0, 0.02), (30.0, 0.01))  # of the prior, and how likely: rigs are knocked
-_SHARES = (1.0, 0.85, 0.7, 0.5, 0.35, 0.25, 0.15)  # of the blocks that are taken as quiet
+_SHARES = (1.0, 0.85, 0.7, 0.5, 0.35, 0.25, 0.15, 0.1)  # of the blocks that are taken as quiet
 _ROUNDS = 40  # of the robust fit, whose scale falls from the largest residual to the noise
 _LIMIT = 3.0  # prior standard deviations
+_GAIN = 1 / 3  # of the variance
+_CHANCE = 4.0  # standard deviations of a mean square
 _SAME = 0.02  # standard deviations of the noise
 
 
@@ -87,7 +90,7 @@ class Motion:
         fields = np.tensordot(roots.T, self.sensitivity, 1)
         # combinations of parameters without a field are no modes
         _, sizes, rows = np.linalg.svd(fields.reshape(len(fields), -1), full_matrices=False)
-        some = sizes > 1e-6 * sizes.max(initial=0.0)
+        some = sizes > 1e-3 * sizes.max(initial=0.0)
         fields = (sizes[some, None] * rows[some]).reshape(-1, *self.sensitivity.shape[1:])
         return _on_pixels(fields, self.shape if shape is None else shape)
 
@@ -136,11 +139,10 @@ def fit_motion(
     fields = at_blocks(sensitivity * scales[:, None, None, None])
     basis = _combinations(fields, blocks)
     reduced = np.tensordot(basis, fields, 1)
-    place, by_height = at_blocks(_place(scene, row, col)), at_blocks(_by_height(scene, row, col))
+    place, by_height = (at_blocks(_filled(part(scene, row, col))) for part in (_place, _by_height))
     sag = prior.sag * _height_fields(by_height, _sag(scene, *place))
-    skirts = [
-        _height_fields(by_height, _bumps(*place, share * _short_side(*place))) for share in _SKIRTS
-    ]
+    lengths = (share * _short_side(*place) for share in _SKIRTS)
+    skirts = [_height_fields(by_height, _bumps(*place, length)) for length in lengths]
     found, quiet = _estimate(blocks, reduced, sag, skirts)
     unit = np.eye(len(names)) - basis.T @ (np.eye(len(basis)) - found.covariance) @ basis
     values = scales * (found.mean @ basis)
@@ -172,7 +174,9 @@ def same_capture(pressed: Correspondence, rest: Correspondence) -> bool:
     return all(float(np.mean(each)) < _SAME**2 for each in known if each.size)
 
 
-def _landing(scene: Scene, row: Floats, col: Floats, height: float = 0.0, slope: Pair | None = None) -> Floats:
+def _landing(
+    scene: Scene, row: Floats, col: Floats, height: float = 0.0, slope: Pair | None = None
+) -> Floats:
     """Pattern coordinates (2, ...) of pixels by a mirror z = height with these slopes; NaN where they see no
     pattern's plane."""
     origins, directions = (part.reshape(-1, 3).T for part in scene.camera.rays_at(row, col))
@@ -199,9 +203,9 @@ def _by_height(scene: Scene, row: Floats, col: Floats) -> Floats:
     high, turn = 1e-3, 1e-5
 
     def slope(x: float, y: float) -> Floats:
-        return (
-            _landing(scene, row, col, slope=(x, y)) - _landing(scene, row, col, slope=(-x, -y))
-        ) / (2 * turn)
+        return (_landing(scene, row, col, slope=(x, y)) - _landing(scene, row, col, slope=(-x, -y))) / (
+            2 * turn
+        )
 
     by_z = (_landing(scene, row, col, high) - _landing(scene, row, col, -high)) / (2 * high)
     return np.stack([by_z, slope(turn, 0.0), slope(0.0, turn)])
@@ -342,27 +346,42 @@ def _combinations(fields: Floats, blocks: _Blocks) -> Floats:
     return vectors[:, sizes > max(_KEPT, 1e-9 * sizes.max(initial=0.0))].T
 
 
-def _estimate(
-    blocks: _Blocks, fields: Floats, sag: Floats, skirts: list[Floats]
-) -> tuple[_Posterior, float]:
-    """The motion's posterior in units of its prior, and the share of the blocks that are quiet."""
+def _estimate(blocks: _Blocks, fields: Floats, sag: Floats, skirts: list[Floats]) -> tuple[_Posterior, float]:
+    """The motion's posterior in units of its prior, and the share of the blocks that are quiet.
+
+    fields (k, 2, rows, cols), sag and each of the skirts alike. A smaller share is taken where it lowers the
+    variance by far: the least of several variances is small by chance as well.
+    """
     size = len(fields)
-    none = _Posterior(np.zeros(size), np.eye(size), float("nan"))
+    best, quiet = _Posterior(np.zeros(size), np.eye(size), float("nan")), 0.0
     known = np.isfinite(blocks.sigma)
     if not size or not known.any():
-        return none, 0.0
+        return best, quiet
+    noise = blocks.sigma[known].mean()
+    heights = np.concatenate([sag, *(noise * skirt / _rms(skirt[:, known]) for skirt in skirts)])
+    lengths = np.repeat(np.arange(-1, len(skirts)), [len(sag), *map(len, skirts)])
+    priors = [
+        np.where(lengths < 0, 1.0, np.where(lengths >= first, amplitude, 0.0))
+        for first in range(_FIRST)
+        for amplitude in _AMPLITUDES
+    ]
     activity = _activity(blocks, fields)
     order = np.sort(activity[np.isfinite(activity)])
-    best, quiet = none, 0.0
     for share in _SHARES:
-        limit = order[max(0, int(share * len(order)) - 1)]
-        used = known & (activity <= limit)
-        y, sigma = blocks.mean[used], blocks.sigma[used]
-        parts = [part[:, used] / sigma for part in (fields, sag)]
-        found = _averaged(y / sigma, *parts, [skirt[:, used] / sigma for skirt in skirts])
-        if np.trace(found.covariance) < np.trace(best.covariance):
+        used = known & (activity <= order[max(0, int(share * len(order)) - 1)])
+        sigma = blocks.sigma[used]
+        found = _averaged(
+            blocks.mean[used] / sigma, fields[:, used] / sigma, heights[:, used] / sigma, priors
+        )
+        fits = found.chi2 < 1.0 + _CHANCE * np.sqrt(2.0 / sigma.size)
+        if fits and np.trace(found.covariance) < (_GAIN if quiet else 1.0) * np.trace(best.covariance):
             best, quiet = found, share
     return best, quiet
+
+
+def _rms(fields: Floats) -> float:
+    """Of the sum of fields (k, n) with independent factors of variance 1."""
+    return max(float(np.sqrt((fields * fields).sum(axis=0).mean())), 1e-300)
 
 
 def _activity(blocks: _Blocks, fields: Floats) -> Floats:
@@ -382,37 +401,46 @@ def _activity(blocks: _Blocks, fields: Floats) -> Floats:
     return np.where(known.any(axis=0), worst, np.nan)
 
 
-def _averaged(y: Floats, fields: Floats, sag: Floats, skirts: list[Floats]) -> _Posterior:
+def _averaged(y: Floats, fields: Floats, heights: Floats, priors: list[Floats]) -> _Posterior:
     """Mean and covariance of the motion, averaged over skirts and widths of the prior by their evidence.
 
-    All in units of the blocks' noise: y (n,), fields (k, n), sag (j, n), skirts of (q, n) each.
+    All in units of the blocks' noise: y (n,), fields (k, n), fields of sag and skirts heights (q, n); their
+    prior standard deviations, (q,) each, of which one holds.
     """
-    size = len(fields)
-    weights, means, covariances = [], [], []
-    for skirt in skirts:
-        unit = skirt / max(float(np.sqrt((skirt * skirt).sum(axis=0).mean())), 1e-300)
-        design = np.concatenate([fields, sag, unit])
-        normal, right = design @ design.T, design @ y
-        for amplitude in _AMPLITUDES:
-            for width, likely in _WIDER:
-                scale = np.repeat([width, 1.0, amplitude], [size, len(sag), len(unit)])
-                inner = np.eye(len(scale)) + normal * np.outer(scale, scale)
-                factor = scipy.linalg.cho_factor(inner, lower=True)
-                mean = scale * scipy.linalg.cho_solve(factor, scale * right)
-                logarithm = 0.5 * right @ mean - np.log(np.diag(factor[0])).sum() + np.log(likely)
-                root = scipy.linalg.solve_triangular(
-                    factor[0], np.diag(scale)[:, :size], lower=True
-                )
-                weights.append(logarithm)
-                means.append(mean[:size])
-                covariances.append(root.T @ root)
-    weight = np.exp(np.array(weights) - max(weights))
+    motion, others = fields @ fields.T, heights @ heights.T
+    mixed, right_m, right_h = heights @ fields.T, fields @ y, heights @ y
+    logs: list[float] = []
+    means: list[Floats] = []
+    covariances: list[Floats] = []
+    for prior in priors:
+        active = prior > 0
+        scale = prior[active]
+        factor = scipy.linalg.cholesky(
+            np.eye(len(scale)) + others[np.ix_(active, active)] * np.outer(scale, scale), lower=True
+        )
+        scaled = scale[:, None] * np.column_stack([mixed[active], right_h[active]])
+        root = scipy.linalg.solve_triangular(factor, scaled, lower=True)
+        normal, right = motion - root[:, :-1].T @ root[:, :-1], right_m - root[:, :-1].T @ root[:, -1]
+        explained = 0.5 * root[:, -1] @ root[:, -1] - np.log(np.diag(factor)).sum()
+        for width, likely in _WIDER:
+            covariance = np.linalg.inv(normal + np.eye(len(normal)) / width**2)
+            mean = covariance @ right
+            determinant = 0.5 * np.linalg.slogdet(covariance / width**2)[1]
+            logs.append(explained + 0.5 * right @ mean + determinant + np.log(likely))
+            means.append(mean)
+            covariances.append(covariance)
+    weight = np.exp(np.array(logs) - max(logs))
     weight /= weight.sum()
     mean = weight @ np.stack(means)
     apart = np.stack(means) - mean
     covariance = np.tensordot(weight, np.stack(covariances), 1) + (apart.T * weight) @ apart
-    left = y - mean @ fields
-    return _Posterior(mean, covariance, float(np.mean(left * left)))
+    likeliest = int(np.argmax(weight))
+    scale = priors[likeliest // len(_WIDER)]
+    left = y - means[likeliest] @ fields
+    height = scale * np.linalg.solve(
+        np.eye(len(scale)) + others * np.outer(scale, scale), scale * (heights @ left)
+    )
+    return _Posterior(mean, covariance, float(np.mean((left - height @ heights) ** 2)))
 
 
 def _notices(found: _Posterior, fields: Floats, by_height: Floats, place: Floats) -> tuple[Notice, ...]:
@@ -429,5 +457,5 @@ def _notices(found: _Posterior, fields: Floats, by_height: Floats, place: Floats
         f"The rig moved between the rest capture and the press, by {px:.2g} pattern pixels (rms); "
         f"uncorrected, heights change by about {height:.2g} um; prior standard deviations"
     )
-    cure = "the motion is removed, and the total sigma holds its uncertainty; clamp the rig, or capture at rest again"
+    cure = "the motion is removed, its uncertainty is in the total sigma; clamp the rig, capture at rest again"
     return (Notice(name, size, limit, cure),)
