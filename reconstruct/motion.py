@@ -44,7 +44,7 @@ _WIDER = ((1.0, 0.97), (5.0, 0.02), (30.0, 0.01))  # of the prior, and how likel
 _SHARES = (1.0, 0.85, 0.7, 0.5, 0.35, 0.25, 0.15, 0.1)  # of the blocks that are taken as quiet
 _ROUNDS = 40  # of the robust fit, whose scale falls from the largest residual to the noise
 _LIMIT = 3.0  # prior standard deviations
-_GAIN = 1 / 3  # of the variance
+_GAIN = 1 / 3  # of the field's variance
 _CHANCE = 4.0  # standard deviations of a mean square
 _SAME = 0.02  # standard deviations of the noise
 
@@ -365,6 +365,8 @@ def _estimate(blocks: _Blocks, fields: Floats, sag: Floats, skirts: list[Floats]
         for first in range(_FIRST)
         for amplitude in _AMPLITUDES
     ]
+    gram = np.tensordot(fields[:, known], fields[:, known], (1, 1))
+    least = float(np.trace(gram))
     activity = _activity(blocks, fields)
     order = np.sort(activity[np.isfinite(activity)])
     for share in _SHARES:
@@ -374,8 +376,9 @@ def _estimate(blocks: _Blocks, fields: Floats, sag: Floats, skirts: list[Floats]
             blocks.mean[used] / sigma, fields[:, used] / sigma, heights[:, used] / sigma, priors
         )
         fits = found.chi2 < 1.0 + _CHANCE * np.sqrt(2.0 / sigma.size)
-        if fits and np.trace(found.covariance) < (_GAIN if quiet else 1.0) * np.trace(best.covariance):
-            best, quiet = found, share
+        variance = float(np.sum(found.covariance * gram))
+        if fits and variance < (_GAIN if quiet else 1.0) * least:
+            best, quiet, least = found, share, variance
     return best, quiet
 
 
