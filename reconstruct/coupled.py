@@ -181,9 +181,7 @@ def _without(motion: Motion | None, correspondence: Correspondence) -> Correspon
     return replace(correspondence, u=correspondence.u - du, v=correspondence.v - dv, notices=notices)
 
 
-def _solved_coarse(
-    measured: Measurement, scene: Scene, start: HeightMap | None
-) -> tuple[Problem, State]:
+def _solved_coarse(measured: Measurement, scene: Scene, start: HeightMap | None) -> tuple[Problem, State]:
     """Problem and state by a dense method, without a look at outliers and discontinuities."""
     options = _METHODS[measured.method]
     return _first(measured.corrected(scene), scene, measured.anchor, measured.mask, options, start)

@@ -460,5 +460,7 @@ def _notices(found: _Posterior, fields: Floats, by_height: Floats, place: Floats
         f"The rig moved between the rest capture and the press, by {px:.2g} pattern pixels (rms); "
         f"uncorrected, heights change by about {height:.2g} um; prior standard deviations"
     )
-    cure = "the motion is removed, its uncertainty is in the total sigma; clamp the rig, capture at rest again"
+    cure = (
+        "the motion is removed, its uncertainty is in the total sigma; clamp the rig, capture at rest again"
+    )
     return (Notice(name, size, limit, cure),)

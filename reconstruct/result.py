@@ -134,7 +134,8 @@ def _off_mirror(height: HeightMap, mirror: Mirror) -> tuple[Notice, ...]:
     if farthest <= 0:
         return ()
     step = float(np.nanmax(np.hypot(np.diff(height.x, axis=1), np.diff(height.y, axis=1)), initial=0))
-    if farthest <= step:
+    known = step + _SURE * float(np.max(height.displacement_sigma, initial=0.0))
+    if farthest <= known:
         return ()
     cure = (
         "check the mirror's size, where the camera is and its pitch, or calibrate the rig (by flats alone "

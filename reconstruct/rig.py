@@ -200,7 +200,11 @@ class RigModel:
 
 
 def rig_model(
-    first: First, measured: Measurement, scene: Scene, height: HeightMap, motion: Motion | None = None
+    first: First,
+    measured: Measurement,
+    scene: Scene,
+    height: HeightMap | None,
+    motion: Motion | None = None,
 ) -> RigModel | None:
     """The model on a coarse grid, from a height map that is solved; None where the scene is exact and nothing moved.
 
