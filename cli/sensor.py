@@ -93,11 +93,13 @@ def command(
         write_sensor_report,
     )
     from optolever.files import report_folder, together
+    from optolever.patterns import sequence_from_text
 
     for name, _ in asked:
         if name not in SWEEPS:
             raise InputError(f"--sweep: {name!r} must be one of {', '.join(SWEEPS)}")
     scene = load_scene(scene_name, size)
+    sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
     settings = {"scene": scene_name, "name": scene.name, "size": size, "sequence": sequence, "noise": noise}
     with progress(lines=True) as step:
         step("maps")

@@ -73,6 +73,7 @@ def _little(monkeypatch: pytest.MonkeyPatch) -> None:
         (["design", *PRISM, "--out", "best.json"], "must end in .toml"),
         (["design", *PRISM, "--add", "nowhere:nothing"], "cannot be imported"),
         (["sensor", *PRISM, "--sweep", "angle", "--out", "here"], "must read name=value/value"),
+        (["sensor", *PRISM, "--sequence", "grey", "--out", "here"], "name is 'grey'"),
         (["sensor", *PRISM, "--sweep", "colour=1", "--out", "here"], "must be one of"),
     ],
 )
