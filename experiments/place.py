@@ -53,6 +53,11 @@ def resolve(scene: Scene | str | Path, size: tuple[int, int] | None = None) -> S
     return known if size is None else resize(known, *size)
 
 
+def surface_of(form: Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]) -> Surface:
+    """The surface whose height and slopes along x and y a function gives together."""
+    return Surface(lambda x, y: form(x, y)[0], lambda x, y: form(x, y)[1:], both=form)
+
+
 def on_rest(scene: Scene) -> tuple[Floats, Floats]:
     """Where each pixel's ray meets the plane of the mirror at rest, mm, and its direction, (H, W, 3) each."""
     origins, directions = scene.camera.rays()

@@ -22,7 +22,7 @@ from ..timing import Measured, Stages, measured, toucher
 from ..timing import timed as run_once
 from .cell import ABSENT, DONE, FAILED, USELESS, Cell, Row, grouped
 from .decoders import Decoder, Shot, decoder, shoot
-from .found import measures
+from .measures import measures
 from .solvers import installed, solver
 
 Clock = Callable[[Callable[[], Any]], Measured]

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_erosion
 
+from lab.calibration.rigs import Rig, correspondence_of, open_air, prism
 from optolever import InputError
 from optolever.calibration import calibrate
-from optolever.calibration.rigs import Rig, correspondence_of, open_air, prism
 from optolever.decode import Correspondence
 from optolever.reconstruct import (
     Contact,
