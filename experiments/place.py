@@ -49,7 +49,7 @@ class Place:
 
 def resolve(scene: Scene | str | Path, size: tuple[int, int] | None = None) -> Scene:
     """A scene, or the one of a preset or TOML file, resampled to size (rows, cols) if one is given."""
-    known = scene if isinstance(scene, Scene) else load(scene)
+    known = scene if isinstance(scene, Scene) else load(scene, exact=True)
     return known if size is None else resize(known, *size)
 
 

@@ -27,7 +27,7 @@ from .newton import Options, State, solve
 from .paper import SeriesName
 from .paper_scene import reconstruct_paper
 from .problem import Problem, prepare, require_correspondence
-from .result import anchors_apart, height_map, judged, refused
+from .result import anchors_apart, height_map, judged, off_mirror, refused
 from .reweighting import reweighted
 from .rig import Measurement, RigJudgement, judged_rig, rig_model, rig_modes, rig_solutions
 from .rounding import rounding_variance
@@ -126,8 +126,9 @@ def reconstruct(
     progress("errors of the rig", 1, steps)
     solution = with_rig(solution, measured, scene, motion, accept)
     problem, state, height = solution.problem, solution.state, solution.height
-    apart = () if height.implausible else anchors_apart(problem, state, height)
-    height = replace(height, notices=(*height.notices, *apart))
+    if not height.implausible:
+        doubts = (*anchors_apart(problem, state, height), *off_mirror(height, scene.mirror))
+        height = replace(height, notices=(*height.notices, *doubts))
     for notice in height.notices:
         LOG.warning("%s", notice)
     progress("reconstructed", steps, steps)
@@ -156,7 +157,7 @@ def with_rig(
         gain = noise_gain(solution.problem.data.mask, solution.problem.bridged)
         judged = judged_rig(model, solutions, solution.problem, solution.state, gain)
         if not scene.exact:
-            solution = _rejudged(solution, scene, judged.chi2, judged.freedom)
+            solution = _rejudged(solution, judged.chi2, judged.freedom)
         if not (judged.likely or accept):
             mistake = likely_mistake(_judge_coarse, measured, typed, judged.raw)
             return solution._replace(height=refused(solution.height, mistake))
@@ -219,13 +220,13 @@ def solved_height(
         correlation = float(np.median((larger / variance)[problem.data.mask]))
         variance, chi2 = larger, chi2 / correlation
     height = height_map(problem, state, correspondence.flags, scale, method, variance, correlation)
-    height = judged(height, scene.mirror, chi2, freedom, correspondence.notices)
+    height = judged(height, chi2, freedom, correspondence.notices)
     return Solution(
         correspondence, problem, state, variance, height, independent, scale, rounding is not None
     )
 
 
-def _rejudged(solution: Solution, scene: Scene, chi2: float, freedom: int) -> Solution:
+def _rejudged(solution: Solution, chi2: float, freedom: int) -> Solution:
     """The solution with another chi2 of its slopes."""
     problem, state, variance, before = solution.problem, solution.state, solution.variance, solution.height
     correlation, flags = before.diagnostics.correlation, solution.correspondence.flags
@@ -235,7 +236,7 @@ def _rejudged(solution: Solution, scene: Scene, chi2: float, freedom: int) -> So
     height = height_map(
         problem, state, flags, solution.scale, before.diagnostics.method, variance, correlation
     )
-    height = judged(height, scene.mirror, chi2, freedom, solution.correspondence.notices)
+    height = judged(height, chi2, freedom, solution.correspondence.notices)
     return solution._replace(variance=variance, height=height)
 
 

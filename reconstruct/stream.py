@@ -29,7 +29,7 @@ from .holes import bridged, noise_gain, small_holes
 from .newton import State, chord_step
 from .problem import Problem, require_correspondence
 from .rig import Measurement
-from .result import anchors_apart, height_map
+from .result import anchors_apart, height_map, off_mirror
 
 __all__ = ["HeightStream"]
 
@@ -67,7 +67,10 @@ class HeightStream:
                 solved = with_rig(solved, measured, self._scene)
             height = solved.height
             self._last, self._age, self._seen = solved, 0, correspondence
-            apart = anchors_apart(solved.problem, solved.state, height)
+            apart = (
+                *anchors_apart(solved.problem, solved.state, height),
+                *off_mirror(height, self._scene.mirror),
+            )
             self._judgement = (*height.notices[len(correspondence.notices) :], *apart)
         self._age += 1
         return replace(height, notices=(*correspondence.notices, *self._judgement))

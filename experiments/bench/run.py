@@ -37,7 +37,7 @@ def check(cells: Sequence[Cell]) -> None:
         solver(cell.solver)
         decoder(cell.decoder)
     for name, dent, shown in dict.fromkeys((cell.scene, cell.dent, cell.shown) for cell in cells):
-        scene = load(name)
+        scene = load(name, exact=True)
         if dent:
             dent_from_text(dent, scene)
         if shown != "exact":

@@ -123,7 +123,7 @@ def open_air(
 ) -> Rig:
     """`monitor-mirror` with another lens, display pose and a bow of 0.2 mm; K poses of one reference, whose
     form is drawn from its flatness (mm); nothing of them is known before."""
-    base = resize(load("monitor-mirror"), size * 4 // 5, size)
+    base = resize(load("monitor-mirror", exact=True), size * 4 // 5, size)
     values = {f"pattern.{name}": 0.2 * rng.standard_normal() for name in ("b20", "b11", "b02")}
     values["camera.f"] = parameter_values(base)["camera.f"] * (1.0 + 0.05 * rng.uniform(-1, 1))
     values |= {"camera.rx": 0.01 * rng.uniform(-1, 1), "camera.k1": -0.1, "camera.k2": 0.05}
@@ -155,7 +155,7 @@ def open_air(
 def prism(rng: Rng, balls: int, capture: Capturer, pinhole: bool = False, size: int = 200) -> Rig:
     """`prism48`, or a pinhole behind its capture face, every number off by a draw of its prior; the mirror
     sags by 20 um; rest and `balls` balls of 25 to 40 mm."""
-    base = _behind_face(size) if pinhole else resize(load("prism48"), size * 3 // 4, size)
+    base = _behind_face(size) if pinhole else resize(load("prism48", exact=True), size * 3 // 4, size)
     length, width = base.mirror.length, base.mirror.width
     priors = default_priors(base)
     own = parameter_values(base)
@@ -210,7 +210,7 @@ def ball_cap(
 
 def _behind_face(size: int) -> Scene:
     """`prism48` seen by a pinhole 150 mm before its capture face."""
-    flat = resize(load("prism48"), size * 3 // 4, size)
+    flat = resize(load("prism48", exact=True), size * 3 // 4, size)
     camera, index, away = flat.camera, flat.medium.index if flat.medium else 1.41, 150.0
     assert not isinstance(camera, PinholeCamera)
     centre = 0.5 * np.array([camera.cols - 1, camera.rows - 1])

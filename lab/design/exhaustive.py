@@ -36,7 +36,7 @@ class Case:
 
     def scene(self, pixels: int) -> Scene:
         """The scene, with `pixels` along the camera's shorter side."""
-        scene = load(self.preset)
+        scene = load(self.preset, exact=True)
         for name, value in self.changes:
             scene = varied(scene, name, value)
         by = pixels / min(scene.camera.rows, scene.camera.cols)
@@ -89,7 +89,7 @@ def _drawn(rng: np.random.Generator) -> Case:
         name = str(rng.choice(list(_CHANGES[preset])))
         changes = ((name, _round(rng.uniform(*_CHANGES[preset][name]))),)
     form = str(rng.choice(_DENTS))
-    pressed = _dent(form, load(preset), between(rng, 0.1, 0.7), between(rng, 0.5, 1.5))
+    pressed = _dent(form, load(preset, exact=True), between(rng, 0.1, 0.7), between(rng, 0.5, 1.5))
     blur, noise = _round(rng.uniform(0.3, 2)), _round(between(rng, 0.4, 4))
     return Case(preset, pressed, blur, noise, int(rng.integers(14, 41)), changes)
 

@@ -73,7 +73,7 @@ def run_figures(
 
 def _tracing() -> Iterator[Figure]:
     for name in ("paper-simulation", "monitor-mirror"):
-        scene = resize(load(name), 256, 256)
+        scene = resize(load(name, exact=True), 256, 256)
         rng = np.random.default_rng(0)
         row, col = rng.integers(0, 256, (2, RAYS))
         worst = 0.0
@@ -94,7 +94,7 @@ def _renderers() -> Iterator[Figure]:
     except NoContextError:
         return
     for name in ("paper-simulation", "monitor-mirror"):
-        scene = resize(load(name), *COMPARED)
+        scene = resize(load(name, exact=True), *COMPARED)
         surface = dent_from_text("gaussian", scene)
         shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
         frames = [
@@ -114,14 +114,14 @@ def _decoded_apart(frames: list[NDArray[Any]], shown: Sequence) -> float:
 
 
 def _speed() -> Iterator[Figure]:
-    scene = load("paper-simulation")
+    scene = load("paper-simulation", exact=True)
     speed = measure_renderer(scene, dent_from_text("raised-cosine", scene))
     yield Figure("drawn at 1920 x 1080", speed.drawn, "frames/s", note=speed.context)
     yield Figure("captured at 1920 x 1080", speed.captured, "frames/s")
 
 
 def _demo(size: tuple[int, int] | None) -> Iterator[Figure]:
-    scene = load("paper-simulation")
+    scene = load("paper-simulation", exact=True)
     result = run_demo(scene, size=size)
     numbers = result.metrics
     yield Figure("demo, height", numbers["height_rms_rel"], "of the depth", high=5e-5)

@@ -140,7 +140,7 @@ def _transforms(values: Floats) -> Floats:
 
 def _stream() -> Iterator[Figure]:
     """A dent that grows frame by frame: decoding and heights from the last frame's, timed together."""
-    scene = resize(load(PRISM), *STREAM)
+    scene = resize(load(PRISM, exact=True), *STREAM)
     shown = sequence_from_text(FRAMES, scene.pattern.rows, scene.pattern.cols)
     stacks = [
         capture(scene, dent_from_text(f"raised-cosine:peak={peak}", scene), shown, noise=1.0, seed=k).frames

@@ -258,7 +258,7 @@ def _peak(anew: bool = False) -> int:
 
 def _base(folder: Path) -> Path:
     """Files that are in order: a capture with its scene and truth, what it decodes to, a sequence, a grid."""
-    scene: Scene = resize(load("prism48"), *_SIZE)
+    scene: Scene = resize(load("prism48", exact=True), *_SIZE)
     shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
     surface = dent("gaussian", scene, peak=0.2)
     taken = capture(scene, surface, shown, renderer="numpy", noise=1.0)

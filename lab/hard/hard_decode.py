@@ -193,7 +193,7 @@ def compared(
 
 
 def _scene(condition: Condition, size: tuple[int, int]) -> Scene:
-    scene = resize(load(SCENE), *size)
+    scene = resize(load(SCENE, exact=True), *size)
     blur = scene.pattern.blur_px if condition.blur is None else condition.blur
     finer = varied(scene, "pattern", condition.cells).pattern
     pattern = replace(finer, blur_px=blur)

@@ -221,7 +221,7 @@ def curved_scene(number: int) -> tuple[Scene, Surface, Sensor]:
     if number // len(FORMS) % 2:
         scene = draw_rig(rng, str(rng.choice(KINDS)), size).scene
     else:
-        scene = resize(load("prism48"), *size)
+        scene = resize(load("prism48", exact=True), *size)
     draw = (_relief, _ripples, _ridge, _ball)[number % len(FORMS)]
     return scene, draw(rng, scene), Sensor(noise=noise)
 

@@ -202,7 +202,7 @@ class _Alone:
 
 @lru_cache(maxsize=4)
 def _area(name: str, size: tuple[int, int]) -> tuple[Scene, AreaTrace]:
-    scene = resize(load(name), *size)
+    scene = resize(load(name, exact=True), *size)
     return scene, trace_area(scene, dent_from_text("gaussian", scene))
 
 

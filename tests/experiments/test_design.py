@@ -30,7 +30,7 @@ from optolever.scene import Scene, dent, load, resize, trace
 
 @pytest.fixture(scope="module")
 def prism() -> Scene:
-    return resize(load("prism48"), 72, 96)
+    return resize(load("prism48", exact=True), 72, 96)
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def test_predicted_height_error_is_that_of_a_simulation(lever: Lever, text: str)
 @pytest.mark.slow
 def test_predicted_where_cells_are_coarse_and_the_map_bends() -> None:
     """A ball's rim seen in cells of 1.4 pixels at a blur of 0.4: stairs count as noise, creases as loss."""
-    scene = resize(varied(load("paper-simulation"), "pattern", 0.7), 96, 96)
+    scene = resize(varied(load("paper-simulation", exact=True), "pattern", 0.7), 96, 96)
     scene = replace(scene, pattern=replace(scene.pattern, blur_px=0.4))
     coarse = Lever(scene, dent("ball", scene, peak=0.4))
     shown = ladder(scene.pattern.rows, scene.pattern.cols, 5.0, 2, 5)
@@ -96,7 +96,7 @@ def test_a_thinned_camera_predicts_the_full_one(
     scene: str, size: tuple[int, int], bump: tuple[float, float], stride: int
 ) -> None:
     """Every third or fourth pixel: the same height error."""
-    camera = resize(load(scene), *size)
+    camera = resize(load(scene, exact=True), *size)
     surface = dent("gaussian", camera, peak=bump[0], sigma=bump[1])
     shown = sequence("gray+phase", camera.pattern.rows, camera.pattern.cols)
     sizes = []
@@ -170,7 +170,7 @@ def test_free_levels_are_predicted_as_they_are_measured(lever: Lever) -> None:
 
 def test_slope_limits_of_the_45_degree_prism() -> None:
     """From -atan((L0 - x) / x) / 2, the apex, to 22.5 degrees, along the mirror; free mode h = C x."""
-    scene = resize(load("paper-simulation"), 64, 64)
+    scene = resize(load("paper-simulation", exact=True), 64, 64)
     maps = sensor_maps(scene)
     on = np.isfinite(maps.low)
     end = scene.pattern.point(scene.pattern.cols - 0.5, 0.0)  # up to a cell beyond the apex
@@ -202,6 +202,6 @@ def test_varied_scenes(prism: Scene) -> None:
         assert ends[0] == pytest.approx(ends[1], abs=1e-9)
     assert varied(prism, "index", 1.5).medium.index == 1.5  # type: ignore[union-attr]
     with pytest.raises(InputError, match="angle asks for a prism"):
-        varied(load("monitor-mirror"), "angle", 45.0)
+        varied(load("monitor-mirror", exact=True), "angle", 45.0)
     with pytest.raises(InputError, match="must be one of"):
         varied(prism, "colour", 1.0)

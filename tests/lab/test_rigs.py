@@ -44,7 +44,7 @@ def test_a_number_is_a_rig() -> None:
 @pytest.fixture(scope="module")
 def cut() -> AreaTrace:
     """A pattern that ends inside the image, in the middle of a pixel."""
-    scene = resize(load("paper-simulation"), 40, 40)
+    scene = resize(load("paper-simulation", exact=True), 40, 40)
     cells = replace(scene.pattern, cols=14)
     return trace_area(replace(scene, pattern=cells), dent("gaussian", scene))
 

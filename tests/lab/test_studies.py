@@ -34,7 +34,7 @@ def test_adaptive_sensing_stops_when_the_goal_is_met() -> None:
 
     Pixels are two cells wide here: stairs that are left shift whole images and tilt the mirror.
     """
-    scene = resize(load("paper-prototype"), 80, 50)
+    scene = resize(load("paper-prototype", exact=True), 80, 50)
     surface = dent("gaussian", scene, peak=0.1, sigma=6)
     lever = Lever(scene, surface, stride=1)
     counts = []
@@ -54,7 +54,7 @@ def test_adaptive_sensing_stops_when_the_goal_is_met() -> None:
 
 @pytest.mark.slow
 def test_adaptive_sensing_says_when_a_goal_cannot_be_met() -> None:
-    scene = resize(load("paper-prototype"), 80, 50)
+    scene = resize(load("paper-prototype", exact=True), 80, 50)
     goal = Goal(1e-7, 0.95, 14)
     done = adapt(virtual(scene, dent("flat", scene), 1.0, 0, "numpy"), starting(scene, 1.0, goal), goal)
     assert not done.met
