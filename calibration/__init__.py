@@ -20,6 +20,8 @@
 | `observability.py` | singular values in prior units, warnings |
 """
 
+from optolever.arguments import check_face
+
 from .calibrate import Calibration, calibrate, left_out
 from .contact import contact
 from .figures import SETUPS, Figure, figures, mode_chi2
@@ -61,3 +63,5 @@ __all__ = [
     "store_response",
     "store_rest",
 ]
+
+check_face(__name__)

@@ -26,7 +26,7 @@ from .holes import bridged, noise_gain
 from .newton import Options, State, solve
 from .paper import SeriesName
 from .paper_scene import reconstruct_paper
-from .problem import Problem, prepare, require_correspondence
+from .problem import Problem, prepare
 from .propagation import Measurement, calibration_modes
 from .result import anchors_apart, height_map, judged
 from .reweighting import reweighted
@@ -89,14 +89,8 @@ def reconstruct(
     progress: called with what is being done, how many steps are done, and of how many. Raises InputError if
     the arrays do not fit the scene, no pixel is left, or no anchor can be used.
     """
-    require_correspondence(correspondence)
-    if not isinstance(scene, Scene):
-        raise InputError(
-            f"scene: is a {type(scene).__name__}, must be a Scene, as scene.load(name) reads one"
-        )
     before_rest = correspondence
     if rest is not None:
-        require_correspondence(rest, "rest")
         correspondence = rest_corrected(correspondence, rest, scene)
     if method in PAPER_METHODS:
         if mask is not None:

@@ -21,6 +21,8 @@ TOML only.
 | `record.py`, `pose.py` | equality and checks of records; x_A = T_AB x_B |
 """
 
+from optolever.arguments import check_face
+
 from .covariance import Covariance
 from .dents import dent, dent_from_text, dent_names, dent_parameters, moving_dent
 from .face import Face
@@ -82,3 +84,5 @@ __all__ = [
     "surface_from_array",
     "trace",
 ]
+
+check_face(__name__)
