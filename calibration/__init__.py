@@ -18,6 +18,8 @@
 | `observability.py` | singular values in prior units, warnings |
 """
 
+from optolever.arguments import check_face
+
 from .calibrate import Calibration, calibrate, left_out
 from .contact import contact
 from .harmonics import HarmonicError, harmonic_errors
@@ -54,3 +56,5 @@ __all__ = [
     "store_response",
     "store_rest",
 ]
+
+check_face(__name__)

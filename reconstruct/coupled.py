@@ -26,7 +26,7 @@ from .motion import Motion, fit_motion
 from .newton import Options, State, solve
 from .paper import SeriesName
 from .paper_scene import reconstruct_paper
-from .problem import Problem, prepare, require_correspondence
+from .problem import Problem, prepare
 from .result import anchors_apart, height_map, judged, off_mirror, refused
 from .reweighting import reweighted
 from .rig import Measurement, RigJudgement, judged_rig, rig_model, rig_modes, rig_solutions
@@ -101,16 +101,10 @@ def reconstruct(
     progress: called with what is being done, how many steps are done, and of how many. Raises InputError if
     the arrays do not fit the scene, no pixel is left, or no anchor can be used.
     """
-    require_correspondence(correspondence)
-    if not isinstance(scene, Scene):
-        raise InputError(
-            f"scene: is a {type(scene).__name__}, must be a Scene, as scene.load(name) reads one"
-        )
     if method not in (*_METHODS, *PAPER_METHODS):
         raise InputError(f"method = {method!r}: unknown, must be one of {', '.join(method_names())}")
     motion = None
     if rest is not None:
-        require_correspondence(rest, "rest")
         motion = None if scene.exact else fit_motion(correspondence, rest, scene)
     measured = Measurement(_without(motion, correspondence), anchor, mask, rest, method)
     correspondence = measured.corrected(scene)

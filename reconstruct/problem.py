@@ -7,7 +7,7 @@ import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence, Displacement
+from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.scene import Pattern, Scene
 
@@ -18,7 +18,7 @@ from .geometry import RayField, pattern_plane, ray_field
 from .holes import bridged, small_holes
 from .measured import Measured
 
-__all__ = ["Problem", "prepare", "require_correspondence"]
+__all__ = ["Problem", "prepare"]
 
 #: Pattern pixels; what is announced as more certain is taken as this.
 _LEAST_SIGMA = 1e-5
@@ -114,14 +114,6 @@ def prepare(
     return Problem(
         rays, valid, rows, cols, turned, data, samples, labels, bridges, lost, hollow, np.zeros_like(bridges)
     )
-
-
-def require_correspondence(value: object, name: str = "correspondence") -> None:
-    """InputError unless value is a Correspondence: a displacement alone has no place on the pattern."""
-    if isinstance(value, Displacement):
-        raise InputError(f"{name}: is a Displacement; give displacement.added_to(correspondence at rest)")
-    if not isinstance(value, Correspondence):
-        raise InputError(f"{name}: is a {type(value).__name__}, must be a Correspondence")
 
 
 def _extent(valid: Mask, axis: int) -> slice:
