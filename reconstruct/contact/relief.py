@@ -17,6 +17,7 @@ __all__ = ["Relief", "flat", "levelled"]
 
 _LARGEST = 20_000  # pixels of all holes: more are not interpolated
 _SAMPLES = 4000  # pixels that level the map
+_INDEPENDENT = 36  # samples of them
 _ROUNDS = 12  # of reweighting
 _SPREAD = 1.4826  # standard deviation over median absolute deviation
 
@@ -136,22 +137,34 @@ def _cells(x: Floats, y: Floats) -> Floats:
 
 
 def levelled(relief: Relief) -> Floats:
-    """Heights (H, W) less the errors of the rig that explain most of the map, for detection alone.
+    """Heights (H, W) less the quadratic part of the rig's errors that most of the map shows, for detection.
 
-    The coefficients of the modes have prior variance 1; Cauchy's weights keep dents out.
+    The coefficients of the modes have prior variance 1; Cauchy's weights keep dents out. Samples count as
+    _INDEPENDENT of them, as dents and their tails are as wide.
     """
     if not len(relief.modes):
         return relief.z
     places = np.flatnonzero(relief.measured)
     places = places[:: max(1, places.size // _SAMPLES)]
-    terms = flat(relief.modes)[:, places].astype(np.float64)
+    basis = _quadratic(relief)
+    forms = flat(basis)[:, places]
+    parts = np.linalg.lstsq(forms.T, flat(relief.modes)[:, places].T.astype(np.float64), rcond=None)[0]
+    terms = parts.T @ forms
     z, noise = relief.z.ravel()[places], relief.sigma.ravel()[places]
-    found, weight = np.zeros(len(terms)), np.ones(z.size)
+    share = min(1.0, _INDEPENDENT / places.size)
+    found = np.zeros(len(terms))
     for _ in range(_ROUNDS):
         residual = z - found @ terms
-        scale = np.maximum(noise, _SPREAD * np.median(np.abs(residual)))
-        weight = 1.0 / (scale**2 + residual**2)
+        weight = share / (np.maximum(noise, _SPREAD * np.median(np.abs(residual))) ** 2 + residual**2)
         normal = (terms * weight) @ terms.T + np.eye(len(terms))
         found = np.linalg.solve(normal, (terms * weight) @ z)
-    levels: Floats = relief.z - np.tensordot(found, relief.modes, 1)
+    levels: Floats = relief.z - np.tensordot(parts @ found, basis, 1)
     return levels
+
+
+def _quadratic(relief: Relief) -> Floats:
+    """1, x, y, x^2, x y, y^2 over the map, (6, H, W)."""
+    x, y = (
+        (part - np.nanmean(part)) / max(float(np.nanstd(part)), relief.pitch) for part in (relief.x, relief.y)
+    )
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
