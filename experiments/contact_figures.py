@@ -1,7 +1,7 @@
-"""Contacts on rigs that are not as they were typed: how often area, depth and position lie within one sigma.
+"""Contacts on rigs that are not as typed: how often area, depth and position lie within one sigma.
 
-Every number of the rig is drawn from its prior, and so is the place of the whole rig along the mirror. Rest and
-press are traced on that rig; the height is reconstructed with the typed scene against the rest capture.
+Every number of the rig is drawn from its prior, and so is the place of the whole rig along the mirror. Rest
+and press are traced on that rig; the height is reconstructed with the typed scene against the rest capture.
 """
 
 from collections.abc import Iterator
@@ -33,7 +33,7 @@ __all__ = ["KINDS", "Compared", "Finger", "contact_figures", "drawn_press", "pre
 KINDS = ("ball", "punch", "gaussian", "needle")
 _GAUGE = (0.5, 0.5, np.radians(1.0))  # mm, mm, rad: where the whole rig stands along the mirror
 _TAPER = 0.1  # of the mirror's length, as dents of a scene fade to the edge at rest
-_FINE = 0.05  # mm: grid of the true areas
+_FINE, _COARSE = 0.05, 0.25  # mm: grids of the true areas and of the dents that merge
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,28 +84,31 @@ def contact_figures(rigs: int, seed: int = 0, size: tuple[int, int] = (120, 160)
 
 def drawn_press(scene: Scene, rng: np.random.Generator) -> list[Finger]:
     """Two to five fingers whose dents do not merge above half of their depths."""
-    wanted, fingers = int(rng.integers(2, 6)), list[Finger]()
+    wanted = int(rng.integers(2, 6))
+    while True:
+        fingers = [_drawn(scene, rng) for _ in range(wanted)]
+        if not _merge(fingers, scene):
+            return fingers
+
+
+def _drawn(scene: Scene, rng: np.random.Generator) -> Finger:
     length, width = scene.mirror.length, scene.mirror.width
-    while len(fingers) < wanted:
-        kind = KINDS[rng.integers(len(KINDS))]
-        depth = float(np.exp(rng.uniform(*np.log([0.02, 0.3]))))
-        size = float(rng.uniform(2.0, 4.5))
-        place = rng.uniform([0.2 * length, 0.15 * width], [0.8 * length, 0.85 * width])
-        one = Finger(kind, float(place[0]), float(place[1]), depth, size)
-        if not any(_merge(one, each) for each in fingers):
-            fingers.append(one)
-    return fingers
+    depth, size = float(np.exp(rng.uniform(*np.log([0.02, 0.3])))), float(rng.uniform(2.0, 4.5))
+    x, y = rng.uniform([0.2 * length, 0.15 * width], [0.8 * length, 0.85 * width])
+    return Finger(KINDS[rng.integers(len(KINDS))], float(x), float(y), depth, size)
 
 
-def _merge(one: Finger, other: Finger) -> bool:
-    """Whether two dents are near, or one's tail is a quarter of the other's depth."""
-    apart = np.hypot(one.x - other.x, one.y - other.y)
-    if apart < 2 * (one.radius + other.radius):
-        return True
-    tails = (
-        a.depth * 2 / np.pi * np.arcsin(a.size / apart) / b.depth for a, b in ((one, other), (other, one))
-    )
-    return max(tails) > 0.25
+def _merge(fingers: list[Finger], scene: Scene) -> bool:
+    """Whether at half of its depth any dent contains another one, or reaches the mirror's edge."""
+    x, y = np.meshgrid(np.arange(0, scene.mirror.length, _COARSE), np.arange(0, scene.mirror.width, _COARSE))
+    z = surface_of(fingers, scene).height(x, y)
+    at = [(round(finger.y / _COARSE), round(finger.x / _COARSE)) for finger in fingers]
+    for finger, place in zip(fingers, at, strict=True):
+        labels, _ = scipy.ndimage.label(z > 0.45 * z[place])
+        mine = labels == labels[place]
+        if sum(mine[other] for other in at) > 1 or np.hypot(x - finger.x, y - finger.y)[mine].max() > 9.0:
+            return True
+    return False
 
 
 def press(
@@ -231,7 +234,7 @@ def _punch(scene: Scene, finger: Finger) -> Surface:
 
 def _scores(contact: Contact, finger: Finger, surface: Surface) -> dict[str, float]:
     """Errors over sigma of depth, area and position against the true surface."""
-    reach = 3.0 * finger.radius + 1.0
+    reach = 10.0
     steps = np.arange(-reach, reach + _FINE, _FINE)
     x, y = np.meshgrid(finger.x + steps, finger.y + steps)
     z = surface.height(x, y)

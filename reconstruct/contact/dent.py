@@ -26,10 +26,11 @@ class Dent:
 
     modes (r, N), slope_modes (r, 2, N): of the rig's remaining errors; displacement (m, 2, 3): see
     `HeightMap`; cell: area of a pixel, mm^2; inside: those of the dent; measured: those that are not
-    interpolated; error: of the interpolation, mm; open: beyond the pixel opposite to it about the peak nothing
-    is known of this dent; border: neighbours of such pixels: the image's edge, flags, or another dent's
-    basin; peak: the number of the deepest; pitch: size of a pixel, mm; middle: where r, phi start; rim: the
-    surroundings; rim_depth and its sigma: of the peak over them.
+    interpolated; error: of the interpolation, mm; border: neighbours of pixels where nothing is known (the
+    image's edge, flags); open: pixels whose mirror image about the peak is such a pixel; saddle: neighbours
+    of another dent's basin; peak: the number of the deepest within its sigma; pitch: size of a pixel, mm;
+    middle: where r, phi start; radius: where half of the depth is left; rim_depth and its sigma: of the peak
+    over the surroundings.
     """
 
     x: Floats
@@ -47,6 +48,7 @@ class Dent:
     error: Floats
     open: Mask
     border: Mask
+    saddle: Mask
     peak: int
     pitch: float
     middle: tuple[float, float]
@@ -62,7 +64,7 @@ class Dent:
         is left above the surface at rest."""
         z = relief.z - np.tensordot(known.mean, relief.modes, 1)
         close = np.hypot(relief.x - relief.x.ravel()[rim.peak], relief.y - relief.y.ravel()[rim.peak])
-        top = np.where(basin & (close <= rim.radius), z, -np.inf)
+        top = np.where(basin & (close <= rim.radius), z - relief.sigma, -np.inf)
         peak = int(np.argmax(top))
         depth = float(z.ravel()[peak])
         if not depth > 0:
@@ -105,8 +107,9 @@ class Dent:
             inside=inside[near],
             measured=relief.measured[near],
             error=relief.error[near],
-            open=_opposite(basin, peak)[near],
-            border=(basin & ~scipy.ndimage.binary_erosion(basin, np.ones((3, 3))))[near],
+            open=_opposite(relief.known, peak)[near],
+            border=_beside(relief.known)[near],
+            saddle=_beside(basin | ~relief.known, beyond=True)[near],
             peak=int(np.count_nonzero(near.ravel()[:peak])),
             pitch=relief.pitch,
             middle=(middle[0] - float(shift[0].mean()), middle[1] - float(shift[1].mean())),
@@ -152,14 +155,21 @@ class Dent:
         return stretches
 
 
-def _opposite(basin: Mask, peak: int) -> Mask:
-    """Pixels whose mirror image about the peak is no pixel of the basin."""
-    row, col = np.indices(basin.shape)
-    rows, cols = 2 * (peak // basin.shape[1]) - row, 2 * (peak % basin.shape[1]) - col
-    within = (rows >= 0) & (rows < basin.shape[0]) & (cols >= 0) & (cols < basin.shape[1])
-    found = np.ones_like(basin)
-    found[within] = ~basin[rows[within], cols[within]]
+def _opposite(known: Mask, peak: int) -> Mask:
+    """Pixels whose mirror image about the peak is unknown or beyond the image."""
+    row, col = np.indices(known.shape)
+    rows, cols = 2 * (peak // known.shape[1]) - row, 2 * (peak % known.shape[1]) - col
+    within = (rows >= 0) & (rows < known.shape[0]) & (cols >= 0) & (cols < known.shape[1])
+    found = np.ones_like(known)
+    found[within] = ~known[rows[within], cols[within]]
     return found
+
+
+def _beside(mask: Mask, beyond: bool = False) -> Mask:
+    """Pixels of a mask that have a neighbour outside of it; beyond: whether what lies beyond the image is of
+    the mask."""
+    within = scipy.ndimage.binary_erosion(mask, np.ones((3, 3)), border_value=int(beyond))
+    return np.asarray(mask & ~within)
 
 
 def sector_angles(count: int) -> Floats:

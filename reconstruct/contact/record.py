@@ -13,21 +13,21 @@ class Contact:
     """One dent. Lengths in mm; sigma: standard deviations by noise and by the errors of the rig.
 
     found: whether the slopes show the edge of a contact; evidence: in words.
-    x, y, depth: of the deepest point. depth is the height of that point over the surface at rest there: z = 0,
-    moved by the errors of the rig that the surroundings of the dent share (see `rim`), so that these cancel.
-    The tails of other dents there are part of it. rim_depth: over the plane through the surroundings, which
-    are a mean of heights about three half-depth radii away: tails are no part of it.
+    x, y, depth: of the deepest point. depth: its height over the surface at rest, z = 0, from which errors of
+    the rig are taken off as far as the surroundings of the dent share them (see `rim`). Tails of other dents
+    are part of it. depth_noise: the part of depth_sigma that is no error of the rig.
+    rim_depth: height of the deepest point over the plane through its surroundings, about three half-depth
+    radii away; tails there are no part of it.
     area, volume, centroid (x, y): of the contact if one is found, else of the pixels deeper than half the
     depth; volume_sigma is an upper bound: the height's error is taken as common to the whole area;
     centroid_sigma: along x or y, the larger one.
-    cut: the image, or flagged pixels, or a neighbouring dent end the area: area and volume are those of its
-    visible part, lower bounds, and their sigmas hold the invisible part, taken as the mirror image of the
-    visible one. interpolated: share of the area whose pixels were flagged.
-    depth_noise: the part of depth_sigma that is noise, no error of the rig.
+    cut: the image's edge or flagged pixels end the area: area and volume are those of its visible part, lower
+    bounds, and their sigmas hold the invisible part, taken as the mirror image of the visible one.
+    interpolated: share of the area whose pixels were flagged.
     With an edge: edge (N, 2): points around the contact; edge_share: height there over the depth (Hertz: 0.5,
-    flat punch: 1); indenter_radius: of the surface inside, inf where it is flat; None: unknown; directions: in
-    how many the edge was looked for; share: of them, that show it; gain: chi^2 of a smooth surface above that
-    of the law.
+    flat punch: 1); indenter_radius: of the surface inside, inf where it is flat, None where unknown;
+    directions: in how many the edge was looked for; share: of them, that show it; gain: chi^2 of a smooth
+    surface above that of the law.
     """
 
     found: bool

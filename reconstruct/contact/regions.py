@@ -25,7 +25,7 @@ from .rim import Rim, posterior
 
 __all__ = ["contacts"]
 
-_SIGNIFICANT = 5.0  # standard deviations by which a dent exceeds its saddle and its surroundings
+_SIGNIFICANT = 3.0  # standard deviations: a dent exceeds its saddle and its surroundings by more
 _FEWEST = 24  # pixels of a dent
 _GUESSES = 24  # directions in which the steepest slope is looked for
 _SECTOR = 3.0  # pixels along the edge
@@ -47,8 +47,9 @@ def contacts(
     """Dents of a height map, deepest first: at least `shallowest` times as deep as the deepest, at most
     `most`.
 
-    A dent exceeds the saddle to a deeper one by five standard deviations of noise, and its surroundings by
-    five of noise and rig; errors of the rig that both share do not count. slopes: of the same height map.
+    A dent exceeds the saddle to a deeper one by three standard deviations of the height on either side, and
+    its surroundings by three of noise and rig; errors of the rig that both share do not count.
+    slopes: of the same height map.
     Only pixels without a flag, or with STEEP alone, are used; holes of other pixels are interpolated.
     """
     relief = Relief.of(height, slopes)
@@ -87,11 +88,12 @@ def _contact(dent: Dent) -> Contact:
         return _half_depth(dent, "no contact evidence: the slope is steepest at the deepest point, a tip")
     (seen, edges), (seen_sharp, sharp) = (_looked_for(dent, guesses, rim) for rim in (False, True))
     limit = _GAIN[0] + _GAIN[1] * np.sqrt(len(edges))
-    if _gain(sharp) > _gain(edges) + limit:
+    rimmed = _gain(sharp) > _gain(edges) + limit
+    if rimmed:
         seen, edges = seen_sharp, sharp
     gain, share = _gain(edges), sum(edge is not None and edge.gain > 0 for edge in edges) / len(edges)
     if gain > limit and share >= _SHARE:
-        return _within_edge(seen, edges, share, gain)
+        return _within_edge(seen, edges, share, gain, rimmed)
     why = f"no contact evidence: the edge's kink shows in {100 * share:.0f} % of {len(edges)} directions"
     return _half_depth(dent, f"{why}, a smooth surface explains the slopes as well or better")
 
@@ -161,8 +163,10 @@ def _centroid(radius: Floats) -> tuple[float, float]:
     return float(np.sum(third * np.cos(angles))), float(np.sum(third * np.sin(angles)))
 
 
-def _within_edge(dent: Dent, edges: list[SectorEdge | None], share: float, gain: float) -> Contact:
-    """Everything about the area inside the edge."""
+def _within_edge(
+    dent: Dent, edges: list[SectorEdge | None], share: float, gain: float, rimmed: bool
+) -> Contact:
+    """Everything about the area inside the edge; rimmed: of an indenter with a rim."""
     count, at_angles = len(edges), sector_angles(len(edges))
     radius, sigma = _polar(edges)
     r, phi = dent.r, dent.phi
@@ -186,6 +190,7 @@ def _within_edge(dent: Dent, edges: list[SectorEdge | None], share: float, gain:
     moved = dent.moved(*centre)
     rim = np.abs(r - at) < 0.75 * dent.pitch
     top = deepest(dent)
+    doubt = _unresolved(dent, float(np.mean(radius))) * top.depth if rimmed else 0.0
     edge_height = float(np.mean(dent.z[rim])) if rim.any() else 0.5 * top.depth
     indenter, indenter_sigma = _indenter(dent, (r < _UNDER * at) & dent.measured)
     weight = area * member * dent.cell / max(float((member * dent.cell).sum()), 1e-300)
@@ -206,7 +211,7 @@ def _within_edge(dent: Dent, edges: list[SectorEdge | None], share: float, gain:
             x=top.x,
             y=top.y,
             depth=top.depth,
-            depth_sigma=top.depth_sigma,
+            depth_sigma=float(np.hypot(top.depth_sigma, doubt)),
             area=area,
             area_sigma=float(np.linalg.norm([area_noise, *rig])),
             volume=float(weight @ dent.z),
@@ -224,7 +229,7 @@ def _within_edge(dent: Dent, edges: list[SectorEdge | None], share: float, gain:
             gain=gain,
             x_sigma=top.x_sigma,
             y_sigma=top.y_sigma,
-            depth_noise=top.depth_noise,
+            depth_noise=float(np.hypot(top.depth_noise, doubt)),
         ),
     )
 
@@ -310,39 +315,46 @@ def _half_depth(dent: Dent, evidence: str) -> Contact:
     )
 
 
+def _unresolved(dent: Dent, radius: float) -> float:
+    """Share of a flat punch's depth in doubt: half of the drop that the law, 2/pi asin(a/r), puts within half
+    a pixel outside its rim, where the slope is infinite and pixels do not resolve it."""
+    return float(np.arccos(radius / (radius + 0.5 * dent.pitch)) / np.pi)
+
+
 def _hidden(dent: Dent, member: Floats) -> float:
     """Area (mm^2) that the visible part of an area lacks where its outline is cut: of the pixels whose mirror
-    image about the deepest point is no pixel of the dent. 0 where the outline is closed."""
-    if not (dent.border & (member > 0.5)).any():
-        return 0.0
-    return float((member * dent.cell)[dent.open].sum())
+    image about the deepest point is unknown, or of those on the cut. 0 where the outline is closed."""
+    weight = np.where(member > 0.5, member * dent.cell, 0.0)
+    edge = float(weight[dent.border].sum())
+    return max(edge, float(weight[dent.open].sum())) if edge > 0 else 0.0
 
 
 def _with_limits(dent: Dent, member: Floats, contact: Contact) -> Contact:
     """The contact with the depth over its surroundings, its cut and its interpolated share."""
     weight = member * dent.cell
     filled = float(weight[~dent.measured].sum() / max(weight.sum(), 1e-300))
-    contact = replace(
-        contact, rim_depth=dent.rim_depth, rim_depth_sigma=dent.rim_depth_sigma, interpolated=filled
-    )
+    text, hidden = contact.evidence, _hidden(dent, member)
     if filled > _WORTH_SAYING:
-        text = f"{contact.evidence}; {100 * filled:.0f} % of its area is interpolated across flagged pixels"
-        contact = replace(contact, evidence=text)
-    hidden = _hidden(dent, member)
-    if not hidden > 0:
-        return contact
-    cut = (
-        "; the image's edge, flagged pixels or another dent cut it: area and volume are those of the visible "
-        "part, lower bounds"
-    )
+        text += f"; {100 * filled:.0f} % of its area is interpolated across flagged pixels"
+    if not contact.found and (dent.saddle & (member > 0.5)).any():
+        text += "; at half the depth it merges with another dent: the area ends at the saddle"
+    over_rim = {"rim_depth": dent.rim_depth, "rim_depth_sigma": dent.rim_depth_sigma}
+    contact = replace(contact, evidence=text, interpolated=filled, **over_rim)
+    return contact if hidden == 0 else _cut(dent, contact, hidden)
+
+
+def _cut(dent: Dent, contact: Contact, hidden: float) -> Contact:
+    """A contact of which an area `hidden` (mm^2) is unknown."""
+    text = f"{contact.evidence}; the image's edge or flagged pixels cut it: area and volume are those of the "
+    text += "visible part, lower bounds"
     sigma, reach = contact.depth_sigma, float(np.sqrt((contact.area + hidden) / np.pi))
     if dent.border[dent.peak]:
-        cut += ", and so is the depth"
+        text += ", and so is the depth"
         sigma = float(np.hypot(sigma, np.hypot(*dent.slopes[:, dent.peak]) * reach))
     lacking = hidden / (contact.area + hidden) * reach
     return replace(
         contact,
-        evidence=contact.evidence + cut,
+        evidence=text,
         cut=True,
         depth_sigma=sigma,
         area_sigma=float(np.hypot(contact.area_sigma, hidden)),

@@ -1,4 +1,4 @@
-"""The height map in which contacts are looked for: enclosed holes interpolated, errors of the rig levelled."""
+"""The height map in which dents are looked for: enclosed holes interpolated, errors of the rig levelled."""
 
 from dataclasses import dataclass
 
@@ -61,7 +61,7 @@ class Relief:
             fields[:, holes] = _interpolated(fields, measured, holes, 3)
             modes[:, holes] = _interpolated(modes, measured, holes, 2)
             error[holes] = np.abs(fields[2, holes] - rough[0])
-            fields[3, holes] = np.median(height.sigma[measured])
+            fields[3, holes] = _largest_around(height.sigma, measured, holes)
         else:
             holes = np.zeros_like(measured)
         x, y, z, sigma = fields
@@ -109,6 +109,15 @@ def _interpolated(fields: Floats, measured: Mask, holes: Mask, order: int) -> Fl
     solve = scipy.sparse.linalg.factorized(normal)
     rhs = -(operator[:, free].T @ known)
     return np.array([solve(part) for part in rhs.T]).reshape(len(fields), np.count_nonzero(free))
+
+
+def _largest_around(sigma: Floats, measured: Mask, holes: Mask) -> Floats:
+    """For every pixel of the holes the largest sigma of the pixels around its hole."""
+    labels, count = scipy.ndimage.label(holes, np.ones((3, 3)))
+    near = scipy.ndimage.grey_dilation(labels, size=(3, 3))
+    largest = scipy.ndimage.maximum(sigma, np.where(measured, near, 0), np.arange(count + 1))
+    found: Floats = np.asarray(largest, dtype=np.float64)[labels[holes]]
+    return found
 
 
 def _difference(first: Floats, second: Floats, size: int) -> scipy.sparse.csr_array:

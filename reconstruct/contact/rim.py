@@ -5,10 +5,10 @@ Around a dent the surface rests, but for the tails of dents. So the heights d of
     d = A c + t + noise,   c ~ N(0, 1) the coefficients of the rig's modes, A their values there,
 
 t the tails. An elastic half-space outside a contact of radius a lies between 0 and (2/pi) asin(a/r) of the
-depth (the flat punch; K. L. Johnson, Contact Mechanics, 1985, eq. 3.38), so that half of that is the mean and
-the standard deviation of t; directions share it smoothly. Given d, c has a smaller covariance: errors that the
-dent and its surroundings have in common cancel. A calibrated rig, or a map against a rest capture, whose
-modes are smaller than any tail keeps its heights.
+depth (the flat punch; K. L. Johnson, Contact Mechanics, 1985, eq. 3.38). Half of that is the mean and the
+standard deviation of t, which changes smoothly with the direction. Given d, c has a smaller covariance: errors
+that the dent and its surroundings have in common cancel. Where the modes are smaller than any tail (a
+calibrated rig, a map against a rest capture), heights hardly change.
 """
 
 from dataclasses import dataclass
