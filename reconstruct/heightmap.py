@@ -33,7 +33,8 @@ class HeightFlag(IntFlag):
     same line: a step of any height may hide there, and the whole piece behind it is flagged); NOT_CONVERGED:
     the last steps still moved it, or so many others that nothing can be said of any; SINGULAR: the pattern
     lies within its noise of the mirror or of the ray there, so that there is no normal (method 'fixed-point':
-    or so near that it does not contract).
+    or so near that it does not contract); IMPLAUSIBLE: no rig of the scene's accuracy can have taken the whole
+    capture.
     """
 
     NO_ANCHOR = 1024
@@ -41,6 +42,7 @@ class HeightFlag(IntFlag):
     STEEP = 4096
     NOT_CONVERGED = 8192
     SINGULAR = 16384
+    IMPLAUSIBLE = 32768
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,6 +227,11 @@ class HeightMap(Comparable):
     def good(self) -> Mask:
         """True where no flag is set."""
         return np.asarray(self.flags == 0)
+
+    @property
+    def implausible(self) -> bool:
+        """Whether all pixels are flagged since the capture contradicts its scene."""
+        return bool((self.flags & HeightFlag.IMPLAUSIBLE).any())
 
     def resample(self, pitch_mm: float | None = None) -> Grid:
         """The good points on a regular grid of x and y (None: about as fine as the pixels); its sigma is that

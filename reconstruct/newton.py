@@ -151,13 +151,13 @@ def solve(
             )
 
 
-def chord_step(data: Measured, labels: Labels, state: State) -> State:
+def chord_step(data: Measured, labels: Labels, state: State, accuracy: Accuracy | None = None) -> State:
     """One more step from a state, for a measurement that has changed little: same problem,
-    factor and variances.
+    factor and variances. accuracy: of the linear solve; None: noise hides what is left.
     """
     p, q, _, _ = data.slopes(state.w)
     gx, gy = defects(p, q, state.w, state.root, data.mask)
-    step = state.problem.solve(gx, gy, Accuracy(_LINEAR_SHARE, _CHORD))
+    step = state.problem.solve(gx, gy, accuracy or Accuracy(_LINEAR_SHARE, _CHORD))
     change, _ = _anchored(step.x, state.root, labels, state.rows, state.w, (p, q), state.variances)
     size = float(np.sqrt(np.mean(change**2)))
     return replace(state, w=state.w + change, slopes=(p, q), steps=(size,), iterations=step.iterations)

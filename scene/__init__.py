@@ -22,7 +22,7 @@ TOML only.
 | `record.py`, `pose.py` | equality and checks of records; x_A = T_AB x_B |
 """
 
-from .accuracy import Accuracy
+from .accuracy import TYPED, Accuracy
 from .covariance import Covariance
 from .dents import dent, dent_from_text, dent_names, dent_parameters, moving_dent
 from .face import Face
@@ -46,6 +46,7 @@ from .window import mean_beside, movement, scene_window, strided
 __all__ = [
     "GAUGE_HELD",
     "SOFAST_SCREEN",
+    "TYPED",
     "Accuracy",
     "Bow",
     "Camera",

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from optolever.cli.commands import LAB, SECTIONS, module_of
+from optolever.cli.commands import SECTIONS, module_of
 from optolever.cli.outputs import OUTPUT, Program
 from optolever.patterns import sequence
 from optolever.reconstruct import HeightMap
@@ -54,9 +54,7 @@ def device(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     return made
 
 
-@pytest.mark.parametrize(
-    "name", [name for names in (*SECTIONS.values(), *LAB.values()) for name in names if name != "lab"]
-)
+@pytest.mark.parametrize("name", [name for names in SECTIONS.values() for name in names])
 def test_every_command_checks_its_outputs(name: str) -> None:
     command = importlib.import_module(f"optolever.cli.{module_of(name)}").command
     assert isinstance(command, Program)
@@ -144,14 +142,13 @@ def test_read_only_files_and_folders_are_kept_by_root_too(refused: Refused, tmp_
     locked = tmp_path / "locked"
     locked.mkdir()
     locked.chmod(0o555)
-    reports = (["demo"], ["paper"], ["bench"], ["hard"], ["sensor", "--scene", "none"])
+    reports = (["demo"], ["paper"], ["bench"], ["sensor", "--scene", "none"])
     for args in (
         ["decode", "nowhere", "--out", locked / "c.npz"],
         ["reconstruct", "nowhere", "--scene", "none", "--out", tmp_path / "h.npz", "--ply", locked / "h.ply"],
         ["capture", "--scene", "paper-simulation", "--out", locked / "capture"],
         *([*report, "--out", locked] for report in reports),
         *([*report, "--out", locked / "deeper" / "report"] for report in reports),
-        ["sweep", "nowhere", "--out", locked],
     ):
         refused(args, locked, "0555")
 
@@ -185,7 +182,7 @@ def test_no_output_is_an_input(refused: Refused, chain: Chain, tmp_path: Path) -
         ["decode", capture, *out, "--mask", tmp_path / "mask.png", "--json", tmp_path / "mask.png"],
         ["capture", "--scene", capture / "scene.toml", *out, "--json", capture / "scene.toml"],
         [*dented, *out, "--json", tmp_path / "mask.png"],
-        ["sweep", tmp_path / "grid.toml", *out, "--json", tmp_path / "grid.toml"],
+        ["bench", "--grid", tmp_path / "grid.toml", *out, "--json", tmp_path / "grid.toml"],
         ["design", *SCENE, "--add", capture, "--json", capture / "frames/003.png"],
     ):
         path = next(str(arg) for arg in args[::-1] if str(arg).startswith(str(tmp_path)))
