@@ -46,6 +46,7 @@ _METHODS = {
 }
 _REWEIGHTED = 2  # solves with doubtful edges: the slopes depend a little on the height
 _ATTEMPTS = 3  # with pixels left out that have no normal where the mirror turns out to be
+_SENSITIVE = 0.25  # of w's change over a pixel: slopes that follow w so closely swing by what a scene is off
 _BETTER = 3.0  # times: data less better than that by its curl may hide what neighbours share
 _NOISIER = 1.2  # times the announced noise, by the curl: sigma grows to what it is
 _ROUNDS = 6  # of leaving out lone pixels with a curl
@@ -219,7 +220,8 @@ def _first(
     start: HeightMap | None,
 ) -> tuple[Problem, State]:
     """The problem and its solution. Pixels that cannot be solved are left out first; where the mirror turns
-    out to be elsewhere than at rest, once more.
+    out to be elsewhere than at rest, once more. If nothing converges, so are pixels right beside the pattern:
+    a scene that is a little wrong puts the pattern on the other side of them, where no mirror is.
     """
     singular = np.zeros(correspondence.u.shape, dtype=np.bool_)
     for _ in range(_ATTEMPTS):
@@ -227,6 +229,9 @@ def _first(
         first = _warm(problem, start) if start is not None else None
         state = _solve(problem, problem.data.rest() if first is None else first, options)
         hollow = problem.data.singular(state.w, not options.newton)
+        if not state.converged:
+            hollow |= problem.data.sensitive(state.w, _SENSITIVE)
+            hollow |= problem.data.sensitive(problem.data.rest(), _SENSITIVE)
         problem = replace(problem, singular=problem.singular | hollow)
         if not hollow.any():
             break

@@ -74,8 +74,15 @@ class Measured:
         u, v = self._on_plane(w)
         found = no_normal(self.rays, self.plane, u, v, *sigmas, w, *self.variances(w))
         if picard:
-            _, _, p_w, q_w = self.slopes(w)
-            found |= np.maximum(np.abs(p_w), np.abs(q_w)) >= 1.0
+            found |= self.sensitive(w, 1.0)
+        return found & self.mask
+
+    def sensitive(self, w: Floats, limit: float) -> Mask:
+        """Pixels of the mask whose slopes change with w, over a pixel, by at least `limit` times w's change.
+
+        So do slopes beside the pattern: they go with the distance to it."""
+        _, _, p_w, q_w = self.slopes(w)
+        found: Mask = np.maximum(np.abs(p_w), np.abs(q_w)) >= limit
         return found & self.mask
 
     def clearance(self, w: Floats) -> Floats:

@@ -31,6 +31,7 @@ _SMALL_STEP = 1e-2  # of the range of w: steps below it cannot leave the medium
 _NOISE_SHARE = 0.02  # of a slope's standard deviation: a change that no noise lets one see
 _RESPONSE = 1e-3  # of the first error: drawn noise tells a variance to a few per cent at best
 _ASTRAY = 0.1  # of a slope's standard deviation: a pixel's step in the end that counts as moving
+_PATIENCE, _SHRINKS = 3, 0.5  # steps, of the smallest before: a solution that exists is nearer by then
 _SLOWEST = 0.99  # of a step: what the next one is taken to leave at most
 _LARGEST = 1e12  # of the usual variance: a slope that tells nothing
 _CHORD_RATE = 1e-3  # refit the integrating factor while a step leaves more than this of the last one
@@ -127,7 +128,7 @@ def solve(
         w = w + change
         steps.append(float(np.sqrt(np.mean(change**2))))
         converged = _left(steps) <= max(tolerance, _NOISE_SHARE * quiet * noise)
-        if converged or len(steps) >= options.max_steps:
+        if converged or len(steps) >= options.max_steps or (options.newton and _stalled(steps)):
             left, unsettled = energies[-1], None
             if not converged:
                 rest = change / (1 - min(_rate(steps), _SLOWEST))
@@ -267,6 +268,11 @@ def _left(steps: list[float]) -> float:
     if len(steps) == 1 or steps[-1] == 0.0:
         return steps[-1]
     return steps[-1] * rate / (1 - rate) if rate < 0.9 else float("inf")
+
+
+def _stalled(steps: list[float]) -> bool:
+    """Whether none of the last steps is much smaller than one before."""
+    return len(steps) > _PATIENCE and not min(steps[-_PATIENCE:]) < _SHRINKS * min(steps[:-_PATIENCE])
 
 
 def _worse(energies: list[float]) -> bool:
