@@ -22,7 +22,7 @@ from .discontinuities import edge_doubt, touched
 from .edges import Doubt
 from .gaps import across_gaps, widened
 from .heightmap import HeightMap
-from .holes import bridged, noise_gain
+from .holes import bridged, noise_gain, whole_lines
 from .newton import Options, State, solve
 from .paper import SeriesName
 from .paper_scene import reconstruct_paper
@@ -232,10 +232,11 @@ def _first(
         if not state.converged:
             hollow |= problem.data.sensitive(state.w, _SENSITIVE)
             hollow |= problem.data.sensitive(problem.data.rest(), _SENSITIVE)
-        problem = replace(problem, singular=problem.singular | hollow)
+            hollow = whole_lines(hollow)
+        singular |= problem.to_image(hollow, False)
+        problem = replace(problem, singular=problem.singular | (singular & problem.valid))
         if not hollow.any():
             break
-        singular |= problem.to_image(hollow, False)
     return problem, state
 
 
@@ -256,7 +257,8 @@ def _around_discontinuities(problem: Problem, state: State, options: Options, no
 def doubted(problem: Problem, state: State, noise: float) -> Doubt | None:
     """What is in doubt of a solution's edges, those of interpolated pixels included."""
     announced = not np.isfinite(noise) or problem.data.whole_cells(problem.bridged)
-    scale = 1.0 if announced else min(1.0, _BETTER * noise)
+    # what all edges miss by is no discontinuity
+    scale = 1.0 if announced else max(min(1.0, _BETTER * noise), state.misfit)
     mask, blamed = problem.data.mask, problem.suspects & ~problem.bridged
     doubt = edge_doubt(*state.slopes, *state.variances, mask, scale, blamed)
     if problem.bridged.any():

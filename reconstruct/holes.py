@@ -17,7 +17,7 @@ import scipy.sparse.linalg
 from .arrays import Floats, Mask
 from .measured import Measured
 
-__all__ = ["bridged", "noise_gain", "small_holes"]
+__all__ = ["bridged", "noise_gain", "small_holes", "whole_lines"]
 
 LARGEST = 9  # pixels
 NARROW = 2  # pixels between measured ones in a row or a column
@@ -52,6 +52,18 @@ def _slit(mask: Mask) -> Mask:
         for k in range(1, gap + 1):
             found[:, k : k - gap - 1] |= ends
     return found & ~mask
+
+
+def whole_lines(pixels: Mask) -> Mask:
+    """Pixels (rows, cols), and all of the rows or columns from the border on that hold some, if most of them
+    are: what remains is a rectangle.
+    """
+    filled = pixels.copy()
+    for lines in (filled, filled[::-1], filled.T, filled.T[::-1]):
+        count = int(np.argmin(lines.any(axis=1)))
+        if np.mean(lines[:count] if count else False) > SHARE:
+            lines[:count] = True
+    return filled
 
 
 def bridged(data: Measured, holes: Mask) -> Measured:

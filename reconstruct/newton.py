@@ -32,6 +32,8 @@ _NOISE_SHARE = 0.02  # of a slope's standard deviation: a change that no noise l
 _RESPONSE = 1e-3  # of the first error: drawn noise tells a variance to a few per cent at best
 _ASTRAY = 0.1  # of a slope's standard deviation: a pixel's step in the end that counts as moving
 _PATIENCE, _SHRINKS = 3, 0.5  # steps, of the smallest before: a solution that exists is nearer by then
+_ROWS = 64
+_MEDIAN = 2.0 * math.log(2.0)  # of chi squared with two degrees of freedom
 _SLOWEST = 0.99  # of a step: what the next one is taken to leave at most
 _LARGEST = 1e12  # of the usual variance: a slope that tells nothing
 _CHORD_RATE = 1e-3  # refit the integrating factor while a step leaves more than this of the last one
@@ -60,7 +62,7 @@ class State:
     step met the tolerance, or noise hides what is left in every pixel; energy: sum of the squared edge
     defects over their variances, before the last step; bend: how much curves may mislead every anchor;
     doubt: of the edges; unsettled (rows, cols): pixels that steps like the last ones would still move, if it
-    did not converge.
+    did not converge; misfit: see `_misfit`.
     """
 
     w: Floats
@@ -77,6 +79,7 @@ class State:
     bend: Floats
     doubt: Doubt | None = None
     unsettled: Mask | None = None
+    misfit: float = 1.0
 
 
 def solve(
@@ -93,7 +96,8 @@ def solve(
     rows = anchor_rows(samples, data, labels)
     variances = _guarded(data.variances(w), data.mask)
     tolerance, noise = options.tolerance * _span(w, data.mask), _noise(variances[0], data.mask)
-    plain = options.build(*edge_weights(*variances, _ONE, data.mask, doubt), data.mask, doubt is None)
+    weights = edge_weights(*variances, _ONE, data.mask, doubt)
+    plain = options.build(*weights, data.mask, doubt is None)
     problem, root, phi = plain, _ONE, None
     iterations = 0
     energies: list[float] = []
@@ -119,7 +123,9 @@ def solve(
             merits.pop()
             steps.append(steps[-1])
             continue
-        quiet = min(1.0, math.sqrt(energies[-1] / data.mask.sum()))  # data may be better than announced
+        misfit = _misfit(weights, gx, gy)
+        # data may be better than announced, or a scene that is wrong misses them everywhere
+        quiet = max(min(1.0, math.sqrt(energies[-1] / data.mask.sum())), misfit)
         relative = _RELATIVE if steps else _FIRST_RELATIVE
         step = problem.solve(gx, gy, Accuracy(_LINEAR_SHARE * quiet, relative))
         iterations += step.iterations
@@ -149,6 +155,7 @@ def solve(
                 rows.bend(p),
                 doubt,
                 unsettled,
+                misfit,
             )
 
 
@@ -268,6 +275,18 @@ def _left(steps: list[float]) -> float:
     if len(steps) == 1 or steps[-1] == 0.0:
         return steps[-1]
     return steps[-1] * rate / (1 - rate) if rate < 0.9 else float("inf")
+
+
+def _misfit(weights: tuple[Floats, Floats], gx: Floats, gy: Floats) -> float:
+    """Robust root mean square of the edge defects over their standard deviations, from at most 64 rows: at
+    most 1 for noise as announced, whatever single pixels do.
+    """
+    rows = slice(None, None, max(1, len(gx) // _ROWS))
+    wx, wy = weights[0][rows], weights[1][rows]
+    both = (wx > 0) & (wy > 0)
+    if not both.any():
+        return 0.0
+    return math.sqrt(float(np.median((wx * gx[rows] ** 2 + wy * gy[rows] ** 2)[both])) / _MEDIAN)
 
 
 def _stalled(steps: list[float]) -> bool:

@@ -56,7 +56,7 @@ def height_map(
     deviation = np.where(solved, problem.to_image(sigma, np.nan), np.nan) * np.abs(d[2])
     flags = np.asarray(flags, dtype=np.uint16).copy()
     flags[~problem.valid & (flags == 0)] |= np.uint16(Flag.INVALID)
-    singular = problem.to_image(problem.singular, False)
+    singular = problem.singular
     flags[singular] |= np.uint16(HeightFlag.SINGULAR)
     flags[problem.valid & ~solved & ~singular] |= np.uint16(HeightFlag.NO_ANCHOR)
     flags[problem.to_image(problem.suspects, False) & solved] |= np.uint16(HeightFlag.CURL)
