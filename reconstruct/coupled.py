@@ -23,7 +23,7 @@ from .edges import Doubt
 from .gaps import across_gaps, widened
 from .heightmap import HeightMap
 from .holes import bridged, noise_gain, whole_lines
-from .newton import Options, State, solve
+from .newton import Options, State, missed, solve
 from .paper import SeriesName
 from .paper_scene import reconstruct_paper
 from .problem import Problem, prepare, require_correspondence
@@ -47,6 +47,8 @@ _METHODS = {
 _REWEIGHTED = 2  # solves with doubtful edges: the slopes depend a little on the height
 _ATTEMPTS = 3  # with pixels left out that have no normal where the mirror turns out to be
 _SENSITIVE = 0.25  # of w's change over a pixel: slopes that follow w so closely swing by what a scene is off
+_CONTRACTS=1.0
+_MISSED = 5.0
 _BETTER = 3.0  # times: data less better than that by its curl may hide what neighbours share
 _NOISIER = 1.2  # times the announced noise, by the curl: sigma grows to what it is
 _ROUNDS = 6  # of leaving out lone pixels with a curl
@@ -220,8 +222,8 @@ def _first(
     start: HeightMap | None,
 ) -> tuple[Problem, State]:
     """The problem and its solution. Pixels that cannot be solved are left out first; where the mirror turns
-    out to be elsewhere than at rest, once more. If nothing converges, so are pixels right beside the pattern:
-    a scene that is a little wrong puts the pattern on the other side of them, where no mirror is.
+    out to be elsewhere than at rest, once more. Where most pixels do not converge, so are those beside the
+    pattern: a scene that is a little wrong puts the pattern on their other side, where no mirror is.
     """
     singular = np.zeros(correspondence.u.shape, dtype=np.bool_)
     for _ in range(_ATTEMPTS):
@@ -230,9 +232,9 @@ def _first(
         state = _solve(problem, problem.data.rest() if first is None else first, options)
         hollow = problem.data.singular(state.w, not options.newton)
         if not state.converged:
-            hollow |= problem.data.sensitive(state.w, _SENSITIVE)
-            hollow |= problem.data.sensitive(problem.data.rest(), _SENSITIVE)
-            hollow = whole_lines(hollow)
+            limit = _CONTRACTS if hollow.any() else _SENSITIVE
+            beside = problem.data.sensitive(state.w, limit) | problem.data.sensitive(problem.data.rest(), limit)
+            hollow = whole_lines(hollow | (beside & missed(problem.data, state, _MISSED)))
         singular |= problem.to_image(hollow, False)
         problem = replace(problem, singular=problem.singular | (singular & problem.valid))
         if not hollow.any():

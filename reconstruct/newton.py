@@ -34,6 +34,7 @@ _ASTRAY = 0.1  # of a slope's standard deviation: a pixel's step in the end that
 _PATIENCE, _SHRINKS = 3, 0.5  # steps, of the smallest before: a solution that exists is nearer by then
 _ROWS = 64
 _MEDIAN = 2.0 * math.log(2.0)  # of chi squared with two degrees of freedom
+_MOVING = 0.05  # of the pixels
 _SLOWEST = 0.99  # of a step: what the next one is taken to leave at most
 _LARGEST = 1e12  # of the usual variance: a slope that tells nothing
 _CHORD_RATE = 1e-3  # refit the integrating factor while a step leaves more than this of the last one
@@ -80,6 +81,11 @@ class State:
     doubt: Doubt | None = None
     unsettled: Mask | None = None
     misfit: float = 1.0
+
+    @property
+    def diverges(self) -> bool:
+        """Whether more pixels are unsettled than may be to blame one by one."""
+        return self.unsettled is not None and bool(np.mean(self.unsettled) >= _MOVING)
 
 
 def solve(
@@ -169,6 +175,18 @@ def chord_step(data: Measured, labels: Labels, state: State) -> State:
     change, _ = _anchored(step.x, state.root, labels, state.rows, state.w, (p, q), state.variances)
     size = float(np.sqrt(np.mean(change**2)))
     return replace(state, w=state.w + change, slopes=(p, q), steps=(size,), iterations=step.iterations)
+
+
+def missed(data: Measured, state: State, limit: float) -> Mask:
+    """Pixels with an edge whose defect exceeds so many standard deviations, (rows, cols)."""
+    p, q, _, _ = data.slopes(state.w)
+    gx, gy = defects(p, q, state.w, state.root, data.mask)
+    wx, wy = edge_weights(*state.variances, state.root, data.mask, state.doubt)
+    x, y = (w * g * g > limit * limit for w, g in ((wx, gx), (wy, gy)))
+    found: Mask = x | y
+    found[:, 1:] |= x[:, :-1]
+    found[1:] |= y[:-1]
+    return found
 
 
 def edge_errors(
