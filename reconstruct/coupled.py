@@ -46,9 +46,11 @@ _METHODS = {
 }
 _REWEIGHTED = 2  # solves with doubtful edges: the slopes depend a little on the height
 _ATTEMPTS = 3  # with pixels left out that have no normal where the mirror turns out to be
-_SENSITIVE = 0.25  # of w's change over a pixel: slopes that follow w so closely swing by what a scene is off
-_CONTRACTS=1.0
-_MISSED = 5.0
+_SENSITIVE, _UNSTABLE = (
+    0.25,
+    1.0,
+)  # of w's change over a pixel: slopes that a wrong scene, any error, amplifies
+_MISSED = 5.0  # standard deviations of an edge
 _BETTER = 3.0  # times: data less better than that by its curl may hide what neighbours share
 _NOISIER = 1.2  # times the announced noise, by the curl: sigma grows to what it is
 _ROUNDS = 6  # of leaving out lone pixels with a curl
@@ -222,8 +224,8 @@ def _first(
     start: HeightMap | None,
 ) -> tuple[Problem, State]:
     """The problem and its solution. Pixels that cannot be solved are left out first; where the mirror turns
-    out to be elsewhere than at rest, once more. Where most pixels do not converge, so are those beside the
-    pattern: a scene that is a little wrong puts the pattern on their other side, where no mirror is.
+    out to be elsewhere than at rest, once more. If Newton's method does not converge, so are the pixels
+    beside the pattern whose edges it misses: in a scene that is slightly wrong they lie beyond the pattern.
     """
     singular = np.zeros(correspondence.u.shape, dtype=np.bool_)
     for _ in range(_ATTEMPTS):
@@ -232,8 +234,9 @@ def _first(
         state = _solve(problem, problem.data.rest() if first is None else first, options)
         hollow = problem.data.singular(state.w, not options.newton)
         if not state.converged:
-            limit = _CONTRACTS if hollow.any() else _SENSITIVE
-            beside = problem.data.sensitive(state.w, limit) | problem.data.sensitive(problem.data.rest(), limit)
+            limit = _UNSTABLE if hollow.any() else _SENSITIVE
+            places = state.w, problem.data.rest()
+            beside = np.logical_or(*(problem.data.sensitive(w, limit) for w in places))
             hollow = whole_lines(hollow | (beside & missed(problem.data, state, _MISSED)))
         singular |= problem.to_image(hollow, False)
         problem = replace(problem, singular=problem.singular | (singular & problem.valid))
@@ -259,7 +262,7 @@ def _around_discontinuities(problem: Problem, state: State, options: Options, no
 def doubted(problem: Problem, state: State, noise: float) -> Doubt | None:
     """What is in doubt of a solution's edges, those of interpolated pixels included."""
     announced = not np.isfinite(noise) or problem.data.whole_cells(problem.bridged)
-    # what all edges miss by is no discontinuity
+    # a residual that most edges have is no discontinuity
     scale = 1.0 if announced else max(min(1.0, _BETTER * noise), state.misfit)
     mask, blamed = problem.data.mask, problem.suspects & ~problem.bridged
     doubt = edge_doubt(*state.slopes, *state.variances, mask, scale, blamed)

@@ -78,9 +78,9 @@ class Measured:
         return found & self.mask
 
     def sensitive(self, w: Floats, limit: float) -> Mask:
-        """Pixels of the mask whose slopes change with w, over a pixel, by at least `limit` times w's change.
-
-        So do slopes beside the pattern: they go with the distance to it."""
+        """Pixels of the mask where a change of w changes a slope, over one pixel, by at least `limit` times
+        itself, as beside the pattern.
+        """
         _, _, p_w, q_w = self.slopes(w)
         found: Mask = np.maximum(np.abs(p_w), np.abs(q_w)) >= limit
         return found & self.mask

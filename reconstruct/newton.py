@@ -31,10 +31,10 @@ _SMALL_STEP = 1e-2  # of the range of w: steps below it cannot leave the medium
 _NOISE_SHARE = 0.02  # of a slope's standard deviation: a change that no noise lets one see
 _RESPONSE = 1e-3  # of the first error: drawn noise tells a variance to a few per cent at best
 _ASTRAY = 0.1  # of a slope's standard deviation: a pixel's step in the end that counts as moving
-_PATIENCE, _SHRINKS = 3, 0.5  # steps, of the smallest before: a solution that exists is nearer by then
+_PATIENCE, _SHRINKS = 3, 0.5  # steps, of the smallest before: converging steps shrink more
 _ROWS = 64
 _MEDIAN = 2.0 * math.log(2.0)  # of chi squared with two degrees of freedom
-_MOVING = 0.05  # of the pixels
+_MOVING = 0.05  # of the pixels: more are not single noisy ones
 _SLOWEST = 0.99  # of a step: what the next one is taken to leave at most
 _LARGEST = 1e12  # of the usual variance: a slope that tells nothing
 _CHORD_RATE = 1e-3  # refit the integrating factor while a step leaves more than this of the last one
@@ -84,7 +84,7 @@ class State:
 
     @property
     def diverges(self) -> bool:
-        """Whether more pixels are unsettled than may be to blame one by one."""
+        """Whether more pixels are unsettled than single noisy ones."""
         return self.unsettled is not None and bool(np.mean(self.unsettled) >= _MOVING)
 
 
@@ -130,7 +130,7 @@ def solve(
             steps.append(steps[-1])
             continue
         misfit = _misfit(weights, gx, gy)
-        # data may be better than announced, or a scene that is wrong misses them everywhere
+        # data may be better than announced; a wrong scene may miss most of them
         quiet = max(min(1.0, math.sqrt(energies[-1] / data.mask.sum())), misfit)
         relative = _RELATIVE if steps else _FIRST_RELATIVE
         step = problem.solve(gx, gy, Accuracy(_LINEAR_SHARE * quiet, relative))
@@ -296,8 +296,8 @@ def _left(steps: list[float]) -> float:
 
 
 def _misfit(weights: tuple[Floats, Floats], gx: Floats, gy: Floats) -> float:
-    """Robust root mean square of the edge defects over their standard deviations, from at most 64 rows: at
-    most 1 for noise as announced, whatever single pixels do.
+    """Robust root mean square of the edge defects over their standard deviations, from about 64 rows: below 1
+    for noise as announced, independent of single wrong pixels.
     """
     rows = slice(None, None, max(1, len(gx) // _ROWS))
     wx, wy = weights[0][rows], weights[1][rows]
@@ -308,7 +308,7 @@ def _misfit(weights: tuple[Floats, Floats], gx: Floats, gy: Floats) -> float:
 
 
 def _stalled(steps: list[float]) -> bool:
-    """Whether none of the last steps is much smaller than one before."""
+    """Whether none of the last steps is much smaller than the smallest before."""
     return len(steps) > _PATIENCE and not min(steps[-_PATIENCE:]) < _SHRINKS * min(steps[:-_PATIENCE])
 
 

@@ -35,8 +35,9 @@ class Problem:
     rays, valid: of the whole image (H, W); rows, cols: the window that holds valid pixels; turned: the
     window's rows and columns are exchanged, so that the slopes' variances go by columns; data: that grid, to
     which the samples belong; labels: its anchored components from 1 on; bridged: interpolated pixels, of
-    small holes and wrong ones; lost: valid pixels without an anchor; singular (H, W): valid pixels that cannot
-    be solved (see `Measured.singular`); suspects: pixels of the grid to which a curl of the slopes points.
+    small holes and wrong ones; lost: valid pixels without an anchor; singular (H, W): valid pixels of the
+    image that cannot be solved (see `Measured.singular`); suspects: pixels to which a curl of the slopes
+    points.
     """
 
     rays: RayField
@@ -112,7 +113,18 @@ def prepare(
     left_out[rows, cols] |= (hollow.T if turned else hollow) & valid[rows, cols]
     bridges = holes & ~hollow
     return Problem(
-        rays, valid, rows, cols, turned, data, samples, labels, bridges, lost, left_out, np.zeros_like(bridges)
+        rays,
+        valid,
+        rows,
+        cols,
+        turned,
+        data,
+        samples,
+        labels,
+        bridges,
+        lost,
+        left_out,
+        np.zeros_like(bridges),
     )
 
 
