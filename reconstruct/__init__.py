@@ -7,7 +7,9 @@
 | `arrays.py` | names of arrays by what they hold |
 | `problem.py`, `result.py` | checks, window, orientation, components; the solved grid as a HeightMap |
 | `calibration.py` | a rest capture as reference |
-| `propagation.py` | what the errors of a calibrated rig do to a height map |
+| `rig.py`, `rig_effects.py` | modes by the errors of the rig, the judgement of the slopes; glass, sag, gauge |
+| `hypotheses.py` | mistakes in a description, tried one by one |
+| `motion.py` | motion of the rig between rest and press |
 | `budget.py` | the uncertainty of a height, a depth, a difference, by its sources |
 | `exact.py` | the correspondence that a perfect decoder would give |
 | `predicted.py` | what a rig would measure: its sigma at rest and of a dent |

@@ -58,8 +58,9 @@ _ROUNDS = 6  # of leaving out lone pixels with a curl
 class Solution(NamedTuple):
     """What was solved, how it ended, the variance of the unknown, and the map.
 
-    correspondence: less the rest capture's deviation, if there is one; independent: the variance by noise that
-    no neighbours share; scale: of the curl; rounding: whether variance is that of a discrete code's rounding.
+    correspondence: less the rest capture's deviation, if there is one; independent: the variance by noise
+    that no neighbours share; scale: of the curl; rounding: whether variance is that of a discrete code's
+    rounding.
     """
 
     correspondence: Correspondence
@@ -139,8 +140,8 @@ def with_rig(
     motion: Motion | None = None,
     accept: bool = False,
 ) -> Solution:
-    """The solution with the modes of its rig, its slopes judged by what the errors of the rig leave; all pixels
-    are flagged where the rig would have to be another one, unless `accept`."""
+    """The solution with the modes of its rig, its slopes judged after the errors of the rig are taken off; all
+    pixels are flagged where no such rig can have taken the capture, unless `accept`."""
     known = solution.height.diagnostics
     contradicted = bool(contradiction(known.chi2, known.freedom))
     if scene.exact and not (contradicted and known.chi2 > _IMPOSSIBLE):  # type: ignore[operator]
