@@ -12,7 +12,7 @@ import click
 from optolever import InputError
 
 from .options import blame, json_option, load_scene, mask_from, sample, scene_option, size_option
-from .outputs import OUTPUT, Program
+from .outputs import OutputFile, Program
 from .show import grid, number, print_notices, progress, table, write_json
 
 if TYPE_CHECKING:
@@ -41,7 +41,11 @@ _POLL = 0.2  # s, between looks for a capture
 @click.argument("captures", nargs=-1, required=True, metavar="TARGET=CAPTURE[@MASK.png]...")
 @scene_option
 @click.option(
-    "--out", type=OUTPUT, required=True, metavar="RIG.toml", help="Scene with covariance, to write."
+    "--out",
+    type=OutputFile(".toml"),
+    required=True,
+    metavar="RIG.toml",
+    help="Scene with covariance, to write.",
 )
 @click.option(
     "--prior", "priors", multiple=True, metavar="NUMBER=SIGMA", help="Of a number; 0: held, inf: free."
@@ -51,7 +55,9 @@ _POLL = 0.2  # s, between looks for a capture
 @click.option("--leave-one-out", is_flag=True, help="Also show chi of every capture by the others.")
 @click.option("--accept", is_flag=True, help="Write a rig with numbers beyond 5 prior sigma, too.")
 @click.option("--follow", is_flag=True, help="Wait for every capture, and judge it as soon as it is there.")
-@click.option("--report", "page", type=OUTPUT, metavar="FILE.html", help="Also write a page about it.")
+@click.option(
+    "--report", "page", type=OutputFile(".html"), metavar="FILE.html", help="Also write a page about it."
+)
 @size_option
 @json_option
 def command(

@@ -1,6 +1,8 @@
-"""What a person sees: tables on stdout, progress on stderr (only on a terminal), JSON for programs."""
+"""What a person sees: tables on stdout, progress on stderr, JSON for programs."""
 
 import math
+import sys
+import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -147,9 +149,29 @@ class Step:
             self._bar.start()
 
 
+class _Lines(Step):
+    """Progress as plain lines on stderr: every stage, and its count at most every `SECONDS`."""
+
+    SECONDS = 5.0
+
+    def __init__(self) -> None:
+        self._text, self._time = "", -math.inf
+
+    def __call__(self, text: str, done: int | None = None, total: int | None = None) -> None:
+        now = time.monotonic()
+        if text and (text != self._text or now - self._time >= self.SECONDS):
+            count = "" if total is None else f" {done or 0}/{total}"
+            print(f"{text}{count}", file=sys.stderr, flush=True)
+            self._text, self._time = text, now
+
+    @contextmanager
+    def aside(self) -> Iterator[None]:
+        yield
+
+
 @contextmanager
-def progress() -> Iterator[Step]:
-    """A progress bar on stderr, silent where stderr is no terminal, gone when the work is done."""
+def progress(lines: bool = False) -> Iterator[Step]:
+    """A progress bar on stderr, gone when the work is done; on a pipe plain lines if wanted, else nothing."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -161,6 +183,9 @@ def progress() -> Iterator[Step]:
     )
 
     console = Console(stderr=True)
+    if lines and not console.is_terminal:
+        yield _Lines()
+        return
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
     with Progress(
         *columns,

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lab.calibration.rigs import Rig, correspondence_of, open_air, prism, shape_surface
 from optolever import InputError
 from optolever.calibration import (
     Ball,
@@ -22,7 +23,6 @@ from optolever.calibration import (
 from optolever.calibration.adjust import adjust
 from optolever.calibration.model import reflected
 from optolever.calibration.observation import against_rest, sampled
-from optolever.calibration.rigs import Rig, correspondence_of, open_air, prism, shape_surface
 from optolever.scene import Covariance, parameter_changes, parameter_values, trace
 
 

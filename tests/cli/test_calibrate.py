@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optolever.calibration.rigs import Rig, correspondence_of, open_air
+from lab.calibration.rigs import Rig, correspondence_of, open_air
 from optolever.decode import Correspondence
 from optolever.reconstruct import HeightMap
 from optolever.scene import Display, load, resize
