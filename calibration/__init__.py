@@ -15,8 +15,11 @@
 | `response.py` | response, blur, vignetting and backlight of display and camera, kept with the rig |
 | `harmonics.py` | error of the coordinate by harmonics that a response leaves in fringes |
 | `sources.py` | the independent errors behind the covariance |
-| `observability.py` | singular values in prior units, warnings |
+| `observability.py` | singular values in prior units, notices |
+| `effects.py` | what errors of the numbers do to heights and depths |
 """
+
+from optolever.arguments import check_face
 
 from .calibrate import Calibration, calibrate, left_out
 from .contact import contact
@@ -54,3 +57,5 @@ __all__ = [
     "store_response",
     "store_rest",
 ]
+
+check_face(__name__)

@@ -58,6 +58,11 @@ class Problem:
         return list(self.sigmas)
 
     @property
+    def held(self) -> list[str]:
+        """Numbers of the scene that are no unknowns."""
+        return [name for name in parameter_values(self.scene) if name not in self.sigmas]
+
+    @property
     def scale(self) -> Floats:
         """(p,): of the unknowns' priors, standard deviations."""
         return np.array(list(self.sigmas.values()))

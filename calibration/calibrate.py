@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,8 @@ from optolever.records import Axes
 from optolever.scene import Covariance, Scene, adjusted, parameter_changes, parameter_values
 
 from .adjust import Adjustment, Problem, adjust, among, step_of
-from .observability import Direction, directions, notices
+from .effects import Effects, effects
+from .observability import Direction, beyond_priors, directions, notices
 from .observation import Observation, Sample, checked, frame_of, sampled
 from .priors import GAUGE, is_pose, resolved
 from .sources import error_sources
@@ -38,7 +40,7 @@ _NO_BALL = 5.0  # chi of a ball's capture, and sigmas of its radius: it is none
 class Calibration:
     """scene: adjusted, with its covariance; by (q, p): derivatives of the numbers of that covariance by the
     unknowns; adjustment: how that went; start: the scene it started from, and whether that was found without
-    a guess; directions: weakest first; notices: warnings by name."""
+    a guess; directions: weakest first."""
 
     scene: Scene
     adjustment: Adjustment
@@ -46,8 +48,23 @@ class Calibration:
     start: Scene
     guessed: bool
     directions: tuple[Direction, ...]
-    notices: tuple[Notice, ...]
     by: Floats
+
+    @cached_property
+    def effects(self) -> Effects:
+        """What errors of the unknowns do to a height and to a depth."""
+        return effects(self.scene, self.by)
+
+    @cached_property
+    def notices(self) -> tuple[Notice, ...]:
+        """Warnings, and errors that pass into the heights one to one."""
+        return notices(self.adjustment, self.directions, self.effects, self.observations)
+
+    @property
+    def implausible(self) -> list[Notice]:
+        """Numbers that ended more than 5 prior sigma from their typed values, farthest first: then the scene
+        is likely wrong."""
+        return beyond_priors(self.adjustment)
 
     def __repr__(self) -> str:
         solved = self.adjustment
@@ -56,7 +73,7 @@ class Calibration:
             f"Calibration of {self.scene.name}: {len(solved.values)} parameters, {len(solved.chis)} captures"
         ]
         lines.append(f"  chi {solved.chi:.4g}, from {start}, {solved.evaluations} evaluations")
-        return "\n".join([*lines, f"  {len(self.notices)} notices"])
+        return "\n".join([*lines, f"  {len(self.implausible)} numbers beyond 5 prior sigma"])
 
     def plot(self, axes: Any = None) -> Axes:
         """Draw each capture's residuals, arrows in sigma at the pixels, with matplotlib; the axes."""
@@ -303,7 +320,6 @@ def _judged(result: Adjustment, observations: Sequence[Observation], guessed: bo
         base,
         guessed,
         tuple(found),
-        notices(result, found, observations),
         by,
     )
 

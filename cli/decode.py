@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .options import FILE, blame, json_option, mask_from, sample
-from .outputs import HDF5, OUTPUT, Program
+from .outputs import HDF5, OutputFile, Program
 from .show import flag_shares, number, print_notices, progress, table, write_json
 
 if TYPE_CHECKING:
@@ -35,7 +35,11 @@ Correspondence in c.npz
 @click.command("decode", cls=Program, epilog=sample(SAMPLE))
 @click.argument("source", type=FILE, metavar="DIR")
 @click.option(
-    "--out", type=OUTPUT, required=True, metavar="C.npz", help="File to write the correspondence to."
+    "--out",
+    type=OutputFile(".npz"),
+    required=True,
+    metavar="C.npz",
+    help="File to write the correspondence to.",
 )
 @click.option(
     "--description",

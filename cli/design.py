@@ -18,7 +18,7 @@ from .options import (
     scene_option,
     size_option,
 )
-from .outputs import OUTPUT, Program
+from .outputs import OutputFile, Program
 from .show import grid, number, progress, table, write_json
 
 if TYPE_CHECKING:
@@ -69,7 +69,10 @@ HEADER = ("sequence", "frames", "time", "predicted", "+-", "simulated", "wrong o
 @renderer_option
 @size_option
 @click.option(
-    "--out", type=OUTPUT, metavar="FILE.toml", help="Gets the best sequence, for capture --sequence."
+    "--out",
+    type=OutputFile(".toml", bare=False),
+    metavar="FILE.toml",
+    help="Gets the best sequence, for capture --sequence.",
 )
 @json_option
 def command(
@@ -95,8 +98,6 @@ def command(
     and by the scene's own solver. What fails too often or loses pixels comes last; what --add brings is
     always printed. +-: standard error of the prediction; measured: share of the pixels with a height.
     """
-    if out is not None and out.suffix != ".toml":
-        raise InputError(f"{out}: must end in .toml, so that --sequence knows it for a file")
     from optolever.experiments.design import run_design, user_candidate
     from optolever.files import together
 

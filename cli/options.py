@@ -10,7 +10,7 @@ import click
 
 from optolever import InputError
 
-from .outputs import OUTPUT
+from .outputs import OutputFile
 
 if TYPE_CHECKING:
     import numpy as np
@@ -60,7 +60,7 @@ SIZE = _Size()
 def json_option(command: Command) -> Command:
     """--json FILE: the numbers of the run for other programs."""
     text = "Write the numbers as JSON too."
-    return click.option("--json", "json_path", type=OUTPUT, metavar="FILE", help=text)(command)
+    return click.option("--json", "json_path", type=OutputFile(".json"), metavar="FILE", help=text)(command)
 
 
 def size_option(command: Command) -> Command:

@@ -1,10 +1,9 @@
 """Where commands write: the checks of every output, made before a command does any work.
 
-An output is an option of type OUTPUT, or made by `report_option`; what else names a file is an input.
+An output is an option of type `OutputFile`, or made by `report_option`; what else names a file is an input.
 """
 
 import importlib.util
-import mimetypes
 import os
 import re
 import tomllib
@@ -16,15 +15,30 @@ import click
 
 from optolever.errors import InputError
 
-__all__ = ["HDF5", "OUTPUT", "PEERS", "Program", "report_option"]
+__all__ = ["HDF5", "PEERS", "OutputFile", "Program", "report_option"]
 
 HDF5 = (".h5", ".hdf5")
 PEERS = "pip install 'optolever[bench]'"
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-class _OutputFile(click.Path):
-    """A file to write."""
+class OutputFile(click.Path):
+    """A file to write. suffixes: of the formats that the command writes; bare: without a suffix, too.
+
+    A device needs no suffix.
+    """
+
+    def __init__(self, *suffixes: str, bare: bool = True) -> None:
+        super().__init__(path_type=Path)
+        self.suffixes, self.bare = suffixes, bare
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        path = Path(str(super().convert(value, param, ctx)))
+        known = path.suffix.lower() in self.suffixes or (self.bare and not path.suffix)
+        if not known and (path.is_file() or not path.exists()):
+            must = " or ".join(self.suffixes)
+            raise InputError(f"{_option(param)} {path}: suffix {path.suffix!r}, must be {must}")
+        return path
 
 
 class _ReportFolder(click.Path):
@@ -34,8 +48,15 @@ class _ReportFolder(click.Path):
         super().__init__(path_type=Path)
         self.files = files
 
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        path = Path(str(super().convert(value, param, ctx)))
+        if path.suffix in {Path(name).suffix for name in self.files} and not path.is_dir():
+            raise InputError(f"{_option(param)} {path}: must be a folder, it gets {', '.join(self.files)}")
+        return path
 
-OUTPUT = _OutputFile(path_type=Path)
+
+def _option(param: click.Parameter | None) -> str:
+    return param.opts[0] if param is not None else ""
 
 
 def report_option(command: str, text: str, *files: str) -> Callable[[Function], Function]:
@@ -60,14 +81,14 @@ class Program(click.Command):
             require_folder(folder, *files)
         made = {folder.absolute() for folder, _ in folders}
         for kind, value in values:
-            if isinstance(kind, _OutputFile):
+            if isinstance(kind, OutputFile):
                 outputs.append(Path(value))
                 if Path(value).absolute().parent not in made or Path(value).parent.exists():
                     require_writable(value)
         inputs = [
             str(value)
             for kind, value in values
-            if isinstance(value, str | Path) and not isinstance(kind, _OutputFile | _ReportFolder)
+            if isinstance(value, str | Path) and not isinstance(kind, OutputFile | _ReportFolder)
         ]
         _require_apart(outputs, inputs)
         _require_readers(inputs)
@@ -104,13 +125,11 @@ def _require_readers(inputs: Iterable[str]) -> None:
 
 def _reads(source: Path, path: Path) -> bool:
     """Whether a command that is given `source` reads the file `path`: itself; what it names, if it is TOML;
-    TOML and images in it, if it is a folder.
+    TOML in it, if it is a folder.
     """
     if source.is_dir():
-        kind = mimetypes.guess_type(path.name)[0] or ""
         inside = path.resolve().is_relative_to(source.resolve())
-        # another picture among the frames spoils a capture, too
-        return inside and (kind.startswith("image/") or (path.suffix == ".toml" and path.exists()))
+        return inside and path.suffix == ".toml" and path.exists()
     if not source.is_file():
         return False
     return _same(source, path) or any(

@@ -1,7 +1,6 @@
 """`optolever reconstruct`: a correspondence and a scene to a height map."""
 
 import time
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +10,7 @@ import click
 from optolever import InputError
 
 from .options import FILE, blame, json_option, load_scene, mask_from, sample, scene_option, size_option
-from .outputs import HDF5, OUTPUT, Program
+from .outputs import HDF5, OutputFile, Program
 from .show import (
     budget_rows,
     dent_rows,
@@ -26,7 +25,7 @@ from .show import (
 
 if TYPE_CHECKING:
     from optolever.decode import Correspondence
-    from optolever.reconstruct import Grid, HeightMap
+    from optolever.reconstruct import HeightMap
 
 __all__ = ["Anchor", "command"]
 
@@ -72,10 +71,16 @@ def _sofast_files(scene: str) -> list[str]:
     return files if any(Path(each).suffix.lower() in HDF5 for each in files) else []
 
 
+#: Methods of a grid that write it, by the file's suffix.
+GRID_WRITERS = {".npz": "save", ".tif": "save_tiff", ".tiff": "save_tiff", ".x3p": "save_x3p"}
+
+
 @click.command("reconstruct", cls=Program, epilog=sample(SAMPLE))
 @click.argument("source", type=FILE, metavar="C.npz")
 @scene_option
-@click.option("--out", type=OUTPUT, required=True, metavar="H.npz", help="File to write the height map to.")
+@click.option(
+    "--out", type=OutputFile(".npz"), required=True, metavar="H.npz", help="File to write the height map to."
+)
 @click.option("--method", default="coupled", show_default=True, help="Solver, by name (optolever names).")
 @click.option(
     "--anchor",
@@ -97,12 +102,14 @@ def _sofast_files(scene: str) -> list[str]:
     metavar="PNG",
     help="Pixels to reconstruct: white in an image of the camera's size.",
 )
-@click.option("--tiff", type=OUTPUT, metavar="FILE", help="Also write the height as float32 TIFF.")
-@click.option("--ply", type=OUTPUT, metavar="FILE", help="Also write the surface as PLY.")
+@click.option(
+    "--tiff", type=OutputFile(".tif", ".tiff"), metavar="FILE", help="Also write the height as float32 TIFF."
+)
+@click.option("--ply", type=OutputFile(".ply"), metavar="FILE", help="Also write the surface as PLY.")
 @click.option(
     "--grid",
     "grids",
-    type=OUTPUT,
+    type=OutputFile(*GRID_WRITERS, bare=False),
     multiple=True,
     metavar="FILE",
     help="Also write the surface on a regular grid of x and y: .npz (with sigma), .tif (with its scale) or "
@@ -117,14 +124,14 @@ def _sofast_files(scene: str) -> list[str]:
 @click.option(
     "--slopes",
     "slopes_path",
-    type=OUTPUT,
+    type=OutputFile(".npz"),
     metavar="FILE.npz",
     help="Also write slope_x, slope_y and the curvature, each with its sigma.",
 )
 @click.option(
     "--change",
     "change_path",
-    type=OUTPUT,
+    type=OutputFile(".npz"),
     metavar="FILE.npz",
     help="Also write the height less that at rest (a rig with [rest]): x, y, z and its sigma.",
 )
@@ -158,7 +165,6 @@ def command(
     or SOFAST's inputs, with commas: camera.h5,display.h5,orientation.h5,measurement.h5[,facet.json]; for a
     correspondence decoded from that measurement.
     """
-    writers = [(path, _grid_writer(path)) for path in grids]
     from optolever.calibration import load_rest
     from optolever.decode import Correspondence
     from optolever.files import save_arrays, together
@@ -224,24 +230,13 @@ def command(
             if slopes_path is not None:
                 save_arrays(slopes_path, asdict(slopes) | asdict(curvature_map(slopes)))
             if regular is not None:
-                for path, write in writers:
-                    write(regular, path)
+                for path in grids:
+                    getattr(regular, GRID_WRITERS.get(path.suffix.lower(), "save"))(path)
             write_json(json_path, numbers)
     print_notices(height.notices)
     table(f"Height map in {out}", _rows(numbers))
     if "budget_mm" in numbers:
         grid("Uncertainty by source", *budget_rows(numbers["budget_mm"]))
-
-
-GRID_WRITERS = {".npz": "save", ".tif": "save_tiff", ".tiff": "save_tiff", ".x3p": "save_x3p"}
-
-
-def _grid_writer(path: Path) -> Callable[["Grid", Path], None]:
-    """What writes a grid into such a file, by its suffix; InputError for others."""
-    name = GRID_WRITERS.get(path.suffix.lower())
-    if name is None:
-        raise InputError(f"--grid {path}: suffix {path.suffix!r}, must be one of {', '.join(GRID_WRITERS)}")
-    return lambda grid, to: getattr(grid, name)(to)
 
 
 def _numbers(height: "HeightMap") -> dict[str, Any]:

@@ -39,6 +39,8 @@ u along the pattern's columns, v along its rows, integer = pixel centre; sigma i
 0.01 where the frames show no noise. An axis that was not shown is NaN with sigma inf and raises no flag.
 """
 
+from optolever.arguments import check_face
+
 from .correspondence import Correspondence, Displacement, Flag, SharedNoise, difference
 from .decoder import decode
 from .integrity import Integrity, check
@@ -62,3 +64,5 @@ __all__ = [
     "difference",
     "lattice",
 ]
+
+check_face(__name__)

@@ -11,6 +11,8 @@
 Pattern coordinates: u along columns, v along rows, integer = pixel centre.
 """
 
+from optolever.arguments import check_face
+
 from .codes import BINARY_CODES, bits_for, code_words
 from .frame import KINDS, Frame, frame_tables, lattice_lines
 from .long_run import shortest_run
@@ -32,3 +34,5 @@ __all__ = [
     "sequence_parameters",
     "shortest_run",
 ]
+
+check_face(__name__)

@@ -2,10 +2,10 @@
 
 import tomllib
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, SupportsIndex, cast, overload
 
 import cv2
 import numpy as np
@@ -25,6 +25,8 @@ __all__ = ["Sequence"]
 class Sequence:
     """Frames in the order of showing, on a surface of rows x cols pixels.
 
+    sequence[3] is a Frame, sequence[2:5] a Sequence of three frames; len() and iteration as of a tuple.
+
     nominal: rows and cols are only the unit of the coordinates (a foreign capture of an unknown display), so
     that nothing follows from them about the cells on which the frames were shown.
 
@@ -41,6 +43,7 @@ class Sequence:
     _hash: int | None = field(init=False, repr=False, compare=False, default=None)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "frames", tuple(self.frames))
         if not self.frames:
             raise InputError("sequence: frames is empty, must hold at least one frame")
         for name in ("rows", "cols"):
@@ -72,6 +75,20 @@ class Sequence:
 
     def __len__(self) -> int:
         return len(self.frames)
+
+    @overload
+    def __getitem__(self, index: SupportsIndex) -> Frame: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "Sequence": ...
+
+    def __getitem__(self, index: SupportsIndex | slice) -> "Frame | Sequence":
+        if isinstance(index, slice):
+            return replace(self, frames=self.frames[index])
+        return self.frames[index]
+
+    def __iter__(self) -> Iterator[Frame]:
+        return iter(self.frames)
 
     @property
     def shape(self) -> tuple[int, int, int]:

@@ -14,6 +14,8 @@
 | `benchmark.py` | frames per second on the context at hand |
 """
 
+from optolever.arguments import check_face
+
 from .benchmark import RendererSpeed, measure_renderer
 from .capture import Capture
 from .context import ContextInfo, NoContextError, context_info, release_context
@@ -60,3 +62,5 @@ __all__ = [
     "render",
     "trace_area",
 ]
+
+check_face(__name__)

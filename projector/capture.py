@@ -1,8 +1,10 @@
 """What a camera saw of a sequence: the record that the projector hands to the decoder."""
 
+import operator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, SupportsIndex, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +22,9 @@ __all__ = ["Capture", "Image", "with_exposure"]
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Capture:
     """Frames (N, H, W) of the N patterns of `sequence`, in its order.
+
+    capture[3] is the image (H, W) of frame 3, as in an array; capture[2:5] a Capture of three frames, with
+    their sequence, exposure and timestamps. len() and iteration are those of the images.
 
     frames: uint8 for 8 bits, else uint16 with values up to 2^bits - 1. bits: of the camera, 8 to 16.
     exposure: (N,) exposure of each frame relative to the nominal one; the same numbers stand in the
@@ -66,6 +71,28 @@ class Capture:
 
     def __len__(self) -> int:
         return int(self.frames.shape[0])
+
+    @overload
+    def __getitem__(self, index: SupportsIndex) -> Image: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Self: ...
+
+    def __getitem__(self, index: SupportsIndex | slice) -> Image | Self:
+        if not isinstance(index, slice):
+            image: Image = self.frames[operator.index(index)]
+            return image
+        exposure, times = (one if one is None else one[index] for one in (self.exposure, self.timestamps))
+        return replace(
+            self,
+            frames=self.frames[index],
+            sequence=self.sequence[index],
+            exposure=exposure,
+            timestamps=times,
+        )
+
+    def __iter__(self) -> Iterator[Image]:
+        return iter(self.frames)
 
     @property
     def shape(self) -> tuple[int, int]:

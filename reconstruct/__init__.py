@@ -40,6 +40,8 @@
 | `paper.py`, `paper_equations.py`, `paper_scene.py` | the paper's recursion, by equations and on a scene |
 """
 
+from optolever.arguments import check_face
+
 from .anchors import Anchor, DistanceAnchor, EdgeAnchor, PixelAnchor, PointAnchor
 from .budget import ANCHOR, NOISE, TOTAL, budget, free_mode_of
 from .contact import Contact, contacts
@@ -129,3 +131,5 @@ __all__ = [
     "slope_angle",
     "slope_map",
 ]
+
+check_face(__name__)

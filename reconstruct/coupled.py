@@ -20,13 +20,13 @@ from .discontinuities import edge_doubt, touched
 from .edges import Doubt
 from .gaps import across_gaps, widened
 from .heightmap import HeightMap
-from .holes import bridged, noise_gain
+from .holes import bridged, noise_gain, whole_lines
 from .hypotheses import likely_mistake
 from .motion import Motion, fit_motion
-from .newton import Options, State, solve
+from .newton import Options, State, missed, solve
 from .paper import SeriesName
 from .paper_scene import reconstruct_paper
-from .problem import Problem, prepare, require_correspondence
+from .problem import Problem, prepare
 from .result import anchors_apart, height_map, judged, off_mirror, refused
 from .reweighting import reweighted
 from .rig import Measurement, RigJudgement, judged_rig, rig_model, rig_modes, rig_solutions
@@ -46,6 +46,9 @@ _METHODS = {
 }
 _REWEIGHTED = 2  # solves with doubtful edges: the slopes depend a little on the height
 _ATTEMPTS = 3  # with pixels left out that have no normal where the mirror turns out to be
+#: Of w's change over a pixel: slopes that a wrong scene, any error, amplifies.
+_SENSITIVE, _UNSTABLE = 0.25, 1.0
+_MISSED = 5.0  # standard deviations of an edge
 _BETTER = 3.0  # times: data less better than that by its curl may hide what neighbours share
 _NOISIER = 1.2  # times the announced noise, by the curl: sigma grows to what it is
 _IMPOSSIBLE = 1e4  # chi2 of an exact scene from which on its description is doubted
@@ -101,16 +104,10 @@ def reconstruct(
     progress: called with what is being done, how many steps are done, and of how many. Raises InputError if
     the arrays do not fit the scene, no pixel is left, or no anchor can be used.
     """
-    require_correspondence(correspondence)
-    if not isinstance(scene, Scene):
-        raise InputError(
-            f"scene: is a {type(scene).__name__}, must be a Scene, as scene.load(name) reads one"
-        )
     if method not in (*_METHODS, *PAPER_METHODS):
         raise InputError(f"method = {method!r}: unknown, must be one of {', '.join(method_names())}")
     motion = None
     if rest is not None:
-        require_correspondence(rest, "rest")
         motion = None if scene.exact else fit_motion(correspondence, rest, scene)
     measured = Measurement(_without(motion, correspondence), anchor, mask, rest, method)
     correspondence = measured.corrected(scene)
@@ -280,7 +277,8 @@ def _first(
     start: HeightMap | None,
 ) -> tuple[Problem, State]:
     """The problem and its solution. Pixels that cannot be solved are left out first; where the mirror turns
-    out to be elsewhere than at rest, once more.
+    out to be elsewhere than at rest, once more. If Newton's method does not converge, so are the pixels
+    beside the pattern whose edges it misses: in a scene that is slightly wrong they lie beyond the pattern.
     """
     singular = np.zeros(correspondence.u.shape, dtype=np.bool_)
     for _ in range(_ATTEMPTS):
@@ -288,10 +286,15 @@ def _first(
         first = _warm(problem, start) if start is not None else None
         state = _solve(problem, problem.data.rest() if first is None else first, options)
         hollow = problem.data.singular(state.w, not options.newton)
-        problem = replace(problem, singular=problem.singular | hollow)
+        if not state.converged:
+            limit = _UNSTABLE if hollow.any() else _SENSITIVE
+            places = state.w, problem.data.rest()
+            beside = np.logical_or(*(problem.data.sensitive(w, limit) for w in places))
+            hollow = whole_lines(hollow | (beside & missed(problem.data, state, _MISSED)))
+        singular |= problem.to_image(hollow, False)
+        problem = replace(problem, singular=problem.singular | (singular & problem.valid))
         if not hollow.any():
             break
-        singular |= problem.to_image(hollow, False)
     return problem, state
 
 
@@ -312,7 +315,8 @@ def _around_discontinuities(problem: Problem, state: State, options: Options, no
 def doubted(problem: Problem, state: State, noise: float) -> Doubt | None:
     """What is in doubt of a solution's edges, those of interpolated pixels included."""
     announced = not np.isfinite(noise) or problem.data.whole_cells(problem.bridged)
-    scale = 1.0 if announced else min(1.0, _BETTER * noise)
+    # a residual that most edges have is no discontinuity
+    scale = 1.0 if announced else max(min(1.0, _BETTER * noise), state.misfit)
     mask, blamed = problem.data.mask, problem.suspects & ~problem.bridged
     doubt = edge_doubt(*state.slopes, *state.variances, mask, scale, blamed)
     if problem.bridged.any():

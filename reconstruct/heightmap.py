@@ -32,9 +32,9 @@ class HeightFlag(IntFlag):
     exceeds three sigma of the pixels around and is in its sigma (not so where pixels are missing along the
     same line: a step of any height may hide there, and the whole piece behind it is flagged); NOT_CONVERGED:
     the last steps still moved it, or so many others that nothing can be said of any; SINGULAR: the pattern
-    lies within its noise of the mirror or of the ray there, so that there is no normal (method 'fixed-point':
-    or so near that it does not contract); IMPLAUSIBLE: no rig of the scene's accuracy can have taken the whole
-    capture.
+    lies within its noise of the mirror or of the ray there, so that there is no normal, or so near that the
+    solution does not converge there (a scene that is slightly wrong, method 'fixed-point'); IMPLAUSIBLE: no
+    rig of the scene's accuracy can have taken the whole capture.
     """
 
     NO_ANCHOR = 1024

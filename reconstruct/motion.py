@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
-from scipy import ndimage
+from scipy import ndimage, stats
 from scipy.interpolate import make_interp_spline
 
 from optolever.decode import Correspondence
@@ -44,7 +44,7 @@ _WIDER = ((1.0, 0.97), (5.0, 0.02), (30.0, 0.01))  # of the prior, and how likel
 _SHARES = (1.0, 0.85, 0.7, 0.5, 0.35, 0.25, 0.15, 0.1)  # of the blocks that are taken as quiet
 _ROUNDS = 40  # of the robust fit, whose scale falls from the largest residual to the noise
 _LIMIT = 3.0  # prior standard deviations
-_GAIN = 1 / 3  # of the field's variance
+_GAIN = 0.1  # of the field's variance
 _CHANCE = 4.0  # standard deviations of a mean square
 _SAME = 0.02  # standard deviations of the noise
 
@@ -449,7 +449,8 @@ def _averaged(y: Floats, fields: Floats, heights: Floats, priors: list[Floats]) 
 def _notices(found: _Posterior, fields: Floats, by_height: Floats, place: Floats) -> tuple[Notice, ...]:
     """Of a motion beyond three standard deviations of its prior."""
     size = float(np.sqrt(found.mean @ found.mean))
-    limit = _LIMIT
+    determined = float(np.trace(np.eye(len(found.mean)) - found.covariance))  # degrees of freedom
+    limit = float(np.sqrt(stats.chi2.isf(2 * stats.norm.sf(_LIMIT), max(1.0, determined))))
     if not size > limit:
         return ()
     field = np.tensordot(found.mean, fields, 1)

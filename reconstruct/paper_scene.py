@@ -9,7 +9,6 @@ from optolever.scene import Scene, TelecentricCamera
 
 from .heightmap import HeightFlag, HeightMap
 from .paper import PaperGeometry, PaperResult, SeriesName, recursion
-from .problem import require_correspondence
 
 __all__ = ["capture_positions", "pattern_positions", "prism_geometry", "reconstruct_paper", "row_recursion"]
 
@@ -62,7 +61,6 @@ def row_recursion(
     """The recursion along every camera row; fields are (H, W), NaN where the correspondence carries a
     flag.
     """
-    require_correspondence(correspondence)
     geometry = prism_geometry(scene)
     rows, cols = scene.camera.rows, scene.camera.cols
     if correspondence.u.shape != (rows, cols):

@@ -7,7 +7,7 @@ import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence, Displacement
+from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.scene import Pattern, Scene
 
@@ -18,7 +18,7 @@ from .geometry import RayField, pattern_plane, ray_field
 from .holes import bridged, small_holes
 from .measured import Measured
 
-__all__ = ["Problem", "prepare", "require_correspondence"]
+__all__ = ["Problem", "prepare"]
 
 #: Pattern pixels; what is announced as more certain is taken as this.
 _LEAST_SIGMA = 1e-5
@@ -35,8 +35,9 @@ class Problem:
     rays, valid: of the whole image (H, W); rows, cols: the window that holds valid pixels; turned: the
     window's rows and columns are exchanged, so that the slopes' variances go by columns; data: that grid, to
     which the samples belong; labels: its anchored components from 1 on; bridged: interpolated pixels, of
-    small holes and wrong ones; lost: valid pixels without an anchor; singular: valid pixels that cannot be
-    solved (see `Measured.singular`); suspects: pixels of the grid to which a curl of the slopes points.
+    small holes and wrong ones; lost: valid pixels without an anchor; singular (H, W): valid pixels of the
+    image that cannot be solved (see `Measured.singular`); suspects: pixels to which a curl of the slopes
+    points.
     """
 
     rays: RayField
@@ -85,7 +86,8 @@ def prepare(
     rays = ray_field(camera)
     valid = _valid(correspondence, rays, scene.pattern, mask)
     samples = anchor_samples(anchor, scene, rays, valid)
-    rows, cols = (_extent(valid, axis) for axis in (1, 0))
+    left_out = np.zeros_like(valid) if singular is None else valid & singular
+    rows, cols = (_extent(valid & ~left_out, axis) for axis in (1, 0))
     data = _window(correspondence, rays, pattern_plane(scene), valid, rows, cols)
     data = replace(data, shape=scene.pattern.shape)
     samples = samples.window(rows.start, cols.start)
@@ -98,9 +100,7 @@ def prepare(
 
     holes = small_holes(data.mask)
     seen, data = data.mask, bridged(data, holes)
-    hollow = data.singular(data.rest(), picard)
-    if singular is not None:
-        hollow |= data.mask & on_grid(singular)
+    hollow = data.singular(data.rest(), picard) | (data.mask & on_grid(left_out))
     # after holes are bridged: across these none is
     data = replace(data, mask=data.mask & ~hollow)
     labels = _anchored_labels(data, samples)
@@ -110,18 +110,22 @@ def prepare(
         )
     lost = int(np.count_nonzero(seen & ~hollow & (labels == 0)))
     data = data if labels.all() else replace(data, mask=labels > 0)
-    hollow, bridges = hollow & on_grid(valid), holes & ~hollow
+    left_out[rows, cols] |= (hollow.T if turned else hollow) & valid[rows, cols]
+    bridges = holes & ~hollow
     return Problem(
-        rays, valid, rows, cols, turned, data, samples, labels, bridges, lost, hollow, np.zeros_like(bridges)
+        rays,
+        valid,
+        rows,
+        cols,
+        turned,
+        data,
+        samples,
+        labels,
+        bridges,
+        lost,
+        left_out,
+        np.zeros_like(bridges),
     )
-
-
-def require_correspondence(value: object, name: str = "correspondence") -> None:
-    """InputError unless value is a Correspondence: a displacement alone has no place on the pattern."""
-    if isinstance(value, Displacement):
-        raise InputError(f"{name}: is a Displacement; give displacement.added_to(correspondence at rest)")
-    if not isinstance(value, Correspondence):
-        raise InputError(f"{name}: is a {type(value).__name__}, must be a Correspondence")
 
 
 def _extent(valid: Mask, axis: int) -> slice:

@@ -21,7 +21,6 @@ from .problem import Problem
 
 __all__ = ["anchors_apart", "height_map", "judged", "off_mirror", "refused"]
 
-_MOVING = 0.05  # of the pixels: more that still move are not to blame one by one
 _APART = 5.0  # standard deviations, rms: rigs that are right stay below 1.2
 _SURE = 3.0  # standard deviations
 _STEEP = 3.0  # standard deviations, of slopes or of the heights around: where doubts exceed them
@@ -57,7 +56,7 @@ def height_map(
     deviation = np.where(solved, problem.to_image(sigma, np.nan), np.nan) * np.abs(d[2])
     flags = np.asarray(flags, dtype=np.uint16).copy()
     flags[~problem.valid & (flags == 0)] |= np.uint16(Flag.INVALID)
-    singular = problem.to_image(problem.singular, False)
+    singular = problem.singular
     flags[singular] |= np.uint16(HeightFlag.SINGULAR)
     flags[problem.valid & ~solved & ~singular] |= np.uint16(HeightFlag.NO_ANCHOR)
     flags[problem.to_image(problem.suspects, False) & solved] |= np.uint16(HeightFlag.CURL)
@@ -159,7 +158,6 @@ def _surest(doubt: Doubt, mask: Mask) -> Floats:
 def _unsettled(problem: Problem, state: State) -> Mask:
     """Pixels of the image that did not converge: a few that noise drives away, right before the pattern or at
     its edge, move nothing else. All, where they are not few."""
-    moving = state.unsettled
-    if moving is None or not 0 < np.count_nonzero(moving) < _MOVING * moving.size:
+    if state.unsettled is None or state.diverges:
         return np.ones(problem.valid.shape, dtype=np.bool_)
-    return problem.to_image(moving, False)
+    return problem.to_image(state.unsettled, False)

@@ -22,7 +22,6 @@ from .arrays import Floats, Mask
 from .calibration import rest_corrected
 from .geometry import pattern_plane, ray_field
 from .heightmap import HeightMap
-from .problem import require_correspondence
 from .resampling import gradients
 
 __all__ = ["SlopeMap", "slope_map"]
@@ -105,7 +104,6 @@ def slope_map(
 
     rest: as in `reconstruct`. InputError if the shapes do not agree.
     """
-    require_correspondence(correspondence)
     if correspondence.u.shape != height.z.shape:
         raise InputError(f"correspondence: shape {correspondence.u.shape}, the height map {height.z.shape}")
     if height.z.shape != (scene.camera.rows, scene.camera.cols):

@@ -27,9 +27,9 @@ from .discontinuities import touched
 from .heightmap import HeightMap
 from .holes import bridged, noise_gain, small_holes
 from .newton import State, chord_step
-from .problem import Problem, require_correspondence
-from .rig import Measurement
+from .problem import Problem
 from .result import anchors_apart, height_map, off_mirror
+from .rig import Measurement
 
 __all__ = ["HeightStream"]
 
@@ -55,7 +55,6 @@ class HeightStream:
 
     def update(self, correspondence: Correspondence) -> HeightMap:
         """The height of one more frame. Raises InputError as `reconstruct` does."""
-        require_correspondence(correspondence)
         height = None
         if self._last is not None and self._age < self._refresh:
             height = self._followed(correspondence)

@@ -22,6 +22,8 @@ TOML only.
 | `record.py`, `pose.py` | equality and checks of records; x_A = T_AB x_B |
 """
 
+from optolever.arguments import check_face
+
 from .accuracy import TYPED, Accuracy
 from .covariance import Covariance
 from .dents import dent, dent_from_text, dent_names, dent_parameters, moving_dent
@@ -91,3 +93,5 @@ __all__ = [
     "typed_covariance",
     "typed_sigmas",
 ]
+
+check_face(__name__)

@@ -4,7 +4,7 @@ darkness, a lit room, a lamp, a second and weaker reflection of the pattern.
 """
 
 import math
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import cv2
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
 
-from ..correspondence import Correspondence, Displacement
+from ..correspondence import Correspondence
 
 __all__ = ["PatternMap", "frame_pair", "noise_of", "overexposed", "prior_map", "seeing", "window_width"]
 
@@ -28,6 +28,7 @@ _HALF = 0.5
 _GLASS = 0.08
 
 
+@runtime_checkable
 class PatternMap(Protocol):
     """u and v (H, W), pattern pixels, of camera pixels at rest: a Correspondence, a trace; NaN: unknown."""
 
@@ -46,8 +47,6 @@ def prior_map(prior: PatternMap | None, sequence: Sequence, shape: tuple[int, ..
         row, col = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
         u = (col + 0.5) * sequence.cols / shape[1] - 0.5
         return u, (row + 0.5) * sequence.rows / shape[0] - 0.5
-    if isinstance(prior, Displacement):
-        raise InputError(f"{sequence.name}: prior is a Displacement; give where the camera looked at rest")
     u, v = np.asarray(prior.u, np.float64), np.asarray(prior.v, np.float64)
     if u.shape != tuple(shape) or v.shape != tuple(shape):
         raise InputError(f"{sequence.name}: prior is {u.shape}, rest is {tuple(shape)}, must be equal")

@@ -5,7 +5,7 @@
 | `cell.py` | Cell, Grid, TOML grids, keys and seeds; the grid of `optolever bench`; the record |
 | `decoders.py`, `solvers.py` | frames and who decodes them; who solves |
 | `run.py`, `measures.py` | cells to rows; the numbers of a row |
-| `store.py` | Store: a result file per cell |
+| `store.py`, `worker.py` | Store: a result file per cell; cells on other machines |
 | `report.py` | frontier and chart; the few rows that count, the page |
 """
 

@@ -3,10 +3,6 @@ per worker.
 """
 
 import importlib
-import os
-import pickle
-import subprocess
-import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -16,6 +12,7 @@ from optolever.errors import InputError
 from optolever.experiments.bench import Cell, Row, Store, run_cells
 from optolever.experiments.bench.cell import grouped
 from optolever.experiments.bench.run import check
+from optolever.experiments.bench.worker import compile_apart, group_rows
 from optolever.processes import safe_path
 from optolever.records import Progress, silent
 
@@ -77,31 +74,6 @@ def _on_dask(cells: list[Cell], workers: int, scheduler: str | None) -> Iterator
                 yield from rows
         finally:
             client.cancel(tasks)
-
-
-def compile_apart(cells: list[Cell]) -> None:
-    """Compile what the cells use in a process of its own, so that all others load it from Numba's cache.
-
-    Kernels that a process has just compiled round differently, in the last bits, from the same kernels out of
-    the cache: without this the numbers would depend on who came first.
-    """
-    code = "import pickle, sys; from optolever.experiments.bench.run import warm_up; "
-    code += "warm_up(pickle.load(sys.stdin.buffer), lambda *_: None)"
-    with safe_path():
-        subprocess.run(
-            [sys.executable, "-c", code],
-            input=pickle.dumps(cells),
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            env=os.environ | ONE_THREAD,
-            check=False,
-        )
-
-
-def group_rows(group: tuple[Cell, ...]) -> list[Row]:
-    """The task of a worker: rows of cells that take the same frames, on one thread."""
-    os.environ.update(ONE_THREAD)
-    return list(run_cells(group, timed=False))
 
 
 @contextmanager

@@ -42,6 +42,7 @@ SETUPS = {
     **{f"air K = {k}": ("air", k, False) for k in (3, 5, 8)},
     "prism, rest + 3 balls": ("prism", 3, False),
     "pinhole, rest + 3 balls": ("prism", 3, True),
+    "pinhole, k1 0.08, rest + 3 balls": ("lens", 3, True),
     "prism, rest": ("prism", 0, False),
     "prism, priors alone": ("typed", 0, False),
 }
@@ -105,7 +106,7 @@ def _figure(setup: str, seed: int, rendered: bool) -> Figure | None:
     if kind == "air":
         rig = open_air(rng, count, take, size=size, flatness=_FLATNESS)
     else:
-        rig = prism(rng, count, take, pinhole, size)
+        rig = prism(rng, count, take, pinhole, size, kind == "lens")
     started, chi, evaluations, start = time.process_time(), 1.0, 0, rig.given
     if kind == "typed":  # nothing is calibrated: the default priors are the covariance
         priors = default_priors(start)

@@ -152,14 +152,20 @@ def open_air(
     return Rig(truth, base, observations, shape_surface(dent), flat, reference=form_alone)
 
 
-def prism(rng: Rng, balls: int, capture: Capturer, pinhole: bool = False, size: int = 200) -> Rig:
+def prism(
+    rng: Rng, balls: int, capture: Capturer, pinhole: bool = False, size: int = 200, lens: bool = False
+) -> Rig:
     """`prism48`, or a pinhole behind its capture face, every number off by a draw of its prior; the mirror
-    sags by 20 um; rest and `balls` balls of 25 to 40 mm."""
+    sags by 20 um; rest and `balls` balls of 25 to 40 mm. lens: k1 is +-0.08, cx and cy are off by +-10 px."""
     base = _behind_face(size) if pinhole else resize(load("prism48", exact=True), size * 3 // 4, size)
     length, width = base.mirror.length, base.mirror.width
     priors = default_priors(base)
     own = parameter_values(base)
     numbers = {name: own[name] + sigma * rng.standard_normal() for name, sigma in priors.items()}
+    if lens:
+        signs = rng.choice([-1.0, 1.0], 3)
+        off = zip(("camera.k1", "camera.cx", "camera.cy"), signs * [0.08, 10.0, 10.0], strict=True)
+        numbers |= {name: own[name] + by for name, by in off}
     truth = adjusted(base, numbers)
     sag = form(0.02 / np.sqrt(7) * rng.standard_normal(7), base.mirror)
     rest = shape_surface(sag)

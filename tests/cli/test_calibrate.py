@@ -84,6 +84,19 @@ def test_from_captures_to_heights_with_modes(
     assert {"x", "y", "z", "sigma"} == set(np.load(tmp_path / "d.npz"))
 
 
+def test_a_number_far_from_its_typed_value_is_not_written(
+    rig: tuple[Rig, Path], tmp_path: Path, optolever: Program
+) -> None:
+    folder, out = rig[1], tmp_path / "rig.toml"
+    flats = [f"flat:1e-6={folder}/flat{k}.npz" for k in range(3)]
+    words = ("--scene", str(folder / "given.toml"), "--out", str(out), "--prior", "camera.k1=0.001")
+    outcome = optolever("calibrate", *flats, *words, code=2)
+    assert all(text in outcome.err for text in ("rig.toml", "camera.k1 ended at", "+- 0.001", "up to 5"))
+    assert not any(tmp_path.iterdir())
+    optolever("calibrate", *flats, *words, "--accept")
+    assert load(out).covariance is not None
+
+
 @pytest.mark.slow  # one flat alone: every start of the adjustment is tried
 def test_captures_are_judged_as_they_come(rig: tuple[Rig, Path], tmp_path: Path, optolever: Program) -> None:
     """In the end the rig is that of all captures at once."""

@@ -15,7 +15,6 @@ import pytest
 
 from lab.fuzz.damage import damage
 from optolever import memory
-from optolever.cli import run
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.patterns import sequence
@@ -241,16 +240,6 @@ def test_damage_is_one_line_for_libraries_too(tmp_path: Path, capfd: pytest.Capt
         with pytest.raises(InputError, match=r"not an image|truncated"):
             read_picture(tmp_path / name)
     assert capfd.readouterr().err == ""
-
-
-@pytest.mark.parametrize("cases", [20, pytest.param(1000, marks=pytest.mark.slow)])
-def test_damaged_inputs_end_in_one_line_or_a_result_that_holds(
-    cases: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "f.json"
-    code = run(["lab", "fuzz", "--cases", str(cases), "--seed", "7", "--json", str(path)])
-    assert code == 0, capfd.readouterr().out
-    assert path.is_file()
 
 
 def test_damaged_toml(tmp_path: Path) -> None:

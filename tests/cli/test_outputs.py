@@ -13,10 +13,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import click
 import pytest
 
 from optolever.cli.commands import SECTIONS, module_of
-from optolever.cli.outputs import OUTPUT, Program
+from optolever.cli.outputs import OutputFile, Program
 from optolever.patterns import sequence
 from optolever.reconstruct import HeightMap
 
@@ -59,7 +60,38 @@ def test_every_command_checks_its_outputs(name: str) -> None:
     command = importlib.import_module(f"optolever.cli.{module_of(name)}").command
     assert isinstance(command, Program)
     kinds = {parameter.name: parameter.type for parameter in command.params}
-    assert kinds["json_path"] is OUTPUT
+    json_type = kinds["json_path"]
+    assert isinstance(json_type, OutputFile)
+    assert json_type.suffixes == (".json",)
+
+
+def _outputs() -> list[tuple[str, click.Option]]:
+    """Commands and their options that name an output or a folder of them."""
+    names = [name for names in SECTIONS.values() for name in names]
+    commands = [(name, importlib.import_module(f"optolever.cli.{module_of(name)}").command) for name in names]
+    return [
+        (name, option)
+        for name, command in commands
+        for option in command.params
+        if isinstance(option, click.Option)
+        and (isinstance(option.type, OutputFile) or getattr(option.type, "files", ()))
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "option"), [pytest.param(*one, id=f"{one[0]} {one[1].opts[0]}") for one in _outputs()]
+)
+def test_a_suffix_that_is_not_written_is_refused(
+    refused: Refused, tmp_path: Path, name: str, option: click.Option
+) -> None:
+    """`decode --out a.csv` wrote a ZIP. Refused while options are read, whatever else is given or missing."""
+    if isinstance(option.type, OutputFile):
+        path, words = tmp_path / "a.csv", ["suffix '.csv', must be", *option.type.suffixes]
+    else:
+        files = option.type.files  # type: ignore[attr-defined]
+        path, words = tmp_path / f"a{Path(files[0]).suffix}", ["must be a folder", *files]
+    refused([name, option.opts[0], path], f"{option.opts[0]} {path}: ", *words)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_device_stays_a_device(optolever: Run, device: Callable[[str], Path]) -> None:
@@ -159,47 +191,42 @@ def test_no_output_is_an_input(refused: Refused, chain: Chain, tmp_path: Path) -
     shutil.copy(chain.correspondence, found)
     (tmp_path / "link.npz").symlink_to(found)
     os.link(found, tmp_path / "hard.npz")
-    shutil.copy(capture / "frames/003.png", tmp_path / "mask.png")
-    (tmp_path / "grid.toml").write_text("[cells]\n")
-    described = tmp_path / "other.toml"
+    shutil.copy(capture / "frames/003.png", tmp_path / "mask")
+    described, typed = tmp_path / "other", capture / "scene.toml"
     described.write_text((capture / "capture.toml").read_text())
     solve = ["reconstruct", found, "--scene", capture / "scene.toml"]
     out = ["--out", tmp_path / "new"]
-    dented = ["capture", *SCENE, "--dent", f"relief:path={tmp_path / 'mask.png'},peak=1"]
+    dented = ["capture", *SCENE, "--dent", f"relief:path={tmp_path / 'mask'},peak=1"]
     for args in (
         [*solve, "--out", found],
         [*solve, "--out", tmp_path / "link.npz"],
         [*solve, "--out", tmp_path / "hard.npz"],
         [*solve, *out, "--slopes", found],
-        [*solve, *out, "--grid", capture / "scene.toml"],
-        [*solve, *out, "--truth", capture / "truth.npz", "--json", capture / "truth.npz"],
+        [*solve, *out, "--grid", found],
+        [*solve, *out, "--truth", capture / "truth.npz", "--slopes", capture / "truth.npz"],
         ["reconstruct", tmp_path / "link.npz", "--scene", capture / "scene.toml", "--out", found],
-        ["decode", capture, "--out", capture / "capture.toml"],
-        ["decode", capture, "--out", capture / "frames/003.png"],
-        ["decode", capture, *out, "--json", capture / "frames/new.png"],
-        ["decode", capture, *out, "--json", capture / "scene.toml"],
         ["decode", capture, *out, "--description", described, "--json", described],
-        ["decode", capture, *out, "--mask", tmp_path / "mask.png", "--json", tmp_path / "mask.png"],
-        ["capture", "--scene", capture / "scene.toml", *out, "--json", capture / "scene.toml"],
-        [*dented, *out, "--json", tmp_path / "mask.png"],
-        ["bench", "--grid", tmp_path / "grid.toml", *out, "--json", tmp_path / "grid.toml"],
-        ["design", *SCENE, "--add", capture, "--json", capture / "frames/003.png"],
+        ["decode", capture, *out, "--mask", tmp_path / "mask", "--json", tmp_path / "mask"],
+        [*dented, *out, "--json", tmp_path / "mask"],
+        ["calibrate", f"flat={capture}", "--scene", typed, "--out", typed],
+        ["design", "--scene", typed, "--out", typed],
+        ["design", *SCENE, "--add", capture, "--out", capture / "capture.toml"],
     ):
         path = next(str(arg) for arg in args[::-1] if str(arg).startswith(str(tmp_path)))
         refused(args, path, "an input (", "would destroy")
 
 
 def test_two_outputs_are_two_files(refused: Refused, tmp_path: Path) -> None:
-    path = tmp_path / "c.npz"
+    path = tmp_path / "c"
     args = ["decode", "nowhere", "--out", path, "--json", path]
     refused(args, path, "two outputs")
     path.write_bytes(b"an older result")
     refused(args, path, "two outputs")
     path.unlink()  # nor where neither is there yet
     (tmp_path / "folder").mkdir()
-    (tmp_path / "link.json").symlink_to(tmp_path / "new.npz")
-    for other in (tmp_path / "folder/../new.npz", tmp_path / "link.json"):
-        args = ["decode", "nowhere", "--out", tmp_path / "new.npz", "--json", other]
+    (tmp_path / "link.json").symlink_to(tmp_path / "new")
+    for other in (tmp_path / "folder/../new", tmp_path / "link.json"):
+        args = ["decode", "nowhere", "--out", tmp_path / "new", "--json", other]
         refused(args, other, "two outputs")
 
 

@@ -80,11 +80,11 @@ def test_no_solver_and_no_prior_takes_a_displacement() -> None:
         lambda: reconstruct(rest, scene, rest=moved),  # type: ignore[arg-type]
         lambda: slope_map(reconstruct(rest, scene), moved, scene),  # type: ignore[arg-type]
     ):
-        with pytest.raises(InputError, match=r"is a Displacement; give displacement\.added_to"):
+        with pytest.raises(InputError, match=r"Displacement, must be .* displacement\.added_to"):
             call()
     height = stream.update(moved.added_to(rest))
     assert np.abs(height.z[height.good]).max() < 1e-2
     for name, follow in (("crossed", crossed), ("lattice", lattice)):
         image = np.zeros(flat.u.shape, np.uint8)
-        with pytest.raises(InputError, match="prior is a Displacement"):
+        with pytest.raises(InputError, match="prior: Displacement, must be"):
             follow(image, image, sequence(name, 40, 48), prior=moved)  # type: ignore[operator]

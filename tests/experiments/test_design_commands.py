@@ -70,7 +70,7 @@ def _little(monkeypatch: pytest.MonkeyPatch) -> None:
         (["design", *PRISM, "--frames", "20", "--time", "1"], "--frames and --time"),
         (["design", *PRISM, "--frames", "3"], "no candidate fits"),
         (["design", *PRISM, "--time", "0.01"], "less than two frames"),
-        (["design", *PRISM, "--out", "best.json"], "must end in .toml"),
+        (["design", *PRISM, "--out", "best.json"], "suffix '.json', must be .toml"),
         (["design", *PRISM, "--add", "nowhere:nothing"], "cannot be imported"),
         (["sensor", *PRISM, "--sweep", "angle", "--out", "here"], "must read name=value/value"),
         (["sensor", *PRISM, "--sequence", "grey", "--out", "here"], "name is 'grey'"),

@@ -48,3 +48,13 @@ def test_a_sweep_without_dask_is_refused_before_the_work(
     grid.write_text("scenes = ['paper-simulation']\nsequences = ['gray']\n")
     refused(["sweep", grid, "--workers", "2", "--out", tmp_path / "o"], "pip install distributed", run=run)
     assert not list(tmp_path.glob("o*"))
+
+
+@pytest.mark.parametrize("cases", [20, pytest.param(1000, marks=pytest.mark.slow)])
+def test_damaged_inputs_end_in_one_line_or_a_result_that_holds(
+    cases: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "f.json"
+    code = run(["fuzz", "--cases", str(cases), "--seed", "7", "--json", str(path)])
+    assert code == 0, capfd.readouterr().out
+    assert path.is_file()

@@ -48,7 +48,7 @@ FLAT = HeightMap(*np.zeros((4, 20, 24)), np.zeros((20, 24), np.uint16))
 #: Fields of the correspondence, arguments of reconstruct, words that the message holds.
 BAD: list[tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]] = [
     ({}, {"scene": SIMULATION}, ("24 x 32",)),
-    ({}, {"scene": "paper-simulation"}, ("scene: is a str, must be a Scene",)),
+    ({}, {"scene": "paper-simulation"}, ("scene: 'paper-simulation', must be a scene.Scene",)),
     # sizes are compared before any ray is made: of 65536 x 65536 pixels they are 32 GiB and more
     ({}, {"scene": replace(SIMULATION, camera=replace(SIMULATION.camera, rows=65536, cols=65536))},
      ("the scene's camera has 65536 x 65536",)),

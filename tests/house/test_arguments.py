@@ -1,0 +1,139 @@
+"""Public functions that are given a record of another type name it in one line, and what makes one."""
+
+import importlib
+import inspect
+import pickle
+import typing
+from collections.abc import Callable, Iterator
+from types import UnionType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from optolever import InputError, arguments, decode, projector
+from optolever.patterns import Frame, Sequence, sequence
+from optolever.scene import dent, load, resize
+
+PARTS = ("patterns", "scene", "projector", "decode", "reconstruct", "calibration")
+#: Values of no record: what users pass by mistake.
+WRONG = ["gray+phase", 7, np.zeros((3, 4)), object(), ["gray"]]
+#: Records mistaken for others.
+RECORDS = [Frame("white"), sequence("gray", 4, 4), load("prism48")]
+
+
+def _callables(part: str) -> Iterator[tuple[str, Callable[..., Any]]]:
+    """Public functions, constructors and methods of a part."""
+    face = importlib.import_module(f"optolever.{part}")
+    for name in face.__all__:
+        value = getattr(face, name)
+        if inspect.isfunction(value):
+            yield name, value
+        elif inspect.isclass(value) and not getattr(value, "_is_protocol", False):
+            yield name, value.__init__
+            for key, member in vars(value).items():
+                function = member.__func__ if isinstance(member, classmethod | staticmethod) else member
+                if not key.startswith("_") and inspect.isfunction(function):
+                    yield f"{name}.{key}", function
+
+
+def _alternatives(hint: Any) -> list[Any]:
+    union = isinstance(hint, UnionType) or typing.get_origin(hint) is typing.Union
+    return list(typing.get_args(hint)) if union else [hint]
+
+
+def _records(hint: Any) -> list[type]:
+    """Classes of the package that an annotation names, as themselves or as elements of a list."""
+    if inspect.isclass(hint) and typing.get_origin(hint) is None:
+        return [hint] if hint.__module__.startswith("optolever.") else []
+    return [one for part in typing.get_args(hint) for one in _records(part)]
+
+
+def _cases() -> list[Any]:
+    """Function, parameter, its annotation; anchors, which are texts and tuples, too, have their tests."""
+    return [
+        pytest.param(function, parameter, hint, id=f"{part}.{name}({parameter})")
+        for part in PARTS
+        for name, function in _callables(part)
+        for parameter, hint in typing.get_type_hints(function).items()
+        if parameter not in ("return", "anchor") and _records(hint)
+    ]
+
+
+def _stand_in(hint: Any) -> object:
+    """An empty object of the annotated type, as the check asks for no more."""
+    kinds = _alternatives(hint)
+    if type(None) in kinds:
+        return None
+    return object.__new__(kinds[0]) if inspect.isclass(kinds[0]) else []
+
+
+@pytest.mark.parametrize(("function", "parameter", "hint"), _cases())
+def test_a_wrong_record_is_one_line(function: Callable[..., Any], parameter: str, hint: Any) -> None:
+    """Arguments that are no records are None: the check comes before any of them is used."""
+    hints = typing.get_type_hints(function)
+    others = {
+        name: _stand_in(hints[name]) if _records(hints.get(name)) and name != "anchor" else None
+        for name in inspect.signature(function).parameters
+    }
+    for value in (*WRONG, *RECORDS, *([] if type(None) in _alternatives(hint) else [None])):
+        if isinstance(value, tuple(_records(hint))) and "[" not in str(hint):
+            continue
+        with pytest.raises(InputError) as caught:
+            function(**{**others, parameter: value})
+        line = str(caught.value)
+        assert line.startswith((f"{parameter}: ", f"{parameter}[0]: ")), line
+        assert "must be a" in line
+        assert "\n" not in line
+
+
+def test_every_maker_is_public() -> None:
+    """A message names functions, and their parameters, that exist."""
+    for record, text in arguments._MAKERS.items():
+        name, _, rest = text.partition("(")
+        part, _, function = name.partition(".")
+        face = importlib.import_module(f"optolever.{part}")
+        assert function in face.__all__, record
+        if (part, function) != ("scene", "load"):
+            given = [one.strip() for one in rest.removesuffix(")").split(",")]
+            assert given == list(inspect.signature(getattr(face, function)).parameters)[: len(given)], record
+
+
+def test_messages_name_the_cure() -> None:
+    shown = sequence("gray+phase", 8, 8)
+    frames = shown.render()
+    with pytest.raises(InputError, match=r"'gray\+phase', must be .*patterns\.sequence\(name, rows, cols\)"):
+        decode.decode(frames, "gray+phase")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"sequence: ndarray, must be a patterns\.Sequence"):
+        decode.decode(shown, frames)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"frames\[1\]: 'black', must be a patterns\.Frame"):
+        Sequence((Frame("white"), "black"), 8, 8)  # type: ignore[arg-type]
+
+
+def test_checked_functions_stay_themselves() -> None:
+    """Names, help and pickle: processes are handed functions of the faces."""
+    assert pickle.loads(pickle.dumps(decode.decode)) is decode.decode
+    assert decode.decode.__name__ == "decode"
+    assert "sequence" in inspect.signature(decode.decode).parameters
+
+
+def test_frames_are_indexed_like_arrays() -> None:
+    rig = resize(load("paper-simulation"), 24, 32)
+    shown = sequence("gray+phase", rig.pattern.rows, rig.pattern.cols)
+    seen = projector.capture(rig, dent("gaussian", rig), shown, renderer="numpy")
+    assert seen[3].shape == (24, 32)
+    assert np.array_equal(seen[-1], seen.frames[-1])
+    assert len(list(seen)) == len(shown)
+    part = seen[1:4]
+    assert part.sequence == shown[1:4]
+    assert np.array_equal(part.frames, seen.frames[1:4])
+    assert part.timestamps is not None
+    assert seen.timestamps is not None
+    assert np.array_equal(part.timestamps, seen.timestamps[1:4])
+    assert part.scene is seen.scene
+    found = decode.decode(seen, shown)  # type: ignore[arg-type]
+    assert found == decode.decode(seen.frames, shown)
+    with pytest.raises(IndexError):
+        seen[len(shown)]
+    with pytest.raises(InputError, match="frames is empty"):
+        seen[5:5]
