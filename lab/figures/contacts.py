@@ -9,11 +9,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.ndimage
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from optolever.decode import Correspondence
-from optolever.reconstruct import Contact, HeightMap, contacts, exact_correspondence, reconstruct, slope_map
+from optolever.experiments.arrays import Floats, Mask
+from optolever.reconstruct import (
+    Contact,
+    HeightMap,
+    SlopeMap,
+    contacts,
+    exact_correspondence,
+    reconstruct,
+    slope_map,
+)
 from optolever.scene import (
     Scene,
     Surface,
@@ -22,13 +30,11 @@ from optolever.scene import (
     load,
     parameter_values,
     resize,
+    rig_covariance,
     trace,
-    typed_covariance,
 )
 
-from .arrays import Floats
-
-__all__ = ["KINDS", "Compared", "Finger", "contact_figures", "drawn_press", "press", "with_displacement"]
+__all__ = ["KINDS", "Compared", "Finger", "contact_figures", "drawn_press", "press"]
 
 KINDS = ("ball", "punch", "gaussian", "needle")
 _GAUGE = (0.5, 0.5, np.radians(1.0))  # mm, mm, rad: where the whole rig stands along the mirror
@@ -75,7 +81,7 @@ class Compared:
 
 def contact_figures(rigs: int, seed: int = 0, size: tuple[int, int] = (120, 160)) -> Iterator[list[Compared]]:
     """Fingers of every drawn rig against what was found."""
-    scene = resize(load("prism48", exact=True), *size)
+    scene = resize(load("prism48"), *size)
     for number in range(rigs):
         rng = np.random.default_rng([60, seed, number])
         fingers = drawn_press(scene, rng)
@@ -113,30 +119,24 @@ def _merge(fingers: list[Finger], scene: Scene) -> bool:
 
 def press(
     scene: Scene, fingers: list[Finger], rng: np.random.Generator, at_rest: bool = True
-) -> tuple[HeightMap, Correspondence, Scene, Correspondence | None]:
-    """Height of fingers on a rig drawn from the priors, with the typed scene; at_rest: against a rest
-    capture; and what `slope_map` takes."""
-    covariance = typed_covariance(scene)
+) -> tuple[HeightMap, SlopeMap]:
+    """Height and slopes of fingers on a rig drawn from the priors of a typed scene; at_rest: against a rest
+    capture."""
+    covariance = rig_covariance(scene)
     assert covariance is not None
     own, change = parameter_values(scene), rng.standard_normal(len(covariance.root)) @ covariance.root
     values = {name: own[name] + by for name, by in zip(covariance.names, change, strict=True)}
     truth = _moved(adjusted(scene, values), *(_GAUGE * rng.standard_normal(3)))
     noise = float(rng.uniform(0.01, 0.02))
-    typed = replace(scene, covariance=covariance)
     rest = _captured(truth, dent("flat", scene), noise, rng) if at_rest else None
     seen = _captured(truth, surface_of(fingers, scene), noise, rng)
-    height = with_displacement(reconstruct(seen, typed, rest=rest), typed)
-    return height, seen, typed, rest
+    height = reconstruct(seen, scene, rest=rest)
+    return height, slope_map(height, seen, scene, rest)
 
 
-def compared(
-    pressed: tuple[HeightMap, Correspondence, Scene, Correspondence | None],
-    fingers: list[Finger],
-    scene: Scene,
-) -> list[Compared]:
+def compared(pressed: tuple[HeightMap, SlopeMap], fingers: list[Finger], scene: Scene) -> list[Compared]:
     """Every finger against the nearest contact of a map."""
-    height, seen, typed, rest = pressed
-    found = contacts(height, slope_map(height, seen, typed, rest))
+    found = contacts(*pressed)
     surface, result = surface_of(fingers, scene), []
     for finger in fingers:
         off = [np.hypot(c.x - finger.x, c.y - finger.y) for c in found]
@@ -157,34 +157,6 @@ def surface_of(fingers: list[Finger], scene: Scene) -> Surface:
         return z, zx, zy
 
     return Surface(lambda x, y: both(x, y)[0], lambda x, y: both(x, y)[1:], both=both)
-
-
-def with_displacement(height: HeightMap, scene: Scene) -> HeightMap:
-    """The height with the change of x and y by every error of the rig: of the rays' feet on the mirror at
-    rest, by differences, and of the whole rig along the mirror."""
-    if height.displacement is not None:
-        return height
-    assert scene.covariance is not None
-    own, names = parameter_values(scene), scene.covariance.names
-    x, y = _feet(scene)
-    terms = np.stack([np.ones(x.size), x.ravel(), y.ravel()], axis=1)
-    rows = []
-    for row in 0.1 * scene.covariance.root:
-        values = {name: own[name] + by for name, by in zip(names, row, strict=True)}
-        moved = [10.0 * (a - b).ravel() for a, b in zip(_feet(adjusted(scene, values)), (x, y), strict=True)]
-        rows.append(np.linalg.lstsq(terms, np.stack(moved, axis=1), rcond=None)[0].T)
-    along, across, turn = _GAUGE
-    cx, cy = 0.5 * scene.mirror.length, 0.5 * scene.mirror.width
-    rows += [np.array([[along, 0, 0], [0, 0, 0]]), np.array([[0, 0, 0], [across, 0, 0]])]
-    rows += [turn * np.array([[cy, 0, -1], [-cx, 1, 0]])]
-    return replace(height, displacement=np.stack(rows))
-
-
-def _feet(scene: Scene) -> tuple[Floats, Floats]:
-    """x and y of the rays at z = 0."""
-    o, d = scene.camera.rays()
-    at = o - o[..., 2:] / d[..., 2:] * d
-    return at[..., 0], at[..., 1]
 
 
 def _moved(scene: Scene, along: float, across: float, turn: float) -> Scene:
@@ -245,7 +217,7 @@ def _scores(contact: Contact, finger: Finger, surface: Surface) -> dict[str, flo
     else:
         labels, _ = scipy.ndimage.label(z > 0.5 * depth)
         middle = steps.size // 2
-        half: NDArray[np.bool_] = labels == labels[middle, middle]
+        half: Mask = labels == labels[middle, middle]
         area, place = np.count_nonzero(half) * _FINE**2, np.array([x[half].mean(), y[half].mean()])
     off = (np.array(contact.centroid) - place) / contact.centroid_sigma
     return {
