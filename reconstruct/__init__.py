@@ -7,6 +7,7 @@
 | `arrays.py` | names of arrays by what they hold |
 | `problem.py`, `result.py` | checks, window, orientation, components; the solved grid as a HeightMap |
 | `calibration.py` | a rest capture as reference |
+| `motion.py` | the rig's motion between rest and press, with its covariance |
 | `propagation.py` | what the errors of a calibrated rig do to a height map |
 | `budget.py` | the uncertainty of a height, a depth, a difference, by its sources |
 | `exact.py` | the correspondence that a perfect decoder would give |
@@ -48,6 +49,7 @@ from .curvature import CurvatureMap, curvature_map
 from .exact import exact_correspondence
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .integrate import Integral, integrate, integrator_names
+from .motion import Motion, MotionPrior, fit_motion, same_capture
 from .null_space import null_space
 from .paper import PaperGeometry, PaperResult, Profile, SeriesName, recursion, series
 from .paper_equations import (
@@ -91,6 +93,8 @@ __all__ = [
     "HeightMap",
     "HeightStream",
     "Integral",
+    "Motion",
+    "MotionPrior",
     "PaperGeometry",
     "PaperResult",
     "PixelAnchor",
@@ -105,6 +109,7 @@ __all__ = [
     "contacts",
     "curvature_map",
     "exact_correspondence",
+    "fit_motion",
     "free_mode",
     "free_mode_of",
     "height_increment",
@@ -124,6 +129,7 @@ __all__ = [
     "reconstruct_paper",
     "recursion",
     "row_recursion",
+    "same_capture",
     "series",
     "sigma_at_rest",
     "slope_angle",
