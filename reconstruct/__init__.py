@@ -52,6 +52,7 @@ from .curvature import CurvatureMap, curvature_map
 from .exact import exact_correspondence
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .integrate import Integral, integrate, integrator_names
+from .motion import Motion, MotionPrior, fit_motion, same_capture
 from .null_space import null_space
 from .paper import PaperGeometry, PaperResult, Profile, SeriesName, recursion, series
 from .paper_equations import (
@@ -95,6 +96,8 @@ __all__ = [
     "HeightMap",
     "HeightStream",
     "Integral",
+    "Motion",
+    "MotionPrior",
     "PaperGeometry",
     "PaperResult",
     "PixelAnchor",
@@ -109,6 +112,7 @@ __all__ = [
     "contacts",
     "curvature_map",
     "exact_correspondence",
+    "fit_motion",
     "free_mode",
     "free_mode_of",
     "height_increment",
@@ -128,6 +132,7 @@ __all__ = [
     "reconstruct_paper",
     "recursion",
     "row_recursion",
+    "same_capture",
     "series",
     "sigma_at_rest",
     "slope_angle",
