@@ -1,5 +1,6 @@
 """reconstruct(): Correspondence + Scene -> HeightMap."""
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -8,6 +9,7 @@ import scipy.ndimage
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
+from optolever.notices import Notice
 from optolever.records import LOG, Progress, logged, silent
 from optolever.scene import TYPED, Scene
 
@@ -22,7 +24,7 @@ from .gaps import across_gaps, widened
 from .heightmap import HeightMap
 from .holes import bridged, noise_gain, whole_lines
 from .hypotheses import likely_mistake
-from .motion import Motion, fit_motion
+from .motion import Motion, fit_motion, same_capture
 from .newton import Options, State, missed, solve
 from .paper import SeriesName
 from .paper_scene import reconstruct_paper
@@ -52,6 +54,12 @@ _MISSED = 5.0  # standard deviations of an edge
 _BETTER = 3.0  # times: data less better than that by its curl may hide what neighbours share
 _NOISIER = 1.2  # times the announced noise, by the curl: sigma grows to what it is
 _IMPOSSIBLE = 1e4  # chi2 of an exact scene from which on its description is doubted
+_SAME_CAPTURE = Notice(
+    "The press and the rest capture are one and the same capture, so that every height is 0",
+    math.nan,
+    math.nan,
+    "give the capture of the mirror at rest as --rest",
+)
 _ROUNDS = 6  # of leaving out lone pixels with a curl
 
 
@@ -109,6 +117,8 @@ def reconstruct(
         raise InputError(f"method = {method!r}: unknown, must be one of {', '.join(method_names())}")
     motion = None
     if rest is not None:
+        if same_capture(correspondence, rest):
+            correspondence = replace(correspondence, notices=(*correspondence.notices, _SAME_CAPTURE))
         motion = None if scene.exact else fit_motion(correspondence, rest, scene)
     measured = Measurement(_without(motion, correspondence), anchor, mask, rest, method)
     correspondence = measured.corrected(scene)

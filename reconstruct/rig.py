@@ -251,7 +251,7 @@ def _model(
         if at_rest or _at_edge(measured.anchor):
             forms = sag_forms(small, typed.sag)
     if motion is not None:
-        shifts.append((MOTION, motion.modes(problem.valid.shape)))
+        shifts.append((MOTION, motion.modes(step)))
     known = rig_covariance(scene)
     model = RigModel(
         problem,

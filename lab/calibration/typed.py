@@ -1,7 +1,8 @@
 """Rigs that are not as typed: one kind of error drawn from the priors, heights against their total sigma.
 
-Rest and press are traced through the rig as it is (`scene.trace`; a cover glass by vector refraction, which the
-reconstruction does not use) and reconstructed with the scene as it was typed, alone and against the rest capture.
+Rest and press are traced through the rig as it is (`scene.trace`; a cover glass by vector refraction, which
+the reconstruction does not use) and reconstructed with the scene as it was typed, alone and against the rest
+capture.
 """
 
 from collections.abc import Callable, Iterator
@@ -44,8 +45,7 @@ _SILENT = 0.01  # share of the heights
 
 @dataclass(frozen=True, slots=True)
 class _Drawn:
-    """A rig as it is: numbers in standard deviations of typed ones; glass (mm), stripes (cells), sag (mm) and motion
-    in standard deviations of theirs."""
+    """A rig as it is: numbers, and glass, stripes, sag and motion, in standard deviations of typed ones."""
 
     numbers: dict[str, float]
     glass: float = 0.0
@@ -56,8 +56,8 @@ class _Drawn:
 
 @dataclass(frozen=True, slots=True)
 class TypedRun:
-    """One capture: errors in mm of the good heights (median, median of total sigma), the share beyond five total
-    sigma, rms of error over total sigma; whether a notice stands; refused: no height is trusted."""
+    """One capture. Of its good heights: medians of error and total sigma (mm), rms of error over total sigma,
+    share beyond five total sigma; told: there is a notice; refused: no height is trusted."""
 
     kind: str
     scene: str
@@ -161,15 +161,19 @@ def _runs(kind: str, typed: Scene, seed: int, rng: Rng, times: float) -> Iterato
             continue
         error, sigma = np.abs(height.z - z)[good], height.total_sigma[good]
         share = error / sigma
-        numbers = (
-            good.mean(),
-            np.median(error),
-            np.median(sigma),
-            np.sqrt(np.mean(share**2)),
-            np.mean(share > 5),
+        yield TypedRun(
+            kind,
+            typed.name,
+            seed,
+            against,
+            good=float(good.mean()),
+            error=float(np.median(error)),
+            sigma=float(np.median(sigma)),
+            ratio=float(np.sqrt(np.mean(share**2))),
+            beyond=float(np.mean(share > 5)),
+            told=bool(height.notices),
+            refused=height.implausible,
         )
-        told = bool(height.notices)
-        yield TypedRun(kind, typed.name, seed, against, *map(float, numbers), told, height.implausible)
 
 
 def _surfaces(scene: Scene, sag: Floats, rng: Rng) -> tuple[Surface, Surface]:
@@ -211,8 +215,8 @@ def _captured(
 
 
 def _behind_glass(scene: Scene, truth: Trace, thickness: float) -> tuple[Floats, Floats]:
-    """Change of u and v by a plate of glass before the cells: the ray is refracted as a vector (Snell's law) and
-    followed through the plate."""
+    """Change of u and v by a plate of glass before the cells: the ray is refracted as a vector (Snell's law)
+    and followed through the plate."""
     if not thickness:
         return np.zeros(truth.u.shape), np.zeros(truth.u.shape)
     pattern = scene.pattern
@@ -231,5 +235,7 @@ def _anchor(scene: Scene, z: Floats) -> PixelAnchor | None:
     """The edge at rest where it is in view by construction; else a known point beside the middle."""
     if isinstance(scene.camera, TelecentricCamera):
         return None
-    row, col = z.shape[0] // 2, z.shape[1] // 5
+    seen = np.argwhere(np.isfinite(z))
+    away = np.linalg.norm(seen - np.array([0.5, 0.2]) * z.shape, axis=1)
+    row, col = seen[np.argmin(away)].tolist()
     return PixelAnchor(row, col, float(z[row, col]))
