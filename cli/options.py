@@ -152,8 +152,8 @@ def dent_of(scene: "Scene", dent: str | None) -> str:
 
 
 def load_scene(name: str, size: tuple[int, int] | None = None, *, exact: bool = False) -> "Scene":
-    """The scene of a preset or file, resampled if a size is given; exact: for simulations. InputError if there
-    is none."""
+    """The scene of a preset or file, resampled if a size is given; exact: for simulations. InputError if
+    there is none."""
     from optolever.scene import load, resize
 
     scene = load(name, exact=exact)

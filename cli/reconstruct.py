@@ -140,8 +140,8 @@ GRID_WRITERS = {".npz": "save", ".tif": "save_tiff", ".tiff": "save_tiff", ".x3p
 @click.option(
     "--accept",
     is_flag=True,
-    help="Keep the heights of a capture that contradicts its scene beyond the scene's accuracy; without it all "
-    "pixels are flagged, and the exit code is 2.",
+    help="Keep the heights of a capture that contradicts its scene beyond the scene's accuracy; without it "
+    "all pixels are flagged, and the exit code is 2.",
 )
 @click.option("--truth", type=FILE, metavar="TRUTH.npz", help="Compare with the truth of a virtual capture.")
 @size_option

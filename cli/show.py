@@ -56,12 +56,13 @@ def length(mm: float) -> str:
     """
     if not math.isfinite(mm):
         return "unknown"
-    unit, factor = ("mm", 1.0) if abs(mm) >= 0.0995 else ("um", 1e3) if abs(mm) >= 0.995e-3 else ("nm", 1e6)
-    return f"{factor * mm:.2g} {unit}"
+    if abs(mm) >= 0.0995:
+        return f"{mm:.2g} mm"
+    return f"{1e3 * mm:.2g} um" if abs(mm) >= 0.995e-3 else f"{1e6 * mm:.2g} nm"
 
 
 def noise_and_rig(noise: float, rig: float) -> str:
-    """Standard deviations (mm) by noise and by the errors of the rig, of which 0 stands for an exact scene."""
+    """Standard deviations (mm) by noise and by the errors of the rig; 0: an exact scene."""
     return f"± {length(noise)} noise" + (f" ± {length(rig)} rig" if rig > 0 else "")
 
 
@@ -75,8 +76,8 @@ def dent_rows(dent: Mapping[str, Any], count: int) -> dict[str, str]:
         return f"{number(dent[name])} ± {dent[f'{name}_sigma']:.2g} {unit}"
 
     return {
-        f"dent {count}": f"depth {number(dent['depth'])} mm {noise_and_rig(noise, rig)}; {dent['region']}: area "
-        f"{give('area', 'mm²')}, volume {give('volume', 'mm³')}, centroid ({x:.6g}, {y:.6g}) ± "
+        f"dent {count}": f"depth {number(dent['depth'])} mm {noise_and_rig(noise, rig)}; {dent['region']}: "
+        f"area {give('area', 'mm²')}, volume {give('volume', 'mm³')}, centroid ({x:.6g}, {y:.6g}) ± "
         f"{dent['centroid_sigma']:.2g} mm",
         f"evidence {count}": dent["evidence"],
     }

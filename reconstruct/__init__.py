@@ -7,7 +7,8 @@
 | `arrays.py` | names of arrays by what they hold |
 | `problem.py`, `result.py` | checks, window, orientation, components; the solved grid as a HeightMap |
 | `calibration.py` | a rest capture as reference |
-| `rig.py`, `rig_effects.py` | modes by the errors of the rig, the judgement of the slopes; glass, sag, gauge |
+| `rig.py` | modes by the errors of the rig; whether these explain the slopes |
+| `rig_effects.py` | errors beside the scene's numbers: cover glass, sag, gauge |
 | `hypotheses.py` | mistakes in a description, tried one by one |
 | `motion.py` | motion of the rig between rest and press |
 | `budget.py` | the uncertainty of a height, a depth, a difference, by its sources |

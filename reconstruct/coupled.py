@@ -53,7 +53,8 @@ _SENSITIVE, _UNSTABLE = 0.25, 1.0
 _MISSED = 5.0  # standard deviations of an edge
 _BETTER = 3.0  # times: data less better than that by its curl may hide what neighbours share
 _NOISIER = 1.2  # times the announced noise, by the curl: sigma grows to what it is
-_IMPOSSIBLE = 1e4  # chi2 of an exact scene from which on its description is doubted
+_IMPOSSIBLE = 1e4  # chi2 from which on the description of the rig is doubted
+_DOUBTED = 0.2  # chi2 that the errors of such a rig leave, from which on other descriptions are tried
 _SAME_CAPTURE = Notice(
     "The press and the rest capture are one and the same capture, so that every height is 0",
     math.nan,
@@ -166,9 +167,10 @@ def with_rig(
         judged = judged_rig(model, solutions, solution.problem, solution.state, gain)
         if not scene.exact:
             solution = _rejudged(solution, judged.chi2, judged.freedom)
-        if not (judged.likely or accept):
+        if judged.raw > _IMPOSSIBLE and not accept and not (judged.likely and judged.chi2 < _DOUBTED):
             mistake = likely_mistake(_judge_coarse, measured, typed, judged.raw)
-            return solution._replace(height=refused(solution.height, mistake))
+            if mistake or not judged.likely:
+                return solution._replace(height=refused(solution.height, mistake))
     if scene.exact:
         return solution
     modes = rig_modes(model, solutions, solution.height)

@@ -165,14 +165,21 @@ def solve(
             )
 
 
-def chord_step(data: Measured, labels: Labels, state: State, accuracy: Accuracy | None = None) -> State:
+def chord_step(
+    data: Measured,
+    labels: Labels,
+    state: State,
+    accuracy: Accuracy | None = None,
+    share: Floats | None = None,
+) -> State:
     """One more step from a state, for a measurement that has changed little: same problem,
-    factor and variances. accuracy: of the linear solve; None: noise hides what is left.
+    factor and variances. accuracy: of the linear solve; None: noise hides what is left. share: of the anchors,
+    None: chosen anew.
     """
     p, q, _, _ = data.slopes(state.w)
     gx, gy = defects(p, q, state.w, state.root, data.mask)
     step = state.problem.solve(gx, gy, accuracy or Accuracy(_LINEAR_SHARE, _CHORD))
-    change, _ = _anchored(step.x, state.root, labels, state.rows, state.w, (p, q), state.variances)
+    change, _ = _anchored(step.x, state.root, labels, state.rows, state.w, (p, q), state.variances, share)
     size = float(np.sqrt(np.mean(change**2)))
     return replace(state, w=state.w + change, slopes=(p, q), steps=(size,), iterations=step.iterations)
 
@@ -224,12 +231,16 @@ def _anchored(
     w: Floats,
     slopes: tuple[Floats, Floats],
     variances: tuple[Floats, Floats],
+    share: Floats | None = None,
 ) -> tuple[Floats, Floats]:
     """The change of w: E times the potential and the constant that the anchors ask for; and their shares."""
     at, count = rows.pixel, int(labels.max())
     factor = np.square(np.broadcast_to(root, w.shape).ravel()[at])
     error = rows.predict(w, *slopes) + factor * potential.ravel()[at] - rows.known
-    constants, share = free_constants(rows, error, factor, _anchor_spread(rows, variances), count)
+    if share is None or share.shape != error.shape:
+        constants, share = free_constants(rows, error, factor, _anchor_spread(rows, variances), count)
+    else:
+        constants = -np.bincount(rows.component, share * error / factor, count + 1)
     change = potential + (constants[1] if count == 1 else constants[labels])
     change *= root
     change *= root

@@ -23,7 +23,7 @@ from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.scene import Covariance, Scene, adjusted, parameter_values, rig_covariance, strided
 
-from .anchors import Anchors, DistanceAnchor, EdgeAnchor, PixelAnchor, anchor_samples
+from .anchors import Anchors, DistanceAnchor, EdgeAnchor, PixelAnchor, Samples, anchor_samples
 from .arrays import Floats, Mask
 from .calibration import Form, Pair3, flat_mirror, no_form, rest_corrected
 from .circulation import circulation_chi2, circulations
@@ -55,10 +55,11 @@ _UNSETTLED = np.uint16(HeightFlag.NOT_CONVERGED | HeightFlag.SINGULAR)
 _STEP = 0.05  # of a standard deviation
 _LINES = 96  # rows or columns of the coarse grid, at least
 _CHORDS = 3  # steps; each leaves about 1 % of the last one, the error of the integrating factor
-_LINEAR = 100.0  # chi2 up to which derivatives serve; beyond it they describe errors to a tenth of them
-_FITS = 2
-_LIKELY = 9.0  # |a|^2 per error: three sigma of all at once
-_ACCURACY = Accuracy(relative=1e-7)
+_LINEAR = 1e4  # chi2 up to which derivatives serve; beyond it they describe errors to a tenth of them
+_TENTH = 100.0  # chi2 of what a tenth may be, of 1e4
+_FITS = 4  # Gauss-Newton steps
+_LIKELY = 9.0  # mean square of errors in standard deviations: three sigma of all at once
+_ACCURACY = Accuracy(1e-4, 1e-7)  # energy: of an edge's standard deviation; less is rounding
 GLASS, CENTROID = "cover glass", "colour stripes of the display"
 SAG, MOTION = "sag of the mirror at rest", "motion between rest and press"
 
@@ -172,7 +173,7 @@ class RigModel:
             x, y, _ = origins + samples.distance * directions
             samples = replace(samples, distance=samples.distance + form(x, y)[0] / directions[2])
         samples = samples.window(problem.rows.start, problem.cols.start)
-        samples = samples.transposed() if problem.turned else samples
+        samples = _nearest(problem.samples, samples.transposed() if problem.turned else samples)
         return data, anchor_rows(samples, data, problem.labels), form
 
     def solved(self, errors: Floats, start: State | None = None) -> "RigSolution":
@@ -180,7 +181,7 @@ class RigModel:
         data, rows, form = self.at(errors)
         state = replace(self.state if start is None else start, rows=rows)
         for _ in range(_CHORDS):
-            state = chord_step(data, self.problem.labels, state, _ACCURACY)
+            state = chord_step(data, self.problem.labels, state, _ACCURACY, self.state.share)
         return RigSolution(data, state, form)
 
     def points(self, solution: "RigSolution") -> Floats:
@@ -297,30 +298,29 @@ def judged_rig(
     these (see `circulation_chi2`), with the errors in the rig.
     """
     raw, freedom = circulation_chi2(problem.data, state, gain)
-    own, weights = _scores(model, solutions[0])
-    if not weights.size or not own.any():
+    own = _scores(model, solutions[0])
+    if not own.scores.size or not own.scores.any():
         return RigJudgement(raw, freedom, True, raw)
-    slopes = np.stack([(_scores(model, each)[0] - own) / _STEP for each in solutions[1:]], axis=1)
-    squares, prior = (slopes.T * weights) @ slopes, np.eye(model.count)
-    before = float(weights @ own**2 / weights.sum())
-    trust = min(1.0, _LINEAR / before)
-    errors, scores, solution = np.zeros(model.count), own, solutions[0]
+    slopes = np.stack([(_scores(model, each).scores - own.scores) / _STEP for each in solutions[1:]], axis=1)
+    squares, prior = (slopes.T * own.weights) @ slopes, np.eye(model.count)
+    before = own.worst(own.scores)
+    trust = 1.0 if before < _LINEAR else _TENTH / before
+    errors, scores, solution = np.zeros(model.count), own.scores, solutions[0]
     for _ in range(_FITS if trust == 1.0 else 1):
-        gradient = trust * slopes.T @ (weights * scores) + errors
+        gradient = trust * slopes.T @ (own.weights * scores) + errors
         errors = errors - scipy.linalg.solve(trust * squares + prior, gradient, assume_a="pos")
         try:
             solution = model.solved(errors, solution.state)
         except InputError:  # no rig has these numbers
             return RigJudgement(raw, freedom, False, before)
-        scores = _scores(model, solution)[0]
+        scores = _scores(model, solution).scores
     likely = float(errors @ errors) <= _LIKELY * model.count
     if trust < 1.0:
-        predicted = float(weights @ (own + slopes @ errors) ** 2 / weights.sum())
-        worse = not float(weights @ scores**2 / weights.sum()) < before
-        chi2 = trust * (before if worse else predicted)
-        return RigJudgement(chi2, freedom, likely and chi2 <= 1.0, before)
+        better = own.worst(scores) < before
+        chi2 = trust * (own.worst(own.scores + slopes @ errors) if better else before)
+        return RigJudgement(chi2, freedom, likely and chi2 <= _LIKELY, before)
     chi2, freedom = _remaining(model, solutions[0], solution, errors, problem, state, gain)
-    return RigJudgement(chi2 / max(1.0, raw / _LINEAR**2), freedom, likely, before)
+    return RigJudgement(chi2 / max(1.0, raw / _LINEAR * _TENTH), freedom, likely, before)
 
 
 def _remaining(
@@ -352,13 +352,28 @@ def _remaining(
     return circulation_chi2(data, replace(state, w=w, slopes=(p, q)), gain)
 
 
-def _scores(model: RigModel, solution: RigSolution) -> tuple[Floats, Floats]:
-    """Circulations over their sigma of blocks of all sizes, and the share of each that is independent."""
+class _Circulations(NamedTuple):
+    """scores (n,): circulations over their sigma of blocks of all sizes; weights (n,): the share of each that is
+    independent; block (n,): number of its size."""
+
+    scores: Floats
+    weights: Floats
+    block: NDArray[np.intp]
+
+    def worst(self, scores: Floats) -> float:
+        """The largest mean square of one size."""
+        return float(np.max(np.bincount(self.block, scores**2) / np.bincount(self.block)))
+
+
+def _scores(model: RigModel, solution: RigSolution) -> _Circulations:
     p, q, _, _ = solution.data.slopes(solution.state.w)
     variance = model.state.variances[0] + model.state.variances[1]
-    found = circulations(solution.data.mask, (p, q), variance)
+    found = [each for each in circulations(solution.data.mask, (p, q), variance) if each[1].size]
+    if not found:
+        return _Circulations(np.zeros(0), np.zeros(0), np.zeros(0, np.intp))
     weights = [np.full(scores.size, 1 / (2 * block) ** 2 / len(found)) for block, scores in found]
-    return np.concatenate([scores for _, scores in found]), np.concatenate(weights)
+    sizes = np.repeat(np.arange(len(found)), [scores.size for _, scores in found])
+    return _Circulations(np.concatenate([scores for _, scores in found]), np.concatenate(weights), sizes)
 
 
 def _sources(
@@ -385,6 +400,15 @@ def _sources(
     return tuple(name for name, _ in padded), np.stack([np.zeros((total, total)), *(s for _, s in padded)])[
         1:
     ]
+
+
+def _nearest(reference: Samples, samples: Samples) -> Samples:
+    """Of every sample of the reference the nearest one: as many, where the edge has moved along the image."""
+    if samples.row.size == reference.row.size:
+        return samples
+    away = np.hypot(reference.row[:, None] - samples.row, reference.col[:, None] - samples.col)
+    at = np.argmin(away, axis=1)
+    return Samples(samples.row[at], samples.col[at], samples.distance[at], samples.sigma[at])
 
 
 def _sum(forms: Sequence[Form], factors: Floats) -> Form:

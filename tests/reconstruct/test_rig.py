@@ -1,0 +1,214 @@
+"""Every scene has a covariance: modes against rigs that are off, impossible scenes, the press as its own rest.
+
+Truth is traced by `scene.trace` through the rig as it is; modes are compared with whole solves by other scenes.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from lab.calibration.rigs import behind_face
+from lab.calibration.typed import typed_runs
+from optolever.decode import Correspondence
+from optolever.reconstruct import HeightFlag, HeightMap, PixelAnchor, exact_correspondence, reconstruct
+from optolever.scene import (
+    TYPED,
+    Accuracy,
+    Scene,
+    Trace,
+    adjusted,
+    dent,
+    load,
+    parameter_values,
+    resize,
+    rig_covariance,
+    trace,
+    typed_sigmas,
+)
+
+NOISE = 0.01  # px
+SIZE = 90, 120
+PRISM = resize(load("prism48"), *SIZE)
+FACE = replace(behind_face(SIZE[1]), accuracy=TYPED)
+AIR = resize(load("monitor-mirror"), *SIZE)
+SCENES = {"prism": PRISM, "face": FACE, "air": AIR}
+ANCHOR = PixelAnchor(45, 24, 0.0)
+
+
+def captured(
+    scene: Scene, name: str = "gaussian", noise: float = NOISE, seed: int = 0
+) -> tuple[Trace, Correspondence]:
+    """A capture of a dent in the middle of the mirror, or of the mirror at rest ('flat')."""
+    length = scene.mirror.length
+    depth = {"peak": length / 300, "sigma": length / 12} if name == "gaussian" else {}
+    truth = trace(scene, dent(name, scene, **depth))
+    rng = np.random.default_rng(seed)
+    u, v = (at + noise * rng.standard_normal(at.shape) for at in (truth.u, truth.v))
+    sigma = np.full(u.shape, NOISE)
+    return truth, Correspondence(u, v, sigma, sigma.copy(), np.where(truth.visible, 0, 1).astype(np.uint16))
+
+
+def off(scene: Scene, name: str, times: float) -> Scene:
+    """The scene with one of its numbers off by `times` standard deviations of a typed one."""
+    return adjusted(scene, {name: parameter_values(scene)[name] + times * typed_sigmas(scene)[name]})
+
+
+def interior(height: HeightMap) -> NDArray[np.bool_]:
+    """Good pixels a tenth of the mirror away from the pattern's edge, where modes of single pixels are large."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(height.good & (height.x > 0.1 * np.nanmax(height.x)))
+
+
+@pytest.mark.parametrize("kind", SCENES)
+@pytest.mark.parametrize("against_rest", [False, True], ids=["alone", "rest"])
+def test_modes_are_what_whole_solves_by_other_scenes_change(kind: str, against_rest: bool) -> None:
+    scene = SCENES[kind]
+    exact = replace(scene, accuracy=None)
+    _, press = captured(scene, noise=0.0)
+    rest = captured(scene, "flat", 0.0)[1] if against_rest else None
+    known = rig_covariance(scene)
+    assert known is not None
+    height = reconstruct(press, scene, anchor=ANCHOR, rest=rest)
+    assert height.calibration is not None
+    assert height.displacement is not None
+    own = reconstruct(press, exact, anchor=ANCHOR, rest=rest)
+    inside, share = interior(own), 0.1
+    modes = {}
+    # rows of a root are single numbers here: the typed ones are independent
+    for row, mode, moved in zip(known.root, height.calibration, height.displacement, strict=False):
+        modes[known.names[int(np.argmax(np.abs(row)))]] = np.sign(row[np.argmax(np.abs(row))]) * mode, moved
+    assert set(modes) == set(typed_sigmas(scene))
+    largest = max(float(np.sqrt(np.mean(mode[inside] ** 2))) for mode, _ in modes.values())
+    for name in (
+        "camera.rx",
+        "camera.pitch_u",
+        "camera.f",
+        "pattern.x",
+        "pattern.rz",
+        "face.index",
+        "pattern.pitch",
+    ):
+        if name not in modes:
+            continue
+        other = reconstruct(press, off(exact, name, share), anchor=ANCHOR, rest=rest)
+        both = inside & other.good
+        change = (other.z - own.z)[both] / share
+        left = np.sqrt(np.mean((change - modes[name][0][both]) ** 2))
+        assert left < 0.05 * np.sqrt(np.mean(change**2)) + 1e-3 * largest, name
+
+
+def test_displacement_is_how_points_move_with_the_rig() -> None:
+    _, press = captured(PRISM, noise=0.0)
+    height = reconstruct(press, PRISM)
+    known = rig_covariance(PRISM)
+    assert known is not None
+    assert height.displacement is not None
+    number = next(
+        k for k, row in enumerate(known.root) if known.names[int(np.argmax(np.abs(row)))] == "camera.pitch_v"
+    )
+    other = reconstruct(press, off(replace(PRISM, accuracy=None), "camera.pitch_v", 0.1))
+    row, col = 20, 80
+    moved = 10 * np.array([other.x[row, col] - height.x[row, col], other.y[row, col] - height.y[row, col]])
+    found = height.displacement_at(height.x[row, col], height.y[row, col])[number]
+    np.testing.assert_allclose(np.abs(found), np.abs(moved), atol=0.02)
+    gauge = height.displacement[len(height.calibration if height.calibration is not None else ()) :]
+    assert np.hypot(*gauge[:2, :, 0].T) == pytest.approx([0.5, 0.5])  # place along the mirror, mm
+
+
+@pytest.mark.parametrize("kind", ["both poses", "pattern pitch", "glass", "motion, sag", "all"])
+def test_no_height_of_a_rig_that_is_not_as_typed_is_silent(kind: str) -> None:
+    runs = list(typed_runs((kind,), range(2)))
+    assert not [run for run in runs if run.silent or run.refused]
+    assert all(run.beyond < 0.01 for run in runs)
+    if kind == "all":  # and total sigma is no excuse
+        against_rest = [run for run in runs if run.rest]
+        assert all(run.sigma < 20 * run.error for run in against_rest)
+
+
+def test_the_rig_explains_slopes_that_contradict_each_other() -> None:
+    true = adjusted(
+        PRISM, {name: parameter_values(PRISM)[name] + sigma for name, sigma in typed_sigmas(PRISM).items()}
+    )
+    (_, press), (_, rest) = captured(true), captured(true, "flat", seed=1)
+    believed = reconstruct(press, replace(PRISM, accuracy=None), rest=rest)
+    doubted = reconstruct(press, PRISM, rest=rest)
+    assert believed.diagnostics.chi2 is not None
+    assert doubted.diagnostics.chi2 is not None
+    assert believed.diagnostics.chi2 > 20
+    assert doubted.diagnostics.chi2 < 1.5
+    assert not doubted.notices
+    assert np.median(doubted.sigma[doubted.good]) < np.median(believed.sigma[believed.good])
+
+
+def test_exact_scenes_have_neither_modes_nor_displacement() -> None:
+    _, press = captured(PRISM)
+    exact, typed = (reconstruct(press, scene) for scene in (replace(PRISM, accuracy=None), PRISM))
+    assert exact.calibration is None
+    assert exact.displacement is None
+    assert np.array_equal(exact.z, typed.z, equal_nan=True)
+    assert np.array_equal(exact.sigma, typed.sigma, equal_nan=True)
+    assert (typed.total_sigma[typed.good] > 1e3 * exact.sigma[exact.good]).any()
+
+
+def test_numbers_that_are_known_better_make_sigma_smaller() -> None:
+    _, press = captured(PRISM)
+    better = replace(PRISM, accuracy=Accuracy(angle=TYPED.angle / 100, distance=TYPED.distance / 100))
+    typed, known = (reconstruct(press, scene) for scene in (PRISM, better))
+    assert np.median(known.total_sigma[known.good]) < 0.2 * np.median(typed.total_sigma[typed.good])
+
+
+MISTAKES = {
+    "u runs the other way along the display": lambda c, p: replace(c, u=p.cols - 1 - c.u),
+    "v runs the other way along the display": lambda c, p: replace(c, v=p.rows - 1 - c.v),
+    "the display is turned by 180 degrees": lambda c, p: replace(c, u=p.cols - 1 - c.u, v=p.rows - 1 - c.v),
+    "u and v are exchanged": lambda c, p: replace(c, u=c.v, v=c.u),
+}
+
+
+@pytest.mark.parametrize("words", MISTAKES)
+@pytest.mark.parametrize("against_rest", [False, True], ids=["alone", "rest"])
+def test_a_display_that_is_mounted_otherwise_is_named(words: str, against_rest: bool) -> None:
+    mistaken = [
+        MISTAKES[words](captured(PRISM, name, seed=seed)[1], PRISM.pattern)
+        for seed, name in enumerate(("gaussian", "flat"))
+    ]
+    rest = mistaken[1] if against_rest else None
+    height = reconstruct(mistaken[0], PRISM, rest=rest)
+    assert height.implausible
+    assert not height.good.any()
+    assert any(words in notice.cure for notice in height.notices)
+    kept = reconstruct(mistaken[0], PRISM, rest=rest, accept=True)
+    assert kept.good.any()
+
+
+@pytest.mark.parametrize(("ratio", "words"), [(10.0, "ten times smaller"), (0.1, "ten times larger")])
+def test_a_pitch_in_another_unit_is_named(ratio: float, words: str) -> None:
+    _, press = captured(PRISM)
+    wrong = replace(PRISM, pattern=replace(PRISM.pattern, pitch=ratio * PRISM.pattern.pitch))
+    height = reconstruct(press, wrong)
+    assert height.implausible
+    assert any(f"pattern.pitch_mm is {words}" in notice.cure for notice in height.notices)
+
+
+def test_an_exact_scene_that_is_impossible_is_refused() -> None:
+    _, press = captured(PRISM)
+    turned = replace(press, u=PRISM.pattern.cols - 1 - press.u)
+    height = reconstruct(turned, replace(PRISM, accuracy=None))
+    assert bool((height.flags & HeightFlag.IMPLAUSIBLE).all())
+
+
+def test_the_press_as_its_own_rest_is_said() -> None:
+    _, press = captured(PRISM)
+    height = reconstruct(press, PRISM, rest=press)
+    assert any("one and the same capture" in notice.name for notice in height.notices)
+    _, other = captured(PRISM, seed=7)
+    again = reconstruct(other, PRISM, rest=press)
+    assert not any("one and the same capture" in notice.name for notice in again.notices)
+
+
+def test_a_perfect_capture_keeps_its_heights() -> None:
+    truth = trace(PRISM, dent("gaussian", PRISM, peak=0.2, sigma=5.0))
+    height = reconstruct(exact_correspondence(truth, NOISE), PRISM)
+    assert np.nanmax(np.abs(height.z - truth.z)[height.good]) < 1e-3
