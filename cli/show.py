@@ -47,15 +47,21 @@ def flag_shares(flags: "NDArray[np.unsignedinteger]", *kinds: "type[IntFlag]") -
 
 
 def dent_rows(dent: Mapping[str, Any], count: int) -> dict[str, str]:
-    """The dent of that number (Contact.to_dict) for `table`: what it measures, and by which evidence."""
+    """The dent of that number (Contact.to_dict) for `table`: numbers with their sigmas, and the evidence."""
     x, y = dent["centroid"]
+    at_least = "at least " if dent["cut"] else ""
+
+    def spread(name: str) -> str:
+        value = dent[name]
+        return f"{value:.2g}" if value is not None and math.isfinite(value) else "unknown"
 
     def give(name: str, unit: str) -> str:
-        return f"{number(dent[name])} ± {dent[f'{name}_sigma']:.2g} {unit}"
+        return f"{number(dent[name])} ± {spread(f'{name}_sigma')} {unit}"
 
     return {
-        f"dent {count}": f"depth {give('depth', 'mm')}; {dent['region']}: area {give('area', 'mm²')}, volume "
-        f"{give('volume', 'mm³')}, centroid ({x:.6g}, {y:.6g}) ± {dent['centroid_sigma']:.2g} mm",
+        f"dent {count}": f"depth {give('depth', 'mm')} (noise {spread('depth_noise')}); {dent['region']}: area "
+        f"{at_least}{give('area', 'mm²')}, volume {at_least}{give('volume', 'mm³')}, centroid "
+        f"({x:.6g}, {y:.6g}) ± {spread('centroid_sigma')} mm",
         f"evidence {count}": dent["evidence"],
     }
 

@@ -219,7 +219,7 @@ def _within_edge(
                 np.linalg.norm([weight @ dent.sigma, area_noise * edge_height, *_volume_moves(dent, weight)])
             ),
             centroid=centre,
-            centroid_sigma=max(float(np.linalg.norm([noise[k], *moved[:, k]])) for k in (0, 1)),
+            centroid_sigma=float(np.linalg.norm([*noise, *moved.ravel()]) / np.sqrt(2)),
             edge=np.stack([dent.middle[0] + radius * cos, dent.middle[1] + radius * sin], axis=1),
             edge_share=edge_share,
             indenter_radius=indenter,
@@ -306,7 +306,7 @@ def _half_depth(dent: Dent, evidence: str) -> Contact:
             volume=float(volume),
             volume_sigma=float(np.linalg.norm([common, 0.5 * top.depth * area_noise, rig[1]])),
             centroid=(float(x), float(y)),
-            centroid_sigma=float(np.hypot(centroid_noise, rig[2:].max())),
+            centroid_sigma=float(np.hypot(centroid_noise, np.linalg.norm(rig[2:]) / np.sqrt(2))),
             edge=np.empty((0, 2)),
             x_sigma=top.x_sigma,
             y_sigma=top.y_sigma,
