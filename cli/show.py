@@ -59,8 +59,8 @@ def dent_rows(dent: Mapping[str, Any], count: int) -> dict[str, str]:
         return f"{number(dent[name])} ± {spread(f'{name}_sigma')} {unit}"
 
     return {
-        f"dent {count}": f"depth {give('depth', 'mm')} (noise {spread('depth_noise')}); {dent['region']}: area "
-        f"{at_least}{give('area', 'mm²')}, volume {at_least}{give('volume', 'mm³')}, centroid "
+        f"dent {count}": f"depth {give('depth', 'mm')} (noise {spread('depth_noise')}); {dent['region']}: "
+        f"area {at_least}{give('area', 'mm²')}, volume {at_least}{give('volume', 'mm³')}, centroid "
         f"({x:.6g}, {y:.6g}) ± {spread('centroid_sigma')} mm",
         f"evidence {count}": dent["evidence"],
     }

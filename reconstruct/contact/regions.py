@@ -227,6 +227,8 @@ def _within_edge(
             directions=count,
             share=share,
             gain=gain,
+            rim_depth=dent.rim_depth,
+            rim_depth_sigma=dent.rim_depth_sigma,
             x_sigma=top.x_sigma,
             y_sigma=top.y_sigma,
             depth_noise=float(np.hypot(top.depth_noise, doubt)),
@@ -308,6 +310,8 @@ def _half_depth(dent: Dent, evidence: str) -> Contact:
             centroid=(float(x), float(y)),
             centroid_sigma=float(np.hypot(centroid_noise, np.linalg.norm(rig[2:]) / np.sqrt(2))),
             edge=np.empty((0, 2)),
+            rim_depth=dent.rim_depth,
+            rim_depth_sigma=dent.rim_depth_sigma,
             x_sigma=top.x_sigma,
             y_sigma=top.y_sigma,
             depth_noise=top.depth_noise,
@@ -322,15 +326,18 @@ def _unresolved(dent: Dent, radius: float) -> float:
 
 
 def _hidden(dent: Dent, member: Floats) -> float:
-    """Area (mm^2) that the visible part of an area lacks where its outline is cut: of the pixels whose mirror
-    image about the deepest point is unknown, or of those on the cut. 0 where the outline is closed."""
+    """Area (mm^2) that the visible part of an area lacks of the circle about the deepest point that holds it,
+    where unknown pixels cut its outline; at least that of the pixels on the cut. 0 where it is closed."""
     weight = np.where(member > 0.5, member * dent.cell, 0.0)
     edge = float(weight[dent.border].sum())
-    return max(edge, float(weight[dent.open].sum())) if edge > 0 else 0.0
+    if edge == 0:
+        return 0.0
+    farthest = (dent.x - dent.x[dent.peak]) ** 2 + (dent.y - dent.y[dent.peak]) ** 2
+    return max(edge, float(np.pi * farthest[weight > 0].max() - weight.sum()))
 
 
 def _with_limits(dent: Dent, member: Floats, contact: Contact) -> Contact:
-    """The contact with the depth over its surroundings, its cut and its interpolated share."""
+    """The contact with its cut, its neighbour and its interpolated share."""
     weight = member * dent.cell
     filled = float(weight[~dent.measured].sum() / max(weight.sum(), 1e-300))
     text, hidden = contact.evidence, _hidden(dent, member)
@@ -338,8 +345,7 @@ def _with_limits(dent: Dent, member: Floats, contact: Contact) -> Contact:
         text += f"; {100 * filled:.0f} % of its area is interpolated across flagged pixels"
     if not contact.found and (dent.saddle & (member > 0.5)).any():
         text += "; at half the depth it merges with another dent: the area ends at the saddle"
-    over_rim = {"rim_depth": dent.rim_depth, "rim_depth_sigma": dent.rim_depth_sigma}
-    contact = replace(contact, evidence=text, interpolated=filled, **over_rim)
+    contact = replace(contact, evidence=text, interpolated=filled)
     return contact if hidden == 0 else _cut(dent, contact, hidden)
 
 

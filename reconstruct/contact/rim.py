@@ -5,16 +5,18 @@ Around a dent the surface rests, but for the tails of dents. So the heights d of
     d = A c + t + noise,   c ~ N(0, 1) the coefficients of the rig's modes, A their values there,
 
 t the tails. An elastic half-space outside a contact of radius a lies between 0 and T = (2/pi) asin(a/r) of
-the depth (the flat punch; K. L. Johnson, Contact Mechanics, 1985, eq. 3.38); the rms over that range, T/sqrt 3,
-is the standard deviation of t, which changes smoothly with the direction. Given d, c has a smaller covariance:
-errors that the dent and its surroundings have in common cancel. Where the modes are smaller than any tail (a
+the depth (the flat punch; K. L. Johnson, Contact Mechanics, 1985, eq. 3.38). The rms over that range,
+T/sqrt 3, is the standard deviation of t; neighbouring directions share it. Given d, c has a smaller covariance: errors
+that the dent and its surroundings have in common cancel. Where the modes are smaller than any tail (a
 calibrated rig, a map against a rest capture), heights hardly change; where they are much larger, the rim
 becomes the reference.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import Floats, Mask
 from .relief import Relief, flat
@@ -43,12 +45,12 @@ class Rim:
     groups: tuple[Floats, ...]
     weights: Floats
 
-    def means(self, field: Floats) -> Floats:
+    def means(self, field: NDArray[np.floating[Any]]) -> Floats:
         """Mean of a field (..., H, W) in every sector, (..., n)."""
         pixels = flat(field)
         return np.stack([pixels[..., group].mean(axis=-1) for group in self.groups], axis=-1)
 
-    def rise(self, field: Floats) -> Floats:
+    def rise(self, field: NDArray[np.floating[Any]]) -> Floats:
         """A field at the peak less that of the surroundings there, (...)."""
         rise: Floats = flat(field)[..., self.peak] - self.means(field) @ self.weights
         return rise
