@@ -34,7 +34,7 @@ from optolever.scene import (
     trace,
 )
 
-__all__ = ["KINDS", "Compared", "Finger", "contact_figures", "drawn_press", "press"]
+__all__ = ["KINDS", "Compared", "Finger", "contact_figures", "coverage", "drawn_press", "press"]
 
 KINDS = ("ball", "punch", "gaussian", "needle")
 _GAUGE = (0.5, 0.5, np.radians(1.0))  # mm, mm, rad: where the whole rig stands along the mirror
@@ -89,6 +89,19 @@ def contact_figures(
         rng = np.random.default_rng([60, seed, number])
         fingers = drawn_press(scene, rng)
         yield compared(press(scene, fingers, rng, differences=differences), fingers, scene)
+
+
+def coverage(some: list[Compared]) -> dict[str, float]:
+    """How many fingers there are, how many were found and cut, and the share of errors within one sigma."""
+    found = [each for each in some if each.contact is not None]
+    counts = {"fingers": len(some), "found": len(found)}
+    counts["cut"] = sum(each.contact is not None and each.contact.cut for each in found)
+    if not found:
+        return {name: float(count) for name, count in counts.items()}
+    within = {name: np.mean([abs(each.scores[name]) < 1 for each in found]) for name in found[0].scores}
+    shares = {"depth": within["depth"], "area": within["area"]}
+    shares["position"] = 0.5 * (within["x"] + within["y"])
+    return {name: float(value) for name, value in (counts | shares).items()}
 
 
 def drawn_press(scene: Scene, rng: np.random.Generator) -> list[Finger]:

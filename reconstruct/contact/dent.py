@@ -28,8 +28,8 @@ class Dent:
     `HeightMap`; cell: area of a pixel, mm^2; inside: those of the dent; measured: those that are not
     interpolated; error: of the interpolation, mm; border: neighbours of pixels where nothing is known (the
     image's edge, flags); saddle: neighbours of another dent's basin; peak: the number of the deepest within
-    its sigma; pitch: size of a pixel, mm; middle: where r, phi start; radius: where half of the depth is left;
-    rim_depth and its sigma: of the peak over the surroundings.
+    its sigma; pitch: size of a pixel, mm; middle: where r, phi start; radius: where half of the depth is
+    left; rim_depth and its sigma: of the peak over the surroundings.
     """
 
     x: Floats

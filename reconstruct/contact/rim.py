@@ -6,10 +6,10 @@ Around a dent the surface rests, but for the tails of dents. So the heights d of
 
 t the tails. An elastic half-space outside a contact of radius a lies between 0 and T = (2/pi) asin(a/r) of
 the depth (the flat punch; K. L. Johnson, Contact Mechanics, 1985, eq. 3.38). The rms over that range,
-T/sqrt 3, is the standard deviation of t; neighbouring directions share it. Given d, c has a smaller covariance: errors
-that the dent and its surroundings have in common cancel. Where the modes are smaller than any tail (a
-calibrated rig, a map against a rest capture), heights hardly change; where they are much larger, the rim
-becomes the reference.
+T/sqrt 3, is the standard deviation of t; neighbouring directions share it. Given d, c has a smaller
+covariance: errors that the dent and its surroundings have in common cancel. Where the modes are smaller than
+any tail (a calibrated rig, a map against a rest capture), heights hardly change; where they are much larger,
+the rim becomes the reference.
 """
 
 from dataclasses import dataclass
