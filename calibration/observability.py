@@ -27,6 +27,14 @@ _SHARE = 0.25  # of the variance of a height or a depth: below, a weak direction
 _TILT = math.radians(2.0)  # between mirrors: below, they are nearly one pose
 _CHI = 1.2
 _CONTACT = 300  # pixels
+_MISFIT = (
+    "the capture is mislabelled, the mirror moved, the mask is too large, or a held number must be free "
+    "(--prior)"
+)
+_STATIC = (
+    "a static error (glass, schlieren, bow of the display); it cancels in the captures that are compared "
+    "with this one, and in dents against rest"
+)
 _RARE = 1e-4  # probability that right priors are said to be contradicted
 _PART = 0.3  # share of a direction's length from which a number is named
 
@@ -97,13 +105,13 @@ def notices(
     warned = [*beyond_priors(found), *_weak(found, weak, effects, observations)]
     warned += [*_poses(found, observations), *_priors(found)]
     chis = {"all captures": found.chi} | found.chis
+    compared = any(sample.reference for sample in found.problem.samples)
     warned += [
         Notice(
             f"residuals of {name} over their noise",
             chi,
             _CHI,
-            "the capture is mislabelled, the mirror moved, the mask is too large, or a held number must be "
-            "free (--prior)",
+            _STATIC if compared and name == found.problem.frame else _MISFIT,
         )
         for name, chi in chis.items()
         if chi > _CHI

@@ -23,6 +23,8 @@ __all__ = [
     "dent_rows",
     "flag_shares",
     "grid",
+    "length",
+    "noise_and_rig",
     "number",
     "print_notices",
     "progress",
@@ -46,7 +48,25 @@ def flag_shares(flags: "NDArray[np.unsignedinteger]", *kinds: "type[IntFlag]") -
     return {name.lower(): share for name, share in shares.items() if share > 0}
 
 
+def length(mm: float) -> str:
+    """A length with two significant digits in nm, um or mm.
+
+    >>> length(0.0000069), length(0.0034), length(0.44)
+    ('6.9 nm', '3.4 um', '0.44 mm')
+    """
+    if not math.isfinite(mm):
+        return "unknown"
+    unit, factor = ("mm", 1.0) if abs(mm) >= 0.0995 else ("um", 1e3) if abs(mm) >= 0.995e-3 else ("nm", 1e6)
+    return f"{factor * mm:.2g} {unit}"
+
+
+def noise_and_rig(noise: float, rig: float) -> str:
+    """Standard deviations (mm) by noise and by the errors of the rig, of which 0 stands for an exact scene."""
+    return f"± {length(noise)} noise" + (f" ± {length(rig)} rig" if rig > 0 else "")
+
+
 def dent_rows(dent: Mapping[str, Any], count: int) -> dict[str, str]:
+<<<<<<< HEAD
     """The dent of that number (Contact.to_dict) for `table`: numbers with their sigmas, and the evidence."""
     x, y = dent["centroid"]
     at_least = "at least " if dent["cut"] else ""
@@ -54,14 +74,26 @@ def dent_rows(dent: Mapping[str, Any], count: int) -> dict[str, str]:
     def spread(name: str) -> str:
         value = dent[name]
         return f"{value:.2g}" if value is not None and math.isfinite(value) else "unknown"
+=======
+    """The dent of that number (Contact.to_dict) for `table`: its measures, and the evidence for a contact."""
+    x, y = dent["centroid"]
+    noise = dent["depth_sigma"] if dent["depth_noise"] is None else dent["depth_noise"]
+    rig = math.sqrt(max(0.0, dent["depth_sigma"] ** 2 - noise**2))
+>>>>>>> main
 
     def give(name: str, unit: str) -> str:
         return f"{number(dent[name])} ± {spread(f'{name}_sigma')} {unit}"
 
     return {
+<<<<<<< HEAD
         f"dent {count}": f"depth {give('depth', 'mm')} (noise {spread('depth_noise')}); {dent['region']}: "
         f"area {at_least}{give('area', 'mm²')}, volume {at_least}{give('volume', 'mm³')}, centroid "
         f"({x:.6g}, {y:.6g}) ± {spread('centroid_sigma')} mm",
+=======
+        f"dent {count}": f"depth {number(dent['depth'])} mm {noise_and_rig(noise, rig)}; {dent['region']}: area "
+        f"{give('area', 'mm²')}, volume {give('volume', 'mm³')}, centroid ({x:.6g}, {y:.6g}) ± "
+        f"{dent['centroid_sigma']:.2g} mm",
+>>>>>>> main
         f"evidence {count}": dent["evidence"],
     }
 

@@ -15,6 +15,7 @@ It may import every module of `optolever`; tests alone import it.
 | - `sweeps.py` | grids of cells, resumed, here or on Dask |
 | `calibration/` | what a calibration is worth |
 | - `rigs.py`, `figures.py` | rigs with errors and captures on them; the figures |
+| - `typed.py` | rigs that are not as typed: heights against their total sigma |
 | `design/` | studies of `optolever design` |
 | - `exhaustive.py` | run_choice: the first choice against all candidates simulated |
 | - `adaptive.py`, `adaptive_study.py` | the next frames from the last; against the best fixed sequence |

@@ -60,11 +60,11 @@ def no_form(x: Floats, y: Floats) -> Pair3:
 
 
 def flat_mirror(scene: Scene, form: Form = no_form) -> Floats:
-    """Where on the pattern's surface every pixel looks by the mirror z = form(x, y), u and v (2, H, W); NaN where
-    it does not. form: height, and its derivatives by x and y; some micrometres.
+    """Place on the pattern's surface of every pixel by the mirror z = form(x, y), u and v (2, H, W); NaN where
+    there is none. form: some micrometres high.
 
-    Neither mirror nor pattern end: a scene that is a little wrong has its edges elsewhere, and the capture at rest
-    shows where they are.
+    Neither mirror nor pattern end: a scene that is a little wrong has its edges elsewhere, and the capture at
+    rest shows where they are.
     """
     rays = ray_field(scene.camera)
     o, d = rays.inner_origins, rays.inner_directions

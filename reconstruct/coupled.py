@@ -1,5 +1,6 @@
 """reconstruct(): Correspondence + Scene -> HeightMap."""
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -8,6 +9,7 @@ import scipy.ndimage
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
+from optolever.notices import Notice
 from optolever.records import LOG, Progress, logged, silent
 from optolever.scene import TYPED, Scene
 
@@ -22,7 +24,7 @@ from .gaps import across_gaps, widened
 from .heightmap import HeightMap
 from .holes import bridged, noise_gain, whole_lines
 from .hypotheses import likely_mistake
-from .motion import Motion, fit_motion
+from .motion import Motion, fit_motion, same_capture
 from .newton import Options, State, missed, solve
 from .paper import SeriesName
 from .paper_scene import reconstruct_paper
@@ -52,14 +54,21 @@ _MISSED = 5.0  # standard deviations of an edge
 _BETTER = 3.0  # times: data less better than that by its curl may hide what neighbours share
 _NOISIER = 1.2  # times the announced noise, by the curl: sigma grows to what it is
 _IMPOSSIBLE = 1e4  # chi2 of an exact scene from which on its description is doubted
+_SAME_CAPTURE = Notice(
+    "The press and the rest capture are one and the same capture, so that every height is 0",
+    math.nan,
+    math.nan,
+    "give the capture of the mirror at rest as --rest",
+)
 _ROUNDS = 6  # of leaving out lone pixels with a curl
 
 
 class Solution(NamedTuple):
     """What was solved, how it ended, the variance of the unknown, and the map.
 
-    correspondence: less the rest capture's deviation, if there is one; independent: the variance by noise that
-    no neighbours share; scale: of the curl; rounding: whether variance is that of a discrete code's rounding.
+    correspondence: less the rest capture's deviation, if there is one; independent: the variance by noise
+    that no neighbours share; scale: of the curl; rounding: whether variance is that of a discrete code's
+    rounding.
     """
 
     correspondence: Correspondence
@@ -108,6 +117,8 @@ def reconstruct(
         raise InputError(f"method = {method!r}: unknown, must be one of {', '.join(method_names())}")
     motion = None
     if rest is not None:
+        if same_capture(correspondence, rest):
+            correspondence = replace(correspondence, notices=(*correspondence.notices, _SAME_CAPTURE))
         motion = None if scene.exact else fit_motion(correspondence, rest, scene)
     measured = Measurement(_without(motion, correspondence), anchor, mask, rest, method)
     correspondence = measured.corrected(scene)
@@ -139,8 +150,8 @@ def with_rig(
     motion: Motion | None = None,
     accept: bool = False,
 ) -> Solution:
-    """The solution with the modes of its rig, its slopes judged by what the errors of the rig leave; all pixels
-    are flagged where the rig would have to be another one, unless `accept`."""
+    """The solution with the modes of its rig, its slopes judged after the errors of the rig are taken off; all
+    pixels are flagged where no such rig can have taken the capture, unless `accept`."""
     known = solution.height.diagnostics
     contradicted = bool(contradiction(known.chi2, known.freedom))
     if scene.exact and not (contradicted and known.chi2 > _IMPOSSIBLE):  # type: ignore[operator]

@@ -1,4 +1,4 @@
-"""Mistakes in the description of a rig that turn a good capture into an impossible one, each tried in turn."""
+"""Mistakes in the description of a rig that make a good capture an impossible one, each tried in turn."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace

@@ -15,7 +15,6 @@ MacKay, Bayesian interpolation, Neural Computation 4 (1992); Hoeting et al., Bay
 Statistical Science 14 (1999).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -33,6 +32,7 @@ from .arrays import Floats, Pair
 
 __all__ = ["Motion", "MotionPrior", "fit_motion", "same_capture"]
 
+_POSE = ("x", "y", "z", "rx", "ry", "rz")
 _NODES = 13  # of the fields along rows and columns, which are smooth: cubic splines lie between them
 _BLOCKS = 20  # along the image's longer side
 _SMALLEST = 3  # pixels on a side of a block
@@ -46,6 +46,7 @@ _ROUNDS = 40  # of the robust fit, whose scale falls from the largest residual t
 _LIMIT = 3.0  # prior standard deviations
 _GAIN = 0.1  # of the field's variance
 _CHANCE = 4.0  # standard deviations of a mean square
+_WEAK = 1e-3  # of the largest mode
 _SAME = 0.02  # standard deviations of the noise
 
 
@@ -65,7 +66,9 @@ class Motion:
     """names (p,), values (p,) and covariance (p, p) of the rigid motions, px, mm and rad; prior (p,): their
     standard deviations before. chi2: mean square of the quiet blocks' residuals over their noise; NaN where
     no block is quiet. quiet: share of the blocks. notices: of a motion beyond its prior.
-    sensitivity (p, 2, rows, cols): d(u, v)/d(parameter) on nodes of the image of `shape`.
+    sensitivity (p, 4, rows, cols): d(u, v, row, col)/d(parameter) on nodes of the image, of the pattern's
+    coordinates at rest and of the place where a pixel looks at the mirror. gradient (2, 2, H, W): of press
+    minus rest, d(u, v)/d(row, col); 0 where it is unknown.
     """
 
     names: tuple[str, ...]
@@ -76,27 +79,36 @@ class Motion:
     quiet: float
     notices: tuple[Notice, ...]
     sensitivity: Floats
-    shape: tuple[int, int]
+    gradient: Floats
 
-    def field(self, shape: tuple[int, int] | None = None) -> Pair:
-        """Change (du, dv) of the pattern's coordinates by the motion, (H, W) pattern pixels."""
-        du, dv = self._fields(self.values[None], shape)[0]
+    def field(self) -> Pair:
+        """Change (du, dv) of the pressed correspondence by the motion, (H, W) pattern pixels.
+
+        The sag is no part of it: it is a height of the mirror.
+        """
+        du, dv = self._fields(self.values[None], 1)[0]
         return du, dv
 
-    def modes(self, shape: tuple[int, int] | None = None) -> Floats:
-        """Independent errors (k, 2, H, W) of `field`, of variance 1, the largest first."""
+    def modes(self, step: int = 1) -> Floats:
+        """Independent errors (k, 2, rows, cols) of `field` on every step-th pixel, of variance 1, the largest
+        first."""
         variances, vectors = np.linalg.eigh(self.covariance / np.outer(self.prior, self.prior))
-        roots = np.sqrt(np.maximum(variances, 0.0)) * vectors * self.prior[:, None]
-        fields = np.tensordot(roots.T, self.sensitivity, 1)
-        # combinations of parameters without a field are no modes
-        _, sizes, rows = np.linalg.svd(fields.reshape(len(fields), -1), full_matrices=False)
-        some = sizes > 1e-3 * sizes.max(initial=0.0)
-        fields = (sizes[some, None] * rows[some]).reshape(-1, *self.sensitivity.shape[1:])
-        return _on_pixels(fields, self.shape if shape is None else shape)
+        roots = (np.sqrt(np.maximum(variances, 0.0)) * vectors * self.prior[:, None]).T
+        lever = np.ones(4)
+        lever[2:] = np.sqrt(np.mean(self.gradient**2))
+        effects = np.tensordot(roots, self.sensitivity * lever[:, None, None], 1).reshape(len(roots), -1)
+        turn, sizes, _ = np.linalg.svd(effects, full_matrices=False)
+        some = sizes > _WEAK * sizes.max(initial=0.0)
+        return self._fields(turn[:, some].T @ roots, step)
 
-    def _fields(self, values: Floats, shape: tuple[int, int] | None) -> Floats:
-        fields = np.tensordot(values, self.sensitivity, 1)
-        return _on_pixels(fields, self.shape if shape is None else shape)
+    def _fields(self, values: Floats, step: int) -> Floats:
+        """Fields (k, 2, rows, cols) of motions (k, p)."""
+        shape = (self.gradient.shape[2], self.gradient.shape[3])
+        at = tuple(np.arange(0.0, size, step) for size in shape)
+        moved = _between(np.tensordot(values, self.sensitivity, 1), shape, at)  # type: ignore[arg-type]
+        gradient = self.gradient[:, :, ::step, ::step]
+        field: Floats = moved[:, :2] + moved[:, 2:3] * gradient[0] + moved[:, 3:] * gradient[1]
+        return field
 
 
 class _Blocks(NamedTuple):
@@ -126,8 +138,8 @@ def fit_motion(
     shape = (scene.camera.rows, scene.camera.cols)
     for name, each in (("pressed", pressed), ("rest", rest)):
         if each.u.shape != shape:
-            found = f"{each.u.shape[0]} x {each.u.shape[1]} pixels"
-            raise InputError(f"{name}: {found}, the scene's camera has {shape[0]} x {shape[1]}")
+            size = f"{each.u.shape[0]} x {each.u.shape[1]} pixels"
+            raise InputError(f"{name}: {size}, the scene's camera has {shape[0]} x {shape[1]}")
     nodes = tuple(np.linspace(0.0, size - 1.0, min(size, _NODES)) for size in shape)
     row, col = np.meshgrid(*nodes, indexing="ij")
     names, scales, sensitivity = _rigid(scene, row, col, prior)
@@ -136,13 +148,13 @@ def fit_motion(
     def at_blocks(fields: Floats) -> Floats:
         return _between(fields, shape, (blocks.row, blocks.col))
 
-    fields = at_blocks(sensitivity * scales[:, None, None, None])
+    fields = at_blocks(sensitivity[:, :2] * scales[:, None, None, None])
     basis = _combinations(fields, blocks)
     reduced = np.tensordot(basis, fields, 1)
-    place, by_height = (at_blocks(_filled(part(scene, row, col))) for part in (_place, _by_height))
-    sag = prior.sag * _height_fields(by_height, _sag(scene, *place))
-    lengths = (share * _short_side(*place) for share in _SKIRTS)
-    skirts = [_height_fields(by_height, _bumps(*place, length)) for length in lengths]
+    (x, y), by_height = (at_blocks(_filled(part(scene, row, col))) for part in (_place, _by_height))
+    sag = prior.sag * _height_fields(by_height, _sag(scene, x, y))
+    side = float(min(np.ptp(x), np.ptp(y)))
+    skirts = [_height_fields(by_height, _bumps(x, y, share * side)) for share in _SKIRTS]
     found, quiet = _estimate(blocks, reduced, sag, skirts)
     unit = np.eye(len(names)) - basis.T @ (np.eye(len(basis)) - found.covariance) @ basis
     values = scales * (found.mean @ basis)
@@ -153,9 +165,9 @@ def fit_motion(
         scales,
         found.chi2,
         quiet,
-        _notices(found, reduced, by_height, place),
+        _notices(found, reduced, by_height, side),
         sensitivity,
-        shape,
+        _gradient(pressed, rest),
     )
 
 
@@ -175,7 +187,7 @@ def same_capture(pressed: Correspondence, rest: Correspondence) -> bool:
 
 
 def _landing(
-    scene: Scene, row: Floats, col: Floats, height: float = 0.0, slope: Pair | None = None
+    scene: Scene, row: Floats, col: Floats, height: float = 0.0, slope: tuple[float, float] = (0.0, 0.0)
 ) -> Floats:
     """Pattern coordinates (2, ...) of pixels by a mirror z = height with these slopes; NaN where they see no
     pattern's plane."""
@@ -183,7 +195,7 @@ def _landing(
     with np.errstate(divide="ignore", invalid="ignore"):
         away = (height - origins[2]) / directions[2]
         points = origins + away * directions
-        x, y = (0.0, 0.0) if slope is None else slope
+        x, y = slope
         normal = np.array([-x, -y, 1.0])[:, None] / np.sqrt(1.0 + x * x + y * y)
         reflected = directions - 2.0 * (directions * normal).sum(axis=0) * normal
         u, v, way = scene.pattern.landing(points, reflected)
@@ -195,7 +207,8 @@ def _place(scene: Scene, row: Floats, col: Floats) -> Floats:
     """x and y (2, ...) where pixels look at the mirror at rest, mm."""
     origins, directions = (np.moveaxis(part, -1, 0) for part in scene.camera.rays_at(row, col))
     with np.errstate(divide="ignore", invalid="ignore"):
-        return (origins - origins[2] / directions[2] * directions)[:2]
+        place: Floats = (origins - origins[2] / directions[2] * directions)[:2]
+    return place
 
 
 def _by_height(scene: Scene, row: Floats, col: Floats) -> Floats:
@@ -214,38 +227,59 @@ def _by_height(scene: Scene, row: Floats, col: Floats) -> Floats:
 def _rigid(
     scene: Scene, row: Floats, col: Floats, prior: MotionPrior
 ) -> tuple[tuple[str, ...], Floats, Floats]:
-    """Names, prior standard deviations (p,) and d(u, v)/d(parameter) (p, 2, ...) of the rigid motions."""
-    steps: dict[str, float] = {}
-    fields: list[Floats] = []
-
-    def add(name: str, step: float, landing: Callable[[float], Floats]) -> None:
-        if step > 0:
-            steps[name] = step
-            fields.append((landing(step) - landing(-step)) / (2 * step))
-
-    add("image.u", prior.image, lambda step: _landing(scene, row, col + step))
-    add("image.v", prior.image, lambda step: _landing(scene, row + step, col))
-    for part in ("camera", "pattern"):
-        for axis in ("x", "y", "z", "rx", "ry", "rz"):
-            name = f"{part}.{axis}"
-            add(
-                name,
-                prior.turn if axis.startswith("r") else prior.shift,
-                lambda step, name=name: _landing(adjusted(scene, {name: step}), row, col),  # type: ignore[misc]
-            )
+    """Names, prior standard deviations (p,) and d(u, v, row, col)/d(parameter) (p, 4, ...) of the rigid
+    motions."""
+    turns = {axis: prior.turn if axis.startswith("r") else prior.shift for axis in _POSE}
+    steps = {"image.u": prior.image, "image.v": prior.image}
+    steps |= {f"{part}.{axis}": turns[axis] for part in ("camera", "pattern") for axis in _POSE}
+    steps |= {f"mirror.{axis}": turns[axis] for axis in ("z", "rx", "ry")}
+    steps = {name: step for name, step in steps.items() if step > 0}
     by_height, (x, y) = _by_height(scene, row, col), _place(scene, row, col)
+    along, across = (
+        0.5 * (_place(scene, row + di, col + dj) - _place(scene, row - di, col - dj))
+        for di, dj in ((0.5, 0.0), (0.0, 0.5))
+    )
+    per_pixel = np.moveaxis(2 * np.stack([along, across], axis=1), (0, 1), (-2, -1))  # d(x, y)/d(row, col)
     heights = {
-        "mirror.z": (prior.shift, (1.0 + 0 * x, 0 * x, 0 * x)),
-        "mirror.rx": (prior.turn, (y - 0.5 * scene.mirror.width, 0 * x, 1.0 + 0 * x)),
-        "mirror.ry": (prior.turn, (0.5 * scene.mirror.length - x, -1.0 + 0 * x, 0 * x)),
+        "mirror.z": np.stack([1.0 + 0 * x, 0 * x, 0 * x]),
+        "mirror.rx": np.stack([y - 0.5 * scene.mirror.width, 0 * x, 1.0 + 0 * x]),
+        "mirror.ry": np.stack([0.5 * scene.mirror.length - x, -1.0 + 0 * x, 0 * x]),
     }
-    for name, (step, height) in heights.items():
-        if step > 0:
-            steps[name] = step
-            fields.append(np.einsum("k...,kc...->c...", np.stack(height), by_height))
-    scales = np.array(list(steps.values()))
-    stacked = np.stack(fields) if fields else np.zeros((0, 2, *row.shape))
-    return tuple(steps), scales, _filled(stacked)
+
+    def effect(name: str, step: float) -> Floats:
+        """d(u, v, x, y)/d(parameter) (4, ...)."""
+        if name in heights:
+            return np.concatenate(
+                [np.einsum("k...,kc...->c...", heights[name], by_height), 0.0 * by_height[0]]
+            )
+        ends = []
+        for change in (step, -step):
+            moved, at = scene, (row, col)
+            if name.startswith("image"):
+                at = (row, col + change) if name == "image.u" else (row + change, col)
+            else:
+                moved = adjusted(scene, {name: change})
+            ends.append(np.concatenate([_landing(moved, *at), _place(moved, *at)]))
+        found: Floats = (ends[0] - ends[1]) / (2 * step)
+        return found
+
+    effects = np.stack([effect(name, step) for name, step in steps.items()])
+    pixels = np.linalg.solve(per_pixel, np.moveaxis(effects[:, 2:], 1, -1)[..., None])[..., 0]
+    effects[:, 2:] = np.moveaxis(pixels, -1, 1)
+    return tuple(steps), np.array(list(steps.values())), _filled(effects)
+
+
+def _gradient(pressed: Correspondence, rest: Correspondence) -> Floats:
+    """d(u, v)/d(row, col) (2, 2, H, W) of press minus rest, where it stands out of the noise."""
+    both = pressed.good & rest.good
+    parts: list[Floats] = []
+    for axis in ("u", "v"):
+        change = np.where(both, getattr(pressed, axis) - getattr(rest, axis), np.nan)
+        variance = 0.5 * (getattr(pressed, f"sigma_{axis}") ** 2 + getattr(rest, f"sigma_{axis}") ** 2)
+        slopes = np.stack(np.gradient(change.astype(np.float64)))
+        with np.errstate(invalid="ignore"):
+            parts.append(np.where(slopes**2 > _LIMIT**2 * variance, slopes, 0.0))
+    return np.stack(parts, axis=1)
 
 
 def _filled(fields: Floats) -> Floats:
@@ -272,15 +306,9 @@ def _sag(scene: Scene, x: Floats, y: Floats) -> Floats:
     )
 
 
-def _short_side(x: Floats, y: Floats) -> float:
-    return float(min(np.nanmax(part) - np.nanmin(part) for part in (x, y)))
-
-
 def _bumps(x: Floats, y: Floats, length: float) -> Floats:
     """Heights and slopes (3, k, ...) of Gaussian bumps on a grid as wide as they are, and one beyond."""
-    at = [
-        np.arange(np.nanmin(part) - length, np.nanmax(part) + 1.5 * length, 1.25 * length) for part in (x, y)
-    ]
+    at = [np.arange(part.min() - length, part.max() + 1.5 * length, 1.25 * length) for part in (x, y)]
     x0, y0 = (part.ravel()[:, None, None] for part in np.meshgrid(*at))
     dx, dy = (x - x0) / length, (y - y0) / length
     bump = np.exp(-0.5 * (dx * dx + dy * dy))
@@ -300,10 +328,6 @@ def _between(fields: Floats, shape: tuple[int, int], at: tuple[Floats, Floats]) 
         degree = min(3, len(nodes) - 1)
         fields = make_interp_spline(nodes, fields, degree, axis=axis)(places) if degree else fields
     return fields
-
-
-def _on_pixels(fields: Floats, shape: tuple[int, int]) -> Floats:
-    return _between(fields, shape, (np.arange(shape[0], dtype=float), np.arange(shape[1], dtype=float)))
 
 
 def _block_means(pressed: Correspondence, rest: Correspondence) -> _Blocks:
@@ -446,7 +470,7 @@ def _averaged(y: Floats, fields: Floats, heights: Floats, priors: list[Floats]) 
     return _Posterior(mean, covariance, float(np.mean((left - height @ heights) ** 2)))
 
 
-def _notices(found: _Posterior, fields: Floats, by_height: Floats, place: Floats) -> tuple[Notice, ...]:
+def _notices(found: _Posterior, fields: Floats, by_height: Floats, side: float) -> tuple[Notice, ...]:
     """Of a motion beyond three standard deviations of its prior."""
     size = float(np.sqrt(found.mean @ found.mean))
     determined = float(np.trace(np.eye(len(found.mean)) - found.covariance))  # degrees of freedom
@@ -456,7 +480,7 @@ def _notices(found: _Posterior, fields: Floats, by_height: Floats, place: Floats
     field = np.tensordot(found.mean, fields, 1)
     px = float(np.sqrt(np.nanmean(field**2)))
     lever = float(np.sqrt(np.nanmean(by_height[1:] ** 2)))  # px per slope
-    height = 1e3 * px / lever * 0.5 * _short_side(*place)
+    height = 1e3 * px / lever * 0.5 * side
     name = (
         f"The rig moved between the rest capture and the press, by {px:.2g} pattern pixels (rms); "
         f"uncorrected, heights change by about {height:.2g} um; prior standard deviations"

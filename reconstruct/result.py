@@ -82,8 +82,8 @@ def height_map(
 
 
 def judged(height: HeightMap, chi2: float, freedom: int, before: tuple[Notice, ...]) -> HeightMap:
-    """The height with the chi2 of its slopes' circulation (see `circulation`), the notice of that, and those of
-    the correspondence, `before`."""
+    """The height with the chi2 of its slopes' circulation (see `circulation`), the notice of that, and the
+    notices of the correspondence, `before`."""
     known = None if math.isnan(chi2) else chi2
     diagnostics = replace(height.diagnostics, chi2=known, freedom=freedom)
     notices = before + contradiction(known, freedom)
@@ -91,8 +91,8 @@ def judged(height: HeightMap, chi2: float, freedom: int, before: tuple[Notice, .
 
 
 def refused(height: HeightMap, mistake: str | None) -> HeightMap:
-    """The height with every pixel flagged, as no rig of the scene's accuracy can have taken the capture; mistake:
-    without which it fits, in words."""
+    """The height with every pixel flagged, as no rig of the scene's accuracy can have taken the capture;
+    mistake: in the scene, without which the capture fits, in words."""
     flags = height.flags | np.uint16(HeightFlag.IMPLAUSIBLE)
     cure = (
         f"with one change it fits: {mistake}; correct the scene"
@@ -124,8 +124,8 @@ def anchors_apart(problem: Problem, state: State, height: HeightMap) -> tuple[No
 
 
 def off_mirror(height: HeightMap, mirror: Mirror) -> tuple[Notice, ...]:
-    """The notice that good pixels lie off the mirror by more than one pixel, which may see it in part, and the
-    uncertainty of their positions."""
+    """The notice that good pixels lie off the mirror by more than one pixel, which may see it in part, and
+    the uncertainty of their positions."""
     x, y = height.x[height.good], height.y[height.good]
     if x.size == 0:
         return ()

@@ -1,12 +1,12 @@
-"""What errors of the rig do to a height map: modes, and the errors that the slopes themselves bear out.
+"""Modes of a height map by the errors of its rig, and whether these explain slopes that contradict each other.
 
-A rig has m independent errors a of unit variance: the rows of a root of its covariance, a cover glass that nobody
-measured, a sag of the mirror at rest, motion between two captures. `RigModel.at(a)` is the measurement that the
+A rig has m independent errors a of unit variance: the rows of a root of its covariance, the thickness of a cover
+glass, a sag of the mirror at rest, motion between two captures. `RigModel.at(a)` is the measurement that the
 solver would work on if the rig had these errors; chord steps from the solution give the height, so that
-M_j = (z(h e_j) - z(0))/h needs no solve from scratch. h is small, since a rig that is off by a whole sigma of a wide
-prior may have no solution.
-Modes are smooth: the model lies on a coarse grid of the camera's pixels, of which each holds the mean over its
-surroundings, and modes are interpolated linearly.
+M_j = (z(h e_j) - z(0))/h needs no solve from scratch. h is small, since a rig that is off by a whole sigma of a
+wide prior may have no solution.
+Modes are smooth: the model lies on a coarse grid of the camera's pixels, each the mean over its surroundings,
+and modes are interpolated linearly.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
-from optolever.scene import TYPED, Covariance, Scene, adjusted, parameter_values, rig_covariance, strided
+from optolever.scene import Covariance, Scene, adjusted, parameter_values, rig_covariance, strided
 
 from .anchors import Anchors, DistanceAnchor, EdgeAnchor, PixelAnchor, anchor_samples
 from .arrays import Floats, Mask
@@ -35,6 +35,7 @@ from .motion import Motion
 from .newton import State, chord_step
 from .poisson import Accuracy
 from .problem import Problem
+from .rig_effects import gauge_displacement, glass_shift, sag_forms
 
 __all__ = [
     "Measurement",
@@ -58,7 +59,6 @@ _LINEAR = 100.0  # chi2 up to which derivatives serve; beyond it they describe e
 _FITS = 2
 _LIKELY = 9.0  # |a|^2 per error: three sigma of all at once
 _ACCURACY = Accuracy(relative=1e-7)
-_GLASS_INDEX = 1.5  # of a display's cover
 GLASS, CENTROID = "cover glass", "colour stripes of the display"
 SAG, MOTION = "sag of the mirror at rest", "motion between rest and press"
 
@@ -91,8 +91,8 @@ class Measurement:
 
 
 class RigJudgement(NamedTuple):
-    """chi2 of the slopes' circulation, errors of the rig considered, and its degrees of freedom; likely: whether
-    the covariance of the rig allows such errors; raw: chi2 on the coarse grid, of the rig as it is described."""
+    """chi2 of the slopes' circulation after the errors of the rig are taken off, and its degrees of freedom;
+    likely: whether the covariance of the rig allows such errors; raw: chi2 before, on the coarse grid."""
 
     chi2: float
     freedom: int
@@ -101,8 +101,8 @@ class RigJudgement(NamedTuple):
 
 
 class RigModes(NamedTuple):
-    """Independent errors of unit variance: calibration (r, H, W) mm in z; displacement (m, 2, 3), m >= r, in x and
-    y (see `HeightMap`); sources (s,) in words, shares (s, r, r)."""
+    """Changes by independent errors of unit variance: calibration (r, H, W), mm of z; displacement (m, 2, 3),
+    m >= r, of x and y (see `HeightMap`); sources (s,) in words, shares (s, r, r)."""
 
     calibration: NDArray[np.float32]
     displacement: Floats
@@ -122,11 +122,11 @@ class RigSolution(NamedTuple):
 class RigModel:
     """A solved measurement as a function of the errors of its rig, on every step-th pixel.
 
-    root (r0, p): rows of the covariance's root, of the scene's numbers `names`; forms: shapes of the mirror at rest,
-    one standard deviation each; shifts (k, 2, rows, cols): changes of u and v in the image, one standard deviation
-    each. The errors are these in this order. rest_mirror (2, rows, cols): u and v of the flat mirror where a
-    rest capture is compared with it. sources (s,): what is behind them, in words; shares (s, m, m): the part
-    of each source in their covariance, which is 1.
+    root (r0, p): rows of the covariance's root, of the scene's numbers `names`; forms: shapes of the mirror at
+    rest; shifts (k, 2, rows, cols): changes of u and v in the image; all of one standard deviation, the errors
+    in this order. rest_mirror (2, rows, cols): u and v of the flat mirror where a rest capture is compared with
+    it. sources (s,): of the errors, in words; shares (s, m, m): the part of each source in their covariance,
+    which is 1.
     """
 
     problem: Problem
@@ -206,10 +206,10 @@ def rig_model(
     height: HeightMap | None,
     motion: Motion | None = None,
 ) -> RigModel | None:
-    """The model on a coarse grid, from a height map that is solved; None where the scene is exact and nothing moved.
+    """The model on a coarse grid, from a height map if it is solved; None where there are no errors.
 
-    first: solves a measurement (its problem and its state); motion: between the rest capture and the press. Where the coarse grid holds no solution (few pixels, ragged masks), all pixels are
-    taken.
+    first: solves a measurement (its problem and its state); motion: between the rest capture and the press.
+    Where the coarse grid holds no solution (few pixels, ragged masks), all pixels are taken.
     """
     step = max(1, min(measured.correspondence.u.shape) // _LINES)
     if height is not None:
@@ -245,13 +245,13 @@ def _model(
     forms: tuple[Form, ...] = ()
     if typed is not None:
         shifts = [
-            (GLASS, typed.glass * _glass(small, problem, state, at_rest)[None]),
+            (GLASS, typed.glass * glass_shift(small, problem, state.w, at_rest)[None]),
             (CENTROID, np.broadcast_to([[[[typed.centroid]], [[0.0]]]], (1, 2, *problem.valid.shape))),
         ]
         if at_rest or _at_edge(measured.anchor):
-            forms = _sag(small, typed.sag)
+            forms = sag_forms(small, typed.sag)
     if motion is not None:
-        shifts.append((MOTION, motion.modes(problem.valid.shape)))
+        shifts.append((MOTION, motion.modes(step)))
     known = rig_covariance(scene)
     model = RigModel(
         problem,
@@ -280,7 +280,7 @@ def rig_modes(model: RigModel, solutions: Sequence[RigSolution], height: HeightM
     moved = (np.stack(others) - own) / _STEP
     return RigModes(
         interpolated(moved[:, 2], model.step, np.isfinite(height.z)),
-        np.concatenate([_affine(own, moved[:, :2]), _gauge(model.scene)]),
+        np.concatenate([_affine(own, moved[:, :2]), gauge_displacement(model.scene)]),
         model.sources,
         model.shares,
     )
@@ -291,10 +291,10 @@ def judged_rig(
 ) -> RigJudgement:
     """Whether errors of the rig explain that the slopes contradict each other.
 
-    Minimises trust sum_b w_b s_b(a)^2 + |a|^2 over the errors a, s the circulations of the coarse grid over their
-    sigma, w their share of independent ones; trust < 1 where the errors are so large that derivatives at a = 0
-    describe them to a tenth. problem, state, gain: of all pixels, on which chi2 is taken (see `circulation_chi2`)
-    with the rig that has these errors where trust is 1.
+    Minimises trust sum_b w_b s_b(a)^2 + |a|^2 over the errors a, s the circulations of the coarse grid over
+    their sigma, w their share of independent ones; trust < 1 where the errors are so large that derivatives at
+    a = 0 describe them to a tenth. problem, state, gain: of all pixels; where trust is 1, chi2 is taken of
+    these (see `circulation_chi2`), with the errors in the rig.
     """
     raw, freedom = circulation_chi2(problem.data, state, gain)
     own, weights = _scores(model, solutions[0])
@@ -387,53 +387,6 @@ def _sources(
     ]
 
 
-def _glass(scene: Scene, problem: Problem, state: State, at_rest: bool) -> Floats:
-    """Change of u and v (2, rows, cols) by a cover glass of 1 mm, less that of the rest capture."""
-    data, index = problem.data, 1.0 if scene.medium is None else scene.medium.index
-    rays = data.rays
-    plane = data.plane
-    mirror = rays.inner_origins + data.distance(state.w) * rays.inner_directions
-    cell = plane[0] + data.u[..., None] * plane[1] + data.v[..., None] * plane[2]
-    shift = _refracted(np.moveaxis(cell, -1, 0) - mirror, plane, index)
-    if at_rest:
-        reflected = rays.inner_directions * np.array([1.0, 1.0, -1.0])[:, None, None]
-        shift = shift - _refracted(reflected, plane, index)
-    return np.stack([np.nan_to_num(problem.to_image(part, 0.0)) for part in shift])
-
-
-def _refracted(directions: Floats, plane: Floats, index: float) -> Floats:
-    """Where rays (3, rows, cols) through 1 mm of glass meet the cells, less where they would meet them without it,
-    in cells (2, rows, cols): tan of the angle in the glass less tan of the angle outside, Snell's law."""
-    pitch = np.linalg.norm(plane[1:], axis=1)
-    axes = plane[1:] / pitch[:, None]
-    local = np.tensordot(np.stack([*axes, np.cross(*axes)]), directions, 1)
-    across = np.hypot(local[0], local[1])
-    sine = index / _GLASS_INDEX * across / np.linalg.norm(local, axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        factor = sine / np.sqrt(1 - sine**2) / across - 1 / np.abs(local[2])
-    shift: Floats = factor * local[:2] / pitch[:, None, None]
-    return shift
-
-
-def _sag(scene: Scene, sigma: float) -> tuple[Form, ...]:
-    """Three shapes of the mirror at rest: Legendre polynomials of second order, rms sigma together at the corners."""
-    length, width, size = scene.mirror.length, scene.mirror.width, sigma / np.sqrt(3)
-
-    def along(x: Floats, y: Floats) -> Pair3:
-        s = 2 * x / length - 1
-        return size * (1.5 * s * s - 0.5), size * 6 * s / length, 0 * s
-
-    def twist(x: Floats, y: Floats) -> Pair3:
-        s, t = 2 * x / length - 1, 2 * y / width - 1
-        return size * s * t, size * 2 * t / length, size * 2 * s / width
-
-    def across(x: Floats, y: Floats) -> Pair3:
-        t = 2 * y / width - 1
-        return size * (1.5 * t * t - 0.5), 0 * t, size * 6 * t / width
-
-    return (along, twist, across) if sigma > 0 else ()
-
-
 def _sum(forms: Sequence[Form], factors: Floats) -> Form:
     def form(x: Floats, y: Floats) -> Pair3:
         total = no_form(x, y)
@@ -453,15 +406,6 @@ def _affine(points: Floats, moved: Floats) -> Floats:
     return found
 
 
-def _gauge(scene: Scene) -> Floats:
-    """Place (x, y) and turn about z of the whole rig over the mirror, (3, 2, 3): no height depends on them."""
-    known = TYPED if scene.accuracy is None else scene.accuracy
-    x, y = 0.5 * scene.mirror.length, 0.5 * scene.mirror.width
-    shift_x, shift_y = [[known.distance, 0, 0], [0, 0, 0]], [[0, 0, 0], [known.distance, 0, 0]]
-    turn = known.angle * np.array([[y, 0, -1], [-x, 1, 0]])
-    return np.array([shift_x, shift_y, turn])
-
-
 def interpolated(coarse: Floats, step: int, known: Mask) -> NDArray[np.float32]:
     """From every step-th pixel to all, linearly; gaps from their nearest neighbours."""
     along_rows, along_cols = (_linear(size, step) for size in known.shape)
@@ -478,7 +422,7 @@ def interpolated(coarse: Floats, step: int, known: Mask) -> NDArray[np.float32]:
 
 
 def _linear(size: int, step: int) -> scipy.sparse.csr_array:
-    """Weights (size, coarse size) of linear interpolation from every step-th pixel; constant beyond the last."""
+    """Weights (size, coarse size) of linear interpolation from every step-th pixel, constant beyond."""
     place = np.minimum(np.arange(size) / step, (size - 1) // step)
     low = np.minimum(place.astype(np.intp), max(0, (size - 1) // step - 1))
     high = np.minimum(low + 1, (size - 1) // step)
@@ -489,7 +433,7 @@ def _linear(size: int, step: int) -> scipy.sparse.csr_array:
 
 
 def _coarse(c: Correspondence, step: int) -> Correspondence:
-    """Every step-th row and column, u and v as means over a square of about step pixels where all of it is good."""
+    """Every step-th row and column, u and v as means over squares of about step pixels that are all good."""
     if step == 1:
         return c
     side = 2 * (step // 2) + 1

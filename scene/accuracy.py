@@ -1,4 +1,4 @@
-"""Accuracy: standard deviations of a scene's numbers that were typed from drawings, rulers and data sheets."""
+"""Accuracy: standard deviations of a scene's numbers that were typed from drawings and data sheets."""
 
 import math
 from dataclasses import dataclass, fields

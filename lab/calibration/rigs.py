@@ -27,7 +27,16 @@ from optolever.scene import (
     trace,
 )
 
-__all__ = ["Rig", "ball_cap", "correspondence_of", "frame_change", "open_air", "prism", "shape_surface"]
+__all__ = [
+    "Rig",
+    "ball_cap",
+    "behind_face",
+    "correspondence_of",
+    "frame_change",
+    "open_air",
+    "prism",
+    "shape_surface",
+]
 
 Floats = NDArray[np.float64]
 Rng = np.random.Generator
@@ -157,7 +166,7 @@ def prism(
 ) -> Rig:
     """`prism48`, or a pinhole behind its capture face, every number off by a draw of its prior; the mirror
     sags by 20 um; rest and `balls` balls of 25 to 40 mm. lens: k1 is +-0.08, cx and cy are off by +-10 px."""
-    base = _behind_face(size) if pinhole else resize(load("prism48", exact=True), size * 3 // 4, size)
+    base = behind_face(size) if pinhole else resize(load("prism48", exact=True), size * 3 // 4, size)
     length, width = base.mirror.length, base.mirror.width
     priors = default_priors(base)
     own = parameter_values(base)
@@ -214,7 +223,7 @@ def ball_cap(
     return height
 
 
-def _behind_face(size: int) -> Scene:
+def behind_face(size: int) -> Scene:
     """`prism48` seen by a pinhole 150 mm before its capture face."""
     flat = resize(load("prism48", exact=True), size * 3 // 4, size)
     camera, index, away = flat.camera, flat.medium.index if flat.medium else 1.41, 150.0

@@ -1,0 +1,693 @@
+"""Every formula of the pages, and every number that they derive from one, holds: by ray tracing, by rendered
+frames, or by brute force.
+
+`holds(page, text, ...)` names what a test is about: the page must say it, and a formula without a test fails.
+"""
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, TypeVar
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optolever import reconstruct
+from optolever.decode import crossed, decode
+from optolever.patterns import Frame, Sequence, sequence
+from optolever.projector import capture
+from optolever.scene import (
+    Bow,
+    Display,
+    Medium,
+    Mirror,
+    Pattern,
+    PinholeCamera,
+    Scene,
+    Sensor,
+    Surface,
+    TelecentricCamera,
+    Trace,
+    dent,
+    load,
+    prism_camera,
+    prism_pattern,
+    resize,
+    scene_window,
+    strided,
+    trace,
+)
+
+from .test_pages import PAGES, ROOT, blocks, play
+
+Floats = NDArray[np.float64]
+Test = TypeVar("Test", bound=Callable[..., None])
+HELD: list[tuple[str, str]] = []
+#: A formula in the prose of a page: displayed mathematics, a function, a power, a quotient in brackets.
+FORMULA = re.compile(
+    r"\$\$|\b(asin|atan|cos|sqrt|exp)\(|\d/\(|/ ?\(\w|\)\^|[a-zA-Z]²|\d mm over | over pixels of "
+)
+#: Pages that state formulas.
+ANCHOR, GEOMETRY = "docs/explanation/anchor.md", "docs/explanation/geometry.md"
+CODE, FACET, STREAM = "docs/howto/code.md", "docs/howto/facet.md", "docs/howto/stream.md"
+BALL, EXPORT, FILES = "docs/howto/calibrate.md", "docs/howto/export.md", "docs/reference/files.md"
+MONITOR, PRISM = "docs/rig/monitor.md", "docs/rig/prism.md"
+CAPTURE, SCENE, LIMITS = "docs/reference/capture.md", "docs/reference/scene.md", "docs/limits.md"
+#: Pages of measured figures, each beside the command or test that prints it.
+MEASURED = {"docs/benchmarks.md", LIMITS}
+
+
+def text_of(page: str) -> str:
+    """A page on one line."""
+    return " ".join((ROOT / page).read_text().split())
+
+
+def holds(page: str, *texts: str) -> Callable[[Test], Test]:
+    """Mark a test as the one of what a page says."""
+    HELD.extend((page, text) for text in texts)
+    return lambda test: test
+
+
+def number(page: str, pattern: str) -> float:
+    """The number that a page says: the group of a pattern in which blanks are any white space."""
+    found = re.search(pattern, text_of(page))
+    assert found is not None, f"{page} does not say {pattern!r}"
+    return float(found[1])
+
+
+def said(value: float, digits: int) -> Any:
+    """What a page may say of a value: rounded to this many digits behind the point."""
+    return pytest.approx(value, abs=0.5000001 * 10.0**-digits)
+
+
+def test_pages_say_what_is_held() -> None:
+    for page, text in HELD:
+        assert text in text_of(page), f"{page}: {text}"
+
+
+@pytest.mark.parametrize("page", sorted({*PAGES, "README.md"} - MEASURED))
+def test_every_formula_is_held(page: str) -> None:
+    prose = re.sub(r"^```.*?^```|`[^`]*`", "", (ROOT / page).read_text(), flags=re.MULTILINE | re.DOTALL)
+    held = [text for where, text in HELD if where == page]
+    for line in prose.splitlines():
+        if FORMULA.search(line):
+            assert any(text in line or line.strip() in text for text in held), f"{page}: {line}"
+
+
+def test_the_scan_finds_formulas() -> None:
+    for text in ("n = asin(1/n)", "-atan((L0 - x)/x)/2", "(g/255)^gamma", "2 D / (R p)", "25 mm over 4.8 um"):
+        assert FORMULA.search(text)
+    assert not FORMULA.search("rows and columns, 0.5 mm, [build](../rig/prism.md), rms(error / sigma)")
+
+
+# Rigs
+
+
+def prism(degrees: float, rows: int = 3, cols: int = 61, index: float | None = None) -> Scene:
+    """A prism of equal angles, mirror of 100 x 60 mm, pattern on all of its face and beyond it along y."""
+    angle, length, width = math.radians(degrees), 100.0, 60.0
+    face = 0.5 * length / math.cos(angle)
+    pattern = prism_pattern(angle, rows=4000, cols=round(face / 0.05), pitch=0.05)
+    pattern = replace(pattern, origin=pattern.origin - np.array([0.0, 70.0, 0.0]))
+    pitch = np.array([length * math.cos(angle) / cols, width / rows])
+    medium = None if index is None else Medium(index)
+    camera = prism_camera(length, angle, rows, cols, pitch)
+    return Scene("prism", Mirror(length, width), pattern, camera, medium)
+
+
+def plane(slope_x: float, slope_y: float, x0: float = 0.0, y0: float = 0.0) -> Surface:
+    """A plane through (x0, y0, 0)."""
+    return Surface(
+        lambda x, y: slope_x * (x - x0) + slope_y * (y - y0),
+        lambda x, y: (np.full_like(x, slope_x), np.full_like(x, slope_y)),
+    )
+
+
+def parabola(curvature: float, x0: float, y0: float, along: str) -> Surface:
+    """A trough of this curvature at (x0, y0), hollow towards the light if it is above 0."""
+
+    def part(x: Floats, y: Floats) -> Floats:
+        return x - x0 if along == "x" else y - y0
+
+    def gradient(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        slope, none = curvature * part(x, y), np.zeros_like(x)
+        return (slope, none) if along == "x" else (none, slope)
+
+    return Surface(lambda x, y: 0.5 * curvature * part(x, y) ** 2, gradient)
+
+
+def places(rig: Scene, seen: Trace) -> tuple[Floats, Floats]:
+    """Points on the mirror and on the pattern, mm, (H, W, 3)."""
+    mirror = np.stack([seen.x, seen.y, seen.z], axis=-1)
+    u, v = (rig.pattern.pitch * one[..., None] for one in (seen.u, seen.v))
+    return mirror, rig.pattern.origin + u * rig.pattern.u_axis + v * rig.pattern.v_axis
+
+
+def bisected(holds_at: Callable[[float], bool], inside: float, outside: float) -> float:
+    """Where a condition ends that holds at `inside` and not at `outside`."""
+    assert holds_at(inside)
+    assert not holds_at(outside)
+    for _ in range(40):
+        middle = 0.5 * (inside + outside)
+        inside, outside = (middle, outside) if holds_at(middle) else (inside, middle)
+    return inside
+
+
+# Reflection
+
+
+@holds(
+    GEOMETRY,
+    "theta = atan(dz/dx) be the slope angle",
+    r"$$\alpha = \beta + 2\,\theta .$$",
+    "sees a **smaller u**",
+)
+@holds(PRISM, "the reflection moves by twice the slope")
+@pytest.mark.parametrize("degrees", [45.0, 48.0, 60.0])
+@pytest.mark.parametrize("theta", [-0.05, 0.01, 0.08])
+def test_reflected_angles(degrees: float, theta: float) -> None:
+    rig = prism(degrees)
+    middle = 0.5 * rig.mirror.length
+    seen, flat = (trace(rig, plane(slope, 0.0, middle)) for slope in (math.tan(theta), 0.0))
+    (mirror, pattern), (_, ray) = places(rig, seen), rig.camera.rays()
+    beta = np.arctan2(-ray[..., 0], -ray[..., 2])  # towards the camera, from the normal at rest
+    way = pattern - mirror
+    alpha = np.arctan2(-way[..., 0], way[..., 2])  # to the other side, towards the pattern
+    near = seen.visible & flat.visible
+    assert near.sum() > 50
+    assert np.allclose(alpha[near], (beta + 2 * theta)[near], atol=1e-9)
+    assert np.all((seen.u < flat.u)[near] == (theta > 0))
+
+
+@holds(GEOMETRY, r"$$ n \sim \frac{P - X}{|P - X|} - d . $$")
+def test_the_normal_bisects_the_rays() -> None:
+    rig = resize(load("monitor-mirror"), 24, 30)
+    surface = dent("gaussian", rig, peak=0.5)
+    seen = trace(rig, surface)
+    (mirror, pattern), (_, ray) = places(rig, seen), rig.camera.rays()
+    way = pattern - mirror
+    normal = way / np.linalg.norm(way, axis=-1, keepdims=True) - ray
+    slope_x, slope_y = surface.gradient(seen.x, seen.y)
+    near = seen.visible
+    assert np.allclose((-normal[..., 0] / normal[..., 2])[near], slope_x[near], atol=1e-9)
+    assert np.allclose((-normal[..., 1] / normal[..., 2])[near], slope_y[near], atol=1e-9)
+
+
+# Which slopes reach the pattern, and by total reflection
+
+
+@holds(
+    GEOMETRY,
+    "slopes from -atan((L0 - x)/x)/2 to +22.5 degrees reach the pattern; at mid-span ±22.5 degrees",
+)
+@holds(LIMITS, "are measurable from -atan((L0 - x)/x)/2 to +22.5 degrees")
+@pytest.mark.parametrize("col", [6, 20, 30, 40, 54])
+def test_slopes_that_reach_the_pattern(col: int) -> None:
+    rig = prism(45.0)
+    x = float(trace(rig, plane(0.0, 0.0)).x[1, col])
+
+    def reaches(theta: float) -> bool:
+        return bool(trace(rig, plane(math.tan(theta), 0.0, x)).visible[1, col])
+
+    lowest, highest = bisected(reaches, 0.0, -1.2), bisected(reaches, 0.0, 1.2)
+    formula = -0.5 * math.atan((rig.mirror.length - x) / x)
+    assert math.degrees(lowest) == pytest.approx(
+        math.degrees(formula), abs=0.1
+    )  # the face ends in whole cells
+    assert math.degrees(highest) == pytest.approx(22.5, abs=0.1)
+    if col == 30:
+        assert math.degrees(lowest) == pytest.approx(-22.5, abs=0.1)
+
+
+def total_reflection(degrees: float, index: float) -> float:
+    """Largest slope, degrees, up to which a prism's middle reflects all light whatever the slope's sign."""
+    rig = prism(degrees, index=index)
+    medium = rig.medium
+    assert medium is not None
+
+    def total(theta: float) -> bool:
+        pair = [trace(rig, plane(sign * math.tan(theta), 0.0, 50.0)) for sign in (-1, 1)]
+        assert all(seen.visible[1, 30] for seen in pair)
+        return all(medium.reflectance(np.cos(seen.incidence[1, 30])) == 1.0 for seen in pair)
+
+    return math.degrees(bisected(total, 0.0, 0.2))
+
+
+@holds(
+    PRISM,
+    "Total reflection at the base needs an angle of incidence above asin(1/n).",
+    "at 45 degrees half of a dent loses it",
+)
+def test_total_reflection() -> None:
+    """The boundary's waves by Fresnel: the tangent form, which knows of no critical angle."""
+    index = number(PRISM, r"With n = ([\d.]+) \(silicone\)")
+
+    def lets_through(beta: float) -> bool:
+        beyond = math.sin(beta) * index
+        if beyond >= 1:
+            return False
+        out = math.asin(beyond)
+        s, p = math.sin(beta - out) / math.sin(beta + out), math.tan(beta - out) / math.tan(beta + out)
+        assert Medium(index).reflectance(np.cos(beta)) == pytest.approx(0.5 * (s * s + p * p))
+        return True
+
+    critical = math.degrees(bisected(lets_through, 0.1, 1.5))
+    assert number(PRISM, r"\(silicone\) that is ([\d.]+) degrees") == said(critical, 1)
+    slopes = {48.0: r"of 48 degrees .* slopes of ([\d.]+) degrees", 50.0: r"50 degrees up to ([\d.]+)\."}
+    for degrees, pattern in slopes.items():
+        assert number(PRISM, pattern) == said(total_reflection(degrees, index), 1)
+    geometry = r"n = 1\.41 and 48 degrees allow ([\d.]+) degrees of slope"
+    assert number(GEOMETRY, geometry) == said(total_reflection(48.0, 1.41), 1)
+
+
+@holds(GEOMETRY, "n = 1.41 and 48 degrees allow")
+@holds(PRISM, "What lies beyond is darker, not lost")
+def test_half_of_a_dent_is_dark_at_45_degrees() -> None:
+    rig = prism(45.0, rows=40, cols=60, index=1.41)
+    surface = dent("gaussian", rig, peak=0.5, sigma=8.0)
+    seen = trace(rig, surface)
+    dented = seen.visible & (seen.z > 0.05)
+    share = rig.medium.reflectance(np.cos(seen.incidence[dented]))  # type: ignore[union-attr]
+    assert 0.4 < np.mean(share < 1) < 0.6
+    assert share.min() > 0.1
+    white = Sequence((Frame("white"),), rig.pattern.rows, rig.pattern.cols)
+    frame = capture(replace(rig, sensor=Sensor()), surface, white, renderer="numpy").frames[0]
+    assert np.allclose(frame[dented], 255 * share, atol=0.6)
+
+
+# Where the image folds
+
+
+@holds(
+    GEOMETRY,
+    "concave towards the light with a curvature above about 1/(2x) along x, 1/x across it",
+)
+@pytest.mark.parametrize("col", [10, 30, 45])
+@pytest.mark.parametrize(("along", "times"), [("x", 2.0), ("y", 1.0)])
+def test_curvature_at_which_the_image_folds(col: int, along: str, times: float) -> None:
+    rig = prism(45.0)
+    x = float(trace(rig, plane(0.0, 0.0)).x[1, col])
+    near = magnified(rig, 1, col)
+
+    def order(curvature: float) -> float:
+        """Sign of the pattern's order along the axis of the trough."""
+        seen = trace(near, parabola(curvature, x, 30.0, along))
+        return float(np.sign((np.diff(seen.u, axis=1) if along == "x" else np.diff(seen.v, axis=0)).mean()))
+
+    fold = bisected(lambda one: order(one) == order(0.0), 0.0, 4 / x)
+    assert fold == pytest.approx(1 / (times * x), rel=2e-3)
+    assert order(-4 / x) == order(0.0)
+
+
+def magnified(rig: Scene, row: int, col: int) -> Scene:
+    """Seen by 3 x 3 tiny pixels about one of the camera's."""
+    camera = rig.camera
+    assert isinstance(camera, TelecentricCamera)
+    tiny = 0.01 * camera.pitch
+    along, across = np.array([col, row]) * camera.pitch - tiny
+    place = camera.origin + along * camera.u_axis + across * camera.v_axis
+    return replace(rig, camera=replace(camera, origin=place, pitch=tiny, rows=3, cols=3))
+
+
+# The free mode
+
+
+@holds(ANCHOR, "For a prism of 45 degrees with parallel rays the mode is proportional to x")
+def test_the_free_mode_of_45_degrees() -> None:
+    """Turned about the edge x = 0 the mirror shows every pixel the same place, to first order."""
+    rig = resize(load("paper-simulation"), 30, 40)
+    seen = trace(rig, plane(0.0, 0.0))
+    mode = reconstruct.free_mode(rig)
+    known = np.isfinite(mode)
+    assert known.mean() > 0.8
+    assert np.nanmax(mode) == pytest.approx(1.0)
+    assert np.allclose((mode / seen.x)[known], 1 / np.nanmax(seen.x), rtol=1e-6)
+    slope = 1e-3
+    turned, half = (trace(rig, plane(one, 0.0)) for one in (slope, slope / 2))
+    shifts = [np.nanmax(np.abs(one.u - seen.u)) for one in (turned, half)]
+    lifted = trace(rig, Surface(lambda x, y: np.full_like(x, 50 * slope), plane(0.0, 0.0).gradient))
+    assert shifts[0] < 0.01 * np.nanmax(np.abs(lifted.u - seen.u))
+    assert shifts[0] / shifts[1] == pytest.approx(4.0, rel=0.1)  # of second order
+
+
+@holds(
+    ANCHOR,
+    "An anchor that is wrong by 0.01 mm adds 0.01 mm times the mode over its value at the anchor.",
+)
+@pytest.mark.parametrize("x", [12.0, 40.0])
+def test_an_anchors_error(x: float) -> None:
+    rig = resize(load("prism48"), 60, 80)
+    where = reconstruct.exact_correspondence(trace(rig, dent("flat", rig)))
+    wrong = 1e-3  # so small that only its first order counts
+    heights = [reconstruct.reconstruct(where, rig, anchor=(x, 22.5, z)) for z in (0.0, wrong)]
+    mode = reconstruct.free_mode(rig)
+    good = heights[0].good & heights[1].good & np.isfinite(mode)
+    assert good.mean() > 0.8
+    at_anchor = np.interp(x, heights[0].x[30][::-1], mode[30][::-1])
+    change = (heights[1].z - heights[0].z)[good]
+    assert np.allclose(change, wrong * (mode / at_anchor)[good], rtol=2e-3)
+
+
+# Balls
+
+
+def ball(radius: float, depth: float, x0: float, y0: float) -> Surface:
+    """The cap that a ball of this radius presses into a mirror that stays flat around it."""
+
+    def root(x: Floats, y: Floats) -> Floats:
+        return np.sqrt(np.maximum(radius**2 - (x - x0) ** 2 - (y - y0) ** 2, (radius - depth) ** 2))
+
+    def gradient(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        inside, below = root(x, y) > radius - depth, root(x, y)
+        return np.where(inside, -(x - x0) / below, 0.0), np.where(inside, -(y - y0) / below, 0.0)
+
+    return Surface(lambda x, y: root(x, y) - (radius - depth), gradient)
+
+
+APEX = 30.0, 22.5
+
+
+def step_at_apex(rig: Scene, surface: Surface) -> tuple[float, float, float]:
+    """At the apex: cells per mm of mirror along x, path to the pattern (mm), mm of mirror per pixel."""
+    seen = trace(rig, surface)
+    mirror, pattern = places(rig, seen)
+    row, col = np.unravel_index(np.nanargmin(np.hypot(seen.x - APEX[0], seen.y - APEX[1])), seen.x.shape)
+    width = float(seen.x[row, col - 1] - seen.x[row, col + 1]) / 2
+    step = float(seen.u[row, col - 1] - seen.u[row, col + 1]) / 2
+    return step / width, float(np.linalg.norm(pattern[row, col] - mirror[row, col])), width
+
+
+@holds(BALL, "along x the image moves by about 2 D / (R p) cells per mm of mirror")
+@pytest.mark.parametrize("radius", [10.0, 25.0, 60.0])
+def test_the_image_of_a_ball(radius: float) -> None:
+    rig = scene_window(load("prism48"), 290, 390, 20, 20)
+    flat, _, _ = step_at_apex(rig, plane(0.0, 0.0))
+    pressed, way, _ = step_at_apex(rig, ball(radius, 0.05, *APEX))
+    assert pressed - flat == pytest.approx(2 * way / (radius * rig.pattern.pitch), rel=0.05)
+
+
+@holds(
+    BALL,
+    "Pixels of s mm on the mirror therefore need R > s D / (2 p)",
+    "Up to 4 cells from pixel to pixel decode.",
+)
+def test_radius_of_a_ball_that_decodes() -> None:
+    rig = load("prism48")
+    near = scene_window(rig, 265, 365, 70, 70)
+    _, way, width = step_at_apex(near, plane(0.0, 0.0))
+    least = width * way / (2 * rig.pattern.pitch)
+    assert number(BALL, r"R > s D / \(2 p\): (\d+) mm in the middle of") == said(least, 0)
+    small, usable = number(BALL, r"There R = (\d+) mm is"), number(BALL, r"too small, (\d+) mm works")
+    shown = sequence("gray+phase", rig.pattern.rows, rig.pattern.cols)
+    for radius, enough in ((small, False), (1.1 * least, True), (usable, True)):
+        surface = ball(radius, 0.05, *APEX)
+        truth = trace(near, surface)
+        where = decode(capture(near, surface, shown, renderer="numpy", noise=1.0).frames, shown)
+        inside = np.hypot(truth.x - APEX[0], truth.y - APEX[1]) < 0.8 * math.sqrt(2 * radius * 0.05)
+        assert (where.good[inside].mean() > 0.95) == enough, radius
+
+
+# A concave facet
+
+
+@holds(
+    FACET,
+    "z = (x^2 + y^2) / (4 f), concave: z > 0 is towards the camera",
+    "The focal length of a concave mirror is above 0",
+)
+def test_the_facets_page_has_a_concave_mirror(capsys: pytest.CaptureFixture[str]) -> None:
+    """Parallel light meets at its focus, on the camera's side; the page's fit gives its focal length."""
+    make, fit = [block.text for block in blocks((ROOT / FACET).read_text())][:2]
+    names: dict[str, Any] = {}
+    exec(make[: make.index("seen = ")], names)
+    rig, focal = names["rig"], names["focal"]
+    length, width = rig.mirror.length, rig.mirror.width
+    pitch = np.array([length / 24, width / 20])
+    down = TelecentricCamera(
+        np.array([length, 0.0, 100.0]) + 0.5 * pitch[0] * np.array([-1.0, 0, 0]),
+        np.array([-1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), pitch, 20, 24,
+    )  # fmt: skip
+    screen = Pattern(np.array([-200.0, -200.0, focal]), np.eye(3)[0], np.eye(3)[1], 0.5, 1200, 1200)
+    names["bump"] = 0.0
+    spot = trace(Scene("focus", rig.mirror, screen, down), names["facet"])
+    assert spot.visible.all()
+    centre = np.array([np.mean(spot.u), np.mean(spot.v)]) * screen.pitch + screen.origin[:2]
+    assert np.allclose(centre, (names["x0"], names["y0"]), atol=0.05)
+    assert max(np.ptp(spot.u), np.ptp(spot.v)) * screen.pitch < 0.01  # of 150 mm
+    x, y = np.meshgrid(np.linspace(20, length - 20, 9), np.linspace(20, width - 20, 7))
+    names["bump"] = 0.5
+    height, step = names["height"], 1e-3
+    slopes = (
+        (height(x + step, y) - height(x - step, y)) / (2 * step),
+        (height(x, y + step) - height(x, y - step)) / (2 * step),
+    )
+    assert np.allclose(names["gradient"](x, y), slopes, atol=1e-7)
+    names["bump"] = 0.0
+    names["map_"] = SimpleNamespace(x=x, y=y, z=height(x, y), sigma=np.ones_like(x), good=x > 0)
+    exec(fit, names)
+    assert f"focal length {focal:.0f} mm, left 0 nm" in capsys.readouterr().out
+
+
+# Sizes and pitches
+
+
+def scene_of(page: str, folder: Path, monkeypatch: pytest.MonkeyPatch, name: str = "rig.toml") -> Scene:
+    """The scene that a page writes."""
+    monkeypatch.chdir(folder)
+    scenes = re.findall(r"^```toml\n# .*?^```\n", (ROOT / page).read_text(), re.MULTILINE | re.DOTALL)
+    play(page, "".join(scenes))
+    return load(name)
+
+
+@holds(MONITOR, "of a 24-inch monitor", "mm from lens to sensor over pixels of 4.8 um")
+def test_monitor_page_s_pitches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = scene_of(MONITOR, tmp_path, monkeypatch)
+    inches = number(MONITOR, r"# of a (\d+)-inch monitor")
+    assert rig.pattern.pitch == said(inches * 25.4 / math.hypot(rig.pattern.cols, rig.pattern.rows), 4)
+    lens, pixel = number(MONITOR, r"# ([\d.]+) mm from lens"), number(MONITOR, r"over pixels of ([\d.]+) um")
+    camera = rig.camera
+    assert isinstance(camera, PinholeCamera)
+    undistorted = replace(camera, distortion=np.zeros(5))
+    _, rays = undistorted.rays_at(np.array([511.5, 511.5]), np.array([639.5, 640.5]))
+    across = float(np.linalg.norm(np.cross(rays[0], rays[1])))  # a pixel beside the centre of the image
+    assert across == pytest.approx(1e-3 * pixel / lens, rel=2e-4)
+    preset = (ROOT / "scene/presets/monitor-mirror.toml").read_text()
+    assert f"of {pixel} um, {lens} mm" in " ".join(preset.replace("#", "").split())
+    assert load("monitor-mirror").camera == rig.camera
+
+
+@holds(
+    PRISM,
+    "**Camera columns** run from the edge x = L0 upwards",
+    "**u** counts the display's columns, from the edge x = 0 upwards",
+)
+def test_prism_page_s_pitches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pixels share the base evenly and end at its edges; the display fills its face."""
+    rig = scene_of(PRISM, tmp_path, monkeypatch)
+    seen = trace(rig, plane(0.0, 0.0))
+    length, width = rig.mirror.length, rig.mirror.width
+    x, y = np.nanmean(seen.x, axis=0), np.nanmean(seen.y, axis=1)
+    cols, rows = np.arange(rig.camera.cols), np.arange(rig.camera.rows)
+    assert np.allclose(x, length * (1 - (cols + 0.5) / rig.camera.cols), atol=1e-9, equal_nan=True)
+    assert np.allclose(y, width * (rows + 0.5) / rig.camera.rows, atol=1e-9)
+    assert np.all(np.diff(seen.u[300]) < 0)  # u from x = 0, columns from x = L0
+    assert np.all(np.diff(seen.v[:, 400]) > 0)
+    face = 0.5 * length / math.cos(math.radians(number(PRISM, r"angle_deg = (\d+) # of the display")))
+    assert 0 <= face - rig.pattern.cols * rig.pattern.pitch < rig.pattern.pitch
+
+
+@holds(
+    SCENE,
+    "Every ray meets the mirror at 45.7 degrees or more, above the critical angle of 45.2 degrees.",
+    "A pixel covers 1.7 cells of the pattern.",
+    "a pixel that covers 8 cells gets no contrast from it",
+)
+def test_the_pinhole_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = scene_of(SCENE, tmp_path, monkeypatch, "pinhole.toml")
+    seen = trace(rig, plane(0.0, 0.0))
+    least = math.degrees(np.nanmin(seen.incidence))
+    assert rig.medium is not None
+    assert number(SCENE, r"meets the mirror at ([\d.]+) degrees") == said(least, 1)
+    critical = math.degrees(rig.medium.critical_angle)
+    assert number(SCENE, r"critical angle of ([\d.]+) degrees") == said(critical, 1)
+    cells = np.nanmean(np.abs(np.diff(seen.u, axis=1))), np.nanmean(np.abs(np.diff(seen.v, axis=0)))
+    assert number(SCENE, r"covers ([\d.]+) cells") == said(max(cells), 1)
+    shown = sequence("gray+phase", rig.pattern.rows, rig.pattern.cols)
+    finest = min((frame for frame in shown if frame.kind == "phase"), key=lambda frame: frame.period_px or 0)
+    cell = np.linspace(100.0, 108.0, 800, endpoint=False)
+    means = [finest.ideal_levels(cell + at, finest.axis or "u").mean() for at in range(8)]
+    assert finest.period_px == 8.0
+    assert np.ptp(means) < 1e-9
+    assert number(SCENE, r"exposure = ([\d.]+)") * 255 == pytest.approx(217, abs=0.5)
+
+
+# Light
+
+
+@holds(CAPTURE, "level = 127.5 (1 + cos(2 pi coordinate / period_px - shift))")
+@holds(CAPTURE, "cell k covers [k cell_px, (k + 1) cell_px) - 0.5 + offset_px")
+@pytest.mark.parametrize("axis", ["u", "v"])
+def test_levels_of_frames(axis: str) -> None:
+    rows = cols = 40
+    at = np.arange(40.0)
+    frames = (
+        Frame("phase", axis, period_px=7.0, shift=0.7),
+        Frame("gray", axis, bit=1, cell_px=3.0, offset_px=1.0),
+        Frame("binary", axis, bit=0, cell_px=2.5),
+        Frame("levels", axis, levels=tuple(range(0, 200, 5)), inverted=True),
+    )
+    word = np.floor((at + 0.5 - 1.0) / 3.0).clip(0).astype(int)
+    cosine = 127.5 * (1 + np.cos(2 * math.pi * at / 7.0 - 0.7))
+    gray, binary = 255 * ((word ^ word >> 1) >> 1 & 1), 255 * (np.floor((at + 0.5) / 2.5).astype(int) & 1)
+    for frame, level in zip(frames, (cosine, gray, binary, 255 - 5 * at), strict=True):
+        image = Sequence((frame,), rows, cols).render()[0].astype(float)
+        line = image[3] if axis == "u" else image[:, 3]
+        assert np.abs(line - level).max() <= 0.5, frame.kind
+
+
+@holds(
+    SCENE,
+    "Light of level g (0..255), relative to that of 255: black + (1 - black) (g/255)^gamma.",
+)
+@holds(SCENE, "level = offset + 255 (exposure light)^(1/gamma), clipped to 0..255")
+def test_levels_of_a_camera() -> None:
+    display, sensor = Display(gamma=2.2, black=0.05), Sensor(gamma=1.8, exposure=0.7, offset=12.0)
+    rig = replace(prism(50.0), display=display, sensor=sensor, medium=None)
+    for shown in (0, 60, 140, 255):
+        uniform = Sequence((Frame("uniform", level=shown),), rig.pattern.rows, rig.pattern.cols)
+        frame = capture(rig, plane(0.0, 0.0), uniform, renderer="numpy").frames[0]
+        light = 0.05 + 0.95 * (shown / 255) ** 2.2
+        assert np.abs(frame[1, 20:40] - (12.0 + 255 * (0.7 * light) ** (1 / 1.8))).max() <= 0.51, shown
+
+
+@holds(SCENE, "w = b20 U² + b11 U V + b02 V² (mm along the pattern's normal u x v)")
+def test_a_bent_display() -> None:
+    rig = resize(load("prism48"), 30, 40)
+    bow = replace(Bow.of_pattern(rig.pattern.rows, rig.pattern.cols), b20=0.3, b11=-0.2, b02=0.1)
+    bent = replace(rig, pattern=replace(rig.pattern, shape=bow))
+    seen = trace(bent, plane(0.0, 0.0))
+    (mirror, flat), (_, ray) = places(bent, seen), rig.camera.rays()
+    upper = (2 * seen.u + 1 - rig.pattern.cols) / rig.pattern.cols
+    left = (2 * seen.v + 1 - rig.pattern.rows) / rig.pattern.rows
+    lifted = flat + (0.3 * upper**2 - 0.2 * upper * left + 0.1 * left**2)[..., None] * np.cross(
+        rig.pattern.u_axis, rig.pattern.v_axis
+    )
+    off = np.cross(lifted - mirror, ray * [1, 1, -1])  # the mirror at rest turns z
+    assert np.nanmax(np.abs(off)) < 1e-6
+
+
+# Blur and periods
+
+
+def u_error(blur: float, period: float) -> float:
+    """Error of u, cells, of gray+phase on every sixth pixel of the monitor rig; inf where a tenth is lost."""
+    rig = strided(load("monitor-mirror"), 6)
+    rig = replace(rig, pattern=replace(rig.pattern, blur_px=blur))
+    surface = dent("gaussian", rig, peak=0.1, sigma=20.0)
+    shown = sequence("gray+phase", rig.pattern.rows, rig.pattern.cols, period=period)
+    where = decode(capture(rig, surface, shown, renderer="numpy", noise=1.0, seed=5).frames, shown)
+    error = where.u - trace(rig, surface).u
+    return float(np.median(np.abs(error[where.good])) / 0.6745) if where.good.mean() > 0.9 else math.inf
+
+
+@holds(MONITOR, "a blur of 1 monitor pixel raises sigma by a third, of 1.5 pixels to twice")
+def test_blur_takes_contrast() -> None:
+    """Of a fringe of 8 cells it leaves exp(-2 (pi blur / 8)^2); sigma is noise over contrast."""
+    sharp = u_error(0.2, 8.0)
+    for blur, times in ((1.0, 4 / 3), (1.5, 2.0)):
+        assert math.exp(2 * (math.pi * blur / 8) ** 2) == pytest.approx(times, rel=0.03)
+        assert u_error(blur, 8.0) / sharp == pytest.approx(times, rel=0.06)
+
+
+@holds(
+    CODE,
+    "A finest period of 8 to 12 cells gives the smallest sigma for a blur of half a cell to 1.5 cells.",
+)
+@pytest.mark.slow
+@pytest.mark.parametrize("blur", [0.5, 1.0, 1.5])
+def test_the_sharpest_period(blur: float) -> None:
+    errors = {period: u_error(blur, period) for period in (5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)}
+    best = min(errors, key=lambda period: errors[period])
+    assert 8 <= best <= 12
+    assert errors[6.0] > errors[best] < errors[16.0]
+
+
+# Sums of errors
+
+
+@holds(
+    LIMITS,
+    "A tenth of a slope's sigma that forty columns share moves the heights beside them apart by four sigma.",
+)
+def test_shared_errors_add_up() -> None:
+    random, size = np.random.default_rng(3), 160
+    noisy = [reconstruct.integrate(*random.normal(size=(2, size, size))).z for _ in range(20)]
+    sigma = np.std([z - z.mean() for z in noisy])
+    shared = np.zeros((size, size))
+    shared[:, 60:100] = 0.1
+    z = reconstruct.integrate(shared, np.zeros_like(shared)).z
+    assert np.ptp(z) / sigma == pytest.approx(4, abs=0.5)
+
+
+# Loops
+
+
+@holds(STREAM, "the median of the displacement must stay within half a period")
+@pytest.mark.parametrize(("periods", "right"), [(0.4, True), (0.6, False)])
+def test_one_frame_tells_half_a_period(periods: float, right: bool) -> None:
+    rig = resize(load("prism48"), 120, 160)
+    fringe = sequence("crossed", rig.pattern.rows, rig.pattern.cols, period=10.0)
+    flat = dent("flat", rig)
+    rest = trace(rig, flat)
+    mirror, pattern = places(rig, rest)
+    way = np.nanmedian(np.linalg.norm(pattern - mirror, axis=-1))
+    tilted = plane(-10.0 * periods * rig.pattern.pitch / (2 * way), 0.0, 30.0)
+    frames = [capture(rig, one, fringe, renderer="numpy").frames[0] for one in (flat, tilted)]
+    moved = crossed(frames[1], frames[0], fringe, prior=reconstruct.exact_correspondence(rest))
+    error = np.nanmedian((moved.du - (trace(rig, tilted).u - rest.u))[moved.flags == 0])
+    assert abs(error) == pytest.approx(0.0 if right else 10.0, abs=0.3)
+
+
+# Height maps and grids
+
+
+@holds(FILES, "dx/dz and dy/dz along the camera's rays")
+@holds(FILES, "in mm at x = `x0` + j `pitch`, y = `y0` + i `pitch`")
+@holds(EXPORT, "x = x0 + j pitch, y = y0 + i pitch")
+def test_places_of_heights() -> None:
+    """Of a tilted mirror, along each ray, and on the grid."""
+    rig = resize(load("monitor-mirror"), 48, 60)
+    surface = plane(2e-3, -1e-3, 70.0, 50.0)
+    seen = trace(rig, surface)
+    height = reconstruct.reconstruct(reconstruct.exact_correspondence(seen), rig, anchor=(70.0, 50.0, 0.0))
+    _, ray = rig.camera.rays()
+    assert height.lean is not None
+    assert np.allclose(height.lean, (ray[..., 0] / ray[..., 2], ray[..., 1] / ray[..., 2]))
+    grid = height.resample(1.5)
+    rows, cols = grid.z.shape
+    x, y = np.meshgrid(grid.x0 + 1.5 * np.arange(cols), grid.y0 + 1.5 * np.arange(rows))
+    assert np.nanmax(np.abs(grid.z - surface.height(x, y))) < 1e-6
+
+
+# Errors of a rig
+
+
+@holds(
+    LIMITS,
+    "degree of camera elevation moves the height of `prism48` by up to 0.26 mm; against a",
+    "0.008 mm of that are left",
+)
+@pytest.mark.slow
+def test_half_a_degree_of_elevation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As the example of the rest page prints it."""
+    monkeypatch.chdir(tmp_path)
+    play("docs/howto/rest.md", (ROOT / "docs/howto/rest.md").read_text().partition("On the command line")[0])
+    alone, against = (float(one) for one in re.findall(r": ([\d.]+) um at most", capsys.readouterr().out))
+    assert number(LIMITS, r"by up to ([\d.]+) mm; against") == said(1e-3 * alone, 2)
+    assert number(LIMITS, r"([\d.]+) mm of that are left") == said(1e-3 * against, 3)
