@@ -279,8 +279,8 @@ def _half_depth(dent: Dent, evidence: str) -> Contact:
     half = member(0.5 * top.depth)
     area, volume, x, y = measures(dent.z, dent.x, dent.y, dent.cell, 0.5 * top.depth)
     rim = dent.inside & (np.abs(dent.z - 0.5 * top.depth) < rise)
-    noise = float(dent.sigma[dent.peak])
-    error = float(np.hypot(np.median(dent.sigma[rim]) if rim.any() else noise, 0.5 * top.depth_noise))
+    at_outline = float(np.median(dent.sigma[rim])) if rim.any() else float(dent.sigma[dent.peak])
+    error = _level_error(at_outline, float(dent.sigma[dent.peak]), top.depth_noise)
     shifted = [float(np.sum(member(0.5 * top.depth + by) * dent.cell)) for by in (-error, error)]
     guessed = float(np.sum((dent.error / rise * dent.cell)[rim]))
     # the outline crosses each rim pixel somewhere: the rounding of its share, independent of the others'
@@ -323,6 +323,15 @@ def _unresolved(dent: Dent, radius: float) -> float:
     """Share of a flat punch's depth in doubt: half of the drop that the law, 2/pi asin(a/r), puts within half
     a pixel outside its rim, where the slope is infinite and pixels do not resolve it."""
     return float(np.arccos(radius / (radius + 0.5 * dent.pitch)) / np.pi)
+
+
+def _level_error(outline: float, peak: float, depth: float) -> float:
+    """Standard deviation of the height at the outline less half the depth, from those of the height there, of
+    the height of the deepest pixel and of the depth: noise of heights is smooth, so that the smaller of the
+    first two is shared, and half of it remains."""
+    shared = min(outline, peak)
+    apart = outline**2 - shared**2 + 0.25 * max(depth**2 - shared**2, 0.0)
+    return float(np.sqrt(0.25 * shared**2 + apart))
 
 
 def _hidden(dent: Dent, member: Floats) -> float:
