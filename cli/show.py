@@ -66,34 +66,19 @@ def noise_and_rig(noise: float, rig: float) -> str:
 
 
 def dent_rows(dent: Mapping[str, Any], count: int) -> dict[str, str]:
-<<<<<<< HEAD
-    """The dent of that number (Contact.to_dict) for `table`: numbers with their sigmas, and the evidence."""
-    x, y = dent["centroid"]
-    at_least = "at least " if dent["cut"] else ""
-
-    def spread(name: str) -> str:
-        value = dent[name]
-        return f"{value:.2g}" if value is not None and math.isfinite(value) else "unknown"
-=======
     """The dent of that number (Contact.to_dict) for `table`: its measures, and the evidence for a contact."""
     x, y = dent["centroid"]
     noise = dent["depth_sigma"] if dent["depth_noise"] is None else dent["depth_noise"]
     rig = math.sqrt(max(0.0, dent["depth_sigma"] ** 2 - noise**2))
->>>>>>> main
+    at_least = "at least " if dent["cut"] else ""
 
     def give(name: str, unit: str) -> str:
-        return f"{number(dent[name])} ± {spread(f'{name}_sigma')} {unit}"
+        return f"{at_least}{number(dent[name])} ± {dent[f'{name}_sigma']:.2g} {unit}"
 
     return {
-<<<<<<< HEAD
-        f"dent {count}": f"depth {give('depth', 'mm')} (noise {spread('depth_noise')}); {dent['region']}: "
-        f"area {at_least}{give('area', 'mm²')}, volume {at_least}{give('volume', 'mm³')}, centroid "
-        f"({x:.6g}, {y:.6g}) ± {spread('centroid_sigma')} mm",
-=======
-        f"dent {count}": f"depth {number(dent['depth'])} mm {noise_and_rig(noise, rig)}; {dent['region']}: area "
-        f"{give('area', 'mm²')}, volume {give('volume', 'mm³')}, centroid ({x:.6g}, {y:.6g}) ± "
+        f"dent {count}": f"depth {number(dent['depth'])} mm {noise_and_rig(noise, rig)}; {dent['region']}: "
+        f"area {give('area', 'mm²')}, volume {give('volume', 'mm³')}, centroid ({x:.6g}, {y:.6g}) ± "
         f"{dent['centroid_sigma']:.2g} mm",
->>>>>>> main
         f"evidence {count}": dent["evidence"],
     }
 
