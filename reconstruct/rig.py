@@ -55,6 +55,7 @@ _UNSETTLED = np.uint16(HeightFlag.NOT_CONVERGED | HeightFlag.SINGULAR)
 _STEP = 0.05  # of a standard deviation
 _LINES = 96  # rows or columns of the coarse grid, at least
 _CHORDS = 3  # steps; each leaves about 1 % of the last one, the error of the integrating factor
+_SETTLED = 1e-10  # of the unknown: rms of a last step
 _LINEAR = 100.0  # chi2 up to which derivatives serve; beyond it they describe errors to a tenth of them
 _FITS = 2
 _LIKELY = 9.0  # |a|^2 per error: three sigma of all at once
@@ -181,6 +182,8 @@ class RigModel:
         state = replace(self.state if start is None else start, rows=rows)
         for _ in range(_CHORDS):
             state = chord_step(data, self.problem.labels, state, _ACCURACY)
+            if state.steps[0] <= _SETTLED * float(np.abs(state.w).max()):
+                break  # conjugate gradients would amplify the rounding that is left
         return RigSolution(data, state, form)
 
     def points(self, solution: "RigSolution") -> Floats:
