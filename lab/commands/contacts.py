@@ -11,10 +11,14 @@ from optolever.cli.show import grid, progress, write_json
 __all__ = ["command"]
 
 SAMPLE = """
-$ python -m lab contacts --rigs 45
+$ python -m lab contacts --differences
 Share of errors within one total sigma
-kind      fingers  found  cut  depth  area  position
-ball      ...
+kind      fingers  found  cut  depth  area   position
+ball      31       29     0    0.862  0.621  0.655
+punch     17       11     0    0.727  0.545  0.773
+gaussian  57       57     0    0.719  0.754  0.728
+needle    51       51     0    0.667  0.922  0.696
+all       156      148    0    0.73   0.77   0.706
 """
 
 
