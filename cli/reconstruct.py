@@ -41,8 +41,8 @@ Height map in h.npz
   chi2                0.9207 per degree of freedom (949), 1 by noise alone
   error               0.000127 of the peak depth, rms
   rms(error / sigma)  0.9616
-  dent 1              depth 1.3 ± 3.7e-05 mm; half depth: area 1742 ± 0.16 mm²,
-                      volume 1634 ± 0.12 mm³, centroid (81.8496, 81.8502) ±
+  dent 1              depth 1.3 mm ± 37 nm noise; half depth: area 1742 ± 0.16
+                      mm², volume 1634 ± 0.12 mm³, centroid (81.8496, 81.8502) ±
                       0.0011 mm
   evidence 1          no contact evidence: the edge's kink shows in 0 % of 65
                       directions, a smooth surface explains the slopes as well

@@ -71,9 +71,10 @@ def dent_rows(dent: Mapping[str, Any], count: int) -> dict[str, str]:
     x, y = dent["centroid"]
     noise = dent["depth_sigma"] if dent["depth_noise"] is None else dent["depth_noise"]
     rig = math.sqrt(max(0.0, dent["depth_sigma"] ** 2 - noise**2))
+    at_least = "at least " if dent["cut"] else ""
 
     def give(name: str, unit: str) -> str:
-        return f"{number(dent[name])} ± {dent[f'{name}_sigma']:.2g} {unit}"
+        return f"{at_least}{number(dent[name])} ± {dent[f'{name}_sigma']:.2g} {unit}"
 
     return {
         f"dent {count}": f"depth {number(dent['depth'])} mm {noise_and_rig(noise, rig)}; {dent['region']}: "

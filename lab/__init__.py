@@ -10,6 +10,7 @@ It may import every module of `optolever`; tests alone import it.
 | - `decode_speed.py`, `decode_errors.py` | the decoder: speed, and errors beside what noise allows |
 | - `solver_figures.py`, `solver_bound.py` | the solver: exactness, time; its noise and the bound |
 | - `cliffs.py` | a cliff behind a mask, and the plain robust integration of it |
+| - `contacts.py` | contacts on rigs drawn from the priors, against their total sigma |
 | `bench/` | larger benches |
 | - `methods.py` | every solver and integrator on the same cases |
 | - `sweeps.py` | grids of cells, resumed, here or on Dask |

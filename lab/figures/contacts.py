@@ -34,10 +34,11 @@ from optolever.scene import (
     trace,
 )
 
-__all__ = ["KINDS", "Compared", "Finger", "contact_figures", "drawn_press", "press"]
+__all__ = ["KINDS", "Compared", "Finger", "contact_figures", "coverage", "drawn_press", "press"]
 
 KINDS = ("ball", "punch", "gaussian", "needle")
 _GAUGE = (0.5, 0.5, np.radians(1.0))  # mm, mm, rad: where the whole rig stands along the mirror
+_STEP = 0.1  # of a standard deviation
 _TAPER = 0.1  # of the mirror's length, as dents of a scene fade to the edge at rest
 _FINE, _COARSE = 0.05, 0.25  # mm: grids of the true areas and of the dents that merge
 
@@ -79,13 +80,28 @@ class Compared:
     scores: dict[str, float]
 
 
-def contact_figures(rigs: int, seed: int = 0, size: tuple[int, int] = (120, 160)) -> Iterator[list[Compared]]:
-    """Fingers of every drawn rig against what was found."""
+def contact_figures(
+    rigs: int, seed: int = 0, size: tuple[int, int] = (120, 160), differences: bool = False
+) -> Iterator[list[Compared]]:
+    """Fingers of every drawn rig against what was found; differences: see `press`."""
     scene = resize(load("prism48"), *size)
     for number in range(rigs):
         rng = np.random.default_rng([60, seed, number])
         fingers = drawn_press(scene, rng)
-        yield compared(press(scene, fingers, rng), fingers, scene)
+        yield compared(press(scene, fingers, rng, differences=differences), fingers, scene)
+
+
+def coverage(some: list[Compared]) -> dict[str, float]:
+    """How many fingers there are, how many were found and cut, and the share of errors within one sigma."""
+    found = [each for each in some if each.contact is not None]
+    counts = {"fingers": len(some), "found": len(found)}
+    counts["cut"] = sum(each.contact is not None and each.contact.cut for each in found)
+    if not found:
+        return {name: float(count) for name, count in counts.items()}
+    within = {name: np.mean([abs(each.scores[name]) < 1 for each in found]) for name in found[0].scores}
+    shares = {"depth": within["depth"], "area": within["area"]}
+    shares["position"] = 0.5 * (within["x"] + within["y"])
+    return {name: float(value) for name, value in (counts | shares).items()}
 
 
 def drawn_press(scene: Scene, rng: np.random.Generator) -> list[Finger]:
@@ -118,20 +134,54 @@ def _merge(fingers: list[Finger], scene: Scene) -> bool:
 
 
 def press(
-    scene: Scene, fingers: list[Finger], rng: np.random.Generator, at_rest: bool = True
+    scene: Scene,
+    fingers: list[Finger],
+    rng: np.random.Generator,
+    at_rest: bool = True,
+    differences: bool = False,
 ) -> tuple[HeightMap, SlopeMap]:
     """Height and slopes of fingers on a rig drawn from the priors of a typed scene; at_rest: against a rest
-    capture."""
+    capture; differences: modes by whole solves with other numbers of the scene, not by `reconstruct`."""
     covariance = rig_covariance(scene)
     assert covariance is not None
-    own, change = parameter_values(scene), rng.standard_normal(len(covariance.root)) @ covariance.root
-    values = {name: own[name] + by for name, by in zip(covariance.names, change, strict=True)}
-    truth = _moved(adjusted(scene, values), *(_GAUGE * rng.standard_normal(3)))
+    changed = _changed(scene, rng.standard_normal(len(covariance.root)) @ covariance.root)
+    truth = _moved(changed, *(_GAUGE * rng.standard_normal(3)))
     noise = float(rng.uniform(0.01, 0.02))
     rest = _captured(truth, dent("flat", scene), noise, rng) if at_rest else None
     seen = _captured(truth, surface_of(fingers, scene), noise, rng)
-    height = reconstruct(seen, scene, rest=rest)
+    height = _with_differences(seen, scene, rest) if differences else reconstruct(seen, scene, rest=rest)
     return height, slope_map(height, seen, scene, rest)
+
+
+def _changed(scene: Scene, change: Floats) -> Scene:
+    """The scene, exact, with the numbers of its covariance changed."""
+    covariance, own = rig_covariance(scene), parameter_values(scene)
+    assert covariance is not None
+    values = {name: own[name] + by for name, by in zip(covariance.names, change, strict=True)}
+    return replace(adjusted(scene, values), covariance=None, accuracy=None)
+
+
+def _with_differences(seen: Correspondence, scene: Scene, rest: Correspondence | None) -> HeightMap:
+    """The height with modes and displacement by differences of whole solves, the gauge behind them."""
+    covariance = rig_covariance(scene)
+    assert covariance is not None
+    height = reconstruct(seen, _changed(scene, 0 * covariance.root[0]), rest=rest)
+    base = reconstruct(seen, _changed(scene, 0 * covariance.root[0]), rest=rest, start=height)
+    known = np.isfinite(base.z)
+    terms = np.stack([np.ones(known.sum()), base.x[known], base.y[known]], axis=1)
+    modes, moves = [], []
+    for row in covariance.root:
+        other = reconstruct(seen, _changed(scene, _STEP * row), rest=rest, start=height)
+        modes.append((other.z - base.z) / _STEP)
+        moved = np.stack([other.x - base.x, other.y - base.y], axis=-1)[known] / _STEP
+        settled = np.isfinite(moved).all(axis=1)
+        moves.append(np.linalg.lstsq(terms[settled], moved[settled], rcond=None)[0].T)
+    along, across, turn = _GAUGE
+    x, y = 0.5 * scene.mirror.length, 0.5 * scene.mirror.width
+    moves += [np.array([[along, 0, 0], [0, 0, 0]]), np.array([[0, 0, 0], [across, 0, 0]])]
+    moves += [turn * np.array([[y, 0, -1], [-x, 1, 0]])]
+    calibration = np.nan_to_num(np.stack(modes)).astype(np.float32)
+    return replace(height, calibration=calibration, displacement=np.stack(moves))
 
 
 def compared(pressed: tuple[HeightMap, SlopeMap], fingers: list[Finger], scene: Scene) -> list[Compared]:

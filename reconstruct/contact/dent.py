@@ -27,10 +27,9 @@ class Dent:
     modes (r, N), slope_modes (r, 2, N): of the rig's remaining errors; displacement (m, 2, 3): see
     `HeightMap`; cell: area of a pixel, mm^2; inside: those of the dent; measured: those that are not
     interpolated; error: of the interpolation, mm; border: neighbours of pixels where nothing is known (the
-    image's edge, flags); open: pixels whose mirror image about the peak is such a pixel; saddle: neighbours
-    of another dent's basin; peak: the number of the deepest within its sigma; pitch: size of a pixel, mm;
-    middle: where r, phi start; radius: where half of the depth is left; rim_depth and its sigma: of the peak
-    over the surroundings.
+    image's edge, flags); saddle: neighbours of another dent's basin; peak: the number of the deepest within
+    its sigma; pitch: size of a pixel, mm; middle: where r, phi start; radius: where half of the depth is
+    left; rim_depth and its sigma: of the peak over the surroundings.
     """
 
     x: Floats
@@ -46,7 +45,6 @@ class Dent:
     inside: Mask
     measured: Mask
     error: Floats
-    open: Mask
     border: Mask
     saddle: Mask
     peak: int
@@ -107,7 +105,6 @@ class Dent:
             inside=inside[near],
             measured=relief.measured[near],
             error=relief.error[near],
-            open=_opposite(relief.known, peak)[near],
             border=_beside(relief.known)[near],
             saddle=_beside(basin | ~relief.known, beyond=True)[near],
             peak=int(np.count_nonzero(near.ravel()[:peak])),
@@ -115,7 +112,7 @@ class Dent:
             middle=(middle[0] - float(shift[0].mean()), middle[1] - float(shift[1].mean())),
             radius=rim.radius,
             rim_depth=float(rim.rise(z)),
-            rim_depth_sigma=float(np.hypot(noise, np.linalg.norm(known.root.T @ rim.rise(relief.modes)))),
+            rim_depth_sigma=float(np.hypot(noise, np.linalg.norm(rim.rise(relief.modes) @ known.root))),
         )
 
     @property
@@ -153,16 +150,6 @@ class Dent:
         """Relative change of areas by every error of the rig, (m,)."""
         stretches: Floats = self.displacement[:, 0, 1] + self.displacement[:, 1, 2]
         return stretches
-
-
-def _opposite(known: Mask, peak: int) -> Mask:
-    """Pixels whose mirror image about the peak is unknown or beyond the image."""
-    row, col = np.indices(known.shape)
-    rows, cols = 2 * (peak // known.shape[1]) - row, 2 * (peak % known.shape[1]) - col
-    within = (rows >= 0) & (rows < known.shape[0]) & (cols >= 0) & (cols < known.shape[1])
-    found = np.ones_like(known)
-    found[within] = ~known[rows[within], cols[within]]
-    return found
 
 
 def _beside(mask: Mask, beyond: bool = False) -> Mask:

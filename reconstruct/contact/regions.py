@@ -219,7 +219,7 @@ def _within_edge(
                 np.linalg.norm([weight @ dent.sigma, area_noise * edge_height, *_volume_moves(dent, weight)])
             ),
             centroid=centre,
-            centroid_sigma=max(float(np.linalg.norm([noise[k], *moved[:, k]])) for k in (0, 1)),
+            centroid_sigma=float(np.linalg.norm([*noise, *moved.ravel()]) / np.sqrt(2)),
             edge=np.stack([dent.middle[0] + radius * cos, dent.middle[1] + radius * sin], axis=1),
             edge_share=edge_share,
             indenter_radius=indenter,
@@ -227,6 +227,8 @@ def _within_edge(
             directions=count,
             share=share,
             gain=gain,
+            rim_depth=dent.rim_depth,
+            rim_depth_sigma=dent.rim_depth_sigma,
             x_sigma=top.x_sigma,
             y_sigma=top.y_sigma,
             depth_noise=float(np.hypot(top.depth_noise, doubt)),
@@ -277,8 +279,8 @@ def _half_depth(dent: Dent, evidence: str) -> Contact:
     half = member(0.5 * top.depth)
     area, volume, x, y = measures(dent.z, dent.x, dent.y, dent.cell, 0.5 * top.depth)
     rim = dent.inside & (np.abs(dent.z - 0.5 * top.depth) < rise)
-    noise = float(dent.sigma[dent.peak])
-    error = float(np.hypot(np.median(dent.sigma[rim]) if rim.any() else noise, 0.5 * top.depth_noise))
+    at_outline = float(np.median(dent.sigma[rim])) if rim.any() else float(dent.sigma[dent.peak])
+    error = _level_error(at_outline, float(dent.sigma[dent.peak]), top.depth_noise)
     shifted = [float(np.sum(member(0.5 * top.depth + by) * dent.cell)) for by in (-error, error)]
     guessed = float(np.sum((dent.error / rise * dent.cell)[rim]))
     # the outline crosses each rim pixel somewhere: the rounding of its share, independent of the others'
@@ -306,8 +308,10 @@ def _half_depth(dent: Dent, evidence: str) -> Contact:
             volume=float(volume),
             volume_sigma=float(np.linalg.norm([common, 0.5 * top.depth * area_noise, rig[1]])),
             centroid=(float(x), float(y)),
-            centroid_sigma=float(np.hypot(centroid_noise, rig[2:].max())),
+            centroid_sigma=float(np.hypot(centroid_noise, np.linalg.norm(rig[2:]) / np.sqrt(2))),
             edge=np.empty((0, 2)),
+            rim_depth=dent.rim_depth,
+            rim_depth_sigma=dent.rim_depth_sigma,
             x_sigma=top.x_sigma,
             y_sigma=top.y_sigma,
             depth_noise=top.depth_noise,
@@ -321,16 +325,28 @@ def _unresolved(dent: Dent, radius: float) -> float:
     return float(np.arccos(radius / (radius + 0.5 * dent.pitch)) / np.pi)
 
 
+def _level_error(outline: float, peak: float, depth: float) -> float:
+    """Standard deviation of the height at the outline less half the depth, from those of the height there, of
+    the height of the deepest pixel and of the depth: noise of heights is smooth, so that the smaller of the
+    first two is shared, and half of it remains."""
+    shared = min(outline, peak)
+    apart = outline**2 - shared**2 + 0.25 * max(depth**2 - shared**2, 0.0)
+    return float(np.sqrt(0.25 * shared**2 + apart))
+
+
 def _hidden(dent: Dent, member: Floats) -> float:
-    """Area (mm^2) that the visible part of an area lacks where its outline is cut: of the pixels whose mirror
-    image about the deepest point is unknown, or of those on the cut. 0 where the outline is closed."""
+    """Area (mm^2) that the visible part of an area lacks of the circle about the deepest point that holds it,
+    where unknown pixels cut its outline; at least that of the pixels on the cut. 0 where it is closed."""
     weight = np.where(member > 0.5, member * dent.cell, 0.0)
     edge = float(weight[dent.border].sum())
-    return max(edge, float(weight[dent.open].sum())) if edge > 0 else 0.0
+    if edge == 0:
+        return 0.0
+    farthest = (dent.x - dent.x[dent.peak]) ** 2 + (dent.y - dent.y[dent.peak]) ** 2
+    return max(edge, float(np.pi * farthest[weight > 0].max() - weight.sum()))
 
 
 def _with_limits(dent: Dent, member: Floats, contact: Contact) -> Contact:
-    """The contact with the depth over its surroundings, its cut and its interpolated share."""
+    """The contact with its cut, its neighbour and its interpolated share."""
     weight = member * dent.cell
     filled = float(weight[~dent.measured].sum() / max(weight.sum(), 1e-300))
     text, hidden = contact.evidence, _hidden(dent, member)
@@ -338,8 +354,7 @@ def _with_limits(dent: Dent, member: Floats, contact: Contact) -> Contact:
         text += f"; {100 * filled:.0f} % of its area is interpolated across flagged pixels"
     if not contact.found and (dent.saddle & (member > 0.5)).any():
         text += "; at half the depth it merges with another dent: the area ends at the saddle"
-    over_rim = {"rim_depth": dent.rim_depth, "rim_depth_sigma": dent.rim_depth_sigma}
-    contact = replace(contact, evidence=text, interpolated=filled, **over_rim)
+    contact = replace(contact, evidence=text, interpolated=filled)
     return contact if hidden == 0 else _cut(dent, contact, hidden)
 
 

@@ -1,6 +1,7 @@
 """The height map in which dents are looked for: enclosed holes interpolated, errors of the rig levelled."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.ndimage
@@ -8,7 +9,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 from numpy.typing import NDArray
 
-from ..arrays import Floats, Mask
+from ..arrays import Floats, Ints, Mask
 from ..heightmap import HeightFlag, HeightMap
 from ..resampling import natural_pitch
 from ..slope_map import SlopeMap
@@ -69,13 +70,13 @@ class Relief:
         return cls(x, y, z, sigma, modes, measured, measured | holes, error, _cells(x, y), pitch)
 
 
-def _interpolated(fields: Floats, measured: Mask, holes: Mask, order: int) -> Floats:
+def _interpolated(fields: NDArray[np.floating[Any]], measured: Mask, holes: Mask, order: int) -> Floats:
     """Fields (k, H, W) in the holes, (k, N): with the smallest sum of squares of the Laplacian (order 2), or
     of its gradient (order 3), over the holes and the pixels around them.
     """
     near = scipy.ndimage.binary_dilation(holes, np.ones((3, 3)), order) & (measured | holes)
     number = np.full(near.shape, -1)
-    number[near] = np.arange(np.count_nonzero(near))
+    number[near] = np.arange(int(near.sum()))
     row, col = np.nonzero(near[1:-1, 1:-1])
     row, col = row + 1, col + 1
     around = np.stack([number[row + i, col + j] for i, j in ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))])
@@ -84,7 +85,7 @@ def _interpolated(fields: Floats, measured: Mask, holes: Mask, order: int) -> Fl
     size = around.shape[1]
     weights = np.repeat([-4.0, 1.0, 1.0, 1.0, 1.0], size)
     operator = scipy.sparse.csr_array(
-        (weights, (np.tile(np.arange(size), 5), around.ravel())), shape=(size, np.count_nonzero(near))
+        (weights, (np.tile(np.arange(size), 5), around.ravel())), shape=(size, int(near.sum()))
     )
     if order == 3:
         place = np.full(near.shape, -1)
@@ -98,8 +99,8 @@ def _interpolated(fields: Floats, measured: Mask, holes: Mask, order: int) -> Fl
     # where nothing is smoothed (a corner), a weak pull to the neighbours keeps the solution
     weak = scipy.sparse.vstack(
         [
-            _difference(number[:, :-1], number[:, 1:], np.count_nonzero(near)),
-            _difference(number[:-1], number[1:], np.count_nonzero(near)),
+            _difference(number[:, :-1], number[:, 1:], int(near.sum())),
+            _difference(number[:-1], number[1:], int(near.sum())),
         ]
     )
     operator = scipy.sparse.vstack([operator, 1e-6 * weak]).tocsc()
@@ -120,7 +121,7 @@ def _largest_around(sigma: Floats, measured: Mask, holes: Mask) -> Floats:
     return found
 
 
-def _difference(first: Floats, second: Floats, size: int) -> scipy.sparse.csr_array:
+def _difference(first: Ints, second: Ints, size: int) -> scipy.sparse.csr_array:
     """Rows that take the value at one number from that at another, where both are numbers."""
     both = (first >= 0) & (second >= 0)
     one, two = first[both].astype(np.intp), second[both].astype(np.intp)
@@ -131,9 +132,10 @@ def _difference(first: Floats, second: Floats, size: int) -> scipy.sparse.csr_ar
     )
 
 
-def flat(field: Floats) -> Floats:
+def flat(field: NDArray[np.floating[Any]]) -> Floats:
     """A field (..., H, W) with its pixels in one axis."""
-    return field.reshape(*field.shape[:-2], field.shape[-2] * field.shape[-1])
+    pixels: Floats = np.asarray(field).reshape(*field.shape[:-2], field.shape[-2] * field.shape[-1])
+    return pixels
 
 
 def _cells(x: Floats, y: Floats) -> Floats:

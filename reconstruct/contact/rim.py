@@ -4,16 +4,19 @@ Around a dent the surface rests, but for the tails of dents. So the heights d of
 
     d = A c + t + noise,   c ~ N(0, 1) the coefficients of the rig's modes, A their values there,
 
-t the tails. An elastic half-space outside a contact of radius a lies between 0 and (2/pi) asin(a/r) of the
-depth (the flat punch; K. L. Johnson, Contact Mechanics, 1985, eq. 3.38). Half of that is the mean and the
-standard deviation of t, which changes smoothly with the direction. Given d, c has a smaller covariance: errors
-that the dent and its surroundings have in common cancel. Where the modes are smaller than any tail (a
-calibrated rig, a map against a rest capture), heights hardly change.
+t the tails. An elastic half-space outside a contact of radius a lies between 0 and T = (2/pi) asin(a/r) of
+the depth (the flat punch; K. L. Johnson, Contact Mechanics, 1985, eq. 3.38). The rms over that range,
+T/sqrt 3, is the standard deviation of t; neighbouring directions share it. Given d, c has a smaller
+covariance: errors that the dent and its surroundings have in common cancel. Where the modes are smaller than
+any tail (a calibrated rig, a map against a rest capture), heights hardly change; where they are much larger,
+the rim becomes the reference.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import Floats, Mask
 from .relief import Relief, flat
@@ -42,12 +45,12 @@ class Rim:
     groups: tuple[Floats, ...]
     weights: Floats
 
-    def means(self, field: Floats) -> Floats:
+    def means(self, field: NDArray[np.floating[Any]]) -> Floats:
         """Mean of a field (..., H, W) in every sector, (..., n)."""
         pixels = flat(field)
         return np.stack([pixels[..., group].mean(axis=-1) for group in self.groups], axis=-1)
 
-    def rise(self, field: Floats) -> Floats:
+    def rise(self, field: NDArray[np.floating[Any]]) -> Floats:
         """A field at the peak less that of the surroundings there, (...)."""
         rise: Floats = flat(field)[..., self.peak] - self.means(field) @ self.weights
         return rise
@@ -112,16 +115,16 @@ def posterior(relief: Relief, rim: Rim, others: list[Rim]) -> Posterior:
         return Posterior(np.zeros(0), np.zeros((0, 0)))
     terms = rim.means(relief.modes).T
     x, y = rim.means(relief.x), rim.means(relief.y)
-    tail, shared = np.zeros(x.size), np.diag(rim.means(relief.sigma) ** 2)
+    shared = np.diag(rim.means(relief.sigma) ** 2)
     for each in others:
         dx, dy = x - relief.x.ravel()[each.peak], y - relief.y.ravel()[each.peak]
-        size = max(each.depth, 0.0) / np.pi * np.arcsin(np.minimum(each.radius / np.hypot(dx, dy), 1.0))
+        share = 2 / np.pi * np.arcsin(np.minimum(each.radius / np.hypot(dx, dy), 1.0))
+        size = max(each.depth, 0.0) * share / np.sqrt(3)
         phi = np.arctan2(dy, dx)
         cosine = np.cos(phi[:, None] - phi)
         kernel = (1 - _SHARED) ** 2 / (1 - 2 * _SHARED * cosine + _SHARED**2)
-        tail += size
         shared += np.outer(size, size) * kernel
     gain = np.linalg.solve(terms @ terms.T + shared, terms).T
-    mean = gain @ (rim.means(relief.z) - tail)
+    mean = gain @ rim.means(relief.z)
     shares, vectors = np.linalg.eigh(np.eye(count) - gain @ terms)
     return Posterior(mean, vectors * np.sqrt(np.maximum(shares, 0.0)))

@@ -5,9 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter, label, maximum_filter
 
 from optolever.decode import Correspondence
 from optolever.reconstruct import Contact, PixelAnchor, contacts, reconstruct, slope_map
+from optolever.reconstruct.contact.peaks import basins
 from optolever.scene import Scene, Surface, dent_from_text, load, resize, trace
 
 SIDE = 128
@@ -178,3 +180,168 @@ def test_what_is_flagged_says_nothing(scene: Scene, exact) -> None:
     slopes = slope_map(height, seen, small)
     nothing = replace(height, flags=np.full(height.flags.shape, 2048, dtype=np.uint16))
     assert contacts(nothing, slopes) == ()
+
+
+PRISM = 3.0  # mm: sigma of a Gaussian whose half-depth area is 2 pi 9 ln 2 = 39.2 mm^2
+
+
+@pytest.fixture(scope="module")
+def prism() -> Scene:
+    return resize(load("prism48", exact=True), 120, 160)
+
+
+def gaussians(scene: Scene, *places: tuple[float, float, float]) -> Surface:
+    return shifted_sum(scene, *(f"gaussian:peak={peak},sigma={PRISM},x={x},y={y}" for peak, x, y in places))
+
+
+def measured(scene: Scene, seen: Correspondence, anchor: PixelAnchor | None = None) -> tuple[Contact, ...]:
+    height = reconstruct(seen, scene, anchor=anchor)
+    return contacts(height, slope_map(height, seen, scene))
+
+
+def sigmas_of(contact: Contact) -> list[float]:
+    values = contact.to_dict()
+    return [
+        value
+        for name, value in values.items()
+        if (name.endswith("_sigma") or name == "depth_noise") and value is not None
+    ]
+
+
+def prominences(z: np.ndarray) -> list[float]:
+    """Height of every maximum over the level at which its component of the level set holds a higher one."""
+    peaks = np.argwhere(z == maximum_filter(z, 3))
+    found = []
+    for row, col in peaks:
+        joined = z.min()
+        for level in np.sort(z.ravel())[::-1]:
+            labels, _ = label(z >= level, np.ones((3, 3)))
+            if labels[row, col] and z[labels == labels[row, col]].max() > z[row, col]:
+                joined = level
+                break
+        found.append(float(z[row, col] - joined))
+    return found
+
+
+def test_dents_are_maxima_that_exceed_their_saddles() -> None:
+    """Against the components of level sets, by brute force."""
+    z = gaussian_filter(np.random.default_rng(3).standard_normal((24, 24)), 2.0)
+    sigma = np.full(z.shape, 0.02 * np.ptp(z))
+    limits = np.sort(prominences(z))
+    assert limits.size > 8
+    for factor in (1.0, 2.0, 4.0, 8.0):
+        numbers, peaks = basins(z, sigma, np.ones(z.shape, np.bool_), factor)
+        expected = max(1, int(np.count_nonzero(limits > 2 * factor * sigma[0, 0])))
+        assert peaks.size == expected
+        assert set(np.unique(numbers)) == set(range(expected))
+        assert [numbers.ravel()[peak] for peak in peaks] == list(range(expected))
+
+
+def test_every_dent_is_measured_by_its_own_depth(prism: Scene, noisy) -> None:
+    """Depths of 1, 0.67, 0.53, 0.33 and 0.1 of the deepest one, all of the same half-depth area."""
+    places = ((0.3, 14, 12), (0.2, 40, 10), (0.16, 15, 33), (0.1, 46, 34), (0.03, 31, 24))
+    found = measured(prism, noisy(trace(prism, gaussians(prism, *places)), 0.01, 0.01))
+    assert len(found) == len(places)
+    for contact, (peak, x, y) in zip(found, places, strict=True):
+        assert abs(contact.depth - peak) < 4 * contact.depth_sigma + 1e-3 * peak
+        assert contact.area == pytest.approx(2 * np.pi * PRISM**2 * np.log(2), rel=0.02)
+        assert abs(contact.area - 2 * np.pi * PRISM**2 * np.log(2)) < 4 * contact.area_sigma
+        np.testing.assert_allclose(contact.centroid, (x, y), atol=4 * contact.centroid_sigma)
+        np.testing.assert_allclose((contact.x, contact.y), (x, y), atol=0.2)
+        assert not contact.cut
+        assert contact.interpolated == 0
+        assert np.all(np.array(sigmas_of(contact)) > 0)
+
+
+def test_holes_in_a_dent_are_interpolated(prism: Scene, noisy) -> None:
+    """Flagged pixels at its top, on its outline and amid its flank."""
+    truth = trace(prism, dent_from_text(f"gaussian:peak=0.2,sigma={np.sqrt(20)},x=30,y=22", prism))
+    seen = noisy(truth, 0.01, 0.01)
+    flags = seen.flags.copy()
+    for x, y in ((30.5, 22.3), (35, 22), (28, 19), (30, 27.3)):
+        flags[np.hypot(truth.x - x, truth.y - y) < 1.1] |= 1
+    whole, holed = (measured(prism, replace(seen, flags=each))[0] for each in (seen.flags, flags))
+    expected = 2 * np.pi * 20 * np.log(2)
+    for contact in (whole, holed):
+        assert abs(contact.area - expected) < 3 * contact.area_sigma
+        assert contact.area == pytest.approx(expected, rel=0.02)
+        assert abs(contact.depth - 0.2) < 3 * contact.depth_sigma
+    assert 0.1 < holed.interpolated < 0.2
+    assert "interpolated" in holed.evidence
+    assert holed.area_sigma < 0.1 * expected
+
+
+@pytest.mark.parametrize("shape", ["gaussian:peak=0.2,sigma=3", "ball:peak=0.2,radius=60"])
+def test_contacts_that_the_image_cuts(shape: str, prism: Scene, noisy) -> None:
+    """At several distances from unknown pixels: the area is a lower bound, its sigma holds the rest."""
+    truth = trace(prism, dent_from_text(f"{shape},x=30,y=22", prism))
+    seen = noisy(truth, 0.01, 0.01)
+    row, col = np.unravel_index(np.nanargmin(np.hypot(truth.x - 10, truth.y - 22)), truth.x.shape)
+    anchor = PixelAnchor(float(row), float(col), float(truth.z[row, col]))
+    (whole,) = measured(prism, seen)
+    assert not whole.cut
+    for end in (29.0, 31.0, 32.0, 40.0):
+        flags = np.where(truth.x > end, seen.flags | 1, seen.flags).astype(np.uint16)
+        (contact,) = measured(prism, replace(seen, flags=flags), anchor)
+        assert contact.cut == (end < 40.0)
+        assert ("cut" in contact.evidence) == contact.cut
+        if contact.cut:
+            assert contact.area < whole.area + 2 * whole.area_sigma
+            assert contact.area + 2 * contact.area_sigma > whole.area
+            assert contact.volume + 2 * contact.volume_sigma > whole.volume
+        else:
+            assert contact.area == pytest.approx(whole.area, rel=0.02)
+
+
+def test_positions_and_areas_hold_the_errors_of_the_rig(prism: Scene, noisy) -> None:
+    """A shift, a turn about the mirror's middle and a scale of 1 %, which change no height: closed form."""
+    seen = noisy(trace(prism, gaussians(prism, (0.2, 20, 12))), 0.01, 0.01)
+    height = reconstruct(seen, prism)
+    slopes = slope_map(height, seen, prism)
+    (sure,) = contacts(height, slopes)
+    turn, scale = 0.02, 0.01
+    moves = [[[0.5, 0, 0], [0, 0, 0]], [[turn * 22.5, 0, -turn], [-turn * 30, turn, 0]]]
+    moves += [[[0, scale, 0], [0, 0, scale]]]
+    (contact,) = contacts(replace(height, displacement=np.array(moves)), slopes)
+    expected = [np.hypot(0.5, turn * 10.5), turn * 10]
+    found = [
+        np.sqrt(getattr(contact, name) ** 2 - getattr(sure, name) ** 2) for name in ("x_sigma", "y_sigma")
+    ]
+    scaled = [scale * 20, scale * 12]
+    np.testing.assert_allclose(found, np.hypot(expected, scaled), rtol=0.02)
+    middle = np.sqrt(contact.centroid_sigma**2 - sure.centroid_sigma**2)
+    assert middle == pytest.approx(np.linalg.norm(np.hypot(expected, scaled)) / np.sqrt(2), rel=0.02)
+    area = np.sqrt(contact.area_sigma**2 - sure.area_sigma**2)
+    assert area == pytest.approx(2 * scale * contact.area, rel=0.02)
+    assert contact.depth_sigma == sure.depth_sigma
+
+
+def test_errors_that_a_dent_shares_with_its_surroundings_cancel(prism: Scene, noisy) -> None:
+    """A draw of modes of 0.4 mm, constant, tilted and twisted, is on the map: every dent is found, its depth
+    over the surroundings is right, its depth over the surface at rest within its sigma."""
+    seen = noisy(trace(prism, gaussians(prism, (0.3, 20, 14), (0.1, 40, 30))), 0.01, 0.01)
+    height = reconstruct(seen, prism)
+    s, t = height.x / 30 - 1, height.y / 22.5 - 1
+    modes = 0.4 * np.nan_to_num(np.stack([np.ones_like(s), s, t, s * t])).astype(np.float32)
+    for seed in range(4):
+        drawn = np.random.default_rng(seed).standard_normal(4)
+        z = height.z + np.tensordot(drawn, modes, 1)
+        wrong = replace(height, z=z, calibration=modes)
+        found = contacts(wrong, slope_map(wrong, seen, prism))
+        assert len(found) == 2
+        for contact, depth in zip(found, (0.3, 0.1), strict=True):
+            assert abs(contact.depth - depth) < 2.5 * contact.depth_sigma
+            assert contact.depth_sigma < 0.2 * depth
+            assert abs(contact.rim_depth - depth) < 0.04 * depth
+
+
+def test_a_bulge_that_the_rig_explains_is_no_dent(prism: Scene, noisy) -> None:
+    """A Gaussian of 0.05 mm on the map, and a mode of the same shape and size."""
+    seen = noisy(trace(prism, gaussians(prism, (0.3, 18, 14), (0.05, 40, 30))), 0.01, 0.01)
+    height = reconstruct(seen, prism)
+    bulge = gaussians(prism, (0.05, 40, 30)).height(height.x, height.y)
+    modes = np.nan_to_num(bulge[None]).astype(np.float32)
+    known = replace(height, calibration=modes)
+    assert len(contacts(height, slope_map(height, seen, prism))) == 2
+    (contact,) = contacts(known, slope_map(known, seen, prism))
+    assert contact.depth == pytest.approx(0.3, abs=4 * contact.depth_sigma + 3e-4)

@@ -1,0 +1,40 @@
+"""Contacts on rigs drawn from the priors: errors in units of their total sigma."""
+
+import numpy as np
+import pytest
+
+from lab.figures.contacts import Compared, Finger, compared, contact_figures, coverage, press
+from optolever.scene import load, resize
+
+FINGERS = [Finger("gaussian", 25, 16, 0.3, 4.0), Finger("gaussian", 42, 30, 0.1, 3.0)]
+
+
+@pytest.mark.parametrize("at_rest", [True, False])
+def test_two_fingers_on_a_drawn_rig(at_rest: bool) -> None:
+    """Against a rest capture; and alone, where errors of the rig are larger than the dents."""
+    scene = resize(load("prism48"), 120, 160)
+    for seed in (1, 2):
+        height, slopes = press(scene, FINGERS, np.random.default_rng(seed), at_rest)
+        if not at_rest:
+            assert np.nanmedian(height.calibration_sigma) > 0.3
+        found = compared((height, slopes), FINGERS, scene)
+        for each, depth in zip(found, (0.3, 0.1), strict=True):
+            assert each.contact is not None
+            assert max(np.abs(list(each.scores.values()))) < 3.5
+            assert each.contact.depth_sigma < 0.25 * depth
+            assert each.contact.centroid_sigma > 0.5  # mm: where the rig stands along the mirror
+
+
+def test_coverage_counts_what_lies_within_one_sigma() -> None:
+    assert coverage([Compared(FINGERS[0], None, {})]) == {"fingers": 1.0, "found": 0.0, "cut": 0.0}
+
+
+@pytest.mark.slow
+def test_one_sigma_holds_two_thirds() -> None:
+    """Rigs drawn from the priors, modes by whole solves: area, depth and position."""
+    drawn = [each for part in contact_figures(45, 2, differences=True) for each in part]
+    found = coverage(drawn)
+    assert found["fingers"] >= 150
+    assert found["found"] > 0.9 * found["fingers"]
+    for name in ("area", "depth", "position"):
+        assert 0.6 <= found[name] <= 0.8
