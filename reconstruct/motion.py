@@ -41,11 +41,12 @@ _SKIRTS = (0.15, 0.3, 0.6, 1.2)  # lengths of a skirt's bumps, of the mirror's s
 _FIRST = 2  # of these lengths may be the shortest of a skirt
 _AMPLITUDES = 3.0 ** np.arange(-3, 8)  # of a skirt, of the noise of a block
 _WIDER = ((1.0, 0.97), (5.0, 0.02), (30.0, 0.01))  # of the prior, and how likely: rigs are knocked
-_SHARES = (1.0, 0.85, 0.7, 0.5, 0.35, 0.25, 0.15, 0.1)  # of the blocks that are taken as quiet
+_SHARES = (1.0, 0.85, 0.7, 0.5, 0.35, 0.25)  # of the blocks that are taken as quiet
 _ROUNDS = 40  # of the robust fit, whose scale falls from the largest residual to the noise
 _LIMIT = 3.0  # prior standard deviations
 _GAIN = 0.1  # of the field's variance
 _CHANCE = 4.0  # standard deviations of a mean square
+_MISFIT = 0.1  # of the activity: second-order effects of a dent, and details below the bumps' length
 _WEAK = 1e-3  # of the largest mode
 _SAME = 0.02  # standard deviations of the noise
 
@@ -263,7 +264,7 @@ def _rigid(
         found: Floats = (ends[0] - ends[1]) / (2 * step)
         return found
 
-    effects = np.stack([effect(name, step) for name, step in steps.items()])
+    effects: Floats = np.stack([effect(name, step) for name, step in steps.items()])
     pixels = np.linalg.solve(per_pixel, np.moveaxis(effects[:, 2:], 1, -1)[..., None])[..., 0]
     effects[:, 2:] = np.moveaxis(pixels, -1, 1)
     return tuple(steps), np.array(list(steps.values())), _filled(effects)
@@ -276,7 +277,7 @@ def _gradient(pressed: Correspondence, rest: Correspondence) -> Floats:
     for axis in ("u", "v"):
         change = np.where(both, getattr(pressed, axis) - getattr(rest, axis), np.nan)
         variance = 0.5 * (getattr(pressed, f"sigma_{axis}") ** 2 + getattr(rest, f"sigma_{axis}") ** 2)
-        slopes = np.stack(np.gradient(change.astype(np.float64)))
+        slopes = np.stack([np.gradient(change, axis=along) for along in (0, 1)])
         with np.errstate(invalid="ignore"):
             parts.append(np.where(slopes**2 > _LIMIT**2 * variance, slopes, 0.0))
     return np.stack(parts, axis=1)
@@ -395,7 +396,7 @@ def _estimate(blocks: _Blocks, fields: Floats, sag: Floats, skirts: list[Floats]
     order = np.sort(activity[np.isfinite(activity)])
     for share in _SHARES:
         used = known & (activity <= order[max(0, int(share * len(order)) - 1)])
-        sigma = blocks.sigma[used]
+        sigma = (blocks.sigma * np.hypot(1.0, _MISFIT * activity))[used]
         found = _averaged(
             blocks.mean[used] / sigma, fields[:, used] / sigma, heights[:, used] / sigma, priors
         )
