@@ -47,6 +47,7 @@ _LIMIT = 3.0  # prior standard deviations
 _GAIN = 0.1  # of the field's variance
 _CHANCE = 4.0  # standard deviations of a mean square
 _MISFIT = 0.1  # of the activity: second-order effects of a dent, and details below the bumps' length
+_UNKNOWN = 1e-3  # of the prior's variance: combinations that the captures do not determine
 _WEAK = 1e-3  # of the largest mode
 _SAME = 0.02  # standard deviations of the noise
 
@@ -101,6 +102,18 @@ class Motion:
         turn, sizes, _ = np.linalg.svd(effects, full_matrices=False)
         some = sizes > _WEAK * sizes.max(initial=0.0)
         return self._fields(turn[:, some].T @ roots, step)
+
+    def drift(self) -> tuple[float, float]:
+        """Distance of the values from 0 by the noise of their estimate alone, and the limit that chance
+        passes once in 370 captures of a rig that stands still."""
+        scale = np.outer(self.prior, self.prior)
+        variances, vectors = np.linalg.eigh(self.covariance / scale)
+        measured = variances < 1.0 - _UNKNOWN
+        estimate = ((self.values / self.prior) @ vectors)[measured]
+        # a posterior of variance c about a prior of variance 1 has a mean of variance c (1 - c) by noise
+        noise = variances[measured] * (1.0 - variances[measured])
+        size = float(np.sqrt(np.sum(estimate**2 / np.maximum(noise, 1e-300))))
+        return size, _chance(float(len(estimate)))
 
     def _fields(self, values: Floats, step: int) -> Floats:
         """Fields (k, 2, rows, cols) of motions (k, p)."""
@@ -471,11 +484,16 @@ def _averaged(y: Floats, fields: Floats, heights: Floats, priors: list[Floats]) 
     return _Posterior(mean, covariance, float(np.mean((left - height @ heights) ** 2)))
 
 
+def _chance(freedom: float) -> float:
+    """Length that a vector of so many normal components exceeds as rarely as one exceeds 3."""
+    return float(np.sqrt(stats.chi2.isf(2 * stats.norm.sf(_LIMIT), max(1.0, freedom))))
+
+
 def _notices(found: _Posterior, fields: Floats, by_height: Floats, side: float) -> tuple[Notice, ...]:
     """Of a motion beyond three standard deviations of its prior."""
     size = float(np.sqrt(found.mean @ found.mean))
     determined = float(np.trace(np.eye(len(found.mean)) - found.covariance))  # degrees of freedom
-    limit = float(np.sqrt(stats.chi2.isf(2 * stats.norm.sf(_LIMIT), max(1.0, determined))))
+    limit = _chance(determined)
     if not size > limit:
         return ()
     field = np.tensordot(found.mean, fields, 1)
