@@ -44,11 +44,16 @@ class RestMap:
         """Of a rig that has moved since the map was stored, by the mirror's part that nothing presses."""
         motion = fit_motion(correspondence, self.seen, scene)
         size, limit = motion.drift()
+        cure = "dents by --change hold that motion: capture the mirror untouched and run `optolever rest`"
+        if motion.quiet == 0:
+            name = (
+                "The rest map was stored for another pose, or all of the mirror is pressed: drift is unknown"
+            )
+            return (Notice(name, float("nan"), float("nan"), cure),)
         if not size > limit:
             return ()
         px = float(np.sqrt(np.mean(np.square(motion.field()))))
         name = f"The rig has drifted since its rest map was stored, by {px:.2g} pattern pixels (rms); sigma"
-        cure = "dents by --change hold that motion: capture the mirror untouched and run `optolever rest`"
         return (Notice(name, size, limit, cure),)
 
 

@@ -71,6 +71,14 @@ def test_a_rig_that_has_moved_has_a_notice(rig: Rig, rest: RestMap, number: str)
     assert "optolever rest" in str(notice)
 
 
+def test_another_pose_has_a_notice_and_a_dent_all_over_has_none(rig: Rig, rest: RestMap) -> None:
+    assert not rest.notices(captured(rig, True, 6), rig.truth)
+    turned = adjusted(replace(rig.truth, covariance=None), {"camera.ry": 0.05})
+    now = correspondence_of(0.005, np.random.default_rng(5))(turned, rig.rest, 0)
+    (notice,) = rest.notices(now, rig.truth)
+    assert "drift" in str(notice)
+
+
 def test_kept_with_the_rig(rig: Rig, rest: RestMap, tmp_path: Path) -> None:
     file = tmp_path / "rig.toml"
     rig.truth.save(file)
