@@ -7,7 +7,7 @@
 | `arrays.py` | names of arrays by what they hold |
 | `problem.py`, `result.py` | checks, window, orientation, components; the solved grid as a HeightMap |
 | `calibration.py` | a rest capture as reference |
-| `motion.py` | the rig's motion between rest and press, with its covariance |
+| `motion.py`, `motion_fields.py` | the rig's motion between rest and press, with its covariance; its fields |
 | `propagation.py` | what the errors of a calibrated rig do to a height map |
 | `budget.py` | the uncertainty of a height, a depth, a difference, by its sources |
 | `exact.py` | the correspondence that a perfect decoder would give |
@@ -49,7 +49,8 @@ from .curvature import CurvatureMap, curvature_map
 from .exact import exact_correspondence
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .integrate import Integral, integrate, integrator_names
-from .motion import Motion, MotionPrior, fit_motion, same_capture
+from .motion import Motion, fit_motion, same_capture
+from .motion_fields import MotionPrior
 from .null_space import null_space
 from .paper import PaperGeometry, PaperResult, Profile, SeriesName, recursion, series
 from .paper_equations import (
