@@ -18,16 +18,12 @@ from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.files import atomic_file, together
 from optolever.notices import Notice
-from optolever.reconstruct import HeightMap
-from optolever.scene import load
+from optolever.reconstruct import HeightMap, fit_motion
+from optolever.scene import Scene, load
 
 __all__ = ["RestMap", "load_rest", "rig_table", "store_rest", "write_section"]
 
 Floats = NDArray[np.float64]
-
-_BLOCK = 16  # pixels on a side, over which squares are averaged
-_UNTOUCHED = 0.1  # share of the mirror that a capture is taken to show untouched
-_CHI = 1.5  # of the rest: CALIBRATION.md
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,35 +40,21 @@ class RestMap:
         good = height.good & self.height.good
         return np.where(good, change, np.nan), np.where(good, sigma, np.nan)
 
-    def chi(self, correspondence: Correspondence) -> float:
-        """How far the untouched part of the mirror looks elsewhere than at rest, over its noise: 1 where it
-        has not moved. Of blocks of pixels the least moved tenth is taken as untouched; NaN without any pixel.
-        """
-        rest, now = self.seen, correspondence
-        if now.u.shape != rest.u.shape:
-            raise InputError(f"rest map: {rest.u.shape} pixels, the correspondence has {now.u.shape}")
-        both = rest.good & now.good
-        with np.errstate(invalid="ignore", divide="ignore"):
-            squares = [
-                (getattr(now, axis) - getattr(rest, axis)) ** 2
-                / (getattr(now, f"sigma_{axis}") ** 2 + getattr(rest, f"sigma_{axis}") ** 2)
-                for axis in ("u", "v")
-            ]
-        square = np.where(both, 0.5 * (squares[0] + squares[1]), 0.0)
-        count = _block_sums(both.astype(np.float64))
-        used = count >= 0.5 * _BLOCK**2
-        if not used.any():
-            return float("nan")
-        means = np.sort(_block_sums(square)[used] / count[used])
-        return float(np.sqrt(means[: max(1, int(_UNTOUCHED * len(means)))].mean()))
-
-    def notices(self, correspondence: Correspondence) -> tuple[Notice, ...]:
-        """Of a capture whose least moved part is no longer where it was at rest."""
-        chi = self.chi(correspondence)
-        if not chi > _CHI:
+    def notices(self, correspondence: Correspondence, scene: Scene) -> tuple[Notice, ...]:
+        """Of a rig that has moved since the map was stored, by the mirror's part that nothing presses."""
+        motion = fit_motion(correspondence, self.seen, scene)
+        size, limit = motion.drift()
+        cure = "dents by --change hold that motion: capture the mirror untouched and run `optolever rest`"
+        if motion.quiet == 0:
+            name = (
+                "The rest map was stored for another pose, or all of the mirror is pressed: drift is unknown"
+            )
+            return (Notice(name, float("nan"), float("nan"), cure),)
+        if not size > limit:
             return ()
-        cure = "nothing of the mirror is where it was at rest: capture it untouched and run `optolever rest`"
-        return (Notice("chi of the rest, drift since it was stored", chi, _CHI, cure),)
+        px = float(np.sqrt(np.mean(np.square(motion.field()))))
+        name = f"The rig has drifted since its rest map was stored, by {px:.2g} pattern pixels (rms); sigma"
+        return (Notice(name, size, limit, cure),)
 
 
 def store_rest(rig: str | Path, rest: RestMap) -> Path:
@@ -115,11 +97,3 @@ def write_section(file: Path, name: str, section: Mapping[str, Any]) -> None:
     table = rig_table(file) | {name: section}
     with atomic_file(file) as temporary:
         temporary.write_bytes(tomli_w.dumps(table).encode())
-
-
-def _block_sums(values: Floats) -> Floats:
-    """Sums over whole blocks of pixels."""
-    rows, cols = (size // _BLOCK for size in values.shape)
-    whole = values[: rows * _BLOCK, : cols * _BLOCK]
-    sums: Floats = whole.reshape(rows, _BLOCK, cols, _BLOCK).sum(axis=(1, 3))
-    return sums

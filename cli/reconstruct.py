@@ -208,7 +208,7 @@ def command(
         raise InputError(f"--change {change_path}: {scene_name} has no rest map; run `optolever rest`")
     with progress() as step:
         with blame(source):
-            drift = () if at_rest is None else at_rest.notices(correspondence)
+            drift = () if at_rest is None else at_rest.notices(correspondence, scene)
             step("reconstruct")
             start = time.perf_counter()
             height = reconstruct(

@@ -10,7 +10,7 @@
 | `rig.py` | modes by the errors of the rig; whether these explain the slopes |
 | `rig_effects.py` | errors beside the scene's numbers: cover glass, sag, gauge |
 | `hypotheses.py` | mistakes in a description, tried one by one |
-| `motion.py` | motion of the rig between rest and press |
+| `motion.py`, `motion_fields.py` | the rig's motion between rest and press; its fields |
 | `budget.py` | the uncertainty of a height, a depth, a difference, by its sources |
 | `exact.py` | the correspondence that a perfect decoder would give |
 | `predicted.py` | what a rig would measure: its sigma at rest and of a dent |
@@ -53,7 +53,8 @@ from .curvature import CurvatureMap, curvature_map
 from .exact import exact_correspondence
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .integrate import Integral, integrate, integrator_names
-from .motion import Motion, MotionPrior, fit_motion, same_capture
+from .motion import Motion, fit_motion, same_capture
+from .motion_fields import MotionPrior
 from .null_space import null_space
 from .paper import PaperGeometry, PaperResult, Profile, SeriesName, recursion, series
 from .paper_equations import (

@@ -21,18 +21,27 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 from scipy import ndimage, stats
-from scipy.interpolate import make_interp_spline
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.notices import Notice
-from optolever.scene import Scene, adjusted
+from optolever.scene import Scene
 
 from .arrays import Floats, Pair
+from .motion_fields import (
+    MotionPrior,
+    bump_heights,
+    filled,
+    height_fields,
+    height_sensitivity,
+    interpolated,
+    mirror_place,
+    rigid_sensitivity,
+    sag_heights,
+)
 
-__all__ = ["Motion", "MotionPrior", "fit_motion", "same_capture"]
+__all__ = ["Motion", "fit_motion", "same_capture"]
 
-_POSE = ("x", "y", "z", "rx", "ry", "rz")
 _NODES = 13  # of the fields along rows and columns, which are smooth: cubic splines lie between them
 _BLOCKS = 20  # along the image's longer side
 _SMALLEST = 3  # pixels on a side of a block
@@ -41,24 +50,15 @@ _SKIRTS = (0.15, 0.3, 0.6, 1.2)  # lengths of a skirt's bumps, of the mirror's s
 _FIRST = 2  # of these lengths may be the shortest of a skirt
 _AMPLITUDES = 3.0 ** np.arange(-3, 8)  # of a skirt, of the noise of a block
 _WIDER = ((1.0, 0.97), (5.0, 0.02), (30.0, 0.01))  # of the prior, and how likely: rigs are knocked
-_SHARES = (1.0, 0.85, 0.7, 0.5, 0.35, 0.25, 0.15, 0.1)  # of the blocks that are taken as quiet
+_SHARES = (1.0, 0.85, 0.7, 0.5, 0.35, 0.25)  # of the blocks that are taken as quiet
 _ROUNDS = 40  # of the robust fit, whose scale falls from the largest residual to the noise
 _LIMIT = 3.0  # prior standard deviations
 _GAIN = 0.1  # of the field's variance
 _CHANCE = 4.0  # standard deviations of a mean square
+_MISFIT = 0.1  # of the activity: second-order effects of a dent, and details below the bumps' length
+_UNKNOWN = 1e-3  # of the prior's variance: combinations that the captures do not determine
 _WEAK = 1e-3  # of the largest mode
 _SAME = 0.02  # standard deviations of the noise
-
-
-@dataclass(frozen=True, slots=True)
-class MotionPrior:
-    """Standard deviations of what moves between two captures: image, camera pixels; turn, rad; shift, mm;
-    sag of the body under load, mm."""
-
-    image: float = 0.02
-    turn: float = np.radians(5 / 3600)
-    shift: float = 1e-3
-    sag: float = 3e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,11 +101,23 @@ class Motion:
         some = sizes > _WEAK * sizes.max(initial=0.0)
         return self._fields(turn[:, some].T @ roots, step)
 
+    def drift(self) -> tuple[float, float]:
+        """Distance of the values from 0 by the noise of their estimate alone, and the limit that chance
+        passes once in 370 captures of a rig that stands still."""
+        scale = np.outer(self.prior, self.prior)
+        variances, vectors = np.linalg.eigh(self.covariance / scale)
+        measured = variances < 1.0 - _UNKNOWN
+        estimate = ((self.values / self.prior) @ vectors)[measured]
+        # a posterior of variance c about a prior of variance 1 has a mean of variance c (1 - c) by noise
+        noise = variances[measured] * (1.0 - variances[measured])
+        size = float(np.sqrt(np.sum(estimate**2 / np.maximum(noise, 1e-300))))
+        return size, _chance(float(len(estimate)))
+
     def _fields(self, values: Floats, step: int) -> Floats:
         """Fields (k, 2, rows, cols) of motions (k, p)."""
         shape = (self.gradient.shape[2], self.gradient.shape[3])
         at = tuple(np.arange(0.0, size, step) for size in shape)
-        moved = _between(np.tensordot(values, self.sensitivity, 1), shape, at)  # type: ignore[arg-type]
+        moved = interpolated(np.tensordot(values, self.sensitivity, 1), shape, at)  # type: ignore[arg-type]
         gradient = self.gradient[:, :, ::step, ::step]
         field: Floats = moved[:, :2] + moved[:, 2:3] * gradient[0] + moved[:, 3:] * gradient[1]
         return field
@@ -142,19 +154,21 @@ def fit_motion(
             raise InputError(f"{name}: {size}, the scene's camera has {shape[0]} x {shape[1]}")
     nodes = tuple(np.linspace(0.0, size - 1.0, min(size, _NODES)) for size in shape)
     row, col = np.meshgrid(*nodes, indexing="ij")
-    names, scales, sensitivity = _rigid(scene, row, col, prior)
+    names, scales, sensitivity = rigid_sensitivity(scene, row, col, prior)
     blocks = _block_means(pressed, rest)
 
     def at_blocks(fields: Floats) -> Floats:
-        return _between(fields, shape, (blocks.row, blocks.col))
+        return interpolated(fields, shape, (blocks.row, blocks.col))
 
     fields = at_blocks(sensitivity[:, :2] * scales[:, None, None, None])
     basis = _combinations(fields, blocks)
     reduced = np.tensordot(basis, fields, 1)
-    (x, y), by_height = (at_blocks(_filled(part(scene, row, col))) for part in (_place, _by_height))
-    sag = prior.sag * _height_fields(by_height, _sag(scene, x, y))
+    (x, y), by_height = (
+        at_blocks(filled(part(scene, row, col))) for part in (mirror_place, height_sensitivity)
+    )
+    sag = prior.sag * height_fields(by_height, sag_heights(scene, x, y))
     side = float(min(np.ptp(x), np.ptp(y)))
-    skirts = [_height_fields(by_height, _bumps(x, y, share * side)) for share in _SKIRTS]
+    skirts = [height_fields(by_height, bump_heights(x, y, share * side)) for share in _SKIRTS]
     found, quiet = _estimate(blocks, reduced, sag, skirts)
     unit = np.eye(len(names)) - basis.T @ (np.eye(len(basis)) - found.covariance) @ basis
     values = scales * (found.mean @ basis)
@@ -186,89 +200,6 @@ def same_capture(pressed: Correspondence, rest: Correspondence) -> bool:
     return all(float(np.mean(each)) < _SAME**2 for each in known if each.size)
 
 
-def _landing(
-    scene: Scene, row: Floats, col: Floats, height: float = 0.0, slope: tuple[float, float] = (0.0, 0.0)
-) -> Floats:
-    """Pattern coordinates (2, ...) of pixels by a mirror z = height with these slopes; NaN where they see no
-    pattern's plane."""
-    origins, directions = (part.reshape(-1, 3).T for part in scene.camera.rays_at(row, col))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        away = (height - origins[2]) / directions[2]
-        points = origins + away * directions
-        x, y = slope
-        normal = np.array([-x, -y, 1.0])[:, None] / np.sqrt(1.0 + x * x + y * y)
-        reflected = directions - 2.0 * (directions * normal).sum(axis=0) * normal
-        u, v, way = scene.pattern.landing(points, reflected)
-        seen = (away > 0) & (way > 0)
-    return np.where(seen, np.stack([u, v]), np.nan).reshape(2, *row.shape)
-
-
-def _place(scene: Scene, row: Floats, col: Floats) -> Floats:
-    """x and y (2, ...) where pixels look at the mirror at rest, mm."""
-    origins, directions = (np.moveaxis(part, -1, 0) for part in scene.camera.rays_at(row, col))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        place: Floats = (origins - origins[2] / directions[2] * directions)[:2]
-    return place
-
-
-def _by_height(scene: Scene, row: Floats, col: Floats) -> Floats:
-    """d(u, v)/d(z, dz/dx, dz/dy) of the mirror in every pixel, (3, 2, ...)."""
-    high, turn = 1e-3, 1e-5
-
-    def slope(x: float, y: float) -> Floats:
-        return (_landing(scene, row, col, slope=(x, y)) - _landing(scene, row, col, slope=(-x, -y))) / (
-            2 * turn
-        )
-
-    by_z = (_landing(scene, row, col, high) - _landing(scene, row, col, -high)) / (2 * high)
-    return np.stack([by_z, slope(turn, 0.0), slope(0.0, turn)])
-
-
-def _rigid(
-    scene: Scene, row: Floats, col: Floats, prior: MotionPrior
-) -> tuple[tuple[str, ...], Floats, Floats]:
-    """Names, prior standard deviations (p,) and d(u, v, row, col)/d(parameter) (p, 4, ...) of the rigid
-    motions."""
-    turns = {axis: prior.turn if axis.startswith("r") else prior.shift for axis in _POSE}
-    steps = {"image.u": prior.image, "image.v": prior.image}
-    steps |= {f"{part}.{axis}": turns[axis] for part in ("camera", "pattern") for axis in _POSE}
-    steps |= {f"mirror.{axis}": turns[axis] for axis in ("z", "rx", "ry")}
-    steps = {name: step for name, step in steps.items() if step > 0}
-    by_height, (x, y) = _by_height(scene, row, col), _place(scene, row, col)
-    along, across = (
-        0.5 * (_place(scene, row + di, col + dj) - _place(scene, row - di, col - dj))
-        for di, dj in ((0.5, 0.0), (0.0, 0.5))
-    )
-    per_pixel = np.moveaxis(2 * np.stack([along, across], axis=1), (0, 1), (-2, -1))  # d(x, y)/d(row, col)
-    heights = {
-        "mirror.z": np.stack([1.0 + 0 * x, 0 * x, 0 * x]),
-        "mirror.rx": np.stack([y - 0.5 * scene.mirror.width, 0 * x, 1.0 + 0 * x]),
-        "mirror.ry": np.stack([0.5 * scene.mirror.length - x, -1.0 + 0 * x, 0 * x]),
-    }
-
-    def effect(name: str, step: float) -> Floats:
-        """d(u, v, x, y)/d(parameter) (4, ...)."""
-        if name in heights:
-            return np.concatenate(
-                [np.einsum("k...,kc...->c...", heights[name], by_height), 0.0 * by_height[0]]
-            )
-        ends = []
-        for change in (step, -step):
-            moved, at = scene, (row, col)
-            if name.startswith("image"):
-                at = (row, col + change) if name == "image.u" else (row + change, col)
-            else:
-                moved = adjusted(scene, {name: change})
-            ends.append(np.concatenate([_landing(moved, *at), _place(moved, *at)]))
-        found: Floats = (ends[0] - ends[1]) / (2 * step)
-        return found
-
-    effects = np.stack([effect(name, step) for name, step in steps.items()])
-    pixels = np.linalg.solve(per_pixel, np.moveaxis(effects[:, 2:], 1, -1)[..., None])[..., 0]
-    effects[:, 2:] = np.moveaxis(pixels, -1, 1)
-    return tuple(steps), np.array(list(steps.values())), _filled(effects)
-
-
 def _gradient(pressed: Correspondence, rest: Correspondence) -> Floats:
     """d(u, v)/d(row, col) (2, 2, H, W) of press minus rest, where it stands out of the noise."""
     both = pressed.good & rest.good
@@ -276,58 +207,10 @@ def _gradient(pressed: Correspondence, rest: Correspondence) -> Floats:
     for axis in ("u", "v"):
         change = np.where(both, getattr(pressed, axis) - getattr(rest, axis), np.nan)
         variance = 0.5 * (getattr(pressed, f"sigma_{axis}") ** 2 + getattr(rest, f"sigma_{axis}") ** 2)
-        slopes = np.stack(np.gradient(change.astype(np.float64)))
+        slopes = np.stack([np.gradient(change, axis=along) for along in (0, 1)])
         with np.errstate(invalid="ignore"):
             parts.append(np.where(slopes**2 > _LIMIT**2 * variance, slopes, 0.0))
     return np.stack(parts, axis=1)
-
-
-def _filled(fields: Floats) -> Floats:
-    """Fields on nodes; nodes that see no pattern take the nearest one's value."""
-    gaps = ~np.isfinite(fields).all(axis=tuple(range(fields.ndim - 2)))
-    if not gaps.any() or gaps.all():
-        return np.nan_to_num(fields)
-    nearest = ndimage.distance_transform_edt(gaps, return_distances=False, return_indices=True)
-    filled: Floats = fields[(..., *nearest)]
-    return filled
-
-
-def _sag(scene: Scene, x: Floats, y: Floats) -> Floats:
-    """Heights and slopes (3, k, ...) of a body that sags by 1 along x, along y, and about both."""
-    s, t = 2 * x / scene.mirror.length - 1, 2 * y / scene.mirror.width - 1
-    s_x, t_y = 2 / scene.mirror.length, 2 / scene.mirror.width
-    zero = 0.0 * s
-    return np.stack(
-        [
-            np.stack([1 - s * s, 1 - t * t, s * t]),
-            np.stack([-2 * s * s_x, zero, s_x * t]),
-            np.stack([zero, -2 * t * t_y, s * t_y]),
-        ]
-    )
-
-
-def _bumps(x: Floats, y: Floats, length: float) -> Floats:
-    """Heights and slopes (3, k, ...) of Gaussian bumps on a grid as wide as they are, and one beyond."""
-    at = [np.arange(part.min() - length, part.max() + 1.5 * length, 1.25 * length) for part in (x, y)]
-    x0, y0 = (part.ravel()[:, None, None] for part in np.meshgrid(*at))
-    dx, dy = (x - x0) / length, (y - y0) / length
-    bump = np.exp(-0.5 * (dx * dx + dy * dy))
-    return np.stack([bump, -dx / length * bump, -dy / length * bump])
-
-
-def _height_fields(by_height: Floats, heights: Floats) -> Floats:
-    """Fields (k, 2, rows, cols) of heights and slopes (3, k, rows, cols)."""
-    fields: Floats = np.einsum("hkij,hcij->kcij", heights, by_height)
-    return fields
-
-
-def _between(fields: Floats, shape: tuple[int, int], at: tuple[Floats, Floats]) -> Floats:
-    """Fields (..., nodes, nodes) at rows and columns of the image, by cubic splines."""
-    for axis, (size, places) in enumerate(zip(shape, at, strict=True), start=-2):
-        nodes = np.linspace(0.0, size - 1.0, fields.shape[axis])
-        degree = min(3, len(nodes) - 1)
-        fields = make_interp_spline(nodes, fields, degree, axis=axis)(places) if degree else fields
-    return fields
 
 
 def _block_means(pressed: Correspondence, rest: Correspondence) -> _Blocks:
@@ -395,7 +278,7 @@ def _estimate(blocks: _Blocks, fields: Floats, sag: Floats, skirts: list[Floats]
     order = np.sort(activity[np.isfinite(activity)])
     for share in _SHARES:
         used = known & (activity <= order[max(0, int(share * len(order)) - 1)])
-        sigma = blocks.sigma[used]
+        sigma = (blocks.sigma * np.hypot(1.0, _MISFIT * activity))[used]
         found = _averaged(
             blocks.mean[used] / sigma, fields[:, used] / sigma, heights[:, used] / sigma, priors
         )
@@ -470,11 +353,16 @@ def _averaged(y: Floats, fields: Floats, heights: Floats, priors: list[Floats]) 
     return _Posterior(mean, covariance, float(np.mean((left - height @ heights) ** 2)))
 
 
+def _chance(freedom: float) -> float:
+    """Length that a vector of so many normal components exceeds as rarely as one exceeds 3."""
+    return float(np.sqrt(stats.chi2.isf(2 * stats.norm.sf(_LIMIT), max(1.0, freedom))))
+
+
 def _notices(found: _Posterior, fields: Floats, by_height: Floats, side: float) -> tuple[Notice, ...]:
     """Of a motion beyond three standard deviations of its prior."""
     size = float(np.sqrt(found.mean @ found.mean))
     determined = float(np.trace(np.eye(len(found.mean)) - found.covariance))  # degrees of freedom
-    limit = float(np.sqrt(stats.chi2.isf(2 * stats.norm.sf(_LIMIT), max(1.0, determined))))
+    limit = _chance(determined)
     if not size > limit:
         return ()
     field = np.tensordot(found.mean, fields, 1)
